@@ -1,0 +1,274 @@
+//! The force map in the wire's units: 20×20 taxels of (fx, fy, fz) in 1/4096 N, row-major, x to the right and y up
+//! as seen from outside the sensor (row 0 is the lowest y), z positive into the skin.
+//! Limits: ±8 N a taxel; conversion from newtons saturates and counts, and refuses NaN and infinity.
+
+use core::fmt;
+
+use crate::constants::{BITMAP_BYTES, LSB_PER_NEWTON, SIDE, TAXELS};
+
+/// The force on one taxel, each component in units of 1/4096 N.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct TaxelForce {
+    /// Shear along the rows (to the right seen from outside).
+    pub x: i16,
+    /// Shear along the columns (up seen from outside).
+    pub y: i16,
+    /// Normal force, positive into the skin.
+    pub z: i16,
+}
+
+impl TaxelForce {
+    /// No force at all: such a taxel is not sent.
+    pub const ZERO: Self = Self { x: 0, y: 0, z: 0 };
+}
+
+/// Forces on all taxels, row-major.
+#[derive(Clone, PartialEq, Eq)]
+pub struct ForceMap {
+    /// Taxel `row * 20 + column`.
+    pub taxels: [TaxelForce; TAXELS],
+}
+
+impl fmt::Debug for ForceMap {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("ForceMap")
+            .field("active", &self.active().count())
+            .finish_non_exhaustive()
+    }
+}
+
+/// How many of the 1,200 components did not fit ±8 N and were set to the nearest end.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Saturated(pub u16);
+
+/// A force that is not a number: the map is refused whole.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct NotFinite {
+    /// Taxel `row * 20 + column`.
+    pub taxel: u16,
+    /// 0, 1, 2 for x, y, z.
+    pub axis: u8,
+    /// What was found: NaN or an infinity.
+    pub found: f32,
+}
+
+impl fmt::Display for NotFinite {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let axis = ["x", "y", "z"][usize::from(self.axis.min(2))];
+        let (row, column) = (usize::from(self.taxel) / SIDE, usize::from(self.taxel) % SIDE);
+        write!(
+            f,
+            "force {axis} at row {row}, column {column}: found {}, expected a finite number of newtons",
+            self.found
+        )
+    }
+}
+
+impl core::error::Error for NotFinite {}
+
+impl ForceMap {
+    /// A map without any force.
+    pub const EMPTY: Self = Self {
+        taxels: [TaxelForce::ZERO; TAXELS],
+    };
+
+    /// Newtons per taxel to wire units, rounded to nearest (ties away from zero).
+    ///
+    /// # Errors
+    /// [`NotFinite`] names the first taxel and axis that is NaN or infinite.
+    pub fn quantise(newtons: &[[f32; 3]; TAXELS]) -> Result<(Self, Saturated), NotFinite> {
+        let mut map = Self::EMPTY;
+        let mut saturated = 0;
+        for (taxel, (force, out)) in newtons.iter().zip(&mut map.taxels).enumerate() {
+            let mut steps = [0; 3];
+            for (axis, (&newton, step)) in force.iter().zip(&mut steps).enumerate() {
+                if !newton.is_finite() {
+                    return Err(NotFinite {
+                        taxel: taxel as u16,
+                        axis: axis as u8,
+                        found: newton,
+                    });
+                }
+                let (value, clipped) = quantise_component(f64::from(newton));
+                *step = value;
+                saturated += u16::from(clipped);
+            }
+            *out = TaxelForce {
+                x: steps[0],
+                y: steps[1],
+                z: steps[2],
+            };
+        }
+        Ok((map, Saturated(saturated)))
+    }
+
+    /// Wire units to newtons per taxel; exact, because every step is a power of two.
+    #[must_use]
+    pub fn dequantise(&self) -> [[f32; 3]; TAXELS] {
+        let newton = |step: i16| f32::from(step) / LSB_PER_NEWTON as f32;
+        self.taxels
+            .map(|force| [newton(force.x), newton(force.y), newton(force.z)])
+    }
+
+    /// The taxels that carry any force, which are the ones that travel.
+    #[must_use]
+    pub fn active(&self) -> ActiveSet {
+        let mut active = ActiveSet::EMPTY;
+        for (taxel, force) in self.taxels.iter().enumerate() {
+            if *force != TaxelForce::ZERO {
+                active.insert(taxel);
+            }
+        }
+        active
+    }
+}
+
+/// One component in newtons to wire units: (steps, whether it was clipped to ±8 N). `newton` must be finite.
+///
+/// f64 and a plain comparison keep this free of libm, so that it also builds for the microcontroller.
+#[must_use]
+pub fn quantise_component(newton: f64) -> (i16, bool) {
+    let scaled = newton * f64::from(LSB_PER_NEWTON);
+    // `as` truncates towards zero and saturates; half a step outwards first makes that rounding to nearest.
+    let rounded = (scaled + if scaled < 0.0 { -0.5 } else { 0.5 }) as i64;
+    let clipped = rounded.clamp(i64::from(i16::MIN), i64::from(i16::MAX));
+    (clipped as i16, clipped != rounded)
+}
+
+/// The set of taxels that a map carries, one bit each, taxel 0 in the lowest bit of byte 0.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ActiveSet {
+    bytes: [u8; BITMAP_BYTES],
+}
+
+impl ActiveSet {
+    /// No taxel.
+    pub const EMPTY: Self = Self {
+        bytes: [0; BITMAP_BYTES],
+    };
+
+    /// The set as it stands on the wire.
+    #[must_use]
+    pub const fn from_bytes(bytes: [u8; BITMAP_BYTES]) -> Self {
+        Self { bytes }
+    }
+
+    /// The set as it stands on the wire.
+    #[must_use]
+    pub const fn as_bytes(&self) -> &[u8; BITMAP_BYTES] {
+        &self.bytes
+    }
+
+    /// Adds a taxel; numbers past the last taxel are ignored.
+    pub fn insert(&mut self, taxel: usize) {
+        if let Some(byte) = self.bytes.get_mut(taxel / 8) {
+            *byte |= 1 << (taxel % 8);
+        }
+    }
+
+    /// Whether the taxel is in the set.
+    #[must_use]
+    pub fn contains(&self, taxel: usize) -> bool {
+        self.bytes
+            .get(taxel / 8)
+            .is_some_and(|byte| byte >> (taxel % 8) & 1 == 1)
+    }
+
+    /// How many taxels are in the set, 0 to 400.
+    #[must_use]
+    pub fn count(&self) -> u16 {
+        self.bytes.iter().map(|byte| byte.count_ones() as u16).sum()
+    }
+
+    /// Writes the taxels' numbers in ascending order and returns how many there are.
+    ///
+    /// The receiver does this once per map, so that later packets need no bit search.
+    pub fn positions(&self, out: &mut [u16; TAXELS]) -> u16 {
+        let mut count = 0;
+        for (index, &byte) in self.bytes.iter().enumerate() {
+            let mut left = byte;
+            while left != 0 {
+                // At most one entry per bit of 50 bytes: the index stays below 400.
+                out[count] = (index * 8) as u16 + left.trailing_zeros() as u16;
+                count += 1;
+                left &= left - 1;
+            }
+        }
+        count as u16
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn infinity_and_nan_are_refused_and_name_the_taxel() {
+        for found in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+            let mut newtons = [[0.0; 3]; TAXELS];
+            newtons[7 * SIDE + 3][1] = found;
+            let error = ForceMap::quantise(&newtons).unwrap_err();
+            assert_eq!((error.taxel, error.axis), (143, 1));
+            assert!(std::format!("{error}").contains("row 7, column 3"));
+        }
+    }
+
+    #[test]
+    fn forces_beyond_the_range_saturate_and_are_counted() {
+        let mut newtons = [[0.0; 3]; TAXELS];
+        newtons[0] = [8.0, -8.0, -8.1];
+        newtons[399] = [f32::MAX, f32::MIN, 7.9997];
+        let (map, saturated) = ForceMap::quantise(&newtons).unwrap();
+        // −8 N is exactly the lowest code and so not clipped; +8 N is one above the highest.
+        assert_eq!(
+            map.taxels[0],
+            TaxelForce {
+                x: i16::MAX,
+                y: i16::MIN,
+                z: i16::MIN
+            }
+        );
+        assert_eq!(
+            map.taxels[399],
+            TaxelForce {
+                x: i16::MAX,
+                y: i16::MIN,
+                z: 32767
+            }
+        );
+        assert_eq!(saturated, Saturated(4));
+    }
+
+    proptest! {
+        #[test]
+        fn rounding_is_to_the_nearest_step(newton in -7.99f64..7.99) {
+            let (steps, clipped) = quantise_component(newton);
+            prop_assert!(!clipped);
+            prop_assert!((f64::from(steps) - newton * 4096.0).abs() <= 0.5 + 1e-9);
+        }
+
+        #[test]
+        fn newtons_that_came_from_the_wire_survive_the_round_trip(steps in proptest::collection::vec(any::<[i16; 3]>(), TAXELS)) {
+            let mut map = ForceMap::EMPTY;
+            for (taxel, [x, y, z]) in map.taxels.iter_mut().zip(steps) {
+                *taxel = TaxelForce { x, y, z };
+            }
+            prop_assert_eq!(ForceMap::quantise(&map.dequantise()).unwrap(), (map, Saturated(0)));
+        }
+
+        #[test]
+        fn positions_list_exactly_the_set(bytes in any::<[[u8; 25]; 2]>()) {
+            let mut raw = [0; BITMAP_BYTES];
+            raw[..25].copy_from_slice(&bytes[0]);
+            raw[25..].copy_from_slice(&bytes[1]);
+            let set = ActiveSet::from_bytes(raw);
+            let mut positions = [0; TAXELS];
+            let count = set.positions(&mut positions);
+            prop_assert_eq!(count, set.count());
+            let expected: std::vec::Vec<u16> = (0..TAXELS).filter(|&t| set.contains(t)).map(|t| t as u16).collect();
+            prop_assert_eq!(&positions[..usize::from(count)], &expected[..]);
+        }
+    }
+}

@@ -1,0 +1,29 @@
+//! What crosses the wire between host and microcontroller, and nothing else.
+//!
+//! - [`force_map`]: the 20×20×3 map in 1/4096 N and its conversion from newtons.
+//! - [`packet`]: packets of at most 64 bytes, which every transport carries.
+//! - [`map_codec`]: a map cut into packets that can be worked on as they land.
+//! - [`message`]: commands, configuration, status, handshake.
+//! - [`parser`]: bytes in, events out; one parser for USB, UART and the in-process link.
+//! - [`cobs`]: packets in a byte stream.
+//!
+//! Everything here is free of allocation and IO, and no input makes it panic.
+#![no_std]
+#![forbid(unsafe_code)]
+
+#[cfg(test)]
+extern crate std;
+
+pub mod cobs;
+pub mod constants;
+pub mod force_map;
+pub mod map_codec;
+pub mod message;
+pub mod packet;
+pub mod parser;
+pub mod sequence;
+
+pub use constants::{LSB_PER_NEWTON, PACKET_MAX, PER_UNIT, SENSORS, SIDE, TAXELS};
+pub use force_map::{ForceMap, NotFinite, Saturated, TaxelForce};
+pub use map_codec::{Health, MapInfo, encode_map, map_bytes};
+pub use parser::{Event, PacketError, Parser};

@@ -1,0 +1,463 @@
+//! Packets in, events out. Sans-IO: no allocation, no panic on any input, constant work per packet.
+//!
+//! The forces of a map are handed on packet by packet, before the CRC is known: a receiver must treat them as
+//! provisional until [`Event::MapEnd`] says that the map arrived whole, and drop them on any error.
+//! Limits: maps and messages do not interleave with a second map on the same link (they never do; see `encode_map`).
+
+use core::fmt;
+
+use crate::constants::{
+    CRC_BYTES, MESSAGE_FRAGMENTS_MAX, MESSAGE_MAX, PACKET_HEADER, PACKET_MAX, SENSORS, TAXEL_BYTES, TAXELS,
+    TAXELS_PER_PACKET, WIRE_VERSION,
+};
+use crate::force_map::TaxelForce;
+use crate::map_codec::{Head, MapInfo};
+use crate::packet::{Header, Kind, RunningCrc};
+
+/// What a packet meant.
+#[derive(Debug)]
+pub enum Event<'a> {
+    /// A map begins. Anything provisional of an earlier map is void.
+    MapStart {
+        /// Sensor, sequence, time, health.
+        info: MapInfo,
+        /// Taxels that will follow.
+        active: u16,
+        /// The map before this one never ended: a packet was lost or a head was doubled.
+        abandoned: bool,
+    },
+    /// Forces in the middle of a map: provisional.
+    MapForces(Forces<'a>),
+    /// The last forces of a map, and the CRC over all of it is right.
+    MapEnd {
+        /// Sensor, sequence, time, health.
+        info: MapInfo,
+        /// Up to nine taxels.
+        forces: Forces<'a>,
+    },
+    /// A fragment of a message that is not complete yet.
+    Fragment,
+    /// A message whose CRC is right; see [`crate::message`].
+    Message(&'a [u8]),
+}
+
+/// Forces of consecutive active taxels, as they stand in a packet.
+#[derive(Debug, Clone, Copy)]
+pub struct Forces<'a> {
+    taxels: &'a [u16],
+    bytes: &'a [[u8; TAXEL_BYTES]],
+}
+
+impl Forces<'_> {
+    /// (taxel number `row * 20 + column`, force), in ascending order.
+    #[inline]
+    pub fn iter(&self) -> impl ExactSizeIterator<Item = (u16, TaxelForce)> {
+        self.taxels
+            .iter()
+            .zip(self.bytes)
+            .map(|(&taxel, &[x0, x1, y0, y1, z0, z1])| {
+                let force = TaxelForce {
+                    x: i16::from_le_bytes([x0, x1]),
+                    y: i16::from_le_bytes([y0, y1]),
+                    z: i16::from_le_bytes([z0, z1]),
+                };
+                (taxel, force)
+            })
+    }
+}
+
+/// Why a packet was refused. The map or message it belonged to is void.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum PacketError {
+    /// Shorter than its kind allows, or longer than 64 bytes.
+    Length {
+        /// Bytes found.
+        found: u16,
+        /// Bytes expected; the smallest allowed where there is a range.
+        expected: u16,
+    },
+    /// Another packet layout, or no packet of ours.
+    Version {
+        /// The packet's first byte.
+        found: u8,
+    },
+    /// A sensor that does not exist.
+    Sensor {
+        /// The sensor's number; 0 and 1 exist.
+        found: u8,
+    },
+    /// A head whose number of taxels and bitmap disagree.
+    Contents,
+    /// Not the packet that had to come next: lost, doubled or reordered.
+    Order {
+        /// Index found.
+        found: u8,
+        /// Index expected; 0 when nothing was under way.
+        expected: u8,
+    },
+    /// The CRC at the end of a map or message is wrong.
+    Crc,
+}
+
+impl fmt::Display for PacketError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match *self {
+            Self::Length { found, expected } => write!(f, "packet of {found} bytes, expected {expected}"),
+            Self::Version { found } => write!(
+                f,
+                "packet starts with {found:#04x}: expected wire version {WIRE_VERSION} and a known kind; \
+                 flash the firmware that belongs to this host"
+            ),
+            Self::Sensor { found } => write!(f, "sensor {found}, expected 0 to {}", SENSORS - 1),
+            Self::Contents => f.write_str("map head whose taxel count and bitmap disagree"),
+            Self::Order { found, expected } => {
+                write!(f, "packet {found} of a map or message, expected {expected}")
+            }
+            Self::Crc => f.write_str("CRC-32 does not match"),
+        }
+    }
+}
+
+impl core::error::Error for PacketError {}
+
+/// What the parser has seen since it was made; every counter wraps.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Counters {
+    /// Maps whose CRC was right.
+    pub maps: u32,
+    /// Messages whose CRC was right.
+    pub messages: u32,
+    /// Packets refused, whatever the reason.
+    pub refused: u32,
+    /// Maps and messages that began but never ended.
+    pub abandoned: u32,
+}
+
+/// The receiving end of one link.
+#[derive(Debug)]
+pub struct Parser {
+    map: Option<MapUnderWay>,
+    /// Numbers of the active taxels of the map under way, ascending.
+    positions: [u16; TAXELS],
+    message: Option<MessageUnderWay>,
+    buffer: [u8; MESSAGE_MAX],
+    counters: Counters,
+}
+
+#[derive(Debug, Clone)]
+struct MapUnderWay {
+    info: MapInfo,
+    next_index: u8,
+    /// Taxels received so far, and in all.
+    received: u16,
+    count: u16,
+    crc: RunningCrc,
+}
+
+#[derive(Debug, Clone)]
+struct MessageUnderWay {
+    id: u8,
+    fragments: u8,
+    next_index: u8,
+    length: u16,
+    crc: RunningCrc,
+}
+
+impl Default for Parser {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Parser {
+    /// Nothing under way.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self {
+            map: None,
+            positions: [0; TAXELS],
+            message: None,
+            buffer: [0; MESSAGE_MAX],
+            counters: Counters {
+                maps: 0,
+                messages: 0,
+                refused: 0,
+                abandoned: 0,
+            },
+        }
+    }
+
+    /// What was seen so far.
+    #[must_use]
+    pub const fn counters(&self) -> Counters {
+        self.counters
+    }
+
+    /// Counts a packet that the transport itself had to refuse (overlong or malformed COBS frame) and drops the map
+    /// and message under way.
+    pub fn refuse(&mut self) {
+        self.counters.refused = self.counters.refused.wrapping_add(1);
+        self.map = None;
+        self.message = None;
+    }
+
+    /// Takes one packet as it landed.
+    ///
+    /// # Errors
+    /// [`PacketError`] when the packet is not what had to come next. The map or message under way is dropped, and the
+    /// next head or first fragment starts afresh.
+    #[inline]
+    pub fn push<'a>(&'a mut self, packet: &'a [u8]) -> Result<Event<'a>, PacketError> {
+        match self.accept(packet) {
+            Ok(Accepted::Start { abandoned }) => {
+                self.counters.abandoned = self.counters.abandoned.wrapping_add(u32::from(abandoned));
+                let (info, active) = self
+                    .map
+                    .as_ref()
+                    .map_or_else(Default::default, |map| (map.info, map.count));
+                Ok(Event::MapStart {
+                    info,
+                    active,
+                    abandoned,
+                })
+            }
+            Ok(Accepted::Forces { first, bytes }) => Ok(Event::MapForces(Forces {
+                taxels: &self.positions[first..],
+                bytes,
+            })),
+            Ok(Accepted::End { info, first, bytes }) => {
+                self.counters.maps = self.counters.maps.wrapping_add(1);
+                Ok(Event::MapEnd {
+                    info,
+                    forces: Forces {
+                        taxels: &self.positions[first..],
+                        bytes,
+                    },
+                })
+            }
+            Ok(Accepted::Fragment) => Ok(Event::Fragment),
+            Ok(Accepted::Message { length }) => {
+                self.counters.messages = self.counters.messages.wrapping_add(1);
+                Ok(Event::Message(&self.buffer[..length]))
+            }
+            Err(error) => {
+                self.refuse();
+                Err(error)
+            }
+        }
+    }
+
+    fn accept<'p>(&mut self, packet: &'p [u8]) -> Result<Accepted<'p>, PacketError> {
+        let length = |expected: usize| PacketError::Length {
+            found: packet.len() as u16,
+            expected: expected as u16,
+        };
+        if packet.len() > PACKET_MAX {
+            return Err(length(PACKET_MAX));
+        }
+        let (header, payload) = packet.split_first_chunk().ok_or_else(|| length(PACKET_HEADER))?;
+        let header = Header::from_bytes(*header).map_err(|found| PacketError::Version { found })?;
+        match header.kind {
+            Kind::MapHead => {
+                let payload = payload.try_into().map_err(|_| length(PACKET_MAX))?;
+                self.map_head(header, payload, packet)
+            }
+            Kind::MapTaxels => {
+                let (bytes, rest) = payload.as_chunks();
+                if bytes.len() != TAXELS_PER_PACKET || !rest.is_empty() {
+                    return Err(length(PACKET_MAX));
+                }
+                self.map_taxels(header, bytes, packet)
+            }
+            Kind::MapTail => {
+                let (payload, crc) = payload
+                    .split_last_chunk::<CRC_BYTES>()
+                    .ok_or_else(|| length(PACKET_HEADER + CRC_BYTES))?;
+                let (bytes, rest) = payload.as_chunks();
+                if bytes.len() >= TAXELS_PER_PACKET || !rest.is_empty() {
+                    return Err(length(PACKET_HEADER + CRC_BYTES));
+                }
+                let covered = &packet[..packet.len() - CRC_BYTES];
+                self.map_tail(header, bytes, covered, u32::from_le_bytes(*crc))
+            }
+            Kind::Message => {
+                if payload.is_empty() {
+                    return Err(length(PACKET_HEADER + 1));
+                }
+                self.message_fragment(header, payload, packet)
+            }
+        }
+    }
+
+    fn map_head<'p>(
+        &mut self,
+        header: Header,
+        payload: &[u8; PACKET_MAX - PACKET_HEADER],
+        packet: &[u8],
+    ) -> Result<Accepted<'p>, PacketError> {
+        let abandoned = self.map.take().is_some();
+        if usize::from(header.owner) >= SENSORS {
+            return Err(PacketError::Sensor { found: header.owner });
+        }
+        if header.index != 0 {
+            return Err(PacketError::Order {
+                found: header.index,
+                expected: 0,
+            });
+        }
+        let head = Head::from_payload(header.owner, payload).ok_or(PacketError::Contents)?;
+        if head.info.sequence as u8 != header.sequence {
+            return Err(PacketError::Contents);
+        }
+        head.active.positions(&mut self.positions);
+        let mut crc = RunningCrc::new();
+        crc.update(packet);
+        self.map = Some(MapUnderWay {
+            info: head.info,
+            next_index: 1,
+            received: 0,
+            count: head.count,
+            crc,
+        });
+        Ok(Accepted::Start { abandoned })
+    }
+
+    /// The map under way, when this packet is the next of it and brings no more taxels than are left.
+    fn continued(&mut self, header: Header, taxels: usize) -> Result<&mut MapUnderWay, PacketError> {
+        let found = header.index;
+        let Some(map) = &mut self.map else {
+            return Err(PacketError::Order { found, expected: 0 });
+        };
+        let expected = map.next_index;
+        let same_map = header.owner == map.info.sensor && header.sequence == map.info.sequence as u8;
+        if !same_map || found != expected || usize::from(map.count - map.received) < taxels {
+            return Err(PacketError::Order { found, expected });
+        }
+        Ok(map)
+    }
+
+    fn map_taxels<'p>(
+        &mut self,
+        header: Header,
+        bytes: &'p [[u8; TAXEL_BYTES]],
+        packet: &[u8],
+    ) -> Result<Accepted<'p>, PacketError> {
+        let map = self.continued(header, bytes.len())?;
+        map.crc.update(packet);
+        map.next_index += 1;
+        let first = usize::from(map.received);
+        map.received += bytes.len() as u16;
+        Ok(Accepted::Forces { first, bytes })
+    }
+
+    fn map_tail<'p>(
+        &mut self,
+        header: Header,
+        bytes: &'p [[u8; TAXEL_BYTES]],
+        covered: &[u8],
+        crc: u32,
+    ) -> Result<Accepted<'p>, PacketError> {
+        let map = self.continued(header, bytes.len())?;
+        let first = usize::from(map.received);
+        if first + bytes.len() != usize::from(map.count) {
+            return Err(PacketError::Order {
+                found: header.index,
+                expected: map.next_index,
+            });
+        }
+        map.crc.update(covered);
+        let MapUnderWay {
+            info, crc: running, ..
+        } = self.map.take().ok_or(PacketError::Order {
+            found: header.index,
+            expected: 0,
+        })?;
+        if running.finish() != crc {
+            return Err(PacketError::Crc);
+        }
+        Ok(Accepted::End { info, first, bytes })
+    }
+
+    fn message_fragment<'p>(
+        &mut self,
+        header: Header,
+        payload: &[u8],
+        packet: &[u8],
+    ) -> Result<Accepted<'p>, PacketError> {
+        let (id, fragments, found) = (header.owner, header.sequence, header.index);
+        let mut message = match self.message.take() {
+            // A first fragment always starts afresh, so that a lost last one costs one message only.
+            unfinished if found == 0 => {
+                self.counters.abandoned = self.counters.abandoned.wrapping_add(unfinished.is_some().into());
+                MessageUnderWay {
+                    id,
+                    fragments,
+                    next_index: 0,
+                    length: 0,
+                    crc: RunningCrc::new(),
+                }
+            }
+            Some(message) => message,
+            None => return Err(PacketError::Order { found, expected: 0 }),
+        };
+        let expected = message.next_index;
+        let last = found + 1 == fragments;
+        let full = payload.len() == PACKET_MAX - PACKET_HEADER;
+        if message.id != id
+            || message.fragments != fragments
+            || found != expected
+            || found >= fragments
+            || usize::from(fragments) > MESSAGE_FRAGMENTS_MAX
+            || !(last || full)
+        {
+            return Err(PacketError::Order { found, expected });
+        }
+        let start = usize::from(message.length);
+        let end = start + payload.len();
+        self.buffer[start..end].copy_from_slice(payload);
+        message.length = end as u16;
+        message.next_index += 1;
+        if !last {
+            message.crc.update(packet);
+            self.message = Some(message);
+            return Ok(Accepted::Fragment);
+        }
+        // The CRC is the message's last four bytes and lies whole in the last fragment.
+        let (covered, crc) = packet.split_last_chunk::<CRC_BYTES>().ok_or(PacketError::Crc)?;
+        if payload.len() < CRC_BYTES {
+            return Err(PacketError::Length {
+                found: packet.len() as u16,
+                expected: (PACKET_HEADER + CRC_BYTES) as u16,
+            });
+        }
+        message.crc.update(covered);
+        if message.crc.finish() != u32::from_le_bytes(*crc) {
+            return Err(PacketError::Crc);
+        }
+        Ok(Accepted::Message {
+            length: end - CRC_BYTES,
+        })
+    }
+}
+
+/// An accepted packet, before it borrows from the parser.
+enum Accepted<'p> {
+    Start {
+        abandoned: bool,
+    },
+    Forces {
+        first: usize,
+        bytes: &'p [[u8; TAXEL_BYTES]],
+    },
+    End {
+        info: MapInfo,
+        first: usize,
+        bytes: &'p [[u8; TAXEL_BYTES]],
+    },
+    Fragment,
+    Message {
+        length: usize,
+    },
+}
