@@ -196,6 +196,8 @@ pub enum Refusal {
     Unreadable,
     /// No handshake yet, or one with another schema.
     NoHandshake,
+    /// `Release` while a latched fault waits for `Acknowledge`: a person must look first.
+    Latched,
 }
 
 /// A setting out of its range.
@@ -310,15 +312,15 @@ impl Configuration {
         contact_min: 0,
         slip_threshold: 5_000,
         slip_leave: 6_000,
-        incipient_threshold: 7_000,
+        incipient_threshold: 6_500,
         incipient_horizon_ms: 100,
         dwell_ms: 50,
-        margin: 2_500,
+        margin: 4_000,
         floor: newtons(1),
         ceiling: newtons(30),
         tighten: newtons(10),
-        reflex_target: 8_000,
-        reflex_rate: 246,  // 60 N/s
+        reflex_target: 5_500,
+        reflex_rate: 164,  // 40 N/s
         rise_rate: 410,    // 100 N/s
         relax_rate: 4_096, // 1 N/s
         relax_after_ms: 500,

@@ -51,6 +51,7 @@ pub struct Forces<'a> {
 impl Forces<'_> {
     /// (taxel number `row * 20 + column`, force), in ascending order.
     #[inline]
+    #[must_use] 
     pub fn iter(&self) -> impl ExactSizeIterator<Item = (u16, TaxelForce)> {
         self.taxels
             .iter()
@@ -201,6 +202,11 @@ impl Parser {
         self.counters.refused = self.counters.refused.wrapping_add(1);
         self.map = None;
         self.message = None;
+    }
+
+    /// Drops the map under way: its remaining packets will be refused.
+    pub fn drop_map(&mut self) {
+        self.map = None;
     }
 
     /// Takes one packet as it landed.

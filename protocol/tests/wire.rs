@@ -16,7 +16,7 @@ fn any_map() -> impl Strategy<Value = ForceMap> {
     let force = (any::<i16>(), any::<i16>(), any::<i16>());
     // Density first, so that empty, sparse and dense maps all come up.
     (0.0..=1.0_f64).prop_flat_map(move |density| {
-        proptest::collection::vec(proptest::option::weighted(density, force.clone()), TAXELS).prop_map(
+        proptest::collection::vec(proptest::option::weighted(density, force), TAXELS).prop_map(
             |taxels| {
                 let mut map = ForceMap::EMPTY;
                 for (taxel, (x, y, z)) in map
@@ -72,7 +72,7 @@ impl Receiver {
                 self.partial = Some(ForceMap::EMPTY);
             }
             Ok(Event::MapForces(forces)) => {
-                add(self.partial.as_mut().expect("a map begins with its head"), forces)
+                add(self.partial.as_mut().expect("a map begins with its head"), forces);
             }
             Ok(Event::MapEnd { info, forces }) => {
                 let mut map = self.partial.take().expect("a map begins with its head");
@@ -373,6 +373,7 @@ fn commands_answers_and_handshake_survive_the_round_trip() {
         Message::Report(Report::Refused(Refusal::OutOfRange(refusal))),
         Message::Report(Report::Refused(Refusal::Unreadable)),
         Message::Report(Report::Refused(Refusal::NoHandshake)),
+        Message::Report(Report::Refused(Refusal::Latched)),
     ];
     for message in messages {
         assert_eq!(through_the_wire(&message, 1), Ok(message));

@@ -1,0 +1,197 @@
+//! From slip state to grip force: feed-forward F_T/μ·(1+margin), a reflex that grows while the stick ratio lies below
+//! its target, slew limits, floor and ceiling. Raising is fast; falling needs a command (`Release`) or the plan
+//! (`relax_rate` after the contact has stuck for `relax_after_ms`), and a fault forbids the plan.
+//! Units: force 1/4096 N, time µs. Limits: force up to 125 N; works in steps of 1/1000 of the unit, so slow rates do
+//! not stall.
+
+use gripline_protocol::PER_UNIT;
+use gripline_protocol::message::{Configuration, GripMode, SlipState};
+
+use crate::constants::FEED_FORWARD_FRICTION_MIN;
+
+/// A grip force, 1/4096 N; never negative.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct GripForce(i32);
+
+impl GripForce {
+    /// No force: the gripper opens.
+    pub const ZERO: Self = Self(0);
+
+    /// From wire units; negative values become zero.
+    #[must_use]
+    pub const fn from_lsb(lsb: i32) -> Self {
+        Self(if lsb < 0 { 0 } else { lsb })
+    }
+
+    /// In wire units.
+    #[must_use]
+    pub const fn lsb(self) -> i32 {
+        self.0
+    }
+}
+
+/// What safety demands of the line beyond the controller's own wish.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Guard {
+    /// Nothing.
+    #[default]
+    Free,
+    /// The line must not fall.
+    Hold,
+    /// The line must not fall, and rises to the `tighten` force.
+    Tighten,
+}
+
+/// What the newest maps say, over all fingertips.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Evidence {
+    /// Worst state.
+    pub state: SlipState,
+    /// Lowest stick ratio, 1/10000; `None` without contact.
+    pub stick_ratio: Option<u16>,
+    /// Greatest total shear, 1/4096 N.
+    pub shear: i32,
+}
+
+/// The grip controller.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct GripController {
+    mode: GripMode,
+    /// The line and the reflex, in 1/1000 of 1/4096 N.
+    line_milli: i64,
+    reflex_milli: i64,
+    evidence: Evidence,
+    /// How long the contact has stuck above the relaxing level, µs.
+    stuck_us: u64,
+    last_us: u64,
+}
+
+const MILLI: i64 = 1_000;
+
+impl GripController {
+    /// Released and open, or holding a line that was in force before a reset.
+    #[must_use]
+    pub const fn new(now_us: u64, restored: Option<GripForce>) -> Self {
+        let (mode, line) = match restored {
+            Some(line) if line.0 > 0 => (GripMode::Hold, line.0),
+            _ => (GripMode::Released, 0),
+        };
+        Self {
+            mode,
+            line_milli: line as i64 * MILLI,
+            reflex_milli: 0,
+            evidence: Evidence {
+                state: SlipState::NoContact,
+                stick_ratio: None,
+                shear: 0,
+            },
+            stuck_us: 0,
+            last_us: now_us,
+        }
+    }
+
+    /// What the gripper is told to do.
+    #[must_use]
+    pub const fn mode(&self) -> GripMode {
+        self.mode
+    }
+
+    /// Holds or releases from now on.
+    pub fn set_mode(&mut self, mode: GripMode) {
+        self.mode = mode;
+        self.stuck_us = 0;
+        if mode == GripMode::Released {
+            self.reflex_milli = 0;
+        }
+    }
+
+    /// What must be on the line.
+    #[must_use]
+    pub const fn line(&self) -> GripForce {
+        // Between 0 and 125 N by the checks of the settings.
+        GripForce::from_lsb((self.line_milli / MILLI) as i32)
+    }
+
+    /// Takes what the newest maps say.
+    pub const fn observe(&mut self, evidence: Evidence) {
+        self.evidence = evidence;
+    }
+
+    /// Feed-forward: the force that friction needs for the present shear, and the margin.
+    fn feed_forward(&self, settings: &Configuration) -> i64 {
+        let friction = u32::from(settings.friction).max(FEED_FORWARD_FRICTION_MIN);
+        let share = i64::from(PER_UNIT) + i64::from(settings.margin);
+        // At most 2²⁵ · 5·10⁴ / 500.
+        i64::from(self.evidence.shear) * share / i64::from(friction)
+    }
+
+    /// Moves the line to `now_us` and returns it.
+    pub fn advance(&mut self, now_us: u64, guard: Guard, settings: &Configuration) -> GripForce {
+        // A gap of more than a second is a hang, and no reason to leap.
+        let passed_us = now_us.saturating_sub(self.last_us).min(1_000_000);
+        self.last_us = now_us;
+        // Rates are 1/4096 N per ms, so rate · µs is in 1/1000 of 1/4096 N.
+        let grown = |rate: u16| i64::from(rate) * passed_us as i64;
+        if self.mode == GripMode::Released {
+            self.line_milli = (self.line_milli - grown(settings.release_rate)).max(0);
+            return self.line();
+        }
+        let (floor, ceiling) = (
+            i64::from(settings.floor) * MILLI,
+            i64::from(settings.ceiling) * MILLI,
+        );
+        let feed_forward = self.feed_forward(settings).min(i64::from(settings.ceiling)) * MILLI;
+
+        let relaxing = self.update_reflex(passed_us, guard, settings);
+        // Anti-windup: the reflex never asks for more than the ceiling leaves.
+        self.reflex_milli = self.reflex_milli.clamp(0, ceiling - feed_forward);
+        let mut demand = (feed_forward + self.reflex_milli).clamp(floor, ceiling);
+        if guard == Guard::Tighten {
+            demand = demand.max(i64::from(settings.tighten) * MILLI);
+        }
+        if demand > self.line_milli {
+            self.line_milli = demand.min(self.line_milli + grown(settings.rise_rate));
+        } else if relaxing {
+            self.line_milli = demand.max(self.line_milli - relax_step(passed_us, settings));
+        }
+        self.line()
+    }
+
+    /// Grows the reflex while the stick ratio is below its target and lets it go while the contact has long stuck;
+    /// returns whether the plan allows the line to fall.
+    fn update_reflex(&mut self, passed_us: u64, guard: Guard, settings: &Configuration) -> bool {
+        let Some(ratio) = self.evidence.stick_ratio else {
+            self.stuck_us = 0;
+            return false;
+        };
+        let missing = settings.reflex_target.saturating_sub(ratio);
+        let slips = self.evidence.state == SlipState::Slip;
+        if slips || missing > 0 {
+            self.stuck_us = 0;
+            let share = if slips { settings.reflex_target } else { missing };
+            let target = i64::from(settings.reflex_target.max(1));
+            self.reflex_milli +=
+                i64::from(settings.reflex_rate) * passed_us as i64 * i64::from(share) / target;
+            return false;
+        }
+        // Between target and incipient threshold nothing moves: a dead band against limit cycles.
+        let sticks = self.evidence.state == SlipState::Stick && ratio >= settings.incipient_threshold;
+        self.stuck_us = if sticks && guard == Guard::Free {
+            self.stuck_us.saturating_add(passed_us)
+        } else {
+            0
+        };
+        let relaxing = settings.relax_rate > 0 && self.stuck_us > u64::from(settings.relax_after_ms) * 1_000;
+        if relaxing {
+            self.reflex_milli -= relax_step(passed_us, settings).min(self.reflex_milli);
+        }
+        relaxing
+    }
+}
+
+/// How far the plan lets the line fall: `relax_rate` is per second.
+fn relax_step(passed_us: u64, settings: &Configuration) -> i64 {
+    i64::from(settings.relax_rate) * passed_us as i64 / 1_000
+}

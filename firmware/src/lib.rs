@@ -1,0 +1,26 @@
+//! The microcontroller's whole program without the silicon: packets in, grip force out.
+//!
+//! The host runs the very same code: in tests, in the in-process controller of `gripline run`, and as the shadow that
+//! checks every answer of the real one.
+//!
+//! [`friction`] decides about a taxel, [`sums`] about a map, [`slip`] about the contact, [`grip`] about the force,
+//! [`safety`] about faults; [`line`] turns force into volts; [`mcu`] joins them.
+#![no_std]
+#![forbid(unsafe_code)]
+
+#[cfg(test)]
+extern crate std;
+
+pub mod constants;
+pub mod friction;
+pub mod grip;
+pub mod line;
+pub mod mcu;
+pub mod safety;
+pub mod slip;
+pub mod sums;
+
+pub use friction::Friction;
+pub use grip::GripForce;
+pub use mcu::{Action, Mcu, ResetCause, Start};
+pub use safety::Fault;

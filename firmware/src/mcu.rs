@@ -1,0 +1,442 @@
+//! The microcontroller's program: packets and time in, the line's value and packets for the host out.
+//!
+//! Work per packet is bounded: taxels are added as they land, so after a map's last packet only its own taxels, the
+//! CRC and the decision remain. A map whose CRC, order or sequence is wrong changes nothing.
+//! Units: forces 1/4096 N, time in µs since start (u64: no wrap). No allocation, no panic, no IO.
+
+use gripline_protocol::message::{
+    Command, Configuration, GripMode, Hello, MapSums, Message, MessagePackets, Refusal, Report, STAGES,
+    SlipState, Stage, Status,
+};
+use gripline_protocol::sequence::{Order, SequenceWatch};
+use gripline_protocol::{Event, MapInfo, PACKET_MAX, Parser, SENSORS};
+
+use crate::constants::{DECIDE_BUDGET_CYCLES, STATUS_PERIOD_MS};
+use crate::friction::Friction;
+use crate::grip::{Evidence, GripController, GripForce};
+use crate::safety::{Fault, Safety};
+use crate::slip::{Judgement, SlipDetector, severity};
+use crate::sums::{TaxelRule, accumulate, total_shear};
+
+/// Why the controller started.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum ResetCause {
+    /// Power came on, or the reset pin.
+    #[default]
+    PowerOn,
+    /// The program hung.
+    Watchdog,
+    /// The program asked for it, after a panic for instance.
+    Software,
+}
+
+/// What the controller knows when it starts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Start {
+    /// Time now, µs.
+    pub now_us: u64,
+    /// Why it started.
+    pub reset: ResetCause,
+    /// The line's value before a reset, from memory that survives it.
+    pub restored_line: Option<GripForce>,
+    /// Number of the board, for the handshake.
+    pub board: u8,
+    /// A number that differs from start to start, for the handshake.
+    pub session: u32,
+}
+
+/// What to do after a packet or a tick.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[must_use = "the line must be written"]
+pub struct Action {
+    /// What must be on the line now.
+    pub line: GripForce,
+    /// [`Mcu::poll_transmit`] has something for the host.
+    pub transmit: bool,
+    /// A map was accepted by this packet.
+    pub decided: bool,
+}
+
+/// One fingertip: what it said last.
+#[derive(Debug, Clone, Copy, Default)]
+struct Fingertip {
+    sequence: SequenceWatch,
+    slip: SlipDetector,
+    judgement: Judgement,
+    sums: MapSums,
+    shear: i32,
+    /// When its last map was accepted, or holding began, µs.
+    fresh_us: u64,
+    healthy: bool,
+}
+
+/// What waits to be sent. Only the newest of each kind: the host always wants the present.
+#[derive(Debug, Default)]
+struct Outbox {
+    hello: bool,
+    status: bool,
+    configuration: bool,
+    refusal: Option<Refusal>,
+    sending: Option<MessagePackets>,
+    next_id: u8,
+}
+
+impl Outbox {
+    fn is_empty(&self) -> bool {
+        !(self.hello || self.status || self.configuration) && self.refusal.is_none() && self.sending.is_none()
+    }
+}
+
+/// The whole program. About 2 KiB.
+#[derive(Debug)]
+pub struct Mcu {
+    start: Start,
+    settings: Configuration,
+    rule: TaxelRule,
+    parser: Parser,
+    /// Sums of the map under way; void until its CRC is known to be right.
+    partial: MapSums,
+    fingertips: [Fingertip; SENSORS],
+    newest: MapInfo,
+    coulomb_slip: bool,
+    controller: GripController,
+    safety: Safety,
+    outbox: Outbox,
+    host: Option<Hello>,
+    now_us: u64,
+    last_packet_us: u64,
+    last_status_us: u64,
+    maps: u32,
+    /// Maps whose packets were fine but which were old.
+    maps_old: u32,
+    worst_cycles: [u32; STAGES],
+}
+
+/// The rule of checked settings: [`Configuration::check`] has the same limit on friction.
+const fn rule_of(settings: &Configuration) -> TaxelRule {
+    TaxelRule {
+        friction: Friction::clamped(settings.friction),
+        contact_min: settings.contact_min,
+    }
+}
+
+impl Mcu {
+    /// Starts with the default settings: released, or holding the restored line.
+    #[must_use]
+    pub fn new(start: Start) -> Self {
+        let settings = Configuration::DEFAULT;
+        let mut safety = Safety::new();
+        if start.reset != ResetCause::PowerOn {
+            safety.set(Fault::WatchdogReset, true);
+            safety.set(Fault::WatchdogReset, false); // over, but a person must know
+        }
+        Self {
+            start,
+            rule: rule_of(&settings),
+            settings,
+            parser: Parser::new(),
+            partial: MapSums::default(),
+            fingertips: [Fingertip {
+                fresh_us: start.now_us,
+                healthy: true,
+                ..Fingertip::default()
+            }; SENSORS],
+            newest: MapInfo::default(),
+            coulomb_slip: false,
+            controller: GripController::new(start.now_us, start.restored_line),
+            safety,
+            outbox: Outbox::default(),
+            host: None,
+            now_us: start.now_us,
+            last_packet_us: start.now_us,
+            last_status_us: start.now_us,
+            maps: 0,
+            maps_old: 0,
+            worst_cycles: [0; STAGES],
+        }
+    }
+
+    /// What must be on the line now.
+    #[must_use]
+    pub const fn line(&self) -> GripForce {
+        self.controller.line()
+    }
+
+    /// The settings in force.
+    #[must_use]
+    pub const fn settings(&self) -> &Configuration {
+        &self.settings
+    }
+
+    /// Takes one packet of at most 64 bytes as it landed (COBS already undone).
+    pub fn packet(&mut self, packet: &[u8], now_us: u64) -> Action {
+        self.now_us = now_us;
+        let mut decided = false;
+        match self.parser.push(packet) {
+            Ok(Event::MapStart { abandoned, .. }) => {
+                self.partial = MapSums::default();
+                if abandoned {
+                    self.safety.packet_refused();
+                }
+            }
+            Ok(Event::MapForces(forces)) => accumulate(&mut self.partial, forces.iter(), self.rule),
+            Ok(Event::MapEnd { info, forces }) => {
+                accumulate(&mut self.partial, forces.iter(), self.rule);
+                decided = self.map(info);
+            }
+            Ok(Event::Fragment) => {}
+            Ok(Event::Message(bytes)) => if let Ok(message) = Message::from_bytes(bytes) { self.message(&message) } else {
+                self.safety.set(Fault::UnreadableMessage, true);
+                self.refuse(Refusal::Unreadable);
+            },
+            Err(_) => {
+                self.safety.packet_refused();
+                return self.action(false);
+            }
+        }
+        // Only what could be read proves that a host is there.
+        self.last_packet_us = now_us;
+        self.action(decided)
+    }
+
+    /// The transport itself refused a frame (COBS).
+    pub fn malformed_frame(&mut self) {
+        self.parser.refuse();
+        self.safety.packet_refused();
+    }
+
+    /// The 1 kHz tick: ages, faults, slew.
+    pub fn tick(&mut self, now_us: u64) -> Action {
+        self.now_us = now_us;
+        self.safety.tick();
+        let holding = self.controller.mode() == GripMode::Hold;
+        let older =
+            |since_us: u64, limit_ms: u16| now_us.saturating_sub(since_us) > u64::from(limit_ms) * 1_000;
+        let sensors = usize::from(self.settings.sensors);
+        let stale = self.fingertips[..sensors]
+            .iter()
+            .any(|tip| older(tip.fresh_us, self.settings.stale_ms));
+        self.safety.set(Fault::StaleMaps, holding && stale);
+        self.safety.set(
+            Fault::LinkLost,
+            holding && older(self.last_packet_us, self.settings.link_lost_ms),
+        );
+        if now_us.saturating_sub(self.last_status_us) >= u64::from(STATUS_PERIOD_MS) * 1_000 {
+            self.send_status();
+        }
+        self.action(false)
+    }
+
+    /// A stage took so many core cycles; the worst goes out in every status.
+    pub fn note_cycles(&mut self, stage: Stage, cycles: u32) {
+        let worst = &mut self.worst_cycles[stage as usize];
+        *worst = cycles.max(*worst);
+        if stage == Stage::Decide {
+            self.safety
+                .set(Fault::DeadlineMissed, cycles > DECIDE_BUDGET_CYCLES);
+        }
+    }
+
+    /// The next packet for the host and its length, or `None`.
+    pub fn poll_transmit(&mut self, packet: &mut [u8; PACKET_MAX]) -> Option<usize> {
+        loop {
+            if let Some(sending) = &mut self.outbox.sending {
+                if let Some(length) = sending.next_packet(packet) {
+                    return Some(length);
+                }
+                self.outbox.sending = None;
+            }
+            let message = self.next_message()?;
+            self.outbox.next_id = self.outbox.next_id.wrapping_add(1);
+            // Every message fits, as a test shows; one that did not would be left out.
+            self.outbox.sending = MessagePackets::new(&message, self.outbox.next_id).ok();
+        }
+    }
+
+    /// The state as it goes to the host.
+    #[must_use]
+    pub fn status(&self) -> Status {
+        let tip = &self.fingertips[usize::from(self.newest.sensor).min(SENSORS - 1)];
+        let counters = self.parser.counters();
+        let evidence = self.evidence();
+        Status {
+            uptime_ms: (self.now_us / 1_000) as u32,
+            sensor: self.newest.sensor,
+            sequence: self.newest.sequence,
+            sums: tip.sums,
+            coulomb_slip: self.coulomb_slip,
+            state: evidence.state,
+            time_to_slip_ms: tip.judgement.time_to_slip_ms,
+            mode: self.controller.mode(),
+            line: self.line().lsb(),
+            faults: self.safety.active(),
+            latched: self.safety.latched(),
+            maps: self.maps,
+            maps_refused: counters
+                .refused
+                .wrapping_add(counters.abandoned)
+                .wrapping_add(self.maps_old),
+            packets_refused: counters.refused,
+            worst_cycles: self.worst_cycles,
+        }
+    }
+
+    fn action(&mut self, decided: bool) -> Action {
+        let line = self
+            .controller
+            .advance(self.now_us, self.safety.guard(), &self.settings);
+        let holding = self.controller.mode() == GripMode::Hold;
+        self.safety.set(
+            Fault::LineAtCeiling,
+            holding && line.lsb() >= self.settings.ceiling,
+        );
+        Action {
+            line,
+            transmit: !self.outbox.is_empty(),
+            decided,
+        }
+    }
+
+    /// A map arrived whole. Returns whether it was new.
+    fn map(&mut self, info: MapInfo) -> bool {
+        // The parser lets no other sensor through.
+        let Some(tip) = self.fingertips.get_mut(usize::from(info.sensor)) else {
+            return false;
+        };
+        let lost = match tip.sequence.judge(info.sequence) {
+            Order::New { lost } => lost,
+            Order::Old => {
+                self.maps_old = self.maps_old.wrapping_add(1);
+                self.safety.set(Fault::ReplayedMap, true);
+                return false;
+            }
+        };
+        tip.sequence.accept(info.sequence);
+        tip.sums = self.partial;
+        tip.shear = total_shear(&tip.sums);
+        tip.judgement = tip
+            .slip
+            .update(&tip.sums, info.capture_us, self.now_us, &self.settings);
+        tip.fresh_us = self.now_us;
+        tip.healthy = info.health.is_good();
+        let [x, y, normal] = tip.sums.force;
+        self.coulomb_slip = self.rule.friction.exceeded_by([x, y], normal);
+        self.newest = info;
+        self.maps = self.maps.wrapping_add(1);
+        self.safety.set(Fault::ReplayedMap, false);
+        self.safety.set(Fault::MapsLost, lost > 0);
+        let sensors = usize::from(self.settings.sensors);
+        let unhealthy = self.fingertips[..sensors].iter().any(|tip| !tip.healthy);
+        self.safety.set(Fault::UnhealthyMap, unhealthy);
+        self.controller.observe(self.evidence());
+        self.send_status();
+        true
+    }
+
+    /// The worst of what the fingertips say.
+    fn evidence(&self) -> Evidence {
+        let mut worst = Evidence::default();
+        for tip in &self.fingertips[..usize::from(self.settings.sensors)] {
+            if severity(tip.judgement.state) > severity(worst.state) {
+                worst.state = tip.judgement.state;
+            }
+            worst.stick_ratio = match (worst.stick_ratio, tip.judgement.stick_ratio) {
+                (Some(one), Some(other)) => Some(one.min(other)),
+                (one, other) => one.or(other),
+            };
+            worst.shear = worst.shear.max(tip.shear);
+        }
+        worst
+    }
+
+    fn message(&mut self, message: &Message) {
+        self.safety.set(Fault::UnreadableMessage, false);
+        match message {
+            Message::Hello(hello) => self.hello(hello),
+            Message::Command(command) if self.host.is_some() => self.command(command),
+            Message::Command(_) => self.refuse(Refusal::NoHandshake),
+            // A report is nothing a host would send.
+            Message::Report(_) => self.refuse(Refusal::Unreadable),
+        }
+    }
+
+    /// Answers in any case, so that a host with another schema can name both versions.
+    fn hello(&mut self, hello: &Hello) {
+        self.outbox.hello = true;
+        let known = hello.check().is_ok();
+        self.safety.set(Fault::SchemaMismatch, !known);
+        let restarted = self.host.is_none_or(|host| host.session != hello.session);
+        self.host = known.then_some(*hello);
+        if known && restarted {
+            // A host that restarts counts its maps from anywhere.
+            for tip in &mut self.fingertips {
+                tip.sequence = SequenceWatch::new();
+            }
+        }
+    }
+
+    fn command(&mut self, command: &Command) {
+        match command {
+            Command::Configure(settings) => match settings.check() {
+                Ok(()) => {
+                    self.safety.set(Fault::OutOfRange, false);
+                    self.settings = *settings;
+                    self.rule = rule_of(settings);
+                    // Sums under way were made by the old rule.
+                    self.parser.drop_map();
+                    self.outbox.configuration = true;
+                }
+                Err(error) => {
+                    self.safety.set(Fault::OutOfRange, true);
+                    self.refuse(Refusal::OutOfRange(error));
+                }
+            },
+            Command::ReadConfiguration => self.outbox.configuration = true,
+            Command::Hold => {
+                self.controller.set_mode(GripMode::Hold);
+                for tip in &mut self.fingertips {
+                    tip.fresh_us = self.now_us;
+                }
+            }
+            Command::Release if self.safety.latched() != 0 => self.refuse(Refusal::Latched),
+            Command::Release => self.controller.set_mode(GripMode::Released),
+            Command::Acknowledge { faults } => self.safety.acknowledge(*faults),
+            Command::ReadStatus => self.send_status(),
+        }
+    }
+
+    fn refuse(&mut self, refusal: Refusal) {
+        self.outbox.refusal = Some(refusal);
+    }
+
+    fn send_status(&mut self) {
+        self.outbox.status = true;
+        self.last_status_us = self.now_us;
+    }
+
+    fn next_message(&mut self) -> Option<Message> {
+        if core::mem::take(&mut self.outbox.hello) {
+            return Some(Message::Hello(Hello::of_this_build(
+                self.start.board,
+                self.start.session,
+            )));
+        }
+        if let Some(refusal) = self.outbox.refusal.take() {
+            return Some(Message::Report(Report::Refused(refusal)));
+        }
+        if core::mem::take(&mut self.outbox.configuration) {
+            return Some(Message::Report(Report::Configuration(self.settings)));
+        }
+        if core::mem::take(&mut self.outbox.status) {
+            return Some(Message::Report(Report::Status(self.status())));
+        }
+        None
+    }
+
+    /// State over all fingertips.
+    #[must_use]
+    pub fn state(&self) -> SlipState {
+        self.evidence().state
+    }
+}

@@ -1,0 +1,144 @@
+//! From stick ratios to a slip state: threshold with a separate leave threshold, a least time in a state, and the
+//! trend, because a sudden fall of the stick ratio announces slip. Getting worse is believed at once, getting better
+//! only after the dwell time. Units: ratios 1/10000, times as named.
+
+use gripline_protocol::message::{Configuration, MapSums, SlipState};
+
+use crate::constants::{TIME_TO_SLIP_MAX_MS, TREND_MAPS};
+use crate::sums::{stick_ratio, stick_ratio_below};
+
+/// What the detector says after a map.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Judgement {
+    /// State after this map.
+    pub state: SlipState,
+    /// Stick ratio of this map; `None` when nothing touches.
+    pub stick_ratio: Option<u16>,
+    /// Time until the stick ratio reaches the threshold if it goes on falling like this.
+    pub time_to_slip_ms: Option<u16>,
+}
+
+/// The slip state machine of one fingertip.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct SlipDetector {
+    state: SlipState,
+    /// When the state was last as bad as it is, µs.
+    last_bad_us: u64,
+    trend: Trend,
+}
+
+impl SlipDetector {
+    /// Nothing touches.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self {
+            state: SlipState::NoContact,
+            last_bad_us: 0,
+            trend: Trend::new(),
+        }
+    }
+
+    /// State after the last map.
+    #[must_use]
+    pub const fn state(&self) -> SlipState {
+        self.state
+    }
+
+    /// Takes the sums of a new map. `capture_us` is the host's clock (wraps), `now_us` ours.
+    pub fn update(
+        &mut self,
+        sums: &MapSums,
+        capture_us: u32,
+        now_us: u64,
+        settings: &Configuration,
+    ) -> Judgement {
+        let Some(ratio) = stick_ratio(sums) else {
+            *self = Self::new();
+            return Judgement::default();
+        };
+        let time_to_slip_ms = self.trend.push(ratio, capture_us, settings.slip_threshold);
+        let soon = time_to_slip_ms.is_some_and(|ms| ms < settings.incipient_horizon_ms);
+        let slips = stick_ratio_below(sums, settings.slip_threshold)
+            || (self.state == SlipState::Slip && stick_ratio_below(sums, settings.slip_leave));
+        let now = if slips {
+            SlipState::Slip
+        } else if soon || stick_ratio_below(sums, settings.incipient_threshold) {
+            SlipState::Incipient
+        } else {
+            SlipState::Stick
+        };
+        let rested = now_us.saturating_sub(self.last_bad_us) >= u64::from(settings.dwell_ms) * 1_000;
+        if severity(now) >= severity(self.state) {
+            self.state = now;
+            self.last_bad_us = now_us;
+        } else if rested {
+            self.state = now;
+        }
+        Judgement {
+            state: self.state,
+            stick_ratio: Some(ratio),
+            time_to_slip_ms,
+        }
+    }
+}
+
+/// Order of the states from nothing to worst.
+#[must_use]
+pub const fn severity(state: SlipState) -> u8 {
+    match state {
+        SlipState::NoContact => 0,
+        SlipState::Stick => 1,
+        SlipState::Incipient => 2,
+        SlipState::Slip => 3,
+    }
+}
+
+/// The last stick ratios: the mean of the newer half against that of the older half, which a single flickering taxel
+/// hardly moves.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+struct Trend {
+    /// (stick ratio, capture time), oldest first.
+    maps: [(u16, u32); TREND_MAPS],
+    filled: u8,
+}
+
+impl Trend {
+    const fn new() -> Self {
+        Self {
+            maps: [(0, 0); TREND_MAPS],
+            filled: 0,
+        }
+    }
+
+    /// Time to the threshold in ms; `None` while the window fills or the ratio does not fall.
+    fn push(&mut self, ratio: u16, capture_us: u32, threshold: u16) -> Option<u16> {
+        self.maps.rotate_left(1);
+        self.maps[TREND_MAPS - 1] = (ratio, capture_us);
+        self.filled = (self.filled + 1).min(TREND_MAPS as u8);
+        if usize::from(self.filled) < TREND_MAPS {
+            return None;
+        }
+        let (older, newer) = self.maps.split_at(TREND_MAPS / 2);
+        let ratios = |half: &[(u16, u32)]| half.iter().map(|map| u32::from(map.0)).sum::<u32>();
+        let newest_us = |us: u32| capture_us.wrapping_sub(us);
+        let ages_ms = |half: &[(u16, u32)]| {
+            half.iter()
+                .map(|map| newest_us(map.1) / 1_000)
+                .fold(0, u32::saturating_add)
+        };
+        // Both sums are over four maps; the fours cancel.
+        let fall = ratios(older)
+            .checked_sub(ratios(newer))
+            .filter(|fall| *fall > 0)?;
+        let span_ms = ages_ms(older)
+            .checked_sub(ages_ms(newer))
+            .filter(|span| *span > 0)?;
+        let left = u32::from(ratio.saturating_sub(threshold));
+        let time_ms = u64::from(left) * u64::from(span_ms) / u64::from(fall);
+        u32::try_from(time_ms)
+            .ok()
+            .filter(|ms| *ms <= TIME_TO_SLIP_MAX_MS)
+            .map(|ms| ms as u16)
+    }
+}

@@ -1,0 +1,566 @@
+//! The whole program through its packets: decisions, grip force, faults, handshake.
+
+use gripline_firmware::mcu::{Action, Mcu, ResetCause, Start};
+use gripline_firmware::sums::{TaxelRule, sums_of};
+use gripline_firmware::{Fault, Friction, GripForce};
+use gripline_protocol::message::{
+    Command, Configuration, GripMode, Hello, Message, MessagePackets, OutOfRange, Refusal, Report, SlipState,
+    Status,
+};
+use gripline_protocol::{
+    Event, ForceMap, Health, LSB_PER_NEWTON, MapInfo, PACKET_MAX, Parser, TAXELS, TaxelForce, encode_map,
+};
+use proptest::prelude::*;
+
+/// A host that speaks to the program and keeps what it answers.
+struct Bench {
+    mcu: Mcu,
+    now_us: u64,
+    sequence: u32,
+    id: u8,
+    replies: Parser,
+    reports: Vec<Report>,
+    hellos: Vec<Hello>,
+}
+
+impl Bench {
+    fn cold() -> Self {
+        Self::starting(Start {
+            board: 1,
+            session: 5,
+            ..Start::default()
+        })
+    }
+
+    fn starting(start: Start) -> Self {
+        let mcu = Mcu::new(start);
+        Self {
+            mcu,
+            now_us: start.now_us,
+            sequence: 0,
+            id: 0,
+            replies: Parser::new(),
+            reports: Vec::new(),
+            hellos: Vec::new(),
+        }
+    }
+
+    fn holding() -> Self {
+        let mut bench = Self::cold();
+        bench.message(Message::Hello(Hello::of_this_build(0, 1)));
+        bench.command(Command::Hold);
+        bench
+    }
+
+    fn listen(&mut self) {
+        let mut packet = [0; PACKET_MAX];
+        while let Some(length) = self.mcu.poll_transmit(&mut packet) {
+            if let Event::Message(bytes) = self
+                .replies
+                .push(&packet[..length])
+                .expect("the program sends good packets")
+            {
+                match Message::from_bytes(bytes).expect("the program sends readable messages") {
+                    Message::Hello(hello) => self.hellos.push(hello),
+                    Message::Report(report) => self.reports.push(report),
+                    Message::Command(command) => panic!("the program sent a command: {command:?}"),
+                }
+            }
+        }
+    }
+
+    fn message(&mut self, message: Message) {
+        self.id = self.id.wrapping_add(1);
+        let mut packets = MessagePackets::new(&message, self.id).unwrap();
+        let mut packet = [0; PACKET_MAX];
+        while let Some(length) = packets.next_packet(&mut packet) {
+            let _ = self.mcu.packet(&packet[..length], self.now_us);
+        }
+        self.listen();
+    }
+
+    fn command(&mut self, command: Command) {
+        self.message(Message::Command(command));
+    }
+
+    fn map_with(&mut self, info: MapInfo, map: &ForceMap) -> Vec<Action> {
+        let mut actions = Vec::new();
+        encode_map(&info, map, |packet| {
+            actions.push(self.mcu.packet(packet, self.now_us));
+        });
+        self.listen();
+        actions
+    }
+
+    fn map(&mut self, map: &ForceMap) -> Status {
+        self.sequence += 1;
+        let info = MapInfo {
+            sequence: self.sequence,
+            capture_us: self.now_us as u32,
+            ..MapInfo::default()
+        };
+        assert!(
+            self.map_with(info, map).last().unwrap().decided,
+            "the map was not accepted"
+        );
+        self.status()
+    }
+
+    fn status(&self) -> Status {
+        self.reports
+            .iter()
+            .rev()
+            .find_map(|report| {
+                if let Report::Status(status) = report {
+                    Some(*status)
+                } else {
+                    None
+                }
+            })
+            .expect("a status was sent")
+    }
+
+    fn wait_ms(&mut self, ms: u64) -> GripForce {
+        for _ in 0..ms {
+            self.now_us += 1_000;
+            let _ = self.mcu.tick(self.now_us);
+            self.listen();
+        }
+        self.mcu.line()
+    }
+
+    /// Maps at 60 Hz for a while; returns the last status.
+    fn maps_for_ms(&mut self, map: &ForceMap, ms: u64) -> Status {
+        let mut status = self.map(map);
+        for _ in 0..ms / 16 {
+            self.wait_ms(16);
+            status = self.map(map);
+        }
+        status
+    }
+
+    fn faults(&self) -> u32 {
+        self.mcu.status().faults
+    }
+}
+
+fn newtons(value: f64) -> i32 {
+    (value * f64::from(LSB_PER_NEWTON)) as i32
+}
+
+/// `contact` taxels of 0.1 N, of which `stick` carry little shear and the others nearly all that friction 0.6 allows.
+fn contact_map(contact: usize, stick: usize) -> ForceMap {
+    let mut map = ForceMap::EMPTY;
+    for (n, taxel) in map.taxels.iter_mut().take(contact).enumerate() {
+        *taxel = TaxelForce {
+            x: if n < stick { 40 } else { 230 },
+            y: 0,
+            z: 410,
+        };
+    }
+    map
+}
+
+#[test]
+fn an_empty_a_sticking_and_a_slipping_map_lead_to_their_states() {
+    let mut bench = Bench::holding();
+    assert_eq!(bench.map(&ForceMap::EMPTY).state, SlipState::NoContact);
+    let sticking = bench.map(&contact_map(100, 90));
+    assert_eq!(
+        (sticking.state, sticking.sums.contact, sticking.sums.stick),
+        (SlipState::Stick, 100, 90)
+    );
+    let slipping = bench.map(&contact_map(100, 49));
+    assert_eq!((slipping.state, slipping.sums.stick), (SlipState::Slip, 49));
+    assert_eq!(slipping.maps, 3);
+}
+
+#[test]
+fn fifty_percent_sticking_is_not_below_a_threshold_of_one_half() {
+    let mut bench = Bench::holding();
+    assert_eq!(bench.map(&contact_map(100, 50)).state, SlipState::Incipient);
+    assert_eq!(bench.map(&contact_map(101, 50)).state, SlipState::Slip);
+}
+
+#[test]
+fn slip_is_left_only_above_the_leave_threshold_and_after_the_dwell_time() {
+    let mut bench = Bench::holding();
+    assert_eq!(bench.map(&contact_map(100, 40)).state, SlipState::Slip);
+    // Above the threshold but below the leave threshold: still slip, however long.
+    assert_eq!(
+        bench.maps_for_ms(&contact_map(100, 55), 400).state,
+        SlipState::Slip
+    );
+    assert_eq!(
+        bench.map(&contact_map(100, 90)).state,
+        SlipState::Slip,
+        "the dwell time has not passed"
+    );
+    assert_eq!(
+        bench.maps_for_ms(&contact_map(100, 90), 80).state,
+        SlipState::Stick
+    );
+}
+
+#[test]
+fn a_falling_stick_ratio_is_incipient_before_it_is_low() {
+    let mut bench = Bench::holding();
+    bench.command(Command::Configure(Configuration {
+        incipient_horizon_ms: 150,
+        ..Configuration::DEFAULT
+    }));
+    for stick in [99, 98, 99, 98, 99, 98, 96, 94, 92, 90, 87, 83] {
+        bench.wait_ms(16);
+        bench.map(&contact_map(100, stick));
+    }
+    let status = bench.status();
+    assert_eq!(status.state, SlipState::Stick, "a slow fall is no alarm");
+    assert!(status.time_to_slip_ms.is_some());
+    for stick in [80, 77, 74, 71] {
+        bench.wait_ms(16);
+        bench.map(&contact_map(100, stick));
+    }
+    let status = bench.status();
+    assert_eq!(status.state, SlipState::Incipient, "{status:?}");
+    // The mean falls by 3 taxels a map of 16 ms: 21 taxels above the threshold are about 112 ms.
+    assert!((80..150).contains(&status.time_to_slip_ms.unwrap()), "{status:?}");
+}
+
+#[test]
+fn the_line_rises_fast_in_slip_and_never_beyond_the_ceiling() {
+    let mut bench = Bench::holding();
+    bench.maps_for_ms(&contact_map(100, 95), 300);
+    let before = bench.mcu.line();
+    let after = bench.maps_for_ms(&contact_map(100, 20), 100).line;
+    assert!(
+        after - before.lsb() > newtons(1.5),
+        "rose by {} LSB in 100 ms",
+        after - before.lsb()
+    );
+    let ceiling = Configuration::DEFAULT.ceiling;
+    let status = bench.maps_for_ms(&contact_map(100, 20), 4_000);
+    assert_eq!(status.line, ceiling);
+    assert_ne!(bench.faults() & Fault::LineAtCeiling.bit(), 0);
+}
+
+#[test]
+fn the_line_follows_shear_with_the_margin() {
+    let mut bench = Bench::holding();
+    bench.command(Command::Configure(Configuration {
+        margin: 2_500,
+        ..Configuration::DEFAULT
+    }));
+    // 100 taxels of 300 LSB shear and 3 N each stick: F_T = 7.32 N, F_T/μ·1.25 = 20.3 N.
+    let mut map = ForceMap::EMPTY;
+    map.taxels[..100].fill(TaxelForce {
+        x: 180,
+        y: -240,
+        z: 12_288,
+    });
+    let status = bench.maps_for_ms(&map, 1_000);
+    let expected = 30_000_f64 * 1.25 / 0.45;
+    assert!(
+        (f64::from(status.line) - expected).abs() < 2.0,
+        "line {} expected {expected}",
+        status.line
+    );
+}
+
+#[test]
+fn the_line_relaxes_by_plan_only_and_only_after_it_stuck_long_enough() {
+    for (relax_rate, falls) in [(0, false), (4_096, true)] {
+        let mut bench = Bench::holding();
+        bench.command(Command::Configure(Configuration {
+            relax_rate,
+            ..Configuration::DEFAULT
+        }));
+        let raised = bench.maps_for_ms(&contact_map(100, 20), 150).line;
+        let soon = bench.maps_for_ms(&contact_map(100, 95), 300).line;
+        assert!(soon >= raised, "fell before the contact had stuck for long");
+        let late = bench.maps_for_ms(&contact_map(100, 95), 2_000).line;
+        assert_eq!(late < raised, falls);
+        assert!(late >= Configuration::DEFAULT.floor);
+    }
+}
+
+#[test]
+fn release_lets_go_slowly_and_hold_closes_to_the_floor() {
+    let mut bench = Bench::holding();
+    assert_eq!(bench.wait_ms(80).lsb(), Configuration::DEFAULT.floor);
+    bench.command(Command::Release);
+    let after_10_ms = bench.wait_ms(10).lsb();
+    assert!(
+        (3_200..3_300).contains(&after_10_ms),
+        "20 N/s for 10 ms leaves 3,276, found {after_10_ms}"
+    );
+    assert_eq!(bench.wait_ms(100), GripForce::ZERO);
+    assert_eq!(bench.mcu.status().mode, GripMode::Released);
+}
+
+#[test]
+fn nothing_is_commanded_before_the_handshake() {
+    let mut bench = Bench::cold();
+    bench.command(Command::Hold);
+    assert_eq!(bench.reports, [Report::Refused(Refusal::NoHandshake)]);
+    assert_eq!(bench.wait_ms(200), GripForce::ZERO);
+    // Maps are judged all the same, so that a listener sees what the fingertip feels.
+    assert_eq!(bench.map(&contact_map(100, 10)).state, SlipState::Slip);
+}
+
+#[test]
+fn a_host_with_another_schema_is_told_ours_and_refused() {
+    let mut bench = Bench::cold();
+    let stranger = Hello {
+        schema_version: 99,
+        ..Hello::of_this_build(0, 1)
+    };
+    bench.message(Message::Hello(stranger));
+    assert_eq!(bench.hellos, [Hello::of_this_build(1, 5)]);
+    assert_ne!(bench.faults() & Fault::SchemaMismatch.bit(), 0);
+    bench.command(Command::Hold);
+    assert_eq!(bench.reports, [Report::Refused(Refusal::NoHandshake)]);
+}
+
+#[test]
+fn a_setting_out_of_range_is_named_and_changes_nothing() {
+    let mut bench = Bench::holding();
+    let before = *bench.mcu.settings();
+    bench.command(Command::Configure(Configuration {
+        slip_threshold: 10_001,
+        ..before
+    }));
+    let refusal = OutOfRange {
+        field: 3,
+        found: 10_001,
+        least: 0,
+        most: 10_000,
+    };
+    assert_eq!(bench.reports, [Report::Refused(Refusal::OutOfRange(refusal))]);
+    assert_eq!(*bench.mcu.settings(), before);
+    assert_ne!(bench.faults() & Fault::OutOfRange.bit(), 0);
+}
+
+#[test]
+fn a_corrupted_map_changes_nothing_and_the_next_one_is_accepted() {
+    let mut bench = Bench::holding();
+    let before = bench.map(&contact_map(100, 90));
+    let mut packets = Vec::new();
+    let info = MapInfo {
+        sequence: 2,
+        ..MapInfo::default()
+    };
+    encode_map(&info, &contact_map(100, 10), |packet| {
+        packets.push(packet.to_vec());
+    });
+    packets[3][20] ^= 0x10;
+    for packet in &packets {
+        assert!(!bench.mcu.packet(packet, bench.now_us).decided);
+    }
+    let after = bench.mcu.status();
+    assert_eq!(
+        (after.sums, after.state, after.sequence),
+        (before.sums, before.state, before.sequence)
+    );
+    assert_eq!((after.maps_refused, after.packets_refused), (1, 1));
+    bench.sequence = 2;
+    assert_eq!(bench.map(&contact_map(100, 80)).sums.stick, 80);
+}
+
+#[test]
+fn a_replayed_map_is_a_fault_and_changes_nothing() {
+    let mut bench = Bench::holding();
+    let before = bench.map(&contact_map(100, 90));
+    let info = MapInfo {
+        sequence: before.sequence,
+        ..MapInfo::default()
+    };
+    assert!(
+        bench
+            .map_with(info, &contact_map(100, 10))
+            .iter()
+            .all(|action| !action.decided)
+    );
+    assert_ne!(bench.faults() & Fault::ReplayedMap.bit(), 0);
+    assert_eq!(bench.mcu.status().sums, before.sums);
+    bench.map(&contact_map(100, 90));
+    assert_eq!(bench.faults() & Fault::ReplayedMap.bit(), 0);
+}
+
+#[test]
+fn a_host_that_restarts_may_count_from_anywhere() {
+    let mut bench = Bench::holding();
+    bench.sequence = 1_000_000;
+    bench.map(&contact_map(10, 10));
+    bench.message(Message::Hello(Hello::of_this_build(0, 2)));
+    bench.sequence = 0;
+    bench.map(&contact_map(10, 10));
+    assert_eq!(
+        bench.faults() & (Fault::ReplayedMap.bit() | Fault::MapsLost.bit()),
+        0
+    );
+}
+
+#[test]
+fn missing_maps_are_noticed() {
+    let mut bench = Bench::holding();
+    bench.map(&contact_map(10, 10));
+    bench.sequence += 1;
+    bench.map(&contact_map(10, 10));
+    assert_ne!(bench.faults() & Fault::MapsLost.bit(), 0);
+    bench.map(&contact_map(10, 10));
+    assert_eq!(bench.faults() & Fault::MapsLost.bit(), 0);
+}
+
+#[test]
+fn stale_maps_hold_the_line_and_a_lost_link_tightens_it_until_acknowledged() {
+    let mut bench = Bench::holding();
+    let held = bench.maps_for_ms(&contact_map(100, 95), 500).line;
+    let stale = bench.wait_ms(u64::from(Configuration::DEFAULT.stale_ms) + 2);
+    assert_ne!(bench.faults() & Fault::StaleMaps.bit(), 0);
+    assert_eq!(stale.lsb(), held);
+    let tightened = bench.wait_ms(1_000);
+    assert_ne!(bench.faults() & Fault::LinkLost.bit(), 0);
+    assert_eq!(tightened.lsb(), Configuration::DEFAULT.tighten);
+    // The host is back: maps are judged again, but the line stays up until a person has looked.
+    let back = bench.maps_for_ms(&contact_map(100, 95), 3_000);
+    assert_eq!(
+        (back.faults, back.latched, back.line),
+        (0, Fault::LinkLost.bit(), Configuration::DEFAULT.tighten)
+    );
+    bench.command(Command::Release);
+    assert_eq!(bench.reports.last(), Some(&Report::Refused(Refusal::Latched)));
+    bench.command(Command::Acknowledge {
+        faults: Fault::LinkLost.bit(),
+    });
+    let relaxed = bench.maps_for_ms(&contact_map(100, 95), 3_000);
+    assert!(relaxed.line < Configuration::DEFAULT.tighten);
+}
+
+#[test]
+fn a_storm_of_bad_packets_is_a_latched_fault_that_holds_the_line() {
+    let mut bench = Bench::holding();
+    bench.maps_for_ms(&contact_map(100, 95), 200);
+    for _ in 0..10 {
+        let _ = bench.mcu.packet(&[0xFF; 64], bench.now_us);
+    }
+    assert_ne!(bench.faults() & Fault::CrcStorm.bit(), 0);
+    bench.maps_for_ms(&contact_map(100, 95), 400);
+    let status = bench.mcu.status();
+    assert_eq!(
+        (status.faults & Fault::CrcStorm.bit(), status.latched),
+        (0, Fault::CrcStorm.bit())
+    );
+}
+
+#[test]
+fn a_doubtful_picture_may_raise_the_line_but_not_lower_it() {
+    let mut bench = Bench::holding();
+    let mut line = bench.maps_for_ms(&contact_map(100, 30), 200).line;
+    for _ in 0..200 {
+        bench.wait_ms(16);
+        bench.sequence += 1;
+        let info = MapInfo {
+            sequence: bench.sequence,
+            health: Health::TOO_DARK,
+            ..MapInfo::default()
+        };
+        bench.map_with(info, &contact_map(100, 100));
+        assert!(bench.mcu.line().lsb() >= line);
+        line = bench.mcu.line().lsb();
+    }
+    assert_ne!(bench.faults() & Fault::UnhealthyMap.bit(), 0);
+}
+
+#[test]
+fn after_a_watchdog_reset_the_line_is_the_old_one_until_a_person_has_looked() {
+    let old = GripForce::from_lsb(newtons(7.0));
+    let start = Start {
+        now_us: 9_000,
+        reset: ResetCause::Watchdog,
+        restored_line: Some(old),
+        ..Start::default()
+    };
+    let mut bench = Bench::starting(start);
+    assert_eq!(bench.mcu.line(), old);
+    assert_eq!(bench.mcu.status().latched, Fault::WatchdogReset.bit());
+    assert!(bench.wait_ms(3_000) >= old);
+}
+
+#[test]
+fn two_fingertips_are_judged_by_the_worse_one() {
+    let mut bench = Bench::holding();
+    bench.command(Command::Configure(Configuration {
+        sensors: 2,
+        ..Configuration::DEFAULT
+    }));
+    bench.map(&contact_map(100, 95));
+    let info = MapInfo {
+        sensor: 1,
+        sequence: 77,
+        ..MapInfo::default()
+    };
+    bench.map_with(info, &contact_map(50, 5));
+    let status = bench.status();
+    assert_eq!(
+        (status.state, status.sensor, status.sums.contact),
+        (SlipState::Slip, 1, 50)
+    );
+    // One of two that falls silent is stale, although the other speaks.
+    bench.maps_for_ms(&contact_map(100, 95), 200);
+    assert_ne!(bench.faults() & Fault::StaleMaps.bit(), 0);
+}
+
+fn any_bytes() -> impl Strategy<Value = Vec<u8>> {
+    prop_oneof![
+        proptest::collection::vec(any::<u8>(), 0..70),
+        (
+            0..4_u8,
+            0..2_u8,
+            any::<u8>(),
+            0..42_u8,
+            proptest::collection::vec(any::<u8>(), 0..61)
+        )
+            .prop_map(|(kind, owner, sequence, index, payload)| {
+                let mut packet = vec![1 << 4 | kind, owner, sequence, index];
+                packet.extend(payload);
+                packet
+            }),
+    ]
+}
+
+proptest! {
+    /// Packet by packet and all at once must be the same, whatever the map.
+    #[test]
+    fn incremental_sums_equal_batch_sums(
+        taxels in proptest::collection::vec(proptest::option::of(any::<[i16; 3]>()), TAXELS),
+        friction in 0..=20_000_u16,
+        contact_min in 0..=2_000_i16,
+    ) {
+        let mut map = ForceMap::EMPTY;
+        for (taxel, [x, y, z]) in map.taxels.iter_mut().zip(taxels.into_iter().map(Option::unwrap_or_default)) {
+            *taxel = TaxelForce { x, y, z };
+        }
+        let mut bench = Bench::holding();
+        bench.command(Command::Configure(Configuration { friction, contact_min, ..Configuration::DEFAULT }));
+        let rule = TaxelRule { friction: Friction::from_per_unit(friction).unwrap(), contact_min };
+        let status = bench.map(&map);
+        prop_assert_eq!(status.sums, sums_of(&map, rule));
+        let [x, y, normal] = status.sums.force;
+        prop_assert_eq!(status.coulomb_slip, rule.friction.exceeded_by([x, y], normal));
+    }
+
+    /// Whatever arrives: no panic, and while holding the line stays between floor and ceiling once it got there.
+    #[test]
+    fn any_bytes_leave_the_line_where_safety_allows(packets in proptest::collection::vec((any_bytes(), 0..30_u64), 0..60)) {
+        let mut bench = Bench::holding();
+        bench.maps_for_ms(&contact_map(100, 95), 200);
+        let mut line = bench.mcu.line();
+        for (packet, ms) in packets {
+            let _ = bench.mcu.packet(&packet, bench.now_us);
+            let now = bench.wait_ms(ms);
+            prop_assert!(now >= line, "the line fell from {line:?} to {now:?}");
+            prop_assert!(now.lsb() >= Configuration::DEFAULT.floor && now.lsb() <= Configuration::DEFAULT.ceiling);
+            line = now;
+        }
+    }
+}
