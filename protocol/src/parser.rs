@@ -51,7 +51,7 @@ pub struct Forces<'a> {
 impl Forces<'_> {
     /// (taxel number `row * 20 + column`, force), in ascending order.
     #[inline]
-    #[must_use] 
+    #[must_use]
     pub fn iter(&self) -> impl ExactSizeIterator<Item = (u16, TaxelForce)> {
         self.taxels
             .iter()

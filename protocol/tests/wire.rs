@@ -16,19 +16,17 @@ fn any_map() -> impl Strategy<Value = ForceMap> {
     let force = (any::<i16>(), any::<i16>(), any::<i16>());
     // Density first, so that empty, sparse and dense maps all come up.
     (0.0..=1.0_f64).prop_flat_map(move |density| {
-        proptest::collection::vec(proptest::option::weighted(density, force), TAXELS).prop_map(
-            |taxels| {
-                let mut map = ForceMap::EMPTY;
-                for (taxel, (x, y, z)) in map
-                    .taxels
-                    .iter_mut()
-                    .zip(taxels.into_iter().map(Option::unwrap_or_default))
-                {
-                    *taxel = TaxelForce { x, y, z };
-                }
-                map
-            },
-        )
+        proptest::collection::vec(proptest::option::weighted(density, force), TAXELS).prop_map(|taxels| {
+            let mut map = ForceMap::EMPTY;
+            for (taxel, (x, y, z)) in map
+                .taxels
+                .iter_mut()
+                .zip(taxels.into_iter().map(Option::unwrap_or_default))
+            {
+                *taxel = TaxelForce { x, y, z };
+            }
+            map
+        })
     })
 }
 
@@ -98,7 +96,9 @@ proptest! {
         prop_assert_eq!(packets.iter().map(Vec::len).sum::<usize>(), map_bytes(usize::from(map.active().count())));
         prop_assert!(packets.iter().all(|packet| packet.len() <= PACKET_MAX));
         let mut receiver = Receiver::default();
-        packets.iter().for_each(|packet| receiver.push(packet));
+        for packet in &packets {
+            receiver.push(packet);
+        }
         prop_assert_eq!(receiver.noticed, 0);
         prop_assert_eq!(receiver.maps, vec![(info, map)]);
     }
@@ -173,7 +173,9 @@ proptest! {
         if stream == trains.concat() { return Ok(()); } // swapped with an identical packet
 
         let mut receiver = Receiver::default();
-        stream.iter().for_each(|packet| receiver.push(packet));
+        for packet in &stream {
+            receiver.push(packet);
+        }
         prop_assert!(receiver.noticed > 0, "{disturbance:?} at packet {at} went unnoticed");
         for received in &receiver.maps {
             prop_assert!(sent.contains(received), "a map was accepted that was never sent");
@@ -204,10 +206,14 @@ proptest! {
             place -= packet.len() * 8;
         }
         let mut receiver = Receiver::default();
-        stream.iter().for_each(|packet| receiver.push(packet));
+        for packet in &stream {
+            receiver.push(packet);
+        }
         prop_assert!(receiver.messages.is_empty());
         // A wrong number of fragments is only seen when the next message begins.
-        message_packets(&message, 8).iter().for_each(|packet| receiver.push(packet));
+        for packet in &message_packets(&message, 8) {
+            receiver.push(packet);
+        }
         let counters = receiver.parser.counters();
         prop_assert!(counters.refused + counters.abandoned > 0);
         prop_assert_eq!(receiver.messages.len(), 1);
@@ -346,9 +352,9 @@ fn message_packets(message: &Message, id: u8) -> Vec<Vec<u8>> {
 
 fn through_the_wire(message: &Message, id: u8) -> Result<Message, MessageError> {
     let mut receiver = Receiver::default();
-    message_packets(message, id)
-        .iter()
-        .for_each(|packet| receiver.push(packet));
+    for packet in &message_packets(message, id) {
+        receiver.push(packet);
+    }
     assert_eq!((receiver.noticed, receiver.messages.len()), (0, 1));
     Message::from_bytes(&receiver.messages[0])
 }

@@ -1,0 +1,42 @@
+//! The command line. Ranges are checked here, so that a wrong value ends with exit code 2 before anything starts.
+
+use clap::{Parser, Subcommand};
+
+use crate::detect::DetectArgs;
+use crate::run::RunArgs;
+
+/// Holds objects with as little force as is safe: force maps from a camera-based fingertip, slip detection and
+/// grip control on a microcontroller.
+#[derive(Debug, Parser)]
+#[command(name = "gripline", version, about, max_term_width = 100)]
+pub struct Cli {
+    /// What to do; `run` when left out.
+    #[command(subcommand)]
+    pub command: Option<Command>,
+}
+
+/// What to do.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Camera to grip-force line. Without arguments: a simulated fingertip and gripper, live in the terminal.
+    Run(RunArgs),
+    /// Run the microcontroller's detector over recorded force maps.
+    Detect(DetectArgs),
+}
+
+impl Default for Command {
+    fn default() -> Self {
+        Self::Run(RunArgs::default())
+    }
+}
+
+/// Reads a number between `least` and `most`; for value parsers.
+///
+/// # Errors
+/// A line with what was found and what was expected.
+pub fn number_in(text: &str, least: f64, most: f64) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(value) if (least..=most).contains(&value) => Ok(value),
+        _ => Err(format!("found {text}, expected a number from {least} to {most}")),
+    }
+}

@@ -1,0 +1,74 @@
+//! The firmware library in this process, on a clock of its own: the same code as on the microcontroller, without the
+//! silicon. Deterministic: the same packets at the same times give the same line.
+
+use std::collections::VecDeque;
+
+use gripline_firmware::{Mcu, Start};
+use gripline_protocol::PACKET_MAX;
+
+use super::{Link, LinkError};
+
+/// The microcontroller's safety tick.
+const TICK_US: u64 = 1_000;
+
+/// A microcontroller in this process.
+#[derive(Debug)]
+pub struct EmbeddedLink {
+    mcu: Mcu,
+    now_us: u64,
+    next_tick_us: u64,
+    outgoing: VecDeque<([u8; PACKET_MAX], usize)>,
+}
+
+impl EmbeddedLink {
+    /// Powered on at time 0.
+    #[must_use]
+    pub fn new() -> Self {
+        Self {
+            mcu: Mcu::new(Start::default()),
+            now_us: 0,
+            next_tick_us: TICK_US,
+            outgoing: VecDeque::new(),
+        }
+    }
+
+    fn collect(&mut self) {
+        let mut packet = [0; PACKET_MAX];
+        while let Some(length) = self.mcu.poll_transmit(&mut packet) {
+            self.outgoing.push_back((packet, length));
+        }
+    }
+}
+
+impl Default for EmbeddedLink {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Link for EmbeddedLink {
+    fn send(&mut self, packet: &[u8]) -> Result<(), LinkError> {
+        if self.mcu.packet(packet, self.now_us).transmit {
+            self.collect();
+        }
+        Ok(())
+    }
+
+    fn run_until(&mut self, until_us: u64, received: &mut dyn FnMut(&[u8])) -> Result<(), LinkError> {
+        while self.next_tick_us <= until_us {
+            if self.mcu.tick(self.next_tick_us).transmit {
+                self.collect();
+            }
+            self.next_tick_us += TICK_US;
+        }
+        self.now_us = until_us.max(self.now_us);
+        while let Some((packet, length)) = self.outgoing.pop_front() {
+            received(&packet[..length]);
+        }
+        Ok(())
+    }
+
+    fn name(&self) -> String {
+        "in-process microcontroller".to_owned()
+    }
+}

@@ -1,0 +1,156 @@
+//! Ways to a microcontroller, behind one trait: in this process, emulated, over a serial line, over USB.
+//! Packets of at most 64 bytes each way; what is in them is [`crate::session`]'s matter. Times in µs since the link
+//! was opened.
+
+mod embedded;
+mod emulator;
+mod serial;
+mod usb;
+
+use std::fmt;
+use std::str::FromStr;
+
+pub use embedded::EmbeddedLink;
+pub use emulator::EmulatorLink;
+pub use serial::SerialLink;
+pub use usb::UsbLink;
+
+/// One way to a microcontroller.
+pub trait Link {
+    /// Hands over one packet of at most 64 bytes.
+    ///
+    /// # Errors
+    /// [`LinkError`] when the other end is gone.
+    fn send(&mut self, packet: &[u8]) -> Result<(), LinkError>;
+
+    /// Works until `until_us` and hands every packet that comes in to `received`. A link that owns the
+    /// microcontroller's clock moves it there at once; a real one waits for the wall clock.
+    ///
+    /// # Errors
+    /// [`LinkError`] when the other end is gone.
+    fn run_until(&mut self, until_us: u64, received: &mut dyn FnMut(&[u8])) -> Result<(), LinkError>;
+
+    /// What it is, for people.
+    fn name(&self) -> String;
+
+    /// The code on the DAC of the grip-force line, where the link can see it (the emulator).
+    fn line_code(&self) -> Option<u16> {
+        None
+    }
+}
+
+/// Why a link cannot be opened or has ended.
+#[derive(Debug, thiserror::Error)]
+pub enum LinkError {
+    /// No such port or device.
+    #[error("{link}: not found ({found}); {advice}")]
+    Missing {
+        /// Which link.
+        link: String,
+        /// What was found instead.
+        found: String,
+        /// What to do.
+        advice: String,
+    },
+    /// Another program has it.
+    #[error(
+        "{link}: busy, expected a port that no other program has open; close the other program ({found})"
+    )]
+    Busy {
+        /// Which link.
+        link: String,
+        /// What the system said.
+        found: String,
+    },
+    /// It worked and then did not any more.
+    #[error("{link}: {found}")]
+    Broken {
+        /// Which link.
+        link: String,
+        /// What happened.
+        found: String,
+    },
+}
+
+/// Which microcontroller to use: the value of `--mcu`.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub enum Target {
+    /// The firmware library in this process.
+    #[default]
+    Embedded,
+    /// The unmodified firmware image in the emulator.
+    Emulator,
+    /// A serial port.
+    Serial(String),
+    /// A USB device, by serial number when there are several.
+    Usb(Option<String>),
+}
+
+impl FromStr for Target {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        match text.split_once(':') {
+            None if text == "embedded" => Ok(Self::Embedded),
+            None if text == "emulator" => Ok(Self::Emulator),
+            None if text == "usb" => Ok(Self::Usb(None)),
+            Some(("usb", serial)) if !serial.is_empty() => Ok(Self::Usb(Some(serial.to_owned()))),
+            Some(("serial", port)) if !port.is_empty() => Ok(Self::Serial(port.to_owned())),
+            _ => Err(format!(
+                "found {text}, expected embedded, emulator, usb, usb:SERIAL or serial:PORT"
+            )),
+        }
+    }
+}
+
+impl fmt::Display for Target {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Embedded => f.write_str("embedded"),
+            Self::Emulator => f.write_str("emulator"),
+            Self::Serial(port) => write!(f, "serial:{port}"),
+            Self::Usb(None) => f.write_str("usb"),
+            Self::Usb(Some(serial)) => write!(f, "usb:{serial}"),
+        }
+    }
+}
+
+impl Target {
+    /// Opens the link.
+    ///
+    /// # Errors
+    /// [`LinkError`] when there is no such port or device, or another program has it.
+    pub fn open(&self) -> Result<Box<dyn Link>, LinkError> {
+        Ok(match self {
+            Self::Embedded => Box::new(EmbeddedLink::new()),
+            Self::Emulator => Box::new(EmulatorLink::spawn()?),
+            Self::Serial(port) => Box::new(SerialLink::open(port)?),
+            Self::Usb(serial) => Box::new(UsbLink::open(serial.as_deref())?),
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_target_is_read_as_it_is_written() {
+        for text in [
+            "embedded",
+            "emulator",
+            "usb",
+            "usb:A1",
+            "serial:/dev/ttyUSB0",
+            "serial:COM3",
+        ] {
+            assert_eq!(text.parse::<Target>().unwrap().to_string(), text);
+        }
+        for text in ["", "usb:", "serial", "serial:", "embedded:1", "can"] {
+            assert!(
+                text.parse::<Target>().unwrap_err().contains("expected embedded"),
+                "{text}"
+            );
+        }
+    }
+}

@@ -1,0 +1,134 @@
+//! From a picture to a force map in the wire's units: downsample, gate, network, contact threshold, quantise.
+//! Pure: no camera, no link, no allocation per frame.
+//! Units: newtons per taxel in, 1/4096 N out; stage times in microseconds.
+
+use std::time::Instant;
+
+use gripline_network::image::Image88;
+use gripline_network::{ForceNetwork, downsample_440_to_88};
+use gripline_protocol::{ForceMap, Health, NotFinite, Saturated, TAXELS};
+
+use crate::gate::{Gate, Verdict};
+
+/// Pixels of the 440×440 crop.
+pub const CROP_PIXELS: usize = 440 * 440;
+
+/// A picture's force map.
+#[derive(Debug, Clone, Copy)]
+pub struct Processed<'a> {
+    /// The map as it travels.
+    pub map: &'a ForceMap,
+    /// What the gate said.
+    pub verdict: Verdict,
+    /// What is known against this map.
+    pub health: Health,
+    /// Time for downsampling, gate and network with quantisation.
+    pub stages_us: [f64; 3],
+}
+
+/// The stages from picture to map.
+#[derive(Debug)]
+pub struct Pipeline {
+    network: ForceNetwork,
+    gate: Option<Gate>,
+    contact_min_n: f32,
+    now: Box<Image88>,
+    newtons: Box<[[f32; 3]; TAXELS]>,
+    map: Box<ForceMap>,
+    saturated: Saturated,
+}
+
+impl Pipeline {
+    /// `rest` are crops without contact, at least one; their mean is what the network compares with. Without
+    /// `use_gate` the network looks at every frame.
+    ///
+    /// # Panics
+    /// When `rest` is empty or a crop is not 440×440: the sources of pictures see to both.
+    #[must_use]
+    pub fn new(mut network: ForceNetwork, rest: &[Vec<u8>], use_gate: bool) -> Self {
+        assert!(!rest.is_empty(), "the pipeline needs a picture at rest");
+        let frames: Vec<Image88> = rest.iter().map(|crop| small(crop)).collect();
+        let count = frames.len() as u32;
+        let mean: Image88 = core::array::from_fn(|pixel| {
+            let sum: u32 = frames.iter().map(|frame| u32::from(frame[pixel])).sum();
+            ((sum + count / 2) / count) as u8
+        });
+        network.set_rest(&mean);
+        let contact_min_n = network.calibration().contact_min_n;
+        Self {
+            network,
+            gate: use_gate.then(|| Gate::new(&mean, &frames)),
+            contact_min_n,
+            now: Box::new(mean),
+            newtons: Box::new([[0.0; 3]; TAXELS]),
+            map: Box::new(ForceMap::EMPTY),
+            saturated: Saturated(0),
+        }
+    }
+
+    /// The last map in newtons per taxel, for the view.
+    #[must_use]
+    pub fn newtons(&self) -> &[[f32; 3]; TAXELS] {
+        &self.newtons
+    }
+
+    /// Turns a 440×440 crop into a force map.
+    ///
+    /// # Errors
+    /// [`NotFinite`] when the network's output is not a number; the last good map is kept.
+    pub fn process(&mut self, crop: &[u8]) -> Result<Processed<'_>, NotFinite> {
+        let start = Instant::now();
+        downsample_440_to_88(crop, &mut self.now);
+        let downsampled = Instant::now();
+        let verdict = self
+            .gate
+            .as_mut()
+            .map_or(Verdict::Network, |gate| gate.judge(&self.now));
+        let gated = Instant::now();
+        match verdict {
+            Verdict::NoContact => {
+                *self.map = ForceMap::EMPTY;
+                *self.newtons = [[0.0; 3]; TAXELS];
+                self.saturated = Saturated(0);
+            }
+            Verdict::Unchanged => {}
+            Verdict::Network => {
+                self.network.infer(&self.now, &mut self.newtons);
+                drop_untouched(&mut self.newtons, self.contact_min_n);
+                let (map, saturated) = ForceMap::quantise(&self.newtons)?;
+                (*self.map, self.saturated) = (map, saturated);
+            }
+        }
+        let inferred = Instant::now();
+        let us = |from: Instant, to: Instant| (to - from).as_secs_f64() * 1e6;
+        Ok(Processed {
+            map: &self.map,
+            verdict,
+            health: if self.saturated.0 > 0 {
+                Health::SATURATED
+            } else {
+                Health::GOOD
+            },
+            stages_us: [
+                us(start, downsampled),
+                us(downsampled, gated),
+                us(gated, inferred),
+            ],
+        })
+    }
+}
+
+fn small(crop: &[u8]) -> Image88 {
+    assert_eq!(crop.len(), CROP_PIXELS, "a crop has 440×440 pixels");
+    let mut out = [0; 88 * 88];
+    downsample_440_to_88(crop, &mut out);
+    out
+}
+
+/// Takes the force from taxels that the network does not believe to be in contact: a smooth prediction has small
+/// values everywhere, which would count as contact and would have to be sent.
+fn drop_untouched(newtons: &mut [[f32; 3]; TAXELS], contact_min_n: f32) {
+    for force in newtons.iter_mut().filter(|force| force[2] <= contact_min_n) {
+        *force = [0.0; 3];
+    }
+}

@@ -1,0 +1,326 @@
+//! The host's side of the protocol over any link: handshake, settings, maps out, statuses in, every answer checked
+//! against the shadow. Times in µs since the link was opened.
+
+use std::time::{Instant, SystemTime, UNIX_EPOCH};
+
+use gripline_firmware::Friction;
+use gripline_firmware::sums::TaxelRule;
+use gripline_protocol::message::{
+    Command, Configuration, Hello, Message, MessageError, MessagePackets, Refusal, Report, SchemaMismatch,
+    Status,
+};
+use gripline_protocol::parser::Counters;
+use gripline_protocol::{Event, ForceMap, MapInfo, PACKET_MAX, Parser, encode_map};
+
+use crate::link::{Link, LinkError};
+use crate::shadow::Shadow;
+
+/// How long a microcontroller may take to answer a handshake: it boots in well under that.
+const HANDSHAKE_US: u64 = 3_000_000;
+const HANDSHAKE_RETRY_US: u64 = 200_000;
+const HANDSHAKE_STEP_US: u64 = 2_000;
+
+/// Why a session cannot begin or go on.
+#[derive(Debug, thiserror::Error)]
+pub enum SessionError {
+    /// The link is gone.
+    #[error(transparent)]
+    Link(#[from] LinkError),
+    /// Nobody answers.
+    #[error("{link}: no answer to {question} within {} s, expected one; check power, wiring and that the firmware is flashed", HANDSHAKE_US / 1_000_000)]
+    NoAnswer {
+        /// Which link.
+        link: String,
+        /// What was asked.
+        question: &'static str,
+    },
+    /// The other side speaks another schema.
+    #[error("{link}: {mismatch}")]
+    Schema {
+        /// Which link.
+        link: String,
+        /// Both versions.
+        mismatch: SchemaMismatch,
+    },
+    /// The settings were not taken.
+    #[error("{link}: settings refused: {reason}")]
+    Refused {
+        /// Which link.
+        link: String,
+        /// Why.
+        reason: String,
+    },
+    /// A message of ours does not fit the wire.
+    #[error(transparent)]
+    Message(#[from] MessageError),
+}
+
+/// A conversation with one microcontroller.
+pub struct Session {
+    link: Box<dyn Link>,
+    inbox: Inbox,
+    settings: Configuration,
+    shadow: Shadow,
+    now_us: u64,
+    message_id: u8,
+    /// The packets of the map under way, one after the other, and their lengths.
+    packets: Vec<u8>,
+    lengths: Vec<usize>,
+}
+
+/// A map that was handed over to the link.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SentMap {
+    /// Bytes on the wire, packet headers included.
+    pub bytes: usize,
+    /// Time for cutting it into packets.
+    pub encode_us: f64,
+    /// Time until the link had taken the last packet. The in-process microcontroller has then decided.
+    pub link_us: f64,
+}
+
+/// What came in.
+struct Inbox {
+    parser: Parser,
+    hello: Option<Hello>,
+    configuration: Option<Configuration>,
+    refusal: Option<Refusal>,
+    /// Every status since the last look, newest last.
+    statuses: Vec<Status>,
+    latest: Option<Status>,
+    unreadable: u64,
+}
+
+impl Inbox {
+    fn packet(&mut self, packet: &[u8]) {
+        let Ok(Event::Message(bytes)) = self.parser.push(packet) else {
+            // Refused packets are in the parser's counters; nothing else is expected from a microcontroller.
+            return;
+        };
+        match Message::from_bytes(bytes) {
+            Ok(Message::Hello(hello)) => self.hello = Some(hello),
+            Ok(Message::Report(Report::Status(status))) => {
+                self.statuses.push(status);
+                self.latest = Some(status);
+            }
+            Ok(Message::Report(Report::Configuration(settings))) => self.configuration = Some(settings),
+            Ok(Message::Report(Report::Refused(refusal))) => self.refusal = Some(refusal),
+            Ok(Message::Command(_)) | Err(_) => self.unreadable += 1,
+        }
+    }
+}
+
+/// The detector's rule of these settings.
+#[must_use]
+pub fn rule_of(settings: &Configuration) -> TaxelRule {
+    TaxelRule {
+        friction: Friction::clamped(settings.friction),
+        contact_min: settings.contact_min,
+    }
+}
+
+impl Session {
+    /// Shakes hands and hands over the settings.
+    ///
+    /// # Errors
+    /// [`SessionError`] when nobody answers, the schema differs or the settings are refused.
+    pub fn open(link: Box<dyn Link>, settings: Configuration) -> Result<Self, SessionError> {
+        let inbox = Inbox {
+            parser: Parser::new(),
+            hello: None,
+            configuration: None,
+            refusal: None,
+            statuses: Vec::new(),
+            latest: None,
+            unreadable: 0,
+        };
+        let shadow = Shadow::new(rule_of(&settings));
+        let (packets, lengths) = (Vec::new(), Vec::new());
+        let mut session = Self {
+            link,
+            inbox,
+            settings,
+            shadow,
+            now_us: 0,
+            message_id: 0,
+            packets,
+            lengths,
+        };
+        // Any number that the last session is unlikely to have had.
+        let nonce = SystemTime::now()
+            .duration_since(UNIX_EPOCH)
+            .map_or(1, |time| time.subsec_nanos() | 1);
+        let hello = Message::Hello(Hello::of_this_build(0, nonce));
+        session.ask(&hello, "the handshake", |inbox| inbox.hello.is_some())?;
+        if let Some(Err(mismatch)) = session.inbox.hello.map(|hello| hello.check()) {
+            return Err(SessionError::Schema {
+                link: session.link.name(),
+                mismatch,
+            });
+        }
+        session.ask(
+            &Message::Command(Command::Configure(settings)),
+            "the settings",
+            |inbox| inbox.configuration.is_some() || inbox.refusal.is_some(),
+        )?;
+        if let Some(refusal) = session.inbox.refusal.take() {
+            let reason = match refusal {
+                Refusal::OutOfRange(error) => error.to_string(),
+                other => format!("{other:?}"),
+            };
+            return Err(SessionError::Refused {
+                link: session.link.name(),
+                reason,
+            });
+        }
+        if session.inbox.configuration != Some(settings) {
+            let reason = "the microcontroller has others in force than were sent".to_owned();
+            return Err(SessionError::Refused {
+                link: session.link.name(),
+                reason,
+            });
+        }
+        Ok(session)
+    }
+
+    /// Sends a message until `answered`; a microcontroller that still boots does not hear the first.
+    fn ask(
+        &mut self,
+        message: &Message,
+        question: &'static str,
+        answered: impl Fn(&Inbox) -> bool,
+    ) -> Result<(), SessionError> {
+        let end_us = self.now_us + HANDSHAKE_US;
+        while self.now_us < end_us {
+            self.send(message)?;
+            let retry_us = self.now_us + HANDSHAKE_RETRY_US;
+            while self.now_us < retry_us {
+                self.run_until(self.now_us + HANDSHAKE_STEP_US)?;
+                if answered(&self.inbox) {
+                    return Ok(());
+                }
+            }
+        }
+        Err(SessionError::NoAnswer {
+            link: self.link.name(),
+            question,
+        })
+    }
+
+    fn send(&mut self, message: &Message) -> Result<(), SessionError> {
+        self.message_id = self.message_id.wrapping_add(1);
+        let mut packets = MessagePackets::new(message, self.message_id)?;
+        let mut packet = [0; PACKET_MAX];
+        while let Some(length) = packets.next_packet(&mut packet) {
+            self.link.send(&packet[..length])?;
+        }
+        Ok(())
+    }
+
+    /// Sends a command; answers come in while [`Self::run_until`] works.
+    ///
+    /// # Errors
+    /// [`SessionError`] when the link is gone.
+    pub fn command(&mut self, command: Command) -> Result<(), SessionError> {
+        self.send(&Message::Command(command))
+    }
+
+    /// Sends a map.
+    ///
+    /// # Errors
+    /// [`SessionError`] when the link is gone; the packets before that were sent.
+    pub fn send_map(&mut self, info: &MapInfo, map: &ForceMap) -> Result<SentMap, SessionError> {
+        let start = Instant::now();
+        self.packets.clear();
+        self.lengths.clear();
+        encode_map(info, map, |packet| {
+            self.packets.extend_from_slice(packet);
+            self.lengths.push(packet.len());
+        });
+        let encoded = Instant::now();
+        let mut rest = &self.packets[..];
+        for &length in &self.lengths {
+            let (packet, after) = rest.split_at(length);
+            self.link.send(packet)?;
+            rest = after;
+        }
+        let handed_over = Instant::now();
+        self.shadow.sent(info.sensor, info.sequence, map);
+        let us = |from: Instant, to: Instant| (to - from).as_secs_f64() * 1e6;
+        Ok(SentMap {
+            bytes: self.packets.len(),
+            encode_us: us(start, encoded),
+            link_us: us(encoded, handed_over),
+        })
+    }
+
+    /// Lets the link work until `until_us` and checks what came in.
+    ///
+    /// # Errors
+    /// [`SessionError`] when the link is gone.
+    pub fn run_until(&mut self, until_us: u64) -> Result<(), SessionError> {
+        let Self { link, inbox, .. } = self;
+        inbox.statuses.clear();
+        link.run_until(until_us, &mut |packet| inbox.packet(packet))?;
+        self.now_us = until_us.max(self.now_us);
+        for status in &self.inbox.statuses {
+            self.shadow.answered(status);
+        }
+        Ok(())
+    }
+
+    /// Time of the link's clock.
+    #[must_use]
+    pub const fn now_us(&self) -> u64 {
+        self.now_us
+    }
+
+    /// The settings that the microcontroller confirmed.
+    #[must_use]
+    pub const fn settings(&self) -> &Configuration {
+        &self.settings
+    }
+
+    /// The newest status.
+    #[must_use]
+    pub fn status(&self) -> Option<&Status> {
+        self.inbox.latest.as_ref()
+    }
+
+    /// The last refused command, once.
+    pub fn take_refusal(&mut self) -> Option<Refusal> {
+        self.inbox.refusal.take()
+    }
+
+    /// What the comparison of the microcontroller's answers with our own says.
+    #[must_use]
+    pub const fn shadow(&self) -> &Shadow {
+        &self.shadow
+    }
+
+    /// What the link's receiving end has seen.
+    #[must_use]
+    pub const fn counters(&self) -> Counters {
+        self.inbox.parser.counters()
+    }
+
+    /// Hands a packet to the link as it is, right or wrong: for tests of the other end.
+    ///
+    /// # Errors
+    /// [`SessionError`] when the link is gone.
+    pub fn send_raw(&mut self, packet: &[u8]) -> Result<(), SessionError> {
+        Ok(self.link.send(packet)?)
+    }
+
+    /// The code on the DAC of the grip-force line, where the link can see it.
+    #[must_use]
+    pub fn line_code(&self) -> Option<u16> {
+        self.link.line_code()
+    }
+
+    /// What the link is, for people.
+    #[must_use]
+    pub fn link_name(&self) -> String {
+        self.link.name()
+    }
+}

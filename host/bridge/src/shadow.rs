@@ -1,0 +1,105 @@
+//! The shadow check: the host computes, with the microcontroller's own code, what every map it sent must lead to,
+//! and compares the answers. A difference means a broken wire format, a broken build or broken silicon.
+//! Limits: remembers the last 32 maps of each fingertip.
+
+use gripline_firmware::sums::{TaxelRule, sums_of};
+use gripline_protocol::message::{MapSums, Status};
+use gripline_protocol::{ForceMap, SENSORS};
+
+const REMEMBERED: usize = 32;
+
+#[derive(Debug, Clone, Copy)]
+struct Expected {
+    sequence: u32,
+    sums: MapSums,
+    coulomb_slip: bool,
+}
+
+/// What the maps under way must lead to.
+#[derive(Debug)]
+pub struct Shadow {
+    rule: TaxelRule,
+    expected: [[Option<Expected>; REMEMBERED]; SENSORS],
+    checked: u64,
+    mismatches: u64,
+}
+
+impl Shadow {
+    /// `rule` is the one that the microcontroller was configured with.
+    #[must_use]
+    pub fn new(rule: TaxelRule) -> Self {
+        Self {
+            rule,
+            expected: [[None; REMEMBERED]; SENSORS],
+            checked: 0,
+            mismatches: 0,
+        }
+    }
+
+    /// A map goes out.
+    pub fn sent(&mut self, sensor: u8, sequence: u32, map: &ForceMap) {
+        let sums = sums_of(map, self.rule);
+        let [x, y, normal] = sums.force;
+        let coulomb_slip = self.rule.friction.exceeded_by([x, y], normal);
+        if let Some(maps) = self.expected.get_mut(usize::from(sensor)) {
+            maps[sequence as usize % REMEMBERED] = Some(Expected {
+                sequence,
+                sums,
+                coulomb_slip,
+            });
+        }
+    }
+
+    /// An answer came: `Some(true)` when it is right, `None` when it belongs to no map that is remembered.
+    pub fn answered(&mut self, status: &Status) -> Option<bool> {
+        let maps = self.expected.get(usize::from(status.sensor))?;
+        let expected =
+            maps[status.sequence as usize % REMEMBERED].filter(|map| map.sequence == status.sequence)?;
+        let right = (expected.sums, expected.coulomb_slip) == (status.sums, status.coulomb_slip);
+        self.checked += 1;
+        self.mismatches += u64::from(!right);
+        Some(right)
+    }
+
+    /// Answers compared so far.
+    #[must_use]
+    pub const fn checked(&self) -> u64 {
+        self.checked
+    }
+
+    /// Answers that were wrong.
+    #[must_use]
+    pub const fn mismatches(&self) -> u64 {
+        self.mismatches
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use gripline_firmware::Friction;
+    use gripline_protocol::TaxelForce;
+
+    #[test]
+    fn one_taxel_judged_otherwise_is_a_mismatch() {
+        let rule = TaxelRule {
+            friction: Friction::clamped(4_500),
+            contact_min: 0,
+        };
+        let mut map = ForceMap::EMPTY;
+        map.taxels[7] = TaxelForce { x: 9, y: 0, z: 20 };
+        let mut shadow = Shadow::new(rule);
+        shadow.sent(0, 5, &map);
+        let right = Status {
+            sequence: 5,
+            sums: sums_of(&map, rule),
+            ..Status::default()
+        };
+        assert_eq!(shadow.answered(&right), Some(true));
+        let mut wrong = right;
+        wrong.sums.stick = 0;
+        assert_eq!(shadow.answered(&wrong), Some(false));
+        assert_eq!(shadow.answered(&Status { sequence: 6, ..right }), None);
+        assert_eq!((shadow.checked(), shadow.mismatches()), (2, 1));
+    }
+}

@@ -1,0 +1,92 @@
+//! What the pipeline says about every frame, for the view, for `--json` and for the summary.
+//! Units in the names; forces in newtons, moments in newton-millimetres about the map's centre.
+
+use serde::Serialize;
+
+use crate::gate::Verdict;
+
+/// Names of the stages in the order in which a frame passes them.
+pub const STAGES: [&str; 5] = ["downsample", "gate", "network", "encode", "link"];
+
+/// One frame, as far as the microcontroller has answered it.
+#[derive(Debug, Clone, Serialize)]
+pub struct FrameReport {
+    /// Number of the frame, from 0.
+    pub frame: u64,
+    /// Time of the picture since start.
+    pub t_s: f64,
+    /// What the scene gate decided.
+    pub gate: Verdict,
+    /// Total normal force, as summed by the microcontroller.
+    #[serde(rename = "fn")]
+    pub normal_n: f64,
+    /// Total shear along the map's rows.
+    #[serde(rename = "fx")]
+    pub shear_x_n: f64,
+    /// Total shear along the map's columns.
+    #[serde(rename = "fy")]
+    pub shear_y_n: f64,
+    /// Length of the total shear.
+    #[serde(rename = "ft")]
+    pub shear_n: f64,
+    /// Moment about z.
+    #[serde(rename = "mz")]
+    pub moment_nmm: f64,
+    /// Taxels in contact.
+    pub contact: u16,
+    /// Taxels in contact that stick.
+    pub stick: u16,
+    /// stick / contact; `None` when nothing touches.
+    pub stick_ratio: Option<f64>,
+    /// Coulomb baseline F_T > μ F_N.
+    pub coulomb_slip: bool,
+    /// Slip state: `NO CONTACT`, `STICK`, `INCIPIENT`, `SLIP`.
+    pub state: &'static str,
+    /// Estimated time to slip.
+    pub time_to_slip_ms: Option<u16>,
+    /// Grip-force line.
+    pub line_n: f64,
+    /// Frame bytes in to bytes for the microcontroller out.
+    pub latency_us: f64,
+    /// Time of each of [`STAGES`], in their order; 0 where the gate skipped it.
+    pub stages_us: [f64; STAGES.len()],
+    /// Names of the faults that are there or latched.
+    pub faults: Vec<&'static str>,
+    /// Bytes on the wire for this map.
+    pub wire_bytes: usize,
+    /// What the simulated world knows; `None` for real cameras.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub truth: Option<Truth>,
+}
+
+/// What the simulated world knows about a frame.
+#[derive(Debug, Clone, Serialize)]
+pub struct Truth {
+    /// Part of the scene's script.
+    pub phase: &'static str,
+    /// Normal force of the object on the skin.
+    pub normal_n: f64,
+    /// Shear force of the object on the skin.
+    pub shear_n: f64,
+    /// True share of the contact area that sticks.
+    pub stick_ratio: Option<f64>,
+    /// The whole contact slides.
+    pub gross_slip: bool,
+    /// How far the object has slid since the scene began.
+    pub slip_mm: f64,
+}
+
+/// What stays the same over a run and the view needs to know.
+#[derive(Debug, Clone, Copy)]
+pub struct Limits {
+    /// Detector's friction coefficient.
+    pub friction: f64,
+    /// Stick ratio below which the state is SLIP.
+    pub slip_threshold: f64,
+    /// A taxel is in contact above this normal force.
+    pub contact_min_n: f64,
+    /// Least and greatest grip force.
+    pub floor_n: f64,
+    /// Greatest grip force.
+    pub ceiling_n: f64,
+}
