@@ -1,0 +1,98 @@
+//! Every physical and geometric constant of the test world, with unit, value and source.
+//! "Paper" is Griffa, Sferrazza, D'Andrea; "assumed" marks what the paper does not give.
+
+/// Taxels along one side of the force map (paper: 20 x 20).
+pub const TAXELS: usize = 20;
+/// Taxels in a force map.
+pub const TAXEL_COUNT: usize = TAXELS * TAXELS;
+/// Side of one taxel, mm: the map covers 32 mm (paper's sensing surface).
+pub const TAXEL_PITCH_MM: f64 = 1.6;
+/// Half of the sensing surface, mm.
+pub const HALF_SURFACE_MM: f64 = 0.5 * TAXELS as f64 * TAXEL_PITCH_MM;
+
+/// Side of the camera crop, pixels (paper: 640 x 480 cropped to 440 x 440).
+pub const CROP_PX: usize = 440;
+/// Side of the network's input, pixels (paper: 88 x 88).
+pub const NETWORK_PX: usize = 88;
+
+/// Thickness of the soft layers over the stiff base, mm (assumed; the stiff layer counts as rigid, as in
+/// the paper).
+pub const GEL_THICKNESS_MM: f64 = 6.0;
+/// Young's modulus of the soft layers, MPa (assumed: shore 10A silicone, between 0.2 for small strain and the
+/// 0.435 of a published neo-Hookean fit of a comparable gel).
+pub const GEL_YOUNG_MPA: f64 = 0.4;
+/// Poisson's ratio of the soft layers (silicone is nearly incompressible).
+pub const GEL_POISSON: f64 = 0.49;
+
+/// Particles in the soft layer of one fingertip (project default).
+pub const PARTICLE_COUNT: usize = 5_000;
+/// Diameters of the particles, mm, smallest and largest (paper: 150 to 180 µm).
+pub const PARTICLE_DIAMETER_MM: [f64; 2] = [0.150, 0.180];
+/// Depth of particle centres under the surface, mm: below the black cover (assumed 1 mm), above the stiff
+/// layer.
+pub const PARTICLE_DEPTH_MM: [f64; 2] = [1.0, 5.5];
+/// Half width of the square that holds particles, mm: a little more than the sensing surface.
+pub const PARTICLE_HALF_WIDTH_MM: f64 = 18.0;
+
+/// Distance from the camera's centre of projection to the gel's rigid base, mm (assumed).
+pub const CAMERA_TO_BASE_MM: f64 = 12.0;
+
+/// Friction of the detector on the MCU (paper: fixed 0.45); stated here because the world's must lie above
+/// it.
+pub const DETECTOR_FRICTION: f64 = 0.45;
+/// True friction of the scripted scene (assumed; silicone on dry plastic holds 0.6 to 1).
+pub const SCENE_FRICTION: f64 = 0.65;
+// With the detector's friction at or above the world's, slipping taxels count as sticking.
+const _: () = assert!(SCENE_FRICTION > 1.2 * DETECTOR_FRICTION);
+/// Radius of the scripted scene's sphere, mm (assumed).
+pub const SCENE_SPHERE_RADIUS_MM: f64 = 12.0;
+/// Grip that the scripted scene expects to start with, N: held there, the object slips when pulled.
+pub const SCENE_INITIAL_GRIP_N: f64 = 2.5;
+
+/// Cells along one side of the grid of displacements; two to a taxel, so taxel borders are cell borders.
+pub const FIELD_CELLS: usize = 80;
+/// Side of one cell, mm; the period is 64 mm, twice the surface.
+pub const FIELD_PITCH_MM: f64 = 0.5 * TAXEL_PITCH_MM;
+/// Depths at which the displacements are computed, evenly over [`PARTICLE_DEPTH_MM`].
+pub const FIELD_LEVELS: usize = 10;
+
+/// Sigma of the lens's and the pixel's blur together, pixels of the crop (assumed: a sharp, cheap lens).
+pub const LENS_BLUR_PX: f64 = 0.6;
+/// Brightness of particles, lowest and highest, relative to a white surface in the middle of the image
+/// (assumed).
+pub const PARTICLE_BRIGHTNESS: [f64; 2] = [0.6, 0.95];
+/// Gray level of a fully bright particle over the background, middle of the image (assumed).
+pub const PARTICLE_LEVELS: f64 = 215.0;
+/// Gray level of the gel between particles, middle of the image (assumed).
+pub const BACKGROUND_LEVELS: f64 = 14.0;
+/// Light lost in the corner of the crop (assumed: LEDs around the lens, a fisheye's falling edge).
+pub const VIGNETTE: f64 = 0.25;
+/// Largest difference of light between the middle and an edge from unequal LEDs, by seed (assumed).
+pub const LIGHT_TILT: f64 = 0.08;
+/// Sigma of the sensor's noise, gray levels of the crop (assumed: a small sensor indoors).
+pub const SENSOR_NOISE_LEVELS: f64 = 2.0;
+
+/// One round of the scripted scene, s.
+pub const SCENE_LOOP_S: f64 = 12.0;
+/// Lag of the gripper's force behind its line, s (assumed: an electric gripper with a force loop).
+pub const SCENE_GRIPPER_LAG_S: f64 = 0.04;
+/// Fastest change of the gripper's force, N/s (assumed).
+pub const SCENE_GRIPPER_RATE_N_PER_S: f64 = 60.0;
+/// Largest force of the gripper, N (the line's full scale).
+pub const SCENE_GRIPPER_MAX_N: f64 = 40.0;
+/// One finger's share of the object's weight, N, along −y (the paper's heaviest object is 93 g).
+pub const SCENE_WEIGHT_N: f64 = 0.45;
+/// Largest extra pull on one finger, N: with the weight it needs a grip of about 4 N.
+pub const SCENE_PULL_N: f64 = 2.2;
+/// Direction of the pull, a unit vector.
+pub const SCENE_PULL_DIRECTION: [f64; 2] = [0.6, -0.8];
+/// Largest twist on one finger, N·mm: it needs a grip of about 4.5 N.
+pub const SCENE_TWIST_NMM: f64 = 7.0;
+/// Drag of the sliding object, N·s/mm: 0.5 N too much slides it 25 mm in a second (assumed).
+pub const SCENE_DRAG_N_S_PER_MM: f64 = 0.02;
+/// An object that slid this far has left the grip, mm.
+pub const SCENE_DROP_MM: f64 = 6.0;
+/// Largest distance of the contact from the middle along each axis, mm.
+pub const SCENE_CONTACT_OFFSET_MM: f64 = 2.5;
+/// Slow change of the light, share of nominal.
+pub const SCENE_BRIGHTNESS_DRIFT: f64 = 0.01;

@@ -1,0 +1,64 @@
+//! What can go wrong in this crate: a parameter outside its range, or a contact solve that did not converge.
+//! Every message names the field, what was found and what was expected.
+
+/// The error of every fallible call in this crate.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum SimulationError {
+    /// A number outside its range, or not a number.
+    #[error("{field} is {found}, expected {expected}")]
+    OutOfRange {
+        /// Name of the field, unit included.
+        field: &'static str,
+        /// The value that was given.
+        found: f64,
+        /// The range that is accepted.
+        expected: &'static str,
+    },
+    /// The loads of this step were not reached; the state before the step is kept.
+    #[error(
+        "contact loads are off by {found} of the friction limit after {iterations} iterations, expected at most \
+         {expected}: use smaller load steps"
+    )]
+    NoConvergence {
+        /// Residual, as a share of the friction limit.
+        found: f64,
+        /// The bound on it.
+        expected: f64,
+        /// Newton steps taken.
+        iterations: usize,
+    },
+}
+
+/// `value`, if it is finite and `ok` holds for it.
+pub(crate) fn checked(
+    field: &'static str,
+    value: f64,
+    expected: &'static str,
+    ok: impl Fn(f64) -> bool,
+) -> Result<f64, SimulationError> {
+    if value.is_finite() && ok(value) {
+        Ok(value)
+    } else {
+        Err(SimulationError::OutOfRange {
+            field,
+            found: value,
+            expected,
+        })
+    }
+}
+
+/// A finite value above zero.
+pub(crate) fn positive(field: &'static str, value: f64) -> Result<f64, SimulationError> {
+    checked(field, value, "a finite number above 0", |v| v > 0.0)
+}
+
+/// A finite value, zero or above.
+pub(crate) fn not_negative(field: &'static str, value: f64) -> Result<f64, SimulationError> {
+    checked(field, value, "a finite number, 0 or above", |v| v >= 0.0)
+}
+
+/// Any finite value.
+pub(crate) fn finite(field: &'static str, value: f64) -> Result<f64, SimulationError> {
+    checked(field, value, "a finite number", |_| true)
+}

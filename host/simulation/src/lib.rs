@@ -1,0 +1,29 @@
+//! The test world of Gripline: a soft fingertip whose inner particles a camera sees, pressed, sheared and
+//! twisted by a sphere. First form: closed-form contact (Hertz, Cattaneo–Mindlin, Jäger), linear gel, one
+//! sphere. Units: mm, N, MPa (= N/mm²), N·mm, s. x and y lie in the surface, z points into the skin. Forces
+//! are what the object exerts on the skin. Same seed, parameters and calls: same images, bit for bit.
+#![forbid(unsafe_code)]
+
+mod camera;
+pub mod closed_form;
+pub mod constants;
+mod contact;
+mod error;
+mod field;
+mod fingertip;
+mod gel;
+mod image;
+mod particles;
+mod random;
+mod sample;
+mod scene;
+mod springs;
+
+pub use camera::Camera;
+pub use contact::{ContactState, ForceMap, Load, SphereContact, SphereParams};
+pub use error::SimulationError;
+pub use fingertip::{Fingertip, FingertipParams};
+pub use gel::Gel;
+pub use image::{Image, block_mean_88};
+pub use sample::{Sample, SampleGenerator};
+pub use scene::{GripScene, SceneFrame};
