@@ -5,10 +5,19 @@ use std::process::ExitCode;
 
 use clap::Parser;
 use gripline::cli::{Cli, Command};
+use gripline::error::Kind;
 use gripline::{detect, run};
 
 fn main() -> ExitCode {
-    let cli = Cli::parse();
+    let cli = match Cli::try_parse() {
+        Ok(cli) => cli,
+        Err(error) if error.use_stderr() => {
+            eprintln!("gripline: {}", one_line(&error.to_string()));
+            return ExitCode::from(Kind::Usage.exit_code());
+        }
+        // `--help` and `--version` come this way too.
+        Err(text) => text.exit(),
+    };
     let ended = match cli.command.unwrap_or_default() {
         Command::Run(args) => run::run(&args),
         Command::Detect(args) => detect::run(&args),
@@ -20,4 +29,13 @@ fn main() -> ExitCode {
             ExitCode::from(failure.kind.exit_code())
         }
     }
+}
+
+/// The parser's message without its heading, usage and hints: what was found and what was expected.
+fn one_line(message: &str) -> String {
+    let told = message
+        .lines()
+        .take_while(|line| !line.starts_with("Usage:") && !line.starts_with("For more"));
+    let told: Vec<_> = told.map(str::trim).filter(|line| !line.is_empty()).collect();
+    told.join(" ").trim_start_matches("error: ").to_owned()
 }

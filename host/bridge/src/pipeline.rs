@@ -22,7 +22,7 @@ pub struct Processed<'a> {
     pub verdict: Verdict,
     /// What is known against this map.
     pub health: Health,
-    /// Time for downsampling, gate and network with quantisation.
+    /// Time for downsampling, gate, and network with quantisation (0 when the gate skipped it).
     pub stages_us: [f64; 3],
 }
 
@@ -101,6 +101,11 @@ impl Pipeline {
         }
         let inferred = Instant::now();
         let us = |from: Instant, to: Instant| (to - from).as_secs_f64() * 1e6;
+        let network_us = if verdict == Verdict::Network {
+            us(gated, inferred)
+        } else {
+            0.0
+        };
         Ok(Processed {
             map: &self.map,
             verdict,
@@ -109,11 +114,7 @@ impl Pipeline {
             } else {
                 Health::GOOD
             },
-            stages_us: [
-                us(start, downsampled),
-                us(downsampled, gated),
-                us(gated, inferred),
-            ],
+            stages_us: [us(start, downsampled), us(downsampled, gated), network_us],
         })
     }
 }

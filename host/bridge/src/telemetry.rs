@@ -40,7 +40,7 @@ pub struct FrameReport {
     pub stick_ratio: Option<f64>,
     /// Coulomb baseline F_T > μ F_N.
     pub coulomb_slip: bool,
-    /// Slip state: `NO CONTACT`, `STICK`, `INCIPIENT`, `SLIP`.
+    /// Slip state: `NO_CONTACT`, `STICK`, `INCIPIENT`, `SLIP`.
     pub state: &'static str,
     /// Estimated time to slip.
     pub time_to_slip_ms: Option<u16>,

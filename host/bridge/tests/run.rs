@@ -44,9 +44,7 @@ fn assert_refused(arguments: &[&str], code: i32, parts: &[&str]) {
             "{arguments:?}: {part:?} is missing in: {error}"
         );
     }
-    if code == 1 {
-        assert_eq!(error.trim_end().lines().count(), 1, "{error}");
-    }
+    assert_eq!(error.trim_end().lines().count(), 1, "{error}");
 }
 
 #[test]

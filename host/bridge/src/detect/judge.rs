@@ -1,0 +1,161 @@
+//! One recorded map through the microcontroller's own detector: quantise, sums, stick ratio, Coulomb baseline. Pure.
+//! Units: newtons in; out in 1/4096 N with conversions to newtons and N·mm; friction and threshold in 1/10000.
+//! Limits: ±8 N a taxel, beyond which a component is clipped and counted.
+
+use gripline_firmware::Friction;
+use gripline_firmware::sums::{TaxelRule, stick_ratio_below, sums_of};
+use gripline_protocol::constants::TAXEL_PITCH_MM;
+use gripline_protocol::force_map::quantise_component;
+use gripline_protocol::message::MapSums;
+use gripline_protocol::{ForceMap, LSB_PER_NEWTON, TaxelForce};
+
+use crate::maps_file::FrameForces;
+
+/// What decides about a map.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Settings {
+    /// Friction coefficient of the detector.
+    pub friction: Friction,
+    /// A frame slips when its stick ratio is below this, 1/10000.
+    pub threshold: u16,
+    /// A taxel is in contact when its normal force exceeds this, 1/4096 N; at least 0.
+    pub contact_min: i16,
+    /// Newtons per unit of the recording.
+    pub scale: f64,
+}
+
+/// A recorded map in the wire's units.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Quantised {
+    /// The map.
+    pub map: ForceMap,
+    /// Components that did not fit ±8 N.
+    pub saturated: u16,
+    /// Greatest magnitude of a component before clipping, newtons.
+    pub greatest_n: f64,
+}
+
+/// Finite forces of a recording to wire units, rounded to nearest (ties away from zero).
+#[must_use]
+pub fn quantise(forces: &FrameForces, scale: f64) -> Quantised {
+    let mut quantised = Quantised {
+        map: ForceMap::EMPTY,
+        saturated: 0,
+        greatest_n: 0.0,
+    };
+    for (force, out) in forces.iter().zip(&mut quantised.map.taxels) {
+        let [x, y, z] = force.map(|component| {
+            let newton = component * scale;
+            let (steps, clipped) = quantise_component(newton);
+            quantised.saturated += u16::from(clipped);
+            quantised.greatest_n = quantised.greatest_n.max(newton.abs());
+            steps
+        });
+        *out = TaxelForce { x, y, z };
+    }
+    quantised
+}
+
+/// What the detector says about one map, for itself alone.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Verdict {
+    /// Contact, stick, total force, moment.
+    pub sums: MapSums,
+    /// F_T > μ F_N over the whole map: the Coulomb baseline.
+    pub coulomb_slip: bool,
+    /// Stick ratio below the threshold, decided exactly; never without contact.
+    pub slip: bool,
+}
+
+/// Judges one map.
+#[must_use]
+pub fn judge(map: &ForceMap, settings: &Settings) -> Verdict {
+    let rule = TaxelRule {
+        friction: settings.friction,
+        contact_min: settings.contact_min,
+    };
+    let sums = sums_of(map, rule);
+    let [x, y, normal] = sums.force;
+    Verdict {
+        sums,
+        coulomb_slip: settings.friction.exceeded_by([x, y], normal),
+        slip: stick_ratio_below(&sums, settings.threshold),
+    }
+}
+
+/// 1/4096 N to newtons, exact.
+#[must_use]
+pub fn newtons(lsb: i32) -> f64 {
+    f64::from(lsb) / f64::from(LSB_PER_NEWTON)
+}
+
+impl Verdict {
+    /// F_x, F_y and F_N over the whole map, newtons.
+    #[must_use]
+    pub fn force_n(&self) -> [f64; 3] {
+        self.sums.force.map(newtons)
+    }
+
+    /// F_T over the whole map, newtons.
+    #[must_use]
+    pub fn shear_n(&self) -> f64 {
+        let [x, y, _] = self.force_n();
+        x.hypot(y)
+    }
+
+    /// Moment about z at the centre of the 20×20 map, N·mm.
+    #[must_use]
+    pub fn moment_nmm(&self) -> f64 {
+        newtons(self.sums.moment) * (TAXEL_PITCH_MM / 2.0)
+    }
+
+    /// stick / contact; `None` when nothing is in contact.
+    #[must_use]
+    pub fn stick_ratio(&self) -> Option<f64> {
+        (self.sums.contact > 0).then(|| f64::from(self.sums.stick) / f64::from(self.sums.contact))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use gripline_protocol::TAXELS;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn a_float32_recording_in_newtons_becomes_the_map_that_a_run_would_send(
+            newtons in proptest::collection::vec(prop::array::uniform3(-9.0f32..9.0), TAXELS),
+        ) {
+            let newtons: [[f32; 3]; TAXELS] = newtons.try_into().unwrap();
+            let (map, saturated) = ForceMap::quantise(&newtons).unwrap();
+            let recorded = quantise(&newtons.map(|force| force.map(f64::from)), 1.0);
+            prop_assert_eq!((recorded.map, recorded.saturated), (map, saturated.0));
+        }
+    }
+
+    #[test]
+    fn the_moment_of_one_newton_upwards_at_the_right_edge_is_its_lever_in_millimetres() {
+        let mut forces = [[0.0; 3]; TAXELS];
+        forces[19][1] = 1.0; // row 0, column 19: x = 9.5 pitches of 1.6 mm
+        let settings = Settings {
+            friction: Friction::clamped(4_500),
+            threshold: 5_000,
+            contact_min: 0,
+            scale: 1.0,
+        };
+        let verdict = judge(&quantise(&forces, 1.0).map, &settings);
+        assert!((verdict.moment_nmm() - 15.2).abs() < 1e-12);
+        assert_eq!(verdict.stick_ratio(), None);
+    }
+
+    #[test]
+    fn forces_that_overflow_by_the_scale_are_clipped_and_counted() {
+        let mut forces = [[0.0; 3]; TAXELS];
+        forces[0] = [f64::MAX, -f64::MAX, 7.0];
+        let quantised = quantise(&forces, 1e10);
+        let [x, y, z] = [i16::MAX, i16::MIN, i16::MAX];
+        assert_eq!(quantised.map.taxels[0], TaxelForce { x, y, z });
+        assert_eq!(quantised.saturated, 3);
+    }
+}

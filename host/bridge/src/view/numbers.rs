@@ -1,0 +1,88 @@
+//! The numbers of the newest frame, the latencies of the last seconds, and what the keys do.
+
+use std::fmt::Write;
+
+use ratatui::buffer::Buffer;
+use ratatui::layout::Rect;
+use ratatui::style::{Modifier, Style};
+use ratatui::text::{Line, Span};
+
+use super::colour::{DIM, SLIP, TEXT};
+use super::history::{History, Quantiles};
+use crate::telemetry::{FrameReport, STAGES};
+
+/// Lines of the numbers.
+pub(super) const LINES: u16 = 4;
+/// Lines of the latencies.
+pub(super) const LATENCY_LINES: u16 = 3;
+/// Columns of the latency table's row names.
+const ROW_NAME_COLUMNS: usize = 9;
+/// Least columns of a latency: 99,999 µs.
+const LATENCY_COLUMNS: usize = 5;
+
+/// Forces, counts, gate and scene.
+pub(super) fn draw(report: &FrameReport, area: Rect, buffer: &mut Buffer) {
+    let ratio = report
+        .stick_ratio
+        .map_or_else(|| "–".into(), |ratio| format!("{ratio:.3}"));
+    let (contact, stick) = (report.contact, report.stick);
+    let wire = format!("{} B", report.wire_bytes);
+    let mut put = |column: u16, row: u16, name: &str, value: &str| {
+        let line = Line::from(vec![
+            Span::styled(format!("{name} "), DIM),
+            Span::styled(value.to_owned(), TEXT),
+        ]);
+        let x = area.x + column;
+        buffer.set_line(x, area.y + row, &line, area.right().saturating_sub(x));
+    };
+    put(0, 0, "F_N", &format!("{:>5.2} N", report.normal_n));
+    put(12, 0, "F_T", &format!("{:>5.2} N", report.shear_n));
+    put(24, 0, "M_z", &format!("{:>5.1} Nmm", report.moment_nmm));
+    put(0, 1, "contact", &format!("{contact:>3}"));
+    put(12, 1, "stick", &format!("{stick:>3}"));
+    put(24, 1, "ratio", &ratio);
+    put(0, 2, "gate", report.gate.name());
+    put(24, 2, "wire", &wire);
+    let Some(truth) = &report.truth else {
+        return;
+    };
+    put(0, 3, "scene", truth.phase);
+    put(16, 3, "slid", &format!("{:.2} mm", truth.slip_mm));
+    if truth.gross_slip {
+        let style = Style::new().fg(SLIP).add_modifier(Modifier::BOLD);
+        buffer.set_stringn(area.right().saturating_sub(7), area.y + 3, "SLIDING", 7, style);
+    }
+}
+
+/// Median and p99 of every stage and of the whole way, at the left; frame, rate and keys at the right.
+pub(super) fn draw_footer(report: &FrameReport, history: &History, area: Rect, buffer: &mut Buffer) {
+    let mut rows = ["latency", "median µs", "p99 µs"].map(|name| format!("{name:<ROW_NAME_COLUMNS$}"));
+    for (column, latency) in history.latencies().into_iter().enumerate() {
+        let name = STAGES.get(column).copied().unwrap_or("total");
+        let width = name.len().max(LATENCY_COLUMNS);
+        let us = |pick: fn(Quantiles) -> f64| {
+            latency.map_or_else(|| "–".into(), |quantiles| format!("{:.0}", pick(quantiles)))
+        };
+        let cells = [name.into(), us(|both| both.median_us), us(|both| both.p99_us)];
+        for (row, cell) in rows.iter_mut().zip(cells) {
+            // Writing to a string cannot fail.
+            let _ = write!(row, "{cell:>width$}  ");
+        }
+    }
+    let rate = history
+        .frames_per_s()
+        .map_or_else(|| "–".into(), |rate| format!("{rate:.1}"));
+    let status = [
+        (format!("frame {}", report.frame), DIM),
+        (format!("{rate} frames/s"), TEXT),
+        ("q or Esc quits".into(), DIM),
+    ];
+    let colours = [DIM, TEXT, TEXT];
+    for (y, ((row, colour), (right, right_colour))) in
+        (area.y..area.bottom()).zip(rows.iter().zip(colours).zip(status))
+    {
+        buffer.set_stringn(area.x, y, row, area.width.into(), colour);
+        let width = (right.chars().count() as u16).min(area.width);
+        buffer.set_stringn(area.right() - width, y, right, width.into(), right_colour);
+    }
+}

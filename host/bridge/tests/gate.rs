@@ -1,0 +1,112 @@
+//! What skipping does to decisions: the same pictures of the scene through the pipeline with and without the gate,
+//! each with a detector of its own. Once the gripper follows the one without, once it does nothing against slip.
+
+use gripline::gate::Verdict;
+use gripline::link::EmbeddedLink;
+use gripline::pipeline::Pipeline;
+use gripline::session::Session;
+use gripline::source::SimulatedSource;
+use gripline_network::ForceNetwork;
+use gripline_protocol::message::{Command, Configuration, GripMode};
+use gripline_protocol::{LSB_PER_NEWTON, MapInfo};
+
+struct Chain {
+    pipeline: Pipeline,
+    session: Session,
+    mode: Option<GripMode>,
+}
+
+impl Chain {
+    fn new(rest: &[Vec<u8>], gate: bool) -> Self {
+        let network = ForceNetwork::embedded().unwrap();
+        let calibration = network.calibration();
+        let settings = Configuration {
+            friction: (calibration.friction * 1e4).round() as u16,
+            contact_min: (calibration.contact_min_n * LSB_PER_NEWTON as f32) as i16,
+            floor: 5 * LSB_PER_NEWTON / 2,
+            ..Configuration::DEFAULT
+        };
+        let session = Session::open(Box::new(EmbeddedLink::new()), settings).unwrap();
+        Self {
+            pipeline: Pipeline::new(network, rest, gate),
+            session,
+            mode: None,
+        }
+    }
+
+    /// Verdict, stick ratio, slip by the threshold, total normal force in newtons.
+    fn frame(&mut self, sequence: u32, crop: &[u8], wish: GripMode) -> (Verdict, Option<f64>, bool, f64) {
+        if self.mode != Some(wish) {
+            let command = if wish == GripMode::Hold {
+                Command::Hold
+            } else {
+                Command::Release
+            };
+            self.session.command(command).unwrap();
+            self.mode = Some(wish);
+        }
+        let processed = self.pipeline.process(crop).unwrap();
+        let info = MapInfo {
+            sequence,
+            capture_us: self.session.now_us() as u32,
+            ..MapInfo::default()
+        };
+        self.session.send_map(&info, processed.map).unwrap();
+        let verdict = processed.verdict;
+        self.session.run_until(self.session.now_us() + 16_667).unwrap();
+        let sums = self.session.status().unwrap().sums;
+        let ratio = (sums.contact > 0).then(|| f64::from(sums.stick) / f64::from(sums.contact));
+        (
+            verdict,
+            ratio,
+            ratio.is_some_and(|ratio| ratio < 0.5),
+            f64::from(sums.force[2]) / f64::from(LSB_PER_NEWTON),
+        )
+    }
+}
+
+#[test]
+fn skipping_saves_frames_and_changes_hardly_a_decision() {
+    let (mut frames, mut skipped, mut flips, mut missed, mut slip_frames) = (0, 0, 0, 0, 0);
+    let (mut worst_ratio, mut mean_ratio, mut worst_force_n) = (0.0_f64, 0.0, 0.0_f64);
+    for (seed, follows) in [(11, true), (12, false)] {
+        let mut source = SimulatedSource::new(seed, 60.0);
+        let rest = source.rest(16);
+        let (mut every, mut gated) = (Chain::new(&rest, false), Chain::new(&rest, true));
+        for sequence in 0..720 {
+            let line = every
+                .session
+                .status()
+                .filter(|_| follows)
+                .map(|status| status.line);
+            let line_n = line.map_or(2.5, |line| f64::from(line) / f64::from(LSB_PER_NEWTON));
+            let picture = source.next(line_n).unwrap();
+            let full = every.frame(sequence, &picture.crop, picture.wish);
+            let gate = gated.frame(sequence, &picture.crop, picture.wish);
+            frames += 1;
+            skipped += u32::from(gate.0 != Verdict::Network);
+            missed += u32::from(gate.0 == Verdict::NoContact && picture.truth.normal_n >= 0.2);
+            flips += u32::from(full.2 != gate.2);
+            slip_frames += u32::from(full.2);
+            let difference = (full.1.unwrap_or(1.0) - gate.1.unwrap_or(1.0)).abs();
+            worst_ratio = worst_ratio.max(difference);
+            mean_ratio += difference;
+            worst_force_n = worst_force_n.max((full.3 - gate.3).abs());
+        }
+    }
+    mean_ratio /= f64::from(frames);
+    println!(
+        "{skipped} of {frames} frames skipped; {flips} slip decisions differ ({slip_frames} slip frames), stick ratio by \
+         {mean_ratio:.4} on average and {worst_ratio:.3} at most, F_N by {worst_force_n:.3} N at most; {missed} touches missed"
+    );
+    assert_eq!(missed, 0, "a touch of 0.2 N or more was taken for no contact");
+    assert!(
+        skipped * 3 > frames,
+        "the gate saved little: {skipped} of {frames}"
+    );
+    assert!(flips * 200 <= frames, "{flips} of {frames} decisions differ");
+    assert!(
+        mean_ratio < 0.02,
+        "stick ratios differ by {mean_ratio:.4} on average"
+    );
+}
