@@ -4,7 +4,7 @@
 //! checks every answer of the real one.
 //!
 //! [`friction`] decides about a taxel, [`sums`] about a map, [`slip`] about the contact, [`grip`] about the force,
-//! [`safety`] about faults; [`line`] turns force into volts; [`mcu`] joins them.
+//! [`safety`] about faults; [`mod@line`] turns force into volts; [`mcu`] joins them.
 #![no_std]
 #![forbid(unsafe_code)]
 

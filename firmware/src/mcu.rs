@@ -186,10 +186,14 @@ impl Mcu {
                 decided = self.map(info);
             }
             Ok(Event::Fragment) => {}
-            Ok(Event::Message(bytes)) => if let Ok(message) = Message::from_bytes(bytes) { self.message(&message) } else {
-                self.safety.set(Fault::UnreadableMessage, true);
-                self.refuse(Refusal::Unreadable);
-            },
+            Ok(Event::Message(bytes)) => {
+                if let Ok(message) = Message::from_bytes(bytes) {
+                    self.message(&message);
+                } else {
+                    self.safety.set(Fault::UnreadableMessage, true);
+                    self.refuse(Refusal::Unreadable);
+                }
+            }
             Err(_) => {
                 self.safety.packet_refused();
                 return self.action(false);

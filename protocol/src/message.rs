@@ -398,7 +398,7 @@ impl SlipState {
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
-            Self::NoContact => "NO CONTACT",
+            Self::NoContact => "NO_CONTACT",
             Self::Stick => "STICK",
             Self::Incipient => "INCIPIENT",
             Self::Slip => "SLIP",

@@ -5,6 +5,7 @@
 use gripline::link::{EmulatorLink, Link};
 use gripline::session::{Session, rule_of};
 use gripline_firmware::GripForce;
+use gripline_firmware::constants::DECIDE_BUDGET_CYCLES;
 use gripline_firmware::line::DAC_LIVE_ZERO;
 use gripline_firmware::sums::{stick_ratio, sums_of, total_shear};
 use gripline_protocol::message::{Command, Configuration, GripMode, SlipState, Status};
@@ -256,4 +257,33 @@ fn noise_on_the_line_before_a_map_does_not_cost_the_map() {
         session.status().unwrap().sums,
         sums_of(&map(3), rule_of(&SETTINGS))
     );
+}
+
+/// First evidence for the bound of 25 µs (4,200 cycles at 168 MHz); the emulator counts an instruction as a cycle.
+#[test]
+#[ignore = "needs the emulator and the image: cargo xtask test"]
+fn a_dense_map_is_decided_within_the_budget() {
+    let mut board = Board::holding();
+    let dense = ForceMap {
+        taxels: [TaxelForce {
+            x: 90,
+            y: -40,
+            z: 700,
+        }; 400],
+    };
+    for _ in 0..5 {
+        board.sequence += 1;
+        let info = MapInfo {
+            sequence: board.sequence,
+            ..MapInfo::default()
+        };
+        board.session.send_map(&info, &dense).unwrap();
+        // 2,632 bytes take 29 ms at 921,600 baud.
+        board.wait(40_000);
+    }
+    let status = *board.session.status().unwrap();
+    board.assert_sums(&status, &dense, "dense map");
+    let [packet, decide, line, tick] = status.worst_cycles;
+    println!("instructions at worst: packet {packet}, decide {decide}, line {line}, tick {tick}");
+    assert!(decide + line <= DECIDE_BUDGET_CYCLES, "{decide} + {line}");
 }

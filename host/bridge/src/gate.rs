@@ -252,7 +252,7 @@ mod tests {
     #[test]
     fn a_camera_without_noise_is_gated_too() {
         let rest = [100; PIXELS];
-        let mut gate = Gate::new(&rest, &[rest; 4]);
+        let mut gate = Gate::new(&rest, &vec![rest; 4]);
         assert_eq!(gate.judge(&rest), Verdict::NoContact);
         assert_eq!(gate.judge(&moved(rest, 1, 1)), Verdict::Network);
     }

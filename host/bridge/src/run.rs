@@ -107,7 +107,9 @@ impl fmt::Display for GateChoice {
 /// The last line of `--json`.
 #[derive(Debug, Serialize)]
 struct Summary {
-    summary: bool,
+    /// Always true: tells this object from those of the frames.
+    #[serde(rename = "summary")]
+    is_summary: bool,
     mcu: String,
     frames: u64,
     seconds: f64,
@@ -240,7 +242,7 @@ struct Run {
 impl Run {
     fn new(session: Session, paced: bool) -> Self {
         let summary = Summary {
-            summary: true,
+            is_summary: true,
             mcu: session.link_name(),
             frames: 0,
             seconds: 0.0,

@@ -162,6 +162,7 @@ fn broken(found: impl Into<String>) -> LinkError {
     }
 }
 
+#[expect(clippy::needless_pass_by_value, reason = "the shape that map_err wants")]
 fn ended(error: io::Error) -> LinkError {
     broken(format!(
         "the emulator ended, expected it to answer ({error}); its reason stands above"

@@ -1,0 +1,45 @@
+//! What differs between boards: the chip, its clocks, its name on the wire.
+//!
+//! Both boards: 8 MHz crystal, 168 MHz core, grip-force line on PA4, UART on PA9 (out) and PA10 (in), USB on PA11
+//! and PA12. Limits: the STM32F427 could run at 180 MHz; it runs at 168 so that one time bound holds for both.
+
+use embassy_stm32::Config;
+use embassy_stm32::rcc::{
+    AHBPrescaler, APBPrescaler, Hse, HseMode, Pll, PllMul, PllPDiv, PllPreDiv, PllQDiv, PllSource, Sysclk,
+    mux,
+};
+use embassy_stm32::time::Hertz;
+
+/// This board's name in logs, and its number in the handshake (0 is the host).
+#[cfg(feature = "stm32f405rg")]
+pub(crate) const BOARD: (&str, u8) = ("stm32f405rg", 1);
+/// This board's name in logs, and its number in the handshake (0 is the host).
+#[cfg(all(feature = "stm32f427vi", not(feature = "stm32f405rg")))]
+pub(crate) const BOARD: (&str, u8) = ("stm32f427vi", 2);
+
+/// The crystal of both boards, hertz.
+const CRYSTAL: Hertz = Hertz(8_000_000);
+
+/// 8 MHz / 4 = 2 MHz into the PLL, × 168 = 336 MHz inside, / 2 = 168 MHz core, / 7 = 48 MHz USB;
+/// the slow bus at 42 MHz (DAC, TIM5 at twice that), the fast one at 84 MHz (USART1).
+pub(crate) fn clocks() -> Config {
+    let mut config = Config::default();
+    config.rcc.hse = Some(Hse {
+        freq: CRYSTAL,
+        mode: HseMode::Oscillator,
+    });
+    config.rcc.pll_src = PllSource::HSE;
+    config.rcc.pll = Some(Pll {
+        prediv: PllPreDiv::DIV4,
+        mul: PllMul::MUL168,
+        divp: Some(PllPDiv::DIV2),
+        divq: Some(PllQDiv::DIV7),
+        divr: None,
+    });
+    config.rcc.sys = Sysclk::PLL1_P;
+    config.rcc.ahb_pre = AHBPrescaler::DIV1;
+    config.rcc.apb1_pre = APBPrescaler::DIV4;
+    config.rcc.apb2_pre = APBPrescaler::DIV2;
+    config.rcc.mux.clk48sel = mux::Clk48sel::PLL1_Q;
+    config
+}

@@ -1,0 +1,63 @@
+//! The grip-force line as a voltage: DAC channel 1 on PA4, with a live zero, so that a broken wire shows.
+//!
+//! Units: force in 1/4096 N, DAC codes of 12 bits. The registers are written directly: the driver of the HAL resets
+//! the DAC when it opens it, which would drop a line that was restored after a watchdog reset.
+//! Limits: the DAC's own buffer is off, because it does not reach the supply (it stops 0.2 V short); the op-amp behind
+//! the pin must draw no current (source resistance 15 kΩ).
+
+use core::convert::Infallible;
+
+use embassy_stm32::gpio::Flex;
+use embassy_stm32::pac;
+use embassy_stm32::{Peri, peripherals};
+use gripline_firmware::GripForce;
+use gripline_firmware::line::{DAC_LIVE_ZERO, GripLine};
+
+use crate::reset;
+
+/// The line of this board; remembers what it shows in memory that survives a reset.
+pub(crate) struct AnalogLine {
+    shown: GripForce,
+}
+
+impl AnalogLine {
+    /// Drives the line to `force` from whatever state a reset left. Needs no clock but the internal one.
+    pub(crate) fn start(force: GripForce) -> Self {
+        pac::RCC.apb1enr().modify(|enable| enable.set_dacen(true));
+        // The clock takes two cycles to arrive (errata, "Delay after an RCC peripheral clock enabling").
+        let _ = pac::RCC.apb1enr().read();
+        // The value before the output, so that the output never shows zero volts.
+        write_code(force);
+        pac::DAC1.cr().modify(|control| {
+            control.set_boff(0, true);
+            control.set_en(0, true);
+        });
+        write_code(force);
+        reset::keep_line(force);
+        Self { shown: force }
+    }
+}
+
+impl GripLine for AnalogLine {
+    type Error = Infallible;
+
+    fn write(&mut self, force: GripForce) -> Result<(), Infallible> {
+        if force != self.shown {
+            write_code(force);
+            reset::keep_line(force);
+            self.shown = force;
+        }
+        Ok(())
+    }
+}
+
+fn write_code(force: GripForce) {
+    let code = DAC_LIVE_ZERO.code(force);
+    pac::DAC1.dhr12r(0).write(|value| value.set_dhr(code));
+}
+
+/// Takes the pin away from everything else. The DAC drives it since [`AnalogLine::start`]; an analog pin no longer
+/// loads it with its digital input.
+pub(crate) fn route(pin: Peri<'static, peripherals::PA4>) {
+    Flex::new(pin).set_as_analog();
+}

@@ -1,0 +1,94 @@
+//! Gripline on the silicon: an STM32F4 that turns force maps into the grip-force line.
+//!
+//! Everything that decides is in the library; here are the pins, the clocks, the transports and the order of things.
+//! From most to least urgent (interrupt priority): time driver (2), UART byte in and out (3), map to line and the
+//! safety tick (4, `control`), USB packet memory (6), then in the gaps of all these the answers to the host, USB
+//! requests and watchdog. Nothing waits for a host: without one the safety tick and the watchdog alone run.
+//! Limits: one host at a time is answered, over the transport that spoke last.
+#![no_std]
+#![no_main]
+
+#[cfg(not(target_os = "none"))]
+compile_error!("build it for the chip: --target thumbv7em-none-eabihf");
+#[cfg(not(any(feature = "stm32f405rg", feature = "stm32f427vi")))]
+compile_error!("name the board: --features stm32f405rg or --features stm32f427vi");
+#[cfg(all(feature = "stm32f405rg", feature = "stm32f427vi"))]
+compile_error!("name one board, not two: an image runs on one chip");
+
+mod board;
+mod control;
+mod line;
+mod outbox;
+mod reset;
+mod uart;
+mod usb;
+mod watchdog;
+
+use defmt_rtt as _;
+use embassy_executor::{Executor, InterruptExecutor};
+use embassy_stm32::interrupt::{self, InterruptExt, Priority};
+use embassy_time::Instant;
+use gripline_firmware::{GripForce, Mcu, Start};
+use panic_probe as _;
+use static_cell::StaticCell;
+
+use crate::line::AnalogLine;
+use crate::watchdog::Watchdog;
+
+defmt::timestamp!("{=u64:us}", Instant::now().as_micros());
+
+/// Runs `control` in the interrupt of UART5, which no board wires.
+static URGENT: InterruptExecutor = InterruptExecutor::new();
+/// Runs everything that has time.
+static PATIENT: StaticCell<Executor> = StaticCell::new();
+static MCU: StaticCell<Mcu> = StaticCell::new();
+
+#[embassy_stm32::interrupt]
+unsafe fn UART5() {
+    // SAFETY: called from this handler only, and the interrupt is unmasked only by `URGENT.start`.
+    unsafe { URGENT.on_interrupt() }
+}
+
+#[cortex_m_rt::entry]
+fn main() -> ! {
+    // The grip first: the DAC went to zero with the reset, and an object may be in the gripper.
+    let reset = reset::read();
+    let line = AnalogLine::start(reset.line.unwrap_or(GripForce::ZERO));
+    // The watchdog next: a crystal that does not start must not end in silence.
+    let watchdog = Watchdog::start();
+
+    let p = embassy_stm32::init(board::clocks());
+    line::route(p.PA4);
+    control::start_cycle_counter();
+    // A byte must leave the UART within one byte time (10.9 µs), so its short handler may interrupt everything but time.
+    interrupt::TIM5.set_priority(Priority::P2);
+    interrupt::USART1.set_priority(Priority::P3);
+    interrupt::UART5.set_priority(Priority::P4);
+    interrupt::OTG_FS.set_priority(Priority::P6);
+
+    let (uart_in, uart_out) = uart::open(p.USART1, p.PA10, p.PA9);
+    let (usb_device, usb_in, usb_out) = usb::open(p.USB_OTG_FS, p.PA12, p.PA11);
+    let mcu = MCU.init(Mcu::new(Start {
+        now_us: Instant::now().as_micros(),
+        reset: reset.cause,
+        restored_line: reset.line,
+        board: board::BOARD.1,
+        session: reset.session,
+    }));
+
+    let urgent = URGENT.start(interrupt::UART5);
+    urgent.spawn(control::control(mcu, line, uart_in, usb_in).expect("one control task"));
+    // The log is written with interrupts masked for some microseconds: here, and nowhere on the way to the line.
+    defmt::info!(
+        "{=str} started: {}, line restored: {}",
+        board::BOARD.0,
+        reset.cause,
+        reset.line
+    );
+    PATIENT.init(Executor::new()).run(|spawner| {
+        spawner.spawn(uart::transmit(uart_out).expect("one UART task"));
+        spawner.spawn(usb::transmit(usb_out).expect("one USB task"));
+        spawner.spawn(usb::device(usb_device).expect("one USB device task"));
+        spawner.spawn(watchdog::guard(watchdog).expect("one watchdog task"));
+    })
+}

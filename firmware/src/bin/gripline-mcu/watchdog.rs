@@ -1,0 +1,58 @@
+//! The independent watchdog: it is fed only while the map-to-line path proves that it runs.
+//!
+//! Units: microseconds, milliseconds. Limits: its clock is the chip's own oscillator, 17 to 47 kHz around 32, so
+//! [`PERIOD_US`] is between 68 and 188 ms on a real chip.
+
+use core::sync::atomic::{AtomicU32, Ordering};
+
+use embassy_stm32::peripherals;
+use embassy_stm32::wdg::IndependentWatchdog;
+use embassy_time::{Duration, Ticker};
+
+/// How long the watchdog waits, microseconds at its nominal clock.
+const PERIOD_US: u32 = 100_000;
+/// How often the proof is looked at, milliseconds: three looks fit in the shortest real period.
+const LOOK_MS: u64 = 20;
+/// Safety ticks between two looks below which the path counts as dead; all is well at [`LOOK_MS`].
+const TICKS_MIN: u32 = 10;
+
+/// Safety ticks since the start, by the one task that makes them.
+static TICKS: AtomicU32 = AtomicU32::new(0);
+
+/// A running watchdog.
+pub(crate) struct Watchdog(IndependentWatchdog<'static, peripherals::IWDG>);
+
+impl Watchdog {
+    /// Starts it, before the clocks are set up: it has its own.
+    pub(crate) fn start() -> Self {
+        // SAFETY: the only handle that is ever used; the one of `embassy_stm32::init` is dropped unused.
+        let peripheral = unsafe { peripherals::IWDG::steal() };
+        let mut watchdog = IndependentWatchdog::new(peripheral, PERIOD_US);
+        watchdog.unleash();
+        // It starts with its longest reload value (512 ms); this loads ours.
+        watchdog.pet();
+        Self(watchdog)
+    }
+}
+
+/// Says that a safety tick was made. Called by the map-to-line path and nothing else.
+pub(crate) fn tick_made() {
+    // A store is enough for the one writer, and cannot be delayed by others as a read-modify-write loop can.
+    TICKS.store(TICKS.load(Ordering::Relaxed).wrapping_add(1), Ordering::Relaxed);
+}
+
+/// Feeds the watchdog. Deadline: the watchdog's period; budget: microseconds every 20 ms, in the gaps of everything
+/// else, so that a task that spins anywhere starves it. Miss: the chip resets and the line is restored.
+#[embassy_executor::task]
+pub(crate) async fn guard(mut watchdog: Watchdog) {
+    let mut look = Ticker::every(Duration::from_millis(LOOK_MS));
+    let mut seen = TICKS.load(Ordering::Relaxed);
+    loop {
+        look.next().await;
+        let ticks = TICKS.load(Ordering::Relaxed);
+        if ticks.wrapping_sub(seen) >= TICKS_MIN {
+            seen = ticks;
+            watchdog.0.pet();
+        }
+    }
+}

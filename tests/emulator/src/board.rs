@@ -1,0 +1,434 @@
+//! The emulated board: boot an image, put bytes on its UART, let virtual time pass, read its DAC line.
+//! Times are virtual nanoseconds since power-on and advance by the caller's steps alone. What the firmware does depends
+//! on the image and on which bytes were put on the line when: never on the machine, the wall clock, or how the time
+//! between was cut into steps. rigless runs a firmware in one call, so that call sits on a thread of its own and meets
+//! the caller at each stop.
+
+use std::path::Path;
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::thread::JoinHandle;
+
+use rigless::device::ResetCause;
+use rigless::emulator::{self, Driver, Host, Settled, Start, Stop};
+use rigless::image::Image;
+use rigless::session::Session;
+use rigless::symbols::Symbols;
+use rigless::time::VirtualNanos;
+
+use crate::constants::{FLASH_BASE, LOG_PERIOD_NS, PREDICATE_STEP_NS};
+use crate::dac::{CHANNELS, DacWrite};
+use crate::hardware::Hardware;
+use crate::rtt;
+use crate::uart::UartByte;
+
+/// Why a board could not be booted or run.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum EmulatorError {
+    /// The image does not start as an ELF file does.
+    #[error(
+        "image: expected an ELF file (first bytes 7f 45 4c 46), found {found}; build it with `cargo xtask firmware`"
+    )]
+    NotElf {
+        /// The first bytes, or what else is there.
+        found: String,
+    },
+    /// Nothing of the image lies where the core looks for its vector table.
+    #[error(
+        "image: expected a segment at {FLASH_BASE:#010x} (start of FLASH, the vector table), found {found}; \
+         link it with the memory.x of the firmware"
+    )]
+    NoFlash {
+        /// The segments that are there.
+        found: String,
+    },
+    /// The image is an ELF file that cannot be placed in this part.
+    #[error("image: {0}")]
+    Image(#[from] rigless::image::Error),
+    /// The emulator refused to run, or failed on its way.
+    #[error("emulator: {0}")]
+    Emulator(#[from] emulator::Error),
+    /// The emulator's thread could not be started.
+    #[error("emulator thread: {0}")]
+    Thread(#[from] std::io::Error),
+    /// The emulator's thread ended without saying why; its panic stands on standard error.
+    #[error("emulator: its thread ended unexpectedly")]
+    Ended,
+}
+
+/// A restart of the part after power-on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Reset {
+    /// Virtual time since power-on, nanoseconds.
+    pub at_ns: u64,
+    /// What asked for it: `IWDG`, `software` or `pin`.
+    pub cause: &'static str,
+}
+
+/// An emulated STM32F427 board running an image, standing still between calls.
+#[derive(Debug)]
+pub struct Board {
+    commands: Option<SyncSender<Command>>,
+    reports: Receiver<Result<Report, EmulatorError>>,
+    thread: Option<JoinHandle<()>>,
+    /// The instant asked for last. A stop comes up to one instruction later, and steps must not add that up.
+    until_ns: u64,
+    outbox: Vec<u8>,
+    now_ns: u64,
+    instructions: u64,
+    resets: Vec<Reset>,
+    dac_codes: [Option<u16>; CHANNELS],
+    dac_writes: Vec<DacWrite>,
+    uart_bytes: Vec<UartByte>,
+    uart_taken: usize,
+    log: Vec<u8>,
+    gaps: Vec<String>,
+}
+
+impl Board {
+    /// A board out of power-on with `elf`, the bytes of an ELF file, in its flash; no instruction has run.
+    ///
+    /// # Errors
+    /// An image that is no ELF file, has nothing at the start of FLASH, is built for another machine or does not
+    /// fit the part's memory.
+    pub fn boot(elf: &[u8]) -> Result<Self, EmulatorError> {
+        let image = image_of(elf)?;
+        let log_block = Symbols::read(elf, rigless::cpu::armv7m::code_address)
+            .ok()
+            .and_then(|s| s.get(rtt::SYMBOL).ok());
+        // One message each way at a time: the two sides take turns.
+        let (commands, inbox) = sync_channel(1);
+        let (outbox, reports) = sync_channel(1);
+        let thread = std::thread::Builder::new()
+            .name("emulated board".into())
+            .spawn(move || {
+                if let Err(error) = run(image, log_block, inbox, outbox.clone()) {
+                    // The caller may be gone; then nobody is left to tell.
+                    let _ = outbox.send(Err(error));
+                }
+            })?;
+        let mut board = Self {
+            commands: Some(commands),
+            reports,
+            thread: Some(thread),
+            until_ns: 0,
+            outbox: Vec::new(),
+            now_ns: 0,
+            instructions: 0,
+            resets: Vec::new(),
+            dac_codes: [None; CHANNELS],
+            dac_writes: Vec::new(),
+            uart_bytes: Vec::new(),
+            uart_taken: 0,
+            log: Vec::new(),
+            gaps: Vec::new(),
+        };
+        board.take_report()?;
+        Ok(board)
+    }
+
+    /// Puts `bytes` on the firmware's UART line. They go from the start of the next run, back to back at the baud
+    /// rate that the firmware set, after those that still wait; with the receiver off they wait for it.
+    pub fn uart_send(&mut self, bytes: &[u8]) {
+        self.outbox.extend_from_slice(bytes);
+    }
+
+    /// The bytes the firmware sent that no call has taken yet.
+    pub fn uart_take(&mut self) -> Vec<u8> {
+        let bytes = self.uart_bytes[self.uart_taken..]
+            .iter()
+            .map(|sent| sent.byte)
+            .collect();
+        self.uart_taken = self.uart_bytes.len();
+        bytes
+    }
+
+    /// Every byte the firmware has sent since power-on, with its time.
+    #[must_use]
+    pub fn uart_bytes(&self) -> &[UartByte] {
+        &self.uart_bytes
+    }
+
+    /// Lets `ns` nanoseconds of virtual time pass; the stop comes at most one instruction later.
+    ///
+    /// # Errors
+    /// What stopped the emulator itself; nothing that the firmware does.
+    pub fn run_for(&mut self, ns: u64) -> Result<(), EmulatorError> {
+        self.until_ns = self.until_ns.saturating_add(ns);
+        if ns == 0 {
+            return Ok(());
+        }
+        let command = Command {
+            until_ns: self.until_ns,
+            uart: std::mem::take(&mut self.outbox),
+        };
+        // A thread that is gone takes no command; why it went is what its last report says.
+        let _ = self.commands.as_ref().map(|commands| commands.send(command));
+        self.take_report()
+    }
+
+    /// Lets time pass until `reached` holds, looked at every [`PREDICATE_STEP_NS`], or `limit_ns` have passed.
+    /// Answers whether it came to hold.
+    ///
+    /// # Errors
+    /// As [`Board::run_for`].
+    pub fn run_until(
+        &mut self,
+        mut reached: impl FnMut(&Self) -> bool,
+        limit_ns: u64,
+    ) -> Result<bool, EmulatorError> {
+        let end_ns = self.until_ns.saturating_add(limit_ns);
+        while !reached(self) {
+            let left_ns = end_ns - self.until_ns;
+            if left_ns == 0 {
+                return Ok(false);
+            }
+            self.run_for(left_ns.min(PREDICATE_STEP_NS))?;
+        }
+        Ok(true)
+    }
+
+    /// Virtual time since power-on, nanoseconds.
+    #[must_use]
+    pub fn now_ns(&self) -> u64 {
+        self.now_ns
+    }
+
+    /// Instructions the core has retired since power-on.
+    #[must_use]
+    pub fn instructions(&self) -> u64 {
+        self.instructions
+    }
+
+    /// Every restart since power-on, the watchdog's among them.
+    #[must_use]
+    pub fn resets(&self) -> &[Reset] {
+        &self.resets
+    }
+
+    /// Every code that appeared on a DAC pin since power-on, oldest first.
+    #[must_use]
+    pub fn dac_writes(&self) -> &[DacWrite] {
+        &self.dac_writes
+    }
+
+    /// The code on `channel`'s pin now (1 or 2), or `None` while that pin is not driven.
+    ///
+    /// # Panics
+    /// For any other channel.
+    #[must_use]
+    pub fn dac_code(&self, channel: u8) -> Option<u16> {
+        self.dac_codes[usize::from(channel) - 1]
+    }
+
+    /// The raw log bytes (defmt frames) the firmware wrote over RTT, as a probe takes them every millisecond.
+    #[must_use]
+    pub fn log(&self) -> &[u8] {
+        &self.log
+    }
+
+    /// Where the emulated part could not stand in for the real one so far, a line each: registers without a model,
+    /// peripherals used with their clock off, addresses with nothing behind them.
+    #[must_use]
+    pub fn gaps(&self) -> &[String] {
+        &self.gaps
+    }
+
+    fn take_report(&mut self) -> Result<(), EmulatorError> {
+        let report = self.reports.recv().unwrap_or(Err(EmulatorError::Ended))?;
+        self.now_ns = report.now_ns;
+        self.instructions = report.instructions;
+        self.resets.extend(report.resets);
+        self.dac_codes = report.dac_codes;
+        self.dac_writes.extend(report.dac_writes);
+        self.uart_bytes.extend(report.uart_bytes);
+        self.log.extend(report.log);
+        self.gaps.extend(report.gaps);
+        Ok(())
+    }
+}
+
+impl Drop for Board {
+    fn drop(&mut self) {
+        // The thread ends when nobody can command it any more.
+        self.commands = None;
+        if let Some(thread) = self.thread.take() {
+            // A panic there has been printed where it happened.
+            let _ = thread.join();
+        }
+    }
+}
+
+/// The image in `elf`, once it is one this part can start from.
+fn image_of(elf: &[u8]) -> Result<Image, EmulatorError> {
+    if !elf.starts_with(b"\x7fELF") {
+        let found = if elf.is_empty() {
+            "an empty file".into()
+        } else {
+            format!("{:02x?}", &elf[..elf.len().min(4)])
+        };
+        return Err(EmulatorError::NotElf { found });
+    }
+    let image = Image::new(Path::new("file"), elf.to_vec(), None)?;
+    let spans: Vec<(u64, u64)> = image
+        .segments()
+        .map(|(at, bytes)| (at, at + bytes.len() as u64))
+        .collect();
+    if !spans
+        .iter()
+        .any(|&(start, end)| (start..end).contains(&FLASH_BASE))
+    {
+        let list: Vec<String> = spans
+            .iter()
+            .map(|(start, end)| format!("{start:#010x}..{end:#010x}"))
+            .collect();
+        let found = if list.is_empty() {
+            "no segment at all".into()
+        } else {
+            list.join(", ")
+        };
+        return Err(EmulatorError::NoFlash { found });
+    }
+    Ok(image)
+}
+
+/// What the caller asks of the emulator's thread: put bytes on the line, then run.
+#[derive(Debug)]
+struct Command {
+    until_ns: u64,
+    uart: Vec<u8>,
+}
+
+/// What a run came to; lists hold what is new since the report before.
+#[derive(Debug)]
+struct Report {
+    now_ns: u64,
+    instructions: u64,
+    resets: Vec<Reset>,
+    dac_codes: [Option<u16>; CHANNELS],
+    dac_writes: Vec<DacWrite>,
+    uart_bytes: Vec<UartByte>,
+    log: Vec<u8>,
+    gaps: Vec<String>,
+}
+
+/// Runs `image` until nobody commands any more.
+fn run(
+    image: Image,
+    log_block: Option<u64>,
+    commands: Receiver<Command>,
+    reports: SyncSender<Result<Report, EmulatorError>>,
+) -> Result<(), EmulatorError> {
+    let hardware = Hardware::new().map_err(emulator::Error::from)?;
+    let mut session = Session::new(Box::new(hardware), 0, VirtualNanos(0))?;
+    if log_block.is_some() {
+        session.pause_at(Some(VirtualNanos(LOG_PERIOD_NS)));
+    }
+    let puppet = Puppet {
+        commands,
+        reports,
+        log_block,
+        log: Vec::new(),
+        resets_told: 0,
+        gaps_told: Vec::new(),
+    };
+    emulator::run(session, &Start::new(&[image]), puppet)?;
+    Ok(())
+}
+
+/// Runs from stop to stop as the caller commands.
+struct Puppet {
+    commands: Receiver<Command>,
+    reports: SyncSender<Result<Report, EmulatorError>>,
+    log_block: Option<u64>,
+    log: Vec<u8>,
+    resets_told: usize,
+    gaps_told: Vec<String>,
+}
+
+impl Puppet {
+    fn report(&mut self, session: &mut Session<Hardware>, stop: Stop) -> Report {
+        let resets = session.resets()[self.resets_told..]
+            .iter()
+            .map(reset_of)
+            .collect();
+        self.resets_told = session.resets().len();
+        let gaps: Vec<String> = gaps_of(session)
+            .into_iter()
+            .filter(|gap| !self.gaps_told.contains(gap))
+            .collect();
+        self.gaps_told.extend(gaps.iter().cloned());
+        let hardware = session.board_mut();
+        Report {
+            now_ns: stop.at.0,
+            instructions: stop.instruction_count,
+            resets,
+            dac_codes: std::array::from_fn(|channel| hardware.dac().code(channel)),
+            dac_writes: hardware.dac().take_writes(),
+            uart_bytes: hardware.far_end().take_heard(),
+            log: std::mem::take(&mut self.log),
+            gaps,
+        }
+    }
+}
+
+impl Driver<Hardware> for Puppet {
+    fn on_settled(&mut self, session: &mut Session<Hardware>, host: &mut dyn Host, settled: Settled) {
+        // The models never hear of a pause, so draining changes nothing but the room in the firmware's log buffer,
+        // and that at the same instants however the caller cuts the time.
+        if let (Settled::Stop(stop), Some(block)) = (settled, self.log_block)
+            && session.pause().is_none()
+        {
+            self.log.extend(rtt::drain(host, block));
+            session.pause_at(Some(VirtualNanos(
+                (stop.at.0 / LOG_PERIOD_NS + 1) * LOG_PERIOD_NS,
+            )));
+        }
+    }
+
+    fn on_stop(
+        &mut self,
+        session: &mut Session<Hardware>,
+        stop: Stop,
+        _: &mut dyn Host,
+    ) -> Option<VirtualNanos> {
+        let report = self.report(session, stop);
+        self.reports.send(Ok(report)).ok()?;
+        let command = self.commands.recv().ok()?;
+        session.board_mut().far_end().send(&command.uart);
+        Some(VirtualNanos(command.until_ns))
+    }
+}
+
+fn reset_of(reset: &rigless::session::Reset) -> Reset {
+    let cause = match reset.cause {
+        ResetCause::Core => "software",
+        ResetCause::Model(instance) => instance,
+        ResetCause::Pin => "pin",
+        ResetCause::PowerOn => "power",
+        _ => "unknown",
+    };
+    Reset {
+        at_ns: reset.at.0,
+        cause,
+    }
+}
+
+/// A line for each place where the part's models end.
+fn gaps_of(session: &Session<Hardware>) -> Vec<String> {
+    let unmapped = session.unmapped().into_iter().map(|gap| gap.to_string());
+    let refused = session
+        .refused()
+        .values()
+        .map(|fault| format!("refused: {fault}"));
+    let unimplemented = session.unimplemented().values().map(|gap| {
+        format!(
+            "no model: {}.{} from pc={:#010x}",
+            gap.instance, gap.register, gap.program_counter
+        )
+    });
+    let told = session
+        .told()
+        .map(|told| format!("{}.{}: {}", told.instance, told.register, told.reason));
+    unmapped.chain(refused).chain(unimplemented).chain(told).collect()
+}

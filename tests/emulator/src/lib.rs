@@ -1,0 +1,20 @@
+//! The emulated board: an STM32F427 that runs the unmodified firmware image, for tests and for `--mcu emulator`.
+//!
+//! [`Board`] is the board as a library; [`wire`] is the pipe that the binary `gripline-emulator` serves to a parent
+//! process. The core, the clock tree, timers, ports, UART and watchdog are rigless's; the DAC ([`dac`]) is ours, and
+//! the USB core is there with no cable plugged in.
+#![forbid(unsafe_code)]
+
+mod board;
+pub mod constants;
+pub mod dac;
+mod hardware;
+mod part;
+mod rtt;
+mod uart;
+mod usb;
+pub mod wire;
+
+pub use board::{Board, EmulatorError, Reset};
+pub use dac::DacWrite;
+pub use uart::UartByte;

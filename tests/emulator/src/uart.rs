@@ -1,0 +1,53 @@
+//! The far end of the board's serial line: bytes for the firmware wait here, bytes from it are recorded.
+//! Times are virtual nanoseconds. The port's model paces both directions at the baud rate the firmware set, so this
+//! end always agrees with it. Limits: no wrong baud rate, no noise; a word's low byte is all that crosses.
+
+use std::collections::VecDeque;
+
+use rigless::chip::Timeline;
+use rigless::chip::uart::Peer;
+use rigless::snapshot::Store;
+use rigless::time::VirtualNanos;
+
+/// A byte on the serial line.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub struct UartByte {
+    /// Virtual time since power-on, nanoseconds: the end of its stop bit.
+    pub at_ns: u64,
+    /// The byte.
+    pub byte: u8,
+}
+
+/// What hangs on the line.
+#[derive(Debug, Default)]
+pub(crate) struct FarEnd {
+    waiting: VecDeque<u8>,
+    heard: Vec<UartByte>,
+}
+
+impl FarEnd {
+    /// Puts `bytes` behind those that still wait; they go back to back, from the instant the receiver is free.
+    pub(crate) fn send(&mut self, bytes: &[u8]) {
+        self.waiting.extend(bytes);
+    }
+
+    /// Takes what the firmware sent since the last call, oldest first.
+    pub(crate) fn take_heard(&mut self) -> Vec<UartByte> {
+        std::mem::take(&mut self.heard)
+    }
+}
+
+impl Store for FarEnd {}
+
+impl Peer for FarEnd {
+    fn receive(&mut self, word: u16, context: &mut Timeline<'_, '_>) {
+        self.heard.push(UartByte {
+            at_ns: context.now().0,
+            byte: word as u8,
+        });
+    }
+
+    fn transmit(&mut self, _: VirtualNanos) -> Option<u16> {
+        self.waiting.pop_front().map(u16::from)
+    }
+}

@@ -1,0 +1,72 @@
+//! Builds the emulated board: the emulator (its own workspace, because it asks for a newer compiler than it needs)
+//! and the image that it runs unmodified.
+
+use std::path::{Path, PathBuf};
+
+use crate::error::Error;
+use crate::firmware::{self, Board};
+use crate::process;
+
+/// The board whose chip the emulator models.
+pub(crate) const BOARD: Board = Board::Stm32f427vi;
+
+const MANIFEST: &str = "tests/emulator/Cargo.toml";
+
+/// `cargo xtask emulator`.
+pub(crate) fn command() -> Result<(), Error> {
+    let emulator = build()?;
+    let (image, _) = firmware::build(BOARD)?;
+    println!("emulator {}", emulator.display());
+    println!("image {}", image.display());
+    Ok(())
+}
+
+/// Builds the emulator and keeps it with the other products.
+pub(crate) fn build() -> Result<PathBuf, Error> {
+    process::run(cargo().args(["build", "--release"]).args(OPTIONS))?;
+    let built = build_dir()
+        .join("release")
+        .join(format!("gripline-emulator{}", std::env::consts::EXE_SUFFIX));
+    let kept = process::products().join(format!("gripline-emulator{}", std::env::consts::EXE_SUFFIX));
+    process::install(&built, &kept)?;
+    Ok(kept)
+}
+
+/// The emulator's formatting.
+pub(crate) fn format() -> Result<(), Error> {
+    process::run(cargo().args(["fmt", "--check", "--manifest-path", MANIFEST]))
+}
+
+/// The emulator's lints.
+pub(crate) fn lint() -> Result<(), Error> {
+    process::run(
+        cargo()
+            .args(["clippy", "--release", "--all-targets"])
+            .args(OPTIONS)
+            .args(["--", "-D", "warnings"]),
+    )
+}
+
+/// The emulator's own tests, those that want a real image included.
+pub(crate) fn test(image: &Path) -> Result<(), Error> {
+    process::run(
+        cargo()
+            .args(["test", "--release"])
+            .args(OPTIONS)
+            .args(["--", "--include-ignored"])
+            .env("GRIPLINE_IMAGE", image),
+    )
+}
+
+const OPTIONS: [&str; 3] = ["--ignore-rust-version", "--manifest-path", MANIFEST];
+
+fn cargo() -> std::process::Command {
+    let mut command = process::cargo();
+    command.env("CARGO_TARGET_DIR", build_dir());
+    command
+}
+
+/// Another lock file than the workspace's, so another folder.
+fn build_dir() -> PathBuf {
+    process::build_dir().join("emulator")
+}

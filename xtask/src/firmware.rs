@@ -1,0 +1,201 @@
+//! Builds the image that is flashed and measures what it takes of the chip, in bytes.
+//!
+//! Flash is what the programmer writes (vector table, code, constants, initial values); RAM is what is laid out
+//! before the stack (data, bss, and what survives a reset). The stack has the rest of the RAM.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use object::{Object, ObjectSection};
+
+use crate::error::Error;
+use crate::{process, toolchain, value_of};
+
+/// The most that an image may take of the flash, in bytes (DESIGN.md, "Numbers to hold").
+const FLASH_MAX: u64 = 64 * 1024;
+/// The most that an image may lay out in RAM, stack not counted, in bytes (DESIGN.md, "Numbers to hold").
+const RAM_MAX: u64 = 24 * 1024;
+/// The RAM that every supported chip has, in bytes (memory.x).
+const RAM_OF_THE_CHIP: u64 = 128 * 1024;
+
+/// A supported board: one chip, one feature of `gripline-firmware`.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) enum Board {
+    Stm32f405rg,
+    Stm32f427vi,
+}
+
+impl Board {
+    pub(crate) const ALL: [Self; 2] = [Self::Stm32f405rg, Self::Stm32f427vi];
+
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            Self::Stm32f405rg => "stm32f405rg",
+            Self::Stm32f427vi => "stm32f427vi",
+        }
+    }
+
+    fn named(name: &str) -> Result<Self, Error> {
+        let board = Self::ALL.into_iter().find(|board| board.name() == name);
+        board.ok_or_else(|| Error::usage("--board", name, "stm32f405rg or stm32f427vi"))
+    }
+}
+
+/// What an image takes of its chip, in bytes.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) struct Size {
+    pub(crate) flash: u64,
+    pub(crate) ram: u64,
+}
+
+impl Size {
+    fn of(elf: &Path) -> Result<Self, Error> {
+        let bytes = fs::read(elf).map_err(|source| Error::file(elf, source))?;
+        let file = object::File::parse(&*bytes).map_err(|error| Error::Product {
+            what: elf.display().to_string(),
+            found: error.to_string(),
+            expected: "an ELF file".to_owned(),
+        })?;
+        let mut size = Self { flash: 0, ram: 0 };
+        for section in file.sections() {
+            let name = section.name().unwrap_or_default();
+            let bytes = section.size();
+            match name {
+                ".vector_table" | ".text" | ".rodata" | ".gnu.sgstubs" => size.flash += bytes,
+                ".data" => {
+                    size.flash += bytes;
+                    size.ram += bytes;
+                }
+                ".bss" | ".uninit" => size.ram += bytes,
+                _ => {}
+            }
+        }
+        Ok(size)
+    }
+
+    /// Whether the image keeps to what the design allows.
+    pub(crate) fn check(self, board: Board) -> Result<(), Error> {
+        if self.flash == 0 || self.flash > FLASH_MAX || self.ram > RAM_MAX {
+            return Err(Error::Product {
+                what: format!("size of the {} image", board.name()),
+                found: self.to_string(),
+                expected: format!("flash at most {FLASH_MAX}, ram at most {RAM_MAX}"),
+            });
+        }
+        Ok(())
+    }
+}
+
+impl std::fmt::Display for Size {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "flash {} ram {}", self.flash, self.ram)
+    }
+}
+
+/// `cargo xtask firmware`.
+pub(crate) fn command(arguments: &[String]) -> Result<(), Error> {
+    let mut board = Board::Stm32f405rg;
+    let mut out = None;
+    let mut rest = arguments.iter();
+    while let Some(argument) = rest.next() {
+        match argument.as_str() {
+            "--board" => board = Board::named(value_of("--board", &mut rest)?)?,
+            "--out" => out = Some(PathBuf::from(value_of("--out", &mut rest)?)),
+            unknown => return Err(Error::usage("argument", unknown, "--board BOARD or --out FILE")),
+        }
+    }
+    let (elf, size) = build(board)?;
+    let elf = match out {
+        None => elf,
+        Some(out) => {
+            process::install(&elf, &out)?;
+            out
+        }
+    };
+    println!("image {}", elf.display());
+    println!("{size}");
+    println!("stack {}", RAM_OF_THE_CHIP.saturating_sub(size.ram));
+    Ok(())
+}
+
+/// Builds one board's image, keeps it with the other products, and measures it.
+pub(crate) fn build(board: Board) -> Result<(PathBuf, Size), Error> {
+    process::run(&mut cargo("build", board)?)?;
+    let built = process::build_dir()
+        .join(toolchain::TARGET)
+        .join("firmware/gripline-mcu");
+    let kept = process::products().join(format!("firmware-{}.elf", board.name()));
+    process::install(&built, &kept)?;
+    let size = Size::of(&kept)?;
+    Ok((kept, size))
+}
+
+/// The binary's lints, which the workspace's do not reach.
+pub(crate) fn lint(board: Board) -> Result<(), Error> {
+    process::run(cargo("clippy", board)?.args(["--", "-D", "warnings"]))
+}
+
+/// A cargo command on one board's binary, with all that it needs to find the core library.
+fn cargo(command: &str, board: Board) -> Result<Command, Error> {
+    let core = toolchain::ensure(false)?;
+    let mut cargo = process::cargo();
+    cargo
+        .args([
+            command,
+            "--package",
+            "gripline-firmware",
+            "--bin",
+            "gripline-mcu",
+            "--profile",
+            "firmware",
+        ])
+        .args(["--target", toolchain::TARGET, "--features", board.name()])
+        .args(core.cargo_arguments())
+        // These would replace the linker flags of .cargo/config.toml.
+        .env_remove("RUSTFLAGS")
+        .env_remove("CARGO_ENCODED_RUSTFLAGS");
+    Ok(cargo)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_image_at_the_bound_passes_and_one_byte_more_does_not() {
+        let at = Size {
+            flash: FLASH_MAX,
+            ram: RAM_MAX,
+        };
+        assert!(at.check(Board::Stm32f405rg).is_ok());
+        assert!(
+            Size {
+                flash: FLASH_MAX + 1,
+                ..at
+            }
+            .check(Board::Stm32f405rg)
+            .is_err()
+        );
+        assert!(
+            Size {
+                ram: RAM_MAX + 1,
+                ..at
+            }
+            .check(Board::Stm32f405rg)
+            .is_err()
+        );
+        assert!(
+            Size { flash: 0, ram: 0 }.check(Board::Stm32f405rg).is_err(),
+            "an empty image is no image"
+        );
+    }
+
+    #[test]
+    fn a_board_is_found_by_its_name_and_no_other() {
+        for board in Board::ALL {
+            assert_eq!(Board::named(board.name()).ok(), Some(board));
+        }
+        assert!(Board::named("stm32f4").is_err());
+    }
+}

@@ -1,0 +1,88 @@
+//! `cargo xtask`: the commands that build, test and measure Gripline.
+//!
+//! Each command says what it runs, works on a machine with only the Rust toolchain and the package registries, and
+//! fails when something it was asked to check cannot be checked. Products land in `target/gripline`.
+#![forbid(unsafe_code)]
+
+mod emulator;
+mod error;
+mod firmware;
+mod process;
+mod test;
+mod toolchain;
+
+use std::process::{Command, ExitCode};
+
+use error::Error;
+
+const HELP: &str = "\
+cargo xtask COMMAND
+
+  test                              every check that has to pass, in order, with a summary
+  firmware [--board BOARD] [--out FILE]
+                                    build the image and print `flash N ram N` in bytes; BOARD is
+                                    stm32f405rg (default) or stm32f427vi
+  emulator                          build the emulator and the image it runs; print their paths
+  toolchain [--from-sources]        make this machine able to build for the microcontroller;
+                                    --from-sources passes over rustup and an installed target
+  train [ARGUMENTS]                 run the trainer (host/training) with these arguments
+
+Exit code: 0 done, 1 failed, 2 wrong usage.
+";
+
+fn main() -> ExitCode {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    match dispatch(&arguments) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("xtask: {error}");
+            error.exit_code()
+        }
+    }
+}
+
+fn dispatch(arguments: &[String]) -> Result<(), Error> {
+    let (command, rest) = match arguments.split_first() {
+        None => ("help", arguments),
+        Some((command, rest)) => (command.as_str(), rest),
+    };
+    match command {
+        "help" | "--help" | "-h" => {
+            print!("{HELP}");
+            Ok(())
+        }
+        "test" => no_more(rest).and_then(|()| test::run()),
+        "firmware" => firmware::command(rest),
+        "emulator" => no_more(rest).and_then(|()| emulator::command()),
+        "toolchain" => toolchain::command(rest),
+        "train" => process::run(
+            process::cargo()
+                .args(["run", "--release", "--package", "gripline-training", "--"])
+                .args(rest),
+        ),
+        unknown => Err(Error::usage(
+            "command",
+            unknown,
+            "one of those that `cargo xtask` lists",
+        )),
+    }
+}
+
+/// Refuses whatever follows a command that takes no arguments.
+fn no_more(arguments: &[String]) -> Result<(), Error> {
+    arguments
+        .first()
+        .map_or(Ok(()), |found| Err(Error::usage("argument", found, "none")))
+}
+
+/// The value of an option, or what is missing.
+fn value_of<'a>(option: &str, rest: &mut impl Iterator<Item = &'a String>) -> Result<&'a str, Error> {
+    rest.next()
+        .map(String::as_str)
+        .ok_or_else(|| Error::usage(option, "nothing", "a value after it"))
+}
+
+/// What a command printed on standard output, trimmed; an error when it could not run or failed.
+fn output_of(command: &mut Command) -> Result<String, Error> {
+    process::output(command).map(|text| text.trim().to_owned())
+}

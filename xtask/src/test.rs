@@ -1,0 +1,143 @@
+//! `cargo xtask test`: every check that has to pass, in order, each announced and timed, and a summary at the end.
+//!
+//! A check that cannot run has failed. Later checks still run when an earlier one fails, unless they need its product,
+//! so that one run shows everything that is wrong.
+
+use std::time::{Duration, Instant};
+
+use crate::error::Error;
+use crate::firmware::{self, Board};
+use crate::{emulator, process, toolchain};
+
+/// What one check came to.
+struct Outcome {
+    name: String,
+    took: Duration,
+    result: Result<(), String>,
+}
+
+/// Runs checks and remembers what they came to.
+#[derive(Default)]
+struct Checks {
+    outcomes: Vec<Outcome>,
+}
+
+impl Checks {
+    /// Runs one check; `None` when it failed.
+    fn check<T>(&mut self, name: &str, run: impl FnOnce() -> Result<T, Error>) -> Option<T> {
+        eprintln!("\n== {}. {name}", self.outcomes.len() + 1);
+        let started = Instant::now();
+        let (value, result) = match run() {
+            Ok(value) => (Some(value), Ok(())),
+            Err(error) => (None, Err(error.to_string())),
+        };
+        let took = started.elapsed();
+        match &result {
+            Ok(()) => eprintln!("== ok in {:.1} s", took.as_secs_f64()),
+            Err(why) => eprintln!("== FAILED after {:.1} s: {why}", took.as_secs_f64()),
+        }
+        self.outcomes.push(Outcome {
+            name: name.to_owned(),
+            took,
+            result,
+        });
+        value
+    }
+
+    /// Prints the table; fails when one check failed.
+    fn summary(&self) -> Result<(), Error> {
+        eprintln!("\n== summary");
+        for (number, Outcome { name, took, result }) in (1..).zip(&self.outcomes) {
+            let word = if result.is_ok() { "ok" } else { "FAILED" };
+            eprintln!("{number:>3}. {word:<6} {:>7.1} s  {name}", took.as_secs_f64());
+        }
+        for Outcome { name, result, .. } in &self.outcomes {
+            if let Err(why) = result {
+                eprintln!("FAILED {name}: {why}");
+            }
+        }
+        let of = self.outcomes.len();
+        let failed = self
+            .outcomes
+            .iter()
+            .filter(|outcome| outcome.result.is_err())
+            .count();
+        let took: Duration = self.outcomes.iter().map(|outcome| outcome.took).sum();
+        eprintln!(
+            "{} of {of} checks passed in {:.0} s",
+            of - failed,
+            took.as_secs_f64()
+        );
+        if failed == 0 {
+            Ok(())
+        } else {
+            Err(Error::Checks { failed, of })
+        }
+    }
+}
+
+/// Every check. The order is that of cost, but for the tests, which need the image and the emulator.
+pub(crate) fn run() -> Result<(), Error> {
+    let mut checks = Checks::default();
+    checks.check("format", || {
+        process::run(process::cargo().args(["fmt", "--all", "--check"]))?;
+        emulator::format()
+    });
+    checks.check("lints", || {
+        process::run(process::cargo().args([
+            "clippy",
+            "--workspace",
+            "--all-targets",
+            "--keep-going",
+            "--",
+            "-D",
+            "warnings",
+        ]))
+    });
+    checks.check("documentation", || {
+        process::run(
+            process::cargo()
+                .args(["doc", "--workspace", "--no-deps", "--keep-going"])
+                .env("RUSTDOCFLAGS", "-D warnings"),
+        )
+    });
+    checks.check("core library for the microcontroller", || {
+        toolchain::ensure(false)
+    });
+    let mut image = None;
+    for board in Board::ALL {
+        let built = checks.check(&format!("image and its size, {}", board.name()), || {
+            let (elf, size) = firmware::build(board)?;
+            println!("{}: {size}", board.name());
+            size.check(board)?;
+            Ok(elf)
+        });
+        if board == emulator::BOARD {
+            image = built;
+        }
+    }
+    checks.check("lints of the firmware binary", || firmware::lint(emulator::BOARD));
+    let emulator = checks.check("emulator", emulator::build);
+    checks.check("lints of the emulator", emulator::lint);
+    let (Some(emulator), Some(image)) = (emulator, image) else {
+        checks.check("tests", || {
+            Err::<(), _>(Error::Product {
+                what: "emulator and image".to_owned(),
+                found: "not both (a build failed above)".to_owned(),
+                expected: "both, for the tests that run on the emulated board".to_owned(),
+            })
+        });
+        return checks.summary();
+    };
+    checks.check("tests of the emulator", || emulator::test(&image));
+    // Ignored by plain `cargo test` are those that need the emulator and the image, and no others.
+    checks.check("tests, the emulated board included", || {
+        process::run(
+            process::cargo()
+                .args(["test", "--workspace", "--no-fail-fast", "--", "--include-ignored"])
+                .env("GRIPLINE_EMULATOR", &emulator)
+                .env("GRIPLINE_IMAGE", &image),
+        )
+    });
+    checks.summary()
+}

@@ -1,0 +1,542 @@
+//! Makes this machine able to compile for the microcontroller: a core library for `thumbv7em-none-eabihf`.
+//!
+//! Three ways, the first that works is taken: the installed compiler has the target already; rustup adds it; or core,
+//! alloc and compiler_builtins are built once from library sources of exactly the compiler's version (rustup's
+//! `rust-src`, an unpacked `/usr/src/rustc-VERSION`, or Debian's `rust-src` from the machine's own archive, read
+//! through private lists that leave the system's alone). Limits: the last source needs a Debian machine.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::time::Instant;
+
+use crate::error::Error;
+use crate::{output_of, process};
+
+/// The Cortex-M4 with its floating-point unit.
+pub(crate) const TARGET: &str = "thumbv7em-none-eabihf";
+
+/// The suites of a Debian archive that may hold the sources, smallest first. Relative names, so that they stay right
+/// when a release becomes old: for a machine on `oldstable`, `stable-backports` is its successor's.
+const SUITES: [&str; 6] = [
+    "stable-backports",
+    "oldstable-backports",
+    "oldoldstable-backports",
+    "stable",
+    "testing",
+    "unstable",
+];
+
+/// A core library for [`TARGET`] that matches the compiler.
+pub(crate) struct Core {
+    /// Where it lies when it is not in the compiler's own folder.
+    sysroot: Option<PathBuf>,
+}
+
+impl Core {
+    /// What cargo has to be told beyond `--target`; adds to the flags in `.cargo/config.toml`.
+    pub(crate) fn cargo_arguments(&self) -> Vec<String> {
+        self.sysroot.as_ref().map_or_else(Vec::new, |sysroot| {
+            let flag = format!("--sysroot={}", sysroot.display());
+            vec![
+                "--config".to_owned(),
+                format!("target.{TARGET}.rustflags=[{}]", toml_string(&flag)),
+            ]
+        })
+    }
+}
+
+/// The compiler, as far as a core library has to match it.
+struct Compiler {
+    /// Everything `rustc -vV` says; a cached core with another text is rebuilt.
+    identity: String,
+    release: String,
+    sysroot: PathBuf,
+}
+
+impl Compiler {
+    fn installed() -> Result<Self, Error> {
+        let identity = output_of(process::rustc().arg("-vV"))?;
+        let release = identity
+            .lines()
+            .find_map(|line| line.strip_prefix("release: "))
+            .unwrap_or("unknown")
+            .to_owned();
+        let sysroot = PathBuf::from(output_of(process::rustc().args(["--print", "sysroot"]))?);
+        Ok(Self {
+            identity,
+            release,
+            sysroot,
+        })
+    }
+}
+
+/// `cargo xtask toolchain`.
+pub(crate) fn command(arguments: &[String]) -> Result<(), Error> {
+    let from_sources = match arguments {
+        [] => false,
+        [only] if only == "--from-sources" => true,
+        [found, ..] => return Err(Error::usage("argument", found, "--from-sources or none")),
+    };
+    let core = ensure(from_sources)?;
+    match core.sysroot {
+        None => println!("sysroot {}", Compiler::installed()?.sysroot.display()),
+        Some(sysroot) => println!("sysroot {}", sysroot.display()),
+    }
+    Ok(())
+}
+
+/// Finds or makes a core library. `from_sources` passes over the ways that need no building.
+pub(crate) fn ensure(from_sources: bool) -> Result<Core, Error> {
+    let compiler = Compiler::installed()?;
+    let mut tried = Vec::new();
+    if !from_sources {
+        if has_core(&compiler.sysroot) {
+            eprintln!("toolchain: rustc {} has {TARGET}", compiler.release);
+            return Ok(Core { sysroot: None });
+        }
+        eprintln!(
+            "toolchain: rustc {} has no {TARGET}; asking rustup for it",
+            compiler.release
+        );
+        match process::output(
+            Command::new("rustup")
+                .current_dir(process::root())
+                .args(["target", "add", TARGET]),
+        ) {
+            Ok(_) if has_core(&compiler.sysroot) => {
+                eprintln!("toolchain: rustup added {TARGET}");
+                return Ok(Core { sysroot: None });
+            }
+            Ok(_) => tried.push(note(
+                "rustup target add",
+                "added it to another toolchain than the one in use",
+            )),
+            Err(error) => tried.push(note("rustup target add", &error.to_string())),
+        }
+    }
+    let home = process::products().join(format!("thumb-{}", compiler.release));
+    let sysroot = home.join("sysroot");
+    if has_core(&sysroot)
+        && fs::read_to_string(sysroot.join("rustc")).is_ok_and(|built_for| built_for == compiler.identity)
+    {
+        eprintln!("toolchain: using the core built earlier, {}", sysroot.display());
+        return Ok(Core {
+            sysroot: Some(sysroot),
+        });
+    }
+    match library_sources(&compiler, &home, &mut tried) {
+        Some(library) => {
+            build_core(&compiler, &library, &home, &sysroot)?;
+            Ok(Core {
+                sysroot: Some(sysroot),
+            })
+        }
+        None => Err(Error::NoTarget {
+            target: TARGET,
+            tried,
+            rustc: compiler.release,
+        }),
+    }
+}
+
+fn note(way: &str, end: &str) -> (String, String) {
+    eprintln!("toolchain: {way}: {end}");
+    (way.to_owned(), end.to_owned())
+}
+
+fn has_core(sysroot: &Path) -> bool {
+    let library = sysroot.join("lib/rustlib").join(TARGET).join("lib");
+    fs::read_dir(library).is_ok_and(|files| {
+        files
+            .flatten()
+            .any(|file| file.file_name().to_string_lossy().starts_with("libcore-"))
+    })
+}
+
+/// The folder `library` of the compiler's own version, from this machine or from the distribution's archive.
+fn library_sources(compiler: &Compiler, home: &Path, tried: &mut Vec<(String, String)>) -> Option<PathBuf> {
+    let unpacked = home.join("source");
+    let release = &compiler.release;
+    for (way, library) in [
+        (
+            "rustup's rust-src",
+            compiler.sysroot.join("lib/rustlib/src/rust/library"),
+        ),
+        (
+            "sources in /usr/src",
+            PathBuf::from(format!("/usr/src/rustc-{release}/library")),
+        ),
+        (
+            "sources unpacked earlier",
+            unpacked.join(format!("usr/src/rustc-{release}/library")),
+        ),
+    ] {
+        if library.join("core/src/lib.rs").is_file() {
+            eprintln!("toolchain: {way}: {}", library.display());
+            return Some(library);
+        }
+        tried.push(note(way, &format!("no {}", library.display())));
+    }
+    match Archive::of_this_machine() {
+        Err(why) => tried.push(note("Debian's rust-src", &why)),
+        Ok(archive) => {
+            for suite in SUITES {
+                match archive.unpack_sources(suite, release, home, &unpacked) {
+                    Ok(library) => return Some(library),
+                    Err(why) => tried.push(note(&format!("Debian's rust-src from {suite}"), &why)),
+                }
+            }
+        }
+    }
+    None
+}
+
+/// The machine's own Debian archive: where it is, and the key that signs it.
+#[derive(Debug, PartialEq)]
+struct Archive {
+    address: String,
+    signed_by: Option<String>,
+}
+
+impl Archive {
+    /// Reads the machine's source files (both of apt's formats), without touching them.
+    fn of_this_machine() -> Result<Self, String> {
+        let mut files = vec![PathBuf::from("/etc/apt/sources.list")];
+        if let Ok(folder) = fs::read_dir("/etc/apt/sources.list.d") {
+            files.extend(folder.flatten().map(|file| file.path()));
+        }
+        files.sort();
+        for file in files {
+            let Ok(text) = fs::read_to_string(&file) else {
+                continue;
+            };
+            let found = match file.extension().and_then(|end| end.to_str()) {
+                Some("sources") => Self::from_paragraphs(&text),
+                Some("list") => Self::from_lines(&text),
+                _ => None,
+            };
+            if let Some(archive) = found {
+                eprintln!("toolchain: this machine's archive is named in {}", file.display());
+                return Ok(archive);
+            }
+        }
+        Err("no Debian archive in /etc/apt/sources.list or /etc/apt/sources.list.d".to_owned())
+    }
+
+    /// The main Debian archive, and not its security one or another project's: its path ends in `/debian`.
+    fn new(address: &str, signed_by: Option<&str>) -> Option<Self> {
+        let address = address.trim_end_matches('/');
+        address.ends_with("/debian").then(|| Self {
+            address: address.to_owned(),
+            signed_by: signed_by.map(str::to_owned),
+        })
+    }
+
+    /// The `.sources` format: paragraphs of `Field: value`.
+    fn from_paragraphs(text: &str) -> Option<Self> {
+        let lines: Vec<&str> = text.lines().filter(|line| !line.starts_with('#')).collect();
+        lines.split(|line| line.trim().is_empty()).find_map(|paragraph| {
+            let field = |name: &str| {
+                paragraph.iter().find_map(|line| {
+                    let (field, value) = line.split_once(':')?;
+                    field.eq_ignore_ascii_case(name).then_some(value.trim())
+                })
+            };
+            if field("Enabled") == Some("no") || !field("Types")?.split_whitespace().any(|kind| kind == "deb")
+            {
+                return None;
+            }
+            // A key may also stand in the file itself; then the machine's trusted keys have to do.
+            let signed_by = field("Signed-By").filter(|path| path.starts_with('/'));
+            field("URIs")?
+                .split_whitespace()
+                .find_map(|address| Self::new(address, signed_by))
+        })
+    }
+
+    /// The one-line format: `deb [options] address suite component…`.
+    fn from_lines(text: &str) -> Option<Self> {
+        text.lines().find_map(|line| {
+            let rest = line.trim().strip_prefix("deb ")?.trim_start();
+            let (options, rest) = match rest.strip_prefix('[') {
+                Some(rest) => rest.split_once(']')?,
+                None => ("", rest),
+            };
+            let signed_by = options
+                .split_whitespace()
+                .find_map(|option| option.strip_prefix("signed-by="));
+            Self::new(rest.split_whitespace().next()?, signed_by)
+        })
+    }
+
+    /// Fetches the sources of exactly `release` from one suite and unpacks the library; says why it could not.
+    fn unpack_sources(
+        &self,
+        suite: &str,
+        release: &str,
+        home: &Path,
+        unpacked: &Path,
+    ) -> Result<PathBuf, String> {
+        let apt =
+            PrivateApt::new(home.join("apt").join(suite), self, suite).map_err(|error| error.to_string())?;
+        eprintln!("toolchain: reading the package list of {suite}");
+        apt.run("apt-get", &["update", "-qq"])?;
+        let listed = apt.run("apt-cache", &["madison", "rust-src"])?;
+        let versions = versions_of(&listed);
+        let Some(version) = versions.iter().find(|version| upstream(version) == release) else {
+            let found = if versions.is_empty() {
+                "none".to_owned()
+            } else {
+                versions.join(", ")
+            };
+            return Err(format!("has rust-src {found}, expected {release}"));
+        };
+        eprintln!("toolchain: downloading rust-src {version} (about 45 MB)");
+        apt.run("apt-get", &["download", "-qq", &format!("rust-src={version}")])?;
+        let package = apt.downloaded().ok_or("apt-get download left no package")?;
+        eprintln!("toolchain: unpacking the library from {}", package.display());
+        unpack(&package, release, unpacked)?;
+        let library = unpacked.join(format!("usr/src/rustc-{release}/library"));
+        // The lists and the package have served; 45 MB less to keep.
+        let _ = fs::remove_dir_all(&apt.folder);
+        library
+            .join("core/src/lib.rs")
+            .is_file()
+            .then_some(library)
+            .ok_or_else(|| "holds no library/core".to_owned())
+    }
+}
+
+/// apt with its own source line, lists and cache, so that nothing of the system's changes and root is not needed.
+struct PrivateApt {
+    folder: PathBuf,
+}
+
+impl PrivateApt {
+    fn new(folder: PathBuf, archive: &Archive, suite: &str) -> Result<Self, Error> {
+        for part in ["lists/partial", "cache/archives/partial", "download"] {
+            let path = folder.join(part);
+            fs::create_dir_all(&path).map_err(|source| Error::file(&path, source))?;
+        }
+        let key = archive
+            .signed_by
+            .as_ref()
+            .map_or_else(String::new, |key| format!("[signed-by={key}] "));
+        let list = folder.join("sources.list");
+        fs::write(&list, format!("deb {key}{} {suite} main\n", archive.address))
+            .map_err(|source| Error::file(&list, source))?;
+        Ok(Self { folder })
+    }
+
+    fn run(&self, program: &str, arguments: &[&str]) -> Result<String, String> {
+        let folder = self.folder.display();
+        let mut command = Command::new(program);
+        command
+            .current_dir(self.folder.join("download"))
+            .env("LC_ALL", "C");
+        for option in [
+            format!("Dir::Etc::sourcelist={folder}/sources.list"),
+            "Dir::Etc::sourceparts=/dev/null".to_owned(),
+            format!("Dir::State::lists={folder}/lists"),
+            format!("Dir::Cache={folder}/cache"),
+            // A root apt would hand the download to a user who may not write here.
+            "APT::Sandbox::User=root".to_owned(),
+            // Only the package list is wanted, not the catalogues that desktops read.
+            "Acquire::Languages=none".to_owned(),
+            "Acquire::IndexTargets::deb::DEP-11::DefaultEnabled=false".to_owned(),
+        ] {
+            command.arg("-o").arg(option);
+        }
+        command.args(arguments);
+        process::output(&mut command).map_err(|error| match error {
+            Error::Failed { status, said, .. } => {
+                format!("{program} {} failed ({status}): {said}", arguments[0])
+            }
+            other => other.to_string(),
+        })
+    }
+
+    fn downloaded(&self) -> Option<PathBuf> {
+        let files = fs::read_dir(self.folder.join("download")).ok()?;
+        files
+            .flatten()
+            .map(|file| file.path())
+            .find(|path| path.extension().is_some_and(|end| end == "deb"))
+    }
+}
+
+/// The versions in the table that `apt-cache madison` prints: `package | version | where`.
+fn versions_of(table: &str) -> Vec<String> {
+    table
+        .lines()
+        .filter_map(|line| Some(line.split('|').nth(1)?.trim().to_owned()))
+        .collect()
+}
+
+/// The upstream version in a Debian one: `1.95.0+dfsg1-2~bpo13+1` is 1.95.0.
+fn upstream(version: &str) -> &str {
+    let end = version
+        .find(|c: char| !c.is_ascii_digit() && c != '.')
+        .unwrap_or(version.len());
+    &version[..end]
+}
+
+/// Unpacks `library` and nothing else (a tenth of the package) as one step.
+fn unpack(package: &Path, release: &str, unpacked: &Path) -> Result<(), String> {
+    let partial = unpacked.with_extension(format!("{}", std::process::id()));
+    fs::create_dir_all(&partial).map_err(|error| format!("{}: {error}", partial.display()))?;
+    let mut reader = Command::new("dpkg-deb")
+        .arg("--fsys-tarfile")
+        .arg(package)
+        .stdout(Stdio::piped())
+        .spawn()
+        .map_err(|error| format!("dpkg-deb cannot be started: {error}"))?;
+    let piped = reader.stdout.take().ok_or("dpkg-deb has no output")?;
+    let written = Command::new("tar")
+        .args(["-x", "-C"])
+        .arg(&partial)
+        .arg(format!("./usr/src/rustc-{release}/library"))
+        .stdin(piped)
+        .status()
+        .map_err(|error| format!("tar cannot be started: {error}"))?;
+    let read = reader.wait().map_err(|error| format!("dpkg-deb: {error}"))?;
+    if !written.success() || !read.success() {
+        return Err(format!("unpacking failed (dpkg-deb {read}, tar {written})"));
+    }
+    let _ = fs::remove_dir_all(unpacked);
+    fs::rename(&partial, unpacked).map_err(|error| format!("{}: {error}", unpacked.display()))
+}
+
+/// Compiles core, alloc and compiler_builtins and lays them out as a sysroot, as one step.
+fn build_core(compiler: &Compiler, library: &Path, home: &Path, sysroot: &Path) -> Result<(), Error> {
+    let started = Instant::now();
+    let build = home.join(format!("build-{}", std::process::id()));
+    let write = |name: &str, text: &str| {
+        let path = build.join(name);
+        fs::write(&path, text).map_err(|source| Error::file(&path, source))
+    };
+    fs::create_dir_all(build.join("src")).map_err(|source| Error::file(&build, source))?;
+    // An empty crate with its own workspace: what is wanted is only what it stands on.
+    write(
+        "Cargo.toml",
+        "[workspace]\n[package]\nname = \"core-for-the-mcu\"\nversion = \"0.0.0\"\nedition = \"2024\"\n\
+         [profile.release]\nopt-level = 3\ndebug = 1\npanic = \"abort\"\ncodegen-units = 16\n",
+    )?;
+    write("src/lib.rs", "#![no_std]\n")?;
+    let target_dir = build.join("target");
+    // Bitcode, because the image is linked with fat LTO; the same path prefix as in released libraries. The
+    // compiler accepts its own version's unstable library sources only when told that it builds itself.
+    let flags = [
+        "-Cembed-bitcode=yes",
+        "-Cforce-frame-pointers=no",
+        &format!("--remap-path-prefix={}=/rustc/library", library.display()),
+    ]
+    .join("\u{1f}");
+    process::run(
+        process::cargo()
+            .current_dir(&build)
+            .args(["build", "--quiet", "--release", "--target", TARGET])
+            .args([
+                "-Zbuild-std=core,alloc",
+                "-Zbuild-std-features=compiler-builtins-mem",
+            ])
+            .env("CARGO_TARGET_DIR", &target_dir)
+            .env("CARGO_ENCODED_RUSTFLAGS", flags)
+            .env("RUSTC_BOOTSTRAP", "1")
+            .env("__CARGO_TESTS_ONLY_SRC_ROOT", library)
+            .env_remove("RUSTFLAGS"),
+    )?;
+    let partial = home.join(format!("sysroot-{}", std::process::id()));
+    let destination = partial.join("lib/rustlib").join(TARGET).join("lib");
+    fs::create_dir_all(&destination).map_err(|source| Error::file(&destination, source))?;
+    let built = target_dir.join(TARGET).join("release/deps");
+    let mut copied = 0;
+    for file in fs::read_dir(&built)
+        .map_err(|source| Error::file(&built, source))?
+        .flatten()
+    {
+        let name = file.file_name().to_string_lossy().into_owned();
+        let wanted = ["libcore-", "liballoc-", "libcompiler_builtins-"]
+            .iter()
+            .any(|start| name.starts_with(start));
+        if wanted && file.path().extension().is_some_and(|end| end == "rlib") {
+            fs::copy(file.path(), destination.join(&name))
+                .map_err(|source| Error::file(&file.path(), source))?;
+            copied += 1;
+        }
+    }
+    if copied != 3 {
+        return Err(Error::Product {
+            what: format!("libraries in {}", built.display()),
+            found: copied.to_string(),
+            expected: "3 (core, alloc, compiler_builtins)".to_owned(),
+        });
+    }
+    let stamp = partial.join("rustc");
+    fs::write(&stamp, &compiler.identity).map_err(|source| Error::file(&stamp, source))?;
+    let _ = fs::remove_dir_all(sysroot);
+    fs::rename(&partial, sysroot).map_err(|source| Error::file(sysroot, source))?;
+    let _ = fs::remove_dir_all(&build);
+    eprintln!(
+        "toolchain: built {} in {:.0} s",
+        sysroot.display(),
+        started.elapsed().as_secs_f64()
+    );
+    Ok(())
+}
+
+/// A TOML basic string; paths may hold backslashes or quotes.
+fn toml_string(text: &str) -> String {
+    format!("\"{}\"", text.replace('\\', "\\\\").replace('"', "\\\""))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_upstream_version_is_read_exactly() {
+        assert_eq!(upstream("1.95.0+dfsg1-2~bpo13+1"), "1.95.0");
+        assert_eq!(upstream("1.95.0-1"), "1.95.0");
+        assert_ne!(upstream("1.95.01-1"), "1.95.0");
+        assert_eq!(upstream("1.96.1~beta"), "1.96.1");
+    }
+
+    #[test]
+    fn both_formats_of_a_source_file_name_the_main_archive_and_not_the_security_one() {
+        let paragraphs = "Types: deb\nURIs: https://mirror.invalid/debian-security\nSuites: x-security\n\n\
+                          # a comment\nTypes: deb deb-src\nURIs: https://mirror.invalid/debian/\nSuites: x\n\
+                          Signed-By: /keys/debian.gpg\n";
+        let expected = Archive {
+            address: "https://mirror.invalid/debian".to_owned(),
+            signed_by: Some("/keys/debian.gpg".to_owned()),
+        };
+        assert_eq!(Archive::from_paragraphs(paragraphs).as_ref(), Some(&expected));
+        let lines = "# deb https://mirror.invalid/debian old main\n\
+                     deb https://mirror.invalid/debian-security x main\n\
+                     deb [arch=amd64 signed-by=/keys/debian.gpg] https://mirror.invalid/debian x main\n";
+        assert_eq!(Archive::from_lines(lines), Some(expected));
+        assert_eq!(
+            Archive::from_lines("deb-src https://mirror.invalid/debian x main\n"),
+            None
+        );
+    }
+
+    #[test]
+    fn a_disabled_source_is_passed_over() {
+        let text = "Enabled: no\nTypes: deb\nURIs: https://mirror.invalid/debian\nSuites: x\n";
+        assert_eq!(Archive::from_paragraphs(text), None);
+    }
+
+    #[test]
+    fn the_versions_on_offer_are_read_from_the_table() {
+        let table = "  rust-src | 1.96.1+dfsg1-2 | somewhere\n  rust-src | 1.95.0+dfsg1-2 | somewhere\n";
+        assert_eq!(versions_of(table), ["1.96.1+dfsg1-2", "1.95.0+dfsg1-2"]);
+    }
+
+    #[test]
+    fn a_path_with_quotes_and_backslashes_stays_one_string() {
+        assert_eq!(toml_string(r#"a\b"c"#), r#""a\\b\"c""#);
+    }
+}
