@@ -109,7 +109,7 @@ impl fmt::Display for GateChoice {
 struct Summary {
     /// Always true: tells this object from those of the frames.
     #[serde(rename = "summary")]
-    is_summary: bool,
+    last: bool,
     mcu: String,
     frames: u64,
     seconds: f64,
@@ -242,7 +242,7 @@ struct Run {
 impl Run {
     fn new(session: Session, paced: bool) -> Self {
         let summary = Summary {
-            is_summary: true,
+            last: true,
             mcu: session.link_name(),
             frames: 0,
             seconds: 0.0,

@@ -1,0 +1,29 @@
+//! Sizes and limits of the force network, each with unit and source.
+
+/// Rows and columns of the camera crop, pixels (the paper's 440×440 out of 640×480).
+pub const CROP_SIDE: usize = 440;
+
+/// Rows and columns of the network's input images, pixels (the paper).
+pub const IMAGE_SIDE: usize = 88;
+
+/// Crop pixels averaged along each axis into one input pixel: 440 / 88.
+pub const DOWNSAMPLING: usize = CROP_SIDE / IMAGE_SIDE;
+
+/// Bytes of an input image.
+pub const IMAGE_PIXELS: usize = IMAGE_SIDE * IMAGE_SIDE;
+
+/// Rows and columns of the force map, taxels (the paper).
+pub const MAP_SIDE: usize = 20;
+
+/// Taxels of the force map.
+pub const TAXELS: usize = MAP_SIDE * MAP_SIDE;
+
+/// Largest weights file that is read, bytes. Ours stay under 4 MiB; the rest is room for other people's,
+/// and a bound on what a wrong path can cost.
+pub const WEIGHTS_FILE_MAX_BYTES: u64 = 64 << 20;
+
+/// Largest width (channels) of a layer in a weights file: four times the paper-sized network's.
+pub const WIDTH_MAX: usize = 512;
+
+/// Added to the variance in batch norm: the training framework's default, part of the architecture.
+pub const NORM_EPSILON: f64 = 1e-5;

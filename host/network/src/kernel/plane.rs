@@ -1,0 +1,56 @@
+//! An activation image: rows × columns × channels of f32, channels last, with a border of one pixel of
+//! zeros on all sides so that padded convolutions need no special case. Nothing ever writes the border.
+
+/// One activation image with its border.
+#[derive(Debug, Clone)]
+pub(crate) struct Plane {
+    values: Vec<f32>,
+    height: usize,
+    width: usize,
+    channels: usize,
+}
+
+impl Plane {
+    pub(crate) fn new(height: usize, width: usize, channels: usize) -> Self {
+        Self {
+            values: vec![0.0; (height + 2) * (width + 2) * channels],
+            height,
+            width,
+            channels,
+        }
+    }
+
+    pub(crate) fn height(&self) -> usize {
+        self.height
+    }
+
+    pub(crate) fn width(&self) -> usize {
+        self.width
+    }
+
+    pub(crate) fn channels(&self) -> usize {
+        self.channels
+    }
+
+    /// All values, border included; row `r` of [`Self::stride`] values starts at `r * stride`.
+    pub(crate) fn values(&self) -> &[f32] {
+        &self.values
+    }
+
+    /// Values from one bordered row to the next.
+    pub(crate) fn stride(&self) -> usize {
+        (self.width + 2) * self.channels
+    }
+
+    /// The pixels of one row, without the border.
+    pub(crate) fn row(&self, row: usize) -> &[f32] {
+        let start = (row + 1) * self.stride() + self.channels;
+        &self.values[start..start + self.width * self.channels]
+    }
+
+    /// The pixels of one row, without the border.
+    pub(crate) fn row_mut(&mut self, row: usize) -> &mut [f32] {
+        let start = (row + 1) * self.stride() + self.channels;
+        &mut self.values[start..start + self.width * self.channels]
+    }
+}

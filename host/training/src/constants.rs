@@ -1,0 +1,82 @@
+//! What training chooses, each value with unit and source.
+
+use gripline_network::weights::Widths;
+
+/// The network's widths: 19 M multiply-adds (0.8 ms on one core with the portable kernel), 155 k weights.
+/// Twice the channels of the smallest prototype in the first layers, where displacement is measured, and at
+/// the bottom, which sees the whole map.
+pub(crate) const WIDTHS: Widths = Widths {
+    encode44: 16,
+    encode22: 24,
+    encode20: 32,
+    middle10: 32,
+    bottom5: 64,
+    decode20: 16,
+};
+
+/// Input units per grey level of difference: 15 per full scale (prototype).
+pub(crate) const DIFFERENCE_PER_LEVEL: f32 = 15.0 / 255.0;
+
+/// Input units of one standard deviation of the rest images' grey levels. Their mean becomes 0.
+pub(crate) const REST_DEVIATION: f32 = 0.5;
+
+/// Newtons per taxel and unit of output (prototype; peak taxels carry 0.04–3 N).
+pub(crate) const NEWTONS_PER_OUTPUT: f32 = 0.05;
+
+/// Friction coefficient of the paper's detector, for the loss and for the true stick ratio.
+pub(crate) const DETECTOR_FRICTION: f32 = 0.45;
+
+/// Samples per gradient step.
+pub(crate) const BATCH: usize = 32;
+
+/// Peak learning rate of the one-cycle schedule (prototype).
+pub(crate) const LEARNING_RATE: f64 = 3e-3;
+
+/// Share of the steps in which the learning rate rises.
+pub(crate) const WARM_UP: f64 = 0.15;
+
+/// Decoupled weight decay (prototype).
+pub(crate) const WEIGHT_DECAY: f32 = 1e-3;
+
+/// Squared output added to a sample's mean square, so that empty samples weigh finitely: (0.14 units)², 7 mN.
+pub(crate) const LOSS_FLOOR: f32 = 0.02;
+
+/// Weight of x and y errors against z errors: the detector compares f_T with μ f_z, so an error of z counts
+/// less than half for it, and shear is learned last.
+pub(crate) const SHEAR_WEIGHT: f32 = 2.0;
+
+/// Weight of the loss on (f_T − μ f_z) in loaded taxels (prototype: stick ratio error −20 %).
+pub(crate) const CONE_WEIGHT: f32 = 0.5;
+
+/// Normal force above which the cone loss counts a taxel, output units: 10 mN.
+pub(crate) const CONE_LOADED: f32 = 0.2;
+
+/// Weight of the loss on the summed force.
+pub(crate) const TOTAL_WEIGHT: f32 = 0.2;
+
+/// Squared output added to the square of the summed force: (5.5 units)², 0.27 N.
+pub(crate) const TOTAL_FLOOR: f32 = 30.0;
+
+/// Largest share of pixels that augmentation turns black or white.
+pub(crate) const SALT_AND_PEPPER: f32 = 0.004;
+
+/// Largest relative change of brightness that both images share, on top of the world's own.
+pub(crate) const BRIGHTNESS_SHARED: f32 = 0.1;
+
+/// Largest relative change of brightness between rest and now, on top of the world's own.
+pub(crate) const BRIGHTNESS_DRIFT: f32 = 0.01;
+
+/// Contact thresholds that calibration chooses from, newtons per taxel (REFERENCES: 0.01–0.03 is needed).
+pub(crate) const CONTACT_MINS_N: [f32; 5] = [0.01, 0.015, 0.02, 0.025, 0.03];
+
+/// Smallest number of taxels in contact for a stick ratio to be scored (prototype).
+pub(crate) const SCORED_TAXELS: usize = 8;
+
+/// Smallest total normal force for a relative error to be scored, newtons (issue 4).
+pub(crate) const SCORED_NORMAL_N: f32 = 0.5;
+
+/// Smallest shear for its relative error to be scored, newtons (prototype).
+pub(crate) const SCORED_SHEAR_N: f32 = 0.2;
+
+/// Pairs in the golden file.
+pub(crate) const GOLDEN_SAMPLES: usize = 12;

@@ -1,0 +1,126 @@
+//! Trains the force network on the simulated world and writes the weights file that `gripline-network`
+//! carries. `gripline-training train` needs nothing but a CPU and minutes.
+#![forbid(unsafe_code)]
+
+mod batch;
+mod constants;
+mod dataset;
+mod dice;
+mod error;
+mod evaluate;
+mod golden;
+mod loss;
+mod metrics;
+mod model;
+mod symmetry;
+mod train;
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::time::Duration;
+
+use clap::{Parser, Subcommand};
+
+use crate::error::TrainingError;
+use crate::train::{Places, Plan};
+
+/// Trains and scores Gripline's force network.
+#[derive(Debug, Parser)]
+#[command(version)]
+struct Arguments {
+    /// Folder that keeps generated samples between runs.
+    #[arg(long, global = true, default_value = concat!(env!("CARGO_MANIFEST_DIR"), "/data"))]
+    data: PathBuf,
+    /// Decides samples, starting weights and augmentation.
+    #[arg(long, global = true, default_value_t = 1)]
+    seed: u32,
+    /// Samples in each held-out set: validation, calibration, test.
+    #[arg(long, global = true, default_value_t = 1500, value_parser = clap::value_parser!(u32).range(100..=100_000))]
+    held_out: u32,
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Train, calibrate, and write OUT/weights/unet.safetensors and OUT/golden/unet.safetensors.
+    Train {
+        /// Samples to train on; each stands for eight by symmetry.
+        #[arg(long, default_value_t = 20_000, value_parser = clap::value_parser!(u32).range(32..=1_000_000))]
+        samples: u32,
+        /// Gradient steps of 32 samples.
+        #[arg(long, default_value_t = 12_000, value_parser = clap::value_parser!(u32).range(1..=10_000_000))]
+        steps: u32,
+        /// Finish within this time, with fewer steps if need be.
+        #[arg(long, value_parser = clap::value_parser!(u32).range(1..=10_000))]
+        minutes: Option<u32>,
+        /// Validations (40 in a run) without improvement before training stops.
+        #[arg(long, default_value_t = 12, value_parser = clap::value_parser!(u32).range(1..=1000))]
+        patience: u32,
+        /// Start from these weights instead of random ones.
+        #[arg(long)]
+        from: Option<PathBuf>,
+        /// Where to write; `host/network` replaces the weights that the engine carries.
+        #[arg(long, default_value = concat!(env!("CARGO_MANIFEST_DIR"), "/data/trained"))]
+        out: PathBuf,
+    },
+    /// Score weights on samples never trained on.
+    Evaluate {
+        /// The weights file; without it, the weights that the engine carries.
+        #[arg(long)]
+        weights: Option<PathBuf>,
+        /// Print one JSON object.
+        #[arg(long)]
+        json: bool,
+    },
+}
+
+fn main() -> ExitCode {
+    let arguments = Arguments::parse();
+    match run(&arguments) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("gripline-training: {error}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run(arguments: &Arguments) -> Result<(), TrainingError> {
+    let Arguments {
+        data,
+        seed,
+        held_out,
+        command,
+    } = arguments;
+    match command {
+        Command::Train {
+            samples,
+            steps,
+            minutes,
+            patience,
+            from,
+            out,
+        } => {
+            let plan = Plan {
+                seed: *seed,
+                samples: *samples as usize,
+                held_out: *held_out as usize,
+                steps: *steps as usize,
+                budget: minutes.map(|minutes| Duration::from_secs(60 * u64::from(minutes))),
+                patience: *patience as usize,
+            };
+            train::train(
+                &plan,
+                Places {
+                    data,
+                    out,
+                    from: from.as_deref(),
+                },
+            )
+        }
+        Command::Evaluate { weights, json } => {
+            evaluate::evaluate(weights.as_deref(), data, *seed, *held_out as usize, *json)
+        }
+    }
+}

@@ -1,0 +1,335 @@
+//! How good predicted maps are, in the terms that the detector and the reports use. Pure arithmetic over
+//! pairs of maps in newtons.
+
+use gripline_network::{Calibration, ForceMap};
+use serde_json::{Value, json};
+
+use crate::constants::{CONTACT_MINS_N, DETECTOR_FRICTION, SCORED_NORMAL_N, SCORED_SHEAR_N, SCORED_TAXELS};
+
+/// Predicted and true map of one sample.
+pub(crate) struct Pair {
+    pub(crate) predicted: ForceMap,
+    pub(crate) truth: ForceMap,
+}
+
+/// The paper's stick ratio with a contact threshold, |{f_T ≤ μ f_z}| / |{f_z > contact_min}|, and the number
+/// of taxels in contact; no ratio without contact.
+pub(crate) fn stick_ratio(map: &ForceMap, contact_min_n: f32, friction: f32) -> (Option<f64>, usize) {
+    let (mut contact, mut stick) = (0, 0);
+    for [x, y, z] in map {
+        if *z > contact_min_n {
+            contact += 1;
+            stick += usize::from(x * x + y * y <= friction * friction * z * z);
+        }
+    }
+    ((contact > 0).then(|| stick as f64 / contact as f64), contact)
+}
+
+/// Stick ratios of the pairs whose true map has enough taxels in contact: (predicted, true). The true map is
+/// read with the paper's friction; a predicted map without contact sticks nowhere.
+fn stick_ratios(pairs: &[Pair], contact_min_n: f32, friction: f32) -> Vec<(f64, f64)> {
+    pairs
+        .iter()
+        .filter_map(|pair| {
+            let (truth, contact) = stick_ratio(&pair.truth, contact_min_n, DETECTOR_FRICTION);
+            let (predicted, _) = stick_ratio(&pair.predicted, contact_min_n, friction);
+            truth
+                .filter(|_| contact >= SCORED_TAXELS)
+                .map(|truth| (predicted.unwrap_or(0.0), truth))
+        })
+        .collect()
+}
+
+/// Chooses the detector's contact threshold and friction: for every threshold the friction without bias in
+/// the stick ratio, then the threshold with the smallest error.
+pub(crate) fn calibrate(pairs: &[Pair]) -> Calibration {
+    let mut best = (
+        f64::INFINITY,
+        Calibration {
+            contact_min_n: 0.02,
+            friction: DETECTOR_FRICTION,
+        },
+    );
+    for contact_min_n in CONTACT_MINS_N {
+        let scored = |friction: f32| stick_ratios(pairs, contact_min_n, friction);
+        let bias = |ratios: &[(f64, f64)]| mean(ratios.iter().map(|(predicted, truth)| predicted - truth));
+        // The ratio grows with the friction, so the bias has one zero; steps of 0.0025 around 0.45.
+        let Some((friction, ratios)) = (140..=200)
+            .map(|step| step as f32 * 0.0025)
+            .map(|friction| (friction, scored(friction)))
+            .min_by(|(_, a), (_, b)| bias(a).abs().total_cmp(&bias(b).abs()))
+        else {
+            continue;
+        };
+        let error = mean(ratios.iter().map(|(predicted, truth)| (predicted - truth).abs()));
+        if error < best.0 {
+            best = (
+                error,
+                Calibration {
+                    contact_min_n,
+                    friction,
+                },
+            );
+        }
+    }
+    best.1
+}
+
+/// What `evaluate` reports.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Scores {
+    /// Pairs scored.
+    pub(crate) samples: usize,
+    /// Σ(error²)/Σ(truth²) per sample, mean over samples in contact.
+    pub(crate) relative_squared_error: f64,
+    /// Root mean square error of x, y, z, newtons per taxel.
+    pub(crate) rmse_n: [f64; 3],
+    /// The same in shares of the 99th percentile of the component's magnitude.
+    pub(crate) rmse_of_p99: [f64; 3],
+    /// Relative error of the total normal force: median, 95th percentile.
+    pub(crate) normal_error: [f64; 2],
+    /// Error of the total shear vector over its length: median, 95th percentile.
+    pub(crate) shear_error: [f64; 2],
+    /// Mean absolute error of the stick ratio with the calibrated threshold and friction.
+    pub(crate) stick_ratio_error: f64,
+    /// Its bias: positive sees more sticking than there is.
+    pub(crate) stick_ratio_bias: f64,
+    /// Mean absolute error of the stick ratio without calibration of the friction.
+    pub(crate) stick_ratio_error_uncalibrated: f64,
+    /// Share of samples whose decision SR < 0.5 is the true map's.
+    pub(crate) slip_agreement: f64,
+    /// Share of samples whose true map says slip.
+    pub(crate) slip_share: f64,
+    /// Mean absolute total normal force where nothing touches, newtons.
+    pub(crate) untouched_normal_n: f64,
+}
+
+impl Scores {
+    pub(crate) fn new(pairs: &[Pair], calibration: Calibration) -> Self {
+        let Calibration {
+            contact_min_n,
+            friction,
+        } = calibration;
+        let (mut relative, mut normal, mut shear, mut untouched) = (vec![], vec![], vec![], vec![]);
+        for pair in pairs {
+            let (truth, predicted) = (total(&pair.truth), total(&pair.predicted));
+            if pair.truth.as_flattened().iter().all(|&force| force == 0.0) {
+                untouched.push(predicted[2].abs());
+                continue;
+            }
+            relative.push(squares(differences(pair)) / squares(pair.truth.as_flattened().iter().copied()));
+            if truth[2] > f64::from(SCORED_NORMAL_N) {
+                normal.push((predicted[2] - truth[2]).abs() / truth[2]);
+                let length = truth[0].hypot(truth[1]);
+                if length > f64::from(SCORED_SHEAR_N) {
+                    shear.push((predicted[0] - truth[0]).hypot(predicted[1] - truth[1]) / length);
+                }
+            }
+        }
+        let component = |component: usize| {
+            let taxels = || {
+                pairs
+                    .iter()
+                    .flat_map(move |pair| pair.truth.iter().zip(&pair.predicted))
+            };
+            let error = taxels().map(|(truth, predicted)| predicted[component] - truth[component]);
+            let rmse = (squares(error) / (pairs.len() * pairs[0].truth.len()) as f64).sqrt();
+            let magnitudes = taxels()
+                .map(|(truth, _)| f64::from(truth[component].abs()))
+                .collect();
+            (rmse, rmse / percentile(magnitudes, 0.99))
+        };
+        let components = [0, 1, 2].map(component);
+        let ratios = stick_ratios(pairs, contact_min_n, friction);
+        let uncalibrated = stick_ratios(pairs, contact_min_n, DETECTOR_FRICTION);
+        let absolute =
+            |ratios: &[(f64, f64)]| mean(ratios.iter().map(|(predicted, truth)| (predicted - truth).abs()));
+        let share = |on: fn(&(f64, f64)) -> bool| {
+            ratios.iter().filter(|ratios| on(ratios)).count() as f64 / ratios.len() as f64
+        };
+        Self {
+            samples: pairs.len(),
+            relative_squared_error: mean(relative.into_iter()),
+            rmse_n: components.map(|(rmse, _)| rmse),
+            rmse_of_p99: components.map(|(_, share)| share),
+            normal_error: [0.5, 0.95].map(|q| percentile(normal.clone(), q)),
+            shear_error: [0.5, 0.95].map(|q| percentile(shear.clone(), q)),
+            stick_ratio_error: absolute(&ratios),
+            stick_ratio_bias: mean(ratios.iter().map(|(predicted, truth)| predicted - truth)),
+            stick_ratio_error_uncalibrated: absolute(&uncalibrated),
+            slip_agreement: share(|(predicted, truth)| (*predicted < 0.5) == (*truth < 0.5)),
+            slip_share: share(|(_, truth)| *truth < 0.5),
+            untouched_normal_n: mean(untouched.into_iter()),
+        }
+    }
+
+    /// The scores under the names that other programs read.
+    pub(crate) fn to_json(&self) -> Value {
+        json!({
+            "samples": self.samples,
+            "relative_squared_error": self.relative_squared_error,
+            "rmse_n": self.rmse_n,
+            "rmse_of_p99": self.rmse_of_p99,
+            "total_normal_error_median": self.normal_error[0],
+            "total_normal_error_p95": self.normal_error[1],
+            "shear_error_median": self.shear_error[0],
+            "shear_error_p95": self.shear_error[1],
+            "stick_ratio_mae": self.stick_ratio_error,
+            "stick_ratio_bias": self.stick_ratio_bias,
+            "stick_ratio_mae_uncalibrated": self.stick_ratio_error_uncalibrated,
+            "slip_agreement": self.slip_agreement,
+            "slip_share": self.slip_share,
+            "untouched_normal_n": self.untouched_normal_n,
+        })
+    }
+
+    /// The scores as a table, one measure a line.
+    pub(crate) fn to_table(&self) -> String {
+        let percent = |share: f64| format!("{:.1} %", 100.0 * share);
+        let pair = |[median, p95]: [f64; 2]| format!("{} median, {} p95", percent(median), percent(p95));
+        let milli = self.rmse_n.map(|rmse| format!("{:.2}", 1e3 * rmse)).join(", ");
+        let shares = self.rmse_of_p99.map(percent).join(", ");
+        [
+            ("samples", self.samples.to_string()),
+            (
+                "relative squared error",
+                format!("{:.4}", self.relative_squared_error),
+            ),
+            (
+                "taxel RMSE x, y, z",
+                format!("{milli} mN ({shares} of the 99th percentile)"),
+            ),
+            ("total normal force error", pair(self.normal_error)),
+            ("total shear vector error", pair(self.shear_error)),
+            (
+                "stick ratio error",
+                format!("{:.3} mean absolute", self.stick_ratio_error),
+            ),
+            ("  bias", format!("{:+.3}", self.stick_ratio_bias)),
+            (
+                "  with friction 0.45",
+                format!("{:.3} mean absolute", self.stick_ratio_error_uncalibrated),
+            ),
+            ("SR < 0.5 as the true map", percent(self.slip_agreement)),
+            ("  samples that slip", percent(self.slip_share)),
+            (
+                "untouched normal force",
+                format!("{:.3} N mean absolute", self.untouched_normal_n),
+            ),
+        ]
+        .map(|(name, value)| format!("{name:26}{value}\n"))
+        .concat()
+    }
+}
+
+fn total(map: &ForceMap) -> [f64; 3] {
+    [0, 1, 2].map(|component| map.iter().map(|force| f64::from(force[component])).sum())
+}
+
+fn differences(pair: &Pair) -> impl Iterator<Item = f32> {
+    pair.predicted
+        .as_flattened()
+        .iter()
+        .zip(pair.truth.as_flattened())
+        .map(|(predicted, truth)| predicted - truth)
+}
+
+fn squares(values: impl Iterator<Item = f32>) -> f64 {
+    values.map(|value| f64::from(value) * f64::from(value)).sum()
+}
+
+/// NaN for nothing: no sample was of the kind that the measure is about.
+fn mean(values: impl ExactSizeIterator<Item = f64>) -> f64 {
+    let count = values.len() as f64;
+    values.sum::<f64>() / count
+}
+
+/// The value below which the share `q` lies (nearest rank); NaN for nothing.
+fn percentile(mut values: Vec<f64>, q: f64) -> f64 {
+    if values.is_empty() {
+        return f64::NAN;
+    }
+    let rank = ((values.len() - 1) as f64 * q).round() as usize;
+    *values.select_nth_unstable_by(rank, f64::total_cmp).1
+}
+
+#[cfg(test)]
+#[allow(clippy::float_cmp, reason = "zeros and ratios of counts are exact")]
+mod tests {
+    use super::*;
+
+    const CALIBRATION: Calibration = Calibration {
+        contact_min_n: 0.02,
+        friction: 0.45,
+    };
+
+    /// 100 loaded taxels, the first `sliding` of them beyond friction 0.45.
+    fn map(sliding: usize, scale: f32) -> ForceMap {
+        std::array::from_fn(|i| match i {
+            i if i >= 100 => [0.0; 3],
+            i if i < sliding => [0.06 * scale, 0.0, 0.1 * scale],
+            _ => [0.02 * scale, 0.0, 0.1 * scale],
+        })
+    }
+
+    #[test]
+    fn perfect_maps_score_perfectly() {
+        let pairs = [0, 40, 60].map(|n| Pair {
+            predicted: map(n, 1.0),
+            truth: map(n, 1.0),
+        });
+        let scores = Scores::new(&pairs, CALIBRATION);
+        assert_eq!(scores.relative_squared_error, 0.0);
+        assert_eq!([scores.normal_error, scores.shear_error], [[0.0; 2]; 2]);
+        assert_eq!([scores.stick_ratio_error, scores.slip_agreement], [0.0, 1.0]);
+        assert!((scores.slip_share - 1.0 / 3.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_map_ten_percent_too_strong_errs_by_ten_percent_and_keeps_its_stick_ratio() {
+        let pairs = [Pair {
+            predicted: map(30, 1.1),
+            truth: map(30, 1.0),
+        }];
+        let scores = Scores::new(&pairs, CALIBRATION);
+        for [median, _] in [scores.normal_error, scores.shear_error] {
+            assert!((median - 0.1).abs() < 1e-5, "{median}");
+        }
+        assert!((scores.relative_squared_error - 0.01).abs() < 1e-6);
+        assert_eq!(scores.stick_ratio_error, 0.0);
+    }
+
+    #[test]
+    fn too_little_predicted_sliding_is_a_positive_bias_that_calibration_removes() {
+        // A taxel beyond 0.45 in truth is predicted at 0.44: friction must go below that.
+        let smooth = |map: ForceMap| map.map(|[x, y, z]| [x.min(0.44 * z), y, z]);
+        let pairs: Vec<Pair> = (10..90)
+            .map(|n| Pair {
+                predicted: smooth(map(n, 1.0)),
+                truth: map(n, 1.0),
+            })
+            .collect();
+        let before = Scores::new(&pairs, CALIBRATION);
+        assert!(before.stick_ratio_bias > 0.4);
+        let calibration = calibrate(&pairs);
+        assert!(calibration.friction < 0.44, "{calibration:?}");
+        let after = Scores::new(&pairs, calibration);
+        assert_eq!([after.stick_ratio_bias, after.stick_ratio_error], [0.0, 0.0]);
+        assert_eq!(after.stick_ratio_error_uncalibrated, before.stick_ratio_error);
+    }
+
+    #[test]
+    fn an_untouched_sample_is_scored_by_the_force_it_invents() {
+        let pairs = [
+            Pair {
+                predicted: map(0, 0.01),
+                truth: [[0.0; 3]; 400],
+            },
+            Pair {
+                predicted: map(0, 1.0),
+                truth: map(0, 1.0),
+            },
+        ];
+        assert!((Scores::new(&pairs, CALIBRATION).untouched_normal_n - 0.1).abs() < 1e-6);
+    }
+}

@@ -1,0 +1,334 @@
+//! The training loop: AdamW, one cycle of the learning rate, the best weights on validation data kept in a
+//! file, early stop when they no longer improve. Then calibration, the golden file, and the report.
+
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use burn::module::Module;
+use burn::optim::{AdamWConfig, GradientsParams, ModuleOptimizer};
+use burn::tensor::Device;
+use gripline_network::weights::{Scaling, Weights, Widths};
+use gripline_network::{Calibration, ForceNetwork};
+use indicatif::{ProgressBar, ProgressStyle};
+use serde_json::json;
+
+use crate::batch;
+use crate::constants::{
+    BATCH, DETECTOR_FRICTION, DIFFERENCE_PER_LEVEL, LEARNING_RATE, NEWTONS_PER_OUTPUT, REST_DEVIATION,
+    WARM_UP, WEIGHT_DECAY, WIDTHS,
+};
+use crate::dataset::{Dataset, Split, load_or_generate};
+use crate::dice::Dice;
+use crate::error::{TrainingError, at};
+use crate::evaluate::predict;
+use crate::golden;
+use crate::loss::loss;
+use crate::metrics::{Scores, calibrate};
+use crate::model::{Tensors, UNet};
+
+/// What the user chose.
+#[derive(Debug, Clone)]
+pub(crate) struct Plan {
+    pub(crate) seed: u32,
+    pub(crate) samples: usize,
+    pub(crate) held_out: usize,
+    pub(crate) steps: usize,
+    pub(crate) budget: Option<Duration>,
+    pub(crate) patience: usize,
+}
+
+/// Where things are.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Places<'a> {
+    pub(crate) data: &'a Path,
+    pub(crate) out: &'a Path,
+    pub(crate) from: Option<&'a Path>,
+}
+
+/// Validations in a whole run.
+const VALIDATIONS: usize = 40;
+
+/// Trains, calibrates, and writes `unet.safetensors` into `out/weights` and `out/golden`.
+pub(crate) fn train(plan: &Plan, places: Places<'_>) -> Result<(), TrainingError> {
+    let get = |split, samples| load_or_generate(places.data, split, plan.seed, samples);
+    let sets = Sets {
+        train: get(Split::Train, plan.samples)?,
+        validation: get(Split::Validation, plan.held_out)?,
+    };
+    let device = Device::flex().autodiff();
+    device.seed(u64::from(plan.seed));
+    let mut weights = starting_weights(plan, places, &sets.train, &device)?;
+    let weights_path = places.out.join("weights").join("unet.safetensors");
+
+    let outcome = fit(plan, &sets, &mut weights, &device, |weights| {
+        save(&weights_path, &weights.to_bytes())
+    })?;
+
+    let calibration_set = get(Split::Calibration, plan.held_out)?;
+    let test_set = get(Split::Test, plan.held_out)?;
+    weights.calibration = calibrate(&predict(
+        &mut ForceNetwork::from_weights(&weights)?,
+        &calibration_set,
+    ));
+    let mut engine = ForceNetwork::from_weights(&weights)?;
+    let scores = Scores::new(&predict(&mut engine, &test_set), weights.calibration);
+    // Training that continues another's counts on.
+    let earlier: serde_json::Value = serde_json::from_str(&weights.manifest).unwrap_or_default();
+    let before = |key: &str| earlier[key].as_f64().unwrap_or(0.0);
+    weights.manifest = json!({
+        "world": sets.train.world(),
+        "seed": plan.seed,
+        "samples": sets.train.len(),
+        "sample_steps": before("sample_steps") + (outcome.steps * BATCH) as f64,
+        "minutes": before("minutes") + (outcome.took.as_secs_f64() / 60.0).round(),
+        "validation_loss": outcome.validation_loss,
+        "framework": "burn 0.22.1 flex",
+        "test": scores.to_json(),
+    })
+    .to_string();
+    save(&weights_path, &weights.to_bytes())?;
+    let golden_path = places.out.join("golden").join("unet.safetensors");
+    save(&golden_path, &golden::to_bytes(&weights, &test_set))?;
+
+    let Calibration {
+        contact_min_n,
+        friction,
+    } = weights.calibration;
+    println!("calibration: contact above {contact_min_n} N per taxel, friction {friction:.4}");
+    println!(
+        "test, patterns and contacts never trained on:\n{}",
+        scores.to_table()
+    );
+    println!("wrote {} and {}", weights_path.display(), golden_path.display());
+    Ok(())
+}
+
+/// What gradient steps and early stopping see.
+struct Sets {
+    train: Dataset,
+    validation: Dataset,
+}
+
+struct Outcome {
+    steps: usize,
+    took: Duration,
+    validation_loss: f32,
+}
+
+/// Random weights, or those of a file.
+fn starting_weights(
+    plan: &Plan,
+    places: Places<'_>,
+    train: &Dataset,
+    device: &Device,
+) -> Result<Weights, TrainingError> {
+    if let Some(path) = places.from {
+        return Ok(Weights::from_file(path)?);
+    }
+    if plan.samples < BATCH {
+        return Err(TrainingError::Usage(format!(
+            "--samples is {}, expected at least {BATCH}",
+            plan.samples
+        )));
+    }
+    let (mean, deviation) = train.rest_levels();
+    Ok(Weights {
+        widths: WIDTHS,
+        scaling: Scaling {
+            difference_per_level: DIFFERENCE_PER_LEVEL,
+            rest_level: mean as f32,
+            rest_per_level: REST_DEVIATION / deviation.max(1.0) as f32,
+            newtons_per_output: NEWTONS_PER_OUTPUT,
+        },
+        calibration: Calibration {
+            contact_min_n: 0.02,
+            friction: DETECTOR_FRICTION,
+        },
+        manifest: "in training".to_owned(),
+        tensors: UNet::new(WIDTHS, device).tensors(),
+    })
+}
+
+/// Gradient steps until the plan is done; leaves the best weights in `weights` and hands each new best to
+/// `checkpoint`.
+fn fit(
+    plan: &Plan,
+    sets: &Sets,
+    weights: &mut Weights,
+    device: &Device,
+    checkpoint: impl Fn(&Weights) -> Result<(), TrainingError>,
+) -> Result<Outcome, TrainingError> {
+    let scaling = weights.scaling;
+    let mut trainer = Trainer::new(weights.widths, &weights.tensors, device);
+    let mut dice = Dice::new(u64::from(plan.seed));
+    let mut order = Vec::new();
+    let mut best = (f32::INFINITY, 0);
+    let mut validated = 0;
+    let mut running_loss = None;
+    let start = Instant::now();
+    let bar = ProgressBar::new(plan.steps as u64).with_style(
+        ProgressStyle::with_template("training {bar:30} {pos}/{len} steps, {eta} left, {msg}")
+            .expect("the template is fixed"),
+    );
+    let mut step = 0;
+    loop {
+        let by_time = plan
+            .budget
+            .map_or(0.0, |budget| start.elapsed().as_secs_f64() / budget.as_secs_f64());
+        let progress = by_time.max(step as f64 / plan.steps as f64).min(1.0);
+        let done = progress >= 1.0;
+        if done || (progress * VALIDATIONS as f64) as usize > validated {
+            validated += 1;
+            let (validation_loss, tensors) = trainer.validate(&sets.validation, scaling);
+            let minutes = start.elapsed().as_secs_f64() / 60.0;
+            let train_loss = running_loss.unwrap_or(f32::NAN);
+            bar.suspend(|| {
+                println!(
+                    "{minutes:6.1} min  {:8} sample-steps  loss: training {train_loss:.4}, validation {validation_loss:.4}",
+                    step * BATCH
+                );
+            });
+            if validation_loss < best.0 {
+                best = (validation_loss, validated);
+                weights.tensors = tensors;
+                checkpoint(weights)?;
+            }
+            if done || validated - best.1 >= plan.patience {
+                break;
+            }
+        }
+
+        if order.len() < BATCH {
+            order = (0..sets.train.len()).collect();
+            dice.shuffle(&mut order);
+        }
+        let samples = order.split_off(order.len() - BATCH);
+        let [input, truth] = batch::augmented(&sets.train, &samples, scaling, device, &mut dice);
+        let batch_loss = trainer.step(input, truth, learning_rate(progress));
+        running_loss = Some(running_loss.map_or(batch_loss, |loss: f32| 0.98 * loss + 0.02 * batch_loss));
+        step += 1;
+        bar.set_position(step as u64);
+        bar.set_message(format!("loss {batch_loss:.4}"));
+    }
+    bar.finish_and_clear();
+    Ok(Outcome {
+        steps: step,
+        took: start.elapsed(),
+        validation_loss: best.0,
+    })
+}
+
+/// One cycle: a cosine up from a twenty-fifth, a cosine down to a hundredth of the peak.
+fn learning_rate(progress: f64) -> f64 {
+    let ease = |from: f64, to: f64, t: f64| to + (from - to) * (1.0 + (std::f64::consts::PI * t).cos()) / 2.0;
+    if progress < WARM_UP {
+        ease(LEARNING_RATE / 25.0, LEARNING_RATE, progress / WARM_UP)
+    } else {
+        ease(
+            LEARNING_RATE,
+            LEARNING_RATE / 100.0,
+            (progress - WARM_UP) / (1.0 - WARM_UP),
+        )
+    }
+}
+
+/// The network with its optimiser.
+struct Trainer {
+    network: UNet,
+    optimizer: ModuleOptimizer,
+}
+
+impl Trainer {
+    fn new(widths: Widths, tensors: &Tensors, device: &Device) -> Self {
+        let mut network = UNet::new(widths, device);
+        network.set_tensors(tensors, device);
+        let optimizer = AdamWConfig::new()
+            .with_epsilon(1e-8)
+            .with_weight_decay(WEIGHT_DECAY)
+            .init();
+        Self { network, optimizer }
+    }
+
+    /// One gradient step; the batch's loss before it.
+    fn step(&mut self, input: burn::tensor::Tensor<4>, truth: burn::tensor::Tensor<4>, rate: f64) -> f32 {
+        let loss = loss(self.network.forward(input), truth);
+        let value = loss.clone().into_scalar::<f32>();
+        let gradients = GradientsParams::from_grads(loss.backward(), &self.network);
+        self.network = self.optimizer.step(rate, self.network.clone(), gradients);
+        value
+    }
+
+    /// Loss over a whole set with running statistics and no augmentation, and the tensors it belongs to.
+    fn validate(&self, set: &Dataset, scaling: Scaling) -> (f32, Tensors) {
+        let network = self.network.valid();
+        let device = Device::flex();
+        let samples: Vec<usize> = (0..set.len()).collect();
+        let total: f32 = samples
+            .chunks(BATCH)
+            .map(|samples| {
+                let [input, truth] = batch::plain(set, samples, scaling, &device);
+                loss(network.forward(input), truth).into_scalar::<f32>() * samples.len() as f32
+            })
+            .sum();
+        (total / set.len() as f32, network.tensors())
+    }
+}
+
+fn save(path: &Path, bytes: &[u8]) -> Result<(), TrainingError> {
+    let directory = path.parent().expect("the path was joined");
+    std::fs::create_dir_all(directory).map_err(at(directory))?;
+    std::fs::write(path, bytes).map_err(at(path))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use burn::tensor::{Tensor, TensorData};
+
+    const SMALL: Widths = Widths {
+        encode44: 8,
+        encode22: 8,
+        encode20: 8,
+        middle10: 8,
+        bottom5: 8,
+        decode20: 8,
+    };
+
+    fn wavy(shape: [usize; 4], scale: f32, device: &Device) -> Tensor<4> {
+        let count = shape.iter().product::<usize>();
+        let values: Vec<f32> = (0..count)
+            .map(|i| scale * (i as f32 * 0.7 + (i / 400) as f32).sin())
+            .collect();
+        Tensor::from_data(TensorData::new(values, shape), device)
+    }
+
+    #[test]
+    fn twenty_steps_on_one_batch_halve_its_loss() {
+        let device = Device::flex().autodiff();
+        device.seed(1);
+        let tensors = UNet::new(SMALL, &device).tensors();
+        let mut trainer = Trainer::new(SMALL, &tensors, &device);
+        let input = wavy([4, 2, 88, 88], 1.0, &device);
+        // A load that differs between samples and components but is smooth over the map.
+        let truth = Tensor::from_data(
+            TensorData::new(
+                (0..4800).map(|i| (i / 400) as f32 * 0.3).collect::<Vec<_>>(),
+                [4, 3, 20, 20],
+            ),
+            &device,
+        );
+        let first = trainer.step(input.clone(), truth.clone(), 3e-3);
+        for _ in 0..20 {
+            trainer.step(input.clone(), truth.clone(), 3e-3);
+        }
+        let last = trainer.step(input, truth, 3e-3);
+        assert!(last < 0.5 * first, "{first} to {last}");
+    }
+
+    #[test]
+    fn the_learning_rate_rises_to_its_peak_and_falls_to_a_hundredth_of_it() {
+        assert!((learning_rate(0.0) - LEARNING_RATE / 25.0).abs() < 1e-12);
+        assert!((learning_rate(WARM_UP) - LEARNING_RATE).abs() < 1e-12);
+        assert!((learning_rate(1.0) - LEARNING_RATE / 100.0).abs() < 1e-12);
+    }
+}
