@@ -4,10 +4,15 @@
 //! No branch on the forces, so the work depends on the number of taxels only. No sum can overflow: 400 taxels of 2¹⁵
 //! at a distance of at most 19 give |Σ(x fy − y fx)| ≤ 400·38·2¹⁵ < 2³¹.
 
+use gripline_protocol::constants::TAXEL_PITCH_MM;
 use gripline_protocol::message::MapSums;
 use gripline_protocol::{ForceMap, PER_UNIT, SIDE, TAXELS, TaxelForce};
 
 use crate::friction::Friction;
+
+/// Half the distance between taxel centres, micrometres.
+const HALF_PITCH_UM: i64 = 800;
+const _: () = assert!(HALF_PITCH_UM as f64 * 2.0 == TAXEL_PITCH_MM * 1_000.0);
 
 /// What decides about a taxel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -91,4 +96,18 @@ pub fn total_shear(sums: &MapSums) -> i32 {
     let square = u64::from(x.unsigned_abs()).pow(2) + u64::from(y.unsigned_abs()).pow(2);
     // At most √2 · 400 · 2¹⁵ < 2²⁵.
     square.isqrt() as i32
+}
+
+/// Centre of pressure Σ(x fz)/Σ fz, Σ(y fz)/Σ fz in micrometres from the map's centre, rounded towards zero; `None`
+/// when nothing presses.
+#[must_use]
+pub fn centre_of_pressure_um(sums: &MapSums) -> Option<[i32; 2]> {
+    let normal = i64::from(sums.force[2]);
+    // |Σ x fz| < 2²⁸, so the product fits i64; forces that pull as well as push can put the centre anywhere.
+    let place = |moment: i32| i32::try_from(i64::from(moment) * HALF_PITCH_UM / normal).ok();
+    if normal <= 0 {
+        None
+    } else {
+        Some([place(sums.pressure[0])?, place(sums.pressure[1])?])
+    }
 }

@@ -5,7 +5,8 @@
 use gripline_network::{ForceNetwork, downsample_440_to_88};
 use gripline_simulation::{Image, Sample, SampleGenerator, block_mean_88};
 
-/// A seed that the trainer never uses: its own are below 2³².
+/// A stream of samples that the committed weights were not trained on: the trainer's have its own seed (1) in the
+/// upper 32 bits.
 const UNSEEN_SEED: u64 = 0x7E57_0000_0000;
 const SAMPLES: usize = 400;
 

@@ -13,7 +13,7 @@ use std::time::{Duration, Instant};
 
 use clap::Args;
 use gripline_firmware::Fault;
-use gripline_firmware::sums::stick_ratio_below;
+use gripline_firmware::sums::{centre_of_pressure_um, stick_ratio_below};
 use gripline_network::ForceNetwork;
 use gripline_protocol::constants::TAXEL_PITCH_MM;
 use gripline_protocol::message::{Command, Configuration, GripMode, Status};
@@ -446,6 +446,7 @@ fn report_of(
         shear_y_n: y,
         shear_n: x.hypot(y),
         moment_nmm: newtons(sums.moment) * TAXEL_PITCH_MM / 2.0,
+        centre_of_pressure_mm: centre_of_pressure_um(sums).map(|place| place.map(|um| f64::from(um) / 1e3)),
         contact: sums.contact,
         stick: sums.stick,
         stick_ratio: (sums.contact > 0).then(|| f64::from(sums.stick) / f64::from(sums.contact)),

@@ -32,6 +32,9 @@ pub struct FrameReport {
     /// Moment about z.
     #[serde(rename = "mz")]
     pub moment_nmm: f64,
+    /// Centre of pressure from the map's centre, x and y; `None` when nothing presses.
+    #[serde(rename = "cop_mm")]
+    pub centre_of_pressure_mm: Option<[f64; 2]>,
     /// Taxels in contact.
     pub contact: u16,
     /// Taxels in contact that stick.

@@ -29,6 +29,7 @@ pub(super) fn report(frame: u64) -> FrameReport {
         shear_y_n: 0.0,
         shear_n: 0.0,
         moment_nmm: 0.0,
+        centre_of_pressure_mm: None,
         contact: 0,
         stick: 0,
         stick_ratio: None,
