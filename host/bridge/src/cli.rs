@@ -1,5 +1,7 @@
 //! The command line. Ranges are checked here, so that a wrong value ends with exit code 2 before anything starts.
 
+use std::ffi::OsString;
+
 use clap::{Parser, Subcommand};
 
 use crate::detect::DetectArgs;
@@ -10,9 +12,9 @@ use crate::run::RunArgs;
 #[derive(Debug, Parser)]
 #[command(name = "gripline", version, about, max_term_width = 100)]
 pub struct Cli {
-    /// What to do; `run` when left out.
+    /// What to do.
     #[command(subcommand)]
-    pub command: Option<Command>,
+    pub command: Command,
 }
 
 /// What to do.
@@ -24,9 +26,17 @@ pub enum Command {
     Detect(DetectArgs),
 }
 
-impl Default for Command {
-    fn default() -> Self {
-        Self::Run(RunArgs::default())
+impl Cli {
+    /// Reads the program's arguments; none at all mean `run`.
+    ///
+    /// # Errors
+    /// clap's, for `--help` and `--version` too.
+    pub fn from_arguments(arguments: impl IntoIterator<Item = OsString>) -> Result<Self, clap::Error> {
+        let mut arguments: Vec<_> = arguments.into_iter().collect();
+        if arguments.len() <= 1 {
+            arguments = vec!["gripline".into(), "run".into()];
+        }
+        Self::try_parse_from(arguments)
     }
 }
 

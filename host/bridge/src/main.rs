@@ -3,13 +3,12 @@
 
 use std::process::ExitCode;
 
-use clap::Parser;
 use gripline::cli::{Cli, Command};
 use gripline::error::Kind;
 use gripline::{detect, run};
 
 fn main() -> ExitCode {
-    let cli = match Cli::try_parse() {
+    let cli = match Cli::from_arguments(std::env::args_os()) {
         Ok(cli) => cli,
         Err(error) if error.use_stderr() => {
             eprintln!("gripline: {}", one_line(&error.to_string()));
@@ -18,7 +17,7 @@ fn main() -> ExitCode {
         // `--help` and `--version` come this way too.
         Err(text) => text.exit(),
     };
-    let ended = match cli.command.unwrap_or_default() {
+    let ended = match cli.command {
         Command::Run(args) => run::run(&args),
         Command::Detect(args) => detect::run(&args),
     };

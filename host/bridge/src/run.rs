@@ -18,6 +18,7 @@ use gripline_network::ForceNetwork;
 use gripline_protocol::constants::TAXEL_PITCH_MM;
 use gripline_protocol::message::{Command, Configuration, GripMode, Status};
 use gripline_protocol::{LSB_PER_NEWTON, MapInfo, PER_UNIT};
+use gripline_simulation::constants::{SCENE_INITIAL_GRIP_N, SCENE_LOOP_S};
 use serde::Serialize;
 
 use crate::cli::number_in;
@@ -35,10 +36,6 @@ use crate::view::{Screen, View};
 const FRAMES_PER_SECOND: f64 = 60.0;
 /// Pictures at rest that are averaged before anything touches.
 const REST_PICTURES: usize = 16;
-/// Grip with which the gripper closes, newtons: what the scene's object needs before anything pulls on it.
-const CLOSING_GRIP_N: f64 = 2.5;
-/// Length of the scene, seconds: without a terminal it plays once.
-const SCENE_SECONDS: f64 = 12.0;
 
 /// Arguments of `gripline run`.
 #[derive(Debug, Clone, Args)]
@@ -49,7 +46,7 @@ pub struct RunArgs {
     /// Which microcontroller: embedded, emulator, usb, usb:SERIAL or serial:PORT.
     #[arg(long, default_value_t, value_name = "MCU")]
     mcu: Target,
-    /// Stop after so many seconds. By default: never on a terminal, after one scene (12 s) elsewhere.
+    /// Stop after so many seconds. By default: never on a terminal, after one round of the scene (12 s) elsewhere.
     #[arg(long, value_name = "S", value_parser = |text: &str| number_in(text, 0.1, 1e9))]
     seconds: Option<f64>,
     /// Weights of the force network instead of the built-in ones (safetensors).
@@ -67,21 +64,6 @@ pub struct RunArgs {
     /// One JSON object a frame, and a summary object last, on standard output.
     #[arg(long)]
     json: bool,
-}
-
-impl Default for RunArgs {
-    fn default() -> Self {
-        Self {
-            source: Source::default(),
-            mcu: Target::default(),
-            seconds: None,
-            weights: None,
-            gate: GateChoice::default(),
-            seed: 1,
-            unpaced: false,
-            json: false,
-        }
-    }
 }
 
 /// Which scene gate.
@@ -128,6 +110,8 @@ struct Summary {
     answers_checked: u64,
     shadow_mismatches: u64,
     maps_unanswered: u64,
+    commands_refused: u64,
+    last_refusal: Option<String>,
     frames_late: u64,
     slip_frames: u64,
     gross_slip_frames: u64,
@@ -176,7 +160,7 @@ pub fn run(args: &RunArgs) -> Result<(), Failure> {
     let signalled = Arc::clone(&stop);
     ctrlc::set_handler(move || signalled.store(true, Ordering::Relaxed)).map_err(Failure::failed)?;
     let mut output = Output::open(args.json, limits(&settings))?;
-    let seconds = args.seconds.or((!output.is_live()).then_some(SCENE_SECONDS));
+    let seconds = args.seconds.or((!output.is_live()).then_some(SCENE_LOOP_S));
     let frames = seconds.map(|seconds| (seconds * FRAMES_PER_SECOND).round() as u64);
 
     let mut run = Run::new(session, !args.unpaced);
@@ -204,7 +188,7 @@ fn settings_for(network: &ForceNetwork) -> Configuration {
     Configuration {
         friction: (calibration.friction * PER_UNIT as f32).round() as u16,
         contact_min: (calibration.contact_min_n * LSB_PER_NEWTON as f32) as i16,
-        floor: (CLOSING_GRIP_N * f64::from(LSB_PER_NEWTON)) as i32,
+        floor: (SCENE_INITIAL_GRIP_N * f64::from(LSB_PER_NEWTON)) as i32,
         ..Configuration::DEFAULT
     }
 }
@@ -260,6 +244,8 @@ impl Run {
             answers_checked: 0,
             shadow_mismatches: 0,
             maps_unanswered: 0,
+            commands_refused: 0,
+            last_refusal: None,
             frames_late: 0,
             slip_frames: 0,
             gross_slip_frames: 0,
@@ -326,7 +312,8 @@ impl Run {
             .run_until(self.time_us(self.frame + 1))
             .map_err(Failure::failed)?;
         if let Some(refusal) = self.session.take_refusal() {
-            eprintln!("gripline: the microcontroller refused a command: {refusal:?}");
+            self.summary.commands_refused += 1;
+            self.summary.last_refusal = Some(format!("{refusal:?}"));
         }
         if self.paced {
             self.wait_for_the_clock();
@@ -616,5 +603,12 @@ fn summary_text(summary: &Summary) -> String {
         summary.shadow_mismatches,
         summary.maps_unanswered
     );
+    if let Some(refusal) = &summary.last_refusal {
+        let _ = write!(
+            text,
+            "\n{} commands refused by the microcontroller, the last: {refusal}",
+            summary.commands_refused
+        );
+    }
     text
 }

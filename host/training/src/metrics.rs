@@ -320,7 +320,7 @@ mod tests {
 
     #[test]
     fn an_untouched_sample_is_scored_by_the_force_it_invents() {
-        let pairs = [
+        let pairs = vec![
             Pair {
                 predicted: map(0, 0.01),
                 truth: [[0.0; 3]; 400],
