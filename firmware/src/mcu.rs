@@ -12,7 +12,6 @@ use gripline_protocol::sequence::{Order, SequenceWatch};
 use gripline_protocol::{Event, MapInfo, PACKET_MAX, Parser, SENSORS};
 
 use crate::constants::{DECIDE_BUDGET_CYCLES, STATUS_PERIOD_MS};
-use crate::friction::Friction;
 use crate::grip::{Evidence, GripController, GripForce};
 use crate::safety::{Fault, Safety};
 use crate::slip::{Judgement, SlipDetector, severity};
@@ -113,14 +112,6 @@ pub struct Mcu {
     worst_cycles: [u32; STAGES],
 }
 
-/// The rule of checked settings: [`Configuration::check`] has the same limit on friction.
-const fn rule_of(settings: &Configuration) -> TaxelRule {
-    TaxelRule {
-        friction: Friction::clamped(settings.friction),
-        contact_min: settings.contact_min,
-    }
-}
-
 impl Mcu {
     /// Starts with the default settings: released, or holding the restored line.
     #[must_use]
@@ -133,7 +124,7 @@ impl Mcu {
         }
         Self {
             start,
-            rule: rule_of(&settings),
+            rule: TaxelRule::of(&settings),
             settings,
             parser: Parser::new(),
             partial: MapSums::default(),
@@ -386,7 +377,7 @@ impl Mcu {
                 Ok(()) => {
                     self.safety.set(Fault::OutOfRange, false);
                     self.settings = *settings;
-                    self.rule = rule_of(settings);
+                    self.rule = TaxelRule::of(settings);
                     // Sums under way were made by the old rule.
                     self.parser.drop_map();
                     self.outbox.configuration = true;

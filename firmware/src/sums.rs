@@ -5,7 +5,7 @@
 //! at a distance of at most 19 give |Σ(x fy − y fx)| ≤ 400·38·2¹⁵ < 2³¹.
 
 use gripline_protocol::constants::TAXEL_PITCH_MM;
-use gripline_protocol::message::MapSums;
+use gripline_protocol::message::{Configuration, MapSums};
 use gripline_protocol::{ForceMap, PER_UNIT, SIDE, TAXELS, TaxelForce};
 
 use crate::friction::Friction;
@@ -21,6 +21,17 @@ pub struct TaxelRule {
     pub friction: Friction,
     /// A taxel is in contact when its normal force exceeds this, 1/4096 N; at least 0.
     pub contact_min: i16,
+}
+
+impl TaxelRule {
+    /// The rule of settings that [`Configuration::check`] passed; friction beyond its range counts as 2.
+    #[must_use]
+    pub const fn of(settings: &Configuration) -> Self {
+        Self {
+            friction: Friction::clamped(settings.friction),
+            contact_min: settings.contact_min,
+        }
+    }
 }
 
 /// Place of every taxel's centre: (x, y) in half pitches.

@@ -3,11 +3,11 @@
 //! fail when either is missing.
 
 use gripline::link::{EmulatorLink, Link};
-use gripline::session::{Session, rule_of};
+use gripline::session::Session;
 use gripline_firmware::GripForce;
 use gripline_firmware::constants::DECIDE_BUDGET_CYCLES;
 use gripline_firmware::line::DAC_LIVE_ZERO;
-use gripline_firmware::sums::{stick_ratio, sums_of, total_shear};
+use gripline_firmware::sums::{TaxelRule, stick_ratio, sums_of, total_shear};
 use gripline_protocol::message::{Command, Configuration, GripMode, SlipState, Status};
 use gripline_protocol::{ForceMap, MapInfo, PER_UNIT, TaxelForce, encode_map};
 
@@ -71,7 +71,7 @@ impl Board {
 
     /// The microcontroller's answer for this map is the host's own.
     fn assert_sums(&self, status: &Status, map: &ForceMap, what: &str) {
-        let host = sums_of(map, rule_of(&SETTINGS));
+        let host = sums_of(map, TaxelRule::of(&SETTINGS));
         assert_eq!(status.sums, host, "{what}: sums");
         assert_eq!(
             stick_ratio(&status.sums),
@@ -97,7 +97,7 @@ fn map(slipping: usize) -> ForceMap {
 }
 
 fn feed_forward(map: &ForceMap) -> i32 {
-    let shear = i64::from(total_shear(&sums_of(map, rule_of(&SETTINGS))));
+    let shear = i64::from(total_shear(&sums_of(map, TaxelRule::of(&SETTINGS))));
     let share = i64::from(PER_UNIT) + i64::from(SETTINGS.margin);
     (shear * share / i64::from(SETTINGS.friction)) as i32
 }
@@ -255,7 +255,7 @@ fn noise_on_the_line_before_a_map_does_not_cost_the_map() {
     session.run_until(session.now_us() + 100_000).unwrap();
     assert_eq!(
         session.status().unwrap().sums,
-        sums_of(&map(3), rule_of(&SETTINGS))
+        sums_of(&map(3), TaxelRule::of(&SETTINGS))
     );
 }
 

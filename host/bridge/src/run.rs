@@ -182,8 +182,9 @@ pub fn run(args: &RunArgs) -> Result<(), Failure> {
     Ok(())
 }
 
-/// The default settings with what the network was calibrated for.
-fn settings_for(network: &ForceNetwork) -> Configuration {
+/// The default settings with what the network was calibrated for, and the grip with which the scene's object is held.
+#[must_use]
+pub fn settings_for(network: &ForceNetwork) -> Configuration {
     let calibration = network.calibration();
     Configuration {
         friction: (calibration.friction * PER_UNIT as f32).round() as u16,

@@ -3,7 +3,6 @@
 
 use std::time::{Instant, SystemTime, UNIX_EPOCH};
 
-use gripline_firmware::Friction;
 use gripline_firmware::sums::TaxelRule;
 use gripline_protocol::message::{
     Command, Configuration, Hello, Message, MessageError, MessagePackets, Refusal, Report, SchemaMismatch,
@@ -110,15 +109,6 @@ impl Inbox {
     }
 }
 
-/// The detector's rule of these settings.
-#[must_use]
-pub fn rule_of(settings: &Configuration) -> TaxelRule {
-    TaxelRule {
-        friction: Friction::clamped(settings.friction),
-        contact_min: settings.contact_min,
-    }
-}
-
 impl Session {
     /// Shakes hands and hands over the settings.
     ///
@@ -134,7 +124,7 @@ impl Session {
             latest: None,
             unreadable: 0,
         };
-        let shadow = Shadow::new(rule_of(&settings));
+        let shadow = Shadow::new(TaxelRule::of(&settings));
         let (packets, lengths) = (Vec::new(), Vec::new());
         let mut session = Self {
             link,

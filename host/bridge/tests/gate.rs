@@ -4,10 +4,11 @@
 use gripline::gate::Verdict;
 use gripline::link::EmbeddedLink;
 use gripline::pipeline::Pipeline;
+use gripline::run::settings_for;
 use gripline::session::Session;
 use gripline::source::SimulatedSource;
 use gripline_network::ForceNetwork;
-use gripline_protocol::message::{Command, Configuration, GripMode};
+use gripline_protocol::message::{Command, GripMode};
 use gripline_protocol::{LSB_PER_NEWTON, MapInfo};
 
 struct Chain {
@@ -19,13 +20,7 @@ struct Chain {
 impl Chain {
     fn new(rest: &[Vec<u8>], gate: bool) -> Self {
         let network = ForceNetwork::embedded().unwrap();
-        let calibration = network.calibration();
-        let settings = Configuration {
-            friction: (calibration.friction * 1e4).round() as u16,
-            contact_min: (calibration.contact_min_n * LSB_PER_NEWTON as f32) as i16,
-            floor: 5 * LSB_PER_NEWTON / 2,
-            ..Configuration::DEFAULT
-        };
+        let settings = settings_for(&network);
         let session = Session::open(Box::new(EmbeddedLink::new()), settings).unwrap();
         Self {
             pipeline: Pipeline::new(network, rest, gate),
