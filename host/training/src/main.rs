@@ -49,7 +49,7 @@ enum Command {
         #[arg(long, default_value_t = 20_000, value_parser = clap::value_parser!(u32).range(32..=1_000_000))]
         samples: u32,
         /// Gradient steps of 32 samples.
-        #[arg(long, default_value_t = 12_000, value_parser = clap::value_parser!(u32).range(1..=10_000_000))]
+        #[arg(long, default_value_t = 20_000, value_parser = clap::value_parser!(u32).range(1..=10_000_000))]
         steps: u32,
         /// Finish within this time, with fewer steps if need be.
         #[arg(long, value_parser = clap::value_parser!(u32).range(1..=10_000))]
