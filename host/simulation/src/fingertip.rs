@@ -10,6 +10,7 @@ use crate::constants::{
     SENSOR_NOISE_LEVELS, VIGNETTE,
 };
 use crate::contact::ContactState;
+use crate::contact_world::Truth;
 use crate::error::{SimulationError, checked, not_negative, positive};
 use crate::field::{Field, FieldKernels};
 use crate::gel::Gel;
@@ -132,17 +133,33 @@ impl Fingertip {
     /// The camera's crop under `contact`, with fresh noise; `out` is made 440 x 440 if it is not. Where
     /// nothing touches, neither field nor particles are computed again.
     pub fn render(&mut self, contact: Option<&ContactState>, out: &mut Image) {
+        let contact = contact.filter(|contact| contact.in_contact());
+        if let Some(contact) = contact {
+            self.field.load(contact);
+        }
+        self.take(contact.is_some(), out);
+    }
+
+    /// As [`Self::render`], under a contact of the contact world. The skin there should be this gel.
+    pub fn render_truth(&mut self, truth: &Truth, out: &mut Image) {
+        let touched = truth.in_contact();
+        if touched {
+            self.field.load_truth(truth);
+        }
+        self.take(touched, out);
+    }
+
+    /// Takes the picture: particles moved by the field if something touches.
+    fn take(&mut self, touched: bool, out: &mut Image) {
         if (out.width, out.height, out.pixels.len()) != (CROP_PX, CROP_PX, CROP_PX * CROP_PX) {
             *out = Image::crop();
         }
-        let coverage = match contact.filter(|contact| contact.in_contact()) {
-            Some(contact) => {
-                self.field.load(contact);
-                self.particles
-                    .draw(Some(&self.field), &self.params.camera.lens(), &mut self.coverage);
-                &self.coverage
-            }
-            None => &self.rest,
+        let coverage = if touched {
+            self.particles
+                .draw(Some(&self.field), &self.params.camera.lens(), &mut self.coverage);
+            &self.coverage
+        } else {
+            &self.rest
         };
         expose(
             &mut self.noise,

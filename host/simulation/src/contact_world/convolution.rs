@@ -33,6 +33,8 @@ pub(crate) struct Spectra {
     coupling: Vec<Pair>,
     /// Largest stretch that the tangential influence gives to any field, mm per MPa.
     tangential_bound: f64,
+    /// What pressure on a cell does to the cell itself, mm per MPa.
+    own_normal: f64,
 }
 
 impl std::fmt::Debug for Spectra {
@@ -101,6 +103,7 @@ impl Spectra {
             columns,
             down: real(spectrum(&|c| c.zz)),
             tangential_bound: largest / factor,
+            own_normal: influence.at(0, 0).zz,
             mean,
             turn,
             coupling: out_x
@@ -169,6 +172,11 @@ impl Convolution {
     /// Largest stretch that [`Self::tangential`] gives to any field, mm per MPa.
     pub(crate) fn tangential_bound(&self) -> f64 {
         self.spectra.tangential_bound
+    }
+
+    /// What pressure on a cell does to the cell itself, mm per MPa.
+    pub(crate) fn own_normal(&self) -> f64 {
+        self.spectra.own_normal
     }
 
     /// Spectrum of a field given cell by cell; the rows of zeros under the box are not transformed.

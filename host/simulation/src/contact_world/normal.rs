@@ -80,7 +80,7 @@ impl NormalSolver {
             }
             before = square.max(1e-300);
             convolution.normal(&self.direction, &mut self.answer);
-            [known, conjugate] = self.advance(press, cell_mm2, pressure);
+            [known, conjugate] = self.advance(press, cell_mm2, 1.0 / convolution.own_normal(), pressure);
         }
     }
 
@@ -119,7 +119,13 @@ impl NormalSolver {
 
     /// One step along the direction. Whether the displacement is still known without another convolution (no
     /// pressure was cut off or begun), and whether the next direction may be conjugate to this one (none begun).
-    fn advance(&mut self, press: Press, cell_mm2: f64, pressure: &mut [f64]) -> [bool; 2] {
+    fn advance(
+        &mut self,
+        press: Press,
+        cell_mm2: f64,
+        own_stiffness: f64,
+        pressure: &mut [f64],
+    ) -> [bool; 2] {
         let shift = match press {
             Press::Depth(_) => 0.0,
             Press::Force(_) => mean_in_contact(pressure, |cell| self.answer[cell]),
@@ -136,7 +142,8 @@ impl NormalSolver {
                 curve += (answer - shift) * direction;
             }
         }
-        let length = if curve > 0.0 { along / curve } else { 0.0 };
+        // A single cell under a given force has nowhere to go, but its neighbours may have to begin.
+        let length = if curve > 0.0 { along / curve } else { own_stiffness };
         let (mut cut, mut begun) = (false, false);
         for ((p, gap), direction) in pressure.iter_mut().zip(&self.gap).zip(&self.direction) {
             if *p > 0.0 {

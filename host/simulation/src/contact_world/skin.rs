@@ -1,6 +1,6 @@
 //! The skin that contacts share: one gel on one grid of square cells over the sensing surface, with the
 //! influence of the cells on each other and its spectra, made once per size of box. Units: mm, MPa.
-//! Limits: the cells divide the taxels, so that taxel sums are exact.
+//! Limits: cells divide the taxels and the field's cells, so that sums over those are exact.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -15,6 +15,8 @@ use crate::gel::Gel;
 const BOX_SIDES: [usize; 18] = [
     8, 12, 16, 20, 24, 30, 36, 40, 48, 54, 60, 72, 80, 90, 100, 120, 144, 160,
 ];
+/// Two to a taxel: the cells of the field inside the skin, or parts of them.
+const CELLS_STEP: usize = 2 * TAXELS;
 /// Most cells along one side; the cost grows with the square.
 const MAX_CELLS: usize = 160;
 
@@ -32,13 +34,13 @@ impl Skin {
     /// truth.
     ///
     /// # Errors
-    /// A gel constant outside its range, or a number of cells that is not 20, 40, … 160.
+    /// A gel constant outside its range, or a number of cells that is not 40, 80, 120 or 160.
     pub fn new(gel: &Gel, cells: usize) -> Result<Self, SimulationError> {
-        if cells == 0 || cells > MAX_CELLS || !cells.is_multiple_of(TAXELS) {
+        if cells == 0 || cells > MAX_CELLS || !cells.is_multiple_of(CELLS_STEP) {
             return Err(SimulationError::OutOfRange {
                 field: "skin cells",
                 found: cells as f64,
-                expected: "a multiple of 20, at most 160",
+                expected: "a multiple of 40, at most 160",
             });
         }
         let pitch_mm = 2.0 * HALF_SURFACE_MM / cells as f64;

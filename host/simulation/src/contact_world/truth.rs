@@ -3,7 +3,7 @@
 //! exerts on the skin, given at the skin's rest positions.
 
 use super::convolution::Pair;
-use crate::constants::{HALF_SURFACE_MM, TAXEL_COUNT, TAXELS};
+use crate::constants::{FIELD_CELLS, FIELD_PITCH_MM, HALF_SURFACE_MM, TAXEL_COUNT, TAXELS};
 use crate::contact::ForceMap;
 
 /// A cell within this share of its friction bound is at it.
@@ -205,14 +205,39 @@ impl Truth {
     #[must_use]
     pub fn force_map(&self) -> ForceMap {
         let per_taxel = self.cells / TAXELS;
-        let area = self.pitch_mm * self.pitch_mm;
         let mut sums = [[0.0_f64; 3]; TAXEL_COUNT];
-        for (cell, (p, q)) in self.pressure.iter().zip(&self.shear).enumerate() {
-            let taxel = cell / self.cells / per_taxel * TAXELS + cell % self.cells / per_taxel;
-            sums[taxel][0] += q.re * area;
-            sums[taxel][1] += q.im * area;
-            sums[taxel][2] += p * area;
-        }
+        self.each_force(|row, column, force| {
+            let taxel = &mut sums[row / per_taxel * TAXELS + column / per_taxel];
+            for (sum, more) in taxel.iter_mut().zip(force) {
+                *sum += more;
+            }
+        });
         sums.map(|taxel| taxel.map(|v| v as f32))
+    }
+
+    /// Adds the forces to the grid of the field inside the skin, whose cells this grid divides, N.
+    pub(crate) fn add_field_forces(&self, out: &mut [[f32; 3]]) {
+        let per_cell = (FIELD_PITCH_MM / self.pitch_mm).round() as usize;
+        let margin = (FIELD_CELLS - self.cells / per_cell) / 2;
+        self.each_force(|row, column, force| {
+            let cell = &mut out[(margin + row / per_cell) * FIELD_CELLS + margin + column / per_cell];
+            for (sum, more) in cell.iter_mut().zip(force) {
+                *sum += more as f32;
+            }
+        });
+    }
+
+    /// Calls `f` with row, column and force of every cell that something touches.
+    fn each_force(&self, mut f: impl FnMut(usize, usize, [f64; 3])) {
+        let area = self.pitch_mm * self.pitch_mm;
+        for (cell, (p, q)) in self.pressure.iter().zip(&self.shear).enumerate() {
+            if *p > 0.0 {
+                f(
+                    cell / self.cells,
+                    cell % self.cells,
+                    [q.re * area, q.im * area, p * area],
+                );
+            }
+        }
     }
 }

@@ -9,6 +9,7 @@ use crate::closed_form::{CattaneoMindlin, Hertz, Torsion};
 use crate::contact::ForceMap;
 use crate::error::SimulationError;
 use crate::gel::Gel;
+use crate::random::Random;
 
 const FRICTION: f64 = 0.65;
 const RADIUS_MM: f64 = 12.0;
@@ -575,4 +576,48 @@ fn contact_beyond_the_surface_and_bad_numbers_are_refused_and_change_nothing() {
     assert!(Skin::new(&Gel::default(), 50).is_err() && Skin::new(&Gel::default(), 0).is_err());
     let skin = Arc::new(Skin::new(&Gel::default(), 40).unwrap());
     assert!(Contact::new(skin, Arc::new(Paraboloid), 0.0, Mount::default()).is_err());
+}
+
+#[test]
+fn random_paths_on_random_gels_always_solve() {
+    let mut random = Random::new(7, 99);
+    let (mut steps, mut off, mut rounds) = (0, 0, 0);
+    for (poisson, thickness_mm) in [(0.3, 3.0), (0.45, 10.0), (0.49, 6.0), (0.5, 3.0), (0.5, 6.0)] {
+        let gel = Gel {
+            thickness_mm,
+            poisson,
+            ..Gel::default()
+        };
+        let skin = Arc::new(Skin::new(&gel, 40).unwrap());
+        for shape in TRAINING_SHAPES.into_iter().chain(UNSEEN_SHAPES) {
+            let friction = random.uniform(0.2, 1.2);
+            let mount = Mount {
+                shift_mm_per_n: random.uniform(-1.0, 1.0).max(0.0),
+                turn_rad_per_nmm: random.uniform(-0.05, 0.05).max(0.0),
+            };
+            let mut contact = Contact::new(Arc::clone(&skin), Arc::new(shape), friction, mount).unwrap();
+            let mut at_mm = [random.uniform(-3.0, 3.0), random.uniform(-3.0, 3.0)];
+            let mut turn_rad = random.uniform(-3.0, 3.0);
+            let mut force = random.log_uniform(0.1, 5.0);
+            for _ in 0..8 {
+                at_mm = at_mm.map(|at| at + random.uniform(-1.5, 1.5));
+                turn_rad += random.uniform(-0.2, 0.2);
+                force = (force * random.log_uniform(0.1, 8.0)).clamp(0.01, 8.0);
+                steps += 1;
+                let order = Drive {
+                    press: Press::Force(force),
+                    at_mm,
+                    turn_rad,
+                    tilt_rad: [random.uniform(-0.05, 0.05), random.uniform(-0.05, 0.05)],
+                };
+                match contact.step(order) {
+                    Ok(truth) => rounds = rounds.max(truth.residuals().rounds),
+                    Err(SimulationError::OffSurface { .. }) => off += 1,
+                    Err(error) => panic!("{} on ν {poisson}, {thickness_mm} mm: {error}", shape.name()),
+                }
+            }
+        }
+    }
+    println!("random paths: {steps} steps solved in at most {rounds} rounds, {off} refused at the edge");
+    assert!(off < steps / 10);
 }
