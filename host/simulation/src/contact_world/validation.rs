@@ -453,6 +453,34 @@ fn the_production_grid_is_close_to_one_twice_as_fine() {
 }
 
 #[test]
+fn the_number_of_steps_on_a_path_hardly_matters() {
+    for shape in [TRAINING_SHAPES[0], TRAINING_SHAPES[4], UNSEEN_SHAPES[3]] {
+        let map = |steps: u32| {
+            let mut contact = contact(&Gel::default(), 40, shape, Mount::default());
+            // Pressed, then dragged and twisted into partial slip, then halfway back.
+            contact.step(drive(3.0, [0.2, -0.1], 0.0)).unwrap();
+            for i in 1..=2 * steps {
+                let part = f64::from(i) / f64::from(steps);
+                let pull = if part <= 1.0 { part } else { 1.5 - 0.5 * part };
+                contact
+                    .step(drive(3.0, [0.2 + 0.5 * pull, -0.1], 0.03 * pull))
+                    .unwrap();
+            }
+            contact.truth().force_map()
+        };
+        let (few, some, many) = (map(3), map(8), map(64));
+        let [few, some] = [difference(&few, &many), difference(&some, &many)];
+        println!(
+            "steps, {}: map with 3 a stroke within {:.2} %, with 8 within {:.2} % of 64",
+            shape.name(),
+            100.0 * few,
+            100.0 * some
+        );
+        assert!(some < 0.02);
+    }
+}
+
+#[test]
 fn every_shape_meets_load_friction_and_complementarity() {
     let skin = Arc::new(Skin::new(&Gel::default(), 40).unwrap());
     for shape in TRAINING_SHAPES.into_iter().chain(UNSEEN_SHAPES) {
