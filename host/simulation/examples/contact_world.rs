@@ -1,14 +1,14 @@
 //! What a coupled contact step costs: `cargo run --release -p gripline-simulation --example contact_world`.
 //! A 12 mm sphere on the default gel, pressed, then dragged and twisted in small steps until it slides, then
-//! back; then every built-in shape. One core.
+//! back; then every built-in shape; then whole training samples. One core.
 
 use std::sync::Arc;
 use std::time::Instant;
 
-use gripline_simulation::Gel;
 use gripline_simulation::contact_world::{
     Contact, Drive, HeightMap, Mount, Press, Shape, Skin, TRAINING_SHAPES, UNSEEN_SHAPES,
 };
+use gripline_simulation::{Fingertip, FingertipParams, Gel, Image, block_mean_88};
 
 const FRICTION: f64 = 0.65;
 const STEPS: u32 = 20;
@@ -43,6 +43,51 @@ fn main() -> Result<(), Failure> {
         let indenter: Arc<dyn HeightMap> = Arc::new(shape);
         path(&format!("{}, 2 N, 40 x 40", shape.name()), &skin, &indenter, 2.0)?;
     }
+    rendered(&Arc::new(Skin::new(&gel, 40)?))
+}
+
+/// Training as it would go: press in eight steps, then eight loads with an image each.
+fn rendered(skin: &Arc<Skin>) -> Result<(), Failure> {
+    let mut fingertip = Fingertip::new(1, FingertipParams::default())?;
+    let mut image = Image::crop();
+    let (mut samples, mut solved, mut drawn) = (0, 0.0, 0.0);
+    for round in 0..3 {
+        (samples, solved, drawn) = if round == 0 {
+            (0, 0.0, 0.0)
+        } else {
+            (samples, solved, drawn)
+        };
+        for (i, shape) in TRAINING_SHAPES.into_iter().enumerate() {
+            let mut contact = Contact::new(Arc::clone(skin), Arc::new(shape), FRICTION, Mount::default())?;
+            let drive = |pull: f64| Drive {
+                press: Press::Force(1.0 + 0.4 * i as f64),
+                at_mm: [0.1 + pull, -0.15],
+                turn_rad: 0.05 * pull,
+                tilt_rad: [0.0; 2],
+            };
+            let start = Instant::now();
+            contact.go_to(drive(0.0), 8)?;
+            solved += start.elapsed().as_secs_f64();
+            for step in 1..=8 {
+                let start = Instant::now();
+                let truth = contact.step(drive(0.12 * f64::from(step)))?;
+                std::hint::black_box(truth.force_map());
+                solved += start.elapsed().as_secs_f64();
+                let start = Instant::now();
+                fingertip.render_truth(truth, &mut image);
+                std::hint::black_box(block_mean_88(&image.pixels));
+                drawn += start.elapsed().as_secs_f64();
+                samples += 1;
+            }
+        }
+    }
+    let per_sample = |seconds: f64| seconds * 1e3 / f64::from(samples);
+    println!(
+        "rendered sample, 1 to 3.4 N, eight to a history: contact {:.2} ms, image {:.2} ms; {:.0} a second on one core",
+        per_sample(solved),
+        per_sample(drawn),
+        f64::from(samples) / (solved + drawn)
+    );
     Ok(())
 }
 

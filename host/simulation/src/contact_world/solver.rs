@@ -231,6 +231,38 @@ impl Contact {
         Ok(&self.truth)
     }
 
+    /// Goes to `drive` in `steps` equal steps from where the contact is now; straight down if nothing touches.
+    /// Pressing needs it: skin that comes under the indenter late has moved before. On the default layer the
+    /// map of a press in one step is 2 to 7 % off, in eight steps below 1 %.
+    ///
+    /// # Errors
+    /// Those of [`Self::step`]; the contact then stays at the last step that was solved.
+    pub fn go_to(&mut self, drive: Drive, steps: u32) -> Result<&Truth, SimulationError> {
+        let from = if self.truth.in_contact() {
+            self.drive
+        } else {
+            drive
+        };
+        let now = match drive.press {
+            Press::Force(_) => self.truth.force_n()[2],
+            Press::Depth(_) => self.truth.pose.depth_mm.max(0.0),
+        };
+        for step in 1..steps {
+            let part = f64::from(step) / f64::from(steps);
+            let between = |a: f64, b: f64| a + (b - a) * part;
+            self.step(Drive {
+                press: match drive.press {
+                    Press::Force(force) => Press::Force(between(now, force)),
+                    Press::Depth(depth) => Press::Depth(between(now, depth)),
+                },
+                at_mm: [0, 1].map(|k| between(from.at_mm[k], drive.at_mm[k])),
+                turn_rad: between(from.turn_rad, drive.turn_rad),
+                tilt_rad: [0, 1].map(|k| between(from.tilt_rad[k], drive.tilt_rad[k])),
+            })?;
+        }
+        self.step(drive)
+    }
+
     fn lift_off(&mut self, drive: &Drive) {
         let depth_mm = match drive.press {
             Press::Force(_) => 0.0,
