@@ -4,7 +4,7 @@
 //! Coulomb friction with one coefficient, quasi-static.
 //!
 //! From the bottom up: `influence` (one cell's traction to displacement), `convolution` (all cells of a box),
-//! `skin` (what contacts share), `normal` and `tangential` (the two problems of a step), `solver` (the step and
+//! `skin` (what contacts share), `window` (the cells that a step solves for), `normal` and `tangential` (the two problems of a step), `solver` (the step and
 //! its history), `truth` (what a step is asked for), `shapes` (indenters).
 
 mod convolution;
@@ -17,6 +17,7 @@ mod tangential;
 mod truth;
 #[cfg(test)]
 mod validation;
+mod window;
 
 pub use normal::Press;
 pub use shapes::{GridShape, HeightMap, Shape, TRAINING_SHAPES, UNSEEN_SHAPES, WALL_MM};

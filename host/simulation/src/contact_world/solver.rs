@@ -11,6 +11,7 @@ use super::shapes::HeightMap;
 use super::skin::Skin;
 use super::tangential::{TangentialProblem, TangentialSolver};
 use super::truth::{Pose, Residuals, Truth};
+use super::window::{Bounds, Window};
 use crate::error::{SimulationError, finite, not_negative, positive};
 
 /// Largest gap residual of a step that is handed out, share of the deepest indentation.
@@ -60,94 +61,6 @@ pub struct Contact {
     convolution: Option<Convolution>,
     normal: NormalSolver,
     tangential: TangentialSolver,
-}
-
-/// A rectangle of cells.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct Window {
-    row: usize,
-    column: usize,
-    rows: usize,
-    columns: usize,
-}
-
-impl Window {
-    /// The cells of the box, as places in the whole grid.
-    fn places(self, cells: usize) -> impl Iterator<Item = usize> {
-        (0..self.rows).flat_map(move |row| {
-            let start = (self.row + row) * cells + self.column;
-            start..start + self.columns
-        })
-    }
-
-    fn holds(self, bounds: Bounds) -> bool {
-        bounds.rows[0] >= self.row
-            && bounds.columns[0] >= self.column
-            && bounds.rows[1] < self.row + self.rows
-            && bounds.columns[1] < self.column + self.columns
-    }
-}
-
-/// First and last row and column of some cells.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct Bounds {
-    rows: [usize; 2],
-    columns: [usize; 2],
-}
-
-impl Bounds {
-    /// Around one cell.
-    fn at(place: usize, cells: usize) -> Self {
-        Self {
-            rows: [place / cells; 2],
-            columns: [place % cells; 2],
-        }
-    }
-
-    /// Around both.
-    fn union(self, other: Self) -> Self {
-        let both = |a: [usize; 2], b: [usize; 2]| [a[0].min(b[0]), a[1].max(b[1])];
-        Self {
-            rows: both(self.rows, other.rows),
-            columns: both(self.columns, other.columns),
-        }
-    }
-
-    /// These and all `places`.
-    fn with(self, places: impl Iterator<Item = usize>, cells: usize) -> Self {
-        places.fold(self, |bounds, place| bounds.union(Self::at(place, cells)))
-    }
-
-    fn widened(self, by: usize, cells: usize) -> Self {
-        let wide = |[first, last]: [usize; 2]| [first.saturating_sub(by), (last + by).min(cells - 1)];
-        Self {
-            rows: wide(self.rows),
-            columns: wide(self.columns),
-        }
-    }
-
-    /// Whether a cell at the edge of the grid is among them.
-    fn at_edge(self, cells: usize) -> bool {
-        [self.rows, self.columns]
-            .iter()
-            .any(|[first, last]| *first == 0 || *last == cells - 1)
-    }
-
-    /// The smallest box around the bounds, as much in the middle as the grid allows.
-    fn window(self, skin: &Skin) -> Window {
-        let fit = |[first, last]: [usize; 2]| {
-            let side = skin.box_side(last - first + 1);
-            let spare = side - (last - first + 1);
-            (first.saturating_sub(spare / 2).min(skin.cells() - side), side)
-        };
-        let ((row, rows), (column, columns)) = (fit(self.rows), fit(self.columns));
-        Window {
-            row,
-            column,
-            rows,
-            columns,
-        }
-    }
 }
 
 /// A step's solution in its box.
@@ -202,7 +115,7 @@ impl Contact {
         &self.truth
     }
 
-    /// One quasi-static step; on an error the contact stays as it was.
+    /// One quasi-static step; on an error the contact stays as it was, and what did not touch does not touch.
     ///
     /// # Errors
     /// A number that is not finite, a force below 0, contact at the edge of the sensing surface, or residuals
@@ -210,11 +123,8 @@ impl Contact {
     pub fn step(&mut self, drive: Drive) -> Result<&Truth, SimulationError> {
         check(&drive)?;
         if !self.truth.in_contact() {
-            self.truth.pose.at_mm = drive.at_mm;
-            self.truth.pose.turn_rad = drive.turn_rad;
-            self.truth.footprint_mm = drive.at_mm;
-            self.footprint_turn_rad = drive.turn_rad;
-            self.drive = drive;
+            // Free to go there: nothing to pull at.
+            self.lift_off(&drive);
         }
         let gap = self.gap_mm(drive.tilt_rad);
         let lowest = gap.iter().copied().fold(f64::INFINITY, f64::min);
@@ -266,7 +176,7 @@ impl Contact {
     fn lift_off(&mut self, drive: &Drive) {
         let depth_mm = match drive.press {
             Press::Force(_) => 0.0,
-            Press::Depth(depth) => depth.min(0.0),
+            Press::Depth(depth) => depth,
         };
         self.truth = Truth::free(
             self.skin.cells(),

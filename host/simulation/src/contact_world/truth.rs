@@ -30,7 +30,7 @@ pub enum CellState {
 pub struct Pose {
     /// Its origin over the skin at rest, mm.
     pub at_mm: [f64; 2],
-    /// Depth of its lowest plane under the skin at rest, mm; 0 or below when it does not touch.
+    /// Depth of its lowest plane under the skin at rest, mm; 0 if it was lifted off by force.
     pub depth_mm: f64,
     /// Its turn about z, from x to y, rad.
     pub turn_rad: f64,
@@ -167,14 +167,31 @@ impl Truth {
     /// Moment about the normal through `about_mm`, M = Σ(x f_y − y f_x), N·mm.
     #[must_use]
     pub fn torsion_nmm(&self, about_mm: [f64; 2]) -> f64 {
-        let place = |i: usize| (i as f64 + 0.5) * self.pitch_mm - HALF_SURFACE_MM;
         let mut sum = 0.0;
         for (cell, q) in self.shear.iter().enumerate() {
-            let x = place(cell % self.cells) - about_mm[0];
-            let y = place(cell / self.cells) - about_mm[1];
-            sum += x * q.im - y * q.re;
+            let [x, y] = self.place_mm(cell);
+            sum += (x - about_mm[0]) * q.im - (y - about_mm[1]) * q.re;
         }
         sum * self.pitch_mm * self.pitch_mm
+    }
+
+    /// Where the normal force acts, mm; none when nothing touches.
+    #[must_use]
+    pub fn pressure_centre_mm(&self) -> Option<[f64; 2]> {
+        let (mut sum, mut x, mut y) = (0.0, 0.0, 0.0);
+        for (cell, p) in self.pressure.iter().enumerate() {
+            let [at_x, at_y] = self.place_mm(cell);
+            sum += p;
+            x += p * at_x;
+            y += p * at_y;
+        }
+        (sum > 0.0).then(|| [x / sum, y / sum])
+    }
+
+    /// Middle of a cell, mm.
+    #[must_use]
+    pub fn place_mm(&self, cell: usize) -> [f64; 2] {
+        [cell % self.cells, cell / self.cells].map(|i| (i as f64 + 0.5) * self.pitch_mm - HALF_SURFACE_MM)
     }
 
     /// Where the indenter is.

@@ -54,12 +54,6 @@ fn drive(force_n: f64, at_mm: [f64; 2], turn_rad: f64) -> Drive {
     }
 }
 
-/// Middle of a cell, mm.
-fn place(truth: &Truth, cell: usize) -> [f64; 2] {
-    let n = truth.cells();
-    [cell % n, cell / n].map(|i| (i as f64 + 0.5) * 32.0 / n as f64 - 16.0)
-}
-
 fn sums(map: &ForceMap) -> [f64; 3] {
     map.iter().fold([0.0; 3], |sum, taxel| {
         std::array::from_fn(|k| sum[k] + f64::from(taxel[k]))
@@ -86,7 +80,7 @@ fn a_pressed_parabola_is_hertz() {
         let mut spread = 0.0;
         let mut worst = 0.0_f64;
         for (cell, p) in truth.pressure_mpa().iter().enumerate() {
-            let r = f64::hypot(place(truth, cell)[0], place(truth, cell)[1]);
+            let r = f64::hypot(truth.place_mm(cell)[0], truth.place_mm(cell)[1]);
             spread += p * r * r * 0.16;
             if r < 0.9 * hertz.radius_mm() {
                 worst = worst.max((p - hertz.pressure_mpa(r)).abs() / hertz.peak_pressure_mpa());
@@ -129,7 +123,7 @@ fn a_growing_pull_is_cattaneo_mindlin() {
         let exact = closed.stick_ratio(pull).unwrap();
         let [mut worst, mut across] = [0.0_f64; 2];
         for cell in 0..truth.states().len() {
-            let [x, y] = place(truth, cell);
+            let [x, y] = truth.place_mm(cell);
             // The footprint slid a little by now.
             let r = f64::hypot(x - truth.footprint_mm()[0], y);
             if r < 0.9 * hertz.radius_mm() {
@@ -237,7 +231,7 @@ fn full_slip_of_a_flat_face_is_two_thirds_of_force_times_radius() {
     let truth = contact.truth();
     let bound: f64 = (0..1600)
         .map(|cell| {
-            let [x, y] = place(truth, cell);
+            let [x, y] = truth.place_mm(cell);
             FRICTION * truth.pressure_mpa()[cell] * x.hypot(y) * 0.64
         })
         .sum();
@@ -611,12 +605,7 @@ fn tilt_moves_the_pressure_to_the_lowered_side() {
                 ..drive(3.0, [0.0; 2], 0.0)
             })
             .unwrap();
-        let centre: f64 = truth
-            .pressure_mpa()
-            .iter()
-            .enumerate()
-            .map(|(cell, p)| p * place(truth, cell)[0] * 0.64 / 3.0)
-            .sum();
+        let [centre, _] = truth.pressure_centre_mm().unwrap();
         assert!(centre > last && (i > 0 || centre.abs() < 1e-3), "{centre} mm");
         last = centre.max(0.01);
     }
