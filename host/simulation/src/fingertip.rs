@@ -341,6 +341,55 @@ mod tests {
     }
 
     #[test]
+    fn a_solved_contact_is_pictured_as_the_closed_form_is() {
+        use crate::contact_world::{Contact, Drive, Mount, Press, Shape, Skin};
+        let params = FingertipParams {
+            noise_levels: 0.0,
+            ..FingertipParams::default()
+        };
+        let mut fingertip = Fingertip::new(3, params).unwrap();
+        // Without coupling and base, as the closed form is; the inside is the fingertip's.
+        let gel = Gel {
+            poisson: 0.5,
+            thickness_mm: 1e9,
+            ..params.gel
+        };
+        let sphere = SphereParams {
+            gel,
+            ..SphereParams::default()
+        };
+        let mut closed = SphereContact::new(sphere).unwrap();
+        let skin = Arc::new(Skin::new(&gel, 80).unwrap());
+        let indenter = Arc::new(Shape::Sphere {
+            radius_mm: sphere.radius_mm,
+        });
+        let mut solved = Contact::new(skin, indenter, sphere.friction, Mount::default()).unwrap();
+        let rest = fingertip.rest_image();
+        let [mut one, mut other] = [Image::crop(), Image::crop()];
+        fingertip.render_truth(solved.truth(), &mut other);
+        assert!(other == rest);
+        for shear in [0.0, 0.4] {
+            let load = Load {
+                normal_n: 1.5,
+                shear_n: [shear, 0.0],
+                torsion_nmm: 0.0,
+            };
+            let state = closed.step(load).unwrap();
+            let drive = Drive {
+                press: Press::Force(1.5),
+                at_mm: state.displacement_mm(),
+                turn_rad: 0.0,
+                tilt_rad: [0.0; 2],
+            };
+            solved.step(drive).unwrap();
+        }
+        fingertip.render(Some(closed.state()), &mut one);
+        fingertip.render_truth(solved.truth(), &mut other);
+        let ((_, between), (_, moved)) = (statistics(&one, &other), statistics(&one, &rest));
+        assert!(between < 0.1 * moved, "{between} against {moved} levels");
+    }
+
+    #[test]
     fn bad_parameters_are_named() {
         let good = FingertipParams::default();
         let bad = |params: FingertipParams| Fingertip::new(1, params).unwrap_err().to_string();
