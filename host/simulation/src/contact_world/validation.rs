@@ -461,6 +461,31 @@ fn a_punch_that_cannot_slip_is_stiffer_by_mossakovskiis_factor() {
 }
 
 #[test]
+fn under_a_wide_face_a_thin_layer_answers_as_a_column() {
+    // Confined compression p = Mδ/h with M = 2G(1−ν)/(1−2ν), plain shear q = Gu/h.
+    let gel = Gel {
+        thickness_mm: 1.0,
+        poisson: 0.3,
+        ..Gel::default()
+    };
+    let skin = Arc::new(Skin::new(&gel, 80).unwrap());
+    let mut contact = Contact::new(skin, Arc::new(Punch), 2.0, Mount::default()).unwrap();
+    let (depth, shift) = (0.05, 0.04);
+    let order = |x: f64| Drive {
+        press: Press::Depth(depth),
+        ..drive(0.0, [x, 0.0], 0.0)
+    };
+    contact.step(order(0.0)).unwrap();
+    let truth = contact.step(order(shift)).unwrap();
+    let middle = 40 * 80 + 40;
+    let modulus = 2.0 * gel.shear_modulus_mpa() * 0.7 / 0.4;
+    let pressure = truth.pressure_mpa()[middle] / (modulus * depth);
+    let shear = truth.shear_mpa(middle)[0] / (gel.shear_modulus_mpa() * shift);
+    println!("thin layer under a wide face: pressure {pressure:.4}, shear {shear:.4} of the column's");
+    assert!((pressure - 1.0).abs() < 0.01 && (shear - 1.0).abs() < 0.01);
+}
+
+#[test]
 fn pressing_in_eight_steps_is_close_to_pressing_in_many() {
     for shape in [TRAINING_SHAPES[0], TRAINING_SHAPES[4], UNSEEN_SHAPES[4]] {
         let map = |steps: u32| {
