@@ -243,13 +243,9 @@ fn full_slip_of_a_flat_face_is_two_thirds_of_force_times_radius() {
 #[test]
 fn sliding_and_spinning_together_lie_on_the_limit_surface() {
     // Steady slip about a pole at distance d: q = μp against the slip there, integrated over the Hertz dome.
-    // Little friction: slip over a strained skin differs from rigid slip by the order of the strain.
-    let (force, friction) = (3.0, 0.03);
+    let force = 3.0;
     for pole in [0.3, 0.8, 2.0] {
-        let gel = half_space();
-        let hertz = Hertz::new(force, RADIUS_MM, &gel).unwrap();
-        let skin = Arc::new(Skin::new(&gel, 80).unwrap());
-        let mut contact = Contact::new(skin, Arc::new(Paraboloid), friction, Mount::default()).unwrap();
+        let (mut contact, hertz) = pressed(80, force);
         let a = hertz.radius_mm();
         let (mut pull, mut moment) = (0.0, 0.0);
         let steps = 200;
@@ -258,20 +254,21 @@ fn sliding_and_spinning_together_lie_on_the_limit_surface() {
                 let at = |k: i32| (f64::from(k) + 0.5) / f64::from(steps) * 2.0 * a - a;
                 let (x, y) = (at(i), at(j));
                 let cell = (2.0 * a / f64::from(steps)).powi(2);
-                let q = friction * hertz.pressure_mpa(x.hypot(y)) * cell;
+                let q = FRICTION * hertz.pressure_mpa(x.hypot(y)) * cell;
                 // Slip velocity (−y + d, x) for turn rate 1 and shift d along x.
                 let (u, v) = (pole * a - y, x);
                 pull += q * u / u.hypot(v);
                 moment += q * (x * v - y * u) / u.hypot(v);
             }
         }
-        // Less than a cell a step; the sum is far beyond the elastic shift.
+        // Less than a cell a step (the footprint follows one step late: larger steps on 60 cells were 0.04 off); the
+        // sum is far beyond the elastic shift.
         for i in 0..=20 {
             let turn = 0.04 * f64::from(i) / pole.max(0.5);
             contact.step(drive(force, [pole * a * turn, 0.0], turn)).unwrap();
         }
         let truth = contact.truth();
-        let limit = [friction * force, 3.0 * PI / 16.0 * friction * force * a];
+        let limit = [FRICTION * force, 3.0 * PI / 16.0 * FRICTION * force * a];
         let found = [
             truth.force_n()[0].hypot(truth.force_n()[1]) / limit[0],
             truth.torsion_nmm(truth.footprint_mm()) / limit[1],
