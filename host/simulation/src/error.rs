@@ -28,6 +28,29 @@ pub enum SimulationError {
         /// Newton steps taken.
         iterations: usize,
     },
+    /// Gap or friction of a solved contact are not met; the state before the step is kept.
+    #[error(
+        "contact residual is {found} after {rounds} rounds, expected at most {expected}: use smaller steps"
+    )]
+    ContactUnsolved {
+        /// The larger of the gap and friction residuals.
+        found: f64,
+        /// The bound on it.
+        expected: f64,
+        /// Rounds between pressure and shear.
+        rounds: usize,
+    },
+    /// The contact reaches the edge of the sensing surface; the state before the step is kept.
+    #[error(
+        "the contact of the indenter at ({x_mm}, {y_mm}) mm reaches the edge of the sensing surface, expected \
+         contact inside ±16 mm: move the indenter inwards or press less"
+    )]
+    OffSurface {
+        /// Where the indenter stands on the skin, x.
+        x_mm: f64,
+        /// Where the indenter stands on the skin, y.
+        y_mm: f64,
+    },
 }
 
 /// `value`, if it is finite and `ok` holds for it.

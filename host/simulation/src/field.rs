@@ -11,6 +11,7 @@ use rustfft::{Fft, FftPlannerScalar};
 
 use crate::constants::{FIELD_CELLS, FIELD_LEVELS, FIELD_PITCH_MM, PARTICLE_DEPTH_MM};
 use crate::contact::ContactState;
+use crate::contact_world::Truth;
 use crate::gel::Gel;
 
 type Spectrum = Complex<f32>;
@@ -223,6 +224,13 @@ impl Field {
     pub(crate) fn load(&mut self, contact: &ContactState) {
         self.cells.fill([0.0; 3]);
         contact.add_cell_forces(FIELD_PITCH_MM, FIELD_CELLS, &mut self.cells);
+        self.solve();
+    }
+
+    /// Displacements under a solved contact.
+    pub(crate) fn load_truth(&mut self, truth: &Truth) {
+        self.cells.fill([0.0; 3]);
+        truth.add_field_forces(&mut self.cells);
         self.solve();
     }
 
@@ -578,6 +586,57 @@ mod tests {
             let exact = hertz.normal_displacement_mm(r);
             assert!((found / exact - 1.0).abs() < 0.005, "{found} {exact} at {r} mm");
         }
+    }
+
+    #[test]
+    fn a_solved_contact_moves_the_inside_as_the_closed_form_does() {
+        use crate::contact_world::{Contact, Drive, Mount, Press, Shape, Skin};
+        // Tractions from a half-space without coupling, on both ways; the inside is the layer's.
+        let params = SphereParams {
+            gel: Gel {
+                poisson: 0.5,
+                ..half_space()
+            },
+            radius_mm: 20.0,
+            centre_mm: [0.4, -0.2],
+            ..SphereParams::default()
+        };
+        let mut closed = SphereContact::new(params).unwrap();
+        for shear in [0.0, 0.6] {
+            let load = Load {
+                normal_n: 2.0,
+                shear_n: [shear, 0.0],
+                torsion_nmm: 0.0,
+            };
+            closed.step(load).unwrap();
+        }
+        let skin = Arc::new(Skin::new(&params.gel, 80).unwrap());
+        let sphere = Arc::new(Shape::Sphere { radius_mm: 20.0 });
+        let mut solved = Contact::new(skin, sphere, params.friction, Mount::default()).unwrap();
+        for shift in [0.0, closed.state().displacement_mm()[0]] {
+            let drive = Drive {
+                press: Press::Force(2.0),
+                at_mm: [0.4 + shift, -0.2],
+                turn_rad: 0.0,
+                tilt_rad: [0.0; 2],
+            };
+            solved.step(drive).unwrap();
+        }
+        let kernels = Arc::new(FieldKernels::new(&Gel::default()));
+        let (mut one, mut other) = (Field::new(Arc::clone(&kernels)), Field::new(kernels));
+        one.load(closed.state());
+        other.load_truth(solved.truth());
+        let (mut largest, mut worst) = (0.0_f32, 0.0_f32);
+        for x in [-6.0, -2.0, 0.4, 1.0, 3.0] {
+            for depth in [1.0, 2.5, 4.0] {
+                let place = Place::new([x, 0.5], depth);
+                for (a, b) in one.at(&place).into_iter().zip(other.at(&place)) {
+                    largest = largest.max(a.abs());
+                    worst = worst.max((a - b).abs());
+                }
+            }
+        }
+        assert!(worst < 0.02 * largest, "{worst} of {largest} mm");
     }
 
     #[test]

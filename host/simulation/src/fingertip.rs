@@ -10,6 +10,7 @@ use crate::constants::{
     SENSOR_NOISE_LEVELS, VIGNETTE,
 };
 use crate::contact::ContactState;
+use crate::contact_world::Truth;
 use crate::error::{SimulationError, checked, not_negative, positive};
 use crate::field::{Field, FieldKernels};
 use crate::gel::Gel;
@@ -132,17 +133,33 @@ impl Fingertip {
     /// The camera's crop under `contact`, with fresh noise; `out` is made 440 x 440 if it is not. Where
     /// nothing touches, neither field nor particles are computed again.
     pub fn render(&mut self, contact: Option<&ContactState>, out: &mut Image) {
+        let contact = contact.filter(|contact| contact.in_contact());
+        if let Some(contact) = contact {
+            self.field.load(contact);
+        }
+        self.take(contact.is_some(), out);
+    }
+
+    /// As [`Self::render`], under a contact of the contact world. The skin there should be this gel.
+    pub fn render_truth(&mut self, truth: &Truth, out: &mut Image) {
+        let touched = truth.in_contact();
+        if touched {
+            self.field.load_truth(truth);
+        }
+        self.take(touched, out);
+    }
+
+    /// Takes the picture: particles moved by the field if something touches.
+    fn take(&mut self, touched: bool, out: &mut Image) {
         if (out.width, out.height, out.pixels.len()) != (CROP_PX, CROP_PX, CROP_PX * CROP_PX) {
             *out = Image::crop();
         }
-        let coverage = match contact.filter(|contact| contact.in_contact()) {
-            Some(contact) => {
-                self.field.load(contact);
-                self.particles
-                    .draw(Some(&self.field), &self.params.camera.lens(), &mut self.coverage);
-                &self.coverage
-            }
-            None => &self.rest,
+        let coverage = if touched {
+            self.particles
+                .draw(Some(&self.field), &self.params.camera.lens(), &mut self.coverage);
+            &self.coverage
+        } else {
+            &self.rest
         };
         expose(
             &mut self.noise,
@@ -321,6 +338,55 @@ mod tests {
         let mut now = Image::new(3, 2);
         fingertip.render(Some(contact.state()), &mut now);
         assert!(now == rest);
+    }
+
+    #[test]
+    fn a_solved_contact_is_pictured_as_the_closed_form_is() {
+        use crate::contact_world::{Contact, Drive, Mount, Press, Shape, Skin};
+        let params = FingertipParams {
+            noise_levels: 0.0,
+            ..FingertipParams::default()
+        };
+        let mut fingertip = Fingertip::new(3, params).unwrap();
+        // Without coupling and base, as the closed form is; the inside is the fingertip's.
+        let gel = Gel {
+            poisson: 0.5,
+            thickness_mm: 1e9,
+            ..params.gel
+        };
+        let sphere = SphereParams {
+            gel,
+            ..SphereParams::default()
+        };
+        let mut closed = SphereContact::new(sphere).unwrap();
+        let skin = Arc::new(Skin::new(&gel, 80).unwrap());
+        let indenter = Arc::new(Shape::Sphere {
+            radius_mm: sphere.radius_mm,
+        });
+        let mut solved = Contact::new(skin, indenter, sphere.friction, Mount::default()).unwrap();
+        let rest = fingertip.rest_image();
+        let [mut one, mut other] = [Image::crop(), Image::crop()];
+        fingertip.render_truth(solved.truth(), &mut other);
+        assert!(other == rest);
+        for shear in [0.0, 0.4] {
+            let load = Load {
+                normal_n: 1.5,
+                shear_n: [shear, 0.0],
+                torsion_nmm: 0.0,
+            };
+            let state = closed.step(load).unwrap();
+            let drive = Drive {
+                press: Press::Force(1.5),
+                at_mm: state.displacement_mm(),
+                turn_rad: 0.0,
+                tilt_rad: [0.0; 2],
+            };
+            solved.step(drive).unwrap();
+        }
+        fingertip.render(Some(closed.state()), &mut one);
+        fingertip.render_truth(solved.truth(), &mut other);
+        let ((_, between), (_, moved)) = (statistics(&one, &other), statistics(&one, &rest));
+        assert!(between < 0.1 * moved, "{between} against {moved} levels");
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! The test world of Gripline: a soft fingertip whose inner particles a camera sees, pressed, sheared and
 //! twisted by a sphere. First form: closed-form contact (Hertz, Cattaneo–Mindlin, Jäger), linear gel, one
-//! sphere. Units: mm, N, MPa (= N/mm²), N·mm, s. x and y lie in the surface, z points into the skin. Forces
+//! sphere; `contact_world` solves the contact of any indenter. Units: mm, N, MPa (= N/mm²), N·mm, s. x and y lie in the surface, z points into the skin. Forces
 //! are what the object exerts on the skin. Same seed, parameters and calls: same images, bit for bit.
 #![forbid(unsafe_code)]
 
@@ -8,6 +8,7 @@ mod camera;
 pub mod closed_form;
 pub mod constants;
 mod contact;
+pub mod contact_world;
 mod error;
 mod field;
 mod fingertip;

@@ -1,0 +1,26 @@
+//! Contact with friction of any rigid indenter on the skin, along any path of pressing, dragging, twisting and
+//! tilting: who touches, who sticks, who slips, and the force map that a perfect sensor would report. Units:
+//! mm, N, MPa, N·mm, rad. Limits: linear layer, small strain (doubtful above about 2.5 N on a 12 mm sphere),
+//! Coulomb friction with one coefficient, quasi-static.
+//!
+//! From the bottom up: `influence` (one cell's traction to displacement), `convolution` (all cells of a box),
+//! `skin` (what contacts share), `window` (the cells that a step solves for), `normal` and `tangential` (the two problems of a step), `solver` (the step and
+//! its history), `truth` (what a step is asked for), `shapes` (indenters).
+
+mod convolution;
+mod influence;
+mod normal;
+mod shapes;
+mod skin;
+mod solver;
+mod tangential;
+mod truth;
+#[cfg(test)]
+mod validation;
+mod window;
+
+pub use normal::Press;
+pub use shapes::{GridShape, HeightMap, Shape, TRAINING_SHAPES, UNSEEN_SHAPES, WALL_MM};
+pub use skin::Skin;
+pub use solver::{Contact, Drive, Mount};
+pub use truth::{CellState, Pose, Residuals, Truth};

@@ -1,0 +1,260 @@
+//! What is true of a contact at one instant: tractions, which cells stick and slip, the taxel sums that a
+//! sensor should report, and the indenter's motion. Units: mm, N, MPa, N·mm, rad. Forces are what the object
+//! exerts on the skin, given at the skin's rest positions.
+
+use super::convolution::Pair;
+use crate::constants::{FIELD_CELLS, FIELD_PITCH_MM, HALF_SURFACE_MM, TAXEL_COUNT, TAXELS};
+use crate::contact::ForceMap;
+
+/// A cell within this share of its friction bound is at it.
+const BOUND_SHARE: f64 = 1.0 - 1e-6;
+/// Fewer sticking cells than this share of the contact: it slides as a whole.
+const GROSS_STICK_RATIO: f64 = 0.01;
+/// The skin follows less than this share of the indenter's motion: it slides as a whole.
+const GROSS_FOLLOW: f64 = 0.05;
+
+/// What one cell of the skin does.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum CellState {
+    /// Nothing touches it.
+    #[default]
+    Free,
+    /// It carries less shear than friction allows and moves with the indenter.
+    Stick,
+    /// It carries all the shear that friction allows.
+    Slip,
+}
+
+/// Where the indenter is.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Pose {
+    /// Its origin over the skin at rest, mm.
+    pub at_mm: [f64; 2],
+    /// Depth of its lowest plane under the skin at rest, mm; 0 if it was lifted off by force.
+    pub depth_mm: f64,
+    /// Its turn about z, from x to y, rad.
+    pub turn_rad: f64,
+    /// Slope of its lowest plane along x and y; positive presses the +x (+y) side deeper.
+    pub tilt_rad: [f64; 2],
+}
+
+/// How well a step's equations are met, each a share of its natural size.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Residuals {
+    /// Gap in contact, or penetration outside, over the deepest indentation.
+    pub gap: f64,
+    /// Change of the shear by a further gradient step, over the friction bound.
+    pub friction: f64,
+    /// Rounds between the normal and the tangential problem.
+    pub rounds: usize,
+    /// Steps of the normal solver, all rounds together.
+    pub normal_iterations: usize,
+    /// Steps of the tangential solver, all rounds together.
+    pub tangential_iterations: usize,
+}
+
+/// A contact at one instant.
+#[derive(Debug, Clone)]
+pub struct Truth {
+    pub(crate) cells: usize,
+    pub(crate) pitch_mm: f64,
+    pub(crate) pressure: Vec<f64>,
+    pub(crate) shear: Vec<Pair>,
+    pub(crate) states: Vec<CellState>,
+    pub(crate) pose: Pose,
+    pub(crate) footprint_mm: [f64; 2],
+    pub(crate) slip_distance_mm: f64,
+    pub(crate) gross_slip: bool,
+    pub(crate) residuals: Residuals,
+}
+
+impl Truth {
+    /// Nothing touches a skin of `cells` by `cells`.
+    pub(crate) fn free(cells: usize, pose: Pose) -> Self {
+        Self {
+            cells,
+            pitch_mm: 2.0 * HALF_SURFACE_MM / cells as f64,
+            pressure: vec![0.0; cells * cells],
+            shear: vec![Pair::default(); cells * cells],
+            states: vec![CellState::Free; cells * cells],
+            pose,
+            footprint_mm: pose.at_mm,
+            slip_distance_mm: 0.0,
+            gross_slip: false,
+            residuals: Residuals::default(),
+        }
+    }
+
+    /// Sorts the cells by what they do; `follow` is the share of the indenter's motion in this step that the
+    /// skin made too, none without motion.
+    pub(crate) fn classify(&mut self, friction: f64, follow: Option<f64>) {
+        for ((state, p), q) in self.states.iter_mut().zip(&self.pressure).zip(&self.shear) {
+            let bound = friction * p * BOUND_SHARE;
+            *state = if *p <= 0.0 {
+                CellState::Free
+            } else if q.norm_sqr() < bound * bound {
+                CellState::Stick
+            } else {
+                CellState::Slip
+            };
+        }
+        let nothing_sticks = self.stick_ratio().is_some_and(|ratio| ratio < GROSS_STICK_RATIO);
+        self.gross_slip = nothing_sticks || follow.is_some_and(|share| share < GROSS_FOLLOW);
+    }
+
+    /// Whether anything touches.
+    #[must_use]
+    pub fn in_contact(&self) -> bool {
+        self.pressure.iter().any(|p| *p > 0.0)
+    }
+
+    /// Cells along one side of the grid; the grids here are row-major, rows along y.
+    #[must_use]
+    pub fn cells(&self) -> usize {
+        self.cells
+    }
+
+    /// Pressure on every cell, MPa.
+    #[must_use]
+    pub fn pressure_mpa(&self) -> &[f64] {
+        &self.pressure
+    }
+
+    /// Shear on cell `cell`, MPa.
+    #[must_use]
+    pub fn shear_mpa(&self, cell: usize) -> [f64; 2] {
+        [self.shear[cell].re, self.shear[cell].im]
+    }
+
+    /// What every cell does.
+    #[must_use]
+    pub fn states(&self) -> &[CellState] {
+        &self.states
+    }
+
+    /// Share of the contact's cells that stick, 0 to 1; none when nothing touches.
+    #[must_use]
+    pub fn stick_ratio(&self) -> Option<f64> {
+        let count = |wanted: CellState| self.states.iter().filter(|s| **s == wanted).count();
+        let (stick, slip) = (count(CellState::Stick), count(CellState::Slip));
+        (stick + slip > 0).then(|| stick as f64 / (stick + slip) as f64)
+    }
+
+    /// Whether the contact slides as a whole: no cell sticks, or the skin does not follow the indenter.
+    #[must_use]
+    pub fn gross_slip(&self) -> bool {
+        self.gross_slip
+    }
+
+    /// Contact area, mm².
+    #[must_use]
+    pub fn area_mm2(&self) -> f64 {
+        self.pressure.iter().filter(|p| **p > 0.0).count() as f64 * self.pitch_mm * self.pitch_mm
+    }
+
+    /// Sum of forces, N: x, y, z into the skin.
+    #[must_use]
+    pub fn force_n(&self) -> [f64; 3] {
+        let shear: Pair = self.shear.iter().sum();
+        let area = self.pitch_mm * self.pitch_mm;
+        [
+            shear.re * area,
+            shear.im * area,
+            self.pressure.iter().sum::<f64>() * area,
+        ]
+    }
+
+    /// Moment about the normal through `about_mm`, M = Σ(x f_y − y f_x), N·mm.
+    #[must_use]
+    pub fn torsion_nmm(&self, about_mm: [f64; 2]) -> f64 {
+        let mut sum = 0.0;
+        for (cell, q) in self.shear.iter().enumerate() {
+            let [x, y] = self.place_mm(cell);
+            sum += (x - about_mm[0]) * q.im - (y - about_mm[1]) * q.re;
+        }
+        sum * self.pitch_mm * self.pitch_mm
+    }
+
+    /// Where the normal force acts, mm; none when nothing touches.
+    #[must_use]
+    pub fn pressure_centre_mm(&self) -> Option<[f64; 2]> {
+        let (mut sum, mut x, mut y) = (0.0, 0.0, 0.0);
+        for (cell, p) in self.pressure.iter().enumerate() {
+            let [at_x, at_y] = self.place_mm(cell);
+            sum += p;
+            x += p * at_x;
+            y += p * at_y;
+        }
+        (sum > 0.0).then(|| [x / sum, y / sum])
+    }
+
+    /// Middle of a cell, mm.
+    #[must_use]
+    pub fn place_mm(&self, cell: usize) -> [f64; 2] {
+        [cell % self.cells, cell / self.cells].map(|i| (i as f64 + 0.5) * self.pitch_mm - HALF_SURFACE_MM)
+    }
+
+    /// Where the indenter is.
+    #[must_use]
+    pub fn pose(&self) -> Pose {
+        self.pose
+    }
+
+    /// Where the indenter's origin stands on the skin at rest, mm: its place less the skin's mean shift.
+    #[must_use]
+    pub fn footprint_mm(&self) -> [f64; 2] {
+        self.footprint_mm
+    }
+
+    /// Way slid over the skin since the indenter touched, mm (mean over the contact).
+    #[must_use]
+    pub fn slip_distance_mm(&self) -> f64 {
+        self.slip_distance_mm
+    }
+
+    /// How well the step's equations are met.
+    #[must_use]
+    pub fn residuals(&self) -> Residuals {
+        self.residuals
+    }
+
+    /// Taxel sums of the tractions, N.
+    #[must_use]
+    pub fn force_map(&self) -> ForceMap {
+        let per_taxel = self.cells / TAXELS;
+        let mut sums = [[0.0_f64; 3]; TAXEL_COUNT];
+        self.each_force(|row, column, force| {
+            let taxel = &mut sums[row / per_taxel * TAXELS + column / per_taxel];
+            for (sum, more) in taxel.iter_mut().zip(force) {
+                *sum += more;
+            }
+        });
+        sums.map(|taxel| taxel.map(|v| v as f32))
+    }
+
+    /// Adds the forces to the grid of the field inside the skin, whose cells this grid divides, N.
+    pub(crate) fn add_field_forces(&self, out: &mut [[f32; 3]]) {
+        let per_cell = (FIELD_PITCH_MM / self.pitch_mm).round() as usize;
+        let margin = (FIELD_CELLS - self.cells / per_cell) / 2;
+        self.each_force(|row, column, force| {
+            let cell = &mut out[(margin + row / per_cell) * FIELD_CELLS + margin + column / per_cell];
+            for (sum, more) in cell.iter_mut().zip(force) {
+                *sum += more as f32;
+            }
+        });
+    }
+
+    /// Calls `f` with row, column and force of every cell that something touches.
+    fn each_force(&self, mut f: impl FnMut(usize, usize, [f64; 3])) {
+        let area = self.pitch_mm * self.pitch_mm;
+        for (cell, (p, q)) in self.pressure.iter().zip(&self.shear).enumerate() {
+            if *p > 0.0 {
+                f(
+                    cell / self.cells,
+                    cell % self.cells,
+                    [q.re * area, q.im * area, p * area],
+                );
+            }
+        }
+    }
+}
