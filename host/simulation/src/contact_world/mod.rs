@@ -4,8 +4,8 @@
 //! Coulomb friction with one coefficient, quasi-static.
 //!
 //! From the bottom up: `influence` (one cell's traction to displacement), `convolution` (all cells of a box),
-//! `skin` (what contacts share), `window` (the cells that a step solves for), `normal` and `tangential` (the two problems of a step), `solver` (the step and
-//! its history), `truth` (what a step is asked for), `shapes` (indenters).
+//! `skin` (what contacts share), `window` (the cells that a step solves for), `normal` and `tangential` (the two
+//! problems of a step), `solver` (the step and its history), `truth` (what a step is asked for), `shapes` (indenters).
 
 mod convolution;
 mod influence;
