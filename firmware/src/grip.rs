@@ -63,6 +63,8 @@ pub struct GripController {
     line_milli: i64,
     reflex_milli: i64,
     evidence: Evidence,
+    /// When the evidence came, µs.
+    observed_us: u64,
     /// How long the contact has stuck above the relaxing level, µs.
     stuck_us: u64,
     last_us: u64,
@@ -87,6 +89,7 @@ impl GripController {
                 stick_ratio: None,
                 shear: 0,
             },
+            observed_us: now_us,
             stuck_us: 0,
             last_us: now_us,
         }
@@ -114,9 +117,11 @@ impl GripController {
         GripForce::from_lsb((self.line_milli / MILLI) as i32)
     }
 
-    /// Takes what the newest maps say.
-    pub const fn observe(&mut self, evidence: Evidence) {
+    /// Takes what the newest maps say. Older than `stale_ms`, it moves the reflex no more: what slipped then may
+    /// long hold, and would be squeezed up to the ceiling.
+    pub const fn observe(&mut self, evidence: Evidence, now_us: u64) {
         self.evidence = evidence;
+        self.observed_us = now_us;
     }
 
     /// Feed-forward: the force that friction needs for the present shear, and the margin.
@@ -162,7 +167,8 @@ impl GripController {
     /// Grows the reflex while the stick ratio is below its target and lets it go while the contact has long stuck;
     /// returns whether the plan allows the line to fall.
     fn update_reflex(&mut self, passed_us: u64, guard: Guard, settings: &Configuration) -> bool {
-        let Some(ratio) = self.evidence.stick_ratio else {
+        let stale = self.last_us.saturating_sub(self.observed_us) > u64::from(settings.stale_ms) * 1_000;
+        let Some(ratio) = self.evidence.stick_ratio.filter(|_| !stale) else {
             self.stuck_us = 0;
             return false;
         };

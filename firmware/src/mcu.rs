@@ -254,7 +254,7 @@ impl Mcu {
     pub fn status(&self) -> Status {
         let tip = &self.fingertips[usize::from(self.newest.sensor).min(SENSORS - 1)];
         let counters = self.parser.counters();
-        let evidence = self.evidence();
+        let evidence = self.evidence(u64::MAX);
         Status {
             uptime_ms: (self.now_us / 1_000) as u32,
             sensor: self.newest.sensor,
@@ -324,15 +324,19 @@ impl Mcu {
         let sensors = usize::from(self.settings.sensors);
         let unhealthy = self.fingertips[..sensors].iter().any(|tip| !tip.healthy);
         self.safety.set(Fault::UnhealthyMap, unhealthy);
-        self.controller.observe(self.evidence());
+        // A fingertip that fell silent in slip must not squeeze on while the other one speaks.
+        let evidence = self.evidence(u64::from(self.settings.stale_ms) * 1_000);
+        self.controller.observe(evidence, self.now_us);
         self.send_status();
         true
     }
 
-    /// The worst of what the fingertips say.
-    fn evidence(&self) -> Evidence {
+    /// The worst of what the fingertips said within the last `age_us`.
+    fn evidence(&self, age_us: u64) -> Evidence {
         let mut worst = Evidence::default();
-        for tip in &self.fingertips[..usize::from(self.settings.sensors)] {
+        let sensors = usize::from(self.settings.sensors);
+        let recent = |tip: &&Fingertip| self.now_us.saturating_sub(tip.fresh_us) <= age_us;
+        for tip in self.fingertips[..sensors].iter().filter(recent) {
             if severity(tip.judgement.state) > severity(worst.state) {
                 worst.state = tip.judgement.state;
             }
@@ -432,6 +436,6 @@ impl Mcu {
     /// State over all fingertips.
     #[must_use]
     pub fn state(&self) -> SlipState {
-        self.evidence().state
+        self.evidence(u64::MAX).state
     }
 }

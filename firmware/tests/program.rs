@@ -437,6 +437,18 @@ fn stale_maps_hold_the_line_and_a_lost_link_tightens_it_until_acknowledged() {
 }
 
 #[test]
+fn a_slip_that_is_long_past_squeezes_no_further() {
+    let mut bench = Bench::holding();
+    bench.maps_for_ms(&contact_map(100, 95), 300);
+    let slipping = bench.map(&contact_map(100, 20)).line;
+    // The reflex stops at `stale_ms`; the line still comes up to what was decided by then (100 N/s).
+    let settled = bench.wait_ms(250).lsb();
+    assert!(settled > slipping, "fresh evidence of slip raises the line");
+    assert!(settled < Configuration::DEFAULT.ceiling);
+    assert_eq!(bench.wait_ms(200).lsb(), settled, "stale maps hold the line");
+}
+
+#[test]
 fn a_storm_of_bad_packets_is_a_latched_fault_that_holds_the_line() {
     let mut bench = Bench::holding();
     bench.maps_for_ms(&contact_map(100, 95), 200);
@@ -508,6 +520,25 @@ fn two_fingertips_are_judged_by_the_worse_one() {
     // One of two that falls silent is stale, although the other speaks.
     bench.maps_for_ms(&contact_map(100, 95), 200);
     assert_ne!(bench.faults() & Fault::StaleMaps.bit(), 0);
+}
+
+#[test]
+fn a_fingertip_that_fell_silent_in_slip_squeezes_no_further_while_the_other_speaks() {
+    let mut bench = Bench::holding();
+    bench.command(Command::Configure(Configuration {
+        sensors: 2,
+        ..Configuration::DEFAULT
+    }));
+    let silent = MapInfo {
+        sensor: 1,
+        sequence: 1,
+        ..MapInfo::default()
+    };
+    bench.map_with(silent, &contact_map(20, 4));
+    let settled = bench.maps_for_ms(&contact_map(20, 20), 300);
+    assert_ne!(settled.faults & Fault::StaleMaps.bit(), 0);
+    assert!(settled.line > Configuration::DEFAULT.floor && settled.line < Configuration::DEFAULT.ceiling);
+    assert_eq!(bench.maps_for_ms(&contact_map(20, 20), 500).line, settled.line);
 }
 
 fn any_bytes() -> impl Strategy<Value = Vec<u8>> {

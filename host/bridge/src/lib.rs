@@ -19,4 +19,5 @@ pub mod shadow;
 pub mod source;
 pub mod stats;
 pub mod telemetry;
+pub mod units;
 pub mod view;

@@ -15,7 +15,6 @@ use clap::Args;
 use gripline_firmware::Fault;
 use gripline_firmware::sums::{centre_of_pressure_um, stick_ratio_below};
 use gripline_network::ForceNetwork;
-use gripline_protocol::constants::TAXEL_PITCH_MM;
 use gripline_protocol::message::{Command, Configuration, GripMode, Status};
 use gripline_protocol::{LSB_PER_NEWTON, MapInfo, PER_UNIT};
 use gripline_simulation::constants::{SCENE_INITIAL_GRIP_N, SCENE_LOOP_S};
@@ -30,6 +29,7 @@ use crate::session::{SentMap, Session};
 use crate::source::{Picture, SimulatedSource, Source};
 use crate::stats::Times;
 use crate::telemetry::{FrameReport, Limits, STAGES};
+use crate::units::{force_n, moment_nmm, newtons, ratio, shear_n, stick_ratio};
 use crate::view::{Screen, View};
 
 /// Frames a second of the simulated camera.
@@ -194,15 +194,10 @@ pub fn settings_for(network: &ForceNetwork) -> Configuration {
     }
 }
 
-fn newtons(lsb: i32) -> f64 {
-    f64::from(lsb) / f64::from(LSB_PER_NEWTON)
-}
-
 fn limits(settings: &Configuration) -> Limits {
-    let per_unit = |value: u16| f64::from(value) / f64::from(PER_UNIT);
     Limits {
-        friction: per_unit(settings.friction),
-        slip_threshold: per_unit(settings.slip_threshold),
+        friction: ratio(settings.friction),
+        slip_threshold: ratio(settings.slip_threshold),
         contact_min_n: newtons(settings.contact_min.into()),
         floor_n: newtons(settings.floor),
         ceiling_n: newtons(settings.ceiling),
@@ -423,7 +418,7 @@ fn report_of(
     picture: Picture,
 ) -> FrameReport {
     let sums = &status.sums;
-    let [x, y, z] = sums.force.map(newtons);
+    let [x, y, z] = force_n(sums);
     let faults = status.faults | status.latched;
     FrameReport {
         frame,
@@ -432,12 +427,12 @@ fn report_of(
         normal_n: z,
         shear_x_n: x,
         shear_y_n: y,
-        shear_n: x.hypot(y),
-        moment_nmm: newtons(sums.moment) * TAXEL_PITCH_MM / 2.0,
+        shear_n: shear_n(sums),
+        moment_nmm: moment_nmm(sums),
         centre_of_pressure_mm: centre_of_pressure_um(sums).map(|place| place.map(|um| f64::from(um) / 1e3)),
         contact: sums.contact,
         stick: sums.stick,
-        stick_ratio: (sums.contact > 0).then(|| f64::from(sums.stick) / f64::from(sums.contact)),
+        stick_ratio: stick_ratio(sums),
         coulomb_slip: status.coulomb_slip,
         state: status.state.name(),
         time_to_slip_ms: status.time_to_slip_ms,

@@ -4,10 +4,9 @@
 
 use gripline_firmware::Friction;
 use gripline_firmware::sums::{TaxelRule, stick_ratio_below, sums_of};
-use gripline_protocol::constants::TAXEL_PITCH_MM;
 use gripline_protocol::force_map::quantise_component;
 use gripline_protocol::message::MapSums;
-use gripline_protocol::{ForceMap, LSB_PER_NEWTON, TaxelForce};
+use gripline_protocol::{ForceMap, TaxelForce};
 
 use crate::maps_file::FrameForces;
 
@@ -83,42 +82,10 @@ pub fn judge(map: &ForceMap, settings: &Settings) -> Verdict {
     }
 }
 
-/// 1/4096 N to newtons, exact.
-#[must_use]
-pub fn newtons(lsb: i32) -> f64 {
-    f64::from(lsb) / f64::from(LSB_PER_NEWTON)
-}
-
-impl Verdict {
-    /// F_x, F_y and F_N over the whole map, newtons.
-    #[must_use]
-    pub fn force_n(&self) -> [f64; 3] {
-        self.sums.force.map(newtons)
-    }
-
-    /// F_T over the whole map, newtons.
-    #[must_use]
-    pub fn shear_n(&self) -> f64 {
-        let [x, y, _] = self.force_n();
-        x.hypot(y)
-    }
-
-    /// Moment about z at the centre of the 20×20 map, N·mm.
-    #[must_use]
-    pub fn moment_nmm(&self) -> f64 {
-        newtons(self.sums.moment) * (TAXEL_PITCH_MM / 2.0)
-    }
-
-    /// stick / contact; `None` when nothing is in contact.
-    #[must_use]
-    pub fn stick_ratio(&self) -> Option<f64> {
-        (self.sums.contact > 0).then(|| f64::from(self.sums.stick) / f64::from(self.sums.contact))
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::units::{moment_nmm, stick_ratio};
     use gripline_protocol::TAXELS;
     use proptest::prelude::*;
 
@@ -145,8 +112,8 @@ mod tests {
             scale: 1.0,
         };
         let verdict = judge(&quantise(&forces, 1.0).map, &settings);
-        assert!((verdict.moment_nmm() - 15.2).abs() < 1e-12);
-        assert_eq!(verdict.stick_ratio(), None);
+        assert!((moment_nmm(&verdict.sums) - 15.2).abs() < 1e-12);
+        assert_eq!(stick_ratio(&verdict.sums), None);
     }
 
     #[test]

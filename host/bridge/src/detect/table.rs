@@ -3,11 +3,11 @@
 
 use std::io::{self, Write};
 
-use gripline_protocol::PER_UNIT;
 use serde::Serialize;
 
-use crate::detect::judge::{Settings, Verdict, newtons};
+use crate::detect::judge::{Settings, Verdict};
 use crate::detect::replay::Answer;
+use crate::units::{force_n, moment_nmm, newtons, ratio, shear_n, stick_ratio};
 
 /// The columns that are always there.
 pub const HEADER: &str = "frame,fn,fx,fy,ft,mz,contact,stick,stick_ratio,coulomb_slip,slip";
@@ -47,14 +47,14 @@ pub fn write_row(
     verdict: &Verdict,
     answer: Option<Answer>,
 ) -> io::Result<()> {
-    let [x, y, normal] = verdict.force_n();
-    let (shear, moment) = (verdict.shear_n(), verdict.moment_nmm());
+    let [x, y, normal] = force_n(&verdict.sums);
+    let (shear, moment) = (shear_n(&verdict.sums), moment_nmm(&verdict.sums));
     let (contact, stick) = (verdict.sums.contact, verdict.sums.stick);
     write!(
         out,
         "{frame},{normal},{x},{y},{shear},{moment},{contact},{stick},"
     )?;
-    if let Some(ratio) = verdict.stick_ratio() {
+    if let Some(ratio) = stick_ratio(&verdict.sums) {
         write!(out, "{ratio}")?;
     }
     write!(
@@ -111,7 +111,6 @@ impl Summary {
     /// Of no frame yet.
     #[must_use]
     pub fn new(file: String, (rows, columns): (usize, usize), settings: &Settings) -> Self {
-        let ratio = |per_unit: u16| f64::from(per_unit) / f64::from(PER_UNIT);
         Self {
             file,
             rows,
