@@ -21,6 +21,6 @@ mod window;
 
 pub use normal::Press;
 pub use shapes::{GridShape, HeightMap, Shape, TRAINING_SHAPES, UNSEEN_SHAPES, WALL_MM};
-pub use skin::Skin;
+pub use skin::{Skin, production_cells};
 pub use solver::{Contact, Drive, Mount};
 pub use truth::{CellState, Pose, Residuals, Truth};

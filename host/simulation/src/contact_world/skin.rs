@@ -20,6 +20,21 @@ const CELLS_STEP: usize = 2 * TAXELS;
 /// Most cells along one side; the cost grows with the square.
 const MAX_CELLS: usize = 160;
 
+/// Peak force below which the contact is too small for the coarse production grid, N: its force map is 3.1 % off
+/// at 1 N on a 12 mm sphere, 3.7 % at 0.3 N.
+const COARSE_FROM_N: f64 = 1.5;
+
+/// Cells along one side of the [`Skin`] for a load history that peaks at `peak_force_n`: the fewest that keep the
+/// force map within 3 % (L2) of a grid twice as fine.
+#[must_use]
+pub fn production_cells(peak_force_n: f64) -> usize {
+    if peak_force_n < COARSE_FROM_N {
+        2 * CELLS_STEP
+    } else {
+        CELLS_STEP
+    }
+}
+
 /// A soft layer under a grid of cells.
 #[derive(Debug)]
 pub struct Skin {
