@@ -5,9 +5,11 @@
 //!
 //! From the bottom up: `influence` (one cell's traction to displacement), `convolution` (all cells of a box),
 //! `skin` (what contacts share), `window` (the cells that a step solves for), `normal` and `tangential` (the two
-//! problems of a step), `solver` (the step and its history), `truth` (what a step is asked for), `shapes` (indenters).
+//! problems of a step), `solver` (the step and its history), `truth` (what a step is asked for), `shapes` (indenters),
+//! `height_file` (indenters from files).
 
 mod convolution;
+mod height_file;
 mod influence;
 mod normal;
 mod shapes;
@@ -19,8 +21,9 @@ mod truth;
 mod validation;
 mod window;
 
+pub use height_file::HeightFileError;
 pub use normal::Press;
-pub use shapes::{GridShape, HeightMap, Shape, TRAINING_SHAPES, UNSEEN_SHAPES, WALL_MM};
+pub use shapes::{GridShape, HeightMap, Interpolation, Shape, TRAINING_SHAPES, UNSEEN_SHAPES, WALL_MM};
 pub use skin::{Skin, production_cells};
 pub use solver::{Contact, Drive, Mount};
 pub use truth::{CellState, Pose, Residuals, Truth};

@@ -279,13 +279,25 @@ impl HeightMap for Shape {
     }
 }
 
-/// An indenter sampled on a square grid, as read from a picture or an array; bilinear between the samples.
+/// What lies between the samples of a [`GridShape`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Interpolation {
+    /// Straight from sample to sample.
+    #[default]
+    Bilinear,
+    /// Catmull and Rom's cubics, smooth across the samples. They overshoot at steps; what would lie under the
+    /// lowest sample is cut off.
+    Bicubic,
+}
+
+/// An indenter sampled on a square grid, as read from a picture or an array (`height_file`).
 #[derive(Debug, Clone, PartialEq)]
 pub struct GridShape {
     columns: usize,
     rows: usize,
     pitch_mm: f64,
     heights_mm: Vec<f64>,
+    interpolation: Interpolation,
 }
 
 impl GridShape {
@@ -321,8 +333,44 @@ impl GridShape {
             rows,
             pitch_mm,
             heights_mm,
+            interpolation: Interpolation::default(),
         })
     }
+
+    /// The same samples with something else between them.
+    #[must_use]
+    pub fn interpolated(mut self, interpolation: Interpolation) -> Self {
+        self.interpolation = interpolation;
+        self
+    }
+
+    /// Height of a sample; outside the grid as if its border went on straight.
+    fn sample_mm(&self, row: isize, column: isize) -> f64 {
+        let at = |row: usize, column: usize| self.heights_mm[row * self.columns + column];
+        let along = |row: usize| match column {
+            ..0 => 2.0 * at(row, 0) - at(row, 1),
+            column if column as usize >= self.columns => {
+                2.0 * at(row, self.columns - 1) - at(row, self.columns - 2)
+            }
+            column => at(row, column as usize),
+        };
+        match row {
+            ..0 => 2.0 * along(0) - along(1),
+            row if row as usize >= self.rows => 2.0 * along(self.rows - 1) - along(self.rows - 2),
+            row => along(row as usize),
+        }
+    }
+}
+
+/// Weights of the four samples around a point `part` of the way from the second to the third.
+fn catmull_rom(part: f64) -> [f64; 4] {
+    let [s, s2, s3] = [part, part * part, part * part * part];
+    [
+        0.5 * (2.0 * s2 - s3 - s),
+        0.5 * (3.0 * s3 - 5.0 * s2 + 2.0),
+        0.5 * (4.0 * s2 - 3.0 * s3 + s),
+        0.5 * (s3 - s2),
+    ]
 }
 
 impl HeightMap for GridShape {
@@ -338,6 +386,17 @@ impl HeightMap for GridShape {
             (v as usize).min(self.rows - 2),
         );
         let (s, t) = (u - column as f64, v - row as f64);
+        if self.interpolation == Interpolation::Bicubic {
+            let (across, down) = (catmull_rom(s), catmull_rom(t));
+            let mut height = 0.0;
+            for (i, down) in down.into_iter().enumerate() {
+                for (j, across) in across.into_iter().enumerate() {
+                    let [row, column] = [row + i, column + j].map(|place| place as isize - 1);
+                    height += down * across * self.sample_mm(row, column);
+                }
+            }
+            return height.max(0.0);
+        }
         let at = |row: usize, column: usize| self.heights_mm[row * self.columns + column];
         (1.0 - t) * ((1.0 - s) * at(row, column) + s * at(row, column + 1))
             + t * ((1.0 - s) * at(row + 1, column) + s * at(row + 1, column + 1))
