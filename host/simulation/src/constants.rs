@@ -96,3 +96,17 @@ pub const SCENE_DROP_MM: f64 = 6.0;
 pub const SCENE_CONTACT_OFFSET_MM: f64 = 2.5;
 /// Slow change of the light, share of nominal.
 pub const SCENE_BRIGHTNESS_DRIFT: f64 = 0.01;
+
+/// Standard acceleration of gravity, mm/s².
+pub const GRAVITY_MM_PER_S2: f64 = 9_806.65;
+/// Label SLIP: no cell of a contact sticks (or one in a hundred) while the object moves over the skin faster
+/// than this, mm/s. A fiftieth of what a free object gathers in 5 ms; slow loads make less micro-slip.
+pub const SLIP_SPEED_MM_PER_S: f64 = 1.0;
+/// An object that slid this far over a skin has left the grip, mm (assumed: half a small patch's reach).
+pub const GRASP_DROP_MM: f64 = 6.0;
+/// Stiffness of the table under the object, N/mm (assumed; 1 N sinks it 0.05 mm).
+pub const TABLE_STIFFNESS_N_PER_MM: f64 = 20.0;
+/// Friction of the table (assumed).
+pub const TABLE_FRICTION: f64 = 0.4;
+/// Under this force the jaws of the default gripper are open, N (assumed).
+pub const SCENE_GRIPPER_OPEN_N: f64 = 0.01;

@@ -13,6 +13,7 @@ mod error;
 mod field;
 mod fingertip;
 mod gel;
+pub mod grasp;
 mod image;
 mod particles;
 mod random;

@@ -24,6 +24,8 @@ const ROUNDS: usize = 20;
 const MARGIN: usize = 2;
 /// Loads under this count as no contact, N.
 const TOUCH_N: f64 = 1e-6;
+/// An indenter that moves less than this in a step stands still: whether the skin follows cannot be told, mm.
+const STILL_MM: f64 = 1e-5;
 
 /// What holds the indenter: it gives way in the plane by its compliance times the force. Rigid by default.
 /// With a compliant mount pulled far enough the contact slides, where a given force would have no solution.
@@ -57,20 +59,36 @@ pub struct Contact {
     mount: Mount,
     drive: Drive,
     footprint_turn_rad: f64,
+    slid_mm: f64,
     truth: Truth,
     convolution: Option<Convolution>,
     normal: NormalSolver,
     tangential: TangentialSolver,
 }
 
-/// A step's solution in its box.
-struct Solution {
+/// A step under way: its problem in a box of cells and the tractions found so far. Nothing of it counts before
+/// [`Contact::accept`], so that a step may be tried under several motions of the indenter.
+#[derive(Debug)]
+pub(crate) struct Step {
+    press: Press,
+    tilt_rad: [f64; 2],
+    /// Height of the indenter over every cell of the skin.
+    surface: Vec<f64>,
+    lowest: usize,
+    bounds: Bounds,
     window: Window,
+    places: Vec<usize>,
+    gap: Vec<f64>,
     pressure: Vec<f64>,
     shear: Vec<Pair>,
-    /// Tangential displacement of the skin before and after.
-    moved: [Vec<Pair>; 2],
     arm: Vec<Pair>,
+    /// Tangential displacement of the skin before the step.
+    before: Vec<Pair>,
+    /// Tangential displacement under the pressure alone.
+    spread: Vec<Pair>,
+    base: Vec<f64>,
+    limit: Vec<f64>,
+    target: Vec<Pair>,
     depth_mm: f64,
     residuals: Residuals,
 }
@@ -102,6 +120,7 @@ impl Contact {
                 tilt_rad: [0.0; 2],
             },
             footprint_turn_rad: 0.0,
+            slid_mm: 0.0,
             truth,
             convolution: None,
             normal: NormalSolver::default(),
@@ -122,21 +141,8 @@ impl Contact {
     /// that stay too large.
     pub fn step(&mut self, drive: Drive) -> Result<&Truth, SimulationError> {
         check(&drive)?;
-        if !self.truth.in_contact() {
-            // Free to go there: nothing to pull at.
-            self.lift_off(&drive);
-        }
-        let gap = self.gap_mm(drive.tilt_rad);
-        let lowest = gap.iter().copied().fold(f64::INFINITY, f64::min);
-        let touches = match drive.press {
-            Press::Force(force) => force >= TOUCH_N,
-            Press::Depth(depth) => depth > lowest,
-        };
-        if touches {
-            let solution = self.solve(&drive, &gap)?;
-            self.accept(&drive, &solution);
-        } else {
-            self.lift_off(&drive);
+        if let Some(step) = self.begin(drive.press, drive.tilt_rad, drive.at_mm, drive.turn_rad) {
+            self.solve(step, &drive)?;
         }
         Ok(&self.truth)
     }
@@ -188,6 +194,7 @@ impl Contact {
             },
         );
         self.footprint_turn_rad = drive.turn_rad;
+        self.slid_mm = 0.0;
         self.drive = *drive;
     }
 
@@ -235,54 +242,113 @@ impl Contact {
         high
     }
 
-    fn solve(&mut self, drive: &Drive, gap: &[f64]) -> Result<Solution, SimulationError> {
+    /// One quasi-static step where the indenter's motion is known but for what the mount gives.
+    fn solve(&mut self, mut step: Step, drive: &Drive) -> Result<(), SimulationError> {
+        let pose = self.truth.pose;
+        let shift = [0, 1].map(|k| drive.at_mm[k] - pose.at_mm[k]);
+        let turn = drive.turn_rad - pose.turn_rad;
+        loop {
+            while !self.press(&mut step)? {
+                self.shear(&mut step, [shift[0], shift[1], turn], INNER_TOLERANCE);
+            }
+            if self.fits(&mut step)? {
+                break;
+            }
+        }
+        let [fx, fy, moment] = self.carried(&step);
+        let mount = self.mount;
+        let at_mm = [
+            drive.at_mm[0] - mount.shift_mm_per_n * fx,
+            drive.at_mm[1] - mount.shift_mm_per_n * fy,
+        ];
+        let turn_rad = drive.turn_rad - mount.turn_rad_per_nmm * moment;
+        self.accept(&step, at_mm, turn_rad);
+        self.drive = *drive;
+        Ok(())
+    }
+
+    /// Begins a step; none when nothing would touch. What did not touch before is free to go to `at_mm` first.
+    pub(crate) fn begin(
+        &mut self,
+        press: Press,
+        tilt_rad: [f64; 2],
+        at_mm: [f64; 2],
+        turn_rad: f64,
+    ) -> Option<Step> {
+        let drive = Drive {
+            press,
+            at_mm,
+            turn_rad,
+            tilt_rad,
+        };
+        if !self.truth.in_contact() {
+            // Free to go there: nothing to pull at.
+            self.lift_off(&drive);
+        }
+        let surface = self.gap_mm(tilt_rad);
+        let lowest = (0..surface.len()).fold(
+            0,
+            |low, place| {
+                if surface[place] < surface[low] { place } else { low }
+            },
+        );
+        let touches = match press {
+            Press::Force(force) => force >= TOUCH_N,
+            Press::Depth(depth) => depth > surface[lowest],
+        };
+        if !touches {
+            self.lift_off(&drive);
+            return None;
+        }
         let cells = self.skin.cells();
-        let depth = match (drive.press, self.drive.press) {
+        let depth = match (press, self.drive.press) {
             (Press::Depth(depth), _) => depth,
             // The force hardly grew: neither will the depth.
             (Press::Force(now), Press::Force(before)) if self.truth.in_contact() && now <= before * 1.05 => {
                 self.truth.pose.depth_mm
             }
-            (Press::Force(force), _) => self.depth_guess_mm(force, gap),
+            (Press::Force(force), _) => self.depth_guess_mm(force, &surface),
         };
-        let under = |depth: f64| (0..cells * cells).filter(move |&place| gap[place] < depth);
-        let lowest = (0..cells * cells).fold(0, |low, place| if gap[place] < gap[low] { place } else { low });
+        let under = (0..cells * cells).filter(|&place| surface[place] < depth);
         // What was in contact moves the skin: it has to be in the box too.
         let held = (0..cells * cells).filter(|&place| self.truth.pressure[place] > 0.0);
-        let mut bounds = Bounds::at(lowest, cells)
-            .with(under(depth), cells)
-            .with(held, cells);
-        loop {
-            let window = bounds.widened(MARGIN, cells).window(&self.skin);
-            let solution = self.solve_in(drive, gap, window)?;
-            let touching = window.places(cells).zip(&solution.pressure);
-            let contact = Bounds::at(lowest, cells).with(
-                touching.filter_map(|(place, p)| (*p > 0.0).then_some(place)),
-                cells,
-            );
-            if contact.at_edge(cells) {
-                return Err(SimulationError::OffSurface {
-                    x_mm: self.truth.footprint_mm[0],
-                    y_mm: self.truth.footprint_mm[1],
-                });
-            }
-            let wanted = contact.widened(1, cells).with(under(solution.depth_mm), cells);
-            if window.holds(wanted) {
-                return Ok(solution);
-            }
-            bounds = bounds.union(wanted);
-        }
+        let bounds = Bounds::at(lowest, cells).with(under, cells).with(held, cells);
+        let mut step = Step {
+            press,
+            tilt_rad,
+            surface,
+            lowest,
+            bounds,
+            window: bounds.window(&self.skin),
+            places: Vec::new(),
+            gap: Vec::new(),
+            pressure: Vec::new(),
+            shear: Vec::new(),
+            arm: Vec::new(),
+            before: Vec::new(),
+            spread: Vec::new(),
+            base: Vec::new(),
+            limit: Vec::new(),
+            target: Vec::new(),
+            depth_mm: depth,
+            residuals: Residuals::default(),
+        };
+        self.open(&mut step);
+        Some(step)
     }
 
-    fn solve_in(&mut self, drive: &Drive, gap: &[f64], window: Window) -> Result<Solution, SimulationError> {
+    /// Lays the step's box around its bounds and starts from the tractions of the step before.
+    fn open(&mut self, step: &mut Step) {
         let cells = self.skin.cells();
-        let cell_mm2 = self.skin.pitch_mm() * self.skin.pitch_mm();
-        let places: Vec<usize> = window.places(cells).collect();
-        let gap: Vec<f64> = places.iter().map(|&place| gap[place]).collect();
-        let mut pressure: Vec<f64> = places.iter().map(|&place| self.truth.pressure[place]).collect();
-        let mut shear: Vec<Pair> = places.iter().map(|&place| self.truth.shear[place]).collect();
+        step.window = step.bounds.widened(MARGIN, cells).window(&self.skin);
+        step.places = step.window.places(cells).collect();
+        let of = |values: &[f64]| -> Vec<f64> { step.places.iter().map(|&place| values[place]).collect() };
+        step.gap = of(&step.surface);
+        step.pressure = of(&self.truth.pressure);
+        step.shear = step.places.iter().map(|&place| self.truth.shear[place]).collect();
         let [x0, y0] = self.truth.footprint_mm;
-        let arm: Vec<Pair> = places
+        step.arm = step
+            .places
             .iter()
             .map(|&place| {
                 let x = self.skin.place_mm(place % cells) - x0;
@@ -290,152 +356,236 @@ impl Contact {
                 Pair::new(-y, x)
             })
             .collect();
-        let convolution = match &mut self.convolution {
-            Some(known) if known.size() == [window.rows, window.columns] => known,
-            other => other.insert(Convolution::new(self.skin.spectra(window.rows, window.columns))),
-        };
+        let count = step.places.len();
+        step.before = vec![Pair::default(); count];
+        step.spread = vec![Pair::default(); count];
+        step.target = vec![Pair::default(); count];
+        step.base = vec![0.0; count];
+        step.limit = vec![0.0; count];
+        step.residuals = Residuals::default();
+        let (convolution, ..) = self.tools(step.window);
         // The old tractions in this box: a box that grew has to know what they did outside the last one.
-        let mut before = vec![Pair::default(); places.len()];
-        let mut spread = before.clone();
-        convolution.tangential(&shear, &mut before);
-        convolution.tangential_of_pressure(&pressure, &mut spread);
-        for (u, more) in before.iter_mut().zip(&spread) {
+        convolution.tangential(&step.shear, &mut step.before);
+        convolution.tangential_of_pressure(&step.pressure, &mut step.spread);
+        for (u, more) in step.before.iter_mut().zip(&step.spread) {
             *u += more;
-        }
-        let pose = self.truth.pose;
-        let shift = Pair::new(drive.at_mm[0] - pose.at_mm[0], drive.at_mm[1] - pose.at_mm[1]);
-        let turn = drive.turn_rad - pose.turn_rad;
-
-        let mut residuals = Residuals::default();
-        let mut base = vec![0.0; places.len()];
-        let mut limit = base.clone();
-        let mut target = before.clone();
-        loop {
-            convolution.normal_of_shear(&shear, &mut base);
-            for (base, gap) in base.iter_mut().zip(&gap) {
-                *base += gap;
-            }
-            let first = residuals.rounds == 0;
-            let accept = if first { INNER_TOLERANCE } else { GAP_TOLERANCE };
-            let outcome = self.normal.solve(
-                convolution,
-                &base,
-                drive.press,
-                cell_mm2,
-                [accept, INNER_TOLERANCE],
-                &mut pressure,
-            );
-            residuals.gap = outcome.residual;
-            residuals.normal_iterations += outcome.iterations;
-            let settled = !first && outcome.iterations == 0;
-            if settled || residuals.rounds == ROUNDS {
-                let worst = residuals.gap.max(residuals.friction);
-                if worst > GAP_TOLERANCE {
-                    return Err(SimulationError::ContactUnsolved {
-                        found: worst,
-                        expected: GAP_TOLERANCE,
-                        rounds: residuals.rounds,
-                    });
-                }
-                let mut after = vec![Pair::default(); places.len()];
-                convolution.tangential(&shear, &mut after);
-                for (u, more) in after.iter_mut().zip(&spread) {
-                    *u += more;
-                }
-                return Ok(Solution {
-                    window,
-                    pressure,
-                    shear,
-                    moved: [before, after],
-                    arm,
-                    depth_mm: outcome.depth_mm,
-                    residuals,
-                });
-            }
-            residuals.rounds += 1;
-            convolution.tangential_of_pressure(&pressure, &mut spread);
-            for cell in 0..places.len() {
-                target[cell] = before[cell] + shift + arm[cell].scale(turn) - spread[cell];
-                limit[cell] = self.friction * pressure[cell];
-            }
-            let outcome = self.tangential.solve(
-                convolution,
-                &TangentialProblem {
-                    target_mm: &target,
-                    limit_mpa: &limit,
-                    arm_mm: &arm,
-                    mount_shift: self.mount.shift_mm_per_n * cell_mm2,
-                    mount_turn: self.mount.turn_rad_per_nmm * cell_mm2,
-                },
-                INNER_TOLERANCE,
-                &mut shear,
-            );
-            residuals.friction = outcome.residual;
-            residuals.tangential_iterations += outcome.iterations;
         }
     }
 
-    /// Takes over a solution: tractions, the indenter's motion and how far it slid over the skin.
-    fn accept(&mut self, drive: &Drive, solution: &Solution) {
+    fn tools(&mut self, window: Window) -> (&mut Convolution, &mut NormalSolver, &mut TangentialSolver) {
+        let size = [window.rows, window.columns];
+        if self
+            .convolution
+            .as_ref()
+            .is_some_and(|known| known.size() != size)
+        {
+            self.convolution = None;
+        }
+        let convolution = self
+            .convolution
+            .get_or_insert_with(|| Convolution::new(self.skin.spectra(window.rows, window.columns)));
+        (convolution, &mut self.normal, &mut self.tangential)
+    }
+
+    /// Brings the pressure to equilibrium with the shear as it is. Whether both had settled already; if not, the
+    /// shear's turn is next.
+    ///
+    /// # Errors
+    /// Residuals that stay too large.
+    pub(crate) fn press(&mut self, step: &mut Step) -> Result<bool, SimulationError> {
+        let cell_mm2 = self.skin.pitch_mm() * self.skin.pitch_mm();
+        let friction = self.friction;
+        let (convolution, normal, _) = self.tools(step.window);
+        convolution.normal_of_shear(&step.shear, &mut step.base);
+        for (base, gap) in step.base.iter_mut().zip(&step.gap) {
+            *base += gap;
+        }
+        let first = step.residuals.rounds == 0;
+        let accept = if first { INNER_TOLERANCE } else { GAP_TOLERANCE };
+        let outcome = normal.solve(
+            convolution,
+            &step.base,
+            step.press,
+            cell_mm2,
+            [accept, INNER_TOLERANCE],
+            &mut step.pressure,
+        );
+        step.depth_mm = outcome.depth_mm;
+        step.residuals.gap = outcome.residual;
+        step.residuals.normal_iterations += outcome.iterations;
+        let settled = !first && outcome.iterations == 0;
+        if settled || step.residuals.rounds == ROUNDS {
+            let worst = step.residuals.gap.max(step.residuals.friction);
+            if worst > GAP_TOLERANCE {
+                return Err(SimulationError::ContactUnsolved {
+                    found: worst,
+                    expected: GAP_TOLERANCE,
+                    rounds: step.residuals.rounds,
+                });
+            }
+            return Ok(true);
+        }
+        step.residuals.rounds += 1;
+        convolution.tangential_of_pressure(&step.pressure, &mut step.spread);
+        for (limit, pressure) in step.limit.iter_mut().zip(&step.pressure) {
+            *limit = friction * pressure;
+        }
+        Ok(false)
+    }
+
+    /// Brings the shear to equilibrium under the pressure as it is when the indenter moves by `[x, y, turn]` in
+    /// this step (mm, mm, rad; less what the mount gives). May be called again with another motion.
+    pub(crate) fn shear(&mut self, step: &mut Step, [x, y, turn]: [f64; 3], tolerance: f64) {
+        let cell_mm2 = self.skin.pitch_mm() * self.skin.pitch_mm();
+        let mount = self.mount;
+        let (convolution, _, tangential) = self.tools(step.window);
+        let shift = Pair::new(x, y);
+        for cell in 0..step.target.len() {
+            step.target[cell] = step.before[cell] + shift + step.arm[cell].scale(turn) - step.spread[cell];
+        }
+        let outcome = tangential.solve(
+            convolution,
+            &TangentialProblem {
+                target_mm: &step.target,
+                limit_mpa: &step.limit,
+                arm_mm: &step.arm,
+                mount_shift: mount.shift_mm_per_n * cell_mm2,
+                mount_turn: mount.turn_rad_per_nmm * cell_mm2,
+            },
+            tolerance,
+            &mut step.shear,
+        );
+        step.residuals.friction = outcome.residual;
+        step.residuals.tangential_iterations += outcome.iterations;
+    }
+
+    /// Force along x and y, N, and moment about the indenter's origin, N·mm, of the step's shear.
+    pub(crate) fn carried(&self, step: &Step) -> [f64; 3] {
+        let cell_mm2 = self.skin.pitch_mm() * self.skin.pitch_mm();
+        let (mut sum, mut moment) = (Pair::default(), 0.0);
+        for (q, arm) in step.shear.iter().zip(&step.arm) {
+            sum += q;
+            moment += (arm.conj() * q).re;
+        }
+        [sum.re * cell_mm2, sum.im * cell_mm2, moment * cell_mm2]
+    }
+
+    #[allow(dead_code, reason = "the grasp world that uses it follows")]
+    /// Contact area of the step, mm².
+    pub(crate) fn touched_mm2(&self, step: &Step) -> f64 {
+        let cells = step.pressure.iter().filter(|p| **p > 0.0).count();
+        cells as f64 * self.skin.pitch_mm() * self.skin.pitch_mm()
+    }
+
+    /// Whether the settled step's box holds all that may touch. If not it has been laid anew, larger, and must be
+    /// solved again.
+    ///
+    /// # Errors
+    /// Contact at the edge of the sensing surface.
+    pub(crate) fn fits(&mut self, step: &mut Step) -> Result<bool, SimulationError> {
         let cells = self.skin.cells();
+        let touching = step.places.iter().zip(&step.pressure);
+        let contact = Bounds::at(step.lowest, cells).with(
+            touching.filter_map(|(place, p)| (*p > 0.0).then_some(*place)),
+            cells,
+        );
+        if contact.at_edge(cells) {
+            return Err(SimulationError::OffSurface {
+                x_mm: self.truth.footprint_mm[0],
+                y_mm: self.truth.footprint_mm[1],
+            });
+        }
+        let under = (0..cells * cells).filter(|&place| step.surface[place] < step.depth_mm);
+        let wanted = contact.widened(1, cells).with(under, cells);
+        if step.window.holds(wanted) {
+            return Ok(true);
+        }
+        step.bounds = step.bounds.union(wanted);
+        self.open(step);
+        Ok(false)
+    }
+
+    /// Takes over a settled step that ended with the indenter at `at_mm` and `turn_rad`: tractions, motion and
+    /// how far it slid over the skin.
+    pub(crate) fn accept(&mut self, step: &Step, at_mm: [f64; 2], turn_rad: f64) {
+        let mut after = vec![Pair::default(); step.places.len()];
+        let (convolution, ..) = self.tools(step.window);
+        convolution.tangential(&step.shear, &mut after);
+        for (u, more) in after.iter_mut().zip(&step.spread) {
+            *u += more;
+        }
         let truth = &mut self.truth;
         truth.pressure.fill(0.0);
         truth.shear.fill(Pair::default());
-        for (cell, place) in solution.window.places(cells).enumerate() {
-            truth.pressure[place] = solution.pressure[cell];
-            truth.shear[place] = solution.shear[cell];
+        for (cell, &place) in step.places.iter().enumerate() {
+            truth.pressure[place] = step.pressure[cell];
+            truth.shear[place] = step.shear[cell];
         }
-        let [fx, fy, _] = truth.force_n();
-        let moment = truth.torsion_nmm(truth.footprint_mm);
         let old = truth.pose;
         truth.pose = Pose {
-            at_mm: [
-                drive.at_mm[0] - self.mount.shift_mm_per_n * fx,
-                drive.at_mm[1] - self.mount.shift_mm_per_n * fy,
-            ],
-            depth_mm: solution.depth_mm,
-            turn_rad: drive.turn_rad - self.mount.turn_rad_per_nmm * moment,
-            tilt_rad: drive.tilt_rad,
+            at_mm,
+            depth_mm: step.depth_mm,
+            turn_rad,
+            tilt_rad: step.tilt_rad,
         };
-        let shift = Pair::new(
-            truth.pose.at_mm[0] - old.at_mm[0],
-            truth.pose.at_mm[1] - old.at_mm[1],
-        );
-        let turn = truth.pose.turn_rad - old.turn_rad;
+        let shift = Pair::new(at_mm[0] - old.at_mm[0], at_mm[1] - old.at_mm[1]);
+        let turn = turn_rad - old.turn_rad;
 
         // Means over the contact, weighted with the pressure.
         let (mut weight, mut mean_slip, mut mean_arm) = (0.0, Pair::default(), Pair::default());
         let (mut followed, mut asked) = (0.0, 0.0);
         let motion = |cell: usize| {
-            let asked = shift + solution.arm[cell].scale(turn);
-            (asked, solution.moved[1][cell] - solution.moved[0][cell])
+            let asked = shift + step.arm[cell].scale(turn);
+            (asked, after[cell] - step.before[cell])
         };
-        for (cell, p) in solution.pressure.iter().enumerate() {
+        for (cell, p) in step.pressure.iter().enumerate() {
             let (wanted, made) = motion(cell);
             weight += p;
             mean_slip += (wanted - made).scale(*p);
-            mean_arm += solution.arm[cell].scale(*p);
+            mean_arm += step.arm[cell].scale(*p);
             followed += p * (wanted.conj() * made).re;
             asked += p * wanted.norm_sqr();
         }
         mean_slip /= weight;
         mean_arm /= weight;
         let (mut spin, mut inertia) = (0.0, 0.0);
-        for (cell, p) in solution.pressure.iter().enumerate() {
+        for (cell, p) in step.pressure.iter().enumerate() {
             let (wanted, made) = motion(cell);
-            let arm = solution.arm[cell] - mean_arm;
+            let arm = step.arm[cell] - mean_arm;
             spin += p * (arm.conj() * (wanted - made - mean_slip)).re;
             inertia += p * arm.norm_sqr();
         }
+        self.slid_mm = mean_slip.norm();
         if inertia > 0.0 {
             self.footprint_turn_rad += spin / inertia;
+            // The spin as a way at the contact's radius of gyration.
+            self.slid_mm = libm::hypot(self.slid_mm, spin / (inertia * weight).sqrt());
         }
         truth.footprint_mm[0] += mean_slip.re;
         truth.footprint_mm[1] += mean_slip.im;
         truth.slip_distance_mm += mean_slip.norm();
-        truth.residuals = solution.residuals;
-        truth.classify(self.friction, (asked > 0.0).then(|| followed / asked));
-        self.drive = *drive;
+        truth.residuals = step.residuals;
+        let moved = asked > weight * STILL_MM * STILL_MM;
+        truth.classify(self.friction, moved.then(|| followed / asked));
+        self.drive = Drive {
+            press: step.press,
+            at_mm,
+            turn_rad,
+            tilt_rad: step.tilt_rad,
+        };
+    }
+
+    #[allow(dead_code, reason = "the grasp world that uses it follows")]
+    /// Way that the indenter slid over the skin in the last step: pressure-weighted mean, with the spin at the
+    /// contact's radius of gyration, mm.
+    pub(crate) fn slid_mm(&self) -> f64 {
+        self.slid_mm
+    }
+
+    #[allow(dead_code, reason = "the grasp world that uses it follows")]
+    /// True friction.
+    pub(crate) fn friction(&self) -> f64 {
+        self.friction
     }
 }
 

@@ -1,0 +1,138 @@
+//! A gripper whose force follows its grip-force line: dead time, first-order lag, limits of rate and force.
+//! Units: N, s. Limits: both fingers press alike, the jaws hold flat and do not give way.
+
+use std::collections::VecDeque;
+
+use crate::constants::{
+    SCENE_GRIPPER_LAG_S, SCENE_GRIPPER_MAX_N, SCENE_GRIPPER_OPEN_N, SCENE_GRIPPER_RATE_N_PER_S,
+};
+use crate::error::{SimulationError, checked, not_negative, positive};
+
+/// How a gripper follows its line.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Gripper {
+    /// Time until it hears its line, s.
+    pub dead_time_s: f64,
+    /// Time constant of its force behind the line, s.
+    pub lag_s: f64,
+    /// Fastest change of its force, N/s.
+    pub rate_n_per_s: f64,
+    /// Least force that it can press with, N; below it the jaws are open.
+    pub min_n: f64,
+    /// Largest force, N.
+    pub max_n: f64,
+}
+
+impl Default for Gripper {
+    fn default() -> Self {
+        Self {
+            dead_time_s: 0.0,
+            lag_s: SCENE_GRIPPER_LAG_S,
+            rate_n_per_s: SCENE_GRIPPER_RATE_N_PER_S,
+            min_n: SCENE_GRIPPER_OPEN_N,
+            max_n: SCENE_GRIPPER_MAX_N,
+        }
+    }
+}
+
+impl Gripper {
+    pub(crate) fn check(&self) -> Result<(), SimulationError> {
+        not_negative("gripper dead_time_s", self.dead_time_s)?;
+        not_negative("gripper lag_s", self.lag_s)?;
+        positive("gripper rate_n_per_s", self.rate_n_per_s)?;
+        not_negative("gripper min_n", self.min_n)?;
+        checked("gripper max_n", self.max_n, "above min_n", |max| max > self.min_n)?;
+        Ok(())
+    }
+}
+
+/// A gripper at work.
+#[derive(Debug, Clone)]
+pub(crate) struct GripperState {
+    gripper: Gripper,
+    /// Lines that were set, with the time from which they count, oldest first.
+    lines: VecDeque<[f64; 2]>,
+    line_n: f64,
+    force_n: f64,
+}
+
+impl GripperState {
+    pub(crate) fn new(gripper: Gripper) -> Self {
+        Self {
+            gripper,
+            lines: VecDeque::new(),
+            line_n: 0.0,
+            force_n: 0.0,
+        }
+    }
+
+    /// The line is `line_n` from `time_s` on.
+    pub(crate) fn set_line(&mut self, time_s: f64, line_n: f64) {
+        self.lines.push_back([time_s + self.gripper.dead_time_s, line_n]);
+    }
+
+    /// Its force after `dt_s` more, from `time_s` on.
+    pub(crate) fn advance(&mut self, time_s: f64, dt_s: f64) {
+        while let Some(&[from, line]) = self.lines.front()
+            && from <= time_s + 1e-9
+        {
+            self.line_n = line;
+            self.lines.pop_front();
+        }
+        let share = if self.gripper.lag_s > 0.0 {
+            1.0 - libm::exp(-dt_s / self.gripper.lag_s)
+        } else {
+            1.0
+        };
+        let most = self.gripper.rate_n_per_s * dt_s;
+        let wanted = self.line_n.min(self.gripper.max_n);
+        self.force_n += ((wanted - self.force_n) * share).clamp(-most, most);
+    }
+
+    /// What it presses with, N; 0 when the jaws are open.
+    pub(crate) fn force_n(&self) -> f64 {
+        if self.force_n < self.gripper.min_n {
+            0.0
+        } else {
+            self.force_n
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn after(gripper: Gripper, line_n: f64, time_s: f64) -> f64 {
+        let mut state = GripperState::new(gripper);
+        state.set_line(0.0, line_n);
+        let steps = (time_s / 1e-3).round() as u32;
+        for i in 0..steps {
+            state.advance(1e-3 * f64::from(i), 1e-3);
+        }
+        state.force_n()
+    }
+
+    #[test]
+    fn a_small_step_is_an_exponential_after_the_dead_time() {
+        let gripper = Gripper {
+            dead_time_s: 0.02,
+            ..Gripper::default()
+        };
+        assert!(after(gripper, 2.0, 0.02) == 0.0);
+        let expected = 2.0 * (1.0 - libm::exp(-0.05 / gripper.lag_s));
+        assert!((after(gripper, 2.0, 0.07) - expected).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_large_step_meets_the_rate_and_then_the_largest_force() {
+        let gripper = Gripper::default();
+        assert!((after(gripper, 1e3, 0.1) - 6.0).abs() < 1e-9);
+        assert!((after(gripper, 1e3, 3.0) - gripper.max_n).abs() < 1e-6);
+        let weak = Gripper {
+            min_n: 3.0,
+            ..gripper
+        };
+        assert!(after(weak, 2.9, 3.0) == 0.0);
+    }
+}

@@ -1,0 +1,24 @@
+//! Two fingertips that hold an object: contact with friction on both, the object's mass, a gripper that follows
+//! a grip-force line, an arm that moves, pulls and twists, a table; closed loop against any detector and
+//! controller. Units: mm, N, N·mm, s, rad; masses in g. Limits: the object moves in the plane of the fingers
+//! (x, y and turn about the grip axis), the skins are quasi-static, both fingers press alike.
+//!
+//! `setting` is what happens, `object`, `gripper`, `arm` and `course` its parts; `world` runs it, with `body` (the
+//! object's dynamics) and `hold` (both contacts and the object in one solve); `frame` is what comes out, `policy`
+//! who decides.
+
+#![allow(dead_code, reason = "the world that uses these parts follows")]
+
+mod arm;
+mod course;
+mod frame;
+mod gripper;
+mod object;
+mod setting;
+
+pub use arm::{ArmMotion, Stroke};
+pub use course::Course;
+pub use frame::{FingerTruth, GraspFrame, ObjectState};
+pub use gripper::Gripper;
+pub use object::{OBJECTS, Object, Patch};
+pub use setting::{GraspScene, Phase, Pull, Table};

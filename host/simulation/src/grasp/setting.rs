@@ -1,0 +1,165 @@
+//! What happens in a grasp, given beforehand: object, gripper, arm, gravity, pulls, table, fingertips. Units:
+//! mm, N, N·mm, s, rad; x to the right and y up in the plane of finger 0's skin. Limits: the grip axis is level.
+
+use std::borrow::Cow;
+
+use super::arm::ArmMotion;
+use super::course::Course;
+use super::gripper::Gripper;
+use super::object::Object;
+use crate::constants::{GRASP_DROP_MM, TABLE_FRICTION, TABLE_STIFFNESS_N_PER_MM};
+use crate::error::{SimulationError, finite, not_negative, positive};
+use crate::fingertip::FingertipParams;
+
+/// A force and a twist on the object over time.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Pull {
+    /// Force at share 1, N, in the plane of finger 0.
+    pub force_n: [f64; 2],
+    /// Moment at share 1, N·mm, from x to y.
+    pub twist_nmm: f64,
+    /// Where the force acts on the object, mm from the grip point; it turns with the object.
+    pub at_mm: [f64; 2],
+    /// Share over time.
+    pub course: Course,
+}
+
+impl Pull {
+    /// A force at the grip point.
+    #[must_use]
+    pub fn force(force_n: [f64; 2], course: Course) -> Self {
+        Self {
+            force_n,
+            twist_nmm: 0.0,
+            at_mm: [0.0; 2],
+            course,
+        }
+    }
+
+    /// A pure moment.
+    #[must_use]
+    pub fn twist(twist_nmm: f64, course: Course) -> Self {
+        Self {
+            force_n: [0.0; 2],
+            twist_nmm,
+            at_mm: [0.0; 2],
+            course,
+        }
+    }
+}
+
+/// The table that the object stands on when the scene begins; it lies under the object as gravity points then.
+/// It holds against sliding and turning as far as its share of the weight allows.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Table {
+    /// Force per way of giving, N/mm.
+    pub stiffness_n_per_mm: f64,
+    /// Coulomb friction against the object.
+    pub friction: f64,
+}
+
+impl Default for Table {
+    fn default() -> Self {
+        Self {
+            stiffness_n_per_mm: TABLE_STIFFNESS_N_PER_MM,
+            friction: TABLE_FRICTION,
+        }
+    }
+}
+
+/// What a part of the scene is called from a time on.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Phase {
+    /// Its name.
+    pub name: Cow<'static, str>,
+    /// Its start, microseconds.
+    pub from_us: u64,
+}
+
+/// A grasp, as it is set up.
+#[derive(Debug, Clone)]
+pub struct GraspScene {
+    /// What is grasped.
+    pub object: Object,
+    /// What grasps it.
+    pub gripper: Gripper,
+    /// How the arm moves.
+    pub arm: ArmMotion,
+    /// Turn of gravity from −y towards +x over time, rad: a gripper that turns about its grip axis, slowly.
+    pub gravity_turn_rad: Course,
+    /// What else pulls at the object.
+    pub pulls: Vec<Pull>,
+    /// What the object stands on at first; without a table it floats until it is gripped.
+    pub table: Option<Table>,
+    /// Where on finger 0 the grip point lies at first, mm from the middle; on finger 1 opposite.
+    pub grip_point_mm: [f64; 2],
+    /// Turn of the object at first, rad.
+    pub turn_rad: f64,
+    /// An object that slid this far over a skin has left the grip, mm.
+    pub drop_mm: f64,
+    /// Names over time, in order.
+    pub phases: Vec<Phase>,
+    /// The two fingertips; the first one's gel is that of both.
+    pub fingertips: [FingertipParams; 2],
+    /// Cells along one side of the contact solver's grid; see `contact_world::production_cells`.
+    pub cells: usize,
+    /// Particles, light and noise of both fingertips follow from it.
+    pub seed: u64,
+}
+
+impl GraspScene {
+    /// `object` on a table, gripped in the middle of two default fingertips by the default gripper; nothing
+    /// moves yet.
+    #[must_use]
+    pub fn new(object: Object) -> Self {
+        Self {
+            object,
+            gripper: Gripper::default(),
+            arm: ArmMotion::default(),
+            gravity_turn_rad: Course::default(),
+            pulls: Vec::new(),
+            table: Some(Table::default()),
+            grip_point_mm: [0.0; 2],
+            turn_rad: 0.0,
+            drop_mm: GRASP_DROP_MM,
+            phases: Vec::new(),
+            fingertips: [FingertipParams::default(); 2],
+            cells: 40,
+            seed: 1,
+        }
+    }
+
+    /// What the scene is doing at `time_s`; empty before the first name.
+    #[must_use]
+    pub fn phase(&self, time_s: f64) -> Cow<'static, str> {
+        let now_us = (time_s * 1e6).round() as u64;
+        let after = self.phases.partition_point(|phase| phase.from_us <= now_us);
+        after
+            .checked_sub(1)
+            .map_or(Cow::Borrowed(""), |now| self.phases[now].name.clone())
+    }
+
+    pub(crate) fn check(&self) -> Result<(), SimulationError> {
+        self.object.check()?;
+        self.gripper.check()?;
+        self.arm.check()?;
+        self.gravity_turn_rad.check("gravity_turn_rad")?;
+        for pull in &self.pulls {
+            finite("pull force_n[0]", pull.force_n[0])?;
+            finite("pull force_n[1]", pull.force_n[1])?;
+            finite("pull twist_nmm", pull.twist_nmm)?;
+            finite("pull at_mm[0]", pull.at_mm[0])?;
+            finite("pull at_mm[1]", pull.at_mm[1])?;
+            pull.course.check("pull course")?;
+        }
+        if let Some(table) = &self.table {
+            positive("table stiffness_n_per_mm", table.stiffness_n_per_mm)?;
+            not_negative("table friction", table.friction)?;
+        }
+        finite("grip_point_mm[0]", self.grip_point_mm[0])?;
+        finite("grip_point_mm[1]", self.grip_point_mm[1])?;
+        finite("turn_rad", self.turn_rad)?;
+        positive("drop_mm", self.drop_mm)?;
+        Ok(())
+    }
+}
