@@ -16,9 +16,11 @@ mod gel;
 pub mod grasp;
 mod image;
 mod particles;
+mod press_world;
 mod random;
 mod sample;
 mod scene;
+pub mod scene_file;
 mod springs;
 
 pub use camera::Camera;
@@ -27,5 +29,6 @@ pub use error::SimulationError;
 pub use fingertip::{Fingertip, FingertipParams};
 pub use gel::Gel;
 pub use image::{Image, block_mean_88};
+pub use press_world::{PressFrame, PressProblem, PressWorld};
 pub use sample::{Sample, SampleGenerator};
 pub use scene::{GripScene, SceneFrame};

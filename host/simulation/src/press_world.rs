@@ -1,0 +1,326 @@
+//! Plays a scene of kind `press`: an indenter follows its path over one skin, looked at frame by frame. Units: mm,
+//! N, s, rad. Between frames the path is cut into steps that the contact solver likes: at most half a cell of
+//! sliding, an eighth of the press. Limits: those of the contact world; the mount is rigid.
+
+use std::sync::Arc;
+
+use crate::contact_world::{Contact, Drive, Mount, Press, Skin, Truth, production_cells};
+use crate::error::SimulationError;
+use crate::gel::Gel;
+use crate::scene_file::{PathStep, PressScene};
+
+/// Steps that a press from nothing to its force is made in.
+const STEPS_PER_PRESS: f64 = 8.0;
+/// Deepening in one step, mm.
+const STEP_DEPTH_MM: f64 = 0.05;
+/// Sliding in one step, cells.
+const STEP_SLIDE_CELLS: f64 = 0.5;
+/// Tilting in one step, rad.
+const STEP_TILT_RAD: f64 = 0.01;
+/// Where a turn counts as sliding, mm from the origin: a usual contact's rim.
+const RIM_MM: f64 = 6.0;
+/// How much smaller steps are when the first try does not converge.
+const SMALLER: u32 = 4;
+/// Times this close are one, s.
+const SAME_S: f64 = 1e-9;
+
+/// A scene under way.
+#[derive(Debug)]
+pub struct PressWorld {
+    contact: Contact,
+    pitch_mm: f64,
+    path: Vec<PathStep>,
+    frame_s: f64,
+    frames: usize,
+    frame: usize,
+    /// The step under way, when it began and what held then.
+    step: usize,
+    began_s: f64,
+    from: Drive,
+    time_s: f64,
+    drive: Drive,
+}
+
+/// One instant of the scene.
+#[derive(Debug)]
+pub struct PressFrame<'a> {
+    /// Its number, from 0.
+    pub frame: usize,
+    /// Time since the start, s.
+    pub time_s: f64,
+    /// The step of the path that leads here.
+    pub step: &'a PathStep,
+    /// The contact.
+    pub truth: &'a Truth,
+}
+
+/// A frame that could not be reached.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[error("at {time_s:.3} s, in {phase}: {error}")]
+pub struct PressProblem {
+    /// The frame's time, s.
+    pub time_s: f64,
+    /// Line of the path's step in the scene file.
+    pub line: usize,
+    /// Its name.
+    pub phase: String,
+    /// What the contact world says.
+    #[source]
+    pub error: SimulationError,
+}
+
+impl PressWorld {
+    /// The scene at its start: nothing touches.
+    ///
+    /// # Errors
+    /// A gel or friction outside its range.
+    pub fn new(scene: &PressScene, gel: &Gel, frames_per_second: f64) -> Result<Self, SimulationError> {
+        let peak_n = scene
+            .path
+            .iter()
+            .map(|step| match step.press {
+                Some(Press::Force(force)) => force,
+                // What a depth needs is known only when it is solved: the fine grid holds for any force.
+                Some(Press::Depth(_)) | None => 0.0,
+            })
+            .fold(0.0, f64::max);
+        let skin = Arc::new(Skin::new(gel, production_cells(peak_n))?);
+        let pitch_mm = skin.pitch_mm();
+        let indenter = &scene.indenter;
+        let contact = Contact::new(
+            skin,
+            Arc::clone(&indenter.shape),
+            indenter.friction,
+            Mount::default(),
+        )?;
+        let first = scene.path.first();
+        let start = Drive {
+            press: Press::Force(0.0),
+            at_mm: first.and_then(|step| step.at_mm).unwrap_or_default(),
+            turn_rad: first.and_then(|step| step.turn_rad).unwrap_or_default(),
+            tilt_rad: first.and_then(|step| step.tilt_rad).unwrap_or_default(),
+        };
+        let mut world = Self {
+            contact,
+            pitch_mm,
+            path: scene.path.clone(),
+            frame_s: 1.0 / frames_per_second,
+            frames: (scene.seconds() * frames_per_second).round() as usize,
+            frame: 0,
+            step: 0,
+            began_s: 0.0,
+            from: start,
+            time_s: 0.0,
+            drive: start,
+        };
+        world.begin(0);
+        Ok(world)
+    }
+
+    /// Frames of the whole scene.
+    #[must_use]
+    pub fn frames(&self) -> usize {
+        self.frames
+    }
+
+    /// Goes to the next frame; none after the last. After a problem the contact stays where it was solved last,
+    /// and the next call goes on from there.
+    ///
+    /// # Errors
+    /// [`PressProblem`] with the error of the contact world.
+    pub fn advance(&mut self) -> Result<Option<PressFrame<'_>>, PressProblem> {
+        if self.frame == self.frames {
+            return Ok(None);
+        }
+        let frame = self.frame;
+        self.frame += 1;
+        let time_s = self.frame as f64 * self.frame_s;
+        self.go_to(time_s).map_err(|error| PressProblem {
+            time_s,
+            line: self.path[self.step].line,
+            phase: self.path[self.step].name.clone(),
+            error,
+        })?;
+        Ok(Some(PressFrame {
+            frame,
+            time_s,
+            step: &self.path[self.step],
+            truth: self.contact.truth(),
+        }))
+    }
+
+    fn go_to(&mut self, time_s: f64) -> Result<(), SimulationError> {
+        loop {
+            let step = &self.path[self.step];
+            let (seconds, end_s) = (step.seconds, self.began_s + step.seconds);
+            let to_s = time_s.min(end_s);
+            let last = self.step + 1 == self.path.len();
+            if to_s > self.time_s + SAME_S {
+                let part = ((to_s - self.began_s) / seconds).min(1.0);
+                let target = self.target(part);
+                // Kept even if it is not reached, so that the scene goes on by the clock.
+                self.time_s = to_s;
+                self.move_to(target)?;
+            }
+            if last || time_s <= end_s + SAME_S {
+                return Ok(());
+            }
+            self.began_s = end_s;
+            self.begin(self.step + 1);
+        }
+    }
+
+    /// Starts a step of the path from where the last one has led.
+    fn begin(&mut self, step: usize) {
+        self.step = step;
+        let truth = self.contact.truth();
+        self.from = self.drive;
+        self.from.press = match (self.path[step].press, self.drive.press) {
+            (Some(Press::Force(_)), Press::Depth(_)) => Press::Force(truth.force_n()[2]),
+            (Some(Press::Depth(_)), Press::Force(_)) => Press::Depth(truth.pose().depth_mm.max(0.0)),
+            (_, press) => press,
+        };
+    }
+
+    /// Where the step under way is after `part` of its time.
+    fn target(&self, part: f64) -> Drive {
+        let step = &self.path[self.step];
+        let between = |a: f64, b: f64| a + (b - a) * part;
+        let pair = |from: [f64; 2], to: Option<[f64; 2]>| {
+            to.map_or(from, |to| [between(from[0], to[0]), between(from[1], to[1])])
+        };
+        Drive {
+            press: match (self.from.press, step.press) {
+                (Press::Force(a), Some(Press::Force(b))) => Press::Force(between(a, b)),
+                (Press::Depth(a), Some(Press::Depth(b))) => Press::Depth(between(a, b)),
+                (press, _) => press,
+            },
+            at_mm: pair(self.from.at_mm, step.at_mm),
+            turn_rad: step
+                .turn_rad
+                .map_or(self.from.turn_rad, |to| between(self.from.turn_rad, to)),
+            tilt_rad: pair(self.from.tilt_rad, step.tilt_rad),
+        }
+    }
+
+    fn move_to(&mut self, target: Drive) -> Result<(), SimulationError> {
+        let steps = self.steps_to(&target);
+        self.drive = target;
+        match self.contact.go_to(target, steps) {
+            Err(SimulationError::ContactUnsolved { .. }) => {
+                self.contact.go_to(target, steps * SMALLER).map(|_| ())
+            }
+            other => other.map(|_| ()),
+        }
+    }
+
+    /// Steps of the solver from where the drive is now.
+    fn steps_to(&self, target: &Drive) -> u32 {
+        let press = match (self.drive.press, target.press) {
+            (Press::Force(a), Press::Force(b)) => {
+                let end = match self.path[self.step].press {
+                    Some(Press::Force(end)) => end,
+                    _ => b,
+                };
+                STEPS_PER_PRESS * (b - a).abs() / end.max(a).max(b).max(f64::MIN_POSITIVE)
+            }
+            (Press::Depth(a), Press::Depth(b)) => (b - a).abs() / STEP_DEPTH_MM,
+            // A change of kind begins where the contact is.
+            _ => STEPS_PER_PRESS,
+        };
+        let way = |from: [f64; 2], to: [f64; 2]| libm::hypot(to[0] - from[0], to[1] - from[1]);
+        let slide = way(self.drive.at_mm, target.at_mm)
+            .max(RIM_MM * (target.turn_rad - self.drive.turn_rad).abs())
+            / (STEP_SLIDE_CELLS * self.pitch_mm);
+        let tilt = way(self.drive.tilt_rad, target.tilt_rad) / STEP_TILT_RAD;
+        press.max(slide).max(tilt).ceil().max(1.0) as u32
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io;
+    use std::path::Path;
+
+    use super::*;
+    use crate::scene_file::{Scene, SceneFile};
+
+    fn world(path: &str) -> PressWorld {
+        let text = format!("kind = \"press\"\n[indenter]\nshape = \"sphere\"\n{path}");
+        let nothing = &mut |_: &Path| Err(io::ErrorKind::NotFound.into());
+        let file = SceneFile::parse(Path::new("scene.toml"), &text, nothing).unwrap();
+        let Scene::Press(scene) = file.scene;
+        PressWorld::new(&scene, &Gel::default(), 20.0).unwrap()
+    }
+
+    #[test]
+    fn the_path_is_followed_step_by_step_and_ends_lifted() {
+        let mut world = world(
+            "[[path]]\nname = \"press\"\nseconds = 0.4\npress_n = 2.0\nat_mm = [1, 0]\n\
+             [[path]]\nname = \"deeper\"\nseconds = 0.2\ndepth_mm = 0.7\n\
+             [[path]]\nname = \"drag\"\nseconds = 0.4\nat_mm = [1.4, 0]\nturn_deg = 3\n\
+             [[path]]\nname = \"lift\"\nseconds = 0.2\npress_n = 0\n",
+        );
+        assert_eq!(world.frames(), 24);
+        let (mut frames, mut drag) = (Vec::new(), None);
+        while let Some(frame) = world.advance().unwrap() {
+            let force = frame.truth.force_n();
+            assert!((frame.time_s - 0.05 * (frames.len() + 1) as f64).abs() < 1e-9);
+            if frame.step.name == "drag" {
+                drag = Some((frame.truth.pose(), force[0], frame.truth.torsion_nmm([1.0, 0.0])));
+            }
+            frames.push((frame.step.name.clone(), force[2], frame.truth.pose().depth_mm));
+        }
+        let names: Vec<&str> = frames.iter().map(|frame| &*frame.0).collect();
+        assert_eq!(
+            names,
+            [
+                ["press"; 8].as_slice(),
+                &["deeper"; 4],
+                &["drag"; 8],
+                &["lift"; 4]
+            ]
+            .concat()
+        );
+        for (k, frame) in frames[..8].iter().enumerate() {
+            assert!(
+                (frame.1 - 0.25 * (k + 1) as f64).abs() < 1e-3,
+                "{k}: {} N",
+                frame.1
+            );
+        }
+        assert!(frames[8].2 > frames[7].2 && (frames[11].2 - 0.7).abs() < 1e-9);
+        let (pose, pull, twist) = drag.unwrap();
+        assert!((pose.at_mm[0] - 1.4).abs() < 1e-9 && (pose.turn_rad - 3.0_f64.to_radians()).abs() < 1e-9);
+        // The skin is taken along: forces and moment in the direction of the motion.
+        assert!(pull > 0.1 && twist > 0.1, "{pull} N, {twist} N·mm");
+        assert!(frames[20].1 < frames[19].1 && frames[23].1 == 0.0);
+    }
+
+    #[test]
+    fn what_leaves_the_sensor_on_the_way_is_told_with_time_and_line_and_the_contact_stays() {
+        let mut world = world(
+            "[[path]]\nname = \"press\"\nseconds = 0.2\npress_n = 2\nat_mm = [9, 0]\n\
+             [[path]]\nname = \"drag\"\nseconds = 1\nat_mm = [16, 0]\n",
+        );
+        let mut last = 0.0;
+        let problem = loop {
+            match world.advance() {
+                Ok(Some(frame)) => last = frame.truth.footprint_mm()[0],
+                Ok(None) => panic!("stayed inside at {last} mm"),
+                Err(problem) => break problem,
+            }
+        };
+        assert!(last > 9.5, "{last}");
+        assert_eq!((problem.line, &*problem.phase), (9, "drag"));
+        assert!(
+            matches!(problem.error, SimulationError::OffSurface { .. }),
+            "{problem}"
+        );
+        let text = problem.to_string();
+        assert!(
+            text.starts_with("at ") && text.contains("in drag: the contact of the indenter"),
+            "{text}"
+        );
+    }
+}

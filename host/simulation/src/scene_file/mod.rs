@@ -1,0 +1,153 @@
+//! Scene files: what `gripline simulate` plays, in TOML. Text in, scene out; every problem names the key, its line,
+//! what was found and expected, and what to do. Units are in the keys' names (mm, N, s, degrees).
+//!
+//! `keys` lists every key, `section` reads by that list, `sensor`, `indenter` and `press` make the scene.
+//! `scenes/README.md` is the reference for people.
+
+mod error;
+mod indenter;
+pub mod keys;
+mod press;
+mod section;
+mod sensor;
+#[cfg(test)]
+mod tests;
+
+use std::io;
+use std::path::{Path, PathBuf};
+
+use toml::de::DeTable;
+
+pub use error::SceneError;
+pub use indenter::Indenter;
+pub use press::{PathStep, PressScene};
+pub use sensor::Sensor;
+
+use section::{Section, Source};
+
+/// Largest file that a scene may name, bytes.
+const FILE_MAX: usize = 64 << 20;
+
+/// How a scene gets at the files that it names: path in, bytes out.
+pub type Load<'a> = dyn FnMut(&Path) -> io::Result<Vec<u8>> + 'a;
+
+/// A scene and how it is to be seen.
+#[derive(Debug, Clone)]
+pub struct SceneFile {
+    /// The file.
+    pub file: PathBuf,
+    /// What is random follows from it.
+    pub seed: u64,
+    /// Frames a second.
+    pub frames_per_second: f64,
+    /// Which part of the picture is kept.
+    pub frames: FrameSize,
+    /// The fingertip; in a grasp, the first one.
+    pub sensor: Sensor,
+    /// What happens.
+    pub scene: Scene,
+}
+
+/// Which part of the camera's picture is kept.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum FrameSize {
+    /// All of it, 640×480.
+    Full,
+    /// The middle, 440×440.
+    Crop,
+}
+
+/// What happens in a scene.
+#[derive(Debug, Clone)]
+pub enum Scene {
+    /// One indenter on one fingertip.
+    Press(PressScene),
+}
+
+impl SceneFile {
+    /// Reads the text of a scene `file`; files that it names are loaded relative to it.
+    ///
+    /// # Errors
+    /// [`SceneError`] for the first problem.
+    pub fn parse(file: &Path, text: &str, load: &mut Load) -> Result<Self, SceneError> {
+        let source = Source {
+            file: file.to_owned(),
+            text,
+        };
+        let document = DeTable::parse(text).map_err(|error| {
+            let message = error.message().split_whitespace().collect::<Vec<_>>().join(" ");
+            SceneError {
+                file: file.into(),
+                line: source.line(error.span().map_or(0, |span| span.start)),
+                key: "".into(),
+                found: format!("what TOML does not allow ({message})").into(),
+                expected: "key = value, [section] or [[section]]".into(),
+                advice: "correct this line".into(),
+            }
+        })?;
+        let head = Section::new(&source, document.get_ref(), "", String::new(), 1)?;
+        let kind = head.text(&keys::KIND)?;
+        let rate_hz = head.number(&keys::FRAMES_PER_SECOND)?;
+        let seed = head.whole(&keys::SEED)?;
+        let frames = match head.text(&keys::FRAMES)? {
+            "crop" => FrameSize::Crop,
+            _ => FrameSize::Full,
+        };
+        let sensor = sensor::read(&head, load)?;
+        let scene = Scene::Press(press::read(&head, rate_hz, load)?);
+        head.finish(&format!("kind = \"{kind}\""))?;
+        Ok(Self {
+            file: file.to_owned(),
+            seed,
+            frames_per_second: rate_hz,
+            frames,
+            sensor,
+            scene,
+        })
+    }
+
+    /// A problem of the scene that shows when it is played, with the line of what asked for it.
+    #[must_use]
+    pub fn problem(&self, line: usize, found: &str, expected: &str, advice: &str) -> SceneError {
+        SceneError {
+            file: self.file.as_path().into(),
+            line,
+            key: "".into(),
+            found: found.into(),
+            expected: expected.into(),
+            advice: advice.into(),
+        }
+    }
+}
+
+/// Loads the file that `key` names, relative to the scene.
+fn load_named(
+    section: &Section,
+    key: &keys::Key,
+    name: &str,
+    load: &mut Load,
+) -> Result<Vec<u8>, SceneError> {
+    let path = section.directory().join(name);
+    let problem = |found: &str, advice: &str| {
+        Err(section.problem(
+            key.name,
+            found,
+            "a file that can be read, relative to the scene file",
+            advice,
+        ))
+    };
+    match load(&path) {
+        Ok(bytes) if bytes.len() <= FILE_MAX => Ok(bytes),
+        Ok(bytes) => problem(
+            &format!("{name} of {} MiB", bytes.len() >> 20),
+            "take a file of at most 64 MiB",
+        ),
+        Err(error) if error.kind() == io::ErrorKind::NotFound => {
+            problem(&format!("no file {}", path.display()), "check the name")
+        }
+        Err(error) => problem(
+            &format!("{} that cannot be read ({error})", path.display()),
+            "check its rights and its disk",
+        ),
+    }
+}

@@ -1,0 +1,283 @@
+//! Scene files as people write them: what is read, and the exact line that tells of every mistake.
+
+use std::io;
+use std::path::Path;
+
+use super::{FrameSize, Scene, SceneFile};
+use crate::contact_world::{HeightMap, Press, Shape};
+
+const GOOD: &str = r#"kind = "press"
+seed = 7
+frames_per_second = 30
+
+[sensor]
+unit = 3
+brightness_motion = 0.02
+
+[indenter]
+shape = "cylinder"
+radius_mm = 6
+friction = 0.7
+
+[[path]]
+name = "press"
+seconds = 0.5
+press_n = 2.5
+at_mm = [1.0, -2]
+
+[[path]]
+seconds = 1.5
+at_mm = [2.0, -2.0]
+turn_deg = 90.0
+tilt_deg = [0.0, 3.0]
+"#;
+
+fn nothing(_: &Path) -> io::Result<Vec<u8>> {
+    Err(io::ErrorKind::NotFound.into())
+}
+
+fn parse(text: &str) -> Result<SceneFile, String> {
+    SceneFile::parse(Path::new("scene.toml"), text, &mut nothing).map_err(|error| error.to_string())
+}
+
+#[test]
+fn a_scene_is_read_with_its_defaults() {
+    let scene = parse(GOOD).unwrap();
+    assert_eq!((scene.seed, scene.frames), (7, FrameSize::Full));
+    assert!((scene.frames_per_second - 30.0).abs() < 1e-12);
+    assert_eq!(scene.sensor.unit, Some(3));
+    assert!((scene.sensor.brightness(1.75) - 1.02).abs() < 1e-12);
+    let Scene::Press(press) = scene.scene;
+    let expected = Shape::Cylinder {
+        radius_mm: 6.0,
+        length_mm: 12.0,
+        edge_mm: 2.0,
+    };
+    for at in [[0.0, 3.0], [6.5, 1.0], [-2.0, 0.0]] {
+        assert!((press.indenter.shape.height_mm(at) - expected.height_mm(at)).abs() < 1e-12);
+    }
+    assert!((press.indenter.friction - 0.7).abs() < 1e-12 && (press.seconds() - 2.0).abs() < 1e-12);
+    let [first, second] = &press.path[..] else {
+        panic!("{:?}", press.path);
+    };
+    assert_eq!((&*first.name, first.line), ("press", 14));
+    assert_eq!(
+        (first.press, first.at_mm),
+        (Some(Press::Force(2.5)), Some([1.0, -2.0]))
+    );
+    assert_eq!((&*second.name, second.line, second.press), ("step 2", 20, None));
+    assert!((second.turn_rad.unwrap() - std::f64::consts::FRAC_PI_2).abs() < 1e-12);
+    assert!((second.tilt_rad.unwrap()[1] - 3.0_f64.to_radians()).abs() < 1e-12);
+}
+
+/// Changes to the good scene, and the line that each gives.
+const MISTAKES: &[(&str, &str, &str)] = &[
+    (
+        "kind = \"press\"",
+        "kind = \"pull\"",
+        "scene.toml:1: kind: found \"pull\", expected \"press\": choose one of these",
+    ),
+    (
+        "kind = \"press\"\n",
+        "",
+        "scene.toml:1: kind: found nothing, expected \"press\": add kind to the head of the file",
+    ),
+    (
+        "seed = 7",
+        "sed = 7",
+        "scene.toml:2: sed: found a key that is not known here, expected one of kind, seed, \
+             frames_per_second, frames, sensor, indenter, path: did you mean seed?",
+    ),
+    (
+        "seed = 7",
+        "seed = -7",
+        "scene.toml:2: seed: found -7, expected a whole number from 0 to 2⁶³−1: change it",
+    ),
+    (
+        "frames_per_second = 30",
+        "frames_per_second = \"30 Hz\"",
+        "scene.toml:3: frames_per_second: found \"30 Hz\", expected a number in Hz from 1 to 1000: write the \
+             number without quotes and unit",
+    ),
+    (
+        "frames_per_second = 30",
+        "frames_per_second = 30 Hz",
+        "scene.toml:3: found what TOML does not allow (string values must be quoted, expected \
+             literal string), expected key = value, [section] or [[section]]: correct this line",
+    ),
+    (
+        "unit = 3",
+        "friction = 3",
+        "scene.toml:6: sensor.friction: found a key that is not known here, expected one of unit, particles, \
+             noise_levels, brightness, brightness_motion, brightness_period_s: move friction to [indenter]",
+    ),
+    (
+        "unit = 3",
+        "unit = 3.5",
+        "scene.toml:6: sensor.unit: found 3.5, expected a whole number from 0 to 2⁶³−1: change it",
+    ),
+    (
+        "brightness_motion = 0.02",
+        "brightness_motion = nan",
+        "scene.toml:7: sensor.brightness_motion: found nan, expected a number from 0 to 0.5: change it",
+    ),
+    (
+        "shape = \"cylinder\"",
+        "shape = \"cylindre\"",
+        "scene.toml:10: indenter.shape: found \"cylindre\", expected \"sphere\", \"cylinder\", \"disc\", \
+             \"cone\", \"block\", \"ellipsoid\", \"ring\", \"two_spheres\", \"triangle\", \"corner\", \"cross\", \
+             \"wavy\" or \"file\": choose one of these",
+    ),
+    (
+        "radius_mm = 6",
+        "radius_cm = 0.6",
+        "scene.toml:11: indenter.radius_cm: found a key that is not known here, expected a key of this \
+             section: did you mean radius_mm?",
+    ),
+    (
+        "radius_mm = 6",
+        "radius_mm = 0",
+        "scene.toml:11: indenter.radius_mm: found 0, expected a number in mm from 0.2 to 1000: change it",
+    ),
+    (
+        "radius_mm = 6",
+        "tip_mm = 2",
+        "scene.toml:11: indenter.tip_mm: found a key that shape = \"cylinder\" does not use, expected one of \
+             edge_mm, friction, length_mm, radius_mm, shape: remove it",
+    ),
+    (
+        "shape = \"cylinder\"\nradius_mm = 6",
+        "shape = \"file\"\nfile = \"stamp.png\"\nmm_per_pixel = 0.1\nmm_per_level = 0.01",
+        "scene.toml:11: indenter.file: found no file stamp.png, expected a file that can be read, relative to \
+             the scene file: check the name",
+    ),
+    (
+        "shape = \"cylinder\"\nradius_mm = 6",
+        "shape = \"file\"\nfile = \"stamp.png\"",
+        "scene.toml:9: indenter.mm_per_pixel: found nothing with shape = \"file\", expected a number in mm \
+             from 0.005 to 5: add mm_per_pixel to this section",
+    ),
+    (
+        "[indenter]\nshape = \"cylinder\"\nradius_mm = 6\nfriction = 0.7\n",
+        "",
+        "scene.toml:1: indenter: found nothing, expected a section [indenter]: begin it with a line [indenter]",
+    ),
+    (
+        "name = \"press\"",
+        "name = \"press, hard\"",
+        "scene.toml:15: path[1].name: found \"press, hard\", expected 1 to 40 letters, digits, spaces, - or _: \
+             it becomes a cell of truth.csv: choose another name",
+    ),
+    (
+        "seconds = 0.5\n",
+        "",
+        "scene.toml:14: path[1].seconds: found nothing, expected a number in s from 0.001 to 600: add seconds \
+             to this section",
+    ),
+    (
+        "press_n = 2.5",
+        "press_n = 2.5\ndepth_mm = 0.5",
+        "scene.toml:18: path[1].depth_mm: found a depth beside press_n, expected one of press_n and depth_mm: \
+             remove one of them",
+    ),
+    (
+        "at_mm = [1.0, -2]",
+        "at_mm = [1.0, -2, 0.5]",
+        "scene.toml:18: path[1].at_mm: found [1.0, -2, 0.5], expected 2 numbers in mm from -16 to 16: write \
+             at_mm = [0.0, 0.0]",
+    ),
+    (
+        "at_mm = [1.0, -2]",
+        "at_mm = [1.0, -20]",
+        "scene.toml:18: path[1].at_mm: found [1.0, -20], expected 2 numbers in mm from -16 to 16: write at_mm \
+             = [0.0, 0.0]",
+    ),
+    (
+        "at_mm = [1.0, -2]",
+        "at_mm = [10.0, -2]",
+        "scene.toml:18: path[1].at_mm: found an indenter that touches at (15.6, -2.0) mm, expected contact \
+             inside ±16 mm, the sensing surface: move the indenter inwards or take a smaller one",
+    ),
+    (
+        "seconds = 1.5",
+        "seconds = 500\n[[path]]\nseconds = 600\n[[path]]\nseconds = 600\n[[path]]\nseconds = 600\n[[path]]\n\
+             seconds = 600\n[[path]]\nseconds = 600",
+        "scene.toml:31: path[7].seconds: found 105015 frames up to here, expected at most 100000 in a scene: \
+             shorten the path or lower frames_per_second",
+    ),
+    (
+        "seconds = 1.5",
+        "path = 3\nseconds = 1.5",
+        "scene.toml:21: path[2].path: found a key that is not known here, expected one of name, seconds, \
+             press_n, depth_mm, at_mm, turn_deg, tilt_deg: remove it",
+    ),
+    (
+        "[[path]]\nname = \"press\"",
+        "[path]\nname = \"press\"",
+        "scene.toml:20: found what TOML does not allow (duplicate key), expected key = value, [section] or \
+             [[section]]: correct this line",
+    ),
+];
+
+#[test]
+fn every_mistake_gives_one_line_with_key_line_found_expected_and_what_to_do() {
+    let mut wrong = 0;
+    for &(from, to, expected) in MISTAKES {
+        assert!(GOOD.contains(from), "{from}");
+        let found = parse(&GOOD.replacen(from, to, 1)).map(|_| ()).unwrap_err();
+        if found != expected {
+            println!("FOUND {found}\nWANTS {expected}\n");
+            wrong += 1;
+        }
+    }
+    assert_eq!(wrong, 0, "see above");
+    assert_eq!(
+        parse("").map(|_| ()).unwrap_err(),
+        "scene.toml:1: kind: found nothing, expected \"press\": add kind to the head of the file"
+    );
+}
+
+#[test]
+fn a_height_map_is_loaded_from_beside_the_scene_and_its_faults_carry_the_line() {
+    let scene = GOOD.replace(
+        "shape = \"cylinder\"\nradius_mm = 6",
+        "shape = \"file\"\nfile = \"stamps/a.npy\"\nmm_per_pixel = 0.5",
+    );
+    let file = |descr: &str| {
+        let mut header = format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': (2, 2), }}");
+        while (10 + header.len() + 1) % 64 != 0 {
+            header.push(' ');
+        }
+        header.push('\n');
+        let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
+        bytes.extend((header.len() as u16).to_le_bytes());
+        bytes.extend(header.as_bytes());
+        bytes.extend([1.0_f64, 2.0, 3.0, 4.0].iter().flat_map(|v| v.to_le_bytes()));
+        bytes
+    };
+    let read = |bytes: Vec<u8>, text: &str| {
+        let mut asked = Vec::new();
+        let mut load = |path: &Path| {
+            asked.push(path.to_owned());
+            Ok(bytes.clone())
+        };
+        let scene = SceneFile::parse(Path::new("there/scene.toml"), text, &mut load);
+        assert_eq!(asked, [Path::new("there/stamps/a.npy")]);
+        scene.map_err(|error| error.to_string())
+    };
+    let Scene::Press(press) = read(file("<f8"), &scene).unwrap().scene;
+    assert!((press.indenter.shape.height_mm([0.25, 0.25]) - 3.0).abs() < 1e-12);
+    let error = read(file("<i8"), &scene).map(|_| ()).unwrap_err();
+    assert_eq!(
+        error,
+        "there/scene.toml:11: indenter.file: found dtype '<i8' in stamps/a.npy, expected a NumPy array (rows, \
+         columns) of float32 or float64: save it with numpy.save(name, heights.astype(numpy.float32))"
+    );
+    let scaled = scene.replace("mm_per_pixel", "mm_per_level = 0.1\nmm_per_pixel");
+    let error = read(file("<f8"), &scaled).map(|_| ()).unwrap_err();
+    assert_eq!(
+        error,
+        "there/scene.toml:12: indenter.mm_per_level: found a scale beside an array, expected heights in mm in the \
+         array itself: remove it"
+    );
+}
