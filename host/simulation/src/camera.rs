@@ -1,47 +1,134 @@
-//! The camera under the skin: an equidistant fisheye, r = f·θ, looking up at the gel. Units: mm, pixels, rad.
-//! Image axes follow the surface's x and y (the mirror of a view from below is taken as undone).
-//! Limits: one centre of projection, no refraction at the gel's base.
+//! The camera under the skin: an equidistant fisheye, r = f·θ, looking up at the gel. Units: mm, pixels of the 640 x
+//! 480 frame, rad. Image axes follow the surface's x and y (the mirror of a view from below is taken as undone).
+//! Limits: one centre of projection, no refraction at the gel's base; spheres look round (off the axis a real one is
+//! θ/sin θ longer across the radius: 11 % at 45°).
 
+use std::fmt::Write as _;
 use std::sync::LazyLock;
 
-use crate::constants::{CAMERA_TO_BASE_MM, CROP_PX, GEL_THICKNESS_MM, HALF_SURFACE_MM, LENS_BLUR_PX};
-use crate::error::{SimulationError, finite, positive};
+use toml::de::{DeTable, DeValue};
 
-/// Intrinsics of the crop, and where the camera sits.
+use crate::error::SimulationError;
+
+/// The committed intrinsics.
+const DEFAULT_TOML: &str = include_str!("../cameras/default.toml");
+
+static DEFAULT: LazyLock<Camera> =
+    LazyLock::new(|| Camera::from_toml(DEFAULT_TOML).expect("the committed camera file is valid"));
+
+/// Intrinsics of the camera, and where it sits. Its file, `cameras/default.toml`, has the fields' names as keys.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Camera {
     /// Pixels per radian from the axis.
     pub focal_px_per_rad: f64,
-    /// Where the axis meets the crop, pixels (x, y) from its corner; pixel (0, 0) is centred on (0.5, 0.5).
+    /// Where the axis meets the 640 x 480 frame, pixels (x, y); pixel (0, 0) is centred on (0.5, 0.5).
     pub centre_px: [f64; 2],
+    /// Largest angle from the axis that the lens sees, rad; dark beyond.
+    pub half_field_rad: f64,
+    /// Light that the lens loses, times the square of the angle from the axis.
+    pub vignette_per_rad2: f64,
     /// From the centre of projection to the gel's rigid base, mm.
     pub to_base_mm: f64,
 }
 
 impl Default for Camera {
-    /// The crop's half width spans the half width of the sensing surface along the axes: f = 220 /
-    /// atan(16/18).
+    /// The committed `cameras/default.toml`.
     fn default() -> Self {
-        let half_px = 0.5 * CROP_PX as f64;
-        let angle = libm::atan(HALF_SURFACE_MM / (CAMERA_TO_BASE_MM + GEL_THICKNESS_MM));
-        Self {
-            focal_px_per_rad: half_px / angle,
-            centre_px: [half_px; 2],
-            to_base_mm: CAMERA_TO_BASE_MM,
-        }
+        *DEFAULT
     }
 }
 
+/// Keys of the camera file, in their order there, with what each accepts.
+const KEYS: [(&str, &str); 5] = [
+    ("focal_px_per_rad", "a finite number above 0"),
+    ("centre_px", "two finite numbers, [x, y]"),
+    ("half_field_rad", "a number above 0, at most 1.5708 (π/2)"),
+    ("vignette_per_rad2", "a number from 0 to 1"),
+    ("to_base_mm", "a finite number above 0"),
+];
+/// π/2, and a little for rounding up.
+const HALF_FIELD_MAX_RAD: f64 = std::f64::consts::FRAC_PI_2 + 1e-5;
+
 impl Camera {
-    pub(crate) fn check(&self) -> Result<(), SimulationError> {
-        positive("camera focal_px_per_rad", self.focal_px_per_rad)?;
-        positive("camera to_base_mm", self.to_base_mm)?;
-        finite("camera centre_px[0]", self.centre_px[0])?;
-        finite("camera centre_px[1]", self.centre_px[1])?;
-        Ok(())
+    /// The camera of a file's text: every key once, no other.
+    ///
+    /// # Errors
+    /// The line and key of what is no TOML, missing, unknown, of another type or out of range.
+    pub fn from_toml(text: &str) -> Result<Self, SimulationError> {
+        let file = CameraFile::parse(text)?;
+        let [focal] = file.numbers(0)?;
+        let centre_px = file.numbers(1)?;
+        let [half_field] = file.numbers(2)?;
+        let [vignette] = file.numbers(3)?;
+        let [to_base] = file.numbers(4)?;
+        let camera = Self {
+            focal_px_per_rad: focal,
+            centre_px,
+            half_field_rad: half_field,
+            vignette_per_rad2: vignette,
+            to_base_mm: to_base,
+        };
+        match camera.first_bad() {
+            Some(key) => Err(file.wrong(key)),
+            None => Ok(camera),
+        }
     }
 
-    /// Image of the point at (x, y) mm, `over_base_mm` above the gel's base: its pixel position and the
+    /// The file's text of this camera; [`Self::from_toml`] gives it back to the last bit.
+    #[must_use]
+    pub fn to_toml(&self) -> String {
+        let [x, y] = self.centre_px;
+        let values = [
+            format!("{:?}", self.focal_px_per_rad),
+            format!("[{x:?}, {y:?}]"),
+            format!("{:?}", self.half_field_rad),
+            format!("{:?}", self.vignette_per_rad2),
+            format!("{:?}", self.to_base_mm),
+        ];
+        let mut text = String::new();
+        for ((key, _), value) in KEYS.iter().zip(values) {
+            // Writing to a text does not fail.
+            let _ = writeln!(text, "{key} = {value}");
+        }
+        text
+    }
+
+    /// Place in [`KEYS`] of the first field out of range.
+    fn first_bad(&self) -> Option<usize> {
+        let good = [
+            self.focal_px_per_rad.is_finite() && self.focal_px_per_rad > 0.0,
+            self.centre_px.iter().all(|c| c.is_finite()),
+            self.half_field_rad > 0.0 && self.half_field_rad <= HALF_FIELD_MAX_RAD,
+            (0.0..=1.0).contains(&self.vignette_per_rad2),
+            self.to_base_mm.is_finite() && self.to_base_mm > 0.0,
+        ];
+        good.iter().position(|good| !good)
+    }
+
+    pub(crate) fn check(&self) -> Result<(), SimulationError> {
+        let Some(key) = self.first_bad() else {
+            return Ok(());
+        };
+        let not_finite = |c: &&f64| !c.is_finite();
+        let (field, found) = [
+            ("camera focal_px_per_rad", self.focal_px_per_rad),
+            (
+                "camera centre_px",
+                *self.centre_px.iter().find(not_finite).unwrap_or(&0.0),
+            ),
+            ("camera half_field_rad", self.half_field_rad),
+            ("camera vignette_per_rad2", self.vignette_per_rad2),
+            ("camera to_base_mm", self.to_base_mm),
+        ][key];
+        let expected = KEYS[key].1;
+        Err(SimulationError::OutOfRange {
+            field,
+            found,
+            expected,
+        })
+    }
+
+    /// Image of the point at (x, y) mm, `over_base_mm` above the gel's base: its place in the 640 x 480 frame and the
     /// pixels that one millimetre across the ray covers there.
     #[must_use]
     pub fn project(&self, at_mm: [f64; 2], over_base_mm: f64) -> ([f64; 2], f64) {
@@ -60,6 +147,89 @@ impl Camera {
     }
 }
 
+/// A camera file under reading.
+struct CameraFile<'a> {
+    text: &'a str,
+    table: DeTable<'a>,
+}
+
+impl<'a> CameraFile<'a> {
+    fn parse(text: &'a str) -> Result<Self, SimulationError> {
+        let table = DeTable::parse(text).map_err(|error| {
+            let line = line_of(text, error.span().map_or(0, |span| span.start));
+            let written = text.lines().nth(line - 1).unwrap_or_default();
+            SimulationError::CameraFile {
+                line,
+                key: written.split('=').next().unwrap_or_default().trim().to_owned(),
+                found: "no TOML".to_owned(),
+                expected: error.message().to_owned(),
+            }
+        })?;
+        let table = table.into_inner();
+        let unknown = table
+            .keys()
+            .filter(|name| !KEYS.iter().any(|(key, _)| key == name.get_ref()))
+            .min_by_key(|name| name.span().start);
+        if let Some(name) = unknown {
+            return Err(SimulationError::CameraFile {
+                line: line_of(text, name.span().start),
+                key: name.get_ref().to_string(),
+                found: "no key of a camera".to_owned(),
+                expected: format!("one of {}", KEYS.map(|(key, _)| key).join(", ")),
+            });
+        }
+        Ok(Self { text, table })
+    }
+
+    /// The numbers of key `key`: one, or as many in an array.
+    fn numbers<const N: usize>(&self, key: usize) -> Result<[f64; N], SimulationError> {
+        let value = self.table.get(KEYS[key].0).map(toml::Spanned::get_ref);
+        let numbers: Option<Vec<f64>> = match value {
+            Some(DeValue::Array(array)) if N > 1 => {
+                array.iter().map(|element| number(element.get_ref())).collect()
+            }
+            Some(value) if N == 1 => number(value).map(|number| vec![number]),
+            _ => None,
+        };
+        numbers
+            .and_then(|numbers| numbers.try_into().ok())
+            .ok_or_else(|| self.wrong(key))
+    }
+
+    /// The error of key `key`: where it stands and what stands there, or that nothing does.
+    fn wrong(&self, key: usize) -> SimulationError {
+        let (name, expected) = KEYS[key];
+        let (line, found) = match self.table.get_key_value(name) {
+            Some((key, value)) => (
+                line_of(self.text, key.span().start),
+                self.text.get(value.span()).unwrap_or_default().to_owned(),
+            ),
+            None => (self.text.lines().count().max(1), "missing".to_owned()),
+        };
+        SimulationError::CameraFile {
+            line,
+            key: name.to_owned(),
+            found,
+            expected: expected.to_owned(),
+        }
+    }
+}
+
+/// A number, written with a point or without.
+fn number(value: &DeValue<'_>) -> Option<f64> {
+    match value {
+        DeValue::Float(float) => float.as_str().parse().ok(),
+        DeValue::Integer(integer) if integer.radix() == 10 => integer.as_str().parse().ok(),
+        _ => None,
+    }
+}
+
+/// Line of a byte, from 1.
+fn line_of(text: &str, byte: usize) -> usize {
+    let before = text.get(..byte).unwrap_or(text);
+    1 + before.matches('\n').count()
+}
+
 /// The camera in single precision, for the inner loop.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Lens {
@@ -68,7 +238,7 @@ pub(crate) struct Lens {
 }
 
 impl Lens {
-    /// Pixel x, pixel y and pixels per millimetre of a point `height_mm` above the centre of projection.
+    /// Column, row and pixels per millimetre of a point `height_mm` above the centre of projection.
     pub(crate) fn project(&self, at_mm: [f32; 2], height_mm: f32) -> [f32; 3] {
         let [x, y] = at_mm;
         let aside = (x * x + y * y).sqrt();
@@ -88,186 +258,133 @@ impl Lens {
     }
 }
 
-/// Light that a coverage image lets through: 1 where no particle is, 0 behind a full one.
-#[derive(Debug, Clone)]
-pub(crate) struct Coverage {
-    pub(crate) clear: Vec<f32>,
-}
-
-impl Coverage {
-    pub(crate) fn new() -> Self {
-        Self {
-            clear: vec![1.0; CROP_PX * CROP_PX],
-        }
-    }
-
-    pub(crate) fn wipe(&mut self) {
-        self.clear.fill(1.0);
-    }
-
-    /// Lays a disc of `radius_px` over the image: anti-aliased by the lens's blur, area kept.
-    pub(crate) fn draw_disc(&mut self, centre_px: [f32; 2], radius_px: f32, brightness: f32) {
-        let table = &*DISCS;
-        let row = ((radius_px - DISC_RADII_PX[0]) / DISC_STEP_PX)
-            .round()
-            .clamp(0.0, (DISC_ROWS - 1) as f32);
-        let nearest = DISC_RADII_PX[0] + row * DISC_STEP_PX;
-        let amount = brightness * (radius_px / nearest) * (radius_px / nearest);
-        let disc = &table[row as usize];
-        let reach = nearest + DISC_FADE_PX;
-        let [u, v] = centre_px;
-        let span = |c: f32| {
-            let first = (c - reach).max(0.0) as usize;
-            let last = (c + reach + 1.0).clamp(0.0, CROP_PX as f32) as usize;
-            first.min(last)..last
-        };
-        let columns = span(u);
-        for row in span(v) {
-            let dy = row as f32 + 0.5 - v;
-            let line = &mut self.clear[row * CROP_PX..][columns.clone()];
-            let mut dx = columns.start as f32 + 0.5 - u;
-            for pixel in line {
-                let place = ((dx * dx + dy * dy) * DISC_PER_PX2) as usize;
-                *pixel *= 1.0 - amount * disc[place.min(DISC_PLACES - 1)];
-                dx += 1.0;
-            }
-        }
-    }
-}
-
-/// Radii for which blurred discs are tabulated, pixels; others take the nearest and keep their own area.
-const DISC_RADII_PX: [f32; 2] = [0.5, 3.0];
-const DISC_STEP_PX: f32 = 1.0 / 16.0;
-const DISC_ROWS: usize = 41;
-/// Beyond its radius a disc has faded out: three sigma of blur.
-const DISC_FADE_PX: f32 = 3.0 * LENS_BLUR_PX as f32;
-/// Table places per square pixel of squared distance.
-const DISC_PER_PX2: f32 = 64.0;
-/// Places up to (3.0 + 1.8)² pixels², the last one empty.
-const DISC_PLACES: usize = 24 * 64;
-
-/// Coverage over squared distance of a disc convolved with a Gaussian: ∫ g(x−d) erf(√(R²−x²)/√2σ) dx.
-static DISCS: LazyLock<Vec<[f32; DISC_PLACES]>> = LazyLock::new(|| {
-    const STEPS: usize = 48;
-    let sigma = LENS_BLUR_PX;
-    (0..DISC_ROWS)
-        .map(|row| {
-            let radius = f64::from(DISC_RADII_PX[0] + row as f32 * DISC_STEP_PX);
-            let nodes: [(f64, f64); STEPS] = std::array::from_fn(|i| {
-                let angle = (i as f64 + 0.5) / STEPS as f64 * std::f64::consts::PI;
-                let (sin, cos) = libm::sincos(angle);
-                let chord = libm::erf(radius * sin / (sigma * std::f64::consts::SQRT_2));
-                let width = radius * sin * std::f64::consts::PI / STEPS as f64;
-                (
-                    radius * cos,
-                    chord * width / (sigma * (std::f64::consts::TAU).sqrt()),
-                )
-            });
-            std::array::from_fn(|place| {
-                let distance = ((place as f64 + 0.5) / f64::from(DISC_PER_PX2)).sqrt();
-                if distance > radius + f64::from(DISC_FADE_PX) || place + 1 == DISC_PLACES {
-                    return 0.0;
-                }
-                let sum: f64 = nodes
-                    .iter()
-                    .map(|(x, weight)| weight * libm::exp(-0.5 * ((x - distance) / sigma).powi(2)))
-                    .sum();
-                sum as f32
-            })
-        })
-        .collect()
-});
-
 #[cfg(test)]
 mod tests {
     use std::f64::consts::PI;
 
     use super::*;
+    use crate::constants::{CROP_CORNER_PX, CROP_PX, HALF_SURFACE_MM};
 
     #[test]
     fn points_at_known_angles_land_where_an_equidistant_lens_puts_them() {
         let camera = Camera::default();
         // The middle, and the surface's edge at the crop's edge.
         let (at, scale) = camera.project([0.0, 0.0], 6.0);
-        assert!(at.iter().all(|v| (v - 220.0).abs() < 1e-9));
+        assert!((at[0] - 320.0).abs() < 1e-9 && (at[1] - 240.0).abs() < 1e-9);
         assert!((scale - camera.focal_px_per_rad / 18.0).abs() < 1e-4);
-        let (at, _) = camera.project([16.0, 0.0], 6.0);
-        assert!((at[0] - 440.0).abs() < 1e-3 && (at[1] - 220.0).abs() < 1e-3);
+        let (at, _) = camera.project([HALF_SURFACE_MM, 0.0], 6.0);
+        let edge = (CROP_CORNER_PX[0] + CROP_PX) as f64;
+        assert!((at[0] - edge).abs() < 1e-3 && (at[1] - 240.0).abs() < 1e-3);
         // 45° along a diagonal, from any height.
         for height in [0.5, 6.0] {
             let aside = (camera.to_base_mm + height) / 2.0_f64.sqrt();
             let (at, _) = camera.project([aside, -aside], height);
             let along = camera.focal_px_per_rad * PI / 4.0 / 2.0_f64.sqrt();
-            assert!((at[0] - 220.0 - along).abs() < 1e-3 && (at[1] - 220.0 + along).abs() < 1e-3);
+            assert!((at[0] - 320.0 - along).abs() < 1e-3 && (at[1] - 240.0 + along).abs() < 1e-3);
         }
         // r = f θ: three times the angle, three times the way.
-        let radius = |angle: f64| camera.project([18.0 * angle.tan(), 0.0], 6.0).0[0] - 220.0;
+        let radius = |angle: f64| camera.project([18.0 * angle.tan(), 0.0], 6.0).0[0] - 320.0;
         assert!((radius(0.6) - 3.0 * radius(0.2)).abs() < 1e-3);
     }
 
-    /// Sum and centroid of the light that one disc takes.
-    fn moments(centre: [f32; 2], radius: f32, brightness: f32) -> (f64, [f64; 2]) {
-        let mut coverage = Coverage::new();
-        coverage.draw_disc(centre, radius, brightness);
-        let (mut sum, mut first) = (0.0, [0.0; 2]);
-        for (i, clear) in coverage.clear.iter().enumerate() {
-            let light = f64::from(1.0 - clear);
-            sum += light;
-            first[0] += light * ((i % CROP_PX) as f64 + 0.5);
-            first[1] += light * ((i / CROP_PX) as f64 + 0.5);
+    #[test]
+    fn a_camera_comes_back_from_its_file_to_the_last_bit() {
+        let odd = Camera {
+            focal_px_per_rad: 1000.0 / 3.0,
+            centre_px: [-0.1, 1e-9],
+            half_field_rad: 1.0,
+            vignette_per_rad2: 0.0,
+            to_base_mm: 1e22,
+        };
+        for camera in [Camera::default(), odd] {
+            assert_eq!(Camera::from_toml(&camera.to_toml()).unwrap(), camera);
         }
-        (sum, first.map(|f| f / sum))
+        // Whole numbers may stand without a point.
+        let text = odd
+            .to_toml()
+            .replace("half_field_rad = 1.0", "half_field_rad = 1");
+        assert_eq!(Camera::from_toml(&text).unwrap(), odd);
     }
 
     #[test]
-    fn a_disc_keeps_its_area_and_its_centroid_at_any_sub_pixel_place() {
-        let mut worst = [0.0_f64; 2];
-        for (i, radius) in [0.8_f32, 1.0, 1.27, 1.41, 1.9, 2.3].into_iter().enumerate() {
-            for j in 0..60 {
-                let part = j as f32 * 0.137 + i as f32 * 0.31;
-                let centre = [100.0 + part % 1.0, 200.0 + (part * 3.7) % 1.0];
-                let (sum, at) = moments(centre, radius, 0.8);
-                let area = PI * f64::from(radius * radius);
-                worst[0] = worst[0].max((sum / (0.8 * area) - 1.0).abs());
-                for k in 0..2 {
-                    worst[1] = worst[1].max((at[k] - f64::from(centre[k])).abs());
-                }
-            }
-        }
-        assert!(
-            worst[0] < 0.01 && worst[1] < 0.01,
-            "area {} centroid {} px",
-            worst[0],
-            worst[1]
-        );
-    }
-
-    #[test]
-    fn a_particles_centroid_follows_its_projection() {
-        let camera = Camera::default();
-        for start in [[3.0, -4.0], [-12.0, 9.0]] {
-            for step in 0..40 {
-                let shift = f64::from(step) * 0.007;
-                let (at, scale) =
-                    camera.project([start[0] + shift, start[1] - 0.5 * shift], 4.0 - 0.3 * shift);
-                let (_, found) = moments(at.map(|v| v as f32), (0.08 * scale) as f32, 0.9);
-                assert!((found[0] - at[0]).abs() < 0.01 && (found[1] - at[1]).abs() < 0.01);
-            }
-        }
-    }
-
-    #[test]
-    fn discs_off_the_image_change_nothing_and_do_not_panic() {
-        let mut coverage = Coverage::new();
-        for at in [
-            [-50.0, 10.0],
-            [10.0, 1e6],
-            [f32::MAX, 0.0],
-            [-1e9, -1e9],
-            [460.0, 460.0],
+    fn a_bad_camera_file_names_line_and_key() {
+        let good = Camera::default().to_toml();
+        let error = |from: &str, to: &str| {
+            assert!(good.contains(from), "{from}");
+            Camera::from_toml(&good.replace(from, to))
+                .unwrap_err()
+                .to_string()
+        };
+        for (from, to, expected) in [
+            (
+                "focal_px_per_rad = 302.7624",
+                "focal_px_per_rad = -3",
+                "line 1: focal_px_per_rad is -3, expected a finite number above 0",
+            ),
+            (
+                "302.7624",
+                "\"300 px\"",
+                "line 1: focal_px_per_rad is \"300 px\", expected a finite number above 0",
+            ),
+            (
+                "[320.0, 240.0]",
+                "[320.0]",
+                "line 2: centre_px is [320.0], expected two finite numbers, [x, y]",
+            ),
+            (
+                "[320.0, 240.0]",
+                "[320.0, nan]",
+                "line 2: centre_px is [320.0, nan], expected two finite numbers, [x, y]",
+            ),
+            (
+                "[320.0, 240.0]",
+                "320.0",
+                "line 2: centre_px is 320.0, expected two finite numbers, [x, y]",
+            ),
+            (
+                "1.5708",
+                "3.1",
+                "line 3: half_field_rad is 3.1, expected a number above 0, at most 1.5708 (π/2)",
+            ),
+            (
+                "_per_rad2 = 0.1",
+                "_per_rad2 = 1.5",
+                "line 4: vignette_per_rad2 is 1.5, expected a number from 0 to 1",
+            ),
+            (
+                "to_base_mm = 12.0",
+                "to_base_mm = inf",
+                "line 5: to_base_mm is inf, expected a finite number above 0",
+            ),
+            (
+                "to_base_mm = 12.0\n",
+                "",
+                "line 4: to_base_mm is missing, expected a finite number above 0",
+            ),
+            (
+                "to_base_mm = 12.0",
+                "to_base_cm = 1.2",
+                "line 5: to_base_cm is no key of a camera, expected one of focal_px_per_rad, centre_px, half_field_rad, \
+                 vignette_per_rad2, to_base_mm",
+            ),
         ] {
-            coverage.draw_disc(at, 1.4, 0.9);
+            assert_eq!(error(from, to), format!("camera file, {expected}"));
         }
-        assert!(coverage.clear.iter().all(|&c| c.to_bits() == 1.0_f32.to_bits()));
+        let no_toml = error("half_field_rad = 1.5708", "half_field_rad = = 2");
+        assert!(
+            no_toml.starts_with("camera file, line 3: half_field_rad is no TOML, expected "),
+            "{no_toml}"
+        );
+        let twice = error("to_base_mm = 12.0", "to_base_mm = 12.0\nfocal_px_per_rad = 3.0");
+        assert!(
+            twice.starts_with("camera file, line 6: focal_px_per_rad is no TOML"),
+            "{twice}"
+        );
+        assert!(
+            Camera::from_toml("")
+                .unwrap_err()
+                .to_string()
+                .contains("focal_px_per_rad is missing")
+        );
     }
 }

@@ -10,8 +10,12 @@ pub const TAXEL_PITCH_MM: f64 = 1.6;
 /// Half of the sensing surface, mm.
 pub const HALF_SURFACE_MM: f64 = 0.5 * TAXELS as f64 * TAXEL_PITCH_MM;
 
-/// Side of the camera crop, pixels (paper: 640 x 480 cropped to 440 x 440).
+/// Columns and rows of the camera's frame, pixels (paper: 640 x 480).
+pub const FRAME_PX: [usize; 2] = [640, 480];
+/// Side of the camera crop, pixels (paper: 440 x 440), the middle of the frame.
 pub const CROP_PX: usize = 440;
+/// First column and row of the crop in the frame.
+pub const CROP_CORNER_PX: [usize; 2] = [(FRAME_PX[0] - CROP_PX) / 2, (FRAME_PX[1] - CROP_PX) / 2];
 /// Side of the network's input, pixels (paper: 88 x 88).
 pub const NETWORK_PX: usize = 88;
 
@@ -24,18 +28,17 @@ pub const GEL_YOUNG_MPA: f64 = 0.4;
 /// Poisson's ratio of the soft layers (silicone is nearly incompressible).
 pub const GEL_POISSON: f64 = 0.49;
 
-/// Particles in the soft layer of one fingertip (project default).
+/// Particles in the soft layer of one fingertip (project default): 0.857 per mm³ of the 36 x 36 x 4.5 mm that
+/// hold them, 0.2 % of the volume.
 pub const PARTICLE_COUNT: usize = 5_000;
 /// Diameters of the particles, mm, smallest and largest (paper: 150 to 180 µm).
 pub const PARTICLE_DIAMETER_MM: [f64; 2] = [0.150, 0.180];
-/// Depth of particle centres under the surface, mm: below the black cover (assumed 1 mm), above the stiff
-/// layer.
+/// The layer that holds the particles, mm under the surface: from the black cover (assumed 1 mm) to a little above
+/// the stiff base (assumed). Whole particles lie inside, so neither cover nor base cuts one.
 pub const PARTICLE_DEPTH_MM: [f64; 2] = [1.0, 5.5];
-/// Half width of the square that holds particles, mm: a little more than the sensing surface.
-pub const PARTICLE_HALF_WIDTH_MM: f64 = 18.0;
-
-/// Distance from the camera's centre of projection to the gel's rigid base, mm (assumed).
-pub const CAMERA_TO_BASE_MM: f64 = 12.0;
+/// Half width of the gel, which holds particles up to its sides, mm (assumed: a little more than the sensing
+/// surface). Beyond it the picture is dark.
+pub const GEL_HALF_WIDTH_MM: f64 = 18.0;
 
 /// Friction of the detector on the MCU (paper: fixed 0.45); stated here because the world's must lie above
 /// it.
@@ -65,10 +68,22 @@ pub const PARTICLE_BRIGHTNESS: [f64; 2] = [0.6, 0.95];
 pub const PARTICLE_LEVELS: f64 = 215.0;
 /// Gray level of the gel between particles, middle of the image (assumed).
 pub const BACKGROUND_LEVELS: f64 = 14.0;
-/// Light lost in the corner of the crop (assumed: LEDs around the lens, a fisheye's falling edge).
-pub const VIGNETTE: f64 = 0.25;
-/// Largest difference of light between the middle and an edge from unequal LEDs, by seed (assumed).
-pub const LIGHT_TILT: f64 = 0.08;
+/// LEDs in the ring around the lens (assumed).
+pub const LED_COUNT: usize = 8;
+/// Radius of the ring of LEDs, mm (assumed: the light then falls to 3/4 in the corners of the sensing surface).
+pub const LED_RING_RADIUS_MM: f64 = 15.0;
+/// The ring over the centre of projection, mm (assumed: LEDs and lens on one board).
+pub const LED_HEIGHT_MM: f64 = 0.0;
+/// Largest difference of one LED's brightness from the mean, share (assumed: one bin of LEDs).
+pub const LED_SPREAD: f64 = 0.15;
+/// Slow drift of the brightness, largest share of nominal (assumed: LEDs warming up, supply).
+pub const BRIGHTNESS_DRIFT: f64 = 0.01;
+/// Longest period of the drift, s (assumed).
+pub const BRIGHTNESS_DRIFT_PERIOD_S: f64 = 20.0;
+/// Mains flicker left after one exposure, share of nominal (assumed: LEDs on a rectified supply).
+pub const BRIGHTNESS_FLICKER: f64 = 0.003;
+/// Mains frequency, Hz; light flickers at twice this.
+pub const MAINS_HZ: f64 = 50.0;
 /// Sigma of the sensor's noise, gray levels of the crop (assumed: a small sensor indoors).
 pub const SENSOR_NOISE_LEVELS: f64 = 2.0;
 
@@ -94,8 +109,6 @@ pub const SCENE_DRAG_N_S_PER_MM: f64 = 0.02;
 pub const SCENE_DROP_MM: f64 = 6.0;
 /// Largest distance of the contact from the middle along each axis, mm.
 pub const SCENE_CONTACT_OFFSET_MM: f64 = 2.5;
-/// Slow change of the light, share of nominal.
-pub const SCENE_BRIGHTNESS_DRIFT: f64 = 0.01;
 
 /// Standard acceleration of gravity, mm/s².
 pub const GRAVITY_MM_PER_S2: f64 = 9_806.65;

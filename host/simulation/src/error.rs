@@ -15,6 +15,18 @@ pub enum SimulationError {
         /// The range that is accepted.
         expected: &'static str,
     },
+    /// A camera file that cannot be used.
+    #[error("camera file, line {line}: {key} is {found}, expected {expected}")]
+    CameraFile {
+        /// Line in the file, from 1; of a missing key, the last.
+        line: usize,
+        /// The key.
+        key: String,
+        /// What stands there.
+        found: String,
+        /// What should.
+        expected: String,
+    },
     /// The loads of this step were not reached; the state before the step is kept.
     #[error(
         "contact loads are off by {found} of the friction limit after {iterations} iterations, expected at most \

@@ -1,20 +1,23 @@
-//! A virtual fingertip: the skin's particles seen by its camera at rest and under a contact, with light,
-//! vignette and sensor noise. Images are 440 x 440 crops in gray levels. Limits: gray, no motion blur, no
-//! compression; the light does not depend on depth.
+//! A virtual fingertip: the skin's particles seen by its camera at rest and under a contact, with light, vignette,
+//! sensor noise and, if asked for, JPEG compression. Pictures are 640 x 480 frames or their middle, the 440 x 440
+//! crop, in gray levels; both have the same pixels. Limits: gray, no motion blur, global shutter.
 
 use std::sync::Arc;
 
-use crate::camera::{Camera, Coverage};
+use crate::camera::Camera;
 use crate::constants::{
-    BACKGROUND_LEVELS, CROP_PX, LIGHT_TILT, PARTICLE_COUNT, PARTICLE_DEPTH_MM, PARTICLE_LEVELS,
-    SENSOR_NOISE_LEVELS, VIGNETTE,
+    CROP_CORNER_PX, CROP_PX, FRAME_PX, GEL_HALF_WIDTH_MM, PARTICLE_COUNT, PARTICLE_DEPTH_MM,
+    SENSOR_NOISE_LEVELS,
 };
 use crate::contact::ContactState;
 use crate::contact_world::Truth;
+use crate::drawing::{Backdrop, Window};
 use crate::error::{SimulationError, checked, not_negative, positive};
 use crate::field::{Field, FieldKernels};
 use crate::gel::Gel;
 use crate::image::Image;
+use crate::jpeg;
+use crate::lighting::{BrightnessMotion, Lamps, Lighting};
 use crate::particles::Particles;
 use crate::random::Random;
 
@@ -24,6 +27,23 @@ const MOST_PARTICLES: usize = 100_000;
 const PATTERN: u64 = 1;
 const NOISE: u64 = 2;
 const LIGHT: u64 = 3;
+const SENSOR: u64 = 7;
+
+/// What one sensor differs by from the next (assumed; hand-made gels, cheap lenses and cameras).
+mod spread {
+    /// Focal length and distance to the gel, share.
+    pub(super) const INTRINSICS: f64 = 0.01;
+    /// Place of the axis, pixels.
+    pub(super) const CENTRE_PX: f64 = 2.0;
+    /// Particles in the gel.
+    pub(super) const PARTICLES: [f64; 2] = [3_500.0, 6_500.0];
+    /// Sigma of the sensor's noise, gray levels.
+    pub(super) const NOISE_LEVELS: [f64; 2] = [1.0, 3.5];
+    /// Brightness, relative to nominal.
+    pub(super) const BRIGHTNESS: [f64; 2] = [0.8, 1.15];
+    /// Radius of the ring of LEDs, share.
+    pub(super) const RING: f64 = 0.05;
+}
 
 /// What differs from one virtual fingertip to the next, the seed aside.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -32,12 +52,18 @@ pub struct FingertipParams {
     pub gel: Gel,
     /// The camera under it.
     pub camera: Camera,
-    /// Particles in the soft layer, at most 100,000.
+    /// Particles in the soft layer, at most 100,000; see [`Self::particles_per_mm3`].
     pub particles: usize,
+    /// The LEDs.
+    pub lighting: Lighting,
     /// Standard deviation of the sensor's noise, gray levels.
     pub noise_levels: f64,
-    /// Brightness of the images relative to nominal.
+    /// Mean brightness of the images relative to nominal.
     pub brightness: f64,
+    /// How the brightness moves around its mean once [`Fingertip::set_time`] is called.
+    pub brightness_motion: BrightnessMotion,
+    /// Quality of JPEG compression, 1 to 100; none without.
+    pub jpeg_quality: Option<u8>,
 }
 
 impl Default for FingertipParams {
@@ -46,24 +72,105 @@ impl Default for FingertipParams {
             gel: Gel::default(),
             camera: Camera::default(),
             particles: PARTICLE_COUNT,
+            lighting: Lighting::default(),
             noise_levels: SENSOR_NOISE_LEVELS,
             brightness: 1.0,
+            brightness_motion: BrightnessMotion::default(),
+            jpeg_quality: None,
         }
+    }
+}
+
+impl FingertipParams {
+    /// Virtual sensor number `unit`: small errors of its lens, a particle count, light and noise of its own. Its
+    /// particle pattern and LEDs follow from the seed of [`Fingertip::new`], for which `unit` serves too.
+    #[must_use]
+    pub fn of_sensor(unit: u64) -> Self {
+        let nominal = Self::default();
+        let mut random = Random::new(unit, SENSOR);
+        let mut about = |value: f64, share: f64| value * random.uniform(1.0 - share, 1.0 + share);
+        let focal_px_per_rad = about(nominal.camera.focal_px_per_rad, spread::INTRINSICS);
+        let to_base_mm = about(nominal.camera.to_base_mm, spread::INTRINSICS);
+        let ring_radius_mm = about(nominal.lighting.ring_radius_mm, spread::RING);
+        let mut between = |[from, to]: [f64; 2]| random.uniform(from, to);
+        let centre_px = nominal
+            .camera
+            .centre_px
+            .map(|c| c + between([-spread::CENTRE_PX, spread::CENTRE_PX]));
+        Self {
+            camera: Camera {
+                focal_px_per_rad,
+                centre_px,
+                to_base_mm,
+                ..nominal.camera
+            },
+            lighting: Lighting {
+                ring_radius_mm,
+                ..nominal.lighting
+            },
+            particles: between(spread::PARTICLES) as usize,
+            noise_levels: between(spread::NOISE_LEVELS),
+            brightness: between(spread::BRIGHTNESS),
+            ..nominal
+        }
+    }
+
+    /// Particles per mm³ of the layer that holds them, 36 x 36 x 4.5 mm.
+    #[must_use]
+    pub fn particles_per_mm3(&self) -> f64 {
+        let [top, bottom] = PARTICLE_DEPTH_MM;
+        self.particles as f64 / ((2.0 * GEL_HALF_WIDTH_MM).powi(2) * (bottom - top))
+    }
+
+    fn check(&self) -> Result<(), SimulationError> {
+        self.gel.check()?;
+        self.camera.check()?;
+        checked("particles", self.particles as f64, "between 1 and 100000", |n| {
+            (1.0..=MOST_PARTICLES as f64).contains(&n)
+        })?;
+        checked(
+            "gel thickness_mm",
+            self.gel.thickness_mm,
+            "at least 5.5 mm, the particles' depth",
+            |h| h >= PARTICLE_DEPTH_MM[1],
+        )?;
+        self.lighting.check(self.camera.to_base_mm)?;
+        not_negative("noise_levels", self.noise_levels)?;
+        positive("brightness", self.brightness)?;
+        self.brightness_motion.check()?;
+        if let Some(quality) = self.jpeg_quality {
+            checked("jpeg_quality", f64::from(quality), "between 1 and 100", |q| {
+                (1.0..=100.0).contains(&q)
+            })?;
+        }
+        Ok(())
     }
 }
 
 /// A virtual fingertip. The same seed, parameters and sequence of calls give the same images, bit for bit.
 #[derive(Debug, Clone)]
 pub struct Fingertip {
+    seed: u64,
     params: FingertipParams,
     particles: Particles,
+    lamps: Lamps,
     field: Field,
-    coverage: Coverage,
-    /// The particles at rest, drawn once.
-    rest: Coverage,
-    /// Light that reaches each pixel, 1 in the middle.
-    light: Vec<f32>,
+    /// The crop, then the frame; each made when it is first asked for.
+    plates: [Option<Plate>; 2],
+    /// Brightness now over its mean.
+    motion: f64,
     noise: Random,
+    jpeg_file: Vec<u8>,
+}
+
+/// One size of picture: what it starts from, and space to draw and expose it.
+#[derive(Debug, Clone)]
+struct Plate {
+    backdrop: Backdrop,
+    /// The particles at rest, drawn once.
+    rest: Vec<f32>,
+    now: Vec<f32>,
+    exposed: Vec<u8>,
 }
 
 impl Fingertip {
@@ -72,7 +179,7 @@ impl Fingertip {
     /// # Errors
     /// A parameter outside its range.
     pub fn new(seed: u64, params: FingertipParams) -> Result<Self, SimulationError> {
-        params.gel.check()?;
+        params.check()?;
         Self::with_kernels(seed, params, Arc::new(FieldKernels::new(&params.gel)))
     }
 
@@ -83,38 +190,25 @@ impl Fingertip {
         params: FingertipParams,
         kernels: Arc<FieldKernels>,
     ) -> Result<Self, SimulationError> {
-        params.gel.check()?;
-        params.camera.check()?;
-        checked(
-            "particles",
-            params.particles as f64,
-            "between 1 and 100000",
-            |n| (1.0..=MOST_PARTICLES as f64).contains(&n),
-        )?;
-        checked(
-            "gel thickness_mm",
-            params.gel.thickness_mm,
-            "at least 5.5 mm, the particles' depth",
-            |h| h >= PARTICLE_DEPTH_MM[1],
-        )?;
-        not_negative("noise_levels", params.noise_levels)?;
-        positive("brightness", params.brightness)?;
-        let surface_mm = params.camera.to_base_mm + params.gel.thickness_mm;
-        let particles = Particles::new(&mut Random::new(seed, PATTERN), params.particles, surface_mm);
-        let mut rest = Coverage::new();
-        particles.draw(None, &params.camera.lens(), &mut rest);
+        params.check()?;
+        let base_mm = params.camera.to_base_mm;
+        let surface_mm = base_mm + params.gel.thickness_mm;
+        let lamps = Lamps::new(&params.lighting, &mut Random::new(seed, LIGHT));
+        let mut pattern = Random::new(seed, PATTERN);
         Ok(Self {
+            seed,
             params,
-            particles,
+            particles: Particles::new(&mut pattern, params.particles, base_mm, surface_mm, &lamps),
+            lamps,
             field: Field::new(kernels),
-            coverage: Coverage::new(),
-            rest,
-            light: light(&mut Random::new(seed, LIGHT)),
+            plates: [None, None],
+            motion: 1.0,
             noise: Random::new(seed, NOISE),
+            jpeg_file: Vec::new(),
         })
     }
 
-    /// Brightness of the images from now on, relative to nominal.
+    /// Mean brightness of the images from now on, relative to nominal.
     ///
     /// # Errors
     /// A brightness that is not above 0.
@@ -123,10 +217,22 @@ impl Fingertip {
         Ok(())
     }
 
+    /// The time of the images from now on: the brightness moves around its mean with it.
+    pub fn set_time(&mut self, time_s: f64) {
+        self.motion = self.params.brightness_motion.at(self.seed, time_s);
+    }
+
     /// The camera's crop when nothing touches, with fresh noise.
     pub fn rest_image(&mut self) -> Image {
         let mut out = Image::crop();
-        self.render(None, &mut out);
+        self.take(false, View::Crop, &mut out);
+        out
+    }
+
+    /// The camera's frame when nothing touches, with fresh noise.
+    pub fn rest_frame(&mut self) -> Image {
+        let mut out = Image::frame();
+        self.take(false, View::Frame, &mut out);
         out
     }
 
@@ -137,87 +243,148 @@ impl Fingertip {
         if let Some(contact) = contact {
             self.field.load(contact);
         }
-        self.take(contact.is_some(), out);
+        self.take(contact.is_some(), View::Crop, out);
     }
 
     /// As [`Self::render`], under a contact of the contact world. The skin there should be this gel.
     pub fn render_truth(&mut self, truth: &Truth, out: &mut Image) {
+        self.take_truth(truth, View::Crop, out);
+    }
+
+    /// As [`Self::render_truth`], the whole 640 x 480 frame.
+    pub fn frame_truth(&mut self, truth: &Truth, out: &mut Image) {
+        self.take_truth(truth, View::Frame, out);
+    }
+
+    fn take_truth(&mut self, truth: &Truth, view: View, out: &mut Image) {
         let touched = truth.in_contact();
         if touched {
             self.field.load_truth(truth);
         }
-        self.take(touched, out);
+        self.take(touched, view, out);
     }
 
     /// Takes the picture: particles moved by the field if something touches.
-    fn take(&mut self, touched: bool, out: &mut Image) {
-        if (out.width, out.height, out.pixels.len()) != (CROP_PX, CROP_PX, CROP_PX * CROP_PX) {
-            *out = Image::crop();
-        }
-        let coverage = if touched {
+    fn take(&mut self, touched: bool, view: View, out: &mut Image) {
+        let lens = self.params.camera.lens();
+        let plate = self.plates[view as usize].get_or_insert_with(|| {
+            let window = view.window(self.params.jpeg_quality.is_some());
+            let cover_mm =
+                self.params.camera.to_base_mm + self.params.gel.thickness_mm - PARTICLE_DEPTH_MM[0];
+            let backdrop = Backdrop::new(window, &self.params.camera, &self.lamps, cover_mm);
+            let mut rest = backdrop.cover.clone();
+            self.particles.draw(None, &lens, &window, &mut rest);
+            Plate {
+                now: rest.clone(),
+                exposed: vec![0; window.pixels()],
+                rest,
+                backdrop,
+            }
+        });
+        let window = plate.backdrop.window;
+        let picture = if touched {
+            plate.now.copy_from_slice(&plate.backdrop.cover);
             self.particles
-                .draw(Some(&self.field), &self.params.camera.lens(), &mut self.coverage);
-            &self.coverage
+                .draw(Some(&self.field), &lens, &window, &mut plate.now);
+            &plate.now
         } else {
-            &self.rest
+            &plate.rest
         };
-        expose(
-            &mut self.noise,
-            &self.params,
-            &self.light,
-            &coverage.clear,
-            &mut out.pixels,
+        let exposure = Exposure {
+            brightness: (self.params.brightness * self.motion) as f32,
+            noise_levels: self.params.noise_levels,
+            noise_key: self.noise.bits(),
+        };
+        let shown = view.window(false);
+        let [width, height] = [shown.width, shown.height];
+        if (out.width, out.height, out.pixels.len()) != (width, height, shown.pixels()) {
+            *out = Image::new(width, height);
+        }
+        let Some(quality) = self.params.jpeg_quality else {
+            exposure.expose(&plate.backdrop, picture, &mut out.pixels);
+            return;
+        };
+        exposure.expose(&plate.backdrop, picture, &mut plate.exposed);
+        jpeg::compress(&mut plate.exposed, window.width, quality, &mut self.jpeg_file);
+        let [left, top] = [shown.left - window.left, shown.top - window.top];
+        let rows = plate.exposed.chunks_exact(window.width).skip(top);
+        for (to, from) in out.pixels.chunks_exact_mut(width).zip(rows) {
+            to.copy_from_slice(&from[left..left + width]);
+        }
+    }
+}
+
+/// Which picture.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum View {
+    Crop,
+    Frame,
+}
+
+impl View {
+    /// What has to be exposed for it; JPEG wants whole blocks.
+    const fn window(self, jpeg: bool) -> Window {
+        match (self, jpeg) {
+            (Self::Frame, _) => Window::FRAME,
+            (Self::Crop, false) => Window::CROP,
+            (Self::Crop, true) => Window::CROP_BLOCKS,
+        }
+    }
+}
+
+/// What turns light into gray levels.
+struct Exposure {
+    brightness: f32,
+    noise_levels: f64,
+    /// The noise of a pixel follows from this and from its place in the frame.
+    noise_key: u64,
+}
+
+impl Exposure {
+    fn expose(&self, backdrop: &Backdrop, picture: &[f32], out: &mut [u8]) {
+        // The sum of four random bytes is close to normal: mean 510, sigma √(4·(256²−1)/12).
+        const MEAN: i32 = 510;
+        const SIGMA: f64 = 147.801;
+        let noise_scale = (self.noise_levels / SIGMA) as f32;
+        let window = backdrop.window;
+        let rows = out.chunks_exact_mut(window.width).zip(
+            backdrop
+                .lens
+                .chunks_exact(window.width)
+                .zip(picture.chunks_exact(window.width)),
         );
+        for (row, (out, (lens, picture))) in rows.enumerate() {
+            let first = ((window.top + row) * FRAME_PX[0] + window.left) as u64 / 2;
+            let mut noise = [0_i32; FRAME_PX[0]];
+            for (count, pair) in (first..).zip(noise[..window.width].chunks_exact_mut(2)) {
+                let bits = scramble(self.noise_key, count);
+                let sums = (bits & 0x00ff_00ff_00ff_00ff) + ((bits >> 8) & 0x00ff_00ff_00ff_00ff);
+                let sums = (sums & 0x0000_ffff_0000_ffff) + ((sums >> 16) & 0x0000_ffff_0000_ffff);
+                pair[0] = (sums as u32) as i32 - MEAN;
+                pair[1] = (sums >> 32) as i32 - MEAN;
+            }
+            for (((out, lens), light), noise) in out.iter_mut().zip(lens).zip(picture).zip(&noise) {
+                let level = self.brightness * lens * light + *noise as f32 * noise_scale;
+                *out = (level + 0.5).clamp(0.0, 255.0) as u8;
+            }
+        }
     }
 }
 
-/// Light per pixel: a vignette about the middle and a tilt from unequal LEDs.
-fn light(random: &mut Random) -> Vec<f32> {
-    let half = 0.5 * CROP_PX as f64;
-    let tilt = [
-        random.uniform(-LIGHT_TILT, LIGHT_TILT),
-        random.uniform(-LIGHT_TILT, LIGHT_TILT),
-    ];
-    let mut light = Vec::with_capacity(CROP_PX * CROP_PX);
-    for row in 0..CROP_PX {
-        for column in 0..CROP_PX {
-            let x = (column as f64 + 0.5 - half) / half;
-            let y = (row as f64 + 0.5 - half) / half;
-            let falling = 1.0 - VIGNETTE * 0.5 * (x * x + y * y);
-            light.push((falling * (1.0 + tilt[0] * x + tilt[1] * y)) as f32);
-        }
-    }
-    light
+/// The `count`-th number of the SplitMix64 sequence from `key`: any place of it at once.
+fn scramble(key: u64, count: u64) -> u64 {
+    let mut z = key.wrapping_add(count.wrapping_mul(0x9e37_79b9_7f4a_7c15));
+    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    z ^ (z >> 31)
 }
 
-/// Coverage and light to gray levels, with noise.
-fn expose(random: &mut Random, params: &FingertipParams, light: &[f32], clear: &[f32], out: &mut [u8]) {
-    // The sum of four random bytes is close to normal: mean 510, sigma √(4·(256²−1)/12).
-    const MEAN: i32 = 510;
-    const SIGMA: f64 = 147.801;
-    const BAND: usize = 2 * CROP_PX;
-    let noise_scale = (params.noise_levels / SIGMA) as f32;
-    let full = (params.brightness * (BACKGROUND_LEVELS + PARTICLE_LEVELS)) as f32;
-    let hidden = (params.brightness * PARTICLE_LEVELS) as f32;
-    let mut noise = [0_i32; BAND];
-    let bands = out
-        .chunks_exact_mut(BAND)
-        .zip(light.chunks_exact(BAND).zip(clear.chunks_exact(BAND)));
-    for (out, (light, clear)) in bands {
-        for pair in noise.chunks_exact_mut(2) {
-            let bits = random.bits();
-            let sums = (bits & 0x00ff_00ff_00ff_00ff) + ((bits >> 8) & 0x00ff_00ff_00ff_00ff);
-            let sums = (sums & 0x0000_ffff_0000_ffff) + ((sums >> 16) & 0x0000_ffff_0000_ffff);
-            pair[0] = (sums as u32) as i32 - MEAN;
-            pair[1] = (sums >> 32) as i32 - MEAN;
-        }
-        for i in 0..BAND {
-            // Never below zero before the half is added, so truncation rounds; the cast saturates above.
-            let level = light[i] * (full - hidden * clear[i]) + noise[i] as f32 * noise_scale;
-            out[i] = (level + 0.5).clamp(0.0, 255.0) as u8;
-        }
-    }
-}
+// Noise comes in pairs of pixels that begin at even columns.
+const _: () = assert!(
+    CROP_CORNER_PX[0].is_multiple_of(2)
+        && CROP_PX.is_multiple_of(2)
+        && Window::CROP_BLOCKS.left.is_multiple_of(2)
+);
 
 #[cfg(test)]
 mod tests {

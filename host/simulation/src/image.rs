@@ -1,7 +1,7 @@
-//! Grayscale images and the network's input size: 440 x 440 crops and their 88 x 88 block means.
+//! Grayscale images: 640 x 480 frames, their 440 x 440 crops, and the network's input, 88 x 88 block means.
 //! Rows grow with +y, columns with +x, as in the force map.
 
-use crate::constants::{CROP_PX, NETWORK_PX};
+use crate::constants::{CROP_CORNER_PX, CROP_PX, FRAME_PX, NETWORK_PX};
 
 /// An 8-bit grayscale image, row-major.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -25,11 +25,34 @@ impl Image {
         }
     }
 
+    /// A black 640 x 480 frame.
+    #[must_use]
+    pub fn frame() -> Self {
+        Self::new(FRAME_PX[0], FRAME_PX[1])
+    }
+
     /// A black 440 x 440 crop.
     #[must_use]
     pub fn crop() -> Self {
         Self::new(CROP_PX, CROP_PX)
     }
+}
+
+/// The 440 x 440 middle of a 640 x 480 frame: columns 100 to 539, rows 20 to 459.
+///
+/// # Panics
+/// When `frame` does not hold 640 * 480 pixels.
+#[must_use]
+pub fn crop_of_frame(frame: &Image) -> Image {
+    let [width, height] = FRAME_PX;
+    assert_eq!(frame.pixels.len(), width * height, "a frame has 640 x 480 pixels");
+    let [left, top] = CROP_CORNER_PX;
+    let mut crop = Image::crop();
+    let rows = frame.pixels.chunks_exact(width).skip(top);
+    for (to, from) in crop.pixels.chunks_exact_mut(CROP_PX).zip(rows) {
+        to.copy_from_slice(&from[left..left + CROP_PX]);
+    }
+    crop
 }
 
 /// The 88 x 88 image that the force network sees: the 5 x 5 block means of a 440 x 440 crop, rounded to

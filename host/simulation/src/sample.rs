@@ -4,7 +4,6 @@
 
 use std::sync::Arc;
 
-use crate::camera::Camera;
 use crate::constants::{NETWORK_PX, TAXEL_COUNT};
 use crate::contact::{ContactState, ForceMap, Load, SphereContact, SphereParams};
 use crate::error::SimulationError;
@@ -80,24 +79,12 @@ impl SampleGenerator {
 
     fn next_pattern(&mut self) -> Result<Pattern, SimulationError> {
         let random = &mut self.random;
-        let camera = Camera::default();
-        let brightness = random.uniform(0.8, 1.15);
-        let params = FingertipParams {
-            camera: Camera {
-                focal_px_per_rad: camera.focal_px_per_rad * random.uniform(0.99, 1.01),
-                centre_px: camera.centre_px.map(|c| c + random.uniform(-2.0, 2.0)),
-                to_base_mm: camera.to_base_mm * random.uniform(0.99, 1.01),
-            },
-            particles: random.uniform(3_500.0, 6_500.0) as usize,
-            noise_levels: random.uniform(1.0, 3.5),
-            brightness,
-            ..FingertipParams::default()
-        };
+        let params = FingertipParams::of_sensor(random.bits());
         let mut fingertip = Fingertip::with_kernels(random.bits(), params, Arc::clone(&self.kernels))?;
         fingertip.render(None, &mut self.crop);
         Ok(Pattern {
             fingertip,
-            brightness,
+            brightness: params.brightness,
             rest: block_mean_88(&self.crop.pixels),
             left: SAMPLES_PER_PATTERN,
         })

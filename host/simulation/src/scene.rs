@@ -7,9 +7,9 @@
 use std::sync::Arc;
 
 use crate::constants::{
-    SCENE_BRIGHTNESS_DRIFT, SCENE_CONTACT_OFFSET_MM, SCENE_DRAG_N_S_PER_MM, SCENE_DROP_MM,
-    SCENE_GRIPPER_LAG_S, SCENE_GRIPPER_MAX_N, SCENE_GRIPPER_RATE_N_PER_S, SCENE_LOOP_S, SCENE_PULL_DIRECTION,
-    SCENE_PULL_N, SCENE_TWIST_NMM, SCENE_WEIGHT_N,
+    SCENE_CONTACT_OFFSET_MM, SCENE_DRAG_N_S_PER_MM, SCENE_DROP_MM, SCENE_GRIPPER_LAG_S, SCENE_GRIPPER_MAX_N,
+    SCENE_GRIPPER_RATE_N_PER_S, SCENE_LOOP_S, SCENE_PULL_DIRECTION, SCENE_PULL_N, SCENE_TWIST_NMM,
+    SCENE_WEIGHT_N,
 };
 use crate::contact::{ForceMap, Load, SphereContact, SphereParams};
 use crate::error::{SimulationError, checked};
@@ -143,9 +143,7 @@ impl GripScene {
         for _ in 0..substeps as usize {
             load = self.advance(dt_s / substeps, line_n)?;
         }
-        let drift = libm::sin(self.time_s * std::f64::consts::TAU / 7.0);
-        self.fingertip
-            .set_brightness(1.0 + SCENE_BRIGHTNESS_DRIFT * drift)?;
+        self.fingertip.set_time(self.time_s);
         let state = self.contact.state();
         let touching = state.in_contact();
         let mut image = Image::crop();
