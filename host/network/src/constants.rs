@@ -25,5 +25,8 @@ pub const WEIGHTS_FILE_MAX_BYTES: u64 = 64 << 20;
 /// Largest width (channels) of a layer in a weights file: four times the paper-sized network's.
 pub const WIDTH_MAX: usize = 512;
 
+/// Widths in a weights file are multiples of this: the lanes of the narrowest vector of the kernels.
+pub const WIDTH_STEP: usize = 8;
+
 /// Added to the variance in batch norm: the training framework's default, part of the architecture.
 pub const NORM_EPSILON: f64 = 1e-5;

@@ -10,7 +10,8 @@ use std::collections::BTreeMap;
 use crate::ForceMap;
 use crate::constants::{IMAGE_SIDE, MAP_SIDE, NORM_EPSILON};
 use crate::image::Image88;
-use crate::kernel::{BLOCK, Convolution, Kernel, Lanes, Plane, Shape, portable};
+use crate::instruction_set::InstructionSet;
+use crate::kernel::{Convolution, Kernel, LANES_MAX, Plan, PlaneId, Region, Shape};
 use crate::weights::{Scaling, Tensor, Weights, Widths};
 
 /// Last part of the name of a batch norm's running variance.
@@ -133,208 +134,118 @@ pub fn tensors(widths: Widths) -> Vec<(String, Vec<usize>)> {
     tensors
 }
 
-/// Activations, in the order in which they are filled.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[repr(usize)]
-enum At {
-    Difference,
-    Encode44,
-    Encode22,
-    Encode20a,
-    /// Decoder's channels, then the encoder's.
-    Joined20,
-    Pooled10,
-    Encode10a,
-    /// Decoder's channels, then the encoder's.
-    Joined10,
-    Pooled5,
-    Bottom5a,
-    Bottom5b,
-    Decode10a,
-    Decode10b,
-    Decode20a,
-    Decode20b,
-    Output,
-}
-
-#[derive(Debug, Clone)]
-enum Step {
-    Convolve {
-        convolution: Convolution,
-        from: At,
-        to: At,
-        channel: usize,
-    },
-    Pool {
-        from: At,
-        channel: usize,
-        to: At,
-    },
-}
-
 /// The network with its buffers.
 #[derive(Debug, Clone)]
 pub(crate) struct UNet {
     scaling: Scaling,
-    /// The part of the first layer that sees the rest image; its bias is the first layer's.
-    rest_part: Convolution,
-    /// The part of the first layer that sees the difference image.
-    difference_part: Convolution,
-    /// What the rest image puts into each output of the first layer.
-    rest_map: Vec<Lanes>,
-    steps: Vec<Step>,
-    planes: Vec<Plane>,
+    plan: Plan,
+    rest: PlaneId,
+    difference: PlaneId,
+    output: PlaneId,
 }
 
 impl UNet {
     /// Builds the network. `weights` has been checked, so every tensor is there with its shape.
-    pub(crate) fn new(weights: &Weights) -> Self {
+    pub(crate) fn new(weights: &Weights, instructions: InstructionSet) -> Self {
         let Widths {
             encode44,
-            encode22,
             encode20,
             middle10,
-            bottom5,
             decode20,
+            ..
         } = weights.widths;
-        let plane = |side, channels| Plane::new(side, side, channels);
-        // In the order of `At`.
-        let planes = vec![
-            plane(88, 1),
-            plane(44, encode44),
-            plane(22, encode22),
-            plane(20, encode20),
-            plane(20, decode20 + encode20),
-            plane(10, encode20),
-            plane(10, middle10),
-            plane(10, 2 * middle10),
-            plane(5, middle10),
-            plane(5, bottom5),
-            plane(5, bottom5),
-            plane(10, middle10),
-            plane(10, middle10),
-            plane(20, decode20),
-            plane(20, decode20),
-            plane(20, BLOCK),
-        ];
-
         let mut folded = layers(weights.widths)
             .into_iter()
             .map(|layer| Folded::new(layer, &weights.tensors));
         let first = folded.next().expect("the network has layers");
-        let [difference_part, rest_part] = first.per_channel();
+        let [difference_part, rest_part] = first.per_channel(instructions);
 
-        let mut steps = Vec::new();
-        let mut convolve = |from, to, channel| {
-            let convolution = folded.next().expect("one layer per convolution").pack();
-            Step::Convolve {
-                convolution,
-                from,
-                to,
-                channel,
-            }
+        let mut plan = Plan::default();
+        let rest = plan.plane(IMAGE_SIDE, IMAGE_SIDE, 1);
+        // What the rest image alone puts into the first layer; recomputed only when that image changes.
+        let rest_map = plan.plane(44, 44, encode44.next_multiple_of(LANES_MAX));
+        let difference = plan.plane(IMAGE_SIDE, IMAGE_SIDE, 1);
+        let at44 = plan.plane(44, 44, encode44);
+        plan.convolve(rest_part, rest, rest_map, 0);
+        plan.convolve_onto(difference_part, rest_map, difference, at44);
+
+        // Joined planes hold the decoder's channels, then the encoder's.
+        let joined20 = plan.plane(20, 20, decode20 + encode20);
+        let joined10 = plan.plane(10, 10, 2 * middle10);
+        let mut next = || {
+            let layer = folded.next().expect("one layer per convolution");
+            layer.pack(instructions)
         };
-        steps.push(convolve(At::Encode44, At::Encode22, 0));
-        steps.push(convolve(At::Encode22, At::Encode20a, 0));
-        steps.push(convolve(At::Encode20a, At::Joined20, decode20));
-        steps.push(Step::Pool {
-            from: At::Joined20,
-            channel: decode20,
-            to: At::Pooled10,
-        });
-        steps.push(convolve(At::Pooled10, At::Encode10a, 0));
-        steps.push(convolve(At::Encode10a, At::Joined10, middle10));
-        steps.push(Step::Pool {
-            from: At::Joined10,
-            channel: middle10,
-            to: At::Pooled5,
-        });
-        steps.push(convolve(At::Pooled5, At::Bottom5a, 0));
-        steps.push(convolve(At::Bottom5a, At::Bottom5b, 0));
-        steps.push(convolve(At::Bottom5b, At::Joined10, 0));
-        steps.push(convolve(At::Joined10, At::Decode10a, 0));
-        steps.push(convolve(At::Decode10a, At::Decode10b, 0));
-        steps.push(convolve(At::Decode10b, At::Joined20, 0));
-        steps.push(convolve(At::Joined20, At::Decode20a, 0));
-        steps.push(convolve(At::Decode20a, At::Decode20b, 0));
-        steps.push(convolve(At::Decode20b, At::Output, 0));
+        let at22 = plan.convolved(next(), at44);
+        let at20 = plan.convolved(next(), at22);
+        plan.convolve(next(), at20, joined20, decode20);
+        let pooled10 = plan.pooled(joined20, decode20, encode20);
+        let at10 = plan.convolved(next(), pooled10);
+        plan.convolve(next(), at10, joined10, middle10);
+        let pooled5 = plan.pooled(joined10, middle10, middle10);
+        let at5 = plan.convolved(next(), pooled5);
+        let at5 = plan.convolved(next(), at5);
+        plan.convolve(next(), at5, joined10, 0);
+        let at10 = plan.convolved(next(), joined10);
+        let at10 = plan.convolved(next(), at10);
+        plan.convolve(next(), at10, joined20, 0);
+        let at20 = plan.convolved(next(), joined20);
+        let at20 = plan.convolved(next(), at20);
+        let output = plan.convolved(next(), at20);
 
         Self {
             scaling: weights.scaling,
-            rest_part,
-            difference_part,
-            rest_map: vec![[0.0; BLOCK]; 44 * 44 * encode44 / BLOCK],
-            steps,
-            planes,
+            plan,
+            rest,
+            difference,
+            output,
         }
     }
 
-    /// Takes a new rest image: the part of the first layer that it alone decides is computed here.
+    /// Takes a new rest image; the next frame pays for what it alone decides.
     pub(crate) fn set_rest(&mut self, rest: &Image88) {
         let Scaling {
             rest_level,
             rest_per_level,
             ..
         } = self.scaling;
-        let mut input = Plane::new(IMAGE_SIDE, IMAGE_SIDE, 1);
+        let input = self.plan.values_mut(self.rest);
         for (row, pixels) in rest.chunks_exact(IMAGE_SIDE).enumerate() {
             for (value, &pixel) in input.row_mut(row).iter_mut().zip(pixels) {
                 *value = (f32::from(pixel) - rest_level) * rest_per_level;
             }
         }
-        let mut output = self.planes[At::Encode44 as usize].clone();
-        portable::convolve(&self.rest_part, &input, &mut output, 0);
-        let rows = (0..output.height()).flat_map(|row| output.row(row).as_chunks::<BLOCK>().0);
-        for (entry, lanes) in self.rest_map.iter_mut().zip(rows) {
-            *entry = *lanes;
-        }
+        self.plan.touch(self.rest, &Region::whole(IMAGE_SIDE, IMAGE_SIDE));
     }
 
-    /// Forces in newtons for the image now, given the rest image that [`Self::set_rest`] took.
-    pub(crate) fn infer(&mut self, rest: &Image88, now: &Image88, out: &mut ForceMap) {
+    /// Forces in newtons for the image now, given the rest image that [`Self::set_rest`] took. Only `changed`
+    /// of the image is looked at: the rest of it has to be as it was in the last call.
+    pub(crate) fn infer(&mut self, rest: &Image88, now: &Image88, changed: &Region, out: &mut ForceMap) {
         let scale = self.scaling.difference_per_level;
-        let difference = &mut self.planes[At::Difference as usize];
-        let pairs = now.chunks_exact(IMAGE_SIDE).zip(rest.chunks_exact(IMAGE_SIDE));
-        for (row, (now, rest)) in pairs.enumerate() {
-            for ((value, &now), &rest) in difference.row_mut(row).iter_mut().zip(now).zip(rest) {
+        let difference = self.plan.values_mut(self.difference);
+        for row in changed.rows.clone() {
+            let columns = row * IMAGE_SIDE + changed.columns.start..row * IMAGE_SIDE + changed.columns.end;
+            let values = &mut difference.row_mut(row)[changed.columns.clone()];
+            for ((value, &now), &rest) in values.iter_mut().zip(&now[columns.clone()]).zip(&rest[columns]) {
                 *value = f32::from(i16::from(now) - i16::from(rest)) * scale;
             }
         }
+        self.plan.touch(self.difference, changed);
+        self.plan.run();
 
-        let [from, to] = pair(&mut self.planes, At::Difference, At::Encode44);
-        portable::convolve_with_bias_map(&self.difference_part, &self.rest_map, from, to);
-        for step in &self.steps {
-            match *step {
-                Step::Convolve {
-                    ref convolution,
-                    from,
-                    to,
-                    channel,
-                } => {
-                    let [from, to] = pair(&mut self.planes, from, to);
-                    portable::convolve(convolution, from, to, channel);
-                }
-                Step::Pool { from, channel, to } => {
-                    let [from, to] = pair(&mut self.planes, from, to);
-                    portable::max_pool(from, channel, to);
-                }
-            }
-        }
-
-        let output = &self.planes[At::Output as usize];
+        let output = self.plan.values(self.output);
         let newtons = self.scaling.newtons_per_output;
         for (row, taxels) in out.chunks_exact_mut(MAP_SIDE).enumerate() {
-            for (taxel, lanes) in taxels.iter_mut().zip(output.row(row).as_chunks::<BLOCK>().0) {
-                *taxel = std::array::from_fn(|component| lanes[component] * newtons);
+            for (taxel, forces) in taxels.iter_mut().zip(output.row(row).as_chunks::<COMPONENTS>().0) {
+                *taxel = forces.map(|force| force * newtons);
             }
         }
     }
-}
 
-fn pair(planes: &mut [Plane], from: At, to: At) -> [&mut Plane; 2] {
-    planes
-        .get_disjoint_mut([from as usize, to as usize])
-        .expect("no step reads what it writes")
+    /// Multiply-adds of a frame.
+    pub(crate) fn multiply_adds(&self) -> usize {
+        self.plan.multiply_adds(self.difference)
+    }
 }
 
 /// A layer's weights and bias with batch norm folded in (in f64, once).
@@ -381,7 +292,7 @@ impl Folded {
         Self { layer, weights, bias }
     }
 
-    fn pack(&self) -> Convolution {
+    fn pack(&self, instructions: InstructionSet) -> Convolution {
         let Layer {
             name,
             kind,
@@ -400,17 +311,17 @@ impl Folded {
                     in_channels,
                     kernel,
                 };
-                Convolution::forward(shape, &self.weights, &self.bias, name != OUTPUT)
+                Convolution::forward(instructions, shape, &self.weights, &self.bias, name != OUTPUT)
             }
             LayerKind::Doubling => {
-                Convolution::doubling(in_channels, out_channels, &self.weights, &self.bias)
+                Convolution::doubling(instructions, in_channels, out_channels, &self.weights, &self.bias)
             }
         }
     }
 
     /// The first layer, cut into one convolution per input channel: the difference image's, which ends in
     /// ReLU, and the rest image's, which has the bias. Their sum is the layer.
-    fn per_channel(&self) -> [Convolution; 2] {
+    fn per_channel(&self, instructions: InstructionSet) -> [Convolution; 2] {
         let Layer {
             in_channels,
             out_channels,
@@ -434,7 +345,7 @@ impl Folded {
                     padding: 1,
                 },
             };
-            Convolution::forward(shape, &weights, bias, relu)
+            Convolution::forward(instructions, shape, &weights, bias, relu)
         };
         [one(0, &vec![0.0; out_channels], true), one(1, &self.bias, false)]
     }

@@ -11,8 +11,7 @@ use std::path::Path;
 use safetensors::tensor::{Dtype, TensorView};
 use safetensors::{SafeTensors, serialize};
 
-use crate::constants::{WEIGHTS_FILE_MAX_BYTES, WIDTH_MAX};
-use crate::kernel::BLOCK;
+use crate::constants::{WEIGHTS_FILE_MAX_BYTES, WIDTH_MAX, WIDTH_STEP};
 use crate::unet;
 
 /// What stands in the metadata under `format`.
@@ -411,7 +410,7 @@ impl<'a> Metadata<'a> {
     fn widths(&self) -> Result<Widths, WeightsProblem> {
         let key = "widths";
         let text = self.text(key)?;
-        let usable = |width: &usize| *width > 0 && *width <= WIDTH_MAX && width.is_multiple_of(BLOCK);
+        let usable = |width: &usize| *width > 0 && *width <= WIDTH_MAX && width.is_multiple_of(WIDTH_STEP);
         let widths: Option<Vec<usize>> = text
             .split(',')
             .map(|width| width.parse().ok().filter(usable))
@@ -428,7 +427,7 @@ impl<'a> Metadata<'a> {
             _ => Err(wrong(
                 key,
                 text,
-                format_args!("six multiples of {BLOCK} from {BLOCK} to {WIDTH_MAX}"),
+                format_args!("six multiples of {WIDTH_STEP} from {WIDTH_STEP} to {WIDTH_MAX}"),
             )),
         }
     }

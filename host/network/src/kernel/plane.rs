@@ -2,7 +2,7 @@
 //! zeros on all sides so that padded convolutions need no special case. Nothing ever writes the border.
 
 /// One activation image with its border.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub(crate) struct Plane {
     values: Vec<f32>,
     height: usize,
@@ -26,6 +26,11 @@ impl Plane {
 
     pub(crate) fn width(&self) -> usize {
         self.width
+    }
+
+    /// Height and width.
+    pub(crate) fn size(&self) -> (usize, usize) {
+        (self.height, self.width)
     }
 
     pub(crate) fn channels(&self) -> usize {

@@ -1,0 +1,141 @@
+//! Which of the processor's vector instructions the kernels use: the widest it has, unless the user says
+//! otherwise. AVX2 and AVX-512 compute the same bits; portable rounds products too (no fused
+//! multiply-add), so it differs in the last digits, and computes the same bits on every machine.
+
+use std::fmt;
+use std::str::FromStr;
+
+/// A set of vector instructions that the kernels are built for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum InstructionSet {
+    /// What every processor of the target has.
+    Portable,
+    /// AVX2 and FMA: 8 numbers at a time.
+    Avx2,
+    /// AVX-512F: 16 numbers at a time.
+    Avx512,
+}
+
+/// An instruction set that cannot be used.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum InstructionSetError {
+    /// The processor does not have it.
+    #[error(
+        "instruction set `{wanted}` was asked for, but this processor has only {available}; choose one of these"
+    )]
+    Missing {
+        /// The one asked for.
+        wanted: InstructionSet,
+        /// Those that would do, comma-separated.
+        available: String,
+    },
+    /// No such name.
+    #[error("instruction set `{found}` is unknown, expected `portable`, `avx2` or `avx512`")]
+    Unknown {
+        /// The name.
+        found: String,
+    },
+}
+
+impl InstructionSet {
+    /// All of them, narrowest first.
+    pub const ALL: [Self; 3] = [Self::Portable, Self::Avx2, Self::Avx512];
+
+    /// The widest that this processor has.
+    #[must_use]
+    pub fn widest() -> Self {
+        Self::ALL
+            .into_iter()
+            .rfind(|set| set.is_available())
+            .unwrap_or(Self::Portable)
+    }
+
+    /// Whether this processor has it.
+    #[must_use]
+    pub fn is_available(self) -> bool {
+        match self {
+            Self::Portable => true,
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx2 => is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma"),
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx512 => is_x86_feature_detected!("avx512f"),
+            #[cfg(not(target_arch = "x86_64"))]
+            Self::Avx2 | Self::Avx512 => false,
+        }
+    }
+
+    /// Itself, when this processor has it.
+    ///
+    /// # Errors
+    /// When it does not; the error lists what it has.
+    pub fn checked(self) -> Result<Self, InstructionSetError> {
+        if self.is_available() {
+            return Ok(self);
+        }
+        let available: Vec<String> = Self::ALL
+            .into_iter()
+            .filter(|set| set.is_available())
+            .map(|set| format!("`{set}`"))
+            .collect();
+        Err(InstructionSetError::Missing {
+            wanted: self,
+            available: available.join(", "),
+        })
+    }
+}
+
+impl fmt::Display for InstructionSet {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(match self {
+            Self::Portable => "portable",
+            Self::Avx2 => "avx2",
+            Self::Avx512 => "avx512",
+        })
+    }
+}
+
+impl FromStr for InstructionSet {
+    type Err = InstructionSetError;
+
+    fn from_str(name: &str) -> Result<Self, Self::Err> {
+        Self::ALL
+            .into_iter()
+            .find(|set| set.to_string() == name)
+            .ok_or_else(|| InstructionSetError::Unknown {
+                found: name.to_owned(),
+            })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_name_reads_back_and_an_unknown_one_is_named_in_the_error() {
+        for set in InstructionSet::ALL {
+            assert_eq!(set.to_string().parse(), Ok(set));
+        }
+        let error = "neon".parse::<InstructionSet>().unwrap_err().to_string();
+        assert!(error.contains("`neon`") && error.contains("`avx512`"), "{error}");
+    }
+
+    #[test]
+    fn the_widest_set_is_there_and_a_missing_one_is_refused_by_name() {
+        assert!(InstructionSet::widest().checked().is_ok());
+        assert!(InstructionSet::Portable.is_available());
+        for set in InstructionSet::ALL {
+            match set.checked() {
+                Ok(same) => assert!(same == set && set.is_available()),
+                Err(error) => {
+                    let text = error.to_string();
+                    assert!(
+                        text.contains(&format!("`{set}`")) && text.contains("`portable`"),
+                        "{text}"
+                    );
+                    assert!(!set.is_available());
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,234 @@
+//! Direct convolution: sums of up to twelve neighbouring output pixels and up to two vectors of output
+//! channels stay in registers while all taps and input channels pass. Every output is one chain of
+//! multiply-adds in the order of the packed weights, so its bits depend neither on the vectors' width nor on
+//! which pixels are computed together, nor on the region that is asked for.
+#![expect(
+    unsafe_code,
+    reason = "vector loads in the innermost loop, inside slices cut to size before it"
+)]
+#![expect(
+    clippy::inline_always,
+    reason = "code compiles for the instruction set of the function that it is inlined into"
+)]
+
+#[cfg(target_arch = "x86_64")]
+use std::arch::x86_64::{__m256, __m512};
+
+use super::convolution::{Convolution, Phase};
+use super::plane::Plane;
+use super::region::Region;
+use super::vector::{Eight, Vector};
+use crate::instruction_set::InstructionSet;
+
+/// Runs a convolution over the output pixels of `region`; writes the output's channels from `channel` on.
+///
+/// Sums begin with the convolution's bias or, when there is one, with `start`'s values of the same pixel.
+///
+/// # Panics
+/// When sizes do not fit.
+pub(crate) fn convolve(
+    convolution: &Convolution,
+    start: Option<&Plane>,
+    input: &Plane,
+    output: &mut Plane,
+    channel: usize,
+    region: &Region,
+) {
+    let out_channels = convolution.out_channels;
+    assert_eq!(input.channels(), convolution.in_channels, "channels of the input");
+    assert!(
+        channel + out_channels <= output.channels(),
+        "channels of the output"
+    );
+    assert!(
+        region.rows.end <= output.height() && region.columns.end <= output.width(),
+        "region {region:?} in an output of {} x {}",
+        output.height(),
+        output.width()
+    );
+    let room = convolution.out_size(input.size());
+    assert!(
+        room.0 >= region.rows.end && room.1 >= region.columns.end,
+        "size of the input: {:?} gives {room:?} pixels of {region:?}",
+        input.size()
+    );
+    if let Some(start) = start {
+        assert_eq!(
+            [start.height(), start.width()],
+            [output.height(), output.width()],
+            "size of the start"
+        );
+        assert!(
+            start.channels() >= convolution.padded_channels(),
+            "channels of the start"
+        );
+    }
+    let mut task = Task {
+        convolution,
+        start,
+        input,
+        output,
+        channel,
+        region,
+    };
+    match convolution.instructions() {
+        InstructionSet::Portable => task.run::<Eight>(),
+        #[cfg(target_arch = "x86_64")]
+        // SAFETY: `Convolution` takes only an instruction set that this processor has.
+        InstructionSet::Avx2 => unsafe { run_avx2(&mut task) },
+        #[cfg(target_arch = "x86_64")]
+        // SAFETY: `Convolution` takes only an instruction set that this processor has.
+        InstructionSet::Avx512 => unsafe { run_avx512(&mut task) },
+        #[cfg(not(target_arch = "x86_64"))]
+        InstructionSet::Avx2 | InstructionSet::Avx512 => task.run::<Eight>(),
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2,fma")]
+fn run_avx2(task: &mut Task<'_>) {
+    task.run::<__m256>();
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx512f")]
+fn run_avx512(task: &mut Task<'_>) {
+    task.run::<__m512>();
+}
+
+/// The arguments of [`convolve`].
+struct Task<'a> {
+    convolution: &'a Convolution,
+    start: Option<&'a Plane>,
+    input: &'a Plane,
+    output: &'a mut Plane,
+    channel: usize,
+    region: &'a Region,
+}
+
+/// Where a block's first pixel lies: output row and column, and its (row, column) within the phase.
+#[derive(Clone, Copy)]
+struct Place {
+    out: (usize, usize),
+    in_phase: (usize, usize),
+}
+
+impl Task<'_> {
+    /// Block of channels by block of channels, so that a block's weights stay in the cache.
+    #[inline(always)]
+    fn run<V: Vector>(&mut self) {
+        let convolution = self.convolution;
+        for panel in &convolution.panels {
+            if panel.len() > V::LANES {
+                self.channels::<V, 2>(panel.start);
+            } else {
+                self.channels::<V, 1>(panel.start);
+            }
+        }
+    }
+
+    /// `N` vectors of output channels from `first` on, for all pixels.
+    #[inline(always)]
+    fn channels<V: Vector, const N: usize>(&mut self, first: usize) {
+        let convolution = self.convolution;
+        for phase in &convolution.phases {
+            let columns = phase.columns_in(self.region);
+            let groups = columns.len().div_ceil(V::PIXELS_MAX[2 - N]);
+            for y in phase.rows_in(self.region) {
+                let mut x = columns.start;
+                for group in 0..groups {
+                    // As even as can be: 22 pixels are two groups of 11 rather than 12 and 10.
+                    let pixels = (columns.end - x).div_ceil(groups - group);
+                    let at = Place {
+                        out: (
+                            phase.out_start.0 + y * phase.out_step,
+                            phase.out_start.1 + x * phase.out_step,
+                        ),
+                        in_phase: (y, x),
+                    };
+                    macro_rules! block_of {
+                        ($($count:literal)*) => {
+                            match pixels {
+                                $($count if $count <= V::PIXELS_MAX[2 - N] => {
+                                    self.block::<V, N, $count>(phase, first, at);
+                                })*
+                                _ => unreachable!("a group has 1 to 12 pixels"),
+                            }
+                        };
+                    }
+                    block_of!(1 2 3 4 5 6 7 8 9 10 11 12);
+                    x += pixels;
+                }
+            }
+        }
+    }
+
+    /// `P` neighbouring pixels of a phase, `N` vectors of output channels.
+    #[inline(always)]
+    fn block<V: Vector, const N: usize, const P: usize>(&mut self, phase: &Phase, first: usize, at: Place) {
+        let Convolution {
+            in_channels,
+            out_channels,
+            relu,
+            ..
+        } = *self.convolution;
+        let lanes = N * V::LANES;
+        let (start, start_step) = match self.start {
+            None => (&self.convolution.bias[first..], 0),
+            Some(map) => (
+                &map.row(at.out.0)[at.out.1 * map.channels() + first..],
+                phase.out_step * map.channels(),
+            ),
+        };
+        let start = &start[..(P - 1) * start_step + lanes];
+        let mut sums = [[V::splat(0.0); N]; P];
+        for (p, sums) in sums.iter_mut().enumerate() {
+            for (n, sum) in sums.iter_mut().enumerate() {
+                // SAFETY: `start` reaches to the last lane of the last pixel.
+                *sum = unsafe { V::load(start.as_ptr().add(p * start_step + n * V::LANES)) };
+            }
+        }
+
+        let per_output = phase.run * in_channels;
+        let mut weights = &phase.weights[first * per_output..][..lanes * per_output];
+        let step = phase.in_step * in_channels;
+        for taps in &phase.rows {
+            let run = taps.taps * in_channels;
+            let row = taps.row + at.in_phase.0 * phase.in_step;
+            let column = taps.column + at.in_phase.1 * phase.in_step;
+            let from = row * self.input.stride() + column * in_channels;
+            let inputs = self.input.values()[from..][..(P - 1) * step + run].as_ptr();
+            let (these, rest) = weights.split_at(run * lanes);
+            let these = these.as_ptr();
+            weights = rest;
+            for i in 0..run {
+                // SAFETY: i < run, so the last pixel's input is inside `inputs` and the last vector inside
+                // `these`: both slices were cut to just this.
+                unsafe {
+                    let mut weight = [V::splat(0.0); N];
+                    for (n, weight) in weight.iter_mut().enumerate() {
+                        *weight = V::load(these.add(i * lanes + n * V::LANES));
+                    }
+                    for (p, sums) in sums.iter_mut().enumerate() {
+                        let value = V::splat(*inputs.add(p * step + i));
+                        for (sum, weight) in sums.iter_mut().zip(weight) {
+                            *sum = value.times_plus(weight, *sum);
+                        }
+                    }
+                }
+            }
+        }
+
+        let channels = self.output.channels();
+        let left = out_channels - first;
+        let line = self.output.row_mut(at.out.0);
+        for (p, sums) in sums.into_iter().enumerate() {
+            let pixel = (at.out.1 + p * phase.out_step) * channels + self.channel + first;
+            for (n, sum) in sums.into_iter().enumerate() {
+                let sum = if relu { sum.negative_to_zero() } else { sum };
+                let from = n * V::LANES;
+                sum.store(&mut line[pixel + from..pixel + left.min(from + V::LANES)]);
+            }
+        }
+    }
+}

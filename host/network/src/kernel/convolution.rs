@@ -1,0 +1,309 @@
+//! A convolution as the kernels take it: which taps each output pixel sees, and the weights packed in the
+//! order in which they are used.
+
+use std::ops::Range;
+
+use super::region::Region;
+use super::vector::panel_shape;
+use crate::instruction_set::InstructionSet;
+
+/// A convolution with its weights packed for one instruction set.
+#[derive(Debug, Clone)]
+pub(crate) struct Convolution {
+    instructions: InstructionSet,
+    kind: Kind,
+    /// One for a convolution, four for an up-convolution (one per parity of the output pixel).
+    pub(super) phases: Vec<Phase>,
+    /// Output channels that a kernel computes together: pairs of vectors where they pay, then single ones; the
+    /// last may reach past the channels.
+    pub(super) panels: Vec<Range<usize>>,
+    /// Where every output starts, padded to whole panels.
+    pub(super) bias: Vec<f32>,
+    /// Whether negative outputs become zero.
+    pub(super) relu: bool,
+    /// Channels read from the input plane: all that it has.
+    pub(super) in_channels: usize,
+    pub(super) out_channels: usize,
+}
+
+/// The output pixels of a convolution that see the same taps.
+#[derive(Debug, Clone)]
+pub(super) struct Phase {
+    /// Rows of taps; the taps of a row are neighbours, so a row is one run of inputs.
+    pub(super) rows: Vec<TapRow>,
+    /// Taps of all rows together.
+    pub(super) run: usize,
+    /// Input pixels from one output pixel of the phase to the next.
+    pub(super) in_step: usize,
+    /// Output pixels from one output pixel of the phase to the next.
+    pub(super) out_step: usize,
+    /// First output pixel, (row, column).
+    pub(super) out_start: (usize, usize),
+    /// Panel by panel of output channels (as wide as a block of the kernel), then taps, input channels and the
+    /// panel's output channels. Those that pad the last panel are zero.
+    pub(super) weights: Vec<f32>,
+}
+
+impl Phase {
+    /// The phase's rows in a region of the output.
+    pub(super) fn rows_in(&self, region: &Region) -> Range<usize> {
+        self.within(&region.rows, self.out_start.0)
+    }
+
+    /// The phase's columns in a region of the output.
+    pub(super) fn columns_in(&self, region: &Region) -> Range<usize> {
+        self.within(&region.columns, self.out_start.1)
+    }
+
+    fn within(&self, range: &Range<usize>, first: usize) -> Range<usize> {
+        let index = |pixel: usize| pixel.saturating_sub(first).div_ceil(self.out_step);
+        index(range.start)..index(range.end)
+    }
+}
+
+/// Where a row of taps starts, relative to the phase's first output pixel, in pixels of the input with its
+/// border of one pixel (so 0 is the border).
+#[derive(Debug, Clone, Copy)]
+pub(super) struct TapRow {
+    pub(super) row: usize,
+    pub(super) column: usize,
+    pub(super) taps: usize,
+}
+
+/// What the convolution does to the size of its image.
+#[derive(Debug, Clone, Copy)]
+enum Kind {
+    Forward(Kernel),
+    Doubling,
+}
+
+/// Channels and kernel of a convolution.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Shape {
+    pub(crate) out_channels: usize,
+    pub(crate) in_channels: usize,
+    pub(crate) kernel: Kernel,
+}
+
+/// A square kernel.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Kernel {
+    pub(crate) size: usize,
+    pub(crate) stride: usize,
+    /// Pixels of zeros around the input: 0 or 1, which is the border that every plane has.
+    pub(crate) padding: usize,
+}
+
+impl Convolution {
+    /// A square convolution, `weights[out][in][ky][kx]` flattened, `padding` 0 or 1.
+    ///
+    /// # Panics
+    /// When the number of weights or biases is not the shape's, or the processor lacks the instructions.
+    pub(crate) fn forward(
+        instructions: InstructionSet,
+        shape: Shape,
+        weights: &[f32],
+        bias: &[f32],
+        relu: bool,
+    ) -> Self {
+        let Shape {
+            out_channels,
+            in_channels,
+            kernel,
+        } = shape;
+        let size = kernel.size;
+        assert!(kernel.padding <= 1 && kernel.stride > 0 && size > 0, "{kernel:?}");
+        assert_eq!(weights.len(), out_channels * in_channels * size * size, "weights");
+        let weight = |out: usize, channel: usize, ky: usize, kx: usize| {
+            weights[((out * in_channels + channel) * size + ky) * size + kx]
+        };
+        let rows = (0..size)
+            .map(|ky| TapRow {
+                row: ky + 1 - kernel.padding,
+                column: 1 - kernel.padding,
+                taps: size,
+            })
+            .collect();
+        let taps: Vec<(usize, usize)> = (0..size * size).map(|tap| (tap / size, tap % size)).collect();
+        let channels = [out_channels, in_channels];
+        let phase = Phase {
+            rows,
+            run: taps.len(),
+            in_step: kernel.stride,
+            out_step: 1,
+            out_start: (0, 0),
+            weights: pack(instructions, channels, &taps, weight),
+        };
+        Self::new(
+            instructions,
+            Kind::Forward(kernel),
+            vec![phase],
+            channels,
+            bias,
+            relu,
+        )
+    }
+
+    /// An up-convolution that doubles the size (transposed 3×3, stride 2, padding 1, output padding 1),
+    /// followed by ReLU; `weights[in][out][ky][kx]` flattened.
+    ///
+    /// Output pixel 2i takes tap 1 of input i; output pixel 2i+1 takes tap 2 of input i and tap 0 of i+1.
+    ///
+    /// # Panics
+    /// When the number of weights or biases is not the shape's, or the processor lacks the instructions.
+    pub(crate) fn doubling(
+        instructions: InstructionSet,
+        in_channels: usize,
+        out_channels: usize,
+        weights: &[f32],
+        bias: &[f32],
+    ) -> Self {
+        assert_eq!(weights.len(), out_channels * in_channels * 9, "weights");
+        let weight = |out: usize, channel: usize, ky: usize, kx: usize| {
+            weights[((channel * out_channels + out) * 3 + ky) * 3 + kx]
+        };
+        let channels = [out_channels, in_channels];
+        let along = |parity: usize| if parity == 0 { vec![1] } else { vec![2, 0] };
+        let phase = |(py, px): (usize, usize)| {
+            let (kys, kxs) = (along(py), along(px));
+            let rows = (0..kys.len())
+                .map(|dy| TapRow {
+                    row: 1 + dy,
+                    column: 1,
+                    taps: kxs.len(),
+                })
+                .collect();
+            let taps: Vec<(usize, usize)> = kys
+                .iter()
+                .flat_map(|&ky| kxs.iter().map(move |&kx| (ky, kx)))
+                .collect();
+            Phase {
+                rows,
+                run: taps.len(),
+                in_step: 1,
+                out_step: 2,
+                out_start: (py, px),
+                weights: pack(instructions, channels, &taps, weight),
+            }
+        };
+        let phases = [(0, 0), (0, 1), (1, 0), (1, 1)].map(phase).into();
+        Self::new(instructions, Kind::Doubling, phases, channels, bias, true)
+    }
+
+    fn new(
+        instructions: InstructionSet,
+        kind: Kind,
+        phases: Vec<Phase>,
+        [out_channels, in_channels]: [usize; 2],
+        bias: &[f32],
+        relu: bool,
+    ) -> Self {
+        // The kernels' safety rests on this.
+        assert!(
+            instructions.is_available(),
+            "this processor has no {instructions}"
+        );
+        assert_eq!(bias.len(), out_channels, "biases");
+        let panels = panels(instructions, out_channels);
+        let padded = panels.last().map_or(0, |panel| panel.end);
+        let mut bias = bias.to_vec();
+        bias.resize(padded, 0.0);
+        Self {
+            instructions,
+            kind,
+            phases,
+            panels,
+            bias,
+            relu,
+            in_channels,
+            out_channels,
+        }
+    }
+
+    pub(super) fn instructions(&self) -> InstructionSet {
+        self.instructions
+    }
+
+    /// Output channels with those that fill the last panel.
+    pub(super) fn padded_channels(&self) -> usize {
+        self.bias.len()
+    }
+
+    pub(crate) fn out_channels(&self) -> usize {
+        self.out_channels
+    }
+
+    /// Height and width of the output for an input of this height and width.
+    pub(crate) fn out_size(&self, (height, width): (usize, usize)) -> (usize, usize) {
+        let side = |side: usize| match self.kind {
+            Kind::Forward(Kernel {
+                size,
+                stride,
+                padding,
+            }) => (side + 2 * padding + stride).saturating_sub(size) / stride,
+            Kind::Doubling => 2 * side,
+        };
+        (side(height), side(width))
+    }
+
+    /// The output pixels that see one of the input's `changed` pixels.
+    pub(crate) fn affected(&self, changed: &Region, out_size: (usize, usize)) -> Region {
+        changed.mapped(out_size, |first, last| match self.kind {
+            Kind::Forward(Kernel {
+                size,
+                stride,
+                padding,
+            }) => (
+                (first + padding + 1).saturating_sub(size).div_ceil(stride),
+                (last + padding) / stride,
+            ),
+            Kind::Doubling => ((2 * first).saturating_sub(1), 2 * last + 1),
+        })
+    }
+
+    /// Multiply-adds for an output of this size, without those that pad.
+    pub(crate) fn multiply_adds(&self, (height, width): (usize, usize)) -> usize {
+        let whole = Region::whole(height, width);
+        let pixels = |phase: &Phase| phase.rows_in(&whole).len() * phase.columns_in(&whole).len() * phase.run;
+        self.phases.iter().map(pixels).sum::<usize>() * self.in_channels * self.out_channels
+    }
+}
+
+fn panels(instructions: InstructionSet, out_channels: usize) -> Vec<Range<usize>> {
+    let (lanes, pairs) = panel_shape(instructions);
+    let mut panels = Vec::new();
+    let mut first = 0;
+    while first < out_channels {
+        let vectors = if pairs && out_channels - first > lanes {
+            2
+        } else {
+            1
+        };
+        panels.push(first..first + vectors * lanes);
+        first += vectors * lanes;
+    }
+    panels
+}
+
+fn pack(
+    instructions: InstructionSet,
+    [out_channels, in_channels]: [usize; 2],
+    taps: &[(usize, usize)],
+    weight: impl Fn(usize, usize, usize, usize) -> f32,
+) -> Vec<f32> {
+    let mut packed = Vec::new();
+    for panel in panels(instructions, out_channels) {
+        for &(ky, kx) in taps {
+            for channel in 0..in_channels {
+                packed.extend(panel.clone().map(|out| {
+                    if out < out_channels {
+                        weight(out, channel, ky, kx)
+                    } else {
+                        0.0
+                    }
+                }));
+            }
+        }
+    }
+    packed
+}

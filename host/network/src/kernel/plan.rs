@@ -1,0 +1,176 @@
+//! A network as a list of steps over preallocated planes. Each plane knows which of its pixels changed since
+//! the last run; a step recomputes only the pixels that see one of them. Since a pixel's bits do not depend on
+//! what is computed with it, the result is that of computing everything.
+
+use super::block::convolve;
+use super::convolution::Convolution;
+use super::plane::Plane;
+use super::pool;
+use super::region::Region;
+
+/// One of a plan's planes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct PlaneId(usize);
+
+#[derive(Debug, Clone)]
+enum Step {
+    Convolve {
+        convolution: Convolution,
+        /// Where the sums start instead of at the convolution's bias.
+        start: Option<PlaneId>,
+        from: PlaneId,
+        to: PlaneId,
+        channel: usize,
+    },
+    Pool {
+        from: PlaneId,
+        channel: usize,
+        to: PlaneId,
+    },
+}
+
+/// A network: planes, steps in the order in which they run, and what changed.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Plan {
+    planes: Vec<Plane>,
+    changed: Vec<Region>,
+    steps: Vec<Step>,
+}
+
+impl Plan {
+    /// Adds a plane of zeros.
+    pub(crate) fn plane(&mut self, height: usize, width: usize, channels: usize) -> PlaneId {
+        self.planes.push(Plane::new(height, width, channels));
+        // Nothing is computed yet, so all of it is new to whoever reads it.
+        self.changed.push(Region::whole(height, width));
+        PlaneId(self.planes.len() - 1)
+    }
+
+    /// Adds a convolution that writes `to`'s channels from `channel` on.
+    pub(crate) fn convolve(&mut self, convolution: Convolution, from: PlaneId, to: PlaneId, channel: usize) {
+        self.steps.push(Step::Convolve {
+            convolution,
+            start: None,
+            from,
+            to,
+            channel,
+        });
+    }
+
+    /// Adds a convolution whose sums start at the values of another plane of the output's size, which has its
+    /// channels rounded up to [`LANES_MAX`](super::LANES_MAX).
+    pub(crate) fn convolve_onto(
+        &mut self,
+        convolution: Convolution,
+        start: PlaneId,
+        from: PlaneId,
+        to: PlaneId,
+    ) {
+        self.steps.push(Step::Convolve {
+            convolution,
+            start: Some(start),
+            from,
+            to,
+            channel: 0,
+        });
+    }
+
+    /// Adds a convolution that writes a plane of its own.
+    pub(crate) fn convolved(&mut self, convolution: Convolution, from: PlaneId) -> PlaneId {
+        let (height, width) = convolution.out_size(self.planes[from.0].size());
+        let to = self.plane(height, width, convolution.out_channels());
+        self.convolve(convolution, from, to, 0);
+        to
+    }
+
+    /// Adds a 2×2 maximum over some of a plane's channels.
+    pub(crate) fn pooled(&mut self, from: PlaneId, channel: usize, channels: usize) -> PlaneId {
+        let (height, width) = self.planes[from.0].size();
+        let to = self.plane(height / 2, width / 2, channels);
+        self.steps.push(Step::Pool { from, channel, to });
+        to
+    }
+
+    /// A plane's values.
+    pub(crate) fn values(&self, plane: PlaneId) -> &Plane {
+        &self.planes[plane.0]
+    }
+
+    /// A plane to write an input to; what of it was written has to be said by [`Self::touch`].
+    pub(crate) fn values_mut(&mut self, plane: PlaneId) -> &mut Plane {
+        &mut self.planes[plane.0]
+    }
+
+    /// Says that pixels of an input plane changed.
+    pub(crate) fn touch(&mut self, plane: PlaneId, region: &Region) {
+        self.changed[plane.0] = self.changed[plane.0].hull(region);
+    }
+
+    /// Brings every plane up to date with the inputs. No allocation.
+    pub(crate) fn run(&mut self) {
+        for step in &self.steps {
+            match *step {
+                Step::Convolve {
+                    ref convolution,
+                    start,
+                    from,
+                    to,
+                    channel,
+                } => {
+                    let size = self.planes[to.0].size();
+                    let mut region = convolution.affected(&self.changed[from.0], size);
+                    if let Some(start) = start {
+                        region = region.hull(&self.changed[start.0]);
+                    }
+                    if region.is_empty() {
+                        continue;
+                    }
+                    // Taken out for the call, so that the others can be read; an empty plane owns no memory.
+                    let mut output = std::mem::take(&mut self.planes[to.0]);
+                    let start = start.map(|start| &self.planes[start.0]);
+                    convolve(
+                        convolution,
+                        start,
+                        &self.planes[from.0],
+                        &mut output,
+                        channel,
+                        &region,
+                    );
+                    self.planes[to.0] = output;
+                    self.changed[to.0] = self.changed[to.0].hull(&region);
+                }
+                Step::Pool { from, channel, to } => {
+                    let region = pool::affected(&self.changed[from.0], self.planes[to.0].size());
+                    let mut output = std::mem::take(&mut self.planes[to.0]);
+                    pool::max_pool(&self.planes[from.0], channel, &mut output, &region);
+                    self.planes[to.0] = output;
+                    self.changed[to.0] = self.changed[to.0].hull(&region);
+                }
+            }
+        }
+        self.changed.fill(Region::EMPTY);
+    }
+
+    /// Multiply-adds of a run in which all of `input` changed and nothing else did.
+    pub(crate) fn multiply_adds(&self, input: PlaneId) -> usize {
+        let mut reached = vec![false; self.planes.len()];
+        reached[input.0] = true;
+        let mut sum = 0;
+        for step in &self.steps {
+            match *step {
+                Step::Convolve {
+                    ref convolution,
+                    from,
+                    to,
+                    ..
+                } if reached[from.0] => {
+                    reached[to.0] = true;
+                    sum += convolution.multiply_adds(self.planes[to.0].size());
+                }
+                Step::Pool { from, to, .. } if reached[from.0] => reached[to.0] = true,
+                _ => {}
+            }
+        }
+        sum
+    }
+}

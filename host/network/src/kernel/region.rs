@@ -1,0 +1,62 @@
+//! A rectangle of pixels: the part of an image that changed, and what of the next image that can change.
+
+use std::ops::Range;
+
+/// Rows and columns; empty when either is.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub(crate) struct Region {
+    pub(crate) rows: Range<usize>,
+    pub(crate) columns: Range<usize>,
+}
+
+impl Region {
+    pub(crate) const EMPTY: Self = Self {
+        rows: 0..0,
+        columns: 0..0,
+    };
+
+    pub(crate) fn whole(height: usize, width: usize) -> Self {
+        Self {
+            rows: 0..height,
+            columns: 0..width,
+        }
+    }
+
+    pub(crate) fn is_empty(&self) -> bool {
+        self.rows.is_empty() || self.columns.is_empty()
+    }
+
+    /// The smallest rectangle around both.
+    pub(crate) fn hull(&self, other: &Self) -> Self {
+        if self.is_empty() {
+            return other.clone();
+        }
+        if other.is_empty() {
+            return self.clone();
+        }
+        let around = |a: &Range<usize>, b: &Range<usize>| a.start.min(b.start)..a.end.max(b.end);
+        Self {
+            rows: around(&self.rows, &other.rows),
+            columns: around(&self.columns, &other.columns),
+        }
+    }
+
+    /// Both sides through `along` (first and last pixel that can change), cut to an image's size.
+    pub(crate) fn mapped(
+        &self,
+        (height, width): (usize, usize),
+        along: impl Fn(usize, usize) -> (usize, usize),
+    ) -> Self {
+        if self.is_empty() {
+            return Self::EMPTY;
+        }
+        let side = |range: &Range<usize>, size: usize| {
+            let (first, last) = along(range.start, range.end - 1);
+            first.min(size)..(last + 1).min(size)
+        };
+        Self {
+            rows: side(&self.rows, height),
+            columns: side(&self.columns, width),
+        }
+    }
+}

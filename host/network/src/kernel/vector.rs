@@ -1,0 +1,209 @@
+//! Vectors of f32 as the kernels need them, one type per instruction set. Every operation is `inline(always)`,
+//! so that it is compiled for the instruction set of the function it ends up in.
+//!
+//! NaN and −0 are the same in all of them: `negative_to_zero` keeps both.
+#![expect(
+    unsafe_code,
+    reason = "vector instructions, and loads whose bounds the caller has checked"
+)]
+#![expect(
+    clippy::inline_always,
+    reason = "code compiles for the instruction set of the function that it is inlined into"
+)]
+
+#[cfg(target_arch = "x86_64")]
+use std::arch::x86_64::{
+    __m256, __m512, _mm256_cmpgt_epi32, _mm256_fmadd_ps, _mm256_loadu_ps, _mm256_maskstore_ps, _mm256_max_ps,
+    _mm256_set1_epi32, _mm256_set1_ps, _mm256_setr_epi32, _mm256_setzero_ps, _mm256_storeu_ps,
+    _mm512_fmadd_ps, _mm512_loadu_ps, _mm512_mask_storeu_ps, _mm512_max_ps, _mm512_set1_ps,
+    _mm512_setzero_ps, _mm512_storeu_ps,
+};
+
+use crate::instruction_set::InstructionSet;
+
+/// Largest number of lanes of any vector.
+pub(crate) const LANES_MAX: usize = 16;
+
+/// Lanes of an instruction set's vectors, and whether pairs of them pay.
+pub(super) fn panel_shape(instructions: InstructionSet) -> (usize, bool) {
+    fn of<V: Vector>() -> (usize, bool) {
+        (V::LANES, V::PIXELS_MAX[0] > 0)
+    }
+    match instructions {
+        InstructionSet::Portable => of::<Eight>(),
+        #[cfg(target_arch = "x86_64")]
+        InstructionSet::Avx2 => of::<__m256>(),
+        #[cfg(target_arch = "x86_64")]
+        InstructionSet::Avx512 => of::<__m512>(),
+        #[cfg(not(target_arch = "x86_64"))]
+        InstructionSet::Avx2 | InstructionSet::Avx512 => of::<Eight>(),
+    }
+}
+
+/// A vector of f32.
+///
+/// # Safety
+/// Implementations for an instruction set may only be used in functions that enable it.
+pub(super) unsafe trait Vector: Copy {
+    /// Numbers in a vector.
+    const LANES: usize;
+
+    /// Output pixels whose sums fit the registers for two vectors of channels (0: pairs do not pay) and for one.
+    const PIXELS_MAX: [usize; 2];
+
+    /// All lanes the same.
+    fn splat(value: f32) -> Self;
+
+    /// The `LANES` numbers from `from` on.
+    ///
+    /// # Safety
+    /// They must be readable; alignment does not matter.
+    unsafe fn load(from: *const f32) -> Self;
+
+    /// Writes the first `out.len()` lanes, at most all.
+    fn store(self, out: &mut [f32]);
+
+    /// `self · weight + sum`.
+    fn times_plus(self, weight: Self, sum: Self) -> Self;
+
+    /// Lanes below zero become +0; NaN and −0 stay.
+    fn negative_to_zero(self) -> Self;
+}
+
+/// Eight numbers that the compiler puts into whatever vectors the target has.
+#[derive(Clone, Copy)]
+pub(super) struct Eight([f32; 8]);
+
+// SAFETY: plain Rust; needs no instruction set.
+unsafe impl Vector for Eight {
+    const LANES: usize = 8;
+    // Two registers of the sixteen that SSE2 has for each pixel, two for the weights, one for a product.
+    const PIXELS_MAX: [usize; 2] = [0, 6];
+
+    #[inline(always)]
+    fn splat(value: f32) -> Self {
+        Self([value; 8])
+    }
+
+    #[inline(always)]
+    unsafe fn load(from: *const f32) -> Self {
+        // SAFETY: the caller says that eight numbers can be read there; the read asks for no alignment.
+        Self(unsafe { from.cast::<[f32; 8]>().read_unaligned() })
+    }
+
+    #[inline(always)]
+    fn store(self, out: &mut [f32]) {
+        match out.as_mut_array::<8>() {
+            Some(out) => *out = self.0,
+            None => out.copy_from_slice(&self.0[..out.len()]),
+        }
+    }
+
+    #[inline(always)]
+    fn times_plus(self, weight: Self, sum: Self) -> Self {
+        Self(std::array::from_fn(|lane| {
+            self.0[lane] * weight.0[lane] + sum.0[lane]
+        }))
+    }
+
+    #[inline(always)]
+    fn negative_to_zero(self) -> Self {
+        Self(self.0.map(|value| if value < 0.0 { 0.0 } else { value }))
+    }
+}
+
+// SAFETY: `block` enters it only through a function that enables AVX2 and FMA.
+#[cfg(target_arch = "x86_64")]
+unsafe impl Vector for __m256 {
+    const LANES: usize = 8;
+    // Sixteen registers: sums, weights, one input.
+    const PIXELS_MAX: [usize; 2] = [6, 12];
+
+    #[inline(always)]
+    fn splat(value: f32) -> Self {
+        // SAFETY: the trait's promise: AVX is enabled.
+        unsafe { _mm256_set1_ps(value) }
+    }
+
+    #[inline(always)]
+    unsafe fn load(from: *const f32) -> Self {
+        // SAFETY: the caller says that eight numbers can be read there; AVX is enabled.
+        unsafe { _mm256_loadu_ps(from) }
+    }
+
+    #[inline(always)]
+    fn store(self, out: &mut [f32]) {
+        let lanes = out.len();
+        assert!(lanes <= 8, "a vector of 8 cannot fill {lanes} numbers");
+        if lanes == 8 {
+            // SAFETY: the slice has eight numbers; AVX is enabled.
+            unsafe { _mm256_storeu_ps(out.as_mut_ptr(), self) }
+        } else {
+            // SAFETY: the mask has the first `lanes` lanes, so only the slice's numbers are touched; AVX2 is enabled.
+            unsafe {
+                let index = _mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7);
+                let mask = _mm256_cmpgt_epi32(_mm256_set1_epi32(lanes as i32), index);
+                _mm256_maskstore_ps(out.as_mut_ptr(), mask, self);
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn times_plus(self, weight: Self, sum: Self) -> Self {
+        // SAFETY: the trait's promise: FMA is enabled.
+        unsafe { _mm256_fmadd_ps(self, weight, sum) }
+    }
+
+    #[inline(always)]
+    fn negative_to_zero(self) -> Self {
+        // The instruction returns its second operand when one is NaN or both are zeros.
+        // SAFETY: the trait's promise: AVX is enabled.
+        unsafe { _mm256_max_ps(_mm256_setzero_ps(), self) }
+    }
+}
+
+// SAFETY: `block` enters it only through a function that enables AVX-512F.
+#[cfg(target_arch = "x86_64")]
+unsafe impl Vector for __m512 {
+    const LANES: usize = 16;
+    // Thirty-two registers: sums, weights, one input. More pixels would not leave the loop enough addresses.
+    const PIXELS_MAX: [usize; 2] = [12, 12];
+
+    #[inline(always)]
+    fn splat(value: f32) -> Self {
+        // SAFETY: the trait's promise: AVX-512F is enabled.
+        unsafe { _mm512_set1_ps(value) }
+    }
+
+    #[inline(always)]
+    unsafe fn load(from: *const f32) -> Self {
+        // SAFETY: the caller says that sixteen numbers can be read there; AVX-512F is enabled.
+        unsafe { _mm512_loadu_ps(from) }
+    }
+
+    #[inline(always)]
+    fn store(self, out: &mut [f32]) {
+        let lanes = out.len();
+        assert!(lanes <= 16, "a vector of 16 cannot fill {lanes} numbers");
+        if lanes == 16 {
+            // SAFETY: the slice has sixteen numbers; AVX-512F is enabled.
+            unsafe { _mm512_storeu_ps(out.as_mut_ptr(), self) }
+        } else {
+            // SAFETY: the mask has `lanes` bits, so only the slice's numbers are touched; AVX-512F is enabled.
+            unsafe { _mm512_mask_storeu_ps(out.as_mut_ptr(), (1u16 << lanes) - 1, self) }
+        }
+    }
+
+    #[inline(always)]
+    fn times_plus(self, weight: Self, sum: Self) -> Self {
+        // SAFETY: the trait's promise: AVX-512F is enabled.
+        unsafe { _mm512_fmadd_ps(self, weight, sum) }
+    }
+
+    #[inline(always)]
+    fn negative_to_zero(self) -> Self {
+        // The instruction returns its second operand when one is NaN or both are zeros.
+        // SAFETY: the trait's promise: AVX-512F is enabled.
+        unsafe { _mm512_max_ps(_mm512_setzero_ps(), self) }
+    }
+}
