@@ -190,7 +190,16 @@ fn round(distance: f64, radius: f64) -> f64 {
 /// Distance of a point outside a centred rectangle; 0 or below inside.
 fn outside_rectangle(at: [f64; 2], sides: [f64; 2]) -> f64 {
     let past = [at[0].abs() - 0.5 * sides[0], at[1].abs() - 0.5 * sides[1]];
-    libm::hypot(past[0].max(0.0), past[1].max(0.0)) + past[0].max(past[1]).min(0.0)
+    length(past[0].max(0.0), past[1].max(0.0)) + past[0].max(past[1]).min(0.0)
+}
+
+/// Sine and cosine of no, one and two thirds of a turn.
+const THIRDS: [[f64; 2]; 3] = [[0.0, 1.0], [HALF_ROOT_3, -0.5], [-HALF_ROOT_3, -0.5]];
+const HALF_ROOT_3: f64 = 0.866_025_403_784_438_6;
+
+/// √(x² + y²): lengths here are far from where the square overflows, and this runs for every cell of every step.
+fn length(x: f64, y: f64) -> f64 {
+    (x * x + y * y).sqrt()
 }
 
 /// Distance of a point outside an upright equilateral triangle around the origin; 0 inside.
@@ -199,11 +208,10 @@ fn outside_triangle(at: [f64; 2], inner: f64) -> f64 {
     let half_side = inner * 3.0_f64.sqrt();
     let mut nearest = f64::INFINITY;
     let mut inside = true;
-    for turn in [0.0, 120.0_f64, 240.0] {
-        let (sin, cos) = libm::sincos(turn.to_radians());
+    for [sin, cos] in THIRDS {
         let [x, y] = [cos * at[0] + sin * at[1], cos * at[1] - sin * at[0]];
         inside &= y >= -inner;
-        nearest = nearest.min(libm::hypot((x.abs() - half_side).max(0.0), y + inner));
+        nearest = nearest.min(length((x.abs() - half_side).max(0.0), y + inner));
     }
     if inside { 0.0 } else { nearest }
 }
@@ -211,7 +219,7 @@ fn outside_triangle(at: [f64; 2], inner: f64) -> f64 {
 impl HeightMap for Shape {
     fn height_mm(&self, at_mm: [f64; 2]) -> f64 {
         let [x, y] = at_mm;
-        let r = libm::hypot(x, y);
+        let r = length(x, y);
         match *self {
             Self::Sphere { radius_mm } => round(r, radius_mm),
             Self::Cylinder {
@@ -243,20 +251,17 @@ impl HeightMap for Shape {
             Self::TwoSpheres {
                 radius_mm,
                 distance_mm,
-            } => round(libm::hypot(x.abs() - 0.5 * distance_mm, y), radius_mm),
+            } => round(length(x.abs() - 0.5 * distance_mm, y), radius_mm),
             Self::Triangle { inner_mm, edge_mm } => round(outside_triangle(at_mm, inner_mm), edge_mm),
             Self::Corner { tip_mm } => {
                 // Three faces of slope √2, so edges of slope 1/√2, rounded as a hyperboloid of radius tip.
-                let along = [90.0_f64, 210.0, 330.0]
-                    .map(|turn| {
-                        let (sin, cos) = libm::sincos(turn.to_radians());
-                        x * cos + y * sin
-                    })
+                let along = THIRDS
+                    .map(|[sin, cos]| y * cos - x * sin)
                     .into_iter()
                     .fold(f64::NEG_INFINITY, f64::max);
                 let slope = 2.0_f64.sqrt();
                 let start = slope * slope * tip_mm;
-                libm::hypot(slope * along, start) - start
+                length(slope * along, start) - start
             }
             Self::Cross {
                 length_mm,

@@ -11,28 +11,26 @@ use crate::constants::{HALF_SURFACE_MM, TAXELS};
 use crate::error::SimulationError;
 use crate::gel::Gel;
 
-/// Sides of boxes, cells; products of 2, 3 and 5, which transform fast.
-const BOX_SIDES: [usize; 18] = [
-    8, 12, 16, 20, 24, 30, 36, 40, 48, 54, 60, 72, 80, 90, 100, 120, 144, 160,
+/// Sides of boxes, cells: those whose double transforms fast; 54, 90, 100 or 120 would take longer than the next.
+const BOX_SIDES: [usize; 20] = [
+    8, 12, 16, 20, 24, 32, 36, 40, 48, 60, 64, 72, 80, 96, 128, 144, 160, 192, 256, 320,
 ];
 /// Two to a taxel: the cells of the field inside the skin, or parts of them.
 const CELLS_STEP: usize = 2 * TAXELS;
-/// Most cells along one side; the cost grows with the square.
-const MAX_CELLS: usize = 160;
+/// Most cells along one side, for checks; the cost grows with the square.
+const MAX_CELLS: usize = 320;
 
-/// Peak force below which the contact is too small for the coarse production grid, N: its force map is 3.1 % off
-/// at 1 N on a 12 mm sphere, 3.7 % at 0.3 N.
-const COARSE_FROM_N: f64 = 1.5;
+/// Peak forces below which the contact is too small, or its pressure too much at edges, for 80 and for 120 cells, N:
+/// `cargo xtask physics` holds every shape's force map to 3 % on them.
+const FINE_BELOW_N: [f64; 2] = [1.5, 0.5];
 
-/// Cells along one side of the [`Skin`] for a load history that peaks at `peak_force_n`: the fewest that keep the
-/// force map within 3 % (L2) of a grid twice as fine.
+/// Cells along one side of the [`Skin`] for a load history that peaks at `peak_force_n`: the fewest that keep every
+/// built-in shape's force map within 3 % (L2) of a grid twice as fine. A light touch needs the most: a block's or
+/// ring's contact is then a line half a millimetre wide.
 #[must_use]
 pub fn production_cells(peak_force_n: f64) -> usize {
-    if peak_force_n < COARSE_FROM_N {
-        2 * CELLS_STEP
-    } else {
-        CELLS_STEP
-    }
+    let finer = FINE_BELOW_N.iter().filter(|force| peak_force_n < **force).count();
+    (2 + finer) * CELLS_STEP
 }
 
 /// A soft layer under a grid of cells.
@@ -45,17 +43,16 @@ pub struct Skin {
 }
 
 impl Skin {
-    /// `gel` under `cells` by `cells` squares over the 32 mm of the sensing surface: 40 for training, 80 for
-    /// truth.
+    /// `gel` under `cells` by `cells` squares over the 32 mm of the sensing surface; see [`production_cells`].
     ///
     /// # Errors
-    /// A gel constant outside its range, or a number of cells that is not 40, 80, 120 or 160.
+    /// A gel constant outside its range, or a number of cells that is not a multiple of 40 up to 320.
     pub fn new(gel: &Gel, cells: usize) -> Result<Self, SimulationError> {
         if cells == 0 || cells > MAX_CELLS || !cells.is_multiple_of(CELLS_STEP) {
             return Err(SimulationError::OutOfRange {
                 field: "skin cells",
                 found: cells as f64,
-                expected: "a multiple of 40, at most 160",
+                expected: "a multiple of 40, at most 320",
             });
         }
         let pitch_mm = 2.0 * HALF_SURFACE_MM / cells as f64;

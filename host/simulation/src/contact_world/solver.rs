@@ -220,9 +220,11 @@ impl Contact {
         let lowest = gap.iter().copied().fold(f64::INFINITY, f64::min);
         let cell = self.skin.pitch_mm() * self.skin.pitch_mm();
         let modulus = self.skin.gel().contact_modulus_mpa();
+        let (mut low, mut high) = (lowest, lowest + self.skin.gel().thickness_mm.min(20.0));
+        let near: Vec<f64> = gap.iter().copied().filter(|g| *g < high).collect();
         let carried = |depth: f64| {
             let (mut volume, mut area) = (0.0, 0.0);
-            for g in gap {
+            for g in &near {
                 if *g < depth {
                     volume += (depth - g) * cell;
                     area += cell;
@@ -230,7 +232,6 @@ impl Contact {
             }
             modulus * volume / area.max(cell).sqrt()
         };
-        let (mut low, mut high) = (lowest, lowest + self.skin.gel().thickness_mm.min(20.0));
         for _ in 0..12 {
             let middle = 0.5 * (low + high);
             if carried(middle) < force_n {

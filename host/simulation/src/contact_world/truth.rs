@@ -114,6 +114,12 @@ impl Truth {
         self.cells
     }
 
+    /// Side of a cell, mm.
+    #[must_use]
+    pub fn pitch_mm(&self) -> f64 {
+        self.pitch_mm
+    }
+
     /// Pressure on every cell, MPa.
     #[must_use]
     pub fn pressure_mpa(&self) -> &[f64] {
