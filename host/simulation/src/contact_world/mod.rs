@@ -25,5 +25,6 @@ pub use height_file::HeightFileError;
 pub use normal::Press;
 pub use shapes::{GridShape, HeightMap, Interpolation, Shape, TRAINING_SHAPES, UNSEEN_SHAPES, WALL_MM};
 pub use skin::{Skin, production_cells};
+pub(crate) use solver::Step;
 pub use solver::{Contact, Drive, Mount};
 pub use truth::{CellState, Pose, Residuals, Truth};

@@ -13,6 +13,7 @@ use super::tangential::{TangentialProblem, TangentialSolver};
 use super::truth::{Pose, Residuals, Truth};
 use super::window::{Bounds, Window};
 use crate::error::{SimulationError, finite, not_negative, positive};
+use crate::gel::Gel;
 
 /// Largest gap residual of a step that is handed out, share of the deepest indentation.
 const GAP_TOLERANCE: f64 = 1e-4;
@@ -471,7 +472,6 @@ impl Contact {
         [sum.re * cell_mm2, sum.im * cell_mm2, moment * cell_mm2]
     }
 
-    #[allow(dead_code, reason = "the grasp world that uses it follows")]
     /// Contact area of the step, mm².
     pub(crate) fn touched_mm2(&self, step: &Step) -> f64 {
         let cells = step.pressure.iter().filter(|p| **p > 0.0).count();
@@ -576,14 +576,17 @@ impl Contact {
         };
     }
 
-    #[allow(dead_code, reason = "the grasp world that uses it follows")]
     /// Way that the indenter slid over the skin in the last step: pressure-weighted mean, with the spin at the
     /// contact's radius of gyration, mm.
     pub(crate) fn slid_mm(&self) -> f64 {
         self.slid_mm
     }
 
-    #[allow(dead_code, reason = "the grasp world that uses it follows")]
+    /// The gel under it.
+    pub(crate) fn gel(&self) -> &Gel {
+        self.skin.gel()
+    }
+
     /// True friction.
     pub(crate) fn friction(&self) -> f64 {
         self.friction

@@ -85,6 +85,24 @@ impl Truth {
         }
     }
 
+    /// The same contact seen in a mirror that turns x around.
+    pub(crate) fn mirrored(&self) -> Self {
+        let mut other = self.clone();
+        for row in 0..self.cells {
+            for column in 0..self.cells {
+                let (here, there) = (row * self.cells + column, (row + 1) * self.cells - 1 - column);
+                other.pressure[here] = self.pressure[there];
+                other.states[here] = self.states[there];
+                other.shear[here] = Pair::new(-self.shear[there].re, self.shear[there].im);
+            }
+        }
+        other.pose.at_mm[0] *= -1.0;
+        other.pose.tilt_rad[0] *= -1.0;
+        other.pose.turn_rad *= -1.0;
+        other.footprint_mm[0] *= -1.0;
+        other
+    }
+
     /// Sorts the cells by what they do; `follow` is the share of the indenter's motion in this step that the
     /// skin made too, none without motion.
     pub(crate) fn classify(&mut self, friction: f64, follow: Option<f64>) {

@@ -7,18 +7,22 @@
 //! object's dynamics) and `hold` (both contacts and the object in one solve); `frame` is what comes out, `policy`
 //! who decides.
 
-#![allow(dead_code, reason = "the world that uses these parts follows")]
-
 mod arm;
+mod body;
 mod course;
 mod frame;
 mod gripper;
+mod hold;
 mod object;
+mod policy;
 mod setting;
+mod world;
 
 pub use arm::{ArmMotion, Stroke};
 pub use course::Course;
 pub use frame::{FingerTruth, GraspFrame, ObjectState};
 pub use gripper::Gripper;
 pub use object::{OBJECTS, Object, Patch};
+pub use policy::{FixedForce, GraspView, GripPolicy, Oracle};
 pub use setting::{GraspScene, Phase, Pull, Table};
+pub use world::{GraspParts, GraspWorld};

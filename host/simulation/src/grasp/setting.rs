@@ -89,8 +89,10 @@ pub struct GraspScene {
     pub gravity_turn_rad: Course,
     /// What else pulls at the object.
     pub pulls: Vec<Pull>,
-    /// What the object stands on at first; without a table it floats until it is gripped.
+    /// What the object stands on at first.
     pub table: Option<Table>,
+    /// Until then a hand holds the object where it is between the fingers, s.
+    pub held_until_s: f64,
     /// Where on finger 0 the grip point lies at first, mm from the middle; on finger 1 opposite.
     pub grip_point_mm: [f64; 2],
     /// Turn of the object at first, rad.
@@ -119,6 +121,7 @@ impl GraspScene {
             gravity_turn_rad: Course::default(),
             pulls: Vec::new(),
             table: Some(Table::default()),
+            held_until_s: 0.0,
             grip_point_mm: [0.0; 2],
             turn_rad: 0.0,
             drop_mm: GRASP_DROP_MM,
@@ -159,6 +162,7 @@ impl GraspScene {
         finite("grip_point_mm[0]", self.grip_point_mm[0])?;
         finite("grip_point_mm[1]", self.grip_point_mm[1])?;
         finite("turn_rad", self.turn_rad)?;
+        not_negative("held_until_s", self.held_until_s)?;
         positive("drop_mm", self.drop_mm)?;
         Ok(())
     }

@@ -1,0 +1,428 @@
+//! Both skins and the object between them in one implicit step: the object goes where its resistance and the
+//! skins' shear balance. That is the minimum of a convex function of three unknowns (x, y, turn) whose slope
+//! is the unbalanced force; a quasi-Newton method (BFGS for the skins' stiffness, the body's known) finds it,
+//! each trial a shear solve that starts from the last. Units: mm, rad, N, N·mm, in finger 0's frame.
+
+use super::body::{Actions, Body, Matrix, Triple};
+use crate::contact_world::{Contact, Press, Step, Truth};
+use crate::error::SimulationError;
+
+/// Unbalanced force at which a step counts as balanced, share of [`Outcome::balance`]'s scale; a tenth of a
+/// percent is promised.
+const BALANCE_TOLERANCE: f64 = 5e-4;
+/// Part of what friction can hold that counts as a load at least.
+const LEAST_LOAD: f64 = 0.05;
+/// What is accepted where shear solves are too coarse for better.
+const BALANCE_BOUND: f64 = 1e-3;
+/// Residual at which shear solves stop when the load is half of what friction holds or more; a smaller load needs
+/// a better one, down to a twentieth.
+const SHEAR_TOLERANCE: f64 = 3e-5;
+/// Growth of shear from which the stiffness is learnt, in shear residuals: less is noise.
+const LEAST_GROWTH: f64 = 40.0;
+/// Least share that one lesson leaves of the stiffness along a way.
+const LEAST_STIFFNESS: f64 = 1e-3;
+/// Trials for one balance at most; two or three are usual.
+const TRIALS: usize = 60;
+/// Trials after which the bound is enough.
+const PATIENCE: usize = 10;
+/// Longest way and turn of one trial from the last, mm and rad.
+const TRIAL_REACH: [f64; 2] = [0.5, 0.15];
+/// Rounds between pressures and balance at most.
+const ROUNDS: usize = 40;
+
+/// The fingers' contacts.
+#[derive(Debug)]
+pub(crate) struct Hold {
+    /// One per finger; one alone if both are mirror images of each other for good.
+    contacts: Vec<Contact>,
+    patch_turn_rad: f64,
+    /// What the skins' shear grows by with the object's motion, all fingers together.
+    stiffness: Matrix,
+    /// Radius of a disc as large as the contact, mm; 0 without contact.
+    radius_mm: f64,
+}
+
+/// A balanced step.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Outcome {
+    pub(crate) pose: Triple,
+    /// Largest unbalanced force, or moment over the contact's radius, against the largest load or a twentieth of
+    /// what friction holds.
+    pub(crate) balance: f64,
+    pub(crate) solves: usize,
+    pub(crate) touching: bool,
+}
+
+/// How a step ended.
+#[derive(Debug)]
+pub(crate) enum Ending {
+    Balanced(Outcome),
+    /// The object would go farther in this step than was allowed; nothing has changed.
+    TooFar,
+}
+
+/// Finger 1 looks at finger 0: its x points the other way and it turns the other way.
+const MIRROR: Triple = [-1.0, 1.0, -1.0];
+
+fn seen(finger: usize, v: Triple) -> Triple {
+    if finger == 0 {
+        v
+    } else {
+        [v[0] * MIRROR[0], v[1] * MIRROR[1], v[2] * MIRROR[2]]
+    }
+}
+
+fn product(m: &Matrix, v: Triple) -> Triple {
+    m.map(|row| row[0] * v[0] + row[1] * v[1] + row[2] * v[2])
+}
+
+fn dot(a: Triple, b: Triple) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+/// Solution of m x = v for a symmetric positive definite matrix, by Cholesky's factors.
+fn solved(m: &Matrix, v: Triple) -> Triple {
+    let mut low = [[0.0_f64; 3]; 3];
+    for i in 0..3 {
+        for j in 0..=i {
+            let sum: f64 = (0..j).map(|k| low[i][k] * low[j][k]).sum();
+            low[i][j] = if i == j {
+                (m[i][i] - sum).max(1e-9 * m[i][i].abs() + 1e-300).sqrt()
+            } else {
+                (m[i][j] - sum) / low[j][j]
+            };
+        }
+    }
+    let mut x = v;
+    for i in 0..3 {
+        let sum: f64 = (0..i).map(|k| low[i][k] * x[k]).sum();
+        x[i] = (x[i] - sum) / low[i][i];
+    }
+    for i in (0..3).rev() {
+        let sum: f64 = (i + 1..3).map(|k| low[k][i] * x[k]).sum();
+        x[i] = (x[i] - sum) / low[i][i];
+    }
+    x
+}
+
+impl Hold {
+    pub(crate) fn new(contacts: Vec<Contact>, patch_turn_rad: f64) -> Self {
+        Self {
+            contacts,
+            patch_turn_rad,
+            stiffness: [[0.0; 3]; 3],
+            radius_mm: 0.0,
+        }
+    }
+
+    /// The contact that stands for `finger`, and whether it is its mirror image.
+    pub(crate) fn contact(&self, finger: usize) -> (&Contact, bool) {
+        self.contacts
+            .get(finger)
+            .map_or((&self.contacts[0], true), |contact| (contact, false))
+    }
+
+    pub(crate) fn truth(&self, finger: usize) -> Truth {
+        let (contact, mirrored) = self.contact(finger);
+        if mirrored {
+            contact.truth().mirrored()
+        } else {
+            contact.truth().clone()
+        }
+    }
+
+    /// How many fingers each contact stands for.
+    fn share(&self) -> f64 {
+        2.0 / self.contacts.len() as f64
+    }
+
+    /// What all fingers' friction can hold, N.
+    pub(crate) fn friction_n(&self, grip_n: f64) -> f64 {
+        self.contacts.iter().map(Contact::friction).sum::<f64>() * grip_n * self.share()
+    }
+
+    /// Takes the fingers away; the object is at `pose`.
+    pub(crate) fn open(&mut self, pose: Triple) {
+        self.begin(0.0, pose);
+        self.radius_mm = 0.0;
+    }
+
+    fn begin(&mut self, grip_n: f64, pose: Triple) -> Vec<Step> {
+        let turn = pose[2] + self.patch_turn_rad;
+        let mut steps = Vec::with_capacity(self.contacts.len());
+        for (finger, contact) in self.contacts.iter_mut().enumerate() {
+            let [x, y, turn] = seen(finger, [pose[0], pose[1], turn]);
+            steps.extend(contact.begin(Press::Force(grip_n), [0.0; 2], [x, y], turn));
+        }
+        steps
+    }
+
+    /// The object stays at `pose` while the fingers press with `grip_n`.
+    ///
+    /// # Errors
+    /// Those of the contacts.
+    pub(crate) fn press(&mut self, grip_n: f64, pose: Triple) -> Result<Outcome, SimulationError> {
+        let mut steps = self.begin(grip_n, pose);
+        let mut solves = 0;
+        for (contact, step) in self.contacts.iter_mut().zip(&mut steps) {
+            loop {
+                while !contact.press(step)? {
+                    contact.shear(step, [0.0; 3], SHEAR_TOLERANCE);
+                    solves += 1;
+                }
+                if contact.fits(step)? {
+                    break;
+                }
+            }
+        }
+        let touching = !steps.is_empty();
+        if touching {
+            self.measure(&steps);
+        } else {
+            self.radius_mm = 0.0;
+        }
+        self.accept(&steps, pose);
+        Ok(Outcome {
+            pose,
+            balance: 0.0,
+            solves,
+            touching,
+        })
+    }
+
+    /// One step of `body` under `actions` with the fingers pressing with `grip_n`. `reach_mm` is as far as the
+    /// object may go. On an error nothing has changed.
+    ///
+    /// # Errors
+    /// Those of the contacts, or no balance.
+    pub(crate) fn advance(
+        &mut self,
+        grip_n: f64,
+        body: &Body,
+        actions: &Actions,
+        reach_mm: f64,
+    ) -> Result<Ending, SimulationError> {
+        let from = body.pose;
+        let mut steps = self.begin(grip_n, from);
+        if steps.is_empty() {
+            self.radius_mm = 0.0;
+            return Ok(Ending::Balanced(free(body, actions)));
+        }
+        let mut pose = from;
+        let mut solves = 0;
+        let mut balance = f64::INFINITY;
+        let mut first = true;
+        for _ in 0..ROUNDS {
+            let mut settled = true;
+            for (contact, step) in self.contacts.iter_mut().zip(&mut steps) {
+                settled &= contact.press(step)?;
+            }
+            if settled {
+                let mut fits = true;
+                for (contact, step) in self.contacts.iter_mut().zip(&mut steps) {
+                    fits &= contact.fits(step)?;
+                }
+                if fits {
+                    self.accept(&steps, pose);
+                    return Ok(Ending::Balanced(Outcome {
+                        pose,
+                        balance,
+                        solves,
+                        touching: true,
+                    }));
+                }
+                continue;
+            }
+            if first {
+                self.measure(&steps);
+                // Where the stiffness known so far expects the balance.
+                let (unbalanced, growth) = body.resistance(actions, pose);
+                let unbalanced = add(unbalanced, self.carried(&steps));
+                pose = add(
+                    pose,
+                    reached(solved(&sum(&growth, &self.stiffness), unbalanced.map(|v| -v))),
+                );
+                first = false;
+            }
+            balance = self.balance(&mut steps, body, actions, grip_n, &mut pose, &mut solves)?;
+            let way = libm::hypot(pose[0] - from[0], pose[1] - from[1])
+                .max((pose[2] - from[2]).abs() * self.radius_mm);
+            if way > reach_mm {
+                return Ok(Ending::TooFar);
+            }
+        }
+        Err(SimulationError::NoConvergence {
+            found: balance,
+            expected: BALANCE_TOLERANCE,
+            iterations: ROUNDS,
+        })
+    }
+
+    /// Moves `pose` until the object is in balance, the pressures as they are.
+    fn balance(
+        &mut self,
+        steps: &mut [Step],
+        body: &Body,
+        actions: &Actions,
+        grip_n: f64,
+        pose: &mut Triple,
+        solves: &mut usize,
+    ) -> Result<f64, SimulationError> {
+        let from = body.pose;
+        let radius = self.radius_mm;
+        let weigh = |v: Triple| libm::hypot(v[0], v[1]).max(v[2].abs() / radius);
+        let friction_n = self.friction_n(grip_n);
+        let load = weigh(body.load(actions, *pose)).max(LEAST_LOAD * friction_n);
+        let tolerance = SHEAR_TOLERANCE * (2.0 * load / friction_n).clamp(LEAST_LOAD, 1.0);
+        let mut skins = self.shear(steps, from, *pose, tolerance);
+        *solves += steps.len();
+        let mut found = f64::INFINITY;
+        for trial in 0..TRIALS {
+            let (inertia, growth) = body.resistance(actions, *pose);
+            let unbalanced = add(inertia, skins);
+            found = weigh(unbalanced) / load;
+            if found <= BALANCE_TOLERANCE || (trial > PATIENCE && found <= BALANCE_BOUND) {
+                return Ok(found);
+            }
+            let way = reached(solved(&sum(&growth, &self.stiffness), unbalanced.map(|v| -v)));
+            let slope = dot(unbalanced, way);
+            let mut share = 1.0;
+            loop {
+                let step = way.map(|v| v * share);
+                let there = add(*pose, step);
+                let carried = self.shear(steps, from, there, tolerance);
+                *solves += steps.len();
+                if weigh(product(&self.stiffness, step)) > LEAST_GROWTH * tolerance * friction_n {
+                    self.learn(step, sub(carried, skins));
+                }
+                let slope_there = dot(add(body.resistance(actions, there).0, carried), way);
+                // Convex: beyond the minimum along the way the slope has changed its sign.
+                if slope_there <= -0.9 * slope || share < 1e-3 {
+                    (*pose, skins) = (there, carried);
+                    break;
+                }
+                share *= (slope / (slope - slope_there)).clamp(0.05, 0.6);
+            }
+        }
+        Err(SimulationError::NoConvergence {
+            found,
+            expected: BALANCE_TOLERANCE,
+            iterations: TRIALS,
+        })
+    }
+
+    /// Shear of all skins on the object's way from `from` to `to`.
+    fn shear(&mut self, steps: &mut [Step], from: Triple, to: Triple, tolerance: f64) -> Triple {
+        for (finger, (contact, step)) in self.contacts.iter_mut().zip(steps.iter_mut()).enumerate() {
+            contact.shear(step, seen(finger, sub(to, from)), tolerance);
+        }
+        self.carried(steps)
+    }
+
+    fn carried(&self, steps: &[Step]) -> Triple {
+        let mut total = [0.0; 3];
+        for (finger, (contact, step)) in self.contacts.iter().zip(steps).enumerate() {
+            total = add(total, seen(finger, contact.carried(step)));
+        }
+        if self.contacts.len() == 1 {
+            // Seen from finger 0 its mirror image carries the same.
+            total = total.map(|v| 2.0 * v);
+        }
+        total
+    }
+
+    fn accept(&mut self, steps: &[Step], pose: Triple) {
+        let turn = pose[2] + self.patch_turn_rad;
+        for (finger, (contact, step)) in self.contacts.iter_mut().zip(steps).enumerate() {
+            let [x, y, turn] = seen(finger, [pose[0], pose[1], turn]);
+            contact.accept(step, [x, y], turn);
+        }
+    }
+
+    /// Keeps the stiffness in step with the contact's size: a new contact has Mindlin's stiffness (8Ga/(2−ν), and
+    /// 16Ga³/3 about the normal, on a half-space), and it grows with the radius.
+    fn measure(&mut self, steps: &[Step]) {
+        let area = self.contacts[0].touched_mm2(&steps[0]);
+        let radius = (area / std::f64::consts::PI).sqrt();
+        if self.radius_mm > 0.0 {
+            let grown = radius / self.radius_mm;
+            for (i, row) in self.stiffness.iter_mut().enumerate() {
+                for (j, value) in row.iter_mut().enumerate() {
+                    *value *= match (i == 2, j == 2) {
+                        (false, false) => grown,
+                        (true, true) => grown.powi(3),
+                        _ => grown * grown,
+                    };
+                }
+            }
+        } else {
+            let gel = self.contacts[0].gel();
+            let along = 2.0 * 2.0 * gel.tangential_modulus_mpa() * radius;
+            let about = 2.0 * 16.0 / 3.0 * gel.shear_modulus_mpa() * radius.powi(3);
+            self.stiffness = [[along, 0.0, 0.0], [0.0, along, 0.0], [0.0, 0.0, about]];
+        }
+        self.radius_mm = radius;
+    }
+
+    /// BFGS: the skins' shear grew by `growth` on `way`. Where it hardly grew (all slips) a little is kept, so that
+    /// the matrix stays positive definite (Powell's damping).
+    fn learn(&mut self, way: Triple, growth: Triple) {
+        let expected = product(&self.stiffness, way);
+        let known = dot(way, expected);
+        if known <= 0.0 {
+            return;
+        }
+        let mut growth = growth;
+        let mut found = dot(way, growth);
+        if found < LEAST_STIFFNESS * known {
+            let part = (1.0 - LEAST_STIFFNESS) * known / (known - found);
+            for (g, e) in growth.iter_mut().zip(expected) {
+                *g = part * *g + (1.0 - part) * e;
+            }
+            found = dot(way, growth);
+        }
+        for i in 0..3 {
+            for j in 0..3 {
+                self.stiffness[i][j] += growth[i] * growth[j] / found - expected[i] * expected[j] / known;
+            }
+        }
+    }
+}
+
+/// The object where nothing touches it.
+fn free(body: &Body, actions: &Actions) -> Outcome {
+    let mut pose = body.pose;
+    for _ in 0..20 {
+        let (unbalanced, growth) = body.resistance(actions, pose);
+        let way = solved(&growth, unbalanced.map(|v| -v));
+        pose = add(pose, way);
+        if way.iter().all(|v| v.abs() < 1e-9) {
+            break;
+        }
+    }
+    Outcome {
+        pose,
+        balance: 0.0,
+        solves: 0,
+        touching: false,
+    }
+}
+
+fn add(a: Triple, b: Triple) -> Triple {
+    [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
+}
+
+fn sub(a: Triple, b: Triple) -> Triple {
+    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
+}
+
+fn sum(a: &Matrix, b: &Matrix) -> Matrix {
+    std::array::from_fn(|i| add(a[i], b[i]))
+}
+
+/// As much of a way as one trial may go.
+fn reached(way: Triple) -> Triple {
+    let long = libm::hypot(way[0], way[1]) / TRIAL_REACH[0];
+    let most = long.max(way[2].abs() / TRIAL_REACH[1]);
+    if most > 1.0 { way.map(|v| v / most) } else { way }
+}

@@ -1,0 +1,513 @@
+//! The grasp at work: gripper, arm, pulls and gravity act on the object between two skins, step by step. Units:
+//! mm, N, N·mm, s, rad. Limits: a frame is at most 0.1 s; it is cut into shorter steps while the grip closes,
+//! loads jump or the object slides, and is one step while it holds.
+
+use std::sync::Arc;
+
+use super::body::{Actions, Body, Triple};
+use super::frame::{FingerTruth, GraspFrame, ObjectState};
+use super::gripper::GripperState;
+use super::hold::{Ending, Hold};
+use super::policy::{GraspView, GripPolicy};
+use super::setting::GraspScene;
+use crate::constants::{GRAVITY_MM_PER_S2, SLIP_SPEED_MM_PER_S, TAXEL_COUNT};
+use crate::contact_world::{Contact, HeightMap, Mount, Skin, Truth};
+use crate::error::{SimulationError, checked};
+use crate::field::FieldKernels;
+use crate::fingertip::Fingertip;
+use crate::image::Image;
+
+/// Shares of a frame that a step may take.
+const CUTS: [f64; 8] = [1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0];
+/// Largest change of the grip in a step: share of the grip, or newtons if that is more. A press in eight steps is
+/// within 1 % of one in many.
+const GRIP_STEP: [f64; 2] = [0.2, 0.25];
+/// Largest change of the load in a step, share of what friction holds.
+const LOAD_STEP: f64 = 0.25;
+/// Longest way of the object in a step, cells: the footprint follows a step later.
+const WAY_CELLS: f64 = 0.6;
+
+/// What worlds of the same skin may share: it takes longer to make than a world.
+#[derive(Debug, Clone)]
+pub struct GraspParts {
+    skin: Arc<Skin>,
+    kernels: Arc<FieldKernels>,
+}
+
+impl GraspParts {
+    /// Parts for scenes with this scene's gel and grid.
+    ///
+    /// # Errors
+    /// A gel constant outside its range, or a grid that the skin refuses.
+    pub fn new(scene: &GraspScene) -> Result<Self, SimulationError> {
+        let gel = scene.fingertips[0].gel;
+        gel.check()?;
+        Ok(Self {
+            skin: Arc::new(Skin::new(&gel, scene.cells)?),
+            kernels: Arc::new(FieldKernels::new(&gel)),
+        })
+    }
+}
+
+/// The other finger's view of a patch.
+#[derive(Debug)]
+struct MirroredPatch(Arc<dyn HeightMap>);
+
+impl HeightMap for MirroredPatch {
+    fn height_mm(&self, [x, y]: [f64; 2]) -> f64 {
+        self.0.height_mm([-x, y])
+    }
+}
+
+/// A grasp at work. The same scene and the same lines give the same frames, bit for bit.
+#[derive(Debug)]
+pub struct GraspWorld {
+    scene: GraspScene,
+    parts: GraspParts,
+    /// Made when first looked at.
+    fingertips: [Option<Box<Fingertip>>; 2],
+    gripper: GripperState,
+    hold: Hold,
+    body: Body,
+    /// Load of the last step, to tell jumps.
+    load: Triple,
+    time_s: f64,
+    touching: bool,
+    slip_mm: [f64; 2],
+    dropped: bool,
+    truths: [Truth; 2],
+    frame: GraspFrame,
+}
+
+impl GraspWorld {
+    /// The scene at its start, nothing gripped.
+    ///
+    /// # Errors
+    /// A number outside its range, named.
+    pub fn new(scene: &GraspScene) -> Result<Self, SimulationError> {
+        Self::with_parts(scene, &GraspParts::new(scene)?)
+    }
+
+    /// As [`Self::new`], with parts that were made for a scene of the same gel and grid.
+    ///
+    /// # Errors
+    /// A number outside its range, named.
+    pub fn with_parts(scene: &GraspScene, parts: &GraspParts) -> Result<Self, SimulationError> {
+        let twins = scene.object.friction[0].to_bits() == scene.object.friction[1].to_bits();
+        Self::with_contacts(scene, parts, if twins { 1 } else { 2 })
+    }
+
+    /// With so many contacts solved; one stands for both fingers if they are mirror images.
+    pub(super) fn with_contacts(
+        scene: &GraspScene,
+        parts: &GraspParts,
+        count: usize,
+    ) -> Result<Self, SimulationError> {
+        scene.check()?;
+        checked(
+            "cells of the parts' skin",
+            parts.skin.cells() as f64,
+            "the scene's cells",
+            |_| parts.skin.cells() == scene.cells,
+        )?;
+        let patch = scene.object.patch.height_map();
+        let mirrored: Arc<dyn HeightMap> = Arc::new(MirroredPatch(Arc::clone(&patch)));
+        let mut contacts = Vec::with_capacity(2);
+        for (patch, friction) in [patch, mirrored]
+            .into_iter()
+            .zip(scene.object.friction)
+            .take(count)
+        {
+            contacts.push(Contact::new(
+                Arc::clone(&parts.skin),
+                patch,
+                friction,
+                Mount::default(),
+            )?);
+        }
+        let [x, y] = scene.grip_point_mm;
+        let pose = [x, y, scene.turn_rad];
+        let mut hold = Hold::new(contacts, scene.object.patch_turn_rad);
+        hold.open(pose);
+        let body = Body::new(
+            &scene.object,
+            pose,
+            scene.table,
+            down(scene.gravity_turn_rad.at(0.0)),
+        );
+        let truths = [hold.truth(0), hold.truth(1)];
+        let fingers = [0, 1].map(|finger| finger_truth(&truths[finger], 0.0, 0.0));
+        let frame = GraspFrame {
+            time_s: 0.0,
+            phase: scene.phase(0.0),
+            line_n: 0.0,
+            grip_n: 0.0,
+            fingers,
+            object: ObjectState {
+                at_mm: [x, y],
+                turn_rad: scene.turn_rad,
+                ..ObjectState::default()
+            },
+            load: [0.0; 3],
+            slip: false,
+            on_table: body.on_table(),
+            dropped: false,
+            balance: 0.0,
+            steps: 0,
+            solves: 0,
+        };
+        Ok(Self {
+            scene: scene.clone(),
+            parts: parts.clone(),
+            fingertips: [None, None],
+            gripper: GripperState::new(scene.gripper),
+            hold,
+            body,
+            load: [0.0; 3],
+            time_s: 0.0,
+            touching: false,
+            slip_mm: [0.0; 2],
+            dropped: false,
+            truths,
+            frame,
+        })
+    }
+
+    /// The scene.
+    #[must_use]
+    pub fn scene(&self) -> &GraspScene {
+        &self.scene
+    }
+
+    /// The last frame.
+    #[must_use]
+    pub fn frame(&self) -> &GraspFrame {
+        &self.frame
+    }
+
+    /// The contact of a finger: tractions, stick and slip cell by cell, residuals.
+    ///
+    /// # Panics
+    /// When `finger` is not 0 or 1.
+    #[must_use]
+    pub fn truth(&self, finger: usize) -> &Truth {
+        &self.truths[finger]
+    }
+
+    /// Advances by `dt_s` with the grip-force line at `line_n`; takes no picture.
+    ///
+    /// # Errors
+    /// A step outside 0 to 0.1 s, a line that is negative or not finite, a contact that does not converge: the
+    /// grasp is then no evidence.
+    pub fn step(&mut self, dt_s: f64, line_n: f64) -> Result<&GraspFrame, SimulationError> {
+        checked("dt_s", dt_s, "above 0, at most 0.1 s", |dt| dt > 0.0 && dt <= 0.1)?;
+        checked("line_n", line_n, "a finite number, 0 or above", |line| {
+            line >= 0.0
+        })?;
+        self.gripper.set_line(self.time_s, line_n);
+        let end_s = self.time_s + dt_s;
+        let mut tally = Tally::default();
+        let mut done = 0.0;
+        while done < 1.0 {
+            done += self.part(dt_s, done, &mut tally)?;
+        }
+        self.time_s = end_s;
+        self.look(dt_s, line_n, &tally);
+        Ok(&self.frame)
+    }
+
+    /// Runs for `duration_s` at `dt_s` per frame with the line that `policy` asks for; `each` sees every frame and
+    /// may end the run by returning false.
+    ///
+    /// # Errors
+    /// Those of [`Self::step`].
+    pub fn run(
+        &mut self,
+        policy: &mut dyn GripPolicy,
+        dt_s: f64,
+        duration_s: f64,
+        mut each: impl FnMut(&GraspFrame) -> bool,
+    ) -> Result<(), SimulationError> {
+        let frames = (duration_s / dt_s).round() as usize;
+        for _ in 0..frames {
+            let line_n = policy.line_n(&mut GraspView { world: self });
+            if !each(self.step(dt_s, line_n)?) {
+                break;
+            }
+        }
+        Ok(())
+    }
+
+    /// The camera's crop of a finger now, 440 x 440, with fresh noise.
+    ///
+    /// # Errors
+    /// Parameters that a fingertip refuses; only the first picture of a finger may find any.
+    ///
+    /// # Panics
+    /// When `finger` is not 0 or 1.
+    pub fn render(&mut self, finger: usize, out: &mut Image) -> Result<(), SimulationError> {
+        let tip = fingertip(&mut self.fingertips[finger], &self.scene, &self.parts, finger)?;
+        tip.render_truth(&self.truths[finger], out);
+        Ok(())
+    }
+
+    /// The camera's crop of a finger that nothing touches, with fresh noise.
+    ///
+    /// # Errors
+    /// As [`Self::render`].
+    ///
+    /// # Panics
+    /// When `finger` is not 0 or 1.
+    pub fn rest_image(&mut self, finger: usize) -> Result<Image, SimulationError> {
+        let tip = fingertip(&mut self.fingertips[finger], &self.scene, &self.parts, finger)?;
+        Ok(tip.rest_image())
+    }
+
+    /// The fingertip of a finger, for its light and its other pictures.
+    ///
+    /// # Errors
+    /// As [`Self::render`].
+    ///
+    /// # Panics
+    /// When `finger` is not 0 or 1.
+    pub fn fingertip(&mut self, finger: usize) -> Result<&mut Fingertip, SimulationError> {
+        fingertip(&mut self.fingertips[finger], &self.scene, &self.parts, finger)
+    }
+
+    /// What acts from `from_s` for `step_s`: means over the step, so that no impulse is lost.
+    fn actions(&self, from_s: f64, step_s: f64) -> Actions {
+        let to_s = from_s + step_s;
+        let scene = &self.scene;
+        let gravity = down(scene.gravity_turn_rad.mean(from_s, to_s));
+        let [before, after] = [from_s, to_s].map(|time| scene.arm.velocity_mm_per_s(time));
+        let mut twist_nmm = 0.0;
+        let mut forces = Vec::with_capacity(scene.pulls.len());
+        for pull in &scene.pulls {
+            let share = pull.course.mean(from_s, to_s);
+            twist_nmm += pull.twist_nmm * share;
+            forces.push((pull.at_mm, pull.force_n.map(|f| f * share)));
+        }
+        Actions {
+            step_s,
+            field_mm_per_s2: [0, 1].map(|k| gravity[k] * GRAVITY_MM_PER_S2 - (after[k] - before[k]) / step_s),
+            forces,
+            twist_nmm,
+            gripper_mm: scene.arm.place_mm(to_s),
+        }
+    }
+
+    /// One step: as long a part of the frame as the changes allow. Returns that part.
+    fn part(&mut self, dt_s: f64, done: f64, tally: &mut Tally) -> Result<f64, SimulationError> {
+        let from_s = self.time_s + done * dt_s;
+        let mut failure = None;
+        for cut in CUTS {
+            // Parts are multiples of 1/cut, so that a frame ends where it should.
+            let share = 1.0 / cut;
+            if (done * cut).fract() > 1e-9 {
+                continue;
+            }
+            let share = share.min(1.0 - done);
+            let step_s = share * dt_s;
+            let mut gripper = self.gripper.clone();
+            gripper.advance(from_s, step_s);
+            let actions = self.actions(from_s, step_s);
+            let last = cut >= CUTS[CUTS.len() - 1];
+            if !last && !self.is_gentle(&gripper, &actions) {
+                continue;
+            }
+            match self.advance(from_s, &gripper, &actions, last) {
+                Ok(Some(solves)) => {
+                    self.gripper = gripper;
+                    tally.steps += 1;
+                    tally.solves += solves;
+                    tally.balance = tally.balance.max(self.frame.balance);
+                    for finger in 0..2 {
+                        let (contact, _) = self.hold.contact(finger);
+                        if self.touching {
+                            tally.slid_mm[finger] += contact.slid_mm();
+                            tally.gross[finger] |= contact.truth().gross_slip();
+                        }
+                    }
+                    return Ok(share);
+                }
+                Ok(None) => {}
+                Err(error @ SimulationError::OffSurface { .. }) if last => {
+                    // Slid over the edge of the finger.
+                    self.lose();
+                    let _ = error;
+                    self.gripper = gripper;
+                    return Ok(share);
+                }
+                Err(error) => failure = Some(error),
+            }
+        }
+        Err(failure.unwrap_or(SimulationError::OutOfRange {
+            field: "way of the object in a step, mm",
+            found: self.body.grip_point_speed()[0] * dt_s,
+            expected: "less than a cell",
+        }))
+    }
+
+    /// Whether grip and load change little enough for one step.
+    fn is_gentle(&self, gripper: &GripperState, actions: &Actions) -> bool {
+        let (before, after) = (self.gripper.force_n(), gripper.force_n());
+        if (after - before).abs() > (GRIP_STEP[0] * before).max(GRIP_STEP[1]) {
+            return false;
+        }
+        if after <= 0.0 || before <= 0.0 || !self.touching {
+            return true;
+        }
+        let load = self.body.load(actions, self.body.pose);
+        let jump = libm::hypot(load[0] - self.load[0], load[1] - self.load[1]);
+        let [vx, vy, spin] = self.body.grip_point_speed();
+        let way = (libm::hypot(vx, vy) + spin.abs() * 3.0) * actions.step_s;
+        jump <= LOAD_STEP * self.hold.friction_n(after) && way <= self.reach_mm()
+    }
+
+    /// Whether a hand holds the object still.
+    fn is_held(&self, time_s: f64) -> bool {
+        time_s + 1e-9 < self.scene.held_until_s
+    }
+
+    fn reach_mm(&self) -> f64 {
+        WAY_CELLS * self.parts.skin.pitch_mm()
+    }
+
+    /// One step of gripper and object; none if the object would go too far in it.
+    fn advance(
+        &mut self,
+        from_s: f64,
+        gripper: &GripperState,
+        actions: &Actions,
+        last: bool,
+    ) -> Result<Option<usize>, SimulationError> {
+        if self.dropped {
+            return Ok(Some(0));
+        }
+        let grip_n = gripper.force_n();
+        let outcome = if self.is_held(from_s) {
+            self.hold.press(grip_n, self.body.pose)?
+        } else {
+            let reach = if last { f64::INFINITY } else { self.reach_mm() };
+            match self.hold.advance(grip_n, &self.body, actions, reach)? {
+                Ending::Balanced(outcome) => outcome,
+                Ending::TooFar => return Ok(None),
+            }
+        };
+        if self.touching && !outcome.touching {
+            self.slip_mm = [0.0; 2];
+        }
+        self.touching = outcome.touching;
+        self.body.go(actions, outcome.pose);
+        self.load = self.body.load(actions, outcome.pose);
+        self.frame.balance = outcome.balance;
+        Ok(Some(outcome.solves))
+    }
+
+    /// The object has left the fingers.
+    fn lose(&mut self) {
+        self.dropped = true;
+        self.touching = false;
+        self.body.stay();
+        self.hold.open(self.body.pose);
+    }
+
+    /// Makes the frame.
+    fn look(&mut self, dt_s: f64, line_n: f64, tally: &Tally) {
+        for (slip, slid) in self.slip_mm.iter_mut().zip(tally.slid_mm) {
+            *slip += slid;
+        }
+        let slid_out = self.slip_mm.iter().any(|slip| *slip > self.scene.drop_mm);
+        let let_go = !self.touching && !self.body.on_table() && !self.is_held(self.time_s);
+        if !self.dropped && (slid_out || let_go) {
+            self.lose();
+        }
+        for finger in 0..2 {
+            self.truths[finger] = self.hold.truth(finger);
+        }
+        let fingers = [0, 1].map(|finger| {
+            let mut truth = finger_truth(
+                &self.truths[finger],
+                self.slip_mm[finger],
+                tally.slid_mm[finger] / dt_s,
+            );
+            truth.gross_slip = tally.gross[finger] && truth.slip_speed_mm_per_s > SLIP_SPEED_MM_PER_S;
+            truth
+        });
+        let [x, y, turn_rad] = self.body.pose;
+        let [vx, vy, spin] = self.body.grip_point_speed();
+        self.frame = GraspFrame {
+            time_s: self.time_s,
+            phase: self.scene.phase(self.time_s),
+            line_n,
+            grip_n: self.gripper.force_n(),
+            slip: self.dropped || fingers.iter().any(|finger| finger.gross_slip),
+            fingers,
+            object: ObjectState {
+                at_mm: [x, y],
+                turn_rad,
+                velocity_mm_per_s: [vx, vy],
+                spin_rad_per_s: spin,
+            },
+            load: self.load,
+            on_table: self.body.on_table(),
+            dropped: self.dropped,
+            balance: tally.balance,
+            steps: tally.steps,
+            solves: tally.solves,
+        };
+    }
+}
+
+/// What a frame's steps add up to.
+#[derive(Debug, Default)]
+struct Tally {
+    steps: usize,
+    solves: usize,
+    balance: f64,
+    slid_mm: [f64; 2],
+    gross: [bool; 2],
+}
+
+/// Where things fall when gravity is turned by `turn_rad` from −y towards +x.
+fn down(turn_rad: f64) -> [f64; 2] {
+    let (sin, cos) = libm::sincos(turn_rad);
+    [sin, -cos]
+}
+
+fn finger_truth(truth: &Truth, slip_mm: f64, slip_speed_mm_per_s: f64) -> FingerTruth {
+    let touching = truth.in_contact();
+    FingerTruth {
+        touching,
+        forces: if touching {
+            truth.force_map()
+        } else {
+            [[0.0; 3]; TAXEL_COUNT]
+        },
+        force_n: truth.force_n(),
+        torsion_nmm: truth.torsion_nmm(truth.footprint_mm()),
+        stick_ratio: truth.stick_ratio(),
+        gross_slip: false,
+        slip_speed_mm_per_s,
+        slip_mm,
+        footprint_mm: truth.footprint_mm(),
+    }
+}
+
+fn fingertip<'a>(
+    known: &'a mut Option<Box<Fingertip>>,
+    scene: &GraspScene,
+    parts: &GraspParts,
+    finger: usize,
+) -> Result<&'a mut Fingertip, SimulationError> {
+    if known.is_none() {
+        let seed = scene.seed.wrapping_mul(2).wrapping_add(finger as u64);
+        let params = scene.fingertips[finger];
+        *known = Some(Box::new(Fingertip::with_kernels(
+            seed,
+            params,
+            Arc::clone(&parts.kernels),
+        )?));
+    }
+    Ok(known.as_mut().expect("made above"))
+}
