@@ -71,27 +71,26 @@ impl Backdrop {
     /// The backdrop of `window`, with the cover `cover_mm` over the camera.
     pub(crate) fn new(window: Window, camera: &Camera, lamps: &Lamps, cover_mm: f64) -> Self {
         let nodes = Nodes::new(window, camera, lamps, cover_mm);
-        let mut backdrop = Self {
-            window,
-            lens: Vec::with_capacity(window.pixels()),
-            cover: Vec::with_capacity(window.pixels()),
-        };
-        let per_px = (1.0 / camera.focal_px_per_rad) as f32;
-        let vignette = camera.vignette_per_rad2 as f32;
+        let per_rad = 1.0 / camera.focal_px_per_rad;
+        let lost_per_px2 = (camera.vignette_per_rad2 * per_rad * per_rad) as f32;
         let edge_px = (camera.half_field_rad * camera.focal_px_per_rad) as f32;
         let [u, v] = camera.centre_px.map(|c| c as f32);
-        for row in window.top..window.top + window.height {
+        let mut lens = vec![0.0; window.pixels()];
+        let mut cover = vec![0.0; window.pixels()];
+        let rows = lens
+            .chunks_exact_mut(window.width)
+            .zip(cover.chunks_exact_mut(window.width));
+        for (row, (lens, cover)) in (window.top..).zip(rows) {
             let dy = row as f32 + 0.5 - v;
-            for column in window.left..window.left + window.width {
-                let dx = column as f32 + 0.5 - u;
+            for (column, passed) in lens.iter_mut().enumerate() {
+                let dx = (window.left + column) as f32 + 0.5 - u;
                 let square = dx * dx + dy * dy;
-                let passed = (1.0 - vignette * square * per_px * per_px).max(0.0);
                 let inside = (edge_px - square.sqrt() + 0.5).clamp(0.0, 1.0);
-                backdrop.lens.push(passed * inside);
-                backdrop.cover.push(nodes.cover(column, row));
+                *passed = (1.0 - lost_per_px2 * square).max(0.0) * inside;
             }
+            nodes.cover(row, window.left, cover);
         }
-        backdrop
+        Self { window, lens, cover }
     }
 }
 
@@ -134,20 +133,28 @@ impl Nodes {
         }
     }
 
-    fn cover(&self, column: usize, row: usize) -> f32 {
-        let place =
-            |pixel: usize, first: usize| (pixel / NODE_PX - first, (pixel % NODE_PX) as f32 / NODE_PX as f32);
-        let (i, x) = place(column, self.first[0]);
-        let (j, y) = place(row, self.first[1]);
-        let at = j * self.columns + i;
-        let [a, b] = [&self.values[at..at + 2], &self.values[at + self.columns..][..2]];
-        let between = |k: usize| {
-            let upper = a[0][k] + x * (a[1][k] - a[0][k]);
-            let lower = b[0][k] + x * (b[1][k] - b[0][k]);
-            upper + y * (lower - upper)
+    /// The cover's gray levels along part of a row, from column `left` on.
+    fn cover(&self, row: usize, left: usize, out: &mut [f32]) {
+        let upper = (row / NODE_PX - self.first[1]) * self.columns;
+        let way = (row % NODE_PX) as f32 / NODE_PX as f32;
+        let node = |column: usize| -> [f32; 3] {
+            let [above, below] = [upper, upper + self.columns].map(|at| self.values[at + column]);
+            std::array::from_fn(|k| above[k] + way * (below[k] - above[k]))
         };
-        let side = |k: usize| (between(k) + 0.5).clamp(0.0, 1.0);
-        between(0) * side(1) * side(2)
+        let mut done = 0;
+        while done < out.len() {
+            let column = left + done;
+            let inside = column % NODE_PX;
+            let count = (NODE_PX - inside).min(out.len() - done);
+            let [from, to] = [0, 1].map(|step| node(column / NODE_PX - self.first[0] + step));
+            for (i, out) in out[done..done + count].iter_mut().enumerate() {
+                let part = (inside + i) as f32 / NODE_PX as f32;
+                let [level, side_x, side_y]: [f32; 3] =
+                    std::array::from_fn(|k| from[k] + part * (to[k] - from[k]));
+                *out = level * (side_x + 0.5).clamp(0.0, 1.0) * (side_y + 0.5).clamp(0.0, 1.0);
+            }
+            done += count;
+        }
     }
 }
 

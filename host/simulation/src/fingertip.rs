@@ -390,6 +390,7 @@ const _: () = assert!(
 mod tests {
     use super::*;
     use crate::contact::{Load, SphereContact, SphereParams};
+    use crate::image::crop_of_frame;
 
     fn pressed(load: Load) -> SphereContact {
         let mut contact = SphereContact::new(SphereParams::default()).unwrap();
@@ -455,6 +456,219 @@ mod tests {
             let (dim_mean, _) = statistics(&dim, &a);
             assert!((dim_mean / mean - 0.8).abs() < 0.01);
         }
+    }
+
+    #[test]
+    fn noise_is_its_own_in_every_pixel_and_picture() {
+        // Light from the lens alone: even enough to see the noise's correlations.
+        let params = FingertipParams {
+            particles: 1,
+            noise_levels: 3.0,
+            ..FingertipParams::default()
+        };
+        let mut fingertip = Fingertip::new(4, params).unwrap();
+        let deviations = |image: &Image, other: &Image| -> Vec<f64> {
+            let pairs = image.pixels.iter().zip(&other.pixels);
+            pairs.map(|(a, b)| f64::from(*a) - f64::from(*b)).collect()
+        };
+        let images: Vec<Image> = (0..4).map(|_| fingertip.rest_image()).collect();
+        let first = deviations(&images[0], &images[1]);
+        let second = deviations(&images[2], &images[3]);
+        let power: f64 = first.iter().map(|d| d * d).sum();
+        let correlation = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>() / power;
+        // Of 193,600 pixels: sigma 0.0023.
+        for shift in [1, 2, 3, CROP_PX, CROP_PX + 1] {
+            let found = correlation(&first, &first[shift..]);
+            assert!(found.abs() < 0.01, "{found} at {shift}");
+        }
+        assert!(correlation(&first, &second).abs() < 0.01);
+    }
+
+    #[test]
+    fn the_crop_is_the_middle_of_the_frame_bit_for_bit() {
+        let truth = pressed_truth();
+        for jpeg_quality in [None, Some(60)] {
+            let params = FingertipParams {
+                jpeg_quality,
+                ..FingertipParams::of_sensor(3)
+            };
+            let mut crops = Fingertip::new(3, params).unwrap();
+            let mut frames = Fingertip::new(3, params).unwrap();
+            assert!(crops.rest_image() == crop_of_frame(&frames.rest_frame()));
+            let (mut crop, mut frame) = (Image::crop(), Image::new(1, 1));
+            crops.render_truth(&truth, &mut crop);
+            frames.frame_truth(&truth, &mut frame);
+            assert_eq!((frame.width, frame.height), (640, 480));
+            assert!(crop == crop_of_frame(&frame));
+            // Beyond the gel it is dark: the corners are.
+            let corner = frame.pixels[..40].iter().map(|p| u32::from(*p)).sum::<u32>();
+            assert!(corner < 40 * 5, "{corner}");
+        }
+    }
+
+    #[test]
+    fn compression_repeats_by_seed_and_its_error_falls_with_quality() {
+        let truth = pressed_truth();
+        let take = |jpeg_quality: Option<u8>| {
+            let params = FingertipParams {
+                jpeg_quality,
+                ..FingertipParams::default()
+            };
+            let mut image = Image::crop();
+            Fingertip::new(8, params)
+                .unwrap()
+                .render_truth(&truth, &mut image);
+            image
+        };
+        let plain = take(None);
+        let error = |quality: u8| statistics(&take(Some(quality)), &plain).1;
+        let errors = [10, 50, 80, 95, 100].map(error);
+        assert!(errors.windows(2).all(|pair| pair[1] < pair[0]), "{errors:?}");
+        assert!(errors[4] < 1.0 && errors[0] > 5.0, "{errors:?}");
+        assert!(take(Some(50)) == take(Some(50)));
+    }
+
+    #[test]
+    fn a_sensor_repeats_by_its_number_and_differs_from_the_next() {
+        let nominal = FingertipParams::default();
+        let mut seen = Vec::new();
+        for unit in 0..50 {
+            let params = FingertipParams::of_sensor(unit);
+            assert_eq!(params, FingertipParams::of_sensor(unit));
+            assert!(!seen.contains(&params));
+            params.check().unwrap();
+            let [x, y] = [0, 1].map(|k| params.camera.centre_px[k] - nominal.camera.centre_px[k]);
+            assert!(x.abs() <= 2.0 && y.abs() <= 2.0);
+            let focal = params.camera.focal_px_per_rad / nominal.camera.focal_px_per_rad;
+            assert!((focal - 1.0).abs() <= 0.01);
+            assert!((3_500..6_500).contains(&params.particles));
+            seen.push(params);
+        }
+        let rest = |unit: u64| {
+            Fingertip::new(unit, FingertipParams::of_sensor(unit))
+                .unwrap()
+                .rest_image()
+        };
+        assert!(rest(1) == rest(1) && rest(1) != rest(2));
+        assert!((nominal.particles_per_mm3() - 0.857).abs() < 0.001);
+    }
+
+    #[test]
+    fn the_picture_follows_the_motion_of_the_brightness() {
+        let brightness_motion = BrightnessMotion {
+            drift: 0.1,
+            flicker: 0.05,
+            ..BrightnessMotion::default()
+        };
+        let params = FingertipParams {
+            noise_levels: 0.0,
+            brightness_motion,
+            ..FingertipParams::default()
+        };
+        let mut fingertip = Fingertip::new(11, params).unwrap();
+        let still = fingertip.rest_image();
+        let (still, _) = statistics(&still, &still);
+        for time_s in [0.0, 0.013, 1.7, 9.0] {
+            fingertip.set_time(time_s);
+            let image = fingertip.rest_image();
+            let (mean, _) = statistics(&image, &image);
+            let expected = brightness_motion.at(11, time_s);
+            assert!(
+                (mean / still - expected).abs() < 0.005,
+                "{mean} {still} {expected}"
+            );
+        }
+    }
+
+    /// Where the light over the dark ground is, within 8 pixels of `near`; frame pixels.
+    fn centroid(frame: &Image, near: [f64; 2]) -> [f64; 2] {
+        let [u, v] = near.map(|c| c.round() as usize);
+        let patch: Vec<(usize, usize)> = (v - 8..v + 8)
+            .flat_map(|row| (u - 8..u + 8).map(move |column| (row, column)))
+            .collect();
+        let level = |&(row, column): &(usize, usize)| f64::from(frame.pixels[row * frame.width + column]);
+        let mut levels: Vec<f64> = patch.iter().map(level).collect();
+        levels.sort_by(f64::total_cmp);
+        let ground = levels[levels.len() / 2] + 1.0;
+        let (mut sum, mut at) = (0.0, [0.0; 2]);
+        for place in &patch {
+            let light = (level(place) - ground).max(0.0);
+            sum += light;
+            at[0] += light * (place.1 as f64 + 0.5);
+            at[1] += light * (place.0 as f64 + 0.5);
+        }
+        assert!(sum > 100.0, "no particle near {near:?}");
+        at.map(|a| a / sum)
+    }
+
+    #[test]
+    fn a_particle_in_the_picture_moves_as_the_gel_does() {
+        let params = FingertipParams {
+            particles: 1,
+            noise_levels: 0.0,
+            ..FingertipParams::default()
+        };
+        let kernels = Arc::new(FieldKernels::new(&params.gel));
+        let (mut tried, mut furthest) = (0, 0.0_f64);
+        for seed in 0..40 {
+            let mut fingertip = Fingertip::with_kernels(seed, params, Arc::clone(&kernels)).unwrap();
+            let place = fingertip.particles.nearest_at_rest();
+            // Inside the crop, with room for the contact.
+            if place[0].abs().max(place[1].abs()) > 10.0 {
+                continue;
+            }
+            let mut contact = SphereContact::new(SphereParams {
+                centre_mm: [place[0] - 1.5, place[1] + 1.0],
+                ..SphereParams::default()
+            })
+            .unwrap();
+            let load = Load {
+                normal_n: 6.0,
+                shear_n: [1.0, -2.0],
+                torsion_nmm: 3.0,
+            };
+            contact.step(load).unwrap();
+            let project = |[x, y, z]: [f64; 3]| params.camera.project([x, y], z - params.camera.to_base_mm).0;
+            let rest = fingertip.rest_frame();
+            fingertip.field.load(contact.state());
+            let mut now = Image::frame();
+            fingertip.take(true, View::Frame, &mut now);
+            let (from, to) = (
+                project(place),
+                project(fingertip.particles.nearest_moved(&fingertip.field)),
+            );
+            let (seen_from, seen_to) = (centroid(&rest, from), centroid(&now, to));
+            for k in 0..2 {
+                let (wanted, found) = (to[k] - from[k], seen_to[k] - seen_from[k]);
+                assert!(
+                    (wanted - found).abs() < 0.05,
+                    "seed {seed}: {found} px for {wanted}"
+                );
+                furthest = furthest.max(wanted.abs());
+            }
+            tried += 1;
+        }
+        assert!(
+            tried > 8 && furthest > 5.0,
+            "{tried} particles, up to {furthest} px"
+        );
+    }
+
+    /// A sphere pressed in by 3 N and pulled, solved.
+    fn pressed_truth() -> Truth {
+        use crate::contact_world::{Contact, Drive, Mount, Press, Shape, Skin};
+        let skin = Arc::new(Skin::new(&Gel::default(), 40).unwrap());
+        let sphere = Arc::new(Shape::Sphere { radius_mm: 12.0 });
+        let mut contact = Contact::new(skin, sphere, 0.6, Mount::default()).unwrap();
+        let mut drive = Drive {
+            press: Press::Force(3.0),
+            at_mm: [0.0; 2],
+            turn_rad: 0.0,
+            tilt_rad: [0.0; 2],
+        };
+        contact.go_to(drive, 4).unwrap();
+        drive.at_mm = [0.3, 0.2];
+        contact.go_to(drive, 4).unwrap().clone()
     }
 
     #[test]
@@ -588,6 +802,33 @@ mod tests {
             ..good.gel
         };
         assert!(bad(FingertipParams { gel, ..good }).contains("thickness_mm is 3"));
+        let jpeg_quality = Some(0);
+        assert_eq!(
+            bad(FingertipParams { jpeg_quality, ..good }),
+            "jpeg_quality is 0, expected between 1 and 100"
+        );
+        let lighting = Lighting {
+            height_mm: 12.0,
+            ..good.lighting
+        };
+        assert!(bad(FingertipParams { lighting, ..good }).contains("lighting height_mm is 12"));
+        let lighting = Lighting {
+            leds: 0,
+            ..good.lighting
+        };
+        assert!(bad(FingertipParams { lighting, ..good }).contains("lighting leds is 0"));
+        let brightness_motion = BrightnessMotion {
+            drift: 0.9,
+            flicker: 0.2,
+            ..good.brightness_motion
+        };
+        assert!(
+            bad(FingertipParams {
+                brightness_motion,
+                ..good
+            })
+            .contains("drift + flicker is 1.1")
+        );
         assert!(Fingertip::new(1, good).unwrap().set_brightness(0.0).is_err());
     }
 }

@@ -76,20 +76,146 @@ impl Particles {
     /// rest: particles on one ray move together.
     pub(crate) fn draw(&self, field: Option<&Field>, lens: &Lens, window: &Window, picture: &mut [f32]) {
         for particle in &self.all {
-            let [x, y] = particle.at_mm;
-            let [right, up, down] = field.map_or([0.0; 3], |field| field.at(&particle.place));
-            // Into the skin is towards the camera; nothing passes through the base.
-            let height = (particle.height_mm - down).max(self.base_mm + particle.radius_mm);
-            let [u, v, scale] = lens.project([x + right, y + up], height);
-            let [along_x, along_y, along_z] = particle.slope;
-            let level = particle.level + right * along_x + up * along_y - down * along_z;
-            draw_disc(
-                picture,
-                window,
-                [u, v],
-                particle.radius_mm * scale,
-                level.max(0.0),
-            );
+            let ([x, y, height], level) = match field {
+                Some(field) => particle.moved(field.at(&particle.place), self.base_mm),
+                None => (particle.at_rest(), particle.level),
+            };
+            let [u, v, scale] = lens.project([x, y], height);
+            draw_disc(picture, window, [u, v], particle.radius_mm * scale, level);
         }
+    }
+}
+
+impl Particle {
+    fn at_rest(&self) -> [f32; 3] {
+        [self.at_mm[0], self.at_mm[1], self.height_mm]
+    }
+
+    /// Where it is and how bright, moved by (x, y, into the skin) mm.
+    fn moved(&self, [x, y, down]: [f32; 3], base_mm: f32) -> ([f32; 3], f32) {
+        // Into the skin is towards the camera; nothing passes through the base.
+        let height = (self.height_mm - down).max(base_mm + self.radius_mm);
+        let [along_x, along_y, along_z] = self.slope;
+        let level = self.level + x * along_x + y * along_y + (height - self.height_mm) * along_z;
+        ([self.at_mm[0] + x, self.at_mm[1] + y, height], level.max(0.0))
+    }
+}
+
+#[cfg(test)]
+impl Particles {
+    /// The nearest particle's place at rest, over the camera.
+    pub(crate) fn nearest_at_rest(&self) -> [f64; 3] {
+        self.all[self.all.len() - 1].at_rest().map(f64::from)
+    }
+
+    /// The same, moved by `field`.
+    pub(crate) fn nearest_moved(&self, field: &Field) -> [f64; 3] {
+        let nearest = &self.all[self.all.len() - 1];
+        let (at, _) = nearest.moved(field.at(&nearest.place), self.base_mm);
+        at.map(f64::from)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use super::*;
+    use crate::contact::{Load, SphereContact, SphereParams};
+    use crate::field::FieldKernels;
+    use crate::gel::Gel;
+    use crate::lighting::Lighting;
+
+    const BASE_MM: f64 = 12.0;
+    const SURFACE_MM: f64 = 18.0;
+
+    fn lamps() -> Lamps {
+        Lamps::new(&Lighting::default(), &mut Random::new(1, 9))
+    }
+
+    fn particles() -> Particles {
+        Particles::new(&mut Random::new(1, 8), 5_000, BASE_MM, SURFACE_MM, &lamps())
+    }
+
+    /// The field of a sphere pressed in and pulled.
+    fn field(radius_mm: f64, normal_n: f64) -> Field {
+        let sphere = SphereParams {
+            radius_mm,
+            ..SphereParams::default()
+        };
+        let mut contact = SphereContact::new(sphere).unwrap();
+        let shear_n = [0.3 * normal_n, 0.0];
+        let load = Load {
+            normal_n,
+            shear_n,
+            torsion_nmm: 0.0,
+        };
+        contact.step(load).unwrap();
+        let mut field = Field::new(Arc::new(FieldKernels::new(&Gel::default())));
+        field.load(contact.state());
+        field
+    }
+
+    #[test]
+    fn whole_particles_lie_between_cover_and_base_and_inside_the_gels_sides() {
+        let particles = particles();
+        let [top, bottom] = PARTICLE_DEPTH_MM.map(|depth| (SURFACE_MM - depth) as f32);
+        let side = GEL_HALF_WIDTH_MM as f32;
+        let mut depths = [f32::MAX, f32::MIN];
+        for p in &particles.all {
+            assert!(p.radius_mm >= 0.075 && p.radius_mm <= 0.09);
+            assert!(p.height_mm + p.radius_mm <= top + 1e-5 && p.height_mm - p.radius_mm >= bottom - 1e-5);
+            assert!(p.at_mm.iter().all(|x| x.abs() + p.radius_mm <= side + 1e-5));
+            depths = [depths[0].min(p.height_mm), depths[1].max(p.height_mm)];
+        }
+        // And they fill the layer.
+        assert!(depths[0] - bottom < 0.1 && top - depths[1] < 0.1);
+        // The base is below it.
+        assert!(bottom > BASE_MM as f32);
+    }
+
+    #[test]
+    fn the_nearer_particle_is_drawn_over_the_farther_one() {
+        let heights: Vec<f32> = particles().all.iter().map(|p| p.height_mm).collect();
+        assert!(heights.windows(2).all(|pair| pair[0] >= pair[1]));
+    }
+
+    #[test]
+    fn a_moved_particle_is_lit_as_one_at_that_place() {
+        let (particles, lamps, field) = (particles(), lamps(), field(12.0, 10.0));
+        let reference = SURFACE_MM - 0.5 * PARTICLE_DEPTH_MM.iter().sum::<f64>();
+        let (mut worst, mut furthest, mut change) = (0.0_f64, 0.0_f64, 0.0_f64);
+        for p in &particles.all {
+            let (at, level) = p.moved(field.at(&p.place), particles.base_mm);
+            let rest = p.at_rest();
+            let there = f64::from(p.level) * lamps.sphere(at.map(f64::from), reference).0
+                / lamps.sphere(rest.map(f64::from), reference).0;
+            worst = worst.max((f64::from(level) / there - 1.0).abs());
+            change = change.max((there / f64::from(p.level) - 1.0).abs());
+            let way: f32 = at.iter().zip(rest).map(|(a, b)| (a - b) * (a - b)).sum();
+            furthest = furthest.max(f64::from(way.sqrt()));
+        }
+        // The light is taken to first order in the displacement.
+        assert!(furthest > 1.0 && change > 0.03, "{furthest} mm, {change}");
+        assert!(worst < 0.01, "light off by {worst} at up to {furthest} mm");
+    }
+
+    #[test]
+    fn no_load_drives_a_particle_into_the_base() {
+        let particles = particles();
+        for normal_n in [15.0, 1_000.0] {
+            let field = field(4.0, normal_n);
+            for p in &particles.all {
+                let moved = field.at(&p.place);
+                assert!(
+                    p.height_mm - moved[2] > BASE_MM as f32 + p.radius_mm,
+                    "{moved:?} at {normal_n} N"
+                );
+            }
+        }
+        // What no contact does, the base stops.
+        let p = &particles.all[0];
+        let ([x, _, height], level) = p.moved([1e3, 0.0, 1e3], particles.base_mm);
+        assert!(x > 900.0 && height >= BASE_MM as f32 + p.radius_mm && level >= 0.0);
     }
 }
