@@ -52,6 +52,19 @@ pub enum SimulationError {
         /// Rounds between pressure and shear.
         rounds: usize,
     },
+    /// A finite-element solve did not settle.
+    #[error(
+        "finite elements: forces are {found} out of balance after {steps} Newton steps, expected at most {expected}: \
+         press less deep or use a finer mesh"
+    )]
+    OutOfBalance {
+        /// Forces left over, as a share of the reactions.
+        found: f64,
+        /// The bound on it.
+        expected: f64,
+        /// Newton steps taken.
+        steps: usize,
+    },
     /// The contact reaches the edge of the sensing surface; the state before the step is kept.
     #[error(
         "the contact of the indenter at ({x_mm}, {y_mm}) mm reaches the edge of the sensing surface, expected \

@@ -13,6 +13,8 @@ mod drawing;
 mod error;
 mod field;
 mod fingertip;
+#[cfg(feature = "finite-elements")]
+pub mod finite_elements;
 mod gel;
 pub mod grasp;
 mod image;
