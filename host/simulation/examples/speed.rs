@@ -1,5 +1,5 @@
 //! How long the world's stages take on this machine: `cargo run --release -p gripline-simulation --example
-//! speed`. Milliseconds per call on one core, the fastest of ten rounds.
+//! speed`. Milliseconds per call on one core, the fastest call.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -80,8 +80,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     });
 
     let mut scene = GripScene::new(1);
-    time("scene frame, whole script", 720, || {
-        scene.step(1.0 / 60.0, 5.0).expect("a good step");
+    time("scene, whole script of 720 frames", 3, || {
+        for _ in 0..720 {
+            scene.step(1.0 / 60.0, 5.0).expect("a good step");
+        }
     });
 
     let samples = 400;
@@ -97,17 +99,13 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     Ok(())
 }
 
-/// Prints the fastest of ten rounds: others on the machine only ever add.
+/// Prints the fastest call: others on the machine only ever add.
 fn time(name: &str, times: u32, mut work: impl FnMut()) {
-    const ROUNDS: u32 = 10;
-    let each = times.div_ceil(ROUNDS);
-    let best = (0..ROUNDS)
+    let best = (0..times)
         .map(|_| {
             let start = Instant::now();
-            for _ in 0..each {
-                work();
-            }
-            start.elapsed().as_secs_f64() / f64::from(each)
+            work();
+            start.elapsed().as_secs_f64()
         })
         .fold(f64::MAX, f64::min);
     println!("{name:<36} {:8.3} ms", best * 1e3);

@@ -195,8 +195,9 @@ pub(crate) fn draw_disc(
     }
 }
 
-/// Radii for which blurred discs are tabulated, pixels; others take the nearest and keep their own area.
-const DISC_RADII_PX: [f32; 2] = [0.5, 3.0];
+/// Radii for which blurred discs are tabulated, pixels; others take the nearest and keep their own area. Larger ones
+/// are refused by the fingertip.
+pub(crate) const DISC_RADII_PX: [f32; 2] = [0.5, 3.0];
 const DISC_STEP_PX: f32 = 1.0 / 16.0;
 const DISC_ROWS: usize = 41;
 /// Beyond its radius a disc has faded out: three sigma of blur.

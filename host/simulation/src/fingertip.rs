@@ -7,11 +7,11 @@ use std::sync::Arc;
 use crate::camera::Camera;
 use crate::constants::{
     CROP_CORNER_PX, CROP_PX, FRAME_PX, GEL_HALF_WIDTH_MM, PARTICLE_COUNT, PARTICLE_DEPTH_MM,
-    SENSOR_NOISE_LEVELS,
+    PARTICLE_DIAMETER_MM, SENSOR_NOISE_LEVELS,
 };
 use crate::contact::ContactState;
 use crate::contact_world::Truth;
-use crate::drawing::{Backdrop, Window};
+use crate::drawing::{Backdrop, DISC_RADII_PX, Window};
 use crate::error::{SimulationError, checked, not_negative, positive};
 use crate::field::{Field, FieldKernels};
 use crate::gel::Gel;
@@ -133,6 +133,13 @@ impl FingertipParams {
             self.gel.thickness_mm,
             "at least 5.5 mm, the particles' depth",
             |h| h >= PARTICLE_DEPTH_MM[1],
+        )?;
+        let largest_mm = 0.5 * PARTICLE_DIAMETER_MM[1];
+        checked(
+            "radius_px of a particle on the gel's base",
+            largest_mm * self.camera.focal_px_per_rad / (self.camera.to_base_mm + largest_mm),
+            "at most 3: lower the camera's focal_px_per_rad or raise its to_base_mm",
+            |radius| radius <= f64::from(DISC_RADII_PX[1]),
         )?;
         self.lighting.check(self.camera.to_base_mm)?;
         not_negative("noise_levels", self.noise_levels)?;
@@ -529,6 +536,33 @@ mod tests {
     }
 
     #[test]
+    fn pictures_are_the_same_on_every_machine() {
+        let contact = sheared();
+        let checksum = |jpeg_quality: Option<u8>| {
+            let params = FingertipParams {
+                jpeg_quality,
+                ..FingertipParams::of_sensor(1)
+            };
+            let mut fingertip = Fingertip::new(1, params).unwrap();
+            fingertip.set_time(2.0);
+            let mut now = Image::crop();
+            fingertip.render(Some(contact.state()), &mut now);
+            // FNV-1a.
+            fingertip
+                .rest_frame()
+                .pixels
+                .iter()
+                .chain(&now.pixels)
+                .fold(0xcbf2_9ce4_8422_2325_u64, |hash, pixel| {
+                    (hash ^ u64::from(*pixel)).wrapping_mul(0x0100_0000_01b3)
+                })
+        };
+        // Change these only together with the look of the pictures, which the networks are trained on.
+        assert_eq!(checksum(None), 13_136_798_398_010_955_107);
+        assert_eq!(checksum(Some(75)), 452_593_624_345_259_096);
+    }
+
+    #[test]
     fn a_sensor_repeats_by_its_number_and_differs_from_the_next() {
         let nominal = FingertipParams::default();
         let mut seen = Vec::new();
@@ -797,6 +831,14 @@ mod tests {
             ..good.camera
         };
         assert!(bad(FingertipParams { camera, ..good }).contains("focal_px_per_rad is 0"));
+        let camera = Camera {
+            focal_px_per_rad: 500.0,
+            ..good.camera
+        };
+        assert!(
+            bad(FingertipParams { camera, ..good })
+                .contains("radius_px of a particle on the gel's base is 3.7")
+        );
         let gel = Gel {
             thickness_mm: 3.0,
             ..good.gel

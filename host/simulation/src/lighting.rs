@@ -90,8 +90,7 @@ impl Lamps {
         }
     }
 
-    /// What a ring like this one with even LEDs gives on the axis, and this one here: a small sphere catches
-    /// cos θ / d² of every LED.
+    /// What a small sphere at (x, y, z) mm catches, cos θ / d² of every LED, and its slope per millimetre.
     fn on_sphere(&self, [x, y, z]: [f64; 3]) -> (f64, [f64; 3]) {
         let h = z - self.height_mm;
         let (mut sum, mut slope) = (0.0, [0.0; 3]);
@@ -112,7 +111,7 @@ impl Lamps {
     /// millimetre.
     pub(crate) fn sphere(&self, at_mm: [f64; 3], reference_mm: f64) -> (f64, [f64; 3]) {
         let (light, slope) = self.on_sphere(at_mm);
-        let on_axis = self.even_on_axis(reference_mm, 3);
+        let on_axis = self.even_on_axis(reference_mm).0;
         (light / on_axis, slope.map(|s| s / on_axis))
     }
 
@@ -128,19 +127,19 @@ impl Lamps {
                 brightness * h * h / (square * square)
             })
             .sum();
-        sum / self.even_on_axis(z, 4)
+        sum / self.even_on_axis(z).1
     }
 
-    /// Σ (h/d)^(power−2) / d² on the axis at height `z`, of even LEDs.
-    fn even_on_axis(&self, z: f64, power: i32) -> f64 {
+    /// Light of even LEDs on a small sphere and on a plane, on the axis at height `z`.
+    fn even_on_axis(&self, z: f64) -> (f64, f64) {
         let h = z - self.height_mm;
-        self.at_mm
-            .iter()
-            .map(|[x, y]| {
-                let distance = (x * x + y * y + h * h).sqrt();
-                (h / distance).powi(power - 2) / (distance * distance)
-            })
-            .sum()
+        self.at_mm.iter().fold((0.0, 0.0), |(sphere, plane), [x, y]| {
+            let square = x * x + y * y + h * h;
+            (
+                sphere + h / (square * square.sqrt()),
+                plane + h * h / (square * square),
+            )
+        })
     }
 }
 
