@@ -11,6 +11,7 @@ mod contact;
 pub mod contact_world;
 mod drawing;
 mod error;
+mod exposure;
 mod field;
 mod fingertip;
 #[cfg(feature = "finite-elements")]
