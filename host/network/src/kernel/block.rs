@@ -1,7 +1,7 @@
 //! Direct convolution: sums of up to twelve neighbouring output pixels and up to two vectors of output
-//! channels stay in registers while all taps and input channels pass. Every output is one chain of
-//! multiply-adds in the order of the packed weights, so its bits depend neither on the vectors' width nor on
-//! which pixels are computed together, nor on the region that is asked for.
+//! channels stay in registers while all taps and input channels pass. The order in which an output's products
+//! are added depends only on its channel, so its bits depend neither on the vectors' width (AVX2 or AVX-512) nor
+//! on which pixels are computed together, nor on the region that is asked for.
 #![expect(
     unsafe_code,
     reason = "vector loads in the innermost loop, inside slices cut to size before it"
@@ -14,7 +14,7 @@
 #[cfg(target_arch = "x86_64")]
 use std::arch::x86_64::{__m256, __m512};
 
-use super::convolution::{Convolution, Phase};
+use super::convolution::{Convolution, Panel, Phase};
 use super::plane::Plane;
 use super::region::Region;
 use super::vector::{Eight, Vector};
@@ -22,7 +22,7 @@ use crate::instruction_set::InstructionSet;
 
 /// Runs a convolution over the output pixels of `region`; writes the output's channels from `channel` on.
 ///
-/// Sums begin with the convolution's bias or, when there is one, with `start`'s values of the same pixel.
+/// To the sums come the convolution's bias or, when there is one, `start`'s values of the same pixel.
 ///
 /// # Panics
 /// When sizes do not fit.
@@ -59,7 +59,7 @@ pub(crate) fn convolve(
             "size of the start"
         );
         assert!(
-            start.channels() >= convolution.padded_channels(),
+            start.channels() >= convolution.bias.len(),
             "channels of the start"
         );
     }
@@ -114,26 +114,29 @@ struct Place {
 }
 
 impl Task<'_> {
-    /// Block of channels by block of channels, so that a block's weights stay in the cache.
+    /// Panel by panel, so that a panel's weights stay in the cache.
     #[inline(always)]
     fn run<V: Vector>(&mut self) {
         let convolution = self.convolution;
-        for panel in &convolution.panels {
-            if panel.len() > V::LANES {
-                self.channels::<V, 2>(panel.start);
-            } else {
-                self.channels::<V, 1>(panel.start);
+        for &panel in &convolution.panels {
+            match (panel.channels * panel.split / V::LANES, panel.split) {
+                (2, 1) => self.pixels::<V, 2, 1>(panel),
+                (2, 2) => self.pixels::<V, 2, 2>(panel),
+                (2, 4) => self.pixels::<V, 2, 4>(panel),
+                (1, 1) => self.pixels::<V, 1, 1>(panel),
+                (1, 4) => self.pixels::<V, 1, 4>(panel),
+                shape => unreachable!("{shape:?} is no panel's shape"),
             }
         }
     }
 
-    /// `N` vectors of output channels from `first` on, for all pixels.
+    /// All pixels of a panel, which has `N` vectors of sums for each, split `S` ways.
     #[inline(always)]
-    fn channels<V: Vector, const N: usize>(&mut self, first: usize) {
+    fn pixels<V: Vector, const N: usize, const S: usize>(&mut self, panel: Panel) {
         let convolution = self.convolution;
         for phase in &convolution.phases {
             let columns = phase.columns_in(self.region);
-            let groups = columns.len().div_ceil(V::PIXELS_MAX[2 - N]);
+            let groups = columns.len().div_ceil(V::PIXELS_MAX[N - 1]);
             for y in phase.rows_in(self.region) {
                 let mut x = columns.start;
                 for group in 0..groups {
@@ -149,8 +152,8 @@ impl Task<'_> {
                     macro_rules! block_of {
                         ($($count:literal)*) => {
                             match pixels {
-                                $($count if $count <= V::PIXELS_MAX[2 - N] => {
-                                    self.block::<V, N, $count>(phase, first, at);
+                                $($count if $count <= V::PIXELS_MAX[N - 1] => {
+                                    self.block::<V, N, S, $count>(phase, panel, at);
                                 })*
                                 _ => unreachable!("a group has 1 to 12 pixels"),
                             }
@@ -163,46 +166,37 @@ impl Task<'_> {
         }
     }
 
-    /// `P` neighbouring pixels of a phase, `N` vectors of output channels.
+    /// `P` neighbouring pixels of a phase.
     #[inline(always)]
-    fn block<V: Vector, const N: usize, const P: usize>(&mut self, phase: &Phase, first: usize, at: Place) {
+    fn block<V: Vector, const N: usize, const S: usize, const P: usize>(
+        &mut self,
+        phase: &Phase,
+        panel: Panel,
+        at: Place,
+    ) {
         let Convolution {
             in_channels,
             out_channels,
             relu,
             ..
         } = *self.convolution;
+        let first = panel.first;
         let lanes = N * V::LANES;
-        let (start, start_step) = match self.start {
-            None => (&self.convolution.bias[first..], 0),
-            Some(map) => (
-                &map.row(at.out.0)[at.out.1 * map.channels() + first..],
-                phase.out_step * map.channels(),
-            ),
-        };
-        let start = &start[..(P - 1) * start_step + lanes];
-        let mut sums = [[V::splat(0.0); N]; P];
-        for (p, sums) in sums.iter_mut().enumerate() {
-            for (n, sum) in sums.iter_mut().enumerate() {
-                // SAFETY: `start` reaches to the last lane of the last pixel.
-                *sum = unsafe { V::load(start.as_ptr().add(p * start_step + n * V::LANES)) };
-            }
-        }
-
         let per_output = phase.run * in_channels;
-        let mut weights = &phase.weights[first * per_output..][..lanes * per_output];
+        let mut weights = &phase.weights[first * per_output..][..panel.channels * per_output];
         let step = phase.in_step * in_channels;
+        let mut sums = [[V::splat(0.0); N]; P];
         for taps in &phase.rows {
             let run = taps.taps * in_channels;
             let row = taps.row + at.in_phase.0 * phase.in_step;
             let column = taps.column + at.in_phase.1 * phase.in_step;
             let from = row * self.input.stride() + column * in_channels;
             let inputs = self.input.values()[from..][..(P - 1) * step + run].as_ptr();
-            let (these, rest) = weights.split_at(run * lanes);
+            let (these, rest) = weights.split_at(run / S * lanes);
             let these = these.as_ptr();
             weights = rest;
-            for i in 0..run {
-                // SAFETY: i < run, so the last pixel's input is inside `inputs` and the last vector inside
+            for i in 0..run / S {
+                // SAFETY: i < run / S, so the last pixel's inputs are inside `inputs` and the last vector inside
                 // `these`: both slices were cut to just this.
                 unsafe {
                     let mut weight = [V::splat(0.0); N];
@@ -210,24 +204,42 @@ impl Task<'_> {
                         *weight = V::load(these.add(i * lanes + n * V::LANES));
                     }
                     for (p, sums) in sums.iter_mut().enumerate() {
-                        let value = V::splat(*inputs.add(p * step + i));
+                        let values = V::repeat::<S>(inputs.add(p * step + i * S));
                         for (sum, weight) in sums.iter_mut().zip(weight) {
-                            *sum = value.times_plus(weight, *sum);
+                            *sum = values.times_plus(weight, *sum);
                         }
                     }
                 }
             }
         }
 
+        // A sum for each of the panel's channels, `LANES` in a vector.
+        let vectors = if S == 1 { N } else { 1 };
+        let (start, start_step) = match self.start {
+            None => (&self.convolution.bias[first..], 0),
+            Some(map) => (
+                &map.row(at.out.0)[at.out.1 * map.channels() + first..],
+                phase.out_step * map.channels(),
+            ),
+        };
+        let start = &start[..(P - 1) * start_step + vectors * V::LANES];
         let channels = self.output.channels();
-        let left = out_channels - first;
+        let used = panel.channels.min(out_channels - first);
         let line = self.output.row_mut(at.out.0);
-        for (p, sums) in sums.into_iter().enumerate() {
+        for (p, mut sums) in sums.into_iter().enumerate() {
+            if S > 1 {
+                sums[0] = sums[0].pair_sums(sums[N - 1]);
+            }
+            if S > 2 {
+                sums[0] = sums[0].pair_sums(sums[0]);
+            }
             let pixel = (at.out.1 + p * phase.out_step) * channels + self.channel + first;
-            for (n, sum) in sums.into_iter().enumerate() {
-                let sum = if relu { sum.negative_to_zero() } else { sum };
+            for (n, sum) in sums.into_iter().take(vectors).enumerate() {
                 let from = n * V::LANES;
-                sum.store(&mut line[pixel + from..pixel + left.min(from + V::LANES)]);
+                // SAFETY: `start` reaches to the last lane of the last pixel.
+                let sum = sum.plus(unsafe { V::load(start.as_ptr().add(p * start_step + from)) });
+                let sum = if relu { sum.negative_to_zero() } else { sum };
+                sum.store(&mut line[pixel + from.min(used)..pixel + used.min(from + V::LANES)]);
             }
         }
     }

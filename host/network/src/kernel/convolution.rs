@@ -4,7 +4,7 @@
 use std::ops::Range;
 
 use super::region::Region;
-use super::vector::panel_shape;
+use super::vector::LANES_MAX;
 use crate::instruction_set::InstructionSet;
 
 /// A convolution with its weights packed for one instruction set.
@@ -14,10 +14,9 @@ pub(crate) struct Convolution {
     kind: Kind,
     /// One for a convolution, four for an up-convolution (one per parity of the output pixel).
     pub(super) phases: Vec<Phase>,
-    /// Output channels that a kernel computes together: pairs of vectors where they pay, then single ones; the
-    /// last may reach past the channels.
-    pub(super) panels: Vec<Range<usize>>,
-    /// Where every output starts, padded to whole panels.
+    /// Output channels that a kernel computes together, in their order; the last may reach past the channels.
+    pub(super) panels: Vec<Panel>,
+    /// Added to every output; zeros follow, up to a multiple of [`LANES_MAX`].
     pub(super) bias: Vec<f32>,
     /// Whether negative outputs become zero.
     pub(super) relu: bool,
@@ -39,9 +38,20 @@ pub(super) struct Phase {
     pub(super) out_step: usize,
     /// First output pixel, (row, column).
     pub(super) out_start: (usize, usize),
-    /// Panel by panel of output channels (as wide as a block of the kernel), then taps, input channels and the
-    /// panel's output channels. Those that pad the last panel are zero.
+    /// Panel by panel, then taps, groups of `split` input channels, the panel's output channels, the group's input
+    /// channels. Those of output channels that pad the last panel are zero.
     pub(super) weights: Vec<f32>,
+}
+
+/// Output channels that a kernel computes together.
+///
+/// Where there are few, each has `split` lanes, which take every `split`-th input channel and are summed at the
+/// end: so a panel fills two of the widest vectors, and each input that is read serves two multiply-adds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Panel {
+    pub(super) first: usize,
+    pub(super) channels: usize,
+    pub(super) split: usize,
 }
 
 impl Phase {
@@ -204,16 +214,14 @@ impl Convolution {
             "this processor has no {instructions}"
         );
         assert_eq!(bias.len(), out_channels, "biases");
-        let panels = panels(instructions, out_channels);
-        let padded = panels.last().map_or(0, |panel| panel.end);
-        let mut bias = bias.to_vec();
-        bias.resize(padded, 0.0);
+        let mut padded_bias = bias.to_vec();
+        padded_bias.resize(out_channels.next_multiple_of(LANES_MAX), 0.0);
         Self {
             instructions,
             kind,
             phases,
-            panels,
-            bias,
+            panels: panels(instructions, [out_channels, in_channels]),
+            bias: padded_bias,
             relu,
             in_channels,
             out_channels,
@@ -222,11 +230,6 @@ impl Convolution {
 
     pub(super) fn instructions(&self) -> InstructionSet {
         self.instructions
-    }
-
-    /// Output channels with those that fill the last panel.
-    pub(super) fn padded_channels(&self) -> usize {
-        self.bias.len()
     }
 
     pub(crate) fn out_channels(&self) -> usize {
@@ -269,39 +272,61 @@ impl Convolution {
     }
 }
 
-fn panels(instructions: InstructionSet, out_channels: usize) -> Vec<Range<usize>> {
-    let (lanes, pairs) = panel_shape(instructions);
+fn panels(instructions: InstructionSet, [out_channels, in_channels]: [usize; 2]) -> Vec<Panel> {
+    // Both wide sets split alike, so that they compute the same bits.
+    let (vector, vectors, splits) = match instructions {
+        InstructionSet::Portable => (8, 1, false),
+        InstructionSet::Avx2 => (8, 2, true),
+        InstructionSet::Avx512 => (16, 2, true),
+    };
     let mut panels = Vec::new();
     let mut first = 0;
     while first < out_channels {
-        let vectors = if pairs && out_channels - first > lanes {
-            2
-        } else {
-            1
+        let left = out_channels - first;
+        let (segment, split): (usize, usize) = match left {
+            32.. => (32, 1),
+            9..32 => (16, 2),
+            5..9 => (8, 4),
+            _ => (4, 4),
         };
-        panels.push(first..first + vectors * lanes);
-        first += vectors * lanes;
+        let (segment, split) = if splits && in_channels.is_multiple_of(split) {
+            (segment, split)
+        } else {
+            (segment.next_multiple_of(vector), 1)
+        };
+        let channels = segment.min(vector * vectors / split);
+        for part in 0..segment / channels {
+            panels.push(Panel {
+                first: first + part * channels,
+                channels,
+                split,
+            });
+        }
+        first += segment;
     }
     panels
 }
 
 fn pack(
     instructions: InstructionSet,
-    [out_channels, in_channels]: [usize; 2],
+    channels: [usize; 2],
     taps: &[(usize, usize)],
     weight: impl Fn(usize, usize, usize, usize) -> f32,
 ) -> Vec<f32> {
+    let [out_channels, in_channels] = channels;
     let mut packed = Vec::new();
-    for panel in panels(instructions, out_channels) {
+    for panel in panels(instructions, channels) {
         for &(ky, kx) in taps {
-            for channel in 0..in_channels {
-                packed.extend(panel.clone().map(|out| {
-                    if out < out_channels {
-                        weight(out, channel, ky, kx)
-                    } else {
-                        0.0
-                    }
-                }));
+            for group in (0..in_channels).step_by(panel.split) {
+                for out in panel.first..panel.first + panel.channels {
+                    packed.extend((group..group + panel.split).map(|channel| {
+                        if out < out_channels {
+                            weight(out, channel, ky, kx)
+                        } else {
+                            0.0
+                        }
+                    }));
+                }
             }
         }
     }
