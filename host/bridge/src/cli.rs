@@ -6,6 +6,7 @@ use clap::{Parser, Subcommand};
 
 use crate::detect::DetectArgs;
 use crate::run::RunArgs;
+use crate::simulate::SimulateArgs;
 
 /// Holds objects with as little force as is safe: force maps from a camera-based fingertip, slip detection and
 /// grip control on a microcontroller.
@@ -24,6 +25,8 @@ pub enum Command {
     Run(RunArgs),
     /// Run the microcontroller's detector over recorded force maps.
     Detect(DetectArgs),
+    /// Play a scene of the simulated world: frames, true force maps and slip labels.
+    Simulate(SimulateArgs),
 }
 
 impl Cli {

@@ -3,7 +3,8 @@
 //!
 //! [`pipeline`] turns a picture into a force map ([`gate`], network, quantisation); [`link`] carries packets to a
 //! microcontroller; [`session`] speaks the protocol over a link and checks every answer ([`shadow`]); [`run`] joins
-//! them with a source of pictures and the [`view`]; [`detect`] runs the detector over recorded maps.
+//! them with a source of pictures and the [`view`]; [`detect`] runs the detector over recorded maps;
+//! [`simulate`] plays a scene of the simulated world into files.
 #![forbid(unsafe_code)]
 
 pub mod cli;
@@ -16,6 +17,7 @@ pub mod pipeline;
 pub mod run;
 pub mod session;
 pub mod shadow;
+pub mod simulate;
 pub mod source;
 pub mod stats;
 pub mod telemetry;

@@ -229,6 +229,12 @@ impl Fingertip {
         self.motion = self.params.brightness_motion.at(self.seed, time_s);
     }
 
+    /// Noise from here on as if nothing had been seen: it follows from `seed` and `picture` alone. For pictures that
+    /// must not depend on which others were taken.
+    pub fn restart_noise(&mut self, seed: u64, picture: u64) {
+        self.noise = Random::new(seed, NOISE + ((picture + 1) << 8));
+    }
+
     /// The camera's crop when nothing touches, with fresh noise.
     pub fn rest_image(&mut self) -> Image {
         let mut out = Image::crop();

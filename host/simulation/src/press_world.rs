@@ -123,6 +123,12 @@ impl PressWorld {
         self.frames
     }
 
+    /// The contact now.
+    #[must_use]
+    pub fn truth(&self) -> &Truth {
+        self.contact.truth()
+    }
+
     /// Goes to the next frame; none after the last. After a problem the contact stays where it was solved last,
     /// and the next call goes on from there.
     ///

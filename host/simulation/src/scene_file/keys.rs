@@ -1,7 +1,10 @@
 //! Every key of a scene file: where it stands, what it takes, what holds without it, what it means. The reader
 //! takes ranges and defaults from here, and a test keeps `scenes/README.md` equal to this list.
 
-use crate::constants::{HALF_SURFACE_MM, SCENE_FRICTION};
+use crate::constants::{
+    BRIGHTNESS_DRIFT, BRIGHTNESS_DRIFT_PERIOD_S, BRIGHTNESS_FLICKER, HALF_SURFACE_MM, MAINS_HZ,
+    SCENE_FRICTION,
+};
 
 /// A key.
 #[derive(Debug, PartialEq)]
@@ -94,12 +97,20 @@ keys! {
         "particles in the gel; without it the sensor's";
     NOISE = "sensor" "noise_levels", Number("grey levels", 0.0, 50.0), Optional,
         "standard deviation of the pixel noise; without it the sensor's";
+    JPEG_QUALITY = "sensor" "jpeg_quality", Whole(1, 100), Optional,
+        "pictures go through JPEG of this quality first; without it they do not";
+    CAMERA = "sensor" "camera", Text, Optional,
+        "file with the camera's intrinsics (as `host/simulation/cameras/default.toml`), relative to the scene file; without it the sensor's";
     BRIGHTNESS = "sensor" "brightness", Number("", 0.1, 3.0), Absent::Number(1.0),
-        "light, share of nominal";
-    BRIGHTNESS_MOTION = "sensor" "brightness_motion", Number("", 0.0, 0.5), Absent::Number(0.0),
-        "how far the light swings up and down, share of `brightness`";
-    BRIGHTNESS_PERIOD = "sensor" "brightness_period_s", Number("s", 0.1, 1000.0), Absent::Number(7.0),
-        "time of one swing";
+        "mean light, share of the sensor's";
+    DRIFT = "sensor" "brightness_drift", Number("", 0.0, 0.4), Absent::Number(BRIGHTNESS_DRIFT),
+        "largest slow change of the light, share of the mean";
+    DRIFT_PERIOD = "sensor" "brightness_drift_period_s", Number("s", 0.1, 1000.0), Absent::Number(BRIGHTNESS_DRIFT_PERIOD_S),
+        "longest period of the slow change";
+    FLICKER = "sensor" "flicker", Number("", 0.0, 0.4), Absent::Number(BRIGHTNESS_FLICKER),
+        "largest change by mains flicker, share of the mean";
+    MAINS = "sensor" "mains_hz", Number("Hz", 1.0, 1000.0), Absent::Number(MAINS_HZ),
+        "mains frequency; the light flickers at twice this";
 
     SHAPE = "indenter" "shape", Choice(SHAPE_NAMES), Required,
         "a built-in shape, or file: a height map";

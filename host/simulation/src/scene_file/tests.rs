@@ -5,6 +5,7 @@ use std::path::Path;
 
 use super::{FrameSize, Scene, SceneFile};
 use crate::contact_world::{HeightMap, Press, Shape};
+use crate::{BrightnessMotion, FingertipParams};
 
 const GOOD: &str = r#"kind = "press"
 seed = 7
@@ -12,7 +13,7 @@ frames_per_second = 30
 
 [sensor]
 unit = 3
-brightness_motion = 0.02
+brightness_drift = 0.02
 
 [indenter]
 shape = "cylinder"
@@ -46,7 +47,18 @@ fn a_scene_is_read_with_its_defaults() {
     assert_eq!((scene.seed, scene.frames), (7, FrameSize::Full));
     assert!((scene.frames_per_second - 30.0).abs() < 1e-12);
     assert_eq!(scene.sensor.unit, Some(3));
-    assert!((scene.sensor.brightness(1.75) - 1.02).abs() < 1e-12);
+    let sensor = FingertipParams::of_sensor(3);
+    let motion = BrightnessMotion {
+        drift: 0.02,
+        ..BrightnessMotion::default()
+    };
+    assert_eq!(
+        scene.sensor.params,
+        FingertipParams {
+            brightness_motion: motion,
+            ..sensor
+        }
+    );
     let Scene::Press(press) = scene.scene;
     let expected = Shape::Cylinder {
         radius_mm: 6.0,
@@ -109,7 +121,8 @@ const MISTAKES: &[(&str, &str, &str)] = &[
         "unit = 3",
         "friction = 3",
         "scene.toml:6: sensor.friction: found a key that is not known here, expected one of unit, particles, \
-             noise_levels, brightness, brightness_motion, brightness_period_s: move friction to [indenter]",
+             noise_levels, jpeg_quality, camera, brightness, brightness_drift, brightness_drift_period_s, flicker, \
+             mains_hz: move friction to [indenter]",
     ),
     (
         "unit = 3",
@@ -117,9 +130,9 @@ const MISTAKES: &[(&str, &str, &str)] = &[
         "scene.toml:6: sensor.unit: found 3.5, expected a whole number from 0 to 2⁶³−1: change it",
     ),
     (
-        "brightness_motion = 0.02",
-        "brightness_motion = nan",
-        "scene.toml:7: sensor.brightness_motion: found nan, expected a number from 0 to 0.5: change it",
+        "brightness_drift = 0.02",
+        "brightness_drift = nan",
+        "scene.toml:7: sensor.brightness_drift: found nan, expected a number from 0 to 0.4: change it",
     ),
     (
         "shape = \"cylinder\"",
@@ -279,5 +292,25 @@ fn a_height_map_is_loaded_from_beside_the_scene_and_its_faults_carry_the_line() 
         error,
         "there/scene.toml:12: indenter.mm_per_level: found a scale beside an array, expected heights in mm in the \
          array itself: remove it"
+    );
+}
+
+#[test]
+fn a_camera_file_is_taken_and_its_faults_carry_both_places() {
+    let text = GOOD.replace("unit = 3", "camera = \"lens.toml\"");
+    let default = crate::Camera::default().to_toml();
+    let read = |camera: String| {
+        let load = &mut |_: &Path| Ok(camera.clone().into_bytes());
+        SceneFile::parse(Path::new("scene.toml"), &text, load).map_err(|error| error.to_string())
+    };
+    let scene = read(default.replace("to_base_mm = 12.0", "to_base_mm = 13.0")).unwrap();
+    assert!((scene.sensor.params.camera.to_base_mm - 13.0).abs() < 1e-12);
+    let error = read(default.replace("to_base_mm = 12.0", "to_base_mm = -1"))
+        .map(|_| ())
+        .unwrap_err();
+    assert_eq!(
+        error,
+        "scene.toml:6: sensor.camera: found -1 at lens.toml:5: to_base_mm, expected a finite number above 0: \
+         correct that file, or leave the key out"
     );
 }
