@@ -3,12 +3,16 @@
 //! (`gripline-training evaluate` prints the figures); they guard against a broken world, network or weights file.
 
 use gripline_network::{ForceNetwork, downsample_440_to_88};
-use gripline_simulation::{Image, Sample, SampleGenerator, block_mean_88};
+use gripline_simulation::{Image, Sample, SampleGenerator, SampleWorld, Split, block_mean_88};
 
-/// A stream of samples that the committed weights were not trained on: the trainer's have its own seed (1) in the
-/// upper 32 bits.
+/// A stream that no report of the trainer uses: those have the user's seed in the upper 32 bits.
 const UNSEEN_SEED: u64 = 0x7E57_0000_0000;
 const SAMPLES: usize = 400;
+
+/// Shapes and sensors that the committed weights were not trained on.
+fn unseen(seed: u64) -> SampleGenerator {
+    SampleGenerator::new(&SampleWorld::new().unwrap(), Split::Test, seed)
+}
 
 fn totals(map: &[[f32; 3]; 400]) -> [f64; 3] {
     map.iter().fold([0.0; 3], |sum, force| {
@@ -25,7 +29,7 @@ fn median(mut values: Vec<f64>) -> f64 {
 fn predictions() -> Vec<(Sample, Box<[[f32; 3]; 400]>)> {
     let mut network = ForceNetwork::embedded().unwrap();
     let mut out = Vec::new();
-    for sample in SampleGenerator::new(UNSEEN_SEED).take(SAMPLES) {
+    for sample in unseen(UNSEEN_SEED).take(SAMPLES) {
         let mut map = Box::new([[0.0; 3]; 400]);
         network.set_rest(&sample.rest);
         network.infer(&sample.now, &mut map);
@@ -72,7 +76,7 @@ fn the_committed_network_finds_total_forces_in_pictures_it_has_never_seen() {
 fn a_picture_without_contact_is_a_map_without_force() {
     let mut network = ForceNetwork::embedded().unwrap();
     let contact_min_n = network.calibration().contact_min_n;
-    let untouched = SampleGenerator::new(UNSEEN_SEED + 1).filter(|sample| totals(&sample.forces)[2] == 0.0);
+    let untouched = unseen(UNSEEN_SEED + 1).filter(|sample| totals(&sample.forces)[2] == 0.0);
     for sample in untouched.take(10) {
         let mut map = [[0.0; 3]; 400];
         network.set_rest(&sample.rest);

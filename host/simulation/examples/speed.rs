@@ -6,8 +6,8 @@ use std::time::Instant;
 
 use gripline_simulation::contact_world::{Contact, Drive, Mount, Press, Shape, Skin, production_cells};
 use gripline_simulation::{
-    Fingertip, FingertipParams, Gel, GripScene, Image, Load, SampleGenerator, SphereContact, SphereParams,
-    block_mean_88,
+    Fingertip, FingertipParams, Gel, GripScene, Image, Load, SampleGenerator, SampleWorld, SphereContact,
+    SphereParams, Split, block_mean_88,
 };
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -88,7 +88,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 
     let samples = 400;
     let start = Instant::now();
-    for sample in SampleGenerator::new(1).take(samples) {
+    let world = SampleWorld::new()?;
+    for sample in SampleGenerator::new(&world, Split::Train, 1).take(samples) {
         std::hint::black_box(sample);
     }
     println!(

@@ -37,5 +37,5 @@ pub use gel::Gel;
 pub use image::{Image, block_mean_88, crop_of_frame};
 pub use lighting::{BrightnessMotion, Lighting};
 pub use press_world::{PressFrame, PressProblem, PressWorld};
-pub use sample::{Sample, SampleGenerator};
+pub use sample::{Costs, Counts, Crops, STRAIN_LIMIT, Sample, SampleGenerator, SampleWorld, Split};
 pub use scene::{GripScene, SceneFrame};

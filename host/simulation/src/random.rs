@@ -42,6 +42,11 @@ impl Random {
         libm::exp(self.uniform(libm::log(from), libm::log(to)))
     }
 
+    /// Uniform in 0..n. The bias of taking the high part of a product is below n / 2⁶⁴.
+    pub(crate) fn below(&mut self, n: usize) -> usize {
+        ((u128::from(self.bits()) * n as u128) >> 64) as usize
+    }
+
     /// A direction in the plane.
     pub(crate) fn direction(&mut self) -> [f64; 2] {
         let (sin, cos) = libm::sincos(self.uniform(0.0, TAU));

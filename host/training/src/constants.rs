@@ -80,3 +80,9 @@ pub(crate) const SCORED_SHEAR_N: f32 = 0.2;
 
 /// Pairs in the golden file.
 pub(crate) const GOLDEN_SAMPLES: usize = 12;
+
+/// Layout of the shards; another one is refused.
+pub(crate) const DATA_VERSION: u32 = 1;
+
+/// Samples in a shard, drawn from one stream of the simulation: a second of work and 5 MB.
+pub(crate) const SHARD_SAMPLES: usize = 250;

@@ -1,8 +1,9 @@
-//! Samples of the simulated world, generated once per split and seed and kept in a file, because rendering
-//! would otherwise compete with training for the same cores. The file's manifest holds a fingerprint of the
-//! world: when the simulation changes, the file is refused rather than silently used.
+//! Samples of the simulated world on disk and in memory. Each split has a folder of shards, one stream of the
+//! simulation each, and a manifest; a shard follows from seed, split and number alone, so an interrupted
+//! `generate` goes on where it stopped and ends with the same bytes. Shards of another world are refused rather
+//! than silently used. Images in grey levels, forces in newtons per taxel.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -10,51 +11,26 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use gripline_network::ForceMap;
 use gripline_network::constants::{IMAGE_PIXELS, IMAGE_SIDE, MAP_SIDE, TAXELS};
 use gripline_network::image::Image88;
-use gripline_simulation::{Sample, SampleGenerator};
+use gripline_simulation::contact_world::CellState;
+use gripline_simulation::{Counts, Sample, SampleGenerator, SampleWorld, Split};
 use indicatif::{ProgressBar, ProgressStyle};
 use safetensors::tensor::{Dtype, TensorView};
 use safetensors::{SafeTensors, serialize};
+use serde_json::{Value, json};
 
+use crate::constants::{DATA_VERSION, SHARD_SAMPLES};
 use crate::error::{TrainingError, at};
-
-/// Samples drawn from one stream of the simulation; streams run on different cores.
-const STREAM_SAMPLES: usize = 250;
-
-/// What a set of samples is for. No two share a stream of the simulation, so no particle pattern either.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Split {
-    /// Gradient steps.
-    Train,
-    /// Early stopping.
-    Validation,
-    /// The detector's thresholds.
-    Calibration,
-    /// What is reported.
-    Test,
-}
-
-impl Split {
-    fn name(self) -> &'static str {
-        match self {
-            Self::Train => "train",
-            Self::Validation => "validation",
-            Self::Calibration => "calibration",
-            Self::Test => "test",
-        }
-    }
-
-    /// The seed of a stream: user's seed, split and stream in bits of their own.
-    fn stream_seed(self, seed: u32, stream: usize) -> u64 {
-        (u64::from(seed) << 32) | ((self as u64) << 28) | stream as u64
-    }
-}
 
 /// Samples in memory: images as grey levels, forces in newtons per taxel.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Dataset {
+    /// One image per virtual sensor.
     rest: Vec<Image88>,
+    /// Which of them belongs to each sample.
+    rest_of: Vec<u32>,
     now: Vec<Image88>,
     forces_n: Vec<ForceMap>,
+    shapes: Vec<String>,
     world: String,
 }
 
@@ -64,7 +40,7 @@ impl Dataset {
     }
 
     pub(crate) fn rest(&self, index: usize) -> &Image88 {
-        &self.rest[index]
+        &self.rest[self.rest_of[index] as usize]
     }
 
     pub(crate) fn now(&self, index: usize) -> &Image88 {
@@ -75,6 +51,11 @@ impl Dataset {
         &self.forces_n[index]
     }
 
+    /// Name of the indenter, `none` where nothing touches.
+    pub(crate) fn shape(&self, index: usize) -> &str {
+        &self.shapes[index]
+    }
+
     /// Fingerprint of the world that made it.
     pub(crate) fn world(&self) -> &str {
         &self.world
@@ -82,7 +63,7 @@ impl Dataset {
 
     /// Mean and standard deviation of the rest images' grey levels.
     pub(crate) fn rest_levels(&self) -> (f64, f64) {
-        let count = (self.len() * IMAGE_PIXELS) as f64;
+        let count = (self.rest.len() * IMAGE_PIXELS) as f64;
         let (mut sum, mut squares) = (0.0, 0.0);
         for &pixel in self.rest.as_flattened() {
             sum += f64::from(pixel);
@@ -91,167 +72,372 @@ impl Dataset {
         let mean = sum / count;
         (mean, (squares / count - mean * mean).max(0.0).sqrt())
     }
-
-    fn from_samples(samples: impl IntoIterator<Item = Sample>, world: String) -> Self {
-        let mut set = Self {
-            rest: Vec::new(),
-            now: Vec::new(),
-            forces_n: Vec::new(),
-            world,
-        };
-        for sample in samples {
-            set.rest.push(sample.rest);
-            set.now.push(sample.now);
-            set.forces_n.push(sample.forces);
-        }
-        set
-    }
 }
 
-/// The split's samples: from the file in `directory` if it is there, generated (and kept there) otherwise.
-///
-/// # Errors
-/// When the file cannot be read or written, or holds something else.
-pub(crate) fn load_or_generate(
-    directory: &Path,
+/// Where a split's shards lie and what they are made from.
+#[derive(Debug, Clone)]
+pub(crate) struct Store {
+    directory: PathBuf,
     split: Split,
     seed: u32,
-    samples: usize,
-) -> Result<Dataset, TrainingError> {
-    let path = directory.join(format!("{}-{seed}-{samples}.safetensors", split.name()));
-    let world = world_fingerprint();
-    if path.exists() {
-        return read(&path, &world, samples);
-    }
-    std::fs::create_dir_all(directory).map_err(at(directory))?;
-    let set = generate(split, seed, samples, world);
-    write(&path, &set, split, seed)?;
-    Ok(set)
+    world: String,
 }
 
-/// Draws samples on all cores; which core draws what does not change them.
-fn generate(split: Split, seed: u32, samples: usize, world: String) -> Dataset {
-    let streams = samples.div_ceil(STREAM_SAMPLES);
-    let bar = ProgressBar::new(samples as u64)
-        .with_message(format!("generating {}", split.name()))
-        .with_style(
-            ProgressStyle::with_template("{msg} {bar:30} {pos}/{len} samples, {per_sec}, {eta} left")
-                .expect("the template is fixed"),
-        );
-    let next = AtomicUsize::new(0);
-    let done: Mutex<Vec<Option<Vec<Sample>>>> = Mutex::new((0..streams).map(|_| None).collect());
-    std::thread::scope(|scope| {
-        for _ in 0..std::thread::available_parallelism().map_or(1, usize::from) {
-            scope.spawn(|| {
-                loop {
-                    let stream = next.fetch_add(1, Ordering::Relaxed);
-                    if stream >= streams {
-                        break;
-                    }
-                    let count = STREAM_SAMPLES.min(samples - stream * STREAM_SAMPLES);
-                    let drawn = SampleGenerator::new(split.stream_seed(seed, stream))
-                        .take(count)
-                        .inspect(|_| bar.inc(1))
-                        .collect();
-                    done.lock().expect("no thread panics while it holds the lock")[stream] = Some(drawn);
-                }
-            });
+impl Store {
+    /// The shards of `split` under `data` for this seed and the world of `world_fingerprint`.
+    pub(crate) fn new(data: &Path, split: Split, seed: u32, world: &str) -> Self {
+        Self {
+            directory: data.join(format!("{}-{seed}", split.name())),
+            split,
+            seed,
+            world: world.to_owned(),
         }
-    });
-    bar.finish_and_clear();
-    let done = done.into_inner().expect("all threads have ended");
-    Dataset::from_samples(done.into_iter().flatten().flatten(), world)
+    }
+
+    fn shard_path(&self, shard: usize) -> PathBuf {
+        self.directory.join(format!("{shard:05}.safetensors"))
+    }
+
+    /// Makes the shards that are missing for at least `samples` samples, on all cores, and writes the manifest.
+    /// Which core makes what does not change it.
+    ///
+    /// # Errors
+    /// When a file cannot be read or written, or an existing shard is not what its name says.
+    pub(crate) fn generate(&self, samples: usize) -> Result<(), TrainingError> {
+        std::fs::create_dir_all(&self.directory).map_err(at(&self.directory))?;
+        let shards = samples.div_ceil(SHARD_SAMPLES);
+        let mut missing = Vec::new();
+        for shard in 0..shards {
+            if self.shard_path(shard).exists() {
+                self.manifest_of(shard)?;
+            } else {
+                missing.push(shard);
+            }
+        }
+        if !missing.is_empty() {
+            self.make(&missing)?;
+        }
+        self.write_manifest(shards)
+    }
+
+    fn make(&self, missing: &[usize]) -> Result<(), TrainingError> {
+        let world = SampleWorld::new()?;
+        let bar = ProgressBar::new((missing.len() * SHARD_SAMPLES) as u64)
+            .with_message(format!("generating {}", self.split.name()))
+            .with_style(
+                ProgressStyle::with_template("{msg} {bar:30} {pos}/{len} samples, {per_sec}, {eta} left")
+                    .expect("the template is fixed"),
+            );
+        let next = AtomicUsize::new(0);
+        let failed: Mutex<Option<TrainingError>> = Mutex::new(None);
+        std::thread::scope(|scope| {
+            for _ in 0..std::thread::available_parallelism().map_or(1, usize::from) {
+                scope.spawn(|| {
+                    while let Some(&shard) = missing.get(next.fetch_add(1, Ordering::Relaxed)) {
+                        let mut stream = SampleGenerator::new(&world, self.split, self.stream_seed(shard));
+                        let samples: Vec<Sample> = stream
+                            .by_ref()
+                            .take(SHARD_SAMPLES)
+                            .inspect(|_| bar.inc(1))
+                            .collect();
+                        if let Err(error) = self.write(shard, &samples, stream.counts()) {
+                            failed
+                                .lock()
+                                .expect("no thread panics while it holds the lock")
+                                .get_or_insert(error);
+                            next.store(missing.len(), Ordering::Relaxed);
+                        }
+                    }
+                });
+            }
+        });
+        bar.finish_and_clear();
+        match failed.into_inner().expect("all threads have ended") {
+            Some(error) => Err(error),
+            None => Ok(()),
+        }
+    }
+
+    /// The seed of a shard's stream: user's seed and shard in bits of their own.
+    fn stream_seed(&self, shard: usize) -> u64 {
+        (u64::from(self.seed) << 32) | shard as u64
+    }
+
+    fn write(&self, shard: usize, samples: &[Sample], counts: Counts) -> Result<(), TrainingError> {
+        let mut names: Vec<&str> = samples.iter().map(|sample| sample.shape).collect();
+        names.sort_unstable();
+        names.dedup();
+        let mut rest: Vec<(u64, &Image88)> = Vec::new();
+        let mut columns = Columns::default();
+        for sample in samples {
+            if rest.last().is_none_or(|(sensor, _)| *sensor != sample.sensor) {
+                rest.push((sample.sensor, &sample.rest));
+            }
+            columns.push(sample, rest.len() - 1, &names);
+        }
+        let images: Vec<u8> = rest.iter().flat_map(|(_, image)| **image).collect();
+        let (n, side) = (samples.len(), IMAGE_SIDE);
+        let views = [
+            ("rest", Dtype::U8, vec![rest.len(), side, side], &images),
+            ("rest_of", Dtype::U32, vec![n], &columns.rest_of),
+            ("now", Dtype::U8, vec![n, side, side], &columns.now),
+            (
+                "forces_n",
+                Dtype::F32,
+                vec![n, MAP_SIDE, MAP_SIDE, 3],
+                &columns.forces_n,
+            ),
+            ("states", Dtype::U8, vec![n, MAP_SIDE, MAP_SIDE], &columns.states),
+            ("friction", Dtype::F32, vec![n], &columns.friction),
+            ("stick_ratio", Dtype::F32, vec![n], &columns.stick_ratio),
+            ("gross_slip", Dtype::U8, vec![n], &columns.gross_slip),
+            ("shape", Dtype::U8, vec![n], &columns.shape),
+            ("sensor", Dtype::U64, vec![n], &columns.sensor),
+        ]
+        .map(|(name, dtype, shape, bytes)| {
+            let view = TensorView::new(dtype, shape, bytes);
+            (name, view.expect("the lengths follow from the shapes"))
+        });
+        let mut per_shape: BTreeMap<&str, usize> = BTreeMap::new();
+        for sample in samples {
+            *per_shape.entry(sample.shape).or_default() += 1;
+        }
+        let manifest = json!({
+            "version": DATA_VERSION,
+            "world": self.world,
+            "split": self.split.name(),
+            "seed": self.seed,
+            "shard": shard,
+            "samples": n,
+            "shape_names": names,
+            "samples_of_shape": per_shape,
+            "histories": counts.histories,
+            "steps": counts.steps,
+            "rejected_unsolved": counts.unsolved,
+            "rejected_off_surface": counts.off_surface,
+            "rejected_overstrained": counts.overstrained,
+        });
+        // One entry: the order of several is not the same from run to run.
+        let manifest = HashMap::from([("manifest".to_owned(), manifest.to_string())]);
+        let bytes = serialize(views, Some(manifest)).expect("every view was checked");
+        replace(&self.shard_path(shard), &bytes)
+    }
+
+    /// The manifest in a shard's file, if it is the shard that its name says.
+    fn manifest_of(&self, shard: usize) -> Result<Value, TrainingError> {
+        use std::io::Read;
+        let path = self.shard_path(shard);
+        let wrong = |problem: String| TrainingError::Data {
+            path: path.clone(),
+            problem,
+        };
+        let mut file = std::fs::File::open(&path).map_err(at(&path))?;
+        let mut length = [0; 8];
+        file.read_exact(&mut length).map_err(at(&path))?;
+        let mut header = Vec::new();
+        file.take(u64::from_le_bytes(length).min(1 << 20))
+            .read_to_end(&mut header)
+            .map_err(at(&path))?;
+        let header: Value = serde_json::from_slice(&header).map_err(|error| wrong(error.to_string()))?;
+        let text = header["__metadata__"]["manifest"].as_str().unwrap_or_default();
+        let found: Value = serde_json::from_str(text).map_err(|_| wrong("no manifest in it".to_owned()))?;
+        for (key, expected) in [
+            ("version", json!(DATA_VERSION)),
+            ("world", json!(self.world)),
+            ("split", json!(self.split.name())),
+            ("seed", json!(self.seed)),
+            ("shard", json!(shard)),
+            ("samples", json!(SHARD_SAMPLES)),
+        ] {
+            if found[key] != expected {
+                return Err(wrong(format!("`{key}` is {}, expected {expected}", found[key])));
+            }
+        }
+        Ok(found)
+    }
+
+    /// `manifest.json`: the sum over the first `shards` shards.
+    fn write_manifest(&self, shards: usize) -> Result<(), TrainingError> {
+        let mut sums: BTreeMap<String, u64> = BTreeMap::new();
+        let mut per_shape: BTreeMap<String, u64> = BTreeMap::new();
+        for shard in 0..shards {
+            let found = self.manifest_of(shard)?;
+            for key in [
+                "samples",
+                "histories",
+                "steps",
+                "rejected_unsolved",
+                "rejected_off_surface",
+                "rejected_overstrained",
+            ] {
+                *sums.entry(key.to_owned()).or_default() += found[key].as_u64().unwrap_or(0);
+            }
+            for (name, count) in found["samples_of_shape"].as_object().into_iter().flatten() {
+                *per_shape.entry(name.clone()).or_default() += count.as_u64().unwrap_or(0);
+            }
+        }
+        let manifest = json!({
+            "version": DATA_VERSION,
+            "world": self.world,
+            "split": self.split.name(),
+            "seed": self.seed,
+            "shards": shards,
+            "totals": sums,
+            "samples_of_shape": per_shape,
+        });
+        let text = format!("{manifest:#}\n");
+        replace(&self.directory.join("manifest.json"), text.as_bytes())
+    }
+
+    /// The first `samples` samples, generated if they are not there.
+    ///
+    /// # Errors
+    /// Those of [`Self::generate`].
+    pub(crate) fn load(&self, samples: usize) -> Result<Dataset, TrainingError> {
+        self.generate(samples)?;
+        let mut set = Dataset {
+            rest: Vec::new(),
+            rest_of: Vec::new(),
+            now: Vec::new(),
+            forces_n: Vec::new(),
+            shapes: Vec::new(),
+            world: self.world.clone(),
+        };
+        for shard in 0..samples.div_ceil(SHARD_SAMPLES) {
+            self.read_into(shard, &mut set)?;
+        }
+        set.rest_of.truncate(samples);
+        set.now.truncate(samples);
+        set.forces_n.truncate(samples);
+        set.shapes.truncate(samples);
+        Ok(set)
+    }
+
+    fn read_into(&self, shard: usize, set: &mut Dataset) -> Result<(), TrainingError> {
+        let path = self.shard_path(shard);
+        let wrong = |problem: String| TrainingError::Data {
+            path: path.clone(),
+            problem,
+        };
+        let manifest = self.manifest_of(shard)?;
+        let bytes = std::fs::read(&path).map_err(at(&path))?;
+        let file = SafeTensors::deserialize(&bytes).map_err(|error| wrong(error.to_string()))?;
+        // The count of rest images is the file's own.
+        let tensor = |name: &str, dtype: Dtype, shape: &[usize]| match file.tensor(name) {
+            Ok(view)
+                if view.dtype() == dtype
+                    && view.shape().len() == shape.len()
+                    && view.shape()[1..] == shape[1..] =>
+            {
+                Ok(view.data())
+            }
+            Ok(view) => Err(wrong(format!(
+                "`{name}` is {:?} {:?}, expected {dtype:?} {shape:?}",
+                view.dtype(),
+                view.shape()
+            ))),
+            Err(_) => Err(wrong(format!("`{name}` is missing"))),
+        };
+        let n = SHARD_SAMPLES;
+        let images = [n, IMAGE_SIDE, IMAGE_SIDE];
+        let rest = tensor("rest", Dtype::U8, &images)?.as_chunks().0;
+        let now = tensor("now", Dtype::U8, &images)?.as_chunks().0;
+        let rest_of: &[[u8; 4]] = tensor("rest_of", Dtype::U32, &[n])?.as_chunks().0;
+        let forces = tensor("forces_n", Dtype::F32, &[n, MAP_SIDE, MAP_SIDE, 3])?;
+        let forces: Vec<f32> = forces
+            .as_chunks()
+            .0
+            .iter()
+            .map(|bytes| f32::from_le_bytes(*bytes))
+            .collect();
+        let forces = forces.as_chunks().0.as_chunks::<TAXELS>().0;
+        let shapes = tensor("shape", Dtype::U8, &[n])?;
+        if [now.len(), rest_of.len(), forces.len(), shapes.len()] != [n; 4] {
+            return Err(wrong(format!("its tensors do not all hold {n} samples")));
+        }
+        let first = set.rest.len();
+        for index in rest_of {
+            let index = u32::from_le_bytes(*index) as usize;
+            if index >= rest.len() {
+                return Err(wrong(format!("`rest_of` names image {index} of {}", rest.len())));
+            }
+            set.rest_of.push((first + index) as u32);
+        }
+        for &shape in shapes {
+            let name = manifest["shape_names"][usize::from(shape)].as_str();
+            set.shapes.push(
+                name.ok_or_else(|| wrong(format!("`shape` {shape} has no name")))?
+                    .to_owned(),
+            );
+        }
+        set.rest.extend_from_slice(rest);
+        set.now.extend_from_slice(now);
+        set.forces_n.extend_from_slice(forces);
+        Ok(())
+    }
+}
+
+/// A shard's tensors as bytes, sample by sample.
+#[derive(Default)]
+struct Columns {
+    rest_of: Vec<u8>,
+    now: Vec<u8>,
+    forces_n: Vec<u8>,
+    states: Vec<u8>,
+    friction: Vec<u8>,
+    stick_ratio: Vec<u8>,
+    gross_slip: Vec<u8>,
+    shape: Vec<u8>,
+    sensor: Vec<u8>,
+}
+
+impl Columns {
+    fn push(&mut self, sample: &Sample, rest: usize, names: &[&str]) {
+        // Not a number where nothing touches.
+        let value = |value: Option<f64>| value.map_or(f32::NAN, |value| value as f32).to_le_bytes();
+        self.rest_of.extend((rest as u32).to_le_bytes());
+        self.now.extend(sample.now);
+        let forces = sample.forces.as_flattened();
+        self.forces_n
+            .extend(forces.iter().flat_map(|force| force.to_le_bytes()));
+        self.states.extend(sample.states.map(|state| match state {
+            CellState::Free => 0,
+            CellState::Stick => 1,
+            CellState::Slip => 2,
+        }));
+        self.friction.extend(value(sample.friction));
+        self.stick_ratio.extend(value(sample.true_stick_ratio));
+        self.gross_slip.push(u8::from(sample.gross_slip));
+        let shape = names.iter().position(|name| *name == sample.shape);
+        self.shape
+            .push(shape.expect("the names are those of the samples") as u8);
+        self.sensor.extend(sample.sensor.to_le_bytes());
+    }
 }
 
 /// CRC-32 of a few samples of a fixed stream: changes whenever the world does.
-fn world_fingerprint() -> String {
+///
+/// # Errors
+/// When the world cannot be made.
+pub(crate) fn world_fingerprint() -> Result<String, TrainingError> {
     let crc = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC);
     let mut digest = crc.digest();
-    for sample in SampleGenerator::new(0x0677_2069).take(4) {
+    let world = SampleWorld::new()?;
+    for sample in SampleGenerator::new(&world, Split::Test, 0x0677_2069).take(8) {
         digest.update(&sample.rest);
         digest.update(&sample.now);
         for value in sample.forces.as_flattened() {
             digest.update(&value.to_le_bytes());
         }
     }
-    format!("{:08x}", digest.finalize())
+    Ok(format!("{:08x}", digest.finalize()))
 }
 
-fn write(path: &Path, set: &Dataset, split: Split, seed: u32) -> Result<(), TrainingError> {
-    let forces: Vec<u8> = set
-        .forces_n
-        .as_flattened()
-        .as_flattened()
-        .iter()
-        .flat_map(|value| value.to_le_bytes())
-        .collect();
-    let images = vec![set.len(), IMAGE_SIDE, IMAGE_SIDE];
-    let maps = vec![set.len(), MAP_SIDE, MAP_SIDE, 3];
-    let views = [
-        (
-            "rest",
-            TensorView::new(Dtype::U8, images.clone(), set.rest.as_flattened()),
-        ),
-        ("now", TensorView::new(Dtype::U8, images, set.now.as_flattened())),
-        ("forces_n", TensorView::new(Dtype::F32, maps, &forces)),
-    ]
-    .map(|(name, view)| (name, view.expect("the lengths follow from the shapes")));
-    let manifest = [
-        ("world", set.world.clone()),
-        ("split", split.name().to_owned()),
-        ("seed", seed.to_string()),
-        ("samples", set.len().to_string()),
-    ];
-    let manifest: HashMap<String, String> = manifest
-        .into_iter()
-        .map(|(key, value)| (key.to_owned(), value))
-        .collect();
-    let bytes = serialize(views, Some(manifest)).expect("every view was checked");
-    // Under another name first, so that an interrupted run leaves no half file.
+/// Writes under another name first, so that an interrupted run leaves no half file.
+fn replace(path: &Path, bytes: &[u8]) -> Result<(), TrainingError> {
     let part = path.with_extension("part");
     std::fs::write(&part, bytes).map_err(at(&part))?;
     std::fs::rename(&part, path).map_err(at(path))
-}
-
-fn read(path: &Path, world: &str, samples: usize) -> Result<Dataset, TrainingError> {
-    let wrong = |problem: String| TrainingError::Data {
-        path: PathBuf::from(path),
-        problem,
-    };
-    let bytes = std::fs::read(path).map_err(at(path))?;
-    let (_, header) = SafeTensors::read_metadata(&bytes).map_err(|error| wrong(error.to_string()))?;
-    let found = header
-        .metadata()
-        .as_ref()
-        .and_then(|manifest| manifest.get("world"))
-        .cloned();
-    if found.as_deref() != Some(world) {
-        return Err(wrong(format!("made by world {found:?}, expected {world}")));
-    }
-    let file = SafeTensors::deserialize(&bytes).map_err(|error| wrong(error.to_string()))?;
-    let tensor = |name: &str, dtype: Dtype, shape: &[usize]| match file.tensor(name) {
-        Ok(view) if view.dtype() == dtype && view.shape() == shape => Ok(view.data()),
-        Ok(view) => Err(wrong(format!(
-            "`{name}` is {:?} {:?}, expected {dtype:?} {shape:?}",
-            view.dtype(),
-            view.shape()
-        ))),
-        Err(_) => Err(wrong(format!("`{name}` is missing"))),
-    };
-    let images = [samples, IMAGE_SIDE, IMAGE_SIDE];
-    let forces = tensor("forces_n", Dtype::F32, &[samples, MAP_SIDE, MAP_SIDE, 3])?;
-    let forces: Vec<f32> = forces
-        .as_chunks()
-        .0
-        .iter()
-        .map(|bytes| f32::from_le_bytes(*bytes))
-        .collect();
-    Ok(Dataset {
-        rest: tensor("rest", Dtype::U8, &images)?.as_chunks().0.to_vec(),
-        now: tensor("now", Dtype::U8, &images)?.as_chunks().0.to_vec(),
-        forces_n: forces.as_chunks().0.as_chunks::<TAXELS>().0.to_vec(),
-        world: world.to_owned(),
-    })
 }
 
 #[cfg(test)]
@@ -262,8 +448,10 @@ impl Dataset {
         let mut image = || std::array::from_fn(|_| dice.below(256) as u8);
         Self {
             rest: (0..samples).map(|_| image()).collect(),
+            rest_of: (0..samples as u32).collect(),
             now: (0..samples).map(|_| image()).collect(),
             forces_n: vec![[[0.0; 3]; TAXELS]; samples],
+            shapes: vec!["none".to_owned(); samples],
             world: "noise".to_owned(),
         }
     }
@@ -274,36 +462,50 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_written_set_reads_back_and_another_worlds_is_refused() {
+    fn an_interrupted_set_is_completed_to_the_same_bytes_and_another_worlds_is_refused() {
         let directory = tempfile::tempdir().unwrap();
-        let path = directory.path().join("test-1-3.safetensors");
-        let set = Dataset::from_samples(SampleGenerator::new(1).take(3), "0123abcd".to_owned());
-        write(&path, &set, Split::Test, 1).unwrap();
-        assert_eq!(read(&path, "0123abcd", 3).unwrap(), set);
-        let error = read(&path, "0123abce", 3).unwrap_err().to_string();
+        let store = Store::new(directory.path(), Split::Test, 3, "0123abcd");
+        let samples = SHARD_SAMPLES + 10;
+        let set = store.load(samples).unwrap();
+        assert_eq!(set.len(), samples);
+        assert!(set.rest.len() < samples / 4, "{} sensors", set.rest.len());
+
+        let second = store.shard_path(1);
+        let bytes = std::fs::read(&second).unwrap();
+        let manifest = std::fs::read(store.directory.join("manifest.json")).unwrap();
+        std::fs::remove_file(&second).unwrap();
+        std::fs::write(second.with_extension("part"), &bytes[..1000]).unwrap();
+        assert_eq!(store.load(samples).unwrap(), set);
+        assert_eq!(std::fs::read(&second).unwrap(), bytes);
+        assert_eq!(
+            std::fs::read(store.directory.join("manifest.json")).unwrap(),
+            manifest
+        );
+        let manifest: Value = serde_json::from_slice(&manifest).unwrap();
+        assert_eq!(manifest["totals"]["samples"], json!(2 * SHARD_SAMPLES));
+        assert_eq!(manifest["totals"]["rejected_unsolved"], json!(0));
+
+        let other = Store::new(directory.path(), Split::Test, 3, "0123abce");
+        let error = other.load(10).unwrap_err().to_string();
         assert!(
             error.contains("0123abcd") && error.contains("0123abce") && !error.contains('\n'),
             "{error}"
         );
-        let error = read(&path, "0123abcd", 4).unwrap_err().to_string();
-        assert!(
-            error.contains("[3, 88, 88]") || error.contains("[3, 20, 20, 3]"),
-            "{error}"
-        );
+        std::fs::write(&second, &bytes[..bytes.len() / 2]).unwrap();
+        let error = store.load(samples).unwrap_err().to_string();
+        assert!(error.contains("00001.safetensors"), "{error}");
     }
 
     #[test]
-    fn no_two_splits_share_a_stream_of_the_simulation() {
-        let splits = [Split::Train, Split::Validation, Split::Calibration, Split::Test];
-        let mut seeds = Vec::new();
-        for split in splits {
-            for seed in 0..3 {
-                seeds.extend((0..400).map(|stream| split.stream_seed(seed, stream)));
-            }
+    fn a_loaded_sample_is_the_streams() {
+        let directory = tempfile::tempdir().unwrap();
+        let store = Store::new(directory.path(), Split::Calibration, 2, "world");
+        let set = store.load(SHARD_SAMPLES).unwrap();
+        let world = SampleWorld::new().unwrap();
+        let stream = SampleGenerator::new(&world, Split::Calibration, store.stream_seed(0));
+        for (i, sample) in stream.take(60).enumerate() {
+            assert!(*set.rest(i) == sample.rest && *set.now(i) == sample.now);
+            assert!(*set.forces_n(i) == sample.forces && set.shape(i) == sample.shape);
         }
-        let count = seeds.len();
-        seeds.sort_unstable();
-        seeds.dedup();
-        assert_eq!(seeds.len(), count);
     }
 }

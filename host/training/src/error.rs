@@ -13,14 +13,17 @@ pub(crate) enum TrainingError {
         /// Why.
         source: std::io::Error,
     },
-    /// A cached data set that is not what its name says.
-    #[error("{path}: {problem}; delete it, it will be generated anew")]
+    /// A shard that is not what its name says.
+    #[error("{path}: {problem}; delete its folder, it will be generated anew")]
     Data {
         /// Which.
         path: PathBuf,
         /// What was found and expected.
         problem: String,
     },
+    /// The simulated world refused what samples are drawn from.
+    #[error(transparent)]
+    World(#[from] gripline_simulation::SimulationError),
     /// A weights file that cannot be used.
     #[error(transparent)]
     Weights(#[from] gripline_network::WeightsError),

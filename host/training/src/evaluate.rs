@@ -1,12 +1,14 @@
-//! How good a weights file is on samples whose particle patterns and contacts were never trained on,
-//! computed by the engine that runs it, not by the training framework.
+//! How good a weights file is on shapes and sensors that were never trained on, computed by the engine that runs
+//! it, not by the training framework.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use gripline_network::{Calibration, ForceNetwork};
+use gripline_simulation::Split;
 use serde_json::json;
 
-use crate::dataset::{Dataset, Split, load_or_generate};
+use crate::dataset::{Dataset, Store, world_fingerprint};
 use crate::error::TrainingError;
 use crate::metrics::{Pair, Scores};
 
@@ -22,8 +24,18 @@ pub(crate) fn evaluate(
         Some(path) => ForceNetwork::from_file(path)?,
         None => ForceNetwork::embedded()?,
     };
-    let set = load_or_generate(data, Split::Test, seed, samples)?;
-    let scores = Scores::new(&predict(&mut engine, &set), engine.calibration());
+    let set = Store::new(data, Split::Test, seed, &world_fingerprint()?).load(samples)?;
+    let pairs = predict(&mut engine, &set);
+    let scores = Scores::new(&pairs, engine.calibration());
+    let mut of_shape: BTreeMap<&str, Vec<Pair>> = BTreeMap::new();
+    for (sample, pair) in pairs.into_iter().enumerate() {
+        of_shape.entry(set.shape(sample)).or_default().push(pair);
+    }
+    of_shape.remove("none");
+    let of_shape: BTreeMap<&str, Scores> = of_shape
+        .into_iter()
+        .map(|(shape, pairs)| (shape, Scores::new(&pairs, engine.calibration())))
+        .collect();
     let Calibration {
         contact_min_n,
         friction,
@@ -34,12 +46,17 @@ pub(crate) fn evaluate(
             "friction": friction,
             "manifest": engine.manifest(),
             "scores": scores.to_json(),
+            "scores_of_shape": of_shape.iter().map(|(shape, scores)| (*shape, scores.to_json())).collect::<BTreeMap<_, _>>(),
         });
         println!("{report}");
     } else {
         println!("contact above {contact_min_n} N per taxel, friction {friction:.4}");
         println!("trained: {}", engine.manifest());
         print!("{}", scores.to_table());
+        println!("by shape      {}", Scores::LINE_HEADER);
+        for (shape, scores) in of_shape {
+            println!("  {shape:12}{}", scores.to_line());
+        }
     }
     Ok(())
 }

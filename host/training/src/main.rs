@@ -20,7 +20,10 @@ use std::process::ExitCode;
 use std::time::Duration;
 
 use clap::{Parser, Subcommand};
+use gripline_simulation::Split;
 
+use crate::constants::LEARNING_RATE;
+use crate::dataset::{Store, world_fingerprint};
 use crate::error::TrainingError;
 use crate::train::{Places, Plan};
 
@@ -35,7 +38,7 @@ struct Arguments {
     #[arg(long, global = true, default_value_t = 1)]
     seed: u32,
     /// Samples in each held-out set: validation, calibration, test.
-    #[arg(long, global = true, default_value_t = 1500, value_parser = clap::value_parser!(u32).range(100..=100_000))]
+    #[arg(long, global = true, default_value_t = 3000, value_parser = clap::value_parser!(u32).range(100..=100_000))]
     held_out: u32,
     #[command(subcommand)]
     command: Command,
@@ -43,10 +46,17 @@ struct Arguments {
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    /// Make the samples of all four splits (train and evaluate make what is missing too). Resumable: an
+    /// interrupted run loses the shards in the making, one a core, and the next one ends with the same bytes.
+    Generate {
+        /// Samples to train on; each stands for eight by symmetry.
+        #[arg(long, default_value_t = 40_000, value_parser = clap::value_parser!(u32).range(32..=1_000_000))]
+        samples: u32,
+    },
     /// Train, calibrate, and write OUT/weights/unet.safetensors and OUT/golden/unet.safetensors.
     Train {
         /// Samples to train on; each stands for eight by symmetry.
-        #[arg(long, default_value_t = 20_000, value_parser = clap::value_parser!(u32).range(32..=1_000_000))]
+        #[arg(long, default_value_t = 40_000, value_parser = clap::value_parser!(u32).range(32..=1_000_000))]
         samples: u32,
         /// Gradient steps of 32 samples.
         #[arg(long, default_value_t = 20_000, value_parser = clap::value_parser!(u32).range(1..=10_000_000))]
@@ -57,6 +67,9 @@ enum Command {
         /// Validations (40 in a run) without improvement before training stops.
         #[arg(long, default_value_t = 12, value_parser = clap::value_parser!(u32).range(1..=1000))]
         patience: u32,
+        /// Peak of the learning rate; less when training goes on from weights that are good already.
+        #[arg(long, default_value_t = LEARNING_RATE)]
+        rate: f64,
         /// Start from these weights instead of random ones.
         #[arg(long)]
         from: Option<PathBuf>,
@@ -94,11 +107,24 @@ fn run(arguments: &Arguments) -> Result<(), TrainingError> {
         command,
     } = arguments;
     match command {
+        Command::Generate { samples } => {
+            let world = world_fingerprint()?;
+            for split in Split::ALL {
+                let count = if split == Split::Train { samples } else { held_out };
+                Store::new(data, split, *seed, &world).generate(*count as usize)?;
+            }
+            println!(
+                "{} holds world {world}, seed {seed}; see manifest.json in each folder",
+                data.display()
+            );
+            Ok(())
+        }
         Command::Train {
             samples,
             steps,
             minutes,
             patience,
+            rate,
             from,
             out,
         } => {
@@ -109,6 +135,7 @@ fn run(arguments: &Arguments) -> Result<(), TrainingError> {
                 steps: *steps as usize,
                 budget: minutes.map(|minutes| Duration::from_secs(60 * u64::from(minutes))),
                 patience: *patience as usize,
+                rate: *rate,
             };
             train::train(
                 &plan,

@@ -1,6 +1,7 @@
 //! How good predicted maps are, in the terms that the detector and the reports use. Pure arithmetic over
-//! pairs of maps in newtons.
+//! pairs of maps in newtons. Taxel errors and stick ratios count samples of at least half a newton.
 
+use gripline_network::constants::TAXELS;
 use gripline_network::{Calibration, ForceMap};
 use serde_json::{Value, json};
 
@@ -27,9 +28,13 @@ pub(crate) fn stick_ratio(map: &ForceMap, contact_min_n: f32, friction: f32) -> 
 
 /// Stick ratios of the pairs whose true map has enough taxels in contact: (predicted, true). The true map is
 /// read with the paper's friction; a predicted map without contact sticks nowhere.
-fn stick_ratios(pairs: &[Pair], contact_min_n: f32, friction: f32) -> Vec<(f64, f64)> {
+fn stick_ratios<'a>(
+    pairs: impl IntoIterator<Item = &'a Pair>,
+    contact_min_n: f32,
+    friction: f32,
+) -> Vec<(f64, f64)> {
     pairs
-        .iter()
+        .into_iter()
         .filter_map(|pair| {
             let (truth, contact) = stick_ratio(&pair.truth, contact_min_n, DETECTOR_FRICTION);
             let (predicted, _) = stick_ratio(&pair.predicted, contact_min_n, friction);
@@ -40,9 +45,16 @@ fn stick_ratios(pairs: &[Pair], contact_min_n: f32, friction: f32) -> Vec<(f64, 
         .collect()
 }
 
+/// The pairs of at least half a newton.
+fn loaded(pairs: &[Pair]) -> Vec<&Pair> {
+    let strong = |pair: &&Pair| total(&pair.truth)[2] >= f64::from(SCORED_NORMAL_N);
+    pairs.iter().filter(strong).collect()
+}
+
 /// Chooses the detector's contact threshold and friction: for every threshold the friction without bias in
 /// the stick ratio, then the threshold with the smallest error.
 pub(crate) fn calibrate(pairs: &[Pair]) -> Calibration {
+    let loaded = loaded(pairs);
     let mut best = (
         f64::INFINITY,
         Calibration {
@@ -51,7 +63,7 @@ pub(crate) fn calibrate(pairs: &[Pair]) -> Calibration {
         },
     );
     for contact_min_n in CONTACT_MINS_N {
-        let scored = |friction: f32| stick_ratios(pairs, contact_min_n, friction);
+        let scored = |friction: f32| stick_ratios(loaded.iter().copied(), contact_min_n, friction);
         let bias = |ratios: &[(f64, f64)]| mean(ratios.iter().map(|(predicted, truth)| predicted - truth));
         // The ratio grows with the friction, so the bias has one zero; steps of 0.0025 around 0.45.
         let Some((friction, ratios)) = (140..=200)
@@ -82,7 +94,7 @@ pub(crate) struct Scores {
     pub(crate) samples: usize,
     /// Σ(error²)/Σ(truth²) per sample, mean over samples in contact.
     pub(crate) relative_squared_error: f64,
-    /// Root mean square error of x, y, z, newtons per taxel.
+    /// Root mean square error of x, y, z over samples of at least half a newton, newtons per taxel.
     pub(crate) rmse_n: [f64; 3],
     /// The same in shares of the 99th percentile of the component's magnitude.
     pub(crate) rmse_of_p99: [f64; 3],
@@ -98,6 +110,8 @@ pub(crate) struct Scores {
     pub(crate) stick_ratio_error_uncalibrated: f64,
     /// Share of samples whose decision SR < 0.5 is the true map's.
     pub(crate) slip_agreement: f64,
+    /// The same without calibration of the friction.
+    pub(crate) slip_agreement_uncalibrated: f64,
     /// Share of samples whose true map says slip.
     pub(crate) slip_share: f64,
     /// Mean absolute total normal force where nothing touches, newtons.
@@ -126,27 +140,29 @@ impl Scores {
                 }
             }
         }
+        let loaded = loaded(pairs);
         let component = |component: usize| {
             let taxels = || {
-                pairs
+                loaded
                     .iter()
                     .flat_map(move |pair| pair.truth.iter().zip(&pair.predicted))
             };
             let error = taxels().map(|(truth, predicted)| predicted[component] - truth[component]);
-            let rmse = (squares(error) / (pairs.len() * pairs[0].truth.len()) as f64).sqrt();
+            let rmse = (squares(error) / (loaded.len() * TAXELS) as f64).sqrt();
             let magnitudes = taxels()
                 .map(|(truth, _)| f64::from(truth[component].abs()))
                 .collect();
             (rmse, rmse / percentile(magnitudes, 0.99))
         };
         let components = [0, 1, 2].map(component);
-        let ratios = stick_ratios(pairs, contact_min_n, friction);
-        let uncalibrated = stick_ratios(pairs, contact_min_n, DETECTOR_FRICTION);
+        let ratios = stick_ratios(loaded.iter().copied(), contact_min_n, friction);
+        let uncalibrated = stick_ratios(loaded.iter().copied(), contact_min_n, DETECTOR_FRICTION);
         let absolute =
             |ratios: &[(f64, f64)]| mean(ratios.iter().map(|(predicted, truth)| (predicted - truth).abs()));
-        let share = |on: fn(&(f64, f64)) -> bool| {
+        let share = |ratios: &[(f64, f64)], on: fn(&(f64, f64)) -> bool| {
             ratios.iter().filter(|ratios| on(ratios)).count() as f64 / ratios.len() as f64
         };
+        let agrees = |(predicted, truth): &(f64, f64)| (*predicted < 0.5) == (*truth < 0.5);
         Self {
             samples: pairs.len(),
             relative_squared_error: mean(relative.into_iter()),
@@ -157,8 +173,9 @@ impl Scores {
             stick_ratio_error: absolute(&ratios),
             stick_ratio_bias: mean(ratios.iter().map(|(predicted, truth)| predicted - truth)),
             stick_ratio_error_uncalibrated: absolute(&uncalibrated),
-            slip_agreement: share(|(predicted, truth)| (*predicted < 0.5) == (*truth < 0.5)),
-            slip_share: share(|(_, truth)| *truth < 0.5),
+            slip_agreement: share(&ratios, agrees),
+            slip_agreement_uncalibrated: share(&uncalibrated, agrees),
+            slip_share: share(&ratios, |(_, truth)| *truth < 0.5),
             untouched_normal_n: mean(untouched.into_iter()),
         }
     }
@@ -178,10 +195,26 @@ impl Scores {
             "stick_ratio_bias": self.stick_ratio_bias,
             "stick_ratio_mae_uncalibrated": self.stick_ratio_error_uncalibrated,
             "slip_agreement": self.slip_agreement,
+            "slip_agreement_uncalibrated": self.slip_agreement_uncalibrated,
             "slip_share": self.slip_share,
             "untouched_normal_n": self.untouched_normal_n,
         })
     }
+
+    /// The main scores in a line, under [`Self::LINE_HEADER`].
+    pub(crate) fn to_line(&self) -> String {
+        format!(
+            "{:7} {:7.1} % {:7.1} % {:9.3} {:8.1} %",
+            self.samples,
+            100.0 * self.normal_error[0],
+            100.0 * self.shear_error[0],
+            self.stick_ratio_error,
+            100.0 * self.slip_agreement
+        )
+    }
+
+    /// What stands over the numbers of [`Self::to_line`].
+    pub(crate) const LINE_HEADER: &str = "samples       F_N       F_T  SR error  SR < 0.5";
 
     /// The scores as a table, one measure a line.
     pub(crate) fn to_table(&self) -> String {
@@ -211,6 +244,7 @@ impl Scores {
                 format!("{:.3} mean absolute", self.stick_ratio_error_uncalibrated),
             ),
             ("SR < 0.5 as the true map", percent(self.slip_agreement)),
+            ("  with friction 0.45", percent(self.slip_agreement_uncalibrated)),
             ("  samples that slip", percent(self.slip_share)),
             (
                 "untouched normal force",

@@ -9,15 +9,16 @@ use burn::optim::{AdamWConfig, GradientsParams, ModuleOptimizer};
 use burn::tensor::Device;
 use gripline_network::weights::{Scaling, Weights, Widths};
 use gripline_network::{Calibration, ForceNetwork};
+use gripline_simulation::Split;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::json;
 
 use crate::batch;
 use crate::constants::{
-    BATCH, DETECTOR_FRICTION, DIFFERENCE_PER_LEVEL, LEARNING_RATE, NEWTONS_PER_OUTPUT, REST_DEVIATION,
-    WARM_UP, WEIGHT_DECAY, WIDTHS,
+    BATCH, DETECTOR_FRICTION, DIFFERENCE_PER_LEVEL, NEWTONS_PER_OUTPUT, REST_DEVIATION, WARM_UP,
+    WEIGHT_DECAY, WIDTHS,
 };
-use crate::dataset::{Dataset, Split, load_or_generate};
+use crate::dataset::{Dataset, Store, world_fingerprint};
 use crate::dice::Dice;
 use crate::error::{TrainingError, at};
 use crate::evaluate::predict;
@@ -35,6 +36,8 @@ pub(crate) struct Plan {
     pub(crate) steps: usize,
     pub(crate) budget: Option<Duration>,
     pub(crate) patience: usize,
+    /// Peak of the learning rate.
+    pub(crate) rate: f64,
 }
 
 /// Where things are.
@@ -50,7 +53,8 @@ const VALIDATIONS: usize = 40;
 
 /// Trains, calibrates, and writes `unet.safetensors` into `out/weights` and `out/golden`.
 pub(crate) fn train(plan: &Plan, places: Places<'_>) -> Result<(), TrainingError> {
-    let get = |split, samples| load_or_generate(places.data, split, plan.seed, samples);
+    let world = world_fingerprint()?;
+    let get = |split, samples| Store::new(places.data, split, plan.seed, &world).load(samples);
     let sets = Sets {
         train: get(Split::Train, plan.samples)?,
         validation: get(Split::Validation, plan.held_out)?,
@@ -96,7 +100,7 @@ pub(crate) fn train(plan: &Plan, places: Places<'_>) -> Result<(), TrainingError
     } = weights.calibration;
     println!("calibration: contact above {contact_min_n} N per taxel, friction {friction:.4}");
     println!(
-        "test, patterns and contacts never trained on:\n{}",
+        "test, shapes and sensors never trained on:\n{}",
         scores.to_table()
     );
     println!("wrote {} and {}", weights_path.display(), golden_path.display());
@@ -204,7 +208,7 @@ fn fit(
         }
         let samples = order.split_off(order.len() - BATCH);
         let [input, truth] = batch::augmented(&sets.train, &samples, scaling, device, &mut dice);
-        let batch_loss = trainer.step(input, truth, learning_rate(progress));
+        let batch_loss = trainer.step(input, truth, plan.rate * schedule(progress));
         running_loss = Some(running_loss.map_or(batch_loss, |loss: f32| 0.98 * loss + 0.02 * batch_loss));
         step += 1;
         bar.set_position(step as u64);
@@ -218,17 +222,13 @@ fn fit(
     })
 }
 
-/// One cycle: a cosine up from a twenty-fifth, a cosine down to a hundredth of the peak.
-fn learning_rate(progress: f64) -> f64 {
+/// One cycle, in shares of the peak rate: a cosine up from a twenty-fifth, a cosine down to a hundredth.
+fn schedule(progress: f64) -> f64 {
     let ease = |from: f64, to: f64, t: f64| to + (from - to) * (1.0 + (std::f64::consts::PI * t).cos()) / 2.0;
     if progress < WARM_UP {
-        ease(LEARNING_RATE / 25.0, LEARNING_RATE, progress / WARM_UP)
+        ease(1.0 / 25.0, 1.0, progress / WARM_UP)
     } else {
-        ease(
-            LEARNING_RATE,
-            LEARNING_RATE / 100.0,
-            (progress - WARM_UP) / (1.0 - WARM_UP),
-        )
+        ease(1.0, 1.0 / 100.0, (progress - WARM_UP) / (1.0 - WARM_UP))
     }
 }
 
@@ -327,8 +327,8 @@ mod tests {
 
     #[test]
     fn the_learning_rate_rises_to_its_peak_and_falls_to_a_hundredth_of_it() {
-        assert!((learning_rate(0.0) - LEARNING_RATE / 25.0).abs() < 1e-12);
-        assert!((learning_rate(WARM_UP) - LEARNING_RATE).abs() < 1e-12);
-        assert!((learning_rate(1.0) - LEARNING_RATE / 100.0).abs() < 1e-12);
+        for (progress, share) in [(0.0, 1.0 / 25.0), (WARM_UP, 1.0), (1.0, 0.01)] {
+            assert!((schedule(progress) - share).abs() < 1e-12);
+        }
     }
 }

@@ -1,0 +1,393 @@
+//! Random load histories in the contact world: press, then pull, twist, reverse, unload, grip anew and roll, in
+//! small steps, with some of the states on the way shown as samples. Units: mm, N, N·mm, rad. Limits: states in
+//! which the gel is strained beyond [`STRAIN_LIMIT`] of its thickness are never shown; they are counted.
+
+use std::collections::VecDeque;
+use std::f64::consts::{PI, TAU};
+use std::sync::Arc;
+
+use super::Split;
+use super::shapes::Indenter;
+use crate::contact_world::{Contact, Drive, Mount, Press, Skin, Truth, production_cells};
+use crate::error::SimulationError;
+use crate::gel::Gel;
+use crate::random::Random;
+
+/// Deepest indentation and largest elastic shift that is shown, share of the layer's thickness.
+pub const STRAIN_LIMIT: f64 = 0.35;
+/// Normal loads, log-uniform, N; the strain limit cuts them for slender shapes.
+const NORMAL_N: [f64; 2] = [0.1, 15.0];
+/// True friction.
+const FRICTION: [f64; 2] = [0.4, 1.0];
+/// Free skin kept between the contact and the surface's edge where it can be, mm.
+const MARGIN_MM: f64 = 1.0;
+/// Half of the sensing surface on which contacts are placed, mm.
+const HALF_MM: f64 = 16.0;
+/// Steps of a press; see [`Contact::go_to`].
+const PRESS_STEPS: u32 = 8;
+/// Depth grows with the load to two thirds, so these loads are even steps in depth.
+const PRESS_POWER: f64 = 1.5;
+/// Largest way of the indenter in a step beyond the elastic shift, mm: half of a coarse cell.
+const SLIDE_STEP_MM: f64 = 0.4;
+/// Largest tilt of the indenter, rad.
+const TILT_RAD: f64 = 0.08;
+
+/// What became of the histories that a stream has drawn.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Counts {
+    /// Load histories begun.
+    pub histories: u64,
+    /// Steps solved.
+    pub steps: u64,
+    /// Steps whose solve did not converge: the history ended there and nothing of the step was used.
+    pub unsolved: u64,
+    /// Steps that reached the edge of the sensing surface: the history ended there too.
+    pub off_surface: u64,
+    /// States not shown because the gel was strained beyond [`STRAIN_LIMIT`].
+    pub overstrained: u64,
+}
+
+impl std::ops::AddAssign for Counts {
+    fn add_assign(&mut self, more: Self) {
+        self.histories += more.histories;
+        self.steps += more.steps;
+        self.unsolved += more.unsolved;
+        self.off_surface += more.off_surface;
+        self.overstrained += more.overstrained;
+    }
+}
+
+/// Skins of all resolutions, shared by all streams of a thread: their spectra are made once.
+#[derive(Debug, Clone)]
+pub(crate) struct Skins(Vec<Arc<Skin>>);
+
+impl Skins {
+    pub(crate) fn new(gel: &Gel) -> Result<Self, SimulationError> {
+        let sides = [40, 80, 120, 160];
+        let skins = sides.map(|cells| Skin::new(gel, cells).map(Arc::new));
+        skins.into_iter().collect::<Result<_, _>>().map(Self)
+    }
+
+    fn for_load(&self, split: Split, peak_n: f64) -> Arc<Skin> {
+        let cells = grid_cells(split, peak_n);
+        let fits = self.0.iter().find(|skin| skin.cells() >= cells);
+        Arc::clone(fits.unwrap_or(&self.0[self.0.len() - 1]))
+    }
+}
+
+/// One indenter on its way.
+#[derive(Debug)]
+pub(crate) struct History {
+    contact: Contact,
+    gel: Gel,
+    friction: f64,
+    shape: &'static str,
+    drive: Drive,
+    /// Turn without torsion, about.
+    neutral_rad: f64,
+    /// Load of the last state within the strain limit, N.
+    mild_n: f64,
+    plan: VecDeque<Step>,
+    phases_left: usize,
+    pulled: bool,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Step {
+    drive: Drive,
+    shown: bool,
+}
+
+impl History {
+    /// A random indenter over a random place, its press planned.
+    pub(crate) fn draw(
+        random: &mut Random,
+        split: Split,
+        skins: &Skins,
+        gel: &Gel,
+    ) -> Result<Self, SimulationError> {
+        let indenter = Indenter::draw(random, split)?;
+        let friction = random.uniform(FRICTION[0], FRICTION[1]);
+        let normal_n = random.log_uniform(NORMAL_N[0], NORMAL_N[1]);
+        // Hertz on a ball of 10 mm tells about how deep and how wide.
+        let deep_mm = libm::pow(
+            0.75 * normal_n / (gel.contact_modulus_mpa() * 10.0_f64.sqrt()),
+            2.0 / 3.0,
+        )
+        .min(STRAIN_LIMIT * gel.thickness_mm);
+        let room = (HALF_MM - MARGIN_MM - indenter.reach_mm(0.8 * deep_mm)).max(0.5);
+        let at_mm = [random.uniform(-room, room), random.uniform(-room, room)];
+        let turn_rad = random.uniform(0.0, TAU);
+        let tilt_rad = if random.unit() < 0.5 {
+            [0.0; 2]
+        } else {
+            random_tilt(random)
+        };
+        let contact = Contact::new(
+            skins.for_load(split, normal_n),
+            indenter.surface,
+            friction,
+            Mount::default(),
+        )?;
+        let touch = Drive {
+            press: Press::Force(0.0),
+            at_mm,
+            turn_rad,
+            tilt_rad,
+        };
+        let mut history = Self {
+            contact,
+            gel: *gel,
+            friction,
+            shape: indenter.name,
+            drive: touch,
+            neutral_rad: turn_rad,
+            mild_n: 0.0,
+            plan: VecDeque::new(),
+            phases_left: 1 + random.below(3),
+            pulled: false,
+        };
+        history.plan_press(random, split, normal_n, deep_mm);
+        Ok(history)
+    }
+
+    /// Goes on to the next state that is shown; none when the history is over. What happens on the way counts.
+    pub(crate) fn advance(&mut self, random: &mut Random, counts: &mut Counts) -> Option<&Truth> {
+        loop {
+            let Some(step) = self.plan.pop_front() else {
+                if self.phases_left == 0 || !self.contact.truth().in_contact() {
+                    return None;
+                }
+                self.phases_left -= 1;
+                self.plan_phase(random);
+                continue;
+            };
+            if let Err(error) = self.contact.step(step.drive) {
+                match error {
+                    SimulationError::OffSurface { .. } => counts.off_surface += 1,
+                    _ => counts.unsolved += 1,
+                }
+                self.phases_left = 0;
+                self.plan.clear();
+                return None;
+            }
+            counts.steps += 1;
+            self.drive = step.drive;
+            if strain(self.contact.truth()) > STRAIN_LIMIT * self.gel.thickness_mm {
+                counts.overstrained += 1;
+                // Back to what was still mild, then on from there.
+                self.plan.clear();
+                if self.mild_n > 0.0 {
+                    self.plan.push_back(Step {
+                        drive: Drive {
+                            press: Press::Force(0.9 * self.mild_n),
+                            ..step.drive
+                        },
+                        shown: true,
+                    });
+                    self.mild_n = 0.0;
+                } else {
+                    self.phases_left = 0;
+                }
+                continue;
+            }
+            self.mild_n = self.contact.truth().force_n()[2];
+            // Nothing touches when a release was complete: samples without contact have their own place.
+            if step.shown && self.contact.truth().in_contact() {
+                return Some(self.contact.truth());
+            }
+        }
+    }
+
+    pub(crate) fn friction(&self) -> f64 {
+        self.friction
+    }
+
+    pub(crate) fn shape(&self) -> &'static str {
+        self.shape
+    }
+
+    /// The contact as advanced last.
+    pub(crate) fn truth(&self) -> &Truth {
+        self.contact.truth()
+    }
+
+    /// Straight down, or pulled or turned on the way.
+    fn plan_press(&mut self, random: &mut Random, split: Split, normal_n: f64, deep_mm: f64) {
+        let wide_mm = (10.0 * deep_mm).sqrt();
+        let [shift_mm, turn_rad] = elastic_limits(&self.gel, self.friction * normal_n, wide_mm);
+        let [x, y] = random.direction();
+        let kind = random.unit();
+        let pull = if kind < 0.4 {
+            random.uniform(0.0, 1.0) * shift_mm
+        } else {
+            0.0
+        };
+        let turn = if kind > 0.85 {
+            random.uniform(-1.5, 1.5) * turn_rad
+        } else {
+            0.0
+        };
+        let end_shown = random.unit() < 0.4;
+        let between = (random.unit() < 0.5).then(|| 3 + random.below(4) as u32);
+        let grid = grid_cells(split, normal_n);
+        for step in 1..=PRESS_STEPS {
+            let part = f64::from(step) / f64::from(PRESS_STEPS);
+            let load_n = normal_n * libm::pow(part, PRESS_POWER);
+            let drive = Drive {
+                press: Press::Force(load_n),
+                at_mm: [
+                    self.drive.at_mm[0] + part * pull * x,
+                    self.drive.at_mm[1] + part * pull * y,
+                ],
+                turn_rad: self.drive.turn_rad + part * turn,
+                ..self.drive
+            };
+            // Only a finer grid is right about the light loads on the way.
+            let between = Some(step) == between && grid_cells(split, load_n) == grid;
+            let shown = (step == PRESS_STEPS && end_shown) || between;
+            self.plan.push_back(Step { drive, shown });
+        }
+    }
+
+    /// A few steps from where the contact stands now.
+    fn plan_phase(&mut self, random: &mut Random) {
+        let truth = self.contact.truth();
+        let normal_n = truth.force_n()[2];
+        let wide_mm = (truth.area_mm2() / PI).sqrt();
+        let mut to = self.drive;
+        let mut load_n = normal_n;
+        let kind = random.unit();
+        if kind < 0.65 || !self.pulled {
+            // Pull and twist, some while the grip changes.
+            self.pulled = true;
+            if random.unit() < 0.25 {
+                load_n *= random.uniform(0.6, 1.5);
+            }
+            self.aim(random, &mut to, load_n, wide_mm);
+        } else if kind < 0.80 {
+            // Less grip under the same shift: slip comes without motion.
+            load_n *= random.uniform(0.3, 0.8);
+        } else if kind < 0.92 {
+            load_n *= random.uniform(1.2, 1.8);
+        } else {
+            to.tilt_rad = random_tilt(random);
+        }
+        to.press = Press::Force(load_n.min(NORMAL_N[1]));
+        let way = libm::hypot(
+            to.at_mm[0] - self.drive.at_mm[0],
+            to.at_mm[1] - self.drive.at_mm[1],
+        );
+        let steps = (4 + random.below(3)).max((way / SLIDE_STEP_MM).ceil() as usize);
+        let from = Drive {
+            press: Press::Force(normal_n),
+            ..self.drive
+        };
+        // Every second step and the last.
+        let first = steps % 2;
+        for step in 1..=steps {
+            self.plan.push_back(Step {
+                drive: between(&from, &to, step as f64 / steps as f64),
+                shown: step % 2 == first && step > 1,
+            });
+        }
+    }
+
+    /// Sets place and turn to a random point of the way to gross slip and beyond.
+    fn aim(&mut self, random: &mut Random, to: &mut Drive, load_n: f64, wide_mm: f64) {
+        let [shift_mm, turn_rad] = elastic_limits(&self.gel, self.friction * load_n, wide_mm);
+        // What slid has no torsion left beyond the elastic turn.
+        self.neutral_rad = self
+            .neutral_rad
+            .clamp(to.turn_rad - 1.5 * turn_rad, to.turn_rad + 1.5 * turn_rad);
+        // Pull alone, twist alone, both.
+        let kind = random.unit();
+        let mix = if kind < 0.4 {
+            0.0
+        } else if kind < 0.55 {
+            0.5 * PI
+        } else {
+            random.uniform(0.0, 0.5 * PI)
+        };
+        // How far towards gross slip: hardly loaded, anywhere, near slip, beyond.
+        let kind = random.unit();
+        let share = if kind < 0.1 {
+            random.uniform(0.0, 0.1)
+        } else if kind < 0.65 {
+            random.uniform(0.1, 1.0)
+        } else if kind < 0.85 {
+            random.uniform(0.8, 1.1)
+        } else {
+            random.uniform(1.1, 1.8)
+        };
+        let (sin, cos) = libm::sincos(mix);
+        let [x, y] = random.direction();
+        let pull = (share * cos * shift_mm).min(0.9 * STRAIN_LIMIT * self.gel.thickness_mm);
+        let [x0, y0] = self.contact.truth().footprint_mm();
+        to.at_mm = [x0 + pull * x, y0 + pull * y];
+        let sign = if random.unit() < 0.5 { -1.0 } else { 1.0 };
+        to.turn_rad = self.neutral_rad + sign * share * sin * 2.0 * turn_rad;
+    }
+}
+
+/// Cells along the skin's side for a history that peaks at `peak_n`: the production grid where figures are reported
+/// and the detector is calibrated, about half of it where thousands are learned from. The coarser grid's map is a few
+/// percent off, less than what the network misses, at a fifth of the cost.
+fn grid_cells(split: Split, peak_n: f64) -> usize {
+    let cells = production_cells(peak_n);
+    match split {
+        Split::Calibration | Split::Test => cells,
+        Split::Train | Split::Validation => (cells / 2).next_multiple_of(40),
+    }
+}
+
+fn random_tilt(random: &mut Random) -> [f64; 2] {
+    [
+        random.uniform(-TILT_RAD, TILT_RAD),
+        random.uniform(-TILT_RAD, TILT_RAD),
+    ]
+}
+
+/// Shift at which a contact of radius `wide_mm` slides as a whole under the friction bound `limit_n`, and the turn
+/// of torsion alone at which a linear contact would: half-space (Mindlin 1949; 16Ga³/3) and plain layer (shear of a
+/// column) side by side.
+fn elastic_limits(gel: &Gel, limit_n: f64, wide_mm: f64) -> [f64; 2] {
+    let (g, h, a) = (gel.shear_modulus_mpa(), gel.thickness_mm, wide_mm.max(0.3));
+    let column = g * PI * a * a / h;
+    let shift = limit_n / (16.0 * g * a / (3.0 * (2.0 - gel.poisson)) + column);
+    let turn = 3.0 * PI / 16.0 * limit_n * a / (16.0 * g * a * a * a / 3.0 + 0.5 * column * a * a);
+    [shift, turn]
+}
+
+/// The larger of indentation (an upper bound of it under a tilted indenter) and elastic shift, mm.
+fn strain(truth: &Truth) -> f64 {
+    let pose = truth.pose();
+    let [x0, y0] = truth.footprint_mm();
+    let tilted = pose.tilt_rad != [0.0; 2];
+    let lowered = if tilted {
+        let touching = truth.pressure_mpa().iter().enumerate().filter(|(_, p)| **p > 0.0);
+        touching.fold(0.0_f64, |most, (cell, _)| {
+            let [x, y] = truth.place_mm(cell);
+            most.max(pose.tilt_rad[0] * (x - x0) + pose.tilt_rad[1] * (y - y0))
+        })
+    } else {
+        0.0
+    };
+    let shift = libm::hypot(pose.at_mm[0] - x0, pose.at_mm[1] - y0);
+    (pose.depth_mm + lowered).max(shift)
+}
+
+/// The drive `part` of the way; both press by force.
+fn between(from: &Drive, to: &Drive, part: f64) -> Drive {
+    let mix = |a: f64, b: f64| a + (b - a) * part;
+    let press = match (from.press, to.press) {
+        (Press::Force(a), Press::Force(b)) => Press::Force(mix(a, b)),
+        _ => to.press,
+    };
+    Drive {
+        press,
+        at_mm: [0, 1].map(|k| mix(from.at_mm[k], to.at_mm[k])),
+        turn_rad: mix(from.turn_rad, to.turn_rad),
+        tilt_rad: [0, 1].map(|k| mix(from.tilt_rad[k], to.tilt_rad[k])),
+    }
+}
