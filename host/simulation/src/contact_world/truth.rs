@@ -5,6 +5,7 @@
 use super::convolution::Pair;
 use crate::constants::{FIELD_CELLS, FIELD_PITCH_MM, HALF_SURFACE_MM, TAXEL_COUNT, TAXELS};
 use crate::contact::ForceMap;
+use crate::gel::Gel;
 
 /// A cell within this share of its friction bound is at it.
 const BOUND_SHARE: f64 = 1.0 - 1e-6;
@@ -222,6 +223,15 @@ impl Truth {
     #[must_use]
     pub fn pose(&self) -> Pose {
         self.pose
+    }
+
+    /// Depth of the indenter over the thickness of `gel`: beyond [`LARGEST_INDENTATION`] the linear layer is not
+    /// the gel any more.
+    ///
+    /// [`LARGEST_INDENTATION`]: crate::constants::LARGEST_INDENTATION
+    #[must_use]
+    pub fn indentation_share(&self, gel: &Gel) -> f64 {
+        self.pose.depth_mm.max(0.0) / gel.thickness_mm
     }
 
     /// Where the indenter's origin stands on the skin at rest, mm: its place less the skin's mean shift.

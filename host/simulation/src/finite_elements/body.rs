@@ -8,7 +8,7 @@ use super::sparse::Sparse;
 use crate::error::SimulationError;
 
 /// Forces out of balance that are accepted, share of the reactions at the held nodes.
-const BALANCE: f64 = 1e-7;
+pub(super) const BALANCE: f64 = 1e-7;
 /// Newton steps before a solve gives up.
 const NEWTON_STEPS: usize = 60;
 /// Halvings of one step before a solve gives up.

@@ -92,6 +92,9 @@ pub struct Comparison {
     pub penetration: f64,
     /// Change of the force from the mesh of half the fineness, share; the error left is about a third of it.
     pub force_mesh_change: Option<f64>,
+    /// Change of the drag stiffness from the mesh of half the fineness, share; its error is about as large, since
+    /// the rim is known to half an element.
+    pub drag_mesh_change: Option<f64>,
     /// Change of the normal map from the mesh of half the fineness, L2 share.
     pub map_mesh_change: Option<f64>,
 }
@@ -165,7 +168,7 @@ pub fn compare_pressed_sphere(
         if let Some(coarse) = &mut coarse {
             coarse.press_to(depth_mm)?;
         }
-        found.push(compare(&mut press, coarse.as_ref(), &skin, &kernels, setting)?);
+        found.push(compare(&mut press, coarse.as_mut(), &skin, &kernels, setting)?);
     }
     progress(1.0, "done");
     Ok(found)
@@ -173,7 +176,7 @@ pub fn compare_pressed_sphere(
 
 fn compare(
     press: &mut SpherePress,
-    coarse: Option<&SpherePress>,
+    coarse: Option<&mut SpherePress>,
     skin: &Arc<Skin>,
     kernels: &Arc<FieldKernels>,
     setting: &Setting,
@@ -215,6 +218,21 @@ fn compare(
         .map(|taxel| taxel.map(f64::from))
         .collect();
     let turned_map = turned_map(&same_force, &linear_map, radius_mm);
+    let drag_n_per_mm = Both {
+        large_strain: press.drag_stiffness_n_per_mm()?,
+        linear: stuck.force_n()[0] / drag_mm,
+    };
+    let [force_mesh_change, drag_mesh_change, map_mesh_change] = match coarse {
+        Some(coarse) => {
+            let drag = coarse.drag_stiffness_n_per_mm()?;
+            [
+                Some((coarse.force_n() / force_n - 1.0).abs()),
+                Some((drag / drag_n_per_mm.large_strain - 1.0).abs()),
+                Some(map_difference(&coarse.force_map(), &map, 2..3)),
+            ]
+        }
+        None => [None; 3],
+    };
     let radius = Both {
         large_strain: press.contact_radius_mm(),
         linear: contact_radius_mm(&same_force),
@@ -239,13 +257,11 @@ fn compare(
         whole_map_difference: map_difference(&map, &linear_map, 0..3),
         turned_map_difference: map_difference(&map, &turned_map, 0..3),
         displacements: displacements(press, &same_force, kernels),
-        drag_n_per_mm: Both {
-            large_strain: press.drag_stiffness_n_per_mm()?,
-            linear: stuck.force_n()[0] / drag_mm,
-        },
+        drag_n_per_mm,
         penetration: press.penetration_mm() / depth_mm,
-        force_mesh_change: coarse.map(|coarse| (coarse.force_n() / force_n - 1.0).abs()),
-        map_mesh_change: coarse.map(|coarse| map_difference(&coarse.force_map(), &map, 2..3)),
+        force_mesh_change,
+        drag_mesh_change,
+        map_mesh_change,
     })
 }
 

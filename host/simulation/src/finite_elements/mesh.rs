@@ -7,8 +7,8 @@ use std::ops::Range;
 use crate::constants::TAXEL_PITCH_MM;
 use crate::error::SimulationError;
 
-/// Half width of the block, mm: four thicknesses, where the fields have fallen to a twentieth of what they are
-/// one thickness out, and the layer's own reach (exp(−0.75 r/h)) says the same.
+/// Half width of the block, mm: four thicknesses, over which the layer's slowest field, exp(−0.75 r/h), falls to a
+/// twentieth.
 const HALF_WIDTH_MM: f64 = 24.0;
 /// Taxels from the middle outwards that hold graded elements of equal size each.
 const TAXEL_BANDS: usize = 5;
@@ -50,7 +50,7 @@ impl Mesh {
             across.extend((1..=count).map(|i| TAXEL_PITCH_MM * (taxel as f64 + i as f64 / count as f64)));
         }
         let inner = TAXEL_PITCH_MM * TAXEL_BANDS as f64;
-        let grown = graded(HALF_WIDTH_MM - inner, fineness, GROWTH_OUT);
+        let grown = graded(HALF_WIDTH_MM - inner, 3 * fineness / 4, GROWTH_OUT);
         across.extend(grown.into_iter().skip(1).map(|d| inner + d));
         let down = graded(thickness_mm, 3 * fineness / 2, GROWTH_DOWN);
         Ok(Self::block(across, down))

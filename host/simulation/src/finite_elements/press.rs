@@ -2,7 +2,7 @@
 //! against dragging it once its contact is stuck. Contact at the surface nodes by augmented Lagrange multipliers. Units:
 //! mm, N, MPa. z points into the skin. Limits: sphere over the middle, static.
 
-use super::body::{Body, Load};
+use super::body::{BALANCE, Body, Load};
 use super::mesh::Mesh;
 use super::ogden::Ogden;
 use super::sparse::Sparse;
@@ -19,8 +19,11 @@ const PENETRATION: f64 = 1e-5;
 const UPDATES: usize = 8;
 /// Depth of one load step, share of the thickness.
 const STEP_SHARE: f64 = 0.05;
-/// The same while the skin sticks: what touches late has moved before.
-const STUCK_STEP_SHARE: f64 = 0.0125;
+/// The same while the skin sticks (what touches late has moved before), and steps from touch to any depth at least.
+const STUCK_STEP_SHARE: f64 = 0.02;
+const STUCK_STEPS: f64 = 8.0;
+/// A step of this share that does not settle ends the press.
+const SMALLEST_STEP_SHARE: f64 = 1e-3;
 
 /// What the skin does on the sphere.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -220,24 +223,40 @@ impl SpherePress {
         })
     }
 
-    /// Presses on to `depth_mm`, in small steps, and refines the contact there.
+    /// Presses on to `depth_mm`, in small steps that are halved where one does not settle, and refines the contact
+    /// there.
     ///
     /// # Errors
-    /// [`SimulationError::OutOfBalance`] if a step does not settle.
+    /// [`SimulationError::OutOfBalance`] if the smallest step does not settle; the sphere stays where it got to.
     pub fn press_to(&mut self, depth_mm: f64) -> Result<(), SimulationError> {
-        let from = self.sphere.depth_mm;
-        let share = match self.sphere.surface {
-            Surface::Frictionless => STEP_SHARE,
-            Surface::Stuck => STUCK_STEP_SHARE,
+        let mut step_mm = match self.sphere.surface {
+            Surface::Frictionless => STEP_SHARE * self.thickness_mm,
+            Surface::Stuck => (STUCK_STEP_SHARE * self.thickness_mm).min(depth_mm / STUCK_STEPS),
         };
-        let steps = ((depth_mm - from).abs() / (share * self.thickness_mm))
-            .ceil()
-            .max(1.0);
-        for step in 1..=steps as usize {
-            self.sphere.depth_mm = from + (depth_mm - from) * step as f64 / steps;
-            self.body.balance(&mut self.stiffness, &self.sphere)?;
-            if self.sphere.surface == Surface::Stuck {
-                self.sphere.stick(&self.body.now);
+        while self.sphere.depth_mm < depth_mm {
+            let from = self.sphere.depth_mm;
+            let before = self.body.now.clone();
+            // No crumb of a step before the end.
+            let left = depth_mm - from;
+            self.sphere.depth_mm = if left < 1.01 * step_mm {
+                depth_mm
+            } else {
+                from + step_mm
+            };
+            match self.body.balance(&mut self.stiffness, &self.sphere) {
+                Ok(()) => {
+                    if self.sphere.surface == Surface::Stuck {
+                        self.sphere.stick(&self.body.now);
+                    }
+                }
+                Err(error) => {
+                    self.sphere.depth_mm = from;
+                    self.body.now = before;
+                    step_mm *= 0.5;
+                    if step_mm < SMALLEST_STEP_SHARE * self.thickness_mm {
+                        return Err(error);
+                    }
+                }
             }
         }
         for _ in 0..UPDATES {
@@ -382,7 +401,7 @@ impl SpherePress {
     pub fn drag_stiffness_n_per_mm(&mut self) -> Result<f64, SimulationError> {
         let failed = SimulationError::OutOfBalance {
             found: f64::INFINITY,
-            expected: 0.0,
+            expected: BALANCE,
             steps: self.body.newton_steps,
         };
         if self.body.respond(&mut self.dragged).is_none() {
