@@ -8,12 +8,15 @@ use std::sync::Arc;
 
 use super::Split;
 use super::shapes::Indenter;
+use crate::constants::LARGEST_INDENTATION;
 use crate::contact_world::{Contact, Drive, Mount, Press, Skin, Truth, production_cells};
 use crate::error::SimulationError;
 use crate::gel::Gel;
 use crate::random::Random;
 
-/// Deepest indentation and largest elastic shift that is shown, share of the layer's thickness.
+/// Deepest indentation and largest elastic shift that training sees, share of the layer's thickness: beyond
+/// [`LARGEST_INDENTATION`], where the linear layer is doubtful, so that a hard grip is not a picture unlike all others.
+/// Figures are reported, and the detector is calibrated, up to [`LARGEST_INDENTATION`] only.
 pub const STRAIN_LIMIT: f64 = 0.35;
 /// Normal loads, log-uniform, N; the strain limit cuts them for slender shapes.
 const NORMAL_N: [f64; 2] = [0.1, 15.0];
@@ -43,7 +46,7 @@ pub struct Counts {
     pub unsolved: u64,
     /// Steps that reached the edge of the sensing surface: the history ended there too.
     pub off_surface: u64,
-    /// States not shown because the gel was strained beyond [`STRAIN_LIMIT`].
+    /// States not shown because the gel was strained too far ([`STRAIN_LIMIT`]).
     pub overstrained: u64,
 }
 
@@ -90,6 +93,8 @@ pub(crate) struct History {
     plan: VecDeque<Step>,
     phases_left: usize,
     pulled: bool,
+    /// Deepest indentation that is shown, share of the thickness.
+    deepest: f64,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -146,6 +151,10 @@ impl History {
             plan: VecDeque::new(),
             phases_left: 1 + random.below(3),
             pulled: false,
+            deepest: match split {
+                Split::Calibration | Split::Test => LARGEST_INDENTATION,
+                Split::Train | Split::Validation => STRAIN_LIMIT,
+            },
         };
         history.plan_press(random, split, normal_n, deep_mm);
         Ok(history)
@@ -173,7 +182,7 @@ impl History {
             }
             counts.steps += 1;
             self.drive = step.drive;
-            if strain(self.contact.truth()) > STRAIN_LIMIT * self.gel.thickness_mm {
+            if overstrained(self.contact.truth(), &self.gel, self.deepest) {
                 counts.overstrained += 1;
                 // Back to what was still mild, then on from there.
                 self.plan.clear();
@@ -359,22 +368,19 @@ fn elastic_limits(gel: &Gel, limit_n: f64, wide_mm: f64) -> [f64; 2] {
     [shift, turn]
 }
 
-/// The larger of indentation (an upper bound of it under a tilted indenter) and elastic shift, mm.
-fn strain(truth: &Truth) -> f64 {
+/// Whether the indentation (an upper bound of it under a tilted indenter) exceeds `deepest`, or the elastic shift
+/// [`STRAIN_LIMIT`], as shares of the thickness.
+fn overstrained(truth: &Truth, gel: &Gel, deepest: f64) -> bool {
     let pose = truth.pose();
     let [x0, y0] = truth.footprint_mm();
-    let tilted = pose.tilt_rad != [0.0; 2];
-    let lowered = if tilted {
-        let touching = truth.pressure_mpa().iter().enumerate().filter(|(_, p)| **p > 0.0);
-        touching.fold(0.0_f64, |most, (cell, _)| {
-            let [x, y] = truth.place_mm(cell);
-            most.max(pose.tilt_rad[0] * (x - x0) + pose.tilt_rad[1] * (y - y0))
-        })
-    } else {
-        0.0
-    };
+    let [slope_x, slope_y] = pose.tilt_rad;
+    let touching = truth.pressure_mpa().iter().enumerate().filter(|(_, p)| **p > 0.0);
+    let lowered = touching.fold(0.0_f64, |most, (cell, _)| {
+        let [x, y] = truth.place_mm(cell);
+        most.max(slope_x * (x - x0) + slope_y * (y - y0))
+    });
     let shift = libm::hypot(pose.at_mm[0] - x0, pose.at_mm[1] - y0);
-    (pose.depth_mm + lowered).max(shift)
+    pose.depth_mm + lowered > deepest * gel.thickness_mm || shift > STRAIN_LIMIT * gel.thickness_mm
 }
 
 /// The drive `part` of the way; both press by force.
