@@ -39,7 +39,7 @@ pub const OGDEN_SHARES: [f64; 2] = [0.87, 0.13];
 /// Deepest indentation, share of the thickness, up to which the linear layer stands for the gel. There, under a
 /// 12 mm sphere that sticks (8.7 N), large-strain finite elements carry 4 % more force at equal depth; at equal
 /// force the normal map differs by 3 %, the one with shear by 17 % (7 % once the pressure acts along the sphere's
-/// normal), particles 1 mm deep move 13 % otherwise. At half of it: 0, 1, 11 (3) and 5 %. A 4 mm sphere
+/// normal), particles 1 mm deep move 13 % otherwise. At half of it: 0, 1, 11 (4) and 5 %. A 4 mm sphere
 /// differs alike (0, 3, 21 (9) and 11 % at the limit)
 /// (`cargo run --release -p gripline-simulation --features finite-elements --example finite_elements`).
 pub const LARGEST_INDENTATION: f64 = 0.2;
