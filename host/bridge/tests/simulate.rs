@@ -403,3 +403,64 @@ fn an_indenter_that_leaves_the_sensor_on_its_way_stops_the_scene_at_its_line() {
     let manifest = fs::read_to_string(folder.join("out/manifest.toml")).unwrap();
     assert!(manifest.contains("complete = false") && !folder.join("out/maps.npy").exists());
 }
+
+const GRASP: &str = r#"kind = "grasp"
+frames_per_second = 20
+frames = "crop"
+
+[grasp]
+seconds = 0.5
+
+[object]
+name = "AA cell"
+
+[policy]
+kind = "fixed"
+force_n = 2.0
+"#;
+
+#[test]
+fn a_grasp_has_two_fingers_that_press_alike_and_comes_out_the_same_twice() {
+    let folder = folder("grasp", GRASP);
+    let summary: serde_json::Value = serde_json::from_str(&done(&folder, &["--out", "a", "--json"])).unwrap();
+    assert_eq!(
+        (&summary["frames"], &summary["fingers"], &summary["kind"]),
+        (&10.into(), &2.into(), &"grasp".into())
+    );
+    done(&folder, &["--out", "b"]);
+    let found = files(&folder.join("a"));
+    assert!(found == files(&folder.join("b")));
+    assert_ne!(
+        found[Path::new("frames/000009.png")],
+        found[Path::new("frames_1/000009.png")]
+    );
+    let last = rows(&folder.join("a/truth.csv")).pop().unwrap();
+    assert!(
+        (number(&last, "fn") - 2.0).abs() < 0.02 && (number(&last, "fn_1") - 2.0).abs() < 0.02,
+        "{last:?}"
+    );
+    assert!((number(&last, "line_n") - 2.0).abs() < 1e-12 && last["slip"] == "0" && last["dropped"] == "0");
+    for (maps, column) in [("maps.npy", "fn"), ("maps_1.npy", "fn_1")] {
+        let (shape, numbers) = npy(&folder.join("a").join(maps));
+        assert_eq!(shape.replace(' ', "").replace(",)", ")"), "(10,3,20,20)");
+        let normal: f64 = numbers[9 * 1200 + 800..].iter().map(|v| f64::from(*v)).sum();
+        assert!((normal - number(&last, column)).abs() < 1e-9);
+    }
+}
+
+#[test]
+fn gripline_in_the_loop_grips_harder_before_a_pull_that_its_first_grip_cannot_hold() {
+    let scene = GRASP
+        .replace("frames_per_second = 20", "frames_per_second = 60")
+        .replace("AA cell", "golf ball")
+        .replace("seconds = 0.5", "seconds = 1.0")
+        .replace("\"fixed\"", "\"gripline\"")
+        + "[[pull]]\nforce_n = [2.4, 0.0]\ncourse = [[0.4, 0.0], [0.7, 1.0]]\n";
+    let folder = folder("gripline", &scene);
+    done(&folder, &["--out", "out"]);
+    let rows = rows(&folder.join("out/truth.csv"));
+    assert_eq!(rows.len(), 60);
+    assert!((number(&rows[22], "line_n") - 2.0).abs() < 0.3, "{:?}", rows[22]);
+    let highest = rows.iter().map(|row| number(row, "line_n")).fold(0.0, f64::max);
+    assert!(highest > 2.5, "{highest}");
+}

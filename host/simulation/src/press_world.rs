@@ -19,6 +19,10 @@ const STEP_SLIDE_CELLS: f64 = 0.5;
 const STEP_TILT_RAD: f64 = 0.01;
 /// Where a turn counts as sliding, mm from the origin: a usual contact's rim.
 const RIM_MM: f64 = 6.0;
+/// Depth that surely needs [`FIRM_N`]: a 12 mm ball on the default layer does.
+const FIRM_MM: f64 = 0.5;
+/// Force from which the grid may be coarse, N.
+const FIRM_N: f64 = 1.5;
 /// How much smaller steps are when the first try does not converge.
 const SMALLER: u32 = 4;
 /// Times this close are one, s.
@@ -80,7 +84,8 @@ impl PressWorld {
             .iter()
             .map(|step| match step.press {
                 Some(Press::Force(force)) => force,
-                // What a depth needs is known only when it is solved: the fine grid holds for any force.
+                // What a depth needs is known only when it is solved; so deep even a ball carries a newton and a half.
+                Some(Press::Depth(depth)) if depth >= FIRM_MM => FIRM_N,
                 Some(Press::Depth(_)) | None => 0.0,
             })
             .fold(0.0, f64::max);
@@ -255,7 +260,9 @@ mod tests {
         let text = format!("kind = \"press\"\n[indenter]\nshape = \"sphere\"\n{path}");
         let nothing = &mut |_: &Path| Err(io::ErrorKind::NotFound.into());
         let file = SceneFile::parse(Path::new("scene.toml"), &text, nothing).unwrap();
-        let Scene::Press(scene) = file.scene;
+        let Scene::Press(scene) = file.scene else {
+            panic!("no press")
+        };
         PressWorld::new(&scene, &Gel::default(), 20.0).unwrap()
     }
 

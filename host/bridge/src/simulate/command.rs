@@ -475,7 +475,7 @@ mod tests {
         fn extra_columns(&self) -> &'static [&'static str] {
             &["extra"]
         }
-        fn ends(&self) -> Vec<usize> {
+        fn highlights(&self) -> Vec<usize> {
             vec![0, 1, 3]
         }
         fn advance(&mut self) -> Result<Option<Moment>, Trouble> {

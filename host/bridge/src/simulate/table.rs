@@ -1,4 +1,4 @@
-//! truth.csv: one row a frame, row n for frames/n.png and maps.npy[n]. Pure.
+//! truth.csv: one row a frame, row n for frames/n.png and map n of maps.npy. Pure.
 //! Units: newtons, N·mm, mm. Numbers are written so that reading them gives the same f64 again; flags are 0 or 1;
 //! `stick_ratio` is empty when nothing touches.
 

@@ -1,4 +1,4 @@
-//! The section [indenter]: a built-in shape by name and measures, or a height map from a file.
+//! The section `[indenter]`: a built-in shape by name and measures, or a height map from a file.
 
 use std::sync::Arc;
 

@@ -2,8 +2,9 @@
 //! takes ranges and defaults from here, and a test keeps `scenes/README.md` equal to this list.
 
 use crate::constants::{
-    BRIGHTNESS_DRIFT, BRIGHTNESS_DRIFT_PERIOD_S, BRIGHTNESS_FLICKER, HALF_SURFACE_MM, MAINS_HZ,
-    SCENE_FRICTION,
+    BRIGHTNESS_DRIFT, BRIGHTNESS_DRIFT_PERIOD_S, BRIGHTNESS_FLICKER, GRASP_DROP_MM, HALF_SURFACE_MM,
+    MAINS_HZ, SCENE_FRICTION, SCENE_GRIPPER_LAG_S, SCENE_GRIPPER_MAX_N, SCENE_GRIPPER_OPEN_N,
+    SCENE_GRIPPER_RATE_N_PER_S,
 };
 
 /// A key.
@@ -30,6 +31,8 @@ pub enum Kind {
     Numbers(usize, &'static str, f64, f64),
     /// A whole number from least to most.
     Whole(u64, u64),
+    /// A course: an array of [time in s, value in the unit], the values from least to most, times not falling.
+    Course(&'static str, f64, f64),
     /// A text.
     Text,
     /// One of these texts.
@@ -79,11 +82,11 @@ macro_rules! keys {
 }
 
 use Absent::{Optional, Required};
-use Kind::{Choice, Number, Numbers, Text, Whole};
+use Kind::{Choice, Course, Number, Numbers, Text, Whole};
 
 keys! {
-    KIND = "" "kind", Choice(&["press"]), Required,
-        "press: one indenter on one fingertip";
+    KIND = "" "kind", Choice(&["press", "grasp"]), Required,
+        "press: one indenter on one fingertip; grasp: an object between two";
     SEED = "" "seed", Whole(0, WHOLE_MAX), Absent::Whole(1),
         "what is random follows from it: sensor noise, and the pattern of a sensor without a number; `--seed` overrides it";
     FRAMES_PER_SECOND = "" "frames_per_second", Number("Hz", 1.0, 1000.0), Absent::Number(60.0),
@@ -113,7 +116,7 @@ keys! {
         "mains frequency; the light flickers at twice this";
 
     SHAPE = "indenter" "shape", Choice(SHAPE_NAMES), Required,
-        "a built-in shape, or file: a height map";
+        "a built-in shape, or file: a height map; in a grasp the patch that the fingers touch";
     FRICTION = "indenter" "friction", Number("", 0.05, 3.0), Absent::Number(SCENE_FRICTION),
         "Coulomb's coefficient between indenter and skin; keep it above the detector's 0.45";
     RADIUS = "indenter" "radius_mm", Number("mm", 0.2, 1000.0), Optional,
@@ -164,6 +167,81 @@ keys! {
         "turn of the indenter about z, from x to y; without it it stays; the first step starts there";
     TILT = "path" "tilt_deg", Numbers(2, "degrees", -15.0, 15.0), Optional,
         "slope of the indenter along x and y; above 0 the +x (+y) side presses deeper; without it it stays; the first step starts there";
+
+    GRASP_SECONDS = "grasp" "seconds", Number("s", 0.01, 600.0), Required,
+        "how long the scene is";
+    START = "grasp" "start", Choice(&["table", "hand"]), Absent::Text("table"),
+        "what holds the object at first: a table under it, or a hand until `held_until_s`";
+    HELD_UNTIL = "grasp" "held_until_s", Number("s", 0.0, 600.0), Absent::Number(0.0),
+        "when the hand lets go";
+    GRIP_POINT = "grasp" "grip_point_mm", Numbers(2, "mm", -HALF_SURFACE_MM, HALF_SURFACE_MM), Optional,
+        "where on the first finger the grip point lies at first; without it in the middle";
+    GRASP_TURN = "grasp" "turn_deg", Number("degrees", -180.0, 180.0), Absent::Number(0.0),
+        "turn of the object at first, from x to y";
+    DROP = "grasp" "drop_mm", Number("mm", 0.5, 16.0), Absent::Number(GRASP_DROP_MM),
+        "an object that slid this far has left the grip";
+    GRAVITY = "grasp" "gravity_deg", Course("degrees", -360.0, 360.0), Optional,
+        "turn of gravity from −y towards +x over time, as a gripper that turns feels it; without it none";
+
+    OBJECT_NAME = "object" "name", Choice(OBJECT_NAMES), Required,
+        "a built-in object, or own: described by the keys below, with its patch and friction in [indenter]";
+    MASS = "object" "mass_g", Number("g", 0.1, 5000.0), Optional,
+        "mass; required with own";
+    SIZE = "object" "size_mm", Numbers(3, "mm", 1.0, 1000.0), Optional,
+        "width and height in the plane of the fingers, and thickness between them; required with own";
+    INERTIA = "object" "inertia_g_mm2", Number("g·mm²", 0.0, 1e9), Optional,
+        "moment of inertia about the grip axis through the centre of mass; without it that of a box of this size";
+    CENTRE = "object" "centre_of_mass_mm", Numbers(2, "mm", -500.0, 500.0), Optional,
+        "centre of mass from the grip point; without it the built-in object's, or the grip point";
+    PATCH_TURN = "object" "patch_turn_deg", Number("degrees", -180.0, 180.0), Optional,
+        "turn of the patch against the object; without it the built-in object's, or 0";
+
+    DEAD_TIME = "gripper" "dead_time_s", Number("s", 0.0, 1.0), Absent::Number(0.0),
+        "time until the gripper hears its line";
+    LAG = "gripper" "lag_s", Number("s", 0.0, 2.0), Absent::Number(SCENE_GRIPPER_LAG_S),
+        "time constant of its force behind the line";
+    RATE = "gripper" "rate_n_per_s", Number("N/s", 1.0, 10_000.0), Absent::Number(SCENE_GRIPPER_RATE_N_PER_S),
+        "fastest change of its force";
+    MIN_FORCE = "gripper" "min_n", Number("N", 0.0, 20.0), Absent::Number(SCENE_GRIPPER_OPEN_N),
+        "least force; below it the jaws are open";
+    MAX_FORCE = "gripper" "max_n", Number("N", 0.1, 40.0), Absent::Number(SCENE_GRIPPER_MAX_N),
+        "largest force";
+
+    STROKE = "arm" "stroke", Choice(&["move", "dash", "shake"]), Required,
+        "move: from rest to rest; dash: gathers speed and stops hard; shake: to and fro; strokes add up";
+    ARM_FROM = "arm" "from_s", Number("s", 0.0, 600.0), Required,
+        "when it begins";
+    ARM_SECONDS = "arm" "seconds", Number("s", 0.01, 600.0), Required,
+        "how long it takes; of a shake at least two periods";
+    ARM_BY = "arm" "by_mm", Numbers(2, "mm", -2000.0, 2000.0), Required,
+        "how far a move or dash goes, or a shake from its middle";
+    STOP = "arm" "stop_s", Number("s", 0.001, 10.0), Optional,
+        "how long a dash takes to stop; required with one";
+    FREQUENCY = "arm" "frequency_hz", Number("Hz", 0.05, 50.0), Optional,
+        "periods a second of a shake; required with one";
+
+    PULL_FORCE = "pull" "force_n", Numbers(2, "N", -40.0, 40.0), Optional,
+        "force on the object, in the plane of the first finger; without it none";
+    PULL_TWIST = "pull" "twist_nmm", Number("N·mm", -1000.0, 1000.0), Absent::Number(0.0),
+        "moment on the object, from x to y";
+    PULL_AT = "pull" "at_mm", Numbers(2, "mm", -500.0, 500.0), Optional,
+        "where the force acts, from the grip point; without it there";
+    PULL_COURSE = "pull" "course", Course("", -10.0, 10.0), Required,
+        "share of force and twist over time; smooth between the pairs";
+
+    PHASE_NAME = "phase" "name", Text, Required,
+        "what truth.csv calls the scene from here on: letters, digits, spaces, `-` and `_`";
+    PHASE_FROM = "phase" "from_s", Number("s", 0.0, 600.0), Required,
+        "from when on";
+
+    POLICY = "policy" "kind", Choice(&["fixed", "schedule", "gripline"]), Required,
+        "who sets the grip-force line: one force, forces over time, or Gripline itself: force network on the first finger's \
+         pictures, detector and controller of the microcontroller";
+    POLICY_FORCE = "policy" "force_n", Number("N", 0.0, 40.0), Optional,
+        "the line of a fixed policy, or the least grip of gripline; required with either";
+    POLICY_COURSE = "policy" "course", Course("N", 0.0, 40.0), Optional,
+        "the line over time of a schedule, straight between the pairs; required with one";
+
 }
 
 /// The built-in shapes' names in a scene file, and `file`.
@@ -188,6 +266,28 @@ pub(super) const SECTIONS: &[(&str, &str)] = &[
     ("sensor", "[sensor]"),
     ("indenter", "[indenter]"),
     ("path", "[[path]]"),
+    ("grasp", "[grasp]"),
+    ("object", "[object]"),
+    ("gripper", "[gripper]"),
+    ("arm", "[[arm]]"),
+    ("pull", "[[pull]]"),
+    ("phase", "[[phase]]"),
+    ("policy", "[policy]"),
+];
+
+/// The built-in objects' names in a scene file, without their masses, and `own`.
+const OBJECT_NAMES: &[&str] = &[
+    "hollow plastic ball",
+    "marker pen",
+    "small tin",
+    "wooden block",
+    "glass bottle",
+    "golf ball",
+    "table tennis ball",
+    "AA cell",
+    "hen's egg",
+    "tennis ball",
+    "own",
 ];
 
 impl Kind {
@@ -206,6 +306,11 @@ impl Kind {
             Numbers(count, unit, least, most) => {
                 format!("{count} numbers{} from {least} to {most}", in_unit(unit))
             }
+            Course(unit, least, most) => format!(
+                "pairs [time in s, number{}] like [[0.0, {least}], [1.0, {most}]], times not falling, numbers from \
+                 {least} to {most}",
+                in_unit(unit)
+            ),
             Whole(least, WHOLE_MAX) => format!("a whole number from {least} to 2⁶³−1"),
             Whole(least, most) => format!("a whole number from {least} to {most}"),
             Text => "a text".to_owned(),

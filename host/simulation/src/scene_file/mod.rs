@@ -1,10 +1,12 @@
 //! Scene files: what `gripline simulate` plays, in TOML. Text in, scene out; every problem names the key, its line,
 //! what was found and expected, and what to do. Units are in the keys' names (mm, N, s, degrees).
 //!
-//! `keys` lists every key, `section` reads by that list, `sensor`, `indenter` and `press` make the scene.
+//! `keys` lists every key, `section` reads by that list, `sensor`, `indenter`, `press` and `grasp` make the
+//! scene.
 //! `scenes/README.md` is the reference for people.
 
 mod error;
+mod grasp;
 mod indenter;
 pub mod keys;
 mod press;
@@ -19,6 +21,7 @@ use std::path::{Path, PathBuf};
 use toml::de::DeTable;
 
 pub use error::SceneError;
+pub use grasp::{GraspFile, Policy};
 pub use indenter::Indenter;
 pub use press::{PathStep, PressScene};
 pub use sensor::Sensor;
@@ -62,6 +65,8 @@ pub enum FrameSize {
 pub enum Scene {
     /// One indenter on one fingertip.
     Press(PressScene),
+    /// An object between two fingertips.
+    Grasp(Box<GraspFile>),
 }
 
 impl SceneFile {
@@ -94,7 +99,10 @@ impl SceneFile {
             _ => FrameSize::Full,
         };
         let sensor = sensor::read(&head, load)?;
-        let scene = Scene::Press(press::read(&head, rate_hz, load)?);
+        let scene = match kind {
+            "grasp" => Scene::Grasp(Box::new(grasp::read(&head, rate_hz, &sensor, load)?)),
+            _ => Scene::Press(press::read(&head, rate_hz, load)?),
+        };
         head.finish(&format!("kind = \"{kind}\""))?;
         Ok(Self {
             file: file.to_owned(),

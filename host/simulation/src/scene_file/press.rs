@@ -54,19 +54,9 @@ impl PressScene {
     }
 }
 
-/// Reads [indenter] and [[path]] under the file's head.
+/// Reads `[indenter]` and `[[path]]` under the file's head.
 pub(super) fn read(head: &Section, rate_hz: f64, load: &mut Load) -> Result<PressScene, SceneError> {
-    let indenter = match head.section("indenter")? {
-        Some(section) => indenter::read(&section, load)?,
-        None => {
-            return Err(head.problem(
-                "indenter",
-                "nothing",
-                "a section [indenter]",
-                "begin it with a line [indenter]",
-            ));
-        }
-    };
+    let indenter = indenter::read(&head.required("indenter")?, load)?;
     let sections = head.sections("path")?;
     let mut path = Vec::with_capacity(sections.len());
     let (mut at_mm, mut turn_rad, mut tilt_rad, mut pressed) = ([0.0; 2], 0.0, [0.0; 2], false);
@@ -86,23 +76,10 @@ pub(super) fn read(head: &Section, rate_hz: f64, load: &mut Load) -> Result<Pres
         }
         pressed = presses;
         seconds += step.seconds;
-        if seconds * rate_hz > FRAMES_MAX {
-            return Err(section.problem(
-                keys::SECONDS.name,
-                &format!("{} frames up to here", (seconds * rate_hz) as u64),
-                &format!("at most {FRAMES_MAX} in a scene"),
-                "shorten the path or lower frames_per_second",
-            ));
+        if seconds * rate_hz >= 0.5 || place + 1 == sections.len() {
+            check_length(section, keys::SECONDS.name, seconds, rate_hz)?;
         }
         path.push(step);
-    }
-    if seconds * rate_hz < 0.5 {
-        return Err(sections[0].problem(
-            keys::SECONDS.name,
-            &format!("a path of {seconds} s at {rate_hz} Hz"),
-            "at least one frame",
-            "lengthen the path or raise frames_per_second",
-        ));
     }
     Ok(PressScene { indenter, path })
 }
@@ -112,19 +89,51 @@ fn same(one: [f64; 2], other: [f64; 2]) -> bool {
     one.iter().zip(other).all(|(a, b)| (a - b).abs() < 1e-9)
 }
 
+/// A name that can stand in a cell of truth.csv.
+pub(super) fn check_name(section: &Section, key: &str, name: &str) -> Result<(), SceneError> {
+    let plain = |c: char| c.is_ascii_alphanumeric() || " -_".contains(c);
+    if !name.is_empty() && name.len() <= 40 && name.chars().all(plain) {
+        return Ok(());
+    }
+    Err(section.problem(
+        key,
+        &format!("{name:?}"),
+        "1 to 40 letters, digits, spaces, - or _",
+        "it becomes a cell of truth.csv: choose another name",
+    ))
+}
+
+/// The error of a scene without or with too many frames, at the key that says how long it is.
+pub(super) fn check_length(
+    section: &Section,
+    key: &str,
+    seconds: f64,
+    rate_hz: f64,
+) -> Result<(), SceneError> {
+    if seconds * rate_hz > FRAMES_MAX {
+        return Err(section.problem(
+            key,
+            &format!("{} frames up to here", (seconds * rate_hz) as u64),
+            &format!("at most {FRAMES_MAX} in a scene"),
+            "shorten it or lower frames_per_second",
+        ));
+    }
+    if seconds * rate_hz < 0.5 {
+        return Err(section.problem(
+            key,
+            &format!("a scene of {seconds} s at {rate_hz} Hz"),
+            "at least one frame",
+            "lengthen it or raise frames_per_second",
+        ));
+    }
+    Ok(())
+}
+
 fn step(section: &Section, place: usize) -> Result<PathStep, SceneError> {
     let name = section
         .text_if(&keys::PATH_NAME)?
         .map_or_else(|| format!("step {}", place + 1), ToOwned::to_owned);
-    let plain = |c: char| c.is_ascii_alphanumeric() || " -_".contains(c);
-    if name.is_empty() || name.len() > 40 || !name.chars().all(plain) {
-        return Err(section.problem(
-            keys::PATH_NAME.name,
-            &format!("{name:?}"),
-            "1 to 40 letters, digits, spaces, - or _",
-            "it becomes a cell of truth.csv: choose another name",
-        ));
-    }
+    check_name(section, keys::PATH_NAME.name, &name)?;
     let press = match (section.number_if(&keys::PRESS)?, section.number_if(&keys::DEPTH)?) {
         (Some(_), Some(_)) => {
             return Err(section.problem(

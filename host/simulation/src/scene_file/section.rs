@@ -232,6 +232,30 @@ impl<'a> Section<'a> {
         Ok(Some(out))
     }
 
+    /// A course over time, where it is given: pairs of time and value, at least one, times not falling.
+    pub(super) fn course_if(&self, key: &'static Key) -> Result<Option<Vec<[f64; 2]>>, SceneError> {
+        let Some(value) = self.value(key)? else {
+            return Ok(None);
+        };
+        let Kind::Course(_, least, most) = key.kind else {
+            unreachable!("{} is no course", key.name)
+        };
+        let pair = |pair: &DeValue<'_>| -> Option<[f64; 2]> {
+            let pair = pair.as_array().filter(|pair| pair.len() == 2)?;
+            let time_s = in_range(pair.first()?.get_ref(), 0.0, f64::MAX)?;
+            Some([time_s, in_range(pair.get(1)?.get_ref(), least, most)?])
+        };
+        value
+            .get_ref()
+            .as_array()
+            .and_then(|array| array.iter().map(|entry| pair(entry.get_ref())).collect())
+            .filter(|course: &Vec<[f64; 2]>| {
+                !course.is_empty() && course.windows(2).all(|pair| pair[0][0] <= pair[1][0])
+            })
+            .map(Some)
+            .ok_or_else(|| self.wrong(key, value))
+    }
+
     /// A whole number, where it is given.
     pub(super) fn whole_if(&self, key: &'static Key) -> Result<Option<u64>, SceneError> {
         let Some(value) = self.value(key)? else {
@@ -296,6 +320,28 @@ impl<'a> Section<'a> {
             )
         })?;
         Section::new(self.source, table, id, format!("{id}."), line).map(Some)
+    }
+
+    /// The sections `[[id]]` under this one, in order; there may be none.
+    pub(super) fn sections_if(&self, id: &'static str) -> Result<Vec<Section<'a>>, SceneError> {
+        if self.table.contains_key(id) {
+            self.sections(id)
+        } else {
+            self.used.borrow_mut().insert(id);
+            Ok(Vec::new())
+        }
+    }
+
+    /// The section `id`, which has to be there.
+    pub(super) fn required(&self, id: &'static str) -> Result<Section<'a>, SceneError> {
+        self.section(id)?.ok_or_else(|| {
+            self.problem(
+                id,
+                "nothing",
+                &format!("a section [{id}]"),
+                &format!("begin it with a line [{id}]"),
+            )
+        })
     }
 
     /// The sections `[[id]]` under this one, in order; at least one.

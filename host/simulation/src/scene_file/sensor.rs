@@ -1,4 +1,4 @@
-//! The section [sensor]: which virtual fingertip looks, through which camera, in which light.
+//! The section `[sensor]`: which virtual fingertip looks, through which camera, in which light.
 
 use std::str;
 

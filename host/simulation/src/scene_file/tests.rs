@@ -1,10 +1,13 @@
 //! Scene files as people write them: what is read, and the exact line that tells of every mistake.
 
-use std::io;
+use std::collections::BTreeSet;
 use std::path::Path;
+use std::{fs, io};
 
-use super::{FrameSize, Scene, SceneFile};
-use crate::contact_world::{HeightMap, Press, Shape};
+use super::keys::{self, Absent};
+use super::{FrameSize, Policy, Scene, SceneFile};
+use crate::contact_world::{HeightMap, Press, Shape, TRAINING_SHAPES, UNSEEN_SHAPES};
+use crate::grasp::Gripper;
 use crate::{BrightnessMotion, FingertipParams};
 
 const GOOD: &str = r#"kind = "press"
@@ -59,7 +62,9 @@ fn a_scene_is_read_with_its_defaults() {
             ..sensor
         }
     );
-    let Scene::Press(press) = scene.scene;
+    let Scene::Press(press) = scene.scene else {
+        panic!("{:?}", scene.scene)
+    };
     let expected = Shape::Cylinder {
         radius_mm: 6.0,
         length_mm: 12.0,
@@ -87,18 +92,19 @@ const MISTAKES: &[(&str, &str, &str)] = &[
     (
         "kind = \"press\"",
         "kind = \"pull\"",
-        "scene.toml:1: kind: found \"pull\", expected \"press\": choose one of these",
+        "scene.toml:1: kind: found \"pull\", expected \"press\" or \"grasp\": choose one of these",
     ),
     (
         "kind = \"press\"\n",
         "",
-        "scene.toml:1: kind: found nothing, expected \"press\": add kind to the head of the file",
+        "scene.toml:1: kind: found nothing, expected \"press\" or \"grasp\": add kind to the head of the file",
     ),
     (
         "seed = 7",
         "sed = 7",
         "scene.toml:2: sed: found a key that is not known here, expected one of kind, seed, \
-             frames_per_second, frames, sensor, indenter, path: did you mean seed?",
+             frames_per_second, frames, sensor, indenter, path, grasp, object, gripper, arm, pull, phase, policy: did \
+             you mean seed?",
     ),
     (
         "seed = 7",
@@ -216,7 +222,7 @@ const MISTAKES: &[(&str, &str, &str)] = &[
         "seconds = 500\n[[path]]\nseconds = 600\n[[path]]\nseconds = 600\n[[path]]\nseconds = 600\n[[path]]\n\
              seconds = 600\n[[path]]\nseconds = 600",
         "scene.toml:31: path[7].seconds: found 105015 frames up to here, expected at most 100000 in a scene: \
-             shorten the path or lower frames_per_second",
+             shorten it or lower frames_per_second",
     ),
     (
         "seconds = 1.5",
@@ -246,7 +252,7 @@ fn every_mistake_gives_one_line_with_key_line_found_expected_and_what_to_do() {
     assert_eq!(wrong, 0, "see above");
     assert_eq!(
         parse("").map(|_| ()).unwrap_err(),
-        "scene.toml:1: kind: found nothing, expected \"press\": add kind to the head of the file"
+        "scene.toml:1: kind: found nothing, expected \"press\" or \"grasp\": add kind to the head of the file"
     );
 }
 
@@ -278,7 +284,9 @@ fn a_height_map_is_loaded_from_beside_the_scene_and_its_faults_carry_the_line() 
         assert_eq!(asked, [Path::new("there/stamps/a.npy")]);
         scene.map_err(|error| error.to_string())
     };
-    let Scene::Press(press) = read(file("<f8"), &scene).unwrap().scene;
+    let Scene::Press(press) = read(file("<f8"), &scene).unwrap().scene else {
+        panic!("no press")
+    };
     assert!((press.indenter.shape.height_mm([0.25, 0.25]) - 3.0).abs() < 1e-12);
     let error = read(file("<i8"), &scene).map(|_| ()).unwrap_err();
     assert_eq!(
@@ -313,4 +321,208 @@ fn a_camera_file_is_taken_and_its_faults_carry_both_places() {
         "scene.toml:6: sensor.camera: found -1 at lens.toml:5: to_base_mm, expected a finite number above 0: \
          correct that file, or leave the key out"
     );
+}
+
+const GRASP: &str = r#"kind = "grasp"
+[grasp]
+seconds = 2.0
+start = "hand"
+held_until_s = 0.5
+gravity_deg = [[0.0, 0.0], [1.0, 90.0]]
+[object]
+name = "marker pen"
+mass_g = 20.0
+[gripper]
+max_n = 20
+[[arm]]
+stroke = "dash"
+from_s = 0.2
+seconds = 0.5
+by_mm = [0.0, 50.0]
+stop_s = 0.05
+[[pull]]
+force_n = [0.5, 0.0]
+course = [[1.0, 0.0], [1.2, 1.0]]
+[[phase]]
+name = "all"
+from_s = 0
+[policy]
+kind = "schedule"
+course = [[0, 2.0], [1, 4.0]]
+"#;
+
+#[test]
+fn a_grasp_is_read_with_its_defaults() {
+    let file = parse(GRASP).unwrap();
+    let Scene::Grasp(grasp) = file.scene else {
+        panic!("{:?}", file.scene)
+    };
+    let scene = &grasp.scene;
+    assert!(
+        (grasp.seconds - 2.0).abs() < 1e-12
+            && scene.table.is_none()
+            && (scene.held_until_s - 0.5).abs() < 1e-12
+    );
+    assert!((scene.object.mass_g - 20.0).abs() < 1e-12 && scene.object.name == "marker pen, 17.82 g");
+    // With another mass the built-in moment of inertia does not hold.
+    assert!((scene.object.inertia_g_mm2 - 20.0 * (130.0 * 130.0 + 256.0) / 12.0).abs() < 1e-6);
+    assert!((scene.gripper.max_n - 20.0).abs() < 1e-12);
+    assert_eq!(scene.gripper.lag_s.to_bits(), Gripper::default().lag_s.to_bits());
+    assert!((scene.gravity_turn_rad.at(2.0) - std::f64::consts::FRAC_PI_2).abs() < 1e-12);
+    assert!(
+        (scene.arm.place_mm(1.0)[1] - 50.0).abs() < 1e-9
+            && (scene.pulls[0].course.at(1.1) - 0.5).abs() < 1e-12
+    );
+    assert_eq!(scene.phase(1.0), "all");
+    let Policy::Schedule(course) = &grasp.policy else {
+        panic!("{:?}", grasp.policy)
+    };
+    assert!((course.at(0.5) - 3.0).abs() < 1e-12);
+}
+
+/// Changes to the good grasp, and the line that each gives.
+const GRASP_MISTAKES: &[(&str, &str, &str)] = &[
+    (
+        "seconds = 2.0\n",
+        "",
+        "scene.toml:2: grasp.seconds: found nothing, expected a number in s from 0.01 to 600: add seconds to this \
+         section",
+    ),
+    (
+        "name = \"marker pen\"",
+        "name = \"own\"",
+        "scene.toml:1: indenter: found nothing with name = \"own\", expected a section [indenter] with the patch that \
+         the fingers touch: begin it with a line [indenter]",
+    ),
+    (
+        "course = [[1.0, 0.0], [1.2, 1.0]]",
+        "course = [[1.0, 0.0], [0.8, 1.0]]",
+        "scene.toml:20: pull[1].course: found [[1.0, 0.0], [0.8, 1.0]], expected pairs [time in s, number] like \
+         [[0.0, -10], [1.0, 10]], times not falling, numbers from -10 to 10: change it",
+    ),
+    (
+        "stop_s = 0.05",
+        "stop_s = 0.5",
+        "scene.toml:17: arm[1].stop_s: found 0.5, expected less than seconds, 0.5: stop faster",
+    ),
+    (
+        "stop_s = 0.05\n",
+        "",
+        "scene.toml:12: arm[1].stop_s: found nothing with stroke = \"dash\", expected a number in s from 0.001 to 10: \
+         add stop_s to this section",
+    ),
+    (
+        "stroke = \"dash\"",
+        "stroke = \"move\"",
+        "scene.toml:17: arm[1].stop_s: found a key that stroke = \"move\" does not use, expected one of by_mm, from_s, \
+         seconds, stroke: remove it",
+    ),
+    (
+        "max_n = 20",
+        "max_n = 20\nmin_n = 20",
+        "scene.toml:11: gripper.max_n: found 20, expected more than min_n, 20: raise it",
+    ),
+    (
+        "kind = \"schedule\"\ncourse = [[0, 2.0], [1, 4.0]]",
+        "kind = \"gripline\"",
+        "scene.toml:24: policy.force_n: found nothing with kind = \"gripline\", expected a number in N from 0 to 40: \
+         add force_n to this section",
+    ),
+    (
+        "[policy]\nkind = \"schedule\"\ncourse = [[0, 2.0], [1, 4.0]]\n",
+        "",
+        "scene.toml:1: policy: found nothing, expected a section [policy]: begin it with a line [policy]",
+    ),
+    (
+        "[policy]",
+        "[[path]]\nseconds = 1\n[policy]",
+        "scene.toml:24: path: found a key that kind = \"grasp\" does not use, expected one of arm, frames, \
+         frames_per_second, grasp, gripper, indenter, kind, object, phase, policy, pull, seed, sensor: remove it",
+    ),
+];
+
+#[test]
+fn every_mistake_in_a_grasp_gives_one_line_too() {
+    let mut wrong = 0;
+    for &(from, to, expected) in GRASP_MISTAKES {
+        assert!(GRASP.contains(from), "{from}");
+        let found = parse(&GRASP.replacen(from, to, 1)).map(|_| ()).unwrap_err();
+        if found != expected {
+            println!("FOUND {found}\nWANTS {expected}\n");
+            wrong += 1;
+        }
+    }
+    assert_eq!(wrong, 0, "see above");
+}
+
+/// The folder of the examples and their reference.
+fn scenes() -> std::path::PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes")
+}
+
+#[test]
+fn the_examples_are_read_and_every_line_of_them_that_sets_something_first_is_explained() {
+    for name in ["press_and_drag.toml", "twist_stamp.toml", "grasp_lift_pull.toml"] {
+        let text = fs::read_to_string(scenes().join(name)).unwrap();
+        let load = &mut |path: &Path| fs::read(path);
+        SceneFile::parse(&scenes().join(name), &text, load).unwrap();
+        let mut explained = BTreeSet::new();
+        for line in text
+            .lines()
+            .filter(|line| line.contains(" = ") && !line.starts_with('#'))
+        {
+            let key = line.split(" = ").next().unwrap();
+            if explained.insert(key.to_owned()) && !["name", "shape", "seconds", "tilt_deg"].contains(&key) {
+                assert!(line.contains("# "), "{name}: {line}");
+            }
+        }
+    }
+}
+
+/// The reference of one section as it stands in the README.
+fn reference(section: &str) -> String {
+    let mut table = String::from("| key | takes | without it | meaning |\n|---|---|---|---|\n");
+    for key in keys::KEYS.iter().filter(|key| key.section == section) {
+        let absent = match key.absent {
+            Absent::Required => "an error".to_owned(),
+            Absent::Optional => "see meaning".to_owned(),
+            Absent::Number(number) => number.to_string(),
+            Absent::Whole(number) => number.to_string(),
+            Absent::Text(text) => format!("\"{text}\""),
+        };
+        let (name, takes, meaning) = (key.name, key.kind.expected(), key.meaning);
+        let row = format!("| `{name}` | {takes} | {absent} | {meaning} |\n");
+        table.push_str(&row);
+    }
+    table
+}
+
+#[test]
+fn the_reference_has_every_key_with_range_and_default_of_the_code() {
+    let text = fs::read_to_string(scenes().join("README.md")).unwrap();
+    let mut missing = String::new();
+    for (section, heading) in std::iter::once(&("", "the head of the file")).chain(keys::SECTIONS) {
+        let table = format!("### {heading}\n\n{}", reference(section));
+        if !text.contains(&table) {
+            missing += &(table + "\n");
+        }
+    }
+    for shape in TRAINING_SHAPES.iter().chain(&UNSEEN_SHAPES) {
+        let row = format!("| `{}` | {} |\n", super::indenter::file_name(shape), usual(shape));
+        if !text.contains(&row) {
+            missing += &row;
+        }
+    }
+    assert!(missing.is_empty(), "not in scenes/README.md:\n{missing}");
+}
+
+/// A built-in shape's usual size, as keys.
+fn usual(shape: &Shape) -> String {
+    let text = format!("{shape:?}");
+    let inside = text.split_once("{ ").unwrap().1.trim_end_matches(" }");
+    let keys = inside
+        .replace(": ", " = ")
+        .replace(", ", "`, `")
+        .replace("`, `4.0]", ", 4.0]");
+    format!("`{}`", keys.replace("`, `7.0`, `8.0]", ", 7.0, 8.0]"))
 }

@@ -1,5 +1,6 @@
 //! The world of a scene, frame by frame, the same way for every kind of scene. Touches nothing.
 
+mod grasp;
 mod press;
 
 use gripline_simulation::contact_world::CellState;
@@ -54,8 +55,8 @@ pub(super) trait Play {
     fn fingers(&self) -> usize;
     /// Names of the columns that only this kind of scene has.
     fn extra_columns(&self) -> &'static [&'static str];
-    /// The last frames of the parts of the scene, in order.
-    fn ends(&self) -> Vec<usize>;
+    /// Frames that show what happens, in order: the preview takes some of them.
+    fn highlights(&self) -> Vec<usize>;
     /// Goes to the next frame; none after the last.
     fn advance(&mut self) -> Result<Option<Moment>, Trouble>;
     /// A finger's picture now; the noise follows from the scene's seed and `number` alone.
@@ -73,12 +74,13 @@ pub(super) fn open(file: &SceneFile, seed: u64) -> Result<Box<dyn Play + '_>, Fa
         Scene::Press(scene) => Ok(Box::new(
             press::PressPlay::new(file, scene, seed).map_err(Failure::failed)?,
         )),
+        Scene::Grasp(scene) => Ok(Box::new(grasp::GraspPlay::new(file, scene, seed)?)),
     }
 }
 
-/// At most so many of the ends of a scene's parts, the last one among them.
+/// At most so many of a scene's highlights, the last one among them.
 pub(super) fn highlights(play: &dyn Play, most: usize) -> Vec<usize> {
-    let ends = play.ends();
+    let ends = play.highlights();
     let take = ends.len().min(most);
     let mut chosen: Vec<usize> = (0..take)
         .map(|k| ends[((k + 1) * ends.len()).div_ceil(take) - 1])

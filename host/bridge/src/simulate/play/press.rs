@@ -66,7 +66,7 @@ impl Play for PressPlay<'_> {
     }
 
     /// The last frame of every step of the path.
-    fn ends(&self) -> Vec<usize> {
+    fn highlights(&self) -> Vec<usize> {
         let mut seconds = 0.0;
         let ends = self.scene.path.iter().map(|step| {
             seconds += step.seconds;
