@@ -4,6 +4,7 @@
 //! fails when something it was asked to check cannot be checked. Products land in `target/gripline`.
 #![forbid(unsafe_code)]
 
+mod bench;
 mod emulator;
 mod error;
 mod firmware;
@@ -25,6 +26,9 @@ cargo xtask COMMAND
   emulator                          build the emulator and the image it runs; print their paths
   toolchain [--from-sources]        make this machine able to build for the microcontroller;
                                     --from-sources passes over rustup and an installed target
+  bench network [--json] [--rounds N] [--weights FILE]
+                                    time the force network against onnxruntime and tract, and against
+                                    this processor's limit; needs Python with pip
   train [ARGUMENTS]                 run the trainer (host/training) with these arguments
 
 Exit code: 0 done, 1 failed, 2 wrong usage.
@@ -55,6 +59,7 @@ fn dispatch(arguments: &[String]) -> Result<(), Error> {
         "firmware" => firmware::command(rest),
         "emulator" => no_more(rest).and_then(|()| emulator::command()),
         "toolchain" => toolchain::command(rest),
+        "bench" => bench::command(rest),
         "train" => process::run(
             process::cargo()
                 .args(["run", "--release", "--package", "gripline-training", "--"])

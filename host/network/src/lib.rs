@@ -22,8 +22,10 @@ use image::Image88;
 pub use image::downsample_440_to_88;
 pub use instruction_set::{InstructionSet, InstructionSetError};
 use kernel::Region;
+#[cfg(feature = "bench")]
+pub use kernel::spin;
 use unet::UNet;
-pub use unet::{Layer, LayerKind, OUTPUT, layers, tensors};
+pub use unet::{Folded, Layer, LayerKind, OUTPUT, folded, layers, tensors};
 pub use weights::{Calibration, WeightsError};
 use weights::{Weights, WeightsProblem};
 

@@ -154,9 +154,7 @@ impl UNet {
             decode20,
             ..
         } = weights.widths;
-        let mut folded = layers(weights.widths)
-            .into_iter()
-            .map(|layer| Folded::new(layer, &weights.tensors));
+        let mut folded = folded(weights);
         let first = folded.next().expect("the network has layers");
         let [difference_part, rest_part] = first.per_channel(instructions);
 
@@ -248,11 +246,22 @@ impl UNet {
     }
 }
 
-/// A layer's weights and bias with batch norm folded in (in f64, once).
-struct Folded {
-    layer: Layer,
-    weights: Vec<f32>,
-    bias: Vec<f32>,
+/// A layer with batch norm folded into its weights and bias (in f64, once).
+#[derive(Debug, Clone)]
+pub struct Folded {
+    /// The layer.
+    pub layer: Layer,
+    /// `[out, in, 3, 3]`; doubling layers: `[in, out, 3, 3]`.
+    pub weights: Vec<f32>,
+    /// `[out]`.
+    pub bias: Vec<f32>,
+}
+
+/// The layers in the order in which they run, folded. `weights` has to have passed [`Weights::check`].
+pub fn folded(weights: &Weights) -> impl Iterator<Item = Folded> {
+    layers(weights.widths)
+        .into_iter()
+        .map(|layer| Folded::new(layer, &weights.tensors))
 }
 
 impl Folded {

@@ -6,6 +6,8 @@
 
 mod block;
 mod convolution;
+#[cfg(feature = "bench")]
+mod limit;
 mod plan;
 mod plane;
 mod pool;
@@ -15,6 +17,8 @@ mod tests;
 mod vector;
 
 pub(crate) use convolution::{Convolution, Kernel, Shape};
+#[cfg(feature = "bench")]
+pub use limit::spin;
 pub(crate) use plan::{Plan, PlaneId};
 pub(crate) use region::Region;
 pub(crate) use vector::LANES_MAX;

@@ -1,0 +1,69 @@
+//! `cargo xtask bench network`: builds the measurement in host/network and runs it. onnxruntime comes from the
+//! Python package, in an environment of its own beside the other products; it is installed on first use.
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use crate::error::Error;
+use crate::process;
+
+/// The package that brings the shared library; the version that host/network's binding speaks.
+const ONNXRUNTIME: &str = "onnxruntime==1.31.1";
+
+/// `cargo xtask bench`.
+pub(crate) fn command(arguments: &[String]) -> Result<(), Error> {
+    match arguments.split_first() {
+        Some((what, rest)) if what == "network" => network(rest),
+        found => Err(Error::usage(
+            "bench",
+            found.map_or("nothing", |(what, _)| what),
+            "`network`",
+        )),
+    }
+}
+
+fn network(arguments: &[String]) -> Result<(), Error> {
+    let library = onnxruntime()?;
+    process::run(
+        process::cargo()
+            .args(["run", "--release", "--package", "gripline-network"])
+            .args([
+                "--features",
+                "bench",
+                "--bin",
+                "bench-network",
+                "--",
+                "--onnxruntime",
+            ])
+            .arg(library)
+            .args(arguments),
+    )
+}
+
+/// The shared library of onnxruntime, installed when it is not there yet.
+fn onnxruntime() -> Result<PathBuf, Error> {
+    let folder = process::products().join(ONNXRUNTIME.replace("==", "-"));
+    if let Some(library) = shared_library(&folder) {
+        return Ok(library);
+    }
+    process::run(
+        Command::new("python3")
+            .args(["-m", "pip", "install", "--quiet", "--no-deps", "--target"])
+            .arg(&folder)
+            .arg(ONNXRUNTIME),
+    )?;
+    shared_library(&folder).ok_or_else(|| Error::Product {
+        what: format!("the Python package {ONNXRUNTIME}"),
+        found: "no library named *onnxruntime.so* in onnxruntime/capi".to_owned(),
+        expected: "one, for engines to be compared; is there a package for this system?".to_owned(),
+    })
+}
+
+fn shared_library(folder: &Path) -> Option<PathBuf> {
+    let names = ["libonnxruntime.so", "libonnxruntime.1", "onnxruntime.dll"];
+    let files = std::fs::read_dir(folder.join("onnxruntime").join("capi")).ok()?;
+    files.flatten().map(|file| file.path()).find(|path| {
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        names.iter().any(|start| name.starts_with(start))
+    })
+}
