@@ -1,6 +1,7 @@
 //! Whole grasps without pictures: `cargo run --release -p gripline-simulation --example grasp`. Every built-in
 //! object is gripped, lifted, shaken, pulled, twisted, set down and released under an oracle's grip; then what
-//! each cost in time. One core.
+//! each cost in time . One core. `-- 40` on a grid of 40 cells; a part of a name
+//! traces that object's frames.
 
 use std::time::Instant;
 
@@ -79,6 +80,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 /// Six seconds with a bit of everything, loads in proportion to the object's weight.
 fn scene(object: &Object) -> GraspScene {
     let mut scene = GraspScene::new(object.clone());
+    if let Some(cells) = std::env::args().find_map(|word| word.parse().ok()) {
+        scene.cells = cells;
+    }
     let pull = object.weight_n().max(0.3);
     scene.arm = ArmMotion {
         strokes: vec![

@@ -111,18 +111,18 @@ pub const SCENE_GRIPPER_LAG_S: f64 = 0.04;
 pub const SCENE_GRIPPER_RATE_N_PER_S: f64 = 60.0;
 /// Largest force of the gripper, N (the line's full scale).
 pub const SCENE_GRIPPER_MAX_N: f64 = 40.0;
-/// One finger's share of the object's weight, N, along −y (the paper's heaviest object is 93 g).
-pub const SCENE_WEIGHT_N: f64 = 0.45;
+/// Mass of the scripted scene's object, g (the paper's heaviest).
+pub const SCENE_MASS_G: f64 = 92.66;
+/// Its moment of inertia about the grip axis, g·mm² (assumed: a box of 40 x 40 mm).
+pub const SCENE_INERTIA_G_MM2: f64 = 24_700.0;
+/// How far the scripted scene lifts it, mm.
+pub const SCENE_LIFT_MM: f64 = 20.0;
 /// Largest extra pull on one finger, N: with the weight it needs a grip of about 4 N.
 pub const SCENE_PULL_N: f64 = 2.2;
 /// Direction of the pull, a unit vector.
 pub const SCENE_PULL_DIRECTION: [f64; 2] = [0.6, -0.8];
 /// Largest twist on one finger, N·mm: it needs a grip of about 4.5 N.
 pub const SCENE_TWIST_NMM: f64 = 7.0;
-/// Drag of the sliding object, N·s/mm: 0.5 N too much slides it 25 mm in a second (assumed).
-pub const SCENE_DRAG_N_S_PER_MM: f64 = 0.02;
-/// An object that slid this far has left the grip, mm.
-pub const SCENE_DROP_MM: f64 = 6.0;
 /// Largest distance of the contact from the middle along each axis, mm.
 pub const SCENE_CONTACT_OFFSET_MM: f64 = 2.5;
 

@@ -1,65 +1,34 @@
-//! The scripted scene of `gripline run`: a sphere between gripper jaws, seen by one fingertip. The
-//! gripper's force follows the commanded line with lag and a rate limit; weight, pull and twist act by the
-//! clock. Units: mm, N, s. The loads slip away from the grip that the scene starts with, and hold when the
-//! grip follows them in time. Limits: one finger's share of all loads, sliding with viscous drag instead of
-//! the object's inertia.
-
-use std::sync::Arc;
+//! The scripted scene of `gripline run`: an object on a table, gripped, lifted, pulled, twisted and set down, as
+//! one fingertip sees it. A script on the grasp world; weight, pull and twist act by the clock. Units: mm, N, s.
+//! The loads slip away from the grip that the scene starts with, and hold when the grip follows them in time.
 
 use crate::constants::{
-    SCENE_CONTACT_OFFSET_MM, SCENE_DRAG_N_S_PER_MM, SCENE_DROP_MM, SCENE_GRIPPER_LAG_S, SCENE_GRIPPER_MAX_N,
-    SCENE_GRIPPER_RATE_N_PER_S, SCENE_LOOP_S, SCENE_PULL_DIRECTION, SCENE_PULL_N, SCENE_TWIST_NMM,
-    SCENE_WEIGHT_N,
+    SCENE_CONTACT_OFFSET_MM, SCENE_FRICTION, SCENE_INERTIA_G_MM2, SCENE_LIFT_MM, SCENE_LOOP_S, SCENE_MASS_G,
+    SCENE_PULL_DIRECTION, SCENE_PULL_N, SCENE_SPHERE_RADIUS_MM, SCENE_TWIST_NMM,
 };
-use crate::contact::{ForceMap, Load, SphereContact, SphereParams};
+use crate::contact::{ForceMap, Load};
+use crate::contact_world::Shape;
 use crate::error::{SimulationError, checked};
-use crate::field::FieldKernels;
 use crate::fingertip::{Fingertip, FingertipParams};
+use crate::grasp::{Course, GraspParts, GraspScene, GraspWorld, Object, Patch, Pull, Stroke};
 use crate::image::Image;
 use crate::random::Random;
 
 /// Purpose of the scene's random stream.
 const PLACES: u64 = 4;
-/// Largest step of gripper and contact, s.
-const SUBSTEP_S: f64 = 0.01;
-/// Under this the jaws are open, N.
-const OPEN_N: f64 = 0.01;
 
-/// What the script does from `from_s` on; loads grow or fall linearly to the ones given at the phase's end.
-struct Phase {
-    from_s: f64,
-    name: &'static str,
-    closed: bool,
-    weight: f64,
-    pull: f64,
-    twist: f64,
-}
-
-const fn phase(from_s: f64, name: &'static str, closed: bool, [weight, pull, twist]: [f64; 3]) -> Phase {
-    Phase {
-        from_s,
-        name,
-        closed,
-        weight,
-        pull,
-        twist,
-    }
-}
-
-/// Shares of the constants' weight, pull and twist at the end of each phase.
-const SCRIPT: [Phase; 12] = [
-    phase(0.0, "approach", false, [0.0, 0.0, 0.0]),
-    phase(1.0, "touch", true, [0.0, 0.0, 0.0]),
-    phase(2.0, "lift", true, [1.0, 0.0, 0.0]),
-    phase(2.5, "hold", true, [1.0, 0.0, 0.0]),
-    phase(3.5, "pull", true, [1.0, 1.0, 0.0]),
-    phase(6.0, "pull", true, [1.0, 1.0, 0.0]),
-    phase(6.5, "recover", true, [1.0, 0.0, 0.0]),
-    phase(7.5, "twist", true, [1.0, 0.0, 1.0]),
-    phase(9.0, "twist", true, [1.0, 0.0, 1.0]),
-    phase(9.4, "recover", true, [1.0, 0.0, 0.0]),
-    phase(10.2, "set down", true, [0.0, 0.0, 0.0]),
-    phase(10.8, "release", false, [0.0, 0.0, 0.0]),
+/// What the script does from a time on, s, and whether the jaws follow the line then.
+const SCRIPT: [(f64, &str, bool); 10] = [
+    (0.0, "approach", false),
+    (1.0, "touch", true),
+    (2.0, "lift", true),
+    (2.5, "hold", true),
+    (3.5, "pull", true),
+    (6.5, "recover", true),
+    (7.5, "twist", true),
+    (9.4, "recover", true),
+    (10.2, "set down", true),
+    (10.8, "release", false),
 ];
 
 /// One frame of the scene.
@@ -70,15 +39,16 @@ pub struct SceneFrame {
     /// What the script does now: approach, touch, lift, hold, pull, recover, twist, set down, release; or
     /// lost, when the object has slid out of the grip and the script waits for its next round.
     pub phase: &'static str,
-    /// Whether the sphere touches the skin.
+    /// Whether the object touches the skin.
     pub touching: bool,
-    /// The gripper's normal force, and what pulls and twists the object, before any friction limit.
+    /// The gripper's normal force, and this finger's half of what pulls and twists the object, before any
+    /// friction limit.
     pub load: Load,
     /// True share of the contact area that sticks; none when nothing touches.
     pub true_stick_ratio: Option<f64>,
     /// Whether the object slides as a whole.
     pub gross_slip: bool,
-    /// How far its skin contact slid since it was grasped, mm (spin counts at the contact's rim).
+    /// How far its skin contact slid since it was grasped, mm (spin counts at the contact's radius of gyration).
     pub slip_mm: f64,
     /// The true forces, N per taxel.
     pub forces: ForceMap,
@@ -86,40 +56,36 @@ pub struct SceneFrame {
     pub image: Image,
 }
 
-/// The scripted scene; it repeats every 12 s with the contact at another place.
-#[derive(Debug, Clone)]
+/// The scripted scene; it repeats every 12 s with the object gripped at another place.
+#[derive(Debug)]
 pub struct GripScene {
     fingertip: Fingertip,
-    contact: SphereContact,
+    parts: GraspParts,
+    world: GraspWorld,
     places: Random,
     time_s: f64,
-    round: u64,
-    grip_n: f64,
-    spun_mm: f64,
-    lost: bool,
 }
 
 impl GripScene {
-    /// The scene whose fingertip, noise and contact places follow from `seed`.
+    /// The scene whose fingertip, noise and grip points follow from `seed`.
     ///
     /// # Panics
     /// Never: the crate's own constants are valid parameters.
     #[must_use]
     pub fn new(seed: u64) -> Self {
-        let params = FingertipParams::default();
-        let kernels = Arc::new(FieldKernels::new(&params.gel));
-        let fingertip = Fingertip::with_kernels(seed, params, kernels).expect("default parameters are valid");
         let mut places = Random::new(seed, PLACES);
-        let contact = next_contact(&mut places);
+        let scene = next_grasp(&mut places);
+        let parts = GraspParts::new(&scene).expect("the script's constants are valid");
+        let world = GraspWorld::with_parts(&scene, &parts).expect("the script's constants are valid");
+        let fingertip = parts
+            .fingertip(seed, FingertipParams::default())
+            .expect("default parameters are valid");
         Self {
             fingertip,
-            contact,
+            parts,
+            world,
             places,
             time_s: 0.0,
-            round: 0,
-            grip_n: 0.0,
-            spun_mm: 0.0,
-            lost: false,
         }
     }
 
@@ -134,169 +100,152 @@ impl GripScene {
     /// A step outside 0 to 0.1 s, a line that is negative or not finite, a contact step that does not
     /// converge.
     pub fn step(&mut self, dt_s: f64, line_n: f64) -> Result<SceneFrame, SimulationError> {
-        checked("dt_s", dt_s, "above 0, at most 0.1 s", |dt| dt > 0.0 && dt <= 0.1)?;
-        checked("line_n", line_n, "a finite number, 0 or above", |line| {
-            line >= 0.0
-        })?;
-        let substeps = (dt_s / SUBSTEP_S).ceil();
-        let mut load = Load::default();
-        for _ in 0..substeps as usize {
-            load = self.advance(dt_s / substeps, line_n)?;
-        }
+        let phase = self.advance(dt_s, line_n)?;
         self.fingertip.set_time(self.time_s);
-        let state = self.contact.state();
-        let touching = state.in_contact();
         let mut image = Image::crop();
-        self.fingertip.render(touching.then_some(state), &mut image);
+        self.fingertip.render_truth(self.world.truth(0), &mut image);
+        let frame = self.world.frame();
+        let finger = &frame.fingers[0];
+        let [pull_x, pull_y, twist] = frame.load.map(|load| 0.5 * load);
         Ok(SceneFrame {
             time_s: self.time_s,
-            phase: if self.lost { "lost" } else { at(self.time_s).0.name },
-            touching,
-            load,
-            true_stick_ratio: touching.then(|| state.true_stick_ratio()),
-            gross_slip: state.gross_slip(),
-            slip_mm: state.slip_distance_mm() + self.spun_mm,
-            forces: state.force_map(),
+            phase,
+            touching: finger.touching,
+            load: Load {
+                normal_n: frame.grip_n,
+                shear_n: [pull_x, pull_y],
+                torsion_nmm: twist,
+            },
+            true_stick_ratio: finger.stick_ratio,
+            gross_slip: finger.gross_slip,
+            slip_mm: finger.slip_mm,
+            forces: finger.forces,
             image,
         })
     }
 
-    fn advance(&mut self, dt_s: f64, line_n: f64) -> Result<Load, SimulationError> {
+    /// Advances without looking; what the script does then.
+    fn advance(&mut self, dt_s: f64, line_n: f64) -> Result<&'static str, SimulationError> {
+        checked("line_n", line_n, "a finite number, 0 or above", |line| {
+            line >= 0.0
+        })?;
+        if self.world.frame().time_s + 0.5 * dt_s > SCENE_LOOP_S {
+            self.world = GraspWorld::with_parts(&next_grasp(&mut self.places), &self.parts)?;
+        }
+        let closed = at(self.world.frame().time_s + dt_s).1 && !self.world.frame().dropped;
+        let frame = self.world.step(dt_s, if closed { line_n } else { 0.0 })?;
         self.time_s += dt_s;
-        let round = (self.time_s / SCENE_LOOP_S) as u64;
-        if round != self.round {
-            self.round = round;
-            self.lost = false;
-            self.grip_n = 0.0;
-            self.spun_mm = 0.0;
-            self.contact = next_contact(&mut self.places);
-        }
-        let (phase, [weight, pull, twist]) = at(self.time_s);
-        let wanted = if phase.closed && !self.lost {
-            line_n.min(SCENE_GRIPPER_MAX_N)
-        } else {
-            0.0
-        };
-        let change = (wanted - self.grip_n) * (1.0 - libm::exp(-dt_s / SCENE_GRIPPER_LAG_S));
-        let most = SCENE_GRIPPER_RATE_N_PER_S * dt_s;
-        self.grip_n += change.clamp(-most, most);
-        let normal_n = if self.grip_n < OPEN_N { 0.0 } else { self.grip_n };
-        let load = Load {
-            normal_n,
-            shear_n: [
-                pull * SCENE_PULL_N * SCENE_PULL_DIRECTION[0],
-                pull * SCENE_PULL_N * SCENE_PULL_DIRECTION[1] - weight * SCENE_WEIGHT_N,
-            ],
-            torsion_nmm: twist * SCENE_TWIST_NMM,
-        };
-        let state = self.contact.step(load)?;
-        if state.gross_slip() {
-            let held = state.load();
-            // v = excess / drag; the moment's excess acts as a force at the rim.
-            let way = dt_s / SCENE_DRAG_N_S_PER_MM;
-            let by = [0, 1].map(|k| (load.shear_n[k] - held.shear_n[k]) * way);
-            self.spun_mm += (load.torsion_nmm - held.torsion_nmm).abs() / state.radius_mm() * way;
-            self.contact.slide(by)?;
-            if self.contact.state().slip_distance_mm() + self.spun_mm > SCENE_DROP_MM {
-                self.lost = true;
-            }
-        }
-        Ok(load)
+        Ok(if frame.dropped { "lost" } else { at(frame.time_s).0 })
     }
 }
 
-/// The phase at `time_s`, and the shares of weight, pull and twist.
-fn at(time_s: f64) -> (&'static Phase, [f64; 3]) {
-    let in_round = time_s % SCENE_LOOP_S;
+/// The phase at `time_s` of a round, and whether the jaws follow the line.
+fn at(time_s: f64) -> (&'static str, bool) {
     let now = SCRIPT
         .iter()
-        .rposition(|phase| phase.from_s <= in_round)
+        .rposition(|phase| phase.0 <= time_s + 1e-9)
         .unwrap_or(0);
-    let phase = &SCRIPT[now];
-    let end = SCRIPT.get(now + 1).map_or(SCENE_LOOP_S, |next| next.from_s);
-    let way = (in_round - phase.from_s) / (end - phase.from_s);
-    let before = now.checked_sub(1).map_or(phase, |last| &SCRIPT[last]);
-    let between = |from: f64, to: f64| from + way * (to - from);
-    let shares = [
-        between(before.weight, phase.weight),
-        between(before.pull, phase.pull),
-        between(before.twist, phase.twist),
-    ];
-    (phase, shares)
+    (SCRIPT[now].1, SCRIPT[now].2)
 }
 
-fn next_contact(places: &mut Random) -> SphereContact {
+/// The script's loads on its object, gripped at the next place.
+fn next_grasp(places: &mut Random) -> GraspScene {
+    let object = Object {
+        name: "knob".into(),
+        mass_g: SCENE_MASS_G,
+        inertia_g_mm2: SCENE_INERTIA_G_MM2,
+        centre_of_mass_mm: [0.0; 2],
+        size_mm: [40.0, 40.0, 40.0],
+        patch: Patch::Shape(Shape::Sphere {
+            radius_mm: SCENE_SPHERE_RADIUS_MM,
+        }),
+        patch_turn_rad: 0.0,
+        friction: [SCENE_FRICTION; 2],
+    };
     let offset = SCENE_CONTACT_OFFSET_MM;
-    let centre_mm = [places.uniform(-offset, offset), places.uniform(-offset, offset)];
-    SphereContact::new(SphereParams {
-        centre_mm,
-        ..SphereParams::default()
-    })
-    .expect("default parameters are valid")
+    let mut scene = GraspScene::new(object);
+    scene.grip_point_mm = [places.uniform(-offset, offset), places.uniform(-offset, offset)];
+    scene.arm.strokes = [(2.0, 0.5, 1.0), (10.2, 0.6, -1.0)]
+        .map(|(from_s, duration_s, way)| Stroke::Move {
+            from_s,
+            duration_s,
+            by_mm: [0.0, way * SCENE_LIFT_MM],
+        })
+        .to_vec();
+    let course = |times: [f64; 4]| {
+        let [from, full, until, gone] = times;
+        Course::linear(vec![[from, 0.0], [full, 1.0], [until, 1.0], [gone, 0.0]])
+    };
+    scene.pulls = vec![
+        Pull::force(
+            SCENE_PULL_DIRECTION.map(|part| part * 2.0 * SCENE_PULL_N),
+            course([3.5, 6.0, 6.5, 7.5]),
+        ),
+        Pull::twist(2.0 * SCENE_TWIST_NMM, course([7.5, 9.0, 9.4, 10.2])),
+    ];
+    scene
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::constants::SCENE_INITIAL_GRIP_N;
+    use crate::grasp::GraspFrame;
 
     const FRAME_S: f64 = 1.0 / 60.0;
 
-    /// One round of the scene, without looking through the camera, under a grip law; (time, load, state)
-    /// per frame.
-    fn round(mut law: impl FnMut(&SphereContact) -> f64) -> Vec<(f64, Load, f64, bool, bool)> {
+    /// One round of the scene, without looking through the camera, under a grip law.
+    fn round(mut law: impl FnMut(&GraspFrame) -> f64) -> Vec<(&'static str, GraspFrame)> {
         let mut scene = GripScene::new(3);
-        let mut frames = Vec::new();
-        while scene.time_s + FRAME_S < SCENE_LOOP_S {
-            let line = law(&scene.contact);
-            scene.advance(FRAME_S / 2.0, line).unwrap();
-            let load = scene.advance(FRAME_S / 2.0, line).unwrap();
-            let state = scene.contact.state();
-            frames.push((
-                scene.time_s,
-                load,
-                state.true_stick_ratio(),
-                state.gross_slip(),
-                state.in_contact(),
-            ));
-        }
-        frames
+        (0..720)
+            .map(|_| {
+                let line = law(scene.world.frame());
+                let phase = scene.advance(FRAME_S, line).unwrap();
+                (phase, scene.world.frame().clone())
+            })
+            .collect()
     }
 
     #[test]
     fn held_at_the_first_grip_the_object_slips_in_the_pull_and_is_lost() {
         let frames = round(|_| SCENE_INITIAL_GRIP_N);
-        let first = frames.iter().find(|f| f.3).expect("gross slip").0;
-        assert!(first > 3.5 && first < 6.5, "slips at {first} s");
-        assert!(frames.iter().rev().take(30).all(|f| !f.4));
+        let (phase, first) = frames.iter().find(|(_, frame)| frame.slip).expect("gross slip");
+        assert_eq!(*phase, "pull", "{} s", first.time_s);
+        let (phase, last) = frames.last().unwrap();
+        assert!(*phase == "lost" && !last.fingers[0].touching);
     }
 
     #[test]
     fn held_at_the_first_grip_the_twist_alone_would_spin_the_object() {
-        let mut contact = next_contact(&mut Random::new(1, PLACES));
-        let load = Load {
-            normal_n: SCENE_INITIAL_GRIP_N,
-            shear_n: [0.0, -SCENE_WEIGHT_N],
-            torsion_nmm: SCENE_TWIST_NMM,
-        };
-        assert!(contact.step(load).unwrap().gross_slip());
+        let mut scene = next_grasp(&mut Random::new(1, PLACES));
+        scene.pulls.remove(0);
+        let mut world = GraspWorld::new(&scene).unwrap();
+        let mut slipped = 0.0;
+        while world.frame().time_s < 9.3 && slipped == 0.0 {
+            if world.step(FRAME_S, SCENE_INITIAL_GRIP_N).unwrap().slip {
+                slipped = world.frame().time_s;
+            }
+        }
+        assert!(slipped > 7.5, "{slipped}");
     }
 
     #[test]
     fn a_grip_that_rises_when_the_stick_ratio_falls_never_slips() {
         let mut line = SCENE_INITIAL_GRIP_N;
-        let frames = round(|contact| {
-            let state = contact.state();
-            if !state.in_contact() {
-                line = SCENE_INITIAL_GRIP_N;
-            } else if state.true_stick_ratio() < 0.6 {
-                line += 0.3;
+        let frames = round(|frame| {
+            match frame.fingers[0].stick_ratio {
+                None => line = SCENE_INITIAL_GRIP_N,
+                Some(ratio) if ratio < 0.6 => line += 0.3,
+                Some(_) => {}
             }
             line
         });
-        assert!(frames.iter().all(|f| !f.3), "gross slip");
-        let lowest = frames.iter().map(|f| f.2).fold(1.0, f64::min);
-        let highest = frames.iter().map(|f| f.1.normal_n).fold(0.0, f64::max);
+        assert!(frames.iter().all(|(_, frame)| !frame.slip), "gross slip");
+        let ratios = frames
+            .iter()
+            .filter_map(|(_, frame)| frame.fingers[0].stick_ratio);
+        let lowest = ratios.fold(1.0, f64::min);
+        let highest = frames.iter().map(|(_, frame)| frame.grip_n).fold(0.0, f64::max);
         assert!(lowest < 0.6 && lowest > 0.1, "lowest stick ratio {lowest}");
         assert!(
             highest > 1.3 * SCENE_INITIAL_GRIP_N && highest < 10.0,
@@ -306,16 +255,23 @@ mod tests {
 
     #[test]
     fn nothing_touches_in_the_first_second_and_the_gripper_then_follows_its_line_with_lag() {
-        let frames = round(|_| 4.0);
-        assert!(frames.iter().all(|f| f.0 > 0.99 || !f.4));
-        let force = |time: f64| frames.iter().find(|f| f.0 > time).unwrap().1.normal_n;
+        let frames = round(|_| 6.0);
+        let touching = |frame: &GraspFrame| frame.fingers[0].touching;
         assert!(
-            force(1.02) < 2.5 && (force(1.4) - 4.0).abs() < 0.01,
+            frames
+                .iter()
+                .all(|(_, frame)| frame.time_s > 0.99 || !touching(frame))
+        );
+        // Three frames at the largest rate, 60 N/s.
+        let force = |time: f64| frames.iter().find(|(_, f)| f.time_s > time).unwrap().1.grip_n;
+        assert!(
+            (force(1.02) - 3.0).abs() < 0.01 && (force(1.4) - 6.0).abs() < 0.01,
             "{} {}",
             force(1.02),
             force(1.4)
         );
-        assert!(frames.last().unwrap().1.normal_n == 0.0);
+        let (phase, last) = frames.last().unwrap();
+        assert!(*phase == "release" && last.grip_n == 0.0 && last.on_table && !last.dropped);
     }
 
     #[test]

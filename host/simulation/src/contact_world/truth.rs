@@ -11,8 +11,12 @@ use crate::gel::Gel;
 const BOUND_SHARE: f64 = 1.0 - 1e-6;
 /// Fewer sticking cells than this share of the contact: it slides as a whole.
 const GROSS_STICK_RATIO: f64 = 0.01;
-/// The skin follows less than this share of the indenter's motion: it slides as a whole.
+/// The skin follows less than this share of the indenter's motion where hardly a cell sticks: it slides as a whole,
+/// about a point that stands still.
 const GROSS_FOLLOW: f64 = 0.05;
+/// Share of sticking cells under which hardly one does. Skin that gives back while the load goes does not follow
+/// either, and sticks.
+const HARDLY_STICKS: f64 = 0.1;
 
 /// What one cell of the skin does.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -117,8 +121,9 @@ impl Truth {
                 CellState::Slip
             };
         }
-        let nothing_sticks = self.stick_ratio().is_some_and(|ratio| ratio < GROSS_STICK_RATIO);
-        self.gross_slip = nothing_sticks || follow.is_some_and(|share| share < GROSS_FOLLOW);
+        let sticks_less = |share: f64| self.stick_ratio().is_some_and(|ratio| ratio < share);
+        let runs_ahead = follow.is_some_and(|share| share < GROSS_FOLLOW);
+        self.gross_slip = sticks_less(GROSS_STICK_RATIO) || (runs_ahead && sticks_less(HARDLY_STICKS));
     }
 
     /// Whether anything touches.

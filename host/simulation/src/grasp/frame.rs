@@ -60,7 +60,8 @@ pub struct GraspFrame {
     /// What weight, the arm's acceleration, pulls and table do to the object at the grip point: N, N, N·mm. The
     /// fingers hold it less what accelerates the object against them.
     pub load: [f64; 3],
-    /// Whether the object slides over a skin: the label SLIP (see `constants::SLIP_SPEED_MM_PER_S`).
+    /// The label SLIP: in this frame the object slid in the grip, with nothing that sticks on either skin and faster
+    /// than `constants::SLIP_SPEED_MM_PER_S`. While one finger still holds, the other's slip is in its `gross_slip`.
     pub slip: bool,
     /// Whether the table carries any of it.
     pub on_table: bool,

@@ -8,8 +8,12 @@ use super::course::Course;
 use super::gripper::Gripper;
 use super::object::Object;
 use crate::constants::{GRASP_DROP_MM, TABLE_FRICTION, TABLE_STIFFNESS_N_PER_MM};
+use crate::contact_world::production_cells;
 use crate::error::{SimulationError, finite, not_negative, positive};
 use crate::fingertip::FingertipParams;
+
+/// A grasp presses with at least this much, N, for the choice of the grid.
+const GRIPPED_N: f64 = 1.5;
 
 /// A force and a twist on the object over time.
 #[derive(Debug, Clone, PartialEq)]
@@ -127,7 +131,7 @@ impl GraspScene {
             drop_mm: GRASP_DROP_MM,
             phases: Vec::new(),
             fingertips: [FingertipParams::default(); 2],
-            cells: 40,
+            cells: production_cells(GRIPPED_N),
             seed: 1,
         }
     }

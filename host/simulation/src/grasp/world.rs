@@ -14,7 +14,7 @@ use crate::constants::{GRAVITY_MM_PER_S2, SLIP_SPEED_MM_PER_S, TAXEL_COUNT};
 use crate::contact_world::{Contact, HeightMap, Mount, Skin, Truth};
 use crate::error::{SimulationError, checked};
 use crate::field::FieldKernels;
-use crate::fingertip::Fingertip;
+use crate::fingertip::{Fingertip, FingertipParams};
 use crate::image::Image;
 
 /// Shares of a frame that a step may take.
@@ -46,6 +46,11 @@ impl GraspParts {
             skin: Arc::new(Skin::new(&gel, scene.cells)?),
             kernels: Arc::new(FieldKernels::new(&gel)),
         })
+    }
+
+    /// A fingertip with this gel.
+    pub(crate) fn fingertip(&self, seed: u64, params: FingertipParams) -> Result<Fingertip, SimulationError> {
+        Fingertip::with_kernels(seed, params, Arc::clone(&self.kernels))
     }
 }
 
@@ -247,7 +252,22 @@ impl GraspWorld {
     /// When `finger` is not 0 or 1.
     pub fn render(&mut self, finger: usize, out: &mut Image) -> Result<(), SimulationError> {
         let tip = fingertip(&mut self.fingertips[finger], &self.scene, &self.parts, finger)?;
+        tip.set_time(self.time_s);
         tip.render_truth(&self.truths[finger], out);
+        Ok(())
+    }
+
+    /// As [`Self::render`], the whole 640 x 480 frame.
+    ///
+    /// # Errors
+    /// As [`Self::render`].
+    ///
+    /// # Panics
+    /// When `finger` is not 0 or 1.
+    pub fn render_frame(&mut self, finger: usize, out: &mut Image) -> Result<(), SimulationError> {
+        let tip = fingertip(&mut self.fingertips[finger], &self.scene, &self.parts, finger)?;
+        tip.set_time(self.time_s);
+        tip.frame_truth(&self.truths[finger], out);
         Ok(())
     }
 
@@ -441,7 +461,7 @@ impl GraspWorld {
             phase: self.scene.phase(self.time_s),
             line_n,
             grip_n: self.gripper.force_n(),
-            slip: self.dropped || fingers.iter().any(|finger| finger.gross_slip),
+            slip: fingers.iter().all(|finger| finger.gross_slip),
             fingers,
             object: ObjectState {
                 at_mm: [x, y],
@@ -503,11 +523,7 @@ fn fingertip<'a>(
     if known.is_none() {
         let seed = scene.seed.wrapping_mul(2).wrapping_add(finger as u64);
         let params = scene.fingertips[finger];
-        *known = Some(Box::new(Fingertip::with_kernels(
-            seed,
-            params,
-            Arc::clone(&parts.kernels),
-        )?));
+        *known = Some(Box::new(parts.fingertip(seed, params)?));
     }
     Ok(known.as_mut().expect("made above"))
 }
