@@ -6,8 +6,7 @@ use std::time::Instant;
 
 use gripline_simulation::contact_world::{Contact, Drive, Mount, Press, Shape, Skin, production_cells};
 use gripline_simulation::{
-    Fingertip, FingertipParams, Gel, GripScene, Image, Load, SampleGenerator, SampleWorld, SphereContact,
-    SphereParams, Split, block_mean_88,
+    Fingertip, FingertipParams, Gel, GripScene, Image, Load, SphereContact, SphereParams, block_mean_88,
 };
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -85,18 +84,6 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             scene.step(1.0 / 60.0, 5.0).expect("a good step");
         }
     });
-
-    let samples = 400;
-    let start = Instant::now();
-    let world = SampleWorld::new()?;
-    for sample in SampleGenerator::new(&world, Split::Train, 1).take(samples) {
-        std::hint::black_box(sample);
-    }
-    println!(
-        "{:<36} {:8.1} per second",
-        "training samples",
-        samples as f64 / start.elapsed().as_secs_f64()
-    );
     Ok(())
 }
 

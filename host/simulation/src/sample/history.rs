@@ -340,8 +340,8 @@ impl History {
 }
 
 /// Cells along the skin's side for a history that peaks at `peak_n`: the production grid where figures are reported
-/// and the detector is calibrated, about half of it where thousands are learned from. The coarser grid's map is a few
-/// percent off, less than what the network misses, at a fifth of the cost.
+/// and the detector is calibrated, about half of it where thousands of samples are learned from. The coarser grid's
+/// maps are 2.4 % off (median; 5.8 % at most), a fraction of what the network misses, at a fifth of the cost.
 fn grid_cells(split: Split, peak_n: f64) -> usize {
     let cells = production_cells(peak_n);
     match split {
@@ -395,5 +395,57 @@ fn between(from: &Drive, to: &Drive, part: f64) -> Drive {
         at_mm: [0, 1].map(|k| mix(from.at_mm[k], to.at_mm[k])),
         turn_rad: mix(from.turn_rad, to.turn_rad),
         tilt_rad: [0, 1].map(|k| mix(from.tilt_rad[k], to.tilt_rad[k])),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Force maps of the states that `skins` show along the same histories.
+    fn maps(skins: &Skins, histories: u32) -> Vec<Vec<[f32; 3]>> {
+        let mut maps = Vec::new();
+        for seed in 0..histories {
+            let mut random = Random::new(u64::from(seed), 77);
+            let mut counts = Counts::default();
+            let mut history = History::draw(&mut random, Split::Train, skins, &Gel::default()).unwrap();
+            while let Some(truth) = history.advance(&mut random, &mut counts) {
+                maps.push(truth.force_map().to_vec());
+            }
+            assert_eq!(counts.unsolved, 0);
+        }
+        maps
+    }
+
+    #[test]
+    fn the_training_grid_is_a_few_percent_from_a_grid_that_is_two_to_three_times_finer() {
+        let gel = Gel::default();
+        let skin = |cells: usize| Arc::new(Skin::new(&gel, cells).unwrap());
+        let coarse = maps(&Skins(vec![skin(40), skin(80)]), 12);
+        let fine = maps(&Skins(vec![skin(160)]), 12);
+        assert_eq!(coarse.len(), fine.len());
+        let norm = |map: &[[f32; 3]]| map.as_flattened().iter().map(|f| f * f).sum::<f32>().sqrt();
+        let mut off: Vec<f32> = coarse
+            .iter()
+            .zip(&fine)
+            .map(|(a, b)| {
+                let between: Vec<[f32; 3]> = a
+                    .iter()
+                    .zip(b)
+                    .map(|(a, b)| [0, 1, 2].map(|k| a[k] - b[k]))
+                    .collect();
+                norm(&between) / norm(b)
+            })
+            .collect();
+        off.sort_by(f32::total_cmp);
+        let at = |share: f32| off[((off.len() - 1) as f32 * share) as usize];
+        println!(
+            "training grid against 160 cells, {} states: median {:.3}, 90 % below {:.3}, most {:.3}",
+            off.len(),
+            at(0.5),
+            at(0.9),
+            at(1.0)
+        );
+        assert!(at(0.5) < 0.03 && at(0.9) < 0.06);
     }
 }
