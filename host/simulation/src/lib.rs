@@ -1,7 +1,8 @@
-//! The test world of Gripline: a soft fingertip whose inner particles a camera sees, pressed, sheared and
-//! twisted by a sphere. First form: closed-form contact (Hertz, Cattaneo–Mindlin, Jäger), linear gel, one
-//! sphere; `contact_world` solves the contact of any indenter. Units: mm, N, MPa (= N/mm²), N·mm, s. x and y lie in the surface, z points into the skin. Forces
-//! are what the object exerts on the skin. Same seed, parameters and calls: same images, bit for bit.
+//! The test world of Gripline: `contact_world` solves contact with friction of any indenter on the soft skin, `grasp`
+//! holds objects between two such fingertips, and [`Fingertip`] pictures the skin's particles as its camera sees
+//! them. The closed forms of [`SphereContact`] stay as checks. Units: mm, N, MPa (= N/mm²), N·mm, s. x and y lie in
+//! the surface, z points into the skin. Forces are what the object exerts on the skin. Same seed, parameters and
+//! calls: same images, bit for bit.
 #![forbid(unsafe_code)]
 
 mod camera;
