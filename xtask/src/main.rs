@@ -29,6 +29,9 @@ cargo xtask COMMAND
   bench network [--json] [--rounds N] [--weights FILE]
                                     time the force network against onnxruntime and tract, and against
                                     this processor's limit; needs Python with pip
+  physics [--json] [--out DIR]      the test world against closed forms, other programs and a finer grid; prints a
+                                    table, writes pictures to DIR; wants a quiet machine (it judges speed) and
+                                    Python 3 with venv (it installs tamaas into the build folder)
   train [ARGUMENTS]                 run the trainer (host/training) with these arguments
 
 Exit code: 0 done, 1 failed, 2 wrong usage.
@@ -60,6 +63,7 @@ fn dispatch(arguments: &[String]) -> Result<(), Error> {
         "emulator" => no_more(rest).and_then(|()| emulator::command()),
         "toolchain" => toolchain::command(rest),
         "bench" => bench::command(rest),
+        "physics" => physics(rest),
         "train" => process::run(
             process::cargo()
                 .args(["run", "--release", "--package", "gripline-training", "--"])
@@ -71,6 +75,16 @@ fn dispatch(arguments: &[String]) -> Result<(), Error> {
             "one of those that `cargo xtask` lists",
         )),
     }
+}
+
+/// The test world's figures against their bounds.
+fn physics(arguments: &[String]) -> Result<(), Error> {
+    process::run(
+        process::cargo()
+            .args(["run", "--release", "--package", "gripline-simulation"])
+            .args(["--features", "physics", "--bin", "physics", "--"])
+            .args(arguments),
+    )
 }
 
 /// Refuses whatever follows a command that takes no arguments.

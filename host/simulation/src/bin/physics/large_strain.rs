@@ -1,0 +1,110 @@
+//! The linear layer against large-strain finite elements: a 12 mm sphere on the default gel, stuck.
+
+use gripline_simulation::Gel;
+use gripline_simulation::finite_elements::{Comparison, Ogden, Setting, Surface, compare_pressed_sphere};
+
+use crate::Failure;
+use crate::pictures::{Chart, Curve, Pictures};
+use crate::report::{Bound, Report};
+
+const INDENTATIONS: [f64; 4] = [0.05, 0.1, 0.2, 0.3];
+/// Elements along the middle taxel. Twice as many change the force at 5 % by less than the bound's fifth and take
+/// a minute.
+const FINENESS: usize = 4;
+
+/// Presses the block; beside other sections.
+pub(crate) fn compare() -> Result<Vec<Comparison>, Failure> {
+    let gel = Gel::default();
+    let setting = Setting {
+        gel,
+        material: Ogden::of_gel(&gel)?,
+        radius_mm: 12.0,
+        surface: Surface::Stuck,
+        fineness: FINENESS,
+    };
+    Ok(compare_pressed_sphere(&setting, &INDENTATIONS, &mut |_, _| {})?)
+}
+
+pub(crate) fn rows(found: &[Comparison], report: &mut Report, pictures: &Pictures) -> Result<(), Failure> {
+    let keys = [
+        ["finite_elements_force_5", "finite_elements_map_5"],
+        ["finite_elements_force_10", "finite_elements_map_10"],
+        ["finite_elements_force_20", "finite_elements_map_20"],
+        ["finite_elements_force_30", "finite_elements_map_30"],
+    ];
+    for (comparison, keys) in found.iter().zip(keys) {
+        let percent = 100.0 * comparison.indentation;
+        let bound = if comparison.indentation < 0.06 {
+            Bound::AtMost(5.0)
+        } else {
+            Bound::Reported
+        };
+        report.row(
+            keys[0],
+            &format!("force of the linear layer at {percent:.0} % indentation"),
+            "finite elements, Ogden, sphere stuck",
+            bound,
+            (
+                100.0 * (comparison.force_n.linear / comparison.force_n.large_strain - 1.0).abs(),
+                "%",
+            ),
+            &format!(
+                "{:.2} N against {:.2} N",
+                comparison.force_n.linear, comparison.force_n.large_strain
+            ),
+        );
+        report.row(
+            keys[1],
+            &format!("normal force map at the same force, {percent:.0} %"),
+            "finite elements",
+            bound,
+            (100.0 * comparison.normal_map_difference, "%"),
+            "",
+        );
+    }
+    let curve = |pick: &dyn Fn(&Comparison) -> f64| -> Vec<(f64, f64)> {
+        found.iter().map(|c| (100.0 * c.indentation, pick(c))).collect()
+    };
+    pictures.charts(
+        "finite-elements",
+        &[
+            Chart {
+                title: "Force of a 12 mm sphere on the 6 mm layer",
+                x: "indentation, % of the layer",
+                y: "force, N",
+                x_range: [0.0, 31.0],
+                y_range: [
+                    0.0,
+                    found.iter().map(|c| c.force_n.large_strain).fold(0.0, f64::max) * 1.1,
+                ],
+                curves: vec![
+                    Curve::both(
+                        "finite elements, large strain",
+                        1,
+                        curve(&|c| c.force_n.large_strain),
+                    ),
+                    Curve::both("linear layer", 0, curve(&|c| c.force_n.linear)),
+                ],
+            },
+            Chart {
+                title: "Force map of the linear layer at equal force",
+                x: "indentation, % of the layer",
+                y: "difference (L2), %",
+                x_range: [0.0, 31.0],
+                y_range: [
+                    0.0,
+                    100.0 * found.iter().map(|c| c.whole_map_difference).fold(0.0, f64::max) * 1.2,
+                ],
+                curves: vec![
+                    Curve::both("normal", 0, curve(&|c| 100.0 * c.normal_map_difference)),
+                    Curve::both("with shear", 1, curve(&|c| 100.0 * c.whole_map_difference)),
+                    Curve::both(
+                        "with shear, pressure turned",
+                        2,
+                        curve(&|c| 100.0 * c.turned_map_difference),
+                    ),
+                ],
+            },
+        ],
+    )
+}

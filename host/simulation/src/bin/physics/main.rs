@@ -1,0 +1,190 @@
+//! `cargo xtask physics`: the world against closed forms, conservation laws, independent programs and itself on a
+//! finer grid. Prints a table, writes pictures, exits 1 when a figure is out of bounds. Run on a quiet machine:
+//! the last section judges speed.
+#![allow(
+    clippy::too_many_lines,
+    reason = "a section reads from top to bottom: cases, figures, rows, charts"
+)]
+
+mod balance;
+mod grid;
+mod hertz;
+mod large_strain;
+mod limit;
+mod maps;
+mod pictures;
+mod pull;
+mod report;
+mod speed;
+mod tamaas;
+mod twist;
+mod world;
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::time::Instant;
+
+use pictures::Pictures;
+use report::Report;
+use world::World;
+
+type Failure = Box<dyn std::error::Error + Send + Sync>;
+
+/// Threads of the sections that have independent cases; the bound on speed is for as many cores.
+const THREADS: usize = 2;
+
+const HELP: &str = "\
+physics [--json] [--out DIR] [--only SECTION,...]
+
+  --json   one JSON object on standard output instead of the table
+  --out    folder for the pictures (made if absent; none are drawn without)
+  --only   some sections: hertz, pull, twist, limit, grid, balance, tamaas,
+           elements, pictures, speed
+";
+
+struct Options {
+    json: bool,
+    out: Option<PathBuf>,
+    only: Option<Vec<String>>,
+}
+
+fn options() -> Result<Option<Options>, String> {
+    let mut options = Options {
+        json: false,
+        out: None,
+        only: None,
+    };
+    let mut rest = std::env::args().skip(1);
+    while let Some(argument) = rest.next() {
+        let mut value = || {
+            rest.next()
+                .ok_or_else(|| format!("{argument}: found nothing, expected a value after it"))
+        };
+        match argument.as_str() {
+            "--json" => options.json = true,
+            "--out" => options.out = Some(PathBuf::from(value()?)),
+            "--only" => options.only = Some(value()?.split(',').map(str::to_owned).collect()),
+            "--help" | "-h" => return Ok(None),
+            found => {
+                return Err(format!(
+                    "argument: found `{found}`, expected --json, --out DIR or --only SECTION,..."
+                ));
+            }
+        }
+    }
+    Ok(Some(options))
+}
+
+fn main() -> ExitCode {
+    match options() {
+        Ok(Some(options)) => measure(&options),
+        Ok(None) => {
+            print!("{HELP}");
+            ExitCode::SUCCESS
+        }
+        Err(why) => {
+            eprintln!("physics: {why}");
+            ExitCode::from(2)
+        }
+    }
+}
+
+fn measure(options: &Options) -> ExitCode {
+    let started = Instant::now();
+    let pictures = match Pictures::new(options.out.clone()) {
+        Ok(pictures) => pictures,
+        Err(error) => {
+            eprintln!("physics: --out: {error}");
+            return ExitCode::FAILURE;
+        }
+    };
+    let (world, mut report) = (World::default(), Report::default());
+    let wanted = |name: &str| {
+        options
+            .only
+            .as_ref()
+            .is_none_or(|only| only.iter().any(|o| o == name))
+    };
+    let mut section =
+        |name: &'static str, what: &str, run: &mut dyn FnMut(&mut Report) -> Result<(), Failure>| {
+            if !wanted(name) {
+                return;
+            }
+            eprintln!("{name}: {what}");
+            let began = Instant::now();
+            if let Err(error) = run(&mut report) {
+                report.failed(name, &error.to_string());
+            }
+            eprintln!("   {:.1} s", began.elapsed().as_secs_f64());
+        };
+    // The two long ones run beside the others.
+    let elements = wanted("elements").then(|| std::thread::spawn(large_strain::compare));
+    let mut script = wanted("tamaas").then(|| tamaas::start(&world));
+    section("hertz", "pressed spheres", &mut |report| {
+        hertz::run(&world, report, &pictures)
+    });
+    section("pull", "pulled spheres", &mut |report| {
+        pull::run(&world, report, &pictures)
+    });
+    section("twist", "twisted contacts", &mut |report| {
+        twist::run(&world, report, &pictures)
+    });
+    section("limit", "pull and twist together", &mut |report| {
+        limit::run(&world, report, &pictures)
+    });
+    section(
+        "grid",
+        "the production grid against one twice as fine",
+        &mut |report| grid::run(&world, report),
+    );
+    section(
+        "balance",
+        "random paths of every shape; residuals of all steps so far",
+        &mut |report| {
+            balance::walk(&world)?;
+            balance::rows(&world, report);
+            Ok(())
+        },
+    );
+    section(
+        "tamaas",
+        "rough and odd shapes in an independent solver",
+        &mut |report| match script.take() {
+            Some(running) => running?.finish(report),
+            None => Ok(()),
+        },
+    );
+    let mut elements = elements;
+    section(
+        "elements",
+        "the layer at large strain",
+        &mut |report| match elements.take() {
+            Some(thread) => {
+                let found = thread.join().map_err(|_| "the finite elements panicked")??;
+                large_strain::rows(&found, report, &pictures)
+            }
+            None => Ok(()),
+        },
+    );
+    section("pictures", "maps of tractions, slip and images", &mut |_| {
+        maps::run(&world, &pictures)
+    });
+    section(
+        "speed",
+        "training samples; nothing else should run",
+        &mut |report| speed::run(report),
+    );
+
+    let seconds = started.elapsed().as_secs_f64();
+    if options.json {
+        println!("{:#}", report.json(seconds));
+    } else {
+        print!("{}", report.text());
+    }
+    eprintln!("{seconds:.0} s in all");
+    if report.ok() {
+        ExitCode::SUCCESS
+    } else {
+        ExitCode::FAILURE
+    }
+}
