@@ -6,7 +6,7 @@
 use cortex_m::peripheral::DWT;
 use embassy_futures::select::{Either3, select3};
 use embassy_stm32::usart::BufferedUartRx;
-use embassy_time::{Duration, Instant, Ticker};
+use embassy_time::{Duration, Instant, Timer};
 use embassy_usb::driver::{Endpoint, EndpointError, EndpointOut};
 use embedded_io_async::Read;
 use gripline_firmware::line::GripLine;
@@ -20,8 +20,15 @@ use crate::outbox::{self, Outbox, Packet};
 use crate::usb::HostToMcu;
 use crate::watchdog;
 
-/// The safety tick, microseconds.
-const TICK_US: u64 = 1_000;
+/// Time between two safety ticks.
+const TICK: Duration = Duration::from_millis(1);
+
+/// How long no packet came until the bus counts as free for words to the host, microseconds: maps at full speed bring
+/// one every 51 µs and need every one of the bus's turns.
+const QUIET_US: u64 = 200;
+
+/// How long words wait for that at most, microseconds. Of what comes in between, only the newest is told.
+const WORDS_LATE_US: u64 = 25_000;
 
 /// Starts the counter that the stage times are read from.
 pub(crate) fn start_cycle_counter() {
@@ -37,14 +44,18 @@ struct Control {
     line: AnalogLine,
     /// The transport that spoke last; none until a host spoke.
     answers: Option<&'static Outbox>,
+    /// When the last packet came, and when the program was last asked for words, microseconds.
+    packet_us: u64,
+    words_us: u64,
 }
 
 impl Control {
     /// One packet, to the line and to the answer.
     fn packet(&mut self, packet: &[u8], answers: &'static Outbox) {
         self.answers = Some(answers);
+        self.packet_us = now_us();
         let started = DWT::cycle_count();
-        let action = self.mcu.packet(packet, now_us());
+        let action = self.mcu.packet(packet, self.packet_us);
         self.act(
             action,
             if action.decided {
@@ -58,20 +69,31 @@ impl Control {
 
     /// The safety tick.
     fn tick(&mut self) {
+        let now_us = now_us();
         let started = DWT::cycle_count();
-        let action = self.mcu.tick(now_us());
+        let action = self.mcu.tick(now_us);
         self.act(action, Stage::Tick, started);
         watchdog::tick_made();
+        let is_quiet = now_us.saturating_sub(self.packet_us) >= QUIET_US;
+        let is_late = now_us.saturating_sub(self.words_us) >= WORDS_LATE_US;
+        if action.transmit && (is_quiet || is_late) {
+            self.words_us = now_us;
+            self.answer();
+        }
     }
 
-    /// The line first, then the times it took, then words to the host.
+    /// The line first, then the times it took.
     fn act(&mut self, action: Action, stage: Stage, started: u32) {
         let decided = DWT::cycle_count();
         let Ok(()) = self.line.write(action.line);
         let written = DWT::cycle_count();
         self.mcu.note_cycles(stage, decided.wrapping_sub(started));
         self.mcu.note_cycles(Stage::Line, written.wrapping_sub(decided));
-        let Some(answers) = self.answers.filter(|_| action.transmit) else {
+    }
+
+    /// What the program has to say, for the host that spoke last.
+    fn answer(&mut self) {
+        let Some(answers) = self.answers else {
             return;
         };
         while !answers.is_full() {
@@ -93,7 +115,8 @@ fn now_us() -> u64 {
 ///
 /// Deadline: 25 µs from a map's last packet to the line; the tick within its millisecond. Budget: 4,200 cycles a
 /// packet. Miss: the worst time is in every status; when ticks stop, the watchdog is not fed and the chip resets with
-/// its line restored. The tick is asked first, so that no flood of packets can hold it up.
+/// its line restored. The tick is asked for after every packet, so that no flood of them can hold it up; a packet goes
+/// first, because the driver takes the next one only when this one is fetched.
 #[embassy_executor::task]
 pub(crate) async fn control(
     mcu: &'static mut Mcu,
@@ -105,22 +128,27 @@ pub(crate) async fn control(
         mcu,
         line,
         answers: None,
+        packet_us: 0,
+        words_us: 0,
     };
     let mut frames = CobsDecoder::new();
-    let mut tick = Ticker::every(Duration::from_micros(TICK_US));
+    let mut tick_at = Instant::now() + TICK;
     let mut from_uart = [0; PACKET_MAX];
     let mut from_usb = [0; PACKET_MAX];
     loop {
+        if Instant::now() >= tick_at {
+            tick_at += TICK;
+            control.tick();
+        }
         // Every part may be dropped half-way: none takes a byte before it is done.
         match select3(
-            tick.next(),
             next_transfer(&mut usb, &mut from_usb),
+            Timer::at(tick_at),
             uart.read(&mut from_uart),
         )
         .await
         {
-            Either3::First(()) => control.tick(),
-            Either3::Second(Ok(length)) => control.packet(&from_usb[..length], &outbox::USB),
+            Either3::First(Ok(length)) => control.packet(&from_usb[..length], &outbox::USB),
             Either3::Third(Ok(length)) => {
                 for &byte in &from_uart[..length] {
                     match frames.push(byte) {
@@ -130,8 +158,9 @@ pub(crate) async fn control(
                     }
                 }
             }
-            // The cable went, or noise hit a byte: the program notices by itself that maps stopped or do not decode.
-            Either3::Second(Err(_)) | Either3::Third(Err(_)) => {}
+            // The tick is made above. The cable went, or noise hit a byte: the program notices by itself that maps
+            // stopped or do not decode.
+            Either3::First(Err(_)) | Either3::Second(()) | Either3::Third(Err(_)) => {}
         }
     }
 }

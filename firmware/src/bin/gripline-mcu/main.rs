@@ -1,9 +1,8 @@
 //! Gripline on the silicon: an STM32F4 that turns force maps into the grip-force line.
 //!
 //! Everything that decides is in the library; here are the pins, the clocks, the transports and the order of things.
-//! From most to least urgent (interrupt priority): time driver (2), UART byte in and out (3), map to line and the
-//! safety tick (4, `control`), USB packet memory (6), then in the gaps of all these the answers to the host, USB
-//! requests and watchdog. Nothing waits for a host: without one the safety tick and the watchdog alone run.
+//! From most to least urgent (interrupt priority): time driver (2), UART byte and USB packet in and out (3), map to line
+//! and the safety tick (4, `control`), then in the gaps of all these the answers to the host, USB requests and watchdog. Nothing waits for a host: without one the safety tick and the watchdog alone run.
 //! Limits: one host at a time is answered, over the transport that spoke last.
 #![no_std]
 #![no_main]
@@ -22,6 +21,7 @@ mod outbox;
 mod reset;
 mod uart;
 mod usb;
+mod usb_driver;
 mod watchdog;
 
 use defmt_rtt as _;
@@ -64,7 +64,10 @@ fn main() -> ! {
     interrupt::TIM5.set_priority(Priority::P2);
     interrupt::USART1.set_priority(Priority::P3);
     interrupt::UART5.set_priority(Priority::P4);
-    interrupt::OTG_FS.set_priority(Priority::P6);
+    // Not below `control`, which would ask for the next packet before the handler has taken the end of this one out of
+    // the FIFO: this core may then lose a word (libopencm3 issue 873). Above it, a packet that follows a map's short last
+    // one closely is taken in time.
+    interrupt::OTG_FS.set_priority(Priority::P3);
 
     let (uart_in, uart_out) = uart::open(p.USART1, p.PA10, p.PA9);
     let (usb_device, usb_in, usb_out) = usb::open(p.USB_OTG_FS, p.PA12, p.PA11);

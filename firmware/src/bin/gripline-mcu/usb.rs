@@ -4,15 +4,17 @@
 //! Limits: the id is the public test id 0x1209/0x0001 until the project has its own. The cable's supply voltage is not
 //! sensed (PA9 belongs to the UART), so the pull-up is always on.
 
+use embassy_futures::select::select;
 use embassy_stm32::usb::{self, InterruptHandler};
 use embassy_stm32::{Peri, bind_interrupts, peripherals, uid};
-use embassy_usb::driver::{Endpoint, EndpointIn};
+use embassy_usb::driver::{Driver, Endpoint, EndpointIn};
 use embassy_usb::msos::{self, windows_version};
 use embassy_usb::{Builder, Config, UsbDevice};
 use gripline_protocol::PACKET_MAX;
 use static_cell::StaticCell;
 
 use crate::outbox;
+use crate::usb_driver::{self, MendedDriver};
 
 /// Test id of the pid.codes register.
 const VENDOR: u16 = 0x1209;
@@ -32,18 +34,17 @@ bind_interrupts!(struct Interrupts {
     OTG_FS => InterruptHandler<peripherals::USB_OTG_FS>;
 });
 
-type Driver = usb::Driver<'static, peripherals::USB_OTG_FS>;
 /// Packets from the host.
-pub(crate) type HostToMcu = <Driver as embassy_usb::driver::Driver<'static>>::EndpointOut;
+pub(crate) type HostToMcu = <MendedDriver as Driver<'static>>::EndpointOut;
 /// Packets to the host.
-pub(crate) type McuToHost = <Driver as embassy_usb::driver::Driver<'static>>::EndpointIn;
+pub(crate) type McuToHost = <MendedDriver as Driver<'static>>::EndpointIn;
 
 /// Describes the device; the parts go to [`device`], `control` and [`transmit`].
 pub(crate) fn open(
     otg: Peri<'static, peripherals::USB_OTG_FS>,
     plus: Peri<'static, peripherals::PA12>,
     minus: Peri<'static, peripherals::PA11>,
-) -> (UsbDevice<'static, Driver>, HostToMcu, McuToHost) {
+) -> (UsbDevice<'static, MendedDriver>, HostToMcu, McuToHost) {
     static OUT: StaticCell<[u8; OUT_BYTES]> = StaticCell::new();
     static CONFIGURATION: StaticCell<[u8; 64]> = StaticCell::new();
     static CAPABILITIES: StaticCell<[u8; 64]> = StaticCell::new();
@@ -67,7 +68,7 @@ pub(crate) fn open(
     config.device_protocol = 0;
 
     let mut builder = Builder::new(
-        driver,
+        MendedDriver(driver),
         config,
         CONFIGURATION.init([0; 64]),
         CAPABILITIES.init([0; 64]),
@@ -92,7 +93,7 @@ pub(crate) fn open(
 /// Answers the host's requests on the control endpoint and follows resets of the bus. Deadline: the 50 ms that USB
 /// gives for a request; budget: about a millisecond at plug-in, nothing afterwards. Miss: the host enumerates again.
 #[embassy_executor::task]
-pub(crate) async fn device(mut device: UsbDevice<'static, Driver>) -> ! {
+pub(crate) async fn device(mut device: UsbDevice<'static, MendedDriver>) -> ! {
     device.run().await
 }
 
@@ -101,14 +102,18 @@ pub(crate) async fn device(mut device: UsbDevice<'static, Driver>) -> ! {
 #[embassy_executor::task]
 pub(crate) async fn transmit(mut endpoint: McuToHost) {
     loop {
+        usb_driver::RESET.reset();
         endpoint.wait_enabled().await;
         // What was meant for a host that has left is not for the next one.
         outbox::USB.clear();
-        loop {
-            let packet = outbox::USB.receive().await;
-            if endpoint.write(packet.bytes()).await.is_err() {
-                break;
+        let send = async {
+            loop {
+                let packet = outbox::USB.receive().await;
+                if endpoint.write(packet.bytes()).await.is_err() {
+                    break;
+                }
             }
-        }
+        };
+        select(send, usb_driver::RESET.wait()).await;
     }
 }
