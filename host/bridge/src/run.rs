@@ -43,7 +43,7 @@ pub struct RunArgs {
     /// Where pictures come from.
     #[arg(long, default_value_t, value_name = "sim")]
     source: Source,
-    /// Which microcontroller: embedded, emulator, usb, usb:SERIAL or serial:PORT.
+    /// Which microcontroller: embedded, emulator, emulator:uart, usb, usb:SERIAL or serial:PORT.
     #[arg(long, default_value_t, value_name = "MCU")]
     mcu: Target,
     /// Stop after so many seconds. By default: never on a terminal, after one round of the scene (12 s) elsewhere.

@@ -1,4 +1,4 @@
-//! The emulated board: boot an image, put bytes on its UART, let virtual time pass, read its DAC line.
+//! The emulated board: boot an image, put bytes on its UART and packets on its USB, let virtual time pass, read its DAC line.
 //! Times are virtual nanoseconds since power-on and advance by the caller's steps alone. What the firmware does depends
 //! on the image and on which bytes were put on the line when: never on the machine, the wall clock, or how the time
 //! between was cut into steps. rigless runs a firmware in one call, so that call sits on a thread of its own and meets
@@ -15,11 +15,12 @@ use rigless::session::Session;
 use rigless::symbols::Symbols;
 use rigless::time::VirtualNanos;
 
-use crate::constants::{FLASH_BASE, LOG_PERIOD_NS, PREDICATE_STEP_NS};
+use crate::constants::{FLASH_BASE, LOG_PERIOD_NS, PREDICATE_STEP_NS, USB_PACKET_MAX};
 use crate::dac::{CHANNELS, DacWrite};
 use crate::hardware::Hardware;
 use crate::rtt;
 use crate::uart::UartByte;
+use crate::usb::{self, Cable, ControlTransfer, Setup, UsbCounters, UsbPacket, UsbState};
 
 /// Why a board could not be booted or run.
 #[derive(Debug, thiserror::Error)]
@@ -74,6 +75,7 @@ pub struct Board {
     /// The instant asked for last. A stop comes up to one instruction later, and steps must not add that up.
     until_ns: u64,
     outbox: Vec<u8>,
+    usb_commands: Vec<usb::Command>,
     now_ns: u64,
     instructions: u64,
     resets: Vec<Reset>,
@@ -81,6 +83,10 @@ pub struct Board {
     dac_writes: Vec<DacWrite>,
     uart_bytes: Vec<UartByte>,
     uart_taken: usize,
+    usb: UsbNow,
+    usb_packets: Vec<UsbPacket>,
+    usb_transfers: Vec<ControlTransfer>,
+    usb_deliveries_ns: Vec<u64>,
     log: Vec<u8>,
     gaps: Vec<String>,
 }
@@ -113,6 +119,7 @@ impl Board {
             thread: Some(thread),
             until_ns: 0,
             outbox: Vec::new(),
+            usb_commands: Vec::new(),
             now_ns: 0,
             instructions: 0,
             resets: Vec::new(),
@@ -120,6 +127,10 @@ impl Board {
             dac_writes: Vec::new(),
             uart_bytes: Vec::new(),
             uart_taken: 0,
+            usb: UsbNow::default(),
+            usb_packets: Vec::new(),
+            usb_transfers: Vec::new(),
+            usb_deliveries_ns: Vec::new(),
             log: Vec::new(),
             gaps: Vec::new(),
         };
@@ -149,6 +160,91 @@ impl Board {
         &self.uart_bytes
     }
 
+    /// Plugs the USB cable in, pulls it out, or lets the host behind it sleep, at the start of the next run. A board
+    /// comes up with the cable out.
+    pub fn usb_cable(&mut self, cable: Cable) {
+        self.usb_commands.push(usb::Command::Cable(cable));
+    }
+
+    /// Hands the USB host a bulk packet for the firmware. It goes behind those that wait, from the start of the next
+    /// run and once the device is configured; a cable that is pulled out takes the waiting ones with it.
+    ///
+    /// # Panics
+    /// For a packet longer than full speed allows, 64 bytes.
+    pub fn usb_send(&mut self, packet: &[u8]) {
+        assert!(
+            packet.len() <= USB_PACKET_MAX,
+            "{} bytes in a packet",
+            packet.len()
+        );
+        self.usb_commands.push(usb::Command::Send(packet.to_vec()));
+    }
+
+    /// Has the USB host make a control transfer, with `data` for the firmware if it is one that writes. Bulk packets
+    /// go on in between. What comes of it is in [`Board::usb_transfers`].
+    pub fn usb_control(&mut self, setup: Setup, data: &[u8]) {
+        self.usb_commands
+            .push(usb::Command::Control(setup, data.to_vec(), None));
+    }
+
+    /// The same for a transfer that the host breaks off after `packets` acknowledged packets, the SETUP counted.
+    pub fn usb_control_abandoned(&mut self, setup: Setup, packets: u32) {
+        self.usb_commands
+            .push(usb::Command::Control(setup, Vec::new(), Some(packets)));
+    }
+
+    /// Whether the USB host reads what the firmware has to say on bulk; it does until it is told otherwise.
+    pub fn usb_listen(&mut self, listens: bool) {
+        self.usb_commands.push(usb::Command::Listen(listens));
+    }
+
+    /// How far the USB host has come with the firmware.
+    #[must_use]
+    pub fn usb_state(&self) -> UsbState {
+        self.usb.state
+    }
+
+    /// How often the USB host has made the firmware's device ready.
+    #[must_use]
+    pub fn usb_enumerations(&self) -> u64 {
+        self.usb.enumerations
+    }
+
+    /// Bulk packets that the firmware has not taken yet.
+    #[must_use]
+    pub fn usb_waiting(&self) -> usize {
+        self.usb.waiting
+            + self
+                .usb_commands
+                .iter()
+                .filter(|command| command.is_packet())
+                .count()
+    }
+
+    /// What the USB host counted.
+    #[must_use]
+    pub fn usb_counters(&self) -> UsbCounters {
+        self.usb.counters
+    }
+
+    /// Every bulk packet from the firmware, oldest first.
+    #[must_use]
+    pub fn usb_packets(&self) -> &[UsbPacket] {
+        &self.usb_packets
+    }
+
+    /// Every control transfer that is over, those that made the device ready among them, oldest first.
+    #[must_use]
+    pub fn usb_transfers(&self) -> &[ControlTransfer] {
+        &self.usb_transfers
+    }
+
+    /// For every bulk packet that the firmware's core took, when it lay in the receive FIFO, ready to be read.
+    #[must_use]
+    pub fn usb_deliveries_ns(&self) -> &[u64] {
+        &self.usb_deliveries_ns
+    }
+
     /// Lets `ns` nanoseconds of virtual time pass; the stop comes at most one instruction later.
     ///
     /// # Errors
@@ -161,6 +257,7 @@ impl Board {
         let command = Command {
             until_ns: self.until_ns,
             uart: std::mem::take(&mut self.outbox),
+            usb: std::mem::take(&mut self.usb_commands),
         };
         // A thread that is gone takes no command; why it went is what its last report says.
         let _ = self.commands.as_ref().map(|commands| commands.send(command));
@@ -242,6 +339,10 @@ impl Board {
         self.dac_codes = report.dac_codes;
         self.dac_writes.extend(report.dac_writes);
         self.uart_bytes.extend(report.uart_bytes);
+        self.usb = report.usb;
+        self.usb_packets.extend(report.usb_packets);
+        self.usb_transfers.extend(report.usb_transfers);
+        self.usb_deliveries_ns.extend(report.usb_deliveries_ns);
         self.log.extend(report.log);
         self.gaps.extend(report.gaps);
         Ok(())
@@ -297,6 +398,16 @@ fn image_of(elf: &[u8]) -> Result<Image, EmulatorError> {
 struct Command {
     until_ns: u64,
     uart: Vec<u8>,
+    usb: Vec<usb::Command>,
+}
+
+/// The USB port as it stands.
+#[derive(Debug, Clone, Copy, Default)]
+struct UsbNow {
+    state: UsbState,
+    enumerations: u64,
+    waiting: usize,
+    counters: UsbCounters,
 }
 
 /// What a run came to; lists hold what is new since the report before.
@@ -308,6 +419,10 @@ struct Report {
     dac_codes: [Option<u16>; CHANNELS],
     dac_writes: Vec<DacWrite>,
     uart_bytes: Vec<UartByte>,
+    usb: UsbNow,
+    usb_packets: Vec<UsbPacket>,
+    usb_transfers: Vec<ControlTransfer>,
+    usb_deliveries_ns: Vec<u64>,
     log: Vec<u8>,
     gaps: Vec<String>,
 }
@@ -366,6 +481,15 @@ impl Puppet {
             dac_codes: std::array::from_fn(|channel| hardware.dac().code(channel)),
             dac_writes: hardware.dac().take_writes(),
             uart_bytes: hardware.far_end().take_heard(),
+            usb: UsbNow {
+                state: hardware.usb().state(),
+                enumerations: hardware.usb().enumerations(),
+                waiting: hardware.usb().waiting(),
+                counters: hardware.usb().counters(),
+            },
+            usb_packets: hardware.usb().take_packets(),
+            usb_transfers: hardware.usb().take_transfers(),
+            usb_deliveries_ns: hardware.usb().take_deliveries(),
             log: std::mem::take(&mut self.log),
             gaps,
         }
@@ -396,6 +520,9 @@ impl Driver<Hardware> for Puppet {
         self.reports.send(Ok(report)).ok()?;
         let command = self.commands.recv().ok()?;
         session.board_mut().far_end().send(&command.uart);
+        for command in command.usb {
+            session.board_mut().usb().command(command);
+        }
         Some(VirtualNanos(command.until_ns))
     }
 }

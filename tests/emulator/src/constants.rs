@@ -13,6 +13,59 @@ pub const OTG_FS_BYTES: u64 = 0x4_0000;
 /// The interrupt line of the USB OTG FS core (RM0090 table 63).
 pub const OTG_FS_INTERRUPT: u16 = 67;
 
+/// Endpoints of the USB OTG FS core in each direction (RM0090 section 34.1).
+pub const OTG_ENDPOINTS: usize = 4;
+/// Words of the core's packet memory, all FIFOs together: 1.25 KiB (RM0090 section 34.1).
+pub const OTG_FIFO_WORDS: u32 = 320;
+/// Words of the receive FIFO that the core keeps free for SETUP packets (RM0090 section 34.11.1).
+pub const OTG_SETUP_RESERVE_WORDS: usize = 10;
+
+/// How long the bus is quiet until a device counts as suspended, nanoseconds (USB 2.0 section 7.1.7.6).
+pub const USB_SUSPEND_NS: u64 = 3_000_000;
+/// How long a host waits after it saw a device, nanoseconds (USB 2.0 table 7-14, TATTDB).
+pub const USB_DEBOUNCE_NS: u64 = 100_000_000;
+/// How long a host drives a reset, nanoseconds (USB 2.0 table 7-14, TDRSTR at a root port).
+pub const USB_RESET_NS: u64 = 50_000_000;
+/// How long a device may take to recover from a reset, nanoseconds (USB 2.0 table 7-14, TRSTRCY).
+pub const USB_RESET_RECOVERY_NS: u64 = 10_000_000;
+/// How long a host drives a resume, nanoseconds (USB 2.0 table 7-14, TDRSMDN).
+pub const USB_RESUME_NS: u64 = 20_000_000;
+/// How long a device may take to recover from a resume, nanoseconds (USB 2.0 table 7-14, TRSMRCY).
+pub const USB_RESUME_RECOVERY_NS: u64 = 10_000_000;
+/// How long a device may take to listen to a new address, nanoseconds (USB 2.0 section 9.2.6.3).
+pub const USB_ADDRESS_RECOVERY_NS: u64 = 2_000_000;
+/// How long a device may take for a control transfer without data, and for the first data of one with, before this
+/// host gives it up, nanoseconds (USB 2.0 section 9.2.6.4: 50 ms and 500 ms; hosts give the longer of the two).
+pub const USB_CONTROL_TIMEOUT_NS: u64 = 500_000_000;
+
+/// A full-speed frame, nanoseconds.
+pub const USB_FRAME_NS: u64 = 1_000_000;
+/// Byte times of a full-speed frame: 1 ms at 12 Mbit/s.
+pub const USB_FRAME_BYTES: u64 = 1_500;
+/// Byte times at the start of a frame for its SOF packet (35 bits) and the gap after it.
+pub const USB_SOF_BYTES: u64 = 5;
+/// Byte times at the end of a frame in which nothing may be sent: EOF1 at 32 bits (USB 2.0 section 11.2.5).
+pub const USB_EOF_BYTES: u64 = 4;
+/// Byte times of the gap that closes a transaction.
+pub const USB_GAP_BYTES: u64 = 1;
+/// Byte times of a token packet: SYNC, PID, address with endpoint and CRC.
+pub const USB_TOKEN_BYTES: u64 = 4;
+/// Byte times from a token's end to the end of a data packet without its data: a gap, SYNC, PID, CRC.
+pub const USB_DATA_BYTES: u64 = 5;
+/// Byte times from the end of a data packet, or of the token that is refused, to the next token: gap, SYNC, PID, gap.
+/// With the two above, the 13 bytes that table 5-9 of USB 2.0 counts for a bulk transaction: 19 of 64 bytes a frame.
+/// Bit stuffing is not counted, there as here.
+pub const USB_HANDSHAKE_BYTES: u64 = 4;
+/// How long the host lets a control endpoint be after a NAK, nanoseconds: its own choice.
+pub const USB_CONTROL_RETRY_NS: u64 = 100_000;
+/// How long the host lets a bulk IN endpoint be after a NAK, nanoseconds: its own choice; one question a frame leaves
+/// room for 19 packets of 64 bytes and a short one the other way. A bulk OUT packet is offered again at once.
+pub const USB_IN_RETRY_NS: u64 = 1_000_000;
+/// How often a host repeats a transaction that nobody answers (USB 2.0 section 10.2.6).
+pub const USB_TRIES: u32 = 3;
+/// How often the host resets a device that it cannot enumerate before it gives up: its own choice.
+pub const USB_ENUMERATION_TRIES: u32 = 3;
+
 /// The crystal, hertz: what the firmware's clock set-up expects.
 pub const CRYSTAL_HZ: u64 = 8_000_000;
 /// The supply, millivolts: flash wait states are checked against it.
@@ -30,5 +83,9 @@ pub const PREDICATE_STEP_NS: u64 = 20_000;
 pub const LOG_PERIOD_NS: u64 = 1_000_000;
 /// The longest advance one request of the pipe may ask for, nanoseconds: a minute, seconds of real time when busy.
 pub const MAX_ADVANCE_NS: u64 = 60_000_000_000;
+/// The most USB packets, and the most control transfers, one request of the pipe may carry.
+pub const MAX_USB_ITEMS: u32 = 65_536;
+/// The largest bulk packet of full-speed USB, bytes.
+pub const USB_PACKET_MAX: usize = 64;
 /// The most UART bytes one request of the pipe may carry.
 pub const MAX_UART_BYTES: u32 = 65_536;

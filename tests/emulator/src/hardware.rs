@@ -15,7 +15,7 @@ use crate::constants::{CORE_HZ, DAC_BASE, DAC_BYTES, OTG_FS_BASE, OTG_FS_BYTES, 
 use crate::dac::Dac;
 use crate::part::Part;
 use crate::uart::FarEnd;
-use crate::usb::UnattachedUsb;
+use crate::usb::Port;
 
 const MCU: &str = "stm32f427";
 /// The part's NVIC keeps four priority bits, and its SysTick can run on an eighth of the core clock (PM0214).
@@ -25,7 +25,7 @@ const REFCLK_DIVIDER: NonZeroU32 = nonzero(8);
 /// The board: everything that a run steps.
 #[derive(Debug)]
 pub(crate) struct Hardware {
-    mcu: Wired<Wired<Part, Dac>, UnattachedUsb>,
+    mcu: Wired<Wired<Part, Dac>, Port>,
 }
 
 impl Hardware {
@@ -38,12 +38,16 @@ impl Hardware {
             .raising(&[OTG_FS_INTERRUPT]);
         let with_dac = Wired::new(Part::new()?, dac, Dac::default())?;
         Ok(Self {
-            mcu: Wired::new(with_dac, usb, UnattachedUsb::default())?,
+            mcu: Wired::new(with_dac, usb, Port::default())?,
         })
     }
 
     pub(crate) fn dac(&mut self) -> &mut Dac {
         self.mcu.part.chip_mut()
+    }
+
+    pub(crate) fn usb(&mut self) -> &mut Port {
+        self.mcu.chip_mut()
     }
 
     pub(crate) fn far_end(&mut self) -> &mut FarEnd {

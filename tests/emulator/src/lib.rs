@@ -1,8 +1,8 @@
 //! The emulated board: an STM32F427 that runs the unmodified firmware image, for tests and for `--mcu emulator`.
 //!
 //! [`Board`] is the board as a library; [`wire`] is the pipe that the binary `gripline-emulator` serves to a parent
-//! process. The core, the clock tree, timers, ports, UART and watchdog are rigless's; the DAC ([`dac`]) is ours, and
-//! the USB core is there with no cable plugged in.
+//! process. The core, the clock tree, timers, ports, UART and watchdog are rigless's; the DAC ([`dac`]) and the USB port
+//! with a host at its other end ([`usb`]) are ours.
 #![forbid(unsafe_code)]
 
 mod board;
@@ -12,7 +12,7 @@ mod hardware;
 mod part;
 mod rtt;
 mod uart;
-mod usb;
+pub mod usb;
 pub mod wire;
 
 pub use board::{Board, EmulatorError, Reset};

@@ -116,6 +116,14 @@ fn talk(board: &mut Board) -> Result<(), Failure> {
     write_greeting(&mut replies)?;
     while let Some(request) = Request::read(&mut requests)? {
         board.uart_send(&request.uart_bytes);
+        board.usb_cable(request.cable);
+        for packet in &request.usb_packets {
+            board.usb_send(packet);
+        }
+        for (setup, data) in &request.usb_controls {
+            board.usb_control(*setup, data);
+        }
+        let (packets_before, transfers_before) = (board.usb_packets().len(), board.usb_transfers().len());
         let writes_before = board.dac_writes().len();
         board.run_for(request.advance_ns)?;
         let line_writes = board.dac_writes()[writes_before..]
@@ -133,6 +141,11 @@ fn talk(board: &mut Board) -> Result<(), Failure> {
             dac_code: board.dac_code(1).unwrap_or(0),
             uart_bytes: board.uart_take(),
             line_writes,
+            usb_state: board.usb_state(),
+            usb_enumerations: board.usb_enumerations() as u32,
+            usb_waiting: board.usb_waiting() as u32,
+            usb_packets: board.usb_packets()[packets_before..].to_vec(),
+            usb_transfers: board.usb_transfers()[transfers_before..].to_vec(),
         };
         reply.write(&mut replies)?;
     }

@@ -1,23 +1,18 @@
 //! The pipe between `gripline-emulator` and its parent process: little-endian, over standard input and output.
 //! Units: virtual nanoseconds since power-on, 12-bit DAC codes. The parent speaks first after the greeting, and every
-//! request has one reply. Limits: [`MAX_ADVANCE_NS`] and [`MAX_UART_BYTES`] a request.
-//!
-//! | message | layout |
-//! |---|---|
-//! | greeting, board to parent, once | `GRIPEMU\0`, `u32` version |
-//! | RUN, parent to board | `u8` 1, `u64` advance_ns, `u32` n, n bytes to put on the UART line now |
-//! | reply, board to parent | `u64` now_ns, `u64` instructions, `u32` resets, `u16` DAC code of channel 1 (0 while its pin is not driven), `u32` n, n UART bytes from the firmware, `u32` m, m × (`u64` at_ns, `u16` code) of channel 1 |
-//!
-//! Bytes and DAC writes of a reply are those since the reply before. End of file in place of a request ends the run.
+//! request has one reply. The layout stands as a table in the crate's README, and in the golden bytes below.
+//! What a reply lists is what came since the reply before. End of file in place of a request ends the run.
+//! Limits: [`MAX_ADVANCE_NS`], [`MAX_UART_BYTES`] and [`MAX_USB_ITEMS`] a request.
 
 use std::io::{self, Read, Write};
 
-use crate::constants::{MAX_ADVANCE_NS, MAX_UART_BYTES};
+use crate::constants::{MAX_ADVANCE_NS, MAX_UART_BYTES, MAX_USB_ITEMS, USB_PACKET_MAX};
+use crate::usb::{Cable, ControlOutcome, ControlTransfer, Setup, UsbPacket, UsbState};
 
 /// What the greeting starts with.
 pub const MAGIC: [u8; 8] = *b"GRIPEMU\0";
 /// The version of this layout.
-pub const VERSION: u32 = 1;
+pub const VERSION: u32 = 2;
 /// The first byte of a RUN request.
 const RUN: u8 = 1;
 
@@ -45,15 +40,53 @@ pub enum WireError {
     /// A request with more bytes than one may carry.
     #[error("request: UART bytes expected at most {MAX_UART_BYTES}, found {0}; split them")]
     UartBytes(u32),
+    /// A request with more packets or control transfers than one may carry.
+    #[error("request: USB packets or transfers expected at most {MAX_USB_ITEMS}, found {0}; split them")]
+    UsbItems(u32),
+    /// A packet that full-speed USB cannot carry.
+    #[error("request: USB packet expected to have at most {USB_PACKET_MAX} bytes, found {0}")]
+    UsbPacket(u8),
+    /// A number that means nothing.
+    #[error("{field}: expected a number below {below}, found {found}")]
+    Number {
+        /// Which field.
+        field: &'static str,
+        /// One more than the largest number that means something.
+        below: usize,
+        /// What was there.
+        found: u8,
+    },
 }
+
+const CABLES: [Cable; 3] = [Cable::Out, Cable::In, Cable::Asleep];
+const STATES: [UsbState; 5] = [
+    UsbState::Detached,
+    UsbState::Enumerating,
+    UsbState::Configured,
+    UsbState::Suspended,
+    UsbState::Failed,
+];
+const OUTCOMES: [ControlOutcome; 5] = [
+    ControlOutcome::Done,
+    ControlOutcome::Stalled,
+    ControlOutcome::TimedOut,
+    ControlOutcome::NoAnswer,
+    ControlOutcome::Abandoned,
+];
 
 /// Let time pass, with bytes on the firmware's UART line from now.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Request {
     /// Nanoseconds to run for.
     pub advance_ns: u64,
+    /// The USB cable from now on.
+    pub cable: Cable,
     /// The bytes, oldest first.
     pub uart_bytes: Vec<u8>,
+    /// Bulk packets for the firmware, oldest first.
+    pub usb_packets: Vec<Vec<u8>>,
+    /// Control transfers for the USB host to make: what is asked, and what is written if it writes.
+    pub usb_controls: Vec<(Setup, Vec<u8>)>,
 }
 
 /// A code on the grip-force line (channel 1).
@@ -80,6 +113,16 @@ pub struct Reply {
     pub uart_bytes: Vec<u8>,
     /// The codes that appeared on channel 1's pin since the last reply.
     pub line_writes: Vec<LineWrite>,
+    /// How far the USB host has come.
+    pub usb_state: UsbState,
+    /// How often the device was made ready since power-on.
+    pub usb_enumerations: u32,
+    /// Bulk packets that the firmware has not taken yet.
+    pub usb_waiting: u32,
+    /// Bulk packets from the firmware since the last reply.
+    pub usb_packets: Vec<UsbPacket>,
+    /// Control transfers that ended since the last reply.
+    pub usb_transfers: Vec<ControlTransfer>,
 }
 
 /// Greets the parent.
@@ -115,7 +158,19 @@ impl Request {
     pub fn write(&self, to: &mut impl Write) -> Result<(), WireError> {
         to.write_all(&[RUN])?;
         to.write_all(&self.advance_ns.to_le_bytes())?;
+        to.write_all(&[number(&CABLES, &self.cable)])?;
         write_bytes(to, &self.uart_bytes)?;
+        to.write_all(&(self.usb_packets.len() as u32).to_le_bytes())?;
+        for packet in &self.usb_packets {
+            to.write_all(&[packet.len() as u8])?;
+            to.write_all(packet)?;
+        }
+        to.write_all(&(self.usb_controls.len() as u32).to_le_bytes())?;
+        for (setup, data) in &self.usb_controls {
+            to.write_all(setup)?;
+            to.write_all(&(data.len() as u16).to_le_bytes())?;
+            to.write_all(data)?;
+        }
         Ok(to.flush()?)
     }
 
@@ -135,15 +190,32 @@ impl Request {
         if advance_ns > MAX_ADVANCE_NS {
             return Err(WireError::Advance(advance_ns));
         }
+        let cable = named("cable", &CABLES, from)?;
         let length = read_u32(from)?;
         if length > MAX_UART_BYTES {
             return Err(WireError::UartBytes(length));
         }
-        let mut uart_bytes = vec![0; length as usize];
-        from.read_exact(&mut uart_bytes)?;
+        let uart_bytes = read_bytes(from, length as usize)?;
+        let mut usb_packets = Vec::new();
+        for _ in 0..read_count(from)? {
+            let [length] = read_array(from)?;
+            if usize::from(length) > USB_PACKET_MAX {
+                return Err(WireError::UsbPacket(length));
+            }
+            usb_packets.push(read_bytes(from, length.into())?);
+        }
+        let mut usb_controls = Vec::new();
+        for _ in 0..read_count(from)? {
+            let setup = read_array(from)?;
+            let length = u16::from_le_bytes(read_array(from)?);
+            usb_controls.push((setup, read_bytes(from, length.into())?));
+        }
         Ok(Some(Self {
             advance_ns,
+            cable,
             uart_bytes,
+            usb_packets,
+            usb_controls,
         }))
     }
 }
@@ -164,6 +236,23 @@ impl Reply {
             to.write_all(&write.at_ns.to_le_bytes())?;
             to.write_all(&write.code.to_le_bytes())?;
         }
+        to.write_all(&[number(&STATES, &self.usb_state)])?;
+        to.write_all(&self.usb_enumerations.to_le_bytes())?;
+        to.write_all(&self.usb_waiting.to_le_bytes())?;
+        to.write_all(&(self.usb_packets.len() as u32).to_le_bytes())?;
+        for packet in &self.usb_packets {
+            to.write_all(&packet.at_ns.to_le_bytes())?;
+            to.write_all(&[packet.bytes.len() as u8])?;
+            to.write_all(&packet.bytes)?;
+        }
+        to.write_all(&(self.usb_transfers.len() as u32).to_le_bytes())?;
+        for transfer in &self.usb_transfers {
+            to.write_all(&transfer.at_ns.to_le_bytes())?;
+            to.write_all(&transfer.setup)?;
+            to.write_all(&[number(&OUTCOMES, &transfer.outcome)])?;
+            to.write_all(&(transfer.data.len() as u16).to_le_bytes())?;
+            to.write_all(&transfer.data)?;
+        }
         Ok(to.flush()?)
     }
 
@@ -176,13 +265,39 @@ impl Reply {
         let instructions = u64::from_le_bytes(read_array(from)?);
         let resets = read_u32(from)?;
         let dac_code = u16::from_le_bytes(read_array(from)?);
-        let mut uart_bytes = vec![0; read_u32(from)? as usize];
-        from.read_exact(&mut uart_bytes)?;
+        let length = read_u32(from)? as usize;
+        let uart_bytes = read_bytes(from, length)?;
         let line_writes = (0..read_u32(from)?)
             .map(|_| {
                 Ok(LineWrite {
                     at_ns: u64::from_le_bytes(read_array(from)?),
                     code: u16::from_le_bytes(read_array(from)?),
+                })
+            })
+            .collect::<Result<_, WireError>>()?;
+        let usb_state = named("USB state", &STATES, from)?;
+        let usb_enumerations = read_u32(from)?;
+        let usb_waiting = read_u32(from)?;
+        let usb_packets = (0..read_u32(from)?)
+            .map(|_| {
+                let at_ns = u64::from_le_bytes(read_array(from)?);
+                let [length] = read_array(from)?;
+                let bytes = read_bytes(from, length.into())?;
+                Ok(UsbPacket { at_ns, bytes })
+            })
+            .collect::<Result<_, WireError>>()?;
+        let usb_transfers = (0..read_u32(from)?)
+            .map(|_| {
+                let at_ns = u64::from_le_bytes(read_array(from)?);
+                let setup = read_array(from)?;
+                let outcome = named("outcome", &OUTCOMES, from)?;
+                let length = u16::from_le_bytes(read_array(from)?);
+                let data = read_bytes(from, length.into())?;
+                Ok(ControlTransfer {
+                    at_ns,
+                    setup,
+                    data,
+                    outcome,
                 })
             })
             .collect::<Result<_, WireError>>()?;
@@ -193,6 +308,11 @@ impl Reply {
             dac_code,
             uart_bytes,
             line_writes,
+            usb_state,
+            usb_enumerations,
+            usb_waiting,
+            usb_packets,
+            usb_transfers,
         })
     }
 }
@@ -200,6 +320,36 @@ impl Reply {
 fn write_bytes(to: &mut impl Write, bytes: &[u8]) -> io::Result<()> {
     to.write_all(&(bytes.len() as u32).to_le_bytes())?;
     to.write_all(bytes)
+}
+
+/// A thing's number on the wire: its place among `all`.
+fn number<T: PartialEq>(all: &[T], thing: &T) -> u8 {
+    let place = all.iter().position(|other| other == thing);
+    place.expect("every variant is listed") as u8
+}
+
+/// The thing whose number comes next.
+fn named<T: Copy>(field: &'static str, all: &[T], from: &mut impl Read) -> Result<T, WireError> {
+    let [found] = read_array(from)?;
+    all.get(usize::from(found)).copied().ok_or(WireError::Number {
+        field,
+        below: all.len(),
+        found,
+    })
+}
+
+fn read_count(from: &mut impl Read) -> Result<u32, WireError> {
+    let count = read_u32(from)?;
+    if count > MAX_USB_ITEMS {
+        return Err(WireError::UsbItems(count));
+    }
+    Ok(count)
+}
+
+fn read_bytes(from: &mut impl Read, length: usize) -> io::Result<Vec<u8>> {
+    let mut bytes = vec![0; length];
+    from.read_exact(&mut bytes)?;
+    Ok(bytes)
 }
 
 fn read_u32(from: &mut impl Read) -> io::Result<u32> {
@@ -233,6 +383,19 @@ mod tests {
                     code: 0x0FED,
                 },
             ],
+            usb_state: UsbState::Configured,
+            usb_enumerations: 3,
+            usb_waiting: 4,
+            usb_packets: vec![UsbPacket {
+                at_ns: 7,
+                bytes: vec![0xCC],
+            }],
+            usb_transfers: vec![ControlTransfer {
+                at_ns: 8,
+                setup: [1, 2, 3, 4, 5, 6, 7, 8],
+                data: vec![0xDD],
+                outcome: ControlOutcome::Stalled,
+            }],
         }
     }
 
@@ -241,11 +404,20 @@ mod tests {
         let mut bytes = Vec::new();
         Request {
             advance_ns: 0x0102,
+            cable: Cable::Asleep,
             uart_bytes: vec![7, 8, 9],
+            usb_packets: vec![vec![4, 5]],
+            usb_controls: vec![([8, 7, 6, 5, 4, 3, 2, 1], vec![0xEE])],
         }
         .write(&mut bytes)
         .unwrap();
-        assert_eq!(bytes, [1, 2, 1, 0, 0, 0, 0, 0, 0, 3, 0, 0, 0, 7, 8, 9]);
+        let expected: &[&[u8]] = &[
+            &[1, 2, 1, 0, 0, 0, 0, 0, 0, 2],
+            &[3, 0, 0, 0, 7, 8, 9],
+            &[1, 0, 0, 0, 2, 4, 5],
+            &[1, 0, 0, 0, 8, 7, 6, 5, 4, 3, 2, 1, 1, 0, 0xEE],
+        ];
+        assert_eq!(bytes, expected.concat());
     }
 
     #[test]
@@ -261,6 +433,10 @@ mod tests {
             &[2, 0, 0, 0],
             &[5, 0, 0, 0, 0, 0, 0, 0, 0x23, 0x01],
             &[6, 0, 0, 0, 0, 0, 0, 0, 0xED, 0x0F],
+            &[2, 3, 0, 0, 0, 4, 0, 0, 0],
+            &[1, 0, 0, 0, 7, 0, 0, 0, 0, 0, 0, 0, 1, 0xCC],
+            &[1, 0, 0, 0, 8, 0, 0, 0, 0, 0, 0, 0],
+            &[1, 2, 3, 4, 5, 6, 7, 8, 1, 1, 0, 0xDD],
         ];
         assert_eq!(bytes, expected.concat());
     }
@@ -269,7 +445,10 @@ mod tests {
     fn every_message_survives_the_round_trip() {
         let request = Request {
             advance_ns: MAX_ADVANCE_NS,
+            cable: Cable::In,
             uart_bytes: vec![1; MAX_UART_BYTES as usize],
+            usb_packets: vec![vec![2; USB_PACKET_MAX], vec![]],
+            usb_controls: vec![([3; 8], vec![4; 70]), ([5; 8], vec![])],
         };
         let mut pipe = Vec::new();
         write_greeting(&mut pipe).unwrap();
@@ -294,20 +473,31 @@ mod tests {
         let mut long = Vec::new();
         Request {
             advance_ns: MAX_ADVANCE_NS + 1,
-            uart_bytes: vec![],
+            ..Request::default()
         }
         .write(&mut long)
         .unwrap();
         let mut wide = Vec::new();
         Request {
-            advance_ns: 0,
             uart_bytes: vec![0; MAX_UART_BYTES as usize + 1],
+            ..Request::default()
         }
         .write(&mut wide)
         .unwrap();
+        let mut big = Vec::new();
+        Request {
+            usb_packets: vec![vec![0; 65]],
+            ..Request::default()
+        }
+        .write(&mut big)
+        .unwrap();
+        let mut cable = vec![1, 0, 0, 0, 0, 0, 0, 0, 0];
+        cable.push(3);
         for (bytes, words) in [
             (long, ["advance_ns", "60000000000", "60000000001"]),
             (wide, ["UART bytes", "65536", "65537"]),
+            (big, ["USB packet", "64 bytes", "found 65"]),
+            (cable, ["cable", "below 3", "found 3"]),
             (vec![9], ["kind", "1 (RUN)", "found 9"]),
         ] {
             let text = Request::read(&mut bytes.as_slice()).unwrap_err().to_string();
@@ -319,7 +509,7 @@ mod tests {
     fn a_greeting_of_another_program_or_version_is_refused() {
         let other = read_greeting(&mut b"GRIPLINE\x01\0\0\0".as_slice());
         assert!(matches!(other, Err(WireError::Magic(_))), "{other:?}");
-        let newer = read_greeting(&mut b"GRIPEMU\0\x02\0\0\0".as_slice());
-        assert!(matches!(newer, Err(WireError::Version(2))), "{newer:?}");
+        let newer = read_greeting(&mut b"GRIPEMU\0\x03\0\0\0".as_slice());
+        assert!(matches!(newer, Err(WireError::Version(3))), "{newer:?}");
     }
 }

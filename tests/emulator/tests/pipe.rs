@@ -67,6 +67,7 @@ fn a_parent_boots_an_image_lets_time_pass_and_reads_the_line() {
         Request {
             advance_ns,
             uart_bytes: vec![1, 2],
+            ..Request::default()
         }
         .write(&mut to)
         .unwrap();
@@ -149,7 +150,7 @@ fn the_log_and_the_gaps_are_left_behind_on_request() {
     let mut child = emulator(&["--image", file.path(), "--gaps", "--log", log.path()]);
     let request = Request {
         advance_ns: 1_000_000,
-        uart_bytes: vec![],
+        ..Request::default()
     };
     request.write(child.stdin.as_mut().unwrap()).unwrap();
     let output = child.wait_with_output().unwrap();

@@ -1,6 +1,6 @@
 //! The unmodified firmware image in the emulator, a program of its own that is driven over its standard input and
-//! output (the format stands in `tests/emulator/README.md`). Packets travel over the emulated UART as COBS frames,
-//! in virtual time.
+//! output (the format stands in `tests/emulator/README.md`). Packets travel in virtual time, over the emulated USB as
+//! they are or over the emulated UART as COBS frames.
 
 use std::env;
 use std::io::{self, Read, Write};
@@ -13,8 +13,14 @@ use super::{Link, LinkError};
 
 const NAME: &str = "emulator";
 const MAGIC: [u8; 8] = *b"GRIPEMU\0";
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 const RUN: u8 = 1;
+/// The number of "configured" among the USB states of a reply.
+const CONFIGURED: u8 = 2;
+/// How long the emulated host may take to make the device ready, and how often that is looked at, µs: it waits 160 ms
+/// for the plug and two resets alone.
+const ENUMERATION_US: u64 = 2_000_000;
+const ENUMERATION_STEP_US: u64 = 10_000;
 
 /// Where the program and the image are looked for besides the environment: beside the build that this program is
 /// part of (`target/<profile>/gripline`), where `cargo xtask emulator` puts them.
@@ -23,24 +29,82 @@ const FOLDER: &str = "gripline";
 const PROGRAM: (&str, &str) = ("GRIPLINE_EMULATOR", "gripline-emulator");
 const IMAGE: (&str, &str) = ("GRIPLINE_IMAGE", "firmware-stm32f427vi.elf");
 
+/// Which of its two transports the emulated microcontroller is spoken to over.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Transport {
+    /// Full-speed USB, behind a host of the emulator's own.
+    #[default]
+    Usb,
+    /// The UART at the firmware's baud rate; no USB cable is plugged in.
+    Uart,
+}
+
+/// What happens to the emulated USB cable.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Cable {
+    /// Pulled out: packets under way are lost.
+    Out = 0,
+    /// Plugged in.
+    In = 1,
+    /// Plugged in, with the bus suspended.
+    Asleep = 2,
+}
+
+/// A control transfer over the emulated USB that is over.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ControlTransfer {
+    /// What was asked.
+    pub setup: [u8; 8],
+    /// Whether it went through its status stage.
+    pub is_done: bool,
+    /// What the device answered, or was written.
+    pub data: Vec<u8>,
+}
+
+/// A code that appeared on the DAC of the grip-force line.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub struct LineWrite {
+    /// Virtual time since power-on, nanoseconds.
+    pub at_ns: u64,
+    /// The code, 0..=4095.
+    pub code: u16,
+}
+
 /// An emulated microcontroller.
 #[derive(Debug)]
 pub struct EmulatorLink {
     process: Child,
     to: ChildStdin,
     from: ChildStdout,
-    outgoing: Vec<u8>,
+    transport: Transport,
+    cable: Cable,
+    uart_bytes: Vec<u8>,
+    usb_packets: Vec<Vec<u8>>,
+    controls: Vec<[u8; 8]>,
     decoder: CobsDecoder,
     now_us: u64,
+    now: Reply,
+    line_writes: Vec<LineWrite>,
+    transfers: Vec<ControlTransfer>,
+}
+
+/// What the emulator's last reply said of the present.
+#[derive(Debug, Clone, Copy, Default)]
+struct Reply {
+    resets: u32,
     dac_code: u16,
+    usb_state: u8,
+    usb_enumerations: u32,
+    usb_waiting: u32,
 }
 
 impl EmulatorLink {
-    /// Starts the emulator with the firmware image.
+    /// Starts the emulator with the firmware image; over USB, waits until its device is ready.
     ///
     /// # Errors
-    /// [`LinkError`] when program or image are not there, or the program does not answer as expected.
-    pub fn spawn() -> Result<Self, LinkError> {
+    /// [`LinkError`] when program or image are not there, the program does not answer as expected, or the device
+    /// does not enumerate.
+    pub fn spawn(transport: Transport) -> Result<Self, LinkError> {
         let (program, image) = (locate(PROGRAM)?, locate(IMAGE)?);
         let mut process = Command::new(&program)
             .arg("--image")
@@ -53,69 +117,186 @@ impl EmulatorLink {
             return Err(broken("no pipes to the emulator"));
         };
         let magic: [u8; 8] = read(&mut from)?;
-        let version = u32::from_le_bytes(read(&mut from)?);
+        let version = read_u32(&mut from)?;
         if (magic, version) != (MAGIC, VERSION) {
             return Err(broken(format!(
                 "pipe format {version}, expected {VERSION}: rebuild the emulator with `cargo xtask emulator`"
             )));
         }
-        let decoder = CobsDecoder::new();
-        Ok(Self {
+        let mut link = Self {
             process,
             to,
             from,
-            outgoing: Vec::new(),
-            decoder,
+            transport,
+            cable: Cable::Out,
+            uart_bytes: Vec::new(),
+            usb_packets: Vec::new(),
+            controls: Vec::new(),
+            decoder: CobsDecoder::new(),
             now_us: 0,
-            dac_code: 0,
-        })
+            now: Reply::default(),
+            line_writes: Vec::new(),
+            transfers: Vec::new(),
+        };
+        if transport == Transport::Usb {
+            link.set_cable(Cable::In);
+            link.enumerate()?;
+            // Time counts from where a session can begin.
+            link.now_us = 0;
+        }
+        Ok(link)
     }
-}
 
-impl Link for EmulatorLink {
-    fn send(&mut self, packet: &[u8]) -> Result<(), LinkError> {
-        let mut frame = [0; FRAME_MAX];
-        let length = encode_packet(packet, &mut frame);
-        self.outgoing.extend_from_slice(&frame[..length]);
+    fn enumerate(&mut self) -> Result<(), LinkError> {
+        while !self.is_configured() {
+            if self.now_us >= ENUMERATION_US {
+                return Err(broken(format!(
+                    "the USB device did not enumerate within {} s, expected it to; look at its log",
+                    ENUMERATION_US / 1_000_000
+                )));
+            }
+            self.run_until(self.now_us + ENUMERATION_STEP_US, &mut |_| {})?;
+        }
         Ok(())
     }
 
-    fn run_until(&mut self, until_us: u64, received: &mut dyn FnMut(&[u8])) -> Result<(), LinkError> {
-        let advance_ns = until_us.saturating_sub(self.now_us) * 1_000;
-        self.now_us = until_us.max(self.now_us);
+    /// Plugs the USB cable in or out, or suspends the bus, from the next run on.
+    pub fn set_cable(&mut self, cable: Cable) {
+        self.cable = cable;
+    }
+
+    /// Has the emulator's USB host make a control transfer that reads or has no data, from the next run on.
+    pub fn control(&mut self, setup: [u8; 8]) {
+        self.controls.push(setup);
+    }
+
+    /// Every control transfer that is over, those of the enumerations among them.
+    #[must_use]
+    pub fn transfers(&self) -> &[ControlTransfer] {
+        &self.transfers
+    }
+
+    /// Whether the USB host has set the device's configuration and the bus is awake.
+    #[must_use]
+    pub fn is_configured(&self) -> bool {
+        self.now.usb_state == CONFIGURED
+    }
+
+    /// How often the USB host has made the device ready.
+    #[must_use]
+    pub fn enumerations(&self) -> u32 {
+        self.now.usb_enumerations
+    }
+
+    /// USB packets that the firmware has not taken yet.
+    #[must_use]
+    pub fn waiting(&self) -> usize {
+        self.now.usb_waiting as usize + self.usb_packets.len()
+    }
+
+    /// Restarts of the microcontroller since power-on.
+    #[must_use]
+    pub fn resets(&self) -> u32 {
+        self.now.resets
+    }
+
+    /// Every code on the grip-force line since power-on.
+    #[must_use]
+    pub fn line_writes(&self) -> &[LineWrite] {
+        &self.line_writes
+    }
+
+    fn request(&mut self, advance_ns: u64) -> io::Result<()> {
         let mut request = vec![RUN];
         request.extend(advance_ns.to_le_bytes());
-        request.extend((self.outgoing.len() as u32).to_le_bytes());
-        request.append(&mut self.outgoing);
-        self.to
-            .write_all(&request)
-            .and_then(|()| self.to.flush())
-            .map_err(ended)?;
+        request.push(self.cable as u8);
+        request.extend((self.uart_bytes.len() as u32).to_le_bytes());
+        request.append(&mut self.uart_bytes);
+        request.extend((self.usb_packets.len() as u32).to_le_bytes());
+        for packet in self.usb_packets.drain(..) {
+            request.push(packet.len() as u8);
+            request.extend(packet);
+        }
+        request.extend((self.controls.len() as u32).to_le_bytes());
+        for setup in self.controls.drain(..) {
+            request.extend(setup);
+            request.extend(0_u16.to_le_bytes());
+        }
+        self.to.write_all(&request)?;
+        self.to.flush()
+    }
 
-        let _now_ns: [u8; 8] = read(&mut self.from)?;
-        let _instructions: [u8; 8] = read(&mut self.from)?;
-        let _resets: [u8; 4] = read(&mut self.from)?;
-        self.dac_code = u16::from_le_bytes(read(&mut self.from)?);
-        let length = u32::from_le_bytes(read(&mut self.from)?);
-        let mut bytes = vec![0; length as usize];
-        self.from.read_exact(&mut bytes).map_err(ended)?;
-        let writes = u32::from_le_bytes(read(&mut self.from)?);
-        let mut dac_writes = vec![0; writes as usize * 10];
-        self.from.read_exact(&mut dac_writes).map_err(ended)?;
-        for byte in bytes {
+    fn reply(&mut self, received: &mut dyn FnMut(&[u8])) -> Result<(), LinkError> {
+        let from = &mut self.from;
+        let [_now_ns, _instructions]: [u64; 2] = [read_u64(from)?, read_u64(from)?];
+        self.now.resets = read_u32(from)?;
+        self.now.dac_code = u16::from_le_bytes(read(from)?);
+        let length = read_u32(from)? as usize;
+        let uart_bytes = read_bytes(from, length)?;
+        for _ in 0..read_u32(from)? {
+            self.line_writes.push(LineWrite {
+                at_ns: read_u64(from)?,
+                code: u16::from_le_bytes(read(from)?),
+            });
+        }
+        [self.now.usb_state] = read(from)?;
+        self.now.usb_enumerations = read_u32(from)?;
+        self.now.usb_waiting = read_u32(from)?;
+        for _ in 0..read_u32(from)? {
+            let _at_ns = read_u64(from)?;
+            let [length] = read(from)?;
+            received(&read_bytes(from, length.into())?);
+        }
+        for _ in 0..read_u32(from)? {
+            let _at_ns = read_u64(from)?;
+            let setup = read(from)?;
+            let [outcome] = read(from)?;
+            let length = u16::from_le_bytes(read(from)?);
+            self.transfers.push(ControlTransfer {
+                setup,
+                is_done: outcome == 0,
+                data: read_bytes(from, length.into())?,
+            });
+        }
+        for byte in uart_bytes {
             if let Some(Frame::Packet(packet)) = self.decoder.push(byte) {
                 received(packet);
             }
         }
         Ok(())
     }
+}
+
+impl Link for EmulatorLink {
+    fn send(&mut self, packet: &[u8]) -> Result<(), LinkError> {
+        match self.transport {
+            Transport::Usb => self.usb_packets.push(packet.to_vec()),
+            Transport::Uart => {
+                let mut frame = [0; FRAME_MAX];
+                let length = encode_packet(packet, &mut frame);
+                self.uart_bytes.extend_from_slice(&frame[..length]);
+            }
+        }
+        Ok(())
+    }
+
+    fn run_until(&mut self, until_us: u64, received: &mut dyn FnMut(&[u8])) -> Result<(), LinkError> {
+        let advance_ns = until_us.saturating_sub(self.now_us) * 1_000;
+        self.now_us = until_us.max(self.now_us);
+        self.request(advance_ns).map_err(ended)?;
+        self.reply(received)
+    }
 
     fn name(&self) -> String {
-        "emulated microcontroller (STM32F427, unmodified image)".to_owned()
+        let transport = match self.transport {
+            Transport::Usb => "USB",
+            Transport::Uart => "UART",
+        };
+        format!("emulated microcontroller over {transport} (STM32F427, unmodified image)")
     }
 
     fn line_code(&self) -> Option<u16> {
-        Some(self.dac_code)
+        Some(self.now.dac_code)
     }
 }
 
@@ -171,6 +352,20 @@ fn ended(error: io::Error) -> LinkError {
 
 fn read<const N: usize>(from: &mut impl Read) -> Result<[u8; N], LinkError> {
     let mut bytes = [0; N];
+    from.read_exact(&mut bytes).map_err(ended)?;
+    Ok(bytes)
+}
+
+fn read_u32(from: &mut impl Read) -> Result<u32, LinkError> {
+    read(from).map(u32::from_le_bytes)
+}
+
+fn read_u64(from: &mut impl Read) -> Result<u64, LinkError> {
+    read(from).map(u64::from_le_bytes)
+}
+
+fn read_bytes(from: &mut impl Read, length: usize) -> Result<Vec<u8>, LinkError> {
+    let mut bytes = vec![0; length];
     from.read_exact(&mut bytes).map_err(ended)?;
     Ok(bytes)
 }

@@ -3,7 +3,7 @@
 //! was opened.
 
 mod embedded;
-mod emulator;
+pub mod emulator;
 mod serial;
 mod usb;
 
@@ -11,7 +11,8 @@ use std::fmt;
 use std::str::FromStr;
 
 pub use embedded::EmbeddedLink;
-pub use emulator::EmulatorLink;
+pub use emulator::{EmulatorLink, Transport};
+
 pub use serial::SerialLink;
 pub use usb::UsbLink;
 
@@ -78,8 +79,8 @@ pub enum Target {
     /// The firmware library in this process.
     #[default]
     Embedded,
-    /// The unmodified firmware image in the emulator.
-    Emulator,
+    /// The unmodified firmware image in the emulator, over this transport.
+    Emulator(Transport),
     /// A serial port.
     Serial(String),
     /// A USB device, by serial number when there are several.
@@ -92,12 +93,13 @@ impl FromStr for Target {
     fn from_str(text: &str) -> Result<Self, Self::Err> {
         match text.split_once(':') {
             None if text == "embedded" => Ok(Self::Embedded),
-            None if text == "emulator" => Ok(Self::Emulator),
+            None if text == "emulator" => Ok(Self::Emulator(Transport::Usb)),
+            Some(("emulator", "uart")) => Ok(Self::Emulator(Transport::Uart)),
             None if text == "usb" => Ok(Self::Usb(None)),
             Some(("usb", serial)) if !serial.is_empty() => Ok(Self::Usb(Some(serial.to_owned()))),
             Some(("serial", port)) if !port.is_empty() => Ok(Self::Serial(port.to_owned())),
             _ => Err(format!(
-                "found {text}, expected embedded, emulator, usb, usb:SERIAL or serial:PORT"
+                "found {text}, expected embedded, emulator, emulator:uart, usb, usb:SERIAL or serial:PORT"
             )),
         }
     }
@@ -107,7 +109,8 @@ impl fmt::Display for Target {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Embedded => f.write_str("embedded"),
-            Self::Emulator => f.write_str("emulator"),
+            Self::Emulator(Transport::Usb) => f.write_str("emulator"),
+            Self::Emulator(Transport::Uart) => f.write_str("emulator:uart"),
             Self::Serial(port) => write!(f, "serial:{port}"),
             Self::Usb(None) => f.write_str("usb"),
             Self::Usb(Some(serial)) => write!(f, "usb:{serial}"),
@@ -123,7 +126,7 @@ impl Target {
     pub fn open(&self) -> Result<Box<dyn Link>, LinkError> {
         Ok(match self {
             Self::Embedded => Box::new(EmbeddedLink::new()),
-            Self::Emulator => Box::new(EmulatorLink::spawn()?),
+            Self::Emulator(transport) => Box::new(EmulatorLink::spawn(*transport)?),
             Self::Serial(port) => Box::new(SerialLink::open(port)?),
             Self::Usb(serial) => Box::new(UsbLink::open(serial.as_deref())?),
         })
@@ -139,6 +142,7 @@ mod tests {
         for text in [
             "embedded",
             "emulator",
+            "emulator:uart",
             "usb",
             "usb:A1",
             "serial:/dev/ttyUSB0",
@@ -146,7 +150,7 @@ mod tests {
         ] {
             assert_eq!(text.parse::<Target>().unwrap().to_string(), text);
         }
-        for text in ["", "usb:", "serial", "serial:", "embedded:1", "can"] {
+        for text in ["", "usb:", "serial", "serial:", "embedded:1", "emulator:", "can"] {
             assert!(
                 text.parse::<Target>().unwrap_err().contains("expected embedded"),
                 "{text}"
