@@ -14,7 +14,7 @@ use std::time::{Duration, Instant};
 use clap::Args;
 use gripline_firmware::Fault;
 use gripline_firmware::sums::{centre_of_pressure_um, stick_ratio_below};
-use gripline_network::ForceNetwork;
+use gripline_network::{ForceNetwork, InstructionSet};
 use gripline_protocol::message::{Command, Configuration, GripMode, Status};
 use gripline_protocol::{LSB_PER_NEWTON, MapInfo, PER_UNIT};
 use gripline_simulation::constants::{SCENE_INITIAL_GRIP_N, SCENE_LOOP_S};
@@ -52,6 +52,9 @@ pub struct RunArgs {
     /// Weights of the force network instead of the built-in ones (safetensors).
     #[arg(long, value_name = "FILE")]
     weights: Option<PathBuf>,
+    /// Vector instructions that the force network uses: portable, avx2 or avx512. By default the widest there are.
+    #[arg(long, value_name = "SET")]
+    instructions: Option<InstructionSet>,
     /// Scene gate: `difference` skips the network where nothing touches or changes, `off` never does.
     #[arg(long, default_value_t, value_name = "GATE")]
     gate: GateChoice,
@@ -139,6 +142,10 @@ pub fn run(args: &RunArgs) -> Result<(), Failure> {
         None => ForceNetwork::embedded(),
     }
     .map_err(Failure::failed)?;
+    let network = match args.instructions {
+        Some(set) => network.with_instructions(set).map_err(Failure::failed)?,
+        None => network,
+    };
     let settings = settings_for(&network);
     let Source::Simulated = args.source;
     let mut source = SimulatedSource::new(args.seed, FRAMES_PER_SECOND);
