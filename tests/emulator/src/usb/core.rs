@@ -6,7 +6,10 @@
 
 use std::collections::VecDeque;
 
-#[allow(clippy::wildcard_imports, reason = "the manual's list of names; the lint does not fire in test builds")]
+#[allow(
+    clippy::wildcard_imports,
+    reason = "the manual's list of names; the lint does not fire in test builds"
+)]
 use super::registers::*;
 use crate::constants::{OTG_ENDPOINTS, OTG_FIFO_WORDS, OTG_SETUP_RESERVE_WORDS};
 

@@ -1,5 +1,5 @@
-//! The USB port of the board: the device core in the part ([`core`]), a host at the other end of a cable ([`host`]),
-//! and the time that packets take between them ([`Port`]). Times are virtual nanoseconds.
+//! The USB port of the board: the device core in the part (`core`), a host at the other end of a cable (`host`), and the
+//! time that packets take between them. Times are virtual nanoseconds.
 //! Full speed: frames of 1 ms, SOF first, at most 19 bulk packets of 64 bytes each; one transaction at a time, none
 //! across the end of a frame. Limits: no bit errors, no hub, no remote wake-up, no bit stuffing.
 
