@@ -78,7 +78,7 @@ fn dispatch(arguments: &[String]) -> Result<(), Error> {
 }
 
 /// The test world's figures against their bounds.
-fn physics(arguments: &[String]) -> Result<(), Error> {
+pub(crate) fn physics(arguments: &[String]) -> Result<(), Error> {
     process::run(
         process::cargo()
             .args(["run", "--release", "--package", "gripline-simulation"])

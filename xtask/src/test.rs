@@ -101,6 +101,20 @@ pub(crate) fn run() -> Result<(), Error> {
                 .env("RUSTDOCFLAGS", "-D warnings"),
         )
     });
+    checks.check("lints of the physics command", || {
+        process::run(process::cargo().args([
+            "clippy",
+            "--package",
+            "gripline-simulation",
+            "--features",
+            "physics",
+            "--all-targets",
+            "--",
+            "-D",
+            "warnings",
+        ]))
+    });
+    checks.check("physics", || crate::physics(&[]));
     checks.check("core library for the microcontroller", || {
         toolchain::ensure(false)
     });

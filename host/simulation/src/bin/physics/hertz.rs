@@ -170,6 +170,7 @@ pub(crate) fn run(world: &World, report: &mut Report, pictures: &Pictures) -> Re
                 y: "pressure, kPa",
                 x_range: [0.0, 6.5],
                 y_range: [0.0, 170.0],
+                rising: false,
                 curves: lines,
             },
             Chart {
@@ -178,6 +179,7 @@ pub(crate) fn run(world: &World, report: &mut Report, pictures: &Pictures) -> Re
                 y: "share of Hertz",
                 x_range: [0.0, 2.4],
                 y_range: [0.0, 2.0],
+                rising: true,
                 curves: ["radius", "peak pressure", "approach"]
                     .into_iter()
                     .zip(curves)

@@ -70,6 +70,7 @@ pub(crate) fn rows(found: &[Comparison], report: &mut Report, pictures: &Picture
         &[
             Chart {
                 title: "Force of a 12 mm sphere on the 6 mm layer",
+                rising: true,
                 x: "indentation, % of the layer",
                 y: "force, N",
                 x_range: [0.0, 31.0],
@@ -88,6 +89,7 @@ pub(crate) fn rows(found: &[Comparison], report: &mut Report, pictures: &Picture
             },
             Chart {
                 title: "Force map of the linear layer at equal force",
+                rising: true,
                 x: "indentation, % of the layer",
                 y: "difference (L2), %",
                 x_range: [0.0, 31.0],

@@ -194,7 +194,7 @@ pub(crate) fn run(world: &World, report: &mut Report, pictures: &Pictures) -> Re
     }
     report.row(
         "limit_surface_chord",
-        "sphere pulled and twisted to full slip: |F|/μN + |M|/M*",
+        "sphere pulled and twisted to full slip: F/μN + M/M*",
         "chord of the limit surface, grid tolerance 1 %",
         Bound::AtLeast(0.99),
         (chord, ""),
@@ -249,6 +249,7 @@ pub(crate) fn run(world: &World, report: &mut Report, pictures: &Pictures) -> Re
             y: "moment M/M*",
             x_range: [0.0, 1.1],
             y_range: [0.0, 1.1],
+            rising: false,
             curves,
         }],
     )
@@ -296,7 +297,7 @@ fn shapes(world: &World, report: &mut Report) -> Result<(), Failure> {
     }
     report.row(
         "limit_surface_shapes_chord",
-        "12 shapes on the layer at full slip: |F|/μN + |M|/M*",
+        "12 shapes on the layer at full slip: F/μN + M/M*",
         "chord of their own pressure's limit surface",
         Bound::AtLeast(0.99),
         (least_chord, ""),

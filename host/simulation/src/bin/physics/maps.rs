@@ -12,6 +12,9 @@ use crate::world::{World, drive};
 /// The middle of the skin that is shown, mm from the middle to the edge.
 const HALF_MM: f64 = 8.0;
 
+/// Pixels of the camera along one side of a pixel shown: noise-like pictures grow large.
+const REDUCED: usize = 3;
+
 /// A panel of the middle of the skin, one value a cell.
 fn panel(truth: &Truth, title: &str, scale: Scale, value: impl Fn(usize) -> f64) -> Panel {
     let cells = truth.cells();
@@ -95,7 +98,7 @@ pub(crate) fn run(world: &World, pictures: &Pictures) -> Result<(), Failure> {
     }
     pictures.panels("slip-zones", &rows)?;
 
-    // What the camera sees: at rest, pressed and pulled, and the difference; half size, noise left out.
+    // What the camera sees: at rest, pressed and pulled, and the difference; a third of the size, noise left out.
     let mut contact = world.contact(&gel, production_cells(5.0), TRAINING_SHAPES[0], Mount::default())?;
     contact.go(drive(5.0, [0.0; 2], 0.0), 8)?;
     let truth = contact.go(drive(5.0, [0.6, 0.3], 0.0), 4)?;
@@ -107,18 +110,19 @@ pub(crate) fn run(world: &World, pictures: &Pictures) -> Result<(), Failure> {
     let rest = fingertip.rest_image();
     let mut now = Image::crop();
     fingertip.render_truth(truth, &mut now);
-    let halved = |pixel: &dyn Fn(usize) -> f64| -> Vec<f64> {
-        let side = rest.width / 2;
+    let reduced = |pixel: &dyn Fn(usize) -> f64| -> Vec<f64> {
+        let side = rest.width / REDUCED;
         (0..side * side)
             .map(|i| {
-                let at = 2 * (i / side) * rest.width + 2 * (i % side);
-                0.25 * (pixel(at) + pixel(at + 1) + pixel(at + rest.width) + pixel(at + rest.width + 1))
+                let first = REDUCED * (i / side) * rest.width + REDUCED * (i % side);
+                let block = (0..REDUCED * REDUCED).map(|k| first + k / REDUCED * rest.width + k % REDUCED);
+                block.map(pixel).sum::<f64>() / (REDUCED * REDUCED) as f64
             })
             .collect()
     };
     let image = |title: &str, scale: Scale, values: Vec<f64>| Panel {
         title: title.to_owned(),
-        side: rest.width / 2,
+        side: rest.width / REDUCED,
         half_mm: 0.0,
         values,
         scale,
@@ -126,16 +130,19 @@ pub(crate) fn run(world: &World, pictures: &Pictures) -> Result<(), Failure> {
     pictures.panels(
         "images",
         &[vec![
-            image("at rest", Scale::Grey, halved(&|i| f64::from(rest.pixels[i]))),
+            image("at rest", Scale::Grey, reduced(&|i| f64::from(rest.pixels[i]))),
             image(
                 "12 mm sphere, 5 N, pulled",
                 Scale::Grey,
-                halved(&|i| f64::from(now.pixels[i])),
+                reduced(&|i| f64::from(now.pixels[i])),
             ),
             image(
                 "difference, grey levels",
                 Scale::Signed(120.0),
-                halved(&|i| f64::from(now.pixels[i]) - f64::from(rest.pixels[i])),
+                reduced(&|i| f64::from(now.pixels[i]) - f64::from(rest.pixels[i]))
+                    .into_iter()
+                    .map(|d| (d / 24.0).round() * 24.0)
+                    .collect(),
             ),
         ]],
     )

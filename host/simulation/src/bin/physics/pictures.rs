@@ -57,6 +57,8 @@ pub(crate) struct Chart<'a> {
     pub(crate) y: &'a str,
     pub(crate) x_range: [f64; 2],
     pub(crate) y_range: [f64; 2],
+    /// Whether the curves rise to the right: the legend stands where they do not.
+    pub(crate) rising: bool,
     pub(crate) curves: Vec<Curve>,
 }
 
@@ -109,7 +111,8 @@ impl Scale {
             Self::Slip if value < 1.5 => COLOURS[0],
             Self::Slip => COLOURS[4],
             Self::Grey => {
-                let level = value.clamp(0.0, 255.0) as u8;
+                // In steps: noise-like pictures grow large.
+                let level = ((value / 17.0).round() * 17.0).clamp(0.0, 255.0) as u8;
                 RGBColor(level, level, level)
             }
         }
@@ -320,7 +323,11 @@ fn draw_charts(file: &Path, charts: &[Chart]) -> Result<(), Failure> {
         }
         if labelled {
             axes.configure_series_labels()
-                .position(SeriesLabelPosition::UpperRight)
+                .position(if chart.rising {
+                    SeriesLabelPosition::LowerRight
+                } else {
+                    SeriesLabelPosition::UpperRight
+                })
                 .label_font((FONT, 14))
                 .background_style(WHITE.mix(0.85))
                 .border_style(RGBColor(200, 200, 200))

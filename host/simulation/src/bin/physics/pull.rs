@@ -126,6 +126,7 @@ pub(crate) fn run(world: &World, report: &mut Report, pictures: &Pictures) -> Re
                 y: "share of the contact that sticks",
                 x_range: [0.0, 1.0],
                 y_range: [0.0, 1.0],
+                rising: false,
                 curves,
             },
             Chart {
@@ -134,6 +135,7 @@ pub(crate) fn run(world: &World, report: &mut Report, pictures: &Pictures) -> Re
                 y: "pull Q/μP",
                 x_range: [-1e3 * top * 1.1, 1e3 * top * 1.1],
                 y_range: [-1.0, 1.0],
+                rising: true,
                 curves: vec![
                     Curve::line("closed form", 7, exact),
                     Curve::dots("cells", 0, found),

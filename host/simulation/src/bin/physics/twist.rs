@@ -171,6 +171,7 @@ pub(crate) fn run(world: &World, report: &mut Report, pictures: &Pictures) -> Re
             y: "moment over (3π/16) μPa",
             x_range: [0.0, to],
             y_range: [0.0, 1.05],
+            rising: true,
             curves: vec![
                 Curve::line("closed form", 7, curve),
                 Curve::dots("cells", 0, dots),
