@@ -8,8 +8,7 @@ use crate::pictures::{Chart, Curve, Pictures};
 use crate::report::{Bound, Report};
 
 const INDENTATIONS: [f64; 4] = [0.05, 0.1, 0.2, 0.3];
-/// Elements along the middle taxel. Twice as many change the force at 5 % by less than the bound's fifth and take
-/// a minute.
+/// Elements along the middle taxel: seconds. The example `finite_elements` runs finer meshes and tells their error.
 const FINENESS: usize = 4;
 
 /// Presses the block; beside other sections.
