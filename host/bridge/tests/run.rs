@@ -165,7 +165,7 @@ fn wrong_usage_ends_with_code_2_and_says_what_was_expected() {
         2,
         &[
             "can0",
-            "expected embedded, emulator, usb, usb:SERIAL or serial:PORT",
+            "expected embedded, emulator, emulator:uart, usb, usb:SERIAL or serial:PORT",
         ],
     );
     assert_refused(&["run", "--source", "webcam"], 2, &["webcam", "expected sim"]);
