@@ -29,7 +29,8 @@ cargo xtask COMMAND
   bench network [--json] [--rounds N] [--weights FILE]
                                     time the force network against onnxruntime and tract, and against
                                     this processor's limit; needs Python with pip
-  physics [--json] [--out DIR]      the test world against closed forms, other programs and a finer grid; prints a
+  physics [--json] [--out DIR] [--without SECTION,...]
+                                    the test world against closed forms, other programs and a finer grid; prints a
                                     table, writes pictures to DIR; wants a quiet machine (it judges speed) and
                                     Python 3 with venv (it installs tamaas into the build folder)
   train [ARGUMENTS]                 run the trainer (host/training) with these arguments

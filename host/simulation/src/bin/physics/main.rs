@@ -34,25 +34,45 @@ type Failure = Box<dyn std::error::Error + Send + Sync>;
 const THREADS: usize = 2;
 
 const HELP: &str = "\
-physics [--json] [--out DIR] [--only SECTION,...]
+physics [--json] [--out DIR] [--only SECTION,...] [--without SECTION,...]
 
-  --json   one JSON object on standard output instead of the table
-  --out    folder for the pictures (made if absent; none are drawn without)
-  --only   some sections: hertz, pull, twist, limit, grid, balance, tamaas,
-           elements, pictures, speed
+  --json     one JSON object on standard output instead of the table
+  --out      folder for the pictures (made if absent; none are drawn without)
+  --only     these sections: hertz, pull, twist, limit, grid, balance, tamaas,
+             elements, pictures, speed
+  --without  all sections but these
 ";
+
+const SECTIONS: [&str; 10] = [
+    "hertz", "pull", "twist", "limit", "grid", "balance", "tamaas", "elements", "pictures", "speed",
+];
 
 struct Options {
     json: bool,
     out: Option<PathBuf>,
-    only: Option<Vec<String>>,
+    sections: Vec<&'static str>,
+}
+
+/// The sections of a comma-separated list.
+fn listed(option: &str, list: &str) -> Result<Vec<&'static str>, String> {
+    list.split(',')
+        .map(|name| {
+            let known = SECTIONS.into_iter().find(|section| *section == name);
+            known.ok_or_else(|| {
+                format!(
+                    "{option}: found `{name}`, expected some of {}",
+                    SECTIONS.join(", ")
+                )
+            })
+        })
+        .collect()
 }
 
 fn options() -> Result<Option<Options>, String> {
     let mut options = Options {
         json: false,
         out: None,
-        only: None,
+        sections: SECTIONS.to_vec(),
     };
     let mut rest = std::env::args().skip(1);
     while let Some(argument) = rest.next() {
@@ -63,11 +83,16 @@ fn options() -> Result<Option<Options>, String> {
         match argument.as_str() {
             "--json" => options.json = true,
             "--out" => options.out = Some(PathBuf::from(value()?)),
-            "--only" => options.only = Some(value()?.split(',').map(str::to_owned).collect()),
+            "--only" => options.sections = listed("--only", &value()?)?,
+            "--without" => {
+                let left_out = listed("--without", &value()?)?;
+                options.sections.retain(|section| !left_out.contains(section));
+            }
             "--help" | "-h" => return Ok(None),
             found => {
                 return Err(format!(
-                    "argument: found `{found}`, expected --json, --out DIR or --only SECTION,..."
+                    "argument: found `{found}`, expected --json, --out DIR, --only SECTION,... or --without \
+                     SECTION,..."
                 ));
             }
         }
@@ -99,12 +124,7 @@ fn measure(options: &Options) -> ExitCode {
         }
     };
     let (world, mut report) = (World::default(), Report::default());
-    let wanted = |name: &str| {
-        options
-            .only
-            .as_ref()
-            .is_none_or(|only| only.iter().any(|o| o == name))
-    };
+    let wanted = |name: &str| options.sections.contains(&name);
     let mut section =
         |name: &'static str, what: &str, run: &mut dyn FnMut(&mut Report) -> Result<(), Failure>| {
             if !wanted(name) {
