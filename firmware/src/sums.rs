@@ -32,6 +32,20 @@ impl TaxelRule {
             contact_min: settings.contact_min,
         }
     }
+
+    /// Whether a taxel is in contact, and whether it sticks.
+    #[inline]
+    #[must_use]
+    pub fn decide(self, force: TaxelForce) -> (bool, bool) {
+        let (x, y) = (i32::from(force.x), i32::from(force.y));
+        // Each square is at most 2³⁰, so the sum fits u32.
+        let shear_square = (x * x).cast_unsigned() + (y * y).cast_unsigned();
+        let contact = force.z > self.contact_min;
+        (
+            contact,
+            contact & (shear_square <= self.friction.shear_square_bound(force.z)),
+        )
+    }
 }
 
 /// Place of every taxel's centre: (x, y) in half pitches.
@@ -60,10 +74,7 @@ pub fn accumulate(sums: &mut MapSums, taxels: impl Iterator<Item = (u16, TaxelFo
         };
         let (x, y) = (i32::from(x), i32::from(y));
         let (fx, fy, fz) = (i32::from(force.x), i32::from(force.y), i32::from(force.z));
-        // Each square is at most 2³⁰, so the sum fits u32.
-        let shear_square = (fx * fx).cast_unsigned() + (fy * fy).cast_unsigned();
-        let contact = force.z > rule.contact_min;
-        let stick = contact & (shear_square <= rule.friction.shear_square_bound(force.z));
+        let (contact, stick) = rule.decide(force);
         local.contact += u16::from(contact);
         local.stick += u16::from(stick);
         local.force[0] += fx;

@@ -1,9 +1,11 @@
-//! What the wire's 1/4096 N costs: the microcontroller's stick ratio on the quantised map against plain f64 on the
-//! unquantised one, over closed-form contacts of spheres. DESIGN.md's bounds: mean error of the stick ratio at most
-//! 0.002 (holds), at most one decision in a thousand flips (does not: see the test).
+//! What the wire's 1/4096 N costs: the microcontroller's stick ratio on the map that travels against plain f64 on the
+//! forces, over closed-form contacts of spheres. Bounds: mean error of the stick ratio at most 0.002, at most one
+//! decision in a thousand flips. Rounding to nearest alone misses the second (17 in 10,000); the host rounds so that
+//! no taxel's decision changes.
 
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
+use gripline::rounding::keep_decisions;
 use gripline_firmware::Friction;
 use gripline_firmware::sums::{TaxelRule, stick_ratio_below, sums_of};
 use gripline_protocol::{ForceMap, LSB_PER_NEWTON};
@@ -114,7 +116,8 @@ fn quantisation_hardly_moves_the_stick_ratio() {
     for _ in 0..SAMPLES {
         let forces = sphere_map(&mut random);
         let (contact, stick) = in_f64(&forces);
-        let (map, saturated) = ForceMap::quantise(&forces).unwrap();
+        let (mut map, saturated) = ForceMap::quantise(&forces).unwrap();
+        keep_decisions(forces.iter().map(|force| force.map(f64::from)), rule, &mut map);
         assert_eq!(saturated.0, 0);
         let sums = sums_of(&map, rule);
         if contact == 0 || sums.contact == 0 {
@@ -135,7 +138,5 @@ fn quantisation_hardly_moves_the_stick_ratio() {
     );
     assert!(frames > 8_000);
     assert!(mean <= 0.002, "{mean}");
-    // DESIGN.md asks for one in a thousand. Over 40,000 of these frames it is 1.7 (one taxel at the cone, a ratio of
-    // exactly one half before); the bound here only keeps it from growing.
-    assert!(flips * 500 <= frames, "{flips} of {frames}");
+    assert!(flips * 1_000 <= frames, "{flips} of {frames}");
 }

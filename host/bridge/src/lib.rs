@@ -1,7 +1,7 @@
 //! The host daemon and command line of Gripline: camera frames in, force maps out to the microcontroller, and
 //! everything visible on the way.
 //!
-//! [`pipeline`] turns a picture into a force map ([`gate`], network, quantisation); [`link`] carries packets to a
+//! [`pipeline`] turns a picture into a force map ([`gate`], network, quantisation with [`rounding`]); [`link`] carries packets to a
 //! microcontroller; [`session`] speaks the protocol over a link and checks every answer ([`shadow`]); [`run`] joins
 //! them with a source of pictures and the [`view`]; [`detect`] runs the detector over recorded maps;
 //! [`simulate`] plays a scene of the simulated world into files.
@@ -14,6 +14,7 @@ pub mod gate;
 pub mod link;
 pub mod maps_file;
 pub mod pipeline;
+pub mod rounding;
 pub mod run;
 pub mod session;
 pub mod shadow;

@@ -4,11 +4,13 @@
 
 use std::time::Instant;
 
+use gripline_firmware::sums::TaxelRule;
 use gripline_network::image::Image88;
 use gripline_network::{ForceNetwork, downsample_440_to_88};
 use gripline_protocol::{ForceMap, Health, NotFinite, Saturated, TAXELS};
 
 use crate::gate::{Gate, Verdict};
+use crate::rounding::keep_decisions;
 
 /// Pixels of the 440×440 crop.
 pub const CROP_PIXELS: usize = 440 * 440;
@@ -32,6 +34,7 @@ pub struct Pipeline {
     network: ForceNetwork,
     gate: Option<Gate>,
     contact_min_n: f32,
+    rule: TaxelRule,
     now: Box<Image88>,
     newtons: Box<[[f32; 3]; TAXELS]>,
     map: Box<ForceMap>,
@@ -40,12 +43,12 @@ pub struct Pipeline {
 
 impl Pipeline {
     /// `rest` are crops without contact, at least one; their mean is what the network compares with. Without
-    /// `use_gate` the network looks at every frame.
+    /// `use_gate` the network looks at every frame. `rule` is the detector's: quantisation keeps its decisions.
     ///
     /// # Panics
     /// When `rest` is empty or a crop is not 440×440: the sources of pictures see to both.
     #[must_use]
-    pub fn new(mut network: ForceNetwork, rest: &[Vec<u8>], use_gate: bool) -> Self {
+    pub fn new(mut network: ForceNetwork, rest: &[Vec<u8>], use_gate: bool, rule: TaxelRule) -> Self {
         assert!(!rest.is_empty(), "the pipeline needs a picture at rest");
         let frames: Vec<Image88> = rest.iter().map(|crop| small(crop)).collect();
         let count = frames.len() as u32;
@@ -59,6 +62,7 @@ impl Pipeline {
             network,
             gate: use_gate.then(|| Gate::new(&mean, &frames)),
             contact_min_n,
+            rule,
             now: Box::new(mean),
             newtons: Box::new([[0.0; 3]; TAXELS]),
             map: Box::new(ForceMap::EMPTY),
@@ -95,7 +99,9 @@ impl Pipeline {
             Verdict::Network => {
                 self.network.infer(&self.now, &mut self.newtons);
                 drop_untouched(&mut self.newtons, self.contact_min_n);
-                let (map, saturated) = ForceMap::quantise(&self.newtons)?;
+                let (mut map, saturated) = ForceMap::quantise(&self.newtons)?;
+                let newtons = self.newtons.iter().map(|force| force.map(f64::from));
+                keep_decisions(newtons, self.rule, &mut map);
                 (*self.map, self.saturated) = (map, saturated);
             }
         }

@@ -13,7 +13,7 @@ use std::time::{Duration, Instant};
 
 use clap::Args;
 use gripline_firmware::Fault;
-use gripline_firmware::sums::{centre_of_pressure_um, stick_ratio_below};
+use gripline_firmware::sums::{TaxelRule, centre_of_pressure_um, stick_ratio_below};
 use gripline_network::{ForceNetwork, InstructionSet};
 use gripline_protocol::message::{Command, Configuration, GripMode, Status};
 use gripline_protocol::{LSB_PER_NEWTON, MapInfo, PER_UNIT};
@@ -153,6 +153,7 @@ pub fn run(args: &RunArgs) -> Result<(), Failure> {
         network,
         &source.rest(REST_PICTURES),
         args.gate == GateChoice::Difference,
+        TaxelRule::of(&settings),
     );
     if args.unpaced && matches!(args.mcu, Target::Serial(_) | Target::Usb(_)) {
         let found = format!("--unpaced with --mcu {}", args.mcu);

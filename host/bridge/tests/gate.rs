@@ -7,6 +7,7 @@ use gripline::pipeline::Pipeline;
 use gripline::run::settings_for;
 use gripline::session::Session;
 use gripline::source::SimulatedSource;
+use gripline_firmware::sums::TaxelRule;
 use gripline_network::ForceNetwork;
 use gripline_protocol::message::{Command, GripMode};
 use gripline_protocol::{LSB_PER_NEWTON, MapInfo};
@@ -23,7 +24,7 @@ impl Chain {
         let settings = settings_for(&network);
         let session = Session::open(Box::new(EmbeddedLink::new()), settings).unwrap();
         Self {
-            pipeline: Pipeline::new(network, rest, gate),
+            pipeline: Pipeline::new(network, rest, gate, TaxelRule::of(&settings)),
             session,
             mode: None,
         }

@@ -1,6 +1,7 @@
 //! A scene of kind `grasp` as `gripline simulate` plays it, and who sets its grip force. A grasp whose contact does not
 //! converge is no evidence from there on: all frames after it count as left out.
 
+use gripline_firmware::sums::TaxelRule;
 use gripline_network::ForceNetwork;
 use gripline_protocol::LSB_PER_NEWTON;
 use gripline_protocol::MapInfo;
@@ -260,7 +261,7 @@ impl Gripline {
         let mut session = Session::open(link, settings).map_err(Failure::failed)?;
         session.command(Command::Hold).map_err(Failure::failed)?;
         Ok(Self {
-            pipeline: Pipeline::new(network, rest, true),
+            pipeline: Pipeline::new(network, rest, true, TaxelRule::of(&settings)),
             session,
         })
     }
