@@ -1,6 +1,7 @@
 //! Forces to wire units such that no decision changes on the way: where rounding to nearest would move a taxel over
 //! the contact threshold or across the friction cone, the nearest neighbour that stays on its side travels instead.
-//! Pure. Units: newtons in, 1/4096 N out. Limits: a component is then off by up to one step instead of half a step.
+//! Pure. Units: newtons in, 1/4096 N out. Limits: a component is then off by up to one step instead of half a step;
+//! `detect` rounds recordings to nearest, as anyone would who checks it.
 
 use gripline_firmware::sums::TaxelRule;
 use gripline_protocol::{ForceMap, LSB_PER_NEWTON, PER_UNIT, TaxelForce};
@@ -9,6 +10,11 @@ use gripline_protocol::{ForceMap, LSB_PER_NEWTON, PER_UNIT, TaxelForce};
 /// differently than about the forces themselves (in f64). Clipped components are left alone.
 pub fn keep_decisions(newtons: impl Iterator<Item = [f64; 3]>, rule: TaxelRule, map: &mut ForceMap) {
     for (force, out) in newtons.zip(&mut map.taxels) {
+        // What the wire holds exactly the detector decides exactly, ties on the cone included; f64 would not.
+        let steps = force.map(|newton| newton * f64::from(LSB_PER_NEWTON));
+        if steps.iter().all(|step| step.fract() == 0.0) {
+            continue;
+        }
         let wanted = decision(force, rule);
         if rule.decide(*out) != wanted {
             *out = nearest(force, |taxel| rule.decide(taxel) == wanted).unwrap_or(*out);

@@ -188,7 +188,7 @@ fn judge_all(
     let mut forces = Box::new([[0.0; 3]; TAXELS]);
     while maps.read_frame(&mut forces).map_err(Failure::failed)? {
         let frame = summary.frames;
-        let quantised = quantise(&forces, settings);
+        let quantised = quantise(&forces, settings.scale);
         let verdict = judge(&quantised.map, settings);
         summary.add(&verdict, quantised.saturated, quantised.greatest_n);
         let answer = match &mut replay {

@@ -9,7 +9,6 @@ use gripline_protocol::message::MapSums;
 use gripline_protocol::{ForceMap, TaxelForce};
 
 use crate::maps_file::FrameForces;
-use crate::rounding::keep_decisions;
 
 /// What decides about a map.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -24,15 +23,6 @@ pub struct Settings {
     pub scale: f64,
 }
 
-impl Settings {
-    fn rule(&self) -> TaxelRule {
-        TaxelRule {
-            friction: self.friction,
-            contact_min: self.contact_min,
-        }
-    }
-}
-
 /// A recorded map in the wire's units.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Quantised {
@@ -44,10 +34,9 @@ pub struct Quantised {
     pub greatest_n: f64,
 }
 
-/// Finite forces of a recording to wire units, rounded to nearest (ties away from zero) but where that would change
-/// a decision, see [`keep_decisions`].
+/// Finite forces of a recording to wire units, rounded to nearest (ties away from zero).
 #[must_use]
-pub fn quantise(forces: &FrameForces, settings: &Settings) -> Quantised {
+pub fn quantise(forces: &FrameForces, scale: f64) -> Quantised {
     let mut quantised = Quantised {
         map: ForceMap::EMPTY,
         saturated: 0,
@@ -55,7 +44,7 @@ pub fn quantise(forces: &FrameForces, settings: &Settings) -> Quantised {
     };
     for (force, out) in forces.iter().zip(&mut quantised.map.taxels) {
         let [x, y, z] = force.map(|component| {
-            let newton = component * settings.scale;
+            let newton = component * scale;
             let (steps, clipped) = quantise_component(newton);
             quantised.saturated += u16::from(clipped);
             quantised.greatest_n = quantised.greatest_n.max(newton.abs());
@@ -63,10 +52,6 @@ pub fn quantise(forces: &FrameForces, settings: &Settings) -> Quantised {
         });
         *out = TaxelForce { x, y, z };
     }
-    let newtons = forces
-        .iter()
-        .map(|force| force.map(|component| component * settings.scale));
-    keep_decisions(newtons, settings.rule(), &mut quantised.map);
     quantised
 }
 
@@ -84,7 +69,11 @@ pub struct Verdict {
 /// Judges one map.
 #[must_use]
 pub fn judge(map: &ForceMap, settings: &Settings) -> Verdict {
-    let sums = sums_of(map, settings.rule());
+    let rule = TaxelRule {
+        friction: settings.friction,
+        contact_min: settings.contact_min,
+    };
+    let sums = sums_of(map, rule);
     let [x, y, normal] = sums.force;
     Verdict {
         sums,
@@ -100,23 +89,14 @@ mod tests {
     use gripline_protocol::TAXELS;
     use proptest::prelude::*;
 
-    const SETTINGS: Settings = Settings {
-        friction: Friction::clamped(4_500),
-        threshold: 5_000,
-        contact_min: 0,
-        scale: 1.0,
-    };
-
     proptest! {
         #[test]
-        fn a_float32_recording_in_newtons_becomes_the_map_that_a_run_would_send(
+        fn a_float32_recording_in_newtons_becomes_the_wires_nearest_map(
             newtons in proptest::collection::vec(prop::array::uniform3(-9.0f32..9.0), TAXELS),
         ) {
             let newtons: [[f32; 3]; TAXELS] = newtons.try_into().unwrap();
-            let (mut map, saturated) = ForceMap::quantise(&newtons).unwrap();
-            let exact = newtons.map(|force| force.map(f64::from));
-            keep_decisions(exact.iter().copied(), SETTINGS.rule(), &mut map);
-            let recorded = quantise(&exact, &SETTINGS);
+            let (map, saturated) = ForceMap::quantise(&newtons).unwrap();
+            let recorded = quantise(&newtons.map(|force| force.map(f64::from)), 1.0);
             prop_assert_eq!((recorded.map, recorded.saturated), (map, saturated.0));
         }
     }
@@ -125,7 +105,13 @@ mod tests {
     fn the_moment_of_one_newton_upwards_at_the_right_edge_is_its_lever_in_millimetres() {
         let mut forces = [[0.0; 3]; TAXELS];
         forces[19][1] = 1.0; // row 0, column 19: x = 9.5 pitches of 1.6 mm
-        let verdict = judge(&quantise(&forces, &SETTINGS).map, &SETTINGS);
+        let settings = Settings {
+            friction: Friction::clamped(4_500),
+            threshold: 5_000,
+            contact_min: 0,
+            scale: 1.0,
+        };
+        let verdict = judge(&quantise(&forces, 1.0).map, &settings);
         assert!((moment_nmm(&verdict.sums) - 15.2).abs() < 1e-12);
         assert_eq!(stick_ratio(&verdict.sums), None);
     }
@@ -134,11 +120,7 @@ mod tests {
     fn forces_that_overflow_by_the_scale_are_clipped_and_counted() {
         let mut forces = [[0.0; 3]; TAXELS];
         forces[0] = [f64::MAX, -f64::MAX, 7.0];
-        let settings = Settings {
-            scale: 1e10,
-            ..SETTINGS
-        };
-        let quantised = quantise(&forces, &settings);
+        let quantised = quantise(&forces, 1e10);
         let [x, y, z] = [i16::MAX, i16::MIN, i16::MAX];
         assert_eq!(quantised.map.taxels[0], TaxelForce { x, y, z });
         assert_eq!(quantised.saturated, 3);
