@@ -1,6 +1,6 @@
 //! Contact with friction of any rigid indenter on the skin, along any path of pressing, dragging, twisting and
 //! tilting: who touches, who sticks, who slips, and the force map that a perfect sensor would report. Units:
-//! mm, N, MPa, N·mm, rad. Limits: linear layer, small strain (doubtful above about 2.5 N on a 12 mm sphere),
+//! mm, N, MPa, N·mm, rad. Limits: linear layer, small strain (see `LARGEST_INDENTATION`),
 //! Coulomb friction with one coefficient, quasi-static.
 //!
 //! From the bottom up: `influence` (one cell's traction to displacement), `convolution` (all cells of a box),
