@@ -1,8 +1,9 @@
 //! Gripline on the silicon: an STM32F4 that turns force maps into the grip-force line.
 //!
 //! Everything that decides is in the library; here are the pins, the clocks, the transports and the order of things.
-//! From most to least urgent (interrupt priority): time driver (2), UART byte and USB packet in and out (3), map to line
-//! and the safety tick (4, `control`), then in the gaps of all these the answers to the host, USB requests and watchdog. Nothing waits for a host: without one the safety tick and the watchdog alone run.
+//! From most to least urgent (interrupt priority): time driver (2), UART byte and USB packet in and out (3), map to
+//! line and the safety tick (4, `control`), then in the gaps of all these the answers to the host, USB requests and
+//! watchdog. Nothing waits for a host: without one the safety tick and the watchdog alone run.
 //! Limits: one host at a time is answered, over the transport that spoke last.
 #![no_std]
 #![no_main]
