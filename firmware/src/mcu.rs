@@ -39,6 +39,8 @@ pub struct Start {
     pub reset: ResetCause,
     /// The line's value before a reset, from memory that survives it.
     pub restored_line: Option<GripForce>,
+    /// The settings that lay in flash; none when nothing was ever stored.
+    pub settings: Option<Configuration>,
     /// Number of the board, for the handshake.
     pub board: u8,
     /// A number that differs from start to start, for the handshake.
@@ -76,6 +78,7 @@ struct Outbox {
     hello: bool,
     status: bool,
     configuration: bool,
+    stored: Option<u32>,
     refusal: Option<Refusal>,
     sending: Option<MessagePackets>,
     next_id: u8,
@@ -83,7 +86,10 @@ struct Outbox {
 
 impl Outbox {
     fn is_empty(&self) -> bool {
-        !(self.hello || self.status || self.configuration) && self.refusal.is_none() && self.sending.is_none()
+        !(self.hello || self.status || self.configuration)
+            && self.stored.is_none()
+            && self.refusal.is_none()
+            && self.sending.is_none()
     }
 }
 
@@ -102,6 +108,8 @@ pub struct Mcu {
     controller: GripController,
     safety: Safety,
     outbox: Outbox,
+    /// `Store` was asked for and not carried out yet.
+    store: bool,
     host: Option<Hello>,
     now_us: u64,
     last_packet_us: u64,
@@ -113,10 +121,10 @@ pub struct Mcu {
 }
 
 impl Mcu {
-    /// Starts with the default settings: released, or holding the restored line.
+    /// Starts with the stored settings or the default ones: released, or holding the restored line.
     #[must_use]
     pub fn new(start: Start) -> Self {
-        let settings = Configuration::DEFAULT;
+        let settings = start.settings.unwrap_or(Configuration::DEFAULT);
         let mut safety = Safety::new();
         if start.reset != ResetCause::PowerOn {
             safety.set(Fault::WatchdogReset, true);
@@ -138,6 +146,7 @@ impl Mcu {
             controller: GripController::new(start.now_us, start.restored_line),
             safety,
             outbox: Outbox::default(),
+            store: false,
             host: None,
             now_us: start.now_us,
             last_packet_us: start.now_us,
@@ -392,6 +401,8 @@ impl Mcu {
                 }
             },
             Command::ReadConfiguration => self.outbox.configuration = true,
+            Command::Store if self.may_store() => self.store = true,
+            Command::Store => self.refuse(Refusal::Holding),
             Command::Hold => {
                 self.controller.set_mode(GripMode::Hold);
                 for tip in &mut self.fingertips {
@@ -402,6 +413,32 @@ impl Mcu {
             Command::Release => self.controller.set_mode(GripMode::Released),
             Command::Acknowledge { faults } => self.safety.acknowledge(*faults),
             Command::ReadStatus => self.send_status(),
+        }
+    }
+
+    /// Nothing can be in the gripper: writing the flash stops the processor.
+    fn may_store(&self) -> bool {
+        self.controller.mode() == GripMode::Released && self.line() == GripForce::ZERO
+    }
+
+    /// The settings that now have to be written to flash, once per `Store`; asked for between two ticks, off the way
+    /// from map to line. What came of it goes to [`Self::stored`].
+    pub fn take_store(&mut self) -> Option<Configuration> {
+        if !core::mem::take(&mut self.store) {
+            return None;
+        }
+        if !self.may_store() {
+            self.refuse(Refusal::Holding);
+            return None;
+        }
+        Some(self.settings)
+    }
+
+    /// The settings lie in flash, written so many times since the chip was new; or they do not.
+    pub fn stored(&mut self, writes: Option<u32>) {
+        match writes {
+            Some(writes) => self.outbox.stored = Some(writes),
+            None => self.refuse(Refusal::FlashFailed),
         }
     }
 
@@ -426,6 +463,9 @@ impl Mcu {
         }
         if core::mem::take(&mut self.outbox.configuration) {
             return Some(Message::Report(Report::Configuration(self.settings)));
+        }
+        if let Some(writes) = self.outbox.stored.take() {
+            return Some(Message::Report(Report::Stored { writes }));
         }
         if core::mem::take(&mut self.outbox.status) {
             return Some(Message::Report(Report::Status(self.status())));

@@ -3,7 +3,8 @@
 //! - [`force_map`]: the 20×20×3 map in 1/4096 N and its conversion from newtons.
 //! - [`packet`]: packets of at most 64 bytes, which every transport carries.
 //! - [`map_codec`]: a map cut into packets that can be worked on as they land.
-//! - [`message`]: commands, configuration, status, handshake.
+//! - [`message`]: commands, status, handshake.
+//! - [`configuration`]: everything that can be set, and its ranges; [`line`]: the part of it about the line.
 //! - [`parser`]: bytes in, events out; one parser for USB, UART and the in-process link.
 //! - [`cobs`]: packets in a byte stream.
 //!
@@ -15,8 +16,10 @@
 extern crate std;
 
 pub mod cobs;
+pub mod configuration;
 pub mod constants;
 pub mod force_map;
+pub mod line;
 pub mod map_codec;
 pub mod message;
 pub mod packet;

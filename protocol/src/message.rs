@@ -9,14 +9,13 @@ use core::fmt;
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
-use crate::constants::{
-    CRC_BYTES, LSB_PER_NEWTON, MESSAGE_FRAGMENTS_MAX, MESSAGE_MAX, PACKET_HEADER, PACKET_MAX, PER_UNIT,
-    SENSORS,
-};
+pub use crate::configuration::{Configuration, FingertipGeometry, OutOfRange};
+use crate::constants::{CRC_BYTES, MESSAGE_FRAGMENTS_MAX, MESSAGE_MAX, PACKET_HEADER, PACKET_MAX};
+pub use crate::line::{LineKind, LinePoint, LineSettings};
 use crate::packet::{Header, Kind, RunningCrc};
 
 /// Version of everything in this module but [`Hello`]; raised with every change of a message's layout.
-pub const SCHEMA_VERSION: u16 = 1;
+pub const SCHEMA_VERSION: u16 = 2;
 /// Hash over the layouts of all messages, so that a forgotten version number is noticed too.
 pub const SCHEMA_HASH: u32 = {
     let command = postcard_schema::key::Key::for_path::<Command>("command").to_bytes();
@@ -161,6 +160,9 @@ pub enum Command {
     Configure(Configuration),
     /// Say which settings are in force.
     ReadConfiguration,
+    /// Keep the settings in force in flash. Writing it stops the processor for up to half a second, so only a
+    /// gripper that is released, with the line at 0 N, does it.
+    Store,
     /// Close to the floor force and hold what is there.
     Hold,
     /// Let go, slowly: the only way to less than the floor force.
@@ -182,6 +184,11 @@ pub enum Report {
     Status(Status),
     /// The settings in force: the answer to `Configure` and `ReadConfiguration`.
     Configuration(Configuration),
+    /// The settings lie in flash and were read back: the answer to `Store`.
+    Stored {
+        /// How often settings were stored since the chip was new.
+        writes: u32,
+    },
     /// A command that was understood but not carried out.
     Refused(Refusal),
 }
@@ -198,184 +205,10 @@ pub enum Refusal {
     NoHandshake,
     /// `Release` while a latched fault waits for `Acknowledge`: a person must look first.
     Latched,
-}
-
-/// A setting out of its range.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct OutOfRange {
-    /// Index into [`Configuration::FIELDS`].
-    pub field: u8,
-    /// The value found, in the field's unit.
-    pub found: i32,
-    /// Least value allowed.
-    pub least: i32,
-    /// Greatest value allowed.
-    pub most: i32,
-}
-
-impl fmt::Display for OutOfRange {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let name = Configuration::FIELDS
-            .get(usize::from(self.field))
-            .copied()
-            .unwrap_or("unknown setting");
-        write!(
-            f,
-            "{name}: found {}, expected {} to {}",
-            self.found, self.least, self.most
-        )
-    }
-}
-
-impl core::error::Error for OutOfRange {}
-
-/// Everything that can be set on the microcontroller.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Configuration {
-    /// Fingertips that must send maps: 1 or 2.
-    pub sensors: u8,
-    /// Friction coefficient of the detector, 1/10000: must lie below the skin's true one.
-    pub friction: u16,
-    /// A taxel is in contact when its normal force exceeds this, 1/4096 N.
-    pub contact_min: i16,
-    /// Stick ratio below which the state is SLIP, 1/10000.
-    pub slip_threshold: u16,
-    /// Stick ratio at and above which SLIP may end, 1/10000.
-    pub slip_leave: u16,
-    /// Stick ratio below which the state is INCIPIENT, 1/10000.
-    pub incipient_threshold: u16,
-    /// Time-to-slip estimate below which the state is INCIPIENT, ms.
-    pub incipient_horizon_ms: u16,
-    /// Least time in SLIP and INCIPIENT, ms.
-    pub dwell_ms: u16,
-    /// Grip above what friction needs, 1/10000 of it; people keep 10–40 %.
-    pub margin: u16,
-    /// Least grip force while holding, 1/4096 N.
-    pub floor: i32,
-    /// Greatest grip force, 1/4096 N.
-    pub ceiling: i32,
-    /// Grip force that a lost host or a hung task leads to, unless it is higher already, 1/4096 N.
-    pub tighten: i32,
-    /// Stick ratio that the reflex keeps the contact above, 1/10000.
-    pub reflex_target: u16,
-    /// How fast the reflex adds grip when nothing sticks, 1/4096 N per ms.
-    pub reflex_rate: u16,
-    /// Fastest rise of the line, 1/4096 N per ms.
-    pub rise_rate: u16,
-    /// Fall of the line while relaxing by plan, 1/4096 N per second; 0 never relaxes.
-    pub relax_rate: u16,
-    /// How long the contact must stick before the line relaxes, ms.
-    pub relax_after_ms: u16,
-    /// Fall of the line after `Release`, 1/4096 N per ms.
-    pub release_rate: u16,
-    /// Age of the newest map that raises STALE MAPS, ms.
-    pub stale_ms: u16,
-    /// Silence on the link that raises LINK LOST, ms.
-    pub link_lost_ms: u16,
-}
-
-const fn newtons(value: i32) -> i32 {
-    value * LSB_PER_NEWTON
-}
-
-impl Configuration {
-    /// Names of the settings, in the order of [`OutOfRange::field`].
-    pub const FIELDS: [&'static str; 20] = [
-        "sensors",
-        "friction",
-        "contact_min",
-        "slip_threshold",
-        "slip_leave",
-        "incipient_threshold",
-        "incipient_horizon_ms",
-        "dwell_ms",
-        "margin",
-        "floor",
-        "ceiling",
-        "tighten",
-        "reflex_target",
-        "reflex_rate",
-        "rise_rate",
-        "relax_rate",
-        "relax_after_ms",
-        "release_rate",
-        "stale_ms",
-        "link_lost_ms",
-    ];
-
-    /// The paper's detector (μ 0.45, threshold 0.5) and a careful gripper.
-    pub const DEFAULT: Self = Self {
-        sensors: 1,
-        friction: 4_500,
-        contact_min: 0,
-        slip_threshold: 5_000,
-        slip_leave: 6_000,
-        incipient_threshold: 6_500,
-        incipient_horizon_ms: 100,
-        dwell_ms: 50,
-        margin: 4_000,
-        floor: newtons(1),
-        ceiling: newtons(30),
-        tighten: newtons(10),
-        reflex_target: 5_500,
-        reflex_rate: 164,  // 40 N/s
-        rise_rate: 410,    // 100 N/s
-        relax_rate: 4_096, // 1 N/s
-        relax_after_ms: 500,
-        release_rate: 82, // 20 N/s
-        stale_ms: 100,
-        link_lost_ms: 500,
-    };
-
-    /// Checks every setting and every pair that belongs together.
-    ///
-    /// # Errors
-    /// [`OutOfRange`] names the first setting out of its range.
-    pub fn check(&self) -> Result<(), OutOfRange> {
-        let one = PER_UNIT as i32;
-        let most_force = newtons(125); // the strongest gripper that is supported
-        let ranges: [(i32, i32, i32); 20] = [
-            (self.sensors.into(), 1, SENSORS as i32),
-            (self.friction.into(), 0, 2 * one),
-            (self.contact_min.into(), 0, i32::from(i16::MAX)),
-            (self.slip_threshold.into(), 0, one),
-            (self.slip_leave.into(), self.slip_threshold.into(), one),
-            (self.incipient_threshold.into(), self.slip_threshold.into(), one),
-            (self.incipient_horizon_ms.into(), 0, 5_000),
-            (self.dwell_ms.into(), 0, 5_000),
-            (self.margin.into(), 0, 4 * one),
-            (self.floor, 0, self.ceiling),
-            (self.ceiling, 1, most_force),
-            (self.tighten, self.floor, self.ceiling),
-            (self.reflex_target.into(), self.slip_threshold.into(), one),
-            (self.reflex_rate.into(), 0, i32::from(u16::MAX)),
-            (self.rise_rate.into(), 1, i32::from(u16::MAX)),
-            (self.relax_rate.into(), 0, i32::from(u16::MAX)),
-            (self.relax_after_ms.into(), 0, i32::from(u16::MAX)),
-            (self.release_rate.into(), 1, i32::from(u16::MAX)),
-            (self.stale_ms.into(), 2, i32::from(u16::MAX)),
-            (self.link_lost_ms.into(), 2, i32::from(u16::MAX)),
-        ];
-        for (field, (found, least, most)) in ranges.into_iter().enumerate() {
-            if found < least || found > most {
-                return Err(OutOfRange {
-                    field: field as u8,
-                    found,
-                    least,
-                    most,
-                });
-            }
-        }
-        Ok(())
-    }
-}
-
-impl Default for Configuration {
-    fn default() -> Self {
-        Self::DEFAULT
-    }
+    /// `Store` while holding, or before the line is back at 0 N: `Release` first.
+    Holding,
+    /// `Store` did not work: the flash would not take it. The settings that were stored before are still there.
+    FlashFailed,
 }
 
 /// Where the contact stands.

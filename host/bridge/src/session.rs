@@ -83,6 +83,8 @@ struct Inbox {
     parser: Parser,
     hello: Option<Hello>,
     configuration: Option<Configuration>,
+    /// How often settings were stored, from the answer to `Store`.
+    stored: Option<u32>,
     refusal: Option<Refusal>,
     /// Every status since the last look, newest last.
     statuses: Vec<Status>,
@@ -103,6 +105,7 @@ impl Inbox {
                 self.latest = Some(status);
             }
             Ok(Message::Report(Report::Configuration(settings))) => self.configuration = Some(settings),
+            Ok(Message::Report(Report::Stored { writes })) => self.stored = Some(writes),
             Ok(Message::Report(Report::Refused(refusal))) => self.refusal = Some(refusal),
             Ok(Message::Command(_)) | Err(_) => self.unreadable += 1,
         }
@@ -115,26 +118,36 @@ impl Session {
     /// # Errors
     /// [`SessionError`] when nobody answers, the schema differs or the settings are refused.
     pub fn open(link: Box<dyn Link>, settings: Configuration) -> Result<Self, SessionError> {
+        let mut session = Self::connect(link)?;
+        session.configure(settings)?;
+        Ok(session)
+    }
+
+    /// Shakes hands and asks which settings are in force.
+    ///
+    /// # Errors
+    /// [`SessionError`] when nobody answers or the schema differs.
+    pub fn connect(link: Box<dyn Link>) -> Result<Self, SessionError> {
         let inbox = Inbox {
             parser: Parser::new(),
             hello: None,
             configuration: None,
+            stored: None,
             refusal: None,
             statuses: Vec::new(),
             latest: None,
             unreadable: 0,
         };
-        let shadow = Shadow::new(TaxelRule::of(&settings));
-        let (packets, lengths) = (Vec::new(), Vec::new());
+        let settings = Configuration::DEFAULT;
         let mut session = Self {
             link,
             inbox,
             settings,
-            shadow,
+            shadow: Shadow::new(TaxelRule::of(&settings)),
             now_us: 0,
             message_id: 0,
-            packets,
-            lengths,
+            packets: Vec::new(),
+            lengths: Vec::new(),
         };
         // Any number that the last session is unlikely to have had.
         let nonce = SystemTime::now()
@@ -149,28 +162,79 @@ impl Session {
             });
         }
         session.ask(
+            &Message::Command(Command::ReadConfiguration),
+            "the question for its settings",
+            |inbox| inbox.configuration.is_some(),
+        )?;
+        session.take_settings();
+        Ok(session)
+    }
+
+    /// Hands over settings, which are in force from then on.
+    ///
+    /// # Errors
+    /// [`SessionError`] when nobody answers or the settings are refused.
+    pub fn configure(&mut self, settings: Configuration) -> Result<(), SessionError> {
+        self.inbox.configuration = None;
+        self.inbox.refusal = None;
+        self.ask(
             &Message::Command(Command::Configure(settings)),
             "the settings",
             |inbox| inbox.configuration.is_some() || inbox.refusal.is_some(),
         )?;
-        if let Some(refusal) = session.inbox.refusal.take() {
-            let reason = match refusal {
-                Refusal::OutOfRange(error) => error.to_string(),
-                other => format!("{other:?}"),
-            };
+        self.refused()?;
+        if self.inbox.configuration != Some(settings) {
             return Err(SessionError::Refused {
-                link: session.link.name(),
-                reason,
+                link: self.link.name(),
+                reason: "the microcontroller has others in force than were sent".to_owned(),
             });
         }
-        if session.inbox.configuration != Some(settings) {
-            let reason = "the microcontroller has others in force than were sent".to_owned();
-            return Err(SessionError::Refused {
-                link: session.link.name(),
-                reason,
-            });
+        self.take_settings();
+        Ok(())
+    }
+
+    /// Has the microcontroller keep the settings in force over a power cycle. Returns how often it has stored some.
+    ///
+    /// # Errors
+    /// [`SessionError`] when nobody answers, the gripper is not released, or the flash does not take them.
+    pub fn store(&mut self) -> Result<u32, SessionError> {
+        self.inbox.stored = None;
+        self.inbox.refusal = None;
+        self.ask(&Message::Command(Command::Store), "the order to store", |inbox| {
+            inbox.stored.is_some() || inbox.refusal.is_some()
+        })?;
+        self.refused()?;
+        Ok(self.inbox.stored.unwrap_or_default())
+    }
+
+    fn refused(&mut self) -> Result<(), SessionError> {
+        let Some(refusal) = self.inbox.refusal.take() else {
+            return Ok(());
+        };
+        let reason = match refusal {
+            Refusal::OutOfRange(error) => error.to_string(),
+            Refusal::Holding => {
+                "the gripper holds or is not open yet, expected it released; storing stops the \
+                                 microcontroller for a moment"
+                    .to_owned()
+            }
+            Refusal::FlashFailed => {
+                "the flash did not take them; those stored before are still there".to_owned()
+            }
+            other => format!("{other:?}"),
+        };
+        Err(SessionError::Refused {
+            link: self.link.name(),
+            reason,
+        })
+    }
+
+    /// The settings in force, as the microcontroller told them.
+    fn take_settings(&mut self) {
+        if let Some(settings) = self.inbox.configuration {
+            self.settings = settings;
+            self.shadow = Shadow::new(TaxelRule::of(&settings));
         }
-        Ok(session)
     }
 
     /// Sends a message until `answered`; a microcontroller that still boots does not hear the first.

@@ -76,6 +76,7 @@ fn main() -> ! {
         now_us: Instant::now().as_micros(),
         reset: reset.cause,
         restored_line: reset.line,
+        settings: None,
         board: board::BOARD.1,
         session: reset.session,
     }));

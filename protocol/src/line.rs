@@ -1,0 +1,158 @@
+//! Settings of the grip-force line: which one it is, and what its voltage means.
+//! Units: force 1/4096 N, codes of a 12-bit DAC. Limits: five points; between them the line is straight.
+
+use postcard_schema::Schema;
+use serde::{Deserialize, Serialize};
+
+use crate::constants::LSB_PER_NEWTON;
+
+/// Where the grip force goes. The analog line always shows it, so that it can be watched beside a gripper on a bus.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum LineKind {
+    /// A voltage with a live zero, for grippers with an analog force input.
+    #[default]
+    Analog,
+    /// A Robotiq 2F-140 over Modbus RTU on RS-485.
+    Robotiq2f140,
+}
+
+/// A point of the calibration: this code makes the gripper grip with this force.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct LinePoint {
+    /// Grip force, 1/4096 N.
+    pub force: i32,
+    /// DAC code.
+    pub code: u16,
+}
+
+/// Points of the calibration table.
+pub const LINE_POINTS: usize = 5;
+/// Least code for no force, 5 % of the scale: less cannot be told from a broken wire.
+pub const LIVE_ZERO_MIN: u16 = 205;
+/// Largest code of a 12-bit DAC.
+pub const DAC_CODE_MAX: u16 = 4_095;
+
+/// The line's settings. They are taken at the start of the microcontroller, never under way: with something in the
+/// gripper the same force must not become another voltage.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct LineSettings {
+    /// Which line.
+    pub kind: LineKind,
+    /// The calibration table, ascending; the first point is 0 N, the last one full scale.
+    pub points: [LinePoint; LINE_POINTS],
+}
+
+impl LineSettings {
+    /// Names of what [`Self::ranges`] checks, in its order.
+    pub const FIELDS: [&'static str; 2 * LINE_POINTS] = [
+        "line.points[0].force",
+        "line.points[0].code",
+        "line.points[1].force",
+        "line.points[1].code",
+        "line.points[2].force",
+        "line.points[2].code",
+        "line.points[3].force",
+        "line.points[3].code",
+        "line.points[4].force",
+        "line.points[4].code",
+    ];
+
+    /// 2 to 10 V after the op-amp (codes 819 to 4095) for 0 to 40 N, in a straight line.
+    pub const DEFAULT: Self = {
+        const fn point(quarter: i32) -> LinePoint {
+            LinePoint {
+                force: 10 * quarter * LSB_PER_NEWTON,
+                code: 819 * (1 + quarter as u16),
+            }
+        }
+        Self {
+            kind: LineKind::Analog,
+            points: [point(0), point(1), point(2), point(3), point(4)],
+        }
+    };
+
+    /// (found, least, most) of every setting: a table that starts at 0 N with a live zero and rises from point to
+    /// point, so that more force is never a lower code.
+    #[must_use]
+    pub fn ranges(&self, most_force: i32) -> [(i32, i32, i32); 2 * LINE_POINTS] {
+        let code_max = i32::from(DAC_CODE_MAX);
+        let mut ranges = [(0, 0, 0); 2 * LINE_POINTS];
+        let mut least = (0, i32::from(LIVE_ZERO_MIN));
+        for (place, point) in ranges.chunks_exact_mut(2).zip(&self.points) {
+            let most = if least.0 == 0 { 0 } else { most_force };
+            place[0] = (point.force, least.0, most);
+            place[1] = (point.code.into(), least.1, code_max);
+            least = (point.force.saturating_add(1), i32::from(point.code) + 1);
+        }
+        ranges
+    }
+}
+
+impl Default for LineSettings {
+    fn default() -> Self {
+        Self::DEFAULT
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const MOST: i32 = 125 * LSB_PER_NEWTON;
+
+    fn wrong(settings: &LineSettings) -> Option<&'static str> {
+        let ranges = settings.ranges(MOST);
+        let place = ranges
+            .iter()
+            .position(|(found, least, most)| found < least || found > most);
+        place.map(|place| LineSettings::FIELDS[place])
+    }
+
+    #[test]
+    fn the_default_is_a_straight_line_with_a_live_zero_and_in_range() {
+        assert_eq!(wrong(&LineSettings::DEFAULT), None);
+        assert_eq!(LineSettings::DEFAULT.points[0], LinePoint { force: 0, code: 819 });
+        let full = LineSettings::DEFAULT.points[LINE_POINTS - 1];
+        assert_eq!((full.force, full.code), (40 * LSB_PER_NEWTON, DAC_CODE_MAX));
+    }
+
+    #[test]
+    fn a_table_that_does_not_rise_or_has_no_live_zero_is_named() {
+        let with = |change: fn(&mut LineSettings)| {
+            let mut settings = LineSettings::DEFAULT;
+            change(&mut settings);
+            wrong(&settings)
+        };
+        assert_eq!(
+            with(|line| line.points[0].force = 1),
+            Some("line.points[0].force")
+        );
+        assert_eq!(
+            with(|line| line.points[0].code = 204),
+            Some("line.points[0].code")
+        );
+        assert_eq!(
+            with(|line| line.points[2].force = 10 * LSB_PER_NEWTON),
+            Some("line.points[2].force")
+        );
+        assert_eq!(
+            with(|line| line.points[2].code = 1_638),
+            Some("line.points[2].code")
+        );
+        assert_eq!(
+            with(|line| line.points[4].code = 4_096),
+            Some("line.points[4].code")
+        );
+        assert_eq!(
+            with(|line| line.points[4].force = MOST + 1),
+            Some("line.points[4].force")
+        );
+        assert_eq!(
+            with(|line| line.points[3].force = i32::MAX),
+            Some("line.points[3].force")
+        );
+    }
+}
