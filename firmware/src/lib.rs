@@ -4,7 +4,8 @@
 //! checks every answer of the real one.
 //!
 //! [`friction`] decides about a taxel, [`sums`] about a map, [`slip`] about the contact, [`grip`] about the force,
-//! [`safety`] about faults; [`mod@line`] turns force into volts; [`mcu`] joins them.
+//! [`safety`] about faults; [`mod@line`] turns force into volts; [`mcu`] joins them. [`storage`] keeps the settings
+//! over a power cycle.
 #![no_std]
 #![forbid(unsafe_code)]
 
@@ -18,6 +19,7 @@ pub mod line;
 pub mod mcu;
 pub mod safety;
 pub mod slip;
+pub mod storage;
 pub mod sums;
 
 pub use friction::Friction;

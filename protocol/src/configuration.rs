@@ -5,16 +5,17 @@
 use core::fmt;
 
 use postcard_schema::Schema;
-use serde::{Deserialize, Serialize};
+use serde::de::{self, Deserialize, Deserializer, SeqAccess, Visitor};
+use serde::ser::{Serialize, SerializeTuple, Serializer};
 
 use crate::constants::{LSB_PER_NEWTON, PER_UNIT, SENSORS};
-use crate::line::{LINE_POINTS, LineSettings};
+use crate::line::{LINE_POINTS, LineKind, LinePoint, LineSettings};
 
 /// Version of [`Configuration`]'s layout as it lies in flash; raised with every change of it or of its parts.
 pub const CONFIGURATION_VERSION: u16 = 1;
 
 /// A setting out of its range.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct OutOfRange {
     /// Index into [`Configuration::FIELDS`].
@@ -45,7 +46,7 @@ impl core::error::Error for OutOfRange {}
 
 /// How a fingertip sits in the gripper. The detector needs none of it; the host turns moments and places into the
 /// gripper's frame with it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct FingertipGeometry {
     /// Distance between taxel centres, µm.
@@ -71,8 +72,9 @@ impl Default for FingertipGeometry {
     }
 }
 
-/// Everything that can be set on the microcontroller.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
+/// Everything that can be set on the microcontroller. On the wire and in flash it is the list of its
+/// [`values`](Self::values), which takes the chip a loop where a derived form takes kilobytes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Configuration {
     /// Fingertips that must send maps: 1 or 2.
@@ -129,19 +131,78 @@ const fn newtons(value: i32) -> i32 {
 /// The strongest gripper that is supported, 1/4096 N.
 const FORCE_MAX: i32 = newtons(125);
 
-/// Settings that are numbers of the controller, of the line, and of one fingertip.
-const CONTROL_FIELDS: usize = 20;
-const LINE_FIELDS: usize = LineSettings::FIELDS.len();
-const FINGERTIP_FIELDS: usize = 4;
-const FIELD_COUNT: usize = CONTROL_FIELDS + LINE_FIELDS + FINGERTIP_FIELDS * SENSORS;
+const CONTROL_VALUES: usize = 20;
+/// The kind of line, then what [`LineSettings::FIELDS`] names.
+const LINE_VALUES: usize = 1 + LineSettings::FIELDS.len();
+const FINGERTIP_VALUES: usize = 4;
+/// How many numbers the settings are.
+pub const CONFIGURATION_VALUES: usize = CONTROL_VALUES + LINE_VALUES + FINGERTIP_VALUES * SENSORS;
 
-/// (found, least, most).
-type Range = (i32, i32, i32);
+/// Every value of every setting as a number, in the order of [`Configuration::FIELDS`].
+pub type Values = [i32; CONFIGURATION_VALUES];
+
+/// Places in [`Values`] of settings that limit others.
+mod at {
+    pub(super) const SLIP_LEAVE: usize = 4;
+    pub(super) const INCIPIENT_THRESHOLD: usize = 5;
+    pub(super) const FLOOR: usize = 9;
+    pub(super) const CEILING: usize = 10;
+    pub(super) const TIGHTEN: usize = 11;
+    pub(super) const REFLEX_TARGET: usize = 12;
+    pub(super) const REFLEX_RATE: usize = 13;
+    pub(super) const LINK_LOST_MS: usize = 19;
+    pub(super) const LINE: usize = super::CONTROL_VALUES + 1;
+}
+
+const U16: (i32, i32) = (0, u16::MAX as i32);
+const I16: (i32, i32) = (i16::MIN as i32, i16::MAX as i32);
+const PART: (i32, i32) = (0, PER_UNIT as i32);
+/// Limits of a fingertip: a taxel is 0.1 to 10 mm wide, the centre lies anywhere, four quarter turns are none.
+const FINGERTIP: [(i32, i32); FINGERTIP_VALUES] = [(100, 10_000), I16, I16, (0, 3)];
+
+/// (least, most) of every value by itself.
+static LIMITS: [(i32, i32); CONFIGURATION_VALUES] = {
+    let mut limits = [(0, 0); CONFIGURATION_VALUES];
+    let control: [(i32, i32); CONTROL_VALUES] = [
+        (1, SENSORS as i32),
+        (0, 2 * PER_UNIT as i32),
+        (0, i16::MAX as i32),
+        PART,
+        PART,
+        PART,
+        (0, 5_000),
+        (0, 5_000),
+        (0, 4 * PER_UNIT as i32),
+        (0, FORCE_MAX),
+        (1, FORCE_MAX),
+        (0, FORCE_MAX),
+        PART,
+        U16,
+        (1, U16.1),
+        U16,
+        U16,
+        (1, U16.1),
+        (2, U16.1),
+        (2, U16.1),
+    ];
+    let mut place = 0;
+    while place < CONTROL_VALUES {
+        limits[place] = control[place];
+        place += 1;
+    }
+    limits[place] = (0, 1); // the kind of line; its other limits follow from each other
+    place += LINE_VALUES;
+    while place < CONFIGURATION_VALUES {
+        limits[place] = FINGERTIP[(place - CONTROL_VALUES - LINE_VALUES) % FINGERTIP_VALUES];
+        place += 1;
+    }
+    limits
+};
 
 impl Configuration {
     /// Names of the settings, in the order of [`OutOfRange::field`].
-    pub const FIELDS: [&'static str; FIELD_COUNT] = {
-        let control: [&str; CONTROL_FIELDS] = [
+    pub const FIELDS: [&'static str; CONFIGURATION_VALUES] = {
+        let control: [&str; CONTROL_VALUES] = [
             "sensors",
             "friction",
             "contact_min",
@@ -163,7 +224,7 @@ impl Configuration {
             "stale_ms",
             "link_lost_ms",
         ];
-        let fingertips: [&str; FINGERTIP_FIELDS * SENSORS] = [
+        let fingertips: [&str; FINGERTIP_VALUES * SENSORS] = [
             "fingertips[0].pitch_um",
             "fingertips[0].centre_um[0]",
             "fingertips[0].centre_um[1]",
@@ -173,15 +234,17 @@ impl Configuration {
             "fingertips[1].centre_um[1]",
             "fingertips[1].quarter_turns",
         ];
-        let mut names = [""; FIELD_COUNT];
+        let mut names = [""; CONFIGURATION_VALUES];
         let mut place = 0;
-        while place < FIELD_COUNT {
-            names[place] = if place < CONTROL_FIELDS {
+        while place < CONFIGURATION_VALUES {
+            names[place] = if place < CONTROL_VALUES {
                 control[place]
-            } else if place < CONTROL_FIELDS + LINE_FIELDS {
-                LineSettings::FIELDS[place - CONTROL_FIELDS]
+            } else if place == CONTROL_VALUES {
+                "line.kind"
+            } else if place < CONTROL_VALUES + LINE_VALUES {
+                LineSettings::FIELDS[place - CONTROL_VALUES - 1]
             } else {
-                fingertips[place - CONTROL_FIELDS - LINE_FIELDS]
+                fingertips[place - CONTROL_VALUES - LINE_VALUES]
             };
             place += 1;
         }
@@ -214,15 +277,123 @@ impl Configuration {
         fingertips: [FingertipGeometry::DEFAULT; SENSORS],
     };
 
+    /// The settings as a list of numbers.
+    #[must_use]
+    pub fn values(&self) -> Values {
+        let mut values = [0; CONFIGURATION_VALUES];
+        let (control, rest) = values.split_at_mut(CONTROL_VALUES);
+        control.copy_from_slice(&[
+            self.sensors.into(),
+            self.friction.into(),
+            self.contact_min.into(),
+            self.slip_threshold.into(),
+            self.slip_leave.into(),
+            self.incipient_threshold.into(),
+            self.incipient_horizon_ms.into(),
+            self.dwell_ms.into(),
+            self.margin.into(),
+            self.floor,
+            self.ceiling,
+            self.tighten,
+            self.reflex_target.into(),
+            self.reflex_rate.into(),
+            self.rise_rate.into(),
+            self.relax_rate.into(),
+            self.relax_after_ms.into(),
+            self.release_rate.into(),
+            self.stale_ms.into(),
+            self.link_lost_ms.into(),
+        ]);
+        let (line, fingertips) = rest.split_at_mut(LINE_VALUES);
+        line[0] = self.line.kind as i32;
+        for (pair, point) in line[1..].chunks_exact_mut(2).zip(&self.line.points) {
+            pair[0] = point.force;
+            pair[1] = point.code.into();
+        }
+        for (part, tip) in fingertips
+            .chunks_exact_mut(FINGERTIP_VALUES)
+            .zip(&self.fingertips)
+        {
+            let [x, y] = tip.centre_um;
+            part.copy_from_slice(&[tip.pitch_um.into(), x.into(), y.into(), tip.quarter_turns.into()]);
+        }
+        values
+    }
+
+    /// The settings that a list of numbers stands for; `None` when one does not fit its place at all.
+    #[must_use]
+    pub fn from_values(values: &Values) -> Option<Self> {
+        let (control, rest) = values.split_at(CONTROL_VALUES);
+        let (line, tips) = rest.split_at(LINE_VALUES);
+        let mut settings = Self {
+            sensors: control[0] as u8,
+            friction: control[1] as u16,
+            contact_min: control[2] as i16,
+            slip_threshold: control[3] as u16,
+            slip_leave: control[4] as u16,
+            incipient_threshold: control[5] as u16,
+            incipient_horizon_ms: control[6] as u16,
+            dwell_ms: control[7] as u16,
+            margin: control[8] as u16,
+            floor: control[9],
+            ceiling: control[10],
+            tighten: control[11],
+            reflex_target: control[12] as u16,
+            reflex_rate: control[13] as u16,
+            rise_rate: control[14] as u16,
+            relax_rate: control[15] as u16,
+            relax_after_ms: control[16] as u16,
+            release_rate: control[17] as u16,
+            stale_ms: control[18] as u16,
+            link_lost_ms: control[19] as u16,
+            ..Self::DEFAULT
+        };
+        if line[0] == LineKind::Robotiq2f140 as i32 {
+            settings.line.kind = LineKind::Robotiq2f140;
+        }
+        for (point, pair) in settings.line.points.iter_mut().zip(line[1..].chunks_exact(2)) {
+            *point = LinePoint {
+                force: pair[0],
+                code: pair[1] as u16,
+            };
+        }
+        for (tip, part) in settings
+            .fingertips
+            .iter_mut()
+            .zip(tips.chunks_exact(FINGERTIP_VALUES))
+        {
+            *tip = FingertipGeometry {
+                pitch_um: part[0] as u16,
+                centre_um: [part[1] as i16, part[2] as i16],
+                quarter_turns: part[3] as u8,
+            };
+        }
+        // What was cut off above shows here.
+        (settings.values() == *values).then_some(settings)
+    }
+
     /// Checks every setting and every pair that belongs together.
     ///
     /// # Errors
     /// [`OutOfRange`] names the first setting out of its range.
     pub fn check(&self) -> Result<(), OutOfRange> {
-        let line = self.line.ranges(FORCE_MAX);
-        let [first, second] = self.fingertips.map(fingertip_ranges);
-        let parts: [&[Range]; 4] = [&self.control_ranges(), &line, &first, &second];
-        for (field, &(found, least, most)) in parts.into_iter().flatten().enumerate() {
+        let mut limits = LIMITS;
+        let threshold = i32::from(self.slip_threshold);
+        limits[at::SLIP_LEAVE].0 = threshold;
+        limits[at::INCIPIENT_THRESHOLD].0 = threshold;
+        limits[at::REFLEX_TARGET].0 = threshold;
+        limits[at::FLOOR].1 = self.ceiling;
+        limits[at::TIGHTEN] = (self.floor, self.ceiling);
+        // A line that cannot show the ceiling would grip with less than was decided.
+        limits[at::CEILING].1 = self.line.points[LINE_POINTS - 1].force.clamp(1, FORCE_MAX);
+        // A reflex faster than the line may rise would run ahead of it.
+        limits[at::REFLEX_RATE].1 = self.rise_rate.into();
+        // Who is lost has been silent for longer than stale.
+        limits[at::LINK_LOST_MS].0 = self.stale_ms.into();
+        for (limit, (_, least, most)) in limits[at::LINE..].iter_mut().zip(self.line.ranges(FORCE_MAX)) {
+            *limit = (least, most);
+        }
+        for (field, (found, (least, most))) in self.values().into_iter().zip(limits).enumerate() {
             if found < least || found > most {
                 return Err(OutOfRange {
                     field: field as u8,
@@ -234,52 +405,42 @@ impl Configuration {
         }
         Ok(())
     }
+}
 
-    fn control_ranges(&self) -> [Range; CONTROL_FIELDS] {
-        let one = PER_UNIT as i32;
-        let full_scale = self.line.points[LINE_POINTS - 1].force;
-        [
-            (self.sensors.into(), 1, SENSORS as i32),
-            (self.friction.into(), 0, 2 * one),
-            (self.contact_min.into(), 0, i32::from(i16::MAX)),
-            (self.slip_threshold.into(), 0, one),
-            (self.slip_leave.into(), self.slip_threshold.into(), one),
-            (self.incipient_threshold.into(), self.slip_threshold.into(), one),
-            (self.incipient_horizon_ms.into(), 0, 5_000),
-            (self.dwell_ms.into(), 0, 5_000),
-            (self.margin.into(), 0, 4 * one),
-            (self.floor, 0, self.ceiling),
-            // A line that cannot show the ceiling would grip with less than was decided.
-            (self.ceiling, 1, full_scale.clamp(1, FORCE_MAX)),
-            (self.tighten, self.floor, self.ceiling),
-            (self.reflex_target.into(), self.slip_threshold.into(), one),
-            // A reflex faster than the line may rise would run ahead of it.
-            (self.reflex_rate.into(), 0, self.rise_rate.into()),
-            (self.rise_rate.into(), 1, i32::from(u16::MAX)),
-            (self.relax_rate.into(), 0, i32::from(u16::MAX)),
-            (self.relax_after_ms.into(), 0, i32::from(u16::MAX)),
-            (self.release_rate.into(), 1, i32::from(u16::MAX)),
-            (self.stale_ms.into(), 2, i32::from(u16::MAX)),
-            // Who is lost has been silent for longer than stale.
-            (
-                self.link_lost_ms.into(),
-                self.stale_ms.into(),
-                i32::from(u16::MAX),
-            ),
-        ]
+impl Serialize for Configuration {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let mut list = serializer.serialize_tuple(CONFIGURATION_VALUES)?;
+        for value in &self.values() {
+            list.serialize_element(value)?;
+        }
+        list.end()
     }
 }
 
-/// A taxel is 0.1 to 10 mm wide; the map's centre lies anywhere that fits; four quarter turns are none.
-fn fingertip_ranges(tip: FingertipGeometry) -> [Range; FINGERTIP_FIELDS] {
-    let anywhere = (i32::from(i16::MIN), i32::from(i16::MAX));
-    let [x, y] = tip.centre_um.map(i32::from);
-    [
-        (tip.pitch_um.into(), 100, 10_000),
-        (x, anywhere.0, anywhere.1),
-        (y, anywhere.0, anywhere.1),
-        (tip.quarter_turns.into(), 0, 3),
-    ]
+impl<'de> Deserialize<'de> for Configuration {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        deserializer.deserialize_tuple(CONFIGURATION_VALUES, ValuesVisitor)
+    }
+}
+
+struct ValuesVisitor;
+
+impl<'de> Visitor<'de> for ValuesVisitor {
+    type Value = Configuration;
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("the values of the settings")
+    }
+
+    fn visit_seq<A: SeqAccess<'de>>(self, mut list: A) -> Result<Configuration, A::Error> {
+        let mut values = [0; CONFIGURATION_VALUES];
+        for (place, value) in values.iter_mut().enumerate() {
+            *value = list
+                .next_element()?
+                .ok_or_else(|| de::Error::invalid_length(place, &self))?;
+        }
+        Configuration::from_values(&values).ok_or_else(|| de::Error::custom("a value that fits no setting"))
+    }
 }
 
 impl Default for Configuration {
@@ -306,6 +467,29 @@ mod tests {
     #[test]
     fn the_default_settings_are_in_range() {
         assert_eq!(Configuration::DEFAULT.check(), Ok(()));
+    }
+
+    #[test]
+    fn settings_are_the_same_after_the_way_through_their_values() {
+        let mut settings = Configuration::DEFAULT;
+        settings.sensors = 2;
+        settings.contact_min = -7;
+        settings.tighten = i32::MIN;
+        settings.link_lost_ms = u16::MAX;
+        settings.line.kind = LineKind::Robotiq2f140;
+        settings.line.points[2].code = 1_777;
+        settings.fingertips[1] = FingertipGeometry {
+            pitch_um: 1_500,
+            centre_um: [-4, 9],
+            quarter_turns: 3,
+        };
+        assert_eq!(Configuration::from_values(&settings.values()), Some(settings));
+        for (place, name) in Configuration::FIELDS.iter().enumerate() {
+            let mut values = settings.values();
+            values[place] = 1 << 20;
+            let fits = name.contains("force") || ["floor", "ceiling", "tighten"].contains(name);
+            assert_eq!(Configuration::from_values(&values).is_some(), fits, "{name}");
+        }
     }
 
     #[test]

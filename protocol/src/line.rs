@@ -2,12 +2,11 @@
 //! Units: force 1/4096 N, codes of a 12-bit DAC. Limits: five points; between them the line is straight.
 
 use postcard_schema::Schema;
-use serde::{Deserialize, Serialize};
 
 use crate::constants::LSB_PER_NEWTON;
 
 /// Where the grip force goes. The analog line always shows it, so that it can be watched beside a gripper on a bus.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, Schema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum LineKind {
     /// A voltage with a live zero, for grippers with an analog force input.
@@ -18,7 +17,7 @@ pub enum LineKind {
 }
 
 /// A point of the calibration: this code makes the gripper grip with this force.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct LinePoint {
     /// Grip force, 1/4096 N.
@@ -36,7 +35,7 @@ pub const DAC_CODE_MAX: u16 = 4_095;
 
 /// The line's settings. They are taken at the start of the microcontroller, never under way: with something in the
 /// gripper the same force must not become another voltage.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct LineSettings {
     /// Which line.

@@ -95,6 +95,15 @@ impl RunningCrc {
     }
 }
 
+/// The CRC-32 (ISO-HDLC) of some bytes: the one on the wire, for what is kept elsewhere too.
+pub fn crc32(bytes: impl IntoIterator<Item = u8>) -> u32 {
+    let mut crc = RunningCrc::new();
+    for byte in bytes {
+        crc.update(&[byte]);
+    }
+    crc.finish()
+}
+
 impl core::fmt::Debug for RunningCrc {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         f.write_str("RunningCrc")
