@@ -16,3 +16,39 @@ pub const STORM_LEVEL_MAX: u32 = 200;
 pub const STATUS_PERIOD_MS: u32 = 100;
 /// Bound from the last packet in the FIFO to the line written, core cycles: 25 µs at 168 MHz.
 pub const DECIDE_BUDGET_CYCLES: u32 = 4_200;
+
+/// Symbols a second on the gripper's bus (2F-85 & 2F-140 manual, "Modbus RTU communication", connection setup).
+pub const MODBUS_BAUD: u32 = 115_200;
+/// The gripper's address on the bus as delivered (same section).
+pub const MODBUS_UNIT: u8 = 9;
+/// A byte on the bus, µs, rounded up: start bit, eight data bits, stop bit.
+pub const MODBUS_BYTE_US: u64 = 10 * 1_000_000 / MODBUS_BAUD as u64 + 1;
+/// Silence that ends a frame, µs: 1.75 ms above 19,200 baud (Modbus over serial line V1.02, section 2.5.1.1).
+pub const MODBUS_SILENCE_US: u64 = 1_750;
+/// Least time between the starts of two requests, µs: the gripper's registers change at 200 Hz (manual, note on
+/// function code 23: "minimum delay of 5 ms").
+pub const MODBUS_SLOT_US: u64 = 5_000;
+/// How long an answer may take after the end of its request, µs: several turns of the gripper's own loop.
+pub const MODBUS_ANSWER_US: u64 = 25_000;
+/// Quiet after a lost or damaged answer, µs, so that what comes late is not taken for the next answer.
+pub const MODBUS_QUIET_US: u64 = 10_000;
+/// Requests in a row without a good answer after which the gripper counts as gone: about 0.1 s.
+pub const MODBUS_FAILURES_MAX: u8 = 3;
+
+/// First of the three registers that command the gripper (manual, table 4-1 and the examples of section 4.8).
+pub const ROBOTIQ_COMMAND: u16 = 0x03E8;
+/// First of the three registers that tell its state (same tables).
+pub const ROBOTIQ_STATUS: u16 = 0x07D0;
+/// Least and greatest grip force of the 2F-140, N (manual, section 6, specifications).
+pub const ROBOTIQ_FORCE_N: [i32; 2] = [10, 125];
+/// Speed register while closing: about a quarter of the 30 to 250 mm/s, because what hits the object is the moving
+/// fingers' momentum as much as the motor's current.
+pub const ROBOTIQ_CLOSING_SPEED: u8 = 0x40;
+/// Speed register while opening.
+pub const ROBOTIQ_OPENING_SPEED: u8 = 0x40;
+/// How long the gripper may take to echo a new request, µs: two questions and one lost answer.
+pub const ROBOTIQ_ECHO_US: u64 = 100_000;
+/// Time between two attempts to activate, µs.
+pub const ROBOTIQ_ACTIVATION_PAUSE_US: u64 = 1_000_000;
+/// Longest activation, µs: the fingers open and close once, a few seconds; then it is tried again.
+pub const ROBOTIQ_ACTIVATION_MAX_US: u64 = 15_000_000;

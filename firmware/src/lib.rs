@@ -4,8 +4,8 @@
 //! checks every answer of the real one.
 //!
 //! [`friction`] decides about a taxel, [`sums`] about a map, [`slip`] about the contact, [`grip`] about the force,
-//! [`safety`] about faults; [`mod@line`] turns force into volts; [`mcu`] joins them. [`storage`] keeps the settings
-//! over a power cycle.
+//! [`safety`] about faults; [`mcu`] joins them. [`mod@line`] turns force into volts; [`robotiq`] speaks [`modbus`] to
+//! a gripper that has a bus instead of a voltage input. [`storage`] keeps the settings over a power cycle.
 #![no_std]
 #![forbid(unsafe_code)]
 
@@ -17,6 +17,8 @@ pub mod friction;
 pub mod grip;
 pub mod line;
 pub mod mcu;
+pub mod modbus;
+pub mod robotiq;
 pub mod safety;
 pub mod slip;
 pub mod storage;

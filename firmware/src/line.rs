@@ -1,15 +1,22 @@
-//! The grip-force line: from force to what the gripper's input sees, behind one trait.
+//! The grip-force line: from force to what the gripper's input sees, behind one trait with three lines: a DAC with a
+//! live zero, PWM, and a [gripper on a bus](crate::robotiq).
 //!
-//! A DAC with a live zero: code `zero` is 0 N, so that a broken wire (0 V) can be told from "no force". Default wiring:
-//! the DAC's 0–3.3 V through an op-amp with gain 3.03 to 0–10 V, of which 2–10 V are used.
+//! With a live zero a code above 0 V is 0 N, so that a broken wire can be told from "no force". Default wiring: the
+//! DAC's 0–3.3 V through an op-amp with gain 3.03 to 0–10 V, of which 2–10 V are used.
 //! Limits: 12-bit DAC, monotone, saturates at full scale.
 
 use embedded_hal::pwm::SetDutyCycle;
-use gripline_protocol::LSB_PER_NEWTON;
+pub use gripline_protocol::line::DAC_CODE_MAX;
+use gripline_protocol::line::{LINE_POINTS, LinePoint, LineSettings};
 
 use crate::grip::GripForce;
 
 /// Where the grip force goes.
+///
+/// Every line keeps these properties, and one test suite (`tests/lines.rs`) runs over all of them: more force never
+/// shows as less; what is shown is never less than what was written, up to full scale; a line that cannot be reached
+/// keeps what it shows and comes to the newest force when it can be reached again; a line that was never told to hold
+/// moves nothing.
 pub trait GripLine {
     /// What can go wrong while writing.
     type Error;
@@ -19,50 +26,127 @@ pub trait GripLine {
     /// # Errors
     /// As the hardware says; the line then keeps its last value.
     fn write(&mut self, force: GripForce) -> Result<(), Self::Error>;
+
+    /// Whether what was written arrives. A plain voltage cannot know.
+    fn health(&self) -> LineHealth {
+        LineHealth::Good
+    }
 }
 
-/// Largest code of a 12-bit DAC.
-pub const DAC_CODE_MAX: u16 = 4_095;
+/// Whether the gripper does what the line says.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[repr(u8)]
+pub enum LineHealth {
+    /// As far as can be known.
+    #[default]
+    Good = 0,
+    /// Not yet: it was just switched on, or the fingers go through their activation.
+    Starting = 1,
+    /// It does not answer, or not in a way that can be read.
+    NoAnswer = 2,
+    /// It must be activated first, which opens its fingers: release, so that it may.
+    NotActivated = 3,
+    /// It reports a fault of its own.
+    GripperFault = 4,
+    /// It answers but does not take up what it is told.
+    NotTaken = 5,
+}
 
-/// How force becomes a DAC code: a straight line from (0 N, `zero_code`) to (`full_scale`, `full_code`).
+impl LineHealth {
+    /// All of them, in the order of their numbers.
+    pub const ALL: [Self; 6] = [
+        Self::Good,
+        Self::Starting,
+        Self::NoAnswer,
+        Self::NotActivated,
+        Self::GripperFault,
+        Self::NotTaken,
+    ];
+}
+
+/// How force becomes a DAC code: straight between the points of a table, the first of which is 0 N.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct LineCalibration {
-    zero_code: u16,
-    full_code: u16,
-    full_scale: GripForce,
+    points: [LinePoint; LINE_POINTS],
 }
 
 /// 2–10 V after the op-amp (codes 819 to 4095) for 0–40 N.
-pub const DAC_LIVE_ZERO: LineCalibration = LineCalibration {
-    zero_code: 819,
-    full_code: DAC_CODE_MAX,
-    full_scale: GripForce::from_lsb(40 * LSB_PER_NEWTON),
-};
+pub const DAC_LIVE_ZERO: LineCalibration = LineCalibration::of(&LineSettings::DEFAULT);
 
 impl LineCalibration {
-    /// `None` unless `zero_code < full_code <= 4095` and `full_scale > 0`.
+    /// The table of settings that `Configuration::check` passed. A table that does not rise gives wrong codes, but
+    /// never one past the DAC's.
     #[must_use]
-    pub const fn new(zero_code: u16, full_code: u16, full_scale: GripForce) -> Option<Self> {
-        if zero_code < full_code && full_code <= DAC_CODE_MAX && full_scale.lsb() > 0 {
-            Some(Self {
-                zero_code,
-                full_code,
-                full_scale,
-            })
-        } else {
-            None
+    pub const fn of(settings: &LineSettings) -> Self {
+        Self {
+            points: settings.points,
         }
     }
 
-    /// The code for a force, rounded up: never less grip than was decided.
+    /// The code for a force, rounded up: never less grip than was decided. Full scale and above is the last point's.
     #[must_use]
     pub const fn code(&self, force: GripForce) -> u16 {
-        let full = self.full_scale.lsb().cast_unsigned() as u64;
-        let force = force.lsb().cast_unsigned() as u64;
-        let force = if force < full { force } else { full };
-        let span = (self.full_code - self.zero_code) as u64;
-        self.zero_code + (force * span).div_ceil(full) as u16
+        let mut place = 1;
+        while place < LINE_POINTS {
+            let (low, high) = (self.points[place - 1], self.points[place]);
+            if force.lsb() < high.force {
+                // Forces are below 2¹⁹ and codes below 2¹², so the product fits u32.
+                let share = force.lsb().wrapping_sub(low.force).cast_unsigned();
+                let span = high.force.wrapping_sub(low.force).cast_unsigned();
+                let rise = high.code.wrapping_sub(low.code) as u32;
+                let span = if span == 0 { 1 } else { span };
+                let code = low.code as u32 + share.wrapping_mul(rise).div_ceil(span);
+                return if code < DAC_CODE_MAX as u32 {
+                    code as u16
+                } else {
+                    DAC_CODE_MAX
+                };
+            }
+            place += 1;
+        }
+        let full = self.points[LINE_POINTS - 1].code;
+        if full < DAC_CODE_MAX { full } else { DAC_CODE_MAX }
+    }
+}
+
+/// A DAC, or what stands for one.
+pub trait DacOutput {
+    /// Shows `code`; `force` is what it stands for, to be kept over a reset.
+    fn show(&mut self, code: u16, force: GripForce);
+}
+
+/// A line on a DAC.
+#[derive(Debug)]
+pub struct DacLine<D> {
+    dac: D,
+    calibration: LineCalibration,
+    shown: GripForce,
+}
+
+impl<D: DacOutput> DacLine<D> {
+    /// Shows `force` at once.
+    pub fn start(mut dac: D, calibration: LineCalibration, force: GripForce) -> Self {
+        dac.show(calibration.code(force), force);
+        Self {
+            dac,
+            calibration,
+            shown: force,
+        }
+    }
+}
+
+impl<D: DacOutput> GripLine for DacLine<D> {
+    type Error = core::convert::Infallible;
+
+    #[inline]
+    fn write(&mut self, force: GripForce) -> Result<(), Self::Error> {
+        if force != self.shown {
+            self.dac.show(self.calibration.code(force), force);
+            self.shown = force;
+        }
+        Ok(())
     }
 }
 

@@ -4,7 +4,7 @@
 //! - [`packet`]: packets of at most 64 bytes, which every transport carries.
 //! - [`map_codec`]: a map cut into packets that can be worked on as they land.
 //! - [`message`]: commands, status, handshake.
-//! - [`configuration`]: everything that can be set, and its ranges; [`line`]: the part of it about the line.
+//! - [`configuration`]: everything that can be set, and its ranges; [`mod@line`]: the part of it about the line.
 //! - [`parser`]: bytes in, events out; one parser for USB, UART and the in-process link.
 //! - [`cobs`]: packets in a byte stream.
 //!

@@ -5,59 +5,49 @@
 //! Limits: the DAC's own buffer is off, because it does not reach the supply (it stops 0.2 V short); the op-amp behind
 //! the pin must draw no current (source resistance 15 kΩ).
 
-use core::convert::Infallible;
-
 use embassy_stm32::gpio::Flex;
 use embassy_stm32::pac;
 use embassy_stm32::{Peri, peripherals};
 use gripline_firmware::GripForce;
-use gripline_firmware::line::{DAC_LIVE_ZERO, GripLine};
+use gripline_firmware::line::{DAC_LIVE_ZERO, DacLine, DacOutput};
 
 use crate::reset;
 
 /// The line of this board; remembers what it shows in memory that survives a reset.
-pub(crate) struct AnalogLine {
-    shown: GripForce,
+pub(crate) type AnalogLine = DacLine<Dac>;
+
+/// Channel 1.
+pub(crate) struct Dac(());
+
+/// Drives the line to `force` from whatever state a reset left. Needs no clock but the internal one.
+pub(crate) fn start(force: GripForce) -> AnalogLine {
+    pac::RCC.apb1enr().modify(|enable| enable.set_dacen(true));
+    // The clock takes two cycles to arrive (errata, "Delay after an RCC peripheral clock enabling").
+    let _ = pac::RCC.apb1enr().read();
+    // The value before the output, so that the output never shows zero volts.
+    let line = DacLine::start(Dac(()), DAC_LIVE_ZERO, force);
+    pac::DAC1.cr().modify(|control| {
+        control.set_boff(0, true);
+        control.set_en(0, true);
+    });
+    // Once more: a write to a channel that is off may count for nothing.
+    write_code(DAC_LIVE_ZERO.code(force));
+    line
 }
 
-impl AnalogLine {
-    /// Drives the line to `force` from whatever state a reset left. Needs no clock but the internal one.
-    pub(crate) fn start(force: GripForce) -> Self {
-        pac::RCC.apb1enr().modify(|enable| enable.set_dacen(true));
-        // The clock takes two cycles to arrive (errata, "Delay after an RCC peripheral clock enabling").
-        let _ = pac::RCC.apb1enr().read();
-        // The value before the output, so that the output never shows zero volts.
-        write_code(force);
-        pac::DAC1.cr().modify(|control| {
-            control.set_boff(0, true);
-            control.set_en(0, true);
-        });
-        write_code(force);
+impl DacOutput for Dac {
+    fn show(&mut self, code: u16, force: GripForce) {
+        write_code(code);
         reset::keep_line(force);
-        Self { shown: force }
     }
 }
 
-impl GripLine for AnalogLine {
-    type Error = Infallible;
-
-    fn write(&mut self, force: GripForce) -> Result<(), Infallible> {
-        if force != self.shown {
-            write_code(force);
-            reset::keep_line(force);
-            self.shown = force;
-        }
-        Ok(())
-    }
-}
-
-fn write_code(force: GripForce) {
-    let code = DAC_LIVE_ZERO.code(force);
+fn write_code(code: u16) {
     pac::DAC1.dhr12r(0).write(|value| value.set_dhr(code));
 }
 
-/// Takes the pin away from everything else. The DAC drives it since [`AnalogLine::start`]; an analog pin no longer
-/// loads it with its digital input.
+/// Takes the pin away from everything else. The DAC drives it since [`start`]; an analog pin no longer loads it with its
+/// digital input.
 pub(crate) fn route(pin: Peri<'static, peripherals::PA4>) {
     Flex::new(pin).set_as_analog();
 }

@@ -33,7 +33,6 @@ use gripline_firmware::{GripForce, Mcu, Start};
 use panic_probe as _;
 use static_cell::StaticCell;
 
-use crate::line::AnalogLine;
 use crate::watchdog::Watchdog;
 
 defmt::timestamp!("{=u64:us}", Instant::now().as_micros());
@@ -54,7 +53,7 @@ unsafe fn UART5() {
 fn main() -> ! {
     // The grip first: the DAC went to zero with the reset, and an object may be in the gripper.
     let reset = reset::read();
-    let line = AnalogLine::start(reset.line.unwrap_or(GripForce::ZERO));
+    let line = line::start(reset.line.unwrap_or(GripForce::ZERO));
     // The watchdog next: a crystal that does not start must not end in silence.
     let watchdog = Watchdog::start();
 

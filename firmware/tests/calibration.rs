@@ -3,6 +3,7 @@
 use embedded_hal::pwm::{ErrorType, SetDutyCycle};
 use gripline_firmware::GripForce;
 use gripline_firmware::line::{DAC_LIVE_ZERO, GripLine, LineCalibration, PwmLine};
+use gripline_protocol::line::{LinePoint, LineSettings};
 
 #[test]
 fn no_force_is_two_volts_and_full_scale_is_ten() {
@@ -25,12 +26,28 @@ fn more_force_is_never_a_lower_code_and_the_code_never_grips_less_than_decided()
 }
 
 #[test]
-fn a_calibration_that_makes_no_sense_is_refused() {
-    let force = GripForce::from_lsb(4096);
-    assert!(LineCalibration::new(800, 4000, force).is_some());
-    assert!(LineCalibration::new(4000, 4000, force).is_none());
-    assert!(LineCalibration::new(0, 4096, force).is_none());
-    assert!(LineCalibration::new(0, 4095, GripForce::ZERO).is_none());
+fn a_calibration_with_a_bend_goes_through_its_points_and_never_below_the_straight_line_between_them() {
+    let mut settings = LineSettings::DEFAULT;
+    settings.points[1] = LinePoint {
+        force: 4_096,
+        code: 2_000,
+    };
+    settings.points[2].code = 2_500;
+    let calibration = LineCalibration::of(&settings);
+    for point in settings.points {
+        assert_eq!(calibration.code(GripForce::from_lsb(point.force)), point.code);
+    }
+    for pair in settings.points.windows(2) {
+        for lsb in pair[0].force..pair[1].force {
+            let share = f64::from(lsb - pair[0].force) / f64::from(pair[1].force - pair[0].force);
+            let straight = f64::from(pair[0].code) + share * f64::from(pair[1].code - pair[0].code);
+            let code = f64::from(calibration.code(GripForce::from_lsb(lsb)));
+            assert!(
+                code >= straight - 1e-6 && code < straight + 1.0,
+                "{lsb}: {code} for {straight}"
+            );
+        }
+    }
 }
 
 struct Pwm(u16);

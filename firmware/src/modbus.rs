@@ -1,0 +1,136 @@
+//! The three pieces of Modbus RTU that a gripper needs: write registers (function 16), read input registers
+//! (function 4), and telling a good answer from a bad one. Bytes in, bytes out, no clock.
+//!
+//! Sources: Modbus application protocol V1.1b3 (sections 6.4, 6.12, 7), Modbus over serial line V1.02 (section 2.5.1).
+//! Limits: three registers a request. Frames are told apart by their length and CRC, not by silences, which a task
+//! that shares its processor cannot measure.
+
+use crc::{CRC_16_MODBUS, Crc, NoTable};
+
+/// Registers in every request.
+pub const REGISTERS: usize = 3;
+/// Longest request, bytes: function 16 with three registers.
+pub const REQUEST_MAX: usize = 9 + 2 * REGISTERS;
+/// Longest answer, bytes: function 4 with three registers.
+pub const ANSWER_MAX: usize = 5 + 2 * REGISTERS;
+
+const READ_INPUTS: u8 = 4;
+const WRITE_MULTIPLE: u8 = 16;
+/// Set in the function code of an answer that refuses (section 7).
+const EXCEPTION: u8 = 0x80;
+const CRC_BYTES: usize = 2;
+
+/// Bit by bit: the frames are short, and a table would cost half a KiB of flash.
+const CRC: Crc<u16, NoTable> = Crc::<u16, NoTable>::new(&CRC_16_MODBUS);
+
+/// What is asked of the device.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Request {
+    /// Function 16: write these values from `address` on.
+    Write {
+        /// First register.
+        address: u16,
+        /// Their values.
+        values: [u16; REGISTERS],
+    },
+    /// Function 4: read as many from `address` on.
+    Read {
+        /// First register.
+        address: u16,
+    },
+}
+
+/// A good answer.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Answer {
+    /// The registers were written.
+    Written,
+    /// The registers that were asked for.
+    Registers([u16; REGISTERS]),
+}
+
+/// An answer that is none.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum AnswerError {
+    /// The CRC is wrong: noise, or a byte was lost.
+    Crc,
+    /// The device refuses, with this exception code (1 function, 2 address, 3 value, 4 failure, 6 busy).
+    Exception(u8),
+    /// The CRC is right but it answers another question: another unit, function, address or length.
+    Other,
+}
+
+impl Request {
+    /// Writes the frame for `unit` and returns its length.
+    #[must_use]
+    pub fn frame(&self, unit: u8, frame: &mut [u8; REQUEST_MAX]) -> usize {
+        let (function, address) = match self {
+            Self::Write { address, .. } => (WRITE_MULTIPLE, *address),
+            Self::Read { address } => (READ_INPUTS, *address),
+        };
+        frame[0] = unit;
+        frame[1] = function;
+        frame[2..4].copy_from_slice(&address.to_be_bytes());
+        frame[4..6].copy_from_slice(&(REGISTERS as u16).to_be_bytes());
+        let mut length = 6;
+        if let Self::Write { values, .. } = self {
+            frame[6] = 2 * REGISTERS as u8;
+            for (place, value) in frame[7..].chunks_exact_mut(2).zip(values) {
+                place.copy_from_slice(&value.to_be_bytes());
+            }
+            length = 7 + 2 * REGISTERS;
+        }
+        let crc = CRC.checksum(&frame[..length]);
+        frame[length..length + CRC_BYTES].copy_from_slice(&crc.to_le_bytes());
+        length + CRC_BYTES
+    }
+
+    /// What `bytes` are as the answer of `unit`; `None` while more have to come.
+    #[must_use]
+    pub fn answer(&self, unit: u8, bytes: &[u8]) -> Option<Result<Answer, AnswerError>> {
+        let (function, whole) = match self {
+            Self::Write { .. } => (WRITE_MULTIPLE, 8),
+            Self::Read { .. } => (READ_INPUTS, ANSWER_MAX),
+        };
+        let found = *bytes.get(1)?;
+        // Of anything else nobody knows the length: it is judged as if it were what was asked for.
+        let length = if found == function | EXCEPTION { 5 } else { whole };
+        let (body, crc) = bytes.get(..length)?.split_at(length - CRC_BYTES);
+        Some(if crc != CRC.checksum(body).to_le_bytes() {
+            Err(AnswerError::Crc)
+        } else if body[0] != unit {
+            Err(AnswerError::Other)
+        } else if found == function | EXCEPTION {
+            Err(AnswerError::Exception(body[2]))
+        } else {
+            self.body(function, body).ok_or(AnswerError::Other)
+        })
+    }
+
+    /// The body of an answer that came whole.
+    fn body(&self, function: u8, body: &[u8]) -> Option<Answer> {
+        if body[1] != function {
+            return None;
+        }
+        match self {
+            Self::Write { address, .. } => {
+                let [high, low] = address.to_be_bytes();
+                (body[2..] == [high, low, 0, REGISTERS as u8]).then_some(Answer::Written)
+            }
+            Self::Read { .. } => {
+                let (&count, values) = body[2..].split_first()?;
+                if usize::from(count) != values.len() {
+                    return None;
+                }
+                let mut registers = [0; REGISTERS];
+                for (register, value) in registers.iter_mut().zip(values.chunks_exact(2)) {
+                    *register = u16::from_be_bytes([value[0], value[1]]);
+                }
+                Some(Answer::Registers(registers))
+            }
+        }
+    }
+}

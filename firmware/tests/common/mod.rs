@@ -1,0 +1,4 @@
+//! What the tests of the lines share.
+
+pub(crate) mod bus;
+pub(crate) mod gripper;
