@@ -12,6 +12,10 @@ pub const STORM_PER_PACKET: u32 = 10;
 pub const STORM_LEVEL: u32 = 100;
 /// Highest storm level, so that a storm is over 200 ms after its last refused packet.
 pub const STORM_LEVEL_MAX: u32 = 200;
+/// How far ahead of the promptest map a capture time may run, µs: a first map that came late by less locks nobody out.
+pub const FUTURE_MAX_US: i32 = 1_000_000;
+/// Drift between the host's clock and ours that is forgiven, as a shift: 2⁻¹⁰, ten times what two crystals need.
+pub const CLOCK_DRIFT_SHIFT: u32 = 10;
 /// Time between two statuses without a map, ms.
 pub const STATUS_PERIOD_MS: u32 = 100;
 /// Bound from the last packet in the FIFO to the line written, core cycles: 25 µs at 168 MHz.

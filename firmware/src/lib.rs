@@ -12,6 +12,7 @@
 #[cfg(test)]
 extern crate std;
 
+pub mod clock;
 pub mod constants;
 pub mod friction;
 pub mod grip;

@@ -9,12 +9,14 @@ use gripline_protocol::message::{
     SlipState, Stage, Status,
 };
 use gripline_protocol::sequence::{Order, SequenceWatch};
-use gripline_protocol::{Event, MapInfo, PACKET_MAX, Parser, SENSORS};
+use gripline_protocol::{Event, Health, MapInfo, PACKET_MAX, Parser, SENSORS};
 
+use crate::clock::{CaptureClock, CaptureTime};
 use crate::constants::{DECIDE_BUDGET_CYCLES, STATUS_PERIOD_MS};
 use crate::grip::{Evidence, GripController, GripForce};
 use crate::safety::{Fault, Safety};
 use crate::slip::{Judgement, SlipDetector, severity};
+use crate::storage::Stored;
 use crate::sums::{TaxelRule, accumulate, total_shear};
 
 /// Why the controller started.
@@ -39,8 +41,8 @@ pub struct Start {
     pub reset: ResetCause,
     /// The line's value before a reset, from memory that survives it.
     pub restored_line: Option<GripForce>,
-    /// The settings that lay in flash; none when nothing was ever stored.
-    pub settings: Option<Configuration>,
+    /// The settings that lay in flash.
+    pub stored: Stored,
     /// Number of the board, for the handshake.
     pub board: u8,
     /// A number that differs from start to start, for the handshake.
@@ -67,9 +69,10 @@ struct Fingertip {
     judgement: Judgement,
     sums: MapSums,
     shear: i32,
-    /// When its last map was accepted, or holding began, µs.
+    clock: CaptureClock,
+    /// When its last map would have come had it been prompt, or holding began, µs.
     fresh_us: u64,
-    healthy: bool,
+    health: Health,
 }
 
 /// What waits to be sent. Only the newest of each kind: the host always wants the present.
@@ -115,8 +118,8 @@ pub struct Mcu {
     last_packet_us: u64,
     last_status_us: u64,
     maps: u32,
-    /// Maps whose packets were fine but which were old.
-    maps_old: u32,
+    /// Maps whose packets were right but which were old or from the future.
+    maps_refused: u32,
     worst_cycles: [u32; STAGES],
 }
 
@@ -124,12 +127,13 @@ impl Mcu {
     /// Starts with the stored settings or the default ones: released, or holding the restored line.
     #[must_use]
     pub fn new(start: Start) -> Self {
-        let settings = start.settings.unwrap_or(Configuration::DEFAULT);
+        let settings = start.stored.settings.unwrap_or(Configuration::DEFAULT);
         let mut safety = Safety::new();
         if start.reset != ResetCause::PowerOn {
             safety.set(Fault::WatchdogReset, true);
             safety.set(Fault::WatchdogReset, false); // over, but a person must know
         }
+        safety.set(Fault::SettingsLost, start.stored.lost);
         Self {
             start,
             rule: TaxelRule::of(&settings),
@@ -138,7 +142,6 @@ impl Mcu {
             partial: MapSums::default(),
             fingertips: [Fingertip {
                 fresh_us: start.now_us,
-                healthy: true,
                 ..Fingertip::default()
             }; SENSORS],
             newest: MapInfo::default(),
@@ -152,7 +155,7 @@ impl Mcu {
             last_packet_us: start.now_us,
             last_status_us: start.now_us,
             maps: 0,
-            maps_old: 0,
+            maps_refused: 0,
             worst_cycles: [0; STAGES],
         }
     }
@@ -192,6 +195,7 @@ impl Mcu {
                 } else {
                     self.safety.set(Fault::UnreadableMessage, true);
                     self.refuse(Refusal::Unreadable);
+                    return self.action(false);
                 }
             }
             Err(_) => {
@@ -280,7 +284,7 @@ impl Mcu {
             maps_refused: counters
                 .refused
                 .wrapping_add(counters.abandoned)
-                .wrapping_add(self.maps_old),
+                .wrapping_add(self.maps_refused),
             packets_refused: counters.refused,
             worst_cycles: self.worst_cycles,
         }
@@ -308,13 +312,11 @@ impl Mcu {
         let Some(tip) = self.fingertips.get_mut(usize::from(info.sensor)) else {
             return false;
         };
-        let lost = match tip.sequence.judge(info.sequence) {
-            Order::New { lost } => lost,
-            Order::Old => {
-                self.maps_old = self.maps_old.wrapping_add(1);
-                self.safety.set(Fault::ReplayedMap, true);
-                return false;
-            }
+        let Order::New { lost } = tip.sequence.judge(info.sequence) else {
+            return self.refuse_map(Fault::ReplayedMap);
+        };
+        let CaptureTime::Late { us: late_us } = tip.clock.judge(info.capture_us, self.now_us) else {
+            return self.refuse_map(Fault::FutureMap);
         };
         tip.sequence.accept(info.sequence);
         tip.sums = self.partial;
@@ -322,22 +324,35 @@ impl Mcu {
         tip.judgement = tip
             .slip
             .update(&tip.sums, info.capture_us, self.now_us, &self.settings);
-        tip.fresh_us = self.now_us;
-        tip.healthy = info.health.is_good();
+        tip.fresh_us = self.now_us.saturating_sub(late_us.into());
+        tip.health = info.health;
         let [x, y, normal] = tip.sums.force;
         self.coulomb_slip = self.rule.friction.exceeded_by([x, y], normal);
         self.newest = info;
         self.maps = self.maps.wrapping_add(1);
         self.safety.set(Fault::ReplayedMap, false);
+        self.safety.set(Fault::FutureMap, false);
         self.safety.set(Fault::MapsLost, lost > 0);
         let sensors = usize::from(self.settings.sensors);
-        let unhealthy = self.fingertips[..sensors].iter().any(|tip| !tip.healthy);
-        self.safety.set(Fault::UnhealthyMap, unhealthy);
+        let health = self.fingertips[..sensors]
+            .iter()
+            .fold(Health::GOOD, |all, tip| all.with(tip.health));
+        self.safety
+            .set(Fault::SaturatedMap, health.has(Health::SATURATED));
+        self.safety
+            .set(Fault::UnhealthyMap, !health.without(Health::SATURATED).is_good());
         // A fingertip that fell silent in slip must not squeeze on while the other one speaks.
         let evidence = self.evidence(u64::from(self.settings.stale_ms) * 1_000);
         self.controller.observe(evidence, self.now_us);
         self.send_status();
         true
+    }
+
+    /// A map whose packets were right and which is refused all the same.
+    fn refuse_map(&mut self, fault: Fault) -> bool {
+        self.maps_refused = self.maps_refused.wrapping_add(1);
+        self.safety.set(fault, true);
+        false
     }
 
     /// The worst of what the fingertips said within the last `age_us`.
@@ -377,10 +392,13 @@ impl Mcu {
         let restarted = self.host.is_none_or(|host| host.session != hello.session);
         self.host = known.then_some(*hello);
         if known && restarted {
-            // A host that restarts counts its maps from anywhere.
+            // A host that restarts counts its maps, and its time, from anywhere.
             for tip in &mut self.fingertips {
                 tip.sequence = SequenceWatch::new();
+                tip.clock = CaptureClock::new();
             }
+            self.safety.set(Fault::FutureMap, false);
+            self.safety.set(Fault::ReplayedMap, false);
         }
     }
 
@@ -389,6 +407,7 @@ impl Mcu {
             Command::Configure(settings) => match settings.check() {
                 Ok(()) => {
                     self.safety.set(Fault::OutOfRange, false);
+                    self.safety.set(Fault::SettingsLost, false);
                     self.settings = *settings;
                     self.rule = TaxelRule::of(settings);
                     // Sums under way were made by the old rule.

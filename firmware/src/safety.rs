@@ -9,7 +9,7 @@ use crate::grip::Guard;
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[repr(u8)]
 pub enum Fault {
-    /// While holding, a fingertip's newest map is older than `stale_ms`.
+    /// While holding, the picture behind a fingertip's newest map is older than `stale_ms`.
     StaleMaps = 1,
     /// While holding, nothing was received for `link_lost_ms`.
     LinkLost = 2,
@@ -19,7 +19,7 @@ pub enum Fault {
     ReplayedMap = 4,
     /// Maps are missing between this one and the one before.
     MapsLost = 5,
-    /// The host doubts the picture behind the newest map.
+    /// The host doubts the picture behind a fingertip's newest map.
     UnhealthyMap = 6,
     /// A command or setting was out of range and was not carried out.
     OutOfRange = 7,
@@ -33,11 +33,17 @@ pub enum Fault {
     LineAtCeiling = 11,
     /// A map took longer than the bound from last packet to line.
     DeadlineMissed = 12,
+    /// Forces of a fingertip's newest map did not fit the wire: it feels more than the map says.
+    SaturatedMap = 13,
+    /// A map's picture was taken after the map arrived: the host's clock cannot be right. The map is refused.
+    FutureMap = 14,
+    /// Settings were stored and none of them can be read: the default ones are in force.
+    SettingsLost = 15,
 }
 
 impl Fault {
     /// Every fault, in the order of the numbers.
-    pub const ALL: [Self; 12] = [
+    pub const ALL: [Self; 15] = [
         Self::StaleMaps,
         Self::LinkLost,
         Self::CrcStorm,
@@ -50,6 +56,9 @@ impl Fault {
         Self::WatchdogReset,
         Self::LineAtCeiling,
         Self::DeadlineMissed,
+        Self::SaturatedMap,
+        Self::FutureMap,
+        Self::SettingsLost,
     ];
 
     /// Its bit in a status.
@@ -61,7 +70,10 @@ impl Fault {
     /// Whether it stays until a person acknowledges it.
     #[must_use]
     pub const fn latches(self) -> bool {
-        matches!(self, Self::LinkLost | Self::CrcStorm | Self::WatchdogReset)
+        matches!(
+            self,
+            Self::LinkLost | Self::CrcStorm | Self::WatchdogReset | Self::SettingsLost
+        )
     }
 
     /// What it demands of the line while it is there or latched.
@@ -73,13 +85,16 @@ impl Fault {
             | Self::CrcStorm
             | Self::ReplayedMap
             | Self::UnhealthyMap
-            | Self::WatchdogReset => Guard::Hold,
+            | Self::WatchdogReset
+            | Self::SaturatedMap
+            | Self::FutureMap => Guard::Hold,
             Self::MapsLost
             | Self::OutOfRange
             | Self::UnreadableMessage
             | Self::SchemaMismatch
             | Self::LineAtCeiling
-            | Self::DeadlineMissed => Guard::Free,
+            | Self::DeadlineMissed
+            | Self::SettingsLost => Guard::Free,
         }
     }
 
@@ -99,6 +114,9 @@ impl Fault {
             Self::WatchdogReset => "WATCHDOG RESET",
             Self::LineAtCeiling => "LINE AT CEILING",
             Self::DeadlineMissed => "DEADLINE MISSED",
+            Self::SaturatedMap => "SATURATED MAP",
+            Self::FutureMap => "FUTURE MAP",
+            Self::SettingsLost => "SETTINGS LOST",
         }
     }
 }

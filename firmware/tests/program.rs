@@ -1,6 +1,7 @@
 //! The whole program through its packets: decisions, grip force, faults, handshake.
 
 use gripline_firmware::mcu::{Action, Mcu, ResetCause, Start};
+use gripline_firmware::storage::Stored;
 use gripline_firmware::sums::{TaxelRule, sums_of};
 use gripline_firmware::{Fault, Friction, GripForce};
 use gripline_protocol::message::{
@@ -481,6 +482,164 @@ fn a_doubtful_picture_may_raise_the_line_but_not_lower_it() {
         line = bench.mcu.line().lsb();
     }
     assert_ne!(bench.faults() & Fault::UnhealthyMap.bit(), 0);
+}
+
+#[test]
+fn a_saturated_map_holds_the_line_under_its_own_name() {
+    let mut bench = Bench::holding();
+    let mut line = bench.maps_for_ms(&contact_map(100, 30), 200).line;
+    for _ in 0..200 {
+        bench.wait_ms(16);
+        bench.sequence += 1;
+        let info = MapInfo {
+            sequence: bench.sequence,
+            capture_us: bench.now_us as u32,
+            health: Health::SATURATED,
+            ..MapInfo::default()
+        };
+        bench.map_with(info, &contact_map(100, 100));
+        assert!(bench.mcu.line().lsb() >= line);
+        line = bench.mcu.line().lsb();
+    }
+    assert_eq!(
+        bench.faults() & (Fault::SaturatedMap.bit() | Fault::UnhealthyMap.bit()),
+        Fault::SaturatedMap.bit()
+    );
+}
+
+#[test]
+fn a_map_from_the_future_is_refused_until_the_next_believable_one_or_a_new_handshake() {
+    let mut bench = Bench::holding();
+    let before = bench.map(&contact_map(100, 90));
+    let info = |bench: &mut Bench, ahead_us: u32| {
+        bench.wait_ms(16);
+        bench.sequence += 1;
+        MapInfo {
+            sequence: bench.sequence,
+            capture_us: (bench.now_us as u32).wrapping_add(ahead_us),
+            ..MapInfo::default()
+        }
+    };
+    let future = info(&mut bench, 5_000_000);
+    bench.map_with(future, &contact_map(100, 10));
+    assert_ne!(bench.faults() & Fault::FutureMap.bit(), 0);
+    let status = bench.mcu.status();
+    assert_eq!((status.sums, status.maps_refused), (before.sums, 1));
+    bench.map(&contact_map(100, 90));
+    assert_eq!(bench.faults() & Fault::FutureMap.bit(), 0);
+    // The host's clock was set: only a host that says who it is may bring another one.
+    let future = info(&mut bench, 5_000_000);
+    bench.map_with(future, &contact_map(100, 10));
+    bench.message(Message::Hello(Hello::of_this_build(0, 2)));
+    assert_eq!(bench.faults() & Fault::FutureMap.bit(), 0);
+    let future = info(&mut bench, 5_000_000);
+    bench.map_with(future, &contact_map(100, 80));
+    assert_eq!(bench.mcu.status().sums.stick, 80);
+}
+
+#[test]
+fn maps_that_are_old_when_they_come_are_stale_although_they_come_often() {
+    let mut bench = Bench::holding();
+    bench.maps_for_ms(&contact_map(100, 95), 300);
+    let late_us = u32::from(Configuration::DEFAULT.stale_ms) * 1_000 + 5_000;
+    for _ in 0..5 {
+        bench.wait_ms(16);
+        bench.sequence += 1;
+        let info = MapInfo {
+            sequence: bench.sequence,
+            capture_us: (bench.now_us as u32).wrapping_sub(late_us),
+            ..MapInfo::default()
+        };
+        bench.map_with(info, &contact_map(100, 95));
+    }
+    bench.wait_ms(1);
+    assert_ne!(bench.faults() & Fault::StaleMaps.bit(), 0);
+    bench.maps_for_ms(&contact_map(100, 95), 16);
+    assert_eq!(bench.faults() & Fault::StaleMaps.bit(), 0);
+}
+
+#[test]
+fn messages_that_cannot_be_read_prove_no_host() {
+    let mut bench = Bench::holding();
+    for _ in 0..600 {
+        // A right CRC around a class that does not exist: as a host of a broken build would send it.
+        let mut packets = MessagePackets::new(&Message::Command(Command::Hold), 1).unwrap();
+        let mut packet = [0; PACKET_MAX];
+        let length = packets.next_packet(&mut packet).unwrap();
+        packet[6] = 9;
+        let end = length - 4;
+        let crc = gripline_protocol::packet::crc32(packet[..end].iter().copied());
+        packet[end..length].copy_from_slice(&crc.to_le_bytes());
+        let _ = bench.mcu.packet(&packet[..length], bench.now_us);
+        bench.wait_ms(1);
+    }
+    let expected = Fault::UnreadableMessage.bit() | Fault::LinkLost.bit() | Fault::StaleMaps.bit();
+    assert_eq!(bench.faults(), expected);
+    let refused = |report: &&Report| **report == Report::Refused(Refusal::Unreadable);
+    assert_eq!(bench.reports.iter().filter(refused).count(), 600);
+}
+
+#[test]
+fn settings_are_stored_only_with_an_open_gripper() {
+    let mut bench = Bench::holding();
+    bench.wait_ms(50);
+    bench.command(Command::Store);
+    assert_eq!(bench.reports.last(), Some(&Report::Refused(Refusal::Holding)));
+    assert_eq!(bench.mcu.take_store(), None);
+    bench.command(Command::Release);
+    bench.command(Command::Store);
+    assert_eq!(
+        bench.reports.last(),
+        Some(&Report::Refused(Refusal::Holding)),
+        "the line is still on its way down"
+    );
+    bench.wait_ms(200);
+    bench.command(Command::Store);
+    assert_eq!(bench.mcu.take_store(), Some(Configuration::DEFAULT));
+    assert_eq!(bench.mcu.take_store(), None, "once");
+    bench.mcu.stored(Some(3));
+    bench.listen();
+    assert_eq!(bench.reports.last(), Some(&Report::Stored { writes: 3 }));
+    // Who holds between the order and its turn is not stopped for it.
+    bench.command(Command::Store);
+    bench.command(Command::Hold);
+    assert_eq!(bench.mcu.take_store(), None);
+    bench.listen();
+    assert_eq!(bench.reports.last(), Some(&Report::Refused(Refusal::Holding)));
+}
+
+#[test]
+fn a_start_with_stored_settings_has_them_in_force_and_one_with_lost_settings_tells_it() {
+    let stored = Stored {
+        settings: Some(Configuration {
+            friction: 3_000,
+            ..Configuration::DEFAULT
+        }),
+        lost: false,
+        writes: 1,
+    };
+    let bench = Bench::starting(Start {
+        stored,
+        ..Start::default()
+    });
+    assert_eq!(bench.mcu.settings().friction, 3_000);
+    assert_eq!(bench.faults(), 0);
+    let mut bench = Bench::starting(Start {
+        stored: Stored {
+            lost: true,
+            ..Stored::default()
+        },
+        ..Start::default()
+    });
+    assert_eq!(*bench.mcu.settings(), Configuration::DEFAULT);
+    assert_eq!(bench.mcu.status().latched, Fault::SettingsLost.bit());
+    // New settings end the fault; a person acknowledges it.
+    bench.message(Message::Hello(Hello::of_this_build(0, 1)));
+    bench.command(Command::Configure(Configuration::DEFAULT));
+    bench.command(Command::Acknowledge {
+        faults: Fault::SettingsLost.bit(),
+    });
+    assert_eq!((bench.faults(), bench.mcu.status().latched), (0, 0));
 }
 
 #[test]

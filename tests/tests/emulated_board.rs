@@ -39,6 +39,10 @@ impl Link for Shared {
         self.0.borrow_mut().run_until(until_us, received)
     }
 
+    fn now_us(&self) -> u64 {
+        self.0.borrow().now_us()
+    }
+
     fn name(&self) -> String {
         self.0.borrow().name()
     }
@@ -85,7 +89,7 @@ impl Board {
         self.sequence += 1;
         let info = MapInfo {
             sequence: self.sequence,
-            capture_us: self.session.now_us() as u32,
+            capture_us: self.session.capture_us(),
             ..MapInfo::default()
         };
         self.session.send_map(&info, map).unwrap();

@@ -295,8 +295,8 @@ impl Run {
         }
         let sequence = self.frame as u32;
         let taken = Instant::now();
+        let capture_us = self.session.capture_us();
         let processed = pipeline.process(&picture.crop).map_err(Failure::failed)?;
-        let capture_us = self.time_us(self.frame) as u32;
         let info = MapInfo {
             sensor: 0,
             sequence,

@@ -323,7 +323,13 @@ impl Session {
         Ok(())
     }
 
-    /// Time of the link's clock.
+    /// The time now on the clock that capture times are of.
+    #[must_use]
+    pub fn capture_us(&self) -> u32 {
+        self.link.now_us() as u32
+    }
+
+    /// Time up to which the link has worked.
     #[must_use]
     pub const fn now_us(&self) -> u64 {
         self.now_us

@@ -29,6 +29,7 @@ use defmt_rtt as _;
 use embassy_executor::{Executor, InterruptExecutor};
 use embassy_stm32::interrupt::{self, InterruptExt, Priority};
 use embassy_time::Instant;
+use gripline_firmware::storage::Stored;
 use gripline_firmware::{GripForce, Mcu, Start};
 use panic_probe as _;
 use static_cell::StaticCell;
@@ -75,7 +76,7 @@ fn main() -> ! {
         now_us: Instant::now().as_micros(),
         reset: reset.cause,
         restored_line: reset.line,
-        settings: None,
+        stored: Stored::default(),
         board: board::BOARD.1,
         session: reset.session,
     }));

@@ -68,6 +68,10 @@ impl Link for EmbeddedLink {
         Ok(())
     }
 
+    fn now_us(&self) -> u64 {
+        self.now_us
+    }
+
     fn name(&self) -> String {
         "in-process microcontroller".to_owned()
     }

@@ -287,6 +287,10 @@ impl Link for EmulatorLink {
         self.reply(received)
     }
 
+    fn now_us(&self) -> u64 {
+        self.now_us
+    }
+
     fn name(&self) -> String {
         let transport = match self.transport {
             Transport::Usb => "USB",

@@ -31,6 +31,9 @@ pub trait Link {
     /// [`LinkError`] when the other end is gone.
     fn run_until(&mut self, until_us: u64, received: &mut dyn FnMut(&[u8])) -> Result<(), LinkError>;
 
+    /// Time of the clock that the microcontroller on this link lives by: virtual for one in this process or emulated.
+    fn now_us(&self) -> u64;
+
     /// What it is, for people.
     fn name(&self) -> String;
 

@@ -115,6 +115,10 @@ impl Link for SerialLink {
         }
     }
 
+    fn now_us(&self) -> u64 {
+        self.start.elapsed().as_micros() as u64
+    }
+
     fn name(&self) -> String {
         format!("microcontroller on serial port {}", self.path)
     }

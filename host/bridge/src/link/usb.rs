@@ -153,6 +153,10 @@ impl Link for UsbLink {
         }
     }
 
+    fn now_us(&self) -> u64 {
+        self.start.elapsed().as_micros() as u64
+    }
+
     fn name(&self) -> String {
         format!("microcontroller on {}", self.name)
     }

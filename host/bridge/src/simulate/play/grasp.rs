@@ -272,7 +272,7 @@ impl Gripline {
         let info = MapInfo {
             sensor: 0,
             sequence: frame as u32,
-            capture_us: self.session.now_us() as u32,
+            capture_us: self.session.capture_us(),
             health: processed.health,
         };
         self.session
