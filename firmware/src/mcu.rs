@@ -5,8 +5,8 @@
 //! Units: forces 1/4096 N, time in µs since start (u64: no wrap). No allocation, no panic, no IO.
 
 use gripline_protocol::message::{
-    Command, Configuration, GripMode, Hello, MapSums, Message, MessagePackets, Refusal, Report, STAGES,
-    SlipState, Stage, Status,
+    Command, Configuration, GripMode, Hello, MapSums, Message, MessagePackets, Refusal, Report, Revision,
+    STAGES, SlipState, Stage, Status,
 };
 use gripline_protocol::sequence::{Order, SequenceWatch};
 use gripline_protocol::{Event, Health, MapInfo, PACKET_MAX, Parser, SENSORS};
@@ -14,6 +14,7 @@ use gripline_protocol::{Event, Health, MapInfo, PACKET_MAX, Parser, SENSORS};
 use crate::clock::{CaptureClock, CaptureTime};
 use crate::constants::{DECIDE_BUDGET_CYCLES, STATUS_PERIOD_MS};
 use crate::grip::{Evidence, GripController, GripForce};
+use crate::line::LineHealth;
 use crate::safety::{Fault, Safety};
 use crate::slip::{Judgement, SlipDetector, severity};
 use crate::storage::Stored;
@@ -45,6 +46,8 @@ pub struct Start {
     pub stored: Stored,
     /// Number of the board, for the handshake.
     pub board: u8,
+    /// The commit that the image was built from, for the handshake.
+    pub revision: Option<Revision>,
     /// A number that differs from start to start, for the handshake.
     pub session: u32,
 }
@@ -234,6 +237,20 @@ impl Mcu {
             self.send_status();
         }
         self.action(false)
+    }
+
+    /// How the line is doing. Not latched: a gripper that lost its activation needs a `Release`, which latched faults
+    /// forbid.
+    pub fn note_line(&mut self, health: LineHealth) {
+        let failed = match health {
+            LineHealth::Good => false,
+            LineHealth::Starting => self.controller.mode() == GripMode::Hold,
+            LineHealth::NoAnswer
+            | LineHealth::NotActivated
+            | LineHealth::GripperFault
+            | LineHealth::NotTaken => true,
+        };
+        self.safety.set(Fault::LineFailed, failed);
     }
 
     /// A stage took so many core cycles; the worst goes out in every status.
@@ -472,10 +489,10 @@ impl Mcu {
 
     fn next_message(&mut self) -> Option<Message> {
         if core::mem::take(&mut self.outbox.hello) {
-            return Some(Message::Hello(Hello::of_this_build(
-                self.start.board,
-                self.start.session,
-            )));
+            return Some(Message::Hello(Hello {
+                revision: self.start.revision,
+                ..Hello::of_this_build(self.start.board, self.start.session)
+            }));
         }
         if let Some(refusal) = self.outbox.refusal.take() {
             return Some(Message::Report(Report::Refused(refusal)));

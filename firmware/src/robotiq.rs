@@ -305,7 +305,11 @@ impl Robotiq {
     /// What the gripper has to be told; nothing while it does what it should, or is not ready.
     fn orders(&self, status: GripperStatus) -> Option<Orders> {
         match (self.phase, self.wish) {
-            (Phase::Silent | Phase::Inactive, _) | (Phase::Ready, Wish::Stay) => None,
+            // An activation that has begun is finished; none begins while something is to be held.
+            (Phase::Silent | Phase::Inactive, _)
+            | (Phase::Resetting, Wish::Grip(_))
+            | (Phase::Ready, Wish::Stay) => None,
+            (Phase::Activating { .. }, Wish::Grip(_)) if !status.has_act() => None,
             (Phase::Resetting, _) => Some(Orders::RESET),
             (Phase::Activating { .. }, _) => Some(Orders::ACTIVATE),
             (Phase::Ready, Wish::Open) => (!status.works_on(Orders::OPEN)).then_some(Orders::OPEN),
@@ -358,17 +362,20 @@ impl Robotiq {
 
     /// Where the gripper stands now.
     fn follow(&mut self, status: GripperStatus) {
+        let holding = matches!(self.wish, Wish::Grip(_));
+        let begun = match self.phase {
+            Phase::Resetting => false,
+            Phase::Activating { .. } => status.has_act(),
+            _ => true,
+        };
         match self.phase {
+            _ if holding && !begun => self.leave(Phase::Inactive),
             Phase::Silent | Phase::Inactive if status.is_ready() => self.phase = Phase::Ready,
-            Phase::Silent => self.phase = Phase::Inactive,
-            Phase::Inactive => {
-                // It opens the fingers: never while something is to be held.
-                let holding = matches!(self.wish, Wish::Grip(_));
-                if !holding && self.now_us >= self.activate_us {
-                    self.activate_us = self.now_us.saturating_add(ROBOTIQ_ACTIVATION_PAUSE_US);
-                    self.phase = Phase::Resetting;
-                }
+            Phase::Inactive if !holding && self.now_us >= self.activate_us => {
+                self.activate_us = self.now_us.saturating_add(ROBOTIQ_ACTIVATION_PAUSE_US);
+                self.phase = Phase::Resetting;
             }
+            Phase::Silent | Phase::Inactive => self.phase = Phase::Inactive,
             Phase::Resetting if !status.has_act() => {
                 self.phase = Phase::Activating {
                     until_us: self.now_us.saturating_add(ROBOTIQ_ACTIVATION_MAX_US),

@@ -39,11 +39,13 @@ pub enum Fault {
     FutureMap = 14,
     /// Settings were stored and none of them can be read: the default ones are in force.
     SettingsLost = 15,
+    /// The gripper on the bus does not answer, reports a fault, or is not ready while something is to be held.
+    LineFailed = 16,
 }
 
 impl Fault {
     /// Every fault, in the order of the numbers.
-    pub const ALL: [Self; 15] = [
+    pub const ALL: [Self; 16] = [
         Self::StaleMaps,
         Self::LinkLost,
         Self::CrcStorm,
@@ -59,6 +61,7 @@ impl Fault {
         Self::SaturatedMap,
         Self::FutureMap,
         Self::SettingsLost,
+        Self::LineFailed,
     ];
 
     /// Its bit in a status.
@@ -87,7 +90,8 @@ impl Fault {
             | Self::UnhealthyMap
             | Self::WatchdogReset
             | Self::SaturatedMap
-            | Self::FutureMap => Guard::Hold,
+            | Self::FutureMap
+            | Self::LineFailed => Guard::Hold,
             Self::MapsLost
             | Self::OutOfRange
             | Self::UnreadableMessage
@@ -117,6 +121,7 @@ impl Fault {
             Self::SaturatedMap => "SATURATED MAP",
             Self::FutureMap => "FUTURE MAP",
             Self::SettingsLost => "SETTINGS LOST",
+            Self::LineFailed => "LINE FAILED",
         }
     }
 }

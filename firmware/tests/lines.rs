@@ -443,6 +443,32 @@ fn a_gripper_that_lost_its_power_is_not_activated_while_something_is_held_and_is
 }
 
 #[test]
+fn a_hold_before_the_activation_begins_keeps_it_from_beginning() {
+    // From the first question to the end of the reset takes some slots of 5 ms.
+    for wait_us in (0..60_000).step_by(500) {
+        let mut bus = Bus::new();
+        bus.write(0);
+        bus.pass(wait_us);
+        let begun = bus.gripper.activations > 0;
+        bus.write(20 * NEWTON);
+        bus.pass(4_000_000);
+        let expected = if bus.gripper.activations > 0 {
+            LineHealth::Good
+        } else {
+            LineHealth::NotActivated
+        };
+        assert_eq!(bus.line.health(), expected, "{wait_us} us");
+        assert!(
+            bus.gripper.activations == u32::from(begun) || wait_us > 15_000,
+            "{wait_us} us"
+        );
+        bus.write(0);
+        bus.pass(4_000_000);
+        assert_eq!(bus.line.health(), LineHealth::Good, "{wait_us} us");
+    }
+}
+
+#[test]
 fn faults_of_the_gripper_show_and_those_that_need_a_reset_get_one_after_release() {
     for fault in [0x0A, 0x0C, 0x0E, 0x0F] {
         let mut bus = Bus::ready();

@@ -1,5 +1,7 @@
 //! The whole program through its packets: decisions, grip force, faults, handshake.
 
+use gripline_firmware::grip::Guard;
+use gripline_firmware::line::LineHealth;
 use gripline_firmware::mcu::{Action, Mcu, ResetCause, Start};
 use gripline_firmware::storage::Stored;
 use gripline_firmware::sums::{TaxelRule, sums_of};
@@ -753,4 +755,38 @@ proptest! {
             line = now;
         }
     }
+}
+
+#[test]
+fn a_line_that_fails_is_a_fault_that_holds_ends_with_it_and_lets_a_person_release() {
+    let mut bench = Bench::cold();
+    bench.message(Message::Hello(Hello::of_this_build(0, 1)));
+    bench.mcu.note_line(LineHealth::Starting);
+    assert_eq!(
+        bench.faults() & Fault::LineFailed.bit(),
+        0,
+        "nothing is to be held yet"
+    );
+    bench.command(Command::Hold);
+    bench.wait_ms(100);
+    for health in LineHealth::ALL {
+        bench.mcu.note_line(health);
+        let expected = health != LineHealth::Good;
+        assert_eq!(
+            bench.faults() & Fault::LineFailed.bit() != 0,
+            expected,
+            "{health:?}"
+        );
+    }
+    assert_eq!(Fault::LineFailed.guard(), Guard::Hold);
+    bench.command(Command::Release);
+    let refused = bench
+        .reports
+        .iter()
+        .any(|report| matches!(report, Report::Refused(_)));
+    assert!(!refused, "{:?}", bench.reports);
+    bench.wait_ms(2_000);
+    assert_eq!(bench.mcu.line(), GripForce::ZERO);
+    bench.mcu.note_line(LineHealth::Good);
+    assert_eq!(bench.faults() & Fault::LineFailed.bit(), 0);
 }

@@ -28,7 +28,25 @@ pub const SCHEMA_HASH: u32 = {
     hash
 };
 
-/// Who is speaking. Frozen layout: 16 bytes after the class byte, never to change.
+/// The commit that a build was made from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Revision {
+    /// The first eight hexadecimal digits of the commit's hash.
+    pub commit: u32,
+    /// Files that the build is made from differed from that commit.
+    pub dirty: bool,
+}
+
+impl fmt::Display for Revision {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let dirty = if self.dirty { ", changed since" } else { "" };
+        write!(f, "{:08x}{dirty}", self.commit)
+    }
+}
+
+/// Who is speaking. Frozen layout: 16 bytes after the class byte, never to change; what a flag in the last but one of
+/// them announces comes behind, where an older reader does not look.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Hello {
@@ -38,16 +56,26 @@ pub struct Hello {
     pub schema_hash: u32,
     /// Version of the speaker's build: major, minor, patch.
     pub build: [u8; 3],
-    /// Which board speaks; 0 for the host.
+    /// Which board speaks, its place in [`BOARDS`].
     pub board: u8,
     /// A random number per start, so that a restart is noticed.
     pub session: u32,
+    /// The commit that the speaker was built from, where it is known: firmware images of a repository.
+    pub revision: Option<Revision>,
 }
 
 const HELLO_BYTES: usize = 16;
+/// With the commit behind it.
+const HELLO_BYTES_MAX: usize = HELLO_BYTES + 4;
+/// Flags in byte 14: a commit follows; it was changed since.
+const HAS_COMMIT: u8 = 1;
+const IS_DIRTY: u8 = 1 << 1;
+
+/// Names of the boards, by the number that [`Hello::board`] gives.
+pub const BOARDS: [&str; 3] = ["host", "stm32f405rg", "stm32f427vi"];
 
 impl Hello {
-    /// What this build says of itself.
+    /// What this build says of itself; whoever knows its commit adds it.
     #[must_use]
     pub const fn of_this_build(board: u8, session: u32) -> Self {
         Self {
@@ -56,6 +84,7 @@ impl Hello {
             build: BUILD,
             board,
             session,
+            revision: None,
         }
     }
 
@@ -74,17 +103,24 @@ impl Hello {
         }
     }
 
-    fn to_bytes(self) -> [u8; HELLO_BYTES] {
-        let mut bytes = [0; HELLO_BYTES];
+    /// Writes it and returns its length.
+    fn write(self, bytes: &mut [u8]) -> usize {
         bytes[0..2].copy_from_slice(&self.schema_version.to_le_bytes());
         bytes[2..6].copy_from_slice(&self.schema_hash.to_le_bytes());
         bytes[6..9].copy_from_slice(&self.build);
         bytes[9] = self.board;
         bytes[10..14].copy_from_slice(&self.session.to_le_bytes());
-        bytes
+        let Some(Revision { commit, dirty }) = self.revision else {
+            return HELLO_BYTES;
+        };
+        bytes[14] = HAS_COMMIT | if dirty { IS_DIRTY } else { 0 };
+        bytes[HELLO_BYTES..HELLO_BYTES_MAX].copy_from_slice(&commit.to_le_bytes());
+        HELLO_BYTES_MAX
     }
 
-    fn from_bytes(bytes: &[u8; HELLO_BYTES]) -> Self {
+    /// Reads it; `None` when it is too short.
+    fn read(body: &[u8]) -> Option<Self> {
+        let (fixed, rest) = body.split_first_chunk::<HELLO_BYTES>()?;
         let [
             v0,
             v1,
@@ -100,15 +136,39 @@ impl Hello {
             s1,
             s2,
             s3,
+            flags,
             _,
-            _,
-        ] = *bytes;
-        Self {
+        ] = *fixed;
+        let revision = if flags & HAS_COMMIT == 0 {
+            None
+        } else {
+            Some(Revision {
+                commit: u32::from_le_bytes(*rest.first_chunk()?),
+                dirty: flags & IS_DIRTY != 0,
+            })
+        };
+        Some(Self {
             schema_version: u16::from_le_bytes([v0, v1]),
             schema_hash: u32::from_le_bytes([h0, h1, h2, h3]),
             build: [major, minor, patch],
             board,
             session: u32::from_le_bytes([s0, s1, s2, s3]),
+            revision,
+        })
+    }
+}
+
+/// "0.1.0 (1a2b3c4d) on stm32f405rg".
+impl fmt::Display for Hello {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let [major, minor, patch] = self.build;
+        write!(f, "{major}.{minor}.{patch}")?;
+        if let Some(revision) = self.revision {
+            write!(f, " ({revision})")?;
+        }
+        match BOARDS.get(usize::from(self.board)) {
+            Some(board) => write!(f, " on {board}"),
+            None => write!(f, " on board {}", self.board),
         }
     }
 }
@@ -381,8 +441,7 @@ impl Message {
             return Err(MessageError::Body);
         };
         if class == CLASS_HELLO {
-            let hello = body.first_chunk().ok_or(MessageError::Body)?;
-            return Ok(Self::Hello(Hello::from_bytes(hello)));
+            return Hello::read(body).map(Self::Hello).ok_or(MessageError::Body);
         }
         let found = u16::from_le_bytes([v0, v1]);
         if found != SCHEMA_VERSION {
@@ -400,10 +459,7 @@ impl Message {
         let (envelope, body) = buffer.split_at_mut(ENVELOPE);
         envelope[..2].copy_from_slice(&SCHEMA_VERSION.to_le_bytes());
         let (class, length) = match self {
-            Self::Hello(hello) => {
-                body[..HELLO_BYTES].copy_from_slice(&hello.to_bytes());
-                (CLASS_HELLO, Ok(HELLO_BYTES))
-            }
+            Self::Hello(hello) => (CLASS_HELLO, Ok(hello.write(body))),
             Self::Command(command) => (
                 CLASS_COMMAND,
                 postcard::to_slice(command, body).map(|used| used.len()),

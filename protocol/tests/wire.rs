@@ -4,7 +4,7 @@
 use gripline_protocol::cobs::{CobsDecoder, FRAME_MAX, Frame, encode_packet};
 use gripline_protocol::message::{
     Command, Configuration, GripMode, Hello, MapSums, Message, MessageError, MessagePackets, OutOfRange,
-    Refusal, Report, SCHEMA_HASH, SCHEMA_VERSION, SlipState, Status,
+    Refusal, Report, Revision, SCHEMA_HASH, SCHEMA_VERSION, SlipState, Status,
 };
 use gripline_protocol::{
     Event, ForceMap, Health, MapInfo, PACKET_MAX, PacketError, Parser, TAXELS, TaxelForce, encode_map,
@@ -367,8 +367,17 @@ fn commands_answers_and_handshake_survive_the_round_trip() {
         least: 0,
         most: 20_000,
     };
+    let built_from = |dirty| Hello {
+        revision: Some(Revision {
+            commit: 0x1a2b_3c4d,
+            dirty,
+        }),
+        ..Hello::of_this_build(1, 7)
+    };
     let messages = [
         Message::Hello(Hello::of_this_build(3, 0xDEAD_BEEF)),
+        Message::Hello(built_from(false)),
+        Message::Hello(built_from(true)),
         Message::Command(Command::Configure(Configuration::DEFAULT)),
         Message::Command(Command::ReadConfiguration),
         Message::Command(Command::Hold),
@@ -383,6 +392,46 @@ fn commands_answers_and_handshake_survive_the_round_trip() {
     ];
     for message in messages {
         assert_eq!(through_the_wire(&message, 1), Ok(message));
+    }
+}
+
+/// Whatever changes, these bytes stay where they are: any two builds can still tell each other who they are.
+#[test]
+fn the_handshake_is_laid_out_as_it_always_was_and_tells_its_commit_behind_that() {
+    let hello = Hello {
+        schema_version: 0x0201,
+        schema_hash: 0x0605_0403,
+        build: [7, 8, 9],
+        board: 2,
+        session: 0x0E0D_0C0B,
+        revision: Some(Revision {
+            commit: 0x1a2b_3c4d,
+            dirty: true,
+        }),
+    };
+    let body = [1, 2, 3, 4, 5, 6, 7, 8, 9, 2, 0x0B, 0x0C, 0x0D, 0x0E];
+    let bytes = [&[0, 0, 0], &body[..], &[3, 0], &[0x4d, 0x3c, 0x2b, 0x1a]].concat();
+    assert_eq!(Message::from_bytes(&bytes), Ok(Message::Hello(hello)));
+    assert_eq!(
+        hello.to_string(),
+        "7.8.9 (1a2b3c4d, changed since) on stm32f427vi"
+    );
+    // What was said before there was a commit to tell.
+    let old = Hello {
+        revision: None,
+        ..hello
+    };
+    let bytes = [&[0, 0, 0], &body[..], &[0, 0]].concat();
+    assert_eq!(Message::from_bytes(&bytes), Ok(Message::Hello(old)));
+    assert_eq!(old.to_string(), "7.8.9 on stm32f427vi");
+    // Cut off anywhere it is no handshake.
+    let whole = [&[0, 0, 0], &body[..], &[1, 0], &[1, 2, 3, 4]].concat();
+    for length in 0..whole.len() {
+        assert_eq!(
+            Message::from_bytes(&whole[..length]),
+            Err(MessageError::Body),
+            "{length}"
+        );
     }
 }
 

@@ -96,6 +96,8 @@ struct Summary {
     #[serde(rename = "summary")]
     last: bool,
     mcu: String,
+    /// Version, commit and board, as the handshake told them.
+    firmware: Option<String>,
     frames: u64,
     seconds: f64,
     frames_per_second: f64,
@@ -232,6 +234,7 @@ impl Run {
         let summary = Summary {
             last: true,
             mcu: session.link_name(),
+            firmware: session.firmware().map(ToString::to_string),
             frames: 0,
             seconds: 0.0,
             frames_per_second: 0.0,
@@ -570,8 +573,9 @@ fn progress_line(report: &FrameReport) -> String {
 
 fn summary_text(summary: &Summary) -> String {
     use fmt::Write as _;
+    let firmware = summary.firmware.as_deref().unwrap_or("unknown");
     let mut text = format!(
-        "{} frames in {:.1} s ({:.1} a second) with the {}\n",
+        "{} frames in {:.1} s ({:.1} a second) with the {}, firmware {firmware}\n",
         summary.frames, summary.seconds, summary.frames_per_second, summary.mcu
     );
     // Writing to a String cannot fail.

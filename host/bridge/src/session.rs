@@ -341,6 +341,12 @@ impl Session {
         &self.settings
     }
 
+    /// What the microcontroller said of itself in the handshake.
+    #[must_use]
+    pub const fn firmware(&self) -> Option<&Hello> {
+        self.inbox.hello.as_ref()
+    }
+
     /// The newest status.
     #[must_use]
     pub fn status(&self) -> Option<&Status> {

@@ -9,13 +9,15 @@ use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread::JoinHandle;
 
 use rigless::device::ResetCause;
-use rigless::emulator::{self, Driver, Host, Settled, Start, Stop};
+use rigless::emulator::{self, Access, AccessKind, Driver, Host, Settled, Start, Stop};
 use rigless::image::Image;
 use rigless::session::Session;
 use rigless::symbols::Symbols;
 use rigless::time::VirtualNanos;
 
-use crate::constants::{FLASH_BASE, LOG_PERIOD_NS, PREDICATE_STEP_NS, USB_PACKET_MAX};
+use crate::constants::{
+    BUS_DRIVER_PIN, FLASH_BASE, GPIOA_BSRR, GPIOA_ODR, LOG_PERIOD_NS, PREDICATE_STEP_NS, USB_PACKET_MAX,
+};
 use crate::dac::{CHANNELS, DacWrite};
 use crate::hardware::Hardware;
 use crate::rtt;
@@ -75,6 +77,7 @@ pub struct Board {
     /// The instant asked for last. A stop comes up to one instruction later, and steps must not add that up.
     until_ns: u64,
     outbox: Vec<u8>,
+    bus_outbox: Vec<u8>,
     usb_commands: Vec<usb::Command>,
     now_ns: u64,
     instructions: u64,
@@ -83,6 +86,8 @@ pub struct Board {
     dac_writes: Vec<DacWrite>,
     uart_bytes: Vec<UartByte>,
     uart_taken: usize,
+    bus_bytes: Vec<UartByte>,
+    bus_driver: Vec<(u64, bool)>,
     usb: UsbNow,
     usb_packets: Vec<UsbPacket>,
     usb_transfers: Vec<ControlTransfer>,
@@ -119,6 +124,7 @@ impl Board {
             thread: Some(thread),
             until_ns: 0,
             outbox: Vec::new(),
+            bus_outbox: Vec::new(),
             usb_commands: Vec::new(),
             now_ns: 0,
             instructions: 0,
@@ -127,6 +133,8 @@ impl Board {
             dac_writes: Vec::new(),
             uart_bytes: Vec::new(),
             uart_taken: 0,
+            bus_bytes: Vec::new(),
+            bus_driver: Vec::new(),
             usb: UsbNow::default(),
             usb_packets: Vec::new(),
             usb_transfers: Vec::new(),
@@ -142,6 +150,23 @@ impl Board {
     /// rate that the firmware set, after those that still wait; with the receiver off they wait for it.
     pub fn uart_send(&mut self, bytes: &[u8]) {
         self.outbox.extend_from_slice(bytes);
+    }
+
+    /// Puts `bytes` on the gripper's bus, as [`Self::uart_send`] does on the line.
+    pub fn bus_send(&mut self, bytes: &[u8]) {
+        self.bus_outbox.extend_from_slice(bytes);
+    }
+
+    /// Every byte the firmware put on the gripper's bus since power-on, oldest first.
+    #[must_use]
+    pub fn bus_bytes(&self) -> &[UartByte] {
+        &self.bus_bytes
+    }
+
+    /// When the firmware wrote the pin that enables the bus's driver, and to what: (virtual nanoseconds, on).
+    #[must_use]
+    pub fn bus_driver(&self) -> &[(u64, bool)] {
+        &self.bus_driver
     }
 
     /// The bytes the firmware sent that no call has taken yet.
@@ -257,6 +282,7 @@ impl Board {
         let command = Command {
             until_ns: self.until_ns,
             uart: std::mem::take(&mut self.outbox),
+            bus: std::mem::take(&mut self.bus_outbox),
             usb: std::mem::take(&mut self.usb_commands),
         };
         // A thread that is gone takes no command; why it went is what its last report says.
@@ -339,6 +365,8 @@ impl Board {
         self.dac_codes = report.dac_codes;
         self.dac_writes.extend(report.dac_writes);
         self.uart_bytes.extend(report.uart_bytes);
+        self.bus_bytes.extend(report.bus_bytes);
+        self.bus_driver.extend(report.bus_driver);
         self.usb = report.usb;
         self.usb_packets.extend(report.usb_packets);
         self.usb_transfers.extend(report.usb_transfers);
@@ -398,6 +426,7 @@ fn image_of(elf: &[u8]) -> Result<Image, EmulatorError> {
 struct Command {
     until_ns: u64,
     uart: Vec<u8>,
+    bus: Vec<u8>,
     usb: Vec<usb::Command>,
 }
 
@@ -419,6 +448,8 @@ struct Report {
     dac_codes: [Option<u16>; CHANNELS],
     dac_writes: Vec<DacWrite>,
     uart_bytes: Vec<UartByte>,
+    bus_bytes: Vec<UartByte>,
+    bus_driver: Vec<(u64, bool)>,
     usb: UsbNow,
     usb_packets: Vec<UsbPacket>,
     usb_transfers: Vec<ControlTransfer>,
@@ -444,6 +475,7 @@ fn run(
         reports,
         log_block,
         log: Vec::new(),
+        bus_driver: Vec::new(),
         resets_told: 0,
         gaps_told: Vec::new(),
     };
@@ -457,6 +489,7 @@ struct Puppet {
     reports: SyncSender<Result<Report, EmulatorError>>,
     log_block: Option<u64>,
     log: Vec<u8>,
+    bus_driver: Vec<(u64, bool)>,
     resets_told: usize,
     gaps_told: Vec<String>,
 }
@@ -481,6 +514,8 @@ impl Puppet {
             dac_codes: std::array::from_fn(|channel| hardware.dac().code(channel)),
             dac_writes: hardware.dac().take_writes(),
             uart_bytes: hardware.far_end().take_heard(),
+            bus_bytes: hardware.bus_end().take_heard(),
+            bus_driver: std::mem::take(&mut self.bus_driver),
             usb: UsbNow {
                 state: hardware.usb().state(),
                 enumerations: hardware.usb().enumerations(),
@@ -498,6 +533,11 @@ impl Puppet {
 
 impl Driver<Hardware> for Puppet {
     fn on_settled(&mut self, session: &mut Session<Hardware>, host: &mut dyn Host, settled: Settled) {
+        if let Settled::Access { access, .. } = settled
+            && let Some(on) = driver_written(&access)
+        {
+            self.bus_driver.push((access.virtual_time.0, on));
+        }
         // The models never hear of a pause, so draining changes nothing but the room in the firmware's log buffer,
         // and that at the same instants however the caller cuts the time.
         if let (Settled::Stop(stop), Some(block)) = (settled, self.log_block)
@@ -520,10 +560,22 @@ impl Driver<Hardware> for Puppet {
         self.reports.send(Ok(report)).ok()?;
         let command = self.commands.recv().ok()?;
         session.board_mut().far_end().send(&command.uart);
+        session.board_mut().bus_end().send(&command.bus);
         for command in command.usb {
             session.board_mut().usb().command(command);
         }
         Some(VirtualNanos(command.until_ns))
+    }
+}
+
+/// What a write makes of the pin that enables the bus's driver.
+fn driver_written(access: &Access) -> Option<bool> {
+    let bit = |number: u32| access.value >> number & 1 == 1;
+    match (access.kind, access.address) {
+        (AccessKind::Write, GPIOA_BSRR) if bit(BUS_DRIVER_PIN) => Some(true),
+        (AccessKind::Write, GPIOA_BSRR) if bit(BUS_DRIVER_PIN + 16) => Some(false),
+        (AccessKind::Write, GPIOA_ODR) => Some(bit(BUS_DRIVER_PIN)),
+        _ => None,
     }
 }
 

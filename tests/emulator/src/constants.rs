@@ -76,6 +76,15 @@ pub const CORE_HZ: u64 = 168_000_000;
 
 /// Which of the part's serial ports carries the host link, by its place in rigless's list: 0 is USART1, PA9/PA10.
 pub const LINK_PORT: usize = 0;
+/// Which of them carries the gripper's bus: 1 is USART2, PA2/PA3.
+pub const BUS_PORT: usize = 1;
+/// Output data and bit set/reset registers of GPIOA (RM0090 table 1, section 8.4), and the pin in it that enables the
+/// driver of the bus: PA1.
+pub const GPIOA_ODR: u64 = 0x4002_0014;
+/// See [`GPIOA_ODR`].
+pub const GPIOA_BSRR: u64 = 0x4002_0018;
+/// See [`GPIOA_ODR`].
+pub const BUS_DRIVER_PIN: u32 = 1;
 
 /// How finely [`crate::Board::run_until`] looks at its predicate, nanoseconds.
 pub const PREDICATE_STEP_NS: u64 = 20_000;

@@ -11,7 +11,9 @@ use rigless::mcu::{Mcu, Operate, Wired};
 use rigless::snapshot::Store;
 use rigless::soc::{Error, Gate, Window};
 
-use crate::constants::{CORE_HZ, DAC_BASE, DAC_BYTES, OTG_FS_BASE, OTG_FS_BYTES, OTG_FS_INTERRUPT};
+use crate::constants::{
+    BUS_PORT, CORE_HZ, DAC_BASE, DAC_BYTES, LINK_PORT, OTG_FS_BASE, OTG_FS_BYTES, OTG_FS_INTERRUPT,
+};
 use crate::dac::Dac;
 use crate::part::Part;
 use crate::uart::FarEnd;
@@ -50,8 +52,14 @@ impl Hardware {
         self.mcu.chip_mut()
     }
 
+    /// The other end of the host's line.
     pub(crate) fn far_end(&mut self) -> &mut FarEnd {
-        self.mcu.part.part.far_end()
+        self.mcu.part.part.far_end(LINK_PORT)
+    }
+
+    /// The gripper's end of its bus.
+    pub(crate) fn bus_end(&mut self) -> &mut FarEnd {
+        self.mcu.part.part.far_end(BUS_PORT)
     }
 }
 

@@ -13,7 +13,7 @@ use rigless::soc::stm32f427::{CPU, MEMORY, SERIAL_INTERFACES, Stm32f427};
 use rigless::soc::{Bus, Error, Fault, Gate, Peripheral, Width};
 use rigless::time::VirtualNanos;
 
-use crate::constants::{CRYSTAL_HZ, LINK_PORT, SUPPLY_MV};
+use crate::constants::{BUS_PORT, CRYSTAL_HZ, LINK_PORT, SUPPLY_MV};
 use crate::uart::FarEnd;
 
 /// The instances whose addresses are ours. ST's tables cut the one USB core into four.
@@ -32,36 +32,40 @@ pub(crate) struct Part {
     bus: Bus,
     /// For every slot of our bus the slot of the same instance in the stock part.
     stock_slots: Vec<usize>,
-    /// The slot of the serial port that the link is on.
-    link_slot: usize,
+    /// The slots of the serial ports that have a far end.
+    wired_slots: [usize; 2],
 }
 
 impl Part {
-    /// A part out of reset with a crystal, a supply and a far end on its link port.
+    /// A part out of reset with a crystal, a supply and a far end each on its link port and its bus port.
     pub(crate) fn new() -> Result<Self, Error> {
         let mut stock = Stm32f427::new()?;
         stock.rcc.attach_crystals(CRYSTAL_HZ, 0);
         stock.set_supply(SUPPLY_MV);
         stock.usart[LINK_PORT].attach(FarEnd::default());
+        stock.usart[BUS_PORT].attach(FarEnd::default());
         let bus = bus_of(&stock)?;
         let stock_slots = bus
             .peripherals()
             .map(|ours| stock.bus().slot(ours.name))
             .collect::<Result<_, _>>()?;
-        let link_slot = bus.slot(SERIAL_PORTS[LINK_PORT].instance)?;
+        let wired_slots = [
+            bus.slot(SERIAL_PORTS[LINK_PORT].instance)?,
+            bus.slot(SERIAL_PORTS[BUS_PORT].instance)?,
+        ];
         let mut part = Self {
             stock,
             bus,
             stock_slots,
-            link_slot,
+            wired_slots,
         };
         part.check()?;
         Ok(part)
     }
 
-    /// What hangs on the link port.
-    pub(crate) fn far_end(&mut self) -> &mut FarEnd {
-        self.stock.usart[LINK_PORT]
+    /// What hangs on a port that has a far end.
+    pub(crate) fn far_end(&mut self, port: usize) -> &mut FarEnd {
+        self.stock.usart[port]
             .chip_mut()
             .expect("attached when the part was built")
     }
@@ -98,15 +102,17 @@ impl Mcu for Part {
         self.bus = fresh;
     }
 
-    /// Only the link port has anything outside to look at.
+    /// Only the ports with a far end have anything outside to look at.
     fn poll(&mut self, now: VirtualNanos) {
-        let model = self
-            .stock
-            .split(self.stock_slots[self.link_slot])
-            .1
-            .expect("a port with a model");
-        let (registers, mut context) = self.bus.drive(now, self.link_slot);
-        model.poll(registers, &mut context);
+        for slot in self.wired_slots {
+            let model = self
+                .stock
+                .split(self.stock_slots[slot])
+                .1
+                .expect("a port with a model");
+            let (registers, mut context) = self.bus.drive(now, slot);
+            model.poll(registers, &mut context);
+        }
     }
 }
 

@@ -1,7 +1,7 @@
 //! What differs between boards: the chip, its clocks, its name on the wire.
 //!
 //! Both boards: 8 MHz crystal, 168 MHz core, grip-force line on PA4, UART on PA9 (out) and PA10 (in), USB on PA11
-//! and PA12. Limits: the STM32F427 could run at 180 MHz; it runs at 168 so that one time bound holds for both.
+//! and PA12, gripper on RS-485 on PA1 (driver enable), PA2 (out) and PA3 (in). Limits: the STM32F427 could run at 180 MHz; it runs at 168 so that one time bound holds for both.
 
 use embassy_stm32::Config;
 use embassy_stm32::rcc::{
@@ -9,13 +9,21 @@ use embassy_stm32::rcc::{
     mux,
 };
 use embassy_stm32::time::Hertz;
+use gripline_protocol::message::{BOARDS, Revision};
 
-/// This board's name in logs, and its number in the handshake (0 is the host).
-#[cfg(feature = "stm32f405rg")]
-pub(crate) const BOARD: (&str, u8) = ("stm32f405rg", 1);
-/// This board's name in logs, and its number in the handshake (0 is the host).
-#[cfg(all(feature = "stm32f427vi", not(feature = "stm32f405rg")))]
-pub(crate) const BOARD: (&str, u8) = ("stm32f427vi", 2);
+/// This board's number in the handshake.
+pub(crate) const BOARD: u8 = if cfg!(feature = "stm32f405rg") { 1 } else { 2 };
+/// This board's name in logs.
+pub(crate) const NAME: &str = BOARDS[BOARD as usize];
+
+/// The commit that the image was built from, as the build script found it.
+pub(crate) const REVISION: Option<Revision> = match u32::from_str_radix(env!("GRIPLINE_COMMIT"), 16) {
+    Ok(commit) => Some(Revision {
+        commit,
+        dirty: !matches!(env!("GRIPLINE_CLEAN").as_bytes(), b"1"),
+    }),
+    Err(_) => None,
+};
 
 /// The crystal of both boards, hertz.
 const CRYSTAL: Hertz = Hertz(8_000_000);

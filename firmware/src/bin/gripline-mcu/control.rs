@@ -15,6 +15,7 @@ use gripline_protocol::PACKET_MAX;
 use gripline_protocol::cobs::{CobsDecoder, Frame};
 use gripline_protocol::message::Stage;
 
+use crate::gripper_bus::BusLine;
 use crate::line::AnalogLine;
 use crate::outbox::{self, Outbox, Packet};
 use crate::usb::HostToMcu;
@@ -70,6 +71,7 @@ impl Control {
     /// The safety tick.
     fn tick(&mut self) {
         let now_us = now_us();
+        self.mcu.note_line(BusLine.health());
         let started = DWT::cycle_count();
         let action = self.mcu.tick(now_us);
         self.act(action, Stage::Tick, started);
@@ -85,7 +87,7 @@ impl Control {
     /// The line first, then the times it took.
     fn act(&mut self, action: Action, stage: Stage, started: u32) {
         let decided = DWT::cycle_count();
-        let Ok(()) = self.line.write(action.line);
+        let (Ok(()), Ok(())) = (self.line.write(action.line), BusLine.write(action.line));
         let written = DWT::cycle_count();
         self.mcu.note_cycles(stage, decided.wrapping_sub(started));
         self.mcu.note_cycles(Stage::Line, written.wrapping_sub(decided));

@@ -9,7 +9,7 @@ use embassy_stm32::gpio::Flex;
 use embassy_stm32::pac;
 use embassy_stm32::{Peri, peripherals};
 use gripline_firmware::GripForce;
-use gripline_firmware::line::{DAC_LIVE_ZERO, DacLine, DacOutput};
+use gripline_firmware::line::{DacLine, DacOutput, LineCalibration};
 
 use crate::reset;
 
@@ -20,18 +20,18 @@ pub(crate) type AnalogLine = DacLine<Dac>;
 pub(crate) struct Dac(());
 
 /// Drives the line to `force` from whatever state a reset left. Needs no clock but the internal one.
-pub(crate) fn start(force: GripForce) -> AnalogLine {
+pub(crate) fn start(force: GripForce, calibration: LineCalibration) -> AnalogLine {
     pac::RCC.apb1enr().modify(|enable| enable.set_dacen(true));
     // The clock takes two cycles to arrive (errata, "Delay after an RCC peripheral clock enabling").
     let _ = pac::RCC.apb1enr().read();
     // The value before the output, so that the output never shows zero volts.
-    let line = DacLine::start(Dac(()), DAC_LIVE_ZERO, force);
+    let line = DacLine::start(Dac(()), calibration, force);
     pac::DAC1.cr().modify(|control| {
         control.set_boff(0, true);
         control.set_en(0, true);
     });
     // Once more: a write to a channel that is off may count for nothing.
-    write_code(DAC_LIVE_ZERO.code(force));
+    write_code(calibration.code(force));
     line
 }
 

@@ -2,8 +2,8 @@
 //!
 //! Everything that decides is in the library; here are the pins, the clocks, the transports and the order of things.
 //! From most to least urgent (interrupt priority): time driver (2), UART byte and USB packet in and out (3), map to
-//! line and the safety tick (4, `control`), then in the gaps of all these the answers to the host, USB requests and
-//! watchdog. Nothing waits for a host: without one the safety tick and the watchdog alone run.
+//! line and the safety tick (4, `control`), the gripper's UART byte (5), then in the gaps of all these the answers to
+//! the host, USB requests, the gripper on the bus and the watchdog. Nothing waits for a host: without one the safety tick and the watchdog alone run.
 //! Limits: one host at a time is answered, over the transport that spoke last.
 #![no_std]
 #![no_main]
@@ -17,6 +17,7 @@ compile_error!("name one board, not two: an image runs on one chip");
 
 mod board;
 mod control;
+mod gripper_bus;
 mod line;
 mod outbox;
 mod reset;
@@ -29,8 +30,10 @@ use defmt_rtt as _;
 use embassy_executor::{Executor, InterruptExecutor};
 use embassy_stm32::interrupt::{self, InterruptExt, Priority};
 use embassy_time::Instant;
+use gripline_firmware::line::LineCalibration;
 use gripline_firmware::storage::Stored;
 use gripline_firmware::{GripForce, Mcu, Start};
+use gripline_protocol::line::LineKind;
 use panic_probe as _;
 use static_cell::StaticCell;
 
@@ -54,7 +57,12 @@ unsafe fn UART5() {
 fn main() -> ! {
     // The grip first: the DAC went to zero with the reset, and an object may be in the gripper.
     let reset = reset::read();
-    let line = line::start(reset.line.unwrap_or(GripForce::ZERO));
+    let stored = Stored::default();
+    let settings = stored.settings.unwrap_or_default();
+    let line = line::start(
+        reset.line.unwrap_or(GripForce::ZERO),
+        LineCalibration::of(&settings.line),
+    );
     // The watchdog next: a crystal that does not start must not end in silence.
     let watchdog = Watchdog::start();
 
@@ -69,15 +77,20 @@ fn main() -> ! {
     // the FIFO: this core may then lose a word (libopencm3 issue 873). Above it, a packet that follows a map's short last
     // one closely is taken in time.
     interrupt::OTG_FS.set_priority(Priority::P3);
+    // A byte from the gripper may wait 87 µs, longer than any decision: below them all.
+    interrupt::USART2.set_priority(Priority::P5);
 
     let (uart_in, uart_out) = uart::open(p.USART1, p.PA10, p.PA9);
     let (usb_device, usb_in, usb_out) = usb::open(p.USB_OTG_FS, p.PA12, p.PA11);
+    let gripper = (settings.line.kind == LineKind::Robotiq2f140)
+        .then(|| gripper_bus::open(p.USART2, p.PA3, p.PA2, p.PA1));
     let mcu = MCU.init(Mcu::new(Start {
         now_us: Instant::now().as_micros(),
         reset: reset.cause,
         restored_line: reset.line,
-        stored: Stored::default(),
-        board: board::BOARD.1,
+        stored,
+        board: board::BOARD,
+        revision: board::REVISION,
         session: reset.session,
     }));
 
@@ -86,7 +99,7 @@ fn main() -> ! {
     // The log is written with interrupts masked for some microseconds: here, and nowhere on the way to the line.
     defmt::info!(
         "{=str} started: {}, line restored: {}",
-        board::BOARD.0,
+        board::NAME,
         reset.cause,
         reset.line
     );
@@ -94,6 +107,9 @@ fn main() -> ! {
         spawner.spawn(uart::transmit(uart_out).expect("one UART task"));
         spawner.spawn(usb::transmit(usb_out).expect("one USB task"));
         spawner.spawn(usb::device(usb_device).expect("one USB device task"));
+        if let Some(gripper) = gripper {
+            spawner.spawn(gripper_bus::talk(gripper).expect("one gripper task"));
+        }
         spawner.spawn(watchdog::guard(watchdog).expect("one watchdog task"));
     })
 }
