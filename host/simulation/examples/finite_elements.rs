@@ -63,11 +63,11 @@ fn print(c: &Comparison) {
         mesh(c.drag_mesh_change),
     );
     println!(
-        "  maps differ by {} (normal; half the mesh {}), {} (with shear), {} (pressure turned); penetration {:.0e}",
+        "  maps differ by {} (normal; half the mesh {}), {} (with shear), {} (pressure straight down); penetration {:.0e}",
         percent(c.normal_map_difference),
         mesh(c.map_mesh_change),
         percent(c.whole_map_difference),
-        percent(c.turned_map_difference),
+        percent(c.straight_map_difference),
         c.penetration,
     );
     for d in c.displacements {

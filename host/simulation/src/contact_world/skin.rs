@@ -22,7 +22,7 @@ const MAX_CELLS: usize = 320;
 
 /// Peak forces below which the contact is too small, or its pressure too much at edges, for 80 and for 120 cells, N:
 /// `cargo xtask physics` holds every shape's force map to 3 % on them.
-const FINE_BELOW_N: [f64; 2] = [1.5, 0.5];
+const FINE_BELOW_N: [f64; 2] = [6.0, 0.5];
 
 /// Cells along one side of the [`Skin`] for a load history that peaks at `peak_force_n`: the fewest that keep every
 /// built-in shape's force map within 3 % (L2) of a grid twice as fine. A light touch needs the most: a block's or

@@ -1,7 +1,6 @@
 //! A rigid indenter pressed, dragged, twisted and tilted on the skin, step by step along its load history:
 //! pressure and shear in turn until neither moves the other (`normal`, `tangential`). Units: mm, N, MPa, rad.
-//! Limits: small strain and small rotations; the footprint follows the sliding of the step before, so slide
-//! less than a cell per step; contact must stay inside the sensing surface.
+//! Limits: small strain and small rotations; contact must stay inside the sensing surface.
 
 use std::sync::Arc;
 
@@ -23,6 +22,12 @@ const INNER_TOLERANCE: f64 = 3e-5;
 const ROUNDS: usize = 20;
 /// Free cells kept around the contact in its box.
 const MARGIN: usize = 2;
+/// Corrections of where a step ends on the skin at most; one is usual while it slides, none otherwise.
+const CORRECTIONS: usize = 6;
+/// How far off a step's place on the skin may be, share of a cell.
+const PLACE_TOLERANCE: f64 = 0.02;
+/// Steeper than this, rise over run, a surface counts as a wall, whose pressure is not turned.
+const STEEPEST: f64 = 1.0;
 /// Loads under this count as no contact, N.
 const TOUCH_N: f64 = 1e-6;
 /// An indenter that moves less than this in a step stands still: whether the skin follows cannot be told, mm.
@@ -58,8 +63,12 @@ pub struct Contact {
     indenter: Arc<dyn HeightMap>,
     friction: f64,
     mount: Mount,
+    /// Whether pressure acts along the indenter's normal.
+    leaning: bool,
     drive: Drive,
     footprint_turn_rad: f64,
+    /// Part of the last step's motion that slid.
+    sliding: f64,
     slid_mm: f64,
     truth: Truth,
     convolution: Option<Convolution>,
@@ -73,6 +82,10 @@ pub struct Contact {
 pub(crate) struct Step {
     press: Press,
     tilt_rad: [f64; 2],
+    /// Where the indenter stands on the skin at the step's end.
+    footprint_mm: [f64; 2],
+    footprint_turn_rad: f64,
+    corrections: usize,
     /// Height of the indenter over every cell of the skin.
     surface: Vec<f64>,
     lowest: usize,
@@ -80,11 +93,17 @@ pub(crate) struct Step {
     window: Window,
     places: Vec<usize>,
     gap: Vec<f64>,
+    /// Slope of the indenter over the skin.
+    slope: Vec<Pair>,
     pressure: Vec<f64>,
     shear: Vec<Pair>,
+    /// Tangential share of the pressure.
+    lean: Vec<Pair>,
     arm: Vec<Pair>,
     /// Tangential displacement of the skin before the step.
     before: Vec<Pair>,
+    /// The same after the step, once it has settled.
+    after: Vec<Pair>,
     /// Tangential displacement under the pressure alone.
     spread: Vec<Pair>,
     base: Vec<f64>,
@@ -114,6 +133,7 @@ impl Contact {
             indenter,
             friction,
             mount,
+            leaning: true,
             drive: Drive {
                 press: Press::Force(0.0),
                 at_mm: [0.0; 2],
@@ -121,12 +141,23 @@ impl Contact {
                 tilt_rad: [0.0; 2],
             },
             footprint_turn_rad: 0.0,
+            sliding: 0.0,
             slid_mm: 0.0,
             truth,
             convolution: None,
             normal: NormalSolver::default(),
             tangential: TangentialSolver::default(),
         })
+    }
+
+    /// The same with forces of a pressure straight down whatever the indenter's slope, as Hertz, Cattaneo and most
+    /// programs have it. By default it acts along the indenter's normal, so that p∇h of it is a tangential force.
+    /// That shears nothing: under the pressure of a nearly incompressible gel the stress is the same in all
+    /// directions, turned surface or not. Skin and friction are therefore the same either way.
+    #[must_use]
+    pub fn straight(mut self) -> Self {
+        self.leaning = false;
+        self
     }
 
     /// The contact after the last step.
@@ -195,25 +226,57 @@ impl Contact {
             },
         );
         self.footprint_turn_rad = drive.turn_rad;
+        self.sliding = 0.0;
         self.slid_mm = 0.0;
         self.drive = *drive;
     }
 
-    /// Height of the indenter over the skin at rest when its lowest plane is at depth 0.
-    fn gap_mm(&self, tilt: [f64; 2]) -> Vec<f64> {
+    /// Height over the skin at rest of the indenter that stands at `footprint_mm` when its lowest plane is at depth
+    /// 0, at a place of the skin, mm.
+    fn height_mm(&self, tilt: [f64; 2], [x0, y0]: [f64; 2], (sin, cos): (f64, f64), [x, y]: [f64; 2]) -> f64 {
+        let (x, y) = (x - x0, y - y0);
+        let height = self.indenter.height_mm([cos * x + sin * y, cos * y - sin * x]);
+        height - tilt[0] * x - tilt[1] * y
+    }
+
+    /// That height over every cell.
+    fn gap_mm(&self, tilt: [f64; 2], footprint_mm: [f64; 2], turn_rad: f64) -> Vec<f64> {
         let cells = self.skin.cells();
-        let [x0, y0] = self.truth.footprint_mm;
-        let (sin, cos) = libm::sincos(self.footprint_turn_rad);
+        let turn = libm::sincos(turn_rad);
         let mut gap = Vec::with_capacity(cells * cells);
         for row in 0..cells {
-            let y = self.skin.place_mm(row) - y0;
             for column in 0..cells {
-                let x = self.skin.place_mm(column) - x0;
-                let height = self.indenter.height_mm([cos * x + sin * y, cos * y - sin * x]);
-                gap.push(height - tilt[0] * x - tilt[1] * y);
+                let at = [self.skin.place_mm(column), self.skin.place_mm(row)];
+                gap.push(self.height_mm(tilt, footprint_mm, turn, at));
             }
         }
         gap
+    }
+
+    /// Mean rise per way along x and y of the step's indenter over a cell: from edge to edge, walls left out.
+    fn slope(&self, step: &Step, place: usize) -> Pair {
+        let cells = self.skin.cells();
+        let turn = libm::sincos(step.footprint_turn_rad);
+        let half = 0.5 * self.skin.pitch_mm();
+        let at = [
+            self.skin.place_mm(place % cells),
+            self.skin.place_mm(place / cells),
+        ];
+        let here = step.surface[place];
+        let along = |axis: usize| {
+            let [back, on] = [-half, half].map(|way| {
+                let mut there = at;
+                there[axis] += way;
+                let rise = (self.height_mm(step.tilt_rad, step.footprint_mm, turn, there) - here) / way;
+                (rise.abs() <= STEEPEST).then_some(rise)
+            });
+            match (back, on) {
+                (Some(a), Some(b)) => 0.5 * (a + b),
+                (Some(rise), None) | (None, Some(rise)) => rise,
+                (None, None) => 0.0,
+            }
+        };
+        Pair::new(along(0), along(1))
     }
 
     /// Depth that `force_n` needs on a half-space, by overlap: p of the order E* × overlap / width.
@@ -253,20 +316,19 @@ impl Contact {
             while !self.press(&mut step)? {
                 self.shear(&mut step, [shift[0], shift[1], turn], INNER_TOLERANCE);
             }
-            if self.fits(&mut step)? {
-                break;
+            let [fx, fy, moment] = self.carried(&step);
+            let mount = self.mount;
+            let at_mm = [
+                drive.at_mm[0] - mount.shift_mm_per_n * fx,
+                drive.at_mm[1] - mount.shift_mm_per_n * fy,
+            ];
+            let turn_rad = drive.turn_rad - mount.turn_rad_per_nmm * moment;
+            if self.fits(&mut step, at_mm, turn_rad)? {
+                self.accept(&step, at_mm, turn_rad);
+                self.drive = *drive;
+                return Ok(());
             }
         }
-        let [fx, fy, moment] = self.carried(&step);
-        let mount = self.mount;
-        let at_mm = [
-            drive.at_mm[0] - mount.shift_mm_per_n * fx,
-            drive.at_mm[1] - mount.shift_mm_per_n * fy,
-        ];
-        let turn_rad = drive.turn_rad - mount.turn_rad_per_nmm * moment;
-        self.accept(&step, at_mm, turn_rad);
-        self.drive = *drive;
-        Ok(())
     }
 
     /// Begins a step; none when nothing would touch. What did not touch before is free to go to `at_mm` first.
@@ -287,13 +349,13 @@ impl Contact {
             // Free to go there: nothing to pull at.
             self.lift_off(&drive);
         }
-        let surface = self.gap_mm(tilt_rad);
-        let lowest = (0..surface.len()).fold(
-            0,
-            |low, place| {
-                if surface[place] < surface[low] { place } else { low }
-            },
-        );
+        // It will slide as it slid before.
+        let pose = self.truth.pose;
+        let footprint_mm =
+            [0, 1].map(|k| self.truth.footprint_mm[k] + self.sliding * (at_mm[k] - pose.at_mm[k]));
+        let footprint_turn_rad = self.footprint_turn_rad + self.sliding * (turn_rad - pose.turn_rad);
+        let surface = self.gap_mm(tilt_rad, footprint_mm, footprint_turn_rad);
+        let lowest = lowest(&surface);
         let touches = match press {
             Press::Force(force) => force >= TOUCH_N,
             Press::Depth(depth) => depth > surface[lowest],
@@ -318,16 +380,22 @@ impl Contact {
         let mut step = Step {
             press,
             tilt_rad,
+            footprint_mm,
+            footprint_turn_rad,
+            corrections: 0,
             surface,
             lowest,
             bounds,
             window: bounds.window(&self.skin),
             places: Vec::new(),
             gap: Vec::new(),
+            slope: Vec::new(),
             pressure: Vec::new(),
             shear: Vec::new(),
+            lean: Vec::new(),
             arm: Vec::new(),
             before: Vec::new(),
+            after: Vec::new(),
             spread: Vec::new(),
             base: Vec::new(),
             limit: Vec::new(),
@@ -348,7 +416,13 @@ impl Contact {
         step.gap = of(&step.surface);
         step.pressure = of(&self.truth.pressure);
         step.shear = step.places.iter().map(|&place| self.truth.shear[place]).collect();
-        let [x0, y0] = self.truth.footprint_mm;
+        step.lean = step.places.iter().map(|&place| self.truth.lean[place]).collect();
+        step.slope = if self.leaning {
+            step.places.iter().map(|&place| self.slope(step, place)).collect()
+        } else {
+            vec![Pair::default(); step.places.len()]
+        };
+        let [x0, y0] = step.footprint_mm;
         step.arm = step
             .places
             .iter()
@@ -360,6 +434,7 @@ impl Contact {
             .collect();
         let count = step.places.len();
         step.before = vec![Pair::default(); count];
+        step.after = vec![Pair::default(); count];
         step.spread = vec![Pair::default(); count];
         step.target = vec![Pair::default(); count];
         step.base = vec![0.0; count];
@@ -428,6 +503,9 @@ impl Contact {
             return Ok(true);
         }
         step.residuals.rounds += 1;
+        for (lean, (slope, p)) in step.lean.iter_mut().zip(step.slope.iter().zip(&step.pressure)) {
+            *lean = slope.scale(*p);
+        }
         convolution.tangential_of_pressure(&step.pressure, &mut step.spread);
         for (limit, pressure) in step.limit.iter_mut().zip(&step.pressure) {
             *limit = friction * pressure;
@@ -441,7 +519,10 @@ impl Contact {
         let cell_mm2 = self.skin.pitch_mm() * self.skin.pitch_mm();
         let mount = self.mount;
         let (convolution, _, tangential) = self.tools(step.window);
-        let shift = Pair::new(x, y);
+        // The mount gives way to the pressure's share too.
+        let (sum, moment) = sum_and_moment(&step.lean, &step.arm);
+        let shift = Pair::new(x, y) - sum.scale(mount.shift_mm_per_n * cell_mm2);
+        let turn = turn - moment * mount.turn_rad_per_nmm * cell_mm2;
         for cell in 0..step.target.len() {
             step.target[cell] = step.before[cell] + shift + step.arm[cell].scale(turn) - step.spread[cell];
         }
@@ -461,15 +542,13 @@ impl Contact {
         step.residuals.tangential_iterations += outcome.iterations;
     }
 
-    /// Force along x and y, N, and moment about the indenter's origin, N·mm, of the step's shear.
+    /// Force along x and y, N, and moment about the indenter's origin, N·mm, of the step's tangential tractions.
     pub(crate) fn carried(&self, step: &Step) -> [f64; 3] {
         let cell_mm2 = self.skin.pitch_mm() * self.skin.pitch_mm();
-        let (mut sum, mut moment) = (Pair::default(), 0.0);
-        for (q, arm) in step.shear.iter().zip(&step.arm) {
-            sum += q;
-            moment += (arm.conj() * q).re;
-        }
-        [sum.re * cell_mm2, sum.im * cell_mm2, moment * cell_mm2]
+        let (friction, by_friction) = sum_and_moment(&step.shear, &step.arm);
+        let (lean, by_lean) = sum_and_moment(&step.lean, &step.arm);
+        let sum = (friction + lean).scale(cell_mm2);
+        [sum.re, sum.im, (by_friction + by_lean) * cell_mm2]
     }
 
     /// Contact area of the step, mm².
@@ -478,12 +557,18 @@ impl Contact {
         cells as f64 * self.skin.pitch_mm() * self.skin.pitch_mm()
     }
 
-    /// Whether the settled step's box holds all that may touch. If not it has been laid anew, larger, and must be
-    /// solved again.
+    /// Whether the settled step's box holds all that may touch, and the indenter stands on the skin where the step
+    /// took it to be when it ends at `at_mm` and `turn_rad`. If not the step has been laid anew and must be solved
+    /// again.
     ///
     /// # Errors
     /// Contact at the edge of the sensing surface.
-    pub(crate) fn fits(&mut self, step: &mut Step) -> Result<bool, SimulationError> {
+    pub(crate) fn fits(
+        &mut self,
+        step: &mut Step,
+        at_mm: [f64; 2],
+        turn_rad: f64,
+    ) -> Result<bool, SimulationError> {
         let cells = self.skin.cells();
         let touching = step.places.iter().zip(&step.pressure);
         let contact = Bounds::at(step.lowest, cells).with(
@@ -492,16 +577,41 @@ impl Contact {
         );
         if contact.at_edge(cells) {
             return Err(SimulationError::OffSurface {
-                x_mm: self.truth.footprint_mm[0],
-                y_mm: self.truth.footprint_mm[1],
+                x_mm: step.footprint_mm[0],
+                y_mm: step.footprint_mm[1],
             });
         }
         let under = (0..cells * cells).filter(|&place| step.surface[place] < step.depth_mm);
         let wanted = contact.widened(1, cells).with(under, cells);
-        if step.window.holds(wanted) {
+        if !step.window.holds(wanted) {
+            step.bounds = step.bounds.union(wanted);
+            self.open(step);
+            return Ok(false);
+        }
+        let (convolution, ..) = self.tools(step.window);
+        convolution.tangential(&step.shear, &mut step.after);
+        for (u, more) in step.after.iter_mut().zip(&step.spread) {
+            *u += more;
+        }
+        // The skin under the indenter went along by so much: what it stands on now lay that far back at rest.
+        let carried = Motion::of(&step.pressure, &step.arm, |cell| step.after[cell]);
+        let footprint_mm = [at_mm[0] - carried.shift.re, at_mm[1] - carried.shift.im];
+        let footprint_turn_rad = turn_rad - carried.turn_rad;
+        let off_mm = libm::hypot(
+            footprint_mm[0] - step.footprint_mm[0],
+            footprint_mm[1] - step.footprint_mm[1],
+        )
+        .max((footprint_turn_rad - step.footprint_turn_rad).abs() * carried.radius_mm);
+        if off_mm <= PLACE_TOLERANCE * self.skin.pitch_mm() || step.corrections == CORRECTIONS {
             return Ok(true);
         }
-        step.bounds = step.bounds.union(wanted);
+        step.corrections += 1;
+        step.footprint_mm = footprint_mm;
+        step.footprint_turn_rad = footprint_turn_rad;
+        step.surface = self.gap_mm(step.tilt_rad, footprint_mm, footprint_turn_rad);
+        step.lowest = lowest(&step.surface);
+        let under = (0..cells * cells).filter(|&place| step.surface[place] < step.depth_mm);
+        step.bounds = step.bounds.with(under, cells);
         self.open(step);
         Ok(false)
     }
@@ -509,18 +619,14 @@ impl Contact {
     /// Takes over a settled step that ended with the indenter at `at_mm` and `turn_rad`: tractions, motion and
     /// how far it slid over the skin.
     pub(crate) fn accept(&mut self, step: &Step, at_mm: [f64; 2], turn_rad: f64) {
-        let mut after = vec![Pair::default(); step.places.len()];
-        let (convolution, ..) = self.tools(step.window);
-        convolution.tangential(&step.shear, &mut after);
-        for (u, more) in after.iter_mut().zip(&step.spread) {
-            *u += more;
-        }
         let truth = &mut self.truth;
         truth.pressure.fill(0.0);
         truth.shear.fill(Pair::default());
+        truth.lean.fill(Pair::default());
         for (cell, &place) in step.places.iter().enumerate() {
             truth.pressure[place] = step.pressure[cell];
             truth.shear[place] = step.shear[cell];
+            truth.lean[place] = step.lean[cell];
         }
         let old = truth.pose;
         truth.pose = Pose {
@@ -531,43 +637,23 @@ impl Contact {
         };
         let shift = Pair::new(at_mm[0] - old.at_mm[0], at_mm[1] - old.at_mm[1]);
         let turn = turn_rad - old.turn_rad;
-
-        // Means over the contact, weighted with the pressure.
-        let (mut weight, mut mean_slip, mut mean_arm) = (0.0, Pair::default(), Pair::default());
-        let (mut followed, mut asked) = (0.0, 0.0);
-        let motion = |cell: usize| {
-            let asked = shift + step.arm[cell].scale(turn);
-            (asked, after[cell] - step.before[cell])
-        };
+        let asked = |cell: usize| shift + step.arm[cell].scale(turn);
+        let made = |cell: usize| step.after[cell] - step.before[cell];
+        let (mut followed, mut moved) = (0.0, 0.0);
         for (cell, p) in step.pressure.iter().enumerate() {
-            let (wanted, made) = motion(cell);
-            weight += p;
-            mean_slip += (wanted - made).scale(*p);
-            mean_arm += step.arm[cell].scale(*p);
-            followed += p * (wanted.conj() * made).re;
-            asked += p * wanted.norm_sqr();
+            followed += p * (asked(cell).conj() * made(cell)).re;
+            moved += p * asked(cell).norm_sqr();
         }
-        mean_slip /= weight;
-        mean_arm /= weight;
-        let (mut spin, mut inertia) = (0.0, 0.0);
-        for (cell, p) in step.pressure.iter().enumerate() {
-            let (wanted, made) = motion(cell);
-            let arm = step.arm[cell] - mean_arm;
-            spin += p * (arm.conj() * (wanted - made - mean_slip)).re;
-            inertia += p * arm.norm_sqr();
-        }
-        self.slid_mm = mean_slip.norm();
-        if inertia > 0.0 {
-            self.footprint_turn_rad += spin / inertia;
-            // The spin as a way at the contact's radius of gyration.
-            self.slid_mm = libm::hypot(self.slid_mm, spin / (inertia * weight).sqrt());
-        }
-        truth.footprint_mm[0] += mean_slip.re;
-        truth.footprint_mm[1] += mean_slip.im;
-        truth.slip_distance_mm += mean_slip.norm();
+        let slip = Motion::of(&step.pressure, &step.arm, |cell| asked(cell) - made(cell));
+        self.slid_mm = libm::hypot(slip.shift.norm(), slip.turn_rad * slip.radius_mm);
+        truth.footprint_mm = step.footprint_mm;
+        self.footprint_turn_rad = step.footprint_turn_rad;
+        truth.slip_distance_mm += slip.shift.norm();
         truth.residuals = step.residuals;
-        let moved = asked > weight * STILL_MM * STILL_MM;
-        truth.classify(self.friction, moved.then(|| followed / asked));
+        let still = STILL_MM * STILL_MM * step.pressure.iter().sum::<f64>();
+        let follows = (moved > still).then(|| followed / moved);
+        self.sliding = follows.map_or(0.0, |share| (1.0 - share).clamp(0.0, 1.0));
+        truth.classify(self.friction, follows);
         self.drive = Drive {
             press: step.press,
             at_mm,
@@ -591,6 +677,56 @@ impl Contact {
     pub(crate) fn friction(&self) -> f64 {
         self.friction
     }
+}
+
+/// The rigid motion nearest to a field on the contact, weighted with the pressure.
+struct Motion {
+    /// Mean, mm.
+    shift: Pair,
+    turn_rad: f64,
+    /// The contact's radius of gyration, mm.
+    radius_mm: f64,
+}
+
+impl Motion {
+    fn of(pressure: &[f64], arm: &[Pair], field: impl Fn(usize) -> Pair) -> Self {
+        let (mut weight, mut shift, mut mean_arm) = (0.0, Pair::default(), Pair::default());
+        for (cell, p) in pressure.iter().enumerate() {
+            weight += p;
+            shift += field(cell).scale(*p);
+            mean_arm += arm[cell].scale(*p);
+        }
+        shift /= weight;
+        mean_arm /= weight;
+        let (mut spin, mut inertia) = (0.0, 0.0);
+        for (cell, p) in pressure.iter().enumerate() {
+            let arm = arm[cell] - mean_arm;
+            spin += p * (arm.conj() * (field(cell) - shift)).re;
+            inertia += p * arm.norm_sqr();
+        }
+        Self {
+            shift,
+            turn_rad: if inertia > 0.0 { spin / inertia } else { 0.0 },
+            radius_mm: (inertia / weight).sqrt(),
+        }
+    }
+}
+
+fn lowest(surface: &[f64]) -> usize {
+    (0..surface.len()).fold(
+        0,
+        |low, place| {
+            if surface[place] < surface[low] { place } else { low }
+        },
+    )
+}
+
+/// Sum of tractions and of their moments, per area of a cell.
+fn sum_and_moment(tractions: &[Pair], arm: &[Pair]) -> (Pair, f64) {
+    let each = tractions.iter().zip(arm);
+    each.fold((Pair::default(), 0.0), |(sum, moment), (q, arm)| {
+        (sum + q, moment + (arm.conj() * q).re)
+    })
 }
 
 fn check(drive: &Drive) -> Result<(), SimulationError> {

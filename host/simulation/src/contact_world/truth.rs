@@ -64,7 +64,10 @@ pub struct Truth {
     pub(crate) cells: usize,
     pub(crate) pitch_mm: f64,
     pub(crate) pressure: Vec<f64>,
+    /// Friction's share of the tangential traction.
     pub(crate) shear: Vec<Pair>,
+    /// The pressure's: it acts along the indenter's normal.
+    pub(crate) lean: Vec<Pair>,
     pub(crate) states: Vec<CellState>,
     pub(crate) pose: Pose,
     pub(crate) footprint_mm: [f64; 2],
@@ -81,6 +84,7 @@ impl Truth {
             pitch_mm: 2.0 * HALF_SURFACE_MM / cells as f64,
             pressure: vec![0.0; cells * cells],
             shear: vec![Pair::default(); cells * cells],
+            lean: vec![Pair::default(); cells * cells],
             states: vec![CellState::Free; cells * cells],
             pose,
             footprint_mm: pose.at_mm,
@@ -99,6 +103,7 @@ impl Truth {
                 other.pressure[here] = self.pressure[there];
                 other.states[here] = self.states[there];
                 other.shear[here] = Pair::new(-self.shear[there].re, self.shear[there].im);
+                other.lean[here] = Pair::new(-self.lean[there].re, self.lean[there].im);
             }
         }
         other.pose.at_mm[0] *= -1.0;
@@ -150,9 +155,16 @@ impl Truth {
         &self.pressure
     }
 
-    /// Shear on cell `cell`, MPa.
+    /// Tangential traction on cell `cell`, MPa: friction and the pressure's share along the indenter's slope.
     #[must_use]
     pub fn shear_mpa(&self, cell: usize) -> [f64; 2] {
+        let all = self.shear[cell] + self.lean[cell];
+        [all.re, all.im]
+    }
+
+    /// Friction on cell `cell`, MPa: at most the friction coefficient times the pressure.
+    #[must_use]
+    pub fn friction_mpa(&self, cell: usize) -> [f64; 2] {
         [self.shear[cell].re, self.shear[cell].im]
     }
 
@@ -185,7 +197,7 @@ impl Truth {
     /// Sum of forces, N: x, y, z into the skin.
     #[must_use]
     pub fn force_n(&self) -> [f64; 3] {
-        let shear: Pair = self.shear.iter().sum();
+        let shear: Pair = self.shear.iter().chain(&self.lean).sum();
         let area = self.pitch_mm * self.pitch_mm;
         [
             shear.re * area,
@@ -198,9 +210,9 @@ impl Truth {
     #[must_use]
     pub fn torsion_nmm(&self, about_mm: [f64; 2]) -> f64 {
         let mut sum = 0.0;
-        for (cell, q) in self.shear.iter().enumerate() {
-            let [x, y] = self.place_mm(cell);
-            sum += (x - about_mm[0]) * q.im - (y - about_mm[1]) * q.re;
+        for cell in 0..self.shear.len() {
+            let ([x, y], [qx, qy]) = (self.place_mm(cell), self.shear_mpa(cell));
+            sum += (x - about_mm[0]) * qy - (y - about_mm[1]) * qx;
         }
         sum * self.pitch_mm * self.pitch_mm
     }
@@ -262,7 +274,7 @@ impl Truth {
     pub fn force_map(&self) -> ForceMap {
         let per_taxel = self.cells / TAXELS;
         let mut sums = [[0.0_f64; 3]; TAXEL_COUNT];
-        self.each_force(|row, column, force| {
+        self.each_force(Self::shear_mpa, |row, column, force| {
             let taxel = &mut sums[row / per_taxel * TAXELS + column / per_taxel];
             for (sum, more) in taxel.iter_mut().zip(force) {
                 *sum += more;
@@ -271,11 +283,12 @@ impl Truth {
         sums.map(|taxel| taxel.map(|v| v as f32))
     }
 
-    /// Adds the forces to the grid of the field inside the skin, whose cells this grid divides, N.
+    /// Adds the forces that strain the skin to the grid of the field inside it, whose cells this grid divides, N:
+    /// all but the pressure's share along the slope.
     pub(crate) fn add_field_forces(&self, out: &mut [[f32; 3]]) {
         let per_cell = (FIELD_PITCH_MM / self.pitch_mm).round() as usize;
         let margin = (FIELD_CELLS - self.cells / per_cell) / 2;
-        self.each_force(|row, column, force| {
+        self.each_force(Self::friction_mpa, |row, column, force| {
             let cell = &mut out[(margin + row / per_cell) * FIELD_CELLS + margin + column / per_cell];
             for (sum, more) in cell.iter_mut().zip(force) {
                 *sum += more as f32;
@@ -284,14 +297,19 @@ impl Truth {
     }
 
     /// Calls `f` with row, column and force of every cell that something touches.
-    fn each_force(&self, mut f: impl FnMut(usize, usize, [f64; 3])) {
+    fn each_force(
+        &self,
+        tangential_mpa: impl Fn(&Self, usize) -> [f64; 2],
+        mut f: impl FnMut(usize, usize, [f64; 3]),
+    ) {
         let area = self.pitch_mm * self.pitch_mm;
-        for (cell, (p, q)) in self.pressure.iter().zip(&self.shear).enumerate() {
+        for (cell, p) in self.pressure.iter().enumerate() {
             if *p > 0.0 {
+                let [x, y] = tangential_mpa(self, cell);
                 f(
                     cell / self.cells,
                     cell % self.cells,
-                    [q.re * area, q.im * area, p * area],
+                    [x * area, y * area, p * area],
                 );
             }
         }

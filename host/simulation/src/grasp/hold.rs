@@ -115,6 +115,11 @@ impl Hold {
         }
     }
 
+    pub(crate) fn straight(mut self) -> Self {
+        self.contacts = self.contacts.into_iter().map(Contact::straight).collect();
+        self
+    }
+
     /// The contact that stands for `finger`, and whether it is its mirror image.
     pub(crate) fn contact(&self, finger: usize) -> (&Contact, bool) {
         self.contacts
@@ -164,13 +169,15 @@ impl Hold {
     pub(crate) fn press(&mut self, grip_n: f64, pose: Triple) -> Result<Outcome, SimulationError> {
         let mut steps = self.begin(grip_n, pose);
         let mut solves = 0;
-        for (contact, step) in self.contacts.iter_mut().zip(&mut steps) {
+        let turn = pose[2] + self.patch_turn_rad;
+        for (finger, (contact, step)) in self.contacts.iter_mut().zip(&mut steps).enumerate() {
+            let [x, y, turn] = seen(finger, [pose[0], pose[1], turn]);
             loop {
                 while !contact.press(step)? {
                     contact.shear(step, [0.0; 3], SHEAR_TOLERANCE);
                     solves += 1;
                 }
-                if contact.fits(step)? {
+                if contact.fits(step, [x, y], turn)? {
                     break;
                 }
             }
@@ -219,8 +226,10 @@ impl Hold {
             }
             if settled {
                 let mut fits = true;
-                for (contact, step) in self.contacts.iter_mut().zip(&mut steps) {
-                    fits &= contact.fits(step)?;
+                let turn = pose[2] + self.patch_turn_rad;
+                for (finger, (contact, step)) in self.contacts.iter_mut().zip(&mut steps).enumerate() {
+                    let [x, y, turn] = seen(finger, [pose[0], pose[1], turn]);
+                    fits &= contact.fits(step, [x, y], turn)?;
                 }
                 if fits {
                     self.accept(&steps, pose);

@@ -35,7 +35,7 @@ fn ball() -> GraspScene {
 
 /// Frames of a scene under a fixed grip.
 fn frames(scene: &GraspScene, dt_s: f64, duration_s: f64) -> Vec<GraspFrame> {
-    let mut world = GraspWorld::new(scene).unwrap();
+    let mut world = GraspWorld::new(scene).unwrap().straight();
     let mut frames = Vec::new();
     world
         .run(&mut FixedForce(GRIP_N), dt_s, duration_s, |frame| {
@@ -225,7 +225,7 @@ fn an_object_spins_when_the_moment_is_more_than_the_pressure_can_hold() {
     let mut scene = ball();
     scene.object.mass_g = 0.5;
     let frames = frames(&scene, FRAME_S, FREE_S);
-    let mut world = GraspWorld::new(&scene).unwrap();
+    let mut world = GraspWorld::new(&scene).unwrap().straight();
     for _ in &frames {
         world.step(FRAME_S, GRIP_N).unwrap();
     }

@@ -24,7 +24,7 @@ const CUTS: [f64; 8] = [1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0];
 const GRIP_STEP: [f64; 2] = [0.2, 0.25];
 /// Largest change of the load in a step, share of what friction holds.
 const LOAD_STEP: f64 = 0.25;
-/// Longest way of the object in a step, cells: the footprint follows a step later.
+/// Longest way of the object in a step, cells.
 const WAY_CELLS: f64 = 0.6;
 
 /// What worlds of the same skin may share: it takes longer to make than a world.
@@ -176,6 +176,14 @@ impl GraspWorld {
             truths,
             frame,
         })
+    }
+
+    /// The same with pressure straight down whatever the patch's slope, as closed forms have it:
+    /// [`Contact::straight`].
+    #[must_use]
+    pub fn straight(mut self) -> Self {
+        self.hold = self.hold.straight();
+        self
     }
 
     /// The scene.

@@ -18,6 +18,8 @@ use crate::random::Random;
 /// [`LARGEST_INDENTATION`], where the linear layer is doubtful, so that a hard grip is not a picture unlike all others.
 /// Figures are reported, and the detector is calibrated, up to [`LARGEST_INDENTATION`] only.
 pub const STRAIN_LIMIT: f64 = 0.35;
+/// Peak force below which training samples take the finer grid, N.
+const LIGHT_N: f64 = 1.5;
 /// Normal loads, log-uniform, N; the strain limit cuts them for slender shapes.
 const NORMAL_N: [f64; 2] = [0.1, 15.0];
 /// True friction.
@@ -340,13 +342,14 @@ impl History {
 }
 
 /// Cells along the skin's side for a history that peaks at `peak_n`: the production grid where figures are reported
-/// and the detector is calibrated, about half of it where thousands of samples are learned from. The coarser grid's
-/// maps are 2.4 % off (median; 5.8 % at most), a fraction of what the network misses, at a fifth of the cost.
+/// and the detector is calibrated, a third to a half of it where thousands of samples are learned from. The coarser
+/// grid's maps are a few percent off (the test below prints it), a fraction of what the network misses, at a fifth of
+/// the cost.
 fn grid_cells(split: Split, peak_n: f64) -> usize {
-    let cells = production_cells(peak_n);
     match split {
-        Split::Calibration | Split::Test => cells,
-        Split::Train | Split::Validation => (cells / 2).next_multiple_of(40),
+        Split::Calibration | Split::Test => production_cells(peak_n),
+        Split::Train | Split::Validation if peak_n < LIGHT_N => 80,
+        Split::Train | Split::Validation => 40,
     }
 }
 

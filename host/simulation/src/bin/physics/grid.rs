@@ -10,7 +10,7 @@ use crate::report::{Bound, Report, Worst};
 use crate::world::{World, difference, drive};
 use crate::{Failure, THREADS};
 
-const LOADS_N: [f64; 4] = [0.3, 1.0, 3.0, 10.0];
+const LOADS_N: [f64; 5] = [0.3, 1.0, 3.0, 6.0, 10.0];
 
 fn maps(world: &World, shape: Shape, force_n: f64, cells: usize) -> Result<[ForceMap; 2], SimulationError> {
     let mut contact = world.contact(&Gel::default(), cells, shape, Mount::default())?;
@@ -64,7 +64,7 @@ pub(crate) fn run(world: &World, report: &mut Report) -> Result<(), Failure> {
     }
     report.row(
         "production_grid",
-        "force map (L2), 12 shapes at 0.3, 1, 3, 10 N, worst",
+        "force map (L2), 12 shapes at 0.3, 1, 3, 6, 10 N, worst",
         "a grid twice as fine",
         Bound::AtMost(3.0),
         (worst.value, "%"),

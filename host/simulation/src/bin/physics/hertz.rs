@@ -52,12 +52,14 @@ pub(crate) fn run(world: &World, report: &mut Report, pictures: &Pictures) -> Re
     for radius_mm in [6.0, 12.0, 25.0] {
         for force_n in [0.3, 1.0, 3.0, 10.0] {
             let closed = Hertz::new(force_n, radius_mm, &gel)?;
-            let mut contact = world.contact(
-                &gel,
-                production_cells(force_n),
-                Paraboloid { radius_mm },
-                Mount::default(),
-            )?;
+            let mut contact = world
+                .contact(
+                    &gel,
+                    production_cells(force_n),
+                    Paraboloid { radius_mm },
+                    Mount::default(),
+                )?
+                .straight();
             let truth = contact.step(drive(force_n, [0.13, -0.07], 0.0))?;
             let [a, p0] = measured(truth);
             let at = || format!("{force_n} N, R {radius_mm} mm");
@@ -116,7 +118,9 @@ pub(crate) fn run(world: &World, report: &mut Report, pictures: &Pictures) -> Re
             ..gel
         };
         let cells = production_cells(force_n);
-        let mut contact = world.contact(&layer, cells, Paraboloid { radius_mm }, Mount::default())?;
+        let mut contact = world
+            .contact(&layer, cells, Paraboloid { radius_mm }, Mount::default())?
+            .straight();
         let truth = contact.step(drive(force_n, [0.13, -0.07], 0.0))?;
         let [a, p0] = measured(truth);
         let found = [

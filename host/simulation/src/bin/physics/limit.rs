@@ -158,12 +158,14 @@ pub(crate) fn run(world: &World, report: &mut Report, pictures: &Pictures) -> Re
     let (mut dots, mut paths) = (Vec::new(), Vec::new());
     // Turn by 1 and shift by so many radii, in steps of at most 0.4 cells.
     for pole in [0.0, 0.1, 0.2, 0.35, 0.5, 0.7, 1.0, 1.5, 2.5, 5.0, 1e6] {
-        let mut contact = world.contact(
-            &gel,
-            production_cells(force_n),
-            Paraboloid { radius_mm },
-            Mount::default(),
-        )?;
+        let mut contact = world
+            .contact(
+                &gel,
+                production_cells(force_n),
+                Paraboloid { radius_mm },
+                Mount::default(),
+            )?
+            .straight();
         contact.step(drive(force_n, [0.0; 2], 0.0))?;
         let turn_step = 0.4 * pitch / (a * f64::max(pole, 1.0));
         let mut path = vec![(0.0, 0.0)];
@@ -264,7 +266,7 @@ fn shapes(world: &World, report: &mut Report) -> Result<(), Failure> {
         let force_n = 3.0;
         let cells = production_cells(force_n);
         for pole in [0.0, 2.0, 30.0] {
-            let mut contact = world.contact(&gel, cells, shape, Mount::default())?;
+            let mut contact = world.contact(&gel, cells, shape, Mount::default())?.straight();
             contact.go(drive(force_n, [0.1, -0.05], 0.0), 6)?;
             let turn_step = 0.3 / f64::max(pole, 4.0);
             let mut slipped = 0;

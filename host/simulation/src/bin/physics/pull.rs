@@ -19,8 +19,9 @@ pub(crate) fn run(world: &World, report: &mut Report, pictures: &Pictures) -> Re
         let hertz = Hertz::new(force_n, RADIUS_MM, &gel)?;
         let closed = CattaneoMindlin::new(hertz, FRICTION, &gel)?;
         let cells = production_cells(force_n);
-        let mut contact =
-            world.contact(&gel, cells, Paraboloid { radius_mm: RADIUS_MM }, Mount::default())?;
+        let mut contact = world
+            .contact(&gel, cells, Paraboloid { radius_mm: RADIUS_MM }, Mount::default())?
+            .straight();
         contact.step(drive(force_n, [0.13, -0.07], 0.0))?;
         let mut dots = Vec::new();
         for share in SHARES {
@@ -56,12 +57,14 @@ pub(crate) fn run(world: &World, report: &mut Report, pictures: &Pictures) -> Re
     let force_n = 3.0;
     let hertz = Hertz::new(force_n, RADIUS_MM, &gel)?;
     let closed = CattaneoMindlin::new(hertz, FRICTION, &gel)?;
-    let mut contact = world.contact(
-        &gel,
-        production_cells(force_n),
-        Paraboloid { radius_mm: RADIUS_MM },
-        Mount::default(),
-    )?;
+    let mut contact = world
+        .contact(
+            &gel,
+            production_cells(force_n),
+            Paraboloid { radius_mm: RADIUS_MM },
+            Mount::default(),
+        )?
+        .straight();
     contact.step(drive(force_n, [0.0; 2], 0.0))?;
     let limit = closed.limit_n();
     let peak = 0.8 * limit;

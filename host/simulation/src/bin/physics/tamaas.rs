@@ -88,12 +88,14 @@ pub(crate) fn start(world: &World) -> Result<Running, Failure> {
             Box::new(known.ok_or_else(|| format!("no built-in shape is called {name:?}"))?)
         };
         let shape: std::sync::Arc<dyn HeightMap> = std::sync::Arc::from(shape);
-        let mut contact = world.contact(
-            &gel,
-            CELLS,
-            Shared(std::sync::Arc::clone(&shape)),
-            Mount::default(),
-        )?;
+        let mut contact = world
+            .contact(
+                &gel,
+                CELLS,
+                Shared(std::sync::Arc::clone(&shape)),
+                Mount::default(),
+            )?
+            .straight();
         let truth = contact.step(drive(FORCE_N, AT_MM, 0.0))?;
         let heights: Vec<f64> = (0..CELLS * CELLS)
             .map(|cell| {

@@ -51,8 +51,9 @@ pub(crate) fn run(world: &World, report: &mut Report, pictures: &Pictures) -> Re
         let a = hertz.radius_mm();
         let closed = Torsion::new(hertz, FRICTION, &gel)?;
         let cells = production_cells(force_n);
-        let mut contact =
-            world.contact(&gel, cells, Paraboloid { radius_mm: RADIUS_MM }, Mount::default())?;
+        let mut contact = world
+            .contact(&gel, cells, Paraboloid { radius_mm: RADIUS_MM }, Mount::default())?
+            .straight();
         contact.step(drive(force_n, [0.0; 2], 0.0))?;
         let mut last = 0.0;
         for share in [0.95, 0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 0.2] {
@@ -129,7 +130,9 @@ pub(crate) fn run(world: &World, report: &mut Report, pictures: &Pictures) -> Re
             radius_mm,
             pressure: pressure / gel.contact_modulus_mpa(),
         };
-        let mut contact = world.contact(&gel, production_cells(force_n), indenter, Mount::default())?;
+        let mut contact = world
+            .contact(&gel, production_cells(force_n), indenter, Mount::default())?
+            .straight();
         contact.step(drive(force_n, [0.0; 2], 0.0))?;
         let step = 0.8 * 32.0 / production_cells(force_n) as f64 / radius_mm;
         for i in 1..=40 {

@@ -155,19 +155,18 @@ pub(crate) struct Checked<'a> {
 }
 
 impl Checked<'_> {
+    /// With pressure straight down, as closed forms and other programs have it.
+    pub(crate) fn straight(mut self) -> Self {
+        self.contact = self.contact.straight();
+        self
+    }
+
     pub(crate) fn truth(&self) -> &Truth {
         self.contact.truth()
     }
 
     /// One step, checked.
     pub(crate) fn step(&mut self, drive: Drive) -> Result<&Truth, SimulationError> {
-        // A mount turns about where the indenter stood before the step.
-        let before = self.contact.truth();
-        let about = if before.in_contact() {
-            before.footprint_mm()
-        } else {
-            drive.at_mm
-        };
         let outcome = self.contact.step(drive).map(|_| ());
         let mut ledger = Ledger {
             steps: 1,
@@ -185,7 +184,7 @@ impl Checked<'_> {
             self.contact.truth(),
             &drive,
             self.mount,
-            (self.friction, about),
+            self.friction,
             &mut ledger,
         );
         self.world.enter(&ledger);
@@ -218,13 +217,9 @@ impl Checked<'_> {
 }
 
 /// Taxel sums and moments of `truth` against what `drive` applies through `mount`.
-fn balance(
-    truth: &Truth,
-    drive: &Drive,
-    mount: Mount,
-    (friction, about): (f64, [f64; 2]),
-    ledger: &mut Ledger,
-) {
+fn balance(truth: &Truth, drive: &Drive, mount: Mount, friction: f64, ledger: &mut Ledger) {
+    // A mount turns about where the indenter stands on the skin.
+    let about = truth.footprint_mm();
     let residuals = truth.residuals();
     ledger.gap = residuals.gap;
     ledger.friction = residuals.friction;
