@@ -11,10 +11,12 @@ pub mod dac;
 mod hardware;
 mod part;
 mod rtt;
+mod trace;
 mod uart;
 pub mod usb;
 pub mod wire;
 
 pub use board::{Board, EmulatorError, Reset};
 pub use dac::DacWrite;
+pub use trace::Event;
 pub use uart::UartByte;

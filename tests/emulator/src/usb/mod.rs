@@ -176,6 +176,11 @@ impl Port {
     }
 
     /// Instants at which bulk OUT packets lay in the receive FIFO, ready to be read, since the last call.
+    /// Packets that ever lay in the receive FIFO and no call has taken yet.
+    pub(crate) fn deliveries(&self) -> usize {
+        self.deliveries.len()
+    }
+
     pub(crate) fn take_deliveries(&mut self) -> Vec<u64> {
         std::mem::take(&mut self.deliveries)
     }

@@ -1,0 +1,27 @@
+//! How long the firmware takes at most from a map's last packet to the grip-force line: measured on the unmodified
+//! image, instruction by instruction, and bounded by a walk over the linked image.
+#![forbid(unsafe_code)]
+
+pub mod cycles;
+pub mod image;
+pub mod walk;
+
+/// Why a figure cannot be had.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// The image cannot be read.
+    #[error("image: {0}; build it with `cargo xtask firmware --board stm32f427vi`")]
+    Image(String),
+    /// The board did not run.
+    #[error(transparent)]
+    Board(#[from] gripline_emulator::EmulatorError),
+    /// The board did not do what every measurement stands on.
+    #[error("board: expected {expected}, found {found}")]
+    Unexpected {
+        /// What had to happen.
+        expected: String,
+        /// What happened.
+        found: String,
+    },
+}
