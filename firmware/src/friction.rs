@@ -72,16 +72,23 @@ impl Friction {
     }
 
     /// floor(μ² fz²) for fz ≥ 0: the largest fx² + fy² that sticks. Meaningless for negative fz.
+    ///
+    /// The 2 makes up for the one that the held square lacks and for what the low product drops, and lifts the result by
+    /// less than 2⁻³⁰ of a whole number.
     #[inline]
     #[must_use]
     pub const fn shear_square_bound(self, normal: i16) -> u32 {
         let normal = normal as i32;
+        let [low, high] = self.halves();
         // 4 fz² < 2³²; the four makes the wanted word the highest of a 96-bit product.
-        let four_squares = (normal * normal).cast_unsigned() << 2;
-        let a = four_squares as u64;
-        let low = a * (self.square_less_one & 0xFFFF_FFFF) + a;
-        let high = a * (self.square_less_one >> 32) + (low >> 32);
-        (high >> 32) as u32
+        let four_squares = ((normal * normal).cast_unsigned() << 2) as u64;
+        ((four_squares * high as u64 + ((four_squares * low as u64) >> 32) + 2) >> 32) as u32
+    }
+
+    /// μ² as it is held, in two words, the lower one first: for a kernel that does the same in instructions of its own.
+    #[must_use]
+    pub const fn halves(self) -> [u32; 2] {
+        [self.square_less_one as u32, (self.square_less_one >> 32) as u32]
     }
 
     /// Whether F_T > μ F_N: the Coulomb baseline on whole forces (any unit, both the same).
@@ -92,8 +99,10 @@ impl Friction {
             // Literally: F_T > μ F_N with a negative right side, or with 0 when μ is 0.
             return self.per_unit > 0 || shear_square > 0;
         }
+        // One 64×64→128 product a side.
+        let one = u64::from(PER_UNIT) * u64::from(PER_UNIT);
         let bound = u128::from(square(i32::from(self.per_unit))) * u128::from(square(normal));
-        u128::from(shear_square) * u128::from(PER_UNIT) * u128::from(PER_UNIT) > bound
+        u128::from(shear_square) * u128::from(one) > bound
     }
 }
 

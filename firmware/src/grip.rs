@@ -8,6 +8,7 @@ use gripline_protocol::PER_UNIT;
 use gripline_protocol::message::{Configuration, GripMode, SlipState};
 
 use crate::constants::FEED_FORWARD_FRICTION_MIN;
+use crate::divide::divide;
 
 /// A grip force, 1/4096 N; never negative.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default)]
@@ -113,8 +114,8 @@ impl GripController {
     /// What must be on the line.
     #[must_use]
     pub const fn line(&self) -> GripForce {
-        // Between 0 and 125 N by the checks of the settings.
-        GripForce::from_lsb((self.line_milli / MILLI) as i32)
+        // Between 0 and 125 N by the checks of the settings, so its thousandths fit 32 bits.
+        GripForce::from_lsb((self.line_milli as u32 / MILLI as u32) as i32)
     }
 
     /// Takes what the newest maps say. Older than `stale_ms`, it moves the reflex no more: what slipped then may
@@ -128,8 +129,9 @@ impl GripController {
     fn feed_forward(&self, settings: &Configuration) -> i64 {
         let friction = u32::from(settings.friction).max(FEED_FORWARD_FRICTION_MIN);
         let share = i64::from(PER_UNIT) + i64::from(settings.margin);
-        // At most 2²⁵ · 5·10⁴ / 500.
-        i64::from(self.evidence.shear) * share / i64::from(friction)
+        // At most 2²⁵ · 5·10⁴ / 500; shear is no less than 0.
+        let product = (i64::from(self.evidence.shear) * share).max(0).cast_unsigned();
+        divide(product, friction as u16).cast_signed()
     }
 
     /// Moves the line to `now_us` and returns it.
@@ -177,9 +179,9 @@ impl GripController {
         if slips || missing > 0 {
             self.stuck_us = 0;
             let share = if slips { settings.reflex_target } else { missing };
-            let target = i64::from(settings.reflex_target.max(1));
-            self.reflex_milli +=
-                i64::from(settings.reflex_rate) * passed_us as i64 * i64::from(share) / target;
+            // At most 2¹⁶ · 10⁶ · 10⁴.
+            let product = u64::from(settings.reflex_rate) * passed_us * u64::from(share);
+            self.reflex_milli += divide(product, settings.reflex_target.max(1)).cast_signed();
             return false;
         }
         // Between target and incipient threshold nothing moves: a dead band against limit cycles.
@@ -199,5 +201,5 @@ impl GripController {
 
 /// How far the plan lets the line fall: `relax_rate` is per second.
 fn relax_step(passed_us: u64, settings: &Configuration) -> i64 {
-    i64::from(settings.relax_rate) * passed_us as i64 / 1_000
+    divide(u64::from(settings.relax_rate) * passed_us, 1_000).cast_signed()
 }

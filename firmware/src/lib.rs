@@ -14,6 +14,7 @@ extern crate std;
 
 pub mod clock;
 pub mod constants;
+mod divide;
 pub mod friction;
 pub mod grip;
 pub mod line;

@@ -4,6 +4,8 @@
 //! CRC and the decision remain. A map whose CRC, order or sequence is wrong changes nothing.
 //! Units: forces 1/4096 N, time in µs since start (u64: no wrap). No allocation, no panic, no IO.
 
+use core::marker::PhantomData;
+
 use gripline_protocol::message::{
     Command, Configuration, GripMode, Hello, MapSums, Message, MessagePackets, Refusal, Report, Revision,
     STAGES, SlipState, Stage, Status,
@@ -18,7 +20,7 @@ use crate::line::LineHealth;
 use crate::safety::{Fault, Safety};
 use crate::slip::{Judgement, SlipDetector, severity};
 use crate::storage::Stored;
-use crate::sums::{TaxelRule, accumulate, total_shear};
+use crate::sums::{Accumulator, Kernel, Portable, TaxelRule, total_shear};
 
 /// Why the controller started.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -101,13 +103,14 @@ impl Outbox {
 
 /// The whole program. About 2 KiB.
 #[derive(Debug)]
-pub struct Mcu {
+pub struct Mcu<K = Portable> {
+    kernel: PhantomData<K>,
     start: Start,
     settings: Configuration,
     rule: TaxelRule,
     parser: Parser,
     /// Sums of the map under way; void until its CRC is known to be right.
-    partial: MapSums,
+    partial: Accumulator,
     fingertips: [Fingertip; SENSORS],
     newest: MapInfo,
     coulomb_slip: bool,
@@ -127,9 +130,17 @@ pub struct Mcu {
 }
 
 impl Mcu {
-    /// Starts with the stored settings or the default ones: released, or holding the restored line.
+    /// [`Mcu::with_kernel`] with the kernel of every host.
     #[must_use]
     pub fn new(start: Start) -> Self {
+        Self::with_kernel(start)
+    }
+}
+
+impl<K: Kernel> Mcu<K> {
+    /// Starts with the stored settings or the default ones: released, or holding the restored line.
+    #[must_use]
+    pub fn with_kernel(start: Start) -> Self {
         let settings = start.stored.settings.unwrap_or(Configuration::DEFAULT);
         let mut safety = Safety::new();
         if start.reset != ResetCause::PowerOn {
@@ -138,11 +149,12 @@ impl Mcu {
         }
         safety.set(Fault::SettingsLost, start.stored.lost);
         Self {
+            kernel: PhantomData,
             start,
             rule: TaxelRule::of(&settings),
             settings,
             parser: Parser::new(),
-            partial: MapSums::default(),
+            partial: Accumulator::new(TaxelRule::of(&settings)),
             fingertips: [Fingertip {
                 fresh_us: start.now_us,
                 ..Fingertip::default()
@@ -181,14 +193,14 @@ impl Mcu {
         let mut decided = false;
         match self.parser.push(packet) {
             Ok(Event::MapStart { abandoned, .. }) => {
-                self.partial = MapSums::default();
+                self.partial = Accumulator::new(self.rule);
                 if abandoned {
                     self.safety.packet_refused();
                 }
             }
-            Ok(Event::MapForces(forces)) => accumulate(&mut self.partial, forces.iter(), self.rule),
+            Ok(Event::MapForces(forces)) => K::add(&mut self.partial, forces.places(), forces.bytes()),
             Ok(Event::MapEnd { info, forces }) => {
-                accumulate(&mut self.partial, forces.iter(), self.rule);
+                K::add(&mut self.partial, forces.places(), forces.bytes());
                 decided = self.map(info);
             }
             Ok(Event::Fragment) => {}
@@ -336,7 +348,7 @@ impl Mcu {
             return self.refuse_map(Fault::FutureMap);
         };
         tip.sequence.accept(info.sequence);
-        tip.sums = self.partial;
+        tip.sums = self.partial.finish();
         tip.shear = total_shear(&tip.sums);
         tip.judgement = tip
             .slip

@@ -5,6 +5,7 @@
 use gripline_protocol::message::{Configuration, MapSums, SlipState};
 
 use crate::constants::{TIME_TO_SLIP_MAX_MS, TREND_MAPS};
+use crate::divide::divide;
 use crate::sums::{stick_ratio, stick_ratio_below};
 
 /// What the detector says after a map.
@@ -98,9 +99,10 @@ pub const fn severity(state: SlipState) -> u8 {
 /// hardly moves.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 struct Trend {
-    /// (stick ratio, capture time), oldest first.
+    /// (stick ratio, capture time); the oldest stands at `oldest`.
     maps: [(u16, u32); TREND_MAPS],
     filled: u8,
+    oldest: u8,
 }
 
 impl Trend {
@@ -108,34 +110,35 @@ impl Trend {
         Self {
             maps: [(0, 0); TREND_MAPS],
             filled: 0,
+            oldest: 0,
         }
     }
 
     /// Time to the threshold in ms; `None` while the window fills or the ratio does not fall.
     fn push(&mut self, ratio: u16, capture_us: u32, threshold: u16) -> Option<u16> {
-        self.maps.rotate_left(1);
-        self.maps[TREND_MAPS - 1] = (ratio, capture_us);
+        let at = usize::from(self.oldest) % TREND_MAPS;
+        self.maps[at] = (ratio, capture_us);
+        self.oldest = (at as u8 + 1) % TREND_MAPS as u8;
         self.filled = (self.filled + 1).min(TREND_MAPS as u8);
         if usize::from(self.filled) < TREND_MAPS {
             return None;
         }
-        let (older, newer) = self.maps.split_at(TREND_MAPS / 2);
-        let ratios = |half: &[(u16, u32)]| half.iter().map(|map| u32::from(map.0)).sum::<u32>();
-        let newest_us = |us: u32| capture_us.wrapping_sub(us);
-        let ages_ms = |half: &[(u16, u32)]| {
-            half.iter()
-                .map(|map| newest_us(map.1) / 1_000)
-                .fold(0, u32::saturating_add)
+        let half = |first: usize| {
+            let (mut ratios, mut ages_ms) = (0, 0_u32);
+            for place in 0..TREND_MAPS / 2 {
+                let (ratio, us) = self.maps[(at + 1 + first + place) % TREND_MAPS];
+                ratios += u32::from(ratio);
+                ages_ms = ages_ms.saturating_add(capture_us.wrapping_sub(us) / 1_000);
+            }
+            (ratios, ages_ms)
         };
+        let ((older, older_ms), (newer, newer_ms)) = (half(0), half(TREND_MAPS / 2));
         // Both sums are over four maps; the fours cancel.
-        let fall = ratios(older)
-            .checked_sub(ratios(newer))
-            .filter(|fall| *fall > 0)?;
-        let span_ms = ages_ms(older)
-            .checked_sub(ages_ms(newer))
-            .filter(|span| *span > 0)?;
+        let fall = older.checked_sub(newer).filter(|fall| *fall > 0)?;
+        let span_ms = older_ms.checked_sub(newer_ms).filter(|span| *span > 0)?;
         let left = u32::from(ratio.saturating_sub(threshold));
-        let time_ms = u64::from(left) * u64::from(span_ms) / u64::from(fall);
+        // Four ratios of at most 10,000.
+        let time_ms = divide(u64::from(left) * u64::from(span_ms), fall as u16);
         u32::try_from(time_ms)
             .ok()
             .filter(|ms| *ms <= TIME_TO_SLIP_MAX_MS)

@@ -4,9 +4,9 @@
 //! No branch on the forces, so the work depends on the number of taxels only. No sum can overflow: 400 taxels of 2¹⁵
 //! at a distance of at most 19 give |Σ(x fy − y fx)| ≤ 400·38·2¹⁵ < 2³¹.
 
-use gripline_protocol::constants::TAXEL_PITCH_MM;
+use gripline_protocol::constants::{TAXEL_BYTES, TAXEL_PITCH_MM};
 use gripline_protocol::message::{Configuration, MapSums};
-use gripline_protocol::{ForceMap, PER_UNIT, SIDE, TAXELS, TaxelForce};
+use gripline_protocol::{ForceMap, PER_UNIT, Place, SIDE, TaxelForce};
 
 use crate::friction::Friction;
 
@@ -48,51 +48,109 @@ impl TaxelRule {
     }
 }
 
-/// Place of every taxel's centre: (x, y) in half pitches.
-static PLACES: [(i16, i16); TAXELS] = {
-    let mut places = [(0, 0); TAXELS];
-    let mut taxel = 0;
-    while taxel < TAXELS {
-        places[taxel] = (half_pitches(taxel % SIDE), half_pitches(taxel / SIDE));
-        taxel += 1;
-    }
-    places
-};
-
-const fn half_pitches(index: usize) -> i16 {
-    2 * index as i16 - (SIDE as i16 - 1)
+/// Sums of a map under way. The places count in columns and rows from 0, which [`Accumulator::finish`] turns into half
+/// pitches from the centre; with them no sum can overflow either (|Σ(column fy − row fx)| ≤ 400·38·2¹⁵).
+///
+/// The order of the fields is what a [`Kernel`] in machine instructions goes by.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(C)]
+pub struct Accumulator {
+    /// Σ fx, Σ fy, Σ fz.
+    pub force: [i32; 3],
+    /// Σ(column fy − row fx).
+    pub moment: i32,
+    /// Σ column fz, Σ row fz.
+    pub pressure: [i32; 2],
+    /// Taxels that are not in contact.
+    pub idle: u32,
+    /// Taxels in contact that do not stick.
+    pub slips: u32,
+    /// μ² as [`Friction::halves`] gives it.
+    pub square: [u32; 2],
+    /// −1 − `contact_min`: with fz it is negative without contact.
+    pub below: i32,
+    /// Taxels added.
+    pub taxels: u32,
 }
 
-/// Adds taxels to the sums. `taxels` are (number, force); numbers past the map are ignored.
-#[inline]
-pub fn accumulate(sums: &mut MapSums, taxels: impl Iterator<Item = (u16, TaxelForce)>, rule: TaxelRule) {
-    // A local copy, so that the compiler may keep the sums in registers over the loop.
-    let mut local = *sums;
-    for (taxel, force) in taxels {
-        let Some(&(x, y)) = PLACES.get(usize::from(taxel)) else {
-            continue;
-        };
-        let (x, y) = (i32::from(x), i32::from(y));
-        let (fx, fy, fz) = (i32::from(force.x), i32::from(force.y), i32::from(force.z));
-        let (contact, stick) = rule.decide(force);
-        local.contact += u16::from(contact);
-        local.stick += u16::from(stick);
-        local.force[0] += fx;
-        local.force[1] += fy;
-        local.force[2] += fz;
-        local.moment += x * fy - y * fx;
-        local.pressure[0] += x * fz;
-        local.pressure[1] += y * fz;
+impl Accumulator {
+    /// No taxel yet.
+    #[must_use]
+    pub const fn new(rule: TaxelRule) -> Self {
+        Self {
+            force: [0; 3],
+            moment: 0,
+            pressure: [0; 2],
+            idle: 0,
+            slips: 0,
+            square: rule.friction.halves(),
+            below: -1 - rule.contact_min as i32,
+            taxels: 0,
+        }
     }
-    *sums = local;
+
+    /// The sums of all taxels added.
+    #[must_use]
+    pub const fn finish(&self) -> MapSums {
+        // 2 column − 19 half pitches.
+        const LAST: i32 = SIDE as i32 - 1;
+        let [x, y, z] = self.force;
+        let contact = self.taxels.wrapping_sub(self.idle);
+        MapSums {
+            contact: contact as u16,
+            stick: contact.wrapping_sub(self.slips) as u16,
+            force: self.force,
+            moment: 2 * self.moment - LAST * y + LAST * x,
+            pressure: [2 * self.pressure[0] - LAST * z, 2 * self.pressure[1] - LAST * z],
+        }
+    }
+}
+
+/// Adds taxels to sums: the work per taxel, of which a board may have a faster form that gives the same sums.
+pub trait Kernel {
+    /// Adds one taxel for each of `bytes` (x, y, z, little-endian); `places` are at least as many.
+    fn add(sums: &mut Accumulator, places: &[Place], bytes: &[[u8; TAXEL_BYTES]]);
+}
+
+/// The kernel of every host.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Portable;
+
+impl Kernel for Portable {
+    #[inline]
+    fn add(sums: &mut Accumulator, places: &[Place], bytes: &[[u8; TAXEL_BYTES]]) {
+        let [low, high] = sums.square.map(u64::from);
+        for (place, &bytes) in places.iter().zip(bytes) {
+            let force = TaxelForce::from_le_bytes(bytes);
+            let (column, row) = (i32::from(place.column()), i32::from(place.row()));
+            let (x, y, z) = (i32::from(force.x), i32::from(force.y), i32::from(force.z));
+            sums.force[0] += x;
+            sums.force[1] += y;
+            sums.force[2] += z;
+            sums.moment += column * y - row * x;
+            sums.pressure[0] += column * z;
+            sums.pressure[1] += row * z;
+            // As `TaxelRule::decide`, word by word.
+            let shear_square = (x * x).cast_unsigned() + (y * y).cast_unsigned();
+            let four_squares = u64::from((z * z).cast_unsigned() << 2);
+            let bound = ((four_squares * high + ((four_squares * low) >> 32) + 2) >> 32) as u32;
+            let is_idle = z + sums.below < 0;
+            sums.idle += u32::from(is_idle);
+            sums.slips += u32::from(!is_idle) & u32::from(shear_square > bound);
+            sums.taxels += 1;
+        }
+    }
 }
 
 /// The sums of a whole map.
 #[must_use]
 pub fn sums_of(map: &ForceMap, rule: TaxelRule) -> MapSums {
-    let mut sums = MapSums::default();
-    accumulate(&mut sums, (0..).zip(map.taxels.iter().copied()), rule);
-    sums
+    let mut sums = Accumulator::new(rule);
+    for (row, forces) in (0..).zip(map.taxels.as_chunks::<SIDE>().0) {
+        let places: [Place; SIDE] = core::array::from_fn(|column| Place::new(column as u16, row));
+        Portable::add(&mut sums, &places, &forces.map(TaxelForce::to_le_bytes));
+    }
+    sums.finish()
 }
 
 /// Stick ratio in 1/10000, rounded down; `None` when nothing is in contact.
@@ -117,7 +175,37 @@ pub fn total_shear(sums: &MapSums) -> i32 {
     let [x, y, _] = sums.force;
     let square = u64::from(x.unsigned_abs()).pow(2) + u64::from(y.unsigned_abs()).pow(2);
     // At most √2 · 400 · 2¹⁵ < 2²⁵.
-    square.isqrt() as i32
+    square_root(square) as i32
+}
+
+/// floor(√square) for squares below 2⁵², in 13 equal steps for the upper half of the root and one division for the
+/// lower (Zimmermann, "Karatsuba square root"): always the same work, and no 64-bit division.
+const fn square_root(square: u64) -> u32 {
+    const HALF: u32 = 13;
+    const MASK: u32 = (1 << HALF) - 1;
+    // An even number of places, so that the highest quarter of 52 bits is not zero.
+    let shift = if square == 0 {
+        0
+    } else {
+        (square.leading_zeros() - 12) & !1
+    };
+    let scaled = square << shift;
+    let (mut rest, mut root, mut step) = ((scaled >> (2 * HALF)) as u32, 0, 1 << (2 * HALF - 2));
+    while step != 0 {
+        let trial = root + step;
+        let fits = (rest >= trial) as u32;
+        rest -= trial * fits;
+        root = (root >> 1) + step * fits;
+        step >>= 2;
+    }
+    let low = (scaled as u32 >> HALF) & MASK;
+    let numerator = rest << HALF | low;
+    // The highest quarter makes the root at least 2¹²; the 1 tells the compiler that it is no zero.
+    let divisor = root << 1 | (root == 0) as u32;
+    let (quotient, left) = (numerator / divisor, numerator % divisor);
+    let root = (root << HALF) + quotient;
+    let missing = ((left as i64) << HALF | (scaled as u32 & MASK) as i64) < quotient as i64 * quotient as i64;
+    (root - missing as u32) >> (shift / 2)
 }
 
 /// Centre of pressure Σ(x fz)/Σ fz, Σ(y fz)/Σ fz in micrometres from the map's centre, rounded towards zero; `None`
@@ -131,5 +219,27 @@ pub fn centre_of_pressure_um(sums: &MapSums) -> Option<[i32; 2]> {
         None
     } else {
         Some([place(sums.pressure[0])?, place(sums.pressure[1])?])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn the_square_root_is_that_of_the_standard_library(square in 0_u64..1 << 52, root in 0_u64..1 << 26) {
+            for square in [square, square >> 20, square >> 40, root * root, (root * root).saturating_sub(1)] {
+                prop_assert_eq!(u64::from(square_root(square)), square.isqrt());
+            }
+        }
+    }
+
+    #[test]
+    fn the_square_roots_of_small_and_of_the_largest_squares_are_right() {
+        for square in (0..100_000).chain((1 << 52) - 1_000..1 << 52) {
+            assert_eq!(u64::from(square_root(square)), square.isqrt(), "{square}");
+        }
     }
 }

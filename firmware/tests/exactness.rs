@@ -3,10 +3,11 @@
 
 use gripline_firmware::Friction;
 use gripline_firmware::sums::{
-    TaxelRule, accumulate, centre_of_pressure_um, stick_ratio_below, sums_of, total_shear,
+    Accumulator, Kernel as _, Portable, TaxelRule, centre_of_pressure_um, stick_ratio_below, sums_of,
+    total_shear,
 };
 use gripline_protocol::message::MapSums;
-use gripline_protocol::{ForceMap, TAXELS, TaxelForce};
+use gripline_protocol::{ForceMap, Place, TAXELS, TaxelForce};
 use num_bigint::BigInt;
 use proptest::prelude::*;
 use rand::RngExt;
@@ -21,9 +22,12 @@ fn sticks_exactly(force: TaxelForce, per_unit: u16) -> bool {
 
 /// The detector's answer for one taxel, through the path that every map takes: (in contact, sticks).
 fn detector_says(force: TaxelForce, rule: TaxelRule) -> (bool, bool) {
-    let mut sums = MapSums::default();
-    accumulate(&mut sums, core::iter::once((0, force)), rule);
-    (sums.contact == 1, sums.stick == 1)
+    let mut sums = Accumulator::new(rule);
+    Portable::add(&mut sums, &[Place::new(0, 0)], &[force.to_le_bytes()]);
+    let sums = sums.finish();
+    let found = (sums.contact == 1, sums.stick == 1);
+    assert_eq!(rule.decide(force), found, "one taxel and the sums");
+    found
 }
 
 fn rule(per_unit: u16, contact_min: i16) -> TaxelRule {

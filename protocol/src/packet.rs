@@ -7,8 +7,6 @@
 //! | 2 | lowest byte of the map's sequence number | number of fragments |
 //! | 3 | index of the packet in the map | index of the fragment |
 
-use crc::{CRC_32_ISO_HDLC, Crc, Digest};
-
 use crate::constants::{PACKET_HEADER, WIRE_VERSION};
 
 /// What a packet is part of.
@@ -73,25 +71,67 @@ impl Header {
     }
 }
 
-static CRC: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
+/// The reflected polynomial of CRC-32/ISO-HDLC.
+const POLYNOMIAL: u32 = 0xEDB8_8320;
 
-/// A CRC-32 under way, over every byte of a map or message in order, headers included.
-#[derive(Clone)]
-pub(crate) struct RunningCrc(Digest<'static, u32>);
+/// What a byte makes of the CRC when 0 to 3 bytes follow it in the same word: four bytes a step, a quarter of the work
+/// of the plain table, for 4 KiB. (The `crc` crate has one byte a step in 1 KiB or sixteen in 16 KiB.)
+static CRC_TABLES: [[u32; 256]; 4] = {
+    let mut tables = [[0; 256]; 4];
+    let mut byte = 0;
+    while byte < 256 {
+        let (mut crc, mut bit) = (byte as u32, 0);
+        while bit < 8 {
+            crc = if crc & 1 == 1 {
+                crc >> 1 ^ POLYNOMIAL
+            } else {
+                crc >> 1
+            };
+            bit += 1;
+        }
+        tables[0][byte] = crc;
+        byte += 1;
+    }
+    let mut table = 1;
+    while table < 4 {
+        let mut byte = 0;
+        while byte < 256 {
+            let before = tables[table - 1][byte];
+            tables[table][byte] = before >> 8 ^ tables[0][before as usize & 0xFF];
+            byte += 1;
+        }
+        table += 1;
+    }
+    tables
+};
+
+/// A CRC-32 (ISO-HDLC) under way, over every byte of a map or message in order, headers included.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct RunningCrc(u32);
 
 impl RunningCrc {
-    pub(crate) fn new() -> Self {
-        Self(CRC.digest())
+    pub(crate) const fn new() -> Self {
+        Self(u32::MAX)
     }
 
     #[inline]
     pub(crate) fn update(&mut self, bytes: &[u8]) {
-        self.0.update(bytes);
+        let [t0, t1, t2, t3] = &CRC_TABLES;
+        let (words, rest) = bytes.as_chunks::<4>();
+        let mut crc = self.0;
+        for &word in words {
+            let [a, b, c, d] = (crc ^ u32::from_le_bytes(word)).to_le_bytes().map(usize::from);
+            crc = t3[a] ^ t2[b] ^ t1[c] ^ t0[d];
+        }
+        for &byte in rest {
+            crc = t0[usize::from(crc as u8 ^ byte)] ^ crc >> 8;
+        }
+        self.0 = crc;
     }
 
     #[inline]
-    pub(crate) fn finish(self) -> u32 {
-        self.0.finalize()
+    pub(crate) const fn finish(self) -> u32 {
+        !self.0
     }
 }
 
@@ -104,8 +144,22 @@ pub fn crc32(bytes: impl IntoIterator<Item = u8>) -> u32 {
     crc.finish()
 }
 
-impl core::fmt::Debug for RunningCrc {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        f.write_str("RunningCrc")
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn the_crc_is_that_of_another_implementation_however_the_bytes_are_cut(
+            bytes in proptest::collection::vec(any::<u8>(), 0..300),
+            cut in 0_usize..300,
+        ) {
+            let cut = cut.min(bytes.len());
+            let mut crc = RunningCrc::new();
+            crc.update(&bytes[..cut]);
+            crc.update(&bytes[cut..]);
+            prop_assert_eq!(crc.finish(), crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC).checksum(&bytes));
+        }
     }
 }

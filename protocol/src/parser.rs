@@ -10,7 +10,7 @@ use crate::constants::{
     CRC_BYTES, MESSAGE_FRAGMENTS_MAX, MESSAGE_MAX, PACKET_HEADER, PACKET_MAX, SENSORS, TAXEL_BYTES, TAXELS,
     TAXELS_PER_PACKET, WIRE_VERSION,
 };
-use crate::force_map::TaxelForce;
+use crate::force_map::{Place, TaxelForce};
 use crate::map_codec::{Head, MapInfo};
 use crate::packet::{Header, Kind, RunningCrc};
 
@@ -44,26 +44,33 @@ pub enum Event<'a> {
 /// Forces of consecutive active taxels, as they stand in a packet.
 #[derive(Debug, Clone, Copy)]
 pub struct Forces<'a> {
-    taxels: &'a [u16],
+    places: &'a [Place],
     bytes: &'a [[u8; TAXEL_BYTES]],
 }
 
-impl Forces<'_> {
+impl<'a> Forces<'a> {
+    /// Where the taxels are, at least as many as [`Forces::bytes`] has.
+    #[inline]
+    #[must_use]
+    pub fn places(&self) -> &'a [Place] {
+        self.places
+    }
+
+    /// The taxels' forces as they stand in the packet: x, y, z, little-endian.
+    #[inline]
+    #[must_use]
+    pub fn bytes(&self) -> &'a [[u8; TAXEL_BYTES]] {
+        self.bytes
+    }
+
     /// (taxel number `row * 20 + column`, force), in ascending order.
     #[inline]
     #[must_use]
     pub fn iter(&self) -> impl ExactSizeIterator<Item = (u16, TaxelForce)> {
-        self.taxels
+        self.places
             .iter()
             .zip(self.bytes)
-            .map(|(&taxel, &[x0, x1, y0, y1, z0, z1])| {
-                let force = TaxelForce {
-                    x: i16::from_le_bytes([x0, x1]),
-                    y: i16::from_le_bytes([y0, y1]),
-                    z: i16::from_le_bytes([z0, z1]),
-                };
-                (taxel, force)
-            })
+            .map(|(place, bytes)| (place.taxel(), TaxelForce::from_le_bytes(*bytes)))
     }
 }
 
@@ -140,8 +147,8 @@ pub struct Counters {
 #[derive(Debug)]
 pub struct Parser {
     map: Option<MapUnderWay>,
-    /// Numbers of the active taxels of the map under way, ascending.
-    positions: [u16; TAXELS],
+    /// Places of the active taxels of the map under way, ascending.
+    places: [Place; TAXELS],
     message: Option<MessageUnderWay>,
     buffer: [u8; MESSAGE_MAX],
     counters: Counters,
@@ -178,7 +185,7 @@ impl Parser {
     pub const fn new() -> Self {
         Self {
             map: None,
-            positions: [0; TAXELS],
+            places: [Place::new(0, 0); TAXELS],
             message: None,
             buffer: [0; MESSAGE_MAX],
             counters: Counters {
@@ -230,7 +237,7 @@ impl Parser {
                 })
             }
             Ok(Accepted::Forces { first, bytes }) => Ok(Event::MapForces(Forces {
-                taxels: &self.positions[first..],
+                places: self.places.get(first..).unwrap_or_default(),
                 bytes,
             })),
             Ok(Accepted::End { info, first, bytes }) => {
@@ -238,7 +245,7 @@ impl Parser {
                 Ok(Event::MapEnd {
                     info,
                     forces: Forces {
-                        taxels: &self.positions[first..],
+                        places: self.places.get(first..).unwrap_or_default(),
                         bytes,
                     },
                 })
@@ -246,7 +253,7 @@ impl Parser {
             Ok(Accepted::Fragment) => Ok(Event::Fragment),
             Ok(Accepted::Message { length }) => {
                 self.counters.messages = self.counters.messages.wrapping_add(1);
-                Ok(Event::Message(&self.buffer[..length]))
+                Ok(Event::Message(self.buffer.get(..length).unwrap_or_default()))
             }
             Err(error) => {
                 self.refuse();
@@ -255,6 +262,7 @@ impl Parser {
         }
     }
 
+    #[inline]
     fn accept<'p>(&mut self, packet: &'p [u8]) -> Result<Accepted<'p>, PacketError> {
         let length = |expected: usize| PacketError::Length {
             found: packet.len() as u16,
@@ -285,7 +293,7 @@ impl Parser {
                 if bytes.len() >= TAXELS_PER_PACKET || !rest.is_empty() {
                     return Err(length(PACKET_HEADER + CRC_BYTES));
                 }
-                let covered = &packet[..packet.len() - CRC_BYTES];
+                let (covered, _) = packet.split_last_chunk::<CRC_BYTES>().unwrap_or((&[], crc));
                 self.map_tail(header, bytes, covered, u32::from_le_bytes(*crc))
             }
             Kind::Message => {
@@ -317,7 +325,7 @@ impl Parser {
         if head.info.sequence as u8 != header.sequence {
             return Err(PacketError::Contents);
         }
-        head.active.positions(&mut self.positions);
+        head.active.places(&mut self.places);
         let mut crc = RunningCrc::new();
         crc.update(packet);
         self.map = Some(MapUnderWay {
@@ -331,6 +339,7 @@ impl Parser {
     }
 
     /// The map under way, when this packet is the next of it and brings no more taxels than are left.
+    #[inline]
     fn continued(&mut self, header: Header, taxels: usize) -> Result<&mut MapUnderWay, PacketError> {
         let found = header.index;
         let Some(map) = &mut self.map else {
@@ -344,6 +353,7 @@ impl Parser {
         Ok(map)
     }
 
+    #[inline]
     fn map_taxels<'p>(
         &mut self,
         header: Header,
@@ -358,6 +368,7 @@ impl Parser {
         Ok(Accepted::Forces { first, bytes })
     }
 
+    #[inline]
     fn map_tail<'p>(
         &mut self,
         header: Header,
@@ -409,7 +420,7 @@ impl Parser {
             None => return Err(PacketError::Order { found, expected: 0 }),
         };
         let expected = message.next_index;
-        let last = found + 1 == fragments;
+        let last = found.checked_add(1) == Some(fragments);
         let full = payload.len() == PACKET_MAX - PACKET_HEADER;
         if message.id != id
             || message.fragments != fragments
@@ -422,7 +433,11 @@ impl Parser {
         }
         let start = usize::from(message.length);
         let end = start + payload.len();
-        self.buffer[start..end].copy_from_slice(payload);
+        // Every fragment but the last is full and there are four at most: it always fits.
+        let Some(place) = self.buffer.get_mut(start..end) else {
+            return Err(PacketError::Order { found, expected });
+        };
+        place.copy_from_slice(payload);
         message.length = end as u16;
         message.next_index += 1;
         if !last {

@@ -44,7 +44,7 @@ fn main() {
                 let name = image.function_at(s.instruction.address).map_or("?".into(), |f| f.name.clone());
                 let e = by.entry(name).or_default(); e.0 += 1; e.1 += s.cycles;
                 let reg = std::env::args().nth(3).and_then(|s| u32::from_str_radix(&s, 16).ok()).unwrap_or(0x4000_7408);
-                if s.access == Some(reg) { windows.push((*k, *c)); if *k > 2450 && *k < 4000 || windows.len()==30 { let mut v: Vec<_> = by.iter().collect(); v.sort_by_key(|x| std::cmp::Reverse(x.1.1)); println!("window {k}"); for (n, (i, c)) in v { println!("{i:6} {c:6} {n}"); } } open = None; } }
+                if s.access == Some(reg) { windows.push((*k, *c)); if *k > 2450 && *k < 4000  { let mut v: Vec<_> = by.iter().collect(); v.sort_by_key(|x| std::cmp::Reverse(x.1.1)); println!("window {k}"); for (n, (i, c)) in v { println!("{i:6} {c:6} {n}"); } } open = None; } }
         }
         println!("map {sequence}: {windows:?}");
         if sequence == 12 { let mut v: Vec<_> = by.iter().collect(); v.sort_by_key(|x| std::cmp::Reverse(x.1.1)); for (n, (i, c)) in v { println!("{i:6} {c:6} {n}"); } 
