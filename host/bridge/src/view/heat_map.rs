@@ -4,9 +4,8 @@
 //! microcontroller's own rule on the force as quantised for the wire, so the picture cannot disagree with its counts.
 
 use gripline_firmware::Friction;
-use gripline_firmware::sums::{TaxelRule, accumulate};
+use gripline_firmware::sums::TaxelRule;
 use gripline_protocol::force_map::quantise_component;
-use gripline_protocol::message::MapSums;
 use gripline_protocol::{PER_UNIT, SIDE, TaxelForce};
 use ratatui::buffer::Buffer;
 use ratatui::layout::Rect;
@@ -147,12 +146,10 @@ fn rule(limits: &Limits) -> TaxelRule {
 
 fn taxel(force: [f32; 3], rule: TaxelRule) -> Taxel {
     let [x, y, z] = force.map(|newton| quantise_component(f64::from(newton)).0);
-    let mut sums = MapSums::default();
-    accumulate(&mut sums, std::iter::once((0, TaxelForce { x, y, z })), rule);
-    match (sums.contact, sums.stick) {
-        (0, _) => Taxel::Free,
-        (_, 0) => Taxel::Slips,
-        _ => Taxel::Sticks,
+    match rule.decide(TaxelForce { x, y, z }) {
+        (false, _) => Taxel::Free,
+        (true, false) => Taxel::Slips,
+        (true, true) => Taxel::Sticks,
     }
 }
 
