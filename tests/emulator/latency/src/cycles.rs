@@ -107,10 +107,7 @@ impl Fetch {
     pub fn cost(&mut self, instruction: &Instruction) -> u32 {
         let is_flash = Memory::of(instruction.address) == Memory::Flash;
         let unit = if is_flash { 16 } else { 4 };
-        let (first, last) = (
-            instruction.address / unit,
-            (instruction.next() - 1) / unit,
-        );
+        let (first, last) = (instruction.address / unit, (instruction.next() - 1) / unit);
         let fetched = (first..=last)
             .filter(|unit| self.last.is_none_or(|seen| *unit != seen))
             .count() as u32;

@@ -169,8 +169,10 @@ impl Image {
             .map_err(|error| Error::Image(error.to_string()))?;
         for (base, bytes) in &self.sections {
             let end = base + bytes.len() as u32;
-            let inside: Vec<(u32, bool)> =
-                marks.range(*base..end).map(|(&at, &is_code)| (at, is_code)).collect();
+            let inside: Vec<(u32, bool)> = marks
+                .range(*base..end)
+                .map(|(&at, &is_code)| (at, is_code))
+                .collect();
             for (number, &(start, is_code)) in inside.iter().enumerate() {
                 let stop = inside.get(number + 1).map_or(end, |next| next.0);
                 if !is_code {
@@ -223,7 +225,9 @@ impl Image {
 
     /// The first functions whose name contains `part`.
     pub fn functions_named<'a>(&'a self, part: &'a str) -> impl Iterator<Item = &'a Function> {
-        self.functions.values().filter(move |function| function.name.contains(part))
+        self.functions
+            .values()
+            .filter(move |function| function.name.contains(part))
     }
 
     /// The word at `address` as it is loaded.
@@ -287,13 +291,21 @@ fn instruction(found: &Insn, detail: &InsnDetail, name: String, size: u32, in_bl
         "tbb" | "tbh" => 1,
         other if other.starts_with("ldr") || other.starts_with("str") => 1,
         "vldr" | "vstr" => {
-            if arguments.starts_with('d') { 2 } else { 1 }
+            if arguments.starts_with('d') {
+                2
+            } else {
+                1
+            }
         }
         "stc" | "ldc" => 16,
         _ => 0,
     };
     let double = if arguments.contains("{d") { 2 } else { 1 };
-    let transfers = if name.starts_with('v') && transfers > 0 { transfers * double } else { transfers };
+    let transfers = if name.starts_with('v') && transfers > 0 {
+        transfers * double
+    } else {
+        transfers
+    };
     let literal = operands.iter().find_map(|operand| match operand {
         ArmOperandType::Mem(memory) if arguments.contains("[pc") && name.starts_with("ldr") => {
             Some(((address + 4) & !3).wrapping_add_signed(memory.disp()))
@@ -318,12 +330,14 @@ fn instruction(found: &Insn, detail: &InsnDetail, name: String, size: u32, in_bl
                 i32::from_str_radix(digits, radix).ok()
             })
             .unwrap_or_default(),
-        "ldr" | "ldrd" if arguments.contains("[sp], #") => -arguments
-            .rsplit_once('#')
-            .map_or(0, |(_, digits)| match digits.strip_prefix("0x") {
-                Some(hex) => i32::from_str_radix(hex, 16).unwrap_or_default(),
-                None => digits.parse().unwrap_or_default(),
-            }),
+        "ldr" | "ldrd" if arguments.contains("[sp], #") => {
+            -arguments
+                .rsplit_once('#')
+                .map_or(0, |(_, digits)| match digits.strip_prefix("0x") {
+                    Some(hex) => i32::from_str_radix(hex, 16).unwrap_or_default(),
+                    None => digits.parse().unwrap_or_default(),
+                })
+        }
         _ => 0,
     };
     let register = operands.iter().find_map(|operand| match operand {
