@@ -16,6 +16,7 @@ const SOURCES: [&str; 6] = [
 
 fn main() {
     println!("cargo:rerun-if-changed=../memory.x");
+    println!("cargo:rerun-if-changed=../hot.x");
     println!("cargo:rerun-if-changed=build.rs");
     if std::env::var_os("CARGO_FEATURE_SILICON").is_none() {
         return;

@@ -63,7 +63,7 @@ impl Size {
             let bytes = section.size();
             match name {
                 ".vector_table" | ".text" | ".rodata" | ".gnu.sgstubs" => size.flash += bytes,
-                ".data" => {
+                ".data" | ".hot" => {
                     size.flash += bytes;
                     size.ram += bytes;
                 }

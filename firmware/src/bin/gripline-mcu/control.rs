@@ -16,6 +16,7 @@ use gripline_protocol::cobs::{CobsDecoder, Frame};
 use gripline_protocol::message::Stage;
 
 use crate::gripper_bus::BusLine;
+use crate::kernel::Dsp;
 use crate::line::AnalogLine;
 use crate::outbox::{self, Outbox, Packet};
 use crate::usb::HostToMcu;
@@ -39,9 +40,13 @@ pub(crate) fn start_cycle_counter() {
     core.DWT.enable_cycle_counter();
 }
 
+/// A packet where its words are aligned, as the fast ways of CRC and sums want them.
+#[repr(align(4))]
+struct Aligned([u8; PACKET_MAX]);
+
 /// The program, the line it drives, and the host it answers.
 struct Control {
-    mcu: &'static mut Mcu,
+    mcu: &'static mut Mcu<Dsp>,
     line: AnalogLine,
     /// The transport that spoke last; none until a host spoke.
     answers: Option<&'static Outbox>,
@@ -121,7 +126,7 @@ fn now_us() -> u64 {
 /// first, because the driver takes the next one only when this one is fetched.
 #[embassy_executor::task]
 pub(crate) async fn control(
-    mcu: &'static mut Mcu,
+    mcu: &'static mut Mcu<Dsp>,
     line: AnalogLine,
     mut uart: BufferedUartRx<'static>,
     mut usb: HostToMcu,
@@ -136,7 +141,7 @@ pub(crate) async fn control(
     let mut frames = CobsDecoder::new();
     let mut tick_at = Instant::now() + TICK;
     let mut from_uart = [0; PACKET_MAX];
-    let mut from_usb = [0; PACKET_MAX];
+    let mut from_usb = Aligned([0; PACKET_MAX]);
     loop {
         if Instant::now() >= tick_at {
             tick_at += TICK;
@@ -144,13 +149,15 @@ pub(crate) async fn control(
         }
         // Every part may be dropped half-way: none takes a byte before it is done.
         match select3(
-            next_transfer(&mut usb, &mut from_usb),
+            next_transfer(&mut usb, &mut from_usb.0),
             Timer::at(tick_at),
             uart.read(&mut from_uart),
         )
         .await
         {
-            Either3::First(Ok(length)) => control.packet(&from_usb[..length], &outbox::USB),
+            Either3::First(Ok(length)) => {
+                control.packet(from_usb.0.get(..length).unwrap_or_default(), &outbox::USB);
+            }
             Either3::Third(Ok(length)) => {
                 for &byte in &from_uart[..length] {
                     match frames.push(byte) {

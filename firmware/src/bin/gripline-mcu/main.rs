@@ -18,6 +18,8 @@ compile_error!("name one board, not two: an image runs on one chip");
 mod board;
 mod control;
 mod gripper_bus;
+mod hot;
+mod kernel;
 mod line;
 mod outbox;
 mod reset;
@@ -37,6 +39,7 @@ use gripline_protocol::line::LineKind;
 use panic_probe as _;
 use static_cell::StaticCell;
 
+use crate::kernel::Dsp;
 use crate::watchdog::Watchdog;
 
 defmt::timestamp!("{=u64:us}", Instant::now().as_micros());
@@ -45,7 +48,7 @@ defmt::timestamp!("{=u64:us}", Instant::now().as_micros());
 static URGENT: InterruptExecutor = InterruptExecutor::new();
 /// Runs everything that has time.
 static PATIENT: StaticCell<Executor> = StaticCell::new();
-static MCU: StaticCell<Mcu> = StaticCell::new();
+static MCU: StaticCell<Mcu<Dsp>> = StaticCell::new();
 
 #[embassy_stm32::interrupt]
 unsafe fn UART5() {
@@ -84,7 +87,7 @@ fn main() -> ! {
     let (usb_device, usb_in, usb_out) = usb::open(p.USB_OTG_FS, p.PA12, p.PA11);
     let gripper = (settings.line.kind == LineKind::Robotiq2f140)
         .then(|| gripper_bus::open(p.USART2, p.PA3, p.PA2, p.PA1));
-    let mcu = MCU.init(Mcu::new(Start {
+    let mcu = MCU.init(Mcu::with_kernel(Start {
         now_us: Instant::now().as_micros(),
         reset: reset.cause,
         restored_line: reset.line,

@@ -108,9 +108,12 @@ impl Fetch {
         let is_flash = Memory::of(instruction.address) == Memory::Flash;
         let unit = if is_flash { 16 } else { 4 };
         let (first, last) = (instruction.address / unit, (instruction.next() - 1) / unit);
-        let fetched = (first..=last)
-            .filter(|unit| self.last.is_none_or(|seen| *unit != seen))
-            .count() as u32;
+        let fetched = match self.last {
+            None => last - first + 1,
+            // In SRAM a word comes every cycle, and no instruction needs more than one a cycle.
+            Some(_) if !is_flash => 0,
+            Some(seen) => (first..=last).filter(|unit| *unit != seen).count() as u32,
+        };
         self.last = Some(last);
         fetched * if is_flash { FLASH } else { SYSTEM_BUS }
     }
