@@ -313,14 +313,16 @@ impl Robotiq {
             (Phase::Resetting, _) => Some(Orders::RESET),
             (Phase::Activating { .. }, _) => Some(Orders::ACTIVATE),
             (Phase::Ready, Wish::Open) => (!status.works_on(Orders::OPEN)).then_some(Orders::OPEN),
-            (Phase::Ready, Wish::Grip(force)) => self.grip(force_register(force), status.echo),
+            (Phase::Ready, Wish::Grip(force)) => self.grip(force_register(force), status),
         }
     }
 
-    /// A grip with this force while the gripper works on the request `echo`: more force, or the first, is a new request
-    /// that makes the motor run again; less is not, and the same is nothing.
-    fn grip(&self, force: u8, echo: u8) -> Option<Orders> {
-        let position = match self.applied {
+    /// A grip with this force while the gripper is at `status`: more force, or the first since it was opened or
+    /// stopped (by whomever), is a new request that makes the motor run again; less is not, and the same is nothing.
+    fn grip(&self, force: u8, status: GripperStatus) -> Option<Orders> {
+        let echo = status.echo;
+        let grips = status.bits & GO_TO != 0 && CLOSED.contains(&echo);
+        let position = match self.applied.filter(|_| grips) {
             Some(applied) if applied == force => return None,
             Some(applied) if applied > force => echo,
             _ if echo == CLOSED[0] => CLOSED[1],
@@ -406,9 +408,6 @@ impl Robotiq {
             self.offered = None;
             self.offered_us = None;
             self.applied = (offered.position != Orders::OPEN.position).then_some(offered.force);
-        } else if self.offered.is_none() && !CLOSED.contains(&status.echo) {
-            // Somebody else moved it, or it forgot.
-            self.applied = None;
         }
     }
 

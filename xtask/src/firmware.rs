@@ -36,7 +36,15 @@ impl Board {
         }
     }
 
-    fn named(name: &str) -> Result<Self, Error> {
+    /// Its chip, as probe-rs names it.
+    pub(crate) fn chip(self) -> &'static str {
+        match self {
+            Self::Stm32f405rg => "STM32F405RGTx",
+            Self::Stm32f427vi => "STM32F427VITx",
+        }
+    }
+
+    pub(crate) fn named(name: &str) -> Result<Self, Error> {
         let board = Self::ALL.into_iter().find(|board| board.name() == name);
         board.ok_or_else(|| Error::usage("--board", name, "stm32f405rg or stm32f427vi"))
     }

@@ -8,6 +8,8 @@ mod bench;
 mod emulator;
 mod error;
 mod firmware;
+mod flash;
+mod fuzz;
 mod process;
 mod test;
 mod toolchain;
@@ -24,6 +26,12 @@ cargo xtask COMMAND
                                     build the image and print `flash N ram N` in bytes; BOARD is
                                     stm32f405rg (default) or stm32f427vi
   emulator                          build the emulator and the image it runs; print their paths
+  flash [--board BOARD] [--probe VID:PID[:SERIAL]] [--log]
+                                    build the image and put it on the chip with probe-rs; --log then shows the
+                                    firmware's log (DEFMT_LOG says how much of it the image keeps)
+  fuzz [--minutes N] [--save] [TARGET...]
+                                    run the parsers and the microcontroller's program against a fuzzer, 10 minutes
+                                    each or N; --save keeps what reached new code in tests/fuzz/corpus
   toolchain [--from-sources]        make this machine able to build for the microcontroller;
                                     --from-sources passes over rustup and an installed target
   bench network [--json] [--rounds N] [--weights FILE]
@@ -61,6 +69,8 @@ fn dispatch(arguments: &[String]) -> Result<(), Error> {
         }
         "test" => no_more(rest).and_then(|()| test::run()),
         "firmware" => firmware::command(rest),
+        "flash" => flash::command(rest),
+        "fuzz" => fuzz::command(rest),
         "emulator" => no_more(rest).and_then(|()| emulator::command()),
         "toolchain" => toolchain::command(rest),
         "bench" => bench::command(rest),
