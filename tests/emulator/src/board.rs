@@ -11,14 +11,19 @@ use std::thread::JoinHandle;
 use rigless::device::ResetCause;
 use rigless::emulator::{self, Access, AccessKind, Driver, Host, Settled, Start, Stop};
 use rigless::image::Image;
+use rigless::mcu::Operate as _;
 use rigless::session::Session;
+use rigless::soc::Width;
 use rigless::symbols::Symbols;
 use rigless::time::VirtualNanos;
 
 use crate::constants::{
-    BUS_DRIVER_PIN, FLASH_BASE, GPIOA_BSRR, GPIOA_ODR, LOG_PERIOD_NS, PREDICATE_STEP_NS, USB_PACKET_MAX,
+    BUS_DRIVER_PIN, FLASH_BASE, FLASH_CR, GPIOA_BSRR, GPIOA_ODR, LOG_PERIOD_NS, PREDICATE_STEP_NS,
+    SETTINGS_BASE, USB_PACKET_MAX,
 };
 use crate::dac::{CHANNELS, DacWrite};
+use crate::flash::FlashArray;
+use crate::hang::Hang;
 use crate::hardware::Hardware;
 use crate::rtt;
 use crate::trace::{self, Event};
@@ -80,6 +85,8 @@ pub struct Board {
     outbox: Vec<u8>,
     bus_outbox: Vec<u8>,
     usb_commands: Vec<usb::Command>,
+    hang_at: Option<u32>,
+    settings: Option<Vec<u8>>,
     now_ns: u64,
     instructions: u64,
     resets: Vec<Reset>,
@@ -105,7 +112,16 @@ impl Board {
     /// An image that is no ELF file, has nothing at the start of FLASH, is built for another machine or does not
     /// fit the part's memory.
     pub fn boot(elf: &[u8]) -> Result<Self, EmulatorError> {
-        Self::boot_traced(elf, &[])
+        Self::boot_as(elf, &[], &[])
+    }
+
+    /// The same with these bytes where the firmware keeps its settings, as [`Self::take_settings`] gave them before the
+    /// power went.
+    ///
+    /// # Errors
+    /// As [`Self::boot`].
+    pub fn boot_with_settings(elf: &[u8], settings: &[u8]) -> Result<Self, EmulatorError> {
+        Self::boot_as(elf, settings, &[])
     }
 
     /// The same for a board that records every arrival at an instruction at one of `addresses`, and in between what
@@ -114,8 +130,16 @@ impl Board {
     /// # Errors
     /// As [`Board::boot`].
     pub fn boot_traced(elf: &[u8], addresses: &[u32]) -> Result<Self, EmulatorError> {
-        let traced = addresses.to_vec();
-        let image = image_of(elf)?;
+        Self::boot_as(elf, &[], addresses)
+    }
+
+    fn boot_as(elf: &[u8], settings: &[u8], traced: &[u32]) -> Result<Self, EmulatorError> {
+        let traced = traced.to_vec();
+        let mut images = vec![image_of(elf)?];
+        if !settings.is_empty() {
+            let path = Path::new("settings");
+            images.push(Image::new(path, settings.to_vec(), Some(SETTINGS_BASE))?);
+        }
         let log_block = Symbols::read(elf, rigless::cpu::armv7m::code_address)
             .ok()
             .and_then(|s| s.get(rtt::SYMBOL).ok());
@@ -125,7 +149,7 @@ impl Board {
         let thread = std::thread::Builder::new()
             .name("emulated board".into())
             .spawn(move || {
-                if let Err(error) = run(image, log_block, traced, inbox, outbox.clone()) {
+                if let Err(error) = run(&images, log_block, traced, inbox, outbox.clone()) {
                     // The caller may be gone; then nobody is left to tell.
                     let _ = outbox.send(Err(error));
                 }
@@ -138,6 +162,8 @@ impl Board {
             outbox: Vec::new(),
             bus_outbox: Vec::new(),
             usb_commands: Vec::new(),
+            hang_at: None,
+            settings: None,
             now_ns: 0,
             instructions: 0,
             resets: Vec::new(),
@@ -283,6 +309,17 @@ impl Board {
         &self.usb_deliveries_ns
     }
 
+    /// From the next run on, the instruction that next touches `address` loops for ever when it comes again: a task, or
+    /// an interrupt, that hangs. The next reset heals it.
+    pub fn hang_at(&mut self, address: u32) {
+        self.hang_at = Some(address);
+    }
+
+    /// What lies where the firmware keeps its settings, when that has changed since the last call.
+    pub fn take_settings(&mut self) -> Option<Vec<u8>> {
+        self.settings.take()
+    }
+
     /// Lets `ns` nanoseconds of virtual time pass; the stop comes at most one instruction later.
     ///
     /// # Errors
@@ -297,6 +334,7 @@ impl Board {
             uart: std::mem::take(&mut self.outbox),
             bus: std::mem::take(&mut self.bus_outbox),
             usb: std::mem::take(&mut self.usb_commands),
+            hang_at: self.hang_at.take(),
         };
         // A thread that is gone takes no command; why it went is what its last report says.
         let _ = self.commands.as_ref().map(|commands| commands.send(command));
@@ -389,6 +427,9 @@ impl Board {
         self.usb_packets.extend(report.usb_packets);
         self.usb_transfers.extend(report.usb_transfers);
         self.usb_deliveries_ns.extend(report.usb_deliveries_ns);
+        if report.settings.is_some() {
+            self.settings = report.settings;
+        }
         self.log.extend(report.log);
         self.gaps.extend(report.gaps);
         self.trace.extend(report.trace);
@@ -447,6 +488,7 @@ struct Command {
     uart: Vec<u8>,
     bus: Vec<u8>,
     usb: Vec<usb::Command>,
+    hang_at: Option<u32>,
 }
 
 /// The USB port as it stands.
@@ -473,14 +515,15 @@ struct Report {
     usb_packets: Vec<UsbPacket>,
     usb_transfers: Vec<ControlTransfer>,
     usb_deliveries_ns: Vec<u64>,
+    settings: Option<Vec<u8>>,
     log: Vec<u8>,
     gaps: Vec<String>,
     trace: Vec<Event>,
 }
 
-/// Runs `image` until nobody commands any more.
+/// Runs `images` until nobody commands any more.
 fn run(
-    image: Image,
+    images: &[Image],
     log_block: Option<u64>,
     traced: Vec<u32>,
     commands: Receiver<Command>,
@@ -495,13 +538,15 @@ fn run(
         commands,
         reports,
         log_block,
+        flash: FlashArray::default(),
+        hang: Hang::default(),
         log: Vec::new(),
         bus_driver: Vec::new(),
         resets_told: 0,
         gaps_told: Vec::new(),
         tracer: trace::Tracer::new(traced),
     };
-    emulator::run(session, &Start::new(&[image]), puppet)?;
+    emulator::run(session, &Start::new(images), puppet)?;
     Ok(())
 }
 
@@ -510,6 +555,8 @@ struct Puppet {
     commands: Receiver<Command>,
     reports: SyncSender<Result<Report, EmulatorError>>,
     log_block: Option<u64>,
+    flash: FlashArray,
+    hang: Hang,
     log: Vec<u8>,
     bus_driver: Vec<(u64, bool)>,
     resets_told: usize,
@@ -518,7 +565,7 @@ struct Puppet {
 }
 
 impl Puppet {
-    fn report(&mut self, session: &mut Session<Hardware>, stop: Stop) -> Report {
+    fn report(&mut self, session: &mut Session<Hardware>, stop: Stop, host: &mut dyn Host) -> Report {
         let resets = session.resets()[self.resets_told..]
             .iter()
             .map(reset_of)
@@ -548,6 +595,7 @@ impl Puppet {
             usb_packets: hardware.usb().take_packets(),
             usb_transfers: hardware.usb().take_transfers(),
             usb_deliveries_ns: hardware.usb().take_deliveries(),
+            settings: self.flash.take_changed_settings(host),
             log: std::mem::take(&mut self.log),
             gaps,
             trace: self.tracer.take(),
@@ -557,10 +605,18 @@ impl Puppet {
 
 impl Driver<Hardware> for Puppet {
     fn on_settled(&mut self, session: &mut Session<Hardware>, host: &mut dyn Host, settled: Settled) {
-        if let Settled::Access { access, .. } = settled
-            && let Some(on) = driver_written(&access)
-        {
-            self.bus_driver.push((access.virtual_time.0, on));
+        if let Settled::Access { access, value } = settled {
+            if let Some(on) = driver_written(&access) {
+                self.bus_driver.push((access.virtual_time.0, on));
+            }
+            let mut control = || {
+                let read = session.mcu().read(access.virtual_time, FLASH_CR, Width::W32);
+                read.unwrap_or_default()
+            };
+            self.flash.settled(&access, value, &mut control, host);
+            self.hang.settled(&access, host);
+        } else {
+            self.hang.restarted(session.resets().len(), host);
         }
         self.tracer.settled(session.board_mut(), host, settled);
         // The models never hear of a pause, so draining changes nothing but the room in the firmware's log buffer,
@@ -579,13 +635,16 @@ impl Driver<Hardware> for Puppet {
         &mut self,
         session: &mut Session<Hardware>,
         stop: Stop,
-        _: &mut dyn Host,
+        host: &mut dyn Host,
     ) -> Option<VirtualNanos> {
-        let report = self.report(session, stop);
+        let report = self.report(session, stop, host);
         self.reports.send(Ok(report)).ok()?;
         let command = self.commands.recv().ok()?;
         session.board_mut().far_end().send(&command.uart);
         session.board_mut().bus_end().send(&command.bus);
+        if let Some(address) = command.hang_at {
+            self.hang.ask(address);
+        }
         for command in command.usb {
             session.board_mut().usb().command(command);
         }

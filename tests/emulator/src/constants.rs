@@ -2,6 +2,16 @@
 
 /// First address of the flash, where the vector table of an image must lie (RM0090 section 2.3).
 pub const FLASH_BASE: u64 = 0x0800_0000;
+/// Bytes of the flash (RM0090 table 6).
+pub const FLASH_BYTES: u64 = 2 << 20;
+/// Status and control register of the flash controller (RM0090 sections 2.3, 3.9.6 and 3.9.8).
+pub const FLASH_SR: u64 = 0x4002_3C0C;
+/// See [`FLASH_SR`].
+pub const FLASH_CR: u64 = 0x4002_3C10;
+/// Where the firmware keeps its settings: sectors 1 and 2 (its memory.x).
+pub const SETTINGS_BASE: u64 = 0x0800_4000;
+/// Bytes of that.
+pub const SETTINGS_BYTES: u64 = 0x8000;
 /// First address of the DAC's registers (RM0090 table 1).
 pub const DAC_BASE: u64 = 0x4000_7400;
 /// Bytes of address space the DAC takes (RM0090 table 1).

@@ -8,6 +8,8 @@
 mod board;
 pub mod constants;
 pub mod dac;
+mod flash;
+mod hang;
 mod hardware;
 mod part;
 mod rtt;

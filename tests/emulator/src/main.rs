@@ -4,16 +4,18 @@
 #![forbid(unsafe_code)]
 
 use std::io::{BufReader, BufWriter, IsTerminal};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use gripline_emulator::wire::{LineWrite, Reply, Request, WireError, write_greeting};
 use gripline_emulator::{Board, EmulatorError};
 
 const USAGE: &str = "\
-usage: gripline-emulator --image FILE.elf [--log FILE] [--gaps]
+usage: gripline-emulator --image FILE.elf [--settings FILE] [--log FILE] [--gaps]
 
   --image FILE.elf   the firmware image to run (`cargo xtask firmware --board stm32f427vi`)
+  --settings FILE    where the settings lie while the power is off: read at the start if it is there,
+                     written whenever the firmware has changed them
   --log FILE         at the end write the raw RTT log there, for `defmt-print -e FILE.elf`
   --gaps             at the end list on standard error what the emulated part has no model for
 
@@ -30,6 +32,8 @@ enum Failure {
     Read { path: PathBuf, source: std::io::Error },
     #[error("{}: {source}", path.display())]
     Boot { path: PathBuf, source: EmulatorError },
+    #[error("settings: cannot use {}: {source}", path.display())]
+    Settings { path: PathBuf, source: std::io::Error },
     #[error("log: cannot write {}: {source}", path.display())]
     Log { path: PathBuf, source: std::io::Error },
     #[error(transparent)]
@@ -40,6 +44,7 @@ enum Failure {
 
 struct Options {
     image: PathBuf,
+    settings: Option<PathBuf>,
     log: Option<PathBuf>,
     gaps: bool,
 }
@@ -59,7 +64,7 @@ fn main() -> ExitCode {
 }
 
 fn options(mut arguments: impl Iterator<Item = String>) -> Result<Options, Failure> {
-    let (mut image, mut log, mut gaps) = (None, None, false);
+    let (mut image, mut settings, mut log, mut gaps) = (None, None, None, false);
     while let Some(argument) = arguments.next() {
         let mut file = || {
             let value = arguments.next().map(PathBuf::from);
@@ -68,6 +73,7 @@ fn options(mut arguments: impl Iterator<Item = String>) -> Result<Options, Failu
         };
         match argument.as_str() {
             "--image" => image = Some(file()?),
+            "--settings" => settings = Some(file()?),
             "--log" => log = Some(file()?),
             "--gaps" => gaps = true,
             unknown => return Err(Failure::Usage(format!("expected an option, found {unknown}"))),
@@ -80,7 +86,12 @@ fn options(mut arguments: impl Iterator<Item = String>) -> Result<Options, Failu
             "standard input: expected a pipe from a parent process, found a terminal".into(),
         ));
     }
-    Ok(Options { image, log, gaps })
+    Ok(Options {
+        image,
+        settings,
+        log,
+        gaps,
+    })
 }
 
 fn serve(options: &Options) -> Result<(), Failure> {
@@ -89,11 +100,18 @@ fn serve(options: &Options) -> Result<(), Failure> {
         path: path.clone(),
         source,
     })?;
-    let mut board = Board::boot(&elf).map_err(|source| Failure::Boot {
+    let settings = match &options.settings {
+        Some(path) if path.exists() => std::fs::read(path).map_err(|source| Failure::Settings {
+            path: path.clone(),
+            source,
+        })?,
+        _ => Vec::new(),
+    };
+    let mut board = Board::boot_with_settings(&elf, &settings).map_err(|source| Failure::Boot {
         path: path.clone(),
         source,
     })?;
-    let talked = talk(&mut board);
+    let talked = talk(&mut board, options.settings.as_deref());
     // The log is wanted most when the talk went wrong.
     if let Some(path) = &options.log {
         std::fs::write(path, board.log()).map_err(|source| Failure::Log {
@@ -110,7 +128,7 @@ fn serve(options: &Options) -> Result<(), Failure> {
 }
 
 /// Answers requests until the parent closes the pipe.
-fn talk(board: &mut Board) -> Result<(), Failure> {
+fn talk(board: &mut Board, settings: Option<&Path>) -> Result<(), Failure> {
     let mut requests = BufReader::new(std::io::stdin().lock());
     let mut replies = BufWriter::new(std::io::stdout().lock());
     write_greeting(&mut replies)?;
@@ -123,9 +141,19 @@ fn talk(board: &mut Board) -> Result<(), Failure> {
         for (setup, data) in &request.usb_controls {
             board.usb_control(*setup, data);
         }
+        if request.hang_at != 0 {
+            board.hang_at(request.hang_at);
+        }
+        let resets_before = board.resets().len();
         let (packets_before, transfers_before) = (board.usb_packets().len(), board.usb_transfers().len());
         let writes_before = board.dac_writes().len();
         board.run_for(request.advance_ns)?;
+        if let (Some(path), Some(bytes)) = (settings, board.take_settings()) {
+            std::fs::write(path, bytes).map_err(|source| Failure::Settings {
+                path: path.to_owned(),
+                source,
+            })?;
+        }
         let line_writes = board.dac_writes()[writes_before..]
             .iter()
             .filter(|write| write.channel == 1)
@@ -146,6 +174,10 @@ fn talk(board: &mut Board) -> Result<(), Failure> {
             usb_waiting: board.usb_waiting() as u32,
             usb_packets: board.usb_packets()[packets_before..].to_vec(),
             usb_transfers: board.usb_transfers()[transfers_before..].to_vec(),
+            resets_ns: board.resets()[resets_before..]
+                .iter()
+                .map(|reset| reset.at_ns)
+                .collect(),
         };
         reply.write(&mut replies)?;
     }

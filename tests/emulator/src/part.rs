@@ -3,6 +3,8 @@
 //! of its own: the stock description read back from the stock part, less what we replace, with the stock models
 //! behind it. Limits: the reset bits of the RCC (`xxxRST`) do nothing; gates of clock enables hold.
 
+use std::sync::LazyLock;
+
 use rigless::device::{ErasedDevice, ResetCause};
 use rigless::mcu::{Mcu, Operate};
 use rigless::snapshot::Store;
@@ -10,7 +12,7 @@ use rigless::soc::stm32f427::peripherals::{
     ADC_COMMON, ADVANCED_TIMERS, CONTROLLERS, CONVERTERS, SERIAL_PORTS, rcc,
 };
 use rigless::soc::stm32f427::{CPU, MEMORY, SERIAL_INTERFACES, Stm32f427};
-use rigless::soc::{Bus, Error, Fault, Gate, Peripheral, Width};
+use rigless::soc::{Bus, Error, Fault, Gate, Peripheral, Region, Width};
 use rigless::time::VirtualNanos;
 
 use crate::constants::{BUS_PORT, CRYSTAL_HZ, LINK_PORT, SUPPLY_MV};
@@ -24,6 +26,14 @@ const REPLACED: [&str; 5] = [
     "OTG_FS_DEVICE",
     "OTG_FS_PWRCLK",
 ];
+
+/// The stock memory, with a flash that its controller writes: what that leaves is [`crate::flash`]'s.
+static WRITABLE: LazyLock<[Region; MEMORY.len()]> = LazyLock::new(|| {
+    MEMORY.map(|region| match region.name {
+        "flash" => region.programmed_by("FLASH"),
+        _ => region,
+    })
+});
 
 /// The part, without the instances of [`REPLACED`]: what takes their place is wired around it.
 #[derive(Debug)]
@@ -127,7 +137,7 @@ fn bus_of(stock: &Stm32f427) -> Result<Bus, Error> {
             .filter(|peripheral| !REPLACED.contains(&peripheral.name))
             .copied()
     };
-    let mut builder = Bus::builder(CPU, &MEMORY, kept());
+    let mut builder = Bus::builder(CPU, &*WRITABLE, kept());
     // ST's tables leave these two enables out.
     for field in [&rcc::GPIOJEN, &rcc::GPIOKEN] {
         builder = builder.declare("RCC", "AHB1ENR", field);

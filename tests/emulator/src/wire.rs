@@ -12,7 +12,7 @@ use crate::usb::{Cable, ControlOutcome, ControlTransfer, Setup, UsbPacket, UsbSt
 /// What the greeting starts with.
 pub const MAGIC: [u8; 8] = *b"GRIPEMU\0";
 /// The version of this layout.
-pub const VERSION: u32 = 2;
+pub const VERSION: u32 = 3;
 /// The first byte of a RUN request.
 const RUN: u8 = 1;
 
@@ -87,6 +87,8 @@ pub struct Request {
     pub usb_packets: Vec<Vec<u8>>,
     /// Control transfers for the USB host to make: what is asked, and what is written if it writes.
     pub usb_controls: Vec<(Setup, Vec<u8>)>,
+    /// Address at whose next touch the program hangs until it is reset; 0 for none.
+    pub hang_at: u32,
 }
 
 /// A code on the grip-force line (channel 1).
@@ -123,6 +125,8 @@ pub struct Reply {
     pub usb_packets: Vec<UsbPacket>,
     /// Control transfers that ended since the last reply.
     pub usb_transfers: Vec<ControlTransfer>,
+    /// When the restarts since the last reply happened, virtual nanoseconds.
+    pub resets_ns: Vec<u64>,
 }
 
 /// Greets the parent.
@@ -171,6 +175,7 @@ impl Request {
             to.write_all(&(data.len() as u16).to_le_bytes())?;
             to.write_all(data)?;
         }
+        to.write_all(&self.hang_at.to_le_bytes())?;
         Ok(to.flush()?)
     }
 
@@ -210,12 +215,14 @@ impl Request {
             let length = u16::from_le_bytes(read_array(from)?);
             usb_controls.push((setup, read_bytes(from, length.into())?));
         }
+        let hang_at = read_u32(from)?;
         Ok(Some(Self {
             advance_ns,
             cable,
             uart_bytes,
             usb_packets,
             usb_controls,
+            hang_at,
         }))
     }
 }
@@ -252,6 +259,10 @@ impl Reply {
             to.write_all(&[number(&OUTCOMES, &transfer.outcome)])?;
             to.write_all(&(transfer.data.len() as u16).to_le_bytes())?;
             to.write_all(&transfer.data)?;
+        }
+        to.write_all(&(self.resets_ns.len() as u32).to_le_bytes())?;
+        for at_ns in &self.resets_ns {
+            to.write_all(&at_ns.to_le_bytes())?;
         }
         Ok(to.flush()?)
     }
@@ -301,6 +312,9 @@ impl Reply {
                 })
             })
             .collect::<Result<_, WireError>>()?;
+        let resets_ns = (0..read_u32(from)?)
+            .map(|_| Ok(u64::from_le_bytes(read_array(from)?)))
+            .collect::<Result<_, WireError>>()?;
         Ok(Self {
             now_ns,
             instructions,
@@ -313,6 +327,7 @@ impl Reply {
             usb_waiting,
             usb_packets,
             usb_transfers,
+            resets_ns,
         })
     }
 }
@@ -396,6 +411,7 @@ mod tests {
                 data: vec![0xDD],
                 outcome: ControlOutcome::Stalled,
             }],
+            resets_ns: vec![9],
         }
     }
 
@@ -408,6 +424,7 @@ mod tests {
             uart_bytes: vec![7, 8, 9],
             usb_packets: vec![vec![4, 5]],
             usb_controls: vec![([8, 7, 6, 5, 4, 3, 2, 1], vec![0xEE])],
+            hang_at: 0x4000_7408,
         }
         .write(&mut bytes)
         .unwrap();
@@ -416,6 +433,7 @@ mod tests {
             &[3, 0, 0, 0, 7, 8, 9],
             &[1, 0, 0, 0, 2, 4, 5],
             &[1, 0, 0, 0, 8, 7, 6, 5, 4, 3, 2, 1, 1, 0, 0xEE],
+            &[0x08, 0x74, 0, 0x40],
         ];
         assert_eq!(bytes, expected.concat());
     }
@@ -437,6 +455,7 @@ mod tests {
             &[1, 0, 0, 0, 7, 0, 0, 0, 0, 0, 0, 0, 1, 0xCC],
             &[1, 0, 0, 0, 8, 0, 0, 0, 0, 0, 0, 0],
             &[1, 2, 3, 4, 5, 6, 7, 8, 1, 1, 0, 0xDD],
+            &[1, 0, 0, 0, 9, 0, 0, 0, 0, 0, 0, 0],
         ];
         assert_eq!(bytes, expected.concat());
     }
@@ -449,6 +468,7 @@ mod tests {
             uart_bytes: vec![1; MAX_UART_BYTES as usize],
             usb_packets: vec![vec![2; USB_PACKET_MAX], vec![]],
             usb_controls: vec![([3; 8], vec![4; 70]), ([5; 8], vec![])],
+            hang_at: 5,
         };
         let mut pipe = Vec::new();
         write_greeting(&mut pipe).unwrap();
@@ -509,7 +529,7 @@ mod tests {
     fn a_greeting_of_another_program_or_version_is_refused() {
         let other = read_greeting(&mut b"GRIPLINE\x01\0\0\0".as_slice());
         assert!(matches!(other, Err(WireError::Magic(_))), "{other:?}");
-        let newer = read_greeting(&mut b"GRIPEMU\0\x03\0\0\0".as_slice());
-        assert!(matches!(newer, Err(WireError::Version(3))), "{newer:?}");
+        let newer = read_greeting(&mut b"GRIPEMU\0\x04\0\0\0".as_slice());
+        assert!(matches!(newer, Err(WireError::Version(4))), "{newer:?}");
     }
 }

@@ -3,6 +3,7 @@
 //! they are or over the emulated UART as COBS frames.
 
 use std::env;
+use std::ffi::OsStr;
 use std::io::{self, Read, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
@@ -13,7 +14,7 @@ use super::{Link, LinkError};
 
 const NAME: &str = "emulator";
 const MAGIC: [u8; 8] = *b"GRIPEMU\0";
-const VERSION: u32 = 2;
+const VERSION: u32 = 3;
 const RUN: u8 = 1;
 /// The number of "configured" among the USB states of a reply.
 const CONFIGURED: u8 = 2;
@@ -81,11 +82,13 @@ pub struct EmulatorLink {
     uart_bytes: Vec<u8>,
     usb_packets: Vec<Vec<u8>>,
     controls: Vec<[u8; 8]>,
+    hang_at: u32,
     decoder: CobsDecoder,
     now_us: u64,
     now: Reply,
     line_writes: Vec<LineWrite>,
     transfers: Vec<ControlTransfer>,
+    resets_ns: Vec<u64>,
 }
 
 /// What the emulator's last reply said of the present.
@@ -105,10 +108,20 @@ impl EmulatorLink {
     /// [`LinkError`] when program or image are not there, the program does not answer as expected, or the device
     /// does not enumerate.
     pub fn spawn(transport: Transport) -> Result<Self, LinkError> {
+        Self::spawn_with_settings(transport, None)
+    }
+
+    /// The same with a file that keeps the microcontroller's settings while the power is off; it need not be there yet.
+    ///
+    /// # Errors
+    /// As [`Self::spawn`].
+    pub fn spawn_with_settings(transport: Transport, settings: Option<&Path>) -> Result<Self, LinkError> {
         let (program, image) = (locate(PROGRAM)?, locate(IMAGE)?);
+        let kept = settings.map(|path| [OsStr::new("--settings"), path.as_os_str()]);
         let mut process = Command::new(&program)
             .arg("--image")
             .arg(&image)
+            .args(kept.iter().flatten())
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
             .spawn()
@@ -132,11 +145,13 @@ impl EmulatorLink {
             uart_bytes: Vec::new(),
             usb_packets: Vec::new(),
             controls: Vec::new(),
+            hang_at: 0,
             decoder: CobsDecoder::new(),
             now_us: 0,
             now: Reply::default(),
             line_writes: Vec::new(),
             transfers: Vec::new(),
+            resets_ns: Vec::new(),
         };
         if transport == Transport::Usb {
             link.set_cable(Cable::In);
@@ -200,6 +215,18 @@ impl EmulatorLink {
         self.now.resets
     }
 
+    /// When those restarts happened: virtual nanoseconds since power-on.
+    #[must_use]
+    pub fn resets_ns(&self) -> &[u64] {
+        &self.resets_ns
+    }
+
+    /// From the next run on, has the instruction that next touches `address` hang until a reset, and with it whatever
+    /// program part it belongs to.
+    pub fn hang_at(&mut self, address: u32) {
+        self.hang_at = address;
+    }
+
     /// Every code on the grip-force line since power-on.
     #[must_use]
     pub fn line_writes(&self) -> &[LineWrite] {
@@ -222,6 +249,7 @@ impl EmulatorLink {
             request.extend(setup);
             request.extend(0_u16.to_le_bytes());
         }
+        request.extend(std::mem::take(&mut self.hang_at).to_le_bytes());
         self.to.write_all(&request)?;
         self.to.flush()
     }
@@ -257,6 +285,9 @@ impl EmulatorLink {
                 is_done: outcome == 0,
                 data: read_bytes(from, length.into())?,
             });
+        }
+        for _ in 0..read_u32(from)? {
+            self.resets_ns.push(read_u64(from)?);
         }
         for byte in uart_bytes {
             if let Some(Frame::Packet(packet)) = self.decoder.push(byte) {
