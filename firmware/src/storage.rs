@@ -63,6 +63,7 @@ pub struct Stored {
 
 /// Reads the newest settings. Bounded: two records, each read once.
 #[must_use]
+#[inline(never)]
 pub fn load(flash: &impl SettingsFlash) -> Stored {
     let mut best = Stored::default();
     let mut used = false;
@@ -85,6 +86,7 @@ pub fn load(flash: &impl SettingsFlash) -> Stored {
 ///
 /// # Errors
 /// [`StoreError`]; the newer record is untouched.
+#[inline(never)]
 pub fn store<F: SettingsFlash>(flash: &mut F, settings: &Configuration) -> Result<u32, StoreError<F::Error>> {
     let [first, second] = [0, 1].map(|slot| decode(&read(flash, slot)).map_or(0, |(writes, _)| writes));
     let slot = usize::from(first > second);
@@ -104,6 +106,7 @@ pub fn store<F: SettingsFlash>(flash: &mut F, settings: &Configuration) -> Resul
 
 type Record = [u32; RECORD_WORDS];
 
+#[inline(never)]
 fn read(flash: &impl SettingsFlash, slot: usize) -> Record {
     core::array::from_fn(|word| flash.read(slot, word))
 }
@@ -120,6 +123,7 @@ fn encode(writes: u32, settings: &Configuration) -> Record {
 }
 
 /// (number of the write, settings); `None` unless all of it is right.
+#[inline(never)]
 fn decode(record: &Record) -> Option<(u32, Configuration)> {
     let writes = record[1];
     let right = record[0] == MARK | u32::from(CONFIGURATION_VERSION)
@@ -137,6 +141,7 @@ fn decode(record: &Record) -> Option<(u32, Configuration)> {
     Some((writes, settings))
 }
 
+#[inline(never)]
 fn crc_of(words: &[u32]) -> u32 {
     crc32(words.iter().flat_map(|word| word.to_le_bytes()))
 }

@@ -279,6 +279,7 @@ impl Configuration {
 
     /// The settings as a list of numbers.
     #[must_use]
+    #[inline(never)]
     pub fn values(&self) -> Values {
         let mut values = [0; CONFIGURATION_VALUES];
         let (control, rest) = values.split_at_mut(CONTROL_VALUES);
@@ -322,6 +323,7 @@ impl Configuration {
 
     /// The settings that a list of numbers stands for; `None` when one does not fit its place at all.
     #[must_use]
+    #[inline(never)]
     pub fn from_values(values: &Values) -> Option<Self> {
         let (control, rest) = values.split_at(CONTROL_VALUES);
         let (line, tips) = rest.split_at(LINE_VALUES);
@@ -376,6 +378,7 @@ impl Configuration {
     ///
     /// # Errors
     /// [`OutOfRange`] names the first setting out of its range.
+    #[inline(never)]
     pub fn check(&self) -> Result<(), OutOfRange> {
         let mut limits = LIMITS;
         let threshold = i32::from(self.slip_threshold);

@@ -10,11 +10,12 @@ use embassy_time::{Duration, Instant, Timer};
 use embassy_usb::driver::{Endpoint, EndpointError, EndpointOut};
 use embedded_io_async::Read;
 use gripline_firmware::line::GripLine;
-use gripline_firmware::{Action, Mcu};
+use gripline_firmware::{Action, Mcu, storage};
 use gripline_protocol::PACKET_MAX;
 use gripline_protocol::cobs::{CobsDecoder, Frame};
-use gripline_protocol::message::Stage;
+use gripline_protocol::message::{Configuration, Stage};
 
+use crate::flash::SettingsSectors;
 use crate::gripper_bus::BusLine;
 use crate::kernel::Dsp;
 use crate::line::AnalogLine;
@@ -48,6 +49,7 @@ struct Aligned([u8; PACKET_MAX]);
 struct Control {
     mcu: &'static mut Mcu<Dsp>,
     line: AnalogLine,
+    flash: SettingsSectors,
     /// The transport that spoke last; none until a host spoke.
     answers: Option<&'static Outbox>,
     /// When the last packet came, and when the program was last asked for words, microseconds.
@@ -81,12 +83,24 @@ impl Control {
         let action = self.mcu.tick(now_us);
         self.act(action, Stage::Tick, started);
         watchdog::tick_made();
+        if let Some(settings) = self.mcu.take_store() {
+            self.store(&settings);
+        }
         let is_quiet = now_us.saturating_sub(self.packet_us) >= QUIET_US;
         let is_late = now_us.saturating_sub(self.words_us) >= WORDS_LATE_US;
         if action.transmit && (is_quiet || is_late) {
             self.words_us = now_us;
             self.answer();
         }
+    }
+
+    /// Keeps the settings in flash. The processor stands still for up to a second: nothing is in the gripper.
+    fn store(&mut self, settings: &Configuration) {
+        watchdog::be_patient();
+        let written = storage::store(&mut self.flash, settings);
+        watchdog::be_strict();
+        defmt::info!("settings stored: {}", written);
+        self.mcu.stored(written.ok());
     }
 
     /// The line first, then the times it took.
@@ -128,12 +142,14 @@ fn now_us() -> u64 {
 pub(crate) async fn control(
     mcu: &'static mut Mcu<Dsp>,
     line: AnalogLine,
+    flash: SettingsSectors,
     mut uart: BufferedUartRx<'static>,
     mut usb: HostToMcu,
 ) {
     let mut control = Control {
         mcu,
         line,
+        flash,
         answers: None,
         packet_us: 0,
         words_us: 0,

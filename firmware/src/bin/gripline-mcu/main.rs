@@ -17,6 +17,7 @@ compile_error!("name one board, not two: an image runs on one chip");
 
 mod board;
 mod control;
+mod flash;
 mod gripper_bus;
 mod hot;
 mod kernel;
@@ -33,12 +34,12 @@ use embassy_executor::{Executor, InterruptExecutor};
 use embassy_stm32::interrupt::{self, InterruptExt, Priority};
 use embassy_time::Instant;
 use gripline_firmware::line::LineCalibration;
-use gripline_firmware::storage::Stored;
-use gripline_firmware::{GripForce, Mcu, Start};
+use gripline_firmware::{GripForce, Mcu, Start, storage};
 use gripline_protocol::line::LineKind;
 use panic_probe as _;
 use static_cell::StaticCell;
 
+use crate::flash::SettingsSectors;
 use crate::kernel::Dsp;
 use crate::watchdog::Watchdog;
 
@@ -60,7 +61,9 @@ unsafe fn UART5() {
 fn main() -> ! {
     // The grip first: the DAC went to zero with the reset, and an object may be in the gripper.
     let reset = reset::read();
-    let stored = Stored::default();
+    // Two short records, a quarter of a millisecond: the line's calibration is among the settings.
+    let flash = SettingsSectors::new();
+    let stored = storage::load(&flash);
     let settings = stored.settings.unwrap_or_default();
     let line = line::start(
         reset.line.unwrap_or(GripForce::ZERO),
@@ -98,7 +101,7 @@ fn main() -> ! {
     }));
 
     let urgent = URGENT.start(interrupt::UART5);
-    urgent.spawn(control::control(mcu, line, uart_in, usb_in).expect("one control task"));
+    urgent.spawn(control::control(mcu, line, flash, uart_in, usb_in).expect("one control task"));
     // The log is written with interrupts masked for some microseconds: here, and nowhere on the way to the line.
     defmt::info!(
         "{=str} started: {}, line restored: {}",

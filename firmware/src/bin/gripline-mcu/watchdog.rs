@@ -5,6 +5,8 @@
 
 use core::sync::atomic::{AtomicU32, Ordering};
 
+use embassy_stm32::pac::IWDG;
+use embassy_stm32::pac::iwdg::vals::{Key, Pr};
 use embassy_stm32::peripherals;
 use embassy_stm32::wdg::IndependentWatchdog;
 use embassy_time::{Duration, Ticker};
@@ -15,6 +17,11 @@ const PERIOD_US: u32 = 100_000;
 const LOOK_MS: u64 = 20;
 /// Safety ticks between two looks below which the path counts as dead; all is well at [`LOOK_MS`].
 const TICKS_MIN: u32 = 10;
+
+/// The watchdog's prescaler and reload value for [`PERIOD_US`]: 32 kHz / 4, 800 counts.
+const STRICT: (Pr, u16) = (Pr::DIVIDE_BY4, 799);
+/// The same while the flash is written: 32 kHz / 64, 2,000 counts are 4 s, at least 2.7 s on a real chip.
+const PATIENT: (Pr, u16) = (Pr::DIVIDE_BY64, 1_999);
 
 /// Safety ticks since the start, by the one task that makes them.
 static TICKS: AtomicU32 = AtomicU32::new(0);
@@ -33,6 +40,28 @@ impl Watchdog {
         watchdog.pet();
         Self(watchdog)
     }
+}
+
+/// Waits long enough for the flash, which stops the processor while it is erased. Only with nothing in the gripper.
+pub(crate) fn be_patient() {
+    set_period(PATIENT);
+}
+
+/// Waits as long as always.
+pub(crate) fn be_strict() {
+    set_period(STRICT);
+}
+
+fn set_period((prescaler, reload): (Pr, u16)) {
+    IWDG.kr().write(|key| key.set_key(Key::ENABLE));
+    IWDG.pr().write(|register| register.set_pr(prescaler));
+    IWDG.rlr().write(|register| register.set_rl(reload));
+    // Both values arrive in the watchdog's own clock, some 100 µs later. Should that clock stand, the watchdog does.
+    while {
+        let status = IWDG.sr().read();
+        status.pvu() || status.rvu()
+    } {}
+    IWDG.kr().write(|key| key.set_key(Key::RESET));
 }
 
 /// Says that a safety tick was made. Called by the map-to-line path and nothing else.
