@@ -200,9 +200,13 @@ impl Session {
     pub fn store(&mut self) -> Result<u32, SessionError> {
         self.inbox.stored = None;
         self.inbox.refusal = None;
-        self.ask(&Message::Command(Command::Store), "the order to store", |inbox| {
+        // Once: every order is an erasure, during which nothing answers.
+        self.command(Command::Store)?;
+        if !self.wait_for(HANDSHAKE_US, &|inbox: &Inbox| {
             inbox.stored.is_some() || inbox.refusal.is_some()
-        })?;
+        })? {
+            return Err(self.no_answer("the order to store"));
+        }
         self.refused()?;
         Ok(self.inbox.stored.unwrap_or_default())
     }
@@ -247,18 +251,30 @@ impl Session {
         let end_us = self.now_us + HANDSHAKE_US;
         while self.now_us < end_us {
             self.send(message)?;
-            let retry_us = self.now_us + HANDSHAKE_RETRY_US;
-            while self.now_us < retry_us {
-                self.run_until(self.now_us + HANDSHAKE_STEP_US)?;
-                if answered(&self.inbox) {
-                    return Ok(());
-                }
+            if self.wait_for(HANDSHAKE_RETRY_US, &answered)? {
+                return Ok(());
             }
         }
-        Err(SessionError::NoAnswer {
+        Err(self.no_answer(question))
+    }
+
+    /// Works for so long, or until `answered`.
+    fn wait_for(&mut self, us: u64, answered: &impl Fn(&Inbox) -> bool) -> Result<bool, SessionError> {
+        let end_us = self.now_us + us;
+        while self.now_us < end_us {
+            self.run_until(self.now_us + HANDSHAKE_STEP_US)?;
+            if answered(&self.inbox) {
+                return Ok(true);
+            }
+        }
+        Ok(false)
+    }
+
+    fn no_answer(&self, question: &'static str) -> SessionError {
+        SessionError::NoAnswer {
             link: self.link.name(),
             question,
-        })
+        }
     }
 
     fn send(&mut self, message: &Message) -> Result<(), SessionError> {

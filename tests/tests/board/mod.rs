@@ -1,0 +1,234 @@
+//! The emulated board with a session on it, and maps to show it: what the tests on the unmodified image share.
+#![allow(dead_code, reason = "every test program takes its share")]
+
+use std::cell::{Ref, RefCell, RefMut};
+use std::path::Path;
+use std::rc::Rc;
+
+use gripline::link::{EmulatorLink, Link, LinkError, Transport};
+use gripline::session::Session;
+use gripline_firmware::GripForce;
+use gripline_firmware::line::DAC_LIVE_ZERO;
+use gripline_firmware::sums::{TaxelRule, stick_ratio, sums_of, total_shear};
+use gripline_protocol::message::{Command, Configuration, Status};
+use gripline_protocol::{ForceMap, MapInfo, PER_UNIT, TaxelForce};
+use rand::RngExt as _;
+use rand_pcg::Pcg64Mcg;
+
+/// 60 maps a second.
+pub(crate) const FRAME_US: u64 = 16_667;
+
+/// No relaxing and no reflex while it sticks: what the line comes to follows from shear and friction alone.
+pub(crate) const SETTINGS: Configuration = Configuration {
+    relax_rate: 0,
+    ..Configuration::DEFAULT
+};
+
+/// A link that the test keeps a hand on while the session has it.
+pub(crate) struct Shared(Rc<RefCell<EmulatorLink>>);
+
+impl Link for Shared {
+    fn send(&mut self, packet: &[u8]) -> Result<(), LinkError> {
+        self.0.borrow_mut().send(packet)
+    }
+
+    fn run_until(&mut self, until_us: u64, received: &mut dyn FnMut(&[u8])) -> Result<(), LinkError> {
+        self.0.borrow_mut().run_until(until_us, received)
+    }
+
+    fn now_us(&self) -> u64 {
+        self.0.borrow().now_us()
+    }
+
+    fn name(&self) -> String {
+        self.0.borrow().name()
+    }
+
+    fn line_code(&self) -> Option<u16> {
+        self.0.borrow().line_code()
+    }
+}
+
+pub(crate) struct Board {
+    pub(crate) session: Session,
+    pub(crate) link: Rc<RefCell<EmulatorLink>>,
+    pub(crate) sequence: u32,
+}
+
+impl Board {
+    pub(crate) fn boot() -> Self {
+        Self::boot_over(Transport::Usb)
+    }
+
+    pub(crate) fn boot_over(transport: Transport) -> Self {
+        let mut board = Self::connected(transport, None);
+        board.session.configure(SETTINGS).expect("the settings are taken");
+        board
+    }
+
+    /// With its own settings in force: those that `settings` keeps over power cycles.
+    pub(crate) fn connected(transport: Transport, settings: Option<&Path>) -> Self {
+        let link = EmulatorLink::spawn_with_settings(transport, settings)
+            .expect("emulator and image are there: cargo xtask emulator");
+        let link = Rc::new(RefCell::new(link));
+        let session = Session::connect(Box::new(Shared(Rc::clone(&link)))).expect("the firmware answers");
+        Self {
+            session,
+            link,
+            sequence: 0,
+        }
+    }
+
+    pub(crate) fn link(&self) -> Ref<'_, EmulatorLink> {
+        self.link.borrow()
+    }
+
+    pub(crate) fn link_mut(&self) -> RefMut<'_, EmulatorLink> {
+        self.link.borrow_mut()
+    }
+
+    /// Hands a map over without waiting for anything.
+    pub(crate) fn send(&mut self, map: &ForceMap) {
+        self.sequence += 1;
+        let info = MapInfo {
+            sequence: self.sequence,
+            capture_us: self.session.capture_us(),
+            ..MapInfo::default()
+        };
+        self.session.send_map(&info, map).unwrap();
+    }
+
+    /// Waits in steps of a millisecond until `reached`; panics when that takes longer than `limit_ms`.
+    pub(crate) fn wait_for(&mut self, limit_ms: u64, what: &str, mut reached: impl FnMut(&Self) -> bool) {
+        for _ in 0..limit_ms {
+            self.session.run_until(self.session.now_us() + 1_000).unwrap();
+            if reached(self) {
+                return;
+            }
+        }
+        panic!(
+            "{what}: not within {limit_ms} ms; status {:?}",
+            self.session.status()
+        );
+    }
+
+    /// Maps a second that the firmware takes when `maps` are handed over at once and the bus is never idle.
+    pub(crate) fn rate(&mut self, maps: &[ForceMap]) -> f64 {
+        let before = self.wait(200_000);
+        let start_us = self.session.now_us();
+        for map in maps {
+            self.send(map);
+        }
+        self.wait_for(5_000, "the last map", |board| board.link().waiting() == 0);
+        let taken_us = self.session.now_us() - start_us;
+        let after = self.wait(200_000);
+        assert_eq!(after.sequence, self.sequence);
+        assert_eq!(after.maps - before.maps, maps.len() as u32, "maps accepted");
+        assert_eq!(after.maps_refused, before.maps_refused, "maps refused");
+        assert_eq!(self.session.shadow().mismatches(), 0);
+        maps.len() as f64 * 1e6 / taken_us as f64
+    }
+
+    pub(crate) fn holding() -> Self {
+        let mut board = Self::boot();
+        board.session.command(Command::Hold).unwrap();
+        board
+    }
+
+    pub(crate) fn wait(&mut self, us: u64) -> Status {
+        self.session.run_until(self.session.now_us() + us).unwrap();
+        *self.session.status().expect("a status came")
+    }
+
+    /// Sends a map 60 times a second for so many maps; returns the status after the last.
+    pub(crate) fn maps(&mut self, map: &ForceMap, count: u32) -> Status {
+        for _ in 0..count {
+            self.send(map);
+            self.wait(FRAME_US);
+        }
+        *self.session.status().unwrap()
+    }
+
+    /// The DAC shows the very force that the status tells, as the live-zero line demands.
+    pub(crate) fn assert_line(&self, status: &Status, expected_lsb: i32, what: &str) {
+        assert_eq!(status.line, expected_lsb, "{what}: the line in the status");
+        let code = DAC_LIVE_ZERO.code(GripForce::from_lsb(expected_lsb));
+        assert_eq!(
+            self.session.line_code(),
+            Some(code),
+            "{what}: the code on the DAC"
+        );
+    }
+
+    /// The microcontroller's answer for this map is the host's own.
+    pub(crate) fn assert_sums(&self, status: &Status, map: &ForceMap, what: &str) {
+        let host = sums_of(map, TaxelRule::of(&SETTINGS));
+        assert_eq!(status.sums, host, "{what}: sums");
+        assert_eq!(
+            stick_ratio(&status.sums),
+            stick_ratio(&host),
+            "{what}: stick ratio"
+        );
+        assert_eq!(status.sequence, self.sequence, "{what}: sequence");
+    }
+}
+
+/// 60 taxels of about 0.2 N; `slipping` of them carry more shear than friction 0.45 holds.
+pub(crate) fn map(slipping: usize) -> ForceMap {
+    let mut map = ForceMap::EMPTY;
+    for n in 0..60 {
+        let taxel = 120 + n / 10 * 20 + n % 10;
+        map.taxels[taxel] = TaxelForce {
+            x: if n < slipping { 500 } else { 150 },
+            y: -60,
+            z: 800 + n as i16,
+        };
+    }
+    map
+}
+
+/// A seeded mixture of maps, from empty to dense, their forces anything that a taxel can carry.
+pub(crate) struct Mixture(Pcg64Mcg);
+
+impl Mixture {
+    pub(crate) fn new() -> Self {
+        Self(Pcg64Mcg::new(0x6772_6970))
+    }
+
+    /// A map with this many taxels in contact, of which about half carry more shear than friction 0.45 holds.
+    pub(crate) fn map(&mut self, contacts: usize) -> ForceMap {
+        let mut map = ForceMap::EMPTY;
+        let mut left = contacts;
+        for (place, taxel) in map.taxels.iter_mut().enumerate() {
+            if self.0.random_range(0..400 - place) < left {
+                left -= 1;
+                let z = self.0.random_range(1..=i16::MAX);
+                let shear = i32::from(z) * 6 / 10;
+                *taxel = TaxelForce {
+                    x: self.0.random_range(-shear..=shear) as i16,
+                    y: self.0.random_range(-shear..=shear) as i16,
+                    z,
+                };
+            }
+        }
+        map
+    }
+
+    /// Every fourth empty, every fourth dense, the rest in between.
+    pub(crate) fn next(&mut self, number: usize) -> ForceMap {
+        match number % 4 {
+            0 => ForceMap::EMPTY,
+            1 => self.map(400),
+            _ => {
+                let contacts = self.0.random_range(1..400);
+                self.map(contacts)
+            }
+        }
+    }
+}
+
+pub(crate) fn feed_forward(map: &ForceMap) -> i32 {
+    let shear = i64::from(total_shear(&sums_of(map, TaxelRule::of(&SETTINGS))));
+    let share = i64::from(PER_UNIT) + i64::from(SETTINGS.margin);
+    (shear * share / i64::from(SETTINGS.friction)) as i32
+}
