@@ -216,7 +216,7 @@ fn a_crc_storm_holds_the_line_latches_and_costs_no_good_map() {
     for round in 0..30_u8 {
         let mut packets = Vec::new();
         encode_map(&MapInfo::default(), &map(60), |packet| {
-            packets.push(packet.to_vec())
+            packets.push(packet.to_vec());
         });
         packets[1][7] ^= 1 << (round % 8);
         for packet in &packets {
