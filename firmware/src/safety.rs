@@ -1,5 +1,6 @@
 //! Every fault: number, cause, what it does to the line, whether it latches. The safe state of a gripper is to hold
 //! or tighten, never to release; no fault ever lowers the line. Times are in ms of the 1 kHz tick.
+//! `docs/safety.md` has the table for people, which a test holds against this list.
 
 use crate::constants::{STORM_LEVEL, STORM_LEVEL_MAX, STORM_PER_PACKET};
 use crate::grip::Guard;

@@ -1,5 +1,6 @@
 //! The whole program through its packets: decisions, grip force, faults, handshake.
 
+use gripline_firmware::constants::DECIDE_BUDGET_CYCLES;
 use gripline_firmware::grip::Guard;
 use gripline_firmware::line::LineHealth;
 use gripline_firmware::mcu::{Action, Mcu, ResetCause, Start};
@@ -8,7 +9,7 @@ use gripline_firmware::sums::{TaxelRule, sums_of};
 use gripline_firmware::{Fault, Friction, GripForce};
 use gripline_protocol::message::{
     Command, Configuration, GripMode, Hello, Message, MessagePackets, OutOfRange, Refusal, Report, SlipState,
-    Status,
+    Stage, Status,
 };
 use gripline_protocol::{
     Event, ForceMap, Health, LSB_PER_NEWTON, MapInfo, PACKET_MAX, Parser, TAXELS, TaxelForce, encode_map,
@@ -642,6 +643,25 @@ fn a_start_with_stored_settings_has_them_in_force_and_one_with_lost_settings_tel
         faults: Fault::SettingsLost.bit(),
     });
     assert_eq!((bench.faults(), bench.mcu.status().latched), (0, 0));
+}
+
+#[test]
+fn a_map_that_takes_longer_than_its_bound_is_told_and_held_against_nothing() {
+    let mut bench = Bench::holding();
+    let held = bench.maps_for_ms(&contact_map(100, 95), 300).line;
+    bench.mcu.note_cycles(Stage::Decide, DECIDE_BUDGET_CYCLES);
+    assert_eq!(bench.faults(), 0, "the bound itself is kept");
+    bench.mcu.note_cycles(Stage::Decide, DECIDE_BUDGET_CYCLES + 1);
+    let late = bench.map(&contact_map(100, 95));
+    assert_eq!((late.faults, late.latched), (Fault::DeadlineMissed.bit(), 0));
+    assert_eq!(late.line, held);
+    bench.mcu.note_cycles(Stage::Decide, DECIDE_BUDGET_CYCLES);
+    assert_eq!(bench.faults(), 0);
+    assert_eq!(
+        bench.mcu.status().worst_cycles[Stage::Decide as usize],
+        DECIDE_BUDGET_CYCLES + 1,
+        "the worst stays to be seen"
+    );
 }
 
 #[test]
