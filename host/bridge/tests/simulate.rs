@@ -167,14 +167,17 @@ fn maps_truth_and_frames_belong_together_and_are_in_balance() {
             "{} N instead of {asked}",
             sums[2]
         );
-        assert!(sums[0].hypot(sums[1]) <= 0.6 * sums[2] * 1.001);
+        // Pressure leans with the sphere's slope: at its rim by up to a third, over all of it hardly.
+        assert!(sums[0].hypot(sums[1]) <= 0.6 * sums[2] * 1.02);
         for taxel in 0..400 {
             let [x, y, z] = [0, 1, 2].map(|axis| f64::from(map[axis * 400 + taxel]));
             assert!(
-                x.hypot(y) <= 0.6 * z * 1.001 + 1e-6,
+                x.hypot(y) <= (0.6 + 0.33) * z + 1e-6,
                 "frame {frame}, taxel {taxel}"
             );
         }
+        // A sphere of 12 mm under 2 N is 0.9 mm deep.
+        assert!(number(row, "indentation") > 0.02 && number(row, "indentation") < 0.2);
         let ratio = number(row, "stick_ratio");
         assert!((0.0..=1.0).contains(&ratio) && number(row, "area_mm2") > 0.0);
     }

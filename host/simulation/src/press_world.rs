@@ -54,6 +54,8 @@ pub struct PressFrame<'a> {
     pub time_s: f64,
     /// The step of the path that leads here.
     pub step: &'a PathStep,
+    /// The pressing force that the path asks for, N; none where it asks for a depth.
+    pub load_n: Option<f64>,
     /// The contact.
     pub truth: &'a Truth,
 }
@@ -156,6 +158,10 @@ impl PressWorld {
             frame,
             time_s,
             step: &self.path[self.step],
+            load_n: match self.drive.press {
+                Press::Force(load_n) => Some(load_n),
+                Press::Depth(_) => None,
+            },
             truth: self.contact.truth(),
         }))
     }

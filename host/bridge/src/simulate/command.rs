@@ -9,6 +9,7 @@ use std::io::{self, ErrorKind, IsTerminal, Write};
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use gripline_simulation::constants::LARGEST_INDENTATION;
 use gripline_simulation::scene_file::{FrameSize, SceneFile};
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
@@ -72,6 +73,8 @@ struct Summary {
     resumed: usize,
     seconds: f64,
     slip_frames: usize,
+    /// Frames deeper than [`LARGEST_INDENTATION`].
+    too_deep: usize,
     normal_n_max: f64,
     stick_ratio_min: Option<f64>,
 }
@@ -104,6 +107,7 @@ pub fn run(args: &SimulateArgs) -> Result<(), Failure> {
         complete: false,
         frames: 0,
         fingers: play.fingers(),
+        too_deep: 0,
         unsolved: Vec::new(),
     };
     simulate(args, play.as_mut(), size, file.frames_per_second, manifest)
@@ -143,6 +147,7 @@ fn simulate(
     }
     manifest.complete = true;
     manifest.frames = recorded.moments.len();
+    manifest.too_deep = too_deep(&recorded.moments);
     folder.write_manifest(&manifest)?;
     let summary = summary(args, play, &manifest, resumed, &recorded.moments);
     print_summary(&summary, args.json)?;
@@ -339,6 +344,15 @@ fn write_clips(
     Ok(())
 }
 
+/// Frames in which a finger is pressed deeper than the linear layer is right for.
+fn too_deep(moments: &[Moment]) -> usize {
+    let deep = |moment: &&Moment| {
+        let mut fingers = moment.fingers.iter();
+        fingers.any(|finger| finger.indentation > LARGEST_INDENTATION)
+    };
+    moments.iter().filter(deep).count()
+}
+
 fn summary(
     args: &SimulateArgs,
     play: &dyn Play,
@@ -357,6 +371,7 @@ fn summary(
         unsolved: manifest.unsolved.len(),
         resumed,
         seconds: moments.last().map_or(0.0, |moment| moment.time_s),
+        too_deep: manifest.too_deep,
         slip_frames: moments.iter().filter(|moment| moment.slip).count(),
         normal_n_max: fingers()
             .map(|finger| force_n(&finger.forces)[2])
@@ -374,6 +389,13 @@ fn print_summary(summary: &Summary, json: bool) -> Result<(), Failure> {
             .map_or("nothing touched".to_owned(), |ratio| {
                 format!("stick ratio down to {ratio:.3}")
             });
+        let deep = match summary.too_deep {
+            0 => String::new(),
+            frames => format!(
+                "\n  {frames} frames are deeper than {:.0} % of the gel: the linear layer is doubtful there (column                  indentation)",
+                100.0 * LARGEST_INDENTATION
+            ),
+        };
         format!(
             "{}: {} frames in {:.3} s ({} there before, {} left out), {}\n  normal force up to {:.3} N, {ratio}, {} \
              frames slip\n  in {}: frames, rest.png, maps.npy, truth.csv, preview.png, manifest.toml",
@@ -390,7 +412,7 @@ fn print_summary(summary: &Summary, json: bool) -> Result<(), Failure> {
             summary.normal_n_max,
             summary.slip_frames,
             summary.out,
-        )
+        ) + &deep
     };
     match writeln!(io::stdout(), "{text}") {
         Err(error) if error.kind() != ErrorKind::BrokenPipe => Err(Failure::failed(format!(
@@ -493,6 +515,7 @@ mod tests {
                 stick_ratio: Some(0.5),
                 gross_slip: false,
                 slip_mm: 0.0,
+                indentation: 0.15 * self.step as f64 / 2.0,
                 states: Vec::new(),
             };
             Ok(Some(Moment {
@@ -536,6 +559,7 @@ mod tests {
             complete: false,
             frames: 0,
             fingers: 2,
+            too_deep: 0,
             unsolved: Vec::new(),
         };
         let failure = simulate(
@@ -558,8 +582,9 @@ mod tests {
         let times: Vec<&str> = csv.lines().map(|line| line.split(',').nth(1).unwrap()).collect();
         assert_eq!(times, ["time_s", "0.1", "0.30000000000000004", "0.4"]);
         assert!(csv.starts_with(
-            "frame,time_s,phase,slip,fn,fx,fy,mz,stick_ratio,gross_slip,slip_mm,fn_1,fx_1,fy_1,mz_1,stick_ratio_1,\
-             gross_slip_1,slip_mm_1,extra\n0,0.1,press,0,400,0,0,0,0.5,0,0,4400,0,0,0,0.5,0,0,0.25\n"
+            "frame,time_s,phase,slip,fn,fx,fy,mz,stick_ratio,gross_slip,slip_mm,indentation,fn_1,fx_1,fy_1,mz_1,\
+             stick_ratio_1,gross_slip_1,slip_mm_1,indentation_1,extra\n\
+             0,0.1,press,0,400,0,0,0,0.5,0,0,0.075,4400,0,0,0,0.5,0,0,0.075,0.25\n"
         ));
         let mut forces = Box::new([[0.0; 3]; 400]);
         for (name, first) in [("maps.npy", 1.0), ("maps_1.npy", 11.0)] {
@@ -586,6 +611,8 @@ mod tests {
         let text = fs::read_to_string(out.join("manifest.toml")).unwrap();
         let found: Manifest = toml::from_str(&text).unwrap();
         assert!(found.complete && found.frames == 3 && found.unsolved.len() == 1);
+        // 0.075, 0.225 and 0.3 of the gel deep.
+        assert_eq!(found.too_deep, 2);
         assert!((found.unsolved[0].time_s - 0.2).abs() < 1e-12);
         // Said again when it is asked for again, with nothing made twice.
         let again = simulate(&args, &mut Stubborn::default(), FrameSize::Crop, 10.0, manifest).unwrap_err();

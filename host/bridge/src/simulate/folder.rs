@@ -13,7 +13,7 @@ use super::table::named;
 use crate::error::Failure;
 
 /// Counts up when the simulated world changes what a scene gives; results of another version are not mixed.
-pub(super) const WORLD_VERSION: u32 = 1;
+pub(super) const WORLD_VERSION: u32 = 2;
 /// The file that says what made the folder.
 const MANIFEST: &str = "manifest.toml";
 
@@ -36,6 +36,8 @@ pub(super) struct Manifest {
     /// Frames that are there once it is complete.
     pub(super) frames: usize,
     pub(super) fingers: usize,
+    /// Frames whose indenter is deeper than the linear layer is right for.
+    pub(super) too_deep: usize,
     /// Frames that were left out because their contact did not converge.
     pub(super) unsolved: Vec<Unsolved>,
 }

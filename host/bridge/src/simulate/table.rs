@@ -10,7 +10,16 @@ use super::play::Moment;
 /// Columns of every scene, before those of the fingers.
 pub const HEAD: [&str; 4] = ["frame", "time_s", "phase", "slip"];
 /// Columns of every finger; from the second finger on with `_1` behind them.
-pub const FINGER: [&str; 7] = ["fn", "fx", "fy", "mz", "stick_ratio", "gross_slip", "slip_mm"];
+pub const FINGER: [&str; 8] = [
+    "fn",
+    "fx",
+    "fy",
+    "mz",
+    "stick_ratio",
+    "gross_slip",
+    "slip_mm",
+    "indentation",
+];
 
 /// The line with the names of the columns.
 pub(super) fn header(fingers: usize, extra: &[&str]) -> String {
@@ -52,6 +61,7 @@ pub(super) fn row(frame: usize, moment: &Moment) -> String {
                 .map_or_else(String::new, |ratio| ratio.to_string()),
             flag(finger.gross_slip),
             finger.slip_mm.to_string(),
+            finger.indentation.to_string(),
         ]);
     }
     cells.extend(moment.extra.iter().map(ToString::to_string));

@@ -213,6 +213,10 @@ impl Play for GraspPlay<'_> {
                 stick_ratio: truth.stick_ratio,
                 gross_slip: truth.gross_slip,
                 slip_mm: truth.slip_mm,
+                indentation: self
+                    .world
+                    .truth(finger)
+                    .indentation_share(&self.world.scene().fingertips[finger].gel),
                 states: self.world.truth(finger).states().to_vec(),
             });
         Ok(Some(Moment {

@@ -20,6 +20,8 @@ pub(super) struct FingerMoment {
     pub(super) gross_slip: bool,
     /// Way slid over the skin, mm.
     pub(super) slip_mm: f64,
+    /// Depth of the indenter over the thickness of the gel.
+    pub(super) indentation: f64,
     /// What the cells of the skin do.
     pub(super) states: Vec<CellState>,
 }

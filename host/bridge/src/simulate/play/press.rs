@@ -128,6 +128,7 @@ impl Play for PressPlay<'_> {
                 stick_ratio: truth.stick_ratio(),
                 gross_slip: truth.gross_slip(),
                 slip_mm: truth.slip_distance_mm(),
+                indentation: truth.indentation_share(&self.file.sensor.params.gel),
                 states: truth.states().to_vec(),
             }],
         }))

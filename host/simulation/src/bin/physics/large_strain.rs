@@ -132,7 +132,12 @@ pub(crate) fn rows(found: &[Comparison], report: &mut Report, pictures: &Picture
                 x_range: [0.0, 31.0],
                 y_range: [
                     0.0,
-                    100.0 * found.iter().map(|c| c.whole_map_difference).fold(0.0, f64::max) * 1.6,
+                    100.0
+                        * found
+                            .iter()
+                            .map(|c| c.straight_map_difference)
+                            .fold(0.0, f64::max)
+                        * 1.5,
                 ],
                 curves: vec![
                     Curve::both("normal", 0, curve(&|c| 100.0 * c.normal_map_difference)),

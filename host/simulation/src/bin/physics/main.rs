@@ -15,6 +15,7 @@ mod maps;
 mod pictures;
 mod pull;
 mod report;
+mod scenes;
 mod speed;
 mod tamaas;
 mod twist;
@@ -38,13 +39,13 @@ physics [--json] [--out DIR] [--only SECTION,...] [--without SECTION,...]
 
   --json     one JSON object on standard output instead of the table
   --out      folder for the pictures (made if absent; none are drawn without)
-  --only     these sections: hertz, pull, twist, limit, grid, balance, tamaas,
+  --only     these sections: hertz, pull, twist, limit, grid, balance, scenes, tamaas,
              elements, pictures, speed
   --without  all sections but these
 ";
 
-const SECTIONS: [&str; 10] = [
-    "hertz", "pull", "twist", "limit", "grid", "balance", "tamaas", "elements", "pictures", "speed",
+const SECTIONS: [&str; 11] = [
+    "hertz", "pull", "twist", "limit", "grid", "balance", "scenes", "tamaas", "elements", "pictures", "speed",
 ];
 
 struct Options {
@@ -166,6 +167,9 @@ fn measure(options: &Options) -> ExitCode {
             Ok(())
         },
     );
+    section("scenes", "whole presses and grasps", &mut |report| {
+        scenes::run(report)
+    });
     section(
         "tamaas",
         "rough and odd shapes in an independent solver",

@@ -12,8 +12,8 @@ use crate::world::{World, drive};
 /// The middle of the skin that is shown, mm from the middle to the edge.
 const HALF_MM: f64 = 8.0;
 
-/// Pixels of the camera along one side of a pixel shown: noise-like pictures grow large.
-const REDUCED: usize = 3;
+/// Side of the part in the middle of the crop that is shown, pixel by pixel.
+const SHOWN: usize = 220;
 
 /// A panel of the middle of the skin, one value a cell.
 fn panel(truth: &Truth, title: &str, scale: Scale, value: impl Fn(usize) -> f64) -> Panel {
@@ -98,7 +98,7 @@ pub(crate) fn run(world: &World, pictures: &Pictures) -> Result<(), Failure> {
     }
     pictures.panels("slip-zones", &rows)?;
 
-    // What the camera sees: at rest, pressed and pulled, and the difference; a third of the size, noise left out.
+    // What the camera sees: at rest, pressed and pulled, and the difference, noise left out.
     let mut contact = world.contact(&gel, production_cells(5.0), TRAINING_SHAPES[0], Mount::default())?;
     contact.go(drive(5.0, [0.0; 2], 0.0), 8)?;
     let truth = contact.go(drive(5.0, [0.6, 0.3], 0.0), 4)?;
@@ -110,19 +110,15 @@ pub(crate) fn run(world: &World, pictures: &Pictures) -> Result<(), Failure> {
     let rest = fingertip.rest_image();
     let mut now = Image::crop();
     fingertip.render_truth(truth, &mut now);
-    let reduced = |pixel: &dyn Fn(usize) -> f64| -> Vec<f64> {
-        let side = rest.width / REDUCED;
-        (0..side * side)
-            .map(|i| {
-                let first = REDUCED * (i / side) * rest.width + REDUCED * (i % side);
-                let block = (0..REDUCED * REDUCED).map(|k| first + k / REDUCED * rest.width + k % REDUCED);
-                block.map(pixel).sum::<f64>() / (REDUCED * REDUCED) as f64
-            })
+    let middle = |pixel: &dyn Fn(usize) -> f64| -> Vec<f64> {
+        let first = (rest.width - SHOWN) / 2 * (rest.width + 1);
+        (0..SHOWN * SHOWN)
+            .map(|i| pixel(first + i / SHOWN * rest.width + i % SHOWN))
             .collect()
     };
     let image = |title: &str, scale: Scale, values: Vec<f64>| Panel {
         title: title.to_owned(),
-        side: rest.width / REDUCED,
+        side: SHOWN,
         half_mm: 0.0,
         values,
         scale,
@@ -130,16 +126,20 @@ pub(crate) fn run(world: &World, pictures: &Pictures) -> Result<(), Failure> {
     pictures.panels(
         "images",
         &[vec![
-            image("at rest", Scale::Grey, reduced(&|i| f64::from(rest.pixels[i]))),
+            image(
+                "at rest, middle half",
+                Scale::Grey,
+                middle(&|i| f64::from(rest.pixels[i])),
+            ),
             image(
                 "12 mm sphere, 5 N, pulled",
                 Scale::Grey,
-                reduced(&|i| f64::from(now.pixels[i])),
+                middle(&|i| f64::from(now.pixels[i])),
             ),
             image(
                 "difference, grey levels",
                 Scale::Signed(120.0),
-                reduced(&|i| f64::from(now.pixels[i]) - f64::from(rest.pixels[i]))
+                middle(&|i| f64::from(now.pixels[i]) - f64::from(rest.pixels[i]))
                     .into_iter()
                     .map(|d| (d / 24.0).round() * 24.0)
                     .collect(),
