@@ -5,6 +5,7 @@ use std::ffi::OsString;
 use clap::{Parser, Subcommand};
 
 use crate::detect::DetectArgs;
+use crate::infer::InferArgs;
 use crate::run::RunArgs;
 use crate::simulate::SimulateArgs;
 
@@ -23,6 +24,8 @@ pub struct Cli {
 pub enum Command {
     /// Camera to grip-force line. Without arguments: a simulated fingertip and gripper, live in the terminal.
     Run(RunArgs),
+    /// Run the force network over recorded camera pictures.
+    Infer(InferArgs),
     /// Run the microcontroller's detector over recorded force maps.
     Detect(DetectArgs),
     /// Play a scene of the simulated world: frames, true force maps and slip labels.

@@ -3,7 +3,8 @@
 //!
 //! [`pipeline`] turns a picture into a force map ([`gate`], network, quantisation with [`rounding`]); [`link`] carries packets to a
 //! microcontroller; [`session`] speaks the protocol over a link and checks every answer ([`shadow`]); [`run`] joins
-//! them with a source of pictures and the [`view`]; [`detect`] runs the detector over recorded maps;
+//! them with a source of pictures and the [`view`]; [`infer`] and [`detect`] run the network over recorded
+//! pictures and the detector over recorded maps;
 //! [`simulate`] plays a scene of the simulated world into files.
 #![forbid(unsafe_code)]
 
@@ -11,6 +12,7 @@ pub mod cli;
 pub mod detect;
 pub mod error;
 pub mod gate;
+pub mod infer;
 pub mod link;
 pub mod maps_file;
 pub mod pipeline;

@@ -5,7 +5,7 @@ use std::process::ExitCode;
 
 use gripline::cli::{Cli, Command};
 use gripline::error::Kind;
-use gripline::{detect, run, simulate};
+use gripline::{detect, infer, run, simulate};
 
 fn main() -> ExitCode {
     let cli = match Cli::from_arguments(std::env::args_os()) {
@@ -19,6 +19,7 @@ fn main() -> ExitCode {
     };
     let ended = match cli.command {
         Command::Run(args) => run::run(&args),
+        Command::Infer(args) => infer::run(&args),
         Command::Detect(args) => detect::run(&args),
         Command::Simulate(args) => simulate::run(&args),
     };

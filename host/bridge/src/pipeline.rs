@@ -6,7 +6,7 @@ use std::time::Instant;
 
 use gripline_firmware::sums::TaxelRule;
 use gripline_network::image::Image88;
-use gripline_network::{ForceNetwork, downsample_440_to_88};
+use gripline_network::{Network, downsample_440_to_88};
 use gripline_protocol::{ForceMap, Health, NotFinite, Saturated, TAXELS};
 
 use crate::gate::{Gate, Verdict};
@@ -31,7 +31,7 @@ pub struct Processed<'a> {
 /// The stages from picture to map.
 #[derive(Debug)]
 pub struct Pipeline {
-    network: ForceNetwork,
+    network: Network,
     gate: Option<Gate>,
     contact_min_n: f32,
     rule: TaxelRule,
@@ -48,15 +48,18 @@ impl Pipeline {
     /// # Panics
     /// When `rest` is empty or a crop is not 440×440: the sources of pictures see to both.
     #[must_use]
-    pub fn new(mut network: ForceNetwork, rest: &[Vec<u8>], use_gate: bool, rule: TaxelRule) -> Self {
+    pub fn new(mut network: Network, rest: &[Vec<u8>], use_gate: bool, rule: TaxelRule) -> Self {
         assert!(!rest.is_empty(), "the pipeline needs a picture at rest");
         let frames: Vec<Image88> = rest.iter().map(|crop| small(crop)).collect();
-        let count = frames.len() as u32;
-        let mean: Image88 = core::array::from_fn(|pixel| {
-            let sum: u32 = frames.iter().map(|frame| u32::from(frame[pixel])).sum();
-            ((sum + count / 2) / count) as u8
-        });
-        network.set_rest(&mean);
+        let count = rest.len() as u32;
+        let crop: Vec<u8> = (0..CROP_PIXELS)
+            .map(|pixel| {
+                let sum: u32 = rest.iter().map(|crop| u32::from(crop[pixel])).sum();
+                ((sum + count / 2) / count) as u8
+            })
+            .collect();
+        network.set_rest(&crop);
+        let mean = small(&crop);
         let contact_min_n = network.calibration().contact_min_n;
         Self {
             network,
@@ -97,7 +100,7 @@ impl Pipeline {
             }
             Verdict::Unchanged => {}
             Verdict::Network => {
-                self.network.infer(&self.now, &mut self.newtons);
+                self.network.infer(crop, &mut self.newtons);
                 drop_untouched(&mut self.newtons, self.contact_min_n);
                 let (mut map, saturated) = ForceMap::quantise(&self.newtons)?;
                 let newtons = self.newtons.iter().map(|force| force.map(f64::from));

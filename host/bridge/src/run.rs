@@ -14,7 +14,7 @@ use std::time::{Duration, Instant};
 use clap::Args;
 use gripline_firmware::Fault;
 use gripline_firmware::sums::{TaxelRule, centre_of_pressure_um, stick_ratio_below};
-use gripline_network::{ForceNetwork, InstructionSet};
+use gripline_network::{Architecture, InstructionSet, Network};
 use gripline_protocol::message::{Command, Configuration, GripMode, Status};
 use gripline_protocol::{LSB_PER_NEWTON, MapInfo, PER_UNIT};
 use gripline_simulation::constants::{SCENE_INITIAL_GRIP_N, SCENE_LOOP_S};
@@ -49,6 +49,9 @@ pub struct RunArgs {
     /// Stop after so many seconds. By default: never on a terminal, after one round of the scene (12 s) elsewhere.
     #[arg(long, value_name = "S", value_parser = |text: &str| number_in(text, 0.1, 1e9))]
     seconds: Option<f64>,
+    /// Force network: `unet` looks at small images (the default), `tracked` follows particles at full resolution.
+    #[arg(long, value_name = "NETWORK")]
+    network: Option<Architecture>,
     /// Weights of the force network instead of the built-in ones (safetensors).
     #[arg(long, value_name = "FILE")]
     weights: Option<PathBuf>,
@@ -140,8 +143,8 @@ struct StageSummary {
 /// [`Failure`] when weights, link or terminal fail, and with kind Loss when maps got no answer.
 pub fn run(args: &RunArgs) -> Result<(), Failure> {
     let network = match &args.weights {
-        Some(path) => ForceNetwork::from_file(path),
-        None => ForceNetwork::embedded(),
+        Some(path) => Network::from_file(path, args.network),
+        None => Network::embedded(args.network.unwrap_or_default()),
     }
     .map_err(Failure::failed)?;
     let network = match args.instructions {
@@ -194,7 +197,7 @@ pub fn run(args: &RunArgs) -> Result<(), Failure> {
 
 /// The default settings with what the network was calibrated for, and the grip with which the scene's object is held.
 #[must_use]
-pub fn settings_for(network: &ForceNetwork) -> Configuration {
+pub fn settings_for(network: &Network) -> Configuration {
     let calibration = network.calibration();
     Configuration {
         friction: (calibration.friction * PER_UNIT as f32).round() as u16,

@@ -8,7 +8,7 @@ use gripline::run::settings_for;
 use gripline::session::Session;
 use gripline::source::SimulatedSource;
 use gripline_firmware::sums::TaxelRule;
-use gripline_network::ForceNetwork;
+use gripline_network::{Architecture, Network};
 use gripline_protocol::message::{Command, GripMode};
 use gripline_protocol::{LSB_PER_NEWTON, MapInfo};
 
@@ -20,7 +20,7 @@ struct Chain {
 
 impl Chain {
     fn new(rest: &[Vec<u8>], gate: bool) -> Self {
-        let network = ForceNetwork::embedded().unwrap();
+        let network = Network::embedded(Architecture::default()).unwrap();
         let settings = settings_for(&network);
         let session = Session::open(Box::new(EmbeddedLink::new()), settings).unwrap();
         Self {

@@ -1,9 +1,9 @@
-//! The force network's inference engine: two 88×88 camera images (at rest, now) in, a 20×20 map of contact
-//! forces out. Forces are newtons per taxel, components x, y (shear) and z (pressing into the skin is
+//! The force network's inference engine: camera images (at rest, now) in, a 20×20 map of contact forces out, in one of
+//! two ways: an encoder–decoder on 88×88 images, or particles tracked at 440×440 ([`tracked`]). Forces are newtons per taxel, components x, y (shear) and z (pressing into the skin is
 //! positive), taxels row-major; images have the same orientation. One thread, no allocation per frame.
 //!
-//! [`ForceNetwork`] is all that a program needs; [`weights`] is the file format, [`layers`] and [`tensors`]
-//! the architecture as the trainer builds it.
+//! [`Network`] is all that a program needs, [`ForceNetwork`] the encoder–decoder; [`weights`] is the file format,
+//! [`layers`] and [`tensors`] the architecture as the trainer builds it.
 // Only the kernels' loads, stores and vector instructions are unsafe.
 #![deny(unsafe_code)]
 
@@ -11,6 +11,8 @@ pub mod constants;
 pub mod image;
 mod instruction_set;
 mod kernel;
+mod network;
+pub mod tracked;
 mod unet;
 pub mod weights;
 
@@ -24,6 +26,7 @@ pub use instruction_set::{InstructionSet, InstructionSetError};
 use kernel::Region;
 #[cfg(feature = "bench")]
 pub use kernel::spin;
+pub use network::{Architecture, Network};
 use unet::UNet;
 pub use unet::{Folded, Layer, LayerKind, OUTPUT, folded, layers, tensors};
 pub use weights::{Calibration, WeightsError};

@@ -104,13 +104,18 @@ pub fn layers(widths: Widths) -> [Layer; 15] {
 /// or `NAME.norm.{gamma, beta, mean, variance}`, `[out]`.
 #[must_use]
 pub fn tensors(widths: Widths) -> Vec<(String, Vec<usize>)> {
+    tensors_of(&layers(widths))
+}
+
+/// Name and shape of every tensor of these layers.
+pub(crate) fn tensors_of(layers: &[Layer]) -> Vec<(String, Vec<usize>)> {
     let mut tensors = Vec::new();
-    for Layer {
+    for &Layer {
         name,
         kind,
         in_channels,
         out_channels,
-    } in layers(widths)
+    } in layers
     {
         let channels = match kind {
             LayerKind::Convolution { .. } => [out_channels, in_channels],
@@ -265,7 +270,7 @@ pub fn folded(weights: &Weights) -> impl Iterator<Item = Folded> {
 }
 
 impl Folded {
-    fn new(layer: Layer, tensors: &BTreeMap<String, Tensor>) -> Self {
+    pub(crate) fn new(layer: Layer, tensors: &BTreeMap<String, Tensor>) -> Self {
         let part = |part: &str| &tensors[&format!("{}.{part}", layer.name)].values;
         let weights = part("weight");
         if layer.name == OUTPUT {
@@ -301,7 +306,7 @@ impl Folded {
         Self { layer, weights, bias }
     }
 
-    fn pack(&self, instructions: InstructionSet) -> Convolution {
+    pub(crate) fn pack(&self, instructions: InstructionSet) -> Convolution {
         let Layer {
             name,
             kind,

@@ -12,6 +12,7 @@ use safetensors::tensor::{Dtype, TensorView};
 use safetensors::{SafeTensors, serialize};
 
 use crate::constants::{WEIGHTS_FILE_MAX_BYTES, WIDTH_MAX, WIDTH_STEP};
+use crate::network::Architecture;
 use crate::unet;
 
 /// What stands in the metadata under `format`.
@@ -197,20 +198,12 @@ impl Weights {
     /// # Errors
     /// When it cannot be read or is not a complete, undamaged weights file of a known architecture.
     pub fn from_file(path: &Path) -> Result<Self, WeightsError> {
-        let read = || {
-            let found = std::fs::metadata(path)?.len();
-            if found > WEIGHTS_FILE_MAX_BYTES {
-                return Err(WeightsProblem::TooLong {
-                    found,
-                    most: WEIGHTS_FILE_MAX_BYTES,
-                });
-            }
-            Self::parse(&std::fs::read(path)?)
-        };
-        read().map_err(|problem| WeightsError {
-            origin: path.display().to_string(),
-            problem,
-        })
+        read(path)
+            .and_then(|bytes| Self::parse(&bytes))
+            .map_err(|problem| WeightsError {
+                origin: path.display().to_string(),
+                problem,
+            })
     }
 
     /// Checks the bytes of a weights file.
@@ -218,27 +211,8 @@ impl Weights {
     /// # Errors
     /// The first thing that is wrong: format, architecture, metadata, checksum, then tensors.
     pub fn parse(bytes: &[u8]) -> Result<Self, WeightsProblem> {
-        let not_safetensors = |error: safetensors::SafeTensorError| WeightsProblem::NotSafetensors {
-            found: error.to_string(),
-        };
-        let (header_bytes, header) = SafeTensors::read_metadata(bytes).map_err(not_safetensors)?;
-        let file = SafeTensors::deserialize(bytes).map_err(not_safetensors)?;
-        let none = HashMap::new();
-        let metadata = Metadata(header.metadata().as_ref().unwrap_or(&none));
-
-        metadata.expect("format", FORMAT)?;
-        metadata.expect("architecture", ARCHITECTURE)?;
-        let stated = metadata.text("crc32")?;
-        let expected = u32::from_str_radix(stated, 16).map_err(|_| WeightsProblem::Metadata {
-            key: "crc32",
-            found: stated.to_owned(),
-            expected: "eight hexadecimal digits".to_owned(),
-        })?;
-        let found = checksum(metadata.0, &bytes[8 + header_bytes..]);
-        if found != expected {
-            return Err(WeightsProblem::Checksum { found, expected });
-        }
-
+        let opened = Opened::parse(bytes, ARCHITECTURE)?;
+        let metadata = opened.metadata();
         let widths = metadata.widths()?;
         let weights = Self {
             widths,
@@ -253,7 +227,7 @@ impl Weights {
                 friction: metadata.number("friction", 0.0, 2.0)?,
             },
             manifest: metadata.text("manifest")?.to_owned(),
-            tensors: tensors(&file, widths)?,
+            tensors: opened.tensors(&unet::tensors(widths))?,
         };
         weights.check()?;
         Ok(weights)
@@ -264,34 +238,7 @@ impl Weights {
     /// # Errors
     /// The first one that is not.
     pub fn check(&self) -> Result<(), WeightsProblem> {
-        for (name, expected) in unet::tensors(self.widths) {
-            let Some(Tensor { shape, values }) = self.tensors.get(&name) else {
-                return Err(WeightsProblem::MissingTensor { name, expected });
-            };
-            if *shape != expected || values.len() != expected.iter().product::<usize>() {
-                return Err(WeightsProblem::Shape {
-                    name,
-                    found: shape.clone(),
-                    expected,
-                });
-            }
-            let variance = name.ends_with(unet::VARIANCE);
-            let bad = |value: &f32| !value.is_finite() || (variance && *value < 0.0);
-            if let Some(index) = values.iter().position(bad) {
-                let expected = if variance {
-                    "a finite number, not negative"
-                } else {
-                    "a finite number"
-                };
-                return Err(WeightsProblem::Value {
-                    name,
-                    index,
-                    found: values[index],
-                    expected,
-                });
-            }
-        }
-        Ok(())
+        check_tensors(&self.tensors, unet::tensors(self.widths))
     }
 
     /// The bytes of a weights file that [`Self::parse`] reads back.
@@ -300,34 +247,7 @@ impl Weights {
     /// When a tensor's values do not fill its shape, which is the trainer's own mistake.
     #[must_use]
     pub fn to_bytes(&self) -> Vec<u8> {
-        let data: BTreeMap<&str, (Vec<usize>, Vec<u8>)> = self
-            .tensors
-            .iter()
-            .map(|(name, tensor)| {
-                let bytes = tensor
-                    .values
-                    .iter()
-                    .flat_map(|value| value.to_le_bytes())
-                    .collect();
-                (name.as_str(), (tensor.shape.clone(), bytes))
-            })
-            .collect();
-        let views = || {
-            data.iter().map(|(&name, (shape, bytes))| {
-                let view = TensorView::new(Dtype::F32, shape.clone(), bytes);
-                (name, view.expect("a tensor's values fill its shape"))
-            })
-        };
-        let mut metadata = self.metadata();
-        let serialized = |metadata: &HashMap<String, String>| {
-            serialize(views(), Some(metadata.clone())).expect("every view was checked")
-        };
-        // The checksum covers the tensors in file order, which the serializer chooses: write, look, write.
-        let draft = serialized(&metadata);
-        let (header_bytes, _) = SafeTensors::read_metadata(&draft).expect("just written");
-        let crc = checksum(&metadata, &draft[8 + header_bytes..]);
-        metadata.insert("crc32".to_owned(), format!("{crc:08x}"));
-        serialized(&metadata)
+        to_bytes(&self.tensors, self.metadata())
     }
 
     fn metadata(&self) -> HashMap<String, String> {
@@ -360,6 +280,145 @@ impl Weights {
     }
 }
 
+/// Checks that every expected tensor is there, with its shape and with usable values.
+pub(crate) fn check_tensors(
+    tensors: &BTreeMap<String, Tensor>,
+    expected: Vec<(String, Vec<usize>)>,
+) -> Result<(), WeightsProblem> {
+    for (name, expected) in expected {
+        let Some(Tensor { shape, values }) = tensors.get(&name) else {
+            return Err(WeightsProblem::MissingTensor { name, expected });
+        };
+        if *shape != expected || values.len() != expected.iter().product::<usize>() {
+            return Err(WeightsProblem::Shape {
+                name,
+                found: shape.clone(),
+                expected,
+            });
+        }
+        let variance = name.ends_with(unet::VARIANCE);
+        let bad = |value: &f32| !value.is_finite() || (variance && *value < 0.0);
+        if let Some(index) = values.iter().position(bad) {
+            let expected = if variance {
+                "a finite number, not negative"
+            } else {
+                "a finite number"
+            };
+            return Err(WeightsProblem::Value {
+                name,
+                index,
+                found: values[index],
+                expected,
+            });
+        }
+    }
+    Ok(())
+}
+
+/// The bytes of a weights file with these tensors; the checksum is added to the metadata.
+pub(crate) fn to_bytes(tensors: &BTreeMap<String, Tensor>, mut metadata: HashMap<String, String>) -> Vec<u8> {
+    let data: BTreeMap<&str, (Vec<usize>, Vec<u8>)> = tensors
+        .iter()
+        .map(|(name, tensor)| {
+            let bytes = tensor
+                .values
+                .iter()
+                .flat_map(|value| value.to_le_bytes())
+                .collect();
+            (name.as_str(), (tensor.shape.clone(), bytes))
+        })
+        .collect();
+    let views = || {
+        data.iter().map(|(&name, (shape, bytes))| {
+            let view = TensorView::new(Dtype::F32, shape.clone(), bytes);
+            (name, view.expect("a tensor's values fill its shape"))
+        })
+    };
+    let serialized = |metadata: &HashMap<String, String>| {
+        serialize(views(), Some(metadata.clone())).expect("every view was checked")
+    };
+    // The checksum covers the tensors in file order, which the serializer chooses: write, look, write.
+    let draft = serialized(&metadata);
+    let (header_bytes, _) = SafeTensors::read_metadata(&draft).expect("just written");
+    let crc = checksum(&metadata, &draft[8 + header_bytes..]);
+    metadata.insert("crc32".to_owned(), format!("{crc:08x}"));
+    serialized(&metadata)
+}
+
+/// A file's metadata and tensors, with format, architecture and checksum found right.
+pub(crate) struct Opened<'a> {
+    metadata: HashMap<String, String>,
+    file: SafeTensors<'a>,
+}
+
+impl<'a> Opened<'a> {
+    pub(crate) fn parse(bytes: &'a [u8], architecture: &str) -> Result<Self, WeightsProblem> {
+        let (header_bytes, header) = SafeTensors::read_metadata(bytes).map_err(not_safetensors)?;
+        let file = SafeTensors::deserialize(bytes).map_err(not_safetensors)?;
+        let opened = Self {
+            metadata: header.metadata().clone().unwrap_or_default(),
+            file,
+        };
+        let metadata = opened.metadata();
+        metadata.expect("format", FORMAT)?;
+        metadata.expect("architecture", architecture)?;
+        let stated = metadata.text("crc32")?;
+        let expected = u32::from_str_radix(stated, 16).map_err(|_| WeightsProblem::Metadata {
+            key: "crc32",
+            found: stated.to_owned(),
+            expected: "eight hexadecimal digits".to_owned(),
+        })?;
+        let found = checksum(metadata.0, &bytes[8 + header_bytes..]);
+        if found != expected {
+            return Err(WeightsProblem::Checksum { found, expected });
+        }
+        Ok(opened)
+    }
+
+    pub(crate) fn metadata(&self) -> Metadata<'_> {
+        Metadata(&self.metadata)
+    }
+
+    /// The expected tensors, with names and types checked; any other is refused.
+    pub(crate) fn tensors(
+        &self,
+        expected: &[(String, Vec<usize>)],
+    ) -> Result<BTreeMap<String, Tensor>, WeightsProblem> {
+        tensors(&self.file, expected)
+    }
+}
+
+/// The bytes of a file that is not longer than any weights file.
+pub(crate) fn read(path: &Path) -> Result<Vec<u8>, WeightsProblem> {
+    let found = std::fs::metadata(path)?.len();
+    if found > WEIGHTS_FILE_MAX_BYTES {
+        return Err(WeightsProblem::TooLong {
+            found,
+            most: WEIGHTS_FILE_MAX_BYTES,
+        });
+    }
+    Ok(std::fs::read(path)?)
+}
+
+/// The architecture that a file says it is for.
+pub(crate) fn architecture(bytes: &[u8]) -> Result<Architecture, WeightsProblem> {
+    let (_, header) = SafeTensors::read_metadata(bytes).map_err(not_safetensors)?;
+    let metadata = header.metadata().clone().unwrap_or_default();
+    let metadata = Metadata(&metadata);
+    metadata.expect("format", FORMAT)?;
+    let found = metadata.text("architecture")?;
+    found
+        .parse()
+        .map_err(|_| wrong("architecture", found, format_args!("`unet` or `tracked`")))
+}
+
+#[expect(clippy::needless_pass_by_value, reason = "what `map_err` takes")]
+fn not_safetensors(error: safetensors::SafeTensorError) -> WeightsProblem {
+    WeightsProblem::NotSafetensors {
+        found: error.to_string(),
+    }
+}
+
 /// CRC-32 over the metadata (sorted, without the checksum itself) and the tensors' bytes.
 fn checksum(metadata: &HashMap<String, String>, data: &[u8]) -> u32 {
     let mut digest = CHECKSUM.digest();
@@ -375,10 +434,10 @@ fn checksum(metadata: &HashMap<String, String>, data: &[u8]) -> u32 {
 }
 
 /// The metadata of a file, with errors that name the entry.
-struct Metadata<'a>(&'a HashMap<String, String>);
+pub(crate) struct Metadata<'a>(&'a HashMap<String, String>);
 
 impl<'a> Metadata<'a> {
-    fn text(&self, key: &'static str) -> Result<&'a str, WeightsProblem> {
+    pub(crate) fn text(&self, key: &'static str) -> Result<&'a str, WeightsProblem> {
         self.0
             .get(key)
             .map(String::as_str)
@@ -395,7 +454,7 @@ impl<'a> Metadata<'a> {
     }
 
     /// A finite number above `above` and at most `most`.
-    fn number(&self, key: &'static str, above: f32, most: f32) -> Result<f32, WeightsProblem> {
+    pub(crate) fn number(&self, key: &'static str, above: f32, most: f32) -> Result<f32, WeightsProblem> {
         let text = self.text(key)?;
         match text.parse::<f32>() {
             Ok(number) if number > above && number <= most => Ok(number),
@@ -408,6 +467,19 @@ impl<'a> Metadata<'a> {
     }
 
     fn widths(&self) -> Result<Widths, WeightsProblem> {
+        let [encode44, encode22, encode20, middle10, bottom5, decode20] = self.widths_of()?;
+        Ok(Widths {
+            encode44,
+            encode22,
+            encode20,
+            middle10,
+            bottom5,
+            decode20,
+        })
+    }
+
+    /// `N` widths of layers.
+    pub(crate) fn widths_of<const N: usize>(&self) -> Result<[usize; N], WeightsProblem> {
         let key = "widths";
         let text = self.text(key)?;
         let usable = |width: &usize| *width > 0 && *width <= WIDTH_MAX && width.is_multiple_of(WIDTH_STEP);
@@ -415,25 +487,19 @@ impl<'a> Metadata<'a> {
             .split(',')
             .map(|width| width.parse().ok().filter(usable))
             .collect();
-        match widths.as_deref() {
-            Some(&[encode44, encode22, encode20, middle10, bottom5, decode20]) => Ok(Widths {
-                encode44,
-                encode22,
-                encode20,
-                middle10,
-                bottom5,
-                decode20,
-            }),
-            _ => Err(wrong(
+        let widths = widths.and_then(|widths| widths.try_into().ok());
+        let count = if N == 6 { "six" } else { "three" };
+        widths.ok_or_else(|| {
+            wrong(
                 key,
                 text,
-                format_args!("six multiples of {WIDTH_STEP} from {WIDTH_STEP} to {WIDTH_MAX}"),
-            )),
-        }
+                format_args!("{count} multiples of {WIDTH_STEP} from {WIDTH_STEP} to {WIDTH_MAX}"),
+            )
+        })
     }
 }
 
-fn wrong(key: &'static str, found: &str, expected: fmt::Arguments<'_>) -> WeightsProblem {
+pub(crate) fn wrong(key: &'static str, found: &str, expected: fmt::Arguments<'_>) -> WeightsProblem {
     WeightsProblem::Metadata {
         key,
         found: found.to_owned(),
@@ -442,8 +508,10 @@ fn wrong(key: &'static str, found: &str, expected: fmt::Arguments<'_>) -> Weight
 }
 
 /// The tensors of a file that the architecture knows, with their names and types checked.
-fn tensors(file: &SafeTensors<'_>, widths: Widths) -> Result<BTreeMap<String, Tensor>, WeightsProblem> {
-    let expected = unet::tensors(widths);
+fn tensors(
+    file: &SafeTensors<'_>,
+    expected: &[(String, Vec<usize>)],
+) -> Result<BTreeMap<String, Tensor>, WeightsProblem> {
     let mut tensors = BTreeMap::new();
     for (name, view) in file.iter() {
         if !expected.iter().any(|(known, _)| known == name) {

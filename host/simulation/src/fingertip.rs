@@ -18,7 +18,7 @@ use crate::gel::Gel;
 use crate::image::Image;
 use crate::jpeg;
 use crate::lighting::{BrightnessMotion, Lamps, Lighting};
-use crate::particles::Particles;
+use crate::particles::{Particles, SeenParticle};
 use crate::random::Random;
 
 /// More particles than this hide each other.
@@ -240,6 +240,15 @@ impl Fingertip {
         let mut out = Image::crop();
         self.take(false, View::Crop, &mut out);
         out
+    }
+
+    /// The particles, at rest and under `truth`.
+    pub fn particles_under(&mut self, truth: &Truth) -> Vec<SeenParticle> {
+        let field = truth.in_contact().then(|| {
+            self.field.load_truth(truth);
+            &self.field
+        });
+        self.particles.seen(field, &self.params.camera.lens()).collect()
     }
 
     /// The camera's frame when nothing touches, with fresh noise.

@@ -37,6 +37,7 @@ pub use fingertip::{Fingertip, FingertipParams};
 pub use gel::Gel;
 pub use image::{Image, block_mean_88, crop_of_frame};
 pub use lighting::{BrightnessMotion, Lighting};
+pub use particles::SeenParticle;
 pub use press_world::{PressFrame, PressProblem, PressWorld};
 pub use sample::{Costs, Counts, Crops, STRAIN_LIMIT, Sample, SampleGenerator, SampleWorld, Split};
 pub use scene::{GripScene, SceneFrame};

@@ -4,8 +4,8 @@
 
 use crate::camera::Lens;
 use crate::constants::{
-    BACKGROUND_LEVELS, GEL_HALF_WIDTH_MM, PARTICLE_BRIGHTNESS, PARTICLE_DEPTH_MM, PARTICLE_DIAMETER_MM,
-    PARTICLE_LEVELS,
+    BACKGROUND_LEVELS, CROP_CORNER_PX, GEL_HALF_WIDTH_MM, PARTICLE_BRIGHTNESS, PARTICLE_DEPTH_MM,
+    PARTICLE_DIAMETER_MM, PARTICLE_LEVELS,
 };
 use crate::drawing::{Window, draw_disc};
 use crate::field::{Field, Place};
@@ -26,12 +26,24 @@ struct Particle {
     place: Place,
 }
 
+/// What the camera's picture is to a particle: for those who measure how well it is found again.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SeenParticle {
+    /// Its centre at rest, column and row of the 440 x 440 crop; pixel (0, 0) is centred on (0.5, 0.5).
+    pub rest_px: [f32; 2],
+    /// Its centre now.
+    pub now_px: [f32; 2],
+    /// Its depth under the surface at rest, mm.
+    pub depth_mm: f32,
+}
+
 /// A pattern of particles.
 #[derive(Debug, Clone)]
 pub(crate) struct Particles {
     /// From the farthest to the nearest.
     all: Vec<Particle>,
     base_mm: f32,
+    surface_mm: f32,
 }
 
 impl Particles {
@@ -69,7 +81,28 @@ impl Particles {
         Self {
             all,
             base_mm: base_mm as f32,
+            surface_mm: surface_mm as f32,
         }
+    }
+
+    /// Where every particle is at rest and, moved by `field`, now.
+    pub(crate) fn seen(&self, field: Option<&Field>, lens: &Lens) -> impl Iterator<Item = SeenParticle> {
+        let top_mm = self.surface_mm;
+        self.all.iter().map(move |particle| {
+            let rest = particle.at_rest();
+            let now = field.map_or(rest, |field| {
+                particle.moved(field.at(&particle.place), self.base_mm).0
+            });
+            let at = |[x, y, height]: [f32; 3]| {
+                let [u, v, _] = lens.project([x, y], height);
+                [u - CROP_CORNER_PX[0] as f32, v - CROP_CORNER_PX[1] as f32]
+            };
+            SeenParticle {
+                rest_px: at(rest),
+                now_px: at(now),
+                depth_mm: top_mm - particle.height_mm,
+            }
+        })
     }
 
     /// Draws every particle into a window's picture where `field` has moved it, or at rest. The order is that at

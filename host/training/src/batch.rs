@@ -1,33 +1,96 @@
-//! Samples to tensors: scaling to the network's units and, for training, augmentation (a random symmetry
-//! of the square, salt and pepper, brightness).
+//! Samples to tensors: scaling to the networks' units and, for training, augmentation (a random symmetry of the
+//! square; for images salt and pepper, and brightness).
 
 use burn::tensor::{Device, Tensor, TensorData};
 use gripline_network::constants::{IMAGE_PIXELS, IMAGE_SIDE, MAP_SIDE, TAXELS};
+use gripline_network::tracked::{self, GRID_SIDE, INPUT_CHANNELS, TrackedScaling};
 use gripline_network::weights::Scaling;
 
-use crate::constants::{BRIGHTNESS_DRIFT, BRIGHTNESS_SHARED, SALT_AND_PEPPER};
+use crate::constants::{BRIGHTNESS_DRIFT, BRIGHTNESS_SHARED, NEWTONS_PER_OUTPUT, SALT_AND_PEPPER};
 use crate::dataset::Dataset;
 use crate::dice::Dice;
 use crate::symmetry::Symmetry;
+use crate::weights::AnyWeights;
 
-/// Inputs `[batch, 2, 88, 88]` and true outputs `[batch, 3, 20, 20]` of the named samples, as they are.
-pub(crate) fn plain(set: &Dataset, samples: &[usize], scaling: Scaling, device: &Device) -> [Tensor<4>; 2] {
-    assemble(set, samples, scaling, device, |_, _| Symmetry::ALL[0])
+/// Samples as the training framework takes them.
+pub(crate) struct Batch {
+    /// `[batch, 2, 88, 88]` or `[batch, 10, 40, 40]`.
+    pub(crate) input: Tensor<4>,
+    /// What a network's output is multiplied with to be in the loss's units, `[batch, 1, 1, 1]`.
+    pub(crate) scale: Tensor<4>,
+    /// True forces in the loss's units, `[batch, 3, 20, 20]`.
+    pub(crate) truth: Tensor<4>,
+}
+
+/// The named samples as they are.
+pub(crate) fn plain(set: &Dataset, samples: &[usize], weights: &AnyWeights, device: &Device) -> Batch {
+    assemble(set, samples, weights, device, None)
 }
 
 /// The same, augmented.
 pub(crate) fn augmented(
     set: &Dataset,
     samples: &[usize],
-    scaling: Scaling,
+    weights: &AnyWeights,
     device: &Device,
     dice: &mut Dice,
-) -> [Tensor<4>; 2] {
-    assemble(set, samples, scaling, device, |rest, now| {
+) -> Batch {
+    assemble(set, samples, weights, device, Some(dice))
+}
+
+fn assemble(
+    set: &Dataset,
+    samples: &[usize],
+    weights: &AnyWeights,
+    device: &Device,
+    mut dice: Option<&mut Dice>,
+) -> Batch {
+    let count = samples.len();
+    let (mut inputs, mut scales) = (Vec::new(), Vec::with_capacity(count));
+    let mut outputs = vec![0.0; count * 3 * TAXELS];
+    for (&sample, outputs) in samples.iter().zip(outputs.chunks_exact_mut(3 * TAXELS)) {
+        let (symmetry, scale) = match weights {
+            AnyWeights::UNet(weights) => {
+                let symmetry = images(set, sample, weights.scaling, dice.as_deref_mut(), &mut inputs);
+                (symmetry, weights.scaling.newtons_per_output / NEWTONS_PER_OUTPUT)
+            }
+            AnyWeights::Tracked(weights) => {
+                grid(set, sample, &weights.scaling, dice.as_deref_mut(), &mut inputs)
+            }
+        };
+        scales.push(scale);
+        for (taxel, force) in symmetry.map(set.forces_n(sample)).iter().enumerate() {
+            for (component, force_n) in force.iter().enumerate() {
+                outputs[component * TAXELS + taxel] = force_n / NEWTONS_PER_OUTPUT;
+            }
+        }
+    }
+    let shape = match weights {
+        AnyWeights::UNet(_) => [count, 2, IMAGE_SIDE, IMAGE_SIDE],
+        AnyWeights::Tracked(_) => [count, INPUT_CHANNELS, GRID_SIDE, GRID_SIDE],
+    };
+    Batch {
+        input: Tensor::from_data(TensorData::new(inputs, shape), device),
+        scale: Tensor::from_data(TensorData::new(scales, [count, 1, 1, 1]), device),
+        truth: Tensor::from_data(TensorData::new(outputs, [count, 3, MAP_SIDE, MAP_SIDE]), device),
+    }
+}
+
+/// Adds a sample's two input images, moved by the symmetry that is returned.
+fn images(
+    set: &Dataset,
+    sample: usize,
+    scaling: Scaling,
+    dice: Option<&mut Dice>,
+    inputs: &mut Vec<f32>,
+) -> Symmetry {
+    let mut rest = set.rest(sample).map(f32::from);
+    let mut now = set.now(sample).map(f32::from);
+    let symmetry = dice.map_or(Symmetry::ALL[0], |dice| {
         let shared = 1.0 + dice.between(-BRIGHTNESS_SHARED, BRIGHTNESS_SHARED);
         let drift = 1.0 + dice.between(-BRIGHTNESS_DRIFT, BRIGHTNESS_DRIFT);
         let share = dice.between(0.0, SALT_AND_PEPPER);
-        for (image, gain) in [(rest, shared), (now, shared * drift)] {
+        for (image, gain) in [(&mut rest, shared), (&mut now, shared * drift)] {
             for level in image.iter_mut() {
                 *level = (*level * gain).round().min(255.0);
             }
@@ -36,47 +99,34 @@ pub(crate) fn augmented(
             }
         }
         Symmetry::ALL[dice.below(8)]
-    })
+    });
+    let Scaling {
+        difference_per_level,
+        rest_level,
+        rest_per_level,
+        ..
+    } = scaling;
+    let difference =
+        std::array::from_fn::<f32, IMAGE_PIXELS, _>(|i| (now[i] - rest[i]) * difference_per_level);
+    let rest = rest.map(|level| (level - rest_level) * rest_per_level);
+    inputs.extend(symmetry.image(&difference));
+    inputs.extend(symmetry.image(&rest));
+    symmetry
 }
 
-/// Calls `change` on each sample's grey levels (rest, now) before they are moved by the symmetry it returns.
-fn assemble(
+/// Adds a sample's grid, moved by the symmetry that is returned, and says what its outputs are multiplied with.
+fn grid(
     set: &Dataset,
-    samples: &[usize],
-    scaling: Scaling,
-    device: &Device,
-    mut change: impl FnMut(&mut [f32], &mut [f32]) -> Symmetry,
-) -> [Tensor<4>; 2] {
-    let mut inputs = Vec::with_capacity(samples.len() * 2 * IMAGE_PIXELS);
-    let mut outputs = vec![0.0; samples.len() * 3 * TAXELS];
-    for (&sample, outputs) in samples.iter().zip(outputs.chunks_exact_mut(3 * TAXELS)) {
-        let mut rest = set.rest(sample).map(f32::from);
-        let mut now = set.now(sample).map(f32::from);
-        let symmetry = change(&mut rest, &mut now);
-
-        let Scaling {
-            difference_per_level,
-            rest_level,
-            rest_per_level,
-            newtons_per_output,
-        } = scaling;
-        let difference =
-            std::array::from_fn::<f32, IMAGE_PIXELS, _>(|i| (now[i] - rest[i]) * difference_per_level);
-        let rest = rest.map(|level| (level - rest_level) * rest_per_level);
-        inputs.extend(symmetry.image(&difference));
-        inputs.extend(symmetry.image(&rest));
-        for (taxel, force) in symmetry.map(set.forces_n(sample)).iter().enumerate() {
-            for (component, force_n) in force.iter().enumerate() {
-                outputs[component * TAXELS + taxel] = force_n / newtons_per_output;
-            }
-        }
+    sample: usize,
+    scaling: &TrackedScaling,
+    dice: Option<&mut Dice>,
+    inputs: &mut Vec<f32>,
+) -> (Symmetry, f32) {
+    let symmetry = dice.map_or(Symmetry::ALL[0], |dice| Symmetry::ALL[dice.below(8)]);
+    let moved = symmetry.grid(&set.grid(sample));
+    let (nodes, size_mm) = tracked::input(&moved, scaling);
+    for channel in 0..INPUT_CHANNELS {
+        inputs.extend(nodes.iter().map(|values| values[channel]));
     }
-    let count = samples.len();
-    [
-        Tensor::from_data(
-            TensorData::new(inputs, [count, 2, IMAGE_SIDE, IMAGE_SIDE]),
-            device,
-        ),
-        Tensor::from_data(TensorData::new(outputs, [count, 3, MAP_SIDE, MAP_SIDE]), device),
-    ]
+    (symmetry, size_mm * scaling.newtons_per_mm / NEWTONS_PER_OUTPUT)
 }

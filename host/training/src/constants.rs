@@ -1,6 +1,8 @@
 //! What training chooses, each value with unit and source.
 
+use gripline_network::tracked::{Lens, TrackedScaling};
 use gripline_network::weights::Widths;
+use gripline_simulation::{Camera, Gel};
 
 /// The network's widths: 19 M multiply-adds (0.8 ms on one core with the portable kernel), 155 k weights.
 /// Twice the channels of the smallest prototype in the first layers, where displacement is measured, and at
@@ -82,7 +84,33 @@ pub(crate) const SCORED_SHEAR_N: f32 = 0.2;
 pub(crate) const GOLDEN_SAMPLES: usize = 12;
 
 /// Layout of the shards; another one is refused.
-pub(crate) const DATA_VERSION: u32 = 1;
+pub(crate) const DATA_VERSION: u32 = 2;
 
 /// Samples in a shard, drawn from one stream of the simulation: a second of work and 5 MB.
 pub(crate) const SHARD_SAMPLES: usize = 250;
+
+/// Steps of a stored grid per millimetre, and per share: a sixteenth of a micrometre.
+pub(crate) const GRID_STEPS: f32 = 16_384.0;
+
+/// Channels of the tracking network at 20×20, 10×10 and 5×5: 18 M multiply-adds. A quarter of the multiply-adds
+/// learns as much from as many samples, four times as many no more.
+pub(crate) const TRACKED_WIDTHS: [usize; 3] = [24, 48, 64];
+
+/// Around the tracking network: 2 µm is what the tracker sees at rest, 30 µm a usual load.
+pub(crate) const TRACKED_SCALING: TrackedScaling = TrackedScaling {
+    least_motion_mm: 0.002,
+    usual_motion_mm: 0.03,
+    newtons_per_mm: 1.5,
+};
+
+/// The nominal camera: every virtual sensor differs from it a little, as real ones do, and the network has to bear it.
+pub(crate) fn lens() -> Lens {
+    let camera = Camera::default();
+    let corner = gripline_simulation::constants::CROP_CORNER_PX;
+    Lens {
+        focal_px_per_rad: camera.focal_px_per_rad as f32,
+        centre_px: [0, 1].map(|k| (camera.centre_px[k] - corner[k] as f64) as f32),
+        base_mm: camera.to_base_mm as f32,
+        thickness_mm: Gel::default().thickness_mm as f32,
+    }
+}

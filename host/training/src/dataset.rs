@@ -11,6 +11,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use gripline_network::ForceMap;
 use gripline_network::constants::{IMAGE_PIXELS, IMAGE_SIDE, MAP_SIDE, TAXELS};
 use gripline_network::image::Image88;
+use gripline_network::tracked::{GRID_CHANNELS, GRID_NODES, GRID_SIDE, Gather, Grid, Tracker, empty_grid};
 use gripline_simulation::contact_world::CellState;
 use gripline_simulation::{Counts, Sample, SampleGenerator, SampleWorld, Split};
 use indicatif::{ProgressBar, ProgressStyle};
@@ -18,7 +19,7 @@ use safetensors::tensor::{Dtype, TensorView};
 use safetensors::{SafeTensors, serialize};
 use serde_json::{Value, json};
 
-use crate::constants::{DATA_VERSION, SHARD_SAMPLES};
+use crate::constants::{DATA_VERSION, GRID_STEPS, SHARD_SAMPLES, lens};
 use crate::error::{TrainingError, at};
 
 /// Samples in memory: images as grey levels, forces in newtons per taxel.
@@ -29,6 +30,8 @@ pub(crate) struct Dataset {
     /// Which of them belongs to each sample.
     rest_of: Vec<u32>,
     now: Vec<Image88>,
+    /// Tracked motions on the grid, in steps of 1/[`GRID_STEPS`].
+    grids: Vec<[i16; GRID_CHANNELS * GRID_NODES]>,
     forces_n: Vec<ForceMap>,
     shapes: Vec<String>,
     world: String,
@@ -45,6 +48,20 @@ impl Dataset {
 
     pub(crate) fn now(&self, index: usize) -> &Image88 {
         &self.now[index]
+    }
+
+    /// The tracked motions as the network sees them: mm, and shares of what is known.
+    pub(crate) fn grid(&self, index: usize) -> Box<Grid> {
+        let mut grid = empty_grid();
+        for (value, &stored) in grid.as_flattened_mut().iter_mut().zip(&self.grids[index]) {
+            *value = f32::from(stored) / GRID_STEPS;
+        }
+        grid
+    }
+
+    /// As stored.
+    pub(crate) fn stored_grid(&self, index: usize) -> &[i16; GRID_CHANNELS * GRID_NODES] {
+        &self.grids[index]
     }
 
     pub(crate) fn forces_n(&self, index: usize) -> &ForceMap {
@@ -134,10 +151,13 @@ impl Store {
             for _ in 0..std::thread::available_parallelism().map_or(1, usize::from) {
                 scope.spawn(|| {
                     while let Some(&shard) = missing.get(next.fetch_add(1, Ordering::Relaxed)) {
-                        let mut stream = SampleGenerator::new(&world, self.split, self.stream_seed(shard));
-                        let samples: Vec<Sample> = stream
+                        let mut stream =
+                            SampleGenerator::new(&world, self.split, self.stream_seed(shard)).with_crops();
+                        let mut eye = Eye::new();
+                        let samples: Vec<Seen> = stream
                             .by_ref()
                             .take(SHARD_SAMPLES)
+                            .map(|sample| eye.see(sample))
                             .inspect(|_| bar.inc(1))
                             .collect();
                         if let Err(error) = self.write(shard, &samples, stream.counts()) {
@@ -163,17 +183,18 @@ impl Store {
         (u64::from(self.seed) << 32) | shard as u64
     }
 
-    fn write(&self, shard: usize, samples: &[Sample], counts: Counts) -> Result<(), TrainingError> {
-        let mut names: Vec<&str> = samples.iter().map(|sample| sample.shape).collect();
+    fn write(&self, shard: usize, samples: &[Seen], counts: Counts) -> Result<(), TrainingError> {
+        let mut names: Vec<&str> = samples.iter().map(|seen| seen.sample.shape).collect();
         names.sort_unstable();
         names.dedup();
         let mut rest: Vec<(u64, &Image88)> = Vec::new();
         let mut columns = Columns::default();
-        for sample in samples {
+        for seen in samples {
+            let sample = &seen.sample;
             if rest.last().is_none_or(|(sensor, _)| *sensor != sample.sensor) {
                 rest.push((sample.sensor, &sample.rest));
             }
-            columns.push(sample, rest.len() - 1, &names);
+            columns.push(seen, rest.len() - 1, &names);
         }
         let images: Vec<u8> = rest.iter().flat_map(|(_, image)| **image).collect();
         let (n, side) = (samples.len(), IMAGE_SIDE);
@@ -181,6 +202,12 @@ impl Store {
             ("rest", Dtype::U8, vec![rest.len(), side, side], &images),
             ("rest_of", Dtype::U32, vec![n], &columns.rest_of),
             ("now", Dtype::U8, vec![n, side, side], &columns.now),
+            (
+                "grid",
+                Dtype::I16,
+                vec![n, GRID_CHANNELS, GRID_SIDE, GRID_SIDE],
+                &columns.grid,
+            ),
             (
                 "forces_n",
                 Dtype::F32,
@@ -199,7 +226,7 @@ impl Store {
             (name, view.expect("the lengths follow from the shapes"))
         });
         let mut per_shape: BTreeMap<&str, usize> = BTreeMap::new();
-        for sample in samples {
+        for Seen { sample, .. } in samples {
             *per_shape.entry(sample.shape).or_default() += 1;
         }
         let manifest = json!({
@@ -299,6 +326,7 @@ impl Store {
             rest: Vec::new(),
             rest_of: Vec::new(),
             now: Vec::new(),
+            grids: Vec::new(),
             forces_n: Vec::new(),
             shapes: Vec::new(),
             world: self.world.clone(),
@@ -308,6 +336,7 @@ impl Store {
         }
         set.rest_of.truncate(samples);
         set.now.truncate(samples);
+        set.grids.truncate(samples);
         set.forces_n.truncate(samples);
         set.shapes.truncate(samples);
         Ok(set)
@@ -342,6 +371,9 @@ impl Store {
         let images = [n, IMAGE_SIDE, IMAGE_SIDE];
         let rest = tensor("rest", Dtype::U8, &images)?.as_chunks().0;
         let now = tensor("now", Dtype::U8, &images)?.as_chunks().0;
+        let grids: &[[u8; 2]] = tensor("grid", Dtype::I16, &[n, GRID_CHANNELS, GRID_SIDE, GRID_SIDE])?
+            .as_chunks()
+            .0;
         let rest_of: &[[u8; 4]] = tensor("rest_of", Dtype::U32, &[n])?.as_chunks().0;
         let forces = tensor("forces_n", Dtype::F32, &[n, MAP_SIDE, MAP_SIDE, 3])?;
         let forces: Vec<f32> = forces
@@ -352,7 +384,8 @@ impl Store {
             .collect();
         let forces = forces.as_chunks().0.as_chunks::<TAXELS>().0;
         let shapes = tensor("shape", Dtype::U8, &[n])?;
-        if [now.len(), rest_of.len(), forces.len(), shapes.len()] != [n; 4] {
+        let grids = grids.as_chunks::<{ GRID_CHANNELS * GRID_NODES }>().0;
+        if [now.len(), grids.len(), rest_of.len(), forces.len(), shapes.len()] != [n; 5] {
             return Err(wrong(format!("its tensors do not all hold {n} samples")));
         }
         let first = set.rest.len();
@@ -372,14 +405,56 @@ impl Store {
         }
         set.rest.extend_from_slice(rest);
         set.now.extend_from_slice(now);
+        set.grids
+            .extend(grids.iter().map(|grid| grid.map(i16::from_le_bytes)));
         set.forces_n.extend_from_slice(forces);
         Ok(())
+    }
+}
+
+/// A sample, and what the tracker makes of it at full resolution.
+struct Seen {
+    sample: Sample,
+    grid: Box<Grid>,
+}
+
+/// Tracker and grid of one sensor after the other.
+struct Eye {
+    tracker: Tracker,
+    gather: Gather,
+    sensor: Option<u64>,
+}
+
+impl Eye {
+    fn new() -> Self {
+        Self {
+            tracker: Tracker::new(),
+            gather: Gather::default(),
+            sensor: None,
+        }
+    }
+
+    /// The samples of a sensor follow each other.
+    fn see(&mut self, mut sample: Sample) -> Seen {
+        // Images at full resolution are two hundred times what is kept.
+        let crops = sample.crops.take().expect("the stream was asked for crops");
+        if self.sensor != Some(sample.sensor) {
+            self.sensor = Some(sample.sensor);
+            self.tracker.set_rest(&crops.rest.pixels);
+            self.gather = Gather::new(&lens(), self.tracker.particles());
+        }
+        self.tracker.track(&crops.now.pixels);
+        let mut grid = empty_grid();
+        self.gather
+            .fill(self.tracker.particles(), self.tracker.tracks(), &mut grid);
+        Seen { sample, grid }
     }
 }
 
 /// A shard's tensors as bytes, sample by sample.
 #[derive(Default)]
 struct Columns {
+    grid: Vec<u8>,
     rest_of: Vec<u8>,
     now: Vec<u8>,
     forces_n: Vec<u8>,
@@ -392,11 +467,17 @@ struct Columns {
 }
 
 impl Columns {
-    fn push(&mut self, sample: &Sample, rest: usize, names: &[&str]) {
+    fn push(&mut self, Seen { sample, grid }: &Seen, rest: usize, names: &[&str]) {
         // Not a number where nothing touches.
         let value = |value: Option<f64>| value.map_or(f32::NAN, |value| value as f32).to_le_bytes();
         self.rest_of.extend((rest as u32).to_le_bytes());
         self.now.extend(sample.now);
+        // Saturates at 2 mm, a third of the skin.
+        let stored = grid
+            .as_flattened()
+            .iter()
+            .map(|value| (value * GRID_STEPS).round() as i16);
+        self.grid.extend(stored.flat_map(i16::to_le_bytes));
         let forces = sample.forces.as_flattened();
         self.forces_n
             .extend(forces.iter().flat_map(|force| force.to_le_bytes()));
@@ -450,6 +531,9 @@ impl Dataset {
             rest: (0..samples).map(|_| image()).collect(),
             rest_of: (0..samples as u32).collect(),
             now: (0..samples).map(|_| image()).collect(),
+            grids: (0..samples)
+                .map(|sample| std::array::from_fn(|i| ((i * 7919 + sample * 104_729) % 4001) as i16 - 2000))
+                .collect(),
             forces_n: vec![[[0.0; 3]; TAXELS]; samples],
             shapes: vec!["none".to_owned(); samples],
             world: "noise".to_owned(),

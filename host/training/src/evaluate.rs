@@ -4,26 +4,25 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use gripline_network::{Calibration, ForceNetwork};
+use gripline_network::Calibration;
 use gripline_simulation::Split;
 use serde_json::json;
 
 use crate::dataset::{Dataset, Store, world_fingerprint};
 use crate::error::TrainingError;
 use crate::metrics::{Pair, Scores};
+use crate::weights::{Architecture, Engine};
 
 /// Prints the scores of the weights in `weights`, or of those that the engine carries.
 pub(crate) fn evaluate(
+    architecture: Architecture,
     weights: Option<&Path>,
     data: &Path,
     seed: u32,
     samples: usize,
     as_json: bool,
 ) -> Result<(), TrainingError> {
-    let mut engine = match weights {
-        Some(path) => ForceNetwork::from_file(path)?,
-        None => ForceNetwork::embedded()?,
-    };
+    let mut engine = Engine::open(architecture, weights)?;
     let set = Store::new(data, Split::Test, seed, &world_fingerprint()?).load(samples)?;
     let pairs = predict(&mut engine, &set);
     let scores = Scores::new(&pairs, engine.calibration());
@@ -42,6 +41,7 @@ pub(crate) fn evaluate(
     } = engine.calibration();
     if as_json {
         let report = json!({
+            "network": architecture.name(),
             "contact_min_n": contact_min_n,
             "friction": friction,
             "manifest": engine.manifest(),
@@ -50,6 +50,7 @@ pub(crate) fn evaluate(
         });
         println!("{report}");
     } else {
+        println!("network {}", architecture.name());
         println!("contact above {contact_min_n} N per taxel, friction {friction:.4}");
         println!("trained: {}", engine.manifest());
         print!("{}", scores.to_table());
@@ -62,16 +63,11 @@ pub(crate) fn evaluate(
 }
 
 /// Predicted and true maps of a whole set.
-pub(crate) fn predict(engine: &mut ForceNetwork, set: &Dataset) -> Vec<Pair> {
+pub(crate) fn predict(engine: &mut Engine, set: &Dataset) -> Vec<Pair> {
     (0..set.len())
-        .map(|sample| {
-            let mut predicted = [[0.0; 3]; 400];
-            engine.set_rest(set.rest(sample));
-            engine.infer(set.now(sample), &mut predicted);
-            Pair {
-                predicted,
-                truth: *set.forces_n(sample),
-            }
+        .map(|sample| Pair {
+            predicted: engine.infer(set, sample),
+            truth: *set.forces_n(sample),
         })
         .collect()
 }

@@ -1,68 +1,80 @@
-//! The golden file: image pairs with the training framework's own forces, which the inference engine's tests
-//! are held to. Safetensors: `rest` and `now` `[n, 88, 88]` u8, `forces_n` `[n, 3, 20, 20]` f32 in newtons.
+//! The golden file: what a network saw with the training framework's own forces, which the inference engine's tests
+//! are held to. Safetensors: `rest` and `now` `[n, 88, 88]` u8, or `grid` `[n, 6, 40, 40]` i16 in steps of 1/16384 mm;
+//! `forces_n` `[n, 3, 20, 20]` f32 in newtons.
 
 use burn::module::Module;
 use burn::tensor::Device;
 use gripline_network::constants::{IMAGE_SIDE, MAP_SIDE};
-use gripline_network::weights::Weights;
+use gripline_network::tracked::{GRID_CHANNELS, GRID_SIDE};
 use safetensors::serialize;
 use safetensors::tensor::{Dtype, TensorView};
 
-use crate::batch;
-use crate::constants::GOLDEN_SAMPLES;
+use crate::batch::{self, Batch};
+use crate::constants::{GOLDEN_SAMPLES, NEWTONS_PER_OUTPUT};
 use crate::dataset::Dataset;
-use crate::model::UNet;
+use crate::model::Model;
+use crate::weights::AnyWeights;
 
 /// The framework's forces in newtons for the set's first samples, `[n, 3, 20, 20]` flattened.
-pub(crate) fn forces_n(weights: &Weights, set: &Dataset, samples: &[usize]) -> Vec<f32> {
+pub(crate) fn forces_n(weights: &AnyWeights, set: &Dataset, samples: &[usize]) -> Vec<f32> {
     let device = Device::flex();
-    let mut network = UNet::new(weights.widths, &device);
-    network.set_tensors(&weights.tensors, &device);
-    let [input, _] = batch::plain(set, samples, weights.scaling, &device);
-    let output = network
-        .valid()
-        .forward(input)
-        .mul_scalar(weights.scaling.newtons_per_output);
+    let network = Model::loaded(weights, &device);
+    let Batch { input, scale, .. } = batch::plain(set, samples, weights, &device);
+    let output = network.valid().forward(input) * scale.mul_scalar(NEWTONS_PER_OUTPUT);
     output.into_data().try_to_vec().expect("outputs are f32")
 }
 
 /// The bytes of the golden file for these weights, over samples spread through the set.
-pub(crate) fn to_bytes(weights: &Weights, set: &Dataset) -> Vec<u8> {
-    let count = GOLDEN_SAMPLES.min(set.len());
+pub(crate) fn to_bytes(weights: &AnyWeights, set: &Dataset) -> Vec<u8> {
+    // A grid is as large as three pairs of images.
+    let most = match weights {
+        AnyWeights::UNet(_) => GOLDEN_SAMPLES,
+        AnyWeights::Tracked(_) => GOLDEN_SAMPLES / 2,
+    };
+    let count = most.min(set.len());
     let samples: Vec<usize> = (0..count).map(|i| i * set.len() / count).collect();
-    let rest: Vec<u8> = samples.iter().flat_map(|&sample| *set.rest(sample)).collect();
-    let now: Vec<u8> = samples.iter().flat_map(|&sample| *set.now(sample)).collect();
     let forces: Vec<u8> = forces_n(weights, set, &samples)
         .iter()
         .flat_map(|value| value.to_le_bytes())
         .collect();
     let images = vec![count, IMAGE_SIDE, IMAGE_SIDE];
-    let views = [
-        ("rest", TensorView::new(Dtype::U8, images.clone(), &rest)),
-        ("now", TensorView::new(Dtype::U8, images, &now)),
-        (
-            "forces_n",
-            TensorView::new(Dtype::F32, vec![count, 3, MAP_SIDE, MAP_SIDE], &forces),
-        ),
-    ]
-    .map(|(name, view)| (name, view.expect("the lengths follow from the shapes")));
+    let seen: Vec<(&str, Dtype, Vec<usize>, Vec<u8>)> = match weights {
+        AnyWeights::UNet(_) => {
+            let rest = samples.iter().flat_map(|&sample| *set.rest(sample)).collect();
+            let now = samples.iter().flat_map(|&sample| *set.now(sample)).collect();
+            vec![
+                ("rest", Dtype::U8, images.clone(), rest),
+                ("now", Dtype::U8, images, now),
+            ]
+        }
+        AnyWeights::Tracked(_) => {
+            let grids = samples.iter().flat_map(|&sample| set.stored_grid(sample));
+            let bytes = grids.flat_map(|step| step.to_le_bytes()).collect();
+            let shape = vec![count, GRID_CHANNELS, GRID_SIDE, GRID_SIDE];
+            vec![("grid", Dtype::I16, shape, bytes)]
+        }
+    };
+    let forces = ("forces_n", Dtype::F32, vec![count, 3, MAP_SIDE, MAP_SIDE], forces);
+    let views = seen.iter().chain([&forces]).map(|(name, dtype, shape, bytes)| {
+        let view = TensorView::new(*dtype, shape.clone(), bytes);
+        (*name, view.expect("the lengths follow from the shapes"))
+    });
     serialize(views, None).expect("every view was checked")
 }
 
 #[cfg(test)]
 mod tests {
-    use gripline_network::weights::{Scaling, Weights};
-    use gripline_network::{Calibration, ForceNetwork};
-
     use super::*;
-    use crate::constants::WIDTHS;
     use crate::dice::Dice;
+    use crate::train::fresh_weights;
+    use crate::weights::Architecture;
 
     /// Weights as no training leaves them: running statistics far from their start.
-    fn weights() -> Weights {
+    fn weights(architecture: Architecture) -> AnyWeights {
         let device = Device::flex();
         device.seed(3);
-        let mut tensors = UNet::new(WIDTHS, &device).tensors();
+        let mut weights = fresh_weights(architecture, &Dataset::noise(2), &device);
+        let mut tensors = weights.tensors().clone();
         let mut dice = Dice::new(3);
         for (name, tensor) in &mut tensors {
             let range = match name.rsplit('.').next() {
@@ -72,57 +84,47 @@ mod tests {
             };
             tensor.values.fill_with(|| dice.between(range.start, range.end));
         }
-        Weights {
-            widths: WIDTHS,
-            scaling: Scaling {
-                difference_per_level: 0.06,
-                rest_level: 60.0,
-                rest_per_level: 0.01,
-                newtons_per_output: 0.05,
-            },
-            calibration: Calibration {
-                contact_min_n: 0.02,
-                friction: 0.43,
-            },
-            manifest: "test".to_owned(),
-            tensors,
-        }
+        weights.set_tensors(tensors);
+        weights
     }
 
     #[test]
     fn an_exported_file_loads_in_the_engine_and_agrees_with_the_framework() {
-        let weights = weights();
-        let directory = tempfile::tempdir().unwrap();
-        let path = directory.path().join("unet.safetensors");
-        std::fs::write(&path, weights.to_bytes()).unwrap();
-        let mut engine = ForceNetwork::from_file(&path).unwrap();
+        for architecture in [Architecture::Unet, Architecture::Tracked] {
+            let weights = weights(architecture);
+            let directory = tempfile::tempdir().unwrap();
+            let path = directory.path().join("weights.safetensors");
+            std::fs::write(&path, weights.to_bytes()).unwrap();
+            let loaded = AnyWeights::from_file(architecture, &path).unwrap();
+            assert_eq!(loaded, weights);
+            let mut engine = loaded.engine().unwrap();
 
-        let set = Dataset::noise(4);
-        let samples = [0, 1, 2, 3];
-        let framework = forces_n(&weights, &set, &samples);
-        for (sample, framework) in samples.into_iter().zip(framework.chunks_exact(1200)) {
-            let mut out = [[0.0; 3]; 400];
-            engine.set_rest(set.rest(sample));
-            engine.infer(set.now(sample), &mut out);
-            let largest = framework
-                .iter()
-                .fold(0.0, |largest: f32, force| largest.max(force.abs()));
-            for (i, &force) in framework.iter().enumerate() {
-                let difference = (out[i % 400][i / 400] - force).abs();
-                assert!(
-                    difference <= 1e-4 * largest,
-                    "sample {sample}: {difference} of {largest}"
-                );
+            let set = Dataset::noise(4);
+            let samples = [0, 1, 2, 3];
+            let framework = forces_n(&weights, &set, &samples);
+            for (sample, framework) in samples.into_iter().zip(framework.chunks_exact(1200)) {
+                let out = engine.infer(&set, sample);
+                let largest = framework
+                    .iter()
+                    .fold(0.0, |largest: f32, force| largest.max(force.abs()));
+                assert!(largest > 0.0);
+                for (i, &force) in framework.iter().enumerate() {
+                    let difference = (out[i % 400][i / 400] - force).abs();
+                    assert!(
+                        difference <= 1e-4 * largest,
+                        "{architecture:?}, sample {sample}: {difference} of {largest}"
+                    );
+                }
             }
         }
     }
 
     #[test]
     fn tensors_survive_the_way_through_the_framework() {
-        let weights = weights();
-        let device = Device::flex();
-        let mut network = UNet::new(WIDTHS, &device);
-        network.set_tensors(&weights.tensors, &device);
-        assert_eq!(network.tensors(), weights.tensors);
+        for architecture in [Architecture::Unet, Architecture::Tracked] {
+            let weights = weights(architecture);
+            let network = Model::loaded(&weights, &Device::flex());
+            assert_eq!(network.tensors(), *weights.tensors());
+        }
     }
 }

@@ -14,6 +14,7 @@ mod metrics;
 mod model;
 mod symmetry;
 mod train;
+mod weights;
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -26,6 +27,7 @@ use crate::constants::LEARNING_RATE;
 use crate::dataset::{Store, world_fingerprint};
 use crate::error::TrainingError;
 use crate::train::{Places, Plan};
+use crate::weights::Architecture;
 
 /// Trains and scores Gripline's force network.
 #[derive(Debug, Parser)]
@@ -53,8 +55,11 @@ enum Command {
         #[arg(long, default_value_t = 40_000, value_parser = clap::value_parser!(u32).range(32..=1_000_000))]
         samples: u32,
     },
-    /// Train, calibrate, and write OUT/weights/unet.safetensors and OUT/golden/unet.safetensors.
+    /// Train, calibrate, and write OUT/weights/NETWORK.safetensors and OUT/golden/NETWORK.safetensors.
     Train {
+        /// Which network.
+        #[arg(long, value_enum, default_value_t = Architecture::Unet)]
+        network: Architecture,
         /// Samples to train on; each stands for eight by symmetry.
         #[arg(long, default_value_t = 40_000, value_parser = clap::value_parser!(u32).range(32..=1_000_000))]
         samples: u32,
@@ -79,6 +84,9 @@ enum Command {
     },
     /// Score weights on samples never trained on.
     Evaluate {
+        /// Which network.
+        #[arg(long, value_enum, default_value_t = Architecture::Unet)]
+        network: Architecture,
         /// The weights file; without it, the weights that the engine carries.
         #[arg(long)]
         weights: Option<PathBuf>,
@@ -120,6 +128,7 @@ fn run(arguments: &Arguments) -> Result<(), TrainingError> {
             Ok(())
         }
         Command::Train {
+            network,
             samples,
             steps,
             minutes,
@@ -129,6 +138,7 @@ fn run(arguments: &Arguments) -> Result<(), TrainingError> {
             out,
         } => {
             let plan = Plan {
+                architecture: *network,
                 seed: *seed,
                 samples: *samples as usize,
                 held_out: *held_out as usize,
@@ -146,8 +156,17 @@ fn run(arguments: &Arguments) -> Result<(), TrainingError> {
                 },
             )
         }
-        Command::Evaluate { weights, json } => {
-            evaluate::evaluate(weights.as_deref(), data, *seed, *held_out as usize, *json)
-        }
+        Command::Evaluate {
+            network,
+            weights,
+            json,
+        } => evaluate::evaluate(
+            *network,
+            weights.as_deref(),
+            data,
+            *seed,
+            *held_out as usize,
+            *json,
+        ),
     }
 }

@@ -1,6 +1,6 @@
-//! The force network in the training framework: the architecture of `gripline_network::layers`, with
-//! weights going out to and coming in from the weights file. Inputs and outputs in the network's units,
-//! `[batch, 2, 88, 88]` to `[batch, 3, 20, 20]`.
+//! The force networks in the training framework: the architectures of `gripline_network::layers` and of
+//! `gripline_network::tracked::layers`, with weights going out to and coming in from the weights files. Inputs and
+//! outputs in the networks' units, `[batch, 2, 88, 88]` or `[batch, 10, 40, 40]` to `[batch, 3, 20, 20]`.
 
 use std::collections::BTreeMap;
 
@@ -12,7 +12,9 @@ use burn::tensor::activation::relu;
 use burn::tensor::{Device, Tensor, TensorData};
 use gripline_network::constants::NORM_EPSILON;
 use gripline_network::weights::{self, Widths};
-use gripline_network::{Layer, LayerKind, OUTPUT, layers};
+use gripline_network::{Layer, LayerKind, OUTPUT, layers, tracked};
+
+use crate::weights::AnyWeights;
 
 /// The tensors of a weights file, by name.
 pub(crate) type Tensors = BTreeMap<String, weights::Tensor>;
@@ -100,8 +102,7 @@ fn norm(layer: Layer, device: &Device) -> BatchNorm {
 }
 
 impl UNet {
-    /// A network with random weights; seed the device first.
-    pub(crate) fn new(widths: Widths, device: &Device) -> Self {
+    fn new(widths: Widths, device: &Device) -> Self {
         let [
             encode44,
             encode22,
@@ -140,8 +141,7 @@ impl UNet {
         }
     }
 
-    /// `[batch, 2, 88, 88]` to `[batch, 3, 20, 20]`.
-    pub(crate) fn forward(&self, input: Tensor<4>) -> Tensor<4> {
+    fn forward(&self, input: Tensor<4>) -> Tensor<4> {
         let join = |decoder, encoder| Tensor::cat(vec![decoder, encoder], 1);
         let at22 = self.encode22.forward(self.encode44.forward(input));
         let at20 = self.encode20b.forward(self.encode20a.forward(at22));
@@ -155,6 +155,194 @@ impl UNet {
         let up20 = self.up20.forward(self.decode10b.forward(up10));
         let out20 = self.decode20b.forward(self.decode20a.forward(join(up20, at20)));
         self.output.forward(out20)
+    }
+
+    fn parts(&self) -> Parts<'_> {
+        Parts {
+            stages: vec![
+                ("encode44", &self.encode44),
+                ("encode22", &self.encode22),
+                ("encode20a", &self.encode20a),
+                ("encode20b", &self.encode20b),
+                ("encode10a", &self.encode10a),
+                ("encode10b", &self.encode10b),
+                ("bottom5a", &self.bottom5a),
+                ("bottom5b", &self.bottom5b),
+                ("decode10a", &self.decode10a),
+                ("decode10b", &self.decode10b),
+                ("decode20a", &self.decode20a),
+                ("decode20b", &self.decode20b),
+            ],
+            doubling: vec![("up10", &self.up10), ("up20", &self.up20)],
+            output: &self.output,
+        }
+    }
+
+    fn parts_mut(&mut self) -> PartsMut<'_> {
+        PartsMut {
+            stages: vec![
+                ("encode44", &mut self.encode44),
+                ("encode22", &mut self.encode22),
+                ("encode20a", &mut self.encode20a),
+                ("encode20b", &mut self.encode20b),
+                ("encode10a", &mut self.encode10a),
+                ("encode10b", &mut self.encode10b),
+                ("bottom5a", &mut self.bottom5a),
+                ("bottom5b", &mut self.bottom5b),
+                ("decode10a", &mut self.decode10a),
+                ("decode10b", &mut self.decode10b),
+                ("decode20a", &mut self.decode20a),
+                ("decode20b", &mut self.decode20b),
+            ],
+            doubling: vec![("up10", &mut self.up10), ("up20", &mut self.up20)],
+            output: &mut self.output,
+        }
+    }
+}
+
+/// The network behind the tracker.
+#[derive(Module, Debug)]
+pub(crate) struct TrackedNet {
+    encode20a: Stage,
+    encode20b: Stage,
+    encode10a: Stage,
+    encode10b: Stage,
+    bottom5a: Stage,
+    bottom5b: Stage,
+    up10: DoublingStage,
+    decode10: Stage,
+    up20: DoublingStage,
+    decode20: Stage,
+    output: Conv2d,
+}
+
+impl TrackedNet {
+    fn new(widths: [usize; 3], device: &Device) -> Self {
+        let [
+            encode20a,
+            encode20b,
+            encode10a,
+            encode10b,
+            bottom5a,
+            bottom5b,
+            up10,
+            decode10,
+            up20,
+            decode20,
+            output,
+        ] = tracked::layers(widths);
+        let stage = |layer| Stage::new(layer, device);
+        Self {
+            encode20a: stage(encode20a),
+            encode20b: stage(encode20b),
+            encode10a: stage(encode10a),
+            encode10b: stage(encode10b),
+            bottom5a: stage(bottom5a),
+            bottom5b: stage(bottom5b),
+            up10: DoublingStage::new(up10, device),
+            decode10: stage(decode10),
+            up20: DoublingStage::new(up20, device),
+            decode20: stage(decode20),
+            output: convolution(output, device),
+        }
+    }
+
+    fn forward(&self, input: Tensor<4>) -> Tensor<4> {
+        let join = |decoder, encoder| Tensor::cat(vec![decoder, encoder], 1);
+        let at20 = self.encode20b.forward(self.encode20a.forward(input));
+        let at10 = self.encode10b.forward(self.encode10a.forward(at20.clone()));
+        let at5 = self.bottom5b.forward(self.bottom5a.forward(at10.clone()));
+        let at10 = self.decode10.forward(join(self.up10.forward(at5), at10));
+        let at20 = self.decode20.forward(join(self.up20.forward(at10), at20));
+        self.output.forward(at20)
+    }
+
+    fn parts(&self) -> Parts<'_> {
+        Parts {
+            stages: vec![
+                ("encode20a", &self.encode20a),
+                ("encode20b", &self.encode20b),
+                ("encode10a", &self.encode10a),
+                ("encode10b", &self.encode10b),
+                ("bottom5a", &self.bottom5a),
+                ("bottom5b", &self.bottom5b),
+                ("decode10", &self.decode10),
+                ("decode20", &self.decode20),
+            ],
+            doubling: vec![("up10", &self.up10), ("up20", &self.up20)],
+            output: &self.output,
+        }
+    }
+
+    fn parts_mut(&mut self) -> PartsMut<'_> {
+        PartsMut {
+            stages: vec![
+                ("encode20a", &mut self.encode20a),
+                ("encode20b", &mut self.encode20b),
+                ("encode10a", &mut self.encode10a),
+                ("encode10b", &mut self.encode10b),
+                ("bottom5a", &mut self.bottom5a),
+                ("bottom5b", &mut self.bottom5b),
+                ("decode10", &mut self.decode10),
+                ("decode20", &mut self.decode20),
+            ],
+            doubling: vec![("up10", &mut self.up10), ("up20", &mut self.up20)],
+            output: &mut self.output,
+        }
+    }
+}
+
+/// A network's layers under their names in the weights file.
+struct Parts<'a> {
+    stages: Vec<(&'static str, &'a Stage)>,
+    doubling: Vec<(&'static str, &'a DoublingStage)>,
+    output: &'a Conv2d,
+}
+
+/// The same, to be written to.
+struct PartsMut<'a> {
+    stages: Vec<(&'static str, &'a mut Stage)>,
+    doubling: Vec<(&'static str, &'a mut DoublingStage)>,
+    output: &'a mut Conv2d,
+}
+
+/// One of the two networks.
+#[expect(clippy::large_enum_variant, reason = "there is one of it")]
+#[derive(Module, Debug)]
+pub(crate) enum Model {
+    UNet(UNet),
+    Tracked(TrackedNet),
+}
+
+impl Model {
+    /// The network of a weights file, with random weights; seed the device first.
+    pub(crate) fn new(weights: &AnyWeights, device: &Device) -> Self {
+        match weights {
+            AnyWeights::UNet(weights) => Self::UNet(UNet::new(weights.widths, device)),
+            AnyWeights::Tracked(weights) => Self::Tracked(TrackedNet::new(weights.widths, device)),
+        }
+    }
+
+    /// The network of a weights file with its weights.
+    pub(crate) fn loaded(weights: &AnyWeights, device: &Device) -> Self {
+        let mut model = Self::new(weights, device);
+        model.set_tensors(weights.tensors(), device);
+        model
+    }
+
+    /// Input to `[batch, 3, 20, 20]`.
+    pub(crate) fn forward(&self, input: Tensor<4>) -> Tensor<4> {
+        match self {
+            Self::UNet(network) => network.forward(input),
+            Self::Tracked(network) => network.forward(input),
+        }
+    }
+
+    fn parts(&self) -> Parts<'_> {
+        match self {
+            Self::UNet(network) => network.parts(),
+            Self::Tracked(network) => network.parts(),
+        }
     }
 
     /// All tensors under their names in the weights file.
@@ -178,14 +366,15 @@ impl UNet {
                 norm.running_var.value_sync().into_data(),
             );
         };
-        for (name, stage) in self.stages() {
+        let parts = self.parts();
+        for (name, stage) in parts.stages {
             put_normed(name, &stage.convolution.weight, &stage.norm);
         }
-        for (name, stage) in [("up10", &self.up10), ("up20", &self.up20)] {
+        for (name, stage) in parts.doubling {
             put_normed(name, &stage.convolution.weight, &stage.norm);
         }
-        put(format!("{OUTPUT}.weight"), self.output.weight.val().into_data());
-        let bias = self.output.bias.as_ref().expect("the output layer has a bias");
+        put(format!("{OUTPUT}.weight"), parts.output.weight.val().into_data());
+        let bias = parts.output.bias.as_ref().expect("the output layer has a bias");
         put(format!("{OUTPUT}.bias"), bias.val().into_data());
         tensors
     }
@@ -202,49 +391,19 @@ impl UNet {
             norm.running_mean = RunningState::new(Tensor::from_data(data(name, "norm.mean"), device));
             norm.running_var = RunningState::new(Tensor::from_data(data(name, "norm.variance"), device));
         };
-        for (name, stage) in self.stages_mut() {
+        let parts = match self {
+            Self::UNet(network) => network.parts_mut(),
+            Self::Tracked(network) => network.parts_mut(),
+        };
+        for (name, stage) in parts.stages {
             stage.convolution.weight = Param::from_data(data(name, "weight"), device);
             set_norm(name, &mut stage.norm);
         }
-        for (name, stage) in [("up10", &mut self.up10), ("up20", &mut self.up20)] {
+        for (name, stage) in parts.doubling {
             stage.convolution.weight = Param::from_data(data(name, "weight"), device);
             set_norm(name, &mut stage.norm);
         }
-        self.output.weight = Param::from_data(data(OUTPUT, "weight"), device);
-        self.output.bias = Some(Param::from_data(data(OUTPUT, "bias"), device));
-    }
-
-    fn stages(&self) -> [(&'static str, &Stage); 12] {
-        [
-            ("encode44", &self.encode44),
-            ("encode22", &self.encode22),
-            ("encode20a", &self.encode20a),
-            ("encode20b", &self.encode20b),
-            ("encode10a", &self.encode10a),
-            ("encode10b", &self.encode10b),
-            ("bottom5a", &self.bottom5a),
-            ("bottom5b", &self.bottom5b),
-            ("decode10a", &self.decode10a),
-            ("decode10b", &self.decode10b),
-            ("decode20a", &self.decode20a),
-            ("decode20b", &self.decode20b),
-        ]
-    }
-
-    fn stages_mut(&mut self) -> [(&'static str, &mut Stage); 12] {
-        [
-            ("encode44", &mut self.encode44),
-            ("encode22", &mut self.encode22),
-            ("encode20a", &mut self.encode20a),
-            ("encode20b", &mut self.encode20b),
-            ("encode10a", &mut self.encode10a),
-            ("encode10b", &mut self.encode10b),
-            ("bottom5a", &mut self.bottom5a),
-            ("bottom5b", &mut self.bottom5b),
-            ("decode10a", &mut self.decode10a),
-            ("decode10b", &mut self.decode10b),
-            ("decode20a", &mut self.decode20a),
-            ("decode20b", &mut self.decode20b),
-        ]
+        parts.output.weight = Param::from_data(data(OUTPUT, "weight"), device);
+        parts.output.bias = Some(Param::from_data(data(OUTPUT, "bias"), device));
     }
 }

@@ -4,6 +4,7 @@
 
 use gripline_network::ForceMap;
 use gripline_network::constants::{IMAGE_SIDE, MAP_SIDE};
+use gripline_network::tracked::{GRID_CHANNELS, GRID_NODES, GRID_SIDE, Grid, empty_grid};
 
 /// One of the eight: first mirror x, then mirror y, then exchange x and y.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -58,6 +59,21 @@ impl Symmetry {
         let x = if self.mirror_x { -x } else { x };
         let y = if self.mirror_y { -y } else { y };
         if self.exchange { [y, x, z] } else { [x, y, z] }
+    }
+
+    /// The moved grid: motions turn as shear does.
+    pub(crate) fn grid(self, grid: &Grid) -> Box<Grid> {
+        let mut moved = empty_grid();
+        for node in 0..GRID_NODES {
+            let from = self.source(GRID_SIDE, node / GRID_SIDE, node % GRID_SIDE);
+            for class in 0..GRID_CHANNELS / 3 {
+                let values = self.force([0, 1, 2].map(|part| grid[3 * class + part][from]));
+                for (part, value) in values.into_iter().enumerate() {
+                    moved[3 * class + part][node] = value;
+                }
+            }
+        }
+        moved
     }
 
     /// The moved map.

@@ -7,16 +7,17 @@ use std::time::{Duration, Instant};
 use burn::module::Module;
 use burn::optim::{AdamWConfig, GradientsParams, ModuleOptimizer};
 use burn::tensor::Device;
-use gripline_network::weights::{Scaling, Weights, Widths};
-use gripline_network::{Calibration, ForceNetwork};
+use gripline_network::Calibration;
+use gripline_network::tracked::TrackedWeights;
+use gripline_network::weights::{Scaling, Weights};
 use gripline_simulation::Split;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::json;
 
-use crate::batch;
+use crate::batch::{self, Batch};
 use crate::constants::{
-    BATCH, DETECTOR_FRICTION, DIFFERENCE_PER_LEVEL, NEWTONS_PER_OUTPUT, REST_DEVIATION, WARM_UP,
-    WEIGHT_DECAY, WIDTHS,
+    BATCH, DETECTOR_FRICTION, DIFFERENCE_PER_LEVEL, NEWTONS_PER_OUTPUT, REST_DEVIATION, TRACKED_SCALING,
+    TRACKED_WIDTHS, WARM_UP, WEIGHT_DECAY, WIDTHS, lens,
 };
 use crate::dataset::{Dataset, Store, world_fingerprint};
 use crate::dice::Dice;
@@ -25,11 +26,13 @@ use crate::evaluate::predict;
 use crate::golden;
 use crate::loss::loss;
 use crate::metrics::{Scores, calibrate};
-use crate::model::{Tensors, UNet};
+use crate::model::{Model, Tensors};
+use crate::weights::{AnyWeights, Architecture};
 
 /// What the user chose.
 #[derive(Debug, Clone)]
 pub(crate) struct Plan {
+    pub(crate) architecture: Architecture,
     pub(crate) seed: u32,
     pub(crate) samples: usize,
     pub(crate) held_out: usize,
@@ -51,7 +54,7 @@ pub(crate) struct Places<'a> {
 /// Validations in a whole run.
 const VALIDATIONS: usize = 40;
 
-/// Trains, calibrates, and writes `unet.safetensors` into `out/weights` and `out/golden`.
+/// Trains, calibrates, and writes `unet.safetensors` or `tracked.safetensors` into `out/weights` and `out/golden`.
 pub(crate) fn train(plan: &Plan, places: Places<'_>) -> Result<(), TrainingError> {
     let world = world_fingerprint()?;
     let get = |split, samples| Store::new(places.data, split, plan.seed, &world).load(samples);
@@ -62,7 +65,8 @@ pub(crate) fn train(plan: &Plan, places: Places<'_>) -> Result<(), TrainingError
     let device = Device::flex().autodiff();
     device.seed(u64::from(plan.seed));
     let mut weights = starting_weights(plan, places, &sets.train, &device)?;
-    let weights_path = places.out.join("weights").join("unet.safetensors");
+    let file = format!("{}.safetensors", plan.architecture.name());
+    let weights_path = places.out.join("weights").join(&file);
 
     let outcome = fit(plan, &sets, &mut weights, &device, |weights| {
         save(&weights_path, &weights.to_bytes())
@@ -70,16 +74,14 @@ pub(crate) fn train(plan: &Plan, places: Places<'_>) -> Result<(), TrainingError
 
     let calibration_set = get(Split::Calibration, plan.held_out)?;
     let test_set = get(Split::Test, plan.held_out)?;
-    weights.calibration = calibrate(&predict(
-        &mut ForceNetwork::from_weights(&weights)?,
-        &calibration_set,
-    ));
-    let mut engine = ForceNetwork::from_weights(&weights)?;
-    let scores = Scores::new(&predict(&mut engine, &test_set), weights.calibration);
+    let mut engine = weights.engine()?;
+    let calibration = calibrate(&predict(&mut engine, &calibration_set));
+    weights.set_calibration(calibration);
+    let scores = Scores::new(&predict(&mut engine, &test_set), calibration);
     // Training that continues another's counts on.
-    let earlier: serde_json::Value = serde_json::from_str(&weights.manifest).unwrap_or_default();
+    let earlier: serde_json::Value = serde_json::from_str(weights.manifest()).unwrap_or_default();
     let before = |key: &str| earlier[key].as_f64().unwrap_or(0.0);
-    weights.manifest = json!({
+    let manifest = json!({
         "world": sets.train.world(),
         "seed": plan.seed,
         "samples": sets.train.len(),
@@ -88,16 +90,16 @@ pub(crate) fn train(plan: &Plan, places: Places<'_>) -> Result<(), TrainingError
         "validation_loss": outcome.validation_loss,
         "framework": "burn 0.22.1 flex",
         "test": scores.to_json(),
-    })
-    .to_string();
+    });
+    weights.set_manifest(manifest.to_string());
     save(&weights_path, &weights.to_bytes())?;
-    let golden_path = places.out.join("golden").join("unet.safetensors");
+    let golden_path = places.out.join("golden").join(&file);
     save(&golden_path, &golden::to_bytes(&weights, &test_set))?;
 
     let Calibration {
         contact_min_n,
         friction,
-    } = weights.calibration;
+    } = calibration;
     println!("calibration: contact above {contact_min_n} N per taxel, friction {friction:.4}");
     println!(
         "test, shapes and sensors never trained on:\n{}",
@@ -125,9 +127,9 @@ fn starting_weights(
     places: Places<'_>,
     train: &Dataset,
     device: &Device,
-) -> Result<Weights, TrainingError> {
+) -> Result<AnyWeights, TrainingError> {
     if let Some(path) = places.from {
-        return Ok(Weights::from_file(path)?);
+        return AnyWeights::from_file(plan.architecture, path);
     }
     if plan.samples < BATCH {
         return Err(TrainingError::Usage(format!(
@@ -135,22 +137,44 @@ fn starting_weights(
             plan.samples
         )));
     }
-    let (mean, deviation) = train.rest_levels();
-    Ok(Weights {
-        widths: WIDTHS,
-        scaling: Scaling {
-            difference_per_level: DIFFERENCE_PER_LEVEL,
-            rest_level: mean as f32,
-            rest_per_level: REST_DEVIATION / deviation.max(1.0) as f32,
-            newtons_per_output: NEWTONS_PER_OUTPUT,
-        },
-        calibration: Calibration {
-            contact_min_n: 0.02,
-            friction: DETECTOR_FRICTION,
-        },
-        manifest: "in training".to_owned(),
-        tensors: UNet::new(WIDTHS, device).tensors(),
-    })
+    Ok(fresh_weights(plan.architecture, train, device))
+}
+
+/// Random weights, with the scaling that a data set asks for.
+pub(crate) fn fresh_weights(architecture: Architecture, train: &Dataset, device: &Device) -> AnyWeights {
+    let calibration = Calibration {
+        contact_min_n: 0.02,
+        friction: DETECTOR_FRICTION,
+    };
+    let manifest = "in training".to_owned();
+    let mut weights = match architecture {
+        Architecture::Unet => {
+            let (mean, deviation) = train.rest_levels();
+            AnyWeights::UNet(Weights {
+                widths: WIDTHS,
+                scaling: Scaling {
+                    difference_per_level: DIFFERENCE_PER_LEVEL,
+                    rest_level: mean as f32,
+                    rest_per_level: REST_DEVIATION / deviation.max(1.0) as f32,
+                    newtons_per_output: NEWTONS_PER_OUTPUT,
+                },
+                calibration,
+                manifest,
+                tensors: Tensors::new(),
+            })
+        }
+        Architecture::Tracked => AnyWeights::Tracked(TrackedWeights {
+            widths: TRACKED_WIDTHS,
+            lens: lens(),
+            scaling: TRACKED_SCALING,
+            calibration,
+            manifest,
+            tensors: Tensors::new(),
+        }),
+    };
+    let tensors = Model::new(&weights, device).tensors();
+    weights.set_tensors(tensors);
+    weights
 }
 
 /// Gradient steps until the plan is done; leaves the best weights in `weights` and hands each new best to
@@ -158,12 +182,11 @@ fn starting_weights(
 fn fit(
     plan: &Plan,
     sets: &Sets,
-    weights: &mut Weights,
+    weights: &mut AnyWeights,
     device: &Device,
-    checkpoint: impl Fn(&Weights) -> Result<(), TrainingError>,
+    checkpoint: impl Fn(&AnyWeights) -> Result<(), TrainingError>,
 ) -> Result<Outcome, TrainingError> {
-    let scaling = weights.scaling;
-    let mut trainer = Trainer::new(weights.widths, &weights.tensors, device);
+    let mut trainer = Trainer::new(weights, device);
     let mut dice = Dice::new(u64::from(plan.seed));
     let mut order = Vec::new();
     let mut best = (f32::INFINITY, 0);
@@ -183,7 +206,7 @@ fn fit(
         let done = progress >= 1.0;
         if done || (progress * VALIDATIONS as f64) as usize > validated {
             validated += 1;
-            let (validation_loss, tensors) = trainer.validate(&sets.validation, scaling);
+            let (validation_loss, tensors) = trainer.validate(&sets.validation, weights);
             let minutes = start.elapsed().as_secs_f64() / 60.0;
             let train_loss = running_loss.unwrap_or(f32::NAN);
             bar.suspend(|| {
@@ -194,7 +217,7 @@ fn fit(
             });
             if validation_loss < best.0 {
                 best = (validation_loss, validated);
-                weights.tensors = tensors;
+                weights.set_tensors(tensors);
                 checkpoint(weights)?;
             }
             if done || validated - best.1 >= plan.patience {
@@ -207,8 +230,8 @@ fn fit(
             dice.shuffle(&mut order);
         }
         let samples = order.split_off(order.len() - BATCH);
-        let [input, truth] = batch::augmented(&sets.train, &samples, scaling, device, &mut dice);
-        let batch_loss = trainer.step(input, truth, plan.rate * schedule(progress));
+        let batch = batch::augmented(&sets.train, &samples, weights, device, &mut dice);
+        let batch_loss = trainer.step(batch, plan.rate * schedule(progress));
         running_loss = Some(running_loss.map_or(batch_loss, |loss: f32| 0.98 * loss + 0.02 * batch_loss));
         step += 1;
         bar.set_position(step as u64);
@@ -234,14 +257,13 @@ fn schedule(progress: f64) -> f64 {
 
 /// The network with its optimiser.
 struct Trainer {
-    network: UNet,
+    network: Model,
     optimizer: ModuleOptimizer,
 }
 
 impl Trainer {
-    fn new(widths: Widths, tensors: &Tensors, device: &Device) -> Self {
-        let mut network = UNet::new(widths, device);
-        network.set_tensors(tensors, device);
+    fn new(weights: &AnyWeights, device: &Device) -> Self {
+        let network = Model::loaded(weights, device);
         let optimizer = AdamWConfig::new()
             .with_epsilon(1e-8)
             .with_weight_decay(WEIGHT_DECAY)
@@ -250,8 +272,8 @@ impl Trainer {
     }
 
     /// One gradient step; the batch's loss before it.
-    fn step(&mut self, input: burn::tensor::Tensor<4>, truth: burn::tensor::Tensor<4>, rate: f64) -> f32 {
-        let loss = loss(self.network.forward(input), truth);
+    fn step(&mut self, batch: Batch, rate: f64) -> f32 {
+        let loss = loss(self.network.forward(batch.input) * batch.scale, batch.truth);
         let value = loss.clone().into_scalar::<f32>();
         let gradients = GradientsParams::from_grads(loss.backward(), &self.network);
         self.network = self.optimizer.step(rate, self.network.clone(), gradients);
@@ -259,15 +281,16 @@ impl Trainer {
     }
 
     /// Loss over a whole set with running statistics and no augmentation, and the tensors it belongs to.
-    fn validate(&self, set: &Dataset, scaling: Scaling) -> (f32, Tensors) {
+    fn validate(&self, set: &Dataset, weights: &AnyWeights) -> (f32, Tensors) {
         let network = self.network.valid();
         let device = Device::flex();
         let samples: Vec<usize> = (0..set.len()).collect();
         let total: f32 = samples
             .chunks(BATCH)
             .map(|samples| {
-                let [input, truth] = batch::plain(set, samples, scaling, &device);
-                loss(network.forward(input), truth).into_scalar::<f32>() * samples.len() as f32
+                let batch = batch::plain(set, samples, weights, &device);
+                loss(network.forward(batch.input) * batch.scale, batch.truth).into_scalar::<f32>()
+                    * samples.len() as f32
             })
             .sum();
         (total / set.len() as f32, network.tensors())
@@ -285,44 +308,32 @@ mod tests {
     use super::*;
     use burn::tensor::{Tensor, TensorData};
 
-    const SMALL: Widths = Widths {
-        encode44: 8,
-        encode22: 8,
-        encode20: 8,
-        middle10: 8,
-        bottom5: 8,
-        decode20: 8,
-    };
-
-    fn wavy(shape: [usize; 4], scale: f32, device: &Device) -> Tensor<4> {
-        let count = shape.iter().product::<usize>();
-        let values: Vec<f32> = (0..count)
-            .map(|i| scale * (i as f32 * 0.7 + (i / 400) as f32).sin())
-            .collect();
-        Tensor::from_data(TensorData::new(values, shape), device)
+    /// A load that differs between samples and components but is smooth over the map.
+    fn loads(device: &Device) -> Tensor<4> {
+        let values: Vec<f32> = (0..4800).map(|i| (i / 400) as f32 * 0.3).collect();
+        Tensor::from_data(TensorData::new(values, [4, 3, 20, 20]), device)
     }
 
     #[test]
     fn twenty_steps_on_one_batch_halve_its_loss() {
-        let device = Device::flex().autodiff();
-        device.seed(1);
-        let tensors = UNet::new(SMALL, &device).tensors();
-        let mut trainer = Trainer::new(SMALL, &tensors, &device);
-        let input = wavy([4, 2, 88, 88], 1.0, &device);
-        // A load that differs between samples and components but is smooth over the map.
-        let truth = Tensor::from_data(
-            TensorData::new(
-                (0..4800).map(|i| (i / 400) as f32 * 0.3).collect::<Vec<_>>(),
-                [4, 3, 20, 20],
-            ),
-            &device,
-        );
-        let first = trainer.step(input.clone(), truth.clone(), 3e-3);
-        for _ in 0..20 {
-            trainer.step(input.clone(), truth.clone(), 3e-3);
+        for architecture in [Architecture::Unet, Architecture::Tracked] {
+            let device = Device::flex().autodiff();
+            device.seed(1);
+            let set = Dataset::noise(4);
+            let weights = fresh_weights(architecture, &set, &device);
+            let mut trainer = Trainer::new(&weights, &device);
+            let mut step = || {
+                let batch = batch::plain(&set, &[0, 1, 2, 3], &weights, &device);
+                let truth = loads(&device);
+                trainer.step(Batch { truth, ..batch }, 3e-3)
+            };
+            let first = step();
+            for _ in 0..20 {
+                step();
+            }
+            let last = step();
+            assert!(last < 0.5 * first, "{architecture:?}: {first} to {last}");
         }
-        let last = trainer.step(input, truth, 3e-3);
-        assert!(last < 0.5 * first, "{first} to {last}");
     }
 
     #[test]

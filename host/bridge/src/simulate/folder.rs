@@ -250,7 +250,7 @@ pub(super) fn decode_grey(bytes: &[u8], name: &str) -> Result<Image, Failure> {
 }
 
 /// (T, 3, 20, 20) float32 newtons in NumPy's format.
-pub(super) fn maps_npy<'a>(maps: impl ExactSizeIterator<Item = &'a ForceMap>) -> Result<Vec<u8>, Failure> {
+pub(crate) fn maps_npy<'a>(maps: impl ExactSizeIterator<Item = &'a ForceMap>) -> Result<Vec<u8>, Failure> {
     let mut bytes = Vec::new();
     let write = |bytes: &mut Vec<u8>| -> io::Result<()> {
         let mut writer = npyz::WriteOptions::<f32>::new()

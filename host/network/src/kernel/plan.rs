@@ -27,6 +27,11 @@ enum Step {
         channel: usize,
         to: PlaneId,
     },
+    Copy {
+        from: PlaneId,
+        to: PlaneId,
+        channel: usize,
+    },
 }
 
 /// A network: planes, steps in the order in which they run, and what changed.
@@ -91,6 +96,11 @@ impl Plan {
         to
     }
 
+    /// Copies a plane to `to`'s channels from `channel` on.
+    pub(crate) fn copy(&mut self, from: PlaneId, to: PlaneId, channel: usize) {
+        self.steps.push(Step::Copy { from, to, channel });
+    }
+
     /// A plane's values.
     pub(crate) fn values(&self, plane: PlaneId) -> &Plane {
         &self.planes[plane.0]
@@ -146,6 +156,13 @@ impl Plan {
                     self.planes[to.0] = output;
                     self.changed[to.0] = self.changed[to.0].hull(&region);
                 }
+                Step::Copy { from, to, channel } => {
+                    let region = self.changed[from.0].clone();
+                    let mut output = std::mem::take(&mut self.planes[to.0]);
+                    output.copy(&self.planes[from.0], channel, &region);
+                    self.planes[to.0] = output;
+                    self.changed[to.0] = self.changed[to.0].hull(&region);
+                }
             }
         }
         self.changed.fill(Region::EMPTY);
@@ -167,7 +184,9 @@ impl Plan {
                     reached[to.0] = true;
                     sum += convolution.multiply_adds(self.planes[to.0].size());
                 }
-                Step::Pool { from, to, .. } if reached[from.0] => reached[to.0] = true,
+                Step::Pool { from, to, .. } | Step::Copy { from, to, .. } if reached[from.0] => {
+                    reached[to.0] = true;
+                }
                 _ => {}
             }
         }

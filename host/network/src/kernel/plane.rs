@@ -1,6 +1,8 @@
 //! An activation image: rows × columns × channels of f32, channels last, with a border of one pixel of
 //! zeros on all sides so that padded convolutions need no special case. Nothing ever writes the border.
 
+use super::region::Region;
+
 /// One activation image with its border.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Plane {
@@ -57,5 +59,17 @@ impl Plane {
     pub(crate) fn row_mut(&mut self, row: usize) -> &mut [f32] {
         let start = (row + 1) * self.stride() + self.channels;
         &mut self.values[start..start + self.width * self.channels]
+    }
+
+    /// Takes over the pixels of `region` of an image of the same size, to the channels from `channel` on.
+    pub(crate) fn copy(&mut self, from: &Self, channel: usize, region: &Region) {
+        let (wide, narrow) = (self.channels, from.channels);
+        for row in region.rows.clone() {
+            let pixels = from.row(row).chunks_exact(narrow);
+            let to = self.row_mut(row).chunks_exact_mut(wide).zip(pixels);
+            for (to, from) in to.skip(region.columns.start).take(region.columns.len()) {
+                to[channel..channel + narrow].copy_from_slice(from);
+            }
+        }
     }
 }

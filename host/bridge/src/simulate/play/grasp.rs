@@ -2,7 +2,7 @@
 //! converge is no evidence from there on: all frames after it count as left out.
 
 use gripline_firmware::sums::TaxelRule;
-use gripline_network::ForceNetwork;
+use gripline_network::{Architecture, Network};
 use gripline_protocol::LSB_PER_NEWTON;
 use gripline_protocol::MapInfo;
 use gripline_protocol::message::{Command, Configuration};
@@ -256,7 +256,7 @@ struct Gripline {
 
 impl Gripline {
     fn new(rest: &[Vec<u8>], floor_n: f64) -> Result<Self, Failure> {
-        let network = ForceNetwork::embedded().map_err(Failure::failed)?;
+        let network = Network::embedded(Architecture::default()).map_err(Failure::failed)?;
         let settings = Configuration {
             floor: (floor_n * f64::from(LSB_PER_NEWTON)) as i32,
             ..settings_for(&network)

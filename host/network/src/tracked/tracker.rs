@@ -1,0 +1,582 @@
+//! Finds every particle of the rest image again in the image now: where its surroundings went (block matching, coarse
+//! to fine), the best whole pixel along that way for its depth, then least squares of its own 7×7 pixels, then whether
+//! its neighbours agree. The tracks follow from (rest, now) alone; what did not change since the last image is kept.
+//! Pixels of the crop. No allocation after [`Tracker::set_rest`].
+
+use super::flow::{Flow, difference};
+use super::particles::{self, Particle};
+use super::pyramid::{Level, Pyramid};
+use crate::constants::CROP_SIDE;
+
+/// Half of a particle's patch, pixels.
+const HALF: i32 = 3;
+/// Side of the patch.
+const PATCH: usize = 7;
+/// Sigma of the patch's weights, pixels: about a particle's radius with the lens's blur.
+const PATCH_SIGMA: f32 = 1.6;
+/// Most Gauss–Newton steps, and the step that is small enough, pixels.
+const STEPS: usize = 5;
+const SMALL_STEP: f32 = 0.01;
+/// Farthest that least squares may go from the whole pixel it started at.
+const FARTHEST_STEP: f32 = 2.0;
+/// Least share of the smaller curvature in both, squared: less is an edge, not a spot.
+const LEAST_CORNER: f32 = 0.02;
+/// Cost of a pixel off the expected place along the way and, squared, across it; sums of absolute grey levels.
+const PRIOR: [f32; 2] = [10.0, 10.0];
+/// Share of its contrast that a patch must explain: at rest or nearly, and on a long way, where others look alike.
+const LEAST_CONFIDENCE: [f32; 2] = [0.6, 0.85];
+/// From this motion of the surface on a way is long, pixels.
+const LONG: f32 = 4.0;
+/// Thickness of the skin's soft part, mm: the base does not move.
+const THICKNESS_MM: f32 = 6.0;
+/// Depth of a particle that moves as its surroundings do on the mean, mm.
+const MEAN_DEPTH_MM: f32 = 3.2;
+/// Pixels a side of the cells within which tracks must agree, and cells a side.
+const CELL: usize = 40;
+const CELLS: usize = CROP_SIDE / CELL;
+/// Fewest tracks of a cell that can outvote one, and most that are heard.
+const VOTES: [usize; 2] = [5, 32];
+/// Pixels a side of the tiles that are compared with the last image, and tiles a side.
+const TILE: usize = 20;
+const TILES: usize = CROP_SIDE / TILE;
+
+/// Where a particle went.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Track {
+    /// Motion since rest, pixels.
+    pub motion_px: [f32; 2],
+    /// Share of the patch's contrast that the match explains; 0 for the lost and the doubtful.
+    pub confidence: f32,
+}
+
+/// A particle's patch, ready for least squares. Rows have eight places for the sake of vectors; the last weighs nothing.
+#[derive(Debug, Clone)]
+struct Template {
+    pixels: [[u8; 8]; PATCH],
+    /// Weighted slopes along x and y, without their mean: a change of the light around does not count.
+    slopes: [[[f32; 8]; PATCH]; 2],
+    /// Inverse of the slopes' products: xx, xy, yy.
+    inverse: [f32; 3],
+    /// Weighted square of the patch without its mean.
+    contrast: f32,
+}
+
+/// What a particle's track was made from.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Asked {
+    /// Motion of the surface there, by the surroundings.
+    surface_px: [f32; 2],
+    /// Before the neighbours had their say.
+    first: Track,
+    /// What the neighbours said the surface's motion is; NaN when they said nothing.
+    voted_px: [f32; 2],
+}
+
+/// The tracker with its images, particles and tracks.
+#[derive(Debug, Clone)]
+pub struct Tracker {
+    rest: Pyramid,
+    now: Pyramid,
+    flow: Flow,
+    particles: Vec<Particle>,
+    templates: Vec<Option<Template>>,
+    asked: Vec<Asked>,
+    tracks: Vec<Track>,
+    weights: Weights,
+    votes: Votes,
+    /// Whether `now` holds an image since the rest image was taken.
+    known: bool,
+}
+
+/// Weights of a patch's pixels, and their sum.
+#[derive(Debug, Clone)]
+struct Weights {
+    of_pixel: [[f32; 8]; PATCH],
+    sum: f32,
+}
+
+impl Weights {
+    fn new() -> Self {
+        let of_pixel: [[f32; 8]; PATCH] = std::array::from_fn(|row| {
+            std::array::from_fn(|column| {
+                let [x, y] = [column as f32 - HALF as f32, row as f32 - HALF as f32];
+                if column < PATCH {
+                    (-(x * x + y * y) / (2.0 * PATCH_SIGMA * PATCH_SIGMA)).exp()
+                } else {
+                    0.0
+                }
+            })
+        });
+        Self {
+            sum: of_pixel.as_flattened().iter().sum(),
+            of_pixel,
+        }
+    }
+}
+
+impl Default for Tracker {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Tracker {
+    /// A tracker without a rest image: it has no particles.
+    #[must_use]
+    pub fn new() -> Self {
+        Self {
+            rest: Pyramid::new(),
+            now: Pyramid::new(),
+            flow: Flow::new(),
+            particles: Vec::new(),
+            templates: Vec::new(),
+            asked: Vec::new(),
+            tracks: Vec::new(),
+            weights: Weights::new(),
+            votes: Votes::new(),
+            known: false,
+        }
+    }
+
+    /// Finds the particles of the untouched skin in a 440×440 image.
+    pub fn set_rest(&mut self, rest: &[u8]) {
+        self.rest.take(rest);
+        let image = &self.rest.0[0];
+        self.particles = particles::find(image);
+        self.templates = self
+            .particles
+            .iter()
+            .map(|particle| Template::new(image, particle, &self.weights))
+            .collect();
+        let nothing = Asked {
+            surface_px: [f32::NAN; 2],
+            first: Track::default(),
+            voted_px: [f32::NAN; 2],
+        };
+        self.asked = vec![nothing; self.particles.len()];
+        self.tracks = vec![Track::default(); self.particles.len()];
+        self.known = false;
+    }
+
+    /// The particles at rest.
+    #[must_use]
+    pub fn particles(&self) -> &[Particle] {
+        &self.particles
+    }
+
+    /// Where they went, in the same order.
+    #[must_use]
+    pub fn tracks(&self) -> &[Track] {
+        &self.tracks
+    }
+
+    /// Forgets the last image, so that the next one is looked at as a whole.
+    pub fn forget(&mut self) {
+        self.known = false;
+    }
+
+    /// Follows the particles into a 440×440 image; whether any track can have changed.
+    pub fn track(&mut self, now: &[u8]) -> bool {
+        let changed = if self.known {
+            Changed::between(&self.now.0[0], now)
+        } else {
+            Changed::everything()
+        };
+        if changed.nothing() {
+            return false;
+        }
+        self.now.take(now);
+        self.flow.find(&self.rest, &self.now);
+        self.known = true;
+        #[cfg(target_arch = "x86_64")]
+        if is_x86_feature_detected!("avx2") {
+            // SAFETY: the processor has it.
+            #[expect(unsafe_code, reason = "compiled for an instruction set that was checked for")]
+            unsafe {
+                self.follow_avx2(&changed);
+            }
+            return true;
+        }
+        self.follow(&changed);
+        true
+    }
+
+    /// The same operations in the same order, so the same bits.
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx2")]
+    fn follow_avx2(&mut self, changed: &Changed) {
+        self.follow(changed);
+    }
+
+    #[expect(
+        clippy::inline_always,
+        reason = "compiled for the instruction set of its caller"
+    )]
+    #[inline(always)]
+    fn follow(&mut self, changed: &Changed) {
+        let search = Search {
+            weights: &self.weights,
+            now: &self.now.0[0],
+        };
+        self.votes.clear();
+        for (i, particle) in self.particles.iter().enumerate() {
+            let asked = &mut self.asked[i];
+            let Some(template) = &self.templates[i] else {
+                continue;
+            };
+            let mean_share = share(MEAN_DEPTH_MM);
+            let surface_px = self.flow.at(particle.at_px).map(|v| v / mean_share);
+            if !same(surface_px, asked.surface_px) || changed.around(particle, surface_px) {
+                asked.first = search.find(template, particle, surface_px);
+                asked.surface_px = surface_px;
+                // Decided anew below.
+                asked.voted_px = [f32::INFINITY; 2];
+            }
+            self.votes.cast(particle, &asked.first);
+        }
+        self.votes.count();
+        for (i, particle) in self.particles.iter().enumerate() {
+            let asked = &mut self.asked[i];
+            let Some(template) = &self.templates[i] else {
+                continue;
+            };
+            let voted_px = self.votes.at(particle);
+            if same(voted_px, asked.voted_px) && !changed.around(particle, voted_px) {
+                continue;
+            }
+            asked.voted_px = voted_px;
+            let mut track = asked.first;
+            if contradicts(&track, voted_px) {
+                track = search.find(template, particle, voted_px);
+                if contradicts(&track, voted_px) {
+                    track.confidence = 0.0;
+                }
+            }
+            self.tracks[i] = track;
+        }
+    }
+}
+
+/// Bit by bit, so that not a number is itself.
+fn same(a: [f32; 2], b: [f32; 2]) -> bool {
+    a.map(f32::to_bits) == b.map(f32::to_bits)
+}
+
+/// Share of the surface's motion that a particle at this depth takes part in: a line to the base.
+fn share(depth_mm: f32) -> f32 {
+    1.0 - depth_mm / THICKNESS_MM
+}
+
+/// Whether a track is lost or not one of a surface that moves like this, at any depth. No vote, no contradiction.
+fn contradicts(track: &Track, [x, y]: [f32; 2]) -> bool {
+    if x.is_nan() {
+        return false;
+    }
+    let length = x.hypot(y).max(1e-3);
+    let [u, v] = track.motion_px;
+    let along = (u * x + v * y) / length;
+    let across = (u * y - v * x) / length;
+    track.confidence == 0.0
+        || along < -0.4 * length - 1.0
+        || along > 1.5 * length + 1.0
+        || across.abs() > 0.35 * length + 1.0
+}
+
+impl Template {
+    /// None when the spot cannot be placed in both directions.
+    fn new(image: &Level, particle: &Particle, weights: &Weights) -> Option<Self> {
+        let [x0, y0] = particle.corner();
+        let pixels: [[u8; 8]; PATCH] = std::array::from_fn(|row| *image.run(x0, y0 + row as i32));
+        let mut slopes = [[[0.0_f32; 8]; PATCH]; 2];
+        let (mut mean, mut means) = (0.0, [0.0_f32; 2]);
+        for row in 0..PATCH {
+            let y = y0 + row as i32;
+            let beside: &[u8; 10] = image.run(x0 - 1, y);
+            let [above, below]: [&[u8; 8]; 2] = [image.run(x0, y - 1), image.run(x0, y + 1)];
+            for column in 0..PATCH {
+                let slope = |low: u8, high: u8| 0.5 * (f32::from(high) - f32::from(low));
+                slopes[0][row][column] = slope(beside[column], beside[column + 2]);
+                slopes[1][row][column] = slope(above[column], below[column]);
+                let weight = weights.of_pixel[row][column] / weights.sum;
+                mean += weight * f32::from(pixels[row][column]);
+                for k in 0..2 {
+                    means[k] += weight * slopes[k][row][column];
+                }
+            }
+        }
+        let (mut xx, mut xy, mut yy, mut contrast) = (0.0, 0.0, 0.0, 0.0);
+        for row in 0..PATCH {
+            for column in 0..PATCH {
+                let weight = weights.of_pixel[row][column];
+                let [x, y] = [0, 1].map(|k| slopes[k][row][column] - means[k]);
+                let level = f32::from(pixels[row][column]) - mean;
+                xx += weight * x * x;
+                xy += weight * x * y;
+                yy += weight * y * y;
+                contrast += weight * level * level;
+                [slopes[0][row][column], slopes[1][row][column]] = [weight * x, weight * y];
+            }
+        }
+        let determinant = xx * yy - xy * xy;
+        (determinant > LEAST_CORNER * (xx + yy) * (xx + yy)).then(|| Self {
+            pixels,
+            slopes,
+            inverse: [yy / determinant, -xy / determinant, xx / determinant],
+            contrast,
+        })
+    }
+}
+
+/// Looks for patches in an image.
+struct Search<'a> {
+    weights: &'a Weights,
+    now: &'a Level,
+}
+
+impl Search<'_> {
+    /// Where the particle went if the surface above it moved by `surface_px`, about.
+    #[expect(
+        clippy::inline_always,
+        reason = "compiled for the instruction set of its caller"
+    )]
+    #[inline(always)]
+    fn find(&self, template: &Template, particle: &Particle, surface_px: [f32; 2]) -> Track {
+        let start = self.whole_pixel(template, particle, surface_px);
+        let long = surface_px[0].hypot(surface_px[1]) > LONG;
+        match start {
+            Some(start) => self.refine(template, particle, start, LEAST_CONFIDENCE[usize::from(long)]),
+            None => Track::default(),
+        }
+    }
+
+    /// The whole-pixel motion with the least difference: anywhere between none and the surface's motion, and a little
+    /// to the sides, rather where the particle's depth suggests.
+    #[inline(always)]
+    #[expect(
+        clippy::inline_always,
+        reason = "compiled for the instruction set of its caller"
+    )]
+    fn whole_pixel(
+        &self,
+        template: &Template,
+        particle: &Particle,
+        surface_px: [f32; 2],
+    ) -> Option<[i32; 2]> {
+        let length = surface_px[0].hypot(surface_px[1]);
+        let [x, y] = if length > 0.0 {
+            surface_px.map(|v| v / length)
+        } else {
+            [1.0, 0.0]
+        };
+        let expected = share(particle.depth_mm) * length;
+        let (from, to) = (
+            (-0.15 * length - 1.5).floor() as i32,
+            (1.15 * length + 1.5).ceil() as i32,
+        );
+        let aside = (1.0 + 0.2 * length).min(4.0) as i32;
+        let [column, row] = particle.pixel.map(i32::from);
+        let [x0, y0] = particle.corner();
+        let inside = 2..CROP_SIDE as i32 - 2;
+        let mut best = (f32::INFINITY, None);
+        for along in from..=to {
+            for across in -aside..=aside {
+                let [t, n] = [along as f32, across as f32];
+                let [dx, dy] = [(t * x - n * y).round() as i32, (t * y + n * x).round() as i32];
+                if !inside.contains(&(column + dx)) || !inside.contains(&(row + dy)) {
+                    continue;
+                }
+                let mut sum = 0;
+                for (row, pixels) in template.pixels.iter().enumerate() {
+                    sum += difference(pixels, self.now.run(x0 + dx, y0 + dy + row as i32));
+                }
+                let cost = sum as f32 + PRIOR[0] * (t - expected).abs() + PRIOR[1] * n * n;
+                if cost < best.0 {
+                    best = (cost, Some([dx, dy]));
+                }
+            }
+        }
+        best.1
+    }
+
+    /// Least squares from a whole pixel on: inverse compositional, the image interpolated bilinearly.
+    #[inline(always)]
+    #[expect(
+        clippy::inline_always,
+        reason = "compiled for the instruction set of its caller"
+    )]
+    fn refine(&self, template: &Template, particle: &Particle, start: [i32; 2], least: f32) -> Track {
+        let [x0, y0] = particle.corner();
+        let start = start.map(|v| v as f32);
+        let mut at = start;
+        let mut residual = f32::INFINITY;
+        for _ in 0..=STEPS {
+            let whole = at.map(|v| v.floor() as i32);
+            let [fx, fy] = [at[0] - whole[0] as f32, at[1] - whole[1] as f32];
+            let line = |row: i32| -> [f32; 8] {
+                let pixels: &[u8; 9] = self.now.run(x0 + whole[0], y0 + whole[1] + row);
+                std::array::from_fn(|k| {
+                    let [left, right] = [pixels[k], pixels[k + 1]].map(f32::from);
+                    left + fx * (right - left)
+                })
+            };
+            let mut above = line(0);
+            let [mut along_x, mut along_y, mut error, mut square] = [[0.0_f32; 8]; 4];
+            for row in 0..PATCH {
+                let below = line(row as i32 + 1);
+                for k in 0..8 {
+                    let off = above[k] + fy * (below[k] - above[k]) - f32::from(template.pixels[row][k]);
+                    let weighted = self.weights.of_pixel[row][k] * off;
+                    along_x[k] += template.slopes[0][row][k] * off;
+                    along_y[k] += template.slopes[1][row][k] * off;
+                    error[k] += weighted;
+                    square[k] += weighted * off;
+                }
+                above = below;
+            }
+            let [along_x, along_y, error, square] =
+                [along_x, along_y, error, square].map(|lanes| sum(&lanes));
+            residual = square - error * error / self.weights.sum;
+            let [xx, xy, yy] = template.inverse;
+            let step = [xx * along_x + xy * along_y, xy * along_x + yy * along_y];
+            if step.iter().all(|v| v.abs() < SMALL_STEP) {
+                break;
+            }
+            at = [at[0] - step[0], at[1] - step[1]];
+            // Written so that NaN ends here too.
+            if !(0..2).all(|k| (at[k] - start[k]).abs() < FARTHEST_STEP) {
+                return Track::default();
+            }
+        }
+        let confidence = 1.0 - residual / template.contrast;
+        Track {
+            motion_px: at,
+            confidence: if confidence > least { confidence } else { 0.0 },
+        }
+    }
+}
+
+/// The lanes' sum, in pairs.
+#[expect(
+    clippy::inline_always,
+    reason = "compiled for the instruction set of its caller"
+)]
+#[inline(always)]
+fn sum(lanes: &[f32; 8]) -> f32 {
+    let four: [f32; 4] = std::array::from_fn(|k| lanes[k] + lanes[k + 4]);
+    (four[0] + four[2]) + (four[1] + four[3])
+}
+
+/// What the tracks of each cell say about the surface's motion.
+#[derive(Debug, Clone)]
+struct Votes {
+    cast: Vec<[[f32; VOTES[1]]; 2]>,
+    counts: Vec<usize>,
+    medians: Vec<[f32; 2]>,
+}
+
+impl Votes {
+    fn new() -> Self {
+        Self {
+            cast: vec![[[0.0; VOTES[1]]; 2]; CELLS * CELLS],
+            counts: vec![0; CELLS * CELLS],
+            medians: vec![[f32::NAN; 2]; CELLS * CELLS],
+        }
+    }
+
+    fn clear(&mut self) {
+        self.counts.fill(0);
+    }
+
+    fn cell(particle: &Particle) -> usize {
+        let [column, row] = particle.pixel.map(|v| usize::from(v) / CELL);
+        row * CELLS + column
+    }
+
+    fn cast(&mut self, particle: &Particle, track: &Track) {
+        let cell = Self::cell(particle);
+        let count = self.counts[cell];
+        if track.confidence > 0.0 && count < VOTES[1] {
+            let share = share(particle.depth_mm).max(0.3);
+            for k in 0..2 {
+                self.cast[cell][k][count] = track.motion_px[k] / share;
+            }
+            self.counts[cell] += 1;
+        }
+    }
+
+    fn count(&mut self) {
+        for ((median, cast), &count) in self.medians.iter_mut().zip(&mut self.cast).zip(&self.counts) {
+            *median = [f32::NAN; 2];
+            if count >= VOTES[0] {
+                for (median, cast) in median.iter_mut().zip(cast) {
+                    *median = *cast[..count].select_nth_unstable_by(count / 2, f32::total_cmp).1;
+                }
+            }
+        }
+    }
+
+    /// NaN where too few voted.
+    fn at(&self, particle: &Particle) -> [f32; 2] {
+        self.medians[Self::cell(particle)]
+    }
+}
+
+/// Which tiles of the image changed: how many above and left of each corner, so that a rectangle takes four look-ups.
+#[derive(Debug)]
+struct Changed {
+    above_left: [[u16; TILES + 1]; TILES + 1],
+}
+
+impl Changed {
+    fn everything() -> Self {
+        Self::from(|_, _| true)
+    }
+
+    fn between(before: &Level, now: &[u8]) -> Self {
+        let mut tiles = [[false; TILES]; TILES];
+        for (row, pixels) in now.chunks_exact(CROP_SIDE).enumerate() {
+            let before = before.row(row);
+            if before == pixels {
+                continue;
+            }
+            let pairs = before.chunks_exact(TILE).zip(pixels.chunks_exact(TILE));
+            for (tile, (before, now)) in tiles[row / TILE].iter_mut().zip(pairs) {
+                *tile |= before != now;
+            }
+        }
+        Self::from(|row, column| tiles[row][column])
+    }
+
+    fn from(tile: impl Fn(usize, usize) -> bool) -> Self {
+        let mut above_left = [[0; TILES + 1]; TILES + 1];
+        for row in 0..TILES {
+            for column in 0..TILES {
+                above_left[row + 1][column + 1] = above_left[row][column + 1] + above_left[row + 1][column]
+                    - above_left[row][column]
+                    + u16::from(tile(row, column));
+            }
+        }
+        Self { above_left }
+    }
+
+    fn nothing(&self) -> bool {
+        self.above_left[TILES][TILES] == 0
+    }
+
+    /// Whether a pixel changed that [`Search::find`] can look at for this particle.
+    fn around(&self, particle: &Particle, surface_px: [f32; 2]) -> bool {
+        // To 1.15 of the way and 2.5 beyond, 4 aside, half a patch, a step of least squares, and the pixel after.
+        let reach = if surface_px[0].is_nan() {
+            0
+        } else {
+            (1.15 * surface_px[0].hypot(surface_px[1]) + 13.0).ceil() as usize
+        };
+        let [columns, rows] = particle.pixel.map(|v| {
+            let v = usize::from(v);
+            v.saturating_sub(reach) / TILE..(v + reach).min(CROP_SIDE - 1) / TILE + 1
+        });
+        let at = |row: usize, column: usize| u32::from(self.above_left[row][column]);
+        at(rows.end, columns.end) + at(rows.start, columns.start)
+            > at(rows.start, columns.end) + at(rows.end, columns.start)
+    }
+}
