@@ -4,6 +4,8 @@
 
 mod board;
 
+use std::path::Path;
+
 use board::{Board, FRAME_US, Mixture, SETTINGS, feed_forward, map};
 use gripline::link::emulator::{Cable, LineWrite};
 use gripline::link::{EmulatorLink, Link, Transport};
@@ -26,6 +28,20 @@ fn the_line_is_at_its_live_zero_until_something_is_held() {
         (GripMode::Released, 0, 0)
     );
     board.assert_line(&status, 0, "released");
+}
+
+#[test]
+#[ignore = "needs the emulator and the image: cargo xtask test"]
+fn the_handshake_tells_version_commit_and_board() {
+    let board = Board::boot();
+    let firmware = board.session.firmware().expect("the handshake was made");
+    let is_repository = Path::new(env!("CARGO_MANIFEST_DIR")).join("../.git").exists();
+    assert_eq!(firmware.revision.is_some(), is_repository, "{firmware}");
+    let (version, name) = (env!("CARGO_PKG_VERSION"), firmware.to_string());
+    assert!(
+        name.starts_with(version) && name.ends_with("on stm32f427vi"),
+        "{name}"
+    );
 }
 
 #[test]
