@@ -4,6 +4,7 @@ use std::ffi::OsString;
 
 use clap::{Parser, Subcommand};
 
+use crate::config::ConfigArgs;
 use crate::detect::DetectArgs;
 use crate::infer::InferArgs;
 use crate::run::RunArgs;
@@ -28,6 +29,8 @@ pub enum Command {
     Infer(InferArgs),
     /// Run the microcontroller's detector over recorded force maps.
     Detect(DetectArgs),
+    /// Read and set the microcontroller's settings.
+    Config(ConfigArgs),
     /// Play a scene of the simulated world: frames, true force maps and slip labels.
     Simulate(SimulateArgs),
 }

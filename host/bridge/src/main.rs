@@ -5,7 +5,7 @@ use std::process::ExitCode;
 
 use gripline::cli::{Cli, Command};
 use gripline::error::Kind;
-use gripline::{detect, infer, run, simulate};
+use gripline::{config, detect, infer, run, simulate};
 
 fn main() -> ExitCode {
     let cli = match Cli::from_arguments(std::env::args_os()) {
@@ -21,6 +21,7 @@ fn main() -> ExitCode {
         Command::Run(args) => run::run(&args),
         Command::Infer(args) => infer::run(&args),
         Command::Detect(args) => detect::run(&args),
+        Command::Config(args) => config::run(&args),
         Command::Simulate(args) => simulate::run(&args),
     };
     match ended {

@@ -56,7 +56,12 @@ impl Link for EmbeddedLink {
 
     fn run_until(&mut self, until_us: u64, received: &mut dyn FnMut(&[u8])) -> Result<(), LinkError> {
         while self.next_tick_us <= until_us {
-            if self.mcu.tick(self.next_tick_us).transmit {
+            let action = self.mcu.tick(self.next_tick_us);
+            if self.mcu.take_store().is_some() {
+                // There is no flash in this process.
+                self.mcu.stored(None);
+            }
+            if action.transmit {
                 self.collect();
             }
             self.next_tick_us += TICK_US;

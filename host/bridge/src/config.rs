@@ -1,0 +1,339 @@
+//! `gripline config mcu`: the microcontroller's settings as TOML, in people's units (N, N/s, mm, ratios).
+//!
+//! The wire has whole numbers only; a value is rounded to the nearest. What a file leaves out stays as it is.
+
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+
+use clap::{Args, Subcommand};
+use gripline_protocol::configuration::{CONFIGURATION_VALUES, Configuration, OutOfRange, Values};
+use gripline_protocol::line::LineKind;
+use gripline_protocol::{LSB_PER_NEWTON, PER_UNIT};
+use toml::{Table, Value};
+
+use crate::error::Failure;
+use crate::link::Target;
+use crate::session::Session;
+
+/// Arguments of `gripline config`.
+#[derive(Debug, Clone, Args)]
+pub struct ConfigArgs {
+    #[command(subcommand)]
+    of: Of,
+}
+
+#[derive(Debug, Clone, Subcommand)]
+enum Of {
+    /// The microcontroller's settings: print them as TOML, or set them from a file and keep them in its flash.
+    Mcu(McuArgs),
+}
+
+#[derive(Debug, Clone, Args)]
+struct McuArgs {
+    /// Which microcontroller: usb, usb:SERIAL, serial:PORT, emulator or embedded.
+    #[arg(long, value_name = "MCU")]
+    mcu: Target,
+    /// Set what this TOML file says; the gripper must be released, because storing stops the microcontroller.
+    #[arg(long, value_name = "FILE")]
+    write: Option<PathBuf>,
+    /// Do not keep the settings in flash: they are gone with the next reset.
+    #[arg(long, requires = "write")]
+    volatile: bool,
+    /// Print JSON instead of TOML.
+    #[arg(long)]
+    json: bool,
+}
+
+/// Reads, or sets and stores, and prints what is then in force.
+///
+/// # Errors
+/// [`Failure`] when the file does not say what it should, the link fails, or the microcontroller refuses.
+pub fn run(args: &ConfigArgs) -> Result<(), Failure> {
+    let Of::Mcu(args) = &args.of;
+    let link = args.mcu.open().map_err(Failure::failed)?;
+    let mut session = Session::connect(link).map_err(Failure::failed)?;
+    if let Some(path) = &args.write {
+        let settings = read(path, session.settings())?;
+        session.configure(settings).map_err(Failure::failed)?;
+        if !args.volatile {
+            let writes = session.store().map_err(Failure::failed)?;
+            eprintln!(
+                "stored, for the {writes}. time; the kind and the points of the line count from the next start"
+            );
+        }
+    }
+    let text = text_of(session.settings());
+    if args.json {
+        let table: Table = text.parse().map_err(Failure::failed)?;
+        println!("{}", serde_json::to_string(&table).map_err(Failure::failed)?);
+    } else {
+        print!("{text}");
+    }
+    Ok(())
+}
+
+/// (name in the file, whole numbers of the wire in one of its unit), in the order of [`Values`].
+const KEYS: [(&str, f64); CONFIGURATION_VALUES] = {
+    const N: f64 = LSB_PER_NEWTON as f64;
+    const ONE: f64 = PER_UNIT as f64;
+    // The wire counts 1/4096 N a millisecond.
+    const N_PER_S: f64 = N / 1_000.0;
+    const MM: f64 = 1_000.0;
+    [
+        ("sensors", 1.0),
+        ("friction", ONE),
+        ("contact_min_n", N),
+        ("slip_threshold", ONE),
+        ("slip_leave", ONE),
+        ("incipient_threshold", ONE),
+        ("incipient_horizon_ms", 1.0),
+        ("dwell_ms", 1.0),
+        ("margin", ONE),
+        ("floor_n", N),
+        ("ceiling_n", N),
+        ("tighten_n", N),
+        ("reflex_target", ONE),
+        ("reflex_rate_n_per_s", N_PER_S),
+        ("rise_rate_n_per_s", N_PER_S),
+        ("relax_rate_n_per_s", N),
+        ("relax_after_ms", 1.0),
+        ("release_rate_n_per_s", N_PER_S),
+        ("stale_ms", 1.0),
+        ("link_lost_ms", 1.0),
+        ("line.kind", 1.0),
+        ("line.points[0].force_n", N),
+        ("line.points[0].code", 1.0),
+        ("line.points[1].force_n", N),
+        ("line.points[1].code", 1.0),
+        ("line.points[2].force_n", N),
+        ("line.points[2].code", 1.0),
+        ("line.points[3].force_n", N),
+        ("line.points[3].code", 1.0),
+        ("line.points[4].force_n", N),
+        ("line.points[4].code", 1.0),
+        ("fingertips[0].pitch_mm", MM),
+        ("fingertips[0].centre_mm[0]", MM),
+        ("fingertips[0].centre_mm[1]", MM),
+        ("fingertips[0].quarter_turns", 1.0),
+        ("fingertips[1].pitch_mm", MM),
+        ("fingertips[1].centre_mm[0]", MM),
+        ("fingertips[1].centre_mm[1]", MM),
+        ("fingertips[1].quarter_turns", 1.0),
+    ]
+};
+
+/// Names of the kinds of line.
+const KINDS: [(&str, LineKind); 2] = [
+    ("analog", LineKind::Analog),
+    ("robotiq-2f-140", LineKind::Robotiq2f140),
+];
+
+/// The settings as a file would say them.
+fn text_of(settings: &Configuration) -> String {
+    let values = settings.values();
+    let value = |name: &str| {
+        let place = KEYS.iter().position(|(key, _)| *key == name).unwrap_or_default();
+        let (_, scale) = KEYS[place];
+        shown(f64::from(values[place]) / scale, scale)
+    };
+    let mut text = String::new();
+    for (name, _) in KEYS.iter().filter(|(name, _)| !name.contains(['.', '['])) {
+        let _ = writeln!(text, "{name} = {}", value(name));
+    }
+    let kind = KINDS
+        .iter()
+        .find(|(_, kind)| *kind == settings.line.kind)
+        .map_or("", |(name, _)| name);
+    let _ = writeln!(text, "\n[line]\nkind = \"{kind}\"\npoints = [");
+    for place in 0..settings.line.points.len() {
+        let [force, code] = ["force_n", "code"].map(|part| value(&format!("line.points[{place}].{part}")));
+        let _ = writeln!(text, "    {{ force_n = {force}, code = {code} }},");
+    }
+    text.push_str("]\n");
+    for tip in 0..settings.fingertips.len() {
+        let [pitch, x, y, turns] = ["pitch_mm", "centre_mm[0]", "centre_mm[1]", "quarter_turns"]
+            .map(|part| value(&format!("fingertips[{tip}].{part}")));
+        let _ = writeln!(
+            text,
+            "\n[[fingertips]]\npitch_mm = {pitch}\ncentre_mm = [{x}, {y}]\nquarter_turns = {turns}"
+        );
+    }
+    text
+}
+
+/// Whether the file has the wire's own whole number.
+fn is_whole(scale: f64) -> bool {
+    (scale - 1.0).abs() < f64::EPSILON
+}
+
+/// A number with as many digits as it takes to come back to the same number on the wire.
+fn shown(value: f64, scale: f64) -> String {
+    if is_whole(scale) {
+        return format!("{value:.0}");
+    }
+    (1..9)
+        .map(|digits| format!("{value:.digits$}"))
+        .find(|text| {
+            text.parse::<f64>()
+                .is_ok_and(|read| ((read - value) * scale).abs() < 0.4)
+        })
+        .unwrap_or_else(|| format!("{value}"))
+}
+
+/// The settings that `path` makes of `now`, checked.
+fn read(path: &Path, now: &Configuration) -> Result<Configuration, Failure> {
+    let named = |what: String| Failure::failed(format!("{}: {what}", path.display()));
+    let text = std::fs::read_to_string(path)
+        .map_err(|error| named(format!("{error}, expected a TOML file that can be read")))?;
+    settings_of(&text, now).map_err(named)
+}
+
+fn settings_of(text: &str, now: &Configuration) -> Result<Configuration, String> {
+    let table: Table = text
+        .parse()
+        .map_err(|error: toml::de::Error| error.message().to_owned())?;
+    let mut values = now.values();
+    for (name, value) in &table {
+        set(name, value, &mut values)?;
+    }
+    let settings = Configuration::from_values(&values).ok_or("a value that fits no setting")?;
+    settings.check().map_err(|error| explained(&error))?;
+    Ok(settings)
+}
+
+/// Sets one value, or those in it.
+fn set(name: &str, value: &Value, values: &mut Values) -> Result<(), String> {
+    match value {
+        Value::Table(table) => table
+            .iter()
+            .try_for_each(|(part, value)| set(&format!("{name}.{part}"), value, values)),
+        Value::Array(list) => list
+            .iter()
+            .enumerate()
+            .try_for_each(|(place, value)| set(&format!("{name}[{place}]"), value, values)),
+        _ => {
+            let place = KEYS.iter().position(|(key, _)| *key == name).ok_or_else(|| {
+                format!("{name}: no such setting; `gripline config mcu` prints all there are")
+            })?;
+            values[place] = number(name, value, KEYS[place].1)?;
+            Ok(())
+        }
+    }
+}
+
+/// The wire's number for a value.
+fn number(name: &str, value: &Value, scale: f64) -> Result<i32, String> {
+    if name == "line.kind" {
+        let kind = KINDS.iter().find(|(kind, _)| value.as_str() == Some(kind));
+        return kind
+            .map(|(_, kind)| *kind as i32)
+            .ok_or_else(|| format!("{name}: found {value}, expected \"analog\" or \"robotiq-2f-140\""));
+    }
+    let read = match value {
+        Value::Integer(whole) => *whole as f64,
+        Value::Float(read) if !is_whole(scale) => *read,
+        _ => {
+            let expected = if is_whole(scale) {
+                "a whole number"
+            } else {
+                "a number"
+            };
+            return Err(format!("{name}: found {value}, expected {expected}"));
+        }
+    };
+    let wire = (read * scale).round();
+    if wire.abs() <= f64::from(u16::MAX) * 16.0 {
+        Ok(wire as i32)
+    } else {
+        Err(format!(
+            "{name}: found {value}, expected something the wire can carry"
+        ))
+    }
+}
+
+/// A refusal in the file's own names and units.
+fn explained(error: &OutOfRange) -> String {
+    let (name, scale) = KEYS[usize::from(error.field).min(CONFIGURATION_VALUES - 1)];
+    let [found, least, most] =
+        [error.found, error.least, error.most].map(|wire| shown(f64::from(wire) / scale, scale));
+    format!("{name}: found {found}, expected {least} to {most}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use gripline_protocol::message::LinePoint;
+
+    fn odd() -> Configuration {
+        let mut settings = Configuration {
+            sensors: 2,
+            friction: 4_321,
+            contact_min: 61,
+            floor: 4_097,
+            tighten: 51_337,
+            reflex_rate: 163,
+            ..Configuration::DEFAULT
+        };
+        settings.line.kind = LineKind::Robotiq2f140;
+        settings.line.points[1] = LinePoint {
+            force: 40_961,
+            code: 1_600,
+        };
+        settings.fingertips[1].centre_um = [-1_234, 5];
+        settings.fingertips[1].quarter_turns = 2;
+        settings
+    }
+
+    #[test]
+    fn what_is_printed_reads_back_as_the_same_settings() {
+        for settings in [Configuration::DEFAULT, odd()] {
+            let text = text_of(&settings);
+            assert_eq!(
+                settings_of(&text, &Configuration::DEFAULT),
+                Ok(settings),
+                "{text}"
+            );
+        }
+    }
+
+    #[test]
+    fn what_a_file_leaves_out_stays_as_it_is() {
+        let settings = settings_of("margin = 0.25\nline.kind = \"analog\"", &odd()).unwrap();
+        let mut expected = odd();
+        expected.margin = 2_500;
+        expected.line.kind = LineKind::Analog;
+        assert_eq!(settings, expected);
+    }
+
+    #[test]
+    fn the_names_are_those_of_the_wire_with_their_units() {
+        for ((key, _), field) in KEYS.iter().zip(Configuration::FIELDS) {
+            let part = |name: &str| name.split(['.', '[']).next_back().unwrap_or_default().to_owned();
+            let (key, field) = (part(key), part(field).replace("_um", "_mm"));
+            assert!(key.starts_with(&field), "{key} stands for {field}");
+        }
+    }
+
+    #[test]
+    fn a_refusal_names_the_setting_and_speaks_the_files_units() {
+        let refused = |text: &str| settings_of(text, &Configuration::DEFAULT).unwrap_err();
+        assert_eq!(
+            refused("ceiling_n = 41"),
+            "ceiling_n: found 41.0, expected 0.0002 to 40.0"
+        );
+        assert_eq!(
+            refused("friction = 2.5"),
+            "friction: found 2.5, expected 0.0 to 2.0"
+        );
+        assert_eq!(
+            refused("sensors = \"two\""),
+            "sensors: found \"two\", expected a whole number"
+        );
+        assert_eq!(
+            refused("line.kind = \"pneumatic\""),
+            "line.kind: found \"pneumatic\", expected \"analog\" or \"robotiq-2f-140\""
+        );
+        assert!(refused("frictoin = 0.4").starts_with("frictoin: no such setting"));
+        assert!(refused("friction = 1e9").contains("the wire can carry"));
+    }
+}
