@@ -275,6 +275,11 @@ impl<K: Kernel> Mcu<K> {
         }
     }
 
+    /// The next message for the host, or `None`: for a board that makes packets of it where time does not matter.
+    pub fn poll_message(&mut self) -> Option<Message> {
+        self.next_message()
+    }
+
     /// The next packet for the host and its length, or `None`.
     pub fn poll_transmit(&mut self, packet: &mut [u8; PACKET_MAX]) -> Option<usize> {
         loop {

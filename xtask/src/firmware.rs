@@ -129,7 +129,7 @@ pub(crate) fn command(arguments: &[String]) -> Result<(), Error> {
 
 /// Builds one board's image, keeps it with the other products, and measures it.
 pub(crate) fn build(board: Board) -> Result<(PathBuf, Size), Error> {
-    process::run(&mut cargo("build", board)?)?;
+    process::run(cargo("rustc", board)?.args(["--", "-C", "opt-level=s"]))?;
     let built = process::build_dir()
         .join(toolchain::TARGET)
         .join("firmware/gripline-mcu");

@@ -25,13 +25,19 @@ impl Kernel for Dsp {
             // SAFETY: both slices have two items for every pair, the bytes lie as words must, and places are words.
             unsafe { add_pairs(sums, places.as_ptr(), bytes.as_ptr(), pairs) };
         }
-        if count % 2 == 1 {
-            Portable::add(
-                sums,
-                places.get(2 * pairs..).unwrap_or_default(),
-                bytes.get(2 * pairs..).unwrap_or_default(),
-            );
-        }
+        let (Some(place), Some(&[x0, x1, y0, y1, z0, z1])) = (places.get(2 * pairs), bytes.get(2 * pairs))
+        else {
+            return;
+        };
+        // One that is left over, with one that has no force and is in no contact.
+        let places = [*place, Place::default()];
+        let words = [
+            u32::from_le_bytes([x0, x1, y0, y1]),
+            u32::from_le_bytes([z0, z1, 0, 0]),
+            0,
+        ];
+        // SAFETY: a pair of both, in words.
+        unsafe { add_pairs(sums, places.as_ptr(), words.as_ptr().cast(), 1) };
     }
 }
 

@@ -75,14 +75,13 @@ fn main() -> ! {
     let p = embassy_stm32::init(board::clocks());
     line::route(p.PA4);
     control::start_cycle_counter();
-    // A byte must leave the UART within one byte time (10.9 µs), so its short handler may interrupt everything but time.
-    interrupt::TIM5.set_priority(Priority::P2);
-    interrupt::USART1.set_priority(Priority::P3);
-    interrupt::UART5.set_priority(Priority::P4);
-    // Not below `control`, which would ask for the next packet before the handler has taken the end of this one out of
-    // the FIFO: this core may then lose a word (libopencm3 issue 873). Above it, a packet that follows a map's short last
-    // one closely is taken in time.
+    // A byte must leave the UART within one byte time (10.9 µs), so its short handler may interrupt everything.
+    interrupt::USART1.set_priority(Priority::P2);
+    // The map-to-line path, which works in this interrupt (`control::MapPackets`).
     interrupt::OTG_FS.set_priority(Priority::P3);
+    // The safety tick and what wakes it: they lend themselves the program, and hold the path off while they do.
+    interrupt::UART5.set_priority(Priority::P4);
+    interrupt::TIM5.set_priority(Priority::P4);
     // A byte from the gripper may wait 87 µs, longer than any decision: below them all.
     interrupt::USART2.set_priority(Priority::P5);
 

@@ -13,6 +13,7 @@ use embassy_usb::{Builder, Config, UsbDevice};
 use gripline_protocol::PACKET_MAX;
 use static_cell::StaticCell;
 
+use crate::control::MapPackets;
 use crate::outbox;
 use crate::usb_driver::{self, MendedDriver};
 
@@ -31,7 +32,7 @@ const WINDOWS_INTERFACE: &str = "{5F1C3A52-8E0B-4B7E-9D61-2A64C7F0B3E9}";
 const OUT_BYTES: usize = 2 * PACKET_MAX;
 
 bind_interrupts!(struct Interrupts {
-    OTG_FS => InterruptHandler<peripherals::USB_OTG_FS>;
+    OTG_FS => MapPackets, InterruptHandler<peripherals::USB_OTG_FS>;
 });
 
 /// Packets from the host.
