@@ -207,24 +207,22 @@ impl ActiveSet {
     /// The receiver does this once per map, so that later packets need no bit search. The work is the same for every
     /// set: four bits a step, whose places are all written and then kept as far as there are any.
     pub fn places(&self, out: &mut [Place; TAXELS]) -> u16 {
-        let mut count = 0_usize;
-        // Five bytes are two rows, and no four bits lie in two of them.
-        for (bytes, row) in self.bytes.as_chunks::<5>().0.iter().zip((0..).step_by(2)) {
-            let [a, b, c, d, e] = *bytes;
-            let low = [a & 0xF, a >> 4, b & 0xF, b >> 4, c & 0xF];
-            let high = [c >> 4, d & 0xF, d >> 4, e & 0xF, e >> 4];
-            for (nibbles, row) in [(low, row), (high, row + 1)] {
-                for (nibble, column) in nibbles.into_iter().zip((0..).step_by(NIBBLE)) {
-                    let (columns, more) = &NIBBLES[usize::from(nibble & 0xF)];
-                    let first = Place::new(column, row);
-                    // So many more than those of the bits before always fit.
-                    if let Some(places) = out
-                        .get_mut(count..)
-                        .and_then(<[Place]>::first_chunk_mut::<NIBBLE>)
-                    {
-                        *places = columns.map(|column| Place(first.0 + column));
-                    }
-                    count += *more as usize;
+        let (mut count, mut first) = (0_usize, Place::new(0, 0));
+        for &byte in &self.bytes {
+            for nibble in [byte & 0xF, byte >> 4] {
+                let ([a, b, c, d], more) = NIBBLES[usize::from(nibble & 0xF)];
+                // So many more than those of the bits before always fit.
+                if let Some([w, x, y, z]) = out.get_mut(count..count + NIBBLE) {
+                    *w = Place(first.0 + a);
+                    *x = Place(first.0 + b);
+                    *y = Place(first.0 + c);
+                    *z = Place(first.0 + d);
+                }
+                count += more as usize;
+                first.0 += NIBBLE as u32;
+                // No four bits lie in two rows.
+                if first.column() == SIDE as u16 {
+                    first = Place::new(0, first.row() + 1);
                 }
             }
         }

@@ -24,6 +24,7 @@ use gripline_firmware::line::GripLine;
 use gripline_firmware::{Action, Mcu, storage};
 use gripline_protocol::PACKET_MAX;
 use gripline_protocol::cobs::{CobsDecoder, Frame};
+use gripline_protocol::constants::TAXELS_PER_PACKET;
 use gripline_protocol::message::{Configuration, MessagePackets, Stage};
 use gripline_protocol::packet::Kind;
 
@@ -118,9 +119,11 @@ impl Handler<typelevel::OTG_FS> for MapPackets {
             for word in words.iter_mut().take(length.div_ceil(4)) {
                 *word = REGISTERS.fifo(0).read().data();
             }
-            // Before a map's last packet the next one follows at once, and the host is answered first; after a map's
-            // last one, time counts.
-            let is_followed = words[0] & 0xF <= Kind::MapTaxels as u32;
+            // Before more full packets the host is answered first, so that the bus never waits; otherwise time counts: a
+            // map's last packet is asked for when the ones before are done with.
+            let kind = words[0] & 0xF;
+            let is_long_map = words[3] & 0x1FF >= 2 * TAXELS_PER_PACKET as u32;
+            let is_followed = kind == Kind::MapTaxels as u32 || kind == Kind::MapHead as u32 && is_long_map;
             if is_followed && next_of_endpoint().is_some_and(|next| next.pktstsd() != Pktstsd::OUT_DATA_RX) {
                 end_of_packet();
             }
