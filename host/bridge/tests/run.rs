@@ -90,6 +90,11 @@ fn json_has_an_object_a_frame_and_a_summary_last() {
         (&0.into(), &0.into())
     );
     assert_eq!(summary["answers_checked"].as_u64(), Some(120));
+    // The library in this process knows no commit.
+    assert_eq!(
+        summary["firmware"],
+        concat!(env!("CARGO_PKG_VERSION"), " on host")
+    );
     assert_eq!(summary["stages"].as_array().map(Vec::len), Some(5));
     assert!(summary["stages"][0]["median_us"].is_f64() && summary["stages"][0]["p99_us"].is_f64());
 }
