@@ -266,7 +266,7 @@ fn a_gripper_on_the_bus_is_activated_grips_rises_survives_a_cut_cable_and_opens(
     for pair in ours.windows(2) {
         let gap_ns = pair[1].at_ns - pair[0].at_ns - BYTE_NS;
         assert!(
-            gap_ns < GAP_NS || gap_ns >= SILENCE_NS,
+            !(GAP_NS..SILENCE_NS).contains(&gap_ns),
             "a frame with a gap of {gap_ns} ns"
         );
     }
