@@ -49,6 +49,11 @@ impl Flow {
     }
 
     /// Motion from `rest` to `now`. No allocation.
+    #[expect(
+        clippy::inline_always,
+        reason = "compiled for the instruction set of its caller"
+    )]
+    #[inline(always)]
     pub(super) fn find(&mut self, rest: &Pyramid, now: &Pyramid) {
         for (index, (level, reach)) in LEVELS.into_iter().enumerate() {
             let (coarser, finer) = self.levels.split_at_mut(index);
@@ -66,6 +71,11 @@ impl Flow {
 }
 
 impl Nodes {
+    #[expect(
+        clippy::inline_always,
+        reason = "compiled for the instruction set of its caller"
+    )]
+    #[inline(always)]
     fn find(&mut self, coarser: Option<&Self>, rest: &Level, now: &Level, reach: i32) {
         for node in 0..self.raw.len() {
             let centre = self.centre(node);
@@ -130,6 +140,11 @@ impl Nodes {
 
     /// The median of each node and its neighbours, component by component, unless the node's own motion fits far
     /// better: a single mistake does not spread, and a narrow peak stays.
+    #[expect(
+        clippy::inline_always,
+        reason = "compiled for the instruction set of its caller"
+    )]
+    #[inline(always)]
     fn smooth(&mut self, rest: &Level, now: &Level) {
         let n = self.per_side;
         for row in 0..n {
@@ -183,16 +198,23 @@ impl Window {
     }
 
     /// Sum of absolute differences at a motion.
+    #[expect(
+        clippy::inline_always,
+        reason = "compiled for the instruction set of its caller"
+    )]
+    #[inline(always)]
     fn cost(&self, now: &Level, [dx, dy]: [i32; 2]) -> u32 {
-        let mut sum = 0;
-        for (row, pixels) in self.pixels.iter().enumerate() {
-            let other = now.run(self.corner[0] + dx, self.corner[1] + dy + row as i32);
-            sum += difference(pixels, other);
-        }
-        sum
+        let (column, first) = (self.corner[0] + dx, self.corner[1] + dy);
+        let other = (first..).map(|row| now.run(column, row));
+        difference(self.pixels.iter().zip(other))
     }
 
     /// The best motion within `reach` of `guess`, to a part of a pixel.
+    #[expect(
+        clippy::inline_always,
+        reason = "compiled for the instruction set of its caller"
+    )]
+    #[inline(always)]
     fn best(&self, now: &Level, guess: [i32; 2], reach: i32) -> [f32; 2] {
         let mut best = (u32::MAX, [0; 2]);
         for dy in -reach..=reach {
@@ -224,12 +246,18 @@ impl Window {
     }
 }
 
-/// Sum of absolute differences of eight pixels.
+/// Sum of absolute differences of rows of eight pixels, at most 257 rows.
 #[expect(
     clippy::inline_always,
-    reason = "the innermost loop, compiled for the instruction set of its caller"
+    reason = "compiled for the instruction set of its caller"
 )]
 #[inline(always)]
-pub(super) fn difference(a: &[u8; 8], b: &[u8; 8]) -> u32 {
-    a.iter().zip(b).map(|(a, b)| u32::from(a.abs_diff(*b))).sum()
+pub(super) fn difference<'a>(rows: impl Iterator<Item = (&'a [u8; 8], &'a [u8; 8])>) -> u32 {
+    let mut lanes = [0_u16; 8];
+    for (a, b) in rows {
+        for k in 0..8 {
+            lanes[k] += u16::from(a[k].abs_diff(b[k]));
+        }
+    }
+    lanes.iter().map(|&lane| u32::from(lane)).sum()
 }

@@ -33,6 +33,7 @@ impl Level {
     }
 
     /// The `N` pixels from (column, row) on; either may reach [`BORDER`] pixels over the edge.
+    #[inline]
     pub(super) fn run<const N: usize>(&self, column: i32, row: i32) -> &[u8; N] {
         let border = BORDER as i32;
         let start = (row + border) as usize * self.stride() + (column + border) as usize;

@@ -186,7 +186,6 @@ impl Tracker {
             return false;
         }
         self.now.take(now);
-        self.flow.find(&self.rest, &self.now);
         self.known = true;
         #[cfg(target_arch = "x86_64")]
         if is_x86_feature_detected!("avx2") {
@@ -214,6 +213,7 @@ impl Tracker {
     )]
     #[inline(always)]
     fn follow(&mut self, changed: &Changed) {
+        self.flow.find(&self.rest, &self.now);
         let search = Search {
             weights: &self.weights,
             now: &self.now.0[0],
@@ -385,10 +385,8 @@ impl Search<'_> {
                 if !inside.contains(&(column + dx)) || !inside.contains(&(row + dy)) {
                     continue;
                 }
-                let mut sum = 0;
-                for (row, pixels) in template.pixels.iter().enumerate() {
-                    sum += difference(pixels, self.now.run(x0 + dx, y0 + dy + row as i32));
-                }
+                let other = (y0 + dy..).map(|row| self.now.run(x0 + dx, row));
+                let sum = difference(template.pixels.iter().zip(other));
                 let cost = sum as f32 + PRIOR[0] * (t - expected).abs() + PRIOR[1] * n * n;
                 if cost < best.0 {
                     best = (cost, Some([dx, dy]));
@@ -413,24 +411,25 @@ impl Search<'_> {
             let whole = at.map(|v| v.floor() as i32);
             let [fx, fy] = [at[0] - whole[0] as f32, at[1] - whole[1] as f32];
             let line = |row: i32| -> [f32; 8] {
-                let pixels: &[u8; 9] = self.now.run(x0 + whole[0], y0 + whole[1] + row);
-                std::array::from_fn(|k| {
-                    let [left, right] = [pixels[k], pixels[k + 1]].map(f32::from);
-                    left + fx * (right - left)
-                })
+                let (column, row) = (x0 + whole[0], y0 + whole[1] + row);
+                let [left, right]: [&[u8; 8]; 2] = [self.now.run(column, row), self.now.run(column + 1, row)];
+                let left: [f32; 8] = std::array::from_fn(|k| f32::from(left[k]));
+                let right: [f32; 8] = std::array::from_fn(|k| f32::from(right[k]));
+                std::array::from_fn(|k| left[k] + fx * (right[k] - left[k]))
             };
             let mut above = line(0);
             let [mut along_x, mut along_y, mut error, mut square] = [[0.0_f32; 8]; 4];
             for row in 0..PATCH {
                 let below = line(row as i32 + 1);
-                for k in 0..8 {
-                    let off = above[k] + fy * (below[k] - above[k]) - f32::from(template.pixels[row][k]);
-                    let weighted = self.weights.of_pixel[row][k] * off;
-                    along_x[k] += template.slopes[0][row][k] * off;
-                    along_y[k] += template.slopes[1][row][k] * off;
-                    error[k] += weighted;
-                    square[k] += weighted * off;
-                }
+                // One simple loop for each: so the compiler makes vectors of them.
+                let pixels: [f32; 8] = std::array::from_fn(|k| f32::from(template.pixels[row][k]));
+                let off: [f32; 8] =
+                    std::array::from_fn(|k| above[k] + fy * (below[k] - above[k]) - pixels[k]);
+                let weighted: [f32; 8] = std::array::from_fn(|k| self.weights.of_pixel[row][k] * off[k]);
+                add(&mut along_x, &template.slopes[0][row], &off);
+                add(&mut along_y, &template.slopes[1][row], &off);
+                add(&mut error, &self.weights.of_pixel[row], &off);
+                add(&mut square, &weighted, &off);
                 above = below;
             }
             let [along_x, along_y, error, square] =
@@ -452,6 +451,18 @@ impl Search<'_> {
             motion_px: at,
             confidence: if confidence > least { confidence } else { 0.0 },
         }
+    }
+}
+
+/// Adds products lane by lane.
+#[expect(
+    clippy::inline_always,
+    reason = "compiled for the instruction set of its caller"
+)]
+#[inline(always)]
+fn add(sums: &mut [f32; 8], a: &[f32; 8], b: &[f32; 8]) {
+    for k in 0..8 {
+        sums[k] += a[k] * b[k];
     }
 }
 

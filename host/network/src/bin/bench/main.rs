@@ -7,6 +7,7 @@ mod onnx;
 mod peers;
 mod report;
 mod timing;
+mod tracked;
 
 use std::hint::black_box;
 use std::path::PathBuf;
@@ -177,13 +178,15 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
         }));
     }
 
+    contestants.extend(tracked::contestants(POSITIONS)?);
+
     let times = timing::take_turns(&mut contestants, arguments.rounds);
     let report = Report {
         widest,
         sets,
         multiply_adds: on(widest, Evaluation::Dense)?.multiply_adds(),
         limit_multiply_adds: spin(widest, SPIN_ROUNDS),
-        allocations_per_frame,
+        allocations_per_frame: allocations_per_frame.max(tracked::allocations()?),
         load: std::fs::read_to_string("/proc/loadavg").unwrap_or_default(),
         times,
     };

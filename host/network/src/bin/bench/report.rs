@@ -52,7 +52,7 @@ impl Report {
     }
 
     /// The measures with bounds: key, value, whether it must be at most or at least the bound.
-    fn bounded(&self) -> [(&'static str, f64, &'static str, f64); 8] {
+    fn bounded(&self) -> [(&'static str, f64, &'static str, f64); 12] {
         [
             ("unet_vs_onnxruntime", self.against("onnxruntime"), "<=", 1.0),
             ("unet_vs_tract", self.against("tract"), "<=", 0.6),
@@ -76,6 +76,30 @@ impl Report {
                 0.7,
             ),
             ("unchanged_vs_full", self.share_of_dense("unchanged"), "<=", 0.02),
+            (
+                "tracked_frame_ms_median",
+                self.median_us("tracked") * 1e-3,
+                "<=",
+                1.5,
+            ),
+            (
+                "tracked_skip_10pct_vs_full",
+                self.median_us("tracked, 10 %") / self.median_us("tracked"),
+                "<=",
+                0.4,
+            ),
+            (
+                "tracked_skip_30pct_vs_full",
+                self.median_us("tracked, 30 %") / self.median_us("tracked"),
+                "<=",
+                0.7,
+            ),
+            (
+                "tracked_unchanged_vs_full",
+                self.median_us("tracked, same") / self.median_us("tracked"),
+                "<=",
+                0.02,
+            ),
             (
                 "allocations_per_frame",
                 self.allocations_per_frame as f64,
@@ -155,7 +179,7 @@ impl Report {
                 value >= bound
             };
             line(format!(
-                "{key:<22} {value:>7.3}  {sense} {bound:<5} {}",
+                "{key:<27} {value:>7.3}  {sense} {bound:<5} {}",
                 if held { "held" } else { "MISSED" }
             ));
         }
