@@ -21,6 +21,22 @@ pub(crate) fn command() -> Result<(), Error> {
     Ok(())
 }
 
+/// `cargo xtask latency`: the unmodified image, every instruction priced; fails when a number of the design does not hold.
+pub(crate) fn latency(arguments: &[String]) -> Result<(), Error> {
+    if let Some(found) = arguments.iter().find(|argument| *argument != "--json") {
+        return Err(Error::usage("argument", found, "--json or none"));
+    }
+    let (image, _) = firmware::build(BOARD)?;
+    process::run(
+        cargo()
+            .args(["run", "--quiet", "--release", "--package", "gripline-latency"])
+            .args(OPTIONS)
+            .args(["--", "--image"])
+            .arg(image)
+            .args(arguments),
+    )
+}
+
 /// Builds the emulator and keeps it with the other products.
 pub(crate) fn build() -> Result<PathBuf, Error> {
     process::run(cargo().args(["build", "--release"]).args(OPTIONS))?;

@@ -32,6 +32,8 @@ cargo xtask COMMAND
   fuzz [--minutes N] [--save] [TARGET...]
                                     run the parsers and the microcontroller's program against a fuzzer, 10 minutes
                                     each or N; --save keeps what reached new code in tests/fuzz/corpus
+  latency [--json]                  from a map's last packet to the line on the emulated board, in instructions and in
+                                    Cortex-M4 cycles at most; fails when a number of the design does not hold
   toolchain [--from-sources]        make this machine able to build for the microcontroller;
                                     --from-sources passes over rustup and an installed target
   bench network [--json] [--rounds N] [--weights FILE]
@@ -72,6 +74,7 @@ fn dispatch(arguments: &[String]) -> Result<(), Error> {
         "flash" => flash::command(rest),
         "fuzz" => fuzz::command(rest),
         "emulator" => no_more(rest).and_then(|()| emulator::command()),
+        "latency" => emulator::latency(rest),
         "toolchain" => toolchain::command(rest),
         "bench" => bench::command(rest),
         "physics" => physics(rest),

@@ -2,8 +2,10 @@
 //! image, instruction by instruction, and bounded by a walk over the linked image.
 #![forbid(unsafe_code)]
 
+pub mod bound;
 pub mod cycles;
 pub mod image;
+pub mod measure;
 pub mod walk;
 
 /// Why a figure cannot be had.

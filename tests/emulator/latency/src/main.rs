@@ -1,135 +1,119 @@
-//! Prints the figures.
-use gripline_emulator::Board;
-use gripline_emulator::usb::{Cable, UsbState};
-use gripline_latency::image::Image;
-use gripline_latency::walk::{Step, Walk};
-use gripline_protocol::message::{Command, Hello, Message, MessagePackets};
-use gripline_protocol::{ForceMap, MapInfo, TaxelForce, encode_map};
-use std::collections::BTreeMap;
+//! `gripline-latency --image FILE.elf [--json]`: measures, bounds, prints; exit code 1 when a number of the design does
+//! not hold, 2 for wrong usage.
+#![forbid(unsafe_code)]
 
-fn main() {
-    let elf = std::fs::read(std::env::args().nth(1).unwrap()).unwrap();
-    let image = Image::read(&elf).unwrap();
-    println!(
-        "{} instructions, {} functions, flash {} ram {}",
-        image.instructions.len(),
-        image.functions.len(),
-        image.flash_bytes,
-        image.ram_bytes
-    );
-    let addresses: Vec<u32> = image.instructions.keys().copied().collect();
-    let t = std::time::Instant::now();
-    let mut board = Board::boot_traced(&elf, &addresses).unwrap();
-    board.usb_cable(Cable::In);
-    let mut walk = Walk::new(&image);
-    let mut n = 0u64;
-    while board.usb_state() != UsbState::Configured {
-        board.run_for(1_000_000).unwrap();
-        let tr = board.take_trace();
-        walk.take(&tr, |_| n += 1);
-    }
-    eprintln!(
-        "configured at {} ns, {n} instructions traced of {}, {:?} depth {}",
-        board.now_ns(),
-        board.instructions(),
-        t.elapsed(),
-        walk.depth()
-    );
-    let mut id = 0;
-    let mut say = |board: &mut Board, m: Message| {
-        id += 1;
-        let mut p = MessagePackets::new(&m, id).unwrap();
-        let mut b = [0; 64];
-        while let Some(l) = p.next_packet(&mut b) {
-            board.usb_send(&b[..l]);
+use std::process::ExitCode;
+
+use gripline_latency::image::Image;
+use gripline_latency::measure::{Bench, DOUBTFUL, Way, map_of};
+use gripline_latency::{Error, bound};
+
+/// Bounds of the design.
+const PATH_CYCLES: u64 = 4_200;
+const DENSE_INSTRUCTIONS: u64 = 10_000;
+const TAXEL_INSTRUCTIONS: f64 = 24.0;
+
+fn main() -> ExitCode {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let (image, is_json) = match arguments.as_slice() {
+        [option, image] if option == "--image" => (image, false),
+        [option, image, json] if option == "--image" && json == "--json" => (image, true),
+        found => {
+            eprintln!("gripline-latency: expected --image FILE.elf [--json], found {found:?}");
+            return ExitCode::from(2);
         }
     };
-    say(&mut board, Message::Hello(Hello::of_this_build(0, 1)));
-    say(&mut board, Message::Command(Command::Hold));
-    board.run_for(20_000_000).unwrap();
-    let tr = board.take_trace();
-    walk.take(&tr, |_| n += 1);
-    let contacts: usize = std::env::args().nth(2).map_or(400, |s| s.parse().unwrap());
-    for sequence in 1..=12u32 {
-        let mut map = ForceMap::EMPTY;
-        for t in map.taxels.iter_mut().take(contacts) {
-            *t = TaxelForce {
-                x: 90,
-                y: -40,
-                z: 700,
-            };
-        }
-        encode_map(
-            &MapInfo {
-                sequence,
-                capture_us: sequence * 16667,
-                ..MapInfo::default()
-            },
-            &map,
-            |p| board.usb_send(p),
-        );
-        board.run_for(10_000_000).unwrap();
-        let tr = board.take_trace();
-        let mut steps: Vec<Step> = Vec::new();
-        walk.take(&tr, |s| steps.push(s));
-        // windows from delivery to DAC
-        let mut open: Option<(usize, u64, usize)> = None;
-        let mut by: BTreeMap<String, (u32, u32)> = BTreeMap::new();
-        let mut windows = Vec::new();
-        for (i, s) in steps.iter().enumerate() {
-            if s.deliveries > 0 {
-                open = Some((i, 0, 0));
-                by.clear();
-            }
-            if let Some((_, c, k)) = &mut open {
-                *c += u64::from(s.cycles);
-                *k += 1;
-                let name = image
-                    .function_at(s.instruction.address)
-                    .map_or("?".into(), |f| f.name.clone());
-                let e = by.entry(name).or_default();
-                e.0 += 1;
-                e.1 += s.cycles;
-                let reg = std::env::args()
-                    .nth(3)
-                    .and_then(|s| u32::from_str_radix(&s, 16).ok())
-                    .unwrap_or(0x4000_7408);
-                if s.access == Some(reg) {
-                    windows.push((*k, *c));
-                    if *k > 2450 && *k < 4000 {
-                        let mut v: Vec<_> = by.iter().collect();
-                        v.sort_by_key(|x| std::cmp::Reverse(x.1.1));
-                        println!("window {k}");
-                        for (n, (i, c)) in v {
-                            println!("{i:6} {c:6} {n}");
-                        }
-                    }
-                    open = None;
-                }
-            }
-        }
-        println!("map {sequence}: {windows:?}");
-        if sequence == 12 {
-            let mut v: Vec<_> = by.iter().collect();
-            v.sort_by_key(|x| std::cmp::Reverse(x.1.1));
-            for (n, (i, c)) in v {
-                println!("{i:6} {c:6} {n}");
-            }
-            if let Some(f) = std::env::args().nth(4) {
-                let mut o = String::new();
-                for s in &steps {
-                    o += &format!(
-                        "{:08x} {} {:?} {} {}\n",
-                        s.instruction.address,
-                        s.instruction.text,
-                        s.access,
-                        s.cycles,
-                        image.function_at(s.instruction.address).map_or("?", |f| &f.name)
-                    );
-                }
-                std::fs::write(f, o).unwrap();
-            }
+    match report(image, is_json) {
+        Ok(true) => ExitCode::SUCCESS,
+        Ok(false) => ExitCode::FAILURE,
+        Err(error) => {
+            eprintln!("gripline-latency: {error}");
+            ExitCode::FAILURE
         }
     }
-    eprintln!("{:?}", t.elapsed());
+}
+
+fn report(path: &str, is_json: bool) -> Result<bool, Error> {
+    let elf = std::fs::read(path).map_err(|error| Error::Image(format!("{path}: {error}")))?;
+    let image = Image::read(&elf)?;
+    let mut bench = Bench::new(&image, &elf)?;
+    bench.map(&map_of(400, 1), |_, _| {})?;
+    bench.instructions_in(&[]);
+    bench.map(&map_of(400, 2), |_, _| {})?;
+    let dense = bench.instructions_in(&["kernel::add_pairs", "kernel::Dsp"]);
+    let mut quiet = Way::default();
+    for contacts in (0..=400).step_by(13).chain(391..400) {
+        let way = bench.map(&map_of(contacts, contacts as u32), |_, _| {})?;
+        if way.cycles > quiet.cycles {
+            quiet = way;
+        }
+    }
+    // Every branch of a map's end: doubtful, replayed, from another fingertip.
+    bench.map(&map_of(9, 3), |info, _| info.health = DOUBTFUL)?;
+    bench.map(&map_of(9, 3), |info, _| info.sequence = 1)?;
+    bench.map(&map_of(9, 3), |info, _| info.sensor = 1)?;
+    // Statuses, requests on the control endpoint and ticks at every phase between the packets.
+    for round in 0..60_u64 {
+        bench.ask();
+        bench.run(37_000 * round % 1_000_000)?;
+        bench.map(&map_of(59, round as u32), |_, _| {})?;
+    }
+    let packet = image
+        .functions_named("control::Control::packet")
+        .find(|one| !one.name.contains("Thunk"));
+    let bound = packet
+        .map(|function| bound::of(&image, function))
+        .unwrap_or_default();
+    let per_taxel = dense as f64 / 400.0;
+    let holds = bench.worst.cycles <= PATH_CYCLES
+        && dense <= DENSE_INSTRUCTIONS
+        && per_taxel <= TAXEL_INSTRUCTIONS
+        && bound.findings.is_empty();
+    let jitter = bench.tick.1.saturating_sub(bench.tick.0);
+    if is_json {
+        println!(
+            "{{\"bound_cycles\": {}, \"measured_worst_cycles\": {}, \"masked_worst_cycles\": {}, \"jitter_cycles\": {jitter}, \
+             \"instructions_per_taxel\": {per_taxel:.2}, \"dense_map_instructions\": {dense}, \
+             \"f32_dense_map_instructions\": null, \"flash_bytes\": {}, \"ram_bytes\": {}, \"stack_worst_bytes\": {}, \
+             \"findings\": {:?}}}",
+            bound.cycles,
+            bench.worst.cycles,
+            bench.masked_worst,
+            image.flash_bytes,
+            image.ram_bytes,
+            bound.stack,
+            bound.findings.iter().collect::<Vec<_>>(),
+        );
+    } else {
+        let instructions = bench.worst.instructions;
+        println!("map's last packet in the FIFO to the line   {quiet:?} at most with nothing else to do");
+        println!(
+            "the same under every interruption found      {} cycles, {instructions} instructions (bound {PATH_CYCLES} cycles)",
+            bench.worst.cycles
+        );
+        println!(
+            "static bound of Control::packet               {} cycles, {} bytes of stack",
+            bound.cycles, bound.stack
+        );
+        for finding in &bound.findings {
+            println!("  stands against it: {finding}");
+        }
+        println!(
+            "interrupts masked at most                     {} cycles",
+            bench.masked_worst
+        );
+        println!(
+            "path held off by the tick at most             {} cycles",
+            bench.held_off_worst
+        );
+        println!(
+            "timer to the tick's line                      {:?} cycles, jitter {jitter}",
+            bench.tick
+        );
+        println!(
+            "dense map                                     {dense} instructions, {per_taxel:.2} a taxel"
+        );
+        println!("flash {} ram {}", image.flash_bytes, image.ram_bytes);
+    }
+    Ok(holds)
 }

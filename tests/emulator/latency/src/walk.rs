@@ -99,7 +99,10 @@ impl<'a> Walk<'a> {
         let is_masked = self.is_masked;
         match (instruction.name.as_str(), instruction.text.as_str()) {
             (_, text) if text.starts_with("cpsid") => self.is_masked = true,
-            (_, text) if text.starts_with("cpsie") => self.is_masked = false,
+            // A restored mask counts as lifted: sections inside sections end with the outermost one.
+            (_, text) if text.starts_with("cpsie") || text.starts_with("msr primask") => {
+                self.is_masked = false
+            }
             _ => {}
         }
         let mut cycles = self.fetch.cost(instruction);
