@@ -65,6 +65,18 @@ pub enum SimulationError {
         /// Newton steps taken.
         steps: usize,
     },
+    /// Friction cannot hold the load along the skin; the state before the step is kept.
+    #[error(
+        "a load along the skin of ({}, {}) N and {} N·mm slides the indenter away, expected one that friction holds \
+         (at most {most_n:.3} N): pull less, press more, or drag by place",
+        load[0], load[1], load[2]
+    )]
+    Slides {
+        /// What was to be held, N, N, N·mm.
+        load: [f64; 3],
+        /// What friction holds of a pull alone, N.
+        most_n: f64,
+    },
     /// The contact reaches the edge of the sensing surface; the state before the step is kept.
     #[error(
         "the contact of the indenter at ({x_mm}, {y_mm}) mm reaches the edge of the sensing surface, expected \

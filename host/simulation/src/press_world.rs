@@ -23,6 +23,8 @@ const RIM_MM: f64 = 6.0;
 const FIRM_MM: f64 = 0.5;
 /// Force from which the grid may be coarse, N.
 const FIRM_N: f64 = 1.5;
+/// Steps of a pull at most; one that friction cannot hold is found on the way.
+const MOST_PULLS: f64 = 64.0;
 /// How much smaller steps are when the first try does not converge.
 const SMALLER: u32 = 4;
 /// Times this close are one, s.
@@ -41,6 +43,8 @@ pub struct PressWorld {
     step: usize,
     began_s: f64,
     from: Drive,
+    /// What pulled when it began.
+    from_load: [f64; 3],
     time_s: f64,
     drive: Drive,
 }
@@ -117,6 +121,7 @@ impl PressWorld {
             step: 0,
             began_s: 0.0,
             from: start,
+            from_load: [0.0; 3],
             time_s: 0.0,
             drive: start,
         };
@@ -175,9 +180,15 @@ impl PressWorld {
             if to_s > self.time_s + SAME_S {
                 let part = ((to_s - self.began_s) / seconds).min(1.0);
                 let target = self.target(part);
+                let load = step
+                    .load
+                    .map(|to| [0, 1, 2].map(|k| self.from_load[k] + (to[k] - self.from_load[k]) * part));
                 // Kept even if it is not reached, so that the scene goes on by the clock.
                 self.time_s = to_s;
-                self.move_to(target)?;
+                match load {
+                    Some(load) => self.pull_to(target, load)?,
+                    None => self.move_to(target)?,
+                }
             }
             if last || time_s <= end_s + SAME_S {
                 return Ok(());
@@ -192,6 +203,7 @@ impl PressWorld {
         self.step = step;
         let truth = self.contact.truth();
         self.from = self.drive;
+        self.from_load = pulled(truth);
         self.from.press = match (self.path[step].press, self.drive.press) {
             (Some(Press::Force(_)), Press::Depth(_)) => Press::Force(truth.force_n()[2]),
             (Some(Press::Depth(_)), Press::Force(_)) => Press::Depth(truth.pose().depth_mm.max(0.0)),
@@ -231,6 +243,36 @@ impl PressWorld {
         }
     }
 
+    /// To a load along the skin in steps of an eighth of what friction holds.
+    fn pull_to(&mut self, target: Drive, load: [f64; 3]) -> Result<(), SimulationError> {
+        let (from, before) = (self.drive, pulled(self.contact.truth()));
+        let normal = self.contact.truth().force_n()[2].max(f64::MIN_POSITIVE);
+        let most_n = self.contact.friction() * normal;
+        let jump =
+            libm::hypot(load[0] - before[0], load[1] - before[1]).max((load[2] - before[2]).abs() / RIM_MM);
+        let by_load = (STEPS_PER_PRESS * jump / most_n).min(MOST_PULLS).ceil() as u32;
+        let steps = self.steps_to(&target).max(by_load);
+        for step in 1..=steps {
+            let part = f64::from(step) / f64::from(steps);
+            let between = |a: f64, b: f64| a + (b - a) * part;
+            let press = match (from.press, target.press) {
+                (Press::Force(a), Press::Force(b)) => Press::Force(between(a, b)),
+                (Press::Depth(a), Press::Depth(b)) => Press::Depth(between(a, b)),
+                (_, press) => press,
+            };
+            let tilt = [0, 1].map(|k| between(from.tilt_rad[k], target.tilt_rad[k]));
+            let load = [0, 1, 2].map(|k| between(before[k], load[k]));
+            let pose = self.contact.pull(press, tilt, load)?.pose();
+            self.drive = Drive {
+                press,
+                at_mm: pose.at_mm,
+                turn_rad: pose.turn_rad,
+                tilt_rad: tilt,
+            };
+        }
+        Ok(())
+    }
+
     /// Steps of the solver from where the drive is now.
     fn steps_to(&self, target: &Drive) -> u32 {
         let press = match (self.drive.press, target.press) {
@@ -254,6 +296,12 @@ impl PressWorld {
     }
 }
 
+/// Force along x and y, N, and moment about where the indenter stands, N·mm, that it takes to hold the indenter.
+fn pulled(truth: &Truth) -> [f64; 3] {
+    let [x, y, _] = truth.force_n();
+    [x, y, truth.torsion_nmm(truth.footprint_mm())]
+}
+
 #[cfg(test)]
 mod tests {
     use std::io;
@@ -270,6 +318,37 @@ mod tests {
             panic!("no press")
         };
         PressWorld::new(&scene, &Gel::default(), 20.0).unwrap()
+    }
+
+    #[test]
+    fn a_step_by_load_ends_with_that_load_and_one_beyond_friction_is_refused() {
+        let mut world = world(
+            "[[path]]\nname = \"press\"\nseconds = 0.2\npress_n = 2.0\n\
+             [[path]]\nname = \"pull\"\nseconds = 0.4\npull_n = [0.5, -0.3]\ntwist_nmm = 0.4\n\
+             [[path]]\nname = \"let go\"\nseconds = 0.2\npull_n = [0, 0]\n\
+             [[path]]\nname = \"too much\"\nseconds = 0.2\npull_n = [3, 0]\n",
+        );
+        let mut loads = Vec::new();
+        let problem = loop {
+            match world.advance() {
+                Ok(Some(frame)) => loads.push((frame.step.name.clone(), pulled(frame.truth))),
+                Ok(None) => panic!("held"),
+                Err(problem) => break problem,
+            }
+        };
+        let off = |frame: usize, asked: [f64; 3]| {
+            let (_, found) = &loads[frame];
+            (0..3).map(|k| (found[k] - asked[k]).abs()).fold(0.0, f64::max)
+        };
+        assert_eq!(loads[7].0, "pull");
+        assert!(off(5, [0.125, -0.075, 0.1]) < 1e-3 && off(7, [0.25, -0.15, 0.2]) < 1e-3);
+        assert!(off(11, [0.5, -0.3, 0.4]) < 1e-3, "{:?}", loads[11]);
+        assert!(off(15, [0.0; 3]) < 1e-3, "{:?}", loads[15]);
+        assert_eq!(problem.phase, "too much");
+        assert!(
+            problem.to_string().contains("slides the indenter away"),
+            "{problem}"
+        );
     }
 
     #[test]

@@ -5,7 +5,7 @@
 //!
 //! From the bottom up: `influence` (one cell's traction to displacement), `convolution` (all cells of a box),
 //! `skin` (what contacts share), `window` (the cells that a step solves for), `normal` and `tangential` (the two
-//! problems of a step), `solver` (the step and its history), `truth` (what a step is asked for), `shapes` (indenters),
+//! problems of a step), `stiffness` (how shear grows with motion), `solver` (the step and its history), `truth` (what a step is asked for), `shapes` (indenters),
 //! `height_file` (indenters from files).
 
 mod convolution;
@@ -15,6 +15,7 @@ mod normal;
 mod shapes;
 mod skin;
 mod solver;
+mod stiffness;
 mod tangential;
 mod truth;
 #[cfg(test)]
@@ -27,4 +28,5 @@ pub use shapes::{GridShape, HeightMap, Interpolation, Shape, TRAINING_SHAPES, UN
 pub use skin::{Skin, production_cells};
 pub(crate) use solver::Step;
 pub use solver::{Contact, Drive, Mount};
+pub(crate) use stiffness::{Matrix, Stiffness, Triple, add, dot, solved, sub};
 pub use truth::{CellState, Pose, Residuals, Truth};

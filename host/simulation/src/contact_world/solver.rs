@@ -8,6 +8,7 @@ use super::convolution::{Convolution, Pair};
 use super::normal::{NormalSolver, Press};
 use super::shapes::HeightMap;
 use super::skin::Skin;
+use super::stiffness::{Stiffness, Triple, add, dot, sub};
 use super::tangential::{TangentialProblem, TangentialSolver};
 use super::truth::{Pose, Residuals, Truth};
 use super::window::{Bounds, Window};
@@ -26,6 +27,13 @@ const MARGIN: usize = 2;
 const CORRECTIONS: usize = 6;
 /// How far off a step's place on the skin may be, share of a cell.
 const PLACE_TOLERANCE: f64 = 0.02;
+/// Unbalanced load at which a pull counts as balanced, share of what friction holds.
+const BALANCE_TOLERANCE: f64 = 1e-4;
+/// Growth of shear from which the stiffness is learnt, share of what friction holds: less is noise.
+const LEAST_GROWTH: f64 = 1e-4;
+/// Trials for one balance at most, and rounds between pressure and balance.
+const TRIALS: usize = 60;
+const BALANCE_ROUNDS: usize = 40;
 /// Steeper than this, rise over run, a surface counts as a wall, whose pressure is not turned.
 const STEEPEST: f64 = 1.0;
 /// Loads under this count as no contact, N.
@@ -70,6 +78,7 @@ pub struct Contact {
     /// Part of the last step's motion that slid.
     sliding: f64,
     slid_mm: f64,
+    stiffness: Stiffness,
     truth: Truth,
     convolution: Option<Convolution>,
     normal: NormalSolver,
@@ -143,6 +152,7 @@ impl Contact {
             footprint_turn_rad: 0.0,
             sliding: 0.0,
             slid_mm: 0.0,
+            stiffness: Stiffness::default(),
             truth,
             convolution: None,
             normal: NormalSolver::default(),
@@ -209,6 +219,106 @@ impl Contact {
             })?;
         }
         self.step(drive)
+    }
+
+    /// One quasi-static step to a load along the skin instead of a place: forces along x and y, N, and the moment about
+    /// where the indenter stands, N·mm, that act on the indenter. It goes where the skin carries them, the mount
+    /// aside.
+    ///
+    /// # Errors
+    /// Those of [`Self::step`], and a load that friction cannot hold; on an error the contact stays as it was.
+    pub fn pull(
+        &mut self,
+        press: Press,
+        tilt_rad: [f64; 2],
+        load: [f64; 3],
+    ) -> Result<&Truth, SimulationError> {
+        let pose = self.truth.pose;
+        let mut drive = Drive {
+            press,
+            at_mm: pose.at_mm,
+            turn_rad: pose.turn_rad,
+            tilt_rad,
+        };
+        check(&drive)?;
+        for (field, value) in ["pull load x, N", "pull load y, N", "pull moment, N·mm"]
+            .into_iter()
+            .zip(load)
+        {
+            finite(field, value)?;
+        }
+        let slides = |most_n: f64| Err(SimulationError::Slides { load, most_n });
+        let Some(mut step) = self.begin(press, tilt_rad, pose.at_mm, pose.turn_rad) else {
+            self.stiffness.forget();
+            return if load.iter().all(|part| part.abs() < TOUCH_N) {
+                Ok(&self.truth)
+            } else {
+                slides(0.0)
+            };
+        };
+        let mut motion = [0.0; 3];
+        for _ in 0..BALANCE_ROUNDS {
+            if self.press(&mut step)? {
+                drive.at_mm = [0, 1].map(|k| pose.at_mm[k] + motion[k]);
+                drive.turn_rad = pose.turn_rad + motion[2];
+                if self.fits(&mut step, drive.at_mm, drive.turn_rad)? {
+                    self.accept(&step, drive.at_mm, drive.turn_rad);
+                    return Ok(&self.truth);
+                }
+                continue;
+            }
+            if !self.balance(&mut step, load, &mut motion) {
+                let cell_mm2 = self.skin.pitch_mm() * self.skin.pitch_mm();
+                return slides(self.friction * step.pressure.iter().sum::<f64>() * cell_mm2);
+            }
+        }
+        Err(SimulationError::NoConvergence {
+            found: step.residuals.friction,
+            expected: GAP_TOLERANCE,
+            iterations: BALANCE_ROUNDS,
+        })
+    }
+
+    /// Moves the indenter until the shear carries `load`, the pressure as it is; false if it slides away.
+    fn balance(&mut self, step: &mut Step, load: Triple, motion: &mut Triple) -> bool {
+        let area = self.touched_mm2(step);
+        self.stiffness.measure(area, self.skin.gel(), 1.0);
+        let radius = self.stiffness.radius_mm();
+        let weigh = |v: Triple| libm::hypot(v[0], v[1]).max(v[2].abs() / radius);
+        let cell_mm2 = self.skin.pitch_mm() * self.skin.pitch_mm();
+        let most_n = self.friction * step.pressure.iter().sum::<f64>() * cell_mm2;
+        let carried = |contact: &mut Self, step: &mut Step, there: Triple| {
+            contact.shear(step, there, 0.1 * INNER_TOLERANCE);
+            sub(contact.carried(step), load)
+        };
+        let mut unbalanced = carried(self, step, *motion);
+        for _ in 0..TRIALS {
+            if weigh(unbalanced) <= BALANCE_TOLERANCE * most_n {
+                return true;
+            }
+            let way = self.stiffness.way(&[[0.0; 3]; 3], unbalanced);
+            let slope = dot(unbalanced, way);
+            let mut share = 1.0;
+            loop {
+                let part = way.map(|v| v * share);
+                let there = add(*motion, part);
+                let found = carried(self, step, there);
+                if weigh(self.stiffness.growth(part)) > LEAST_GROWTH * most_n {
+                    self.stiffness.learn(part, sub(found, unbalanced));
+                }
+                let slope_there = dot(found, way);
+                // Convex: beyond the minimum along the way the slope has changed its sign.
+                if slope_there <= -0.9 * slope || share < 1e-3 {
+                    (*motion, unbalanced) = (there, found);
+                    break;
+                }
+                share *= (slope / (slope - slope_there)).clamp(0.05, 0.6);
+            }
+            if weigh([motion[0], motion[1], motion[2] * radius * radius]) > self.skin.gel().thickness_mm {
+                return false;
+            }
+        }
+        false
     }
 
     fn lift_off(&mut self, drive: &Drive) {

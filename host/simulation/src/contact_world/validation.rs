@@ -380,6 +380,50 @@ fn pressure_leans_along_the_indenters_normal() {
 }
 
 #[test]
+fn a_pull_by_load_goes_where_a_drag_that_carries_it_went() {
+    let contact = || {
+        let ellipsoid = TRAINING_SHAPES[2];
+        let mut contact = contact(&Gel::default(), 80, ellipsoid, Mount::default());
+        contact.go_to(drive(2.0, [0.4, -0.2], 0.0), 8).unwrap();
+        contact
+    };
+    let (mut dragged, mut pulled) = (contact(), contact());
+    for i in 1..=6 {
+        let part = f64::from(i) / 6.0;
+        let truth = dragged
+            .step(drive(2.0, [0.4 + 0.3 * part, -0.2 + 0.1 * part], 0.04 * part))
+            .unwrap();
+        let [x, y, _] = truth.force_n();
+        let load = [x, y, truth.torsion_nmm(truth.footprint_mm())];
+        let (pose, map) = (truth.pose(), truth.force_map());
+        let found = pulled.pull(Press::Force(2.0), [0.0; 2], load).unwrap();
+        let off = difference(&found.force_map(), &map);
+        let way = f64::hypot(
+            found.pose().at_mm[0] - pose.at_mm[0],
+            found.pose().at_mm[1] - pose.at_mm[1],
+        );
+        let carried = found.force_n();
+        println!("pull {x:.3} {y:.3} N: place off by {way:.1e} mm, map by {off:.1e}");
+        assert!(
+            (carried[0] - x).abs() < 1e-3 * FRICTION * 2.0 && (carried[1] - y).abs() < 1e-3 * FRICTION * 2.0
+        );
+        assert!(way < 0.01 && off < 0.01 && (found.pose().turn_rad - pose.turn_rad).abs() < 0.002);
+    }
+    // More than friction holds: named, and nothing has changed.
+    let before = pulled.truth().force_map();
+    let error = pulled
+        .pull(Press::Force(2.0), [0.0; 2], [1.5, 0.0, 0.0])
+        .unwrap_err();
+    assert!(error.to_string().contains("slides the indenter away"), "{error}");
+    assert_eq!(pulled.truth().force_map(), before);
+    assert!(
+        pulled
+            .pull(Press::Force(2.0), [0.0; 2], [f64::NAN, 0.0, 0.0])
+            .is_err()
+    );
+}
+
+#[test]
 fn a_path_in_few_steps_ends_where_the_path_in_many_ends() {
     let run = |steps: u32| {
         let mut contact = contact(

@@ -4,9 +4,7 @@
 
 use super::object::Object;
 use super::setting::Table;
-
-pub(crate) type Triple = [f64; 3];
-pub(crate) type Matrix = [[f64; 3]; 3];
+use crate::contact_world::{Matrix, Triple};
 
 /// What the object is and how it moves against the gripper.
 #[derive(Debug, Clone)]

@@ -3,8 +3,8 @@
 //! is the unbalanced force; a quasi-Newton method (BFGS for the skins' stiffness, the body's known) finds it,
 //! each trial a shear solve that starts from the last. Units: mm, rad, N, N·mm, in finger 0's frame.
 
-use super::body::{Actions, Body, Matrix, Triple};
-use crate::contact_world::{Contact, Press, Step, Truth};
+use super::body::{Actions, Body};
+use crate::contact_world::{Contact, Press, Step, Stiffness, Triple, Truth, add, dot, solved, sub};
 use crate::error::SimulationError;
 
 /// Unbalanced force at which a step counts as balanced, share of [`Outcome::balance`]'s scale; a tenth of a
@@ -19,14 +19,10 @@ const BALANCE_BOUND: f64 = 1e-3;
 const SHEAR_TOLERANCE: f64 = 3e-5;
 /// Growth of shear from which the stiffness is learnt, in shear residuals: less is noise.
 const LEAST_GROWTH: f64 = 40.0;
-/// Least share that one lesson leaves of the stiffness along a way.
-const LEAST_STIFFNESS: f64 = 1e-3;
 /// Trials for one balance at most; two or three are usual.
 const TRIALS: usize = 60;
 /// Trials after which the bound is enough.
 const PATIENCE: usize = 10;
-/// Longest way and turn of one trial from the last, mm and rad.
-const TRIAL_REACH: [f64; 2] = [0.5, 0.15];
 /// Rounds between pressures and balance at most.
 const ROUNDS: usize = 40;
 
@@ -37,9 +33,7 @@ pub(crate) struct Hold {
     contacts: Vec<Contact>,
     patch_turn_rad: f64,
     /// What the skins' shear grows by with the object's motion, all fingers together.
-    stiffness: Matrix,
-    /// Radius of a disc as large as the contact, mm; 0 without contact.
-    radius_mm: f64,
+    stiffness: Stiffness,
 }
 
 /// A balanced step.
@@ -72,46 +66,12 @@ fn seen(finger: usize, v: Triple) -> Triple {
     }
 }
 
-fn product(m: &Matrix, v: Triple) -> Triple {
-    m.map(|row| row[0] * v[0] + row[1] * v[1] + row[2] * v[2])
-}
-
-fn dot(a: Triple, b: Triple) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-/// Solution of m x = v for a symmetric positive definite matrix, by Cholesky's factors.
-fn solved(m: &Matrix, v: Triple) -> Triple {
-    let mut low = [[0.0_f64; 3]; 3];
-    for i in 0..3 {
-        for j in 0..=i {
-            let sum: f64 = (0..j).map(|k| low[i][k] * low[j][k]).sum();
-            low[i][j] = if i == j {
-                (m[i][i] - sum).max(1e-9 * m[i][i].abs() + 1e-300).sqrt()
-            } else {
-                (m[i][j] - sum) / low[j][j]
-            };
-        }
-    }
-    let mut x = v;
-    for i in 0..3 {
-        let sum: f64 = (0..i).map(|k| low[i][k] * x[k]).sum();
-        x[i] = (x[i] - sum) / low[i][i];
-    }
-    for i in (0..3).rev() {
-        let sum: f64 = (i + 1..3).map(|k| low[k][i] * x[k]).sum();
-        x[i] = (x[i] - sum) / low[i][i];
-    }
-    x
-}
-
 impl Hold {
     pub(crate) fn new(contacts: Vec<Contact>, patch_turn_rad: f64) -> Self {
         Self {
             contacts,
             patch_turn_rad,
-            stiffness: [[0.0; 3]; 3],
-            radius_mm: 0.0,
+            stiffness: Stiffness::default(),
         }
     }
 
@@ -149,7 +109,7 @@ impl Hold {
     /// Takes the fingers away; the object is at `pose`.
     pub(crate) fn open(&mut self, pose: Triple) {
         self.begin(0.0, pose);
-        self.radius_mm = 0.0;
+        self.stiffness.forget();
     }
 
     fn begin(&mut self, grip_n: f64, pose: Triple) -> Vec<Step> {
@@ -186,7 +146,7 @@ impl Hold {
         if touching {
             self.measure(&steps);
         } else {
-            self.radius_mm = 0.0;
+            self.stiffness.forget();
         }
         self.accept(&steps, pose);
         Ok(Outcome {
@@ -212,7 +172,7 @@ impl Hold {
         let from = body.pose;
         let mut steps = self.begin(grip_n, from);
         if steps.is_empty() {
-            self.radius_mm = 0.0;
+            self.stiffness.forget();
             return Ok(Ending::Balanced(free(body, actions)));
         }
         let mut pose = from;
@@ -247,15 +207,12 @@ impl Hold {
                 // Where the stiffness known so far expects the balance.
                 let (unbalanced, growth) = body.resistance(actions, pose);
                 let unbalanced = add(unbalanced, self.carried(&steps));
-                pose = add(
-                    pose,
-                    reached(solved(&sum(&growth, &self.stiffness), unbalanced.map(|v| -v))),
-                );
+                pose = add(pose, self.stiffness.way(&growth, unbalanced));
                 first = false;
             }
             balance = self.balance(&mut steps, body, actions, grip_n, &mut pose, &mut solves)?;
             let way = libm::hypot(pose[0] - from[0], pose[1] - from[1])
-                .max((pose[2] - from[2]).abs() * self.radius_mm);
+                .max((pose[2] - from[2]).abs() * self.stiffness.radius_mm());
             if way > reach_mm {
                 return Ok(Ending::TooFar);
             }
@@ -278,7 +235,7 @@ impl Hold {
         solves: &mut usize,
     ) -> Result<f64, SimulationError> {
         let from = body.pose;
-        let radius = self.radius_mm;
+        let radius = self.stiffness.radius_mm();
         let weigh = |v: Triple| libm::hypot(v[0], v[1]).max(v[2].abs() / radius);
         let friction_n = self.friction_n(grip_n);
         let load = weigh(body.load(actions, *pose)).max(LEAST_LOAD * friction_n);
@@ -293,7 +250,7 @@ impl Hold {
             if found <= BALANCE_TOLERANCE || (trial > PATIENCE && found <= BALANCE_BOUND) {
                 return Ok(found);
             }
-            let way = reached(solved(&sum(&growth, &self.stiffness), unbalanced.map(|v| -v)));
+            let way = self.stiffness.way(&growth, unbalanced);
             let slope = dot(unbalanced, way);
             let mut share = 1.0;
             loop {
@@ -301,8 +258,8 @@ impl Hold {
                 let there = add(*pose, step);
                 let carried = self.shear(steps, from, there, tolerance);
                 *solves += steps.len();
-                if weigh(product(&self.stiffness, step)) > LEAST_GROWTH * tolerance * friction_n {
-                    self.learn(step, sub(carried, skins));
+                if weigh(self.stiffness.growth(step)) > LEAST_GROWTH * tolerance * friction_n {
+                    self.stiffness.learn(step, sub(carried, skins));
                 }
                 let slope_there = dot(add(body.resistance(actions, there).0, carried), way);
                 // Convex: beyond the minimum along the way the slope has changed its sign.
@@ -348,53 +305,11 @@ impl Hold {
         }
     }
 
-    /// Keeps the stiffness in step with the contact's size: a new contact has Mindlin's stiffness (8Ga/(2−ν), and
-    /// 16Ga³/3 about the normal, on a half-space), and it grows with the radius.
+    /// Keeps the stiffness in step with the contact's size.
     fn measure(&mut self, steps: &[Step]) {
-        let area = self.contacts[0].touched_mm2(&steps[0]);
-        let radius = (area / std::f64::consts::PI).sqrt();
-        if self.radius_mm > 0.0 {
-            let grown = radius / self.radius_mm;
-            for (i, row) in self.stiffness.iter_mut().enumerate() {
-                for (j, value) in row.iter_mut().enumerate() {
-                    *value *= match (i == 2, j == 2) {
-                        (false, false) => grown,
-                        (true, true) => grown.powi(3),
-                        _ => grown * grown,
-                    };
-                }
-            }
-        } else {
-            let gel = self.contacts[0].gel();
-            let along = 2.0 * 2.0 * gel.tangential_modulus_mpa() * radius;
-            let about = 2.0 * 16.0 / 3.0 * gel.shear_modulus_mpa() * radius.powi(3);
-            self.stiffness = [[along, 0.0, 0.0], [0.0, along, 0.0], [0.0, 0.0, about]];
-        }
-        self.radius_mm = radius;
-    }
-
-    /// BFGS: the skins' shear grew by `growth` on `way`. Where it hardly grew (all slips) a little is kept, so that
-    /// the matrix stays positive definite (Powell's damping).
-    fn learn(&mut self, way: Triple, growth: Triple) {
-        let expected = product(&self.stiffness, way);
-        let known = dot(way, expected);
-        if known <= 0.0 {
-            return;
-        }
-        let mut growth = growth;
-        let mut found = dot(way, growth);
-        if found < LEAST_STIFFNESS * known {
-            let part = (1.0 - LEAST_STIFFNESS) * known / (known - found);
-            for (g, e) in growth.iter_mut().zip(expected) {
-                *g = part * *g + (1.0 - part) * e;
-            }
-            found = dot(way, growth);
-        }
-        for i in 0..3 {
-            for j in 0..3 {
-                self.stiffness[i][j] += growth[i] * growth[j] / found - expected[i] * expected[j] / known;
-            }
-        }
+        let contact = &self.contacts[0];
+        let area = contact.touched_mm2(&steps[0]);
+        self.stiffness.measure(area, contact.gel(), 2.0);
     }
 }
 
@@ -415,23 +330,4 @@ fn free(body: &Body, actions: &Actions) -> Outcome {
         solves: 0,
         touching: false,
     }
-}
-
-fn add(a: Triple, b: Triple) -> Triple {
-    [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
-}
-
-fn sub(a: Triple, b: Triple) -> Triple {
-    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
-}
-
-fn sum(a: &Matrix, b: &Matrix) -> Matrix {
-    std::array::from_fn(|i| add(a[i], b[i]))
-}
-
-/// As much of a way as one trial may go.
-fn reached(way: Triple) -> Triple {
-    let long = libm::hypot(way[0], way[1]) / TRIAL_REACH[0];
-    let most = long.max(way[2].abs() / TRIAL_REACH[1]);
-    if most > 1.0 { way.map(|v| v / most) } else { way }
 }

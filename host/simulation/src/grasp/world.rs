@@ -4,14 +4,14 @@
 
 use std::sync::Arc;
 
-use super::body::{Actions, Body, Triple};
+use super::body::{Actions, Body};
 use super::frame::{FingerTruth, GraspFrame, ObjectState};
 use super::gripper::GripperState;
 use super::hold::{Ending, Hold};
 use super::policy::{GraspView, GripPolicy};
 use super::setting::GraspScene;
 use crate::constants::{GRAVITY_MM_PER_S2, SLIP_SPEED_MM_PER_S, TAXEL_COUNT};
-use crate::contact_world::{Contact, HeightMap, Mount, Skin, Truth};
+use crate::contact_world::{Contact, HeightMap, Mount, Skin, Triple, Truth};
 use crate::error::{SimulationError, checked};
 use crate::field::FieldKernels;
 use crate::fingertip::{Fingertip, FingertipParams};

@@ -165,6 +165,10 @@ keys! {
         "where the indenter's origin goes, x and y from the middle of the skin; without it it stays; the first step starts there";
     TURN = "path" "turn_deg", Number("degrees", -720.0, 720.0), Optional,
         "turn of the indenter about z, from x to y; without it it stays; the first step starts there";
+    PULL = "path" "pull_n", Numbers(2, "N", -20.0, 20.0), Optional,
+        "force along x and y that pulls the indenter at the end of the step, instead of `at_mm` and `turn_deg`: it goes where the skin carries it; without it and `twist_nmm` it goes by place";
+    TWIST = "path" "twist_nmm", Number("N·mm", -200.0, 200.0), Optional,
+        "moment about z that twists the indenter at the end of the step, like `pull_n`; of the two, the one that is left out is 0";
     TILT = "path" "tilt_deg", Numbers(2, "degrees", -15.0, 15.0), Optional,
         "slope of the indenter along x and y; above 0 the +x (+y) side presses deeper; without it it stays; the first step starts there";
 

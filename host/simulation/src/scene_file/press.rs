@@ -42,6 +42,8 @@ pub struct PathStep {
     pub at_mm: Option<[f64; 2]>,
     /// Its turn at the end, rad.
     pub turn_rad: Option<f64>,
+    /// Force along x and y, N, and moment about z, N·mm, that act on it at the end, instead of a place.
+    pub load: Option<[f64; 3]>,
     /// Its tilt at the end, rad.
     pub tilt_rad: Option<[f64; 2]>,
 }
@@ -150,6 +152,29 @@ fn step(section: &Section, place: usize) -> Result<PathStep, SceneError> {
     let at_mm = section.numbers_if(&keys::AT)?;
     let turn_rad = section.number_if(&keys::TURN)?.map(f64::to_radians);
     let tilt_rad = section.numbers_if::<2>(&keys::TILT)?;
+    let load = match (
+        section.numbers_if::<2>(&keys::PULL)?,
+        section.number_if(&keys::TWIST)?,
+    ) {
+        (None, None) => None,
+        (pull, twist) => {
+            let [x, y] = pull.unwrap_or_default();
+            Some([x, y, twist.unwrap_or_default()])
+        }
+    };
+    for (key, given) in [
+        (keys::AT.name, at_mm.is_some()),
+        (keys::TURN.name, turn_rad.is_some()),
+    ] {
+        if given && load.is_some() {
+            return Err(section.problem(
+                key,
+                "a place beside a pull or twist",
+                "a step that goes by place or by load",
+                "remove one of them",
+            ));
+        }
+    }
     Ok(PathStep {
         name,
         line: section.line,
@@ -157,6 +182,7 @@ fn step(section: &Section, place: usize) -> Result<PathStep, SceneError> {
         press,
         at_mm,
         turn_rad,
+        load,
         tilt_rad: tilt_rad.map(|tilt| tilt.map(f64::to_radians)),
     })
 }

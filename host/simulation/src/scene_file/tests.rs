@@ -195,6 +195,12 @@ const MISTAKES: &[(&str, &str, &str)] = &[
     ),
     (
         "press_n = 2.5",
+        "press_n = 2.5\ntwist_nmm = 2",
+        "scene.toml:19: path[1].at_mm: found a place beside a pull or twist, expected a step that goes by place or \
+             by load: remove one of them",
+    ),
+    (
+        "press_n = 2.5",
         "press_n = 2.5\ndepth_mm = 0.5",
         "scene.toml:18: path[1].depth_mm: found a depth beside press_n, expected one of press_n and depth_mm: \
              remove one of them",
@@ -228,7 +234,7 @@ const MISTAKES: &[(&str, &str, &str)] = &[
         "seconds = 1.5",
         "path = 3\nseconds = 1.5",
         "scene.toml:21: path[2].path: found a key that is not known here, expected one of name, seconds, \
-             press_n, depth_mm, at_mm, turn_deg, tilt_deg: remove it",
+             press_n, depth_mm, at_mm, turn_deg, pull_n, twist_nmm, tilt_deg: remove it",
     ),
     (
         "[[path]]\nname = \"press\"",
