@@ -1,0 +1,127 @@
+//! `gripline infer` as other programs see it: pictures of a simulated press in, force maps out that say how hard.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+use gripline::maps_file::MapsFile;
+
+const SCENE: &str = r#"kind = "press"
+frames_per_second = 20
+frames = "crop"
+
+[sensor]
+unit = 4
+
+[indenter]
+shape = "sphere"
+friction = 0.6
+
+[[path]]
+name = "press"
+seconds = 0.3
+press_n = 3.0
+at_mm = [3.0, -2.0]
+"#;
+
+/// A folder of its own for every test, with the scene played in it.
+fn folder(test: &str) -> PathBuf {
+    let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join("infer").join(test);
+    let _ = fs::remove_dir_all(&path);
+    fs::create_dir_all(&path).unwrap();
+    fs::write(path.join("scene.toml"), SCENE).unwrap();
+    let played = gripline(&path, &["simulate", "scene.toml", "--out", "scene"]);
+    assert!(
+        played.status.success(),
+        "{}",
+        String::from_utf8_lossy(&played.stderr)
+    );
+    path
+}
+
+fn gripline(folder: &Path, arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_gripline"))
+        .current_dir(folder)
+        .args(arguments)
+        .output()
+        .unwrap()
+}
+
+fn infer(folder: &Path, frames: &str, more: &[&str]) -> Output {
+    let arguments = [
+        "infer",
+        "--rest",
+        "scene/rest.png",
+        "--frames",
+        frames,
+        "--out",
+        "found.npy",
+    ];
+    gripline(folder, &[&arguments[..], more].concat())
+}
+
+/// Total normal force of every map of a file, newtons.
+fn normal_n(path: &Path) -> Vec<f64> {
+    let mut file = MapsFile::open(path).unwrap();
+    let (mut totals, mut frame) = (Vec::new(), [[0.0; 3]; 400]);
+    while file.read_frame(&mut frame).unwrap() {
+        totals.push(frame.iter().map(|force| force[2]).sum());
+    }
+    totals
+}
+
+#[test]
+fn both_networks_and_both_engines_find_the_force_of_a_simulated_press() {
+    let folder = folder("press");
+    let truth = normal_n(&folder.join("scene/maps.npy"));
+    for network in ["tracked", "unet"] {
+        let mut maps = Vec::new();
+        for engine in ["dense", "skip"] {
+            let output = infer(
+                &folder,
+                "scene/frames",
+                &["--network", network, "--engine", engine],
+            );
+            assert!(
+                output.status.success(),
+                "{}",
+                String::from_utf8_lossy(&output.stderr)
+            );
+            let said = String::from_utf8(output.stdout).unwrap();
+            assert!(said.contains(network), "{said}");
+            maps.push(fs::read(folder.join("found.npy")).unwrap());
+        }
+        assert!(maps[0] == maps[1], "{network}: skipping changed a map");
+        let found = normal_n(&folder.join("found.npy"));
+        assert_eq!(found.len(), truth.len());
+        let (found, truth) = (found[found.len() - 1], truth[truth.len() - 1]);
+        assert!(
+            truth > 2.5 && (found / truth - 1.0).abs() < 0.2,
+            "{network}: {found} N of {truth} N"
+        );
+    }
+}
+
+#[test]
+fn what_cannot_be_used_is_an_error_that_names_the_file() {
+    let folder = folder("errors");
+    fs::write(folder.join("bad.png"), b"no picture").unwrap();
+    fs::create_dir(folder.join("empty")).unwrap();
+    for (frames, more, expected) in [
+        ("missing", &[][..], "missing"),
+        ("empty", &[], "found no *.png"),
+        ("bad.png", &[], "bad.png"),
+        ("scene/frames", &["--weights", "scene.toml"], "scene.toml"),
+    ] {
+        let output = infer(&folder, frames, more);
+        let said = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(1), "{said}");
+        assert!(
+            said.contains(expected) && said.trim_end().lines().count() == 1,
+            "{said}"
+        );
+        assert!(!folder.join("found.npy").exists());
+    }
+    let output = infer(&folder, "scene/frames", &["--network", "resnet"]);
+    assert_eq!(output.status.code(), Some(2));
+}
