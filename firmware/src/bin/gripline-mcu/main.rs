@@ -1,9 +1,10 @@
 //! Gripline on the silicon: an STM32F4 that turns force maps into the grip-force line.
 //!
 //! Everything that decides is in the library; here are the pins, the clocks, the transports and the order of things.
-//! From most to least urgent (interrupt priority): time driver (2), UART byte and USB packet in and out (3), map to
-//! line and the safety tick (4, `control`), the gripper's UART byte (5), then in the gaps of all these the answers to
-//! the host, USB requests, the gripper on the bus and the watchdog. Nothing waits for a host: without one the safety tick and the watchdog alone run.
+//! From most to least urgent (interrupt priority): UART byte (2), map to line and the rest of USB (3), the time driver and
+//! the safety tick (4, `control`), the gripper's UART byte (5), then in the gaps of all these the answers to the host, USB
+//! requests, the gripper on the bus and the watchdog. Nothing waits for a host: without one the safety tick and the
+//! watchdog alone run.
 //! Limits: one host at a time is answered, over the transport that spoke last.
 #![no_std]
 #![no_main]
