@@ -1,5 +1,6 @@
-//! `cargo xtask bench network`: builds the measurement in host/network and runs it. onnxruntime comes from the
-//! Python package, in an environment of its own beside the other products; it is installed on first use.
+//! `cargo xtask bench network` and `bench gate`: build the measurement and run it; `cargo xtask gate` trains the scene gate.
+//! onnxruntime and LiteRT come from Python packages, each in a folder of its own beside the other products; they are
+//! installed on first use.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -10,14 +11,30 @@ use crate::process;
 /// The package that brings the shared library; the version that host/network's binding speaks.
 const ONNXRUNTIME: &str = "onnxruntime==1.31.1";
 
+/// The package that brings LiteRT's interpreter, and what it needs.
+const LITERT: [&str; 2] = ["ai-edge-litert==2.3.0", "numpy"];
+
 /// `cargo xtask bench`.
 pub(crate) fn command(arguments: &[String]) -> Result<(), Error> {
     match arguments.split_first() {
         Some((what, rest)) if what == "network" => network(rest),
+        Some((what, rest)) if what == "gate" => process::run(
+            process::cargo()
+                .args([
+                    "run",
+                    "--release",
+                    "--package",
+                    "gripline",
+                    "--example",
+                    "bench_gate",
+                    "--",
+                ])
+                .args(rest),
+        ),
         found => Err(Error::usage(
             "bench",
             found.map_or("nothing", |(what, _)| what),
-            "`network`",
+            "`network` or `gate`",
         )),
     }
 }
@@ -37,6 +54,30 @@ fn network(arguments: &[String]) -> Result<(), Error> {
             ])
             .arg(library)
             .args(arguments),
+    )
+}
+
+/// `cargo xtask gate`: trains the scene gate's network, replaces the one that the engine carries, and asks LiteRT's
+/// interpreter for the answers that the engine's tests are held to.
+pub(crate) fn train_gate(arguments: &[String]) -> Result<(), Error> {
+    process::run(
+        process::cargo()
+            .args(["run", "--release", "--package", "gripline-training", "--", "gate"])
+            .args(arguments),
+    )?;
+    let folder = process::products().join(LITERT[0].replace("==", "-"));
+    if !folder.join("ai_edge_litert").is_dir() {
+        process::run(
+            Command::new("python3")
+                .args(["-m", "pip", "install", "--quiet", "--target"])
+                .arg(&folder)
+                .args(LITERT),
+        )?;
+    }
+    process::run(
+        Command::new("python3")
+            .env("PYTHONPATH", folder)
+            .arg(process::root().join("host/network/checks/gate_golden.py")),
     )
 }
 

@@ -39,6 +39,9 @@ cargo xtask COMMAND
   bench network [--json] [--rounds N] [--weights FILE]
                                     time the force network against onnxruntime and tract, and against
                                     this processor's limit; needs Python with pip
+  bench gate [--json]               what skipping frames saves and costs, gate by gate, under drift, noise and light touch
+  gate [ARGUMENTS]                  train and export the scene gate's network, and have LiteRT answer its golden file;
+                                    needs Python with pip
   physics [--json] [--out DIR] [--without SECTION,...]
                                     the test world against closed forms, other programs and a finer grid; prints a
                                     table, writes pictures to DIR; wants a quiet machine (it judges speed) and
@@ -77,6 +80,7 @@ fn dispatch(arguments: &[String]) -> Result<(), Error> {
         "latency" => emulator::latency(rest),
         "toolchain" => toolchain::command(rest),
         "bench" => bench::command(rest),
+        "gate" => bench::train_gate(rest),
         "physics" => physics(rest),
         "train" => process::run(
             process::cargo()

@@ -1,6 +1,7 @@
 //! `gripline infer`: camera pictures to force maps, without detector or link. Pictures are 8-bit grey PNG, 640×480 (the
 //! middle 440×440 is taken), 440×440, or 88×88 for `unet`; maps go out as (T, 3, 20, 20) float32 newtons, as
 //! `gripline detect` reads them. Files are read one after the other, the maps written at the end, whole or not at all.
+//! A picture that cannot be believed has a map of zeros, is named on standard error, and makes the exit code 3.
 
 use std::fs;
 use std::io::{Cursor, Write};
@@ -9,12 +10,16 @@ use std::time::Instant;
 
 use clap::{Args, ValueEnum};
 use gripline_network::constants::{CROP_SIDE, IMAGE_SIDE};
-use gripline_network::{Architecture, Evaluation, ForceMap, InstructionSet, Network};
+use gripline_network::scene::{GateKind, Health, Scene};
+use gripline_network::{Architecture, Evaluation, ForceMap, InstructionSet, Network, downsample_440_to_88};
 use gripline_simulation::{Image, crop_of_frame};
 use serde_json::json;
 
 use crate::error::Failure;
 use crate::simulate::maps_npy;
+
+/// Pictures that cannot be believed are named one by one up to so many.
+const NAMED: usize = 5;
 
 /// Arguments of `gripline infer`.
 #[derive(Debug, Clone, Args)]
@@ -70,7 +75,13 @@ pub fn run(args: &InferArgs) -> Result<(), Failure> {
         network = network.with_instructions(set).map_err(Failure::failed)?;
     }
     let small = network.architecture() == Architecture::Unet;
-    network.set_rest(&crop(&args.rest, small)?);
+    let rest = crop(&args.rest, small)?;
+    network.set_rest(&rest);
+    let mut now88 = [0; IMAGE_SIDE * IMAGE_SIDE];
+    downsample_440_to_88(&rest, &mut now88);
+    // One picture says nothing about noise: the gate stays out of it.
+    let mut scene = Scene::new(GateKind::Off, &now88, std::slice::from_ref(&now88));
+    let mut unhealthy: Vec<(usize, Health)> = Vec::new();
 
     let frames = frames(&args.frames)?;
     let mut maps: Vec<ForceMap> = Vec::with_capacity(frames.len());
@@ -79,7 +90,13 @@ pub fn run(args: &InferArgs) -> Result<(), Failure> {
         let crop = crop(path, small)?;
         let mut map = [[0.0; 3]; 400];
         let start = Instant::now();
-        network.infer(&crop, &mut map);
+        downsample_440_to_88(&crop, &mut now88);
+        let (_, health) = scene.look(&now88);
+        if health.is_good() {
+            network.infer(&crop, &mut map);
+        } else {
+            unhealthy.push((maps.len(), health));
+        }
         times_us.push(start.elapsed().as_secs_f64() * 1e6);
         maps.push(map);
     }
@@ -100,6 +117,10 @@ pub fn run(args: &InferArgs) -> Result<(), Failure> {
             "frame_us_median": median_us,
             "particles": particles,
             "particles_lost_in_last_frame": lost,
+            "unhealthy": unhealthy
+                .iter()
+                .map(|(frame, health)| json!({"frame": frame, "file": frames[*frame], "health": health.to_string()}))
+                .collect::<Vec<_>>(),
             "out": args.out,
         })
         .to_string()
@@ -111,7 +132,26 @@ pub fn run(args: &InferArgs) -> Result<(), Failure> {
         let out = args.out.display();
         format!("{count} maps by {name}, {median_us:.0} µs a frame (median){lost}\nwrote {out}")
     };
-    writeln!(std::io::stdout(), "{line}").map_err(Failure::failed)
+    writeln!(std::io::stdout(), "{line}").map_err(Failure::failed)?;
+    if unhealthy.is_empty() {
+        return Ok(());
+    }
+    let named: Vec<String> = unhealthy
+        .iter()
+        .take(NAMED)
+        .map(|(frame, health)| format!("{} ({health})", frames[*frame].display()))
+        .collect();
+    let more = match unhealthy.len() - named.len() {
+        0 => String::new(),
+        more => format!(" and {more} more"),
+    };
+    Err(Failure::loss(format!(
+        "done with loss: {} of {} pictures cannot be believed and have maps of zeros: {}{more}; expected pictures of the \
+         sensor that --rest shows, lit and focused as there",
+        unhealthy.len(),
+        maps.len(),
+        named.join(", "),
+    )))
 }
 
 /// The pictures, in order; at least one.

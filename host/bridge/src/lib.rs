@@ -1,7 +1,7 @@
 //! The host daemon and command line of Gripline: camera frames in, force maps out to the microcontroller, and
 //! everything visible on the way.
 //!
-//! [`pipeline`] turns a picture into a force map ([`gate`], network, quantisation with [`rounding`]); [`link`] carries packets to a
+//! [`pipeline`] turns a picture into a force map (scene gate and health, network, quantisation with [`rounding`]); [`link`] carries packets to a
 //! microcontroller; [`session`] speaks the protocol over a link and checks every answer ([`shadow`]); [`run`] joins
 //! them with a source of pictures and the [`view`]; [`infer`] and [`detect`] run the network over recorded
 //! pictures and the detector over recorded maps;
@@ -12,7 +12,6 @@ pub mod cli;
 pub mod config;
 pub mod detect;
 pub mod error;
-pub mod gate;
 pub mod infer;
 pub mod link;
 pub mod maps_file;

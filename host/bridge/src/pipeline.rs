@@ -1,4 +1,4 @@
-//! From a picture to a force map in the wire's units: downsample, gate, network, contact threshold, quantise.
+//! From a picture to a force map in the wire's units: downsample, gate and health, network, contact threshold, quantise.
 //! Pure: no camera, no link, no allocation per frame.
 //! Units: newtons per taxel in, 1/4096 N out; stage times in microseconds.
 
@@ -6,10 +6,10 @@ use std::time::Instant;
 
 use gripline_firmware::sums::TaxelRule;
 use gripline_network::image::Image88;
+use gripline_network::scene::{self, GateKind, Scene, Verdict};
 use gripline_network::{Network, downsample_440_to_88};
 use gripline_protocol::{ForceMap, Health, NotFinite, Saturated, TAXELS};
 
-use crate::gate::{Gate, Verdict};
 use crate::rounding::keep_decisions;
 
 /// Pixels of the 440×440 crop.
@@ -32,7 +32,7 @@ pub struct Processed<'a> {
 #[derive(Debug)]
 pub struct Pipeline {
     network: Network,
-    gate: Option<Gate>,
+    scene: Scene,
     contact_min_n: f32,
     rule: TaxelRule,
     now: Box<Image88>,
@@ -41,14 +41,22 @@ pub struct Pipeline {
     saturated: Saturated,
 }
 
+// Both sides number the picture's flags alike.
+const _: () = assert!(
+    Health::TOO_DARK.bits() == scene::Health::TOO_DARK.bits()
+        && Health::TOO_BRIGHT.bits() == scene::Health::TOO_BRIGHT.bits()
+        && Health::UNLIKE_TRAINING.bits() == scene::Health::UNLIKE_TRAINING.bits()
+        && Health::PARTICLES_LOST.bits() == scene::Health::PARTICLES_LOST.bits()
+);
+
 impl Pipeline {
-    /// `rest` are crops without contact, at least one; their mean is what the network compares with. Without
-    /// `use_gate` the network looks at every frame. `rule` is the detector's: quantisation keeps its decisions.
+    /// `rest` are crops without contact, at least one; their mean is what the network compares with. `rule` is the
+    /// detector's: quantisation keeps its decisions.
     ///
     /// # Panics
     /// When `rest` is empty or a crop is not 440×440: the sources of pictures see to both.
     #[must_use]
-    pub fn new(mut network: Network, rest: &[Vec<u8>], use_gate: bool, rule: TaxelRule) -> Self {
+    pub fn new(mut network: Network, rest: &[Vec<u8>], gate: GateKind, rule: TaxelRule) -> Self {
         assert!(!rest.is_empty(), "the pipeline needs a picture at rest");
         let frames: Vec<Image88> = rest.iter().map(|crop| small(crop)).collect();
         let count = rest.len() as u32;
@@ -63,7 +71,7 @@ impl Pipeline {
         let contact_min_n = network.calibration().contact_min_n;
         Self {
             network,
-            gate: use_gate.then(|| Gate::new(&mean, &frames)),
+            scene: Scene::new(gate, &mean, &frames),
             contact_min_n,
             rule,
             now: Box::new(mean),
@@ -87,13 +95,11 @@ impl Pipeline {
         let start = Instant::now();
         downsample_440_to_88(crop, &mut self.now);
         let downsampled = Instant::now();
-        let verdict = self
-            .gate
-            .as_mut()
-            .map_or(Verdict::Network, |gate| gate.judge(&self.now));
+        let (verdict, picture) = self.scene.look(&self.now);
         let gated = Instant::now();
         match verdict {
-            Verdict::NoContact => {
+            // Forces from a picture that cannot be believed would look real.
+            Verdict::NoContact | Verdict::Unhealthy => {
                 *self.map = ForceMap::EMPTY;
                 *self.newtons = [[0.0; 3]; TAXELS];
                 self.saturated = Saturated(0);
@@ -118,11 +124,11 @@ impl Pipeline {
         Ok(Processed {
             map: &self.map,
             verdict,
-            health: if self.saturated.0 > 0 {
+            health: Health::from_bits(picture.bits()).with(if self.saturated.0 > 0 {
                 Health::SATURATED
             } else {
                 Health::GOOD
-            },
+            }),
             stages_us: [us(start, downsampled), us(downsampled, gated), network_us],
         })
     }

@@ -14,21 +14,21 @@ use std::time::{Duration, Instant};
 use clap::Args;
 use gripline_firmware::Fault;
 use gripline_firmware::sums::{TaxelRule, centre_of_pressure_um, stick_ratio_below};
+use gripline_network::scene::{GateKind, Verdict};
 use gripline_network::{Architecture, InstructionSet, Network};
 use gripline_protocol::message::{Command, Configuration, GripMode, Status};
-use gripline_protocol::{LSB_PER_NEWTON, MapInfo, PER_UNIT};
+use gripline_protocol::{Health, LSB_PER_NEWTON, MapInfo, PER_UNIT};
 use gripline_simulation::constants::{SCENE_INITIAL_GRIP_N, SCENE_LOOP_S};
 use serde::Serialize;
 
 use crate::cli::number_in;
 use crate::error::Failure;
-use crate::gate::Verdict;
 use crate::link::Target;
 use crate::pipeline::Pipeline;
 use crate::session::{SentMap, Session};
 use crate::source::{Picture, SimulatedSource, Source};
 use crate::stats::Times;
-use crate::telemetry::{FrameReport, Limits, STAGES};
+use crate::telemetry::{FrameReport, Limits, STAGES, health_names};
 use crate::units::{force_n, moment_nmm, newtons, ratio, shear_n, stick_ratio};
 use crate::view::{Screen, View};
 
@@ -58,9 +58,10 @@ pub struct RunArgs {
     /// Vector instructions that the force network uses: portable, avx2 or avx512. By default the widest there are.
     #[arg(long, value_name = "SET")]
     instructions: Option<InstructionSet>,
-    /// Scene gate: `difference` skips the network where nothing touches or changes, `off` never does.
-    #[arg(long, default_value_t, value_name = "GATE")]
-    gate: GateChoice,
+    /// Scene gate: `network` (small, int8) and `difference` (thresholds) skip the force network where nothing touches or
+    /// changes, `off` never does.
+    #[arg(long, default_value_t, value_name = "network|difference|off")]
+    gate: GateKind,
     /// Seed of the simulated world.
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -70,26 +71,6 @@ pub struct RunArgs {
     /// One JSON object a frame, and a summary object last, on standard output.
     #[arg(long)]
     json: bool,
-}
-
-/// Which scene gate.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum)]
-enum GateChoice {
-    /// Plain difference, block by block.
-    #[default]
-    Difference,
-    /// The network looks at every frame.
-    Off,
-}
-
-impl fmt::Display for GateChoice {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(if *self == Self::Difference {
-            "difference"
-        } else {
-            "off"
-        })
-    }
 }
 
 /// The last line of `--json`.
@@ -107,6 +88,8 @@ struct Summary {
     gate_no_contact: u64,
     gate_unchanged: u64,
     gate_network: u64,
+    /// Frames whose picture could not be believed: their maps were empty and marked.
+    gate_unhealthy: u64,
     stages: Vec<StageSummary>,
     frame_to_link_us_median: f64,
     frame_to_link_us_p99: f64,
@@ -157,7 +140,7 @@ pub fn run(args: &RunArgs) -> Result<(), Failure> {
     let mut pipeline = Pipeline::new(
         network,
         &source.rest(REST_PICTURES),
-        args.gate == GateChoice::Difference,
+        args.gate,
         TaxelRule::of(&settings),
     );
     if args.unpaced && matches!(args.mcu, Target::Serial(_) | Target::Usb(_)) {
@@ -186,6 +169,12 @@ pub fn run(args: &RunArgs) -> Result<(), Failure> {
     }
     let summary = run.summary();
     output.close(&summary)?;
+    if summary.gate_unhealthy > 0 {
+        return Err(Failure::loss(format!(
+            "done with loss: {} of {} pictures could not be believed; their maps were empty and marked",
+            summary.gate_unhealthy, summary.frames
+        )));
+    }
     if summary.maps_unanswered > 0 {
         return Err(Failure::loss(format!(
             "done with loss: {} of {} maps got no answer from the microcontroller",
@@ -244,6 +233,7 @@ impl Run {
             gate_no_contact: 0,
             gate_unchanged: 0,
             gate_network: 0,
+            gate_unhealthy: 0,
             stages: Vec::new(),
             frame_to_link_us_median: 0.0,
             frame_to_link_us_p99: 0.0,
@@ -314,7 +304,7 @@ impl Run {
             .send_map(&info, processed.map)
             .map_err(Failure::failed)?;
         let latency_us = taken.elapsed().as_secs_f64() * 1e6;
-        let (verdict, stages) = (processed.verdict, processed.stages_us);
+        let (verdict, health, stages) = (processed.verdict, processed.health, processed.stages_us);
         let stages_us = [stages[0], stages[1], stages[2], sent.encode_us, sent.link_us];
         self.count(verdict, &stages_us, latency_us, &sent);
 
@@ -332,7 +322,7 @@ impl Run {
         let answered = status.sequence == sequence && status.maps > 0;
         self.summary.maps_unanswered += u64::from(!answered);
         let report = report_of(
-            self.frame, &status, verdict, latency_us, stages_us, sent.bytes, picture,
+            self.frame, &status, verdict, health, latency_us, stages_us, sent.bytes, picture,
         );
         self.observe(&report, &status);
         self.frame += 1;
@@ -357,6 +347,7 @@ impl Run {
             Verdict::NoContact => &mut summary.gate_no_contact,
             Verdict::Unchanged => &mut summary.gate_unchanged,
             Verdict::Network => &mut summary.gate_network,
+            Verdict::Unhealthy => &mut summary.gate_unhealthy,
         } += 1;
         summary.wire_bytes += sent.bytes as u64;
         for ((times, &us), name) in self.stages.iter_mut().zip(stages_us).zip(STAGES) {
@@ -422,10 +413,12 @@ impl Run {
     }
 }
 
+#[expect(clippy::too_many_arguments, reason = "what one frame is known by")]
 fn report_of(
     frame: u64,
     status: &Status,
     gate: Verdict,
+    health: Health,
     latency_us: f64,
     stages_us: [f64; STAGES.len()],
     wire_bytes: usize,
@@ -438,6 +431,7 @@ fn report_of(
         frame,
         t_s: frame as f64 / FRAMES_PER_SECOND,
         gate,
+        health: health_names(health),
         normal_n: z,
         shear_x_n: x,
         shear_y_n: y,

@@ -1,9 +1,9 @@
 //! What the pipeline says about every frame, for the view, for `--json` and for the summary.
 //! Units in the names; forces in newtons, moments in newton-millimetres about the map's centre.
 
-use serde::Serialize;
-
-use crate::gate::Verdict;
+use gripline_network::scene::Verdict;
+use gripline_protocol::Health;
+use serde::{Serialize, Serializer};
 
 /// Names of the stages in the order in which a frame passes them.
 pub const STAGES: [&str; 5] = ["downsample", "gate", "network", "encode", "link"];
@@ -16,7 +16,10 @@ pub struct FrameReport {
     /// Time of the picture since start.
     pub t_s: f64,
     /// What the scene gate decided.
+    #[serde(serialize_with = "verdict_name")]
     pub gate: Verdict,
+    /// What is known against the picture; empty when nothing is.
+    pub health: Vec<&'static str>,
     /// Total normal force, as summed by the microcontroller.
     #[serde(rename = "fn")]
     pub normal_n: f64,
@@ -92,4 +95,24 @@ pub struct Limits {
     pub floor_n: f64,
     /// Greatest grip force.
     pub ceiling_n: f64,
+}
+
+/// The verdict's name in snake case.
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde hands over references")]
+fn verdict_name<S: Serializer>(verdict: &Verdict, serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.serialize_str(&verdict.name().replace(' ', "_"))
+}
+
+/// Names of the flags of a map's health.
+#[must_use]
+pub fn health_names(health: Health) -> Vec<&'static str> {
+    let names = [
+        (Health::TOO_DARK, "too_dark"),
+        (Health::TOO_BRIGHT, "too_bright"),
+        (Health::UNLIKE_TRAINING, "unlike_training"),
+        (Health::PARTICLES_LOST, "particles_lost"),
+        (Health::SATURATED, "saturated"),
+    ];
+    let set = names.into_iter().filter(|(flag, _)| health.has(*flag));
+    set.map(|(_, name)| name).collect()
 }

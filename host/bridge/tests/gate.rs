@@ -1,13 +1,13 @@
 //! What skipping does to decisions: the same pictures of the scene through the pipeline with and without the gate,
 //! each with a detector of its own. Once the gripper follows the one without, once it does nothing against slip.
 
-use gripline::gate::Verdict;
 use gripline::link::EmbeddedLink;
 use gripline::pipeline::Pipeline;
 use gripline::run::settings_for;
 use gripline::session::Session;
 use gripline::source::SimulatedSource;
 use gripline_firmware::sums::TaxelRule;
+use gripline_network::scene::{GateKind, Verdict};
 use gripline_network::{Architecture, Network};
 use gripline_protocol::message::{Command, GripMode};
 use gripline_protocol::{LSB_PER_NEWTON, MapInfo};
@@ -19,7 +19,7 @@ struct Chain {
 }
 
 impl Chain {
-    fn new(rest: &[Vec<u8>], gate: bool) -> Self {
+    fn new(rest: &[Vec<u8>], gate: GateKind) -> Self {
         let network = Network::embedded(Architecture::default()).unwrap();
         let settings = settings_for(&network);
         let session = Session::open(Box::new(EmbeddedLink::new()), settings).unwrap();
@@ -62,13 +62,22 @@ impl Chain {
 }
 
 #[test]
-fn skipping_saves_frames_and_changes_hardly_a_decision() {
+fn skipping_by_the_learned_gate_saves_frames_and_changes_hardly_a_decision() {
+    skipping_saves_frames_and_changes_hardly_a_decision(GateKind::Network);
+}
+
+#[test]
+fn skipping_by_the_plain_gate_saves_frames_and_changes_hardly_a_decision() {
+    skipping_saves_frames_and_changes_hardly_a_decision(GateKind::Difference);
+}
+
+fn skipping_saves_frames_and_changes_hardly_a_decision(kind: GateKind) {
     let (mut frames, mut skipped, mut flips, mut missed, mut slip_frames) = (0, 0, 0, 0, 0);
     let (mut worst_ratio, mut mean_ratio, mut worst_force_n) = (0.0_f64, 0.0, 0.0_f64);
     for (seed, follows) in [(11, true), (12, false)] {
         let mut source = SimulatedSource::new(seed, 60.0);
         let rest = source.rest(16);
-        let (mut every, mut gated) = (Chain::new(&rest, false), Chain::new(&rest, true));
+        let (mut every, mut gated) = (Chain::new(&rest, GateKind::Off), Chain::new(&rest, kind));
         for sequence in 0..720 {
             let line = every
                 .session
@@ -92,7 +101,7 @@ fn skipping_saves_frames_and_changes_hardly_a_decision() {
     }
     mean_ratio /= f64::from(frames);
     println!(
-        "{skipped} of {frames} frames skipped; {flips} slip decisions differ ({slip_frames} slip frames), stick ratio by \
+        "{kind}: {skipped} of {frames} frames skipped; {flips} slip decisions differ ({slip_frames} slip frames), stick ratio by \
          {mean_ratio:.4} on average and {worst_ratio:.3} at most, F_N by {worst_force_n:.3} N at most; {missed} touches missed"
     );
     assert_eq!(missed, 0, "a touch of 0.2 N or more was taken for no contact");

@@ -30,3 +30,16 @@ pub const WIDTH_STEP: usize = 8;
 
 /// Added to the variance in batch norm: the training framework's default, part of the architecture.
 pub const NORM_EPSILON: f64 = 1e-5;
+
+/// Rows and columns of a block of the coarse difference image, pixels of the 88×88 image: 2.9 mm of skin, about what the
+/// lightest touch that counts moves.
+pub const BLOCK_SIDE: usize = 8;
+
+/// Rows and columns of the coarse difference image, blocks.
+pub const BLOCKS_PER_SIDE: usize = IMAGE_SIDE / BLOCK_SIDE;
+
+/// Blocks of the coarse difference image.
+pub const BLOCKS: usize = BLOCKS_PER_SIDE * BLOCKS_PER_SIDE;
+
+/// Pixels of a block.
+pub const BLOCK_PIXELS: usize = BLOCK_SIDE * BLOCK_SIDE;

@@ -12,6 +12,7 @@ pub mod image;
 mod instruction_set;
 mod kernel;
 mod network;
+pub mod scene;
 pub mod tracked;
 mod unet;
 pub mod weights;

@@ -6,6 +6,7 @@
 #![forbid(unsafe_code)]
 
 mod camera;
+mod camera_fault;
 pub mod closed_form;
 pub mod constants;
 mod contact;
@@ -31,6 +32,7 @@ pub mod scene_file;
 mod springs;
 
 pub use camera::Camera;
+pub use camera_fault::CameraFault;
 pub use contact::{ContactState, ForceMap, Load, SphereContact, SphereParams};
 pub use error::SimulationError;
 pub use fingertip::{Fingertip, FingertipParams};

@@ -8,6 +8,7 @@ mod dataset;
 mod dice;
 mod error;
 mod evaluate;
+mod gate;
 mod golden;
 mod loss;
 mod metrics;
@@ -80,6 +81,18 @@ enum Command {
         from: Option<PathBuf>,
         /// Where to write; `host/network` replaces the weights that the engine carries.
         #[arg(long, default_value = concat!(env!("CARGO_MANIFEST_DIR"), "/data/trained"))]
+        out: PathBuf,
+    },
+    /// Train, quantise and write the scene gate's network; print what gate and health make of unseen sensors.
+    Gate {
+        /// Virtual sensors to train on, some 150 pictures each; a third as many to calibrate and to report on.
+        #[arg(long, default_value_t = 30, value_parser = clap::value_parser!(u32).range(3..=10_000))]
+        sensors: u32,
+        /// Gradient steps of 64 questions.
+        #[arg(long, default_value_t = 24_000, value_parser = clap::value_parser!(u32).range(10..=1_000_000))]
+        steps: u32,
+        /// Where gate.tflite goes; `host/network/weights` replaces the one that the engine carries.
+        #[arg(long, default_value = concat!(env!("CARGO_MANIFEST_DIR"), "/../network/weights"))]
         out: PathBuf,
     },
     /// Score weights on samples never trained on.
@@ -156,6 +169,12 @@ fn run(arguments: &Arguments) -> Result<(), TrainingError> {
                 },
             )
         }
+        Command::Gate { sensors, steps, out } => gate::train(&gate::Plan {
+            seed: *seed,
+            sensors: *sensors,
+            steps: *steps,
+            out,
+        }),
         Command::Evaluate {
             network,
             weights,

@@ -7,8 +7,8 @@ use ratatui::backend::TestBackend;
 use ratatui::buffer::Buffer;
 
 use super::View;
-use crate::gate::Verdict;
 use crate::telemetry::{FrameReport, Limits, STAGES, Truth};
+use gripline_network::scene::Verdict;
 
 pub(super) const LIMITS: Limits = Limits {
     friction: 0.45,
@@ -24,6 +24,7 @@ pub(super) fn report(frame: u64) -> FrameReport {
         frame,
         t_s: frame as f64 / 50.0,
         gate: Verdict::NoContact,
+        health: Vec::new(),
         normal_n: 0.0,
         shear_x_n: 0.0,
         shear_y_n: 0.0,
@@ -70,6 +71,7 @@ fn report_of(frame: u64, map: &[[f32; 3]; 400], contacts: u16, sticks: u16) -> F
     let ratio = f64::from(sticks) / f64::from(contacts);
     FrameReport {
         gate: Verdict::Network,
+        health: Vec::new(),
         normal_n: sum(2),
         shear_x_n: sum(0),
         shear_y_n: sum(1),

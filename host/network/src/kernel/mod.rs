@@ -5,6 +5,7 @@
 //! real.
 
 mod block;
+mod block_sums;
 mod convolution;
 #[cfg(feature = "bench")]
 mod limit;
@@ -16,6 +17,7 @@ mod region;
 mod tests;
 mod vector;
 
+pub(crate) use block_sums::{BlockSums, Pattern, PerBlock};
 pub(crate) use convolution::{Convolution, Kernel, Shape};
 #[cfg(feature = "bench")]
 pub use limit::spin;

@@ -2,6 +2,7 @@
 //! converge is no evidence from there on: all frames after it count as left out.
 
 use gripline_firmware::sums::TaxelRule;
+use gripline_network::scene::GateKind;
 use gripline_network::{Architecture, Network};
 use gripline_protocol::LSB_PER_NEWTON;
 use gripline_protocol::MapInfo;
@@ -265,7 +266,7 @@ impl Gripline {
         let mut session = Session::open(link, settings).map_err(Failure::failed)?;
         session.command(Command::Hold).map_err(Failure::failed)?;
         Ok(Self {
-            pipeline: Pipeline::new(network, rest, true, TaxelRule::of(&settings)),
+            pipeline: Pipeline::new(network, rest, GateKind::default(), TaxelRule::of(&settings)),
             session,
         })
     }

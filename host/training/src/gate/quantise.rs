@@ -1,0 +1,117 @@
+//! From floating point to int8 as TensorFlow Lite has it: one scale for a layer's output, one for every filter, biases in
+//! the product of both. The same arithmetic runs here to choose where the outputs decide.
+
+use gripline_network::scene::{Inputs, NO_MOTION, STEPS_PER_UNIT};
+
+use super::net::{LAYERS, Net, OUTPUTS};
+use super::tflite::{Convolution, Scale};
+
+/// Of the network's input: energy over that of noise.
+pub(crate) const INPUT: Scale = Scale {
+    scale: 1.0 / STEPS_PER_UNIT,
+    zero: NO_MOTION,
+};
+/// Of its outputs, logits: ±12.7 around where they decide.
+const OUTPUT: Scale = Scale { scale: 0.1, zero: 0 };
+
+/// What the network sees, as energies.
+pub(crate) fn energies(inputs: &Inputs) -> Vec<f32> {
+    inputs
+        .as_flattened()
+        .iter()
+        .map(|&step| INPUT.scale * (f32::from(step) - f32::from(INPUT.zero)))
+        .collect()
+}
+
+/// The quantised layers. `examples` show which range each layer's output needs.
+pub(crate) fn quantise(net: &Net, examples: &[Vec<f32>]) -> Vec<Convolution> {
+    let mut most = [0.0_f32; LAYERS.len()];
+    for example in examples {
+        for (most, output) in most.iter_mut().zip(net.forward(example)) {
+            *most = output.into_iter().fold(*most, f32::max);
+        }
+    }
+    let mut input = INPUT.scale;
+    let mut chain = Vec::new();
+    for (number, (layer, most)) in net.layers.iter().zip(most).enumerate() {
+        let filters: Vec<&[f32]> = layer.weights.chunks_exact(layer.shape.taps()).collect();
+        let scales: Vec<f32> = filters
+            .iter()
+            .map(|filter| {
+                filter
+                    .iter()
+                    .fold(1e-6_f32, |most, weight| most.max(weight.abs()))
+                    / 127.0
+            })
+            .collect();
+        let rectified = number + 1 < net.layers.len();
+        let output = if rectified {
+            Scale {
+                scale: most.max(1e-3) / 255.0,
+                zero: i8::MIN,
+            }
+        } else {
+            OUTPUT
+        };
+        chain.push(Convolution {
+            in_channels: layer.shape.in_channels,
+            side: layer.shape.side,
+            stride: layer.shape.stride as i32,
+            filters: filters
+                .iter()
+                .zip(&scales)
+                .flat_map(|(filter, scale)| filter.iter().map(move |weight| (weight / scale).round() as i8))
+                .collect(),
+            biases: layer
+                .biases
+                .iter()
+                .zip(&scales)
+                .map(|(bias, scale)| (bias / (input * scale)).round() as i32)
+                .collect(),
+            filter_scales: scales,
+            rectified,
+            output,
+        });
+        input = output.scale;
+    }
+    chain
+}
+
+/// The outputs of the quantised layers.
+pub(crate) fn run(chain: &[Convolution], inputs: &Inputs) -> [f32; OUTPUTS] {
+    let mut values: Vec<i32> = inputs.as_flattened().iter().map(|&step| step.into()).collect();
+    let mut from = INPUT;
+    for (shape, layer) in LAYERS.iter().zip(chain) {
+        let mut sums = layer.biases.repeat(shape.out_side().pow(2));
+        shape.products(|output, _, weight, input| {
+            sums[output] += (values[input] - i32::from(from.zero)) * i32::from(layer.filters[weight]);
+        });
+        let least = if layer.rectified {
+            layer.output.zero
+        } else {
+            i8::MIN
+        };
+        values = sums
+            .iter()
+            .enumerate()
+            .map(|(at, &sum)| {
+                let factor = from.scale * layer.filter_scales[at % shape.out_channels] / layer.output.scale;
+                let value = f32::from(layer.output.zero) + factor * sum as f32;
+                (value.round() as i32).clamp(least.into(), i8::MAX.into())
+            })
+            .collect();
+        from = layer.output;
+    }
+    [0, 1].map(|k| from.scale * (values[k] - i32::from(from.zero)) as f32)
+}
+
+/// Moves the outputs down by so many logits: above 0 decides.
+pub(crate) fn shift(chain: &mut [Convolution], by: [f32; OUTPUTS]) {
+    let input = chain[chain.len() - 2].output.scale;
+    let Some(last) = chain.last_mut() else {
+        return;
+    };
+    for ((bias, scale), by) in last.biases.iter_mut().zip(&last.filter_scales).zip(by) {
+        *bias -= (by / (input * scale)).round() as i32;
+    }
+}
