@@ -105,6 +105,7 @@ struct Summary {
     last_refusal: Option<String>,
     frames_late: u64,
     slip_frames: u64,
+    /// Frames in which the object slides as a whole while it is to be held: what is let go may slide.
     gross_slip_frames: u64,
     slip_mm: f64,
     line_n_min_holding: f64,
@@ -150,7 +151,15 @@ pub fn run(args: &RunArgs) -> Result<(), Failure> {
         )));
     }
     let link = args.mcu.open().map_err(Failure::failed)?;
-    let session = Session::open(link, settings).map_err(Failure::failed)?;
+    let mut session = Session::connect(link).map_err(Failure::failed)?;
+    // The rest stays as the microcontroller has it.
+    let settings = Configuration {
+        friction: settings.friction,
+        contact_min: settings.contact_min,
+        floor: settings.floor,
+        ..*session.settings()
+    };
+    session.configure(settings).map_err(Failure::failed)?;
 
     let stop = Arc::new(AtomicBool::new(false));
     let signalled = Arc::clone(&stop);
@@ -368,7 +377,7 @@ impl Run {
             self.session.settings().slip_threshold,
         ));
         if let Some(truth) = &report.truth {
-            summary.gross_slip_frames += u64::from(truth.gross_slip);
+            summary.gross_slip_frames += u64::from(truth.gross_slip && status.mode == GripMode::Hold);
             summary.slip_mm = summary.slip_mm.max(truth.slip_mm);
         }
         if report.contact > 0 && status.mode == GripMode::Hold {
