@@ -44,7 +44,7 @@ impl SettingsSectors {
     /// Unlocks, sets the controller to `mode`, starts its operation (an erasure, or a word's value at its address),
     /// waits for its end, locks.
     #[inline(never)]
-    fn operate(&mut self, mode: Cr, word: Option<(*mut u32, u32)>) -> Result<(), Refused> {
+    fn operate(mode: Cr, word: Option<(*mut u32, u32)>) -> Result<(), Refused> {
         for key in KEYS {
             FLASH.keyr().write_value(key);
         }
@@ -79,13 +79,13 @@ impl SettingsFlash for SettingsSectors {
         mode.set_psize(Psize::PSIZE32);
         mode.set_ser(true);
         mode.set_snb(FIRST_SECTOR + slot as u8);
-        self.operate(mode, None)
+        Self::operate(mode, None)
     }
 
     fn program(&mut self, slot: usize, word: usize, value: u32) -> Result<(), Refused> {
         let mut mode = Cr(0);
         mode.set_psize(Psize::PSIZE32);
         mode.set_pg(true);
-        self.operate(mode, Some((Self::address(slot, word), value)))
+        Self::operate(mode, Some((Self::address(slot, word), value)))
     }
 }
