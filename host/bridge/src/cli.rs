@@ -8,6 +8,7 @@ use crate::config::ConfigArgs;
 use crate::detect::DetectArgs;
 use crate::infer::InferArgs;
 use crate::run::RunArgs;
+use crate::shell::{CompletionsArgs, ManArgs};
 use crate::simulate::SimulateArgs;
 
 /// Holds objects with as little force as is safe: force maps from a camera-based fingertip, slip detection and
@@ -29,10 +30,14 @@ pub enum Command {
     Infer(InferArgs),
     /// Run the microcontroller's detector over recorded force maps.
     Detect(DetectArgs),
-    /// Read and set the microcontroller's settings.
+    /// The configuration: what is in force and why, a documented default file, the microcontroller's own settings.
     Config(ConfigArgs),
     /// Play a scene of the simulated world: frames, true force maps and slip labels.
     Simulate(SimulateArgs),
+    /// Print the completions for a shell.
+    Completions(CompletionsArgs),
+    /// Write the manual pages.
+    Man(ManArgs),
 }
 
 impl Cli {

@@ -5,7 +5,8 @@
 //! microcontroller; [`session`] speaks the protocol over a link and checks every answer ([`shadow`]); [`run`] joins
 //! them with a source of pictures and the [`view`]; [`infer`] and [`detect`] run the network over recorded
 //! pictures and the detector over recorded maps;
-//! [`simulate`] plays a scene of the simulated world into files.
+//! [`simulate`] plays a scene of the simulated world into files. What a run is to do stands in one file, which
+//! [`config`] reads and checks; [`shell`] makes manual pages and completions.
 #![forbid(unsafe_code)]
 
 pub mod cli;
@@ -20,6 +21,7 @@ pub mod rounding;
 pub mod run;
 pub mod session;
 pub mod shadow;
+pub mod shell;
 pub mod simulate;
 pub mod source;
 pub mod stats;

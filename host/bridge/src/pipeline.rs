@@ -87,6 +87,12 @@ impl Pipeline {
         &self.newtons
     }
 
+    /// The last map as it travels.
+    #[must_use]
+    pub fn map(&self) -> &ForceMap {
+        &self.map
+    }
+
     /// Turns a 440×440 crop into a force map.
     ///
     /// # Errors
@@ -132,6 +138,28 @@ impl Pipeline {
             stages_us: [us(start, downsampled), us(downsampled, gated), network_us],
         })
     }
+}
+
+/// What a network makes of a made-up picture, as a text: another one with other weights. `rest` is a 440×440 crop.
+#[must_use]
+pub fn fingerprint(network: &Network, rest: &[u8]) -> String {
+    let mut network = network.clone();
+    network.set_rest(rest);
+    // Dents of many widths: the rest picture, moved by up to three pixels along its rows.
+    let moved: Vec<u8> = (0..CROP_PIXELS)
+        .map(|pixel| rest[(pixel + pixel / 440 % 4).min(CROP_PIXELS - 1)])
+        .collect();
+    let mut newtons = [[0.0; 3]; TAXELS];
+    network.infer(&moved, &mut newtons);
+    let bytes: Vec<u8> = newtons
+        .iter()
+        .flatten()
+        .flat_map(|force| force.to_le_bytes())
+        .collect();
+    format!(
+        "{:08x}",
+        crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC).checksum(&bytes)
+    )
 }
 
 fn small(crop: &[u8]) -> Image88 {

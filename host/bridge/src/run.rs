@@ -5,7 +5,6 @@
 
 use std::fmt;
 use std::io::{self, ErrorKind, IsTerminal, Write};
-use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
@@ -14,16 +13,15 @@ use std::time::{Duration, Instant};
 use clap::Args;
 use gripline_firmware::Fault;
 use gripline_firmware::sums::{TaxelRule, centre_of_pressure_um, stick_ratio_below};
-use gripline_network::scene::{GateKind, Verdict};
-use gripline_network::{Architecture, InstructionSet, Network};
+use gripline_network::Network;
+use gripline_network::scene::Verdict;
 use gripline_protocol::message::{Command, Configuration, GripMode, Status};
 use gripline_protocol::{Health, LSB_PER_NEWTON, MapInfo, PER_UNIT};
 use gripline_simulation::constants::{SCENE_INITIAL_GRIP_N, SCENE_LOOP_S};
 use serde::Serialize;
 
-use crate::cli::number_in;
+use crate::config::{Overrides, Settings};
 use crate::error::Failure;
-use crate::link::Target;
 use crate::pipeline::Pipeline;
 use crate::session::{SentMap, Session};
 use crate::source::{Picture, SimulatedSource, Source};
@@ -40,34 +38,8 @@ const REST_PICTURES: usize = 16;
 /// Arguments of `gripline run`.
 #[derive(Debug, Clone, Args)]
 pub struct RunArgs {
-    /// Where pictures come from.
-    #[arg(long, default_value_t, value_name = "sim")]
-    source: Source,
-    /// Which microcontroller: embedded, emulator, emulator:uart, usb, usb:SERIAL or serial:PORT.
-    #[arg(long, default_value_t, value_name = "MCU")]
-    mcu: Target,
-    /// Stop after so many seconds. By default: never on a terminal, after one round of the scene (12 s) elsewhere.
-    #[arg(long, value_name = "S", value_parser = |text: &str| number_in(text, 0.1, 1e9))]
-    seconds: Option<f64>,
-    /// Force network: `unet` looks at small images (the default), `tracked` follows particles at full resolution.
-    #[arg(long, value_name = "NETWORK")]
-    network: Option<Architecture>,
-    /// Weights of the force network instead of the built-in ones (safetensors).
-    #[arg(long, value_name = "FILE")]
-    weights: Option<PathBuf>,
-    /// Vector instructions that the force network uses: portable, avx2 or avx512. By default the widest there are.
-    #[arg(long, value_name = "SET")]
-    instructions: Option<InstructionSet>,
-    /// Scene gate: `network` (small, int8) and `difference` (thresholds) skip the force network where nothing touches or
-    /// changes, `off` never does.
-    #[arg(long, default_value_t, value_name = "network|difference|off")]
-    gate: GateKind,
-    /// Seed of the simulated world.
-    #[arg(long, default_value_t = 1)]
-    seed: u64,
-    /// Do not wait for the wall clock: as fast as the machine can, with the embedded or the emulated microcontroller.
-    #[arg(long)]
-    unpaced: bool,
+    #[command(flatten)]
+    overrides: Overrides,
     /// One JSON object a frame, and a summary object last, on standard output.
     #[arg(long)]
     json: bool,
@@ -126,49 +98,32 @@ struct StageSummary {
 /// # Errors
 /// [`Failure`] when weights, link or terminal fail, and with kind Loss when maps got no answer.
 pub fn run(args: &RunArgs) -> Result<(), Failure> {
-    let network = match &args.weights {
-        Some(path) => Network::from_file(path, args.network),
-        None => Network::embedded(args.network.unwrap_or_default()),
-    }
-    .map_err(Failure::failed)?;
-    let network = match args.instructions {
-        Some(set) => network.with_instructions(set).map_err(Failure::failed)?,
-        None => network,
-    };
-    let settings = settings_for(&network);
-    let Source::Simulated = args.source;
-    let mut source = SimulatedSource::new(args.seed, FRAMES_PER_SECOND);
-    let mut pipeline = Pipeline::new(
-        network,
-        &source.rest(REST_PICTURES),
-        args.gate,
-        TaxelRule::of(&settings),
-    );
-    if args.unpaced && matches!(args.mcu, Target::Serial(_) | Target::Usb(_)) {
-        let found = format!("--unpaced with --mcu {}", args.mcu);
-        return Err(Failure::usage(format!(
-            "{found}, expected embedded or emulator: a real one keeps its own time"
-        )));
-    }
-    let link = args.mcu.open().map_err(Failure::failed)?;
+    let wanted = Settings::load(&args.overrides)?;
+    let network = network_for(&wanted)?;
+    let of_network = settings_for(&network);
+    let Source::Simulated = wanted.source;
+    let mut source = SimulatedSource::new(wanted.seed, FRAMES_PER_SECOND);
+    let rest = source.rest(REST_PICTURES);
+    let link = wanted.mcu.open().map_err(Failure::failed)?;
     let mut session = Session::connect(link).map_err(Failure::failed)?;
-    // The rest stays as the microcontroller has it.
-    let settings = Configuration {
-        friction: settings.friction,
-        contact_min: settings.contact_min,
-        floor: settings.floor,
+    // What neither the network nor the configuration says stays as the microcontroller has it.
+    let settings = wanted.microcontroller(&Configuration {
+        friction: of_network.friction,
+        contact_min: of_network.contact_min,
+        floor: of_network.floor,
         ..*session.settings()
-    };
+    })?;
     session.configure(settings).map_err(Failure::failed)?;
+    let mut pipeline = Pipeline::new(network, &rest, wanted.gate, TaxelRule::of(&settings));
 
     let stop = Arc::new(AtomicBool::new(false));
     let signalled = Arc::clone(&stop);
     ctrlc::set_handler(move || signalled.store(true, Ordering::Relaxed)).map_err(Failure::failed)?;
     let mut output = Output::open(args.json, limits(&settings))?;
-    let seconds = args.seconds.or((!output.is_live()).then_some(SCENE_LOOP_S));
+    let seconds = wanted.seconds.or((!output.is_live()).then_some(SCENE_LOOP_S));
     let frames = seconds.map(|seconds| (seconds * FRAMES_PER_SECOND).round() as u64);
 
-    let mut run = Run::new(session, !args.unpaced);
+    let mut run = Run::new(session, !wanted.unpaced);
     while !stop.load(Ordering::Relaxed) && frames.is_none_or(|frames| run.frame < frames) {
         let picture = source.next(run.line_n()).map_err(Failure::failed)?;
         let report = run.frame(&mut pipeline, picture)?;
@@ -191,6 +146,19 @@ pub fn run(args: &RunArgs) -> Result<(), Failure> {
         )));
     }
     Ok(())
+}
+
+/// The network that was asked for.
+fn network_for(wanted: &Settings) -> Result<Network, Failure> {
+    let network = match &wanted.weights {
+        Some(path) => Network::from_file(path, wanted.architecture),
+        None => Network::embedded(wanted.architecture.unwrap_or_default()),
+    }
+    .map_err(Failure::failed)?;
+    match wanted.instructions {
+        Some(set) => network.with_instructions(set).map_err(Failure::failed),
+        None => Ok(network),
+    }
 }
 
 /// The default settings with what the network was calibrated for, and the grip with which the scene's object is held.

@@ -16,7 +16,7 @@ pub struct FrameReport {
     /// Time of the picture since start.
     pub t_s: f64,
     /// What the scene gate decided.
-    #[serde(serialize_with = "verdict_name")]
+    #[serde(serialize_with = "serialize_verdict")]
     pub gate: Verdict,
     /// What is known against the picture; empty when nothing is.
     pub health: Vec<&'static str>,
@@ -98,9 +98,14 @@ pub struct Limits {
 }
 
 /// The verdict's name in snake case.
+#[must_use]
+pub fn verdict_name(verdict: Verdict) -> String {
+    verdict.name().replace(' ', "_")
+}
+
 #[expect(clippy::trivially_copy_pass_by_ref, reason = "serde hands over references")]
-fn verdict_name<S: Serializer>(verdict: &Verdict, serializer: S) -> Result<S::Ok, S::Error> {
-    serializer.serialize_str(&verdict.name().replace(' ', "_"))
+fn serialize_verdict<S: Serializer>(verdict: &Verdict, serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.serialize_str(&verdict_name(*verdict))
 }
 
 /// Names of the flags of a map's health.

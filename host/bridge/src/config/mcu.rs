@@ -5,34 +5,27 @@
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
-use clap::{Args, Subcommand};
+use clap::Args;
 use gripline_protocol::configuration::{CONFIGURATION_VALUES, Configuration, OutOfRange, Values};
 use gripline_protocol::line::LineKind;
 use gripline_protocol::{LSB_PER_NEWTON, PER_UNIT};
 use toml::{Table, Value};
 
+use super::keys::likely;
+use super::{Overrides, Settings};
 use crate::error::Failure;
 use crate::link::Target;
 use crate::session::Session;
 
-/// Arguments of `gripline config`.
+/// Arguments of `gripline config mcu`.
 #[derive(Debug, Clone, Args)]
-pub struct ConfigArgs {
-    #[command(subcommand)]
-    of: Of,
-}
-
-#[derive(Debug, Clone, Subcommand)]
-enum Of {
-    /// The microcontroller's settings: print them as TOML, or set them from a file and keep them in its flash.
-    Mcu(McuArgs),
-}
-
-#[derive(Debug, Clone, Args)]
-struct McuArgs {
-    /// Which microcontroller: usb, usb:SERIAL, serial:PORT, emulator or embedded.
+pub(super) struct McuArgs {
+    /// Which microcontroller: usb, usb:SERIAL, serial:PORT, emulator or embedded. By default the configuration's link.mcu.
     #[arg(long, value_name = "MCU")]
-    mcu: Target,
+    mcu: Option<Target>,
+    /// Configuration file that names the microcontroller.
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
     /// Set what this TOML file says; the gripper must be released, because storing stops the microcontroller.
     #[arg(long, value_name = "FILE")]
     write: Option<PathBuf>,
@@ -48,9 +41,12 @@ struct McuArgs {
 ///
 /// # Errors
 /// [`Failure`] when the file does not say what it should, the link fails, or the microcontroller refuses.
-pub fn run(args: &ConfigArgs) -> Result<(), Failure> {
-    let Of::Mcu(args) = &args.of;
-    let link = args.mcu.open().map_err(Failure::failed)?;
+pub(super) fn run(args: &McuArgs) -> Result<(), Failure> {
+    let mcu = match &args.mcu {
+        Some(mcu) => mcu.clone(),
+        None => Settings::load(&Overrides::of_file(args.config.as_deref()))?.mcu,
+    };
+    let link = mcu.open().map_err(Failure::failed)?;
     let mut session = Session::connect(link).map_err(Failure::failed)?;
     if let Some(path) = &args.write {
         let settings = read(path, session.settings())?;
@@ -129,7 +125,7 @@ const KINDS: [(&str, LineKind); 2] = [
 ];
 
 /// The settings as a file would say them.
-fn text_of(settings: &Configuration) -> String {
+pub(super) fn text_of(settings: &Configuration) -> String {
     let values = settings.values();
     let value = |name: &str| {
         let place = KEYS.iter().position(|(key, _)| *key == name).unwrap_or_default();
@@ -188,36 +184,96 @@ fn read(path: &Path, now: &Configuration) -> Result<Configuration, Failure> {
     settings_of(&text, now).map_err(named)
 }
 
-fn settings_of(text: &str, now: &Configuration) -> Result<Configuration, String> {
+pub(super) fn settings_of(text: &str, now: &Configuration) -> Result<Configuration, String> {
     let table: Table = text
         .parse()
         .map_err(|error: toml::de::Error| error.message().to_owned())?;
+    applied(&table, now)
+}
+
+/// The settings that a table makes of `now`, checked; the error has a line for everything that is wrong.
+pub(super) fn applied(table: &Table, now: &Configuration) -> Result<Configuration, String> {
     let mut values = now.values();
-    for (name, value) in &table {
-        set(name, value, &mut values)?;
+    let mut errors = Vec::new();
+    for (name, value) in table {
+        set(name, value, &mut values, &mut errors);
+    }
+    if !errors.is_empty() {
+        return Err(errors.join("; "));
     }
     let settings = Configuration::from_values(&values).ok_or("a value that fits no setting")?;
     settings.check().map_err(|error| explained(&error))?;
     Ok(settings)
 }
 
-/// Sets one value, or those in it.
-fn set(name: &str, value: &Value, values: &mut Values) -> Result<(), String> {
+/// What is wrong with a table's names and types; ranges hang on what else is in force.
+pub(super) fn errors_in(table: &Table) -> Vec<String> {
+    let mut values = Configuration::DEFAULT.values();
+    let mut errors = Vec::new();
+    for (name, value) in table {
+        set(name, value, &mut values, &mut errors);
+    }
+    errors
+}
+
+/// Settings that are neither in a table nor in a list.
+pub(super) fn plain_names() -> impl Iterator<Item = &'static str> {
+    KEYS.iter()
+        .map(|(name, _)| *name)
+        .filter(|name| !name.contains(['.', '[']))
+}
+
+/// The value of a plain setting from a text.
+pub(super) fn value_of(name: &str, text: &str) -> Result<Value, String> {
+    let whole = text.parse().map(Value::Integer);
+    let value = whole
+        .or_else(|_| text.parse().map(Value::Float))
+        .map_err(|_| format!("found {text}, expected a number"))?;
+    let alone = Table::from_iter([(name.to_owned(), value.clone())]);
+    let prefix = format!("{name}: ");
+    match errors_in(&alone).first() {
+        Some(error) => Err(error.trim_start_matches(&prefix).to_owned()),
+        None => Ok(value),
+    }
+}
+
+/// The default settings, a line each, as they can stand in a section of another file.
+pub(super) fn default_lines() -> impl Iterator<Item = String> {
+    let table: Table = text_of(&Configuration::DEFAULT).parse().unwrap_or_default();
+    let line = |(name, value): (String, Value)| match value {
+        // One line for each part of a table: whoever wants to set one need not touch the others.
+        Value::Table(parts) => parts
+            .into_iter()
+            .map(|(part, value)| format!("{name}.{part} = {value}"))
+            .collect::<Vec<_>>(),
+        value => vec![format!("{name} = {value}")],
+    };
+    table.into_iter().flat_map(line)
+}
+
+/// Sets one value, or those in it; what is wrong goes to `errors`.
+fn set(name: &str, value: &Value, values: &mut Values, errors: &mut Vec<String>) {
     match value {
-        Value::Table(table) => table
-            .iter()
-            .try_for_each(|(part, value)| set(&format!("{name}.{part}"), value, values)),
-        Value::Array(list) => list
-            .iter()
-            .enumerate()
-            .try_for_each(|(place, value)| set(&format!("{name}[{place}]"), value, values)),
-        _ => {
-            let place = KEYS.iter().position(|(key, _)| *key == name).ok_or_else(|| {
-                format!("{name}: no such setting; `gripline config mcu` prints all there are")
-            })?;
-            values[place] = number(name, value, KEYS[place].1)?;
-            Ok(())
+        Value::Table(table) => {
+            for (part, value) in table {
+                set(&format!("{name}.{part}"), value, values, errors);
+            }
         }
+        Value::Array(list) => {
+            for (place, value) in list.iter().enumerate() {
+                set(&format!("{name}[{place}]"), value, values, errors);
+            }
+        }
+        _ => match KEYS.iter().position(|(key, _)| *key == name) {
+            Some(place) => match number(name, value, KEYS[place].1) {
+                Ok(wire) => values[place] = wire,
+                Err(error) => errors.push(error),
+            },
+            None => errors.push(match likely(name, KEYS.iter().map(|(key, _)| *key)) {
+                Some(meant) => format!("{name}: no such setting, did you mean {meant}?"),
+                None => format!("{name}: no such setting; `gripline config mcu` prints all there are"),
+            }),
+        },
     }
 }
 
@@ -306,6 +362,12 @@ mod tests {
     }
 
     #[test]
+    fn the_default_lines_are_the_default_settings() {
+        let text: String = default_lines().map(|line| line + "\n").collect();
+        assert_eq!(settings_of(&text, &odd()), Ok(Configuration::DEFAULT), "{text}");
+    }
+
+    #[test]
     fn the_names_are_those_of_the_wire_with_their_units() {
         for ((key, _), field) in KEYS.iter().zip(Configuration::FIELDS) {
             let part = |name: &str| name.split(['.', '[']).next_back().unwrap_or_default().to_owned();
@@ -335,5 +397,9 @@ mod tests {
         );
         assert!(refused("frictoin = 0.4").starts_with("frictoin: no such setting"));
         assert!(refused("friction = 1e9").contains("the wire can carry"));
+        assert_eq!(
+            refused("frictoin = 0.4\nmargin = true"),
+            "frictoin: no such setting, did you mean friction?; margin: found true, expected a number"
+        );
     }
 }

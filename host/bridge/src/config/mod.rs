@@ -1,0 +1,160 @@
+//! `gripline config`: one TOML file for what `gripline run` does, checked whole, and the microcontroller's own settings.
+//!
+//! [`Settings`] is what the rest of the program sees. A key is described once, in the table of `keys`: file, environment,
+//! flag, default file and help all come from there.
+
+mod effective;
+mod keys;
+mod mcu;
+mod overrides;
+mod show;
+
+use std::path::PathBuf;
+use std::str::FromStr;
+
+use clap::{Args, Subcommand};
+use gripline_network::scene::GateKind;
+use gripline_network::{Architecture, InstructionSet};
+use gripline_protocol::message::Configuration;
+use toml::{Table, Value};
+
+use self::effective::Effective;
+use self::mcu::McuArgs;
+pub use self::overrides::Overrides;
+use crate::error::Failure;
+use crate::link::Target;
+use crate::source::Source;
+
+/// Arguments of `gripline config`.
+#[derive(Debug, Clone, Args)]
+pub struct ConfigArgs {
+    #[command(subcommand)]
+    of: Of,
+}
+
+#[derive(Debug, Clone, Subcommand)]
+enum Of {
+    /// Print the values in force and where each comes from: default, file, environment or flag.
+    Show(ShowArgs),
+    /// Print a configuration file with every key explained and commented out.
+    Default,
+    /// The microcontroller's settings: print them as TOML, or set them from a file and keep them in its flash.
+    Mcu(McuArgs),
+}
+
+#[derive(Debug, Clone, Args)]
+struct ShowArgs {
+    #[command(flatten)]
+    overrides: Overrides,
+    /// Print JSON instead of TOML.
+    #[arg(long)]
+    json: bool,
+}
+
+/// Does what the subcommand says.
+///
+/// # Errors
+/// [`Failure`] when a file or a value is not what it should be, a link fails, or the microcontroller refuses.
+pub fn run(args: &ConfigArgs) -> Result<(), Failure> {
+    match &args.of {
+        Of::Show(args) => {
+            let effective = Effective::load(&args.overrides)?;
+            // Values that are right one by one may still be wrong together.
+            Settings::of(&effective)?;
+            if args.json {
+                println!("{}", show::shown_json(&effective));
+            } else {
+                print!("{}", show::shown(&effective));
+            }
+        }
+        Of::Default => print!("{}", show::default_file()),
+        Of::Mcu(args) => mcu::run(args)?,
+    }
+    Ok(())
+}
+
+/// What a run is to do, checked.
+#[derive(Debug, Clone)]
+pub struct Settings {
+    /// Where pictures come from.
+    pub source: Source,
+    /// Which network; `None`: what the weights are for.
+    pub architecture: Option<Architecture>,
+    /// Weights instead of the built-in ones.
+    pub weights: Option<PathBuf>,
+    /// Vector instructions; `None`: the widest there are.
+    pub instructions: Option<InstructionSet>,
+    /// Scene gate.
+    pub gate: GateKind,
+    /// Which microcontroller.
+    pub mcu: Target,
+    /// When to stop.
+    pub seconds: Option<f64>,
+    /// Whether to run as fast as the machine can.
+    pub unpaced: bool,
+    /// Seed of the simulated world.
+    pub seed: u64,
+    /// What the file says of the microcontroller's settings.
+    microcontroller: Table,
+}
+
+impl Settings {
+    /// Reads file, environment and flags.
+    ///
+    /// # Errors
+    /// [`Failure`] of kind usage that lists everything that is wrong.
+    pub fn load(flags: &Overrides) -> Result<Self, Failure> {
+        Self::of(&Effective::load(flags)?)
+    }
+
+    fn of(effective: &Effective) -> Result<Self, Failure> {
+        let text = |name| effective.value(name).and_then(Value::as_str);
+        let settings = Self {
+            source: parsed("camera.source", text("camera.source"))?.unwrap_or_default(),
+            architecture: parsed("network.architecture", text("network.architecture"))?,
+            weights: text("network.weights").map(PathBuf::from),
+            instructions: parsed("network.instructions", text("network.instructions"))?,
+            gate: parsed("network.gate", text("network.gate"))?.unwrap_or_default(),
+            mcu: parsed("link.mcu", text("link.mcu"))?.unwrap_or_default(),
+            seconds: effective.value("run.seconds").and_then(number),
+            unpaced: effective
+                .value("run.unpaced")
+                .and_then(Value::as_bool)
+                .unwrap_or(false),
+            seed: effective
+                .value("simulation.seed")
+                .and_then(Value::as_integer)
+                .unwrap_or(1) as u64,
+            microcontroller: effective.microcontroller(),
+        };
+        if settings.unpaced && matches!(settings.mcu, Target::Serial(_) | Target::Usb(_)) {
+            return Err(Failure::usage(format!(
+                "run.unpaced (--unpaced) with link.mcu {}, expected embedded or emulator: a real one keeps its own time",
+                settings.mcu
+            )));
+        }
+        Ok(settings)
+    }
+
+    /// What the file makes of the microcontroller's settings.
+    ///
+    /// # Errors
+    /// [`Failure`] that names the setting which is out of its range.
+    pub fn microcontroller(&self, now: &Configuration) -> Result<Configuration, Failure> {
+        mcu::applied(&self.microcontroller, now)
+            .map_err(|error| Failure::usage(format!("{}.{error}", keys::MICROCONTROLLER)))
+    }
+}
+
+fn number(value: &Value) -> Option<f64> {
+    value.as_float().or(value.as_integer().map(|whole| whole as f64))
+}
+
+/// A text that the table of keys has already checked.
+fn parsed<T: FromStr<Err: std::fmt::Display>>(name: &str, text: Option<&str>) -> Result<Option<T>, Failure> {
+    let read = |text: &str| {
+        text.parse()
+            .map_err(|error| Failure::usage(format!("{name}: {error}")))
+    };
+    text.map(read).transpose()
+}
