@@ -178,6 +178,31 @@ fn single_changed_pixels_anywhere_are_not_missed() {
 }
 
 #[test]
+fn every_instruction_set_follows_particles_alike_bit_by_bit() {
+    let rest = picture(2500, [0.0; 2], 1);
+    let mut trackers: Vec<Tracker> = sets()
+        .map(|set| Tracker::new().with_instructions(set).unwrap())
+        .collect();
+    for (push, noise_seed) in [
+        ([0.0; 2], 2),
+        ([3.0, -1.0], 3),
+        ([11.0, 14.0], 4),
+        ([-25.0, 3.0], 5),
+    ] {
+        let now = picture(2500, push, noise_seed);
+        for tracker in &mut trackers {
+            tracker.set_rest(&rest);
+            tracker.track(&now);
+        }
+        let (first, others) = trackers.split_first().unwrap();
+        assert!(first.tracks().iter().any(|track| track.confidence > 0.0));
+        for other in others {
+            assert!(other.tracks() == first.tracks(), "pushed by {push:?}");
+        }
+    }
+}
+
+#[test]
 fn dots_that_do_not_move_are_found_where_they_were_and_moved_ones_where_they_went() {
     let rest = picture(1200, [0.0; 2], 1);
     let mut tracker = Tracker::new();

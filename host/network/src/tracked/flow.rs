@@ -2,6 +2,7 @@
 //! quarter, so that a motion of several particles' distances is followed without mistaking one for another. Finer
 //! windows hold too few particles that move alike: the shallow ones outrun the deep ones.
 
+use super::compare::{Compare, difference};
 use super::pyramid::{Level, Pyramid};
 use crate::constants::CROP_SIDE;
 
@@ -9,8 +10,8 @@ use crate::constants::CROP_SIDE;
 const WINDOW: usize = 8;
 /// Pixels between nodes.
 const STEP: usize = 5;
-/// The levels of the pyramid that are matched, coarsest first, and the pixels searched around the prediction.
-const LEVELS: [(usize, i32); 2] = [(3, 4), (2, 2)];
+/// Pixels searched around the prediction, at an eighth and at a quarter.
+const REACH: [i32; 2] = [4, 2];
 /// Farthest motion of a node, pixels of its level: windows stay inside the border.
 const FARTHEST: f32 = 15.0;
 /// From how many pixels on a node's motion and its neighbours' median are different motions.
@@ -19,13 +20,13 @@ const DIFFERENT: f32 = 0.75;
 /// The nodes of both levels.
 #[derive(Debug, Clone)]
 pub(super) struct Flow {
-    levels: [Nodes; LEVELS.len()],
+    eighth: Nodes<{ CROP_SIDE / 8 }>,
+    quarter: Nodes<{ CROP_SIDE / 4 }>,
 }
 
 /// One level's nodes: motion in the level's pixels.
 #[derive(Debug, Clone)]
-struct Nodes {
-    per_side: usize,
+struct Nodes<const SIDE: usize> {
     /// As matched.
     raw: Vec<[f32; 2]>,
     /// Without single mistakes.
@@ -34,17 +35,9 @@ struct Nodes {
 
 impl Flow {
     pub(super) fn new() -> Self {
-        let nodes = |(level, _): (usize, i32)| {
-            let per_side = (CROP_SIDE >> level) / STEP;
-            let still = vec![[0.0; 2]; per_side * per_side];
-            Nodes {
-                per_side,
-                raw: still.clone(),
-                motion: still,
-            }
-        };
         Self {
-            levels: LEVELS.map(nodes),
+            eighth: Nodes::new(),
+            quarter: Nodes::new(),
         }
     }
 
@@ -54,31 +47,46 @@ impl Flow {
         reason = "compiled for the instruction set of its caller"
     )]
     #[inline(always)]
-    pub(super) fn find(&mut self, rest: &Pyramid, now: &Pyramid) {
-        for (index, (level, reach)) in LEVELS.into_iter().enumerate() {
-            let (coarser, finer) = self.levels.split_at_mut(index);
-            finer[0].find(coarser.last(), &rest.0[level], &now.0[level], reach);
-        }
+    pub(super) fn find<C: Compare>(&mut self, rest: &Pyramid, now: &Pyramid) {
+        let nothing: Option<&Nodes<{ CROP_SIDE / 8 }>> = None;
+        self.eighth
+            .find::<C, _>(nothing, &rest.eighth, &now.eighth, REACH[0]);
+        self.quarter
+            .find::<C, _>(Some(&self.eighth), &rest.quarter, &now.quarter, REACH[1]);
     }
 
     /// Motion at a place of the crop, pixels of the crop.
+    #[inline]
     pub(super) fn at(&self, place_px: [f32; 2]) -> [f32; 2] {
-        let [.., (level, _)] = LEVELS;
-        let [.., nodes] = &self.levels;
-        let scale = (1 << level) as f32;
-        nodes.at(place_px.map(|p| p / scale)).map(|v| v * scale)
+        self.quarter.at(place_px.map(|p| p / 4.0)).map(|v| v * 4.0)
     }
 }
 
-impl Nodes {
+impl<const SIDE: usize> Nodes<SIDE> {
+    const PER_SIDE: usize = SIDE / STEP;
+
+    fn new() -> Self {
+        let still = vec![[0.0; 2]; Self::PER_SIDE * Self::PER_SIDE];
+        Self {
+            raw: still.clone(),
+            motion: still,
+        }
+    }
+
     #[expect(
         clippy::inline_always,
         reason = "compiled for the instruction set of its caller"
     )]
     #[inline(always)]
-    fn find(&mut self, coarser: Option<&Self>, rest: &Level, now: &Level, reach: i32) {
+    fn find<C: Compare, const COARSER: usize>(
+        &mut self,
+        coarser: Option<&Nodes<COARSER>>,
+        rest: &Level<SIDE>,
+        now: &Level<SIDE>,
+        reach: i32,
+    ) {
         for node in 0..self.raw.len() {
-            let centre = self.centre(node);
+            let centre = Self::centre(node);
             let window = Window::new(rest, centre);
             let mut guess = [0; 2];
             if let Some(coarser) = coarser {
@@ -92,31 +100,31 @@ impl Nodes {
                     }
                 }
             }
-            self.raw[node] = window.best(now, guess, reach);
+            self.raw[node] = window.best::<C, _>(now, guess, reach);
         }
         self.smooth(rest, now);
     }
 
     /// Pixel of a node: the middle one of its cell.
-    fn centre(&self, node: usize) -> [i32; 2] {
-        [node % self.per_side, node / self.per_side].map(|index| (index * STEP + STEP / 2) as i32)
+    fn centre(node: usize) -> [i32; 2] {
+        [node % Self::PER_SIDE, node / Self::PER_SIDE].map(|index| (index * STEP + STEP / 2) as i32)
     }
 
     /// First node of the four around a place in pixels of the level, and how far from it towards the others.
-    fn cell(&self, place: [f32; 2]) -> ([usize; 2], [f32; 2]) {
-        let most = (self.per_side - 1) as f32;
+    fn cell(place: [f32; 2]) -> ([usize; 2], [f32; 2]) {
+        let most = (Self::PER_SIDE - 1) as f32;
         let cell = place.map(|p| ((p - 0.5 - (STEP / 2) as f32) / STEP as f32).clamp(0.0, most - 1e-3));
         let first = cell.map(|c| c as usize);
         (first, [cell[0] - first[0] as f32, cell[1] - first[1] as f32])
     }
 
     fn node(&self, [column, row]: [usize; 2]) -> [f32; 2] {
-        self.motion[row * self.per_side + column]
+        self.motion[row * Self::PER_SIDE + column]
     }
 
     /// Between nodes bilinear; beyond the outermost, theirs.
     fn at(&self, place: [f32; 2]) -> [f32; 2] {
-        let ([column, row], [tx, ty]) = self.cell(place);
+        let ([column, row], [tx, ty]) = Self::cell(place);
         let [a, b] = [self.node([column, row]), self.node([column + 1, row])];
         let [c, d] = [self.node([column, row + 1]), self.node([column + 1, row + 1])];
         std::array::from_fn(|k| {
@@ -128,7 +136,7 @@ impl Nodes {
 
     /// The motion at a place, and those of the four nodes around it.
     fn around(&self, place: [f32; 2]) -> [[f32; 2]; 5] {
-        let ([column, row], _) = self.cell(place);
+        let ([column, row], _) = Self::cell(place);
         [
             self.at(place),
             self.node([column, row]),
@@ -145,35 +153,105 @@ impl Nodes {
         reason = "compiled for the instruction set of its caller"
     )]
     #[inline(always)]
-    fn smooth(&mut self, rest: &Level, now: &Level) {
-        let n = self.per_side;
-        for row in 0..n {
-            for column in 0..n {
-                let node = row * n + column;
-                let own = self.raw[node];
-                let median: [f32; 2] = std::array::from_fn(|k| {
-                    let mut values = [0.0; 9];
-                    let mut count = 0;
-                    for y in row.saturating_sub(1)..(row + 2).min(n) {
-                        for x in column.saturating_sub(1)..(column + 2).min(n) {
-                            values[count] = self.raw[y * n + x][k];
-                            count += 1;
-                        }
-                    }
-                    *values[..count]
-                        .select_nth_unstable_by(count / 2, f32::total_cmp)
-                        .1
-                });
-                let differs = (0..2).any(|k| (own[k] - median[k]).abs() >= DIFFERENT);
-                let fits = || {
-                    let window = Window::new(rest, self.centre(node));
-                    let [of_own, of_median] = [own, median].map(|motion| window.cost(now, motion.map(whole)));
-                    4 * of_own < 3 * of_median
-                };
-                self.motion[node] = if differs && fits() { own } else { median };
+    fn smooth(&mut self, rest: &Level<SIDE>, now: &Level<SIDE>) {
+        self.medians();
+        for (node, (motion, own)) in self.motion.iter_mut().zip(&self.raw).enumerate() {
+            let median = *motion;
+            if (0..2).any(|k| (own[k] - median[k]).abs() >= DIFFERENT) {
+                let window = Window::new(rest, Self::centre(node));
+                let of_own = window.cost(now, own.map(whole));
+                let of_median = window.cost(now, median.map(whole));
+                if 4 * of_own < 3 * of_median {
+                    *motion = *own;
+                }
             }
         }
     }
+
+    /// The median of each node and its neighbours, of an even number the upper one.
+    #[expect(
+        clippy::inline_always,
+        reason = "compiled for the instruction set of its caller"
+    )]
+    #[inline(always)]
+    fn medians(&mut self) {
+        let n = Self::PER_SIDE;
+        let (raw, out) = (self.raw.as_flattened(), self.motion.as_flattened_mut());
+        for row in 1..n - 1 {
+            // All nodes of the row but its ends at once: neighbours are two numbers apart.
+            let line = |row: usize| &raw[2 * n * row..2 * n * (row + 1)];
+            let [above, here, below] = [line(row - 1), line(row), line(row + 1)];
+            let out = &mut out[2 * n * row..2 * n * (row + 1)];
+            for first in (2..2 * n - 2).step_by(8) {
+                // The last eight may be some of those before, too.
+                let first = first.min(2 * n - 2 - 8);
+                let mut nine = [[0.0; 8]; 9];
+                for (three, line) in nine.as_chunks_mut::<3>().0.iter_mut().zip([above, here, below]) {
+                    for (eight, first) in three.iter_mut().zip([first - 2, first, first + 2]) {
+                        eight.copy_from_slice(&line[first..first + 8]);
+                    }
+                }
+                out[first..first + 8].copy_from_slice(&medians_of_nine(nine));
+            }
+        }
+        for node in 0..n * n {
+            let (row, column) = (node / n, node % n);
+            if (1..n - 1).contains(&row) && (1..n - 1).contains(&column) {
+                continue;
+            }
+            for k in 0..2 {
+                let mut values = [0.0; 9];
+                let mut count = 0;
+                for y in row.saturating_sub(1)..(row + 2).min(n) {
+                    for x in column.saturating_sub(1)..(column + 2).min(n) {
+                        values[count] = self.raw[y * n + x][k];
+                        count += 1;
+                    }
+                }
+                self.motion[node][k] = *values[..count]
+                    .select_nth_unstable_by(count / 2, f32::total_cmp)
+                    .1;
+            }
+        }
+    }
+}
+
+/// Eight medians by exchanges of pairs, the same for all values.
+#[expect(
+    clippy::inline_always,
+    reason = "compiled for the instruction set of its caller"
+)]
+#[inline(always)]
+fn medians_of_nine(mut of: [[f32; 8]; 9]) -> [f32; 8] {
+    for (low, high) in [
+        (1, 2),
+        (4, 5),
+        (7, 8),
+        (0, 1),
+        (3, 4),
+        (6, 7),
+        (1, 2),
+        (4, 5),
+        (7, 8),
+        (0, 3),
+        (5, 8),
+        (4, 7),
+        (3, 6),
+        (1, 4),
+        (2, 5),
+        (4, 7),
+        (4, 2),
+        (6, 4),
+        (4, 2),
+    ] {
+        let (a, b) = (of[low], of[high]);
+        for k in 0..8 {
+            // Not `f32::min`, which also looks for NaN; there is none.
+            of[low][k] = if a[k] < b[k] { a[k] } else { b[k] };
+            of[high][k] = if a[k] < b[k] { b[k] } else { a[k] };
+        }
+    }
+    of[4]
 }
 
 /// The whole pixels of a motion, as far as windows may move.
@@ -188,11 +266,12 @@ struct Window {
 }
 
 impl Window {
-    fn new(rest: &Level, centre: [i32; 2]) -> Self {
+    #[inline]
+    fn new<const SIDE: usize>(rest: &Level<SIDE>, centre: [i32; 2]) -> Self {
         let corner = centre.map(|c| c - WINDOW as i32 / 2);
-        let row = |row: usize| *rest.run(corner[0], corner[1] + row as i32);
+        let rows = rest.rows::<WINDOW>(corner[0], corner[1]);
         Self {
-            pixels: std::array::from_fn(row),
+            pixels: std::array::from_fn(|row| *rows.at(row, 0)),
             corner,
         }
     }
@@ -203,10 +282,8 @@ impl Window {
         reason = "compiled for the instruction set of its caller"
     )]
     #[inline(always)]
-    fn cost(&self, now: &Level, [dx, dy]: [i32; 2]) -> u32 {
-        let (column, first) = (self.corner[0] + dx, self.corner[1] + dy);
-        let other = (first..).map(|row| now.run(column, row));
-        difference(self.pixels.iter().zip(other))
+    fn cost<const SIDE: usize>(&self, now: &Level<SIDE>, [dx, dy]: [i32; 2]) -> u32 {
+        difference(&self.pixels, &now.rows(self.corner[0] + dx, self.corner[1] + dy))
     }
 
     /// The best motion within `reach` of `guess`, to a part of a pixel.
@@ -215,15 +292,22 @@ impl Window {
         reason = "compiled for the instruction set of its caller"
     )]
     #[inline(always)]
-    fn best(&self, now: &Level, guess: [i32; 2], reach: i32) -> [f32; 2] {
+    fn best<C: Compare, const SIDE: usize>(
+        &self,
+        now: &Level<SIDE>,
+        guess: [i32; 2],
+        reach: i32,
+    ) -> [f32; 2] {
         let mut best = (u32::MAX, [0; 2]);
         for dy in -reach..=reach {
-            for dx in -reach..=reach {
-                let motion = [guess[0] + dx, guess[1] + dy];
-                // Of equal ones the nearest.
-                let cost = self.cost(now, motion) + 2 * (dx * dx + dy * dy) as u32;
-                if cost < best.0 {
-                    best = (cost, motion);
+            for first in (-reach..=reach).step_by(8) {
+                let rows = now.rows(self.corner[0] + guess[0] + first, self.corner[1] + guess[1] + dy);
+                for (dx, cost) in (first..=reach).zip(C::eight(&self.pixels, &rows)) {
+                    // Of equal ones the nearest.
+                    let cost = u32::from(cost) + 2 * (dx * dx + dy * dy) as u32;
+                    if cost < best.0 {
+                        best = (cost, [guess[0] + dx, guess[1] + dy]);
+                    }
                 }
             }
         }
@@ -244,20 +328,4 @@ impl Window {
             y as f32 + vertex(self.cost(now, [x, y - 1]), self.cost(now, [x, y + 1])),
         ]
     }
-}
-
-/// Sum of absolute differences of rows of eight pixels, at most 257 rows.
-#[expect(
-    clippy::inline_always,
-    reason = "compiled for the instruction set of its caller"
-)]
-#[inline(always)]
-pub(super) fn difference<'a>(rows: impl Iterator<Item = (&'a [u8; 8], &'a [u8; 8])>) -> u32 {
-    let mut lanes = [0_u16; 8];
-    for (a, b) in rows {
-        for k in 0..8 {
-            lanes[k] += u16::from(a[k].abs_diff(b[k]));
-        }
-    }
-    lanes.iter().map(|&lane| u32::from(lane)).sum()
 }

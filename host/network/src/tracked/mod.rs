@@ -5,6 +5,7 @@
 //! A particle's track follows from the rest image and the image now alone. With [`Evaluation::Skip`] only those whose
 //! surroundings changed are followed again, with the same result, bit by bit.
 
+mod compare;
 mod flow;
 mod grid;
 mod net;
@@ -90,6 +91,7 @@ impl TrackedNetwork {
     /// When the processor does not have it.
     pub fn with_instructions(mut self, instructions: InstructionSet) -> Result<Self, InstructionSetError> {
         self.net = Net::new(&self.weights, instructions.checked()?);
+        self.tracker = self.tracker.with_instructions(instructions)?;
         self.tracker.forget();
         Ok(self)
     }

@@ -2,6 +2,7 @@
 //! pixel and how bright they are for their place. Found once per rest image.
 
 use super::pyramid::Level;
+use crate::constants::CROP_SIDE;
 
 /// Pixels at the image's edge in which no particle is looked for.
 pub(super) const MARGIN: usize = 4;
@@ -102,8 +103,8 @@ fn solve(mut m: [[f64; TERMS + 1]; TERMS]) -> [f64; TERMS] {
 }
 
 /// All particles of `image`, row by row.
-pub(super) fn find(image: &Level) -> Vec<Particle> {
-    let side = image.side();
+pub(super) fn find(image: &Level<CROP_SIDE>) -> Vec<Particle> {
+    let side = CROP_SIDE;
     // 3×3 binomial, so that noise makes no spots.
     let smooth: Vec<f32> = (0..side * side)
         .map(|i| {

@@ -3,10 +3,14 @@
 //! its neighbours agree. The tracks follow from (rest, now) alone; what did not change since the last image is kept.
 //! Pixels of the crop. No allocation after [`Tracker::set_rest`].
 
-use super::flow::{Flow, difference};
+#[cfg(target_arch = "x86_64")]
+use super::compare::Avx2;
+use super::compare::{Compare, Plain, difference};
+use super::flow::Flow;
 use super::particles::{self, Particle};
 use super::pyramid::{Level, Pyramid};
 use crate::constants::CROP_SIDE;
+use crate::instruction_set::{InstructionSet, InstructionSetError};
 
 /// Half of a particle's patch, pixels.
 const HALF: i32 = 3;
@@ -86,6 +90,7 @@ pub struct Tracker {
     votes: Votes,
     /// Whether `now` holds an image since the rest image was taken.
     known: bool,
+    instructions: InstructionSet,
 }
 
 /// Weights of a patch's pixels, and their sum.
@@ -114,6 +119,28 @@ impl Weights {
     }
 }
 
+impl Weights {
+    /// Weighted square of differences, without their mean.
+    #[expect(
+        clippy::inline_always,
+        reason = "compiled for the instruction set of its caller"
+    )]
+    #[inline(always)]
+    fn residual(&self, off: &[[f32; 8]; PATCH]) -> f32 {
+        let [mut error, mut square] = [[0.0; 8]; 2];
+        for (weights, off) in self.of_pixel.iter().zip(off) {
+            let mut weighted = [0.0; 8];
+            for k in 0..8 {
+                weighted[k] = weights[k] * off[k];
+            }
+            add(&mut error, weights, off);
+            add(&mut square, &weighted, off);
+        }
+        let [error, square] = [sum(&error), sum(&square)];
+        square - error * error / self.sum
+    }
+}
+
 impl Default for Tracker {
     fn default() -> Self {
         Self::new()
@@ -135,13 +162,24 @@ impl Tracker {
             weights: Weights::new(),
             votes: Votes::new(),
             known: false,
+            instructions: InstructionSet::widest(),
         }
+    }
+
+    /// The same tracker on another instruction set than the widest that the processor has. Tracks are the same, bit by
+    /// bit.
+    ///
+    /// # Errors
+    /// When the processor does not have it.
+    pub fn with_instructions(mut self, instructions: InstructionSet) -> Result<Self, InstructionSetError> {
+        self.instructions = instructions.checked()?;
+        Ok(self)
     }
 
     /// Finds the particles of the untouched skin in a 440×440 image.
     pub fn set_rest(&mut self, rest: &[u8]) {
         self.rest.take(rest);
-        let image = &self.rest.0[0];
+        let image = &self.rest.full;
         self.particles = particles::find(image);
         self.templates = self
             .particles
@@ -178,33 +216,32 @@ impl Tracker {
     /// Follows the particles into a 440×440 image; whether any track can have changed.
     pub fn track(&mut self, now: &[u8]) -> bool {
         let changed = if self.known {
-            Changed::between(&self.now.0[0], now)
+            Changed::between(&self.now.full, now)
         } else {
             Changed::everything()
         };
         if changed.nothing() {
             return false;
         }
-        self.now.take(now);
         self.known = true;
-        #[cfg(target_arch = "x86_64")]
-        if is_x86_feature_detected!("avx2") {
-            // SAFETY: the processor has it.
+        match self.instructions {
+            InstructionSet::Portable => self.follow::<Plain>(now, &changed),
+            // Most vectors here are eight numbers wide: wider ones gain nothing.
+            #[cfg(target_arch = "x86_64")]
             #[expect(unsafe_code, reason = "compiled for an instruction set that was checked for")]
-            unsafe {
-                self.follow_avx2(&changed);
-            }
-            return true;
+            // SAFETY: the processor has it, or it would not have been taken; AVX-512F implies AVX2.
+            InstructionSet::Avx2 | InstructionSet::Avx512 => unsafe { self.follow_avx2(now, &changed) },
+            #[cfg(not(target_arch = "x86_64"))]
+            InstructionSet::Avx2 | InstructionSet::Avx512 => self.follow::<Plain>(now, &changed),
         }
-        self.follow(&changed);
         true
     }
 
     /// The same operations in the same order, so the same bits.
     #[cfg(target_arch = "x86_64")]
     #[target_feature(enable = "avx2")]
-    fn follow_avx2(&mut self, changed: &Changed) {
-        self.follow(changed);
+    fn follow_avx2(&mut self, now: &[u8], changed: &Changed) {
+        self.follow::<Avx2>(now, changed);
     }
 
     #[expect(
@@ -212,11 +249,12 @@ impl Tracker {
         reason = "compiled for the instruction set of its caller"
     )]
     #[inline(always)]
-    fn follow(&mut self, changed: &Changed) {
-        self.flow.find(&self.rest, &self.now);
+    fn follow<C: Compare>(&mut self, now: &[u8], changed: &Changed) {
+        self.now.take(now);
+        self.flow.find::<C>(&self.rest, &self.now);
         let search = Search {
             weights: &self.weights,
-            now: &self.now.0[0],
+            now: &self.now.full,
         };
         self.votes.clear();
         for (i, particle) in self.particles.iter().enumerate() {
@@ -272,7 +310,7 @@ fn contradicts(track: &Track, [x, y]: [f32; 2]) -> bool {
     if x.is_nan() {
         return false;
     }
-    let length = x.hypot(y).max(1e-3);
+    let length = length([x, y]).max(1e-3);
     let [u, v] = track.motion_px;
     let along = (u * x + v * y) / length;
     let across = (u * y - v * x) / length;
@@ -284,7 +322,7 @@ fn contradicts(track: &Track, [x, y]: [f32; 2]) -> bool {
 
 impl Template {
     /// None when the spot cannot be placed in both directions.
-    fn new(image: &Level, particle: &Particle, weights: &Weights) -> Option<Self> {
+    fn new(image: &Level<CROP_SIDE>, particle: &Particle, weights: &Weights) -> Option<Self> {
         let [x0, y0] = particle.corner();
         let pixels: [[u8; 8]; PATCH] = std::array::from_fn(|row| *image.run(x0, y0 + row as i32));
         let mut slopes = [[[0.0_f32; 8]; PATCH]; 2];
@@ -330,7 +368,7 @@ impl Template {
 /// Looks for patches in an image.
 struct Search<'a> {
     weights: &'a Weights,
-    now: &'a Level,
+    now: &'a Level<CROP_SIDE>,
 }
 
 impl Search<'_> {
@@ -342,7 +380,7 @@ impl Search<'_> {
     #[inline(always)]
     fn find(&self, template: &Template, particle: &Particle, surface_px: [f32; 2]) -> Track {
         let start = self.whole_pixel(template, particle, surface_px);
-        let long = surface_px[0].hypot(surface_px[1]) > LONG;
+        let long = length(surface_px) > LONG;
         match start {
             Some(start) => self.refine(template, particle, start, LEAST_CONFIDENCE[usize::from(long)]),
             None => Track::default(),
@@ -362,34 +400,48 @@ impl Search<'_> {
         particle: &Particle,
         surface_px: [f32; 2],
     ) -> Option<[i32; 2]> {
-        let length = surface_px[0].hypot(surface_px[1]);
+        let length = length(surface_px);
         let [x, y] = if length > 0.0 {
             surface_px.map(|v| v / length)
         } else {
             [1.0, 0.0]
         };
         let expected = share(particle.depth_mm) * length;
-        let (from, to) = (
-            (-0.15 * length - 1.5).floor() as i32,
-            (1.15 * length + 1.5).ceil() as i32,
-        );
-        let aside = (1.0 + 0.2 * length).min(4.0) as i32;
+        let (from, to) = ((-0.15 * length - 1.5).floor(), (1.15 * length + 1.5).ceil());
+        let aside = (1.0 + 0.2 * length).min(4.0).floor();
+        let width = 2.0 * aside + 1.0;
+        let places = ((to - from + 1.0) * width) as usize;
         let [column, row] = particle.pixel.map(i32::from);
         let [x0, y0] = particle.corner();
         let inside = 2..CROP_SIDE as i32 - 2;
         let mut best = (f32::INFINITY, None);
-        for along in from..=to {
-            for across in -aside..=aside {
-                let [t, n] = [along as f32, across as f32];
-                let [dx, dy] = [(t * x - n * y).round() as i32, (t * y + n * x).round() as i32];
-                if !inside.contains(&(column + dx)) || !inside.contains(&(row + dy)) {
+        for first in (0..places).step_by(8) {
+            // Eight places at a time, in the order along, then across; one simple loop for each number of theirs.
+            let [mut along, mut across, mut off_along, mut off_across] = [[0.0_f32; 8]; 4];
+            let [mut dx, mut dy] = [[0_i32; 8]; 2];
+            for k in 0..8 {
+                let place = (first + k) as f32;
+                let whole = ((place + 0.5) / width).floor();
+                along[k] = from + whole;
+                across[k] = place - whole * width - aside;
+            }
+            for k in 0..8 {
+                off_along[k] = PRIOR[0] * (along[k] - expected).abs();
+                off_across[k] = PRIOR[1] * across[k] * across[k];
+            }
+            for k in 0..8 {
+                dx[k] = nearest(along[k] * x - across[k] * y);
+                dy[k] = nearest(along[k] * y + across[k] * x);
+            }
+            for k in 0..8.min(places - first) {
+                let motion = [dx[k], dy[k]];
+                if !inside.contains(&(column + motion[0])) || !inside.contains(&(row + motion[1])) {
                     continue;
                 }
-                let other = (y0 + dy..).map(|row| self.now.run(x0 + dx, row));
-                let sum = difference(template.pixels.iter().zip(other));
-                let cost = sum as f32 + PRIOR[0] * (t - expected).abs() + PRIOR[1] * n * n;
+                let other = self.now.rows(x0 + motion[0], y0 + motion[1]);
+                let cost = difference(&template.pixels, &other) as f32 + off_along[k] + off_across[k];
                 if cost < best.0 {
-                    best = (cost, Some([dx, dy]));
+                    best = (cost, Some(motion));
                 }
             }
         }
@@ -403,46 +455,32 @@ impl Search<'_> {
         reason = "compiled for the instruction set of its caller"
     )]
     fn refine(&self, template: &Template, particle: &Particle, start: [i32; 2], least: f32) -> Track {
-        let [x0, y0] = particle.corner();
-        let start = start.map(|v| v as f32);
-        let mut at = start;
+        let mut patch = Patch::new(template, self.now, particle.corner());
+        let start_px = start.map(|v| v as f32);
+        let mut at = start_px;
         let mut residual = f32::INFINITY;
-        for _ in 0..=STEPS {
-            let whole = at.map(|v| v.floor() as i32);
-            let [fx, fy] = [at[0] - whole[0] as f32, at[1] - whole[1] as f32];
-            let line = |row: i32| -> [f32; 8] {
-                let (column, row) = (x0 + whole[0], y0 + whole[1] + row);
-                let [left, right]: [&[u8; 8]; 2] = [self.now.run(column, row), self.now.run(column + 1, row)];
-                let left: [f32; 8] = std::array::from_fn(|k| f32::from(left[k]));
-                let right: [f32; 8] = std::array::from_fn(|k| f32::from(right[k]));
-                std::array::from_fn(|k| left[k] + fx * (right[k] - left[k]))
-            };
-            let mut above = line(0);
-            let [mut along_x, mut along_y, mut error, mut square] = [[0.0_f32; 8]; 4];
-            for row in 0..PATCH {
-                let below = line(row as i32 + 1);
-                // One simple loop for each: so the compiler makes vectors of them.
-                let pixels: [f32; 8] = std::array::from_fn(|k| f32::from(template.pixels[row][k]));
-                let off: [f32; 8] =
-                    std::array::from_fn(|k| above[k] + fy * (below[k] - above[k]) - pixels[k]);
-                let weighted: [f32; 8] = std::array::from_fn(|k| self.weights.of_pixel[row][k] * off[k]);
-                add(&mut along_x, &template.slopes[0][row], &off);
-                add(&mut along_y, &template.slopes[1][row], &off);
-                add(&mut error, &self.weights.of_pixel[row], &off);
-                add(&mut square, &weighted, &off);
-                above = below;
+        for round in 0..=STEPS {
+            if round == 0 {
+                patch.look_at_whole(start);
+            } else {
+                patch.look_at(at);
             }
-            let [along_x, along_y, error, square] =
-                [along_x, along_y, error, square].map(|lanes| sum(&lanes));
-            residual = square - error * error / self.weights.sum;
             let [xx, xy, yy] = template.inverse;
+            let along_x = product(&template.slopes[0], &patch.off);
+            let along_y = product(&template.slopes[1], &patch.off);
             let step = [xx * along_x + xy * along_y, xy * along_x + yy * along_y];
-            if step.iter().all(|v| v.abs() < SMALL_STEP) {
+            let done = step[0].abs() < SMALL_STEP && step[1].abs() < SMALL_STEP;
+            if done || round == STEPS {
+                residual = self.weights.residual(&patch.off);
+            }
+            if done {
                 break;
             }
             at = [at[0] - step[0], at[1] - step[1]];
             // Written so that NaN ends here too.
-            if !(0..2).all(|k| (at[k] - start[k]).abs() < FARTHEST_STEP) {
+            let near =
+                (at[0] - start_px[0]).abs() < FARTHEST_STEP && (at[1] - start_px[1]).abs() < FARTHEST_STEP;
+            if !near {
                 return Track::default();
             }
         }
@@ -452,6 +490,134 @@ impl Search<'_> {
             confidence: if confidence > least { confidence } else { 0.0 },
         }
     }
+}
+
+/// The nearest whole number, of two as near the one farther from 0.
+#[expect(
+    clippy::inline_always,
+    reason = "compiled for the instruction set of its caller"
+)]
+#[inline(always)]
+fn nearest(value: f32) -> i32 {
+    // The greatest number below a half, so that what is below does not become a whole by rounding.
+    (value + 0.499_999_97_f32.copysign(value)) as i32
+}
+
+/// A template against the image at a place between pixels.
+struct Patch<'a> {
+    now: &'a Level<CROP_SIDE>,
+    corner: [i32; 2],
+    template: [[f32; 8]; PATCH],
+    /// The whole pixel that the next two were read at.
+    whole: Option<[i32; 2]>,
+    left: [[f32; 8]; PATCH + 1],
+    /// From each pixel to the one at its right.
+    rise: [[f32; 8]; PATCH + 1],
+    /// The image less the template.
+    off: [[f32; 8]; PATCH],
+}
+
+// Plain loops over whole arrays, each of one operation, become vectors; closures are compiled for another instruction set.
+#[expect(
+    clippy::inline_always,
+    clippy::needless_range_loop,
+    reason = "compiled for the instruction set of its caller, into vectors"
+)]
+impl<'a> Patch<'a> {
+    #[inline(always)]
+    fn new(template: &Template, now: &'a Level<CROP_SIDE>, corner: [i32; 2]) -> Self {
+        let mut pixels = [[0.0; 8]; PATCH];
+        for row in 0..PATCH {
+            for k in 0..8 {
+                pixels[row][k] = f32::from(template.pixels[row][k]);
+            }
+        }
+        Self {
+            now,
+            corner,
+            template: pixels,
+            whole: None,
+            left: [[0.0; 8]; PATCH + 1],
+            rise: [[0.0; 8]; PATCH + 1],
+            off: [[0.0; 8]; PATCH],
+        }
+    }
+
+    /// A motion of whole pixels: nothing to interpolate.
+    #[inline(always)]
+    fn look_at_whole(&mut self, motion: [i32; 2]) {
+        let rows = self
+            .now
+            .rows::<PATCH>(self.corner[0] + motion[0], self.corner[1] + motion[1]);
+        for row in 0..PATCH {
+            let now: &[u8; 8] = rows.at(row, 0);
+            for k in 0..8 {
+                self.off[row][k] = f32::from(now[k]) - self.template[row][k];
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn look_at(&mut self, motion_px: [f32; 2]) {
+        let whole = [motion_px[0].floor(), motion_px[1].floor()];
+        let [fx, fy] = [motion_px[0] - whole[0], motion_px[1] - whole[1]];
+        self.read([whole[0] as i32, whole[1] as i32]);
+        let mut above = [0.0; 8];
+        for k in 0..8 {
+            above[k] = self.left[0][k] + fx * self.rise[0][k];
+        }
+        for row in 0..PATCH {
+            let mut below = [0.0; 8];
+            for k in 0..8 {
+                below[k] = self.left[row + 1][k] + fx * self.rise[row + 1][k];
+            }
+            for k in 0..8 {
+                self.off[row][k] = above[k] + fy * (below[k] - above[k]) - self.template[row][k];
+            }
+            above = below;
+        }
+    }
+
+    #[inline(always)]
+    fn read(&mut self, whole: [i32; 2]) {
+        if self.whole == Some(whole) {
+            return;
+        }
+        self.whole = Some(whole);
+        let rows = self
+            .now
+            .rows::<{ PATCH + 1 }>(self.corner[0] + whole[0], self.corner[1] + whole[1]);
+        for row in 0..=PATCH {
+            let [left, right]: [&[u8; 8]; 2] = [rows.at(row, 0), rows.at(row, 1)];
+            for k in 0..8 {
+                self.left[row][k] = f32::from(left[k]);
+            }
+            for k in 0..8 {
+                self.rise[row][k] = f32::from(right[k]) - self.left[row][k];
+            }
+        }
+    }
+}
+
+/// Sum of the products.
+#[expect(
+    clippy::inline_always,
+    reason = "compiled for the instruction set of its caller"
+)]
+#[inline(always)]
+fn product(a: &[[f32; 8]; PATCH], b: &[[f32; 8]; PATCH]) -> f32 {
+    let mut lanes = [0.0; 8];
+    for (a, b) in a.iter().zip(b) {
+        add(&mut lanes, a, b);
+    }
+    sum(&lanes)
+}
+
+/// Root of the sum of squares, rounded once.
+#[inline]
+fn length([x, y]: [f32; 2]) -> f32 {
+    let [x, y] = [f64::from(x), f64::from(y)];
+    (x * x + y * y).sqrt() as f32
 }
 
 /// Adds products lane by lane.
@@ -473,7 +639,10 @@ fn add(sums: &mut [f32; 8], a: &[f32; 8], b: &[f32; 8]) {
 )]
 #[inline(always)]
 fn sum(lanes: &[f32; 8]) -> f32 {
-    let four: [f32; 4] = std::array::from_fn(|k| lanes[k] + lanes[k + 4]);
+    let mut four = [0.0; 4];
+    for k in 0..4 {
+        four[k] = lanes[k] + lanes[k + 4];
+    }
     (four[0] + four[2]) + (four[1] + four[3])
 }
 
@@ -515,12 +684,17 @@ impl Votes {
         }
     }
 
+    #[expect(
+        clippy::inline_always,
+        reason = "compiled for the instruction set of its caller"
+    )]
+    #[inline(always)]
     fn count(&mut self) {
         for ((median, cast), &count) in self.medians.iter_mut().zip(&mut self.cast).zip(&self.counts) {
             *median = [f32::NAN; 2];
             if count >= VOTES[0] {
                 for (median, cast) in median.iter_mut().zip(cast) {
-                    *median = *cast[..count].select_nth_unstable_by(count / 2, f32::total_cmp).1;
+                    *median = middle(cast, count);
                 }
             }
         }
@@ -530,6 +704,28 @@ impl Votes {
     fn at(&self, particle: &Particle) -> [f32; 2] {
         self.medians[Self::cell(particle)]
     }
+}
+
+/// The middle one of the first `count` votes, of an even number the upper: the one with as many below it.
+#[expect(
+    clippy::inline_always,
+    reason = "compiled for the instruction set of its caller"
+)]
+#[inline(always)]
+fn middle(votes: &mut [f32; VOTES[1]], count: usize) -> f32 {
+    votes[count..].fill(f32::INFINITY);
+    let wanted = (count / 2) as u32;
+    for &candidate in &votes[..count] {
+        let (mut below, mut up_to) = (0, 0);
+        for &vote in &*votes {
+            below += u32::from(vote < candidate);
+            up_to += u32::from(vote <= candidate);
+        }
+        if below <= wanted && wanted < up_to {
+            return candidate;
+        }
+    }
+    f32::NAN
 }
 
 /// Which tiles of the image changed: how many above and left of each corner, so that a rectangle takes four look-ups.
@@ -543,7 +739,7 @@ impl Changed {
         Self::from(|_, _| true)
     }
 
-    fn between(before: &Level, now: &[u8]) -> Self {
+    fn between(before: &Level<CROP_SIDE>, now: &[u8]) -> Self {
         let mut tiles = [[false; TILES]; TILES];
         for (row, pixels) in now.chunks_exact(CROP_SIDE).enumerate() {
             let before = before.row(row);
@@ -580,7 +776,7 @@ impl Changed {
         let reach = if surface_px[0].is_nan() {
             0
         } else {
-            (1.15 * surface_px[0].hypot(surface_px[1]) + 13.0).ceil() as usize
+            (1.15 * length(surface_px) + 13.0).ceil() as usize
         };
         let [columns, rows] = particle.pixel.map(|v| {
             let v = usize::from(v);
