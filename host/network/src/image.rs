@@ -2,6 +2,8 @@
 //! the nearest grey level. Row-major; column grows with +x, row with +y, as in the force map.
 
 use crate::constants::{CROP_SIDE, DOWNSAMPLING, IMAGE_PIXELS, IMAGE_SIDE};
+#[cfg(target_arch = "x86_64")]
+use crate::instruction_set::InstructionSet;
 
 /// An input image of the network: 88×88, row-major, 8-bit grayscale.
 pub type Image88 = [u8; IMAGE_PIXELS];
@@ -20,21 +22,52 @@ pub fn downsample_440_to_88(crop: &[u8], out: &mut Image88) {
         "the camera crop has {} bytes, expected 440 x 440",
         crop.len()
     );
-    let mut columns = [0u16; CROP_SIDE];
-    for (rows, line) in crop
-        .chunks_exact(DOWNSAMPLING * CROP_SIDE)
-        .zip(out.chunks_exact_mut(IMAGE_SIDE))
-    {
-        columns.fill(0);
-        for row in rows.chunks_exact(CROP_SIDE) {
-            for (sum, &pixel) in columns.iter_mut().zip(row) {
-                *sum += u16::from(pixel);
-            }
+    #[cfg(target_arch = "x86_64")]
+    if InstructionSet::Avx2.is_available() {
+        // SAFETY: the processor has it.
+        #[expect(unsafe_code, reason = "compiled for an instruction set that was checked for")]
+        unsafe {
+            downsample_avx2(crop, out);
         }
-        for (mean, block) in line.iter_mut().zip(columns.chunks_exact(DOWNSAMPLING)) {
+        return;
+    }
+    downsample(crop, out);
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2")]
+fn downsample_avx2(crop: &[u8], out: &mut Image88) {
+    downsample(crop, out);
+}
+
+/// Whole rows at a time, in loops that become vectors: the means of all 436 blocks of a row of blocks, wherever they
+/// start, of which every fifth is taken.
+#[inline(always)]
+fn downsample(crop: &[u8], out: &mut Image88) {
+    const STARTS: usize = CROP_SIDE - DOWNSAMPLING + 1;
+    /// 2¹⁷ / 25, rounded up: exact for all sums of 25 bytes.
+    const INVERSE: u16 = 5243;
+    let mut means = [0u8; STARTS];
+    let (crop_rows, _) = crop.as_chunks::<CROP_SIDE>();
+    for (rows, line) in crop_rows
+        .as_chunks::<DOWNSAMPLING>()
+        .0
+        .iter()
+        .zip(out.as_chunks_mut::<IMAGE_SIDE>().0)
+    {
+        let mut columns = [0u16; CROP_SIDE];
+        for k in 0..CROP_SIDE {
+            columns[k] = rows.iter().map(|row| u16::from(row[k])).sum();
+        }
+        for k in 0..STARTS {
             // At most 25 · 255 + 12, and 25 is odd, so no mean lies halfway between two levels.
-            let sum: u16 = block.iter().sum();
-            *mean = ((sum + BLOCK_PIXELS / 2) / BLOCK_PIXELS) as u8;
+            let sum = columns[k] + columns[k + 1] + columns[k + 2] + columns[k + 3] + columns[k + 4];
+            let product = u32::from(sum + BLOCK_PIXELS / 2) * u32::from(INVERSE);
+            // In two steps, of which the first is an instruction.
+            means[k] = ((product >> 16) as u16 >> 1) as u8;
+        }
+        for (mean, &of_block) in line.iter_mut().zip(means.iter().step_by(DOWNSAMPLING)) {
+            *mean = of_block;
         }
     }
 }
