@@ -147,7 +147,7 @@ pub(crate) fn run() -> Result<(), Error> {
         return checks.summary();
     };
     checks.check("tests of the emulator", || emulator::test(&image));
-    // Ignored by plain `cargo test` are those that need the emulator and the image, and no others.
+    // Ignored by plain `cargo test` are those that need the emulator and the image, or fetch the Python package mcap.
     checks.check("tests, the emulated board included", || {
         process::run(
             process::cargo()

@@ -7,6 +7,7 @@ use clap::{Parser, Subcommand};
 use crate::config::ConfigArgs;
 use crate::detect::DetectArgs;
 use crate::infer::InferArgs;
+use crate::recording::{ExportArgs, ReplayArgs};
 use crate::run::RunArgs;
 use crate::shell::{CompletionsArgs, ManArgs};
 use crate::simulate::SimulateArgs;
@@ -34,6 +35,10 @@ pub enum Command {
     Config(ConfigArgs),
     /// Play a scene of the simulated world: frames, true force maps and slip labels.
     Simulate(SimulateArgs),
+    /// Run a recording's pictures through the same loop again and compare every decision.
+    Replay(ReplayArgs),
+    /// Write a recording's maps, pictures and decisions as npy and CSV.
+    Export(ExportArgs),
     /// Print the completions for a shell.
     Completions(CompletionsArgs),
     /// Write the manual pages.

@@ -7,16 +7,19 @@
 //! pictures and the detector over recorded maps;
 //! [`simulate`] plays a scene of the simulated world into files. What a run is to do stands in one file, which
 //! [`config`] reads and checks; [`shell`] makes manual pages and completions.
+//! [`recording`] keeps what a run saw and decided, and replays it.
 #![forbid(unsafe_code)]
 
 pub mod cli;
 pub mod config;
+mod cycle;
 pub mod detect;
 pub mod error;
 pub mod infer;
 pub mod link;
 pub mod maps_file;
 pub mod pipeline;
+pub mod recording;
 pub mod rounding;
 pub mod run;
 pub mod session;

@@ -5,7 +5,7 @@ use std::process::ExitCode;
 
 use gripline::cli::{Cli, Command};
 use gripline::error::Kind;
-use gripline::{config, detect, infer, run, shell, simulate};
+use gripline::{config, detect, infer, recording, run, shell, simulate};
 
 fn main() -> ExitCode {
     let cli = match Cli::from_arguments(std::env::args_os()) {
@@ -23,6 +23,8 @@ fn main() -> ExitCode {
         Command::Detect(args) => detect::run(&args),
         Command::Config(args) => config::run(&args),
         Command::Simulate(args) => simulate::run(&args),
+        Command::Replay(args) => recording::replay(&args),
+        Command::Export(args) => recording::export(&args),
         Command::Completions(args) => shell::completions(&args),
         Command::Man(args) => shell::man(&args),
     };

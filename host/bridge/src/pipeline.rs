@@ -93,6 +93,12 @@ impl Pipeline {
         &self.map
     }
 
+    /// The last picture at 88×88.
+    #[must_use]
+    pub fn small(&self) -> &Image88 {
+        &self.now
+    }
+
     /// Turns a 440×440 crop into a force map.
     ///
     /// # Errors

@@ -359,7 +359,7 @@ mod tests {
             "g.toml: run.unpaced: found 1, expected true or false",
             "g.toml: network.weights: found 7, expected the path of a file",
             "g.toml: simulation.seed: found -1, expected a whole number from 0 to 9223372036854775807",
-            "g.toml: recrod: no such key; `gripline config default` prints all there are",
+            "g.toml: recrod: no such key, did you mean record?",
             "g.toml: microcontroller.frictoin: no such setting, did you mean friction?",
             "g.toml: microcontroller.margin: found \"wide\", expected a number",
             "GRIPLINE_LINK_MCU: found can0, expected embedded, emulator, emulator:uart, usb, usb:SERIAL or serial:PORT",

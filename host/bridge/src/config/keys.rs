@@ -9,6 +9,7 @@ use gripline_network::{Architecture, InstructionSet};
 use toml::Value;
 
 use crate::link::Target;
+use crate::recording::Pictures;
 use crate::source::Source;
 
 /// The longest run that can be asked for, seconds: 30 years.
@@ -49,7 +50,7 @@ pub(crate) struct Key {
 }
 
 /// Every key, in the file's order. Keys of one section stand together.
-pub(crate) const KEYS: [Key; 9] = [
+pub(crate) const KEYS: [Key; 11] = [
     Key {
         name: "camera.source",
         flag: "source",
@@ -125,6 +126,26 @@ pub(crate) const KEYS: [Key; 9] = [
         example: "",
         help: "Do not wait for the wall clock: as fast as the machine can, with the embedded or the emulated \
                microcontroller.",
+    },
+    Key {
+        name: "record.file",
+        flag: "record",
+        value_name: "FILE.mcap",
+        kind: Kind::Path,
+        default: None,
+        example: "\"run-{time}.mcap\"",
+        help: "Record the run to this file, which must not be there yet; {time} in its name becomes the time of the start, \
+               2026-11-21T10-40-00Z (MCAP, for Foxglove, gripline replay and export).",
+    },
+    Key {
+        name: "record.pictures",
+        flag: "record-pictures",
+        value_name: "full|small|off",
+        kind: Kind::Text(reads::<Pictures>),
+        default: Some("\"full\""),
+        example: "",
+        help: "What of the pictures is recorded: full (440×440, 12 MB a second), small (88×88, all that unet looks at, \
+               0.5 MB a second) or off (replay then starts from the maps).",
     },
     Key {
         name: "simulation.seed",

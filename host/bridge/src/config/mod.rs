@@ -11,6 +11,7 @@ mod show;
 
 use std::path::PathBuf;
 use std::str::FromStr;
+use std::time::SystemTime;
 
 use clap::{Args, Subcommand};
 use gripline_network::scene::GateKind;
@@ -23,6 +24,7 @@ use self::mcu::McuArgs;
 pub use self::overrides::Overrides;
 use crate::error::Failure;
 use crate::link::Target;
+use crate::recording::Pictures;
 use crate::source::Source;
 
 /// Arguments of `gripline config`.
@@ -92,6 +94,10 @@ pub struct Settings {
     pub seconds: Option<f64>,
     /// Whether to run as fast as the machine can.
     pub unpaced: bool,
+    /// Where to record; `None`: not at all.
+    pub record: Option<PathBuf>,
+    /// What of the pictures is recorded.
+    pub pictures: Pictures,
     /// Seed of the simulated world.
     pub seed: u64,
     /// What the file says of the microcontroller's settings.
@@ -121,6 +127,8 @@ impl Settings {
                 .value("run.unpaced")
                 .and_then(Value::as_bool)
                 .unwrap_or(false),
+            record: text("record.file").map(|name| with_time(name, SystemTime::now())),
+            pictures: parsed("record.pictures", text("record.pictures"))?.unwrap_or_default(),
             seed: effective
                 .value("simulation.seed")
                 .and_then(Value::as_integer)
@@ -146,6 +154,27 @@ impl Settings {
     }
 }
 
+/// A file's name with the time in it, without colons, which some file systems refuse.
+fn with_time(name: &str, now: SystemTime) -> PathBuf {
+    let time = humantime::format_rfc3339_seconds(now)
+        .to_string()
+        .replace(':', "-");
+    PathBuf::from(name.replace("{time}", &time))
+}
+
+/// The microcontroller's settings that a text of `gripline config mcu` says.
+///
+/// # Errors
+/// What is wrong with it.
+pub(crate) fn settings_from_text(text: &str) -> Result<Configuration, String> {
+    mcu::settings_of(text, &Configuration::DEFAULT)
+}
+
+/// The microcontroller's settings as `gripline config mcu` prints them.
+pub(crate) fn settings_text(settings: &Configuration) -> String {
+    mcu::text_of(settings)
+}
+
 fn number(value: &Value) -> Option<f64> {
     value.as_float().or(value.as_integer().map(|whole| whole as f64))
 }
@@ -157,4 +186,22 @@ fn parsed<T: FromStr<Err: std::fmt::Display>>(name: &str, text: Option<&str>) ->
             .map_err(|error| Failure::usage(format!("{name}: {error}")))
     };
     text.map(read).transpose()
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::Duration;
+
+    use super::*;
+
+    #[test]
+    fn a_recordings_name_can_have_the_time_of_its_start() {
+        // 2001-09-09T01:46:40Z is the first second with ten digits.
+        let then = SystemTime::UNIX_EPOCH + Duration::from_secs(1_000_000_000);
+        assert_eq!(
+            with_time("a/{time}.mcap", then),
+            PathBuf::from("a/2001-09-09T01-46-40Z.mcap")
+        );
+        assert_eq!(with_time("a.mcap", then), PathBuf::from("a.mcap"));
+    }
 }

@@ -1,0 +1,155 @@
+//! One turn of the loop: picture in, map out, answer in. The same for a run and for the replay of a recording, so that
+//! the replay decides what the run decided. Times in µs of the link's clock.
+
+use std::time::Instant;
+
+use gripline_network::scene::Verdict;
+use gripline_protocol::message::{Command, GripMode, Status};
+use gripline_protocol::{ForceMap, Health, MapInfo};
+
+use crate::error::Failure;
+use crate::pipeline::Pipeline;
+use crate::session::{SentMap, Session};
+use crate::telemetry::STAGES;
+
+/// A session and what the gripper was last told.
+pub(crate) struct Cycle {
+    /// The conversation with the microcontroller.
+    pub session: Session,
+    wish: Option<GripMode>,
+    sequence: u32,
+    /// The link's time of frame 0.
+    start_us: u64,
+}
+
+/// What one turn came to.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Turn {
+    /// Number of the map.
+    pub sequence: u32,
+    /// When the picture was taken, on the link's clock.
+    pub capture_us: u32,
+    /// What the gate said.
+    pub verdict: Verdict,
+    /// What is known against the picture.
+    pub health: Health,
+    /// Time of each of [`STAGES`]; 0 where the gate skipped it.
+    pub stages_us: [f64; STAGES.len()],
+    /// Picture in to map out.
+    pub latency_us: f64,
+    /// Bytes on the wire.
+    pub wire_bytes: usize,
+    /// The newest status, which may be older than this map.
+    pub status: Status,
+    /// The status is the answer to this map.
+    pub answered: bool,
+}
+
+impl Cycle {
+    /// Frame 0 is now.
+    pub(crate) fn new(session: Session) -> Self {
+        Self {
+            start_us: session.now_us(),
+            session,
+            wish: None,
+            sequence: 0,
+        }
+    }
+
+    /// The next map has this number: the maps before it are not to be had.
+    pub(crate) const fn resume_at(&mut self, sequence: u32) {
+        self.sequence = sequence;
+    }
+
+    /// Works until `until_us` after frame 0 with this picture's map.
+    ///
+    /// # Errors
+    /// [`Failure`] when the network's output is no number or the link is gone.
+    pub(crate) fn turn(
+        &mut self,
+        pipeline: &mut Pipeline,
+        crop: &[u8],
+        wish: GripMode,
+        until_us: u64,
+    ) -> Result<Turn, Failure> {
+        self.tell(wish)?;
+        let taken = Instant::now();
+        let capture_us = self.session.capture_us();
+        let processed = pipeline.process(crop).map_err(Failure::failed)?;
+        let (verdict, health, stages) = (processed.verdict, processed.health, processed.stages_us);
+        let sent = self.send(capture_us, health, processed.map)?;
+        let turn = Turn {
+            latency_us: taken.elapsed().as_secs_f64() * 1e6,
+            stages_us: [stages[0], stages[1], stages[2], sent.encode_us, sent.link_us],
+            ..self.sent(capture_us, (verdict, health), &sent)
+        };
+        self.finish(turn, until_us)
+    }
+
+    /// The same with a map that is already there.
+    ///
+    /// # Errors
+    /// [`Failure`] when the link is gone.
+    pub(crate) fn turn_with(
+        &mut self,
+        map: &ForceMap,
+        (verdict, health): (Verdict, Health),
+        wish: GripMode,
+        until_us: u64,
+    ) -> Result<Turn, Failure> {
+        self.tell(wish)?;
+        let capture_us = self.session.capture_us();
+        let sent = self.send(capture_us, health, map)?;
+        self.finish(self.sent(capture_us, (verdict, health), &sent), until_us)
+    }
+
+    fn tell(&mut self, wish: GripMode) -> Result<(), Failure> {
+        if self.wish != Some(wish) {
+            let command = match wish {
+                GripMode::Hold => Command::Hold,
+                GripMode::Released => Command::Release,
+            };
+            self.session.command(command).map_err(Failure::failed)?;
+            self.wish = Some(wish);
+        }
+        Ok(())
+    }
+
+    fn send(&mut self, capture_us: u32, health: Health, map: &ForceMap) -> Result<SentMap, Failure> {
+        let info = MapInfo {
+            sensor: 0,
+            sequence: self.sequence,
+            capture_us,
+            health,
+        };
+        self.session.send_map(&info, map).map_err(Failure::failed)
+    }
+
+    /// A turn as far as it is when its map is out.
+    fn sent(&self, capture_us: u32, (verdict, health): (Verdict, Health), sent: &SentMap) -> Turn {
+        Turn {
+            sequence: self.sequence,
+            capture_us,
+            verdict,
+            health,
+            stages_us: [0.0, 0.0, 0.0, sent.encode_us, sent.link_us],
+            latency_us: sent.encode_us + sent.link_us,
+            wire_bytes: sent.bytes,
+            status: Status::default(),
+            answered: false,
+        }
+    }
+
+    fn finish(&mut self, turn: Turn, until_us: u64) -> Result<Turn, Failure> {
+        self.session
+            .run_until(self.start_us + until_us)
+            .map_err(Failure::failed)?;
+        self.sequence = turn.sequence.wrapping_add(1);
+        let status = self.session.status().copied().unwrap_or_default();
+        Ok(Turn {
+            answered: status.sequence == turn.sequence && status.maps > 0,
+            status,
+            ..turn
+        })
+    }
+}

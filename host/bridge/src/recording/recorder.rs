@@ -1,0 +1,556 @@
+//! Writes a recording in a thread of its own. The loop hands frames to a bounded queue and never waits: what does not fit
+//! is dropped and counted, pictures first.
+//!
+//! A kill loses at most what is in the queue and in the chunk under way: [`QUEUE_FRAMES`] and [`FLUSH`], under a second at 60
+//! frames a second. A power cut loses up to [`SYNC`] more. A disk that fails ends the recording, not the run.
+
+use std::fs::File;
+use std::io::{self, BufWriter, Seek, Write};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
+use std::thread::{self, JoinHandle};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+
+use foxglove::Encode;
+use foxglove::messages::{Grid, Log, RawImage};
+use mcap::records::MessageHeader;
+use mcap::write::NoSeek;
+use mcap::{McapError, WriteOptions, Writer};
+use serde::Serialize;
+
+use super::messages::{
+    About, EVENTS, Event, FORCE_MAP, Frame, Image, PICTURE, REST, STATUS, events_between, image_bytes,
+    map_bytes, status_bytes, status_schema,
+};
+use crate::error::Failure;
+use crate::telemetry::FrameReport;
+
+/// Frames that wait for the disk.
+const QUEUE_FRAMES: usize = 40;
+/// Those of them that may have a picture.
+const QUEUE_PICTURES: usize = 30;
+/// A chunk is closed and handed to the system this often.
+const FLUSH: Duration = Duration::from_millis(250);
+/// The system is asked to bring it to the disk this often.
+const SYNC: Duration = Duration::from_secs(1);
+/// A chunk is closed when it is larger; a quarter of a second of full pictures has 3 MB.
+const CHUNK_BYTES: u64 = 8 << 20;
+
+/// What a recording came to.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize)]
+pub(crate) struct Recorded {
+    /// Frames that lie in the file, with or without a picture.
+    pub frames: u64,
+    /// Frames whose picture was left out because the disk was too slow.
+    pub pictures_dropped: u64,
+    /// Frames that are missing altogether.
+    pub frames_dropped: u64,
+    /// Why the recording ended early.
+    pub failed: Option<String>,
+}
+
+enum Item {
+    Frame(Box<Frame>),
+    Event(f64, Event),
+}
+
+/// A recording under way.
+pub(crate) struct Recorder {
+    path: PathBuf,
+    queue: Option<SyncSender<Item>>,
+    pictures_waiting: Arc<AtomicUsize>,
+    writer: Option<JoinHandle<Ended>>,
+    pace: Pace,
+    dropped: Recorded,
+}
+
+/// What happens when the queue is full.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Pace {
+    /// The loop must not wait: frames are dropped.
+    RealTime,
+    /// The loop has all the time there is, and waits.
+    AsFastAsPossible,
+}
+
+/// What the thread came to.
+struct Ended {
+    frames: u64,
+    result: Result<(), McapError>,
+}
+
+impl Recorder {
+    /// Starts a recording at `path`, which must not be there yet, with the pictures at rest.
+    ///
+    /// # Errors
+    /// [`Failure`] when the file cannot be made or its beginning cannot be written.
+    pub(crate) fn start(path: &Path, about: &About, rest: &[Vec<u8>], pace: Pace) -> Result<Self, Failure> {
+        let file = create(path)?;
+        let on_disk = file.try_clone().map_err(|error| failed(path, &error.into()))?;
+        let begin = || {
+            let mut tape = Tape::new(BufWriter::new(file), about, wall_ns())?;
+            tape.rest(rest)?;
+            tape.flush()?;
+            Ok(tape)
+        };
+        let tape = begin().map_err(|error| failed(path, &error))?;
+        Ok(Self::on(path, tape, pace, Some(on_disk)))
+    }
+
+    fn on<W: Write + Send + 'static>(
+        path: &Path,
+        mut tape: Tape<W>,
+        pace: Pace,
+        on_disk: Option<File>,
+    ) -> Self {
+        let (queue, frames) = sync_channel(QUEUE_FRAMES);
+        let pictures_waiting = Arc::new(AtomicUsize::new(0));
+        let waiting = Arc::clone(&pictures_waiting);
+        let writer = thread::spawn(move || {
+            let (stop, stopped) = sync_channel::<()>(1);
+            // On its own: a disk that takes seconds to sync must not hold up what is only handed over.
+            let syncer = on_disk.map(|file| thread::spawn(move || sync_until(&stopped, &file)));
+            let result = record(&mut tape, &frames, &waiting);
+            drop(stop);
+            // Panics end with the process; there is nothing to add.
+            let _ = syncer.map(JoinHandle::join);
+            Ended {
+                frames: tape.frames,
+                result,
+            }
+        });
+        Self {
+            path: path.to_owned(),
+            queue: Some(queue),
+            pictures_waiting,
+            writer: Some(writer),
+            pace,
+            dropped: Recorded::default(),
+        }
+    }
+
+    /// Hands over a frame; in real time it never waits.
+    pub(crate) fn offer(&mut self, mut frame: Frame) {
+        if self.queue.is_none() {
+            self.dropped.frames_dropped += 1;
+            return;
+        }
+        if self.pace == Pace::RealTime
+            && frame.picture.is_some()
+            && self.pictures_waiting.load(Ordering::Relaxed) >= QUEUE_PICTURES
+        {
+            frame.picture = None;
+            self.dropped.pictures_dropped += 1;
+            self.tell_of_drops(frame.report.t_s);
+        }
+        let waiting = usize::from(frame.picture.is_some());
+        self.pictures_waiting.fetch_add(waiting, Ordering::Relaxed);
+        match self.hand_over(Item::Frame(Box::new(frame))) {
+            Ok(()) => {}
+            Err(TrySendError::Full(())) => {
+                self.pictures_waiting.fetch_sub(waiting, Ordering::Relaxed);
+                self.dropped.frames_dropped += 1;
+            }
+            Err(TrySendError::Disconnected(())) => {
+                self.dropped.frames_dropped += 1;
+                self.end();
+                if let Some(why) = &self.dropped.failed {
+                    // Told when it happens: the run may go on for days.
+                    eprintln!("gripline: {why}; the run goes on without a recording");
+                }
+            }
+        }
+    }
+
+    fn hand_over(&self, item: Item) -> Result<(), TrySendError<()>> {
+        let Some(queue) = &self.queue else {
+            return Err(TrySendError::Disconnected(()));
+        };
+        match self.pace {
+            Pace::RealTime => queue.try_send(item).map_err(|error| match error {
+                TrySendError::Full(_) => TrySendError::Full(()),
+                TrySendError::Disconnected(_) => TrySendError::Disconnected(()),
+            }),
+            Pace::AsFastAsPossible => queue.send(item).map_err(|_| TrySendError::Disconnected(())),
+        }
+    }
+
+    /// An event now and then, not for every picture.
+    fn tell_of_drops(&self, t_s: f64) {
+        let count = self.dropped.pictures_dropped;
+        if count.is_power_of_two() {
+            let text = format!("{count} pictures dropped so far: the disk is slower than the camera");
+            // When there is no room for it the summary still tells.
+            let _ = self.hand_over(Item::Event(t_s, Event::warning(text)));
+        }
+    }
+
+    /// Writes what waits and closes the file.
+    pub(crate) fn finish(mut self) -> Recorded {
+        self.end();
+        self.dropped.clone()
+    }
+
+    fn end(&mut self) {
+        self.queue = None;
+        let Some(writer) = self.writer.take() else {
+            return;
+        };
+        match writer.join() {
+            Ok(Ended { frames, result }) => {
+                self.dropped.frames = frames;
+                if let Err(error) = result {
+                    self.dropped.failed = Some(failed(&self.path, &error).message);
+                }
+            }
+            Err(_) => self.dropped.failed = Some(format!("{}: the recorder panicked", self.path.display())),
+        }
+    }
+}
+
+/// A file that was not there, so that no recording is overwritten; devices and pipes are there already.
+fn create(path: &Path) -> Result<File, Failure> {
+    let opened = if path.is_file() {
+        Err(io::ErrorKind::AlreadyExists.into())
+    } else {
+        File::create(path)
+    };
+    opened.map_err(|error| match error.kind() {
+        io::ErrorKind::AlreadyExists => Failure::failed(format!(
+            "{}: found a file, expected a name that is free; move it away or choose another --record",
+            path.display()
+        )),
+        _ => failed(path, &error.into()),
+    })
+}
+
+fn failed(path: &Path, error: &McapError) -> Failure {
+    let (why, advice) = match error {
+        McapError::Io(error) if error.kind() == io::ErrorKind::StorageFull => {
+            (error.to_string(), "make room or record elsewhere")
+        }
+        McapError::Io(error) => (error.to_string(), "check the folder and its permissions"),
+        other => (other.to_string(), "report this defect"),
+    };
+    Failure::failed(format!("{}: recording failed: {why}; {advice}", path.display()))
+}
+
+fn wall_ns() -> u64 {
+    let since = SystemTime::now().duration_since(UNIX_EPOCH);
+    since.map_or(0, |since| since.as_nanos() as u64)
+}
+
+/// Brings what was handed to the system to the disk, once every [`SYNC`] and at the end.
+fn sync_until(stopped: &Receiver<()>, file: &File) {
+    // What cannot be synced (a pipe, a device) is no worse for it; writing tells of full disks.
+    while stopped.recv_timeout(SYNC) == Err(RecvTimeoutError::Timeout) {
+        let _ = file.sync_data();
+    }
+    let _ = file.sync_data();
+}
+
+/// Until the queue's other end is gone; then the file is finished.
+fn record<W: Write>(
+    tape: &mut Tape<W>,
+    queue: &Receiver<Item>,
+    pictures_waiting: &AtomicUsize,
+) -> Result<(), McapError> {
+    let mut flushed = Instant::now();
+    loop {
+        let left = FLUSH.saturating_sub(flushed.elapsed());
+        match queue.recv_timeout(left) {
+            Ok(Item::Frame(frame)) => {
+                let pictured = usize::from(frame.picture.is_some());
+                tape.frame(&frame)?;
+                pictures_waiting.fetch_sub(pictured, Ordering::Relaxed);
+            }
+            Ok(Item::Event(t_s, event)) => tape.event(t_s, &event)?,
+            Err(RecvTimeoutError::Timeout) => {}
+            Err(RecvTimeoutError::Disconnected) => {
+                // The summary, and everything flushed.
+                tape.writer.finish()?;
+                return Ok(());
+            }
+        }
+        if flushed.elapsed() >= FLUSH {
+            tape.flush()?;
+            flushed = Instant::now();
+        }
+    }
+}
+
+/// The file's inside.
+struct Tape<W: Write> {
+    writer: Writer<NoSeek<W>>,
+    /// Channels, in the order of the topics.
+    rest: u16,
+    picture: u16,
+    force_map: u16,
+    status: u16,
+    events: u16,
+    start_ns: u64,
+    frames: u64,
+    before: Option<FrameReport>,
+}
+
+impl<W: Write> Tape<W> {
+    fn new(out: W, about: &About, start_ns: u64) -> Result<Self, McapError> {
+        // Chunks are put together in memory and written in one go: a cut file then ends in the middle of the last one.
+        let mut writer = WriteOptions::new()
+            .compression(None)
+            .disable_seeking(true)
+            .chunk_size(Some(CHUNK_BYTES))
+            .library(concat!("gripline ", env!("CARGO_PKG_VERSION")))
+            .create(NoSeek::new(out))?;
+        let image = schema::<RawImage>(&mut writer)?;
+        let grid = schema::<Grid>(&mut writer)?;
+        let log = schema::<Log>(&mut writer)?;
+        let report = writer.add_schema("gripline.Status", "jsonschema", &status_schema())?;
+        let nothing = std::collections::BTreeMap::new();
+        let mut protobuf = |schema, topic| writer.add_channel(schema, topic, "protobuf", &nothing);
+        let (rest, picture) = (protobuf(image, REST)?, protobuf(image, PICTURE)?);
+        let (force_map, events) = (protobuf(grid, FORCE_MAP)?, protobuf(log, EVENTS)?);
+        let status = writer.add_channel(report, STATUS, "json", &about.to_metadata())?;
+        Ok(Self {
+            writer,
+            rest,
+            picture,
+            force_map,
+            status,
+            events,
+            start_ns,
+            frames: 0,
+            before: None,
+        })
+    }
+
+    fn rest(&mut self, crops: &[Vec<u8>]) -> Result<(), McapError> {
+        for (number, crop) in crops.iter().enumerate() {
+            let image = Image {
+                side: gripline_network::constants::CROP_SIDE,
+                pixels: crop.clone(),
+            };
+            self.put(
+                self.rest,
+                number as u32,
+                self.start_ns,
+                &image_bytes(&image, self.start_ns),
+            )?;
+        }
+        Ok(())
+    }
+
+    fn time_ns(&self, t_s: f64) -> u64 {
+        self.start_ns + (t_s * 1e9) as u64
+    }
+
+    /// Picture, map, events, and the status last: without it the frame does not count.
+    fn frame(&mut self, frame: &Frame) -> Result<(), McapError> {
+        let (ns, number) = (self.time_ns(frame.report.t_s), frame.sequence);
+        if let Some(picture) = &frame.picture {
+            self.put(self.picture, number, ns, &image_bytes(picture, ns))?;
+        }
+        self.put(self.force_map, number, ns, &map_bytes(&frame.map, ns))?;
+        for event in events_between(self.before.as_ref(), &frame.report) {
+            self.event(frame.report.t_s, &event)?;
+        }
+        let status = status_bytes(frame).map_err(|error| McapError::Io(error.into()))?;
+        self.put(self.status, number, ns, &status)?;
+        self.before = Some(frame.report.clone());
+        self.frames += 1;
+        Ok(())
+    }
+
+    fn event(&mut self, t_s: f64, event: &Event) -> Result<(), McapError> {
+        let ns = self.time_ns(t_s);
+        self.put(self.events, 0, ns, &event.bytes(ns))
+    }
+
+    fn put(&mut self, channel_id: u16, sequence: u32, ns: u64, bytes: &[u8]) -> Result<(), McapError> {
+        let header = MessageHeader {
+            channel_id,
+            sequence,
+            log_time: ns,
+            publish_time: ns,
+        };
+        self.writer.write_to_known_channel(&header, bytes)
+    }
+
+    /// Closes the chunk and hands it to the system.
+    fn flush(&mut self) -> Result<(), McapError> {
+        self.writer.flush()
+    }
+}
+
+fn schema<T: Encode>(writer: &mut Writer<impl Write + Seek>) -> Result<u16, McapError> {
+    match T::get_schema() {
+        Some(schema) => writer.add_schema(&schema.name, &schema.encoding, &schema.data),
+        None => Ok(0),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Mutex;
+
+    use gripline_network::scene::Verdict;
+    use gripline_protocol::ForceMap;
+    use gripline_protocol::message::{GripMode, Status};
+
+    use super::super::reader::{Ending, Reader};
+    use super::*;
+    use crate::telemetry::STAGES;
+
+    fn frame(number: u64) -> Frame {
+        let report = FrameReport {
+            frame: number,
+            t_s: number as f64 / 60.0,
+            gate: Verdict::Network,
+            health: Vec::new(),
+            normal_n: 0.0,
+            shear_x_n: 0.0,
+            shear_y_n: 0.0,
+            shear_n: 0.0,
+            moment_nmm: 0.0,
+            centre_of_pressure_mm: None,
+            contact: 0,
+            stick: 0,
+            stick_ratio: None,
+            coulomb_slip: false,
+            state: "NO_CONTACT",
+            time_to_slip_ms: None,
+            line_n: 0.0,
+            latency_us: 0.0,
+            stages_us: [0.0; STAGES.len()],
+            faults: Vec::new(),
+            wire_bytes: 0,
+            truth: None,
+        };
+        Frame {
+            report,
+            sequence: number as u32,
+            capture_us: 0,
+            until_us: 0,
+            wish: GripMode::Hold,
+            health_bits: 0,
+            wire: Status::default(),
+            map: Box::new(ForceMap::EMPTY),
+            picture: Some(Image {
+                side: 88,
+                pixels: vec![0; 88 * 88],
+            }),
+        }
+    }
+
+    /// A disk in memory that takes nothing while the test holds its lock, and tells when it is asked.
+    #[derive(Clone)]
+    struct Disk {
+        bytes: Arc<Mutex<Vec<u8>>>,
+        asked: SyncSender<()>,
+    }
+
+    impl Write for Disk {
+        fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+            let _ = self.asked.try_send(());
+            self.bytes.lock().unwrap().extend_from_slice(bytes);
+            Ok(bytes.len())
+        }
+
+        fn flush(&mut self) -> io::Result<()> {
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn a_disk_that_stands_still_never_holds_up_the_loop_and_every_drop_is_counted() {
+        let (asked, is_asked) = sync_channel(1);
+        let disk = Disk {
+            bytes: Arc::default(),
+            asked,
+        };
+        let tape = Tape::new(disk.clone(), &About::default(), 0).unwrap();
+        let held = disk.bytes.lock().unwrap();
+        while is_asked.try_recv().is_ok() {}
+        let mut recorder = Recorder::on(Path::new("still"), tape, Pace::RealTime, None);
+        recorder.offer(frame(0));
+        // From here on the writer stands still with the first frame in its hands.
+        is_asked.recv().unwrap();
+        for number in 1..=200 {
+            recorder.offer(frame(number));
+        }
+        assert_eq!(recorder.dropped.pictures_dropped, 200 - QUEUE_PICTURES as u64);
+        drop(held);
+        let recorded = recorder.finish();
+        assert_eq!(recorded.frames + recorded.frames_dropped, 201, "{recorded:?}");
+        assert_eq!(recorded.failed, None);
+
+        let bytes = disk.bytes.lock().unwrap().clone();
+        let mut reader = Reader::new(Path::new("still"), &bytes[..]).unwrap();
+        let (mut frames, mut pictures) = (0, 0);
+        while let Some(frame) = reader.next_frame().unwrap() {
+            assert_eq!(frame.status.frame, frames, "the first that came are there");
+            frames += 1;
+            pictures += u64::from(frame.picture.is_some());
+        }
+        assert_eq!((frames, pictures), (recorded.frames, 1 + QUEUE_PICTURES as u64));
+        assert_eq!(reader.ending(), Ending::Whole);
+    }
+
+    /// A disk with so many bytes left.
+    struct Small(usize);
+
+    impl Write for Small {
+        fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+            if bytes.len() > self.0 {
+                return Err(io::ErrorKind::StorageFull.into());
+            }
+            self.0 -= bytes.len();
+            Ok(bytes.len())
+        }
+
+        fn flush(&mut self) -> io::Result<()> {
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn a_full_disk_ends_the_recording_and_not_the_run() {
+        let tape = Tape::new(Small(100_000), &About::default(), 0).unwrap();
+        let mut recorder = Recorder::on(Path::new("full.mcap"), tape, Pace::AsFastAsPossible, None);
+        let mut offered = 0;
+        while recorder.dropped.failed.is_none() {
+            recorder.offer(frame(offered));
+            offered += 1;
+        }
+        recorder.offer(frame(offered));
+        let recorded = recorder.finish();
+        let why = recorded.failed.unwrap();
+        assert!(
+            why.starts_with("full.mcap: recording failed: ") && why.contains("make room"),
+            "{why}"
+        );
+        assert!(
+            recorded.frames_dropped >= 2,
+            "the one that found out and the one after it"
+        );
+    }
+
+    #[test]
+    fn a_status_has_the_keys_of_its_schema() {
+        let status = status_bytes(&frame(3)).unwrap();
+        let status: serde_json::Map<String, serde_json::Value> = serde_json::from_slice(&status).unwrap();
+        let schema: serde_json::Value = serde_json::from_slice(&status_schema()).unwrap();
+        let properties = schema["properties"].as_object().unwrap();
+        for key in status.keys() {
+            assert!(properties.contains_key(key), "{key} is not in the schema");
+        }
+        // What the simulated world knows is there only when it plays.
+        assert!(
+            properties
+                .keys()
+                .all(|key| key == "truth" || status.contains_key(key))
+        );
+    }
+}

@@ -1,0 +1,386 @@
+//! `gripline run`: source → pipeline → session → line, frame by frame, with the view, plain lines or JSON.
+//!
+//! The loop is a straight line: a picture is taken at frame k, its map goes out at once, the link works until frame
+//! k+1, and the line it then holds is what the (simulated) gripper feels next. Paced by the wall clock.
+
+mod output;
+mod summary;
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use clap::Args;
+use gripline_firmware::Fault;
+use gripline_firmware::sums::{TaxelRule, centre_of_pressure_um, stick_ratio_below};
+use gripline_network::constants::{CROP_SIDE, IMAGE_SIDE};
+use gripline_network::scene::Verdict;
+use gripline_network::{Architecture, InstructionSet, Network};
+use gripline_protocol::message::{Configuration, GripMode, Status};
+use gripline_protocol::{LSB_PER_NEWTON, PER_UNIT};
+use gripline_simulation::constants::{SCENE_INITIAL_GRIP_N, SCENE_LOOP_S};
+
+use self::output::{Output, Wish};
+use self::summary::{StageSummary, Summary};
+use crate::config::{Overrides, Settings, settings_text};
+use crate::cycle::{Cycle, Turn};
+use crate::error::Failure;
+use crate::pipeline::{Pipeline, fingerprint};
+use crate::recording::{About, Frame, Image, Pace, Pictures, Recorder};
+use crate::session::Session;
+use crate::source::{Picture, SimulatedSource, Source};
+use crate::stats::Times;
+use crate::telemetry::{FrameReport, Limits, STAGES, health_names};
+use crate::units::{force_n, moment_nmm, newtons, ratio, shear_n, stick_ratio};
+
+/// Frames a second of the simulated camera.
+const FRAMES_PER_SECOND: f64 = 60.0;
+/// Pictures at rest that are averaged before anything touches.
+const REST_PICTURES: usize = 16;
+
+/// Arguments of `gripline run`.
+#[derive(Debug, Clone, Args)]
+pub struct RunArgs {
+    #[command(flatten)]
+    overrides: Overrides,
+    /// One JSON object a frame, and a summary object last, on standard output.
+    #[arg(long)]
+    json: bool,
+}
+
+/// Runs until the end, `q`, or Ctrl-C.
+///
+/// # Errors
+/// [`Failure`] when weights, link or terminal fail, and with kind Loss when maps got no answer.
+pub fn run(args: &RunArgs) -> Result<(), Failure> {
+    let wanted = Settings::load(&args.overrides)?;
+    let network = network_for(&wanted)?;
+    let of_network = settings_for(&network);
+    if wanted.record.is_some()
+        && wanted.pictures == Pictures::Small
+        && network.architecture() != Architecture::Unet
+    {
+        return Err(Failure::usage(format!(
+            "record.pictures (--record-pictures): found small with the network {}, expected full or off: it looks at the \
+             whole picture",
+            network.architecture()
+        )));
+    }
+    let Source::Simulated = wanted.source;
+    let mut source = SimulatedSource::new(wanted.seed, FRAMES_PER_SECOND);
+    let rest = source.rest(REST_PICTURES);
+    let link = wanted.mcu.open().map_err(Failure::failed)?;
+    let mut session = Session::connect(link).map_err(Failure::failed)?;
+    // What neither the network nor the configuration says stays as the microcontroller has it.
+    let settings = wanted.microcontroller(&Configuration {
+        friction: of_network.friction,
+        contact_min: of_network.contact_min,
+        floor: of_network.floor,
+        ..*session.settings()
+    })?;
+    session.configure(settings).map_err(Failure::failed)?;
+    let recorder = match &wanted.record {
+        Some(path) => {
+            let about = about(&wanted, &network, &session, &rest);
+            let pace = if wanted.unpaced {
+                Pace::AsFastAsPossible
+            } else {
+                Pace::RealTime
+            };
+            Some(Recorder::start(path, &about, &rest, pace)?)
+        }
+        None => None,
+    };
+    let mut pipeline = Pipeline::new(network, &rest, wanted.gate, TaxelRule::of(&settings));
+
+    let stop = Arc::new(AtomicBool::new(false));
+    let signalled = Arc::clone(&stop);
+    ctrlc::set_handler(move || signalled.store(true, Ordering::Relaxed)).map_err(Failure::failed)?;
+    let mut output = Output::open(args.json, limits(&settings))?;
+    let seconds = wanted.seconds.or((!output.is_live()).then_some(SCENE_LOOP_S));
+    let frames = seconds.map(|seconds| (seconds * FRAMES_PER_SECOND).round() as u64);
+
+    let mut run = Run::new(session, !wanted.unpaced);
+    run.recorder = recorder;
+    run.pictures = wanted.pictures;
+    while !stop.load(Ordering::Relaxed) && frames.is_none_or(|frames| run.frame < frames) {
+        let picture = source.next(run.line_n()).map_err(Failure::failed)?;
+        let report = run.frame(&mut pipeline, picture)?;
+        if output.frame(&report, pipeline.newtons())? == Wish::Stop {
+            break;
+        }
+    }
+    let summary = run.summary();
+    output.close(&summary)?;
+    match summary.losses().as_slice() {
+        [] => Ok(()),
+        losses => Err(Failure::loss(format!("done with loss: {}", losses.join("; ")))),
+    }
+}
+
+/// The network that was asked for.
+fn network_for(wanted: &Settings) -> Result<Network, Failure> {
+    let network = match &wanted.weights {
+        Some(path) => Network::from_file(path, wanted.architecture),
+        None => Network::embedded(wanted.architecture.unwrap_or_default()),
+    }
+    .map_err(Failure::failed)?;
+    match wanted.instructions {
+        Some(set) => network.with_instructions(set).map_err(Failure::failed),
+        None => Ok(network),
+    }
+}
+
+/// The default settings with what the network was calibrated for, and the grip with which the scene's object is held.
+#[must_use]
+pub fn settings_for(network: &Network) -> Configuration {
+    let calibration = network.calibration();
+    Configuration {
+        friction: (calibration.friction * PER_UNIT as f32).round() as u16,
+        contact_min: (calibration.contact_min_n * LSB_PER_NEWTON as f32) as i16,
+        floor: (SCENE_INITIAL_GRIP_N * f64::from(LSB_PER_NEWTON)) as i32,
+        ..Configuration::DEFAULT
+    }
+}
+
+/// What a recording has to say of the run as a whole.
+fn about(wanted: &Settings, network: &Network, session: &Session, rest: &[Vec<u8>]) -> About {
+    About {
+        gripline: env!("CARGO_PKG_VERSION").to_owned(),
+        mcu: session.link_name(),
+        firmware: session.firmware().map_or(String::new(), ToString::to_string),
+        network: network.architecture().to_string(),
+        weights: network.manifest().to_owned(),
+        weights_file: wanted
+            .weights
+            .as_deref()
+            .map_or(String::new(), |path| path.display().to_string()),
+        fingerprint: fingerprint(network, &rest[0]),
+        instructions: wanted
+            .instructions
+            .unwrap_or_else(InstructionSet::widest)
+            .to_string(),
+        gate: wanted.gate.to_string(),
+        frames_per_second: FRAMES_PER_SECOND.to_string(),
+        settings: settings_text(session.settings()),
+    }
+}
+
+fn limits(settings: &Configuration) -> Limits {
+    Limits {
+        friction: ratio(settings.friction),
+        slip_threshold: ratio(settings.slip_threshold),
+        contact_min_n: newtons(settings.contact_min.into()),
+        floor_n: newtons(settings.floor),
+        ceiling_n: newtons(settings.ceiling),
+    }
+}
+
+/// A run under way.
+struct Run {
+    cycle: Cycle,
+    frame: u64,
+    started: Instant,
+    paced: bool,
+    recorder: Option<Recorder>,
+    /// What of the pictures is recorded.
+    pictures: Pictures,
+    stages: [Times; STAGES.len()],
+    frame_to_link: Times,
+    network_frame_to_link: Times,
+    summary: Summary,
+}
+
+impl Run {
+    fn new(session: Session, paced: bool) -> Self {
+        Self {
+            summary: Summary::of_link(session.link_name(), session.firmware()),
+            cycle: Cycle::new(session),
+            frame: 0,
+            started: Instant::now(),
+            paced,
+            recorder: None,
+            pictures: Pictures::default(),
+            stages: Default::default(),
+            frame_to_link: Times::default(),
+            network_frame_to_link: Times::default(),
+        }
+    }
+
+    /// The grip-force line as the microcontroller last told it.
+    fn line_n(&self) -> f64 {
+        self.cycle
+            .session
+            .status()
+            .map_or(0.0, |status| newtons(status.line))
+    }
+
+    /// One frame: picture in, map out, answer in.
+    fn frame(&mut self, pipeline: &mut Pipeline, picture: Picture) -> Result<FrameReport, Failure> {
+        // To the next frame.
+        let until_us = ((self.frame + 1) as f64 * 1e6 / FRAMES_PER_SECOND) as u64;
+        let turn = self.cycle.turn(pipeline, &picture.crop, picture.wish, until_us)?;
+        self.count(&turn);
+        if let Some(refusal) = self.cycle.session.take_refusal() {
+            self.summary.commands_refused += 1;
+            self.summary.last_refusal = Some(format!("{refusal:?}"));
+        }
+        let report = report_of(self.frame, &turn, &picture);
+        self.observe(&report, &turn.status);
+        if let Some(recorder) = &mut self.recorder {
+            recorder.offer(Frame {
+                report: report.clone(),
+                sequence: turn.sequence,
+                capture_us: turn.capture_us,
+                until_us,
+                wish: picture.wish,
+                health_bits: turn.health.bits(),
+                wire: turn.status,
+                map: Box::new(pipeline.map().clone()),
+                picture: image(self.pictures, picture.crop, pipeline),
+            });
+        }
+        if self.paced {
+            self.wait_for_the_clock();
+        }
+        self.frame += 1;
+        Ok(report)
+    }
+
+    /// Waits until the next frame is due; a link that waits for the wall clock itself leaves nothing to wait for.
+    fn wait_for_the_clock(&mut self) {
+        let due = self.started + Duration::from_secs_f64((self.frame + 1) as f64 / FRAMES_PER_SECOND);
+        let now = Instant::now();
+        if due > now {
+            thread::sleep(due - now);
+        } else if now - due > Duration::from_secs_f64(1.0 / FRAMES_PER_SECOND) {
+            // More than a frame behind: the machine is too slow for real time, which is no loss in a simulated world.
+            self.summary.frames_late += 1;
+        }
+    }
+
+    fn count(&mut self, turn: &Turn) {
+        let summary = &mut self.summary;
+        *match turn.verdict {
+            Verdict::NoContact => &mut summary.gate_no_contact,
+            Verdict::Unchanged => &mut summary.gate_unchanged,
+            Verdict::Network => &mut summary.gate_network,
+            Verdict::Unhealthy => &mut summary.gate_unhealthy,
+        } += 1;
+        summary.wire_bytes += turn.wire_bytes as u64;
+        summary.maps_unanswered += u64::from(!turn.answered);
+        for ((times, us), name) in self.stages.iter_mut().zip(turn.stages_us).zip(STAGES) {
+            if name != "network" || turn.verdict == Verdict::Network {
+                times.push(us);
+            }
+        }
+        self.frame_to_link.push(turn.latency_us);
+        if turn.verdict == Verdict::Network {
+            self.network_frame_to_link.push(turn.latency_us);
+        }
+    }
+
+    fn observe(&mut self, report: &FrameReport, status: &Status) {
+        let summary = &mut self.summary;
+        summary.slip_frames += u64::from(stick_ratio_below(
+            &status.sums,
+            self.cycle.session.settings().slip_threshold,
+        ));
+        if let Some(truth) = &report.truth {
+            summary.gross_slip_frames += u64::from(truth.gross_slip && status.mode == GripMode::Hold);
+            summary.slip_mm = summary.slip_mm.max(truth.slip_mm);
+        }
+        if report.contact > 0 && status.mode == GripMode::Hold {
+            summary.line_n_min_holding = summary.line_n_min_holding.min(report.line_n);
+        }
+        summary.line_n_max = summary.line_n_max.max(report.line_n);
+        summary.microcontroller_worst_cycles = status.worst_cycles;
+    }
+
+    fn summary(self) -> Summary {
+        let seconds = self.started.elapsed().as_secs_f64();
+        let stages = STAGES
+            .into_iter()
+            .zip(&self.stages)
+            .map(|(stage, times)| StageSummary {
+                stage,
+                frames: times.count(),
+                median_us: times.quantile_us(0.5),
+                p99_us: times.quantile_us(0.99),
+                p999_us: times.quantile_us(0.999),
+            });
+        let line_n_min_holding = self.summary.line_n_min_holding;
+        Summary {
+            recording: self.recorder.map(Recorder::finish),
+            frames: self.frame,
+            seconds,
+            frames_per_second: self.frame as f64 / seconds.max(1e-9),
+            stages: stages.collect(),
+            frame_to_link_us_median: self.frame_to_link.quantile_us(0.5),
+            frame_to_link_us_p99: self.frame_to_link.quantile_us(0.99),
+            frame_to_link_us_p999: self.frame_to_link.quantile_us(0.999),
+            network_frame_to_link_us_median: self.network_frame_to_link.quantile_us(0.5),
+            network_frame_to_link_us_p999: self.network_frame_to_link.quantile_us(0.999),
+            answers_checked: self.cycle.session.shadow().checked(),
+            shadow_mismatches: self.cycle.session.shadow().mismatches(),
+            // JSON has no infinity: never held, so nothing to say.
+            line_n_min_holding: if line_n_min_holding.is_finite() {
+                line_n_min_holding
+            } else {
+                0.0
+            },
+            ..self.summary
+        }
+    }
+}
+
+/// What of a picture is recorded.
+fn image(wanted: Pictures, crop: Vec<u8>, pipeline: &Pipeline) -> Option<Image> {
+    match wanted {
+        Pictures::Full => Some(Image {
+            side: CROP_SIDE,
+            pixels: crop,
+        }),
+        Pictures::Small => Some(Image {
+            side: IMAGE_SIDE,
+            pixels: pipeline.small().to_vec(),
+        }),
+        Pictures::Off => None,
+    }
+}
+
+fn report_of(frame: u64, turn: &Turn, picture: &Picture) -> FrameReport {
+    let status = &turn.status;
+    let sums = &status.sums;
+    let [x, y, z] = force_n(sums);
+    let faults = status.faults | status.latched;
+    FrameReport {
+        frame,
+        t_s: frame as f64 / FRAMES_PER_SECOND,
+        gate: turn.verdict,
+        health: health_names(turn.health),
+        normal_n: z,
+        shear_x_n: x,
+        shear_y_n: y,
+        shear_n: shear_n(sums),
+        moment_nmm: moment_nmm(sums),
+        centre_of_pressure_mm: centre_of_pressure_um(sums).map(|place| place.map(|um| f64::from(um) / 1e3)),
+        contact: sums.contact,
+        stick: sums.stick,
+        stick_ratio: stick_ratio(sums),
+        coulomb_slip: status.coulomb_slip,
+        state: status.state.name(),
+        time_to_slip_ms: status.time_to_slip_ms,
+        line_n: newtons(status.line),
+        latency_us: turn.latency_us,
+        stages_us: turn.stages_us,
+        faults: Fault::ALL
+            .iter()
+            .filter(|fault| faults & fault.bit() != 0)
+            .map(|fault| fault.name())
+            .collect(),
+        wire_bytes: turn.wire_bytes,
+        truth: Some(picture.truth.clone()),
+    }
+}

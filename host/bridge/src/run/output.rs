@@ -1,0 +1,121 @@
+//! Where the reports of a run go: JSON lines, the live view, or a plain line a second.
+
+use std::fmt;
+use std::io::{self, ErrorKind, IsTerminal, Write};
+
+use super::FRAMES_PER_SECOND;
+use super::summary::{Summary, summary_text};
+use crate::error::Failure;
+use crate::telemetry::{FrameReport, Limits};
+use crate::view::{Screen, View};
+
+/// What the person at the terminal wants.
+#[derive(Debug, PartialEq, Eq)]
+pub(super) enum Wish {
+    GoOn,
+    Stop,
+}
+
+/// Where the reports go.
+pub(super) enum Output {
+    Json(io::BufWriter<io::Stdout>),
+    Live { screen: Box<Screen>, view: Box<View> },
+    Lines,
+}
+
+impl Output {
+    pub(super) fn open(json: bool, limits: Limits) -> Result<Self, Failure> {
+        if json {
+            return Ok(Self::Json(io::BufWriter::new(io::stdout())));
+        }
+        if io::stdout().is_terminal() {
+            let screen = Screen::open().map_err(|error| {
+                Failure::failed(format!("terminal: {error}, expected one to draw on; try --json"))
+            })?;
+            return Ok(Self::Live {
+                screen: Box::new(screen),
+                view: Box::new(View::new(limits)),
+            });
+        }
+        Ok(Self::Lines)
+    }
+
+    pub(super) fn is_live(&self) -> bool {
+        matches!(self, Self::Live { .. })
+    }
+
+    pub(super) fn frame(&mut self, report: &FrameReport, map: &[[f32; 3]; 400]) -> Result<Wish, Failure> {
+        match self {
+            Self::Json(out) => {
+                let written = serde_json::to_writer(&mut *out, report)
+                    .map_err(io::Error::from)
+                    .and_then(|()| writeln!(out))
+                    .and_then(|()| out.flush());
+                still_wanted(written)
+            }
+            Self::Live { screen, view } => {
+                view.push(report, map);
+                // Every second frame: terminals gain nothing from more.
+                if report.frame.is_multiple_of(2) {
+                    screen.draw(view).map_err(terminal_failed)?;
+                }
+                Ok(if screen.quit_requested().map_err(terminal_failed)? {
+                    Wish::Stop
+                } else {
+                    Wish::GoOn
+                })
+            }
+            Self::Lines if report.frame.is_multiple_of(FRAMES_PER_SECOND as u64) => {
+                still_wanted(writeln!(io::stdout(), "{}", progress_line(report)))
+            }
+            Self::Lines => Ok(Wish::GoOn),
+        }
+    }
+
+    pub(super) fn close(self, summary: &Summary) -> Result<(), Failure> {
+        let written = match self {
+            Self::Json(mut out) => serde_json::to_writer(&mut out, summary)
+                .map_err(io::Error::from)
+                .and_then(|()| writeln!(out))
+                .and_then(|()| out.flush()),
+            Self::Live { screen, .. } => {
+                drop(screen);
+                writeln!(io::stdout(), "{}", summary_text(summary))
+            }
+            Self::Lines => writeln!(io::stdout(), "{}", summary_text(summary)),
+        };
+        still_wanted(written).map(|_| ())
+    }
+}
+
+/// A reader that went away (`| head`) is no failure.
+fn still_wanted(written: io::Result<()>) -> Result<Wish, Failure> {
+    match written {
+        Ok(()) => Ok(Wish::GoOn),
+        Err(error) if error.kind() == ErrorKind::BrokenPipe => Ok(Wish::Stop),
+        Err(error) => Err(Failure::failed(format!("standard output: {error}"))),
+    }
+}
+
+fn terminal_failed(error: impl fmt::Display) -> Failure {
+    Failure::failed(format!("terminal: {error}"))
+}
+
+fn progress_line(report: &FrameReport) -> String {
+    let ratio = report
+        .stick_ratio
+        .map_or_else(|| "  - ".to_owned(), |ratio| format!("{ratio:4.2}"));
+    let truth = report.truth.as_ref().map_or_else(String::new, |truth| {
+        format!("  [{}, slid {:.2} mm]", truth.phase, truth.slip_mm)
+    });
+    format!(
+        "{:6.1} s  {:10}  stick ratio {ratio}  F_N {:5.2} N  F_T {:5.2} N  M_z {:6.1} Nmm  line {:5.2} N  {:4.0} µs{truth}",
+        report.t_s,
+        report.state,
+        report.normal_n,
+        report.shear_n,
+        report.moment_nmm,
+        report.line_n,
+        report.latency_us
+    )
+}

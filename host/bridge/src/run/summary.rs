@@ -1,0 +1,177 @@
+//! What a run comes to: the last line of `--json`, and the text for people.
+
+use std::fmt::Write as _;
+
+use gripline_protocol::message::Hello;
+use serde::Serialize;
+
+use crate::recording::Recorded;
+
+/// The last line of `--json`.
+#[derive(Debug, Serialize)]
+pub(super) struct Summary {
+    /// Always true: tells this object from those of the frames.
+    #[serde(rename = "summary")]
+    pub last: bool,
+    pub mcu: String,
+    /// Version, commit and board, as the handshake told them.
+    pub firmware: Option<String>,
+    pub frames: u64,
+    pub seconds: f64,
+    pub frames_per_second: f64,
+    pub gate_no_contact: u64,
+    pub gate_unchanged: u64,
+    pub gate_network: u64,
+    /// Frames whose picture could not be believed: their maps were empty and marked.
+    pub gate_unhealthy: u64,
+    pub stages: Vec<StageSummary>,
+    pub frame_to_link_us_median: f64,
+    pub frame_to_link_us_p99: f64,
+    pub frame_to_link_us_p999: f64,
+    /// The same over the frames that the network looked at.
+    pub network_frame_to_link_us_median: f64,
+    pub network_frame_to_link_us_p999: f64,
+    pub wire_bytes: u64,
+    pub answers_checked: u64,
+    pub shadow_mismatches: u64,
+    pub maps_unanswered: u64,
+    pub commands_refused: u64,
+    pub last_refusal: Option<String>,
+    pub frames_late: u64,
+    pub slip_frames: u64,
+    /// Frames in which the object slides as a whole while it is to be held: what is let go may slide.
+    pub gross_slip_frames: u64,
+    pub slip_mm: f64,
+    pub line_n_min_holding: f64,
+    pub line_n_max: f64,
+    pub microcontroller_worst_cycles: [u32; 4],
+    /// What was recorded, when anything was to be.
+    pub recording: Option<Recorded>,
+}
+
+#[derive(Debug, Serialize)]
+pub(super) struct StageSummary {
+    pub stage: &'static str,
+    pub frames: u64,
+    pub median_us: f64,
+    pub p99_us: f64,
+    pub p999_us: f64,
+}
+
+impl Summary {
+    /// Of a run that has not begun.
+    pub(super) fn of_link(mcu: String, firmware: Option<&Hello>) -> Self {
+        Self {
+            last: true,
+            mcu,
+            firmware: firmware.map(ToString::to_string),
+            frames: 0,
+            seconds: 0.0,
+            frames_per_second: 0.0,
+            gate_no_contact: 0,
+            gate_unchanged: 0,
+            gate_network: 0,
+            gate_unhealthy: 0,
+            stages: Vec::new(),
+            frame_to_link_us_median: 0.0,
+            frame_to_link_us_p99: 0.0,
+            frame_to_link_us_p999: 0.0,
+            network_frame_to_link_us_median: 0.0,
+            network_frame_to_link_us_p999: 0.0,
+            wire_bytes: 0,
+            answers_checked: 0,
+            shadow_mismatches: 0,
+            maps_unanswered: 0,
+            commands_refused: 0,
+            last_refusal: None,
+            frames_late: 0,
+            slip_frames: 0,
+            gross_slip_frames: 0,
+            slip_mm: 0.0,
+            line_n_min_holding: f64::INFINITY,
+            line_n_max: 0.0,
+            microcontroller_worst_cycles: [0; 4],
+            recording: None,
+        }
+    }
+
+    /// What was lost, in words; nothing when nothing was.
+    pub(super) fn losses(&self) -> Vec<String> {
+        let mut losses = Vec::new();
+        let mut lost = |count: u64, what: &str| {
+            if count > 0 {
+                losses.push(format!("{count} of {} {what}", self.frames));
+            }
+        };
+        lost(
+            self.gate_unhealthy,
+            "pictures could not be believed; their maps were empty and marked",
+        );
+        lost(
+            self.maps_unanswered,
+            "maps got no answer from the microcontroller",
+        );
+        if let Some(recording) = &self.recording {
+            lost(
+                recording.pictures_dropped,
+                "pictures are not in the recording: the disk was too slow",
+            );
+            lost(recording.frames_dropped, "frames are not in the recording");
+            losses.extend(recording.failed.clone());
+        }
+        losses
+    }
+}
+
+/// The summary for people.
+pub(super) fn summary_text(summary: &Summary) -> String {
+    let firmware = summary.firmware.as_deref().unwrap_or("unknown");
+    let mut text = format!(
+        "{} frames in {:.1} s ({:.1} a second) with the {}, firmware {firmware}\n",
+        summary.frames, summary.seconds, summary.frames_per_second, summary.mcu
+    );
+    // Writing to a String cannot fail.
+    let _ = writeln!(
+        text,
+        "gate: {} no contact, {} unchanged, {} to the network",
+        summary.gate_no_contact, summary.gate_unchanged, summary.gate_network
+    );
+    for stage in &summary.stages {
+        let _ = writeln!(
+            text,
+            "{:>12}  median {:7.1} µs  p99 {:7.1} µs  p99.9 {:7.1} µs",
+            stage.stage, stage.median_us, stage.p99_us, stage.p999_us
+        );
+    }
+    let _ = writeln!(
+        text,
+        "frame to link: median {:.0} µs, p99.9 {:.0} µs; with the network {:.0} and {:.0} µs",
+        summary.frame_to_link_us_median,
+        summary.frame_to_link_us_p999,
+        summary.network_frame_to_link_us_median,
+        summary.network_frame_to_link_us_p999
+    );
+    let _ = write!(
+        text,
+        "line {:.2} to {:.2} N; {} slip frames, {} frames of gross slip ({:.2} mm); {} answers checked, {} wrong, {} maps unanswered",
+        summary.line_n_min_holding,
+        summary.line_n_max,
+        summary.slip_frames,
+        summary.gross_slip_frames,
+        summary.slip_mm,
+        summary.answers_checked,
+        summary.shadow_mismatches,
+        summary.maps_unanswered
+    );
+    if let Some(recording) = &summary.recording {
+        let _ = write!(text, "\n{} frames recorded", recording.frames);
+    }
+    if let Some(refusal) = &summary.last_refusal {
+        let _ = write!(
+            text,
+            "\n{} commands refused by the microcontroller, the last: {refusal}",
+            summary.commands_refused
+        );
+    }
+    text
+}
