@@ -7,6 +7,7 @@ use clap::{Parser, Subcommand};
 use crate::config::ConfigArgs;
 use crate::detect::DetectArgs;
 use crate::infer::InferArgs;
+use crate::plot::PlotArgs;
 use crate::recording::{ExportArgs, ReplayArgs};
 use crate::run::RunArgs;
 use crate::shell::{CompletionsArgs, ManArgs};
@@ -39,6 +40,8 @@ pub enum Command {
     Replay(ReplayArgs),
     /// Write a recording's maps, pictures and decisions as npy and CSV.
     Export(ExportArgs),
+    /// Draw a recording: stick ratio with predictions and truth, forces and line, force maps. PNG or SVG.
+    Plot(PlotArgs),
     /// Print the completions for a shell.
     Completions(CompletionsArgs),
     /// Write the manual pages.

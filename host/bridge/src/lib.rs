@@ -7,7 +7,8 @@
 //! pictures and the detector over recorded maps;
 //! [`simulate`] plays a scene of the simulated world into files. What a run is to do stands in one file, which
 //! [`config`] reads and checks; [`shell`] makes manual pages and completions.
-//! [`recording`] keeps what a run saw and decided, and replays it.
+//! [`recording`] keeps what a run saw and decided, and replays it;
+//! [`plot`] draws it.
 #![forbid(unsafe_code)]
 
 pub mod cli;
@@ -19,6 +20,7 @@ pub mod infer;
 pub mod link;
 pub mod maps_file;
 pub mod pipeline;
+pub mod plot;
 pub mod recording;
 pub mod rounding;
 pub mod run;

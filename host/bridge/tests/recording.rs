@@ -395,3 +395,40 @@ fn the_python_package_mcap_reads_what_is_recorded() {
     );
     assert_eq!(counts["chunks"], true);
 }
+
+#[test]
+fn a_recording_is_drawn_as_png_and_as_svg() {
+    let (folder, path) = recorded("6", &["--record-pictures", "off"]);
+    let [png, svg, other] = ["fig.png", "fig.svg", "fig.pdf"].map(|name| folder.path().join(name));
+    for out in [&png, &svg] {
+        ends(&gripline(&["plot", text(&path), "--out", text(out)]), 0);
+    }
+    let info = png::Decoder::new(BufReader::new(fs::File::open(&png).unwrap()))
+        .read_info()
+        .unwrap();
+    assert_eq!((info.info().width, info.info().height), (1_000, 900));
+    let svg = fs::read_to_string(svg).unwrap();
+    for words in [
+        "stick ratio",
+        "slip below 0.50",
+        "truth",
+        "Coulomb",
+        "grip-force line",
+        "pull",
+        "blue: sticks",
+    ] {
+        assert!(svg.contains(words), "{words} is missing");
+    }
+    let at = ["plot", text(&path), "--out", text(&png), "--maps", "2.5,5.9"].map(String::from);
+    let said = gripline(&at.each_ref().map(String::as_str));
+    ends(&said, 0);
+    assert!(String::from_utf8_lossy(&said.stdout).starts_with("360 frames, 2 maps: wrote "));
+    assert!(
+        ends(&gripline(&["plot", text(&path), "--out", text(&other)]), 2)
+            .contains("fig.pdf: expected a name that ends with")
+    );
+    assert!(
+        ends(&gripline(&["plot", text(&path), "--out", "/no/such/fig.png"]), 1)
+            .contains("/no/such/fig.png: ")
+    );
+}

@@ -14,7 +14,8 @@ use std::fmt;
 use std::str::FromStr;
 
 pub use self::export::{ExportArgs, run as export};
-pub(crate) use self::messages::{About, Frame, Image};
+pub(crate) use self::messages::{About, Frame, Image, Stored};
+pub(crate) use self::reader::{Ending, Reader};
 pub(crate) use self::recorder::{Pace, Recorded, Recorder};
 pub use self::replay::{ReplayArgs, run as replay};
 
