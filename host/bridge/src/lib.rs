@@ -18,6 +18,7 @@ pub mod detect;
 pub mod error;
 pub mod infer;
 pub mod link;
+mod live;
 pub mod maps_file;
 pub mod pipeline;
 pub mod plot;

@@ -333,3 +333,77 @@ fn the_emulated_board_closes_the_loop_through_the_whole_scene() {
     );
     assert!(summary["answers_checked"].as_u64() >= Some(700), "{summary}");
 }
+
+/// What a program over there answers to a request, up to so many bytes.
+fn asked(address: &str, path: &str, bytes: u64) -> String {
+    let mut stream = std::net::TcpStream::connect(address).expect("somebody listens");
+    stream.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
+    write!(stream, "GET {path} HTTP/1.1\r\nHost: here\r\n\r\n").unwrap();
+    let mut text = String::new();
+    stream.take(bytes).read_to_string(&mut text).unwrap();
+    text
+}
+
+#[test]
+fn live_values_are_served_to_prometheus_and_as_newline_json() {
+    let mut child = Command::new(env!("CARGO_BIN_EXE_gripline"))
+        .args(["run", "--seconds", "60", "--serve", "127.0.0.1:0"])
+        .stdout(std::process::Stdio::null())
+        .stderr(std::process::Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut said = String::new();
+    std::io::BufRead::read_line(
+        &mut std::io::BufReader::new(child.stderr.take().unwrap()),
+        &mut said,
+    )
+    .unwrap();
+    let address = said.trim().rsplit('/').next().unwrap().to_owned();
+    let frames = asked(&address, "/frames", 20_000);
+    let metrics = asked(&address, "/metrics", 1 << 20);
+    let other = asked(&address, "/secrets", 1 << 20);
+    // Whoever asks with something else than HTTP is not served and harms nobody.
+    let mut rude = std::net::TcpStream::connect(&address).unwrap();
+    rude.write_all(&[0xFF; 9_000]).unwrap();
+    drop(rude);
+    let again = asked(&address, "/metrics", 1 << 20);
+    let taken = gripline(&["run", "--seconds", "1", "--serve", &address]);
+    child.kill().unwrap();
+    child.wait().unwrap();
+
+    let (head, body) = frames.split_once("\r\n\r\n").unwrap();
+    assert!(
+        head.starts_with("HTTP/1.1 200 OK") && head.contains("x-ndjson"),
+        "{head}"
+    );
+    let mut numbers = body.lines().rev().skip(1).map(|line| {
+        serde_json::from_str::<Value>(line).unwrap()["frame"]
+            .as_u64()
+            .unwrap()
+    });
+    let newest = numbers.next().unwrap();
+    assert!(
+        numbers.zip(1..).all(|(number, before)| number == newest - before),
+        "{body}"
+    );
+
+    let count = |text: &str| {
+        let line = text
+            .lines()
+            .find(|line| line.starts_with("gripline_frames_total "))
+            .unwrap();
+        line.rsplit(' ').next().unwrap().parse::<u64>().unwrap()
+    };
+    assert!(
+        metrics.contains("text/plain; version=0.0.4") && count(&metrics) > newest,
+        "{metrics}"
+    );
+    assert!(count(&again) >= count(&metrics));
+    assert!(other.starts_with("HTTP/1.1 404"), "{other}");
+    let error = String::from_utf8_lossy(&taken.stderr);
+    assert_eq!(taken.status.code(), Some(1), "{error}");
+    assert!(
+        error.contains(&format!("serve.listen {address}")) && error.contains("no other program"),
+        "{error}"
+    );
+}

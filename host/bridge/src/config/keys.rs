@@ -2,6 +2,7 @@
 //! The documented default file, the flags of `gripline run`, the environment's names and every check come from here.
 
 use std::fmt;
+use std::net::SocketAddr;
 use std::str::FromStr;
 
 use gripline_network::scene::GateKind;
@@ -50,7 +51,7 @@ pub(crate) struct Key {
 }
 
 /// Every key, in the file's order. Keys of one section stand together.
-pub(crate) const KEYS: [Key; 11] = [
+pub(crate) const KEYS: [Key; 12] = [
     Key {
         name: "camera.source",
         flag: "source",
@@ -148,6 +149,16 @@ pub(crate) const KEYS: [Key; 11] = [
                0.5 MB a second) or off (replay then starts from the maps).",
     },
     Key {
+        name: "serve.listen",
+        flag: "serve",
+        value_name: "ADDRESS:PORT",
+        kind: Kind::Text(reads_address),
+        default: None,
+        example: "\"127.0.0.1:9617\"",
+        help: "Serve live values over HTTP at this address: /metrics for Prometheus, /frames as newline JSON. By default \
+               nothing is served.",
+    },
+    Key {
         name: "simulation.seed",
         flag: "seed",
         value_name: "SEED",
@@ -168,6 +179,13 @@ where
     T::Err: fmt::Display,
 {
     text.parse::<T>().map(drop).map_err(|error| error.to_string())
+}
+
+/// An address to listen at; the standard library's error does not say what was found.
+fn reads_address(text: &str) -> Result<(), String> {
+    let read: Result<SocketAddr, _> = text.parse();
+    read.map(drop)
+        .map_err(|_| format!("found {text}, expected an address and a port such as 127.0.0.1:9617"))
 }
 
 impl Key {

@@ -9,6 +9,7 @@ mod mcu;
 mod overrides;
 mod show;
 
+use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::str::FromStr;
 use std::time::SystemTime;
@@ -98,6 +99,8 @@ pub struct Settings {
     pub record: Option<PathBuf>,
     /// What of the pictures is recorded.
     pub pictures: Pictures,
+    /// Where to serve live values; `None`: nowhere.
+    pub serve: Option<SocketAddr>,
     /// Seed of the simulated world.
     pub seed: u64,
     /// What the file says of the microcontroller's settings.
@@ -129,6 +132,7 @@ impl Settings {
                 .unwrap_or(false),
             record: text("record.file").map(|name| with_time(name, SystemTime::now())),
             pictures: parsed("record.pictures", text("record.pictures"))?.unwrap_or_default(),
+            serve: parsed("serve.listen", text("serve.listen"))?,
             seed: effective
                 .value("simulation.seed")
                 .and_then(Value::as_integer)

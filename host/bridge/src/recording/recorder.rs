@@ -187,6 +187,11 @@ impl Recorder {
         }
     }
 
+    /// Pictures and frames that were left out so far.
+    pub(crate) const fn dropped(&self) -> [u64; 2] {
+        [self.dropped.pictures_dropped, self.dropped.frames_dropped]
+    }
+
     /// Writes what waits and closes the file.
     pub(crate) fn finish(mut self) -> Recorded {
         self.end();

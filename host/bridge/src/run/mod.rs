@@ -26,6 +26,7 @@ use self::summary::{StageSummary, Summary};
 use crate::config::{Overrides, Settings, settings_text};
 use crate::cycle::{Cycle, Turn};
 use crate::error::Failure;
+use crate::live::{Live, QUANTILES};
 use crate::pipeline::{Pipeline, fingerprint};
 use crate::recording::{About, Frame, Image, Pace, Pictures, Recorder};
 use crate::session::Session;
@@ -104,6 +105,10 @@ pub fn run(args: &RunArgs) -> Result<(), Failure> {
     let mut run = Run::new(session, !wanted.unpaced);
     run.recorder = recorder;
     run.pictures = wanted.pictures;
+    run.live = wanted.serve.map(Live::start).transpose()?;
+    if let Some(live) = &run.live {
+        eprintln!("gripline: /metrics and /frames at http://{}", live.address());
+    }
     while !stop.load(Ordering::Relaxed) && frames.is_none_or(|frames| run.frame < frames) {
         let picture = source.next(run.line_n()).map_err(Failure::failed)?;
         let report = run.frame(&mut pipeline, picture)?;
@@ -186,6 +191,7 @@ struct Run {
     recorder: Option<Recorder>,
     /// What of the pictures is recorded.
     pictures: Pictures,
+    live: Option<Live>,
     stages: [Times; STAGES.len()],
     frame_to_link: Times,
     network_frame_to_link: Times,
@@ -202,6 +208,7 @@ impl Run {
             paced,
             recorder: None,
             pictures: Pictures::default(),
+            live: None,
             stages: Default::default(),
             frame_to_link: Times::default(),
             network_frame_to_link: Times::default(),
@@ -228,6 +235,7 @@ impl Run {
         }
         let report = report_of(self.frame, &turn, &picture);
         self.observe(&report, &turn.status);
+        self.publish(&report);
         if let Some(recorder) = &mut self.recorder {
             recorder.offer(Frame {
                 report: report.clone(),
@@ -246,6 +254,33 @@ impl Run {
         }
         self.frame += 1;
         Ok(report)
+    }
+
+    /// Leaves the frame for programs that look at live values.
+    fn publish(&self, report: &FrameReport) {
+        let Some(live) = &self.live else {
+            return;
+        };
+        live.publish(report, |values| {
+            let summary = &self.summary;
+            values.frames = self.frame + 1;
+            values.gate = [
+                summary.gate_no_contact,
+                summary.gate_unchanged,
+                summary.gate_network,
+                summary.gate_unhealthy,
+            ];
+            values.maps_unanswered = summary.maps_unanswered;
+            values.shadow_mismatches = self.cycle.session.shadow().mismatches();
+            values.frames_late = summary.frames_late;
+            values.record_dropped = self.recorder.as_ref().map_or([0; 2], Recorder::dropped);
+            // Once a second: a distribution takes longer to look at than a number.
+            if self.frame.is_multiple_of(FRAMES_PER_SECOND as u64) {
+                for (times_us, stage) in values.stages_us.iter_mut().zip(&self.stages) {
+                    *times_us = QUANTILES.map(|quantile| stage.quantile_us(quantile));
+                }
+            }
+        });
     }
 
     /// Waits until the next frame is due; a link that waits for the wall clock itself leaves nothing to wait for.
