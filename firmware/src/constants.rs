@@ -43,8 +43,6 @@ pub const MODBUS_FAILURES_MAX: u8 = 3;
 pub const ROBOTIQ_COMMAND: u16 = 0x03E8;
 /// First of the three registers that tell its state (same tables).
 pub const ROBOTIQ_STATUS: u16 = 0x07D0;
-/// Least and greatest grip force of the 2F-140, N (manual, section 6, specifications).
-pub const ROBOTIQ_FORCE_N: [i32; 2] = [10, 125];
 /// Speed register while closing: about a quarter of the 30 to 250 mm/s, because what hits the object is the moving
 /// fingers' momentum as much as the motor's current.
 pub const ROBOTIQ_CLOSING_SPEED: u8 = 0x40;

@@ -113,8 +113,11 @@ impl LineCalibration {
 
 /// A DAC, or what stands for one.
 pub trait DacOutput {
-    /// Shows `code`; `force` is what it stands for, to be kept over a reset.
-    fn show(&mut self, code: u16, force: GripForce);
+    /// Shows `code`.
+    fn show(&mut self, code: u16);
+
+    /// Keeps what is to be shown again after a reset.
+    fn keep(&mut self, force: GripForce);
 }
 
 /// A line on a DAC.
@@ -128,7 +131,8 @@ pub struct DacLine<D> {
 impl<D: DacOutput> DacLine<D> {
     /// Shows `force` at once.
     pub fn start(mut dac: D, calibration: LineCalibration, force: GripForce) -> Self {
-        dac.show(calibration.code(force), force);
+        dac.show(calibration.code(force));
+        dac.keep(force);
         Self {
             dac,
             calibration,
@@ -142,10 +146,18 @@ impl<D: DacOutput> GripLine for DacLine<D> {
 
     #[inline]
     fn write(&mut self, force: GripForce) -> Result<(), Self::Error> {
-        if force != self.shown {
-            self.dac.show(self.calibration.code(force), force);
-            self.shown = force;
+        if force == self.shown {
+            return Ok(());
         }
+        // A reset may come between any two of these: what is kept is then never less than what was shown.
+        if force > self.shown {
+            self.dac.keep(force);
+        }
+        self.dac.show(self.calibration.code(force));
+        if force < self.shown {
+            self.dac.keep(force);
+        }
+        self.shown = force;
         Ok(())
     }
 }

@@ -7,8 +7,8 @@
 use core::marker::PhantomData;
 
 use gripline_protocol::message::{
-    Command, Configuration, GripMode, Hello, MapSums, Message, MessagePackets, Refusal, Report, Revision,
-    STAGES, SlipState, Stage, Status,
+    Command, Configuration, GripMode, Hello, LineSettings, MapSums, Message, MessagePackets, Refusal, Report,
+    Revision, STAGES, SlipState, Stage, Status,
 };
 use gripline_protocol::sequence::{Order, SequenceWatch};
 use gripline_protocol::{Event, Health, MapInfo, PACKET_MAX, Parser, SENSORS};
@@ -26,12 +26,12 @@ use crate::sums::{Accumulator, Kernel, Portable, TaxelRule, total_shear};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum ResetCause {
-    /// Power came on, or the reset pin.
+    /// Power came on, or somebody reset it: the reset pin, a debug probe.
     #[default]
     PowerOn,
     /// The program hung.
     Watchdog,
-    /// The program asked for it, after a panic for instance.
+    /// The program panicked, or ran into a fault of the core.
     Software,
 }
 
@@ -438,7 +438,7 @@ impl<K: Kernel> Mcu<K> {
 
     fn command(&mut self, command: &Command) {
         match command {
-            Command::Configure(settings) => match settings.check() {
+            Command::Configure(settings) => match settings.check_on(self.line_in_force()) {
                 Ok(()) => {
                     self.safety.set(Fault::OutOfRange, false);
                     self.safety.set(Fault::SettingsLost, false);
@@ -466,6 +466,14 @@ impl<K: Kernel> Mcu<K> {
             Command::Release => self.controller.set_mode(GripMode::Released),
             Command::Acknowledge { faults } => self.safety.acknowledge(*faults),
             Command::ReadStatus => self.send_status(),
+        }
+    }
+
+    /// The line's settings are taken at the start.
+    fn line_in_force(&self) -> &LineSettings {
+        match &self.start.stored.settings {
+            Some(settings) => &settings.line,
+            None => &LineSettings::DEFAULT,
         }
     }
 

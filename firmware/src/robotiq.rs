@@ -6,11 +6,12 @@
 //! 10 N. Activation opens and closes the fingers, so it is never begun while something is to be held.
 
 use gripline_protocol::LSB_PER_NEWTON;
+use gripline_protocol::line::ROBOTIQ_FORCE_N;
 
 use crate::constants::{
     MODBUS_ANSWER_US, MODBUS_BYTE_US, MODBUS_FAILURES_MAX, MODBUS_QUIET_US, MODBUS_SLOT_US, MODBUS_UNIT,
     ROBOTIQ_ACTIVATION_MAX_US, ROBOTIQ_ACTIVATION_PAUSE_US, ROBOTIQ_CLOSING_SPEED, ROBOTIQ_COMMAND,
-    ROBOTIQ_ECHO_US, ROBOTIQ_FORCE_N, ROBOTIQ_OPENING_SPEED, ROBOTIQ_STATUS,
+    ROBOTIQ_ECHO_US, ROBOTIQ_OPENING_SPEED, ROBOTIQ_STATUS,
 };
 use crate::grip::GripForce;
 use crate::line::{GripLine, LineHealth};

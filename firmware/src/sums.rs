@@ -1,18 +1,14 @@
 //! What one force map says: contact, stick, total force, moment, centre of pressure; all at once or packet by packet.
 //!
-//! Units: forces 1/4096 N; places in half taxel pitches (0.8 mm), odd numbers from −19 to 19 from the map's centre.
+//! Units: forces 1/4096 N; places in half taxel pitches, odd numbers from −19 to 19 from the map's centre.
 //! No branch on the forces, so the work depends on the number of taxels only. No sum can overflow: 400 taxels of 2¹⁵
 //! at a distance of at most 19 give |Σ(x fy − y fx)| ≤ 400·38·2¹⁵ < 2³¹.
 
-use gripline_protocol::constants::{TAXEL_BYTES, TAXEL_PITCH_MM};
+use gripline_protocol::constants::TAXEL_BYTES;
 use gripline_protocol::message::{Configuration, MapSums};
 use gripline_protocol::{ForceMap, PER_UNIT, Place, SIDE, TaxelForce};
 
 use crate::friction::Friction;
-
-/// Half the distance between taxel centres, micrometres.
-const HALF_PITCH_UM: i64 = 800;
-const _: () = assert!(HALF_PITCH_UM as f64 * 2.0 == TAXEL_PITCH_MM * 1_000.0);
 
 /// What decides about a taxel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -206,20 +202,6 @@ const fn square_root(square: u64) -> u32 {
     let root = (root << HALF) + quotient;
     let missing = ((left as i64) << HALF | (scaled as u32 & MASK) as i64) < quotient as i64 * quotient as i64;
     (root - missing as u32) >> (shift / 2)
-}
-
-/// Centre of pressure Σ(x fz)/Σ fz, Σ(y fz)/Σ fz in micrometres from the map's centre, rounded towards zero; `None`
-/// when nothing presses.
-#[must_use]
-pub fn centre_of_pressure_um(sums: &MapSums) -> Option<[i32; 2]> {
-    let normal = i64::from(sums.force[2]);
-    // |Σ x fz| < 2²⁸, so the product fits i64; forces that pull as well as push can put the centre anywhere.
-    let place = |moment: i32| i32::try_from(i64::from(moment) * HALF_PITCH_UM / normal).ok();
-    if normal <= 0 {
-        None
-    } else {
-        Some([place(sums.pressure[0])?, place(sums.pressure[1])?])
-    }
 }
 
 #[cfg(test)]

@@ -3,8 +3,7 @@
 
 use gripline_firmware::Friction;
 use gripline_firmware::sums::{
-    Accumulator, Kernel as _, Portable, TaxelRule, centre_of_pressure_um, stick_ratio_below, sums_of,
-    total_shear,
+    Accumulator, Kernel as _, Portable, TaxelRule, stick_ratio_below, sums_of, total_shear,
 };
 use gripline_protocol::message::MapSums;
 use gripline_protocol::{ForceMap, Place, TAXELS, TaxelForce};
@@ -179,27 +178,6 @@ fn any_map() -> impl Strategy<Value = ForceMap> {
         }
         map
     })
-}
-
-#[test]
-fn the_centre_of_pressure_is_where_the_force_presses() {
-    let press = |taxels: &[(usize, i16)]| {
-        let mut map = ForceMap::EMPTY;
-        for &(taxel, z) in taxels {
-            map.taxels[taxel].z = z;
-        }
-        centre_of_pressure_um(&sums_of(&map, rule(4_500, 0)))
-    };
-    assert_eq!(press(&[]), None);
-    assert_eq!(press(&[(0, 700)]), Some([-15_200, -15_200])); // 9.5 pitches of 1.6 mm to the left and down
-    assert_eq!(press(&[(399, i16::MAX)]), Some([15_200, 15_200]));
-    assert_eq!(press(&[(20 * 9 + 9, 5), (20 * 10 + 10, 5)]), Some([0, 0]));
-    assert_eq!(
-        press(&[(20 * 10 + 4, 300), (20 * 10 + 8, 100)]),
-        Some([-7_200, 800])
-    ); // 5.5·¾ + 1.5·¼ pitches
-    assert_eq!(press(&[(0, 10), (1, -10)]), None);
-    assert_eq!(press(&[(0, -10)]), None);
 }
 
 proptest! {

@@ -45,9 +45,49 @@ struct Code {
 }
 
 impl DacOutput for &mut Code {
-    fn show(&mut self, code: u16, force: GripForce) {
-        (self.code, self.kept) = (code, force);
+    fn show(&mut self, code: u16) {
+        self.code = code;
     }
+
+    fn keep(&mut self, force: GripForce) {
+        self.kept = force;
+    }
+}
+
+/// What the output shows and what is kept, after every single operation.
+#[derive(Default)]
+struct Steps {
+    code: u16,
+    kept: GripForce,
+    seen: Vec<(u16, GripForce)>,
+}
+
+impl DacOutput for &mut Steps {
+    fn show(&mut self, code: u16) {
+        self.code = code;
+        self.seen.push((self.code, self.kept));
+    }
+
+    fn keep(&mut self, force: GripForce) {
+        self.kept = force;
+        self.seen.push((self.code, self.kept));
+    }
+}
+
+#[test]
+fn a_reset_in_the_middle_of_a_write_brings_back_no_less_than_was_shown() {
+    let mut steps = Steps::default();
+    let mut line = DacLine::start(&mut steps, DAC_LIVE_ZERO, GripForce::ZERO);
+    let forces = [5, 3, 3, 20, 19, 40, 0, 1, 0].map(|newtons| GripForce::from_lsb(newtons * NEWTON));
+    for force in forces {
+        let Ok(()) = line.write(force);
+    }
+    // The start, two operations for each of eight changes, and the one force that was there already.
+    assert_eq!(steps.seen.len(), 2 + 2 * 8);
+    for (code, kept) in steps.seen {
+        assert!(DAC_LIVE_ZERO.code(kept) >= code, "{code} shown, {kept:?} kept");
+    }
+    assert_eq!((steps.code, steps.kept), (819, GripForce::ZERO));
 }
 
 /// The DAC line; its trouble is a reset, over which the wiring's pull-up or the hold holds and RAM keeps the force.

@@ -8,8 +8,8 @@ use postcard_schema::Schema;
 use serde::de::{self, Deserialize, Deserializer, SeqAccess, Visitor};
 use serde::ser::{Serialize, SerializeTuple, Serializer};
 
-use crate::constants::{LSB_PER_NEWTON, PER_UNIT, SENSORS};
-use crate::line::{LINE_POINTS, LineKind, LinePoint, LineSettings};
+use crate::constants::{LSB_PER_NEWTON, PER_UNIT, SENSORS, SIDE};
+use crate::line::{LineKind, LinePoint, LineSettings};
 
 /// Version of [`Configuration`]'s layout as it lies in flash; raised with every change of it or of its parts.
 pub const CONFIGURATION_VERSION: u16 = 1;
@@ -44,16 +44,19 @@ impl fmt::Display for OutOfRange {
 
 impl core::error::Error for OutOfRange {}
 
-/// How a fingertip sits in the gripper. The detector needs none of it; the host turns moments and places into the
-/// gripper's frame with it.
+/// How a fingertip sits in the gripper: what makes newton-millimetres and millimetres in the gripper's frame of a map's
+/// sums. Stick ratio, shear and so the grip do not depend on it. The gripper's frame has its z into the first
+/// fingertip's skin; the second fingertip faces the first, so its frame is that one seen from the other side (x and z
+/// reversed) before it is turned.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct FingertipGeometry {
     /// Distance between taxel centres, µm.
     pub pitch_um: u16,
-    /// The map's centre from the gripper's axis, x and y, µm.
+    /// The map's centre from the gripper's axis, x and y of the gripper's frame, µm.
     pub centre_um: [i16; 2],
-    /// Quarter turns from the gripper's x to the map's x, anticlockwise as seen from outside the fingertip.
+    /// Quarter turns from the gripper's x (for the second fingertip its reverse) to the map's x, anticlockwise as seen
+    /// from outside the fingertip.
     pub quarter_turns: u8,
 }
 
@@ -135,6 +138,8 @@ const CONTROL_VALUES: usize = 20;
 /// The kind of line, then what [`LineSettings::FIELDS`] names.
 const LINE_VALUES: usize = 1 + LineSettings::FIELDS.len();
 const FINGERTIP_VALUES: usize = 4;
+/// Taxels from a map's centre to its edge.
+const HALF_SIDE: i32 = SIDE as i32 / 2;
 /// How many numbers the settings are.
 pub const CONFIGURATION_VALUES: usize = CONTROL_VALUES + LINE_VALUES + FINGERTIP_VALUES * SENSORS;
 
@@ -152,6 +157,9 @@ mod at {
     pub(super) const REFLEX_RATE: usize = 13;
     pub(super) const LINK_LOST_MS: usize = 19;
     pub(super) const LINE: usize = super::CONTROL_VALUES + 1;
+    /// The centre of the second fingertip, x; y comes next.
+    pub(super) const OTHER_CENTRE: usize =
+        super::CONTROL_VALUES + super::LINE_VALUES + super::FINGERTIP_VALUES + 1;
 }
 
 const U16: (i32, i32) = (0, u16::MAX as i32);
@@ -378,23 +386,44 @@ impl Configuration {
     ///
     /// # Errors
     /// [`OutOfRange`] names the first setting out of its range.
-    #[inline(never)]
     pub fn check(&self) -> Result<(), OutOfRange> {
+        self.check_on(&self.line)
+    }
+
+    /// The same for settings that come while `in_force` drives the gripper: that line stays until the next start, so
+    /// until then it must be able to show the ceiling too.
+    ///
+    /// # Errors
+    /// [`OutOfRange`] names the first setting out of its range.
+    #[inline(never)]
+    pub fn check_on(&self, in_force: &LineSettings) -> Result<(), OutOfRange> {
         let mut limits = LIMITS;
         let threshold = i32::from(self.slip_threshold);
         limits[at::SLIP_LEAVE].0 = threshold;
         limits[at::INCIPIENT_THRESHOLD].0 = threshold;
         limits[at::REFLEX_TARGET].0 = threshold;
-        limits[at::FLOOR].1 = self.ceiling;
+        let [least, most] = self.line.force_range();
+        // A gripper that cannot grip as gently as the floor would squeeze more than was decided, and one that cannot
+        // reach the ceiling less.
+        limits[at::FLOOR] = (least, self.ceiling);
+        limits[at::CEILING].1 = most.min(in_force.force_range()[1]).clamp(1, FORCE_MAX);
         limits[at::TIGHTEN] = (self.floor, self.ceiling);
-        // A line that cannot show the ceiling would grip with less than was decided.
-        limits[at::CEILING].1 = self.line.points[LINE_POINTS - 1].force.clamp(1, FORCE_MAX);
         // A reflex faster than the line may rise would run ahead of it.
         limits[at::REFLEX_RATE].1 = self.rise_rate.into();
         // Who is lost has been silent for longer than stale.
         limits[at::LINK_LOST_MS].0 = self.stale_ms.into();
         for (limit, (_, least, most)) in limits[at::LINE..].iter_mut().zip(self.line.ranges(FORCE_MAX)) {
             *limit = (least, most);
+        }
+        if usize::from(self.sensors) == SENSORS {
+            let [one, other] = &self.fingertips;
+            // Two maps that share no place, seen along the grip, cannot hold one object.
+            let reach = HALF_SIDE * (i32::from(one.pitch_um) + i32::from(other.pitch_um)) - 1;
+            let centres = &mut limits[at::OTHER_CENTRE..];
+            for (limit, &centre) in centres.iter_mut().zip(&one.centre_um) {
+                let centre = i32::from(centre);
+                *limit = ((centre - reach).max(limit.0), (centre + reach).min(limit.1));
+            }
         }
         for (field, (found, (least, most))) in self.values().into_iter().zip(limits).enumerate() {
             if found < least || found > most {
@@ -473,6 +502,30 @@ mod tests {
     }
 
     #[test]
+    fn a_gripper_on_the_bus_may_be_asked_for_all_it_can_and_the_analog_table_limits_it_no_more() {
+        let mut settings = Configuration::DEFAULT;
+        settings.line.kind = LineKind::Robotiq2f140;
+        (settings.floor, settings.ceiling) = (newtons(10), newtons(125));
+        assert_eq!(settings.check(), Ok(()));
+        // Until the next start the analog line drives the gripper, which reaches 40 N only.
+        let error = settings.check_on(&LineSettings::DEFAULT).unwrap_err();
+        assert_eq!(error.to_string(), "ceiling: found 512000, expected 1 to 163840");
+        settings.ceiling = newtons(40);
+        assert_eq!(settings.check_on(&LineSettings::DEFAULT), Ok(()));
+    }
+
+    #[test]
+    fn a_fingertip_that_sends_no_maps_may_sit_anywhere() {
+        let mut settings = Configuration::DEFAULT;
+        settings.fingertips[1].centre_um = [i16::MAX, i16::MIN];
+        assert_eq!(settings.check(), Ok(()));
+        settings.sensors = 2;
+        assert!(settings.check().is_err());
+        settings.fingertips[0].centre_um = [i16::MAX, i16::MIN];
+        assert_eq!(settings.check(), Ok(()));
+    }
+
+    #[test]
     fn settings_are_the_same_after_the_way_through_their_values() {
         let mut settings = Configuration::DEFAULT;
         settings.sensors = 2;
@@ -526,6 +579,34 @@ mod tests {
             (
                 refusal(|s| s.ceiling = s.line.points[4].force + 1),
                 "ceiling: found 163841, expected 1 to 163840",
+            ),
+            (
+                refusal(|s| {
+                    s.line.kind = LineKind::Robotiq2f140;
+                    s.floor = newtons(10);
+                    s.ceiling = newtons(125) + 1;
+                }),
+                "ceiling: found 512001, expected 1 to 512000",
+            ),
+            (
+                refusal(|s| s.line.kind = LineKind::Robotiq2f140),
+                "floor: found 4096, expected 40960 to 122880",
+            ),
+            (
+                refusal(|s| {
+                    s.sensors = 2;
+                    s.fingertips[0].centre_um = [-30_000, 0];
+                    s.fingertips[1].centre_um = [2_000, 0];
+                }),
+                "fingertips[1].centre_um[0]: found 2000, expected -32768 to 1999",
+            ),
+            (
+                refusal(|s| {
+                    s.sensors = 2;
+                    s.fingertips[1].pitch_um = 800;
+                    s.fingertips[1].centre_um[1] = -24_000;
+                }),
+                "fingertips[1].centre_um[1]: found -24000, expected -23999 to 23999",
             ),
             (
                 refusal(|s| s.tighten = s.floor - 1),

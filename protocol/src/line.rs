@@ -30,6 +30,8 @@ pub struct LinePoint {
 pub const LINE_POINTS: usize = 5;
 /// Least code for no force, 5 % of the scale: less cannot be told from a broken wire.
 pub const LIVE_ZERO_MIN: u16 = 205;
+/// Forces that a Robotiq 2F-140 grips with, newtons, least and most (its manual, section 6, specifications).
+pub const ROBOTIQ_FORCE_N: [i32; 2] = [10, 125];
 /// Largest code of a 12-bit DAC.
 pub const DAC_CODE_MAX: u16 = 4_095;
 
@@ -72,6 +74,18 @@ impl LineSettings {
             points: [point(0), point(1), point(2), point(3), point(4)],
         }
     };
+
+    /// Least and most that the line can be told to grip with, 1/4096 N; no force but 0 lies below the least.
+    #[must_use]
+    pub const fn force_range(&self) -> [i32; 2] {
+        match self.kind {
+            LineKind::Analog => [0, self.points[LINE_POINTS - 1].force],
+            LineKind::Robotiq2f140 => {
+                let [least, most] = ROBOTIQ_FORCE_N;
+                [least * LSB_PER_NEWTON, most * LSB_PER_NEWTON]
+            }
+        }
+    }
 
     /// (found, least, most) of every setting: a table that starts at 0 N with a live zero and rises from point to
     /// point, so that more force is never a lower code.
@@ -116,6 +130,14 @@ mod tests {
         assert_eq!(LineSettings::DEFAULT.points[0], LinePoint { force: 0, code: 819 });
         let full = LineSettings::DEFAULT.points[LINE_POINTS - 1];
         assert_eq!((full.force, full.code), (40 * LSB_PER_NEWTON, DAC_CODE_MAX));
+    }
+
+    #[test]
+    fn the_force_range_is_that_of_the_line_which_is_chosen() {
+        let mut line = LineSettings::DEFAULT;
+        assert_eq!(line.force_range(), [0, 40 * LSB_PER_NEWTON]);
+        line.kind = LineKind::Robotiq2f140;
+        assert_eq!(line.force_range(), [10 * LSB_PER_NEWTON, MOST]);
     }
 
     #[test]

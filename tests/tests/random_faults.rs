@@ -6,7 +6,7 @@
 
 use std::collections::VecDeque;
 
-use gripline::link::emulator::Cable;
+use gripline::link::emulator::{Cable, Mishap};
 use gripline::link::{EmulatorLink, Link, Transport};
 use gripline_firmware::line::DAC_LIVE_ZERO;
 use gripline_firmware::sums::{TaxelRule, sums_of, total_shear};
@@ -23,6 +23,9 @@ const SETTINGS: Configuration = Configuration::DEFAULT;
 const STEP_US: u64 = 1_000;
 /// 60 maps a second.
 const FRAME_MS: u64 = 16;
+/// The most that passes at once: every piece costs a round trip between processes, and on a busy machine those are what
+/// an hour takes.
+const PIECE_MS: u64 = FRAME_MS;
 /// The watchdog's register, whose next touch hangs: the idle loop spins, and the watchdog starves.
 const WATCHDOG_KEY: u32 = 0x4000_3000;
 /// What the hour must raise at least, so that it proves something.
@@ -46,8 +49,8 @@ const RAISED: [Fault; 13] = [
 trait World {
     fn now_us(&self) -> u64;
     fn send(&mut self, packet: &[u8]);
-    /// Lets a millisecond pass and hands over every force that the line showed in it.
-    fn step(&mut self, shown: &mut dyn FnMut(i32));
+    /// Lets so many milliseconds pass and hands over every force that the line showed in them, with its time.
+    fn step(&mut self, ms: u64, shown: &mut dyn FnMut(u64, i32));
     fn plug(&mut self, plugged: bool);
     /// Whether a host could speak to it now.
     fn is_ready(&self) -> bool;
@@ -98,28 +101,10 @@ impl World for LibraryWorld {
         }
     }
 
-    fn step(&mut self, shown: &mut dyn FnMut(i32)) {
-        self.shown.drain(..).for_each(&mut *shown);
-        self.now_us += STEP_US;
-        match self.reset_at_us {
-            Some(at_us) if self.now_us >= at_us => {
-                self.mcu = Mcu::new(Start {
-                    now_us: self.now_us,
-                    reset: ResetCause::Watchdog,
-                    restored_line: Some(self.mcu.line()),
-                    ..Start::default()
-                });
-                self.reset_at_us = None;
-                self.resets += 1;
-            }
-            Some(_) => return,
-            None => {}
+    fn step(&mut self, ms: u64, shown: &mut dyn FnMut(u64, i32)) {
+        for _ in 0..ms {
+            self.tick(shown);
         }
-        shown(self.mcu.tick(self.now_us).line.lsb());
-        let status = self.mcu.status();
-        self.told |= status.faults | status.latched;
-        let mut packet = [0; PACKET_MAX];
-        while self.mcu.poll_transmit(&mut packet).is_some() {}
     }
 
     fn plug(&mut self, plugged: bool) {
@@ -148,6 +133,35 @@ impl World for LibraryWorld {
 
     fn slack_us(&self) -> u64 {
         2_000
+    }
+}
+
+impl LibraryWorld {
+    fn tick(&mut self, shown: &mut dyn FnMut(u64, i32)) {
+        let from_us = self.now_us;
+        for line in self.shown.drain(..) {
+            shown(from_us, line);
+        }
+        self.now_us += STEP_US;
+        match self.reset_at_us {
+            Some(at_us) if self.now_us >= at_us => {
+                self.mcu = Mcu::new(Start {
+                    now_us: self.now_us,
+                    reset: ResetCause::Watchdog,
+                    restored_line: Some(self.mcu.line()),
+                    ..Start::default()
+                });
+                self.reset_at_us = None;
+                self.resets += 1;
+            }
+            Some(_) => return,
+            None => {}
+        }
+        shown(from_us, self.mcu.tick(self.now_us).line.lsb());
+        let status = self.mcu.status();
+        self.told |= status.faults | status.latched;
+        let mut packet = [0; PACKET_MAX];
+        while self.mcu.poll_transmit(&mut packet).is_some() {}
     }
 }
 
@@ -198,7 +212,7 @@ impl World for BoardWorld {
         }
     }
 
-    fn step(&mut self, shown: &mut dyn FnMut(i32)) {
+    fn step(&mut self, ms: u64, shown: &mut dyn FnMut(u64, i32)) {
         let Self { replies, told, .. } = self;
         let mut listen = |packet: &[u8]| {
             if let Ok(Event::Message(bytes)) = replies.push(packet)
@@ -207,10 +221,15 @@ impl World for BoardWorld {
                 *told |= status.faults | status.latched;
             }
         };
-        let until_us = self.link.now_us() + STEP_US;
+        let until_us = self.link.now_us() + ms * STEP_US;
         self.link.run_until(until_us, &mut listen).unwrap();
+        // The line's times count from power-on.
+        let since_us = self.link.powered_ns() / 1_000 - until_us;
         for write in &self.link.line_writes()[self.writes..] {
-            shown(force_of(write.code));
+            shown(
+                (write.at_ns / 1_000).saturating_sub(since_us),
+                force_of(write.code),
+            );
         }
         self.writes = self.link.line_writes().len();
     }
@@ -225,7 +244,7 @@ impl World for BoardWorld {
     }
 
     fn hang(&mut self) {
-        self.link.hang_at(WATCHDOG_KEY);
+        self.link.mishap_at(Mishap::Hang, WATCHDOG_KEY);
     }
 
     fn resets(&self) -> usize {
@@ -270,6 +289,8 @@ struct Judge {
     anchor: (u64, i32),
     /// How often each demand was looked at.
     looks: [u64; 6],
+    /// What the line showed lately and in which phase, for whoever has to find out why.
+    lately: VecDeque<(u64, i32, String)>,
 }
 
 /// The demands, in the order of [`Judge::looks`].
@@ -336,14 +357,28 @@ impl Judge {
         }
     }
 
+    /// Looks at the line every millisecond until then.
+    fn watch(&mut self, until_us: u64, what: &str) {
+        while self.now_us + STEP_US <= until_us {
+            self.look(self.line, what);
+            self.step(self.now_us + STEP_US);
+        }
+    }
+
     /// Looks at what the line shows now.
     fn look(&mut self, line: i32, what: &str) {
         let (before, tolerance) = (self.line, self.resolution);
         self.line = line;
+        if line != before {
+            self.lately.push_back((self.now_us, line, what.to_owned()));
+            if self.lately.len() > 40 {
+                self.lately.pop_front();
+            }
+        }
         let fail = |demand: usize, expected: i32| {
             panic!(
-                "{}: line {line} after {before}, expected {expected}, at {} µs in {what}",
-                DEMANDS[demand], self.now_us
+                "{}: line {line} after {before}, expected {expected}, at {} µs in {what}; lately {:#?}",
+                DEMANDS[demand], self.now_us, self.lately
             );
         };
         let mut looked = [true, false, false, false, false, true];
@@ -473,13 +508,18 @@ impl<W: World> Host<W> {
     }
 
     fn wait(&mut self, ms: u64, what: &str) {
-        for _ in 0..ms {
+        let mut left_ms = ms;
+        while left_ms > 0 {
+            let piece_ms = left_ms.min(PIECE_MS);
+            left_ms -= piece_ms;
             let resets = self.world.resets();
             let Self { world, judge, .. } = self;
             judge.step(world.now_us());
-            world.step(&mut |line| judge.look(line, what));
-            let line = judge.line;
-            judge.look(line, what);
+            world.step(piece_ms, &mut |at_us, line| {
+                judge.watch(at_us, what);
+                judge.look(line, what);
+            });
+            judge.watch(world.now_us(), what);
             if self.world.resets() != resets {
                 self.was_reset(what);
             }

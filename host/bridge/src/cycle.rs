@@ -103,6 +103,11 @@ impl Cycle {
         self.finish(self.sent(capture_us, (verdict, health), &sent), until_us)
     }
 
+    /// The next turn tells the gripper anew what is wanted.
+    pub(crate) const fn tell_again(&mut self) {
+        self.wish = None;
+    }
+
     fn tell(&mut self, wish: GripMode) -> Result<(), Failure> {
         if self.wish != Some(wish) {
             let command = match wish {

@@ -2,7 +2,8 @@
 //! everything visible on the way.
 //!
 //! [`pipeline`] turns a picture into a force map (scene gate and health, network, quantisation with [`rounding`]); [`link`] carries packets to a
-//! microcontroller; [`session`] speaks the protocol over a link and checks every answer ([`shadow`]); [`run`] joins
+//! microcontroller; [`session`] speaks the protocol over a link, meets a restarted one anew and checks every answer
+//! ([`shadow`]); [`run`] joins
 //! them with a source of pictures and the [`view`]; [`infer`] and [`detect`] run the network over recorded
 //! pictures and the detector over recorded maps;
 //! [`simulate`] plays a scene of the simulated world into files. What a run is to do stands in one file, which
@@ -11,6 +12,7 @@
 //! [`plot`] draws it.
 #![forbid(unsafe_code)]
 
+mod acquaintance;
 pub mod cli;
 pub mod config;
 mod cycle;

@@ -1,5 +1,6 @@
 //! The host's side of the protocol over any link: handshake, settings, maps out, statuses in, every answer checked
-//! against the shadow. Times in µs since the link was opened.
+//! against the shadow. A microcontroller that restarts under way is met anew and gets the settings it was given; no
+//! command is repeated to it. Times in µs since the link was opened.
 
 use std::time::{Instant, SystemTime, UNIX_EPOCH};
 
@@ -11,6 +12,7 @@ use gripline_protocol::message::{
 use gripline_protocol::parser::Counters;
 use gripline_protocol::{Event, ForceMap, MapInfo, PACKET_MAX, Parser, encode_map};
 
+use crate::acquaintance::{Acquaintance, Next};
 use crate::link::{Link, LinkError};
 use crate::shadow::Shadow;
 
@@ -58,7 +60,12 @@ pub enum SessionError {
 pub struct Session {
     link: Box<dyn Link>,
     inbox: Inbox,
+    /// What the microcontroller said of itself when it was last met.
+    firmware: Option<Hello>,
+    acquaintance: Acquaintance,
     settings: Configuration,
+    /// The settings are this host's, to be handed over again after a restart.
+    are_ours: bool,
     shadow: Shadow,
     now_us: u64,
     message_id: u8,
@@ -86,14 +93,20 @@ struct Inbox {
     /// How often settings were stored, from the answer to `Store`.
     stored: Option<u32>,
     refusal: Option<Refusal>,
+    /// Commands were refused because it does not know this host; settings, because they are out of range.
+    is_stranger: bool,
+    settings_refused: bool,
     /// Every status since the last look, newest last.
     statuses: Vec<Status>,
     latest: Option<Status>,
     unreadable: u64,
+    /// Packets of any kind.
+    packets: u64,
 }
 
 impl Inbox {
     fn packet(&mut self, packet: &[u8]) {
+        self.packets += 1;
         let Ok(Event::Message(bytes)) = self.parser.push(packet) else {
             // Refused packets are in the parser's counters; nothing else is expected from a microcontroller.
             return;
@@ -106,7 +119,11 @@ impl Inbox {
             }
             Ok(Message::Report(Report::Configuration(settings))) => self.configuration = Some(settings),
             Ok(Message::Report(Report::Stored { writes })) => self.stored = Some(writes),
-            Ok(Message::Report(Report::Refused(refusal))) => self.refusal = Some(refusal),
+            Ok(Message::Report(Report::Refused(refusal))) => {
+                self.refusal = Some(refusal);
+                self.is_stranger |= refusal == Refusal::NoHandshake;
+                self.settings_refused |= matches!(refusal, Refusal::OutOfRange(_));
+            }
             Ok(Message::Command(_)) | Err(_) => self.unreadable += 1,
         }
     }
@@ -134,33 +151,33 @@ impl Session {
             configuration: None,
             stored: None,
             refusal: None,
+            is_stranger: false,
+            settings_refused: false,
             statuses: Vec::new(),
             latest: None,
             unreadable: 0,
+            packets: 0,
         };
         let settings = Configuration::DEFAULT;
+        // Any number that the last session is unlikely to have had.
+        let number = SystemTime::now()
+            .duration_since(UNIX_EPOCH)
+            .map_or(1, |time| time.subsec_nanos() | 1);
         let mut session = Self {
             link,
             inbox,
+            firmware: None,
+            acquaintance: Acquaintance::new(number),
             settings,
+            are_ours: false,
             shadow: Shadow::new(TaxelRule::of(&settings)),
             now_us: 0,
             message_id: 0,
             packets: Vec::new(),
             lengths: Vec::new(),
         };
-        // Any number that the last session is unlikely to have had.
-        let nonce = SystemTime::now()
-            .duration_since(UNIX_EPOCH)
-            .map_or(1, |time| time.subsec_nanos() | 1);
-        let hello = Message::Hello(Hello::of_this_build(0, nonce));
-        session.ask(&hello, "the handshake", |inbox| inbox.hello.is_some())?;
-        if let Some(Err(mismatch)) = session.inbox.hello.map(|hello| hello.check()) {
-            return Err(SessionError::Schema {
-                link: session.link.name(),
-                mismatch,
-            });
-        }
+        session.ask(&session.hello(), "the handshake", |inbox| inbox.hello.is_some())?;
+        session.meet()?;
         session.ask(
             &Message::Command(Command::ReadConfiguration),
             "the question for its settings",
@@ -168,6 +185,28 @@ impl Session {
         )?;
         session.take_settings();
         Ok(session)
+    }
+
+    fn hello(&self) -> Message {
+        Message::Hello(Hello::of_this_build(0, self.acquaintance.number()))
+    }
+
+    /// Takes the microcontroller's part of the handshake, once it is there.
+    fn meet(&mut self) -> Result<(), SessionError> {
+        let Some(hello) = self.inbox.hello.take() else {
+            return Ok(());
+        };
+        hello.check().map_err(|mismatch| SessionError::Schema {
+            link: self.link.name(),
+            mismatch,
+        })?;
+        self.firmware = Some(hello);
+        if self.acquaintance.met(hello.session, self.now_us) {
+            // What was said of settings was said before it restarted.
+            self.inbox.configuration = None;
+            self.inbox.settings_refused = false;
+        }
+        Ok(())
     }
 
     /// Hands over settings, which are in force from then on.
@@ -190,6 +229,7 @@ impl Session {
             });
         }
         self.take_settings();
+        self.are_ours = true;
         Ok(())
     }
 
@@ -237,7 +277,7 @@ impl Session {
     fn take_settings(&mut self) {
         if let Some(settings) = self.inbox.configuration {
             self.settings = settings;
-            self.shadow = Shadow::new(TaxelRule::of(&settings));
+            self.shadow.judge_by(TaxelRule::of(&settings));
         }
     }
 
@@ -324,19 +364,66 @@ impl Session {
         })
     }
 
-    /// Lets the link work until `until_us` and checks what came in.
+    /// Lets the link work until `until_us` and checks what came in. A microcontroller that restarted is met anew in
+    /// passing: nothing waits for it.
     ///
     /// # Errors
-    /// [`SessionError`] when the link is gone.
+    /// [`SessionError`] when the link is gone, or who comes back speaks another schema.
     pub fn run_until(&mut self, until_us: u64) -> Result<(), SessionError> {
         let Self { link, inbox, .. } = self;
         inbox.statuses.clear();
+        let packets = inbox.packets;
         link.run_until(until_us, &mut |packet| inbox.packet(packet))?;
         self.now_us = until_us.max(self.now_us);
-        for status in &self.inbox.statuses {
-            self.shadow.answered(status);
+        if self.inbox.packets != packets {
+            self.acquaintance.heard(self.now_us);
         }
-        Ok(())
+        for status in &self.inbox.statuses {
+            // Whoever restarted judges by other settings until it has ours.
+            if self.acquaintance.is_sound_after(status) {
+                self.shadow.answered(status);
+            }
+        }
+        self.renew()
+    }
+
+    /// Keeps the acquaintance: says what has to be said now, and takes what was answered.
+    fn renew(&mut self) -> Result<(), SessionError> {
+        if std::mem::take(&mut self.inbox.is_stranger) {
+            self.acquaintance.doubt();
+        }
+        if !self.acquaintance.is_begun() {
+            return Ok(());
+        }
+        self.meet()?;
+        if self.acquaintance.wants_settings() {
+            // It may start with a line that forbids them: then what is in force there counts, and the caller sees the
+            // refusal.
+            self.are_ours &= !self.inbox.settings_refused;
+            if let Some(found) = self.inbox.configuration.take()
+                && (found == self.settings || !self.are_ours)
+            {
+                self.inbox.configuration = Some(found);
+                self.take_settings();
+                self.acquaintance.settled();
+            }
+        }
+        match self.acquaintance.next(self.now_us) {
+            None => Ok(()),
+            Some(Next::Hello) => {
+                self.inbox.hello = None;
+                self.send(&self.hello())
+            }
+            Some(Next::Settings) => {
+                self.inbox.configuration = None;
+                self.inbox.settings_refused = false;
+                self.command(if self.are_ours {
+                    Command::Configure(self.settings)
+                } else {
+                    Command::ReadConfiguration
+                })
+            }
+        }
     }
 
     /// The time now on the clock that capture times are of.
@@ -360,7 +447,19 @@ impl Session {
     /// What the microcontroller said of itself in the handshake.
     #[must_use]
     pub const fn firmware(&self) -> Option<&Hello> {
-        self.inbox.hello.as_ref()
+        self.firmware.as_ref()
+    }
+
+    /// How often the microcontroller restarted since the session began and was met again.
+    #[must_use]
+    pub const fn restarts(&self) -> u32 {
+        self.acquaintance.restarts()
+    }
+
+    /// Whether the microcontroller knows this host and has its settings; not so for a moment after it restarted.
+    #[must_use]
+    pub const fn is_sound(&self) -> bool {
+        self.acquaintance.is_sound()
     }
 
     /// The newest status.

@@ -36,6 +36,15 @@ impl Shadow {
         }
     }
 
+    /// From now on `rule` counts; maps that are under way are forgotten, and what was counted stays.
+    pub fn judge_by(&mut self, rule: TaxelRule) {
+        *self = Self {
+            checked: self.checked,
+            mismatches: self.mismatches,
+            ..Self::new(rule)
+        };
+    }
+
     /// A map goes out.
     pub fn sent(&mut self, sensor: u8, sequence: u32, map: &ForceMap) {
         let sums = sums_of(map, self.rule);

@@ -1,9 +1,12 @@
 //! What the pipeline says about every frame, for the view, for `--json` and for the summary.
-//! Units in the names; forces in newtons, moments in newton-millimetres about the map's centre.
+//! Units in the names; forces in newtons, moments in newton-millimetres about the map's centre, both in the map's
+//! frame but for `load`.
 
 use gripline_network::scene::Verdict;
 use gripline_protocol::Health;
 use serde::{Serialize, Serializer};
+
+use crate::units::Load;
 
 /// Names of the stages in the order in which a frame passes them.
 pub const STAGES: [&str; 5] = ["downsample", "gate", "network", "encode", "link"];
@@ -38,6 +41,8 @@ pub struct FrameReport {
     /// Centre of pressure from the map's centre, x and y; `None` when nothing presses.
     #[serde(rename = "cop_mm")]
     pub centre_of_pressure_mm: Option<[f64; 2]>,
+    /// The same load in the gripper's frame, by the fingertip's stored geometry.
+    pub load: Load,
     /// Taxels in contact.
     pub contact: u16,
     /// Taxels in contact that stick.

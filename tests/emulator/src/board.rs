@@ -23,7 +23,7 @@ use crate::constants::{
 };
 use crate::dac::{CHANNELS, DacWrite};
 use crate::flash::FlashArray;
-use crate::hang::Hang;
+use crate::mishap::{Mishap, PANIC, Wreck};
 use crate::hardware::Hardware;
 use crate::rtt;
 use crate::trace::{self, Event};
@@ -85,7 +85,7 @@ pub struct Board {
     outbox: Vec<u8>,
     bus_outbox: Vec<u8>,
     usb_commands: Vec<usb::Command>,
-    hang_at: Option<u32>,
+    mishap: Option<(Mishap, u32)>,
     settings: Option<Vec<u8>>,
     now_ns: u64,
     instructions: u64,
@@ -140,16 +140,17 @@ impl Board {
             let path = Path::new("settings");
             images.push(Image::new(path, settings.to_vec(), Some(SETTINGS_BASE))?);
         }
-        let log_block = Symbols::read(elf, rigless::cpu::armv7m::code_address)
-            .ok()
-            .and_then(|s| s.get(rtt::SYMBOL).ok());
+        let symbols = Symbols::read(elf, rigless::cpu::armv7m::code_address).ok();
+        let symbol = |name| symbols.as_ref().and_then(|symbols| symbols.get(name).ok());
+        let log_block = symbol(rtt::SYMBOL);
+        let panics_at = symbol(PANIC).map(|address| address as u32);
         // One message each way at a time: the two sides take turns.
         let (commands, inbox) = sync_channel(1);
         let (outbox, reports) = sync_channel(1);
         let thread = std::thread::Builder::new()
             .name("emulated board".into())
             .spawn(move || {
-                if let Err(error) = run(&images, log_block, traced, inbox, outbox.clone()) {
+                if let Err(error) = run(&images, log_block, panics_at, traced, inbox, outbox.clone()) {
                     // The caller may be gone; then nobody is left to tell.
                     let _ = outbox.send(Err(error));
                 }
@@ -162,7 +163,7 @@ impl Board {
             outbox: Vec::new(),
             bus_outbox: Vec::new(),
             usb_commands: Vec::new(),
-            hang_at: None,
+            mishap: None,
             settings: None,
             now_ns: 0,
             instructions: 0,
@@ -309,10 +310,10 @@ impl Board {
         &self.usb_deliveries_ns
     }
 
-    /// From the next run on, the instruction that next touches `address` loops for ever when it comes again: a task, or
-    /// an interrupt, that hangs. The next reset heals it.
-    pub fn hang_at(&mut self, address: u32) {
-        self.hang_at = Some(address);
+    /// From the next run on, `mishap` befalls the instruction that next touches `address` when it comes again: a task, or
+    /// an interrupt, that fails. The next reset heals it.
+    pub fn mishap_at(&mut self, mishap: Mishap, address: u32) {
+        self.mishap = Some((mishap, address));
     }
 
     /// What lies where the firmware keeps its settings, when that has changed since the last call.
@@ -334,7 +335,7 @@ impl Board {
             uart: std::mem::take(&mut self.outbox),
             bus: std::mem::take(&mut self.bus_outbox),
             usb: std::mem::take(&mut self.usb_commands),
-            hang_at: self.hang_at.take(),
+            mishap: self.mishap.take(),
         };
         // A thread that is gone takes no command; why it went is what its last report says.
         let _ = self.commands.as_ref().map(|commands| commands.send(command));
@@ -488,7 +489,7 @@ struct Command {
     uart: Vec<u8>,
     bus: Vec<u8>,
     usb: Vec<usb::Command>,
-    hang_at: Option<u32>,
+    mishap: Option<(Mishap, u32)>,
 }
 
 /// The USB port as it stands.
@@ -525,6 +526,7 @@ struct Report {
 fn run(
     images: &[Image],
     log_block: Option<u64>,
+    panics_at: Option<u32>,
     traced: Vec<u32>,
     commands: Receiver<Command>,
     reports: SyncSender<Result<Report, EmulatorError>>,
@@ -539,7 +541,7 @@ fn run(
         reports,
         log_block,
         flash: FlashArray::default(),
-        hang: Hang::default(),
+        wreck: Wreck::new(panics_at),
         log: Vec::new(),
         bus_driver: Vec::new(),
         resets_told: 0,
@@ -556,7 +558,7 @@ struct Puppet {
     reports: SyncSender<Result<Report, EmulatorError>>,
     log_block: Option<u64>,
     flash: FlashArray,
-    hang: Hang,
+    wreck: Wreck,
     log: Vec<u8>,
     bus_driver: Vec<(u64, bool)>,
     resets_told: usize,
@@ -614,9 +616,9 @@ impl Driver<Hardware> for Puppet {
                 read.unwrap_or_default()
             };
             self.flash.settled(&access, value, &mut control, host);
-            self.hang.settled(&access, host);
+            self.wreck.settled(&access, host);
         } else {
-            self.hang.restarted(session.resets().len(), host);
+            self.wreck.restarted(session.resets().len(), host);
         }
         self.tracer.settled(session.board_mut(), host, settled);
         // The models never hear of a pause, so draining changes nothing but the room in the firmware's log buffer,
@@ -642,8 +644,8 @@ impl Driver<Hardware> for Puppet {
         let command = self.commands.recv().ok()?;
         session.board_mut().far_end().send(&command.uart);
         session.board_mut().bus_end().send(&command.bus);
-        if let Some(address) = command.hang_at {
-            self.hang.ask(address);
+        if let Some((mishap, address)) = command.mishap {
+            self.wreck.ask(mishap, address);
         }
         for command in command.usb {
             session.board_mut().usb().command(command);

@@ -9,8 +9,8 @@ mod board;
 pub mod constants;
 pub mod dac;
 mod flash;
-mod hang;
 mod hardware;
+mod mishap;
 mod part;
 mod rtt;
 mod trace;
@@ -20,5 +20,6 @@ pub mod wire;
 
 pub use board::{Board, EmulatorError, Reset};
 pub use dac::DacWrite;
+pub use mishap::Mishap;
 pub use trace::Event;
 pub use uart::UartByte;

@@ -141,8 +141,9 @@ fn talk(board: &mut Board, settings: Option<&Path>) -> Result<(), Failure> {
         for (setup, data) in &request.usb_controls {
             board.usb_control(*setup, data);
         }
-        if request.hang_at != 0 {
-            board.hang_at(request.hang_at);
+        let (mishap, address) = request.mishap;
+        if address != 0 {
+            board.mishap_at(mishap, address);
         }
         let resets_before = board.resets().len();
         let (packets_before, transfers_before) = (board.usb_packets().len(), board.usb_transfers().len());

@@ -7,12 +7,13 @@
 use std::io::{self, Read, Write};
 
 use crate::constants::{MAX_ADVANCE_NS, MAX_UART_BYTES, MAX_USB_ITEMS, USB_PACKET_MAX};
+use crate::mishap::Mishap;
 use crate::usb::{Cable, ControlOutcome, ControlTransfer, Setup, UsbPacket, UsbState};
 
 /// What the greeting starts with.
 pub const MAGIC: [u8; 8] = *b"GRIPEMU\0";
 /// The version of this layout.
-pub const VERSION: u32 = 3;
+pub const VERSION: u32 = 4;
 /// The first byte of a RUN request.
 const RUN: u8 = 1;
 
@@ -87,8 +88,8 @@ pub struct Request {
     pub usb_packets: Vec<Vec<u8>>,
     /// Control transfers for the USB host to make: what is asked, and what is written if it writes.
     pub usb_controls: Vec<(Setup, Vec<u8>)>,
-    /// Address at whose next touch the program hangs until it is reset; 0 for none.
-    pub hang_at: u32,
+    /// What becomes of the program at the next touch of an address; 0 for none.
+    pub mishap: (Mishap, u32),
 }
 
 /// A code on the grip-force line (channel 1).
@@ -175,7 +176,9 @@ impl Request {
             to.write_all(&(data.len() as u16).to_le_bytes())?;
             to.write_all(data)?;
         }
-        to.write_all(&self.hang_at.to_le_bytes())?;
+        let (mishap, address) = self.mishap;
+        to.write_all(&[number(&Mishap::ALL, &mishap)])?;
+        to.write_all(&address.to_le_bytes())?;
         Ok(to.flush()?)
     }
 
@@ -215,14 +218,15 @@ impl Request {
             let length = u16::from_le_bytes(read_array(from)?);
             usb_controls.push((setup, read_bytes(from, length.into())?));
         }
-        let hang_at = read_u32(from)?;
+        let mishap = named("mishap", &Mishap::ALL, from)?;
+        let mishap = (mishap, read_u32(from)?);
         Ok(Some(Self {
             advance_ns,
             cable,
             uart_bytes,
             usb_packets,
             usb_controls,
-            hang_at,
+            mishap,
         }))
     }
 }
@@ -424,7 +428,7 @@ mod tests {
             uart_bytes: vec![7, 8, 9],
             usb_packets: vec![vec![4, 5]],
             usb_controls: vec![([8, 7, 6, 5, 4, 3, 2, 1], vec![0xEE])],
-            hang_at: 0x4000_7408,
+            mishap: (Mishap::Panic, 0x4000_7408),
         }
         .write(&mut bytes)
         .unwrap();
@@ -433,7 +437,7 @@ mod tests {
             &[3, 0, 0, 0, 7, 8, 9],
             &[1, 0, 0, 0, 2, 4, 5],
             &[1, 0, 0, 0, 8, 7, 6, 5, 4, 3, 2, 1, 1, 0, 0xEE],
-            &[0x08, 0x74, 0, 0x40],
+            &[2, 0x08, 0x74, 0, 0x40],
         ];
         assert_eq!(bytes, expected.concat());
     }
@@ -468,7 +472,7 @@ mod tests {
             uart_bytes: vec![1; MAX_UART_BYTES as usize],
             usb_packets: vec![vec![2; USB_PACKET_MAX], vec![]],
             usb_controls: vec![([3; 8], vec![4; 70]), ([5; 8], vec![])],
-            hang_at: 5,
+            mishap: (Mishap::Fault, 5),
         };
         let mut pipe = Vec::new();
         write_greeting(&mut pipe).unwrap();
@@ -529,7 +533,7 @@ mod tests {
     fn a_greeting_of_another_program_or_version_is_refused() {
         let other = read_greeting(&mut b"GRIPLINE\x01\0\0\0".as_slice());
         assert!(matches!(other, Err(WireError::Magic(_))), "{other:?}");
-        let newer = read_greeting(&mut b"GRIPEMU\0\x04\0\0\0".as_slice());
-        assert!(matches!(newer, Err(WireError::Version(4))), "{newer:?}");
+        let newer = read_greeting(&mut b"GRIPEMU\0\x05\0\0\0".as_slice());
+        assert!(matches!(newer, Err(WireError::Version(5))), "{newer:?}");
     }
 }

@@ -36,8 +36,13 @@ pub(crate) fn start(force: GripForce, calibration: LineCalibration) -> AnalogLin
 }
 
 impl DacOutput for Dac {
-    fn show(&mut self, code: u16, force: GripForce) {
+    #[inline]
+    fn show(&mut self, code: u16) {
         write_code(code);
+    }
+
+    #[inline]
+    fn keep(&mut self, force: GripForce) {
         reset::keep_line(force);
     }
 }

@@ -18,6 +18,7 @@ compile_error!("name one board, not two: an image runs on one chip");
 
 mod board;
 mod control;
+mod crash;
 mod flash;
 mod gripper_bus;
 mod hot;
@@ -37,7 +38,6 @@ use embassy_time::Instant;
 use gripline_firmware::line::LineCalibration;
 use gripline_firmware::{GripForce, Mcu, Start, storage};
 use gripline_protocol::line::LineKind;
-use panic_probe as _;
 use static_cell::StaticCell;
 
 use crate::flash::SettingsSectors;
@@ -109,6 +109,13 @@ fn main() -> ! {
         reset.cause,
         reset.line
     );
+    if let Some([place, caller]) = reset.crash {
+        defmt::error!(
+            "the program crashed at {=u32:#010x}, called from {=u32:#010x}",
+            place,
+            caller
+        );
+    }
     PATIENT.init(Executor::new()).run(|spawner| {
         spawner.spawn(uart::transmit(uart_out).expect("one UART task"));
         spawner.spawn(usb::transmit(usb_out).expect("one USB task"));

@@ -1,4 +1,4 @@
-//! What survives a reset: its cause, the grip-force line, and a number per start.
+//! What survives a reset: its cause, the grip-force line, a number per start, and where a crash happened.
 //!
 //! The line lies twice in RAM that start-up does not clear, each time with a check word, so that a reset between two
 //! writes leaves one good copy. Units: force in 1/4096 N. Limits: power loss forgets it, and should.
@@ -18,21 +18,28 @@ pub(crate) struct Reset {
     pub line: Option<GripForce>,
     /// A number that differs from start to start.
     pub session: u32,
+    /// Where the program crashed, if that was the cause.
+    pub crash: Option<[u32; CRASH_PLACES]>,
 }
+
+/// Addresses that are kept of a crash.
+pub(crate) const CRASH_PLACES: usize = 2;
 
 /// Reads what survived. Clears the chip's flags, so it answers truly once per start.
 pub(crate) fn read() -> Reset {
     let flags = RCC.csr().read();
     RCC.csr().modify(|clear| clear.set_rmvf(true));
     let power_came = flags.porrstf() || flags.borrstf();
+    let crash = take_crash().filter(|_| !power_came);
     // Every reset also pulls the reset pin, so that flag tells nothing beside another.
     let cause = if power_came {
         ResetCause::PowerOn
     } else if flags.wdgrstf() || flags.wwdgrstf() {
         ResetCause::Watchdog
-    } else if flags.sftrstf() {
+    } else if crash.is_some() {
         ResetCause::Software
     } else {
+        // The reset pin, or a debug probe that put a program on the chip: somebody stands beside it.
         ResetCause::PowerOn
     };
     // Whoever presses the reset button with an object in the grip does not mean to drop it.
@@ -40,7 +47,46 @@ pub(crate) fn read() -> Reset {
         cause,
         line: if power_came { None } else { kept_line() },
         session: next_session(),
+        crash,
     }
+}
+
+struct Crash(UnsafeCell<MaybeUninit<[u32; CRASH_PLACES + 1]>>);
+
+// SAFETY: written when nothing else runs any more, read at start-up before anything else does.
+unsafe impl Sync for Crash {}
+
+#[unsafe(link_section = ".uninit.gripline_crash")]
+static CRASH: Crash = Crash(UnsafeCell::new(MaybeUninit::uninit()));
+
+/// Remembers where the program crashed.
+pub(crate) fn keep_crash(places: [u32; CRASH_PLACES]) {
+    let [place, caller] = places;
+    // SAFETY: nothing else runs any more, and nobody holds a reference into `CRASH`.
+    unsafe {
+        CRASH
+            .0
+            .get()
+            .cast::<[u32; CRASH_PLACES + 1]>()
+            .write_volatile([check_all(places), place, caller]);
+    }
+}
+
+/// Where the program crashed before this start; tells it once.
+fn take_crash() -> Option<[u32; CRASH_PLACES]> {
+    let words = CRASH.0.get().cast::<[u32; CRASH_PLACES + 1]>();
+    // SAFETY: any bit pattern is a valid `u32`, and volatile accesses take RAM as it is; nobody else holds a reference.
+    let [found, places @ ..] = unsafe { words.read_volatile() };
+    // SAFETY: as above.
+    unsafe { words.write_volatile([0; CRASH_PLACES + 1]) };
+    (found == check_all(places)).then_some(places)
+}
+
+/// The word that belongs to these places; never 0 for none of them.
+fn check_all(places: [u32; CRASH_PLACES]) -> u32 {
+    places
+        .into_iter()
+        .fold(MARK, |all, place| all.rotate_left(5) ^ place)
 }
 
 /// A force and the word that proves it was written by this program.
@@ -58,6 +104,7 @@ unsafe impl Sync for Kept {}
 static KEPT: Kept = Kept(UnsafeCell::new(MaybeUninit::uninit()));
 
 /// Remembers what the line shows. Only the owner of the line may call it.
+#[inline]
 pub(crate) fn keep_line(force: GripForce) {
     let force = force.lsb().cast_unsigned();
     let copy = [force, check(force)];

@@ -87,6 +87,7 @@ mod tests {
     use super::*;
     use crate::units::{moment_nmm, stick_ratio};
     use gripline_protocol::TAXELS;
+    use gripline_protocol::constants::TAXEL_PITCH_MM;
     use proptest::prelude::*;
 
     proptest! {
@@ -112,7 +113,7 @@ mod tests {
             scale: 1.0,
         };
         let verdict = judge(&quantise(&forces, 1.0).map, &settings);
-        assert!((moment_nmm(&verdict.sums) - 15.2).abs() < 1e-12);
+        assert!((moment_nmm(&verdict.sums, TAXEL_PITCH_MM) - 15.2).abs() < 1e-12);
         assert_eq!(stick_ratio(&verdict.sums), None);
     }
 

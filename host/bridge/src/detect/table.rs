@@ -3,6 +3,7 @@
 
 use std::io::{self, Write};
 
+use gripline_protocol::constants::TAXEL_PITCH_MM;
 use serde::Serialize;
 
 use crate::detect::judge::{Settings, Verdict};
@@ -48,7 +49,7 @@ pub fn write_row(
     answer: Option<Answer>,
 ) -> io::Result<()> {
     let [x, y, normal] = force_n(&verdict.sums);
-    let (shear, moment) = (shear_n(&verdict.sums), moment_nmm(&verdict.sums));
+    let (shear, moment) = (shear_n(&verdict.sums), moment_nmm(&verdict.sums, TAXEL_PITCH_MM));
     let (contact, stick) = (verdict.sums.contact, verdict.sums.stick);
     write!(
         out,

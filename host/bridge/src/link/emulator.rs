@@ -14,7 +14,7 @@ use super::{Link, LinkError};
 
 const NAME: &str = "emulator";
 const MAGIC: [u8; 8] = *b"GRIPEMU\0";
-const VERSION: u32 = 3;
+const VERSION: u32 = 4;
 const RUN: u8 = 1;
 /// The number of "configured" among the USB states of a reply.
 const CONFIGURED: u8 = 2;
@@ -51,6 +51,17 @@ pub enum Cable {
     Asleep = 2,
 }
 
+/// What may become of the emulated program.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Mishap {
+    /// It loops for ever.
+    Hang = 0,
+    /// It runs into an undefined instruction.
+    Fault = 1,
+    /// It panics.
+    Panic = 2,
+}
+
 /// A control transfer over the emulated USB that is over.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ControlTransfer {
@@ -82,7 +93,7 @@ pub struct EmulatorLink {
     uart_bytes: Vec<u8>,
     usb_packets: Vec<Vec<u8>>,
     controls: Vec<[u8; 8]>,
-    hang_at: u32,
+    mishap: (Mishap, u32),
     decoder: CobsDecoder,
     now_us: u64,
     now: Reply,
@@ -94,6 +105,7 @@ pub struct EmulatorLink {
 /// What the emulator's last reply said of the present.
 #[derive(Debug, Clone, Copy, Default)]
 struct Reply {
+    now_ns: u64,
     resets: u32,
     dac_code: u16,
     usb_state: u8,
@@ -145,7 +157,7 @@ impl EmulatorLink {
             uart_bytes: Vec::new(),
             usb_packets: Vec::new(),
             controls: Vec::new(),
-            hang_at: 0,
+            mishap: (Mishap::Hang, 0),
             decoder: CobsDecoder::new(),
             now_us: 0,
             now: Reply::default(),
@@ -209,6 +221,12 @@ impl EmulatorLink {
         self.now.usb_waiting as usize + self.usb_packets.len()
     }
 
+    /// Virtual time since power-on, nanoseconds: the clock of [`LineWrite`] and of the restarts.
+    #[must_use]
+    pub fn powered_ns(&self) -> u64 {
+        self.now.now_ns
+    }
+
     /// Restarts of the microcontroller since power-on.
     #[must_use]
     pub fn resets(&self) -> u32 {
@@ -221,10 +239,10 @@ impl EmulatorLink {
         &self.resets_ns
     }
 
-    /// From the next run on, has the instruction that next touches `address` hang until a reset, and with it whatever
-    /// program part it belongs to.
-    pub fn hang_at(&mut self, address: u32) {
-        self.hang_at = address;
+    /// From the next run on, has `mishap` befall the instruction that next touches `address`, and with it whatever program
+    /// part it belongs to, until a reset.
+    pub fn mishap_at(&mut self, mishap: Mishap, address: u32) {
+        self.mishap = (mishap, address);
     }
 
     /// Every code on the grip-force line since power-on.
@@ -249,14 +267,17 @@ impl EmulatorLink {
             request.extend(setup);
             request.extend(0_u16.to_le_bytes());
         }
-        request.extend(std::mem::take(&mut self.hang_at).to_le_bytes());
+        let (mishap, address) = std::mem::replace(&mut self.mishap, (Mishap::Hang, 0));
+        request.push(mishap as u8);
+        request.extend(address.to_le_bytes());
         self.to.write_all(&request)?;
         self.to.flush()
     }
 
     fn reply(&mut self, received: &mut dyn FnMut(&[u8])) -> Result<(), LinkError> {
         let from = &mut self.from;
-        let [_now_ns, _instructions]: [u64; 2] = [read_u64(from)?, read_u64(from)?];
+        self.now.now_ns = read_u64(from)?;
+        let _instructions = read_u64(from)?;
         self.now.resets = read_u32(from)?;
         self.now.dac_code = u16::from_le_bytes(read(from)?);
         let length = read_u32(from)? as usize;

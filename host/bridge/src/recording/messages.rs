@@ -180,7 +180,7 @@ pub(crate) struct StoredTruth {
 }
 
 /// The keys of `/status` and their JSON types, for programs that plot them.
-const STATUS_KEYS: [(&str, &str); 28] = [
+const STATUS_KEYS: [(&str, &str); 29] = [
     ("frame", "integer"),
     ("t_s", "number"),
     ("gate", "string"),
@@ -191,6 +191,7 @@ const STATUS_KEYS: [(&str, &str); 28] = [
     ("ft", "number"),
     ("mz", "number"),
     ("cop_mm", "array"),
+    ("load", "object"),
     ("contact", "integer"),
     ("stick", "integer"),
     ("stick_ratio", "number"),

@@ -402,11 +402,12 @@ mod tests {
 
     use gripline_network::scene::Verdict;
     use gripline_protocol::ForceMap;
-    use gripline_protocol::message::{GripMode, Status};
+    use gripline_protocol::message::{FingertipGeometry, GripMode, Status};
 
     use super::super::reader::{Ending, Reader};
     use super::*;
     use crate::telemetry::STAGES;
+    use crate::units::Load;
 
     fn frame(number: u64) -> Frame {
         let report = FrameReport {
@@ -420,6 +421,7 @@ mod tests {
             shear_n: 0.0,
             moment_nmm: 0.0,
             centre_of_pressure_mm: None,
+            load: Load::of(&Status::default().sums, 0, &FingertipGeometry::DEFAULT),
             contact: 0,
             stick: 0,
             stick_ratio: None,

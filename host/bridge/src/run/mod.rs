@@ -13,12 +13,12 @@ use std::time::{Duration, Instant};
 
 use clap::Args;
 use gripline_firmware::Fault;
-use gripline_firmware::sums::{TaxelRule, centre_of_pressure_um, stick_ratio_below};
+use gripline_firmware::sums::{TaxelRule, stick_ratio_below};
 use gripline_network::constants::{CROP_SIDE, IMAGE_SIDE};
 use gripline_network::scene::Verdict;
 use gripline_network::{Architecture, InstructionSet, Network};
-use gripline_protocol::message::{Configuration, GripMode, Status};
-use gripline_protocol::{LSB_PER_NEWTON, PER_UNIT};
+use gripline_protocol::message::{Configuration, FingertipGeometry, GripMode, Refusal, Status};
+use gripline_protocol::{LSB_PER_NEWTON, PER_UNIT, SENSORS};
 use gripline_simulation::constants::{SCENE_INITIAL_GRIP_N, SCENE_LOOP_S};
 
 use self::output::{Output, Wish};
@@ -33,7 +33,9 @@ use crate::session::Session;
 use crate::source::{Picture, SimulatedSource, Source};
 use crate::stats::Times;
 use crate::telemetry::{FrameReport, Limits, STAGES, health_names};
-use crate::units::{force_n, moment_nmm, newtons, ratio, shear_n, stick_ratio};
+use crate::units::{
+    Load, centre_of_pressure_mm, force_n, millimetres, moment_nmm, newtons, ratio, shear_n, stick_ratio,
+};
 
 /// Frames a second of the simulated camera.
 const FRAMES_PER_SECOND: f64 = 60.0;
@@ -232,8 +234,13 @@ impl Run {
         if let Some(refusal) = self.cycle.session.take_refusal() {
             self.summary.commands_refused += 1;
             self.summary.last_refusal = Some(format!("{refusal:?}"));
+            if refusal == Refusal::NoHandshake {
+                // It restarted and did not take up what is still wanted.
+                self.cycle.tell_again();
+            }
         }
-        let report = report_of(self.frame, &turn, &picture);
+        let fingertips = &self.cycle.session.settings().fingertips;
+        let report = report_of(self.frame, &turn, fingertips, &picture);
         self.observe(&report, &turn.status);
         self.publish(&report);
         if let Some(recorder) = &mut self.recorder {
@@ -359,6 +366,7 @@ impl Run {
             network_frame_to_link_us_p999: self.network_frame_to_link.quantile_us(0.999),
             answers_checked: self.cycle.session.shadow().checked(),
             shadow_mismatches: self.cycle.session.shadow().mismatches(),
+            microcontroller_restarts: self.cycle.session.restarts(),
             // JSON has no infinity: never held, so nothing to say.
             line_n_min_holding: if line_n_min_holding.is_finite() {
                 line_n_min_holding
@@ -385,9 +393,16 @@ fn image(wanted: Pictures, crop: Vec<u8>, pipeline: &Pipeline) -> Option<Image> 
     }
 }
 
-fn report_of(frame: u64, turn: &Turn, picture: &Picture) -> FrameReport {
+fn report_of(
+    frame: u64,
+    turn: &Turn,
+    fingertips: &[FingertipGeometry; SENSORS],
+    picture: &Picture,
+) -> FrameReport {
     let status = &turn.status;
     let sums = &status.sums;
+    let fingertip = &fingertips[usize::from(status.sensor).min(SENSORS - 1)];
+    let pitch_mm = millimetres(fingertip.pitch_um);
     let [x, y, z] = force_n(sums);
     let faults = status.faults | status.latched;
     FrameReport {
@@ -399,8 +414,9 @@ fn report_of(frame: u64, turn: &Turn, picture: &Picture) -> FrameReport {
         shear_x_n: x,
         shear_y_n: y,
         shear_n: shear_n(sums),
-        moment_nmm: moment_nmm(sums),
-        centre_of_pressure_mm: centre_of_pressure_um(sums).map(|place| place.map(|um| f64::from(um) / 1e3)),
+        moment_nmm: moment_nmm(sums, pitch_mm),
+        centre_of_pressure_mm: centre_of_pressure_mm(sums, pitch_mm),
+        load: Load::of(sums, status.sensor, fingertip),
         contact: sums.contact,
         stick: sums.stick,
         stick_ratio: stick_ratio(sums),

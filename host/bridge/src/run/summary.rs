@@ -45,6 +45,8 @@ pub(super) struct Summary {
     pub line_n_min_holding: f64,
     pub line_n_max: f64,
     pub microcontroller_worst_cycles: [u32; 4],
+    /// Restarts under way (watchdog, crash, power), after each of which it was met anew and given its settings.
+    pub microcontroller_restarts: u32,
     /// What was recorded, when anything was to be.
     pub recording: Option<Recorded>,
 }
@@ -91,6 +93,7 @@ impl Summary {
             line_n_min_holding: f64::INFINITY,
             line_n_max: 0.0,
             microcontroller_worst_cycles: [0; 4],
+            microcontroller_restarts: 0,
             recording: None,
         }
     }
@@ -171,6 +174,13 @@ pub(super) fn summary_text(summary: &Summary) -> String {
             text,
             "\n{} commands refused by the microcontroller, the last: {refusal}",
             summary.commands_refused
+        );
+    }
+    if summary.microcontroller_restarts > 0 {
+        let _ = write!(
+            text,
+            "\nthe microcontroller restarted {} times and was met again",
+            summary.microcontroller_restarts
         );
     }
     text

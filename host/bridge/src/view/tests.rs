@@ -8,7 +8,9 @@ use ratatui::buffer::Buffer;
 
 use super::View;
 use crate::telemetry::{FrameReport, Limits, STAGES, Truth};
+use crate::units::Load;
 use gripline_network::scene::Verdict;
+use gripline_protocol::message::{FingertipGeometry, MapSums};
 
 pub(super) const LIMITS: Limits = Limits {
     friction: 0.45,
@@ -31,6 +33,7 @@ pub(super) fn report(frame: u64) -> FrameReport {
         shear_n: 0.0,
         moment_nmm: 0.0,
         centre_of_pressure_mm: None,
+        load: Load::of(&MapSums::default(), 0, &FingertipGeometry::DEFAULT),
         contact: 0,
         stick: 0,
         stick_ratio: None,

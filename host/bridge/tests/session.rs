@@ -1,0 +1,336 @@
+//! A microcontroller that restarts, falls silent or is replaced while a session is under way: the host meets it anew,
+//! gives it its settings and repeats no command. The firmware library on a clock of its own; times in µs.
+
+use std::cell::RefCell;
+use std::collections::VecDeque;
+use std::rc::Rc;
+
+use gripline::link::{Link, LinkError};
+use gripline::session::{Session, SessionError};
+use gripline_firmware::{Fault, Mcu, ResetCause, Start};
+use gripline_protocol::message::{Command, Configuration, GripMode, Hello, Message, MessagePackets, Refusal};
+use gripline_protocol::{Event, ForceMap, MapInfo, PACKET_MAX, Parser, TaxelForce};
+
+const SETTINGS: Configuration = Configuration {
+    friction: 4_321,
+    relax_rate: 0,
+    ..Configuration::DEFAULT
+};
+
+/// A microcontroller that the test has a hand on.
+struct Bench {
+    mcu: Mcu,
+    now_us: u64,
+    /// Not before this does it run again.
+    down_until_us: u64,
+    starts: u32,
+    started_us: u64,
+    replies: VecDeque<Vec<u8>>,
+    /// A host spoke since the start: before that the firmware does not know whom to tell anything.
+    is_spoken_to: bool,
+    /// Every command that the host sent, and whether it was a handshake.
+    heard: Vec<Message>,
+    ear: Parser,
+}
+
+impl Bench {
+    fn new() -> Self {
+        Self {
+            mcu: Mcu::new(Start {
+                session: 1,
+                ..Start::default()
+            }),
+            now_us: 0,
+            down_until_us: 0,
+            starts: 1,
+            started_us: 0,
+            replies: VecDeque::new(),
+            is_spoken_to: false,
+            heard: Vec::new(),
+            ear: Parser::new(),
+        }
+    }
+
+    /// As a watchdog does it: everything is forgotten but the line.
+    fn restart(&mut self, reset: ResetCause, down_us: u64) {
+        self.starts += 1;
+        self.down_until_us = self.now_us + down_us;
+        self.started_us = self.down_until_us;
+        let line = self.mcu.line();
+        self.mcu = Mcu::new(Start {
+            reset,
+            restored_line: (reset != ResetCause::PowerOn).then_some(line),
+            session: self.starts,
+            ..Start::default()
+        });
+        self.replies.clear();
+        self.is_spoken_to = false;
+    }
+
+    fn collect(&mut self) {
+        if !self.is_spoken_to {
+            return;
+        }
+        let mut packet = [0; PACKET_MAX];
+        while let Some(length) = self.mcu.poll_transmit(&mut packet) {
+            self.replies.push_back(packet[..length].to_vec());
+        }
+    }
+}
+
+struct BenchLink(Rc<RefCell<Bench>>);
+
+impl Link for BenchLink {
+    fn send(&mut self, packet: &[u8]) -> Result<(), LinkError> {
+        let mut bench = self.0.borrow_mut();
+        if let Ok(Event::Message(bytes)) = bench.ear.push(packet)
+            && let Ok(message) = Message::from_bytes(bytes)
+        {
+            bench.heard.push(message);
+        }
+        if bench.now_us >= bench.down_until_us {
+            let time_us = bench.now_us - bench.started_us;
+            bench.is_spoken_to = true;
+            let _ = bench.mcu.packet(packet, time_us);
+            bench.collect();
+        }
+        Ok(())
+    }
+
+    fn run_until(&mut self, until_us: u64, received: &mut dyn FnMut(&[u8])) -> Result<(), LinkError> {
+        let mut bench = self.0.borrow_mut();
+        while bench.now_us + 1_000 <= until_us {
+            bench.now_us += 1_000;
+            if bench.now_us > bench.down_until_us {
+                let time_us = bench.now_us - bench.started_us;
+                let _ = bench.mcu.tick(time_us);
+                bench.collect();
+            }
+        }
+        while let Some(packet) = bench.replies.pop_front() {
+            received(&packet);
+        }
+        Ok(())
+    }
+
+    fn now_us(&self) -> u64 {
+        self.0.borrow().now_us
+    }
+
+    fn name(&self) -> String {
+        "bench".to_owned()
+    }
+}
+
+struct Host {
+    session: Session,
+    bench: Rc<RefCell<Bench>>,
+    sequence: u32,
+}
+
+impl Host {
+    /// Holding, with maps that stick, the host's own settings in force.
+    fn holding() -> Self {
+        let bench = Rc::new(RefCell::new(Bench::new()));
+        let session = Session::open(Box::new(BenchLink(Rc::clone(&bench))), SETTINGS).unwrap();
+        let mut host = Self {
+            session,
+            bench,
+            sequence: 0,
+        };
+        host.session.command(Command::Hold).unwrap();
+        host.maps(40);
+        assert_eq!(host.session.status().unwrap().mode, GripMode::Hold);
+        assert!(host.line() > SETTINGS.floor);
+        host.bench.borrow_mut().heard.clear();
+        host
+    }
+
+    fn line(&self) -> i32 {
+        self.bench.borrow().mcu.line().lsb()
+    }
+
+    /// 60 maps a second.
+    fn maps(&mut self, count: u32) {
+        let mut map = ForceMap::EMPTY;
+        for (place, taxel) in map.taxels[100..160].iter_mut().enumerate() {
+            *taxel = TaxelForce {
+                x: 250,
+                y: -60,
+                z: 800 + place as i16,
+            };
+        }
+        for _ in 0..count {
+            self.sequence += 1;
+            let info = MapInfo {
+                sequence: self.sequence,
+                capture_us: self.session.capture_us(),
+                ..MapInfo::default()
+            };
+            self.session.send_map(&info, &map).unwrap();
+            self.session.run_until(self.session.now_us() + 16_667).unwrap();
+        }
+    }
+
+    fn heard(&self) -> Vec<Message> {
+        self.bench.borrow().heard.clone()
+    }
+
+    fn hellos(&self) -> usize {
+        let heard = self.heard();
+        heard
+            .iter()
+            .filter(|message| matches!(message, Message::Hello(_)))
+            .count()
+    }
+}
+
+#[test]
+fn a_watchdog_reset_under_way_is_noticed_and_met_with_a_handshake_and_the_settings_alone() {
+    let mut host = Host::holding();
+    let line = host.line();
+    let checked = host.session.shadow().checked();
+    host.bench.borrow_mut().restart(ResetCause::Watchdog, 100_000);
+    host.maps(30);
+    assert_eq!((host.session.restarts(), host.session.is_sound()), (1, true));
+    assert_eq!(*host.bench.borrow().mcu.settings(), SETTINGS);
+    // Nothing that moves the grip was said again: it holds by itself, and a person must look.
+    for message in host.heard() {
+        assert!(
+            matches!(
+                message,
+                Message::Hello(_) | Message::Command(Command::Configure(_) | Command::ReadConfiguration)
+            ),
+            "{message:?}"
+        );
+    }
+    let status = *host.session.status().unwrap();
+    assert_eq!(
+        (status.mode, status.latched),
+        (GripMode::Hold, Fault::WatchdogReset.bit())
+    );
+    assert!(status.line >= line);
+    // Maps are judged again, by the same settings on both sides.
+    assert!(host.session.shadow().checked() >= checked + 15);
+    assert_eq!(host.session.shadow().mismatches(), 0);
+    host.session.command(Command::Release).unwrap();
+    host.maps(2);
+    assert_eq!(host.session.take_refusal(), Some(Refusal::Latched));
+    host.session
+        .command(Command::Acknowledge { faults: u32::MAX })
+        .unwrap();
+    host.session.command(Command::Release).unwrap();
+    host.maps(2);
+    assert_eq!(host.session.take_refusal(), None);
+    assert_eq!(host.session.status().unwrap().mode, GripMode::Released);
+}
+
+#[test]
+fn every_restart_counts_whatever_its_cause_and_however_soon_it_comes() {
+    let mut host = Host::holding();
+    for (number, (cause, down_us)) in [
+        (ResetCause::Software, 0),
+        (ResetCause::Watchdog, 40_000),
+        (ResetCause::PowerOn, 2_000_000),
+        (ResetCause::Watchdog, 300_000),
+        (ResetCause::Software, 5_000),
+    ]
+    .into_iter()
+    .enumerate()
+    {
+        host.bench.borrow_mut().restart(cause, down_us);
+        host.maps(160);
+        assert_eq!(host.session.restarts(), number as u32 + 1, "{cause:?}");
+        assert!(host.session.is_sound());
+        assert_eq!(*host.bench.borrow().mcu.settings(), SETTINGS);
+    }
+    assert_eq!(host.session.shadow().mismatches(), 0);
+}
+
+/// Without a single map or command, by silence alone: a microcontroller that restarted says nothing until it is asked.
+#[test]
+fn a_restart_is_noticed_by_a_host_that_only_listens() {
+    let mut host = Host::holding();
+    host.bench.borrow_mut().restart(ResetCause::PowerOn, 900_000);
+    for _ in 0..2_000 {
+        host.session.run_until(host.session.now_us() + 1_000).unwrap();
+    }
+    assert_eq!((host.session.restarts(), host.session.is_sound()), (1, true));
+}
+
+#[test]
+fn a_silence_without_a_restart_is_met_with_a_greeting_and_counts_as_none() {
+    let mut host = Host::holding();
+    let now_us = host.bench.borrow().now_us;
+    host.bench.borrow_mut().down_until_us = now_us + 1_000_000;
+    host.maps(90);
+    assert_eq!((host.session.restarts(), host.session.is_sound()), (0, true));
+    let hellos = host.hellos();
+    assert!(
+        (1..=5).contains(&hellos),
+        "{hellos} greetings in half a second of doubt"
+    );
+    assert_eq!(host.session.shadow().mismatches(), 0);
+    // A greeting by the same host starts no count anew: the maps go on where they were.
+    assert_eq!(host.session.status().unwrap().sequence, host.sequence);
+}
+
+#[test]
+fn a_session_without_restarts_says_hello_once() {
+    let mut host = Host::holding();
+    host.maps(200);
+    assert_eq!((host.hellos(), host.session.restarts()), (0, 0));
+}
+
+/// The stored line forbids the settings that were in force before: those of the flash then count, and the host knows it.
+#[test]
+fn settings_that_are_refused_after_a_restart_are_not_insisted_on() {
+    let mut host = Host::holding();
+    host.bench.borrow_mut().restart(ResetCause::Watchdog, 10_000);
+    let mut stored = Configuration::DEFAULT;
+    stored.ceiling = 20 * 4_096;
+    for (quarter, point) in (0..).zip(&mut stored.line.points) {
+        point.force = 5 * quarter * 4_096;
+    }
+    let line = host.bench.borrow().mcu.line();
+    host.bench.borrow_mut().mcu = Mcu::new(Start {
+        reset: ResetCause::Watchdog,
+        restored_line: Some(line),
+        stored: gripline_firmware::storage::Stored {
+            settings: Some(stored),
+            lost: false,
+            writes: 1,
+        },
+        session: 77,
+        ..Start::default()
+    });
+    host.maps(60);
+    assert_eq!((host.session.restarts(), host.session.is_sound()), (1, true));
+    assert_eq!(*host.session.settings(), stored);
+    assert!(matches!(
+        host.session.take_refusal(),
+        Some(Refusal::OutOfRange(_))
+    ));
+    assert_eq!(host.session.shadow().mismatches(), 0);
+}
+
+#[test]
+fn one_who_comes_back_with_another_schema_ends_the_session_by_name() {
+    let mut host = Host::holding();
+    host.bench.borrow_mut().restart(ResetCause::PowerOn, 3_000_000);
+    let stranger = Hello {
+        schema_version: 99,
+        ..Hello::of_this_build(1, 4)
+    };
+    let mut packets = MessagePackets::new(&Message::Hello(stranger), 1).unwrap();
+    let mut packet = [0; PACKET_MAX];
+    let length = packets.next_packet(&mut packet).unwrap();
+    host.session.run_until(host.session.now_us() + 600_000).unwrap();
+    host.bench
+        .borrow_mut()
+        .replies
+        .push_back(packet[..length].to_vec());
+    let error = host.session.run_until(host.session.now_us() + 1_000).unwrap_err();
+    assert!(matches!(error, SessionError::Schema { .. }), "{error}");
+    assert!(error.to_string().contains("schema 99"), "{error}");
+}
