@@ -19,7 +19,7 @@ const RAM_MAX: u64 = 24 * 1024;
 /// The RAM that every supported chip has, in bytes (memory.x).
 const RAM_OF_THE_CHIP: u64 = 128 * 1024;
 
-/// A supported board: one chip, one feature of `gripline-firmware`.
+/// A supported board: one chip, one feature of `gripline-mcu`.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum Board {
     Stm32f405rg,
@@ -129,7 +129,7 @@ pub(crate) fn command(arguments: &[String]) -> Result<(), Error> {
 
 /// Builds one board's image, keeps it with the other products, and measures it.
 pub(crate) fn build(board: Board) -> Result<(PathBuf, Size), Error> {
-    process::run(cargo("rustc", board)?.args(["--", "-C", "opt-level=s"]))?;
+    process::run(&mut cargo("build", board)?)?;
     let built = process::build_dir()
         .join(toolchain::TARGET)
         .join("firmware/gripline-mcu");
@@ -149,15 +149,7 @@ fn cargo(command: &str, board: Board) -> Result<Command, Error> {
     let core = toolchain::ensure(false)?;
     let mut cargo = process::cargo();
     cargo
-        .args([
-            command,
-            "--package",
-            "gripline-firmware",
-            "--bin",
-            "gripline-mcu",
-            "--profile",
-            "firmware",
-        ])
+        .args([command, "--package", "gripline-mcu", "--profile", "firmware"])
         .args(["--target", toolchain::TARGET, "--features", board.name()])
         .args(core.cargo_arguments())
         // These would replace the linker flags of .cargo/config.toml.

@@ -23,8 +23,8 @@ use crate::constants::{
 };
 use crate::dac::{CHANNELS, DacWrite};
 use crate::flash::FlashArray;
-use crate::mishap::{Mishap, PANIC, Wreck};
 use crate::hardware::Hardware;
+use crate::mishap::{Mishap, PANIC, Wreck};
 use crate::rtt;
 use crate::trace::{self, Event};
 use crate::uart::UartByte;

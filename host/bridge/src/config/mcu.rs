@@ -325,7 +325,7 @@ mod tests {
             sensors: 2,
             friction: 4_321,
             contact_min: 61,
-            floor: 4_097,
+            floor: 41_003,
             tighten: 51_337,
             reflex_rate: 163,
             ..Configuration::DEFAULT

@@ -15,15 +15,16 @@ const SOURCES: [&str; 6] = [
 ];
 
 fn main() {
-    println!("cargo:rerun-if-changed=../memory.x");
-    println!("cargo:rerun-if-changed=../hot.x");
+    println!("cargo:rerun-if-changed=../../memory.x");
+    println!("cargo:rerun-if-changed=../../hot.x");
     println!("cargo:rerun-if-changed=build.rs");
     if std::env::var_os("CARGO_FEATURE_SILICON").is_none() {
         return;
     }
     let here = std::env::var("CARGO_MANIFEST_DIR").expect("cargo sets this for every build script");
     let repository = Path::new(&here)
-        .parent()
+        .ancestors()
+        .nth(2)
         .expect("the firmware lies in the repository");
     println!("cargo:rustc-link-search={}", repository.display());
 
