@@ -50,7 +50,7 @@ fn follow(load_n: f64, pull_mm: [f64; 2], jpeg_quality: Option<u8>) -> Found {
             ..FingertipParams::of_sensor(unit)
         };
         let mut fingertip = Fingertip::new(unit, params).unwrap();
-        let rest = fingertip.rest_image();
+        let rest = fingertip.mean_rest_image(16);
         let mut now = Image::crop();
         fingertip.set_brightness(1.02 * params.brightness).unwrap();
         fingertip.render_truth(contact.truth(), &mut now);
@@ -108,11 +108,11 @@ fn off(particle: &SeenParticle, track: &Track) -> f32 {
 }
 
 #[test]
-fn under_a_light_load_every_particle_is_followed_to_a_thirtieth_of_a_pixel() {
+fn under_a_light_load_every_particle_is_followed_to_a_fortieth_of_a_pixel() {
     let found = follow(0.5, [0.1, 0.0], None);
     assert!(found.seen > 0.65, "{found:?}");
     assert!(found.lost < 0.005 && found.wrong < 0.0005, "{found:?}");
-    assert!(found.error_px[0] < 0.04 && found.error_px[1] < 0.08, "{found:?}");
+    assert!(found.error_px[0] < 0.025 && found.error_px[1] < 0.05, "{found:?}");
 }
 
 #[test]
@@ -120,7 +120,7 @@ fn under_a_heavy_load_few_are_lost_and_fewer_mistaken() {
     let found = follow(3.0, [0.5, 0.3], None);
     assert!(found.motion_px > 6.0, "{found:?}");
     assert!(found.lost < 0.03 && found.wrong < 0.005, "{found:?}");
-    assert!(found.error_px[0] < 0.045 && found.error_px[1] < 0.12, "{found:?}");
+    assert!(found.error_px[0] < 0.03 && found.error_px[1] < 0.08, "{found:?}");
 }
 
 #[test]
@@ -128,12 +128,12 @@ fn a_large_drag_loses_particles_rather_than_mistaking_them() {
     let found = follow(8.0, [1.0, 0.6], None);
     assert!(found.motion_px > 15.0, "{found:?}");
     assert!(found.lost < 0.1 && found.wrong < 0.02, "{found:?}");
-    assert!(found.error_px[0] < 0.05, "{found:?}");
+    assert!(found.error_px[0] < 0.035, "{found:?}");
 }
 
 #[test]
 fn jpeg_costs_precision_and_particles_but_makes_no_mistakes() {
     let found = follow(2.0, [0.3, 0.2], Some(50));
     assert!(found.lost < 0.1 && found.wrong < 0.005, "{found:?}");
-    assert!(found.error_px[0] < 0.09 && found.error_px[1] < 0.2, "{found:?}");
+    assert!(found.error_px[0] < 0.07 && found.error_px[1] < 0.15, "{found:?}");
 }

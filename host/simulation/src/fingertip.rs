@@ -242,6 +242,24 @@ impl Fingertip {
         out
     }
 
+    /// The mean of `pictures` crops when nothing touches, rounded to nearest: what a run takes before it starts. At
+    /// least one.
+    pub fn mean_rest_image(&mut self, pictures: u8) -> Image {
+        let mut mean = self.rest_image();
+        let mut sums: Vec<u16> = mean.pixels.iter().map(|&level| level.into()).collect();
+        let pictures = u16::from(pictures.max(1));
+        for _ in 1..pictures {
+            for (sum, level) in sums.iter_mut().zip(self.rest_image().pixels) {
+                *sum += u16::from(level);
+            }
+        }
+        for (level, sum) in mean.pixels.iter_mut().zip(sums) {
+            // At most 255 pictures of at most 255 levels, and half of 255: below 2^16. The mean is at most 255.
+            *level = ((sum + pictures / 2) / pictures) as u8;
+        }
+        mean
+    }
+
     /// The particles, at rest and under `truth`.
     pub fn particles_under(&mut self, truth: &Truth) -> Vec<SeenParticle> {
         let field = truth.in_contact().then(|| {
@@ -425,6 +443,16 @@ mod tests {
             let (dim_mean, _) = statistics(&dim, &a);
             assert!((dim_mean / mean - 0.8).abs() < 0.01);
         }
+    }
+
+    #[test]
+    fn the_mean_of_sixteen_pictures_has_a_quarter_of_their_noise() {
+        let mut fingertip = Fingertip::new(1, FingertipParams::default()).unwrap();
+        let (a, b) = (fingertip.mean_rest_image(16), fingertip.mean_rest_image(16));
+        let (_, sigma) = statistics(&a, &b);
+        let of_one = FingertipParams::default().noise_levels.powi(2) + 1.0 / 12.0;
+        let expected = (2.0 * (of_one / 16.0 + 1.0 / 12.0)).sqrt();
+        assert!((sigma - expected).abs() < 0.03, "{sigma} {expected}");
     }
 
     #[test]

@@ -9,6 +9,7 @@ use gripline_network::weights::Scaling;
 use crate::constants::{BRIGHTNESS_DRIFT, BRIGHTNESS_SHARED, NEWTONS_PER_OUTPUT, SALT_AND_PEPPER};
 use crate::dataset::Dataset;
 use crate::dice::Dice;
+use crate::loss::{Part, Recipe};
 use crate::symmetry::Symmetry;
 use crate::weights::AnyWeights;
 
@@ -33,9 +34,9 @@ pub(crate) fn augmented(
     samples: &[usize],
     weights: &AnyWeights,
     device: &Device,
-    dice: &mut Dice,
+    augmentation: (&Recipe, &mut Dice),
 ) -> Batch {
-    assemble(set, samples, weights, device, Some(dice))
+    assemble(set, samples, weights, device, Some(augmentation))
 }
 
 fn assemble(
@@ -43,20 +44,19 @@ fn assemble(
     samples: &[usize],
     weights: &AnyWeights,
     device: &Device,
-    mut dice: Option<&mut Dice>,
+    mut augmentation: Option<(&Recipe, &mut Dice)>,
 ) -> Batch {
     let count = samples.len();
     let (mut inputs, mut scales) = (Vec::new(), Vec::with_capacity(count));
     let mut outputs = vec![0.0; count * 3 * TAXELS];
     for (&sample, outputs) in samples.iter().zip(outputs.chunks_exact_mut(3 * TAXELS)) {
+        let augmentation = augmentation.as_mut().map(|(recipe, dice)| (*recipe, &mut **dice));
         let (symmetry, scale) = match weights {
             AnyWeights::UNet(weights) => {
-                let symmetry = images(set, sample, weights.scaling, dice.as_deref_mut(), &mut inputs);
+                let symmetry = images(set, sample, weights.scaling, augmentation, &mut inputs);
                 (symmetry, weights.scaling.newtons_per_output / NEWTONS_PER_OUTPUT)
             }
-            AnyWeights::Tracked(weights) => {
-                grid(set, sample, &weights.scaling, dice.as_deref_mut(), &mut inputs)
-            }
+            AnyWeights::Tracked(weights) => grid(set, sample, &weights.scaling, augmentation, &mut inputs),
         };
         scales.push(scale);
         for (taxel, force) in symmetry.map(set.forces_n(sample)).iter().enumerate() {
@@ -81,15 +81,22 @@ fn images(
     set: &Dataset,
     sample: usize,
     scaling: Scaling,
-    dice: Option<&mut Dice>,
+    augmentation: Option<(&Recipe, &mut Dice)>,
     inputs: &mut Vec<f32>,
 ) -> Symmetry {
     let mut rest = set.rest(sample).map(f32::from);
     let mut now = set.now(sample).map(f32::from);
-    let symmetry = dice.map_or(Symmetry::ALL[0], |dice| {
-        let shared = 1.0 + dice.between(-BRIGHTNESS_SHARED, BRIGHTNESS_SHARED);
-        let drift = 1.0 + dice.between(-BRIGHTNESS_DRIFT, BRIGHTNESS_DRIFT);
-        let share = dice.between(0.0, SALT_AND_PEPPER);
+    let symmetry = augmentation.map_or(Symmetry::ALL[0], |(recipe, dice)| {
+        let mut between = |part, low, high| {
+            if recipe.has(part) {
+                dice.between(low, high)
+            } else {
+                0.0
+            }
+        };
+        let shared = 1.0 + between(Part::Brightness, -BRIGHTNESS_SHARED, BRIGHTNESS_SHARED);
+        let drift = 1.0 + between(Part::Brightness, -BRIGHTNESS_DRIFT, BRIGHTNESS_DRIFT);
+        let share = between(Part::SaltAndPepper, 0.0, SALT_AND_PEPPER);
         for (image, gain) in [(&mut rest, shared), (&mut now, shared * drift)] {
             for level in image.iter_mut() {
                 *level = (*level * gain).round().min(255.0);
@@ -98,7 +105,7 @@ fn images(
                 image[dice.below(IMAGE_PIXELS)] = if dice.below(2) == 0 { 0.0 } else { 255.0 };
             }
         }
-        Symmetry::ALL[dice.below(8)]
+        any_symmetry(recipe, dice)
     });
     let Scaling {
         difference_per_level,
@@ -119,14 +126,20 @@ fn grid(
     set: &Dataset,
     sample: usize,
     scaling: &TrackedScaling,
-    dice: Option<&mut Dice>,
+    augmentation: Option<(&Recipe, &mut Dice)>,
     inputs: &mut Vec<f32>,
 ) -> (Symmetry, f32) {
-    let symmetry = dice.map_or(Symmetry::ALL[0], |dice| Symmetry::ALL[dice.below(8)]);
+    let symmetry = augmentation.map_or(Symmetry::ALL[0], |(recipe, dice)| any_symmetry(recipe, dice));
     let moved = symmetry.grid(&set.grid(sample));
     let (nodes, size_mm) = tracked::input(&moved, scaling);
     for channel in 0..INPUT_CHANNELS {
         inputs.extend(nodes.iter().map(|values| values[channel]));
     }
     (symmetry, size_mm * scaling.newtons_per_mm / NEWTONS_PER_OUTPUT)
+}
+
+/// One of the eight, or the first alone where training does without them.
+fn any_symmetry(recipe: &Recipe, dice: &mut Dice) -> Symmetry {
+    let count = if recipe.has(Part::Symmetries) { 8 } else { 1 };
+    Symmetry::ALL[dice.below(count)]
 }

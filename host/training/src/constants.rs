@@ -59,6 +59,23 @@ pub(crate) const TOTAL_WEIGHT: f32 = 0.2;
 /// Squared output added to the square of the summed force: (5.5 units)², 0.27 N.
 pub(crate) const TOTAL_FLOOR: f32 = 30.0;
 
+/// Weight of the loss on the stick ratio.
+pub(crate) const RATIO_WEIGHT: f32 = 0.15;
+
+/// Normal force above which a taxel counts as in contact there, newtons: the usual calibration.
+pub(crate) const RATIO_CONTACT_N: f32 = 0.03;
+
+/// Normal force over which a predicted taxel passes from no contact to contact, newtons.
+pub(crate) const RATIO_SOFT_CONTACT_N: f32 = 0.008;
+
+/// Share of the normal force over which a predicted taxel passes from sticking to slipping, and what is added to it,
+/// newtons.
+pub(crate) const RATIO_SOFT_STICK: f32 = 0.1;
+pub(crate) const RATIO_FLOOR_N: f32 = 0.004;
+
+/// Error of the stick ratio up to which its square counts, beyond which its magnitude.
+pub(crate) const RATIO_HUBER: f32 = 0.05;
+
 /// Largest share of pixels that augmentation turns black or white.
 pub(crate) const SALT_AND_PEPPER: f32 = 0.004;
 
@@ -84,7 +101,7 @@ pub(crate) const SCORED_SHEAR_N: f32 = 0.2;
 pub(crate) const GOLDEN_SAMPLES: usize = 12;
 
 /// Layout of the shards; another one is refused.
-pub(crate) const DATA_VERSION: u32 = 2;
+pub(crate) const DATA_VERSION: u32 = 3;
 
 /// Samples in a shard, drawn from one stream of the simulation: a second of work and 5 MB.
 pub(crate) const SHARD_SAMPLES: usize = 250;

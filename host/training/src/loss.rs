@@ -1,44 +1,199 @@
 //! The training loss, in the network's output units, weighted per sample so that light touches count as much
 //! as heavy grips: relative squared force error, plus the error of f_T − μ f_z in loaded taxels (what the
-//! detector's decision hangs on), plus the error of the summed force.
+//! detector's decision hangs on), plus the error of the summed force, plus the error of the stick ratio itself, with
+//! soft decisions so that it has a slope. Each part can be left out, to see what it is worth.
 
 use burn::tensor::Tensor;
+use burn::tensor::activation::sigmoid;
 
 use crate::constants::{
-    CONE_LOADED, CONE_WEIGHT, DETECTOR_FRICTION, LOSS_FLOOR, SHEAR_WEIGHT, TOTAL_FLOOR, TOTAL_WEIGHT,
+    CONE_LOADED, CONE_WEIGHT, DETECTOR_FRICTION, LOSS_FLOOR, NEWTONS_PER_OUTPUT, RATIO_CONTACT_N,
+    RATIO_FLOOR_N, RATIO_HUBER, RATIO_SOFT_CONTACT_N, RATIO_SOFT_STICK, RATIO_WEIGHT, SCORED_TAXELS,
+    SHEAR_WEIGHT, TOTAL_FLOOR, TOTAL_WEIGHT,
 };
 
 /// Squared shear added under the square root, so that its slope at zero shear is finite.
 const SHEAR_FLOOR: f32 = 1e-3;
 
+/// A part of training that can be left out.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub(crate) enum Part {
+    /// Errors relative to the sample's force; without, all samples of a batch share one weight.
+    Relative,
+    /// Shear's errors weigh more than normal's.
+    Shear,
+    /// The error of f_T − μ f_z in loaded taxels.
+    Cone,
+    /// The error of the summed force.
+    Total,
+    /// The error of the stick ratio.
+    Ratio,
+    /// The eight symmetries of the square.
+    Symmetries,
+    /// Salt and pepper on the images (`unet`).
+    SaltAndPepper,
+    /// Changes of the light on the images (`unet`).
+    Brightness,
+}
+
+/// What training leaves out.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Recipe {
+    pub(crate) without: Vec<Part>,
+}
+
+impl Recipe {
+    pub(crate) fn has(&self, part: Part) -> bool {
+        !self.without.contains(&part)
+    }
+}
+
 /// The loss of a batch: predicted and true `[batch, 3, 20, 20]` to `[1]`.
-pub(crate) fn loss(predicted: Tensor<4>, truth: Tensor<4>) -> Tensor<1> {
+pub(crate) fn loss(predicted: Tensor<4>, truth: Tensor<4>, recipe: &Recipe) -> Tensor<1> {
     let over_map = |tensor: Tensor<4>| tensor.mean_dims(&[1, 2, 3]);
-    let weight = over_map(truth.clone().square()).add_scalar(LOSS_FLOOR).recip();
+    let mut weight = over_map(truth.clone().square()).add_scalar(LOSS_FLOOR).recip();
+    if !recipe.has(Part::Relative) {
+        // The same in the mean over many samples, and even.
+        weight = weight.zeros_like() + weight.mean().reshape([1, 1, 1, 1]);
+    }
 
     let error = (predicted.clone() - truth.clone()).square();
-    let shear = over_map(error.clone().narrow(1, 0, 2)).mul_scalar(SHEAR_WEIGHT * 2.0 / 3.0);
-    let force = shear + over_map(error.narrow(1, 2, 1)).div_scalar(3.0);
+    let shear_weight = if recipe.has(Part::Shear) {
+        SHEAR_WEIGHT
+    } else {
+        1.0
+    };
+    let shear = over_map(error.clone().narrow(1, 0, 2)).mul_scalar(shear_weight * 2.0 / 3.0);
+    let mut loss = shear + over_map(error.narrow(1, 2, 1)).div_scalar(3.0);
 
-    let loaded = truth.clone().narrow(1, 2, 1).greater_scalar(CONE_LOADED).float();
-    let cone_error = cone(predicted.clone()) - cone(truth.clone());
-    let cone = over_map(cone_error.square() * loaded);
+    if recipe.has(Part::Cone) {
+        let loaded = truth.clone().narrow(1, 2, 1).greater_scalar(CONE_LOADED).float();
+        let cone_error = cone(predicted.clone()) - cone(truth.clone());
+        loss = loss + over_map(cone_error.square() * loaded).mul_scalar(CONE_WEIGHT);
+    }
+    loss = loss * weight;
 
-    let sum = |tensor: Tensor<4>| tensor.sum_dims(&[2, 3]);
-    let total_error = (sum(predicted) - sum(truth.clone())).square().sum_dim(1);
-    let total = total_error / sum(truth).square().sum_dim(1).add_scalar(TOTAL_FLOOR);
-
-    ((force + cone.mul_scalar(CONE_WEIGHT)) * weight + total.mul_scalar(TOTAL_WEIGHT)).mean()
+    if recipe.has(Part::Total) {
+        let sum = |tensor: Tensor<4>| tensor.sum_dims(&[2, 3]);
+        let total_error = (sum(predicted.clone()) - sum(truth.clone())).square().sum_dim(1);
+        let total = total_error / sum(truth.clone()).square().sum_dim(1).add_scalar(TOTAL_FLOOR);
+        loss = loss + total.mul_scalar(TOTAL_WEIGHT);
+    }
+    if recipe.has(Part::Ratio) {
+        loss = loss + ratio(predicted, truth).mul_scalar(RATIO_WEIGHT);
+    }
+    loss.mean()
 }
 
 /// f_T − μ f_z per taxel.
 fn cone(map: Tensor<4>) -> Tensor<4> {
-    let shear = map
-        .clone()
-        .narrow(1, 0, 2)
+    shear(map.clone()) - map.narrow(1, 2, 1).mul_scalar(DETECTOR_FRICTION)
+}
+
+fn shear(map: Tensor<4>) -> Tensor<4> {
+    map.narrow(1, 0, 2)
         .square()
         .sum_dim(1)
         .add_scalar(SHEAR_FLOOR)
+        .sqrt()
+}
+
+/// How far the stick ratio is off, per sample: about its magnitude, and its square where it is small. The true ratio
+/// counts taxels as the detector does; of the predicted map every taxel counts by how far it is in contact and inside the
+/// cone, so that a change of force changes it. Samples with few taxels in contact do not count.
+fn ratio(predicted: Tensor<4>, truth: Tensor<4>) -> Tensor<4> {
+    let over_map = |tensor: Tensor<4>| tensor.sum_dims(&[2, 3]);
+    let units = |force_n: f32| force_n / NEWTONS_PER_OUTPUT;
+
+    let contact = truth
+        .clone()
+        .narrow(1, 2, 1)
+        .greater_scalar(units(RATIO_CONTACT_N))
+        .float();
+    let stick = cone(truth).lower_equal_scalar(0.0).float() * contact.clone();
+    let taxels = over_map(contact);
+    let true_ratio = over_map(stick) / taxels.clone().clamp_min(1.0);
+    let counts = taxels.greater_equal_scalar(SCORED_TAXELS as f32).float();
+
+    let normal = predicted.clone().narrow(1, 2, 1);
+    let contact = sigmoid(
+        normal
+            .clone()
+            .sub_scalar(units(RATIO_CONTACT_N))
+            .div_scalar(units(RATIO_SOFT_CONTACT_N)),
+    );
+    let width = normal
+        .clamp_min(0.0)
+        .mul_scalar(RATIO_SOFT_STICK)
+        .add_scalar(units(RATIO_FLOOR_N));
+    let stick = sigmoid(cone(predicted).neg() / width) * contact.clone();
+    let ratio = over_map(stick) / over_map(contact).add_scalar(1e-3);
+
+    let error = (ratio - true_ratio)
+        .square()
+        .add_scalar(RATIO_HUBER * RATIO_HUBER)
         .sqrt();
-    shear - map.narrow(1, 2, 1).mul_scalar(DETECTOR_FRICTION)
+    error.sub_scalar(RATIO_HUBER) * counts
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use burn::tensor::{Device, TensorData};
+
+    /// `sticking` taxels inside the cone and `slipping` outside it, 0.5 N normal force each, as the loss takes them.
+    fn map(sticking: usize, slipping: usize) -> Tensor<4> {
+        let mut values = vec![0.0_f32; 1200];
+        for taxel in 0..sticking + slipping {
+            values[taxel] = if taxel < sticking { 0.05 } else { 0.45 } / NEWTONS_PER_OUTPUT;
+            values[800 + taxel] = 0.5 / NEWTONS_PER_OUTPUT;
+        }
+        Tensor::from_data(TensorData::new(values, [1, 3, 20, 20]), &Device::flex())
+    }
+
+    #[test]
+    fn the_loss_of_the_truth_is_next_to_nothing_and_grows_with_the_error_of_the_stick_ratio() {
+        let all = Recipe::default();
+        let of = |sticking| loss(map(sticking, 40 - sticking), map(20, 20), &all).into_scalar::<f32>();
+        assert!(of(20) < 0.01, "{}", of(20));
+        assert!(of(20) < of(24) && of(24) < of(30) && of(30) < of(40));
+    }
+
+    #[test]
+    fn every_part_of_the_loss_counts_where_it_is_wrong_and_can_be_left_out() {
+        let all = loss(map(30, 10), map(20, 20), &Recipe::default()).into_scalar::<f32>();
+        for part in [Part::Shear, Part::Cone, Part::Total, Part::Ratio] {
+            let recipe = Recipe { without: vec![part] };
+            let rest = loss(map(30, 10), map(20, 20), &recipe).into_scalar::<f32>();
+            assert!(rest < all, "{part:?}: {rest} of {all}");
+        }
+    }
+
+    #[test]
+    fn without_relative_errors_a_heavy_sample_counts_more_than_a_light_one() {
+        let batch = |scale: f32| Tensor::cat(vec![map(20, 20).mul_scalar(scale), map(20, 20)], 0);
+        // The same relative error in the first, then in the second sample.
+        let of = |recipe: &Recipe, first: f32, second: f32| {
+            let truth = batch(0.1);
+            let predicted = Tensor::cat(
+                vec![
+                    map(20, 20).mul_scalar(0.1 * first),
+                    map(20, 20).mul_scalar(second),
+                ],
+                0,
+            );
+            loss(predicted, truth, recipe).into_scalar::<f32>()
+        };
+        let only = |part| Recipe {
+            without: [part, Part::Total, Part::Ratio].to_vec(),
+        };
+        let [relative, even] = [
+            only(Part::Cone),
+            Recipe {
+                without: vec![Part::Relative, Part::Cone, Part::Total, Part::Ratio],
+            },
+        ];
+        assert!(of(&relative, 1.2, 1.0) > 0.5 * of(&relative, 1.0, 1.2));
+        assert!(of(&even, 1.2, 1.0) < 0.1 * of(&even, 1.0, 1.2));
+    }
 }

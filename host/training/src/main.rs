@@ -27,6 +27,7 @@ use gripline_simulation::Split;
 use crate::constants::LEARNING_RATE;
 use crate::dataset::{Store, world_fingerprint};
 use crate::error::TrainingError;
+use crate::loss::{Part, Recipe};
 use crate::train::{Places, Plan};
 use crate::weights::Architecture;
 
@@ -76,6 +77,9 @@ enum Command {
         /// Peak of the learning rate; less when training goes on from weights that are good already.
         #[arg(long, default_value_t = LEARNING_RATE)]
         rate: f64,
+        /// Leave out a part of the loss or of the augmentation, to see what it is worth. May stand several times.
+        #[arg(long, value_enum)]
+        without: Vec<Part>,
         /// Start from these weights instead of random ones.
         #[arg(long)]
         from: Option<PathBuf>,
@@ -147,6 +151,7 @@ fn run(arguments: &Arguments) -> Result<(), TrainingError> {
             minutes,
             patience,
             rate,
+            without,
             from,
             out,
         } => {
@@ -159,6 +164,9 @@ fn run(arguments: &Arguments) -> Result<(), TrainingError> {
                 budget: minutes.map(|minutes| Duration::from_secs(60 * u64::from(minutes))),
                 patience: *patience as usize,
                 rate: *rate,
+                recipe: Recipe {
+                    without: without.clone(),
+                },
             };
             train::train(
                 &plan,

@@ -24,7 +24,7 @@ use crate::dice::Dice;
 use crate::error::{TrainingError, at};
 use crate::evaluate::predict;
 use crate::golden;
-use crate::loss::loss;
+use crate::loss::{Recipe, loss};
 use crate::metrics::{Scores, calibrate};
 use crate::model::{Model, Tensors};
 use crate::weights::{AnyWeights, Architecture};
@@ -41,6 +41,8 @@ pub(crate) struct Plan {
     pub(crate) patience: usize,
     /// Peak of the learning rate.
     pub(crate) rate: f64,
+    /// What the loss and augmentation are made of.
+    pub(crate) recipe: Recipe,
 }
 
 /// Where things are.
@@ -88,6 +90,7 @@ pub(crate) fn train(plan: &Plan, places: Places<'_>) -> Result<(), TrainingError
         "sample_steps": before("sample_steps") + (outcome.steps * BATCH) as f64,
         "minutes": before("minutes") + (outcome.took.as_secs_f64() / 60.0).round(),
         "validation_loss": outcome.validation_loss,
+        "without": plan.recipe.without.iter().map(|part| format!("{part:?}")).collect::<Vec<_>>(),
         "framework": "burn 0.22.1 flex",
         "test": scores.to_json(),
     });
@@ -186,7 +189,7 @@ fn fit(
     device: &Device,
     checkpoint: impl Fn(&AnyWeights) -> Result<(), TrainingError>,
 ) -> Result<Outcome, TrainingError> {
-    let mut trainer = Trainer::new(weights, device);
+    let mut trainer = Trainer::new(weights, plan.recipe.clone(), device);
     let mut dice = Dice::new(u64::from(plan.seed));
     let mut order = Vec::new();
     let mut best = (f32::INFINITY, 0);
@@ -230,7 +233,7 @@ fn fit(
             dice.shuffle(&mut order);
         }
         let samples = order.split_off(order.len() - BATCH);
-        let batch = batch::augmented(&sets.train, &samples, weights, device, &mut dice);
+        let batch = batch::augmented(&sets.train, &samples, weights, device, (&plan.recipe, &mut dice));
         let batch_loss = trainer.step(batch, plan.rate * schedule(progress));
         running_loss = Some(running_loss.map_or(batch_loss, |loss: f32| 0.98 * loss + 0.02 * batch_loss));
         step += 1;
@@ -259,21 +262,30 @@ fn schedule(progress: f64) -> f64 {
 struct Trainer {
     network: Model,
     optimizer: ModuleOptimizer,
+    recipe: Recipe,
 }
 
 impl Trainer {
-    fn new(weights: &AnyWeights, device: &Device) -> Self {
+    fn new(weights: &AnyWeights, recipe: Recipe, device: &Device) -> Self {
         let network = Model::loaded(weights, device);
         let optimizer = AdamWConfig::new()
             .with_epsilon(1e-8)
             .with_weight_decay(WEIGHT_DECAY)
             .init();
-        Self { network, optimizer }
+        Self {
+            network,
+            optimizer,
+            recipe,
+        }
     }
 
     /// One gradient step; the batch's loss before it.
     fn step(&mut self, batch: Batch, rate: f64) -> f32 {
-        let loss = loss(self.network.forward(batch.input) * batch.scale, batch.truth);
+        let loss = loss(
+            self.network.forward(batch.input) * batch.scale,
+            batch.truth,
+            &self.recipe,
+        );
         let value = loss.clone().into_scalar::<f32>();
         let gradients = GradientsParams::from_grads(loss.backward(), &self.network);
         self.network = self.optimizer.step(rate, self.network.clone(), gradients);
@@ -289,7 +301,12 @@ impl Trainer {
             .chunks(BATCH)
             .map(|samples| {
                 let batch = batch::plain(set, samples, weights, &device);
-                loss(network.forward(batch.input) * batch.scale, batch.truth).into_scalar::<f32>()
+                loss(
+                    network.forward(batch.input) * batch.scale,
+                    batch.truth,
+                    &self.recipe,
+                )
+                .into_scalar::<f32>()
                     * samples.len() as f32
             })
             .sum();
@@ -321,7 +338,7 @@ mod tests {
             device.seed(1);
             let set = Dataset::noise(4);
             let weights = fresh_weights(architecture, &set, &device);
-            let mut trainer = Trainer::new(&weights, &device);
+            let mut trainer = Trainer::new(&weights, Recipe::default(), &device);
             let mut step = || {
                 let batch = batch::plain(&set, &[0, 1, 2, 3], &weights, &device);
                 let truth = loads(&device);

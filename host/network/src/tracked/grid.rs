@@ -120,7 +120,9 @@ impl Gather {
             if track.confidence > 0.0 {
                 let [x, y] = [0, 1].map(|k| particle.at_px[k] + track.motion_px[k]);
                 let now_mm = lens.on_plane([x, y], *height_mm);
-                *motion = [now_mm[0] - rest_mm[0], now_mm[1] - rest_mm[1], 1.0];
+                let trust = trust(track.confidence);
+                let [x, y] = [now_mm[0] - rest_mm[0], now_mm[1] - rest_mm[1]];
+                *motion = [trust * x, trust * y, trust];
             }
         }
         for (node, range) in self.starts.windows(2).enumerate() {
@@ -141,6 +143,12 @@ impl Gather {
             }
         }
     }
+}
+
+/// What a track counts for: of those that explain less than nine tenths of the patch, every tenth is wrong by far.
+fn trust(confidence: f32) -> f32 {
+    let share = ((confidence - 0.5) / 0.5).max(0.0);
+    share * share
 }
 
 impl Lens {

@@ -320,6 +320,24 @@ fn contradicts(track: &Track, [x, y]: [f32; 2]) -> bool {
         || across.abs() > 0.35 * length + 1.0
 }
 
+/// Slope in the middle of five pixels, from the outer four: exact for polynomials of the fourth degree.
+fn slope(beside: [u8; 4]) -> f32 {
+    let [far_below, below, above, far_above] = beside.map(f32::from);
+    (8.0 * (above - below) - (far_above - far_below)) / 12.0
+}
+
+/// Weights of four pixels in a row for the place `t` from the second to the third: exact for polynomials of the third
+/// degree. Fewer pixels, and splines through the same four, place a spot up to 0.03 pixels wrong between pixels.
+fn between(t: f32) -> [f32; 4] {
+    let [before, after, far] = [t + 1.0, t - 1.0, t - 2.0];
+    [
+        -t * after * far / 6.0,
+        before * after * far / 2.0,
+        -before * t * far / 2.0,
+        before * t * after / 6.0,
+    ]
+}
+
 impl Template {
     /// None when the spot cannot be placed in both directions.
     fn new(image: &Level<CROP_SIDE>, particle: &Particle, weights: &Weights) -> Option<Self> {
@@ -329,12 +347,11 @@ impl Template {
         let (mut mean, mut means) = (0.0, [0.0_f32; 2]);
         for row in 0..PATCH {
             let y = y0 + row as i32;
-            let beside: &[u8; 10] = image.run(x0 - 1, y);
-            let [above, below]: [&[u8; 8]; 2] = [image.run(x0, y - 1), image.run(x0, y + 1)];
+            let beside: &[u8; 12] = image.run(x0 - 2, y);
+            let rows: [&[u8; 8]; 4] = [-2, -1, 1, 2].map(|down| image.run(x0, y + down));
             for column in 0..PATCH {
-                let slope = |low: u8, high: u8| 0.5 * (f32::from(high) - f32::from(low));
-                slopes[0][row][column] = slope(beside[column], beside[column + 2]);
-                slopes[1][row][column] = slope(above[column], below[column]);
+                slopes[0][row][column] = slope([0, 1, 3, 4].map(|right| beside[column + right]));
+                slopes[1][row][column] = slope(rows.map(|row| row[column]));
                 let weight = weights.of_pixel[row][column] / weights.sum;
                 mean += weight * f32::from(pixels[row][column]);
                 for k in 0..2 {
@@ -448,7 +465,7 @@ impl Search<'_> {
         best.1
     }
 
-    /// Least squares from a whole pixel on: inverse compositional, the image interpolated bilinearly.
+    /// Least squares from a whole pixel on: inverse compositional, the image interpolated by cubic polynomials.
     #[inline(always)]
     #[expect(
         clippy::inline_always,
@@ -508,11 +525,10 @@ struct Patch<'a> {
     now: &'a Level<CROP_SIDE>,
     corner: [i32; 2],
     template: [[f32; 8]; PATCH],
-    /// The whole pixel that the next two were read at.
+    /// The whole pixel that the next was read at.
     whole: Option<[i32; 2]>,
-    left: [[f32; 8]; PATCH + 1],
-    /// From each pixel to the one at its right.
-    rise: [[f32; 8]; PATCH + 1],
+    /// The image from one pixel left and above of the patch to two right and below.
+    wide: [[f32; 16]; PATCH + 3],
     /// The image less the template.
     off: [[f32; 8]; PATCH],
 }
@@ -537,8 +553,7 @@ impl<'a> Patch<'a> {
             corner,
             template: pixels,
             whole: None,
-            left: [[0.0; 8]; PATCH + 1],
-            rise: [[0.0; 8]; PATCH + 1],
+            wide: [[0.0; 16]; PATCH + 3],
             off: [[0.0; 8]; PATCH],
         }
     }
@@ -562,19 +577,21 @@ impl<'a> Patch<'a> {
         let whole = [motion_px[0].floor(), motion_px[1].floor()];
         let [fx, fy] = [motion_px[0] - whole[0], motion_px[1] - whole[1]];
         self.read([whole[0] as i32, whole[1] as i32]);
-        let mut above = [0.0; 8];
-        for k in 0..8 {
-            above[k] = self.left[0][k] + fx * self.rise[0][k];
+        let [across, down] = [between(fx), between(fy)];
+        let mut lines = [[0.0; 8]; PATCH + 3];
+        for row in 0..PATCH + 3 {
+            let wide = &self.wide[row];
+            for k in 0..8 {
+                lines[row][k] = (across[0] * wide[k] + across[1] * wide[k + 1])
+                    + (across[2] * wide[k + 2] + across[3] * wide[k + 3]);
+            }
         }
         for row in 0..PATCH {
-            let mut below = [0.0; 8];
             for k in 0..8 {
-                below[k] = self.left[row + 1][k] + fx * self.rise[row + 1][k];
+                self.off[row][k] = (down[0] * lines[row][k] + down[1] * lines[row + 1][k])
+                    + (down[2] * lines[row + 2][k] + down[3] * lines[row + 3][k])
+                    - self.template[row][k];
             }
-            for k in 0..8 {
-                self.off[row][k] = above[k] + fy * (below[k] - above[k]) - self.template[row][k];
-            }
-            above = below;
         }
     }
 
@@ -586,14 +603,11 @@ impl<'a> Patch<'a> {
         self.whole = Some(whole);
         let rows = self
             .now
-            .rows::<{ PATCH + 1 }>(self.corner[0] + whole[0], self.corner[1] + whole[1]);
-        for row in 0..=PATCH {
-            let [left, right]: [&[u8; 8]; 2] = [rows.at(row, 0), rows.at(row, 1)];
-            for k in 0..8 {
-                self.left[row][k] = f32::from(left[k]);
-            }
-            for k in 0..8 {
-                self.rise[row][k] = f32::from(right[k]) - self.left[row][k];
+            .rows::<{ PATCH + 3 }>(self.corner[0] + whole[0] - 1, self.corner[1] + whole[1] - 1);
+        for row in 0..PATCH + 3 {
+            let now: &[u8; 16] = rows.at(row, 0);
+            for k in 0..16 {
+                self.wide[row][k] = f32::from(now[k]);
             }
         }
     }
@@ -772,11 +786,11 @@ impl Changed {
 
     /// Whether a pixel changed that [`Search::find`] can look at for this particle.
     fn around(&self, particle: &Particle, surface_px: [f32; 2]) -> bool {
-        // To 1.15 of the way and 2.5 beyond, 4 aside, half a patch, a step of least squares, and the pixel after.
+        // To 1.15 of the way and 2.5 beyond, 4 aside, half a patch, a step of least squares, and two pixels after.
         let reach = if surface_px[0].is_nan() {
             0
         } else {
-            (1.15 * length(surface_px) + 13.0).ceil() as usize
+            (1.15 * length(surface_px) + 14.0).ceil() as usize
         };
         let [columns, rows] = particle.pixel.map(|v| {
             let v = usize::from(v);

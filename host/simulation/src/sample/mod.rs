@@ -25,6 +25,8 @@ use crate::random::Random;
 const SAMPLES: u64 = 16;
 /// Load histories on one virtual sensor before the next is drawn.
 const HISTORIES_PER_SENSOR: u32 = 3;
+/// Pictures at rest in whose mean a sensor's samples see it untouched, as a run does.
+const REST_PICTURES: u8 = 16;
 /// Share of histories before which a sample shows the skin untouched; about one sample in twenty-five.
 const UNTOUCHED: f64 = 0.25;
 /// Largest change of the light between the image at rest and those under load, share.
@@ -68,7 +70,7 @@ impl Split {
 /// One sample.
 #[derive(Debug, Clone)]
 pub struct Sample {
-    /// The fingertip at rest, 88 x 88.
+    /// The fingertip at rest, 88 x 88: of the mean of several pictures.
     pub rest: [u8; NETWORK_PX * NETWORK_PX],
     /// The same fingertip under load, 88 x 88.
     pub now: [u8; NETWORK_PX * NETWORK_PX],
@@ -246,7 +248,7 @@ impl SampleGenerator {
         let params = FingertipParams::of_sensor(unit);
         let kernels = Arc::clone(&self.world.kernels);
         let mut fingertip = Fingertip::with_kernels(unit, params, kernels)?;
-        let rest = fingertip.rest_image();
+        let rest = fingertip.mean_rest_image(REST_PICTURES);
         Ok(Sensor {
             unit,
             fingertip,
