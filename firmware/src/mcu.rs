@@ -189,7 +189,7 @@ impl<K: Kernel> Mcu<K> {
 
     /// Takes one packet of at most 64 bytes as it landed (COBS already undone).
     pub fn packet(&mut self, packet: &[u8], now_us: u64) -> Action {
-        self.now_us = now_us;
+        let now_us = self.passed_to(now_us);
         let mut decided = false;
         match self.parser.push(packet) {
             Ok(Event::MapStart { abandoned, .. }) => {
@@ -223,6 +223,14 @@ impl<K: Kernel> Mcu<K> {
         self.action(decided)
     }
 
+    /// Time now. A clock that goes back for a moment stands still: what it takes back must not count twice, as a fall of
+    /// the line or as age.
+    #[inline]
+    fn passed_to(&mut self, now_us: u64) -> u64 {
+        self.now_us = self.now_us.max(now_us);
+        self.now_us
+    }
+
     /// The transport itself refused a frame (COBS).
     pub fn malformed_frame(&mut self) {
         self.parser.refuse();
@@ -231,7 +239,7 @@ impl<K: Kernel> Mcu<K> {
 
     /// The 1 kHz tick: ages, faults, slew.
     pub fn tick(&mut self, now_us: u64) -> Action {
-        self.now_us = now_us;
+        let now_us = self.passed_to(now_us);
         self.safety.tick();
         let holding = self.controller.mode() == GripMode::Hold;
         let older =

@@ -314,8 +314,17 @@ impl Robotiq {
             (Phase::Resetting, _) => Some(Orders::RESET),
             (Phase::Activating { .. }, _) => Some(Orders::ACTIVATE),
             (Phase::Ready, Wish::Open) => (!status.works_on(Orders::OPEN)).then_some(Orders::OPEN),
-            (Phase::Ready, Wish::Grip(force)) => self.grip(force_register(force), status),
+            (Phase::Ready, Wish::Grip(force)) => self
+                .repeated(status)
+                .or_else(|| self.grip(force_register(force), status)),
         }
+    }
+
+    /// A grip on its way that the gripper does not echo yet goes out as it was. With another force it would be lost on a
+    /// gripper that has taken the position meanwhile: the echo tells positions only, and only a new one makes it push.
+    fn repeated(&self, status: GripperStatus) -> Option<Orders> {
+        self.offered
+            .filter(|offered| CLOSED.contains(&offered.position) && !status.works_on(*offered))
     }
 
     /// A grip with this force while the gripper is at `status`: more force, or the first since it was opened or

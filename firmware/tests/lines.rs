@@ -393,6 +393,21 @@ suite!(dac, DacBench, 256);
 suite!(pwm, PwmBench, 256);
 suite!(robotiq_2f_140, Bus, 64);
 
+/// A cable that breaks twice: the last force met a grip that was on its way, and got lost.
+#[test]
+fn a_force_that_changes_while_a_grip_is_on_its_way_comes_through() {
+    for ms in 30..60 {
+        let steps = [
+            (1, true, 43),
+            (1, false, 18),
+            (1, true, 52),
+            (1, false, ms),
+            (63_128, false, 900),
+        ];
+        nothing_that_happens_shows_less_than_was_written::<Bus>(&steps);
+    }
+}
+
 #[test]
 fn the_force_register_covers_10_to_125_newtons_and_rounds_up() {
     for (newtons, register) in [(0, 0), (1, 0), (10, 0), (125, 255), (126, 255), (1_000, 255)] {
