@@ -24,6 +24,7 @@ mod live;
 pub mod maps_file;
 pub mod pipeline;
 pub mod plot;
+mod realtime;
 pub mod recording;
 pub mod rounding;
 pub mod run;

@@ -11,6 +11,10 @@ use crate::units::Load;
 /// Names of the stages in the order in which a frame passes them.
 pub const STAGES: [&str; 5] = ["downsample", "gate", "network", "encode", "link"];
 
+/// What each of [`STAGES`] may take, µs. Together the 4 ms that frame to link has at its 99.9th percentile; a stage that
+/// takes longer is counted as late.
+pub const DEADLINES_US: [f64; STAGES.len()] = [300.0, 300.0, 3_000.0, 100.0, 300.0];
+
 /// One frame, as far as the microcontroller has answered it.
 #[derive(Debug, Clone, Serialize)]
 pub struct FrameReport {

@@ -407,3 +407,46 @@ fn live_values_are_served_to_prometheus_and_as_newline_json() {
         "{error}"
     );
 }
+
+#[test]
+fn real_time_tells_what_it_lacks_and_the_run_goes_on() {
+    // No machine has this core; whether the rest is allowed hangs on the machine.
+    let output = gripline(&[
+        "run",
+        "--seconds",
+        "0.2",
+        "--json",
+        "--realtime",
+        "--realtime-core",
+        "1023",
+    ]);
+    let (frames, summary) = reports(&output);
+    assert_eq!(frames.len(), 12);
+    let lacks: Vec<&str> = summary["realtime_lacks"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .filter_map(Value::as_str)
+        .collect();
+    assert!(
+        lacks
+            .iter()
+            .any(|lack| lack.contains("core 1023: ") && lack.contains("realtime.core")),
+        "{lacks:?}"
+    );
+    let said = String::from_utf8_lossy(&output.stderr);
+    for lack in lacks {
+        assert!(
+            lack.contains(", expected ") && said.contains(lack),
+            "{lack} is missing in {said}"
+        );
+    }
+    for stage in summary["stages"].as_array().unwrap() {
+        assert!(stage["deadline_us"].is_f64() && stage["late"].is_u64(), "{stage}");
+    }
+    assert_refused(
+        &["run", "--unpaced", "--realtime"],
+        2,
+        &["--unpaced", "--realtime", "expected one of them"],
+    );
+}

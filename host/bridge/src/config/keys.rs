@@ -51,7 +51,7 @@ pub(crate) struct Key {
 }
 
 /// Every key, in the file's order. Keys of one section stand together.
-pub(crate) const KEYS: [Key; 12] = [
+pub(crate) const KEYS: [Key; 14] = [
     Key {
         name: "camera.source",
         flag: "source",
@@ -157,6 +157,25 @@ pub(crate) const KEYS: [Key; 12] = [
         example: "\"127.0.0.1:9617\"",
         help: "Serve live values over HTTP at this address: /metrics for Prometheus, /frames as newline JSON. By default \
                nothing is served.",
+    },
+    Key {
+        name: "realtime.enabled",
+        flag: "realtime",
+        value_name: "",
+        kind: Kind::Switch,
+        default: Some("false"),
+        example: "",
+        help: "Run the loop with real-time priority (SCHED_FIFO), in memory that is never swapped, on one core. What the \
+               system does not allow is told, and the run goes on without it.",
+    },
+    Key {
+        name: "realtime.core",
+        flag: "realtime-core",
+        value_name: "CORE",
+        kind: Kind::Whole(1_023),
+        default: None,
+        example: "3",
+        help: "The core that the loop stays on, from 0. By default the last one.",
     },
     Key {
         name: "simulation.seed",

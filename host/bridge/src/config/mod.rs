@@ -101,6 +101,10 @@ pub struct Settings {
     pub pictures: Pictures,
     /// Where to serve live values; `None`: nowhere.
     pub serve: Option<SocketAddr>,
+    /// Whether to ask for real-time priority, locked memory and a core.
+    pub realtime: bool,
+    /// The core; `None`: the last one.
+    pub realtime_core: Option<usize>,
     /// Seed of the simulated world.
     pub seed: u64,
     /// What the file says of the microcontroller's settings.
@@ -118,6 +122,7 @@ impl Settings {
 
     fn of(effective: &Effective) -> Result<Self, Failure> {
         let text = |name| effective.value(name).and_then(Value::as_str);
+        let switch = |name| effective.value(name).and_then(Value::as_bool).unwrap_or(false);
         let settings = Self {
             source: parsed("camera.source", text("camera.source"))?.unwrap_or_default(),
             architecture: parsed("network.architecture", text("network.architecture"))?,
@@ -126,13 +131,15 @@ impl Settings {
             gate: parsed("network.gate", text("network.gate"))?.unwrap_or_default(),
             mcu: parsed("link.mcu", text("link.mcu"))?.unwrap_or_default(),
             seconds: effective.value("run.seconds").and_then(number),
-            unpaced: effective
-                .value("run.unpaced")
-                .and_then(Value::as_bool)
-                .unwrap_or(false),
+            unpaced: switch("run.unpaced"),
             record: text("record.file").map(|name| with_time(name, SystemTime::now())),
             pictures: parsed("record.pictures", text("record.pictures"))?.unwrap_or_default(),
             serve: parsed("serve.listen", text("serve.listen"))?,
+            realtime: switch("realtime.enabled"),
+            realtime_core: effective
+                .value("realtime.core")
+                .and_then(Value::as_integer)
+                .map(|core| core as usize),
             seed: effective
                 .value("simulation.seed")
                 .and_then(Value::as_integer)
@@ -144,6 +151,12 @@ impl Settings {
                 "run.unpaced (--unpaced) with link.mcu {}, expected embedded or emulator: a real one keeps its own time",
                 settings.mcu
             )));
+        }
+        if settings.unpaced && settings.realtime {
+            return Err(Failure::usage(
+                "run.unpaced (--unpaced) with realtime.enabled (--realtime), expected one of them: a run that waits for \
+                 nothing has no deadline and would take the core for itself",
+            ));
         }
         Ok(settings)
     }

@@ -28,11 +28,12 @@ use crate::cycle::{Cycle, Turn};
 use crate::error::Failure;
 use crate::live::{Live, QUANTILES};
 use crate::pipeline::{Pipeline, fingerprint};
+use crate::realtime;
 use crate::recording::{About, Frame, Image, Pace, Pictures, Recorder};
 use crate::session::Session;
 use crate::source::{Picture, SimulatedSource, Source};
 use crate::stats::Times;
-use crate::telemetry::{FrameReport, Limits, STAGES, health_names};
+use crate::telemetry::{DEADLINES_US, FrameReport, Limits, STAGES, health_names};
 use crate::units::{
     Load, centre_of_pressure_mm, force_n, millimetres, moment_nmm, newtons, ratio, shear_n, stick_ratio,
 };
@@ -110,6 +111,14 @@ pub fn run(args: &RunArgs) -> Result<(), Failure> {
     run.live = wanted.serve.map(Live::start).transpose()?;
     if let Some(live) = &run.live {
         eprintln!("gripline: /metrics and /frames at http://{}", live.address());
+    }
+    // After the other threads have started: they keep their ordinary priority.
+    if wanted.realtime {
+        let lacks = realtime::enter(wanted.realtime_core);
+        for lack in &lacks {
+            eprintln!("gripline: {lack}");
+        }
+        run.summary.realtime_lacks = Some(lacks);
     }
     while !stop.load(Ordering::Relaxed) && frames.is_none_or(|frames| run.frame < frames) {
         let picture = source.next(run.line_n()).map_err(Failure::failed)?;
@@ -195,6 +204,8 @@ struct Run {
     pictures: Pictures,
     live: Option<Live>,
     stages: [Times; STAGES.len()],
+    /// Frames in which each of them missed its deadline.
+    late: [u64; STAGES.len()],
     frame_to_link: Times,
     network_frame_to_link: Times,
     summary: Summary,
@@ -212,6 +223,7 @@ impl Run {
             pictures: Pictures::default(),
             live: None,
             stages: Default::default(),
+            late: [0; STAGES.len()],
             frame_to_link: Times::default(),
             network_frame_to_link: Times::default(),
         }
@@ -317,6 +329,9 @@ impl Run {
                 times.push(us);
             }
         }
+        for ((late, us), deadline_us) in self.late.iter_mut().zip(turn.stages_us).zip(DEADLINES_US) {
+            *late += u64::from(us > deadline_us);
+        }
         self.frame_to_link.push(turn.latency_us);
         if turn.verdict == Verdict::Network {
             self.network_frame_to_link.push(turn.latency_us);
@@ -345,12 +360,15 @@ impl Run {
         let stages = STAGES
             .into_iter()
             .zip(&self.stages)
-            .map(|(stage, times)| StageSummary {
+            .zip(DEADLINES_US.into_iter().zip(self.late))
+            .map(|((stage, times), (deadline_us, late))| StageSummary {
                 stage,
                 frames: times.count(),
                 median_us: times.quantile_us(0.5),
                 p99_us: times.quantile_us(0.99),
                 p999_us: times.quantile_us(0.999),
+                deadline_us,
+                late,
             });
         let line_n_min_holding = self.summary.line_n_min_holding;
         Summary {

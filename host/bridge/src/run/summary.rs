@@ -47,6 +47,8 @@ pub(super) struct Summary {
     pub microcontroller_worst_cycles: [u32; 4],
     /// Restarts under way (watchdog, crash, power), after each of which it was met anew and given its settings.
     pub microcontroller_restarts: u32,
+    /// What of real time the system did not allow; `None` when it was not asked for.
+    pub realtime_lacks: Option<Vec<String>>,
     /// What was recorded, when anything was to be.
     pub recording: Option<Recorded>,
 }
@@ -58,6 +60,10 @@ pub(super) struct StageSummary {
     pub median_us: f64,
     pub p99_us: f64,
     pub p999_us: f64,
+    /// What it may take.
+    pub deadline_us: f64,
+    /// Frames in which it took longer.
+    pub late: u64,
 }
 
 impl Summary {
@@ -94,6 +100,7 @@ impl Summary {
             line_n_max: 0.0,
             microcontroller_worst_cycles: [0; 4],
             microcontroller_restarts: 0,
+            realtime_lacks: None,
             recording: None,
         }
     }
@@ -142,8 +149,8 @@ pub(super) fn summary_text(summary: &Summary) -> String {
     for stage in &summary.stages {
         let _ = writeln!(
             text,
-            "{:>12}  median {:7.1} µs  p99 {:7.1} µs  p99.9 {:7.1} µs",
-            stage.stage, stage.median_us, stage.p99_us, stage.p999_us
+            "{:>12}  median {:7.1} µs  p99 {:7.1} µs  p99.9 {:7.1} µs  {} over {:.0} µs",
+            stage.stage, stage.median_us, stage.p99_us, stage.p999_us, stage.late, stage.deadline_us
         );
     }
     let _ = writeln!(

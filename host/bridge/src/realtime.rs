@@ -1,0 +1,82 @@
+//! Real time for the thread that calls: SCHED_FIFO, memory that is never swapped, one core. Linux only.
+//! What the system does not allow is told, with what to do about it; nothing of it is needed to run.
+
+/// Per cent of the way from the least to the greatest: above ordinary programs, below the kernel's interrupt threads (50).
+#[cfg(target_os = "linux")]
+const PRIORITY: u8 = 40;
+
+/// Asks for all of it and returns what could not be had, a line each. `core` counts from 0; `None` is the last one.
+#[cfg(target_os = "linux")]
+pub(crate) fn enter(core: Option<usize>) -> Vec<String> {
+    let cores = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
+    let core = core.unwrap_or(cores - 1);
+    [
+        scheduler().err().map(|why| {
+            lack(
+                "priority (SCHED_FIFO)",
+                &why,
+                "CAP_SYS_NICE or an rtprio limit (LimitRTPRIO=40 in the unit)",
+            )
+        }),
+        locked_memory().err().map(|why| {
+            lack(
+                "locked memory",
+                &why,
+                "CAP_IPC_LOCK or a memlock limit (LimitMEMLOCK=infinity in the unit)",
+            )
+        }),
+        pinned(core).err().map(|why| {
+            lack(
+                &format!("core {core}"),
+                &why,
+                "a core that this program may use, see realtime.core",
+            )
+        }),
+    ]
+    .into_iter()
+    .flatten()
+    .collect()
+}
+
+/// There is nothing to ask for.
+#[cfg(not(target_os = "linux"))]
+pub(crate) fn enter(_core: Option<usize>) -> Vec<String> {
+    vec![lack("everything", "this system is not Linux", "Linux")]
+}
+
+fn lack(what: &str, why: &str, expected: &str) -> String {
+    format!("no real time: {what}: {why}, expected {expected}; the run goes on without")
+}
+
+#[cfg(target_os = "linux")]
+fn scheduler() -> Result<(), String> {
+    use thread_priority::unix::{
+        RealtimeThreadSchedulePolicy, ThreadSchedulePolicy, set_thread_priority_and_policy, thread_native_id,
+    };
+    let priority = PRIORITY.try_into()?;
+    set_thread_priority_and_policy(
+        thread_native_id(),
+        thread_priority::ThreadPriority::Crossplatform(priority),
+        ThreadSchedulePolicy::Realtime(RealtimeThreadSchedulePolicy::Fifo),
+    )
+    .map_err(|error| match error {
+        thread_priority::Error::OS(number) => std::io::Error::from_raw_os_error(number).to_string(),
+        other => format!("{other:?}"),
+    })
+}
+
+#[cfg(target_os = "linux")]
+fn locked_memory() -> Result<(), String> {
+    use nix::sys::mman::{MlockAllFlags, mlockall};
+    mlockall(MlockAllFlags::MCL_CURRENT | MlockAllFlags::MCL_FUTURE).map_err(|error| error.desc().to_owned())
+}
+
+#[cfg(target_os = "linux")]
+fn pinned(core: usize) -> Result<(), String> {
+    let mut cores = nix::sched::CpuSet::new();
+    let this_thread = nix::unistd::Pid::from_raw(0);
+    cores
+        .set(core)
+        .and_then(|()| nix::sched::sched_setaffinity(this_thread, &cores))
+        .map_err(|error| error.desc().to_owned())
+}
