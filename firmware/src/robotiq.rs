@@ -264,7 +264,13 @@ impl Robotiq {
         );
         if let Some(orders) = orders {
             self.is_fresh = false;
-            self.offered = Some(orders);
+            // The echo tells positions only. While one is on its way the gripper may have taken it with the force of
+            // before: the least of them is what it can be relied on to have pushed with.
+            let again = self.offered.filter(|before| before.position == orders.position);
+            self.offered = Some(Orders {
+                force: again.map_or(orders.force, |before| before.force.min(orders.force)),
+                ..orders
+            });
             self.offered_us = self.offered_us.or(Some(now_us));
         }
         let length = request.frame(MODBUS_UNIT, frame);
@@ -314,17 +320,8 @@ impl Robotiq {
             (Phase::Resetting, _) => Some(Orders::RESET),
             (Phase::Activating { .. }, _) => Some(Orders::ACTIVATE),
             (Phase::Ready, Wish::Open) => (!status.works_on(Orders::OPEN)).then_some(Orders::OPEN),
-            (Phase::Ready, Wish::Grip(force)) => self
-                .repeated(status)
-                .or_else(|| self.grip(force_register(force), status)),
+            (Phase::Ready, Wish::Grip(force)) => self.grip(force_register(force), status),
         }
-    }
-
-    /// A grip on its way that the gripper does not echo yet goes out as it was. With another force it would be lost on a
-    /// gripper that has taken the position meanwhile: the echo tells positions only, and only a new one makes it push.
-    fn repeated(&self, status: GripperStatus) -> Option<Orders> {
-        self.offered
-            .filter(|offered| CLOSED.contains(&offered.position) && !status.works_on(*offered))
     }
 
     /// A grip with this force while the gripper is at `status`: more force, or the first since it was opened or

@@ -9,8 +9,17 @@ use std::path::PathBuf;
 use crate::error::Error;
 use crate::{process, value_of};
 
-/// What is fuzzed: a binary of `tests/fuzz`, a corpus of the same name.
-const TARGETS: [&str; 6] = ["wire", "stream", "commands", "settings", "status", "modbus"];
+/// What is fuzzed: a binary of `tests/fuzz`, a corpus of the same name; and its longest input, bytes. A dense map and some
+/// commands for what reads bytes; some dozen steps for what makes maps and commands of them, because short inputs are
+/// tried many times as often.
+const TARGETS: [(&str, u32); 6] = [
+    ("wire", 4_096),
+    ("stream", 4_096),
+    ("commands", 400),
+    ("settings", 4_096),
+    ("status", 4_096),
+    ("modbus", 4_096),
+];
 
 const MANIFEST: &str = "tests/fuzz/Cargo.toml";
 
@@ -19,9 +28,6 @@ const COVERAGE: &str = "-Cpasses=sancov-module -Cllvm-args=-sanitizer-coverage-l
                         -Cllvm-args=-sanitizer-coverage-inline-8bit-counters \
                         -Cllvm-args=-sanitizer-coverage-pc-table \
                         -Cllvm-args=-sanitizer-coverage-trace-compares -Ccodegen-units=1 --cfg fuzzing";
-
-/// Longest input, bytes: a dense map and some commands.
-const INPUT_MAX: u32 = 4_096;
 
 /// `cargo xtask fuzz`.
 pub(crate) fn command(arguments: &[String]) -> Result<(), Error> {
@@ -38,17 +44,20 @@ pub(crate) fn command(arguments: &[String]) -> Result<(), Error> {
                     .ok_or_else(|| Error::usage("--minutes", found, "a number above 0"))?;
             }
             "--save" => save = true,
-            found => match TARGETS.iter().find(|target| **target == found) {
-                Some(target) => targets.push(*target),
-                None => return Err(Error::usage("target", found, &TARGETS.join(", "))),
-            },
+            found => {
+                let Some(target) = TARGETS.iter().find(|(target, _)| *target == found) else {
+                    let names = TARGETS.map(|(target, _)| target).join(", ");
+                    return Err(Error::usage("target", found, &names));
+                };
+                targets.push(*target);
+            }
         }
     }
     if targets.is_empty() {
         targets.extend(TARGETS);
     }
     let programs = build()?;
-    for target in targets {
+    for (target, input_max) in targets {
         let program = programs.join(format!("{target}{}", std::env::consts::EXE_SUFFIX));
         let found = process::products().join("fuzz").join(target);
         let corpus = process::root().join("tests/fuzz/corpus").join(target);
@@ -59,7 +68,7 @@ pub(crate) fn command(arguments: &[String]) -> Result<(), Error> {
         // The first folder is where new inputs go.
         fuzzer.args([&found, &corpus]).args([
             format!("-max_total_time={}", (minutes * 60.0).ceil()),
-            format!("-max_len={INPUT_MAX}"),
+            format!("-max_len={input_max}"),
             "-timeout=10".to_owned(),
             "-rss_limit_mb=2048".to_owned(),
             "-print_final_stats=1".to_owned(),

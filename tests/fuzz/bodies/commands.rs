@@ -7,6 +7,11 @@ use gripline_protocol::configuration::{CONFIGURATION_VALUES, Configuration};
 use gripline_protocol::message::{Command, GripMode, Hello, Message, MessagePackets, Report, Stage, Status};
 use gripline_protocol::{Event, ForceMap, Health, MapInfo, PACKET_MAX, Parser, TaxelForce, encode_map};
 
+/// Steps of one input, and milliseconds that it may let pass.
+const STEPS_MAX: u32 = 60;
+/// See [`STEPS_MAX`]; twice LINK LOST's half second.
+const TICKS_MAX: u32 = 1_000;
+
 /// Reads the input bit by bit; past its end everything is 0.
 struct Input<'a>(&'a [u8]);
 
@@ -41,8 +46,10 @@ struct Bench {
     /// As the line stood after the last step.
     line: i32,
     mode: GripMode,
-    /// So that no input takes long.
+    /// So that no input takes long: the fuzzer learns more from many short ones.
     ticks_left: u32,
+    /// The settings that were in force at the last step, and in range.
+    settings: Configuration,
 }
 
 impl Bench {
@@ -64,7 +71,8 @@ impl Bench {
             sequence: 0,
             message_id: 0,
             host: Parser::new(),
-            ticks_left: 1_000,
+            ticks_left: TICKS_MAX,
+            settings: Configuration::DEFAULT,
         }
     }
 
@@ -172,8 +180,12 @@ impl Bench {
 
     /// What must hold after every step.
     fn judge(&mut self, line: GripForce, before_us: u64) {
-        let (settings, status) = (*self.mcu.settings(), self.mcu.status());
-        assert_eq!(settings.check(), Ok(()), "settings in force are in range");
+        let status = self.mcu.status();
+        if *self.mcu.settings() != self.settings {
+            self.settings = *self.mcu.settings();
+            assert_eq!(self.settings.check(), Ok(()), "settings in force are in range");
+        }
+        let settings = self.settings;
         let (line, before) = (line.lsb(), self.line);
         assert_eq!((line, line), (self.mcu.line().lsb(), status.line));
         let passed_ms = (self.now_us - before_us).div_ceil(1_000);
@@ -249,7 +261,7 @@ pub(crate) fn check(input: &[u8]) {
     let mut input = Input(input);
     let mut bench = Bench::start(&mut input);
     let mut steps = 0;
-    while !input.0.is_empty() && steps < 200 {
+    while !input.0.is_empty() && steps < STEPS_MAX {
         steps += 1;
         match input.byte() % 10 {
             0 => {
