@@ -41,6 +41,7 @@ pub(crate) fn command(arguments: &[String]) -> Result<(), Error> {
 
 fn network(arguments: &[String]) -> Result<(), Error> {
     let library = onnxruntime()?;
+    let plot = process::products().join("bench-network.png");
     process::run(
         process::cargo()
             .args(["run", "--release", "--package", "gripline-network"])
@@ -53,6 +54,9 @@ fn network(arguments: &[String]) -> Result<(), Error> {
                 "--onnxruntime",
             ])
             .arg(library)
+            .arg("--plot")
+            .arg(plot)
+            // The last one counts, so that these can say otherwise.
             .args(arguments),
     )
 }

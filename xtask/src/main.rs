@@ -36,9 +36,11 @@ cargo xtask COMMAND
                                     Cortex-M4 cycles at most; fails when a number of the design does not hold
   toolchain [--from-sources]        make this machine able to build for the microcontroller;
                                     --from-sources passes over rustup and an installed target
-  bench network [--json] [--rounds N] [--weights FILE]
-                                    time the force network against onnxruntime and tract, and against
-                                    this processor's limit; needs Python with pip
+  bench network [--json] [--rounds N] [--samples N] [--weights FILE]... [--plot FILE]
+                                    time the force networks against onnxruntime and tract and against this processor's
+                                    limit; errors on N samples of the test world (1,500, made in memory in a minute);
+                                    table, and a plot of time against error; --weights adds networks; needs Python
+                                    with pip
   bench gate [--json]               what skipping frames saves and costs, gate by gate, under drift, noise and light touch
   gate [ARGUMENTS]                  train and export the scene gate's network, and have LiteRT answer its golden file;
                                     needs Python with pip

@@ -43,3 +43,18 @@ pub const BLOCKS: usize = BLOCKS_PER_SIDE * BLOCKS_PER_SIDE;
 
 /// Pixels of a block.
 pub const BLOCK_PIXELS: usize = BLOCK_SIDE * BLOCK_SIDE;
+
+/// Friction coefficient of the paper's detector, for the trainer's loss and for the true stick ratio.
+pub const DETECTOR_FRICTION: f32 = 0.45;
+
+/// Contact thresholds that calibration chooses from, newtons per taxel (REFERENCES: 0.01–0.03 is needed).
+pub const CONTACT_MINS_N: [f32; 5] = [0.01, 0.015, 0.02, 0.025, 0.03];
+
+/// Smallest number of taxels in contact for a stick ratio to be scored (prototype).
+pub const SCORED_TAXELS: usize = 8;
+
+/// Smallest total normal force for a relative error to be scored, newtons (issue 4).
+pub const SCORED_NORMAL_N: f32 = 0.5;
+
+/// Smallest shear for its relative error to be scored, newtons (prototype).
+pub const SCORED_SHEAR_N: f32 = 0.2;

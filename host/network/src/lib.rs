@@ -11,6 +11,8 @@ pub mod constants;
 pub mod image;
 mod instruction_set;
 mod kernel;
+#[cfg(feature = "metrics")]
+pub mod metrics;
 mod network;
 pub mod scene;
 pub mod tracked;

@@ -1,5 +1,6 @@
 //! What training chooses, each value with unit and source.
 
+pub(crate) use gripline_network::constants::DETECTOR_FRICTION;
 use gripline_network::tracked::{Lens, TrackedScaling};
 use gripline_network::weights::Widths;
 use gripline_simulation::{Camera, Gel};
@@ -24,9 +25,6 @@ pub(crate) const REST_DEVIATION: f32 = 0.5;
 
 /// Newtons per taxel and unit of output (prototype; peak taxels carry 0.04–3 N).
 pub(crate) const NEWTONS_PER_OUTPUT: f32 = 0.05;
-
-/// Friction coefficient of the paper's detector, for the loss and for the true stick ratio.
-pub(crate) const DETECTOR_FRICTION: f32 = 0.45;
 
 /// Samples per gradient step.
 pub(crate) const BATCH: usize = 32;
@@ -84,18 +82,6 @@ pub(crate) const BRIGHTNESS_SHARED: f32 = 0.1;
 
 /// Largest relative change of brightness between rest and now, on top of the world's own.
 pub(crate) const BRIGHTNESS_DRIFT: f32 = 0.01;
-
-/// Contact thresholds that calibration chooses from, newtons per taxel (REFERENCES: 0.01–0.03 is needed).
-pub(crate) const CONTACT_MINS_N: [f32; 5] = [0.01, 0.015, 0.02, 0.025, 0.03];
-
-/// Smallest number of taxels in contact for a stick ratio to be scored (prototype).
-pub(crate) const SCORED_TAXELS: usize = 8;
-
-/// Smallest total normal force for a relative error to be scored, newtons (issue 4).
-pub(crate) const SCORED_NORMAL_N: f32 = 0.5;
-
-/// Smallest shear for its relative error to be scored, newtons (prototype).
-pub(crate) const SCORED_SHEAR_N: f32 = 0.2;
 
 /// Pairs in the golden file.
 pub(crate) const GOLDEN_SAMPLES: usize = 12;

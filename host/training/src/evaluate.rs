@@ -5,12 +5,12 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use gripline_network::Calibration;
+use gripline_network::metrics::{Pair, Scores};
 use gripline_simulation::Split;
 use serde_json::json;
 
 use crate::dataset::{Dataset, Store, world_fingerprint};
 use crate::error::TrainingError;
-use crate::metrics::{Pair, Scores};
 use crate::weights::{Architecture, Engine};
 
 /// Prints the scores of the weights in `weights`, or of those that the engine carries.

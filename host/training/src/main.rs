@@ -11,7 +11,6 @@ mod evaluate;
 mod gate;
 mod golden;
 mod loss;
-mod metrics;
 mod model;
 mod symmetry;
 mod train;

@@ -8,6 +8,7 @@ use burn::module::Module;
 use burn::optim::{AdamWConfig, GradientsParams, ModuleOptimizer};
 use burn::tensor::Device;
 use gripline_network::Calibration;
+use gripline_network::metrics::{Scores, calibrate};
 use gripline_network::tracked::TrackedWeights;
 use gripline_network::weights::{Scaling, Weights};
 use gripline_simulation::Split;
@@ -25,7 +26,6 @@ use crate::error::{TrainingError, at};
 use crate::evaluate::predict;
 use crate::golden;
 use crate::loss::{Recipe, loss};
-use crate::metrics::{Scores, calibrate};
 use crate::model::{Model, Tensors};
 use crate::weights::{AnyWeights, Architecture};
 

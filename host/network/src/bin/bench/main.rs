@@ -1,33 +1,39 @@
-//! How fast the force network runs: by instruction set, against onnxruntime and tract with the same weights on
-//! one thread, against this processor's own limit, and what skipping saves. Run by `cargo xtask bench network`.
+//! How fast and how good the force networks are. Time: by instruction set, against onnxruntime and tract with the same
+//! weights on one thread, against this processor's own limit, what skipping saves, what a frame costs that the gate
+//! skips. Error: on shapes and sensors of the test world that none was trained on. Run by `cargo xtask bench network`.
 //!
 //! All contestants take turns, a few frames each, so that what else the machine does falls on all of them.
 
+mod accuracy;
+mod models;
 mod onnx;
 mod peers;
+mod pictures;
+mod plot;
 mod report;
 mod timing;
-mod tracked;
 
 use std::hint::black_box;
 use std::path::PathBuf;
 use std::process::ExitCode;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use gripline_network::image::Image88;
+use gripline_network::scene::{GateKind, Scene, Verdict, mean_of};
 use gripline_network::weights::Weights;
 use gripline_network::{Evaluation, ForceMap, ForceNetwork, InstructionSet, downsample_440_to_88, spin};
-use safetensors::SafeTensors;
 
-use peers::{OnnxRuntime, Tract};
+use models::Model;
+use onnx::Precision;
+use peers::{Int8, OnnxRuntime, Tract};
+use pictures::Film;
 use report::Report;
-use timing::{Contestant, Times};
+use timing::Contestant;
 
 /// Whatever stops the measurement; it is printed and nothing else.
 type Failure = Box<dyn std::error::Error>;
 
 const WEIGHTS: &[u8] = include_bytes!("../../../weights/unet.safetensors");
-/// Image pairs and forces of the embedded weights.
-const GOLDEN: &[u8] = include_bytes!("../../../golden/unet.safetensors");
 
 /// Largest difference between two engines' forces, in shares of the largest force: else they do not run the
 /// same network.
@@ -36,17 +42,19 @@ const SAME: f32 = 1e-4;
 /// Rounds of multiply-adds per measurement of the limit: some 20 to 100 µs.
 const SPIN_ROUNDS: usize = 30_000;
 
-/// Shares of the image's area that change between frames in the measurement of skipping.
-const CHANGED: [(f64, &str); 2] = [(0.1, "10 % changed"), (0.3, "30 % changed")];
+/// Shares of the image's area that change between frames in the measurement of skipping, and what they are called.
+const CHANGED: [(f64, &str); 2] = [(0.1, "10 %"), (0.3, "30 %")];
 
-/// Positions of the changed square that take turns.
-const POSITIONS: usize = 9;
+/// Pictures at rest that the gate learns the noise from.
+const REST_PICTURES: u64 = 16;
 
 struct Arguments {
     onnxruntime: PathBuf,
-    weights: Option<PathBuf>,
+    weights: Vec<PathBuf>,
+    plot: Option<PathBuf>,
     json: bool,
     rounds: usize,
+    samples: usize,
 }
 
 fn main() -> ExitCode {
@@ -62,26 +70,31 @@ fn main() -> ExitCode {
 fn arguments() -> Result<Arguments, Failure> {
     let mut arguments = Arguments {
         onnxruntime: PathBuf::new(),
-        weights: None,
+        weights: Vec::new(),
+        plot: None,
         json: false,
         rounds: 150,
+        samples: 1500,
     };
     let mut words = std::env::args().skip(1);
     while let Some(word) = words.next() {
         let mut value = || words.next().ok_or(format!("{word}: expected a value after it"));
+        let number = |text: String, least: usize| -> Result<usize, Failure> {
+            let number = text.parse().ok().filter(|&number| number >= least);
+            Ok(number.ok_or(format!(
+                "{word}: found `{text}`, expected a number from {least} on"
+            ))?)
+        };
         match word.as_str() {
             "--onnxruntime" => arguments.onnxruntime = value()?.into(),
-            "--weights" => arguments.weights = Some(value()?.into()),
-            "--rounds" => {
-                let text = value()?;
-                let rounds = text.parse().ok().filter(|&rounds| rounds > 0);
-                arguments.rounds =
-                    rounds.ok_or(format!("--rounds: found `{text}`, expected a number above 0"))?;
-            }
+            "--weights" => arguments.weights.push(value()?.into()),
+            "--plot" => arguments.plot = Some(value()?.into()),
+            "--rounds" => arguments.rounds = number(value()?, 1)?,
+            "--samples" => arguments.samples = number(value()?, 500)?,
             "--json" => arguments.json = true,
             _ => {
                 return Err(format!(
-                    "argument `{word}` is unknown, expected --onnxruntime LIBRARY, --weights FILE, --rounds N or --json"
+                    "argument `{word}` is unknown, expected --onnxruntime LIBRARY, --weights FILE, --plot FILE, --rounds N, --samples N or --json"
                 )
                 .into());
             }
@@ -91,103 +104,45 @@ fn arguments() -> Result<Arguments, Failure> {
 }
 
 fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let weights = match &arguments.weights {
-        None => Weights::parse(WEIGHTS)?,
-        Some(path) => Weights::from_file(path)?,
-    };
-    let golden = SafeTensors::deserialize(GOLDEN)?;
-    let image = |name: &str| -> Result<Image88, Failure> {
-        let images = golden.tensor(name)?.data().as_chunks::<7744>().0;
-        images
-            .first()
-            .copied()
-            .ok_or_else(|| format!("no image `{name}`").into())
-    };
-    let (rest, now) = (image("rest")?, image("now")?);
-    let crop: Vec<u8> = (0..440 * 440)
-        .map(|i| now[i / 440 / 5 * 88 + i % 440 / 5])
-        .collect();
-
-    let model = onnx::model(&weights);
-    let mut onnxruntime = OnnxRuntime::new(&arguments.onnxruntime, &model)?;
+    let models = models::all(&arguments.weights)?;
+    let weights = Weights::parse(WEIGHTS)?;
+    let environment = peers::environment(&arguments.onnxruntime)?;
+    let model = onnx::model(&weights, Precision::Float);
+    let onnxruntime = OnnxRuntime::new(&environment, &model)?;
     let tract = Tract::new(&model)?;
-    let (input, scaling) = (peers::input(&rest, &now, weights.scaling), weights.scaling);
+    let int8 = Arc::new(Mutex::new(Int8::new(&environment, &weights)?));
 
+    eprintln!(
+        "{} samples of the test world (shapes and sensors that no network was trained on), made here ...",
+        arguments.samples
+    );
+    let accuracies = accuracy::measure(&models, &int8, arguments.samples)?;
+
+    let widest = InstructionSet::widest();
     let sets: Vec<InstructionSet> = InstructionSet::ALL
         .into_iter()
         .filter(|set| set.is_available())
         .collect();
-    let widest = InstructionSet::widest();
-    let on = |set, evaluation| -> Result<ForceNetwork, Failure> {
-        let mut network = ForceNetwork::from_weights(&weights)?
-            .with_instructions(set)?
-            .with_evaluation(evaluation);
-        network.set_rest(&rest);
-        Ok(network)
-    };
-
-    let mut ours = NOTHING;
-    on(widest, Evaluation::Dense)?.infer(&now, &mut ours);
-    for (name, theirs) in [
-        ("onnxruntime", onnxruntime.run(&input, scaling)?),
-        ("tract", tract.run(&input, scaling)?),
-    ] {
-        same(name, &ours, &theirs)?;
-    }
-    let allocations_per_frame = allocations(on(widest, Evaluation::Skip)?, &crop, &now);
-
-    let mut contestants: Vec<Contestant> = Vec::new();
-    contestants.push(Contestant::new("limit", move || {
+    eprintln!("taking turns ...");
+    let mut contestants = vec![Contestant::new("limit", move || {
         black_box(spin(widest, black_box(SPIN_ROUNDS)));
-    }));
-    for &set in &sets {
-        let mut network = on(set, Evaluation::Dense)?;
-        contestants.push(Contestant::new(&set.to_string(), move || {
-            network.infer(black_box(&now), black_box(&mut NOTHING.clone()));
-        }));
+    })];
+    contestants.extend(unet(&weights, &sets, onnxruntime, tract, int8)?);
+    for model in &models {
+        contestants.extend(frames(model));
     }
-    let theirs = input.clone();
-    contestants.push(Contestant::new("onnxruntime", move || {
-        black_box(onnxruntime.run(black_box(&theirs), scaling).is_ok());
-    }));
-    contestants.push(Contestant::new("tract", move || {
-        black_box(tract.run(black_box(&input), scaling).is_ok());
-    }));
-    let (mut network, mut small) = (on(widest, Evaluation::Dense)?, now);
-    contestants.push(Contestant::new("whole frame", move || {
-        downsample_440_to_88(black_box(&crop), &mut small);
-        network.infer(&small, black_box(&mut NOTHING.clone()));
-    }));
-    let mut network = on(widest, Evaluation::Skip)?;
-    contestants.push(Contestant::new("unchanged", move || {
-        network.infer(black_box(&now), black_box(&mut NOTHING.clone()));
-    }));
-    for (share, name) in CHANGED {
-        let mut network = on(widest, Evaluation::Skip)?;
-        let images: Vec<Image88> = (0..POSITIONS)
-            .map(|position| patched(&now, share, position))
-            .collect();
-        let mut frame = 0;
-        // Each frame differs from the last by one patch: the one before it stays where it is.
-        let mut shown = now;
-        contestants.push(Contestant::new(name, move || {
-            let position = frame % POSITIONS;
-            toggle(&mut shown, &images[position], &now);
-            frame += 1;
-            network.infer(black_box(&shown), black_box(&mut NOTHING.clone()));
-        }));
-    }
-
-    contestants.extend(tracked::contestants(POSITIONS)?);
-
+    contestants.push(gated()?);
     let times = timing::take_turns(&mut contestants, arguments.rounds);
+
     let report = Report {
         widest,
         sets,
-        multiply_adds: on(widest, Evaluation::Dense)?.multiply_adds(),
+        multiply_adds: ForceNetwork::from_weights(&weights)?.multiply_adds(),
         limit_multiply_adds: spin(widest, SPIN_ROUNDS),
-        allocations_per_frame: allocations_per_frame.max(tracked::allocations()?),
+        allocations_per_frame: models.iter().map(allocations).max().unwrap_or(0),
         load: std::fs::read_to_string("/proc/loadavg").unwrap_or_default(),
+        models: models.into_iter().map(|model| model.name).collect(),
+        accuracies,
         times,
     };
     if arguments.json {
@@ -195,10 +150,110 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
     } else {
         print!("{}", report.table());
     }
+    if let Some(path) = &arguments.plot {
+        plot::draw(path, &report.points())?;
+        eprintln!("wrote {}", path.display());
+    }
     Ok(())
 }
 
 const NOTHING: ForceMap = [[0.0; 3]; 400];
+
+fn small(crop: &[u8]) -> Image88 {
+    let mut out = [0; 7744];
+    downsample_440_to_88(crop, &mut out);
+    out
+}
+
+/// The network alone, from small image to forces, in all the engines there are; they have to agree.
+fn unet(
+    weights: &Weights,
+    sets: &[InstructionSet],
+    mut onnxruntime: OnnxRuntime,
+    tract: Tract,
+    int8: Arc<Mutex<Int8>>,
+) -> Result<Vec<Contestant>, Failure> {
+    let (rest, now) = (small(&pictures::picture(0.0)), small(&pictures::picture(6.0)));
+    let (input, scaling) = (peers::input(&rest, &now, weights.scaling), weights.scaling);
+    let mut contestants = Vec::new();
+    let mut ours = NOTHING;
+    for &set in sets {
+        let mut network = ForceNetwork::from_weights(weights)?
+            .with_instructions(set)?
+            .with_evaluation(Evaluation::Dense);
+        network.set_rest(&rest);
+        network.infer(&now, &mut ours);
+        contestants.push(Contestant::new(&set.to_string(), move || {
+            network.infer(black_box(&now), black_box(&mut NOTHING.clone()));
+        }));
+    }
+    same("onnxruntime", &ours, &onnxruntime.run(&input, scaling)?)?;
+    same("tract", &ours, &tract.run(&input, scaling)?)?;
+    let [theirs, rounded] = [(); 2].map(|()| input.clone());
+    contestants.push(Contestant::new("onnxruntime", move || {
+        black_box(onnxruntime.run(black_box(&theirs), scaling).is_ok());
+    }));
+    contestants.push(Contestant::new("onnxruntime int8", move || {
+        let mut int8 = int8.lock().unwrap_or_else(PoisonError::into_inner);
+        black_box(int8.session.run(black_box(&rounded), scaling).is_ok());
+    }));
+    contestants.push(Contestant::new("tract", move || {
+        black_box(tract.run(black_box(&input), scaling).is_ok());
+    }));
+    Ok(contestants)
+}
+
+/// Whole frames from the camera's crop to forces: computed in full, the same again, and with parts changed.
+fn frames(model: &Model) -> Vec<Contestant> {
+    let Model { name, network } = model;
+    let on = |evaluation| {
+        let mut network = network.clone().with_evaluation(evaluation);
+        network.set_rest(&pictures::picture(0.0));
+        network
+    };
+    let now = pictures::picture(6.0);
+    let (mut dense, shown) = (on(Evaluation::Dense), now.clone());
+    let mut contestants = vec![Contestant::new(name, move || {
+        dense.infer(black_box(&shown), black_box(&mut NOTHING.clone()));
+    })];
+    let mut skip = on(Evaluation::Skip);
+    contestants.push(Contestant::new(&report::part(name, "same"), move || {
+        skip.infer(black_box(&now), black_box(&mut NOTHING.clone()));
+    }));
+    for (share, part) in CHANGED {
+        let (mut skip, mut film) = (on(Evaluation::Skip), Film::new(share));
+        contestants.push(Contestant::new(&report::part(name, part), move || {
+            skip.infer(black_box(film.next()), black_box(&mut NOTHING.clone()));
+        }));
+    }
+    contestants
+}
+
+/// A frame without touch or change as the gate skips it: from the camera's crop to the verdict.
+fn gated() -> Result<Contestant, Failure> {
+    let rest = pictures::picture(0.0);
+    let crops: Vec<Vec<u8>> = (0..REST_PICTURES)
+        .map(|number| pictures::noisy(&rest, number))
+        .collect();
+    let frames: Vec<Image88> = crops.iter().map(|crop| small(crop)).collect();
+    let mut scene = Scene::new(GateKind::default(), &mean_of(&frames), &frames);
+    for frame in &frames {
+        let (verdict, health) = scene.look(frame);
+        if verdict != Verdict::NoContact {
+            return Err(format!(
+                "the gate says `{}` ({health}) to a picture at rest, expected `no contact`",
+                verdict.name()
+            )
+            .into());
+        }
+    }
+    let (mut now, mut frame) = (frames[0], 0);
+    Ok(Contestant::new(report::GATED, move || {
+        downsample_440_to_88(black_box(&crops[frame % crops.len()]), &mut now);
+        frame += 1;
+        black_box(scene.look(&now));
+    }))
+}
 
 /// Fails when two engines' forces differ by more than rounding.
 fn same(name: &str, ours: &ForceMap, theirs: &ForceMap) -> Result<(), Failure> {
@@ -219,37 +274,15 @@ fn same(name: &str, ours: &ForceMap, theirs: &ForceMap) -> Result<(), Failure> {
 }
 
 /// Heap allocations of a frame, the worst of three: full, unchanged, changed in one pixel.
-fn allocations(mut network: ForceNetwork, crop: &[u8], now: &Image88) -> u64 {
-    let (mut small, mut forces_n) = (*now, NOTHING);
-    let mut count = |small: &mut Image88, flip: bool| {
-        let counted = allocation_counter::measure(|| {
-            downsample_440_to_88(crop, small);
-            small[4000] ^= u8::from(flip);
-            network.infer(small, &mut forces_n);
-        });
-        counted.count_total
-    };
-    [false, false, true]
-        .map(|flip| count(&mut small, flip))
-        .into_iter()
-        .max()
-        .unwrap_or(0)
-}
-
-/// The image with a brighter square that covers a share of it, at one of the nine positions of a 3×3 raster.
-fn patched(image: &Image88, share: f64, position: usize) -> Image88 {
-    let side = (share.sqrt() * 88.0).round() as usize;
-    let offset = |index: usize| index * (88 - side) / 2;
-    let (top, left) = (offset(position / 3), offset(position % 3));
-    std::array::from_fn(|i| {
-        let inside = (top..top + side).contains(&(i / 88)) && (left..left + side).contains(&(i % 88));
-        image[i] ^ if inside { 0x20 } else { 0 }
-    })
-}
-
-/// Flips the patched pixels: on when they are off, off when they are on.
-fn toggle(shown: &mut Image88, patched: &Image88, plain: &Image88) {
-    for ((shown, patched), plain) in shown.iter_mut().zip(patched).zip(plain) {
-        *shown ^= patched ^ plain;
+fn allocations(model: &Model) -> u64 {
+    let mut network = model.network.clone().with_evaluation(Evaluation::Skip);
+    network.set_rest(&pictures::picture(0.0));
+    let (mut now, mut forces_n) = (pictures::picture(6.0), NOTHING);
+    let mut worst = 0;
+    for flip in [0, 0, 0x40] {
+        now[44_220] ^= flip;
+        let counted = allocation_counter::measure(|| network.infer(&now, &mut forces_n));
+        worst = worst.max(counted.count_total);
     }
+    worst
 }

@@ -1,5 +1,8 @@
 //! The force network as an ONNX model (opset 17), with batch norm folded in as in our engine, written as
-//! protocol buffers by hand: seven messages of onnx.proto, field numbers beside their names.
+//! protocol buffers by hand: seven messages of onnx.proto, field numbers beside their names. With the ranges of its values
+//! also in eight bits: values and weights are rounded where they are made, as runtimes expect it of a quantised model.
+
+use std::collections::BTreeMap;
 
 use gripline_network::weights::Weights;
 use gripline_network::{Folded, LayerKind, OUTPUT, folded};
@@ -45,13 +48,37 @@ impl Message {
     }
 }
 
-/// Builds the graph node by node.
-struct Graph {
-    /// GraphProto: node = 1, name = 2, initializer = 5, input = 11, output = 12.
-    graph: Message,
+/// Least and greatest of a tensor's values.
+pub(crate) type Ranges = BTreeMap<String, [f32; 2]>;
+
+/// How values are represented.
+pub(crate) enum Precision<'a> {
+    Float,
+    /// f32, and every tensor that can be rounded is an output.
+    FloatShown,
+    /// Eight bits, but for up-convolutions and the last layer, whose outputs are the forces.
+    Int8(&'a Ranges),
 }
 
-impl Graph {
+/// Builds the graph node by node.
+struct Graph<'a> {
+    /// GraphProto: node = 1, name = 2, initializer = 5, input = 11, output = 12.
+    proto: Message,
+    precision: Precision<'a>,
+    /// Steps of the tensors that are rounded.
+    steps: BTreeMap<String, f32>,
+}
+
+/// Name of the models' input.
+pub(crate) const INPUT: &str = "input";
+
+/// TensorProto's data types.
+const FLOAT: usize = 1;
+const UINT8: usize = 2;
+const INT8: usize = 3;
+const INT32: usize = 6;
+
+impl Graph<'_> {
     /// NodeProto: input = 1, output = 2, op_type = 4, attribute = 5.
     fn node(&mut self, operator: &str, inputs: &[&str], output: &str, attributes: &[(&str, &[usize])]) {
         let mut node = Message::default();
@@ -68,32 +95,105 @@ impl Graph {
             };
             node = node.message(5, &attribute);
         }
-        self.graph = std::mem::take(&mut self.graph).message(1, &node);
+        self.proto = std::mem::take(&mut self.proto).message(1, &node);
     }
 
-    /// TensorProto: dims = 1, data_type = 2 (FLOAT 1), name = 8, raw_data = 9.
-    fn tensor(&mut self, name: &str, shape: &[usize], values: &[f32]) {
-        let raw: Vec<u8> = values.iter().flat_map(|value| value.to_le_bytes()).collect();
+    /// TensorProto: dims = 1, data_type = 2, name = 8, raw_data = 9.
+    fn raw(&mut self, name: &str, data_type: usize, shape: &[usize], bytes: &[u8]) {
         let tensor = Message::default()
             .ints(1, shape)
-            .int(2, 1)
+            .int(2, data_type)
             .text(8, name)
-            .bytes(9, &raw);
-        self.graph = std::mem::take(&mut self.graph).message(5, &tensor);
+            .bytes(9, bytes);
+        self.proto = std::mem::take(&mut self.proto).message(5, &tensor);
+    }
+
+    fn tensor(&mut self, name: &str, shape: &[usize], values: &[f32]) {
+        let raw: Vec<u8> = values.iter().flat_map(|value| value.to_le_bytes()).collect();
+        self.raw(name, FLOAT, shape, &raw);
+    }
+
+    /// A tensor where it is made: as it is, shown, or rounded to a byte and back.
+    fn made(&mut self, name: String) -> String {
+        let range = match self.precision {
+            Precision::Float => return name,
+            Precision::FloatShown => {
+                // The input is known.
+                if name != INPUT {
+                    self.value(12, &name, &[]);
+                }
+                return name;
+            }
+            Precision::Int8(ranges) => ranges[&name],
+        };
+        let step = (range[1] - range[0]) / 255.0;
+        let zero = (-range[0] / step).round() as u8;
+        let [bytes, rounded, step_name, zero_name] =
+            ["bytes", "rounded", "step", "zero"].map(|part| format!("{name}.{part}"));
+        self.tensor(&step_name, &[], &[step]);
+        self.raw(&zero_name, UINT8, &[], &[zero]);
+        self.node("QuantizeLinear", &[&name, &step_name, &zero_name], &bytes, &[]);
+        self.node(
+            "DequantizeLinear",
+            &[&bytes, &step_name, &zero_name],
+            &rounded,
+            &[],
+        );
+        self.steps.insert(rounded.clone(), step);
+        rounded
+    }
+
+    /// Weights and bias of a layer that is computed in bytes, each output channel with a step of its own.
+    fn rounded_weights(&mut self, folded: &Folded, shape: &[usize], input_step: f32) {
+        let name = folded.layer.name;
+        let channels = folded.layer.out_channels;
+        let (mut steps, mut bytes, mut bias) = (Vec::new(), Vec::new(), Vec::<u8>::new());
+        let of_channel = folded.weights.chunks_exact(folded.weights.len() / channels);
+        for (weights, value) in of_channel.zip(&folded.bias) {
+            let most = weights
+                .iter()
+                .fold(1e-9_f32, |most, weight| most.max(weight.abs()));
+            let step = most / 127.0;
+            steps.push(step);
+            bytes.extend(weights.iter().map(|weight| (weight / step).round() as i8 as u8));
+            bias.extend(((value / (step * input_step)).round() as i32).to_le_bytes());
+        }
+        let bias_steps: Vec<f32> = steps.iter().map(|step| step * input_step).collect();
+        for (part, data_type, shape, values, steps) in [
+            ("weight", INT8, shape, bytes, &steps),
+            ("bias", INT32, &[channels][..], bias, &bias_steps),
+        ] {
+            let whole = format!("{name}.{part}");
+            let [stored, step, zero] = ["stored", "step", "zero"].map(|part| format!("{whole}.{part}"));
+            let zeros = vec![0; channels * if data_type == INT8 { 1 } else { 4 }];
+            self.raw(&stored, data_type, shape, &values);
+            self.tensor(&step, &[channels], steps);
+            self.raw(&zero, data_type, &[channels], &zeros);
+            self.node(
+                "DequantizeLinear",
+                &[&stored, &step, &zero],
+                &whole,
+                &[("axis", &[0])],
+            );
+        }
     }
 
     /// ValueInfoProto: name = 1, type = 2; TypeProto: tensor_type = 1; its elem_type = 1, shape = 2; the shape's
     /// dim = 1; its dim_value = 1.
+    /// Without a shape the runtime finds it out.
     fn value(&mut self, field: u64, name: &str, shape: &[usize]) {
-        let mut dims = Message::default();
-        for &size in shape {
-            dims = dims.message(1, &Message::default().int(1, size));
+        let mut tensor = Message::default().int(1, FLOAT);
+        if !shape.is_empty() {
+            let mut dims = Message::default();
+            for &size in shape {
+                dims = dims.message(1, &Message::default().int(1, size));
+            }
+            tensor = tensor.message(2, &dims);
         }
-        let tensor = Message::default().int(1, 1).message(2, &dims);
         let value = Message::default()
             .text(1, name)
             .message(2, &Message::default().message(1, &tensor));
-        self.graph = std::mem::take(&mut self.graph).message(field, &value);
+        self.proto = std::mem::take(&mut self.proto).message(field, &value);
     }
 
     /// A layer, with its ReLU unless it is the last.
@@ -107,8 +207,16 @@ impl Graph {
             }
             LayerKind::Doubling => ("ConvTranspose", [layer.in_channels, layer.out_channels], 2, 1),
         };
-        self.tensor(&weight_name, &[channels[0], channels[1], 3, 3], weights);
-        self.tensor(&bias_name, &[layer.out_channels], bias);
+        let shape = [channels[0], channels[1], 3, 3];
+        match self.steps.get(from) {
+            Some(&input_step) if operator == "Conv" && name != OUTPUT => {
+                self.rounded_weights(folded, &shape, input_step);
+            }
+            _ => {
+                self.tensor(&weight_name, &shape, weights);
+                self.tensor(&bias_name, &[layer.out_channels], bias);
+            }
+        }
         let (strides, pads) = ([stride; 2], [padding; 4]);
         let mut attributes: Vec<(&str, &[usize])> =
             vec![("kernel_shape", &[3, 3]), ("strides", &strides), ("pads", &pads)];
@@ -122,6 +230,7 @@ impl Graph {
             let sum = format!("{name}.sum");
             self.node(operator, &inputs, &sum, &attributes);
             self.node("Relu", &[&sum], name, &[]);
+            return self.made(name.to_owned());
         }
         name.to_owned()
     }
@@ -133,27 +242,30 @@ impl Graph {
             name,
             &[("kernel_shape", &[2, 2]), ("strides", &[2, 2])],
         );
-        name.to_owned()
+        self.made(name.to_owned())
     }
 
     fn join(&mut self, first: &str, second: &str, name: &str) -> String {
         self.node("Concat", &[first, second], name, &[("axis", &[1])]);
-        name.to_owned()
+        self.made(name.to_owned())
     }
 }
 
 /// The model's bytes. Input `input`, 1×2×88×88: difference and rest image in the network's units; output
 /// `output`, 1×3×20×20, the network's units.
-pub(crate) fn model(weights: &Weights) -> Vec<u8> {
+pub(crate) fn model(weights: &Weights, precision: Precision<'_>) -> Vec<u8> {
     let mut layers = folded(weights);
     let mut graph = Graph {
-        graph: Message::default().text(2, "unet"),
+        proto: Message::default().text(2, "unet"),
+        precision,
+        steps: BTreeMap::new(),
     };
     let mut next = |graph: &mut Graph, from: &str| {
         let layer = layers.next().expect("as many layers as the architecture has");
         graph.layer(&layer, from)
     };
-    let at44 = next(&mut graph, "input");
+    let input = graph.made(INPUT.to_owned());
+    let at44 = next(&mut graph, &input);
     let at22 = next(&mut graph, &at44);
     let at20 = next(&mut graph, &at22);
     let encoded20 = next(&mut graph, &at20);
@@ -172,14 +284,14 @@ pub(crate) fn model(weights: &Weights) -> Vec<u8> {
     let at20 = next(&mut graph, &joined);
     let at20 = next(&mut graph, &at20);
     let output = next(&mut graph, &at20);
-    graph.value(11, "input", &[1, 2, 88, 88]);
+    graph.value(11, INPUT, &[1, 2, 88, 88]);
     graph.value(12, &output, &[1, 3, 20, 20]);
 
     // ModelProto: ir_version = 1, producer_name = 2, graph = 7, opset_import = 8 (its version = 2).
     Message::default()
         .int(1, 8)
         .text(2, "gripline")
-        .message(7, &graph.graph)
+        .message(7, &graph.proto)
         .message(8, &Message::default().int(2, 17))
         .0
 }

@@ -1,21 +1,26 @@
-//! How good predicted maps are, in the terms that the detector and the reports use. Pure arithmetic over
-//! pairs of maps in newtons. Taxel errors and stick ratios count samples of at least half a newton.
+//! How good predicted maps are, in the terms that the detector and the reports use: for the trainer and the bench. Pure
+//! arithmetic over pairs of maps in newtons. Taxel errors and stick ratios count samples of at least half a newton.
 
-use gripline_network::constants::TAXELS;
-use gripline_network::{Calibration, ForceMap};
 use serde_json::{Value, json};
 
-use crate::constants::{CONTACT_MINS_N, DETECTOR_FRICTION, SCORED_NORMAL_N, SCORED_SHEAR_N, SCORED_TAXELS};
+use crate::constants::{
+    CONTACT_MINS_N, DETECTOR_FRICTION, SCORED_NORMAL_N, SCORED_SHEAR_N, SCORED_TAXELS, TAXELS,
+};
+use crate::{Calibration, ForceMap};
 
 /// Predicted and true map of one sample.
-pub(crate) struct Pair {
-    pub(crate) predicted: ForceMap,
-    pub(crate) truth: ForceMap,
+#[derive(Debug, Clone)]
+pub struct Pair {
+    /// What the network says, newtons per taxel.
+    pub predicted: ForceMap,
+    /// What is, newtons per taxel.
+    pub truth: ForceMap,
 }
 
 /// The paper's stick ratio with a contact threshold, |{f_T ≤ μ f_z}| / |{f_z > contact_min}|, and the number
 /// of taxels in contact; no ratio without contact.
-pub(crate) fn stick_ratio(map: &ForceMap, contact_min_n: f32, friction: f32) -> (Option<f64>, usize) {
+#[must_use]
+pub fn stick_ratio(map: &ForceMap, contact_min_n: f32, friction: f32) -> (Option<f64>, usize) {
     let (mut contact, mut stick) = (0, 0);
     for [x, y, z] in map {
         if *z > contact_min_n {
@@ -53,7 +58,8 @@ fn loaded(pairs: &[Pair]) -> Vec<&Pair> {
 
 /// Chooses the detector's contact threshold and friction: for every threshold the friction without bias in
 /// the stick ratio, then the threshold with the smallest error.
-pub(crate) fn calibrate(pairs: &[Pair]) -> Calibration {
+#[must_use]
+pub fn calibrate(pairs: &[Pair]) -> Calibration {
     let loaded = loaded(pairs);
     let mut best = (
         f64::INFINITY,
@@ -89,37 +95,39 @@ pub(crate) fn calibrate(pairs: &[Pair]) -> Calibration {
 
 /// What `evaluate` reports.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Scores {
+pub struct Scores {
     /// Pairs scored.
-    pub(crate) samples: usize,
+    pub samples: usize,
     /// Σ(error²)/Σ(truth²) per sample, mean over samples in contact.
-    pub(crate) relative_squared_error: f64,
+    pub relative_squared_error: f64,
     /// Root mean square error of x, y, z over samples of at least half a newton, newtons per taxel.
-    pub(crate) rmse_n: [f64; 3],
+    pub rmse_n: [f64; 3],
     /// The same in shares of the 99th percentile of the component's magnitude.
-    pub(crate) rmse_of_p99: [f64; 3],
+    pub rmse_of_p99: [f64; 3],
     /// Relative error of the total normal force: median, 95th percentile.
-    pub(crate) normal_error: [f64; 2],
+    pub normal_error: [f64; 2],
     /// Error of the total shear vector over its length: median, 95th percentile.
-    pub(crate) shear_error: [f64; 2],
+    pub shear_error: [f64; 2],
     /// Mean absolute error of the stick ratio with the calibrated threshold and friction.
-    pub(crate) stick_ratio_error: f64,
+    pub stick_ratio_error: f64,
     /// Its bias: positive sees more sticking than there is.
-    pub(crate) stick_ratio_bias: f64,
+    pub stick_ratio_bias: f64,
     /// Mean absolute error of the stick ratio without calibration of the friction.
-    pub(crate) stick_ratio_error_uncalibrated: f64,
+    pub stick_ratio_error_uncalibrated: f64,
     /// Share of samples whose decision SR < 0.5 is the true map's.
-    pub(crate) slip_agreement: f64,
+    pub slip_agreement: f64,
     /// The same without calibration of the friction.
-    pub(crate) slip_agreement_uncalibrated: f64,
+    pub slip_agreement_uncalibrated: f64,
     /// Share of samples whose true map says slip.
-    pub(crate) slip_share: f64,
+    pub slip_share: f64,
     /// Mean absolute total normal force where nothing touches, newtons.
-    pub(crate) untouched_normal_n: f64,
+    pub untouched_normal_n: f64,
 }
 
 impl Scores {
-    pub(crate) fn new(pairs: &[Pair], calibration: Calibration) -> Self {
+    /// Scores of these pairs, read with this calibration.
+    #[must_use]
+    pub fn new(pairs: &[Pair], calibration: Calibration) -> Self {
         let Calibration {
             contact_min_n,
             friction,
@@ -181,7 +189,8 @@ impl Scores {
     }
 
     /// The scores under the names that other programs read.
-    pub(crate) fn to_json(&self) -> Value {
+    #[must_use]
+    pub fn to_json(&self) -> Value {
         json!({
             "samples": self.samples,
             "relative_squared_error": self.relative_squared_error,
@@ -202,7 +211,8 @@ impl Scores {
     }
 
     /// The main scores in a line, under [`Self::LINE_HEADER`].
-    pub(crate) fn to_line(&self) -> String {
+    #[must_use]
+    pub fn to_line(&self) -> String {
         format!(
             "{:7} {:7.1} % {:7.1} % {:9.3} {:8.1} %",
             self.samples,
@@ -214,10 +224,11 @@ impl Scores {
     }
 
     /// What stands over the numbers of [`Self::to_line`].
-    pub(crate) const LINE_HEADER: &str = "samples       F_N       F_T  SR error  SR < 0.5";
+    pub const LINE_HEADER: &str = "samples       F_N       F_T  SR error  SR < 0.5";
 
     /// The scores as a table, one measure a line.
-    pub(crate) fn to_table(&self) -> String {
+    #[must_use]
+    pub fn to_table(&self) -> String {
         let percent = |share: f64| format!("{:.1} %", 100.0 * share);
         let pair = |[median, p95]: [f64; 2]| format!("{} median, {} p95", percent(median), percent(p95));
         let milli = self.rmse_n.map(|rmse| format!("{:.2}", 1e3 * rmse)).join(", ");
