@@ -7,6 +7,7 @@ use std::str::FromStr;
 
 use crate::constants::IMAGE_PIXELS;
 use crate::image::{Image88, downsample_440_to_88};
+use crate::scene::Health;
 use crate::tracked::{TrackedNetwork, TrackedWeights};
 use crate::weights::{self, Calibration, Weights, WeightsError, WeightsProblem};
 use crate::{Evaluation, ForceMap, ForceNetwork, InstructionSet, InstructionSetError, tracked};
@@ -188,6 +189,16 @@ impl Network {
         match &self.0 {
             Kind::Unet { network, .. } => network.manifest(),
             Kind::Tracked(network) => network.manifest(),
+        }
+    }
+
+    /// What the network itself has against the map of the last image, beside what [`Scene`](crate::scene::Scene) has
+    /// against the picture: too many particles lost. Only `tracked` looks at particles.
+    #[must_use]
+    pub fn health(&self) -> Health {
+        match &self.0 {
+            Kind::Unet { .. } => Health::GOOD,
+            Kind::Tracked(network) => network.health(),
         }
     }
 

@@ -1,6 +1,7 @@
 //! The tracking network: its forces against the training framework's, skipping against computing everything, no
 //! allocation, and weights files that cannot be used. Pictures are dots drawn here: this crate knows no simulation.
 
+use gripline_network::scene::Health;
 use gripline_network::tracked::{
     GRID_CHANNELS, GRID_NODES, Lens, TrackedNetwork, TrackedWeights, Tracker, empty_grid,
 };
@@ -237,9 +238,13 @@ fn a_black_picture_loses_every_particle_and_a_black_rest_image_has_none() {
     network.infer(&vec![0; SIDE * SIDE], &mut out);
     let (particles, lost) = network.particles();
     assert!(particles > 1000 && lost == particles, "{lost} of {particles}");
+    assert_eq!(network.health(), Health::PARTICLES_LOST);
+    network.infer(&picture(2500, [3.0, 1.0], 2), &mut out);
+    assert_eq!(network.health(), Health::GOOD);
     network.set_rest(&vec![0; SIDE * SIDE]);
     network.infer(&picture(2500, [0.0; 2], 1), &mut out);
     assert_eq!(network.particles(), (0, 0));
+    assert_eq!(network.health(), Health::PARTICLES_LOST);
     assert!(out.as_flattened().iter().all(|force| force.is_finite()));
 }
 

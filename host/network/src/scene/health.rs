@@ -58,7 +58,8 @@ impl Health {
         self.0 & flags.0 == flags.0
     }
 
-    const fn with(self, flags: Self, set: bool) -> Self {
+    /// With these flags too, if `set`.
+    pub(crate) const fn with(self, flags: Self, set: bool) -> Self {
         if set { Self(self.0 | flags.0) } else { self }
     }
 }

@@ -2,6 +2,7 @@
 //! quarter, so that a motion of several particles' distances is followed without mistaking one for another. Finer
 //! windows hold too few particles that move alike: the shallow ones outrun the deep ones.
 
+use super::changed::{Changed, Tiles, same};
 use super::compare::{Compare, difference};
 use super::pyramid::{Level, Pyramid};
 use crate::constants::CROP_SIDE;
@@ -27,6 +28,8 @@ pub(super) struct Flow {
 /// One level's nodes: motion in the level's pixels.
 #[derive(Debug, Clone)]
 struct Nodes<const SIDE: usize> {
+    /// Motions at the coarser level around each node, and the tiles that its search looked at.
+    asked: Vec<([[f32; 2]; 5], Tiles)>,
     /// As matched.
     raw: Vec<[f32; 2]>,
     /// Without single mistakes.
@@ -41,18 +44,18 @@ impl Flow {
         }
     }
 
-    /// Motion from `rest` to `now`. No allocation.
+    /// Motion from `rest` to `now`, of which `changed` changed since the last time. No allocation.
     #[expect(
         clippy::inline_always,
         reason = "compiled for the instruction set of its caller"
     )]
     #[inline(always)]
-    pub(super) fn find<C: Compare>(&mut self, rest: &Pyramid, now: &Pyramid) {
+    pub(super) fn find<C: Compare>(&mut self, rest: &Pyramid, now: &Pyramid, changed: &Changed) {
         let nothing: Option<&Nodes<{ CROP_SIDE / 8 }>> = None;
         self.eighth
-            .find::<C, _>(nothing, &rest.eighth, &now.eighth, REACH[0]);
+            .find::<C, _>(nothing, &rest.eighth, &now.eighth, REACH[0], changed);
         self.quarter
-            .find::<C, _>(Some(&self.eighth), &rest.quarter, &now.quarter, REACH[1]);
+            .find::<C, _>(Some(&self.eighth), &rest.quarter, &now.quarter, REACH[1], changed);
     }
 
     /// Motion at a place of the crop, pixels of the crop.
@@ -64,10 +67,13 @@ impl Flow {
 
 impl<const SIDE: usize> Nodes<SIDE> {
     const PER_SIDE: usize = SIDE / STEP;
+    /// Pixels of the crop in one of the level's, along a side.
+    const SCALE: usize = CROP_SIDE / SIDE;
 
     fn new() -> Self {
         let still = vec![[0.0; 2]; Self::PER_SIDE * Self::PER_SIDE];
         Self {
+            asked: vec![([[0.0; 2]; 5], Tiles::ALL); Self::PER_SIDE * Self::PER_SIDE],
             raw: still.clone(),
             motion: still,
         }
@@ -84,16 +90,30 @@ impl<const SIDE: usize> Nodes<SIDE> {
         rest: &Level<SIDE>,
         now: &Level<SIDE>,
         reach: i32,
+        changed: &Changed,
     ) {
         for node in 0..self.raw.len() {
             let centre = Self::centre(node);
+            let mut motions = [[0.0; 2]; 5];
+            if let Some(coarser) = coarser {
+                motions = coarser.around(centre.map(|c| 0.5 * (c as f32 + 0.5)));
+            }
+            let (asked, tiles) = &mut self.asked[node];
+            let moved = !asked.iter().zip(motions).all(|(&a, b)| same(a, b));
+            if !moved && !changed.any(*tiles) {
+                continue;
+            }
+            *asked = motions;
+            let guesses = motions.map(|motion| motion.map(|v| whole(2.0 * v)));
+            let farthest = guesses.as_flattened().iter().fold(0, |most, v| most.max(v.abs()));
+            // A step more for the part of a pixel, half a window; from the middle of a pixel to its far end.
+            let pixels = (farthest + reach + 1 + WINDOW as i32 / 2 + 1) as usize * Self::SCALE;
+            *tiles = Tiles::around(centre.map(|c| c as usize * Self::SCALE), pixels);
             let window = Window::new(rest, centre);
             let mut guess = [0; 2];
-            if let Some(coarser) = coarser {
-                let place = centre.map(|c| 0.5 * (c as f32 + 0.5));
+            if coarser.is_some() {
                 let mut least = u32::MAX;
-                for motion in coarser.around(place) {
-                    let motion = motion.map(|v| whole(2.0 * v));
+                for motion in guesses {
                     let cost = window.cost(now, motion);
                     if cost < least {
                         (least, guess) = (cost, motion);

@@ -5,6 +5,7 @@
 //! A particle's track follows from the rest image and the image now alone. With [`Evaluation::Skip`] only those whose
 //! surroundings changed are followed again, with the same result, bit by bit.
 
+mod changed;
 mod compare;
 mod flow;
 mod grid;
@@ -24,7 +25,8 @@ pub use particles::Particle;
 pub use tracker::{Track, Tracker};
 pub use weights::{Lens, TrackedScaling, TrackedWeights};
 
-use crate::constants::{CROP_SIDE, TAXELS};
+use crate::constants::{CROP_SIDE, LOST_MAX, TAXELS};
+use crate::scene::Health;
 use crate::weights::{Calibration, WeightsError, WeightsProblem};
 use crate::{Evaluation, ForceMap, InstructionSet, InstructionSetError};
 
@@ -142,6 +144,15 @@ impl TrackedNetwork {
         let tracks = self.tracker.tracks();
         let lost = tracks.iter().filter(|track| track.confidence == 0.0).count();
         (tracks.len(), lost)
+    }
+
+    /// Whether enough of the particles could be followed into the last image for its map to be believed; never so
+    /// before there is one.
+    #[must_use]
+    pub fn health(&self) -> Health {
+        let (particles, lost) = self.particles();
+        let too_many = particles == 0 || lost as f32 > LOST_MAX * particles as f32;
+        Health::GOOD.with(Health::PARTICLES_LOST, too_many)
     }
 
     /// Multiply-adds of the network in a frame; the tracker's are not among them.

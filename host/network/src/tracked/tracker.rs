@@ -3,6 +3,7 @@
 //! its neighbours agree. The tracks follow from (rest, now) alone; what did not change since the last image is kept.
 //! Pixels of the crop. No allocation after [`Tracker::set_rest`].
 
+use super::changed::{Changed, Tiles, same};
 #[cfg(target_arch = "x86_64")]
 use super::compare::Avx2;
 use super::compare::{Compare, Plain, difference};
@@ -40,9 +41,6 @@ const CELL: usize = 40;
 const CELLS: usize = CROP_SIDE / CELL;
 /// Fewest tracks of a cell that can outvote one, and most that are heard.
 const VOTES: [usize; 2] = [5, 32];
-/// Pixels a side of the tiles that are compared with the last image, and tiles a side.
-const TILE: usize = 20;
-const TILES: usize = CROP_SIDE / TILE;
 
 /// Where a particle went.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -68,12 +66,14 @@ struct Template {
 /// What a particle's track was made from.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Asked {
-    /// Motion of the surface there, by the surroundings.
+    /// Motion of the surface there, by the surroundings, and the tiles that it makes the search look at.
     surface_px: [f32; 2],
+    surface_tiles: Tiles,
     /// Before the neighbours had their say.
     first: Track,
-    /// What the neighbours said the surface's motion is; NaN when they said nothing.
+    /// What the neighbours said the surface's motion is; NaN when they said nothing. The tiles of that search.
     voted_px: [f32; 2],
+    voted_tiles: Tiles,
 }
 
 /// The tracker with its images, particles and tracks.
@@ -186,12 +186,14 @@ impl Tracker {
             .iter()
             .map(|particle| Template::new(image, particle, &self.weights))
             .collect();
-        let nothing = Asked {
+        let nothing = |particle: &Particle| Asked {
             surface_px: [f32::NAN; 2],
+            surface_tiles: tiles(particle, [f32::NAN; 2]),
             first: Track::default(),
             voted_px: [f32::NAN; 2],
+            voted_tiles: tiles(particle, [f32::NAN; 2]),
         };
-        self.asked = vec![nothing; self.particles.len()];
+        self.asked = self.particles.iter().map(nothing).collect();
         self.tracks = vec![Track::default(); self.particles.len()];
         self.known = false;
     }
@@ -251,7 +253,7 @@ impl Tracker {
     #[inline(always)]
     fn follow<C: Compare>(&mut self, now: &[u8], changed: &Changed) {
         self.now.take(now);
-        self.flow.find::<C>(&self.rest, &self.now);
+        self.flow.find::<C>(&self.rest, &self.now, changed);
         let search = Search {
             weights: &self.weights,
             now: &self.now.full,
@@ -264,9 +266,13 @@ impl Tracker {
             };
             let mean_share = share(MEAN_DEPTH_MM);
             let surface_px = self.flow.at(particle.at_px).map(|v| v / mean_share);
-            if !same(surface_px, asked.surface_px) || changed.around(particle, surface_px) {
-                asked.first = search.find(template, particle, surface_px);
+            let moved = !same(surface_px, asked.surface_px);
+            if moved {
                 asked.surface_px = surface_px;
+                asked.surface_tiles = tiles(particle, surface_px);
+            }
+            if moved || changed.any(asked.surface_tiles) {
+                asked.first = search.find(template, particle, surface_px);
                 // Decided anew below.
                 asked.voted_px = [f32::INFINITY; 2];
             }
@@ -279,10 +285,12 @@ impl Tracker {
                 continue;
             };
             let voted_px = self.votes.at(particle);
-            if same(voted_px, asked.voted_px) && !changed.around(particle, voted_px) {
+            if !same(voted_px, asked.voted_px) {
+                asked.voted_px = voted_px;
+                asked.voted_tiles = tiles(particle, voted_px);
+            } else if !changed.any(asked.voted_tiles) {
                 continue;
             }
-            asked.voted_px = voted_px;
             let mut track = asked.first;
             if contradicts(&track, voted_px) {
                 track = search.find(template, particle, voted_px);
@@ -295,9 +303,16 @@ impl Tracker {
     }
 }
 
-/// Bit by bit, so that not a number is itself.
-fn same(a: [f32; 2], b: [f32; 2]) -> bool {
-    a.map(f32::to_bits) == b.map(f32::to_bits)
+/// The tiles that [`Search::find`] can look at for this particle.
+#[inline]
+fn tiles(particle: &Particle, surface_px: [f32; 2]) -> Tiles {
+    // To 1.15 of the way and 2.5 beyond, 4 aside, half a patch, a step of least squares, and two pixels after.
+    let reach = if surface_px[0].is_nan() {
+        0
+    } else {
+        (1.15 * length(surface_px) + 15.0) as usize
+    };
+    Tiles::around(particle.pixel.map(usize::from), reach)
 }
 
 /// Share of the surface's motion that a particle at this depth takes part in: a line to the base.
@@ -740,64 +755,4 @@ fn middle(votes: &mut [f32; VOTES[1]], count: usize) -> f32 {
         }
     }
     f32::NAN
-}
-
-/// Which tiles of the image changed: how many above and left of each corner, so that a rectangle takes four look-ups.
-#[derive(Debug)]
-struct Changed {
-    above_left: [[u16; TILES + 1]; TILES + 1],
-}
-
-impl Changed {
-    fn everything() -> Self {
-        Self::from(|_, _| true)
-    }
-
-    fn between(before: &Level<CROP_SIDE>, now: &[u8]) -> Self {
-        let mut tiles = [[false; TILES]; TILES];
-        for (row, pixels) in now.chunks_exact(CROP_SIDE).enumerate() {
-            let before = before.row(row);
-            if before == pixels {
-                continue;
-            }
-            let pairs = before.chunks_exact(TILE).zip(pixels.chunks_exact(TILE));
-            for (tile, (before, now)) in tiles[row / TILE].iter_mut().zip(pairs) {
-                *tile |= before != now;
-            }
-        }
-        Self::from(|row, column| tiles[row][column])
-    }
-
-    fn from(tile: impl Fn(usize, usize) -> bool) -> Self {
-        let mut above_left = [[0; TILES + 1]; TILES + 1];
-        for row in 0..TILES {
-            for column in 0..TILES {
-                above_left[row + 1][column + 1] = above_left[row][column + 1] + above_left[row + 1][column]
-                    - above_left[row][column]
-                    + u16::from(tile(row, column));
-            }
-        }
-        Self { above_left }
-    }
-
-    fn nothing(&self) -> bool {
-        self.above_left[TILES][TILES] == 0
-    }
-
-    /// Whether a pixel changed that [`Search::find`] can look at for this particle.
-    fn around(&self, particle: &Particle, surface_px: [f32; 2]) -> bool {
-        // To 1.15 of the way and 2.5 beyond, 4 aside, half a patch, a step of least squares, and two pixels after.
-        let reach = if surface_px[0].is_nan() {
-            0
-        } else {
-            (1.15 * length(surface_px) + 14.0).ceil() as usize
-        };
-        let [columns, rows] = particle.pixel.map(|v| {
-            let v = usize::from(v);
-            v.saturating_sub(reach) / TILE..(v + reach).min(CROP_SIDE - 1) / TILE + 1
-        });
-        let at = |row: usize, column: usize| u32::from(self.above_left[row][column]);
-        at(rows.end, columns.end) + at(rows.start, columns.start)
-            > at(rows.start, columns.end) + at(rows.end, columns.start)
-    }
 }

@@ -1,0 +1,92 @@
+//! Which parts of the image changed since the last one, so that only what can see a change is computed again.
+
+use super::pyramid::Level;
+use crate::constants::CROP_SIDE;
+
+/// Pixels a side of the tiles that are compared, and tiles a side.
+const TILE: usize = 20;
+const TILES: usize = CROP_SIDE / TILE;
+
+/// A rectangle of tiles: the first column and row, and those after the last.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Tiles {
+    first: [u8; 2],
+    end: [u8; 2],
+}
+
+impl Tiles {
+    pub(super) const ALL: Self = Self {
+        first: [0; 2],
+        end: [TILES as u8; 2],
+    };
+
+    /// Those with a pixel of the crop that is at most so many pixels from this one, along columns and rows.
+    #[inline]
+    pub(super) fn around(pixel: [usize; 2], reach: usize) -> Self {
+        let [column, row] = pixel;
+        let first = |at: usize| (at.saturating_sub(reach) / TILE) as u8;
+        let end = |at: usize| ((at + reach).min(CROP_SIDE - 1) / TILE + 1) as u8;
+        Self {
+            first: [first(column), first(row)],
+            end: [end(column), end(row)],
+        }
+    }
+}
+
+/// The changed tiles: how many above and left of each corner, so that a rectangle takes four look-ups.
+#[derive(Debug)]
+pub(super) struct Changed {
+    above_left: [[u16; TILES + 1]; TILES + 1],
+}
+
+impl Changed {
+    pub(super) fn everything() -> Self {
+        Self::from(|_, _| true)
+    }
+
+    pub(super) fn between(before: &Level<CROP_SIDE>, now: &[u8]) -> Self {
+        let mut tiles = [[false; TILES]; TILES];
+        for (row, pixels) in now.chunks_exact(CROP_SIDE).enumerate() {
+            let before = before.row(row);
+            if before == pixels {
+                continue;
+            }
+            let pairs = before.chunks_exact(TILE).zip(pixels.chunks_exact(TILE));
+            for (tile, (before, now)) in tiles[row / TILE].iter_mut().zip(pairs) {
+                *tile |= before != now;
+            }
+        }
+        Self::from(|row, column| tiles[row][column])
+    }
+
+    fn from(tile: impl Fn(usize, usize) -> bool) -> Self {
+        let mut above_left = [[0; TILES + 1]; TILES + 1];
+        for row in 0..TILES {
+            for column in 0..TILES {
+                above_left[row + 1][column + 1] = above_left[row][column + 1] + above_left[row + 1][column]
+                    - above_left[row][column]
+                    + u16::from(tile(row, column));
+            }
+        }
+        Self { above_left }
+    }
+
+    pub(super) fn nothing(&self) -> bool {
+        self.above_left[TILES][TILES] == 0
+    }
+
+    /// Whether one of these tiles changed.
+    #[inline]
+    pub(super) fn any(&self, tiles: Tiles) -> bool {
+        let [left, top] = tiles.first.map(usize::from);
+        let [right, bottom] = tiles.end.map(usize::from);
+        let at = |row: usize, column: usize| u32::from(self.above_left[row][column]);
+        at(bottom, right) + at(top, left) > at(top, right) + at(bottom, left)
+    }
+}
+
+/// Bit by bit, so that not a number is itself.
+#[inline]
+pub(super) fn same(a: [f32; 2], b: [f32; 2]) -> bool {
+    a[0].to_bits() == b[0].to_bits() && a[1].to_bits() == b[1].to_bits()
+}
