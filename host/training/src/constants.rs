@@ -1,6 +1,6 @@
 //! What training chooses, each value with unit and source.
 
-pub(crate) use gripline_network::constants::DETECTOR_FRICTION;
+pub(crate) use gripline_network::constants::{DETECTOR_FRICTION, SCORED_TAXELS};
 use gripline_network::tracked::{Lens, TrackedScaling};
 use gripline_network::weights::Widths;
 use gripline_simulation::{Camera, Gel};
