@@ -82,7 +82,8 @@ pub(crate) fn draw(path: &Path, points: &[Point]) -> Result<(), Failure> {
         .configure_mesh()
         .x_desc("camera crop to forces, ms (median)")
         .y_desc("taxel RMSE, mean of x, y, z, % of the 99th percentile")
-        .x_label_formatter(&|ms| format!("{ms}"))
+        .x_labels(6)
+        .x_label_formatter(&|ms| format!("{ms:.2}"))
         .label_style((FONT, 13))
         .axis_desc_style((FONT, 14))
         .light_line_style(WHITE)
@@ -104,11 +105,11 @@ pub(crate) fn draw(path: &Path, points: &[Point]) -> Result<(), Failure> {
             .legend(move |(x, y)| Circle::new((x + 8, y), 5, colour.filled()));
         for (number, point) in of_kind.enumerate() {
             // Neighbours' labels one above and one below.
-            let down = match kind {
-                Kind::Full => -20,
-                Kind::Skipping => 8,
-                _ if number % 2 == 0 => 10,
-                _ => -20,
+            let down = match (kind, number % 2) {
+                (Kind::Full, _) | (Kind::Skipping, 0) => -20,
+                (Kind::Skipping, _) | (Kind::Peer, 0) => 8,
+                (Kind::Peer, _) => -20,
+                (Kind::Int8, _) => 24,
             };
             let label = EmptyElement::at((point.time_ms, point.error))
                 + Text::new(point.label.clone(), (-8, down), (FONT, 13));
