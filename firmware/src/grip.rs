@@ -153,8 +153,9 @@ impl GripController {
 
         let relaxing = self.update_reflex(passed_us, guard, settings);
         // Anti-windup: the reflex never asks for more than the ceiling leaves.
-        self.reflex_milli = self.reflex_milli.clamp(0, ceiling - feed_forward);
-        let mut demand = (feed_forward + self.reflex_milli).clamp(floor, ceiling);
+        // (`clamp` would panic on settings that cross, which `Configuration::check` refuses.)
+        self.reflex_milli = self.reflex_milli.min(ceiling - feed_forward).max(0);
+        let mut demand = (feed_forward + self.reflex_milli).max(floor).min(ceiling);
         if guard == Guard::Tighten {
             demand = demand.max(i64::from(settings.tighten) * MILLI);
         }

@@ -7,14 +7,17 @@
 use core::marker::PhantomData;
 
 use gripline_protocol::message::{
-    Command, Configuration, GripMode, Hello, LineSettings, MapSums, Message, MessagePackets, Refusal, Report,
+    Command, Configuration, GripMode, Hello, LineSettings, MapSums, Message, MessagePackets, OutOfRange, Refusal,
+    Report,
     Revision, STAGES, SlipState, Stage, Status,
 };
+use gripline_protocol::packet::Kind;
 use gripline_protocol::sequence::{Order, SequenceWatch};
-use gripline_protocol::{Event, Health, MapInfo, PACKET_MAX, Parser, SENSORS};
+use gripline_protocol::{Health, MapInfo, PACKET_MAX, Parser, SENSORS};
 
 use crate::clock::{CaptureClock, CaptureTime};
 use crate::constants::{DECIDE_BUDGET_CYCLES, STATUS_PERIOD_MS};
+use crate::divide::divide;
 use crate::grip::{Evidence, GripController, GripForce};
 use crate::line::LineHealth;
 use crate::safety::{Fault, Safety};
@@ -54,6 +57,16 @@ pub struct Start {
     pub session: u32,
 }
 
+impl Start {
+    /// The line's settings are taken at the start.
+    fn line_in_force(&self) -> &LineSettings {
+        match &self.stored.settings {
+            Some(settings) => &settings.line,
+            None => &LineSettings::DEFAULT,
+        }
+    }
+}
+
 /// What to do after a packet or a tick.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[must_use = "the line must be written"]
@@ -64,6 +77,57 @@ pub struct Action {
     pub transmit: bool,
     /// A map was accepted by this packet.
     pub decided: bool,
+}
+
+/// A message from the host, read and checked. Reading takes long and touches nothing, doing it ([`Mcu::request`]) takes
+/// little: so a board can read while maps go to the line.
+#[derive(Debug, Clone, Copy)]
+pub enum Request {
+    /// No message of ours.
+    Unreadable,
+    /// A report, which a host would not send.
+    Report,
+    /// The handshake.
+    Hello {
+        /// Who speaks.
+        hello: Hello,
+        /// It speaks our schema.
+        known: bool,
+    },
+    /// A setting that is not in range, so that none of them counts.
+    OutOfRange(OutOfRange),
+    /// Anything else that a host may want.
+    Command {
+        /// What.
+        command: Command,
+        /// What new settings make of a taxel.
+        rule: Option<TaxelRule>,
+    },
+}
+
+impl Request {
+    /// What a message says; settings must fit the line that is in force.
+    #[must_use]
+    pub fn read(message: &[u8], in_force: &LineSettings) -> Self {
+        match Message::from_bytes(message) {
+            Err(_) => Self::Unreadable,
+            Ok(Message::Report(_)) => Self::Report,
+            Ok(Message::Hello(hello)) => Self::Hello {
+                hello,
+                known: hello.check().is_ok(),
+            },
+            Ok(Message::Command(command)) => {
+                let rule = match &command {
+                    Command::Configure(settings) => match settings.check_on(in_force) {
+                        Ok(()) => Some(TaxelRule::of(settings)),
+                        Err(error) => return Self::OutOfRange(error),
+                    },
+                    _ => None,
+                };
+                Self::Command { command, rule }
+            }
+        }
+    }
 }
 
 /// One fingertip: what it said last.
@@ -113,7 +177,6 @@ pub struct Mcu<K = Portable> {
     partial: Accumulator,
     fingertips: [Fingertip; SENSORS],
     newest: MapInfo,
-    coulomb_slip: bool,
     controller: GripController,
     safety: Safety,
     outbox: Outbox,
@@ -160,7 +223,6 @@ impl<K: Kernel> Mcu<K> {
                 ..Fingertip::default()
             }; SENSORS],
             newest: MapInfo::default(),
-            coulomb_slip: false,
             controller: GripController::new(start.now_us, start.restored_line),
             safety,
             outbox: Outbox::default(),
@@ -188,36 +250,46 @@ impl<K: Kernel> Mcu<K> {
     }
 
     /// Takes one packet of at most 64 bytes as it landed (COBS already undone).
+    ///
+    /// A board that has something more urgent to do than messages takes their packets apart itself (`MessageParser`,
+    /// [`Request::read`]) and tells what came of it: [`Mcu::fragment`], [`Mcu::request`], [`Mcu::malformed_frame`].
     pub fn packet(&mut self, packet: &[u8], now_us: u64) -> Action {
+        if Kind::of(packet) != Some(Kind::Message) {
+            return self.map_packet(packet, now_us);
+        }
         let now_us = self.passed_to(now_us);
-        let mut decided = false;
-        match self.parser.push(packet) {
-            Ok(Event::MapStart { abandoned, .. }) => {
-                self.partial = Accumulator::new(self.rule);
-                if abandoned {
-                    self.safety.packet_refused();
-                }
-            }
-            Ok(Event::MapForces(forces)) => K::add(&mut self.partial, forces.places(), forces.bytes()),
-            Ok(Event::MapEnd { info, forces }) => {
-                K::add(&mut self.partial, forces.places(), forces.bytes());
-                decided = self.map(info);
-            }
-            Ok(Event::Fragment) => {}
-            Ok(Event::Message(bytes)) => {
-                if let Ok(message) = Message::from_bytes(bytes) {
-                    self.message(&message);
-                } else {
-                    self.safety.set(Fault::UnreadableMessage, true);
-                    self.refuse(Refusal::Unreadable);
-                    return self.action(false);
-                }
-            }
+        let request = match self.parser.fragment(packet) {
+            Ok(None) => None,
+            Ok(Some(message)) => Some(Request::read(message, self.start.line_in_force())),
             Err(_) => {
                 self.safety.packet_refused();
                 return self.action(false);
             }
+        };
+        match request {
+            None => self.fragment(now_us),
+            Some(request) => self.request(&request, now_us),
         }
+        self.action(false)
+    }
+
+    /// Takes one packet that is no [`Kind::Message`]: the way from map to line.
+    #[inline]
+    pub fn map_packet(&mut self, packet: &[u8], now_us: u64) -> Action {
+        let now_us = self.passed_to(now_us);
+        let read = match Kind::of(packet) {
+            Some(Kind::MapTail) => self.tail(packet),
+            Some(Kind::MapTaxels) => self.taxels(packet),
+            Some(Kind::MapHead) => self.head(packet),
+            Some(Kind::Message) | None => {
+                self.parser.unknown(packet);
+                None
+            }
+        };
+        let Some(decided) = read else {
+            self.safety.packet_refused();
+            return self.action(false);
+        };
         // Only what could be read proves that a host is there.
         self.last_packet_us = now_us;
         self.action(decided)
@@ -231,7 +303,69 @@ impl<K: Kernel> Mcu<K> {
         self.now_us
     }
 
-    /// The transport itself refused a frame (COBS).
+    /// Taxels of the map under way that have not come yet.
+    #[inline]
+    #[must_use]
+    pub fn taxels_left(&self) -> u16 {
+        self.parser.taxels_left()
+    }
+
+    /// `None` when the packet is refused.
+    #[inline(never)]
+    fn head(&mut self, packet: &[u8]) -> Option<bool> {
+        let abandoned = self.parser.head(packet).ok()?;
+        self.partial = Accumulator::new(self.rule);
+        if abandoned {
+            self.safety.packet_refused();
+        }
+        Some(false)
+    }
+
+    /// `None` when the packet is refused.
+    #[inline(never)]
+    fn taxels(&mut self, packet: &[u8]) -> Option<bool> {
+        let forces = self.parser.taxels(packet).ok()?;
+        K::add(&mut self.partial, forces.places(), forces.bytes());
+        Some(false)
+    }
+
+    /// Whether the map is new; `None` when the packet is refused.
+    #[inline(never)]
+    fn tail(&mut self, packet: &[u8]) -> Option<bool> {
+        let (info, forces) = self.parser.tail(packet).ok()?;
+        K::add(&mut self.partial, forces.places(), forces.bytes());
+        Some(self.map(info))
+    }
+
+    /// A part of a message came, and is kept until the rest has come.
+    pub fn fragment(&mut self, now_us: u64) {
+        let now_us = self.passed_to(now_us);
+        self.last_packet_us = now_us;
+    }
+
+    /// Does what a message asks for. The line follows with the next packet or tick.
+    pub fn request(&mut self, request: &Request, now_us: u64) {
+        let now_us = self.passed_to(now_us);
+        if matches!(request, Request::Unreadable) {
+            self.safety.set(Fault::UnreadableMessage, true);
+            return self.refuse(Refusal::Unreadable);
+        }
+        self.safety.set(Fault::UnreadableMessage, false);
+        match request {
+            Request::Hello { hello, known } => self.hello(hello, *known),
+            // Nothing a host would send.
+            Request::Report | Request::Unreadable => self.refuse(Refusal::Unreadable),
+            _ if self.host.is_none() => self.refuse(Refusal::NoHandshake),
+            Request::OutOfRange(error) => {
+                self.safety.set(Fault::OutOfRange, true);
+                self.refuse(Refusal::OutOfRange(*error));
+            }
+            Request::Command { command, rule } => self.command(command, *rule),
+        }
+        self.last_packet_us = now_us;
+    }
+
+    /// The transport itself refused a frame (COBS), or a part of a message was not the one that had to come.
     pub fn malformed_frame(&mut self) {
         self.parser.refuse();
         self.safety.packet_refused();
@@ -239,14 +373,30 @@ impl<K: Kernel> Mcu<K> {
 
     /// The 1 kHz tick: ages, faults, slew.
     pub fn tick(&mut self, now_us: u64) -> Action {
+        self.age(now_us);
+        self.advance(now_us)
+    }
+
+    /// The second half of [`Mcu::tick`]: what must be on the line now.
+    #[inline]
+    pub fn advance(&mut self, now_us: u64) -> Action {
+        self.passed_to(now_us);
+        self.action(false)
+    }
+
+    /// The first half of [`Mcu::tick`]: what has become too old. A board that must not be held up for long may let a
+    /// packet in between the halves.
+    pub fn age(&mut self, now_us: u64) {
         let now_us = self.passed_to(now_us);
         self.safety.tick();
         let holding = self.controller.mode() == GripMode::Hold;
         let older =
             |since_us: u64, limit_ms: u16| now_us.saturating_sub(since_us) > u64::from(limit_ms) * 1_000;
         let sensors = usize::from(self.settings.sensors);
-        let stale = self.fingertips[..sensors]
+        let stale = self
+            .fingertips
             .iter()
+            .take(sensors)
             .any(|tip| older(tip.fresh_us, self.settings.stale_ms));
         self.safety.set(Fault::StaleMaps, holding && stale);
         self.safety.set(
@@ -256,7 +406,6 @@ impl<K: Kernel> Mcu<K> {
         if now_us.saturating_sub(self.last_status_us) >= u64::from(STATUS_PERIOD_MS) * 1_000 {
             self.send_status();
         }
-        self.action(false)
     }
 
     /// How the line is doing. Not latched: a gripper that lost its activation needs a `Release`, which latched faults
@@ -310,12 +459,13 @@ impl<K: Kernel> Mcu<K> {
         let tip = &self.fingertips[usize::from(self.newest.sensor).min(SENSORS - 1)];
         let counters = self.parser.counters();
         let evidence = self.evidence(u64::MAX);
+        let [x, y, normal] = tip.sums.force;
         Status {
-            uptime_ms: (self.now_us / 1_000) as u32,
+            uptime_ms: divide(self.now_us, 1_000) as u32,
             sensor: self.newest.sensor,
             sequence: self.newest.sequence,
             sums: tip.sums,
-            coulomb_slip: self.coulomb_slip,
+            coulomb_slip: self.rule.friction.exceeded_by([x, y], normal),
             state: evidence.state,
             time_to_slip_ms: tip.judgement.time_to_slip_ms,
             mode: self.controller.mode(),
@@ -368,16 +518,16 @@ impl<K: Kernel> Mcu<K> {
             .update(&tip.sums, info.capture_us, self.now_us, &self.settings);
         tip.fresh_us = self.now_us.saturating_sub(late_us.into());
         tip.health = info.health;
-        let [x, y, normal] = tip.sums.force;
-        self.coulomb_slip = self.rule.friction.exceeded_by([x, y], normal);
         self.newest = info;
         self.maps = self.maps.wrapping_add(1);
         self.safety.set(Fault::ReplayedMap, false);
         self.safety.set(Fault::FutureMap, false);
         self.safety.set(Fault::MapsLost, lost > 0);
         let sensors = usize::from(self.settings.sensors);
-        let health = self.fingertips[..sensors]
+        let health = self
+            .fingertips
             .iter()
+            .take(sensors)
             .fold(Health::GOOD, |all, tip| all.with(tip.health));
         self.safety
             .set(Fault::SaturatedMap, health.has(Health::SATURATED));
@@ -402,7 +552,7 @@ impl<K: Kernel> Mcu<K> {
         let mut worst = Evidence::default();
         let sensors = usize::from(self.settings.sensors);
         let recent = |tip: &&Fingertip| self.now_us.saturating_sub(tip.fresh_us) <= age_us;
-        for tip in self.fingertips[..sensors].iter().filter(recent) {
+        for tip in self.fingertips.iter().take(sensors).filter(recent) {
             if severity(tip.judgement.state) > severity(worst.state) {
                 worst.state = tip.judgement.state;
             }
@@ -415,21 +565,9 @@ impl<K: Kernel> Mcu<K> {
         worst
     }
 
-    fn message(&mut self, message: &Message) {
-        self.safety.set(Fault::UnreadableMessage, false);
-        match message {
-            Message::Hello(hello) => self.hello(hello),
-            Message::Command(command) if self.host.is_some() => self.command(command),
-            Message::Command(_) => self.refuse(Refusal::NoHandshake),
-            // A report is nothing a host would send.
-            Message::Report(_) => self.refuse(Refusal::Unreadable),
-        }
-    }
-
     /// Answers in any case, so that a host with another schema can name both versions.
-    fn hello(&mut self, hello: &Hello) {
+    fn hello(&mut self, hello: &Hello, known: bool) {
         self.outbox.hello = true;
-        let known = hello.check().is_ok();
         self.safety.set(Fault::SchemaMismatch, !known);
         let restarted = self.host.is_none_or(|host| host.session != hello.session);
         self.host = known.then_some(*hello);
@@ -444,23 +582,18 @@ impl<K: Kernel> Mcu<K> {
         }
     }
 
-    fn command(&mut self, command: &Command) {
+    fn command(&mut self, command: &Command, rule: Option<TaxelRule>) {
         match command {
-            Command::Configure(settings) => match settings.check_on(self.line_in_force()) {
-                Ok(()) => {
-                    self.safety.set(Fault::OutOfRange, false);
-                    self.safety.set(Fault::SettingsLost, false);
-                    self.settings = *settings;
-                    self.rule = TaxelRule::of(settings);
-                    // Sums under way were made by the old rule.
-                    self.parser.drop_map();
-                    self.outbox.configuration = true;
-                }
-                Err(error) => {
-                    self.safety.set(Fault::OutOfRange, true);
-                    self.refuse(Refusal::OutOfRange(error));
-                }
-            },
+            Command::Configure(settings) => {
+                self.safety.set(Fault::OutOfRange, false);
+                self.safety.set(Fault::SettingsLost, false);
+                self.settings = *settings;
+                // There is one, as the settings are in range.
+                self.rule = rule.unwrap_or(self.rule);
+                // Sums under way were made by the old rule.
+                self.parser.drop_map();
+                self.outbox.configuration = true;
+            }
             Command::ReadConfiguration => self.outbox.configuration = true,
             Command::Store if self.may_store() => self.store = true,
             Command::Store => self.refuse(Refusal::Holding),
@@ -474,14 +607,6 @@ impl<K: Kernel> Mcu<K> {
             Command::Release => self.controller.set_mode(GripMode::Released),
             Command::Acknowledge { faults } => self.safety.acknowledge(*faults),
             Command::ReadStatus => self.send_status(),
-        }
-    }
-
-    /// The line's settings are taken at the start.
-    fn line_in_force(&self) -> &LineSettings {
-        match &self.start.stored.settings {
-            Some(settings) => &settings.line,
-            None => &LineSettings::DEFAULT,
         }
     }
 

@@ -197,13 +197,28 @@ impl Safety {
 
     /// The strictest demand of all faults that are there or latched.
     #[must_use]
-    pub fn guard(&self) -> Guard {
+    pub const fn guard(&self) -> Guard {
+        const TIGHTENING: u32 = faults_that_demand(Guard::Tighten);
+        const HOLDING: u32 = faults_that_demand(Guard::Hold);
         let faults = self.active | self.latched;
-        Fault::ALL
-            .iter()
-            .filter(|fault| faults & fault.bit() != 0)
-            .map(|fault| fault.guard())
-            .max()
-            .unwrap_or_default()
+        if faults & TIGHTENING != 0 {
+            Guard::Tighten
+        } else if faults & HOLDING != 0 {
+            Guard::Hold
+        } else {
+            Guard::Free
+        }
     }
+}
+
+/// The faults that demand this, as bits.
+const fn faults_that_demand(guard: Guard) -> u32 {
+    let (mut faults, mut place) = (0, 0);
+    while place < Fault::ALL.len() {
+        if Fault::ALL[place].guard() as u8 == guard as u8 {
+            faults |= Fault::ALL[place].bit();
+        }
+        place += 1;
+    }
+    faults
 }

@@ -8,7 +8,7 @@ use gripline_protocol::constants::TAXEL_BYTES;
 use gripline_protocol::message::{Configuration, MapSums};
 use gripline_protocol::{ForceMap, PER_UNIT, Place, SIDE, TaxelForce};
 
-use crate::friction::Friction;
+use crate::friction::{Friction, UNIT_SQUARE};
 
 /// What decides about a taxel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -37,10 +37,7 @@ impl TaxelRule {
         // Each square is at most 2³⁰, so the sum fits u32.
         let shear_square = (x * x).cast_unsigned() + (y * y).cast_unsigned();
         let contact = force.z > self.contact_min;
-        (
-            contact,
-            contact & (shear_square <= self.friction.shear_square_bound(force.z)),
-        )
+        (contact, contact & self.friction.holds(shear_square, force.z))
     }
 }
 
@@ -61,8 +58,8 @@ pub struct Accumulator {
     pub idle: u32,
     /// Taxels in contact that do not stick.
     pub slips: u32,
-    /// μ² as [`Friction::halves`] gives it.
-    pub square: [u32; 2],
+    /// μ² as [`Friction::square`] gives it.
+    pub square: u32,
     /// −1 − `contact_min`: with fz it is negative without contact.
     pub below: i32,
     /// Taxels added.
@@ -79,7 +76,7 @@ impl Accumulator {
             pressure: [0; 2],
             idle: 0,
             slips: 0,
-            square: rule.friction.halves(),
+            square: rule.friction.square(),
             below: -1 - rule.contact_min as i32,
             taxels: 0,
         }
@@ -115,7 +112,7 @@ pub struct Portable;
 impl Kernel for Portable {
     #[inline]
     fn add(sums: &mut Accumulator, places: &[Place], bytes: &[[u8; TAXEL_BYTES]]) {
-        let [low, high] = sums.square.map(u64::from);
+        let square = u64::from(sums.square);
         for (place, &bytes) in places.iter().zip(bytes) {
             let force = TaxelForce::from_le_bytes(bytes);
             let (column, row) = (i32::from(place.column()), i32::from(place.row()));
@@ -128,11 +125,11 @@ impl Kernel for Portable {
             sums.pressure[1] += row * z;
             // As `TaxelRule::decide`, word by word.
             let shear_square = (x * x).cast_unsigned() + (y * y).cast_unsigned();
-            let four_squares = u64::from((z * z).cast_unsigned() << 2);
-            let bound = ((four_squares * high + ((four_squares * low) >> 32) + 2) >> 32) as u32;
+            let normal_square = (z * z).cast_unsigned();
+            let slips = u64::from(shear_square) * u64::from(UNIT_SQUARE) > u64::from(normal_square) * square;
             let is_idle = z + sums.below < 0;
             sums.idle += u32::from(is_idle);
-            sums.slips += u32::from(!is_idle) & u32::from(shear_square > bound);
+            sums.slips += u32::from(!is_idle) & u32::from(slips);
             sums.taxels += 1;
         }
     }
@@ -196,9 +193,12 @@ const fn square_root(square: u64) -> u32 {
     }
     let low = (scaled as u32 >> HALF) & MASK;
     let numerator = rest << HALF | low;
-    // The highest quarter makes the root at least 2¹²; the 1 tells the compiler that it is no zero.
-    let divisor = root << 1 | (root == 0) as u32;
-    let (quotient, left) = (numerator / divisor, numerator % divisor);
+    // The highest quarter makes the root at least 2¹²; for a square of 0 the root is 0.
+    let divisor = root << 1;
+    let Some(quotient) = numerator.checked_div(divisor) else {
+        return 0;
+    };
+    let left = numerator - quotient * divisor;
     let root = (root << HALF) + quotient;
     let missing = ((left as i64) << HALF | (scaled as u32 & MASK) as i64) < quotient as i64 * quotient as i64;
     (root - missing as u32) >> (shift / 2)

@@ -156,16 +156,21 @@ fn extremes_of_i16_are_decided_exactly() {
     }
 }
 
-/// The test that the tests can fail: one part in 2⁶² too little in μ² would be found.
 #[test]
-fn a_bound_that_is_one_too_low_would_be_noticed() {
-    let friction = Friction::from_per_unit(20_000).unwrap();
-    assert_eq!(friction.shear_square_bound(i16::MAX), 4 * 32_767_u32.pow(2));
-    assert_eq!(Friction::from_per_unit(4_500).unwrap().shear_square_bound(20), 81);
-    assert_eq!(
-        Friction::from_per_unit(0).unwrap().shear_square_bound(i16::MAX),
-        0
-    );
+fn what_just_holds_is_told_from_what_just_does_not() {
+    let at = |per_unit, normal, largest: u32| {
+        let friction = Friction::from_per_unit(per_unit).unwrap();
+        friction.holds(largest, normal) && !friction.holds(largest + 1, normal)
+    };
+    // Within the squares of forces, the left side is 2³¹ at most.
+    assert!(Friction::from_per_unit(20_000).unwrap().holds(1 << 31, i16::MAX));
+    assert!(at(
+        14_142,
+        i16::MAX,
+        (u64::from(32_767_u32.pow(2)) * 14_142_u64.pow(2) / 100_000_000) as u32
+    ));
+    assert!(at(4_500, 20, 81));
+    assert!(at(0, i16::MAX, 0));
     assert!(Friction::from_per_unit(20_001).is_err());
 }
 

@@ -29,4 +29,4 @@ pub mod sequence;
 pub use constants::{LSB_PER_NEWTON, PACKET_MAX, PER_UNIT, SENSORS, SIDE, TAXELS};
 pub use force_map::{ForceMap, NotFinite, Place, Saturated, TaxelForce};
 pub use map_codec::{Health, MapInfo, encode_map, map_bytes};
-pub use parser::{Event, PacketError, Parser};
+pub use parser::{Event, MessageParser, PacketError, Parser};

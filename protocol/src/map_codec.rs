@@ -168,7 +168,7 @@ impl PacketBuffer {
     }
 }
 
-/// The head packet's contents after the header.
+/// The head packet's contents after the header. The count is what it says, not yet compared with the set.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Head {
     pub(crate) info: MapInfo,
@@ -177,7 +177,7 @@ pub(crate) struct Head {
 }
 
 impl Head {
-    /// Reads the payload of a head packet; `None` when its counts disagree.
+    /// Reads the payload of a head packet.
     pub(crate) fn from_payload(sensor: u8, payload: &[u8; PACKET_MAX - PACKET_HEADER]) -> Option<Self> {
         let (sequence, rest) = payload.split_first_chunk::<4>()?;
         let (capture, rest) = rest.split_first_chunk::<4>()?;
@@ -192,6 +192,6 @@ impl Head {
             capture_us: u32::from_le_bytes(*capture),
             health: Health::from_bits((contents >> 9) as u8),
         };
-        (count == active.count()).then_some(Self { info, count, active })
+        Some(Self { info, count, active })
     }
 }

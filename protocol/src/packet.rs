@@ -8,6 +8,7 @@
 //! | 3 | index of the packet in the map | index of the fragment |
 
 use crate::constants::{PACKET_HEADER, WIRE_VERSION};
+use crate::parser::PacketError;
 
 /// What a packet is part of.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -22,6 +23,37 @@ pub enum Kind {
     MapTail = 2,
     /// A fragment of a message.
     Message = 3,
+}
+
+impl Kind {
+    /// What kind a packet says it is; `None` for one that is too short for a header or of another version.
+    #[inline]
+    #[must_use]
+    pub const fn of(packet: &[u8]) -> Option<Self> {
+        if packet.len() < PACKET_HEADER {
+            return None;
+        }
+        Self::of_byte(packet[0])
+    }
+
+    const fn of_byte(first: u8) -> Option<Self> {
+        const MAP_HEAD: u8 = first_byte(Kind::MapHead);
+        const MAP_TAXELS: u8 = first_byte(Kind::MapTaxels);
+        const MAP_TAIL: u8 = first_byte(Kind::MapTail);
+        const MESSAGE: u8 = first_byte(Kind::Message);
+        match first {
+            MAP_HEAD => Some(Self::MapHead),
+            MAP_TAXELS => Some(Self::MapTaxels),
+            MAP_TAIL => Some(Self::MapTail),
+            MESSAGE => Some(Self::Message),
+            _ => None,
+        }
+    }
+}
+
+/// The version and the kind.
+const fn first_byte(kind: Kind) -> u8 {
+    WIRE_VERSION << 4 | kind as u8
 }
 
 /// A packet's first four bytes, decoded.
@@ -41,33 +73,26 @@ impl Header {
     /// The header as it stands on the wire.
     #[must_use]
     pub const fn to_bytes(self) -> [u8; PACKET_HEADER] {
-        [
-            WIRE_VERSION << 4 | self.kind as u8,
-            self.owner,
-            self.sequence,
-            self.index,
-        ]
+        [first_byte(self.kind), self.owner, self.sequence, self.index]
     }
 
-    /// Reads a header. `Err` holds the first byte: an unknown version or kind.
-    pub(crate) const fn from_bytes(bytes: [u8; PACKET_HEADER]) -> Result<Self, u8> {
-        let [first, owner, sequence, index] = bytes;
-        if first >> 4 != WIRE_VERSION {
-            return Err(first);
-        }
-        let kind = match first & 0xF {
-            0 => Kind::MapHead,
-            1 => Kind::MapTaxels,
-            2 => Kind::MapTail,
-            3 => Kind::Message,
-            _ => return Err(first),
+    /// Reads the header of a packet; the payload is what follows it.
+    #[inline]
+    pub(crate) fn split(packet: &[u8]) -> Result<(Self, &[u8]), PacketError> {
+        let Some((&[first, owner, sequence, index], payload)) = packet.split_first_chunk() else {
+            return Err(PacketError::Length {
+                found: packet.len() as u16,
+                expected: PACKET_HEADER as u16,
+            });
         };
-        Ok(Self {
+        let kind = Kind::of_byte(first).ok_or(PacketError::Version { found: first })?;
+        let header = Self {
             kind,
             owner,
             sequence,
             index,
-        })
+        };
+        Ok((header, payload))
     }
 }
 
@@ -76,12 +101,18 @@ const POLYNOMIAL: u32 = 0xEDB8_8320;
 
 /// What a byte makes of the CRC when 0 to 3 bytes follow it in the same word: four bytes a step, a quarter of the work
 /// of the plain table, for 4 KiB. (The `crc` crate has one byte a step in 1 KiB or sixteen in 16 KiB.)
-static CRC_TABLES: [[u32; 256]; 4] = {
-    let mut tables = [[0; 256]; 4];
+/// Four tables and not one of four rows, so that each has its address in a register.
+static CRC_0: [u32; 256] = crc_table(0);
+static CRC_1: [u32; 256] = crc_table(1);
+static CRC_2: [u32; 256] = crc_table(2);
+static CRC_3: [u32; 256] = crc_table(3);
+
+const fn crc_table(following: usize) -> [u32; 256] {
+    let mut table = [0; 256];
     let mut byte = 0;
     while byte < 256 {
         let (mut crc, mut bit) = (byte as u32, 0);
-        while bit < 8 {
+        while bit < 8 * (1 + following) {
             crc = if crc & 1 == 1 {
                 crc >> 1 ^ POLYNOMIAL
             } else {
@@ -89,21 +120,14 @@ static CRC_TABLES: [[u32; 256]; 4] = {
             };
             bit += 1;
         }
-        tables[0][byte] = crc;
+        table[byte] = crc;
         byte += 1;
     }
-    let mut table = 1;
-    while table < 4 {
-        let mut byte = 0;
-        while byte < 256 {
-            let before = tables[table - 1][byte];
-            tables[table][byte] = before >> 8 ^ tables[0][before as usize & 0xFF];
-            byte += 1;
-        }
-        table += 1;
-    }
-    tables
-};
+    table
+}
+
+/// Words a round.
+const WORDS_AT_ONCE: usize = 4;
 
 /// A CRC-32 (ISO-HDLC) under way, over every byte of a map or message in order, headers included.
 #[derive(Debug, Clone, Copy)]
@@ -117,20 +141,21 @@ impl RunningCrc {
     /// Takes bytes in; by words when they lie at an address that words may have.
     #[inline]
     pub(crate) fn update(&mut self, bytes: &[u8]) {
-        let [t0, t1, t2, t3] = &CRC_TABLES;
         let (start, rest) = bytes.split_at(bytes.len() & !3);
         let Ok(words) = bytemuck::try_cast_slice::<u8, u32>(start) else {
             return self.update_bytes(bytes);
         };
-        let mut crc = self.0;
-        for &word in words {
-            let four = crc ^ u32::from_le(word);
-            crc = t3[(four & 0xFF) as usize]
-                ^ t2[(four >> 8 & 0xFF) as usize]
-                ^ t1[(four >> 16 & 0xFF) as usize]
-                ^ t0[(four >> 24) as usize];
+        let (blocks, words) = words.as_chunks::<WORDS_AT_ONCE>();
+        // One after the other by hand: the compiler would count to four.
+        for &[first, second, third, fourth] in blocks {
+            self.update_word(first);
+            self.update_word(second);
+            self.update_word(third);
+            self.update_word(fourth);
         }
-        self.0 = crc;
+        for &word in words {
+            self.update_word(word);
+        }
         for &byte in rest {
             self.update_byte(byte);
         }
@@ -145,8 +170,17 @@ impl RunningCrc {
     }
 
     #[inline]
+    fn update_word(&mut self, word: u32) {
+        let four = self.0 ^ u32::from_le(word);
+        self.0 = CRC_3[(four & 0xFF) as usize]
+            ^ CRC_2[(four >> 8 & 0xFF) as usize]
+            ^ CRC_1[(four >> 16 & 0xFF) as usize]
+            ^ CRC_0[(four >> 24) as usize];
+    }
+
+    #[inline]
     fn update_byte(&mut self, byte: u8) {
-        self.0 = CRC_TABLES[0][usize::from(self.0 as u8 ^ byte)] ^ self.0 >> 8;
+        self.0 = CRC_0[usize::from(self.0 as u8 ^ byte)] ^ self.0 >> 8;
     }
 
     #[inline]

@@ -149,9 +149,16 @@ pub struct Parser {
     map: Option<MapUnderWay>,
     /// Places of the active taxels of the map under way, ascending.
     places: [Place; TAXELS],
+    messages: MessageParser,
+    counters: Counters,
+}
+
+/// The receiving end of one link for messages alone, of a board that works on maps elsewhere.
+#[derive(Debug)]
+pub struct MessageParser {
     message: Option<MessageUnderWay>,
     buffer: [u8; MESSAGE_MAX],
-    counters: Counters,
+    abandoned: u32,
 }
 
 #[derive(Debug, Clone)]
@@ -186,8 +193,7 @@ impl Parser {
         Self {
             map: None,
             places: [Place::new(0, 0); TAXELS],
-            message: None,
-            buffer: [0; MESSAGE_MAX],
+            messages: MessageParser::new(),
             counters: Counters {
                 maps: 0,
                 messages: 0,
@@ -200,7 +206,10 @@ impl Parser {
     /// What was seen so far.
     #[must_use]
     pub const fn counters(&self) -> Counters {
-        self.counters
+        Counters {
+            abandoned: self.counters.abandoned.wrapping_add(self.messages.abandoned),
+            ..self.counters
+        }
     }
 
     /// Counts a packet that the transport itself had to refuse (overlong or malformed COBS frame) and drops the map
@@ -208,7 +217,14 @@ impl Parser {
     pub fn refuse(&mut self) {
         self.counters.refused = self.counters.refused.wrapping_add(1);
         self.map = None;
-        self.message = None;
+        self.messages.message = None;
+    }
+
+    /// Taxels of the map under way that have not come yet.
+    #[inline]
+    #[must_use]
+    pub fn taxels_left(&self) -> u16 {
+        self.map.as_ref().map_or(0, |map| map.count - map.received)
     }
 
     /// Drops the map under way: its remaining packets will be refused.
@@ -216,16 +232,15 @@ impl Parser {
         self.map = None;
     }
 
-    /// Takes one packet as it landed.
+    /// Takes one packet as it landed: [`Parser::head`], [`Parser::taxels`], [`Parser::tail`] or [`Parser::fragment`].
     ///
     /// # Errors
     /// [`PacketError`] when the packet is not what had to come next. The map or message under way is dropped, and the
     /// next head or first fragment starts afresh.
-    #[inline]
     pub fn push<'a>(&'a mut self, packet: &'a [u8]) -> Result<Event<'a>, PacketError> {
-        match self.accept(packet) {
-            Ok(Accepted::Start { abandoned }) => {
-                self.counters.abandoned = self.counters.abandoned.wrapping_add(u32::from(abandoned));
+        match Kind::of(packet) {
+            Some(Kind::MapHead) => {
+                let abandoned = self.head(packet)?;
                 let (info, active) = self
                     .map
                     .as_ref()
@@ -236,24 +251,85 @@ impl Parser {
                     abandoned,
                 })
             }
-            Ok(Accepted::Forces { first, bytes }) => Ok(Event::MapForces(Forces {
-                places: self.places.get(first..).unwrap_or_default(),
-                bytes,
-            })),
-            Ok(Accepted::End { info, first, bytes }) => {
-                self.counters.maps = self.counters.maps.wrapping_add(1);
-                Ok(Event::MapEnd {
-                    info,
-                    forces: Forces {
-                        places: self.places.get(first..).unwrap_or_default(),
-                        bytes,
-                    },
-                })
+            Some(Kind::MapTaxels) => self.taxels(packet).map(Event::MapForces),
+            Some(Kind::MapTail) => {
+                let (info, forces) = self.tail(packet)?;
+                Ok(Event::MapEnd { info, forces })
             }
-            Ok(Accepted::Fragment) => Ok(Event::Fragment),
-            Ok(Accepted::Message { length }) => {
+            Some(Kind::Message) => Ok(self.fragment(packet)?.map_or(Event::Fragment, Event::Message)),
+            None => Err(self.unknown(packet)),
+        }
+    }
+
+    /// Refuses a packet of no [`Kind`], and says why.
+    pub fn unknown(&mut self, packet: &[u8]) -> PacketError {
+        self.refuse();
+        match packet.first() {
+            Some(_) if packet.len() < PACKET_HEADER => wrong_length(packet, PACKET_HEADER),
+            Some(&found) => PacketError::Version { found },
+            None => wrong_length(packet, PACKET_HEADER),
+        }
+    }
+
+    /// Takes the first packet of a map; whether it cuts another one off.
+    ///
+    /// # Errors
+    /// As [`Parser::push`].
+    #[inline]
+    pub fn head(&mut self, packet: &[u8]) -> Result<bool, PacketError> {
+        let accepted = self.map_head(packet);
+        match accepted {
+            Ok(abandoned) => {
+                self.counters.abandoned = self.counters.abandoned.wrapping_add(u32::from(abandoned));
+            }
+            Err(_) => self.refuse(),
+        }
+        accepted
+    }
+
+    /// Takes a full packet in the middle of a map.
+    ///
+    /// # Errors
+    /// As [`Parser::push`].
+    #[inline]
+    pub fn taxels<'a>(&'a mut self, packet: &'a [u8]) -> Result<Forces<'a>, PacketError> {
+        match self.map_taxels(packet) {
+            Ok((first, bytes)) => Ok(self.forces(first, bytes)),
+            Err(error) => {
+                self.refuse();
+                Err(error)
+            }
+        }
+    }
+
+    /// Takes the last packet of a map, which is right as a whole when this is `Ok`.
+    ///
+    /// # Errors
+    /// As [`Parser::push`].
+    #[inline]
+    pub fn tail<'a>(&'a mut self, packet: &'a [u8]) -> Result<(MapInfo, Forces<'a>), PacketError> {
+        match self.map_tail(packet) {
+            Ok((info, first, bytes)) => {
+                self.counters.maps = self.counters.maps.wrapping_add(1);
+                Ok((info, self.forces(first, bytes)))
+            }
+            Err(error) => {
+                self.refuse();
+                Err(error)
+            }
+        }
+    }
+
+    /// Takes a fragment of a message; the message once it is whole.
+    ///
+    /// # Errors
+    /// As [`Parser::push`].
+    pub fn fragment(&mut self, packet: &[u8]) -> Result<Option<&[u8]>, PacketError> {
+        match self.messages.take(packet) {
+            Ok(None) => Ok(None),
+            Ok(Some(length)) => {
                 self.counters.messages = self.counters.messages.wrapping_add(1);
-                Ok(Event::Message(self.buffer.get(..length).unwrap_or_default()))
+                Ok(Some(self.messages.whole(length)))
             }
             Err(error) => {
                 self.refuse();
@@ -263,54 +339,18 @@ impl Parser {
     }
 
     #[inline]
-    fn accept<'p>(&mut self, packet: &'p [u8]) -> Result<Accepted<'p>, PacketError> {
-        let length = |expected: usize| PacketError::Length {
-            found: packet.len() as u16,
-            expected: expected as u16,
-        };
-        if packet.len() > PACKET_MAX {
-            return Err(length(PACKET_MAX));
-        }
-        let (header, payload) = packet.split_first_chunk().ok_or_else(|| length(PACKET_HEADER))?;
-        let header = Header::from_bytes(*header).map_err(|found| PacketError::Version { found })?;
-        match header.kind {
-            Kind::MapHead => {
-                let payload = payload.try_into().map_err(|_| length(PACKET_MAX))?;
-                self.map_head(header, payload, packet)
-            }
-            Kind::MapTaxels => {
-                let (bytes, rest) = payload.as_chunks();
-                if bytes.len() != TAXELS_PER_PACKET || !rest.is_empty() {
-                    return Err(length(PACKET_MAX));
-                }
-                self.map_taxels(header, bytes, packet)
-            }
-            Kind::MapTail => {
-                let (payload, crc) = payload
-                    .split_last_chunk::<CRC_BYTES>()
-                    .ok_or_else(|| length(PACKET_HEADER + CRC_BYTES))?;
-                let (bytes, rest) = payload.as_chunks();
-                if bytes.len() >= TAXELS_PER_PACKET || !rest.is_empty() {
-                    return Err(length(PACKET_HEADER + CRC_BYTES));
-                }
-                let (covered, _) = packet.split_last_chunk::<CRC_BYTES>().unwrap_or((&[], crc));
-                self.map_tail(header, bytes, covered, u32::from_le_bytes(*crc))
-            }
-            Kind::Message => {
-                if payload.is_empty() {
-                    return Err(length(PACKET_HEADER + 1));
-                }
-                self.message_fragment(header, payload, packet)
-            }
+    fn forces<'a>(&'a self, first: usize, bytes: &'a [[u8; TAXEL_BYTES]]) -> Forces<'a> {
+        Forces {
+            places: self.places.get(first..).unwrap_or_default(),
+            bytes,
         }
     }
 
-    fn map_head<'p>(
-        &mut self,
-        header: Header,
-        payload: &[u8; PACKET_MAX - PACKET_HEADER],
-        packet: &[u8],
-    ) -> Result<Accepted<'p>, PacketError> {
+    #[inline]
+    fn map_head(&mut self, packet: &[u8]) -> Result<bool, PacketError> {
+        let packet: &[u8; PACKET_MAX] = packet.try_into().map_err(|_| wrong_length(packet, PACKET_MAX))?;
+        let (header, payload) = Header::split(packet)?;
+        let payload = payload.try_into().map_err(|_| wrong_length(packet, PACKET_MAX))?;
         let abandoned = self.map.take().is_some();
         if usize::from(header.owner) >= SENSORS {
             return Err(PacketError::Sensor { found: header.owner });
@@ -325,7 +365,9 @@ impl Parser {
         if head.info.sequence as u8 != header.sequence {
             return Err(PacketError::Contents);
         }
-        head.active.places(&mut self.places);
+        if head.active.places(&mut self.places) != head.count {
+            return Err(PacketError::Contents);
+        }
         let mut crc = RunningCrc::new();
         crc.update(packet);
         self.map = Some(MapUnderWay {
@@ -335,7 +377,7 @@ impl Parser {
             count: head.count,
             crc,
         });
-        Ok(Accepted::Start { abandoned })
+        Ok(abandoned)
     }
 
     /// The map under way, when this packet is the next of it and brings no more taxels than are left.
@@ -354,28 +396,32 @@ impl Parser {
     }
 
     #[inline]
-    fn map_taxels<'p>(
-        &mut self,
-        header: Header,
-        bytes: &'p [[u8; TAXEL_BYTES]],
-        packet: &[u8],
-    ) -> Result<Accepted<'p>, PacketError> {
+    fn map_taxels<'p>(&mut self, packet: &'p [u8]) -> Result<(usize, &'p [[u8; TAXEL_BYTES]]), PacketError> {
+        let whole: &[u8; PACKET_MAX] = packet.try_into().map_err(|_| wrong_length(packet, PACKET_MAX))?;
+        let (header, payload) = Header::split(whole)?;
+        let (bytes, _) = payload.as_chunks();
         let map = self.continued(header, bytes.len())?;
-        map.crc.update(packet);
-        map.next_index += 1;
+        map.crc.update(whole);
+        map.next_index = map.next_index.wrapping_add(1);
         let first = usize::from(map.received);
         map.received += bytes.len() as u16;
-        Ok(Accepted::Forces { first, bytes })
+        Ok((first, bytes))
     }
 
     #[inline]
     fn map_tail<'p>(
         &mut self,
-        header: Header,
-        bytes: &'p [[u8; TAXEL_BYTES]],
-        covered: &[u8],
-        crc: u32,
-    ) -> Result<Accepted<'p>, PacketError> {
+        packet: &'p [u8],
+    ) -> Result<(MapInfo, usize, &'p [[u8; TAXEL_BYTES]]), PacketError> {
+        const LEAST: usize = PACKET_HEADER + CRC_BYTES;
+        let (covered, crc) = packet
+            .split_last_chunk::<CRC_BYTES>()
+            .ok_or_else(|| wrong_length(packet, LEAST))?;
+        let (header, payload) = Header::split(covered)?;
+        let (bytes, rest) = payload.as_chunks();
+        if bytes.len() >= TAXELS_PER_PACKET || !rest.is_empty() {
+            return Err(wrong_length(packet, LEAST));
+        }
         let map = self.continued(header, bytes.len())?;
         let first = usize::from(map.received);
         if first + bytes.len() != usize::from(map.count) {
@@ -385,29 +431,58 @@ impl Parser {
             });
         }
         map.crc.update(covered);
-        let MapUnderWay {
-            info, crc: running, ..
-        } = self.map.take().ok_or(PacketError::Order {
-            found: header.index,
-            expected: 0,
-        })?;
-        if running.finish() != crc {
+        let (info, found) = (map.info, map.crc.finish());
+        self.map = None;
+        if found != u32::from_le_bytes(*crc) {
             return Err(PacketError::Crc);
         }
-        Ok(Accepted::End { info, first, bytes })
+        Ok((info, first, bytes))
+    }
+}
+
+impl Default for MessageParser {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl MessageParser {
+    /// Nothing under way.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self {
+            message: None,
+            buffer: [0; MESSAGE_MAX],
+            abandoned: 0,
+        }
     }
 
-    fn message_fragment<'p>(
-        &mut self,
-        header: Header,
-        payload: &[u8],
-        packet: &[u8],
-    ) -> Result<Accepted<'p>, PacketError> {
+    /// Takes a packet of [`Kind::Message`]; the message once it is whole.
+    ///
+    /// # Errors
+    /// As [`Parser::push`]; the message under way is dropped.
+    pub fn push(&mut self, packet: &[u8]) -> Result<Option<&[u8]>, PacketError> {
+        Ok(self.take(packet)?.map(|length| self.whole(length)))
+    }
+
+    fn whole(&self, length: usize) -> &[u8] {
+        self.buffer.get(..length).unwrap_or_default()
+    }
+
+    /// The length of the message, once it is whole.
+    fn take(&mut self, packet: &[u8]) -> Result<Option<usize>, PacketError> {
+        if packet.len() > PACKET_MAX {
+            return Err(wrong_length(packet, PACKET_MAX));
+        }
+        let (header, payload) = Header::split(packet)?;
+        if payload.is_empty() {
+            return Err(wrong_length(packet, PACKET_HEADER + 1));
+        }
         let (id, fragments, found) = (header.owner, header.sequence, header.index);
         let mut message = match self.message.take() {
             // A first fragment always starts afresh, so that a lost last one costs one message only.
             unfinished if found == 0 => {
-                self.counters.abandoned = self.counters.abandoned.wrapping_add(unfinished.is_some().into());
+                self.abandoned = self.abandoned.wrapping_add(unfinished.is_some().into());
                 MessageUnderWay {
                     id,
                     fragments,
@@ -443,7 +518,7 @@ impl Parser {
         if !last {
             message.crc.update(packet);
             self.message = Some(message);
-            return Ok(Accepted::Fragment);
+            return Ok(None);
         }
         // The CRC is the message's last four bytes and lies whole in the last fragment.
         let (covered, crc) = packet.split_last_chunk::<CRC_BYTES>().ok_or(PacketError::Crc)?;
@@ -457,28 +532,14 @@ impl Parser {
         if message.crc.finish() != u32::from_le_bytes(*crc) {
             return Err(PacketError::Crc);
         }
-        Ok(Accepted::Message {
-            length: end - CRC_BYTES,
-        })
+        Ok(Some(end - CRC_BYTES))
     }
 }
 
-/// An accepted packet, before it borrows from the parser.
-enum Accepted<'p> {
-    Start {
-        abandoned: bool,
-    },
-    Forces {
-        first: usize,
-        bytes: &'p [[u8; TAXEL_BYTES]],
-    },
-    End {
-        info: MapInfo,
-        first: usize,
-        bytes: &'p [[u8; TAXEL_BYTES]],
-    },
-    Fragment,
-    Message {
-        length: usize,
-    },
+/// The packet has another length than its kind wants.
+const fn wrong_length(packet: &[u8], expected: usize) -> PacketError {
+    PacketError::Length {
+        found: packet.len() as u16,
+        expected: expected as u16,
+    }
 }

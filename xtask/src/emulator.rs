@@ -21,18 +21,32 @@ pub(crate) fn command() -> Result<(), Error> {
     Ok(())
 }
 
+/// Where the instruction counts lie that the latency crate's test holds.
+const SNAPSHOT: &str = "tests/emulator/latency/tests/counts.txt";
+
 /// `cargo xtask latency`: the unmodified image, every instruction priced; fails when a number of the design does not hold.
+/// With `--bless`, writes the snapshot of instruction counts anew.
 pub(crate) fn latency(arguments: &[String]) -> Result<(), Error> {
-    if let Some(found) = arguments.iter().find(|argument| *argument != "--json") {
-        return Err(Error::usage("argument", found, "--json or none"));
+    if let Some(found) = arguments
+        .iter()
+        .find(|argument| !["--json", "--bless"].contains(&argument.as_str()))
+    {
+        return Err(Error::usage("argument", found, "--json or --bless or none"));
     }
     let (image, _) = firmware::build(BOARD)?;
+    let mut command = cargo();
+    command
+        .args(["run", "--quiet", "--release", "--package", "gripline-latency"])
+        .args(OPTIONS)
+        .args(["--", "--image"])
+        .arg(image);
+    if arguments.iter().any(|argument| argument == "--bless") {
+        return process::run(command.args(["--bless", SNAPSHOT]));
+    }
     process::run(
-        cargo()
-            .args(["run", "--quiet", "--release", "--package", "gripline-latency"])
-            .args(OPTIONS)
-            .args(["--", "--image"])
-            .arg(image)
+        command
+            .arg("--twin")
+            .arg(firmware::build_twin(BOARD)?)
             .args(arguments),
     )
 }
@@ -50,24 +64,24 @@ pub(crate) fn build() -> Result<PathBuf, Error> {
 
 /// The emulator's formatting.
 pub(crate) fn format() -> Result<(), Error> {
-    process::run(cargo().args(["fmt", "--check", "--manifest-path", MANIFEST]))
+    process::run(cargo().args(["fmt", "--all", "--check", "--manifest-path", MANIFEST]))
 }
 
 /// The emulator's lints.
 pub(crate) fn lint() -> Result<(), Error> {
     process::run(
         cargo()
-            .args(["clippy", "--release", "--all-targets"])
+            .args(["clippy", "--release", "--workspace", "--all-targets"])
             .args(OPTIONS)
             .args(["--", "-D", "warnings"]),
     )
 }
 
-/// The emulator's own tests, those that want a real image included.
+/// The emulator's own tests and those of what it measures, those that want a real image included.
 pub(crate) fn test(image: &Path) -> Result<(), Error> {
     process::run(
         cargo()
-            .args(["test", "--release"])
+            .args(["test", "--release", "--workspace"])
             .args(OPTIONS)
             .args(["--", "--include-ignored"])
             .env("GRIPLINE_IMAGE", image),

@@ -16,8 +16,8 @@ use crate::{process, toolchain, value_of};
 const FLASH_MAX: u64 = 64 * 1024;
 /// The most that an image may lay out in RAM, stack not counted, in bytes (DESIGN.md, "Numbers to hold").
 const RAM_MAX: u64 = 24 * 1024;
-/// The RAM that every supported chip has, in bytes (memory.x).
-const RAM_OF_THE_CHIP: u64 = 128 * 1024;
+/// The memory that data and stack have, in bytes (memory.x).
+const RAM_OF_DATA: u64 = 64 * 1024;
 
 /// A supported board: one chip, one feature of `gripline-mcu`.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -71,7 +71,7 @@ impl Size {
             let bytes = section.size();
             match name {
                 ".vector_table" | ".text" | ".rodata" | ".gnu.sgstubs" => size.flash += bytes,
-                ".data" | ".hot" => {
+                ".data" | ".hot" | ".tables" => {
                     size.flash += bytes;
                     size.ram += bytes;
                 }
@@ -123,33 +123,53 @@ pub(crate) fn command(arguments: &[String]) -> Result<(), Error> {
     };
     println!("image {}", elf.display());
     println!("{size}");
-    println!("stack {}", RAM_OF_THE_CHIP.saturating_sub(size.ram));
+    println!("stack {}", RAM_OF_DATA.saturating_sub(size.ram));
     Ok(())
+}
+
+/// (package, program) that is flashed.
+const IMAGE: (&str, &str) = ("gripline-mcu", "gripline-mcu");
+/// The same of the detector in floating point, to compare with.
+const TWIN: (&str, &str) = ("gripline-f32-twin", "f32-twin");
+
+/// Builds the f32 twin for one board's chip.
+pub(crate) fn build_twin(board: Board) -> Result<PathBuf, Error> {
+    process::run(cargo("rustc", TWIN, board)?.args(["--", "-C", "opt-level=3"]))?;
+    let kept = process::products().join("f32-twin.elf");
+    process::install(&built(TWIN.1), &kept)?;
+    Ok(kept)
+}
+
+fn built(program: &str) -> PathBuf {
+    process::build_dir()
+        .join(toolchain::TARGET)
+        .join("firmware")
+        .join(program)
 }
 
 /// Builds one board's image, keeps it with the other products, and measures it.
 pub(crate) fn build(board: Board) -> Result<(PathBuf, Size), Error> {
-    process::run(&mut cargo("build", board)?)?;
-    let built = process::build_dir()
-        .join(toolchain::TARGET)
-        .join("firmware/gripline-mcu");
+    process::run(&mut cargo("build", IMAGE, board)?)?;
     let kept = process::products().join(format!("firmware-{}.elf", board.name()));
-    process::install(&built, &kept)?;
+    process::install(&built(IMAGE.1), &kept)?;
     let size = Size::of(&kept)?;
     Ok((kept, size))
 }
 
-/// The binary's lints, which the workspace's do not reach.
+/// The binaries' lints, which the workspace's do not reach.
 pub(crate) fn lint(board: Board) -> Result<(), Error> {
-    process::run(cargo("clippy", board)?.args(["--", "-D", "warnings"]))
+    for program in [IMAGE, TWIN] {
+        process::run(cargo("clippy", program, board)?.args(["--", "-D", "warnings"]))?;
+    }
+    Ok(())
 }
 
-/// A cargo command on one board's binary, with all that it needs to find the core library.
-fn cargo(command: &str, board: Board) -> Result<Command, Error> {
+/// A cargo command on one of a board's binaries, with all that it needs to find the core library.
+fn cargo(command: &str, (package, program): (&str, &str), board: Board) -> Result<Command, Error> {
     let core = toolchain::ensure(false)?;
     let mut cargo = process::cargo();
     cargo
-        .args([command, "--package", "gripline-mcu", "--profile", "firmware"])
+        .args([command, "--package", package, "--bin", program, "--profile", "firmware"])
         .args(["--target", toolchain::TARGET, "--features", board.name()])
         .args(core.cargo_arguments())
         // These would replace the linker flags of .cargo/config.toml.

@@ -32,8 +32,9 @@ cargo xtask COMMAND
   fuzz [--minutes N] [--save] [TARGET...]
                                     run the parsers and the microcontroller's program against a fuzzer, 10 minutes
                                     each or N; --save keeps what reached new code in tests/fuzz/corpus
-  latency [--json]                  from a map's last packet to the line on the emulated board, in instructions and in
-                                    Cortex-M4 cycles at most; fails when a number of the design does not hold
+  latency [--json | --bless]        from a map's last packet to the line on the emulated board, in instructions and in
+                                    Cortex-M4 cycles at most; fails when a number of the design does not hold;
+                                    --bless renews the instruction counts that the tests hold
   toolchain [--from-sources]        make this machine able to build for the microcontroller;
                                     --from-sources passes over rustup and an installed target
   bench network [--json] [--rounds N] [--samples N] [--weights FILE]... [--plot FILE]

@@ -11,6 +11,8 @@ use embassy_stm32::rcc::{
 use embassy_stm32::time::Hertz;
 use gripline_protocol::message::{BOARDS, Revision};
 
+use crate::priority;
+
 /// This board's number in the handshake.
 pub(crate) const BOARD: u8 = if cfg!(feature = "stm32f405rg") { 1 } else { 2 };
 /// This board's name in logs.
@@ -49,5 +51,7 @@ pub(crate) fn clocks() -> Config {
     config.rcc.apb1_pre = APBPrescaler::DIV4;
     config.rcc.apb2_pre = APBPrescaler::DIV2;
     config.rcc.mux.clk48sel = mux::Clk48sel::PLL1_Q;
+    // Not used, but switched on: no interrupt of the HAL's may lie above its critical sections.
+    config.dma_interrupt_priority = priority::OTHERS;
     config
 }

@@ -1,40 +1,34 @@
-//! The map-to-line path: every packet as it lands, the grip-force line at once, and the safety tick between.
+//! The program and the line: every packet of a map at once, the safety tick between, messages when there is time.
 //!
-//! A packet of a map goes to the line in the interrupt of the USB core itself ([`MapPackets`]), ahead of the HAL's driver,
-//! whose way over buffers, wakers and tasks would take half of the time bound. What is no bulk packet is left to the
-//! driver. The task [`control`] makes the tick, takes packets from the UART (and those that the driver took out of the
-//! FIFO behind a control packet), and lends itself the program for less than a tick's work at a time.
+//! Packets of maps come from the interrupt of the USB core (`usb_interrupt`). The task [`control`] makes the tick, reads
+//! messages, takes packets from the UART (and those that the HAL's driver took out of the FIFO behind a control packet),
+//! and lends itself the program for less than a tick's work at a time.
 //! Units: microseconds, cycles of 168 MHz.
 
 use core::cell::UnsafeCell;
-use core::sync::atomic::{Ordering, compiler_fence};
 
 use cortex_m::peripheral::DWT;
-use cortex_m::register::basepri;
-use embassy_futures::select::{Either3, select3};
-use embassy_stm32::interrupt::typelevel::{self, Handler};
-use embassy_stm32::pac::USB_OTG_FS as REGISTERS;
-use embassy_stm32::pac::otg::regs::Grxsts;
-use embassy_stm32::pac::otg::vals::Pktstsd;
+use embassy_futures::select::{Either4, select4};
 use embassy_stm32::usart::BufferedUartRx;
 use embassy_time::{Duration, Instant, Timer};
 use embassy_usb::driver::{Endpoint, EndpointError, EndpointOut};
 use embedded_io_async::Read;
 use gripline_firmware::line::GripLine;
+use gripline_firmware::mcu::Request;
 use gripline_firmware::{Action, Mcu, storage};
-use gripline_protocol::PACKET_MAX;
 use gripline_protocol::cobs::{CobsDecoder, Frame};
-use gripline_protocol::constants::TAXELS_PER_PACKET;
-use gripline_protocol::message::{Configuration, MessagePackets, Stage};
+use gripline_protocol::message::{Configuration, Message, MessagePackets, Stage};
 use gripline_protocol::packet::Kind;
+use gripline_protocol::{MessageParser, PACKET_MAX};
 
 use crate::flash::SettingsSectors;
 use crate::gripper_bus::BusLine;
 use crate::kernel::Dsp;
 use crate::line::AnalogLine;
 use crate::outbox::{self, Outbox, Packet};
+use crate::priority::{hold_off, without_usb};
 use crate::usb::HostToMcu;
-use crate::watchdog;
+use crate::{usb_interrupt, watchdog};
 
 /// Time between two safety ticks.
 const TICK: Duration = Duration::from_millis(1);
@@ -66,104 +60,37 @@ unsafe impl Sync for Shared {}
 
 static CONTROL: Shared = Shared(UnsafeCell::new(None));
 
-/// BASEPRI that holds off the USB interrupt (priority 3) and everything below it; the upper four bits count.
-const HOLD_OFF: u8 = 3 << 4;
-
-/// The packet in the USB interrupt's hands; not on its stack, where it would have to be cleared first.
-struct PacketWords(UnsafeCell<[u32; PACKET_MAX / 4]>);
-
-// SAFETY: the USB interrupt is its only user.
-unsafe impl Sync for PacketWords {}
-
-static PACKET: PacketWords = PacketWords(UnsafeCell::new([0; PACKET_MAX / 4]));
-
-/// Works on the program with the USB interrupt held off; called by the task `control` alone.
-fn with<T>(work: impl FnOnce(&mut Control) -> T) -> Option<T> {
-    // SAFETY: raises the priority of the running code, here and back; nothing else uses this register.
-    unsafe { basepri::write(HOLD_OFF) };
-    compiler_fence(Ordering::SeqCst);
-    // SAFETY: the only other user is held off, and this function is not called from `work`.
-    let done = unsafe { &mut *CONTROL.0.get() }.as_mut().map(work);
-    compiler_fence(Ordering::SeqCst);
-    // SAFETY: as above.
-    unsafe { basepri::write(0) };
-    done
-}
-
-/// The bulk endpoint of the maps.
-const ENDPOINT: usize = 1;
-
-/// Takes bulk packets out of the USB core's FIFO as they land and carries them to the line; runs before the HAL's handler
-/// of the same interrupt, which finds the rest.
+/// The program for the USB interrupt; none before it runs.
 ///
-/// Deadline: 25 µs from a map's last packet in the FIFO to the line. Budget: 4,200 cycles. Miss: the status tells.
-pub(crate) struct MapPackets;
-
-impl Handler<typelevel::OTG_FS> for MapPackets {
-    #[inline]
-    unsafe fn on_interrupt() {
-        // SAFETY: this interrupt is the highest of the users of `CONTROL` and does not interrupt itself.
-        let control = unsafe { &mut *CONTROL.0.get() };
-        let Some(control) = control else {
-            return;
-        };
-        while let Some(status) = next_of_endpoint() {
-            if status.pktstsd() != Pktstsd::OUT_DATA_RX {
-                end_of_packet();
-                continue;
-            }
-            let _ = REGISTERS.grxstsp().read();
-            let length = usize::from(status.bcnt()).min(PACKET_MAX);
-            // SAFETY: as `CONTROL`; the packet is read by nothing but the call below.
-            let words = unsafe { &mut *PACKET.0.get() };
-            for word in words.iter_mut().take(length.div_ceil(4)) {
-                *word = REGISTERS.fifo(0).read().data();
-            }
-            // Before more full packets the host is answered first, so that the bus never waits; otherwise time counts: a
-            // map's last packet is asked for when the ones before are done with.
-            let kind = words[0] & 0xF;
-            let is_long_map = words[3] & 0x1FF >= 2 * TAXELS_PER_PACKET as u32;
-            let is_followed = kind == Kind::MapTaxels as u32 || kind == Kind::MapHead as u32 && is_long_map;
-            if is_followed && next_of_endpoint().is_some_and(|next| next.pktstsd() != Pktstsd::OUT_DATA_RX) {
-                end_of_packet();
-            }
-            control.packet(
-                bytemuck::bytes_of(words).get(..length).unwrap_or_default(),
-                &outbox::USB,
-            );
-        }
-    }
+/// # Safety
+/// Called by the USB interrupt, which must not keep it.
+#[inline]
+pub(crate) unsafe fn of_the_path() -> Option<&'static mut Control> {
+    // SAFETY: this interrupt is the highest of the users of `CONTROL` and does not interrupt itself.
+    unsafe { &mut *CONTROL.0.get() }.as_mut()
 }
 
-/// What lies on top of the receive FIFO, when it belongs to the maps' endpoint.
+/// The program for the task `control`, which is the only one to call it.
+///
+/// # Safety
+/// Called with the USB interrupt held off.
 #[inline]
-fn next_of_endpoint() -> Option<Grxsts> {
-    if !REGISTERS.gintsts().read().rxflvl() {
-        return None;
-    }
-    let status = REGISTERS.grxstsr().read();
-    (usize::from(status.epnum()) == ENDPOINT).then_some(status)
+unsafe fn of_the_task() -> Option<&'static mut Control> {
+    // SAFETY: the only other user is held off.
+    unsafe { &mut *CONTROL.0.get() }.as_mut()
 }
 
-/// Takes the end of a packet out of the FIFO and asks for the next packet: in this order, or the core may lose a word
-/// (libopencm3 issue 873).
+/// Works on the program with the USB interrupt held off, and all below it.
 #[inline]
-fn end_of_packet() {
-    let _ = REGISTERS.grxstsp().read();
-    REGISTERS.doeptsiz(ENDPOINT).modify(|size| {
-        size.set_xfrsiz(PACKET_MAX as u32);
-        size.set_pktcnt(1);
-    });
-    REGISTERS
-        .doepctl(ENDPOINT)
-        .modify(|control| control.set_cnak(true));
+fn with<T>(work: impl FnOnce(&mut Control) -> T) -> Option<T> {
+    // SAFETY: held off, and this function is not called from `work`.
+    hold_off(|| unsafe { of_the_task() }.map(work))
 }
 
 /// The program, the line it drives, and the host it answers.
-struct Control {
+pub(crate) struct Control {
     mcu: &'static mut Mcu<Dsp>,
     line: AnalogLine,
-    flash: SettingsSectors,
     /// The transport that spoke last; none until a host spoke.
     answers: Option<&'static Outbox>,
     /// When the last packet came, and when the program was last asked for words, microseconds.
@@ -192,7 +119,9 @@ impl Words {
                 let _ = answers.try_send(Packet::new(bytes, length));
                 continue;
             }
-            let Some(message) = with(|control| control.mcu.poll_message()).flatten() else {
+            let mut message = None;
+            with(|control| control.message(&mut message));
+            let Some(message) = message else {
                 self.sending = None;
                 return;
             };
@@ -204,12 +133,13 @@ impl Words {
 }
 
 impl Control {
-    /// One packet, to the line and to the answer.
-    fn packet(&mut self, packet: &[u8], answers: &'static Outbox) {
+    /// One packet of a map, to the line and to the answer.
+    #[inline]
+    pub(crate) fn map_packet(&mut self, packet: &[u8], answers: &'static Outbox) {
         self.answers = Some(answers);
         self.packet_us = now_us();
         let started = DWT::cycle_count();
-        let action = self.mcu.packet(packet, self.packet_us);
+        let action = self.mcu.map_packet(packet, self.packet_us);
         self.act(
             action,
             if action.decided {
@@ -221,17 +151,45 @@ impl Control {
         );
     }
 
-    /// The safety tick; says where to when there is something to say.
+    /// Taxels of the map under way that have not come yet.
+    #[inline]
+    pub(crate) fn taxels_left(&self) -> u16 {
+        self.mcu.taxels_left()
+    }
+
+    /// What came of a packet of a message.
+    #[inline(never)]
+    fn message_packet(&mut self, came: &Came, answers: &'static Outbox) {
+        self.answers = Some(answers);
+        self.packet_us = now_us();
+        match came {
+            Came::Part => self.mcu.fragment(self.packet_us),
+            Came::Whole(request) => self.mcu.request(request, self.packet_us),
+            Came::Refused => self.mcu.malformed_frame(),
+        }
+    }
+
+    /// What there is to say.
+    #[inline(never)]
+    fn message(&mut self, message: &mut Option<Message>) {
+        *message = self.mcu.poll_message();
+    }
+
+    /// The first half of the safety tick.
+    #[inline(never)]
+    fn age(&mut self) {
+        self.mcu.note_line(BusLine.health());
+        self.mcu.age(now_us());
+    }
+
+    /// The second half; says where to when there is something to say.
+    #[inline(never)]
     fn tick(&mut self) -> Option<&'static Outbox> {
         let now_us = now_us();
-        self.mcu.note_line(BusLine.health());
         let started = DWT::cycle_count();
-        let action = self.mcu.tick(now_us);
+        let action = self.mcu.advance(now_us);
         self.act(action, Stage::Tick, started);
         watchdog::tick_made();
-        if let Some(settings) = self.mcu.take_store() {
-            self.store(&settings);
-        }
         let is_quiet = now_us.saturating_sub(self.packet_us) >= QUIET_US;
         let is_late = now_us.saturating_sub(self.words_us) >= WORDS_LATE_US;
         if !action.transmit || !(is_quiet || is_late) {
@@ -241,13 +199,10 @@ impl Control {
         self.answers
     }
 
-    /// Keeps the settings in flash. The processor stands still for up to a second: nothing is in the gripper.
-    fn store(&mut self, settings: &Configuration) {
-        watchdog::be_patient();
-        let written = storage::store(&mut self.flash, settings);
-        watchdog::be_strict();
-        defmt::info!("settings stored: {}", written);
-        self.mcu.stored(written.ok());
+    /// The settings that have to be kept, when they do.
+    #[inline(never)]
+    fn to_store(&mut self, settings: &mut Option<Configuration>) {
+        *settings = self.mcu.take_store();
     }
 
     /// The line first, then the times it took.
@@ -264,6 +219,38 @@ fn now_us() -> u64 {
     Instant::now().as_micros()
 }
 
+/// What a packet of a message was.
+enum Came {
+    Part,
+    Whole(Request),
+    Refused,
+}
+
+/// A packet that did not come the direct way. Messages are put together and read with the path free.
+fn received(messages: &mut MessageParser, packet: &[u8], answers: &'static Outbox) {
+    if Kind::of(packet) != Some(Kind::Message) {
+        // SAFETY: as `with`.
+        without_usb(|| unsafe { of_the_task() }.map(|control| control.map_packet(packet, answers)));
+        return;
+    }
+    let came = match messages.push(packet) {
+        Ok(None) => Came::Part,
+        Ok(Some(message)) => Came::Whole(Request::read(message)),
+        Err(_) => Came::Refused,
+    };
+    with(|control| control.message_packet(&came, answers));
+}
+
+/// Keeps the settings in flash. The processor stands still for up to a second: nothing is in the gripper, and commands
+/// wait until this is done.
+fn store(flash: &mut SettingsSectors, settings: &Configuration) {
+    watchdog::be_patient();
+    let written = storage::store(flash, settings);
+    watchdog::be_strict();
+    defmt::info!("settings stored: {}", written);
+    with(|control| control.mcu.stored(written.ok()));
+}
+
 /// The safety tick every millisecond, and packets that did not come the direct way.
 ///
 /// Deadline: the tick within its millisecond. Budget: half of it. Miss: when ticks stop, the watchdog is not fed and the
@@ -272,21 +259,21 @@ fn now_us() -> u64 {
 pub(crate) async fn control(
     mcu: &'static mut Mcu<Dsp>,
     line: AnalogLine,
-    flash: SettingsSectors,
+    mut flash: SettingsSectors,
     mut uart: BufferedUartRx<'static>,
     mut usb: HostToMcu,
 ) {
     let control = Control {
         mcu,
         line,
-        flash,
         answers: None,
         packet_us: 0,
         words_us: 0,
     };
-    // SAFETY: the USB interrupt does not touch what is not there yet, and this is one word of a flag in the end.
-    cortex_m::interrupt::free(|_| unsafe { *CONTROL.0.get() = Some(control) });
+    // SAFETY: the other user is held off.
+    hold_off(|| unsafe { *CONTROL.0.get() = Some(control) });
     let mut words = Words::default();
+    let mut messages = MessageParser::new();
     let mut frames = CobsDecoder::new();
     let mut tick_at = Instant::now() + TICK;
     let mut from_uart = [0; PACKET_MAX];
@@ -294,28 +281,40 @@ pub(crate) async fn control(
     loop {
         if Instant::now() >= tick_at {
             tick_at += TICK;
+            // In two, so that a packet need not wait for both.
+            with(Control::age);
             if let Some(answers) = with(Control::tick).flatten() {
                 words.send(answers);
             }
+            let mut settings = None;
+            with(|control| control.to_store(&mut settings));
+            if let Some(settings) = settings {
+                store(&mut flash, &settings);
+            }
         }
         // Every part may be dropped half-way: none takes a byte before it is done.
-        match select3(
+        match select4(
             next_transfer(&mut usb, &mut from_usb.0),
             Timer::at(tick_at),
             uart.read(&mut from_uart),
+            usb_interrupt::MESSAGE.wait(),
         )
         .await
         {
-            Either3::First(Ok(length)) => {
+            Either4::First(Ok(length)) => {
                 let packet = from_usb.0.get(..length).unwrap_or_default();
-                with(|control| control.packet(packet, &outbox::USB));
+                received(&mut messages, packet, &outbox::USB);
             }
-            Either3::Third(Ok(length)) => {
+            Either4::Fourth(()) => {
+                if let Some(packet) = usb_interrupt::message() {
+                    received(&mut messages, packet, &outbox::USB);
+                    usb_interrupt::next_packet();
+                }
+            }
+            Either4::Third(Ok(length)) => {
                 for &byte in &from_uart[..length] {
                     match frames.push(byte) {
-                        Some(Frame::Packet(packet)) => {
-                            with(|control| control.packet(packet, &outbox::UART));
-                        }
+                        Some(Frame::Packet(packet)) => received(&mut messages, packet, &outbox::UART),
                         Some(Frame::Malformed) => {
                             with(|control| control.mcu.malformed_frame());
                         }
@@ -325,7 +324,7 @@ pub(crate) async fn control(
             }
             // The tick is made above. The cable went, or noise hit a byte: the program notices by itself that maps
             // stopped or do not decode.
-            Either3::First(Err(_)) | Either3::Second(()) | Either3::Third(Err(_)) => {}
+            Either4::First(Err(_)) | Either4::Second(()) | Either4::Third(Err(_)) => {}
         }
     }
 }

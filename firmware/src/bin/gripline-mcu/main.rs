@@ -1,7 +1,7 @@
 //! Gripline on the silicon: an STM32F4 that turns force maps into the grip-force line.
 //!
 //! Everything that decides is in the library; here are the pins, the clocks, the transports and the order of things.
-//! From most to least urgent (interrupt priority): UART byte (2), map to line and the rest of USB (3), the time driver and
+//! From most to least urgent (interrupt priority): map to line (2), UART byte and the rest of USB (3), the time driver and
 //! the safety tick (4, `control`), the gripper's UART byte (5), then in the gaps of all these the answers to the host, USB
 //! requests, the gripper on the bus and the watchdog. Nothing waits for a host: without one the safety tick and the
 //! watchdog alone run.
@@ -25,15 +25,17 @@ mod hot;
 mod kernel;
 mod line;
 mod outbox;
+mod priority;
 mod reset;
 mod uart;
 mod usb;
 mod usb_driver;
+mod usb_interrupt;
 mod watchdog;
 
 use defmt_rtt as _;
 use embassy_executor::{Executor, InterruptExecutor};
-use embassy_stm32::interrupt::{self, InterruptExt, Priority};
+use embassy_stm32::interrupt::{self, InterruptExt};
 use embassy_time::Instant;
 use gripline_firmware::line::LineCalibration;
 use gripline_firmware::{GripForce, Mcu, Start, storage};
@@ -73,20 +75,13 @@ fn main() -> ! {
     // The watchdog next: a crystal that does not start must not end in silence.
     let watchdog = Watchdog::start();
 
+    priority::set();
     let p = embassy_stm32::init(board::clocks());
     line::route(p.PA4);
     control::start_cycle_counter();
-    // A byte must leave the UART within one byte time (10.9 µs), so its short handler may interrupt everything.
-    interrupt::USART1.set_priority(Priority::P2);
-    // The map-to-line path, which works in this interrupt (`control::MapPackets`).
-    interrupt::OTG_FS.set_priority(Priority::P3);
-    // The safety tick and what wakes it: they lend themselves the program, and hold the path off while they do.
-    interrupt::UART5.set_priority(Priority::P4);
-    interrupt::TIM5.set_priority(Priority::P4);
-    // A byte from the gripper may wait 87 µs, longer than any decision: below them all.
-    interrupt::USART2.set_priority(Priority::P5);
-
     let (uart_in, uart_out) = uart::open(p.USART1, p.PA10, p.PA9);
+    // SAFETY: the handler is there, and does nothing before the first event.
+    unsafe { interrupt::UART4.enable() };
     let (usb_device, usb_in, usb_out) = usb::open(p.USB_OTG_FS, p.PA12, p.PA11);
     let gripper = (settings.line.kind == LineKind::Robotiq2f140)
         .then(|| gripper_bus::open(p.USART2, p.PA3, p.PA2, p.PA1));

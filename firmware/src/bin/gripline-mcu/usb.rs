@@ -5,17 +5,16 @@
 //! sensed (PA9 belongs to the UART), so the pull-up is always on.
 
 use embassy_futures::select::select;
-use embassy_stm32::usb::{self, InterruptHandler};
-use embassy_stm32::{Peri, bind_interrupts, peripherals, uid};
+use embassy_stm32::{Peri, peripherals, uid, usb};
 use embassy_usb::driver::{Driver, Endpoint, EndpointIn};
 use embassy_usb::msos::{self, windows_version};
 use embassy_usb::{Builder, Config, UsbDevice};
 use gripline_protocol::PACKET_MAX;
 use static_cell::StaticCell;
 
-use crate::control::MapPackets;
 use crate::outbox;
 use crate::usb_driver::{self, MendedDriver};
+use crate::usb_interrupt::Interrupts;
 
 /// Test id of the pid.codes register.
 const VENDOR: u16 = 0x1209;
@@ -30,10 +29,6 @@ const WINDOWS_INTERFACE: &str = "{5F1C3A52-8E0B-4B7E-9D61-2A64C7F0B3E9}";
 
 /// Bytes of the memory for packets from the host: control endpoint and bulk endpoint.
 const OUT_BYTES: usize = 2 * PACKET_MAX;
-
-bind_interrupts!(struct Interrupts {
-    OTG_FS => MapPackets, InterruptHandler<peripherals::USB_OTG_FS>;
-});
 
 /// Packets from the host.
 pub(crate) type HostToMcu = <MendedDriver as Driver<'static>>::EndpointOut;

@@ -26,6 +26,8 @@ use embassy_usb::driver::{
 };
 use gripline_protocol::PACKET_MAX;
 
+use crate::priority::hold_off;
+
 type Inner = usb::Driver<'static, USB_OTG_FS>;
 
 /// Endpoints in each direction: the control endpoint and one pair.
@@ -157,14 +159,15 @@ fn look_for(mut seen: impl FnMut() -> bool) {
 
 /// The next data packet of a bulk endpoint has toggle DATA0, here as at the host.
 fn start_with_data0(address: EndpointAddress) {
-    let index = address.index();
+    // Never more (`sort`), which the compiler need not take on trust.
+    let index = address.index().min(ENDPOINTS - 1);
     match address.direction() {
         _ if index == 0 => {}
         Direction::In => REGISTERS
             .diepctl(index)
             .modify(|set| set.set_sd0pid_sevnfrm(true)),
-        // `control` changes the same register at a higher priority.
-        Direction::Out => cortex_m::interrupt::free(|_| {
+        // `usb_interrupt` changes the same register at a higher priority.
+        Direction::Out => hold_off(|| {
             REGISTERS
                 .doepctl(index)
                 .modify(|set| set.set_sd0pid_sevnfrm(true));

@@ -1,236 +1,440 @@
 //! The longest path through a function and all it calls, from the linked image alone: no run, so nothing is left to luck.
 //!
-//! Every block of a loop counts as often as the table below says, whatever else the loop does; then the longest way
-//! through what is left, a graph without loops. Limits: loops and calls without a line in the tables are findings, and a
-//! function with a finding has no bound.
+//! A loop counts as often as [`LOOPS`] says, with its longest way round; loops inside loops likewise. Where an access goes is
+//! known when its address is a constant; other addresses are of data, all of which lies in the core-coupled memory.
+//! Limits: a loop, a panic, a call through a register or a recursion without a line in the tables here is a finding, and
+//! with a finding there is no bound. [`crate::measure`] checks the tables against every run.
 
 use std::collections::{BTreeMap, BTreeSet};
 
 use crate::cycles::{self, Fetch, Memory};
 use crate::image::{Flow, Function, Image, Instruction};
+use crate::source::{Place, Sources};
+use crate::tables::{CALLS, LEFT_OUT, LOOPS, Left};
 
-/// (part of a function's name, how often a block of its loops runs at most, why).
-pub const LOOPS: &[(&str, u32, &str)] = &[
-    (
-        "Control::packet",
-        100,
-        "four bits of a bitmap of 400 a round; the other loops here are shorter",
-    ),
-    ("RunningCrc::update", 16, "words of a packet"),
-    ("map_tail", 15, "words of a packet but its CRC"),
-    ("map_taxels", 16, "words of a packet"),
-    ("map_head", 100, "four bits of a bitmap of 400 a round"),
-    ("add_pairs", 5, "pairs of taxels in a packet"),
-    ("total_shear", 13, "bits of the upper half of a root of 26 bits"),
-    ("SlipDetector::update", 8, "maps of the trend"),
-    ("Mcu<K>::evidence", 2, "fingertips"),
-    ("Mcu<K>::action", 16, "faults"),
-    ("Safety::guard", 16, "faults"),
-    ("divide", 4, "sixteen bits a round"),
-    ("LineCalibration::code", 8, "points of the calibration table"),
-    ("memcpy", 64, "bytes of a packet"),
-    ("memclr", 64, "bytes of a packet"),
-    ("memset", 64, "bytes of a packet"),
-];
-
-/// (part of a function's name, why a map's packet never calls it).
-pub const LEFT_OUT: &[(&str, &str)] = &[
-    ("Message::from_bytes", "messages, not maps"),
-    ("message_fragment", "messages, not maps"),
-    ("Configuration::check", "messages, not maps"),
-    ("update_bytes", "packets of the USB path lie at aligned addresses"),
-    ("Portable", "packets of the USB path lie at aligned addresses"),
-];
+/// A loop of the image.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Loop {
+    /// The first instruction of a round.
+    pub header: u32,
+    /// Its instructions.
+    pub body: BTreeSet<u32>,
+    /// How often the first instruction runs at most.
+    pub rounds: u32,
+    /// The line of the table that bounds it.
+    pub pattern: &'static str,
+    /// The function it lies in, and why it has no more rounds.
+    pub why: String,
+}
 
 /// What the walk came to.
-#[derive(Debug, Default)]
+#[derive(Debug, Default, Clone)]
 pub struct Bound {
     /// Cycles at most.
     pub cycles: u64,
     /// Bytes of stack at most.
     pub stack: u32,
-    /// Whatever stands against the bound, each once.
-    pub findings: BTreeSet<String>,
 }
 
-/// The bound of a function.
-#[must_use]
-pub fn of(image: &Image, function: &Function) -> Bound {
-    let mut walk = Walk {
-        image,
-        known: BTreeMap::new(),
-        under_way: Vec::new(),
-        findings: BTreeSet::new(),
-    };
-    let (cycles, stack) = walk.function(function);
-    Bound {
-        cycles,
-        stack,
-        findings: walk.findings,
-    }
-}
-
-struct Walk<'a> {
+/// Walks over one image.
+#[derive(Debug)]
+pub struct Walk<'a> {
     image: &'a Image,
-    known: BTreeMap<u32, (u64, u32)>,
+    sources: &'a Sources,
+    /// Functions that were walked through.
+    pub known: BTreeMap<u32, Bound>,
     under_way: Vec<u32>,
-    findings: BTreeSet<String>,
+    left_out: Left,
+    /// Loops that the walks met, by their first instruction.
+    pub loops: BTreeMap<u32, Loop>,
+    /// The memory that an instruction's access was priced with.
+    pub memories: BTreeMap<u32, Memory>,
+    /// Whatever stands against the bounds, each once.
+    pub findings: BTreeSet<String>,
+    /// Functions left out and why, each once.
+    pub left: BTreeSet<String>,
 }
 
-impl Walk<'_> {
-    fn function(&mut self, function: &Function) -> (u64, u32) {
+/// A stretch of code with the path held off.
+#[derive(Debug, Clone)]
+pub struct Stretch {
+    /// Where, and what it calls.
+    pub name: String,
+    /// Cycles at most.
+    pub cycles: u64,
+}
+
+type Graph = BTreeMap<u32, Vec<u32>>;
+
+impl<'a> Walk<'a> {
+    /// Of a path that never comes to what `left_out` names.
+    #[must_use]
+    pub fn new(image: &'a Image, sources: &'a Sources, left_out: Left) -> Self {
+        Self {
+            image,
+            sources,
+            known: BTreeMap::new(),
+            under_way: Vec::new(),
+            left_out,
+            loops: BTreeMap::new(),
+            memories: BTreeMap::new(),
+            findings: BTreeSet::new(),
+            left: BTreeSet::new(),
+        }
+    }
+
+    /// The bound of a function.
+    pub fn function(&mut self, function: &Function) -> Bound {
         if let Some(known) = self.known.get(&function.start) {
-            return *known;
+            return known.clone();
         }
-        if LEFT_OUT.iter().any(|(name, _)| function.name.contains(name)) {
-            return (0, 0);
+        if let Some((name, _, why)) = LEFT_OUT.iter().find(|(name, left, _)| {
+            (*left == self.left_out || *left == Left::Always) && function.name.contains(name)
+        }) {
+            self.left.insert(format!("{name}: {why}"));
+            return Bound::default();
         }
-        if function.name.contains("panic") || function.name.contains("_fail") {
-            self.findings.insert(format!("reachable: {}", function.name));
-            return (0, 0);
+        if ["panic", "_fail", "unwrap_failed", "expect_failed"]
+            .iter()
+            .any(|part| function.name.contains(part))
+        {
+            let from = self.under_way.iter().rev().take(2);
+            let from: Vec<&str> = from.map(|at| self.image.functions[at].name.as_str()).collect();
+            self.findings
+                .insert(format!("panic reachable: {} from {from:?}", function.name));
+            return Bound::default();
         }
         if self.under_way.contains(&function.start) {
             self.findings.insert(format!("recursion: {}", function.name));
-            return (0, 0);
+            return Bound::default();
         }
         self.under_way.push(function.start);
-        let answer = self.paths(function);
+        let body = self.body(function);
+        let (longest, stack) = self.paths(function, &body, function.start, |_| false);
+        let own_stack: i32 = body.values().map(|one| one.stack.max(0)).sum();
         self.under_way.pop();
-        self.known.insert(function.start, answer);
-        answer
+        let bound = Bound {
+            cycles: longest,
+            stack: own_stack as u32 + stack,
+        };
+        self.known.insert(function.start, bound.clone());
+        bound
     }
 
-    fn callee(&mut self, address: u32) -> (u64, u32) {
-        match self.image.function_at(address).cloned() {
-            Some(function) => self.function(&function),
-            None => {
-                self.findings
-                    .insert(format!("call to {address:#x}, which is no function"));
-                (0, 0)
+    /// Every stretch of the image in which the path is held off: by its priority, or by the mask of all interrupts.
+    pub fn held_off(&mut self, priority: u32) -> Vec<Stretch> {
+        let functions: Vec<Function> = self.image.functions.values().cloned().collect();
+        let mut stretches = Vec::new();
+        for function in &functions {
+            let body = self.body(function);
+            for one in body.values() {
+                let is_masked = one.text.starts_with("cpsid");
+                let is_raised =
+                    one.text.starts_with("msr basepri_max") && self.raised_to(&body, one) <= priority;
+                if !(is_masked || is_raised) {
+                    continue;
+                }
+                self.under_way.push(function.start);
+                let (cycles, _) = self.paths(function, &body, one.next(), |other| {
+                    if is_masked {
+                        other.text.starts_with("cpsie") || other.text.starts_with("msr primask")
+                    } else {
+                        other.text.starts_with("msr basepri,")
+                    }
+                });
+                self.under_way.pop();
+                let calls: BTreeSet<&str> = body
+                    .values()
+                    .skip_while(|other| other.address < one.address)
+                    .take_while(|other| !other.text.starts_with("msr basepri,"))
+                    .filter_map(|other| match other.flow {
+                        Flow::Call(target) | Flow::Jump(target) => self.image.function_at(target),
+                        _ => None,
+                    })
+                    .filter(|callee| callee.start != function.start)
+                    .map(|callee| short(callee.name.trim_start_matches("Thunk of ")))
+                    .collect();
+                stretches.push(Stretch {
+                    name: format!("{} {calls:?} at {:#x}", function.name, one.address),
+                    cycles,
+                });
             }
         }
+        stretches.sort_by_key(|stretch| std::cmp::Reverse(stretch.cycles));
+        stretches
     }
 
-    /// Cost, successors and stack of every instruction, then the longest way.
-    fn paths(&mut self, function: &Function) -> (u64, u32) {
-        let body: Vec<Instruction> = self
-            .image
+    /// The priority that an instruction raises the running code to: the constant last put into its register.
+    fn raised_to(&mut self, body: &BTreeMap<u32, Instruction>, at: &Instruction) -> u32 {
+        let register = at.text.rsplit(' ').next().unwrap_or_default();
+        let constant = body
+            .range(..at.address)
+            .rev()
+            .map(|(_, one)| one)
+            .find(|one| one.text.contains(&format!(" {register},")))
+            .and_then(|one| one.constant);
+        constant.map_or(0, |(_, value, _)| value)
+    }
+
+    fn body(&self, function: &Function) -> BTreeMap<u32, Instruction> {
+        self.image
             .instructions
             .range(function.start..function.end)
-            .map(|(_, instruction)| instruction.clone())
-            .collect();
-        let own_stack: i32 = body.iter().map(|one| one.stack.max(0)).sum();
-        let memory = self.memory_of(&body);
-        let mut cost = BTreeMap::new();
-        let mut next: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
-        let mut deepest = 0;
-        for one in &body {
-            // Any instruction may be the first after a branch: fetched anew, and a taken branch refills.
-            let mut fetch = Fetch::default();
-            let is_branch = !matches!(one.flow, Flow::Next | Flow::Trap);
-            let data = match one.data.literal {
-                Some(address) => Memory::of(address),
-                None if one.data.is_stack => Memory::Sram,
-                None => memory,
+            .map(|(at, instruction)| (*at, instruction.clone()))
+            .collect()
+    }
+
+    fn callee(&mut self, address: u32) -> Bound {
+        match self.image.function_at(address).cloned() {
+            Some(function) if function.start == address => self.function(&function),
+            _ => {
+                self.findings
+                    .insert(format!("call to {address:#x}, where no function begins"));
+                Bound::default()
+            }
+        }
+    }
+
+    /// Cost and successors of every instruction, then the longest way from `start`; and the deepest stack of a callee.
+    fn paths(
+        &mut self,
+        function: &Function,
+        body: &BTreeMap<u32, Instruction>,
+        start: u32,
+        is_end: impl Fn(&Instruction) -> bool,
+    ) -> (u64, u32) {
+        let mut next = Graph::new();
+        let mut leaving: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
+        // What can be reached.
+        let mut work = vec![start];
+        while let Some(at) = work.pop() {
+            if next.contains_key(&at) {
+                continue;
+            }
+            let Some(one) = body.get(&at) else {
+                self.findings
+                    .insert(format!("code that does not decode at {at:#x}"));
+                continue;
             };
-            let mut cycles = u64::from(cycles::core(one, is_branch) + cycles::data(one, data));
-            let is_entry = Memory::of(one.address) == Memory::Flash || is_branch;
-            if is_entry {
-                cycles += u64::from(fetch.cost(one));
-            }
-            let inside = |address: u32| (function.start..function.end).contains(&address);
-            let mut targets = Vec::new();
-            match one.flow {
-                Flow::Next => targets.push(one.next()),
-                Flow::Branch(target) => {
-                    targets.push(one.next());
-                    targets.push(target);
-                }
-                Flow::Jump(target) => targets.push(target),
-                Flow::Call(target) => {
-                    let (more, stack) = self.callee(target);
-                    cycles += more;
-                    deepest = deepest.max(stack);
-                    targets.push(one.next());
-                }
-                Flow::CallRegister => {
-                    self.findings.insert(format!(
-                        "call through a register in {} at {:#x}",
-                        function.name, one.address
-                    ));
-                    targets.push(one.next());
-                }
-                Flow::Table => match self.table(one) {
-                    Some(found) => targets = found,
-                    None => drop(self.findings.insert(format!("jump table in {}", function.name))),
-                },
-                Flow::JumpRegister if function.name.contains("Thunk") => match self.thunk(&body) {
-                    Some(target) => {
-                        let (more, stack) = self.callee(target);
-                        cycles += more;
-                        deepest = deepest.max(stack);
-                    }
-                    None => drop(self.findings.insert(format!("thunk {}", function.name))),
-                },
-                Flow::JumpRegister => {
-                    self.findings
-                        .insert(format!("jump through a register in {}", function.name));
-                }
-                Flow::Return if one.is_conditional => targets.push(one.next()),
-                Flow::Return | Flow::Trap => {}
-            }
-            // A jump out of the function is a call that does not come back.
-            for outside in targets.iter().copied().filter(|target| !inside(*target)) {
-                let (more, stack) = self.callee(outside);
-                cycles += more;
-                deepest = deepest.max(stack);
-            }
-            targets.retain(|target| inside(*target));
-            cost.insert(one.address, cycles);
-            next.insert(one.address, targets);
+            let mut targets = if is_end(one) {
+                Vec::new()
+            } else {
+                self.successors(function, body, one)
+            };
+            let (inside, outside): (Vec<u32>, Vec<u32>) = targets
+                .drain(..)
+                .partition(|target| (function.start..function.end).contains(target));
+            work.extend(&inside);
+            leaving.insert(at, outside);
+            next.insert(at, inside);
         }
-        let longest = self.longest(function, &cost, &next);
-        (longest, own_stack as u32 + deepest)
+        let constants = self.constants(function, body, start, &next);
+        let mut cost = BTreeMap::new();
+        let mut deepest = 0;
+        for at in next.keys() {
+            let one = &body[at];
+            let mut cycles = self.price(one, constants.get(at));
+            if !is_end(one) {
+                let mut callees: Vec<u32> = leaving[at].clone();
+                match one.flow {
+                    Flow::Call(target) => callees.push(target),
+                    Flow::CallRegister => callees.extend(self.resolve(function, one)),
+                    _ => {}
+                }
+                let mut most = 0;
+                for callee in callees {
+                    let bound = self.callee(callee);
+                    most = most.max(bound.cycles);
+                    deepest = deepest.max(bound.stack);
+                }
+                cycles += most;
+            }
+            cost.insert(*at, cycles);
+        }
+        let nodes: BTreeSet<u32> = next.keys().copied().collect();
+        (self.longest(function, start, &nodes, &next, &cost), deepest)
     }
 
-    /// The slowest memory that constants of this function point into; its loads and stores count as going there.
-    fn memory_of(&self, body: &[Instruction]) -> Memory {
-        let mut registers: BTreeMap<u16, u32> = BTreeMap::new();
-        let mut slowest = Memory::Sram;
-        let mut saw = |value: u32| {
-            let memory = Memory::of(value);
-            // Small numbers are no addresses, and constants in flash were copied to SRAM with the code.
-            if value >= 0x4000_0000 && memory != Memory::Core && value < 0x6000_0000 {
-                slowest = slowest.max(memory);
+    /// What an instruction may lead to; addresses outside of the function are calls that do not come back.
+    fn successors(
+        &mut self,
+        function: &Function,
+        body: &BTreeMap<u32, Instruction>,
+        one: &Instruction,
+    ) -> Vec<u32> {
+        match one.flow {
+            Flow::Next | Flow::Call(_) | Flow::CallRegister => {
+                let is_noreturn = matches!(one.flow, Flow::Call(target) if self.is_noreturn(target));
+                if is_noreturn { Vec::new() } else { vec![one.next()] }
             }
+            Flow::Branch(target) => vec![one.next(), target],
+            Flow::Jump(target) => vec![target],
+            Flow::Table => self.table(one).unwrap_or_else(|| {
+                self.findings.insert(format!("jump table in {}", function.name));
+                Vec::new()
+            }),
+            Flow::JumpRegister if function.name.contains("Thunk") => match thunk(body) {
+                Some(target) => vec![target],
+                None => {
+                    self.findings.insert(format!("thunk {}", function.name));
+                    Vec::new()
+                }
+            },
+            Flow::JumpRegister => self.resolve(function, one),
+            Flow::Return if one.is_conditional => vec![one.next()],
+            Flow::Return | Flow::Trap => Vec::new(),
+        }
+    }
+
+    fn is_noreturn(&self, target: u32) -> bool {
+        self.image
+            .function_at(target)
+            .is_some_and(|callee| callee.name.contains("panic") || callee.name.contains("_fail"))
+    }
+
+    /// Where a call through a register leads, when a table says.
+    fn resolve(&mut self, function: &Function, one: &Instruction) -> Vec<u32> {
+        let places = self.sources.places(one.address);
+        let found = CALLS.iter().find(|(part, _, _)| {
+            function.name.contains(part) || places.iter().any(|place| place.function.contains(part))
+        });
+        let Some((_, targets, why)) = found else {
+            self.findings.insert(format!(
+                "call through a register in {} at {:#x} ({})",
+                function.name,
+                one.address,
+                places
+                    .first()
+                    .map(|place| place.text.as_str())
+                    .unwrap_or_default(),
+            ));
+            return Vec::new();
         };
-        for one in body {
-            if let Some((register, value, is_upper)) = one.constant {
-                let whole = if is_upper {
-                    registers.get(&register).copied().unwrap_or_default() & 0xFFFF | value << 16
-                } else {
-                    value
-                };
-                registers.insert(register, whole);
-                saw(whole);
-            }
-            if let Some(word) = one.data.literal.and_then(|at| self.image.word(at)) {
-                saw(word);
-            }
+        self.left
+            .insert(format!("{}: calls {targets:?}, {why}", short(&function.name)));
+        let addresses: Vec<u32> = targets
+            .iter()
+            .flat_map(|target| self.image.functions_named(target))
+            .map(|callee| callee.start)
+            .collect();
+        if addresses.is_empty() {
+            self.findings.insert(format!(
+                "{targets:?}, which {} calls, is not in the image",
+                function.name
+            ));
         }
-        slowest
+        addresses
     }
 
-    fn thunk(&self, body: &[Instruction]) -> Option<u32> {
-        let mut whole = 0;
-        for one in body {
-            match one.constant {
-                Some((_, value, true)) => whole = whole & 0xFFFF | value << 16,
-                Some((_, value, false)) => whole = value,
-                None => {}
+    /// Cycles of one instruction, calls not counted.
+    fn price(&mut self, one: &Instruction, constants: Option<&Constants>) -> u64 {
+        // Any instruction may be the first after a branch: fetched anew, and a taken branch refills.
+        let mut fetch = Fetch::default();
+        let is_branch = !matches!(one.flow, Flow::Next | Flow::Trap);
+        let based = constants.and_then(|known| {
+            let (base, offset) = one.base?;
+            known.get(&base).map(|value| value.memory(offset))
+        });
+        let memory = match one.data.literal {
+            Some(address) => Memory::of(address),
+            None => based.unwrap_or(Memory::Coupled),
+        };
+        if one.data.transfers > 0 {
+            let known = self.memories.entry(one.address).or_insert(memory);
+            *known = (*known).max(memory);
+        }
+        let mut cycles = u64::from(cycles::core(one, is_branch) + cycles::data(one, memory));
+        if Memory::of(one.address) == Memory::Flash || is_branch {
+            cycles += u64::from(fetch.cost(one));
+        }
+        cycles
+    }
+
+    /// Constants in registers before every instruction, over all ways that lead there.
+    fn constants(
+        &self,
+        function: &Function,
+        body: &BTreeMap<u32, Instruction>,
+        start: u32,
+        next: &Graph,
+    ) -> BTreeMap<u32, Constants> {
+        let mut before: BTreeMap<u32, Constants> = BTreeMap::from([(start, Constants::new())]);
+        // A stretch inside a function begins with what the whole function knows there.
+        if start != function.start {
+            let mut whole = Graph::new();
+            for one in body.values() {
+                let mut targets: Vec<u32> = match one.flow {
+                    Flow::Branch(target) => vec![one.next(), target],
+                    Flow::Jump(target) => vec![target],
+                    Flow::Return | Flow::Trap | Flow::JumpRegister if !one.is_conditional => Vec::new(),
+                    Flow::Table => self.table(one).unwrap_or_default(),
+                    _ => vec![one.next()],
+                };
+                targets.retain(|target| body.contains_key(target));
+                whole.insert(one.address, targets);
+            }
+            let known = self.constants(function, body, function.start, &whole);
+            before.insert(start, known.get(&start).cloned().unwrap_or_default());
+        }
+        let mut work = vec![start];
+        while let Some(at) = work.pop() {
+            let Some(one) = body.get(&at) else { continue };
+            let mut after = before[&at].clone();
+            self.step(one, &mut after);
+            for target in next.get(&at).into_iter().flatten() {
+                let merged = match before.get(target) {
+                    None => after.clone(),
+                    Some(known) => known
+                        .iter()
+                        .filter_map(|(register, value)| {
+                            let other = after.get(register)?;
+                            let merged = if other == value {
+                                *value
+                            } else {
+                                Value::In(value.memory(0).max(other.memory(0)))
+                            };
+                            Some((*register, merged))
+                        })
+                        .collect(),
+                };
+                if before.get(target) != Some(&merged) {
+                    before.insert(*target, merged);
+                    work.push(*target);
+                }
             }
         }
-        (whole != 0).then_some(whole & !1)
+        before
+    }
+
+    fn step(&self, one: &Instruction, known: &mut Constants) {
+        let value = match (one.constant, one.offset, one.data.literal) {
+            (Some((register, value, true)), _, _) => known.get(&register).map(|low| {
+                let Value::Exact(low) = *low else {
+                    return (register, *low);
+                };
+                (register, Value::Exact(low & 0xFFFF | value << 16))
+            }),
+            (Some((register, value, false)), _, _) => Some((register, Value::Exact(value))),
+            (None, Some((to, from, value)), _) => known.get(&from).map(|base| match *base {
+                Value::Exact(base) => (to, Value::Exact(base.wrapping_add(value))),
+                Value::In(memory) => (to, Value::In(memory)),
+            }),
+            (None, None, Some(address)) => {
+                let register = one.writes.first().copied();
+                register.zip(self.image.word(address).map(Value::Exact))
+            }
+            _ => None,
+        };
+        for register in &one.writes {
+            known.remove(register);
+        }
+        if matches!(one.flow, Flow::Call(_) | Flow::CallRegister) {
+            // The callee keeps r4 to r11 for its caller.
+            known.retain(|register, _| self.image.kept_by_callees.contains(register));
+        }
+        if let Some((register, value)) = value.filter(|_| !one.is_conditional) {
+            known.insert(register, value);
+        }
     }
 
     /// Where a table of offsets leads: as many entries as lead into the code behind it.
@@ -245,6 +449,9 @@ impl Walk<'_> {
                 _ => return None,
             };
             let target = base + 2 * offset;
+            if target <= at {
+                break; // padding
+            }
             first = first.min(target);
             targets.push(target);
             at += width;
@@ -252,37 +459,31 @@ impl Walk<'_> {
         Some(targets)
     }
 
-    /// The longest way from the start, the blocks of loops as often as they may run.
+    /// The longest way from `start` to anywhere in `nodes`, loops as often as they may run.
     fn longest(
         &mut self,
         function: &Function,
+        start: u32,
+        nodes: &BTreeSet<u32>,
+        next: &Graph,
         cost: &BTreeMap<u32, u64>,
-        next: &BTreeMap<u32, Vec<u32>>,
     ) -> u64 {
-        let groups = groups(function.start, next);
+        let groups = groups(start, next);
         let mut group_of = BTreeMap::new();
         for (number, group) in groups.iter().enumerate() {
             for address in group {
                 group_of.insert(*address, number);
             }
         }
+        // The groups come successors first, as Tarjan's algorithm finds them.
         let mut longest = vec![0_u64; groups.len()];
-        // The groups come callees first, as Tarjan's algorithm finds them.
         for (number, group) in groups.iter().enumerate() {
-            let is_loop = group.len() > 1 || group.iter().any(|at| next[at].contains(at));
-            let mut own: u64 = group
-                .iter()
-                .map(|at| cost.get(at).copied().unwrap_or_default())
-                .sum();
-            if is_loop {
-                match LOOPS.iter().find(|(name, _, _)| function.name.contains(name)) {
-                    Some((_, rounds, _)) => own *= u64::from(*rounds),
-                    None => drop(
-                        self.findings
-                            .insert(format!("loop without a bound in {}", function.name)),
-                    ),
-                }
-            }
+            let is_loop = group.len() > 1 || next[&group[0]].contains(&group[0]);
+            let own = if is_loop {
+                self.round(function, start, group, nodes, next, cost)
+            } else {
+                cost[&group[0]]
+            };
             let behind = group
                 .iter()
                 .flat_map(|at| &next[at])
@@ -292,12 +493,147 @@ impl Walk<'_> {
                 .max();
             longest[number] = own + behind.unwrap_or_default();
         }
-        group_of.get(&function.start).map_or(0, |number| longest[*number])
+        group_of.get(&start).map_or(0, |number| longest[*number])
+    }
+
+    /// All rounds of a loop.
+    fn round(
+        &mut self,
+        function: &Function,
+        start: u32,
+        group: &[u32],
+        nodes: &BTreeSet<u32>,
+        next: &Graph,
+        cost: &BTreeMap<u32, u64>,
+    ) -> u64 {
+        let body: BTreeSet<u32> = group.iter().copied().collect();
+        let mut headers: BTreeSet<u32> = nodes
+            .difference(&body)
+            .flat_map(|at| &next[at])
+            .filter(|target| body.contains(target))
+            .copied()
+            .collect();
+        if body.contains(&start) {
+            headers.insert(start);
+        }
+        let Some(&header) = headers.first() else { return 0 };
+        // One round: the loop without its ways back.
+        let mut inner = Graph::new();
+        for at in &body {
+            let targets = next[at].iter().copied();
+            inner.insert(
+                *at,
+                targets
+                    .filter(|target| body.contains(target) && *target != header)
+                    .collect(),
+            );
+        }
+        if headers.len() > 1 {
+            self.findings.insert(format!(
+                "loop with two entries in {} at {header:#x}",
+                function.name
+            ));
+        }
+        let way = self.longest(function, header, &body, &inner, cost);
+        // Its own instructions, those of loops inside not counted.
+        let inside: BTreeSet<u32> = groups(header, &inner)
+            .into_iter()
+            .filter(|group| group.len() > 1 || inner[&group[0]].contains(&group[0]))
+            .flatten()
+            .collect();
+        let mut texts: BTreeSet<String> = BTreeSet::new();
+        let mut own: Vec<(u32, Vec<Place>)> = Vec::new();
+        for at in body.difference(&inside) {
+            let places = self.sources.places(*at);
+            for place in places.iter().filter(|place| !place.file.contains("/library/")) {
+                texts.insert(place.text.clone());
+            }
+            own.push((*at, places));
+        }
+        let fits = |pattern: &str| {
+            own.iter().any(|(at, places)| match pattern.split_once(" @ ") {
+                Some((name, instruction)) => {
+                    function.name.contains(name) && self.image.instructions[at].text.starts_with(instruction)
+                }
+                None => places.iter().any(|place| place.text.contains(pattern)),
+            })
+        };
+        let found =
+            LOOPS
+                .iter()
+                .find(|(pattern, ..)| fits(pattern))
+                .map(|(pattern, rounds, of_tail, why)| {
+                    let rounds = if self.left_out == Left::Tail {
+                        *of_tail
+                    } else {
+                        *rounds
+                    };
+                    (rounds, *pattern, *why)
+                });
+        let Some((rounds, pattern, why)) = found else {
+            self.findings.insert(format!(
+                "loop without a bound in {} at {header:#x}: {texts:?}",
+                function.name
+            ));
+            return way;
+        };
+        self.loops.insert(
+            header,
+            Loop {
+                header,
+                body,
+                rounds,
+                pattern,
+                why: format!("{}: {why}", short(&function.name)),
+            },
+        );
+        way * u64::from(rounds)
     }
 }
 
+type Constants = BTreeMap<u16, Value>;
+
+/// What is known of a register.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Value {
+    /// This.
+    Exact(u32),
+    /// An address in this memory, or in a faster one.
+    In(Memory),
+}
+
+impl Value {
+    fn memory(self, offset: u32) -> Memory {
+        match self {
+            Self::Exact(base) => Memory::of(base.wrapping_add(offset)),
+            Self::In(memory) => memory,
+        }
+    }
+}
+
+fn thunk(body: &BTreeMap<u32, Instruction>) -> Option<u32> {
+    let mut whole = 0;
+    for one in body.values() {
+        match one.constant {
+            Some((_, value, true)) => whole = whole & 0xFFFF | value << 16,
+            Some((_, value, false)) => whole = value,
+            None => {}
+        }
+    }
+    (whole != 0).then_some(whole & !1)
+}
+
+/// The last two parts of a name.
+#[must_use]
+pub fn short(name: &str) -> &str {
+    let end = name
+        .rfind("::")
+        .map_or(0, |end| name[..end].rfind("::").map_or(0, |at| at + 2));
+    &name[end..]
+}
+
 /// Strongly connected groups of what can be reached from `start`, successors before predecessors (Tarjan).
-fn groups(start: u32, next: &BTreeMap<u32, Vec<u32>>) -> Vec<Vec<u32>> {
+fn groups(start: u32, next: &Graph) -> Vec<Vec<u32>> {
     let (mut index, mut low): (BTreeMap<u32, usize>, BTreeMap<u32, usize>) = Default::default();
     let (mut stack, mut on_stack): (Vec<u32>, BTreeSet<u32>) = Default::default();
     let mut found = Vec::new();

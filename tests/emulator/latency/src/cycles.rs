@@ -33,7 +33,9 @@ const BARRIER: u32 = 4 + APB1;
 /// Which memory an address belongs to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Memory {
-    /// SRAM.
+    /// Core-coupled memory, on a bus of its own.
+    Coupled,
+    /// SRAM, on the system bus.
     Sram,
     /// The core's own peripherals.
     Core,
@@ -52,6 +54,7 @@ impl Memory {
     #[must_use]
     pub fn of(address: u32) -> Self {
         match address {
+            0x1000_0000..0x1001_0000 => Self::Coupled,
             0x2000_0000..0x4000_0000 => Self::Sram,
             0x4000_0000..0x4001_0000 => Self::Apb1,
             0x4001_0000..0x4002_0000 => Self::Apb2,
@@ -65,7 +68,7 @@ impl Memory {
     #[must_use]
     pub fn wait(self) -> u32 {
         match self {
-            Self::Sram => 0,
+            Self::Coupled | Self::Sram => 0,
             Self::Core => CORE_PERIPHERAL,
             Self::Ahb => AHB,
             Self::Flash => FLASH,
@@ -128,7 +131,8 @@ pub fn data(instruction: &Instruction, memory: Memory) -> u32 {
     } else {
         0
     };
-    let contention = if Memory::of(instruction.address) == Memory::Sram {
+    let is_shared = !matches!(memory, Memory::Coupled | Memory::Flash);
+    let contention = if is_shared && Memory::of(instruction.address) == Memory::Sram {
         moved * SYSTEM_BUS
     } else {
         0

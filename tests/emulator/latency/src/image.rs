@@ -2,14 +2,25 @@
 //!
 //! Limits: Thumb code with mapping symbols (`$t`, `$d`), as the linker leaves them; 32-bit little-endian ELF.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
-use capstone::arch::arm::{ArchExtraMode, ArchMode, ArmOperandType};
+use capstone::arch::arm::{ArchExtraMode, ArchMode, ArmOperandType, ArmReg};
 use capstone::prelude::*;
 use capstone::{Insn, InsnDetail};
 use object::{Object as _, ObjectSection as _, ObjectSymbol as _, SectionFlags, SymbolKind};
 
 use crate::Error;
+
+const KEPT: [u32; 8] = [
+    ArmReg::ARM_REG_R4,
+    ArmReg::ARM_REG_R5,
+    ArmReg::ARM_REG_R6,
+    ArmReg::ARM_REG_R7,
+    ArmReg::ARM_REG_R8,
+    ArmReg::ARM_REG_R9,
+    ArmReg::ARM_REG_R10,
+    ArmReg::ARM_REG_R11,
+];
 
 /// Registers that the loops of this program look at.
 const SP: &str = "sp";
@@ -69,6 +80,12 @@ pub struct Instruction {
     pub stack: i32,
     /// A constant that it puts into a register: (register, value, whether it is the upper half).
     pub constant: Option<(u16, u32, bool)>,
+    /// A constant that it adds to a register: (to, from, value).
+    pub offset: Option<(u16, u16, u32)>,
+    /// The register that its memory operand starts from, and what it adds to it.
+    pub base: Option<(u16, u32)>,
+    /// Registers that it changes.
+    pub writes: Vec<u16>,
 }
 
 impl Instruction {
@@ -103,6 +120,8 @@ pub struct Image {
     pub flash_bytes: u32,
     /// RAM laid out before the stack, in bytes.
     pub ram_bytes: u32,
+    /// Registers that a function leaves as they were (AAPCS: r4 to r11, sp).
+    pub kept_by_callees: BTreeSet<u16>,
 }
 
 impl Image {
@@ -118,6 +137,7 @@ impl Image {
             sections: Vec::new(),
             flash_bytes: 0,
             ram_bytes: 0,
+            kept_by_callees: KEPT.into_iter().map(|register| register as u16).collect(),
         };
         for section in file.sections() {
             let SectionFlags::Elf { sh_flags } = section.flags() else {
@@ -127,7 +147,7 @@ impl Image {
                 continue;
             }
             let data = section.data().unwrap_or_default();
-            let is_ram = section.address() >= 0x2000_0000;
+            let is_ram = !(0x0800_0000..0x1000_0000).contains(&section.address());
             let size = section.size() as u32;
             // What is in RAM with a content is copied there from flash.
             if is_ram {
@@ -148,7 +168,11 @@ impl Image {
                 Some("$d") => drop(marks.insert(address, false)),
                 _ if symbol.kind() == SymbolKind::Text && symbol.size() > 0 => {
                     let start = address & !1;
-                    let name = format!("{:#}", rustc_demangle::demangle(name));
+                    // The linker's way to a callee that a branch does not reach.
+                    let name = match name.strip_prefix("__Thumbv7ABSLongThunk_") {
+                        Some(callee) => format!("Thunk of {:#}", rustc_demangle::demangle(callee)),
+                        None => format!("{:#}", rustc_demangle::demangle(name)),
+                    };
                     let end = start + symbol.size() as u32;
                     image.functions.insert(start, Function { start, end, name });
                 }
@@ -250,7 +274,11 @@ impl Image {
 fn instruction(found: &Insn, detail: &InsnDetail, name: String, size: u32, in_block: bool) -> Instruction {
     let arch = detail.arch_detail();
     let arm = arch.arm().expect("an ARM decoder");
-    let operands: Vec<ArmOperandType> = arm.operands().map(|operand| operand.op_type).collect();
+    let listed_operands: Vec<_> = arm.operands().collect();
+    let operands: Vec<ArmOperandType> = listed_operands
+        .iter()
+        .map(|operand| operand.op_type.clone())
+        .collect();
     let address = found.address() as u32;
     let immediate = operands.iter().find_map(|operand| match operand {
         ArmOperandType::Imm(value) => Some(*value as u32),
@@ -344,8 +372,53 @@ fn instruction(found: &Insn, detail: &InsnDetail, name: String, size: u32, in_bl
         ArmOperandType::Reg(register) => Some(register.0),
         _ => None,
     });
+    let registers: Vec<u16> = operands
+        .iter()
+        .filter_map(|operand| match operand {
+            ArmOperandType::Reg(register) => Some(register.0),
+            _ => None,
+        })
+        .collect();
+    // Of a memory operand, or the first of those that move several words.
+    let base = operands
+        .iter()
+        .find_map(|operand| match operand {
+            ArmOperandType::Mem(memory) => Some((memory.base().0, memory.disp() as u32)),
+            _ => None,
+        })
+        .or_else(|| {
+            let moves_several = name.starts_with("ldm") || name.starts_with("stm");
+            registers
+                .first()
+                .filter(|_| moves_several)
+                .map(|register| (*register, 0))
+        });
+    let mut writes: Vec<u16> = listed_operands
+        .iter()
+        .filter_map(|operand| match (&operand.op_type, operand.access) {
+            (ArmOperandType::Reg(register), Some(access)) if !access.is_writable() => {
+                let _ = register;
+                None
+            }
+            (ArmOperandType::Reg(register), _) => Some(register.0),
+            _ => None,
+        })
+        .collect();
+    // Written back to, or a call, behind which no register is what it was.
+    if arguments.contains('!') || arguments.contains("],") {
+        writes.extend(base.map(|(register, _)| register));
+    }
+    let offset = match (name.as_str(), registers.as_slice(), immediate) {
+        ("add" | "adds" | "addw", [to], Some(value)) => Some((*to, *to, value)),
+        ("add" | "adds" | "addw", [to, from], Some(value)) => Some((*to, *from, value)),
+        ("sub" | "subs" | "subw", [to], Some(value)) => Some((*to, *to, value.wrapping_neg())),
+        ("sub" | "subs" | "subw", [to, from], Some(value)) => Some((*to, *from, value.wrapping_neg())),
+        ("mov", [to, from], None) => Some((*to, *from, 0)),
+        _ => None,
+    };
     let constant = match (name.as_str(), register, immediate) {
         ("mov" | "movs" | "movw", Some(register), Some(value)) => Some((register, value, false)),
+        ("mvn" | "mvns", Some(register), Some(value)) => Some((register, !value, false)),
         ("movt", Some(register), Some(value)) => Some((register, value, true)),
         _ => None,
     };
@@ -363,5 +436,8 @@ fn instruction(found: &Insn, detail: &InsnDetail, name: String, size: u32, in_bl
         },
         stack,
         constant,
+        offset,
+        base,
+        writes,
     }
 }

@@ -6,6 +6,11 @@ pub mod bound;
 pub mod cycles;
 pub mod image;
 pub mod measure;
+pub mod report;
+pub mod snapshot;
+pub mod source;
+pub mod tables;
+pub mod twin;
 pub mod walk;
 
 /// Why a figure cannot be had.

@@ -107,7 +107,7 @@ impl<'a> Walk<'a> {
         }
         let mut cycles = self.fetch.cost(instruction);
         let memory = access.map_or_else(
-            || instruction.data.literal.map_or(Memory::Sram, Memory::of),
+            || instruction.data.literal.map_or(Memory::Coupled, Memory::of),
             Memory::of,
         );
         cycles += cycles::data(instruction, memory);

@@ -1,0 +1,382 @@
+//! Everything that `cargo xtask latency` prints, and what of it the design bounds.
+
+use std::fmt::Write as _;
+use std::path::Path;
+
+use gripline_protocol::Health;
+use gripline_protocol::message::{Command, Configuration};
+
+use crate::bound::{Stretch, Walk};
+use crate::cycles::ENTRY;
+use crate::image::Image;
+use crate::measure::{Bench, DOUBTFUL, Way, When, map_of};
+use crate::source::Sources;
+use crate::tables::{KERNEL, LEFT_OUT, LOOPS, Left, RELEASED};
+use crate::{Error, twin};
+
+/// Cycles from a map's last packet to the line (DESIGN.md: 25 µs at 168 MHz).
+const PATH_CYCLES: u64 = 4_200;
+/// Instructions for a dense map, and for a taxel of it.
+const DENSE_INSTRUCTIONS: u64 = 10_000;
+const TAXEL_INSTRUCTIONS: f64 = 24.0;
+/// Bytes of flash and of RAM.
+const FLASH_BYTES: u32 = 64 * 1024;
+const RAM_BYTES: u32 = 24 * 1024;
+/// The priority of the path's interrupt as the masks count it (`priority::PATH`).
+const PATH_PRIORITY: u32 = 2 << 4;
+/// Bytes that an exception puts on the stack, floating-point registers and a gap for alignment included.
+const FRAME_BYTES: u32 = 26 * 4 + 4;
+/// Maps between all kinds of interruption.
+const DISTURBED: u64 = 400;
+
+/// The figures.
+#[derive(Debug)]
+pub struct Report {
+    /// Of the path alone, from its interrupt to the line.
+    pub path_cycles: u64,
+    /// Of the longest stretch that holds the path off.
+    pub blocking: Stretch,
+    /// All such stretches, the longest first.
+    pub stretches: Vec<Stretch>,
+    /// Bytes of stack of the path, the frame of its exception included.
+    pub stack_worst_bytes: u32,
+    /// What the walks left out, and why.
+    pub left: Vec<String>,
+    /// What stands against the bound.
+    pub findings: Vec<String>,
+    /// The worst way while nothing else ran.
+    pub quiet: Way,
+    /// The worst way of all.
+    pub worst: Way,
+    /// Longest stretch with the path held off, measured.
+    pub held_off_worst: u64,
+    /// Longest stretch with everything but the path held off, measured.
+    pub section_worst: u64,
+    /// Timer to tick, least and most.
+    pub tick: (u64, u64),
+    /// Instructions of the kernel over a dense map, and of the head packet's.
+    pub dense: u64,
+    /// Instructions for the head of a dense map: its places.
+    pub head: u64,
+    /// Instructions of the f32 twin over a dense map.
+    pub twin: u64,
+    /// What the image takes.
+    pub flash_bytes: u32,
+    /// What the image takes.
+    pub ram_bytes: u32,
+}
+
+impl Report {
+    /// Walks, runs, counts.
+    ///
+    /// # Errors
+    /// Files that cannot be read, a board that does not run.
+    pub fn make(image_path: &Path, twin_path: &Path) -> Result<Self, Error> {
+        let elf = read(image_path)?;
+        let image = Image::read(&elf)?;
+        let sources = Sources::read(image_path)?;
+        let start = image
+            .functions_named("OTG_FS")
+            .find(|function| function.name == "OTG_FS");
+        let start = start.cloned().ok_or_else(|| Error::Unexpected {
+            expected: "the handler OTG_FS".to_owned(),
+            found: "none".to_owned(),
+        })?;
+        let mut path = Walk::new(&image, &sources, Left::Tail);
+        let bound = path.function(&start);
+        let mut held_off = Walk::new(&image, &sources, Left::HeldOff);
+        let mut stretches = held_off.held_off(PATH_PRIORITY);
+        // What can hold off a path to a line that grips.
+        let (released, gripping): (Vec<Stretch>, Vec<Stretch>) = stretches
+            .drain(..)
+            .partition(|stretch| RELEASED.iter().any(|(part, _)| stretch.name.contains(part)));
+        let blocking = gripping.first().cloned().ok_or_else(|| Error::Unexpected {
+            expected: "a stretch that holds the path off".to_owned(),
+            found: "none".to_owned(),
+        })?;
+
+        let mut findings: Vec<String> = path.findings.iter().chain(&held_off.findings).cloned().collect();
+        let mut left: Vec<String> = path.left.iter().chain(&held_off.left).cloned().collect();
+        left.extend(released.iter().filter_map(|stretch| {
+            let (_, why) = RELEASED.iter().find(|(part, _)| stretch.name.contains(part))?;
+            Some(format!("{}: {} cycles, {why}", stretch.name, stretch.cycles))
+        }));
+        left.sort();
+        left.dedup();
+
+        let mut bench = Bench::new(&image, &elf)?;
+        bench.watch(path.loops.values(), When::Tail);
+        bench.watch(held_off.loops.values(), When::HeldOff);
+        bench.map(&map_of(400, 1))?;
+        drop(bench.counted());
+        bench.map(&map_of(400, 2))?;
+        let counted = bench.counted();
+        let dense = counted.of(KERNEL);
+        let head = counted.of(&["Mcu<K>::head"]);
+        for contacts in 0..=400 {
+            bench.map(&map_of(contacts, contacts as u32))?;
+        }
+        let quiet = bench.worst;
+        branches(&mut bench)?;
+        disturb(&mut bench)?;
+        findings.extend(bench.broken(&path.memories));
+        for (part, _, _) in LEFT_OUT {
+            if image.functions_named(part).next().is_none() {
+                findings.push(format!("the tables leave out {part}, which is not in the image"));
+            }
+        }
+        for (pattern, ..) in LOOPS.iter().filter(|(pattern, ..)| !pattern.contains(" @ ")) {
+            let is_met = |walk: &Walk<'_>| walk.loops.values().any(|one| one.pattern == *pattern);
+            if !is_met(&path) && !is_met(&held_off) {
+                findings.push(format!("the tables bound a loop `{pattern}`, which no walk met"));
+            }
+        }
+        Ok(Self {
+            path_cycles: bound.cycles + u64::from(ENTRY),
+            blocking,
+            stretches: gripping,
+            stack_worst_bytes: bound.stack + FRAME_BYTES,
+            left,
+            findings,
+            quiet,
+            worst: bench.worst,
+            held_off_worst: bench.held_off_worst,
+            section_worst: bench.section_worst,
+            tick: bench.tick,
+            dense,
+            head,
+            twin: twin::instructions(twin_path)?,
+            flash_bytes: image.flash_bytes,
+            ram_bytes: image.ram_bytes,
+        })
+    }
+
+    /// Cycles at most from a map's last packet in the FIFO to the line.
+    #[must_use]
+    pub fn bound_cycles(&self) -> u64 {
+        self.path_cycles + self.blocking.cycles
+    }
+
+    fn per_taxel(&self) -> f64 {
+        self.dense as f64 / 400.0
+    }
+
+    fn jitter(&self) -> u64 {
+        self.tick.1.saturating_sub(self.tick.0)
+    }
+
+    /// What of the design does not hold.
+    #[must_use]
+    pub fn failures(&self) -> Vec<String> {
+        let mut failures: Vec<String> = Vec::new();
+        let mut check = |holds: bool, what: &str, found: String, bound: String| {
+            if !holds {
+                failures.push(format!("{what}: found {found}, expected {bound}"));
+            }
+        };
+        let worst = self.worst.cycles;
+        check(
+            worst <= PATH_CYCLES,
+            "packet to line, cycles",
+            worst.to_string(),
+            format!("at most {PATH_CYCLES}"),
+        );
+        check(
+            worst <= self.bound_cycles(),
+            "packet to line, cycles",
+            worst.to_string(),
+            format!("at most the static bound of {}", self.bound_cycles()),
+        );
+        check(
+            self.dense <= DENSE_INSTRUCTIONS,
+            "dense map, instructions",
+            self.dense.to_string(),
+            format!("at most {DENSE_INSTRUCTIONS}"),
+        );
+        check(
+            self.per_taxel() <= TAXEL_INSTRUCTIONS,
+            "instructions a taxel",
+            format!("{:.2}", self.per_taxel()),
+            format!("at most {TAXEL_INSTRUCTIONS}"),
+        );
+        check(
+            self.dense < self.twin,
+            "dense map, instructions",
+            self.dense.to_string(),
+            format!("fewer than the f32 twin's {}", self.twin),
+        );
+        check(
+            self.flash_bytes <= FLASH_BYTES,
+            "flash, bytes",
+            self.flash_bytes.to_string(),
+            format!("at most {FLASH_BYTES}"),
+        );
+        check(
+            self.ram_bytes <= RAM_BYTES,
+            "ram, bytes",
+            self.ram_bytes.to_string(),
+            format!("at most {RAM_BYTES}"),
+        );
+        failures.extend(
+            self.findings
+                .iter()
+                .map(|finding| format!("against the static bound: {finding}")),
+        );
+        failures
+    }
+
+    /// For programs.
+    #[must_use]
+    pub fn json(&self) -> String {
+        format!(
+            "{{\"bound_cycles\": {}, \"measured_worst_cycles\": {}, \"masked_worst_cycles\": {}, \"jitter_cycles\": {}, \
+             \"instructions_per_taxel\": {:.2}, \"dense_map_instructions\": {}, \"f32_dense_map_instructions\": {}, \
+             \"flash_bytes\": {}, \"ram_bytes\": {}, \"stack_worst_bytes\": {}, \"path_cycles\": {}, \
+             \"blocking_cycles\": {}, \"measured_quiet_cycles\": {}, \"section_worst_cycles\": {}, \
+             \"head_instructions\": {}, \"findings\": {:?}}}\n",
+            self.bound_cycles(),
+            self.worst.cycles,
+            self.held_off_worst,
+            self.jitter(),
+            self.per_taxel(),
+            self.dense,
+            self.twin,
+            self.flash_bytes,
+            self.ram_bytes,
+            self.stack_worst_bytes,
+            self.path_cycles,
+            self.blocking.cycles,
+            self.quiet.cycles,
+            self.section_worst,
+            self.head,
+            self.findings,
+        )
+    }
+
+    /// For people.
+    #[must_use]
+    pub fn text(&self) -> String {
+        let mut text = String::new();
+        let mut line = |name: &str, value: String| {
+            let _ = writeln!(text, "{name:<58} {value}");
+        };
+        line("map's last packet in the FIFO to the line, cycles", String::new());
+        line(
+            "  measured, nothing else to do",
+            format!("{} ({} instructions)", self.quiet.cycles, self.quiet.instructions),
+        );
+        line(
+            "  measured, under every interruption found",
+            format!("{} (bound of the design {PATH_CYCLES})", self.worst.cycles),
+        );
+        line("  static bound", self.bound_cycles().to_string());
+        line("    of which the path itself", self.path_cycles.to_string());
+        line(
+            "    of which held off by",
+            format!("{} {}", self.blocking.cycles, self.blocking.name),
+        );
+        for stretch in self.stretches.iter().skip(1).take(3) {
+            line("      next", format!("{} {}", stretch.cycles, stretch.name));
+        }
+        line("path held off, measured, cycles", self.held_off_worst.to_string());
+        line(
+            "all but the path held off, measured, cycles",
+            self.section_worst.to_string(),
+        );
+        line(
+            "timer to the tick's line, cycles",
+            format!("{} to {}, jitter {}", self.tick.0, self.tick.1, self.jitter()),
+        );
+        line(
+            "dense map, instructions",
+            format!(
+                "{} ({:.2} a taxel), f32 twin {}",
+                self.dense,
+                self.per_taxel(),
+                self.twin
+            ),
+        );
+        line("  and its head: header, CRC, places", self.head.to_string());
+        line(
+            "image, bytes",
+            format!(
+                "flash {} ram {} stack of the path {}",
+                self.flash_bytes, self.ram_bytes, self.stack_worst_bytes
+            ),
+        );
+        for left in &self.left {
+            line("left out", left.clone());
+        }
+        for finding in &self.findings {
+            line("stands against the bound", finding.clone());
+        }
+        text
+    }
+}
+
+/// A file's bytes.
+pub(crate) fn read(path: &Path) -> Result<Vec<u8>, Error> {
+    std::fs::read(path).map_err(|error| Error::Image(format!("{}: {error}", path.display())))
+}
+
+/// Every branch of a map's end: doubtful, saturated, replayed, from the future, of a finger that is not expected, of two
+/// fingers, with a hole before it, damaged; stick, incipient slip, slip, no contact; held, released.
+fn branches(bench: &mut Bench<'_>) -> Result<(), Error> {
+    for contacts in [0, 9, 59, 400] {
+        let map = map_of(contacts, 7);
+        bench.map_as(&map, |info| info.health = DOUBTFUL)?;
+        bench.map_as(&map, |info| info.health = Health::SATURATED)?;
+        bench.map_as(&map, |info| info.sequence = 1)?;
+        bench.map_as(&map, |info| {
+            info.capture_us = info.capture_us.wrapping_add(60_000_000)
+        })?;
+        bench.skip(5);
+        bench.damaged(&map, |packets| {
+            if let Some(byte) = packets.last_mut().and_then(|packet| packet.last_mut()) {
+                *byte ^= 1;
+            }
+        })?;
+        bench.damaged(&map, |packets| drop(packets.remove(0)))?;
+    }
+    let both = Configuration {
+        sensors: 2,
+        ..Configuration::DEFAULT
+    };
+    bench.command(Command::Configure(both))?;
+    for round in 0..40 {
+        bench.map_as(&map_of(59, round), |info| info.sensor = (round % 2) as u8)?;
+    }
+    bench.command(Command::Configure(Configuration::DEFAULT))?;
+    // A contact that slips ever more: the trend, the reflex, every state.
+    for slipping in (0..=59).chain((0..59).rev()) {
+        bench.map(&crate::measure::slipping(59, slipping))?;
+    }
+    bench.command(Command::Acknowledge { faults: u32::MAX })?;
+    bench.command(Command::Release)?;
+    for round in 0..10 {
+        bench.map(&map_of(59, round))?;
+    }
+    bench.command(Command::Hold)
+}
+
+/// Statuses, commands, requests on the control endpoint, ticks, log and watchdog at every phase between the packets.
+fn disturb(bench: &mut Bench<'_>) -> Result<(), Error> {
+    let commands = [
+        Command::ReadStatus,
+        Command::ReadConfiguration,
+        Command::Configure(Configuration::DEFAULT),
+        Command::Hold,
+    ];
+    for round in 0..DISTURBED {
+        if round % 2 == 0 {
+            bench.ask();
+        }
+        if round % 3 == 0 {
+            bench.send_command(commands[(round / 3) as usize % commands.len()].clone());
+        }
+        // Steps that are no part of a millisecond meet the tick at every phase.
+        bench.run(round * 37_700 % 1_000_000)?;
+        bench.map(&map_of([59, 9, 19, 8][round as usize % 4], round as u32))?;
+    }
+    Ok(())
+}
