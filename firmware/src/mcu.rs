@@ -7,9 +7,8 @@
 use core::marker::PhantomData;
 
 use gripline_protocol::message::{
-    Command, Configuration, GripMode, Hello, LineSettings, MapSums, Message, MessagePackets, OutOfRange, Refusal,
-    Report,
-    Revision, STAGES, SlipState, Stage, Status,
+    Command, Configuration, GripMode, Hello, LineSettings, MapSums, Message, MessagePackets, OutOfRange,
+    Refusal, Report, Revision, STAGES, SlipState, Stage, Status,
 };
 use gripline_protocol::packet::Kind;
 use gripline_protocol::sequence::{Order, SequenceWatch};
@@ -301,13 +300,6 @@ impl<K: Kernel> Mcu<K> {
     fn passed_to(&mut self, now_us: u64) -> u64 {
         self.now_us = self.now_us.max(now_us);
         self.now_us
-    }
-
-    /// Taxels of the map under way that have not come yet.
-    #[inline]
-    #[must_use]
-    pub fn taxels_left(&self) -> u16 {
-        self.parser.taxels_left()
     }
 
     /// `None` when the packet is refused.

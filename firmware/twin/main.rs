@@ -86,20 +86,18 @@ fn packet(sums: &mut Sums, places: &[Place], taxels: &[Bytes]) {
 
 #[unsafe(no_mangle)]
 #[inline(never)]
-fn dense_map(places: &[Place; TAXELS], taxels: &[Bytes; TAXELS]) -> Sums {
-    let mut sums = Sums::default();
+extern "C" fn dense_map(sums: &mut Sums, places: &[Place; TAXELS], taxels: &[Bytes; TAXELS]) {
     for (places, taxels) in places
         .chunks(TAXELS_PER_PACKET)
         .zip(taxels.chunks(TAXELS_PER_PACKET))
     {
-        packet(&mut sums, places, taxels);
+        packet(sums, places, taxels);
     }
-    sums
 }
 
 #[unsafe(no_mangle)]
 #[inline(never)]
-fn done() -> ! {
+extern "C" fn done() -> ! {
     loop {
         black_box(());
     }
@@ -117,7 +115,8 @@ fn main() -> ! {
         }
         .to_le_bytes()
     });
-    let sums = dense_map(black_box(&places), black_box(&taxels));
+    let mut sums = Sums::default();
+    dense_map(&mut sums, black_box(&places), black_box(&taxels));
     black_box((
         sums.contact,
         sums.stick,

@@ -220,13 +220,6 @@ impl Parser {
         self.messages.message = None;
     }
 
-    /// Taxels of the map under way that have not come yet.
-    #[inline]
-    #[must_use]
-    pub fn taxels_left(&self) -> u16 {
-        self.map.as_ref().map_or(0, |map| map.count - map.received)
-    }
-
     /// Drops the map under way: its remaining packets will be refused.
     pub fn drop_map(&mut self) {
         self.map = None;

@@ -169,7 +169,15 @@ fn cargo(command: &str, (package, program): (&str, &str), board: Board) -> Resul
     let core = toolchain::ensure(false)?;
     let mut cargo = process::cargo();
     cargo
-        .args([command, "--package", package, "--bin", program, "--profile", "firmware"])
+        .args([
+            command,
+            "--package",
+            package,
+            "--bin",
+            program,
+            "--profile",
+            "firmware",
+        ])
         .args(["--target", toolchain::TARGET, "--features", board.name()])
         .args(core.cargo_arguments())
         // These would replace the linker flags of .cargo/config.toml.

@@ -17,7 +17,7 @@ use gripline_firmware::line::GripLine;
 use gripline_firmware::mcu::Request;
 use gripline_firmware::{Action, Mcu, storage};
 use gripline_protocol::cobs::{CobsDecoder, Frame};
-use gripline_protocol::message::{Configuration, Message, MessagePackets, Stage};
+use gripline_protocol::message::{Configuration, LineSettings, Message, MessagePackets, Stage};
 use gripline_protocol::packet::Kind;
 use gripline_protocol::{MessageParser, PACKET_MAX};
 
@@ -151,12 +151,6 @@ impl Control {
         );
     }
 
-    /// Taxels of the map under way that have not come yet.
-    #[inline]
-    pub(crate) fn taxels_left(&self) -> u16 {
-        self.mcu.taxels_left()
-    }
-
     /// What came of a packet of a message.
     #[inline(never)]
     fn message_packet(&mut self, came: &Came, answers: &'static Outbox) {
@@ -201,7 +195,7 @@ impl Control {
 
     /// The settings that have to be kept, when they do.
     #[inline(never)]
-    fn to_store(&mut self, settings: &mut Option<Configuration>) {
+    fn settings_to_store(&mut self, settings: &mut Option<Configuration>) {
         *settings = self.mcu.take_store();
     }
 
@@ -227,7 +221,7 @@ enum Came {
 }
 
 /// A packet that did not come the direct way. Messages are put together and read with the path free.
-fn received(messages: &mut MessageParser, packet: &[u8], answers: &'static Outbox) {
+fn received(messages: &mut MessageParser, in_force: &LineSettings, packet: &[u8], answers: &'static Outbox) {
     if Kind::of(packet) != Some(Kind::Message) {
         // SAFETY: as `with`.
         without_usb(|| unsafe { of_the_task() }.map(|control| control.map_packet(packet, answers)));
@@ -235,7 +229,7 @@ fn received(messages: &mut MessageParser, packet: &[u8], answers: &'static Outbo
     }
     let came = match messages.push(packet) {
         Ok(None) => Came::Part,
-        Ok(Some(message)) => Came::Whole(Request::read(message)),
+        Ok(Some(message)) => Came::Whole(Request::read(message, in_force)),
         Err(_) => Came::Refused,
     };
     with(|control| control.message_packet(&came, answers));
@@ -259,6 +253,7 @@ fn store(flash: &mut SettingsSectors, settings: &Configuration) {
 pub(crate) async fn control(
     mcu: &'static mut Mcu<Dsp>,
     line: AnalogLine,
+    in_force: LineSettings,
     mut flash: SettingsSectors,
     mut uart: BufferedUartRx<'static>,
     mut usb: HostToMcu,
@@ -287,7 +282,7 @@ pub(crate) async fn control(
                 words.send(answers);
             }
             let mut settings = None;
-            with(|control| control.to_store(&mut settings));
+            with(|control| control.settings_to_store(&mut settings));
             if let Some(settings) = settings {
                 store(&mut flash, &settings);
             }
@@ -303,18 +298,20 @@ pub(crate) async fn control(
         {
             Either4::First(Ok(length)) => {
                 let packet = from_usb.0.get(..length).unwrap_or_default();
-                received(&mut messages, packet, &outbox::USB);
+                received(&mut messages, &in_force, packet, &outbox::USB);
             }
             Either4::Fourth(()) => {
                 if let Some(packet) = usb_interrupt::message() {
-                    received(&mut messages, packet, &outbox::USB);
+                    received(&mut messages, &in_force, packet, &outbox::USB);
                     usb_interrupt::next_packet();
                 }
             }
             Either4::Third(Ok(length)) => {
                 for &byte in &from_uart[..length] {
                     match frames.push(byte) {
-                        Some(Frame::Packet(packet)) => received(&mut messages, packet, &outbox::UART),
+                        Some(Frame::Packet(packet)) => {
+                            received(&mut messages, &in_force, packet, &outbox::UART)
+                        }
                         Some(Frame::Malformed) => {
                             with(|control| control.mcu.malformed_frame());
                         }

@@ -96,7 +96,8 @@ fn main() -> ! {
     }));
 
     let urgent = URGENT.start(interrupt::UART5);
-    urgent.spawn(control::control(mcu, line, flash, uart_in, usb_in).expect("one control task"));
+    urgent
+        .spawn(control::control(mcu, line, settings.line, flash, uart_in, usb_in).expect("one control task"));
     // The log is written with interrupts masked for some microseconds: here, and nowhere on the way to the line.
     defmt::info!(
         "{=str} started: {}, line restored: {}",

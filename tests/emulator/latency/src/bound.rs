@@ -130,7 +130,7 @@ impl<'a> Walk<'a> {
             for one in body.values() {
                 let is_masked = one.text.starts_with("cpsid");
                 let is_raised =
-                    one.text.starts_with("msr basepri_max") && self.raised_to(&body, one) <= priority;
+                    one.text.starts_with("msr basepri_max") && Self::raised_to(&body, one) <= priority;
                 if !(is_masked || is_raised) {
                     continue;
                 }
@@ -165,7 +165,7 @@ impl<'a> Walk<'a> {
     }
 
     /// The priority that an instruction raises the running code to: the constant last put into its register.
-    fn raised_to(&mut self, body: &BTreeMap<u32, Instruction>, at: &Instruction) -> u32 {
+    fn raised_to(body: &BTreeMap<u32, Instruction>, at: &Instruction) -> u32 {
         let register = at.text.rsplit(' ').next().unwrap_or_default();
         let constant = body
             .range(..at.address)
@@ -273,13 +273,13 @@ impl<'a> Walk<'a> {
                 self.findings.insert(format!("jump table in {}", function.name));
                 Vec::new()
             }),
-            Flow::JumpRegister if function.name.contains("Thunk") => match thunk(body) {
-                Some(target) => vec![target],
-                None => {
+            Flow::JumpRegister if function.name.contains("Thunk") => {
+                let target = thunk(body);
+                if target.is_none() {
                     self.findings.insert(format!("thunk {}", function.name));
-                    Vec::new()
                 }
-            },
+                target.into_iter().collect()
+            }
             Flow::JumpRegister => self.resolve(function, one),
             Flow::Return if one.is_conditional => vec![one.next()],
             Flow::Return | Flow::Trap => Vec::new(),

@@ -224,7 +224,7 @@ impl Image {
                         .insn_detail(found)
                         .map_err(|error| Error::Image(error.to_string()))?;
                     let name = decoder.insn_name(found.id()).unwrap_or_default();
-                    let instruction = instruction(found, &detail, name, size as u32, in_block > 0);
+                    let instruction = instruction(found, &detail, &name, size as u32, in_block > 0);
                     in_block = match instruction.name.as_str() {
                         "it" => {
                             let mask = u32::from(code[0] & 0xF);
@@ -271,7 +271,11 @@ impl Image {
     }
 }
 
-fn instruction(found: &Insn, detail: &InsnDetail, name: String, size: u32, in_block: bool) -> Instruction {
+#[allow(
+    clippy::too_many_lines,
+    reason = "a table: one piece of an instruction after the other"
+)]
+fn instruction(found: &Insn, detail: &InsnDetail, name: &str, size: u32, in_block: bool) -> Instruction {
     let arch = detail.arch_detail();
     let arm = arch.arm().expect("an ARM decoder");
     let listed_operands: Vec<_> = arm.operands().collect();

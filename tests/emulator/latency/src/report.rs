@@ -26,6 +26,9 @@ const RAM_BYTES: u32 = 24 * 1024;
 const PATH_PRIORITY: u32 = 2 << 4;
 /// Bytes that an exception puts on the stack, floating-point registers and a gap for alignment included.
 const FRAME_BYTES: u32 = 26 * 4 + 4;
+/// Cycles that the shortest last packet takes at least from when it is asked for: the host may be at its token's end, then
+/// come two bit times, SYNC, PID, eight bytes, CRC and EOP, 100 bits of 12 MHz (USB 2.0 sections 7.1.18 and 8.3).
+const LAST_PACKET_CYCLES: u64 = 100 * 14;
 /// Maps between all kinds of interruption.
 const DISTURBED: u64 = 400;
 
@@ -34,6 +37,8 @@ const DISTURBED: u64 = 400;
 pub struct Report {
     /// Of the path alone, from its interrupt to the line.
     pub path_cycles: u64,
+    /// Of a full packet's path; a map's last packet may land before it is done with.
+    pub taxels_cycles: u64,
     /// Of the longest stretch that holds the path off.
     pub blocking: Stretch,
     /// All such stretches, the longest first.
@@ -84,6 +89,8 @@ impl Report {
         })?;
         let mut path = Walk::new(&image, &sources, Left::Tail);
         let bound = path.function(&start);
+        let mut full = Walk::new(&image, &sources, Left::Taxels);
+        let taxels_cycles = full.function(&start).cycles + u64::from(ENTRY);
         let mut held_off = Walk::new(&image, &sources, Left::HeldOff);
         let mut stretches = held_off.held_off(PATH_PRIORITY);
         // What can hold off a path to a line that grips.
@@ -95,7 +102,11 @@ impl Report {
             found: "none".to_owned(),
         })?;
 
-        let mut findings: Vec<String> = path.findings.iter().chain(&held_off.findings).cloned().collect();
+        let mut findings: Vec<String> = [&path, &full, &held_off]
+            .iter()
+            .flat_map(|walk| &walk.findings)
+            .cloned()
+            .collect();
         let mut left: Vec<String> = path.left.iter().chain(&held_off.left).cloned().collect();
         left.extend(released.iter().filter_map(|stretch| {
             let (_, why) = RELEASED.iter().find(|(part, _)| stretch.name.contains(part))?;
@@ -132,6 +143,7 @@ impl Report {
             }
         }
         Ok(Self {
+            taxels_cycles,
             path_cycles: bound.cycles + u64::from(ENTRY),
             blocking,
             stretches: gripping,
@@ -154,7 +166,11 @@ impl Report {
     /// Cycles at most from a map's last packet in the FIFO to the line.
     #[must_use]
     pub fn bound_cycles(&self) -> u64 {
-        self.path_cycles + self.blocking.cycles
+        self.path_cycles
+            + self
+                .blocking
+                .cycles
+                .max(self.taxels_cycles.saturating_sub(LAST_PACKET_CYCLES))
     }
 
     fn per_taxel(&self) -> f64 {
@@ -275,6 +291,13 @@ impl Report {
             "    of which held off by",
             format!("{} {}", self.blocking.cycles, self.blocking.name),
         );
+        line(
+            "    or the rest of a full packet",
+            format!(
+                "{} from when the next is asked for",
+                self.taxels_cycles.saturating_sub(LAST_PACKET_CYCLES)
+            ),
+        );
         for stretch in self.stretches.iter().skip(1).take(3) {
             line("      next", format!("{} {}", stretch.cycles, stretch.name));
         }
@@ -328,7 +351,7 @@ fn branches(bench: &mut Bench<'_>) -> Result<(), Error> {
         bench.map_as(&map, |info| info.health = Health::SATURATED)?;
         bench.map_as(&map, |info| info.sequence = 1)?;
         bench.map_as(&map, |info| {
-            info.capture_us = info.capture_us.wrapping_add(60_000_000)
+            info.capture_us = info.capture_us.wrapping_add(60_000_000);
         })?;
         bench.skip(5);
         bench.damaged(&map, |packets| {
@@ -372,7 +395,7 @@ fn disturb(bench: &mut Bench<'_>) -> Result<(), Error> {
             bench.ask();
         }
         if round % 3 == 0 {
-            bench.send_command(commands[(round / 3) as usize % commands.len()].clone());
+            bench.send_command(commands[(round / 3) as usize % commands.len()]);
         }
         // Steps that are no part of a millisecond meet the tick at every phase.
         bench.run(round * 37_700 % 1_000_000)?;

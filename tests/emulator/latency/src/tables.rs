@@ -94,6 +94,8 @@ pub enum Left {
     Always,
     /// For that of a map's last packet.
     Tail,
+    /// For that of a full packet.
+    Taxels,
     /// For what holds the path off.
     HeldOff,
 }
@@ -110,6 +112,18 @@ pub const LEFT_OUT: &[(&str, Left, &str)] = &[
         Left::Tail,
         "a full packet is never a map's last",
     ),
+    ("Mcu<K>::head", Left::Taxels, "a full packet is no first one"),
+    ("Mcu<K>::tail", Left::Taxels, "a full packet is no last one"),
+    (
+        "kernel::portable",
+        Left::Taxels,
+        "packets of the USB path lie at addresses that words may have",
+    ),
+    (
+        "RunningCrc::update_bytes",
+        Left::Taxels,
+        "packets of the USB path lie at addresses that words may have",
+    ),
     (
         "kernel::portable",
         Left::Tail,
@@ -125,7 +139,7 @@ pub const LEFT_OUT: &[(&str, Left, &str)] = &[
 /// (part of a stretch's name, why it holds no line off that grips).
 pub const RELEASED: &[(&str, &str)] = &[
     (
-        "Control::to_store",
+        "Control::settings_to_store",
         "settings go to flash only when released, with the line at zero",
     ),
     ("rust_begin_unwind", "a panic ends in a reset"),

@@ -65,6 +65,9 @@ impl<'a> Walk<'a> {
     }
 
     /// Hands every completed step of these events to `see`; the last instruction waits for the next call.
+    ///
+    /// # Panics
+    /// On an address that is not in the image; only those of the image are traced.
     pub fn take(&mut self, events: &[Event], mut see: impl FnMut(Step<'a>)) {
         for event in events {
             match *event {
@@ -101,7 +104,7 @@ impl<'a> Walk<'a> {
             (_, text) if text.starts_with("cpsid") => self.is_masked = true,
             // A restored mask counts as lifted: sections inside sections end with the outermost one.
             (_, text) if text.starts_with("cpsie") || text.starts_with("msr primask") => {
-                self.is_masked = false
+                self.is_masked = false;
             }
             _ => {}
         }
