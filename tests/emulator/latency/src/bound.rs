@@ -10,7 +10,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use crate::cycles::{self, Fetch, Memory};
 use crate::image::{Flow, Function, Image, Instruction};
 use crate::source::{Place, Sources};
-use crate::tables::{CALLS, LEFT_OUT, LOOPS, Left};
+use crate::tables::{CALLS, LEFT_OUT, LOOPS, Left, SKIPPED};
 
 /// A loop of the image.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -126,6 +126,10 @@ impl<'a> Walk<'a> {
         let functions: Vec<Function> = self.image.functions.values().cloned().collect();
         let mut stretches = Vec::new();
         for function in &functions {
+            if let Some((part, why)) = SKIPPED.iter().find(|(part, _)| function.name.contains(part)) {
+                self.left.insert(format!("{part}: {why}"));
+                continue;
+            }
             let body = self.body(function);
             for one in body.values() {
                 let is_masked = one.text.starts_with("cpsid");
