@@ -310,7 +310,7 @@ pub(crate) async fn control(
                 for &byte in &from_uart[..length] {
                     match frames.push(byte) {
                         Some(Frame::Packet(packet)) => {
-                            received(&mut messages, &in_force, packet, &outbox::UART)
+                            received(&mut messages, &in_force, packet, &outbox::UART);
                         }
                         Some(Frame::Malformed) => {
                             with(|control| control.mcu.malformed_frame());
