@@ -72,6 +72,8 @@ pub struct GripController {
 }
 
 const MILLI: i64 = 1_000;
+/// The most time that one step lets the line fall by plan, µs: a frame at 50 Hz; steps come every millisecond.
+const FALL_US_MAX: u64 = 20_000;
 
 impl GripController {
     /// Released and open, or holding a line that was in force before a reset.
@@ -162,7 +164,9 @@ impl GripController {
         if demand > self.line_milli {
             self.line_milli = demand.min(self.line_milli + grown(settings.rise_rate));
         } else if relaxing {
-            self.line_milli = demand.max(self.line_milli - relax_step(passed_us, settings));
+            // A clock that leaps for one reading must not let the line leap down with it.
+            let step = relax_step(passed_us.min(FALL_US_MAX), settings);
+            self.line_milli = demand.max(self.line_milli - step);
         }
         self.line()
     }

@@ -811,10 +811,10 @@ fn a_line_that_fails_is_a_fault_that_holds_ends_with_it_and_lets_a_person_releas
     assert_eq!(bench.faults() & Fault::LineFailed.bit(), 0);
 }
 
-/// As a timer's overflow that is counted late makes a clock: 65.536 ms back for one reading. It happened on the emulated
+/// As a timer's overflow that is counted wrongly makes a clock: 65.536 ms off for one reading. It happened on the emulated
 /// board, once in a quarter of an hour of random faults.
 #[test]
-fn a_clock_that_goes_back_for_a_moment_lets_the_line_fall_no_faster() {
+fn a_clock_that_leaps_for_a_moment_lets_the_line_fall_by_no_more_than_a_frames_worth() {
     let mut bench = Bench::holding();
     let mut sticking = ForceMap::EMPTY;
     for taxel in &mut sticking.taxels[100..160] {
@@ -842,14 +842,15 @@ fn a_clock_that_goes_back_for_a_moment_lets_the_line_fall_no_faster() {
         }
         let before = bench.mcu.line().lsb();
         bench.now_us += 1_000;
-        let told_us = if ms % 100 == 99 {
-            bench.now_us - 65_536
-        } else {
-            bench.now_us
+        let told_us = match ms % 200 {
+            99 => bench.now_us - 65_536,
+            199 => bench.now_us + 65_536,
+            _ => bench.now_us,
         };
         let line = bench.mcu.tick(told_us).line.lsb();
-        // 4,096 a second; after a reading that was too early, two milliseconds' worth.
-        assert!(before - line <= 10, "{before} to {line} after {ms} ms");
+        // 4,096 a second, so 82 in 20 ms.
+        let most = if ms % 100 == 99 || ms % 100 == 0 { 83 } else { 5 };
+        assert!(before - line <= most, "{before} to {line} after {ms} ms");
         falls += before - line;
         assert_eq!(bench.status().faults, 0, "after {ms} ms");
     }

@@ -412,12 +412,16 @@ fn a_line_at_its_ceiling_is_told() {
 #[test]
 #[ignore = "needs the emulator and the image: cargo xtask test"]
 fn whatever_hangs_or_crashes_while_holding_is_reset_and_the_line_is_back_within_two_milliseconds() {
-    for (place, address) in PLACES_TO_FAIL {
+    for (number, (place, address)) in PLACES_TO_FAIL.into_iter().enumerate() {
         for (mishap, limit_ns) in [
             (Mishap::Hang, WATCHDOG_NS),
             (Mishap::Fault, CRASHED_NS),
             (Mishap::Panic, CRASHED_NS),
         ] {
+            // The jump of a panic takes ten bytes, which would spoil the code around a store that is reached by branches.
+            if mishap == Mishap::Panic && number == 0 {
+                continue;
+            }
             fails_while_holding(&format!("{mishap:?} in {place}"), mishap, address, limit_ns);
         }
     }
