@@ -69,7 +69,7 @@ pub struct Bench<'a> {
     pub tick: (u64, u64),
     /// The longest way of any packet that ended a map.
     pub worst: Way,
-    /// Instructions by function since [`Bench::counted`].
+    /// Instructions of the path by function, since [`Bench::counted`].
     functions: BTreeMap<u32, u64>,
     /// Loops that are watched, by function.
     loops: BTreeMap<u32, Vec<Watched>>,
@@ -201,7 +201,9 @@ impl<'a> Bench<'a> {
         let is_held_off = self.held.iter().any(|(priority, _)| *priority <= PATH_PRIORITY);
         let is_tail = self.is_tail;
         if let Some(function) = self.image.function_at(address) {
-            *self.functions.entry(function.start).or_default() += 1;
+            if step.exception == Some(self.path) {
+                *self.functions.entry(function.start).or_default() += 1;
+            }
             for one in self.loops.get_mut(&function.start).into_iter().flatten() {
                 let counts = match one.when {
                     When::Tail => is_tail,
@@ -352,7 +354,7 @@ impl<'a> Bench<'a> {
         self.board.usb_control([0x80, 6, 0, 2, 0, 0, 255, 0], &[]);
     }
 
-    /// Instructions by function since the last call.
+    /// Instructions of the path by function, since the last call.
     pub fn counted(&mut self) -> Counted<'a> {
         Counted {
             image: self.image,

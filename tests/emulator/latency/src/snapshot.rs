@@ -11,8 +11,8 @@ use crate::measure::{Bench, map_of};
 use crate::report::read;
 use crate::tables::KERNEL;
 
-/// What takes a map in, packet by packet: places, CRC, sums. What the packet's end decides from the sums is not here:
-/// it goes by the state of the contact, and the static bound is its measure.
+/// What takes a map in, packet by packet: places, CRC, sums. The interrupt around it also serves what else the bus brings, and
+/// what the map's end decides goes by the state of the contact: the static bound is their measure.
 const INTAKE: &[&str] = &[
     "Mcu<K>::head",
     "Mcu<K>::taxels",
@@ -20,7 +20,6 @@ const INTAKE: &[&str] = &[
     "RunningCrc::update",
     "kernel::add_pairs",
     "kernel::Dsp",
-    "OTG_FS",
 ];
 
 /// Instructions of one map.
