@@ -1,8 +1,8 @@
 //! The second transport: USART1 on PA9 (out) and PA10 (in), 921,600 baud, 8N1, packets framed with COBS.
 //!
 //! A byte takes 10.9 µs, a packet of 64 bytes 720 µs; a dense map takes about 30 ms.
-//! Limits: no flow control. A byte that comes while maps come over USB, or a critical section lasts, for longer than a byte time is lost; the
-//! frame is then refused by its CRC and the next map is accepted.
+//! Limits: no flow control. A byte that comes while maps come over USB, or while a critical section lasts, for longer than
+//! a byte time is lost; the frame is then refused by its CRC and the next map is accepted.
 
 use embassy_stm32::usart::{BufferedInterruptHandler, BufferedUart, BufferedUartRx, BufferedUartTx, Config};
 use embassy_stm32::{Peri, bind_interrupts, peripherals};
