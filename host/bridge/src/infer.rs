@@ -36,7 +36,7 @@ pub struct InferArgs {
     /// Weights of the force network instead of the built-in ones (safetensors).
     #[arg(long, value_name = "W.safetensors")]
     weights: Option<PathBuf>,
-    /// Force network: `unet` looks at small images (the default), `tracked` follows particles at full resolution.
+    /// Force network: `tracked` follows particles at full resolution (the default), `unet` looks at small images.
     #[arg(long, value_name = "NETWORK")]
     network: Option<Architecture>,
     /// Compute every frame as a whole, or only what can differ from the frame before; the maps are the same.

@@ -16,9 +16,9 @@ use crate::{Evaluation, ForceMap, ForceNetwork, InstructionSet, InstructionSetEr
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Hash)]
 pub enum Architecture {
     /// The encoder–decoder on two 88×88 images.
-    #[default]
     Unet,
-    /// Particles tracked at 440×440, and a small network behind.
+    /// Particles tracked at 440×440, and a small network behind: the default, more accurate, and idle where nothing moves.
+    #[default]
     Tracked,
 }
 

@@ -68,8 +68,8 @@ pub(crate) const KEYS: [Key; 14] = [
         kind: Kind::Text(reads::<Architecture>),
         default: None,
         example: "\"unet\"",
-        help: "Force network: unet looks at small images, tracked follows particles at full resolution. By default what \
-               the weights are for, and unet with the built-in ones.",
+        help: "Force network: tracked follows particles at full resolution, unet looks at small images. By default what \
+               the weights are for, and tracked with the built-in ones.",
     },
     Key {
         name: "network.weights",
