@@ -91,10 +91,13 @@ pub fn run(args: &InferArgs) -> Result<(), Failure> {
         let mut map = [[0.0; 3]; 400];
         let start = Instant::now();
         downsample_440_to_88(&crop, &mut now88);
-        let (_, health) = scene.look(&now88);
+        let (_, mut health) = scene.look(&now88);
         if health.is_good() {
             network.infer(&crop, &mut map);
-        } else {
+            health = network.health();
+        }
+        if !health.is_good() {
+            map = [[0.0; 3]; 400];
             unhealthy.push((maps.len(), health));
         }
         times_us.push(start.elapsed().as_secs_f64() * 1e6);

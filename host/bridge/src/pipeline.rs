@@ -39,6 +39,8 @@ pub struct Pipeline {
     newtons: Box<[[f32; 3]; TAXELS]>,
     map: Box<ForceMap>,
     saturated: Saturated,
+    /// What the network had against the last picture that it looked at.
+    doubt: scene::Health,
 }
 
 // Both sides number the picture's flags alike.
@@ -78,6 +80,7 @@ impl Pipeline {
             newtons: Box::new([[0.0; 3]; TAXELS]),
             map: Box::new(ForceMap::EMPTY),
             saturated: Saturated(0),
+            doubt: scene::Health::GOOD,
         }
     }
 
@@ -114,11 +117,15 @@ impl Pipeline {
             Verdict::NoContact | Verdict::Unhealthy => {
                 *self.map = ForceMap::EMPTY;
                 *self.newtons = [[0.0; 3]; TAXELS];
-                self.saturated = Saturated(0);
+                (self.saturated, self.doubt) = (Saturated(0), scene::Health::GOOD);
             }
             Verdict::Unchanged => {}
             Verdict::Network => {
                 self.network.infer(crop, &mut self.newtons);
+                self.doubt = self.network.health();
+                if !self.doubt.is_good() {
+                    self.newtons.fill([0.0; 3]);
+                }
                 drop_untouched(&mut self.newtons, self.contact_min_n);
                 let (mut map, saturated) = ForceMap::quantise(&self.newtons)?;
                 let newtons = self.newtons.iter().map(|force| force.map(f64::from));
@@ -136,7 +143,7 @@ impl Pipeline {
         Ok(Processed {
             map: &self.map,
             verdict,
-            health: Health::from_bits(picture.bits()).with(if self.saturated.0 > 0 {
+            health: Health::from_bits(picture.bits() | self.doubt.bits()).with(if self.saturated.0 > 0 {
                 Health::SATURATED
             } else {
                 Health::GOOD

@@ -212,7 +212,7 @@ fn infer_with_a_black_picture_at_rest_believes_nothing() {
         folder.join("now.png"),
         folder.join("maps.npy"),
     );
-    write_png(&rest, 440, 440, &[0; 440 * 440]);
+    write_png(&rest, 440, 440, &vec![0; 440 * 440]);
     let crop = SimulatedSource::new(52, 60.0).rest(1).remove(0);
     write_png(&now, 440, 440, &crop);
     let path = |path: &PathBuf| path.to_str().unwrap().to_owned();

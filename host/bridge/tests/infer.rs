@@ -107,11 +107,49 @@ fn what_cannot_be_used_is_an_error_that_names_the_file() {
     let folder = folder("errors");
     fs::write(folder.join("bad.png"), b"no picture").unwrap();
     fs::create_dir(folder.join("empty")).unwrap();
+    write_png(&folder.join("odd.png"), [320, 240], png::ColorType::Grayscale);
+    write_png(&folder.join("small.png"), [88, 88], png::ColorType::Grayscale);
+    write_png(&folder.join("colour.png"), [440, 440], png::ColorType::Rgb);
+    let whole = fs::read(folder.join("scene/rest.png")).unwrap();
+    fs::write(folder.join("cut.png"), &whole[..whole.len() / 2]).unwrap();
+    let weights = Path::new(env!("CARGO_MANIFEST_DIR")).join("../network/weights");
+    let tracked = weights.join("tracked.safetensors");
+    let tracked = tracked.to_str().unwrap();
+    let mut damaged = fs::read(weights.join("unet.safetensors")).unwrap();
+    let last = damaged.len() - 1;
+    damaged[last] ^= 1;
+    fs::write(folder.join("damaged.safetensors"), damaged).unwrap();
     for (frames, more, expected) in [
         ("missing", &[][..], "missing"),
         ("empty", &[], "found no *.png"),
         ("bad.png", &[], "bad.png"),
+        (
+            "odd.png",
+            &[],
+            "odd.png: found 320×240 pixels, expected 640×480 or 440×440 or 88×88",
+        ),
+        (
+            "small.png",
+            &["--network", "tracked"],
+            "small.png: found 88×88 pixels, expected 640×480 or 440×440",
+        ),
+        (
+            "colour.png",
+            &[],
+            "colour.png: found Rgb of 8 bits, expected grey of 8 bits",
+        ),
+        ("cut.png", &[], "cut.png: found no good PNG"),
         ("scene/frames", &["--weights", "scene.toml"], "scene.toml"),
+        (
+            "scene/frames",
+            &["--weights", "damaged.safetensors"],
+            "damaged.safetensors: checksum is",
+        ),
+        (
+            "scene/frames",
+            &["--network", "unet", "--weights", tracked],
+            "`architecture` is `tracked`, expected `unet`",
+        ),
     ] {
         let output = infer(&folder, frames, more);
         let said = String::from_utf8(output.stderr).unwrap();
@@ -122,6 +160,33 @@ fn what_cannot_be_used_is_an_error_that_names_the_file() {
         );
         assert!(!folder.join("found.npy").exists());
     }
-    let output = infer(&folder, "scene/frames", &["--network", "resnet"]);
-    assert_eq!(output.status.code(), Some(2));
+    for wrong in [["--network", "resnet"], ["--instructions", "neon"]] {
+        let output = infer(&folder, "scene/frames", &wrong);
+        let said = String::from_utf8(output.stderr).unwrap();
+        assert!(
+            output.status.code() == Some(2) && said.contains(wrong[1]),
+            "{said}"
+        );
+    }
+}
+
+fn write_png(path: &Path, [width, height]: [u32; 2], colour: png::ColorType) {
+    let mut encoder = png::Encoder::new(fs::File::create(path).unwrap(), width, height);
+    encoder.set_color(colour);
+    encoder.set_depth(png::BitDepth::Eight);
+    let pixels = vec![0; (width * height) as usize * colour.samples()];
+    encoder.write_header().unwrap().write_image_data(&pixels).unwrap();
+}
+
+#[test]
+fn a_black_picture_has_a_map_of_zeros_and_is_named() {
+    let folder = folder("black");
+    write_png(&folder.join("black.png"), [440, 440], png::ColorType::Grayscale);
+    for network in ["tracked", "unet"] {
+        let output = infer(&folder, "black.png", &["--network", network]);
+        let said = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(3), "{said}");
+        assert!(said.contains("black.png") && said.contains("too dark"), "{said}");
+        assert_eq!(normal_n(&folder.join("found.npy")), [0.0], "{network}");
+    }
 }

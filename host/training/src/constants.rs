@@ -1,6 +1,6 @@
 //! What training chooses, each value with unit and source.
 
-pub(crate) use gripline_network::constants::{DETECTOR_FRICTION, SCORED_TAXELS};
+pub(crate) use gripline_network::constants::DETECTOR_FRICTION;
 use gripline_network::tracked::{Lens, TrackedScaling};
 use gripline_network::weights::Widths;
 use gripline_simulation::{Camera, Gel};
@@ -56,23 +56,6 @@ pub(crate) const TOTAL_WEIGHT: f32 = 0.2;
 
 /// Squared output added to the square of the summed force: (5.5 units)², 0.27 N.
 pub(crate) const TOTAL_FLOOR: f32 = 30.0;
-
-/// Weight of the loss on the stick ratio.
-pub(crate) const RATIO_WEIGHT: f32 = 0.15;
-
-/// Normal force above which a taxel counts as in contact there, newtons: the usual calibration.
-pub(crate) const RATIO_CONTACT_N: f32 = 0.03;
-
-/// Normal force over which a predicted taxel passes from no contact to contact, newtons.
-pub(crate) const RATIO_SOFT_CONTACT_N: f32 = 0.008;
-
-/// Share of the normal force over which a predicted taxel passes from sticking to slipping, and what is added to it,
-/// newtons.
-pub(crate) const RATIO_SOFT_STICK: f32 = 0.1;
-pub(crate) const RATIO_FLOOR_N: f32 = 0.004;
-
-/// Error of the stick ratio up to which its square counts, beyond which its magnitude.
-pub(crate) const RATIO_HUBER: f32 = 0.05;
 
 /// Largest share of pixels that augmentation turns black or white.
 pub(crate) const SALT_AND_PEPPER: f32 = 0.004;

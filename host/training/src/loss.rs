@@ -1,15 +1,13 @@
 //! The training loss, in the network's output units, weighted per sample so that light touches count as much
 //! as heavy grips: relative squared force error, plus the error of f_T − μ f_z in loaded taxels (what the
-//! detector's decision hangs on), plus the error of the summed force, plus the error of the stick ratio itself, with
-//! soft decisions so that it has a slope. Each part can be left out, to see what it is worth.
+//! detector's decision hangs on), plus the error of the summed force. Each part can be left out, to see what it is
+//! worth. A loss on the stick ratio itself, with soft decisions so that it has a slope, was tried: after 430 k
+//! sample-steps the ratio was off by 0.094 with it, by 0.088 after 50 k more without.
 
 use burn::tensor::Tensor;
-use burn::tensor::activation::sigmoid;
 
 use crate::constants::{
-    CONE_LOADED, CONE_WEIGHT, DETECTOR_FRICTION, LOSS_FLOOR, NEWTONS_PER_OUTPUT, RATIO_CONTACT_N,
-    RATIO_FLOOR_N, RATIO_HUBER, RATIO_SOFT_CONTACT_N, RATIO_SOFT_STICK, RATIO_WEIGHT, SCORED_TAXELS,
-    SHEAR_WEIGHT, TOTAL_FLOOR, TOTAL_WEIGHT,
+    CONE_LOADED, CONE_WEIGHT, DETECTOR_FRICTION, LOSS_FLOOR, SHEAR_WEIGHT, TOTAL_FLOOR, TOTAL_WEIGHT,
 };
 
 /// Squared shear added under the square root, so that its slope at zero shear is finite.
@@ -26,8 +24,6 @@ pub(crate) enum Part {
     Cone,
     /// The error of the summed force.
     Total,
-    /// The error of the stick ratio.
-    Ratio,
     /// The eight symmetries of the square.
     Symmetries,
     /// Salt and pepper on the images (`unet`).
@@ -75,12 +71,9 @@ pub(crate) fn loss(predicted: Tensor<4>, truth: Tensor<4>, recipe: &Recipe) -> T
 
     if recipe.has(Part::Total) {
         let sum = |tensor: Tensor<4>| tensor.sum_dims(&[2, 3]);
-        let total_error = (sum(predicted.clone()) - sum(truth.clone())).square().sum_dim(1);
-        let total = total_error / sum(truth.clone()).square().sum_dim(1).add_scalar(TOTAL_FLOOR);
+        let total_error = (sum(predicted) - sum(truth.clone())).square().sum_dim(1);
+        let total = total_error / sum(truth).square().sum_dim(1).add_scalar(TOTAL_FLOOR);
         loss = loss + total.mul_scalar(TOTAL_WEIGHT);
-    }
-    if recipe.has(Part::Ratio) {
-        loss = loss + ratio(predicted, truth).mul_scalar(RATIO_WEIGHT);
     }
     loss.mean()
 }
@@ -98,47 +91,10 @@ fn shear(map: Tensor<4>) -> Tensor<4> {
         .sqrt()
 }
 
-/// How far the stick ratio is off, per sample: about its magnitude, and its square where it is small. The true ratio
-/// counts taxels as the detector does; of the predicted map every taxel counts by how far it is in contact and inside the
-/// cone, so that a change of force changes it. Samples with few taxels in contact do not count.
-fn ratio(predicted: Tensor<4>, truth: Tensor<4>) -> Tensor<4> {
-    let over_map = |tensor: Tensor<4>| tensor.sum_dims(&[2, 3]);
-    let units = |force_n: f32| force_n / NEWTONS_PER_OUTPUT;
-
-    let contact = truth
-        .clone()
-        .narrow(1, 2, 1)
-        .greater_scalar(units(RATIO_CONTACT_N))
-        .float();
-    let stick = cone(truth).lower_equal_scalar(0.0).float() * contact.clone();
-    let taxels = over_map(contact);
-    let true_ratio = over_map(stick) / taxels.clone().clamp_min(1.0);
-    let counts = taxels.greater_equal_scalar(SCORED_TAXELS as f32).float();
-
-    let normal = predicted.clone().narrow(1, 2, 1);
-    let contact = sigmoid(
-        normal
-            .clone()
-            .sub_scalar(units(RATIO_CONTACT_N))
-            .div_scalar(units(RATIO_SOFT_CONTACT_N)),
-    );
-    let width = normal
-        .clamp_min(0.0)
-        .mul_scalar(RATIO_SOFT_STICK)
-        .add_scalar(units(RATIO_FLOOR_N));
-    let stick = sigmoid(cone(predicted).neg() / width) * contact.clone();
-    let ratio = over_map(stick) / over_map(contact).add_scalar(1e-3);
-
-    let error = (ratio - true_ratio)
-        .square()
-        .add_scalar(RATIO_HUBER * RATIO_HUBER)
-        .sqrt();
-    error.sub_scalar(RATIO_HUBER) * counts
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::constants::NEWTONS_PER_OUTPUT;
     use burn::tensor::{Device, TensorData};
 
     /// `sticking` taxels inside the cone and `slipping` outside it, 0.5 N normal force each, as the loss takes them.
@@ -152,7 +108,7 @@ mod tests {
     }
 
     #[test]
-    fn the_loss_of_the_truth_is_next_to_nothing_and_grows_with_the_error_of_the_stick_ratio() {
+    fn the_loss_of_the_truth_is_nothing_and_grows_with_the_taxels_that_stick_wrongly() {
         let all = Recipe::default();
         let of = |sticking| loss(map(sticking, 40 - sticking), map(20, 20), &all).into_scalar::<f32>();
         assert!(of(20) < 0.01, "{}", of(20));
@@ -162,7 +118,7 @@ mod tests {
     #[test]
     fn every_part_of_the_loss_counts_where_it_is_wrong_and_can_be_left_out() {
         let all = loss(map(30, 10), map(20, 20), &Recipe::default()).into_scalar::<f32>();
-        for part in [Part::Shear, Part::Cone, Part::Total, Part::Ratio] {
+        for part in [Part::Shear, Part::Cone, Part::Total] {
             let recipe = Recipe { without: vec![part] };
             let rest = loss(map(30, 10), map(20, 20), &recipe).into_scalar::<f32>();
             assert!(rest < all, "{part:?}: {rest} of {all}");
@@ -185,12 +141,12 @@ mod tests {
             loss(predicted, truth, recipe).into_scalar::<f32>()
         };
         let only = |part| Recipe {
-            without: [part, Part::Total, Part::Ratio].to_vec(),
+            without: vec![part, Part::Total],
         };
         let [relative, even] = [
             only(Part::Cone),
             Recipe {
-                without: vec![Part::Relative, Part::Cone, Part::Total, Part::Ratio],
+                without: vec![Part::Relative, Part::Cone, Part::Total],
             },
         ];
         assert!(of(&relative, 1.2, 1.0) > 0.5 * of(&relative, 1.0, 1.2));

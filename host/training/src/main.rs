@@ -59,7 +59,7 @@ enum Command {
     /// Train, calibrate, and write OUT/weights/NETWORK.safetensors and OUT/golden/NETWORK.safetensors.
     Train {
         /// Which network.
-        #[arg(long, value_enum, default_value_t = Architecture::Unet)]
+        #[arg(long, value_enum, default_value_t = Architecture::Tracked)]
         network: Architecture,
         /// Samples to train on; each stands for eight by symmetry.
         #[arg(long, default_value_t = 40_000, value_parser = clap::value_parser!(u32).range(32..=1_000_000))]
@@ -101,7 +101,7 @@ enum Command {
     /// Score weights on samples never trained on.
     Evaluate {
         /// Which network.
-        #[arg(long, value_enum, default_value_t = Architecture::Unet)]
+        #[arg(long, value_enum, default_value_t = Architecture::Tracked)]
         network: Architecture,
         /// The weights file; without it, the weights that the engine carries.
         #[arg(long)]

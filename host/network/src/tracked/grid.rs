@@ -44,6 +44,8 @@ pub struct Gather {
     starts: Vec<u32>,
     /// Particle, weight as a near one, weight as a far one.
     entries: Vec<(u32, f32, f32)>,
+    /// The tracks of the last grid, and what each of them came to.
+    tracks: Vec<Track>,
     motions_mm: Vec<[f32; 3]>,
 }
 
@@ -96,6 +98,7 @@ impl Gather {
         }
         Self {
             lens: Some(*lens),
+            tracks: vec![Track::default(); particles.len()],
             motions_mm: vec![[0.0; 3]; particles.len()],
             places,
             starts,
@@ -109,17 +112,17 @@ impl Gather {
             grid.as_flattened_mut().fill(0.0);
             return;
         };
-        for (((motion, (height_mm, rest_mm)), particle), track) in self
-            .motions_mm
-            .iter_mut()
-            .zip(&self.places)
-            .zip(particles)
-            .zip(tracks)
-        {
+        let known = self.motions_mm.iter_mut().zip(&mut self.tracks);
+        let places = self.places.iter().zip(particles);
+        for (((motion, last), (&(height_mm, rest_mm), particle)), track) in known.zip(places).zip(tracks) {
+            if last == track {
+                continue;
+            }
+            *last = *track;
             *motion = [0.0; 3];
             if track.confidence > 0.0 {
                 let [x, y] = [0, 1].map(|k| particle.at_px[k] + track.motion_px[k]);
-                let now_mm = lens.on_plane([x, y], *height_mm);
+                let now_mm = lens.on_plane([x, y], height_mm);
                 let trust = trust(track.confidence);
                 let [x, y] = [now_mm[0] - rest_mm[0], now_mm[1] - rest_mm[1]];
                 *motion = [trust * x, trust * y, trust];
