@@ -113,7 +113,16 @@ fn a_replay_decides_what_the_run_decided_and_notices_a_single_bit() {
 fn small_pictures_and_other_settings_replay_bit_for_bit_too() {
     let (_folder, path) = recorded(
         "4",
-        &["--record-pictures", "small", "--gate", "off", "--seed", "3"],
+        &[
+            "--network",
+            "unet",
+            "--record-pictures",
+            "small",
+            "--gate",
+            "off",
+            "--seed",
+            "3",
+        ],
     );
     assert!(fs::metadata(&path).unwrap().len() < 8 << 20);
     let (summary, _) = replayed(&path, 0);
@@ -132,15 +141,7 @@ fn small_pictures_and_other_settings_replay_bit_for_bit_too() {
         ],
         [&120.into(), &120.into(), &Value::from(0)]
     );
-    let refused = gripline(&[
-        "run",
-        "--record",
-        "x.mcap",
-        "--record-pictures",
-        "small",
-        "--network",
-        "tracked",
-    ]);
+    let refused = gripline(&["run", "--record", "x.mcap", "--record-pictures", "small"]);
     assert!(ends(&refused, 2).contains("found small with the network tracked, expected full or off"));
 }
 
@@ -207,7 +208,7 @@ fn an_exported_recording_says_what_the_run_said() {
 
 #[test]
 fn a_recording_cut_short_is_read_to_its_last_frame_and_can_be_made_whole() {
-    let (folder, path) = recorded("2", &["--record-pictures", "small"]);
+    let (folder, path) = recorded("2", &["--network", "unet", "--record-pictures", "small"]);
     let bytes = fs::read(&path).unwrap();
     let cut = folder.path().join("cut.mcap");
     fs::write(&cut, &bytes[..bytes.len() * 8 / 10]).unwrap();
