@@ -11,12 +11,12 @@ use gripline_firmware::sums::{TaxelRule, stick_ratio_below, sums_of};
 use gripline_network::scene::{GateKind, Verdict};
 use gripline_network::{Architecture, Network};
 use gripline_protocol::LSB_PER_NEWTON;
+use gripline_simulation::constants::REST_PICTURES;
 use gripline_simulation::contact_world::{Contact, Drive, Mount, Press, Shape, Skin, UNSEEN_SHAPES};
 use gripline_simulation::{BrightnessMotion, Fingertip, FingertipParams, Gel, GripScene, Image};
 use serde_json::{Value, json};
 
 const FRAMES_PER_SECOND: f64 = 60.0;
-const REST_PICTURES: usize = 16;
 /// A touch of this normal force must not be taken for none, N.
 const MISSED_N: f32 = 0.2;
 /// Sensors of this program: numbers that nothing else uses.

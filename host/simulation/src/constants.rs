@@ -100,6 +100,9 @@ pub const BRIGHTNESS_DRIFT_PERIOD_S: f64 = 20.0;
 pub const BRIGHTNESS_FLICKER: f64 = 0.003;
 /// Mains frequency, Hz; light flickers at twice this.
 pub const MAINS_HZ: f64 = 50.0;
+/// Pictures at rest that a run takes before anything touches: their mean is what later ones are compared with, and their
+/// differences are the camera's noise (project default: a quarter of a second at 60 a second).
+pub const REST_PICTURES: u8 = 16;
 /// Sigma of the sensor's noise, gray levels of the crop (assumed: a small sensor indoors).
 pub const SENSOR_NOISE_LEVELS: f64 = 2.0;
 

@@ -243,7 +243,7 @@ impl Fingertip {
     }
 
     /// The mean of `pictures` crops when nothing touches, rounded to nearest: what a run takes before it starts. At
-    /// least one.
+    /// least one; exposed with fresh noise each.
     pub fn mean_rest_image(&mut self, pictures: u8) -> Image {
         let mut mean = self.rest_image();
         let mut sums: Vec<u16> = mean.pixels.iter().map(|&level| level.into()).collect();

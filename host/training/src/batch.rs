@@ -9,7 +9,7 @@ use gripline_network::weights::Scaling;
 use crate::constants::{BRIGHTNESS_DRIFT, BRIGHTNESS_SHARED, NEWTONS_PER_OUTPUT, SALT_AND_PEPPER};
 use crate::dataset::Dataset;
 use crate::dice::Dice;
-use crate::loss::{Part, Recipe};
+use crate::recipe::{Part, Recipe};
 use crate::symmetry::Symmetry;
 use crate::weights::AnyWeights;
 

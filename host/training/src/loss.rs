@@ -1,7 +1,7 @@
 //! The training loss, in the network's output units, weighted per sample so that light touches count as much
 //! as heavy grips: relative squared force error, plus the error of f_T − μ f_z in loaded taxels (what the
 //! detector's decision hangs on), plus the error of the summed force. Each part can be left out, to see what it is
-//! worth. A loss on the stick ratio itself, with soft decisions so that it has a slope, was tried: after 430 k
+//! worth ([`Recipe`]). A loss on the stick ratio itself, with soft decisions so that it has a slope, was tried: after 430 k
 //! sample-steps the ratio was off by 0.094 with it, by 0.088 after 50 k more without.
 
 use burn::tensor::Tensor;
@@ -9,40 +9,10 @@ use burn::tensor::Tensor;
 use crate::constants::{
     CONE_LOADED, CONE_WEIGHT, DETECTOR_FRICTION, LOSS_FLOOR, SHEAR_WEIGHT, TOTAL_FLOOR, TOTAL_WEIGHT,
 };
+use crate::recipe::{Part, Recipe};
 
 /// Squared shear added under the square root, so that its slope at zero shear is finite.
 const SHEAR_FLOOR: f32 = 1e-3;
-
-/// A part of training that can be left out.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
-pub(crate) enum Part {
-    /// Errors relative to the sample's force; without, all samples of a batch share one weight.
-    Relative,
-    /// Shear's errors weigh more than normal's.
-    Shear,
-    /// The error of f_T − μ f_z in loaded taxels.
-    Cone,
-    /// The error of the summed force.
-    Total,
-    /// The eight symmetries of the square.
-    Symmetries,
-    /// Salt and pepper on the images (`unet`).
-    SaltAndPepper,
-    /// Changes of the light on the images (`unet`).
-    Brightness,
-}
-
-/// What training leaves out.
-#[derive(Debug, Clone, Default)]
-pub(crate) struct Recipe {
-    pub(crate) without: Vec<Part>,
-}
-
-impl Recipe {
-    pub(crate) fn has(&self, part: Part) -> bool {
-        !self.without.contains(&part)
-    }
-}
 
 /// The loss of a batch: predicted and true `[batch, 3, 20, 20]` to `[1]`.
 pub(crate) fn loss(predicted: Tensor<4>, truth: Tensor<4>, recipe: &Recipe) -> Tensor<1> {

@@ -12,6 +12,7 @@ mod gate;
 mod golden;
 mod loss;
 mod model;
+mod recipe;
 mod symmetry;
 mod train;
 mod weights;
@@ -26,7 +27,7 @@ use gripline_simulation::Split;
 use crate::constants::LEARNING_RATE;
 use crate::dataset::{Store, world_fingerprint};
 use crate::error::TrainingError;
-use crate::loss::{Part, Recipe};
+use crate::recipe::{Part, Recipe};
 use crate::train::{Places, Plan};
 use crate::weights::Architecture;
 

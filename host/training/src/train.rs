@@ -25,8 +25,9 @@ use crate::dice::Dice;
 use crate::error::{TrainingError, at};
 use crate::evaluate::predict;
 use crate::golden;
-use crate::loss::{Recipe, loss};
+use crate::loss::loss;
 use crate::model::{Model, Tensors};
+use crate::recipe::Recipe;
 use crate::weights::{AnyWeights, Architecture};
 
 /// What the user chose.
@@ -90,7 +91,7 @@ pub(crate) fn train(plan: &Plan, places: Places<'_>) -> Result<(), TrainingError
         "sample_steps": before("sample_steps") + (outcome.steps * BATCH) as f64,
         "minutes": before("minutes") + (outcome.took.as_secs_f64() / 60.0).round(),
         "validation_loss": outcome.validation_loss,
-        "without": plan.recipe.without.iter().map(|part| format!("{part:?}")).collect::<Vec<_>>(),
+        "without": plan.recipe.left_out(),
         "framework": "burn 0.22.1 flex",
         "test": scores.to_json(),
     });

@@ -19,7 +19,7 @@ use gripline_network::scene::Verdict;
 use gripline_network::{Architecture, InstructionSet, Network};
 use gripline_protocol::message::{Configuration, FingertipGeometry, GripMode, Refusal, Status};
 use gripline_protocol::{LSB_PER_NEWTON, PER_UNIT, SENSORS};
-use gripline_simulation::constants::{SCENE_INITIAL_GRIP_N, SCENE_LOOP_S};
+use gripline_simulation::constants::{REST_PICTURES, SCENE_INITIAL_GRIP_N, SCENE_LOOP_S};
 
 use self::output::{Output, Wish};
 use self::summary::{StageSummary, Summary};
@@ -40,8 +40,6 @@ use crate::units::{
 
 /// Frames a second of the simulated camera.
 const FRAMES_PER_SECOND: f64 = 60.0;
-/// Pictures at rest that are averaged before anything touches.
-const REST_PICTURES: usize = 16;
 
 /// Arguments of `gripline run`.
 #[derive(Debug, Clone, Args)]
@@ -73,7 +71,7 @@ pub fn run(args: &RunArgs) -> Result<(), Failure> {
     }
     let Source::Simulated = wanted.source;
     let mut source = SimulatedSource::new(wanted.seed, FRAMES_PER_SECOND);
-    let rest = source.rest(REST_PICTURES);
+    let rest = source.rest(REST_PICTURES.into());
     let link = wanted.mcu.open().map_err(Failure::failed)?;
     let mut session = Session::connect(link).map_err(Failure::failed)?;
     // What neither the network nor the configuration says stays as the microcontroller has it.

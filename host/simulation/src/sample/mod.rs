@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 pub use history::{Counts, STRAIN_LIMIT};
 use history::{History, Skins};
 
-use crate::constants::{NETWORK_PX, TAXEL_COUNT, TAXELS};
+use crate::constants::{NETWORK_PX, REST_PICTURES, TAXEL_COUNT, TAXELS};
 use crate::contact::ForceMap;
 use crate::contact_world::{CellState, Truth};
 use crate::error::SimulationError;
@@ -25,8 +25,6 @@ use crate::random::Random;
 const SAMPLES: u64 = 16;
 /// Load histories on one virtual sensor before the next is drawn.
 const HISTORIES_PER_SENSOR: u32 = 3;
-/// Pictures at rest in whose mean a sensor's samples see it untouched, as a run does.
-const REST_PICTURES: u8 = 16;
 /// Share of histories before which a sample shows the skin untouched; about one sample in twenty-five.
 const UNTOUCHED: f64 = 0.25;
 /// Largest change of the light between the image at rest and those under load, share.
@@ -70,7 +68,7 @@ impl Split {
 /// One sample.
 #[derive(Debug, Clone)]
 pub struct Sample {
-    /// The fingertip at rest, 88 x 88: of the mean of several pictures.
+    /// The fingertip at rest, 88 x 88, of the mean of [`REST_PICTURES`].
     pub rest: [u8; NETWORK_PX * NETWORK_PX],
     /// The same fingertip under load, 88 x 88.
     pub now: [u8; NETWORK_PX * NETWORK_PX],

@@ -6,6 +6,7 @@ use std::sync::Arc;
 
 use gripline_network::ForceMap;
 use gripline_network::image::Image88;
+use gripline_simulation::constants::REST_PICTURES;
 use gripline_simulation::contact_world::{
     Contact, Drive, Mount, Press, Shape, Skin, TRAINING_SHAPES, Truth, UNSEEN_SHAPES,
 };
@@ -17,8 +18,6 @@ use crate::dice::Dice;
 
 /// Upper four bits of these sensors' numbers: those of samples have 1 to 4, those of scenes 0.
 const SENSORS: u64 = 9;
-/// Pictures at rest from which the gate learns the noise, as `gripline run` takes.
-const REST_PICTURES: usize = 16;
 /// Fresh pictures at rest a sensor.
 const UNTOUCHED: usize = 30;
 /// Touches a sensor.

@@ -7,6 +7,7 @@ use gripline_network::{Architecture, Network};
 use gripline_protocol::LSB_PER_NEWTON;
 use gripline_protocol::MapInfo;
 use gripline_protocol::message::{Command, Configuration};
+use gripline_simulation::constants::REST_PICTURES;
 use gripline_simulation::grasp::GraspWorld;
 use gripline_simulation::scene_file::{FrameSize, GraspFile, Policy, SceneFile};
 use gripline_simulation::{Image, SimulationError};
@@ -32,8 +33,6 @@ const GRASP_COLUMNS: [&str; 10] = [
     "on_table",
     "dropped",
 ];
-/// Pictures at rest that Gripline averages before it begins.
-const REST_PICTURES: usize = 16;
 
 /// A grasp under way.
 pub(super) struct GraspPlay<'a> {
@@ -67,9 +66,12 @@ impl<'a> GraspPlay<'a> {
             lost: None,
         };
         if let Policy::Gripline { floor_n } = grasp.policy {
-            let mut rest = Vec::with_capacity(REST_PICTURES);
+            let mut rest = Vec::with_capacity(REST_PICTURES.into());
             for picture in 0..REST_PICTURES {
-                rest.push(play.rest_number(0, REST + 1 + picture, FrameSize::Crop).pixels);
+                rest.push(
+                    play.rest_number(0, REST + 1 + usize::from(picture), FrameSize::Crop)
+                        .pixels,
+                );
             }
             play.gripline = Some(Gripline::new(&rest, floor_n)?);
         }

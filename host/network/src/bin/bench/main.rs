@@ -22,6 +22,7 @@ use gripline_network::image::Image88;
 use gripline_network::scene::{GateKind, Scene, Verdict, mean_of};
 use gripline_network::weights::Weights;
 use gripline_network::{Evaluation, ForceMap, ForceNetwork, InstructionSet, downsample_440_to_88, spin};
+use gripline_simulation::constants::REST_PICTURES;
 
 use models::Model;
 use onnx::Precision;
@@ -44,9 +45,6 @@ const SPIN_ROUNDS: usize = 30_000;
 
 /// Shares of the image's area that change between frames in the measurement of skipping, and what they are called.
 const CHANGED: [(f64, &str); 2] = [(0.1, "10 %"), (0.3, "30 %")];
-
-/// Pictures at rest that the gate learns the noise from.
-const REST_PICTURES: u64 = 16;
 
 struct Arguments {
     onnxruntime: PathBuf,
@@ -233,7 +231,7 @@ fn frames(model: &Model) -> Vec<Contestant> {
 fn gated() -> Result<Contestant, Failure> {
     let rest = pictures::picture(0.0);
     let crops: Vec<Vec<u8>> = (0..REST_PICTURES)
-        .map(|number| pictures::noisy(&rest, number))
+        .map(|number| pictures::noisy(&rest, number.into()))
         .collect();
     let frames: Vec<Image88> = crops.iter().map(|crop| small(crop)).collect();
     let mut scene = Scene::new(GateKind::default(), &mean_of(&frames), &frames);
