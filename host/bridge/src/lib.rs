@@ -21,6 +21,7 @@ pub mod error;
 pub mod infer;
 pub mod link;
 mod live;
+pub mod mailbox;
 pub mod maps_file;
 pub mod pipeline;
 pub mod plot;
