@@ -2,7 +2,7 @@
 //! (watchdog, panic, power), and then knows neither host nor settings. No IO. Times in µs of the session's clock.
 //!
 //! A restart shows in a status (the time since start falls, WATCHDOG RESET is latched anew), in a refused command, or in
-//! silence. All of these only make the host say hello again, which changes nothing for a microcontroller that still
+//! silence, or a link that was gone is back. All of these only make the host say hello again, which changes nothing for a microcontroller that still
 //! knows it; the number of the start in its answer decides.
 
 use gripline_firmware::Fault;
@@ -117,6 +117,12 @@ impl Acquaintance {
         if self.is_sound() {
             self.state = State::Doubted;
         }
+    }
+
+    /// The link was gone and is back: whoever is there now is asked at once.
+    pub(crate) const fn link_returned(&mut self) {
+        self.doubt();
+        self.asked_us = None;
     }
 
     /// Takes a status; whether it comes from one that knows this host and its settings.

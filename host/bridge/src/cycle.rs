@@ -20,6 +20,8 @@ pub(crate) struct Cycle {
     sequence: u32,
     /// The link's time of frame 0.
     start_us: u64,
+    /// How often the device had gone away, and how often it had restarted, when it last was as it should be.
+    met: (u32, u32),
 }
 
 /// What one turn came to.
@@ -39,6 +41,8 @@ pub(crate) struct Turn {
     pub latency_us: f64,
     /// Bytes on the wire.
     pub wire_bytes: usize,
+    /// The link did not take the map.
+    pub is_lost: bool,
     /// The newest status, which may be older than this map.
     pub status: Status,
     /// The status is the answer to this map.
@@ -53,6 +57,7 @@ impl Cycle {
             session,
             wish: None,
             sequence: 0,
+            met: (0, 0),
         }
     }
 
@@ -108,14 +113,27 @@ impl Cycle {
         self.wish = None;
     }
 
+    /// A command may have been lost with the link. A microcontroller that came back as it was is told anew; one that
+    /// restarted is not: nothing must move by itself because power came back.
+    fn after_absence(&mut self) {
+        if !self.session.is_sound() {
+            return;
+        }
+        let now = (self.session.presence().losses, self.session.restarts());
+        if now.0 != self.met.0 && now.1 == self.met.1 {
+            self.wish = None;
+        }
+        self.met = now;
+    }
+
     fn tell(&mut self, wish: GripMode) -> Result<(), Failure> {
         if self.wish != Some(wish) {
             let command = match wish {
                 GripMode::Hold => Command::Hold,
                 GripMode::Released => Command::Release,
             };
-            self.session.command(command).map_err(Failure::failed)?;
-            self.wish = Some(wish);
+            let is_told = self.session.command(command).map_err(Failure::failed)?;
+            self.wish = is_told.then_some(wish);
         }
         Ok(())
     }
@@ -140,6 +158,7 @@ impl Cycle {
             stages_us: [0.0, 0.0, 0.0, sent.encode_us, sent.link_us],
             latency_us: sent.encode_us + sent.link_us,
             wire_bytes: sent.bytes,
+            is_lost: sent.is_lost,
             status: Status::default(),
             answered: false,
         }
@@ -149,6 +168,7 @@ impl Cycle {
         self.session
             .run_until(self.start_us + until_us)
             .map_err(Failure::failed)?;
+        self.after_absence();
         self.sequence = turn.sequence.wrapping_add(1);
         let status = self.session.status().copied().unwrap_or_default();
         Ok(Turn {

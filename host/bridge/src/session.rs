@@ -1,19 +1,19 @@
 //! The host's side of the protocol over any link: handshake, settings, maps out, statuses in, every answer checked
 //! against the shadow. A microcontroller that restarts under way is met anew and gets the settings it was given; no
-//! command is repeated to it. Times in µs since the link was opened.
+//! command is repeated to it. A device that goes away and comes back is greeted at once. Times in µs since the link was opened.
 
 use std::time::{Instant, SystemTime, UNIX_EPOCH};
 
 use gripline_firmware::sums::TaxelRule;
 use gripline_protocol::message::{
-    Command, Configuration, Hello, Message, MessageError, MessagePackets, Refusal, Report, SchemaMismatch,
-    Status,
+    BOARDS, Command, Configuration, Hello, Message, MessageError, MessagePackets, Refusal, Report,
+    SchemaMismatch, Status,
 };
 use gripline_protocol::parser::Counters;
 use gripline_protocol::{Event, ForceMap, MapInfo, PACKET_MAX, Parser, encode_map};
 
 use crate::acquaintance::{Acquaintance, Next};
-use crate::link::{Link, LinkError};
+use crate::link::{Link, LinkError, Presence};
 use crate::shadow::Shadow;
 
 /// How long a microcontroller may take to answer a handshake: it boots in well under that.
@@ -36,10 +36,12 @@ pub enum SessionError {
         question: &'static str,
     },
     /// The other side speaks another schema.
-    #[error("{link}: {mismatch}")]
+    #[error("{link}, {firmware}: {mismatch} ({})", flashing(firmware))]
     Schema {
         /// Which link.
         link: String,
+        /// Who answered.
+        firmware: Hello,
         /// Both versions.
         mismatch: SchemaMismatch,
     },
@@ -56,6 +58,21 @@ pub enum SessionError {
     Message(#[from] MessageError),
 }
 
+impl SessionError {
+    /// Whether a packet was lost on a link that mends itself.
+    const fn is_passing(&self) -> bool {
+        matches!(self, Self::Link(LinkError::NotTaken { .. }))
+    }
+}
+
+/// The command that flashes this host's firmware to the board that answered.
+fn flashing(firmware: &Hello) -> String {
+    match BOARDS.get(usize::from(firmware.board)) {
+        Some(board) if firmware.board > 0 => format!("cargo xtask flash --board {board}"),
+        _ => "cargo xtask flash --board BOARD".to_owned(),
+    }
+}
+
 /// A conversation with one microcontroller.
 pub struct Session {
     link: Box<dyn Link>,
@@ -68,6 +85,10 @@ pub struct Session {
     are_ours: bool,
     shadow: Shadow,
     now_us: u64,
+    /// When the newest status came.
+    status_us: u64,
+    /// How often the device had gone away when it was last greeted.
+    losses: u32,
     message_id: u8,
     /// The packets of the map under way, one after the other, and their lengths.
     packets: Vec<u8>,
@@ -83,6 +104,8 @@ pub struct SentMap {
     pub encode_us: f64,
     /// Time until the link had taken the last packet. The in-process microcontroller has then decided.
     pub link_us: f64,
+    /// The link did not take all of it: the microcontroller will not answer.
+    pub is_lost: bool,
 }
 
 /// What came in.
@@ -172,6 +195,8 @@ impl Session {
             are_ours: false,
             shadow: Shadow::new(TaxelRule::of(&settings)),
             now_us: 0,
+            status_us: 0,
+            losses: 0,
             message_id: 0,
             packets: Vec::new(),
             lengths: Vec::new(),
@@ -198,6 +223,7 @@ impl Session {
         };
         hello.check().map_err(|mismatch| SessionError::Schema {
             link: self.link.name(),
+            firmware: hello,
             mismatch,
         })?;
         self.firmware = Some(hello);
@@ -290,7 +316,7 @@ impl Session {
     ) -> Result<(), SessionError> {
         let end_us = self.now_us + HANDSHAKE_US;
         while self.now_us < end_us {
-            self.send(message)?;
+            self.say(message)?;
             if self.wait_for(HANDSHAKE_RETRY_US, &answered)? {
                 return Ok(());
             }
@@ -327,18 +353,29 @@ impl Session {
         Ok(())
     }
 
-    /// Sends a command; answers come in while [`Self::run_until`] works.
+    /// Sends a message that is said again anyway when it is lost.
+    fn say(&mut self, message: &Message) -> Result<(), SessionError> {
+        match self.send(message) {
+            Err(error) if error.is_passing() => Ok(()),
+            said => said,
+        }
+    }
+
+    /// Sends a command; answers come in while [`Self::run_until`] works. Returns whether the link took it.
     ///
     /// # Errors
-    /// [`SessionError`] when the link is gone.
-    pub fn command(&mut self, command: Command) -> Result<(), SessionError> {
-        self.send(&Message::Command(command))
+    /// [`SessionError`] when the link is gone for good.
+    pub fn command(&mut self, command: Command) -> Result<bool, SessionError> {
+        match self.send(&Message::Command(command)) {
+            Err(error) if error.is_passing() => Ok(false),
+            sent => sent.map(|()| true),
+        }
     }
 
     /// Sends a map.
     ///
     /// # Errors
-    /// [`SessionError`] when the link is gone; the packets before that were sent.
+    /// [`SessionError`] when the link is gone for good; the packets before that were sent.
     pub fn send_map(&mut self, info: &MapInfo, map: &ForceMap) -> Result<SentMap, SessionError> {
         let start = Instant::now();
         self.packets.clear();
@@ -349,18 +386,29 @@ impl Session {
         });
         let encoded = Instant::now();
         let mut rest = &self.packets[..];
+        let mut is_lost = false;
         for &length in &self.lengths {
             let (packet, after) = rest.split_at(length);
-            self.link.send(packet)?;
+            match self.link.send(packet) {
+                // What is missing cannot be made up for: the next map is on its way.
+                Err(LinkError::NotTaken { .. }) => {
+                    is_lost = true;
+                    break;
+                }
+                sent => sent?,
+            }
             rest = after;
         }
         let handed_over = Instant::now();
-        self.shadow.sent(info.sensor, info.sequence, map);
+        if !is_lost {
+            self.shadow.sent(info.sensor, info.sequence, map);
+        }
         let us = |from: Instant, to: Instant| (to - from).as_secs_f64() * 1e6;
         Ok(SentMap {
             bytes: self.packets.len(),
             encode_us: us(start, encoded),
             link_us: us(encoded, handed_over),
+            is_lost,
         })
     }
 
@@ -368,7 +416,7 @@ impl Session {
     /// passing: nothing waits for it.
     ///
     /// # Errors
-    /// [`SessionError`] when the link is gone, or who comes back speaks another schema.
+    /// [`SessionError`] when the link is gone for good, or who comes back speaks another schema.
     pub fn run_until(&mut self, until_us: u64) -> Result<(), SessionError> {
         let Self { link, inbox, .. } = self;
         inbox.statuses.clear();
@@ -377,6 +425,14 @@ impl Session {
         self.now_us = until_us.max(self.now_us);
         if self.inbox.packets != packets {
             self.acquaintance.heard(self.now_us);
+        }
+        if !self.inbox.statuses.is_empty() {
+            self.status_us = self.now_us;
+        }
+        let presence = self.link.presence();
+        if presence.losses != self.losses && presence.away.is_none() {
+            self.losses = presence.losses;
+            self.acquaintance.link_returned();
         }
         for status in &self.inbox.statuses {
             // Whoever restarted judges by other settings until it has ours.
@@ -412,16 +468,16 @@ impl Session {
             None => Ok(()),
             Some(Next::Hello) => {
                 self.inbox.hello = None;
-                self.send(&self.hello())
+                self.say(&self.hello())
             }
             Some(Next::Settings) => {
                 self.inbox.configuration = None;
                 self.inbox.settings_refused = false;
-                self.command(if self.are_ours {
+                self.say(&Message::Command(if self.are_ours {
                     Command::Configure(self.settings)
                 } else {
                     Command::ReadConfiguration
-                })
+                }))
             }
         }
     }
@@ -466,6 +522,36 @@ impl Session {
     #[must_use]
     pub fn status(&self) -> Option<&Status> {
         self.inbox.latest.as_ref()
+    }
+
+    /// How long ago it came, µs.
+    #[must_use]
+    pub const fn status_age_us(&self) -> u64 {
+        self.now_us.saturating_sub(self.status_us)
+    }
+
+    /// Whether the device is there, and what was lost.
+    #[must_use]
+    pub fn presence(&self) -> Presence {
+        self.link.presence()
+    }
+
+    /// What to say of a firmware that speaks our messages but is not of this host's version; `None` when it is.
+    #[must_use]
+    pub fn other_version(&self) -> Option<String> {
+        let firmware = self.firmware.as_ref()?;
+        let ours = Hello::of_this_build(0, 0).build;
+        (firmware.build != ours).then(|| {
+            format!(
+                "{}: found firmware {firmware}, expected {}.{}.{}: they understand each other, so the run goes on; \
+                 `{}` makes both the same",
+                self.link.name(),
+                ours[0],
+                ours[1],
+                ours[2],
+                flashing(firmware)
+            )
+        })
     }
 
     /// The last refused command, once.

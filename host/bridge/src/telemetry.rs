@@ -15,6 +15,13 @@ pub const STAGES: [&str; 5] = ["downsample", "gate", "network", "encode", "link"
 /// takes longer is counted as late.
 pub const DEADLINES_US: [f64; STAGES.len()] = [300.0, 300.0, 3_000.0, 100.0, 300.0];
 
+/// The host's own faults, beside those of the microcontroller: its device is away.
+pub const NO_DEVICE: &str = "NO DEVICE";
+/// It is there or not, but what it last said is old: state and line are not known.
+pub const NO_STATUS: &str = "NO STATUS";
+/// Older than this, µs: ten statuses a second come, whatever happens.
+pub const STATUS_OLD_US: u64 = 250_000;
+
 /// One frame, as far as the microcontroller has answered it.
 #[derive(Debug, Clone, Serialize)]
 pub struct FrameReport {
@@ -65,7 +72,7 @@ pub struct FrameReport {
     pub latency_us: f64,
     /// Time of each of [`STAGES`], in their order; 0 where the gate skipped it.
     pub stages_us: [f64; STAGES.len()],
-    /// Names of the faults that are there or latched.
+    /// Names of the microcontroller's faults that are there or latched, and of the host's own.
     pub faults: Vec<&'static str>,
     /// Bytes on the wire for this map.
     pub wire_bytes: usize,

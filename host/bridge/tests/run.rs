@@ -260,7 +260,56 @@ fn a_port_where_nobody_answers_is_no_microcontroller() {
     );
 }
 
-/// The firmware library behind a pseudo terminal: the serial link and the COBS framing as a real board would use them.
+/// The firmware library at the far end of a serial line, with a clock that runs on.
+struct SerialBoard {
+    mcu: Mcu,
+    start: Instant,
+    next_tick_us: u64,
+}
+
+impl SerialBoard {
+    fn new() -> Self {
+        Self {
+            mcu: Mcu::new(Start::default()),
+            start: Instant::now(),
+            next_tick_us: 0,
+        }
+    }
+
+    fn now_us(&self) -> u64 {
+        self.start.elapsed().as_micros() as u64
+    }
+
+    fn serve(&mut self, far: &mut TTYPort, is_over: impl Fn(&Self) -> bool) {
+        far.set_timeout(Duration::from_millis(1)).unwrap();
+        let (mut frames, mut bytes) = (CobsDecoder::new(), [0; 4096]);
+        while !is_over(self) {
+            // Reading fails while nobody has the other end open.
+            let length = far.read(&mut bytes).unwrap_or(0);
+            for &byte in &bytes[..length] {
+                if let Some(Frame::Packet(packet)) = frames.push(byte) {
+                    let now_us = self.now_us();
+                    let _ = self.mcu.packet(packet, now_us);
+                }
+            }
+            self.live();
+            let (mut packet, mut frame) = ([0; PACKET_MAX], [0; FRAME_MAX]);
+            while let Some(length) = self.mcu.poll_transmit(&mut packet) {
+                let length = encode_packet(&packet[..length], &mut frame);
+                let _ = far.write_all(&frame[..length]);
+            }
+        }
+    }
+
+    fn live(&mut self) {
+        while self.next_tick_us < self.now_us() {
+            let _ = self.mcu.tick(self.next_tick_us);
+            self.next_tick_us += 1_000;
+        }
+    }
+}
+
+/// The serial link and the COBS framing as a real board would use them.
 #[test]
 fn a_microcontroller_on_a_serial_port_answers_every_map_as_the_shadow_does() {
     let (mut far, near) = TTYPort::pair().expect("a pseudo terminal");
@@ -269,28 +318,7 @@ fn a_microcontroller_on_a_serial_port_answers_every_map_as_the_shadow_does() {
     let stop = Arc::new(AtomicBool::new(false));
     let stopped = Arc::clone(&stop);
     let board = std::thread::spawn(move || {
-        far.set_timeout(Duration::from_millis(1)).unwrap();
-        let (start, mut mcu, mut frames) = (Instant::now(), Mcu::new(Start::default()), CobsDecoder::new());
-        let (mut bytes, mut next_tick_us) = ([0; 4096], 0);
-        while !stopped.load(Ordering::Relaxed) {
-            // Reading fails while nobody has the other end open.
-            let length = far.read(&mut bytes).unwrap_or(0);
-            let now_us = || start.elapsed().as_micros() as u64;
-            for &byte in &bytes[..length] {
-                if let Some(Frame::Packet(packet)) = frames.push(byte) {
-                    let _ = mcu.packet(packet, now_us());
-                }
-            }
-            while next_tick_us < now_us() {
-                let _ = mcu.tick(next_tick_us);
-                next_tick_us += 1_000;
-            }
-            let (mut packet, mut frame) = ([0; PACKET_MAX], [0; FRAME_MAX]);
-            while let Some(length) = mcu.poll_transmit(&mut packet) {
-                let length = encode_packet(&packet[..length], &mut frame);
-                let _ = far.write_all(&frame[..length]);
-            }
-        }
+        SerialBoard::new().serve(&mut far, |_| stopped.load(Ordering::Relaxed));
     });
     let output = gripline(&[
         "run",
@@ -311,6 +339,67 @@ fn a_microcontroller_on_a_serial_port_answers_every_map_as_the_shadow_does() {
     );
     assert_eq!(frames.len(), 180);
     assert_eq!(summary["shadow_mismatches"], 0);
+    assert!(summary["answers_checked"].as_u64() >= Some(90), "{summary}");
+}
+
+/// A USB adapter that is pulled out and put in again, into another pseudo terminal under the same name.
+#[cfg(unix)]
+#[test]
+fn a_serial_port_that_goes_away_and_comes_back_is_taken_up_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let name = folder.path().join("by-id");
+    let plug = |into: &std::path::Path| {
+        let (far, near) = TTYPort::pair().expect("a pseudo terminal");
+        std::os::unix::fs::symlink(near.name().unwrap(), into).unwrap();
+        // A clone is not handed on to the programs that are started here, which would keep the line open.
+        far.try_clone_native().unwrap()
+    };
+    let mut far = plug(&name);
+    let (stop, its_name) = (Arc::new(AtomicBool::new(false)), name.clone());
+    let stopped = Arc::clone(&stop);
+    let board = std::thread::spawn(move || {
+        let mut board = SerialBoard::new();
+        let is_over = || stopped.load(Ordering::Relaxed);
+        // Pulled out in the middle of the run, when the host holds.
+        board.serve(&mut far, |board| is_over() || board.mcu.status().maps >= 60);
+        std::fs::remove_file(&its_name).unwrap();
+        drop(far);
+        let away = Instant::now();
+        while away.elapsed() < Duration::from_millis(400) {
+            board.live();
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        let mut far = plug(&its_name);
+        board.serve(&mut far, |_| is_over());
+    });
+    let path = format!("serial:{}", name.display());
+    let output = gripline(&["run", "--seconds", "4", "--json", "--mcu", &path]);
+    stop.store(true, Ordering::Relaxed);
+    board.join().expect("the board did not panic");
+    let error = String::from_utf8_lossy(&output.stderr);
+    let (frames, summary) = reports(&output);
+    assert_eq!(output.status.code(), Some(3), "{error}");
+    assert!(
+        error.contains("is gone (") && error.contains("is back"),
+        "{error}{summary}"
+    );
+    assert_eq!(frames.len(), 240, "the pictures went on");
+    let is_away = |frame: &Value| frame["faults"].as_array().unwrap().contains(&"NO DEVICE".into());
+    let away = frames.iter().filter(|frame| is_away(frame)).count();
+    assert!(away > 0 && !is_away(&frames[239]), "{away} frames without it");
+    assert_eq!(
+        (
+            &summary["link_losses"],
+            &summary["microcontroller_restarts"],
+            &summary["shadow_mismatches"]
+        ),
+        (&1.into(), &0.into(), &0.into()),
+        "{summary}"
+    );
+    assert!(
+        summary["maps_not_taken"].as_u64() >= Some(away as u64),
+        "{summary}"
+    );
     assert!(summary["answers_checked"].as_u64() >= Some(90), "{summary}");
 }
 

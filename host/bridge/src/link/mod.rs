@@ -1,27 +1,35 @@
 //! Ways to a microcontroller, behind one trait: in this process, emulated, over a serial line, over USB.
 //! Packets of at most 64 bytes each way; what is in them is [`crate::session`]'s matter. Times in µs since the link
-//! was opened.
+//! was opened. A real device may go away and come back ([`hot_plug`]).
 
 mod embedded;
 pub mod emulator;
+pub mod hot_plug;
 mod serial;
-mod usb;
+pub mod usb;
 
 use std::fmt;
 use std::str::FromStr;
+use std::time::Duration;
 
 pub use embedded::EmbeddedLink;
 pub use emulator::{EmulatorLink, Transport};
+pub use hot_plug::HotPlug;
 
-pub use serial::SerialLink;
-pub use usb::UsbLink;
+use self::serial::SerialFinder;
+use self::usb::{System, UsbFinder};
+
+/// A real device that takes nothing for so long is stuck, and the next picture is due: a dense map takes 3 ms on full-speed
+/// USB.
+const SEND_WAIT: Duration = Duration::from_millis(10);
 
 /// One way to a microcontroller.
 pub trait Link {
     /// Hands over one packet of at most 64 bytes.
     ///
     /// # Errors
-    /// [`LinkError`] when the other end is gone.
+    /// [`LinkError::NotTaken`] when the packet is lost and the link mends itself; another when the other end is gone for
+    /// good.
     fn send(&mut self, packet: &[u8]) -> Result<(), LinkError>;
 
     /// Works until `until_us` and hands every packet that comes in to `received`. A link that owns the
@@ -41,6 +49,22 @@ pub trait Link {
     fn line_code(&self) -> Option<u16> {
         None
     }
+
+    /// Whether the device is there, and what was lost; a microcontroller in this process or emulated is never away.
+    fn presence(&self) -> Presence {
+        Presence::default()
+    }
+}
+
+/// What a link has to say of its device's being there.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Presence {
+    /// Why it is away; `None` while it is there.
+    pub away: Option<String>,
+    /// How often it went away.
+    pub losses: u32,
+    /// Packets that it did not take, away or busy.
+    pub packets_lost: u64,
 }
 
 /// Why a link cannot be opened or has ended.
@@ -55,6 +79,37 @@ pub enum LinkError {
         found: String,
         /// What to do.
         advice: String,
+    },
+    /// Several could be meant.
+    #[error("{link}: found {count}: {found}; expected one, name it with --mcu usb:SERIAL")]
+    Several {
+        /// Which link.
+        link: String,
+        /// How many.
+        count: usize,
+        /// What is there.
+        found: String,
+    },
+    /// Two devices that cannot be told apart.
+    #[error(
+        "{link}: found two devices with the serial number {serial}, at {} and {}, expected one; unplug one of them, or speak to it \
+         over its UART (--mcu serial:PORT)", places[0], places[1]
+    )]
+    Twins {
+        /// Which link.
+        link: String,
+        /// Their serial number.
+        serial: String,
+        /// Where they are.
+        places: [String; 2],
+    },
+    /// A packet is lost; the link mends itself.
+    #[error("{link}: a packet was not taken: {found}")]
+    NotTaken {
+        /// Which link.
+        link: String,
+        /// What happened.
+        found: String,
     },
     /// Another program has it.
     #[error(
@@ -130,8 +185,11 @@ impl Target {
         Ok(match self {
             Self::Embedded => Box::new(EmbeddedLink::new()),
             Self::Emulator(transport) => Box::new(EmulatorLink::spawn(*transport)?),
-            Self::Serial(port) => Box::new(SerialLink::open(port)?),
-            Self::Usb(serial) => Box::new(UsbLink::open(serial.as_deref())?),
+            Self::Serial(port) => Box::new(HotPlug::open(Box::new(SerialFinder(port.clone())))?),
+            Self::Usb(serial) => {
+                let finder = UsbFinder::new(System::default(), serial.clone());
+                Box::new(HotPlug::open(Box::new(finder))?)
+            }
         })
     }
 }

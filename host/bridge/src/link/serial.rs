@@ -1,50 +1,36 @@
 //! A real microcontroller on a serial port: COBS frames at 921,600 baud, 8N1. The port is opened for this program
-//! alone.
+//! alone. Limits: a port that comes back under another name is not found; `/dev/serial/by-id` has names that stay.
 
-use std::io::{ErrorKind, Read, Write};
-use std::time::{Duration, Instant};
+use std::io::{self, ErrorKind, Read, Write};
+use std::path::Path;
+use std::time::Duration;
 
 use gripline_protocol::cobs::{CobsDecoder, FRAME_MAX, Frame, encode_packet};
 use serialport::SerialPort;
 
-use super::{Link, LinkError};
+use super::hot_plug::{Device, DeviceError, Finder};
+use super::{LinkError, SEND_WAIT};
 
 /// The firmware's baud rate.
 const BAUD: u32 = 921_600;
-/// How long one read waits, so that the end of the time slice is met within a millisecond.
-const READ_WAIT: Duration = Duration::from_millis(1);
 
-/// A serial port.
-pub struct SerialLink {
-    path: String,
-    port: Box<dyn SerialPort>,
-    decoder: CobsDecoder,
-    start: Instant,
-}
+/// The port at this path.
+pub(super) struct SerialFinder(pub(super) String);
 
-impl SerialLink {
-    /// Opens the port.
-    ///
-    /// # Errors
-    /// [`LinkError`] when there is no such port or another program has it.
-    pub fn open(path: &str) -> Result<Self, LinkError> {
-        let port = serialport::new(path, BAUD)
-            .timeout(READ_WAIT)
+impl Finder for SerialFinder {
+    fn find(&mut self) -> Result<Box<dyn Device>, LinkError> {
+        let port = serialport::new(&self.0, BAUD)
             .open()
-            .map_err(|error| open_error(path, &error))?;
-        Ok(Self {
-            path: path.to_owned(),
+            .map_err(|error| open_error(&self.0, &error))?;
+        Ok(Box::new(Serial {
             port,
             decoder: CobsDecoder::new(),
-            start: Instant::now(),
-        })
+            is_torn: false,
+        }))
     }
 
-    fn broken(&self, error: &std::io::Error) -> LinkError {
-        LinkError::Broken {
-            link: format!("serial port {}", self.path),
-            found: format!("{error}; expected it to stay open, check cable and power"),
-        }
+    fn name(&self) -> String {
+        format!("serial port {}", self.0)
     }
 }
 
@@ -69,7 +55,7 @@ fn open_error(path: &str, error: &serialport::Error) -> LinkError {
                 .to_owned(),
         },
         // The library reports a port that exists but is locked by another program as "no device".
-        _ if std::path::Path::new(path).exists() => LinkError::Busy {
+        _ if Path::new(path).exists() => LinkError::Busy {
             link,
             found: error.to_string(),
         },
@@ -81,45 +67,65 @@ fn open_error(path: &str, error: &serialport::Error) -> LinkError {
     }
 }
 
-impl Link for SerialLink {
-    fn send(&mut self, packet: &[u8]) -> Result<(), LinkError> {
+/// An open port.
+struct Serial {
+    port: Box<dyn SerialPort>,
+    decoder: CobsDecoder,
+    /// A frame was not written to its end.
+    is_torn: bool,
+}
+
+impl Serial {
+    fn write(&mut self, bytes: &[u8]) -> Result<(), DeviceError> {
+        self.port
+            .set_timeout(SEND_WAIT)
+            .map_err(|error| DeviceError::Gone(error.to_string()))?;
+        self.port.write_all(bytes).map_err(|error| {
+            if is_passing(&error) {
+                self.is_torn = true;
+                DeviceError::Busy
+            } else {
+                DeviceError::Gone(error.to_string())
+            }
+        })
+    }
+}
+
+impl Device for Serial {
+    fn send(&mut self, packet: &[u8]) -> Result<(), DeviceError> {
+        if self.is_torn {
+            self.write(&[0])?;
+            self.is_torn = false;
+        }
         let mut frame = [0; FRAME_MAX];
         let length = encode_packet(packet, &mut frame);
-        self.port
-            .write_all(&frame[..length])
-            .map_err(|error| self.broken(&error))
+        self.write(&frame[..length])
     }
 
-    fn run_until(&mut self, until_us: u64, received: &mut dyn FnMut(&[u8])) -> Result<(), LinkError> {
-        let until = self.start + Duration::from_micros(until_us);
+    fn receive(&mut self, patience: Duration, received: &mut dyn FnMut(&[u8])) -> Result<(), DeviceError> {
+        let gone = |error: &dyn std::fmt::Display| DeviceError::Gone(error.to_string());
+        self.port.set_timeout(patience).map_err(|error| gone(&error))?;
         let mut buffer = [0; 4096];
-        loop {
-            match self.port.read(&mut buffer) {
-                Ok(length) => {
-                    for &byte in &buffer[..length] {
-                        if let Some(Frame::Packet(packet)) = self.decoder.push(byte) {
-                            received(packet);
-                        }
+        match self.port.read(&mut buffer) {
+            // Something was announced and nothing is there: the port hung up.
+            Ok(0) => Err(gone(&"the port hung up")),
+            Ok(length) => {
+                for &byte in &buffer[..length] {
+                    if let Some(Frame::Packet(packet)) = self.decoder.push(byte) {
+                        received(packet);
                     }
                 }
-                Err(error)
-                    if matches!(
-                        error.kind(),
-                        ErrorKind::TimedOut | ErrorKind::WouldBlock | ErrorKind::Interrupted
-                    ) => {}
-                Err(error) => return Err(self.broken(&error)),
+                Ok(())
             }
-            if Instant::now() >= until {
-                return Ok(());
-            }
+            Err(error) if is_passing(&error) => Ok(()),
+            Err(error) => Err(gone(&error)),
         }
     }
+}
 
-    fn now_us(&self) -> u64 {
-        self.start.elapsed().as_micros() as u64
-    }
-
-    fn name(&self) -> String {
-        format!("microcontroller on serial port {}", self.path)
-    }
+fn is_passing(error: &io::Error) -> bool {
+    matches!(
+        error.kind(),
+        ErrorKind::TimedOut | ErrorKind::WouldBlock | ErrorKind::Interrupted
+    )
 }

@@ -1,13 +1,14 @@
-//! A real microcontroller on USB: vendor-class bulk endpoints, one packet per transfer.
-//! Limits: one device per link; a device that goes away ends the link.
+//! A real microcontroller on USB: vendor-class bulk endpoints, one packet per transfer. Which of the devices that are
+//! attached is meant ([`choose`]) is pure; [`Bus`] is the system's part.
 
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use gripline_protocol::PACKET_MAX;
-use nusb::transfer::{Bulk, In, Out};
+use nusb::transfer::{Buffer, Bulk, In, Out};
 use nusb::{DeviceInfo, Endpoint, ErrorKind, MaybeFuture};
 
-use super::{Link, LinkError};
+use super::hot_plug::{Device, DeviceError, Finder};
+use super::{LinkError, SEND_WAIT};
 
 /// The firmware's identity: the pid.codes test product, until the project has its own.
 const VENDOR: u16 = 0x1209;
@@ -18,146 +19,260 @@ const INTERFACE: u8 = 0;
 const OUT: u8 = 0x01;
 const IN: u8 = 0x81;
 /// Transfers that wait for packets from the device.
-const IN_FLIGHT: usize = 8;
-const SEND_WAIT: Duration = Duration::from_millis(100);
+const LISTENING: usize = 8;
+/// Packets under way to the device: one dense map and a command.
+const UNDER_WAY: usize = 48;
 
-/// A USB device.
-pub struct UsbLink {
-    name: String,
-    out: Endpoint<Bulk, Out>,
-    input: Endpoint<Bulk, In>,
-    start: Instant,
+/// A device of ours that is attached.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Attached {
+    /// Its serial number.
+    pub serial: Option<String>,
+    /// Bus and ports on the way to it, as in `lsusb -t`.
+    pub place: String,
 }
 
-impl UsbLink {
-    /// Opens the device with this serial number, or the only one.
+/// The system's USB.
+pub trait Bus {
+    /// Every device of ours.
     ///
     /// # Errors
-    /// [`LinkError`] when there is no such device, when there are several and none was named, or when another
-    /// program has it.
-    pub fn open(serial: Option<&str>) -> Result<Self, LinkError> {
-        let name = serial.map_or_else(
-            || "USB device".to_owned(),
-            |serial| format!("USB device {serial}"),
-        );
-        let device = choose(&name, serial)?;
-        let opened = |error: nusb::Error| match error.kind() {
+    /// Why they cannot be listed.
+    fn attached(&mut self) -> Result<Vec<Attached>, String>;
+
+    /// Opens the device at this place of the last list.
+    ///
+    /// # Errors
+    /// [`LinkError`] with `link` as its name.
+    fn open(&mut self, number: usize, link: &str) -> Result<Box<dyn Device>, LinkError>;
+}
+
+/// The device with this serial number, or the only one; once one was found, always that.
+pub struct UsbFinder<B> {
+    bus: B,
+    serial: Option<String>,
+}
+
+impl<B: Bus> UsbFinder<B> {
+    /// Looks on this bus.
+    pub fn new(bus: B, serial: Option<String>) -> Self {
+        Self { bus, serial }
+    }
+}
+
+impl<B: Bus> Finder for UsbFinder<B> {
+    fn find(&mut self) -> Result<Box<dyn Device>, LinkError> {
+        let link = self.name();
+        let attached = self.bus.attached().map_err(|found| LinkError::Missing {
+            link: link.clone(),
+            found,
+            advice: "check that this system has USB".to_owned(),
+        })?;
+        let number = choose(&link, &attached, self.serial.as_deref())?;
+        let device = self.bus.open(number, &link)?;
+        self.serial.clone_from(&attached[number].serial);
+        Ok(device)
+    }
+
+    fn name(&self) -> String {
+        match &self.serial {
+            Some(serial) => format!("USB device {serial}"),
+            None => "USB device".to_owned(),
+        }
+    }
+}
+
+/// Which of the devices is meant.
+///
+/// # Errors
+/// [`LinkError`] when it is not there, when several could be meant, or when two have the same serial number.
+pub fn choose(link: &str, attached: &[Attached], serial: Option<&str>) -> Result<usize, LinkError> {
+    let list = || {
+        let names: Vec<_> = attached.iter().map(shown).collect();
+        names.join(", ")
+    };
+    let is_meant = |(_, device): &(usize, &Attached)| serial.is_none() || device.serial.as_deref() == serial;
+    let mut meant = attached.iter().enumerate().filter(is_meant);
+    let Some((number, first)) = meant.next() else {
+        let (found, advice) = if attached.is_empty() {
+            (
+                format!("no device {VENDOR:04x}:{PRODUCT:04x}"),
+                "plug the microcontroller in, flash it, or use --mcu embedded",
+            )
+        } else {
+            (
+                format!("found {}", list()),
+                "name one that is there with --mcu usb:SERIAL",
+            )
+        };
+        return Err(LinkError::Missing {
+            link: link.to_owned(),
+            found,
+            advice: advice.to_owned(),
+        });
+    };
+    let others: Vec<_> = meant.map(|(_, device)| device).collect();
+    if others.iter().any(|other| other.serial != first.serial) {
+        return Err(LinkError::Several {
+            link: link.to_owned(),
+            count: attached.len(),
+            found: list(),
+        });
+    }
+    match others.first() {
+        None => Ok(number),
+        Some(twin) => Err(LinkError::Twins {
+            link: link.to_owned(),
+            serial: first.serial.clone().unwrap_or_else(|| "none".to_owned()),
+            places: [first.place.clone(), twin.place.clone()],
+        }),
+    }
+}
+
+fn shown(device: &Attached) -> String {
+    let serial = device.serial.as_deref().unwrap_or("without serial number");
+    format!("{serial} at {}", device.place)
+}
+
+/// The devices of ours that this system has now.
+///
+/// # Errors
+/// Why they cannot be listed.
+pub fn attached() -> Result<Vec<Attached>, String> {
+    System::default().attached()
+}
+
+/// This system's USB.
+#[derive(Default)]
+pub(super) struct System(Vec<DeviceInfo>);
+
+impl Bus for System {
+    fn attached(&mut self) -> Result<Vec<Attached>, String> {
+        let is_ours = |device: &DeviceInfo| {
+            (device.vendor_id(), device.product_id()) == (VENDOR, PRODUCT)
+                && device
+                    .product_string()
+                    .is_none_or(|product| product.starts_with(PRODUCT_NAME))
+        };
+        let devices = nusb::list_devices()
+            .wait()
+            .map_err(|error| format!("USB devices cannot be listed: {error}"))?;
+        self.0 = devices.filter(is_ours).collect();
+        let attached = self.0.iter().map(|device| {
+            let ports: Vec<_> = device.port_chain().iter().map(u8::to_string).collect();
+            Attached {
+                serial: device.serial_number().map(str::to_owned),
+                place: format!("{}-{}", device.bus_id(), ports.join(".")),
+            }
+        });
+        Ok(attached.collect())
+    }
+
+    fn open(&mut self, number: usize, link: &str) -> Result<Box<dyn Device>, LinkError> {
+        let failed = |error: nusb::Error| match error.kind() {
             ErrorKind::Busy => LinkError::Busy {
-                link: name.clone(),
+                link: link.to_owned(),
                 found: error.to_string(),
             },
             ErrorKind::PermissionDenied => LinkError::Broken {
-                link: name.clone(),
+                link: link.to_owned(),
                 found: format!("{error}; expected to be allowed to open it, install the udev rule"),
             },
             _ => LinkError::Broken {
-                link: name.clone(),
+                link: link.to_owned(),
                 found: error.to_string(),
             },
         };
-        let interface = device
+        let interface = self.0[number]
             .open()
             .wait()
-            .map_err(opened)?
+            .map_err(failed)?
             .claim_interface(INTERFACE)
             .wait()
-            .map_err(opened)?;
-        let out = interface.endpoint(OUT).map_err(opened)?;
-        let input = interface.endpoint(IN).map_err(opened)?;
-        let mut link = Self {
-            name,
+            .map_err(failed)?;
+        let out = interface.endpoint(OUT).map_err(failed)?;
+        let input = interface.endpoint(IN).map_err(failed)?;
+        let mut device = Usb {
             out,
             input,
-            start: Instant::now(),
+            spare: Vec::new(),
         };
-        link.keep_listening();
-        Ok(link)
+        device.listen();
+        Ok(Box::new(device))
     }
+}
 
-    fn keep_listening(&mut self) {
-        while self.input.pending() < IN_FLIGHT {
+/// An open device.
+struct Usb {
+    out: Endpoint<Bulk, Out>,
+    input: Endpoint<Bulk, In>,
+    /// Buffers of packets that went out.
+    spare: Vec<Buffer>,
+}
+
+impl Usb {
+    fn listen(&mut self) {
+        while self.input.pending() < LISTENING {
             let buffer = self.input.allocate(PACKET_MAX);
             self.input.submit(buffer);
         }
     }
 
-    fn broken(&self, found: impl std::fmt::Display) -> LinkError {
-        LinkError::Broken {
-            link: self.name.clone(),
-            found: format!("{found}; expected it to stay connected, check cable and power"),
+    /// Takes back a packet that went out, when one does within so long.
+    fn gone_out(&mut self, patience: Duration) -> Result<bool, DeviceError> {
+        if self.out.pending() == 0 {
+            return Ok(false);
         }
+        let Some(completion) = self.out.wait_next_complete(patience) else {
+            return Ok(false);
+        };
+        self.spare.push(completion.buffer);
+        completion
+            .status
+            .map(|()| true)
+            .map_err(|error| DeviceError::Gone(error.to_string()))
     }
 }
 
-fn choose(name: &str, serial: Option<&str>) -> Result<DeviceInfo, LinkError> {
-    let missing = |found: String, advice: &str| LinkError::Missing {
-        link: name.to_owned(),
-        found,
-        advice: advice.to_owned(),
-    };
-    let devices = nusb::list_devices().wait().map_err(|error| {
-        missing(
-            format!("USB devices cannot be listed: {error}"),
-            "check that this system has USB",
-        )
-    })?;
-    let mut found: Vec<_> = devices
-        .filter(|device| device.vendor_id() == VENDOR && device.product_id() == PRODUCT)
-        .filter(|device| {
-            device
-                .product_string()
-                .is_none_or(|product| product.starts_with(PRODUCT_NAME))
-        })
-        .collect();
-    let serials: Vec<_> = found
-        .iter()
-        .map(|device| {
-            device
-                .serial_number()
-                .unwrap_or("without serial number")
-                .to_owned()
-        })
-        .collect();
-    if let Some(serial) = serial {
-        found.retain(|device| device.serial_number() == Some(serial));
-    }
-    match (found.len(), serials.len()) {
-        (1, _) => Ok(found.remove(0)),
-        (0, 0) => Err(missing(
-            format!("no device {VENDOR:04x}:{PRODUCT:04x}"),
-            "plug the microcontroller in, flash it, or use --mcu embedded",
-        )),
-        _ => Err(missing(
-            format!("found {}", serials.join(", ")),
-            "name one of them with --mcu usb:SERIAL",
-        )),
-    }
-}
-
-impl Link for UsbLink {
-    fn send(&mut self, packet: &[u8]) -> Result<(), LinkError> {
-        let completion = self.out.transfer_blocking(packet.to_vec().into(), SEND_WAIT);
-        completion.status.map_err(|error| self.broken(error))
+impl Device for Usb {
+    fn send(&mut self, packet: &[u8]) -> Result<(), DeviceError> {
+        while self.gone_out(Duration::ZERO)? {}
+        if self.out.pending() >= UNDER_WAY && !self.gone_out(SEND_WAIT)? {
+            // What it has not taken by now is old; the map that it belongs to is lost with it.
+            self.out.cancel_all();
+            while self.out.pending() > 0 {
+                if let Some(completion) = self.out.wait_next_complete(SEND_WAIT) {
+                    self.spare.push(completion.buffer);
+                } else {
+                    return Err(DeviceError::Gone(
+                        "it takes nothing and gives nothing back".to_owned(),
+                    ));
+                }
+            }
+            return Err(DeviceError::Busy);
+        }
+        let mut buffer = self.spare.pop().unwrap_or_else(|| Buffer::new(PACKET_MAX));
+        buffer.clear();
+        buffer.extend_from_slice(packet);
+        self.out.submit(buffer);
+        Ok(())
     }
 
-    fn run_until(&mut self, until_us: u64, received: &mut dyn FnMut(&[u8])) -> Result<(), LinkError> {
-        let until = self.start + Duration::from_micros(until_us);
-        loop {
-            let left = until.saturating_duration_since(Instant::now());
-            let Some(completion) = self.input.wait_next_complete(left) else {
-                return Ok(());
-            };
-            completion.status.map_err(|error| self.broken(error))?;
+    fn receive(
+        &mut self,
+        mut patience: Duration,
+        received: &mut dyn FnMut(&[u8]),
+    ) -> Result<(), DeviceError> {
+        while self.gone_out(Duration::ZERO)? {}
+        while let Some(completion) = self.input.wait_next_complete(patience) {
+            completion
+                .status
+                .map_err(|error| DeviceError::Gone(error.to_string()))?;
             received(&completion.buffer[..completion.actual_len]);
-            self.keep_listening();
+            self.input.submit(completion.buffer);
+            // The rest as far as it is there already.
+            patience = Duration::ZERO;
         }
-    }
-
-    fn now_us(&self) -> u64 {
-        self.start.elapsed().as_micros() as u64
-    }
-
-    fn name(&self) -> String {
-        format!("microcontroller on {}", self.name)
+        Ok(())
     }
 }

@@ -33,7 +33,9 @@ use crate::recording::{About, Frame, Image, Pace, Pictures, Recorder};
 use crate::session::Session;
 use crate::source::{Picture, SimulatedSource, Source};
 use crate::stats::Times;
-use crate::telemetry::{DEADLINES_US, FrameReport, Limits, STAGES, health_names};
+use crate::telemetry::{
+    DEADLINES_US, FrameReport, Limits, NO_DEVICE, NO_STATUS, STAGES, STATUS_OLD_US, health_names,
+};
 use crate::units::{
     Load, centre_of_pressure_mm, force_n, millimetres, moment_nmm, newtons, ratio, shear_n, stick_ratio,
 };
@@ -82,6 +84,9 @@ pub fn run(args: &RunArgs) -> Result<(), Failure> {
         ..*session.settings()
     })?;
     session.configure(settings).map_err(Failure::failed)?;
+    if let Some(note) = session.other_version() {
+        eprintln!("gripline: {note}");
+    }
     let recorder = match &wanted.record {
         Some(path) => {
             let about = about(&wanted, &network, &session, &rest);
@@ -121,6 +126,9 @@ pub fn run(args: &RunArgs) -> Result<(), Failure> {
     while !stop.load(Ordering::Relaxed) && frames.is_none_or(|frames| run.frame < frames) {
         let picture = source.next(run.line_n()).map_err(Failure::failed)?;
         let report = run.frame(&mut pipeline, picture)?;
+        for note in run.notes.drain(..) {
+            output.note(&note);
+        }
         if output.frame(&report, pipeline.newtons())? == Wish::Stop {
             break;
         }
@@ -206,6 +214,10 @@ struct Run {
     late: [u64; STAGES.len()],
     frame_to_link: Times,
     network_frame_to_link: Times,
+    /// How often the device had gone away, and whether it is away, when that was last told.
+    presence: (u32, bool),
+    /// What a person should know now.
+    notes: Vec<String>,
     summary: Summary,
 }
 
@@ -224,6 +236,8 @@ impl Run {
             late: [0; STAGES.len()],
             frame_to_link: Times::default(),
             network_frame_to_link: Times::default(),
+            presence: (0, false),
+            notes: Vec::new(),
         }
     }
 
@@ -241,6 +255,7 @@ impl Run {
         let until_us = ((self.frame + 1) as f64 * 1e6 / FRAMES_PER_SECOND) as u64;
         let turn = self.cycle.turn(pipeline, &picture.crop, picture.wish, until_us)?;
         self.count(&turn);
+        self.look_after_the_link();
         if let Some(refusal) = self.cycle.session.take_refusal() {
             self.summary.commands_refused += 1;
             self.summary.last_refusal = Some(format!("{refusal:?}"));
@@ -250,7 +265,13 @@ impl Run {
             }
         }
         let fingertips = &self.cycle.session.settings().fingertips;
-        let report = report_of(self.frame, &turn, fingertips, &picture);
+        let report = report_of(
+            self.frame,
+            &turn,
+            fingertips,
+            &picture,
+            &faults_of(&self.cycle.session),
+        );
         self.observe(&report, &turn.status);
         self.publish(&report);
         if let Some(recorder) = &mut self.recorder {
@@ -271,6 +292,27 @@ impl Run {
         }
         self.frame += 1;
         Ok(report)
+    }
+
+    /// Says when the device goes away and when it is back.
+    fn look_after_the_link(&mut self) {
+        let session = &self.cycle.session;
+        let presence = session.presence();
+        let now = (presence.losses, presence.away.is_some());
+        if now == self.presence {
+            return;
+        }
+        let link = session.link_name();
+        if now.0 != self.presence.0 {
+            let why = presence.away.as_deref().unwrap_or("it went away for a moment");
+            self.notes.push(format!(
+                "{link} is gone ({why}); the run goes on without it and takes it up again when it is back"
+            ));
+        }
+        if !now.1 {
+            self.notes.push(format!("{link} is back"));
+        }
+        self.presence = now;
     }
 
     /// Leaves the frame for programs that look at live values.
@@ -321,6 +363,7 @@ impl Run {
             Verdict::Unhealthy => &mut summary.gate_unhealthy,
         } += 1;
         summary.wire_bytes += turn.wire_bytes as u64;
+        summary.maps_not_taken += u64::from(turn.is_lost);
         summary.maps_unanswered += u64::from(!turn.answered);
         for ((times, us), name) in self.stages.iter_mut().zip(turn.stages_us).zip(STAGES) {
             if name != "network" || turn.verdict == Verdict::Network {
@@ -383,6 +426,8 @@ impl Run {
             answers_checked: self.cycle.session.shadow().checked(),
             shadow_mismatches: self.cycle.session.shadow().mismatches(),
             microcontroller_restarts: self.cycle.session.restarts(),
+            link_losses: self.cycle.session.presence().losses,
+            link_packets_lost: self.cycle.session.presence().packets_lost,
             // JSON has no infinity: never held, so nothing to say.
             line_n_min_holding: if line_n_min_holding.is_finite() {
                 line_n_min_holding
@@ -409,11 +454,22 @@ fn image(wanted: Pictures, crop: Vec<u8>, pipeline: &Pipeline) -> Option<Image> 
     }
 }
 
+/// What the host itself has against the microcontroller's part.
+fn faults_of(session: &Session) -> Vec<&'static str> {
+    let faults = [
+        (session.presence().away.is_some(), NO_DEVICE),
+        (session.status_age_us() > STATUS_OLD_US, NO_STATUS),
+    ];
+    let there = faults.into_iter().filter(|(is_there, _)| *is_there);
+    there.map(|(_, name)| name).collect()
+}
+
 fn report_of(
     frame: u64,
     turn: &Turn,
     fingertips: &[FingertipGeometry; SENSORS],
     picture: &Picture,
+    host_faults: &[&'static str],
 ) -> FrameReport {
     let status = &turn.status;
     let sums = &status.sums;
@@ -446,6 +502,7 @@ fn report_of(
             .iter()
             .filter(|fault| faults & fault.bit() != 0)
             .map(|fault| fault.name())
+            .chain(host_faults.iter().copied())
             .collect(),
         wire_bytes: turn.wire_bytes,
         truth: Some(picture.truth.clone()),

@@ -44,6 +44,13 @@ impl Output {
         matches!(self, Self::Live { .. })
     }
 
+    /// Something that a person should know now; on the live view the faults say it.
+    pub(super) fn note(&self, text: &str) {
+        if !self.is_live() {
+            eprintln!("gripline: {text}");
+        }
+    }
+
     pub(super) fn frame(&mut self, report: &FrameReport, map: &[[f32; 3]; 400]) -> Result<Wish, Failure> {
         match self {
             Self::Json(out) => {

@@ -35,6 +35,8 @@ pub(super) struct Summary {
     pub answers_checked: u64,
     pub shadow_mismatches: u64,
     pub maps_unanswered: u64,
+    /// Those of them that the link did not take: away or busy.
+    pub maps_not_taken: u64,
     pub commands_refused: u64,
     pub last_refusal: Option<String>,
     pub frames_late: u64,
@@ -47,6 +49,10 @@ pub(super) struct Summary {
     pub microcontroller_worst_cycles: [u32; 4],
     /// Restarts under way (watchdog, crash, power), after each of which it was met anew and given its settings.
     pub microcontroller_restarts: u32,
+    /// How often the microcontroller's device went away; it was taken up again when it came back.
+    pub link_losses: u32,
+    /// Packets that it did not take, away or busy.
+    pub link_packets_lost: u64,
     /// What of real time the system did not allow; `None` when it was not asked for.
     pub realtime_lacks: Option<Vec<String>>,
     /// What was recorded, when anything was to be.
@@ -90,6 +96,7 @@ impl Summary {
             answers_checked: 0,
             shadow_mismatches: 0,
             maps_unanswered: 0,
+            maps_not_taken: 0,
             commands_refused: 0,
             last_refusal: None,
             frames_late: 0,
@@ -100,6 +107,8 @@ impl Summary {
             line_n_max: 0.0,
             microcontroller_worst_cycles: [0; 4],
             microcontroller_restarts: 0,
+            link_losses: 0,
+            link_packets_lost: 0,
             realtime_lacks: None,
             recording: None,
         }
@@ -128,6 +137,12 @@ impl Summary {
             );
             lost(recording.frames_dropped, "frames are not in the recording");
             losses.extend(recording.failed.clone());
+        }
+        if self.link_losses > 0 {
+            losses.push(format!(
+                "the microcontroller's device went away {} times, {} packets were lost",
+                self.link_losses, self.link_packets_lost
+            ));
         }
         losses
     }
