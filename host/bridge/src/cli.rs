@@ -6,6 +6,7 @@ use clap::{Parser, Subcommand};
 
 use crate::config::ConfigArgs;
 use crate::detect::DetectArgs;
+use crate::evaluate::EvaluateArgs;
 use crate::infer::InferArgs;
 use crate::plot::PlotArgs;
 use crate::recording::{ExportArgs, ReplayArgs};
@@ -36,6 +37,8 @@ pub enum Command {
     Config(ConfigArgs),
     /// Play a scene of the simulated world: frames, true force maps and slip labels.
     Simulate(SimulateArgs),
+    /// How well slip is noticed and objects are held: the paper's experiment and more, in the simulated world.
+    Evaluate(EvaluateArgs),
     /// Run a recording's pictures through the same loop again and compare every decision.
     Replay(ReplayArgs),
     /// Write a recording's maps, pictures and decisions as npy and CSV.

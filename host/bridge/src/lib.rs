@@ -9,7 +9,7 @@
 //! [`simulate`] plays a scene of the simulated world into files. What a run is to do stands in one file, which
 //! [`config`] reads and checks; [`shell`] makes manual pages and completions.
 //! [`recording`] keeps what a run saw and decided, and replays it;
-//! [`plot`] draws it.
+//! [`plot`] draws it; [`evaluate`] measures how well all of it works.
 #![forbid(unsafe_code)]
 
 mod acquaintance;
@@ -18,6 +18,7 @@ pub mod config;
 mod cycle;
 pub mod detect;
 pub mod error;
+pub mod evaluate;
 pub mod infer;
 pub mod link;
 mod live;

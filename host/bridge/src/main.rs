@@ -5,7 +5,7 @@ use std::process::ExitCode;
 
 use gripline::cli::{Cli, Command};
 use gripline::error::Kind;
-use gripline::{config, detect, infer, plot, recording, run, shell, simulate};
+use gripline::{config, detect, evaluate, infer, plot, recording, run, shell, simulate};
 
 fn main() -> ExitCode {
     let cli = match Cli::from_arguments(std::env::args_os()) {
@@ -22,6 +22,7 @@ fn main() -> ExitCode {
         Command::Infer(args) => infer::run(&args),
         Command::Detect(args) => detect::run(&args),
         Command::Config(args) => config::run(&args),
+        Command::Evaluate(args) => evaluate::run(&args),
         Command::Simulate(args) => simulate::run(&args),
         Command::Replay(args) => recording::replay(&args),
         Command::Export(args) => recording::export(&args),

@@ -41,5 +41,6 @@ pub use image::{Image, block_mean_88, crop_of_frame};
 pub use lighting::{BrightnessMotion, Lighting};
 pub use particles::SeenParticle;
 pub use press_world::{PressFrame, PressProblem, PressWorld};
+pub use random::Random;
 pub use sample::{Costs, Counts, Crops, STRAIN_LIMIT, Sample, SampleGenerator, SampleWorld, Split};
 pub use scene::{GripScene, SceneFrame};

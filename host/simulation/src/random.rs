@@ -7,11 +7,12 @@ use rand_pcg::rand_core::Rng;
 
 /// A seeded stream; the same seed and purpose give the same numbers everywhere.
 #[derive(Debug, Clone)]
-pub(crate) struct Random(Pcg64Mcg);
+pub struct Random(Pcg64Mcg);
 
 impl Random {
     /// The stream of `seed` for one `purpose`, so that what one part draws does not shift another's numbers.
-    pub(crate) fn new(seed: u64, purpose: u64) -> Self {
+    #[must_use]
+    pub fn new(seed: u64, purpose: u64) -> Self {
         let mut random = Self(Pcg64Mcg::new(
             (u128::from(seed) << 64) | u128::from(purpose.wrapping_mul(2) | 1),
         ));
@@ -23,32 +24,32 @@ impl Random {
     }
 
     /// 64 random bits.
-    pub(crate) fn bits(&mut self) -> u64 {
+    pub fn bits(&mut self) -> u64 {
         self.0.next_u64()
     }
 
     /// Uniform in [0, 1).
-    pub(crate) fn unit(&mut self) -> f64 {
+    pub fn unit(&mut self) -> f64 {
         (self.bits() >> 11) as f64 / (1_u64 << 53) as f64
     }
 
     /// Uniform in [from, to).
-    pub(crate) fn uniform(&mut self, from: f64, to: f64) -> f64 {
+    pub fn uniform(&mut self, from: f64, to: f64) -> f64 {
         from + (to - from) * self.unit()
     }
 
     /// Uniform in the logarithm between two positive bounds.
-    pub(crate) fn log_uniform(&mut self, from: f64, to: f64) -> f64 {
+    pub fn log_uniform(&mut self, from: f64, to: f64) -> f64 {
         libm::exp(self.uniform(libm::log(from), libm::log(to)))
     }
 
     /// Uniform in 0..n. The bias of taking the high part of a product is below n / 2⁶⁴.
-    pub(crate) fn below(&mut self, n: usize) -> usize {
+    pub fn below(&mut self, n: usize) -> usize {
         ((u128::from(self.bits()) * n as u128) >> 64) as usize
     }
 
     /// A direction in the plane.
-    pub(crate) fn direction(&mut self) -> [f64; 2] {
+    pub fn direction(&mut self) -> [f64; 2] {
         let (sin, cos) = libm::sincos(self.uniform(0.0, TAU));
         [cos, sin]
     }

@@ -48,16 +48,23 @@ pub struct Replay {
 /// The controller's settings for a detector: the levels that hang on the threshold keep their distance from it.
 #[must_use]
 pub fn configuration(settings: &Settings) -> Configuration {
-    let default = Configuration::DEFAULT;
-    let moved = |level: u16| (settings.threshold + (level - default.slip_threshold)).min(PER_UNIT as u16);
     Configuration {
         friction: settings.friction.per_unit(),
         contact_min: settings.contact_min,
-        slip_threshold: settings.threshold,
-        slip_leave: moved(default.slip_leave),
-        incipient_threshold: moved(default.incipient_threshold),
-        reflex_target: moved(default.reflex_target),
-        ..default
+        ..moved_to(&Configuration::DEFAULT, settings.threshold)
+    }
+}
+
+/// Settings with another threshold on the stick ratio, 1/10000, and the levels that hang on it at the same distance.
+#[must_use]
+pub fn moved_to(settings: &Configuration, threshold: u16) -> Configuration {
+    let moved = |level: u16| (threshold + (level - settings.slip_threshold)).min(PER_UNIT as u16);
+    Configuration {
+        slip_threshold: threshold,
+        slip_leave: moved(settings.slip_leave),
+        incipient_threshold: moved(settings.incipient_threshold),
+        reflex_target: moved(settings.reflex_target),
+        ..*settings
     }
 }
 

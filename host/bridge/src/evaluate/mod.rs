@@ -1,0 +1,19 @@
+//! `gripline evaluate`: how well slip is noticed and objects are held, in figures that anyone can make again.
+//!
+//! The paper's experiment ([`paper`]): [`plan`] says which runs, [`trial`] is one of them in the contact world, [`chain`]
+//! takes it from picture to map, [`detectors`] judge the maps, [`judged`] and [`metrics`] count, [`report`] tells.
+//! [`document`] keeps the sections of docs/evidence.md.
+
+pub mod chain;
+pub mod command;
+pub mod detectors;
+pub mod document;
+pub mod judged;
+pub mod metrics;
+pub mod paper;
+pub mod plan;
+mod progress;
+pub mod report;
+pub mod trial;
+
+pub use command::{EvaluateArgs, run};
