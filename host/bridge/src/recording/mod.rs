@@ -5,10 +5,12 @@
 //! whole recording is the metadata of the channel `/status`.
 
 mod export;
+mod index;
 mod messages;
 mod reader;
 mod recorder;
 mod replay;
+mod tape;
 
 use std::fmt;
 use std::str::FromStr;

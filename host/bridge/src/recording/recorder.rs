@@ -5,7 +5,7 @@
 //! frames a second. A power cut loses up to [`SYNC`] more. A disk that fails ends the recording, not the run.
 
 use std::fs::File;
-use std::io::{self, BufWriter, Seek, Write};
+use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -13,19 +13,12 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
-use foxglove::Encode;
-use foxglove::messages::{Grid, Log, RawImage};
-use mcap::records::MessageHeader;
-use mcap::write::NoSeek;
-use mcap::{McapError, WriteOptions, Writer};
+use mcap::McapError;
 use serde::Serialize;
 
-use super::messages::{
-    About, EVENTS, Event, FORCE_MAP, Frame, Image, PICTURE, REST, STATUS, events_between, image_bytes,
-    map_bytes, status_bytes, status_schema,
-};
+use super::messages::{About, Event, Frame};
+use super::tape::Tape;
 use crate::error::Failure;
-use crate::telemetry::FrameReport;
 
 /// Frames that wait for the disk.
 const QUEUE_FRAMES: usize = 40;
@@ -35,8 +28,6 @@ const QUEUE_PICTURES: usize = 30;
 const FLUSH: Duration = Duration::from_millis(250);
 /// The system is asked to bring it to the disk this often.
 const SYNC: Duration = Duration::from_secs(1);
-/// A chunk is closed when it is larger; a quarter of a second of full pictures has 3 MB.
-const CHUNK_BYTES: u64 = 8 << 20;
 
 /// What a recording came to.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize)]
@@ -88,14 +79,16 @@ impl Recorder {
     /// [`Failure`] when the file cannot be made or its beginning cannot be written.
     pub(crate) fn start(path: &Path, about: &About, rest: &[Vec<u8>], pace: Pace) -> Result<Self, Failure> {
         let file = create(path)?;
-        let on_disk = file.try_clone().map_err(|error| failed(path, &error.into()))?;
         let begin = || {
-            let mut tape = Tape::new(BufWriter::new(file), about, wall_ns())?;
+            let on_disk = file.try_clone()?;
+            // With a place of its own in it; pipes and devices have no second one.
+            let to_read = path.is_file().then(|| File::open(path)).transpose()?;
+            let mut tape = Tape::new(BufWriter::new(file), to_read, about, wall_ns())?;
             tape.rest(rest)?;
             tape.flush()?;
-            Ok(tape)
+            Ok((tape, on_disk))
         };
-        let tape = begin().map_err(|error| failed(path, &error))?;
+        let (tape, on_disk) = begin().map_err(|error| failed(path, &error))?;
         Ok(Self::on(path, tape, pace, Some(on_disk)))
     }
 
@@ -274,125 +267,13 @@ fn record<W: Write>(
             Ok(Item::Event(t_s, event)) => tape.event(t_s, &event)?,
             Err(RecvTimeoutError::Timeout) => {}
             Err(RecvTimeoutError::Disconnected) => {
-                // The summary, and everything flushed.
-                tape.writer.finish()?;
-                return Ok(());
+                return tape.finish();
             }
         }
         if flushed.elapsed() >= FLUSH {
             tape.flush()?;
             flushed = Instant::now();
         }
-    }
-}
-
-/// The file's inside.
-struct Tape<W: Write> {
-    writer: Writer<NoSeek<W>>,
-    /// Channels, in the order of the topics.
-    rest: u16,
-    picture: u16,
-    force_map: u16,
-    status: u16,
-    events: u16,
-    start_ns: u64,
-    frames: u64,
-    before: Option<FrameReport>,
-}
-
-impl<W: Write> Tape<W> {
-    fn new(out: W, about: &About, start_ns: u64) -> Result<Self, McapError> {
-        // Chunks are put together in memory and written in one go: a cut file then ends in the middle of the last one.
-        let mut writer = WriteOptions::new()
-            .compression(None)
-            .disable_seeking(true)
-            .chunk_size(Some(CHUNK_BYTES))
-            .library(concat!("gripline ", env!("CARGO_PKG_VERSION")))
-            .create(NoSeek::new(out))?;
-        let image = schema::<RawImage>(&mut writer)?;
-        let grid = schema::<Grid>(&mut writer)?;
-        let log = schema::<Log>(&mut writer)?;
-        let report = writer.add_schema("gripline.Status", "jsonschema", &status_schema())?;
-        let nothing = std::collections::BTreeMap::new();
-        let mut protobuf = |schema, topic| writer.add_channel(schema, topic, "protobuf", &nothing);
-        let (rest, picture) = (protobuf(image, REST)?, protobuf(image, PICTURE)?);
-        let (force_map, events) = (protobuf(grid, FORCE_MAP)?, protobuf(log, EVENTS)?);
-        let status = writer.add_channel(report, STATUS, "json", &about.to_metadata())?;
-        Ok(Self {
-            writer,
-            rest,
-            picture,
-            force_map,
-            status,
-            events,
-            start_ns,
-            frames: 0,
-            before: None,
-        })
-    }
-
-    fn rest(&mut self, crops: &[Vec<u8>]) -> Result<(), McapError> {
-        for (number, crop) in crops.iter().enumerate() {
-            let image = Image {
-                side: gripline_network::constants::CROP_SIDE,
-                pixels: crop.clone(),
-            };
-            self.put(
-                self.rest,
-                number as u32,
-                self.start_ns,
-                &image_bytes(&image, self.start_ns),
-            )?;
-        }
-        Ok(())
-    }
-
-    fn time_ns(&self, t_s: f64) -> u64 {
-        self.start_ns + (t_s * 1e9) as u64
-    }
-
-    /// Picture, map, events, and the status last: without it the frame does not count.
-    fn frame(&mut self, frame: &Frame) -> Result<(), McapError> {
-        let (ns, number) = (self.time_ns(frame.report.t_s), frame.sequence);
-        if let Some(picture) = &frame.picture {
-            self.put(self.picture, number, ns, &image_bytes(picture, ns))?;
-        }
-        self.put(self.force_map, number, ns, &map_bytes(&frame.map, ns))?;
-        for event in events_between(self.before.as_ref(), &frame.report) {
-            self.event(frame.report.t_s, &event)?;
-        }
-        let status = status_bytes(frame).map_err(|error| McapError::Io(error.into()))?;
-        self.put(self.status, number, ns, &status)?;
-        self.before = Some(frame.report.clone());
-        self.frames += 1;
-        Ok(())
-    }
-
-    fn event(&mut self, t_s: f64, event: &Event) -> Result<(), McapError> {
-        let ns = self.time_ns(t_s);
-        self.put(self.events, 0, ns, &event.bytes(ns))
-    }
-
-    fn put(&mut self, channel_id: u16, sequence: u32, ns: u64, bytes: &[u8]) -> Result<(), McapError> {
-        let header = MessageHeader {
-            channel_id,
-            sequence,
-            log_time: ns,
-            publish_time: ns,
-        };
-        self.writer.write_to_known_channel(&header, bytes)
-    }
-
-    /// Closes the chunk and hands it to the system.
-    fn flush(&mut self) -> Result<(), McapError> {
-        self.writer.flush()
-    }
-}
-
-fn schema<T: Encode>(writer: &mut Writer<impl Write + Seek>) -> Result<u16, McapError> {
-    match T::get_schema() {
-        Some(schema) => writer.add_schema(&schema.name, &schema.encoding, &schema.data),
-        None => Ok(0),
     }
 }
 
@@ -404,9 +285,10 @@ mod tests {
     use gripline_protocol::ForceMap;
     use gripline_protocol::message::{FingertipGeometry, GripMode, Status};
 
+    use super::super::messages::{Image, status_bytes, status_schema};
     use super::super::reader::{Ending, Reader};
     use super::*;
-    use crate::telemetry::STAGES;
+    use crate::telemetry::{FrameReport, STAGES};
     use crate::units::Load;
 
     fn frame(number: u64) -> Frame {
@@ -477,7 +359,7 @@ mod tests {
             bytes: Arc::default(),
             asked,
         };
-        let tape = Tape::new(disk.clone(), &About::default(), 0).unwrap();
+        let tape = Tape::new(disk.clone(), None, &About::default(), 0).unwrap();
         let held = disk.bytes.lock().unwrap();
         while is_asked.try_recv().is_ok() {}
         let mut recorder = Recorder::on(Path::new("still"), tape, Pace::RealTime, None);
@@ -524,7 +406,7 @@ mod tests {
 
     #[test]
     fn a_full_disk_ends_the_recording_and_not_the_run() {
-        let tape = Tape::new(Small(100_000), &About::default(), 0).unwrap();
+        let tape = Tape::new(Small(100_000), None, &About::default(), 0).unwrap();
         let mut recorder = Recorder::on(Path::new("full.mcap"), tape, Pace::AsFastAsPossible, None);
         let mut offered = 0;
         while recorder.dropped.failed.is_none() {
