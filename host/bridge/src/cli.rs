@@ -4,8 +4,10 @@ use std::ffi::OsString;
 
 use clap::{Parser, Subcommand};
 
+use crate::calibrate::CalibrateArgs;
 use crate::config::ConfigArgs;
 use crate::detect::DetectArgs;
+use crate::doctor::DoctorArgs;
 use crate::evaluate::EvaluateArgs;
 use crate::infer::InferArgs;
 use crate::plot::PlotArgs;
@@ -45,6 +47,10 @@ pub enum Command {
     Export(ExportArgs),
     /// Draw a recording: stick ratio with predictions and truth, forces and line, force maps. PNG or SVG.
     Plot(PlotArgs),
+    /// Calibrate a fingertip and its gripper, step by step.
+    Calibrate(CalibrateArgs),
+    /// Look at everything that a run needs, and say what to do about what is wrong.
+    Doctor(DoctorArgs),
     /// Print the completions for a shell.
     Completions(CompletionsArgs),
     /// Write the manual pages.

@@ -158,7 +158,7 @@ pub fn run(args: &InferArgs) -> Result<(), Failure> {
 }
 
 /// The pictures, in order; at least one.
-fn frames(path: &Path) -> Result<Vec<PathBuf>, Failure> {
+pub(crate) fn frames(path: &Path) -> Result<Vec<PathBuf>, Failure> {
     let failed = |error: std::io::Error| Failure::failed(format!("{}: {error}", path.display()));
     if !fs::metadata(path).map_err(failed)?.is_dir() {
         return Ok(vec![path.to_owned()]);
@@ -181,7 +181,7 @@ fn frames(path: &Path) -> Result<Vec<PathBuf>, Failure> {
 }
 
 /// A picture's 440×440 crop. A small one, if it may be, is enlarged: its block means are itself again.
-fn crop(path: &Path, small: bool) -> Result<Vec<u8>, Failure> {
+pub(crate) fn crop(path: &Path, small: bool) -> Result<Vec<u8>, Failure> {
     let wrong = |found: &str, expected: &str| {
         Failure::failed(format!("{}: found {found}, expected {expected}", path.display()))
     };

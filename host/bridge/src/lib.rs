@@ -13,10 +13,13 @@
 #![forbid(unsafe_code)]
 
 mod acquaintance;
+pub mod calibrate;
+mod calibration;
 pub mod cli;
 pub mod config;
 mod cycle;
 pub mod detect;
+pub mod doctor;
 pub mod error;
 pub mod evaluate;
 pub mod infer;
@@ -34,6 +37,7 @@ pub mod session;
 pub mod shadow;
 pub mod shell;
 pub mod simulate;
+mod skin;
 pub mod source;
 pub mod stats;
 pub mod telemetry;

@@ -5,7 +5,7 @@ use std::process::ExitCode;
 
 use gripline::cli::{Cli, Command};
 use gripline::error::Kind;
-use gripline::{config, detect, evaluate, infer, plot, recording, run, shell, simulate};
+use gripline::{calibrate, config, detect, doctor, evaluate, infer, plot, recording, run, shell, simulate};
 
 fn main() -> ExitCode {
     let cli = match Cli::from_arguments(std::env::args_os()) {
@@ -27,6 +27,8 @@ fn main() -> ExitCode {
         Command::Replay(args) => recording::replay(&args),
         Command::Export(args) => recording::export(&args),
         Command::Plot(args) => plot::run(&args),
+        Command::Calibrate(args) => calibrate::run(&args),
+        Command::Doctor(args) => doctor::run(&args),
         Command::Completions(args) => shell::completions(&args),
         Command::Man(args) => shell::man(&args),
     };

@@ -51,7 +51,7 @@ pub(crate) struct Key {
 }
 
 /// Every key, in the file's order. Keys of one section stand together.
-pub(crate) const KEYS: [Key; 14] = [
+pub(crate) const KEYS: [Key; 15] = [
     Key {
         name: "camera.source",
         flag: "source",
@@ -60,6 +60,17 @@ pub(crate) const KEYS: [Key; 14] = [
         default: Some("\"sim\""),
         example: "",
         help: "Where pictures come from: the simulated fingertip and gripper (sim).",
+    },
+    Key {
+        name: "calibration.file",
+        flag: "calibration",
+        value_name: "FILE.toml",
+        kind: Kind::Path,
+        default: None,
+        example: "\"calibration.toml\"",
+        help: "What `gripline calibrate` wrote: its rest pictures stand for the untouched skin, its friction for that of the \
+               weights; its table of the line is compared with the microcontroller's. By default the rest pictures are \
+               taken at the start, and nothing may touch the skin then.",
     },
     Key {
         name: "network.architecture",

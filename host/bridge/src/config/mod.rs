@@ -10,7 +10,7 @@ mod overrides;
 mod show;
 
 use std::net::SocketAddr;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::str::FromStr;
 use std::time::SystemTime;
 
@@ -21,8 +21,10 @@ use gripline_protocol::message::Configuration;
 use toml::{Table, Value};
 
 use self::effective::Effective;
+pub(crate) use self::keys::likely;
 use self::mcu::McuArgs;
 pub use self::overrides::Overrides;
+use crate::calibration::Calibration;
 use crate::error::Failure;
 use crate::link::Target;
 use crate::recording::Pictures;
@@ -81,6 +83,8 @@ pub fn run(args: &ConfigArgs) -> Result<(), Failure> {
 pub struct Settings {
     /// Where pictures come from.
     pub source: Source,
+    /// What `gripline calibrate` found.
+    pub(crate) calibration: Option<Calibration>,
     /// Which network; `None`: what the weights are for.
     pub architecture: Option<Architecture>,
     /// Weights instead of the built-in ones.
@@ -125,6 +129,9 @@ impl Settings {
         let switch = |name| effective.value(name).and_then(Value::as_bool).unwrap_or(false);
         let settings = Self {
             source: parsed("camera.source", text("camera.source"))?.unwrap_or_default(),
+            calibration: text("calibration.file")
+                .map(|path| Calibration::load(Path::new(path)))
+                .transpose()?,
             architecture: parsed("network.architecture", text("network.architecture"))?,
             weights: text("network.weights").map(PathBuf::from),
             instructions: parsed("network.instructions", text("network.instructions"))?,

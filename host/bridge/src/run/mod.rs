@@ -23,6 +23,7 @@ use gripline_simulation::constants::{REST_PICTURES, SCENE_INITIAL_GRIP_N, SCENE_
 
 use self::output::{Output, Wish};
 use self::summary::{StageSummary, Summary};
+use crate::calibrate::line::with_points;
 use crate::config::{Overrides, Settings, settings_text};
 use crate::cycle::{Cycle, Turn};
 use crate::error::Failure;
@@ -41,7 +42,7 @@ use crate::units::{
 };
 
 /// Frames a second of the simulated camera.
-const FRAMES_PER_SECOND: f64 = 60.0;
+pub(crate) const FRAMES_PER_SECOND: f64 = 60.0;
 
 /// Arguments of `gripline run`.
 #[derive(Debug, Clone, Args)]
@@ -73,12 +74,16 @@ pub fn run(args: &RunArgs) -> Result<(), Failure> {
     }
     let Source::Simulated = wanted.source;
     let mut source = SimulatedSource::new(wanted.seed, FRAMES_PER_SECOND);
-    let rest = source.rest(REST_PICTURES.into());
+    let calibrated = match &wanted.calibration {
+        Some(calibration) => calibration.rest_pictures()?,
+        None => None,
+    };
+    let rest = calibrated.unwrap_or_else(|| source.rest(REST_PICTURES.into()));
     let link = wanted.mcu.open().map_err(Failure::failed)?;
     let mut session = Session::connect(link).map_err(Failure::failed)?;
     // What neither the network nor the configuration says stays as the microcontroller has it.
     let settings = wanted.microcontroller(&Configuration {
-        friction: of_network.friction,
+        friction: calibrated_friction(&wanted).unwrap_or(of_network.friction),
         contact_min: of_network.contact_min,
         floor: of_network.floor,
         ..*session.settings()
@@ -87,6 +92,7 @@ pub fn run(args: &RunArgs) -> Result<(), Failure> {
     if let Some(note) = session.other_version() {
         eprintln!("gripline: {note}");
     }
+    tell_of_another_line(&wanted, &settings);
     let recorder = match &wanted.record {
         Some(path) => {
             let about = about(&wanted, &network, &session, &rest);
@@ -142,7 +148,7 @@ pub fn run(args: &RunArgs) -> Result<(), Failure> {
 }
 
 /// The network that was asked for.
-fn network_for(wanted: &Settings) -> Result<Network, Failure> {
+pub(crate) fn network_for(wanted: &Settings) -> Result<Network, Failure> {
     let network = match &wanted.weights {
         Some(path) => Network::from_file(path, wanted.architecture),
         None => Network::embedded(wanted.architecture.unwrap_or_default()),
@@ -151,6 +157,28 @@ fn network_for(wanted: &Settings) -> Result<Network, Failure> {
     match wanted.instructions {
         Some(set) => network.with_instructions(set).map_err(Failure::failed),
         None => Ok(network),
+    }
+}
+
+/// The friction that the calibration says the detector should work with.
+fn calibrated_friction(wanted: &Settings) -> Option<u16> {
+    let friction = wanted.calibration.as_ref()?.friction.as_ref()?;
+    Some((friction.detector * f64::from(PER_UNIT)).floor() as u16)
+}
+
+/// Says so when the microcontroller's table of the line is not the calibrated one: only a stored one counts.
+fn tell_of_another_line(wanted: &Settings, settings: &Configuration) {
+    let Some(calibration) = &wanted.calibration else {
+        return;
+    };
+    if let Some(line) = &calibration.line
+        && with_points(settings, &line.points).line.points != settings.line.points
+    {
+        eprintln!(
+            "gripline: the microcontroller's line.points are not those of {}, expected the same: store them with `gripline \
+             calibrate line --store`, or as [line] points of `gripline config mcu --write`",
+            calibration.path.display()
+        );
     }
 }
 

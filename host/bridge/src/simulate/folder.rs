@@ -200,7 +200,7 @@ fn belongs(path: &Path, found: &Manifest, wanted: &Manifest) -> Result<(), Failu
 }
 
 /// A grey picture as PNG.
-pub(super) fn grey_png(image: &Image) -> Result<Vec<u8>, Failure> {
+pub(crate) fn grey_png(image: &Image) -> Result<Vec<u8>, Failure> {
     encode_png(
         &image.pixels,
         image.width,

@@ -13,4 +13,4 @@ mod sheet;
 pub mod table;
 
 pub use command::{SimulateArgs, run};
-pub(crate) use folder::maps_npy;
+pub(crate) use folder::{grey_png, maps_npy};

@@ -1,0 +1,130 @@
+//! What a person has to do, in words and small drawings, on standard error; standard output is for what was found.
+
+use std::io::{self, Write as _};
+
+use crate::error::Failure;
+
+/// One thing to do.
+pub(super) struct Step {
+    pub drawing: &'static str,
+    pub text: &'static str,
+}
+
+pub(super) const REST: [Step; 2] = [
+    Step {
+        drawing: r"
+        nothing here
+     .- - - - - - - - -.
+    ╭───────────────────╮
+    │ ·  ·   · ·  ·   · │  skin with its particles
+    │   ·  ·    ·   ·   │
+    ╰───────────────────╯
+      ☼      (◎)      ☼    lamps on, camera below
+",
+        text: "Open the gripper, take everything off the skin, and light it as in use. Do not touch the table meanwhile.",
+    },
+    Step {
+        drawing: r"
+             ╭─╮
+             │ │  ↓ ↑  a fingertip, lightly, and away again
+             ╰─╯
+    ╭───────────────────╮
+    │ ·  ·   · ·  ·   · │
+    ╰───────────────────╯
+",
+        text: "Touch the skin once with a finger and let go. If something lay on it, the pictures after it differ.",
+    },
+];
+
+pub(super) const FRICTION: [Step; 3] = [
+    Step {
+        drawing: r"
+          ╭─────╮
+          │  ↓  │  1 to 8 N
+    ╭─────┴─────┴─────╮
+    │ ·  ·  ·   ·  ·  │
+    ╰─────────────────╯
+",
+        text: "Record (`gripline run --record slides.mcap`). Press an object of the kind that is to be held on the skin.",
+    },
+    Step {
+        drawing: r"
+          ╭─────╮
+          │     │  → → →  straight, 5 mm, slowly
+    ╭─────┴─────┴─────╮
+    │ ·  ·  ·   ·  ·  │
+    ╰─────────────────╯
+",
+        text: "Drag it straight until it slides as a whole, and on for half a second. Do not turn it.",
+    },
+    Step {
+        drawing: r"
+                 ╭─────╮
+              ↑  │     │  ↑
+                 ╰─────╯     six times or more, elsewhere, other ways
+    ╭─────────────────╮
+    ╰─────────────────╯
+",
+        text: "Lift it, and again. Then: `gripline calibrate friction slides.mcap`.",
+    },
+];
+
+pub(super) const LINE: [Step; 2] = [
+    Step {
+        drawing: r"
+      finger       load cell       finger
+     ▐████▌ →    ┌───────────┐    ← ▐████▌
+     ▐████▌      │  0.00 N   │      ▐████▌
+                 └───────────┘
+",
+        text: "Put a load cell (or a kitchen scale and a lever) between the open fingers. Keep your hands out of them.",
+    },
+    Step {
+        drawing: r"
+      force
+        │            ╭─ o
+        │       o ─ ─╯
+        │  o ─ ╯
+        └───────────────── code of the line
+",
+        text: "The line goes up step by step. At each, wait until the gauge stands still, type the newtons, press Enter.",
+    },
+];
+
+/// Shows a step.
+pub(super) fn show(number: usize, step: &Step) {
+    eprintln!("\n{number}. {}{}", step.text, step.drawing);
+}
+
+/// Shows a step and waits for Enter.
+///
+/// # Errors
+/// [`Failure`] when standard input ends instead.
+pub(super) fn ask(number: usize, step: &Step) -> Result<(), Failure> {
+    show(number, step);
+    eprint!("   Enter when done, Ctrl-C to stop: ");
+    let _ = io::stderr().flush();
+    let mut line = String::new();
+    match io::stdin().read_line(&mut line) {
+        Ok(0) => Err(Failure::failed(
+            "standard input ended, expected Enter; nothing was written",
+        )),
+        Ok(_) => Ok(()),
+        Err(error) => Err(Failure::failed(format!("standard input: {error}"))),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_step_fits_a_terminal_of_eighty_columns() {
+        for step in REST.iter().chain(&FRICTION).chain(&LINE) {
+            for line in step.drawing.lines() {
+                assert!(line.chars().count() <= 80, "{line}");
+            }
+            assert!(step.text.ends_with(['.', '`']) && step.drawing.ends_with('\n'));
+        }
+    }
+}

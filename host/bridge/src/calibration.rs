@@ -1,0 +1,454 @@
+//! The calibration of one fingertip and gripper: what `gripline calibrate` writes and `calibration.file` names. TOML, a
+//! section for each of rest, friction, line and geometry, every one with its date, its device and what was left over.
+//! Units in the names. Files beside it (the rest pictures) are named relative to it.
+
+use std::fs;
+use std::io::BufReader;
+use std::path::{Path, PathBuf};
+
+use gripline_network::constants::CROP_SIDE;
+use gripline_protocol::line::{DAC_CODE_MAX, LINE_POINTS, LIVE_ZERO_MIN};
+use serde::{Deserialize, Serialize};
+use toml::{Table, Value};
+
+use crate::config::likely;
+use crate::error::Failure;
+
+/// Most rest pictures in a file: a minute of them, 700 MB, is a mistake.
+const PICTURES_MAX: u64 = 1_024;
+
+/// The skin when nothing touches it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Rest {
+    pub date: String,
+    pub device: String,
+    /// The pictures, (N, 440, 440) uint8: their mean is what later ones are compared with, their differences the noise.
+    pub pictures: PathBuf,
+    /// The mean, for people and `gripline infer --rest`.
+    pub mean: PathBuf,
+    /// How many pictures there are.
+    pub count: usize,
+    pub mean_level: f64,
+    pub saturated_share: f64,
+    pub particles: usize,
+    /// Fine over coarse detail.
+    pub sharpness: f64,
+    /// Standard deviation of a pixel from picture to picture, grey levels.
+    pub noise_levels: f64,
+    /// The most that a part of the skin moved while the pictures were taken, pixels.
+    pub residual_px: f64,
+}
+
+/// Friction of the skin on the objects that it is to hold.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Friction {
+    pub date: String,
+    pub device: String,
+    /// F_T / F_N while everything slides.
+    pub estimate: f64,
+    pub low: f64,
+    pub high: f64,
+    /// Of the interval from low to high.
+    pub confidence: f64,
+    pub slides: usize,
+    /// Standard deviation from slide to slide.
+    pub residual: f64,
+    /// What the detector works with: below `low`, because slipping taxels sit at the true one.
+    pub detector: f64,
+}
+
+/// A point of the grip-force line.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Point {
+    pub force_n: f64,
+    pub code: u16,
+}
+
+/// What the grip-force line's codes make the gripper do.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Line {
+    pub date: String,
+    pub device: String,
+    pub measured: usize,
+    pub residual_rms_n: f64,
+    pub residual_max_n: f64,
+    /// As the microcontroller's setting `line.points`.
+    pub points: Vec<Point>,
+}
+
+/// A fingertip's calibration, as much of it as was made.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub(crate) struct Calibration {
+    /// The file.
+    #[serde(skip)]
+    pub path: PathBuf,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub rest: Option<Rest>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub friction: Option<Friction>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub line: Option<Line>,
+}
+
+/// Sections and their keys.
+const SECTIONS: [(&str, &[&str]); 3] = [
+    (
+        "rest",
+        &[
+            "date",
+            "device",
+            "pictures",
+            "mean",
+            "count",
+            "mean_level",
+            "saturated_share",
+            "particles",
+            "sharpness",
+            "noise_levels",
+            "residual_px",
+        ],
+    ),
+    (
+        "friction",
+        &[
+            "date",
+            "device",
+            "estimate",
+            "low",
+            "high",
+            "confidence",
+            "slides",
+            "residual",
+            "detector",
+        ],
+    ),
+    (
+        "line",
+        &[
+            "date",
+            "device",
+            "measured",
+            "residual_rms_n",
+            "residual_max_n",
+            "points",
+        ],
+    ),
+];
+
+impl Calibration {
+    /// Reads and checks a file.
+    ///
+    /// # Errors
+    /// [`Failure`] of kind usage that lists everything that is wrong with it.
+    pub(crate) fn load(path: &Path) -> Result<Self, Failure> {
+        let text = fs::read_to_string(path).map_err(|error| {
+            Failure::usage(format!(
+                "{}: {error}, expected a calibration that `gripline calibrate` wrote",
+                path.display()
+            ))
+        })?;
+        let mut read = Self::parse(&text)
+            .map_err(|errors| Failure::usage(format!("{}: {}", path.display(), errors.join("; "))))?;
+        path.clone_into(&mut read.path);
+        Ok(read)
+    }
+
+    /// The one in `path`, or an empty one that is to lie there.
+    ///
+    /// # Errors
+    /// As [`Self::load`].
+    pub(crate) fn load_or_new(path: &Path) -> Result<Self, Failure> {
+        if path.exists() {
+            return Self::load(path);
+        }
+        Ok(Self {
+            path: path.to_owned(),
+            ..Self::default()
+        })
+    }
+
+    fn parse(text: &str) -> Result<Self, Vec<String>> {
+        let table: Table = text
+            .parse()
+            .map_err(|error: toml::de::Error| vec![format!("{}, expected TOML", error.message())])?;
+        let mut errors = Vec::new();
+        for (section, value) in &table {
+            let known = SECTIONS.iter().find(|(name, _)| name == section);
+            match (known, value) {
+                (None, _) => errors.push(unknown(section, SECTIONS.iter().map(|(name, _)| *name))),
+                (Some((_, keys)), Value::Table(values)) => {
+                    let names: Vec<String> = keys.iter().map(|key| format!("{section}.{key}")).collect();
+                    for key in values.keys().filter(|key| !keys.contains(&key.as_str())) {
+                        let full = format!("{section}.{key}");
+                        errors.push(unknown(&full, names.iter().map(String::as_str)));
+                    }
+                }
+                (Some(_), other) => errors.push(format!(
+                    "{section}: found {other}, expected a section, [{section}]"
+                )),
+            }
+        }
+        if !errors.is_empty() {
+            return Err(errors);
+        }
+        let read: Self = table
+            .try_into()
+            .map_err(|error: toml::de::Error| vec![error.to_string().trim().replace('\n', ", ")])?;
+        let errors = read.wrong();
+        if errors.is_empty() { Ok(read) } else { Err(errors) }
+    }
+
+    /// Numbers that no calibration has.
+    fn wrong(&self) -> Vec<String> {
+        let mut errors = Vec::new();
+        let mut number = |name: &str, found: f64, least: f64, most: f64| {
+            if !(least..=most).contains(&found) {
+                errors.push(format!(
+                    "{name}: found {found}, expected a number from {least} to {most}"
+                ));
+            }
+        };
+        if let Some(friction) = &self.friction {
+            number("friction.detector", friction.detector, 0.01, 2.0);
+            number("friction.low", friction.low, friction.detector, 10.0);
+            number(
+                "friction.estimate",
+                friction.estimate,
+                friction.low,
+                friction.high,
+            );
+            number("friction.confidence", friction.confidence, 0.5, 0.999);
+        }
+        if let Some(rest) = &self.rest {
+            number("rest.count", rest.count as f64, 2.0, PICTURES_MAX as f64);
+            number("rest.noise_levels", rest.noise_levels, 0.0, 255.0);
+            number("rest.sharpness", rest.sharpness, 0.0, 10.0);
+        }
+        if let Some(line) = &self.line {
+            number(
+                "line.points (how many)",
+                line.points.len() as f64,
+                LINE_POINTS as f64,
+                LINE_POINTS as f64,
+            );
+            let (mut force, mut code) = ([0.0, 0.0], LIVE_ZERO_MIN);
+            for (place, point) in line.points.iter().enumerate() {
+                number(
+                    &format!("line.points[{place}].force_n"),
+                    point.force_n,
+                    force[0],
+                    force[1],
+                );
+                number(
+                    &format!("line.points[{place}].code"),
+                    point.code.into(),
+                    code.into(),
+                    DAC_CODE_MAX.into(),
+                );
+                // The wire's steps are 1/4096 N.
+                (force, code) = ([point.force_n + 0.001, 125.0], point.code.saturating_add(1));
+            }
+        }
+        errors
+    }
+
+    /// Writes it where it is to lie, whole or not at all.
+    ///
+    /// # Errors
+    /// [`Failure`] that names the file.
+    pub(crate) fn save(&self) -> Result<(), Failure> {
+        let body = toml::to_string(self).map_err(Failure::failed)?;
+        let text = format!(
+            "# Written by `gripline calibrate`; a configuration names it: calibration.file. Sections can be made again one by \
+             one.\n\n{body}"
+        );
+        write(&self.path, text.as_bytes())
+    }
+
+    /// A file that it names, from where the program runs.
+    pub(crate) fn beside(&self, name: &Path) -> PathBuf {
+        self.path.parent().unwrap_or(Path::new("")).join(name)
+    }
+
+    /// The rest pictures, 440×440 each, when they were made.
+    ///
+    /// # Errors
+    /// [`Failure`] when their file is missing, damaged or of another shape.
+    pub(crate) fn rest_pictures(&self) -> Result<Option<Vec<Vec<u8>>>, Failure> {
+        let Some(rest) = &self.rest else {
+            return Ok(None);
+        };
+        let path = self.beside(&rest.pictures);
+        let wrong = |found: String| {
+            Failure::failed(format!(
+                "{}: {found}, expected the {} rest pictures of {}: run `gripline calibrate rest` again",
+                path.display(),
+                rest.count,
+                self.path.display()
+            ))
+        };
+        let file = fs::File::open(&path).map_err(|error| wrong(error.to_string()))?;
+        let npy = npyz::NpyFile::new(BufReader::new(file)).map_err(|error| wrong(error.to_string()))?;
+        let side = CROP_SIDE as u64;
+        let shape = npy.shape().to_vec();
+        if shape != [rest.count as u64, side, side] || npy.order() != npyz::Order::C {
+            return Err(wrong(format!("found an array of {shape:?}")));
+        }
+        let pixels: Vec<u8> = npy.into_vec().map_err(|error| wrong(error.to_string()))?;
+        Ok(Some(
+            pixels.chunks(CROP_SIDE * CROP_SIDE).map(<[u8]>::to_vec).collect(),
+        ))
+    }
+}
+
+/// Writes a file whole or not at all.
+///
+/// # Errors
+/// [`Failure`] that names it.
+pub(crate) fn write(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
+    let mut part = path.as_os_str().to_owned();
+    part.push(".part");
+    fs::write(&part, bytes)
+        .and_then(|()| fs::rename(&part, path))
+        .map_err(|error| {
+            Failure::failed(format!(
+                "{}: {error}, expected a file in a folder that exists and can be written",
+                path.display()
+            ))
+        })
+}
+
+fn unknown<'a>(found: &str, names: impl IntoIterator<Item = &'a str> + Clone) -> String {
+    if let Some(meant) = likely(found, names.clone()) {
+        return format!("{found}: no such key, did you mean {meant}?");
+    }
+    let names: Vec<&str> = names.into_iter().collect();
+    format!("{found}: no such key, expected one of {}", names.join(", "))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn whole() -> Calibration {
+        let text = |text: &str| text.to_owned();
+        Calibration {
+            path: PathBuf::new(),
+            rest: Some(Rest {
+                date: text("2026-11-21T14:00:00Z"),
+                device: text("finger 3"),
+                pictures: "a-rest.npy".into(),
+                mean: "a-rest.png".into(),
+                count: 16,
+                mean_level: 28.0,
+                saturated_share: 0.0,
+                particles: 2_332,
+                sharpness: 0.23,
+                noise_levels: 2.0,
+                residual_px: 0.002,
+            }),
+            friction: Some(Friction {
+                date: text("2026-11-21T14:00:00Z"),
+                device: text("finger 3, box"),
+                estimate: 0.65,
+                low: 0.6,
+                high: 0.7,
+                confidence: 0.9,
+                slides: 5,
+                residual: 0.01,
+                detector: 0.5,
+            }),
+            line: Some(Line {
+                date: text("2026-11-21T14:00:00Z"),
+                device: text("gripper"),
+                measured: 11,
+                residual_rms_n: 0.01,
+                residual_max_n: 0.02,
+                points: (0..5)
+                    .map(|k| Point {
+                        force_n: 10.0 * f64::from(k),
+                        code: 819 * (1 + k),
+                    })
+                    .collect(),
+            }),
+        }
+    }
+
+    #[test]
+    fn what_is_written_reads_back_and_the_keys_that_are_known_are_those_that_are_written() {
+        let text = toml::to_string(&whole()).unwrap();
+        assert_eq!(Calibration::parse(&text), Ok(whole()), "{text}");
+        let table: Table = text.parse().unwrap();
+        for (section, keys) in SECTIONS {
+            let mut written: Vec<&str> = table[section]
+                .as_table()
+                .unwrap()
+                .keys()
+                .map(String::as_str)
+                .collect();
+            let mut keys = keys.to_vec();
+            written.sort_unstable();
+            keys.sort_unstable();
+            assert_eq!(written, keys, "{section}");
+        }
+    }
+
+    #[test]
+    fn every_error_is_told_with_what_was_found_and_expected() {
+        let text = toml::to_string(&whole()).unwrap();
+        let said = |from: &str, to: &str| {
+            Calibration::parse(&text.replacen(from, to, 1))
+                .unwrap_err()
+                .join("; ")
+        };
+        for (from, to, expected) in [
+            (
+                "noise_levels",
+                "noise_levles",
+                "rest.noise_levles: no such key, did you mean rest.noise_levels?",
+            ),
+            (
+                "[friction]",
+                "[frcition]",
+                "frcition: no such key, did you mean friction?",
+            ),
+            (
+                "[friction]",
+                "[gel]",
+                "gel: no such key, expected one of rest, friction, line",
+            ),
+            (
+                "detector = 0.5",
+                "detector = 0.66",
+                "friction.low: found 0.6, expected a number from 0.66 to 10",
+            ),
+            (
+                "detector = 0.5",
+                "detector = 0.0",
+                "friction.detector: found 0, expected a number from 0.01 to 2",
+            ),
+            (
+                "code = 1638",
+                "code = 700",
+                "line.points[1].code: found 700, expected a number from 820 to 4095",
+            ),
+            (
+                "force_n = 0.0",
+                "force_n = 1.0",
+                "line.points[0].force_n: found 1, expected a number from 0 to 0",
+            ),
+            ("slides = 5", "slides = \"five\"", "invalid type: string"),
+            ("slides = 5\n", "", "missing field `slides`"),
+            (
+                "count = 16",
+                "count = 1",
+                "rest.count: found 1, expected a number from 2 to 1024",
+            ),
+        ] {
+            let said = said(from, to);
+            assert!(said.contains(expected), "{to}: {said}");
+        }
+        assert!(Calibration::parse("rest = 1").unwrap_err()[0].contains("expected a section, [rest]"));
+        assert!(Calibration::parse("[rest").unwrap_err()[0].contains("expected TOML"));
+    }
+}

@@ -1,0 +1,101 @@
+//! `gripline doctor` as a program: what it says of the simulated world, and its exit code.
+
+use std::path::Path;
+use std::process::{Command, Output};
+
+fn gripline(folder: &Path, arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_gripline"))
+        .args(arguments)
+        .current_dir(folder)
+        .output()
+        .unwrap()
+}
+
+/// The checks by name: state and what was found.
+fn checks(output: &Output) -> Vec<(String, String, String)> {
+    let json: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let text = |check: &serde_json::Value, key: &str| check[key].as_str().unwrap().to_owned();
+    let list = json["checks"].as_array().unwrap();
+    list.iter()
+        .map(|check| (text(check, "name"), text(check, "state"), text(check, "found")))
+        .collect()
+}
+
+fn state_of(checks: &[(String, String, String)], name: &str) -> String {
+    let check = checks.iter().find(|check| check.0 == name);
+    check
+        .unwrap_or_else(|| panic!("{name} is missing in {checks:?}"))
+        .1
+        .clone()
+}
+
+#[test]
+fn the_simulated_fingertip_is_well_once_it_is_calibrated() {
+    let folder = tempfile::tempdir().unwrap();
+    let before = checks(&gripline(folder.path(), &["doctor", "--json"]));
+    assert_eq!(state_of(&before, "rest picture"), "warn");
+    assert!(gripline(folder.path(), &["calibrate", "rest"]).status.success());
+    let doctor = |arguments: &[&str]| {
+        let all = [
+            &["doctor", "--json", "--calibration", "calibration.toml"],
+            arguments,
+        ]
+        .concat();
+        gripline(folder.path(), &all)
+    };
+    let after = checks(&doctor(&[]));
+    // Latency, processor and rights are this machine's.
+    for name in [
+        "camera",
+        "frame rate",
+        "light",
+        "focus",
+        "noise",
+        "rest picture",
+        "firmware",
+        "faults",
+        "network",
+    ] {
+        assert_eq!(state_of(&after, name), "ok", "{after:?}");
+    }
+    for name in ["processor", "latency", "real time"] {
+        state_of(&after, name);
+    }
+    // Another fingertip than the calibrated one.
+    let other = doctor(&["--seed", "9"]);
+    assert_eq!(state_of(&checks(&other), "rest picture"), "fail");
+    assert_eq!(other.status.code(), Some(1));
+    let slow = checks(&doctor(&["--instructions", "portable"]));
+    assert_eq!(state_of(&slow, "processor"), "warn");
+    std::fs::write(folder.path().join("calibration-rest.npy"), "no array").unwrap();
+    assert_eq!(state_of(&checks(&doctor(&[])), "rest picture"), "fail");
+}
+
+#[test]
+fn a_microcontroller_or_weights_that_are_not_there_fail_and_the_rest_is_still_looked_at() {
+    let folder = tempfile::tempdir().unwrap();
+    let arguments = [
+        "doctor",
+        "--json",
+        "--mcu",
+        "serial:/dev/none",
+        "--weights",
+        "none.safetensors",
+    ];
+    let output = gripline(folder.path(), &arguments);
+    assert_eq!(output.status.code(), Some(1));
+    let found = checks(&output);
+    assert_eq!(state_of(&found, "firmware"), "fail");
+    assert_eq!(state_of(&found, "network"), "fail");
+    state_of(&found, "real time");
+    let told = gripline(folder.path(), &["doctor", "--mcu", "serial:/dev/none"]);
+    let text = String::from_utf8_lossy(&told.stdout).into_owned();
+    assert!(
+        text.contains("FAIL firmware") && text.contains("udev rule"),
+        "{text}"
+    );
+    let end = String::from_utf8_lossy(&told.stderr).into_owned();
+    assert!(end.contains("not fit: firmware"), "{end}");
+    let wrong = gripline(folder.path(), &["doctor", "--mcu", "pigeon"]);
+    assert_eq!(wrong.status.code(), Some(2));
+}
