@@ -1,5 +1,6 @@
-//! Random indenters for samples: the built-in shapes in random sizes, and random surfaces (rough bowls, blobs with
-//! a wavy outline). Which ones a stream may draw depends on its split. Units: mm.
+//! Random indenters for samples: the built-in shapes in random sizes, and random surfaces (rough bowls, blobs with a wavy
+//! outline and, where nothing is reported, heaps of balls, facets around a point, and corrugated bowls). Which ones a
+//! stream may draw depends on its split. Units: mm.
 
 use std::f64::consts::TAU;
 use std::sync::Arc;
@@ -20,14 +21,59 @@ const GRID_RIM_MM: f64 = 9.0;
 const WAVES: usize = 6;
 /// Outline terms of a blob: two lobes and more.
 const LOBES: std::ops::Range<u32> = 2..6;
-/// Names of the two random surfaces.
-const ROUGH: &str = "rough";
-const BLOB: &str = "blob";
+/// Balls of a heap, and facets around a point; the slots of the draw, not all of which are used.
+const MOST_BALLS: usize = 5;
+const MOST_FACETS: usize = 6;
+/// Where a ball of a heap ends and its grid goes on level, mm above its lowest point.
+const BALL_TOP_MM: f64 = 4.0;
+
+/// A kind of random surface.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Surface {
+    /// A bowl with two radii and waves on it.
+    Rough,
+    /// A dome that ends at a wavy outline with a round edge.
+    Blob,
+    /// Balls of different sizes at different heights.
+    Heap,
+    /// Planes around a rounded point.
+    Facets,
+    /// A rough bowl with steep waves.
+    Corrugated,
+}
+
+impl Surface {
+    fn name(self) -> &'static str {
+        match self {
+            Self::Rough => "rough",
+            Self::Blob => "blob",
+            Self::Heap => "heap",
+            Self::Facets => "facets",
+            Self::Corrugated => "corrugated",
+        }
+    }
+
+    /// What is reported stays with the first two, so that figures compare; training sees more of what there may be.
+    fn draw(random: &mut Random, split: Split) -> Self {
+        let all: &[Self] = match split {
+            Split::Test | Split::Calibration => &[Self::Rough, Self::Blob],
+            Split::Train | Split::Validation => &[
+                Self::Rough,
+                Self::Blob,
+                Self::Heap,
+                Self::Facets,
+                Self::Corrugated,
+            ],
+        };
+        // One number, cut evenly: of two, the lower half is the first.
+        all[((random.unit() * all.len() as f64) as usize).min(all.len() - 1)]
+    }
+}
 
 /// An indenter that was drawn.
 #[derive(Debug, Clone)]
 pub(crate) struct Indenter {
-    /// The built-in shape's name, `rough` or `blob`.
+    /// The built-in shape's name, or the random surface's.
     pub(crate) name: &'static str,
     pub(crate) surface: Arc<dyn HeightMap>,
 }
@@ -48,10 +94,10 @@ impl Indenter {
             });
         }
         let mut own = Random::new(split.own_number(random), SURFACE);
-        let name = if own.unit() < 0.5 { ROUGH } else { BLOB };
+        let kind = Surface::draw(&mut own, split);
         Ok(Self {
-            name,
-            surface: Arc::new(random_surface(name == BLOB, &mut own)?),
+            name: kind.name(),
+            surface: Arc::new(random_surface(kind, &mut own)?),
         })
     }
 
@@ -128,46 +174,105 @@ fn resized(shape: Shape, random: &mut Random) -> Shape {
     }
 }
 
-/// A bowl with two radii and waves on it, or a blob: a dome that ends at a wavy outline with a round edge.
-fn random_surface(blob: bool, random: &mut Random) -> Result<GridShape, SimulationError> {
-    let [along, across] = if blob {
-        let radius = random.log_uniform(8.0, 60.0);
-        [radius, radius]
-    } else {
-        [random.log_uniform(5.0, 40.0), random.log_uniform(5.0, 40.0)]
-    };
-    let slope = random.log_uniform(0.01, if blob { 0.04 } else { 0.12 });
+/// A surface of this kind, sampled on a grid.
+fn random_surface(kind: Surface, random: &mut Random) -> Result<GridShape, SimulationError> {
+    match kind {
+        Surface::Rough => {
+            let bowl = [random.log_uniform(5.0, 40.0), random.log_uniform(5.0, 40.0)];
+            let slope = random.log_uniform(0.01, 0.12);
+            sampled(waves_on(bowl, slope, random))
+        }
+        Surface::Corrugated => {
+            let bowl = [random.log_uniform(6.0, 30.0), random.log_uniform(6.0, 30.0)];
+            let slope = random.log_uniform(0.1, 0.35);
+            sampled(waves_on(bowl, slope, random))
+        }
+        Surface::Blob => {
+            let radius_mm = random.log_uniform(8.0, 60.0);
+            let slope = random.log_uniform(0.01, 0.04);
+            let dome = waves_on([radius_mm; 2], slope, random);
+            let outline_mm = random.log_uniform(2.0, 6.0);
+            let lobes: Vec<(u32, f64, f64)> = LOBES
+                .map(|lobe| (lobe, random.uniform(0.0, 0.25), random.uniform(0.0, TAU)))
+                .collect();
+            let edge_mm = random.log_uniform(0.8, 3.0);
+            sampled(move |[x, y]| {
+                let turn = libm::atan2(y, x);
+                let wide = |&(lobe, share, phase): &(u32, f64, f64)| {
+                    share * libm::cos(f64::from(lobe) * turn + phase)
+                };
+                let outline = outline_mm * (1.0 + lobes.iter().map(wide).sum::<f64>()).max(0.3);
+                dome([x, y]) + 0.5 * (libm::hypot(x, y) - outline).max(0.0).powi(2) / edge_mm
+            })
+        }
+        Surface::Heap => {
+            let spread_mm = random.log_uniform(1.5, 6.0);
+            let count = 2 + random.below(MOST_BALLS - 1);
+            let balls: [([f64; 2], f64, f64); MOST_BALLS] = std::array::from_fn(|_| {
+                let [x, y] = random.direction();
+                let away_mm = spread_mm * random.unit().sqrt();
+                (
+                    [away_mm * x, away_mm * y],
+                    random.log_uniform(3.0, 12.0),
+                    random.uniform(0.0, 0.5),
+                )
+            });
+            sampled(move |[x, y]| {
+                let heights = balls[..count].iter().map(|&([at_x, at_y], radius_mm, up_mm)| {
+                    let off = libm::hypot(x - at_x, y - at_y).min(radius_mm);
+                    up_mm + radius_mm - (radius_mm * radius_mm - off * off).sqrt()
+                });
+                heights.fold(BALL_TOP_MM, f64::min)
+            })
+        }
+        Surface::Facets => {
+            let count = 3 + random.below(MOST_FACETS - 2);
+            let turn = random.uniform(0.0, TAU);
+            let facets: [[f64; 2]; MOST_FACETS] = std::array::from_fn(|facet| {
+                // Spread around, so that no direction is left without a flank.
+                let angle = turn + TAU * (facet as f64 + random.uniform(-0.25, 0.25)) / count as f64;
+                let slope = random.log_uniform(0.3, 1.5);
+                let (sin, cos) = libm::sincos(angle);
+                [slope * cos, slope * sin]
+            });
+            let blunt_mm = random.log_uniform(0.3, 4.0);
+            sampled(move |[x, y]| {
+                let along = facets[..count]
+                    .iter()
+                    .map(|[slope_x, slope_y]| slope_x * x + slope_y * y)
+                    .fold(0.0, f64::max);
+                libm::hypot(along, blunt_mm) - blunt_mm
+            })
+        }
+    }
+}
+
+/// A bowl with two radii under waves of all directions that are this steep at most.
+fn waves_on([along, across]: [f64; 2], slope: f64, random: &mut Random) -> impl Fn([f64; 2]) -> f64 + use<> {
     let waves: [([f64; 2], f64, f64); WAVES] = std::array::from_fn(|_| {
         let wave = TAU / random.log_uniform(2.5, 12.0);
         let [x, y] = random.direction();
         let height = slope * random.uniform(0.3, 1.0) / wave;
         ([wave * x, wave * y], random.uniform(0.0, TAU), height)
     });
-    let outline_mm = random.log_uniform(2.0, 6.0);
-    let lobes = LOBES.map(|lobe| (lobe, random.uniform(0.0, 0.25), random.uniform(0.0, TAU)));
-    let lobes: Vec<(u32, f64, f64)> = lobes.collect();
-    let edge_mm = random.log_uniform(0.8, 3.0);
+    move |[x, y]| {
+        let mut height = 0.5 * (x * x / along + y * y / across);
+        for ([wave_x, wave_y], phase, amount) in waves {
+            height += amount * libm::cos(wave_x * x + wave_y * y + phase);
+        }
+        height
+    }
+}
 
-    let mut heights = Vec::with_capacity(GRID_POINTS * GRID_POINTS);
+/// A surface on the grid, bent away towards the grid's border.
+fn sampled(height_mm: impl Fn([f64; 2]) -> f64) -> Result<GridShape, SimulationError> {
     let place = |i: usize| GRID_PITCH_MM * (i as f64 - 0.5 * (GRID_POINTS - 1) as f64);
+    let mut heights = Vec::with_capacity(GRID_POINTS * GRID_POINTS);
     for row in 0..GRID_POINTS {
         for column in 0..GRID_POINTS {
-            let (x, y) = (place(column), place(row));
-            let r = libm::hypot(x, y);
-            let mut height = 0.5 * (x * x / along + y * y / across);
-            for ([wave_x, wave_y], phase, amount) in waves {
-                height += amount * libm::cos(wave_x * x + wave_y * y + phase);
-            }
-            if blob {
-                let turn = libm::atan2(y, x);
-                let wide = |&(lobe, share, phase): &(u32, f64, f64)| {
-                    share * libm::cos(f64::from(lobe) * turn + phase)
-                };
-                let outline = outline_mm * (1.0 + lobes.iter().map(wide).sum::<f64>()).max(0.3);
-                height += 0.5 * (r - outline).max(0.0).powi(2) / edge_mm;
-            }
-            height += 0.5 * (r - GRID_RIM_MM).max(0.0).powi(2);
-            heights.push(height);
+            let at_mm = [place(column), place(row)];
+            let past_rim = (libm::hypot(at_mm[0], at_mm[1]) - GRID_RIM_MM).max(0.0);
+            heights.push(height_mm(at_mm) + 0.5 * past_rim.powi(2));
         }
     }
     GridShape::new(GRID_POINTS, GRID_PITCH_MM, heights)
@@ -177,13 +282,21 @@ fn random_surface(blob: bool, random: &mut Random) -> Result<GridShape, Simulati
 mod tests {
     use super::*;
 
+    const ALL: [Surface; 5] = [
+        Surface::Rough,
+        Surface::Blob,
+        Surface::Heap,
+        Surface::Facets,
+        Surface::Corrugated,
+    ];
+
     #[test]
     fn a_test_stream_draws_no_shape_that_training_draws() {
         let names = |split: Split| {
             let mut random = Random::new(1, 1);
             let mut names: Vec<&str> = (0..200)
                 .map(|_| Indenter::draw(&mut random, split).unwrap().name)
-                .filter(|name| ![ROUGH, BLOB].contains(name))
+                .filter(|name| !ALL.map(Surface::name).contains(name))
                 .collect();
             names.sort_unstable();
             names.dedup();
@@ -199,8 +312,8 @@ mod tests {
     fn random_surfaces_start_at_zero_and_rise_at_their_border() {
         let mut random = Random::new(2, 1);
         for _ in 0..20 {
-            for blob in [false, true] {
-                let surface = random_surface(blob, &mut random).unwrap();
+            for kind in ALL {
+                let surface = random_surface(kind, &mut random).unwrap();
                 let border = GRID_PITCH_MM * 0.5 * (GRID_POINTS - 1) as f64;
                 let mut lowest = f64::INFINITY;
                 for i in 0..GRID_POINTS {
