@@ -77,6 +77,9 @@ enum Command {
         /// Peak of the learning rate; less when training goes on from weights that are good already.
         #[arg(long, default_value_t = LEARNING_RATE)]
         rate: f64,
+        /// Half the channels in every layer: another point between run time and error.
+        #[arg(long, conflicts_with = "from")]
+        halved: bool,
         /// Leave out a part of the loss or of the augmentation, to see what it is worth. May stand several times.
         #[arg(long, value_enum)]
         without: Vec<Part>,
@@ -151,6 +154,7 @@ fn run(arguments: &Arguments) -> Result<(), TrainingError> {
             minutes,
             patience,
             rate,
+            halved,
             without,
             from,
             out,
@@ -164,6 +168,7 @@ fn run(arguments: &Arguments) -> Result<(), TrainingError> {
                 budget: minutes.map(|minutes| Duration::from_secs(60 * u64::from(minutes))),
                 patience: *patience as usize,
                 rate: *rate,
+                halved: *halved,
                 recipe: Recipe {
                     without: without.clone(),
                 },

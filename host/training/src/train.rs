@@ -10,7 +10,7 @@ use burn::tensor::Device;
 use gripline_network::Calibration;
 use gripline_network::metrics::{Scores, calibrate};
 use gripline_network::tracked::TrackedWeights;
-use gripline_network::weights::{Scaling, Weights};
+use gripline_network::weights::{Scaling, Weights, Widths};
 use gripline_simulation::Split;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::json;
@@ -42,6 +42,8 @@ pub(crate) struct Plan {
     pub(crate) patience: usize,
     /// Peak of the learning rate.
     pub(crate) rate: f64,
+    /// Half the channels in every layer.
+    pub(crate) halved: bool,
     /// What the loss and augmentation are made of.
     pub(crate) recipe: Recipe,
 }
@@ -141,11 +143,24 @@ fn starting_weights(
             plan.samples
         )));
     }
-    Ok(fresh_weights(plan.architecture, train, device))
+    Ok(fresh_weights(plan.architecture, plan.halved, train, device))
 }
 
-/// Random weights, with the scaling that a data set asks for.
-pub(crate) fn fresh_weights(architecture: Architecture, train: &Dataset, device: &Device) -> AnyWeights {
+/// Random weights of full or half width, with the scaling that a data set asks for.
+pub(crate) fn fresh_weights(
+    architecture: Architecture,
+    halved: bool,
+    train: &Dataset,
+    device: &Device,
+) -> AnyWeights {
+    // The kernels take channels by eights.
+    let width = |channels: usize| {
+        if halved {
+            (channels / 2).next_multiple_of(8)
+        } else {
+            channels
+        }
+    };
     let calibration = Calibration {
         contact_min_n: 0.02,
         friction: DETECTOR_FRICTION,
@@ -155,7 +170,14 @@ pub(crate) fn fresh_weights(architecture: Architecture, train: &Dataset, device:
         Architecture::Unet => {
             let (mean, deviation) = train.rest_levels();
             AnyWeights::UNet(Weights {
-                widths: WIDTHS,
+                widths: Widths {
+                    encode44: width(WIDTHS.encode44),
+                    encode22: width(WIDTHS.encode22),
+                    encode20: width(WIDTHS.encode20),
+                    middle10: width(WIDTHS.middle10),
+                    bottom5: width(WIDTHS.bottom5),
+                    decode20: width(WIDTHS.decode20),
+                },
                 scaling: Scaling {
                     difference_per_level: DIFFERENCE_PER_LEVEL,
                     rest_level: mean as f32,
@@ -168,7 +190,7 @@ pub(crate) fn fresh_weights(architecture: Architecture, train: &Dataset, device:
             })
         }
         Architecture::Tracked => AnyWeights::Tracked(TrackedWeights {
-            widths: TRACKED_WIDTHS,
+            widths: TRACKED_WIDTHS.map(width),
             lens: lens(),
             scaling: TRACKED_SCALING,
             calibration,
@@ -338,7 +360,7 @@ mod tests {
             let device = Device::flex().autodiff();
             device.seed(1);
             let set = Dataset::noise(4);
-            let weights = fresh_weights(architecture, &set, &device);
+            let weights = fresh_weights(architecture, false, &set, &device);
             let mut trainer = Trainer::new(&weights, Recipe::default(), &device);
             let mut step = || {
                 let batch = batch::plain(&set, &[0, 1, 2, 3], &weights, &device);
