@@ -5,7 +5,7 @@
 //! Limits: what every map is late by cannot be seen; clocks may drift apart by 0.1 %; a step of the host's clock
 //! takes a new handshake.
 
-use crate::constants::{CLOCK_DRIFT_SHIFT, FUTURE_MAX_US};
+use crate::constants::{CLOCK_DRIFT_MAX_US, CLOCK_DRIFT_SHIFT, FUTURE_MAX_US};
 
 /// What a capture time says.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -43,10 +43,12 @@ impl CaptureClock {
             return CaptureTime::Late { us: 0 };
         };
         // The host's clock may be slower than ours: without this the promptest map would become too prompt.
-        let drift = (now_us.saturating_sub(since_us) >> CLOCK_DRIFT_SHIFT) as u32;
+        let silence_us = now_us.saturating_sub(since_us);
+        let drift = (silence_us >> CLOCK_DRIFT_SHIFT).min(CLOCK_DRIFT_MAX_US) as u32;
         let promptest = promptest.wrapping_sub(drift);
         let ahead = difference.wrapping_sub(promptest).cast_signed();
-        if ahead > FUTURE_MAX_US {
+        // It may be as much faster, too: after a long silence that is not the future.
+        if ahead > FUTURE_MAX_US + 2 * drift.cast_signed() {
             return CaptureTime::Future;
         }
         if ahead >= 0 {
@@ -117,6 +119,32 @@ mod tests {
                     panic!("frame {frame} counted as from the future");
                 };
                 assert!(us < 1_000, "frame {frame} counted as {us} µs late");
+            }
+        }
+    }
+
+    #[test]
+    fn the_first_map_after_any_silence_up_to_a_month_is_believed() {
+        for parts_per_million in [-100, 0, 100] {
+            for silence_us in (0..42)
+                .map(|power| 1 << power)
+                .filter(|us| *us < 30 * 86_400_000_000_u64)
+            {
+                let mut clock = CaptureClock::new();
+                clock.judge(host(START_US, 0), START_US);
+                let now_us = START_US + silence_us;
+                let late = clock.judge(host(now_us, parts_per_million), now_us);
+                assert_eq!(
+                    late,
+                    CaptureTime::Late { us: 0 },
+                    "{silence_us} µs at {parts_per_million} ppm"
+                );
+                // The next one is late by what it is late.
+                let CaptureTime::Late { us } = clock.judge(host(now_us, parts_per_million), now_us + 150_000)
+                else {
+                    panic!("a late map is not from the future");
+                };
+                assert!((149_000..=150_000).contains(&us), "{us}");
             }
         }
     }

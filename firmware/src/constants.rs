@@ -16,6 +16,8 @@ pub const STORM_LEVEL_MAX: u32 = 200;
 pub const FUTURE_MAX_US: i32 = 1_000_000;
 /// Drift between the host's clock and ours that is forgiven, as a shift: 2⁻¹⁰, ten times what two crystals need.
 pub const CLOCK_DRIFT_SHIFT: u32 = 10;
+/// The most drift that a silence is forgiven, µs: what 76 hours come to; so it fits the clocks' differences.
+pub const CLOCK_DRIFT_MAX_US: u64 = 1 << 28;
 /// Time between two statuses without a map, ms.
 pub const STATUS_PERIOD_MS: u32 = 100;
 /// Bound from the last packet in the FIFO to the line written, core cycles: 25 µs at 168 MHz.

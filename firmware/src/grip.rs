@@ -5,6 +5,7 @@
 //! not stall.
 
 use gripline_protocol::PER_UNIT;
+use gripline_protocol::configuration::FORCE_MAX;
 use gripline_protocol::message::{Configuration, GripMode, SlipState};
 
 use crate::constants::FEED_FORWARD_FRICTION_MIN;
@@ -54,6 +55,8 @@ pub struct Evidence {
     pub stick_ratio: Option<u16>,
     /// Greatest total shear, 1/4096 N.
     pub shear: i32,
+    /// One taxel more of each fingertip could slip, and the stick ratio would still not lie below the reflex's target.
+    pub has_spare: bool,
 }
 
 /// The grip controller.
@@ -76,10 +79,12 @@ const MILLI: i64 = 1_000;
 const FALL_US_MAX: u64 = 20_000;
 
 impl GripController {
-    /// Released and open, or holding a line that was in force before a reset.
+    /// Released and open, or holding a line that was in force before a reset; no more than any gripper has.
     #[must_use]
     pub const fn new(now_us: u64, restored: Option<GripForce>) -> Self {
         let (mode, line) = match restored {
+            // Memory may hold anything; a line that wrapped would let go.
+            Some(line) if line.0 > FORCE_MAX => (GripMode::Hold, FORCE_MAX),
             Some(line) if line.0 > 0 => (GripMode::Hold, line.0),
             _ => (GripMode::Released, 0),
         };
@@ -91,6 +96,7 @@ impl GripController {
                 state: SlipState::NoContact,
                 stick_ratio: None,
                 shear: 0,
+                has_spare: false,
             },
             observed_us: now_us,
             stuck_us: 0,
@@ -189,8 +195,11 @@ impl GripController {
             self.reflex_milli += divide(product, settings.reflex_target.max(1)).cast_signed();
             return false;
         }
-        // Between target and incipient threshold nothing moves: a dead band against limit cycles.
-        let sticks = self.evidence.state == SlipState::Stick && ratio >= settings.incipient_threshold;
+        // Between target and incipient threshold nothing moves: a dead band against limit cycles. Few taxels may have no
+        // stick ratio in it; then the last one above it is where nothing moves.
+        let sticks = self.evidence.state == SlipState::Stick
+            && ratio >= settings.incipient_threshold
+            && self.evidence.has_spare;
         self.stuck_us = if sticks && guard == Guard::Free {
             self.stuck_us.saturating_add(passed_us)
         } else {

@@ -22,7 +22,7 @@ use crate::line::LineHealth;
 use crate::safety::{Fault, Safety};
 use crate::slip::{Judgement, SlipDetector, severity};
 use crate::storage::Stored;
-use crate::sums::{Accumulator, Kernel, Portable, TaxelRule, total_shear};
+use crate::sums::{Accumulator, Kernel, Portable, TaxelRule, stick_ratio_below, total_shear};
 
 /// Why the controller started.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -541,7 +541,10 @@ impl<K: Kernel> Mcu<K> {
 
     /// The worst of what the fingertips said within the last `age_us`.
     fn evidence(&self, age_us: u64) -> Evidence {
-        let mut worst = Evidence::default();
+        let mut worst = Evidence {
+            has_spare: true,
+            ..Evidence::default()
+        };
         let sensors = usize::from(self.settings.sensors);
         let recent = |tip: &&Fingertip| self.now_us.saturating_sub(tip.fresh_us) <= age_us;
         for tip in self.fingertips.iter().take(sensors).filter(recent) {
@@ -553,6 +556,11 @@ impl<K: Kernel> Mcu<K> {
                 (one, other) => one.or(other),
             };
             worst.shear = worst.shear.max(tip.shear);
+            let one_less = MapSums {
+                stick: tip.sums.stick.saturating_sub(1),
+                ..tip.sums
+            };
+            worst.has_spare &= !stick_ratio_below(&one_less, self.settings.reflex_target);
         }
         worst
     }

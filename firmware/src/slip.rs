@@ -124,21 +124,22 @@ impl Trend {
             return None;
         }
         let half = |first: usize| {
-            let (mut ratios, mut ages_ms) = (0, 0_u32);
+            let (mut ratios, mut ages_us) = (0_u32, 0_u64);
             for place in 0..TREND_MAPS / 2 {
                 let (ratio, us) = self.maps[(at + 1 + first + place) % TREND_MAPS];
                 ratios += u32::from(ratio);
-                ages_ms = ages_ms.saturating_add(capture_us.wrapping_sub(us) / 1_000);
+                ages_us += u64::from(capture_us.wrapping_sub(us));
             }
-            (ratios, ages_ms)
+            (ratios, ages_us)
         };
-        let ((older, older_ms), (newer, newer_ms)) = (half(0), half(TREND_MAPS / 2));
+        let ((older, older_us), (newer, newer_us)) = (half(0), half(TREND_MAPS / 2));
         // Both sums are over four maps; the fours cancel.
         let fall = older.checked_sub(newer).filter(|fall| *fall > 0)?;
-        let span_ms = older_ms.checked_sub(newer_ms).filter(|span| *span > 0)?;
-        let left = u32::from(ratio.saturating_sub(threshold));
-        // Four ratios of at most 10,000.
-        let time_ms = divide(u64::from(left) * u64::from(span_ms), fall as u16);
+        // Milliseconds come last: at a thousand maps a second they are as long as the steps of the window.
+        let span_us = older_us.checked_sub(newer_us).filter(|span| *span > 0)?;
+        let left = u64::from(ratio.saturating_sub(threshold));
+        // Four ratios of at most 10,000; 10⁴ · 2³⁴ at most.
+        let time_ms = divide(divide(left * span_us, fall as u16), 1_000);
         u32::try_from(time_ms)
             .ok()
             .filter(|ms| *ms <= TIME_TO_SLIP_MAX_MS)

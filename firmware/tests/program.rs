@@ -287,6 +287,43 @@ fn the_line_relaxes_by_plan_only_and_only_after_it_stuck_long_enough() {
     }
 }
 
+/// A twist, of which no total shear tells: the grip force makes the stick ratio, as in a Hertzian contact that needs 4 N.
+#[test]
+fn the_line_comes_to_rest_however_few_taxels_touch() {
+    for taxels in [1, 2, 3, 4, 5, 6, 7, 9, 10, 30] {
+        let mut bench = Bench::holding();
+        let mut lines = Vec::new();
+        for _ in 0..2_400 {
+            let share = f64::from(newtons(4.0)) / f64::from(bench.mcu.line().lsb().max(1));
+            let stick = ((1.0 - share).max(0.0).powf(2.0 / 3.0) * f64::from(taxels)).round() as i32;
+            let mut map = ForceMap::EMPTY;
+            for (n, taxel) in (0..).zip(map.taxels.iter_mut().take(taxels as usize)) {
+                let x = if n < stick { 0 } else { 700 - 1_400 * (n % 2) };
+                *taxel = TaxelForce {
+                    x: x as i16,
+                    y: 0,
+                    z: 1_000,
+                };
+            }
+            bench.map(&map);
+            bench.wait_ms(16);
+            lines.push(bench.mcu.line());
+        }
+        let rest = &lines[1_800..];
+        assert!(
+            rest.iter().all(|line| *line == rest[0]),
+            "{taxels} taxels: {} to {}",
+            rest[0].lsb(),
+            lines[2_399].lsb()
+        );
+        assert!(
+            rest[0].lsb() > newtons(4.0) && rest[0].lsb() < newtons(15.0),
+            "{taxels} taxels at {}",
+            rest[0].lsb()
+        );
+    }
+}
+
 #[test]
 fn release_lets_go_slowly_and_hold_closes_to_the_floor() {
     let mut bench = Bench::holding();
@@ -677,6 +714,29 @@ fn after_a_watchdog_reset_the_line_is_the_old_one_until_a_person_has_looked() {
     assert_eq!(bench.mcu.line(), old);
     assert_eq!(bench.mcu.status().latched, Fault::WatchdogReset.bit());
     assert!(bench.wait_ms(3_000) >= old);
+}
+
+#[test]
+fn a_restored_line_beyond_every_gripper_becomes_the_greatest_and_does_not_wrap() {
+    for kept in [newtons(125.0) + 1, 4_294_968, i32::MAX] {
+        let bench = Bench::starting(Start {
+            reset: ResetCause::Watchdog,
+            restored_line: Some(GripForce::from_lsb(kept)),
+            ..Start::default()
+        });
+        assert_eq!(bench.mcu.line().lsb(), newtons(125.0), "{kept}");
+    }
+}
+
+#[test]
+fn a_host_that_was_silent_for_twenty_minutes_need_not_shake_hands_again() {
+    let mut bench = Bench::holding();
+    bench.maps_for_ms(&contact_map(100, 95), 200);
+    bench.now_us += 20 * 60_000_000;
+    let _ = bench.mcu.tick(bench.now_us);
+    // `map` wants every map accepted.
+    let status = bench.maps_for_ms(&contact_map(100, 95), 200);
+    assert_eq!(status.faults & Fault::FutureMap.bit(), 0);
 }
 
 #[test]

@@ -132,7 +132,7 @@ const fn newtons(value: i32) -> i32 {
 }
 
 /// The strongest gripper that is supported, 1/4096 N.
-const FORCE_MAX: i32 = newtons(125);
+pub const FORCE_MAX: i32 = newtons(125);
 
 const CONTROL_VALUES: usize = 20;
 /// The kind of line, then what [`LineSettings::FIELDS`] names.

@@ -150,8 +150,11 @@ impl ForceMap {
 #[must_use]
 pub fn quantise_component(newton: f64) -> (i16, bool) {
     let scaled = newton * f64::from(LSB_PER_NEWTON);
-    // `as` truncates towards zero and saturates; half a step outwards first makes that rounding to nearest.
-    let rounded = (scaled + if scaled < 0.0 { -0.5 } else { 0.5 }) as i64;
+    // `as` truncates towards zero and saturates, and what it cut off is exact. (Half a step added first would be rounded
+    // itself: it carries the number just below a half over.)
+    let whole = scaled as i64;
+    let rest = scaled - whole as f64;
+    let rounded = whole.saturating_add(i64::from(rest >= 0.5) - i64::from(rest <= -0.5));
     let clipped = rounded.clamp(i64::from(i16::MIN), i64::from(i16::MAX));
     (clipped as i16, clipped != rounded)
 }
@@ -324,6 +327,21 @@ mod tests {
             }
         );
         assert_eq!(saturated, Saturated(4));
+    }
+
+    #[test]
+    fn halves_of_a_step_go_away_from_zero_and_the_numbers_beside_them_to_their_own_side() {
+        for whole in (0..=40).chain([16_383, 32_766]) {
+            let tie = (f64::from(whole) + 0.5) / 4096.0;
+            for (newton, expected) in [
+                (tie, whole + 1),
+                (tie.next_down(), whole),
+                (tie.next_up(), whole + 1),
+            ] {
+                assert_eq!(i32::from(quantise_component(newton).0), expected, "{newton:e}");
+                assert_eq!(i32::from(quantise_component(-newton).0), -expected, "{newton:e}");
+            }
+        }
     }
 
     proptest! {

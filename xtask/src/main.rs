@@ -43,6 +43,10 @@ cargo xtask COMMAND
                                     table, and a plot of time against error; --weights adds networks; needs Python
                                     with pip
   bench gate [--json]               what skipping frames saves and costs, gate by gate, under drift, noise and light touch
+  stress [--json] [--seed N] [--quick] [--docs]
+                                    numerical stability of detector and controller: sweeps with exact arithmetic as the
+                                    judge, a table and a verdict each; --docs writes docs/stress.md and its pictures;
+                                    a quick run is part of `test`
   gate [ARGUMENTS]                  train and export the scene gate's network, and have LiteRT answer its golden file;
                                     needs Python with pip
   physics [--json] [--out DIR] [--without SECTION,...]
@@ -83,6 +87,11 @@ fn dispatch(arguments: &[String]) -> Result<(), Error> {
         "latency" => emulator::latency(rest),
         "toolchain" => toolchain::command(rest),
         "bench" => bench::command(rest),
+        "stress" => process::run(
+            process::cargo()
+                .args(["run", "--profile", "stress", "--package", "gripline-stress", "--"])
+                .args(rest),
+        ),
         "gate" => bench::train_gate(rest),
         "physics" => physics(rest),
         "train" => process::run(
