@@ -11,6 +11,7 @@ mod firmware;
 mod flash;
 mod fuzz;
 mod process;
+mod screenshots;
 mod test;
 mod toolchain;
 
@@ -21,7 +22,9 @@ use error::Error;
 const HELP: &str = "\
 cargo xtask COMMAND
 
-  test                              every check that has to pass, in order, with a summary
+  test [--zenoh]                    every check that has to pass, in order, with a summary; --zenoh: only those of the
+                                    bridge's feature zenoh, whose crates take minutes to build the first time
+  screenshots                       play the scripted scene and draw the README's pictures of view and plot anew
   firmware [--board BOARD] [--out FILE]
                                     build the image and print `flash N ram N` in bytes; BOARD is
                                     stm32f405rg (default) or stm32f427vi
@@ -79,7 +82,9 @@ fn dispatch(arguments: &[String]) -> Result<(), Error> {
             print!("{HELP}");
             Ok(())
         }
+        "test" if rest == ["--zenoh"] => test::zenoh(),
         "test" => no_more(rest).and_then(|()| test::run()),
+        "screenshots" => no_more(rest).and_then(|()| screenshots::run()),
         "firmware" => firmware::command(rest),
         "flash" => flash::command(rest),
         "fuzz" => fuzz::command(rest),

@@ -158,3 +158,26 @@ pub(crate) fn run() -> Result<(), Error> {
     });
     checks.summary()
 }
+
+/// The bridge's feature `zenoh`: its lints and its tests.
+pub(crate) fn zenoh() -> Result<(), Error> {
+    let bridge = ["--package", "gripline", "--features", "zenoh"];
+    let mut checks = Checks::default();
+    checks.check("lints with zenoh", || {
+        process::run(
+            process::cargo()
+                .arg("clippy")
+                .args(bridge)
+                .args(["--lib", "--", "-D", "warnings"]),
+        )
+    });
+    checks.check("tests with zenoh", || {
+        process::run(
+            process::cargo()
+                .arg("test")
+                .args(bridge)
+                .args(["--lib", "live::fleet"]),
+        )
+    });
+    checks.summary()
+}

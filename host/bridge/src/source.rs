@@ -79,7 +79,7 @@ impl SimulatedSource {
         Ok(Picture {
             crop: frame.image.pixels,
             truth: Truth {
-                phase: frame.phase,
+                phase: frame.phase.into(),
                 normal_n: if frame.touching { frame.load.normal_n } else { 0.0 },
                 shear_n: pull_x.hypot(pull_y),
                 stick_ratio: frame.true_stick_ratio,

@@ -2,6 +2,8 @@
 //! Units in the names; forces in newtons, moments in newton-millimetres about the map's centre, both in the map's
 //! frame but for `load`.
 
+use std::borrow::Cow;
+
 use gripline_network::scene::Verdict;
 use gripline_protocol::Health;
 use serde::{Serialize, Serializer};
@@ -85,7 +87,7 @@ pub struct FrameReport {
 #[derive(Debug, Clone, Serialize)]
 pub struct Truth {
     /// Part of the scene's script.
-    pub phase: &'static str,
+    pub phase: Cow<'static, str>,
     /// Normal force of the object on the skin.
     pub normal_n: f64,
     /// Shear force of the object on the skin.

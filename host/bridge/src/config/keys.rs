@@ -10,6 +10,7 @@ use gripline_network::{Architecture, InstructionSet};
 use toml::Value;
 
 use crate::link::Target;
+use crate::live::fleet::{check_endpoint, check_name};
 use crate::recording::Pictures;
 use crate::source::Source;
 
@@ -51,7 +52,7 @@ pub(crate) struct Key {
 }
 
 /// Every key, in the file's order. Keys of one section stand together.
-pub(crate) const KEYS: [Key; 15] = [
+pub(crate) const KEYS: [Key; 18] = [
     Key {
         name: "camera.source",
         flag: "source",
@@ -168,6 +169,34 @@ pub(crate) const KEYS: [Key; 15] = [
         example: "\"127.0.0.1:9617\"",
         help: "Serve live values over HTTP at this address: /metrics for Prometheus, /frames as newline JSON. By default \
                nothing is served.",
+    },
+    Key {
+        name: "zenoh.name",
+        flag: "zenoh-name",
+        value_name: "NAME",
+        kind: Kind::Text(check_name),
+        default: None,
+        example: "\"cell-3/left\"",
+        help: "Publish every frame over zenoh under gripline/NAME, so that many grippers report to one place \
+               (docs/zenoh.md; needs a gripline that was built with --features zenoh). By default nothing is published.",
+    },
+    Key {
+        name: "zenoh.connect",
+        flag: "zenoh-connect",
+        value_name: "ENDPOINT",
+        kind: Kind::Text(check_endpoint),
+        default: None,
+        example: "\"tcp/192.0.2.1:7447\"",
+        help: "Where a zenoh router or another peer listens. Without this and zenoh.listen, others are found by multicast.",
+    },
+    Key {
+        name: "zenoh.listen",
+        flag: "zenoh-listen",
+        value_name: "ENDPOINT",
+        kind: Kind::Text(check_endpoint),
+        default: None,
+        example: "\"tcp/0.0.0.0:7447\"",
+        help: "Where this run listens for zenoh peers.",
     },
     Key {
         name: "realtime.enabled",

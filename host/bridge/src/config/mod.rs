@@ -27,6 +27,7 @@ pub use self::overrides::Overrides;
 use crate::calibration::Calibration;
 use crate::error::Failure;
 use crate::link::Target;
+use crate::live::fleet::FleetSettings;
 use crate::recording::Pictures;
 use crate::source::Source;
 
@@ -105,6 +106,8 @@ pub struct Settings {
     pub pictures: Pictures,
     /// Where to serve live values; `None`: nowhere.
     pub serve: Option<SocketAddr>,
+    /// Under which name, and where, to publish over zenoh.
+    pub(crate) fleet: Option<FleetSettings>,
     /// Whether to ask for real-time priority, locked memory and a core.
     pub realtime: bool,
     /// The core; `None`: the last one.
@@ -142,6 +145,11 @@ impl Settings {
             record: text("record.file").map(|name| with_time(name, SystemTime::now())),
             pictures: parsed("record.pictures", text("record.pictures"))?.unwrap_or_default(),
             serve: parsed("serve.listen", text("serve.listen"))?,
+            fleet: text("zenoh.name").map(|name| FleetSettings {
+                name: name.to_owned(),
+                connect: text("zenoh.connect").map(str::to_owned),
+                listen: text("zenoh.listen").map(str::to_owned),
+            }),
             realtime: switch("realtime.enabled"),
             realtime_core: effective
                 .value("realtime.core")

@@ -4,6 +4,7 @@
 //! The loop never waits: it leaves its values behind where nobody is looking at that moment, and a reader who is too slow
 //! misses frames. Limits: eight readers at a time, GET only, no encryption: keep it on the machine or behind a proxy.
 
+pub(crate) mod fleet;
 mod metrics;
 
 use std::io::{self, BufRead, BufReader, Read, Write};

@@ -160,6 +160,10 @@ pub(crate) struct Stored {
     pub line_n: f64,
     pub latency_us: f64,
     pub faults: Vec<String>,
+    #[serde(default)]
+    pub stages_us: Vec<f64>,
+    #[serde(default)]
+    pub wire_bytes: usize,
     pub truth: Option<StoredTruth>,
     pub sequence: u32,
     pub until_us: u64,

@@ -10,6 +10,7 @@ mod messages;
 mod reader;
 mod recorder;
 mod replay;
+mod report;
 mod tape;
 
 use std::fmt;

@@ -27,6 +27,7 @@ use crate::calibrate::line::with_points;
 use crate::config::{Overrides, Settings, settings_text};
 use crate::cycle::{Cycle, Turn};
 use crate::error::Failure;
+use crate::live::fleet::Fleet;
 use crate::live::{Live, QUANTILES};
 use crate::pipeline::{Pipeline, fingerprint};
 use crate::realtime;
@@ -105,6 +106,7 @@ pub fn run(args: &RunArgs) -> Result<(), Failure> {
         }
         None => None,
     };
+    let about_run = serde_json::to_string(&about(&wanted, &network, &session, &rest)).unwrap_or_default();
     let mut pipeline = Pipeline::new(network, &rest, wanted.gate, TaxelRule::of(&settings));
 
     let stop = Arc::new(AtomicBool::new(false));
@@ -120,6 +122,9 @@ pub fn run(args: &RunArgs) -> Result<(), Failure> {
     run.live = wanted.serve.map(Live::start).transpose()?;
     if let Some(live) = &run.live {
         eprintln!("gripline: /metrics and /frames at http://{}", live.address());
+    }
+    if let Some(fleet) = &wanted.fleet {
+        run.fleet = Some(Fleet::start(fleet, about_run)?);
     }
     // After the other threads have started: they keep their ordinary priority.
     if wanted.realtime {
@@ -217,7 +222,8 @@ fn about(wanted: &Settings, network: &Network, session: &Session, rest: &[Vec<u8
     }
 }
 
-fn limits(settings: &Configuration) -> Limits {
+/// What the view draws its limits by.
+pub(crate) fn limits(settings: &Configuration) -> Limits {
     Limits {
         friction: ratio(settings.friction),
         slip_threshold: ratio(settings.slip_threshold),
@@ -237,6 +243,7 @@ struct Run {
     /// What of the pictures is recorded.
     pictures: Pictures,
     live: Option<Live>,
+    fleet: Option<Fleet>,
     stages: [Times; STAGES.len()],
     /// Frames in which each of them missed its deadline.
     late: [u64; STAGES.len()],
@@ -260,6 +267,7 @@ impl Run {
             recorder: None,
             pictures: Pictures::default(),
             live: None,
+            fleet: None,
             stages: Default::default(),
             late: [0; STAGES.len()],
             frame_to_link: Times::default(),
@@ -302,6 +310,9 @@ impl Run {
         );
         self.observe(&report, &turn.status);
         self.publish(&report);
+        if let Some(fleet) = &mut self.fleet {
+            fleet.publish(&report);
+        }
         if let Some(recorder) = &mut self.recorder {
             recorder.offer(Frame {
                 report: report.clone(),

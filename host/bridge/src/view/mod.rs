@@ -10,7 +10,7 @@ mod history;
 mod numbers;
 mod screen;
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;
 mod traces;
 
 use ratatui::Frame;
@@ -62,6 +62,14 @@ impl View {
     pub fn draw(&self, frame: &mut Frame<'_>) {
         let area = frame.area();
         self.draw_into(area, frame.buffer_mut());
+    }
+
+    /// The same as cells, without a terminal.
+    pub(crate) fn cells(&self, columns: u16, lines: u16) -> Buffer {
+        let area = Rect::new(0, 0, columns, lines);
+        let mut buffer = Buffer::empty(area);
+        self.draw_into(area, &mut buffer);
+        buffer
     }
 
     fn draw_into(&self, area: Rect, buffer: &mut Buffer) {

@@ -46,7 +46,7 @@ pub(super) fn draw(report: &FrameReport, area: Rect, buffer: &mut Buffer) {
     let Some(truth) = &report.truth else {
         return;
     };
-    put(0, 3, "scene", truth.phase);
+    put(0, 3, "scene", &truth.phase);
     put(16, 3, "slid", &format!("{:.2} mm", truth.slip_mm));
     if truth.gross_slip {
         let style = Style::new().fg(SLIP).add_modifier(Modifier::BOLD);

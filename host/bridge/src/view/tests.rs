@@ -21,7 +21,7 @@ pub(super) const LIMITS: Limits = Limits {
 };
 
 /// A frame of a 50 Hz run in which nothing touches.
-pub(super) fn report(frame: u64) -> FrameReport {
+pub(crate) fn report(frame: u64) -> FrameReport {
     FrameReport {
         frame,
         t_s: frame as f64 / 50.0,
@@ -89,7 +89,7 @@ fn report_of(frame: u64, map: &[[f32; 3]; 400], contacts: u16, sticks: u16) -> F
         stages_us: [150.0, 30.0, 1_250.0 + (frame % 100) as f64, 40.0, 25.0],
         wire_bytes: 2_704,
         truth: Some(Truth {
-            phase: "hold",
+            phase: "hold".into(),
             normal_n: 11.0,
             shear_n: 2.3,
             stick_ratio: Some((ratio - 0.1).max(0.0)),
@@ -128,7 +128,7 @@ fn view_that_slips_with_a_fault() -> View {
             report.line_n = 30.0;
             report.faults = vec!["LINE AT CEILING", "MAPS LOST", "DEADLINE MISSED"];
             let truth = report.truth.as_mut().unwrap();
-            (truth.phase, truth.gross_slip, truth.slip_mm) = ("pull", true, 1.234);
+            (truth.phase, truth.gross_slip, truth.slip_mm) = ("pull".into(), true, 1.234);
         }
         view.push(&report, &map);
     }
