@@ -35,7 +35,7 @@ pub(crate) struct Turn {
     pub verdict: Verdict,
     /// What is known against the picture.
     pub health: Health,
-    /// Time of each of [`STAGES`]; 0 where the gate skipped it.
+    /// Time of each of [`STAGES`]; 0 where the gate skipped it, and for the decoding, which lies before.
     pub stages_us: [f64; STAGES.len()],
     /// Picture in to map out.
     pub latency_us: f64,
@@ -85,7 +85,7 @@ impl Cycle {
         let sent = self.send(capture_us, health, processed.map)?;
         let turn = Turn {
             latency_us: taken.elapsed().as_secs_f64() * 1e6,
-            stages_us: [stages[0], stages[1], stages[2], sent.encode_us, sent.link_us],
+            stages_us: [0.0, stages[0], stages[1], stages[2], sent.encode_us, sent.link_us],
             ..self.sent(capture_us, (verdict, health), &sent)
         };
         self.finish(turn, until_us)
@@ -106,6 +106,29 @@ impl Cycle {
         let capture_us = self.session.capture_us();
         let sent = self.send(capture_us, health, map)?;
         self.finish(self.sent(capture_us, (verdict, health), &sent), until_us)
+    }
+
+    /// Works until `until_us` after frame 0 without a picture.
+    ///
+    /// # Errors
+    /// [`Failure`] when the link is gone.
+    pub(crate) fn idle(&mut self, until_us: u64) -> Result<(), Failure> {
+        self.session
+            .run_until(self.start_us + until_us)
+            .map_err(Failure::failed)
+    }
+
+    /// Works until the link's clock, of which these are the low 32 bits, shows this time; not at all when it is past.
+    ///
+    /// # Errors
+    /// [`Failure`] when the link is gone.
+    pub(crate) fn idle_until_capture(&mut self, capture_us: u32) -> Result<(), Failure> {
+        let ahead = capture_us.wrapping_sub(self.session.capture_us());
+        if ahead > u32::MAX / 2 {
+            return Ok(());
+        }
+        let until_us = self.session.now_us() + u64::from(ahead);
+        self.session.run_until(until_us).map_err(Failure::failed)
     }
 
     /// The next turn tells the gripper anew what is wanted.
@@ -155,7 +178,7 @@ impl Cycle {
             capture_us,
             verdict,
             health,
-            stages_us: [0.0, 0.0, 0.0, sent.encode_us, sent.link_us],
+            stages_us: [0.0, 0.0, 0.0, 0.0, sent.encode_us, sent.link_us],
             latency_us: sent.encode_us + sent.link_us,
             wire_bytes: sent.bytes,
             is_lost: sent.is_lost,

@@ -4,7 +4,7 @@
 //! [`pipeline`] turns a picture into a force map (scene gate and health, network, quantisation with [`rounding`]); [`link`] carries packets to a
 //! microcontroller; [`session`] speaks the protocol over a link, meets a restarted one anew and checks every answer
 //! ([`shadow`]); [`run`] joins
-//! them with a source of pictures and the [`view`]; [`infer`] and [`detect`] run the network over recorded
+//! them with a [`source`] of pictures (simulated, or of a camera or files: [`capture`]) and the [`view`]; [`infer`] and [`detect`] run the network over recorded
 //! pictures and the detector over recorded maps;
 //! [`simulate`] plays a scene of the simulated world into files. What a run is to do stands in one file, which
 //! [`config`] reads and checks; [`shell`] makes manual pages and completions.
@@ -15,6 +15,7 @@
 mod acquaintance;
 pub mod calibrate;
 mod calibration;
+pub mod capture;
 pub mod cli;
 pub mod config;
 mod cycle;

@@ -11,11 +11,11 @@ use serde::{Serialize, Serializer};
 use crate::units::Load;
 
 /// Names of the stages in the order in which a frame passes them.
-pub const STAGES: [&str; 5] = ["downsample", "gate", "network", "encode", "link"];
+pub const STAGES: [&str; 6] = ["decode", "downsample", "gate", "network", "encode", "link"];
 
 /// What each of [`STAGES`] may take, µs. Together the 4 ms that frame to link has at its 99.9th percentile; a stage that
 /// takes longer is counted as late.
-pub const DEADLINES_US: [f64; STAGES.len()] = [300.0, 300.0, 3_000.0, 100.0, 300.0];
+pub const DEADLINES_US: [f64; STAGES.len()] = [900.0, 150.0, 150.0, 2_400.0, 100.0, 300.0];
 
 /// The host's own faults, beside those of the microcontroller: its device is away.
 pub const NO_DEVICE: &str = "NO DEVICE";

@@ -90,7 +90,9 @@ fn skipping_saves_frames_and_changes_hardly_a_decision(kind: GateKind) {
             let gate = gated.frame(sequence, &picture.crop, picture.wish);
             frames += 1;
             skipped += u32::from(gate.0 != Verdict::Network);
-            missed += u32::from(gate.0 == Verdict::NoContact && picture.truth.normal_n >= 0.2);
+            missed += u32::from(
+                gate.0 == Verdict::NoContact && picture.truth.is_some_and(|truth| truth.normal_n >= 0.2),
+            );
             flips += u32::from(full.2 != gate.2);
             slip_frames += u32::from(full.2);
             let difference = (full.1.unwrap_or(1.0) - gate.1.unwrap_or(1.0)).abs();

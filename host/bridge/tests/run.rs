@@ -95,7 +95,7 @@ fn json_has_an_object_a_frame_and_a_summary_last() {
         summary["firmware"],
         concat!(env!("CARGO_PKG_VERSION"), " on host")
     );
-    assert_eq!(summary["stages"].as_array().map(Vec::len), Some(5));
+    assert_eq!(summary["stages"].as_array().map(Vec::len), Some(6));
     assert!(summary["stages"][0]["median_us"].is_f64() && summary["stages"][0]["p99_us"].is_f64());
 }
 

@@ -9,12 +9,12 @@ use serde_json::json;
 
 use super::{Common, date, guide, wrote};
 use crate::calibration::{Calibration, Rest, write};
+use crate::capture::picture;
 use crate::config::{Overrides, Settings};
 use crate::error::Failure;
-use crate::infer;
 use crate::simulate::grey_png;
 use crate::skin::{Change, Figures, limit};
-use crate::source::{SimulatedSource, Source};
+use crate::source::Source;
 
 /// Arguments of `gripline calibrate rest`.
 #[derive(Debug, Clone, Args)]
@@ -27,7 +27,7 @@ pub(super) struct RestArgs {
     /// Where pictures come from. By default the configuration's camera.source.
     #[arg(long)]
     source: Option<Source>,
-    /// Pictures that were taken before instead: a folder of PNGs, or one (*.png, in the order of their names).
+    /// Pictures that were taken before instead: a folder, or one (*.png, *.jpg, in the order of their names).
     #[arg(long, value_name = "DIR|FILE", conflicts_with = "source")]
     frames: Option<PathBuf>,
     /// Do not compare with the rest pictures that the file has: the gel or the camera is another one.
@@ -102,8 +102,8 @@ pub(super) fn run(args: &RestArgs) -> Result<(), Failure> {
 /// The pictures, and what they are of.
 fn take(args: &RestArgs) -> Result<(Vec<Vec<u8>>, String), Failure> {
     if let Some(path) = &args.frames {
-        let files = infer::frames(path)?;
-        let pictures: Result<Vec<_>, _> = files.iter().map(|file| infer::crop(file, false)).collect();
+        let files = picture::listed(path)?;
+        let pictures: Result<Vec<_>, _> = files.iter().map(|file| picture::crop(file, false)).collect();
         let pictures = pictures?;
         if pictures.len() < 2 {
             return Err(Failure::failed(format!(
@@ -115,17 +115,16 @@ fn take(args: &RestArgs) -> Result<(Vec<Vec<u8>>, String), Failure> {
         return Ok((pictures, path.display().to_string()));
     }
     let settings = Settings::load(&Overrides::of_file(args.config.as_deref()))?;
-    let source = args.source.unwrap_or(settings.source);
-    let Source::Simulated = source;
-    let mut camera = SimulatedSource::new(settings.seed, 60.0);
+    let source = args.source.clone().unwrap_or(settings.source);
+    let mut camera = source.open(&settings.pictures_of)?;
     let count = args.pictures as usize;
     if !args.common.asks() {
-        return Ok((camera.rest(count), source.to_string()));
+        return Ok((camera.rest(count)?.crops, source.to_string()));
     }
     guide::ask(1, &guide::REST[0])?;
-    let mut pictures = camera.rest(count.div_ceil(2));
+    let mut pictures = camera.rest(count.div_ceil(2))?.crops;
     guide::ask(2, &guide::REST[1])?;
-    pictures.extend(camera.rest(count / 2));
+    pictures.extend(camera.rest(count / 2)?.crops);
     Ok((pictures, source.to_string()))
 }
 

@@ -9,6 +9,7 @@ use gripline_network::scene::GateKind;
 use gripline_network::{Architecture, InstructionSet};
 use toml::Value;
 
+use crate::capture::PixelFormat;
 use crate::link::Target;
 use crate::live::fleet::{check_endpoint, check_name};
 use crate::recording::Pictures;
@@ -52,15 +53,55 @@ pub(crate) struct Key {
 }
 
 /// Every key, in the file's order. Keys of one section stand together.
-pub(crate) const KEYS: [Key; 18] = [
+pub(crate) const KEYS: [Key; 22] = [
     Key {
         name: "camera.source",
         flag: "source",
-        value_name: "sim",
+        value_name: "SOURCE",
         kind: Kind::Text(reads::<Source>),
         default: Some("\"sim\""),
         example: "",
-        help: "Where pictures come from: the simulated fingertip and gripper (sim).",
+        help: "Where pictures come from: the simulated fingertip and gripper (sim), a camera (/dev/video0, or better its \
+               name in /dev/v4l/by-id, which stays when cameras are plugged in another order), the pictures of a folder \
+               (dir:FOLDER, with rest.png in or beside it) or those of a recording (mcap:FILE).",
+    },
+    Key {
+        name: "camera.format",
+        flag: "camera-format",
+        value_name: "mjpeg|yuyv|grey",
+        kind: Kind::Text(reads::<PixelFormat>),
+        default: None,
+        example: "\"mjpeg\"",
+        help: "Pixels of the camera, 640×480. By default what reaches the wanted rate, and of these what needs the least \
+               decoding.",
+    },
+    Key {
+        name: "camera.frames_per_second",
+        flag: "frames-per-second",
+        value_name: "RATE",
+        kind: Kind::Number(1.0, 1_000.0),
+        default: None,
+        example: "120.0",
+        help: "Pictures a second. By default 60, or those of the recording. A camera takes the nearest that it has.",
+    },
+    Key {
+        name: "camera.exposure_ms",
+        flag: "exposure-ms",
+        value_name: "MS",
+        kind: Kind::Number(0.1, 1_000.0),
+        default: None,
+        example: "4.0",
+        help: "Exposure time of the camera, fixed. By default as the camera has it; one that chooses by itself changes the \
+               brightness when something touches.",
+    },
+    Key {
+        name: "camera.gain",
+        flag: "gain",
+        value_name: "GAIN",
+        kind: Kind::Whole(65_535),
+        default: None,
+        example: "32",
+        help: "Gain of the camera in its own units, fixed. By default as the camera has it.",
     },
     Key {
         name: "calibration.file",

@@ -29,7 +29,7 @@ use crate::error::Failure;
 use crate::link::Target;
 use crate::live::fleet::FleetSettings;
 use crate::recording::Pictures;
-use crate::source::Source;
+use crate::source::{Source, SourceSettings};
 
 /// Arguments of `gripline config`.
 #[derive(Debug, Clone, Args)]
@@ -86,6 +86,8 @@ pub struct Settings {
     pub source: Source,
     /// What `gripline calibrate` found.
     pub(crate) calibration: Option<Calibration>,
+    /// What is asked of it.
+    pub pictures_of: SourceSettings,
     /// Which network; `None`: what the weights are for.
     pub architecture: Option<Architecture>,
     /// Weights instead of the built-in ones.
@@ -112,8 +114,6 @@ pub struct Settings {
     pub realtime: bool,
     /// The core; `None`: the last one.
     pub realtime_core: Option<usize>,
-    /// Seed of the simulated world.
-    pub seed: u64,
     /// What the file says of the microcontroller's settings.
     microcontroller: Table,
 }
@@ -135,6 +135,16 @@ impl Settings {
             calibration: text("calibration.file")
                 .map(|path| Calibration::load(Path::new(path)))
                 .transpose()?,
+            pictures_of: SourceSettings {
+                format: parsed("camera.format", text("camera.format"))?,
+                frames_per_second: effective.value("camera.frames_per_second").and_then(number),
+                exposure_ms: effective.value("camera.exposure_ms").and_then(number),
+                gain: effective.value("camera.gain").and_then(Value::as_integer),
+                seed: effective
+                    .value("simulation.seed")
+                    .and_then(Value::as_integer)
+                    .unwrap_or(1) as u64,
+            },
             architecture: parsed("network.architecture", text("network.architecture"))?,
             weights: text("network.weights").map(PathBuf::from),
             instructions: parsed("network.instructions", text("network.instructions"))?,
@@ -155,16 +165,19 @@ impl Settings {
                 .value("realtime.core")
                 .and_then(Value::as_integer)
                 .map(|core| core as usize),
-            seed: effective
-                .value("simulation.seed")
-                .and_then(Value::as_integer)
-                .unwrap_or(1) as u64,
             microcontroller: effective.microcontroller(),
         };
         if settings.unpaced && matches!(settings.mcu, Target::Serial(_) | Target::Usb(_)) {
             return Err(Failure::usage(format!(
                 "run.unpaced (--unpaced) with link.mcu {}, expected embedded or emulator: a real one keeps its own time",
                 settings.mcu
+            )));
+        }
+        if settings.unpaced && matches!(settings.source, Source::Camera(_)) {
+            return Err(Failure::usage(format!(
+                "run.unpaced (--unpaced) with camera.source {}, expected sim, dir:FOLDER or mcap:FILE: a camera keeps its own \
+                 time",
+                settings.source
             )));
         }
         if settings.unpaced && settings.realtime {

@@ -56,7 +56,10 @@ impl Args for Overrides {
             .help("Configuration file. By default the one that GRIPLINE_CONFIG names, else gripline/gripline.toml in the \
                    user's configuration folder, else /etc/gripline/gripline.toml, if it is there");
         KEYS.iter().fold(command.arg(file), |command, key| {
-            let arg = Arg::new(key.name).long(key.flag).help(help_of(key));
+            let mut arg = Arg::new(key.name).long(key.flag).help(help_of(key));
+            if key.name == "camera.source" {
+                arg = arg.visible_alias("camera");
+            }
             command.arg(if matches!(key.kind, Kind::Switch) {
                 arg.action(ArgAction::SetTrue)
             } else {

@@ -24,10 +24,10 @@ use crate::link::Target;
 use crate::link::usb::attached;
 use crate::pipeline::Pipeline;
 use crate::realtime;
-use crate::run::{FRAMES_PER_SECOND, network_for, settings_for};
+use crate::run::{network_for, settings_for};
 use crate::session::Session;
 use crate::skin::{Change, Figures, mean};
-use crate::source::{SimulatedSource, Source};
+use crate::source::{AtRest, SimulatedSource, Source};
 
 /// Pictures that the latency is measured with: as many as show the longest of a second.
 const TIMED: usize = 60;
@@ -35,6 +35,8 @@ const TIMED: usize = 60;
 const WARM: usize = 10;
 /// How long the microcontroller may take to say how it is: it does so ten times a second by itself.
 const ANSWER_US: u64 = 250_000;
+/// Frames a second of the simulated touch.
+const TOUCH_FRAMES_PER_SECOND: f64 = 60.0;
 /// Grip of the simulated touch that the network is timed with, N.
 const TOUCH_N: f64 = 3.0;
 
@@ -106,13 +108,28 @@ impl Doctor {
 
     /// Camera, light, focus and rest picture; the pictures at rest.
     fn camera(&mut self, settings: &Settings) -> Vec<Vec<u8>> {
-        let Source::Simulated = settings.source;
-        let pictures = SimulatedSource::new(settings.seed, FRAMES_PER_SECOND).rest(REST_PICTURES.into());
-        self.say(Check::ok("camera", "the simulated fingertip", "pictures"));
-        let at_s: Vec<f64> = (0..pictures.len())
-            .map(|number| number as f64 / FRAMES_PER_SECOND)
-            .collect();
-        self.say(judge::frame_rate(&at_s, FRAMES_PER_SECOND));
+        let source = settings.source.open(&settings.pictures_of);
+        let opened = source.and_then(|mut source| {
+            let rest = source.rest(REST_PICTURES.into())?;
+            Ok((source.told, source.frames_per_second, rest))
+        });
+        let (
+            told,
+            frames_per_second,
+            AtRest {
+                crops: pictures,
+                at_s,
+            },
+        ) = match opened {
+            Ok(opened) => opened,
+            Err(failure) => {
+                let advice = "do what it says, or choose another camera.source";
+                self.say(Check::fail("camera", failure, "pictures", advice));
+                return Vec::new();
+            }
+        };
+        self.say(Check::ok("camera", told, "pictures"));
+        self.say(judge::frame_rate(&at_s, frames_per_second));
         let figures = Figures::of(&pictures);
         let calibrated = settings.calibration.as_ref();
         let rest = calibrated.and_then(|calibration| calibration.rest.as_ref());
@@ -238,7 +255,7 @@ fn what_of(network: &Network) -> String {
 /// Pictures of a touch through the whole pipeline, the network in each.
 fn frame_times_ms(settings: &Settings, network: Network, rest: &[Vec<u8>]) -> Result<Vec<f64>, Failure> {
     let rule = TaxelRule::of(&settings_for(&network));
-    let mut source = SimulatedSource::new(settings.seed, FRAMES_PER_SECOND);
+    let mut source = SimulatedSource::new(settings.pictures_of.seed, TOUCH_FRAMES_PER_SECOND);
     // Its own rest pictures where the camera is a real one: the touch is simulated.
     let own = source.rest(REST_PICTURES.into());
     let rest = if matches!(settings.source, Source::Simulated) {
@@ -249,7 +266,7 @@ fn frame_times_ms(settings: &Settings, network: Network, rest: &[Vec<u8>]) -> Re
     let mut pictures = Vec::new();
     while pictures.len() < TIMED + WARM {
         let picture = source.next(TOUCH_N).map_err(Failure::failed)?;
-        if picture.truth.normal_n > 0.5 * TOUCH_N {
+        if picture.truth.is_some_and(|truth| truth.normal_n > 0.5 * TOUCH_N) {
             pictures.push(picture.crop);
         }
     }

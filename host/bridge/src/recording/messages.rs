@@ -166,6 +166,7 @@ pub(crate) struct Stored {
     pub wire_bytes: usize,
     pub truth: Option<StoredTruth>,
     pub sequence: u32,
+    pub capture_us: u32,
     pub until_us: u64,
     pub wish: GripMode,
     pub health_bits: u8,

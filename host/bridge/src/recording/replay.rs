@@ -149,6 +149,8 @@ fn replay(reader: &mut Reader, args: &ReplayArgs) -> Result<Replayed, Failure> {
         replayed.without_picture += u64::from(picture.is_none());
         known &= picture.is_some();
         let mut wrong = Vec::new();
+        // A camera's pictures come when they come.
+        cycle.idle_until_capture(status.capture_us)?;
         let turn = match picture.map(Image::into_crop) {
             Some(crop) if known => cycle.turn(&mut pipeline, &crop, status.wish, status.until_us)?,
             picture => {

@@ -33,7 +33,7 @@ use crate::pipeline::{Pipeline, fingerprint};
 use crate::realtime;
 use crate::recording::{About, Frame, Image, Pace, Pictures, Recorder};
 use crate::session::Session;
-use crate::source::{Picture, SimulatedSource, Source};
+use crate::source::{Frames, Opened, Picture, Source, Taken};
 use crate::stats::Times;
 use crate::telemetry::{
     DEADLINES_US, FrameReport, Limits, NO_DEVICE, NO_STATUS, STAGES, STATUS_OLD_US, health_names,
@@ -41,9 +41,6 @@ use crate::telemetry::{
 use crate::units::{
     Load, centre_of_pressure_mm, force_n, millimetres, moment_nmm, newtons, ratio, shear_n, stick_ratio,
 };
-
-/// Frames a second of the simulated camera.
-pub(crate) const FRAMES_PER_SECOND: f64 = 60.0;
 
 /// Arguments of `gripline run`.
 #[derive(Debug, Clone, Args)]
@@ -73,13 +70,23 @@ pub fn run(args: &RunArgs) -> Result<(), Failure> {
             network.architecture()
         )));
     }
-    let Source::Simulated = wanted.source;
-    let mut source = SimulatedSource::new(wanted.seed, FRAMES_PER_SECOND);
+    let mut opened = wanted.source.open(&wanted.pictures_of)?;
+    if !matches!(wanted.source, Source::Simulated) {
+        eprintln!("gripline: {}", opened.told);
+    }
     let calibrated = match &wanted.calibration {
         Some(calibration) => calibration.rest_pictures()?,
         None => None,
     };
-    let rest = calibrated.unwrap_or_else(|| source.rest(REST_PICTURES.into()));
+    let rest = match calibrated {
+        Some(rest) => rest,
+        None => opened.rest(REST_PICTURES.into())?.crops,
+    };
+    let Opened {
+        pictures: mut source,
+        frames_per_second,
+        ..
+    } = opened;
     let link = wanted.mcu.open().map_err(Failure::failed)?;
     let mut session = Session::connect(link).map_err(Failure::failed)?;
     // What neither the network nor the configuration says stays as the microcontroller has it.
@@ -96,7 +103,7 @@ pub fn run(args: &RunArgs) -> Result<(), Failure> {
     tell_of_another_line(&wanted, &settings);
     let recorder = match &wanted.record {
         Some(path) => {
-            let about = about(&wanted, &network, &session, &rest);
+            let about = about(&wanted, &network, &session, (&rest, frames_per_second));
             let pace = if wanted.unpaced {
                 Pace::AsFastAsPossible
             } else {
@@ -113,10 +120,16 @@ pub fn run(args: &RunArgs) -> Result<(), Failure> {
     let signalled = Arc::clone(&stop);
     ctrlc::set_handler(move || signalled.store(true, Ordering::Relaxed)).map_err(Failure::failed)?;
     let mut output = Output::open(args.json, limits(&settings))?;
-    let seconds = wanted.seconds.or((!output.is_live()).then_some(SCENE_LOOP_S));
-    let frames = seconds.map(|seconds| (seconds * FRAMES_PER_SECOND).round() as u64);
+    let one_round = source.is_simulated() && !output.is_live();
+    let seconds = wanted.seconds.or(one_round.then_some(SCENE_LOOP_S));
 
-    let mut run = Run::new(session, !wanted.unpaced);
+    let clock = match (source.is_live(), wanted.unpaced) {
+        (true, _) => Clock::Pictures,
+        (false, true) => Clock::None,
+        (false, false) => Clock::Wall,
+    };
+    let mut run = Run::new(session, clock, frames_per_second);
+    run.summary.source = wanted.source.to_string();
     run.recorder = recorder;
     run.pictures = wanted.pictures;
     run.live = wanted.serve.map(Live::start).transpose()?;
@@ -134,22 +147,51 @@ pub fn run(args: &RunArgs) -> Result<(), Failure> {
         }
         run.summary.realtime_lacks = Some(lacks);
     }
-    while !stop.load(Ordering::Relaxed) && frames.is_none_or(|frames| run.frame < frames) {
-        let picture = source.next(run.line_n()).map_err(Failure::failed)?;
-        let report = run.frame(&mut pipeline, picture)?;
-        for note in run.notes.drain(..) {
-            output.note(&note);
-        }
-        if output.frame(&report, pipeline.newtons())? == Wish::Stop {
-            break;
-        }
-    }
+    let is_wanted = || !stop.load(Ordering::Relaxed);
+    play(
+        &mut run,
+        &mut source,
+        &mut pipeline,
+        &mut output,
+        (seconds, &is_wanted),
+    )?;
+    run.summary.pictures = source.counts();
     let summary = run.summary();
     output.close(&summary)?;
     match summary.losses().as_slice() {
         [] => Ok(()),
         losses => Err(Failure::loss(format!("done with loss: {}", losses.join("; ")))),
     }
+}
+
+/// Picture after picture, until the time is over or nobody wants more.
+fn play(
+    run: &mut Run,
+    source: &mut Frames,
+    pipeline: &mut Pipeline,
+    output: &mut Output,
+    (seconds, is_wanted): (Option<f64>, &dyn Fn() -> bool),
+) -> Result<(), Failure> {
+    while is_wanted() && seconds.is_none_or(|seconds| !run.is_over(seconds)) {
+        let wish = match source.next(run.line_n())? {
+            Taken::Picture(picture) => {
+                let report = run.frame(pipeline, picture)?;
+                output.frame(&report, pipeline.newtons())?
+            }
+            Taken::NotYet => {
+                run.idle()?;
+                output.idle()?
+            }
+            Taken::End => Wish::Stop,
+        };
+        for note in run.notes.drain(..).chain(source.take_news()) {
+            output.note(&note)?;
+        }
+        if wish == Wish::Stop {
+            break;
+        }
+    }
+    Ok(())
 }
 
 /// The network that was asked for.
@@ -200,7 +242,12 @@ pub fn settings_for(network: &Network) -> Configuration {
 }
 
 /// What a recording has to say of the run as a whole.
-fn about(wanted: &Settings, network: &Network, session: &Session, rest: &[Vec<u8>]) -> About {
+fn about(
+    wanted: &Settings,
+    network: &Network,
+    session: &Session,
+    (rest, frames_per_second): (&[Vec<u8>], f64),
+) -> About {
     About {
         gripline: env!("CARGO_PKG_VERSION").to_owned(),
         mcu: session.link_name(),
@@ -217,7 +264,7 @@ fn about(wanted: &Settings, network: &Network, session: &Session, rest: &[Vec<u8
             .unwrap_or_else(InstructionSet::widest)
             .to_string(),
         gate: wanted.gate.to_string(),
-        frames_per_second: FRAMES_PER_SECOND.to_string(),
+        frames_per_second: frames_per_second.to_string(),
         settings: settings_text(session.settings()),
     }
 }
@@ -233,12 +280,24 @@ pub(crate) fn limits(settings: &Configuration) -> Limits {
     }
 }
 
+/// What a frame waits for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Clock {
+    /// The wall clock.
+    Wall,
+    /// Nothing: time is what the frames make of it.
+    None,
+    /// The camera, whose pictures come when they come.
+    Pictures,
+}
+
 /// A run under way.
 struct Run {
     cycle: Cycle,
     frame: u64,
     started: Instant,
-    paced: bool,
+    clock: Clock,
+    frames_per_second: f64,
     recorder: Option<Recorder>,
     /// What of the pictures is recorded.
     pictures: Pictures,
@@ -257,13 +316,14 @@ struct Run {
 }
 
 impl Run {
-    fn new(session: Session, paced: bool) -> Self {
+    fn new(session: Session, clock: Clock, frames_per_second: f64) -> Self {
         Self {
             summary: Summary::of_link(session.link_name(), session.firmware()),
             cycle: Cycle::new(session),
             frame: 0,
             started: Instant::now(),
-            paced,
+            clock,
+            frames_per_second,
             recorder: None,
             pictures: Pictures::default(),
             live: None,
@@ -287,9 +347,26 @@ impl Run {
 
     /// One frame: picture in, map out, answer in.
     fn frame(&mut self, pipeline: &mut Pipeline, picture: Picture) -> Result<FrameReport, Failure> {
-        // To the next frame.
-        let until_us = ((self.frame + 1) as f64 * 1e6 / FRAMES_PER_SECOND) as u64;
-        let turn = self.cycle.turn(pipeline, &picture.crop, picture.wish, until_us)?;
+        let frame_us = 1e6 / self.frames_per_second;
+        let (t_s, until_us) = match self.clock {
+            // Half a frame for the answer; then the next picture may be there.
+            Clock::Pictures => {
+                self.idle()?;
+                let came = picture.came.saturating_duration_since(self.started);
+                (came.as_secs_f64(), self.elapsed_us() + (frame_us / 2.0) as u64)
+            }
+            // To the next frame.
+            Clock::Wall | Clock::None => (
+                self.frame as f64 * frame_us / 1e6,
+                ((self.frame + 1) as f64 * frame_us) as u64,
+            ),
+        };
+        let waited = picture.came.elapsed();
+        let mut turn = self.cycle.turn(pipeline, &picture.crop, picture.wish, until_us)?;
+        turn.stages_us[0] = picture.decode_us;
+        if self.clock == Clock::Pictures {
+            turn.latency_us += waited.as_secs_f64() * 1e6;
+        }
         self.count(&turn);
         self.look_after_the_link();
         if let Some(refusal) = self.cycle.session.take_refusal() {
@@ -302,7 +379,7 @@ impl Run {
         }
         let fingertips = &self.cycle.session.settings().fingertips;
         let report = report_of(
-            self.frame,
+            (self.frame, t_s),
             &turn,
             fingertips,
             &picture,
@@ -326,7 +403,7 @@ impl Run {
                 picture: image(self.pictures, picture.crop, pipeline),
             });
         }
-        if self.paced {
+        if self.clock == Clock::Wall {
             self.wait_for_the_clock();
         }
         self.frame += 1;
@@ -354,6 +431,26 @@ impl Run {
         self.presence = now;
     }
 
+    fn elapsed_us(&self) -> u64 {
+        self.started.elapsed().as_micros() as u64
+    }
+
+    /// There is no picture: the link goes on living.
+    fn idle(&mut self) -> Result<(), Failure> {
+        let now_us = self.elapsed_us();
+        self.cycle.idle(now_us)?;
+        self.look_after_the_link();
+        Ok(())
+    }
+
+    /// Whether it has lasted so long.
+    fn is_over(&self, seconds: f64) -> bool {
+        match self.clock {
+            Clock::Pictures => self.started.elapsed().as_secs_f64() >= seconds,
+            Clock::Wall | Clock::None => self.frame >= (seconds * self.frames_per_second).round() as u64,
+        }
+    }
+
     /// Leaves the frame for programs that look at live values.
     fn publish(&self, report: &FrameReport) {
         let Some(live) = &self.live else {
@@ -373,7 +470,7 @@ impl Run {
             values.frames_late = summary.frames_late;
             values.record_dropped = self.recorder.as_ref().map_or([0; 2], Recorder::dropped);
             // Once a second: a distribution takes longer to look at than a number.
-            if self.frame.is_multiple_of(FRAMES_PER_SECOND as u64) {
+            if self.frame.is_multiple_of(self.frames_per_second.ceil() as u64) {
                 for (times_us, stage) in values.stages_us.iter_mut().zip(&self.stages) {
                     *times_us = QUANTILES.map(|quantile| stage.quantile_us(quantile));
                 }
@@ -383,11 +480,11 @@ impl Run {
 
     /// Waits until the next frame is due; a link that waits for the wall clock itself leaves nothing to wait for.
     fn wait_for_the_clock(&mut self) {
-        let due = self.started + Duration::from_secs_f64((self.frame + 1) as f64 / FRAMES_PER_SECOND);
+        let due = self.started + Duration::from_secs_f64((self.frame + 1) as f64 / self.frames_per_second);
         let now = Instant::now();
         if due > now {
             thread::sleep(due - now);
-        } else if now - due > Duration::from_secs_f64(1.0 / FRAMES_PER_SECOND) {
+        } else if now - due > Duration::from_secs_f64(1.0 / self.frames_per_second) {
             // More than a frame behind: the machine is too slow for real time, which is no loss in a simulated world.
             self.summary.frames_late += 1;
         }
@@ -405,7 +502,7 @@ impl Run {
         summary.maps_not_taken += u64::from(turn.is_lost);
         summary.maps_unanswered += u64::from(!turn.answered);
         for ((times, us), name) in self.stages.iter_mut().zip(turn.stages_us).zip(STAGES) {
-            if name != "network" || turn.verdict == Verdict::Network {
+            if (name != "network" || turn.verdict == Verdict::Network) && (name != "decode" || us > 0.0) {
                 times.push(us);
             }
         }
@@ -504,7 +601,7 @@ fn faults_of(session: &Session) -> Vec<&'static str> {
 }
 
 fn report_of(
-    frame: u64,
+    (frame, t_s): (u64, f64),
     turn: &Turn,
     fingertips: &[FingertipGeometry; SENSORS],
     picture: &Picture,
@@ -518,7 +615,7 @@ fn report_of(
     let faults = status.faults | status.latched;
     FrameReport {
         frame,
-        t_s: frame as f64 / FRAMES_PER_SECOND,
+        t_s,
         gate: turn.verdict,
         health: health_names(turn.health),
         normal_n: z,
@@ -544,6 +641,6 @@ fn report_of(
             .chain(host_faults.iter().copied())
             .collect(),
         wire_bytes: turn.wire_bytes,
-        truth: Some(picture.truth.clone()),
+        truth: picture.truth.clone(),
     }
 }

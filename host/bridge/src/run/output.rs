@@ -3,7 +3,6 @@
 use std::fmt;
 use std::io::{self, ErrorKind, IsTerminal, Write};
 
-use super::FRAMES_PER_SECOND;
 use super::summary::{Summary, summary_text};
 use crate::error::Failure;
 use crate::telemetry::{FrameReport, Limits};
@@ -19,8 +18,14 @@ pub(super) enum Wish {
 /// Where the reports go.
 pub(super) enum Output {
     Json(io::BufWriter<io::Stdout>),
-    Live { screen: Box<Screen>, view: Box<View> },
-    Lines,
+    Live {
+        screen: Box<Screen>,
+        view: Box<View>,
+    },
+    Lines {
+        /// When the next line is due.
+        next_s: f64,
+    },
 }
 
 impl Output {
@@ -37,18 +42,11 @@ impl Output {
                 view: Box::new(View::new(limits)),
             });
         }
-        Ok(Self::Lines)
+        Ok(Self::Lines { next_s: 0.0 })
     }
 
     pub(super) fn is_live(&self) -> bool {
         matches!(self, Self::Live { .. })
-    }
-
-    /// Something that a person should know now; on the live view the faults say it.
-    pub(super) fn note(&self, text: &str) {
-        if !self.is_live() {
-            eprintln!("gripline: {text}");
-        }
     }
 
     pub(super) fn frame(&mut self, report: &FrameReport, map: &[[f32; 3]; 400]) -> Result<Wish, Failure> {
@@ -72,10 +70,35 @@ impl Output {
                     Wish::GoOn
                 })
             }
-            Self::Lines if report.frame.is_multiple_of(FRAMES_PER_SECOND as u64) => {
+            Self::Lines { next_s } if report.t_s >= *next_s => {
+                *next_s = report.t_s.floor() + 1.0;
                 still_wanted(writeln!(io::stdout(), "{}", progress_line(report)))
             }
-            Self::Lines => Ok(Wish::GoOn),
+            Self::Lines { .. } => Ok(Wish::GoOn),
+        }
+    }
+
+    /// There is no picture now.
+    pub(super) fn idle(&mut self) -> Result<Wish, Failure> {
+        if let Self::Live { screen, .. } = self
+            && screen.quit_requested().map_err(terminal_failed)?
+        {
+            return Ok(Wish::Stop);
+        }
+        Ok(Wish::GoOn)
+    }
+
+    /// Something that a person should know now.
+    pub(super) fn note(&mut self, text: &str) -> Result<(), Failure> {
+        match self {
+            Self::Live { screen, view } => {
+                view.note(text);
+                screen.draw(view).map_err(terminal_failed)
+            }
+            Self::Json(_) | Self::Lines { .. } => {
+                eprintln!("gripline: {text}");
+                Ok(())
+            }
         }
     }
 
@@ -89,7 +112,7 @@ impl Output {
                 drop(screen);
                 writeln!(io::stdout(), "{}", summary_text(summary))
             }
-            Self::Lines => writeln!(io::stdout(), "{}", summary_text(summary)),
+            Self::Lines { .. } => writeln!(io::stdout(), "{}", summary_text(summary)),
         };
         still_wanted(written).map(|_| ())
     }

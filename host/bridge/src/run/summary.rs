@@ -5,6 +5,7 @@ use std::fmt::Write as _;
 use gripline_protocol::message::Hello;
 use serde::Serialize;
 
+use crate::capture::Counts;
 use crate::recording::Recorded;
 
 /// The last line of `--json`.
@@ -14,6 +15,10 @@ pub(super) struct Summary {
     #[serde(rename = "summary")]
     pub last: bool,
     pub mcu: String,
+    /// Where the pictures came from, as it was set.
+    pub source: String,
+    /// What became of a camera's pictures, or of files'.
+    pub pictures: Option<Counts>,
     /// Version, commit and board, as the handshake told them.
     pub firmware: Option<String>,
     pub frames: u64,
@@ -78,6 +83,8 @@ impl Summary {
         Self {
             last: true,
             mcu,
+            source: String::new(),
+            pictures: None,
             firmware: firmware.map(ToString::to_string),
             frames: 0,
             seconds: 0.0,
@@ -130,6 +137,14 @@ impl Summary {
             self.maps_unanswered,
             "maps got no answer from the microcontroller",
         );
+        if let Some(pictures) = &self.pictures {
+            losses.extend(losses_of(pictures));
+        }
+        let mut lost = |count: u64, what: &str| {
+            if count > 0 {
+                losses.push(format!("{count} of {} {what}", self.frames));
+            }
+        };
         if let Some(recording) = &self.recording {
             lost(
                 recording.pictures_dropped,
@@ -146,6 +161,33 @@ impl Summary {
         }
         losses
     }
+}
+
+/// What became of pictures that were not looked at.
+fn losses_of(pictures: &Counts) -> Vec<String> {
+    let absence_s = pictures.longest_absence_s;
+    [
+        (
+            pictures.missed,
+            "pictures never came: camera or bus too slow".to_owned(),
+        ),
+        (
+            pictures.overtaken,
+            "pictures came too late and were passed over for newer ones".to_owned(),
+        ),
+        (
+            pictures.damaged,
+            "pictures were damaged and passed over".to_owned(),
+        ),
+        (
+            pictures.lost,
+            format!("times the camera went away, for {absence_s:.1} s at most"),
+        ),
+    ]
+    .into_iter()
+    .filter(|(count, _)| *count > 0)
+    .map(|(count, what)| format!("{count} {what}"))
+    .collect()
 }
 
 /// The summary for people.

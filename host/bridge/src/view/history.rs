@@ -150,18 +150,18 @@ mod tests {
         let mut history = History::default();
         for frame in 1..=200_u32 {
             let mut frame_report = report(u64::from(frame));
-            frame_report.stages_us = [0.04, 1.0, f64::from(frame), 0.0, 0.0];
+            frame_report.stages_us = [0.0, 0.04, 1.0, f64::from(frame), 0.0, 0.0];
             if frame % 2 == 0 {
-                frame_report.stages_us[2] = 0.0;
+                frame_report.stages_us[3] = 0.0;
             }
             history.push(&frame_report, 0.0);
         }
         let latencies = history.latencies();
-        assert_eq!(latencies[0], None);
+        assert_eq!((latencies[0], latencies[1]), (None, None));
         // 1, 3, .. 199: the 50th is 99 and the 99th is 197.
-        let network = latencies[2].unwrap();
+        let network = latencies[3].unwrap();
         assert_eq!((network.median_us, network.p99_us), (99.0, 197.0));
-        assert!(latencies[5].is_some());
+        assert!(latencies[6].is_some());
     }
 
     #[test]

@@ -38,6 +38,7 @@ pub struct View {
     limits: Limits,
     history: History,
     newest: Option<(FrameReport, Box<[[f32; 3]; 400]>)>,
+    note: String,
 }
 
 impl View {
@@ -48,6 +49,7 @@ impl View {
             limits,
             history: History::default(),
             newest: None,
+            note: String::new(),
         }
     }
 
@@ -56,6 +58,11 @@ impl View {
         let peak_n = map.iter().map(|&[.., fz]| fz).fold(0.0, f32::max);
         self.history.push(report, peak_n);
         self.newest = Some((report.clone(), Box::new(*map)));
+    }
+
+    /// Takes a line of what happened beside the frames; it stays until the next one.
+    pub fn note(&mut self, news: &str) {
+        news.clone_into(&mut self.note);
     }
 
     /// Draws the newest frame and the traces that lead to it.
@@ -114,7 +121,7 @@ impl View {
         banner::draw(report, banner, buffer);
         traces::draw_stick_ratio(&self.history, &self.limits, stick_ratio, buffer);
         traces::draw_grip(report, &self.history, &self.limits, grip, buffer);
-        numbers::draw(report, numbers, buffer);
+        numbers::draw(report, &self.note, numbers, buffer);
         numbers::draw_footer(report, &self.history, footer, buffer);
     }
 }

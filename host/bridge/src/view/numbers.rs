@@ -20,8 +20,8 @@ const ROW_NAME_COLUMNS: usize = 9;
 /// Least columns of a latency: 99,999 µs.
 const LATENCY_COLUMNS: usize = 5;
 
-/// Forces, counts, gate and scene.
-pub(super) fn draw(report: &FrameReport, area: Rect, buffer: &mut Buffer) {
+/// Forces, counts, gate, and the scene or what happened last.
+pub(super) fn draw(report: &FrameReport, note: &str, area: Rect, buffer: &mut Buffer) {
     let ratio = report
         .stick_ratio
         .map_or_else(|| "–".into(), |ratio| format!("{ratio:.3}"));
@@ -44,6 +44,7 @@ pub(super) fn draw(report: &FrameReport, area: Rect, buffer: &mut Buffer) {
     put(0, 2, "gate", report.gate.name());
     put(24, 2, "wire", &wire);
     let Some(truth) = &report.truth else {
+        buffer.set_stringn(area.x, area.y + 3, note, area.width.into(), TEXT);
         return;
     };
     put(0, 3, "scene", &truth.phase);

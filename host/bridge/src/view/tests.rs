@@ -42,7 +42,7 @@ pub(crate) fn report(frame: u64) -> FrameReport {
         time_to_slip_ms: None,
         line_n: 1.0,
         latency_us: 190.0 + (frame % 10) as f64,
-        stages_us: [150.0 + (frame % 10) as f64, 30.0, 0.0, 0.0, 4.0],
+        stages_us: [0.0, 150.0 + (frame % 10) as f64, 30.0, 0.0, 0.0, 4.0],
         faults: Vec::new(),
         wire_bytes: 72,
         truth: None,
@@ -86,7 +86,7 @@ fn report_of(frame: u64, map: &[[f32; 3]; 400], contacts: u16, sticks: u16) -> F
         state: "STICK",
         line_n: 8.0 + (frame % 100) as f64 / 50.0,
         latency_us: 1_500.0 + (frame % 100) as f64,
-        stages_us: [150.0, 30.0, 1_250.0 + (frame % 100) as f64, 40.0, 25.0],
+        stages_us: [0.0, 150.0, 30.0, 1_250.0 + (frame % 100) as f64, 40.0, 25.0],
         wire_bytes: 2_704,
         truth: Some(Truth {
             phase: "hold".into(),

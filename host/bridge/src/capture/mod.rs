@@ -1,0 +1,26 @@
+//! Pictures from the world: a camera (Video4Linux), or what stands in for one: a folder of pictures, a video, a recording.
+//!
+//! Pure parts, each with its tests: which mode of a camera is used ([`format`], [`negotiate`]), from its bytes to the crop
+//! ([`convert`]), what its sequence numbers say ([`sequence`]). [`camera`] keeps a camera open and its newest picture in a
+//! mailbox of one; only [`device`] and [`picture`] touch the world. What a run makes of them is [`crate::source`]'s matter.
+
+pub(crate) mod camera;
+mod constants;
+mod convert;
+pub(crate) mod device;
+mod error;
+mod files;
+mod format;
+mod negotiate;
+pub(crate) mod picture;
+mod sequence;
+#[cfg(test)]
+mod tests;
+
+pub use self::camera::Counts;
+pub(crate) use self::constants::{POLL, RATE};
+pub use self::error::CameraError;
+pub(crate) use self::files::{FolderFrames, RecordedFrames};
+pub use self::format::PixelFormat;
+pub(crate) use self::format::Wanted;
+pub(crate) use self::negotiate::CameraSettings;

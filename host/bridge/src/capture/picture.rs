@@ -1,0 +1,100 @@
+//! Picture files as the camera's crop: PNG (8-bit grey) and JPEG, 640×480 (the middle is taken), 440×440, or 88×88 where
+//! the network looks at nothing else. Touches the world.
+
+use std::fs;
+use std::io::Cursor;
+use std::path::{Path, PathBuf};
+
+use gripline_network::constants::{CROP_SIDE, IMAGE_SIDE};
+use gripline_simulation::{Image, crop_of_frame};
+
+use super::convert::JpegCrop;
+use crate::error::Failure;
+
+/// Endings of pictures that can be read.
+const ENDINGS: [&str; 3] = ["png", "jpg", "jpeg"];
+
+/// Whether the file's name is that of a picture.
+fn is_picture(path: &Path) -> bool {
+    path.extension()
+        .is_some_and(|ending| ENDINGS.iter().any(|known| ending.eq_ignore_ascii_case(known)))
+}
+
+/// The pictures of a folder in the order of their names, or the one file; at least one.
+///
+/// # Errors
+/// [`Failure`] that names the folder.
+pub(crate) fn listed(path: &Path) -> Result<Vec<PathBuf>, Failure> {
+    let failed = |error: std::io::Error| Failure::failed(format!("{}: {error}", path.display()));
+    if !fs::metadata(path).map_err(failed)?.is_dir() {
+        return Ok(vec![path.to_owned()]);
+    }
+    let mut found = Vec::new();
+    for entry in fs::read_dir(path).map_err(failed)? {
+        let entry = entry.map_err(failed)?.path();
+        if is_picture(&entry) {
+            found.push(entry);
+        }
+    }
+    found.sort();
+    if found.is_empty() {
+        return Err(Failure::failed(format!(
+            "{}: found no *.png and no *.jpg, expected a folder of pictures",
+            path.display()
+        )));
+    }
+    Ok(found)
+}
+
+/// A picture's 440×440 crop. A small one, if it may be, is enlarged: its block means are itself again.
+///
+/// # Errors
+/// [`Failure`] that names the file, what it is and what was expected.
+pub(crate) fn crop(path: &Path, small: bool) -> Result<Vec<u8>, Failure> {
+    let bytes = fs::read(path).map_err(|error| Failure::failed(format!("{}: {error}", path.display())))?;
+    crop_of(&bytes, small).map_err(|wrong| Failure::failed(format!("{}: {wrong}", path.display())))
+}
+
+fn crop_of(bytes: &[u8], small: bool) -> Result<Vec<u8>, String> {
+    if bytes.starts_with(&[0xff, 0xd8]) {
+        let mut crop = Vec::new();
+        return JpegCrop::default().decode(bytes, &mut crop).map(|()| crop);
+    }
+    let damaged = |error: png::DecodingError| {
+        format!("found no good PNG ({error}), expected a grey PNG of 8 bits or a JPEG")
+    };
+    let mut reader = png::Decoder::new(Cursor::new(bytes))
+        .read_info()
+        .map_err(damaged)?;
+    let info = reader.info();
+    let (colour, depth) = (info.color_type, info.bit_depth);
+    let size = [info.width as usize, info.height as usize];
+    if (colour, depth) != (png::ColorType::Grayscale, png::BitDepth::Eight) {
+        return Err(format!(
+            "found {colour:?} of {} bits, expected grey of 8 bits: convert it",
+            depth as u8
+        ));
+    }
+    let [width, height] = size;
+    let sizes: &[[usize; 2]] = if small {
+        &[[640, 480], [CROP_SIDE; 2], [IMAGE_SIDE; 2]]
+    } else {
+        &[[640, 480], [CROP_SIDE; 2]]
+    };
+    if !sizes.contains(&size) {
+        let expected: Vec<String> = sizes.iter().map(|[w, h]| format!("{w}×{h}")).collect();
+        return Err(format!(
+            "found {width}×{height} pixels, expected {}",
+            expected.join(" or ")
+        ));
+    }
+    let mut image = Image::new(width, height);
+    reader.next_frame(&mut image.pixels).map_err(damaged)?;
+    Ok(match width {
+        640 => crop_of_frame(&image).pixels,
+        CROP_SIDE => image.pixels,
+        _ => (0..CROP_SIDE * CROP_SIDE)
+            .map(|i| image.pixels[i / CROP_SIDE / 5 * IMAGE_SIDE + i % CROP_SIDE / 5])
+            .collect(),
+    })
+}

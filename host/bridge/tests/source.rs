@@ -1,0 +1,158 @@
+//! Sources of pictures that need no camera, as a person uses them: a folder, a recording, and what is wrong with either.
+
+use std::fs;
+use std::path::Path;
+use std::process::{Command, Output};
+
+use gripline::source::SimulatedSource;
+use serde_json::Value;
+
+fn gripline(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_gripline"))
+        .args(["run", "--json", "--unpaced", "--network", "unet"])
+        .args(arguments)
+        .output()
+        .expect("the program starts")
+}
+
+fn summary(output: &Output) -> Value {
+    let text = String::from_utf8_lossy(&output.stdout);
+    serde_json::from_str(text.lines().last().expect("a summary comes last")).expect("it is JSON")
+}
+
+#[track_caller]
+fn assert_says(output: &Output, code: i32, parts: &[&str]) {
+    let error = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(code), "{error}");
+    for part in parts {
+        assert!(error.contains(part), "{part:?} is missing in: {error}");
+    }
+}
+
+fn write_png(path: &Path, crop: &[u8]) {
+    let mut encoder = png::Encoder::new(fs::File::create(path).unwrap(), 440, 440);
+    encoder.set_color(png::ColorType::Grayscale);
+    encoder.write_header().unwrap().write_image_data(crop).unwrap();
+}
+
+fn write_jpeg(path: &Path, crop: &[u8]) {
+    let encoder = jpeg_encoder::Encoder::new_file(path, 95).unwrap();
+    encoder
+        .encode(crop, 440, 440, jpeg_encoder::ColorType::Luma)
+        .unwrap();
+}
+
+#[test]
+fn a_folder_is_played_in_the_order_of_names_and_a_damaged_picture_is_passed_over_and_counted() {
+    let folder = tempfile::tempdir().unwrap();
+    let frames = folder.path().join("frames");
+    fs::create_dir(&frames).unwrap();
+    let mut source = SimulatedSource::new(3, 60.0);
+    write_png(&folder.path().join("rest.png"), &source.rest(1)[0]);
+    for number in 0..12 {
+        let crop = source.next(2.5).unwrap().crop;
+        let path = |ending| frames.join(format!("{number:06}.{ending}"));
+        match number {
+            5 => fs::write(path("jpg"), [0xff, 0xd8, 1, 2, 3]).unwrap(),
+            n if n % 2 == 0 => write_jpeg(&path("jpg"), &crop),
+            _ => write_png(&path("png"), &crop),
+        }
+    }
+    let output = gripline(&["--source", &format!("dir:{}", folder.path().display())]);
+    assert_says(
+        &output,
+        3,
+        &[
+            "000005.jpg: found a damaged JPEG",
+            "1 pictures were damaged and passed over",
+        ],
+    );
+    let summary = summary(&output);
+    assert_eq!(summary["frames"], 11);
+    assert_eq!(
+        (&summary["pictures"]["came"], &summary["pictures"]["damaged"]),
+        (&12.into(), &1.into())
+    );
+    assert_eq!(summary["shadow_mismatches"], 0);
+    let decode = &summary["stages"][0];
+    assert_eq!(
+        (&decode["stage"], &decode["frames"]),
+        (&"decode".into(), &11.into())
+    );
+}
+
+#[test]
+fn a_recordings_pictures_played_again_give_the_forces_of_the_run() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("run.mcap");
+    let first = gripline(&["--seconds", "2", "--record", file.to_str().unwrap()]);
+    assert_says(&first, 0, &[]);
+    let second = gripline(&["--camera", &format!("mcap:{}", file.display())]);
+    assert_says(&second, 0, &["pictures of "]);
+    let forces = |output: &Output| -> Vec<Value> {
+        let text = String::from_utf8_lossy(&output.stdout).into_owned();
+        let lines = text
+            .lines()
+            .map(|line| serde_json::from_str::<Value>(line).unwrap());
+        lines
+            .filter(|line| line.get("fn").is_some())
+            .map(|line| {
+                serde_json::json!([line["gate"], line["fn"], line["ft"], line["mz"], line["contact"]])
+            })
+            .collect()
+    };
+    assert_eq!(forces(&first).len(), 120);
+    assert_eq!(forces(&first), forces(&second));
+}
+
+#[test]
+fn what_is_wrong_with_a_source_is_told_with_what_to_do() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path().display().to_string();
+    fs::write(folder.path().join("a.png"), [0; 20]).unwrap();
+    fs::create_dir(folder.path().join("empty")).unwrap();
+    let cases: [(&[&str], i32, &[&str]); 5] = [
+        (
+            &["--source", &format!("dir:{here}")],
+            1,
+            &["found no rest.png", "gripline calibrate rest"],
+        ),
+        (
+            &["--source", &format!("dir:{here}/empty")],
+            1,
+            &["found no *.png"],
+        ),
+        (
+            &["--source", &format!("mcap:{here}/a.png")],
+            1,
+            &["a.png: found not one frame"],
+        ),
+        (
+            &["--camera", "webcam"],
+            2,
+            &["found webcam, expected sim, /dev/videoN"],
+        ),
+        (
+            &["--camera", "/dev/video0"],
+            2,
+            &["run.unpaced", "a camera keeps its own time"],
+        ),
+    ];
+    for (arguments, code, parts) in cases {
+        assert_says(&gripline(arguments), code, parts);
+    }
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_camera_that_is_not_there_is_told_with_those_that_are() {
+    let output = Command::new(env!("CARGO_BIN_EXE_gripline"))
+        .args(["run", "--camera", "/dev/video-of-nobody"])
+        .output()
+        .unwrap();
+    assert_says(
+        &output,
+        1,
+        &["camera /dev/video-of-nobody: not found", "plug it in"],
+    );
+}
