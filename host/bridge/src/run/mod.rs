@@ -101,9 +101,9 @@ pub fn run(args: &RunArgs) -> Result<(), Failure> {
         eprintln!("gripline: {note}");
     }
     tell_of_another_line(&wanted, &settings);
+    let about = about(&wanted, &network, &session, (&rest, frames_per_second));
     let recorder = match &wanted.record {
         Some(path) => {
-            let about = about(&wanted, &network, &session, (&rest, frames_per_second));
             let pace = if wanted.unpaced {
                 Pace::AsFastAsPossible
             } else {
@@ -113,7 +113,7 @@ pub fn run(args: &RunArgs) -> Result<(), Failure> {
         }
         None => None,
     };
-    let about_run = serde_json::to_string(&about(&wanted, &network, &session, &rest)).unwrap_or_default();
+    let about_run = serde_json::to_string(&about).unwrap_or_default();
     let mut pipeline = Pipeline::new(network, &rest, wanted.gate, TaxelRule::of(&settings));
 
     let stop = Arc::new(AtomicBool::new(false));
@@ -123,12 +123,7 @@ pub fn run(args: &RunArgs) -> Result<(), Failure> {
     let one_round = source.is_simulated() && !output.is_live();
     let seconds = wanted.seconds.or(one_round.then_some(SCENE_LOOP_S));
 
-    let clock = match (source.is_live(), wanted.unpaced) {
-        (true, _) => Clock::Pictures,
-        (false, true) => Clock::None,
-        (false, false) => Clock::Wall,
-    };
-    let mut run = Run::new(session, clock, frames_per_second);
+    let mut run = Run::new(session, Clock::of(&source, wanted.unpaced), frames_per_second);
     run.summary.source = wanted.source.to_string();
     run.recorder = recorder;
     run.pictures = wanted.pictures;
@@ -289,6 +284,16 @@ enum Clock {
     None,
     /// The camera, whose pictures come when they come.
     Pictures,
+}
+
+impl Clock {
+    const fn of(source: &Frames, is_unpaced: bool) -> Self {
+        match (source.is_live(), is_unpaced) {
+            (true, _) => Self::Pictures,
+            (false, true) => Self::None,
+            (false, false) => Self::Wall,
+        }
+    }
 }
 
 /// A run under way.
