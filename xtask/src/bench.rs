@@ -1,4 +1,4 @@
-//! `cargo xtask bench network` and `bench gate`: build the measurement and run it; `cargo xtask gate` trains the scene gate.
+//! `cargo xtask bench`, `bench network` and `bench gate`: build the measurement and run it; `cargo xtask gate` trains the scene gate.
 //! onnxruntime and LiteRT come from Python packages, each in a folder of its own beside the other products; they are
 //! installed on first use.
 
@@ -10,6 +10,9 @@ use crate::process;
 
 /// The package that brings the shared library; the version that host/network's binding speaks.
 const ONNXRUNTIME: &str = "onnxruntime==1.31.1";
+
+/// The peer of the detector.
+const NUMPY: &str = "numpy==2.4.6";
 
 /// The package that brings LiteRT's interpreter, and what it needs.
 const LITERT: [&str; 2] = ["ai-edge-litert==2.3.0", "numpy"];
@@ -31,12 +34,33 @@ pub(crate) fn command(arguments: &[String]) -> Result<(), Error> {
                 ])
                 .args(rest),
         ),
-        found => Err(Error::usage(
-            "bench",
-            found.map_or("nothing", |(what, _)| what),
-            "`network` or `gate`",
-        )),
+        Some((what, _)) if !what.starts_with("--") => {
+            Err(Error::usage("bench", what, "`network`, `gate`, or options alone"))
+        }
+        _ => chain(arguments),
     }
+}
+
+/// The whole chain and each stage, beside NumPy.
+fn chain(arguments: &[String]) -> Result<(), Error> {
+    let numpy = process::products().join(NUMPY.replace("==", "-"));
+    if !numpy.join("numpy").is_dir() {
+        process::run(
+            Command::new("python3")
+                .args(["-m", "pip", "install", "--quiet", "--no-deps", "--target"])
+                .arg(&numpy)
+                .arg(NUMPY),
+        )?;
+    }
+    process::run(
+        process::cargo()
+            .args(["run", "--release", "--package", "gripline-bench", "--", "--numpy"])
+            .arg(numpy)
+            .arg("--plot")
+            .arg(process::products().join("bench.png"))
+            // The last one counts, so that these can say otherwise.
+            .args(arguments),
+    )
 }
 
 fn network(arguments: &[String]) -> Result<(), Error> {

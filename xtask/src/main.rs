@@ -40,6 +40,10 @@ cargo xtask COMMAND
                                     --bless renews the instruction counts that the tests hold
   toolchain [--from-sources]        make this machine able to build for the microcontroller;
                                     --from-sources passes over rustup and an installed target
+  bench [--json] [--frames N] [--rounds N] [--seed N] [--plot FILE]
+                                    run time against error for the whole chain and each of its stages, a NumPy detector
+                                    beside ours, what skipping saves by kind of scene and what it changes; tables and a
+                                    plot; needs Python with pip
   bench network [--json] [--rounds N] [--samples N] [--weights FILE]... [--plot FILE]
                                     time the force networks against onnxruntime and tract and against this processor's
                                     limit; errors on N samples of the test world (1,500, made in memory in a minute);

@@ -1,0 +1,212 @@
+//! The whole chain over played scenes: camera crop to decision, by network and gate. What each takes, how far it is from what is
+//! true of the contact, and what skipping changed. Units: N, ms, µs.
+
+use gripline::pipeline::Pipeline;
+use gripline::run::settings_for;
+use gripline_firmware::slip::SlipDetector;
+use gripline_firmware::sums::{TaxelRule, stick_ratio_below, sums_of};
+use gripline_network::scene::{GateKind, Verdict};
+use gripline_network::{Architecture, Evaluation, Network};
+use gripline_protocol::message::{MapSums, SlipState};
+use gripline_protocol::{ForceMap, LSB_PER_NEWTON, Parser, map_bytes};
+
+use crate::Failure;
+use crate::detectors::{RULE, incremental, packets_of, truth_of};
+use crate::scenes::{FRAMES_PER_SECOND, Kind, Scene};
+
+/// A network with a gate.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Way {
+    pub(crate) network: Architecture,
+    pub(crate) gate: GateKind,
+    pub(crate) evaluation: Evaluation,
+}
+
+/// All of them; the first of each network skips nothing and is what the others are compared with.
+pub(crate) fn ways() -> Vec<Way> {
+    [Architecture::Tracked, Architecture::Unet]
+        .into_iter()
+        .flat_map(|network| {
+            [
+                (GateKind::Off, Evaluation::Dense),
+                (GateKind::Off, Evaluation::Skip),
+                (GateKind::Difference, Evaluation::Skip),
+                (GateKind::Network, Evaluation::Skip),
+            ]
+            .map(|(gate, evaluation)| Way {
+                network,
+                gate,
+                evaluation,
+            })
+        })
+        .collect()
+}
+
+impl Way {
+    pub(crate) fn name(self) -> String {
+        let skip = if self.evaluation == Evaluation::Dense {
+            "nothing skipped"
+        } else {
+            "regions skipped"
+        };
+        match self.gate {
+            GateKind::Off => format!("{}, {skip}", self.network),
+            gate => format!("{}, gate {}", self.network, gate.name()),
+        }
+    }
+
+    /// The way that skips nothing.
+    pub(crate) fn is_measure(self) -> bool {
+        self.evaluation == Evaluation::Dense
+    }
+}
+
+/// A frame's outcome.
+#[derive(Debug, Clone, Copy)]
+struct Seen {
+    sums: MapSums,
+    slips: bool,
+    state: SlipState,
+    us: f64,
+    skipped: bool,
+}
+
+/// One way over one scene.
+pub(crate) struct Row {
+    pub(crate) kind: Kind,
+    pub(crate) way: Way,
+    pub(crate) frames: usize,
+    /// Downsampling, gate, network, rounding: of frames that the network saw, and of those that it did not.
+    pub(crate) full_us: Vec<f64>,
+    pub(crate) skipped_us: Vec<f64>,
+    /// Errors of the normal and shear force over the true one where that is above 0.5 N.
+    pub(crate) normal_off: Vec<f64>,
+    pub(crate) shear_off: Vec<f64>,
+    pub(crate) ratio_off: Vec<f64>,
+    /// Frames whose slip decision is not that on the true forces.
+    pub(crate) flips: usize,
+    /// From the chain's first SLIP to the object's first sliding as a whole, ms; none where one of them never came.
+    pub(crate) lead_ms: Option<f64>,
+    /// Frames decided otherwise than without any skipping: decision, state.
+    pub(crate) changed: [usize; 2],
+    pub(crate) wire: Wire,
+}
+
+/// What travels, and what the way it travels changes.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Wire {
+    pub(crate) bytes: usize,
+    pub(crate) dense_bytes: usize,
+    /// Maps whose sums from their packets are not those of the whole map.
+    pub(crate) differ: usize,
+}
+
+/// Every way over every scene. `told` hears the name of each scene.
+pub(crate) fn measure(scenes: &[Scene], mut told: impl FnMut(&str)) -> Result<Vec<Row>, Failure> {
+    let mut rows = Vec::new();
+    for scene in scenes {
+        told(scene.kind.name());
+        let ways = ways();
+        let mut pipelines = Vec::new();
+        for way in &ways {
+            let network = Network::embedded(way.network)?.with_evaluation(way.evaluation);
+            let settings = settings_for(&network);
+            let rule = TaxelRule::of(&settings);
+            let pipeline = Pipeline::new(network, &scene.rest, way.gate, rule);
+            pipelines.push((pipeline, settings, SlipDetector::new()));
+        }
+        let mut seen: Vec<Vec<Seen>> = vec![Vec::new(); ways.len()];
+        let mut wires = vec![Wire::default(); ways.len()];
+        for (number, frame) in (0_u32..).zip(&scene.frames) {
+            // In turns, so that what else the machine does falls on all of them.
+            for (place, (pipeline, settings, detector)) in pipelines.iter_mut().enumerate() {
+                let processed = pipeline.process(&frame.crop)?;
+                let rule = TaxelRule::of(settings);
+                let sums = sums_of(processed.map, rule);
+                let now_us = (f64::from(number) * 1e6 / FRAMES_PER_SECOND) as u64;
+                let judgement = detector.update(&sums, now_us as u32, now_us + 1_000_000, settings);
+                seen[place].push(Seen {
+                    sums,
+                    slips: stick_ratio_below(&sums, settings.slip_threshold),
+                    state: judgement.state,
+                    us: processed.stages_us.iter().sum(),
+                    skipped: matches!(processed.verdict, Verdict::NoContact | Verdict::Unchanged),
+                });
+                wires[place].add(number, processed.map);
+            }
+        }
+        for (place, way) in ways.iter().enumerate() {
+            let measure = ways
+                .iter()
+                .position(|other| other.network == way.network && other.is_measure());
+            let plain = &seen[measure.unwrap_or(place)];
+            rows.push(row(scene, *way, &seen[place], plain, wires[place]));
+        }
+    }
+    Ok(rows)
+}
+
+impl Wire {
+    fn add(&mut self, number: u32, map: &ForceMap) {
+        let packets = packets_of(number, map);
+        self.bytes += packets.iter().map(Vec::len).sum::<usize>();
+        self.dense_bytes += map_bytes(map.taxels.len());
+        // The detector of the bench's own rule: any rule shows whether the way changes sums.
+        self.differ += usize::from(incremental(&mut Parser::new(), &packets) != Some(sums_of(map, RULE)));
+    }
+}
+
+fn row(scene: &Scene, way: Way, seen: &[Seen], plain: &[Seen], wire: Wire) -> Row {
+    let mut row = Row {
+        kind: scene.kind,
+        way,
+        frames: seen.len(),
+        full_us: seen
+            .iter()
+            .filter(|seen| !seen.skipped)
+            .map(|seen| seen.us)
+            .collect(),
+        skipped_us: seen
+            .iter()
+            .filter(|seen| seen.skipped)
+            .map(|seen| seen.us)
+            .collect(),
+        normal_off: Vec::new(),
+        shear_off: Vec::new(),
+        ratio_off: Vec::new(),
+        flips: 0,
+        lead_ms: None,
+        changed: [0; 2],
+        wire,
+    };
+    for ((frame, seen), plain) in scene.frames.iter().zip(seen).zip(plain) {
+        let truth = truth_of(&frame.forces);
+        let found = seen
+            .sums
+            .force
+            .map(|sum| f64::from(sum) / f64::from(LSB_PER_NEWTON));
+        let [x, y, z] = truth.force_n;
+        if z > 0.5 {
+            row.normal_off.push((found[2] - z).abs() / z);
+            row.shear_off
+                .push((found[0] - x).hypot(found[1] - y) / x.hypot(y).max(0.2));
+        }
+        if let Some(ratio) = truth.ratio() {
+            let found = if seen.sums.contact == 0 {
+                1.0
+            } else {
+                f64::from(seen.sums.stick) / f64::from(seen.sums.contact)
+            };
+            row.ratio_off.push((found - ratio).abs());
+        }
+        row.flips += usize::from(seen.slips != truth.slips);
+        row.changed[0] += usize::from(seen.slips != plain.slips);
+        row.changed[1] += usize::from(seen.state != plain.state);
+    }
+    let slides = scene.frames.iter().position(|frame| frame.slides);
+    let says = seen.iter().position(|seen| seen.state == SlipState::Slip);
+    row.lead_ms = slides
+        .zip(says)
+        .map(|(slides, says)| (slides as f64 - says as f64) * 1e3 / FRAMES_PER_SECOND);
+    row
+}
