@@ -2,7 +2,9 @@
 
 use clap::{Args, Subcommand};
 
+use super::grasps::{self, GraspsArgs};
 use super::paper::{self, PaperArgs};
+use super::real::{self, RealArgs};
 use crate::error::Failure;
 
 /// The arguments of `gripline evaluate`.
@@ -18,6 +20,10 @@ pub struct EvaluateArgs {
 pub enum What {
     /// The paper's experiment in the simulated world, through the whole chain from picture to detector.
     Paper(PaperArgs),
+    /// Random grasps in closed loop, against three simpler rules.
+    Grasps(GraspsArgs),
+    /// Three recorded trials of a real sensor; the environment variable GRIPLINE_RECORDINGS names their folder.
+    Real(RealArgs),
 }
 
 /// Runs the command.
@@ -27,5 +33,7 @@ pub enum What {
 pub fn run(args: &EvaluateArgs) -> Result<(), Failure> {
     match &args.what {
         What::Paper(args) => paper::run(args),
+        What::Grasps(args) => grasps::run(args),
+        What::Real(args) => real::run(args),
     }
 }

@@ -2,17 +2,19 @@
 //!
 //! The paper's experiment ([`paper`]): [`plan`] says which runs, [`trial`] is one of them in the contact world, [`chain`]
 //! takes it from picture to map, [`detectors`] judge the maps, [`judged`] and [`metrics`] count, [`report`] tells.
-//! [`document`] keeps the sections of docs/evidence.md.
+//! [`grasps`] closes the loop; [`real`] does it with recorded trials. [`document`] keeps the sections of docs/evidence.md.
 
 pub mod chain;
 pub mod command;
 pub mod detectors;
 pub mod document;
+pub mod grasps;
 pub mod judged;
 pub mod metrics;
 pub mod paper;
 pub mod plan;
 mod progress;
+pub mod real;
 pub mod report;
 pub mod trial;
 

@@ -34,7 +34,7 @@ const SLIPS: RGBColor = RGBColor(200, 60, 20);
 ///
 /// # Errors
 /// When the font that comes with the program cannot be read.
-pub(super) fn register_fonts() -> Result<(), &'static str> {
+pub(crate) fn register_fonts() -> Result<(), &'static str> {
     plotters::style::register_font(FONT, FontStyle::Normal, epaint_default_fonts::UBUNTU_LIGHT)
         .map_err(|_| "the built-in font cannot be read")
 }

@@ -6,6 +6,8 @@ mod drawing;
 mod screen;
 mod series;
 
+pub(crate) use drawing::register_fonts;
+
 use std::fmt::Display;
 use std::path::{Path, PathBuf};
 

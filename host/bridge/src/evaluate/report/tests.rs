@@ -16,6 +16,7 @@ fn arguments() -> PaperArgs {
     match cli.command {
         Command::Evaluate(args) => match args.what {
             What::Paper(args) => args,
+            other => panic!("{other:?}"),
         },
         other => panic!("{other:?}"),
     }
