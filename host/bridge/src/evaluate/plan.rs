@@ -1,5 +1,5 @@
-//! Which runs are played, and the paper's own figures. Tuning and reporting share no object, seed or sensor: settings were
-//! chosen on [`Data::Tuning`] and are reported on [`Data::Report`].
+//! Which runs are played, and the paper's own figures. Tuning and reporting share no object, seed or sensor: what is chosen,
+//! is chosen on [`Data::Tuning`], and is reported on [`Data::Report`].
 
 use gripline_simulation::grasp::{OBJECTS, Object};
 

@@ -54,8 +54,10 @@ impl Report {
              alone; both are reported.\n\n\
              The baseline and the stick ratio have the paper's settings (friction {PAPER_FRICTION}, threshold \
              {PAPER_THRESHOLD}). Gripline says slip in its states INCIPIENT and SLIP, with the settings that `gripline \
-             run` has by default: {}. They were chosen on other objects, seeds and sensors (`--data tuning`: sensors from \
-             7000000 on); sensors here: {} to {}.\n",
+             run` has by default: {}. None of \
+             them was chosen on these runs: friction and contact threshold are the network's calibration, the rest are the \
+             firmware's defaults. `--data tuning` has other objects, seeds and sensors (from 7000000 on) for whoever \
+             chooses; sensors here: {} to {}.\n",
             self.data,
             self.seed,
             self.runs,
