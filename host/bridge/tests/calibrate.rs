@@ -326,7 +326,7 @@ fn the_friction_of_slid_objects_lies_in_nine_of_ten_intervals() {
     let (mut held, mut errors, mut width, mut made) = (0, Vec::new(), 0.0, 0);
     for number in 0..sensors() {
         let slid = slid(7_000 + number, &mut network);
-        let (found, ..) = estimated(&slid.true_maps, &["--map-error", "0"]).unwrap();
+        let (found, low, high, _) = estimated(&slid.true_maps, &["--map-error", "0"]).unwrap();
         // The pressure leans where the object is round, and the taxels cut the rim.
         let exact = found / slid.friction - 1.0;
         match estimated(&slid.network_maps, &[]) {
@@ -346,8 +346,8 @@ fn the_friction_of_slid_objects_lies_in_nine_of_ten_intervals() {
             Err(error) => println!("sensor {number}: friction {:.3}: {error}", slid.friction),
         }
         assert!(
-            exact.abs() < 0.03,
-            "sensor {number}: {found} for {}",
+            low <= slid.friction && slid.friction <= high && high - low < 0.1 * found,
+            "sensor {number}: {low} to {high} for {}",
             slid.friction
         );
     }

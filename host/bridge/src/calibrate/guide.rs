@@ -4,6 +4,9 @@ use std::io::{self, Write as _};
 
 use crate::error::Failure;
 
+/// Letters in a line of text, behind its number.
+const WIDTH: usize = 74;
+
 /// One thing to do.
 pub(super) struct Step {
     pub drawing: &'static str,
@@ -93,7 +96,25 @@ pub(super) const LINE: [Step; 2] = [
 
 /// Shows a step.
 pub(super) fn show(number: usize, step: &Step) {
-    eprintln!("\n{number}. {}{}", step.text, step.drawing);
+    eprintln!("\n{number}. {}{}", wrapped(step.text), step.drawing);
+}
+
+/// Lines of at most [`WIDTH`] letters, indented under the number but for the first.
+fn wrapped(text: &str) -> String {
+    let mut lines = vec![String::new()];
+    for word in text.split_whitespace() {
+        let line = lines.last().map_or(0, |line| line.chars().count());
+        if line > 0 && line + 1 + word.chars().count() > WIDTH {
+            lines.push(String::new());
+        }
+        if let Some(line) = lines.last_mut() {
+            if !line.is_empty() {
+                line.push(' ');
+            }
+            line.push_str(word);
+        }
+    }
+    lines.join("\n   ")
 }
 
 /// Shows a step and waits for Enter.
@@ -121,7 +142,7 @@ mod tests {
     #[test]
     fn every_step_fits_a_terminal_of_eighty_columns() {
         for step in REST.iter().chain(&FRICTION).chain(&LINE) {
-            for line in step.drawing.lines() {
+            for line in step.drawing.lines().chain(wrapped(step.text).lines()) {
                 assert!(line.chars().count() <= 80, "{line}");
             }
             assert!(step.text.ends_with(['.', '`']) && step.drawing.ends_with('\n'));

@@ -468,7 +468,12 @@ fn scenes() -> std::path::PathBuf {
 
 #[test]
 fn the_examples_are_read_and_every_line_of_them_that_sets_something_first_is_explained() {
-    for name in ["press_and_drag.toml", "twist_stamp.toml", "grasp_lift_pull.toml"] {
+    for name in [
+        "press_and_drag.toml",
+        "slides.toml",
+        "twist_stamp.toml",
+        "grasp_lift_pull.toml",
+    ] {
         let text = fs::read_to_string(scenes().join(name)).unwrap();
         let load = &mut |path: &Path| fs::read(path);
         SceneFile::parse(&scenes().join(name), &text, load).unwrap();
