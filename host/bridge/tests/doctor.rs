@@ -96,6 +96,15 @@ fn a_microcontroller_or_weights_that_are_not_there_fail_and_the_rest_is_still_lo
     );
     let end = String::from_utf8_lossy(&told.stderr).into_owned();
     assert!(end.contains("not fit: firmware"), "{end}");
+    let blind = gripline(folder.path(), &["doctor", "--json", "--source", "dir:none"]);
+    assert_eq!(state_of(&checks(&blind), "camera"), "fail");
+    assert_eq!(
+        (
+            state_of(&checks(&blind), "firmware").as_str(),
+            blind.status.code()
+        ),
+        ("ok", Some(1))
+    );
     let wrong = gripline(folder.path(), &["doctor", "--mcu", "pigeon"]);
     assert_eq!(wrong.status.code(), Some(2));
 }
