@@ -5,6 +5,7 @@
 #![forbid(unsafe_code)]
 
 mod bench;
+mod cpio;
 mod emulator;
 mod error;
 mod firmware;
@@ -14,6 +15,7 @@ mod process;
 mod screenshots;
 mod test;
 mod toolchain;
+mod vm;
 
 use std::process::{Command, ExitCode};
 
@@ -40,6 +42,9 @@ cargo xtask COMMAND
                                     --bless renews the instruction counts that the tests hold
   toolchain [--from-sources]        make this machine able to build for the microcontroller;
                                     --from-sources passes over rustup and an installed target
+  vm [--profile PROFILE]            boot a Debian kernel in qemu and run `gripline` in it, built with PROFILE (release),
+                                    against a virtual camera: formats, controls, the plug pulled, the program killed,
+                                    disks full and slow; fetches qemu and the kernel
   bench [--json] [--frames N] [--rounds N] [--seed N] [--plot FILE]
                                     run time against error for the whole chain and each of its stages, a NumPy detector
                                     beside ours, what skipping saves by kind of scene and what it changes; tables and a
@@ -95,6 +100,7 @@ fn dispatch(arguments: &[String]) -> Result<(), Error> {
         "emulator" => no_more(rest).and_then(|()| emulator::command()),
         "latency" => emulator::latency(rest),
         "toolchain" => toolchain::command(rest),
+        "vm" => vm::command(rest),
         "bench" => bench::command(rest),
         "stress" => process::run(
             process::cargo()

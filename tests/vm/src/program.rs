@@ -1,0 +1,164 @@
+//! The program under test: started, watched while it runs, ended, and what it said.
+
+use std::io::{self, BufRead, BufReader, Read};
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use serde_json::Value;
+
+const PROGRAM: &str = "/bin/gripline";
+
+/// How a run ended.
+#[derive(Debug)]
+pub(crate) struct Ended {
+    pub code: Option<i32>,
+    /// Everything on standard error.
+    pub said: String,
+    /// One object a line of standard output.
+    pub lines: Vec<Value>,
+}
+
+impl Ended {
+    /// The summary, which comes last.
+    pub(crate) fn summary(&self) -> Result<&Value, String> {
+        let last = self.lines.last().filter(|line| line["summary"] == true);
+        last.ok_or_else(|| {
+            format!(
+                "no summary; it ended with {:?} and said: {}",
+                self.code,
+                self.said.trim()
+            )
+        })
+    }
+
+    /// A number of the summary, by its JSON pointer.
+    pub(crate) fn number(&self, pointer: &str) -> Result<f64, String> {
+        let summary = self.summary()?;
+        let number = summary.pointer(pointer).and_then(Value::as_f64);
+        number.ok_or_else(|| format!("no number {pointer} in {summary}"))
+    }
+
+    /// Fails unless it ended with this code and said all of this.
+    pub(crate) fn expect(&self, code: i32, parts: &[&str]) -> Result<(), String> {
+        if self.code != Some(code) {
+            return Err(format!(
+                "ended with {:?}, expected {code}; said: {}",
+                self.code,
+                self.said.trim()
+            ));
+        }
+        match parts.iter().find(|part| !self.said.contains(*part)) {
+            Some(part) => Err(format!("{part:?} is missing in: {}", self.said.trim())),
+            None => Ok(()),
+        }
+    }
+}
+
+/// A run under way.
+pub(crate) struct Running {
+    child: Child,
+    /// Lines of standard error, as they come.
+    news: Receiver<String>,
+    said: String,
+    output: thread::JoinHandle<Vec<Value>>,
+}
+
+/// A command of the program.
+pub(crate) fn command(arguments: &[&str]) -> Command {
+    let mut command = Command::new(PROGRAM);
+    command
+        .args(arguments)
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped());
+    command
+}
+
+/// Starts it.
+pub(crate) fn start(command: &mut Command) -> io::Result<Running> {
+    let mut child = command.spawn()?;
+    let (sender, news) = channel();
+    let (Some(out), Some(err)) = (child.stdout.take(), child.stderr.take()) else {
+        return Err(io::Error::other("no pipes"));
+    };
+    thread::spawn(move || {
+        for line in BufReader::new(err).lines().map_while(Result::ok) {
+            if sender.send(line).is_err() {
+                return;
+            }
+        }
+    });
+    let output = thread::spawn(move || {
+        let mut text = Vec::new();
+        // What was cut off by a kill is not there.
+        let _ = BufReader::new(out).read_to_end(&mut text);
+        let text = String::from_utf8_lossy(&text).into_owned();
+        text.lines()
+            .filter_map(|line| serde_json::from_str(line).ok())
+            .collect()
+    });
+    Ok(Running {
+        child,
+        news,
+        said: String::new(),
+        output,
+    })
+}
+
+impl Running {
+    /// Waits until it says something with all of these parts on standard error. Returns how long that took.
+    pub(crate) fn until_it_says(&mut self, parts: &[&str], patience: Duration) -> Result<Duration, String> {
+        let start = Instant::now();
+        loop {
+            let left = patience.saturating_sub(start.elapsed());
+            match self.news.recv_timeout(left) {
+                Ok(line) => {
+                    self.said += &line;
+                    self.said.push('\n');
+                    if parts.iter().all(|part| line.contains(part)) {
+                        return Ok(start.elapsed());
+                    }
+                }
+                Err(RecvTimeoutError::Timeout | RecvTimeoutError::Disconnected) => {
+                    return Err(format!(
+                        "{parts:?} not said within {:.1} s; said: {}",
+                        start.elapsed().as_secs_f64(),
+                        self.said.trim()
+                    ));
+                }
+            }
+        }
+    }
+
+    /// Ends it at once, as `kill -9` does.
+    pub(crate) fn kill(mut self) -> Result<Ended, String> {
+        self.child.kill().map_err(|error| error.to_string())?;
+        self.wait()
+    }
+
+    /// Waits for its end.
+    pub(crate) fn wait(mut self) -> Result<Ended, String> {
+        let status: ExitStatus = self.child.wait().map_err(|error| error.to_string())?;
+        while let Ok(line) = self.news.recv() {
+            self.said += &line;
+            self.said.push('\n');
+        }
+        Ok(Ended {
+            code: status.code(),
+            said: self.said,
+            lines: self
+                .output
+                .join()
+                .map_err(|_| "its output could not be read".to_owned())?,
+        })
+    }
+}
+
+/// Runs it to its end.
+pub(crate) fn run(arguments: &[&str]) -> Result<Ended, String> {
+    start(&mut command(arguments))
+        .map_err(|error| error.to_string())?
+        .wait()
+}

@@ -1,0 +1,451 @@
+//! `cargo xtask vm`: boots a Debian kernel in qemu, without KVM, and runs `gripline` in it against a virtual
+//! camera (vivid); see tests/vm for the checks.
+//!
+//! What the machine lacks is fetched as Debian packages with the machine's own apt settings, unpacked under
+//! `target/gripline/vm` and used from there; nothing is installed. Limits: a Linux host of the x86-64 kind with Debian's
+//! apt, or with qemu installed and a Debian kernel unpacked there.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::io::{BufRead, BufReader};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+
+use crate::cpio::Archive;
+use crate::error::Error;
+use crate::{output_of, process};
+
+const QEMU: &str = "qemu-system-x86_64";
+/// Depends on the newest kernel of the release.
+const KERNEL: &str = "linux-image-amd64";
+/// Kernel modules with their parameters, in the order in which they are wanted; what they depend on is found.
+const MODULES: [(&str, &str); 4] = [
+    // One camera that takes pictures, with the one input that has a webcam's sizes.
+    ("vivid", "n_devs=1 node_types=0x1 num_inputs=1 input_types=0x0"),
+    ("null_blk", "nr_devices=0"),
+    ("crc32c_generic", ""),
+    ("ext4", ""),
+];
+/// Memory of the virtual machine; the image lies in it twice while it boots.
+const MEMORY_MIB: &str = "1536";
+/// The whole has to be over by then.
+const PATIENCE: Duration = Duration::from_mins(6);
+
+/// `cargo xtask vm`.
+pub(crate) fn command(arguments: &[String]) -> Result<(), Error> {
+    match arguments {
+        [] => run("release"),
+        [option, profile] if option == "--profile" => run(profile),
+        [found, ..] => Err(Error::usage("argument", found, "--profile PROFILE or none")),
+    }
+}
+
+/// Builds what is needed with this profile, boots and judges.
+pub(crate) fn run(profile: &str) -> Result<(), Error> {
+    if !cfg!(all(target_os = "linux", target_arch = "x86_64")) {
+        return Err(Error::Product {
+            what: "this machine".to_owned(),
+            found: format!("{} {}", std::env::consts::OS, std::env::consts::ARCH),
+            expected: "Linux on x86-64: the virtual machine runs programs that are built here".to_owned(),
+        });
+    }
+    process::run(process::cargo().args(["build", "--profile", profile]).args([
+        "--package",
+        "gripline",
+        "--package",
+        "gripline-vm",
+    ]))?;
+    // Cargo's folder of the profiles that it brings along.
+    let folder = if ["dev", "test"].contains(&profile) {
+        "debug"
+    } else {
+        profile
+    };
+    let built = process::build_dir().join(folder);
+    let home = process::products().join("vm");
+    let tools = Tools::ensure(&home)?;
+    let image = home.join("image.cpio");
+    write_image(&image, &built, &tools)?;
+    let lines = boot(&tools, &image)?;
+    judge(&lines)
+}
+
+/// What is needed beside our own programs.
+struct Tools {
+    /// Where packages were unpacked; an installed qemu needs none of it.
+    root: PathBuf,
+    qemu: PathBuf,
+    kernel: PathBuf,
+    /// Folder of the kernel's modules.
+    modules: PathBuf,
+    busybox: PathBuf,
+}
+
+impl Tools {
+    /// Finds or fetches everything.
+    fn ensure(home: &Path) -> Result<Self, Error> {
+        let root = home.join("root");
+        let installed = output_of(Command::new("which").arg(QEMU)).ok().map(PathBuf::from);
+        let unpacked = root.join("usr/bin").join(QEMU);
+        if installed.is_none() && !unpacked.is_file() {
+            eprintln!("vm: no {QEMU} here; fetching Debian's");
+            fetch(home, &root, &["qemu-system-x86"], true)?;
+        }
+        let busybox = root.join("bin/busybox");
+        if !busybox.is_file() {
+            fetch(home, &root, &["busybox-static"], false)?;
+        }
+        let kernel = || newest(&root.join("boot"), "vmlinuz-");
+        if kernel().is_none() {
+            let told = output_of(Command::new("apt-cache").args(["depends", KERNEL]))?;
+            let name = told.lines().find_map(|line| {
+                line.trim()
+                    .strip_prefix("Depends: ")
+                    .filter(|name| name.starts_with("linux-image-"))
+            });
+            let name = name.ok_or_else(|| Error::Product {
+                what: format!("`apt-cache depends {KERNEL}`"),
+                found: "no kernel".to_owned(),
+                expected: "the package of one: run `apt-get update` as root".to_owned(),
+            })?;
+            eprintln!("vm: fetching {name} (about 70 MB)");
+            fetch(home, &root, &[name], false)?;
+        }
+        let missing = |what: &str| Error::Product {
+            what: what.to_owned(),
+            found: format!("none in {}", root.display()),
+            expected: "one from Debian's packages: delete the folder and run again".to_owned(),
+        };
+        let kernel = kernel().ok_or_else(|| missing("kernel"))?;
+        let release = kernel
+            .file_name()
+            .and_then(|name| name.to_str()?.strip_prefix("vmlinuz-").map(str::to_owned));
+        let modules = root
+            .join("lib/modules")
+            .join(release.unwrap_or_default())
+            .join("kernel");
+        let qemu = installed.unwrap_or(unpacked);
+        for (what, path) in [
+            ("qemu", &qemu),
+            ("kernel modules", &modules),
+            ("busybox", &busybox),
+        ] {
+            if !path.exists() {
+                return Err(missing(what));
+            }
+        }
+        Ok(Self {
+            root,
+            qemu,
+            kernel,
+            modules,
+            busybox,
+        })
+    }
+}
+
+/// The file in `folder` whose name begins so and comes last.
+fn newest(folder: &Path, start: &str) -> Option<PathBuf> {
+    let found = fs::read_dir(folder).ok()?.flatten().map(|entry| entry.path());
+    found
+        .filter(|path| {
+            path.file_name()
+                .is_some_and(|name| name.to_string_lossy().starts_with(start))
+        })
+        .max()
+}
+
+/// Downloads packages, with what the machine lacks of their dependencies if wanted, and unpacks them. apt does not install
+/// and needs no root; a list of packages that is out of date is renewed in a place of its own.
+fn fetch(home: &Path, root: &Path, packages: &[&str], with_dependencies: bool) -> Result<(), Error> {
+    let download = home.join("download");
+    let _ = fs::remove_dir_all(&download);
+    fs::create_dir_all(download.join("partial")).map_err(|source| Error::file(&download, source))?;
+    let get = || {
+        let mut command = Command::new("apt-get");
+        command
+            .current_dir(&download)
+            .env("LC_ALL", "C")
+            .args(["-qq", "-o", "APT::Sandbox::User=root"]);
+        if with_dependencies {
+            command.args(["-o", "Debug::NoLocking=true", "-o"]);
+            command.arg(format!("Dir::Cache::archives={}", download.display()));
+            command.args(["install", "--yes", "--download-only", "--no-install-recommends"]);
+        } else {
+            command.arg("download");
+        }
+        process::output(command.args(packages)).map(drop)
+    };
+    if let Err(first) = get() {
+        eprintln!("vm: {first}; reading the lists of packages anew");
+        process::output(Command::new("apt-get").args(["update", "-qq"]))?;
+        get()?;
+    }
+    fs::create_dir_all(root).map_err(|source| Error::file(root, source))?;
+    let entries = fs::read_dir(&download).map_err(|source| Error::file(&download, source))?;
+    for entry in entries.flatten() {
+        if entry.path().extension().is_some_and(|end| end == "deb") {
+            process::output(Command::new("dpkg-deb").arg("-x").arg(entry.path()).arg(root))?;
+        }
+    }
+    let _ = fs::remove_dir_all(&download);
+    Ok(())
+}
+
+/// Our programs with their shared libraries, busybox, and the modules: the machine's first and only file system.
+fn write_image(image: &Path, built: &Path, tools: &Tools) -> Result<(), Error> {
+    let read = |path: &Path| fs::read(path).map_err(|source| Error::file(path, source));
+    // As a package has it: what a debugger wants is most of the file.
+    let stripped = |name: &str| {
+        let smaller = image.with_file_name(name);
+        process::output(
+            Command::new("strip")
+                .arg("--strip-debug")
+                .arg("-o")
+                .arg(&smaller)
+                .arg(built.join(name)),
+        )?;
+        read(&smaller)
+    };
+    let mut archive = Archive::default();
+    for folder in ["bin", "dev", "modules"] {
+        archive.folder(folder);
+    }
+    // The first words are said before there are devices.
+    archive.device("dev/console", [5, 1]);
+    archive.program("init", &stripped("gripline-vm")?);
+    archive.program("bin/gripline", &stripped("gripline")?);
+    archive.program("bin/busybox", &read(&tools.busybox)?);
+    for library in libraries(&[&built.join("gripline-vm"), &built.join("gripline")])? {
+        // Programs look for them where they were found here.
+        let place = library.display().to_string();
+        archive.program(place.trim_start_matches('/'), &read(&library)?);
+    }
+    let mut order = String::new();
+    for (file, parameters) in modules(&tools.modules)? {
+        let name = file
+            .file_name()
+            .map(|name| name.to_string_lossy().into_owned())
+            .unwrap_or_default();
+        archive.file(&format!("modules/{name}"), &read(&file)?);
+        order += format!("{name} {parameters}\n").replace(" \n", "\n").as_str();
+    }
+    archive.file("modules/order", order.as_bytes());
+    fs::write(image, archive.finish()).map_err(|source| Error::file(image, source))
+}
+
+/// The shared libraries of programs, the loader among them.
+fn libraries(programs: &[&Path]) -> Result<Vec<PathBuf>, Error> {
+    let mut found = Vec::new();
+    for program in programs {
+        let told = output_of(Command::new("ldd").arg(program))?;
+        // `name => /path (address)` or `/path (address)`.
+        let paths = told
+            .lines()
+            .filter_map(|line| line.split_whitespace().find(|word| word.starts_with('/')));
+        found.extend(paths.map(PathBuf::from));
+    }
+    found.sort();
+    found.dedup();
+    Ok(found)
+}
+
+/// Files of [`MODULES`] and of what they depend on, each after its own, with parameters.
+fn modules(folder: &Path) -> Result<Vec<(PathBuf, &'static str)>, Error> {
+    let mut files = BTreeMap::new();
+    find_modules(folder, &mut files)?;
+    let mut order = Vec::new();
+    for (name, parameters) in MODULES {
+        add_module(name, parameters, &files, &mut order)?;
+    }
+    Ok(order)
+}
+
+fn find_modules(folder: &Path, files: &mut BTreeMap<String, PathBuf>) -> Result<(), Error> {
+    let entries = fs::read_dir(folder).map_err(|source| Error::file(folder, source))?;
+    for path in entries.flatten().map(|entry| entry.path()) {
+        if path.is_dir() {
+            find_modules(&path, files)?;
+        } else if path.extension().is_some_and(|end| end == "ko") {
+            let name = path
+                .file_stem()
+                .unwrap_or_default()
+                .to_string_lossy()
+                .replace('-', "_");
+            files.insert(name, path);
+        }
+    }
+    Ok(())
+}
+
+fn add_module(
+    name: &str,
+    parameters: &'static str,
+    files: &BTreeMap<String, PathBuf>,
+    order: &mut Vec<(PathBuf, &'static str)>,
+) -> Result<(), Error> {
+    let file = files.get(&name.replace('-', "_")).ok_or_else(|| Error::Product {
+        what: "kernel modules".to_owned(),
+        found: format!("no {name}"),
+        expected: format!("a kernel that has it, as Debian's {KERNEL}"),
+    })?;
+    if order.iter().any(|(known, _)| known == file) {
+        return Ok(());
+    }
+    let bytes = fs::read(file).map_err(|source| Error::file(file, source))?;
+    for dependency in dependencies(&bytes) {
+        add_module(&dependency, "", files, order)?;
+    }
+    order.push((file.clone(), parameters));
+    Ok(())
+}
+
+/// What a module says it needs: `depends=a,b` among the strings of its section .modinfo.
+fn dependencies(module: &[u8]) -> Vec<String> {
+    const FIELD: &[u8] = b"\0depends=";
+    let Some(start) = module.windows(FIELD.len()).position(|bytes| bytes == FIELD) else {
+        return Vec::new();
+    };
+    let text = module[start + FIELD.len()..]
+        .split(|byte| *byte == 0)
+        .next()
+        .unwrap_or_default();
+    let names = String::from_utf8_lossy(text).into_owned();
+    names
+        .split(',')
+        .filter(|name| !name.is_empty())
+        .map(str::to_owned)
+        .collect()
+}
+
+/// Boots and returns what the checks said.
+fn boot(tools: &Tools, image: &Path) -> Result<Vec<String>, Error> {
+    let mut command = Command::new(&tools.qemu);
+    // An installed one finds its own.
+    if tools.qemu.starts_with(&tools.root) {
+        command.env("LD_LIBRARY_PATH", library_folders(&tools.root));
+    }
+    for folder in ["usr/share/qemu", "usr/share/seabios"] {
+        command.arg("-L").arg(tools.root.join(folder));
+    }
+    command
+        .args([
+            "-machine",
+            "q35",
+            "-accel",
+            "tcg,thread=multi",
+            "-cpu",
+            "max",
+            "-smp",
+            "2",
+            "-m",
+            MEMORY_MIB,
+        ])
+        .args([
+            "-nodefaults",
+            "-no-user-config",
+            "-display",
+            "none",
+            "-serial",
+            "stdio",
+            "-no-reboot",
+        ])
+        .arg("-kernel")
+        .arg(&tools.kernel)
+        .arg("-initrd")
+        .arg(image)
+        .args(["-append", "console=ttyS0 loglevel=1 panic=-1 mitigations=off"]);
+    eprintln!("$ {}", process::shown(&command));
+    let mut child = command
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .spawn()
+        .map_err(|source| Error::Start {
+            program: QEMU.to_owned(),
+            source,
+        })?;
+    let Some(console) = child.stdout.take() else {
+        return Ok(Vec::new());
+    };
+    let (sender, lines) = std::sync::mpsc::channel();
+    std::thread::spawn(move || {
+        for line in BufReader::new(console).split(b'\n').map_while(Result::ok) {
+            if sender
+                .send(String::from_utf8_lossy(&line).trim().to_owned())
+                .is_err()
+            {
+                return;
+            }
+        }
+    });
+    let started = Instant::now();
+    let mut said = Vec::new();
+    while let Ok(line) = lines.recv_timeout(PATIENCE.saturating_sub(started.elapsed())) {
+        println!("{line}");
+        said.push(line);
+    }
+    // It has powered off, or its time is up.
+    let _ = child.kill();
+    let _ = child.wait();
+    eprintln!("vm: {:.0} s", started.elapsed().as_secs_f64());
+    Ok(said)
+}
+
+/// Where the unpacked packages have shared libraries.
+fn library_folders(root: &Path) -> String {
+    let folders = ["usr/lib/x86_64-linux-gnu", "lib/x86_64-linux-gnu"]
+        .map(|folder| root.join(folder).display().to_string());
+    folders.join(":")
+}
+
+/// Every check has to have said that it is right, and the last word has to have come.
+fn judge(lines: &[String]) -> Result<(), Error> {
+    let failed: Vec<&str> = lines
+        .iter()
+        .filter_map(|line| line.strip_prefix("VM FAILED "))
+        .collect();
+    let right = lines.iter().filter(|line| line.starts_with("VM ok ")).count();
+    if failed.is_empty() && right > 0 && lines.iter().any(|line| line == "VM end") {
+        println!("{right} checks passed in the virtual machine");
+        return Ok(());
+    }
+    Err(Error::Product {
+        what: "virtual machine".to_owned(),
+        found: if failed.is_empty() {
+            format!("{right} checks and no end: it hung or crashed; its console is above")
+        } else {
+            format!("{} checks failed: {}", failed.len(), failed.join("; "))
+        },
+        expected: "every check right, and the end".to_owned(),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_a_module_needs_is_read_from_its_strings() {
+        let module = b"\x7fELF\0license=GPL\0depends=mc,videodev\0name=vivid\0";
+        assert_eq!(dependencies(module), ["mc", "videodev"]);
+        assert!(dependencies(b"\0depends=\0name=mc\0").is_empty());
+        assert!(dependencies(b"\0name=mc\0").is_empty());
+    }
+
+    #[test]
+    fn a_failed_check_a_missing_end_and_silence_are_failures() {
+        let judged = |lines: &[&str]| judge(&lines.iter().map(|line| (*line).to_owned()).collect::<Vec<_>>());
+        assert!(judged(&["noise", "VM ok a: b (1.0 s)", "VM end"]).is_ok());
+        let error = judged(&["VM ok a: b", "VM FAILED c: d", "VM end"])
+            .unwrap_err()
+            .to_string();
+        assert!(error.contains("1 checks failed: c: d"), "{error}");
+        for lines in [&["VM ok a: b"][..], &["VM end"], &[]] {
+            assert!(
+                judged(lines).unwrap_err().to_string().contains("no end"),
+                "{lines:?}"
+            );
+        }
+    }
+}
