@@ -1,8 +1,8 @@
-//! Pictures from the world: a camera (Video4Linux), or what stands in for one: a folder of pictures, a video, a recording.
+//! Pictures from the world: a camera (Video4Linux), or what stands in for one: a folder of pictures, a recording.
 //!
-//! Pure parts, each with its tests: which mode of a camera is used ([`format`], [`negotiate`]), from its bytes to the crop
-//! ([`convert`]), what its sequence numbers say ([`sequence`]). [`camera`] keeps a camera open and its newest picture in a
-//! mailbox of one; only [`device`] and [`picture`] touch the world. What a run makes of them is [`crate::source`]'s matter.
+//! Pure parts, each with its tests: which mode of a camera is used (`format`, `negotiate`), from its bytes to the crop
+//! (`convert`), what its sequence numbers say (`sequence`). `camera` keeps a camera open and its newest picture in a
+//! mailbox of one; only `device` and `picture` touch the world. What a run makes of them is [`crate::source`]'s matter.
 
 pub(crate) mod camera;
 mod constants;

@@ -1,6 +1,6 @@
 //! `gripline doctor`: looks at everything that a run needs, with the flags and the configuration of `gripline run`, and says
 //! for each what was found, what was expected and what to do. Exit code 0 all well, 3 warnings, 1 something fails.
-//! [`judge`] judges; here the world is touched, and nothing in it changed: the microcontroller is only asked.
+//! `judge` judges; here the world is touched, and nothing in it changed: the microcontroller is only asked.
 
 mod judge;
 

@@ -1,5 +1,5 @@
 //! The command `gripline evaluate grasps`: random grasps in closed loop, the microcontroller's library against three
-//! simpler rules. [`plan`] says what happens in a grasp, `sensor` what is seen of it, [`policy`] who grips, [`play`] what
+//! simpler rules. [`plan`] says what happens in a grasp, `sensor` what is seen of it, [`policy`] who grips, [`mod@play`] what
 //! came of it, [`report`] tells, `picture` draws. Touches files: `--results` keeps every outcome, so that an interrupted
 //! run goes on.
 
