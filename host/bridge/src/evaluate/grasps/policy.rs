@@ -21,7 +21,7 @@ pub const FLOOR_N: f64 = 1.0;
 const RAISE_N_PER_S: f64 = 40.0;
 const RELAX_N_PER_S: f64 = 1.0;
 const RELAX_AFTER_S: f64 = 0.5;
-/// The tuned settings, found on the grasps of seed 9. The detector's share of a friction that is known, margin on top,
+/// The tuned settings: shares found on the grasps of seed 9, rates near those found there. The detector's share of a friction that is known, margin on top,
 /// 1/10000.
 const KNOWN_SHARE: f64 = 0.85;
 const TUNED_MARGIN: u16 = 1_000;

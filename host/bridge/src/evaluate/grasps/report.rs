@@ -159,7 +159,7 @@ impl Report {
              Gripline has the settings of `gripline run` (friction of the detector from the network's calibration, margin \
              40 %); tuned, it knows the object's \
              friction, of which it takes 0.85, keeps 10 % more, and has a reflex of 20 N/s that lets go by 10 N/s after \
-             0.1 s (chosen on the grasps of seed 9). The fixed \
+             0.1 s (friction's share and margin chosen on the grasps of seed 9, the rates near those chosen there). The fixed \
              force of {:.2} N is the lowest of a ladder that drops none of the hardest twentieth of the grasps (the others were not played with it); Gripline's \
              mean force is {share:.0} % of it. The bang-bang rules rise at 40 N/s while their detector (the paper's, at \
              its settings) says slip, and fall by 1 N/s after half a second without.\n{shown}\n\
