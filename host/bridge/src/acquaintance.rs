@@ -119,6 +119,12 @@ impl Acquaintance {
         }
     }
 
+    /// This host's clock jumped: it counts its time from elsewhere, as one that restarted.
+    pub(crate) const fn renumber(&mut self) {
+        self.number = self.number.wrapping_add(2);
+        self.link_returned();
+    }
+
     /// The link was gone and is back: whoever is there now is asked at once.
     pub(crate) const fn link_returned(&mut self) {
         self.doubt();

@@ -1,7 +1,7 @@
 //! One turn of the loop: picture in, map out, answer in. The same for a run and for the replay of a recording, so that
 //! the replay decides what the run decided. Times in µs of the link's clock.
 
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use gripline_network::scene::Verdict;
 use gripline_protocol::message::{Command, GripMode, Status};
@@ -10,7 +10,58 @@ use gripline_protocol::{ForceMap, Health, MapInfo};
 use crate::error::Failure;
 use crate::pipeline::Pipeline;
 use crate::session::{SentMap, Session};
-use crate::telemetry::STAGES;
+use crate::telemetry::{MAP_OLD_US, PICTURE_OLD_US, STAGES};
+
+/// Where a frame was dropped because it was too old by then. Nothing is done late: the next picture is fresher.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Late {
+    /// Before anybody looked at it.
+    Picture,
+    /// Its map was not sent.
+    Map,
+}
+
+impl Late {
+    /// Its name, for programs.
+    pub(crate) const fn name(self) -> &'static str {
+        match self {
+            Self::Picture => "picture",
+            Self::Map => "map",
+        }
+    }
+
+    /// The one with this name.
+    pub(crate) fn named(name: &str) -> Option<Self> {
+        [Self::Picture, Self::Map]
+            .into_iter()
+            .find(|late| late.name() == name)
+    }
+}
+
+/// What may be late in a turn.
+#[derive(Debug, Clone, Copy)]
+pub(crate) enum Lateness {
+    /// Nothing: the world waits.
+    Never,
+    /// What is too old, for a picture that was taken then.
+    Since(Instant),
+    /// What was late when it was recorded.
+    Recorded(Option<Late>),
+}
+
+impl Lateness {
+    fn is_late(self, at: Late) -> bool {
+        let most_us = match at {
+            Late::Picture => PICTURE_OLD_US,
+            Late::Map => MAP_OLD_US,
+        };
+        match self {
+            Self::Never => false,
+            Self::Since(taken) => taken.elapsed() > Duration::from_micros(most_us),
+            Self::Recorded(late) => late == Some(at),
+        }
+    }
+}
 
 /// A session and what the gripper was last told.
 pub(crate) struct Cycle {
@@ -43,10 +94,27 @@ pub(crate) struct Turn {
     pub wire_bytes: usize,
     /// The link did not take the map.
     pub is_lost: bool,
+    /// Where it was dropped because it was too old; there is then no map to answer.
+    pub late: Option<Late>,
     /// The newest status, which may be older than this map.
     pub status: Status,
     /// The status is the answer to this map.
     pub answered: bool,
+}
+
+impl Turn {
+    /// The map is out.
+    fn with(self, sent: &SentMap) -> Self {
+        let mut stages_us = self.stages_us;
+        stages_us[STAGES.len() - 2..].copy_from_slice(&[sent.encode_us, sent.link_us]);
+        Self {
+            stages_us,
+            latency_us: sent.encode_us + sent.link_us,
+            wire_bytes: sent.bytes,
+            is_lost: sent.is_lost,
+            ..self
+        }
+    }
 }
 
 impl Cycle {
@@ -66,7 +134,7 @@ impl Cycle {
         self.sequence = sequence;
     }
 
-    /// Works until `until_us` after frame 0 with this picture's map.
+    /// Works until `until_us` after frame 0 with this picture's map, as far as it is not too old.
     ///
     /// # Errors
     /// [`Failure`] when the network's output is no number or the link is gone.
@@ -75,18 +143,46 @@ impl Cycle {
         pipeline: &mut Pipeline,
         crop: &[u8],
         wish: GripMode,
+        lateness: Lateness,
         until_us: u64,
     ) -> Result<Turn, Failure> {
         self.tell(wish)?;
-        let taken = Instant::now();
+        let begun = Instant::now();
         let capture_us = self.session.capture_us();
+        if lateness.is_late(Late::Picture) {
+            return self.skip(wish, until_us);
+        }
         let processed = pipeline.process(crop).map_err(Failure::failed)?;
         let (verdict, health, stages) = (processed.verdict, processed.health, processed.stages_us);
+        let looked = Turn {
+            stages_us: [0.0, stages[0], stages[1], stages[2], 0.0, 0.0],
+            ..self.unsent(capture_us, (verdict, health))
+        };
+        if lateness.is_late(Late::Map) {
+            let turn = Turn {
+                late: Some(Late::Map),
+                ..looked
+            };
+            return self.finish(turn, until_us);
+        }
         let sent = self.send(capture_us, health, processed.map)?;
         let turn = Turn {
-            latency_us: taken.elapsed().as_secs_f64() * 1e6,
-            stages_us: [0.0, stages[0], stages[1], stages[2], sent.encode_us, sent.link_us],
-            ..self.sent(capture_us, (verdict, health), &sent)
+            latency_us: begun.elapsed().as_secs_f64() * 1e6,
+            ..looked.with(&sent)
+        };
+        self.finish(turn, until_us)
+    }
+
+    /// Works until `until_us` after frame 0 with a picture that is too old to be looked at.
+    ///
+    /// # Errors
+    /// [`Failure`] when the link is gone.
+    pub(crate) fn skip(&mut self, wish: GripMode, until_us: u64) -> Result<Turn, Failure> {
+        self.tell(wish)?;
+        let capture_us = self.session.capture_us();
+        let turn = Turn {
+            late: Some(Late::Picture),
+            ..self.unsent(capture_us, (Verdict::Unchanged, Health::GOOD))
         };
         self.finish(turn, until_us)
     }
@@ -105,7 +201,7 @@ impl Cycle {
         self.tell(wish)?;
         let capture_us = self.session.capture_us();
         let sent = self.send(capture_us, health, map)?;
-        self.finish(self.sent(capture_us, (verdict, health), &sent), until_us)
+        self.finish(self.unsent(capture_us, (verdict, health)).with(&sent), until_us)
     }
 
     /// Works until `until_us` after frame 0 without a picture.
@@ -171,17 +267,18 @@ impl Cycle {
         self.session.send_map(&info, map).map_err(Failure::failed)
     }
 
-    /// A turn as far as it is when its map is out.
-    fn sent(&self, capture_us: u32, (verdict, health): (Verdict, Health), sent: &SentMap) -> Turn {
+    /// A turn as far as it is before its map is out.
+    fn unsent(&self, capture_us: u32, (verdict, health): (Verdict, Health)) -> Turn {
         Turn {
             sequence: self.sequence,
             capture_us,
             verdict,
             health,
-            stages_us: [0.0, 0.0, 0.0, 0.0, sent.encode_us, sent.link_us],
-            latency_us: sent.encode_us + sent.link_us,
-            wire_bytes: sent.bytes,
-            is_lost: sent.is_lost,
+            stages_us: [0.0; STAGES.len()],
+            latency_us: 0.0,
+            wire_bytes: 0,
+            is_lost: false,
+            late: None,
             status: Status::default(),
             answered: false,
         }
@@ -192,10 +289,11 @@ impl Cycle {
             .run_until(self.start_us + until_us)
             .map_err(Failure::failed)?;
         self.after_absence();
-        self.sequence = turn.sequence.wrapping_add(1);
+        // A map that was never sent leaves no gap.
+        self.sequence = turn.sequence.wrapping_add(u32::from(turn.late.is_none()));
         let status = self.session.status().copied().unwrap_or_default();
         Ok(Turn {
-            answered: status.sequence == turn.sequence && status.maps > 0,
+            answered: turn.late.is_none() && status.sequence == turn.sequence && status.maps > 0,
             status,
             ..turn
         })

@@ -12,11 +12,16 @@
 //! [`plot`] draws it; [`evaluate`] measures how well all of it works.
 #![forbid(unsafe_code)]
 
+// Tests in here share a made-up world with those that see only the public side.
+#[cfg(test)]
+extern crate self as gripline;
+
 mod acquaintance;
 pub mod calibrate;
 mod calibration;
 pub mod capture;
 pub mod cli;
+mod clock_watch;
 pub mod config;
 mod cycle;
 pub mod detect;

@@ -13,6 +13,7 @@ use gripline_protocol::parser::Counters;
 use gripline_protocol::{Event, ForceMap, MapInfo, PACKET_MAX, Parser, encode_map};
 
 use crate::acquaintance::{Acquaintance, Next};
+use crate::clock_watch::ClockWatch;
 use crate::link::{Link, LinkError, Presence};
 use crate::shadow::Shadow;
 
@@ -87,6 +88,8 @@ pub struct Session {
     now_us: u64,
     /// When the newest status came.
     status_us: u64,
+    clocks: ClockWatch,
+    clock_jumps: u64,
     /// How often the device had gone away when it was last greeted.
     losses: u32,
     message_id: u8,
@@ -196,6 +199,8 @@ impl Session {
             shadow: Shadow::new(TaxelRule::of(&settings)),
             now_us: 0,
             status_us: 0,
+            clocks: ClockWatch::default(),
+            clock_jumps: 0,
             losses: 0,
             message_id: 0,
             packets: Vec::new(),
@@ -228,6 +233,7 @@ impl Session {
         })?;
         self.firmware = Some(hello);
         if self.acquaintance.met(hello.session, self.now_us) {
+            self.clocks.forget();
             // What was said of settings was said before it restarted.
             self.inbox.configuration = None;
             self.inbox.settings_refused = false;
@@ -434,10 +440,16 @@ impl Session {
             self.losses = presence.losses;
             self.acquaintance.link_returned();
         }
+        // The clock that capture times are of.
+        let clock_us = self.link.now_us();
         for status in &self.inbox.statuses {
             // Whoever restarted judges by other settings until it has ours.
             if self.acquaintance.is_sound_after(status) {
                 self.shadow.answered(status);
+                if self.clocks.jumped(clock_us, status.uptime_ms) {
+                    self.clock_jumps += 1;
+                    self.acquaintance.renumber();
+                }
             }
         }
         self.renew()
@@ -510,6 +522,12 @@ impl Session {
     #[must_use]
     pub const fn restarts(&self) -> u32 {
         self.acquaintance.restarts()
+    }
+
+    /// How often this host's clock jumped against the microcontroller's; it was then greeted anew, as by another host.
+    #[must_use]
+    pub const fn clock_jumps(&self) -> u64 {
+        self.clock_jumps
     }
 
     /// Whether the microcontroller knows this host and has its settings; not so for a moment after it restarted.

@@ -17,6 +17,15 @@ pub const STAGES: [&str; 6] = ["decode", "downsample", "gate", "network", "encod
 /// takes longer is counted as late.
 pub const DEADLINES_US: [f64; STAGES.len()] = [900.0, 150.0, 150.0, 2_400.0, 100.0, 300.0];
 
+/// A picture that is older than this when its turn comes, µs, is dropped: a frame at 60 a second, and what a busy system may
+/// hold a thread up.
+pub const PICTURE_OLD_US: u64 = 20_000;
+/// A map whose picture is older than this when it could be sent, µs, is dropped: half of what the microcontroller by default
+/// calls stale.
+pub const MAP_OLD_US: u64 = 50_000;
+/// The host's own fault that this frame was late and dropped.
+pub const LATE: &str = "LATE FRAME";
+
 /// The host's own faults, beside those of the microcontroller: its device is away.
 pub const NO_DEVICE: &str = "NO DEVICE";
 /// It is there or not, but what it last said is old: state and line are not known.
@@ -76,6 +85,9 @@ pub struct FrameReport {
     pub stages_us: [f64; STAGES.len()],
     /// Names of the microcontroller's faults that are there or latched, and of the host's own.
     pub faults: Vec<&'static str>,
+    /// Where the frame was dropped because it was too old: `picture`, before anybody looked at it (the gate then says
+    /// nothing), or `map`, before it was sent.
+    pub late: Option<&'static str>,
     /// Bytes on the wire for this map.
     pub wire_bytes: usize,
     /// What the simulated world knows; `None` for real cameras.

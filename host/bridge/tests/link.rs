@@ -1,182 +1,20 @@
 //! A microcontroller's device that goes away and comes back under a session, and devices that cannot be told apart: a
-//! made-up bus and the firmware's library behind the links' own traits, on a clock of the test's own. Times in µs.
+//! made-up bus and the firmware's library behind the links' own traits, on a clock of the test's own (`world`). Times in µs.
 
-use std::cell::{Cell, RefCell};
-use std::collections::VecDeque;
+mod world;
+
 use std::rc::Rc;
-use std::time::Duration;
 
-use gripline::link::hot_plug::{Clock, Device, DeviceError};
-use gripline::link::usb::{Attached, Bus, UsbFinder};
+use gripline::link::usb::{Attached, UsbFinder};
 use gripline::link::{HotPlug, LinkError};
 use gripline::session::{Session, SessionError};
-use gripline_firmware::{Fault, Mcu, Start};
-use gripline_protocol::message::{Command, Configuration, GripMode, Hello, Message, MessagePackets};
-use gripline_protocol::{Event, ForceMap, MapInfo, PACKET_MAX, Parser, TaxelForce};
+use gripline_firmware::Fault;
+use gripline_protocol::message::{Command, Configuration, GripMode, Hello};
+use gripline_protocol::{ForceMap, MapInfo, TaxelForce};
+
+use self::world::{FakeBus, FakeClock, World, device};
 
 const FRAME_US: u64 = 16_667;
-
-/// The world: what is attached, and the one microcontroller in it.
-struct World {
-    now_us: Cell<u64>,
-    attached: RefCell<Vec<Attached>>,
-    mcu: RefCell<Mcu>,
-    next_tick_us: Cell<u64>,
-    /// When the microcontroller took its first packet after the device came back.
-    first_packet_us: Cell<Option<u64>>,
-    replies: RefCell<VecDeque<Vec<u8>>>,
-    /// Nothing is taken though the device is there.
-    is_stuck: Cell<bool>,
-    /// What it says of itself in the handshake, instead of the truth.
-    stranger: Cell<Option<Hello>>,
-    opened: Cell<u32>,
-}
-
-fn device(serial: &str, place: &str) -> Attached {
-    Attached {
-        serial: Some(serial.to_owned()),
-        place: place.to_owned(),
-    }
-}
-
-impl World {
-    fn with(attached: Vec<Attached>) -> Rc<Self> {
-        Rc::new(Self {
-            now_us: Cell::new(0),
-            attached: RefCell::new(attached),
-            mcu: RefCell::new(Mcu::new(Start {
-                session: 7,
-                ..Start::default()
-            })),
-            next_tick_us: Cell::new(1_000),
-            first_packet_us: Cell::new(None),
-            replies: RefCell::default(),
-            is_stuck: Cell::new(false),
-            stranger: Cell::new(None),
-            opened: Cell::new(0),
-        })
-    }
-
-    /// The microcontroller lives on whether its cable is in or not.
-    fn pass_to(&self, until_us: u64) {
-        while self.next_tick_us.get() <= until_us {
-            let _ = self.mcu.borrow_mut().tick(self.next_tick_us.get());
-            self.next_tick_us.set(self.next_tick_us.get() + 1_000);
-            self.collect();
-        }
-        self.now_us.set(until_us.max(self.now_us.get()));
-    }
-
-    fn collect(&self) {
-        let mut packet = [0; PACKET_MAX];
-        while let Some(length) = self.mcu.borrow_mut().poll_transmit(&mut packet) {
-            let reply = self.disguised(&packet[..length]);
-            self.replies.borrow_mut().push_back(reply);
-        }
-    }
-
-    /// A handshake says what the stranger would say.
-    fn disguised(&self, packet: &[u8]) -> Vec<u8> {
-        let mut parser = Parser::new();
-        let (Some(stranger), Ok(Event::Message(message))) = (self.stranger.get(), parser.push(packet)) else {
-            return packet.to_vec();
-        };
-        let Ok(Message::Hello(_)) = Message::from_bytes(message) else {
-            return packet.to_vec();
-        };
-        let mut disguised = [0; PACKET_MAX];
-        let length = MessagePackets::new(&Message::Hello(stranger), 1)
-            .unwrap()
-            .next_packet(&mut disguised)
-            .unwrap();
-        disguised[..length].to_vec()
-    }
-
-    fn is_there(&self, serial: &str) -> bool {
-        let attached = self.attached.borrow();
-        attached
-            .iter()
-            .any(|device| device.serial.as_deref() == Some(serial))
-    }
-
-    fn pull(&self) -> Vec<Attached> {
-        // What was on the wire is lost.
-        self.replies.borrow_mut().clear();
-        self.first_packet_us.set(None);
-        self.attached.take()
-    }
-}
-
-struct FakeClock(Rc<World>);
-
-impl Clock for FakeClock {
-    fn now_us(&self) -> u64 {
-        self.0.now_us.get()
-    }
-
-    fn wait_until(&self, us: u64) {
-        self.0.pass_to(us);
-    }
-}
-
-struct FakeBus(Rc<World>);
-
-impl Bus for FakeBus {
-    fn attached(&mut self) -> Result<Vec<Attached>, String> {
-        Ok(self.0.attached.borrow().clone())
-    }
-
-    fn open(&mut self, number: usize, _link: &str) -> Result<Box<dyn Device>, LinkError> {
-        self.0.opened.set(self.0.opened.get() + 1);
-        let serial = self.0.attached.borrow()[number].serial.clone();
-        Ok(Box::new(FakeDevice {
-            world: Rc::clone(&self.0),
-            serial: serial.unwrap_or_default(),
-        }))
-    }
-}
-
-struct FakeDevice {
-    world: Rc<World>,
-    serial: String,
-}
-
-impl FakeDevice {
-    fn check(&self) -> Result<(), DeviceError> {
-        if self.world.is_there(&self.serial) {
-            Ok(())
-        } else {
-            Err(DeviceError::Gone("device disconnected".to_owned()))
-        }
-    }
-}
-
-impl Device for FakeDevice {
-    fn send(&mut self, packet: &[u8]) -> Result<(), DeviceError> {
-        self.check()?;
-        let world = &self.world;
-        if world.is_stuck.get() {
-            return Err(DeviceError::Busy);
-        }
-        let now_us = world.now_us.get();
-        if world.first_packet_us.get().is_none() {
-            world.first_packet_us.set(Some(now_us));
-        }
-        let _ = world.mcu.borrow_mut().packet(packet, now_us);
-        world.collect();
-        Ok(())
-    }
-
-    fn receive(&mut self, patience: Duration, received: &mut dyn FnMut(&[u8])) -> Result<(), DeviceError> {
-        self.check()?;
-        self.world
-            .pass_to(self.world.now_us.get() + patience.as_micros() as u64);
-        while let Some(packet) = self.world.replies.borrow_mut().pop_front() {
-            received(&packet);
-        }
-        Ok(())
-    }
-}
 
 fn plug(world: &Rc<World>, serial: Option<&str>) -> Result<HotPlug<FakeClock>, LinkError> {
     let finder = UsbFinder::new(FakeBus(Rc::clone(world)), serial.map(str::to_owned));

@@ -19,6 +19,8 @@ mod tests;
 
 pub use self::camera::Counts;
 pub(crate) use self::constants::{POLL, RATE};
+#[cfg(test)]
+pub(crate) use self::convert::JpegCrop;
 pub use self::error::CameraError;
 pub(crate) use self::files::{FolderFrames, RecordedFrames};
 pub use self::format::PixelFormat;

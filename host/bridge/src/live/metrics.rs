@@ -68,7 +68,7 @@ impl Values {
             ),
             (
                 "frames_late_total",
-                "Frames that came more than a frame too late.",
+                "Pictures and maps that were too old and dropped.",
                 self.frames_late,
             ),
             (

@@ -164,6 +164,9 @@ pub(crate) struct Stored {
     pub stages_us: Vec<f64>,
     #[serde(default)]
     pub wire_bytes: usize,
+    /// Recordings of before nothing could be late do not say.
+    #[serde(default)]
+    pub late: Option<String>,
     pub truth: Option<StoredTruth>,
     pub sequence: u32,
     pub capture_us: u32,
@@ -185,7 +188,7 @@ pub(crate) struct StoredTruth {
 }
 
 /// The keys of `/status` and their JSON types, for programs that plot them.
-const STATUS_KEYS: [(&str, &str); 29] = [
+const STATUS_KEYS: [(&str, &str); 30] = [
     ("frame", "integer"),
     ("t_s", "number"),
     ("gate", "string"),
@@ -207,6 +210,7 @@ const STATUS_KEYS: [(&str, &str); 29] = [
     ("latency_us", "number"),
     ("stages_us", "array"),
     ("faults", "array"),
+    ("late", "string"),
     ("wire_bytes", "integer"),
     ("truth", "object"),
     ("sequence", "integer"),

@@ -314,6 +314,7 @@ mod tests {
             latency_us: 0.0,
             stages_us: [0.0; STAGES.len()],
             faults: Vec::new(),
+            late: None,
             wire_bytes: 0,
             truth: None,
         };
@@ -387,6 +388,14 @@ mod tests {
         assert_eq!(reader.ending(), Ending::Whole);
     }
 
+    impl Recorder {
+        /// A recording on a disk with so many bytes left.
+        pub(crate) fn on_small_disk(bytes: usize) -> Self {
+            let tape = Tape::new(Small(bytes), None, &About::default(), 0).unwrap();
+            Self::on(Path::new("full.mcap"), tape, Pace::AsFastAsPossible, None)
+        }
+    }
+
     /// A disk with so many bytes left.
     struct Small(usize);
 
@@ -406,8 +415,7 @@ mod tests {
 
     #[test]
     fn a_full_disk_ends_the_recording_and_not_the_run() {
-        let tape = Tape::new(Small(100_000), None, &About::default(), 0).unwrap();
-        let mut recorder = Recorder::on(Path::new("full.mcap"), tape, Pace::AsFastAsPossible, None);
+        let mut recorder = Recorder::on_small_disk(100_000);
         let mut offered = 0;
         while recorder.dropped.failed.is_none() {
             recorder.offer(frame(offered));

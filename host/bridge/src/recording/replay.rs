@@ -18,7 +18,7 @@ use serde::Serialize;
 use super::messages::{About, Image, Stored};
 use super::reader::{Ending, Reader, RecordedFrame};
 use crate::config::settings_from_text;
-use crate::cycle::{Cycle, Turn};
+use crate::cycle::{Cycle, Late, Lateness, Turn};
 use crate::error::Failure;
 use crate::link::{EmbeddedLink, Link};
 use crate::pipeline::{Pipeline, fingerprint};
@@ -146,20 +146,31 @@ fn replay(reader: &mut Reader, args: &ReplayArgs) -> Result<Replayed, Failure> {
         }
         next = status.frame + 1;
         replayed.frames += 1;
-        replayed.without_picture += u64::from(picture.is_none());
-        known &= picture.is_some();
+        let late = status.late.as_deref().and_then(Late::named);
+        // Nobody looked at it in the run either.
+        let unseen = late == Some(Late::Picture);
+        replayed.without_picture += u64::from(picture.is_none() && !unseen);
+        known &= picture.is_some() || unseen;
         let mut wrong = Vec::new();
         // A camera's pictures come when they come.
         cycle.idle_until_capture(status.capture_us)?;
+        let (wish, until_us) = (status.wish, status.until_us);
         let turn = match picture.map(Image::into_crop) {
-            Some(crop) if known => cycle.turn(&mut pipeline, &crop, status.wish, status.until_us)?,
+            _ if unseen => cycle.skip(wish, until_us)?,
+            Some(crop) if known => {
+                cycle.turn(&mut pipeline, &crop, wish, Lateness::Recorded(late), until_us)?
+            }
             picture => {
                 if let Some(crop) = picture {
                     let found = pipeline.process(&crop).map_err(Failure::failed)?.verdict;
                     // Both looked afresh, or both saw nothing: from here on the references are the same.
                     known = found == verdict && [Verdict::Network, Verdict::NoContact].contains(&found);
                 }
-                cycle.turn_with(&map, recorded, status.wish, status.until_us)?
+                if late.is_some() {
+                    cycle.skip(wish, until_us)?
+                } else {
+                    cycle.turn_with(&map, recorded, wish, until_us)?
+                }
             }
         };
         if !known {
@@ -244,6 +255,7 @@ fn verdict_of(name: &str) -> Option<Verdict> {
 fn same_sums(turn: &Turn, recorded: &Stored) -> bool {
     let (now, then) = (&turn.status, &recorded.wire);
     then.sequence != recorded.sequence
+        || recorded.late.is_some()
         || (turn.answered && (now.sums, now.coulomb_slip) == (then.sums, then.coulomb_slip))
 }
 

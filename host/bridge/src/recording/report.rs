@@ -6,7 +6,8 @@ use gripline_protocol::message::Configuration;
 use gripline_protocol::{Health, SENSORS};
 
 use super::messages::Stored;
-use crate::telemetry::{FrameReport, NO_DEVICE, NO_STATUS, STAGES, Truth, health_names, verdict_name};
+use crate::cycle::Late;
+use crate::telemetry::{FrameReport, LATE, NO_DEVICE, NO_STATUS, STAGES, Truth, health_names, verdict_name};
 use crate::units::{Load, centre_of_pressure_mm, millimetres};
 
 /// Everything that a gate can say.
@@ -29,7 +30,7 @@ impl Stored {
         let names = Fault::ALL
             .iter()
             .map(|fault| fault.name())
-            .chain([NO_DEVICE, NO_STATUS]);
+            .chain([NO_DEVICE, NO_STATUS, LATE]);
         let mut stages_us = [0.0; STAGES.len()];
         for (to, from) in stages_us.iter_mut().zip(&self.stages_us) {
             *to = *from;
@@ -58,6 +59,7 @@ impl Stored {
             faults: names
                 .filter(|name| self.faults.iter().any(|fault| fault == name))
                 .collect(),
+            late: self.late.as_deref().and_then(Late::named).map(Late::name),
             wire_bytes: self.wire_bytes,
             truth: self.truth.as_ref().map(|truth| Truth {
                 phase: truth.phase.clone().into(),

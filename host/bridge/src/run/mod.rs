@@ -3,8 +3,11 @@
 //! The loop is a straight line: a picture is taken at frame k, its map goes out at once, the link works until frame
 //! k+1, and the line it then holds is what the (simulated) gripper feels next. Paced by the wall clock.
 
+#[cfg(test)]
+mod faults;
 mod output;
 mod summary;
+mod usage;
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -25,7 +28,7 @@ use self::output::{Output, Wish};
 use self::summary::{StageSummary, Summary};
 use crate::calibrate::line::with_points;
 use crate::config::{Overrides, Settings, settings_text};
-use crate::cycle::{Cycle, Turn};
+use crate::cycle::{Cycle, Late, Lateness, Turn};
 use crate::error::Failure;
 use crate::live::fleet::Fleet;
 use crate::live::{Live, QUANTILES};
@@ -36,7 +39,7 @@ use crate::session::Session;
 use crate::source::{Frames, Opened, Picture, Source, Taken};
 use crate::stats::Times;
 use crate::telemetry::{
-    DEADLINES_US, FrameReport, Limits, NO_DEVICE, NO_STATUS, STAGES, STATUS_OLD_US, health_names,
+    DEADLINES_US, FrameReport, LATE, Limits, NO_DEVICE, NO_STATUS, STAGES, STATUS_OLD_US, health_names,
 };
 use crate::units::{
     Load, centre_of_pressure_mm, force_n, millimetres, moment_nmm, newtons, ratio, shear_n, stick_ratio,
@@ -303,6 +306,8 @@ struct Run {
     started: Instant,
     clock: Clock,
     frames_per_second: f64,
+    /// Processor time of this process at the start.
+    cpu_s: Option<f64>,
     recorder: Option<Recorder>,
     /// What of the pictures is recorded.
     pictures: Pictures,
@@ -329,6 +334,7 @@ impl Run {
             started: Instant::now(),
             clock,
             frames_per_second,
+            cpu_s: usage::cpu_s(),
             recorder: None,
             pictures: Pictures::default(),
             live: None,
@@ -353,21 +359,29 @@ impl Run {
     /// One frame: picture in, map out, answer in.
     fn frame(&mut self, pipeline: &mut Pipeline, picture: Picture) -> Result<FrameReport, Failure> {
         let frame_us = 1e6 / self.frames_per_second;
-        let (t_s, until_us) = match self.clock {
+        let (t_s, until_us, lateness) = match self.clock {
             // Half a frame for the answer; then the next picture may be there.
             Clock::Pictures => {
                 self.idle()?;
                 let came = picture.came.saturating_duration_since(self.started);
-                (came.as_secs_f64(), self.elapsed_us() + (frame_us / 2.0) as u64)
+                let until_us = self.elapsed_us() + (frame_us / 2.0) as u64;
+                (came.as_secs_f64(), until_us, Lateness::Since(picture.came))
             }
             // To the next frame.
             Clock::Wall | Clock::None => (
                 self.frame as f64 * frame_us / 1e6,
                 ((self.frame + 1) as f64 * frame_us) as u64,
+                if self.clock == Clock::Wall {
+                    Lateness::Since(self.due(self.frame))
+                } else {
+                    Lateness::Never
+                },
             ),
         };
         let waited = picture.came.elapsed();
-        let mut turn = self.cycle.turn(pipeline, &picture.crop, picture.wish, until_us)?;
+        let mut turn = self
+            .cycle
+            .turn(pipeline, &picture.crop, picture.wish, lateness, until_us)?;
         turn.stages_us[0] = picture.decode_us;
         if self.clock == Clock::Pictures {
             turn.latency_us += waited.as_secs_f64() * 1e6;
@@ -405,7 +419,9 @@ impl Run {
                 health_bits: turn.health.bits(),
                 wire: turn.status,
                 map: Box::new(pipeline.map().clone()),
-                picture: image(self.pictures, picture.crop, pipeline),
+                picture: (turn.late != Some(Late::Picture))
+                    .then(|| image(self.pictures, picture.crop, pipeline))
+                    .flatten(),
             });
         }
         if self.clock == Clock::Wall {
@@ -472,7 +488,7 @@ impl Run {
             ];
             values.maps_unanswered = summary.maps_unanswered;
             values.shadow_mismatches = self.cycle.session.shadow().mismatches();
-            values.frames_late = summary.frames_late;
+            values.frames_late = summary.pictures_late + summary.maps_late;
             values.record_dropped = self.recorder.as_ref().map_or([0; 2], Recorder::dropped);
             // Once a second: a distribution takes longer to look at than a number.
             if self.frame.is_multiple_of(self.frames_per_second.ceil() as u64) {
@@ -483,20 +499,29 @@ impl Run {
         });
     }
 
+    /// When a frame's picture is taken, where the wall clock says it.
+    fn due(&self, frame: u64) -> Instant {
+        self.started + Duration::from_secs_f64(frame as f64 / self.frames_per_second)
+    }
+
     /// Waits until the next frame is due; a link that waits for the wall clock itself leaves nothing to wait for.
-    fn wait_for_the_clock(&mut self) {
-        let due = self.started + Duration::from_secs_f64((self.frame + 1) as f64 / self.frames_per_second);
-        let now = Instant::now();
-        if due > now {
-            thread::sleep(due - now);
-        } else if now - due > Duration::from_secs_f64(1.0 / self.frames_per_second) {
-            // More than a frame behind: the machine is too slow for real time, which is no loss in a simulated world.
-            self.summary.frames_late += 1;
-        }
+    fn wait_for_the_clock(&self) {
+        thread::sleep(self.due(self.frame + 1).saturating_duration_since(Instant::now()));
     }
 
     fn count(&mut self, turn: &Turn) {
         let summary = &mut self.summary;
+        let passed = match turn.late {
+            None => STAGES.len(),
+            Some(Late::Map) => {
+                summary.maps_late += 1;
+                STAGES.len() - 2
+            }
+            Some(Late::Picture) => {
+                summary.pictures_late += 1;
+                return;
+            }
+        };
         *match turn.verdict {
             Verdict::NoContact => &mut summary.gate_no_contact,
             Verdict::Unchanged => &mut summary.gate_unchanged,
@@ -505,14 +530,23 @@ impl Run {
         } += 1;
         summary.wire_bytes += turn.wire_bytes as u64;
         summary.maps_not_taken += u64::from(turn.is_lost);
-        summary.maps_unanswered += u64::from(!turn.answered);
-        for ((times, us), name) in self.stages.iter_mut().zip(turn.stages_us).zip(STAGES) {
+        summary.maps_unanswered += u64::from(!turn.answered && turn.late.is_none());
+        for ((times, us), name) in self
+            .stages
+            .iter_mut()
+            .zip(turn.stages_us)
+            .zip(STAGES)
+            .take(passed)
+        {
             if (name != "network" || turn.verdict == Verdict::Network) && (name != "decode" || us > 0.0) {
                 times.push(us);
             }
         }
         for ((late, us), deadline_us) in self.late.iter_mut().zip(turn.stages_us).zip(DEADLINES_US) {
             *late += u64::from(us > deadline_us);
+        }
+        if turn.late.is_some() {
+            return;
         }
         self.frame_to_link.push(turn.latency_us);
         if turn.verdict == Verdict::Network {
@@ -558,6 +592,9 @@ impl Run {
             frames: self.frame,
             seconds,
             frames_per_second: self.frame as f64 / seconds.max(1e-9),
+            cpu_share: usage::cpu_s()
+                .zip(self.cpu_s)
+                .map(|(now_s, then_s)| (now_s - then_s) / seconds.max(1e-9)),
             stages: stages.collect(),
             frame_to_link_us_median: self.frame_to_link.quantile_us(0.5),
             frame_to_link_us_p99: self.frame_to_link.quantile_us(0.99),
@@ -567,6 +604,7 @@ impl Run {
             answers_checked: self.cycle.session.shadow().checked(),
             shadow_mismatches: self.cycle.session.shadow().mismatches(),
             microcontroller_restarts: self.cycle.session.restarts(),
+            clock_jumps: self.cycle.session.clock_jumps(),
             link_losses: self.cycle.session.presence().losses,
             link_packets_lost: self.cycle.session.presence().packets_lost,
             // JSON has no infinity: never held, so nothing to say.
@@ -644,7 +682,9 @@ fn report_of(
             .filter(|fault| faults & fault.bit() != 0)
             .map(|fault| fault.name())
             .chain(host_faults.iter().copied())
+            .chain(turn.late.map(|_| LATE))
             .collect(),
+        late: turn.late.map(Late::name),
         wire_bytes: turn.wire_bytes,
         truth: picture.truth.clone(),
     }

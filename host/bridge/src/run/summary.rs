@@ -24,6 +24,8 @@ pub(super) struct Summary {
     pub frames: u64,
     pub seconds: f64,
     pub frames_per_second: f64,
+    /// Processor time of the whole process over wall time: 1 is one core.
+    pub cpu_share: Option<f64>,
     pub gate_no_contact: u64,
     pub gate_unchanged: u64,
     pub gate_network: u64,
@@ -44,7 +46,9 @@ pub(super) struct Summary {
     pub maps_not_taken: u64,
     pub commands_refused: u64,
     pub last_refusal: Option<String>,
-    pub frames_late: u64,
+    /// Pictures that were too old when their turn came, and maps that were too old to be sent: dropped.
+    pub pictures_late: u64,
+    pub maps_late: u64,
     pub slip_frames: u64,
     /// Frames in which the object slides as a whole while it is to be held: what is let go may slide.
     pub gross_slip_frames: u64,
@@ -54,6 +58,8 @@ pub(super) struct Summary {
     pub microcontroller_worst_cycles: [u32; 4],
     /// Restarts under way (watchdog, crash, power), after each of which it was met anew and given its settings.
     pub microcontroller_restarts: u32,
+    /// How often this host's clock jumped against the microcontroller's.
+    pub clock_jumps: u64,
     /// How often the microcontroller's device went away; it was taken up again when it came back.
     pub link_losses: u32,
     /// Packets that it did not take, away or busy.
@@ -89,6 +95,7 @@ impl Summary {
             frames: 0,
             seconds: 0.0,
             frames_per_second: 0.0,
+            cpu_share: None,
             gate_no_contact: 0,
             gate_unchanged: 0,
             gate_network: 0,
@@ -106,7 +113,8 @@ impl Summary {
             maps_not_taken: 0,
             commands_refused: 0,
             last_refusal: None,
-            frames_late: 0,
+            pictures_late: 0,
+            maps_late: 0,
             slip_frames: 0,
             gross_slip_frames: 0,
             slip_mm: 0.0,
@@ -114,6 +122,7 @@ impl Summary {
             line_n_max: 0.0,
             microcontroller_worst_cycles: [0; 4],
             microcontroller_restarts: 0,
+            clock_jumps: 0,
             link_losses: 0,
             link_packets_lost: 0,
             realtime_lacks: None,
@@ -132,6 +141,14 @@ impl Summary {
         lost(
             self.gate_unhealthy,
             "pictures could not be believed; their maps were empty and marked",
+        );
+        lost(
+            self.pictures_late,
+            "pictures were too old when their turn came and were dropped: the machine is too slow or busy",
+        );
+        lost(
+            self.maps_late,
+            "maps were too old to be sent and were dropped: the machine is too slow or busy",
         );
         lost(
             self.maps_unanswered,
@@ -193,8 +210,11 @@ fn losses_of(pictures: &Counts) -> Vec<String> {
 /// The summary for people.
 pub(super) fn summary_text(summary: &Summary) -> String {
     let firmware = summary.firmware.as_deref().unwrap_or("unknown");
+    let cpu = summary.cpu_share.map_or(String::new(), |share| {
+        format!(", {:.1} % of a core", share * 100.0)
+    });
     let mut text = format!(
-        "{} frames in {:.1} s ({:.1} a second) with the {}, firmware {firmware}\n",
+        "{} frames in {:.1} s ({:.1} a second{cpu}) with the {}, firmware {firmware}\n",
         summary.frames, summary.seconds, summary.frames_per_second, summary.mcu
     );
     // Writing to a String cannot fail.

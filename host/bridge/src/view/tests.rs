@@ -44,6 +44,7 @@ pub(crate) fn report(frame: u64) -> FrameReport {
         latency_us: 190.0 + (frame % 10) as f64,
         stages_us: [0.0, 150.0 + (frame % 10) as f64, 30.0, 0.0, 0.0, 4.0],
         faults: Vec::new(),
+        late: None,
         wire_bytes: 72,
         truth: None,
     }

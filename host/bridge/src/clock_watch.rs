@@ -1,0 +1,97 @@
+//! Whether this host's clock has jumped against the microcontroller's: after a suspended machine, a moved virtual one, a
+//! debugger. The microcontroller then takes every map for late or from the future, until the host is greeted as a new one.
+//! Pure; times in µs.
+//!
+//! A status that is read late makes the host's clock look ahead for that status, never behind. So one status is enough to
+//! see a host that stood still, and a second of them to see one that jumped ahead.
+
+use std::collections::VecDeque;
+
+/// A jump ahead must last for so long, ms of the microcontroller's clock, and for so many statuses: ten a second come when
+/// maps are refused.
+const WINDOW_MS: u32 = 1_000;
+const WINDOW_LEAST: usize = 8;
+/// What may be a jitter or a drift over that time; the microcontroller allows more before it calls a map stale.
+const JUMP_US: i64 = 50_000;
+
+/// The difference between the clocks, and its history.
+#[derive(Debug, Default)]
+pub(crate) struct ClockWatch {
+    /// Host less microcontroller, the least of the last full window.
+    reference: Option<i64>,
+    /// When the microcontroller said it, ms, and the difference.
+    recent: VecDeque<(u32, i64)>,
+}
+
+impl ClockWatch {
+    /// One of the clocks starts anew.
+    pub(crate) fn forget(&mut self) {
+        *self = Self::default();
+    }
+
+    /// A status was read at `now_us`, sent when the microcontroller had run for `uptime_ms`. Answers whether this host's clock
+    /// has jumped; if so, everything begins anew.
+    pub(crate) fn jumped(&mut self, now_us: u64, uptime_ms: u32) -> bool {
+        let difference = now_us as i64 - i64::from(uptime_ms) * 1_000;
+        self.recent.push_back((uptime_ms, difference));
+        let is_old = |at: Option<&(u32, i64)>| {
+            at.is_some_and(|(then_ms, _)| uptime_ms.wrapping_sub(*then_ms) >= WINDOW_MS)
+        };
+        while is_old(self.recent.get(1)) {
+            self.recent.pop_front();
+        }
+        let is_full = is_old(self.recent.front()) && self.recent.len() >= WINDOW_LEAST;
+        let differences = self.recent.iter().map(|(_, difference)| *difference);
+        let least = differences.min().unwrap_or(difference);
+        let Some(reference) = self.reference else {
+            self.reference = is_full.then_some(least);
+            return false;
+        };
+        if difference < reference - JUMP_US || (is_full && least > reference + JUMP_US) {
+            self.forget();
+            return true;
+        }
+        if is_full {
+            // Clocks drift.
+            self.reference = Some(least);
+        }
+        false
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// 60 statuses a second, each read up to `jitter_us` late; the host's clock is `ahead(frame)` of the other.
+    fn jumps(frames: u64, jitter_us: u64, ahead: impl Fn(u64) -> i64) -> Vec<u64> {
+        let mut watch = ClockWatch::default();
+        (0..frames)
+            .filter(|frame| {
+                let at_us = 3_600_000_000 + frame * 16_667;
+                let late_us = ((frame * 2_654_435_761) >> 7) % (jitter_us + 1);
+                let now_us = (at_us + late_us).wrapping_add_signed(ahead(*frame));
+                watch.jumped(now_us, (at_us / 1_000) as u32)
+            })
+            .collect()
+    }
+
+    #[test]
+    fn jitter_and_drift_are_no_jumps() {
+        // 200 parts per million, and statuses that are read up to 400 ms late.
+        let drift = |frame: u64| (frame * 16_667 / 5_000) as i64;
+        assert!(jumps(200_000, 400_000, drift).is_empty());
+        assert!(jumps(200_000, 16_000, |frame| -drift(frame)).is_empty());
+    }
+
+    #[test]
+    fn a_host_that_stood_still_is_seen_by_the_first_status_and_one_that_jumped_ahead_within_a_second_or_so() {
+        let from = |at: u64, by_us: i64| move |frame: u64| if frame < at { 0 } else { by_us };
+        assert_eq!(jumps(1_000, 16_000, from(500, -600_000_000)), vec![500_u64]);
+        let ahead = jumps(1_000, 16_000, from(500, 70_000));
+        assert!(ahead.len() == 1 && (500..=564).contains(&ahead[0]), "{ahead:?}");
+        // One that comes back at once was a status that had to wait.
+        let for_a_while = |frame: u64| i64::from((500..520).contains(&frame)) * 300_000;
+        assert!(jumps(1_000, 16_000, for_a_while).is_empty());
+    }
+}
