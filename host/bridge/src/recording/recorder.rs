@@ -54,6 +54,8 @@ pub(crate) struct Recorder {
     pictures_waiting: Arc<AtomicUsize>,
     writer: Option<JoinHandle<Ended>>,
     pace: Pace,
+    /// Frames that were handed over, kept or not.
+    offered: u64,
     dropped: Recorded,
 }
 
@@ -110,7 +112,7 @@ impl Recorder {
             // Panics end with the process; there is nothing to add.
             let _ = syncer.map(JoinHandle::join);
             Ended {
-                frames: tape.frames,
+                frames: tape.kept,
                 result,
             }
         });
@@ -120,12 +122,14 @@ impl Recorder {
             pictures_waiting,
             writer: Some(writer),
             pace,
+            offered: 0,
             dropped: Recorded::default(),
         }
     }
 
     /// Hands over a frame; in real time it never waits.
     pub(crate) fn offer(&mut self, mut frame: Frame) {
+        self.offered += 1;
         if self.queue.is_none() {
             self.dropped.frames_dropped += 1;
             return;
@@ -188,6 +192,8 @@ impl Recorder {
     /// Writes what waits and closes the file.
     pub(crate) fn finish(mut self) -> Recorded {
         self.end();
+        // Those that waited when the disk failed are lost too.
+        self.dropped.frames_dropped = self.offered - self.dropped.frames;
         self.dropped.clone()
     }
 

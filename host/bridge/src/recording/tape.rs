@@ -70,8 +70,9 @@ pub(super) struct Tape<W: Write> {
     about: BTreeMap<String, String>,
     chunks: u32,
     start_ns: u64,
-    /// Frames that lie in the file.
-    pub(super) frames: u64,
+    frames: u64,
+    /// Frames that lie in the file for certain: a chunk that could not be written is lost whole.
+    pub(super) kept: u64,
     before: Option<FrameReport>,
 }
 
@@ -93,6 +94,7 @@ impl<W: Write> Tape<W> {
             chunks: 0,
             start_ns,
             frames: 0,
+            kept: 0,
             before: None,
         })
     }
@@ -158,6 +160,7 @@ impl<W: Write> Tape<W> {
     /// Closes the chunk and hands it to the system.
     pub(super) fn flush(&mut self) -> Result<(), McapError> {
         self.writer()?.flush()?;
+        self.kept = self.frames;
         self.chunks += 1;
         if self.chunks.is_multiple_of(SEGMENT) {
             let out = self.out()?;
@@ -170,6 +173,7 @@ impl<W: Write> Tape<W> {
     /// Closes the file, with an index where it can be read again.
     pub(super) fn finish(&mut self) -> Result<(), McapError> {
         self.writer()?.flush()?;
+        self.kept = self.frames;
         let mut out = self.out()?;
         match &self.written {
             Some(written) => index::end_with(&mut out, written),

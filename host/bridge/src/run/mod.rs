@@ -63,16 +63,7 @@ pub fn run(args: &RunArgs) -> Result<(), Failure> {
     let wanted = Settings::load(&args.overrides)?;
     let network = network_for(&wanted)?;
     let of_network = settings_for(&network);
-    if wanted.record.is_some()
-        && wanted.pictures == Pictures::Small
-        && network.architecture() != Architecture::Unet
-    {
-        return Err(Failure::usage(format!(
-            "record.pictures (--record-pictures): found small with the network {}, expected full or off: it looks at the \
-             whole picture",
-            network.architecture()
-        )));
-    }
+    may_be_recorded(&wanted, &network)?;
     let mut opened = wanted.source.open(&wanted.pictures_of)?;
     if !matches!(wanted.source, Source::Simulated) {
         eprintln!("gripline: {}", opened.told);
@@ -160,6 +151,21 @@ pub fn run(args: &RunArgs) -> Result<(), Failure> {
         [] => Ok(()),
         losses => Err(Failure::loss(format!("done with loss: {}", losses.join("; ")))),
     }
+}
+
+/// Small pictures are enough for one of the networks only.
+fn may_be_recorded(wanted: &Settings, network: &Network) -> Result<(), Failure> {
+    if wanted.record.is_some()
+        && wanted.pictures == Pictures::Small
+        && network.architecture() != Architecture::Unet
+    {
+        return Err(Failure::usage(format!(
+            "record.pictures (--record-pictures): found small with the network {}, expected full or off: it looks at the \
+             whole picture",
+            network.architecture()
+        )));
+    }
+    Ok(())
 }
 
 /// Picture after picture, until the time is over or nobody wants more.
