@@ -1,7 +1,7 @@
 //! The inside of a recording's file: messages in chunks, written one after the other and never touched again.
 //!
 //! The library's writer keeps an index of every chunk until its end. It is therefore replaced by a fresh one every
-//! [`SEGMENT`] chunks, whose file header is left out, and the index is made from the file when it is closed
+//! [`SEGMENT`] flushes, whose file header is left out, and the index is made from the file when it is closed
 //! ([`super::index`]): memory does not grow with the recording.
 
 use std::collections::BTreeMap;
@@ -23,10 +23,11 @@ use super::messages::{
 };
 use crate::telemetry::FrameReport;
 
-/// A chunk is closed when it is larger; a quarter of a second of full pictures has 3 MB.
-const CHUNK_BYTES: u64 = 8 << 20;
-/// Chunks by one writer of the library, each of which costs it 0.3 kB: four minutes.
-const SEGMENT: u32 = 1_000;
+/// A chunk is closed when it is larger, with full pictures after five frames. Every writer of the library has room for one, which
+/// it takes up as it fills: memory goes up and down by no more.
+const CHUNK_BYTES: u64 = 1 << 20;
+/// Flushes by one writer of the library, which keeps 0.3 kB of every chunk: a minute, a thousand chunks at most.
+const SEGMENT: u32 = 250;
 
 /// Where chunks go; what a writer says at its start goes nowhere when it is not the first.
 struct Sink<W> {

@@ -302,12 +302,30 @@ fn resident_kib() -> u64 {
     line.split_whitespace().nth(1).unwrap().parse().unwrap()
 }
 
-/// Unpaced: as many frames as half an hour has at 60 a second, recorded without pictures.
+/// Unpaced, recorded without pictures: three minutes' worth of frames, or as many as `GRIPLINE_SOAK_FRAMES` says; half an hour
+/// has 108,000, which take 0.7 GB of disk.
 #[cfg(target_os = "linux")]
 #[test]
-#[ignore = "minutes, and 0.7 GB of disk: cargo test -p gripline --lib memory_stays_flat -- --ignored --nocapture"]
-fn memory_stays_flat_over_half_an_hour_of_recorded_frames() {
-    const FRAMES: u64 = 30 * 60 * 60;
+fn memory_stays_flat_while_frames_are_recorded() {
+    // In a process of its own: other tests have memory too.
+    const ALONE: &str = "GRIPLINE_SOAK_ALONE";
+    if std::env::var_os(ALONE).is_none() {
+        let name = concat!(module_path!(), "::memory_stays_flat_while_frames_are_recorded");
+        let output = std::process::Command::new(std::env::current_exe().unwrap())
+            .args(["--exact", name.split_once("::").unwrap().1, "--nocapture"])
+            .env(ALONE, "1")
+            .output()
+            .unwrap();
+        let said = String::from_utf8_lossy(&output.stdout);
+        println!("{said}");
+        assert!(
+            output.status.success() && said.contains("1 passed"),
+            "{said}{}",
+            String::from_utf8_lossy(&output.stderr)
+        );
+        return;
+    }
+    let frames: u64 = std::env::var("GRIPLINE_SOAK_FRAMES").map_or(3 * 60 * 60, |text| text.parse().unwrap());
     let (shots, rest) = shots();
     let network = Network::embedded(Architecture::Unet).unwrap();
     let settings = settings_for(&network);
@@ -320,7 +338,7 @@ fn memory_stays_flat_over_half_an_hour_of_recorded_frames() {
     run.recorder = Some(recorder.unwrap());
     run.pictures = crate::recording::Pictures::Off;
     let mut samples = Vec::new();
-    for number in 0..FRAMES {
+    for number in 0..frames {
         let shot = &shots[(number % shots.len() as u64) as usize];
         let picture = Picture {
             crop: shot.crop.clone(),
@@ -335,12 +353,12 @@ fn memory_stays_flat_over_half_an_hour_of_recorded_frames() {
         }
     }
     let recorded = run.recorder.take().unwrap().finish();
-    assert_eq!((recorded.frames, recorded.failed), (FRAMES, None));
+    assert_eq!((recorded.frames, recorded.failed), (frames, None));
     // The first minute fills queues and buffers.
     let settled = &samples[6..];
     let (least, most) = (settled.iter().min().unwrap(), settled.iter().max().unwrap());
     println!(
-        "{FRAMES} frames, {} MB recorded: {least} to {most} KiB resident after the first minute, {} KiB apart; {} to {} KiB \
+        "{frames} frames, {} MB recorded: {least} to {most} KiB resident after the first minute, {} KiB apart; {} to {} KiB \
          from first to last",
         std::fs::metadata(&path).unwrap().len() / 1_000_000,
         most - least,
