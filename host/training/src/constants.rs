@@ -70,7 +70,7 @@ pub(crate) const BRIGHTNESS_DRIFT: f32 = 0.01;
 pub(crate) const GOLDEN_SAMPLES: usize = 12;
 
 /// Layout of the shards; another one is refused.
-pub(crate) const DATA_VERSION: u32 = 4;
+pub(crate) const DATA_VERSION: u32 = 5;
 
 /// Samples in a shard, drawn from one stream of the simulation: a second of work and 5 MB.
 pub(crate) const SHARD_SAMPLES: usize = 250;

@@ -424,8 +424,8 @@ mod tests {
     fn the_training_grid_is_a_few_percent_from_a_grid_that_is_two_to_three_times_finer() {
         let gel = Gel::default();
         let skin = |cells: usize| Arc::new(Skin::new(&gel, cells).unwrap());
-        let coarse = maps(&Skins(vec![skin(40), skin(80)]), 12);
-        let fine = maps(&Skins(vec![skin(160)]), 12);
+        let coarse = maps(&Skins(vec![skin(40), skin(80)]), 36);
+        let fine = maps(&Skins(vec![skin(160)]), 36);
         assert_eq!(coarse.len(), fine.len());
         let norm = |map: &[[f32; 3]]| map.as_flattened().iter().map(|f| f * f).sum::<f32>().sqrt();
         let mut off: Vec<f32> = coarse

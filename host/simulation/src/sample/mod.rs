@@ -394,7 +394,8 @@ mod tests {
         let partial = share(&|s| s.true_stick_ratio.is_some_and(|r| r > 0.02 && r < 0.6));
         assert!(partial > 0.15, "{partial} with a true stick ratio below 0.6");
         assert!(share(&|s| normal_n(s) > 5.0) > 0.08 && share(&|s| normal_n(s) < 0.5) > 0.15);
-        let random = share(&|s| ["rough", "blob"].contains(&s.shape));
+        let surfaces = ["rough", "blob", "heap", "facets", "corrugated"];
+        let random = share(&|s| surfaces.contains(&s.shape));
         assert!(random > 0.3 && random < 0.65, "{random} on random surfaces");
 
         let [mut beyond, mut loaded] = [0.0; 2];

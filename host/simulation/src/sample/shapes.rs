@@ -231,11 +231,11 @@ fn random_surface(kind: Surface, random: &mut Random) -> Result<GridShape, Simul
             let facets: [[f64; 2]; MOST_FACETS] = std::array::from_fn(|facet| {
                 // Spread around, so that no direction is left without a flank.
                 let angle = turn + TAU * (facet as f64 + random.uniform(-0.25, 0.25)) / count as f64;
-                let slope = random.log_uniform(0.3, 1.5);
+                let slope = random.log_uniform(0.3, 1.2);
                 let (sin, cos) = libm::sincos(angle);
                 [slope * cos, slope * sin]
             });
-            let blunt_mm = random.log_uniform(0.3, 4.0);
+            let blunt_mm = random.log_uniform(2.0, 6.0);
             sampled(move |[x, y]| {
                 let along = facets[..count]
                     .iter()
