@@ -373,12 +373,13 @@ impl Run {
                 let until_us = self.elapsed_us() + (frame_us / 2.0) as u64;
                 (came.as_secs_f64(), until_us, Lateness::Since(picture.came))
             }
-            // To the next frame.
+            // To the next frame. A world or a file that is slower than the clock waits for nobody: its pictures are taken when
+            // they are there.
             Clock::Wall | Clock::None => (
                 self.frame as f64 * frame_us / 1e6,
                 ((self.frame + 1) as f64 * frame_us) as u64,
                 if self.clock == Clock::Wall {
-                    Lateness::Since(self.due(self.frame))
+                    Lateness::Since(picture.came)
                 } else {
                     Lateness::Never
                 },
