@@ -9,7 +9,7 @@ use std::collections::VecDeque;
 
 /// A jump ahead must last for so long, ms of the microcontroller's clock, and for so many statuses: ten a second come when
 /// maps are refused.
-const WINDOW_MS: u32 = 1_000;
+const WINDOW_MS: i64 = 1_000;
 const WINDOW_LEAST: usize = 8;
 /// What may be a jitter or a drift over that time; the microcontroller allows more before it calls a map stale.
 const JUMP_US: i64 = 50_000;
@@ -19,8 +19,10 @@ const JUMP_US: i64 = 50_000;
 pub(crate) struct ClockWatch {
     /// Host less microcontroller, the least of the last full window.
     reference: Option<i64>,
+    /// The newest uptime of the microcontroller, ms, counted on where its 32 bits wrap after seven weeks.
+    uptime_ms: Option<i64>,
     /// When the microcontroller said it, ms, and the difference.
-    recent: VecDeque<(u32, i64)>,
+    recent: VecDeque<(i64, i64)>,
 }
 
 impl ClockWatch {
@@ -32,11 +34,15 @@ impl ClockWatch {
     /// A status was read at `now_us`, sent when the microcontroller had run for `uptime_ms`. Answers whether this host's clock
     /// has jumped; if so, everything begins anew.
     pub(crate) fn jumped(&mut self, now_us: u64, uptime_ms: u32) -> bool {
-        let difference = now_us as i64 - i64::from(uptime_ms) * 1_000;
-        self.recent.push_back((uptime_ms, difference));
-        let is_old = |at: Option<&(u32, i64)>| {
-            at.is_some_and(|(then_ms, _)| uptime_ms.wrapping_sub(*then_ms) >= WINDOW_MS)
+        let uptime_ms = match self.uptime_ms {
+            None => i64::from(uptime_ms),
+            Some(before_ms) => before_ms + i64::from(uptime_ms.wrapping_sub(before_ms as u32).cast_signed()),
         };
+        self.uptime_ms = Some(uptime_ms);
+        let difference = now_us as i64 - uptime_ms * 1_000;
+        self.recent.push_back((uptime_ms, difference));
+        let is_old =
+            |at: Option<&(i64, i64)>| at.is_some_and(|(then_ms, _)| uptime_ms - then_ms >= WINDOW_MS);
         while is_old(self.recent.get(1)) {
             self.recent.pop_front();
         }
@@ -82,6 +88,16 @@ mod tests {
         let drift = |frame: u64| (frame * 16_667 / 5_000) as i64;
         assert!(jumps(200_000, 400_000, drift).is_empty());
         assert!(jumps(200_000, 16_000, |frame| -drift(frame)).is_empty());
+    }
+
+    #[test]
+    fn a_microcontroller_that_runs_for_seven_weeks_is_no_jump() {
+        let mut watch = ClockWatch::default();
+        let start_ms = u64::from(u32::MAX) - 5_000;
+        for frame in 0..600 {
+            let ms = start_ms + frame * 17;
+            assert!(!watch.jumped(ms * 1_000, ms as u32), "{ms}");
+        }
     }
 
     #[test]
