@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 
 use gripline_network::constants::CROP_SIDE;
 use gripline_protocol::line::{DAC_CODE_MAX, LINE_POINTS, LIVE_ZERO_MIN};
+use gripline_protocol::message::FingertipGeometry;
 use serde::{Deserialize, Serialize};
 use toml::{Table, Value};
 
@@ -76,6 +77,37 @@ pub(crate) struct Line {
     pub points: Vec<Point>,
 }
 
+/// How the skin sits in the gripper.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Geometry {
+    pub date: String,
+    pub device: String,
+    /// Distance between taxel centres.
+    pub pitch_mm: f64,
+    /// The map's centre from the gripper's axis.
+    pub centre_mm: [f64; 2],
+    /// As the microcontroller's setting of the fingertip.
+    pub quarter_turns: u8,
+    /// How many presses it was found from.
+    pub presses: usize,
+    /// What a free turn would add to the quarters.
+    pub turned_deg: f64,
+    pub residual_rms_mm: f64,
+    pub residual_max_mm: f64,
+}
+
+impl Geometry {
+    /// As the microcontroller's setting.
+    pub(crate) fn setting(&self) -> FingertipGeometry {
+        let um = |mm: f64| (mm * 1e3).round();
+        FingertipGeometry {
+            pitch_um: um(self.pitch_mm) as u16,
+            centre_um: self.centre_mm.map(|mm| um(mm) as i16),
+            quarter_turns: self.quarter_turns,
+        }
+    }
+}
+
 /// A fingertip's calibration, as much of it as was made.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub(crate) struct Calibration {
@@ -88,10 +120,12 @@ pub(crate) struct Calibration {
     pub friction: Option<Friction>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub line: Option<Line>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub geometry: Option<Geometry>,
 }
 
 /// Sections and their keys.
-const SECTIONS: [(&str, &[&str]); 3] = [
+const SECTIONS: [(&str, &[&str]); 4] = [
     (
         "rest",
         &[
@@ -131,6 +165,20 @@ const SECTIONS: [(&str, &[&str]); 3] = [
             "residual_rms_n",
             "residual_max_n",
             "points",
+        ],
+    ),
+    (
+        "geometry",
+        &[
+            "date",
+            "device",
+            "pitch_mm",
+            "centre_mm",
+            "quarter_turns",
+            "presses",
+            "turned_deg",
+            "residual_rms_mm",
+            "residual_max_mm",
         ],
     ),
 ];
@@ -223,6 +271,13 @@ impl Calibration {
             number("rest.count", rest.count as f64, 2.0, PICTURES_MAX as f64);
             number("rest.noise_levels", rest.noise_levels, 0.0, 255.0);
             number("rest.sharpness", rest.sharpness, 0.0, 10.0);
+        }
+        if let Some(geometry) = &self.geometry {
+            number("geometry.pitch_mm", geometry.pitch_mm, 0.1, 10.0);
+            for (axis, centre_mm) in geometry.centre_mm.into_iter().enumerate() {
+                number(&format!("geometry.centre_mm[{axis}]"), centre_mm, -32.0, 32.0);
+            }
+            number("geometry.quarter_turns", geometry.quarter_turns.into(), 0.0, 3.0);
         }
         if let Some(line) = &self.line {
             number(
@@ -371,6 +426,17 @@ mod tests {
                     })
                     .collect(),
             }),
+            geometry: Some(Geometry {
+                date: text("2026-11-21T14:00:00Z"),
+                device: text("finger 3"),
+                pitch_mm: 1.583,
+                centre_mm: [-0.25, 2.0],
+                quarter_turns: 3,
+                presses: 5,
+                turned_deg: 0.8,
+                residual_rms_mm: 0.1,
+                residual_max_mm: 0.2,
+            }),
         }
     }
 
@@ -391,6 +457,15 @@ mod tests {
             keys.sort_unstable();
             assert_eq!(written, keys, "{section}");
         }
+    }
+
+    #[test]
+    fn the_geometry_is_the_microcontrollers_setting() {
+        let setting = whole().geometry.unwrap().setting();
+        assert_eq!(
+            (setting.pitch_um, setting.centre_um, setting.quarter_turns),
+            (1_583, [-250, 2_000], 3)
+        );
     }
 
     #[test]
@@ -415,7 +490,7 @@ mod tests {
             (
                 "[friction]",
                 "[gel]",
-                "gel: no such key, expected one of rest, friction, line",
+                "gel: no such key, expected one of rest, friction, line, geometry",
             ),
             (
                 "detector = 0.5",
@@ -436,6 +511,11 @@ mod tests {
                 "force_n = 0.0",
                 "force_n = 1.0",
                 "line.points[0].force_n: found 1, expected a number from 0 to 0",
+            ),
+            (
+                "quarter_turns = 3",
+                "quarter_turns = 4",
+                "geometry.quarter_turns: found 4, expected a number from 0 to 3",
             ),
             ("slides = 5", "slides = \"five\"", "invalid type: string"),
             ("slides = 5\n", "", "missing field `slides`"),

@@ -9,6 +9,7 @@ use crate::config::ConfigArgs;
 use crate::detect::DetectArgs;
 use crate::doctor::DoctorArgs;
 use crate::evaluate::EvaluateArgs;
+use crate::faults::FaultsArgs;
 use crate::infer::InferArgs;
 use crate::plot::PlotArgs;
 use crate::recording::{ExportArgs, ReplayArgs};
@@ -51,6 +52,8 @@ pub enum Command {
     Calibrate(CalibrateArgs),
     /// Look at everything that a run needs, and say what to do about what is wrong.
     Doctor(DoctorArgs),
+    /// The microcontroller's faults, what to do about each, and the acknowledgement that latched ones wait for.
+    Faults(FaultsArgs),
     /// Print the completions for a shell.
     Completions(CompletionsArgs),
     /// Write the manual pages.

@@ -4,8 +4,8 @@
 use std::time::{Duration, Instant};
 
 use gripline_network::scene::Verdict;
-use gripline_protocol::message::{Command, GripMode, Status};
-use gripline_protocol::{ForceMap, Health, MapInfo};
+use gripline_protocol::message::{Command, GripMode, MapSums, Status};
+use gripline_protocol::{ForceMap, Health, MapInfo, SENSORS};
 
 use crate::error::Failure;
 use crate::pipeline::Pipeline;
@@ -63,12 +63,26 @@ impl Lateness {
     }
 }
 
+/// Whose turn it is, and until when.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct At {
+    /// The fingertip, from 0.
+    pub sensor: u8,
+    /// What is wanted of the gripper.
+    pub wish: GripMode,
+    /// How long ago the picture was taken, by the link's clock.
+    pub age_us: u32,
+    /// The turn works until then, after frame 0.
+    pub until_us: u64,
+}
+
 /// A session and what the gripper was last told.
 pub(crate) struct Cycle {
     /// The conversation with the microcontroller.
     pub session: Session,
     wish: Option<GripMode>,
-    sequence: u32,
+    /// The number of each fingertip's next map.
+    sequences: [u32; SENSORS],
     /// The link's time of frame 0.
     start_us: u64,
     /// How often the device had gone away, and how often it had restarted, when it last was as it should be.
@@ -78,10 +92,14 @@ pub(crate) struct Cycle {
 /// What one turn came to.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Turn {
+    /// The fingertip, from 0.
+    pub sensor: u8,
     /// Number of the map.
     pub sequence: u32,
     /// When the picture was taken, on the link's clock.
     pub capture_us: u32,
+    /// When the turn began, on the link's clock.
+    pub begun_us: u32,
     /// What the gate said.
     pub verdict: Verdict,
     /// What is known against the picture.
@@ -96,7 +114,7 @@ pub(crate) struct Turn {
     pub is_lost: bool,
     /// Where it was dropped because it was too old; there is then no map to answer.
     pub late: Option<Late>,
-    /// The newest status, which may be older than this map.
+    /// The newest status about this fingertip, which may be older than this map.
     pub status: Status,
     /// The status is the answer to this map.
     pub answered: bool,
@@ -124,17 +142,17 @@ impl Cycle {
             start_us: session.now_us(),
             session,
             wish: None,
-            sequence: 0,
+            sequences: [0; SENSORS],
             met: (0, 0),
         }
     }
 
-    /// The next map has this number: the maps before it are not to be had.
-    pub(crate) const fn resume_at(&mut self, sequence: u32) {
-        self.sequence = sequence;
+    /// The fingertip's next map has this number: the maps before it are not to be had.
+    pub(crate) fn resume_at(&mut self, sensor: u8, sequence: u32) {
+        self.sequences[usize::from(sensor)] = sequence;
     }
 
-    /// Works until `until_us` after frame 0 with this picture's map, as far as it is not too old.
+    /// Works with this picture's map, as far as it is not too old.
     ///
     /// # Errors
     /// [`Failure`] when the network's output is no number or the link is gone.
@@ -142,49 +160,48 @@ impl Cycle {
         &mut self,
         pipeline: &mut Pipeline,
         crop: &[u8],
-        wish: GripMode,
         lateness: Lateness,
-        until_us: u64,
+        at: At,
     ) -> Result<Turn, Failure> {
-        self.tell(wish)?;
+        self.tell(at.wish)?;
         let begun = Instant::now();
-        let capture_us = self.session.capture_us();
+        let begun_us = self.session.capture_us();
         if lateness.is_late(Late::Picture) {
-            return self.skip(wish, until_us);
+            return self.skip(at);
         }
         let processed = pipeline.process(crop).map_err(Failure::failed)?;
         let (verdict, health, stages) = (processed.verdict, processed.health, processed.stages_us);
         let looked = Turn {
             stages_us: [0.0, stages[0], stages[1], stages[2], 0.0, 0.0],
-            ..self.unsent(capture_us, (verdict, health))
+            ..self.unsent(at, begun_us, (verdict, health))
         };
         if lateness.is_late(Late::Map) {
             let turn = Turn {
                 late: Some(Late::Map),
                 ..looked
             };
-            return self.finish(turn, until_us);
+            return self.finish(turn, at.until_us);
         }
-        let sent = self.send(capture_us, health, processed.map)?;
+        let sent = self.send(&looked, processed.map)?;
         let turn = Turn {
             latency_us: begun.elapsed().as_secs_f64() * 1e6,
             ..looked.with(&sent)
         };
-        self.finish(turn, until_us)
+        self.finish(turn, at.until_us)
     }
 
-    /// Works until `until_us` after frame 0 with a picture that is too old to be looked at.
+    /// Works with a picture that is too old to be looked at.
     ///
     /// # Errors
     /// [`Failure`] when the link is gone.
-    pub(crate) fn skip(&mut self, wish: GripMode, until_us: u64) -> Result<Turn, Failure> {
-        self.tell(wish)?;
-        let capture_us = self.session.capture_us();
+    pub(crate) fn skip(&mut self, at: At) -> Result<Turn, Failure> {
+        self.tell(at.wish)?;
+        let begun_us = self.session.capture_us();
         let turn = Turn {
             late: Some(Late::Picture),
-            ..self.unsent(capture_us, (Verdict::Unchanged, Health::GOOD))
+            ..self.unsent(at, begun_us, (Verdict::Unchanged, Health::GOOD))
         };
-        self.finish(turn, until_us)
+        self.finish(turn, at.until_us)
     }
 
     /// The same with a map that is already there.
@@ -194,14 +211,13 @@ impl Cycle {
     pub(crate) fn turn_with(
         &mut self,
         map: &ForceMap,
-        (verdict, health): (Verdict, Health),
-        wish: GripMode,
-        until_us: u64,
+        looked: (Verdict, Health),
+        at: At,
     ) -> Result<Turn, Failure> {
-        self.tell(wish)?;
-        let capture_us = self.session.capture_us();
-        let sent = self.send(capture_us, health, map)?;
-        self.finish(self.unsent(capture_us, (verdict, health)).with(&sent), until_us)
+        self.tell(at.wish)?;
+        let turn = self.unsent(at, self.session.capture_us(), looked);
+        let sent = self.send(&turn, map)?;
+        self.finish(turn.with(&sent), at.until_us)
     }
 
     /// Works until `until_us` after frame 0 without a picture.
@@ -218,8 +234,8 @@ impl Cycle {
     ///
     /// # Errors
     /// [`Failure`] when the link is gone.
-    pub(crate) fn idle_until_capture(&mut self, capture_us: u32) -> Result<(), Failure> {
-        let ahead = capture_us.wrapping_sub(self.session.capture_us());
+    pub(crate) fn idle_until_begun(&mut self, begun_us: u32) -> Result<(), Failure> {
+        let ahead = begun_us.wrapping_sub(self.session.capture_us());
         if ahead > u32::MAX / 2 {
             return Ok(());
         }
@@ -257,21 +273,23 @@ impl Cycle {
         Ok(())
     }
 
-    fn send(&mut self, capture_us: u32, health: Health, map: &ForceMap) -> Result<SentMap, Failure> {
+    fn send(&mut self, turn: &Turn, map: &ForceMap) -> Result<SentMap, Failure> {
         let info = MapInfo {
-            sensor: 0,
-            sequence: self.sequence,
-            capture_us,
-            health,
+            sensor: turn.sensor,
+            sequence: turn.sequence,
+            capture_us: turn.capture_us,
+            health: turn.health,
         };
         self.session.send_map(&info, map).map_err(Failure::failed)
     }
 
     /// A turn as far as it is before its map is out.
-    fn unsent(&self, capture_us: u32, (verdict, health): (Verdict, Health)) -> Turn {
+    fn unsent(&self, at: At, begun_us: u32, (verdict, health): (Verdict, Health)) -> Turn {
         Turn {
-            sequence: self.sequence,
-            capture_us,
+            sensor: at.sensor,
+            sequence: self.sequences[usize::from(at.sensor)],
+            capture_us: begun_us.wrapping_sub(at.age_us),
+            begun_us,
             verdict,
             health,
             stages_us: [0.0; STAGES.len()],
@@ -290,11 +308,20 @@ impl Cycle {
             .map_err(Failure::failed)?;
         self.after_absence();
         // A map that was never sent leaves no gap.
-        self.sequence = turn.sequence.wrapping_add(u32::from(turn.late.is_none()));
-        let status = self.session.status().copied().unwrap_or_default();
+        self.sequences[usize::from(turn.sensor)] = turn.sequence.wrapping_add(u32::from(turn.late.is_none()));
+        let spoken = self.session.status_of(turn.sensor);
+        let is_answer = |status: Status| status.sequence == turn.sequence && status.maps > 0;
         Ok(Turn {
-            answered: turn.late.is_none() && status.sequence == turn.sequence && status.maps > 0,
-            status,
+            answered: turn.late.is_none() && spoken.is_some_and(is_answer),
+            // Nothing was said of this fingertip yet: the rest is known all the same.
+            status: spoken.unwrap_or_else(|| Status {
+                sensor: turn.sensor,
+                sequence: 0,
+                sums: MapSums::default(),
+                coulomb_slip: false,
+                time_to_slip_ms: None,
+                ..self.session.status().copied().unwrap_or_default()
+            }),
             ..turn
         })
     }

@@ -27,7 +27,7 @@ pub struct InferArgs {
     /// Picture of the untouched fingertip.
     #[arg(long, value_name = "REST.png")]
     rest: PathBuf,
-    /// A picture, or a folder of pictures (*.png, *.jpg, taken in the order of their names).
+    /// A picture, a folder of pictures (*.png, *.jpg, taken in the order of their names), or a clip (*.avi, MJPEG).
     #[arg(long, value_name = "DIR|FILE")]
     frames: PathBuf,
     /// Where the force maps go.
@@ -83,11 +83,12 @@ pub fn run(args: &InferArgs) -> Result<(), Failure> {
     let mut scene = Scene::new(GateKind::Off, &now88, std::slice::from_ref(&now88));
     let mut unhealthy: Vec<(usize, Health)> = Vec::new();
 
-    let frames = picture::listed(&args.frames)?;
-    let mut maps: Vec<ForceMap> = Vec::with_capacity(frames.len());
-    let mut times_us = Vec::with_capacity(frames.len());
-    for path in &frames {
-        let crop = picture::crop(path, small)?;
+    let mut frames = picture::Pictures::open(&args.frames, small)?;
+    let mut names: Vec<String> = Vec::new();
+    let mut maps: Vec<ForceMap> = Vec::new();
+    let mut times_us = Vec::new();
+    while let Some((name, crop)) = frames.next()? {
+        names.push(name);
         let mut map = [[0.0; 3]; 400];
         let start = Instant::now();
         downsample_440_to_88(&crop, &mut now88);
@@ -102,6 +103,13 @@ pub fn run(args: &InferArgs) -> Result<(), Failure> {
         }
         times_us.push(start.elapsed().as_secs_f64() * 1e6);
         maps.push(map);
+    }
+    if maps.is_empty() {
+        return Err(Failure::failed(format!(
+            "{}: found no whole picture, expected some: {}",
+            args.frames.display(),
+            frames.cut().unwrap_or("the clip is empty")
+        )));
     }
     let part = args.out.with_extension("part");
     fs::write(&part, maps_npy(maps.iter())?)
@@ -122,7 +130,7 @@ pub fn run(args: &InferArgs) -> Result<(), Failure> {
             "particles_lost_in_last_frame": lost,
             "unhealthy": unhealthy
                 .iter()
-                .map(|(frame, health)| json!({"frame": frame, "file": frames[*frame], "health": health.to_string()}))
+                .map(|(frame, health)| json!({"frame": frame, "file": names[*frame], "health": health.to_string()}))
                 .collect::<Vec<_>>(),
             "out": args.out,
         })
@@ -136,23 +144,42 @@ pub fn run(args: &InferArgs) -> Result<(), Failure> {
         format!("{count} maps by {name}, {median_us:.0} µs a frame (median){lost}\nwrote {out}")
     };
     writeln!(std::io::stdout(), "{line}").map_err(Failure::failed)?;
+    match loss(args, &frames, &names, &unhealthy) {
+        None => Ok(()),
+        Some(loss) => Err(Failure::loss(loss)),
+    }
+}
+
+/// What the maps lack, in words.
+fn loss(
+    args: &InferArgs,
+    frames: &picture::Pictures,
+    names: &[String],
+    unhealthy: &[(usize, Health)],
+) -> Option<String> {
+    let count = names.len();
+    if let Some(why) = frames.cut() {
+        return Some(format!(
+            "{}: a clip cut short ({why}), {count} maps written; expected a whole one",
+            args.frames.display()
+        ));
+    }
     if unhealthy.is_empty() {
-        return Ok(());
+        return None;
     }
     let named: Vec<String> = unhealthy
         .iter()
         .take(NAMED)
-        .map(|(frame, health)| format!("{} ({health})", frames[*frame].display()))
+        .map(|(frame, health)| format!("{} ({health})", names[*frame]))
         .collect();
     let more = match unhealthy.len() - named.len() {
         0 => String::new(),
         more => format!(" and {more} more"),
     };
-    Err(Failure::loss(format!(
-        "done with loss: {} of {} pictures cannot be believed and have maps of zeros: {}{more}; expected pictures of the \
+    Some(format!(
+        "done with loss: {} of {count} pictures cannot be believed and have maps of zeros: {}{more}; expected pictures of the \
          sensor that --rest shows, lit and focused as there",
         unhealthy.len(),
-        maps.len(),
         named.join(", "),
-    )))
+    ))
 }

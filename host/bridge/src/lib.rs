@@ -8,6 +8,7 @@
 //! pictures and the detector over recorded maps;
 //! [`simulate`] plays a scene of the simulated world into files. What a run is to do stands in one file, which
 //! [`config`] reads and checks; [`shell`] makes manual pages and completions.
+//! [`faults`] shows what the microcontroller has against going on, and acknowledges it.
 //! [`recording`] keeps what a run saw and decided, and replays it;
 //! [`plot`] draws it; [`evaluate`] measures how well all of it works.
 #![forbid(unsafe_code)]
@@ -28,6 +29,7 @@ pub mod detect;
 pub mod doctor;
 pub mod error;
 pub mod evaluate;
+pub mod faults;
 pub mod infer;
 pub mod link;
 mod live;

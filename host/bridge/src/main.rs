@@ -5,7 +5,9 @@ use std::process::ExitCode;
 
 use gripline::cli::{Cli, Command};
 use gripline::error::Kind;
-use gripline::{calibrate, config, detect, doctor, evaluate, infer, plot, recording, run, shell, simulate};
+use gripline::{
+    calibrate, config, detect, doctor, evaluate, faults, infer, plot, recording, run, shell, simulate,
+};
 
 fn main() -> ExitCode {
     let cli = match Cli::from_arguments(std::env::args_os()) {
@@ -29,6 +31,7 @@ fn main() -> ExitCode {
         Command::Plot(args) => plot::run(&args),
         Command::Calibrate(args) => calibrate::run(&args),
         Command::Doctor(args) => doctor::run(&args),
+        Command::Faults(args) => faults::run(&args),
         Command::Completions(args) => shell::completions(&args),
         Command::Man(args) => shell::man(&args),
     };

@@ -10,7 +10,7 @@ use gripline_protocol::message::{
     SchemaMismatch, Status,
 };
 use gripline_protocol::parser::Counters;
-use gripline_protocol::{Event, ForceMap, MapInfo, PACKET_MAX, Parser, encode_map};
+use gripline_protocol::{Event, ForceMap, MapInfo, PACKET_MAX, Parser, SENSORS, encode_map};
 
 use crate::acquaintance::{Acquaintance, Next};
 use crate::clock_watch::ClockWatch;
@@ -125,6 +125,8 @@ struct Inbox {
     /// Every status since the last look, newest last.
     statuses: Vec<Status>,
     latest: Option<Status>,
+    /// The newest of each fingertip.
+    of_fingertips: [Option<Status>; SENSORS],
     unreadable: u64,
     /// Packets of any kind.
     packets: u64,
@@ -142,6 +144,9 @@ impl Inbox {
             Ok(Message::Report(Report::Status(status))) => {
                 self.statuses.push(status);
                 self.latest = Some(status);
+                if let Some(newest) = self.of_fingertips.get_mut(usize::from(status.sensor)) {
+                    *newest = Some(status);
+                }
             }
             Ok(Message::Report(Report::Configuration(settings))) => self.configuration = Some(settings),
             Ok(Message::Report(Report::Stored { writes })) => self.stored = Some(writes),
@@ -181,6 +186,7 @@ impl Session {
             settings_refused: false,
             statuses: Vec::new(),
             latest: None,
+            of_fingertips: [None; SENSORS],
             unreadable: 0,
             packets: 0,
         };
@@ -540,6 +546,22 @@ impl Session {
     #[must_use]
     pub fn status(&self) -> Option<&Status> {
         self.inbox.latest.as_ref()
+    }
+
+    /// The newest status as one about this fingertip's newest map: what is said of the map is from when the fingertip was
+    /// last spoken of, the rest is the present. `None` before anything was said of it.
+    #[must_use]
+    pub fn status_of(&self, sensor: u8) -> Option<Status> {
+        let spoken = (*self.inbox.of_fingertips.get(usize::from(sensor))?)?;
+        let newest = self.status()?;
+        Some(Status {
+            sensor,
+            sequence: spoken.sequence,
+            sums: spoken.sums,
+            coulomb_slip: spoken.coulomb_slip,
+            time_to_slip_ms: spoken.time_to_slip_ms,
+            ..*newest
+        })
     }
 
     /// How long ago it came, µs.

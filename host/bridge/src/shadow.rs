@@ -20,8 +20,8 @@ struct Expected {
 pub struct Shadow {
     rule: TaxelRule,
     expected: [[Option<Expected>; REMEMBERED]; SENSORS],
-    checked: u64,
-    mismatches: u64,
+    checked: [u64; SENSORS],
+    mismatches: [u64; SENSORS],
 }
 
 impl Shadow {
@@ -31,8 +31,8 @@ impl Shadow {
         Self {
             rule,
             expected: [[None; REMEMBERED]; SENSORS],
-            checked: 0,
-            mismatches: 0,
+            checked: [0; SENSORS],
+            mismatches: [0; SENSORS],
         }
     }
 
@@ -61,25 +61,35 @@ impl Shadow {
 
     /// An answer came: `Some(true)` when it is right, `None` when it belongs to no map that is remembered.
     pub fn answered(&mut self, status: &Status) -> Option<bool> {
-        let maps = self.expected.get(usize::from(status.sensor))?;
+        let sensor = usize::from(status.sensor);
+        let maps = self.expected.get(sensor)?;
         let expected =
             maps[status.sequence as usize % REMEMBERED].filter(|map| map.sequence == status.sequence)?;
         let right = (expected.sums, expected.coulomb_slip) == (status.sums, status.coulomb_slip);
-        self.checked += 1;
-        self.mismatches += u64::from(!right);
+        self.checked[sensor] += 1;
+        self.mismatches[sensor] += u64::from(!right);
         Some(right)
     }
 
     /// Answers compared so far.
     #[must_use]
-    pub const fn checked(&self) -> u64 {
-        self.checked
+    pub fn checked(&self) -> u64 {
+        self.checked.iter().sum()
     }
 
     /// Answers that were wrong.
     #[must_use]
-    pub const fn mismatches(&self) -> u64 {
-        self.mismatches
+    pub fn mismatches(&self) -> u64 {
+        self.mismatches.iter().sum()
+    }
+
+    /// Answers about fingertip `sensor`'s maps that were compared, and those of them that were wrong.
+    ///
+    /// # Panics
+    /// When there is no such fingertip.
+    #[must_use]
+    pub const fn of(&self, sensor: usize) -> [u64; 2] {
+        [self.checked[sensor], self.mismatches[sensor]]
     }
 }
 

@@ -1,16 +1,21 @@
 //! Where pictures come from: the simulated fingertip in a simulated gripper, which also knows the truth; a camera; or
 //! pictures that were taken before. Frames are 440×440 grey crops.
 
+use std::cell::RefCell;
 use std::fmt;
 use std::path::{Path, PathBuf};
+use std::rc::Rc;
 use std::str::FromStr;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
+use gripline_protocol::SENSORS;
 use gripline_protocol::message::GripMode;
 use gripline_simulation::{GripScene, SimulationError};
 
 use crate::capture::camera::Camera;
-use crate::capture::{CameraSettings, Counts, FolderFrames, POLL, PixelFormat, RATE, RecordedFrames, Wanted};
+use crate::capture::{
+    CameraSettings, ClipFrames, Counts, FolderFrames, PixelFormat, RATE, RecordedFrames, Wanted,
+};
 use crate::error::Failure;
 use crate::telemetry::Truth;
 
@@ -24,6 +29,8 @@ pub enum Source {
     Camera(PathBuf),
     /// The pictures of a folder.
     Folder(PathBuf),
+    /// The pictures of a clip (AVI with MJPEG).
+    Clip(PathBuf),
     /// The pictures of a recording.
     Recording(PathBuf),
 }
@@ -38,11 +45,14 @@ impl FromStr for Source {
             _ if text.starts_with("/dev/") => path(text).map(Self::Camera),
             Some(("v4l2", device)) => path(device).map(Self::Camera),
             Some(("dir", folder)) => path(folder).map(Self::Folder),
+            Some(("file", clip)) => path(clip).map(Self::Clip),
             Some(("mcap", recording)) => path(recording).map(Self::Recording),
             _ => None,
         };
         read.ok_or_else(|| {
-            format!("found {text}, expected sim, /dev/videoN (or v4l2:DEVICE), dir:FOLDER or mcap:RECORDING")
+            format!(
+                "found {text}, expected sim, /dev/videoN (or v4l2:DEVICE), dir:FOLDER, file:CLIP.avi or mcap:RECORDING"
+            )
         })
     }
 }
@@ -53,6 +63,7 @@ impl fmt::Display for Source {
             Self::Simulated => f.write_str("sim"),
             Self::Camera(device) => write!(f, "v4l2:{}", device.display()),
             Self::Folder(folder) => write!(f, "dir:{}", folder.display()),
+            Self::Clip(clip) => write!(f, "file:{}", clip.display()),
             Self::Recording(recording) => write!(f, "mcap:{}", recording.display()),
         }
     }
@@ -71,6 +82,8 @@ pub struct SourceSettings {
     pub gain: Option<i64>,
     /// Seed of the simulated world.
     pub seed: u64,
+    /// Which fingertip, from 0, where the source has both: the simulated world, a recording.
+    pub fingertip: usize,
 }
 
 /// A picture and what is known about it.
@@ -101,9 +114,10 @@ pub(crate) enum Taken {
 
 /// A source of pictures at work.
 pub(crate) enum Frames {
-    Simulated(Box<SimulatedSource>),
+    Simulated(SimulatedSource),
     Camera(Camera),
     Folder(FolderFrames),
+    Clip(Box<ClipFrames>),
     Recording(Box<RecordedFrames>),
 }
 
@@ -134,7 +148,7 @@ impl Source {
         let rate = wanted.frames_per_second.unwrap_or(RATE);
         let (pictures, frames_per_second, told) = match self {
             Self::Simulated => (
-                Frames::Simulated(Box::new(SimulatedSource::new(wanted.seed, rate))),
+                Frames::Simulated(SimulatedSource::of(wanted.fingertip, wanted.seed, rate)),
                 rate,
                 "the simulated fingertip".to_owned(),
             ),
@@ -144,12 +158,18 @@ impl Source {
                 (Frames::Camera(camera), rate, told)
             }
             Self::Folder(folder) => (
-                Frames::Folder(FolderFrames::open(folder)?),
+                Frames::Folder(FolderFrames::open(folder, wanted.fingertip)?),
                 rate,
                 format!("pictures of {}", folder.display()),
             ),
+            Self::Clip(file) => {
+                let frames = ClipFrames::open(file)?;
+                let rate = wanted.frames_per_second.unwrap_or(frames.rate());
+                let told = format!("pictures of {}, {rate:.1} a second", file.display());
+                (Frames::Clip(Box::new(frames)), rate, told)
+            }
             Self::Recording(file) => {
-                let frames = RecordedFrames::open(file)?;
+                let frames = RecordedFrames::open(file, wanted.fingertip)?;
                 let rate = wanted.frames_per_second.or(frames.rate()).unwrap_or(RATE);
                 let told = format!("pictures of {}", file.display());
                 (Frames::Recording(Box::new(frames)), rate, told)
@@ -161,6 +181,45 @@ impl Source {
             told,
         })
     }
+}
+
+/// Opens the sources of two fingertips of one gripper: two cameras, files of both, or the simulated world, which both
+/// look at in turn.
+///
+/// # Errors
+/// [`Failure`] of kind usage when they are not of one kind, else as [`Source::open`].
+pub(crate) fn open_both(
+    sources: [&Source; SENSORS],
+    wanted: &SourceSettings,
+) -> Result<[Opened; SENSORS], Failure> {
+    let kind = |source: &Source| match source {
+        Source::Simulated => "the simulated world",
+        Source::Camera(_) => "a camera",
+        Source::Folder(_) | Source::Clip(_) | Source::Recording(_) => "files",
+    };
+    let [first, second] = sources;
+    if kind(first) != kind(second) {
+        return Err(Failure::usage(format!(
+            "camera.second_source (--second-source): found {second} beside camera.source {first}, expected {} for both \
+             fingertips: they share one clock",
+            kind(first)
+        )));
+    }
+    if let Source::Simulated = first {
+        let rate = wanted.frames_per_second.unwrap_or(RATE);
+        return Ok(SimulatedSource::pair(wanted.seed, rate).map(|source| Opened {
+            pictures: Frames::Simulated(source),
+            frames_per_second: rate,
+            told: "the simulated fingertips".to_owned(),
+        }));
+    }
+    let open = |source: &Source, fingertip| {
+        source.open(&SourceSettings {
+            fingertip,
+            ..wanted.clone()
+        })
+    };
+    Ok([open(first, 0)?, open(second, 1)?])
 }
 
 impl Opened {
@@ -181,6 +240,7 @@ impl Opened {
                 });
             }
             Frames::Folder(frames) => vec![frames.rest()?],
+            Frames::Clip(frames) => vec![frames.rest()?],
             Frames::Recording(frames) => frames.rest().to_vec(),
         };
         let at_s = (0..crops.len()).map(|number| number as f64 / self.frames_per_second);
@@ -207,7 +267,7 @@ fn open_camera(device: &Path, wanted: &SourceSettings, rate: f64) -> Result<Came
 #[cfg(not(target_os = "linux"))]
 fn open_camera(device: &Path, _: &SourceSettings, _: f64) -> Result<Camera, Failure> {
     Err(Failure::failed(format!(
-        "camera {}: found another system than Linux, expected Video4Linux: use sim, dir: or mcap:",
+        "camera {}: found another system than Linux, expected Video4Linux: use sim, dir:, file: or mcap:",
         device.display()
     )))
 }
@@ -223,11 +283,11 @@ impl Frames {
         matches!(self, Self::Simulated(_))
     }
 
-    /// The next picture, with the gripper at this grip-force line. Waits a few milliseconds at most.
+    /// The next picture, with the gripper at this grip-force line. A camera is waited for, for at most so long.
     ///
     /// # Errors
     /// [`Failure`] when there can be no more.
-    pub(crate) fn next(&mut self, line_n: f64) -> Result<Taken, Failure> {
+    pub(crate) fn next(&mut self, line_n: f64, patience: Duration) -> Result<Taken, Failure> {
         let taken = |crop, came, decode_us, wish| {
             Taken::Picture(Picture {
                 crop,
@@ -239,10 +299,16 @@ impl Frames {
         };
         Ok(match self {
             Self::Simulated(source) => Taken::Picture(source.next(line_n).map_err(Failure::failed)?),
-            Self::Camera(camera) => camera.next(POLL).map_or(Taken::NotYet, |shot| {
+            Self::Camera(camera) => camera.next(patience).map_or(Taken::NotYet, |shot| {
                 taken(shot.crop, shot.came, shot.decode_us, GripMode::Hold)
             }),
             Self::Folder(frames) => {
+                let came = Instant::now();
+                frames.next().map_or(Taken::End, |(crop, decode_us)| {
+                    taken(crop, came, decode_us, GripMode::Hold)
+                })
+            }
+            Self::Clip(frames) => {
                 let came = Instant::now();
                 frames.next().map_or(Taken::End, |(crop, decode_us)| {
                     taken(crop, came, decode_us, GripMode::Hold)
@@ -261,6 +327,7 @@ impl Frames {
             Self::Simulated(_) => None,
             Self::Camera(camera) => Some(camera.counts()),
             Self::Folder(frames) => Some(frames.counts()),
+            Self::Clip(frames) => Some(frames.counts()),
             Self::Recording(frames) => Some(frames.counts()),
         }
     }
@@ -271,31 +338,57 @@ impl Frames {
             Self::Simulated(_) => Vec::new(),
             Self::Camera(camera) => camera.take_news(),
             Self::Folder(frames) => frames.take_news(),
+            Self::Clip(frames) => frames.take_news(),
             Self::Recording(frames) => frames.take_news(),
         }
     }
 }
 
-/// The simulated fingertip and gripper.
+/// A simulated fingertip of a simulated gripper.
 #[derive(Debug)]
 pub struct SimulatedSource {
-    scene: GripScene,
-    frame_s: f64,
+    /// The world, which two fingertips share.
+    scene: Rc<RefCell<GripScene>>,
+    finger: usize,
+    /// From the last picture of either fingertip to the next one.
+    step_s: f64,
 }
 
 impl SimulatedSource {
     /// A scene whose gel, particles and noise follow from `seed`, at so many frames a second.
     #[must_use]
     pub fn new(seed: u64, frames_per_second: f64) -> Self {
+        Self::of(0, seed, frames_per_second)
+    }
+
+    /// The same seen by fingertip `finger`, 0 or 1, alone.
+    #[must_use]
+    pub fn of(finger: usize, seed: u64, frames_per_second: f64) -> Self {
         Self {
-            scene: GripScene::new(seed),
-            frame_s: 1.0 / frames_per_second,
+            scene: Rc::new(RefCell::new(GripScene::new(seed))),
+            finger,
+            step_s: 1.0 / frames_per_second,
         }
+    }
+
+    /// Both fingertips of one gripper, each at so many frames a second. They look in turn, half a frame apart, the first
+    /// one first.
+    #[must_use]
+    pub fn pair(seed: u64, frames_per_second: f64) -> [Self; SENSORS] {
+        let scene = Rc::new(RefCell::new(GripScene::new(seed)));
+        [0, 1].map(|finger| Self {
+            scene: Rc::clone(&scene),
+            finger,
+            step_s: 0.5 / frames_per_second,
+        })
     }
 
     /// Frames at rest, each with noise of its own.
     pub fn rest(&mut self, count: usize) -> Vec<Vec<u8>> {
-        (0..count).map(|_| self.scene.rest_image().pixels).collect()
+        let mut scene = self.scene.borrow_mut();
+        (0..count)
+            .map(|_| scene.rest_image_of(self.finger).pixels)
+            .collect()
     }
 
     /// The next picture, with the gripper at this grip-force line.
@@ -303,7 +396,8 @@ impl SimulatedSource {
     /// # Errors
     /// [`SimulationError`] when the line is not a force.
     pub fn next(&mut self, line_n: f64) -> Result<Picture, SimulationError> {
-        let frame = self.scene.step(self.frame_s, line_n)?;
+        let mut scene = self.scene.borrow_mut();
+        let frame = scene.step_seen_by(self.finger, self.step_s, line_n)?;
         let [pull_x, pull_y] = frame.load.shear_n;
         Ok(Picture {
             crop: frame.image.pixels,
@@ -337,6 +431,7 @@ mod tests {
             "v4l2:/dev/video0",
             "dir:frames",
             "dir:a:b",
+            "file:clip.avi",
             "mcap:run.mcap",
         ] {
             assert_eq!(text.parse::<Source>().unwrap().to_string(), text);

@@ -36,8 +36,10 @@ pub const STATUS_OLD_US: u64 = 250_000;
 /// One frame, as far as the microcontroller has answered it.
 #[derive(Debug, Clone, Serialize)]
 pub struct FrameReport {
-    /// Number of the frame, from 0.
+    /// Number of the frame, from 0; with two fingertips a frame is a picture of either.
     pub frame: u64,
+    /// The fingertip that the picture is of, from 0. State, line and faults are the gripper's.
+    pub sensor: u8,
     /// Time of the picture since start.
     pub t_s: f64,
     /// What the scene gate decided.

@@ -364,3 +364,152 @@ fn the_friction_of_slid_objects_lies_in_nine_of_ten_intervals() {
     // Of 10 intervals of 90 %, fewer than 7 hold the truth once in 78 such tests by chance alone.
     assert!(made >= sensors() * 9 / 10 && held * 10 >= made * 7);
 }
+
+/// A pin's presses at places of a simulated sensor's skin, mm: the true maps and the network's.
+fn pressed(unit: u64, places_mm: &[[f64; 2]], network: &mut Network) -> [Vec<[[f32; 3]; 400]>; 2] {
+    let mut text =
+        "kind = \"press\"\n[indenter]\nshape = \"sphere\"\nradius_mm = 5.0\nfriction = 0.65\n".to_owned();
+    for at_mm in places_mm {
+        for (name, seconds, press) in [
+            ("over", 0.2, 0.0),
+            ("press", 0.1, 2.0),
+            ("hold", 0.4, 2.0),
+            ("lift", 0.1, 0.0),
+        ] {
+            let step =
+                format!("name = \"{name}\"\nseconds = {seconds}\npress_n = {press}\nat_mm = {at_mm:?}\n");
+            text = text + "[[path]]\n" + &step;
+        }
+    }
+    let nothing = &mut |_: &Path| Err(std::io::ErrorKind::NotFound.into());
+    let file = SceneFile::parse(Path::new("presses.toml"), &text, nothing).unwrap();
+    let Scene::Press(scene) = file.scene else {
+        panic!("no press");
+    };
+    let params = FingertipParams::of_sensor(unit);
+    let mut fingertip = Fingertip::new(unit, params).unwrap();
+    network.set_rest(&fingertip.mean_rest_image(16).pixels);
+    let mut world = PressWorld::new(&scene, &params.gel, MAPS_PER_SECOND).unwrap();
+    let mut maps = [Vec::new(), Vec::new()];
+    let mut image = Image::crop();
+    while let Some(frame) = world.advance().unwrap() {
+        fingertip.render_truth(frame.truth, &mut image);
+        let mut map = [[0.0; 3]; 400];
+        network.infer(&image.pixels, &mut map);
+        maps[0].push(frame.truth.force_map());
+        maps[1].push(map);
+    }
+    maps
+}
+
+fn maps_file(path: &Path, maps: &[[[f32; 3]; 400]]) {
+    let file = std::fs::File::create(path).unwrap();
+    let mut writer = npyz::WriteOptions::<f32>::new()
+        .default_dtype()
+        .shape(&[maps.len() as u64, 3, 20, 20])
+        .writer(file)
+        .begin_nd()
+        .unwrap();
+    for map in maps {
+        for axis in 0..3 {
+            writer.extend(map.iter().map(|force| force[axis])).unwrap();
+        }
+    }
+    writer.finish().unwrap();
+}
+
+#[test]
+fn how_a_turned_fingertip_sits_is_found_from_presses_at_marks_and_a_run_starts_from_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut network = Network::embedded(Architecture::default()).unwrap();
+    // As the skin sees them; the gripper's frame is a quarter turn on, with the skin's middle at (2, -1.5).
+    let places_mm = [[0.0, 0.0], [5.0, 0.0], [1.0, 6.0], [-5.0, 1.0], [-2.0, -5.0]];
+    let marks = places_mm
+        .map(|[x, y]| format!("{},{}", 2.0 - y, -1.5 + x))
+        .join(" ");
+    let [true_maps, network_maps] = pressed(7_100, &places_mm, &mut network);
+    let rate = MAPS_PER_SECOND.to_string();
+    for (name, maps, error_mm) in [("true.npy", true_maps, 0.1), ("network.npy", network_maps, 0.4)] {
+        maps_file(&folder.path().join(name), &maps);
+        let arguments = [
+            "geometry", name, "--marks", &marks, "--rate", &rate, "--device", "left",
+        ];
+        let output = calibrate(folder.path(), &arguments, "");
+        assert!(output.status.success(), "{name}: {}", said(&output));
+        println!("{}", String::from_utf8_lossy(&output.stdout));
+        let geometry = &written(folder.path())["geometry"];
+        let number = |key: &str| geometry[key].as_float().unwrap();
+        assert_eq!(geometry["quarter_turns"].as_integer(), Some(1), "{name}");
+        assert_eq!(geometry["device"].as_str(), Some("left"));
+        let centre_mm = geometry["centre_mm"].as_array().unwrap();
+        for (found, true_mm) in centre_mm.iter().zip([2.0, -1.5]) {
+            let found = found.as_float().unwrap();
+            assert!((found - true_mm).abs() < error_mm, "{name}: {geometry:?}");
+        }
+        assert!(
+            (number("pitch_mm") / 1.6 - 1.0).abs() < 0.06,
+            "{name}: {geometry:?}"
+        );
+        assert!(
+            number("residual_max_mm") < 0.8 && number("turned_deg").abs() < 5.0,
+            "{geometry:?}"
+        );
+    }
+    // A run has the microcontroller tell loads in the gripper's frame by it.
+    let run = Command::new(env!("CARGO_BIN_EXE_gripline"))
+        .args(["run", "--unpaced", "--seconds", "0.2", "--record", "a.mcap"])
+        .args(["--calibration", "calibration.toml"])
+        .current_dir(folder.path())
+        .output()
+        .unwrap();
+    assert!(run.status.success(), "{}", said(&run));
+    let recording = std::fs::read(folder.path().join("a.mcap")).unwrap();
+    let recorded = String::from_utf8_lossy(&recording);
+    assert!(
+        recorded.contains("quarter_turns = 1"),
+        "the settings are in the recording"
+    );
+
+    // The other fingertip's marks, one too few, and none.
+    let before = written(folder.path());
+    for (arguments, expected) in [
+        (
+            [
+                "geometry",
+                "true.npy",
+                "--marks",
+                &marks,
+                "--rate",
+                "15",
+                "--fingertip",
+                "2",
+            ]
+            .as_slice(),
+            "is it fingertip 1",
+        ),
+        (
+            &[
+                "geometry",
+                "true.npy",
+                "--marks",
+                "0,0 5,0 0,5 -5,0",
+                "--rate",
+                "15",
+            ],
+            "found 5 presses, expected 4",
+        ),
+        (&["geometry"], "expected one of presses as drawn above"),
+        (
+            &["geometry", "true.npy", "--marks", "0,0 far"],
+            "expected marks of",
+        ),
+    ] {
+        let output = calibrate(folder.path(), arguments, "");
+        assert!(
+            !output.status.success() && said(&output).contains(expected),
+            "{expected} is missing in {}",
+            said(&output)
+        );
+    }
+    assert_eq!(written(folder.path()), before, "nothing was written");
+}

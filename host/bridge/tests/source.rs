@@ -58,7 +58,9 @@ fn a_folder_is_played_in_the_order_of_names_and_a_damaged_picture_is_passed_over
             _ => write_png(&path("png"), &crop),
         }
     }
-    let output = gripline(&["--source", &format!("dir:{}", folder.path().display())]);
+    let recording = folder.path().join("run.mcap");
+    let from = format!("dir:{}", folder.path().display());
+    let output = gripline(&["--source", &from, "--record", recording.to_str().unwrap()]);
     assert_says(
         &output,
         3,
@@ -67,6 +69,10 @@ fn a_folder_is_played_in_the_order_of_names_and_a_damaged_picture_is_passed_over
             "1 pictures were damaged and passed over",
         ],
     );
+    // The loss is an event of the recording.
+    let recorded = fs::read(&recording).unwrap();
+    let event = b"1 pictures lost so far: 0 never came, 0 were overtaken by newer ones, 1 were damaged";
+    assert!(recorded.windows(event.len()).any(|bytes| bytes == event));
     let summary = summary(&output);
     assert_eq!(summary["frames"], 11);
     assert_eq!(
@@ -111,7 +117,16 @@ fn what_is_wrong_with_a_source_is_told_with_what_to_do() {
     let here = folder.path().display().to_string();
     fs::write(folder.path().join("a.png"), [0; 20]).unwrap();
     fs::create_dir(folder.path().join("empty")).unwrap();
-    let cases: [(&[&str], i32, &[&str]); 5] = [
+    let cases: [(&[&str], i32, &[&str]); 6] = [
+        (
+            &["--source", &format!("dir:{here}/nowhere")],
+            1,
+            &[
+                "nowhere: No such file",
+                "expected a picture or a folder",
+                "check the path",
+            ],
+        ),
         (
             &["--source", &format!("dir:{here}")],
             1,
@@ -155,4 +170,101 @@ fn a_camera_that_is_not_there_is_told_with_those_that_are() {
         1,
         &["camera /dev/video-of-nobody: not found", "plug it in"],
     );
+}
+
+/// A ball pressed on a fingertip and dragged, as a folder of pictures and as a clip.
+const SCENE: &str = r#"kind = "press"
+frames_per_second = 30
+frames = "full"
+[sensor]
+unit = 4
+[indenter]
+shape = "sphere"
+friction = 0.6
+[[path]]
+name = "press"
+seconds = 0.4
+press_n = 2.0
+at_mm = [1.0, -1.0]
+[[path]]
+name = "drag"
+seconds = 0.4
+at_mm = [2.0, -1.0]
+"#;
+
+#[test]
+fn a_clip_of_simulate_plays_as_its_pictures_do_and_a_cut_or_wrong_one_is_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = |name: &str| folder.path().join(name).display().to_string();
+    fs::write(here("scene.toml"), SCENE).unwrap();
+    let program = |arguments: &[&str]| {
+        Command::new(env!("CARGO_BIN_EXE_gripline"))
+            .args(arguments)
+            .output()
+            .unwrap()
+    };
+    let made = program(&["simulate", &here("scene.toml"), "--out", &here("out"), "--video"]);
+    assert_says(&made, 0, &[]);
+    let clip = format!("file:{}", here("out/clip.avi"));
+    let played = gripline(&["--source", &clip]);
+    assert_says(&played, 0, &["clip.avi, 30.0 a second"]);
+    let pictures = gripline(&["--source", &format!("dir:{}", here("out"))]);
+    let forces = |output: &Output| -> Vec<f64> {
+        let text = String::from_utf8_lossy(&output.stdout).into_owned();
+        let lines = text
+            .lines()
+            .map(|line| serde_json::from_str::<Value>(line).unwrap());
+        lines.filter_map(|line| line["fn"].as_f64()).collect()
+    };
+    let (played, pictures) = (forces(&played), forces(&pictures));
+    assert_eq!((played.len(), pictures.len()), (24, 24));
+    // As good as the camera's own compression: a few hundredths of the load.
+    for (number, (clip, picture)) in played.iter().zip(&pictures).enumerate() {
+        assert!(
+            (clip - picture).abs() < 0.15,
+            "picture {number}: {clip} and {picture} N"
+        );
+    }
+    assert!(played.iter().any(|force| *force > 1.0), "{played:?}");
+
+    // Levels of the crop, through the library that everything else uses too: within what the quality allows.
+    let infer = |frames: &str, code: i32, parts: &[&str]| {
+        let output = program(&[
+            "infer",
+            "--rest",
+            &here("out/rest.png"),
+            "--frames",
+            frames,
+            "--out",
+            &here("maps.npy"),
+            "--json",
+        ]);
+        assert_says(&output, code, parts);
+        output
+    };
+    let output = infer(&here("out/clip.avi"), 0, &[]);
+    let told: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(told["frames"], 24);
+
+    // Cut in its second half, where a picture ends no more.
+    let bytes = fs::read(here("out/clip.avi")).unwrap();
+    fs::copy(here("out/rest.png"), here("rest.png")).unwrap();
+    fs::write(here("cut.avi"), &bytes[..bytes.len() * 2 / 3]).unwrap();
+    let cut = gripline(&["--source", &format!("file:{}", here("cut.avi"))]);
+    assert_says(&cut, 3, &["cut.avi: cut short: the file ends"]);
+    assert!((12..20).contains(&forces(&cut).len()), "{}", forces(&cut).len());
+    infer(&here("cut.avi"), 3, &["a clip cut short", "maps written"]);
+
+    fs::write(here("wrong.avi"), b"GIF89a is no clip").unwrap();
+    for (source, expected) in [
+        (
+            "wrong.avi",
+            "found no AVI file, expected a clip of `gripline simulate --video`",
+        ),
+        ("nowhere.avi", "check the path"),
+    ] {
+        let output = gripline(&["--source", &format!("file:{}", here(source))]);
+        assert_says(&output, 1, &[source, expected]);
+        infer(&here(source), 1, &[source, expected]);
+    }
 }

@@ -59,7 +59,9 @@ pub struct SceneFrame {
 /// The scripted scene; it repeats every 12 s with the object gripped at another place.
 #[derive(Debug)]
 pub struct GripScene {
-    fingertip: Fingertip,
+    seed: u64,
+    /// The second finger's is made when it is first looked through.
+    fingertips: [Option<Box<Fingertip>>; 2],
     parts: GraspParts,
     world: GraspWorld,
     places: Random,
@@ -77,11 +79,9 @@ impl GripScene {
         let scene = next_grasp(&mut places);
         let parts = GraspParts::new(&scene).expect("the script's constants are valid");
         let world = GraspWorld::with_parts(&scene, &parts).expect("the script's constants are valid");
-        let fingertip = parts
-            .fingertip(seed, FingertipParams::default())
-            .expect("default parameters are valid");
         Self {
-            fingertip,
+            seed,
+            fingertips: [None, None],
             parts,
             world,
             places,
@@ -89,24 +89,53 @@ impl GripScene {
         }
     }
 
-    /// The camera's crop when nothing touches, 440 x 440.
+    /// The first finger's crop when nothing touches, 440 x 440.
     pub fn rest_image(&mut self) -> Image {
-        self.fingertip.rest_image()
+        self.rest_image_of(0)
     }
 
-    /// Advances by `dt_s` with the grip-force line at `line_n` newtons, and looks.
+    /// The same of either finger.
+    ///
+    /// # Panics
+    /// When `finger` is not 0 or 1.
+    pub fn rest_image_of(&mut self, finger: usize) -> Image {
+        self.fingertip(finger).rest_image()
+    }
+
+    /// Advances by `dt_s` with the grip-force line at `line_n` newtons, and looks through the first finger.
     ///
     /// # Errors
     /// A step outside 0 to 0.1 s, a line that is negative or not finite, a contact step that does not
     /// converge.
     pub fn step(&mut self, dt_s: f64, line_n: f64) -> Result<SceneFrame, SimulationError> {
+        self.step_seen_by(0, dt_s, line_n)
+    }
+
+    /// The same seen by either finger, loads and forces in its own frame: the second one faces the first, so its x points
+    /// the other way.
+    ///
+    /// # Errors
+    /// As [`Self::step`].
+    ///
+    /// # Panics
+    /// When `finger` is not 0 or 1.
+    pub fn step_seen_by(
+        &mut self,
+        finger: usize,
+        dt_s: f64,
+        line_n: f64,
+    ) -> Result<SceneFrame, SimulationError> {
         let phase = self.advance(dt_s, line_n)?;
-        self.fingertip.set_time(self.time_s);
+        let time_s = self.time_s;
         let mut image = Image::crop();
-        self.fingertip.render_truth(self.world.truth(0), &mut image);
+        let fingertip = fingertip(&mut self.fingertips[finger], self.seed, &self.parts, finger);
+        fingertip.set_time(time_s);
+        fingertip.render_truth(self.world.truth(finger), &mut image);
         let frame = self.world.frame();
-        let finger = &frame.fingers[0];
-        let [pull_x, pull_y, twist] = frame.load.map(|load| 0.5 * load);
+        let half = if finger == 0 { 0.5 } else { -0.5 };
+        let [pull_x, pull_y, twist] = frame.load;
+        let [pull_x, pull_y, twist] = [half * pull_x, 0.5 * pull_y, half * twist];
+        let finger = &frame.fingers[finger];
         Ok(SceneFrame {
             time_s: self.time_s,
             phase,
@@ -124,6 +153,10 @@ impl GripScene {
         })
     }
 
+    fn fingertip(&mut self, finger: usize) -> &mut Fingertip {
+        fingertip(&mut self.fingertips[finger], self.seed, &self.parts, finger)
+    }
+
     /// Advances without looking; what the script does then.
     fn advance(&mut self, dt_s: f64, line_n: f64) -> Result<&'static str, SimulationError> {
         checked("line_n", line_n, "a finite number, 0 or above", |line| {
@@ -137,6 +170,20 @@ impl GripScene {
         self.time_s += dt_s;
         Ok(if frame.dropped { "lost" } else { at(frame.time_s).0 })
     }
+}
+
+/// A finger's skin; that of the second is another one of the same make.
+fn fingertip<'a>(
+    known: &'a mut Option<Box<Fingertip>>,
+    seed: u64,
+    parts: &GraspParts,
+    finger: usize,
+) -> &'a mut Fingertip {
+    known.get_or_insert_with(|| {
+        let seed = seed ^ (finger as u64) << 32;
+        let made = parts.fingertip(seed, FingertipParams::default());
+        Box::new(made.expect("default parameters are valid"))
+    })
 }
 
 /// The phase at `time_s` of a round, and whether the jaws follow the line.
@@ -292,6 +339,27 @@ mod tests {
         assert!(frame.touching && frame.image != rest && frame.true_stick_ratio.is_some());
         let normal: f32 = frame.forces.iter().map(|f| f[2]).sum();
         assert!((f64::from(normal) / frame.load.normal_n - 1.0).abs() < 0.005);
+    }
+
+    #[test]
+    fn the_second_finger_feels_the_first_ones_load_from_the_other_side() {
+        let mut scene = GripScene::new(3);
+        let rest = [0, 1].map(|finger| scene.rest_image_of(finger));
+        assert!(rest[0] != rest[1], "two skins");
+        let mut seen = None;
+        for _ in 0..270 {
+            // Into the pull.
+            seen = Some([0, 1].map(|finger| scene.step_seen_by(finger, 0.5 * FRAME_S, 8.0).unwrap()));
+        }
+        let [first, second] = seen.unwrap();
+        assert_eq!(first.phase, "pull");
+        let sum = |frame: &SceneFrame, axis: usize| frame.forces.iter().map(|f| f[axis]).sum::<f32>();
+        let (x, other_x) = (sum(&first, 0), sum(&second, 0));
+        let (y, other_y) = (sum(&first, 1), sum(&second, 1));
+        assert!(x.abs() > 0.1 && (x + other_x).abs() < 0.05, "{x} and {other_x}");
+        assert!(y.abs() > 0.1 && (y - other_y).abs() < 0.05, "{y} and {other_y}");
+        assert!((first.load.shear_n[0] + second.load.shear_n[0]).abs() < 0.05);
+        assert!(second.image != rest[1] && second.image != first.image);
     }
 
     #[test]

@@ -1,18 +1,15 @@
 //! `gripline calibrate friction`: the friction coefficient from a recording of slides.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use clap::Args;
-use gripline_protocol::TAXELS;
 use serde_json::json;
 
 use super::friction_fit::{Estimate, Moment, Slide, estimate, slides};
-use super::{Common, date, guide, wrote};
+use super::{Common, date, guide, maps, wrote};
 use crate::calibration::{Calibration, Friction};
 use crate::cli::number_in;
 use crate::error::Failure;
-use crate::maps_file::MapsFile;
-use crate::recording::{Ending, Reader};
 
 /// What a network's F_T / F_N is wrong by on all slides of one sensor alike, standard deviation as a share: from
 /// `cargo test -p gripline --test calibrate -- --nocapture`, which slides objects over simulated sensors.
@@ -31,6 +28,9 @@ pub(super) struct FrictionArgs {
     /// Maps per second of a MAPS.npy.
     #[arg(long, value_name = "HZ", default_value_t = 60.0, value_parser = |text: &str| number_in(text, 1.0, 1000.0))]
     rate: f64,
+    /// Whose maps of a recording.
+    #[arg(long, value_name = "1|2", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=2))]
+    fingertip: u8,
     /// What the maps' F_T / F_N may be wrong by on all slides alike, standard deviation as a share; 0 for true maps.
     #[arg(long, value_name = "SHARE", default_value_t = MAP_ERROR, value_parser = |text: &str| number_in(text, 0.0, 0.5))]
     map_error: f64,
@@ -52,7 +52,7 @@ pub(super) fn run(args: &FrictionArgs) -> Result<(), Failure> {
         ));
     };
     let mut calibration = Calibration::load_or_new(&args.common.out)?;
-    let (moments, device) = read(path, args.rate)?;
+    let (moments, device) = maps::read(path, args.rate, args.fingertip, Moment::of)?;
     let slides = slides(&moments);
     let found = estimate(&slides, args.confidence, args.map_error)
         .map_err(|error| Failure::failed(format!("{}: {error}", path.display())))?;
@@ -115,36 +115,4 @@ fn say(common: &Common, slides: &[Slide], found: &Estimate) {
         found.between_slides,
         found.detector
     );
-}
-
-/// What the recording's maps say, and what they are of.
-fn read(path: &Path, rate_hz: f64) -> Result<(Vec<Moment>, String), Failure> {
-    if path.extension().is_some_and(|extension| extension == "mcap") {
-        let mut reader = Reader::open(path)?;
-        let mut moments = Vec::new();
-        while let Some(frame) = reader.next_frame()? {
-            moments.push(Moment::of(
-                frame.status.t_s,
-                &frame.map.dequantise().map(|force| force.map(f64::from)),
-            ));
-        }
-        if let Ending::Cut(why) = reader.ending() {
-            eprintln!(
-                "gripline: {}: a recording cut short after {} frames ({why}); what is there is used",
-                path.display(),
-                moments.len()
-            );
-        }
-        return Ok((
-            moments,
-            format!("{} ({})", reader.about.network, reader.about.mcu),
-        ));
-    }
-    let mut maps = MapsFile::open(path).map_err(Failure::failed)?;
-    let mut forces = [[0.0; 3]; TAXELS];
-    let mut moments = Vec::new();
-    while maps.read_frame(&mut forces).map_err(Failure::failed)? {
-        moments.push(Moment::of(moments.len() as f64 / rate_hz, &forces));
-    }
-    Ok((moments, path.display().to_string()))
 }

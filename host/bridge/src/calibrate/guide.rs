@@ -72,6 +72,42 @@ pub(super) const FRICTION: [Step; 3] = [
     },
 ];
 
+pub(super) const GEOMETRY: [Step; 3] = [
+    Step {
+        drawing: r"
+            y ↑
+              3
+              │
+        4 ─── 1 ─── 2  → x      5 mm from mark to mark
+              │
+              5
+",
+        text: "Make a jig with five holes as drawn, seen from outside the first fingertip, and fix it to the gripper with hole 1 on \
+               its axis. Other marks, or other ways to hold the pin, go with --marks.",
+    },
+    Step {
+        drawing: r"
+            ││
+            ││  ↓  1 to 4 N, half a second
+            ╰╯
+    ╭─────────────────╮
+    │ ·  ·  ·   ·  ·  │
+    ╰─────────────────╯
+",
+        text: "Record (`gripline run --record presses.mcap`). Press a pin with a round tip of 5 mm or so through hole 1, straight.",
+    },
+    Step {
+        drawing: r"
+            ││      ││
+            ││   ↷  ││   1, 2, 3, 4, 5
+            ╰╯      ╰╯
+    ╭─────────────────╮
+    ╰─────────────────╯
+",
+        text: "Lift it, and press the other holes in their order, each once. Then: `gripline calibrate geometry presses.mcap`.",
+    },
+];
+
 pub(super) const LINE: [Step; 2] = [
     Step {
         drawing: r"
@@ -141,7 +177,7 @@ mod tests {
 
     #[test]
     fn every_step_fits_a_terminal_of_eighty_columns() {
-        for step in REST.iter().chain(&FRICTION).chain(&LINE) {
+        for step in REST.iter().chain(&FRICTION).chain(&GEOMETRY).chain(&LINE) {
             for line in step.drawing.lines().chain(wrapped(step.text).lines()) {
                 assert!(line.chars().count() <= 80, "{line}");
             }

@@ -1,12 +1,15 @@
-//! `gripline calibrate rest|friction|line`: says what to do, measures, and writes it into one TOML file that the
+//! `gripline calibrate rest|geometry|friction|line`: says what to do, measures, and writes it into one TOML file that the
 //! configuration names (`calibration.file`). Each part writes its own section and leaves the others. Without a terminal, or
 //! with `--yes`, nothing is asked.
 
 mod friction;
 mod friction_fit;
+mod geometry;
+mod geometry_fit;
 mod guide;
 pub(crate) mod line;
 mod line_fit;
+mod maps;
 mod rest;
 
 use std::path::PathBuf;
@@ -15,6 +18,7 @@ use std::time::SystemTime;
 use clap::{Args, Subcommand};
 
 use self::friction::FrictionArgs;
+use self::geometry::GeometryArgs;
 use self::line::LineArgs;
 use self::rest::RestArgs;
 use crate::error::Failure;
@@ -30,6 +34,8 @@ pub struct CalibrateArgs {
 enum Of {
     /// The untouched skin: pictures that later ones are compared with, and their noise.
     Rest(RestArgs),
+    /// How the skin sits in the gripper: its place, its turn and its scale, from a recording of presses at marks.
+    Geometry(GeometryArgs),
     /// Friction between skin and object, from a recording in which the object was made to slide.
     Friction(FrictionArgs),
     /// What the codes of the grip-force line make the gripper do, from forces that you measure.
@@ -68,6 +74,7 @@ impl Common {
 pub fn run(args: &CalibrateArgs) -> Result<(), Failure> {
     match &args.of {
         Of::Rest(args) => rest::run(args),
+        Of::Geometry(args) => geometry::run(args),
         Of::Friction(args) => friction::run(args),
         Of::Line(args) => line::run(args),
     }

@@ -37,6 +37,22 @@ pub struct Counts {
     pub longest_absence_s: f64,
 }
 
+impl Counts {
+    /// Of two cameras together.
+    #[must_use]
+    pub fn plus(self, other: Self) -> Self {
+        Self {
+            came: self.came + other.came,
+            missed: self.missed + other.missed,
+            overtaken: self.overtaken + other.overtaken,
+            damaged: self.damaged + other.damaged,
+            lost: self.lost + other.lost,
+            returned: self.returned + other.returned,
+            longest_absence_s: self.longest_absence_s.max(other.longest_absence_s),
+        }
+    }
+}
+
 /// A crop and its history.
 #[derive(Debug)]
 pub(crate) struct Shot {
@@ -265,11 +281,15 @@ fn stream<S: Stream>(camera: &mut Negotiated<S>, shared: &Shared) -> Result<(), 
             continue;
         }
         match converter.crop(buffer.bytes, &mut crop) {
-            Ok(()) => drop(shared.newest.put(Shot {
-                crop: std::mem::take(&mut crop),
-                came,
-                decode_us: came.elapsed().as_secs_f64() * 1e6,
-            })),
+            Ok(()) => {
+                let overtaken = shared.newest.put(Shot {
+                    crop: std::mem::take(&mut crop),
+                    came,
+                    decode_us: came.elapsed().as_secs_f64() * 1e6,
+                });
+                // Its memory serves the next one.
+                crop = overtaken.map_or_else(Vec::new, |overtaken| overtaken.crop);
+            }
             Err(_) => shared.count(|counts| counts.damaged += 1),
         }
     }

@@ -1,9 +1,10 @@
-//! Pictures from the world: a camera (Video4Linux), or what stands in for one: a folder of pictures, a recording.
+//! Pictures from the world: a camera (Video4Linux), or what stands in for one: a folder of pictures, a clip, a recording.
 //!
 //! Pure parts, each with its tests: which mode of a camera is used (`format`, `negotiate`), from its bytes to the crop
-//! (`convert`), what its sequence numbers say (`sequence`). `camera` keeps a camera open and its newest picture in a
+//! (`convert`), what its sequence numbers say (`sequence`), the file of a clip (`avi`). `camera` keeps a camera open and its newest picture in a
 //! mailbox of one; only `device` and `picture` touch the world. What a run makes of them is [`crate::source`]'s matter.
 
+pub(crate) mod avi;
 pub(crate) mod camera;
 mod constants;
 mod convert;
@@ -22,7 +23,7 @@ pub(crate) use self::constants::{POLL, RATE};
 #[cfg(test)]
 pub(crate) use self::convert::JpegCrop;
 pub use self::error::CameraError;
-pub(crate) use self::files::{FolderFrames, RecordedFrames};
+pub(crate) use self::files::{ClipFrames, FolderFrames, RecordedFrames};
 pub use self::format::PixelFormat;
 pub(crate) use self::format::Wanted;
 pub(crate) use self::negotiate::CameraSettings;

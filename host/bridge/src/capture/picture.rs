@@ -1,13 +1,14 @@
 //! Picture files as the camera's crop: PNG (8-bit grey) and JPEG, 640×480 (the middle is taken), 440×440, or 88×88 where
 //! the network looks at nothing else. Touches the world.
 
-use std::fs;
-use std::io::Cursor;
+use std::fs::{self, File};
+use std::io::{BufReader, Cursor};
 use std::path::{Path, PathBuf};
 
 use gripline_network::constants::{CROP_SIDE, IMAGE_SIDE};
 use gripline_simulation::{Image, crop_of_frame};
 
+use super::avi::{ClipReader, Next};
 use super::convert::JpegCrop;
 use crate::error::Failure;
 
@@ -25,7 +26,12 @@ fn is_picture(path: &Path) -> bool {
 /// # Errors
 /// [`Failure`] that names the folder.
 pub(crate) fn listed(path: &Path) -> Result<Vec<PathBuf>, Failure> {
-    let failed = |error: std::io::Error| Failure::failed(format!("{}: {error}", path.display()));
+    let failed = |error: std::io::Error| {
+        Failure::failed(format!(
+            "{}: {error}, expected a picture or a folder of pictures (*.png, *.jpg) that can be read; check the path",
+            path.display()
+        ))
+    };
     if !fs::metadata(path).map_err(failed)?.is_dir() {
         return Ok(vec![path.to_owned()]);
     }
@@ -44,6 +50,84 @@ pub(crate) fn listed(path: &Path) -> Result<Vec<PathBuf>, Failure> {
         )));
     }
     Ok(found)
+}
+
+/// The pictures of a folder, a file or a clip, one after the other.
+#[derive(Debug)]
+pub(crate) struct Pictures {
+    path: PathBuf,
+    of: Of,
+    /// Whether they may be 88×88.
+    small: bool,
+    number: usize,
+    cut: Option<String>,
+}
+
+#[derive(Debug)]
+enum Of {
+    Files(std::vec::IntoIter<PathBuf>),
+    Clip(ClipReader<BufReader<File>>, JpegCrop),
+}
+
+impl Pictures {
+    /// Opens them; at least one file, or a clip.
+    ///
+    /// # Errors
+    /// [`Failure`] that names what cannot be read.
+    pub(crate) fn open(path: &Path, small: bool) -> Result<Self, Failure> {
+        let is_clip = path
+            .extension()
+            .is_some_and(|ending| ending.eq_ignore_ascii_case("avi"));
+        let of = if is_clip && !path.is_dir() {
+            let failed = |wrong: String| Failure::failed(format!("{}: {wrong}", path.display()));
+            let file = File::open(path)
+                .map_err(|error| failed(format!("{error}, expected a clip (.avi); check the path")))?;
+            let reader = ClipReader::new(BufReader::new(file)).map_err(failed)?;
+            Of::Clip(reader, JpegCrop::default())
+        } else {
+            Of::Files(listed(path)?.into_iter())
+        };
+        Ok(Self {
+            path: path.to_owned(),
+            of,
+            small,
+            number: 0,
+            cut: None,
+        })
+    }
+
+    /// Name and 440×440 crop of the next one.
+    ///
+    /// # Errors
+    /// [`Failure`] that names the picture which is none.
+    pub(crate) fn next(&mut self) -> Result<Option<(String, Vec<u8>)>, Failure> {
+        match &mut self.of {
+            Of::Files(files) => files
+                .next()
+                .map(|file| Ok((file.display().to_string(), crop(&file, self.small)?)))
+                .transpose(),
+            Of::Clip(reader, jpeg) => match reader.next() {
+                Next::Picture(file) => {
+                    let name = format!("{}: picture {}", self.path.display(), self.number);
+                    self.number += 1;
+                    let mut crop = Vec::new();
+                    jpeg.decode(&file, &mut crop)
+                        .map_err(|wrong| Failure::failed(format!("{name}: {wrong}")))?;
+                    Ok(Some((name, crop)))
+                }
+                Next::End => Ok(None),
+                Next::Cut(why) => {
+                    self.cut = Some(why);
+                    Ok(None)
+                }
+            },
+        }
+    }
+
+    /// Why there are fewer than there should be.
+    pub(crate) fn cut(&self) -> Option<&str> {
+        self.cut.as_deref()
+    }
 }
 
 /// A picture's 440×440 crop. A small one, if it may be, is enlarged: its block means are itself again.

@@ -53,7 +53,7 @@ pub(crate) struct Key {
 }
 
 /// Every key, in the file's order. Keys of one section stand together.
-pub(crate) const KEYS: [Key; 22] = [
+pub(crate) const KEYS: [Key; 24] = [
     Key {
         name: "camera.source",
         flag: "source",
@@ -63,7 +63,18 @@ pub(crate) const KEYS: [Key; 22] = [
         example: "",
         help: "Where pictures come from: the simulated fingertip and gripper (sim), a camera (/dev/video0, or better its \
                name in /dev/v4l/by-id, which stays when cameras are plugged in another order), the pictures of a folder \
-               (dir:FOLDER, with rest.png in or beside it) or those of a recording (mcap:FILE).",
+               (dir:FOLDER, with rest.png in or beside it), of a clip (file:CLIP.avi, MJPEG, with rest.png beside it) or of a \
+               recording (mcap:FILE).",
+    },
+    Key {
+        name: "camera.second_source",
+        flag: "second-source",
+        value_name: "SOURCE",
+        kind: Kind::Text(reads::<Source>),
+        default: None,
+        example: "\"/dev/video2\"",
+        help: "Where the pictures of a second fingertip come from, of the same kind as those of the first. The microcontroller \
+               then waits for maps of both and goes by the worse one. By default there is one fingertip.",
     },
     Key {
         name: "camera.format",
@@ -111,8 +122,17 @@ pub(crate) const KEYS: [Key; 22] = [
         default: None,
         example: "\"calibration.toml\"",
         help: "What `gripline calibrate` wrote: its rest pictures stand for the untouched skin, its friction for that of the \
-               weights; its table of the line is compared with the microcontroller's. By default the rest pictures are \
+               weights, its geometry for how the microcontroller has the fingertip; its table of the line is compared with the microcontroller's. By default the rest pictures are \
                taken at the start, and nothing may touch the skin then.",
+    },
+    Key {
+        name: "calibration.second_file",
+        flag: "second-calibration",
+        value_name: "FILE.toml",
+        kind: Kind::Path,
+        default: None,
+        example: "\"second.toml\"",
+        help: "The same of the second fingertip. Of two frictions the lower one counts.",
     },
     Key {
         name: "network.architecture",

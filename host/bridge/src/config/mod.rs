@@ -84,8 +84,12 @@ pub fn run(args: &ConfigArgs) -> Result<(), Failure> {
 pub struct Settings {
     /// Where pictures come from.
     pub source: Source,
+    /// Where the second fingertip's pictures come from; `None`: there is only one.
+    pub second_source: Option<Source>,
     /// What `gripline calibrate` found.
     pub(crate) calibration: Option<Calibration>,
+    /// The same of the second fingertip.
+    pub(crate) second_calibration: Option<Calibration>,
     /// What is asked of it.
     pub pictures_of: SourceSettings,
     /// Which network; `None`: what the weights are for.
@@ -129,12 +133,16 @@ impl Settings {
 
     fn of(effective: &Effective) -> Result<Self, Failure> {
         let text = |name| effective.value(name).and_then(Value::as_str);
+        let calibration = |name| {
+            let load = |path| Calibration::load(Path::new(path));
+            text(name).map(load).transpose()
+        };
         let switch = |name| effective.value(name).and_then(Value::as_bool).unwrap_or(false);
         let settings = Self {
             source: parsed("camera.source", text("camera.source"))?.unwrap_or_default(),
-            calibration: text("calibration.file")
-                .map(|path| Calibration::load(Path::new(path)))
-                .transpose()?,
+            second_source: parsed("camera.second_source", text("camera.second_source"))?,
+            calibration: calibration("calibration.file")?,
+            second_calibration: calibration("calibration.second_file")?,
             pictures_of: SourceSettings {
                 format: parsed("camera.format", text("camera.format"))?,
                 frames_per_second: effective.value("camera.frames_per_second").and_then(number),
@@ -144,6 +152,7 @@ impl Settings {
                     .value("simulation.seed")
                     .and_then(Value::as_integer)
                     .unwrap_or(1) as u64,
+                fingertip: 0,
             },
             architecture: parsed("network.architecture", text("network.architecture"))?,
             weights: text("network.weights").map(PathBuf::from),
@@ -175,10 +184,16 @@ impl Settings {
         }
         if settings.unpaced && matches!(settings.source, Source::Camera(_)) {
             return Err(Failure::usage(format!(
-                "run.unpaced (--unpaced) with camera.source {}, expected sim, dir:FOLDER or mcap:FILE: a camera keeps its own \
-                 time",
+                "run.unpaced (--unpaced) with camera.source {}, expected sim, dir:FOLDER, file:CLIP or mcap:FILE: a camera \
+                 keeps its own time",
                 settings.source
             )));
+        }
+        if settings.second_calibration.is_some() && settings.second_source.is_none() {
+            return Err(Failure::usage(
+                "calibration.second_file (--second-calibration) without camera.second_source, expected both: there is no second \
+                 fingertip",
+            ));
         }
         if settings.unpaced && settings.realtime {
             return Err(Failure::usage(

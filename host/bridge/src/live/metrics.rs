@@ -2,6 +2,8 @@
 
 use std::fmt::Write as _;
 
+use gripline_protocol::SENSORS;
+
 use crate::telemetry::{FrameReport, STAGES};
 
 /// Quantiles of the stage times.
@@ -10,8 +12,8 @@ pub(crate) const QUANTILES: [f64; 3] = [0.5, 0.99, 0.999];
 /// What is told.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Values {
-    /// The newest frame.
-    pub newest: Option<FrameReport>,
+    /// The newest frame of each fingertip.
+    pub newest: [Option<FrameReport>; SENSORS],
     /// Frames so far.
     pub frames: u64,
     /// Frames by what the gate said of them, in the order of [`GATES`].
@@ -24,12 +26,16 @@ pub(crate) struct Values {
     pub frames_late: u64,
     /// Pictures and frames that the recorder dropped.
     pub record_dropped: [u64; 2],
+    /// Pictures that the camera lost: in the order of [`LOST`].
+    pub pictures_lost: [u64; 3],
     /// [`QUANTILES`] of every stage, µs.
     pub stages_us: [[f64; 3]; STAGES.len()],
 }
 
 /// Names of the gate's verdicts.
 const GATES: [&str; 4] = ["no_contact", "unchanged", "network", "unhealthy"];
+/// What becomes of pictures that nobody looks at.
+const LOST: [&str; 3] = ["missed", "overtaken", "damaged"];
 /// Names of the slip states.
 const STATES: [&str; 4] = ["NO_CONTACT", "STICK", "INCIPIENT", "SLIP"];
 
@@ -84,6 +90,17 @@ impl Values {
         ] {
             page.metric(name, "counter", help, &[("", count as f64)]);
         }
+        let lost: Vec<_> = LOST
+            .iter()
+            .zip(self.pictures_lost)
+            .map(|(how, count)| (label("how", how), count as f64))
+            .collect();
+        page.labelled(
+            "pictures_lost_total",
+            "counter",
+            "Pictures that never came, were overtaken by a newer one, or were damaged.",
+            &lost,
+        );
         let times: Vec<_> = STAGES
             .iter()
             .zip(self.stages_us)
@@ -99,8 +116,11 @@ impl Values {
             "Time of each stage over the run.",
             &times,
         );
-        if let Some(newest) = &self.newest {
-            page.frame(newest);
+        let of_both: Vec<&FrameReport> = self.newest.iter().flatten().collect();
+        // State, line and faults are the gripper's: the newest frame has them.
+        if let Some(newest) = of_both.iter().max_by(|one, other| one.t_s.total_cmp(&other.t_s)) {
+            page.fingertips(&of_both);
+            page.gripper(newest);
         }
         page.0
     }
@@ -128,40 +148,48 @@ impl Page {
         }
     }
 
-    fn frame(&mut self, frame: &FrameReport) {
-        for (name, help, value) in [
-            (
-                "normal_force_newtons",
-                "Total normal force.",
-                Some(frame.normal_n),
-            ),
-            ("shear_force_newtons", "Total shear force.", Some(frame.shear_n)),
-            (
-                "moment_newton_millimetres",
-                "Moment about z.",
-                Some(frame.moment_nmm),
-            ),
-            ("line_newtons", "Grip-force line.", Some(frame.line_n)),
-            (
-                "contact_taxels",
-                "Taxels in contact.",
-                Some(f64::from(frame.contact)),
-            ),
+    /// What each fingertip says; labelled where there are two.
+    fn fingertips(&mut self, frames: &[&FrameReport]) {
+        type Of = fn(&FrameReport) -> Option<f64>;
+        let values: [(&str, &str, Of); 6] = [
+            ("normal_force_newtons", "Total normal force.", |frame| {
+                Some(frame.normal_n)
+            }),
+            ("shear_force_newtons", "Total shear force.", |frame| {
+                Some(frame.shear_n)
+            }),
+            ("moment_newton_millimetres", "Moment about z.", |frame| {
+                Some(frame.moment_nmm)
+            }),
+            ("contact_taxels", "Taxels in contact.", |frame| {
+                Some(f64::from(frame.contact))
+            }),
             (
                 "stick_ratio",
                 "Share of them that sticks; missing when nothing touches.",
-                frame.stick_ratio,
+                |frame| frame.stick_ratio,
             ),
-            (
-                "latency_seconds",
-                "Frame in to map out, newest frame.",
-                Some(frame.latency_us / 1e6),
-            ),
-        ] {
-            if let Some(value) = value {
-                self.metric(name, "gauge", help, &[("", value)]);
+            ("latency_seconds", "Frame in to map out, newest frame.", |frame| {
+                Some(frame.latency_us / 1e6)
+            }),
+        ];
+        for (name, help, of) in values {
+            let label = |frame: &FrameReport| match frames.len() {
+                1 => String::new(),
+                _ => format!("{{fingertip=\"{}\"}}", frame.sensor + 1),
+            };
+            let there: Vec<_> = frames
+                .iter()
+                .filter_map(|frame| Some((label(frame), of(frame)?)))
+                .collect();
+            if !there.is_empty() {
+                self.labelled(name, "gauge", help, &there);
             }
         }
+    }
+
+    fn gripper(&mut self, frame: &FrameReport) {
+        self.metric("line_newtons", "gauge", "Grip-force line.", &[("", frame.line_n)]);
         let states: Vec<_> = STATES
             .iter()
             .map(|state| {
@@ -193,6 +221,10 @@ mod tests {
             ..Values::default()
         };
         let text = values.text();
+        assert!(
+            text.contains("gripline_pictures_lost_total{how=\"overtaken\"} 0\n"),
+            "{text}"
+        );
         for line in text.lines().filter(|line| !line.starts_with("# ")) {
             let (name, number) = line.rsplit_once(' ').unwrap();
             assert!(
@@ -209,5 +241,30 @@ mod tests {
             text.contains("gripline_stage_seconds{stage=\"network\",quantile=\"0.999\"} 0\n"),
             "{text}"
         );
+    }
+
+    #[test]
+    fn two_fingertips_are_told_apart_and_the_line_is_one() {
+        use crate::view::tests::report;
+        let mut values = Values::default();
+        values.newest[0] = Some(report(0));
+        assert!(values.text().contains("\ngripline_normal_force_newtons 0\n"));
+        values.newest[1] = Some(FrameReport {
+            sensor: 1,
+            normal_n: 2.5,
+            line_n: 7.0,
+            ..report(1)
+        });
+        let text = values.text();
+        for line in [
+            "gripline_normal_force_newtons{fingertip=\"1\"} 0",
+            "gripline_normal_force_newtons{fingertip=\"2\"} 2.5",
+            "gripline_line_newtons 7",
+        ] {
+            assert!(
+                text.lines().any(|told| told == line),
+                "{line} is missing in {text}"
+            );
+        }
     }
 }

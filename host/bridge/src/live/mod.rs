@@ -15,6 +15,8 @@ use std::sync::{Arc, Mutex};
 use std::thread;
 use std::time::Duration;
 
+use gripline_protocol::SENSORS;
+
 pub(crate) use self::metrics::{QUANTILES, Values};
 use crate::error::Failure;
 use crate::telemetry::FrameReport;
@@ -90,7 +92,7 @@ impl Live {
         // Where a reader is looking just now, the next frame comes in a moment.
         if let Ok(mut values) = self.shared.values.try_lock() {
             fill(&mut values);
-            values.newest = Some(report.clone());
+            values.newest[usize::from(report.sensor) % SENSORS] = Some(report.clone());
         }
         let Ok(mut readers) = self.shared.readers.try_lock() else {
             return;

@@ -17,7 +17,7 @@ use plotters::prelude::{BitMapBackend, IntoDrawingArea as _, SVGBackend};
 use self::series::{Panel, Series};
 use crate::config::settings_from_text;
 use crate::error::Failure;
-use crate::recording::{Ending, Reader};
+use crate::recording::{Ending, Reader, RecordedFrame};
 use crate::run::limits;
 use crate::units::{newtons, ratio};
 use crate::view::View;
@@ -36,6 +36,9 @@ pub struct PlotArgs {
     /// The picture: .png or .svg.
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
+    /// Whose stick ratio, forces and maps, where the recording has two fingertips.
+    #[arg(long, value_name = "1|2", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=2), conflicts_with = "view")]
+    fingertip: u8,
     /// Times of the force maps, seconds. By default the moments of least stick ratio, spread over the contact.
     #[arg(long, value_name = "S,S,...", value_delimiter = ',')]
     maps: Vec<f64>,
@@ -161,12 +164,22 @@ fn read(args: &PlotArgs) -> Result<(Series, Ending), Failure> {
         moments: Vec::new(),
         panels: Vec::new(),
     };
+    let is_its = |frame: &RecordedFrame| frame.status.sensor + 1 == args.fingertip;
     while let Some(frame) = reader.next_frame()? {
-        series
-            .moments
-            .push(series::Moment::of(&frame.status, series.threshold));
+        if is_its(&frame) {
+            series
+                .moments
+                .push(series::Moment::of(&frame.status, series.threshold));
+        }
     }
     let ending = reader.ending();
+    if series.moments.is_empty() {
+        return Err(Failure::usage(format!(
+            "--fingertip {}: found no frame of it in {}, expected one of those that the recording has",
+            args.fingertip,
+            args.recording.display()
+        )));
+    }
     let wanted = if args.maps.is_empty() {
         series.telling(PANELS)
     } else {
@@ -175,6 +188,9 @@ fn read(args: &PlotArgs) -> Result<(Series, Ending), Failure> {
     let mut reader = Reader::open(&args.recording)?;
     let mut place = 0;
     while let Some(frame) = reader.next_frame()? {
+        if !is_its(&frame) {
+            continue;
+        }
         if wanted.contains(&place) {
             series.panels.push(Panel {
                 moment: place,

@@ -1,22 +1,23 @@
 //! `gripline export`: a recording as files that NumPy and spreadsheets read. `maps.npy` (T, 3, 20, 20) float32 newtons as
 //! `gripline detect` reads them, `pictures.npy` (T, side, side) uint8 where every frame has a picture, `frames.csv` with a
-//! row a frame. `--mcap` writes a whole file from one that was cut short.
+//! row a frame; of a second fingertip `maps_1.npy` and `pictures_1.npy`. `--mcap` writes a whole file from one that was cut short.
 
 use std::fs::File;
 use std::io::{BufReader, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use gripline_protocol::SENSORS;
 use mcap::io::MessageReader;
 use npyz::WriterBuilder as _;
 
 use super::messages::Stored;
-use super::reader::{Ending, Reader};
+use super::reader::{Ending, Reader, RecordedFrame};
 use crate::error::Failure;
 
 /// Columns of `frames.csv`; `stick_ratio` is empty when nothing touches, those of the truth when nobody knows it.
 const HEADER: &str = "frame,t_s,gate,health,fn,fx,fy,ft,mz,contact,stick,stick_ratio,coulomb_slip,state,line_n,latency_us,\
-                      faults,truth_phase,truth_fn,truth_ft,truth_stick_ratio,truth_gross_slip,truth_slip_mm";
+                      faults,truth_phase,truth_fn,truth_ft,truth_stick_ratio,truth_gross_slip,truth_slip_mm,sensor";
 
 /// Arguments of `gripline export`.
 #[derive(Debug, Clone, Args)]
@@ -39,22 +40,24 @@ pub struct ExportArgs {
 pub fn run(args: &ExportArgs) -> Result<(), Failure> {
     // First to know what there is, then to write it: memory does not grow with the recording.
     let mut reader = Reader::open(&args.recording)?;
-    let (mut frames, mut pictures, mut side) = (0, 0, 0);
+    let mut there = [There::default(); SENSORS];
     while let Some(frame) = reader.next_frame()? {
-        frames += 1;
+        let there = &mut there[usize::from(frame.status.sensor)];
+        there.frames += 1;
         if let Some(picture) = frame.picture {
-            pictures += 1;
-            side = picture.side;
+            there.pictures += 1;
+            there.side = picture.side;
         }
     }
+    let frames: u64 = there.iter().map(|there| there.frames).sum();
     let ending = reader.ending();
     if let Some(folder) = &args.out {
-        let side = (pictures == frames).then_some(side);
-        write_folder(&args.recording, folder, frames, side)?;
-        let left_out = if side.is_some() {
+        write_folder(&args.recording, folder, &there)?;
+        let without: u64 = there.iter().map(|there| there.frames - there.pictures).sum();
+        let left_out = if without == 0 {
             String::new()
         } else {
-            format!("; no pictures.npy: {} frames have none", frames - pictures)
+            format!("; no pictures.npy: {without} frames have none")
         };
         println!("{frames} frames to {}{left_out}", folder.display());
     }
@@ -71,58 +74,111 @@ pub fn run(args: &ExportArgs) -> Result<(), Failure> {
     }
 }
 
-fn write_folder(recording: &Path, folder: &Path, frames: u64, side: Option<usize>) -> Result<(), Failure> {
-    let failed = |path: &Path, error: std::io::Error| {
-        Failure::failed(format!(
-            "{}: {error}, expected a folder that can be written",
-            path.display()
-        ))
-    };
-    std::fs::create_dir_all(folder).map_err(|error| failed(folder, error))?;
-    let open = |name: &str| {
-        let path = folder.join(name);
-        let file = File::create(&path).map_err(|error| failed(&path, error))?;
-        Ok::<_, Failure>((path, BufWriter::new(file)))
-    };
-    let (maps_path, maps_file) = open("maps.npy")?;
-    let (csv_path, mut csv) = open("frames.csv")?;
-    let mut maps = npyz::WriteOptions::<f32>::new()
-        .default_dtype()
-        .shape(&[frames, 3, 20, 20])
-        .writer(maps_file)
-        .begin_nd()
-        .map_err(|error| failed(&maps_path, error))?;
-    let mut pictures = match side {
-        None => None,
-        Some(side) => {
-            let (path, file) = open("pictures.npy")?;
-            let begun = npyz::WriteOptions::<u8>::new()
-                .default_dtype()
-                .shape(&[frames, side as u64, side as u64])
-                .writer(file)
-                .begin_nd()
-                .map_err(|error| failed(&path, error))?;
-            Some((path, begun))
+/// What there is of a fingertip.
+#[derive(Debug, Clone, Copy, Default)]
+struct There {
+    frames: u64,
+    pictures: u64,
+    /// Columns and rows of its pictures.
+    side: usize,
+}
+
+/// An array under way, and its file.
+type Array<T> = (PathBuf, npyz::NpyWriter<T, BufWriter<File>>);
+
+/// The files of a fingertip.
+struct Arrays {
+    maps: Array<f32>,
+    /// Where every frame has a picture.
+    pictures: Option<Array<u8>>,
+}
+
+impl Arrays {
+    /// Begins those of fingertip `sensor`; `None` where there is nothing of it.
+    fn begin(folder: &Path, sensor: usize, there: There) -> Result<Option<Self>, Failure> {
+        if there.frames == 0 {
+            return Ok(None);
         }
-    };
-    writeln!(csv, "{HEADER}").map_err(|error| failed(&csv_path, error))?;
-    let mut reader = Reader::open(recording)?;
-    while let Some(frame) = reader.next_frame()? {
+        let behind = if sensor == 0 { "" } else { "_1" };
+        let side = there.side as u64;
+        Ok(Some(Self {
+            maps: begin(
+                &folder.join(format!("maps{behind}.npy")),
+                &[there.frames, 3, 20, 20],
+            )?,
+            pictures: (there.pictures == there.frames)
+                .then(|| {
+                    begin(
+                        &folder.join(format!("pictures{behind}.npy")),
+                        &[there.frames, side, side],
+                    )
+                })
+                .transpose()?,
+        }))
+    }
+
+    fn push(&mut self, frame: RecordedFrame) -> Result<(), Failure> {
         let newtons = frame.map.dequantise();
         let axes = (0..3).flat_map(|axis| newtons.iter().map(move |force| force[axis]));
-        maps.extend(axes).map_err(|error| failed(&maps_path, error))?;
-        if let (Some((path, pictures)), Some(picture)) = (&mut pictures, frame.picture) {
+        let (path, maps) = &mut self.maps;
+        maps.extend(axes).map_err(|error| failed(path, &error))?;
+        if let (Some((path, pictures)), Some(picture)) = (&mut self.pictures, frame.picture) {
             pictures
                 .extend(picture.pixels)
-                .map_err(|error| failed(path, error))?;
+                .map_err(|error| failed(path, &error))?;
         }
-        writeln!(csv, "{}", row(&frame.status)).map_err(|error| failed(&csv_path, error))?;
+        Ok(())
     }
-    maps.finish().map_err(|error| failed(&maps_path, error))?;
-    if let Some((path, pictures)) = pictures {
-        pictures.finish().map_err(|error| failed(&path, error))?;
+
+    fn finish(self) -> Result<(), Failure> {
+        let (path, maps) = self.maps;
+        maps.finish().map_err(|error| failed(&path, &error))?;
+        if let Some((path, pictures)) = self.pictures {
+            pictures.finish().map_err(|error| failed(&path, &error))?;
+        }
+        Ok(())
     }
-    csv.flush().map_err(|error| failed(&csv_path, error))
+}
+
+fn failed(path: &Path, error: &std::io::Error) -> Failure {
+    Failure::failed(format!(
+        "{}: {error}, expected a folder that can be written",
+        path.display()
+    ))
+}
+
+fn begin<T: npyz::AutoSerialize>(path: &Path, shape: &[u64]) -> Result<Array<T>, Failure> {
+    let file = File::create(path).map_err(|error| failed(path, &error))?;
+    let begun = npyz::WriteOptions::<T>::new()
+        .default_dtype()
+        .shape(shape)
+        .writer(BufWriter::new(file))
+        .begin_nd()
+        .map_err(|error| failed(path, &error))?;
+    Ok((path.to_owned(), begun))
+}
+
+fn write_folder(recording: &Path, folder: &Path, there: &[There; SENSORS]) -> Result<(), Failure> {
+    std::fs::create_dir_all(folder).map_err(|error| failed(folder, &error))?;
+    let csv_path = folder.join("frames.csv");
+    let mut csv = BufWriter::new(File::create(&csv_path).map_err(|error| failed(&csv_path, &error))?);
+    let [first, second] = there;
+    let mut arrays = [
+        Arrays::begin(folder, 0, *first)?,
+        Arrays::begin(folder, 1, *second)?,
+    ];
+    writeln!(csv, "{HEADER}").map_err(|error| failed(&csv_path, &error))?;
+    let mut reader = Reader::open(recording)?;
+    while let Some(frame) = reader.next_frame()? {
+        writeln!(csv, "{}", row(&frame.status)).map_err(|error| failed(&csv_path, &error))?;
+        if let Some(arrays) = &mut arrays[usize::from(frame.status.sensor)] {
+            arrays.push(frame)?;
+        }
+    }
+    for arrays in arrays.into_iter().flatten() {
+        arrays.finish()?;
+    }
+    csv.flush().map_err(|error| failed(&csv_path, &error))
 }
 
 /// Numbers are written so that reading them gives the same f64 again; flags are 0 or 1.
@@ -159,6 +215,7 @@ fn row(status: &Stored) -> String {
         ]),
         None => cells.extend([const { String::new() }; 6]),
     }
+    cells.push(status.sensor.to_string());
     cells.join(",")
 }
 

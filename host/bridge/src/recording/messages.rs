@@ -1,6 +1,7 @@
 //! What a recording holds, as messages and back. Pure.
 //! Forces travel as newtons in f32, which holds the wire's 1/4096 N exactly, so that maps read back bit by bit.
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 
 use foxglove::bytes::Bytes;
@@ -28,6 +29,25 @@ pub(crate) const FORCE_MAP: &str = "/force_map";
 pub(crate) const STATUS: &str = "/status";
 /// Topic of what a person wants to find again.
 pub(crate) const EVENTS: &str = "/events";
+
+/// Before a topic of the second fingertip.
+const SECOND: &str = "/second";
+
+/// A fingertip's topic of this name.
+pub(crate) fn topic_of(topic: &'static str, sensor: usize) -> Cow<'static, str> {
+    match sensor {
+        0 => topic.into(),
+        _ => format!("{SECOND}{topic}").into(),
+    }
+}
+
+/// A topic's name without the fingertip, and which one it is of.
+pub(crate) fn fingertip_of(topic: &str) -> (&str, usize) {
+    match topic.strip_prefix(SECOND) {
+        Some(name) => (name, 1),
+        None => (topic, 0),
+    }
+}
 
 /// Columns and rows of a force map.
 const SIDE: usize = 20;
@@ -87,6 +107,8 @@ pub(crate) struct Frame {
     pub sequence: u32,
     /// Capture time that travelled with the map.
     pub capture_us: u32,
+    /// When the turn began, on the link's clock.
+    pub begun_us: u32,
     /// The link worked until then, after frame 0.
     pub until_us: u64,
     /// What the gripper was told.
@@ -129,6 +151,7 @@ struct StatusOut<'a> {
     report: &'a FrameReport,
     sequence: u32,
     capture_us: u32,
+    begun_us: u32,
     until_us: u64,
     wish: GripMode,
     health_bits: u8,
@@ -139,6 +162,9 @@ struct StatusOut<'a> {
 #[derive(Debug, Clone, Deserialize)]
 pub(crate) struct Stored {
     pub frame: u64,
+    /// Recordings of before there could be two do not say.
+    #[serde(default)]
+    pub sensor: u8,
     pub t_s: f64,
     pub gate: String,
     pub health: Vec<String>,
@@ -170,6 +196,9 @@ pub(crate) struct Stored {
     pub truth: Option<StoredTruth>,
     pub sequence: u32,
     pub capture_us: u32,
+    /// In older recordings pictures count as taken when the turn began.
+    #[serde(default)]
+    pub begun_us: Option<u32>,
     pub until_us: u64,
     pub wish: GripMode,
     pub health_bits: u8,
@@ -188,8 +217,9 @@ pub(crate) struct StoredTruth {
 }
 
 /// The keys of `/status` and their JSON types, for programs that plot them.
-const STATUS_KEYS: [(&str, &str); 30] = [
+const STATUS_KEYS: [(&str, &str); 32] = [
     ("frame", "integer"),
+    ("sensor", "integer"),
     ("t_s", "number"),
     ("gate", "string"),
     ("health", "array"),
@@ -215,6 +245,7 @@ const STATUS_KEYS: [(&str, &str); 30] = [
     ("truth", "object"),
     ("sequence", "integer"),
     ("capture_us", "integer"),
+    ("begun_us", "integer"),
     ("until_us", "integer"),
     ("wish", "string"),
     ("health_bits", "integer"),
@@ -251,6 +282,7 @@ pub(crate) fn status_bytes(frame: &Frame) -> Result<Vec<u8>, serde_json::Error> 
         report: &frame.report,
         sequence: frame.sequence,
         capture_us: frame.capture_us,
+        begun_us: frame.begun_us,
         until_us: frame.until_us,
         wish: frame.wish,
         health_bits: frame.health_bits,
@@ -389,12 +421,14 @@ impl Event {
     }
 }
 
-/// What changed from one frame to the next.
-pub(crate) fn events_between(before: Option<&FrameReport>, now: &FrameReport) -> Vec<Event> {
+/// What changed from one frame to the next: of the gripper since the last one, of the picture since the fingertip's last.
+pub(crate) fn events_between(
+    (last, last_of_it): (Option<&FrameReport>, Option<&FrameReport>),
+    now: &FrameReport,
+) -> Vec<Event> {
     let none = Vec::new();
-    let (faults, health, state) = before.map_or((&none, &none, "NO_CONTACT"), |before| {
-        (&before.faults, &before.health, before.state)
-    });
+    let (faults, state) = last.map_or((&none, "NO_CONTACT"), |last| (&last.faults, last.state));
+    let health = last_of_it.map_or(&none, |last| &last.health);
     let mut events = Vec::new();
     if now.state != state {
         let text = format!("{state} to {}", now.state);
@@ -409,7 +443,12 @@ pub(crate) fn events_between(before: Option<&FrameReport>, now: &FrameReport) ->
         new.map(|name| Event::warning(format!("{what} {name}"))).collect()
     };
     events.extend(appeared(&now.faults, faults, "fault"));
-    events.extend(appeared(&now.health, health, "picture"));
+    let picture = if now.sensor == 0 {
+        "picture"
+    } else {
+        "second fingertip's picture"
+    };
+    events.extend(appeared(&now.health, health, picture));
     let gone = faults.iter().filter(|name| !now.faults.contains(name));
     events.extend(gone.map(|name| Event::info(format!("fault {name} is gone"))));
     events

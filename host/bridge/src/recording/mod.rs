@@ -2,7 +2,7 @@
 //!
 //! Topics: `/rest` and `/picture` (foxglove.RawImage), `/force_map` (foxglove.Grid, newtons per taxel), `/status` (JSON:
 //! the frame's report and the microcontroller's status in the wire's units), `/events` (foxglove.Log). What holds for the
-//! whole recording is the metadata of the channel `/status`.
+//! whole recording is the metadata of the channel `/status`. What the second fingertip saw lies under `/second/picture` and so on.
 
 mod export;
 mod index;
@@ -18,7 +18,7 @@ use std::str::FromStr;
 
 pub use self::export::{ExportArgs, run as export};
 pub(crate) use self::messages::{About, Frame, Image, Stored};
-pub(crate) use self::reader::{Ending, Reader};
+pub(crate) use self::reader::{Ending, Reader, RecordedFrame};
 pub(crate) use self::recorder::{Pace, Recorded, Recorder};
 pub use self::replay::{ReplayArgs, run as replay};
 

@@ -5,11 +5,13 @@ use std::fs::File;
 use std::io::{BufReader, ErrorKind, Read};
 use std::path::{Path, PathBuf};
 
-use gripline_protocol::ForceMap;
+use gripline_protocol::{ForceMap, SENSORS};
 use mcap::McapError;
 use mcap::io::MessageReader;
 
-use super::messages::{About, FORCE_MAP, Image, PICTURE, REST, STATUS, Stored, image_of, map_of};
+use super::messages::{
+    About, FORCE_MAP, Image, PICTURE, REST, STATUS, Stored, fingertip_of, image_of, map_of,
+};
 use crate::error::Failure;
 
 /// A frame as it lies in the file.
@@ -38,8 +40,8 @@ pub(crate) struct Reader<R = BufReader<File>> {
     messages: MessageReader<R>,
     /// What holds for all of it.
     pub about: About,
-    /// Pictures without contact.
-    pub rest: Vec<Vec<u8>>,
+    /// Pictures without contact of each fingertip; none of the second where there is only one.
+    pub rest: [Vec<Vec<u8>>; SENSORS],
     /// Read already while looking for the beginning.
     first: Option<RecordedFrame>,
     ending: Option<Ending>,
@@ -67,7 +69,7 @@ impl<R: Read> Reader<R> {
             path: path.to_owned(),
             messages: MessageReader::new(source),
             about: About::default(),
-            rest: Vec::new(),
+            rest: [Vec::new(), Vec::new()],
             first: None,
             ending: None,
         };
@@ -130,15 +132,19 @@ impl<R: Read> Reader<R> {
                     env!("CARGO_PKG_VERSION")
                 ))
             };
-            match message.channel.topic.as_str() {
+            let (topic, sensor) = fingertip_of(&message.channel.topic);
+            match topic {
                 REST => {
                     let image = image_of(&message.data).ok_or_else(|| wrong(REST))?;
-                    self.rest.push(image.into_crop());
+                    self.rest[sensor].push(image.into_crop());
                 }
                 PICTURE => picture = Some(image_of(&message.data).ok_or_else(|| wrong(PICTURE))?),
                 FORCE_MAP => map = Some(map_of(&message.data).ok_or_else(|| wrong(FORCE_MAP))?),
                 STATUS => {
-                    let status = serde_json::from_slice(&message.data).map_err(|_| wrong(STATUS))?;
+                    let status: Stored = serde_json::from_slice(&message.data).map_err(|_| wrong(STATUS))?;
+                    if usize::from(status.sensor) >= SENSORS {
+                        return Err(wrong(STATUS));
+                    }
                     let map = map.ok_or_else(|| wrong(STATUS))?;
                     if self.about == About::default() {
                         let about = About::from_metadata(&message.channel.metadata);

@@ -75,18 +75,26 @@ struct Ended {
 }
 
 impl Recorder {
-    /// Starts a recording at `path`, which must not be there yet, with the pictures at rest.
+    /// Starts a recording at `path`, which must not be there yet, with the pictures at rest of each fingertip.
     ///
     /// # Errors
     /// [`Failure`] when the file cannot be made or its beginning cannot be written.
-    pub(crate) fn start(path: &Path, about: &About, rest: &[Vec<u8>], pace: Pace) -> Result<Self, Failure> {
+    pub(crate) fn start(
+        path: &Path,
+        about: &About,
+        rest: &[Vec<Vec<u8>>],
+        pace: Pace,
+    ) -> Result<Self, Failure> {
         let file = create(path)?;
         let begin = || {
             let on_disk = file.try_clone()?;
             // With a place of its own in it; pipes and devices have no second one.
             let to_read = path.is_file().then(|| File::open(path)).transpose()?;
-            let mut tape = Tape::new(BufWriter::new(file), to_read, about, wall_ns())?;
-            tape.rest(rest)?;
+            let out = BufWriter::new(file);
+            let mut tape = Tape::new(out, to_read, about, rest.len(), wall_ns())?;
+            for (sensor, crops) in rest.iter().enumerate() {
+                tape.rest(sensor, crops)?;
+            }
             tape.flush()?;
             Ok((tape, on_disk))
         };
@@ -172,6 +180,11 @@ impl Recorder {
             }),
             Pace::AsFastAsPossible => queue.send(item).map_err(|_| TrySendError::Disconnected(())),
         }
+    }
+
+    /// Leaves a line of what happened beside the frames; when there is no room for it, it is not in the recording.
+    pub(crate) fn note(&self, t_s: f64, text: &str) {
+        let _ = self.hand_over(Item::Event(t_s, Event::warning(text)));
     }
 
     /// An event now and then, not for every picture.
@@ -300,6 +313,7 @@ mod tests {
     fn frame(number: u64) -> Frame {
         let report = FrameReport {
             frame: number,
+            sensor: 0,
             t_s: number as f64 / 60.0,
             gate: Verdict::Network,
             health: Vec::new(),
@@ -328,6 +342,7 @@ mod tests {
             report,
             sequence: number as u32,
             capture_us: 0,
+            begun_us: 0,
             until_us: 0,
             wish: GripMode::Hold,
             health_bits: 0,
@@ -366,7 +381,7 @@ mod tests {
             bytes: Arc::default(),
             asked,
         };
-        let tape = Tape::new(disk.clone(), None, &About::default(), 0).unwrap();
+        let tape = Tape::new(disk.clone(), None, &About::default(), 1, 0).unwrap();
         let held = disk.bytes.lock().unwrap();
         while is_asked.try_recv().is_ok() {}
         let mut recorder = Recorder::on(Path::new("still"), tape, Pace::RealTime, None);
@@ -397,7 +412,7 @@ mod tests {
     impl Recorder {
         /// A recording on a disk with so many bytes left.
         pub(crate) fn on_small_disk(bytes: usize) -> Self {
-            let tape = Tape::new(Small(bytes), None, &About::default(), 0).unwrap();
+            let tape = Tape::new(Small(bytes), None, &About::default(), 1, 0).unwrap();
             Self::on(Path::new("full.mcap"), tape, Pace::AsFastAsPossible, None)
         }
     }

@@ -11,14 +11,14 @@ use clap::Args;
 use gripline_firmware::sums::TaxelRule;
 use gripline_network::scene::{GateKind, Verdict};
 use gripline_network::{Architecture, InstructionSet, Network};
-use gripline_protocol::Health;
 use gripline_protocol::message::{Configuration, Status};
+use gripline_protocol::{Health, SENSORS};
 use serde::Serialize;
 
 use super::messages::{About, Image, Stored};
 use super::reader::{Ending, Reader, RecordedFrame};
 use crate::config::settings_from_text;
-use crate::cycle::{Cycle, Late, Lateness, Turn};
+use crate::cycle::{At, Cycle, Late, Lateness, Turn};
 use crate::error::Failure;
 use crate::link::{EmbeddedLink, Link};
 use crate::pipeline::{Pipeline, fingerprint};
@@ -120,7 +120,7 @@ fn text(replayed: &Replayed) -> String {
 
 fn replay(reader: &mut Reader, args: &ReplayArgs) -> Result<Replayed, Failure> {
     let shown = args.recording.display();
-    let (mut pipeline, settings) = pipeline_of(reader, args)?;
+    let (mut pipelines, settings) = pipelines_of(reader, args)?;
     let link = Box::new(EmbeddedLink::new());
     // The same name in the recording means the same code on the same virtual clock.
     let exact = reader.about.mcu == link.name();
@@ -128,8 +128,10 @@ fn replay(reader: &mut Reader, args: &ReplayArgs) -> Result<Replayed, Failure> {
     session.configure(settings).map_err(Failure::failed)?;
     let mut cycle = Cycle::new(session);
     let mut replayed = Replayed::default();
-    // Whether the gate's reference is the one that the run had: not after a picture that the recording lacks.
-    let mut known = true;
+    // Whether each gate's reference is the one that the run had: not after a picture that the recording lacks.
+    let mut all_known = [true; SENSORS];
+    // Fingertips whose maps' numbers are unknown since frames are missing.
+    let mut lost = [false; SENSORS];
     let mut next = 0;
     while let Some(RecordedFrame { status, map, picture }) = reader.next_frame()? {
         let verdict = verdict_of(&status.gate).ok_or_else(|| {
@@ -141,8 +143,18 @@ fn replay(reader: &mut Reader, args: &ReplayArgs) -> Result<Replayed, Failure> {
         let recorded = (verdict, Health::from_bits(status.health_bits));
         if status.frame != next {
             replayed.missing += status.frame.saturating_sub(next);
-            cycle.resume_at(status.sequence);
-            known = false;
+            (lost, all_known) = ([true; SENSORS], [false; SENSORS]);
+        }
+        let sensor = usize::from(status.sensor);
+        let known = &mut all_known[sensor];
+        let pipeline = pipelines.get_mut(sensor).ok_or_else(|| {
+            Failure::failed(format!(
+                "{shown}: frame {}: found a frame of the second fingertip, expected its pictures at rest before it",
+                status.frame
+            ))
+        })?;
+        if std::mem::take(&mut lost[sensor]) {
+            cycle.resume_at(status.sensor, status.sequence);
         }
         next = status.frame + 1;
         replayed.frames += 1;
@@ -150,30 +162,34 @@ fn replay(reader: &mut Reader, args: &ReplayArgs) -> Result<Replayed, Failure> {
         // Nobody looked at it in the run either.
         let unseen = late == Some(Late::Picture);
         replayed.without_picture += u64::from(picture.is_none() && !unseen);
-        known &= picture.is_some() || unseen;
+        *known &= picture.is_some() || unseen;
         let mut wrong = Vec::new();
         // A camera's pictures come when they come.
-        cycle.idle_until_capture(status.capture_us)?;
-        let (wish, until_us) = (status.wish, status.until_us);
+        let begun_us = status.begun_us.unwrap_or(status.capture_us);
+        cycle.idle_until_begun(begun_us)?;
+        let at = At {
+            sensor: status.sensor,
+            wish: status.wish,
+            age_us: begun_us.wrapping_sub(status.capture_us),
+            until_us: status.until_us,
+        };
         let turn = match picture.map(Image::into_crop) {
-            _ if unseen => cycle.skip(wish, until_us)?,
-            Some(crop) if known => {
-                cycle.turn(&mut pipeline, &crop, wish, Lateness::Recorded(late), until_us)?
-            }
+            _ if unseen => cycle.skip(at)?,
+            Some(crop) if *known => cycle.turn(pipeline, &crop, Lateness::Recorded(late), at)?,
             picture => {
                 if let Some(crop) = picture {
                     let found = pipeline.process(&crop).map_err(Failure::failed)?.verdict;
                     // Both looked afresh, or both saw nothing: from here on the references are the same.
-                    known = found == verdict && [Verdict::Network, Verdict::NoContact].contains(&found);
+                    *known = found == verdict && [Verdict::Network, Verdict::NoContact].contains(&found);
                 }
                 if late.is_some() {
-                    cycle.skip(wish, until_us)?
+                    cycle.skip(at)?
                 } else {
-                    cycle.turn_with(&map, recorded, wish, until_us)?
+                    cycle.turn_with(&map, recorded, at)?
                 }
             }
         };
-        if !known {
+        if !*known {
             replayed.not_comparable += 1;
         } else if (turn.verdict, turn.health) != recorded {
             wrong.push("gate");
@@ -203,8 +219,8 @@ fn replay(reader: &mut Reader, args: &ReplayArgs) -> Result<Replayed, Failure> {
     Ok(replayed)
 }
 
-/// The run's pipeline and settings again.
-fn pipeline_of(reader: &Reader, args: &ReplayArgs) -> Result<(Pipeline, Configuration), Failure> {
+/// The run's pipelines, one a fingertip, and its settings again.
+fn pipelines_of(reader: &Reader, args: &ReplayArgs) -> Result<(Vec<Pipeline>, Configuration), Failure> {
     let About {
         network,
         instructions,
@@ -216,7 +232,7 @@ fn pipeline_of(reader: &Reader, args: &ReplayArgs) -> Result<(Pipeline, Configur
     let architecture: Architecture = network.parse().map_err(&wrong)?;
     let gate: GateKind = gate.parse().map_err(&wrong)?;
     let settings = settings_from_text(settings).map_err(&wrong)?;
-    let first = reader.rest.first().ok_or_else(|| {
+    let first = reader.rest[0].first().ok_or_else(|| {
         wrong("found no picture at rest, expected some at the beginning of the recording".to_owned())
     })?;
     let mut network = match &args.weights {
@@ -240,8 +256,9 @@ fn pipeline_of(reader: &Reader, args: &ReplayArgs) -> Result<(Pipeline, Configur
             network.manifest()
         )));
     }
-    let pipeline = Pipeline::new(network, &reader.rest, gate, TaxelRule::of(&settings));
-    Ok((pipeline, settings))
+    let rests = reader.rest.iter().filter(|rest| !rest.is_empty());
+    let pipelines = rests.map(|rest| Pipeline::new(network.clone(), rest, gate, TaxelRule::of(&settings)));
+    Ok((pipelines.collect(), settings))
 }
 
 fn verdict_of(name: &str) -> Option<Verdict> {
@@ -255,6 +272,7 @@ fn verdict_of(name: &str) -> Option<Verdict> {
 fn same_sums(turn: &Turn, recorded: &Stored) -> bool {
     let (now, then) = (&turn.status, &recorded.wire);
     then.sequence != recorded.sequence
+        || then.sensor != recorded.sensor
         || recorded.late.is_some()
         || (turn.answered && (now.sums, now.coulomb_slip) == (then.sums, then.coulomb_slip))
 }

@@ -37,6 +37,7 @@ impl Stored {
         }
         FrameReport {
             frame: self.frame,
+            sensor: self.sensor,
             t_s: self.t_s,
             gate: verdict.unwrap_or(Verdict::Network),
             health: health_names(Health::from_bits(self.health_bits)),

@@ -12,6 +12,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use foxglove::Encode;
 use foxglove::messages::{Grid, Log, RawImage};
+use gripline_protocol::SENSORS;
 use mcap::records::MessageHeader;
 use mcap::write::NoSeek;
 use mcap::{McapError, WriteOptions, Writer};
@@ -19,7 +20,7 @@ use mcap::{McapError, WriteOptions, Writer};
 use super::index;
 use super::messages::{
     About, EVENTS, Event, FORCE_MAP, Frame, Image, PICTURE, REST, STATUS, events_between, image_bytes,
-    map_bytes, status_bytes, status_schema,
+    map_bytes, status_bytes, status_schema, topic_of,
 };
 use crate::telemetry::FrameReport;
 
@@ -52,13 +53,19 @@ impl<W: Write> Write for Sink<W> {
 type ChunkWriter<W> = Writer<NoSeek<Sink<W>>>;
 
 /// Channels, by topic.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 struct Channels {
+    /// Of each fingertip.
+    fingertips: Vec<FingertipChannels>,
+    status: u16,
+    events: u16,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct FingertipChannels {
     rest: u16,
     picture: u16,
     force_map: u16,
-    status: u16,
-    events: u16,
 }
 
 /// The file under way.
@@ -74,19 +81,22 @@ pub(super) struct Tape<W: Write> {
     frames: u64,
     /// Frames that lie in the file for certain: a chunk that could not be written is lost whole.
     pub(super) kept: u64,
+    /// The last frame, and the last one of each fingertip.
     before: Option<FrameReport>,
+    before_of: [Option<FrameReport>; SENSORS],
 }
 
 impl<W: Write> Tape<W> {
-    /// Begins a file in `out`; `written` is the same file where it can be read, for the index.
+    /// Begins a file of so many fingertips in `out`; `written` is the same file where it can be read, for the index.
     pub(super) fn new(
         out: W,
         written: Option<File>,
         about: &About,
+        fingertips: usize,
         start_ns: u64,
     ) -> Result<Self, McapError> {
         let about = about.to_metadata();
-        let (writer, channels) = segment(out, &about, true)?;
+        let (writer, channels) = segment(out, &about, fingertips, true)?;
         Ok(Self {
             writer: Some(writer),
             channels,
@@ -97,18 +107,19 @@ impl<W: Write> Tape<W> {
             frames: 0,
             kept: 0,
             before: None,
+            before_of: [None, None],
         })
     }
 
-    /// Pictures without contact.
-    pub(super) fn rest(&mut self, crops: &[Vec<u8>]) -> Result<(), McapError> {
+    /// A fingertip's pictures without contact.
+    pub(super) fn rest(&mut self, sensor: usize, crops: &[Vec<u8>]) -> Result<(), McapError> {
         for (number, crop) in crops.iter().enumerate() {
             let image = Image {
                 side: gripline_network::constants::CROP_SIDE,
                 pixels: crop.clone(),
             };
             self.put(
-                self.channels.rest,
+                self.channels.fingertips[sensor].rest,
                 number as u32,
                 self.start_ns,
                 &image_bytes(&image, self.start_ns),
@@ -124,16 +135,20 @@ impl<W: Write> Tape<W> {
     /// Picture, map, events, and the status last: without it the frame does not count.
     pub(super) fn frame(&mut self, frame: &Frame) -> Result<(), McapError> {
         let (ns, number) = (self.time_ns(frame.report.t_s), frame.sequence);
+        let sensor = usize::from(frame.report.sensor);
+        let channels = self.channels.fingertips[sensor];
         if let Some(picture) = &frame.picture {
-            self.put(self.channels.picture, number, ns, &image_bytes(picture, ns))?;
+            self.put(channels.picture, number, ns, &image_bytes(picture, ns))?;
         }
-        self.put(self.channels.force_map, number, ns, &map_bytes(&frame.map, ns))?;
-        for event in events_between(self.before.as_ref(), &frame.report) {
+        self.put(channels.force_map, number, ns, &map_bytes(&frame.map, ns))?;
+        let before = (self.before.as_ref(), self.before_of[sensor].as_ref());
+        for event in events_between(before, &frame.report) {
             self.event(frame.report.t_s, &event)?;
         }
         let status = status_bytes(frame).map_err(|error| McapError::Io(error.into()))?;
         self.put(self.channels.status, number, ns, &status)?;
         self.before = Some(frame.report.clone());
+        self.before_of[sensor] = Some(frame.report.clone());
         self.frames += 1;
         Ok(())
     }
@@ -165,7 +180,8 @@ impl<W: Write> Tape<W> {
         self.chunks += 1;
         if self.chunks.is_multiple_of(SEGMENT) {
             let out = self.out()?;
-            let (writer, channels) = segment(out, &self.about, false)?;
+            let fingertips = self.channels.fingertips.len();
+            let (writer, channels) = segment(out, &self.about, fingertips, false)?;
             (self.writer, self.channels) = (Some(writer), channels);
         }
         Ok(())
@@ -193,6 +209,7 @@ impl<W: Write> Tape<W> {
 fn segment<W: Write>(
     out: W,
     about: &BTreeMap<String, String>,
+    fingertips: usize,
     is_first: bool,
 ) -> Result<(ChunkWriter<W>, Channels), McapError> {
     let is_muted = Arc::new(AtomicBool::new(!is_first));
@@ -214,15 +231,19 @@ fn segment<W: Write>(
     let log = schema::<Log>(&mut writer)?;
     let report = writer.add_schema("gripline.Status", "jsonschema", &status_schema())?;
     let nothing = BTreeMap::new();
-    let mut protobuf = |schema, topic| writer.add_channel(schema, topic, "protobuf", &nothing);
-    let (rest, picture) = (protobuf(image, REST)?, protobuf(image, PICTURE)?);
-    let (force_map, events) = (protobuf(grid, FORCE_MAP)?, protobuf(log, EVENTS)?);
-    let status = writer.add_channel(report, STATUS, "json", about)?;
+    let mut protobuf = |schema, topic: &str| writer.add_channel(schema, topic, "protobuf", &nothing);
+    let fingertips = (0..fingertips).map(|sensor| {
+        Ok(FingertipChannels {
+            rest: protobuf(image, &topic_of(REST, sensor))?,
+            picture: protobuf(image, &topic_of(PICTURE, sensor))?,
+            force_map: protobuf(grid, &topic_of(FORCE_MAP, sensor))?,
+        })
+    });
+    let fingertips = fingertips.collect::<Result<_, McapError>>()?;
+    let events = protobuf(log, EVENTS)?;
     let channels = Channels {
-        rest,
-        picture,
-        force_map,
-        status,
+        fingertips,
+        status: writer.add_channel(report, STATUS, "json", about)?,
         events,
     };
     Ok((writer, channels))
@@ -248,8 +269,15 @@ mod tests {
     fn long_recording(path: &std::path::Path) -> u64 {
         let file = File::create(path).unwrap();
         let to_read = File::open(path).unwrap();
-        let mut tape = Tape::new(io::BufWriter::new(file), Some(to_read), &About::default(), 1_000).unwrap();
-        tape.rest(&[vec![7; 440 * 440]]).unwrap();
+        let mut tape = Tape::new(
+            io::BufWriter::new(file),
+            Some(to_read),
+            &About::default(),
+            1,
+            1_000,
+        )
+        .unwrap();
+        tape.rest(0, &[vec![7; 440 * 440]]).unwrap();
         let mut events = 0;
         for chunk in 0..u64::from(SEGMENT) * 5 / 2 {
             for _ in 0..chunk % 3 {
@@ -319,7 +347,7 @@ mod tests {
     #[test]
     fn where_nothing_can_be_read_again_the_file_is_whole_without_an_index() {
         let mut bytes = Vec::new();
-        let mut tape = Tape::new(&mut bytes, None, &About::default(), 0).unwrap();
+        let mut tape = Tape::new(&mut bytes, None, &About::default(), 1, 0).unwrap();
         tape.event(0.0, &Event::info("one".to_owned())).unwrap();
         tape.finish().unwrap();
         drop(tape);

@@ -222,7 +222,7 @@ fn ten_thousand_frames_with_faults_at_random_go_on_and_count_every_loss() {
                 truth: None,
                 wish: shot.wish,
             };
-            let report = run.frame(&mut pipeline, picture).unwrap();
+            let report = run.frame(&mut pipeline, 0, picture).unwrap();
             let is_told = report
                 .faults
                 .iter()
@@ -334,7 +334,7 @@ fn memory_stays_flat_while_frames_are_recorded() {
     let mut run = Run::new(session, Clock::None, 60.0);
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("soak.mcap");
-    let recorder = Recorder::start(&path, &About::default(), &rest, Pace::AsFastAsPossible);
+    let recorder = Recorder::start(&path, &About::default(), &[rest], Pace::AsFastAsPossible);
     run.recorder = Some(recorder.unwrap());
     run.pictures = crate::recording::Pictures::Off;
     let mut samples = Vec::new();
@@ -347,7 +347,7 @@ fn memory_stays_flat_while_frames_are_recorded() {
             truth: None,
             wish: shot.wish,
         };
-        run.frame(&mut pipeline, picture).unwrap();
+        run.frame(&mut pipeline, 0, picture).unwrap();
         if number.is_multiple_of(600) {
             samples.push(resident_kib());
         }

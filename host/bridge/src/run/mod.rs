@@ -1,12 +1,19 @@
 //! `gripline run`: source → pipeline → session → line, frame by frame, with the view, plain lines or JSON.
+//! With two fingertips a frame is a picture of either, as they come, and each has its turn.
 //!
 //! The loop is a straight line: a picture is taken at frame k, its map goes out at once, the link works until frame
 //! k+1, and the line it then holds is what the (simulated) gripper feels next. Paced by the wall clock.
 
 #[cfg(test)]
 mod faults;
+mod fingertips;
+#[cfg(test)]
+mod late;
 mod output;
+mod report;
 mod summary;
+#[cfg(test)]
+mod two_fingertips;
 mod usage;
 
 use std::sync::Arc;
@@ -15,35 +22,34 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use clap::Args;
-use gripline_firmware::Fault;
 use gripline_firmware::sums::{TaxelRule, stick_ratio_below};
-use gripline_network::constants::{CROP_SIDE, IMAGE_SIDE};
 use gripline_network::scene::Verdict;
 use gripline_network::{Architecture, InstructionSet, Network};
-use gripline_protocol::message::{Configuration, FingertipGeometry, GripMode, Refusal, Status};
+use gripline_protocol::message::{Command, Configuration, FingertipGeometry, GripMode, Refusal, Status};
 use gripline_protocol::{LSB_PER_NEWTON, PER_UNIT, SENSORS};
-use gripline_simulation::constants::{REST_PICTURES, SCENE_INITIAL_GRIP_N, SCENE_LOOP_S};
+use gripline_simulation::constants::{SCENE_INITIAL_GRIP_N, SCENE_LOOP_S};
 
+use self::fingertips::{Fingertips, Looked};
 use self::output::{Output, Wish};
-use self::summary::{StageSummary, Summary};
+use self::report::{faults_of, image, report_of};
+use self::summary::{FingertipSummary, StageSummary, Summary};
 use crate::calibrate::line::with_points;
+use crate::calibration::Calibration;
+use crate::capture::Counts;
 use crate::config::{Overrides, Settings, settings_text};
-use crate::cycle::{Cycle, Late, Lateness, Turn};
+use crate::cycle::{At, Cycle, Late, Lateness, Turn};
 use crate::error::Failure;
+use crate::faults::names;
 use crate::live::fleet::Fleet;
 use crate::live::{Live, QUANTILES};
 use crate::pipeline::{Pipeline, fingerprint};
 use crate::realtime;
-use crate::recording::{About, Frame, Image, Pace, Pictures, Recorder};
+use crate::recording::{About, Frame, Pace, Pictures, Recorder};
 use crate::session::Session;
-use crate::source::{Frames, Opened, Picture, Source, Taken};
+use crate::source::{Picture, Source};
 use crate::stats::Times;
-use crate::telemetry::{
-    DEADLINES_US, FrameReport, LATE, Limits, NO_DEVICE, NO_STATUS, STAGES, STATUS_OLD_US, health_names,
-};
-use crate::units::{
-    Load, centre_of_pressure_mm, force_n, millimetres, moment_nmm, newtons, ratio, shear_n, stick_ratio,
-};
+use crate::telemetry::{DEADLINES_US, FrameReport, Limits, STAGES};
+use crate::units::{newtons, ratio};
 
 /// Arguments of `gripline run`.
 #[derive(Debug, Clone, Args)]
@@ -64,38 +70,34 @@ pub fn run(args: &RunArgs) -> Result<(), Failure> {
     let network = network_for(&wanted)?;
     let of_network = settings_for(&network);
     may_be_recorded(&wanted, &network)?;
-    let mut opened = wanted.source.open(&wanted.pictures_of)?;
+    let opened = fingertips::open(&wanted)?;
     if !matches!(wanted.source, Source::Simulated) {
-        eprintln!("gripline: {}", opened.told);
+        for open in &opened {
+            eprintln!("gripline: {}", open.told);
+        }
     }
-    let calibrated = match &wanted.calibration {
-        Some(calibration) => calibration.rest_pictures()?,
-        None => None,
-    };
-    let rest = match calibrated {
-        Some(rest) => rest,
-        None => opened.rest(REST_PICTURES.into())?.crops,
-    };
-    let Opened {
-        pictures: mut source,
-        frames_per_second,
-        ..
-    } = opened;
+    // Of one fingertip, and of all.
+    let frames_per_second = opened[0].frames_per_second;
+    let pictures_per_second: f64 = opened.iter().map(|open| open.frames_per_second).sum();
     let link = wanted.mcu.open().map_err(Failure::failed)?;
     let mut session = Session::connect(link).map_err(Failure::failed)?;
     // What neither the network nor the configuration says stays as the microcontroller has it.
     let settings = wanted.microcontroller(&Configuration {
+        sensors: opened.len() as u8,
         friction: calibrated_friction(&wanted).unwrap_or(of_network.friction),
         contact_min: of_network.contact_min,
         floor: of_network.floor,
+        fingertips: calibrated_fingertips(&wanted, session.settings()),
         ..*session.settings()
     })?;
+    as_many_fingertips(&wanted, &settings, opened.len())?;
     session.configure(settings).map_err(Failure::failed)?;
     if let Some(note) = session.other_version() {
         eprintln!("gripline: {note}");
     }
     tell_of_another_line(&wanted, &settings);
-    let about = about(&wanted, &network, &session, (&rest, frames_per_second));
+    let rests: Vec<_> = opened.iter().map(|open| open.rest.clone()).collect();
+    let about = about(&wanted, &network, &session, (&rests[0], frames_per_second));
     let recorder = match &wanted.record {
         Some(path) => {
             let pace = if wanted.unpaced {
@@ -103,22 +105,28 @@ pub fn run(args: &RunArgs) -> Result<(), Failure> {
             } else {
                 Pace::RealTime
             };
-            Some(Recorder::start(path, &about, &rest, pace)?)
+            Some(Recorder::start(path, &about, &rests, pace)?)
         }
         None => None,
     };
     let about_run = serde_json::to_string(&about).unwrap_or_default();
-    let mut pipeline = Pipeline::new(network, &rest, wanted.gate, TaxelRule::of(&settings));
+    drop(rests);
+    let mut fingertips = Fingertips::new(opened, &network, &wanted, TaxelRule::of(&settings));
 
     let stop = Arc::new(AtomicBool::new(false));
     let signalled = Arc::clone(&stop);
     ctrlc::set_handler(move || signalled.store(true, Ordering::Relaxed)).map_err(Failure::failed)?;
     let mut output = Output::open(args.json, limits(&settings))?;
-    let one_round = source.is_simulated() && !output.is_live();
+    let one_round = fingertips.are_simulated() && !output.is_live();
     let seconds = wanted.seconds.or(one_round.then_some(SCENE_LOOP_S));
 
-    let mut run = Run::new(session, Clock::of(&source, wanted.unpaced), frames_per_second);
-    run.summary.source = wanted.source.to_string();
+    let clock = Clock::of(fingertips.are_live(), wanted.unpaced);
+    let mut run = Run::new(session, clock, pictures_per_second);
+    run.summary.fingertips = [Some(&wanted.source), wanted.second_source.as_ref()]
+        .into_iter()
+        .flatten()
+        .map(FingertipSummary::of)
+        .collect();
     run.recorder = recorder;
     run.pictures = wanted.pictures;
     run.live = wanted.serve.map(Live::start).transpose()?;
@@ -137,14 +145,12 @@ pub fn run(args: &RunArgs) -> Result<(), Failure> {
         run.summary.realtime_lacks = Some(lacks);
     }
     let is_wanted = || !stop.load(Ordering::Relaxed);
-    play(
-        &mut run,
-        &mut source,
-        &mut pipeline,
-        &mut output,
-        (seconds, &is_wanted),
-    )?;
-    run.summary.pictures = source.counts();
+    play(&mut run, &mut fingertips, &mut output, (seconds, &is_wanted))?;
+    let counts = fingertips.counts();
+    run.summary.pictures = counts.iter().flatten().copied().reduce(Counts::plus);
+    for (summary, pictures) in run.summary.fingertips.iter_mut().zip(counts) {
+        summary.pictures = pictures;
+    }
     let summary = run.summary();
     output.close(&summary)?;
     match summary.losses().as_slice() {
@@ -171,28 +177,32 @@ fn may_be_recorded(wanted: &Settings, network: &Network) -> Result<(), Failure> 
 /// Picture after picture, until the time is over or nobody wants more.
 fn play(
     run: &mut Run,
-    source: &mut Frames,
-    pipeline: &mut Pipeline,
+    fingertips: &mut Fingertips,
     output: &mut Output,
     (seconds, is_wanted): (Option<f64>, &dyn Fn() -> bool),
 ) -> Result<(), Failure> {
     while is_wanted() && seconds.is_none_or(|seconds| !run.is_over(seconds)) {
-        let wish = match source.next(run.line_n())? {
-            Taken::Picture(picture) => {
-                let report = run.frame(pipeline, picture)?;
+        let wish = match fingertips.next(run.line_n())? {
+            Looked::Picture(sensor, picture) => {
+                let pipeline = fingertips.pipeline(sensor);
+                let report = run.frame(pipeline, sensor, picture)?;
                 output.frame(&report, pipeline.newtons())?
             }
-            Taken::NotYet => {
+            Looked::NotYet => {
                 run.idle()?;
                 output.idle()?
             }
-            Taken::End => Wish::Stop,
+            Looked::End => Wish::Stop,
         };
-        for note in run.notes.drain(..).chain(source.take_news()) {
+        run.notes.append(&mut fingertips.take_news());
+        run.look_after_the_pictures(&fingertips.counts());
+        for note in run.take_notes() {
             output.note(&note)?;
         }
-        if wish == Wish::Stop {
-            break;
+        match wish {
+            Wish::GoOn => {}
+            Wish::Acknowledge => run.acknowledge()?,
+            Wish::Stop => break,
         }
     }
     Ok(())
@@ -211,10 +221,41 @@ pub(crate) fn network_for(wanted: &Settings) -> Result<Network, Failure> {
     }
 }
 
-/// The friction that the calibration says the detector should work with.
+/// Every fingertip that the microcontroller waits for must have a source, or its maps would be stale from the start.
+fn as_many_fingertips(wanted: &Settings, settings: &Configuration, sources: usize) -> Result<(), Failure> {
+    if usize::from(settings.sensors) == sources {
+        return Ok(());
+    }
+    let second = wanted
+        .second_source
+        .as_ref()
+        .map_or("none".to_owned(), Source::to_string);
+    Err(Failure::usage(format!(
+        "microcontroller.sensors: found {} with camera.second_source {second}, expected {sources}: leave it out, a run sets it to \
+         the number of its sources",
+        settings.sensors
+    )))
+}
+
+/// The friction that the calibration says the detector should work with; of two fingertips the lower one, so that neither
+/// is believed to hold more than it does.
 fn calibrated_friction(wanted: &Settings) -> Option<u16> {
-    let friction = wanted.calibration.as_ref()?.friction.as_ref()?;
-    Some((friction.detector * f64::from(PER_UNIT)).floor() as u16)
+    let of = |calibration: &Option<Calibration>| Some(calibration.as_ref()?.friction.as_ref()?.detector);
+    let both = [&wanted.calibration, &wanted.second_calibration];
+    let least = both.into_iter().filter_map(of).min_by(f64::total_cmp)?;
+    Some((least * f64::from(PER_UNIT)).floor() as u16)
+}
+
+/// How the fingertips sit, as the calibrations say, else as the microcontroller has it.
+fn calibrated_fingertips(wanted: &Settings, now: &Configuration) -> [FingertipGeometry; SENSORS] {
+    let mut fingertips = now.fingertips;
+    let both = [&wanted.calibration, &wanted.second_calibration];
+    for (fingertip, calibration) in fingertips.iter_mut().zip(both) {
+        if let Some(geometry) = calibration.as_ref().and_then(|found| found.geometry.as_ref()) {
+            *fingertip = geometry.setting();
+        }
+    }
+    fingertips
 }
 
 /// Says so when the microcontroller's table of the line is not the calibrated one: only a stored one counts.
@@ -296,8 +337,8 @@ enum Clock {
 }
 
 impl Clock {
-    const fn of(source: &Frames, is_unpaced: bool) -> Self {
-        match (source.is_live(), is_unpaced) {
+    const fn of(is_live: bool, is_unpaced: bool) -> Self {
+        match (is_live, is_unpaced) {
             (true, _) => Self::Pictures,
             (false, true) => Self::None,
             (false, false) => Self::Wall,
@@ -309,8 +350,11 @@ impl Clock {
 struct Run {
     cycle: Cycle,
     frame: u64,
+    /// Time of the newest picture, on the recording's clock.
+    t_s: f64,
     started: Instant,
     clock: Clock,
+    /// Pictures a second, of all fingertips together.
     frames_per_second: f64,
     /// Processor time of this process at the start.
     cpu_s: Option<f64>,
@@ -324,6 +368,8 @@ struct Run {
     late: [u64; STAGES.len()],
     frame_to_link: Times,
     network_frame_to_link: Times,
+    /// Pictures that never came, were overtaken and were damaged so far.
+    pictures_lost: [u64; 3],
     /// How often the device had gone away, and whether it is away, when that was last told.
     presence: (u32, bool),
     /// What a person should know now.
@@ -337,6 +383,7 @@ impl Run {
             summary: Summary::of_link(session.link_name(), session.firmware()),
             cycle: Cycle::new(session),
             frame: 0,
+            t_s: 0.0,
             started: Instant::now(),
             clock,
             frames_per_second,
@@ -349,6 +396,7 @@ impl Run {
             late: [0; STAGES.len()],
             frame_to_link: Times::default(),
             network_frame_to_link: Times::default(),
+            pictures_lost: [0; 3],
             presence: (0, false),
             notes: Vec::new(),
         }
@@ -363,7 +411,12 @@ impl Run {
     }
 
     /// One frame: picture in, map out, answer in.
-    fn frame(&mut self, pipeline: &mut Pipeline, picture: Picture) -> Result<FrameReport, Failure> {
+    fn frame(
+        &mut self,
+        pipeline: &mut Pipeline,
+        sensor: u8,
+        picture: Picture,
+    ) -> Result<FrameReport, Failure> {
         let frame_us = 1e6 / self.frames_per_second;
         let (t_s, until_us, lateness) = match self.clock {
             // Half a frame for the answer; then the next picture may be there.
@@ -386,9 +439,17 @@ impl Run {
             ),
         };
         let waited = picture.came.elapsed();
-        let mut turn = self
-            .cycle
-            .turn(pipeline, &picture.crop, picture.wish, lateness, until_us)?;
+        let at = At {
+            sensor,
+            wish: picture.wish,
+            // Elsewhere pictures are of the moment at which they are asked for.
+            age_us: match self.clock {
+                Clock::Pictures => waited.as_micros() as u32,
+                Clock::Wall | Clock::None => 0,
+            },
+            until_us,
+        };
+        let mut turn = self.cycle.turn(pipeline, &picture.crop, lateness, at)?;
         turn.stages_us[0] = picture.decode_us;
         if self.clock == Clock::Pictures {
             turn.latency_us += waited.as_secs_f64() * 1e6;
@@ -408,7 +469,7 @@ impl Run {
             (self.frame, t_s),
             &turn,
             fingertips,
-            &picture,
+            picture.truth,
             &faults_of(&self.cycle.session),
         );
         self.observe(&report, &turn.status);
@@ -421,6 +482,7 @@ impl Run {
                 report: report.clone(),
                 sequence: turn.sequence,
                 capture_us: turn.capture_us,
+                begun_us: turn.begun_us,
                 until_us,
                 wish: picture.wish,
                 health_bits: turn.health.bits(),
@@ -435,7 +497,27 @@ impl Run {
             self.wait_for_the_clock();
         }
         self.frame += 1;
+        self.t_s = report.t_s;
         Ok(report)
+    }
+
+    /// Says when pictures are lost: the first one, and then whenever they have become twice as many.
+    fn look_after_the_pictures(&mut self, counts: &[Option<Counts>]) {
+        let all = counts
+            .iter()
+            .flatten()
+            .copied()
+            .reduce(Counts::plus)
+            .unwrap_or_default();
+        let lost = [all.missed, all.overtaken, all.damaged];
+        let (before, now) = (self.pictures_lost.iter().sum::<u64>(), lost.iter().sum::<u64>());
+        if now.checked_ilog2() != before.checked_ilog2() {
+            let [missed, overtaken, damaged] = lost;
+            self.notes.push(format!(
+                "{now} pictures lost so far: {missed} never came, {overtaken} were overtaken by newer ones, {damaged} were damaged"
+            ));
+        }
+        self.pictures_lost = lost;
     }
 
     /// Says when the device goes away and when it is back.
@@ -457,6 +539,37 @@ impl Run {
             self.notes.push(format!("{link} is back"));
         }
         self.presence = now;
+    }
+
+    /// Somebody has looked at the latched faults that are shown.
+    fn acknowledge(&mut self) -> Result<(), Failure> {
+        let session = &mut self.cycle.session;
+        let latched = session.status().map_or(0, |status| status.latched);
+        if latched == 0 {
+            return Ok(());
+        }
+        let command = Command::Acknowledge { faults: latched };
+        let is_told = session.command(command).map_err(Failure::failed)?;
+        self.notes.push(if is_told {
+            // Of what was refused meanwhile, a release, the gripper is told anew.
+            self.cycle.tell_again();
+            format!("acknowledged: {}", names(latched).join(", "))
+        } else {
+            "not acknowledged: the microcontroller does not take commands now, try again".to_owned()
+        });
+        Ok(())
+    }
+
+    /// What a person should know now; the recording keeps it too.
+    fn take_notes(&mut self) -> Vec<String> {
+        let notes = std::mem::take(&mut self.notes);
+        if let Some(recorder) = &self.recorder {
+            let t_s = self.t_s;
+            for note in &notes {
+                recorder.note(t_s, note);
+            }
+        }
+        notes
     }
 
     fn elapsed_us(&self) -> u64 {
@@ -496,6 +609,7 @@ impl Run {
             values.maps_unanswered = summary.maps_unanswered;
             values.shadow_mismatches = self.cycle.session.shadow().mismatches();
             values.frames_late = summary.pictures_late + summary.maps_late;
+            values.pictures_lost = self.pictures_lost;
             values.record_dropped = self.recorder.as_ref().map_or([0; 2], Recorder::dropped);
             // Once a second: a distribution takes longer to look at than a number.
             if self.frame.is_multiple_of(self.frames_per_second.ceil() as u64) {
@@ -518,6 +632,10 @@ impl Run {
 
     fn count(&mut self, turn: &Turn) {
         let summary = &mut self.summary;
+        if let Some(fingertip) = summary.fingertips.get_mut(usize::from(turn.sensor)) {
+            fingertip.frames += 1;
+            fingertip.maps_unanswered += u64::from(!turn.answered && turn.late.is_none());
+        }
         let passed = match turn.late {
             None => STAGES.len(),
             Some(Late::Map) => {
@@ -594,7 +712,13 @@ impl Run {
                 late,
             });
         let line_n_min_holding = self.summary.line_n_min_holding;
+        let shadow = self.cycle.session.shadow();
+        let mut fingertips = self.summary.fingertips.clone();
+        for (sensor, fingertip) in fingertips.iter_mut().enumerate() {
+            [fingertip.answers_checked, fingertip.shadow_mismatches] = shadow.of(sensor);
+        }
         Summary {
+            fingertips,
             recording: self.recorder.map(Recorder::finish),
             frames: self.frame,
             seconds,
@@ -622,77 +746,5 @@ impl Run {
             },
             ..self.summary
         }
-    }
-}
-
-/// What of a picture is recorded.
-fn image(wanted: Pictures, crop: Vec<u8>, pipeline: &Pipeline) -> Option<Image> {
-    match wanted {
-        Pictures::Full => Some(Image {
-            side: CROP_SIDE,
-            pixels: crop,
-        }),
-        Pictures::Small => Some(Image {
-            side: IMAGE_SIDE,
-            pixels: pipeline.small().to_vec(),
-        }),
-        Pictures::Off => None,
-    }
-}
-
-/// What the host itself has against the microcontroller's part.
-fn faults_of(session: &Session) -> Vec<&'static str> {
-    let faults = [
-        (session.presence().away.is_some(), NO_DEVICE),
-        (session.status_age_us() > STATUS_OLD_US, NO_STATUS),
-    ];
-    let there = faults.into_iter().filter(|(is_there, _)| *is_there);
-    there.map(|(_, name)| name).collect()
-}
-
-fn report_of(
-    (frame, t_s): (u64, f64),
-    turn: &Turn,
-    fingertips: &[FingertipGeometry; SENSORS],
-    picture: &Picture,
-    host_faults: &[&'static str],
-) -> FrameReport {
-    let status = &turn.status;
-    let sums = &status.sums;
-    let fingertip = &fingertips[usize::from(status.sensor).min(SENSORS - 1)];
-    let pitch_mm = millimetres(fingertip.pitch_um);
-    let [x, y, z] = force_n(sums);
-    let faults = status.faults | status.latched;
-    FrameReport {
-        frame,
-        t_s,
-        gate: turn.verdict,
-        health: health_names(turn.health),
-        normal_n: z,
-        shear_x_n: x,
-        shear_y_n: y,
-        shear_n: shear_n(sums),
-        moment_nmm: moment_nmm(sums, pitch_mm),
-        centre_of_pressure_mm: centre_of_pressure_mm(sums, pitch_mm),
-        load: Load::of(sums, status.sensor, fingertip),
-        contact: sums.contact,
-        stick: sums.stick,
-        stick_ratio: stick_ratio(sums),
-        coulomb_slip: status.coulomb_slip,
-        state: status.state.name(),
-        time_to_slip_ms: status.time_to_slip_ms,
-        line_n: newtons(status.line),
-        latency_us: turn.latency_us,
-        stages_us: turn.stages_us,
-        faults: Fault::ALL
-            .iter()
-            .filter(|fault| faults & fault.bit() != 0)
-            .map(|fault| fault.name())
-            .chain(host_faults.iter().copied())
-            .chain(turn.late.map(|_| LATE))
-            .collect(),
-        late: turn.late.map(Late::name),
-        wire_bytes: turn.wire_bytes,
-        truth: picture.truth.clone(),
     }
 }

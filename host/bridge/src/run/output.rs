@@ -6,12 +6,14 @@ use std::io::{self, ErrorKind, IsTerminal, Write};
 use super::summary::{Summary, summary_text};
 use crate::error::Failure;
 use crate::telemetry::{FrameReport, Limits};
-use crate::view::{Screen, View};
+use crate::view::{Pressed, Screen, View};
 
 /// What the person at the terminal wants.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) enum Wish {
     GoOn,
+    /// The latched faults are seen.
+    Acknowledge,
     Stop,
 }
 
@@ -64,11 +66,7 @@ impl Output {
                 if report.frame.is_multiple_of(2) {
                     screen.draw(view).map_err(terminal_failed)?;
                 }
-                Ok(if screen.quit_requested().map_err(terminal_failed)? {
-                    Wish::Stop
-                } else {
-                    Wish::GoOn
-                })
+                wish_of(screen)
             }
             Self::Lines { next_s } if report.t_s >= *next_s => {
                 *next_s = report.t_s.floor() + 1.0;
@@ -80,12 +78,10 @@ impl Output {
 
     /// There is no picture now.
     pub(super) fn idle(&mut self) -> Result<Wish, Failure> {
-        if let Self::Live { screen, .. } = self
-            && screen.quit_requested().map_err(terminal_failed)?
-        {
-            return Ok(Wish::Stop);
+        match self {
+            Self::Live { screen, .. } => wish_of(screen),
+            Self::Json(_) | Self::Lines { .. } => Ok(Wish::GoOn),
         }
-        Ok(Wish::GoOn)
     }
 
     /// Something that a person should know now.
@@ -116,6 +112,14 @@ impl Output {
         };
         still_wanted(written).map(|_| ())
     }
+}
+
+fn wish_of(screen: &mut Screen) -> Result<Wish, Failure> {
+    Ok(match screen.pressed().map_err(terminal_failed)? {
+        Pressed::Nothing => Wish::GoOn,
+        Pressed::Acknowledge => Wish::Acknowledge,
+        Pressed::Quit => Wish::Stop,
+    })
 }
 
 /// A reader that went away (`| head`) is no failure.

@@ -7,6 +7,7 @@ use serde::Serialize;
 
 use crate::capture::Counts;
 use crate::recording::Recorded;
+use crate::source::Source;
 
 /// The last line of `--json`.
 #[derive(Debug, Serialize)]
@@ -15,10 +16,10 @@ pub(super) struct Summary {
     #[serde(rename = "summary")]
     pub last: bool,
     pub mcu: String,
-    /// Where the pictures came from, as it was set.
-    pub source: String,
-    /// What became of a camera's pictures, or of files'.
+    /// What became of the pictures of cameras, or of files, all fingertips together.
     pub pictures: Option<Counts>,
+    /// One or two.
+    pub fingertips: Vec<FingertipSummary>,
     /// Version, commit and board, as the handshake told them.
     pub firmware: Option<String>,
     pub frames: u64,
@@ -70,6 +71,34 @@ pub(super) struct Summary {
     pub recording: Option<Recorded>,
 }
 
+/// What became of one fingertip's pictures.
+#[derive(Debug, Clone, Serialize)]
+pub(super) struct FingertipSummary {
+    /// Where they came from, as it was set.
+    pub source: String,
+    /// Those of a camera, or of files.
+    pub pictures: Option<Counts>,
+    /// Those that had their turn.
+    pub frames: u64,
+    pub maps_unanswered: u64,
+    pub answers_checked: u64,
+    pub shadow_mismatches: u64,
+}
+
+impl FingertipSummary {
+    /// Before its first picture.
+    pub(super) fn of(source: &Source) -> Self {
+        Self {
+            source: source.to_string(),
+            pictures: None,
+            frames: 0,
+            maps_unanswered: 0,
+            answers_checked: 0,
+            shadow_mismatches: 0,
+        }
+    }
+}
+
 #[derive(Debug, Serialize)]
 pub(super) struct StageSummary {
     pub stage: &'static str,
@@ -89,8 +118,8 @@ impl Summary {
         Self {
             last: true,
             mcu,
-            source: String::new(),
             pictures: None,
+            fingertips: Vec::new(),
             firmware: firmware.map(ToString::to_string),
             frames: 0,
             seconds: 0.0,
@@ -154,8 +183,11 @@ impl Summary {
             self.maps_unanswered,
             "maps got no answer from the microcontroller",
         );
-        if let Some(pictures) = &self.pictures {
-            losses.extend(losses_of(pictures));
+        for (place, fingertip) in self.fingertips.iter().enumerate() {
+            let of = if place == 0 { "" } else { " (second fingertip)" };
+            let pictures = fingertip.pictures.as_ref();
+            let lost = pictures.map(losses_of).unwrap_or_default();
+            losses.extend(lost.into_iter().map(|loss| format!("{loss}{of}")));
         }
         let mut lost = |count: u64, what: &str| {
             if count > 0 {
@@ -250,6 +282,13 @@ pub(super) fn summary_text(summary: &Summary) -> String {
         summary.shadow_mismatches,
         summary.maps_unanswered
     );
+    if let [first, second] = summary.fingertips.as_slice() {
+        let _ = write!(
+            text,
+            "\n{} frames of the first fingertip, {} of the second",
+            first.frames, second.frames
+        );
+    }
     if let Some(recording) = &summary.recording {
         let _ = write!(text, "\n{} frames recorded", recording.frames);
     }

@@ -22,6 +22,7 @@ use super::folder::{
 use super::play::{self, Moment, Play, Trouble};
 use super::sheet::{self, Column, full_scale};
 use super::table::{self, force_n, named};
+use crate::capture::avi;
 use crate::error::Failure;
 
 /// The arguments of `gripline simulate`.
@@ -43,6 +44,9 @@ pub struct SimulateArgs {
     /// Write clip.gif too: camera and force map side by side.
     #[arg(long)]
     pub clip: bool,
+    /// Write clip.avi too: the camera's pictures as MJPEG, which `gripline run --source file:clip.avi` plays.
+    #[arg(long)]
+    pub video: bool,
     /// Print the summary as one JSON object.
     #[arg(long)]
     pub json: bool,
@@ -144,6 +148,9 @@ fn simulate(
     write_results(&folder, play, &manifest, &recorded)?;
     if args.clip {
         write_clips(&folder, play, frames_per_second, &recorded.moments)?;
+    }
+    if args.video {
+        write_videos(&folder, play.fingers(), frames_per_second, recorded.moments.len())?;
     }
     manifest.complete = true;
     manifest.frames = recorded.moments.len();
@@ -340,6 +347,37 @@ fn write_clips(
             clip.push(&caption, &picture, state)?;
         }
         folder.write(&(named("clip", finger) + ".gif"), &clip.finish()?)?;
+    }
+    Ok(())
+}
+
+/// JPEG quality of a video: a camera's MJPEG is worse.
+const VIDEO_QUALITY: u8 = 95;
+
+/// A clip of each finger at the camera's resolution, as a camera would send it.
+fn write_videos(
+    folder: &Folder,
+    fingers: usize,
+    frames_per_second: f64,
+    frames: usize,
+) -> Result<(), Failure> {
+    for finger in 0..fingers {
+        let mut clip: Option<avi::Clip> = None;
+        for number in 0..frames {
+            let name = frame_name(number, finger);
+            let picture = decode_grey(&folder.read(&name)?, &name)?;
+            let size = [picture.width as u16, picture.height as u16];
+            let mut jpeg = Vec::new();
+            jpeg_encoder::Encoder::new(&mut jpeg, VIDEO_QUALITY)
+                .encode(&picture.pixels, size[0], size[1], jpeg_encoder::ColorType::Luma)
+                .map_err(Failure::failed)?;
+            clip.get_or_insert_with(|| avi::Clip::new(size, frames_per_second))
+                .push(&jpeg)
+                .map_err(Failure::failed)?;
+        }
+        if let Some(clip) = clip {
+            folder.write(&(named("clip", finger) + ".avi"), &clip.finish())?;
+        }
     }
     Ok(())
 }
@@ -546,6 +584,7 @@ mod tests {
             seed: None,
             frames: None,
             clip: true,
+            video: true,
             json: true,
         };
         let manifest = Manifest {
@@ -605,6 +644,8 @@ mod tests {
             "rest_1.png",
             "clip.gif",
             "clip_1.gif",
+            "clip.avi",
+            "clip_1.avi",
         ] {
             assert!(out.join(name).is_file(), "{name}");
         }

@@ -13,8 +13,8 @@ pub(super) const LINES: u16 = LETTER_LINES + 2;
 /// Five pixels in half lines.
 const LETTER_LINES: u16 = 3;
 
-/// The three parts, one below the other.
-pub(super) fn draw(report: &FrameReport, area: Rect, buffer: &mut Buffer) {
+/// The three parts, one below the other; `mark` stands beside the second.
+pub(super) fn draw(report: &FrameReport, mark: &str, area: Rect, buffer: &mut Buffer) {
     let colour = state_colour(report.state);
     draw_letters(report.state, colour, area, buffer);
     let time_to_slip = match report.time_to_slip_ms {
@@ -26,6 +26,14 @@ pub(super) fn draw(report: &FrameReport, area: Rect, buffer: &mut Buffer) {
     };
     let line = Line::from(vec![Span::styled("time to slip ", DIM), time_to_slip]);
     buffer.set_line(area.x, area.y + LETTER_LINES, &line, area.width);
+    let width = (mark.chars().count() as u16).min(area.width);
+    buffer.set_stringn(
+        area.right() - width,
+        area.y + LETTER_LINES,
+        mark,
+        width.into(),
+        TEXT,
+    );
     let line = fault_line(&report.faults, area.width);
     buffer.set_line(area.x, area.y + LETTER_LINES + 1, &line, area.width);
 }

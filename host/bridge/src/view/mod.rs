@@ -13,13 +13,14 @@ mod screen;
 pub(crate) mod tests;
 mod traces;
 
+use gripline_protocol::SENSORS;
 use ratatui::Frame;
 use ratatui::buffer::Buffer;
 use ratatui::layout::{Constraint, Layout, Rect};
 use ratatui::style::Style;
 use ratatui::widgets::{Paragraph, Widget, Wrap};
 
-pub use screen::Screen;
+pub use screen::{Pressed, Screen};
 
 use self::heat_map::HeatMap;
 use self::history::History;
@@ -31,15 +32,21 @@ const COLUMNS: u16 = 80;
 const LINES: u16 = 24;
 /// The heat map's colours reach at least this far, so that noise on an empty skin stays dark; N per taxel.
 const FULL_SCALE_MIN_N: f64 = 0.05;
+/// A fingertip whose newest frame is older than this beside the other's is silent.
+const SILENT_S: f64 = 0.25;
 
 /// The last seconds of a run, ready to be drawn.
 #[derive(Debug)]
 pub struct View {
     limits: Limits,
     history: History,
-    newest: Option<(FrameReport, Box<[[f32; 3]; 400]>)>,
+    /// Of each fingertip.
+    newest: [Option<Seen>; SENSORS],
     note: String,
 }
+
+/// A frame: its report and its map.
+type Seen = (FrameReport, Box<[[f32; 3]; 400]>);
 
 impl View {
     /// A view that has seen nothing yet.
@@ -48,16 +55,48 @@ impl View {
         Self {
             limits,
             history: History::default(),
-            newest: None,
+            newest: [None, None],
             note: String::new(),
         }
     }
 
     /// Takes one frame: its report and the map that was sent, newtons, 400 taxels row-major, `[fx, fy, fz]`.
     pub fn push(&mut self, report: &FrameReport, map: &[[f32; 3]; 400]) {
-        let peak_n = map.iter().map(|&[.., fz]| fz).fold(0.0, f32::max);
-        self.history.push(report, peak_n);
-        self.newest = Some((report.clone(), Box::new(*map)));
+        let sensor = usize::from(report.sensor) % SENSORS;
+        self.newest[sensor] = Some((report.clone(), Box::new(*map)));
+        if let Some((shown, map)) = self.shown() {
+            let peak_n = map.iter().map(|&[.., fz]| fz).fold(0.0, f32::max);
+            // The traces are those of the worse fingertip, the times those of every frame.
+            let sample = FrameReport {
+                t_s: report.t_s,
+                latency_us: report.latency_us,
+                stages_us: report.stages_us,
+                ..shown.clone()
+            };
+            self.history.push(&sample, peak_n);
+        }
+    }
+
+    /// The frame that is drawn: of two fingertips that of the one which sticks less, as the microcontroller goes by it.
+    fn shown(&self) -> Option<&Seen> {
+        let now_s = self.newest.iter().flatten().map(|(report, _)| report.t_s);
+        let now_s = now_s.fold(f64::NEG_INFINITY, f64::max);
+        let ratio = |seen: &Seen| seen.0.stick_ratio.unwrap_or(f64::INFINITY);
+        self.newest
+            .iter()
+            .flatten()
+            .filter(|(report, _)| now_s - report.t_s <= SILENT_S)
+            .min_by(|one, other| ratio(one).total_cmp(&ratio(other)))
+    }
+
+    /// Which of two fingertips is drawn; nothing to say of one.
+    fn mark(&self, shown: &FrameReport) -> String {
+        let [Some(first), Some(second)] = &self.newest else {
+            return String::new();
+        };
+        let apart_s = (first.0.t_s - second.0.t_s).abs();
+        let silent = if apart_s > SILENT_S { ", other silent" } else { "" };
+        format!("fingertip {} of 2{silent}", shown.sensor + 1)
     }
 
     /// Takes a line of what happened beside the frames; it stays until the next one.
@@ -88,7 +127,7 @@ impl View {
                 .render(area, buffer);
             return;
         }
-        let Some((report, map)) = &self.newest else {
+        let Some((report, map)) = self.shown() else {
             buffer.set_string(area.x, area.y, "waiting for the first frame", colour::DIM);
             return;
         };
@@ -118,7 +157,7 @@ impl View {
             full_scale_n: history::round_up(self.history.greatest(|sample| sample.peak_n), FULL_SCALE_MIN_N),
         };
         heat_map.draw(skin, buffer);
-        banner::draw(report, banner, buffer);
+        banner::draw(report, &self.mark(report), banner, buffer);
         traces::draw_stick_ratio(&self.history, &self.limits, stick_ratio, buffer);
         traces::draw_grip(report, &self.history, &self.limits, grip, buffer);
         numbers::draw(report, &self.note, numbers, buffer);

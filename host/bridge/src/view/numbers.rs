@@ -73,10 +73,15 @@ pub(super) fn draw_footer(report: &FrameReport, history: &History, area: Rect, b
     let rate = history
         .frames_per_s()
         .map_or_else(|| "–".into(), |rate| format!("{rate:.1}"));
+    let keys = if report.faults.is_empty() {
+        "q or Esc quits"
+    } else {
+        "a ack, q quits"
+    };
     let status = [
         (format!("frame {}", report.frame), DIM),
         (format!("{rate} frames/s"), TEXT),
-        ("q or Esc quits".into(), DIM),
+        (keys.into(), DIM),
     ];
     let colours = [DIM, TEXT, TEXT];
     for (y, ((row, colour), (right, right_colour))) in

@@ -27,6 +27,17 @@ const FRAME_BYTES: usize = 1 << 16;
 static TAKEN: AtomicBool = AtomicBool::new(false);
 static PANIC_HOOK: Once = Once::new();
 
+/// What keys ask for; of several the last of these.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Pressed {
+    /// Nothing.
+    Nothing,
+    /// To acknowledge the latched faults that are shown.
+    Acknowledge,
+    /// To end the run.
+    Quit,
+}
+
 /// The terminal, as long as the view owns it.
 #[derive(Debug)]
 pub struct Screen {
@@ -89,18 +100,18 @@ impl Screen {
         execute!(self.terminal.backend_mut(), EndSynchronizedUpdate)
     }
 
-    /// Whether q, Esc or Ctrl-C was pressed since the last call. Never waits.
+    /// What was pressed since the last call: q, Esc or Ctrl-C quit, a acknowledges. Never waits.
     ///
     /// # Errors
     /// Reading the keys failed.
-    pub fn quit_requested(&mut self) -> Result<bool, io::Error> {
-        let mut quit = false;
+    pub fn pressed(&mut self) -> Result<Pressed, io::Error> {
+        let mut pressed = Pressed::Nothing;
         while event::poll(Duration::ZERO)? {
             if let Event::Key(key) = event::read()? {
-                quit |= quits(key);
+                pressed = pressed.max(meaning(key));
             }
         }
-        Ok(quit)
+        Ok(pressed)
     }
 }
 
@@ -120,15 +131,16 @@ fn give_back() {
     }
 }
 
-fn quits(key: KeyEvent) -> bool {
-    let control = key.modifiers.contains(KeyModifiers::CONTROL);
-    key.kind != KeyEventKind::Release
-        && match key.code {
-            KeyCode::Esc => true,
-            KeyCode::Char('q') => !control,
-            KeyCode::Char('c') => control,
-            _ => false,
-        }
+fn meaning(key: KeyEvent) -> Pressed {
+    if key.kind == KeyEventKind::Release {
+        return Pressed::Nothing;
+    }
+    match (key.code, key.modifiers.contains(KeyModifiers::CONTROL)) {
+        (KeyCode::Esc, _) | (KeyCode::Char('q'), false) | (KeyCode::Char('c'), true) => Pressed::Quit,
+        // A key that is held down repeats: that is nobody who looks.
+        (KeyCode::Char('a'), false) if key.kind == KeyEventKind::Press => Pressed::Acknowledge,
+        _ => Pressed::Nothing,
+    }
 }
 
 /// By the convention that terminals with 24-bit colour follow.
@@ -141,8 +153,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_the_documented_keys_quit() {
-        let key = |code, modifiers| quits(KeyEvent::new(code, modifiers));
+    fn only_the_documented_keys_quit_and_only_a_acknowledges() {
+        let key = |code, modifiers| meaning(KeyEvent::new(code, modifiers)) == Pressed::Quit;
         assert!(key(KeyCode::Char('q'), KeyModifiers::NONE));
         assert!(key(KeyCode::Esc, KeyModifiers::NONE));
         assert!(key(KeyCode::Char('c'), KeyModifiers::CONTROL));
@@ -150,7 +162,11 @@ mod tests {
         assert!(!key(KeyCode::Char('q'), KeyModifiers::CONTROL));
         assert!(!key(KeyCode::Enter, KeyModifiers::NONE));
         let release = KeyEvent::new_with_kind(KeyCode::Char('q'), KeyModifiers::NONE, KeyEventKind::Release);
-        assert!(!quits(release));
+        assert_eq!(meaning(release), Pressed::Nothing);
+        let a = |modifiers, kind| meaning(KeyEvent::new_with_kind(KeyCode::Char('a'), modifiers, kind));
+        assert_eq!(a(KeyModifiers::NONE, KeyEventKind::Press), Pressed::Acknowledge);
+        assert_eq!(a(KeyModifiers::NONE, KeyEventKind::Repeat), Pressed::Nothing);
+        assert_eq!(a(KeyModifiers::CONTROL, KeyEventKind::Press), Pressed::Nothing);
     }
 
     #[test]

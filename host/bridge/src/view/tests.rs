@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use ratatui::Terminal;
 use ratatui::backend::TestBackend;
-use ratatui::buffer::Buffer;
+use ratatui::buffer::{Buffer, Cell};
 
 use super::View;
 use crate::telemetry::{FrameReport, Limits, STAGES, Truth};
@@ -24,6 +24,7 @@ pub(super) const LIMITS: Limits = Limits {
 pub(crate) fn report(frame: u64) -> FrameReport {
     FrameReport {
         frame,
+        sensor: 0,
         t_s: frame as f64 / 50.0,
         gate: Verdict::NoContact,
         health: Vec::new(),
@@ -99,6 +100,33 @@ fn report_of(frame: u64, map: &[[f32; 3]; 400], contacts: u16, sticks: u16) -> F
         }),
         ..report(frame)
     }
+}
+
+#[test]
+fn of_two_fingertips_the_one_that_sticks_less_is_drawn_and_marked_and_a_silent_one_is_not() {
+    let text = |view: &View| {
+        let cells = view.cells(80, 24);
+        cells.content.iter().map(Cell::symbol).collect::<String>()
+    };
+    let (map, contacts, sticks) = contact(8.0, 7.6);
+    let mut view = View::new(LIMITS);
+    view.push(&report_of(0, &map, contacts, sticks), &map);
+    assert!(!text(&view).contains("fingertip"), "there is only one");
+    let second = |frame: u64, sticks: u16| FrameReport {
+        sensor: 1,
+        ..report_of(frame, &map, contacts, sticks)
+    };
+    view.push(&second(1, sticks - 40), &map);
+    assert!(text(&view).contains("fingertip 2 of 2"), "{}", text(&view));
+    view.push(&second(2, sticks + 1), &map);
+    assert!(text(&view).contains("fingertip 1 of 2"), "{}", text(&view));
+    // The first one's camera is away for half a second.
+    view.push(&second(25, sticks + 1), &map);
+    assert!(
+        text(&view).contains("fingertip 2 of 2, other silent"),
+        "{}",
+        text(&view)
+    );
 }
 
 fn view_without_contact() -> View {

@@ -1,0 +1,139 @@
+//! The fingertips of a run, one or two: where the pictures of each come from and what makes maps of them. Who is asked next.
+
+use gripline_firmware::sums::TaxelRule;
+use gripline_network::Network;
+use gripline_protocol::SENSORS;
+use gripline_simulation::constants::REST_PICTURES;
+
+use crate::calibration::Calibration;
+use crate::capture::{Counts, POLL};
+use crate::config::Settings;
+use crate::error::Failure;
+use crate::pipeline::Pipeline;
+use crate::source::{Frames, Opened, Picture, Taken, open_both};
+
+/// A fingertip whose source is open and which was looked at while nothing touched it.
+pub(super) struct Open {
+    /// Where pictures come from.
+    source: Frames,
+    /// What it is, for people.
+    pub told: String,
+    /// Frames a second.
+    pub frames_per_second: f64,
+    /// 440×440 grey levels each.
+    pub rest: Vec<Vec<u8>>,
+}
+
+/// Opens the source of each fingertip, and takes its pictures at rest where no calibration has some.
+///
+/// # Errors
+/// [`Failure`] that says what was found and what to do.
+pub(super) fn open(wanted: &Settings) -> Result<Vec<Open>, Failure> {
+    let opened = match &wanted.second_source {
+        None => vec![wanted.source.open(&wanted.pictures_of)?],
+        Some(second) => open_both([&wanted.source, second], &wanted.pictures_of)?.into(),
+    };
+    let calibrations = [&wanted.calibration, &wanted.second_calibration];
+    let at_rest = |(mut opened, calibration): (Opened, &Option<Calibration>)| {
+        let calibrated = calibration.as_ref().map(Calibration::rest_pictures).transpose()?;
+        let rest = match calibrated.flatten() {
+            Some(rest) => rest,
+            None => opened.rest(REST_PICTURES.into())?.crops,
+        };
+        Ok(Open {
+            source: opened.pictures,
+            told: opened.told,
+            frames_per_second: opened.frames_per_second,
+            rest,
+        })
+    };
+    opened.into_iter().zip(calibrations).map(at_rest).collect()
+}
+
+/// A fingertip at work.
+struct Fingertip {
+    source: Frames,
+    pipeline: Pipeline,
+}
+
+/// All of them; at least one.
+pub(super) struct Fingertips {
+    all: Vec<Fingertip>,
+    /// Whose turn it is.
+    next: usize,
+}
+
+/// What the fingertips have to give.
+pub(super) enum Looked {
+    /// A picture of this one.
+    Picture(u8, Picture),
+    /// None yet.
+    NotYet,
+    /// One of them has no more.
+    End,
+}
+
+impl Fingertips {
+    /// Each with the network, its own rest pictures, and a gate of its own.
+    pub(super) fn new(opened: Vec<Open>, network: &Network, wanted: &Settings, rule: TaxelRule) -> Self {
+        let at_work = |open: Open| Fingertip {
+            source: open.source,
+            pipeline: Pipeline::new(network.clone(), &open.rest, wanted.gate, rule),
+        };
+        Self {
+            all: opened.into_iter().map(at_work).collect(),
+            next: 0,
+        }
+    }
+
+    /// The next picture of any of them, in turn; one whose camera has nothing to give now is passed over.
+    ///
+    /// # Errors
+    /// [`Failure`] when there can be no more.
+    pub(super) fn next(&mut self, line_n: f64) -> Result<Looked, Failure> {
+        let count = self.all.len();
+        for _ in 0..count {
+            let place = self.next;
+            self.next = (place + 1) % count;
+            match self.all[place].source.next(line_n, POLL / count as u32)? {
+                Taken::Picture(picture) => return Ok(Looked::Picture(place as u8, picture)),
+                Taken::NotYet => {}
+                Taken::End => return Ok(Looked::End),
+            }
+        }
+        Ok(Looked::NotYet)
+    }
+
+    /// What makes maps of this fingertip's pictures.
+    pub(super) fn pipeline(&mut self, sensor: u8) -> &mut Pipeline {
+        &mut self.all[usize::from(sensor) % SENSORS].pipeline
+    }
+
+    /// Whether the pictures come when they come.
+    pub(super) fn are_live(&self) -> bool {
+        self.all.iter().any(|tip| tip.source.is_live())
+    }
+
+    /// Whether they are in a world of its own that never ends.
+    pub(super) fn are_simulated(&self) -> bool {
+        self.all.iter().any(|tip| tip.source.is_simulated())
+    }
+
+    /// What became of each one's pictures so far.
+    pub(super) fn counts(&self) -> Vec<Option<Counts>> {
+        self.all.iter().map(|tip| tip.source.counts()).collect()
+    }
+
+    /// What happened to the sources since they were last asked, for people.
+    pub(super) fn take_news(&mut self) -> Vec<String> {
+        let mut all = Vec::new();
+        for (place, tip) in self.all.iter_mut().enumerate() {
+            let news = tip.source.take_news();
+            all.extend(news.into_iter().map(|news| match place {
+                0 => news,
+                _ => format!("second fingertip: {news}"),
+            }));
+        }
+        all
+    }
+}

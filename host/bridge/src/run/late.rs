@@ -1,0 +1,100 @@
+//! What is too old is dropped, counted and told, and leaves no gap behind. The pictures' ages are made up: no test hangs on
+//! how busy the machine is.
+
+use std::time::{Duration, Instant};
+
+use gripline_firmware::sums::TaxelRule;
+use gripline_network::scene::GateKind;
+use gripline_network::{Architecture, Network};
+use gripline_protocol::message::GripMode;
+
+use super::{Clock, Run, settings_for};
+use crate::cycle::{At, Late, Lateness};
+use crate::link::EmbeddedLink;
+use crate::pipeline::Pipeline;
+use crate::session::Session;
+use crate::source::SimulatedSource;
+use crate::telemetry::{FrameReport, LATE};
+
+struct Scene {
+    run: Run,
+    source: SimulatedSource,
+    pipeline: Pipeline,
+}
+
+impl Scene {
+    fn new() -> Self {
+        let network = Network::embedded(Architecture::Unet).unwrap();
+        let settings = settings_for(&network);
+        let mut source = SimulatedSource::new(1, 60.0);
+        let rule = TaxelRule::of(&settings);
+        let pipeline = Pipeline::new(network, &source.rest(4), GateKind::Off, rule);
+        let session = Session::open(Box::new(EmbeddedLink::new()), settings).unwrap();
+        let run = Run::new(session, Clock::None, 60.0);
+        Self {
+            run,
+            source,
+            pipeline,
+        }
+    }
+
+    /// The next picture, taken so long ago where anybody looks at that.
+    fn frame(&mut self, clock: Clock, age: Duration) -> FrameReport {
+        let mut picture = self.source.next(2.5).unwrap();
+        picture.came = Instant::now().checked_sub(age).unwrap();
+        self.run.clock = clock;
+        self.run.frame(&mut self.pipeline, 0, picture).unwrap()
+    }
+}
+
+#[test]
+fn a_picture_that_is_too_old_when_its_turn_comes_is_dropped_counted_and_told() {
+    let mut scene = Scene::new();
+    for _ in 0..3 {
+        assert_eq!(scene.frame(Clock::None, Duration::ZERO).late, None);
+    }
+    let late = scene.frame(Clock::Wall, Duration::from_millis(21));
+    assert_eq!((late.late, late.wire_bytes), (Some("picture"), 0));
+    assert!(late.faults.contains(&LATE), "{late:?}");
+    let next = scene.frame(Clock::None, Duration::ZERO);
+    assert!(next.late.is_none() && next.faults.is_empty(), "{next:?}");
+    let summary = scene.run.summary();
+    assert_eq!(
+        (summary.frames, summary.pictures_late, summary.maps_late),
+        (5, 1, 0)
+    );
+    assert_eq!((summary.maps_unanswered, summary.answers_checked), (0, 4));
+    assert!(
+        summary
+            .losses()
+            .iter()
+            .any(|loss| loss.starts_with("1 of 5 pictures were too old")),
+        "{:?}",
+        summary.losses()
+    );
+}
+
+#[test]
+fn a_map_that_is_too_old_to_be_sent_is_dropped_and_the_next_one_takes_its_number() {
+    let mut scene = Scene::new();
+    scene.frame(Clock::None, Duration::ZERO);
+    let crop = scene.source.next(2.5).unwrap().crop;
+    let at = |until_us| At {
+        sensor: 0,
+        wish: GripMode::Hold,
+        age_us: 0,
+        until_us,
+    };
+    let cycle = &mut scene.run.cycle;
+    let late = Lateness::Recorded(Some(Late::Map));
+    let dropped = cycle.turn(&mut scene.pipeline, &crop, late, at(50_000)).unwrap();
+    assert_eq!((dropped.late, dropped.answered), (Some(Late::Map), false));
+    assert!(dropped.stages_us[3] > 0.0, "the network had looked at it");
+    let sent = cycle
+        .turn(&mut scene.pipeline, &crop, Lateness::Never, at(66_000))
+        .unwrap();
+    assert_eq!((sent.late, sent.answered), (None, true));
+    assert_eq!(sent.sequence, dropped.sequence, "no gap");
+    scene.run.count(&dropped);
+    assert_eq!(scene.run.summary.maps_late, 1);
+}

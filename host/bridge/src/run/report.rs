@@ -1,0 +1,89 @@
+//! What a turn of the loop says to view, programs and recording. Pure.
+
+use gripline_firmware::Fault;
+use gripline_network::constants::{CROP_SIDE, IMAGE_SIDE};
+use gripline_protocol::SENSORS;
+use gripline_protocol::message::FingertipGeometry;
+
+use crate::cycle::{Late, Turn};
+use crate::pipeline::Pipeline;
+use crate::recording::{Image, Pictures};
+use crate::session::Session;
+use crate::telemetry::{FrameReport, LATE, NO_DEVICE, NO_STATUS, STATUS_OLD_US, Truth, health_names};
+use crate::units::{
+    Load, centre_of_pressure_mm, force_n, millimetres, moment_nmm, newtons, shear_n, stick_ratio,
+};
+
+/// What of a picture is recorded.
+pub(super) fn image(wanted: Pictures, crop: Vec<u8>, pipeline: &Pipeline) -> Option<Image> {
+    match wanted {
+        Pictures::Full => Some(Image {
+            side: CROP_SIDE,
+            pixels: crop,
+        }),
+        Pictures::Small => Some(Image {
+            side: IMAGE_SIDE,
+            pixels: pipeline.small().to_vec(),
+        }),
+        Pictures::Off => None,
+    }
+}
+
+/// What the host itself has against the microcontroller's part.
+pub(super) fn faults_of(session: &Session) -> Vec<&'static str> {
+    let faults = [
+        (session.presence().away.is_some(), NO_DEVICE),
+        (session.status_age_us() > STATUS_OLD_US, NO_STATUS),
+    ];
+    let there = faults.into_iter().filter(|(is_there, _)| *is_there);
+    there.map(|(_, name)| name).collect()
+}
+
+/// The report of frame number `frame` at `t_s`.
+pub(super) fn report_of(
+    (frame, t_s): (u64, f64),
+    turn: &Turn,
+    fingertips: &[FingertipGeometry; SENSORS],
+    truth: Option<Truth>,
+    host_faults: &[&'static str],
+) -> FrameReport {
+    let status = &turn.status;
+    let sums = &status.sums;
+    let fingertip = &fingertips[usize::from(status.sensor).min(SENSORS - 1)];
+    let pitch_mm = millimetres(fingertip.pitch_um);
+    let [x, y, z] = force_n(sums);
+    let faults = status.faults | status.latched;
+    FrameReport {
+        frame,
+        sensor: turn.sensor,
+        t_s,
+        gate: turn.verdict,
+        health: health_names(turn.health),
+        normal_n: z,
+        shear_x_n: x,
+        shear_y_n: y,
+        shear_n: shear_n(sums),
+        moment_nmm: moment_nmm(sums, pitch_mm),
+        centre_of_pressure_mm: centre_of_pressure_mm(sums, pitch_mm),
+        load: Load::of(sums, status.sensor, fingertip),
+        contact: sums.contact,
+        stick: sums.stick,
+        stick_ratio: stick_ratio(sums),
+        coulomb_slip: status.coulomb_slip,
+        state: status.state.name(),
+        time_to_slip_ms: status.time_to_slip_ms,
+        line_n: newtons(status.line),
+        latency_us: turn.latency_us,
+        stages_us: turn.stages_us,
+        faults: Fault::ALL
+            .iter()
+            .filter(|fault| faults & fault.bit() != 0)
+            .map(|fault| fault.name())
+            .chain(host_faults.iter().copied())
+            .chain(turn.late.map(|_| LATE))
+            .collect(),
+        late: turn.late.map(Late::name),
+        wire_bytes: turn.wire_bytes,
+        truth,
+    }
+}

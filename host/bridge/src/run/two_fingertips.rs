@@ -1,0 +1,126 @@
+//! Two fingertips of one gripper through the loop: both are looked at, the worse one decides, and one that falls silent
+//! holds the line. Virtual time, real code.
+
+use gripline_firmware::sums::TaxelRule;
+use gripline_network::scene::GateKind;
+use gripline_network::{Architecture, Network};
+use gripline_protocol::message::Configuration;
+
+use super::{Clock, Run, settings_for};
+use crate::link::EmbeddedLink;
+use crate::pipeline::Pipeline;
+use crate::session::Session;
+use crate::source::SimulatedSource;
+use crate::telemetry::FrameReport;
+
+/// Pictures a second of both together.
+const RATE: f64 = 60.0;
+
+struct Both {
+    run: Run,
+    sources: [SimulatedSource; 2],
+    pipelines: [Pipeline; 2],
+    /// Pictures so far, lost ones included.
+    number: u64,
+}
+
+impl Both {
+    fn new() -> Self {
+        let network = Network::embedded(Architecture::Unet).unwrap();
+        let settings = Configuration {
+            sensors: 2,
+            ..settings_for(&network)
+        };
+        let mut sources = SimulatedSource::pair(1, RATE / 2.0);
+        let rule = TaxelRule::of(&settings);
+        let pipelines = sources
+            .each_mut()
+            .map(|source| Pipeline::new(network.clone(), &source.rest(4), GateKind::default(), rule));
+        let session = Session::open(Box::new(EmbeddedLink::new()), settings).unwrap();
+        Self {
+            run: Run::new(session, Clock::None, RATE),
+            sources,
+            pipelines,
+            number: 0,
+        }
+    }
+
+    /// The next picture of the one whose turn it is; `None` where its camera is away.
+    fn next(&mut self, is_away: impl Fn(u8) -> bool) -> Option<FrameReport> {
+        let sensor = (self.number % 2) as u8;
+        self.number += 1;
+        let line_n = self.run.line_n();
+        let picture = self.sources[usize::from(sensor)].next(line_n).unwrap();
+        if is_away(sensor) {
+            self.run
+                .cycle
+                .idle((self.number as f64 * 1e6 / RATE) as u64)
+                .unwrap();
+            self.run.frame += 1;
+            return None;
+        }
+        let pipeline = &mut self.pipelines[usize::from(sensor)];
+        Some(self.run.frame(pipeline, sensor, picture).unwrap())
+    }
+
+    fn until(&mut self, t_s: f64) -> Vec<FrameReport> {
+        let mut reports = Vec::new();
+        while (self.number as f64) < t_s * RATE {
+            reports.extend(self.next(|_| false));
+        }
+        reports
+    }
+}
+
+#[test]
+fn both_fingertips_are_answered_checked_and_told_apart() {
+    let mut both = Both::new();
+    let reports = both.until(3.4);
+    for sensor in 0..2 {
+        let its: Vec<_> = reports.iter().filter(|report| report.sensor == sensor).collect();
+        assert_eq!(its.len(), 102);
+        let held = its.last().unwrap();
+        assert!(held.contact > 10 && held.normal_n > 1.0, "{held:?}");
+        // What the object weighs hangs down on both.
+        assert!(held.shear_y_n.abs() > 0.1, "{held:?}");
+        let [checked, wrong] = both.run.cycle.session.shadow().of(usize::from(sensor));
+        assert!(checked >= 102 && wrong == 0, "{checked} checked, {wrong} wrong");
+    }
+    assert!(reports.iter().all(|report| report.faults.is_empty()));
+    assert_eq!(both.run.summary.maps_unanswered, 0);
+}
+
+#[test]
+fn a_fingertip_whose_camera_goes_away_holds_the_line_until_it_is_back() {
+    let mut both = Both::new();
+    both.until(3.0);
+    let held_n = both.run.line_n();
+    let stale = |report: &FrameReport| report.faults.contains(&"STALE MAPS");
+    let mut told_s = None;
+    let mut line_n = held_n;
+    // Into the pull and out of it: alone, the first fingertip would let the line fall by plan.
+    while both.number < (7.4 * RATE) as u64 {
+        let Some(report) = both.next(|sensor| sensor == 1) else {
+            continue;
+        };
+        assert_eq!(report.sensor, 0);
+        told_s = told_s.or(stale(&report).then_some(report.t_s));
+        assert!(
+            report.line_n >= line_n || told_s.is_none(),
+            "{} after {line_n} N at {} s",
+            report.line_n,
+            report.t_s
+        );
+        line_n = report.line_n;
+    }
+    let told_s = told_s.expect("a fingertip is silent and nobody says so");
+    // 100 ms, and a frame until it is told.
+    assert!((3.1..3.2).contains(&told_s), "{told_s} s");
+    assert!(
+        line_n > held_n,
+        "the one that is there goes on deciding: {line_n} N"
+    );
+    let reports = both.until(7.6);
+    assert!(!stale(reports.last().unwrap()), "it is back");
+    assert_eq!(both.run.cycle.session.shadow().mismatches(), 0);
+}
