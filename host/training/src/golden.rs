@@ -73,7 +73,7 @@ mod tests {
     fn weights(architecture: Architecture) -> AnyWeights {
         let device = Device::flex();
         device.seed(3);
-        let mut weights = fresh_weights(architecture, false, &Dataset::noise(2), &device);
+        let mut weights = fresh_weights(architecture, &[], &Dataset::noise(2), &device).unwrap();
         let mut tensors = weights.tensors().clone();
         let mut dice = Dice::new(3);
         for (name, tensor) in &mut tensors {

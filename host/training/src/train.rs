@@ -42,8 +42,8 @@ pub(crate) struct Plan {
     pub(crate) patience: usize,
     /// Peak of the learning rate.
     pub(crate) rate: f64,
-    /// Half the channels in every layer.
-    pub(crate) halved: bool,
+    /// Channels of the layers; none for the usual ones.
+    pub(crate) widths: Vec<usize>,
     /// What the loss and augmentation are made of.
     pub(crate) recipe: Recipe,
 }
@@ -143,24 +143,16 @@ fn starting_weights(
             plan.samples
         )));
     }
-    Ok(fresh_weights(plan.architecture, plan.halved, train, device))
+    fresh_weights(plan.architecture, &plan.widths, train, device)
 }
 
-/// Random weights of full or half width, with the scaling that a data set asks for.
+/// Random weights of these widths (none: the usual ones), with the scaling that a data set asks for.
 pub(crate) fn fresh_weights(
     architecture: Architecture,
-    halved: bool,
+    widths: &[usize],
     train: &Dataset,
     device: &Device,
-) -> AnyWeights {
-    // The kernels take channels by eights.
-    let width = |channels: usize| {
-        if halved {
-            (channels / 2).next_multiple_of(8)
-        } else {
-            channels
-        }
-    };
+) -> Result<AnyWeights, TrainingError> {
     let calibration = Calibration {
         contact_min_n: 0.02,
         friction: DETECTOR_FRICTION,
@@ -169,14 +161,15 @@ pub(crate) fn fresh_weights(
     let mut weights = match architecture {
         Architecture::Unet => {
             let (mean, deviation) = train.rest_levels();
+            let [encode44, encode22, encode20, middle10, bottom5, decode20] = channels(widths, WIDTHS)?;
             AnyWeights::UNet(Weights {
                 widths: Widths {
-                    encode44: width(WIDTHS.encode44),
-                    encode22: width(WIDTHS.encode22),
-                    encode20: width(WIDTHS.encode20),
-                    middle10: width(WIDTHS.middle10),
-                    bottom5: width(WIDTHS.bottom5),
-                    decode20: width(WIDTHS.decode20),
+                    encode44,
+                    encode22,
+                    encode20,
+                    middle10,
+                    bottom5,
+                    decode20,
                 },
                 scaling: Scaling {
                     difference_per_level: DIFFERENCE_PER_LEVEL,
@@ -190,7 +183,7 @@ pub(crate) fn fresh_weights(
             })
         }
         Architecture::Tracked => AnyWeights::Tracked(TrackedWeights {
-            widths: TRACKED_WIDTHS.map(width),
+            widths: channels(widths, TRACKED_WIDTHS)?,
             lens: lens(),
             scaling: TRACKED_SCALING,
             calibration,
@@ -200,7 +193,27 @@ pub(crate) fn fresh_weights(
     };
     let tensors = Model::new(&weights, device).tensors();
     weights.set_tensors(tensors);
-    weights
+    Ok(weights)
+}
+
+/// The channels that were asked for, or the usual ones. The kernels take them by eights.
+fn channels<const N: usize>(asked: &[usize], usual: [usize; N]) -> Result<[usize; N], TrainingError> {
+    if asked.is_empty() {
+        return Ok(usual);
+    }
+    asked
+        .try_into()
+        .ok()
+        .filter(|widths: &[usize; N]| {
+            widths
+                .iter()
+                .all(|width| width.is_multiple_of(8) && (8..=256).contains(width))
+        })
+        .ok_or_else(|| {
+            TrainingError::Usage(format!(
+                "--widths is {asked:?}, expected {N} multiples of 8 from 8 to 256, such as {usual:?}"
+            ))
+        })
 }
 
 /// Gradient steps until the plan is done; leaves the best weights in `weights` and hands each new best to
@@ -360,7 +373,7 @@ mod tests {
             let device = Device::flex().autodiff();
             device.seed(1);
             let set = Dataset::noise(4);
-            let weights = fresh_weights(architecture, false, &set, &device);
+            let weights = fresh_weights(architecture, &[], &set, &device).unwrap();
             let mut trainer = Trainer::new(&weights, Recipe::default(), &device);
             let mut step = || {
                 let batch = batch::plain(&set, &[0, 1, 2, 3], &weights, &device);
@@ -373,6 +386,16 @@ mod tests {
             }
             let last = step();
             assert!(last < 0.5 * first, "{architecture:?}: {first} to {last}");
+        }
+    }
+
+    #[test]
+    fn widths_are_as_many_as_there_are_sizes_and_multiples_of_eight() {
+        assert_eq!(channels(&[], [16, 24, 32]).unwrap(), [16, 24, 32]);
+        assert_eq!(channels(&[8, 16, 256], [16, 24, 32]).unwrap(), [8, 16, 256]);
+        for wrong in [&[8, 16][..], &[8, 16, 0], &[8, 16, 20], &[8, 16, 264]] {
+            let error = channels(wrong, [16, 24, 32]).unwrap_err().to_string();
+            assert!(error.contains("3 multiples of 8"), "{error}");
         }
     }
 
