@@ -4,6 +4,13 @@
 pub const TREND_MAPS: usize = 8;
 /// Longest time to slip that is reported, ms; a slower fall of the stick ratio is no trend.
 pub const TIME_TO_SLIP_MAX_MS: u32 = 10_000;
+/// A load has fallen when this part of its recent peak is gone: twice what sliding itself makes it fluctuate.
+pub const FALL_PART: u32 = 20;
+/// How fast the recent peak of a load is forgotten, as a shift of µs: 2¹⁶ µs, half as long as a hand takes to let go.
+pub const PEAK_SHIFT: u32 = 16;
+/// Change of a load since it slid, over friction's bound and in 64ths, from which half of the contact slips again:
+/// 2 (1 − 0.5^{3/2}) = 1.293.
+pub const TURN_64THS: u64 = 83;
 /// Friction below which the feed-forward stops growing, 1/10000: at 0.05 it already asks for 20 times the shear.
 pub const FEED_FORWARD_FRICTION_MIN: u32 = 500;
 /// What a refused packet adds to the CRC-storm level; the level falls by 1 each millisecond.

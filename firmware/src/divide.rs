@@ -1,8 +1,9 @@
 //! Division whose time does not depend on the numbers: the chip divides 32 bits by 32 in at most 12 cycles, and the
 //! compiler's own 64-bit division takes as many rounds as the numbers want.
 
-/// `number / divisor`, exact; 0 for a divisor of 0. Four divisions of 32 bits.
+/// `number / divisor`, exact; 0 for a divisor of 0. Four divisions of 32 bits. Not inlined: there is little room in SRAM.
 #[must_use]
+#[inline(never)]
 pub(crate) const fn divide(number: u64, divisor: u16) -> u64 {
     let divisor = divisor as u32;
     if divisor == 0 {

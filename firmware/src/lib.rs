@@ -18,6 +18,7 @@ mod divide;
 pub mod friction;
 pub mod grip;
 pub mod line;
+mod load;
 pub mod mcu;
 pub mod modbus;
 pub mod robotiq;

@@ -1,11 +1,14 @@
 //! From stick ratios to a slip state: threshold with a separate leave threshold, a least time in a state, and the
 //! trend, because a sudden fall of the stick ratio announces slip. Getting worse is believed at once, getting better
-//! only after the dwell time. Units: ratios 1/10000, times as named.
+//! only after the dwell time; unless the load falls (`load.rs`), for then everything sticks at once. Once it has
+//! slid, what slid tells more than one map: a load that turned back is INCIPIENT before the ratios show it, and one that
+//! is less than half of what slid STICK although they do not. Units: ratios 1/10000, times as named.
 
 use gripline_protocol::message::{Configuration, MapSums, SlipState};
 
 use crate::constants::{TIME_TO_SLIP_MAX_MS, TREND_MAPS};
 use crate::divide::divide;
+use crate::load::{Load, LoadHistory};
 use crate::sums::{stick_ratio, stick_ratio_below};
 
 /// What the detector says after a map.
@@ -27,6 +30,7 @@ pub struct SlipDetector {
     /// When the state was last as bad as it is, µs.
     last_bad_us: u64,
     trend: Trend,
+    loads: LoadHistory,
 }
 
 impl SlipDetector {
@@ -37,6 +41,7 @@ impl SlipDetector {
             state: SlipState::NoContact,
             last_bad_us: 0,
             trend: Trend::new(),
+            loads: LoadHistory::new(),
         }
     }
 
@@ -59,27 +64,55 @@ impl SlipDetector {
             return Judgement::default();
         };
         let time_to_slip_ms = self.trend.push(ratio, capture_us, settings.slip_threshold);
+        self.state = self.next_state(sums, time_to_slip_ms, capture_us, now_us, settings);
+        Judgement {
+            state: self.state,
+            stick_ratio: Some(ratio),
+            time_to_slip_ms,
+        }
+    }
+
+    fn next_state(
+        &mut self,
+        sums: &MapSums,
+        time_to_slip_ms: Option<u16>,
+        capture_us: u32,
+        now_us: u64,
+        settings: &Configuration,
+    ) -> SlipState {
+        let load = Load::of(sums);
+        if self.loads.push(&load, capture_us) {
+            if self.state == SlipState::Slip {
+                self.loads.note_slid(&load);
+            }
+            return SlipState::Stick;
+        }
         let soon = time_to_slip_ms.is_some_and(|ms| ms < settings.incipient_horizon_ms);
         let slips = stick_ratio_below(sums, settings.slip_threshold)
             || (self.state == SlipState::Slip && stick_ratio_below(sums, settings.slip_leave));
-        let now = if slips {
+        let is_turned = self.loads.is_turned(&load);
+        // Ratios this low are believed in any case: friction may have changed since.
+        let is_held = severity(self.state) <= severity(SlipState::Stick)
+            && !is_turned
+            && self.loads.is_light(&load)
+            && !stick_ratio_below(sums, settings.slip_threshold / 4 * 3);
+        let now = if is_held {
+            SlipState::Stick
+        } else if slips {
             SlipState::Slip
-        } else if soon || stick_ratio_below(sums, settings.incipient_threshold) {
+        } else if soon || is_turned || stick_ratio_below(sums, settings.incipient_threshold) {
             SlipState::Incipient
         } else {
             SlipState::Stick
         };
         let rested = now_us.saturating_sub(self.last_bad_us) >= u64::from(settings.dwell_ms) * 1_000;
         if severity(now) >= severity(self.state) {
-            self.state = now;
             self.last_bad_us = now_us;
+            now
         } else if rested {
-            self.state = now;
-        }
-        Judgement {
-            state: self.state,
-            stick_ratio: Some(ratio),
-            time_to_slip_ms,
+            now
+        } else {
+            self.state
         }
     }
 }

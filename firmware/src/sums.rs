@@ -173,7 +173,8 @@ pub fn total_shear(sums: &MapSums) -> i32 {
 
 /// floor(√square) for squares below 2⁵², in 13 equal steps for the upper half of the root and one division for the
 /// lower (Zimmermann, "Karatsuba square root"): always the same work, and no 64-bit division.
-const fn square_root(square: u64) -> u32 {
+#[inline(never)]
+pub(crate) fn square_root(square: u64) -> u32 {
     const HALF: u32 = 13;
     const MASK: u32 = (1 << HALF) - 1;
     // An even number of places, so that the highest quarter of 52 bits is not zero.
@@ -183,10 +184,12 @@ const fn square_root(square: u64) -> u32 {
         (square.leading_zeros() - 12) & !1
     };
     let scaled = square << shift;
-    let (mut rest, mut root, mut step) = ((scaled >> (2 * HALF)) as u32, 0, 1 << (2 * HALF - 2));
+    // Unrolled, these steps would take 300 bytes more of the chip's SRAM.
+    let first_step = core::hint::black_box(1 << (2 * HALF - 2));
+    let (mut rest, mut root, mut step) = ((scaled >> (2 * HALF)) as u32, 0, first_step);
     while step != 0 {
         let trial = root + step;
-        let fits = (rest >= trial) as u32;
+        let fits = u32::from(rest >= trial);
         rest -= trial * fits;
         root = (root >> 1) + step * fits;
         step >>= 2;
@@ -200,8 +203,9 @@ const fn square_root(square: u64) -> u32 {
     };
     let left = numerator - quotient * divisor;
     let root = (root << HALF) + quotient;
-    let missing = ((left as i64) << HALF | (scaled as u32 & MASK) as i64) < quotient as i64 * quotient as i64;
-    (root - missing as u32) >> (shift / 2)
+    let rest = i64::from(left) << HALF | i64::from(scaled as u32 & MASK);
+    let missing = rest < i64::from(quotient) * i64::from(quotient);
+    (root - u32::from(missing)) >> (shift / 2)
 }
 
 #[cfg(test)]

@@ -165,6 +165,24 @@ fn contact_map(contact: usize, stick: usize) -> ForceMap {
     map
 }
 
+/// The same, but the slipping taxels pull to and fro, so that the load and the twist of the whole stay as they are.
+fn balanced_map(contact: usize, stick: usize) -> ForceMap {
+    let mut map = contact_map(contact, contact);
+    for (n, taxel) in map.taxels.iter_mut().take(contact).enumerate().skip(stick) {
+        taxel.y = if n % 4 == 0 || n % 4 == 3 { 230 } else { -230 };
+    }
+    map
+}
+
+/// 100 taxels of 0.1 N that all carry this shear, 1/4096 N; friction 0.45 holds 184.
+fn pulled_map(shear: i16) -> ForceMap {
+    let mut map = contact_map(100, 100);
+    for taxel in map.taxels.iter_mut().take(100) {
+        taxel.x = shear;
+    }
+    map
+}
+
 #[test]
 fn an_empty_a_sticking_and_a_slipping_map_lead_to_their_states() {
     let mut bench = Bench::holding();
@@ -189,21 +207,71 @@ fn fifty_percent_sticking_is_not_below_a_threshold_of_one_half() {
 #[test]
 fn slip_is_left_only_above_the_leave_threshold_and_after_the_dwell_time() {
     let mut bench = Bench::holding();
-    assert_eq!(bench.map(&contact_map(100, 40)).state, SlipState::Slip);
+    assert_eq!(bench.map(&balanced_map(100, 40)).state, SlipState::Slip);
     // Above the threshold but below the leave threshold: still slip, however long.
     assert_eq!(
-        bench.maps_for_ms(&contact_map(100, 55), 400).state,
+        bench.maps_for_ms(&balanced_map(100, 55), 400).state,
         SlipState::Slip
     );
     assert_eq!(
-        bench.map(&contact_map(100, 90)).state,
+        bench.map(&balanced_map(100, 90)).state,
         SlipState::Slip,
         "the dwell time has not passed"
     );
     assert_eq!(
-        bench.maps_for_ms(&contact_map(100, 90), 80).state,
+        bench.maps_for_ms(&balanced_map(100, 90), 80).state,
         SlipState::Stick
     );
+}
+
+#[test]
+fn a_contact_that_is_let_go_sticks_at_once_although_its_ratios_say_slip() {
+    let mut bench = Bench::holding();
+    assert_eq!(bench.maps_for_ms(&pulled_map(230), 100).state, SlipState::Slip);
+    for shear in [212, 200] {
+        bench.wait_ms(16);
+        let status = bench.map(&pulled_map(shear));
+        assert_eq!((status.state, status.sums.stick), (SlipState::Stick, 0));
+    }
+    // It falls no further: then it slides, only with less friction.
+    assert_eq!(bench.maps_for_ms(&pulled_map(200), 200).state, SlipState::Slip);
+}
+
+#[test]
+fn what_slid_slips_early_when_the_load_turns_back_and_late_when_it_comes_again() {
+    for (shear, state) in [(100, SlipState::Stick), (-100, SlipState::Incipient)] {
+        let mut bench = Bench::holding();
+        bench.maps_for_ms(&pulled_map(100), 300);
+        assert_eq!(
+            bench.map(&pulled_map(-100)).state,
+            SlipState::Stick,
+            "nothing slid"
+        );
+        bench.maps_for_ms(&pulled_map(230), 100);
+        for falling in [180, 120, 60, 0] {
+            bench.wait_ms(16);
+            bench.map(&pulled_map(falling));
+        }
+        let status = bench.maps_for_ms(&pulled_map(shear), 200);
+        assert_eq!((status.state, status.sums.stick), (state, 100));
+    }
+}
+
+#[test]
+fn under_less_than_half_of_what_slid_the_ratios_are_not_believed_unless_they_are_very_low() {
+    let mut bench = Bench::holding();
+    assert_eq!(bench.map(&balanced_map(100, 44)).state, SlipState::Slip);
+    bench.maps_for_ms(&pulled_map(230), 100);
+    for falling in [180, 120, 60, 40] {
+        bench.wait_ms(16);
+        bench.map(&pulled_map(falling));
+    }
+    assert_eq!(
+        bench.maps_for_ms(&balanced_map(100, 44), 400).state,
+        SlipState::Stick
+    );
+    let status = bench.map(&balanced_map(100, 36));
+    assert_eq!((status.state, status.sums.stick), (SlipState::Slip, 36));
 }
 
 #[test]

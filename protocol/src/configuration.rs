@@ -94,7 +94,7 @@ pub struct Configuration {
     pub incipient_threshold: u16,
     /// Time-to-slip estimate below which the state is INCIPIENT, ms.
     pub incipient_horizon_ms: u16,
-    /// Least time in SLIP and INCIPIENT, ms.
+    /// Least time in SLIP and INCIPIENT unless the load falls, ms.
     pub dwell_ms: u16,
     /// Grip above what friction needs, 1/10000 of it; people keep 10–40 %.
     pub margin: u16,

@@ -436,7 +436,8 @@ fn the_state_column_has_the_memory_that_the_slip_column_lacks() {
                 if taxel < sticking {
                     [0.0, 0.0, 1.0]
                 } else {
-                    [1.0, 0.0, 1.0]
+                    // To and fro, so that the load on the whole does not fall with their number.
+                    [if taxel % 2 == 0 { 1.0 } else { -1.0 }, 0.0, 1.0]
                 }
             })
             .collect()

@@ -99,6 +99,11 @@ fn detector() -> Vec<Step> {
     let (two, last) = (range(2, 2), range(SIDE as i128 - 1, SIDE as i128 - 1));
     let counts = range(0, TAXELS as i128);
     let friction = range(0, 20_000);
+    let [whole_moment, whole_pressure] = [moment, pressure].map(|sum| two * sum - last * force);
+    // What the load keeps: a twist of at most 2²⁹, its square for the contact's size, of which all take 51 bits.
+    let twist = range(-(1 << 29), 1 << 29);
+    let normal = range(1, force.most);
+    let share = range(0, u16::MAX.into());
     vec![
         ("taxel: fx² + fy²", shear, ("u32", U32)),
         ("taxel: 10⁸ (fx² + fy²)", shear * unit.squared(), ("u64", U64)),
@@ -148,6 +153,41 @@ fn detector() -> Vec<Step> {
             "Coulomb: m² F_N²",
             friction.squared() * I32.squared(),
             ("u128", U128),
+        ),
+        (
+            "load: px Fy − py Fx",
+            whole_pressure * force - whole_pressure * force,
+            ("i64", I64),
+        ),
+        (
+            "load: moment less that of the centre of pressure",
+            whole_moment - (whole_pressure * force - whole_pressure * force),
+            ("i64", I64),
+        ),
+        (
+            "load: Fx² + Fy² + 2 twist², changes of them",
+            (two * force).squared() + (two * force).squared() + two * (two * twist).squared(),
+            ("u64", U64),
+        ),
+        (
+            "load: 2¹⁴ · load",
+            range(0, 1 << 26) * range(0, 1 << 14),
+            ("u64", U64),
+        ),
+        (
+            "load: fraction of the peak · µs",
+            share * range(0, 1 << 8) * range(0, 1 << 16),
+            ("u64", U64),
+        ),
+        (
+            "load: 20 · fall of the peak",
+            share * range(0, 1 << 8) * range(0, 20),
+            ("u32", U32),
+        ),
+        (
+            "load: 83 · share · normal force",
+            range(0, 83) * share * normal,
+            ("u64", U64),
         ),
         (
             "trend: four ratios",

@@ -1,0 +1,265 @@
+//! What the tangential load on a contact does from map to map, beyond what the ratios in one map show: force along the
+//! skin and twist together, over the normal force.
+//!
+//! When the load on a contact that slips falls, or turns back, every taxel sticks at once (Cattaneo 1938, Mindlin and
+//! Deresiewicz 1953), while the ratios in the map stay near friction until the load is gone. A contact of friction μ and
+//! normal force N that slid and was let go slips again from its edge; when the load has changed by ΔQ since, the share
+//! (1 − ΔQ/2μN)^⅔ of it sticks, in whatever direction the load now grows: half of it at ΔQ = 1.29 μN. So it may slip
+//! under a load that looks small. And under a load of less than half of what slid, and no such change, (1 − ½)^⅔ = 63 %
+//! and more of it stick.
+//!
+//! Units: forces 1/4096 N, twist 1/4096 N times half taxel pitches, shares of the normal force 2⁻¹⁴, times as named.
+//! Limits: friction that falls when sliding begins looks like a load that falls, until the peak is forgotten.
+
+use gripline_protocol::message::MapSums;
+
+use crate::constants::{FALL_PART, PEAK_SHIFT, TURN_64THS};
+use crate::divide::divide;
+use crate::sums::square_root;
+
+/// A share of 1.
+const SHARE_SHIFT: u32 = 14;
+/// Fractions of the peak's unit, so that it is forgotten at a thousand maps a second too.
+const PEAK_FRACTION: u32 = 8;
+/// No map twists more: 400 taxels of 2¹⁵ at a distance of 27 half pitches.
+const TWIST_MAX: i64 = 1 << 29;
+/// Square of the largest load that is told from larger ones; no map has more force.
+const SQUARE_MAX: u64 = 1 << 51;
+
+/// The tangential load of a map.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Load {
+    /// Σ fx, Σ fy.
+    force: [i32; 2],
+    /// Moment about the centre of pressure.
+    twist: i32,
+    /// Taxels in contact; makes a force of the twist.
+    contact: u16,
+    /// At least 1.
+    normal: u32,
+    /// Load over normal force.
+    share: u16,
+}
+
+impl Load {
+    /// Of a map's sums; something must be in contact.
+    pub(crate) fn of(sums: &MapSums) -> Self {
+        let [x, y, z] = sums.force;
+        let normal = z.max(1).cast_unsigned();
+        // A divisor of 16 bits: the quotients are good to 2⁻¹⁵.
+        let shift = (u32::BITS - normal.leading_zeros()).saturating_sub(16);
+        let divisor = (normal >> shift) as u16;
+        // At most 2 · 2²⁸ · 2²⁴.
+        let [across, along] = sums.pressure.map(i64::from);
+        let lever = across * i64::from(y) - along * i64::from(x);
+        let shift_of_centre = divide(lever.unsigned_abs() >> shift, divisor).cast_signed() * lever.signum();
+        let twist = (i64::from(sums.moment) - shift_of_centre).clamp(-TWIST_MAX, TWIST_MAX) as i32;
+        let load = square_root(square([x, y], twist, sums.contact));
+        // One division of 32 bits: below four times the normal force, what is divided is below 2³².
+        let share = if load >> 2 >= normal {
+            u32::from(u16::MAX)
+        } else {
+            ((u64::from(load) << SHARE_SHIFT) >> shift) as u32 / u32::from(divisor)
+        };
+        Self {
+            force: [x, y],
+            twist,
+            contact: sums.contact,
+            normal,
+            share: share.min(u16::MAX.into()) as u16,
+        }
+    }
+}
+
+/// Square of force and twist as one force. An even pressure holds a twist of ⅔ radius times the force that it holds; with
+/// π radius² for the taxels in contact (4 square half pitches each) that is √(contact/1.77). Edges count less in a map,
+/// so it is √(contact/2). Not inlined: there is little room in SRAM.
+#[inline(never)]
+fn square([x, y]: [i32; 2], twist: i32, contact: u16) -> u64 {
+    let [x, y, twist] = [x, y, twist].map(|part| u64::from(part.unsigned_abs()).pow(2));
+    (x + y + divide(2 * twist, contact)).min(SQUARE_MAX)
+}
+
+/// What the loads of a contact were.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(crate) struct LoadHistory {
+    /// Largest share lately, in fractions.
+    peak: u32,
+    /// Capture time of the last map, µs, wraps.
+    at_us: u32,
+    /// Load that last slid, as it began to fall.
+    slid: [i32; 2],
+    slid_twist: i32,
+    /// Its share: friction; 0 when nothing has slid.
+    friction: u16,
+}
+
+impl LoadHistory {
+    /// Nothing touches.
+    pub(crate) const fn new() -> Self {
+        Self {
+            peak: 0,
+            at_us: 0,
+            slid: [0; 2],
+            slid_twist: 0,
+            friction: 0,
+        }
+    }
+
+    /// Takes the load of a new map; returns whether it falls.
+    pub(crate) fn push(&mut self, load: &Load, capture_us: u32) -> bool {
+        let share = u32::from(load.share) << PEAK_FRACTION;
+        let passed_us = capture_us.wrapping_sub(self.at_us).min(1 << PEAK_SHIFT);
+        self.at_us = capture_us;
+        let above = self.peak.saturating_sub(share);
+        let forgotten = (u64::from(above) * u64::from(passed_us)) >> PEAK_SHIFT;
+        self.peak = (share + above) - forgotten as u32;
+        (self.peak - share) * FALL_PART > self.peak
+    }
+
+    /// The contact slid, and its load now falls.
+    pub(crate) fn note_slid(&mut self, load: &Load) {
+        (self.slid, self.slid_twist) = (load.force, load.twist);
+        self.friction = load.share;
+    }
+
+    /// Whether the load has changed so much since the contact slid that it slips again.
+    pub(crate) fn is_turned(&self, load: &Load) -> bool {
+        if self.friction == 0 {
+            return false;
+        }
+        let ([x, y], [x0, y0]) = (load.force, self.slid);
+        let change = square([x - x0, y - y0], load.twist - self.slid_twist, load.contact);
+        // At most 2²⁴ · 2¹⁶ · 83; the bound is below 2²⁷.
+        let bound = (u64::from(load.normal) * u64::from(self.friction) * TURN_64THS) >> (SHARE_SHIFT + 6);
+        change > bound * bound
+    }
+
+    /// Whether the load is less than half of what slid.
+    pub(crate) fn is_light(&self, load: &Load) -> bool {
+        u32::from(load.share) * 2 < u32::from(self.friction)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// A contact of 20 taxels in the middle under these forces, 1/4096 N, and this twist.
+    fn load(x: i32, y: i32, z: i32, twist: i32) -> Load {
+        Load::of(&MapSums {
+            contact: 20,
+            stick: 0,
+            force: [x, y, z],
+            moment: twist,
+            pressure: [0; 2],
+        })
+    }
+
+    #[test]
+    fn the_share_is_load_over_normal_force_and_a_twist_counts_at_its_lever() {
+        assert_eq!(load(300, -400, 1_000, 0).share, 8_192);
+        assert_eq!(load(3_000_000, 4_000_000, 10_000_000, 0).share, 8_192);
+        // √(2/20) of 10,000 half pitches.
+        assert_eq!(load(0, 0, 10_000, 10_000).share, 5_180);
+        assert_eq!(load(1, 0, -5, 0).share, 16_384);
+    }
+
+    #[test]
+    fn where_on_the_map_a_contact_is_pulled_makes_no_twist() {
+        let at = |column: i32, row: i32| {
+            Load::of(&MapSums {
+                contact: 20,
+                stick: 20,
+                force: [3_000, -1_000, 70_000],
+                moment: column * -1_000 - row * 3_000,
+                pressure: [column * 70_000, row * 70_000],
+            })
+        };
+        for (column, row) in [(0, 0), (19, -19), (-7, 12)] {
+            // The divisor of 16 bits costs 2⁻¹⁵ of the moment.
+            assert!(at(column, row).twist.abs() <= 4, "{:?}", at(column, row));
+        }
+    }
+
+    #[test]
+    fn a_load_that_only_fluctuates_does_not_fall_and_one_that_is_let_go_does() {
+        let mut history = LoadHistory::new();
+        let mut capture_us = 4_294_900_000_u32;
+        let mut push = |share: i32| {
+            capture_us = capture_us.wrapping_add(16_667);
+            history.push(&load(share, 0, 10_000, 0), capture_us)
+        };
+        for share in [1_000, 3_000, 5_000, 6_000, 5_800, 6_000, 5_700, 5_900] {
+            assert!(!push(share), "{share}");
+        }
+        for share in [5_200, 4_000, 2_500, 1_500, 900] {
+            assert!(push(share), "{share}");
+        }
+    }
+
+    #[test]
+    fn a_drop_of_friction_looks_like_a_falling_load_for_a_tenth_of_a_second_at_every_rate() {
+        for rate_hz in [60, 200, 1_000] {
+            let mut history = LoadHistory::new();
+            let mut falling = 0;
+            for map in 0..rate_hz {
+                let share = if map < rate_hz / 2 { 6_000 } else { 4_800 };
+                let capture_us = map as u32 * (1_000_000 / rate_hz as u32);
+                falling += i32::from(history.push(&load(share, 0, 10_000, 0), capture_us));
+            }
+            let falling_ms = falling * 1_000 / rate_hz;
+            assert!((50..=110).contains(&falling_ms), "{rate_hz} Hz: {falling_ms} ms");
+        }
+    }
+
+    #[test]
+    fn after_a_slide_the_other_way_slips_early_and_the_same_way_late() {
+        let mut history = LoadHistory::new();
+        assert!(!history.is_turned(&load(-9_000, 0, 10_000, 0)));
+        history.note_slid(&load(6_000, 0, 10_000, 0));
+        for (x, y, turned) in [
+            (6_000, 0, false),
+            (0, 0, false),
+            (-1_700, 0, false),
+            (-1_900, 0, true),
+            (0, 4_900, false),
+            (0, 5_100, true),
+        ] {
+            assert_eq!(history.is_turned(&load(x, y, 10_000, 0)), turned, "{x} {y}");
+        }
+        // Twice the grip holds twice the change.
+        assert!(!history.is_turned(&load(-5_900, 0, 20_000, 0)));
+        assert!(
+            history.is_light(&load(2_900, 0, 10_000, 0)) && !history.is_light(&load(3_000, 0, 10_000, 0))
+        );
+    }
+
+    #[test]
+    fn a_twist_turns_as_a_force_does() {
+        let mut history = LoadHistory::new();
+        history.note_slid(&load(0, 0, 10_000, 20_000));
+        assert!(!history.is_turned(&load(0, 0, 10_000, -5_000)));
+        assert!(history.is_turned(&load(0, 0, 10_000, -7_000)));
+    }
+
+    proptest! {
+        #[test]
+        fn no_map_is_too_much(contact in 1_u16..=400, x in -(400 << 15)..=400 << 15, y in -(400 << 15)..=400 << 15,
+                              z in -(400 << 15)..=400 << 15, moment: i32, pressure in [-(19 * 400) << 15..=(19 * 400) << 15, -(19 * 400) << 15..=(19 * 400) << 15]) {
+            let load = Load::of(&MapSums { contact, stick: 0, force: [x, y, z], moment, pressure });
+            let mut history = LoadHistory::new();
+            history.note_slid(&load);
+            let back = Load::of(&MapSums { contact, stick: 0, force: [-x, -y, z], moment: moment.saturating_neg(), pressure });
+            let exact = {
+                let sides = [x, y].map(|side| f64::from(side).powi(2));
+                let twist = f64::from(load.twist).powi(2) * 2.0 / f64::from(contact);
+                (16_384.0 * (sides[0] + sides[1] + twist).sqrt() / f64::from(z.max(1))).min(65_535.0)
+            };
+            prop_assert!((f64::from(load.share) - exact).abs() <= 2.0 + exact * 1e-4 + 16_384.0 / f64::from(z.max(1)) || exact > 30_000.0, "{} {exact}", load.share);
+            history.is_turned(&back);
+            prop_assert!(!history.push(&load, 7));
+        }
+    }
+}
