@@ -26,6 +26,9 @@ pub struct PaperArgs {
     /// Runs of the sequence T-T-R-T-T per object.
     #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u64).range(1..=50))]
     pub runs: u64,
+    /// Only the first so many of the five objects: a look at it, no evidence.
+    #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u8).range(1..=5))]
+    pub objects: u8,
     /// One short run of each kind per object on the coarse grid: a look at it, no evidence.
     #[arg(long)]
     pub quick: bool,
@@ -87,7 +90,8 @@ fn measure(args: &PaperArgs) -> Result<Report, Failure> {
             hold_s: 24.0,
         }
     };
-    let planned = plan(args.data, args.seed, amount);
+    let mut planned = plan(args.data, args.seed, amount);
+    planned.retain(|planned| planned.object < args.objects.into());
     let progress = Progress::new("runs", planned.len());
     let mut noisy = NOISE_LEVELS.map(|_| Vec::new());
     let played = in_parallel(&planned, args.threads.into(), |planned| {

@@ -1,5 +1,6 @@
 //! What `gripline evaluate paper` says: every figure, as an object for programs and as a page for people.
 
+mod bounds;
 mod page;
 
 use std::collections::BTreeMap;
@@ -17,6 +18,7 @@ use super::plan::{Planned, Purpose};
 use super::trial::Kind;
 use crate::detect::replay::moved_to;
 use crate::units::ratio;
+use bounds::{Bound, bounds};
 
 /// Noise of the camera for the sensitivity, grey levels; sensors have 1 to 3.5.
 pub const NOISE_LEVELS: [f64; 4] = [0.0, 2.0, 4.0, 8.0];
@@ -74,11 +76,17 @@ pub struct Report {
     network: String,
     data: &'static str,
     quick: bool,
+    /// How many of the five were played.
+    objects_played: u8,
     seed: u64,
     runs: u64,
     sensors: [u64; 2],
     frames: usize,
     doubtful_frames: usize,
+    /// What must hold.
+    bounds: Vec<Bound>,
+    /// Beginnings and ends of slips in the sequences, percent of their frames.
+    edge_percent: f64,
     /// Our detector's settings.
     settings: BTreeMap<&'static str, f64>,
     #[serde(flatten)]
@@ -121,10 +129,13 @@ impl Report {
         let (hold_minutes, alarms) = hold_alarms(holds);
         let sensors = planned.iter().map(|planned| planned.trial.sensor);
         let frames = recorded.iter().flat_map(|run| &run.frames);
+        let judged_tables = tables(&judged, Meaning::Incipient);
+        let lead_time_ms_median = slips["all"].gripline.lead_ms_median;
         Self {
             network: args.network.to_string(),
             data: args.data.name(),
             quick: args.quick,
+            objects_played: args.objects,
             seed: args.seed,
             runs: if args.quick { 1 } else { args.runs },
             sensors: [
@@ -136,10 +147,12 @@ impl Report {
                 .filter(|frame| !frame.health.without(Health::SATURATED).is_good())
                 .count(),
             settings: settings_of(ours),
-            tables: tables(&judged, Meaning::Incipient),
+            bounds: bounds(&judged_tables, lead_time_ms_median, alarms.gripline),
+            edge_percent: edge_percent(sequences(&judged)),
+            tables: judged_tables,
             gross_slip_only: tables(&judged, Meaning::Gross),
             perfect_sensor: scores(&confusion(sequences(&exact), Meaning::Incipient, |_| true)),
-            lead_time_ms_median: slips["all"].gripline.lead_ms_median,
+            lead_time_ms_median,
             slips,
             hold_minutes,
             alarms_per_minute: alarms.gripline,
@@ -231,6 +244,18 @@ fn tables(runs: &[Judged], meaning: Meaning) -> Tables {
         translation: of(Purpose::Translation),
         rotation: of(Purpose::Rotation),
     }
+}
+
+/// How many frames of these runs slip other than the frame before, percent.
+fn edge_percent<'a: 'b, 'b>(runs: impl Iterator<Item = &'b Judged<'a>>) -> f64 {
+    let (mut edges, mut frames) = (0, 0);
+    for run in runs {
+        let slips = |frame: &Frame| Meaning::Incipient.slips(&frame.truth);
+        let pairs = run.recorded.frames.windows(2);
+        edges += pairs.filter(|pair| slips(&pair[0]) != slips(&pair[1])).count();
+        frames += run.recorded.frames.len();
+    }
+    100.0 * edges as f64 / frames.max(1) as f64
 }
 
 fn at(value: f64, tables: &Each<Confusion>) -> At {

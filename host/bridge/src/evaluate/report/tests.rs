@@ -64,7 +64,20 @@ fn a_short_evaluation_finds_every_slip_and_has_the_keys_that_programs_read() {
     assert!(json["rotation"]["stick_ratio"]["recall"].as_f64().unwrap() > 50.0);
     let notice = &report.slips["all"].gripline;
     assert_eq!((notice.slips, notice.noticed), (5, 5));
-    assert!(report.markdown().contains("| golf ball |"));
+    let page = report.markdown();
+    assert!(page.contains("| golf ball |"));
+    // One object, rotation, baseline, lead, alarms.
+    let bounds = json["bounds"].as_array().unwrap();
+    assert_eq!(bounds.len(), 5);
+    for bound in bounds {
+        let row = format!(
+            "| {} | {} |",
+            bound["measure"].as_str().unwrap(),
+            bound["bound"].as_str().unwrap()
+        );
+        assert!(page.contains(&row), "{row}");
+    }
+    assert_eq!(bounds[3]["held"], true, "{}", bounds[3]);
 }
 
 #[test]
