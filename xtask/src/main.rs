@@ -42,9 +42,11 @@ cargo xtask COMMAND
                                     --bless renews the instruction counts that the tests hold
   toolchain [--from-sources]        make this machine able to build for the microcontroller;
                                     --from-sources passes over rustup and an installed target
-  vm [--profile PROFILE]            boot a Debian kernel in qemu and run `gripline` in it, built with PROFILE (release),
-                                    against a virtual camera: formats, controls, the plug pulled, the program killed,
-                                    disks full and slow; fetches qemu and the kernel
+  vm [--profile PROFILE] [--only WORD]
+                                    boot a Debian kernel in qemu and run `gripline` in it, built with PROFILE (release),
+                                    against a virtual camera and virtual microcontrollers on USB: formats, controls,
+                                    plugs pulled, programs hung and killed, disks full and slow; fetches qemu and the
+                                    kernel; --only runs the checks that have WORD in their name
   bench [--json] [--frames N] [--rounds N] [--seed N] [--plot FILE]
                                     run time against error for the whole chain and each of its stages, a NumPy detector
                                     beside ours, what skipping saves by kind of scene and what it changes; tables and a

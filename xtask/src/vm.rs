@@ -1,5 +1,5 @@
-//! `cargo xtask vm`: boots a Debian kernel in qemu, without KVM, and runs `gripline` in it against a virtual
-//! camera (vivid); see tests/vm for the checks.
+//! `cargo xtask vm`: boots a Debian kernel in qemu, without KVM, and runs `gripline` in it against a virtual camera (vivid)
+//! and virtual microcontrollers on USB (dummy_hcd); see tests/vm for the checks.
 //!
 //! What the machine lacks is fetched as Debian packages with the machine's own apt settings, unpacked under
 //! `target/gripline/vm` and used from there; nothing is installed. Limits: a Linux host of the x86-64 kind with Debian's
@@ -20,13 +20,18 @@ const QEMU: &str = "qemu-system-x86_64";
 /// Depends on the newest kernel of the release.
 const KERNEL: &str = "linux-image-amd64";
 /// Kernel modules with their parameters, in the order in which they are wanted; what they depend on is found.
-const MODULES: [(&str, &str); 4] = [
+const MODULES: [(&str, &str); 6] = [
     // One camera that takes pictures, with the one input that has a webcam's sizes.
     ("vivid", "n_devs=1 node_types=0x1 num_inputs=1 input_types=0x0"),
     ("null_blk", "nr_devices=0"),
     ("crc32c_generic", ""),
     ("ext4", ""),
+    // Two sockets, each a host with a device controller of its own, and what lets a program be the device.
+    ("dummy_hcd", "num=2"),
+    ("usb_f_fs", ""),
 ];
+/// The kernel hands it to the first process, which reads it there.
+const ONLY: &str = "GRIPLINE_ONLY";
 /// Memory of the virtual machine; the image lies in it twice while it boots.
 const MEMORY_MIB: &str = "1536";
 /// The whole has to be over by then.
@@ -34,15 +39,35 @@ const PATIENCE: Duration = Duration::from_mins(6);
 
 /// `cargo xtask vm`.
 pub(crate) fn command(arguments: &[String]) -> Result<(), Error> {
-    match arguments {
-        [] => run("release"),
-        [option, profile] if option == "--profile" => run(profile),
-        [found, ..] => Err(Error::usage("argument", found, "--profile PROFILE or none")),
+    let mut profile = "release";
+    let mut only = None;
+    let mut rest = arguments.iter();
+    while let Some(option) = rest.next() {
+        match (option.as_str(), rest.next()) {
+            ("--profile", Some(value)) => profile = value,
+            ("--only", Some(value)) if is_word(value) => only = Some(value.as_str()),
+            ("--only", Some(value)) => {
+                return Err(Error::usage("--only", value, "a word of checks' names"));
+            }
+            _ => {
+                return Err(Error::usage(
+                    "argument",
+                    option,
+                    "--profile PROFILE, --only WORD or none",
+                ));
+            }
+        }
     }
+    run(profile, only)
 }
 
-/// Builds what is needed with this profile, boots and judges.
-pub(crate) fn run(profile: &str) -> Result<(), Error> {
+/// What can stand in the kernel's command line as it is.
+fn is_word(text: &str) -> bool {
+    !text.is_empty() && text.chars().all(char::is_alphanumeric)
+}
+
+/// Builds what is needed with this profile, boots and judges: every check, or only those with this word in their name.
+pub(crate) fn run(profile: &str, only: Option<&str>) -> Result<(), Error> {
     if !cfg!(all(target_os = "linux", target_arch = "x86_64")) {
         return Err(Error::Product {
             what: "this machine".to_owned(),
@@ -65,9 +90,11 @@ pub(crate) fn run(profile: &str) -> Result<(), Error> {
     let built = process::build_dir().join(folder);
     let home = process::products().join("vm");
     let tools = Tools::ensure(&home)?;
+    let scene = home.join("scene.mcap");
+    record_scene(&built, &scene)?;
     let image = home.join("image.cpio");
-    write_image(&image, &built, &tools)?;
-    let lines = boot(&tools, &image)?;
+    write_image(&image, &built, &scene, &tools)?;
+    let lines = boot(&tools, &image, only)?;
     judge(&lines)
 }
 
@@ -193,8 +220,27 @@ fn fetch(home: &Path, root: &Path, packages: &[&str], with_dependencies: bool) -
     Ok(())
 }
 
-/// Our programs with their shared libraries, busybox, and the modules: the machine's first and only file system.
-fn write_image(image: &Path, built: &Path, tools: &Tools) -> Result<(), Error> {
+/// The scripted scene, as the small network sees it: to play the simulated fingertip itself takes too long in there.
+fn record_scene(built: &Path, scene: &Path) -> Result<(), Error> {
+    let _ = fs::remove_file(scene);
+    let mut command = Command::new(built.join("gripline"));
+    command
+        .args([
+            "run",
+            "--source",
+            "sim",
+            "--network",
+            "unet",
+            "--seconds",
+            "1.7",
+            "--unpaced",
+        ])
+        .args(["--record-pictures", "small", "--record"]);
+    process::output(command.arg(scene)).map(drop)
+}
+
+/// Our programs with their shared libraries, busybox, the scene, and the modules: the machine's first and only file system.
+fn write_image(image: &Path, built: &Path, scene: &Path, tools: &Tools) -> Result<(), Error> {
     let read = |path: &Path| fs::read(path).map_err(|source| Error::file(path, source));
     // As a package has it: what a debugger wants is most of the file.
     let stripped = |name: &str| {
@@ -217,6 +263,7 @@ fn write_image(image: &Path, built: &Path, tools: &Tools) -> Result<(), Error> {
     archive.program("init", &stripped("gripline-vm")?);
     archive.program("bin/gripline", &stripped("gripline")?);
     archive.program("bin/busybox", &read(&tools.busybox)?);
+    archive.file("scene.mcap", &read(scene)?);
     for library in libraries(&[&built.join("gripline-vm"), &built.join("gripline")])? {
         // Programs look for them where they were found here.
         let place = library.display().to_string();
@@ -320,7 +367,7 @@ fn dependencies(module: &[u8]) -> Vec<String> {
 }
 
 /// Boots and returns what the checks said.
-fn boot(tools: &Tools, image: &Path) -> Result<Vec<String>, Error> {
+fn boot(tools: &Tools, image: &Path, only: Option<&str>) -> Result<Vec<String>, Error> {
     let mut command = Command::new(&tools.qemu);
     // An installed one finds its own.
     if tools.qemu.starts_with(&tools.root) {
@@ -355,7 +402,11 @@ fn boot(tools: &Tools, image: &Path) -> Result<Vec<String>, Error> {
         .arg(&tools.kernel)
         .arg("-initrd")
         .arg(image)
-        .args(["-append", "console=ttyS0 loglevel=1 panic=-1 mitigations=off"]);
+        .arg("-append")
+        .arg(format!(
+            "console=ttyS0 loglevel=1 panic=-1 mitigations=off {ONLY}={}",
+            only.unwrap_or_default()
+        ));
     eprintln!("$ {}", process::shown(&command));
     let mut child = command
         .stdin(Stdio::null())

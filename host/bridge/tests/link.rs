@@ -231,6 +231,29 @@ fn firmware_of_another_version_with_the_same_messages_goes_on_and_is_told() {
 }
 
 #[test]
+fn a_device_that_is_just_being_plugged_in_is_waited_for_at_the_start() {
+    let world = World::with(vec![device("A1", "1-2")]);
+    world.ready_us.set(1_234_567);
+    assert!(plug(&world, None).is_ok());
+    let waited_us = world.now_us.get() - world.ready_us.get();
+    assert!(waited_us <= 100_000, "{waited_us} µs too long");
+
+    let world = World::with(vec![device("A1", "1-2")]);
+    world.ready_us.set(u64::MAX);
+    let error = plug(&world, None).err().expect("it is never ready").to_string();
+    assert_says(
+        &error,
+        &[
+            "attached, but not ready (interface not found)",
+            "within 2 s",
+            "another port",
+        ],
+    );
+    let waited_us = world.now_us.get();
+    assert!((2_000_000..2_200_000).contains(&waited_us), "{waited_us} µs");
+}
+
+#[test]
 fn several_devices_are_listed_and_one_is_chosen_by_its_serial_number() {
     let several = || {
         vec![

@@ -45,7 +45,8 @@ pub(crate) fn bring_up() -> io::Result<()> {
     mount_at("configfs", "configfs", "/sys/kernel/config", "", MsFlags::empty())
 }
 
-fn mount_at(kind: &str, what: &str, at: &str, options: &str, flags: MsFlags) -> io::Result<()> {
+/// Mounts, and makes the folder for it.
+pub(crate) fn mount_at(kind: &str, what: &str, at: &str, options: &str, flags: MsFlags) -> io::Result<()> {
     fs::create_dir_all(at)?;
     mount(Some(what), at, Some(kind), flags, Some(options))
         .map_err(|error| io::Error::other(format!("{kind} at {at}: {error}")))

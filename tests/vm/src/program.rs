@@ -6,9 +6,13 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::thread;
 use std::time::{Duration, Instant};
 
+use nix::sys::signal::{Signal, kill};
+use nix::unistd::Pid;
 use serde_json::Value;
 
 const PROGRAM: &str = "/bin/gripline";
+/// A run that is not over by then never ends.
+const ENDS_WITHIN: Duration = Duration::from_mins(2);
 
 /// How a run ended.
 #[derive(Debug)]
@@ -138,20 +142,47 @@ impl Running {
         self.wait()
     }
 
+    /// Ends it as Ctrl-C does.
+    pub(crate) fn interrupt(self) -> Result<Ended, String> {
+        kill(Pid::from_raw(self.child.id() as i32), Signal::SIGINT).map_err(|error| error.to_string())?;
+        self.wait()
+    }
+
+    fn status(&mut self) -> io::Result<Option<ExitStatus>> {
+        let start = Instant::now();
+        while start.elapsed() < ENDS_WITHIN {
+            if let Some(status) = self.child.try_wait()? {
+                return Ok(Some(status));
+            }
+            thread::sleep(Duration::from_millis(20));
+        }
+        self.child.kill()?;
+        self.child.wait()?;
+        Ok(None)
+    }
+
     /// Waits for its end.
     pub(crate) fn wait(mut self) -> Result<Ended, String> {
-        let status: ExitStatus = self.child.wait().map_err(|error| error.to_string())?;
+        let status = self.status().map_err(|error| error.to_string())?;
         while let Ok(line) = self.news.recv() {
             self.said += &line;
             self.said.push('\n');
         }
+        let lines = self.output.join();
+        let lines = lines.map_err(|_| "its output could not be read".to_owned())?;
+        let Some(status) = status else {
+            return Err(format!(
+                "not over after {} s; {} lines, the last {:?}; said: {}",
+                ENDS_WITHIN.as_secs(),
+                lines.len(),
+                lines.last(),
+                self.said.trim()
+            ));
+        };
         Ok(Ended {
             code: status.code(),
             said: self.said,
-            lines: self
-                .output
-                .join()
-                .map_err(|_| "its output could not be read".to_owned())?,
+            lines,
         })
     }
 }

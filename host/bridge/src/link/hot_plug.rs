@@ -1,12 +1,12 @@
 //! A link to a device that may be pulled out and come back. While it is away, what is sent is lost and counted, never
 //! kept for later, and the device is looked for ten times a second: whoever listed the system's devices then finds it
 //! whatever became of events, names and permissions in between. Times in µs since the link was opened.
-//! Limits: the first opening is not repeated; who starts without a device is told so.
+//! The first opening waits for a device that is just being plugged in; who starts without a device is told so.
 
 use std::thread;
 use std::time::{Duration, Instant};
 
-use super::{Link, LinkError, Presence};
+use super::{Link, LinkError, Presence, READY_WITHIN};
 
 /// A device that is away is looked for this often.
 const LOOK_EVERY_US: u64 = 100_000;
@@ -103,8 +103,17 @@ impl<C: Clock> HotPlug<C> {
     /// # Errors
     /// As [`HotPlug::open`].
     pub fn open_with(mut finder: Box<dyn Finder>, clock: C) -> Result<Self, LinkError> {
+        let until_us = clock.now_us() + READY_WITHIN.as_micros() as u64;
+        let device = loop {
+            match finder.find() {
+                Err(LinkError::NotReady { .. }) if clock.now_us() < until_us => {
+                    clock.wait_until(clock.now_us() + LOOK_EVERY_US);
+                }
+                found => break found?,
+            }
+        };
         Ok(Self {
-            device: Some(finder.find()?),
+            device: Some(device),
             finder,
             clock,
             presence: Presence::default(),

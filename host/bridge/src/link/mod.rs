@@ -23,6 +23,9 @@ use self::usb::{System, UsbFinder};
 /// USB.
 const SEND_WAIT: Duration = Duration::from_millis(10);
 
+/// A device that was just plugged in is usable within this time: a few hundred milliseconds, and more on a busy system.
+const READY_WITHIN: Duration = Duration::from_secs(2);
+
 /// One way to a microcontroller.
 pub trait Link {
     /// Hands over one packet of at most 64 bytes.
@@ -116,6 +119,17 @@ pub enum LinkError {
         "{link}: busy, expected a port that no other program has open; close the other program ({found})"
     )]
     Busy {
+        /// Which link.
+        link: String,
+        /// What the system said.
+        found: String,
+    },
+    /// It is attached, and the system has not made it usable: it was plugged in this moment, or it was refused its power.
+    #[error(
+        "{link}: attached, but not ready ({found}), expected its interface within {} s; plug it in again, at another port or hub",
+        READY_WITHIN.as_secs()
+    )]
+    NotReady {
         /// Which link.
         link: String,
         /// What the system said.

@@ -1,10 +1,11 @@
-//! A real microcontroller on USB: vendor-class bulk endpoints, one packet per transfer. Which of the devices that are
-//! attached is meant ([`choose`]) is pure; [`Bus`] is the system's part.
+//! A real microcontroller on USB: vendor-class bulk endpoints, one packet per transfer, at full speed (the firmware's) or
+//! faster. Which of the devices that are attached is meant ([`choose`]) is pure; [`Bus`] is the system's part.
 
 use std::time::Duration;
 
 use gripline_protocol::PACKET_MAX;
-use nusb::transfer::{Buffer, Bulk, In, Out};
+use nusb::descriptors::{InterfaceDescriptor, TransferType};
+use nusb::transfer::{Buffer, Bulk, Direction, In, Out};
 use nusb::{DeviceInfo, Endpoint, ErrorKind, MaybeFuture};
 
 use super::hot_plug::{Device, DeviceError, Finder};
@@ -16,8 +17,6 @@ const PRODUCT: u16 = 0x0001;
 /// What the firmware calls itself, because a test product number is shared.
 const PRODUCT_NAME: &str = "Gripline";
 const INTERFACE: u8 = 0;
-const OUT: u8 = 0x01;
-const IN: u8 = 0x81;
 /// Transfers that wait for packets from the device.
 const LISTENING: usize = 8;
 /// Packets under way to the device: one dense map and a command.
@@ -178,6 +177,11 @@ impl Bus for System {
                 link: link.to_owned(),
                 found: format!("{error}; expected to be allowed to open it, install the udev rule"),
             },
+            // Its address is there and its file or its interface is not, or not any more.
+            ErrorKind::NotFound | ErrorKind::Disconnected => LinkError::NotReady {
+                link: link.to_owned(),
+                found: error.to_string(),
+            },
             _ => LinkError::Broken {
                 link: link.to_owned(),
                 found: error.to_string(),
@@ -190,8 +194,14 @@ impl Bus for System {
             .claim_interface(INTERFACE)
             .wait()
             .map_err(failed)?;
-        let out = interface.endpoint(OUT).map_err(failed)?;
-        let input = interface.endpoint(IN).map_err(failed)?;
+        let pipes = interface.descriptor().map(|descriptor| pipes(&descriptor));
+        let pipes = pipes.unwrap_or_else(|| Err("no descriptor of its interface".to_owned()));
+        let [out, input] = pipes.map_err(|found| LinkError::Broken {
+            link: link.to_owned(),
+            found,
+        })?;
+        let out = interface.endpoint(out).map_err(failed)?;
+        let input = interface.endpoint(input).map_err(failed)?;
         let mut device = Usb {
             out,
             input,
@@ -199,6 +209,25 @@ impl Bus for System {
         };
         device.listen();
         Ok(Box::new(device))
+    }
+}
+
+/// Addresses of the bulk endpoints towards the device and from it.
+fn pipes(interface: &InterfaceDescriptor) -> Result<[u8; 2], String> {
+    let pipe = |direction: Direction| {
+        interface.endpoints().find(|endpoint| {
+            (endpoint.transfer_type(), endpoint.direction()) == (TransferType::Bulk, direction)
+                && endpoint.max_packet_size() >= PACKET_MAX
+        })
+    };
+    match (pipe(Direction::Out), pipe(Direction::In)) {
+        (Some(out), Some(input)) => Ok([out.address(), input.address()]),
+        (out, _) => {
+            let missing = if out.is_none() { "to" } else { "from" };
+            Err(format!(
+                "no bulk endpoint {missing} the device for packets of {PACKET_MAX} bytes, expected one each way; flash it"
+            ))
+        }
     }
 }
 
@@ -213,7 +242,8 @@ struct Usb {
 impl Usb {
     fn listen(&mut self) {
         while self.input.pending() < LISTENING {
-            let buffer = self.input.allocate(PACKET_MAX);
+            // A transfer ends with a packet that is short, or with the room for it: one packet either way.
+            let buffer = self.input.allocate(self.input.max_packet_size());
             self.input.submit(buffer);
         }
     }
@@ -274,5 +304,52 @@ impl Device for Usb {
             patience = Duration::ZERO;
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nusb::descriptors::ConfigurationDescriptor;
+
+    use super::*;
+
+    /// A configuration with one vendor-specific interface with these endpoints: address, attributes, packet size.
+    fn read(endpoints: &[(u8, u8, u16)]) -> Result<[u8; 2], String> {
+        let total = 18 + 7 * endpoints.len() as u8;
+        let mut bytes = vec![9, 2, total, 0, 1, 1, 0, 0xC0, 50];
+        bytes.extend([9, 4, 0, 0, endpoints.len() as u8, 0xFF, 0, 0, 0]);
+        for &(address, attributes, size) in endpoints {
+            let [low, high] = size.to_le_bytes();
+            bytes.extend([7, 5, address, attributes, low, high, 0]);
+        }
+        let configuration = ConfigurationDescriptor::new(&bytes).unwrap();
+        pipes(&configuration.interface_alt_settings().next().unwrap())
+    }
+
+    #[test]
+    fn the_endpoints_are_those_of_the_descriptors() {
+        // The firmware's; another controller's at high speed, with an interrupt endpoint between.
+        assert_eq!(read(&[(0x01, 2, 64), (0x81, 2, 64)]), Ok([0x01, 0x81]));
+        assert_eq!(
+            read(&[(0x83, 3, 64), (0x81, 2, 512), (0x02, 2, 512)]),
+            Ok([0x02, 0x81])
+        );
+    }
+
+    #[test]
+    fn an_interface_without_room_for_a_packet_each_way_is_refused() {
+        for (endpoints, missing) in [
+            (&[][..], "to the device"),
+            (&[(0x81, 2, 64)], "to the device"),
+            (&[(0x01, 2, 64)], "from the device"),
+            (&[(0x01, 2, 32), (0x81, 2, 64)], "to the device"),
+            (&[(0x01, 2, 64), (0x81, 3, 64)], "from the device"),
+        ] {
+            let error = read(endpoints).unwrap_err();
+            assert!(
+                error.contains(missing) && error.contains("expected one each way"),
+                "{error}"
+            );
+        }
     }
 }

@@ -39,6 +39,8 @@ pub(crate) struct World {
     /// What it says of itself in the handshake, instead of the truth.
     pub(crate) stranger: Cell<Option<Hello>>,
     pub(crate) opened: Cell<u32>,
+    /// What is attached can be used from then on.
+    pub(crate) ready_us: Cell<u64>,
 }
 
 pub(crate) fn device(serial: &str, place: &str) -> Attached {
@@ -68,6 +70,7 @@ impl World {
             is_stuck: Cell::new(false),
             stranger: Cell::new(None),
             opened: Cell::new(0),
+            ready_us: Cell::new(0),
         })
     }
 
@@ -168,7 +171,13 @@ impl Bus for FakeBus {
         Ok(self.0.attached.borrow().clone())
     }
 
-    fn open(&mut self, number: usize, _link: &str) -> Result<Box<dyn Device>, LinkError> {
+    fn open(&mut self, number: usize, link: &str) -> Result<Box<dyn Device>, LinkError> {
+        if self.0.now_us.get() < self.0.ready_us.get() {
+            return Err(LinkError::NotReady {
+                link: link.to_owned(),
+                found: "interface not found".to_owned(),
+            });
+        }
         self.0.opened.set(self.0.opened.get() + 1);
         let serial = self.0.attached.borrow()[number].serial.clone();
         Ok(Box::new(FakeDevice {
