@@ -13,6 +13,22 @@ pub const PEAK_SHIFT: u32 = 16;
 pub const TURN_64THS: u64 = 83;
 /// Friction below which the feed-forward stops growing, 1/10000: at 0.05 it already asks for 20 times the shear.
 pub const FEED_FORWARD_FRICTION_MIN: u32 = 500;
+/// How far ahead of the maps the grip looks where the load grows, µs: what was best in 60 grasps of `evaluate grasps
+/// --seed 9`; a longer look grips harder and learns less friction, a shorter one lets loads slide that come fast.
+pub const LEAD_US: u64 = 20_000;
+/// Normal force below which shear proves no friction, 1/4096 N: 0.3 N.
+pub const PROOF_NORMAL_MIN: i32 = 1_229;
+/// Stick ratio below which hardly a taxel sticks, 1/10000, and how many such maps in a row, at the load that friction was
+/// proven by, are a slide: 50 ms at 60 maps a second.
+pub const SLIDE_STICK_RATIO: u16 = 500;
+/// See there.
+pub const SLIDE_MAPS: u8 = 3;
+/// How fast the grip closes on what it hardly feels, 1/4096 N per ms: 4 N/s.
+pub const SEEK_RATE: i64 = 16;
+/// How far above the floor it closes there, 1/4096 N: 1 N, and no more than the floor once again.
+pub const SEEK_MOST: i32 = 4_096;
+/// Time constant of a gripper's force behind its line that the controller reckons with, as a shift of µs: 66 ms.
+pub const GRIPPER_LAG_SHIFT: u32 = 16;
 /// What a refused packet adds to the CRC-storm level; the level falls by 1 each millisecond.
 pub const STORM_PER_PACKET: u32 = 10;
 /// Level that raises CRC STORM: ten refused packets at once, or more than one in ten milliseconds for long.

@@ -8,7 +8,8 @@ use gripline_protocol::PER_UNIT;
 use gripline_protocol::configuration::FORCE_MAX;
 use gripline_protocol::message::{Configuration, GripMode, SlipState};
 
-use crate::constants::FEED_FORWARD_FRICTION_MIN;
+use crate::carry::Carried;
+use crate::constants::{FEED_FORWARD_FRICTION_MIN, GRIPPER_LAG_SHIFT, SEEK_MOST, SEEK_RATE};
 use crate::divide::divide;
 
 /// A grip force, 1/4096 N; never negative.
@@ -59,6 +60,21 @@ pub struct Evidence {
     pub has_spare: bool,
 }
 
+/// What a controller that learns goes by, worked out off the way from map to line.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Learnt {
+    /// The shear to hold, 1/4096 N, and the friction that was proven, 1/10000.
+    shear: i32,
+    friction: u16,
+    /// Fastest fall of the line, 1/4096 N per second.
+    fall_rate: u16,
+    /// The line that a touch is sought with.
+    sought_milli: i32,
+    /// The force that the gripper should have reached, and when; wraps.
+    reached_milli: i32,
+    at_us: u32,
+}
+
 /// The grip controller.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct GripController {
@@ -66,6 +82,7 @@ pub struct GripController {
     /// The line and the reflex, in 1/1000 of 1/4096 N.
     line_milli: i64,
     reflex_milli: i64,
+    learnt: Learnt,
     evidence: Evidence,
     /// When the evidence came, µs.
     observed_us: u64,
@@ -92,6 +109,14 @@ impl GripController {
             mode,
             line_milli: line as i64 * MILLI,
             reflex_milli: 0,
+            learnt: Learnt {
+                shear: 0,
+                friction: 0,
+                fall_rate: 0,
+                sought_milli: 0,
+                reached_milli: line * MILLI as i32,
+                at_us: now_us as u32,
+            },
             evidence: Evidence {
                 state: SlipState::NoContact,
                 stick_ratio: None,
@@ -133,12 +158,59 @@ impl GripController {
         self.observed_us = now_us;
     }
 
+    /// Time passes in a controller that learns: the gripper follows. `load` is what a new map says, over
+    /// all fingertips, with its normal force.
+    #[inline(always)]
+    pub(crate) fn learn(&mut self, now_us: u64, load: Option<(&Carried, i32)>, settings: &Configuration) {
+        let passed_us = (now_us as u32).wrapping_sub(self.learnt.at_us);
+        self.learnt.at_us = now_us as u32;
+        // Both at most 125 N, so what is between them fits.
+        let reached_milli = i64::from(self.learnt.reached_milli);
+        self.learnt.reached_milli += lagged(self.line_milli - reached_milli, passed_us.into()) as i32;
+        let Some((load, normal)) = load else {
+            return;
+        };
+        let line = self.line().lsb();
+        self.learnt.friction = load.friction();
+        let wanted = felt(load, self.learnt.reached_milli);
+        let more = wanted - self.learnt.shear;
+        // A little more is a map's fluctuation, and followed slowly.
+        let is_little = more > 0 && more <= self.learnt.shear / 16;
+        self.learnt.shear = if is_little {
+            self.learnt.shear + more / 4
+        } else {
+            wanted
+        };
+        if self.feed_forward(settings) > i64::from(line + line / 16) {
+            self.stuck_us = 0;
+        }
+        // A light touch may be too small to be seen, or to tell its load.
+        let half = settings.floor / 2;
+        let has_closed = 8 * i64::from(self.learnt.reached_milli) > 7 * self.line_milli;
+        if self.mode == GripMode::Released || normal > half + half / 4 {
+            self.learnt.sought_milli = 0;
+        } else if normal < half && has_closed {
+            let most = i64::from(settings.floor + settings.floor.min(SEEK_MOST)) * MILLI;
+            let step = SEEK_RATE * i64::from(load.since_us());
+            self.learnt.sought_milli = (self.line_milli + step)
+                .min(most)
+                .min(i64::from(settings.ceiling) * MILLI) as i32;
+        }
+        // 95 % a second, at most what is set.
+        self.learnt.fall_rate = (line - line / 16).clamp(0, settings.relax_rate.into()) as u16;
+    }
+
     /// Feed-forward: the force that friction needs for the present shear, and the margin.
     fn feed_forward(&self, settings: &Configuration) -> i64 {
-        let friction = u32::from(settings.friction).max(FEED_FORWARD_FRICTION_MIN);
+        let (shear, friction) = if settings.learns() {
+            (self.learnt.shear, settings.friction.max(self.learnt.friction))
+        } else {
+            (self.evidence.shear, settings.friction)
+        };
+        let friction = u32::from(friction).max(FEED_FORWARD_FRICTION_MIN);
         let share = i64::from(PER_UNIT) + i64::from(settings.margin);
-        // At most 2²⁵ · 5·10⁴ / 500; shear is no less than 0.
-        let product = (i64::from(self.evidence.shear) * share).max(0).cast_unsigned();
+        // At most 2²⁶ · 5·10⁴ / 500; shear is no less than 0.
+        let product = (i64::from(shear) * share).max(0).cast_unsigned();
         divide(product, friction as u16).cast_signed()
     }
 
@@ -167,11 +239,17 @@ impl GripController {
         if guard == Guard::Tighten {
             demand = demand.max(i64::from(settings.tighten) * MILLI);
         }
+        let mut relax_rate = settings.relax_rate;
+        if settings.learns() {
+            // At most twice the floor, and the ceiling when it was found.
+            demand = demand.max(self.learnt.sought_milli.into());
+            relax_rate = self.learnt.fall_rate;
+        }
         if demand > self.line_milli {
             self.line_milli = demand.min(self.line_milli + grown(settings.rise_rate));
         } else if relaxing {
             // A clock that leaps for one reading must not let the line leap down with it.
-            let step = relax_step(passed_us.min(FALL_US_MAX), settings);
+            let step = relax_step(passed_us.min(FALL_US_MAX), relax_rate);
             self.line_milli = demand.max(self.line_milli - step);
         }
         self.line()
@@ -187,7 +265,7 @@ impl GripController {
         };
         let missing = settings.reflex_target.saturating_sub(ratio);
         let slips = self.evidence.state == SlipState::Slip;
-        if slips || missing > 0 {
+        if settings.reflex_rate > 0 && (slips || missing > 0) {
             self.stuck_us = 0;
             let share = if slips { settings.reflex_target } else { missing };
             // At most 2¹⁶ · 10⁶ · 10⁴.
@@ -197,9 +275,11 @@ impl GripController {
         }
         // Between target and incipient threshold nothing moves: a dead band against limit cycles. Few taxels may have no
         // stick ratio in it; then the last one above it is where nothing moves.
-        let sticks = self.evidence.state == SlipState::Stick
-            && ratio >= settings.incipient_threshold
-            && self.evidence.has_spare;
+        // A contact that has proven its friction is held by that, whatever share of it sticks.
+        let sticks = settings.learns()
+            || self.evidence.state == SlipState::Stick
+                && ratio >= settings.incipient_threshold
+                && self.evidence.has_spare;
         self.stuck_us = if sticks && guard == Guard::Free {
             self.stuck_us.saturating_add(passed_us)
         } else {
@@ -207,13 +287,27 @@ impl GripController {
         };
         let relaxing = settings.relax_rate > 0 && self.stuck_us > u64::from(settings.relax_after_ms) * 1_000;
         if relaxing {
-            self.reflex_milli -= relax_step(passed_us, settings).min(self.reflex_milli);
+            self.reflex_milli -= relax_step(passed_us, settings.relax_rate).min(self.reflex_milli);
         }
         relaxing
     }
 }
 
-/// How far the plan lets the line fall: `relax_rate` is per second.
-fn relax_step(passed_us: u64, settings: &Configuration) -> i64 {
-    divide(u64::from(settings.relax_rate) * passed_us, 1_000).cast_signed()
+/// What of `way` the gripper goes in that time.
+fn lagged(way: i64, passed_us: u64) -> i64 {
+    (way * passed_us.min(1 << GRIPPER_LAG_SHIFT) as i64) >> GRIPPER_LAG_SHIFT
+}
+
+/// The shear to hold. Maps miss some of a light touch's force, of both shear and normal force: then it is as much more as
+/// the gripper presses more than the maps say, at most half.
+fn felt(load: &Carried, reached_milli: i32) -> i32 {
+    let seen = load.shear();
+    let reached = reached_milli.max(0) as u32 / MILLI as u32;
+    let felt = divide(u64::from(reached) * u64::from(load.ratio()), PER_UNIT as u16);
+    (felt.min(i32::MAX as u64) as i32).min(seen + seen / 2).max(seen)
+}
+
+/// How far the plan lets the line fall: the rate is per second.
+fn relax_step(passed_us: u64, rate: u16) -> i64 {
+    divide(u64::from(rate) * passed_us, 1_000).cast_signed()
 }

@@ -12,6 +12,7 @@
 #[cfg(test)]
 extern crate std;
 
+pub mod carry;
 pub mod clock;
 pub mod constants;
 mod divide;

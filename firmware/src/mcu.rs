@@ -14,6 +14,7 @@ use gripline_protocol::packet::Kind;
 use gripline_protocol::sequence::{Order, SequenceWatch};
 use gripline_protocol::{Health, MapInfo, PACKET_MAX, Parser, SENSORS};
 
+use crate::carry::Carried;
 use crate::clock::{CaptureClock, CaptureTime};
 use crate::constants::{DECIDE_BUDGET_CYCLES, STATUS_PERIOD_MS};
 use crate::divide::divide;
@@ -137,6 +138,9 @@ struct Fingertip {
     judgement: Judgement,
     sums: MapSums,
     shear: i32,
+    load: Carried,
+    /// Its newest map is not in `load` yet.
+    is_load_due: bool,
     clock: CaptureClock,
     /// When its last map would have come had it been prompt, or holding began, µs.
     fresh_us: u64,
@@ -381,6 +385,7 @@ impl<K: Kernel> Mcu<K> {
     pub fn age(&mut self, now_us: u64) {
         let now_us = self.passed_to(now_us);
         self.safety.tick();
+        self.learn();
         let holding = self.controller.mode() == GripMode::Hold;
         let older =
             |since_us: u64, limit_ms: u16| now_us.saturating_sub(since_us) > u64::from(limit_ms) * 1_000;
@@ -398,6 +403,35 @@ impl<K: Kernel> Mcu<K> {
         if now_us.saturating_sub(self.last_status_us) >= u64::from(STATUS_PERIOD_MS) * 1_000 {
             self.send_status();
         }
+    }
+
+    /// What a map says of load and friction comes a tick later than the map: it is too long for the way from map to
+    /// line, and a millisecond is nothing beside a gripper's lag. One fingertip a tick.
+    #[inline(never)]
+    fn learn(&mut self) {
+        if !self.settings.learns() {
+            return;
+        }
+        let [one, other] = &mut self.fingertips;
+        let tip = if one.is_load_due { one } else { other };
+        let is_new = core::mem::take(&mut tip.is_load_due);
+        if is_new {
+            tip.load.observe(&tip.sums, self.now_us, &self.settings);
+        }
+        let [one, other] = &self.fingertips;
+        // A fingertip that fell silent under load must not squeeze on while the other one speaks.
+        let silent_us = self.now_us.saturating_sub(other.fresh_us);
+        let counts = self.settings.sensors > 1 && silent_us <= u64::from(self.settings.stale_ms) * 1_000;
+        let worst = if counts && other.load.exceeds(&one.load, self.settings.friction) {
+            other
+        } else {
+            one
+        };
+        self.controller.learn(
+            self.now_us,
+            is_new.then_some((&worst.load, worst.sums.force[2])),
+            &self.settings,
+        );
     }
 
     /// How the line is doing. Not latched: a gripper that lost its activation needs a `Release`, which latched faults
@@ -505,6 +539,7 @@ impl<K: Kernel> Mcu<K> {
         tip.sequence.accept(info.sequence);
         tip.sums = self.partial.finish();
         tip.shear = total_shear(&tip.sums);
+        tip.is_load_due = true;
         tip.judgement = tip
             .slip
             .update(&tip.sums, info.capture_us, self.now_us, &self.settings);

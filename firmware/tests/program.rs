@@ -52,7 +52,9 @@ impl Bench {
     fn holding() -> Self {
         let mut bench = Self::cold();
         bench.message(Message::Hello(Hello::of_this_build(0, 1)));
+        bench.command(Command::Configure(Configuration::CAREFUL));
         bench.command(Command::Hold);
+        bench.reports.clear();
         bench
     }
 
@@ -279,7 +281,7 @@ fn a_falling_stick_ratio_is_incipient_before_it_is_low() {
     let mut bench = Bench::holding();
     bench.command(Command::Configure(Configuration {
         incipient_horizon_ms: 150,
-        ..Configuration::DEFAULT
+        ..Configuration::CAREFUL
     }));
     for stick in [99, 98, 99, 98, 99, 98, 96, 94, 92, 90, 87, 83] {
         bench.wait_ms(16);
@@ -309,7 +311,7 @@ fn the_line_rises_fast_in_slip_and_never_beyond_the_ceiling() {
         "rose by {} LSB in 100 ms",
         after - before.lsb()
     );
-    let ceiling = Configuration::DEFAULT.ceiling;
+    let ceiling = Configuration::CAREFUL.ceiling;
     let status = bench.maps_for_ms(&contact_map(100, 20), 4_000);
     assert_eq!(status.line, ceiling);
     assert_ne!(bench.faults() & Fault::LineAtCeiling.bit(), 0);
@@ -320,7 +322,7 @@ fn the_line_follows_shear_with_the_margin() {
     let mut bench = Bench::holding();
     bench.command(Command::Configure(Configuration {
         margin: 2_500,
-        ..Configuration::DEFAULT
+        ..Configuration::CAREFUL
     }));
     // 100 taxels of 300 LSB shear and 3 N each stick: F_T = 7.32 N, F_T/μ·1.25 = 20.3 N.
     let mut map = ForceMap::EMPTY;
@@ -344,14 +346,14 @@ fn the_line_relaxes_by_plan_only_and_only_after_it_stuck_long_enough() {
         let mut bench = Bench::holding();
         bench.command(Command::Configure(Configuration {
             relax_rate,
-            ..Configuration::DEFAULT
+            ..Configuration::CAREFUL
         }));
         let raised = bench.maps_for_ms(&contact_map(100, 20), 150).line;
         let soon = bench.maps_for_ms(&contact_map(100, 95), 300).line;
         assert!(soon >= raised, "fell before the contact had stuck for long");
         let late = bench.maps_for_ms(&contact_map(100, 95), 2_000).line;
         assert_eq!(late < raised, falls);
-        assert!(late >= Configuration::DEFAULT.floor);
+        assert!(late >= Configuration::CAREFUL.floor);
     }
 }
 
@@ -392,10 +394,129 @@ fn the_line_comes_to_rest_however_few_taxels_touch() {
     }
 }
 
+/// `taxels` in a row that share these forces, 1/4096 N.
+fn even_map(taxels: usize, shear: f64, normal: f64) -> ForceMap {
+    let mut map = ForceMap::EMPTY;
+    map.taxels[..taxels].fill(TaxelForce {
+        x: (shear / taxels as f64).round() as i16,
+        y: 0,
+        z: (normal / taxels as f64).round() as i16,
+    });
+    map
+}
+
+/// An object of this friction whose load comes on in 0.3 s to `load_n`, in a gripper with 80 ms from map to force.
+/// Returns the line at the end and how long it slid, frames of 16 ms.
+fn loaded(bench: &mut Bench, friction: f64, load_n: f64) -> (f64, usize) {
+    let mut lines = [f64::from(Configuration::CAREFUL.floor); 5];
+    let mut slid = 0;
+    for frame in 0..240 {
+        let force = lines[frame % lines.len()];
+        let load = f64::from(newtons(load_n)) * ((frame as f64 - 20.0) * 0.016 / 0.3).clamp(0.0, 1.0);
+        slid += usize::from(load > friction * force);
+        bench.map(&even_map(60, load.min(friction * force), force));
+        lines[frame % lines.len()] = f64::from(bench.wait_ms(16).lsb());
+    }
+    (f64::from(bench.mcu.line().lsb()), slid)
+}
+
+#[test]
+fn a_contact_that_learns_is_held_by_the_friction_it_proved_and_one_that_may_not_by_the_detectors() {
+    for (friction, load_n) in [(0.5, 2.0), (0.7, 3.0), (0.9, 5.0)] {
+        let needed = f64::from(newtons(load_n)) / friction;
+        let mut bench = Bench::holding();
+        bench.command(Command::Configure(Configuration::DEFAULT));
+        let (line, slid) = loaded(&mut bench, friction, load_n);
+        assert!(
+            line > 1.1 * needed && line < 1.55 * needed && slid < 20,
+            "friction {friction}: {line} where {needed} are needed, {slid} frames slid"
+        );
+        let mut bench = Bench::holding();
+        bench.command(Command::Configure(Configuration {
+            friction_most: 4_500,
+            ..Configuration::DEFAULT
+        }));
+        let (line, _) = loaded(&mut bench, friction, load_n);
+        let by_detector = f64::from(newtons(load_n)) / 0.45 * 1.25;
+        assert!(line > 0.99 * by_detector, "{line} expected {by_detector}");
+    }
+}
+
+#[test]
+fn what_a_contact_proved_ends_with_it() {
+    let mut bench = Bench::holding();
+    bench.command(Command::Configure(Configuration::DEFAULT));
+    let proof = even_map(60, f64::from(newtons(2.4)), f64::from(newtons(3.0)));
+    let load = even_map(60, f64::from(newtons(2.0)), f64::from(newtons(6.0)));
+    bench.maps_for_ms(&proof, 100);
+    let proven = bench.maps_for_ms(&load, 3_000).line;
+    bench.map(&ForceMap::EMPTY);
+    bench.wait_ms(16);
+    let unproven = bench.maps_for_ms(&load, 3_000).line;
+    let by = |friction: f64| 2.0 / friction * 1.25;
+    assert!(
+        (newtons(by(0.8) - 0.1)..newtons(by(0.8) + 0.1)).contains(&proven),
+        "{proven}"
+    );
+    assert!(
+        (newtons(by(0.45) - 0.1)..newtons(by(0.45) + 0.1)).contains(&unproven),
+        "{unproven}"
+    );
+}
+
+#[test]
+fn a_twist_counts_as_the_shear_that_slides_as_soon() {
+    // 64 taxels in a square that push crosswise: no shear in sum. About their middle 2/3 a is 6 half pitches.
+    let twisted = |pull: i16| {
+        let mut map = ForceMap::EMPTY;
+        for row in 6..14 {
+            for column in 6..14 {
+                map.taxels[row * 20 + column] = TaxelForce {
+                    x: if row < 10 { pull } else { -pull },
+                    y: 0,
+                    z: 600,
+                };
+            }
+        }
+        map
+    };
+    let mut bench = Bench::holding();
+    bench.command(Command::Configure(Configuration::DEFAULT));
+    let status = bench.maps_for_ms(&twisted(200), 2_000);
+    assert_eq!(status.sums.force[0], 0);
+    // 64 · 200 · 4 half pitches, over 2/3 · √(4 · 64/π).
+    let shear = 64.0 * 200.0 * 4.0 / (2.0 / 3.0 * (4.0 * 64.0 / std::f64::consts::PI).sqrt());
+    let expected = shear / 0.45 * 1.25;
+    assert!(
+        (f64::from(status.line) / expected - 1.0).abs() < 0.01,
+        "line {} expected {expected}",
+        status.line
+    );
+}
+
+#[test]
+fn a_touch_too_light_to_be_felt_is_closed_upon_by_a_newton_at_most() {
+    let mut bench = Bench::holding();
+    bench.command(Command::Configure(Configuration::DEFAULT));
+    let floor = Configuration::DEFAULT.floor;
+    assert_eq!(
+        bench.maps_for_ms(&ForceMap::EMPTY, 2_000).line,
+        floor + newtons(1.0)
+    );
+    // Felt as it should be, it falls back to the floor.
+    let felt = even_map(30, 0.0, f64::from(floor));
+    assert_eq!(bench.maps_for_ms(&felt, 4_000).line, floor);
+    // Without maps nothing closes any further.
+    let mut bench = Bench::holding();
+    bench.command(Command::Configure(Configuration::DEFAULT));
+    bench.map(&ForceMap::EMPTY);
+    assert!(bench.wait_ms(400).lsb() < floor + newtons(1.0));
+}
+
 #[test]
 fn release_lets_go_slowly_and_hold_closes_to_the_floor() {
     let mut bench = Bench::holding();
-    assert_eq!(bench.wait_ms(80).lsb(), Configuration::DEFAULT.floor);
+    assert_eq!(bench.wait_ms(80).lsb(), Configuration::CAREFUL.floor);
     bench.command(Command::Release);
     let after_10_ms = bench.wait_ms(10).lsb();
     assert!(
@@ -439,7 +560,7 @@ fn a_setting_out_of_range_is_named_and_changes_nothing() {
         ..before
     }));
     let refusal = OutOfRange {
-        field: 3,
+        field: 4,
         found: 10_001,
         least: 0,
         most: 10_000,
@@ -524,17 +645,17 @@ fn missing_maps_are_noticed() {
 fn stale_maps_hold_the_line_and_a_lost_link_tightens_it_until_acknowledged() {
     let mut bench = Bench::holding();
     let held = bench.maps_for_ms(&contact_map(100, 95), 500).line;
-    let stale = bench.wait_ms(u64::from(Configuration::DEFAULT.stale_ms) + 2);
+    let stale = bench.wait_ms(u64::from(Configuration::CAREFUL.stale_ms) + 2);
     assert_ne!(bench.faults() & Fault::StaleMaps.bit(), 0);
     assert_eq!(stale.lsb(), held);
     let tightened = bench.wait_ms(1_000);
     assert_ne!(bench.faults() & Fault::LinkLost.bit(), 0);
-    assert_eq!(tightened.lsb(), Configuration::DEFAULT.tighten);
+    assert_eq!(tightened.lsb(), Configuration::CAREFUL.tighten);
     // The host is back: maps are judged again, but the line stays up until a person has looked.
     let back = bench.maps_for_ms(&contact_map(100, 95), 3_000);
     assert_eq!(
         (back.faults, back.latched, back.line),
-        (0, Fault::LinkLost.bit(), Configuration::DEFAULT.tighten)
+        (0, Fault::LinkLost.bit(), Configuration::CAREFUL.tighten)
     );
     bench.command(Command::Release);
     assert_eq!(bench.reports.last(), Some(&Report::Refused(Refusal::Latched)));
@@ -542,7 +663,7 @@ fn stale_maps_hold_the_line_and_a_lost_link_tightens_it_until_acknowledged() {
         faults: Fault::LinkLost.bit(),
     });
     let relaxed = bench.maps_for_ms(&contact_map(100, 95), 3_000);
-    assert!(relaxed.line < Configuration::DEFAULT.tighten);
+    assert!(relaxed.line < Configuration::CAREFUL.tighten);
 }
 
 #[test]
@@ -553,7 +674,7 @@ fn a_slip_that_is_long_past_squeezes_no_further() {
     // The reflex stops at `stale_ms`; the line still comes up to what was decided by then (100 N/s).
     let settled = bench.wait_ms(250).lsb();
     assert!(settled > slipping, "fresh evidence of slip raises the line");
-    assert!(settled < Configuration::DEFAULT.ceiling);
+    assert!(settled < Configuration::CAREFUL.ceiling);
     assert_eq!(bench.wait_ms(200).lsb(), settled, "stale maps hold the line");
 }
 
@@ -649,7 +770,7 @@ fn a_map_from_the_future_is_refused_until_the_next_believable_one_or_a_new_hands
 fn maps_that_are_old_when_they_come_are_stale_although_they_come_often() {
     let mut bench = Bench::holding();
     bench.maps_for_ms(&contact_map(100, 95), 300);
-    let late_us = u32::from(Configuration::DEFAULT.stale_ms) * 1_000 + 5_000;
+    let late_us = u32::from(Configuration::CAREFUL.stale_ms) * 1_000 + 5_000;
     for _ in 0..5 {
         bench.wait_ms(16);
         bench.sequence += 1;
@@ -703,7 +824,7 @@ fn settings_are_stored_only_with_an_open_gripper() {
     );
     bench.wait_ms(200);
     bench.command(Command::Store);
-    assert_eq!(bench.mcu.take_store(), Some(Configuration::DEFAULT));
+    assert_eq!(bench.mcu.take_store(), Some(Configuration::CAREFUL));
     assert_eq!(bench.mcu.take_store(), None, "once");
     bench.mcu.stored(Some(3));
     bench.listen();
@@ -721,7 +842,7 @@ fn a_start_with_stored_settings_has_them_in_force_and_one_with_lost_settings_tel
     let stored = Stored {
         settings: Some(Configuration {
             friction: 3_000,
-            ..Configuration::DEFAULT
+            ..Configuration::CAREFUL
         }),
         lost: false,
         writes: 1,
@@ -743,7 +864,7 @@ fn a_start_with_stored_settings_has_them_in_force_and_one_with_lost_settings_tel
     assert_eq!(bench.mcu.status().latched, Fault::SettingsLost.bit());
     // New settings end the fault; a person acknowledges it.
     bench.message(Message::Hello(Hello::of_this_build(0, 1)));
-    bench.command(Command::Configure(Configuration::DEFAULT));
+    bench.command(Command::Configure(Configuration::CAREFUL));
     bench.command(Command::Acknowledge {
         faults: Fault::SettingsLost.bit(),
     });
@@ -812,7 +933,7 @@ fn two_fingertips_are_judged_by_the_worse_one() {
     let mut bench = Bench::holding();
     bench.command(Command::Configure(Configuration {
         sensors: 2,
-        ..Configuration::DEFAULT
+        ..Configuration::CAREFUL
     }));
     bench.map(&contact_map(100, 95));
     let info = MapInfo {
@@ -836,7 +957,7 @@ fn a_fingertip_that_fell_silent_in_slip_squeezes_no_further_while_the_other_spea
     let mut bench = Bench::holding();
     bench.command(Command::Configure(Configuration {
         sensors: 2,
-        ..Configuration::DEFAULT
+        ..Configuration::CAREFUL
     }));
     let silent = MapInfo {
         sensor: 1,
@@ -846,7 +967,7 @@ fn a_fingertip_that_fell_silent_in_slip_squeezes_no_further_while_the_other_spea
     bench.map_with(silent, &contact_map(20, 4));
     let settled = bench.maps_for_ms(&contact_map(20, 20), 300);
     assert_ne!(settled.faults & Fault::StaleMaps.bit(), 0);
-    assert!(settled.line > Configuration::DEFAULT.floor && settled.line < Configuration::DEFAULT.ceiling);
+    assert!(settled.line > Configuration::CAREFUL.floor && settled.line < Configuration::CAREFUL.ceiling);
     assert_eq!(bench.maps_for_ms(&contact_map(20, 20), 500).line, settled.line);
 }
 
@@ -881,7 +1002,7 @@ proptest! {
             *taxel = TaxelForce { x, y, z };
         }
         let mut bench = Bench::holding();
-        bench.command(Command::Configure(Configuration { friction, contact_min, ..Configuration::DEFAULT }));
+        bench.command(Command::Configure(Configuration { friction, contact_min, ..Configuration::CAREFUL }));
         let rule = TaxelRule { friction: Friction::from_per_unit(friction).unwrap(), contact_min };
         let status = bench.map(&map);
         prop_assert_eq!(status.sums, sums_of(&map, rule));
@@ -899,7 +1020,7 @@ proptest! {
             let _ = bench.mcu.packet(&packet, bench.now_us);
             let now = bench.wait_ms(ms);
             prop_assert!(now >= line, "the line fell from {line:?} to {now:?}");
-            prop_assert!(now.lsb() >= Configuration::DEFAULT.floor && now.lsb() <= Configuration::DEFAULT.ceiling);
+            prop_assert!(now.lsb() >= Configuration::CAREFUL.floor && now.lsb() <= Configuration::CAREFUL.ceiling);
             line = now;
         }
     }

@@ -12,7 +12,7 @@ use crate::constants::{LSB_PER_NEWTON, PER_UNIT, SENSORS, SIDE};
 use crate::line::{LineKind, LinePoint, LineSettings};
 
 /// Version of [`Configuration`]'s layout as it lies in flash; raised with every change of it or of its parts.
-pub const CONFIGURATION_VERSION: u16 = 1;
+pub const CONFIGURATION_VERSION: u16 = 2;
 
 /// A setting out of its range.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize, Schema)]
@@ -84,6 +84,9 @@ pub struct Configuration {
     pub sensors: u8,
     /// Friction coefficient of the detector, 1/10000: must lie below the skin's true one.
     pub friction: u16,
+    /// Friction coefficient that a contact may prove at most by what it carries, 1/10000; the grip then follows the
+    /// proven friction instead of the detector's. Not above `friction`: nothing is learnt.
+    pub friction_most: u16,
     /// A taxel is in contact when its normal force exceeds this, 1/4096 N.
     pub contact_min: i16,
     /// Stick ratio below which the state is SLIP, 1/10000.
@@ -106,7 +109,7 @@ pub struct Configuration {
     pub tighten: i32,
     /// Stick ratio that the reflex keeps the contact above, 1/10000.
     pub reflex_target: u16,
-    /// How fast the reflex adds grip when nothing sticks, 1/4096 N per ms.
+    /// How fast the reflex adds grip when nothing sticks, 1/4096 N per ms; 0: no reflex.
     pub reflex_rate: u16,
     /// Fastest rise of the line, 1/4096 N per ms.
     pub rise_rate: u16,
@@ -134,7 +137,7 @@ const fn newtons(value: i32) -> i32 {
 /// The strongest gripper that is supported, 1/4096 N.
 pub const FORCE_MAX: i32 = newtons(125);
 
-const CONTROL_VALUES: usize = 20;
+const CONTROL_VALUES: usize = 21;
 /// The kind of line, then what [`LineSettings::FIELDS`] names.
 const LINE_VALUES: usize = 1 + LineSettings::FIELDS.len();
 const FINGERTIP_VALUES: usize = 4;
@@ -148,14 +151,14 @@ pub type Values = [i32; CONFIGURATION_VALUES];
 
 /// Places in [`Values`] of settings that limit others.
 mod at {
-    pub(super) const SLIP_LEAVE: usize = 4;
-    pub(super) const INCIPIENT_THRESHOLD: usize = 5;
-    pub(super) const FLOOR: usize = 9;
-    pub(super) const CEILING: usize = 10;
-    pub(super) const TIGHTEN: usize = 11;
-    pub(super) const REFLEX_TARGET: usize = 12;
-    pub(super) const REFLEX_RATE: usize = 13;
-    pub(super) const LINK_LOST_MS: usize = 19;
+    pub(super) const SLIP_LEAVE: usize = 5;
+    pub(super) const INCIPIENT_THRESHOLD: usize = 6;
+    pub(super) const FLOOR: usize = 10;
+    pub(super) const CEILING: usize = 11;
+    pub(super) const TIGHTEN: usize = 12;
+    pub(super) const REFLEX_TARGET: usize = 13;
+    pub(super) const REFLEX_RATE: usize = 14;
+    pub(super) const LINK_LOST_MS: usize = 20;
     pub(super) const LINE: usize = super::CONTROL_VALUES + 1;
     /// The centre of the second fingertip, x; y comes next.
     pub(super) const OTHER_CENTRE: usize =
@@ -173,6 +176,7 @@ static LIMITS: [(i32, i32); CONFIGURATION_VALUES] = {
     let mut limits = [(0, 0); CONFIGURATION_VALUES];
     let control: [(i32, i32); CONTROL_VALUES] = [
         (1, SENSORS as i32),
+        (0, 2 * PER_UNIT as i32),
         (0, 2 * PER_UNIT as i32),
         (0, i16::MAX as i32),
         PART,
@@ -213,6 +217,7 @@ impl Configuration {
         let control: [&str; CONTROL_VALUES] = [
             "sensors",
             "friction",
+            "friction_most",
             "contact_min",
             "slip_threshold",
             "slip_leave",
@@ -259,10 +264,21 @@ impl Configuration {
         names
     };
 
-    /// The paper's detector (μ 0.45, threshold 0.5) and a careful gripper.
+    /// The paper's detector (μ 0.45, threshold 0.5), and a grip that learns the object's friction from what it carries.
     pub const DEFAULT: Self = Self {
+        friction_most: 10_000,
+        margin: 2_500,
+        reflex_rate: 0,
+        relax_rate: 4 * 4_096, // 4 N/s
+        relax_after_ms: 100,
+        ..Self::CAREFUL
+    };
+
+    /// A grip that learns nothing: by the detector's friction alone, with a reflex, and slow to let go.
+    pub const CAREFUL: Self = Self {
         sensors: 1,
         friction: 4_500,
+        friction_most: 0,
         contact_min: 0,
         slip_threshold: 5_000,
         slip_leave: 6_000,
@@ -285,6 +301,12 @@ impl Configuration {
         fingertips: [FingertipGeometry::DEFAULT; SENSORS],
     };
 
+    /// Whether the grip follows the friction that a contact has proven.
+    #[must_use]
+    pub const fn learns(&self) -> bool {
+        self.friction_most > self.friction
+    }
+
     /// The settings as a list of numbers.
     #[must_use]
     #[inline(never)]
@@ -294,6 +316,7 @@ impl Configuration {
         control.copy_from_slice(&[
             self.sensors.into(),
             self.friction.into(),
+            self.friction_most.into(),
             self.contact_min.into(),
             self.slip_threshold.into(),
             self.slip_leave.into(),
@@ -338,24 +361,25 @@ impl Configuration {
         let mut settings = Self {
             sensors: control[0] as u8,
             friction: control[1] as u16,
-            contact_min: control[2] as i16,
-            slip_threshold: control[3] as u16,
-            slip_leave: control[4] as u16,
-            incipient_threshold: control[5] as u16,
-            incipient_horizon_ms: control[6] as u16,
-            dwell_ms: control[7] as u16,
-            margin: control[8] as u16,
-            floor: control[9],
-            ceiling: control[10],
-            tighten: control[11],
-            reflex_target: control[12] as u16,
-            reflex_rate: control[13] as u16,
-            rise_rate: control[14] as u16,
-            relax_rate: control[15] as u16,
-            relax_after_ms: control[16] as u16,
-            release_rate: control[17] as u16,
-            stale_ms: control[18] as u16,
-            link_lost_ms: control[19] as u16,
+            friction_most: control[2] as u16,
+            contact_min: control[3] as i16,
+            slip_threshold: control[4] as u16,
+            slip_leave: control[5] as u16,
+            incipient_threshold: control[6] as u16,
+            incipient_horizon_ms: control[7] as u16,
+            dwell_ms: control[8] as u16,
+            margin: control[9] as u16,
+            floor: control[10],
+            ceiling: control[11],
+            tighten: control[12],
+            reflex_target: control[13] as u16,
+            reflex_rate: control[14] as u16,
+            rise_rate: control[15] as u16,
+            relax_rate: control[16] as u16,
+            relax_after_ms: control[17] as u16,
+            release_rate: control[18] as u16,
+            stale_ms: control[19] as u16,
+            link_lost_ms: control[20] as u16,
             ..Self::DEFAULT
         };
         if line[0] == LineKind::Robotiq2f140 as i32 {

@@ -19,7 +19,7 @@ use rand::RngExt as _;
 use rand_pcg::Pcg64Mcg;
 
 /// The default settings are in force all along: they are what a reset leads back to.
-const SETTINGS: Configuration = Configuration::DEFAULT;
+const SETTINGS: Configuration = Configuration::CAREFUL;
 const STEP_US: u64 = 1_000;
 /// 60 maps a second.
 const FRAME_MS: u64 = 16;

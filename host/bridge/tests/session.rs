@@ -14,7 +14,7 @@ use gripline_protocol::{Event, ForceMap, MapInfo, PACKET_MAX, Parser, TaxelForce
 const SETTINGS: Configuration = Configuration {
     friction: 4_321,
     relax_rate: 0,
-    ..Configuration::DEFAULT
+    ..Configuration::CAREFUL
 };
 
 /// A microcontroller that the test has a hand on.

@@ -39,7 +39,7 @@ fn settings(floor_n: i32) -> Configuration {
             kind: LineKind::Robotiq2f140,
             ..LineSettings::DEFAULT
         },
-        ..Configuration::DEFAULT
+        ..Configuration::CAREFUL
     }
 }
 

@@ -21,7 +21,7 @@ pub(crate) const FRAME_US: u64 = 16_667;
 /// No relaxing and no reflex while it sticks: what the line comes to follows from shear and friction alone.
 pub(crate) const SETTINGS: Configuration = Configuration {
     relax_rate: 0,
-    ..Configuration::DEFAULT
+    ..Configuration::CAREFUL
 };
 
 /// A link that the test keeps a hand on while the session has it.

@@ -78,6 +78,7 @@ const KEYS: [(&str, f64); CONFIGURATION_VALUES] = {
     [
         ("sensors", 1.0),
         ("friction", ONE),
+        ("friction_most", ONE),
         ("contact_min_n", N),
         ("slip_threshold", ONE),
         ("slip_leave", ONE),

@@ -209,7 +209,7 @@ impl Span {
 
 fn constant(effort: Effort, stream: u64, map: &ForceMap, is_noisy: bool, frames: usize) -> Span {
     let mut random = effort.random(stream);
-    let mut board = Board::holding(Configuration::DEFAULT, Origin::default());
+    let mut board = Board::holding(Configuration::CAREFUL, Origin::default());
     let lines = (0..frames).filter_map(|frame| {
         if is_noisy {
             board.map(&moved(map, &mut random));
@@ -224,7 +224,7 @@ fn constant(effort: Effort, stream: u64, map: &ForceMap, is_noisy: bool, frames:
 
 /// The grip force makes the stick ratio, the stick ratio the grip force.
 fn closed_loop(taxels: usize, frames: usize) -> (Span, Vec<(f64, f64)>) {
-    let settings = Configuration::DEFAULT;
+    let settings = Configuration::CAREFUL;
     let mut board = Board::holding(settings, Origin::default());
     let needed = 4 * LSB_PER_NEWTON;
     let mut lines = Vec::with_capacity(frames);

@@ -61,7 +61,7 @@ pub(super) fn moved(map: &ForceMap, random: &mut Pcg64Mcg) -> ForceMap {
 }
 
 fn play(frames: usize, mut map_at: impl FnMut(usize) -> ForceMap) -> Vec<Status> {
-    let mut board = Board::holding(Configuration::DEFAULT, Origin::default());
+    let mut board = Board::holding(Configuration::CAREFUL, Origin::default());
     (0..frames)
         .map(|frame| {
             let status = board.map(&map_at(frame));
@@ -98,7 +98,7 @@ pub(crate) fn sweep(effort: Effort) -> Sweep {
         ],
     );
     let frames = effort.of(1_200, 240);
-    let settings = Configuration::DEFAULT;
+    let settings = Configuration::CAREFUL;
     let bare = |status: &Status| stick_ratio_below(&status.sums, settings.slip_threshold);
     let mut curves = Vec::new();
     for (stream, (name, scene, is_steady)) in (200..).zip(SCENES) {

@@ -36,7 +36,7 @@ fn map_at(frame: usize) -> ForceMap {
 type Decided = (SlipState, i32, Option<u16>, u32, u32);
 
 fn play(maps: &[ForceMap], origin: Origin) -> Vec<Decided> {
-    let mut board = Board::holding(Configuration::DEFAULT, origin);
+    let mut board = Board::holding(Configuration::CAREFUL, origin);
     maps.iter()
         .map(|map| {
             let status = board.map(map);

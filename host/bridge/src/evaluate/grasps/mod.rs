@@ -129,7 +129,13 @@ pub fn run(args: &GraspsArgs) -> Result<(), Failure> {
         .collect();
     let mut outcomes = work("grasps", &jobs)?;
     let fixed_n = fixed_force(&outcomes, &work)?;
-    outcomes.extend(under_fixed_force(&outcomes, fixed_n));
+    let under_fixed: Vec<Job> = (0..args.grasps)
+        .map(|grasp| Job {
+            fixed_n,
+            ..job(grasp, Policy::Fixed)
+        })
+        .collect();
+    outcomes.extend(work("grasps with the fixed force", &under_fixed)?);
     let pictured: Vec<Job> = (0..args.grasps)
         .step_by(RENDERED_EVERY)
         .map(|grasp| Job {
@@ -199,23 +205,6 @@ fn fixed_force(outcomes: &[Outcome], work: &Work<'_>) -> Result<f64, Failure> {
         step -= (0.1 * step).ceil();
     }
     Ok(lowest_n)
-}
-
-/// Every grasp under a force that holds the hardest: known without playing it, but for what it slips.
-fn under_fixed_force(outcomes: &[Outcome], fixed_n: f64) -> Vec<Outcome> {
-    outcomes
-        .iter()
-        .filter(|outcome| outcome.policy == Policy::Gripline && !outcome.unsolved)
-        .map(|outcome| Outcome {
-            policy: Policy::Fixed,
-            dropped: false,
-            micro_slip_mm: f64::NAN,
-            mean_force_n: fixed_n,
-            peak_force_n: fixed_n,
-            margin: Some(fixed_n / outcome.mean_need_n.max(policy::FLOOR_N) - 1.0),
-            ..outcome.clone()
-        })
-        .collect()
 }
 
 impl Results {

@@ -61,7 +61,7 @@ pub fn play(
         Sensor::Model(Box::new(Model::new(network, plan.sensor)))
     };
     let friction = plan.scene.object.friction[0];
-    let mut worker = Worker::new(policy, network, friction, fixed_n)?;
+    let mut worker = Worker::new(policy, network, fixed_n)?;
     let frame_s = 1.0 / FRAMES_PER_SECOND;
     let mut tally = Tally::default();
     let mut unsolved = false;

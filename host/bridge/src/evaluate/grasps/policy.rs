@@ -21,15 +21,6 @@ pub const FLOOR_N: f64 = 1.0;
 const RAISE_N_PER_S: f64 = 40.0;
 const RELAX_N_PER_S: f64 = 1.0;
 const RELAX_AFTER_S: f64 = 0.5;
-/// The tuned settings: shares found on the grasps of seed 9, rates near those found there. The detector's share of a friction that is known, margin on top,
-/// 1/10000.
-const KNOWN_SHARE: f64 = 0.85;
-const TUNED_MARGIN: u16 = 1_000;
-/// 20 N/s, in 1/4096 N per ms: at 80 ms from picture to force a faster reflex overshoots by newtons.
-const TUNED_REFLEX: u16 = 82;
-/// 10 N/s, in 1/4096 N per s, after so many ms.
-const TUNED_RELAX: u16 = 40_960;
-const TUNED_RELAX_AFTER_MS: u16 = 100;
 
 /// A policy's name.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
@@ -37,8 +28,8 @@ const TUNED_RELAX_AFTER_MS: u16 = 100;
 pub enum Policy {
     /// Gripline as `gripline run` sets it, but for the least force.
     Gripline,
-    /// The same with the object's friction known from a calibration, and other rates.
-    GriplineTuned,
+    /// The same, but that nothing is learnt: by the detector's friction, with a reflex.
+    GriplineCareful,
     /// Up while F_T > μ F_N.
     Coulomb,
     /// Up while the stick ratio is below the threshold.
@@ -48,10 +39,10 @@ pub enum Policy {
 }
 
 impl Policy {
-    /// Those that look.
+    /// Those that look; a fixed force follows from what came of them.
     pub const LOOKING: [Self; 4] = [
         Self::Gripline,
-        Self::GriplineTuned,
+        Self::GriplineCareful,
         Self::Coulomb,
         Self::StickRatio,
     ];
@@ -61,7 +52,7 @@ impl Policy {
     pub const fn name(self) -> &'static str {
         match self {
             Self::Gripline => "Gripline",
-            Self::GriplineTuned => "Gripline, tuned",
+            Self::GriplineCareful => "Gripline, nothing learnt",
             Self::Coulomb => "Coulomb bang-bang",
             Self::StickRatio => "stick ratio bang-bang",
             Self::Fixed => "fixed force",
@@ -88,12 +79,7 @@ impl Worker {
     ///
     /// # Errors
     /// Settings that the microcontroller refuses.
-    pub(super) fn new(
-        policy: Policy,
-        network: &Network,
-        friction: f64,
-        fixed_n: f64,
-    ) -> Result<Self, Failure> {
+    pub(super) fn new(policy: Policy, network: &Network, fixed_n: f64) -> Result<Self, Failure> {
         let defaults = Configuration {
             floor: (FLOOR_N * f64::from(LSB_PER_NEWTON)) as i32,
             ..settings_for(network)
@@ -108,13 +94,11 @@ impl Worker {
             Policy::Coulomb => return Ok(rule(false)),
             Policy::StickRatio => return Ok(rule(true)),
             Policy::Gripline => defaults,
-            Policy::GriplineTuned => Configuration {
-                friction: (KNOWN_SHARE * friction * f64::from(PER_UNIT)) as u16,
-                margin: TUNED_MARGIN,
-                reflex_rate: TUNED_REFLEX,
-                relax_rate: TUNED_RELAX,
-                relax_after_ms: TUNED_RELAX_AFTER_MS,
-                ..defaults
+            Policy::GriplineCareful => Configuration {
+                friction: defaults.friction,
+                contact_min: defaults.contact_min,
+                floor: defaults.floor,
+                ..Configuration::CAREFUL
             },
         };
         let mut session = Session::open(Box::new(EmbeddedLink::new()), settings).map_err(Failure::failed)?;
