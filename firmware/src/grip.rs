@@ -160,6 +160,7 @@ impl GripController {
 
     /// Time passes in a controller that learns: the gripper follows. `load` is what a new map says, over
     /// all fingertips, with its normal force.
+    #[expect(clippy::inline_always, reason = "called once; a call of its own costs flash")]
     #[inline(always)]
     pub(crate) fn learn(&mut self, now_us: u64, load: Option<(&Carried, i32)>, settings: &Configuration) {
         let passed_us = (now_us as u32).wrapping_sub(self.learnt.at_us);

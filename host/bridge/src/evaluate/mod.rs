@@ -2,7 +2,8 @@
 //!
 //! The paper's experiment ([`paper`]): [`plan`] says which runs, [`trial`] is one of them in the contact world, [`chain`]
 //! takes it from picture to map, [`detectors`] judge the maps, [`judged`] and [`metrics`] count, [`report`] tells.
-//! [`grasps`] closes the loop; [`real`] does it with recorded trials. [`document`] keeps the sections of docs/evidence.md.
+//! [`grasps`] closes the loop; [`real`] does it with recorded trials. [`document`] keeps the sections of docs/evidence.md,
+//! [`requirement`] says what must hold.
 
 pub mod chain;
 pub mod command;
@@ -16,6 +17,7 @@ pub mod plan;
 mod progress;
 pub mod real;
 pub mod report;
+pub mod requirement;
 pub mod trial;
 
 pub use command::{EvaluateArgs, run};

@@ -15,10 +15,11 @@ use super::judged::{Judged, Meaning, Notice, confusion, hold_alarms, notice};
 use super::metrics::{Confusion, Scores};
 use super::paper::PaperArgs;
 use super::plan::{Planned, Purpose};
+use super::requirement::Requirement;
 use super::trial::Kind;
 use crate::detect::replay::moved_to;
 use crate::units::ratio;
-use bounds::{Bound, bounds};
+use bounds::bounds;
 
 /// Noise of the camera for the sensitivity, grey levels; sensors have 1 to 3.5.
 pub const NOISE_LEVELS: [f64; 4] = [0.0, 2.0, 4.0, 8.0];
@@ -84,7 +85,7 @@ pub struct Report {
     frames: usize,
     doubtful_frames: usize,
     /// What must hold.
-    bounds: Vec<Bound>,
+    bounds: Vec<Requirement>,
     /// Beginnings and ends of slips in the sequences, percent of their frames.
     edge_percent: f64,
     /// Our detector's settings.

@@ -99,11 +99,6 @@ fn detector() -> Vec<Step> {
     let (two, last) = (range(2, 2), range(SIDE as i128 - 1, SIDE as i128 - 1));
     let counts = range(0, TAXELS as i128);
     let friction = range(0, 20_000);
-    let [whole_moment, whole_pressure] = [moment, pressure].map(|sum| two * sum - last * force);
-    // What the load keeps: a twist of at most 2²⁹, its square for the contact's size, of which all take 51 bits.
-    let twist = range(-(1 << 29), 1 << 29);
-    let normal = range(1, force.most);
-    let share = range(0, u16::MAX.into());
     vec![
         ("taxel: fx² + fy²", shear, ("u32", U32)),
         ("taxel: 10⁸ (fx² + fy²)", shear * unit.squared(), ("u64", U64)),
@@ -155,13 +150,34 @@ fn detector() -> Vec<Step> {
             ("u128", U128),
         ),
         (
-            "load: px Fy − py Fx",
-            whole_pressure * force - whole_pressure * force,
-            ("i64", I64),
+            "trend: four ratios",
+            range(0, 10_000).any_of(TREND_MAPS as i128 / 2),
+            ("u16", U16),
         ),
         (
+            "trend: left · span in µs",
+            range(0, 10_000) * U32.any_of(TREND_MAPS as i128 / 2),
+            ("u64", U64),
+        ),
+    ]
+}
+
+/// Every step of what the detector keeps of loads.
+fn loads() -> Vec<Step> {
+    let force = I16.any_of(TAXELS as i128);
+    let (two, last) = (range(2, 2), range(SIDE as i128 - 1, SIDE as i128 - 1));
+    let moment = two * over_taxels(|column, row| column * I16 - row * I16) - last * force;
+    let pressure = two * over_taxels(|column, _| column * I16) - last * force;
+    let [across, along] = [pressure * force; 2];
+    // What the load keeps: a twist of at most 2²⁹, its square for the contact's size, of which all take 51 bits.
+    let twist = range(-(1 << 29), 1 << 29);
+    let normal = range(1, force.most);
+    let share = range(0, u16::MAX.into());
+    vec![
+        ("load: px Fy − py Fx", across - along, ("i64", I64)),
+        (
             "load: moment less that of the centre of pressure",
-            whole_moment - (whole_pressure * force - whole_pressure * force),
+            moment - (across - along),
             ("i64", I64),
         ),
         (
@@ -187,16 +203,6 @@ fn detector() -> Vec<Step> {
         (
             "load: 83 · share · normal force",
             range(0, 83) * share * normal,
-            ("u64", U64),
-        ),
-        (
-            "trend: four ratios",
-            range(0, 10_000).any_of(TREND_MAPS as i128 / 2),
-            ("u16", U16),
-        ),
-        (
-            "trend: left · span in µs",
-            range(0, 10_000) * U32.any_of(TREND_MAPS as i128 / 2),
             ("u64", U64),
         ),
     ]
@@ -256,7 +262,7 @@ pub(crate) fn sweep(effort: Effort) -> Sweep {
         &["step", "least", "most", "kept in", "bits left"],
     );
     let mut too_large = 0;
-    for (name, found, (kept, holds)) in detector().into_iter().chain(controller()) {
+    for (name, found, (kept, holds)) in detector().into_iter().chain(loads()).chain(controller()) {
         too_large += u64::from(found.least < holds.least || found.most > holds.most);
         let room = |value: i128, limit: i128| {
             if value == 0 {

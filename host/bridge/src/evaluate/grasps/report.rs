@@ -6,6 +6,7 @@ use serde::Serialize;
 
 use super::super::document::{number, table};
 use super::super::metrics::quantile;
+use super::super::requirement::{Requirement, requirements_table};
 use super::GraspsArgs;
 use super::play::Outcome;
 use super::policy::{FLOOR_N, Policy};
@@ -39,59 +40,37 @@ pub struct Report {
     model_on_subset: Figures,
     pictures_on_subset: Figures,
     /// What is asked for, and what was found.
-    bounds: Vec<Bound>,
+    bounds: Vec<Requirement>,
     /// Runs without a solution of the contact world, left out.
     pub unsolved: usize,
 }
 
-/// A bound of the project.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Bound {
-    measure: &'static str,
-    bound: &'static str,
-    figure: Option<f64>,
-    is_held: bool,
-}
-
-impl Bound {
-    fn all(gripline: &Figures, fixed: &Figures) -> Vec<Self> {
-        let share = gripline.mean_force_n / fixed.mean_force_n.max(1e-9);
-        let rows: [(&str, &str, Option<f64>, fn(f64) -> bool); 4] = [
-            ("drops", "0", Some(gripline.drops as f64), |drops| drops < 0.5),
-            ("median margin", "0.1 to 0.4", gripline.median_margin, |margin| {
-                (0.1..=0.4).contains(&margin)
-            }),
-            (
-                "slid, 99th percentile, mm",
-                "at most 1",
-                gripline.micro_slip_mm_p99,
-                |slid| slid <= 1.0,
-            ),
-            (
-                "mean force over that of the fixed force",
-                "at most 0.6",
-                Some(share),
-                |share| share <= 0.6,
-            ),
-        ];
-        rows.map(|(measure, bound, figure, holds)| Self {
-            measure,
-            bound,
-            figure,
-            is_held: figure.is_some_and(holds),
-        })
-        .into()
-    }
-
-    fn row(&self) -> Vec<String> {
-        let verdict = if self.is_held { "held" } else { "missed" };
-        vec![
-            self.measure.to_owned(),
-            self.bound.to_owned(),
-            number(self.figure, 2),
-            verdict.to_owned(),
-        ]
-    }
+/// The project's bounds on closed loop, of Gripline with its default settings.
+fn requirements(gripline: &Figures, fixed: &Figures) -> Vec<Requirement> {
+    let percent = |share: Option<f64>| number(share.map(|share| 100.0 * share), 0);
+    let (margin, slid) = (gripline.median_margin, gripline.micro_slip_mm_p99);
+    let share = gripline.mean_force_n / fixed.mean_force_n.max(1e-9);
+    vec![
+        Requirement::new("drops", "0", gripline.drops.to_string(), gripline.drops == 0),
+        Requirement::new(
+            "median margin over the needed force, %",
+            "10 to 40",
+            percent(margin),
+            margin.is_some_and(|margin| (0.1..=0.4).contains(&margin)),
+        ),
+        Requirement::new(
+            "slid, 99th percentile, mm",
+            "≤ 1",
+            number(slid, 2),
+            slid.is_some_and(|slid| slid <= 1.0),
+        ),
+        Requirement::new(
+            "mean force, % of the fixed force that drops as few",
+            "≤ 60",
+            percent(Some(share)),
+            share <= 0.6,
+        ),
+    ]
 }
 
 impl Figures {
@@ -165,7 +144,7 @@ impl Report {
             .map(|policy| (policy, Figures::of(of(policy))))
             .collect();
         Self {
-            bounds: Bound::all(&policies[&Policy::Gripline], &policies[&Policy::Fixed]),
+            bounds: requirements(&policies[&Policy::Gripline], &policies[&Policy::Fixed]),
             grasps: args.grasps,
             seed: args.seed,
             network: args.network.to_string(),
@@ -196,7 +175,6 @@ impl Report {
         let shown = picture.map_or_else(String::new, |picture| {
             format!("\n![Mean grip force of every grasp against its margin over what friction needs; crosses are drops]({picture})\n")
         });
-        let bounds: Vec<Vec<String>> = self.bounds.iter().map(Bound::row).collect();
         format!(
             "## Closed loop: random grasps\n\n`gripline evaluate grasps --grasps {} --seed {}` (network {}): an object of \
              random mass (its weight alone needs 1 to 6 N), friction (0.5 to 1.0), shape and centre of mass is gripped \
@@ -223,7 +201,7 @@ impl Report {
             self.network,
             self.unsolved,
             table(&COLUMNS, &rows),
-            table(&["measure", "bound", "figure", "verdict"], &bounds),
+            requirements_table(&self.bounds),
             self.fixed_force_n,
             table(&COLUMNS, &subset),
         )

@@ -1,8 +1,7 @@
 //! What the paper's experiment must show, and whether it does. Percent, ms, alarms a minute.
 
-use serde::Serialize;
-
-use super::super::document::{number, table};
+use super::super::document::number;
+use super::super::requirement::{Requirement, requirements_table};
 use super::{Report, Tables};
 use crate::evaluate::metrics::Scores;
 
@@ -17,36 +16,15 @@ const LEAD_MS_LEAST: f64 = 50.0;
 /// Most alarms a minute in steady holds.
 const ALARMS_MOST: f64 = 1.0;
 
-/// A bound, what was found, and whether it held; a figure that is not there holds nothing.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub(super) struct Bound {
-    measure: String,
-    bound: String,
-    figure: String,
-    /// Whether it held.
-    pub held: bool,
-}
-
-impl Bound {
-    fn new(measure: &str, bound: String, figure: String, held: bool) -> Self {
-        Self {
-            measure: measure.to_owned(),
-            bound,
-            figure,
-            held,
-        }
-    }
-}
-
 /// Every bound of the experiment.
-pub(super) fn bounds(tables: &Tables, lead_ms: Option<f64>, alarms_per_minute: f64) -> Vec<Bound> {
-    let mut all: Vec<Bound> = tables
+pub(super) fn bounds(tables: &Tables, lead_ms: Option<f64>, alarms_per_minute: f64) -> Vec<Requirement> {
+    let mut all: Vec<Requirement> = tables
         .objects
         .iter()
         .map(|object| of_object(&object.name, &object.scores.gripline))
         .collect();
     let recall = tables.rotation.gripline.recall;
-    all.push(Bound::new(
+    all.push(Requirement::new(
         "rotation only: recall, %",
         format!("≥ {ROTATION_RECALL_LEAST}"),
         number(recall, 1),
@@ -57,19 +35,19 @@ pub(super) fn bounds(tables: &Tables, lead_ms: Option<f64>, alarms_per_minute: f
         ours.zip(other).map(|(ours, other)| ours - other)
     };
     let rotation = gain(&tables.rotation);
-    all.push(Bound::new(
+    all.push(Requirement::new(
         "stick ratio as in the paper against the Coulomb baseline: recall on rotation, points better (on translation: as it is)",
         format!("≥ {STICK_RATIO_GAIN_LEAST}"),
         format!("{} ({})", number(rotation, 1), number(gain(&tables.translation), 1)),
         at_least(rotation, STICK_RATIO_GAIN_LEAST),
     ));
-    all.push(Bound::new(
+    all.push(Requirement::new(
         "median lead before gross slip, ms",
         format!("≥ {LEAD_MS_LEAST}"),
         number(lead_ms, 0),
         at_least(lead_ms, LEAD_MS_LEAST),
     ));
-    all.push(Bound::new(
+    all.push(Requirement::new(
         "alarms a minute in steady holds",
         format!("≤ {ALARMS_MOST}"),
         number(Some(alarms_per_minute), 2),
@@ -78,13 +56,13 @@ pub(super) fn bounds(tables: &Tables, lead_ms: Option<f64>, alarms_per_minute: f
     all
 }
 
-fn of_object(name: &str, scores: &Scores) -> Bound {
+fn of_object(name: &str, scores: &Scores) -> Requirement {
     let [accuracy, precision, recall] = OBJECT_LEAST;
     let held = at_least(scores.accuracy, accuracy)
         && at_least(scores.precision, precision)
         && at_least(scores.recall, recall);
     let figure = [scores.accuracy, scores.recall, scores.precision].map(|share| number(share, 1));
-    Bound::new(
+    Requirement::new(
         &format!("{name}: accuracy / recall / precision, %"),
         format!("≥ {accuracy} / {recall} / {precision}"),
         figure.join(" / "),
@@ -98,19 +76,7 @@ fn at_least(figure: Option<f64>, least: f64) -> bool {
 
 impl Report {
     pub(super) fn bounds_table(&self) -> String {
-        let rows: Vec<Vec<String>> = self
-            .bounds
-            .iter()
-            .map(|bound| {
-                vec![
-                    bound.measure.clone(),
-                    bound.bound.clone(),
-                    bound.figure.clone(),
-                    if bound.held { "held" } else { "**missed**" }.to_owned(),
-                ]
-            })
-            .collect();
-        table(&["measure", "bound", "figure", ""], &rows)
+        requirements_table(&self.bounds)
             + &format!(
                 "\nFigures are Gripline's unless said otherwise. To tell one frame too early or too late at every beginning \
                  and end of a slip costs {:.1} points of accuracy in the sequences.\n",
