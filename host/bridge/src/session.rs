@@ -16,6 +16,7 @@ use crate::acquaintance::{Acquaintance, Next};
 use crate::clock_watch::ClockWatch;
 use crate::link::{Link, LinkError, Presence};
 use crate::shadow::Shadow;
+use crate::units::newtons;
 
 /// How long a microcontroller may take to answer a handshake: it boots in well under that.
 const HANDSHAKE_US: u64 = 3_000_000;
@@ -617,6 +618,13 @@ impl Session {
     /// [`SessionError`] when the link is gone.
     pub fn send_raw(&mut self, packet: &[u8]) -> Result<(), SessionError> {
         Ok(self.link.send(packet)?)
+    }
+
+    /// The grip-force line, N: at this moment where the link can see it, else as the microcontroller last told it.
+    #[must_use]
+    pub fn line_n(&self) -> f64 {
+        let told = || self.status().map_or(0, |status| status.line);
+        newtons(self.link.line().unwrap_or_else(told))
     }
 
     /// The code on the DAC of the grip-force line, where the link can see it.

@@ -77,6 +77,10 @@ impl Link for EmbeddedLink {
         self.now_us
     }
 
+    fn line(&self) -> Option<i32> {
+        Some(self.mcu.line().lsb())
+    }
+
     fn name(&self) -> String {
         "in-process microcontroller".to_owned()
     }

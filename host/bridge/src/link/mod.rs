@@ -48,6 +48,12 @@ pub trait Link {
     /// What it is, for people.
     fn name(&self) -> String;
 
+    /// The grip-force line at this moment, 1/4096 N, where the link can see it (the microcontroller in this process): it
+    /// moves every millisecond, and a status tells only where it was when a map was answered.
+    fn line(&self) -> Option<i32> {
+        None
+    }
+
     /// The code on the DAC of the grip-force line, where the link can see it (the emulator).
     fn line_code(&self) -> Option<u16> {
         None

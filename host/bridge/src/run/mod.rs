@@ -182,7 +182,7 @@ fn play(
     (seconds, is_wanted): (Option<f64>, &dyn Fn() -> bool),
 ) -> Result<(), Failure> {
     while is_wanted() && seconds.is_none_or(|seconds| !run.is_over(seconds)) {
-        let wish = match fingertips.next(run.line_n())? {
+        let wish = match fingertips.next(run.cycle.session.line_n())? {
             Looked::Picture(sensor, picture) => {
                 let pipeline = fingertips.pipeline(sensor);
                 let report = run.frame(pipeline, sensor, picture)?;
@@ -400,14 +400,6 @@ impl Run {
             presence: (0, false),
             notes: Vec::new(),
         }
-    }
-
-    /// The grip-force line as the microcontroller last told it.
-    fn line_n(&self) -> f64 {
-        self.cycle
-            .session
-            .status()
-            .map_or(0.0, |status| newtons(status.line))
     }
 
     /// One frame: picture in, map out, answer in.

@@ -49,7 +49,7 @@ impl Both {
     fn next(&mut self, is_away: impl Fn(u8) -> bool) -> Option<FrameReport> {
         let sensor = (self.number % 2) as u8;
         self.number += 1;
-        let line_n = self.run.line_n();
+        let line_n = self.run.cycle.session.line_n();
         let picture = self.sources[usize::from(sensor)].next(line_n).unwrap();
         if is_away(sensor) {
             self.run
@@ -94,7 +94,7 @@ fn both_fingertips_are_answered_checked_and_told_apart() {
 fn a_fingertip_whose_camera_goes_away_holds_the_line_until_it_is_back() {
     let mut both = Both::new();
     both.until(3.0);
-    let held_n = both.run.line_n();
+    let held_n = both.run.cycle.session.line_n();
     let stale = |report: &FrameReport| report.faults.contains(&"STALE MAPS");
     let mut told_s = None;
     let mut line_n = held_n;

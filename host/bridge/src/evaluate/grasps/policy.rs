@@ -13,7 +13,6 @@ use crate::error::Failure;
 use crate::link::EmbeddedLink;
 use crate::run::settings_for;
 use crate::session::Session;
-use crate::units::newtons;
 
 /// Least grip of every policy that moves, N.
 pub const FLOOR_N: f64 = 1.0;
@@ -154,7 +153,7 @@ impl Worker {
                 *sequence += 1;
                 let until_us = session.now_us() + (frame_s * 1e6).round() as u64;
                 session.run_until(until_us).map_err(Failure::failed)?;
-                Ok(session.status().map_or(0.0, |status| newtons(status.line)))
+                Ok(session.line_n())
             }
         }
     }

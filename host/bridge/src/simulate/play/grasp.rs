@@ -18,7 +18,6 @@ use crate::link::EmbeddedLink;
 use crate::pipeline::Pipeline;
 use crate::run::settings_for;
 use crate::session::Session;
-use crate::units::newtons;
 
 /// Names of the columns that only a grasp has.
 const GRASP_COLUMNS: [&str; 10] = [
@@ -287,6 +286,6 @@ impl Gripline {
             .map_err(Failure::failed)?;
         let until_us = self.session.now_us() + (frame_s * 1e6).round() as u64;
         self.session.run_until(until_us).map_err(Failure::failed)?;
-        Ok(self.session.status().map_or(0.0, |status| newtons(status.line)))
+        Ok(self.session.line_n())
     }
 }
