@@ -46,9 +46,9 @@ impl Load {
     pub(crate) fn of(sums: &MapSums) -> Self {
         let [x, y, z] = sums.force;
         let normal = z.max(1).cast_unsigned();
-        // A divisor of 16 bits: the quotients are good to 2⁻¹⁵.
+        // A divisor of 16 bits: the quotients are good to 2⁻¹⁵. Never 0, which the compiler does not see by itself.
         let shift = (u32::BITS - normal.leading_zeros()).saturating_sub(16);
-        let divisor = (normal >> shift) as u16;
+        let divisor = ((normal >> shift) as u16).max(1);
         // At most 2 · 2²⁸ · 2²⁴.
         let [across, along] = sums.pressure.map(i64::from);
         let lever = across * i64::from(y) - along * i64::from(x);
