@@ -18,7 +18,7 @@ use gripline_protocol::{
 use rand::RngExt as _;
 use rand_pcg::Pcg64Mcg;
 
-/// The default settings are in force all along: they are what a reset leads back to.
+/// In force from every beginning on; a reset leads back to the default ones, under which the line falls no further.
 const SETTINGS: Configuration = Configuration::CAREFUL;
 const STEP_US: u64 = 1_000;
 /// 60 maps a second.
@@ -494,6 +494,7 @@ impl<W: World> Host<W> {
     /// A new start for both sides: handshake, a prompt map, and hold.
     fn begin(&mut self) {
         self.hello();
+        self.command(Command::Configure(SETTINGS));
         let map = self.map(60, 0);
         self.good_map(&map, Health::GOOD);
         self.hold();
