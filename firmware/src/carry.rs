@@ -9,6 +9,7 @@ use gripline_protocol::message::{Configuration, MapSums};
 
 use crate::constants::{LEAD_US, PROOF_NORMAL_MIN, SLIDE_MAPS, SLIDE_STICK_RATIO};
 use crate::divide::divide;
+use crate::load::{narrowed, twist};
 use crate::sums::{square_root, stick_ratio_below};
 
 /// The load of one fingertip.
@@ -125,27 +126,13 @@ fn ratio(shear: i32, normal: i32) -> u16 {
     share.min(u16::MAX.into()) as u16
 }
 
-/// A normal force in 16 bits, at least 1, and how far it was shifted right.
-fn narrowed(normal: i32) -> (u16, u32) {
-    let normal = normal.max(1).cast_unsigned();
-    let shift = 16_u32.saturating_sub(normal.leading_zeros());
-    ((normal >> shift) as u16, shift)
-}
-
 /// Shear and torsion about the centre of pressure as one shear: where (Q/μN)² + (M/(μN·2/3 a))² = 1 they slide, with
 /// the radius a of a disc as large as the contact (n taxels of 4 square half pitches: a² = 4n/π).
 fn together(sums: &MapSums) -> i32 {
-    let [x, y, normal] = sums.force.map(i64::from);
-    let [px, py] = sums.pressure.map(i64::from);
-    // Below 2⁵³.
-    let about = (px * y - py * x).unsigned_abs();
-    let negative = px * y < py * x;
-    let (narrow, shift) = narrowed(normal as i32);
-    let shifted = (divide(about >> shift, narrow)).min(1 << 40) as i64;
-    let moment = i64::from(sums.moment) - if negative { -shifted } else { shifted };
-    let moment = moment.unsigned_abs().min(1 << 25);
+    let [x, y, _] = sums.force.map(i64::from);
+    let moment = u64::from(twist(sums).unsigned_abs().min(1 << 25));
     // 9/4 · π/4 = 1.767 = 905/512.
-    let twist = (divide(moment * moment, sums.contact) * 905) >> 9;
-    let square = (x * x + y * y).cast_unsigned() + twist;
+    let turning = (divide(moment * moment, sums.contact) * 905) >> 9;
+    let square = (x * x + y * y).cast_unsigned() + turning;
     square_root(square.min((1 << 52) - 1)) as i32
 }

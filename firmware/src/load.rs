@@ -46,14 +46,8 @@ impl Load {
     pub(crate) fn of(sums: &MapSums) -> Self {
         let [x, y, z] = sums.force;
         let normal = z.max(1).cast_unsigned();
-        // A divisor of 16 bits: the quotients are good to 2⁻¹⁵. Never 0, which the compiler does not see by itself.
-        let shift = (u32::BITS - normal.leading_zeros()).saturating_sub(16);
-        let divisor = ((normal >> shift) as u16).max(1);
-        // At most 2 · 2²⁸ · 2²⁴.
-        let [across, along] = sums.pressure.map(i64::from);
-        let lever = across * i64::from(y) - along * i64::from(x);
-        let shift_of_centre = divide(lever.unsigned_abs() >> shift, divisor).cast_signed() * lever.signum();
-        let twist = (i64::from(sums.moment) - shift_of_centre).clamp(-TWIST_MAX, TWIST_MAX) as i32;
+        let (divisor, shift) = narrowed(z);
+        let twist = twist(sums);
         let load = square_root(square([x, y], twist, sums.contact));
         // One division of 32 bits: below four times the normal force, what is divided is below 2³².
         let share = if load >> 2 >= normal {
@@ -69,6 +63,25 @@ impl Load {
             share: share.min(u16::MAX.into()) as u16,
         }
     }
+}
+
+/// A normal force in 16 bits, at least 1, and how far it was shifted right for that: quotients are good to 2⁻¹⁵.
+pub(crate) fn narrowed(normal: i32) -> (u16, u32) {
+    let normal = normal.max(1).cast_unsigned();
+    let shift = 16_u32.saturating_sub(normal.leading_zeros());
+    // Never 0, which the compiler does not see by itself.
+    (((normal >> shift) as u16).max(1), shift)
+}
+
+/// Moment of a map about its centre of pressure, 1/4096 N times half taxel pitches, at most 2²⁹ either way.
+pub(crate) fn twist(sums: &MapSums) -> i32 {
+    let [x, y, normal] = sums.force;
+    let (divisor, shift) = narrowed(normal);
+    // At most 2 · 2²⁸ · 2²⁴.
+    let [across, along] = sums.pressure.map(i64::from);
+    let lever = across * i64::from(y) - along * i64::from(x);
+    let of_centre = divide(lever.unsigned_abs() >> shift, divisor).cast_signed() * lever.signum();
+    (i64::from(sums.moment) - of_centre).clamp(-TWIST_MAX, TWIST_MAX) as i32
 }
 
 /// Square of force and twist as one force. An even pressure holds a twist of ⅔ radius times the force that it holds; with

@@ -62,13 +62,6 @@ pub const LOOPS: &[(&str, u32, u32, &str)] = &[
         2,
         "copies of the line that survive a reset",
     ),
-    ("let part = rest", 4, 4, "sixteen bits a round of a division"),
-    (
-        "let trial = root + step",
-        13,
-        13,
-        "a bit a round of the upper half of a square root",
-    ),
     ("mem @ ldrb", 4, 0, "bytes before and behind words, four a round"),
     (
         "mem @ ldr",
