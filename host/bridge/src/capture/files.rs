@@ -126,12 +126,9 @@ impl ClipFrames {
     /// # Errors
     /// [`Failure`] when it cannot be read or is none.
     pub(crate) fn open(path: &Path) -> Result<Self, Failure> {
-        let failed = |wrong: String| Failure::failed(format!("{}: {wrong}", path.display()));
-        let file = File::open(path)
-            .map_err(|error| failed(format!("{error}, expected a clip (.avi); check the path")))?;
         Ok(Self {
             file: path.to_owned(),
-            reader: ClipReader::new(BufReader::new(file)).map_err(failed)?,
+            reader: picture::open_clip(path)?,
             jpeg: JpegCrop::default(),
             rest: rest_in(&[path.parent().unwrap_or(Path::new(""))], path),
             counts: Counts::default(),

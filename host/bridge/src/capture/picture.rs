@@ -52,6 +52,17 @@ pub(crate) fn listed(path: &Path) -> Result<Vec<PathBuf>, Failure> {
     Ok(found)
 }
 
+/// A clip (.avi), up to its first picture.
+///
+/// # Errors
+/// [`Failure`] that names the file, what was found and what was expected.
+pub(super) fn open_clip(path: &Path) -> Result<ClipReader<BufReader<File>>, Failure> {
+    let failed = |wrong: String| Failure::failed(format!("{}: {wrong}", path.display()));
+    let file = File::open(path)
+        .map_err(|error| failed(format!("{error}, expected a clip (.avi); check the path")))?;
+    ClipReader::new(BufReader::new(file)).map_err(failed)
+}
+
 /// The pictures of a folder, a file or a clip, one after the other.
 #[derive(Debug)]
 pub(crate) struct Pictures {
@@ -79,11 +90,7 @@ impl Pictures {
             .extension()
             .is_some_and(|ending| ending.eq_ignore_ascii_case("avi"));
         let of = if is_clip && !path.is_dir() {
-            let failed = |wrong: String| Failure::failed(format!("{}: {wrong}", path.display()));
-            let file = File::open(path)
-                .map_err(|error| failed(format!("{error}, expected a clip (.avi); check the path")))?;
-            let reader = ClipReader::new(BufReader::new(file)).map_err(failed)?;
-            Of::Clip(reader, JpegCrop::default())
+            Of::Clip(open_clip(path)?, JpegCrop::default())
         } else {
             Of::Files(listed(path)?.into_iter())
         };

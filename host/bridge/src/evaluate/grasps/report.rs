@@ -2,6 +2,8 @@
 
 use std::collections::BTreeMap;
 
+use gripline_protocol::PER_UNIT;
+use gripline_protocol::message::Configuration;
 use serde::Serialize;
 
 use super::super::document::{number, table};
@@ -175,6 +177,8 @@ impl Report {
         let shown = picture.map_or_else(String::new, |picture| {
             format!("\n![Mean grip force of every grasp against its margin over what friction needs; crosses are drops]({picture})\n")
         });
+        let percent = |settings: Configuration| format!("{} %", u32::from(settings.margin) * 100 / PER_UNIT);
+        let [kept, careful] = [Configuration::DEFAULT, Configuration::CAREFUL].map(percent);
         format!(
             "## Closed loop: random grasps\n\n`gripline evaluate grasps --grasps {} --seed {}` (network {}): an object of \
              random mass (its weight alone needs 1 to 6 N), friction (0.5 to 1.0), shape and centre of mass is gripped \
@@ -186,10 +190,10 @@ impl Report {
              {}\n\
              Gripline has the default settings and knows no object's friction: it learns it. What a contact carries, shear and torsion over normal force, \
              is a lower bound of its friction; a load that comes on raises it by itself, because the grip follows late (80 ms from picture \
-             to force). The grip keeps 30 % above what the friction that was proven needs. So margins over what is needed are those 30 % and what \
+             to force). The grip keeps {kept} above what the friction that was proven needs. So margins over what is needed are those {kept} and what \
              was not proven: friction that never had to carry. Margin, look-ahead, rates and what counts as a slide were chosen on grasps of the seeds 9 to 14. \
-             With a margin of 20 % 2 of 300 of those are dropped, and one in a hundred slides 2 to 4 mm while the load comes on. Nothing learnt: the detector's friction \
-             (the network's calibration) with a margin of 40 % and a reflex of 40 N/s. The fixed \
+             Nothing learnt: the detector's friction \
+             (the network's calibration) with a margin of {careful} and a reflex. The fixed \
              force of {:.2} N is the lowest of a ladder that drops none of the hardest twentieth of the grasps. \
              The bang-bang rules rise at 40 N/s while their detector (the paper's, at \
              its settings) says slip, and fall by 1 N/s after half a second without.\n{shown}\n\
