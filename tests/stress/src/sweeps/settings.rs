@@ -184,6 +184,11 @@ pub(super) fn extreme(random: &mut Pcg64Mcg) -> Configuration {
     }
 }
 
+/// Whether stale maps (1) or a lost link (2) ask the line to hold.
+fn holds(board: &Board) -> bool {
+    board.mcu.status().faults & 0b110 != 0
+}
+
 /// (programs, maps, [wrong sums, lines out of range, lines fallen under a fault]).
 fn whole_programs(effort: Effort) -> (usize, usize, [u64; 3]) {
     let mut random = effort.random(601);
@@ -218,14 +223,18 @@ fn whole_programs(effort: Effort) -> (usize, usize, [u64; 3]) {
                 && status.coulomb_slip == exact::coulomb(&right.force, settings.friction);
             worst[0] += u64::from(!same);
             for _ in 0..random.random_range(1..4) {
-                board.pass_us(random.random_range(1..30_000));
-                let line = board.mcu.line().lsb();
-                let most = settings.ceiling.max(settings.tighten);
-                worst[1] += u64::from(!(0..=FORCE_MAX).contains(&line) || line > most);
-                // Stale maps (1) and a lost link (2) hold.
-                let holds = board.mcu.status().faults & 0b110 != 0;
-                worst[2] += u64::from(holds && line < before);
-                before = line;
+                // Millisecond by millisecond: what fell before a fault came fell by plan.
+                let mut left_us = random.random_range(1..30_000);
+                while left_us > 0 {
+                    let passed_us = left_us.min(1_000);
+                    board.pass_us(passed_us);
+                    left_us -= passed_us;
+                    let line = board.mcu.line().lsb();
+                    let most = settings.ceiling.max(settings.tighten);
+                    worst[1] += u64::from(!(0..=FORCE_MAX).contains(&line) || line > most);
+                    worst[2] += u64::from(holds(&board) && line < before);
+                    before = line;
+                }
             }
         }
     }
