@@ -7,6 +7,7 @@ use gripline_firmware::line::DAC_LIVE_ZERO;
 use gripline_protocol::message::Configuration;
 use gripline_protocol::{ForceMap, LSB_PER_NEWTON, TaxelForce};
 use rand::RngExt;
+use rand_pcg::Pcg64Mcg;
 use serde_json::json;
 
 use super::one_step_in_time::moved;
@@ -71,10 +72,18 @@ pub(crate) fn sweep(effort: Effort) -> Sweep {
     );
     let frames = effort.of(1_000_000, 6_000);
     let mut worst = 0;
-    for (stream, (name, map, is_noisy)) in (1_100..).zip(CONSTANT) {
+    let settings = [
+        ("", Configuration::CAREFUL),
+        (", learning", Configuration::DEFAULT),
+    ];
+    let each = CONSTANT
+        .into_iter()
+        .flat_map(|constant| settings.map(|settings| (constant, settings)));
+    for (stream, ((name, map, is_noisy), (learning, settings))) in (1_100..).zip(each) {
+        let name = &format!("{name}{learning}");
         let span = constant(
-            effort,
-            stream,
+            effort.random(stream),
+            settings,
             &map(),
             is_noisy,
             if is_noisy {
@@ -207,9 +216,14 @@ impl Span {
     }
 }
 
-fn constant(effort: Effort, stream: u64, map: &ForceMap, is_noisy: bool, frames: usize) -> Span {
-    let mut random = effort.random(stream);
-    let mut board = Board::holding(Configuration::CAREFUL, Origin::default());
+fn constant(
+    mut random: Pcg64Mcg,
+    settings: Configuration,
+    map: &ForceMap,
+    is_noisy: bool,
+    frames: usize,
+) -> Span {
+    let mut board = Board::holding(settings, Origin::default());
     let lines = (0..frames).filter_map(|frame| {
         if is_noisy {
             board.map(&moved(map, &mut random));
