@@ -179,6 +179,33 @@ fn single_changed_pixels_anywhere_are_not_missed() {
 }
 
 #[test]
+fn a_small_part_that_changes_among_large_motions_is_followed_as_if_everything_were() {
+    let rest = picture(2500, [0.0; 2], 1);
+    let moved = [[0.4, 0.1], [3.0, 1.0], [7.0, -9.0], [-14.0, 4.0]].map(|push| picture(2500, push, 2));
+    let mut shown = moved[1].clone();
+    let mut dice = Dice(29);
+    let (mut skip, mut dense) = (Tracker::new(), Tracker::new());
+    skip.set_rest(&rest);
+    dense.set_rest(&rest);
+    for frame in 0..80 {
+        let from = &moved[dice.below(4)];
+        let (rows, columns) = (1 + dice.below(70), 1 + dice.below(70));
+        let (top, left) = (dice.below(SIDE - rows), dice.below(SIDE - columns));
+        for row in top..top + rows {
+            let pixels = row * SIDE + left..row * SIDE + left + columns;
+            shown[pixels.clone()].copy_from_slice(&from[pixels]);
+        }
+        skip.track(&shown);
+        dense.forget();
+        dense.track(&shown);
+        assert!(
+            skip.tracks() == dense.tracks(),
+            "frame {frame}: {rows} rows from {top}, {columns} columns from {left}"
+        );
+    }
+}
+
+#[test]
 fn every_instruction_set_follows_particles_alike_bit_by_bit() {
     let rest = picture(2500, [0.0; 2], 1);
     let mut trackers: Vec<Tracker> = sets()

@@ -444,9 +444,7 @@ impl Eye {
             self.gather = Gather::new(&lens(), self.tracker.particles());
         }
         self.tracker.track(&crops.now.pixels);
-        let mut grid = empty_grid();
-        self.gather
-            .fill(self.tracker.particles(), self.tracker.tracks(), &mut grid);
+        let grid = Box::new(*self.gather.fill(self.tracker.particles(), self.tracker.tracks()));
         Seen { sample, grid }
     }
 }

@@ -277,6 +277,11 @@ impl Scene {
         (Verdict::Network, health)
     }
 
+    /// Has the next picture that shows a touch processed, changed or not: what hangs on its map hangs on little.
+    pub const fn look_again(&mut self) {
+        self.processed = false;
+    }
+
     /// What the gate's network sees of a picture against rest and the last processed picture: for its training.
     pub fn inputs(&mut self, now: &Image88) -> Inputs {
         self.coarse.compare(self.instructions, now);

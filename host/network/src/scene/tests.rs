@@ -158,6 +158,9 @@ fn a_touch_is_looked_at_once_and_then_again_only_when_it_changes() {
             "{kind}: only {same} of 100 unchanged pictures were skipped"
         );
         assert_eq!(scene.look(&touched(402, 0.9)).0, Verdict::Network, "{kind}");
+        assert_eq!(scene.look(&touched(402, 0.9)).0, Verdict::Unchanged, "{kind}");
+        scene.look_again();
+        assert_eq!(scene.look(&touched(402, 0.9)).0, Verdict::Network, "{kind}");
         assert_eq!(scene.look(&at_rest(403)).0, Verdict::NoContact, "{kind}");
         // The touch is over: the same picture as before is a new one.
         assert_eq!(scene.look(&touched(402, 0.9)).0, Verdict::Network, "{kind}");

@@ -4,7 +4,7 @@ use super::pyramid::Level;
 use crate::constants::CROP_SIDE;
 
 /// Pixels a side of the tiles that are compared, and tiles a side.
-const TILE: usize = 20;
+const TILE: usize = 8;
 const TILES: usize = CROP_SIDE / TILE;
 
 /// A rectangle of tiles: the first column and row, and those after the last.
@@ -19,16 +19,29 @@ impl Tiles {
         first: [0; 2],
         end: [TILES as u8; 2],
     };
+    /// In a hull with others it is nothing; there is no asking it alone.
+    pub(super) const NONE: Self = Self {
+        first: [TILES as u8; 2],
+        end: [0; 2],
+    };
 
-    /// Those with a pixel of the crop that is at most so many pixels from this one, along columns and rows.
+    /// The smallest rectangle around both.
     #[inline]
-    pub(super) fn around(pixel: [usize; 2], reach: usize) -> Self {
-        let [column, row] = pixel;
-        let first = |at: usize| (at.saturating_sub(reach) / TILE) as u8;
-        let end = |at: usize| ((at + reach).min(CROP_SIDE - 1) / TILE + 1) as u8;
+    pub(super) fn hull(self, other: Self) -> Self {
         Self {
-            first: [first(column), first(row)],
-            end: [end(column), end(row)],
+            first: [0, 1].map(|k| self.first[k].min(other.first[k])),
+            end: [0, 1].map(|k| self.end[k].max(other.end[k])),
+        }
+    }
+
+    /// Those with a pixel of the crop from the first column and row to the last. A place outside stands for the pixel of
+    /// the crop that is nearest to it, which borders repeat.
+    #[inline]
+    pub(super) fn between(first: [i32; 2], last: [i32; 2]) -> Self {
+        let tile = |at: i32| (at.clamp(0, CROP_SIDE as i32 - 1) as usize / TILE) as u8;
+        Self {
+            first: first.map(tile),
+            end: last.map(|at| tile(at) + 1),
         }
     }
 }
@@ -51,9 +64,13 @@ impl Changed {
             if before == pixels {
                 continue;
             }
-            let pairs = before.chunks_exact(TILE).zip(pixels.chunks_exact(TILE));
-            for (tile, (before, now)) in tiles[row / TILE].iter_mut().zip(pairs) {
-                *tile |= before != now;
+            let pairs = before
+                .as_chunks::<TILE>()
+                .0
+                .iter()
+                .zip(pixels.as_chunks::<TILE>().0);
+            for (tile, (&before, &now)) in tiles[row / TILE].iter_mut().zip(pairs) {
+                *tile |= u64::from_ne_bytes(before) != u64::from_ne_bytes(now);
             }
         }
         Self::from(|row, column| tiles[row][column])

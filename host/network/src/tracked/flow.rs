@@ -18,6 +18,10 @@ const FARTHEST: f32 = 15.0;
 /// From how many pixels on a node's motion and its neighbours' median are different motions.
 const DIFFERENT: f32 = 0.75;
 
+/// A rectangle of nodes at a quarter: the first column and row, and the last.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct NodeRange([[usize; 2]; 2]);
+
 /// The nodes of both levels.
 #[derive(Debug, Clone)]
 pub(super) struct Flow {
@@ -34,6 +38,9 @@ struct Nodes<const SIDE: usize> {
     raw: Vec<[f32; 2]>,
     /// Without single mistakes.
     motion: Vec<[f32; 2]>,
+    /// That of the last time, and the nodes that have another one now.
+    before: Vec<[f32; 2]>,
+    moved: Vec<bool>,
 }
 
 impl Flow {
@@ -63,6 +70,27 @@ impl Flow {
     pub(super) fn at(&self, place_px: [f32; 2]) -> [f32; 2] {
         self.quarter.at(place_px.map(|p| p / 4.0)).map(|v| v * 4.0)
     }
+
+    /// The nodes that [`Self::at`] goes by at places between these two, pixels of the crop.
+    pub(super) fn nodes(first_px: [f32; 2], last_px: [f32; 2]) -> NodeRange {
+        // A particle's centre may lie beside its brightest pixel.
+        let first = first_px.map(|p| (p - 4.0) / 4.0);
+        let last = last_px.map(|p| (p + 4.0) / 4.0);
+        NodeRange([
+            Nodes::<{ CROP_SIDE / 4 }>::cell(first).0,
+            Nodes::<{ CROP_SIDE / 4 }>::cell(last).0.map(|node| node + 1),
+        ])
+    }
+
+    /// Whether one of these nodes moved otherwise than the last time.
+    pub(super) fn moved(&self, NodeRange([[left, top], [right, bottom]]): NodeRange) -> bool {
+        self.quarter
+            .moved
+            .chunks_exact(Nodes::<{ CROP_SIDE / 4 }>::PER_SIDE)
+            .take(bottom + 1)
+            .skip(top)
+            .any(|row| row[left..=right].contains(&true))
+    }
 }
 
 impl<const SIDE: usize> Nodes<SIDE> {
@@ -74,7 +102,9 @@ impl<const SIDE: usize> Nodes<SIDE> {
         let still = vec![[0.0; 2]; Self::PER_SIDE * Self::PER_SIDE];
         Self {
             asked: vec![([[0.0; 2]; 5], Tiles::ALL); Self::PER_SIDE * Self::PER_SIDE],
+            moved: vec![true; still.len()],
             raw: still.clone(),
+            before: still.clone(),
             motion: still,
         }
     }
@@ -105,10 +135,7 @@ impl<const SIDE: usize> Nodes<SIDE> {
             }
             *asked = motions;
             let guesses = motions.map(|motion| motion.map(|v| whole(2.0 * v)));
-            let farthest = guesses.as_flattened().iter().fold(0, |most, v| most.max(v.abs()));
-            // A step more for the part of a pixel, half a window; from the middle of a pixel to its far end.
-            let pixels = (farthest + reach + 1 + WINDOW as i32 / 2 + 1) as usize * Self::SCALE;
-            *tiles = Tiles::around(centre.map(|c| c as usize * Self::SCALE), pixels);
+            *tiles = Self::tiles(centre, guesses, reach);
             let window = Window::new(rest, centre);
             let mut guess = [0; 2];
             if coarser.is_some() {
@@ -123,6 +150,23 @@ impl<const SIDE: usize> Nodes<SIDE> {
             self.raw[node] = window.best::<C, _>(now, guess, reach);
         }
         self.smooth(rest, now);
+    }
+
+    /// The tiles that a node's search looks at.
+    #[inline]
+    fn tiles(centre: [i32; 2], guesses: [[i32; 2]; 5], reach: i32) -> Tiles {
+        // Half a window, and a step more for the part of a pixel.
+        let beyond = reach + 1 + WINDOW as i32 / 2;
+        let scale = Self::SCALE as i32;
+        let first = std::array::from_fn(|k| {
+            let least = guesses.iter().fold(0, |least, guess| least.min(guess[k]));
+            (centre[k] + least - beyond) * scale
+        });
+        let last = std::array::from_fn(|k| {
+            let most = guesses.iter().fold(0, |most, guess| most.max(guess[k]));
+            (centre[k] + most + beyond) * scale - 1
+        });
+        Tiles::between(first, last)
     }
 
     /// Pixel of a node: the middle one of its cell.
@@ -174,6 +218,7 @@ impl<const SIDE: usize> Nodes<SIDE> {
     )]
     #[inline(always)]
     fn smooth(&mut self, rest: &Level<SIDE>, now: &Level<SIDE>) {
+        std::mem::swap(&mut self.before, &mut self.motion);
         self.medians();
         for (node, (motion, own)) in self.motion.iter_mut().zip(&self.raw).enumerate() {
             let median = *motion;
@@ -185,6 +230,10 @@ impl<const SIDE: usize> Nodes<SIDE> {
                     *motion = *own;
                 }
             }
+        }
+        let motions = self.motion.iter().zip(&self.before);
+        for (moved, (&now, &before)) in self.moved.iter_mut().zip(motions) {
+            *moved = !same(now, before);
         }
     }
 
@@ -347,5 +396,56 @@ impl Window {
             x as f32 + vertex(self.cost(now, [x - 1, y]), self.cost(now, [x + 1, y])),
             y as f32 + vertex(self.cost(now, [x, y - 1]), self.cost(now, [x, y + 1])),
         ]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::compare::Plain;
+    use super::*;
+
+    /// A pattern without repetition, shifted by so many pixels.
+    fn picture(shift: [usize; 2]) -> Vec<u8> {
+        (0..CROP_SIDE * CROP_SIDE)
+            .map(|i| {
+                let [x, y] = [i % CROP_SIDE + shift[0], i / CROP_SIDE + shift[1]].map(|at| at as f64);
+                let wave =
+                    (x * 0.11 + (y * 0.043).sin() * 5.0).sin() + (y * 0.13 + (x * 0.029).cos() * 7.0).sin();
+                (127.0 + 55.0 * wave) as u8
+            })
+            .collect()
+    }
+
+    fn pyramid(picture: &[u8]) -> Pyramid {
+        let mut pyramid = Pyramid::new();
+        pyramid.take(picture);
+        pyramid
+    }
+
+    #[test]
+    fn a_spot_that_changes_anywhere_moves_the_same_nodes_as_if_everything_were_looked_at() {
+        let rest = pyramid(&picture([0; 2]));
+        let mut shown = picture([9, 5]);
+        let (mut skip, mut dense) = (Flow::new(), Flow::new());
+        let mut now = pyramid(&shown);
+        skip.find::<Plain>(&rest, &now, &Changed::everything());
+        let mut moved = 0;
+        for spot in 0..120_usize {
+            let [left, top] = [spot * 97 % (CROP_SIDE - 8), spot * 61 % (CROP_SIDE - 8)];
+            for row in top..top + 8 {
+                for pixel in &mut shown[row * CROP_SIDE + left..row * CROP_SIDE + left + 8] {
+                    *pixel ^= 0xE0;
+                }
+            }
+            let changed = Changed::between(&now.full, &shown);
+            now.take(&shown);
+            skip.find::<Plain>(&rest, &now, &changed);
+            dense.find::<Plain>(&rest, &now, &Changed::everything());
+            assert_eq!(skip.eighth.raw, dense.eighth.raw, "spot {spot}");
+            assert_eq!(skip.quarter.raw, dense.quarter.raw, "spot {spot}");
+            assert_eq!(skip.quarter.motion, dense.quarter.motion, "spot {spot}");
+            moved += skip.quarter.moved.iter().filter(|&&moved| moved).count();
+        }
+        assert!(moved > 200, "only {moved} nodes moved");
     }
 }

@@ -2,7 +2,7 @@
 //! particles apart. Where a particle lies at rest decides which nodes hear it, so that is worked out once.
 
 use super::particles::Particle;
-use super::tracker::Track;
+use super::search::Track;
 use super::weights::Lens;
 
 /// Nodes a side.
@@ -34,8 +34,8 @@ pub fn empty_grid() -> Box<Grid> {
     channels.try_into().expect("as many channels as a grid has")
 }
 
-/// Which particles each node hears.
-#[derive(Debug, Clone, Default)]
+/// Which particles each node hears, and what they say.
+#[derive(Debug, Clone)]
 pub struct Gather {
     lens: Option<Lens>,
     /// Over the centre of projection at rest, and place on the skin at rest, mm.
@@ -44,9 +44,31 @@ pub struct Gather {
     starts: Vec<u32>,
     /// Particle, weight as a near one, weight as a far one.
     entries: Vec<(u32, f32, f32)>,
+    /// Nodes that hear each particle: the first row and column, and those after the last.
+    heard: Vec<[u8; 4]>,
     /// The tracks of the last grid, and what each of them came to.
     tracks: Vec<Track>,
     motions_mm: Vec<[f32; 3]>,
+    /// Nodes that hear a particle whose track is another than the last time; all, before there is a last time.
+    stale: Vec<bool>,
+    grid: Box<Grid>,
+}
+
+impl Default for Gather {
+    /// Hears nothing.
+    fn default() -> Self {
+        Self {
+            lens: None,
+            places: Vec::new(),
+            starts: Vec::new(),
+            entries: Vec::new(),
+            heard: Vec::new(),
+            tracks: Vec::new(),
+            motions_mm: Vec::new(),
+            stale: Vec::new(),
+            grid: empty_grid(),
+        }
+    }
 }
 
 impl Gather {
@@ -61,11 +83,15 @@ impl Gather {
             })
             .collect();
         let mut of_node: Vec<Vec<(u32, f32, f32)>> = vec![Vec::new(); GRID_NODES];
+        let mut heard = Vec::with_capacity(particles.len());
         for (index, (particle, (_, at_mm))) in particles.iter().zip(&places).enumerate() {
             let near =
                 ((NEAR_FAR_MM[1] - particle.depth_mm) / (NEAR_FAR_MM[1] - NEAR_FAR_MM[0])).clamp(0.0, 1.0);
             let place = at_mm.map(|v| v / GRID_PITCH_MM + (GRID_SIDE - 1) as f32 / 2.0);
             let nearest = place.map(f32::round);
+            let first = |k: usize| (nearest[k] - 1.0).clamp(0.0, GRID_SIDE as f32) as u8;
+            let end = |k: usize| (nearest[k] + 2.0).clamp(0.0, GRID_SIDE as f32) as u8;
+            heard.push([first(1), first(0), end(1), end(0)]);
             // A quadratic spline over three nodes.
             let weights = [0, 1].map(|k| {
                 let t = place[k] - nearest[k];
@@ -103,22 +129,31 @@ impl Gather {
             places,
             starts,
             entries,
+            heard,
+            stale: vec![true; GRID_NODES],
+            grid: empty_grid(),
         }
     }
 
-    /// Fills the grid from the tracks of the particles that [`Self::new`] saw. No allocation.
-    pub fn fill(&mut self, particles: &[Particle], tracks: &[Track], grid: &mut Grid) {
+    /// The grid from the tracks of the particles that [`Self::new`] saw. Only the nodes that hear one that goes
+    /// otherwise than the last time are worked out. No allocation.
+    pub fn fill(&mut self, particles: &[Particle], tracks: &[Track]) -> &Grid {
         let Some(lens) = self.lens else {
-            grid.as_flattened_mut().fill(0.0);
-            return;
+            return &self.grid;
         };
         let known = self.motions_mm.iter_mut().zip(&mut self.tracks);
-        let places = self.places.iter().zip(particles);
-        for (((motion, last), (&(height_mm, rest_mm), particle)), track) in known.zip(places).zip(tracks) {
+        let places = self.places.iter().zip(particles).zip(&self.heard);
+        for (((motion, last), ((&(height_mm, rest_mm), particle), heard)), track) in
+            known.zip(places).zip(tracks)
+        {
             if last == track {
                 continue;
             }
             *last = *track;
+            let [top, left, bottom, right] = heard.map(usize::from);
+            for row in top..bottom {
+                self.stale[row * GRID_SIDE + left..row * GRID_SIDE + right].fill(true);
+            }
             *motion = [0.0; 3];
             if track.confidence > 0.0 {
                 let [x, y] = [0, 1].map(|k| particle.at_px[k] + track.motion_px[k]);
@@ -128,7 +163,10 @@ impl Gather {
                 *motion = [trust * x, trust * y, trust];
             }
         }
-        for (node, range) in self.starts.windows(2).enumerate() {
+        for (node, (range, stale)) in self.starts.windows(2).zip(&mut self.stale).enumerate() {
+            if !std::mem::take(stale) {
+                continue;
+            }
             let entries = &self.entries[range[0] as usize..range[1] as usize];
             let mut sums = [[0.0_f32; 3]; 2];
             for &(particle, near, far) in entries {
@@ -140,11 +178,12 @@ impl Gather {
                 }
             }
             for (class, [x, y, known]) in sums.into_iter().enumerate() {
-                grid[3 * class][node] = x / (known + NOTHING[0]);
-                grid[3 * class + 1][node] = y / (known + NOTHING[0]);
-                grid[3 * class + 2][node] = known / (known + NOTHING[1]);
+                self.grid[3 * class][node] = x / (known + NOTHING[0]);
+                self.grid[3 * class + 1][node] = y / (known + NOTHING[0]);
+                self.grid[3 * class + 2][node] = known / (known + NOTHING[1]);
             }
         }
+        &self.grid
     }
 }
 

@@ -11,7 +11,9 @@ mod flow;
 mod grid;
 mod net;
 mod particles;
+mod patch;
 mod pyramid;
+mod search;
 mod tracker;
 pub mod weights;
 
@@ -22,7 +24,8 @@ pub use grid::{GRID_CHANNELS, GRID_NODES, GRID_PITCH_MM, GRID_SIDE, Gather, Grid
 use net::Net;
 pub use net::{INPUT_CHANNELS, folded, input, layers, tensors};
 pub use particles::Particle;
-pub use tracker::{Track, Tracker};
+pub use search::Track;
+pub use tracker::Tracker;
 pub use weights::{Lens, TrackedScaling, TrackedWeights};
 
 use crate::constants::{CROP_SIDE, LOST_MAX, TAXELS};
@@ -40,7 +43,6 @@ pub struct TrackedNetwork {
     tracker: Tracker,
     gather: Gather,
     net: Net,
-    grid: Box<Grid>,
     evaluation: Evaluation,
     forces_n: Box<ForceMap>,
 }
@@ -81,7 +83,6 @@ impl TrackedNetwork {
             weights: Arc::new(weights),
             tracker: Tracker::new(),
             gather: Gather::default(),
-            grid: grid::empty_grid(),
             evaluation: Evaluation::default(),
             forces_n: Box::new([[0.0; 3]; TAXELS]),
         }
@@ -126,9 +127,8 @@ impl TrackedNetwork {
             self.tracker.forget();
         }
         if self.tracker.track(now) {
-            self.gather
-                .fill(self.tracker.particles(), self.tracker.tracks(), &mut self.grid);
-            self.net.infer(&self.grid, &mut self.forces_n);
+            let grid = self.gather.fill(self.tracker.particles(), self.tracker.tracks());
+            self.net.infer(grid, &mut self.forces_n);
         }
         *out = *self.forces_n;
     }

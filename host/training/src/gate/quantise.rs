@@ -23,14 +23,23 @@ pub(crate) fn energies(inputs: &Inputs) -> Vec<f32> {
         .collect()
 }
 
+/// Share of the examples whose largest value in a layer fits its bytes. The heaviest touches are sure anyway; bytes for
+/// them would make light ones coarse.
+const FITS: f64 = 0.9;
+
 /// The quantised layers. `examples` show which range each layer's output needs.
 pub(crate) fn quantise(net: &Net, examples: &[Vec<f32>]) -> Vec<Convolution> {
-    let mut most = [0.0_f32; LAYERS.len()];
+    let mut largest: [Vec<f32>; LAYERS.len()] = Default::default();
     for example in examples {
-        for (most, output) in most.iter_mut().zip(net.forward(example)) {
-            *most = output.into_iter().fold(*most, f32::max);
+        for (largest, output) in largest.iter_mut().zip(net.forward(example)) {
+            largest.push(output.into_iter().fold(0.0, f32::max));
         }
     }
+    let most = largest.map(|mut of_examples| {
+        of_examples.sort_unstable_by(f32::total_cmp);
+        let fits = (of_examples.len() as f64 * FITS) as usize;
+        of_examples.get(fits).copied().unwrap_or(0.0)
+    });
     let mut input = INPUT.scale;
     let mut chain = Vec::new();
     for (number, (layer, most)) in net.layers.iter().zip(most).enumerate() {

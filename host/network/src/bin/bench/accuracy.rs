@@ -1,15 +1,16 @@
 //! How far the networks are off on shapes and sensors that none was trained on: samples of the test world made here, in
 //! memory, the very ones that `gripline-training evaluate` makes first; every camera image goes the whole way.
 
-use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex};
 
 use gripline_network::metrics::{Pair, Scores};
 use gripline_network::{Calibration, Evaluation};
 use gripline_simulation::{Sample, SampleGenerator, SampleWorld, Split};
 
 use crate::models::Model;
-use crate::peers::Int8;
+use crate::peers::OnnxRuntime;
+use crate::question::Eye;
 use crate::{Failure, NOTHING};
 
 /// Samples of one stream of the world: a shard of the trainer's.
@@ -63,10 +64,18 @@ impl Accuracy {
     }
 }
 
-/// Scores of all models over at least so many samples, and of the eight-bit one, which has the first model's weights.
+/// A model in eight bits, in an engine that one thread at a time may use.
+pub(crate) struct Rounded {
+    /// Whose weights it has, among the models.
+    pub(crate) model: usize,
+    pub(crate) eye: Eye,
+    pub(crate) engine: Arc<Mutex<OnnxRuntime>>,
+}
+
+/// Scores of all models over at least so many samples, then of those in eight bits.
 pub(crate) fn measure(
     models: &[Model],
-    int8: &Mutex<Int8>,
+    rounded: &[Rounded],
     samples: usize,
 ) -> Result<Vec<Accuracy>, Failure> {
     let world = SampleWorld::new()?;
@@ -83,7 +92,7 @@ pub(crate) fn measure(
                     if stream >= count {
                         return;
                     }
-                    match of_stream(&world, stream as u64, models, int8) {
+                    match of_stream(&world, stream as u64, models, rounded) {
                         Ok(pairs) => lock(&streams).push((stream, pairs)),
                         Err(error) => *lock(&failed) = Some(error.to_string()),
                     }
@@ -98,7 +107,7 @@ pub(crate) fn measure(
     streams.sort_by_key(|(stream, _)| *stream);
     let calibrations = models.iter().map(|model| model.network.calibration());
     Ok(calibrations
-        .chain([models[0].network.calibration()])
+        .chain(rounded.iter().map(|of| models[of.model].network.calibration()))
         .enumerate()
         .map(|(model, calibration)| {
             let of_model: Vec<Vec<Pair>> = streams
@@ -115,13 +124,14 @@ fn of_stream(
     world: &SampleWorld,
     stream: u64,
     models: &[Model],
-    int8: &Mutex<Int8>,
+    rounded: &[Rounded],
 ) -> Result<Vec<Vec<Pair>>, Failure> {
     let mut networks: Vec<_> = models
         .iter()
         .map(|model| model.network.clone().with_evaluation(Evaluation::Dense))
         .collect();
-    let mut pairs: Vec<Vec<Pair>> = vec![Vec::with_capacity(STREAM); networks.len() + 1];
+    let mut eyes: Vec<Eye> = rounded.iter().map(|of| of.eye.clone()).collect();
+    let mut pairs: Vec<Vec<Pair>> = vec![Vec::with_capacity(STREAM); models.len() + rounded.len()];
     let samples = SampleGenerator::new(world, Split::Test, (SEED << 32) | stream).with_crops();
     let mut sensor = None;
     for sample in samples.take(STREAM) {
@@ -139,10 +149,16 @@ fn of_stream(
                 truth: *forces,
             });
         }
-        pairs[models.len()].push(Pair {
-            predicted: lock(int8).run(&sample.rest, &sample.now)?,
-            truth: *forces,
-        });
+        for ((of, eye), pairs) in rounded.iter().zip(&mut eyes).zip(&mut pairs[models.len()..]) {
+            if fresh {
+                eye.set_rest(&crops.rest.pixels);
+            }
+            let question = eye.question(&crops.now.pixels);
+            pairs.push(Pair {
+                predicted: lock(&of.engine).run(&question)?,
+                truth: *forces,
+            });
+        }
     }
     Ok(pairs)
 }

@@ -10,6 +10,7 @@ mod onnx;
 mod peers;
 mod pictures;
 mod plot;
+mod question;
 mod report;
 mod timing;
 
@@ -20,21 +21,25 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use gripline_network::image::Image88;
 use gripline_network::scene::{GateKind, Scene, Verdict, mean_of};
+use gripline_network::tracked::{TrackedNetwork, TrackedWeights, empty_grid};
 use gripline_network::weights::Weights;
 use gripline_network::{Evaluation, ForceMap, ForceNetwork, InstructionSet, downsample_440_to_88, spin};
 use gripline_simulation::constants::REST_PICTURES;
 
+use accuracy::Rounded;
 use models::Model;
 use onnx::Precision;
-use peers::{Int8, OnnxRuntime, Tract};
+use peers::{OnnxRuntime, Tract};
 use pictures::Film;
+use question::{Eye, Question, small};
 use report::Report;
 use timing::Contestant;
 
 /// Whatever stops the measurement; it is printed and nothing else.
 type Failure = Box<dyn std::error::Error>;
 
-const WEIGHTS: &[u8] = include_bytes!("../../../weights/unet.safetensors");
+const UNET: &[u8] = include_bytes!("../../../weights/unet.safetensors");
+const TRACKED: &[u8] = include_bytes!("../../../weights/tracked.safetensors");
 
 /// Largest difference between two engines' forces, in shares of the largest force: else they do not run the
 /// same network.
@@ -45,6 +50,9 @@ const SPIN_ROUNDS: usize = 30_000;
 
 /// Shares of the image's area that change between frames in the measurement of skipping, and what they are called.
 const CHANGED: [(f64, &str); 2] = [(0.1, "10 %"), (0.3, "30 %")];
+
+/// Makes a network's graph for other engines.
+type Graph<'a> = &'a dyn Fn(Precision) -> Vec<u8>;
 
 struct Arguments {
     onnxruntime: PathBuf,
@@ -103,18 +111,27 @@ fn arguments() -> Result<Arguments, Failure> {
 
 fn run(arguments: &Arguments) -> Result<(), Failure> {
     let models = models::all(&arguments.weights)?;
-    let weights = Weights::parse(WEIGHTS)?;
+    let (unet_weights, tracked_weights) = (Weights::parse(UNET)?, TrackedWeights::parse(TRACKED)?);
     let environment = peers::environment(&arguments.onnxruntime)?;
-    let model = onnx::model(&weights, Precision::Float);
-    let onnxruntime = OnnxRuntime::new(&environment, &model)?;
-    let tract = Tract::new(&model)?;
-    let int8 = Arc::new(Mutex::new(Int8::new(&environment, &weights)?));
+    // In the order of `models`, whose first two have these weights.
+    let mut eyes = [Eye::unet(&unet_weights), Eye::tracked(&tracked_weights)];
+    let graphs: [Graph; 2] = [&|precision| onnx::unet(&unet_weights, precision), &|precision| {
+        onnx::tracked(&tracked_weights, precision)
+    }];
+    let mut rounded = Vec::new();
+    for (model, (eye, graph)) in eyes.iter().zip(graphs).enumerate() {
+        rounded.push(Rounded {
+            model,
+            eye: eye.clone(),
+            engine: Arc::new(Mutex::new(peers::int8(&environment, eye.clone(), graph)?)),
+        });
+    }
 
     eprintln!(
         "{} samples of the test world (shapes and sensors that no network was trained on), made here ...",
         arguments.samples
     );
-    let accuracies = accuracy::measure(&models, &int8, arguments.samples)?;
+    let accuracies = accuracy::measure(&models, &rounded, arguments.samples)?;
 
     let widest = InstructionSet::widest();
     let sets: Vec<InstructionSet> = InstructionSet::ALL
@@ -125,7 +142,26 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
     let mut contestants = vec![Contestant::new("limit", move || {
         black_box(spin(widest, black_box(SPIN_ROUNDS)));
     })];
-    contestants.extend(unet(&weights, &sets, onnxruntime, tract, int8)?);
+    let (rest, now) = (pictures::picture(0.0), pictures::picture(6.0));
+    let questions = eyes.each_mut().map(|eye| {
+        eye.set_rest(&rest);
+        eye.question(&now)
+    });
+    let (forces_of_unet, of_unet) = unet(&unet_weights, &sets)?;
+    let (forces_of_tracked, of_tracked) = tracked(&tracked_weights)?;
+    contestants.extend(of_unet);
+    contestants.push(of_tracked);
+    let ours = [forces_of_unet, forces_of_tracked];
+    for (model, (question, ours)) in questions.into_iter().zip(ours).enumerate() {
+        let graph = graphs[model](Precision::Float);
+        let shape = eyes[model].shape();
+        let engines = Engines {
+            onnxruntime: OnnxRuntime::new(&environment, &graph, shape)?,
+            tract: Tract::new(&graph, shape)?,
+            int8: Arc::clone(&rounded[model].engine),
+        };
+        contestants.extend(engines.contestants(&models[model].name, &question, &ours)?);
+    }
     for model in &models {
         contestants.extend(frames(model));
     }
@@ -135,10 +171,11 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
     let report = Report {
         widest,
         sets,
-        multiply_adds: ForceNetwork::from_weights(&weights)?.multiply_adds(),
+        multiply_adds: ForceNetwork::from_weights(&unet_weights)?.multiply_adds(),
         limit_multiply_adds: spin(widest, SPIN_ROUNDS),
         allocations_per_frame: models.iter().map(allocations).max().unwrap_or(0),
         load: std::fs::read_to_string("/proc/loadavg").unwrap_or_default(),
+        rounded: rounded.iter().map(|of| of.model).collect(),
         models: models.into_iter().map(|model| model.name).collect(),
         accuracies,
         times,
@@ -157,22 +194,9 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
 
 const NOTHING: ForceMap = [[0.0; 3]; 400];
 
-fn small(crop: &[u8]) -> Image88 {
-    let mut out = [0; 7744];
-    downsample_440_to_88(crop, &mut out);
-    out
-}
-
-/// The network alone, from small image to forces, in all the engines there are; they have to agree.
-fn unet(
-    weights: &Weights,
-    sets: &[InstructionSet],
-    mut onnxruntime: OnnxRuntime,
-    tract: Tract,
-    int8: Arc<Mutex<Int8>>,
-) -> Result<Vec<Contestant>, Failure> {
+/// The encoder–decoder alone, from small image to forces, with every instruction set; and the forces.
+fn unet(weights: &Weights, sets: &[InstructionSet]) -> Result<(ForceMap, Vec<Contestant>), Failure> {
     let (rest, now) = (small(&pictures::picture(0.0)), small(&pictures::picture(6.0)));
-    let (input, scaling) = (peers::input(&rest, &now, weights.scaling), weights.scaling);
     let mut contestants = Vec::new();
     let mut ours = NOTHING;
     for &set in sets {
@@ -185,20 +209,60 @@ fn unet(
             network.infer(black_box(&now), black_box(&mut NOTHING.clone()));
         }));
     }
-    same("onnxruntime", &ours, &onnxruntime.run(&input, scaling)?)?;
-    same("tract", &ours, &tract.run(&input, scaling)?)?;
-    let [theirs, rounded] = [(); 2].map(|()| input.clone());
-    contestants.push(Contestant::new("onnxruntime", move || {
-        black_box(onnxruntime.run(black_box(&theirs), scaling).is_ok());
-    }));
-    contestants.push(Contestant::new("onnxruntime int8", move || {
-        let mut int8 = int8.lock().unwrap_or_else(PoisonError::into_inner);
-        black_box(int8.session.run(black_box(&rounded), scaling).is_ok());
-    }));
-    contestants.push(Contestant::new("tract", move || {
-        black_box(tract.run(black_box(&input), scaling).is_ok());
-    }));
-    Ok(contestants)
+    Ok((ours, contestants))
+}
+
+/// The network behind the tracker alone, from the grid of motions to forces; and the forces for the picture that the
+/// others see.
+fn tracked(weights: &TrackedWeights) -> Result<(ForceMap, Contestant), Failure> {
+    let mut network = TrackedNetwork::from_weights(weights)?;
+    let mut ours = NOTHING;
+    network.set_rest(&pictures::picture(0.0));
+    network.infer(&pictures::picture(6.0), &mut ours);
+    // Numbers do not matter to its time.
+    let grid = empty_grid();
+    let contestant = Contestant::new(report::BEHIND_TRACKER, move || {
+        network.infer_grid(black_box(&grid), black_box(&mut NOTHING.clone()));
+    });
+    Ok((ours, contestant))
+}
+
+/// Other engines with one network's weights.
+struct Engines {
+    onnxruntime: OnnxRuntime,
+    tract: Tract,
+    int8: Arc<Mutex<OnnxRuntime>>,
+}
+
+impl Engines {
+    /// Those in f32 have to agree with our forces.
+    fn contestants(
+        self,
+        name: &str,
+        question: &Question,
+        ours: &ForceMap,
+    ) -> Result<Vec<Contestant>, Failure> {
+        let Self {
+            mut onnxruntime,
+            tract,
+            int8,
+        } = self;
+        same("onnxruntime", ours, &onnxruntime.run(question)?)?;
+        same("tract", ours, &tract.run(question)?)?;
+        let [float, rounded, other] = [(); 3].map(|()| question.clone());
+        Ok(vec![
+            Contestant::new(&report::engine(name, "onnxruntime"), move || {
+                black_box(onnxruntime.run(black_box(&float)).is_ok());
+            }),
+            Contestant::new(&report::engine(name, report::INT8), move || {
+                let mut int8 = int8.lock().unwrap_or_else(PoisonError::into_inner);
+                black_box(int8.run(black_box(&rounded)).is_ok());
+            }),
+            Contestant::new(&report::engine(name, "tract"), move || {
+                black_box(tract.run(black_box(&other)).is_ok());
+            }),
+        ])
+    }
 }
 
 /// Whole frames from the camera's crop to forces: computed in full, the same again, and with parts changed.

@@ -1,9 +1,10 @@
-//! The force network as an ONNX model (opset 17), with batch norm folded in as in our engine, written as
+//! The force networks as ONNX models (opset 17), with batch norm folded in as in our engine, written as
 //! protocol buffers by hand: seven messages of onnx.proto, field numbers beside their names. With the ranges of its values
 //! also in eight bits: values and weights are rounded where they are made, as runtimes expect it of a quantised model.
 
 use std::collections::BTreeMap;
 
+use gripline_network::tracked::{self, GRID_SIDE, INPUT_CHANNELS, TrackedWeights};
 use gripline_network::weights::Weights;
 use gripline_network::{Folded, LayerKind, OUTPUT, folded};
 
@@ -71,6 +72,9 @@ struct Graph<'a> {
 
 /// Name of the models' input.
 pub(crate) const INPUT: &str = "input";
+/// Its shapes: difference and rest image; the grid's channels and the node's place.
+pub(crate) const UNET_INPUT: [usize; 4] = [1, 2, 88, 88];
+pub(crate) const TRACKED_INPUT: [usize; 4] = [1, INPUT_CHANNELS, GRID_SIDE, GRID_SIDE];
 
 /// TensorProto's data types.
 const FLOAT: usize = 1;
@@ -251,15 +255,34 @@ impl Graph<'_> {
     }
 }
 
-/// The model's bytes. Input `input`, 1×2×88×88: difference and rest image in the network's units; output
+impl<'a> Graph<'a> {
+    fn new(name: &str, precision: Precision<'a>) -> Self {
+        Self {
+            proto: Message::default().text(2, name),
+            precision,
+            steps: BTreeMap::new(),
+        }
+    }
+
+    /// The model's bytes, with an input of this shape. ModelProto: ir_version = 1, producer_name = 2, graph = 7,
+    /// opset_import = 8 (its version = 2).
+    fn model(mut self, input: &[usize], output: &str) -> Vec<u8> {
+        self.value(11, INPUT, input);
+        self.value(12, output, &[1, 3, 20, 20]);
+        Message::default()
+            .int(1, 8)
+            .text(2, "gripline")
+            .message(7, &self.proto)
+            .message(8, &Message::default().int(2, 17))
+            .0
+    }
+}
+
+/// The encoder–decoder's bytes. Input `input`, 1×2×88×88: difference and rest image in the network's units; output
 /// `output`, 1×3×20×20, the network's units.
-pub(crate) fn model(weights: &Weights, precision: Precision<'_>) -> Vec<u8> {
+pub(crate) fn unet(weights: &Weights, precision: Precision<'_>) -> Vec<u8> {
     let mut layers = folded(weights);
-    let mut graph = Graph {
-        proto: Message::default().text(2, "unet"),
-        precision,
-        steps: BTreeMap::new(),
-    };
+    let mut graph = Graph::new("unet", precision);
     let mut next = |graph: &mut Graph, from: &str| {
         let layer = layers.next().expect("as many layers as the architecture has");
         graph.layer(&layer, from)
@@ -284,14 +307,31 @@ pub(crate) fn model(weights: &Weights, precision: Precision<'_>) -> Vec<u8> {
     let at20 = next(&mut graph, &joined);
     let at20 = next(&mut graph, &at20);
     let output = next(&mut graph, &at20);
-    graph.value(11, INPUT, &[1, 2, 88, 88]);
-    graph.value(12, &output, &[1, 3, 20, 20]);
+    graph.model(&UNET_INPUT, &output)
+}
 
-    // ModelProto: ir_version = 1, producer_name = 2, graph = 7, opset_import = 8 (its version = 2).
-    Message::default()
-        .int(1, 8)
-        .text(2, "gripline")
-        .message(7, &graph.proto)
-        .message(8, &Message::default().int(2, 17))
-        .0
+/// The bytes of the network behind the tracker. Input `input`, 1×10×40×40, as [`tracked::input`] makes it; output
+/// `output`, 1×3×20×20, the network's units.
+pub(crate) fn tracked(weights: &TrackedWeights, precision: Precision<'_>) -> Vec<u8> {
+    let mut layers = tracked::folded(weights);
+    let mut graph = Graph::new("tracked", precision);
+    let mut next = |graph: &mut Graph, from: &str| {
+        let layer = layers.next().expect("as many layers as the architecture has");
+        graph.layer(&layer, from)
+    };
+    let input = graph.made(INPUT.to_owned());
+    let at20 = next(&mut graph, &input);
+    let encoded20 = next(&mut graph, &at20);
+    let at10 = next(&mut graph, &encoded20);
+    let encoded10 = next(&mut graph, &at10);
+    let at5 = next(&mut graph, &encoded10);
+    let at5 = next(&mut graph, &at5);
+    let up10 = next(&mut graph, &at5);
+    let joined = graph.join(&up10, &encoded10, "joined10");
+    let at10 = next(&mut graph, &joined);
+    let up20 = next(&mut graph, &at10);
+    let joined = graph.join(&up20, &encoded20, "joined20");
+    let at20 = next(&mut graph, &joined);
+    let output = next(&mut graph, &at20);
+    graph.model(&TRACKED_INPUT, &output)
 }

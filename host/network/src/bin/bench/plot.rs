@@ -52,7 +52,9 @@ pub(crate) struct Point {
 }
 
 const FONT: &str = "sans-serif";
-const SIZE: (u32, u32) = (900, 560);
+const SIZE: (u32, u32) = (1000, 640);
+/// About what a letter of a label takes, pixels.
+const LETTER: (i32, i32) = (7, 15);
 
 /// Draws the points and the front: what nothing beats in both.
 pub(crate) fn draw(path: &Path, points: &[Point]) -> Result<(), Failure> {
@@ -64,6 +66,7 @@ pub(crate) fn draw(path: &Path, points: &[Point]) -> Result<(), Failure> {
     }
     let most = |value: fn(&Point) -> f64| points.iter().map(value).fold(0.0, f64::max);
     let least_ms = points.iter().map(|point| point.time_ms).fold(f64::MAX, f64::min);
+    let least_error = points.iter().map(|point| point.error).fold(f64::MAX, f64::min);
     let area = BitMapBackend::new(path, SIZE).into_drawing_area();
     area.fill(&WHITE)?;
     let mut chart = ChartBuilder::on(&area)
@@ -76,7 +79,7 @@ pub(crate) fn draw(path: &Path, points: &[Point]) -> Result<(), Failure> {
         .y_label_area_size(56)
         .build_cartesian_2d(
             (0.7 * least_ms..1.6 * most(|point| point.time_ms)).log_scale(),
-            0.0..1.15 * most(|point| point.error),
+            0.9 * least_error..1.05 * most(|point| point.error),
         )?;
     chart
         .configure_mesh()
@@ -93,7 +96,7 @@ pub(crate) fn draw(path: &Path, points: &[Point]) -> Result<(), Failure> {
         let colour = kind.colour();
         let of_kind = points.iter().filter(|point| point.kind == kind);
         chart
-            .draw_series(of_kind.clone().map(|point| {
+            .draw_series(of_kind.map(|point| {
                 let style = if kind == Kind::Skipping {
                     colour.stroke_width(2)
                 } else {
@@ -103,18 +106,6 @@ pub(crate) fn draw(path: &Path, points: &[Point]) -> Result<(), Failure> {
             }))?
             .label(kind.legend())
             .legend(move |(x, y)| Circle::new((x + 8, y), 5, colour.filled()));
-        for (number, point) in of_kind.enumerate() {
-            // Neighbours' labels one above and one below.
-            let down = match (kind, number % 2) {
-                (Kind::Full, _) | (Kind::Skipping, 0) => -20,
-                (Kind::Skipping, _) | (Kind::Peer, 0) => 8,
-                (Kind::Peer, _) => -20,
-                (Kind::Int8, _) => 24,
-            };
-            let label = EmptyElement::at((point.time_ms, point.error))
-                + Text::new(point.label.clone(), (-8, down), (FONT, 13));
-            chart.draw_series([label])?;
-        }
     }
     chart
         .configure_series_labels()
@@ -123,8 +114,56 @@ pub(crate) fn draw(path: &Path, points: &[Point]) -> Result<(), Failure> {
         .border_style(BLACK.mix(0.3))
         .position(SeriesLabelPosition::LowerLeft)
         .draw()?;
+    let places: Vec<(i32, i32)> = points
+        .iter()
+        .map(|point| chart.backend_coord(&(point.time_ms, point.error)))
+        .collect();
+    for (point, (place, label)) in points.iter().zip(places.iter().zip(labels(points, &places))) {
+        let [left, top, right, bottom] = label;
+        let to = (place.0.clamp(left, right), place.1.clamp(top, bottom));
+        area.draw(&PathElement::new([*place, to], BLACK.mix(0.25)))?;
+        area.draw(&Text::new(point.label.clone(), (left, top), (FONT, 13)))?;
+    }
     area.present()?;
     Ok(())
+}
+
+/// Where labels go, as left, top, right and bottom: the nearest place to the point that covers neither a point nor a label
+/// before it; to its right, over it, under it, to its left, then farther up and down.
+fn labels(points: &[Point], places: &[(i32, i32)]) -> Vec<[i32; 4]> {
+    let overlap = |a: &[i32; 4], b: &[i32; 4]| a[0] < b[2] && b[0] < a[2] && a[1] < b[3] && b[1] < a[3];
+    let mut taken: Vec<[i32; 4]> = places
+        .iter()
+        .map(|&(x, y)| [x - 6, y - 6, x + 6, y + 6])
+        .collect();
+    let mut labels = Vec::new();
+    for (point, &(x, y)) in points.iter().zip(places) {
+        let (width, height) = (point.label.len() as i32 * LETTER.0, LETTER.1);
+        let steps = [0, 1, 2, 3, 4, 5, 6].map(|step| step * height);
+        let candidates = [
+            (x + 9, y - height / 2),
+            (x - width / 2, y - height - 7),
+            (x - width / 2, y + 7),
+        ]
+        .into_iter()
+        .chain([(x - width - 9, y - height / 2)])
+        .chain(steps.into_iter().flat_map(|step| {
+            [
+                (x - width / 2, y + 7 + step),
+                (x - width / 2, y - height - 7 - step),
+                (x - width - 9, y + step),
+                (x + 9, y - step),
+            ]
+        }));
+        let label = candidates
+            .map(|(left, top)| [left, top, left + width, top + height])
+            .filter(|label| label[2] < SIZE.0 as i32)
+            .find(|label| !taken.iter().any(|other| overlap(label, other)))
+            .unwrap_or([x, y, x + width, y + height]);
+        taken.push(label);
+        labels.push(label);
+    }
+    labels
 }
 
 /// From the fastest to the most exact, in steps. Skipping depends on the scene and stays out.

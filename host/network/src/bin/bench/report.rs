@@ -10,8 +10,22 @@ use crate::accuracy::Accuracy;
 use crate::plot::{Kind, Point};
 use crate::timing::Times;
 
+/// The architecture that the engines are held to.
+const UNET: &str = Architecture::Unet.name();
+
 /// The contestant that the gate skips.
 pub(crate) const GATED: &str = "gated";
+
+/// The contestant behind the tracker.
+pub(crate) const BEHIND_TRACKER: &str = "tracked, network";
+
+/// The engine in eight bits.
+pub(crate) const INT8: &str = "onnxruntime int8";
+
+/// The name of a contestant that is another engine with a model's weights.
+pub(crate) fn engine(model: &str, engine: &str) -> String {
+    format!("{model} in {engine}")
+}
 
 /// The name of a contestant that shows a part of a model's work.
 pub(crate) fn part(model: &str, part: &str) -> String {
@@ -29,7 +43,9 @@ pub(crate) struct Report {
     /// The system's load averages.
     pub(crate) load: String,
     pub(crate) models: Vec<String>,
-    /// Of the models in their order, then of the eight-bit unet.
+    /// Those of them that are there in eight bits too.
+    pub(crate) rounded: Vec<usize>,
+    /// Of the models in their order, then of those in eight bits.
     pub(crate) accuracies: Vec<Accuracy>,
     pub(crate) times: Vec<Times>,
 }
@@ -82,6 +98,15 @@ impl Report {
         self.median_us(&self.widest.to_string())
     }
 
+    /// One of the models that the engine carries, without what a frame takes before it.
+    fn network_us(&self, model: usize) -> f64 {
+        if self.models[model] == UNET {
+            self.dense_us()
+        } else {
+            self.median_us(BEHIND_TRACKER)
+        }
+    }
+
     /// Multiply-adds per microsecond are 1e-3 GMAC/s.
     fn limit_gmac_per_s(&self) -> f64 {
         self.limit_multiply_adds as f64 / self.median_us("limit") * 1e-3
@@ -97,11 +122,16 @@ impl Report {
         [
             (
                 "unet_vs_onnxruntime",
-                dense / self.median_us("onnxruntime"),
+                dense / self.median_us(&engine(UNET, "onnxruntime")),
                 "<=",
                 1.0,
             ),
-            ("unet_vs_tract", dense / self.median_us("tract"), "<=", 0.6),
+            (
+                "unet_vs_tract",
+                dense / self.median_us(&engine(UNET, "tract")),
+                "<=",
+                0.6,
+            ),
             (
                 "fraction_of_limit",
                 self.gmac_per_s() / self.limit_gmac_per_s(),
@@ -243,6 +273,10 @@ impl Report {
                 "unet_int8_scores",
                 self.accuracies[self.models.len()].scores.to_json(),
             ),
+            (
+                "tracked_int8_scores",
+                self.accuracies[self.models.len() + 1].scores.to_json(),
+            ),
             ("times_us", Value::Object(times)),
             ("instructions", json!(self.widest.to_string())),
             ("multiply_adds", json!(self.multiply_adds)),
@@ -269,13 +303,13 @@ impl Report {
             self.load.trim()
         ));
         line(format!(
-            "{:<18} {:>9} {:>9} {:>9} {:>9}",
+            "{:<28} {:>9} {:>9} {:>9} {:>9}",
             "us a frame", "least", "p10", "median", "p90"
         ));
         for times in self.times.iter().filter(|times| times.name != "limit") {
             let at = |share| times.quantile_us(share);
             line(format!(
-                "{:<18} {:>9.1} {:>9.1} {:>9.1} {:>9.1}",
+                "{:<28} {:>9.1} {:>9.1} {:>9.1} {:>9.1}",
                 times.name,
                 at(0.0),
                 at(0.1),
@@ -306,19 +340,24 @@ impl Report {
                 line(measure.line());
             }
         }
-        let [float, int8] = [0, self.models.len()].map(|index| &self.accuracies[index].scores);
-        line(format!(
-            "eight bits, unet (onnxruntime, up-convolutions and last layer in f32): {:.2} of its f32 time, {:.2} of ours; \
-             stick ratio off by {:.3} (f32: {:.3}), shear {:.1} % ({:.1} %), taxels {:.1} % ({:.1} %)",
-            self.median_us("onnxruntime int8") / self.median_us("onnxruntime"),
-            self.median_us("onnxruntime int8") / self.dense_us(),
-            int8.stick_ratio_error,
-            float.stick_ratio_error,
-            100.0 * int8.shear_error[0],
-            100.0 * float.shear_error[0],
-            taxel_error(int8),
-            taxel_error(float),
-        ));
+        for (place, &model) in self.rounded.iter().enumerate() {
+            let name = &self.models[model];
+            let [float, int8] =
+                [model, self.models.len() + place].map(|index| &self.accuracies[index].scores);
+            let time = self.median_us(&engine(name, INT8));
+            line(format!(
+                "eight bits, {name} (onnxruntime, up-convolutions and last layer in f32): {:.2} of its f32 time, {:.2} of ours; \
+                 stick ratio off by {:.3} (f32: {:.3}), shear {:.1} % ({:.1} %), taxels {:.1} % ({:.1} %)",
+                time / self.median_us(&engine(name, "onnxruntime")),
+                time / self.network_us(model),
+                int8.stick_ratio_error,
+                float.stick_ratio_error,
+                100.0 * int8.shear_error[0],
+                100.0 * float.shear_error[0],
+                taxel_error(int8),
+                taxel_error(float),
+            ));
+        }
         text
     }
 
@@ -337,22 +376,25 @@ impl Report {
             };
             point(format!("{name} f32"), name, Kind::Full);
             for (_, share) in CHANGED {
-                point(share.to_owned(), &part(name, share), Kind::Skipping);
+                point(format!("{name}, {share}"), &part(name, share), Kind::Skipping);
             }
         }
-        // The unet's other engines, with the time that a frame takes before the network.
-        let before = (self.median_us(&self.models[0]) - self.dense_us()).max(0.0);
-        for (name, accuracy, kind) in [
-            ("onnxruntime", 0, Kind::Peer),
-            ("tract", 0, Kind::Peer),
-            ("onnxruntime int8", self.models.len(), Kind::Int8),
-        ] {
-            points.push(Point {
-                label: format!("unet, {name}"),
-                time_ms: 1e-3 * (before + self.median_us(name)),
-                error: taxel_error(&self.accuracies[accuracy].scores),
-                kind,
-            });
+        // Other engines, with the time that a frame takes before the network.
+        for (place, &model) in self.rounded.iter().enumerate() {
+            let name = &self.models[model];
+            let before = (self.median_us(name) - self.network_us(model)).max(0.0);
+            for (of, accuracy, kind) in [
+                ("onnxruntime", model, Kind::Peer),
+                ("tract", model, Kind::Peer),
+                (INT8, self.models.len() + place, Kind::Int8),
+            ] {
+                points.push(Point {
+                    label: format!("{name}, {of}"),
+                    time_ms: 1e-3 * (before + self.median_us(&engine(name, of))),
+                    error: taxel_error(&self.accuracies[accuracy].scores),
+                    kind,
+                });
+            }
         }
         points
     }
