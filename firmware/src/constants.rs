@@ -5,12 +5,15 @@ pub const TREND_MAPS: usize = 8;
 /// Longest time to slip that is reported, ms; a slower fall of the stick ratio is no trend.
 pub const TIME_TO_SLIP_MAX_MS: u32 = 10_000;
 /// A load has fallen when this part of its recent peak is gone: twice what sliding itself makes it fluctuate.
-pub const FALL_PART: u32 = 20;
+pub const FALL_PART: u32 = 22;
 /// How fast the recent peak of a load is forgotten, as a shift of µs: 2¹⁶ µs, half as long as a hand takes to let go.
 pub const PEAK_SHIFT: u32 = 16;
-/// Change of a load since it slid, over friction's bound and in 64ths, from which half of the contact slips again:
-/// 2 (1 − 0.5^{3/2}) = 1.293.
-pub const TURN_64THS: u64 = 83;
+/// Distance of a load from its centre at which half of the contact slips, over friction's bound and in 64ths: 0.646 between
+/// spheres, 1 − 0.5^{3/2}, times 22/21, because what slid is noted when a part of it is gone, and a little more for flat
+/// ends. Chosen on `evaluate paper --data tuning`, seeds 1 and 2, where 44 to 46 do nearly as well.
+pub const HALF_64THS: u64 = 45;
+/// The centre over the load that slid, in 64ths: 0.354, 0.5^{3/2}.
+pub const CENTRE_64THS: i32 = 23;
 /// Friction below which the feed-forward stops growing, 1/10000: at 0.05 it already asks for 20 times the shear.
 pub const FEED_FORWARD_FRICTION_MIN: u32 = 500;
 /// How far ahead of the maps the grip looks where the load grows, µs: what was best in 60 grasps of `evaluate grasps

@@ -2,18 +2,20 @@
 //! skin and twist together, over the normal force.
 //!
 //! When the load on a contact that slips falls, or turns back, every taxel sticks at once (Cattaneo 1938, Mindlin and
-//! Deresiewicz 1953), while the ratios in the map stay near friction until the load is gone. A contact of friction μ and
-//! normal force N that slid and was let go slips again from its edge; when the load has changed by ΔQ since, the share
-//! (1 − ΔQ/2μN)^⅔ of it sticks, in whatever direction the load now grows: half of it at ΔQ = 1.29 μN. So it may slip
-//! under a load that looks small. And under a load of less than half of what slid, and no such change, (1 − ½)^⅔ = 63 %
-//! and more of it stick.
+//! Deresiewicz 1953), while the ratios in the map stay near friction until the load is gone. From then on friction is
+//! known: μ is the share that slid. A load Q on a fresh contact of normal force N leaves (1 − Q/μN)^⅔ of it stuck, half of it
+//! at Q = 0.646 μN. One that slid under Q₀ = μN slips by half again when the load has turned back by 2 · 0.646 μN, or when
+//! Q₀ is reached again. Both are one rule, that of a slider with friction: half of the contact slips once the load is
+//! further than 0.646 μN from a centre, which is nought at first and 0.354 Q₀ after the slide; and in between, forward,
+//! sideways or back, half of it and more stick, whatever the ratios in a map say of it.
 //!
 //! Units: forces 1/4096 N, twist 1/4096 N times half taxel pitches, shares of the normal force 2⁻¹⁴, times as named.
-//! Limits: friction that falls when sliding begins looks like a load that falls, until the peak is forgotten.
+//! Limits: friction that falls when sliding begins looks like a load that falls, until the peak is forgotten; flat ends
+//! hold longer than round ones, and twist by their own lever.
 
 use gripline_protocol::message::MapSums;
 
-use crate::constants::{FALL_PART, PEAK_SHIFT, TURN_64THS};
+use crate::constants::{CENTRE_64THS, FALL_PART, HALF_64THS, PEAK_SHIFT};
 use crate::divide::divide;
 use crate::sums::square_root;
 
@@ -100,10 +102,10 @@ pub(crate) struct LoadHistory {
     peak: u32,
     /// Capture time of the last map, µs, wraps.
     at_us: u32,
-    /// Load that last slid, as it began to fall.
-    slid: [i32; 2],
-    slid_twist: i32,
-    /// Its share: friction; 0 when nothing has slid.
+    /// The load that half of the contact is furthest from slipping at.
+    centre: [i32; 2],
+    centre_twist: i32,
+    /// Share of the load that last slid, as it began to fall: friction; 0 when nothing has slid.
     friction: u16,
 }
 
@@ -113,8 +115,8 @@ impl LoadHistory {
         Self {
             peak: 0,
             at_us: 0,
-            slid: [0; 2],
-            slid_twist: 0,
+            centre: [0; 2],
+            centre_twist: 0,
             friction: 0,
         }
     }
@@ -132,25 +134,23 @@ impl LoadHistory {
 
     /// The contact slid, and its load now falls.
     pub(crate) fn note_slid(&mut self, load: &Load) {
-        (self.slid, self.slid_twist) = (load.force, load.twist);
+        // No part of a load is beyond 2²⁹.
+        let centre = |part: i32| (part >> 6) * CENTRE_64THS;
+        self.centre = load.force.map(centre);
+        self.centre_twist = centre(load.twist);
         self.friction = load.share;
     }
 
-    /// Whether the load has changed so much since the contact slid that it slips again.
-    pub(crate) fn is_turned(&self, load: &Load) -> bool {
+    /// Whether half of the contact slips under this load; none before anything slid.
+    pub(crate) fn is_half_slipping(&self, load: &Load) -> Option<bool> {
         if self.friction == 0 {
-            return false;
+            return None;
         }
-        let ([x, y], [x0, y0]) = (load.force, self.slid);
-        let change = square([x - x0, y - y0], load.twist - self.slid_twist, load.contact);
-        // At most 2²⁴ · 2¹⁶ · 83; the bound is below 2²⁷.
-        let bound = (u64::from(load.normal) * u64::from(self.friction) * TURN_64THS) >> (SHARE_SHIFT + 6);
-        change > bound * bound
-    }
-
-    /// Whether the load is less than half of what slid.
-    pub(crate) fn is_light(&self, load: &Load) -> bool {
-        u32::from(load.share) * 2 < u32::from(self.friction)
+        let ([x, y], [x0, y0]) = (load.force, self.centre);
+        let away = square([x - x0, y - y0], load.twist - self.centre_twist, load.contact);
+        // At most 2²⁴ · 2¹⁶ · 45; the bound is below 2²⁷.
+        let bound = (u64::from(load.normal) * u64::from(self.friction) * HALF_64THS) >> (SHARE_SHIFT + 6);
+        Some(away > bound * bound)
     }
 }
 
@@ -230,31 +230,33 @@ mod tests {
     #[test]
     fn after_a_slide_the_other_way_slips_early_and_the_same_way_late() {
         let mut history = LoadHistory::new();
-        assert!(!history.is_turned(&load(-9_000, 0, 10_000, 0)));
+        assert_eq!(history.is_half_slipping(&load(-9_000, 0, 10_000, 0)), None);
         history.note_slid(&load(6_000, 0, 10_000, 0));
-        for (x, y, turned) in [
-            (6_000, 0, false),
+        for (x, y, slips) in [
+            (6_600, 0, true),
+            (6_300, 0, false),
             (0, 0, false),
-            (-1_700, 0, false),
-            (-1_900, 0, true),
-            (0, 4_900, false),
-            (0, 5_100, true),
+            (-1_900, 0, false),
+            (-2_200, 0, true),
+            (0, 3_500, false),
+            (0, 3_800, true),
         ] {
-            assert_eq!(history.is_turned(&load(x, y, 10_000, 0)), turned, "{x} {y}");
+            assert_eq!(
+                history.is_half_slipping(&load(x, y, 10_000, 0)),
+                Some(slips),
+                "{x} {y}"
+            );
         }
-        // Twice the grip holds twice the change.
-        assert!(!history.is_turned(&load(-5_900, 0, 20_000, 0)));
-        assert!(
-            history.is_light(&load(2_900, 0, 10_000, 0)) && !history.is_light(&load(3_000, 0, 10_000, 0))
-        );
+        // Twice the grip holds twice the distance.
+        assert_eq!(history.is_half_slipping(&load(-6_000, 0, 20_000, 0)), Some(false));
     }
 
     #[test]
     fn a_twist_turns_as_a_force_does() {
         let mut history = LoadHistory::new();
         history.note_slid(&load(0, 0, 10_000, 20_000));
-        assert!(!history.is_turned(&load(0, 0, 10_000, -5_000)));
-        assert!(history.is_turned(&load(0, 0, 10_000, -7_000)));
+        assert_eq!(history.is_half_slipping(&load(0, 0, 10_000, -6_500)), Some(false));
+        assert_eq!(history.is_half_slipping(&load(0, 0, 10_000, -7_200)), Some(true));
     }
 
     proptest! {
@@ -271,7 +273,7 @@ mod tests {
                 (16_384.0 * (sides[0] + sides[1] + twist).sqrt() / f64::from(z.max(1))).min(65_535.0)
             };
             prop_assert!((f64::from(load.share) - exact).abs() <= 2.0 + exact * 1e-4 + 16_384.0 / f64::from(z.max(1)) || exact > 30_000.0, "{} {exact}", load.share);
-            history.is_turned(&back);
+            history.is_half_slipping(&back);
             prop_assert!(!history.push(&load, 7));
         }
     }

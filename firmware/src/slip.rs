@@ -1,8 +1,9 @@
 //! From stick ratios to a slip state: threshold with a separate leave threshold, a least time in a state, and the
 //! trend, because a sudden fall of the stick ratio announces slip. Getting worse is believed at once, getting better
 //! only after the dwell time; unless the load falls (`load.rs`), for then everything sticks at once. Once it has
-//! slid, what slid tells more than one map: a load that turned back is INCIPIENT before the ratios show it, and one that
-//! is less than half of what slid STICK although they do not. Units: ratios 1/10000, times as named.
+//! slid, friction is known and the load tells more than one map: where half of the contact must slip under it, that is
+//! INCIPIENT before the ratios show it, and where half must stick, STICK although they do not. Units: ratios 1/10000, times
+//! as named.
 
 use gripline_protocol::message::{Configuration, MapSums, SlipState};
 
@@ -90,17 +91,16 @@ impl SlipDetector {
         let soon = time_to_slip_ms.is_some_and(|ms| ms < settings.incipient_horizon_ms);
         let slips = stick_ratio_below(sums, settings.slip_threshold)
             || (self.state == SlipState::Slip && stick_ratio_below(sums, settings.slip_leave));
-        let is_turned = self.loads.is_turned(&load);
+        let by_load = self.loads.is_half_slipping(&load);
         // Ratios this low are believed in any case: friction may have changed since.
         let is_held = severity(self.state) <= severity(SlipState::Stick)
-            && !is_turned
-            && self.loads.is_light(&load)
+            && by_load == Some(false)
             && !stick_ratio_below(sums, settings.slip_threshold / 4 * 3);
         let now = if is_held {
             SlipState::Stick
         } else if slips {
             SlipState::Slip
-        } else if soon || is_turned || stick_ratio_below(sums, settings.incipient_threshold) {
+        } else if soon || by_load == Some(true) || stick_ratio_below(sums, settings.incipient_threshold) {
             SlipState::Incipient
         } else {
             SlipState::Stick

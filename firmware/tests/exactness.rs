@@ -176,10 +176,14 @@ fn what_just_holds_is_told_from_what_just_does_not() {
 
 fn any_map() -> impl Strategy<Value = ForceMap> {
     let component = prop_oneof![any::<i16>(), Just(i16::MIN), Just(i16::MAX), Just(0)];
-    proptest::collection::vec((component.clone(), component.clone(), component), TAXELS).prop_map(|taxels| {
+    let taxels = proptest::collection::vec((component.clone(), component.clone(), component), TAXELS);
+    // Rows without any force are passed over.
+    (taxels, prop_oneof![Just(u32::MAX), any::<u32>()]).prop_map(|(taxels, rows)| {
         let mut map = ForceMap::EMPTY;
-        for (taxel, (x, y, z)) in map.taxels.iter_mut().zip(taxels) {
-            *taxel = TaxelForce { x, y, z };
+        for (n, (x, y, z)) in taxels.into_iter().enumerate() {
+            if rows >> (n / 20) & 1 == 1 {
+                map.taxels[n] = TaxelForce { x, y, z };
+            }
         }
         map
     })
@@ -206,6 +210,15 @@ proptest! {
         let shear = BigInt::from(wide[0]).pow(2) + BigInt::from(wide[1]).pow(2);
         let root = BigInt::from(total_shear(&sums));
         prop_assert!(root.pow(2) <= shear && (root + BigInt::from(1)).pow(2) > shear);
+    }
+
+    #[test]
+    fn a_whole_map_gives_the_sums_of_its_taxels_one_by_one(map in any_map(), per_unit in 0..=20_000_u16, contact_min in 0..=i16::MAX) {
+        let mut one_by_one = Accumulator::new(rule(per_unit, contact_min));
+        for (n, force) in (0_u16..).zip(map.taxels) {
+            Portable::add(&mut one_by_one, &[Place::new(n % 20, n / 20)], &[force.to_le_bytes()]);
+        }
+        prop_assert_eq!(sums_of(&map, rule(per_unit, contact_min)), one_by_one.finish());
     }
 
     #[test]
