@@ -13,6 +13,9 @@ const WINDOW_MS: i64 = 1_000;
 const WINDOW_LEAST: usize = 8;
 /// What may be a jitter or a drift over that time; the microcontroller allows more before it calls a map stale.
 const JUMP_US: i64 = 50_000;
+/// Maps that are refused for so long as from the future, with none taken meanwhile, ms, will be for ever: the first one was late by
+/// more than the microcontroller forgives, and it takes that one for prompt.
+const LOCKED_OUT_MS: u32 = 500;
 
 /// The difference between the clocks, and its history.
 #[derive(Debug, Default)]
@@ -23,6 +26,8 @@ pub(crate) struct ClockWatch {
     uptime_ms: Option<i64>,
     /// When the microcontroller said it, ms, and the difference.
     recent: VecDeque<(i64, i64)>,
+    /// Since when it takes maps for from the future, ms, and how many maps it had taken by then.
+    refusing: Option<(u32, u32)>,
 }
 
 impl ClockWatch {
@@ -62,6 +67,28 @@ impl ClockWatch {
             self.reference = Some(least);
         }
         false
+    }
+
+    /// What the same status says of maps: whether some are refused as from the future, and how many were taken so far. Answers
+    /// whether this goes on for ever; if so, everything begins anew.
+    pub(crate) fn is_locked_out(&mut self, uptime_ms: u32, is_refusing: bool, maps: u32) -> bool {
+        if !is_refusing {
+            self.refusing = None;
+            return false;
+        }
+        match self.refusing {
+            Some((since_ms, before)) if before == maps => {
+                let is_locked_out = uptime_ms.wrapping_sub(since_ms) >= LOCKED_OUT_MS;
+                if is_locked_out {
+                    self.forget();
+                }
+                is_locked_out
+            }
+            _ => {
+                self.refusing = Some((uptime_ms, maps));
+                false
+            }
+        }
     }
 }
 
@@ -109,5 +136,19 @@ mod tests {
         // One that comes back at once was a status that had to wait.
         let for_a_while = |frame: u64| i64::from((500..520).contains(&frame)) * 300_000;
         assert!(jumps(1_000, 16_000, for_a_while).is_empty());
+    }
+    #[test]
+    fn refusals_that_last_are_a_lock_out_and_those_between_maps_are_none() {
+        let mut watch = ClockWatch::default();
+        for frame in 0..100 {
+            assert!(!watch.is_locked_out(frame * 100, frame % 6 != 5, 7));
+            assert!(!watch.is_locked_out(frame * 100 + 50, true, 8 + frame));
+        }
+        let mut watch = ClockWatch::default();
+        let start_ms = u32::MAX - 200;
+        let locked_out: Vec<u32> = (0..13)
+            .filter(|status| watch.is_locked_out(start_ms.wrapping_add(status * 100), true, 0))
+            .collect();
+        assert_eq!(locked_out, [5, 11]);
     }
 }

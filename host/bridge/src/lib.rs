@@ -11,7 +11,7 @@
 //! [`faults`] shows what the microcontroller has against going on, and acknowledges it.
 //! [`recording`] keeps what a run saw and decided, and replays it;
 //! [`plot`] draws it; [`evaluate`] measures how well all of it works.
-#![forbid(unsafe_code)]
+#![deny(unsafe_code)]
 
 // Tests in here share a made-up world with those that see only the public side.
 #[cfg(test)]

@@ -108,3 +108,34 @@ fn a_microcontroller_or_weights_that_are_not_there_fail_and_the_rest_is_still_lo
     let wrong = gripline(folder.path(), &["doctor", "--mcu", "pigeon"]);
     assert_eq!(wrong.status.code(), Some(2));
 }
+
+#[test]
+fn of_two_fingertips_each_is_calibrated_and_looked_at_by_itself() {
+    let folder = tempfile::tempdir().unwrap();
+    let rest = |more: &[&str]| {
+        let arguments = [&["calibrate", "rest", "--yes", "--pictures", "8"][..], more].concat();
+        gripline(folder.path(), &arguments)
+    };
+    let refused = rest(&["--fingertip", "2"]);
+    let why = String::from_utf8_lossy(&refused.stderr).into_owned();
+    assert!(
+        refused.status.code() == Some(2) && why.contains("camera.second_source"),
+        "{why}"
+    );
+    for (fingertip, file) in [("1", "first.toml"), ("2", "second.toml")] {
+        let output = rest(&["--fingertip", fingertip, "--source", "sim", "--out", file]);
+        assert!(output.status.success(), "{output:?}");
+    }
+    let doctor = |first: &str, second: &str| {
+        let arguments = ["doctor", "--json", "--second-source", "sim"];
+        let files = ["--calibration", first, "--second-calibration", second];
+        checks(&gripline(folder.path(), &[&arguments[..], &files].concat()))
+    };
+    let found = doctor("first.toml", "second.toml");
+    for name in ["camera", "second camera", "rest picture", "second rest picture"] {
+        assert_eq!(state_of(&found, name), "ok", "{name}");
+    }
+    let swapped = doctor("first.toml", "first.toml");
+    assert_eq!(state_of(&swapped, "rest picture"), "ok");
+    assert_eq!(state_of(&swapped, "second rest picture"), "fail");
+}

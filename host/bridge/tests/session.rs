@@ -334,3 +334,43 @@ fn one_who_comes_back_with_another_schema_ends_the_session_by_name() {
     assert!(matches!(error, SessionError::Schema { .. }), "{error}");
     assert!(error.to_string().contains("schema 99"), "{error}");
 }
+
+#[test]
+fn a_first_map_that_was_held_up_for_longer_than_is_forgiven_locks_the_others_out_for_half_a_second_only() {
+    let bench = Rc::new(RefCell::new(Bench::new()));
+    let session = Session::open(Box::new(BenchLink(Rc::clone(&bench))), SETTINGS).unwrap();
+    let mut host = Host {
+        session,
+        bench,
+        sequence: 1,
+    };
+    host.session.command(Command::Hold).unwrap();
+    for _ in 0..180 {
+        host.session.run_until(host.session.now_us() + 16_667).unwrap();
+    }
+    host.bench.borrow_mut().heard.clear();
+    let held_up = MapInfo {
+        sequence: 1,
+        capture_us: host.session.capture_us() - 2_000_000,
+        ..MapInfo::default()
+    };
+    host.session.send_map(&held_up, &ForceMap::EMPTY).unwrap();
+    host.maps(24);
+    let status = *host.session.status().unwrap();
+    assert!(
+        status.faults & Fault::FutureMap.bit() != 0 && status.maps == 1,
+        "{status:?}"
+    );
+    host.maps(36);
+    let status = *host.session.status().unwrap();
+    assert!(
+        status.faults & Fault::FutureMap.bit() == 0 && status.maps > 20,
+        "{status:?}"
+    );
+    let session = &host.session;
+    assert_eq!(
+        (session.clock_jumps(), session.restarts(), host.hellos()),
+        (1, 0, 1)
+    );
+    assert_eq!(session.shadow().mismatches(), 0);
+}

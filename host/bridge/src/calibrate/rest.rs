@@ -14,7 +14,7 @@ use crate::config::{Overrides, Settings};
 use crate::error::Failure;
 use crate::simulate::grey_png;
 use crate::skin::{Change, Figures, limit};
-use crate::source::Source;
+use crate::source::{Source, SourceSettings};
 
 /// Arguments of `gripline calibrate rest`.
 #[derive(Debug, Clone, Args)]
@@ -24,7 +24,10 @@ pub(super) struct RestArgs {
     /// How many pictures.
     #[arg(long, value_name = "N", default_value_t = 16, value_parser = clap::value_parser!(u64).range(8..=256))]
     pictures: u64,
-    /// Where pictures come from. By default the configuration's camera.source.
+    /// Which fingertip; each has a file of its own (calibration.file, calibration.second_file).
+    #[arg(long, value_name = "1|2", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=2))]
+    fingertip: u8,
+    /// Where pictures come from. By default the configuration's camera.source, of the second fingertip camera.second_source.
     #[arg(long)]
     source: Option<Source>,
     /// Pictures that were taken before instead: a folder, or one (*.png, *.jpg, in the order of their names).
@@ -115,8 +118,21 @@ fn take(args: &RestArgs) -> Result<(Vec<Vec<u8>>, String), Failure> {
         return Ok((pictures, path.display().to_string()));
     }
     let settings = Settings::load(&Overrides::of_file(args.config.as_deref()))?;
-    let source = args.source.clone().unwrap_or(settings.source);
-    let mut camera = source.open(&settings.pictures_of)?;
+    let configured = match args.fingertip {
+        1 => Some(settings.source),
+        _ => settings.second_source,
+    };
+    let source = args.source.clone().or(configured).ok_or_else(|| {
+        Failure::usage(
+            "--fingertip: found 2 without a camera.second_source, expected one in the configuration: name it there, or say \
+             --source"
+                .to_owned(),
+        )
+    })?;
+    let mut camera = source.open(&SourceSettings {
+        fingertip: usize::from(args.fingertip) - 1,
+        ..settings.pictures_of
+    })?;
     let count = args.pictures as usize;
     if !args.common.asks() {
         return Ok((camera.rest(count)?.crops, source.to_string()));

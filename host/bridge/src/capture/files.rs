@@ -10,7 +10,7 @@ use gripline_protocol::message::GripMode;
 
 use super::avi::{ClipReader, Next};
 use super::camera::Counts;
-use super::convert::JpegCrop;
+use super::jpeg::JpegCrop;
 use super::picture;
 use crate::error::Failure;
 use crate::recording::{Ending, Image, Reader};

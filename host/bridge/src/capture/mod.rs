@@ -1,7 +1,7 @@
 //! Pictures from the world: a camera (Video4Linux), or what stands in for one: a folder of pictures, a clip, a recording.
 //!
 //! Pure parts, each with its tests: which mode of a camera is used (`format`, `negotiate`), from its bytes to the crop
-//! (`convert`), what its sequence numbers say (`sequence`), the file of a clip (`avi`). `camera` keeps a camera open and its newest picture in a
+//! (`convert`, of a JPEG `jpeg`), what its sequence numbers say (`sequence`), the file of a clip (`avi`). `camera` keeps a camera open and its newest picture in a
 //! mailbox of one; only `device` and `picture` touch the world. What a run makes of them is [`crate::source`]'s matter.
 
 pub(crate) mod avi;
@@ -12,6 +12,7 @@ pub(crate) mod device;
 mod error;
 mod files;
 mod format;
+mod jpeg;
 mod negotiate;
 pub(crate) mod picture;
 mod sequence;
@@ -20,10 +21,10 @@ mod tests;
 
 pub use self::camera::Counts;
 pub(crate) use self::constants::{POLL, RATE};
-#[cfg(test)]
-pub(crate) use self::convert::JpegCrop;
 pub use self::error::CameraError;
 pub(crate) use self::files::{ClipFrames, FolderFrames, RecordedFrames};
 pub use self::format::PixelFormat;
 pub(crate) use self::format::Wanted;
+#[cfg(test)]
+pub(crate) use self::jpeg::JpegCrop;
 pub(crate) use self::negotiate::CameraSettings;

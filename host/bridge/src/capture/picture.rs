@@ -9,7 +9,7 @@ use gripline_network::constants::{CROP_SIDE, IMAGE_SIDE};
 use gripline_simulation::{Image, crop_of_frame};
 
 use super::avi::{ClipReader, Next};
-use super::convert::JpegCrop;
+use super::jpeg::JpegCrop;
 use crate::error::Failure;
 
 /// Endings of pictures that can be read.
@@ -77,7 +77,7 @@ pub(crate) struct Pictures {
 #[derive(Debug)]
 enum Of {
     Files(std::vec::IntoIter<PathBuf>),
-    Clip(ClipReader<BufReader<File>>, JpegCrop),
+    Clip(ClipReader<BufReader<File>>, Box<JpegCrop>),
 }
 
 impl Pictures {
@@ -90,7 +90,7 @@ impl Pictures {
             .extension()
             .is_some_and(|ending| ending.eq_ignore_ascii_case("avi"));
         let of = if is_clip && !path.is_dir() {
-            Of::Clip(open_clip(path)?, JpegCrop::default())
+            Of::Clip(open_clip(path)?, Box::default())
         } else {
             Of::Files(listed(path)?.into_iter())
         };

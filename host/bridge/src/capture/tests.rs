@@ -7,15 +7,15 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use gripline_network::constants::CROP_SIDE;
-use jpeg_encoder::{ColorType, Encoder, SamplingFactor};
 use proptest::prelude::*;
 
 use super::camera::{Camera, Shot};
 use super::constants::{CROP_LEFT, CROP_TOP};
-use super::convert::{Converter, JpegCrop};
+use super::convert::Converter;
 use super::device::{Buffer, Control, Driver, EXPOSURE_MANUAL, Port, Ready, Set, Stream};
 use super::error::CameraError;
 use super::format::{Offer, PixelFormat, Wanted};
+use super::jpeg::JpegCrop;
 use super::negotiate::{CameraSettings, open};
 
 const WIDTH: usize = 640;
@@ -36,35 +36,6 @@ fn middle(frame: &[u8]) -> Vec<u8> {
     (0..CROP_SIDE * CROP_SIDE)
         .map(|i| frame[(i / CROP_SIDE + CROP_TOP) * WIDTH + i % CROP_SIDE + CROP_LEFT])
         .collect()
-}
-
-fn jpeg(
-    pixels: &[u8],
-    size: [usize; 2],
-    colour: ColorType,
-    sampling: SamplingFactor,
-    restart: u16,
-) -> Vec<u8> {
-    let mut file = Vec::new();
-    let mut encoder = Encoder::new(&mut file, 95);
-    encoder.set_sampling_factor(sampling);
-    encoder.set_restart_interval(restart);
-    encoder
-        .encode(pixels, size[0] as u16, size[1] as u16, colour)
-        .unwrap();
-    file
-}
-
-fn colour_of(grey: &[u8]) -> Vec<u8> {
-    grey.iter()
-        .flat_map(|grey| [*grey, grey / 2 + 40, 200 - grey / 2])
-        .collect()
-}
-
-/// Greatest difference of two pictures.
-fn apart(a: &[u8], b: &[u8]) -> u8 {
-    assert_eq!(a.len(), b.len());
-    a.iter().zip(b).map(|(a, b)| a.abs_diff(*b)).max().unwrap_or(0)
 }
 
 #[test]
@@ -107,96 +78,6 @@ proptest! {
         // With the beginning of a JPEG the parser gets further.
         let file: Vec<u8> = [&[0xff, 0xd8][..], &bytes].concat();
         prop_assert!(JpegCrop::default().decode(&file, &mut crop).is_err());
-    }
-
-    #[test]
-    fn a_jpeg_with_any_bytes_overwritten_is_a_picture_or_an_error(
-        at in 0.0_f64..1.0, with in prop::collection::vec(any::<u8>(), 1..40),
-    ) {
-        let mut file = jpeg(&grey_frame(), [WIDTH, HEIGHT], ColorType::Luma, SamplingFactor::F_1_1, 0);
-        let at = (at * (file.len() - with.len()) as f64) as usize;
-        file[at..at + with.len()].copy_from_slice(&with);
-        let mut crop = Vec::new();
-        if JpegCrop::default().decode(&file, &mut crop).is_ok() {
-            prop_assert_eq!(crop.len(), CROP_SIDE * CROP_SIDE);
-        }
-    }
-}
-
-#[test]
-fn the_crop_of_a_jpeg_is_that_of_the_whole_picture_decoded_whatever_its_colours_and_restarts() {
-    let grey = grey_frame();
-    let colour = colour_of(&grey);
-    // Brightness after ITU-R BT.601, as JFIF has it.
-    let bright: Vec<u8> = colour
-        .chunks_exact(3)
-        .map(|c| (0.299 * f64::from(c[0]) + 0.587 * f64::from(c[1]) + 0.114 * f64::from(c[2])).round() as u8)
-        .collect();
-    let mut crop = Vec::new();
-    for sampling in [
-        SamplingFactor::F_1_1,
-        SamplingFactor::F_2_1,
-        SamplingFactor::F_2_2,
-        SamplingFactor::F_1_2,
-    ] {
-        for restart in [0, 5] {
-            let file = jpeg(&colour, [WIDTH, HEIGHT], ColorType::Rgb, sampling, restart);
-            JpegCrop::default().decode(&file, &mut crop).unwrap();
-            let apart = apart(&crop, &middle(&bright));
-            assert!(
-                apart <= 8,
-                "{sampling:?}, restart {restart}: {apart} levels apart"
-            );
-        }
-    }
-    for restart in [0, 7] {
-        let file = jpeg(
-            &grey,
-            [WIDTH, HEIGHT],
-            ColorType::Luma,
-            SamplingFactor::F_1_1,
-            restart,
-        );
-        JpegCrop::default().decode(&file, &mut crop).unwrap();
-        assert!(apart(&crop, &middle(&grey)) <= 8);
-    }
-    let file = jpeg(
-        &middle(&grey),
-        [CROP_SIDE; 2],
-        ColorType::Luma,
-        SamplingFactor::F_1_1,
-        0,
-    );
-    JpegCrop::default().decode(&file, &mut crop).unwrap();
-    assert!(apart(&crop, &middle(&grey)) <= 8);
-}
-
-#[test]
-fn damaged_jpegs_are_told_and_not_guessed_at() {
-    let good = jpeg(
-        &grey_frame(),
-        [WIDTH, HEIGHT],
-        ColorType::Luma,
-        SamplingFactor::F_1_1,
-        0,
-    );
-    let small = jpeg(
-        &vec![9; 320 * 240],
-        [320, 240],
-        ColorType::Luma,
-        SamplingFactor::F_1_1,
-        0,
-    );
-    let cases: [(&[u8], &str); 5] = [
-        (&[], "does not begin with SOI"),
-        (&good[..300], "damaged JPEG"),
-        (&good[..good.len() / 2], "damaged JPEG"),
-        (&good[2..], "does not begin with SOI"),
-        (&small, "found 320×240 pixels, expected 640×480 or 440×440"),
-    ];
-    for (file, expected) in cases {
-        let error = JpegCrop::default().decode(file, &mut Vec::new()).unwrap_err();
-        assert!(error.contains(expected), "{expected:?} is missing in: {error}");
     }
 }
 

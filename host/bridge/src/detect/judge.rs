@@ -66,6 +66,24 @@ pub struct Verdict {
     pub slip: bool,
 }
 
+/// The firmware's [`sums_of`], in the widest vectors that it gains from: whole numbers, so the same bits.
+#[must_use]
+pub fn sums(map: &ForceMap, rule: TaxelRule) -> MapSums {
+    #[cfg(target_arch = "x86_64")]
+    if is_x86_feature_detected!("avx2") {
+        // SAFETY: the processor has it.
+        #[expect(unsafe_code, reason = "compiled for an instruction set that was checked for")]
+        return unsafe { sums_avx2(map, rule) };
+    }
+    sums_of(map, rule)
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2")]
+fn sums_avx2(map: &ForceMap, rule: TaxelRule) -> MapSums {
+    sums_of(map, rule)
+}
+
 /// Judges one map.
 #[must_use]
 pub fn judge(map: &ForceMap, settings: &Settings) -> Verdict {
@@ -73,7 +91,7 @@ pub fn judge(map: &ForceMap, settings: &Settings) -> Verdict {
         friction: settings.friction,
         contact_min: settings.contact_min,
     };
-    let sums = sums_of(map, rule);
+    let sums = sums(map, rule);
     let [x, y, normal] = sums.force;
     Verdict {
         sums,
@@ -91,6 +109,20 @@ mod tests {
     use proptest::prelude::*;
 
     proptest! {
+        #[test]
+        fn wide_vectors_give_the_firmwares_sums(
+            taxels in proptest::collection::vec(prop_oneof![Just([0; 3]), any::<[i16; 3]>()], TAXELS),
+            per_unit in 0..=20_000_u16,
+            contact_min in 0..=i16::MAX,
+        ) {
+            let mut map = ForceMap::EMPTY;
+            for (taxel, [x, y, z]) in map.taxels.iter_mut().zip(taxels) {
+                *taxel = TaxelForce { x, y, z };
+            }
+            let rule = TaxelRule { friction: Friction::clamped(per_unit), contact_min };
+            prop_assert_eq!(sums(&map, rule), sums_of(&map, rule));
+        }
+
         #[test]
         fn a_float32_recording_in_newtons_becomes_the_wires_nearest_map(
             newtons in proptest::collection::vec(prop::array::uniform3(-9.0f32..9.0), TAXELS),

@@ -1,6 +1,7 @@
 //! What `gripline doctor` makes of what it found. Pure: every judgement is a function of numbers, so that every one can be
 //! tested with faults that no test machine has. Pictures in grey levels and pixels, times in ms, rates in 1/s.
 
+use std::borrow::Cow;
 use std::fmt;
 
 use gripline_network::InstructionSet;
@@ -46,7 +47,7 @@ impl fmt::Display for State {
 /// One thing that was looked at.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub(super) struct Check {
-    pub name: &'static str,
+    pub name: Cow<'static, str>,
     pub state: State,
     pub found: String,
     pub expected: String,
@@ -76,7 +77,7 @@ impl Check {
         advice: &str,
     ) -> Self {
         Self {
-            name,
+            name: name.into(),
             state,
             found: found.to_string(),
             expected: expected.to_string(),

@@ -27,7 +27,7 @@ use crate::realtime;
 use crate::run::{network_for, settings_for};
 use crate::session::Session;
 use crate::skin::{Change, Figures, mean};
-use crate::source::{AtRest, SimulatedSource, Source};
+use crate::source::{AtRest, SimulatedSource, Source, SourceSettings};
 
 /// Pictures that the latency is measured with: as many as show the longest of a second.
 const TIMED: usize = 60;
@@ -58,9 +58,20 @@ pub fn run(args: &DoctorArgs) -> Result<(), Failure> {
     let settings = Settings::load(&args.overrides)?;
     let mut doctor = Doctor {
         json: args.json,
+        of_second: false,
         checks: Vec::new(),
     };
-    let rest = doctor.camera(&settings);
+    let calibration = settings.calibration.as_ref();
+    let rest = doctor.camera(&settings.source, &settings.pictures_of, calibration);
+    if let Some(second) = &settings.second_source {
+        doctor.of_second = true;
+        let of_second = SourceSettings {
+            fingertip: 1,
+            ..settings.pictures_of.clone()
+        };
+        doctor.camera(second, &of_second, settings.second_calibration.as_ref());
+        doctor.of_second = false;
+    }
     doctor.link(&settings);
     doctor.machine(&settings, &rest);
     let worst = doctor
@@ -74,7 +85,7 @@ pub fn run(args: &DoctorArgs) -> Result<(), Failure> {
     }
     let named = |state: State| -> Vec<&str> {
         let of = doctor.checks.iter().filter(|check| check.state == state);
-        of.map(|check| check.name).collect()
+        of.map(|check| check.name.as_ref()).collect()
     };
     match worst {
         State::Ok => Ok(()),
@@ -91,24 +102,34 @@ pub fn run(args: &DoctorArgs) -> Result<(), Failure> {
 
 struct Doctor {
     json: bool,
+    /// What is said now is of the second fingertip.
+    of_second: bool,
     checks: Vec<Check>,
 }
 
 impl Doctor {
     /// Says it at once: some checks take seconds.
-    fn say(&mut self, check: Check) {
+    fn say(&mut self, mut check: Check) {
+        if self.of_second {
+            check.name = format!("second {}", check.name).into();
+        }
         if !self.json {
-            println!("{:<5}{:<14}{}", check.state, check.name, check.found);
+            println!("{:<5}{:<21}{}", check.state, check.name, check.found);
             if check.state != State::Ok {
-                println!("{:19}expected {}\n{:19}{}", "", check.expected, "", check.advice);
+                println!("{:26}expected {}\n{:26}{}", "", check.expected, "", check.advice);
             }
         }
         self.checks.push(check);
     }
 
-    /// Camera, light, focus and rest picture; the pictures at rest.
-    fn camera(&mut self, settings: &Settings) -> Vec<Vec<u8>> {
-        let source = settings.source.open(&settings.pictures_of);
+    /// Camera, light, focus and rest picture of a fingertip; the pictures at rest.
+    fn camera(
+        &mut self,
+        source: &Source,
+        pictures_of: &SourceSettings,
+        calibrated: Option<&Calibration>,
+    ) -> Vec<Vec<u8>> {
+        let source = source.open(pictures_of);
         let opened = source.and_then(|mut source| {
             let rest = source.rest(REST_PICTURES.into())?;
             Ok((source.told, source.frames_per_second, rest))
@@ -123,7 +144,7 @@ impl Doctor {
         ) = match opened {
             Ok(opened) => opened,
             Err(failure) => {
-                let advice = "do what it says, or choose another camera.source";
+                let advice = "do what it says, or choose another source";
                 self.say(Check::fail("camera", failure, "pictures", advice));
                 return Vec::new();
             }
@@ -131,7 +152,6 @@ impl Doctor {
         self.say(Check::ok("camera", told, "pictures"));
         self.say(judge::frame_rate(&at_s, frames_per_second));
         let figures = Figures::of(&pictures);
-        let calibrated = settings.calibration.as_ref();
         let rest = calibrated.and_then(|calibration| calibration.rest.as_ref());
         self.say(judge::light(&figures));
         self.say(judge::focus(&figures, rest));

@@ -33,6 +33,7 @@ pub(super) struct Summary {
     /// Frames whose picture could not be believed: their maps were empty and marked.
     pub gate_unhealthy: u64,
     pub stages: Vec<StageSummary>,
+    /// From a picture's bytes to the last of its map's with the link, decoding included.
     pub frame_to_link_us_median: f64,
     pub frame_to_link_us_p99: f64,
     pub frame_to_link_us_p999: f64,
@@ -59,7 +60,7 @@ pub(super) struct Summary {
     pub microcontroller_worst_cycles: [u32; 4],
     /// Restarts under way (watchdog, crash, power), after each of which it was met anew and given its settings.
     pub microcontroller_restarts: u32,
-    /// How often this host's clock jumped against the microcontroller's.
+    /// How often this host's clock jumped against the microcontroller's, or a first map that came too late locked the others out.
     pub clock_jumps: u64,
     /// How often the microcontroller's device went away; it was taken up again when it came back.
     pub link_losses: u32,

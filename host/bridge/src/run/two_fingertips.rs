@@ -4,7 +4,8 @@
 use gripline_firmware::sums::TaxelRule;
 use gripline_network::scene::GateKind;
 use gripline_network::{Architecture, Network};
-use gripline_protocol::message::Configuration;
+use gripline_protocol::message::{Command, Configuration};
+use gripline_protocol::{ForceMap, Health, LSB_PER_NEWTON, MapInfo, TaxelForce};
 
 use super::{Clock, Run, settings_for};
 use crate::link::EmbeddedLink;
@@ -123,4 +124,49 @@ fn a_fingertip_whose_camera_goes_away_holds_the_line_until_it_is_back() {
     let reports = both.until(7.6);
     assert!(!stale(reports.last().unwrap()), "it is back");
     assert_eq!(both.run.cycle.session.shadow().mismatches(), 0);
+}
+
+/// The line after a while in which both touch with 40 taxels, and these of them drag at more than friction holds.
+fn line_n_with(slips: [bool; 2]) -> f64 {
+    let network = Network::embedded(Architecture::Unet).unwrap();
+    let settings = Configuration {
+        sensors: 2,
+        ..settings_for(&network)
+    };
+    let mut session = Session::open(Box::new(EmbeddedLink::new()), settings).unwrap();
+    assert!(session.command(Command::Hold).unwrap());
+    for sequence in 1..=30 {
+        for (sensor, is_slipping) in (0..).zip(slips) {
+            let newton = LSB_PER_NEWTON as i16 / 4;
+            let mut map = ForceMap::EMPTY;
+            map.taxels[180..220].fill(TaxelForce {
+                x: if is_slipping { 2 * newton } else { newton / 20 },
+                y: 0,
+                z: newton,
+            });
+            let info = MapInfo {
+                sensor,
+                sequence,
+                capture_us: session.capture_us(),
+                health: Health::GOOD,
+            };
+            session.send_map(&info, &map).unwrap();
+            session.run_until(session.now_us() + 8_000).unwrap();
+        }
+    }
+    assert_eq!(session.shadow().mismatches(), 0);
+    session.line_n()
+}
+
+#[test]
+fn the_fingertip_that_slips_decides_whichever_of_the_two_it_is() {
+    let held_n = line_n_with([false, false]);
+    let both_n = line_n_with([true, true]);
+    for slips in [[true, false], [false, true]] {
+        let line_n = line_n_with(slips);
+        assert!(
+            line_n > held_n + 1.0 && (line_n - both_n).abs() < 0.1 * both_n,
+            "{line_n} N, {held_n} N where both hold, {both_n} N where both slip"
+        );
+    }
 }

@@ -64,8 +64,10 @@ impl Report {
              run` has by default: {}. None of \
              them was chosen on these runs: friction and contact threshold are the network's calibration, the rest are the \
              firmware's defaults. While the load on the contact falls, everything sticks, whatever the ratios in the map \
-             (Mindlin and Deresiewicz 1953); once it has slid, a load that turned back is INCIPIENT before the ratios show \
-             it, and one of less than half of what slid is STICK although they do not. That rule was found on \
+             (Mindlin and Deresiewicz 1953); once it has slid, friction is known, and half of the contact slips where the \
+             load is further than about two thirds of what slid from a third of it: beyond is INCIPIENT before the ratios \
+             show it, within STICK although they do not, unless they are below three quarters of the threshold. That rule \
+             was found on \
              `--data tuning`, which has other objects, seeds and sensors (from 7000000 on); sensors here: {} to {}.\n",
             self.data,
             self.seed,

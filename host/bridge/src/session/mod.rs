@@ -2,78 +2,29 @@
 //! against the shadow. A microcontroller that restarts under way is met anew and gets the settings it was given; no
 //! command is repeated to it. A device that goes away and comes back is greeted at once. Times in µs since the link was opened.
 
+mod error;
+mod inbox;
+mod told;
+
 use std::time::{Instant, SystemTime, UNIX_EPOCH};
 
+use gripline_firmware::Fault;
 use gripline_firmware::sums::TaxelRule;
-use gripline_protocol::message::{
-    BOARDS, Command, Configuration, Hello, Message, MessageError, MessagePackets, Refusal, Report,
-    SchemaMismatch, Status,
-};
-use gripline_protocol::parser::Counters;
-use gripline_protocol::{Event, ForceMap, MapInfo, PACKET_MAX, Parser, SENSORS, encode_map};
+use gripline_protocol::message::{Command, Configuration, Hello, Message, MessagePackets};
+use gripline_protocol::{ForceMap, MapInfo, PACKET_MAX, encode_map};
 
+pub use self::error::SessionError;
+use self::error::reason;
+use self::inbox::Inbox;
 use crate::acquaintance::{Acquaintance, Next};
 use crate::clock_watch::ClockWatch;
-use crate::link::{Link, LinkError, Presence};
+use crate::link::{Link, LinkError};
 use crate::shadow::Shadow;
-use crate::units::newtons;
 
 /// How long a microcontroller may take to answer a handshake: it boots in well under that.
 const HANDSHAKE_US: u64 = 3_000_000;
 const HANDSHAKE_RETRY_US: u64 = 200_000;
 const HANDSHAKE_STEP_US: u64 = 2_000;
-
-/// Why a session cannot begin or go on.
-#[derive(Debug, thiserror::Error)]
-pub enum SessionError {
-    /// The link is gone.
-    #[error(transparent)]
-    Link(#[from] LinkError),
-    /// Nobody answers.
-    #[error("{link}: no answer to {question} within {} s, expected one; check power, wiring and that the firmware is flashed", HANDSHAKE_US / 1_000_000)]
-    NoAnswer {
-        /// Which link.
-        link: String,
-        /// What was asked.
-        question: &'static str,
-    },
-    /// The other side speaks another schema.
-    #[error("{link}, {firmware}: {mismatch} ({})", flashing(firmware))]
-    Schema {
-        /// Which link.
-        link: String,
-        /// Who answered.
-        firmware: Hello,
-        /// Both versions.
-        mismatch: SchemaMismatch,
-    },
-    /// The settings were not taken.
-    #[error("{link}: settings refused: {reason}")]
-    Refused {
-        /// Which link.
-        link: String,
-        /// Why.
-        reason: String,
-    },
-    /// A message of ours does not fit the wire.
-    #[error(transparent)]
-    Message(#[from] MessageError),
-}
-
-impl SessionError {
-    /// Whether a packet was lost on a link that mends itself.
-    const fn is_passing(&self) -> bool {
-        matches!(self, Self::Link(LinkError::NotTaken { .. }))
-    }
-}
-
-/// The command that flashes this host's firmware to the board that answered.
-fn flashing(firmware: &Hello) -> String {
-    match BOARDS.get(usize::from(firmware.board)) {
-        Some(board) if firmware.board > 0 => format!("cargo xtask flash --board {board}"),
-        _ => "cargo xtask flash --board BOARD".to_owned(),
-    }
-}
 
 /// A conversation with one microcontroller.
 pub struct Session {
@@ -112,55 +63,6 @@ pub struct SentMap {
     pub is_lost: bool,
 }
 
-/// What came in.
-struct Inbox {
-    parser: Parser,
-    hello: Option<Hello>,
-    configuration: Option<Configuration>,
-    /// How often settings were stored, from the answer to `Store`.
-    stored: Option<u32>,
-    refusal: Option<Refusal>,
-    /// Commands were refused because it does not know this host; settings, because they are out of range.
-    is_stranger: bool,
-    settings_refused: bool,
-    /// Every status since the last look, newest last.
-    statuses: Vec<Status>,
-    latest: Option<Status>,
-    /// The newest of each fingertip.
-    of_fingertips: [Option<Status>; SENSORS],
-    unreadable: u64,
-    /// Packets of any kind.
-    packets: u64,
-}
-
-impl Inbox {
-    fn packet(&mut self, packet: &[u8]) {
-        self.packets += 1;
-        let Ok(Event::Message(bytes)) = self.parser.push(packet) else {
-            // Refused packets are in the parser's counters; nothing else is expected from a microcontroller.
-            return;
-        };
-        match Message::from_bytes(bytes) {
-            Ok(Message::Hello(hello)) => self.hello = Some(hello),
-            Ok(Message::Report(Report::Status(status))) => {
-                self.statuses.push(status);
-                self.latest = Some(status);
-                if let Some(newest) = self.of_fingertips.get_mut(usize::from(status.sensor)) {
-                    *newest = Some(status);
-                }
-            }
-            Ok(Message::Report(Report::Configuration(settings))) => self.configuration = Some(settings),
-            Ok(Message::Report(Report::Stored { writes })) => self.stored = Some(writes),
-            Ok(Message::Report(Report::Refused(refusal))) => {
-                self.refusal = Some(refusal);
-                self.is_stranger |= refusal == Refusal::NoHandshake;
-                self.settings_refused |= matches!(refusal, Refusal::OutOfRange(_));
-            }
-            Ok(Message::Command(_)) | Err(_) => self.unreadable += 1,
-        }
-    }
-}
-
 impl Session {
     /// Shakes hands and hands over the settings.
     ///
@@ -177,20 +79,6 @@ impl Session {
     /// # Errors
     /// [`SessionError`] when nobody answers or the schema differs.
     pub fn connect(link: Box<dyn Link>) -> Result<Self, SessionError> {
-        let inbox = Inbox {
-            parser: Parser::new(),
-            hello: None,
-            configuration: None,
-            stored: None,
-            refusal: None,
-            is_stranger: false,
-            settings_refused: false,
-            statuses: Vec::new(),
-            latest: None,
-            of_fingertips: [None; SENSORS],
-            unreadable: 0,
-            packets: 0,
-        };
         let settings = Configuration::DEFAULT;
         // Any number that the last session is unlikely to have had.
         let number = SystemTime::now()
@@ -198,7 +86,7 @@ impl Session {
             .map_or(1, |time| time.subsec_nanos() | 1);
         let mut session = Self {
             link,
-            inbox,
+            inbox: Inbox::new(),
             firmware: None,
             acquaintance: Acquaintance::new(number),
             settings,
@@ -294,21 +182,9 @@ impl Session {
         let Some(refusal) = self.inbox.refusal.take() else {
             return Ok(());
         };
-        let reason = match refusal {
-            Refusal::OutOfRange(error) => error.to_string(),
-            Refusal::Holding => {
-                "the gripper holds or is not open yet, expected it released; storing stops the \
-                                 microcontroller for a moment"
-                    .to_owned()
-            }
-            Refusal::FlashFailed => {
-                "the flash did not take them; those stored before are still there".to_owned()
-            }
-            other => format!("{other:?}"),
-        };
         Err(SessionError::Refused {
             link: self.link.name(),
-            reason,
+            reason: reason(refusal),
         })
     }
 
@@ -453,7 +329,11 @@ impl Session {
             // Whoever restarted judges by other settings until it has ours.
             if self.acquaintance.is_sound_after(status) {
                 self.shadow.answered(status);
-                if self.clocks.jumped(clock_us, status.uptime_ms) {
+                let is_refusing = status.faults & Fault::FutureMap.bit() != 0;
+                let (uptime_ms, clocks) = (status.uptime_ms, &mut self.clocks);
+                if clocks.jumped(clock_us, uptime_ms)
+                    || clocks.is_locked_out(uptime_ms, is_refusing, status.maps)
+                {
                     self.clock_jumps += 1;
                     self.acquaintance.renumber();
                 }
@@ -501,141 +381,11 @@ impl Session {
         }
     }
 
-    /// The time now on the clock that capture times are of.
-    #[must_use]
-    pub fn capture_us(&self) -> u32 {
-        self.link.now_us() as u32
-    }
-
-    /// Time up to which the link has worked.
-    #[must_use]
-    pub const fn now_us(&self) -> u64 {
-        self.now_us
-    }
-
-    /// The settings that the microcontroller confirmed.
-    #[must_use]
-    pub const fn settings(&self) -> &Configuration {
-        &self.settings
-    }
-
-    /// What the microcontroller said of itself in the handshake.
-    #[must_use]
-    pub const fn firmware(&self) -> Option<&Hello> {
-        self.firmware.as_ref()
-    }
-
-    /// How often the microcontroller restarted since the session began and was met again.
-    #[must_use]
-    pub const fn restarts(&self) -> u32 {
-        self.acquaintance.restarts()
-    }
-
-    /// How often this host's clock jumped against the microcontroller's; it was then greeted anew, as by another host.
-    #[must_use]
-    pub const fn clock_jumps(&self) -> u64 {
-        self.clock_jumps
-    }
-
-    /// Whether the microcontroller knows this host and has its settings; not so for a moment after it restarted.
-    #[must_use]
-    pub const fn is_sound(&self) -> bool {
-        self.acquaintance.is_sound()
-    }
-
-    /// The newest status.
-    #[must_use]
-    pub fn status(&self) -> Option<&Status> {
-        self.inbox.latest.as_ref()
-    }
-
-    /// The newest status as one about this fingertip's newest map: what is said of the map is from when the fingertip was
-    /// last spoken of, the rest is the present. `None` before anything was said of it.
-    #[must_use]
-    pub fn status_of(&self, sensor: u8) -> Option<Status> {
-        let spoken = (*self.inbox.of_fingertips.get(usize::from(sensor))?)?;
-        let newest = self.status()?;
-        Some(Status {
-            sensor,
-            sequence: spoken.sequence,
-            sums: spoken.sums,
-            coulomb_slip: spoken.coulomb_slip,
-            time_to_slip_ms: spoken.time_to_slip_ms,
-            ..*newest
-        })
-    }
-
-    /// How long ago it came, µs.
-    #[must_use]
-    pub const fn status_age_us(&self) -> u64 {
-        self.now_us.saturating_sub(self.status_us)
-    }
-
-    /// Whether the device is there, and what was lost.
-    #[must_use]
-    pub fn presence(&self) -> Presence {
-        self.link.presence()
-    }
-
-    /// What to say of a firmware that speaks our messages but is not of this host's version; `None` when it is.
-    #[must_use]
-    pub fn other_version(&self) -> Option<String> {
-        let firmware = self.firmware.as_ref()?;
-        let ours = Hello::of_this_build(0, 0).build;
-        (firmware.build != ours).then(|| {
-            format!(
-                "{}: found firmware {firmware}, expected {}.{}.{}: they understand each other, so the run goes on; \
-                 `{}` makes both the same",
-                self.link.name(),
-                ours[0],
-                ours[1],
-                ours[2],
-                flashing(firmware)
-            )
-        })
-    }
-
-    /// The last refused command, once.
-    pub fn take_refusal(&mut self) -> Option<Refusal> {
-        self.inbox.refusal.take()
-    }
-
-    /// What the comparison of the microcontroller's answers with our own says.
-    #[must_use]
-    pub const fn shadow(&self) -> &Shadow {
-        &self.shadow
-    }
-
-    /// What the link's receiving end has seen.
-    #[must_use]
-    pub const fn counters(&self) -> Counters {
-        self.inbox.parser.counters()
-    }
-
     /// Hands a packet to the link as it is, right or wrong: for tests of the other end.
     ///
     /// # Errors
     /// [`SessionError`] when the link is gone.
     pub fn send_raw(&mut self, packet: &[u8]) -> Result<(), SessionError> {
         Ok(self.link.send(packet)?)
-    }
-
-    /// The grip-force line, N: at this moment where the link can see it, else as the microcontroller last told it.
-    #[must_use]
-    pub fn line_n(&self) -> f64 {
-        let told = || self.status().map_or(0, |status| status.line);
-        newtons(self.link.line().unwrap_or_else(told))
-    }
-
-    /// The code on the DAC of the grip-force line, where the link can see it.
-    #[must_use]
-    pub fn line_code(&self) -> Option<u16> {
-        self.link.line_code()
-    }
-
-    /// What the link is, for people.
-    #[must_use]
-    pub fn link_name(&self) -> String {
-        self.link.name()
     }
 }

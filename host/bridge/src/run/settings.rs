@@ -1,0 +1,139 @@
+//! What a run is set to: its network, the microcontroller's settings after network and calibrations, and what a recording has
+//! to say of it all.
+
+use gripline_network::{InstructionSet, Network};
+use gripline_protocol::message::{Configuration, FingertipGeometry};
+use gripline_protocol::{LSB_PER_NEWTON, PER_UNIT, SENSORS};
+use gripline_simulation::constants::SCENE_INITIAL_GRIP_N;
+
+use crate::calibrate::line::with_points;
+use crate::calibration::Calibration;
+use crate::config::{Settings, settings_text};
+use crate::error::Failure;
+use crate::pipeline::fingerprint;
+use crate::recording::About;
+use crate::session::Session;
+use crate::source::Source;
+use crate::telemetry::Limits;
+use crate::units::{newtons, ratio};
+
+/// The network that was asked for.
+pub(crate) fn network_for(wanted: &Settings) -> Result<Network, Failure> {
+    let network = match &wanted.weights {
+        Some(path) => Network::from_file(path, wanted.architecture),
+        None => Network::embedded(wanted.architecture.unwrap_or_default()),
+    }
+    .map_err(Failure::failed)?;
+    match wanted.instructions {
+        Some(set) => network.with_instructions(set).map_err(Failure::failed),
+        None => Ok(network),
+    }
+}
+
+/// Every fingertip that the microcontroller waits for must have a source, or its maps would be stale from the start.
+pub(super) fn as_many_fingertips(
+    wanted: &Settings,
+    settings: &Configuration,
+    sources: usize,
+) -> Result<(), Failure> {
+    if usize::from(settings.sensors) == sources {
+        return Ok(());
+    }
+    let second = wanted
+        .second_source
+        .as_ref()
+        .map_or("none".to_owned(), Source::to_string);
+    Err(Failure::usage(format!(
+        "microcontroller.sensors: found {} with camera.second_source {second}, expected {sources}: leave it out, a run sets it to \
+         the number of its sources",
+        settings.sensors
+    )))
+}
+
+/// The friction that the calibration says the detector should work with; of two fingertips the lower one, so that neither
+/// is believed to hold more than it does.
+pub(super) fn calibrated_friction(wanted: &Settings) -> Option<u16> {
+    let of = |calibration: &Option<Calibration>| Some(calibration.as_ref()?.friction.as_ref()?.detector);
+    let both = [&wanted.calibration, &wanted.second_calibration];
+    let least = both.into_iter().filter_map(of).min_by(f64::total_cmp)?;
+    Some((least * f64::from(PER_UNIT)).floor() as u16)
+}
+
+/// How the fingertips sit, as the calibrations say, else as the microcontroller has it.
+pub(super) fn calibrated_fingertips(wanted: &Settings, now: &Configuration) -> [FingertipGeometry; SENSORS] {
+    let mut fingertips = now.fingertips;
+    let both = [&wanted.calibration, &wanted.second_calibration];
+    for (fingertip, calibration) in fingertips.iter_mut().zip(both) {
+        if let Some(geometry) = calibration.as_ref().and_then(|found| found.geometry.as_ref()) {
+            *fingertip = geometry.setting();
+        }
+    }
+    fingertips
+}
+
+/// Says so when the microcontroller's table of the line is not the calibrated one: only a stored one counts.
+pub(super) fn tell_of_another_line(wanted: &Settings, settings: &Configuration) {
+    let Some(calibration) = &wanted.calibration else {
+        return;
+    };
+    if let Some(line) = &calibration.line
+        && with_points(settings, &line.points).line.points != settings.line.points
+    {
+        eprintln!(
+            "gripline: the microcontroller's line.points are not those of {}, expected the same: store them with `gripline \
+             calibrate line --store`, or as [line] points of `gripline config mcu --write`",
+            calibration.path.display()
+        );
+    }
+}
+
+/// The default settings with what the network was calibrated for, and the grip with which the scene's object is held.
+#[must_use]
+pub fn settings_for(network: &Network) -> Configuration {
+    let calibration = network.calibration();
+    Configuration {
+        friction: (calibration.friction * PER_UNIT as f32).round() as u16,
+        contact_min: (calibration.contact_min_n * LSB_PER_NEWTON as f32) as i16,
+        floor: (SCENE_INITIAL_GRIP_N * f64::from(LSB_PER_NEWTON)) as i32,
+        ..Configuration::DEFAULT
+    }
+}
+
+/// What a recording has to say of the run as a whole.
+pub(super) fn about(
+    wanted: &Settings,
+    network: &Network,
+    session: &Session,
+    (rest, frames_per_second): (&[Vec<u8>], f64),
+) -> About {
+    About {
+        gripline: env!("CARGO_PKG_VERSION").to_owned(),
+        mcu: session.link_name(),
+        firmware: session.firmware().map_or(String::new(), ToString::to_string),
+        network: network.architecture().to_string(),
+        weights: network.manifest().to_owned(),
+        weights_file: wanted
+            .weights
+            .as_deref()
+            .map_or(String::new(), |path| path.display().to_string()),
+        fingerprint: fingerprint(network, &rest[0]),
+        instructions: wanted
+            .instructions
+            .unwrap_or_else(InstructionSet::widest)
+            .to_string(),
+        gate: wanted.gate.to_string(),
+        frames_per_second: frames_per_second.to_string(),
+        settings: settings_text(session.settings()),
+    }
+}
+
+/// What the view draws its limits by.
+pub(crate) fn limits(settings: &Configuration) -> Limits {
+    Limits {
+        friction: ratio(settings.friction),
+        slip_threshold: ratio(settings.slip_threshold),
+        contact_min_n: newtons(settings.contact_min.into()),
+        floor_n: newtons(settings.floor),
+        ceiling_n: newtons(settings.ceiling),
+    }
+}

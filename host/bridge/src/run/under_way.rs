@@ -1,0 +1,322 @@
+//! A run under way: what one frame is, what goes on between frames, and what a person is told.
+
+use std::thread;
+use std::time::{Duration, Instant};
+
+use gripline_protocol::message::{Command, Refusal};
+
+use super::report::{faults_of, image, report_of};
+use super::summary::Summary;
+use super::usage;
+use crate::capture::Counts;
+use crate::cycle::{At, Cycle, Late, Lateness};
+use crate::error::Failure;
+use crate::faults::names;
+use crate::live::fleet::Fleet;
+use crate::live::{Live, QUANTILES};
+use crate::pipeline::Pipeline;
+use crate::recording::{Frame, Pictures, Recorder};
+use crate::session::Session;
+use crate::source::Picture;
+use crate::stats::Times;
+use crate::telemetry::{FrameReport, STAGES};
+
+/// What a frame waits for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Clock {
+    /// The wall clock.
+    Wall,
+    /// Nothing: time is what the frames make of it.
+    None,
+    /// The camera, whose pictures come when they come.
+    Pictures,
+}
+
+impl Clock {
+    pub(super) const fn of(is_live: bool, is_unpaced: bool) -> Self {
+        match (is_live, is_unpaced) {
+            (true, _) => Self::Pictures,
+            (false, true) => Self::None,
+            (false, false) => Self::Wall,
+        }
+    }
+}
+
+/// A run under way.
+pub(super) struct Run {
+    pub(super) cycle: Cycle,
+    pub(super) frame: u64,
+    /// Time of the newest picture, on the recording's clock.
+    pub(super) t_s: f64,
+    pub(super) started: Instant,
+    pub(super) clock: Clock,
+    /// Pictures a second, of all fingertips together.
+    pub(super) frames_per_second: f64,
+    /// Processor time of this process at the start.
+    pub(super) cpu_s: Option<f64>,
+    pub(super) recorder: Option<Recorder>,
+    /// What of the pictures is recorded.
+    pub(super) pictures: Pictures,
+    pub(super) live: Option<Live>,
+    pub(super) fleet: Option<Fleet>,
+    pub(super) stages: [Times; STAGES.len()],
+    /// Frames in which each of them missed its deadline.
+    pub(super) late: [u64; STAGES.len()],
+    pub(super) frame_to_link: Times,
+    pub(super) network_frame_to_link: Times,
+    /// Pictures that never came, were overtaken and were damaged so far.
+    pub(super) pictures_lost: [u64; 3],
+    /// How often the device had gone away, and whether it is away, when that was last told.
+    pub(super) presence: (u32, bool),
+    /// What a person should know now.
+    pub(super) notes: Vec<String>,
+    pub(super) summary: Summary,
+}
+
+impl Run {
+    pub(super) fn new(session: Session, clock: Clock, frames_per_second: f64) -> Self {
+        Self {
+            summary: Summary::of_link(session.link_name(), session.firmware()),
+            cycle: Cycle::new(session),
+            frame: 0,
+            t_s: 0.0,
+            started: Instant::now(),
+            clock,
+            frames_per_second,
+            cpu_s: usage::cpu_s(),
+            recorder: None,
+            pictures: Pictures::default(),
+            live: None,
+            fleet: None,
+            stages: Default::default(),
+            late: [0; STAGES.len()],
+            frame_to_link: Times::default(),
+            network_frame_to_link: Times::default(),
+            pictures_lost: [0; 3],
+            presence: (0, false),
+            notes: Vec::new(),
+        }
+    }
+
+    /// One frame: picture in, map out, answer in.
+    pub(super) fn frame(
+        &mut self,
+        pipeline: &mut Pipeline,
+        sensor: u8,
+        picture: Picture,
+    ) -> Result<FrameReport, Failure> {
+        let frame_us = 1e6 / self.frames_per_second;
+        let (t_s, until_us, lateness) = match self.clock {
+            // Half a frame for the answer; then the next picture may be there.
+            Clock::Pictures => {
+                self.idle()?;
+                let came = picture.came.saturating_duration_since(self.started);
+                let until_us = self.elapsed_us() + (frame_us / 2.0) as u64;
+                (came.as_secs_f64(), until_us, Lateness::Since(picture.came))
+            }
+            // To the next frame. A world or a file that is slower than the clock waits for nobody: its pictures are taken when
+            // they are there.
+            Clock::Wall | Clock::None => (
+                self.frame as f64 * frame_us / 1e6,
+                ((self.frame + 1) as f64 * frame_us) as u64,
+                if self.clock == Clock::Wall {
+                    Lateness::Since(picture.came)
+                } else {
+                    Lateness::Never
+                },
+            ),
+        };
+        let waited = picture.came.elapsed();
+        let at = At {
+            sensor,
+            wish: picture.wish,
+            // Elsewhere pictures are of the moment at which they are asked for.
+            age_us: match self.clock {
+                Clock::Pictures => waited.as_micros() as u32,
+                Clock::Wall | Clock::None => 0,
+            },
+            until_us,
+        };
+        let mut turn = self.cycle.turn(pipeline, &picture.crop, lateness, at)?;
+        turn.stages_us[0] = picture.decode_us;
+        // From a picture's bytes on.
+        turn.latency_us += match self.clock {
+            Clock::Pictures => waited.as_secs_f64() * 1e6,
+            Clock::Wall | Clock::None => picture.decode_us,
+        };
+        self.count(&turn);
+        self.look_after_the_link();
+        if let Some(refusal) = self.cycle.session.take_refusal() {
+            self.summary.commands_refused += 1;
+            self.summary.last_refusal = Some(format!("{refusal:?}"));
+            if refusal == Refusal::NoHandshake {
+                // It restarted and did not take up what is still wanted.
+                self.cycle.tell_again();
+            }
+        }
+        let fingertips = &self.cycle.session.settings().fingertips;
+        let report = report_of(
+            (self.frame, t_s),
+            &turn,
+            fingertips,
+            picture.truth,
+            &faults_of(&self.cycle.session),
+        );
+        self.observe(&report, &turn.status);
+        self.publish(&report);
+        if let Some(fleet) = &mut self.fleet {
+            fleet.publish(&report);
+        }
+        if let Some(recorder) = &mut self.recorder {
+            recorder.offer(Frame {
+                report: report.clone(),
+                sequence: turn.sequence,
+                capture_us: turn.capture_us,
+                begun_us: turn.begun_us,
+                until_us,
+                wish: picture.wish,
+                health_bits: turn.health.bits(),
+                wire: turn.status,
+                map: Box::new(pipeline.map().clone()),
+                picture: (turn.late != Some(Late::Picture))
+                    .then(|| image(self.pictures, picture.crop, pipeline))
+                    .flatten(),
+            });
+        }
+        if self.clock == Clock::Wall {
+            self.wait_for_the_clock();
+        }
+        self.frame += 1;
+        self.t_s = report.t_s;
+        Ok(report)
+    }
+
+    /// Says when pictures are lost: the first one, and then whenever they have become twice as many.
+    pub(super) fn look_after_the_pictures(&mut self, counts: &[Option<Counts>]) {
+        let all = counts
+            .iter()
+            .flatten()
+            .copied()
+            .reduce(Counts::plus)
+            .unwrap_or_default();
+        let lost = [all.missed, all.overtaken, all.damaged];
+        let (before, now) = (self.pictures_lost.iter().sum::<u64>(), lost.iter().sum::<u64>());
+        if now.checked_ilog2() != before.checked_ilog2() {
+            let [missed, overtaken, damaged] = lost;
+            self.notes.push(format!(
+                "{now} pictures lost so far: {missed} never came, {overtaken} were overtaken by newer ones, {damaged} were damaged"
+            ));
+        }
+        self.pictures_lost = lost;
+    }
+
+    /// Says when the device goes away and when it is back.
+    fn look_after_the_link(&mut self) {
+        let session = &self.cycle.session;
+        let presence = session.presence();
+        let now = (presence.losses, presence.away.is_some());
+        if now == self.presence {
+            return;
+        }
+        let link = session.link_name();
+        if now.0 != self.presence.0 {
+            let why = presence.away.as_deref().unwrap_or("it went away for a moment");
+            self.notes.push(format!(
+                "{link} is gone ({why}); the run goes on without it and takes it up again when it is back"
+            ));
+        }
+        if !now.1 {
+            self.notes.push(format!("{link} is back"));
+        }
+        self.presence = now;
+    }
+
+    /// Somebody has looked at the latched faults that are shown.
+    pub(super) fn acknowledge(&mut self) -> Result<(), Failure> {
+        let session = &mut self.cycle.session;
+        let latched = session.status().map_or(0, |status| status.latched);
+        if latched == 0 {
+            return Ok(());
+        }
+        let command = Command::Acknowledge { faults: latched };
+        let is_told = session.command(command).map_err(Failure::failed)?;
+        self.notes.push(if is_told {
+            // Of what was refused meanwhile, a release, the gripper is told anew.
+            self.cycle.tell_again();
+            format!("acknowledged: {}", names(latched).join(", "))
+        } else {
+            "not acknowledged: the microcontroller does not take commands now, try again".to_owned()
+        });
+        Ok(())
+    }
+
+    /// What a person should know now; the recording keeps it too.
+    pub(super) fn take_notes(&mut self) -> Vec<String> {
+        let notes = std::mem::take(&mut self.notes);
+        if let Some(recorder) = &self.recorder {
+            let t_s = self.t_s;
+            for note in &notes {
+                recorder.note(t_s, note);
+            }
+        }
+        notes
+    }
+
+    fn elapsed_us(&self) -> u64 {
+        self.started.elapsed().as_micros() as u64
+    }
+
+    /// There is no picture: the link goes on living.
+    pub(super) fn idle(&mut self) -> Result<(), Failure> {
+        let now_us = self.elapsed_us();
+        self.cycle.idle(now_us)?;
+        self.look_after_the_link();
+        Ok(())
+    }
+
+    /// Whether it has lasted so long.
+    pub(super) fn is_over(&self, seconds: f64) -> bool {
+        match self.clock {
+            Clock::Pictures => self.started.elapsed().as_secs_f64() >= seconds,
+            Clock::Wall | Clock::None => self.frame >= (seconds * self.frames_per_second).round() as u64,
+        }
+    }
+
+    /// Leaves the frame for programs that look at live values.
+    fn publish(&self, report: &FrameReport) {
+        let Some(live) = &self.live else {
+            return;
+        };
+        live.publish(report, |values| {
+            let summary = &self.summary;
+            values.frames = self.frame + 1;
+            values.gate = [
+                summary.gate_no_contact,
+                summary.gate_unchanged,
+                summary.gate_network,
+                summary.gate_unhealthy,
+            ];
+            values.maps_unanswered = summary.maps_unanswered;
+            values.shadow_mismatches = self.cycle.session.shadow().mismatches();
+            values.frames_late = summary.pictures_late + summary.maps_late;
+            values.pictures_lost = self.pictures_lost;
+            values.record_dropped = self.recorder.as_ref().map_or([0; 2], Recorder::dropped);
+            // Once a second: a distribution takes longer to look at than a number.
+            if self.frame.is_multiple_of(self.frames_per_second.ceil() as u64) {
+                for (times_us, stage) in values.stages_us.iter_mut().zip(&self.stages) {
+                    *times_us = QUANTILES.map(|quantile| stage.quantile_us(quantile));
+                }
+            }
+        });
+    }
+
+    /// When a frame's picture is taken, where the wall clock says it.
+    fn due(&self, frame: u64) -> Instant {
+        self.started + Duration::from_secs_f64(frame as f64 / self.frames_per_second)
+    }
+
+    /// Waits until the next frame is due; a link that waits for the wall clock itself leaves nothing to wait for.
+    fn wait_for_the_clock(&self) {
+        thread::sleep(self.due(self.frame + 1).saturating_duration_since(Instant::now()));
+    }
+}
