@@ -18,8 +18,6 @@ use gripline_protocol::{
 use rand::RngExt as _;
 use rand_pcg::Pcg64Mcg;
 
-/// In force from every beginning on; a reset leads back to the default ones, under which the line falls no further.
-const SETTINGS: Configuration = Configuration::CAREFUL;
 const STEP_US: u64 = 1_000;
 /// 60 maps a second.
 const FRAME_MS: u64 = 16;
@@ -269,6 +267,8 @@ impl World for BoardWorld {
 /// only then is more demanded of the line.
 #[derive(Default)]
 struct Judge {
+    /// In force from every beginning on; a reset leads back to the default ones, until the host sets these again.
+    settings: Configuration,
     slack_us: u64,
     resolution: i32,
     line: i32,
@@ -309,7 +309,10 @@ impl Judge {
     }
 
     fn stale(&self, held_us: u64) -> bool {
-        self.since(self.fresh_us.max(held_us), u64::from(SETTINGS.stale_ms) * 1_000)
+        self.since(
+            self.fresh_us.max(held_us),
+            u64::from(self.settings.stale_ms) * 1_000,
+        )
     }
 
     fn passed(&self, start: Option<u64>) -> bool {
@@ -336,8 +339,8 @@ impl Judge {
     }
 
     /// Time for the line to come up to a force, µs.
-    fn rise_us(force: i32) -> u64 {
-        (i64::from(force) * 1_000 / i64::from(SETTINGS.rise_rate)) as u64
+    fn rise_us(&self, force: i32) -> u64 {
+        (i64::from(force) * 1_000 / i64::from(self.settings.rise_rate)) as u64
     }
 
     fn step(&mut self, now_us: u64) {
@@ -346,12 +349,12 @@ impl Judge {
             && self.link_latched_us.is_none()
             && self.since(
                 self.readable_us.max(held_us),
-                u64::from(SETTINGS.link_lost_ms) * 1_000,
+                u64::from(self.settings.link_lost_ms) * 1_000,
             )
         {
             self.link_latched_us = Some(now_us);
         }
-        let window_us = Self::rise_us(SETTINGS.ceiling) + 2 * self.slack_us;
+        let window_us = self.rise_us(self.settings.ceiling) + 2 * self.slack_us;
         while self.wanted.len() > 1 && self.wanted[1].0 + window_us < now_us {
             self.wanted.pop_front();
         }
@@ -382,8 +385,8 @@ impl Judge {
             );
         };
         let mut looked = [true, false, false, false, false, true];
-        if line > SETTINGS.ceiling + tolerance {
-            fail(0, SETTINGS.ceiling);
+        if line > self.settings.ceiling + tolerance {
+            fail(0, self.settings.ceiling);
         }
         let held = self.held_us.filter(|&us| self.since(us, 0));
         if let Some(held_us) = held {
@@ -394,20 +397,20 @@ impl Judge {
                 }
             }
             if let Some(us) = self.link_latched_us
-                && self.since(us, Self::rise_us(SETTINGS.tighten))
+                && self.since(us, self.rise_us(self.settings.tighten))
             {
                 looked[2] = true;
-                if line < SETTINGS.tighten - tolerance {
-                    fail(2, SETTINGS.tighten);
+                if line < self.settings.tighten - tolerance {
+                    fail(2, self.settings.tighten);
                 }
             }
-            if self.since(held_us, Self::rise_us(SETTINGS.floor)) {
+            if self.since(held_us, self.rise_us(self.settings.floor)) {
                 looked[3] = true;
-                if line < SETTINGS.floor - tolerance {
-                    fail(3, SETTINGS.floor);
+                if line < self.settings.floor - tolerance {
+                    fail(3, self.settings.floor);
                 }
             }
-            let window_us = Self::rise_us(SETTINGS.ceiling) + 2 * self.slack_us;
+            let window_us = self.rise_us(self.settings.ceiling) + 2 * self.slack_us;
             let whole = self
                 .wanted
                 .front()
@@ -416,7 +419,7 @@ impl Judge {
                 && !self.stale(held_us);
             if let (true, Some(least)) = (whole, self.wanted.iter().map(|(_, force)| *force).min()) {
                 looked[4] = true;
-                if line < least.min(SETTINGS.ceiling) - tolerance {
+                if line < least.min(self.settings.ceiling) - tolerance {
                     fail(4, least);
                 }
             }
@@ -424,9 +427,9 @@ impl Judge {
         // Over half a second, so that rounding does not hide a slow fall.
         let passed_us = self.now_us - self.anchor.0;
         let rate_per_s = if held.is_some() {
-            i64::from(SETTINGS.relax_rate)
+            i64::from(self.settings.relax_rate)
         } else {
-            i64::from(SETTINGS.release_rate) * 1_000
+            i64::from(self.settings.release_rate) * 1_000
         };
         let fall = rate_per_s * (passed_us + STEP_US + self.slack_us) as i64 / 1_000_000;
         if i64::from(self.anchor.1 - line) > fall + i64::from(2 * tolerance) {
@@ -455,8 +458,9 @@ struct Host<W> {
 const PHASES: usize = 22;
 
 impl<W: World> Host<W> {
-    fn new(world: W, seed: u64) -> Self {
+    fn new(world: W, settings: Configuration, seed: u64) -> Self {
         let judge = Judge {
+            settings,
             slack_us: world.slack_us(),
             resolution: world.resolution(),
             ..Judge::default()
@@ -494,7 +498,7 @@ impl<W: World> Host<W> {
     /// A new start for both sides: handshake, a prompt map, and hold.
     fn begin(&mut self) {
         self.hello();
-        self.command(Command::Configure(SETTINGS));
+        self.command(Command::Configure(self.judge.settings));
         let map = self.map(60, 0);
         self.good_map(&map, Health::GOOD);
         self.hold();
@@ -582,12 +586,19 @@ impl<W: World> Host<W> {
         let now_us = self.world.now_us();
         self.judge.fresh_us = now_us;
         self.judge.doubt_us = (!health.is_good()).then_some(now_us);
-        let shear = i64::from(total_shear(&sums_of(map, TaxelRule::of(&SETTINGS))));
-        let share = i64::from(PER_UNIT) + i64::from(SETTINGS.margin);
-        let force = shear * share / i64::from(SETTINGS.friction);
+        let settings = self.judge.settings;
+        let shear = i64::from(total_shear(&sums_of(map, TaxelRule::of(&settings))));
+        let share = i64::from(PER_UNIT) + i64::from(settings.margin);
+        let force = if settings.learns() {
+            // No friction beyond the most is ever learnt. A load that is a sixteenth more than what is held is a
+            // fluctuation, and followed slowly.
+            shear * 16 / 17 * share / i64::from(settings.friction_most)
+        } else {
+            shear * share / i64::from(settings.friction)
+        };
         self.judge
             .wanted
-            .push_back((now_us, force.min(i64::from(SETTINGS.ceiling)) as i32));
+            .push_back((now_us, force.min(i64::from(settings.ceiling)) as i32));
     }
 
     /// `contacts` taxels that press with 0.2 N, `slipping` of them with more shear than friction 0.45 holds.
@@ -703,7 +714,7 @@ impl<W: World> Host<W> {
                     floor: 0,
                     tighten: 0,
                     ceiling: i32::MAX,
-                    ..SETTINGS
+                    ..self.judge.settings
                 };
                 for _ in 0..20 {
                     self.command(Command::Configure(wrong));
@@ -816,7 +827,12 @@ impl<W: World> Host<W> {
 
 #[test]
 fn an_hour_of_random_faults_shows_no_wrong_line_in_the_firmware_library() {
-    Host::new(LibraryWorld::new(), 1).run(3_600);
+    Host::new(LibraryWorld::new(), Configuration::CAREFUL, 1).run(3_600);
+}
+
+#[test]
+fn an_hour_of_random_faults_shows_no_wrong_line_of_a_grip_that_learns() {
+    Host::new(LibraryWorld::new(), Configuration::DEFAULT, 3).run(3_600);
 }
 
 #[test]
@@ -826,5 +842,5 @@ fn random_faults_show_no_wrong_line_on_the_unmodified_image() {
         text.parse()
             .unwrap_or_else(|_| panic!("GRIPLINE_FAULT_SECONDS: found {text}, expected seconds"))
     });
-    Host::new(BoardWorld::new(), 2).run(seconds);
+    Host::new(BoardWorld::new(), Configuration::CAREFUL, 2).run(seconds);
 }

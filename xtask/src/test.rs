@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use crate::error::Error;
 use crate::firmware::{self, Board};
-use crate::{emulator, process, toolchain};
+use crate::{emulator, process, toolchain, vm};
 
 /// What one check came to.
 struct Outcome {
@@ -156,6 +156,8 @@ pub(crate) fn run() -> Result<(), Error> {
                 .env("GRIPLINE_IMAGE", &image),
         )
     });
+    // With the programs that the tests were just built with.
+    checks.check("virtual machine: camera, USB, disks", || vm::run("test", None));
     checks.summary()
 }
 

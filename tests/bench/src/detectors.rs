@@ -4,9 +4,10 @@
 use std::hint::black_box;
 use std::time::Instant;
 
+use gripline::detect::judge::sums;
 use gripline::rounding::keep_decisions;
 use gripline_firmware::Friction;
-use gripline_firmware::sums::{Accumulator, Kernel as _, Portable, TaxelRule, stick_ratio_below, sums_of};
+use gripline_firmware::sums::{Accumulator, Kernel as _, Portable, TaxelRule, stick_ratio_below};
 use gripline_protocol::message::MapSums;
 use gripline_protocol::{
     Event, ForceMap, LSB_PER_NEWTON, MapInfo, PER_UNIT, Parser, Place, TAXELS, encode_map,
@@ -269,10 +270,10 @@ impl Variant {
                 let newtons = &maps.newtons[index];
                 let (mut map, _) = ForceMap::quantise(newtons).ok()?;
                 keep_decisions(newtons.iter().map(|force| force.map(f64::from)), RULE, &mut map);
-                Decision::of(&sums_of(&map, RULE))
+                Decision::of(&sums(&map, RULE))
             }
-            Self::FixedNearest => Decision::of(&sums_of(&maps.nearest[index], RULE)),
-            Self::FixedDense => Decision::of(&sums_of(&maps.kept[index], RULE)),
+            Self::FixedNearest => Decision::of(&sums(&maps.nearest[index], RULE)),
+            Self::FixedDense => Decision::of(&sums(&maps.kept[index], RULE)),
             Self::FixedSparse => {
                 let (places, bytes) = &maps.active[index];
                 let mut sums = Accumulator::new(RULE);

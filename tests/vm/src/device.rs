@@ -4,7 +4,7 @@
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, ErrorKind, Read, Write};
-use std::os::unix::fs::{FileExt, OpenOptionsExt};
+use std::os::unix::fs::OpenOptionsExt;
 use std::path::Path;
 use std::process::ExitCode;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -45,8 +45,6 @@ pub(crate) struct Memory {
 }
 
 impl Memory {
-    const BYTES: usize = 80;
-
     /// Reads the file; `None` when there is none.
     pub(crate) fn read(path: &Path) -> Option<Self> {
         let text = fs::read_to_string(path).ok()?;
@@ -62,7 +60,14 @@ impl Memory {
         })
     }
 
-    /// Always as long, so that whoever reads while it is written finds no rest of an older one.
+    /// Writes the file in one step: whoever reads finds all of one, and a death leaves the one before. In place, a line that
+    /// gets shorter was once read as the beginning of the new one and the end of the old.
+    fn write(&self, path: &Path) -> io::Result<()> {
+        let new = path.with_extension("new");
+        fs::write(&new, self.text())?;
+        fs::rename(new, path)
+    }
+
     fn text(&self) -> String {
         let Self {
             starts,
@@ -72,8 +77,7 @@ impl Memory {
             latched,
             maps,
         } = self;
-        let text = format!("{starts} {line} {} {active} {latched} {maps}", u8::from(*holds));
-        format!("{text:width$}", width = Self::BYTES)
+        format!("{starts} {line} {} {active} {latched} {maps}", u8::from(*holds))
     }
 }
 
@@ -148,11 +152,6 @@ fn serve(folder: &Path, memory: &Path) -> io::Result<std::convert::Infallible> {
         session: starts,
         ..Start::default()
     });
-    let memory = OpenOptions::new()
-        .write(true)
-        .create(true)
-        .truncate(false)
-        .open(memory)?;
     let shared = Arc::new(Shared {
         mcu: Mutex::new(mcu),
         has_words: Condvar::new(),
@@ -182,7 +181,7 @@ fn serve(folder: &Path, memory: &Path) -> io::Result<std::convert::Infallible> {
             maps: status.maps,
         };
         if told != written {
-            memory.write_all_at(told.text().as_bytes(), 0)?;
+            told.write(memory)?;
             written = told;
         }
     }
@@ -247,9 +246,8 @@ mod tests {
             latched: 1 << 31,
             maps: u32::MAX,
         };
-        assert_eq!(memory.text().len(), Memory::BYTES);
         let file = std::env::temp_dir().join(format!("gripline-vm-memory-{}", std::process::id()));
-        fs::write(&file, memory.text()).unwrap();
+        memory.write(&file).unwrap();
         assert_eq!(Memory::read(&file), Some(memory));
         fs::write(&file, "1 2").unwrap();
         assert_eq!(Memory::read(&file), None);

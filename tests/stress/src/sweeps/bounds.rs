@@ -3,7 +3,9 @@
 
 use std::ops::{Add, Mul, Neg, Sub};
 
-use gripline_firmware::constants::{STORM_LEVEL_MAX, STORM_PER_PACKET, TREND_MAPS};
+use gripline_firmware::constants::{
+    GRIPPER_LAG_SHIFT, LEAD_US, SEEK_MOST, SEEK_RATE, STORM_LEVEL_MAX, STORM_PER_PACKET, TREND_MAPS,
+};
 use gripline_firmware::sums::{sums_of, total_shear};
 use gripline_protocol::configuration::FORCE_MAX;
 use gripline_protocol::line::DAC_CODE_MAX;
@@ -208,6 +210,79 @@ fn loads() -> Vec<Step> {
     ]
 }
 
+/// Every step of the grip that learns: what a contact carries, and what the controller makes of it.
+fn learning() -> Vec<Step> {
+    let force = I16.any_of(TAXELS as i128);
+    let milli = range(1_000, 1_000);
+    let unit = range(PER_UNIT.into(), PER_UNIT.into());
+    // A twist beyond 2²⁵ counts as that; of the square, 52 bits do, so the root has 26.
+    let turning = range(0, 1 << 25).squared() * range(905, 905);
+    let square = force.squared() + force.squared() + range(0, turning.most >> 9);
+    let [now, before] = [range(0, (1 << 26) - 1); 2];
+    // 2/5 of the growth before and 3/5 of a map's: never beyond a map's.
+    let growth = range(-now.most, now.most);
+    let news = range(3, 3) * (now - before - growth);
+    let lead = range(0, growth.most) * range(LEAD_US.into(), LEAD_US.into());
+    // Maps count as at least a millisecond apart; of what comes out half the load does.
+    let more = range(0, lead.most / 1_000);
+    let ahead = now + range(0, now.most / 2);
+    let [felt, held] = [range(0, ahead.most + ahead.most / 2); 2];
+    let [line, reached] = [range(0, FORCE_MAX.into()) * milli; 2];
+    let sought = line + range(SEEK_RATE.into(), SEEK_RATE.into()) * U16;
+    vec![
+        ("carry: twist² · 905", turning, ("u64", U64)),
+        ("carry: Fx² + Fy² + twist²", square, ("u64", U64)),
+        (
+            "carry: 3 · (growth of a map less that before)",
+            news,
+            ("i32", I32),
+        ),
+        (
+            "carry: growth after a map",
+            growth + range(news.least / 5, news.most / 5),
+            ("i32", I32),
+        ),
+        ("carry: growth · look-ahead in µs", lead, ("u64", U64)),
+        ("carry: what the look-ahead adds", more, ("i32", I32)),
+        ("carry: load ahead", ahead, ("i32", I32)),
+        ("carry: load ahead · 10000", ahead * unit, ("u64", U64)),
+        (
+            "carry: 16 · share of the normal force",
+            range(0, 16) * U16,
+            ("u32", U32),
+        ),
+        (
+            "carry: load ahead · friction of the other",
+            ahead * U16,
+            ("i64", I64),
+        ),
+        (
+            "grip: way of the gripper's force · µs",
+            (line - reached) * range(0, 1 << GRIPPER_LAG_SHIFT),
+            ("i64", I64),
+        ),
+        ("grip: 8 · force reached", line * range(8, 8), ("i64", I64)),
+        (
+            "grip: force reached · share",
+            range(0, FORCE_MAX.into()) * U16,
+            ("u64", U64),
+        ),
+        ("grip: load felt", felt, ("i32", I32)),
+        ("grip: load felt less that before", felt - held, ("i32", I32)),
+        ("grip: line that a touch is sought with", sought, ("i64", I64)),
+        (
+            "grip: floor and as much again, in 1/1000",
+            line + range(0, SEEK_MOST.into()) * milli,
+            ("i64", I64),
+        ),
+        (
+            "grip: line and a sixteenth of it",
+            range(0, i128::from(FORCE_MAX) + i128::from(FORCE_MAX) / 16),
+            ("i32", I32),
+        ),
+    ]
+}
+
 /// Every step of the controller.
 fn controller() -> Vec<Step> {
     let force = range(0, FORCE_MAX.into());
@@ -262,7 +337,12 @@ pub(crate) fn sweep(effort: Effort) -> Sweep {
         &["step", "least", "most", "kept in", "bits left"],
     );
     let mut too_large = 0;
-    for (name, found, (kept, holds)) in detector().into_iter().chain(loads()).chain(controller()) {
+    for (name, found, (kept, holds)) in detector()
+        .into_iter()
+        .chain(loads())
+        .chain(learning())
+        .chain(controller())
+    {
         too_large += u64::from(found.least < holds.least || found.most > holds.most);
         let room = |value: i128, limit: i128| {
             if value == 0 {

@@ -184,15 +184,23 @@ pub(super) fn hangs() -> Result<String, String> {
     told(gadget.hang())?;
     thread::sleep(LONG_SILENCE);
     told(gadget.wake())?;
-    wait_for(
+    let awake = wait_for(
         || {
             gadget
                 .memory()
                 .is_ok_and(|memory| memory.maps > before.maps + ENOUGH_MAPS)
         },
         "maps after it woke",
-    )?;
+    );
     let after = told(gadget.memory())?;
+    if let Err(why) = awake {
+        let ended = running.interrupt()?;
+        return Err(format!(
+            "{why}: it held {before:?}, then {after:?}: the last frames {:?}, {:?}",
+            ended.lines.iter().rev().skip(1).take(2).collect::<Vec<_>>(),
+            ended.summary()?
+        ));
+    }
     if after.line < before.line || after.latched & Fault::LinkLost.bit() == 0 {
         return Err(format!("it held {before:?}, then {after:?}"));
     }
