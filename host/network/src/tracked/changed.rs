@@ -59,18 +59,21 @@ impl Changed {
 
     pub(super) fn between(before: &Level<CROP_SIDE>, now: &[u8]) -> Self {
         let mut tiles = [[false; TILES]; TILES];
-        for (row, pixels) in now.chunks_exact(CROP_SIDE).enumerate() {
-            let before = before.row(row);
-            if before == pixels {
-                continue;
+        for (row, (tiles, lines)) in tiles
+            .iter_mut()
+            .zip(now.chunks_exact(TILE * CROP_SIDE))
+            .enumerate()
+        {
+            // The bits that differ in a column of a row of tiles.
+            let mut differ = [0; CROP_SIDE];
+            for (row, line) in (TILE * row..).zip(lines.as_chunks::<CROP_SIDE>().0) {
+                let before = before.row(row);
+                for k in 0..CROP_SIDE {
+                    differ[k] |= before[k] ^ line[k];
+                }
             }
-            let pairs = before
-                .as_chunks::<TILE>()
-                .0
-                .iter()
-                .zip(pixels.as_chunks::<TILE>().0);
-            for (tile, (&before, &now)) in tiles[row / TILE].iter_mut().zip(pairs) {
-                *tile |= u64::from_ne_bytes(before) != u64::from_ne_bytes(now);
+            for (tile, differ) in tiles.iter_mut().zip(differ.as_chunks::<TILE>().0) {
+                *tile = u64::from_ne_bytes(*differ) != 0;
             }
         }
         Self::from(|row, column| tiles[row][column])

@@ -11,11 +11,12 @@
 
 #[cfg(target_arch = "x86_64")]
 use std::arch::x86_64::{
-    __m128i, _mm_add_epi16, _mm_extract_epi64, _mm_set_epi64x, _mm_set1_epi64x, _mm256_add_epi16,
-    _mm256_broadcastsi128_si256, _mm256_castsi256_si128, _mm256_extracti128_si256, _mm256_mpsadbw_epu8,
-    _mm256_setzero_si256,
+    __m128i, __m256, _mm_add_epi16, _mm_adds_epu16, _mm_cvtsi128_si32, _mm_loadu_si128, _mm_minpos_epu16,
+    _mm_set1_epi64x, _mm_storeu_si128, _mm256_add_epi16, _mm256_broadcastsi128_si256, _mm256_castsi256_si128,
+    _mm256_extracti128_si256, _mm256_mpsadbw_epu8, _mm256_setzero_si256,
 };
 
+use super::lanes::Lanes;
 use super::pyramid::Rows;
 
 /// The difference at the rows' first place.
@@ -24,10 +25,20 @@ pub(super) fn difference<const SIDE: usize, const ROWS: usize>(
     window: &[[u8; 8]; ROWS],
     rows: &Rows<'_, SIDE, ROWS>,
 ) -> u32 {
+    difference_beside(window, rows, 0)
+}
+
+/// The same so far to the right.
+#[inline(always)]
+fn difference_beside<const SIDE: usize, const ROWS: usize>(
+    window: &[[u8; 8]; ROWS],
+    rows: &Rows<'_, SIDE, ROWS>,
+    right: usize,
+) -> u32 {
     let mut sum = 0;
     for (down, a) in window.iter().enumerate() {
         // So simple that the compiler sees the one instruction there is for it.
-        let b: &[u8; 8] = rows.at(down, 0);
+        let b: &[u8; 8] = rows.at(down, right);
         for k in 0..8 {
             sum += u32::from(a[k].abs_diff(b[k]));
         }
@@ -40,11 +51,18 @@ pub(super) fn difference<const SIDE: usize, const ROWS: usize>(
 /// # Safety
 /// One for an instruction set may only be used in functions that enable it.
 pub(super) unsafe trait Compare: Copy {
+    /// Eight numbers by the same instruction set.
+    type Lanes: Lanes;
+
     /// The differences at the rows' first place and at the seven to the right of it.
     fn eight<const SIDE: usize, const ROWS: usize>(
         window: &[[u8; 8]; ROWS],
         rows: &Rows<'_, SIDE, ROWS>,
     ) -> [u16; 8];
+
+    /// The least of eight numbers that were added to others, and its place: of equal ones the first. Sums end at the
+    /// greatest there is.
+    fn least(of: &[u16; 8], plus: &[u16; 8]) -> (u16, usize);
 }
 
 /// One place after the other.
@@ -53,21 +71,30 @@ pub(super) struct Plain;
 
 // SAFETY: plain Rust; needs no instruction set.
 unsafe impl Compare for Plain {
+    type Lanes = [f32; 8];
+
     #[inline(always)]
     fn eight<const SIDE: usize, const ROWS: usize>(
         window: &[[u8; 8]; ROWS],
         rows: &Rows<'_, SIDE, ROWS>,
     ) -> [u16; 8] {
         let mut sums = [0; 8];
-        for (down, a) in window.iter().enumerate() {
-            let b: &[u8; 16] = rows.at(down, 0);
-            for (right, sum) in sums.iter_mut().enumerate() {
-                for k in 0..8 {
-                    *sum += u16::from(a[k].abs_diff(b[right + k]));
-                }
-            }
+        for (right, sum) in sums.iter_mut().enumerate() {
+            *sum = difference_beside(window, rows, right) as u16;
         }
         sums
+    }
+
+    #[inline(always)]
+    fn least(of: &[u16; 8], plus: &[u16; 8]) -> (u16, usize) {
+        let mut least = (u16::MAX, 0);
+        for (place, (a, b)) in of.iter().zip(plus).enumerate() {
+            let sum = a.saturating_add(*b);
+            if sum < least.0 {
+                least = (sum, place);
+            }
+        }
+        least
     }
 }
 
@@ -79,6 +106,8 @@ pub(super) struct Avx2;
 // SAFETY: used only in functions that enable AVX2.
 #[cfg(target_arch = "x86_64")]
 unsafe impl Compare for Avx2 {
+    type Lanes = __m256;
+
     #[inline(always)]
     fn eight<const SIDE: usize, const ROWS: usize>(
         window: &[[u8; 8]; ROWS],
@@ -86,6 +115,17 @@ unsafe impl Compare for Avx2 {
     ) -> [u16; 8] {
         // SAFETY: the caller's function enables AVX2.
         unsafe { eight_avx2(window, rows) }
+    }
+
+    #[inline(always)]
+    fn least(of: &[u16; 8], plus: &[u16; 8]) -> (u16, usize) {
+        // SAFETY: sixteen bytes each; the caller's function enables AVX2, and so SSE4.1.
+        let least = unsafe {
+            let of = _mm_loadu_si128(of.as_ptr().cast());
+            let plus = _mm_loadu_si128(plus.as_ptr().cast());
+            _mm_cvtsi128_si32(_mm_minpos_epu16(_mm_adds_epu16(of, plus)))
+        };
+        (least as u16, (least >> 16) as usize)
     }
 }
 
@@ -100,18 +140,16 @@ fn eight_avx2<const SIDE: usize, const ROWS: usize>(
     const HALVES: i32 = 0b101_000;
     let mut sums = _mm256_setzero_si256();
     for (down, a) in window.iter().enumerate() {
-        let [low, high] = [0, 8].map(|right| i64::from_le_bytes(*rows.at(down, right)));
-        let now = _mm256_broadcastsi128_si256(_mm_set_epi64x(high, low));
+        let now: &[u8; 16] = rows.at(down, 0);
+        // SAFETY: sixteen bytes.
+        let now = _mm256_broadcastsi128_si256(unsafe { _mm_loadu_si128(now.as_ptr().cast()) });
         let window = _mm256_broadcastsi128_si256(_mm_set1_epi64x(i64::from_le_bytes(*a)));
         sums = _mm256_add_epi16(sums, _mm256_mpsadbw_epu8::<HALVES>(now, window));
     }
     let sums: __m128i = _mm_add_epi16(_mm256_castsi256_si128(sums), _mm256_extracti128_si256::<1>(sums));
-    let (low, high) = (_mm_extract_epi64::<0>(sums), _mm_extract_epi64::<1>(sums));
     let mut out = [0; 8];
-    for (k, out) in out.iter_mut().enumerate() {
-        let half = if k < 4 { low } else { high };
-        *out = (half >> (16 * (k % 4))) as u16;
-    }
+    // SAFETY: sixteen bytes.
+    unsafe { _mm_storeu_si128(out.as_mut_ptr().cast(), sums) };
     out
 }
 

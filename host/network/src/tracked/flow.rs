@@ -3,16 +3,16 @@
 //! windows hold too few particles that move alike: the shallow ones outrun the deep ones.
 
 use super::changed::{Changed, Tiles, same};
-use super::compare::{Compare, difference};
+use super::compare::Compare;
+use super::lanes::nearest;
 use super::pyramid::{Level, Pyramid};
+use super::window::{REACH_MOST, WINDOW, Window};
 use crate::constants::CROP_SIDE;
 
-/// Side of the compared windows, pixels of their level.
-const WINDOW: usize = 8;
 /// Pixels between nodes.
 const STEP: usize = 5;
 /// Pixels searched around the prediction, at an eighth and at a quarter.
-const REACH: [i32; 2] = [4, 2];
+const REACH: [i32; 2] = [REACH_MOST as i32, 2];
 /// Farthest motion of a node, pixels of its level: windows stay inside the border.
 const FARTHEST: f32 = 15.0;
 /// From how many pixels on a node's motion and its neighbours' median are different motions.
@@ -134,13 +134,19 @@ impl<const SIDE: usize> Nodes<SIDE> {
                 continue;
             }
             *asked = motions;
-            let guesses = motions.map(|motion| motion.map(|v| whole(2.0 * v)));
+            let mut guesses = [[0; 2]; 5];
+            for (guess, motion) in guesses.as_flattened_mut().iter_mut().zip(motions.as_flattened()) {
+                *guess = whole(2.0 * motion);
+            }
             *tiles = Self::tiles(centre, guesses, reach);
             let window = Window::new(rest, centre);
             let mut guess = [0; 2];
             if coarser.is_some() {
                 let mut least = u32::MAX;
-                for motion in guesses {
+                for (k, motion) in guesses.into_iter().enumerate() {
+                    if guesses[..k].contains(&motion) {
+                        continue;
+                    }
                     let cost = window.cost(now, motion);
                     if cost < least {
                         (least, guess) = (cost, motion);
@@ -175,6 +181,7 @@ impl<const SIDE: usize> Nodes<SIDE> {
     }
 
     /// First node of the four around a place in pixels of the level, and how far from it towards the others.
+    #[inline]
     fn cell(place: [f32; 2]) -> ([usize; 2], [f32; 2]) {
         let most = (Self::PER_SIDE - 1) as f32;
         let cell = place.map(|p| ((p - 0.5 - (STEP / 2) as f32) / STEP as f32).clamp(0.0, most - 1e-3));
@@ -324,79 +331,9 @@ fn medians_of_nine(mut of: [[f32; 8]; 9]) -> [f32; 8] {
 }
 
 /// The whole pixels of a motion, as far as windows may move.
+#[inline]
 fn whole(motion: f32) -> i32 {
-    motion.clamp(-FARTHEST, FARTHEST).round() as i32
-}
-
-/// A window of the rest image, to be found in the image now.
-struct Window {
-    pixels: [[u8; WINDOW]; WINDOW],
-    corner: [i32; 2],
-}
-
-impl Window {
-    #[inline]
-    fn new<const SIDE: usize>(rest: &Level<SIDE>, centre: [i32; 2]) -> Self {
-        let corner = centre.map(|c| c - WINDOW as i32 / 2);
-        let rows = rest.rows::<WINDOW>(corner[0], corner[1]);
-        Self {
-            pixels: std::array::from_fn(|row| *rows.at(row, 0)),
-            corner,
-        }
-    }
-
-    /// Sum of absolute differences at a motion.
-    #[expect(
-        clippy::inline_always,
-        reason = "compiled for the instruction set of its caller"
-    )]
-    #[inline(always)]
-    fn cost<const SIDE: usize>(&self, now: &Level<SIDE>, [dx, dy]: [i32; 2]) -> u32 {
-        difference(&self.pixels, &now.rows(self.corner[0] + dx, self.corner[1] + dy))
-    }
-
-    /// The best motion within `reach` of `guess`, to a part of a pixel.
-    #[expect(
-        clippy::inline_always,
-        reason = "compiled for the instruction set of its caller"
-    )]
-    #[inline(always)]
-    fn best<C: Compare, const SIDE: usize>(
-        &self,
-        now: &Level<SIDE>,
-        guess: [i32; 2],
-        reach: i32,
-    ) -> [f32; 2] {
-        let mut best = (u32::MAX, [0; 2]);
-        for dy in -reach..=reach {
-            for first in (-reach..=reach).step_by(8) {
-                let rows = now.rows(self.corner[0] + guess[0] + first, self.corner[1] + guess[1] + dy);
-                for (dx, cost) in (first..=reach).zip(C::eight(&self.pixels, &rows)) {
-                    // Of equal ones the nearest.
-                    let cost = u32::from(cost) + 2 * (dx * dx + dy * dy) as u32;
-                    if cost < best.0 {
-                        best = (cost, [guess[0] + dx, guess[1] + dy]);
-                    }
-                }
-            }
-        }
-        let [x, y] = best.1;
-        let here = self.cost(now, [x, y]);
-        // The sum of absolute differences has a kink at its minimum: two lines rather than a parabola.
-        let vertex = |low: u32, high: u32| {
-            let [low, high] = [low, high].map(|cost| cost as f32 - here as f32);
-            let steep = low.max(high);
-            if steep > 0.0 {
-                (0.5 * (low - high) / steep).clamp(-0.5, 0.5)
-            } else {
-                0.0
-            }
-        };
-        [
-            x as f32 + vertex(self.cost(now, [x - 1, y]), self.cost(now, [x + 1, y])),
-            y as f32 + vertex(self.cost(now, [x, y - 1]), self.cost(now, [x, y + 1])),
-        ]
-    }
+    nearest(motion.clamp(-FARTHEST, FARTHEST))
 }
 
 #[cfg(test)]

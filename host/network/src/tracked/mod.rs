@@ -9,13 +9,16 @@ mod changed;
 mod compare;
 mod flow;
 mod grid;
+mod lanes;
 mod net;
 mod particles;
 mod patch;
 mod pyramid;
 mod search;
 mod tracker;
+mod way;
 pub mod weights;
+mod window;
 
 use std::path::Path;
 use std::sync::Arc;

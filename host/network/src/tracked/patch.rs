@@ -1,5 +1,6 @@
 //! The pixels around a particle: what is known of them at rest, and the image now read at places between pixels.
 
+use super::lanes::Lanes;
 use super::particles::Particle;
 use super::pyramid::Level;
 use crate::constants::CROP_SIDE;
@@ -51,28 +52,6 @@ impl Weights {
     }
 }
 
-impl Weights {
-    /// Weighted square of differences, without their mean.
-    #[expect(
-        clippy::inline_always,
-        reason = "compiled for the instruction set of its caller"
-    )]
-    #[inline(always)]
-    pub(super) fn residual(&self, off: &[[f32; 8]; PATCH]) -> f32 {
-        let [mut error, mut square] = [[0.0; 8]; 2];
-        for (weights, off) in self.of_pixel.iter().zip(off) {
-            let mut weighted = [0.0; 8];
-            for k in 0..8 {
-                weighted[k] = weights[k] * off[k];
-            }
-            add(&mut error, weights, off);
-            add(&mut square, &weighted, off);
-        }
-        let [error, square] = [sum(&error), sum(&square)];
-        square - error * error / self.sum
-    }
-}
-
 /// Slope in the middle of five pixels, from the outer four: exact for polynomials of the fourth degree.
 fn slope(beside: [u8; 4]) -> f32 {
     let [far_below, below, above, far_above] = beside.map(f32::from);
@@ -81,6 +60,7 @@ fn slope(beside: [u8; 4]) -> f32 {
 
 /// Weights of four pixels in a row for the place `t` from the second to the third: exact for polynomials of the third
 /// degree. Fewer pixels, and splines through the same four, place a spot up to 0.03 pixels wrong between pixels.
+#[inline]
 fn between(t: f32) -> [f32; 4] {
     let [before, after, far] = [t + 1.0, t - 1.0, t - 2.0];
     [
@@ -136,40 +116,33 @@ impl Template {
 }
 
 /// A template against the image at a place between pixels.
-pub(super) struct Patch<'a> {
+pub(super) struct Patch<'a, L> {
     now: &'a Level<CROP_SIDE>,
     corner: [i32; 2],
-    template: [[f32; 8]; PATCH],
+    template: &'a [[u8; 8]; PATCH],
     /// The whole pixel that the next was read at.
     whole: Option<[i32; 2]>,
     /// The image from one pixel left and above of the patch to two right and below.
     wide: [[f32; 16]; PATCH + 3],
     /// The image less the template.
-    pub(super) off: [[f32; 8]; PATCH],
+    off: [L; PATCH],
 }
 
-// Plain loops over whole arrays, each of one operation, become vectors; closures are compiled for another instruction set.
 #[expect(
     clippy::inline_always,
     clippy::needless_range_loop,
-    reason = "compiled for the instruction set of its caller, into vectors"
+    reason = "compiled for the instruction set of its caller, into vectors; closures are compiled for another one"
 )]
-impl<'a> Patch<'a> {
+impl<'a, L: Lanes> Patch<'a, L> {
     #[inline(always)]
-    pub(super) fn new(template: &Template, now: &'a Level<CROP_SIDE>, corner: [i32; 2]) -> Self {
-        let mut pixels = [[0.0; 8]; PATCH];
-        for row in 0..PATCH {
-            for k in 0..8 {
-                pixels[row][k] = f32::from(template.pixels[row][k]);
-            }
-        }
+    pub(super) fn new(template: &'a Template, now: &'a Level<CROP_SIDE>, corner: [i32; 2]) -> Self {
         Self {
             now,
             corner,
-            template: pixels,
+            template: &template.pixels,
             whole: None,
             wide: [[0.0; 16]; PATCH + 3],
-            off: [[0.0; 8]; PATCH],
+            off: [L::splat(0.0); PATCH],
         }
     }
 
@@ -180,33 +153,28 @@ impl<'a> Patch<'a> {
             .now
             .rows::<PATCH>(self.corner[0] + motion[0], self.corner[1] + motion[1]);
         for row in 0..PATCH {
-            let now: &[u8; 8] = rows.at(row, 0);
-            for k in 0..8 {
-                self.off[row][k] = f32::from(now[k]) - self.template[row][k];
-            }
+            self.off[row] = L::grey(*rows.at(row, 0)).minus(L::grey(self.template[row]));
         }
     }
 
+    /// A motion to a part of a pixel.
     #[inline(always)]
     pub(super) fn look_at(&mut self, motion_px: [f32; 2]) {
         let whole = [motion_px[0].floor(), motion_px[1].floor()];
-        let [fx, fy] = [motion_px[0] - whole[0], motion_px[1] - whole[1]];
+        let across = between(motion_px[0] - whole[0]);
+        let down = between(motion_px[1] - whole[1]);
         self.read([whole[0] as i32, whole[1] as i32]);
-        let [across, down] = [between(fx), between(fy)];
-        let mut lines = [[0.0; 8]; PATCH + 3];
+        let mut lines = [L::splat(0.0); PATCH + 3];
         for row in 0..PATCH + 3 {
             let wide = &self.wide[row];
-            for k in 0..8 {
-                lines[row][k] = (across[0] * wide[k] + across[1] * wide[k + 1])
-                    + (across[2] * wide[k + 2] + across[3] * wide[k + 3]);
-            }
+            lines[row] = combined(
+                across,
+                [eight(wide, 0), eight(wide, 1), eight(wide, 2), eight(wide, 3)],
+            );
         }
         for row in 0..PATCH {
-            for k in 0..8 {
-                self.off[row][k] = (down[0] * lines[row][k] + down[1] * lines[row + 1][k])
-                    + (down[2] * lines[row + 2][k] + down[3] * lines[row + 3][k])
-                    - self.template[row][k];
-            }
+            let image = combined(down, [lines[row], lines[row + 1], lines[row + 2], lines[row + 3]]);
+            self.off[row] = image.minus(L::grey(self.template[row]));
         }
     }
 
@@ -220,50 +188,56 @@ impl<'a> Patch<'a> {
             .now
             .rows::<{ PATCH + 3 }>(self.corner[0] + whole[0] - 1, self.corner[1] + whole[1] - 1);
         for row in 0..PATCH + 3 {
-            let now: &[u8; 16] = rows.at(row, 0);
-            for k in 0..16 {
-                self.wide[row][k] = f32::from(now[k]);
+            let halves = self.wide[row].as_chunks_mut::<8>().0;
+            for half in 0..2 {
+                L::grey(*rows.at(row, 8 * half)).store(&mut halves[half]);
             }
         }
     }
+
+    /// Sum of the products with the difference of image and template.
+    #[inline(always)]
+    pub(super) fn product(&self, with: &[[f32; 8]; PATCH]) -> f32 {
+        let mut sums = L::splat(0.0);
+        for row in 0..PATCH {
+            sums = sums.plus(L::load(&with[row]).times(self.off[row]));
+        }
+        sums.sum()
+    }
+
+    /// Weighted square of the differences, without their mean.
+    #[inline(always)]
+    pub(super) fn residual(&self, weights: &Weights) -> f32 {
+        let [mut error, mut square] = [L::splat(0.0); 2];
+        for row in 0..PATCH {
+            let weighted = L::load(&weights.of_pixel[row]).times(self.off[row]);
+            error = error.plus(weighted);
+            square = square.plus(weighted.times(self.off[row]));
+        }
+        let (error, square) = (error.sum(), square.sum());
+        square - error * error / weights.sum
+    }
 }
 
-/// Sum of the products.
+/// The sum of four, weighted, in pairs.
 #[expect(
     clippy::inline_always,
     reason = "compiled for the instruction set of its caller"
 )]
 #[inline(always)]
-pub(super) fn product(a: &[[f32; 8]; PATCH], b: &[[f32; 8]; PATCH]) -> f32 {
-    let mut lanes = [0.0; 8];
-    for (a, b) in a.iter().zip(b) {
-        add(&mut lanes, a, b);
-    }
-    sum(&lanes)
+fn combined<L: Lanes>(weights: [f32; 4], of: [L; 4]) -> L {
+    let [a, b, c, d] = of;
+    let first = L::splat(weights[0]).times(a).plus(L::splat(weights[1]).times(b));
+    let last = L::splat(weights[2]).times(c).plus(L::splat(weights[3]).times(d));
+    first.plus(last)
 }
 
-/// Adds products lane by lane.
+/// Eight of a row from a place on.
 #[expect(
     clippy::inline_always,
     reason = "compiled for the instruction set of its caller"
 )]
 #[inline(always)]
-fn add(sums: &mut [f32; 8], a: &[f32; 8], b: &[f32; 8]) {
-    for k in 0..8 {
-        sums[k] += a[k] * b[k];
-    }
-}
-
-/// The lanes' sum, in pairs.
-#[expect(
-    clippy::inline_always,
-    reason = "compiled for the instruction set of its caller"
-)]
-#[inline(always)]
-fn sum(lanes: &[f32; 8]) -> f32 {
-    let mut four = [0.0; 4];
-    for k in 0..4 {
-        four[k] = lanes[k] + lanes[k + 4];
-    }
-    (four[0] + four[2]) + (four[1] + four[3])
+fn eight<L: Lanes>(row: &[f32; 16], first: usize) -> L {
+    L::load(row[first..].first_chunk().expect("within the row"))
 }

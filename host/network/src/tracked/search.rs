@@ -2,10 +2,12 @@
 //! least squares between pixels. What of it follows from parts of the image that did not change is kept.
 
 use super::changed::{Changed, Tiles, same};
-use super::compare::difference;
+use super::compare::Compare;
+use super::lanes::{Lanes, TABLE, Table};
 use super::particles::Particle;
-use super::patch::{HALF, Patch, Template, Weights, product};
+use super::patch::{HALF, Patch, Template, Weights};
 use super::pyramid::Level;
+use super::way::{Motions, SQUARE, Way};
 use crate::constants::CROP_SIDE;
 
 /// Most Gauss–Newton steps, and the step that is small enough, pixels.
@@ -87,48 +89,6 @@ fn patch_tiles(particle: &Particle, least: [i32; 2], most: [i32; 2]) -> Tiles {
     )
 }
 
-/// The places at which a particle is looked for when the surface above it moved: between none and the whole motion, a
-/// little more, and a little to the sides.
-struct Way {
-    /// Direction of the surface's motion.
-    along: [f32; 2],
-    length: f32,
-    /// From here to there along it, whole pixels.
-    ends: [f32; 2],
-    /// So far to both sides.
-    aside: f32,
-}
-
-impl Way {
-    #[inline]
-    fn new(surface_px: [f32; 2]) -> Self {
-        let length = length(surface_px);
-        Self {
-            along: if length > 0.0 {
-                surface_px.map(|v| v / length)
-            } else {
-                [1.0, 0.0]
-            },
-            length,
-            ends: [(-0.15 * length - 1.5).floor(), (1.15 * length + 1.5).ceil()],
-            aside: (1.0 + 0.2 * length).min(4.0).floor(),
-        }
-    }
-
-    /// The tiles that the whole pixels along it look at.
-    #[inline]
-    fn tiles(&self, particle: &Particle) -> Tiles {
-        let [x, y] = self.along;
-        let [mut least, mut most] = [[0; 2]; 2];
-        for (k, (forth, sideways)) in [(x, y), (y, x)].into_iter().enumerate() {
-            let [a, b] = self.ends.map(|end| end * forth);
-            let aside = self.aside * sideways.abs();
-            (least[k], most[k]) = (nearest(a.min(b) - aside), nearest(a.max(b) + aside));
-        }
-        patch_tiles(particle, least, most)
-    }
-}
-
 /// Looks for patches in an image.
 pub(super) struct Search<'a> {
     pub(super) weights: &'a Weights,
@@ -143,7 +103,7 @@ impl Search<'_> {
         reason = "compiled for the instruction set of its caller"
     )]
     #[inline(always)]
-    pub(super) fn update(
+    pub(super) fn update<C: Compare>(
         &self,
         found: &mut Found,
         template: &Template,
@@ -157,9 +117,11 @@ impl Search<'_> {
             let way = Way::new(surface_px);
             if moved {
                 found.surface_px = surface_px;
-                found.tiles = way.tiles(particle);
+                let Motions { first, last } = way.hull(way.ends);
+                found.tiles = patch_tiles(particle, first, last);
             }
-            start = self.whole_pixel(template, particle, &way).map(|motion| Start {
+            let motion = self.whole_pixel::<C>(template, particle, &way);
+            start = motion.map(|motion| Start {
                 motion,
                 long: way.length > LONG,
             });
@@ -174,63 +136,109 @@ impl Search<'_> {
             motion.map(|v| v - REFINED_PX),
             motion.map(|v| v + REFINED_PX),
         );
-        found.track = start.map_or_else(Track::default, |Start { motion, long }| {
-            self.refine(template, particle, motion, LEAST_CONFIDENCE[usize::from(long)])
-        });
+        // A closure would be compiled for another instruction set.
+        found.track = match start {
+            Some(start) => self.refine::<C>(template, particle, start),
+            None => Track::default(),
+        };
     }
 
     /// The whole-pixel motion with the least difference: anywhere between none and the surface's motion, and a little
-    /// to the sides, rather where the particle's depth suggests.
+    /// to the sides, rather where the particle's depth suggests. Of equal ones the first along the way, then across.
     #[inline(always)]
     #[expect(
         clippy::inline_always,
         reason = "compiled for the instruction set of its caller"
     )]
-    fn whole_pixel(&self, template: &Template, particle: &Particle, way: &Way) -> Option<[i32; 2]> {
-        let Way {
-            along: [x, y],
-            length,
-            ends: [from, to],
-            aside,
-        } = *way;
-        let expected = share(particle.depth_mm) * length;
-        let width = 2.0 * aside + 1.0;
-        let places = ((to - from + 1.0) * width) as usize;
-        let [column, row] = particle.pixel.map(i32::from);
-        let [x0, y0] = particle.corner();
-        let inside = 2..CROP_SIDE as i32 - 2;
-        let mut best = (f32::INFINITY, None);
-        for first in (0..places).step_by(8) {
-            // Eight places at a time, in the order along, then across; one simple loop for each number of theirs.
-            let [mut along, mut across, mut off_along, mut off_across] = [[0.0_f32; 8]; 4];
-            let [mut dx, mut dy] = [[0_i32; 8]; 2];
-            for k in 0..8 {
-                let place = (first + k) as f32;
-                let whole = ((place + 0.5) / width).floor();
-                along[k] = from + whole;
-                across[k] = place - whole * width - aside;
+    fn whole_pixel<C: Compare>(
+        &self,
+        template: &Template,
+        particle: &Particle,
+        way: &Way,
+    ) -> Option<[i32; 2]> {
+        let (x, y) = (C::Lanes::splat(way.along[0]), C::Lanes::splat(way.along[1]));
+        let [from, to] = way.ends;
+        let expected = C::Lanes::splat(share(particle.depth_mm) * way.length);
+        let never = C::Lanes::splat(f32::INFINITY);
+        let mut differences = [0; TABLE + 2];
+        // Each lane has the best of every eighth step along the way.
+        let (mut least, mut best_along, mut best_across) = (never, never, never);
+        let mut step = from;
+        while step <= to {
+            let hull = way.hull([step, (step + 7.0).min(to)]);
+            let within = hull.inside(particle);
+            let along = C::Lanes::splat(step).plus(C::Lanes::load(&[0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0]));
+            step += 8.0;
+            if within.is_empty() {
+                continue;
             }
-            for k in 0..8 {
-                off_along[k] = PRIOR[0] * (along[k] - expected).abs();
-                off_across[k] = PRIOR[1] * across[k] * across[k];
-            }
-            for k in 0..8 {
-                dx[k] = nearest(along[k] * x - across[k] * y);
-                dy[k] = nearest(along[k] * y + across[k] * x);
-            }
-            for k in 0..8.min(places - first) {
-                let motion = [dx[k], dy[k]];
-                if !inside.contains(&(column + motion[0])) || !inside.contains(&(row + motion[1])) {
-                    continue;
+            self.differences::<C>(template, particle, &within, &mut differences);
+            let off_along = C::Lanes::splat(PRIOR[0]).times(along.minus(expected).abs());
+            let off_along = C::Lanes::splat(to).where_less(along, never, off_along);
+            let (left, top) = (
+                C::Lanes::splat(within.first[0] as f32),
+                C::Lanes::splat(within.first[1] as f32),
+            );
+            let (right, bottom) = (
+                C::Lanes::splat(within.last[0] as f32),
+                C::Lanes::splat(within.last[1] as f32),
+            );
+            let mut aside = -way.aside;
+            while aside <= way.aside {
+                let across = C::Lanes::splat(aside);
+                let dx = along.times(x).minus(across.times(y)).nearest();
+                let dy = along.times(y).plus(across.times(x)).nearest();
+                let row = dy.minus(top).times(C::Lanes::splat(SQUARE as f32));
+                let difference = row.plus(dx.minus(left)).look_up(&differences);
+                let mut cost = difference
+                    .plus(off_along)
+                    .plus(C::Lanes::splat(PRIOR[1] * aside * aside));
+                if within != hull {
+                    cost = dx.where_less(left, never, cost);
+                    cost = dy.where_less(top, never, cost);
+                    cost = right.where_less(dx, never, cost);
+                    cost = bottom.where_less(dy, never, cost);
                 }
-                let other = self.now.rows(x0 + motion[0], y0 + motion[1]);
-                let cost = difference(&template.pixels, &other) as f32 + off_along[k] + off_across[k];
-                if cost < best.0 {
-                    best = (cost, Some(motion));
-                }
+                best_along = cost.where_less(least, along, best_along);
+                best_across = cost.where_less(least, across, best_across);
+                least = cost.where_less(least, cost, least);
+                aside += 1.0;
             }
         }
-        best.1
+        let [mut cost, mut along, mut across] = [[0.0; 8]; 3];
+        least.store(&mut cost);
+        best_along.store(&mut along);
+        best_across.store(&mut across);
+        let mut best = 0;
+        for k in 1..8 {
+            if (cost[k], along[k]) < (cost[best], along[best]) {
+                best = k;
+            }
+        }
+        (cost[best] < f32::INFINITY).then(|| way.place(along[best], across[best]))
+    }
+
+    /// The differences at these motions, in rows of [`SQUARE`].
+    #[inline(always)]
+    #[expect(
+        clippy::inline_always,
+        reason = "compiled for the instruction set of its caller"
+    )]
+    fn differences<C: Compare>(
+        &self,
+        template: &Template,
+        particle: &Particle,
+        at: &Motions,
+        out: &mut Table,
+    ) {
+        let [x0, y0] = particle.corner();
+        let rows = out.as_chunks_mut::<SQUARE>().0;
+        for (row, dy) in rows.iter_mut().zip(at.first[1]..=at.last[1]) {
+            let eights = row.as_chunks_mut::<8>().0;
+            for (eight, dx) in eights.iter_mut().zip((at.first[0]..=at.last[0]).step_by(8)) {
+                *eight = C::eight(&template.pixels, &self.now.rows(x0 + dx, y0 + dy));
+            }
+        }
     }
 
     /// Least squares from a whole pixel on: inverse compositional, the image interpolated by cubic polynomials.
@@ -239,24 +247,24 @@ impl Search<'_> {
         clippy::inline_always,
         reason = "compiled for the instruction set of its caller"
     )]
-    fn refine(&self, template: &Template, particle: &Particle, start: [i32; 2], least: f32) -> Track {
-        let mut patch = Patch::new(template, self.now, particle.corner());
-        let start_px = start.map(|v| v as f32);
+    fn refine<C: Compare>(&self, template: &Template, particle: &Particle, start: Start) -> Track {
+        let mut patch = Patch::<C::Lanes>::new(template, self.now, particle.corner());
+        let start_px = [start.motion[0] as f32, start.motion[1] as f32];
         let mut at = start_px;
         let mut residual = f32::INFINITY;
         for round in 0..=STEPS {
             if round == 0 {
-                patch.look_at_whole(start);
+                patch.look_at_whole(start.motion);
             } else {
                 patch.look_at(at);
             }
             let [xx, xy, yy] = template.inverse;
-            let along_x = product(&template.slopes[0], &patch.off);
-            let along_y = product(&template.slopes[1], &patch.off);
+            let along_x = patch.product(&template.slopes[0]);
+            let along_y = patch.product(&template.slopes[1]);
             let step = [xx * along_x + xy * along_y, xy * along_x + yy * along_y];
             let done = step[0].abs() < SMALL_STEP && step[1].abs() < SMALL_STEP;
             if done || round == STEPS {
-                residual = self.weights.residual(&patch.off);
+                residual = patch.residual(self.weights);
             }
             if done {
                 break;
@@ -270,6 +278,7 @@ impl Search<'_> {
             }
         }
         let confidence = 1.0 - residual / template.contrast;
+        let least = LEAST_CONFIDENCE[usize::from(start.long)];
         Track {
             motion_px: at,
             confidence: if confidence > least { confidence } else { 0.0 },
@@ -282,20 +291,98 @@ pub(super) fn share(depth_mm: f32) -> f32 {
     1.0 - depth_mm / THICKNESS_MM
 }
 
-/// The nearest whole number, of two as near the one farther from 0.
+#[cfg(test)]
 #[expect(
-    clippy::inline_always,
-    reason = "compiled for the instruction set of its caller"
+    unsafe_code,
+    reason = "functions for an instruction set, called where there is one"
 )]
-#[inline(always)]
-fn nearest(value: f32) -> i32 {
-    // The greatest number below a half, so that what is below does not become a whole by rounding.
-    (value + 0.499_999_97_f32.copysign(value)) as i32
-}
+mod tests {
+    use super::super::compare::{Plain, difference};
+    use super::super::particles;
+    use super::super::pyramid::Pyramid;
+    use super::*;
 
-/// Root of the sum of squares, rounded once.
-#[inline]
-pub(super) fn length([x, y]: [f32; 2]) -> f32 {
-    let [x, y] = [f64::from(x), f64::from(y)];
-    (x * x + y * y).sqrt() as f32
+    /// One place after the other, as it is meant.
+    fn one_by_one(search: &Search, template: &Template, particle: &Particle, way: &Way) -> Option<[i32; 2]> {
+        let expected = share(particle.depth_mm) * way.length;
+        let [x0, y0] = particle.corner();
+        let mut best = (f32::INFINITY, None);
+        let mut along = way.ends[0];
+        while along <= way.ends[1] {
+            let mut across = -way.aside;
+            while across <= way.aside {
+                let motion = way.place(along, across);
+                let at = [0, 1].map(|k| i32::from(particle.pixel[k]) + motion[k]);
+                if at.iter().all(|at| (2..CROP_SIDE as i32 - 2).contains(at)) {
+                    let rows = search.now.rows(x0 + motion[0], y0 + motion[1]);
+                    let cost = difference(&template.pixels, &rows) as f32
+                        + PRIOR[0] * (along - expected).abs()
+                        + PRIOR[1] * across * across;
+                    if cost < best.0 {
+                        best = (cost, Some(motion));
+                    }
+                }
+                across += 1.0;
+            }
+            along += 1.0;
+        }
+        best.1
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx2")]
+    fn by_avx2(search: &Search, template: &Template, particle: &Particle, way: &Way) -> Option<[i32; 2]> {
+        search.whole_pixel::<super::super::compare::Avx2>(template, particle, way)
+    }
+
+    /// Spots in a row and a column apart, each like many others: there are equal ones to choose from.
+    fn spots(apart: usize) -> Pyramid {
+        let picture: Vec<u8> = (0..CROP_SIDE * CROP_SIDE)
+            .map(|at| {
+                let [x, y] = [at % CROP_SIDE, at / CROP_SIDE].map(|at| at % apart);
+                if x.abs_diff(4) + y.abs_diff(4) < 2 {
+                    200
+                } else {
+                    40 + (x / 7) as u8
+                }
+            })
+            .collect();
+        let mut pyramid = Pyramid::new();
+        pyramid.take(&picture);
+        pyramid
+    }
+
+    #[test]
+    fn many_places_at_once_find_what_one_after_the_other_do() {
+        let weights = Weights::new();
+        let rest = spots(11);
+        let particles = particles::find(&rest.full);
+        let (mut found, mut far) = (0, 0);
+        for (apart, (length, turn)) in [0.0, 0.6, 3.0, 4.5, 9.0, 40.0, 130.0]
+            .into_iter()
+            .flat_map(|length| (0..12).map(move |turn| (length, turn)))
+            .enumerate()
+        {
+            let now = spots(9 + apart % 5);
+            let search = Search {
+                weights: &weights,
+                now: &now.full,
+            };
+            let angle = turn as f32 * std::f32::consts::PI / 6.0;
+            let way = Way::new([length * angle.cos(), length * angle.sin()]);
+            for particle in particles.iter().skip(apart).step_by(61) {
+                let template = Template::new(&rest.full, particle, &weights).expect("a spot");
+                let expected = one_by_one(&search, &template, particle, &way);
+                assert_eq!(search.whole_pixel::<Plain>(&template, particle, &way), expected);
+                #[cfg(target_arch = "x86_64")]
+                if is_x86_feature_detected!("avx2") {
+                    // SAFETY: the processor has it.
+                    assert_eq!(unsafe { by_avx2(&search, &template, particle, &way) }, expected);
+                }
+                found += usize::from(expected.is_some());
+                far += usize::from(expected.is_some_and(|[x, y]| x.abs().max(y.abs()) > 20));
+            }
+        }
+        assert!(found > 1_000 && far > 50, "{found} found, {far} of them far");
+    }
 }

@@ -11,7 +11,8 @@ use super::flow::{Flow, NodeRange};
 use super::particles::{self, Particle};
 use super::patch::{Template, Weights};
 use super::pyramid::Pyramid;
-use super::search::{Found, Search, Track, length, share};
+use super::search::{Found, Search, Track, share};
+use super::way::length;
 use crate::constants::CROP_SIDE;
 use crate::instruction_set::{InstructionSet, InstructionSetError};
 
@@ -193,7 +194,7 @@ impl Tracker {
             let mut votes = Votes::new();
             for sought in &mut cell.sought {
                 let surface_px = self.flow.at(sought.particle.at_px).map(|v| v / mean_share);
-                search.update(
+                search.update::<C>(
                     &mut sought.first,
                     &sought.template,
                     &sought.particle,
@@ -208,7 +209,7 @@ impl Tracker {
                 let mut track = sought.first.track;
                 cell.tiles = cell.tiles.hull(sought.first.seen());
                 if contradicts(&track, voted_px) {
-                    search.update(
+                    search.update::<C>(
                         &mut sought.again,
                         &sought.template,
                         &sought.particle,
