@@ -245,6 +245,39 @@ fn a_thousand_mixed_maps_over_usb_come_back_with_the_hosts_own_sums_and_stick_ra
     assert_eq!(board.link().resets(), 0);
 }
 
+/// Over the first half turn of the timer behind it, with an answer in every step, and after settings were stored.
+#[test]
+#[ignore = "needs the emulator and the image: cargo xtask test"]
+fn the_firmwares_clock_keeps_to_the_boards() {
+    let mut board = Board::boot();
+    // The half turn comes after 8.4 s.
+    board.wait(8_000_000);
+    let mut offsets_us = Vec::new();
+    for step in 0..600 {
+        if step == 500 {
+            board.session.store().unwrap();
+        }
+        board.send(&map(step % 60));
+        let sequence = board.sequence;
+        board.wait_for(20, "the answer to a map", |board| {
+            board
+                .session
+                .status()
+                .is_some_and(|status| status.sequence == sequence)
+        });
+        let uptime_us = u64::from(board.session.status().unwrap().uptime_ms) * 1_000;
+        offsets_us.push((board.link().powered_ns() / 1_000).cast_signed() - uptime_us.cast_signed());
+    }
+    let (least, most) = (offsets_us.iter().min().unwrap(), offsets_us.iter().max().unwrap());
+    println!("behind the board's power by {least} to {most} us");
+    // The crystal starts first; then whole milliseconds are told, in steps of one.
+    assert!(
+        (0..3_000).contains(least) && most - least <= 3_000,
+        "{least} to {most}"
+    );
+    assert!(board.session.status().unwrap().uptime_ms > 8_500);
+}
+
 /// DESIGN.md: at least 450 dense maps a second over full-speed USB.
 #[test]
 #[ignore = "needs the emulator and the image: cargo xtask test"]

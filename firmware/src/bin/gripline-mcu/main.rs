@@ -27,6 +27,7 @@ mod line;
 mod outbox;
 mod priority;
 mod reset;
+mod time_driver;
 mod uart;
 mod usb;
 mod usb_driver;
@@ -77,6 +78,7 @@ fn main() -> ! {
 
     priority::set();
     let p = embassy_stm32::init(board::clocks());
+    time_driver::start();
     line::route(p.PA4);
     control::start_cycle_counter();
     let (uart_in, uart_out) = uart::open(p.USART1, p.PA10, p.PA9);

@@ -61,7 +61,7 @@ static IS_HELD: AtomicBool = AtomicBool::new(false);
 static IS_OPEN: AtomicBool = AtomicBool::new(false);
 /// The USB core's interrupts before some were masked for [`Rest`]; 0 when none are.
 static MASK: AtomicU32 = AtomicU32::new(0);
-/// Something for the task `control` to see to: [`PACKET`] may hold a message's packet, a map may have been decided.
+/// [`PACKET`] holds a message's packet for the task `control`.
 pub(crate) static MESSAGE: Signal<CriticalSectionRawMutex, ()> = Signal::new();
 
 /// Takes bulk packets out of the USB core's FIFO as they land and carries those of maps to the line.
@@ -132,11 +132,6 @@ fn packet(status: Grxsts, control: &mut Control) {
         end_of_packet();
     }
     control.map_packet(bytes, &outbox::USB);
-    if !is_followed {
-        // The last one: its answer, and the tick if it is due. In the emulator the timer's call for a tick was seen to
-        // come a whole turn of the timer late, 65.5 ms; while maps come, nothing waits for it longer than for a map.
-        NVIC::pend(interrupt::UART4);
-    }
 }
 
 /// Takes words out of the FIFO, four at a time as long as there are four. Every address of its window is its next word.
@@ -219,7 +214,9 @@ impl Handler<typelevel::UART4> for Rest {
             };
             hold_off(let_in);
         }
-        MESSAGE.signal(());
+        if IS_HELD.load(Ordering::Relaxed) {
+            MESSAGE.signal(());
+        }
     }
 }
 
