@@ -193,7 +193,14 @@ fn listen(shared: &Shared, mut from_host: File) {
     loop {
         match from_host.read(&mut packet) {
             Ok(length) => {
-                let action = shared.lock().packet(&packet[..length], shared.now_us());
+                let now_us = shared.now_us();
+                let mut mcu = shared.lock();
+                // The chip's timer goes before any packet. A process that was hung or starved would otherwise take the packet
+                // that ended a silence without having noticed the silence.
+                let aged = mcu.tick(now_us);
+                let action = mcu.packet(&packet[..length], now_us);
+                drop(mcu);
+                shared.ring(aged);
                 shared.ring(action);
             }
             Err(error) if error.kind() == ErrorKind::Interrupted => {}

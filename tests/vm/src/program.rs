@@ -60,9 +60,20 @@ impl Ended {
     }
 }
 
-/// A run under way.
+/// A process that ends with whoever watches it: one that a failed check leaves behind would keep the camera from the next.
+struct Guarded(Child);
+
+impl Drop for Guarded {
+    fn drop(&mut self) {
+        // Both do nothing to one that is over.
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+/// A run under way; dropped, it is killed.
 pub(crate) struct Running {
-    child: Child,
+    child: Guarded,
     /// Lines of standard error, as they come.
     news: Receiver<String>,
     said: String,
@@ -82,9 +93,9 @@ pub(crate) fn command(arguments: &[&str]) -> Command {
 
 /// Starts it.
 pub(crate) fn start(command: &mut Command) -> io::Result<Running> {
-    let mut child = command.spawn()?;
+    let mut child = Guarded(command.spawn()?);
     let (sender, news) = channel();
-    let (Some(out), Some(err)) = (child.stdout.take(), child.stderr.take()) else {
+    let (Some(out), Some(err)) = (child.0.stdout.take(), child.0.stderr.take()) else {
         return Err(io::Error::other("no pipes"));
     };
     thread::spawn(move || {
@@ -138,26 +149,26 @@ impl Running {
 
     /// Ends it at once, as `kill -9` does.
     pub(crate) fn kill(mut self) -> Result<Ended, String> {
-        self.child.kill().map_err(|error| error.to_string())?;
+        self.child.0.kill().map_err(|error| error.to_string())?;
         self.wait()
     }
 
     /// Ends it as Ctrl-C does.
     pub(crate) fn interrupt(self) -> Result<Ended, String> {
-        kill(Pid::from_raw(self.child.id() as i32), Signal::SIGINT).map_err(|error| error.to_string())?;
+        kill(Pid::from_raw(self.child.0.id() as i32), Signal::SIGINT).map_err(|error| error.to_string())?;
         self.wait()
     }
 
     fn status(&mut self) -> io::Result<Option<ExitStatus>> {
         let start = Instant::now();
         while start.elapsed() < ENDS_WITHIN {
-            if let Some(status) = self.child.try_wait()? {
+            if let Some(status) = self.child.0.try_wait()? {
                 return Ok(Some(status));
             }
             thread::sleep(Duration::from_millis(20));
         }
-        self.child.kill()?;
-        self.child.wait()?;
+        self.child.0.kill()?;
+        self.child.0.wait()?;
         Ok(None)
     }
 

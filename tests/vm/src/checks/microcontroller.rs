@@ -47,7 +47,7 @@ fn plugged(socket: u8, serial: &str, speed: Speed) -> Result<Gadget, String> {
     Gadget::new(socket, serial, speed).map_err(|error| format!("the device: {error}"))
 }
 
-/// A run with a device at full speed, which holds.
+/// A run with a device at full speed, which holds, and whose maps come.
 fn holding(more: &[&str]) -> Result<(Gadget, Running), String> {
     let gadget = plugged(0, SERIAL, Speed::Full)?;
     let running = start(&mut command(&filming(more))).map_err(|error| error.to_string())?;
@@ -55,10 +55,11 @@ fn holding(more: &[&str]) -> Result<(Gadget, Running), String> {
         || {
             gadget
                 .memory()
-                .is_ok_and(|memory| memory.holds && memory.line > 0)
+                .is_ok_and(|memory| memory.holds && memory.line > 0 && memory.maps > ENOUGH_MAPS)
         },
-        "a line that holds",
-    )?;
+        "a line that holds, and maps",
+    )
+    .map_err(|why| format!("{why}: {:?}", gadget.memory()))?;
     Ok((gadget, running))
 }
 
