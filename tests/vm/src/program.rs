@@ -1,7 +1,9 @@
 //! The program under test: started, watched while it runs, ended, and what it said.
 
-use std::io::{self, BufRead, BufReader, Read};
+use std::io::{self, BufRead, BufReader};
 use std::process::{Child, Command, ExitStatus, Stdio};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::thread;
 use std::time::{Duration, Instant};
@@ -77,6 +79,8 @@ pub(crate) struct Running {
     /// Lines of standard error, as they come.
     news: Receiver<String>,
     said: String,
+    /// Lines of standard output so far.
+    told: Arc<AtomicUsize>,
     output: thread::JoinHandle<Vec<Value>>,
 }
 
@@ -105,19 +109,24 @@ pub(crate) fn start(command: &mut Command) -> io::Result<Running> {
             }
         }
     });
+    let told = Arc::new(AtomicUsize::new(0));
+    let counter = Arc::clone(&told);
     let output = thread::spawn(move || {
-        let mut text = Vec::new();
         // What was cut off by a kill is not there.
-        let _ = BufReader::new(out).read_to_end(&mut text);
-        let text = String::from_utf8_lossy(&text).into_owned();
-        text.lines()
-            .filter_map(|line| serde_json::from_str(line).ok())
+        BufReader::new(out)
+            .lines()
+            .map_while(Result::ok)
+            .inspect(|_| {
+                counter.fetch_add(1, Ordering::Relaxed);
+            })
+            .filter_map(|line| serde_json::from_str(&line).ok())
             .collect()
     });
     Ok(Running {
         child,
         news,
         said: String::new(),
+        told,
         output,
     })
 }
@@ -145,6 +154,33 @@ impl Running {
                 }
             }
         }
+    }
+
+    /// Waits until it has told so many frames, counted from its start.
+    pub(crate) fn until_frames(&mut self, frames: usize, patience: Duration) -> Result<(), String> {
+        let start = Instant::now();
+        loop {
+            let told = self.told();
+            if told >= frames {
+                return Ok(());
+            }
+            let status = self.child.0.try_wait().map_err(|error| error.to_string())?;
+            if status.is_some() || start.elapsed() > patience {
+                let news: Vec<String> = self.news.try_iter().collect();
+                return Err(format!(
+                    "{told} frames after {:.1} s, expected {frames}; it ended with {status:?}; said: {}{}",
+                    start.elapsed().as_secs_f64(),
+                    self.said,
+                    news.join(" | ")
+                ));
+            }
+            thread::sleep(Duration::from_millis(20));
+        }
+    }
+
+    /// Frames it has told so far.
+    pub(crate) fn told(&self) -> usize {
+        self.told.load(Ordering::Relaxed)
     }
 
     /// Ends it at once, as `kill -9` does.
