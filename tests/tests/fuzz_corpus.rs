@@ -1,6 +1,6 @@
 //! The fuzz corpora and a bounded number of mutations of them, in every test run. The seeds of `wire` are written by the
-//! last test here: `GRIPLINE_BLESS=1 cargo test -p gripline-tests --test fuzz_corpus`; the others are what the fuzzer
-//! found (`cargo xtask fuzz`).
+//! last test here: `GRIPLINE_BLESS=1 cargo test -p gripline-tests --test fuzz_corpus`; those of `jpeg` are small pictures of
+//! every kind that an encoder wrote, nearly empty; the others are what the fuzzer found (`cargo xtask fuzz`).
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -10,6 +10,8 @@ use gripline_protocol::{ForceMap, MapInfo, PACKET_MAX, TAXELS, TaxelForce, encod
 
 #[path = "../fuzz/bodies/commands.rs"]
 mod commands;
+#[path = "../fuzz/bodies/jpeg.rs"]
+mod jpeg;
 #[path = "../fuzz/bodies/modbus.rs"]
 mod modbus;
 #[path = "../fuzz/bodies/settings.rs"]
@@ -95,6 +97,11 @@ fn what_the_host_hears_holds() {
 #[test]
 fn the_gripper_on_the_bus_holds() {
     check("modbus", modbus::check, 50_000);
+}
+
+#[test]
+fn a_cameras_pictures_hold() {
+    check("jpeg", jpeg::check, 1_000);
 }
 
 fn listed(packets: &[Vec<u8>]) -> Vec<u8> {

@@ -1,6 +1,6 @@
-//! `cargo xtask fuzz`: the parsers and the microcontroller's program against a coverage-guided fuzzer (libFuzzer), on
-//! the stable toolchain: the compiler's coverage passes are plain code generation flags, and the code under test is
-//! free of `unsafe`, so no sanitizer is missed. Overflow checks are on.
+//! `cargo xtask fuzz`: the parsers, the JPEG decoder and the microcontroller's program against a coverage-guided fuzzer
+//! (libFuzzer), on the stable toolchain: the compiler's coverage passes are plain code generation flags, and the code under
+//! test is free of `unsafe`, so no sanitizer is missed. Overflow checks are on.
 //!
 //! Needs a C++ compiler for libFuzzer's runtime. What is found goes to `target/gripline/fuzz/TARGET`.
 
@@ -9,16 +9,17 @@ use std::path::PathBuf;
 use crate::error::Error;
 use crate::{process, value_of};
 
-/// What is fuzzed: a binary of `tests/fuzz`, a corpus of the same name; and its longest input, bytes. A dense map and some
-/// commands for what reads bytes; some dozen steps for what makes maps and commands of them, because short inputs are
-/// tried many times as often.
-const TARGETS: [(&str, u32); 6] = [
-    ("wire", 4_096),
-    ("stream", 4_096),
-    ("commands", 400),
-    ("settings", 4_096),
-    ("status", 4_096),
-    ("modbus", 4_096),
+/// What is fuzzed: a binary of `tests/fuzz`, a corpus of the same name; and its longest input and the longest that is kept,
+/// bytes. A dense map and some commands for what reads bytes; some dozen steps for what makes maps and commands of them,
+/// because short inputs are tried many times as often; of pictures such with hardly any bits.
+const TARGETS: [(&str, u32, u32); 7] = [
+    ("wire", 4_096, 400),
+    ("stream", 4_096, 400),
+    ("commands", 400, 400),
+    ("settings", 4_096, 400),
+    ("status", 4_096, 400),
+    ("modbus", 4_096, 400),
+    ("jpeg", 4_096, 2_048),
 ];
 
 const MANIFEST: &str = "tests/fuzz/Cargo.toml";
@@ -45,8 +46,8 @@ pub(crate) fn command(arguments: &[String]) -> Result<(), Error> {
             }
             "--save" => save = true,
             found => {
-                let Some(target) = TARGETS.iter().find(|(target, _)| *target == found) else {
-                    let names = TARGETS.map(|(target, _)| target).join(", ");
+                let Some(target) = TARGETS.iter().find(|(target, ..)| *target == found) else {
+                    let names = TARGETS.map(|(target, ..)| target).join(", ");
                     return Err(Error::usage("target", found, &names));
                 };
                 targets.push(*target);
@@ -57,7 +58,7 @@ pub(crate) fn command(arguments: &[String]) -> Result<(), Error> {
         targets.extend(TARGETS);
     }
     let programs = build()?;
-    for (target, input_max) in targets {
+    for (target, input_max, kept_max) in targets {
         let program = programs.join(format!("{target}{}", std::env::consts::EXE_SUFFIX));
         let found = process::products().join("fuzz").join(target);
         let corpus = process::root().join("tests/fuzz/corpus").join(target);
@@ -80,7 +81,7 @@ pub(crate) fn command(arguments: &[String]) -> Result<(), Error> {
             // The fewest short inputs that reach everything.
             process::run(
                 merge
-                    .args(["-set_cover_merge=1", "-max_len=400"])
+                    .args(["-set_cover_merge=1".to_owned(), format!("-max_len={kept_max}")])
                     .args([&corpus, &found]),
             )?;
         }

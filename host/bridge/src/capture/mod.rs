@@ -25,6 +25,5 @@ pub use self::error::CameraError;
 pub(crate) use self::files::{ClipFrames, FolderFrames, RecordedFrames};
 pub use self::format::PixelFormat;
 pub(crate) use self::format::Wanted;
-#[cfg(test)]
-pub(crate) use self::jpeg::JpegCrop;
+pub use self::jpeg::JpegCrop;
 pub(crate) use self::negotiate::CameraSettings;

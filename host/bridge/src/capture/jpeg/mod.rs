@@ -27,7 +27,7 @@ const HEIGHT: usize = FRAME_HEIGHT as usize;
 
 /// Decodes the crop out of JPEG files, in memory that is used again.
 #[derive(Debug, Default)]
-pub(crate) struct JpegCrop {
+pub struct JpegCrop {
     tables: Tables,
     whole: Whole,
 }
@@ -37,7 +37,7 @@ impl JpegCrop {
     ///
     /// # Errors
     /// What is wrong with the file; the crop is then not to be used.
-    pub(crate) fn decode(&mut self, file: &[u8], crop: &mut Vec<u8>) -> Result<(), String> {
+    pub fn decode(&mut self, file: &[u8], crop: &mut Vec<u8>) -> Result<(), String> {
         let header = Header::read(file)?;
         let window = window(header.pixels)?;
         if header.is_plain {
