@@ -8,12 +8,25 @@ pub const TIME_TO_SLIP_MAX_MS: u32 = 10_000;
 pub const FALL_PART: u32 = 22;
 /// How fast the recent peak of a load is forgotten, as a shift of µs: 2¹⁶ µs, half as long as a hand takes to let go.
 pub const PEAK_SHIFT: u32 = 16;
-/// Distance of a load from its centre at which half of the contact slips, over friction's bound and in 64ths: 0.646 between
-/// spheres, 1 − 0.5^{3/2}, times 22/21, because what slid is noted when a part of it is gone, and a little more for flat
-/// ends. Chosen on `evaluate paper --data tuning`, seeds 1 and 2, where 44 to 46 do nearly as well.
-pub const HALF_64THS: u64 = 45;
-/// The centre over the load that slid, in 64ths: 0.354, 0.5^{3/2}.
-pub const CENTRE_64THS: i32 = 23;
+/// Distance of a load from its centre at which half of a round contact slips, over friction's bound and in 64ths: 0.646 between
+/// spheres, 1 − 0.5^{3/2}, times 22/21, because what slid is noted when a part of it is gone. This and the next five were
+/// chosen on `evaluate paper --data tuning`.
+pub const HALF_ROUND_64THS: u8 = 43;
+/// The same of a line, whose contact grows as the square root of its force: 1 − 0.5².
+pub const HALF_LINE_64THS: u8 = 49;
+/// The same of a flat contact, which hardly grows.
+pub const HALF_FLAT_64THS: u8 = 58;
+/// The centre over the load that slid and that distance together, in 64ths: what slid is 22/21 of the distance from its centre.
+pub const CENTRE_AND_HALF_64THS: i32 = 66;
+/// Mean reach of the pressure while the force grew, over its reach in the end and in 64ths, above which a contact is no round
+/// one: that of spheres and ellipsoids grows as the force to two thirds, which makes 0.6, and 0.57 to 0.65 in maps; those of a
+/// line and of a flat end hardly grow, 0.72 to 0.93 in maps.
+pub const FLAT_64THS: u64 = 45;
+/// What it is for a contact whose beginning nobody saw: a round one's.
+pub const ROUND_64THS: u64 = 41;
+/// Square of the reach over the contact's area, in 16ths of its unit a taxel, from which one that is not round is a line: in
+/// maps round ones have 8 to 9, flat ends 8 to 10, lines 10½ and more.
+pub const LINE_16THS: u32 = 10;
 /// Friction below which the feed-forward stops growing, 1/10000: at 0.05 it already asks for 20 times the shear.
 pub const FEED_FORWARD_FRICTION_MIN: u32 = 500;
 /// How far ahead of the maps the grip looks where the load grows, µs: what was best in 60 grasps of `evaluate grasps

@@ -16,6 +16,7 @@ pub mod carry;
 pub mod clock;
 pub mod constants;
 mod divide;
+mod form;
 pub mod friction;
 pub mod grip;
 pub mod line;

@@ -3,20 +3,20 @@
 //!
 //! When the load on a contact that slips falls, or turns back, every taxel sticks at once (Cattaneo 1938, Mindlin and
 //! Deresiewicz 1953), while the ratios in the map stay near friction until the load is gone. From then on friction is
-//! known: μ is the share that slid. A load Q on a fresh contact of normal force N leaves (1 − Q/μN)^⅔ of it stuck, half of it
-//! at Q = 0.646 μN. One that slid under Q₀ = μN slips by half again when the load has turned back by 2 · 0.646 μN, or when
-//! Q₀ is reached again. Both are one rule, that of a slider with friction: half of the contact slips once the load is
-//! further than 0.646 μN from a centre, which is nought at first and 0.354 Q₀ after the slide; and in between, forward,
-//! sideways or back, half of it and more stick, whatever the ratios in a map say of it.
+//! known: μ is the share that slid. A load Q on a fresh contact of normal force N leaves half of it stuck at Q = h μN, where
+//! h depends on the contact's form (`form.rs`). One that slid under Q₀ = μN slips by half again when the load has turned
+//! back by 2 h μN, or when Q₀ is reached again. Both are one rule, that of a slider with friction: half of the contact slips
+//! once the load is further than h μN from a centre, which is nought at first and (1 − h) Q₀ after the slide; and in between,
+//! forward, sideways or back, half of it and more stick, whatever the ratios in a map say of it.
 //!
 //! Units: forces 1/4096 N, twist 1/4096 N times half taxel pitches, shares of the normal force 2⁻¹⁴, times as named.
-//! Limits: friction that falls when sliding begins looks like a load that falls, until the peak is forgotten; flat ends
-//! hold longer than round ones, and twist by their own lever.
+//! Limits: friction that falls when sliding begins looks like a load that falls, until the peak is forgotten.
 
 use gripline_protocol::message::MapSums;
 
-use crate::constants::{CENTRE_64THS, FALL_PART, HALF_64THS, PEAK_SHIFT};
+use crate::constants::{CENTRE_AND_HALF_64THS, FALL_PART, PEAK_SHIFT};
 use crate::divide::divide;
+use crate::form::Form;
 use crate::sums::square_root;
 
 /// A share of 1.
@@ -35,8 +35,6 @@ pub(crate) struct Load {
     force: [i32; 2],
     /// Moment about the centre of pressure.
     twist: i32,
-    /// Taxels in contact; makes a force of the twist.
-    contact: u16,
     /// At least 1.
     normal: u32,
     /// Load over normal force.
@@ -44,13 +42,13 @@ pub(crate) struct Load {
 }
 
 impl Load {
-    /// Of a map's sums; something must be in contact.
-    pub(crate) fn of(sums: &MapSums) -> Self {
+    /// Of a map's sums; something must be in contact. Before its form is known a twist is none.
+    pub(crate) fn of(sums: &MapSums, form: &Form) -> Self {
         let [x, y, z] = sums.force;
         let normal = z.max(1).cast_unsigned();
         let (divisor, shift) = narrowed(z);
         let twist = twist(sums);
-        let load = square_root(square([x, y], twist, sums.contact));
+        let load = square_root(square([x, y], twist, form));
         // One division of 32 bits: below four times the normal force, what is divided is below 2³².
         let share = if load >> 2 >= normal {
             u32::from(u16::MAX)
@@ -60,7 +58,6 @@ impl Load {
         Self {
             force: [x, y],
             twist,
-            contact: sums.contact,
             normal,
             share: share.min(u16::MAX.into()) as u16,
         }
@@ -86,13 +83,13 @@ pub(crate) fn twist(sums: &MapSums) -> i32 {
     (i64::from(sums.moment) - of_centre).clamp(-TWIST_MAX, TWIST_MAX) as i32
 }
 
-/// Square of force and twist as one force. An even pressure holds a twist of ⅔ radius times the force that it holds; with
-/// π radius² for the taxels in contact (4 square half pitches each) that is √(contact/1.77). Edges count less in a map,
-/// so it is √(contact/2). Not inlined: there is little room in SRAM.
+/// Square of force and twist as one force. Not inlined: there is little room in SRAM.
 #[inline(never)]
-fn square([x, y]: [i32; 2], twist: i32, contact: u16) -> u64 {
-    let [x, y, twist] = [x, y, twist].map(|part| u64::from(part.unsigned_abs()).pow(2));
-    (x + y + divide(2 * twist, contact)).min(SQUARE_MAX)
+fn square([x, y]: [i32; 2], twist: i32, form: &Form) -> u64 {
+    let [x, y] = [x, y].map(|part| u64::from(part.unsigned_abs()).pow(2));
+    (x + y)
+        .saturating_add(form.square_of_twist(twist))
+        .min(SQUARE_MAX)
 }
 
 /// What the loads of a contact were.
@@ -133,23 +130,30 @@ impl LoadHistory {
     }
 
     /// The contact slid, and its load now falls.
-    pub(crate) fn note_slid(&mut self, load: &Load) {
+    pub(crate) fn note_slid(&mut self, load: &Load, form: &Form) {
+        let share = CENTRE_AND_HALF_64THS - i32::from(form.half_64ths());
         // No part of a load is beyond 2²⁹.
-        let centre = |part: i32| (part >> 6) * CENTRE_64THS;
+        let centre = |part: i32| (part >> 6) * share;
         self.centre = load.force.map(centre);
         self.centre_twist = centre(load.twist);
         self.friction = load.share;
     }
 
+    /// Whether something slid.
+    pub(crate) const fn has_slid(&self) -> bool {
+        self.friction > 0
+    }
+
     /// Whether half of the contact slips under this load; none before anything slid.
-    pub(crate) fn is_half_slipping(&self, load: &Load) -> Option<bool> {
-        if self.friction == 0 {
+    pub(crate) fn is_half_slipping(&self, load: &Load, form: &Form) -> Option<bool> {
+        if !self.has_slid() {
             return None;
         }
         let ([x, y], [x0, y0]) = (load.force, self.centre);
-        let away = square([x - x0, y - y0], load.twist - self.centre_twist, load.contact);
-        // At most 2²⁴ · 2¹⁶ · 45; the bound is below 2²⁷.
-        let bound = (u64::from(load.normal) * u64::from(self.friction) * HALF_64THS) >> (SHARE_SHIFT + 6);
+        let away = square([x - x0, y - y0], load.twist - self.centre_twist, form);
+        // At most 2²⁴ · 2¹⁶ · 58; the bound is below 2²⁶.
+        let bound = (u64::from(load.normal) * u64::from(self.friction) * u64::from(form.half_64ths()))
+            >> (SHARE_SHIFT + 6);
         Some(away > bound * bound)
     }
 }
@@ -159,36 +163,51 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// A contact of 20 taxels in the middle under these forces, 1/4096 N, and this twist.
-    fn load(x: i32, y: i32, z: i32, twist: i32) -> Load {
-        Load::of(&MapSums {
+    fn sums(x: i32, y: i32, z: i32, twist: i32) -> MapSums {
+        MapSums {
             contact: 20,
-            stick: 0,
+            stick: 20,
             force: [x, y, z],
             moment: twist,
-            pressure: [0; 2],
-        })
+            ..MapSums::default()
+        }
+    }
+
+    /// A round contact of 20 taxels: its reach is 10 half pitches squared.
+    fn round() -> Form {
+        let mut form = Form::new();
+        form.observe(&sums(0, 0, 10_000, 0), true);
+        form
+    }
+
+    /// A contact of 20 taxels in the middle under these forces, 1/4096 N, and this twist.
+    fn load(x: i32, y: i32, z: i32, twist: i32) -> Load {
+        Load::of(&sums(x, y, z, twist), &round())
     }
 
     #[test]
     fn the_share_is_load_over_normal_force_and_a_twist_counts_at_its_lever() {
         assert_eq!(load(300, -400, 1_000, 0).share, 8_192);
         assert_eq!(load(3_000_000, 4_000_000, 10_000_000, 0).share, 8_192);
-        // √(2/20) of 10,000 half pitches.
-        assert_eq!(load(0, 0, 10_000, 10_000).share, 5_180);
+        // √(18/160) of 10,000 half pitches.
+        assert_eq!(load(0, 0, 10_000, 10_000).share, 5_495);
         assert_eq!(load(1, 0, -5, 0).share, 16_384);
     }
 
     #[test]
     fn where_on_the_map_a_contact_is_pulled_makes_no_twist() {
         let at = |column: i32, row: i32| {
-            Load::of(&MapSums {
-                contact: 20,
-                stick: 20,
-                force: [3_000, -1_000, 70_000],
-                moment: column * -1_000 - row * 3_000,
-                pressure: [column * 70_000, row * 70_000],
-            })
+            Load::of(
+                &MapSums {
+                    contact: 20,
+                    stick: 20,
+                    force: [3_000, -1_000, 70_000],
+                    moment: column * -1_000 - row * 3_000,
+                    pressure: [column * 70_000, row * 70_000],
+                    ..MapSums::default()
+                },
+                &round(),
+            )
         };
         for (column, row) in [(0, 0), (19, -19), (-7, 12)] {
             // The divisor of 16 bits costs 2⁻¹⁵ of the moment.
@@ -230,50 +249,56 @@ mod tests {
     #[test]
     fn after_a_slide_the_other_way_slips_early_and_the_same_way_late() {
         let mut history = LoadHistory::new();
-        assert_eq!(history.is_half_slipping(&load(-9_000, 0, 10_000, 0)), None);
-        history.note_slid(&load(6_000, 0, 10_000, 0));
+        let half_slips = |history: &LoadHistory, load: Load| history.is_half_slipping(&load, &round());
+        assert_eq!(half_slips(&history, load(-9_000, 0, 10_000, 0)), None);
+        history.note_slid(&load(6_000, 0, 10_000, 0), &round());
         for (x, y, slips) in [
-            (6_600, 0, true),
-            (6_300, 0, false),
+            (6_400, 0, true),
+            (6_100, 0, false),
             (0, 0, false),
-            (-1_900, 0, false),
-            (-2_200, 0, true),
-            (0, 3_500, false),
-            (0, 3_800, true),
+            (-1_800, 0, false),
+            (-2_000, 0, true),
+            (0, 3_300, false),
+            (0, 3_500, true),
         ] {
             assert_eq!(
-                history.is_half_slipping(&load(x, y, 10_000, 0)),
+                half_slips(&history, load(x, y, 10_000, 0)),
                 Some(slips),
                 "{x} {y}"
             );
         }
         // Twice the grip holds twice the distance.
-        assert_eq!(history.is_half_slipping(&load(-6_000, 0, 20_000, 0)), Some(false));
+        assert_eq!(half_slips(&history, load(-5_500, 0, 20_000, 0)), Some(false));
     }
 
     #[test]
     fn a_twist_turns_as_a_force_does() {
         let mut history = LoadHistory::new();
-        history.note_slid(&load(0, 0, 10_000, 20_000));
-        assert_eq!(history.is_half_slipping(&load(0, 0, 10_000, -6_500)), Some(false));
-        assert_eq!(history.is_half_slipping(&load(0, 0, 10_000, -7_200)), Some(true));
+        history.note_slid(&load(0, 0, 10_000, 20_000), &round());
+        for (twist, slips) in [(-6_000, false), (-6_500, true)] {
+            let back = load(0, 0, 10_000, twist);
+            assert_eq!(history.is_half_slipping(&back, &round()), Some(slips), "{twist}");
+        }
     }
 
     proptest! {
         #[test]
         fn no_map_is_too_much(contact in 1_u16..=400, x in -(400 << 15)..=400 << 15, y in -(400 << 15)..=400 << 15,
-                              z in -(400 << 15)..=400 << 15, moment: i32, pressure in [-(19 * 400) << 15..=(19 * 400) << 15, -(19 * 400) << 15..=(19 * 400) << 15]) {
-            let load = Load::of(&MapSums { contact, stick: 0, force: [x, y, z], moment, pressure });
+                              z in -(400 << 15)..=400 << 15, moment: i32, spread: i32, pressure in [-(19 * 400) << 15..=(19 * 400) << 15, -(19 * 400) << 15..=(19 * 400) << 15]) {
+            let sums = MapSums { contact, stick: 0, force: [x, y, z], moment, pressure, spread };
+            let mut form = Form::new();
+            form.observe(&sums, true);
+            let load = Load::of(&sums, &form);
             let mut history = LoadHistory::new();
-            history.note_slid(&load);
-            let back = Load::of(&MapSums { contact, stick: 0, force: [-x, -y, z], moment: moment.saturating_neg(), pressure });
+            history.note_slid(&load, &form);
+            let back = Load::of(&MapSums { force: [-x, -y, z], moment: moment.saturating_neg(), ..sums }, &form);
             let exact = {
                 let sides = [x, y].map(|side| f64::from(side).powi(2));
-                let twist = f64::from(load.twist).powi(2) * 2.0 / f64::from(contact);
+                let twist = form.square_of_twist(load.twist) as f64;
                 (16_384.0 * (sides[0] + sides[1] + twist).sqrt() / f64::from(z.max(1))).min(65_535.0)
             };
             prop_assert!((f64::from(load.share) - exact).abs() <= 2.0 + exact * 1e-4 + 16_384.0 / f64::from(z.max(1)) || exact > 30_000.0, "{} {exact}", load.share);
-            history.is_half_slipping(&back);
+            history.is_half_slipping(&back, &form);
             prop_assert!(!history.push(&load, 7));
         }
     }

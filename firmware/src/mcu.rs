@@ -405,16 +405,19 @@ impl<K: Kernel> Mcu<K> {
         }
     }
 
-    /// What a map says of load and friction comes a tick later than the map: it is too long for the way from map to
+    /// What a map says of form, load and friction comes a tick later than the map: it is too long for the way from map to
     /// line, and a millisecond is nothing beside a gripper's lag. One fingertip a tick.
     #[inline(never)]
     fn learn(&mut self) {
-        if !self.settings.learns() {
-            return;
-        }
         let [one, other] = &mut self.fingertips;
         let tip = if one.is_load_due { one } else { other };
         let is_new = core::mem::take(&mut tip.is_load_due);
+        if is_new {
+            tip.slip.observe(&tip.sums);
+        }
+        if !self.settings.learns() {
+            return;
+        }
         if is_new {
             tip.load.observe(&tip.sums, self.now_us, &self.settings);
         }

@@ -1,14 +1,16 @@
 //! From stick ratios to a slip state: threshold with a separate leave threshold, a least time in a state, and the
 //! trend, because a sudden fall of the stick ratio announces slip. Getting worse is believed at once, getting better
 //! only after the dwell time; unless the load falls (`load.rs`), for then everything sticks at once. Once it has
-//! slid, friction is known and the load tells more than one map: where half of the contact must slip under it, that is
-//! INCIPIENT before the ratios show it, and where half must stick, STICK although they do not. Units: ratios 1/10000, times
+//! slid, friction is known and the load tells more than one map (`load.rs`, by the form of the contact, `form.rs`): where half
+//! of the contact must slip under it, that is INCIPIENT before the ratios show it, and where half must stick, STICK although
+//! they do not. Units: ratios 1/10000, times
 //! as named.
 
 use gripline_protocol::message::{Configuration, MapSums, SlipState};
 
 use crate::constants::{TIME_TO_SLIP_MAX_MS, TREND_MAPS};
 use crate::divide::divide;
+use crate::form::Form;
 use crate::load::{Load, LoadHistory};
 use crate::sums::{stick_ratio, stick_ratio_below};
 
@@ -28,10 +30,11 @@ pub struct Judgement {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct SlipDetector {
     state: SlipState,
-    /// When the state was last as bad as it is, µs.
-    last_bad_us: u64,
+    /// When the state was last as bad as it is, µs; wraps.
+    last_bad_us: u32,
     trend: Trend,
     loads: LoadHistory,
+    form: Form,
 }
 
 impl SlipDetector {
@@ -43,6 +46,7 @@ impl SlipDetector {
             last_bad_us: 0,
             trend: Trend::new(),
             loads: LoadHistory::new(),
+            form: Form::new(),
         }
     }
 
@@ -61,7 +65,10 @@ impl SlipDetector {
         settings: &Configuration,
     ) -> Judgement {
         let Some(ratio) = stick_ratio(sums) else {
-            *self = Self::new();
+            self.state = SlipState::NoContact;
+            self.trend.filled = 0;
+            self.loads = LoadHistory::new();
+            self.form = Form::new();
             return Judgement::default();
         };
         let time_to_slip_ms = self.trend.push(ratio, capture_us, settings.slip_threshold);
@@ -73,6 +80,15 @@ impl SlipDetector {
         }
     }
 
+    /// Looks at the form of a contact, for the maps that come: after [`SlipDetector::update`] with the same sums, and not
+    /// on the way from map to line.
+    pub fn observe(&mut self, sums: &MapSums) {
+        if sums.contact > 0 {
+            let sticks = severity(self.state) <= severity(SlipState::Stick) && !self.loads.has_slid();
+            self.form.observe(sums, sticks);
+        }
+    }
+
     fn next_state(
         &mut self,
         sums: &MapSums,
@@ -81,17 +97,17 @@ impl SlipDetector {
         now_us: u64,
         settings: &Configuration,
     ) -> SlipState {
-        let load = Load::of(sums);
+        let load = Load::of(sums, &self.form);
         if self.loads.push(&load, capture_us) {
             if self.state == SlipState::Slip {
-                self.loads.note_slid(&load);
+                self.loads.note_slid(&load, &self.form);
             }
             return SlipState::Stick;
         }
         let soon = time_to_slip_ms.is_some_and(|ms| ms < settings.incipient_horizon_ms);
         let slips = stick_ratio_below(sums, settings.slip_threshold)
             || (self.state == SlipState::Slip && stick_ratio_below(sums, settings.slip_leave));
-        let by_load = self.loads.is_half_slipping(&load);
+        let by_load = self.loads.is_half_slipping(&load, &self.form);
         // Ratios this low are believed in any case: friction may have changed since.
         let is_held = severity(self.state) <= severity(SlipState::Stick)
             && by_load == Some(false)
@@ -105,7 +121,9 @@ impl SlipDetector {
         } else {
             SlipState::Stick
         };
-        let rested = now_us.saturating_sub(self.last_bad_us) >= u64::from(settings.dwell_ms) * 1_000;
+        // Wraps after 71 minutes, longer than any dwell.
+        let now_us = now_us as u32;
+        let rested = now_us.wrapping_sub(self.last_bad_us) >= u32::from(settings.dwell_ms) * 1_000;
         if severity(now) >= severity(self.state) {
             self.last_bad_us = now_us;
             now
@@ -132,8 +150,9 @@ pub const fn severity(state: SlipState) -> u8 {
 /// hardly moves.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 struct Trend {
-    /// (stick ratio, capture time); the oldest stands at `oldest`.
-    maps: [(u16, u32); TREND_MAPS],
+    /// Stick ratios, and when each was captured; the oldest stands at `oldest`.
+    ratios: [u16; TREND_MAPS],
+    at_us: [u32; TREND_MAPS],
     filled: u8,
     oldest: u8,
 }
@@ -141,7 +160,8 @@ struct Trend {
 impl Trend {
     const fn new() -> Self {
         Self {
-            maps: [(0, 0); TREND_MAPS],
+            ratios: [0; TREND_MAPS],
+            at_us: [0; TREND_MAPS],
             filled: 0,
             oldest: 0,
         }
@@ -150,7 +170,8 @@ impl Trend {
     /// Time to the threshold in ms; `None` while the window fills or the ratio does not fall.
     fn push(&mut self, ratio: u16, capture_us: u32, threshold: u16) -> Option<u16> {
         let at = usize::from(self.oldest) % TREND_MAPS;
-        self.maps[at] = (ratio, capture_us);
+        self.ratios[at] = ratio;
+        self.at_us[at] = capture_us;
         self.oldest = (at as u8 + 1) % TREND_MAPS as u8;
         self.filled = (self.filled + 1).min(TREND_MAPS as u8);
         if usize::from(self.filled) < TREND_MAPS {
@@ -159,9 +180,9 @@ impl Trend {
         let half = |first: usize| {
             let (mut ratios, mut ages_us) = (0_u32, 0_u64);
             for place in 0..TREND_MAPS / 2 {
-                let (ratio, us) = self.maps[(at + 1 + first + place) % TREND_MAPS];
-                ratios += u32::from(ratio);
-                ages_us += u64::from(capture_us.wrapping_sub(us));
+                let map = (at + 1 + first + place) % TREND_MAPS;
+                ratios += u32::from(self.ratios[map]);
+                ages_us += u64::from(capture_us.wrapping_sub(self.at_us[map]));
             }
             (ratios, ages_us)
         };

@@ -2,7 +2,7 @@
 //!
 //! Units: forces 1/4096 N; places in half taxel pitches, odd numbers from −19 to 19 from the map's centre.
 //! No branch on the forces, so the work depends on the number of taxels only. No sum can overflow: 400 taxels of 2¹⁵
-//! at a distance of at most 19 give |Σ(x fy − y fx)| ≤ 400·38·2¹⁵ < 2³¹.
+//! at a distance of at most 19 give |Σ(x fy − y fx)| ≤ 400·38·2¹⁵ < 2³¹, and (x² + y²)/2 is 133 on average: 400·133·2¹⁵ < 2³¹.
 
 use gripline_protocol::constants::TAXEL_BYTES;
 use gripline_protocol::message::{Configuration, MapSums};
@@ -54,6 +54,8 @@ pub struct Accumulator {
     pub moment: i32,
     /// Σ column fz, Σ row fz.
     pub pressure: [i32; 2],
+    /// Σ(column² + row²) fz; wraps, and [`Accumulator::finish`] makes of it what does not.
+    pub spread: i32,
     /// Taxels that are not in contact.
     pub idle: u32,
     /// Taxels in contact that do not stick.
@@ -74,6 +76,7 @@ impl Accumulator {
             force: [0; 3],
             moment: 0,
             pressure: [0; 2],
+            spread: 0,
             idle: 0,
             slips: 0,
             square: rule.friction.square(),
@@ -95,6 +98,11 @@ impl Accumulator {
             force: self.force,
             moment: 2 * self.moment - LAST * y + LAST * x,
             pressure: [2 * self.pressure[0] - LAST * z, 2 * self.pressure[1] - LAST * z],
+            // ((2 column − 19)² + (2 row − 19)²)/2.
+            spread: (self.spread)
+                .wrapping_sub((self.pressure[0] + self.pressure[1]).wrapping_mul(LAST))
+                .wrapping_mul(2)
+                .wrapping_add(z.wrapping_mul(LAST * LAST)),
         }
     }
 }
@@ -123,6 +131,7 @@ impl Kernel for Portable {
             sums.moment += column * y - row * x;
             sums.pressure[0] += column * z;
             sums.pressure[1] += row * z;
+            sums.spread = sums.spread.wrapping_add((column * column + row * row) * z);
             // As `TaxelRule::decide`, word by word.
             let shear_square = (x * x).cast_unsigned() + (y * y).cast_unsigned();
             let normal_square = (z * z).cast_unsigned();
@@ -157,7 +166,7 @@ pub fn sums_of(map: &ForceMap, rule: TaxelRule) -> MapSums {
             continue;
         }
         // In words of their own, which vectors can hold.
-        let (mut x_sum, mut y_sum, mut z_sum, mut y_moment, mut z_moment) = (0, 0, 0, 0, 0);
+        let (mut x_sum, mut y_sum, mut z_sum, mut y_moment, mut z_moment, mut z_spread) = (0, 0, 0, 0, 0, 0);
         let (mut contact, mut slipping) = (0, 0);
         for (column, force) in (0..).zip(forces) {
             let (x, y, z) = (i32::from(force.x), i32::from(force.y), i32::from(force.z));
@@ -166,6 +175,7 @@ pub fn sums_of(map: &ForceMap, rule: TaxelRule) -> MapSums {
             z_sum += z;
             y_moment += column * y;
             z_moment += column * z;
+            z_spread += column * column * z;
             // As `TaxelRule::decide`, word by word.
             let shear_square = (x * x).cast_unsigned() + (y * y).cast_unsigned();
             let normal_square = (z * z).cast_unsigned();
@@ -180,6 +190,7 @@ pub fn sums_of(map: &ForceMap, rule: TaxelRule) -> MapSums {
         sums.moment += y_moment - row * x_sum;
         sums.pressure[0] += z_moment;
         sums.pressure[1] += row * z_sum;
+        sums.spread = sums.spread.wrapping_add(z_spread + row * row * z_sum);
         sums.slips += slipping;
         sums.idle += SIDE as u32 - contact;
     }

@@ -195,14 +195,14 @@ proptest! {
     fn sums_equal_those_of_wide_arithmetic(map in any_map(), per_unit in 0..=20_000_u16, contact_min in 0..=i16::MAX) {
         let sums = sums_of(&map, rule(per_unit, contact_min));
         let place = |n: usize| (2 * (n % 20) as i64 - 19, 2 * (n / 20) as i64 - 19);
-        let mut wide = [0_i64; 6];
+        let mut wide = [0_i64; 7];
         for (n, force) in map.taxels.iter().enumerate() {
             let ((px, py), (x, y, z)) = (place(n), (i64::from(force.x), i64::from(force.y), i64::from(force.z)));
-            for (sum, term) in wide.iter_mut().zip([x, y, z, px * y - py * x, px * z, py * z]) {
+            for (sum, term) in wide.iter_mut().zip([x, y, z, px * y - py * x, px * z, py * z, (px * px + py * py) / 2 * z]) {
                 *sum += term;
             }
         }
-        let found = [sums.force[0], sums.force[1], sums.force[2], sums.moment, sums.pressure[0], sums.pressure[1]];
+        let found = [sums.force[0], sums.force[1], sums.force[2], sums.moment, sums.pressure[0], sums.pressure[1], sums.spread];
         prop_assert_eq!(found.map(i64::from), wide);
         let contact: Vec<_> = map.taxels.iter().filter(|force| force.z > contact_min).collect();
         prop_assert_eq!(usize::from(sums.contact), contact.len());

@@ -2,7 +2,7 @@
 //! any image.
 //!
 //! The same work as the kernel's: forty packets of ten taxels, each at its place; contact, stick, total force, moment about
-//! the centre, centre of pressure. Units: newtons, millimetres. Limits: one dense map, then it stops.
+//! the centre, centre and spread of pressure. Units: newtons, millimetres. Limits: one dense map, then it stops.
 #![no_std]
 #![no_main]
 
@@ -43,6 +43,7 @@ struct Sums {
     force_n: [f32; 3],
     moment_nmm: f32,
     pressure_nmm: [f32; 2],
+    spread_nmm2: f32,
 }
 
 const FRICTION: f32 = 0.45;
@@ -67,6 +68,7 @@ impl Sums {
         self.moment_nmm += x_mm * y - y_mm * x;
         self.pressure_nmm[0] += x_mm * z;
         self.pressure_nmm[1] += y_mm * z;
+        self.spread_nmm2 += (x_mm * x_mm + y_mm * y_mm) * z;
         if z > CONTACT_MIN_N {
             self.contact += 1;
             if x * x + y * y <= FRICTION * FRICTION * z * z {
@@ -123,6 +125,7 @@ fn main() -> ! {
         sums.force_n,
         sums.moment_nmm,
         sums.pressure_nmm,
+        sums.spread_nmm2,
     ));
     done()
 }

@@ -324,6 +324,8 @@ pub struct MapSums {
     pub moment: i32,
     /// Σ x fz and Σ y fz, in 1/4096 N × half a taxel pitch: the centre of pressure is this over Σ fz.
     pub pressure: [i32; 2],
+    /// Σ (x² + y²)/2 fz about the map's centre, in 1/4096 N × half a taxel pitch squared: how far the pressure reaches.
+    pub spread: i32,
 }
 
 /// Places in [`Status::worst_cycles`].

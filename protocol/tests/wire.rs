@@ -284,13 +284,15 @@ fn any_status() -> impl Strategy<Value = Status> {
         any::<[i32; 3]>(),
         any::<i32>(),
         any::<[i32; 2]>(),
+        any::<i32>(),
     )
-        .prop_map(|(contact, stick, force, moment, pressure)| MapSums {
+        .prop_map(|(contact, stick, force, moment, pressure, spread)| MapSums {
             contact,
             stick,
             force,
             moment,
             pressure,
+            spread,
         });
     let state = prop_oneof![
         Just(SlipState::NoContact),

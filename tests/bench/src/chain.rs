@@ -125,6 +125,7 @@ pub(crate) fn measure(scenes: &[Scene], mut told: impl FnMut(&str)) -> Result<Ve
                 let sums = sums_of(processed.map, rule);
                 let now_us = (f64::from(number) * 1e6 / FRAMES_PER_SECOND) as u64;
                 let judgement = detector.update(&sums, now_us as u32, now_us + 1_000_000, settings);
+                detector.observe(&sums);
                 seen[place].push(Seen {
                     sums,
                     slips: stick_ratio_below(&sums, settings.slip_threshold),

@@ -18,6 +18,8 @@ pub struct Sums {
     pub moment: BigInt,
     /// Σ x fz, Σ y fz.
     pub pressure: [BigInt; 2],
+    /// Σ (x² + y²)/2 fz.
+    pub spread: BigInt,
 }
 
 fn square(value: impl Into<BigInt>) -> BigInt {
@@ -50,6 +52,7 @@ pub fn map(taxels: &[TaxelForce; TAXELS], friction: u16, contact_min: i16) -> Su
         force: [0, 0, 0].map(BigInt::from),
         moment: BigInt::from(0),
         pressure: [0, 0].map(BigInt::from),
+        spread: BigInt::from(0),
     };
     for (number, force) in taxels.iter().enumerate() {
         let (contact, stick) = taxel(*force, friction, contact_min);
@@ -60,6 +63,7 @@ pub fn map(taxels: &[TaxelForce; TAXELS], friction: u16, contact_min: i16) -> Su
         sums.moment += &px * &y - &py * &x;
         sums.pressure[0] += &px * &z;
         sums.pressure[1] += &py * &z;
+        sums.spread += (square(px) + square(py)) / 2 * &z;
         for (sum, part) in sums.force.iter_mut().zip([x, y, z]) {
             *sum += part;
         }

@@ -126,7 +126,9 @@ pub fn states(recorded: &Recorded, sight: Sight, settings: &Configuration) -> Ve
         .map(|frame| {
             let now_us = (frame.truth.time_s * 1e6).round() as u64;
             let sums = sums_of(sight.of(frame), rule);
-            detector.update(&sums, now_us as u32, now_us, settings).state
+            let judgement = detector.update(&sums, now_us as u32, now_us, settings);
+            detector.observe(&sums);
+            judgement.state
         })
         .collect()
 }

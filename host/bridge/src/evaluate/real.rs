@@ -221,6 +221,7 @@ fn states(trial: &Trial, friction: u16) -> Vec<f64> {
             let now_us = (frame as f64 * 1e6 / FRAMES_PER_SECOND) as u64;
             let sums = sums_of(map, rule(friction));
             let judgement = detector.update(&sums, now_us as u32, now_us, &settings);
+            detector.observe(&sums);
             f64::from(severity(judgement.state)) + slipping
         })
         .collect()

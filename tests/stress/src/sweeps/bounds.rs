@@ -91,6 +91,16 @@ fn over_taxels(part: impl Fn(Range, Range) -> Range) -> Range {
         .fold(range(0, 0), Add::add)
 }
 
+/// Σ (x² + y²)/2 fz about the centre.
+fn spread() -> Range {
+    let (two, last) = (range(2, 2), range(SIDE as i128 - 1, SIDE as i128 - 1));
+    over_taxels(|column, row| {
+        let [across, along] = [column, row].map(|place| two * place - last);
+        let square = across * across + along * along;
+        range(square.least / 2, square.most / 2) * I16
+    })
+}
+
 /// Every step of the detector.
 fn detector() -> Vec<Step> {
     let unit = range(PER_UNIT.into(), PER_UNIT.into());
@@ -129,6 +139,8 @@ fn detector() -> Vec<Step> {
             two * pressure - last * force,
             ("i32", I32),
         ),
+        // Its sum about the corner wraps; this is what comes out.
+        ("map: Σ (x² + y²)/2 fz, any taxels", spread(), ("i32", I32)),
         (
             "map: F_T², of which the root takes 52 bits",
             force.squared() + force.squared(),
@@ -171,8 +183,11 @@ fn loads() -> Vec<Step> {
     let moment = two * over_taxels(|column, row| column * I16 - row * I16) - last * force;
     let pressure = two * over_taxels(|column, _| column * I16) - last * force;
     let [across, along] = [pressure * force; 2];
-    // What the load keeps: a twist of at most 2²⁹, its square for the contact's size, of which all take 51 bits.
+    // What the load keeps: a twist of at most 2²⁹, and of one that slid at most 22/64 of it; its square by the pressure's
+    // reach, of which all take 51 bits.
     let twist = range(-(1 << 29), 1 << 29);
+    let turned = twist + range(twist.least * 22 / 64, twist.most * 22 / 64);
+    let reach = range(0, 16 * 2 * 19 * 19);
     let normal = range(1, force.most);
     let share = range(0, u16::MAX.into());
     vec![
@@ -183,9 +198,24 @@ fn loads() -> Vec<Step> {
             ("i64", I64),
         ),
         (
-            "load: Fx² + Fy² + 2 twist², changes of them",
-            (two * force).squared() + (two * force).squared() + two * (two * twist).squared(),
+            "load: Fx² + Fy², changes of them",
+            (two * force).squared() + (two * force).squared(),
             ("u64", U64),
+        ),
+        (
+            "form: 18 · twist², changes of it",
+            range(18, 18) * turned.squared(),
+            ("u64", U64),
+        ),
+        (
+            "form: 2 spread · F_N − Σ x fz² − Σ y fz²",
+            two * spread() * normal - pressure.squared() - pressure.squared(),
+            ("i64", I64),
+        ),
+        (
+            "form: reach · growth of F_N, all of it, in 64",
+            range(0, reach.most * normal.most / 64),
+            ("u32", U32),
         ),
         (
             "load: 2¹⁴ · load",
@@ -198,13 +228,13 @@ fn loads() -> Vec<Step> {
             ("u64", U64),
         ),
         (
-            "load: 20 · fall of the peak",
-            share * range(0, 1 << 8) * range(0, 20),
+            "load: 22 · fall of the peak",
+            share * range(0, 1 << 8) * range(0, 22),
             ("u32", U32),
         ),
         (
-            "load: 83 · share · normal force",
-            range(0, 83) * share * normal,
+            "load: 58 · share · normal force",
+            range(0, 58) * share * normal,
             ("u64", U64),
         ),
     ]
@@ -446,7 +476,8 @@ fn worst_maps(effort: Effort) -> (usize, u64, f64) {
         let found = sums_of(map, rule(FRICTION, 0));
         let same = found.force.map(BigInt::from) == right.force
             && right.moment == found.moment.into()
-            && found.pressure.map(BigInt::from) == right.pressure;
+            && found.pressure.map(BigInt::from) == right.pressure
+            && right.spread == found.spread.into();
         wrong += u64::from(!same);
         let _ = total_shear(&found);
         for sum in found.force {

@@ -153,6 +153,7 @@ fn one_map(map: &ForceMap, worst: &mut Worst) {
     let same = found.force.map(BigInt::from) == right.force
         && right.moment == found.moment.into()
         && found.pressure.map(BigInt::from) == right.pressure
+        && right.spread == found.spread.into()
         && (found.contact, found.stick) == (right.contact, right.stick);
     worst.sums += u64::from(!same);
     let says = exact::coulomb(&right.force, FRICTION);

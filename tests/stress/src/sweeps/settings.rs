@@ -220,6 +220,7 @@ fn whole_programs(effort: Effort) -> (usize, usize, [u64; 3]) {
                 && status.sums.force.map(BigInt::from) == right.force
                 && right.moment == status.sums.moment.into()
                 && status.sums.pressure.map(BigInt::from) == right.pressure
+                && right.spread == status.sums.spread.into()
                 && status.coulomb_slip == exact::coulomb(&right.force, settings.friction);
             worst[0] += u64::from(!same);
             for _ in 0..random.random_range(1..4) {

@@ -65,10 +65,11 @@ impl Report {
              them was chosen on these runs: friction and contact threshold are the network's calibration, the rest are the \
              firmware's defaults. While the load on the contact falls, everything sticks, whatever the ratios in the map \
              (Mindlin and Deresiewicz 1953); once it has slid, friction is known, and half of the contact slips where the \
-             load is further than about two thirds of what slid from a third of it: beyond is INCIPIENT before the ratios \
-             show it, within STICK although they do not, unless they are below three quarters of the threshold. That rule \
-             was found on \
-             `--data tuning`, which has other objects, seeds and sensors (from 7000000 on); sensors here: {} to {}.\n",
+             load is further than a part of what slid from the rest of it: about two thirds for a round contact, three \
+             quarters for a line, nine tenths for a flat one, told apart by how the reach of the pressure grew while it was \
+             pressed. Beyond is INCIPIENT before the ratios show it, within STICK although they do not, unless they are \
+             below three quarters of the threshold. That rule was found on `--data tuning` and with lines, flat ends and \
+             long ellipsoids beside it, which have other objects, seeds and sensors (from 7000000 on); sensors here: {} to {}.\n",
             self.data,
             self.seed,
             self.runs,
