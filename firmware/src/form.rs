@@ -242,7 +242,7 @@ mod tests {
                 sums.force[2] += z;
                 sums.pressure[0] += x * z;
                 sums.pressure[1] += y * z;
-                sums.spread += (x * x + y * y) / 2 * z;
+                sums.spread += z * (x * x + y * y) / 2;
             }
             let normal: f64 = taxels.iter().map(|taxel| f64::from(taxel.2)).sum();
             let mean = |of: &dyn Fn(f64, f64) -> f64| {

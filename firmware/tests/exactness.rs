@@ -198,7 +198,7 @@ proptest! {
         let mut wide = [0_i64; 7];
         for (n, force) in map.taxels.iter().enumerate() {
             let ((px, py), (x, y, z)) = (place(n), (i64::from(force.x), i64::from(force.y), i64::from(force.z)));
-            for (sum, term) in wide.iter_mut().zip([x, y, z, px * y - py * x, px * z, py * z, (px * px + py * py) / 2 * z]) {
+            for (sum, term) in wide.iter_mut().zip([x, y, z, px * y - py * x, px * z, py * z, z * (px * px + py * py) / 2]) {
                 *sum += term;
             }
         }
