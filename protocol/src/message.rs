@@ -15,7 +15,7 @@ pub use crate::line::{LineKind, LinePoint, LineSettings};
 use crate::packet::{Header, Kind, RunningCrc};
 
 /// Version of everything in this module but [`Hello`]; raised with every change of a message's layout.
-pub const SCHEMA_VERSION: u16 = 2;
+pub const SCHEMA_VERSION: u16 = 3;
 /// Hash over the layouts of all messages, so that a forgotten version number is noticed too.
 pub const SCHEMA_HASH: u32 = {
     let command = postcard_schema::key::Key::for_path::<Command>("command").to_bytes();

@@ -12,7 +12,7 @@ pub enum Data {
     /// The five objects with the paper's masses: what is reported.
     #[default]
     Report,
-    /// Five other objects, other seeds and sensors: what settings are chosen on.
+    /// Twelve other objects, other seeds and sensors: what settings are chosen on.
     Tuning,
 }
 

@@ -104,12 +104,13 @@ const fn object(
 
 const UPRIGHT: f64 = std::f64::consts::FRAC_PI_2;
 
-/// Ten objects. The first five have the paper's masses; what they were is not in its text, so their form is
-/// assumed: everyday things of that mass. The last five are standard articles. Friction of dry silicone on
-/// each material is assumed, within 0.5 to 1. Moments of inertia follow from mass and size: solid box or rod
-/// m(w² + h²)/12, solid ball ⅖mr², thin shell ⅔mr², solid cylinder across its axis m(3r² + h²)/12. Where
-/// the fingers do not grip above the middle, the centre of mass lies off the grip point and the object pivots.
-pub static OBJECTS: [Object; 10] = [
+/// Seventeen objects. The first five have the paper's masses; what they were is not in its text, so their form is
+/// assumed: everyday things of that mass. The next five are standard articles, the last seven things with lines, flat
+/// ends and round ends of other curvatures, their mass and size assumed. Friction of dry silicone on each material
+/// is assumed, within 0.5 to 1. Moments of inertia follow from mass and size: solid box or rod m(w² + h²)/12, solid
+/// ball ⅖mr², thin shell ⅔mr², solid cylinder across its axis m(3r² + h²)/12. Where the fingers do not grip above
+/// the middle, the centre of mass lies off the grip point and the object pivots.
+pub static OBJECTS: [Object; 17] = [
     // Paper, object 1. A hollow plastic ball, thin shell of 36 mm.
     object(
         "hollow plastic ball, 11.90 g",
@@ -247,6 +248,113 @@ pub static OBJECTS: [Object; 10] = [
         (Shape::Sphere { radius_mm: 33.5 }, 0.0),
         1.0,
     ),
+    // Glue stick, 26 mm across and 98 mm long, lying, gripped off its middle.
+    object(
+        "glue stick",
+        40.0,
+        [98.0, 26.0, 26.0],
+        33_703.0,
+        [8.0, 0.0],
+        (
+            Shape::Cylinder {
+                radius_mm: 13.0,
+                length_mm: 10.0,
+                edge_mm: 4.0,
+            },
+            0.0,
+        ),
+        0.7,
+    ),
+    // Board marker's cap, 10 mm across and 60 mm long, upright, gripped above its middle.
+    object(
+        "marker cap",
+        15.0,
+        [10.0, 60.0, 10.0],
+        4_594.0,
+        [0.0, -8.0],
+        (
+            Shape::Cylinder {
+                radius_mm: 5.0,
+                length_mm: 14.0,
+                edge_mm: 3.0,
+            },
+            UPRIGHT,
+        ),
+        0.8,
+    ),
+    // Domino, large, gripped at a narrow end that lies a little turned.
+    object(
+        "domino",
+        30.0,
+        [25.0, 50.0, 12.0],
+        7_813.0,
+        [4.0, -4.0],
+        (
+            Shape::Block {
+                sides_mm: [6.0, 4.0],
+                edge_mm: 3.0,
+            },
+            0.4,
+        ),
+        0.65,
+    ),
+    // Rubber eraser with worn edges.
+    object(
+        "eraser",
+        20.0,
+        [22.0, 43.0, 12.0],
+        3_888.0,
+        [0.0, -6.0],
+        (
+            Shape::Block {
+                sides_mm: [4.0, 4.0],
+                edge_mm: 6.0,
+            },
+            0.0,
+        ),
+        0.9,
+    ),
+    // Drawer knob with a flat face of 6 mm.
+    object(
+        "drawer knob",
+        60.0,
+        [32.0, 32.0, 25.0],
+        7_680.0,
+        [0.0, -5.0],
+        (
+            Shape::Disc {
+                radius_mm: 3.0,
+                edge_mm: 4.0,
+            },
+            0.0,
+        ),
+        0.5,
+    ),
+    // River pebble, gripped above its middle.
+    object(
+        "pebble",
+        98.0,
+        [38.0, 40.0, 28.0],
+        19_870.0,
+        [3.0, -10.0],
+        (
+            Shape::Ellipsoid {
+                axes_mm: [19.0, 14.0, 15.0],
+            },
+            0.2,
+        ),
+        0.6,
+    ),
+    // Weighted ball of a knob, gripped above its middle.
+    object(
+        "ball knob",
+        95.0,
+        [30.0, 42.0, 30.0],
+        17_000.0,
+        [0.0, -6.0],
+        (Shape::Sphere { radius_mm: 15.0 }, 0.0),
+        0.8,
+    ),
 ];
 
 #[cfg(test)]
@@ -254,7 +362,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn ten_objects_have_five_masses_of_the_paper_and_constants_that_belong_together() {
+    fn the_objects_have_five_masses_of_the_paper_and_constants_that_belong_together() {
         let masses: Vec<f64> = OBJECTS[..5].iter().map(|o| o.mass_g).collect();
         assert_eq!(masses, [11.90, 17.82, 91.11, 57.50, 92.66]);
         for object in &OBJECTS {

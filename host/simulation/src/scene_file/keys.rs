@@ -291,6 +291,13 @@ const OBJECT_NAMES: &[&str] = &[
     "AA cell",
     "hen's egg",
     "tennis ball",
+    "glue stick",
+    "marker cap",
+    "domino",
+    "eraser",
+    "drawer knob",
+    "pebble",
+    "ball knob",
     "own",
 ];
 

@@ -75,9 +75,9 @@ fn pressed(found: &mut Found) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Plays a grasp of every object.
+/// Plays a grasp of each of the first ten objects.
 fn grasped(found: &mut Found) -> Result<(), Failure> {
-    for object in &OBJECTS {
+    for object in &OBJECTS[..10] {
         let grip_n = GRIP_OF_NEED * object.weight_n() / (object.friction[0] + object.friction[1]);
         let mut scene = GraspScene::new(object.clone());
         scene.arm.strokes = vec![Stroke::Move {
