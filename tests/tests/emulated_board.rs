@@ -222,15 +222,7 @@ fn a_thousand_mixed_maps_over_usb_come_back_with_the_hosts_own_sums_and_stick_ra
     let mut contacts = [usize::MAX, 0];
     for number in 0..1_000 {
         let map = mixture.next(number);
-        board.send(&map);
-        let sequence = board.sequence;
-        board.wait_for(20, "the answer to a map", |board| {
-            board
-                .session
-                .status()
-                .is_some_and(|status| status.sequence == sequence)
-        });
-        let status = *board.session.status().unwrap();
+        let status = board.answer(&map);
         board.assert_sums(&status, &map, "mixed maps");
         let count = usize::from(status.sums.contact);
         contacts = [contacts[0].min(count), contacts[1].max(count)];
@@ -257,15 +249,7 @@ fn the_firmwares_clock_keeps_to_the_boards() {
         if step == 500 {
             board.session.store().unwrap();
         }
-        board.send(&map(step % 60));
-        let sequence = board.sequence;
-        board.wait_for(20, "the answer to a map", |board| {
-            board
-                .session
-                .status()
-                .is_some_and(|status| status.sequence == sequence)
-        });
-        let uptime_us = u64::from(board.session.status().unwrap().uptime_ms) * 1_000;
+        let uptime_us = u64::from(board.answer(&map(step % 60)).uptime_ms) * 1_000;
         offsets_us.push((board.link().powered_ns() / 1_000).cast_signed() - uptime_us.cast_signed());
     }
     let (least, most) = (offsets_us.iter().min().unwrap(), offsets_us.iter().max().unwrap());

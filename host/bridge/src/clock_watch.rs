@@ -137,6 +137,7 @@ mod tests {
         let for_a_while = |frame: u64| i64::from((500..520).contains(&frame)) * 300_000;
         assert!(jumps(1_000, 16_000, for_a_while).is_empty());
     }
+
     #[test]
     fn refusals_that_last_are_a_lock_out_and_those_between_maps_are_none() {
         let mut watch = ClockWatch::default();

@@ -112,6 +112,18 @@ impl Board {
         );
     }
 
+    /// Hands a map over and returns the status that answers it.
+    pub(crate) fn answer(&mut self, map: &ForceMap) -> Status {
+        self.send(map);
+        let sequence = self.sequence;
+        let is_answer = |board: &Self| {
+            let status = board.session.status();
+            status.is_some_and(|status| status.sequence == sequence)
+        };
+        self.wait_for(20, "the answer to a map", is_answer);
+        *self.session.status().expect("the answer")
+    }
+
     /// Maps a second that the firmware takes when `maps` are handed over at once and the bus is never idle.
     pub(crate) fn rate(&mut self, maps: &[ForceMap]) -> f64 {
         let before = self.wait(200_000);

@@ -109,8 +109,8 @@ impl Driver for Clock {
 
     fn schedule_wake(&self, at: u64, waker: &Waker) {
         critical_section::with(|section| {
-            let is_first = self.queue.borrow_ref_mut(section).schedule_wake(at, waker);
-            if is_first {
+            let has_changed = self.queue.borrow_ref_mut(section).schedule_wake(at, waker);
+            if has_changed {
                 self.wake(section);
             }
         });

@@ -67,24 +67,26 @@ impl Table {
         if self.counts == *code.counts && self.symbols == code.symbols {
             return Ok(());
         }
-        *self = Self::default();
+        // Of those of no code nothing stays behind.
+        let mut made = Self::default();
         let mut next = 0_u32;
         let mut place = 0_usize;
         for length in 1..=LONGEST {
-            self.offsets[length] = place as i32 - next as i32;
+            made.offsets[length] = place as i32 - next as i32;
             for _ in 0..code.counts[length - 1] {
                 if next >> length != 0 || place >= 256 {
                     return Err(damaged("a table of codes that are too many"));
                 }
-                self.look_for(next, length as u32, code.symbols[place]);
+                made.look_for(next, length as u32, code.symbols[place]);
                 next += 1;
                 place += 1;
             }
-            self.ends[length] = next << (LONGEST - length);
+            made.ends[length] = next << (LONGEST - length);
             next <<= 1;
         }
-        self.counts = *code.counts;
-        self.symbols = code.symbols.to_vec();
+        made.counts = *code.counts;
+        made.symbols = code.symbols.to_vec();
+        *self = made;
         Ok(())
     }
 
@@ -187,3 +189,27 @@ const COLOUR: [u8; 162] = [
     0xc2, 0xc3, 0xc4, 0xc5, 0xc6, 0xc7, 0xc8, 0xc9, 0xca, 0xd2, 0xd3, 0xd4, 0xd5, 0xd6, 0xd7, 0xd8, 0xd9, 0xda,
     0xe2, 0xe3, 0xe4, 0xe5, 0xe6, 0xe7, 0xe8, 0xe9, 0xea, 0xf2, 0xf3, 0xf4, 0xf5, 0xf6, 0xf7, 0xf8, 0xf9, 0xfa,
 ];
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn codes_that_are_too_many_leave_nothing_behind() {
+        let mut counts = [0; LONGEST];
+        counts[0] = 3;
+        let mut table = Table::default();
+        let too_many = Code {
+            counts: &counts,
+            symbols: &[1, 2, 3],
+        };
+        assert!(table.set(too_many).unwrap_err().contains("too many"));
+        let none = Code {
+            counts: &[0; LONGEST],
+            symbols: &[],
+        };
+        table.set(none).unwrap();
+        assert_eq!([table.look(0), table.look(u64::MAX)], [0; 2]);
+        assert_eq!(table.find(0), None);
+    }
+}
