@@ -1,11 +1,13 @@
 //! Which parts of the image changed since the last one, so that only what can see a change is computed again.
 
+use std::ops::Range;
+
 use super::pyramid::Level;
 use crate::constants::CROP_SIDE;
 
 /// Pixels a side of the tiles that are compared, and tiles a side.
-const TILE: usize = 8;
-const TILES: usize = CROP_SIDE / TILE;
+pub(super) const TILE: usize = 8;
+pub(super) const TILES: usize = CROP_SIDE / TILE;
 
 /// A rectangle of tiles: the first column and row, and those after the last.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -50,6 +52,8 @@ impl Tiles {
 #[derive(Debug)]
 pub(super) struct Changed {
     above_left: [[u16; TILES + 1]; TILES + 1],
+    /// Of each row of tiles, from the first changed one to after the last.
+    spans: [[u8; 2]; TILES],
 }
 
 impl Changed {
@@ -57,6 +61,11 @@ impl Changed {
         Self::from(|_, _| true)
     }
 
+    #[expect(
+        clippy::inline_always,
+        reason = "compiled for the instruction set of its caller"
+    )]
+    #[inline(always)]
     pub(super) fn between(before: &Level<CROP_SIDE>, now: &[u8]) -> Self {
         let mut tiles = [[false; TILES]; TILES];
         for (row, (tiles, lines)) in tiles
@@ -81,14 +90,27 @@ impl Changed {
 
     fn from(tile: impl Fn(usize, usize) -> bool) -> Self {
         let mut above_left = [[0; TILES + 1]; TILES + 1];
+        let mut spans = [[0; 2]; TILES];
         for row in 0..TILES {
+            let mut left = 0;
             for column in 0..TILES {
-                above_left[row + 1][column + 1] = above_left[row][column + 1] + above_left[row + 1][column]
-                    - above_left[row][column]
-                    + u16::from(tile(row, column));
+                if tile(row, column) {
+                    if left == 0 {
+                        spans[row][0] = column as u8;
+                    }
+                    spans[row][1] = column as u8 + 1;
+                    left += 1;
+                }
+                above_left[row + 1][column + 1] = above_left[row][column + 1] + left;
             }
         }
-        Self { above_left }
+        Self { above_left, spans }
+    }
+
+    /// Rows of tiles with changed ones, and from which column to before which those lie.
+    pub(super) fn rows(&self) -> impl Iterator<Item = (usize, Range<usize>)> {
+        let spans = self.spans.iter().map(|&[first, end]| first.into()..end.into());
+        spans.enumerate().filter(|(_, span)| !Range::is_empty(span))
     }
 
     pub(super) fn nothing(&self) -> bool {

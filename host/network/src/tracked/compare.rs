@@ -155,6 +155,7 @@ fn eight_avx2<const SIDE: usize, const ROWS: usize>(
 
 #[cfg(test)]
 mod tests {
+    use super::super::changed::Changed;
     use super::super::pyramid::Pyramid;
     use super::*;
 
@@ -175,7 +176,7 @@ mod tests {
             .map(|i| (i * i % 251 + i / 7 % 5) as u8)
             .collect();
         crop[..100 * 440].fill(255);
-        image.take(&crop);
+        image.take(&crop, &Changed::everything());
         let places = [[-20, -20], [3, 5], [200, 110], [433, 97], [440, 450]];
         for place in places {
             for window in [

@@ -15,6 +15,8 @@ const STEP: usize = 5;
 const REACH: [i32; 2] = [REACH_MOST as i32, 2];
 /// Farthest motion of a node, pixels of its level: windows stay inside the border.
 const FARTHEST: f32 = 15.0;
+/// Numbers of the longest row of nodes with one more at each end.
+const LINE: usize = 2 * (CROP_SIDE / 4 / STEP + 2);
 /// From how many pixels on a node's motion and its neighbours' median are different motions.
 const DIFFERENT: f32 = 0.75;
 
@@ -22,11 +24,20 @@ const DIFFERENT: f32 = 0.75;
 #[derive(Debug, Clone, Copy)]
 pub(super) struct NodeRange([[usize; 2]; 2]);
 
+/// A place among a level's nodes: the upper left one of the four around it, and how far from it towards the others.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Between {
+    first: usize,
+    towards: [f32; 2],
+}
+
 /// The nodes of both levels.
 #[derive(Debug, Clone)]
 pub(super) struct Flow {
     eighth: Nodes<{ CROP_SIDE / 8 }>,
     quarter: Nodes<{ CROP_SIDE / 4 }>,
+    /// Where each of the quarter's nodes lies among those of the eighth.
+    coarser: Vec<Between>,
 }
 
 /// One level's nodes: motion in the level's pixels.
@@ -34,8 +45,11 @@ pub(super) struct Flow {
 struct Nodes<const SIDE: usize> {
     /// Motions at the coarser level around each node, and the tiles that its search looked at.
     asked: Vec<([[f32; 2]; 5], Tiles)>,
-    /// As matched.
+    /// As matched, and the rows in which another one was matched than the last time.
     raw: Vec<[f32; 2]>,
+    other: Vec<bool>,
+    /// The median of each node and its neighbours, component by component.
+    median: Vec<[f32; 2]>,
     /// Without single mistakes.
     motion: Vec<[f32; 2]>,
     /// That of the last time, and the nodes that have another one now.
@@ -48,6 +62,9 @@ impl Flow {
         Self {
             eighth: Nodes::new(),
             quarter: Nodes::new(),
+            coarser: Nodes::<{ CROP_SIDE / 4 }>::centres()
+                .map(|centre| Nodes::<{ CROP_SIDE / 8 }>::between(centre.map(|c| 0.5 * (c as f32 + 0.5))))
+                .collect(),
         }
     }
 
@@ -58,17 +75,27 @@ impl Flow {
     )]
     #[inline(always)]
     pub(super) fn find<C: Compare>(&mut self, rest: &Pyramid, now: &Pyramid, changed: &Changed) {
-        let nothing: Option<&Nodes<{ CROP_SIDE / 8 }>> = None;
+        let nothing: Option<(&Nodes<{ CROP_SIDE / 8 }>, _)> = None;
         self.eighth
             .find::<C, _>(nothing, &rest.eighth, &now.eighth, REACH[0], changed);
+        let coarser = Some((&self.eighth, &*self.coarser));
         self.quarter
-            .find::<C, _>(Some(&self.eighth), &rest.quarter, &now.quarter, REACH[1], changed);
+            .find::<C, _>(coarser, &rest.quarter, &now.quarter, REACH[1], changed);
     }
 
-    /// Motion at a place of the crop, pixels of the crop.
-    #[inline]
-    pub(super) fn at(&self, place_px: [f32; 2]) -> [f32; 2] {
-        self.quarter.at(place_px.map(|p| p / 4.0)).map(|v| v * 4.0)
+    /// Where a place of the crop lies, pixels of the crop.
+    pub(super) fn between(place_px: [f32; 2]) -> Between {
+        Nodes::<{ CROP_SIDE / 4 }>::between(place_px.map(|p| p / 4.0))
+    }
+
+    /// Motion there, pixels of the crop.
+    #[expect(
+        clippy::inline_always,
+        reason = "compiled for the instruction set of its caller"
+    )]
+    #[inline(always)]
+    pub(super) fn at(&self, place: Between) -> [f32; 2] {
+        self.quarter.at(place).map(|v| v * 4.0)
     }
 
     /// The nodes that [`Self::at`] goes by at places between these two, pixels of the crop.
@@ -101,6 +128,8 @@ impl<const SIDE: usize> Nodes<SIDE> {
     fn new() -> Self {
         let still = vec![[0.0; 2]; Self::PER_SIDE * Self::PER_SIDE];
         Self {
+            other: vec![true; Self::PER_SIDE],
+            median: still.clone(),
             asked: vec![([[0.0; 2]; 5], Tiles::ALL); Self::PER_SIDE * Self::PER_SIDE],
             moved: vec![true; still.len()],
             raw: still.clone(),
@@ -116,23 +145,20 @@ impl<const SIDE: usize> Nodes<SIDE> {
     #[inline(always)]
     fn find<C: Compare, const COARSER: usize>(
         &mut self,
-        coarser: Option<&Nodes<COARSER>>,
+        coarser: Option<(&Nodes<COARSER>, &[Between])>,
         rest: &Level<SIDE>,
         now: &Level<SIDE>,
         reach: i32,
         changed: &Changed,
     ) {
-        for node in 0..self.raw.len() {
-            let centre = Self::centre(node);
-            let mut motions = [[0.0; 2]; 5];
-            if let Some(coarser) = coarser {
-                motions = coarser.around(centre.map(|c| 0.5 * (c as f32 + 0.5)));
-            }
+        self.other.fill(false);
+        for (node, centre) in Self::centres().enumerate() {
             let (asked, tiles) = &mut self.asked[node];
-            let moved = !asked.iter().zip(motions).all(|(&a, b)| same(a, b));
-            if !moved && !changed.any(*tiles) {
+            let around = coarser.filter(|(nodes, between)| nodes.moved_around(between[node]));
+            if around.is_none() && !changed.any(*tiles) {
                 continue;
             }
+            let motions = around.map_or(*asked, |(nodes, between)| nodes.around(between[node]));
             *asked = motions;
             let mut guesses = [[0; 2]; 5];
             for (guess, motion) in guesses.as_flattened_mut().iter_mut().zip(motions.as_flattened()) {
@@ -153,7 +179,9 @@ impl<const SIDE: usize> Nodes<SIDE> {
                     }
                 }
             }
-            self.raw[node] = window.best::<C, _>(now, guess, reach);
+            let best = window.best::<C, _>(now, guess, reach);
+            self.other[node / Self::PER_SIDE] |= !same(best, self.raw[node]);
+            self.raw[node] = best;
         }
         self.smooth(rest, now);
     }
@@ -175,13 +203,14 @@ impl<const SIDE: usize> Nodes<SIDE> {
         Tiles::between(first, last)
     }
 
-    /// Pixel of a node: the middle one of its cell.
-    fn centre(node: usize) -> [i32; 2] {
-        [node % Self::PER_SIDE, node / Self::PER_SIDE].map(|index| (index * STEP + STEP / 2) as i32)
+    /// Pixel of each node: the middle one of its cell.
+    fn centres() -> impl Iterator<Item = [i32; 2]> {
+        let middle = |index: usize| (index * STEP + STEP / 2) as i32;
+        let rows = (0..Self::PER_SIDE).map(middle);
+        rows.flat_map(move |y| (0..Self::PER_SIDE).map(move |x| [middle(x), y]))
     }
 
     /// First node of the four around a place in pixels of the level, and how far from it towards the others.
-    #[inline]
     fn cell(place: [f32; 2]) -> ([usize; 2], [f32; 2]) {
         let most = (Self::PER_SIDE - 1) as f32;
         let cell = place.map(|p| ((p - 0.5 - (STEP / 2) as f32) / STEP as f32).clamp(0.0, most - 1e-3));
@@ -189,16 +218,27 @@ impl<const SIDE: usize> Nodes<SIDE> {
         (first, [cell[0] - first[0] as f32, cell[1] - first[1] as f32])
     }
 
-    fn node(&self, [column, row]: [usize; 2]) -> [f32; 2] {
-        self.motion[row * Self::PER_SIDE + column]
+    fn between(place: [f32; 2]) -> Between {
+        let ([column, row], towards) = Self::cell(place);
+        Between {
+            first: row * Self::PER_SIDE + column,
+            towards,
+        }
+    }
+
+    /// The four nodes around a place, the upper ones first.
+    #[inline]
+    fn four<T: Copy>(of: &[T], place: Between) -> [T; 4] {
+        let rows: &[T] = &of[place.first..][..Self::PER_SIDE + 2];
+        [rows[0], rows[1], rows[Self::PER_SIDE], rows[Self::PER_SIDE + 1]]
     }
 
     /// Between nodes bilinear; beyond the outermost, theirs.
-    fn at(&self, place: [f32; 2]) -> [f32; 2] {
-        let ([column, row], [tx, ty]) = Self::cell(place);
-        let [a, b] = [self.node([column, row]), self.node([column + 1, row])];
-        let [c, d] = [self.node([column, row + 1]), self.node([column + 1, row + 1])];
-        std::array::from_fn(|k| {
+    #[inline]
+    fn at(&self, place: Between) -> [f32; 2] {
+        let [a, b, c, d] = Self::four(&self.motion, place);
+        let [tx, ty] = place.towards;
+        [0, 1].map(|k| {
             let upper = a[k] + tx * (b[k] - a[k]);
             let lower = c[k] + tx * (d[k] - c[k]);
             upper + ty * (lower - upper)
@@ -206,15 +246,16 @@ impl<const SIDE: usize> Nodes<SIDE> {
     }
 
     /// The motion at a place, and those of the four nodes around it.
-    fn around(&self, place: [f32; 2]) -> [[f32; 2]; 5] {
-        let ([column, row], _) = Self::cell(place);
-        [
-            self.at(place),
-            self.node([column, row]),
-            self.node([column + 1, row]),
-            self.node([column, row + 1]),
-            self.node([column + 1, row + 1]),
-        ]
+    #[inline]
+    fn around(&self, place: Between) -> [[f32; 2]; 5] {
+        let [a, b, c, d] = Self::four(&self.motion, place);
+        [self.at(place), a, b, c, d]
+    }
+
+    /// Whether one of the four nodes around a place moved otherwise than the last time.
+    #[inline]
+    fn moved_around(&self, place: Between) -> bool {
+        Self::four(&self.moved, place).contains(&true)
     }
 
     /// The median of each node and its neighbours, component by component, unless the node's own motion fits far
@@ -227,14 +268,15 @@ impl<const SIDE: usize> Nodes<SIDE> {
     fn smooth(&mut self, rest: &Level<SIDE>, now: &Level<SIDE>) {
         std::mem::swap(&mut self.before, &mut self.motion);
         self.medians();
-        for (node, (motion, own)) in self.motion.iter_mut().zip(&self.raw).enumerate() {
-            let median = *motion;
+        let nodes = self.motion.iter_mut().zip(self.raw.iter().zip(&self.median));
+        for ((motion, (&own, &median)), centre) in nodes.zip(Self::centres()) {
+            *motion = median;
             if (0..2).any(|k| (own[k] - median[k]).abs() >= DIFFERENT) {
-                let window = Window::new(rest, Self::centre(node));
+                let window = Window::new(rest, centre);
                 let of_own = window.cost(now, own.map(whole));
                 let of_median = window.cost(now, median.map(whole));
                 if 4 * of_own < 3 * of_median {
-                    *motion = *own;
+                    *motion = own;
                 }
             }
         }
@@ -244,49 +286,49 @@ impl<const SIDE: usize> Nodes<SIDE> {
         }
     }
 
-    /// The median of each node and its neighbours, of an even number the upper one.
+    /// The median of each node and its neighbours, of an even number the upper one, where one of them is matched
+    /// otherwise than the last time.
     #[expect(
         clippy::inline_always,
         reason = "compiled for the instruction set of its caller"
     )]
     #[inline(always)]
     fn medians(&mut self) {
+        const LOW: f32 = f32::NEG_INFINITY;
+        const HIGH: f32 = f32::INFINITY;
         let n = Self::PER_SIDE;
-        let (raw, out) = (self.raw.as_flattened(), self.motion.as_flattened_mut());
-        for row in 1..n - 1 {
-            // All nodes of the row but its ends at once: neighbours are two numbers apart.
-            let line = |row: usize| &raw[2 * n * row..2 * n * (row + 1)];
-            let [above, here, below] = [line(row - 1), line(row), line(row + 1)];
-            let out = &mut out[2 * n * row..2 * n * (row + 1)];
-            for first in (2..2 * n - 2).step_by(8) {
+        let raw = self.raw.as_flattened();
+        let line = |row: usize| &raw[2 * n * row..2 * n * (row + 1)];
+        for (row, out) in self.median.as_flattened_mut().chunks_exact_mut(2 * n).enumerate() {
+            if !self.other[row.saturating_sub(1)..(row + 2).min(n)].contains(&true) {
+                continue;
+            }
+            // Neighbours are two numbers apart. What lies outside is so low or so high that the median is that of the
+            // nodes there are: one low and two high at an edge, two and three at a corner.
+            let mut lines = [[HIGH; LINE], [LOW; LINE], [HIGH; LINE]];
+            lines[1][2..][..2 * n].copy_from_slice(line(row));
+            if row > 0 {
+                lines[0][2..][..2 * n].copy_from_slice(line(row - 1));
+            }
+            if row + 1 < n {
+                lines[2][2..][..2 * n].copy_from_slice(line(row + 1));
+            }
+            for first in (0..2 * n).step_by(8) {
                 // The last eight may be some of those before, too.
-                let first = first.min(2 * n - 2 - 8);
+                let first = first.min(2 * n - 8);
                 let mut nine = [[0.0; 8]; 9];
-                for (three, line) in nine.as_chunks_mut::<3>().0.iter_mut().zip([above, here, below]) {
-                    for (eight, first) in three.iter_mut().zip([first - 2, first, first + 2]) {
+                for (three, line) in nine.as_chunks_mut::<3>().0.iter_mut().zip(&lines) {
+                    for (eight, first) in three.iter_mut().zip([first, first + 2, first + 4]) {
                         eight.copy_from_slice(&line[first..first + 8]);
                     }
                 }
-                out[first..first + 8].copy_from_slice(&medians_of_nine(nine));
-            }
-        }
-        for node in 0..n * n {
-            let (row, column) = (node / n, node % n);
-            if (1..n - 1).contains(&row) && (1..n - 1).contains(&column) {
-                continue;
-            }
-            for k in 0..2 {
-                let mut values = [0.0; 9];
-                let mut count = 0;
-                for y in row.saturating_sub(1)..(row + 2).min(n) {
-                    for x in column.saturating_sub(1)..(column + 2).min(n) {
-                        values[count] = self.raw[y * n + x][k];
-                        count += 1;
-                    }
+                if row == 0 {
+                    nine[1] = [LOW; 8];
                 }
-                self.motion[node][k] = *values[..count]
-                    .select_nth_unstable_by(count / 2, f32::total_cmp)
-                    .1;
+                if row + 1 == n {
+                    nine[7] = [LOW; 8];
+                }
+                out[first..first + 8].copy_from_slice(&medians_of_nine(nine));
             }
         }
     }
@@ -355,7 +397,7 @@ mod tests {
 
     fn pyramid(picture: &[u8]) -> Pyramid {
         let mut pyramid = Pyramid::new();
-        pyramid.take(picture);
+        pyramid.take(picture, &Changed::everything());
         pyramid
     }
 
@@ -375,7 +417,7 @@ mod tests {
                 }
             }
             let changed = Changed::between(&now.full, &shown);
-            now.take(&shown);
+            now.take(&shown, &changed);
             skip.find::<Plain>(&rest, &now, &changed);
             dense.find::<Plain>(&rest, &now, &Changed::everything());
             assert_eq!(skip.eighth.raw, dense.eighth.raw, "spot {spot}");

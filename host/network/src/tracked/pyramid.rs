@@ -1,5 +1,8 @@
 //! The camera's crop and its halvings, each with a border, so that windows near the edge need no special case.
 
+use std::ops::Range;
+
+use super::changed::{Changed, TILE};
 use crate::constants::CROP_SIDE;
 
 /// Pixels around every image: as far as a window or a search can reach over the edge.
@@ -61,38 +64,53 @@ impl<const SIDE: usize> Level<SIDE> {
         self.pixels[start..].first_chunk().expect("one of the rows")
     }
 
-    fn fill_border(&mut self) {
+    /// Repeats the outermost pixels of these rows, beside them and, of the image's first and last row, beyond it.
+    fn fill_border(&mut self, rows: Range<usize>) {
         let stride = Self::STRIDE;
-        for row in BORDER..BORDER + SIDE {
-            let line = &mut self.pixels[row * stride..(row + 1) * stride];
+        for row in rows.clone() {
+            let line = &mut self.pixels[(row + BORDER) * stride..(row + BORDER + 1) * stride];
             let (first, last) = (line[BORDER], line[BORDER + SIDE - 1]);
             line[..BORDER].fill(first);
             line[BORDER + SIDE..].fill(last);
         }
-        for row in 0..BORDER {
-            self.pixels
-                .copy_within(BORDER * stride..(BORDER + 1) * stride, row * stride);
-            let last = (BORDER + SIDE - 1) * stride;
-            self.pixels
-                .copy_within(last..last + stride, (BORDER + SIDE + row) * stride);
+        let mut repeat = |row: usize, to: usize| {
+            let from = (row + BORDER) * stride;
+            for row in to..to + BORDER {
+                self.pixels.copy_within(from..from + stride, row * stride);
+            }
+        };
+        if rows.contains(&0) {
+            repeat(0, 0);
+        }
+        if rows.contains(&(SIDE - 1)) {
+            repeat(SIDE - 1, SIDE + BORDER);
         }
     }
 
-    /// The mean of each 2×2 of `finer`, rounded.
+    /// The mean of each 2×2 of `finer`, rounded, for these rows and columns.
     #[expect(
         clippy::inline_always,
         reason = "compiled for the instruction set of its caller"
     )]
     #[inline(always)]
-    fn halve<const FINER: usize>(&mut self, finer: &Level<FINER>) {
-        for row in 0..SIDE {
-            let (upper, lower) = (finer.row(2 * row), finer.row(2 * row + 1));
-            let pairs = upper.as_chunks::<2>().0.iter().zip(lower.as_chunks::<2>().0);
-            for (out, (&[a, b], &[c, d])) in self.row_mut(row).iter_mut().zip(pairs) {
+    fn halve<const FINER: usize>(
+        &mut self,
+        finer: &Level<FINER>,
+        rows: Range<usize>,
+        columns: &Range<usize>,
+    ) {
+        for row in rows.clone() {
+            let pairs = [2 * row, 2 * row + 1].map(|row| {
+                finer.row(row)[2 * columns.start..2 * columns.end]
+                    .as_chunks::<2>()
+                    .0
+            });
+            let pairs = pairs[0].iter().zip(pairs[1]);
+            for (out, (&[a, b], &[c, d])) in self.row_mut(row)[columns.clone()].iter_mut().zip(pairs) {
                 *out = ((u16::from(a) + u16::from(b) + u16::from(c) + u16::from(d) + 2) / 4) as u8;
             }
         }
-        self.fill_border();
+        self.fill_border(rows);
     }
 }
 
@@ -115,19 +133,72 @@ impl Pyramid {
         }
     }
 
-    /// Takes a 440×440 image. No allocation.
+    /// Takes a 440×440 image, of which `changed` is other than in the one before. No allocation.
     #[expect(
         clippy::inline_always,
         reason = "compiled for the instruction set of its caller"
     )]
     #[inline(always)]
-    pub(super) fn take(&mut self, crop: &[u8]) {
-        for (row, pixels) in crop.chunks_exact(CROP_SIDE).enumerate() {
-            self.full.row_mut(row).copy_from_slice(pixels);
+    pub(super) fn take(&mut self, crop: &[u8], changed: &Changed) {
+        for (row, tiles) in changed.rows() {
+            // A tile is eight pixels of the crop along a side, so it is a pixel of the eighth, too.
+            let pixels = |of_tile: usize| {
+                (
+                    row * of_tile..(row + 1) * of_tile,
+                    tiles.start * of_tile..tiles.end * of_tile,
+                )
+            };
+            let (rows, columns) = pixels(TILE);
+            for row in rows.clone() {
+                let from = &crop[row * CROP_SIDE..][columns.clone()];
+                self.full.row_mut(row)[columns.clone()].copy_from_slice(from);
+            }
+            self.full.fill_border(rows);
+            let (rows, columns) = pixels(TILE / 2);
+            self.half.halve(&self.full, rows, &columns);
+            let (rows, columns) = pixels(TILE / 4);
+            self.quarter.halve(&self.half, rows, &columns);
+            let (rows, columns) = pixels(TILE / 8);
+            self.eighth.halve(&self.quarter, rows, &columns);
         }
-        self.full.fill_border();
-        self.half.halve(&self.full);
-        self.quarter.halve(&self.half);
-        self.eighth.halve(&self.quarter);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_pyramid_that_takes_what_changed_is_one_that_takes_everything() {
+        let mut crop: Vec<u8> = (0..CROP_SIDE * CROP_SIDE).map(|i| (i * i % 251) as u8).collect();
+        let mut kept = Pyramid::new();
+        kept.take(&crop, &Changed::everything());
+        // Two places at once, with rows between them that keep, at every edge and inside.
+        for spot in 0..40_usize {
+            for (left, top, side) in [(spot * 97, spot * 61, 9), (spot * 41 + 200, spot * 211, 1)] {
+                let [left, top] = [left, top].map(|at| at % (CROP_SIDE - side + 1));
+                for row in top..top + side {
+                    for pixel in &mut crop[row * CROP_SIDE + left..][..side] {
+                        *pixel = pixel.wrapping_add(101);
+                    }
+                }
+            }
+            if spot % 4 == 0 {
+                let at = [
+                    0,
+                    CROP_SIDE - 1,
+                    CROP_SIDE * (CROP_SIDE - 1),
+                    CROP_SIDE * CROP_SIDE - 1,
+                ];
+                crop[at[spot / 4 % 4]] ^= 0xFF;
+            }
+            kept.take(&crop, &Changed::between(&kept.full, &crop));
+            let mut anew = Pyramid::new();
+            anew.take(&crop, &Changed::everything());
+            assert!(kept.full.pixels == anew.full.pixels, "spot {spot}");
+            assert!(kept.half.pixels == anew.half.pixels, "spot {spot}");
+            assert!(kept.quarter.pixels == anew.quarter.pixels, "spot {spot}");
+            assert!(kept.eighth.pixels == anew.eighth.pixels, "spot {spot}");
+        }
     }
 }

@@ -348,7 +348,7 @@ mod tests {
             })
             .collect();
         let mut pyramid = Pyramid::new();
-        pyramid.take(&picture);
+        pyramid.take(&picture, &Changed::everything());
         pyramid
     }
 

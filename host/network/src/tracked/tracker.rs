@@ -7,7 +7,7 @@ use super::changed::{Changed, Tiles};
 #[cfg(target_arch = "x86_64")]
 use super::compare::Avx2;
 use super::compare::{Compare, Plain};
-use super::flow::{Flow, NodeRange};
+use super::flow::{Between, Flow, NodeRange};
 use super::particles::{self, Particle};
 use super::patch::{Template, Weights};
 use super::pyramid::Pyramid;
@@ -30,6 +30,8 @@ struct Sought {
     /// Its place among all particles.
     index: usize,
     particle: Particle,
+    /// The nodes of the flow that tell how its surroundings move.
+    between: Between,
     template: Template,
     /// By the motion of the surroundings.
     first: Found,
@@ -96,7 +98,7 @@ impl Tracker {
 
     /// Finds the particles of the untouched skin in a 440×440 image.
     pub fn set_rest(&mut self, rest: &[u8]) {
-        self.rest.take(rest);
+        self.rest.take(rest, &Changed::everything());
         let image = &self.rest.full;
         self.particles = particles::find(image);
         self.cells = (0..CELLS * CELLS)
@@ -115,6 +117,7 @@ impl Tracker {
                 self.cells[row * CELLS + column].sought.push(Sought {
                     index,
                     particle: *particle,
+                    between: Flow::between(particle.at_px),
                     template,
                     first: Found::nothing(),
                     again: Found::nothing(),
@@ -145,6 +148,31 @@ impl Tracker {
 
     /// Follows the particles into a 440×440 image; whether any track can have changed.
     pub fn track(&mut self, now: &[u8]) -> bool {
+        match self.instructions {
+            InstructionSet::Portable => self.follow::<Plain>(now),
+            // Most vectors here are eight numbers wide: wider ones gain nothing.
+            #[cfg(target_arch = "x86_64")]
+            #[expect(unsafe_code, reason = "compiled for an instruction set that was checked for")]
+            // SAFETY: the processor has it, or it would not have been taken; AVX-512F implies AVX2.
+            InstructionSet::Avx2 | InstructionSet::Avx512 => unsafe { self.follow_avx2(now) },
+            #[cfg(not(target_arch = "x86_64"))]
+            InstructionSet::Avx2 | InstructionSet::Avx512 => self.follow::<Plain>(now),
+        }
+    }
+
+    /// The same operations in the same order, so the same bits.
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx2")]
+    fn follow_avx2(&mut self, now: &[u8]) -> bool {
+        self.follow::<Avx2>(now)
+    }
+
+    #[expect(
+        clippy::inline_always,
+        reason = "compiled for the instruction set of its caller"
+    )]
+    #[inline(always)]
+    fn follow<C: Compare>(&mut self, now: &[u8]) -> bool {
         let changed = if self.known {
             Changed::between(&self.now.full, now)
         } else {
@@ -154,33 +182,8 @@ impl Tracker {
             return false;
         }
         self.known = true;
-        match self.instructions {
-            InstructionSet::Portable => self.follow::<Plain>(now, &changed),
-            // Most vectors here are eight numbers wide: wider ones gain nothing.
-            #[cfg(target_arch = "x86_64")]
-            #[expect(unsafe_code, reason = "compiled for an instruction set that was checked for")]
-            // SAFETY: the processor has it, or it would not have been taken; AVX-512F implies AVX2.
-            InstructionSet::Avx2 | InstructionSet::Avx512 => unsafe { self.follow_avx2(now, &changed) },
-            #[cfg(not(target_arch = "x86_64"))]
-            InstructionSet::Avx2 | InstructionSet::Avx512 => self.follow::<Plain>(now, &changed),
-        }
-        true
-    }
-
-    /// The same operations in the same order, so the same bits.
-    #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx2")]
-    fn follow_avx2(&mut self, now: &[u8], changed: &Changed) {
-        self.follow::<Avx2>(now, changed);
-    }
-
-    #[expect(
-        clippy::inline_always,
-        reason = "compiled for the instruction set of its caller"
-    )]
-    #[inline(always)]
-    fn follow<C: Compare>(&mut self, now: &[u8], changed: &Changed) {
-        self.now.take(now);
+        let changed = &changed;
+        self.now.take(now, changed);
         self.flow.find::<C>(&self.rest, &self.now, changed);
         let search = Search {
             weights: &self.weights,
@@ -193,7 +196,7 @@ impl Tracker {
             }
             let mut votes = Votes::new();
             for sought in &mut cell.sought {
-                let surface_px = self.flow.at(sought.particle.at_px).map(|v| v / mean_share);
+                let surface_px = self.flow.at(sought.between).map(|v| v / mean_share);
                 search.update::<C>(
                     &mut sought.first,
                     &sought.template,
@@ -228,6 +231,7 @@ impl Tracker {
                 self.tracks[sought.index] = track;
             }
         }
+        true
     }
 }
 

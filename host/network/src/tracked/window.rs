@@ -137,6 +137,7 @@ fn vertex(low: u32, here: u32, high: u32) -> f32 {
     reason = "functions for an instruction set, called where there is one"
 )]
 mod tests {
+    use super::super::changed::Changed;
     #[cfg(target_arch = "x86_64")]
     use super::super::compare::Avx2;
     use super::super::compare::Plain;
@@ -189,7 +190,7 @@ mod tests {
                 })
                 .collect();
             let mut pyramid = Pyramid::new();
-            pyramid.take(&pixels);
+            pyramid.take(&pixels, &Changed::everything());
             pyramid
         };
         let rest = picture([32, 24]);
