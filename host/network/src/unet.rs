@@ -11,7 +11,7 @@ use crate::ForceMap;
 use crate::constants::{IMAGE_SIDE, MAP_SIDE, NORM_EPSILON};
 use crate::image::Image88;
 use crate::instruction_set::InstructionSet;
-use crate::kernel::{Convolution, Kernel, LANES_MAX, Plan, PlaneId, Region, Shape};
+use crate::kernel::{Convolution, Kernel, LANES_MAX, Plan, PlaneId, Region, Shape, Sixteen};
 use crate::weights::{Scaling, Tensor, Weights, Widths};
 
 /// Last part of the name of a batch norm's running variance.
@@ -329,6 +329,36 @@ impl Folded {
             }
             LayerKind::Doubling => {
                 Convolution::doubling(instructions, in_channels, out_channels, &self.weights, &self.bias)
+            }
+        }
+    }
+
+    /// The layer in 16 bits, for inputs of this height and width; it has to end in ReLU.
+    pub(crate) fn sixteen(&self, instructions: InstructionSet, size: (usize, usize)) -> Sixteen {
+        let Layer {
+            kind,
+            in_channels,
+            out_channels,
+            ..
+        } = self.layer;
+        let (weights, bias) = (&self.weights, &self.bias);
+        match kind {
+            LayerKind::Convolution { stride, padding } => {
+                let kernel = Kernel {
+                    size: 3,
+                    stride,
+                    padding,
+                };
+                let shape = Shape {
+                    out_channels,
+                    in_channels,
+                    kernel,
+                };
+                Sixteen::forward(instructions, shape, size, weights, bias)
+            }
+            LayerKind::Doubling => {
+                let channels = [out_channels, in_channels];
+                Sixteen::doubling(instructions, channels, size, weights, bias)
             }
         }
     }

@@ -3,7 +3,7 @@
 
 use gripline_network::scene::Health;
 use gripline_network::tracked::{
-    GRID_CHANNELS, GRID_NODES, Lens, TrackedNetwork, TrackedWeights, Tracker, empty_grid,
+    GRID_CHANNELS, GRID_NODES, Lens, Precision, TrackedNetwork, TrackedWeights, Tracker, empty_grid,
 };
 use gripline_network::weights::{Weights, WeightsProblem};
 use gripline_network::{Architecture, Evaluation, ForceMap, InstructionSet, Network};
@@ -98,22 +98,21 @@ fn the_embedded_network_agrees_with_the_training_framework_on_every_instruction_
     assert!(samples.len() >= 4);
     for set in sets() {
         let mut network = embedded().with_instructions(set).unwrap();
-        for (sample, (stored, expected)) in samples.clone().enumerate() {
-            let mut grid = empty_grid();
-            for (value, &step) in grid.as_flattened_mut().iter_mut().zip(stored) {
-                *value = f32::from(step) / GRID_STEPS;
-            }
-            let mut out = NOTHING;
-            network.infer_grid(&grid, &mut out);
-            let largest = expected
-                .iter()
-                .fold(0.0, |most: f32, force| most.max(force.abs()));
-            for (i, &force) in expected.iter().enumerate() {
-                let off = (out[i % 400][i / 400] - force).abs();
-                assert!(
-                    off <= 1e-4 * largest,
-                    "{set}, sample {sample}: {off} of {largest}"
-                );
+        for (precision, bound) in [(Precision::Single, 1e-4), (Precision::Sixteen, 1e-3)] {
+            network = network.with_precision(precision);
+            for (sample, (stored, expected)) in samples.clone().enumerate() {
+                let mut grid = empty_grid();
+                for (value, &step) in grid.as_flattened_mut().iter_mut().zip(stored) {
+                    *value = f32::from(step) / GRID_STEPS;
+                }
+                let mut out = NOTHING;
+                network.infer_grid(&grid, &mut out);
+                let largest = expected
+                    .iter()
+                    .fold(0.0, |most: f32, force| most.max(force.abs()));
+                let off = (0..1200).map(|i| (out[i % 400][i / 400] - expected[i]).abs());
+                let off = off.fold(0.0, f32::max) / largest;
+                assert!(off <= bound, "{set}, {precision:?}, sample {sample}: {off}");
             }
         }
     }

@@ -15,9 +15,12 @@
 use std::arch::x86_64::{__m256, __m512};
 
 use super::convolution::{Convolution, Panel, Phase};
+use super::pairs::{EightPairs, Pair};
+#[cfg(target_arch = "x86_64")]
+use super::pairs::{Pairs256, Pairs512};
 use super::plane::Plane;
 use super::region::Region;
-use super::vector::{Eight, Vector};
+use super::vector::{Eight, Sums, Vector};
 use crate::instruction_set::InstructionSet;
 
 /// Runs a convolution over the output pixels of `region`; writes the output's channels from `channel` on.
@@ -26,10 +29,10 @@ use crate::instruction_set::InstructionSet;
 ///
 /// # Panics
 /// When sizes do not fit.
-pub(crate) fn convolve(
-    convolution: &Convolution,
+pub(crate) fn convolve<T: Number>(
+    convolution: &Convolution<T>,
     start: Option<&Plane>,
-    input: &Plane,
+    input: &Plane<T>,
     output: &mut Plane,
     channel: usize,
     region: &Region,
@@ -71,36 +74,85 @@ pub(crate) fn convolve(
         channel,
         region,
     };
-    match convolution.instructions() {
-        InstructionSet::Portable => task.run::<Eight>(),
-        #[cfg(target_arch = "x86_64")]
-        // SAFETY: `Convolution` takes only an instruction set that this processor has.
-        InstructionSet::Avx2 => unsafe { run_avx2(&mut task) },
-        #[cfg(target_arch = "x86_64")]
-        // SAFETY: `Convolution` takes only an instruction set that this processor has.
-        InstructionSet::Avx512 => unsafe { run_avx512(&mut task) },
-        #[cfg(not(target_arch = "x86_64"))]
-        InstructionSet::Avx2 | InstructionSet::Avx512 => task.run::<Eight>(),
+    T::run(&mut task);
+}
+
+/// What convolutions multiply.
+pub(crate) trait Number: Copy + Default {
+    /// Runs a convolution of such numbers on its instruction set.
+    #[expect(private_interfaces, reason = "for this module only")]
+    fn run(task: &mut Task<'_, Self>);
+}
+
+impl Number for f32 {
+    #[expect(private_interfaces, reason = "for this module only")]
+    fn run(task: &mut Task<'_, Self>) {
+        match task.convolution.instructions() {
+            InstructionSet::Portable => task.run::<Eight>(),
+            #[cfg(target_arch = "x86_64")]
+            // SAFETY: `Convolution` takes only an instruction set that this processor has.
+            InstructionSet::Avx2 => unsafe { run_avx2(task) },
+            #[cfg(target_arch = "x86_64")]
+            // SAFETY: `Convolution` takes only an instruction set that this processor has.
+            InstructionSet::Avx512 => unsafe { run_avx512(task) },
+            #[cfg(not(target_arch = "x86_64"))]
+            InstructionSet::Avx2 | InstructionSet::Avx512 => task.run::<Eight>(),
+        }
+    }
+}
+
+impl Number for Pair {
+    #[expect(private_interfaces, reason = "for this module only")]
+    fn run(task: &mut Task<'_, Self>) {
+        match task.convolution.instructions() {
+            InstructionSet::Portable => task.run::<EightPairs>(),
+            #[cfg(target_arch = "x86_64")]
+            // SAFETY: `Convolution` takes only an instruction set that this processor has.
+            InstructionSet::Avx2 => unsafe { run_pairs_avx2(task) },
+            #[cfg(target_arch = "x86_64")]
+            InstructionSet::Avx512 => {
+                assert!(
+                    Pair::has_wide(),
+                    "packed for instructions that this processor lacks"
+                );
+                // SAFETY: it has them.
+                unsafe { run_pairs_avx512(task) }
+            }
+            #[cfg(not(target_arch = "x86_64"))]
+            InstructionSet::Avx2 | InstructionSet::Avx512 => task.run::<EightPairs>(),
+        }
     }
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2,fma")]
-fn run_avx2(task: &mut Task<'_>) {
+fn run_avx2(task: &mut Task<'_, f32>) {
     task.run::<__m256>();
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx512f")]
-fn run_avx512(task: &mut Task<'_>) {
+fn run_avx512(task: &mut Task<'_, f32>) {
     task.run::<__m512>();
 }
 
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2,fma")]
+fn run_pairs_avx2(task: &mut Task<'_, Pair>) {
+    task.run::<Pairs256>();
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx512f,avx512vnni")]
+fn run_pairs_avx512(task: &mut Task<'_, Pair>) {
+    task.run::<Pairs512>();
+}
+
 /// The arguments of [`convolve`].
-struct Task<'a> {
-    convolution: &'a Convolution,
+struct Task<'a, T> {
+    convolution: &'a Convolution<T>,
     start: Option<&'a Plane>,
-    input: &'a Plane,
+    input: &'a Plane<T>,
     output: &'a mut Plane,
     channel: usize,
     region: &'a Region,
@@ -113,13 +165,13 @@ struct Place {
     in_phase: (usize, usize),
 }
 
-impl Task<'_> {
+impl<T: Copy + Default> Task<'_, T> {
     /// Panel by panel, so that a panel's weights stay in the cache.
     #[inline(always)]
-    fn run<V: Vector>(&mut self) {
+    fn run<V: Sums<Number = T>>(&mut self) {
         let convolution = self.convolution;
         for &panel in &convolution.panels {
-            match (panel.channels * panel.split / V::LANES, panel.split) {
+            match (panel.channels * panel.split / V::Out::LANES, panel.split) {
                 (2, 1) => self.pixels::<V, 2, 1>(panel),
                 (2, 2) => self.pixels::<V, 2, 2>(panel),
                 (2, 4) => self.pixels::<V, 2, 4>(panel),
@@ -132,7 +184,7 @@ impl Task<'_> {
 
     /// All pixels of a panel, which has `N` vectors of sums for each, split `S` ways.
     #[inline(always)]
-    fn pixels<V: Vector, const N: usize, const S: usize>(&mut self, panel: Panel) {
+    fn pixels<V: Sums<Number = T>, const N: usize, const S: usize>(&mut self, panel: Panel) {
         let convolution = self.convolution;
         for phase in &convolution.phases {
             let columns = phase.columns_in(self.region);
@@ -168,24 +220,24 @@ impl Task<'_> {
 
     /// `P` neighbouring pixels of a phase.
     #[inline(always)]
-    fn block<V: Vector, const N: usize, const S: usize, const P: usize>(
+    fn block<V: Sums<Number = T>, const N: usize, const S: usize, const P: usize>(
         &mut self,
-        phase: &Phase,
+        phase: &Phase<T>,
         panel: Panel,
         at: Place,
     ) {
-        let Convolution {
+        let &Convolution {
             in_channels,
             out_channels,
             relu,
             ..
-        } = *self.convolution;
+        } = self.convolution;
         let first = panel.first;
-        let lanes = N * V::LANES;
+        let lanes = N * V::Out::LANES;
         let per_output = phase.run * in_channels;
         let mut weights = &phase.weights[first * per_output..][..panel.channels * per_output];
         let step = phase.in_step * in_channels;
-        let mut sums = [[V::splat(0.0); N]; P];
+        let mut sums = [[V::zero(); N]; P];
         for taps in &phase.rows {
             let run = taps.taps * in_channels;
             let row = taps.row + at.in_phase.0 * phase.in_step;
@@ -199,9 +251,9 @@ impl Task<'_> {
                 // SAFETY: i < run / S, so the last pixel's inputs are inside `inputs` and the last vector inside
                 // `these`: both slices were cut to just this.
                 unsafe {
-                    let mut weight = [V::splat(0.0); N];
+                    let mut weight = [V::zero(); N];
                     for (n, weight) in weight.iter_mut().enumerate() {
-                        *weight = V::load(these.add(i * lanes + n * V::LANES));
+                        *weight = V::load(these.add(i * lanes + n * V::Out::LANES));
                     }
                     for (p, sums) in sums.iter_mut().enumerate() {
                         let values = V::repeat::<S>(inputs.add(p * step + i * S));
@@ -222,7 +274,8 @@ impl Task<'_> {
                 phase.out_step * map.channels(),
             ),
         };
-        let start = &start[..(P - 1) * start_step + vectors * V::LANES];
+        let start = &start[..(P - 1) * start_step + vectors * V::Out::LANES];
+        let factors = &self.convolution.factors[first..][..vectors * V::Out::LANES];
         let channels = self.output.channels();
         let used = panel.channels.min(out_channels - first);
         let line = self.output.row_mut(at.out.0);
@@ -235,11 +288,17 @@ impl Task<'_> {
             }
             let pixel = (at.out.1 + p * phase.out_step) * channels + self.channel + first;
             for (n, sum) in sums.into_iter().take(vectors).enumerate() {
-                let from = n * V::LANES;
-                // SAFETY: `start` reaches to the last lane of the last pixel.
-                let sum = sum.plus(unsafe { V::load(start.as_ptr().add(p * start_step + from)) });
+                let from = n * V::Out::LANES;
+                // SAFETY: `start` and `factors` reach to the last lane of the last pixel.
+                let (sum, start) = unsafe {
+                    (
+                        sum.out(factors.as_ptr().add(from)),
+                        V::Out::load(start.as_ptr().add(p * start_step + from)),
+                    )
+                };
+                let sum = sum.plus(start);
                 let sum = if relu { sum.negative_to_zero() } else { sum };
-                sum.store(&mut line[pixel + from.min(used)..pixel + used.min(from + V::LANES)]);
+                sum.store(&mut line[pixel + from.min(used)..pixel + used.min(from + V::Out::LANES)]);
             }
         }
     }

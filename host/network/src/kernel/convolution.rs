@@ -9,25 +9,27 @@ use crate::instruction_set::InstructionSet;
 
 /// A convolution with its weights packed for one instruction set.
 #[derive(Debug, Clone)]
-pub(crate) struct Convolution {
+pub(crate) struct Convolution<T = f32> {
     instructions: InstructionSet,
     kind: Kind,
     /// One for a convolution, four for an up-convolution (one per parity of the output pixel).
-    pub(super) phases: Vec<Phase>,
+    pub(super) phases: Vec<Phase<T>>,
     /// Output channels that a kernel computes together, in their order; the last may reach past the channels.
     pub(super) panels: Vec<Panel>,
     /// Added to every output; zeros follow, up to a multiple of [`LANES_MAX`].
     pub(super) bias: Vec<f32>,
+    /// What sums are worth, as many as there are of `bias`; 1 for f32, whose kernels leave it out.
+    pub(super) factors: Vec<f32>,
     /// Whether negative outputs become zero.
     pub(super) relu: bool,
-    /// Channels read from the input plane: all that it has.
+    /// Channels read from the input plane, as numbers of this kind: all that it has.
     pub(super) in_channels: usize,
     pub(super) out_channels: usize,
 }
 
 /// The output pixels of a convolution that see the same taps.
 #[derive(Debug, Clone)]
-pub(super) struct Phase {
+pub(super) struct Phase<T> {
     /// Rows of taps; the taps of a row are neighbours, so a row is one run of inputs.
     pub(super) rows: Vec<TapRow>,
     /// Taps of all rows together.
@@ -40,7 +42,7 @@ pub(super) struct Phase {
     pub(super) out_start: (usize, usize),
     /// Panel by panel, then taps, groups of `split` input channels, the panel's output channels, the group's input
     /// channels. Those of output channels that pad the last panel are zero.
-    pub(super) weights: Vec<f32>,
+    pub(super) weights: Vec<T>,
 }
 
 /// Output channels that a kernel computes together.
@@ -54,7 +56,7 @@ pub(super) struct Panel {
     pub(super) split: usize,
 }
 
-impl Phase {
+impl<T> Phase<T> {
     /// The phase's rows in a region of the output.
     pub(super) fn rows_in(&self, region: &Region) -> Range<usize> {
         self.within(&region.rows, self.out_start.0)
@@ -122,11 +124,51 @@ impl Convolution {
             kernel,
         } = shape;
         let size = kernel.size;
-        assert!(kernel.padding <= 1 && kernel.stride > 0 && size > 0, "{kernel:?}");
         assert_eq!(weights.len(), out_channels * in_channels * size * size, "weights");
-        let weight = |out: usize, channel: usize, ky: usize, kx: usize| {
+        Self::forward_of(instructions, shape, bias, relu, |out, channel, ky, kx| {
             weights[((out * in_channels + channel) * size + ky) * size + kx]
-        };
+        })
+    }
+
+    /// An up-convolution that doubles the size (transposed 3×3, stride 2, padding 1, output padding 1),
+    /// followed by ReLU; `weights[in][out][ky][kx]` flattened.
+    ///
+    /// # Panics
+    /// When the number of weights or biases is not the shape's, or the processor lacks the instructions.
+    pub(crate) fn doubling(
+        instructions: InstructionSet,
+        in_channels: usize,
+        out_channels: usize,
+        weights: &[f32],
+        bias: &[f32],
+    ) -> Self {
+        assert_eq!(weights.len(), out_channels * in_channels * 9, "weights");
+        let channels = [out_channels, in_channels];
+        Self::doubling_of(instructions, channels, bias, |out, channel, ky, kx| {
+            weights[((channel * out_channels + out) * 3 + ky) * 3 + kx]
+        })
+    }
+}
+
+impl<T: Copy + Default> Convolution<T> {
+    /// A square convolution with the weight of an output channel, an input channel and a tap's row and column.
+    ///
+    /// # Panics
+    /// When the number of biases is not the shape's, or the processor lacks the instructions.
+    pub(super) fn forward_of(
+        instructions: InstructionSet,
+        shape: Shape,
+        bias: &[f32],
+        relu: bool,
+        weight: impl Fn(usize, usize, usize, usize) -> T,
+    ) -> Self {
+        let Shape {
+            out_channels,
+            in_channels,
+            kernel,
+        } = shape;
+        let size = kernel.size;
+        assert!(kernel.padding <= 1 && kernel.stride > 0 && size > 0, "{kernel:?}");
         let rows = (0..size)
             .map(|ky| TapRow {
                 row: ky + 1 - kernel.padding,
@@ -154,25 +196,19 @@ impl Convolution {
         )
     }
 
-    /// An up-convolution that doubles the size (transposed 3×3, stride 2, padding 1, output padding 1),
-    /// followed by ReLU; `weights[in][out][ky][kx]` flattened.
+    /// An up-convolution as [`Convolution::doubling`], with the weight of an output channel, an input channel and a tap's
+    /// row and column.
     ///
     /// Output pixel 2i takes tap 1 of input i; output pixel 2i+1 takes tap 2 of input i and tap 0 of i+1.
     ///
     /// # Panics
-    /// When the number of weights or biases is not the shape's, or the processor lacks the instructions.
-    pub(crate) fn doubling(
+    /// When the number of biases is not that of the channels, or the processor lacks the instructions.
+    pub(super) fn doubling_of(
         instructions: InstructionSet,
-        in_channels: usize,
-        out_channels: usize,
-        weights: &[f32],
+        channels: [usize; 2],
         bias: &[f32],
+        weight: impl Fn(usize, usize, usize, usize) -> T,
     ) -> Self {
-        assert_eq!(weights.len(), out_channels * in_channels * 9, "weights");
-        let weight = |out: usize, channel: usize, ky: usize, kx: usize| {
-            weights[((channel * out_channels + out) * 3 + ky) * 3 + kx]
-        };
-        let channels = [out_channels, in_channels];
         let along = |parity: usize| if parity == 0 { vec![1] } else { vec![2, 0] };
         let phase = |(py, px): (usize, usize)| {
             let (kys, kxs) = (along(py), along(px));
@@ -193,7 +229,7 @@ impl Convolution {
                 in_step: 1,
                 out_step: 2,
                 out_start: (py, px),
-                weights: pack(instructions, channels, &taps, weight),
+                weights: pack(instructions, channels, &taps, &weight),
             }
         };
         let phases = [(0, 0), (0, 1), (1, 0), (1, 1)].map(phase).into();
@@ -203,7 +239,7 @@ impl Convolution {
     fn new(
         instructions: InstructionSet,
         kind: Kind,
-        phases: Vec<Phase>,
+        phases: Vec<Phase<T>>,
         [out_channels, in_channels]: [usize; 2],
         bias: &[f32],
         relu: bool,
@@ -221,6 +257,7 @@ impl Convolution {
             kind,
             phases,
             panels: panels(instructions, [out_channels, in_channels]),
+            factors: vec![1.0; padded_bias.len()],
             bias: padded_bias,
             relu,
             in_channels,
@@ -267,7 +304,8 @@ impl Convolution {
     /// Multiply-adds for an output of this size, without those that pad.
     pub(crate) fn multiply_adds(&self, (height, width): (usize, usize)) -> usize {
         let whole = Region::whole(height, width);
-        let pixels = |phase: &Phase| phase.rows_in(&whole).len() * phase.columns_in(&whole).len() * phase.run;
+        let pixels =
+            |phase: &Phase<T>| phase.rows_in(&whole).len() * phase.columns_in(&whole).len() * phase.run;
         self.phases.iter().map(pixels).sum::<usize>() * self.in_channels * self.out_channels
     }
 }
@@ -307,12 +345,12 @@ fn panels(instructions: InstructionSet, [out_channels, in_channels]: [usize; 2])
     panels
 }
 
-fn pack(
+fn pack<T: Copy + Default>(
     instructions: InstructionSet,
     channels: [usize; 2],
     taps: &[(usize, usize)],
-    weight: impl Fn(usize, usize, usize, usize) -> f32,
-) -> Vec<f32> {
+    weight: impl Fn(usize, usize, usize, usize) -> T,
+) -> Vec<T> {
     let [out_channels, in_channels] = channels;
     let mut packed = Vec::new();
     for panel in panels(instructions, channels) {
@@ -323,7 +361,7 @@ fn pack(
                         if out < out_channels {
                             weight(out, channel, ky, kx)
                         } else {
-                            0.0
+                            T::default()
                         }
                     }));
                 }

@@ -9,10 +9,12 @@ mod block_sums;
 mod convolution;
 #[cfg(feature = "bench")]
 mod limit;
+mod pairs;
 mod plan;
 mod plane;
 mod pool;
 mod region;
+mod sixteen;
 #[cfg(test)]
 mod tests;
 mod vector;
@@ -23,4 +25,5 @@ pub(crate) use convolution::{Convolution, Kernel, Shape};
 pub use limit::spin;
 pub(crate) use plan::{Plan, PlaneId};
 pub(crate) use region::Region;
+pub(crate) use sixteen::Sixteen;
 pub(crate) use vector::LANES_MAX;

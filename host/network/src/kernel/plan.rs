@@ -7,6 +7,7 @@ use super::convolution::Convolution;
 use super::plane::Plane;
 use super::pool;
 use super::region::Region;
+use super::sixteen::Sixteen;
 
 /// One of a plan's planes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -18,6 +19,13 @@ enum Step {
         convolution: Convolution,
         /// Where the sums start instead of at the convolution's bias.
         start: Option<PlaneId>,
+        from: PlaneId,
+        to: PlaneId,
+        channel: usize,
+    },
+    /// The same in 16 bits, all of it when anything changed.
+    Sixteen {
+        convolution: Box<Sixteen>,
         from: PlaneId,
         to: PlaneId,
         channel: usize,
@@ -88,6 +96,26 @@ impl Plan {
         to
     }
 
+    /// Adds a convolution in 16 bits that writes `to`'s channels from `channel` on. Its numbers are shares of its
+    /// largest input, so where anything changed it computes everything.
+    pub(crate) fn sixteen(&mut self, convolution: Sixteen, from: PlaneId, to: PlaneId, channel: usize) {
+        let convolution = Box::new(convolution);
+        self.steps.push(Step::Sixteen {
+            convolution,
+            from,
+            to,
+            channel,
+        });
+    }
+
+    /// The same to a plane of its own.
+    pub(crate) fn sixteened(&mut self, convolution: Sixteen, from: PlaneId) -> PlaneId {
+        let (height, width) = convolution.convolution().out_size(self.planes[from.0].size());
+        let to = self.plane(height, width, convolution.convolution().out_channels());
+        self.sixteen(convolution, from, to, 0);
+        to
+    }
+
     /// Adds a 2×2 maximum over some of a plane's channels.
     pub(crate) fn pooled(&mut self, from: PlaneId, channel: usize, channels: usize) -> PlaneId {
         let (height, width) = self.planes[from.0].size();
@@ -118,7 +146,7 @@ impl Plan {
 
     /// Brings every plane up to date with the inputs. No allocation.
     pub(crate) fn run(&mut self) {
-        for step in &self.steps {
+        for step in &mut self.steps {
             match *step {
                 Step::Convolve {
                     ref convolution,
@@ -148,6 +176,20 @@ impl Plan {
                     );
                     self.planes[to.0] = output;
                     self.changed[to.0] = self.changed[to.0].hull(&region);
+                }
+                Step::Sixteen {
+                    ref mut convolution,
+                    from,
+                    to,
+                    channel,
+                } => {
+                    if self.changed[from.0].is_empty() {
+                        continue;
+                    }
+                    let mut output = std::mem::take(&mut self.planes[to.0]);
+                    convolution.run(&self.planes[from.0], &mut output, channel);
+                    self.changed[to.0] = Region::whole(output.height(), output.width());
+                    self.planes[to.0] = output;
                 }
                 Step::Pool { from, channel, to } => {
                     let region = pool::affected(&self.changed[from.0], self.planes[to.0].size());
@@ -183,6 +225,15 @@ impl Plan {
                 } if reached[from.0] => {
                     reached[to.0] = true;
                     sum += convolution.multiply_adds(self.planes[to.0].size());
+                }
+                Step::Sixteen {
+                    ref convolution,
+                    from,
+                    to,
+                    ..
+                } if reached[from.0] => {
+                    reached[to.0] = true;
+                    sum += 2 * convolution.convolution().multiply_adds(self.planes[to.0].size());
                 }
                 Step::Pool { from, to, .. } | Step::Copy { from, to, .. } if reached[from.0] => {
                     reached[to.0] = true;

@@ -1,21 +1,21 @@
-//! An activation image: rows × columns × channels of f32, channels last, with a border of one pixel of
+//! An activation image: rows × columns × channels, channels last, with a border of one pixel of
 //! zeros on all sides so that padded convolutions need no special case. Nothing ever writes the border.
 
 use super::region::Region;
 
 /// One activation image with its border.
 #[derive(Debug, Clone, Default)]
-pub(crate) struct Plane {
-    values: Vec<f32>,
+pub(crate) struct Plane<T = f32> {
+    values: Vec<T>,
     height: usize,
     width: usize,
     channels: usize,
 }
 
-impl Plane {
+impl<T: Copy + Default> Plane<T> {
     pub(crate) fn new(height: usize, width: usize, channels: usize) -> Self {
         Self {
-            values: vec![0.0; (height + 2) * (width + 2) * channels],
+            values: vec![T::default(); (height + 2) * (width + 2) * channels],
             height,
             width,
             channels,
@@ -40,7 +40,7 @@ impl Plane {
     }
 
     /// All values, border included; row `r` of [`Self::stride`] values starts at `r * stride`.
-    pub(crate) fn values(&self) -> &[f32] {
+    pub(crate) fn values(&self) -> &[T] {
         &self.values
     }
 
@@ -50,13 +50,13 @@ impl Plane {
     }
 
     /// The pixels of one row, without the border.
-    pub(crate) fn row(&self, row: usize) -> &[f32] {
+    pub(crate) fn row(&self, row: usize) -> &[T] {
         let start = (row + 1) * self.stride() + self.channels;
         &self.values[start..start + self.width * self.channels]
     }
 
     /// The pixels of one row, without the border.
-    pub(crate) fn row_mut(&mut self, row: usize) -> &mut [f32] {
+    pub(crate) fn row_mut(&mut self, row: usize) -> &mut [T] {
         let start = (row + 1) * self.stride() + self.channels;
         &mut self.values[start..start + self.width * self.channels]
     }

@@ -24,25 +24,13 @@ use std::arch::x86_64::{
 /// Largest number of lanes of any vector.
 pub(crate) const LANES_MAX: usize = 16;
 
-/// A vector of f32.
+/// A vector of f32 that comes out of a convolution.
 ///
 /// # Safety
 /// Implementations for an instruction set may only be used in functions that enable it.
 pub(super) unsafe trait Vector: Copy {
     /// Numbers in a vector.
     const LANES: usize;
-
-    /// Output pixels whose sums fit the registers with one vector of sums each, and with two.
-    const PIXELS_MAX: [usize; 2];
-
-    /// All lanes the same.
-    fn splat(value: f32) -> Self;
-
-    /// The `S` (1, 2 or 4) numbers from `from` on, over and over.
-    ///
-    /// # Safety
-    /// They must be readable; alignment does not matter.
-    unsafe fn repeat<const S: usize>(from: *const f32) -> Self;
 
     /// The `LANES` numbers from `from` on.
     ///
@@ -53,40 +41,62 @@ pub(super) unsafe trait Vector: Copy {
     /// Writes the first `out.len()` lanes, at most all.
     fn store(self, out: &mut [f32]);
 
-    /// The sums of neighbouring lanes: `LANES / 2` of `self`, then those of `other`.
-    fn pair_sums(self, other: Self) -> Self;
-
     /// `self + other`.
     fn plus(self, other: Self) -> Self;
-
-    /// `self · weight + sum`.
-    fn times_plus(self, weight: Self, sum: Self) -> Self;
 
     /// Lanes below zero become +0; NaN and −0 stay.
     fn negative_to_zero(self) -> Self;
 }
 
+/// A vector of what is multiplied, or of the sums of products.
+///
+/// # Safety
+/// Implementations for an instruction set may only be used in functions that enable it.
+pub(super) unsafe trait Sums: Copy {
+    /// What is multiplied.
+    type Number;
+
+    /// What becomes of sums; it has as many lanes.
+    type Out: Vector;
+
+    /// Output pixels whose sums fit the registers with one vector of sums each, and with two.
+    const PIXELS_MAX: [usize; 2];
+
+    /// Sums of nothing.
+    fn zero() -> Self;
+
+    /// The `S` (1, 2 or 4) numbers from `from` on, over and over.
+    ///
+    /// # Safety
+    /// They must be readable; alignment does not matter.
+    unsafe fn repeat<const S: usize>(from: *const Self::Number) -> Self;
+
+    /// As many numbers as there are lanes, from `from` on.
+    ///
+    /// # Safety
+    /// They must be readable; alignment does not matter.
+    unsafe fn load(from: *const Self::Number) -> Self;
+
+    /// The sums of neighbouring lanes: half as many as there are of `self`, then those of `other`.
+    fn pair_sums(self, other: Self) -> Self;
+
+    /// `self · weight + sum`.
+    fn times_plus(self, weight: Self, sum: Self) -> Self;
+
+    /// The sums in f32, times what each of them is worth.
+    ///
+    /// # Safety
+    /// As many factors must be readable as there are lanes.
+    unsafe fn out(self, factors: *const f32) -> Self::Out;
+}
+
 /// Eight numbers that the compiler puts into whatever vectors the target has.
 #[derive(Clone, Copy)]
-pub(super) struct Eight([f32; 8]);
+pub(super) struct Eight(pub(super) [f32; 8]);
 
 // SAFETY: plain Rust; needs no instruction set.
 unsafe impl Vector for Eight {
     const LANES: usize = 8;
-    // Of SSE2's sixteen registers, two for each vector of sums, two for the weights, one for a product.
-    const PIXELS_MAX: [usize; 2] = [6, 3];
-
-    #[inline(always)]
-    fn splat(value: f32) -> Self {
-        Self([value; 8])
-    }
-
-    #[inline(always)]
-    unsafe fn repeat<const S: usize>(from: *const f32) -> Self {
-        // SAFETY: the caller says that S numbers can be read there.
-        let numbers = unsafe { from.cast::<[f32; S]>().read_unaligned() };
-        Self(std::array::from_fn(|lane| numbers[lane % S]))
-    }
 
     #[inline(always)]
     unsafe fn load(from: *const f32) -> Self {
@@ -103,14 +113,46 @@ unsafe impl Vector for Eight {
     }
 
     #[inline(always)]
-    fn pair_sums(self, other: Self) -> Self {
-        let of = |lane: usize| if lane < 8 { self.0[lane] } else { other.0[lane - 8] };
-        Self(std::array::from_fn(|lane| of(2 * lane) + of(2 * lane + 1)))
+    fn plus(self, other: Self) -> Self {
+        Self(std::array::from_fn(|lane| self.0[lane] + other.0[lane]))
     }
 
     #[inline(always)]
-    fn plus(self, other: Self) -> Self {
-        Self(std::array::from_fn(|lane| self.0[lane] + other.0[lane]))
+    fn negative_to_zero(self) -> Self {
+        Self(self.0.map(|value| if value < 0.0 { 0.0 } else { value }))
+    }
+}
+
+// SAFETY: plain Rust; needs no instruction set.
+unsafe impl Sums for Eight {
+    type Number = f32;
+    type Out = Self;
+
+    // Of SSE2's sixteen registers, two for each vector of sums, two for the weights, one for a product.
+    const PIXELS_MAX: [usize; 2] = [6, 3];
+
+    #[inline(always)]
+    fn zero() -> Self {
+        Self([0.0; 8])
+    }
+
+    #[inline(always)]
+    unsafe fn repeat<const S: usize>(from: *const f32) -> Self {
+        // SAFETY: the caller says that S numbers can be read there.
+        let numbers = unsafe { from.cast::<[f32; S]>().read_unaligned() };
+        Self(std::array::from_fn(|lane| numbers[lane % S]))
+    }
+
+    #[inline(always)]
+    unsafe fn load(from: *const f32) -> Self {
+        // SAFETY: as here.
+        unsafe { <Self as Vector>::load(from) }
+    }
+
+    #[inline(always)]
+    fn pair_sums(self, other: Self) -> Self {
+        let of = |lane: usize| if lane < 8 { self.0[lane] } else { other.0[lane - 8] };
+        Self(std::array::from_fn(|lane| of(2 * lane) + of(2 * lane + 1)))
     }
 
     #[inline(always)]
@@ -121,8 +163,8 @@ unsafe impl Vector for Eight {
     }
 
     #[inline(always)]
-    fn negative_to_zero(self) -> Self {
-        Self(self.0.map(|value| if value < 0.0 { 0.0 } else { value }))
+    unsafe fn out(self, _factors: *const f32) -> Self {
+        self
     }
 }
 
@@ -130,26 +172,6 @@ unsafe impl Vector for Eight {
 #[cfg(target_arch = "x86_64")]
 unsafe impl Vector for __m256 {
     const LANES: usize = 8;
-    // Sixteen registers: sums, weights, one input.
-    const PIXELS_MAX: [usize; 2] = [12, 6];
-
-    #[inline(always)]
-    fn splat(value: f32) -> Self {
-        // SAFETY: the trait's promise: AVX is enabled.
-        unsafe { _mm256_set1_ps(value) }
-    }
-
-    #[inline(always)]
-    unsafe fn repeat<const S: usize>(from: *const f32) -> Self {
-        // SAFETY: the caller says that S numbers can be read there; AVX is enabled.
-        unsafe {
-            match S {
-                1 => _mm256_set1_ps(*from),
-                2 => _mm256_castpd_ps(_mm256_set1_pd(from.cast::<f64>().read_unaligned())),
-                _ => _mm256_broadcast_ps(&_mm_loadu_ps(from)),
-            }
-        }
-    }
 
     #[inline(always)]
     unsafe fn load(from: *const f32) -> Self {
@@ -175,25 +197,9 @@ unsafe impl Vector for __m256 {
     }
 
     #[inline(always)]
-    fn pair_sums(self, other: Self) -> Self {
-        // Within each half, the instruction puts sums of `self` before sums of `other`: quarters 0 2 1 3.
-        // SAFETY: the trait's promise: AVX2 is enabled.
-        unsafe {
-            let sums = _mm256_castps_pd(_mm256_hadd_ps(self, other));
-            _mm256_castpd_ps(_mm256_permute4x64_pd::<0b11_01_10_00>(sums))
-        }
-    }
-
-    #[inline(always)]
     fn plus(self, other: Self) -> Self {
         // SAFETY: the trait's promise: AVX is enabled.
         unsafe { _mm256_add_ps(self, other) }
-    }
-
-    #[inline(always)]
-    fn times_plus(self, weight: Self, sum: Self) -> Self {
-        // SAFETY: the trait's promise: FMA is enabled.
-        unsafe { _mm256_fmadd_ps(self, weight, sum) }
     }
 
     #[inline(always)]
@@ -204,31 +210,65 @@ unsafe impl Vector for __m256 {
     }
 }
 
-// SAFETY: `block` enters it only through a function that enables AVX-512F.
+// SAFETY: `block` enters it only through a function that enables AVX2 and FMA.
 #[cfg(target_arch = "x86_64")]
-unsafe impl Vector for __m512 {
-    const LANES: usize = 16;
-    // Thirty-two registers would hold more sums, but the loop has no registers for more pixels' addresses:
-    // eleven with two vectors each take a quarter longer per pixel.
-    const PIXELS_MAX: [usize; 2] = [12, 10];
+unsafe impl Sums for __m256 {
+    type Number = f32;
+    type Out = Self;
+
+    // Sixteen registers: sums, weights, one input.
+    const PIXELS_MAX: [usize; 2] = [12, 6];
 
     #[inline(always)]
-    fn splat(value: f32) -> Self {
-        // SAFETY: the trait's promise: AVX-512F is enabled.
-        unsafe { _mm512_set1_ps(value) }
+    fn zero() -> Self {
+        // SAFETY: the trait's promise: AVX is enabled.
+        unsafe { _mm256_set1_ps(0.0) }
     }
 
     #[inline(always)]
     unsafe fn repeat<const S: usize>(from: *const f32) -> Self {
-        // SAFETY: the caller says that S numbers can be read there; AVX-512F is enabled.
+        // SAFETY: the caller says that S numbers can be read there; AVX is enabled.
         unsafe {
             match S {
-                1 => _mm512_set1_ps(*from),
-                2 => _mm512_castpd_ps(_mm512_set1_pd(from.cast::<f64>().read_unaligned())),
-                _ => _mm512_broadcast_f32x4(_mm_loadu_ps(from)),
+                1 => _mm256_set1_ps(*from),
+                2 => _mm256_castpd_ps(_mm256_set1_pd(from.cast::<f64>().read_unaligned())),
+                _ => _mm256_broadcast_ps(&_mm_loadu_ps(from)),
             }
         }
     }
+
+    #[inline(always)]
+    unsafe fn load(from: *const f32) -> Self {
+        // SAFETY: as here.
+        unsafe { <Self as Vector>::load(from) }
+    }
+
+    #[inline(always)]
+    fn pair_sums(self, other: Self) -> Self {
+        // Within each half, the instruction puts sums of `self` before sums of `other`: quarters 0 2 1 3.
+        // SAFETY: the trait's promise: AVX2 is enabled.
+        unsafe {
+            let sums = _mm256_castps_pd(_mm256_hadd_ps(self, other));
+            _mm256_castpd_ps(_mm256_permute4x64_pd::<0b11_01_10_00>(sums))
+        }
+    }
+
+    #[inline(always)]
+    fn times_plus(self, weight: Self, sum: Self) -> Self {
+        // SAFETY: the trait's promise: FMA is enabled.
+        unsafe { _mm256_fmadd_ps(self, weight, sum) }
+    }
+
+    #[inline(always)]
+    unsafe fn out(self, _factors: *const f32) -> Self {
+        self
+    }
+}
+
+// SAFETY: `block` enters it only through a function that enables AVX-512F.
+#[cfg(target_arch = "x86_64")]
+unsafe impl Vector for __m512 {
+    const LANES: usize = 16;
 
     #[inline(always)]
     unsafe fn load(from: *const f32) -> Self {
@@ -250,6 +290,54 @@ unsafe impl Vector for __m512 {
     }
 
     #[inline(always)]
+    fn plus(self, other: Self) -> Self {
+        // SAFETY: the trait's promise: AVX-512F is enabled.
+        unsafe { _mm512_add_ps(self, other) }
+    }
+
+    #[inline(always)]
+    fn negative_to_zero(self) -> Self {
+        // The instruction returns its second operand when one is NaN or both are zeros.
+        // SAFETY: the trait's promise: AVX-512F is enabled.
+        unsafe { _mm512_max_ps(_mm512_setzero_ps(), self) }
+    }
+}
+
+// SAFETY: `block` enters it only through a function that enables AVX-512F.
+#[cfg(target_arch = "x86_64")]
+unsafe impl Sums for __m512 {
+    type Number = f32;
+    type Out = Self;
+
+    // Thirty-two registers would hold more sums, but the loop has no registers for more pixels' addresses:
+    // eleven with two vectors each take a quarter longer per pixel.
+    const PIXELS_MAX: [usize; 2] = [12, 10];
+
+    #[inline(always)]
+    fn zero() -> Self {
+        // SAFETY: the trait's promise: AVX-512F is enabled.
+        unsafe { _mm512_set1_ps(0.0) }
+    }
+
+    #[inline(always)]
+    unsafe fn repeat<const S: usize>(from: *const f32) -> Self {
+        // SAFETY: the caller says that S numbers can be read there; AVX-512F is enabled.
+        unsafe {
+            match S {
+                1 => _mm512_set1_ps(*from),
+                2 => _mm512_castpd_ps(_mm512_set1_pd(from.cast::<f64>().read_unaligned())),
+                _ => _mm512_broadcast_f32x4(_mm_loadu_ps(from)),
+            }
+        }
+    }
+
+    #[inline(always)]
+    unsafe fn load(from: *const f32) -> Self {
+        // SAFETY: as here.
+        unsafe { <Self as Vector>::load(from) }
+    }
+
+    #[inline(always)]
     fn pair_sums(self, other: Self) -> Self {
         // SAFETY: the trait's promise: AVX-512F is enabled.
         unsafe {
@@ -263,21 +351,13 @@ unsafe impl Vector for __m512 {
     }
 
     #[inline(always)]
-    fn plus(self, other: Self) -> Self {
-        // SAFETY: the trait's promise: AVX-512F is enabled.
-        unsafe { _mm512_add_ps(self, other) }
-    }
-
-    #[inline(always)]
     fn times_plus(self, weight: Self, sum: Self) -> Self {
         // SAFETY: the trait's promise: AVX-512F is enabled.
         unsafe { _mm512_fmadd_ps(self, weight, sum) }
     }
 
     #[inline(always)]
-    fn negative_to_zero(self) -> Self {
-        // The instruction returns its second operand when one is NaN or both are zeros.
-        // SAFETY: the trait's promise: AVX-512F is enabled.
-        unsafe { _mm512_max_ps(_mm512_setzero_ps(), self) }
+    unsafe fn out(self, _factors: *const f32) -> Self {
+        self
     }
 }

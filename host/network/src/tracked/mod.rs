@@ -25,7 +25,7 @@ use std::sync::Arc;
 
 pub use grid::{GRID_CHANNELS, GRID_NODES, GRID_PITCH_MM, GRID_SIDE, Gather, Grid, empty_grid};
 use net::Net;
-pub use net::{INPUT_CHANNELS, folded, input, layers, tensors};
+pub use net::{INPUT_CHANNELS, Precision, folded, input, layers, tensors};
 pub use particles::Particle;
 pub use search::Track;
 pub use tracker::Tracker;
@@ -46,6 +46,8 @@ pub struct TrackedNetwork {
     tracker: Tracker,
     gather: Gather,
     net: Net,
+    instructions: InstructionSet,
+    precision: Precision,
     evaluation: Evaluation,
     forces_n: Box<ForceMap>,
 }
@@ -81,8 +83,11 @@ impl TrackedNetwork {
     }
 
     fn new(weights: TrackedWeights) -> Self {
+        let (instructions, precision) = (InstructionSet::widest(), Precision::default());
         Self {
-            net: Net::new(&weights, InstructionSet::widest()),
+            net: Net::new(&weights, instructions, precision),
+            instructions,
+            precision,
             weights: Arc::new(weights),
             tracker: Tracker::new(),
             gather: Gather::default(),
@@ -96,10 +101,20 @@ impl TrackedNetwork {
     /// # Errors
     /// When the processor does not have it.
     pub fn with_instructions(mut self, instructions: InstructionSet) -> Result<Self, InstructionSetError> {
-        self.net = Net::new(&self.weights, instructions.checked()?);
+        self.instructions = instructions.checked()?;
+        self.net = Net::new(&self.weights, instructions, self.precision);
         self.tracker = self.tracker.with_instructions(instructions)?;
         self.tracker.forget();
         Ok(self)
+    }
+
+    /// The same network computing with other numbers.
+    #[must_use]
+    pub fn with_precision(mut self, precision: Precision) -> Self {
+        self.precision = precision;
+        self.net = Net::new(&self.weights, self.instructions, precision);
+        self.tracker.forget();
+        self
     }
 
     /// The same network with another rule for what is computed. Forces stay the same, bit by bit.
