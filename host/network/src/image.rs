@@ -44,10 +44,8 @@ fn downsample_avx2(crop: &[u8], out: &mut Image88) {
 /// start, of which every fifth is taken.
 #[inline(always)]
 fn downsample(crop: &[u8], out: &mut Image88) {
-    const STARTS: usize = CROP_SIDE - DOWNSAMPLING + 1;
     /// 2¹⁷ / 25, rounded up: exact for all sums of 25 bytes.
     const INVERSE: u16 = 5243;
-    let mut means = [0u8; STARTS];
     let (crop_rows, _) = crop.as_chunks::<CROP_SIDE>();
     for (rows, line) in crop_rows
         .as_chunks::<DOWNSAMPLING>()
@@ -59,15 +57,15 @@ fn downsample(crop: &[u8], out: &mut Image88) {
         for k in 0..CROP_SIDE {
             columns[k] = rows.iter().map(|row| u16::from(row[k])).sum();
         }
-        for k in 0..STARTS {
+        let mut sums = [0u16; IMAGE_SIDE];
+        for (sum, of_block) in sums.iter_mut().zip(columns.as_chunks::<DOWNSAMPLING>().0) {
+            *sum = of_block.iter().sum();
+        }
+        for (mean, &sum) in line.iter_mut().zip(&sums) {
             // At most 25 · 255 + 12, and 25 is odd, so no mean lies halfway between two levels.
-            let sum = columns[k] + columns[k + 1] + columns[k + 2] + columns[k + 3] + columns[k + 4];
             let product = u32::from(sum + BLOCK_PIXELS / 2) * u32::from(INVERSE);
             // In two steps, of which the first is an instruction.
-            means[k] = ((product >> 16) as u16 >> 1) as u8;
-        }
-        for (mean, &of_block) in line.iter_mut().zip(means.iter().step_by(DOWNSAMPLING)) {
-            *mean = of_block;
+            *mean = ((product >> 16) as u16 >> 1) as u8;
         }
     }
 }

@@ -2,7 +2,7 @@
 //! kernels against.
 #![expect(
     unsafe_code,
-    reason = "functions for an instruction set, called where there is one"
+    reason = "functions for an instruction set, called where there is one, and loads of arrays of its size"
 )]
 #![expect(
     clippy::inline_always,
@@ -13,7 +13,7 @@
 use std::arch::x86_64::{__m256, __m512};
 use std::hint::black_box;
 
-use super::vector::{Eight, LANES_MAX, Vector};
+use super::vector::{Eight, LANES_MAX, Sums, Vector};
 use crate::instruction_set::InstructionSet;
 
 /// Independent chains of multiply-adds: more than the units' number times their latency, 2 × 4.
@@ -55,9 +55,17 @@ fn run_avx512(rounds: usize) -> usize {
 }
 
 #[inline(always)]
-fn run<V: Vector>(rounds: usize) -> usize {
-    let (factor, summand) = (V::splat(black_box(0.9)), V::splat(black_box(0.1)));
-    let mut sums = [V::splat(black_box(0.5)); CHAINS];
+fn run<V: Vector + Sums<Number = f32>>(rounds: usize) -> usize {
+    let numbers = black_box([0.9, 0.1, 0.5].map(|number: f32| [number; LANES_MAX]));
+    // SAFETY: no vector has more lanes than there are numbers of each kind.
+    let [factor, summand, first] = unsafe {
+        [
+            <V as Vector>::load(numbers[0].as_ptr()),
+            <V as Vector>::load(numbers[1].as_ptr()),
+            <V as Vector>::load(numbers[2].as_ptr()),
+        ]
+    };
+    let mut sums = [first; CHAINS];
     for _ in 0..rounds {
         for sum in &mut sums {
             *sum = sum.times_plus(factor, summand);

@@ -288,10 +288,6 @@ impl<const SIDE: usize> Nodes<SIDE> {
 
     /// The median of each node and its neighbours, of an even number the upper one, where one of them is matched
     /// otherwise than the last time.
-    #[expect(
-        clippy::inline_always,
-        reason = "compiled for the instruction set of its caller"
-    )]
     #[inline(always)]
     fn medians(&mut self) {
         const LOW: f32 = f32::NEG_INFINITY;

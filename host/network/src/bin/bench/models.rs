@@ -1,7 +1,9 @@
-//! The networks that are measured: those that the engine carries, those in `weights/bench`, and files of the user's.
+//! The networks that are measured: those that the engine carries, `tracked` with f32 throughout, those in `weights/bench`, and
+//! files of the user's.
 
 use std::path::{Path, PathBuf};
 
+use gripline_network::tracked::{Precision, TrackedNetwork};
 use gripline_network::{Architecture, Network};
 
 use crate::Failure;
@@ -25,6 +27,12 @@ pub(crate) fn all(files: &[PathBuf]) -> Result<Vec<Model>, Failure> {
             network: Network::embedded(architecture)?,
         });
     }
+    models.push(Model {
+        name: format!("{} in f32", Architecture::Tracked),
+        network: TrackedNetwork::embedded()?
+            .with_precision(Precision::Single)
+            .into(),
+    });
     let mut paths = committed()?;
     paths.extend_from_slice(files);
     for path in paths {

@@ -19,6 +19,9 @@ pub(crate) const GATED: &str = "gated";
 /// The contestant behind the tracker.
 pub(crate) const BEHIND_TRACKER: &str = "tracked, network";
 
+/// The same in f32.
+pub(crate) const BEHIND_TRACKER_F32: &str = "tracked, network in f32";
+
 /// The engine in eight bits.
 pub(crate) const INT8: &str = "onnxruntime int8";
 
@@ -374,7 +377,7 @@ impl Report {
                     kind,
                 });
             };
-            point(format!("{name} f32"), name, Kind::Full);
+            point(name.clone(), name, Kind::Full);
             for (_, share) in CHANGED {
                 point(format!("{name}, {share}"), &part(name, share), Kind::Skipping);
             }
