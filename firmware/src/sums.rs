@@ -144,6 +144,9 @@ impl Kernel for Portable {
     }
 }
 
+/// Rows that [`sums_of`] looks at together: as many taxels as fill the vectors of every width.
+const ROWS: usize = 4;
+
 /// The sums of a whole map, for hosts: rows without any force are passed over.
 #[expect(
     clippy::inline_always,
@@ -152,30 +155,36 @@ impl Kernel for Portable {
 #[inline(always)]
 #[must_use]
 pub fn sums_of(map: &ForceMap, rule: TaxelRule) -> MapSums {
+    const COUNT: u32 = (ROWS * SIDE) as u32;
     let mut sums = Accumulator::new(rule);
     let square = u64::from(sums.square);
-    for (row, forces) in (0..).zip(map.taxels.as_chunks::<SIDE>().0) {
-        sums.taxels += SIDE as u32;
+    for (first_row, forces) in (0..)
+        .step_by(ROWS)
+        .zip(map.taxels.as_chunks::<{ ROWS * SIDE }>().0)
+    {
+        sums.taxels += COUNT;
         if forces
             .iter()
             .fold(0, |any, force| any | force.x | force.y | force.z)
             == 0
         {
             // No contact: the least normal force of one is at least 0.
-            sums.idle += SIDE as u32;
+            sums.idle += COUNT;
             continue;
         }
         // In words of their own, which vectors can hold.
-        let (mut x_sum, mut y_sum, mut z_sum, mut y_moment, mut z_moment, mut z_spread) = (0, 0, 0, 0, 0, 0);
+        let (mut x_sum, mut y_sum, mut z_sum, mut moment) = (0, 0, 0, 0);
+        let (mut across, mut down, mut spread) = (0, 0, 0);
         let (mut contact, mut slipping) = (0, 0);
-        for (column, force) in (0..).zip(forces) {
+        for (&[column, row], force) in PLACES.iter().zip(forces) {
             let (x, y, z) = (i32::from(force.x), i32::from(force.y), i32::from(force.z));
             x_sum += x;
             y_sum += y;
             z_sum += z;
-            y_moment += column * y;
-            z_moment += column * z;
-            z_spread += column * column * z;
+            moment += column * y - row * x;
+            across += column * z;
+            down += row * z;
+            spread += (column * column + row * row) * z;
             // As `TaxelRule::decide`, word by word.
             let shear_square = (x * x).cast_unsigned() + (y * y).cast_unsigned();
             let normal_square = (z * z).cast_unsigned();
@@ -184,18 +193,31 @@ pub fn sums_of(map: &ForceMap, rule: TaxelRule) -> MapSums {
             contact += is_contact;
             slipping += is_contact & u32::from(slips);
         }
-        for (sum, row_sum) in sums.force.iter_mut().zip([x_sum, y_sum, z_sum]) {
-            *sum += row_sum;
+        for (sum, of_rows) in sums.force.iter_mut().zip([x_sum, y_sum, z_sum]) {
+            *sum += of_rows;
         }
-        sums.moment += y_moment - row * x_sum;
-        sums.pressure[0] += z_moment;
-        sums.pressure[1] += row * z_sum;
-        sums.spread = sums.spread.wrapping_add(z_spread + row * row * z_sum);
+        sums.moment += moment - first_row * x_sum;
+        sums.pressure[0] += across;
+        sums.pressure[1] += down + first_row * z_sum;
+        // (row + first)² = row² + 2 first row + first².
+        spread += first_row * (2 * down + first_row * z_sum);
+        sums.spread = sums.spread.wrapping_add(spread);
         sums.slips += slipping;
-        sums.idle += SIDE as u32 - contact;
+        sums.idle += COUNT - contact;
     }
     sums.finish()
 }
+
+/// Columns and rows of the taxels that are looked at together, from the first of them.
+const PLACES: [[i32; 2]; ROWS * SIDE] = {
+    let mut places = [[0; 2]; ROWS * SIDE];
+    let mut taxel = 0;
+    while taxel < places.len() {
+        places[taxel] = [(taxel % SIDE) as i32, (taxel / SIDE) as i32];
+        taxel += 1;
+    }
+    places
+};
 
 /// Stick ratio in 1/10000, rounded down; `None` when nothing is in contact.
 ///

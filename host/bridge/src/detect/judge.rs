@@ -70,11 +70,23 @@ pub struct Verdict {
 #[must_use]
 pub fn sums(map: &ForceMap, rule: TaxelRule) -> MapSums {
     #[cfg(target_arch = "x86_64")]
-    if is_x86_feature_detected!("avx2") {
-        // SAFETY: the processor has it.
-        #[expect(unsafe_code, reason = "compiled for an instruction set that was checked for")]
-        return unsafe { sums_avx2(map, rule) };
+    #[expect(unsafe_code, reason = "compiled for instruction sets that were checked for")]
+    {
+        if is_x86_feature_detected!("avx512bw") && is_x86_feature_detected!("avx512dq") {
+            // SAFETY: the processor has them; either implies AVX-512F.
+            return unsafe { sums_avx512(map, rule) };
+        }
+        if is_x86_feature_detected!("avx2") {
+            // SAFETY: the processor has it.
+            return unsafe { sums_avx2(map, rule) };
+        }
     }
+    sums_of(map, rule)
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx512f,avx512bw,avx512dq")]
+fn sums_avx512(map: &ForceMap, rule: TaxelRule) -> MapSums {
     sums_of(map, rule)
 }
 
