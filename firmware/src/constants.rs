@@ -29,17 +29,43 @@ pub const ROUND_64THS: u64 = 41;
 pub const LINE_16THS: u32 = 10;
 /// Friction below which the feed-forward stops growing, 1/10000: at 0.05 it already asks for 20 times the shear.
 pub const FEED_FORWARD_FRICTION_MIN: u32 = 500;
-/// How far ahead of the maps the grip looks where the load grows, µs: what was best in 60 grasps of `evaluate grasps
-/// --seed 9`; a longer look grips harder and learns less friction, a shorter one lets loads slide that come fast.
+/// How far ahead of the maps the grip looks where the load grows for the first time, µs: what was best in 60 grasps of
+/// `evaluate grasps --seed 9`; a longer look grips harder and learns less friction, a shorter one lets loads slide that
+/// come fast.
 pub const LEAD_US: u64 = 20_000;
-/// Normal force below which shear proves no friction, 1/4096 N: 0.3 N.
-pub const PROOF_NORMAL_MIN: i32 = 1_229;
-/// Stick ratio below which a contact may slide as a whole, 1/10000, and how many such maps in a row, at the load that
-/// friction was proven by, are a slide: 50 ms at 60 maps a second. At 0.05 one of 150 grasps of `evaluate grasps --seed 14`
-/// was dropped and one in a hundred slid 1.2 mm; at 0.3 none, and 0.8 mm.
+/// How far it looks once the load has come on and friction is proven, µs: about what the gripper takes.
+pub const REST_LEAD_US: u64 = 60_000;
+/// Friction that is reckoned with while the load comes on, 1/10000: a grip that reckons with less meets the load before it
+/// proves much, one that reckons with more lets what is below it slide far.
+pub const EXPECTED_FRICTION: u16 = 6_000;
+/// Maps in a row in which a load grew by less than a sixteenth that show that it has come on.
+pub const REST_MAPS: u8 = 4;
+/// Least load that can have come on, 1/4096 N: 0.25 N.
+pub const REST_LOAD_MIN: i32 = 1_024;
+/// Normal force below which shear proves no friction, 1/4096 N: 0.73 N.
+pub const PROOF_NORMAL_MIN: i32 = 3_000;
+/// Stick ratio below which a contact may slide as a whole, 1/10000, and how many such maps in a row, at 7/8 and more of the
+/// load that friction was proven by, are a slide: 50 ms at 60 maps a second.
 pub const SLIDE_STICK_RATIO: u16 = 3_000;
 /// See there.
 pub const SLIDE_MAPS: u8 = 3;
+/// Stick ratio below which it may slide where its load over the normal force grew by less than a sixteenth in two maps,
+/// 1/10000, and that share's least: a contact of little friction whose map is small sticks by half when it slides. Without,
+/// grasps of a friction of 0.5 slid 0.8 mm in the take-up (`evaluate grasps --seed 12`), with it 0.5 mm.
+pub const STALL_STICK_RATIO: u16 = 6_000;
+/// See there.
+pub const STALL_RATIO_MIN: u16 = 3_000;
+/// Share of the normal force up to which such maps are a slide without doubt, 1/10000, and two of them enough: the
+/// detector's friction is near. Above it hardly a taxel sticks by the detector's friction, whether the contact slides or not.
+pub const SLIDE_RATIO_SURE: u16 = 6_000;
+/// See there.
+pub const SLIDE_SURE_MAPS: u8 = 2;
+/// Square by which a map's blur widens what it shows, 1/16 of half a pitch squared: 54 by a deviation of 0.65 taxels both
+/// ways, and a third more for what a touch leaves out at its edge.
+pub const BLUR_REACH: u16 = 70;
+/// Square of a twist's lever over its reach, in 16ths and inverse: 18 would be what holds a contact (`form.rs`), and a tenth
+/// of a twist is lost in a map.
+pub const SEEN_TWIST: u64 = 22;
 /// How fast the grip closes on what it hardly feels, 1/4096 N per ms: 4 N/s.
 pub const SEEK_RATE: i64 = 16;
 /// How far above the floor it closes there, 1/4096 N: 1 N, and no more than the floor once again.

@@ -12,7 +12,8 @@
 use gripline_protocol::message::MapSums;
 
 use crate::constants::{
-    FLAT_64THS, HALF_FLAT_64THS, HALF_LINE_64THS, HALF_ROUND_64THS, LINE_16THS, ROUND_64THS,
+    BLUR_REACH, FLAT_64THS, HALF_FLAT_64THS, HALF_LINE_64THS, HALF_ROUND_64THS, LINE_16THS, ROUND_64THS,
+    SEEN_TWIST,
 };
 use crate::divide::divide;
 use crate::load::narrowed;
@@ -93,6 +94,14 @@ impl Form {
     pub(crate) fn square_of_twist(&self, twist: i32) -> u64 {
         // At most 18 · (86/64 · 2²⁹)²: a load is at most a third of another further.
         divide(18 * u64::from(twist.unsigned_abs()).pow(2), self.reach)
+    }
+
+    /// The same of a twist as maps show it, for what the grip must hold: maps blur, which widens what is seen to reach by as
+    /// much for every contact, and lose more of a twist than of a force, as they lose the contact's edge.
+    pub(crate) fn square_of_seen_twist(&self, twist: i32) -> u64 {
+        let twist = u64::from(twist.unsigned_abs().min(1 << 25));
+        let reach = self.reach.saturating_sub(BLUR_REACH).max(self.reach / 4);
+        divide(SEEN_TWIST * twist * twist, reach.max(1))
     }
 
     /// How far from its centre a load is when half of the contact slips, over what friction holds, in 64ths.

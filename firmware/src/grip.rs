@@ -63,7 +63,7 @@ pub struct Evidence {
 /// What a controller that learns goes by, worked out off the way from map to line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Learnt {
-    /// The shear to hold, 1/4096 N, and the friction that was proven, 1/10000.
+    /// The shear to hold, 1/4096 N, and the friction that was proven or is expected, 1/10000.
     shear: i32,
     friction: u16,
     /// Fastest fall of the line, 1/4096 N per second.
@@ -151,6 +151,11 @@ impl GripController {
         GripForce::from_lsb((self.line_milli as u32 / MILLI as u32) as i32)
     }
 
+    /// What a gripper should press with by now, in a controller that learns.
+    pub(crate) const fn reached(&self) -> GripForce {
+        GripForce::from_lsb(self.learnt.reached_milli / MILLI as i32)
+    }
+
     /// Takes what the newest maps say. Older than `stale_ms`, it moves the reflex no more: what slipped then may
     /// long hold, and would be squeezed up to the ceiling.
     pub const fn observe(&mut self, evidence: Evidence, now_us: u64) {
@@ -172,7 +177,7 @@ impl GripController {
             return;
         };
         let line = self.line().lsb();
-        self.learnt.friction = load.friction();
+        self.learnt.friction = load.friction(settings);
         let wanted = felt(load, self.learnt.reached_milli);
         let more = wanted - self.learnt.shear;
         // A little more is a map's fluctuation, and followed slowly.
@@ -250,8 +255,10 @@ impl GripController {
             self.line_milli = demand.min(self.line_milli + grown(settings.rise_rate));
         } else if relaxing {
             // A clock that leaps for one reading must not let the line leap down with it.
-            let step = relax_step(passed_us.min(FALL_US_MAX), relax_rate);
-            self.line_milli = demand.max(self.line_milli - step);
+            let passed_us = passed_us.min(FALL_US_MAX) as u32;
+            // The rate is per second.
+            let step = u32::from(relax_rate) * passed_us / 1_000;
+            self.line_milli = demand.max(self.line_milli - i64::from(step));
         }
         self.line()
     }
@@ -287,8 +294,10 @@ impl GripController {
             0
         };
         let relaxing = settings.relax_rate > 0 && self.stuck_us > u64::from(settings.relax_after_ms) * 1_000;
-        if relaxing {
-            self.reflex_milli -= relax_step(passed_us, settings.relax_rate).min(self.reflex_milli);
+        if relaxing && self.reflex_milli > 0 {
+            // The rate is per second.
+            let step = divide(u64::from(settings.relax_rate) * passed_us, 1_000).cast_signed();
+            self.reflex_milli -= step.min(self.reflex_milli);
         }
         relaxing
     }
@@ -306,9 +315,4 @@ fn felt(load: &Carried, reached_milli: i32) -> i32 {
     let reached = reached_milli.max(0) as u32 / MILLI as u32;
     let felt = divide(u64::from(reached) * u64::from(load.ratio()), PER_UNIT as u16);
     (felt.min(i32::MAX as u64) as i32).min(seen + seen / 2).max(seen)
-}
-
-/// How far the plan lets the line fall: the rate is per second.
-fn relax_step(passed_us: u64, rate: u16) -> i64 {
-    divide(u64::from(rate) * passed_us, 1_000).cast_signed()
 }

@@ -419,13 +419,15 @@ impl<K: Kernel> Mcu<K> {
             return;
         }
         if is_new {
-            tip.load.observe(&tip.sums, self.now_us, &self.settings);
+            let reached = self.controller.reached().lsb();
+            tip.load
+                .observe(&tip.sums, tip.slip.form(), reached, self.now_us, &self.settings);
         }
         let [one, other] = &self.fingertips;
         // A fingertip that fell silent under load must not squeeze on while the other one speaks.
         let silent_us = self.now_us.saturating_sub(other.fresh_us);
         let counts = self.settings.sensors > 1 && silent_us <= u64::from(self.settings.stale_ms) * 1_000;
-        let worst = if counts && other.load.exceeds(&one.load, self.settings.friction) {
+        let worst = if counts && other.load.exceeds(&one.load, &self.settings) {
             other
         } else {
             one

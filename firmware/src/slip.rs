@@ -89,6 +89,11 @@ impl SlipDetector {
         }
     }
 
+    /// Form of the contact, as far as it was seen.
+    pub(crate) const fn form(&self) -> &Form {
+        &self.form
+    }
+
     fn next_state(
         &mut self,
         sums: &MapSums,

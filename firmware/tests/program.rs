@@ -471,7 +471,7 @@ fn what_a_contact_proved_ends_with_it() {
 
 #[test]
 fn a_twist_counts_as_the_shear_that_slides_as_soon() {
-    // 64 taxels in a square that push crosswise: no shear in sum. About their middle 2/3 a is 6 half pitches.
+    // 64 taxels in a square that push crosswise: no shear in sum.
     let twisted = |pull: i16| {
         let mut map = ForceMap::EMPTY;
         for row in 6..14 {
@@ -489,14 +489,94 @@ fn a_twist_counts_as_the_shear_that_slides_as_soon() {
     bench.command(Command::Configure(Configuration::DEFAULT));
     let status = bench.maps_for_ms(&twisted(200), 2_000);
     assert_eq!(status.sums.force[0], 0);
-    // 64 · 200 · 4 half pitches, over 2/3 · √(4 · 64/π).
-    let shear = 64.0 * 200.0 * 4.0 / (2.0 / 3.0 * (4.0 * 64.0 / std::f64::consts::PI).sqrt());
+    // 64 · 200 · 4 half pitches. The pressure's mean square distance is 42 square half pitches, of which a map's blur makes
+    // 70/16, and its lever 0.85 of the root of the rest: √(16/22).
+    let shear = 64.0 * 200.0 * 4.0 / ((42.0 - 70.0 / 16.0) * 16.0_f64 / 22.0).sqrt();
     let expected = shear / 0.45 * kept();
     assert!(
         (f64::from(status.line) / expected - 1.0).abs() < 0.01,
         "line {} expected {expected}",
         status.line
     );
+}
+
+#[test]
+fn a_friction_is_expected_while_a_load_comes_on_and_only_then() {
+    let mut bench = Bench::holding();
+    bench.command(Command::Configure(Configuration::DEFAULT));
+    // Under 15 N a shear of 3 N proves a friction of 0.2.
+    let load = |share: f64| even_map(60, share * f64::from(newtons(3.0)), f64::from(newtons(15.0)));
+    let needs = |friction: f64| newtons(3.0 / friction * kept());
+    for step in 1..=12 {
+        bench.map(&load(f64::from(step) / 12.0));
+        bench.wait_ms(16);
+    }
+    let coming = bench.mcu.line().lsb();
+    assert!(
+        (needs(0.65)..needs(0.52)).contains(&coming),
+        "{coming} expected {}",
+        needs(0.6)
+    );
+    let rested = bench.maps_for_ms(&load(1.0), 2_000).line;
+    assert!(
+        (needs(0.455)..needs(0.445)).contains(&rested),
+        "{rested} expected {}",
+        needs(0.45)
+    );
+}
+
+#[test]
+fn what_maps_hardly_see_proves_no_friction() {
+    let load = even_map(60, f64::from(newtons(3.0)), f64::from(newtons(9.0)));
+    let by = |friction: f64| 3.0 / friction * kept();
+    // A light touch says 0.9 while the gripper presses with 8 N; the same, seen whole, is believed.
+    for (light, friction) in [(1.5, 0.45), (6.0, 0.9)] {
+        let mut bench = Bench::holding();
+        bench.command(Command::Configure(Configuration::DEFAULT));
+        bench.maps_for_ms(&load, 1_000);
+        let touch = even_map(60, 0.9 * f64::from(newtons(light)), f64::from(newtons(light)));
+        bench.maps_for_ms(&touch, 64);
+        let line = bench.maps_for_ms(&load, 4_000).line;
+        assert!(
+            (newtons(by(friction) - 0.1)..newtons(by(friction) + 0.1)).contains(&line),
+            "{line} expected {}",
+            newtons(by(friction))
+        );
+    }
+}
+
+/// Taxels of which a share sticks by the detector's friction of 0.45, under this shear over the normal force in all.
+fn partly_sticking(sticks: usize, ratio: f64, normal: f64) -> ForceMap {
+    let mut map = even_map(60, 0.0, normal);
+    // Those that slip carry 0.55 of their normal force, the others the rest.
+    let slips = 0.55 * (60 - sticks) as f64;
+    for (taxel, force) in map.taxels.iter_mut().take(60).enumerate() {
+        let share = if taxel < sticks {
+            (60.0 * ratio - slips) / sticks as f64
+        } else {
+            0.55
+        };
+        force.x = (share * normal / 60.0).round() as i16;
+    }
+    map
+}
+
+#[test]
+fn a_contact_that_half_sticks_slides_when_its_load_stalls_and_one_that_sticks_does_not() {
+    let normal = f64::from(newtons(4.0));
+    let line_after = |sticks: usize| {
+        let mut bench = Bench::holding();
+        bench.command(Command::Configure(Configuration::DEFAULT));
+        // The load comes on in 0.2 s, and stands at 0.45 of the normal force.
+        for step in 1..=12 {
+            bench.map(&even_map(60, f64::from(step) / 12.0 * 0.44 * normal, normal));
+            bench.wait_ms(16);
+        }
+        bench.maps_for_ms(&partly_sticking(sticks, 0.45, normal), 64);
+        f64::from(bench.mcu.line().lsb())
+    };
+    let [half, most] = [line_after(30), line_after(48)];
+    assert!(half > 1.3 * most, "{half} where half stick, {most} where most do");
 }
 
 #[test]

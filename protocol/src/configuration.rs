@@ -267,10 +267,10 @@ impl Configuration {
     /// The paper's detector (μ 0.45, threshold 0.5), and a grip that learns the object's friction from what it carries.
     pub const DEFAULT: Self = Self {
         friction_most: 10_000,
-        margin: 3_000,
+        margin: 2_700,
         reflex_rate: 0,
-        relax_rate: 4 * 4_096, // 4 N/s
-        relax_after_ms: 100,
+        relax_rate: 12 * 4_096, // 12 N/s
+        relax_after_ms: 50,
         ..Self::CAREFUL
     };
 

@@ -4,7 +4,8 @@
 use std::ops::{Add, Mul, Neg, Sub};
 
 use gripline_firmware::constants::{
-    GRIPPER_LAG_SHIFT, LEAD_US, SEEK_MOST, SEEK_RATE, STORM_LEVEL_MAX, STORM_PER_PACKET, TREND_MAPS,
+    GRIPPER_LAG_SHIFT, REST_LEAD_US, SEEK_MOST, SEEK_RATE, SEEN_TWIST, STORM_LEVEL_MAX, STORM_PER_PACKET,
+    TREND_MAPS,
 };
 use gripline_firmware::sums::{sums_of, total_shear};
 use gripline_protocol::configuration::FORCE_MAX;
@@ -246,13 +247,17 @@ fn learning() -> Vec<Step> {
     let milli = range(1_000, 1_000);
     let unit = range(PER_UNIT.into(), PER_UNIT.into());
     // A twist beyond 2²⁵ counts as that; of the square, 52 bits do, so the root has 26.
-    let turning = range(0, 1 << 25).squared() * range(905, 905);
-    let square = force.squared() + force.squared() + range(0, turning.most >> 9);
+    let turning = range(0, 1 << 25).squared() * range(SEEN_TWIST.into(), SEEN_TWIST.into());
+    // Over a reach of at least 1.
+    let square = force.squared() + force.squared() + turning;
     let [now, before] = [range(0, (1 << 26) - 1); 2];
     // 2/5 of the growth before and 3/5 of a map's: never beyond a map's.
     let growth = range(-now.most, now.most);
     let news = range(3, 3) * (now - before - growth);
-    let lead = range(0, growth.most) * range(LEAD_US.into(), LEAD_US.into());
+    // The longer of the two looks; what counts as no growth makes it less.
+    let lead = range(0, growth.most) * range(REST_LEAD_US.into(), REST_LEAD_US.into());
+    let rests = growth * range(16, 16);
+    let sliding = range(0, now.most / 8) * range(0, 4);
     // Maps count as at least a millisecond apart; of what comes out half the load does.
     let more = range(0, lead.most / 1_000);
     let ahead = now + range(0, now.most / 2);
@@ -260,7 +265,7 @@ fn learning() -> Vec<Step> {
     let [line, reached] = [range(0, FORCE_MAX.into()) * milli; 2];
     let sought = line + range(SEEK_RATE.into(), SEEK_RATE.into()) * U16;
     vec![
-        ("carry: twist² · 905", turning, ("u64", U64)),
+        ("carry: 22 · twist²", turning, ("u64", U64)),
         ("carry: Fx² + Fy² + twist²", square, ("u64", U64)),
         (
             "carry: 3 · (growth of a map less that before)",
@@ -272,15 +277,27 @@ fn learning() -> Vec<Step> {
             growth + range(news.least / 5, news.most / 5),
             ("i32", I32),
         ),
+        ("carry: 16 · growth", rests, ("i32", I32)),
+        (
+            "carry: growth less 3/128 of the load",
+            growth - range(0, 3 * (now.most / 128)),
+            ("i32", I32),
+        ),
         ("carry: growth · look-ahead in µs", lead, ("u64", U64)),
-        ("carry: what the look-ahead adds", more, ("i32", I32)),
+        ("carry: what sliding adds", sliding, ("i32", I32)),
+        (
+            "carry: what the look-ahead adds, before half the load",
+            more,
+            ("u64", U64),
+        ),
         ("carry: load ahead", ahead, ("i32", I32)),
         ("carry: load ahead · 10000", ahead * unit, ("u64", U64)),
         (
-            "carry: 16 · share of the normal force",
-            range(0, 16) * U16,
+            "carry: 17 · share of the normal force",
+            range(0, 17) * U16,
             ("u32", U32),
         ),
+        ("carry: 2 · normal force", range(2, 2) * force, ("i32", I32)),
         (
             "carry: load ahead · friction of the other",
             ahead * U16,
@@ -344,6 +361,11 @@ fn controller() -> Vec<Step> {
             "grip: limits in µs (stale, dwell, relax after)",
             U16 * milli,
             ("u64", U64),
+        ),
+        (
+            "grip: relax rate · µs of a step",
+            U16 * range(0, 20_000),
+            ("u32", U32),
         ),
         (
             "line: share · rise of the code",
