@@ -144,8 +144,9 @@ impl Kernel for Portable {
     }
 }
 
-/// Rows that [`sums_of`] looks at together: as many taxels as fill the vectors of every width.
+/// Rows that [`sums_of`] looks at together, and their taxels: as many as fill the vectors of every width.
 const ROWS: usize = 4;
+const TOGETHER: usize = ROWS * SIDE;
 
 /// The sums of a whole map, for hosts: rows without any force are passed over.
 #[expect(
@@ -155,21 +156,17 @@ const ROWS: usize = 4;
 #[inline(always)]
 #[must_use]
 pub fn sums_of(map: &ForceMap, rule: TaxelRule) -> MapSums {
-    const COUNT: u32 = (ROWS * SIDE) as u32;
     let mut sums = Accumulator::new(rule);
     let square = u64::from(sums.square);
-    for (first_row, forces) in (0..)
-        .step_by(ROWS)
-        .zip(map.taxels.as_chunks::<{ ROWS * SIDE }>().0)
-    {
-        sums.taxels += COUNT;
+    for (first_row, forces) in (0..).step_by(ROWS).zip(map.taxels.as_chunks::<TOGETHER>().0) {
+        sums.taxels += TOGETHER as u32;
         if forces
             .iter()
             .fold(0, |any, force| any | force.x | force.y | force.z)
             == 0
         {
             // No contact: the least normal force of one is at least 0.
-            sums.idle += COUNT;
+            sums.idle += TOGETHER as u32;
             continue;
         }
         // In words of their own, which vectors can hold.
@@ -203,14 +200,14 @@ pub fn sums_of(map: &ForceMap, rule: TaxelRule) -> MapSums {
         spread += first_row * (2 * down + first_row * z_sum);
         sums.spread = sums.spread.wrapping_add(spread);
         sums.slips += slipping;
-        sums.idle += COUNT - contact;
+        sums.idle += TOGETHER as u32 - contact;
     }
     sums.finish()
 }
 
 /// Columns and rows of the taxels that are looked at together, from the first of them.
-const PLACES: [[i32; 2]; ROWS * SIDE] = {
-    let mut places = [[0; 2]; ROWS * SIDE];
+const PLACES: [[i32; 2]; TOGETHER] = {
+    let mut places = [[0; 2]; TOGETHER];
     let mut taxel = 0;
     while taxel < places.len() {
         places[taxel] = [(taxel % SIDE) as i32, (taxel / SIDE) as i32];

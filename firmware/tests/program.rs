@@ -580,6 +580,23 @@ fn a_contact_that_half_sticks_slides_when_its_load_stalls_and_one_that_sticks_do
 }
 
 #[test]
+fn a_contact_of_which_nothing_sticks_slides_from_seven_eighths_of_its_friction_on() {
+    let normal = f64::from(newtons(6.0));
+    let load = |ratio: f64| even_map(60, ratio * normal, normal);
+    let line_over_load = |ratio: f64| {
+        let mut bench = Bench::holding();
+        bench.command(Command::Configure(Configuration::DEFAULT));
+        bench.maps_for_ms(&load(0.6), 400);
+        f64::from(bench.maps_for_ms(&load(ratio), 1_500).line) / ratio
+    };
+    let [slides, holds] = [0.54, 0.51].map(line_over_load);
+    assert!(
+        slides > 1.4 * holds,
+        "{slides} at 0.90 of friction, {holds} at 0.85"
+    );
+}
+
+#[test]
 fn a_touch_too_light_to_be_felt_is_closed_upon_by_a_newton_at_most() {
     let mut bench = Bench::holding();
     bench.command(Command::Configure(Configuration::DEFAULT));
