@@ -267,7 +267,7 @@ impl Configuration {
     /// The paper's detector (μ 0.45, threshold 0.5), and a grip that learns the object's friction from what it carries.
     pub const DEFAULT: Self = Self {
         friction_most: 10_000,
-        margin: 2_700,
+        margin: 3_000,
         reflex_rate: 0,
         relax_rate: 12 * 4_096, // 12 N/s
         relax_after_ms: 50,
