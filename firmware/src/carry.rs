@@ -110,12 +110,15 @@ impl Carried {
     }
 
     /// Whether a map is one of a contact that slides: under most of the load that friction was proven by hardly a taxel
-    /// sticks; or only some do, and the load over the normal force, which came on, does so no more.
+    /// sticks; or only some do, and the load over the normal force, which came on for the first time, does so no more.
     fn looks_like_slide(&self, sums: &MapSums, ratio_now: u16) -> bool {
         let at_friction = 8 * u32::from(ratio_now) >= 7 * u32::from(self.proven);
         let [older, _] = self.before;
-        let stalls =
-            older > 0 && ratio_now > STALL_RATIO_MIN && 16 * u32::from(ratio_now) < 17 * u32::from(older);
+        // A load that comes slowly, and that the grip follows, looks the same later on.
+        let stalls = !self.has_rested
+            && older > 0
+            && ratio_now > STALL_RATIO_MIN
+            && 16 * u32::from(ratio_now) < 17 * u32::from(older);
         let stick_ratio = if stalls {
             STALL_STICK_RATIO
         } else {
