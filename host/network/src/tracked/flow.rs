@@ -398,6 +398,35 @@ mod tests {
     }
 
     #[test]
+    fn medians_are_those_of_the_neighbours_that_there_are_of_an_even_number_the_upper_one() {
+        fn check<const SIDE: usize>() {
+            let n = Nodes::<SIDE>::PER_SIDE;
+            let mut nodes = Nodes::<SIDE>::new();
+            for (node, raw) in nodes.raw.iter_mut().enumerate() {
+                *raw = [node * 7919 % 101, node * 104_729 % 97].map(|at| at as f32 - 50.0);
+            }
+            nodes.medians();
+            for (node, median) in nodes.median.iter().enumerate() {
+                let (row, column) = (node / n, node % n);
+                for k in 0..2 {
+                    let rows = row.saturating_sub(1)..(row + 2).min(n);
+                    let columns = column.saturating_sub(1)..(column + 2).min(n);
+                    let around = rows.flat_map(|y| columns.clone().map(move |x| (y, x)));
+                    let mut values: Vec<f32> = around.map(|(y, x)| nodes.raw[y * n + x][k]).collect();
+                    values.sort_by(f32::total_cmp);
+                    assert_eq!(
+                        median[k].to_bits(),
+                        values[values.len() / 2].to_bits(),
+                        "row {row} of {n}, column {column}"
+                    );
+                }
+            }
+        }
+        check::<{ CROP_SIDE / 8 }>();
+        check::<{ CROP_SIDE / 4 }>();
+    }
+
+    #[test]
     fn a_spot_that_changes_anywhere_moves_the_same_nodes_as_if_everything_were_looked_at() {
         let rest = pyramid(&picture([0; 2]));
         let mut shown = picture([9, 5]);
