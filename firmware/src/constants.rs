@@ -49,9 +49,10 @@ pub const PROOF_NORMAL_MIN: i32 = 3_000;
 pub const SLIDE_STICK_RATIO: u16 = 3_000;
 /// See there.
 pub const SLIDE_MAPS: u8 = 3;
-/// Stick ratio below which it may slide where its load over the normal force grew by less than a sixteenth in two maps,
-/// 1/10000, and that share's least: a contact of little friction whose map is small sticks by half when it slides. Without,
-/// grasps of a friction of 0.5 slid 0.8 mm in the take-up (`evaluate grasps --seed 12`), with it 0.5 mm.
+/// Stick ratio below which it may slide where, before its load first rests, that load over the normal force grew by less
+/// than a sixteenth in two maps, 1/10000, and that share's least: a contact of little friction whose map is small sticks
+/// by half when it slides. Without, grasps of a friction of 0.5 slid 0.8 mm in the take-up (`evaluate grasps --seed 12`),
+/// with it 0.5 mm.
 pub const STALL_STICK_RATIO: u16 = 6_000;
 /// See there.
 pub const STALL_RATIO_MIN: u16 = 3_000;

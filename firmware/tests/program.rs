@@ -580,6 +580,23 @@ fn a_contact_that_half_sticks_slides_when_its_load_stalls_and_one_that_sticks_do
 }
 
 #[test]
+fn a_load_that_comes_slowly_after_a_rest_is_no_slide_though_only_half_sticks() {
+    let normal = f64::from(newtons(4.0));
+    let line_after = |sticks: usize| {
+        let mut bench = Bench::holding();
+        bench.command(Command::Configure(Configuration::DEFAULT));
+        bench.maps_for_ms(&even_map(60, 0.3 * normal, normal), 500);
+        for step in 0..60 {
+            bench.map(&partly_sticking(sticks, 0.3 + 0.0025 * f64::from(step), normal));
+            bench.wait_ms(16);
+        }
+        f64::from(bench.mcu.line().lsb())
+    };
+    let [half, most] = [line_after(30), line_after(48)];
+    assert!(half < 1.1 * most, "{half} where half stick, {most} where most do");
+}
+
+#[test]
 fn a_contact_of_which_nothing_sticks_slides_from_seven_eighths_of_its_friction_on() {
     let normal = f64::from(newtons(6.0));
     let load = |ratio: f64| even_map(60, ratio * normal, normal);
