@@ -306,6 +306,18 @@ impl Folded {
         Self { layer, weights, bias }
     }
 
+    fn shape(&self, stride: usize, padding: usize) -> Shape {
+        Shape {
+            out_channels: self.layer.out_channels,
+            in_channels: self.layer.in_channels,
+            kernel: Kernel {
+                size: 3,
+                stride,
+                padding,
+            },
+        }
+    }
+
     pub(crate) fn pack(&self, instructions: InstructionSet) -> Convolution {
         let Layer {
             name,
@@ -315,16 +327,7 @@ impl Folded {
         } = self.layer;
         match kind {
             LayerKind::Convolution { stride, padding } => {
-                let kernel = Kernel {
-                    size: 3,
-                    stride,
-                    padding,
-                };
-                let shape = Shape {
-                    out_channels,
-                    in_channels,
-                    kernel,
-                };
+                let shape = self.shape(stride, padding);
                 Convolution::forward(instructions, shape, &self.weights, &self.bias, name != OUTPUT)
             }
             LayerKind::Doubling => {
@@ -344,17 +347,7 @@ impl Folded {
         let (weights, bias) = (&self.weights, &self.bias);
         match kind {
             LayerKind::Convolution { stride, padding } => {
-                let kernel = Kernel {
-                    size: 3,
-                    stride,
-                    padding,
-                };
-                let shape = Shape {
-                    out_channels,
-                    in_channels,
-                    kernel,
-                };
-                Sixteen::forward(instructions, shape, size, weights, bias)
+                Sixteen::forward(instructions, self.shape(stride, padding), size, weights, bias)
             }
             LayerKind::Doubling => {
                 let channels = [out_channels, in_channels];

@@ -408,14 +408,14 @@ mod tests {
             nodes.medians();
             for (node, median) in nodes.median.iter().enumerate() {
                 let (row, column) = (node / n, node % n);
-                for k in 0..2 {
+                for (k, median) in median.iter().enumerate() {
                     let rows = row.saturating_sub(1)..(row + 2).min(n);
                     let columns = column.saturating_sub(1)..(column + 2).min(n);
                     let around = rows.flat_map(|y| columns.clone().map(move |x| (y, x)));
                     let mut values: Vec<f32> = around.map(|(y, x)| nodes.raw[y * n + x][k]).collect();
                     values.sort_by(f32::total_cmp);
                     assert_eq!(
-                        median[k].to_bits(),
+                        median.to_bits(),
                         values[values.len() / 2].to_bits(),
                         "row {row} of {n}, column {column}"
                     );
