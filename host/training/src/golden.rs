@@ -98,35 +98,29 @@ mod tests {
             std::fs::write(&path, weights.to_bytes()).unwrap();
             let loaded = AnyWeights::from_file(architecture, &path).unwrap();
             assert_eq!(loaded, weights);
-            // What the engine rounds to 16 bits it rounds; in f32 it agrees as closely as f32 does.
-            let engines = match loaded.engine().unwrap() {
+            // In f32, which has to be as close as f32 is; what 16 bits make of it the engine's own tests bound.
+            let mut engine = match loaded.engine().unwrap() {
                 Engine::Tracked(network) => {
-                    let single = network.clone().with_precision(Precision::Single);
-                    vec![
-                        (Engine::Tracked(Box::new(single)), 1e-4),
-                        (Engine::Tracked(network), 1e-3),
-                    ]
+                    Engine::Tracked(Box::new(network.with_precision(Precision::Single)))
                 }
-                unet @ Engine::UNet(_) => vec![(unet, 1e-4)],
+                unet @ Engine::UNet(_) => unet,
             };
 
             let set = Dataset::noise(4);
             let samples = [0, 1, 2, 3];
             let framework = forces_n(&weights, &set, &samples);
-            for (mut engine, bound) in engines {
-                for (sample, framework) in samples.into_iter().zip(framework.chunks_exact(1200)) {
-                    let out = engine.infer(&set, sample);
-                    let largest = framework
-                        .iter()
-                        .fold(0.0, |largest: f32, force| largest.max(force.abs()));
-                    assert!(largest > 0.0);
-                    for (i, &force) in framework.iter().enumerate() {
-                        let difference = (out[i % 400][i / 400] - force).abs();
-                        assert!(
-                            difference <= bound * largest,
-                            "{architecture:?}, sample {sample}: {difference} of {largest}, bound {bound}"
-                        );
-                    }
+            for (sample, framework) in samples.into_iter().zip(framework.chunks_exact(1200)) {
+                let out = engine.infer(&set, sample);
+                let largest = framework
+                    .iter()
+                    .fold(0.0, |largest: f32, force| largest.max(force.abs()));
+                assert!(largest > 0.0);
+                for (i, &force) in framework.iter().enumerate() {
+                    let difference = (out[i % 400][i / 400] - force).abs();
+                    assert!(
+                        difference <= 1e-4 * largest,
+                        "{architecture:?}, sample {sample}: {difference} of {largest}"
+                    );
                 }
             }
         }
