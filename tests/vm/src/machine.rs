@@ -57,7 +57,7 @@ pub(crate) fn mount_small_disk() -> io::Result<()> {
     mount_at("tmpfs", "small", SMALL_DISK, "size=6m", MsFlags::empty())
 }
 
-/// A disk that takes 400 ms for every block that it is given, and keeps nothing back in memory.
+/// A disk that takes 200 ms for every block that it is given, and keeps nothing back in memory.
 pub(crate) fn mount_slow_disk() -> io::Result<()> {
     let disk = Path::new("/sys/kernel/config/nullb/slow");
     fs::create_dir(disk)?;
@@ -67,7 +67,7 @@ pub(crate) fn mount_slow_disk() -> io::Result<()> {
         ("size", "16"),
         // Completes by a timer, after so many nanoseconds.
         ("irqmode", "2"),
-        ("completion_nsec", "400000000"),
+        ("completion_nsec", "200000000"),
         ("power", "1"),
     ] {
         fs::write(disk.join(name), value)
