@@ -11,6 +11,7 @@ mod error;
 mod firmware;
 mod flash;
 mod fuzz;
+mod modules;
 mod process;
 mod screenshots;
 mod test;
@@ -40,6 +41,7 @@ cargo xtask COMMAND
   latency [--json | --bless]        from a map's last packet to the line on the emulated board, in instructions and in
                                     Cortex-M4 cycles at most; fails when a number of the design does not hold;
                                     --bless renews the instruction counts that the tests hold
+  modules                           fail when files of a crate import each other in a circle, and say through which names
   toolchain [--from-sources]        make this machine able to build for the microcontroller;
                                     --from-sources passes over rustup and an installed target
   vm [--profile PROFILE] [--only WORD]
@@ -100,6 +102,7 @@ fn dispatch(arguments: &[String]) -> Result<(), Error> {
         "flash" => flash::command(rest),
         "fuzz" => fuzz::command(rest),
         "emulator" => no_more(rest).and_then(|()| emulator::command()),
+        "modules" => no_more(rest).and_then(|()| modules::run()),
         "latency" => emulator::latency(rest),
         "toolchain" => toolchain::command(rest),
         "vm" => vm::command(rest),
