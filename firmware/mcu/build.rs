@@ -1,5 +1,5 @@
-//! Puts the repository's memory.x on the linker's search path, and the commit that the image is built from into its
-//! environment; only the firmware binary uses either.
+//! Tells the linker where the repository's memory.x lies, adds hot.x to the image, and puts the commit that the image is
+//! built from into its environment.
 
 use std::path::Path;
 use std::process::Command;
@@ -16,7 +16,7 @@ const SOURCES: [&str; 6] = [
 
 fn main() {
     println!("cargo:rerun-if-changed=../../memory.x");
-    println!("cargo:rerun-if-changed=../../hot.x");
+    println!("cargo:rerun-if-changed=hot.x");
     println!("cargo:rerun-if-changed=build.rs");
     if std::env::var_os("CARGO_FEATURE_SILICON").is_none() {
         return;
@@ -27,6 +27,10 @@ fn main() {
         .nth(2)
         .expect("the firmware lies in the repository");
     println!("cargo:rustc-link-search={}", repository.display());
+    // First come, first served: what hot.x places must not be link.x's any more.
+    println!("cargo:rustc-link-arg-bin=gripline-mcu=-T{here}/hot.x");
+    println!("cargo:rustc-link-arg-bins=-Tlink.x");
+    println!("cargo:rustc-link-arg-bins=-Tdefmt.x");
 
     // Without git, or outside a repository, the image does not know its commit.
     let git = |arguments: &[&str]| {

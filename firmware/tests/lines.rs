@@ -4,11 +4,11 @@
 mod common;
 
 use common::bus::{Bus, Trouble};
-use common::gripper::Gripper;
 use embedded_hal::pwm::{ErrorKind, ErrorType, SetDutyCycle};
 use gripline_firmware::GripForce;
 use gripline_firmware::line::{DAC_LIVE_ZERO, DacLine, DacOutput, GripLine, LineHealth, PwmLine};
 use gripline_firmware::robotiq::force_register;
+use gripline_gripper::Gripper;
 use proptest::prelude::*;
 
 const NEWTON: i32 = 4_096;

@@ -5,23 +5,9 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use gripline_fuzz_bodies::{commands, jpeg, modbus, settings, status, stream, wire};
 use gripline_protocol::message::{Command, Configuration, Hello, Message, MessagePackets, Report, Status};
 use gripline_protocol::{ForceMap, MapInfo, PACKET_MAX, TAXELS, TaxelForce, encode_map};
-
-#[path = "../fuzz/bodies/commands.rs"]
-mod commands;
-#[path = "../fuzz/bodies/jpeg.rs"]
-mod jpeg;
-#[path = "../fuzz/bodies/modbus.rs"]
-mod modbus;
-#[path = "../fuzz/bodies/settings.rs"]
-mod settings;
-#[path = "../fuzz/bodies/status.rs"]
-mod status;
-#[path = "../fuzz/bodies/stream.rs"]
-mod stream;
-#[path = "../fuzz/bodies/wire.rs"]
-mod wire;
 
 fn folder(target: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR"))

@@ -127,16 +127,16 @@ pub(crate) fn command(arguments: &[String]) -> Result<(), Error> {
     Ok(())
 }
 
-/// (package, program) that is flashed.
-const IMAGE: (&str, &str) = ("gripline-mcu", "gripline-mcu");
-/// The same of the detector in floating point, to compare with.
-const TWIN: (&str, &str) = ("gripline-f32-twin", "f32-twin");
+/// The program that is flashed; a binary of the package of the same name.
+const IMAGE: &str = "gripline-mcu";
+/// The detector in floating point, to compare with; a binary of that package too, and the feature that lets it build.
+const TWIN: &str = "f32-twin";
 
 /// Builds the f32 twin for one board's chip.
 pub(crate) fn build_twin(board: Board) -> Result<PathBuf, Error> {
     process::run(cargo("rustc", TWIN, board)?.args(["--", "-C", "opt-level=3"]))?;
     let kept = process::products().join("f32-twin.elf");
-    process::install(&built(TWIN.1), &kept)?;
+    process::install(&built(TWIN), &kept)?;
     Ok(kept)
 }
 
@@ -151,7 +151,7 @@ fn built(program: &str) -> PathBuf {
 pub(crate) fn build(board: Board) -> Result<(PathBuf, Size), Error> {
     process::run(&mut cargo("build", IMAGE, board)?)?;
     let kept = process::products().join(format!("firmware-{}.elf", board.name()));
-    process::install(&built(IMAGE.1), &kept)?;
+    process::install(&built(IMAGE), &kept)?;
     let size = Size::of(&kept)?;
     Ok((kept, size))
 }
@@ -165,20 +165,24 @@ pub(crate) fn lint(board: Board) -> Result<(), Error> {
 }
 
 /// A cargo command on one of a board's binaries, with all that it needs to find the core library.
-fn cargo(command: &str, (package, program): (&str, &str), board: Board) -> Result<Command, Error> {
+fn cargo(command: &str, program: &str, board: Board) -> Result<Command, Error> {
     let core = toolchain::ensure(false)?;
+    let features = match program {
+        TWIN => format!("{},{TWIN}", board.name()),
+        _ => board.name().to_owned(),
+    };
     let mut cargo = process::cargo();
     cargo
         .args([
             command,
             "--package",
-            package,
+            IMAGE,
             "--bin",
             program,
             "--profile",
             "firmware",
         ])
-        .args(["--target", toolchain::TARGET, "--features", board.name()])
+        .args(["--target", toolchain::TARGET, "--features", &features])
         .args(core.cargo_arguments())
         // These would replace the linker flags of .cargo/config.toml.
         .env_remove("RUSTFLAGS")

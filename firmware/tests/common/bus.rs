@@ -8,10 +8,9 @@ use gripline_firmware::constants::{MODBUS_BYTE_US, MODBUS_SILENCE_US, MODBUS_SLO
 use gripline_firmware::line::GripLine;
 use gripline_firmware::modbus::REQUEST_MAX;
 use gripline_firmware::robotiq::Robotiq;
+use gripline_gripper::Gripper;
 use rand::{RngExt as _, SeedableRng as _};
 use rand_pcg::Pcg64Mcg;
-
-use super::gripper::Gripper;
 
 /// How finely time passes.
 const STEP_US: u64 = 50;

@@ -1,4 +1,3 @@
 //! What the tests of the lines share.
 
 pub(crate) mod bus;
-pub(crate) mod gripper;

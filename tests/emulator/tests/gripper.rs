@@ -1,18 +1,14 @@
 //! The unmodified image beside a gripper on its RS-485 bus: rmodbus is the server, and the board's record shows that the
 //! driver is enabled for requests alone. `GRIPLINE_IMAGE` names the image.
 
-#[allow(dead_code, reason = "the tests of the lines use more of it")]
-#[path = "../../../firmware/tests/common/gripper.rs"]
-mod gripper;
-
 use gripline_emulator::Board;
 use gripline_firmware::Fault;
 use gripline_firmware::storage::{RECORD_WORDS, SLOTS, SettingsFlash, store};
+use gripline_gripper::Gripper;
 use gripline_protocol::cobs::{CobsDecoder, FRAME_MAX, Frame, encode_packet};
 use gripline_protocol::line::{LineKind, LineSettings};
 use gripline_protocol::message::{Command, Configuration, Hello, Message, MessagePackets, Report, Status};
 use gripline_protocol::{Event, PACKET_MAX, Parser};
-use gripper::Gripper;
 
 const NEWTON: i32 = 4_096;
 /// A byte at 115,200 baud, and the silence that ends a frame there (Modbus over serial line V1.02, section 2.5.1.1).

@@ -1,7 +1,4 @@
-//! The fuzzer's way into the body that the ordinary tests run over the corpus too.
+//! The fuzzer's way into a body that the ordinary tests run over the corpus too.
 #![no_main]
 
-#[path = "../bodies/modbus.rs"]
-mod modbus;
-
-libfuzzer_sys::fuzz_target!(|input: &[u8]| modbus::check(input));
+libfuzzer_sys::fuzz_target!(|input: &[u8]| gripline_fuzz_bodies::modbus::check(input));

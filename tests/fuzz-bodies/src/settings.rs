@@ -24,7 +24,8 @@ impl SettingsFlash for Memory {
     }
 }
 
-pub(crate) fn check(input: &[u8]) {
+/// Panics when something does not hold for this input.
+pub fn check(input: &[u8]) {
     let mut words = input.chunks(4).map(|chunk| {
         let mut word = [0xFF; 4];
         word[..chunk.len()].copy_from_slice(chunk);

@@ -3,7 +3,8 @@
 
 use gripline::capture::JpegCrop;
 
-pub(crate) fn check(input: &[u8]) {
+/// Panics when something does not hold for this input.
+pub fn check(input: &[u8]) {
     let (mut decoder, mut first) = (JpegCrop::default(), Vec::new());
     let result = decoder.decode(input, &mut first);
     match &result {

@@ -257,7 +257,8 @@ fn is_guarded(status: &Status) -> bool {
         .any(|fault| faults & fault.bit() != 0 && fault.guard() != Guard::Free)
 }
 
-pub(crate) fn check(input: &[u8]) {
+/// Panics when something does not hold for this input.
+pub fn check(input: &[u8]) {
     let mut input = Input(input);
     let mut bench = Bench::start(&mut input);
     let mut steps = 0;

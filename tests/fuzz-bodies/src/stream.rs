@@ -4,7 +4,8 @@
 use gripline_protocol::cobs::{CobsDecoder, FRAME_MAX, Frame, encode_packet};
 use gripline_protocol::{Event, ForceMap, MapInfo, PACKET_MAX, Parser, TaxelForce, encode_map};
 
-pub(crate) fn check(input: &[u8]) {
+/// Panics when something does not hold for this input.
+pub fn check(input: &[u8]) {
     let (mut decoder, mut parser) = (CobsDecoder::new(), Parser::new());
     let mut push = |byte: u8| match decoder.push(byte) {
         Some(Frame::Packet(packet)) => {

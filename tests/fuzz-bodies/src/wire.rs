@@ -1,12 +1,13 @@
-//! What must hold for any bytes: no panic, and nothing believed that is not consistent. Shared by the fuzz target
-//! and by `tests/corpus.rs`. The input is a list of packets, each behind a byte that tells its length.
+//! What must hold for any bytes: no panic, and nothing believed that is not consistent. The input
+//! is a list of packets, each behind a byte that tells its length.
 
 use gripline_protocol::cobs::{CobsDecoder, FRAME_MAX, Frame, encode_packet};
 use gripline_protocol::message::{Message, MessagePackets};
 use gripline_protocol::{Event, PACKET_MAX, Parser, TAXELS};
 
 /// Splits the input into packets and pushes them through the parser, directly and over COBS.
-pub(crate) fn check(input: &[u8]) {
+/// Panics when something does not hold for this input.
+pub fn check(input: &[u8]) {
     let mut packets = Vec::new();
     let mut rest = input;
     while let Some((&length, after)) = rest.split_first() {

@@ -4,12 +4,19 @@
 //! The model holds on to what makes this gripper awkward: force counts only while the fingers move, so a new force
 //! needs a new position request, and less force never loosens a grip. Activation opens the fingers.
 
+#![allow(
+    clippy::missing_panics_doc,
+    clippy::new_without_default,
+    reason = "only tests call this"
+)]
+
 use rmodbus::ModbusProto;
 use rmodbus::server::ModbusFrame;
 use rmodbus::server::context::ModbusContext;
 use rmodbus::server::storage::ModbusStorage;
 
-pub(crate) const UNIT: u8 = 9;
+/// Its address on the bus, as delivered.
+pub const UNIT: u8 = 9;
 const COMMAND: u16 = 0x03E8;
 const STATUS: u16 = 0x07D0;
 const NEWTON: i64 = 4_096;
@@ -22,10 +29,11 @@ const LOOP_US: u64 = 5_000;
 /// Room for the registers up to the last one in use.
 const REGISTERS: usize = STATUS as usize + 3;
 
-pub(crate) struct Gripper {
+/// The gripper: [`answer`](Self::answer) requests, [`advance`](Self::advance) time.
+pub struct Gripper {
     registers: Box<ModbusStorage<0, 0, REGISTERS, REGISTERS>>,
     /// The position at which an object stops the fingers; none when nothing is between them.
-    pub(crate) object: Option<u8>,
+    pub object: Option<u8>,
     activated: bool,
     activating_us: Option<u64>,
     orders: [u8; 6],
@@ -34,17 +42,21 @@ pub(crate) struct Gripper {
     stopped: bool,
     /// What the object feels, 1/4096 N.
     grip: i64,
-    pub(crate) fault: u8,
+    /// The fault that it reports; 0 for none.
+    pub fault: u8,
     next_loop_us: u64,
     /// Position requests that made the motor run.
-    pub(crate) motions: u32,
-    pub(crate) activations: u32,
+    pub motions: u32,
+    /// Activations that were asked for.
+    pub activations: u32,
     /// Whether the object was let go since it was first gripped.
-    pub(crate) dropped: bool,
+    pub dropped: bool,
 }
 
 impl Gripper {
-    pub(crate) fn new() -> Self {
+    /// Just switched on, with an object between its open fingers.
+    #[must_use]
+    pub fn new() -> Self {
         Self {
             registers: Box::default(),
             object: Some(120),
@@ -63,7 +75,7 @@ impl Gripper {
     }
 
     /// The answer to a frame, or none when the standard says silence (wrong CRC, another unit).
-    pub(crate) fn answer(&mut self, frame: &[u8]) -> Option<Vec<u8>> {
+    pub fn answer(&mut self, frame: &[u8]) -> Option<Vec<u8>> {
         // rmodbus 0.13 overflows on functions that are none (its response adds 0x80 to them).
         if frame.get(1).is_none_or(|function| *function >= 0x80) {
             return None;
@@ -86,7 +98,7 @@ impl Gripper {
     }
 
     /// Power goes and comes back: the fingers stay where they are, everything else is forgotten.
-    pub(crate) fn lose_power(&mut self) {
+    pub fn lose_power(&mut self) {
         *self.registers = ModbusStorage::default();
         self.activated = false;
         self.activating_us = None;
@@ -95,16 +107,19 @@ impl Gripper {
     }
 
     /// What the object feels, 1/4096 N.
-    pub(crate) fn grip(&self) -> i64 {
+    #[must_use]
+    pub fn grip(&self) -> i64 {
         self.grip
     }
 
-    pub(crate) fn is_activated(&self) -> bool {
+    /// Whether it went through its activation.
+    #[must_use]
+    pub fn is_activated(&self) -> bool {
         self.activated
     }
 
     /// Its loop, up to `now_us`.
-    pub(crate) fn advance(&mut self, now_us: u64) {
+    pub fn advance(&mut self, now_us: u64) {
         while self.next_loop_us <= now_us {
             self.turn(self.next_loop_us);
             self.next_loop_us += LOOP_US;

@@ -46,7 +46,8 @@ impl Link for Babbler {
     }
 }
 
-pub(crate) fn check(input: &[u8]) {
+/// Panics when something does not hold for this input.
+pub fn check(input: &[u8]) {
     let Some((&first, mut rest)) = input.split_first() else {
         return;
     };

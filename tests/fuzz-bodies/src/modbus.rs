@@ -7,7 +7,8 @@ use gripline_firmware::line::GripLine;
 use gripline_firmware::modbus::{ANSWER_MAX, REGISTERS, REQUEST_MAX, Request};
 use gripline_firmware::robotiq::{GripperStatus, Robotiq, force_register};
 
-pub(crate) fn check(input: &[u8]) {
+/// Panics when something does not hold for this input.
+pub fn check(input: &[u8]) {
     let mut line = Robotiq::new(0);
     let (mut now_us, mut asked_us, mut held) = (0, None::<u64>, None::<i32>);
     let mut request = [0; REQUEST_MAX];

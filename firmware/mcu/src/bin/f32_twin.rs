@@ -6,10 +6,6 @@
 #![no_std]
 #![no_main]
 
-// Start-up, as the image's.
-#[path = "../src/bin/gripline-mcu/hot.rs"]
-mod hot;
-
 use core::hint::black_box;
 
 use defmt_rtt as _;
