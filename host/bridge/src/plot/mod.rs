@@ -1,20 +1,17 @@
-//! `gripline plot`: a recording as a picture. Above, the stick ratio with its threshold, and beneath it when the detector, the
-//! Coulomb baseline and the world said slip (the paper's Fig. 4); then the forces with the grip-force line; below, the force
-//! maps of a few moments. With --view the terminal view of one moment instead. PNG or SVG, by the file's name.
+//! `gripline plot`: a recording as a figure. From the top: the stick ratio with its threshold; when the detector, the Coulomb
+//! baseline and the world said slip (the paper's Fig. 4); the forces with the grip-force line; force maps of a few moments.
+//! With --view the terminal view at one moment instead. PNG or SVG, by the file's name.
 
 mod drawing;
 mod screen;
 mod series;
 
-pub(crate) use drawing::register_fonts;
-
-use std::fmt::Display;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use clap::Args;
-use plotters::prelude::{BitMapBackend, IntoDrawingArea as _, SVGBackend};
+use gripline_chart::Format;
 
-use self::series::{Panel, Series};
+use self::series::{ForceMapAt, Traces};
 use crate::config::settings_from_text;
 use crate::error::Failure;
 use crate::recording::{Ending, Reader, RecordedFrame};
@@ -22,10 +19,8 @@ use crate::run::limits;
 use crate::units::{newtons, ratio};
 use crate::view::View;
 
-/// Width and height, pixels.
-const SIZE: (u32, u32) = (1_000, 900);
 /// Force maps.
-const PANELS: usize = 4;
+const MAPS: usize = 4;
 
 /// Arguments of `gripline plot`.
 #[derive(Debug, Clone, Args)]
@@ -39,7 +34,7 @@ pub struct PlotArgs {
     /// Whose stick ratio, forces and maps, where the recording has two fingertips.
     #[arg(long, value_name = "1|2", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=2), conflicts_with = "view")]
     fingertip: u8,
-    /// Times of the force maps, seconds. By default the moments of least stick ratio, spread over the contact.
+    /// Times of the force maps, seconds. By default the moments of lowest stick ratio, spread over the contact.
     #[arg(long, value_name = "S,S,...", value_delimiter = ',')]
     maps: Vec<f64>,
     /// Draw the terminal view as it was at this time, seconds, instead.
@@ -77,49 +72,31 @@ fn screen_size(text: &str) -> Result<(u16, u16), String> {
 /// [`Failure`] that names the file which cannot be read, written, or is neither .png nor .svg.
 pub fn run(args: &PlotArgs) -> Result<(), Failure> {
     let shown = args.out.display();
-    let kind = args.out.extension().and_then(|extension| extension.to_str());
-    if !matches!(kind, Some("png" | "svg")) {
-        return Err(Failure::usage(format!(
-            "{shown}: expected a name that ends with .png or .svg"
-        )));
-    }
+    Format::of(&args.out).map_err(Failure::usage)?;
     if let Some(t_s) = args.view {
-        return draw_view(args, t_s, kind == Some("svg"));
+        return draw_view(args, t_s);
     }
-    let (series, ending) = read(args)?;
-    let failed = unwritable(&args.out);
-    // The libraries' own errors say less, and say it late.
-    std::fs::File::create(&args.out).map_err(|error| failed(&error))?;
-    drawing::register_fonts().map_err(Failure::failed)?;
-    if kind == Some("svg") {
-        drawing::draw(&SVGBackend::new(&args.out, SIZE).into_drawing_area(), &series)
-            .map_err(|e| failed(&e))?;
-    } else {
-        drawing::draw(&BitMapBackend::new(&args.out, SIZE).into_drawing_area(), &series)
-            .map_err(|e| failed(&e))?;
-    }
+    let (traces, ending) = read(args)?;
+    drawing::figure(&traces)
+        .save(&args.out)
+        .map_err(Failure::failed)?;
     println!(
         "{} frames, {} maps: wrote {shown}",
-        series.moments.len(),
-        series.panels.len()
+        traces.moments.len(),
+        traces.maps.len()
     );
     match ending {
         Ending::Whole => Ok(()),
         Ending::Cut(why) => Err(Failure::loss(format!(
             "{}: a recording cut short after {} frames ({why}); what is there was drawn",
             args.recording.display(),
-            series.moments.len()
+            traces.moments.len()
         ))),
     }
 }
 
-fn unwritable(path: &Path) -> impl Fn(&dyn Display) -> Failure {
-    let shown = path.display().to_string();
-    move |error| Failure::failed(format!("{shown}: {error}, expected a file that can be written"))
-}
-
 /// The screen of a run at `t_s`, with the traces that lead to it.
-fn draw_view(args: &PlotArgs, t_s: f64, svg: bool) -> Result<(), Failure> {
+fn draw_view(args: &PlotArgs, t_s: f64) -> Result<(), Failure> {
     let mut reader = Reader::open(&args.recording)?;
     let settings = settings_from_text(&reader.about.settings)
         .map_err(|error| Failure::failed(format!("{}: {error}", args.recording.display())))?;
@@ -132,18 +109,9 @@ fn draw_view(args: &PlotArgs, t_s: f64, svg: bool) -> Result<(), Failure> {
         at_s = Some(frame.status.t_s);
         view.push(&frame.status.report(&settings), &frame.map.dequantise());
     }
-    let cells = view.cells(args.size.0, args.size.1);
-    let failed = unwritable(&args.out);
-    std::fs::File::create(&args.out).map_err(|error| failed(&error))?;
-    screen::register_font().map_err(Failure::failed)?;
-    let size = screen::size(&cells);
-    if svg {
-        screen::draw(&SVGBackend::new(&args.out, size).into_drawing_area(), &cells)
-            .map_err(|e| failed(&e))?;
-    } else {
-        screen::draw(&BitMapBackend::new(&args.out, size).into_drawing_area(), &cells)
-            .map_err(|e| failed(&e))?;
-    }
+    screen::figure(&view.cells(args.size.0, args.size.1))
+        .save(&args.out)
+        .map_err(Failure::failed)?;
     println!(
         "the view at {:.2} s: wrote {}",
         at_s.unwrap_or_default(),
@@ -152,28 +120,28 @@ fn draw_view(args: &PlotArgs, t_s: f64, svg: bool) -> Result<(), Failure> {
     Ok(())
 }
 
-/// What is to be drawn: numbers first, then the maps of the moments that they choose.
-fn read(args: &PlotArgs) -> Result<(Series, Ending), Failure> {
+/// Reads the numbers first, then the maps of the moments that they choose.
+fn read(args: &PlotArgs) -> Result<(Traces, Ending), Failure> {
     let mut reader = Reader::open(&args.recording)?;
     let settings = settings_from_text(&reader.about.settings)
         .map_err(|error| Failure::failed(format!("{}: {error}", args.recording.display())))?;
-    let mut series = Series {
+    let mut traces = Traces {
         threshold: ratio(settings.slip_threshold),
         friction: ratio(settings.friction),
         contact_min_n: newtons(settings.contact_min.into()),
         moments: Vec::new(),
-        panels: Vec::new(),
+        maps: Vec::new(),
     };
     let is_its = |frame: &RecordedFrame| frame.status.sensor + 1 == args.fingertip;
     while let Some(frame) = reader.next_frame()? {
         if is_its(&frame) {
-            series
+            traces
                 .moments
-                .push(series::Moment::of(&frame.status, series.threshold));
+                .push(series::Moment::of(&frame.status, traces.threshold));
         }
     }
     let ending = reader.ending();
-    if series.moments.is_empty() {
+    if traces.moments.is_empty() {
         return Err(Failure::usage(format!(
             "--fingertip {}: found no frame of it in {}, expected one of those that the recording has",
             args.fingertip,
@@ -181,9 +149,9 @@ fn read(args: &PlotArgs) -> Result<(Series, Ending), Failure> {
         )));
     }
     let wanted = if args.maps.is_empty() {
-        series.telling(PANELS)
+        traces.lowest_stick_ratios(MAPS)
     } else {
-        args.maps.iter().map(|t_s| series.nearest(*t_s)).collect()
+        args.maps.iter().map(|t_s| traces.nearest(*t_s)).collect()
     };
     let mut reader = Reader::open(&args.recording)?;
     let mut place = 0;
@@ -192,12 +160,12 @@ fn read(args: &PlotArgs) -> Result<(Series, Ending), Failure> {
             continue;
         }
         if wanted.contains(&place) {
-            series.panels.push(Panel {
+            traces.maps.push(ForceMapAt {
                 moment: place,
                 map: frame.map.dequantise(),
             });
         }
         place += 1;
     }
-    Ok((series, ending))
+    Ok((traces, ending))
 }

@@ -1,8 +1,8 @@
-//! What a recording's picture shows, without drawing it. Pure. Seconds, newtons, ratios.
+//! What the figure of a recording shows, without drawing it. Pure. Seconds, newtons, ratios.
 
 use crate::recording::Stored;
 
-/// A frame, as far as the traces show it.
+/// What the traces show of a frame.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Moment {
     /// Since the start.
@@ -28,7 +28,7 @@ pub(super) struct Moment {
 }
 
 impl Moment {
-    /// Of a recorded frame.
+    /// From a recorded frame.
     pub(super) fn of(status: &Stored, threshold: f64) -> Self {
         let truth = status.truth.as_ref();
         Self {
@@ -48,16 +48,16 @@ impl Moment {
 
 /// A force map beside the traces.
 #[derive(Debug, Clone)]
-pub(super) struct Panel {
-    /// Its place among the moments.
+pub(super) struct ForceMapAt {
+    /// Index among the moments.
     pub moment: usize,
     /// Newtons, row-major, row 0 lowest.
     pub map: [[f32; 3]; 400],
 }
 
-/// All of it.
+/// The data of the figure.
 #[derive(Debug, Clone)]
-pub(super) struct Series {
+pub(super) struct Traces {
     /// Slip threshold of the stick ratio.
     pub threshold: f64,
     /// The detector's friction coefficient.
@@ -67,10 +67,10 @@ pub(super) struct Series {
     /// Frame by frame.
     pub moments: Vec<Moment>,
     /// In the order of time.
-    pub panels: Vec<Panel>,
+    pub maps: Vec<ForceMapAt>,
 }
 
-impl Series {
+impl Traces {
     /// The moment nearest to a time.
     pub(super) fn nearest(&self, t_s: f64) -> usize {
         let places = 0..self.moments.len();
@@ -78,8 +78,8 @@ impl Series {
         places.min_by(|a, b| apart(a).total_cmp(&apart(b))).unwrap_or(0)
     }
 
-    /// Up to `count` moments: the frames in contact in as many equal parts, and of each the one of least stick ratio.
-    pub(super) fn telling(&self, count: usize) -> Vec<usize> {
+    /// Up to `count` moments: splits the frames in contact into as many equal parts and takes the lowest stick ratio of each.
+    pub(super) fn lowest_stick_ratios(&self, count: usize) -> Vec<usize> {
         let touched: Vec<(usize, f64)> = self
             .moments
             .iter()
@@ -144,7 +144,7 @@ impl Series {
 mod tests {
     use super::*;
 
-    fn series(ratios: &[Option<f64>]) -> Series {
+    fn series(ratios: &[Option<f64>]) -> Traces {
         let moment = |(place, ratio): (usize, &Option<f64>)| Moment {
             t_s: place as f64,
             stick_ratio: *ratio,
@@ -157,12 +157,12 @@ mod tests {
             line_n: 0.0,
             phase: if place < 3 { "hold" } else { "pull" }.to_owned(),
         };
-        Series {
+        Traces {
             threshold: 0.5,
             friction: 0.45,
             contact_min_n: 0.0,
             moments: ratios.iter().enumerate().map(moment).collect(),
-            panels: Vec::new(),
+            maps: Vec::new(),
         }
     }
 
@@ -186,9 +186,9 @@ mod tests {
         let ratios = [0.9, 0.2, 0.8, 0.7, 0.6, 0.95, 1.0, 0.99];
         let mut all: Vec<Option<f64>> = ratios.iter().copied().map(Some).collect();
         all.insert(0, None);
-        assert_eq!(series(&all).telling(4), [2, 4, 5, 8]);
-        assert_eq!(series(&all).telling(2), [2, 5]);
-        assert_eq!(series(&[None, None]).telling(4), [0; 0]);
+        assert_eq!(series(&all).lowest_stick_ratios(4), [2, 4, 5, 8]);
+        assert_eq!(series(&all).lowest_stick_ratios(2), [2, 5]);
+        assert_eq!(series(&[None, None]).lowest_stick_ratios(4), [0; 0]);
         assert_eq!(series(&all).nearest(3.4), 3);
     }
 }

@@ -1,6 +1,6 @@
-//! A picture to draw on: pixels, grey images, force maps, states, and an 8×8 font. Colours are red, green, blue.
+//! An RGB picture to draw grey images, force maps, contact states and text on.
 
-use font8x8::UnicodeFonts;
+use gripline_chart::{Colour, draw_text};
 use gripline_simulation::contact_world::CellState;
 use gripline_simulation::{ForceMap, Image};
 
@@ -15,7 +15,7 @@ pub(super) const SLIP: Rgb = [255, 140, 40];
 const ARROW: Rgb = [255, 255, 245];
 /// Normal force, dark to bright.
 const RAMP: [Rgb; 4] = [[24, 34, 58], [24, 98, 148], [64, 178, 150], [246, 228, 104]];
-/// Side of a letter, pixels.
+/// Width of a letter, pixels.
 pub(super) const LETTER: usize = 8;
 /// Taxels along one side.
 const SIDE: usize = 20;
@@ -55,24 +55,11 @@ impl Canvas {
     }
 
     /// One line of text from its upper left corner.
-    pub(super) fn text(&mut self, [x, y]: [usize; 2], text: &str, colour: Rgb) {
-        for (place, letter) in text.chars().enumerate() {
-            let known = |letter| {
-                font8x8::BASIC_FONTS
-                    .get(letter)
-                    .or_else(|| font8x8::LATIN_FONTS.get(letter))
-            };
-            for (row, bits) in known(letter)
-                .or_else(|| known('?'))
-                .unwrap_or_default()
-                .iter()
-                .enumerate()
-            {
-                for column in (0..LETTER).filter(|column| bits & (1 << column) != 0) {
-                    self.put(x + place * LETTER + column, y + row, colour);
-                }
-            }
-        }
+    pub(super) fn text(&mut self, [x, y]: [usize; 2], text: &str, [red, green, blue]: Rgb) {
+        let size = (self.width as u32, self.height as u32);
+        // The font has room above its letters.
+        let at = (x as i32, y as i32 - 3);
+        draw_text(&mut self.pixels, size, at, text, Colour(red, green, blue));
     }
 
     /// A grey picture, its pixels passed through `shade`.
