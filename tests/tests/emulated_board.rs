@@ -7,14 +7,14 @@ mod board;
 use std::path::Path;
 
 use board::{Board, FRAME_US, Mixture, SETTINGS, feed_forward, map};
-use gripline::link::emulator::{Cable, LineWrite};
-use gripline::link::{EmulatorLink, Link, Transport};
-use gripline::session::Session;
 use gripline_firmware::GripForce;
 use gripline_firmware::constants::DECIDE_BUDGET_CYCLES;
 use gripline_firmware::line::DAC_LIVE_ZERO;
 use gripline_firmware::safety::Fault;
 use gripline_firmware::sums::{TaxelRule, sums_of};
+use gripline_link::emulator::{Cable, LineWrite};
+use gripline_link::session::Session;
+use gripline_link::{EmulatorLink, Link, Transport};
 use gripline_protocol::message::{Command, GripMode, SlipState};
 use gripline_protocol::{ForceMap, MapInfo, TaxelForce, encode_map};
 

@@ -5,9 +5,9 @@
 
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
-use gripline::rounding::keep_decisions;
 use gripline_firmware::Friction;
 use gripline_firmware::sums::{TaxelRule, stick_ratio_below, sums_of};
+use gripline_pipeline::rounding::keep_decisions;
 use gripline_protocol::{ForceMap, LSB_PER_NEWTON};
 use gripline_simulation::{Gel, Load, SphereContact, SphereParams};
 use rand_pcg::Pcg64Mcg;

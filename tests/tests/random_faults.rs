@@ -6,11 +6,11 @@
 
 use std::collections::VecDeque;
 
-use gripline::link::emulator::{Cable, Mishap};
-use gripline::link::{EmulatorLink, Link, Transport};
 use gripline_firmware::line::DAC_LIVE_ZERO;
 use gripline_firmware::sums::{TaxelRule, sums_of, total_shear};
 use gripline_firmware::{Fault, GripForce, Mcu, ResetCause, Start};
+use gripline_link::emulator::{Cable, Mishap};
+use gripline_link::{EmulatorLink, Link, Transport};
 use gripline_protocol::message::{Command, Configuration, Hello, Message, MessagePackets, Report};
 use gripline_protocol::{
     Event, ForceMap, Health, MapInfo, PACKET_MAX, PER_UNIT, Parser, TaxelForce, encode_map,

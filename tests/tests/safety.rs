@@ -4,11 +4,11 @@
 mod board;
 
 use board::{Board, FRAME_US, SETTINGS, feed_forward, map};
-use gripline::link::emulator::{Cable, LineWrite, Mishap};
-use gripline::link::{EmulatorLink, Link, Transport};
 use gripline_firmware::GripForce;
 use gripline_firmware::line::DAC_LIVE_ZERO;
 use gripline_firmware::safety::Fault;
+use gripline_link::emulator::{Cable, LineWrite, Mishap};
+use gripline_link::{EmulatorLink, Link, Transport};
 use gripline_protocol::message::{
     Command, Configuration, GripMode, Hello, LineKind, Message, MessagePackets, Refusal, Status,
 };

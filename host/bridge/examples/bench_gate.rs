@@ -5,11 +5,11 @@
 use std::error::Error;
 use std::sync::Arc;
 
-use gripline::pipeline::{Pipeline, Processed};
-use gripline::run::settings_for;
 use gripline_firmware::sums::{TaxelRule, stick_ratio_below, sums_of};
 use gripline_network::scene::{GateKind, Verdict};
 use gripline_network::{Architecture, Network};
+use gripline_pipeline::pipeline::{Pipeline, Processed};
+use gripline_pipeline::settings_for;
 use gripline_protocol::LSB_PER_NEWTON;
 use gripline_simulation::constants::REST_PICTURES;
 use gripline_simulation::contact_world::{Contact, Drive, Mount, Press, Shape, Skin, UNSEEN_SHAPES};

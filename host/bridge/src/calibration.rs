@@ -6,6 +6,7 @@ use std::fs;
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
 
+use gripline_evaluation::calibration::line::Point;
 use gripline_network::constants::CROP_SIDE;
 use gripline_protocol::line::{DAC_CODE_MAX, LINE_POINTS, LIVE_ZERO_MIN};
 use gripline_protocol::message::FingertipGeometry;
@@ -56,13 +57,6 @@ pub(crate) struct Friction {
     pub residual: f64,
     /// What the detector works with: below `low`, because slipping taxels sit at the true one.
     pub detector: f64,
-}
-
-/// A point of the grip-force line.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub(crate) struct Point {
-    pub force_n: f64,
-    pub code: u16,
 }
 
 /// What the grip-force line's codes make the gripper do.

@@ -3,11 +3,10 @@
 
 use std::process::ExitCode;
 
-use gripline::cli::{Cli, Command};
+use gripline::commands::cli::{Cli, Command};
+use gripline::commands::{calibrate, detect, doctor, evaluate, faults, infer, plot, replay, shell, simulate};
 use gripline::error::Kind;
-use gripline::{
-    calibrate, config, detect, doctor, evaluate, faults, infer, plot, recording, run, shell, simulate,
-};
+use gripline::{config, run};
 
 fn main() -> ExitCode {
     let cli = match Cli::from_arguments(std::env::args_os()) {
@@ -26,8 +25,8 @@ fn main() -> ExitCode {
         Command::Config(args) => config::run(&args),
         Command::Evaluate(args) => evaluate::run(&args),
         Command::Simulate(args) => simulate::run(&args),
-        Command::Replay(args) => recording::replay(&args),
-        Command::Export(args) => recording::export(&args),
+        Command::Replay(args) => replay::run(&args),
+        Command::Export(args) => gripline_recording::export(&args),
         Command::Plot(args) => plot::run(&args),
         Command::Calibrate(args) => calibrate::run(&args),
         Command::Doctor(args) => doctor::run(&args),

@@ -153,7 +153,7 @@ fn the_default_file_runs_and_the_shipped_unit_starts_what_there_is() {
         .find_map(|line| line.strip_prefix("ExecStart="))
         .unwrap();
     let arguments = start.split_whitespace().map(std::ffi::OsString::from);
-    gripline::cli::Cli::from_arguments(arguments).unwrap();
+    gripline::commands::cli::Cli::from_arguments(arguments).unwrap();
 }
 
 #[test]

@@ -1,14 +1,14 @@
 //! What skipping does to decisions: the same pictures of the scene through the pipeline with and without the gate,
 //! each with a detector of its own. Once the gripper follows the one without, once it does nothing against slip.
 
-use gripline::link::EmbeddedLink;
-use gripline::pipeline::Pipeline;
-use gripline::run::settings_for;
-use gripline::session::Session;
 use gripline::source::SimulatedSource;
 use gripline_firmware::sums::TaxelRule;
+use gripline_link::EmbeddedLink;
+use gripline_link::session::Session;
 use gripline_network::scene::{GateKind, Verdict};
 use gripline_network::{Architecture, Network};
+use gripline_pipeline::pipeline::Pipeline;
+use gripline_pipeline::settings_for;
 use gripline_protocol::message::{Command, GripMode};
 use gripline_protocol::{LSB_PER_NEWTON, MapInfo};
 

@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
-use gripline::maps_file::MapsFile;
+use gripline_recording::maps_file::MapsFile;
 
 const SCENE: &str = r#"kind = "press"
 frames_per_second = 20

@@ -5,10 +5,10 @@ mod world;
 
 use std::rc::Rc;
 
-use gripline::link::usb::{Attached, UsbFinder};
-use gripline::link::{HotPlug, LinkError};
-use gripline::session::{Session, SessionError};
 use gripline_firmware::Fault;
+use gripline_link::session::{Session, SessionError};
+use gripline_link::usb::{Attached, UsbFinder};
+use gripline_link::{HotPlug, LinkError};
 use gripline_protocol::message::{Command, Configuration, GripMode, Hello};
 use gripline_protocol::{ForceMap, MapInfo, TaxelForce};
 

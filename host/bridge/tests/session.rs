@@ -5,9 +5,9 @@ use std::cell::RefCell;
 use std::collections::VecDeque;
 use std::rc::Rc;
 
-use gripline::link::{Link, LinkError};
-use gripline::session::{Session, SessionError};
 use gripline_firmware::{Fault, Mcu, ResetCause, Start};
+use gripline_link::session::{Session, SessionError};
+use gripline_link::{Link, LinkError};
 use gripline_protocol::message::{Command, Configuration, GripMode, Hello, Message, MessagePackets, Refusal};
 use gripline_protocol::{Event, ForceMap, MapInfo, PACKET_MAX, Parser, TaxelForce};
 

@@ -1,12 +1,12 @@
 //! The whole chain over played scenes: camera crop to decision, by network and gate. What each takes, how far it is from what is
 //! true of the contact, and what skipping changed. Units: N, ms, µs.
 
-use gripline::pipeline::Pipeline;
-use gripline::run::settings_for;
 use gripline_firmware::slip::SlipDetector;
 use gripline_firmware::sums::{TaxelRule, stick_ratio_below, sums_of};
 use gripline_network::scene::{GateKind, Verdict};
 use gripline_network::{Architecture, Evaluation, Network};
+use gripline_pipeline::pipeline::Pipeline;
+use gripline_pipeline::settings_for;
 use gripline_protocol::message::{MapSums, SlipState};
 use gripline_protocol::{ForceMap, LSB_PER_NEWTON, Parser, map_bytes};
 

@@ -1,7 +1,7 @@
 //! Any bytes as a camera's JPEG: a crop of the right size or an error that says what was found, never a panic; and the same
 //! whatever the decoder read before.
 
-use gripline::capture::JpegCrop;
+use gripline_capture::JpegCrop;
 
 /// Panics when something does not hold for this input.
 pub fn check(input: &[u8]) {

@@ -2,9 +2,9 @@
 //! The input is a list of packets, each behind a byte that tells its length; those with a length over 128 are wrapped
 //! into a message with a right CRC, so that the fuzzer gets past it.
 
-use gripline::link::{Link, LinkError};
-use gripline::session::Session;
 use gripline_firmware::{Mcu, Start};
+use gripline_link::session::Session;
+use gripline_link::{Link, LinkError};
 use gripline_protocol::message::{Command, Configuration};
 use gripline_protocol::packet::{Header, Kind, crc32};
 use gripline_protocol::{ForceMap, MapInfo, PACKET_MAX};

@@ -5,11 +5,11 @@ use std::cell::{Ref, RefCell, RefMut};
 use std::path::Path;
 use std::rc::Rc;
 
-use gripline::link::{EmulatorLink, Link, LinkError, Transport};
-use gripline::session::Session;
 use gripline_firmware::GripForce;
 use gripline_firmware::line::DAC_LIVE_ZERO;
 use gripline_firmware::sums::{TaxelRule, stick_ratio, sums_of, total_shear};
+use gripline_link::session::Session;
+use gripline_link::{EmulatorLink, Link, LinkError, Transport};
 use gripline_protocol::message::{Command, Configuration, Status};
 use gripline_protocol::{ForceMap, MapInfo, PER_UNIT, TaxelForce};
 use rand::RngExt as _;

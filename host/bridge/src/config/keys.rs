@@ -9,11 +9,11 @@ use gripline_network::scene::GateKind;
 use gripline_network::{Architecture, InstructionSet};
 use toml::Value;
 
-use crate::capture::PixelFormat;
-use crate::link::Target;
 use crate::live::fleet::{check_endpoint, check_name};
-use crate::recording::Pictures;
 use crate::source::Source;
+use gripline_capture::PixelFormat;
+use gripline_link::Target;
+use gripline_recording::Pictures;
 
 /// The longest run that can be asked for, seconds: 30 years.
 const LONGEST_S: f64 = 1e9;

@@ -14,8 +14,8 @@ use toml::{Table, Value};
 use super::keys::likely;
 use super::{Overrides, Settings};
 use crate::error::Failure;
-use crate::link::Target;
-use crate::session::Session;
+use gripline_link::Target;
+use gripline_link::session::Session;
 
 /// Arguments of `gripline config mcu`.
 #[derive(Debug, Clone, Args)]

@@ -26,10 +26,10 @@ use self::mcu::McuArgs;
 pub use self::overrides::Overrides;
 use crate::calibration::Calibration;
 use crate::error::Failure;
-use crate::link::Target;
 use crate::live::fleet::FleetSettings;
-use crate::recording::Pictures;
 use crate::source::{Source, SourceSettings};
+use gripline_link::Target;
+use gripline_recording::Pictures;
 
 /// Arguments of `gripline config`.
 #[derive(Debug, Clone, Args)]

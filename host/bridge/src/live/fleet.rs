@@ -9,7 +9,7 @@ use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 use std::thread::{self, JoinHandle};
 
 use crate::error::Failure;
-use crate::telemetry::FrameReport;
+use gripline_recording::telemetry::FrameReport;
 
 /// Frames that wait for the network.
 const WAITING: usize = 64;

@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use gripline_protocol::SENSORS;
 
-use crate::telemetry::{FrameReport, STAGES};
+use gripline_recording::telemetry::{FrameReport, STAGES};
 
 /// Quantiles of the stage times.
 pub(crate) const QUANTILES: [f64; 3] = [0.5, 0.99, 0.999];

@@ -19,7 +19,7 @@ use gripline_protocol::SENSORS;
 
 pub(crate) use self::metrics::{QUANTILES, Values};
 use crate::error::Failure;
-use crate::telemetry::FrameReport;
+use gripline_recording::telemetry::FrameReport;
 
 /// Readers at a time.
 const READERS: usize = 8;

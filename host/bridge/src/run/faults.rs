@@ -6,6 +6,8 @@
 mod world;
 
 use std::cell::RefCell;
+use std::io::{self, Write};
+use std::path::Path;
 use std::rc::Rc;
 use std::time::Instant;
 
@@ -16,19 +18,43 @@ use gripline_network::{Architecture, Network};
 use gripline_protocol::message::{Command, GripMode};
 
 use self::world::{FakeBus, FakeClock, World, device};
-use super::{Clock, Run, settings_for};
-use crate::capture::JpegCrop;
-use crate::link::usb::UsbFinder;
-use crate::link::{EmbeddedLink, HotPlug};
-use crate::pipeline::Pipeline;
-use crate::recording::{About, Pace, Recorder};
-use crate::session::Session;
+use super::{Clock, Run};
 use crate::source::{Picture, SimulatedSource};
-use crate::telemetry::{NO_DEVICE, NO_STATUS};
+use gripline_capture::JpegCrop;
+use gripline_link::session::Session;
+use gripline_link::usb::UsbFinder;
+use gripline_link::{EmbeddedLink, HotPlug};
+use gripline_pipeline::pipeline::Pipeline;
+use gripline_pipeline::settings_for;
+use gripline_recording::telemetry::{NO_DEVICE, NO_STATUS};
+use gripline_recording::{About, Pace, Recorder};
 
 const FRAME_US: f64 = 1e6 / 60.0;
 /// Frames after a disturbance until the next one of a kind that must be counted by itself: everything is as it was.
 const CALM: u64 = 180;
+
+/// A recording on a disk with so many bytes left.
+fn small_disk(bytes: usize) -> Recorder {
+    let (path, about) = (Path::new("full.mcap"), About::default());
+    Recorder::onto(path, Disk(bytes), &about, 1, Pace::AsFastAsPossible).unwrap()
+}
+
+/// A disk with so many bytes left.
+struct Disk(usize);
+
+impl Write for Disk {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        if bytes.len() > self.0 {
+            return Err(io::ErrorKind::StorageFull.into());
+        }
+        self.0 -= bytes.len();
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
 
 /// SplitMix64.
 struct Dice(u64);
@@ -141,8 +167,8 @@ fn ten_thousand_frames_with_faults_at_random_go_on_and_count_every_loss() {
     let mut pipeline = Pipeline::new(network, &rest, GateKind::default(), TaxelRule::of(&settings));
     let mut run = Run::new(session, Clock::None, 60.0);
     // Gets full in the middle.
-    run.recorder = Some(Recorder::on_small_disk(40 << 20));
-    run.pictures = crate::recording::Pictures::Small;
+    run.recorder = Some(small_disk(40 << 20));
+    run.pictures = gripline_recording::Pictures::Small;
     let watch = Rc::new(RefCell::new(Watch::default()));
     let eye = Rc::clone(&watch);
     *world.watch.borrow_mut() = Some(Box::new(move |mcu, now_us, told_us| {
@@ -336,7 +362,7 @@ fn memory_stays_flat_while_frames_are_recorded() {
     let path = folder.path().join("soak.mcap");
     let recorder = Recorder::start(&path, &About::default(), &[rest], Pace::AsFastAsPossible);
     run.recorder = Some(recorder.unwrap());
-    run.pictures = crate::recording::Pictures::Off;
+    run.pictures = gripline_recording::Pictures::Off;
     let mut samples = Vec::new();
     for number in 0..frames {
         let shot = &shots[(number % shots.len() as u64) as usize];

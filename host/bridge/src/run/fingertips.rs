@@ -6,11 +6,11 @@ use gripline_protocol::SENSORS;
 use gripline_simulation::constants::REST_PICTURES;
 
 use crate::calibration::Calibration;
-use crate::capture::{Counts, POLL};
 use crate::config::Settings;
 use crate::error::Failure;
-use crate::pipeline::Pipeline;
 use crate::source::{Frames, Opened, Picture, Taken, open_both};
+use gripline_capture::{Counts, POLL};
+use gripline_pipeline::pipeline::Pipeline;
 
 /// A fingertip whose source is open and which was looked at while nothing touched it.
 pub(super) struct Open {

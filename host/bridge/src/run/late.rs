@@ -8,13 +8,14 @@ use gripline_network::scene::GateKind;
 use gripline_network::{Architecture, Network};
 use gripline_protocol::message::GripMode;
 
-use super::{Clock, Run, settings_for};
-use crate::cycle::{At, Late, Lateness};
-use crate::link::EmbeddedLink;
-use crate::pipeline::Pipeline;
-use crate::session::Session;
+use super::{Clock, Run};
 use crate::source::SimulatedSource;
-use crate::telemetry::{FrameReport, LATE};
+use gripline_link::EmbeddedLink;
+use gripline_link::session::Session;
+use gripline_pipeline::control_loop::{At, Late, Lateness};
+use gripline_pipeline::pipeline::Pipeline;
+use gripline_pipeline::settings_for;
+use gripline_recording::telemetry::{FrameReport, LATE};
 
 struct Scene {
     run: Run,

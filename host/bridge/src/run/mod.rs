@@ -10,8 +10,10 @@ mod fingertips;
 #[cfg(test)]
 mod late;
 mod output;
+pub(crate) mod realtime;
 mod report;
 mod settings;
+mod stats;
 mod summary;
 mod tally;
 #[cfg(test)]
@@ -30,22 +32,21 @@ use gripline_simulation::constants::SCENE_LOOP_S;
 
 use self::fingertips::{Fingertips, Looked};
 use self::output::{Output, Wish};
-pub use self::settings::settings_for;
 use self::settings::{
     about, as_many_fingertips, calibrated_fingertips, calibrated_friction, tell_of_another_line,
 };
 pub(crate) use self::settings::{limits, network_for};
 use self::summary::FingertipSummary;
 use self::under_way::{Clock, Run};
-use crate::capture::Counts;
 use crate::config::{Overrides, Settings};
 use crate::error::Failure;
 use crate::live::Live;
 use crate::live::fleet::Fleet;
-use crate::realtime;
-use crate::recording::{Pace, Pictures, Recorder};
-use crate::session::Session;
 use crate::source::Source;
+use gripline_capture::Counts;
+use gripline_link::session::Session;
+use gripline_pipeline::settings_for;
+use gripline_recording::{Pace, Pictures, Recorder};
 
 /// Arguments of `gripline run`.
 #[derive(Debug, Clone, Args)]

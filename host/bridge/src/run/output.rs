@@ -5,8 +5,8 @@ use std::io::{self, ErrorKind, IsTerminal, Write};
 
 use super::summary::{Summary, summary_text};
 use crate::error::Failure;
-use crate::telemetry::{FrameReport, Limits};
 use crate::view::{Pressed, Screen, View};
+use gripline_recording::telemetry::{FrameReport, Limits};
 
 /// What the person at the terminal wants.
 #[derive(Debug, PartialEq, Eq)]

@@ -5,14 +5,16 @@ use gripline_network::constants::{CROP_SIDE, IMAGE_SIDE};
 use gripline_protocol::SENSORS;
 use gripline_protocol::message::FingertipGeometry;
 
-use crate::cycle::{Late, Turn};
-use crate::pipeline::Pipeline;
-use crate::recording::{Image, Pictures};
-use crate::session::Session;
-use crate::telemetry::{FrameReport, LATE, NO_DEVICE, NO_STATUS, STATUS_OLD_US, Truth, health_names};
-use crate::units::{
+use gripline_link::session::Session;
+use gripline_pipeline::control_loop::{Late, Turn, gate_name};
+use gripline_pipeline::pipeline::Pipeline;
+use gripline_recording::telemetry::{
+    FrameReport, LATE, NO_DEVICE, NO_STATUS, STATUS_OLD_US, Truth, health_names,
+};
+use gripline_recording::units::{
     Load, centre_of_pressure_mm, force_n, millimetres, moment_nmm, newtons, shear_n, stick_ratio,
 };
+use gripline_recording::{Image, Pictures};
 
 /// What of a picture is recorded.
 pub(super) fn image(wanted: Pictures, crop: Vec<u8>, pipeline: &Pipeline) -> Option<Image> {
@@ -57,7 +59,7 @@ pub(super) fn report_of(
         frame,
         sensor: turn.sensor,
         t_s,
-        gate: turn.verdict,
+        gate: gate_name(turn.verdict),
         health: health_names(turn.health),
         normal_n: z,
         shear_x_n: x,

@@ -3,19 +3,18 @@
 
 use gripline_network::{InstructionSet, Network};
 use gripline_protocol::message::{Configuration, FingertipGeometry};
-use gripline_protocol::{LSB_PER_NEWTON, PER_UNIT, SENSORS};
-use gripline_simulation::constants::SCENE_INITIAL_GRIP_N;
+use gripline_protocol::{PER_UNIT, SENSORS};
 
-use crate::calibrate::line::with_points;
 use crate::calibration::Calibration;
+use crate::commands::calibrate::line::with_points;
 use crate::config::{Settings, settings_text};
 use crate::error::Failure;
-use crate::pipeline::fingerprint;
-use crate::recording::About;
-use crate::session::Session;
 use crate::source::Source;
-use crate::telemetry::Limits;
-use crate::units::{newtons, ratio};
+use gripline_link::session::Session;
+use gripline_pipeline::pipeline::fingerprint;
+use gripline_recording::About;
+use gripline_recording::telemetry::Limits;
+use gripline_recording::units::{newtons, ratio};
 
 /// The network that was asked for.
 pub(crate) fn network_for(wanted: &Settings) -> Result<Network, Failure> {
@@ -84,18 +83,6 @@ pub(super) fn tell_of_another_line(wanted: &Settings, settings: &Configuration) 
              calibrate line --store`, or as [line] points of `gripline config mcu --write`",
             calibration.path.display()
         );
-    }
-}
-
-/// The default settings with what the network was calibrated for, and the grip with which the scene's object is held.
-#[must_use]
-pub fn settings_for(network: &Network) -> Configuration {
-    let calibration = network.calibration();
-    Configuration {
-        friction: (calibration.friction * PER_UNIT as f32).round() as u16,
-        contact_min: (calibration.contact_min_n * LSB_PER_NEWTON as f32) as i16,
-        floor: (SCENE_INITIAL_GRIP_N * f64::from(LSB_PER_NEWTON)) as i32,
-        ..Configuration::DEFAULT
     }
 }
 

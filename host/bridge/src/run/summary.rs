@@ -5,9 +5,9 @@ use std::fmt::Write as _;
 use gripline_protocol::message::Hello;
 use serde::Serialize;
 
-use crate::capture::Counts;
-use crate::recording::Recorded;
 use crate::source::Source;
+use gripline_capture::Counts;
+use gripline_recording::Recorded;
 
 /// The last line of `--json`.
 #[derive(Debug, Serialize)]

@@ -7,9 +7,9 @@ use gripline_protocol::message::{GripMode, Status};
 use super::summary::{StageSummary, Summary};
 use super::under_way::Run;
 use super::usage;
-use crate::cycle::{Late, Turn};
-use crate::recording::Recorder;
-use crate::telemetry::{DEADLINES_US, FrameReport, STAGES};
+use gripline_pipeline::control_loop::{Late, Turn};
+use gripline_recording::Recorder;
+use gripline_recording::telemetry::{DEADLINES_US, FrameReport, STAGES};
 
 impl Run {
     pub(super) fn count(&mut self, turn: &Turn) {

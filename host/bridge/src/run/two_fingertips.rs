@@ -7,12 +7,13 @@ use gripline_network::{Architecture, Network};
 use gripline_protocol::message::{Command, Configuration};
 use gripline_protocol::{ForceMap, Health, LSB_PER_NEWTON, MapInfo, TaxelForce};
 
-use super::{Clock, Run, settings_for};
-use crate::link::EmbeddedLink;
-use crate::pipeline::Pipeline;
-use crate::session::Session;
+use super::{Clock, Run};
 use crate::source::SimulatedSource;
-use crate::telemetry::FrameReport;
+use gripline_link::EmbeddedLink;
+use gripline_link::session::Session;
+use gripline_pipeline::pipeline::Pipeline;
+use gripline_pipeline::settings_for;
+use gripline_recording::telemetry::FrameReport;
 
 /// Pictures a second of both together.
 const RATE: f64 = 60.0;

@@ -8,18 +8,18 @@ use gripline_protocol::message::{Command, Refusal};
 use super::report::{faults_of, image, report_of};
 use super::summary::Summary;
 use super::usage;
-use crate::capture::Counts;
-use crate::cycle::{At, Cycle, Late, Lateness};
+use crate::commands::faults::names;
 use crate::error::Failure;
-use crate::faults::names;
 use crate::live::fleet::Fleet;
 use crate::live::{Live, QUANTILES};
-use crate::pipeline::Pipeline;
-use crate::recording::{Frame, Pictures, Recorder};
-use crate::session::Session;
+use crate::run::stats::Times;
 use crate::source::Picture;
-use crate::stats::Times;
-use crate::telemetry::{FrameReport, STAGES};
+use gripline_capture::Counts;
+use gripline_link::session::Session;
+use gripline_pipeline::control_loop::{At, Cycle, Late, Lateness};
+use gripline_pipeline::pipeline::Pipeline;
+use gripline_recording::telemetry::{FrameReport, STAGES};
+use gripline_recording::{Frame, Pictures, Recorder};
 
 /// What a frame waits for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

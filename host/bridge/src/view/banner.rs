@@ -6,7 +6,7 @@ use ratatui::style::{Color, Modifier, Style};
 use ratatui::text::{Line, Span};
 
 use super::colour::{DIM, GROUND, INCIPIENT, NO_CONTACT, SLIP, STICK, TEXT};
-use crate::telemetry::FrameReport;
+use gripline_recording::telemetry::FrameReport;
 
 /// Lines of the banner: letters, time to slip, faults.
 pub(super) const LINES: u16 = LETTER_LINES + 2;

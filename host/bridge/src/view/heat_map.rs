@@ -13,7 +13,7 @@ use ratatui::style::{Modifier, Style};
 use ratatui::text::{Line, Span};
 
 use super::colour::{ARROW, COLD, DIM, Rgb, TEXT, WARM, mix, ramp, solid};
-use crate::telemetry::Limits;
+use gripline_recording::telemetry::Limits;
 
 /// Columns and lines of a taxel at scale 1: nearly square in most fonts.
 const TAXEL_COLUMNS: u16 = 2;

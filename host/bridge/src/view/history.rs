@@ -5,7 +5,7 @@
 
 use std::collections::VecDeque;
 
-use crate::telemetry::{FrameReport, STAGES};
+use gripline_recording::telemetry::{FrameReport, STAGES};
 
 /// How far back the traces reach.
 pub(super) const SPAN_S: f64 = 10.0;

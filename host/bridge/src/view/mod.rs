@@ -24,7 +24,7 @@ pub use screen::{Pressed, Screen};
 
 use self::heat_map::HeatMap;
 use self::history::History;
-use crate::telemetry::{FrameReport, Limits};
+use gripline_recording::telemetry::{FrameReport, Limits};
 
 /// Least size of the screen.
 const COLUMNS: u16 = 80;

@@ -9,7 +9,7 @@ use ratatui::text::{Line, Span};
 
 use super::colour::{DIM, SLIP, TEXT};
 use super::history::{History, Quantiles};
-use crate::telemetry::{FrameReport, STAGES};
+use gripline_recording::telemetry::{FrameReport, STAGES};
 
 /// Lines of the numbers.
 pub(super) const LINES: u16 = 4;
@@ -41,7 +41,7 @@ pub(super) fn draw(report: &FrameReport, note: &str, area: Rect, buffer: &mut Bu
     put(0, 1, "contact", &format!("{contact:>3}"));
     put(12, 1, "stick", &format!("{stick:>3}"));
     put(24, 1, "ratio", &ratio);
-    put(0, 2, "gate", report.gate.name());
+    put(0, 2, "gate", &report.gate.replace('_', " "));
     put(24, 2, "wire", &wire);
     let Some(truth) = &report.truth else {
         buffer.set_stringn(area.x, area.y + 3, note, area.width.into(), TEXT);

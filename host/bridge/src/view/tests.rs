@@ -7,10 +7,9 @@ use ratatui::backend::TestBackend;
 use ratatui::buffer::{Buffer, Cell};
 
 use super::View;
-use crate::telemetry::{FrameReport, Limits, STAGES, Truth};
-use crate::units::Load;
-use gripline_network::scene::Verdict;
 use gripline_protocol::message::{FingertipGeometry, MapSums};
+use gripline_recording::telemetry::{FrameReport, Limits, STAGES, Truth};
+use gripline_recording::units::Load;
 
 pub(super) const LIMITS: Limits = Limits {
     friction: 0.45,
@@ -26,7 +25,7 @@ pub(crate) fn report(frame: u64) -> FrameReport {
         frame,
         sensor: 0,
         t_s: frame as f64 / 50.0,
-        gate: Verdict::NoContact,
+        gate: "no_contact",
         health: Vec::new(),
         normal_n: 0.0,
         shear_x_n: 0.0,
@@ -75,7 +74,7 @@ fn report_of(frame: u64, map: &[[f32; 3]; 400], contacts: u16, sticks: u16) -> F
     let sum = |axis: usize| map.iter().map(|force| f64::from(force[axis])).sum::<f64>();
     let ratio = f64::from(sticks) / f64::from(contacts);
     FrameReport {
-        gate: Verdict::Network,
+        gate: "network",
         health: Vec::new(),
         normal_n: sum(2),
         shear_x_n: sum(0),

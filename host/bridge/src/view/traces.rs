@@ -12,7 +12,7 @@ use ratatui::widgets::canvas::{self, Canvas, Context};
 
 use super::colour::{DETECTOR, DIM, GRIP_LIMIT, GRIP_LINE, GROUND, OBJECT, TEXT, THRESHOLD, WORLD};
 use super::history::{History, SPAN_S, Sample, round_up};
-use crate::telemetry::{FrameReport, Limits};
+use gripline_recording::telemetry::{FrameReport, Limits};
 
 /// Columns for the scale at the left of a plot.
 const SCALE_COLUMNS: u16 = 4;

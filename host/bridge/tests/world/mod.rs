@@ -7,10 +7,10 @@ use std::collections::VecDeque;
 use std::rc::Rc;
 use std::time::Duration;
 
-use gripline::link::LinkError;
-use gripline::link::hot_plug::{Clock, Device, DeviceError};
-use gripline::link::usb::{Attached, Bus};
 use gripline_firmware::{Mcu, ResetCause, Start};
+use gripline_link::LinkError;
+use gripline_link::hot_plug::{Clock, Device, DeviceError};
+use gripline_link::usb::{Attached, Bus};
 use gripline_protocol::message::{Command, Hello, Message, MessagePackets};
 use gripline_protocol::{Event, PACKET_MAX, Parser};
 

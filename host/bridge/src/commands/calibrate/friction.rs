@@ -1,0 +1,118 @@
+//! `gripline calibrate friction`: the friction coefficient from a recording of slides.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use serde_json::json;
+
+use super::{Common, date, guide, maps, wrote};
+use crate::calibration::{Calibration, Friction};
+use crate::commands::cli::number_in;
+use crate::error::Failure;
+use gripline_evaluation::calibration::friction::{Estimate, Moment, Slide, estimate, slides};
+
+/// What a network's F_T / F_N is wrong by on all slides of one sensor alike, standard deviation as a share: from
+/// `cargo test -p gripline --test calibrate -- --nocapture`, which slides objects over simulated sensors.
+pub(super) const MAP_ERROR: f64 = 0.05;
+
+/// Arguments of `gripline calibrate friction`.
+#[derive(Debug, Clone, Args)]
+pub(super) struct FrictionArgs {
+    /// A recording of `gripline run --record`, or force maps of `gripline infer` (T, 3, 20, 20). Without one the command
+    /// says how to make it.
+    #[arg(value_name = "REC.mcap|MAPS.npy")]
+    recording: Option<PathBuf>,
+    /// Share of such intervals that hold the true coefficient.
+    #[arg(long, value_name = "P", default_value_t = 0.9, value_parser = |text: &str| number_in(text, 0.5, 0.999))]
+    confidence: f64,
+    /// Maps per second of a MAPS.npy.
+    #[arg(long, value_name = "HZ", default_value_t = 60.0, value_parser = |text: &str| number_in(text, 1.0, 1000.0))]
+    rate: f64,
+    /// Whose maps of a recording.
+    #[arg(long, value_name = "1|2", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=2))]
+    fingertip: u8,
+    /// What the maps' F_T / F_N may be wrong by on all slides alike, standard deviation as a share; 0 for true maps.
+    #[arg(long, value_name = "SHARE", default_value_t = MAP_ERROR, value_parser = |text: &str| number_in(text, 0.0, 0.5))]
+    map_error: f64,
+    #[command(flatten)]
+    common: Common,
+}
+
+/// Reads, estimates and writes.
+///
+/// # Errors
+/// [`Failure`] when the recording cannot be read or has too few slides.
+pub(super) fn run(args: &FrictionArgs) -> Result<(), Failure> {
+    let Some(path) = &args.recording else {
+        for (place, step) in guide::FRICTION.iter().enumerate() {
+            guide::show(place + 1, step);
+        }
+        return Err(Failure::usage(
+            "found no recording, expected one of slides as drawn above",
+        ));
+    };
+    let mut calibration = Calibration::load_or_new(&args.common.out)?;
+    let (moments, device) = maps::read(path, args.rate, args.fingertip, Moment::of)?;
+    let slides = slides(&moments);
+    let found = estimate(&slides, args.confidence, args.map_error)
+        .map_err(|error| Failure::failed(format!("{}: {error}", path.display())))?;
+    if !(0.05..=2.0).contains(&found.friction) || found.detector < 0.01 {
+        return Err(Failure::failed(format!(
+            "{}: found a friction of {:.3}, expected 0.05 to 2: are these maps in newtons?",
+            path.display(),
+            found.friction
+        )));
+    }
+    say(&args.common, &slides, &found);
+    let rounded = |value: f64| (value * 1e4).round() / 1e4;
+    calibration.friction = Some(Friction {
+        date: date(),
+        device: args.common.device.clone().unwrap_or(device),
+        estimate: rounded(found.friction),
+        low: rounded(found.low),
+        high: rounded(found.high),
+        confidence: found.confidence,
+        slides: slides.len(),
+        residual: rounded(found.between_slides),
+        detector: rounded(found.detector.min(2.0)),
+    });
+    calibration.save()?;
+    wrote(&args.common);
+    Ok(())
+}
+
+fn say(common: &Common, slides: &[Slide], found: &Estimate) {
+    if common.json {
+        let slides: Vec<_> = slides
+            .iter()
+            .map(|slide| {
+                json!({"from_s": slide.from_s, "to_s": slide.to_s, "frames": slide.frames, "fn": slide.normal_n,
+                       "ratio": slide.ratio})
+            })
+            .collect();
+        println!(
+            "{}",
+            json!({"friction": found.friction, "low": found.low, "high": found.high, "confidence": found.confidence,
+                   "between_slides": found.between_slides, "detector": found.detector, "slides": slides})
+        );
+        return;
+    }
+    println!("   from s     to s   frames   F_N N   F_T/F_N");
+    for slide in slides {
+        println!(
+            "{:9.2}{:9.2}{:9}{:8.2}{:10.3}",
+            slide.from_s, slide.to_s, slide.frames, slide.normal_n, slide.ratio
+        );
+    }
+    println!(
+        "friction {:.3}, {:.0} % interval {:.3} to {:.3} (Student's t over {} slides that differ by {:.3}, and the maps' own \
+         error)\nthe detector works with {:.3}, a sixth under the interval: what slips sits exactly at the true one",
+        found.friction,
+        100.0 * found.confidence,
+        found.low,
+        found.high,
+        slides.len(),
+        found.between_slides,
+        found.detector
+    );
+}

@@ -1,0 +1,311 @@
+//! `gripline calibrate line`: steps the grip-force line, takes the forces that somebody measures, fits the table.
+
+use std::fs;
+use std::io::{self, BufRead as _, Write as _};
+use std::path::{Path, PathBuf};
+use std::sync::mpsc::{Receiver, TryRecvError, sync_channel};
+use std::thread;
+
+use clap::Args;
+use gripline_firmware::GripForce;
+use gripline_firmware::line::LineCalibration;
+use gripline_protocol::message::{Command, Configuration, LinePoint};
+use gripline_protocol::{ForceMap, Health, LSB_PER_NEWTON, MapInfo};
+use serde_json::json;
+
+use super::{Common, date, guide, wrote};
+use crate::calibration::{Calibration, Line};
+use crate::commands::cli::number_in;
+use crate::config::{Overrides, Settings};
+use crate::error::Failure;
+use gripline_evaluation::calibration::line::Point;
+use gripline_evaluation::calibration::line::{Fit, MEASURED_MIN, Measured, fit};
+use gripline_link::Target;
+use gripline_link::session::Session;
+use gripline_recording::units::newtons;
+
+/// From one map to the next while the line stands, µs: a microcontroller without maps would tighten.
+const MAP_US: u64 = 16_000;
+/// Longest way of the line from step to step, µs.
+const PATIENCE_US: u64 = 10_000_000;
+
+/// Arguments of `gripline calibrate line`.
+#[derive(Debug, Clone, Args)]
+pub(super) struct LineArgs {
+    /// Forces that were measured before: CSV with the header `code,force_n`. The line is not touched.
+    #[arg(long, value_name = "FILE.csv", conflicts_with_all = ["mcu", "steps", "most_n", "store"])]
+    csv: Option<PathBuf>,
+    /// Which microcontroller's line. By default the configuration's link.mcu.
+    #[arg(long, value_name = "MCU")]
+    mcu: Option<Target>,
+    /// How many forces are measured, from 0 N up.
+    #[arg(long, value_name = "N", default_value_t = 11, value_parser = clap::value_parser!(u64).range(MEASURED_MIN as u64..=101))]
+    steps: u64,
+    /// The last step, newtons by the table in force. By default the ceiling.
+    #[arg(long, value_name = "NEWTONS", value_parser = |text: &str| number_in(text, 1.0, 125.0))]
+    most_n: Option<f64>,
+    /// Keep the new table in the microcontroller's flash; it counts from its next start.
+    #[arg(long)]
+    store: bool,
+    /// Configuration file that names the microcontroller.
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+    #[command(flatten)]
+    common: Common,
+}
+
+/// Measures, fits and writes.
+///
+/// # Errors
+/// [`Failure`] when the link fails, a number is none, or the forces make no table.
+pub(super) fn run(args: &LineArgs) -> Result<(), Failure> {
+    let mut calibration = Calibration::load_or_new(&args.common.out)?;
+    let (measured, device, session) = match &args.csv {
+        Some(path) => (read(path)?, path.display().to_string(), None),
+        None => measure(args)?,
+    };
+    let named = |error: String| Failure::failed(format!("{device}: {error}; nothing was written"));
+    let found = fit(&measured).map_err(named)?;
+    say(&args.common, &measured, &found);
+    let rounded = |value: f64| (value * 1e4).round() / 1e4;
+    calibration.line = Some(Line {
+        date: date(),
+        device: args.common.device.clone().unwrap_or(device),
+        measured: measured.len(),
+        residual_rms_n: rounded(found.rms_n),
+        residual_max_n: rounded(found.max_n),
+        points: found.points.to_vec(),
+    });
+    calibration.save()?;
+    wrote(&args.common);
+    match session.filter(|_| args.store) {
+        Some(session) => store(session, &found.points),
+        None => Ok(()),
+    }
+}
+
+/// The settings with another table.
+pub(crate) fn with_points(settings: &Configuration, points: &[Point]) -> Configuration {
+    let mut settings = *settings;
+    for (to, point) in settings.line.points.iter_mut().zip(points) {
+        *to = LinePoint {
+            force: (point.force_n * f64::from(LSB_PER_NEWTON)).round() as i32,
+            code: point.code,
+        };
+    }
+    settings
+}
+
+fn store(mut session: Session, points: &[Point]) -> Result<(), Failure> {
+    let settings = with_points(session.settings(), points);
+    // No force beyond the table's end.
+    let most = settings.line.points.last().map_or(0, |point| point.force);
+    let settings = Configuration {
+        ceiling: settings.ceiling.min(most),
+        tighten: settings.tighten.min(most),
+        floor: settings.floor.min(most),
+        ..settings
+    };
+    session.configure(settings).map_err(Failure::failed)?;
+    let writes = session.store().map_err(Failure::failed)?;
+    eprintln!(
+        "gripline: stored, for the {writes}. time; the table counts from the microcontroller's next start"
+    );
+    Ok(())
+}
+
+fn say(common: &Common, measured: &[Measured], found: &Fit) {
+    if common.json {
+        let points: Vec<_> = found
+            .points
+            .iter()
+            .map(|point| json!({"force_n": point.force_n, "code": point.code}))
+            .collect();
+        println!(
+            "{}",
+            json!({"points": points, "measured": measured.len(), "residual_rms_n": found.rms_n,
+                   "residual_max_n": found.max_n})
+        );
+        return;
+    }
+    println!("    code   force N");
+    for point in &found.points {
+        println!("{:8}{:10.3}", point.code, point.force_n);
+    }
+    println!(
+        "{} forces, off by {:.3} N (root mean square), {:.3} N at most",
+        measured.len(),
+        found.rms_n,
+        found.max_n
+    );
+}
+
+/// Reads `code,force_n`.
+fn read(path: &Path) -> Result<Vec<Measured>, Failure> {
+    let wrong = |found: String, expected: &str| {
+        Failure::failed(format!("{}: found {found}, expected {expected}", path.display()))
+    };
+    let text = fs::read_to_string(path).map_err(|error| wrong(error.to_string(), "a CSV of code,force_n"))?;
+    let mut lines = text.lines().enumerate();
+    let head = lines.next().map_or("", |(_, line)| line.trim());
+    if head != "code,force_n" {
+        return Err(wrong(format!("the header {head:?}"), "code,force_n"));
+    }
+    lines
+        .filter(|(_, line)| !line.trim().is_empty())
+        .map(|(place, line)| {
+            let read = |line: &str| {
+                let (code, force) = line.split_once(',')?;
+                Some(Measured {
+                    code: code.trim().parse().ok()?,
+                    force_n: force.trim().parse().ok()?,
+                })
+            };
+            read(line).ok_or_else(|| {
+                wrong(
+                    format!("{line:?} in line {}", place + 1),
+                    "a code and a force in newtons",
+                )
+            })
+        })
+        .collect()
+}
+
+/// Steps the line and asks for forces; the session is released at the end, or on the way out of a failure.
+fn measure(args: &LineArgs) -> Result<(Vec<Measured>, String, Option<Session>), Failure> {
+    let mcu = match &args.mcu {
+        Some(mcu) => mcu.clone(),
+        None => Settings::load(&Overrides::of_file(args.config.as_deref()))?.mcu,
+    };
+    let session = Session::connect(mcu.open().map_err(Failure::failed)?).map_err(Failure::failed)?;
+    let device = session.link_name();
+    if args.common.asks() {
+        for (place, step) in guide::LINE.iter().enumerate() {
+            guide::ask(place + 1, step)?;
+        }
+    }
+    let before = *session.settings();
+    let most_n = args
+        .most_n
+        .unwrap_or(newtons(before.ceiling))
+        .min(newtons(before.ceiling));
+    let mut stepper = Stepper {
+        table: LineCalibration::of(&before.line),
+        typed: typed_lines(),
+        session,
+        sequence: 0,
+    };
+    let mut step_through = || -> Result<Vec<Measured>, Failure> {
+        stepper.session.command(Command::Hold).map_err(Failure::failed)?;
+        let last = args.steps - 1;
+        (0..=last)
+            .map(|step| stepper.step(most_n * step as f64 / last as f64, step + 1, args.steps))
+            .collect()
+    };
+    let measured = step_through();
+    // Whatever happened: let go, and as it was.
+    let _ = stepper.release();
+    let _ = stepper.session.configure(before);
+    Ok((measured?, device, Some(stepper.session)))
+}
+
+struct Stepper {
+    session: Session,
+    table: LineCalibration,
+    typed: Receiver<String>,
+    sequence: u32,
+}
+
+impl Stepper {
+    /// Raises the line to `force_n` by the table in force, and asks what it makes.
+    fn step(&mut self, force_n: f64, number: u64, of: u64) -> Result<Measured, Failure> {
+        let floor = (force_n * f64::from(LSB_PER_NEWTON)).round() as i32;
+        let settings = Configuration {
+            floor,
+            // Never less than the floor.
+            tighten: self.session.settings().tighten.max(floor),
+            ..*self.session.settings()
+        };
+        self.session.configure(settings).map_err(Failure::failed)?;
+        let end_us = self.session.now_us() + PATIENCE_US;
+        while self.line() < floor {
+            self.keep()?;
+            if self.session.now_us() > end_us {
+                return Err(Failure::failed(format!(
+                    "found the line at {:.2} N after {} s, expected {force_n:.2} N: acknowledge the microcontroller's faults, \
+                     check rise_rate_n_per_s",
+                    newtons(self.line()),
+                    PATIENCE_US / 1_000_000
+                )));
+            }
+        }
+        let code = self.table.code(GripForce::from_lsb(self.line()));
+        loop {
+            eprint!(
+                "step {number} of {of}, code {code} ({force_n:.2} N by the table in force); measured N: "
+            );
+            let _ = io::stderr().flush();
+            let line = self.wait_for_a_line()?;
+            match line.trim().replace(',', ".").parse::<f64>() {
+                Ok(force_n) if force_n.is_finite() => return Ok(Measured { code, force_n }),
+                _ => eprintln!("\nfound {:?}, expected newtons, such as 4.25", line.trim()),
+            }
+        }
+    }
+
+    fn line(&self) -> i32 {
+        self.session.status().map_or(0, |status| status.line)
+    }
+
+    /// Sends a map in which nothing touches, and works until the next.
+    fn keep(&mut self) -> Result<(), Failure> {
+        let info = MapInfo {
+            sensor: 0,
+            sequence: self.sequence,
+            capture_us: self.session.capture_us(),
+            health: Health::GOOD,
+        };
+        self.sequence = self.sequence.wrapping_add(1);
+        self.session
+            .send_map(&info, &ForceMap::EMPTY)
+            .map_err(Failure::failed)?;
+        let until_us = self.session.now_us() + MAP_US;
+        self.session.run_until(until_us).map_err(Failure::failed)
+    }
+
+    fn wait_for_a_line(&mut self) -> Result<String, Failure> {
+        loop {
+            match self.typed.try_recv() {
+                Ok(line) => return Ok(line),
+                Err(TryRecvError::Disconnected) => {
+                    return Err(Failure::failed(
+                        "standard input ended, expected a measured force for every step; nothing was written",
+                    ));
+                }
+                Err(TryRecvError::Empty) => self.keep()?,
+            }
+        }
+    }
+
+    fn release(&mut self) -> Result<(), Failure> {
+        self.session.command(Command::Release).map_err(Failure::failed)?;
+        let end_us = self.session.now_us() + PATIENCE_US;
+        while self.line() > 0 && self.session.now_us() < end_us {
+            self.keep()?;
+        }
+        Ok(())
+    }
+}
+
+/// Standard input beside the loop, which must not stop for it.
+fn typed_lines() -> Receiver<String> {
+    let (sender, receiver) = sync_channel(0);
+    thread::spawn(move || {
+        for line in io::stdin().lock().lines().map_while(Result::ok) {
+            if sender.send(line).is_err() {
+                return;
+            }
+        }
+    });
+    receiver
+}

@@ -1,0 +1,251 @@
+//! `gripline calibrate rest`: pictures of the untouched skin, judged before they are believed.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use gripline_network::constants::CROP_SIDE;
+use npyz::WriterBuilder as _;
+use serde_json::json;
+
+use super::{Common, date, guide, wrote};
+use crate::calibration::{Calibration, Rest, write};
+use crate::commands::files::grey_png;
+use crate::config::{Overrides, Settings};
+use crate::error::Failure;
+use crate::source::{Source, SourceSettings};
+use gripline_capture::picture;
+use gripline_evaluation::calibration::surface::{Change, Figures, limit};
+
+/// Arguments of `gripline calibrate rest`.
+#[derive(Debug, Clone, Args)]
+pub(super) struct RestArgs {
+    #[command(flatten)]
+    common: Common,
+    /// How many pictures.
+    #[arg(long, value_name = "N", default_value_t = 16, value_parser = clap::value_parser!(u64).range(8..=256))]
+    pictures: u64,
+    /// Which fingertip; each has a file of its own (calibration.file, calibration.second_file).
+    #[arg(long, value_name = "1|2", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=2))]
+    fingertip: u8,
+    /// Where pictures come from. By default the configuration's camera.source, of the second fingertip camera.second_source.
+    #[arg(long)]
+    source: Option<Source>,
+    /// Pictures that were taken before instead: a folder, or one (*.png, *.jpg, in the order of their names).
+    #[arg(long, value_name = "DIR|FILE", conflicts_with = "source")]
+    frames: Option<PathBuf>,
+    /// Do not compare with the rest pictures that the file has: the gel or the camera is another one.
+    #[arg(long)]
+    anew: bool,
+    /// Configuration file that names the camera.
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+}
+
+/// Takes, judges and writes.
+///
+/// # Errors
+/// [`Failure`] that lists everything that is wrong with the pictures.
+pub(super) fn run(args: &RestArgs) -> Result<(), Failure> {
+    let mut calibration = Calibration::load_or_new(&args.common.out)?;
+    let (pictures, source) = take(args)?;
+    let figures = Figures::of(&pictures);
+    let mut problems = wrong(&figures);
+    if let (false, Some(before)) = (args.anew, calibration.rest_pictures()?) {
+        let change = Change::between(
+            &gripline_evaluation::calibration::surface::mean(&before),
+            &figures.mean,
+        );
+        problems.extend(changed(&change, &args.common.out.display().to_string()));
+    }
+    if !problems.is_empty() {
+        return Err(Failure::failed(format!(
+            "nothing was written: {}",
+            problems.join("; ")
+        )));
+    }
+    let stem = args
+        .common
+        .out
+        .file_stem()
+        .map_or("calibration".into(), |stem| stem.to_string_lossy().into_owned());
+    let rest = Rest {
+        date: date(),
+        device: args.common.device.clone().unwrap_or(source),
+        pictures: format!("{stem}-rest.npy").into(),
+        mean: format!("{stem}-rest.png").into(),
+        count: pictures.len(),
+        mean_level: rounded(figures.mean_level),
+        saturated_share: rounded(figures.saturated_share),
+        particles: figures.particles,
+        sharpness: rounded(figures.sharpness),
+        noise_levels: rounded(figures.noise_levels),
+        residual_px: rounded(figures.moved_px),
+    };
+    write(&calibration.beside(&rest.pictures), &pictures_npy(&pictures)?)?;
+    write(&calibration.beside(&rest.mean), &grey_png(&image(&figures.mean))?)?;
+    if args.common.json {
+        println!("{}", json!(rest));
+    } else {
+        println!(
+            "{} pictures of {}: mean level {:.1}, {:.2} % saturated, {} particles, sharpness {:.3}, noise {:.2} levels, moved \
+             {:.3} px at most",
+            rest.count,
+            rest.device,
+            rest.mean_level,
+            100.0 * rest.saturated_share,
+            rest.particles,
+            rest.sharpness,
+            rest.noise_levels,
+            rest.residual_px
+        );
+    }
+    calibration.rest = Some(rest);
+    calibration.save()?;
+    wrote(&args.common);
+    Ok(())
+}
+
+/// The pictures, and what they are of.
+fn take(args: &RestArgs) -> Result<(Vec<Vec<u8>>, String), Failure> {
+    if let Some(path) = &args.frames {
+        let files = picture::listed(path)?;
+        let pictures: Result<Vec<_>, _> = files.iter().map(|file| picture::crop(file, false)).collect();
+        let pictures = pictures?;
+        if pictures.len() < 2 {
+            return Err(Failure::failed(format!(
+                "{}: found {} picture, expected at least 2: one says nothing about noise",
+                path.display(),
+                pictures.len()
+            )));
+        }
+        return Ok((pictures, path.display().to_string()));
+    }
+    let settings = Settings::load(&Overrides::of_file(args.config.as_deref()))?;
+    let configured = match args.fingertip {
+        1 => Some(settings.source),
+        _ => settings.second_source,
+    };
+    let source = args.source.clone().or(configured).ok_or_else(|| {
+        Failure::usage(
+            "--fingertip: found 2 without a camera.second_source, expected one in the configuration: name it there, or say \
+             --source"
+                .to_owned(),
+        )
+    })?;
+    let mut camera = source.open(&SourceSettings {
+        fingertip: usize::from(args.fingertip) - 1,
+        ..settings.pictures_of
+    })?;
+    let count = args.pictures as usize;
+    if !args.common.asks() {
+        return Ok((camera.rest(count)?.crops, source.to_string()));
+    }
+    guide::ask(1, &guide::REST[0])?;
+    let mut pictures = camera.rest(count.div_ceil(2))?.crops;
+    guide::ask(2, &guide::REST[1])?;
+    pictures.extend(camera.rest(count / 2)?.crops);
+    Ok((pictures, source.to_string()))
+}
+
+/// What is wrong with the pictures alone.
+fn wrong(figures: &Figures) -> Vec<String> {
+    let mut problems = Vec::new();
+    let [dark, bright] = limit::LEVEL;
+    if figures.mean_level < dark || figures.mean_level > bright {
+        problems.push(format!(
+            "found a mean level of {:.0}, expected {dark} to {bright}: {}",
+            figures.mean_level,
+            if figures.mean_level < dark {
+                "switch the lamps on, expose longer"
+            } else {
+                "expose shorter, dim the lamps"
+            }
+        ));
+    }
+    if figures.saturated_share > limit::SATURATED {
+        problems.push(format!(
+            "found {:.1} % of the pixels saturated, expected at most {:.0} %: expose shorter, look for reflections",
+            100.0 * figures.saturated_share,
+            100.0 * limit::SATURATED
+        ));
+    }
+    if figures.particles < limit::PARTICLES {
+        problems.push(format!(
+            "found {} particles, expected at least {}: focus the lens, clean it, check that the whole skin is in the picture",
+            figures.particles,
+            limit::PARTICLES
+        ));
+    }
+    if figures.sharpness < limit::SHARPNESS {
+        problems.push(format!(
+            "found a sharpness of {:.2}, expected at least {}: focus the lens on the particles",
+            figures.sharpness,
+            limit::SHARPNESS
+        ));
+    }
+    if figures.moved_px > limit::STILL_PX {
+        problems.push(format!(
+            "found parts of the skin that moved by {:.2} pixels meanwhile, expected at most {}: take everything off the skin, \
+             keep hands and table still, and wait until the gel has settled",
+            figures.moved_px,
+            limit::STILL_PX
+        ));
+    }
+    problems
+}
+
+/// What is wrong against the earlier pictures in `file`.
+fn changed(change: &Change, file: &str) -> Option<String> {
+    if change.lost > limit::LOST {
+        return Some(format!(
+            "found {:.0} % of the particles of {file} missing, expected at most {:.0} %: take off what covers the skin; for \
+             another gel or camera say --anew",
+            100.0 * change.lost,
+            100.0 * limit::LOST
+        ));
+    }
+    if change.dent_px > limit::STILL_PX {
+        return Some(format!(
+            "found a part of the skin {:.2} pixels from where {file} has it, expected at most {}: something touches it; take it \
+             off, or say --anew if the skin has changed for good",
+            change.dent_px,
+            limit::STILL_PX
+        ));
+    }
+    if change.drift_px > limit::DRIFT_PX {
+        return Some(format!(
+            "found the skin {:.2} pixels aside of where {file} has it, expected at most {}: fasten camera and gel, and say \
+             --anew if they are where they are to stay",
+            change.drift_px,
+            limit::DRIFT_PX
+        ));
+    }
+    None
+}
+
+fn pictures_npy(pictures: &[Vec<u8>]) -> Result<Vec<u8>, Failure> {
+    let mut bytes = Vec::new();
+    let side = CROP_SIDE as u64;
+    let mut writer = npyz::WriteOptions::<u8>::new()
+        .default_dtype()
+        .shape(&[pictures.len() as u64, side, side])
+        .writer(&mut bytes)
+        .begin_nd()
+        .map_err(Failure::failed)?;
+    writer
+        .extend(pictures.iter().flatten().copied())
+        .and_then(|()| writer.finish())
+        .map_err(Failure::failed)?;
+    Ok(bytes)
+}
+
+fn image(pixels: &[u8]) -> gripline_simulation::Image {
+    let mut image = gripline_simulation::Image::crop();
+    image.pixels.copy_from_slice(pixels);
+    image
+}
+
+/// To what a person wants to read.
+fn rounded(value: f64) -> f64 {
+    (value * 1e4).round() / 1e4
+}

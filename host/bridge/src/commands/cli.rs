@@ -1,0 +1,87 @@
+//! The command line. Ranges are checked here, so that a wrong value ends with exit code 2 before anything starts.
+
+use std::ffi::OsString;
+
+use clap::{Parser, Subcommand};
+
+use crate::commands::calibrate::CalibrateArgs;
+use crate::commands::detect::DetectArgs;
+use crate::commands::doctor::DoctorArgs;
+use crate::commands::evaluate::EvaluateArgs;
+use crate::commands::faults::FaultsArgs;
+use crate::commands::infer::InferArgs;
+use crate::commands::plot::PlotArgs;
+use crate::commands::replay::ReplayArgs;
+use crate::commands::shell::{CompletionsArgs, ManArgs};
+use crate::commands::simulate::SimulateArgs;
+use crate::config::ConfigArgs;
+use crate::run::RunArgs;
+use gripline_recording::ExportArgs;
+
+/// Holds objects with as little force as is safe: force maps from a camera-based fingertip, slip detection and
+/// grip control on a microcontroller.
+#[derive(Debug, Parser)]
+#[command(name = "gripline", version, about, max_term_width = 100)]
+pub struct Cli {
+    /// What to do.
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+/// What to do.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Camera to grip-force line. Without arguments: a simulated fingertip and gripper, live in the terminal.
+    Run(RunArgs),
+    /// Run the force network over recorded camera pictures.
+    Infer(InferArgs),
+    /// Run the microcontroller's detector over recorded force maps.
+    Detect(DetectArgs),
+    /// The configuration: what is in force and why, a documented default file, the microcontroller's own settings.
+    Config(ConfigArgs),
+    /// Play a scene of the simulated world: frames, true force maps and slip labels.
+    Simulate(SimulateArgs),
+    /// How well slip is noticed and objects are held: the paper's experiment and more, in the simulated world.
+    Evaluate(EvaluateArgs),
+    /// Run a recording's pictures through the same loop again and compare every decision.
+    Replay(ReplayArgs),
+    /// Write a recording's maps, pictures and decisions as npy and CSV.
+    Export(ExportArgs),
+    /// Draw a recording: stick ratio with predictions and truth, forces and line, force maps. PNG or SVG.
+    Plot(PlotArgs),
+    /// Calibrate a fingertip and its gripper, step by step.
+    Calibrate(CalibrateArgs),
+    /// Look at everything that a run needs, and say what to do about what is wrong.
+    Doctor(DoctorArgs),
+    /// The microcontroller's faults, what to do about each, and the acknowledgement that latched ones wait for.
+    Faults(FaultsArgs),
+    /// Print the completions for a shell.
+    Completions(CompletionsArgs),
+    /// Write the manual pages.
+    Man(ManArgs),
+}
+
+impl Cli {
+    /// Reads the program's arguments; none at all mean `run`.
+    ///
+    /// # Errors
+    /// clap's, for `--help` and `--version` too.
+    pub fn from_arguments(arguments: impl IntoIterator<Item = OsString>) -> Result<Self, clap::Error> {
+        let mut arguments: Vec<_> = arguments.into_iter().collect();
+        if arguments.len() <= 1 {
+            arguments = vec!["gripline".into(), "run".into()];
+        }
+        Self::try_parse_from(arguments)
+    }
+}
+
+/// Reads a number between `least` and `most`; for value parsers.
+///
+/// # Errors
+/// A line with what was found and what was expected.
+pub fn number_in(text: &str, least: f64, most: f64) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(value) if (least..=most).contains(&value) => Ok(value),
+        _ => Err(format!("found {text}, expected a number from {least} to {most}")),
+    }
+}

@@ -1,0 +1,39 @@
+//! The command `gripline evaluate`: arguments and which part runs.
+
+use clap::{Args, Subcommand};
+
+use crate::error::Failure;
+use gripline_evaluation::grasps::{self, GraspsArgs};
+use gripline_evaluation::paper::{self, PaperArgs};
+use gripline_evaluation::real::{self, RealArgs};
+
+/// The arguments of `gripline evaluate`.
+#[derive(Debug, Clone, Args)]
+pub struct EvaluateArgs {
+    /// What to evaluate.
+    #[command(subcommand)]
+    pub what: What,
+}
+
+/// What to evaluate.
+#[derive(Debug, Clone, Subcommand)]
+pub enum What {
+    /// The paper's experiment in the simulated world, through the whole chain from picture to detector.
+    Paper(PaperArgs),
+    /// Random grasps in closed loop, against three simpler rules.
+    Grasps(GraspsArgs),
+    /// Three recorded trials of a real sensor; the environment variable GRIPLINE_RECORDINGS names their folder.
+    Real(RealArgs),
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// [`Failure`] of the part that runs.
+pub fn run(args: &EvaluateArgs) -> Result<(), Failure> {
+    match &args.what {
+        What::Paper(args) => paper::run(args),
+        What::Grasps(args) => grasps::run(args),
+        What::Real(args) => real::run(args),
+    }
+}

@@ -1,0 +1,185 @@
+//! `gripline infer`: camera pictures to force maps, without detector or link. Pictures are 8-bit grey PNG or JPEG, 640×480 (the
+//! middle 440×440 is taken), 440×440, or 88×88 for `unet`; maps go out as (T, 3, 20, 20) float32 newtons, as
+//! `gripline detect` reads them. Files are read one after the other, the maps written at the end, whole or not at all.
+//! A picture that cannot be believed has a map of zeros, is named on standard error, and makes the exit code 3.
+
+use std::fs;
+use std::io::Write;
+use std::path::PathBuf;
+use std::time::Instant;
+
+use clap::{Args, ValueEnum};
+use gripline_network::constants::IMAGE_SIDE;
+use gripline_network::scene::{GateKind, Health, Scene};
+use gripline_network::{Architecture, Evaluation, ForceMap, InstructionSet, Network, downsample_440_to_88};
+use serde_json::json;
+
+use crate::commands::files::maps_npy;
+use crate::error::Failure;
+use gripline_capture::picture;
+
+/// Pictures that cannot be believed are named one by one up to so many.
+const NAMED: usize = 5;
+
+/// Arguments of `gripline infer`.
+#[derive(Debug, Clone, Args)]
+pub struct InferArgs {
+    /// Picture of the untouched fingertip.
+    #[arg(long, value_name = "REST.png")]
+    rest: PathBuf,
+    /// A picture, a folder of pictures (*.png, *.jpg, taken in the order of their names), or a clip (*.avi, MJPEG).
+    #[arg(long, value_name = "DIR|FILE")]
+    frames: PathBuf,
+    /// Where the force maps go.
+    #[arg(long, value_name = "MAPS.npy")]
+    out: PathBuf,
+    /// Weights of the force network instead of the built-in ones (safetensors).
+    #[arg(long, value_name = "W.safetensors")]
+    weights: Option<PathBuf>,
+    /// Force network: `tracked` follows particles at full resolution (the default), `unet` looks at small images.
+    #[arg(long, value_name = "NETWORK")]
+    network: Option<Architecture>,
+    /// Compute every frame as a whole, or only what can differ from the frame before; the maps are the same.
+    #[arg(long, value_enum, default_value_t = Engine::Skip)]
+    engine: Engine,
+    /// Vector instructions: portable, avx2 or avx512. By default the widest there are.
+    #[arg(long, value_name = "SET")]
+    instructions: Option<InstructionSet>,
+    /// Print the summary as one JSON object.
+    #[arg(long)]
+    json: bool,
+}
+
+/// What of a frame is computed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Engine {
+    Dense,
+    Skip,
+}
+
+/// Runs the network over the pictures.
+///
+/// # Errors
+/// [`Failure`] that names the file: weights or pictures that cannot be used, maps that cannot be written.
+pub fn run(args: &InferArgs) -> Result<(), Failure> {
+    let mut network = match &args.weights {
+        Some(path) => Network::from_file(path, args.network),
+        None => Network::embedded(args.network.unwrap_or_default()),
+    }
+    .map_err(Failure::failed)?
+    .with_evaluation(match args.engine {
+        Engine::Dense => Evaluation::Dense,
+        Engine::Skip => Evaluation::Skip,
+    });
+    if let Some(set) = args.instructions {
+        network = network.with_instructions(set).map_err(Failure::failed)?;
+    }
+    let small = network.architecture() == Architecture::Unet;
+    let rest = picture::crop(&args.rest, small)?;
+    network.set_rest(&rest);
+    let mut now88 = [0; IMAGE_SIDE * IMAGE_SIDE];
+    downsample_440_to_88(&rest, &mut now88);
+    // One picture says nothing about noise: the gate stays out of it.
+    let mut scene = Scene::new(GateKind::Off, &now88, std::slice::from_ref(&now88));
+    let mut unhealthy: Vec<(usize, Health)> = Vec::new();
+
+    let mut frames = picture::Pictures::open(&args.frames, small)?;
+    let mut names: Vec<String> = Vec::new();
+    let mut maps: Vec<ForceMap> = Vec::new();
+    let mut times_us = Vec::new();
+    while let Some((name, crop)) = frames.next()? {
+        names.push(name);
+        let mut map = [[0.0; 3]; 400];
+        let start = Instant::now();
+        downsample_440_to_88(&crop, &mut now88);
+        let (_, mut health) = scene.look(&now88);
+        if health.is_good() {
+            network.infer(&crop, &mut map);
+            health = network.health();
+        }
+        if !health.is_good() {
+            map = [[0.0; 3]; 400];
+            unhealthy.push((maps.len(), health));
+        }
+        times_us.push(start.elapsed().as_secs_f64() * 1e6);
+        maps.push(map);
+    }
+    if maps.is_empty() {
+        return Err(Failure::failed(format!(
+            "{}: found no whole picture, expected some: {}",
+            args.frames.display(),
+            frames.cut().unwrap_or("the clip is empty")
+        )));
+    }
+    let part = args.out.with_extension("part");
+    fs::write(&part, maps_npy(maps.iter())?)
+        .and_then(|()| fs::rename(&part, &args.out))
+        .map_err(|error| Failure::failed(format!("{}: {error}", args.out.display())))?;
+
+    times_us.sort_by(f64::total_cmp);
+    let median_us = times_us[times_us.len() / 2];
+    let name = network.architecture().name();
+    let lost = network.particles();
+    let line = if args.json {
+        let (particles, lost) = lost.unzip();
+        json!({
+            "network": name,
+            "frames": maps.len(),
+            "frame_us_median": median_us,
+            "particles": particles,
+            "particles_lost_in_last_frame": lost,
+            "unhealthy": unhealthy
+                .iter()
+                .map(|(frame, health)| json!({"frame": frame, "file": names[*frame], "health": health.to_string()}))
+                .collect::<Vec<_>>(),
+            "out": args.out,
+        })
+        .to_string()
+    } else {
+        let count = maps.len();
+        let lost = lost.map_or(String::new(), |(particles, lost)| {
+            format!("; {particles} particles, {lost} of them lost in the last frame")
+        });
+        let out = args.out.display();
+        format!("{count} maps by {name}, {median_us:.0} µs a frame (median){lost}\nwrote {out}")
+    };
+    writeln!(std::io::stdout(), "{line}").map_err(Failure::failed)?;
+    match loss(args, &frames, &names, &unhealthy) {
+        None => Ok(()),
+        Some(loss) => Err(Failure::loss(loss)),
+    }
+}
+
+/// What the maps lack, in words.
+fn loss(
+    args: &InferArgs,
+    frames: &picture::Pictures,
+    names: &[String],
+    unhealthy: &[(usize, Health)],
+) -> Option<String> {
+    let count = names.len();
+    if let Some(why) = frames.cut() {
+        return Some(format!(
+            "{}: a clip cut short ({why}), {count} maps written; expected a whole one",
+            args.frames.display()
+        ));
+    }
+    if unhealthy.is_empty() {
+        return None;
+    }
+    let named: Vec<String> = unhealthy
+        .iter()
+        .take(NAMED)
+        .map(|(frame, health)| format!("{} ({health})", names[*frame]))
+        .collect();
+    let more = match unhealthy.len() - named.len() {
+        0 => String::new(),
+        more => format!(" and {more} more"),
+    };
+    Some(format!(
+        "done with loss: {} of {count} pictures cannot be believed and have maps of zeros: {}{more}; expected pictures of the \
+         sensor that --rest shows, lit and focused as there",
+        unhealthy.len(),
+        named.join(", "),
+    ))
+}

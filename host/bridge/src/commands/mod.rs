@@ -1,0 +1,14 @@
+//! The commands, one module each, and the command line that chooses between them.
+
+pub mod calibrate;
+pub mod cli;
+pub mod detect;
+pub mod doctor;
+pub mod evaluate;
+pub mod faults;
+mod files;
+pub mod infer;
+pub mod plot;
+pub mod replay;
+pub mod shell;
+pub mod simulate;

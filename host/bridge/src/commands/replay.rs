@@ -1,0 +1,284 @@
+//! `gripline replay`: the pictures of a recording through the same loop again, and every decision compared with the recorded
+//! one: gate, health, map, the microcontroller's sums, slip state, line and faults. Bit by bit.
+//!
+//! The microcontroller is the firmware's library in this process. Where a real one answered, its own clock is not in the
+//! recording: then its state and line, which hang on milliseconds, are compared too but only counted.
+
+use std::io::Write as _;
+use std::path::PathBuf;
+
+use clap::Args;
+use gripline_firmware::sums::TaxelRule;
+use gripline_network::scene::{GateKind, Verdict};
+use gripline_network::{Architecture, InstructionSet, Network};
+use gripline_protocol::message::{Configuration, Status};
+use gripline_protocol::{Health, SENSORS};
+use serde::Serialize;
+
+use crate::config::settings_from_text;
+use crate::error::Failure;
+use gripline_link::session::Session;
+use gripline_link::{EmbeddedLink, Link};
+use gripline_pipeline::control_loop::gate_name;
+use gripline_pipeline::control_loop::{At, Cycle, Late, Lateness, Turn};
+use gripline_pipeline::pipeline::{Pipeline, fingerprint};
+use gripline_recording::{About, Ending, Image, Reader, RecordedFrame, Stored};
+
+/// Frames that differ are named one by one up to so many.
+const NAMED: usize = 5;
+
+/// Arguments of `gripline replay`.
+#[derive(Debug, Clone, Args)]
+pub struct ReplayArgs {
+    /// The recording.
+    #[arg(value_name = "REC.mcap")]
+    recording: PathBuf,
+    /// Weights that the run had, where it did not use the built-in ones.
+    #[arg(long, value_name = "FILE")]
+    weights: Option<PathBuf>,
+    /// Print the summary as one JSON object.
+    #[arg(long)]
+    json: bool,
+}
+
+/// What a replay came to.
+#[derive(Debug, Default, Serialize)]
+struct Replayed {
+    frames: u64,
+    /// Frames without a picture, whose maps were taken from the recording.
+    without_picture: u64,
+    /// Frames after such a gap that hang on a picture which is missing.
+    not_comparable: u64,
+    /// Frames that were decided otherwise than in the run.
+    different: u64,
+    /// Frames in which a real microcontroller's state or line differed from the library's.
+    state_or_line_different: u64,
+    /// Numbers of frames missing in the recording.
+    missing: u64,
+    /// Why the recording ends early.
+    cut_short: Option<String>,
+    #[serde(skip)]
+    named: Vec<String>,
+}
+
+/// Replays.
+///
+/// # Errors
+/// [`Failure`] when the recording cannot be used or was decided otherwise, and of kind Loss when something is missing in it.
+pub fn run(args: &ReplayArgs) -> Result<(), Failure> {
+    let mut reader = Reader::open(&args.recording)?;
+    let shown = args.recording.display();
+    let replayed = replay(&mut reader, args)?;
+    let line = if args.json {
+        serde_json::to_string(&replayed).map_err(Failure::failed)?
+    } else {
+        text(&replayed)
+    };
+    writeln!(std::io::stdout(), "{line}").map_err(Failure::failed)?;
+    if replayed.different > 0 {
+        return Err(Failure::failed(format!(
+            "{shown}: {} of {} frames decided otherwise, expected none: {}",
+            replayed.different,
+            replayed.frames,
+            replayed.named.join("; ")
+        )));
+    }
+    if let Some(why) = &replayed.cut_short {
+        return Err(Failure::loss(format!(
+            "{shown}: a recording cut short after {} frames ({why}); what is there was replayed",
+            replayed.frames
+        )));
+    }
+    if replayed.missing > 0 {
+        return Err(Failure::loss(format!(
+            "{shown}: {} frames are missing in the recording: the disk was too slow",
+            replayed.missing
+        )));
+    }
+    Ok(())
+}
+
+fn text(replayed: &Replayed) -> String {
+    let compared = replayed.frames - replayed.not_comparable;
+    let mut parts = vec![format!(
+        "{compared} of {} frames compared, {} decided otherwise",
+        replayed.frames, replayed.different
+    )];
+    let mut counted = |count: u64, what: &str| {
+        if count > 0 {
+            parts.push(format!("{count} {what}"));
+        }
+    };
+    counted(replayed.without_picture, "without a picture, from their maps on");
+    counted(
+        replayed.state_or_line_different,
+        "with another state or line of the real microcontroller",
+    );
+    parts.join("; ")
+}
+
+fn replay(reader: &mut Reader, args: &ReplayArgs) -> Result<Replayed, Failure> {
+    let shown = args.recording.display();
+    let (mut pipelines, settings) = pipelines_of(reader, args)?;
+    let link = Box::new(EmbeddedLink::new());
+    // The same name in the recording means the same code on the same virtual clock.
+    let exact = reader.about.mcu == link.name();
+    let mut session = Session::connect(link).map_err(Failure::failed)?;
+    session.configure(settings).map_err(Failure::failed)?;
+    let mut cycle = Cycle::new(session);
+    let mut replayed = Replayed::default();
+    // Whether each gate's reference is the one that the run had: not after a picture that the recording lacks.
+    let mut all_known = [true; SENSORS];
+    // Fingertips whose maps' numbers are unknown since frames are missing.
+    let mut lost = [false; SENSORS];
+    let mut next = 0;
+    while let Some(RecordedFrame { status, map, picture }) = reader.next_frame()? {
+        let verdict = verdict_of(&status.gate).ok_or_else(|| {
+            Failure::failed(format!(
+                "{shown}: frame {}: found gate {}",
+                status.frame, status.gate
+            ))
+        })?;
+        let recorded = (verdict, Health::from_bits(status.health_bits));
+        if status.frame != next {
+            replayed.missing += status.frame.saturating_sub(next);
+            (lost, all_known) = ([true; SENSORS], [false; SENSORS]);
+        }
+        let sensor = usize::from(status.sensor);
+        let known = &mut all_known[sensor];
+        let pipeline = pipelines.get_mut(sensor).ok_or_else(|| {
+            Failure::failed(format!(
+                "{shown}: frame {}: found a frame of the second fingertip, expected its pictures at rest before it",
+                status.frame
+            ))
+        })?;
+        if std::mem::take(&mut lost[sensor]) {
+            cycle.resume_at(status.sensor, status.sequence);
+        }
+        next = status.frame + 1;
+        replayed.frames += 1;
+        let late = status.late.as_deref().and_then(Late::named);
+        // Nobody looked at it in the run either.
+        let unseen = late == Some(Late::Picture);
+        replayed.without_picture += u64::from(picture.is_none() && !unseen);
+        *known &= picture.is_some() || unseen;
+        let mut wrong = Vec::new();
+        // A camera's pictures come when they come.
+        let begun_us = status.begun_us.unwrap_or(status.capture_us);
+        cycle.idle_until_begun(begun_us)?;
+        let at = At {
+            sensor: status.sensor,
+            wish: status.wish,
+            age_us: begun_us.wrapping_sub(status.capture_us),
+            until_us: status.until_us,
+        };
+        let turn = match picture.map(Image::into_crop) {
+            _ if unseen => cycle.skip(at)?,
+            Some(crop) if *known => cycle.turn(pipeline, &crop, Lateness::Recorded(late), at)?,
+            picture => {
+                if let Some(crop) = picture {
+                    let found = pipeline.process(&crop).map_err(Failure::failed)?.verdict;
+                    // Both looked afresh, or both saw nothing: from here on the references are the same.
+                    *known = found == verdict && [Verdict::Network, Verdict::NoContact].contains(&found);
+                }
+                if late.is_some() {
+                    cycle.skip(at)?
+                } else {
+                    cycle.turn_with(&map, recorded, at)?
+                }
+            }
+        };
+        if !*known {
+            replayed.not_comparable += 1;
+        } else if (turn.verdict, turn.health) != recorded {
+            wrong.push("gate");
+        } else if *pipeline.map() != *map {
+            wrong.push("map");
+        }
+        if !same_sums(&turn, &status) {
+            wrong.push("sums");
+        }
+        match same_state_and_line(&turn.status, &status.wire) {
+            true => {}
+            false if exact && replayed.missing == 0 => wrong.push("state or line"),
+            false => replayed.state_or_line_different += 1,
+        }
+        if !wrong.is_empty() {
+            replayed.different += 1;
+            if replayed.named.len() < NAMED {
+                replayed
+                    .named
+                    .push(format!("frame {}: {}", status.frame, wrong.join(", ")));
+            }
+        }
+    }
+    if let Ending::Cut(why) = reader.ending() {
+        replayed.cut_short = Some(why);
+    }
+    Ok(replayed)
+}
+
+/// The run's pipelines, one a fingertip, and its settings again.
+fn pipelines_of(reader: &Reader, args: &ReplayArgs) -> Result<(Vec<Pipeline>, Configuration), Failure> {
+    let About {
+        network,
+        instructions,
+        gate,
+        settings,
+        ..
+    } = &reader.about;
+    let wrong = |what: String| Failure::failed(format!("{}: {what}", args.recording.display()));
+    let architecture: Architecture = network.parse().map_err(&wrong)?;
+    let gate: GateKind = gate.parse().map_err(&wrong)?;
+    let settings = settings_from_text(settings).map_err(&wrong)?;
+    let first = reader.rest[0].first().ok_or_else(|| {
+        wrong("found no picture at rest, expected some at the beginning of the recording".to_owned())
+    })?;
+    let mut network = match &args.weights {
+        Some(path) => Network::from_file(path, Some(architecture)),
+        None => Network::embedded(architecture),
+    }
+    .map_err(Failure::failed)?;
+    // The others all compute the same bits.
+    if instructions == &InstructionSet::Portable.to_string() {
+        network = network
+            .with_instructions(InstructionSet::Portable)
+            .map_err(Failure::failed)?;
+    }
+    let found = fingerprint(&network, first);
+    if found != reader.about.fingerprint {
+        return Err(wrong(format!(
+            "recorded with other weights ({}; {}; fingerprint {}), found {} with fingerprint {found}; name them with --weights",
+            reader.about.weights_file,
+            reader.about.weights,
+            reader.about.fingerprint,
+            network.manifest()
+        )));
+    }
+    let rests = reader.rest.iter().filter(|rest| !rest.is_empty());
+    let pipelines = rests.map(|rest| Pipeline::new(network.clone(), rest, gate, TaxelRule::of(&settings)));
+    Ok((pipelines.collect(), settings))
+}
+
+fn verdict_of(name: &str) -> Option<Verdict> {
+    use Verdict::{Network, NoContact, Unchanged, Unhealthy};
+    [NoContact, Unchanged, Network, Unhealthy]
+        .into_iter()
+        .find(|verdict| gate_name(*verdict) == name)
+}
+
+/// Whether the microcontroller said the same of this map; a map that it had not answered yet says nothing.
+fn same_sums(turn: &Turn, recorded: &Stored) -> bool {
+    let (now, then) = (&turn.status, &recorded.wire);
+    then.sequence != recorded.sequence
+        || then.sensor != recorded.sensor
+        || recorded.late.is_some()
+        || (turn.answered && (now.sums, now.coulomb_slip) == (then.sums, then.coulomb_slip))
+}
+
+/// What hangs on the microcontroller's clock.
+fn same_state_and_line(now: &Status, then: &Status) -> bool {
+    (now.state, now.time_to_slip_ms, now.mode, now.line)
+        == (then.state, then.time_to_slip_ms, then.mode, then.line)
+        && (now.faults, now.latched) == (then.faults, then.latched)
+}

@@ -1,0 +1,52 @@
+//! Manual pages and shell completions, made from the command line's own description.
+
+use std::io::Write as _;
+use std::path::PathBuf;
+
+use clap::{Args, CommandFactory};
+use clap_complete::Shell;
+
+use crate::commands::cli::Cli;
+use crate::error::Failure;
+
+/// Arguments of `gripline completions`.
+#[derive(Debug, Clone, Args)]
+pub struct CompletionsArgs {
+    /// Which shell; `gripline completions bash > ~/.local/share/bash-completion/completions/gripline`.
+    shell: Shell,
+}
+
+/// Arguments of `gripline man`.
+#[derive(Debug, Clone, Args)]
+pub struct ManArgs {
+    /// Folder for gripline.1 and a page for every command; made when it is not there.
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+}
+
+/// Prints the completions.
+///
+/// # Errors
+/// [`Failure`] when standard output cannot be written.
+pub fn completions(args: &CompletionsArgs) -> Result<(), Failure> {
+    let mut script = Vec::new();
+    clap_complete::generate(args.shell, &mut Cli::command(), "gripline", &mut script);
+    std::io::stdout()
+        .write_all(&script)
+        .map_err(|error| Failure::failed(format!("standard output: {error}")))
+}
+
+/// Writes the pages.
+///
+/// # Errors
+/// [`Failure`] that names the folder.
+pub fn man(args: &ManArgs) -> Result<(), Failure> {
+    std::fs::create_dir_all(&args.out)
+        .and_then(|()| clap_mangen::generate_to(Cli::command(), &args.out))
+        .map_err(|error| {
+            let folder = args.out.display();
+            Failure::failed(format!(
+                "{folder}: {error}, expected a folder that can be written"
+            ))
+        })
+}

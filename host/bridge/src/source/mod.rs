@@ -1,0 +1,450 @@
+//! Where pictures come from: the simulated fingertip in a simulated gripper, which also knows the truth; a camera; or
+//! pictures that were taken before. Frames are 440×440 grey crops.
+
+mod recorded;
+
+use std::cell::RefCell;
+use std::fmt;
+use std::path::{Path, PathBuf};
+use std::rc::Rc;
+use std::str::FromStr;
+use std::time::{Duration, Instant};
+
+use gripline_protocol::SENSORS;
+use gripline_protocol::message::GripMode;
+use gripline_simulation::{GripScene, SimulationError};
+
+use self::recorded::RecordedFrames;
+use crate::error::Failure;
+use gripline_capture::camera::Camera;
+use gripline_capture::{CameraSettings, ClipFrames, Counts, FolderFrames, PixelFormat, RATE, Wanted};
+use gripline_recording::telemetry::Truth;
+
+/// Which source: the value of `camera.source`.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub enum Source {
+    /// The scripted scene of the simulated world.
+    #[default]
+    Simulated,
+    /// A camera: a Video4Linux device.
+    Camera(PathBuf),
+    /// The pictures of a folder.
+    Folder(PathBuf),
+    /// The pictures of a clip (AVI with MJPEG).
+    Clip(PathBuf),
+    /// The pictures of a recording.
+    Recording(PathBuf),
+}
+
+impl FromStr for Source {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        let path = |path: &str| Some(PathBuf::from(path)).filter(|path| !path.as_os_str().is_empty());
+        let read = match text.split_once(':') {
+            None if text == "sim" => Some(Self::Simulated),
+            _ if text.starts_with("/dev/") => path(text).map(Self::Camera),
+            Some(("v4l2", device)) => path(device).map(Self::Camera),
+            Some(("dir", folder)) => path(folder).map(Self::Folder),
+            Some(("file", clip)) => path(clip).map(Self::Clip),
+            Some(("mcap", recording)) => path(recording).map(Self::Recording),
+            _ => None,
+        };
+        read.ok_or_else(|| {
+            format!(
+                "found {text}, expected sim, /dev/videoN (or v4l2:DEVICE), dir:FOLDER, file:CLIP.avi or mcap:RECORDING"
+            )
+        })
+    }
+}
+
+impl fmt::Display for Source {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Simulated => f.write_str("sim"),
+            Self::Camera(device) => write!(f, "v4l2:{}", device.display()),
+            Self::Folder(folder) => write!(f, "dir:{}", folder.display()),
+            Self::Clip(clip) => write!(f, "file:{}", clip.display()),
+            Self::Recording(recording) => write!(f, "mcap:{}", recording.display()),
+        }
+    }
+}
+
+/// What is asked of a source, beside which it is.
+#[derive(Debug, Clone, Default)]
+pub struct SourceSettings {
+    /// The camera's pixels; `None`: what needs the least decoding at the wanted rate.
+    pub format: Option<PixelFormat>,
+    /// Frames a second; `None`: 60, or those of the recording.
+    pub frames_per_second: Option<f64>,
+    /// Exposure time of the camera.
+    pub exposure_ms: Option<f64>,
+    /// Gain of the camera, in its own units.
+    pub gain: Option<i64>,
+    /// Seed of the simulated world.
+    pub seed: u64,
+    /// Which fingertip, from 0, where the source has both: the simulated world, a recording.
+    pub fingertip: usize,
+}
+
+/// A picture and what is known about it.
+#[derive(Debug)]
+pub struct Picture {
+    /// 440×440 grey levels, row-major.
+    pub crop: Vec<u8>,
+    /// When its bytes came.
+    pub came: Instant,
+    /// What it took to make the crop of them, µs.
+    pub decode_us: f64,
+    /// What the simulated world knows.
+    pub truth: Option<Truth>,
+    /// What is wanted of the gripper.
+    pub wish: GripMode,
+}
+
+/// What a source has to give.
+#[derive(Debug)]
+pub(crate) enum Taken {
+    /// A picture.
+    Picture(Picture),
+    /// None yet; others may work now.
+    NotYet,
+    /// There are no more.
+    End,
+}
+
+/// A source of pictures at work.
+pub(crate) enum Frames {
+    Simulated(SimulatedSource),
+    Camera(Camera),
+    Folder(FolderFrames),
+    Clip(Box<ClipFrames>),
+    Recording(Box<RecordedFrames>),
+}
+
+/// A source that was opened.
+pub(crate) struct Opened {
+    pub pictures: Frames,
+    /// Frames a second.
+    pub frames_per_second: f64,
+    /// What it is, for people.
+    pub told: String,
+}
+
+/// The untouched fingertip, in the order in which it was looked at.
+#[derive(Debug)]
+pub(crate) struct AtRest {
+    /// 440×440 grey levels each.
+    pub crops: Vec<Vec<u8>>,
+    /// When each of them came, s.
+    pub at_s: Vec<f64>,
+}
+
+impl Source {
+    /// Opens the source.
+    ///
+    /// # Errors
+    /// [`Failure`] that says what was found and what to do.
+    pub(crate) fn open(&self, wanted: &SourceSettings) -> Result<Opened, Failure> {
+        let rate = wanted.frames_per_second.unwrap_or(RATE);
+        let (pictures, frames_per_second, told) = match self {
+            Self::Simulated => (
+                Frames::Simulated(SimulatedSource::of(wanted.fingertip, wanted.seed, rate)),
+                rate,
+                "the simulated fingertip".to_owned(),
+            ),
+            Self::Camera(device) => {
+                let camera = open_camera(device, wanted, rate)?;
+                let (rate, told) = (camera.rate(), camera.told().to_owned());
+                (Frames::Camera(camera), rate, told)
+            }
+            Self::Folder(folder) => (
+                Frames::Folder(FolderFrames::open(folder, wanted.fingertip)?),
+                rate,
+                format!("pictures of {}", folder.display()),
+            ),
+            Self::Clip(file) => {
+                let frames = ClipFrames::open(file)?;
+                let rate = wanted.frames_per_second.unwrap_or(frames.rate());
+                let told = format!("pictures of {}, {rate:.1} a second", file.display());
+                (Frames::Clip(Box::new(frames)), rate, told)
+            }
+            Self::Recording(file) => {
+                let frames = RecordedFrames::open(file, wanted.fingertip)?;
+                let rate = wanted.frames_per_second.or(frames.rate()).unwrap_or(RATE);
+                let told = format!("pictures of {}", file.display());
+                (Frames::Recording(Box::new(frames)), rate, told)
+            }
+        };
+        Ok(Opened {
+            pictures,
+            frames_per_second,
+            told,
+        })
+    }
+}
+
+/// Opens the sources of two fingertips of one gripper: two cameras, files of both, or the simulated world, which both
+/// look at in turn.
+///
+/// # Errors
+/// [`Failure`] of kind usage when they are not of one kind, else as [`Source::open`].
+pub(crate) fn open_both(
+    sources: [&Source; SENSORS],
+    wanted: &SourceSettings,
+) -> Result<[Opened; SENSORS], Failure> {
+    let kind = |source: &Source| match source {
+        Source::Simulated => "the simulated world",
+        Source::Camera(_) => "a camera",
+        Source::Folder(_) | Source::Clip(_) | Source::Recording(_) => "files",
+    };
+    let [first, second] = sources;
+    if kind(first) != kind(second) {
+        return Err(Failure::usage(format!(
+            "camera.second_source (--second-source): found {second} beside camera.source {first}, expected {} for both \
+             fingertips: they share one clock",
+            kind(first)
+        )));
+    }
+    if let Source::Simulated = first {
+        let rate = wanted.frames_per_second.unwrap_or(RATE);
+        return Ok(SimulatedSource::pair(wanted.seed, rate).map(|source| Opened {
+            pictures: Frames::Simulated(source),
+            frames_per_second: rate,
+            told: "the simulated fingertips".to_owned(),
+        }));
+    }
+    let open = |source: &Source, fingertip| {
+        source.open(&SourceSettings {
+            fingertip,
+            ..wanted.clone()
+        })
+    };
+    Ok([open(first, 0)?, open(second, 1)?])
+}
+
+impl Opened {
+    /// Looks at the untouched fingertip, `count` times where that can be: files have what they have.
+    ///
+    /// # Errors
+    /// [`Failure`] when the camera sends nothing good, or no file shows the fingertip at rest.
+    pub(crate) fn rest(&mut self, count: usize) -> Result<AtRest, Failure> {
+        let crops = match &mut self.pictures {
+            Frames::Simulated(source) => source.rest(count),
+            Frames::Camera(camera) => {
+                let shots = camera.several(count)?;
+                let first = shots.first().map(|shot| shot.came);
+                let since = |came: Instant| first.map_or(0.0, |first| (came - first).as_secs_f64());
+                return Ok(AtRest {
+                    at_s: shots.iter().map(|shot| since(shot.came)).collect(),
+                    crops: shots.into_iter().map(|shot| shot.crop).collect(),
+                });
+            }
+            Frames::Folder(frames) => vec![frames.rest()?],
+            Frames::Clip(frames) => vec![frames.rest()?],
+            Frames::Recording(frames) => frames.rest().to_vec(),
+        };
+        let at_s = (0..crops.len()).map(|number| number as f64 / self.frames_per_second);
+        Ok(AtRest {
+            at_s: at_s.collect(),
+            crops,
+        })
+    }
+}
+
+#[cfg(target_os = "linux")]
+fn open_camera(device: &Path, wanted: &SourceSettings, rate: f64) -> Result<Camera, Failure> {
+    let settings = CameraSettings {
+        mode: Wanted {
+            format: wanted.format,
+            rate,
+        },
+        exposure_ms: wanted.exposure_ms,
+        gain: wanted.gain,
+    };
+    Camera::start(gripline_capture::device::DevicePort(device.to_owned()), settings).map_err(Failure::failed)
+}
+
+#[cfg(not(target_os = "linux"))]
+fn open_camera(device: &Path, _: &SourceSettings, _: f64) -> Result<Camera, Failure> {
+    Err(Failure::failed(format!(
+        "camera {}: found another system than Linux, expected Video4Linux: use sim, dir:, file: or mcap:",
+        device.display()
+    )))
+}
+
+impl Frames {
+    /// Whether it keeps its own time: it is to be asked again and again, and what it gives is now.
+    pub(crate) const fn is_live(&self) -> bool {
+        matches!(self, Self::Camera(_))
+    }
+
+    /// Whether it is a world of its own that answers to the gripper and never ends.
+    pub(crate) const fn is_simulated(&self) -> bool {
+        matches!(self, Self::Simulated(_))
+    }
+
+    /// The next picture, with the gripper at this grip-force line. A camera is waited for, for at most so long.
+    ///
+    /// # Errors
+    /// [`Failure`] when there can be no more.
+    pub(crate) fn next(&mut self, line_n: f64, patience: Duration) -> Result<Taken, Failure> {
+        let taken = |crop, came, decode_us, wish| {
+            Taken::Picture(Picture {
+                crop,
+                came,
+                decode_us,
+                truth: None,
+                wish,
+            })
+        };
+        Ok(match self {
+            Self::Simulated(source) => Taken::Picture(source.next(line_n).map_err(Failure::failed)?),
+            Self::Camera(camera) => camera.next(patience).map_or(Taken::NotYet, |shot| {
+                taken(shot.crop, shot.came, shot.decode_us, GripMode::Hold)
+            }),
+            Self::Folder(frames) => {
+                let came = Instant::now();
+                frames.next().map_or(Taken::End, |(crop, decode_us)| {
+                    taken(crop, came, decode_us, GripMode::Hold)
+                })
+            }
+            Self::Clip(frames) => {
+                let came = Instant::now();
+                frames.next().map_or(Taken::End, |(crop, decode_us)| {
+                    taken(crop, came, decode_us, GripMode::Hold)
+                })
+            }
+            Self::Recording(frames) => match frames.next()? {
+                Some((crop, wish)) => taken(crop, Instant::now(), 0.0, wish),
+                None => Taken::End,
+            },
+        })
+    }
+
+    /// What became of the pictures so far; `None` where none can be lost.
+    pub(crate) fn counts(&self) -> Option<Counts> {
+        match self {
+            Self::Simulated(_) => None,
+            Self::Camera(camera) => Some(camera.counts()),
+            Self::Folder(frames) => Some(frames.counts()),
+            Self::Clip(frames) => Some(frames.counts()),
+            Self::Recording(frames) => Some(frames.counts()),
+        }
+    }
+
+    /// What happened since it was last asked, for people.
+    pub(crate) fn take_news(&mut self) -> Vec<String> {
+        match self {
+            Self::Simulated(_) => Vec::new(),
+            Self::Camera(camera) => camera.take_news(),
+            Self::Folder(frames) => frames.take_news(),
+            Self::Clip(frames) => frames.take_news(),
+            Self::Recording(frames) => frames.take_news(),
+        }
+    }
+}
+
+/// A simulated fingertip of a simulated gripper.
+#[derive(Debug)]
+pub struct SimulatedSource {
+    /// The world, which two fingertips share.
+    scene: Rc<RefCell<GripScene>>,
+    finger: usize,
+    /// From the last picture of either fingertip to the next one.
+    step_s: f64,
+}
+
+impl SimulatedSource {
+    /// A scene whose gel, particles and noise follow from `seed`, at so many frames a second.
+    #[must_use]
+    pub fn new(seed: u64, frames_per_second: f64) -> Self {
+        Self::of(0, seed, frames_per_second)
+    }
+
+    /// The same seen by fingertip `finger`, 0 or 1, alone.
+    #[must_use]
+    pub fn of(finger: usize, seed: u64, frames_per_second: f64) -> Self {
+        Self {
+            scene: Rc::new(RefCell::new(GripScene::new(seed))),
+            finger,
+            step_s: 1.0 / frames_per_second,
+        }
+    }
+
+    /// Both fingertips of one gripper, each at so many frames a second. They look in turn, half a frame apart, the first
+    /// one first.
+    #[must_use]
+    pub fn pair(seed: u64, frames_per_second: f64) -> [Self; SENSORS] {
+        let scene = Rc::new(RefCell::new(GripScene::new(seed)));
+        [0, 1].map(|finger| Self {
+            scene: Rc::clone(&scene),
+            finger,
+            step_s: 0.5 / frames_per_second,
+        })
+    }
+
+    /// Frames at rest, each with noise of its own.
+    pub fn rest(&mut self, count: usize) -> Vec<Vec<u8>> {
+        let mut scene = self.scene.borrow_mut();
+        (0..count)
+            .map(|_| scene.rest_image_of(self.finger).pixels)
+            .collect()
+    }
+
+    /// The next picture, with the gripper at this grip-force line.
+    ///
+    /// # Errors
+    /// [`SimulationError`] when the line is not a force.
+    pub fn next(&mut self, line_n: f64) -> Result<Picture, SimulationError> {
+        let mut scene = self.scene.borrow_mut();
+        let frame = scene.step_seen_by(self.finger, self.step_s, line_n)?;
+        let [pull_x, pull_y] = frame.load.shear_n;
+        Ok(Picture {
+            crop: frame.image.pixels,
+            came: Instant::now(),
+            decode_us: 0.0,
+            truth: Some(Truth {
+                phase: frame.phase.into(),
+                normal_n: if frame.touching { frame.load.normal_n } else { 0.0 },
+                shear_n: pull_x.hypot(pull_y),
+                stick_ratio: frame.true_stick_ratio,
+                gross_slip: frame.gross_slip,
+                slip_mm: frame.slip_mm,
+            }),
+            wish: if frame.phase == "release" {
+                GripMode::Released
+            } else {
+                GripMode::Hold
+            },
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_source_is_read_as_it_is_written() {
+        for text in [
+            "sim",
+            "v4l2:/dev/video0",
+            "dir:frames",
+            "dir:a:b",
+            "file:clip.avi",
+            "mcap:run.mcap",
+        ] {
+            assert_eq!(text.parse::<Source>().unwrap().to_string(), text);
+        }
+        assert_eq!("/dev/video2".parse(), Ok(Source::Camera("/dev/video2".into())));
+        for text in ["", "dir:", "v4l2:", "mcap", "video0", "clip.gif"] {
+            assert!(
+                text.parse::<Source>()
+                    .unwrap_err()
+                    .contains("expected sim, /dev/videoN"),
+                "{text}"
+            );
+        }
+    }
+}

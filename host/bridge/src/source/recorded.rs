@@ -1,0 +1,94 @@
+//! The pictures of a recording as a source. Touches the world.
+
+use std::path::{Path, PathBuf};
+
+use gripline_capture::Counts;
+use gripline_protocol::message::GripMode;
+use gripline_recording::{Ending, Image, Reader};
+
+use crate::error::Failure;
+
+/// The pictures of a recording.
+pub(crate) struct RecordedFrames {
+    reader: Reader,
+    /// Whose pictures are played.
+    fingertip: usize,
+    path: PathBuf,
+    counts: Counts,
+    news: Vec<String>,
+}
+
+impl RecordedFrames {
+    /// Opens a recording that has pictures, for those of a fingertip; those of its only one where it has one.
+    ///
+    /// # Errors
+    /// [`Failure`] when it cannot be read, or was recorded without pictures.
+    pub(super) fn open(path: &Path, fingertip: usize) -> Result<Self, Failure> {
+        let reader = Reader::open(path)?;
+        let is_there = reader.rest.get(fingertip).is_some_and(|rest| !rest.is_empty());
+        let fingertip = if is_there { fingertip } else { 0 };
+        if reader.rest[fingertip].is_empty() {
+            return Err(Failure::failed(format!(
+                "{}: found no picture at rest, expected some at the beginning of the recording",
+                path.display()
+            )));
+        }
+        Ok(Self {
+            reader,
+            fingertip,
+            path: path.to_owned(),
+            counts: Counts::default(),
+            news: Vec::new(),
+        })
+    }
+
+    /// Frames a second of the run that was recorded.
+    pub(super) fn rate(&self) -> Option<f64> {
+        self.reader.about.frames_per_second.parse().ok()
+    }
+
+    /// The untouched fingertip.
+    pub(super) fn rest(&self) -> &[Vec<u8>] {
+        &self.reader.rest[self.fingertip]
+    }
+
+    /// The next picture, and what the gripper was told with it.
+    ///
+    /// # Errors
+    /// [`Failure`] when the file cannot be read.
+    pub(super) fn next(&mut self) -> Result<Option<(Vec<u8>, GripMode)>, Failure> {
+        while let Some(frame) = self.reader.next_frame()? {
+            if usize::from(frame.status.sensor) != self.fingertip {
+                continue;
+            }
+            self.counts.came += 1;
+            if let Some(picture) = frame.picture {
+                return Ok(Some((Image::into_crop(picture), frame.status.wish)));
+            }
+            self.counts.missed += 1;
+        }
+        if self.counts.missed == self.counts.came {
+            return Err(Failure::failed(format!(
+                "{}: found {} frames and not one picture, expected a recording with pictures (--record-pictures full)",
+                self.path.display(),
+                self.counts.came
+            )));
+        }
+        if let Ending::Cut(why) = self.reader.ending() {
+            self.news.push(format!(
+                "{}: cut short after {} frames ({why})",
+                self.path.display(),
+                self.counts.came
+            ));
+        }
+        Ok(None)
+    }
+
+    pub(super) const fn counts(&self) -> Counts {
+        self.counts
+    }
+
+    pub(super) fn take_news(&mut self) -> Vec<String> {
+        std::mem::take(&mut self.news)
+    }
+}

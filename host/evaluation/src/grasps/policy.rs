@@ -1,0 +1,160 @@
+//! Who sets the grip: the microcontroller's own library, or one of three simpler rules for comparison. All start with the
+//! same least force and, where they move, with the same rates. Units: N, s.
+
+use gripline_firmware::Friction;
+use gripline_firmware::sums::{TaxelRule, stick_ratio_below, sums_of};
+use gripline_network::Network;
+use gripline_protocol::message::{Command, Configuration};
+use gripline_protocol::{ForceMap, Health, LSB_PER_NEWTON, MapInfo, PER_UNIT};
+use serde::{Deserialize, Serialize};
+
+use super::super::detectors::{PAPER_FRICTION, PAPER_THRESHOLD};
+use gripline_link::EmbeddedLink;
+use gripline_link::session::Session;
+use gripline_pipeline::settings_for;
+use gripline_recording::error::Failure;
+
+/// Least grip of every policy that moves, N.
+pub const FLOOR_N: f64 = 1.0;
+/// The rules' rates: that of the reflex and of relaxing, N/s, and how long nothing slips before it relaxes.
+const RAISE_N_PER_S: f64 = 40.0;
+const RELAX_N_PER_S: f64 = 1.0;
+const RELAX_AFTER_S: f64 = 0.5;
+
+/// A policy's name.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Policy {
+    /// Gripline as `gripline run` sets it, but for the least force.
+    Gripline,
+    /// The same, but that nothing is learnt: by the detector's friction, with a reflex.
+    GriplineCareful,
+    /// Up while F_T > μ F_N.
+    Coulomb,
+    /// Up while the stick ratio is below the threshold.
+    StickRatio,
+    /// The same force for every grasp.
+    Fixed,
+}
+
+impl Policy {
+    /// Those that look; a fixed force follows from what came of them.
+    pub const LOOKING: [Self; 4] = [
+        Self::Gripline,
+        Self::GriplineCareful,
+        Self::Coulomb,
+        Self::StickRatio,
+    ];
+
+    /// Its name in tables.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Gripline => "Gripline",
+            Self::GriplineCareful => "Gripline, nothing learnt",
+            Self::Coulomb => "Coulomb bang-bang",
+            Self::StickRatio => "stick ratio bang-bang",
+            Self::Fixed => "fixed force",
+        }
+    }
+}
+
+/// A policy at work.
+pub(super) enum Worker {
+    /// The microcontroller's library behind its protocol, on its own clock.
+    Microcontroller { session: Box<Session>, sequence: u32 },
+    /// A rule.
+    Rule {
+        by_stick_ratio: bool,
+        line_n: f64,
+        quiet_s: f64,
+    },
+    /// A force.
+    Fixed(f64),
+}
+
+impl Worker {
+    /// Begins to hold.
+    ///
+    /// # Errors
+    /// Settings that the microcontroller refuses.
+    pub(super) fn new(policy: Policy, network: &Network, fixed_n: f64) -> Result<Self, Failure> {
+        let defaults = Configuration {
+            floor: (FLOOR_N * f64::from(LSB_PER_NEWTON)) as i32,
+            ..settings_for(network)
+        };
+        let rule = |by_stick_ratio| Self::Rule {
+            by_stick_ratio,
+            line_n: FLOOR_N,
+            quiet_s: 0.0,
+        };
+        let settings = match policy {
+            Policy::Fixed => return Ok(Self::Fixed(fixed_n)),
+            Policy::Coulomb => return Ok(rule(false)),
+            Policy::StickRatio => return Ok(rule(true)),
+            Policy::Gripline => defaults,
+            Policy::GriplineCareful => Configuration {
+                friction: defaults.friction,
+                contact_min: defaults.contact_min,
+                floor: defaults.floor,
+                ..Configuration::CAREFUL
+            },
+        };
+        let mut session = Session::open(Box::new(EmbeddedLink::new()), settings).map_err(Failure::failed)?;
+        session.command(Command::Hold).map_err(Failure::failed)?;
+        Ok(Self::Microcontroller {
+            session: Box::new(session),
+            sequence: 0,
+        })
+    }
+
+    /// The line after a frame's map and time.
+    ///
+    /// # Errors
+    /// A link that is gone.
+    pub(super) fn line_n(&mut self, map: &ForceMap, health: Health, frame_s: f64) -> Result<f64, Failure> {
+        match self {
+            Self::Fixed(force_n) => Ok(*force_n),
+            Self::Rule {
+                by_stick_ratio,
+                line_n,
+                quiet_s,
+            } => {
+                let friction = Friction::clamped((PAPER_FRICTION * f64::from(PER_UNIT)) as u16);
+                let sums = sums_of(
+                    map,
+                    TaxelRule {
+                        friction,
+                        contact_min: 0,
+                    },
+                );
+                let [x, y, normal] = sums.force;
+                let slips = if *by_stick_ratio {
+                    stick_ratio_below(&sums, (PAPER_THRESHOLD * f64::from(PER_UNIT)) as u16)
+                } else {
+                    friction.exceeded_by([x, y], normal)
+                };
+                *quiet_s = if slips { 0.0 } else { *quiet_s + frame_s };
+                if slips {
+                    *line_n += RAISE_N_PER_S * frame_s;
+                } else if *quiet_s > RELAX_AFTER_S {
+                    *line_n = (*line_n - RELAX_N_PER_S * frame_s).max(FLOOR_N);
+                }
+                Ok(*line_n)
+            }
+            Self::Microcontroller { session, sequence } => {
+                let info = MapInfo {
+                    sensor: 0,
+                    sequence: *sequence,
+                    capture_us: session.capture_us(),
+                    health,
+                };
+                session.send_map(&info, map).map_err(Failure::failed)?;
+                *sequence += 1;
+                let until_us = session.now_us() + (frame_s * 1e6).round() as u64;
+                session.run_until(until_us).map_err(Failure::failed)?;
+                Ok(session.line_n())
+            }
+        }
+    }
+}

@@ -1,0 +1,23 @@
+//! `gripline evaluate`: how well slip is noticed and objects are held, in figures that anyone can make again.
+//!
+//! The paper's experiment ([`paper`]): [`plan`] says which runs, [`trial`] is one of them in the contact world, [`chain`]
+//! takes it from picture to map, [`detectors`] judge the maps, [`judged`] and [`metrics`] count, [`report`] tells.
+//! [`grasps`] closes the loop; [`real`] does it with recorded trials. [`document`] keeps the sections of docs/evidence.md,
+//! [`requirement`] says what must hold.
+#![deny(unsafe_code)]
+
+pub mod calibration;
+pub mod chain;
+pub mod detect;
+pub mod detectors;
+pub mod document;
+pub mod grasps;
+pub mod judged;
+pub mod metrics;
+pub mod paper;
+pub mod plan;
+mod progress;
+pub mod real;
+pub mod report;
+pub mod requirement;
+pub mod trial;

@@ -1,0 +1,391 @@
+//! The host's side of the protocol over any link: handshake, settings, maps out, statuses in, every answer checked
+//! against the shadow. A microcontroller that restarts under way is met anew and gets the settings it was given; no
+//! command is repeated to it. A device that goes away and comes back is greeted at once. Times in µs since the link was opened.
+
+mod error;
+mod inbox;
+mod told;
+
+use std::time::{Instant, SystemTime, UNIX_EPOCH};
+
+use gripline_firmware::Fault;
+use gripline_firmware::sums::TaxelRule;
+use gripline_protocol::message::{Command, Configuration, Hello, Message, MessagePackets};
+use gripline_protocol::{ForceMap, MapInfo, PACKET_MAX, encode_map};
+
+pub use self::error::SessionError;
+use self::error::reason;
+use self::inbox::Inbox;
+use crate::clock_sync::ClockWatch;
+use crate::handshake::{Acquaintance, Next};
+use crate::shadow::Shadow;
+use crate::{Link, LinkError};
+
+/// How long a microcontroller may take to answer a handshake: it boots in well under that.
+const HANDSHAKE_US: u64 = 3_000_000;
+const HANDSHAKE_RETRY_US: u64 = 200_000;
+const HANDSHAKE_STEP_US: u64 = 2_000;
+
+/// A conversation with one microcontroller.
+pub struct Session {
+    link: Box<dyn Link>,
+    inbox: Inbox,
+    /// What the microcontroller said of itself when it was last met.
+    firmware: Option<Hello>,
+    acquaintance: Acquaintance,
+    settings: Configuration,
+    /// The settings are this host's, to be handed over again after a restart.
+    are_ours: bool,
+    shadow: Shadow,
+    now_us: u64,
+    /// When the newest status came.
+    status_us: u64,
+    clocks: ClockWatch,
+    clock_jumps: u64,
+    /// How often the device had gone away when it was last greeted.
+    losses: u32,
+    message_id: u8,
+    /// The packets of the map under way, one after the other, and their lengths.
+    packets: Vec<u8>,
+    lengths: Vec<usize>,
+}
+
+/// A map that was handed over to the link.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SentMap {
+    /// Bytes on the wire, packet headers included.
+    pub bytes: usize,
+    /// Time for cutting it into packets.
+    pub encode_us: f64,
+    /// Time until the link had taken the last packet. The in-process microcontroller has then decided.
+    pub link_us: f64,
+    /// The link did not take all of it: the microcontroller will not answer.
+    pub is_lost: bool,
+}
+
+impl Session {
+    /// Shakes hands and hands over the settings.
+    ///
+    /// # Errors
+    /// [`SessionError`] when nobody answers, the schema differs or the settings are refused.
+    pub fn open(link: Box<dyn Link>, settings: Configuration) -> Result<Self, SessionError> {
+        let mut session = Self::connect(link)?;
+        session.configure(settings)?;
+        Ok(session)
+    }
+
+    /// Shakes hands and asks which settings are in force.
+    ///
+    /// # Errors
+    /// [`SessionError`] when nobody answers or the schema differs.
+    pub fn connect(link: Box<dyn Link>) -> Result<Self, SessionError> {
+        let settings = Configuration::DEFAULT;
+        // Any number that the last session is unlikely to have had.
+        let number = SystemTime::now()
+            .duration_since(UNIX_EPOCH)
+            .map_or(1, |time| time.subsec_nanos() | 1);
+        let mut session = Self {
+            link,
+            inbox: Inbox::new(),
+            firmware: None,
+            acquaintance: Acquaintance::new(number),
+            settings,
+            are_ours: false,
+            shadow: Shadow::new(TaxelRule::of(&settings)),
+            now_us: 0,
+            status_us: 0,
+            clocks: ClockWatch::default(),
+            clock_jumps: 0,
+            losses: 0,
+            message_id: 0,
+            packets: Vec::new(),
+            lengths: Vec::new(),
+        };
+        session.ask(&session.hello(), "the handshake", |inbox| inbox.hello.is_some())?;
+        session.meet()?;
+        session.ask(
+            &Message::Command(Command::ReadConfiguration),
+            "the question for its settings",
+            |inbox| inbox.configuration.is_some(),
+        )?;
+        session.take_settings();
+        Ok(session)
+    }
+
+    fn hello(&self) -> Message {
+        Message::Hello(Hello::of_this_build(0, self.acquaintance.number()))
+    }
+
+    /// Takes the microcontroller's part of the handshake, once it is there.
+    fn meet(&mut self) -> Result<(), SessionError> {
+        let Some(hello) = self.inbox.hello.take() else {
+            return Ok(());
+        };
+        hello.check().map_err(|mismatch| SessionError::Schema {
+            link: self.link.name(),
+            firmware: hello,
+            mismatch,
+        })?;
+        self.firmware = Some(hello);
+        if self.acquaintance.met(hello.session, self.now_us) {
+            self.clocks.forget();
+            // What was said of settings was said before it restarted.
+            self.inbox.configuration = None;
+            self.inbox.settings_refused = false;
+        }
+        Ok(())
+    }
+
+    /// Hands over settings, which are in force from then on.
+    ///
+    /// # Errors
+    /// [`SessionError`] when nobody answers or the settings are refused.
+    pub fn configure(&mut self, settings: Configuration) -> Result<(), SessionError> {
+        self.inbox.configuration = None;
+        self.inbox.refusal = None;
+        self.ask(
+            &Message::Command(Command::Configure(settings)),
+            "the settings",
+            |inbox| inbox.configuration.is_some() || inbox.refusal.is_some(),
+        )?;
+        self.refused()?;
+        if self.inbox.configuration != Some(settings) {
+            return Err(SessionError::Refused {
+                link: self.link.name(),
+                reason: "the microcontroller has others in force than were sent".to_owned(),
+            });
+        }
+        self.take_settings();
+        self.are_ours = true;
+        Ok(())
+    }
+
+    /// Has the microcontroller keep the settings in force over a power cycle. Returns how often it has stored some.
+    ///
+    /// # Errors
+    /// [`SessionError`] when nobody answers, the gripper is not released, or the flash does not take them.
+    pub fn store(&mut self) -> Result<u32, SessionError> {
+        self.inbox.stored = None;
+        self.inbox.refusal = None;
+        // Once: every order is an erasure, during which nothing answers.
+        self.command(Command::Store)?;
+        if !self.wait_for(HANDSHAKE_US, &|inbox: &Inbox| {
+            inbox.stored.is_some() || inbox.refusal.is_some()
+        })? {
+            return Err(self.no_answer("the order to store"));
+        }
+        self.refused()?;
+        Ok(self.inbox.stored.unwrap_or_default())
+    }
+
+    fn refused(&mut self) -> Result<(), SessionError> {
+        let Some(refusal) = self.inbox.refusal.take() else {
+            return Ok(());
+        };
+        Err(SessionError::Refused {
+            link: self.link.name(),
+            reason: reason(refusal),
+        })
+    }
+
+    /// The settings in force, as the microcontroller told them.
+    fn take_settings(&mut self) {
+        if let Some(settings) = self.inbox.configuration {
+            self.settings = settings;
+            self.shadow.judge_by(TaxelRule::of(&settings));
+        }
+    }
+
+    /// Sends a message until `answered`; a microcontroller that still boots does not hear the first.
+    fn ask(
+        &mut self,
+        message: &Message,
+        question: &'static str,
+        answered: impl Fn(&Inbox) -> bool,
+    ) -> Result<(), SessionError> {
+        let end_us = self.now_us + HANDSHAKE_US;
+        while self.now_us < end_us {
+            self.say(message)?;
+            if self.wait_for(HANDSHAKE_RETRY_US, &answered)? {
+                return Ok(());
+            }
+        }
+        Err(self.no_answer(question))
+    }
+
+    /// Works for so long, or until `answered`.
+    fn wait_for(&mut self, us: u64, answered: &impl Fn(&Inbox) -> bool) -> Result<bool, SessionError> {
+        let end_us = self.now_us + us;
+        while self.now_us < end_us {
+            self.run_until(self.now_us + HANDSHAKE_STEP_US)?;
+            if answered(&self.inbox) {
+                return Ok(true);
+            }
+        }
+        Ok(false)
+    }
+
+    fn no_answer(&self, question: &'static str) -> SessionError {
+        SessionError::NoAnswer {
+            link: self.link.name(),
+            question,
+        }
+    }
+
+    fn send(&mut self, message: &Message) -> Result<(), SessionError> {
+        self.message_id = self.message_id.wrapping_add(1);
+        let mut packets = MessagePackets::new(message, self.message_id)?;
+        let mut packet = [0; PACKET_MAX];
+        while let Some(length) = packets.next_packet(&mut packet) {
+            self.link.send(&packet[..length])?;
+        }
+        Ok(())
+    }
+
+    /// Sends a message that is said again anyway when it is lost.
+    fn say(&mut self, message: &Message) -> Result<(), SessionError> {
+        match self.send(message) {
+            Err(error) if error.is_passing() => Ok(()),
+            said => said,
+        }
+    }
+
+    /// Sends a command; answers come in while [`Self::run_until`] works. Returns whether the link took it.
+    ///
+    /// # Errors
+    /// [`SessionError`] when the link is gone for good.
+    pub fn command(&mut self, command: Command) -> Result<bool, SessionError> {
+        match self.send(&Message::Command(command)) {
+            Err(error) if error.is_passing() => Ok(false),
+            sent => sent.map(|()| true),
+        }
+    }
+
+    /// Sends a map.
+    ///
+    /// # Errors
+    /// [`SessionError`] when the link is gone for good; the packets before that were sent.
+    pub fn send_map(&mut self, info: &MapInfo, map: &ForceMap) -> Result<SentMap, SessionError> {
+        let start = Instant::now();
+        self.packets.clear();
+        self.lengths.clear();
+        encode_map(info, map, |packet| {
+            self.packets.extend_from_slice(packet);
+            self.lengths.push(packet.len());
+        });
+        let encoded = Instant::now();
+        let mut rest = &self.packets[..];
+        let mut is_lost = false;
+        for &length in &self.lengths {
+            let (packet, after) = rest.split_at(length);
+            match self.link.send(packet) {
+                // What is missing cannot be made up for: the next map is on its way.
+                Err(LinkError::NotTaken { .. }) => {
+                    is_lost = true;
+                    break;
+                }
+                sent => sent?,
+            }
+            rest = after;
+        }
+        let handed_over = Instant::now();
+        if !is_lost {
+            self.shadow.sent(info.sensor, info.sequence, map);
+        }
+        let us = |from: Instant, to: Instant| (to - from).as_secs_f64() * 1e6;
+        Ok(SentMap {
+            bytes: self.packets.len(),
+            encode_us: us(start, encoded),
+            link_us: us(encoded, handed_over),
+            is_lost,
+        })
+    }
+
+    /// Lets the link work until `until_us` and checks what came in. A microcontroller that restarted is met anew in
+    /// passing: nothing waits for it.
+    ///
+    /// # Errors
+    /// [`SessionError`] when the link is gone for good, or who comes back speaks another schema.
+    pub fn run_until(&mut self, until_us: u64) -> Result<(), SessionError> {
+        let Self { link, inbox, .. } = self;
+        inbox.statuses.clear();
+        let packets = inbox.packets;
+        link.run_until(until_us, &mut |packet| inbox.packet(packet))?;
+        self.now_us = until_us.max(self.now_us);
+        if self.inbox.packets != packets {
+            self.acquaintance.heard(self.now_us);
+        }
+        if !self.inbox.statuses.is_empty() {
+            self.status_us = self.now_us;
+        }
+        let presence = self.link.presence();
+        if presence.losses != self.losses && presence.away.is_none() {
+            self.losses = presence.losses;
+            self.acquaintance.link_returned();
+        }
+        // The clock that capture times are of.
+        let clock_us = self.link.now_us();
+        for status in &self.inbox.statuses {
+            // Whoever restarted judges by other settings until it has ours.
+            if self.acquaintance.is_sound_after(status) {
+                self.shadow.answered(status);
+                let is_refusing = status.faults & Fault::FutureMap.bit() != 0;
+                let (uptime_ms, clocks) = (status.uptime_ms, &mut self.clocks);
+                if clocks.jumped(clock_us, uptime_ms)
+                    || clocks.is_locked_out(uptime_ms, is_refusing, status.maps)
+                {
+                    self.clock_jumps += 1;
+                    self.acquaintance.renumber();
+                }
+            }
+        }
+        self.renew()
+    }
+
+    /// Keeps the acquaintance: says what has to be said now, and takes what was answered.
+    fn renew(&mut self) -> Result<(), SessionError> {
+        if std::mem::take(&mut self.inbox.is_stranger) {
+            self.acquaintance.doubt();
+        }
+        if !self.acquaintance.is_begun() {
+            return Ok(());
+        }
+        self.meet()?;
+        if self.acquaintance.wants_settings() {
+            // It may start with a line that forbids them: then what is in force there counts, and the caller sees the
+            // refusal.
+            self.are_ours &= !self.inbox.settings_refused;
+            if let Some(found) = self.inbox.configuration.take()
+                && (found == self.settings || !self.are_ours)
+            {
+                self.inbox.configuration = Some(found);
+                self.take_settings();
+                self.acquaintance.settled();
+            }
+        }
+        match self.acquaintance.next(self.now_us) {
+            None => Ok(()),
+            Some(Next::Hello) => {
+                self.inbox.hello = None;
+                self.say(&self.hello())
+            }
+            Some(Next::Settings) => {
+                self.inbox.configuration = None;
+                self.inbox.settings_refused = false;
+                self.say(&Message::Command(if self.are_ours {
+                    Command::Configure(self.settings)
+                } else {
+                    Command::ReadConfiguration
+                }))
+            }
+        }
+    }
+
+    /// Hands a packet to the link as it is, right or wrong: for tests of the other end.
+    ///
+    /// # Errors
+    /// [`SessionError`] when the link is gone.
+    pub fn send_raw(&mut self, packet: &[u8]) -> Result<(), SessionError> {
+        Ok(self.link.send(packet)?)
+    }
+}

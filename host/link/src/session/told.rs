@@ -1,0 +1,148 @@
+//! What a session knows: of the microcontroller, its settings, its newest status and line, and of the link.
+
+use gripline_protocol::LSB_PER_NEWTON;
+use gripline_protocol::message::{Configuration, Hello, Refusal, Status};
+use gripline_protocol::parser::Counters;
+
+use super::Session;
+use super::error::flashing;
+use crate::Presence;
+use crate::shadow::Shadow;
+
+impl Session {
+    /// The time now on the clock that capture times are of.
+    #[must_use]
+    pub fn capture_us(&self) -> u32 {
+        self.link.now_us() as u32
+    }
+
+    /// Time up to which the link has worked.
+    #[must_use]
+    pub const fn now_us(&self) -> u64 {
+        self.now_us
+    }
+
+    /// The settings that the microcontroller confirmed.
+    #[must_use]
+    pub const fn settings(&self) -> &Configuration {
+        &self.settings
+    }
+
+    /// What the microcontroller said of itself in the handshake.
+    #[must_use]
+    pub const fn firmware(&self) -> Option<&Hello> {
+        self.firmware.as_ref()
+    }
+
+    /// How often the microcontroller restarted since the session began and was met again.
+    #[must_use]
+    pub const fn restarts(&self) -> u32 {
+        self.acquaintance.restarts()
+    }
+
+    /// How often this host's clock jumped against the microcontroller's, or the first map was so late that all others seemed to be
+    /// from the future; it was then greeted anew, as by another host.
+    #[must_use]
+    pub const fn clock_jumps(&self) -> u64 {
+        self.clock_jumps
+    }
+
+    /// Whether the microcontroller knows this host and has its settings; not so for a moment after it restarted.
+    #[must_use]
+    pub const fn is_sound(&self) -> bool {
+        self.acquaintance.is_sound()
+    }
+
+    /// The newest status.
+    #[must_use]
+    pub fn status(&self) -> Option<&Status> {
+        self.inbox.latest.as_ref()
+    }
+
+    /// The newest status as one about this fingertip's newest map: what is said of the map is from when the fingertip was
+    /// last spoken of, the rest is the present. `None` before anything was said of it.
+    #[must_use]
+    pub fn status_of(&self, sensor: u8) -> Option<Status> {
+        let spoken = (*self.inbox.of_fingertips.get(usize::from(sensor))?)?;
+        let newest = self.status()?;
+        Some(Status {
+            sensor,
+            sequence: spoken.sequence,
+            sums: spoken.sums,
+            coulomb_slip: spoken.coulomb_slip,
+            time_to_slip_ms: spoken.time_to_slip_ms,
+            ..*newest
+        })
+    }
+
+    /// How long ago it came, µs.
+    #[must_use]
+    pub const fn status_age_us(&self) -> u64 {
+        self.now_us.saturating_sub(self.status_us)
+    }
+
+    /// Whether the device is there, and what was lost.
+    #[must_use]
+    pub fn presence(&self) -> Presence {
+        self.link.presence()
+    }
+
+    /// What to say of a firmware that speaks our messages but is not of this host's version; `None` when it is.
+    #[must_use]
+    pub fn other_version(&self) -> Option<String> {
+        let firmware = self.firmware.as_ref()?;
+        let ours = Hello::of_this_build(0, 0).build;
+        (firmware.build != ours).then(|| {
+            format!(
+                "{}: found firmware {firmware}, expected {}.{}.{}: they understand each other, so the run goes on; \
+                 `{}` makes both the same",
+                self.link.name(),
+                ours[0],
+                ours[1],
+                ours[2],
+                flashing(firmware)
+            )
+        })
+    }
+
+    /// The last refused command, once.
+    pub fn take_refusal(&mut self) -> Option<Refusal> {
+        self.inbox.refusal.take()
+    }
+
+    /// What the comparison of the microcontroller's answers with our own says.
+    #[must_use]
+    pub const fn shadow(&self) -> &Shadow {
+        &self.shadow
+    }
+
+    /// What the link's receiving end has seen.
+    #[must_use]
+    pub const fn counters(&self) -> Counters {
+        self.inbox.parser.counters()
+    }
+
+    /// The grip-force line, N: at this moment where the link can see it, else as the microcontroller last told it.
+    #[must_use]
+    pub fn line_n(&self) -> f64 {
+        let told = || self.status().map_or(0, |status| status.line);
+        newtons(self.link.line().unwrap_or_else(told))
+    }
+
+    /// The code on the DAC of the grip-force line, where the link can see it.
+    #[must_use]
+    pub fn line_code(&self) -> Option<u16> {
+        self.link.line_code()
+    }
+
+    /// What the link is, for people.
+    #[must_use]
+    pub fn link_name(&self) -> String {
+        self.link.name()
+    }
+}
+
+/// 1/4096 N to newtons, exact.
+fn newtons(lsb: i32) -> f64 {
+    f64::from(lsb) / f64::from(LSB_PER_NEWTON)
+}

@@ -1,0 +1,483 @@
+//! Writes a recording in a thread of its own. The loop hands frames to a bounded queue and never waits: what does not fit
+//! is dropped and counted, pictures first.
+//!
+//! A kill loses at most what is in the queue and in the chunk under way: [`QUEUE_FRAMES`] and [`FLUSH`], under a second at 60
+//! frames a second. A power cut loses up to [`SYNC`] more. A disk that fails ends the recording, not the run.
+
+use std::fs::File;
+use std::io::{self, BufWriter, Write};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
+use std::thread::{self, JoinHandle};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+
+use mcap::McapError;
+use serde::Serialize;
+
+use super::messages::{About, Event, Frame};
+use super::tape::Tape;
+use crate::error::Failure;
+
+/// Frames that wait for the disk.
+const QUEUE_FRAMES: usize = 40;
+/// Those of them that may have a picture.
+const QUEUE_PICTURES: usize = 30;
+/// A chunk is closed and handed to the system this often.
+const FLUSH: Duration = Duration::from_millis(250);
+/// The system is asked to bring it to the disk this often.
+const SYNC: Duration = Duration::from_secs(1);
+
+/// What a recording came to.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize)]
+pub struct Recorded {
+    /// Frames that lie in the file, with or without a picture.
+    pub frames: u64,
+    /// Frames whose picture was left out because the disk was too slow.
+    pub pictures_dropped: u64,
+    /// Frames that are missing altogether.
+    pub frames_dropped: u64,
+    /// Why the recording ended early.
+    pub failed: Option<String>,
+}
+
+enum Item {
+    Frame(Box<Frame>),
+    Event(f64, Event),
+}
+
+/// A recording under way.
+pub struct Recorder {
+    path: PathBuf,
+    queue: Option<SyncSender<Item>>,
+    pictures_waiting: Arc<AtomicUsize>,
+    writer: Option<JoinHandle<Ended>>,
+    pace: Pace,
+    /// Frames that were handed over, kept or not.
+    offered: u64,
+    dropped: Recorded,
+}
+
+/// What happens when the queue is full.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Pace {
+    /// The loop must not wait: frames are dropped.
+    RealTime,
+    /// The loop has all the time there is, and waits.
+    AsFastAsPossible,
+}
+
+/// What the thread came to.
+struct Ended {
+    frames: u64,
+    result: Result<(), McapError>,
+}
+
+impl Recorder {
+    /// Starts a recording at `path`, which must not be there yet, with the pictures at rest of each fingertip.
+    ///
+    /// # Errors
+    /// [`Failure`] when the file cannot be made or its beginning cannot be written.
+    pub fn start(path: &Path, about: &About, rest: &[Vec<Vec<u8>>], pace: Pace) -> Result<Self, Failure> {
+        let file = create(path)?;
+        let begin = || {
+            let on_disk = file.try_clone()?;
+            // With a place of its own in it; pipes and devices have no second one.
+            let to_read = path.is_file().then(|| File::open(path)).transpose()?;
+            let out = BufWriter::new(file);
+            let mut tape = Tape::new(out, to_read, about, rest.len(), wall_ns())?;
+            for (sensor, crops) in rest.iter().enumerate() {
+                tape.rest(sensor, crops)?;
+            }
+            tape.flush()?;
+            Ok((tape, on_disk))
+        };
+        let (tape, on_disk) = begin().map_err(|error| failed(path, &error))?;
+        Ok(Self::on(path, tape, pace, Some(on_disk)))
+    }
+
+    /// Starts a recording into `out`, which is never read back nor synced; `path` names it in messages.
+    ///
+    /// # Errors
+    /// [`Failure`] when its beginning cannot be written.
+    pub fn onto<W: Write + Send + 'static>(
+        path: &Path,
+        out: W,
+        about: &About,
+        fingertips: usize,
+        pace: Pace,
+    ) -> Result<Self, Failure> {
+        let tape =
+            Tape::new(out, None, about, fingertips, wall_ns()).map_err(|error| failed(path, &error))?;
+        Ok(Self::on(path, tape, pace, None))
+    }
+
+    fn on<W: Write + Send + 'static>(
+        path: &Path,
+        mut tape: Tape<W>,
+        pace: Pace,
+        on_disk: Option<File>,
+    ) -> Self {
+        let (queue, frames) = sync_channel(QUEUE_FRAMES);
+        let pictures_waiting = Arc::new(AtomicUsize::new(0));
+        let waiting = Arc::clone(&pictures_waiting);
+        let writer = thread::spawn(move || {
+            let (stop, stopped) = sync_channel::<()>(1);
+            // On its own: a disk that takes seconds to sync must not hold up what is only handed over.
+            let syncer = on_disk.map(|file| thread::spawn(move || sync_until(&stopped, &file)));
+            let result = record(&mut tape, &frames, &waiting);
+            drop(stop);
+            // Panics end with the process; there is nothing to add.
+            let _ = syncer.map(JoinHandle::join);
+            Ended {
+                frames: tape.kept,
+                result,
+            }
+        });
+        Self {
+            path: path.to_owned(),
+            queue: Some(queue),
+            pictures_waiting,
+            writer: Some(writer),
+            pace,
+            offered: 0,
+            dropped: Recorded::default(),
+        }
+    }
+
+    /// Hands over a frame; in real time it never waits.
+    pub fn offer(&mut self, mut frame: Frame) {
+        self.offered += 1;
+        if self.queue.is_none() {
+            self.dropped.frames_dropped += 1;
+            return;
+        }
+        if self.pace == Pace::RealTime
+            && frame.picture.is_some()
+            && self.pictures_waiting.load(Ordering::Relaxed) >= QUEUE_PICTURES
+        {
+            frame.picture = None;
+            self.dropped.pictures_dropped += 1;
+            self.tell_of_drops(frame.report.t_s);
+        }
+        let waiting = usize::from(frame.picture.is_some());
+        self.pictures_waiting.fetch_add(waiting, Ordering::Relaxed);
+        match self.hand_over(Item::Frame(Box::new(frame))) {
+            Ok(()) => {}
+            Err(TrySendError::Full(())) => {
+                self.pictures_waiting.fetch_sub(waiting, Ordering::Relaxed);
+                self.dropped.frames_dropped += 1;
+            }
+            Err(TrySendError::Disconnected(())) => {
+                self.dropped.frames_dropped += 1;
+                self.end();
+                if let Some(why) = &self.dropped.failed {
+                    // Told when it happens: the run may go on for days.
+                    eprintln!("gripline: {why}; the run goes on without a recording");
+                }
+            }
+        }
+    }
+
+    fn hand_over(&self, item: Item) -> Result<(), TrySendError<()>> {
+        let Some(queue) = &self.queue else {
+            return Err(TrySendError::Disconnected(()));
+        };
+        match self.pace {
+            Pace::RealTime => queue.try_send(item).map_err(|error| match error {
+                TrySendError::Full(_) => TrySendError::Full(()),
+                TrySendError::Disconnected(_) => TrySendError::Disconnected(()),
+            }),
+            Pace::AsFastAsPossible => queue.send(item).map_err(|_| TrySendError::Disconnected(())),
+        }
+    }
+
+    /// Leaves a line of what happened beside the frames; when there is no room for it, it is not in the recording.
+    pub fn note(&self, t_s: f64, text: &str) {
+        let _ = self.hand_over(Item::Event(t_s, Event::warning(text)));
+    }
+
+    /// An event now and then, not for every picture.
+    fn tell_of_drops(&self, t_s: f64) {
+        let count = self.dropped.pictures_dropped;
+        if count.is_power_of_two() {
+            let text = format!("{count} pictures dropped so far: the disk is slower than the camera");
+            // When there is no room for it the summary still tells.
+            let _ = self.hand_over(Item::Event(t_s, Event::warning(text)));
+        }
+    }
+
+    /// Pictures and frames that were left out so far.
+    pub const fn dropped(&self) -> [u64; 2] {
+        [self.dropped.pictures_dropped, self.dropped.frames_dropped]
+    }
+
+    /// Writes what waits and closes the file.
+    pub fn finish(mut self) -> Recorded {
+        self.end();
+        // Those that waited when the disk failed are lost too.
+        self.dropped.frames_dropped = self.offered - self.dropped.frames;
+        self.dropped.clone()
+    }
+
+    fn end(&mut self) {
+        self.queue = None;
+        let Some(writer) = self.writer.take() else {
+            return;
+        };
+        match writer.join() {
+            Ok(Ended { frames, result }) => {
+                self.dropped.frames = frames;
+                if let Err(error) = result {
+                    self.dropped.failed = Some(failed(&self.path, &error).message);
+                }
+            }
+            Err(_) => self.dropped.failed = Some(format!("{}: the recorder panicked", self.path.display())),
+        }
+    }
+}
+
+/// A file that was not there, so that no recording is overwritten; devices and pipes are there already.
+fn create(path: &Path) -> Result<File, Failure> {
+    let opened = if path.is_file() {
+        Err(io::ErrorKind::AlreadyExists.into())
+    } else {
+        File::create(path)
+    };
+    opened.map_err(|error| match error.kind() {
+        io::ErrorKind::AlreadyExists => Failure::failed(format!(
+            "{}: found a file, expected a name that is free; move it away or choose another --record",
+            path.display()
+        )),
+        _ => failed(path, &error.into()),
+    })
+}
+
+fn failed(path: &Path, error: &McapError) -> Failure {
+    let (why, advice) = match error {
+        McapError::Io(error) if error.kind() == io::ErrorKind::StorageFull => {
+            (error.to_string(), "make room or record elsewhere")
+        }
+        McapError::Io(error) => (error.to_string(), "check the folder and its permissions"),
+        other => (other.to_string(), "report this defect"),
+    };
+    Failure::failed(format!("{}: recording failed: {why}; {advice}", path.display()))
+}
+
+fn wall_ns() -> u64 {
+    let since = SystemTime::now().duration_since(UNIX_EPOCH);
+    since.map_or(0, |since| since.as_nanos() as u64)
+}
+
+/// Brings what was handed to the system to the disk, once every [`SYNC`] and at the end.
+fn sync_until(stopped: &Receiver<()>, file: &File) {
+    // What cannot be synced (a pipe, a device) is no worse for it; writing tells of full disks.
+    while stopped.recv_timeout(SYNC) == Err(RecvTimeoutError::Timeout) {
+        let _ = file.sync_data();
+    }
+    let _ = file.sync_data();
+}
+
+/// Until the queue's other end is gone; then the file is finished.
+fn record<W: Write>(
+    tape: &mut Tape<W>,
+    queue: &Receiver<Item>,
+    pictures_waiting: &AtomicUsize,
+) -> Result<(), McapError> {
+    let mut flushed = Instant::now();
+    loop {
+        let left = FLUSH.saturating_sub(flushed.elapsed());
+        match queue.recv_timeout(left) {
+            Ok(Item::Frame(frame)) => {
+                let pictured = usize::from(frame.picture.is_some());
+                tape.frame(&frame)?;
+                pictures_waiting.fetch_sub(pictured, Ordering::Relaxed);
+            }
+            Ok(Item::Event(t_s, event)) => tape.event(t_s, &event)?,
+            Err(RecvTimeoutError::Timeout) => {}
+            Err(RecvTimeoutError::Disconnected) => {
+                return tape.finish();
+            }
+        }
+        if flushed.elapsed() >= FLUSH {
+            tape.flush()?;
+            flushed = Instant::now();
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Mutex;
+
+    use gripline_protocol::ForceMap;
+    use gripline_protocol::message::{FingertipGeometry, GripMode, Status};
+
+    use super::super::messages::{Image, status_bytes, status_schema};
+    use super::super::reader::{Ending, Reader};
+    use super::*;
+    use crate::telemetry::{FrameReport, STAGES};
+    use crate::units::Load;
+
+    fn frame(number: u64) -> Frame {
+        let report = FrameReport {
+            frame: number,
+            sensor: 0,
+            t_s: number as f64 / 60.0,
+            gate: "network",
+            health: Vec::new(),
+            normal_n: 0.0,
+            shear_x_n: 0.0,
+            shear_y_n: 0.0,
+            shear_n: 0.0,
+            moment_nmm: 0.0,
+            centre_of_pressure_mm: None,
+            load: Load::of(&Status::default().sums, 0, &FingertipGeometry::DEFAULT),
+            contact: 0,
+            stick: 0,
+            stick_ratio: None,
+            coulomb_slip: false,
+            state: "NO_CONTACT",
+            time_to_slip_ms: None,
+            line_n: 0.0,
+            latency_us: 0.0,
+            stages_us: [0.0; STAGES.len()],
+            faults: Vec::new(),
+            late: None,
+            wire_bytes: 0,
+            truth: None,
+        };
+        Frame {
+            report,
+            sequence: number as u32,
+            capture_us: 0,
+            begun_us: 0,
+            until_us: 0,
+            wish: GripMode::Hold,
+            health_bits: 0,
+            wire: Status::default(),
+            map: Box::new(ForceMap::EMPTY),
+            picture: Some(Image {
+                side: 88,
+                pixels: vec![0; 88 * 88],
+            }),
+        }
+    }
+
+    /// A disk in memory that takes nothing while the test holds its lock, and tells when it is asked.
+    #[derive(Clone)]
+    struct Disk {
+        bytes: Arc<Mutex<Vec<u8>>>,
+        asked: SyncSender<()>,
+    }
+
+    impl Write for Disk {
+        fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+            let _ = self.asked.try_send(());
+            self.bytes.lock().unwrap().extend_from_slice(bytes);
+            Ok(bytes.len())
+        }
+
+        fn flush(&mut self) -> io::Result<()> {
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn a_disk_that_stands_still_never_holds_up_the_loop_and_every_drop_is_counted() {
+        let (asked, is_asked) = sync_channel(1);
+        let disk = Disk {
+            bytes: Arc::default(),
+            asked,
+        };
+        let tape = Tape::new(disk.clone(), None, &About::default(), 1, 0).unwrap();
+        let held = disk.bytes.lock().unwrap();
+        while is_asked.try_recv().is_ok() {}
+        let mut recorder = Recorder::on(Path::new("still"), tape, Pace::RealTime, None);
+        recorder.offer(frame(0));
+        // From here on the writer stands still with the first frame in its hands.
+        is_asked.recv().unwrap();
+        for number in 1..=200 {
+            recorder.offer(frame(number));
+        }
+        assert_eq!(recorder.dropped.pictures_dropped, 200 - QUEUE_PICTURES as u64);
+        drop(held);
+        let recorded = recorder.finish();
+        assert_eq!(recorded.frames + recorded.frames_dropped, 201, "{recorded:?}");
+        assert_eq!(recorded.failed, None);
+
+        let bytes = disk.bytes.lock().unwrap().clone();
+        let mut reader = Reader::new(Path::new("still"), &bytes[..]).unwrap();
+        let (mut frames, mut pictures) = (0, 0);
+        while let Some(frame) = reader.next_frame().unwrap() {
+            assert_eq!(frame.status.frame, frames, "the first that came are there");
+            frames += 1;
+            pictures += u64::from(frame.picture.is_some());
+        }
+        assert_eq!((frames, pictures), (recorded.frames, 1 + QUEUE_PICTURES as u64));
+        assert_eq!(reader.ending(), Ending::Whole);
+    }
+
+    /// A disk with so many bytes left.
+    struct Small(usize);
+
+    impl Write for Small {
+        fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+            if bytes.len() > self.0 {
+                return Err(io::ErrorKind::StorageFull.into());
+            }
+            self.0 -= bytes.len();
+            Ok(bytes.len())
+        }
+
+        fn flush(&mut self) -> io::Result<()> {
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn a_full_disk_ends_the_recording_and_not_the_run() {
+        let mut recorder = Recorder::onto(
+            Path::new("full.mcap"),
+            Small(100_000),
+            &About::default(),
+            1,
+            Pace::AsFastAsPossible,
+        )
+        .unwrap();
+        let mut offered = 0;
+        while recorder.dropped.failed.is_none() {
+            recorder.offer(frame(offered));
+            offered += 1;
+        }
+        recorder.offer(frame(offered));
+        let recorded = recorder.finish();
+        let why = recorded.failed.unwrap();
+        assert!(
+            why.starts_with("full.mcap: recording failed: ") && why.contains("make room"),
+            "{why}"
+        );
+        assert!(
+            recorded.frames_dropped >= 2,
+            "the one that found out and the one after it"
+        );
+    }
+
+    #[test]
+    fn a_status_has_the_keys_of_its_schema() {
+        let status = status_bytes(&frame(3)).unwrap();
+        let status: serde_json::Map<String, serde_json::Value> = serde_json::from_slice(&status).unwrap();
+        let schema: serde_json::Value = serde_json::from_slice(&status_schema()).unwrap();
+        let properties = schema["properties"].as_object().unwrap();
+        for key in status.keys() {
+            assert!(properties.contains_key(key), "{key} is not in the schema");
+        }
+        // What the simulated world knows is there only when it plays.
+        assert!(
+            properties
+                .keys()
+                .all(|key| key == "truth" || status.contains_key(key))
+        );
+    }
+}
