@@ -3,13 +3,14 @@
 //! decision in a thousand flips. Rounding to nearest alone misses the second (17 in 10,000); the host rounds so that
 //! no taxel's decision changes.
 
-use std::f64::consts::{FRAC_PI_2, PI, TAU};
+use std::f64::consts::{FRAC_PI_2, TAU};
 
 use gripline_firmware::Friction;
 use gripline_firmware::sums::{TaxelRule, stick_ratio_below, sums_of};
 use gripline_pipeline::rounding::keep_decisions;
 use gripline_protocol::{ForceMap, LSB_PER_NEWTON};
-use gripline_simulation::{Gel, Load, SphereContact, SphereParams};
+use gripline_simulation::Gel;
+use gripline_simulation::closed_form::{CattaneoMindlin, Hertz, Torsion, cell_sums};
 use rand_pcg::Pcg64Mcg;
 use rand_pcg::rand_core::Rng;
 
@@ -47,26 +48,50 @@ impl Random {
     }
 }
 
-/// A sphere somewhere on the skin after a random load history.
-fn sphere_map(random: &mut Random) -> [[f32; 3]; 400] {
+/// Radii at which a closed form's traction is tabulated, from the middle to the rim.
+const RADII: usize = 64;
+/// Moments, from none to full slip, at which Lubkin's is.
+const MOMENTS: usize = 50;
+/// Traction over μp at each radius.
+type Profile = [f64; RADII + 1];
+
+fn radius(i: usize) -> f64 {
+    (i as f64 / RADII as f64).min(0.9999)
+}
+
+/// A twisted sphere's tractions over the moment; they are alike for every sphere, load and friction.
+fn twisted_profiles() -> Vec<Profile> {
+    let gel = Gel::default();
+    let hertz = Hertz::new(1.0, 10.0, &gel).unwrap();
+    let torsion = Torsion::new(hertz, 1.0, &gel).unwrap();
+    let a = hertz.radius_mm();
+    (0..=MOMENTS)
+        .map(|k| {
+            let moment_nmm = k as f64 / MOMENTS as f64 * torsion.limit_nmm();
+            let stick_mm = torsion.stick_radius_mm(moment_nmm).unwrap();
+            std::array::from_fn(|i| {
+                let r = a * radius(i);
+                torsion.traction_mpa(stick_mm, r) / hertz.pressure_mpa(r)
+            })
+        })
+        .collect()
+}
+
+/// A sphere somewhere on the skin, pulled, pulled back or twisted: Hertz, Cattaneo and Mindlin, Lubkin.
+fn sphere_map(random: &mut Random, twisted: &[Profile]) -> [[f32; 3]; 400] {
     let gel = Gel::default();
     let radius_mm = random.uniform(4.0, 25.0);
     let friction = random.uniform(0.4, 1.0);
     let deepest_mm = (0.45 * gel.thickness_mm * radius_mm).sqrt();
     let strongest_n = 4.0 * gel.contact_modulus_mpa() * deepest_mm.powi(3) / (3.0 * radius_mm);
     let normal_n = 0.1 * (strongest_n.min(15.0) / 0.1).powf(random.unit());
-    let contact_mm = (0.75 * normal_n * radius_mm / gel.contact_modulus_mpa()).cbrt();
-    let room_mm = (15.0 - contact_mm).max(5.0);
-    let mut contact = SphereContact::new(SphereParams {
-        radius_mm,
-        friction,
-        centre_mm: [
-            random.uniform(-room_mm, room_mm),
-            random.uniform(-room_mm, room_mm),
-        ],
-        gel,
-    })
-    .unwrap();
+    let hertz = Hertz::new(normal_n, radius_mm, &gel).unwrap();
+    let a = hertz.radius_mm();
+    let room_mm = (15.0 - a).max(5.0);
+    let centre_mm = [
+        random.uniform(-room_mm, room_mm),
+        random.uniform(-room_mm, room_mm),
+    ];
     // Pull alone, twist alone, both; hardly loaded, anywhere, near slip, in slip.
     let way = random.uniform(0.0, TAU);
     let turn = match random.unit() {
@@ -78,31 +103,45 @@ fn sphere_map(random: &mut Random) -> [[f32; 3]; 400] {
         kind if kind < 0.1 => random.uniform(0.0, 0.1),
         kind if kind < 0.7 => random.uniform(0.1, 1.0),
         kind if kind < 0.85 => random.uniform(0.9, 1.0),
-        _ => random.uniform(1.02, 1.5),
+        _ => 1.0,
     };
-    let load = |normal_n: f64, share: f64| {
-        let limit_n = friction * normal_n;
-        let pull_n = share * turn.cos() * limit_n;
-        Load {
-            normal_n,
-            shear_n: [pull_n * way.cos(), pull_n * way.sin()],
-            torsion_nmm: 3.0 * PI / 16.0 * limit_n * contact_mm * share * turn.sin(),
-        }
-    };
-    // At once, after a larger or opposite load, with another grip before.
-    let kind = random.unit();
-    let before_n = if kind < 0.75 {
-        normal_n
+    let pull = CattaneoMindlin::new(hertz, friction, &gel).unwrap();
+    let peak_n = share * turn.cos() * pull.limit_n();
+    // Half of them at the first pull, half on the way back from it.
+    let back_n = if random.unit() < 0.5 {
+        peak_n
     } else {
-        normal_n * random.uniform(0.5, 1.4)
+        peak_n * random.uniform(-1.0, 1.0)
     };
-    contact.step(load(before_n, 0.0)).unwrap();
-    if kind > 0.5 {
-        contact.step(load(before_n, random.uniform(-0.8, 0.8))).unwrap();
-    }
-    // A load that the solver does not reach leaves the one before it.
-    let _ = contact.step(load(normal_n, share));
-    contact.state().force_map()
+    let twisted = &twisted[(share * turn.sin() * MOMENTS as f64).round() as usize];
+    // Pull and twist as shares of the pressure, over the radius.
+    let table: Vec<[f64; 2]> = (0..=RADII)
+        .map(|i| {
+            let r = a * radius(i);
+            let pulled = pull.unloading_traction_mpa(peak_n, back_n, r).unwrap();
+            [pulled / hertz.pressure_mpa(r), friction * twisted[i]]
+        })
+        .collect();
+    let sums = cell_sums(1.6, 20, 6, |[x, y]| {
+        let [x, y] = [x - centre_mm[0], y - centre_mm[1]];
+        let r = x.hypot(y);
+        if r >= a {
+            return [0.0; 3];
+        }
+        let place = r / a * RADII as f64;
+        let (ring, part) = (place as usize, place.fract());
+        let [pulled, twisted] = [0, 1].map(|k| table[ring][k] + part * (table[ring + 1][k] - table[ring][k]));
+        let [cos, sin] = if r > 0.0 { [x / r, y / r] } else { [1.0, 0.0] };
+        let q = [
+            pulled * way.cos() - twisted * sin,
+            pulled * way.sin() + twisted * cos,
+        ];
+        // Both together stay inside the friction cone.
+        let p = hertz.pressure_mpa(r);
+        let scale = p * (friction / q[0].hypot(q[1])).min(1.0);
+        [q[0] * scale, q[1] * scale, p]
+    });
+    sums.try_into().expect("20 x 20 taxels")
 }
 
 #[test]
@@ -113,8 +152,9 @@ fn quantisation_hardly_moves_the_stick_ratio() {
     };
     let (mut error_sum, mut worst, mut flips, mut frames) = (0.0, 0.0_f64, 0, 0);
     let mut random = Random(Pcg64Mcg::new(0x9A47));
+    let twisted = twisted_profiles();
     for _ in 0..SAMPLES {
-        let forces = sphere_map(&mut random);
+        let forces = sphere_map(&mut random, &twisted);
         let (contact, stick) = in_f64(&forces);
         let (mut map, saturated) = ForceMap::quantise(&forces).unwrap();
         keep_decisions(forces.iter().map(|force| force.map(f64::from)), rule, &mut map);

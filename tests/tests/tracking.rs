@@ -53,7 +53,7 @@ fn follow(load_n: f64, pull_mm: [f64; 2], jpeg_quality: Option<u8>) -> Found {
         let rest = fingertip.mean_rest_image(16);
         let mut now = Image::crop();
         fingertip.set_brightness(1.02 * params.brightness).unwrap();
-        fingertip.render_truth(contact.truth(), &mut now);
+        fingertip.render(contact.truth(), &mut now);
         let truth = fingertip.particles_under(contact.truth());
         let mut tracker = Tracker::new();
         tracker.set_rest(&rest.pixels);

@@ -131,8 +131,15 @@ fn dispatch(arguments: &[String]) -> Result<(), Error> {
 pub(crate) fn physics(arguments: &[String]) -> Result<(), Error> {
     process::run(
         process::cargo()
-            .args(["run", "--release", "--package", "gripline-simulation"])
-            .args(["--features", "physics", "--bin", "physics", "--"])
+            .args([
+                "run",
+                "--release",
+                "--package",
+                "gripline-validation",
+                "--bin",
+                "physics",
+                "--",
+            ])
             .args(arguments),
     )
 }

@@ -101,19 +101,6 @@ pub(crate) fn run() -> Result<(), Error> {
                 .env("RUSTDOCFLAGS", "-D warnings"),
         )
     });
-    checks.check("lints of the physics command", || {
-        process::run(process::cargo().args([
-            "clippy",
-            "--package",
-            "gripline-simulation",
-            "--features",
-            "physics",
-            "--all-targets",
-            "--",
-            "-D",
-            "warnings",
-        ]))
-    });
     // Speed is for a quiet machine and a command of its own.
     checks.check("physics", || {
         crate::physics(&["--without".into(), "speed".into()])

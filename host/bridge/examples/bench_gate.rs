@@ -299,7 +299,7 @@ fn touches_of(
             contact.go_to(drive, 1)?;
             fingertip.set_time(frames.len() as f64 / FRAMES_PER_SECOND);
             let mut crop = Image::crop();
-            fingertip.render_truth(contact.truth(), &mut crop);
+            fingertip.render(contact.truth(), &mut crop);
             frames.push((crop.pixels, contact.truth().force_n()[2] as f32));
         }
     }

@@ -274,7 +274,7 @@ fn slid(number: u64, network: &mut Network) -> Slid {
         let Some(frame) = frame else {
             return made;
         };
-        fingertip.render_truth(frame.truth, &mut image);
+        fingertip.render(frame.truth, &mut image);
         let mut map = [[0.0; 3]; 400];
         network.infer(&image.pixels, &mut map);
         made.network_maps.push(map);
@@ -393,7 +393,7 @@ fn pressed(unit: u64, places_mm: &[[f64; 2]], network: &mut Network) -> [Vec<[[f
     let mut maps = [Vec::new(), Vec::new()];
     let mut image = Image::crop();
     while let Some(frame) = world.advance().unwrap() {
-        fingertip.render_truth(frame.truth, &mut image);
+        fingertip.render(frame.truth, &mut image);
         let mut map = [[0.0; 3]; 400];
         network.infer(&image.pixels, &mut map);
         maps[0].push(frame.truth.force_map());

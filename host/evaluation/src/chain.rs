@@ -80,7 +80,7 @@ impl Eye {
 
     fn look(&mut self, truth: TruthFrame, contact: &Truth) -> Result<Frame, Failure> {
         self.fingertip.set_time(truth.time_s);
-        self.fingertip.render_truth(contact, &mut self.crop);
+        self.fingertip.render(contact, &mut self.crop);
         let processed = self
             .pipeline
             .process(&self.crop.pixels)

@@ -28,7 +28,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let mut fingertip = Fingertip::new(SEED, params)?;
         let rest = fingertip.rest_frame();
         let mut now = Image::frame();
-        fingertip.frame_truth(&truth, &mut now);
+        fingertip.render_frame(&truth, &mut now);
         Ok([rest, now])
     };
     let noisy = FingertipParams::default();

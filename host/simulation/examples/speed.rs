@@ -5,14 +5,12 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use gripline_simulation::contact_world::{Contact, Drive, Mount, Press, Shape, Skin, production_cells};
-use gripline_simulation::{
-    Fingertip, FingertipParams, Gel, GripScene, Image, Load, SphereContact, SphereParams, block_mean_88,
-};
+use gripline_simulation::{Fingertip, FingertipParams, Gel, GripScene, Image, block_mean_88};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut fingertip = Fingertip::new(1, FingertipParams::default())?;
     let mut image = Image::crop();
-    time("render at rest", 200, || fingertip.render(None, &mut image));
+    time("render at rest", 200, || image = fingertip.rest_image());
 
     let skin = Arc::new(Skin::new(&Gel::default(), production_cells(5.0))?);
     let sphere = Arc::new(Shape::Sphere { radius_mm: 12.0 });
@@ -32,48 +30,36 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             ..FingertipParams::default()
         };
         let mut fingertip = Fingertip::new(1, params)?;
-        time(&format!("render_truth, 5 N{name}"), 200, || {
-            fingertip.render_truth(solved.truth(), &mut image);
+        time(&format!("render, 5 N{name}"), 200, || {
+            fingertip.render(solved.truth(), &mut image);
         });
         let mut frame = Image::frame();
-        time(&format!("frame_truth, 5 N{name}"), 200, || {
-            fingertip.frame_truth(solved.truth(), &mut frame);
+        time(&format!("render_frame, 5 N{name}"), 200, || {
+            fingertip.render_frame(solved.truth(), &mut frame);
         });
     }
-    let mut crop = Image::crop();
     let mut unit = 0;
     time("new fingertip and its first picture", 40, || {
         unit += 1;
         let mut fingertip =
             Fingertip::new(unit, FingertipParams::of_sensor(unit)).expect("a sensor's parameters");
-        fingertip.render(None, &mut crop);
+        std::hint::black_box(fingertip.rest_image());
     });
 
-    for (name, normal_n, pull_n, torsion_nmm) in [
-        ("1 N, pull", 1.0, 0.4, 0.0),
-        ("5 N, pull", 5.0, 2.0, 0.0),
-        ("5 N, pull and twist", 5.0, 2.0, 4.0),
-    ] {
-        let mut contact = SphereContact::new(SphereParams::default())?;
-        let mut sign = 1.0;
-        let load = |sign: f64| Load {
-            normal_n,
-            shear_n: [pull_n * sign, 0.0],
-            torsion_nmm,
+    let mut x_mm = 0.3;
+    time("contact step, 5 N, pull there and back", 200, || {
+        x_mm = -x_mm;
+        let drive = Drive {
+            press: Press::Force(5.0),
+            at_mm: [x_mm, 0.0],
+            turn_rad: 0.0,
+            tilt_rad: [0.0; 2],
         };
-        contact.step(load(1.0))?;
-        time(&format!("contact step, {name}"), 200, || {
-            sign *= -0.95;
-            contact.step(load(sign)).expect("the loads are inside the limit");
-        });
-        contact.step(load(1.0))?;
-        time(&format!("force map, {name}"), 200, || {
-            std::hint::black_box(contact.state().force_map());
-        });
-        time(&format!("render, {name}"), 200, || {
-            fingertip.render(Some(contact.state()), &mut image);
-        });
-    }
+        solved.step(drive).expect("a good step");
+    });
+    time("force map", 200, || {
+        std::hint::black_box(solved.truth().force_map());
+    });
     time("block mean 88 x 88", 500, || {
         std::hint::black_box(block_mean_88(&image.pixels));
     });

@@ -28,20 +28,12 @@ pub const GEL_YOUNG_MPA: f64 = 0.4;
 /// Poisson's ratio of the soft layers (silicone is nearly incompressible).
 pub const GEL_POISSON: f64 = 0.49;
 
-/// Exponents α of the gel's two Ogden terms at large strain: a fit to the tensile curve of a silicone of the
-/// paper's hardness (Dragon Skin 10 Medium, shore 10A; Marechal et al., Soft Robotics Materials Database, 2020)
-/// up to 150 %, 0.25 % of the largest stress off (`python3 checks/ogden_fit.py CURVE.csv`). The second is held
-/// at Mooney's −2, because tension alone does not tell it.
-pub const OGDEN_EXPONENTS: [f64; 2] = [3.28, -2.0];
-/// Shares of the small-strain shear modulus that the two terms carry, Σ = 1; of the same fit. The modulus itself
-/// stays the world's.
-pub const OGDEN_SHARES: [f64; 2] = [0.87, 0.13];
 /// Deepest indentation, share of the thickness, up to which the linear layer stands for the gel. There, under a
 /// 12 mm sphere that sticks (8.7 N), large-strain finite elements carry 4 % more force at equal depth; at equal
 /// force the normal map differs by 3 %, the one with shear by 17 % (7 % once the pressure acts along the sphere's
 /// normal), particles 1 mm deep move 13 % otherwise. At half of it: 0, 1, 11 (4) and 5 %. A 4 mm sphere
 /// differs alike (0, 3, 21 (9) and 11 % at the limit)
-/// (`cargo run --release -p gripline-simulation --features finite-elements --example finite_elements`).
+/// (`cargo run --release -p gripline-validation --example finite_elements`).
 pub const LARGEST_INDENTATION: f64 = 0.2;
 
 /// Particles in the soft layer of one fingertip (project default): 0.857 per mm³ of the 36 x 36 x 4.5 mm that

@@ -52,19 +52,6 @@ pub enum SimulationError {
         /// Rounds between pressure and shear.
         rounds: usize,
     },
-    /// A finite-element solve did not settle.
-    #[error(
-        "finite elements: forces are {found} out of balance after {steps} Newton steps, expected at most {expected}: \
-         press less deep or use a finer mesh"
-    )]
-    OutOfBalance {
-        /// Forces left over, as a share of the reactions.
-        found: f64,
-        /// The bound on it.
-        expected: f64,
-        /// Newton steps taken.
-        steps: usize,
-    },
     /// Friction cannot hold the load along the skin; the state before the step is kept.
     #[error(
         "a load along the skin of ({}, {}) N and {} N·mm slides the indenter away, expected one that friction holds \

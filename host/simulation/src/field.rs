@@ -10,7 +10,6 @@ use rustfft::num_complex::Complex;
 use rustfft::{Fft, FftPlannerScalar};
 
 use crate::constants::{FIELD_CELLS, FIELD_LEVELS, FIELD_PITCH_MM, PARTICLE_DEPTH_MM};
-use crate::contact::ContactState;
 use crate::contact_world::Truth;
 use crate::gel::Gel;
 
@@ -114,7 +113,7 @@ fn solve_4x4(m: &mut [[f64; 6]; 4]) -> [[f64; 4]; 2] {
 
 /// The layer's answers on the grid: one table per depth, made once per gel.
 #[derive(Debug)]
-pub(crate) struct FieldKernels {
+pub struct LayerKernels {
     levels: Vec<LevelKernels>,
     /// k̂ as cos + i sin; zero for k = 0 and where the grid's sampling leaves the sign of k open.
     direction: Vec<Spectrum>,
@@ -143,8 +142,10 @@ fn sharpening(wave_per_mm: f64) -> f64 {
     1.0 / (cell * (0.75 + 0.25 * libm::cos(2.0 * x)))
 }
 
-impl FieldKernels {
-    pub(crate) fn new(gel: &Gel) -> Self {
+impl LayerKernels {
+    /// The tables of `gel`; tens of milliseconds.
+    #[must_use]
+    pub fn new(gel: &Gel) -> Self {
         let depths: Vec<f64> = (0..FIELD_LEVELS).map(level_depth_mm).collect();
         let n = FIELD_CELLS;
         let table = || vec![0.0; CELLS];
@@ -190,8 +191,8 @@ impl FieldKernels {
 
 /// Displacements on the grid under the last contact, and what is needed to make them.
 #[derive(Clone)]
-pub(crate) struct Field {
-    kernels: Arc<FieldKernels>,
+pub struct DisplacementField {
+    kernels: Arc<LayerKernels>,
     transform: SquareTransform,
     cells: Vec<[f32; 3]>,
     shear: Vec<Spectrum>,
@@ -204,8 +205,10 @@ pub(crate) struct Field {
     normal: Vec<Vec<Spectrum>>,
 }
 
-impl Field {
-    pub(crate) fn new(kernels: Arc<FieldKernels>) -> Self {
+impl DisplacementField {
+    /// No displacement yet, over the layer of `kernels`.
+    #[must_use]
+    pub fn new(kernels: Arc<LayerKernels>) -> Self {
         let grid = || vec![ZERO; CELLS];
         Self {
             kernels,
@@ -220,15 +223,8 @@ impl Field {
         }
     }
 
-    /// Displacements under `contact`.
-    pub(crate) fn load(&mut self, contact: &ContactState) {
-        self.cells.fill([0.0; 3]);
-        contact.add_cell_forces(FIELD_PITCH_MM, FIELD_CELLS, &mut self.cells);
-        self.solve();
-    }
-
-    /// Displacements under a solved contact.
-    pub(crate) fn load_truth(&mut self, truth: &Truth) {
+    /// Computes the displacements under a solved contact.
+    pub fn load(&mut self, truth: &Truth) {
         self.cells.fill([0.0; 3]);
         truth.add_field_forces(&mut self.cells);
         self.solve();
@@ -287,7 +283,8 @@ impl Field {
     }
 
     /// Displacement (x, y, into the skin) of the material point that `place` stands for, mm.
-    pub(crate) fn at(&self, place: &Place) -> [f32; 3] {
+    #[must_use]
+    pub fn at(&self, place: &MaterialPoint) -> [f32; 3] {
         let mut sum = [0.0; 3];
         for (step, weight_z) in [1.0 - place.below, place.below].into_iter().enumerate() {
             let level = usize::from(place.level) + step;
@@ -314,9 +311,9 @@ impl Field {
     }
 }
 
-impl std::fmt::Debug for Field {
+impl std::fmt::Debug for DisplacementField {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Field")
+        f.debug_struct("DisplacementField")
             .field("cells", &FIELD_CELLS)
             .field("levels", &FIELD_LEVELS)
             .finish_non_exhaustive()
@@ -326,7 +323,7 @@ impl std::fmt::Debug for Field {
 /// Where a material point lies between the grid's nodes; fixed for good, since the field is given at rest
 /// positions. In the plane a quadratic spline over three nodes, in depth a line between two levels.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Place {
+pub struct MaterialPoint {
     /// First of the three by three nodes.
     cell: u16,
     level: u16,
@@ -335,9 +332,10 @@ pub(crate) struct Place {
     weights: [[f32; 3]; 2],
 }
 
-impl Place {
+impl MaterialPoint {
     /// The place of the point at (x, y) mm and `depth_mm`; clamped into the grid.
-    pub(crate) fn new(at_mm: [f64; 2], depth_mm: f64) -> Self {
+    #[must_use]
+    pub fn new(at_mm: [f64; 2], depth_mm: f64) -> Self {
         // Nodes are the middles of cells.
         let nearest = |x: f64| {
             let place = x / FIELD_PITCH_MM + 0.5 * FIELD_CELLS as f64 - 0.5;
@@ -425,12 +423,20 @@ fn transpose(n: usize, from: &[Spectrum], to: &mut [Spectrum]) {
 }
 
 #[cfg(test)]
+impl DisplacementField {
+    /// The displacements under a traction (x, y, pressure) at points of the surface, MPa.
+    pub(crate) fn load_traction(&mut self, traction_mpa: impl Fn([f64; 2]) -> [f64; 3]) {
+        self.cells = crate::closed_form::cell_sums(FIELD_PITCH_MM, FIELD_CELLS, 8, traction_mpa);
+        self.solve();
+    }
+}
+
+#[cfg(test)]
 mod tests {
     use std::f64::consts::PI;
 
     use super::*;
-    use crate::closed_form::{Hertz, simpson};
-    use crate::contact::{Load, SphereContact, SphereParams};
+    use crate::closed_form::{CattaneoMindlin, Hertz, simpson};
 
     /// Bessel function of the first kind of order 0 or 1 by its integral.
     fn bessel(order: u32, x: f64) -> f64 {
@@ -592,44 +598,43 @@ mod tests {
     fn a_solved_contact_moves_the_inside_as_the_closed_form_does() {
         use crate::contact_world::{Contact, Drive, Mount, Press, Shape, Skin};
         // Tractions from a half-space without coupling, on both ways; the inside is the layer's.
-        let params = SphereParams {
-            gel: Gel {
-                poisson: 0.5,
-                ..half_space()
-            },
-            radius_mm: 20.0,
-            centre_mm: [0.4, -0.2],
-            ..SphereParams::default()
+        let gel = Gel {
+            poisson: 0.5,
+            ..half_space()
         };
-        let mut closed = SphereContact::new(params).unwrap();
-        for shear in [0.0, 0.6] {
-            let load = Load {
-                normal_n: 2.0,
-                shear_n: [shear, 0.0],
-                torsion_nmm: 0.0,
-            };
-            closed.step(load).unwrap();
-        }
-        let skin = Arc::new(Skin::new(&params.gel, 80).unwrap());
-        let sphere = Arc::new(Shape::Sphere { radius_mm: 20.0 });
-        let mut solved = Contact::new(skin, sphere, params.friction, Mount::default()).unwrap();
-        for shift in [0.0, closed.state().displacement_mm()[0]] {
+        let (normal_n, pull_n, radius_mm, friction) = (2.0, 0.6, 20.0, 0.65);
+        let hertz = Hertz::new(normal_n, radius_mm, &gel).unwrap();
+        let closed = CattaneoMindlin::new(hertz, friction, &gel).unwrap();
+        let skin = Arc::new(Skin::new(&gel, 80).unwrap());
+        let sphere = Arc::new(Shape::Sphere { radius_mm });
+        let mut solved = Contact::new(skin, sphere, friction, Mount::default()).unwrap();
+        for shift in [0.0, closed.displacement_mm(pull_n).unwrap()] {
             let drive = Drive {
-                press: Press::Force(2.0),
+                press: Press::Force(normal_n),
                 at_mm: [0.4 + shift, -0.2],
                 turn_rad: 0.0,
                 tilt_rad: [0.0; 2],
             };
             solved.step(drive).unwrap();
         }
-        let kernels = Arc::new(FieldKernels::new(&Gel::default()));
-        let (mut one, mut other) = (Field::new(Arc::clone(&kernels)), Field::new(kernels));
-        one.load(closed.state());
-        other.load_truth(solved.truth());
+        let kernels = Arc::new(LayerKernels::new(&Gel::default()));
+        let [mut one, mut other] = [0, 1].map(|_| DisplacementField::new(Arc::clone(&kernels)));
+        one.load_traction(|[x, y]| {
+            let r = f64::hypot(x - 0.4, y + 0.2);
+            if r >= hertz.radius_mm() {
+                return [0.0; 3];
+            }
+            [
+                closed.traction_mpa(pull_n, r).unwrap(),
+                0.0,
+                hertz.pressure_mpa(r),
+            ]
+        });
+        other.load(solved.truth());
         let (mut largest, mut worst) = (0.0_f32, 0.0_f32);
         for x in [-6.0, -2.0, 0.4, 1.0, 3.0] {
             for depth in [1.0, 2.5, 4.0] {
-                let place = Place::new([x, 0.5], depth);
+                let place = MaterialPoint::new([x, 0.5], depth);
                 for (a, b) in one.at(&place).into_iter().zip(other.at(&place)) {
                     largest = largest.max(a.abs());
                     worst = worst.max((a - b).abs());
@@ -644,27 +649,14 @@ mod tests {
         // Reference: Hankel integrals of the same kernels under the exact Hertz pressure and a gross-slip
         // shear μp.
         let gel = Gel::default();
-        let mut contact = SphereContact::new(SphereParams {
-            centre_mm: [0.37, -0.21],
-            ..SphereParams::default()
-        })
-        .unwrap();
-        let pull = 10.0;
-        contact
-            .step(Load {
-                normal_n: 3.0,
-                shear_n: [pull, 0.0],
-                torsion_nmm: 0.0,
-            })
-            .unwrap();
-        let state = contact.state();
-        let mut field = Field::new(Arc::new(FieldKernels::new(&gel)));
-        field.load(state);
-        let (a, p0, friction) = (
-            state.radius_mm(),
-            state.peak_pressure_mpa(),
-            SphereParams::default().friction,
-        );
+        let friction = 0.65;
+        let hertz = Hertz::new(3.0, 12.0, &gel).unwrap();
+        let (a, p0) = (hertz.radius_mm(), hertz.peak_pressure_mpa());
+        let mut field = DisplacementField::new(Arc::new(LayerKernels::new(&gel)));
+        field.load_traction(|[x, y]| {
+            let p = hertz.pressure_mpa(f64::hypot(x - 0.37, y + 0.21));
+            [friction * p, 0.0, p]
+        });
         let mut largest = [0.0_f64; 3];
         let mut worst = [0.0_f64; 3];
         for depth in [1.0, 1.2, 2.25, 3.9] {
@@ -707,7 +699,7 @@ mod tests {
                     exact[1] += q * turn * 2.0 * cos * sin - weight * answer.along_pressure * j1 * sin;
                     exact[2] += weight * answer.down_pressure * j0 + q * answer.down_shear * j1 * cos;
                 }
-                let found = field.at(&Place::new([x + 0.37, y - 0.21], depth));
+                let found = field.at(&MaterialPoint::new([x + 0.37, y - 0.21], depth));
                 for k in 0..3 {
                     largest[k] = largest[k].max(exact[k].abs());
                     worst[k] = worst[k].max((f64::from(found[k]) - exact[k]).abs());

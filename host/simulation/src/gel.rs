@@ -43,7 +43,11 @@ impl Gel {
         4.0 * self.shear_modulus_mpa() / (2.0 - self.poisson)
     }
 
-    pub(crate) fn check(&self) -> Result<(), SimulationError> {
+    /// Whether all constants are in their ranges.
+    ///
+    /// # Errors
+    /// [`SimulationError::OutOfRange`] with the first that is not.
+    pub fn check(&self) -> Result<(), SimulationError> {
         positive("gel thickness_mm", self.thickness_mm)?;
         positive("gel young_mpa", self.young_mpa)?;
         checked("gel poisson", self.poisson, "above 0, at most 0.5", |v| {

@@ -8,7 +8,7 @@ use crate::constants::{
     PARTICLE_DIAMETER_MM, PARTICLE_LEVELS,
 };
 use crate::drawing::{Window, draw_disc};
-use crate::field::{Field, Place};
+use crate::field::{DisplacementField, MaterialPoint};
 use crate::lighting::Lamps;
 use crate::random::Random;
 
@@ -23,7 +23,7 @@ struct Particle {
     level: f32,
     /// Change of `level` per millimetre along x, y and up.
     slope: [f32; 3],
-    place: Place,
+    place: MaterialPoint,
 }
 
 /// What the camera's picture is to a particle: for those who measure how well it is found again.
@@ -73,7 +73,7 @@ impl Particles {
                     radius_mm: radius as f32,
                     level: (levels * light) as f32,
                     slope: slope.map(|s| (levels * s) as f32),
-                    place: Place::new(at, depth),
+                    place: MaterialPoint::new(at, depth),
                 }
             })
             .collect();
@@ -86,7 +86,11 @@ impl Particles {
     }
 
     /// Where every particle is at rest and, moved by `field`, now.
-    pub(crate) fn seen(&self, field: Option<&Field>, lens: &Lens) -> impl Iterator<Item = SeenParticle> {
+    pub(crate) fn seen(
+        &self,
+        field: Option<&DisplacementField>,
+        lens: &Lens,
+    ) -> impl Iterator<Item = SeenParticle> {
         let top_mm = self.surface_mm;
         self.all.iter().map(move |particle| {
             let rest = particle.at_rest();
@@ -107,7 +111,13 @@ impl Particles {
 
     /// Draws every particle into a window's picture where `field` has moved it, or at rest. The order is that at
     /// rest: particles on one ray move together.
-    pub(crate) fn draw(&self, field: Option<&Field>, lens: &Lens, window: &Window, picture: &mut [f32]) {
+    pub(crate) fn draw(
+        &self,
+        field: Option<&DisplacementField>,
+        lens: &Lens,
+        window: &Window,
+        picture: &mut [f32],
+    ) {
         for particle in &self.all {
             let ([x, y, height], level) = match field {
                 Some(field) => particle.moved(field.at(&particle.place), self.base_mm),
@@ -142,7 +152,7 @@ impl Particles {
     }
 
     /// The same, moved by `field`.
-    pub(crate) fn nearest_moved(&self, field: &Field) -> [f64; 3] {
+    pub(crate) fn nearest_moved(&self, field: &DisplacementField) -> [f64; 3] {
         let nearest = &self.all[self.all.len() - 1];
         let (at, _) = nearest.moved(field.at(&nearest.place), self.base_mm);
         at.map(f64::from)
@@ -154,8 +164,8 @@ mod tests {
     use std::sync::Arc;
 
     use super::*;
-    use crate::contact::{Load, SphereContact, SphereParams};
-    use crate::field::FieldKernels;
+    use crate::closed_form::Hertz;
+    use crate::field::LayerKernels;
     use crate::gel::Gel;
     use crate::lighting::Lighting;
 
@@ -171,21 +181,13 @@ mod tests {
     }
 
     /// The field of a sphere pressed in and pulled.
-    fn field(radius_mm: f64, normal_n: f64) -> Field {
-        let sphere = SphereParams {
-            radius_mm,
-            ..SphereParams::default()
-        };
-        let mut contact = SphereContact::new(sphere).unwrap();
-        let shear_n = [0.3 * normal_n, 0.0];
-        let load = Load {
-            normal_n,
-            shear_n,
-            torsion_nmm: 0.0,
-        };
-        contact.step(load).unwrap();
-        let mut field = Field::new(Arc::new(FieldKernels::new(&Gel::default())));
-        field.load(contact.state());
+    fn field(radius_mm: f64, normal_n: f64) -> DisplacementField {
+        let hertz = Hertz::new(normal_n, radius_mm, &Gel::default()).unwrap();
+        let mut field = DisplacementField::new(Arc::new(LayerKernels::new(&Gel::default())));
+        field.load_traction(|[x, y]| {
+            let p = hertz.pressure_mpa(f64::hypot(x, y));
+            [0.3 * p, 0.0, p]
+        });
         field
     }
 

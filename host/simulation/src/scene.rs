@@ -6,10 +6,10 @@ use crate::constants::{
     SCENE_CONTACT_OFFSET_MM, SCENE_FRICTION, SCENE_INERTIA_G_MM2, SCENE_LIFT_MM, SCENE_LOOP_S, SCENE_MASS_G,
     SCENE_PULL_DIRECTION, SCENE_PULL_N, SCENE_SPHERE_RADIUS_MM, SCENE_TWIST_NMM,
 };
-use crate::contact::{ForceMap, Load};
 use crate::contact_world::Shape;
 use crate::error::{SimulationError, checked};
 use crate::fingertip::{Fingertip, FingertipParams};
+use crate::force_map::{ForceMap, Load};
 use crate::grasp::{Course, GraspParts, GraspScene, GraspWorld, Object, Patch, Pull, Stroke};
 use crate::image::Image;
 use crate::random::Random;
@@ -130,7 +130,7 @@ impl GripScene {
         let mut image = Image::crop();
         let fingertip = fingertip(&mut self.fingertips[finger], self.seed, &self.parts, finger);
         fingertip.set_time(time_s);
-        fingertip.render_truth(self.world.truth(finger), &mut image);
+        fingertip.render(self.world.truth(finger), &mut image);
         let frame = self.world.frame();
         let half = if finger == 0 { 0.5 } else { -0.5 };
         let [pull_x, pull_y, twist] = frame.load;

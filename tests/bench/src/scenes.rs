@@ -118,7 +118,7 @@ fn one(kind: Kind, skin: &Arc<Skin>, frames: usize, unit: u64) -> Result<Scene, 
         fingertip.set_time(frame as f64 / FRAMES_PER_SECOND);
         let mut crop = Image::crop();
         let truth = contact.truth();
-        fingertip.render_truth(truth, &mut crop);
+        fingertip.render(truth, &mut crop);
         played.push(Frame {
             crop: crop.pixels,
             forces: truth.force_map(),

@@ -19,7 +19,7 @@ fn k_and_k_minus_e(t: f64) -> (f64, f64) {
 }
 
 /// E(k') at t = √(1−k'²), 0 ≤ t ≤ 1.
-pub(crate) fn e_complement(t: f64) -> f64 {
+pub(super) fn e_complement(t: f64) -> f64 {
     if t <= 0.0 {
         return 1.0;
     }
@@ -28,7 +28,7 @@ pub(crate) fn e_complement(t: f64) -> f64 {
 }
 
 /// K(k') − E(k') at t = √(1−k'²), 0 < t ≤ 1; it is the integral of E(k')/u from u = t to 1.
-pub(crate) fn k_minus_e_complement(t: f64) -> f64 {
+pub(super) fn k_minus_e_complement(t: f64) -> f64 {
     k_and_k_minus_e(t.min(1.0)).1
 }
 

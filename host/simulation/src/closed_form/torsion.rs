@@ -5,8 +5,8 @@
 
 use std::f64::consts::PI;
 
-use super::elliptic::e_complement;
-use super::{Hertz, k_minus_e_complement, simpson};
+use super::elliptic::{e_complement, k_minus_e_complement};
+use super::{Hertz, simpson};
 use crate::error::{SimulationError, checked, positive};
 use crate::gel::Gel;
 

@@ -18,8 +18,6 @@ mod solver;
 mod stiffness;
 mod tangential;
 mod truth;
-#[cfg(test)]
-mod validation;
 mod window;
 
 pub use height_file::HeightFileError;

@@ -4,7 +4,7 @@
 
 use super::convolution::Pair;
 use crate::constants::{FIELD_CELLS, FIELD_PITCH_MM, HALF_SURFACE_MM, TAXEL_COUNT, TAXELS};
-use crate::contact::ForceMap;
+use crate::force_map::ForceMap;
 use crate::gel::Gel;
 
 /// A cell within this share of its friction bound is at it.

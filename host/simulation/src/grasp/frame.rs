@@ -3,7 +3,7 @@
 
 use std::borrow::Cow;
 
-use crate::contact::ForceMap;
+use crate::force_map::ForceMap;
 
 /// What is true of one finger.
 #[derive(Debug, Clone, PartialEq)]

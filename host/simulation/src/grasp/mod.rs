@@ -17,8 +17,6 @@ mod hold;
 mod object;
 mod policy;
 mod setting;
-#[cfg(test)]
-mod validation;
 mod world;
 
 pub use arm::{ArmMotion, Stroke};

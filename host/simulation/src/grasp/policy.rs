@@ -3,8 +3,8 @@
 
 use super::frame::GraspFrame;
 use super::world::GraspWorld;
-use crate::contact::ForceMap;
 use crate::error::SimulationError;
+use crate::force_map::ForceMap;
 use crate::image::Image;
 
 /// Something that sets the grip-force line once per frame.

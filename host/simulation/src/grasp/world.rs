@@ -13,7 +13,7 @@ use super::setting::GraspScene;
 use crate::constants::{GRAVITY_MM_PER_S2, SLIP_SPEED_MM_PER_S, TAXEL_COUNT};
 use crate::contact_world::{Contact, HeightMap, Mount, Skin, Triple, Truth};
 use crate::error::{SimulationError, checked};
-use crate::field::FieldKernels;
+use crate::field::LayerKernels;
 use crate::fingertip::{Fingertip, FingertipParams};
 use crate::image::Image;
 
@@ -31,7 +31,7 @@ const WAY_CELLS: f64 = 0.6;
 #[derive(Debug, Clone)]
 pub struct GraspParts {
     skin: Arc<Skin>,
-    kernels: Arc<FieldKernels>,
+    kernels: Arc<LayerKernels>,
 }
 
 impl GraspParts {
@@ -44,7 +44,7 @@ impl GraspParts {
         gel.check()?;
         Ok(Self {
             skin: Arc::new(Skin::new(&gel, scene.cells)?),
-            kernels: Arc::new(FieldKernels::new(&gel)),
+            kernels: Arc::new(LayerKernels::new(&gel)),
         })
     }
 
@@ -98,16 +98,9 @@ impl GraspWorld {
     /// # Errors
     /// A number outside its range, named.
     pub fn with_parts(scene: &GraspScene, parts: &GraspParts) -> Result<Self, SimulationError> {
+        // One contact stands for both fingers if they are mirror images.
         let twins = scene.object.friction[0].to_bits() == scene.object.friction[1].to_bits();
-        Self::with_contacts(scene, parts, if twins { 1 } else { 2 })
-    }
-
-    /// With so many contacts solved; one stands for both fingers if they are mirror images.
-    pub(super) fn with_contacts(
-        scene: &GraspScene,
-        parts: &GraspParts,
-        count: usize,
-    ) -> Result<Self, SimulationError> {
+        let count = if twins { 1 } else { 2 };
         scene.check()?;
         checked(
             "cells of the parts' skin",
@@ -261,7 +254,7 @@ impl GraspWorld {
     pub fn render(&mut self, finger: usize, out: &mut Image) -> Result<(), SimulationError> {
         let tip = fingertip(&mut self.fingertips[finger], &self.scene, &self.parts, finger)?;
         tip.set_time(self.time_s);
-        tip.render_truth(&self.truths[finger], out);
+        tip.render(&self.truths[finger], out);
         Ok(())
     }
 
@@ -275,7 +268,7 @@ impl GraspWorld {
     pub fn render_frame(&mut self, finger: usize, out: &mut Image) -> Result<(), SimulationError> {
         let tip = fingertip(&mut self.fingertips[finger], &self.scene, &self.parts, finger)?;
         tip.set_time(self.time_s);
-        tip.frame_truth(&self.truths[finger], out);
+        tip.render_frame(&self.truths[finger], out);
         Ok(())
     }
 

@@ -12,11 +12,11 @@ pub use history::{Counts, STRAIN_LIMIT};
 use history::{History, Skins};
 
 use crate::constants::{NETWORK_PX, REST_PICTURES, TAXEL_COUNT, TAXELS};
-use crate::contact::ForceMap;
 use crate::contact_world::{CellState, Truth};
 use crate::error::SimulationError;
-use crate::field::FieldKernels;
+use crate::field::LayerKernels;
 use crate::fingertip::{Fingertip, FingertipParams};
+use crate::force_map::ForceMap;
 use crate::gel::Gel;
 use crate::image::{Image, block_mean_88};
 use crate::random::Random;
@@ -120,7 +120,7 @@ pub struct Costs {
 pub struct SampleWorld {
     gel: Gel,
     skins: Skins,
-    kernels: Arc<FieldKernels>,
+    kernels: Arc<LayerKernels>,
 }
 
 impl SampleWorld {
@@ -133,7 +133,7 @@ impl SampleWorld {
         Ok(Self {
             gel,
             skins: Skins::new(&gel)?,
-            kernels: Arc::new(FieldKernels::new(&gel)),
+            kernels: Arc::new(LayerKernels::new(&gel)),
         })
     }
 }
@@ -270,7 +270,7 @@ impl SampleGenerator {
         sensor.fingertip.set_brightness(sensor.brightness * drift)?;
         let history = self.history.as_ref().filter(|_| touched);
         match history {
-            Some(history) => sensor.fingertip.render_truth(history.truth(), &mut self.crop),
+            Some(history) => sensor.fingertip.render(history.truth(), &mut self.crop),
             None => self.crop = sensor.fingertip.rest_image(),
         }
         self.costs.picture += start.elapsed();

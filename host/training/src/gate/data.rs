@@ -175,7 +175,7 @@ impl Shots<'_> {
         self.fingertip
             .set_brightness(self.brightness * f64::from(1.0 + drift))?;
         match truth {
-            Some(truth) => self.fingertip.render_truth(truth, &mut self.crop),
+            Some(truth) => self.fingertip.render(truth, &mut self.crop),
             None => self.crop = self.fingertip.rest_image(),
         }
         if self.sensor.pictures.len().is_multiple_of(FAULTY_EVERY) {

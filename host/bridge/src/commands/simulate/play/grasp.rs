@@ -109,8 +109,8 @@ impl<'a> GraspPlay<'a> {
         fingertip.set_time(time_s);
         let mut image = Image::new(0, 0);
         match (size, touched) {
-            (FrameSize::Crop, true) => fingertip.render_truth(&truth, &mut image),
-            (FrameSize::Full, true) => fingertip.frame_truth(&truth, &mut image),
+            (FrameSize::Crop, true) => fingertip.render(&truth, &mut image),
+            (FrameSize::Full, true) => fingertip.render_frame(&truth, &mut image),
             (FrameSize::Crop, false) => image = fingertip.rest_image(),
             (FrameSize::Full, false) => image = fingertip.rest_frame(),
         }

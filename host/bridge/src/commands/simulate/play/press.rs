@@ -139,8 +139,8 @@ impl Play for PressPlay<'_> {
         self.fingertip.set_time(self.time_s);
         let mut image = Image::new(0, 0);
         match size {
-            FrameSize::Crop => self.fingertip.render_truth(self.world.truth(), &mut image),
-            FrameSize::Full => self.fingertip.frame_truth(self.world.truth(), &mut image),
+            FrameSize::Crop => self.fingertip.render(self.world.truth(), &mut image),
+            FrameSize::Full => self.fingertip.render_frame(self.world.truth(), &mut image),
         }
         image
     }

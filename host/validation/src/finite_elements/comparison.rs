@@ -3,13 +3,13 @@
 
 use std::sync::Arc;
 
+use super::error::{FiniteElementError, checked};
 use super::ogden::Ogden;
 use super::press::{SpherePress, Surface};
-use crate::contact::ForceMap;
-use crate::contact_world::{Contact, Drive, Mount, Press, Shape, Skin, Truth};
-use crate::error::{SimulationError, checked, positive};
-use crate::field::{Field, FieldKernels, Place};
-use crate::gel::Gel;
+use gripline_simulation::ForceMap;
+use gripline_simulation::Gel;
+use gripline_simulation::contact_world::{Contact, Drive, Mount, Press, Shape, Skin, Truth};
+use gripline_simulation::{DisplacementField, LayerKernels, MaterialPoint};
 
 /// Depths at which the particles' displacements are compared, mm.
 pub const COMPARED_DEPTHS_MM: [f64; 3] = [1.0, 3.0, 5.0];
@@ -123,18 +123,17 @@ pub fn compare_pressed_sphere(
     setting: &Setting,
     indentations: &[f64],
     progress: &mut dyn FnMut(f64, &str),
-) -> Result<Vec<Comparison>, SimulationError> {
+) -> Result<Vec<Comparison>, FiniteElementError> {
     let mut before = 0.0;
     for indentation in indentations {
         checked(
             "indentation",
             *indentation,
             "rising, above 0 and below 0.5",
-            |v| v > before && v < 0.5,
+            *indentation > before && *indentation < 0.5,
         )?;
         before = *indentation;
     }
-    positive("sphere radius_mm", setting.radius_mm)?;
     let Setting {
         gel,
         material,
@@ -143,7 +142,7 @@ pub fn compare_pressed_sphere(
         fineness,
     } = *setting;
     let skin = Arc::new(Skin::new(&gel, CELLS)?);
-    let kernels = Arc::new(FieldKernels::new(&gel));
+    let kernels = Arc::new(LayerKernels::new(&gel));
     let mut press = SpherePress::new(&gel, material, radius_mm, surface, fineness)?;
     let mut coarse = if fineness.is_multiple_of(8) {
         Some(SpherePress::new(
@@ -178,9 +177,9 @@ fn compare(
     press: &mut SpherePress,
     coarse: Option<&mut SpherePress>,
     skin: &Arc<Skin>,
-    kernels: &Arc<FieldKernels>,
+    kernels: &Arc<LayerKernels>,
     setting: &Setting,
-) -> Result<Comparison, SimulationError> {
+) -> Result<Comparison, FiniteElementError> {
     let radius_mm = setting.radius_mm;
     let friction = match setting.surface {
         Surface::Frictionless => FRICTIONLESS,
@@ -207,7 +206,7 @@ fn compare(
                 ..drive
             })?;
         }
-        Ok::<Truth, SimulationError>(contact.truth().clone())
+        Ok::<Truth, FiniteElementError>(contact.truth().clone())
     };
     let force_n = press.force_n();
     let same_depth = linear(friction, Press::Depth(depth_mm), false, false)?;
@@ -301,9 +300,9 @@ fn pressure_within_mpa(truth: &Truth, radius_mm: f64) -> f64 {
     sum / count
 }
 
-fn displacements(press: &SpherePress, truth: &Truth, kernels: &Arc<FieldKernels>) -> [Displacements; 3] {
-    let mut field = Field::new(Arc::clone(kernels));
-    field.load_truth(truth);
+fn displacements(press: &SpherePress, truth: &Truth, kernels: &Arc<LayerKernels>) -> [Displacements; 3] {
+    let mut field = DisplacementField::new(Arc::clone(kernels));
+    field.load(truth);
     let steps = (COMPARED_RADIUS_MM / COMPARED_PITCH_MM) as usize;
     COMPARED_DEPTHS_MM.map(|depth_mm| {
         let (mut large, mut small, mut mixed, mut count) = (0.0, 0.0, 0.0, 0.0);
@@ -314,7 +313,7 @@ fn displacements(press: &SpherePress, truth: &Truth, kernels: &Arc<FieldKernels>
                     continue;
                 }
                 let moved = press.displacement_mm([x, y, depth_mm]);
-                let linear = field.at(&Place::new([x, y], depth_mm)).map(f64::from);
+                let linear = field.at(&MaterialPoint::new([x, y], depth_mm)).map(f64::from);
                 count += 1.0;
                 for (a, b) in moved.into_iter().zip(linear) {
                     large += a * a;
@@ -337,7 +336,7 @@ fn displacements(press: &SpherePress, truth: &Truth, kernels: &Arc<FieldKernels>
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::constants::TAXELS;
+    use gripline_simulation::constants::TAXELS;
 
     fn setting(radius_mm: f64, surface: Surface) -> Setting {
         let gel = Gel::default();

@@ -9,9 +9,10 @@ use gripline_simulation::{ForceMap, PressWorld};
 
 use crate::Failure;
 use crate::report::{Bound, Report, Worst};
+use crate::world::World;
 
-/// Example scenes of this crate.
-const FOLDER: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes");
+/// The example scenes.
+const FOLDER: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../simulation/scenes");
 const FRAME_S: f64 = 1.0 / 60.0;
 const SECONDS: f64 = 2.5;
 /// Loads below this count as none, N.
@@ -75,9 +76,9 @@ fn pressed(found: &mut Found) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Plays a grasp of each of the first ten objects.
-fn grasped(found: &mut Found) -> Result<(), Failure> {
-    for object in &OBJECTS[..10] {
+/// Plays a grasp of each of the first `objects` objects.
+fn grasped(found: &mut Found, objects: usize) -> Result<(), Failure> {
+    for object in &OBJECTS[..objects] {
         let grip_n = GRIP_OF_NEED * object.weight_n() / (object.friction[0] + object.friction[1]);
         let mut scene = GraspScene::new(object.clone());
         scene.arm.strokes = vec![Stroke::Move {
@@ -105,13 +106,16 @@ fn grasped(found: &mut Found) -> Result<(), Failure> {
     Ok(())
 }
 
-pub(crate) fn run(report: &mut Report) -> Result<(), Failure> {
+pub(crate) fn run(world: &World, report: &mut Report) -> Result<(), Failure> {
     let mut found = Found::default();
     pressed(&mut found)?;
-    grasped(&mut found)?;
+    let objects = if world.quick { 3 } else { 10 };
+    grasped(&mut found, objects)?;
     report.row(
         "scenes_normal",
-        "sum of the map's normal forces, every frame of the example presses and of ten grasps",
+        &format!(
+            "sum of the map's normal forces, every frame of the example presses and of {objects} grasps"
+        ),
         "pressing or gripping force",
         Bound::AtMost(0.1),
         (found.normal.value, "%"),
@@ -119,7 +123,7 @@ pub(crate) fn run(report: &mut Report) -> Result<(), Failure> {
     );
     report.row(
         "scenes_tangential",
-        "forces and moment of both skins, every step of ten grasps",
+        &format!("forces and moment of both fingertips, every step of {objects} grasps"),
         "weight, arm, pulls, table and inertia",
         Bound::AtMost(0.1),
         (found.tangential.value, "%"),

@@ -6,7 +6,7 @@ use gripline_simulation::closed_form::{Hertz, Torsion};
 use gripline_simulation::contact_world::{HeightMap, Mount, WALL_MM, production_cells};
 
 use crate::Failure;
-use crate::pictures::{Chart, Curve, Pictures};
+use crate::chart::{Chart, Curve, Pictures};
 use crate::report::{Bound, Report, Worst};
 use crate::world::{FRICTION, Paraboloid, World, drive, half_space};
 

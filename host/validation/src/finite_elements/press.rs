@@ -2,13 +2,13 @@
 //! against dragging it once its contact is stuck. Contact at the surface nodes by augmented Lagrange multipliers. Units:
 //! mm, N, MPa. z points into the skin. Limits: sphere over the middle, static.
 
-use super::body::{BALANCE, Body, Load};
+use super::body::{Body, Load};
+use super::error::{FiniteElementError, checked};
 use super::mesh::Mesh;
 use super::ogden::Ogden;
 use super::sparse::Sparse;
-use crate::constants::{HALF_SURFACE_MM, TAXEL_COUNT, TAXEL_PITCH_MM, TAXELS};
-use crate::error::{SimulationError, positive};
-use crate::gel::Gel;
+use gripline_simulation::Gel;
+use gripline_simulation::constants::{HALF_SURFACE_MM, TAXEL_COUNT, TAXEL_PITCH_MM, TAXELS};
 
 /// Stiffness of the contact springs, MPa per mm and per MPa of Young's modulus: the surface's own is about one
 /// over the size of an element (0.2 mm and up).
@@ -191,9 +191,14 @@ impl SpherePress {
         radius_mm: f64,
         surface: Surface,
         fineness: usize,
-    ) -> Result<Self, SimulationError> {
+    ) -> Result<Self, FiniteElementError> {
         gel.check()?;
-        positive("sphere radius_mm", radius_mm)?;
+        checked(
+            "sphere radius_mm",
+            radius_mm,
+            "a finite number above 0",
+            radius_mm > 0.0 && radius_mm.is_finite(),
+        )?;
         let mesh = Mesh::layer(gel.thickness_mm, fineness)?;
         let base = gel.thickness_mm - 1e-9;
         let springs: Vec<f64> = (0..mesh.surface_count())
@@ -227,8 +232,8 @@ impl SpherePress {
     /// there.
     ///
     /// # Errors
-    /// [`SimulationError::OutOfBalance`] if the smallest step does not settle; the sphere stays where it got to.
-    pub fn press_to(&mut self, depth_mm: f64) -> Result<(), SimulationError> {
+    /// [`FiniteElementError::OutOfBalance`] if the smallest step does not settle; the sphere stays where it got to.
+    pub fn press_to(&mut self, depth_mm: f64) -> Result<(), FiniteElementError> {
         let mut step_mm = match self.sphere.surface {
             Surface::Frictionless => STEP_SHARE * self.thickness_mm,
             Surface::Stuck => (STUCK_STEP_SHARE * self.thickness_mm).min(depth_mm / STUCK_STEPS),
@@ -397,11 +402,10 @@ impl SpherePress {
     /// present depth.
     ///
     /// # Errors
-    /// [`SimulationError::OutOfBalance`] if the block is not stable.
-    pub fn drag_stiffness_n_per_mm(&mut self) -> Result<f64, SimulationError> {
-        let failed = SimulationError::OutOfBalance {
+    /// [`FiniteElementError::OutOfBalance`] if the block is not stable.
+    pub fn drag_stiffness_n_per_mm(&mut self) -> Result<f64, FiniteElementError> {
+        let failed = FiniteElementError::OutOfBalance {
             found: f64::INFINITY,
-            expected: BALANCE,
             steps: self.body.newton_steps,
         };
         if self.body.respond(&mut self.dragged).is_none() {

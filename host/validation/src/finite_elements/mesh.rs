@@ -4,8 +4,9 @@
 
 use std::ops::Range;
 
-use crate::constants::TAXEL_PITCH_MM;
-use crate::error::SimulationError;
+use gripline_simulation::constants::TAXEL_PITCH_MM;
+
+use super::error::{FiniteElementError, checked};
 
 /// Half width of the block, mm: four thicknesses, over which the layer's slowest field, exp(−0.75 r/h), falls to a
 /// twentieth.
@@ -30,14 +31,13 @@ pub(super) struct Mesh {
 
 impl Mesh {
     /// A quarter of a layer `thickness_mm` thick; `fineness` elements along the middle taxel, a multiple of 4.
-    pub(super) fn layer(thickness_mm: f64, fineness: usize) -> Result<Self, SimulationError> {
-        if fineness == 0 || fineness > 16 || !fineness.is_multiple_of(4) {
-            return Err(SimulationError::OutOfRange {
-                field: "finite-element fineness",
-                found: fineness as f64,
-                expected: "4, 8, 12 or 16",
-            });
-        }
+    pub(super) fn layer(thickness_mm: f64, fineness: usize) -> Result<Self, FiniteElementError> {
+        checked(
+            "finite-element fineness",
+            fineness as f64,
+            "4, 8, 12 or 16",
+            [4, 8, 12, 16].contains(&fineness),
+        )?;
         let bands: [usize; TAXEL_BANDS] = [
             fineness,
             3 * fineness / 4,

@@ -2,10 +2,10 @@
 //! Units: mm, N, MPa, N·mm. Limits: static, elastic; loads must derive from an energy.
 
 use super::element;
+use super::error::FiniteElementError;
 use super::mesh::Mesh;
 use super::ogden::Ogden;
 use super::sparse::Sparse;
-use crate::error::SimulationError;
 
 /// Forces out of balance that are accepted, share of the reactions at the held nodes.
 pub(super) const BALANCE: f64 = 1e-7;
@@ -87,12 +87,12 @@ impl Body {
     /// Moves the free nodes of `stiffness` until all forces on them are in balance.
     ///
     /// # Errors
-    /// [`SimulationError::OutOfBalance`] with the forces that are left; the nodes stay where they got to.
+    /// [`FiniteElementError::OutOfBalance`] with the forces that are left; the nodes stay where they got to.
     pub(super) fn balance(
         &mut self,
         stiffness: &mut Sparse,
         load: &impl Load,
-    ) -> Result<(), SimulationError> {
+    ) -> Result<(), FiniteElementError> {
         let mut left = f64::INFINITY;
         for _ in 0..NEWTON_STEPS {
             let Some((energy, mut forces)) = self.respond(stiffness) else {
@@ -137,9 +137,8 @@ impl Body {
                 None => break,
             }
         }
-        Err(SimulationError::OutOfBalance {
+        Err(FiniteElementError::OutOfBalance {
             found: left,
-            expected: BALANCE,
             steps: self.newton_steps,
         })
     }
@@ -160,8 +159,8 @@ impl Body {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::gel::Gel;
-    use crate::random::Random;
+    use gripline_simulation::Gel;
+    use gripline_simulation::Random;
 
     struct Nothing;
 

@@ -81,11 +81,20 @@ impl Ledger {
 /// Skins of the sections and the ledger of their steps; shared between threads.
 #[derive(Debug, Default)]
 pub(crate) struct World {
+    /// Whether the long sections take fewer cases.
+    pub(crate) quick: bool,
     skins: Mutex<Vec<Arc<Skin>>>,
     ledger: Mutex<Ledger>,
 }
 
 impl World {
+    pub(crate) fn new(quick: bool) -> Self {
+        Self {
+            quick,
+            ..Self::default()
+        }
+    }
+
     /// The skin of `gel` on `cells`, made at most once.
     pub(crate) fn skin(&self, gel: &Gel, cells: usize) -> Result<Arc<Skin>, SimulationError> {
         let mut skins = self.skins.lock().unwrap_or_else(PoisonError::into_inner);

@@ -177,8 +177,8 @@ fn add_cofactor_slope(tangent: &mut [[f64; 9]; 9], factor: f64, m: &Matrix) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::gel::Gel;
-    use crate::random::Random;
+    use gripline_simulation::Gel;
+    use gripline_simulation::Random;
 
     fn distorted(random: &mut Random, size: f64) -> [[f64; 3]; 8] {
         std::array::from_fn(|c| {

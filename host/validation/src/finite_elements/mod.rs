@@ -7,11 +7,13 @@
 mod body;
 mod comparison;
 mod element;
+mod error;
 mod mesh;
 mod ogden;
 mod press;
 mod sparse;
 
 pub use comparison::{Both, COMPARED_DEPTHS_MM, Comparison, Displacements, Setting, compare_pressed_sphere};
+pub use error::FiniteElementError;
 pub use ogden::Ogden;
 pub use press::{SpherePress, Surface};

@@ -7,7 +7,7 @@ use gripline_simulation::closed_form::Hertz;
 use gripline_simulation::contact_world::{Mount, Truth, production_cells};
 
 use crate::Failure;
-use crate::pictures::{Chart, Curve, Pictures};
+use crate::chart::{Chart, Curve, Pictures};
 use crate::report::{Bound, Report, Worst};
 use crate::world::{Paraboloid, World, drive, half_space};
 

@@ -7,12 +7,12 @@
 )]
 
 mod balance;
+mod chart;
 mod grid;
 mod hertz;
 mod large_strain;
 mod limit;
 mod maps;
-mod pictures;
 mod pull;
 mod report;
 mod scenes;
@@ -25,7 +25,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Instant;
 
-use pictures::Pictures;
+use chart::Pictures;
 use report::Report;
 use world::World;
 
@@ -35,8 +35,9 @@ type Failure = Box<dyn std::error::Error + Send + Sync>;
 const THREADS: usize = 2;
 
 const HELP: &str = "\
-physics [--json] [--out DIR] [--only SECTION,...] [--without SECTION,...]
+physics [--quick] [--json] [--out DIR] [--only SECTION,...] [--without SECTION,...]
 
+  --quick    fewer cases in the long sections (limit, grid, balance, scenes, elements)
   --json     one JSON object on standard output instead of the table
   --out      folder for the pictures (made if absent; none are drawn without)
   --only     these sections: hertz, pull, twist, limit, grid, balance, scenes, tamaas,
@@ -49,6 +50,7 @@ const SECTIONS: [&str; 11] = [
 ];
 
 struct Options {
+    quick: bool,
     json: bool,
     out: Option<PathBuf>,
     sections: Vec<&'static str>,
@@ -71,6 +73,7 @@ fn listed(option: &str, list: &str) -> Result<Vec<&'static str>, String> {
 
 fn options() -> Result<Option<Options>, String> {
     let mut options = Options {
+        quick: false,
         json: false,
         out: None,
         sections: SECTIONS.to_vec(),
@@ -82,6 +85,7 @@ fn options() -> Result<Option<Options>, String> {
                 .ok_or_else(|| format!("{argument}: found nothing, expected a value after it"))
         };
         match argument.as_str() {
+            "--quick" => options.quick = true,
             "--json" => options.json = true,
             "--out" => options.out = Some(PathBuf::from(value()?)),
             "--only" => options.sections = listed("--only", &value()?)?,
@@ -92,7 +96,7 @@ fn options() -> Result<Option<Options>, String> {
             "--help" | "-h" => return Ok(None),
             found => {
                 return Err(format!(
-                    "argument: found `{found}`, expected --json, --out DIR, --only SECTION,... or --without \
+                    "argument: found `{found}`, expected --quick, --json, --out DIR, --only SECTION,... or --without \
                      SECTION,..."
                 ));
             }
@@ -124,7 +128,8 @@ fn measure(options: &Options) -> ExitCode {
             return ExitCode::FAILURE;
         }
     };
-    let (world, mut report) = (World::default(), Report::default());
+    let world = World::new(options.quick);
+    let mut report = Report::default();
     let wanted = |name: &str| options.sections.contains(&name);
     let mut section =
         |name: &'static str, what: &str, run: &mut dyn FnMut(&mut Report) -> Result<(), Failure>| {
@@ -139,7 +144,10 @@ fn measure(options: &Options) -> ExitCode {
             eprintln!("   {:.1} s", began.elapsed().as_secs_f64());
         };
     // The two long ones run beside the others.
-    let elements = wanted("elements").then(|| std::thread::spawn(large_strain::compare));
+    let elements = wanted("elements").then(|| {
+        let quick = options.quick;
+        std::thread::spawn(move || large_strain::compare(quick))
+    });
     let mut script = wanted("tamaas").then(|| tamaas::start(&world));
     section("hertz", "pressed spheres", &mut |report| {
         hertz::run(&world, report, &pictures)
@@ -168,7 +176,7 @@ fn measure(options: &Options) -> ExitCode {
         },
     );
     section("scenes", "whole presses and grasps", &mut |report| {
-        scenes::run(report)
+        scenes::run(&world, report)
     });
     section(
         "tamaas",

@@ -15,13 +15,13 @@ use crate::world::World;
 
 const STEPS: usize = 25;
 
-/// Walks every shape along two random paths.
+/// Walks every shape along two random paths; along one when quick.
 pub(crate) fn walk(world: &World) -> Result<(), Failure> {
     let mut random = Pcg64::new(2026, 17);
     let mut uniform =
         |from: f64, to: f64| from + (to - from) * (random.next_u64() >> 11) as f64 / (1_u64 << 53) as f64;
     for shape in TRAINING_SHAPES.into_iter().chain(UNSEEN_SHAPES) {
-        for _ in 0..2 {
+        for _ in 0..if world.quick { 1 } else { 2 } {
             let peak = uniform(0.3_f64.ln(), 10.0_f64.ln()).exp();
             let mount = Mount {
                 shift_mm_per_n: uniform(0.05, 1.5),

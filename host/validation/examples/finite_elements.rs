@@ -1,11 +1,11 @@
 //! The linear layer against large-strain finite elements, a sphere on the default gel (8 and 12 unless given):
-//! `cargo run --release -p gripline-simulation --features finite-elements --example finite_elements -- [FINENESS
+//! `cargo run --release -p gripline-validation --example finite_elements -- [FINENESS
 //! [RADIUS_MM]]`. One-term rubber tells how much of the difference is the material's own stiffening.
 
 use std::time::Instant;
 
 use gripline_simulation::Gel;
-use gripline_simulation::finite_elements::{Comparison, Ogden, Setting, Surface, compare_pressed_sphere};
+use gripline_validation::finite_elements::{Comparison, Ogden, Setting, Surface, compare_pressed_sphere};
 
 const INDENTATIONS: [f64; 4] = [0.05, 0.1, 0.2, 0.3];
 

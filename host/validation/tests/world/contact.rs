@@ -1,15 +1,15 @@
-//! The contact solver against closed forms and conservation laws; `cargo test -p gripline-simulation validation
-//! -- --nocapture` prints the figures.
+//! The contact solver against closed forms and conservation laws.
 
 use std::f64::consts::PI;
 use std::sync::Arc;
 
-use super::*;
-use crate::closed_form::{CattaneoMindlin, Hertz, Torsion};
-use crate::contact::ForceMap;
-use crate::error::SimulationError;
-use crate::gel::Gel;
-use crate::random::Random;
+use gripline_simulation::closed_form::{CattaneoMindlin, Hertz, Torsion};
+use gripline_simulation::contact_world::{
+    Contact, Drive, HeightMap, Mount, Press, Shape, Skin, TRAINING_SHAPES, Truth, UNSEEN_SHAPES, WALL_MM,
+};
+use gripline_simulation::{ForceMap, Gel, Random, SimulationError};
+
+use crate::difference;
 
 const FRICTION: f64 = 0.65;
 const RADIUS_MM: f64 = 12.0;
@@ -77,17 +77,6 @@ fn sums(map: &ForceMap) -> [f64; 3] {
     map.iter().fold([0.0; 3], |sum, taxel| {
         std::array::from_fn(|k| sum[k] + f64::from(taxel[k]))
     })
-}
-
-/// Root of the sum of squares of the difference over that of the second.
-fn difference(a: &ForceMap, b: &ForceMap) -> f64 {
-    let square = |f: &dyn Fn(usize, usize) -> f32| -> f64 {
-        (0..400)
-            .flat_map(|t| (0..3).map(move |k| (t, k)))
-            .map(|(t, k)| f64::from(f(t, k)).powi(2))
-            .sum()
-    };
-    (square(&|t, k| a[t][k] - b[t][k]) / square(&|t, k| b[t][k])).sqrt()
 }
 
 #[test]
@@ -160,6 +149,41 @@ fn a_growing_pull_is_cattaneo_mindlin() {
         assert!((ratio - exact).abs() < 0.03);
         assert!(worst < 0.08 && !truth.gross_slip());
     }
+}
+
+#[test]
+fn grip_and_pull_that_grow_in_proportion_never_slip_and_shear_in_proportion_to_pressure() {
+    // Exact for any Hertz contact (Mindlin and Deresiewicz): q(r) = (Q/P) p(r) while Q/P < μ.
+    let mut contact = contact(&half_space(), 80, Paraboloid, Mount::default()).straight();
+    let share = 0.4;
+    for i in 1..=48 {
+        let force = 0.0625 * f64::from(i);
+        contact
+            .pull(Press::Force(force), [0.0; 2], [share * force, 0.0, 0.0])
+            .unwrap();
+    }
+    let truth = contact.truth();
+    let (mut off, mut all) = (0.0, 0.0);
+    for (cell, p) in truth.pressure_mpa().iter().enumerate() {
+        off += (truth.shear_mpa(cell)[0] - share * p).powi(2);
+        all += (share * p).powi(2);
+    }
+    let (ratio, off) = (truth.stick_ratio().unwrap(), (off / all).sqrt());
+    println!("grip and pull in proportion: stick ratio {ratio:.3}, shear within {off:.4} of (Q/P) p");
+    assert!(ratio > 0.95 && off < 0.06, "{ratio} {off}");
+}
+
+#[test]
+fn more_grip_under_the_same_pull_sticks_again() {
+    let mut contact = contact(&half_space(), 80, Paraboloid, Mount::default()).straight();
+    contact.step(drive(2.0, [0.0; 2], 0.0)).unwrap();
+    let mut ratio = |force: f64| {
+        let truth = contact.pull(Press::Force(force), [0.0; 2], [1.1, 0.0, 0.0]);
+        truth.unwrap().stick_ratio().unwrap()
+    };
+    let [before, after] = [2.0, 2.5].map(&mut ratio);
+    println!("stick ratio under 1.1 N: {before:.3} at 2 N, {after:.3} at 2.5 N");
+    assert!(before < 0.4 && after > 0.95, "{before} {after}");
 }
 
 #[test]

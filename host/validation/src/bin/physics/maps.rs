@@ -6,7 +6,7 @@ use gripline_simulation::contact_world::{
 use gripline_simulation::{Fingertip, FingertipParams, Gel, Image};
 
 use crate::Failure;
-use crate::pictures::{Panel, Pictures, Scale};
+use crate::chart::{Panel, Pictures, Scale};
 use crate::world::{World, drive};
 
 /// The middle of the skin that is shown, mm from the middle to the edge.
@@ -109,7 +109,7 @@ pub(crate) fn run(world: &World, pictures: &Pictures) -> Result<(), Failure> {
     let mut fingertip = Fingertip::new(1, params)?;
     let rest = fingertip.rest_image();
     let mut now = Image::crop();
-    fingertip.render_truth(truth, &mut now);
+    fingertip.render(truth, &mut now);
     let middle = |pixel: &dyn Fn(usize) -> f64| -> Vec<f64> {
         let first = (rest.width - SHOWN) / 2 * (rest.width + 1);
         (0..SHOWN * SHOWN)
