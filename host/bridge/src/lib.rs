@@ -14,6 +14,7 @@ mod calibration;
 pub mod commands;
 pub mod config;
 mod live;
+pub mod log;
 pub mod run;
 pub mod source;
 pub mod view;

@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use gripline::commands::cli::{Cli, Command};
 use gripline::commands::{calibrate, detect, doctor, evaluate, faults, infer, plot, replay, shell, simulate};
 use gripline::error::Kind;
-use gripline::{config, run};
+use gripline::{config, log, run};
 
 fn main() -> ExitCode {
     let cli = match Cli::from_arguments(std::env::args_os()) {
@@ -18,6 +18,10 @@ fn main() -> ExitCode {
         // `--help` and `--version` come this way too.
         Err(text) => text.exit(),
     };
+    if let Err(failure) = log::start(cli.log_level()) {
+        eprintln!("gripline: {failure}");
+        return ExitCode::from(failure.kind.exit_code());
+    }
     let ended = match cli.command {
         Command::Run(args) => run::run(&args),
         Command::Infer(args) => infer::run(&args),
@@ -37,7 +41,7 @@ fn main() -> ExitCode {
     match ended {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
-            eprintln!("gripline: {failure}");
+            tracing::error!("{failure}");
             ExitCode::from(failure.kind.exit_code())
         }
     }

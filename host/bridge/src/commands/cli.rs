@@ -3,6 +3,7 @@
 use std::ffi::OsString;
 
 use clap::{Parser, Subcommand};
+use tracing::level_filters::LevelFilter;
 
 use crate::commands::calibrate::CalibrateArgs;
 use crate::commands::detect::DetectArgs;
@@ -23,6 +24,12 @@ use gripline_recording::ExportArgs;
 #[derive(Debug, Parser)]
 #[command(name = "gripline", version, about, max_term_width = 100)]
 pub struct Cli {
+    /// Log more: every detail that is known.
+    #[arg(short, long, global = true)]
+    verbose: bool,
+    /// Log errors only.
+    #[arg(short, long, global = true, conflicts_with = "verbose")]
+    quiet: bool,
     /// What to do.
     #[command(subcommand)]
     pub command: Command,
@@ -62,6 +69,16 @@ pub enum Command {
 }
 
 impl Cli {
+    /// The level that the flags ask for.
+    #[must_use]
+    pub const fn log_level(&self) -> Option<LevelFilter> {
+        match (self.verbose, self.quiet) {
+            (true, _) => Some(LevelFilter::DEBUG),
+            (_, true) => Some(LevelFilter::ERROR),
+            _ => None,
+        }
+    }
+
     /// Reads the program's arguments; none at all mean `run`.
     ///
     /// # Errors
