@@ -26,7 +26,9 @@ pub const EXPOSURE_MANUAL: i64 = 1;
 /// What the driver made of a wish.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Set {
+    /// Its pixel format, as the driver calls it.
     pub code: [u8; 4],
+    /// Columns and rows.
     pub size: [u32; 2],
     /// Bytes from row to row.
     pub stride: usize,
@@ -36,6 +38,7 @@ pub struct Set {
 
 /// Where a camera is plugged in: can be opened again and again.
 pub trait Port: Send + 'static {
+    /// The camera once it is open.
     type Driver: Driver;
 
     /// Its path, for people.
@@ -50,6 +53,7 @@ pub trait Port: Send + 'static {
 
 /// An open camera.
 pub trait Driver {
+    /// The camera once it streams.
     type Stream: Stream;
 
     /// What the camera calls itself.
@@ -83,6 +87,7 @@ pub trait Driver {
 /// A filled buffer, until the next one is taken.
 #[derive(Debug)]
 pub struct Buffer<'a> {
+    /// The picture as the camera sent it.
     pub bytes: &'a [u8],
     /// The driver's number of it.
     pub sequence: u32,
@@ -92,6 +97,7 @@ pub struct Buffer<'a> {
 
 /// A camera that fills buffers.
 pub trait Stream {
+    /// What tells of filled buffers.
     type Ready: Ready;
 
     /// Tells when there is a buffer to take, also while one is looked at.

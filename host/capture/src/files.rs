@@ -96,10 +96,12 @@ impl FolderFrames {
         None
     }
 
+    /// What became of the pictures so far.
     pub const fn counts(&self) -> Counts {
         self.counts
     }
 
+    /// What happened since it was last asked, for people.
     pub fn take_news(&mut self) -> Vec<String> {
         std::mem::take(&mut self.news)
     }
@@ -176,10 +178,12 @@ impl ClipFrames {
         }
     }
 
+    /// What became of the pictures so far.
     pub const fn counts(&self) -> Counts {
         self.counts
     }
 
+    /// What happened since it was last asked, for people.
     pub fn take_news(&mut self) -> Vec<String> {
         std::mem::take(&mut self.news)
     }

@@ -85,6 +85,7 @@ pub struct Mode {
 /// What was asked for.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Wanted {
+    /// `None`: what needs the least decoding.
     pub format: Option<PixelFormat>,
     /// Frames a second.
     pub rate: f64,

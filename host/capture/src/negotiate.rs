@@ -9,6 +9,7 @@ use super::format::{PixelFormat, Wanted, shown};
 /// What a camera is to be set to.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct CameraSettings {
+    /// Format and rate.
     pub mode: Wanted,
     /// Exposure time; `None`: as the camera has it.
     pub exposure_ms: Option<f64>,

@@ -161,47 +161,73 @@ struct StatusOut<'a> {
 /// A frame's status as it is read back.
 #[derive(Debug, Clone, Deserialize)]
 pub struct Stored {
+    /// Number of the frame, from 0.
     pub frame: u64,
     /// Recordings of before there could be two do not say.
     #[serde(default)]
     pub sensor: u8,
+    /// Time of the picture since start.
     pub t_s: f64,
+    /// What the scene gate decided.
     pub gate: String,
+    /// What is known against the picture.
     pub health: Vec<String>,
+    /// F_N.
     #[serde(rename = "fn")]
     pub normal_n: f64,
+    /// F_x.
     #[serde(rename = "fx")]
     pub shear_x_n: f64,
+    /// F_y.
     #[serde(rename = "fy")]
     pub shear_y_n: f64,
+    /// F_T.
     #[serde(rename = "ft")]
     pub shear_n: f64,
+    /// Moment about z.
     #[serde(rename = "mz")]
     pub moment_nmm: f64,
+    /// Taxels in contact.
     pub contact: u16,
+    /// Taxels in contact that stick.
     pub stick: u16,
+    /// stick / contact.
     pub stick_ratio: Option<f64>,
+    /// Coulomb baseline F_T > μ F_N.
     pub coulomb_slip: bool,
+    /// Slip state.
     pub state: String,
+    /// Grip-force line.
     pub line_n: f64,
+    /// Frame bytes in to bytes for the device out.
     pub latency_us: f64,
+    /// Names of the device's faults and the host's own.
     pub faults: Vec<String>,
+    /// Time of each stage.
     #[serde(default)]
     pub stages_us: Vec<f64>,
+    /// Bytes on the wire for this map.
     #[serde(default)]
     pub wire_bytes: usize,
     /// Recordings of before nothing could be late do not say.
     #[serde(default)]
     pub late: Option<String>,
+    /// What the simulated world knew.
     pub truth: Option<StoredTruth>,
+    /// Number of the map.
     pub sequence: u32,
+    /// When the picture was taken, on the link's clock.
     pub capture_us: u32,
     /// In older recordings pictures count as taken when the turn began.
     #[serde(default)]
     pub begun_us: Option<u32>,
+    /// Time up to which the link worked for this frame, after frame 0.
     pub until_us: u64,
+    /// What was wanted of the gripper.
     pub wish: GripMode,
+    /// [`gripline_protocol::Health`] of the map, as bits.
     pub health_bits: u8,
+    /// The device's status in the wire's units.
     pub wire: Status,
 }
 

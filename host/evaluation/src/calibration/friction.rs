@@ -36,7 +36,9 @@ pub const DETECTOR_SHARE: f64 = 1.0 / 1.2;
 /// What one force map says of friction.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Moment {
+    /// When, s.
     pub t_s: f64,
+    /// ΣF_N of the loaded taxels, N.
     pub normal_n: f64,
     /// |ΣF_T| / ΣF_N over the loaded taxels.
     pub ratio: f64,
@@ -49,20 +51,28 @@ pub struct Moment {
 /// A stretch in which everything slides.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Slide {
+    /// Its first frame, s.
     pub from_s: f64,
+    /// Its last frame, s.
     pub to_s: f64,
+    /// How many frames it has.
     pub frames: usize,
     /// Mean normal force, N.
     pub normal_n: f64,
+    /// Median |ΣF_T| / ΣF_N.
     pub ratio: f64,
 }
 
 /// What all slides say.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Estimate {
+    /// The friction coefficient.
     pub friction: f64,
+    /// Lower end of its interval.
     pub low: f64,
+    /// Upper end of its interval.
     pub high: f64,
+    /// Of the interval.
     pub confidence: f64,
     /// Standard deviation of the slides' estimates.
     pub between_slides: f64,

@@ -30,7 +30,9 @@ const PITCH_OFF: f64 = 0.2;
 /// What one force map says of where it is pressed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Touch {
+    /// When, s.
     pub t_s: f64,
+    /// ΣF_N of the loaded taxels, N.
     pub normal_n: f64,
     /// Centre of pressure of the loaded taxels.
     pub place: [f64; 2],
@@ -39,8 +41,11 @@ pub struct Touch {
 /// A press: one contact from its beginning to its end.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Press {
+    /// Its first frame, s.
     pub from_s: f64,
+    /// Its last frame, s.
     pub to_s: f64,
+    /// How many frames it has.
     pub frames: usize,
     /// Mean normal force, N.
     pub normal_n: f64,
@@ -51,8 +56,11 @@ pub struct Press {
 /// How the fingertip sits.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Fit {
+    /// Distance between taxel centres.
     pub pitch_mm: f64,
+    /// The map's centre in the gripper's frame.
     pub centre_mm: [f64; 2],
+    /// Counter-clockwise.
     pub quarter_turns: u8,
     /// What a free turn would add, degrees.
     pub off_deg: f64,

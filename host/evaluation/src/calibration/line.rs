@@ -23,15 +23,20 @@ pub const MEASURED_MIN: usize = 2 * LINE_POINTS;
 /// A force measured at a code.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Measured {
+    /// Code of the DAC.
     pub code: u16,
+    /// What the gripper did, newtons.
     pub force_n: f64,
 }
 
 /// The table and how well it fits.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Fit {
+    /// The table.
     pub points: [Point; LINE_POINTS],
+    /// Root mean square of what is left over.
     pub rms_n: f64,
+    /// Largest of what is left over.
     pub max_n: f64,
 }
 

@@ -40,8 +40,11 @@ pub mod limit {
 pub struct Figures {
     /// Their mean, rounded to nearest.
     pub mean: Vec<u8>,
+    /// Grey levels.
     pub mean_level: f64,
+    /// Share of saturated pixels.
     pub saturated_share: f64,
+    /// Particles found.
     pub particles: usize,
     /// Mean square of fine over that of coarse differences, noise taken out.
     pub sharpness: f64,
