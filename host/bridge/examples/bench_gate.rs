@@ -182,11 +182,11 @@ fn measure(scene: &Scene) -> Result<Vec<Row>, Box<dyn Error>> {
             let processed = pipeline.process(crop)?;
             let (gated_force, gated_slips) = decide(&processed);
             row.doubted += usize::from(!processed.health.is_good());
-            row.missed += usize::from(processed.verdict == Verdict::NoContact && *normal_n >= MISSED_N);
+            row.missed += usize::from(processed.gate == Verdict::NoContact && *normal_n >= MISSED_N);
             row.decisions_changed += usize::from(slips != gated_slips);
             let difference: f64 = (0..3).map(|k| (force[k] - gated_force[k]).powi(2)).sum();
             row.force_difference_n = row.force_difference_n.max(difference.sqrt());
-            if matches!(processed.verdict, Verdict::NoContact | Verdict::Unchanged) {
+            if matches!(processed.gate, Verdict::NoContact | Verdict::Unchanged) {
                 row.skipped += 1;
                 times[0].push(processed.stages_us[1]);
                 times[1].push(processed.stages_us[0] + processed.stages_us[1]);

@@ -48,7 +48,7 @@ impl Chain {
             ..MapInfo::default()
         };
         self.session.send_map(&info, processed.map).unwrap();
-        let verdict = processed.verdict;
+        let verdict = processed.gate;
         self.session.run_until(self.session.now_us() + 16_667).unwrap();
         let sums = self.session.status().unwrap().sums;
         let ratio = (sums.contact > 0).then(|| f64::from(sums.stick) / f64::from(sums.contact));

@@ -70,7 +70,7 @@ fn every_camera_fault_is_noticed_under_a_touch_and_its_map_is_empty_and_marked()
         for (name, crop) in pictures {
             let processed = pipeline.process(&crop).unwrap();
             assert!(!processed.health.is_good(), "{name} in frame {frame}");
-            assert_eq!(processed.verdict, Verdict::Unhealthy, "{name} in frame {frame}");
+            assert_eq!(processed.gate, Verdict::Unhealthy, "{name} in frame {frame}");
             assert_eq!(processed.map, &ForceMap::EMPTY, "{name} in frame {frame}");
             shown += 1;
         }

@@ -19,7 +19,7 @@ const LOCKED_OUT_MS: u32 = 500;
 
 /// The difference between the clocks, and its history.
 #[derive(Debug, Default)]
-pub(crate) struct ClockWatch {
+pub(crate) struct ClockSync {
     /// Host less microcontroller, the least of the last full window.
     reference: Option<i64>,
     /// The newest uptime of the microcontroller, ms, counted on where its 32 bits wrap after seven weeks.
@@ -30,7 +30,7 @@ pub(crate) struct ClockWatch {
     refusing: Option<(u32, u32)>,
 }
 
-impl ClockWatch {
+impl ClockSync {
     /// One of the clocks starts anew.
     pub(crate) fn forget(&mut self) {
         *self = Self::default();
@@ -98,7 +98,7 @@ mod tests {
 
     /// 60 statuses a second, each read up to `jitter_us` late; the host's clock is `ahead(frame)` of the other.
     fn jumps(frames: u64, jitter_us: u64, ahead: impl Fn(u64) -> i64) -> Vec<u64> {
-        let mut watch = ClockWatch::default();
+        let mut watch = ClockSync::default();
         (0..frames)
             .filter(|frame| {
                 let at_us = 3_600_000_000 + frame * 16_667;
@@ -119,7 +119,7 @@ mod tests {
 
     #[test]
     fn a_microcontroller_that_runs_for_seven_weeks_is_no_jump() {
-        let mut watch = ClockWatch::default();
+        let mut watch = ClockSync::default();
         let start_ms = u64::from(u32::MAX) - 5_000;
         for frame in 0..600 {
             let ms = start_ms + frame * 17;
@@ -140,12 +140,12 @@ mod tests {
 
     #[test]
     fn refusals_that_last_are_a_lock_out_and_those_between_maps_are_none() {
-        let mut watch = ClockWatch::default();
+        let mut watch = ClockSync::default();
         for frame in 0..100 {
             assert!(!watch.is_locked_out(frame * 100, frame % 6 != 5, 7));
             assert!(!watch.is_locked_out(frame * 100 + 50, true, 8 + frame));
         }
-        let mut watch = ClockWatch::default();
+        let mut watch = ClockSync::default();
         let start_ms = u32::MAX - 200;
         let locked_out: Vec<u32> = (0..13)
             .filter(|status| watch.is_locked_out(start_ms.wrapping_add(status * 100), true, 0))

@@ -36,7 +36,7 @@ pub(crate) enum Next {
 
 /// What is known of the microcontroller.
 #[derive(Debug)]
-pub(crate) struct Acquaintance {
+pub(crate) struct Handshake {
     /// This host's own number.
     number: u32,
     state: State,
@@ -49,7 +49,7 @@ pub(crate) struct Acquaintance {
     restarts: u32,
 }
 
-impl Acquaintance {
+impl Handshake {
     /// Nobody has been met.
     pub(crate) const fn new(number: u32) -> Self {
         Self {

@@ -8,6 +8,26 @@ use gripline_protocol::{ForceMap, SENSORS};
 
 const REMEMBERED: usize = 32;
 
+/// The detector's sums of a map, and the rule that they follow: computed once, handed to whoever needs them.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Judgement {
+    /// The detector's rule.
+    pub rule: TaxelRule,
+    /// Its sums.
+    pub sums: MapSums,
+}
+
+impl Judgement {
+    /// Judges a map.
+    #[must_use]
+    pub fn of(map: &ForceMap, rule: TaxelRule) -> Self {
+        Self {
+            rule,
+            sums: sums_of(map, rule),
+        }
+    }
+}
+
 #[derive(Debug, Clone, Copy)]
 struct Expected {
     sequence: u32,
@@ -45,9 +65,14 @@ impl Shadow {
         };
     }
 
-    /// A map goes out.
-    pub fn sent(&mut self, sensor: u8, sequence: u32, map: &ForceMap) {
-        let sums = sums_of(map, self.rule);
+    /// The rule that counts now.
+    #[must_use]
+    pub const fn rule(&self) -> TaxelRule {
+        self.rule
+    }
+
+    /// A map goes out, judged by the rule that counts now.
+    pub fn sent(&mut self, sensor: u8, sequence: u32, sums: MapSums) {
         let [x, y, normal] = sums.force;
         let coulomb_slip = self.rule.friction.exceeded_by([x, y], normal);
         if let Some(maps) = self.expected.get_mut(usize::from(sensor)) {
@@ -108,7 +133,7 @@ mod tests {
         let mut map = ForceMap::EMPTY;
         map.taxels[7] = TaxelForce { x: 9, y: 0, z: 20 };
         let mut shadow = Shadow::new(rule);
-        shadow.sent(0, 5, &map);
+        shadow.sent(0, 5, sums_of(&map, rule));
         let right = Status {
             sequence: 5,
             sums: sums_of(&map, rule),

@@ -174,6 +174,17 @@ impl Network {
         }
     }
 
+    /// The same for an image that was downsampled already: `small` is `now` at 88×88.
+    ///
+    /// # Panics
+    /// When `now` is not 440×440 bytes.
+    pub fn infer_with(&mut self, now: &[u8], small: &Image88, out: &mut ForceMap) {
+        match &mut self.0 {
+            Kind::Unet { network, .. } => network.infer(small, out),
+            Kind::Tracked(network) => network.infer(now, out),
+        }
+    }
+
     /// How the slip detector should read these maps.
     #[must_use]
     pub fn calibration(&self) -> Calibration {

@@ -1,28 +1,28 @@
-//! One turn of the loop: picture in, map out, answer in. The same for a run and for the replay of a recording, so that
-//! the replay decides what the run decided. Times in µs of the link's clock.
+//! One frame of the control loop: picture in, map out, answer in. The same for a run and for the replay of a recording, so
+//! that the replay decides what the run decided. Times in µs of the link's clock.
 
 use std::time::{Duration, Instant};
 
+use gripline_link::session::{SentMap, Session};
 use gripline_network::scene::Verdict;
 use gripline_protocol::message::{Command, GripMode, MapSums, Status};
 use gripline_protocol::{ForceMap, Health, MapInfo, SENSORS};
-
-use crate::pipeline::Pipeline;
-use gripline_link::session::{SentMap, Session};
-use gripline_recording::error::Failure;
 use gripline_recording::telemetry::STAGES;
 
-/// A picture that is older than this when its turn comes, µs, is dropped: a frame at 60 a second, and what a busy system may
-/// hold a thread up.
+use crate::PipelineError;
+use crate::pipeline::Pipeline;
+
+/// A picture older than this when its turn comes, µs, is dropped: one frame at 60 Hz, plus what a busy system may hold a
+/// thread up.
 pub const PICTURE_OLD_US: u64 = 20_000;
-/// A map whose picture is older than this when it could be sent, µs, is dropped: half of what the microcontroller by default
-/// calls stale.
+/// A map whose picture is older than this when it could be sent, µs, is dropped: half of what the device by default calls
+/// stale.
 pub const MAP_OLD_US: u64 = 50_000;
 
 /// The gate decision's name, for programs.
 #[must_use]
-pub const fn gate_name(verdict: Verdict) -> &'static str {
-    match verdict {
+pub const fn gate_name(decision: Verdict) -> &'static str {
+    match decision {
         Verdict::NoContact => "no_contact",
         Verdict::Unchanged => "unchanged",
         Verdict::Network => "network",
@@ -33,7 +33,7 @@ pub const fn gate_name(verdict: Verdict) -> &'static str {
 /// Where a frame was dropped because it was too old by then. Nothing is done late: the next picture is fresher.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Late {
-    /// Before anybody looked at it.
+    /// Before the gate saw it.
     Picture,
     /// Its map was not sent.
     Map,
@@ -41,6 +41,7 @@ pub enum Late {
 
 impl Late {
     /// Its name, for programs.
+    #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
             Self::Picture => "picture",
@@ -49,6 +50,7 @@ impl Late {
     }
 
     /// The one with this name.
+    #[must_use]
     pub fn named(name: &str) -> Option<Self> {
         [Self::Picture, Self::Map]
             .into_iter()
@@ -56,7 +58,7 @@ impl Late {
     }
 }
 
-/// What may be late in a turn.
+/// What may be late in a frame.
 #[derive(Debug, Clone, Copy)]
 pub enum Lateness {
     /// Nothing: the world waits.
@@ -69,68 +71,59 @@ pub enum Lateness {
 
 impl Lateness {
     fn is_late(self, at: Late) -> bool {
-        let most_us = match at {
+        let max_us = match at {
             Late::Picture => PICTURE_OLD_US,
             Late::Map => MAP_OLD_US,
         };
         match self {
             Self::Never => false,
-            Self::Since(taken) => taken.elapsed() > Duration::from_micros(most_us),
+            Self::Since(taken) => taken.elapsed() > Duration::from_micros(max_us),
             Self::Recorded(late) => late == Some(at),
         }
     }
 }
 
-/// Whose turn it is, and until when.
+/// Which frame it is, and how long it may work.
 #[derive(Debug, Clone, Copy)]
-pub struct At {
+pub struct FrameRequest {
     /// The fingertip, from 0.
     pub sensor: u8,
-    /// What is wanted of the gripper.
-    pub wish: GripMode,
+    /// The requested mode of the gripper.
+    pub mode: GripMode,
     /// How long ago the picture was taken, by the link's clock.
     pub age_us: u32,
-    /// The turn works until then, after frame 0.
+    /// Time for decoding the picture.
+    pub decode_us: f64,
+    /// Part of the latency before the frame begins: from the picture's bytes on.
+    pub waited_us: f64,
+    /// The frame works until then, after frame 0.
     pub until_us: u64,
 }
 
-/// A session and what the gripper was last told.
-pub struct Cycle {
-    /// The conversation with the microcontroller.
-    pub session: Session,
-    wish: Option<GripMode>,
-    /// The number of each fingertip's next map.
-    sequences: [u32; SENSORS],
-    /// The link's time of frame 0.
-    start_us: u64,
-    /// How often the device had gone away, and how often it had restarted, when it last was as it should be.
-    met: (u32, u32),
-}
-
-/// What one turn came to.
+/// What one frame came to.
 #[derive(Debug, Clone, Copy)]
-pub struct Turn {
+pub struct FrameOutcome {
     /// The fingertip, from 0.
     pub sensor: u8,
     /// Number of the map.
     pub sequence: u32,
     /// When the picture was taken, on the link's clock.
     pub capture_us: u32,
-    /// When the turn began, on the link's clock.
+    /// When the frame began, on the link's clock.
     pub begun_us: u32,
-    /// What the gate said.
-    pub verdict: Verdict,
-    /// What is known against the picture.
+    /// What the scene gate decided.
+    pub gate: Verdict,
+    /// Doubts about the picture.
     pub health: Health,
-    /// Time of each of [`STAGES`]; 0 where the gate skipped it, and for the decoding, which lies before.
+    /// Time of each of [`STAGES`]; 0 where the gate skipped it.
     pub stages_us: [f64; STAGES.len()],
-    /// Picture in to map out.
+    /// Picture's bytes in to map out.
     pub latency_us: f64,
     /// Bytes on the wire.
     pub wire_bytes: usize,
     /// The link did not take the map.
     pub is_lost: bool,
-    /// Where it was dropped because it was too old; there is then no map to answer.
+    /// Where the frame was dropped because it was too old; there is then no map to answer.
     pub late: Option<Late>,
     /// The newest status about this fingertip, which may be older than this map.
     pub status: Status,
@@ -138,204 +131,247 @@ pub struct Turn {
     pub answered: bool,
 }
 
-impl Turn {
-    /// The map is out.
-    fn with(self, sent: &SentMap) -> Self {
-        let mut stages_us = self.stages_us;
-        stages_us[STAGES.len() - 2..].copy_from_slice(&[sent.encode_us, sent.link_us]);
-        Self {
-            stages_us,
-            latency_us: sent.encode_us + sent.link_us,
-            wire_bytes: sent.bytes,
-            is_lost: sent.is_lost,
-            ..self
-        }
-    }
+/// A frame whose mode was requested.
+#[derive(Clone, Copy)]
+struct Begun {
+    request: FrameRequest,
+    at: Instant,
+    begun_us: u32,
+    info: MapInfo,
 }
 
-impl Cycle {
+/// What gate and network made of a picture.
+#[derive(Clone, Copy)]
+struct Processed {
+    gate: Verdict,
+    health: Health,
+    stages_us: [f64; 3],
+}
+
+impl Processed {
+    /// Nobody looked.
+    const NOTHING: Self = Self {
+        gate: Verdict::Unchanged,
+        health: Health::GOOD,
+        stages_us: [0.0; 3],
+    };
+}
+
+/// How a frame's map ended.
+enum Ended {
+    Sent { sent: SentMap, latency_us: f64 },
+    Dropped(Late),
+}
+
+/// The loop around one session.
+pub struct ControlLoop {
+    /// The conversation with the device.
+    pub session: Session,
+    /// The mode that the device was last asked for.
+    mode: Option<GripMode>,
+    /// The number of each fingertip's next map.
+    sequences: [u32; SENSORS],
+    /// The link's time of frame 0.
+    start_us: u64,
+    /// Losses of the link and restarts of the device when both were last sound.
+    sound_at: (u32, u32),
+}
+
+impl ControlLoop {
     /// Frame 0 is now.
+    #[must_use]
     pub fn new(session: Session) -> Self {
         Self {
             start_us: session.now_us(),
             session,
-            wish: None,
+            mode: None,
             sequences: [0; SENSORS],
-            met: (0, 0),
+            sound_at: (0, 0),
         }
     }
 
-    /// The fingertip's next map has this number: the maps before it are not to be had.
+    /// The fingertip's next map has this number: the maps before it are missing.
     pub fn resume_at(&mut self, sensor: u8, sequence: u32) {
         self.sequences[usize::from(sensor)] = sequence;
     }
 
-    /// Works with this picture's map, as far as it is not too old.
+    /// A picture's way: gate, network and quantisation, then the link; dropped where it is too old.
     ///
     /// # Errors
-    /// [`Failure`] when the network's output is no number or the link is gone.
-    pub fn turn(
+    /// [`PipelineError`] when the network's output is no number or the link is gone.
+    pub fn frame(
         &mut self,
         pipeline: &mut Pipeline,
         crop: &[u8],
         lateness: Lateness,
-        at: At,
-    ) -> Result<Turn, Failure> {
-        self.tell(at.wish)?;
-        let begun = Instant::now();
-        let begun_us = self.session.capture_us();
+        request: FrameRequest,
+    ) -> Result<FrameOutcome, PipelineError> {
+        let begun = self.begin(request)?;
         if lateness.is_late(Late::Picture) {
-            return self.skip(at);
+            return self.finish(begun, Processed::NOTHING, &Ended::Dropped(Late::Picture));
         }
-        let processed = pipeline.process(crop).map_err(Failure::failed)?;
-        let (verdict, health, stages) = (processed.verdict, processed.health, processed.stages_us);
-        let looked = Turn {
-            stages_us: [0.0, stages[0], stages[1], stages[2], 0.0, 0.0],
-            ..self.unsent(at, begun_us, (verdict, health))
+        let picture = pipeline.process(crop)?;
+        let processed = Processed {
+            gate: picture.gate,
+            health: picture.health,
+            stages_us: picture.stages_us,
         };
         if lateness.is_late(Late::Map) {
-            let turn = Turn {
-                late: Some(Late::Map),
-                ..looked
-            };
-            return self.finish(turn, at.until_us);
+            return self.finish(begun, processed, &Ended::Dropped(Late::Map));
         }
-        let sent = self.send(&looked, processed.map)?;
-        let turn = Turn {
-            latency_us: begun.elapsed().as_secs_f64() * 1e6,
-            ..looked.with(&sent)
+        let info = MapInfo {
+            health: picture.health,
+            ..begun.info
         };
-        self.finish(turn, at.until_us)
+        let sent = self.session.send_judged(&info, picture.map, &picture.judgement)?;
+        let latency_us = request.waited_us + begun.at.elapsed().as_secs_f64() * 1e6;
+        self.finish(begun, processed, &Ended::Sent { sent, latency_us })
     }
 
-    /// Works with a picture that is too old to be looked at.
+    /// A picture that is too old for the gate to see.
     ///
     /// # Errors
-    /// [`Failure`] when the link is gone.
-    pub fn skip(&mut self, at: At) -> Result<Turn, Failure> {
-        self.tell(at.wish)?;
-        let begun_us = self.session.capture_us();
-        let turn = Turn {
-            late: Some(Late::Picture),
-            ..self.unsent(at, begun_us, (Verdict::Unchanged, Health::GOOD))
-        };
-        self.finish(turn, at.until_us)
+    /// [`PipelineError`] when the link is gone.
+    pub fn skip(&mut self, request: FrameRequest) -> Result<FrameOutcome, PipelineError> {
+        let begun = self.begin(request)?;
+        self.finish(begun, Processed::NOTHING, &Ended::Dropped(Late::Picture))
     }
 
-    /// The same with a map that is already there.
+    /// A frame whose map, gate decision and health are known.
     ///
     /// # Errors
-    /// [`Failure`] when the link is gone.
-    pub fn turn_with(&mut self, map: &ForceMap, looked: (Verdict, Health), at: At) -> Result<Turn, Failure> {
-        self.tell(at.wish)?;
-        let turn = self.unsent(at, self.session.capture_us(), looked);
-        let sent = self.send(&turn, map)?;
-        self.finish(turn.with(&sent), at.until_us)
+    /// [`PipelineError`] when the link is gone.
+    pub fn frame_of(
+        &mut self,
+        map: &ForceMap,
+        (gate, health): (Verdict, Health),
+        request: FrameRequest,
+    ) -> Result<FrameOutcome, PipelineError> {
+        let begun = self.begin(request)?;
+        let sent = self.session.send_map(&MapInfo { health, ..begun.info }, map)?;
+        let latency_us = request.waited_us + sent.encode_us + sent.link_us;
+        let processed = Processed {
+            gate,
+            health,
+            ..Processed::NOTHING
+        };
+        self.finish(begun, processed, &Ended::Sent { sent, latency_us })
     }
 
     /// Works until `until_us` after frame 0 without a picture.
     ///
     /// # Errors
-    /// [`Failure`] when the link is gone.
-    pub fn idle(&mut self, until_us: u64) -> Result<(), Failure> {
-        self.session
-            .run_until(self.start_us + until_us)
-            .map_err(Failure::failed)
+    /// [`PipelineError`] when the link is gone.
+    pub fn idle(&mut self, until_us: u64) -> Result<(), PipelineError> {
+        Ok(self.session.run_until(self.start_us + until_us)?)
     }
 
     /// Works until the link's clock, of which these are the low 32 bits, shows this time; not at all when it is past.
     ///
     /// # Errors
-    /// [`Failure`] when the link is gone.
-    pub fn idle_until_begun(&mut self, begun_us: u32) -> Result<(), Failure> {
+    /// [`PipelineError`] when the link is gone.
+    pub fn idle_until_begun(&mut self, begun_us: u32) -> Result<(), PipelineError> {
         let ahead = begun_us.wrapping_sub(self.session.capture_us());
-        if ahead > u32::MAX / 2 {
-            return Ok(());
-        }
-        let until_us = self.session.now_us() + u64::from(ahead);
-        self.session.run_until(until_us).map_err(Failure::failed)
-    }
-
-    /// The next turn tells the gripper anew what is wanted.
-    pub const fn tell_again(&mut self) {
-        self.wish = None;
-    }
-
-    /// A command may have been lost with the link. A microcontroller that came back as it was is told anew; one that
-    /// restarted is not: nothing must move by itself because power came back.
-    fn after_absence(&mut self) {
-        if !self.session.is_sound() {
-            return;
-        }
-        let now = (self.session.presence().losses, self.session.restarts());
-        if now.0 != self.met.0 && now.1 == self.met.1 {
-            self.wish = None;
-        }
-        self.met = now;
-    }
-
-    fn tell(&mut self, wish: GripMode) -> Result<(), Failure> {
-        if self.wish != Some(wish) {
-            let command = match wish {
-                GripMode::Hold => Command::Hold,
-                GripMode::Released => Command::Release,
-            };
-            let is_told = self.session.command(command).map_err(Failure::failed)?;
-            self.wish = is_told.then_some(wish);
+        if ahead <= u32::MAX / 2 {
+            self.session.run_until(self.session.now_us() + u64::from(ahead))?;
         }
         Ok(())
     }
 
-    fn send(&mut self, turn: &Turn, map: &ForceMap) -> Result<SentMap, Failure> {
-        let info = MapInfo {
-            sensor: turn.sensor,
-            sequence: turn.sequence,
-            capture_us: turn.capture_us,
-            health: turn.health,
-        };
-        self.session.send_map(&info, map).map_err(Failure::failed)
+    /// The next frame requests its mode again.
+    pub const fn request_again(&mut self) {
+        self.mode = None;
     }
 
-    /// A turn as far as it is before its map is out.
-    fn unsent(&self, at: At, begun_us: u32, (verdict, health): (Verdict, Health)) -> Turn {
-        Turn {
-            sensor: at.sensor,
-            sequence: self.sequences[usize::from(at.sensor)],
-            capture_us: begun_us.wrapping_sub(at.age_us),
-            begun_us,
-            verdict,
-            health,
-            stages_us: [0.0; STAGES.len()],
-            latency_us: 0.0,
-            wire_bytes: 0,
-            is_lost: false,
-            late: None,
-            status: Status::default(),
-            answered: false,
+    fn begin(&mut self, request: FrameRequest) -> Result<Begun, PipelineError> {
+        if self.mode != Some(request.mode) {
+            let command = match request.mode {
+                GripMode::Hold => Command::Hold,
+                GripMode::Released => Command::Release,
+            };
+            let was_sent = self.session.command(command)?;
+            self.mode = was_sent.then_some(request.mode);
         }
+        let (at, begun_us) = (Instant::now(), self.session.capture_us());
+        Ok(Begun {
+            request,
+            at,
+            begun_us,
+            info: MapInfo {
+                sensor: request.sensor,
+                sequence: self.sequences[usize::from(request.sensor)],
+                capture_us: begun_us.wrapping_sub(request.age_us),
+                health: Health::GOOD,
+            },
+        })
     }
 
-    fn finish(&mut self, turn: Turn, until_us: u64) -> Result<Turn, Failure> {
-        self.session
-            .run_until(self.start_us + until_us)
-            .map_err(Failure::failed)?;
+    /// Lets the link work until the frame is over, and says what it came to.
+    fn finish(
+        &mut self,
+        begun: Begun,
+        processed: Processed,
+        ended: &Ended,
+    ) -> Result<FrameOutcome, PipelineError> {
+        self.session.run_until(self.start_us + begun.request.until_us)?;
         self.after_absence();
+        let (sent, latency_us, late) = match ended {
+            Ended::Sent { sent, latency_us } => (*sent, *latency_us, None),
+            Ended::Dropped(late) => (SentMap::NOTHING, begun.request.waited_us, Some(*late)),
+        };
+        let MapInfo {
+            sensor,
+            sequence,
+            capture_us,
+            ..
+        } = begun.info;
         // A map that was never sent leaves no gap.
-        self.sequences[usize::from(turn.sensor)] = turn.sequence.wrapping_add(u32::from(turn.late.is_none()));
-        let spoken = self.session.status_of(turn.sensor);
-        let is_answer = |status: Status| status.sequence == turn.sequence && status.maps > 0;
-        Ok(Turn {
-            answered: turn.late.is_none() && spoken.is_some_and(is_answer),
-            // Nothing was said of this fingertip yet: the rest is known all the same.
-            status: spoken.unwrap_or_else(|| Status {
-                sensor: turn.sensor,
+        self.sequences[usize::from(sensor)] = sequence.wrapping_add(u32::from(late.is_none()));
+        let newest = self.session.status_of(sensor);
+        let is_answer = |status: Status| status.sequence == sequence && status.maps > 0;
+        let [downsample_us, gate_us, network_us] = processed.stages_us;
+        Ok(FrameOutcome {
+            sensor,
+            sequence,
+            capture_us,
+            begun_us: begun.begun_us,
+            gate: processed.gate,
+            health: processed.health,
+            stages_us: [
+                begun.request.decode_us,
+                downsample_us,
+                gate_us,
+                network_us,
+                sent.encode_us,
+                sent.link_us,
+            ],
+            latency_us,
+            wire_bytes: sent.bytes,
+            is_lost: sent.is_lost,
+            late,
+            answered: late.is_none() && newest.is_some_and(is_answer),
+            // No status of this fingertip yet: what holds for the whole device is known all the same.
+            status: newest.unwrap_or_else(|| Status {
+                sensor,
                 sequence: 0,
                 sums: MapSums::default(),
                 coulomb_slip: false,
                 time_to_slip_ms: None,
                 ..self.session.status().copied().unwrap_or_default()
             }),
-            ..turn
         })
+    }
+
+    /// A command may have been lost with the link. A device that came back as it was is asked again; one that restarted is
+    /// not: nothing must move by itself because power came back.
+    fn after_absence(&mut self) {
+        if !self.session.is_sound() {
+            return;
+        }
+        let now = (self.session.presence().losses, self.session.restarts());
+        if now.0 != self.sound_at.0 && now.1 == self.sound_at.1 {
+            self.mode = None;
+        }
+        self.sound_at = now;
     }
 }

@@ -1,11 +1,11 @@
-//! A picture's way through the host: scene gate and network give newtons ([`pipeline`]), quantised they go to the
-//! microcontroller, whose answer comes back ([`control_loop`]). The same for a run, for the replay of a recording and for
-//! the evaluation.
+//! A picture's way through the host: scene gate and network give newtons ([`pipeline`]), quantised they go to the device,
+//! whose answer comes back ([`control_loop`]). The same for a run, for the replay of a recording and for the evaluation.
 #![forbid(unsafe_code)]
 
 pub mod control_loop;
+mod error;
 pub mod pipeline;
-pub mod rounding;
 mod settings;
 
+pub use error::PipelineError;
 pub use settings::{SCENE_INITIAL_GRIP_N, settings_for};

@@ -4,13 +4,12 @@
 
 use std::time::Instant;
 
-use gripline_firmware::sums::{TaxelRule, stick_ratio_below, sums_of};
+use gripline_firmware::sums::{TaxelRule, stick_ratio_below};
+use gripline_link::shadow::Judgement;
 use gripline_network::image::Image88;
 use gripline_network::scene::{self, GateKind, Scene, Verdict};
 use gripline_network::{Network, downsample_440_to_88};
 use gripline_protocol::{ForceMap, Health, NotFinite, Saturated, TAXELS};
-
-use crate::rounding::keep_decisions;
 
 /// Pixels of the 440×440 crop.
 pub const CROP_PIXELS: usize = 440 * 440;
@@ -24,8 +23,10 @@ const SURE_STICK_RATIO: u16 = 8_500;
 pub struct Processed<'a> {
     /// The map as it travels.
     pub map: &'a ForceMap,
-    /// What the gate said.
-    pub verdict: Verdict,
+    /// The detector's sums of the map.
+    pub judgement: Judgement,
+    /// What the scene gate decided.
+    pub gate: Verdict,
     /// What is known against this map.
     pub health: Health,
     /// Time for downsampling, gate, and network with quantisation (0 when the gate skipped it).
@@ -38,7 +39,7 @@ pub struct Pipeline {
     network: Network,
     scene: Scene,
     contact_min_n: f32,
-    rule: TaxelRule,
+    judgement: Judgement,
     now: Box<Image88>,
     newtons: Box<[[f32; 3]; TAXELS]>,
     map: Box<ForceMap>,
@@ -57,7 +58,7 @@ const _: () = assert!(
 
 impl Pipeline {
     /// `rest` are crops without contact, at least one; their mean is what the network compares with. `rule` is the
-    /// detector's: quantisation keeps its decisions.
+    /// detector's.
     ///
     /// # Panics
     /// When `rest` is empty or a crop is not 440×440: the sources of pictures see to both.
@@ -79,7 +80,7 @@ impl Pipeline {
             network,
             scene: Scene::new(gate, &mean, &frames),
             contact_min_n,
-            rule,
+            judgement: Judgement::of(&ForceMap::EMPTY, rule),
             now: Box::new(mean),
             newtons: Box::new([[0.0; 3]; TAXELS]),
             map: Box::new(ForceMap::EMPTY),
@@ -122,20 +123,19 @@ impl Pipeline {
                 *self.map = ForceMap::EMPTY;
                 *self.newtons = [[0.0; 3]; TAXELS];
                 (self.saturated, self.doubt) = (Saturated(0), scene::Health::GOOD);
+                self.judgement = Judgement::of(&self.map, self.judgement.rule);
             }
             Verdict::Unchanged => {}
             Verdict::Network => {
-                self.network.infer(crop, &mut self.newtons);
+                self.network.infer_with(crop, &self.now, &mut self.newtons);
                 self.doubt = self.network.health();
                 if !self.doubt.is_good() {
                     self.newtons.fill([0.0; 3]);
                 }
                 drop_untouched(&mut self.newtons, self.contact_min_n);
-                let (mut map, saturated) = ForceMap::quantise(&self.newtons)?;
-                let newtons = self.newtons.iter().map(|force| force.map(f64::from));
-                keep_decisions(newtons, self.rule, &mut map);
-                (*self.map, self.saturated) = (map, saturated);
-                if stick_ratio_below(&sums_of(&self.map, self.rule), SURE_STICK_RATIO) {
+                (*self.map, self.saturated) = ForceMap::quantise(&self.newtons)?;
+                self.judgement = Judgement::of(&self.map, self.judgement.rule);
+                if stick_ratio_below(&self.judgement.sums, SURE_STICK_RATIO) {
                     self.scene.look_again();
                 }
             }
@@ -149,7 +149,8 @@ impl Pipeline {
         };
         Ok(Processed {
             map: &self.map,
-            verdict,
+            judgement: self.judgement,
+            gate: verdict,
             health: Health::from_bits(picture.bits() | self.doubt.bits()).with(if self.saturated.0 > 0 {
                 Health::SATURATED
             } else {

@@ -131,7 +131,7 @@ pub(crate) fn measure(scenes: &[Scene], mut told: impl FnMut(&str)) -> Result<Ve
                     slips: stick_ratio_below(&sums, settings.slip_threshold),
                     state: judgement.state,
                     us: processed.stages_us.iter().sum(),
-                    skipped: matches!(processed.verdict, Verdict::NoContact | Verdict::Unchanged),
+                    skipped: matches!(processed.gate, Verdict::NoContact | Verdict::Unchanged),
                 });
                 wires[place].add(number, processed.map);
             }

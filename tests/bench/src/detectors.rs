@@ -7,7 +7,6 @@ use std::time::Instant;
 use gripline_evaluation::detect::judge::sums;
 use gripline_firmware::Friction;
 use gripline_firmware::sums::{Accumulator, Kernel as _, Portable, TaxelRule, stick_ratio_below};
-use gripline_pipeline::rounding::keep_decisions;
 use gripline_protocol::message::MapSums;
 use gripline_protocol::{
     Event, ForceMap, LSB_PER_NEWTON, MapInfo, PER_UNIT, Parser, Place, TAXELS, encode_map,
@@ -68,8 +67,7 @@ pub(crate) struct Maps {
     /// Where each played scene begins.
     pub(crate) begins: Vec<usize>,
     doubles: Vec<[[f64; 3]; TAXELS]>,
-    nearest: Vec<ForceMap>,
-    kept: Vec<ForceMap>,
+    quantised: Vec<ForceMap>,
     /// Places and bytes of the taxels that travel.
     active: Vec<(Vec<Place>, Vec<[u8; 6]>)>,
     packets: Vec<Vec<Vec<u8>>>,
@@ -77,17 +75,13 @@ pub(crate) struct Maps {
 
 impl Maps {
     pub(crate) fn new(newtons: Vec<Newtons>, begins: Vec<usize>) -> Result<Self, Failure> {
-        let mut nearest = Vec::new();
+        let mut quantised = Vec::new();
         for map in &newtons {
-            nearest.push(ForceMap::quantise(map)?.0);
+            quantised.push(ForceMap::quantise(map)?.0);
         }
-        let mut kept = nearest.clone();
-        for (map, newtons) in kept.iter_mut().zip(&newtons) {
-            keep_decisions(newtons.iter().map(|force| force.map(f64::from)), RULE, map);
-        }
-        let active = kept.iter().map(active_of).collect();
+        let active = quantised.iter().map(active_of).collect();
         let packets = (0..)
-            .zip(&kept)
+            .zip(&quantised)
             .map(|(sequence, map)| packets_of(sequence, map))
             .collect();
         Ok(Self {
@@ -97,8 +91,7 @@ impl Maps {
                 .collect(),
             newtons,
             begins,
-            nearest,
-            kept,
+            quantised,
             active,
             packets,
         })
@@ -162,7 +155,6 @@ pub(crate) enum Variant {
     Double,
     Single,
     FixedFromNewtons,
-    FixedNearest,
     FixedDense,
     FixedSparse,
     Incremental,
@@ -171,11 +163,10 @@ pub(crate) enum Variant {
 }
 
 impl Variant {
-    pub(crate) const ALL: [Self; 9] = [
+    pub(crate) const ALL: [Self; 8] = [
         Self::Double,
         Self::Single,
         Self::FixedFromNewtons,
-        Self::FixedNearest,
         Self::FixedDense,
         Self::FixedSparse,
         Self::Incremental,
@@ -188,7 +179,6 @@ impl Variant {
             Self::Double => "f64",
             Self::Single => "f32",
             Self::FixedFromNewtons => "fixed, from f32 newtons",
-            Self::FixedNearest => "fixed, nearest rounding",
             Self::FixedDense => "fixed, dense",
             Self::FixedSparse => "fixed, sparse",
             Self::Incremental => "fixed, packet by packet",
@@ -268,12 +258,10 @@ impl Variant {
             }
             Self::FixedFromNewtons => {
                 let newtons = &maps.newtons[index];
-                let (mut map, _) = ForceMap::quantise(newtons).ok()?;
-                keep_decisions(newtons.iter().map(|force| force.map(f64::from)), RULE, &mut map);
+                let (map, _) = ForceMap::quantise(newtons).ok()?;
                 Decision::of(&sums(&map, RULE))
             }
-            Self::FixedNearest => Decision::of(&sums(&maps.nearest[index], RULE)),
-            Self::FixedDense => Decision::of(&sums(&maps.kept[index], RULE)),
+            Self::FixedDense => Decision::of(&sums(&maps.quantised[index], RULE)),
             Self::FixedSparse => {
                 let (places, bytes) = &maps.active[index];
                 let mut sums = Accumulator::new(RULE);

@@ -20,7 +20,7 @@ use crate::error::Failure;
 use gripline_link::session::Session;
 use gripline_link::{EmbeddedLink, Link};
 use gripline_pipeline::control_loop::gate_name;
-use gripline_pipeline::control_loop::{At, Cycle, Late, Lateness, Turn};
+use gripline_pipeline::control_loop::{ControlLoop, FrameOutcome, FrameRequest, Late, Lateness};
 use gripline_pipeline::pipeline::{Pipeline, fingerprint};
 use gripline_recording::{About, Ending, Image, Reader, RecordedFrame, Stored};
 
@@ -125,7 +125,7 @@ fn replay(reader: &mut Reader, args: &ReplayArgs) -> Result<Replayed, Failure> {
     let exact = reader.about.mcu == link.name();
     let mut session = Session::connect(link).map_err(Failure::failed)?;
     session.configure(settings).map_err(Failure::failed)?;
-    let mut cycle = Cycle::new(session);
+    let mut control = ControlLoop::new(session);
     let mut replayed = Replayed::default();
     // Whether each gate's reference is the one that the run had: not after a picture that the recording lacks.
     let mut all_known = [true; SENSORS];
@@ -153,7 +153,7 @@ fn replay(reader: &mut Reader, args: &ReplayArgs) -> Result<Replayed, Failure> {
             ))
         })?;
         if std::mem::take(&mut lost[sensor]) {
-            cycle.resume_at(status.sensor, status.sequence);
+            control.resume_at(status.sensor, status.sequence);
         }
         next = status.frame + 1;
         replayed.frames += 1;
@@ -165,40 +165,42 @@ fn replay(reader: &mut Reader, args: &ReplayArgs) -> Result<Replayed, Failure> {
         let mut wrong = Vec::new();
         // A camera's pictures come when they come.
         let begun_us = status.begun_us.unwrap_or(status.capture_us);
-        cycle.idle_until_begun(begun_us)?;
-        let at = At {
+        control.idle_until_begun(begun_us)?;
+        let request = FrameRequest {
             sensor: status.sensor,
-            wish: status.wish,
+            mode: status.wish,
             age_us: begun_us.wrapping_sub(status.capture_us),
+            decode_us: 0.0,
+            waited_us: 0.0,
             until_us: status.until_us,
         };
-        let turn = match picture.map(Image::into_crop) {
-            _ if unseen => cycle.skip(at)?,
-            Some(crop) if *known => cycle.turn(pipeline, &crop, Lateness::Recorded(late), at)?,
+        let outcome = match picture.map(Image::into_crop) {
+            _ if unseen => control.skip(request)?,
+            Some(crop) if *known => control.frame(pipeline, &crop, Lateness::Recorded(late), request)?,
             picture => {
                 if let Some(crop) = picture {
-                    let found = pipeline.process(&crop).map_err(Failure::failed)?.verdict;
+                    let found = pipeline.process(&crop).map_err(Failure::failed)?.gate;
                     // Both looked afresh, or both saw nothing: from here on the references are the same.
                     *known = found == verdict && [Verdict::Network, Verdict::NoContact].contains(&found);
                 }
                 if late.is_some() {
-                    cycle.skip(at)?
+                    control.skip(request)?
                 } else {
-                    cycle.turn_with(&map, recorded, at)?
+                    control.frame_of(&map, recorded, request)?
                 }
             }
         };
         if !*known {
             replayed.not_comparable += 1;
-        } else if (turn.verdict, turn.health) != recorded {
+        } else if (outcome.gate, outcome.health) != recorded {
             wrong.push("gate");
         } else if *pipeline.map() != *map {
             wrong.push("map");
         }
-        if !same_sums(&turn, &status) {
+        if !same_sums(&outcome, &status) {
             wrong.push("sums");
         }
-        match same_state_and_line(&turn.status, &status.wire) {
+        match same_state_and_line(&outcome.status, &status.wire) {
             true => {}
             false if exact && replayed.missing == 0 => wrong.push("state or line"),
             false => replayed.state_or_line_different += 1,
@@ -268,12 +270,12 @@ fn verdict_of(name: &str) -> Option<Verdict> {
 }
 
 /// Whether the microcontroller said the same of this map; a map that it had not answered yet says nothing.
-fn same_sums(turn: &Turn, recorded: &Stored) -> bool {
-    let (now, then) = (&turn.status, &recorded.wire);
+fn same_sums(outcome: &FrameOutcome, recorded: &Stored) -> bool {
+    let (now, then) = (&outcome.status, &recorded.wire);
     then.sequence != recorded.sequence
         || then.sensor != recorded.sensor
         || recorded.late.is_some()
-        || (turn.answered && (now.sums, now.coulomb_slip) == (then.sums, then.coulomb_slip))
+        || (outcome.answered && (now.sums, now.coulomb_slip) == (then.sums, then.coulomb_slip))
 }
 
 /// What hangs on the microcontroller's clock.

@@ -185,7 +185,7 @@ fn ten_thousand_frames_with_faults_at_random_go_on_and_count_every_loss() {
             world.attached.replace(std::mem::take(&mut attached));
         }
         world.is_stuck.set(number < stuck_until);
-        let is_calm = number > last + CALM && run.cycle.session.is_sound();
+        let is_calm = number > last + CALM && run.control.session.is_sound();
         if may_break && attached.is_empty() && dice.happens(6) {
             attached = world.pull();
             (away_until, last) = (number + 1 + dice.below(60), number + 60);
@@ -215,7 +215,7 @@ fn ten_thousand_frames_with_faults_at_random_go_on_and_count_every_loss() {
         }
         if number % 500 == 499 {
             // A person looks, and acknowledges.
-            run.cycle
+            run.control
                 .session
                 .command(Command::Acknowledge { faults: u32::MAX })
                 .unwrap();
@@ -239,7 +239,7 @@ fn ten_thousand_frames_with_faults_at_random_go_on_and_count_every_loss() {
             }
             true
         };
-        let was_sound = run.cycle.session.is_sound();
+        let was_sound = run.control.session.is_sound();
         if is_there {
             let picture = Picture {
                 crop,
@@ -254,17 +254,17 @@ fn ten_thousand_frames_with_faults_at_random_go_on_and_count_every_loss() {
                 .iter()
                 .any(|fault| [NO_DEVICE, NO_STATUS].contains(fault));
             // What the microcontroller said a quarter of a second ago is never shown as the present without a word.
-            untold = if is_told || run.cycle.session.status_age_us() <= 250_000 {
+            untold = if is_told || run.control.session.status_age_us() <= 250_000 {
                 0
             } else {
                 untold + 1
             };
             assert_eq!(untold, 0, "frame {number}");
             shown += u64::from(is_told);
-            unsound += u64::from(!was_sound || !run.cycle.session.is_sound());
+            unsound += u64::from(!was_sound || !run.control.session.is_sound());
         } else {
             // As a source does that has nothing to give: the frame's time passes.
-            run.cycle
+            run.control
                 .idle(((run.frame + 1) as f64 * FRAME_US) as u64)
                 .unwrap();
             run.frame += 1;
@@ -273,7 +273,7 @@ fn ten_thousand_frames_with_faults_at_random_go_on_and_count_every_loss() {
         world.pass_to(start_us + ((number + 1) as f64 * FRAME_US) as u64);
     }
 
-    let (session, summary) = (&run.cycle.session, &run.summary);
+    let (session, summary) = (&run.control.session, &run.summary);
     assert!(session.is_sound());
     assert_eq!(session.presence().away, None);
     assert_eq!(session.shadow().mismatches(), 0);
@@ -284,7 +284,7 @@ fn ten_thousand_frames_with_faults_at_random_go_on_and_count_every_loss() {
     let gated =
         summary.gate_no_contact + summary.gate_unchanged + summary.gate_network + summary.gate_unhealthy;
     assert_eq!((gated, summary.gate_unhealthy >= done.black), (frames, true));
-    // Answered in its turn, or counted; some answers come a turn too late and are checked all the same. Those of one who may
+    // Answered in its frame, or counted; some answers come a frame too late and are checked all the same. Those of one who may
     // have other settings are not.
     let (checked, unanswered) = (session.shadow().checked(), summary.maps_unanswered);
     assert!(

@@ -12,7 +12,7 @@ use super::{Clock, Run};
 use crate::source::SimulatedSource;
 use gripline_link::EmbeddedLink;
 use gripline_link::session::Session;
-use gripline_pipeline::control_loop::{At, Late, Lateness};
+use gripline_pipeline::control_loop::{FrameRequest, Late, Lateness};
 use gripline_pipeline::pipeline::Pipeline;
 use gripline_pipeline::settings_for;
 use gripline_recording::telemetry::{FrameReport, LATE};
@@ -80,19 +80,23 @@ fn a_map_that_is_too_old_to_be_sent_is_dropped_and_the_next_one_takes_its_number
     let mut scene = Scene::new();
     scene.frame(Clock::None, Duration::ZERO);
     let crop = scene.source.next(2.5).unwrap().crop;
-    let at = |until_us| At {
+    let at = |until_us| FrameRequest {
         sensor: 0,
-        wish: GripMode::Hold,
+        mode: GripMode::Hold,
         age_us: 0,
+        decode_us: 0.0,
+        waited_us: 0.0,
         until_us,
     };
-    let cycle = &mut scene.run.cycle;
+    let control = &mut scene.run.control;
     let late = Lateness::Recorded(Some(Late::Map));
-    let dropped = cycle.turn(&mut scene.pipeline, &crop, late, at(50_000)).unwrap();
+    let dropped = control
+        .frame(&mut scene.pipeline, &crop, late, at(50_000))
+        .unwrap();
     assert_eq!((dropped.late, dropped.answered), (Some(Late::Map), false));
     assert!(dropped.stages_us[3] > 0.0, "the network had looked at it");
-    let sent = cycle
-        .turn(&mut scene.pipeline, &crop, Lateness::Never, at(66_000))
+    let sent = control
+        .frame(&mut scene.pipeline, &crop, Lateness::Never, at(66_000))
         .unwrap();
     assert_eq!((sent.late, sent.answered), (None, true));
     assert_eq!(sent.sequence, dropped.sequence, "no gap");

@@ -179,7 +179,7 @@ fn play(
     (seconds, is_wanted): (Option<f64>, &dyn Fn() -> bool),
 ) -> Result<(), Failure> {
     while is_wanted() && seconds.is_none_or(|seconds| !run.is_over(seconds)) {
-        let wish = match fingertips.next(run.cycle.session.line_n())? {
+        let wish = match fingertips.next(run.control.session.line_n())? {
             Looked::Picture(sensor, picture) => {
                 let pipeline = fingertips.pipeline(sensor);
                 let report = run.frame(pipeline, sensor, picture)?;

@@ -1,4 +1,4 @@
-//! What a turn of the loop says to view, programs and recording. Pure.
+//! What a frame of the loop says to view, programs and recording. Pure.
 
 use gripline_firmware::Fault;
 use gripline_network::constants::{CROP_SIDE, IMAGE_SIDE};
@@ -6,7 +6,7 @@ use gripline_protocol::SENSORS;
 use gripline_protocol::message::FingertipGeometry;
 
 use gripline_link::session::Session;
-use gripline_pipeline::control_loop::{Late, Turn, gate_name};
+use gripline_pipeline::control_loop::{FrameOutcome, Late, gate_name};
 use gripline_pipeline::pipeline::Pipeline;
 use gripline_recording::telemetry::{
     FrameReport, LATE, NO_DEVICE, NO_STATUS, STATUS_OLD_US, Truth, health_names,
@@ -44,12 +44,12 @@ pub(super) fn faults_of(session: &Session) -> Vec<&'static str> {
 /// The report of frame number `frame` at `t_s`.
 pub(super) fn report_of(
     (frame, t_s): (u64, f64),
-    turn: &Turn,
+    outcome: &FrameOutcome,
     fingertips: &[FingertipGeometry; SENSORS],
     truth: Option<Truth>,
     host_faults: &[&'static str],
 ) -> FrameReport {
-    let status = &turn.status;
+    let status = &outcome.status;
     let sums = &status.sums;
     let fingertip = &fingertips[usize::from(status.sensor).min(SENSORS - 1)];
     let pitch_mm = millimetres(fingertip.pitch_um);
@@ -57,10 +57,10 @@ pub(super) fn report_of(
     let faults = status.faults | status.latched;
     FrameReport {
         frame,
-        sensor: turn.sensor,
+        sensor: outcome.sensor,
         t_s,
-        gate: gate_name(turn.verdict),
-        health: health_names(turn.health),
+        gate: gate_name(outcome.gate),
+        health: health_names(outcome.health),
         normal_n: z,
         shear_x_n: x,
         shear_y_n: y,
@@ -75,17 +75,17 @@ pub(super) fn report_of(
         state: status.state.name(),
         time_to_slip_ms: status.time_to_slip_ms,
         line_n: newtons(status.line),
-        latency_us: turn.latency_us,
-        stages_us: turn.stages_us,
+        latency_us: outcome.latency_us,
+        stages_us: outcome.stages_us,
         faults: Fault::ALL
             .iter()
             .filter(|fault| faults & fault.bit() != 0)
             .map(|fault| fault.name())
             .chain(host_faults.iter().copied())
-            .chain(turn.late.map(|_| LATE))
+            .chain(outcome.late.map(|_| LATE))
             .collect(),
-        late: turn.late.map(Late::name),
-        wire_bytes: turn.wire_bytes,
+        late: outcome.late.map(Late::name),
+        wire_bytes: outcome.wire_bytes,
         truth,
     }
 }

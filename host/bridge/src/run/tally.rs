@@ -7,18 +7,18 @@ use gripline_protocol::message::{GripMode, Status};
 use super::summary::{StageSummary, Summary};
 use super::under_way::Run;
 use super::usage;
-use gripline_pipeline::control_loop::{Late, Turn};
+use gripline_pipeline::control_loop::{FrameOutcome, Late};
 use gripline_recording::Recorder;
 use gripline_recording::telemetry::{DEADLINES_US, FrameReport, STAGES};
 
 impl Run {
-    pub(super) fn count(&mut self, turn: &Turn) {
+    pub(super) fn count(&mut self, outcome: &FrameOutcome) {
         let summary = &mut self.summary;
-        if let Some(fingertip) = summary.fingertips.get_mut(usize::from(turn.sensor)) {
+        if let Some(fingertip) = summary.fingertips.get_mut(usize::from(outcome.sensor)) {
             fingertip.frames += 1;
-            fingertip.maps_unanswered += u64::from(!turn.answered && turn.late.is_none());
+            fingertip.maps_unanswered += u64::from(!outcome.answered && outcome.late.is_none());
         }
-        let passed = match turn.late {
+        let passed = match outcome.late {
             None => STAGES.len(),
             Some(Late::Map) => {
                 summary.maps_late += 1;
@@ -29,35 +29,35 @@ impl Run {
                 return;
             }
         };
-        *match turn.verdict {
+        *match outcome.gate {
             Verdict::NoContact => &mut summary.gate_no_contact,
             Verdict::Unchanged => &mut summary.gate_unchanged,
             Verdict::Network => &mut summary.gate_network,
             Verdict::Unhealthy => &mut summary.gate_unhealthy,
         } += 1;
-        summary.wire_bytes += turn.wire_bytes as u64;
-        summary.maps_not_taken += u64::from(turn.is_lost);
-        summary.maps_unanswered += u64::from(!turn.answered && turn.late.is_none());
+        summary.wire_bytes += outcome.wire_bytes as u64;
+        summary.maps_not_taken += u64::from(outcome.is_lost);
+        summary.maps_unanswered += u64::from(!outcome.answered && outcome.late.is_none());
         for ((times, us), name) in self
             .stages
             .iter_mut()
-            .zip(turn.stages_us)
+            .zip(outcome.stages_us)
             .zip(STAGES)
             .take(passed)
         {
-            if (name != "network" || turn.verdict == Verdict::Network) && (name != "decode" || us > 0.0) {
+            if (name != "network" || outcome.gate == Verdict::Network) && (name != "decode" || us > 0.0) {
                 times.push(us);
             }
         }
-        for ((late, us), deadline_us) in self.late.iter_mut().zip(turn.stages_us).zip(DEADLINES_US) {
+        for ((late, us), deadline_us) in self.late.iter_mut().zip(outcome.stages_us).zip(DEADLINES_US) {
             *late += u64::from(us > deadline_us);
         }
-        if turn.late.is_some() {
+        if outcome.late.is_some() {
             return;
         }
-        self.frame_to_link.push(turn.latency_us);
-        if turn.verdict == Verdict::Network {
-            self.network_frame_to_link.push(turn.latency_us);
+        self.frame_to_link.push(outcome.latency_us);
+        if outcome.gate == Verdict::Network {
+            self.network_frame_to_link.push(outcome.latency_us);
         }
     }
 
@@ -65,7 +65,7 @@ impl Run {
         let summary = &mut self.summary;
         summary.slip_frames += u64::from(stick_ratio_below(
             &status.sums,
-            self.cycle.session.settings().slip_threshold,
+            self.control.session.settings().slip_threshold,
         ));
         if let Some(truth) = &report.truth {
             summary.gross_slip_frames += u64::from(truth.gross_slip && status.mode == GripMode::Hold);
@@ -94,7 +94,7 @@ impl Run {
                 late,
             });
         let line_n_min_holding = self.summary.line_n_min_holding;
-        let shadow = self.cycle.session.shadow();
+        let shadow = self.control.session.shadow();
         let mut fingertips = self.summary.fingertips.clone();
         for (sensor, fingertip) in fingertips.iter_mut().enumerate() {
             [fingertip.answers_checked, fingertip.shadow_mismatches] = shadow.of(sensor);
@@ -114,12 +114,12 @@ impl Run {
             frame_to_link_us_p999: self.frame_to_link.quantile_us(0.999),
             network_frame_to_link_us_median: self.network_frame_to_link.quantile_us(0.5),
             network_frame_to_link_us_p999: self.network_frame_to_link.quantile_us(0.999),
-            answers_checked: self.cycle.session.shadow().checked(),
-            shadow_mismatches: self.cycle.session.shadow().mismatches(),
-            microcontroller_restarts: self.cycle.session.restarts(),
-            clock_jumps: self.cycle.session.clock_jumps(),
-            link_losses: self.cycle.session.presence().losses,
-            link_packets_lost: self.cycle.session.presence().packets_lost,
+            answers_checked: self.control.session.shadow().checked(),
+            shadow_mismatches: self.control.session.shadow().mismatches(),
+            microcontroller_restarts: self.control.session.restarts(),
+            clock_jumps: self.control.session.clock_jumps(),
+            link_losses: self.control.session.presence().losses,
+            link_packets_lost: self.control.session.presence().packets_lost,
             // JSON has no infinity: never held, so nothing to say.
             line_n_min_holding: if line_n_min_holding.is_finite() {
                 line_n_min_holding

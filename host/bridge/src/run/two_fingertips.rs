@@ -51,11 +51,11 @@ impl Both {
     fn next(&mut self, is_away: impl Fn(u8) -> bool) -> Option<FrameReport> {
         let sensor = (self.number % 2) as u8;
         self.number += 1;
-        let line_n = self.run.cycle.session.line_n();
+        let line_n = self.run.control.session.line_n();
         let picture = self.sources[usize::from(sensor)].next(line_n).unwrap();
         if is_away(sensor) {
             self.run
-                .cycle
+                .control
                 .idle((self.number as f64 * 1e6 / RATE) as u64)
                 .unwrap();
             self.run.frame += 1;
@@ -85,7 +85,7 @@ fn both_fingertips_are_answered_checked_and_told_apart() {
         assert!(held.contact > 10 && held.normal_n > 1.0, "{held:?}");
         // What the object weighs hangs down on both.
         assert!(held.shear_y_n.abs() > 0.1, "{held:?}");
-        let [checked, wrong] = both.run.cycle.session.shadow().of(usize::from(sensor));
+        let [checked, wrong] = both.run.control.session.shadow().of(usize::from(sensor));
         assert!(checked >= 102 && wrong == 0, "{checked} checked, {wrong} wrong");
     }
     assert!(reports.iter().all(|report| report.faults.is_empty()));
@@ -96,7 +96,7 @@ fn both_fingertips_are_answered_checked_and_told_apart() {
 fn a_fingertip_whose_camera_goes_away_holds_the_line_until_it_is_back() {
     let mut both = Both::new();
     both.until(3.0);
-    let held_n = both.run.cycle.session.line_n();
+    let held_n = both.run.control.session.line_n();
     let stale = |report: &FrameReport| report.faults.contains(&"STALE MAPS");
     let mut told_s = None;
     let mut line_n = held_n;
@@ -124,7 +124,7 @@ fn a_fingertip_whose_camera_goes_away_holds_the_line_until_it_is_back() {
     );
     let reports = both.until(7.6);
     assert!(!stale(reports.last().unwrap()), "it is back");
-    assert_eq!(both.run.cycle.session.shadow().mismatches(), 0);
+    assert_eq!(both.run.control.session.shadow().mismatches(), 0);
 }
 
 /// The line after a while in which both touch with 40 taxels, and these of them drag at more than friction holds.

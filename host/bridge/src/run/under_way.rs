@@ -16,7 +16,7 @@ use crate::run::stats::Times;
 use crate::source::Picture;
 use gripline_capture::Counts;
 use gripline_link::session::Session;
-use gripline_pipeline::control_loop::{At, Cycle, Late, Lateness};
+use gripline_pipeline::control_loop::{ControlLoop, FrameRequest, Late, Lateness};
 use gripline_pipeline::pipeline::Pipeline;
 use gripline_recording::telemetry::{FrameReport, STAGES};
 use gripline_recording::{Frame, Pictures, Recorder};
@@ -44,7 +44,7 @@ impl Clock {
 
 /// A run under way.
 pub(super) struct Run {
-    pub(super) cycle: Cycle,
+    pub(super) control: ControlLoop,
     pub(super) frame: u64,
     /// Time of the newest picture, on the recording's clock.
     pub(super) t_s: f64,
@@ -77,7 +77,7 @@ impl Run {
     pub(super) fn new(session: Session, clock: Clock, frames_per_second: f64) -> Self {
         Self {
             summary: Summary::of_link(session.link_name(), session.firmware()),
-            cycle: Cycle::new(session),
+            control: ControlLoop::new(session),
             frame: 0,
             t_s: 0.0,
             started: Instant::now(),
@@ -127,42 +127,39 @@ impl Run {
             ),
         };
         let waited = picture.came.elapsed();
-        let at = At {
-            sensor,
-            wish: picture.wish,
+        let (age_us, waited_us) = match self.clock {
+            Clock::Pictures => (waited.as_micros() as u32, waited.as_secs_f64() * 1e6),
             // Elsewhere pictures are of the moment at which they are asked for.
-            age_us: match self.clock {
-                Clock::Pictures => waited.as_micros() as u32,
-                Clock::Wall | Clock::None => 0,
-            },
+            Clock::Wall | Clock::None => (0, picture.decode_us),
+        };
+        let request = FrameRequest {
+            sensor,
+            mode: picture.wish,
+            age_us,
+            decode_us: picture.decode_us,
+            waited_us,
             until_us,
         };
-        let mut turn = self.cycle.turn(pipeline, &picture.crop, lateness, at)?;
-        turn.stages_us[0] = picture.decode_us;
-        // From a picture's bytes on.
-        turn.latency_us += match self.clock {
-            Clock::Pictures => waited.as_secs_f64() * 1e6,
-            Clock::Wall | Clock::None => picture.decode_us,
-        };
-        self.count(&turn);
+        let outcome = self.control.frame(pipeline, &picture.crop, lateness, request)?;
+        self.count(&outcome);
         self.look_after_the_link();
-        if let Some(refusal) = self.cycle.session.take_refusal() {
+        if let Some(refusal) = self.control.session.take_refusal() {
             self.summary.commands_refused += 1;
             self.summary.last_refusal = Some(format!("{refusal:?}"));
             if refusal == Refusal::NoHandshake {
                 // It restarted and did not take up what is still wanted.
-                self.cycle.tell_again();
+                self.control.request_again();
             }
         }
-        let fingertips = &self.cycle.session.settings().fingertips;
+        let fingertips = &self.control.session.settings().fingertips;
         let report = report_of(
             (self.frame, t_s),
-            &turn,
+            &outcome,
             fingertips,
             picture.truth,
-            &faults_of(&self.cycle.session),
+            &faults_of(&self.control.session),
         );
-        self.observe(&report, &turn.status);
+        self.observe(&report, &outcome.status);
         self.publish(&report);
         if let Some(fleet) = &mut self.fleet {
             fleet.publish(&report);
@@ -170,15 +167,15 @@ impl Run {
         if let Some(recorder) = &mut self.recorder {
             recorder.offer(Frame {
                 report: report.clone(),
-                sequence: turn.sequence,
-                capture_us: turn.capture_us,
-                begun_us: turn.begun_us,
+                sequence: outcome.sequence,
+                capture_us: outcome.capture_us,
+                begun_us: outcome.begun_us,
                 until_us,
                 wish: picture.wish,
-                health_bits: turn.health.bits(),
-                wire: turn.status,
+                health_bits: outcome.health.bits(),
+                wire: outcome.status,
                 map: Box::new(pipeline.map().clone()),
-                picture: (turn.late != Some(Late::Picture))
+                picture: (outcome.late != Some(Late::Picture))
                     .then(|| image(self.pictures, picture.crop, pipeline))
                     .flatten(),
             });
@@ -212,7 +209,7 @@ impl Run {
 
     /// Says when the device goes away and when it is back.
     fn look_after_the_link(&mut self) {
-        let session = &self.cycle.session;
+        let session = &self.control.session;
         let presence = session.presence();
         let now = (presence.losses, presence.away.is_some());
         if now == self.presence {
@@ -233,7 +230,7 @@ impl Run {
 
     /// Somebody has looked at the latched faults that are shown.
     pub(super) fn acknowledge(&mut self) -> Result<(), Failure> {
-        let session = &mut self.cycle.session;
+        let session = &mut self.control.session;
         let latched = session.status().map_or(0, |status| status.latched);
         if latched == 0 {
             return Ok(());
@@ -242,7 +239,7 @@ impl Run {
         let is_told = session.command(command).map_err(Failure::failed)?;
         self.notes.push(if is_told {
             // Of what was refused meanwhile, a release, the gripper is told anew.
-            self.cycle.tell_again();
+            self.control.request_again();
             format!("acknowledged: {}", names(latched).join(", "))
         } else {
             "not acknowledged: the microcontroller does not take commands now, try again".to_owned()
@@ -269,7 +266,7 @@ impl Run {
     /// There is no picture: the link goes on living.
     pub(super) fn idle(&mut self) -> Result<(), Failure> {
         let now_us = self.elapsed_us();
-        self.cycle.idle(now_us)?;
+        self.control.idle(now_us)?;
         self.look_after_the_link();
         Ok(())
     }
@@ -297,7 +294,7 @@ impl Run {
                 summary.gate_unhealthy,
             ];
             values.maps_unanswered = summary.maps_unanswered;
-            values.shadow_mismatches = self.cycle.session.shadow().mismatches();
+            values.shadow_mismatches = self.control.session.shadow().mismatches();
             values.frames_late = summary.pictures_late + summary.maps_late;
             values.pictures_lost = self.pictures_lost;
             values.record_dropped = self.recorder.as_ref().map_or([0; 2], Recorder::dropped);

@@ -16,9 +16,9 @@ use gripline_protocol::{ForceMap, MapInfo, PACKET_MAX, encode_map};
 pub use self::error::SessionError;
 use self::error::reason;
 use self::inbox::Inbox;
-use crate::clock_sync::ClockWatch;
-use crate::handshake::{Acquaintance, Next};
-use crate::shadow::Shadow;
+use crate::clock_sync::ClockSync;
+use crate::handshake::{Handshake, Next};
+use crate::shadow::{Judgement, Shadow};
 use crate::{Link, LinkError};
 
 /// How long a microcontroller may take to answer a handshake: it boots in well under that.
@@ -32,7 +32,7 @@ pub struct Session {
     inbox: Inbox,
     /// What the microcontroller said of itself when it was last met.
     firmware: Option<Hello>,
-    acquaintance: Acquaintance,
+    handshake: Handshake,
     settings: Configuration,
     /// The settings are this host's, to be handed over again after a restart.
     are_ours: bool,
@@ -40,7 +40,7 @@ pub struct Session {
     now_us: u64,
     /// When the newest status came.
     status_us: u64,
-    clocks: ClockWatch,
+    clocks: ClockSync,
     clock_jumps: u64,
     /// How often the device had gone away when it was last greeted.
     losses: u32,
@@ -61,6 +61,16 @@ pub struct SentMap {
     pub link_us: f64,
     /// The link did not take all of it: the microcontroller will not answer.
     pub is_lost: bool,
+}
+
+impl SentMap {
+    /// No map at all.
+    pub const NOTHING: Self = Self {
+        bytes: 0,
+        encode_us: 0.0,
+        link_us: 0.0,
+        is_lost: false,
+    };
 }
 
 impl Session {
@@ -88,13 +98,13 @@ impl Session {
             link,
             inbox: Inbox::new(),
             firmware: None,
-            acquaintance: Acquaintance::new(number),
+            handshake: Handshake::new(number),
             settings,
             are_ours: false,
             shadow: Shadow::new(TaxelRule::of(&settings)),
             now_us: 0,
             status_us: 0,
-            clocks: ClockWatch::default(),
+            clocks: ClockSync::default(),
             clock_jumps: 0,
             losses: 0,
             message_id: 0,
@@ -113,7 +123,7 @@ impl Session {
     }
 
     fn hello(&self) -> Message {
-        Message::Hello(Hello::of_this_build(0, self.acquaintance.number()))
+        Message::Hello(Hello::of_this_build(0, self.handshake.number()))
     }
 
     /// Takes the microcontroller's part of the handshake, once it is there.
@@ -127,7 +137,7 @@ impl Session {
             mismatch,
         })?;
         self.firmware = Some(hello);
-        if self.acquaintance.met(hello.session, self.now_us) {
+        if self.handshake.met(hello.session, self.now_us) {
             self.clocks.forget();
             // What was said of settings was said before it restarted.
             self.inbox.configuration = None;
@@ -266,6 +276,19 @@ impl Session {
     /// # Errors
     /// [`SessionError`] when the link is gone for good; the packets before that were sent.
     pub fn send_map(&mut self, info: &MapInfo, map: &ForceMap) -> Result<SentMap, SessionError> {
+        self.send_judged(info, map, &Judgement::of(map, self.shadow.rule()))
+    }
+
+    /// Sends a map whose sums are known.
+    ///
+    /// # Errors
+    /// [`SessionError`] when the link is gone for good; the packets before that were sent.
+    pub fn send_judged(
+        &mut self,
+        info: &MapInfo,
+        map: &ForceMap,
+        judgement: &Judgement,
+    ) -> Result<SentMap, SessionError> {
         let start = Instant::now();
         self.packets.clear();
         self.lengths.clear();
@@ -290,7 +313,14 @@ impl Session {
         }
         let handed_over = Instant::now();
         if !is_lost {
-            self.shadow.sent(info.sensor, info.sequence, map);
+            // The device may have been given another rule since.
+            let rule = self.shadow.rule();
+            let sums = if judgement.rule == rule {
+                judgement.sums
+            } else {
+                Judgement::of(map, rule).sums
+            };
+            self.shadow.sent(info.sensor, info.sequence, sums);
         }
         let us = |from: Instant, to: Instant| (to - from).as_secs_f64() * 1e6;
         Ok(SentMap {
@@ -313,7 +343,7 @@ impl Session {
         link.run_until(until_us, &mut |packet| inbox.packet(packet))?;
         self.now_us = until_us.max(self.now_us);
         if self.inbox.packets != packets {
-            self.acquaintance.heard(self.now_us);
+            self.handshake.heard(self.now_us);
         }
         if !self.inbox.statuses.is_empty() {
             self.status_us = self.now_us;
@@ -321,13 +351,13 @@ impl Session {
         let presence = self.link.presence();
         if presence.losses != self.losses && presence.away.is_none() {
             self.losses = presence.losses;
-            self.acquaintance.link_returned();
+            self.handshake.link_returned();
         }
         // The clock that capture times are of.
         let clock_us = self.link.now_us();
         for status in &self.inbox.statuses {
             // Whoever restarted judges by other settings until it has ours.
-            if self.acquaintance.is_sound_after(status) {
+            if self.handshake.is_sound_after(status) {
                 self.shadow.answered(status);
                 let is_refusing = status.faults & Fault::FutureMap.bit() != 0;
                 let (uptime_ms, clocks) = (status.uptime_ms, &mut self.clocks);
@@ -335,23 +365,23 @@ impl Session {
                     || clocks.is_locked_out(uptime_ms, is_refusing, status.maps)
                 {
                     self.clock_jumps += 1;
-                    self.acquaintance.renumber();
+                    self.handshake.renumber();
                 }
             }
         }
         self.renew()
     }
 
-    /// Keeps the acquaintance: says what has to be said now, and takes what was answered.
+    /// Keeps the handshake: says what has to be said now, and takes what was answered.
     fn renew(&mut self) -> Result<(), SessionError> {
         if std::mem::take(&mut self.inbox.is_stranger) {
-            self.acquaintance.doubt();
+            self.handshake.doubt();
         }
-        if !self.acquaintance.is_begun() {
+        if !self.handshake.is_begun() {
             return Ok(());
         }
         self.meet()?;
-        if self.acquaintance.wants_settings() {
+        if self.handshake.wants_settings() {
             // It may start with a line that forbids them: then what is in force there counts, and the caller sees the
             // refusal.
             self.are_ours &= !self.inbox.settings_refused;
@@ -360,10 +390,10 @@ impl Session {
             {
                 self.inbox.configuration = Some(found);
                 self.take_settings();
-                self.acquaintance.settled();
+                self.handshake.settled();
             }
         }
-        match self.acquaintance.next(self.now_us) {
+        match self.handshake.next(self.now_us) {
             None => Ok(()),
             Some(Next::Hello) => {
                 self.inbox.hello = None;

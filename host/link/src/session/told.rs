@@ -37,7 +37,7 @@ impl Session {
     /// How often the microcontroller restarted since the session began and was met again.
     #[must_use]
     pub const fn restarts(&self) -> u32 {
-        self.acquaintance.restarts()
+        self.handshake.restarts()
     }
 
     /// How often this host's clock jumped against the microcontroller's, or the first map was so late that all others seemed to be
@@ -50,7 +50,7 @@ impl Session {
     /// Whether the microcontroller knows this host and has its settings; not so for a moment after it restarted.
     #[must_use]
     pub const fn is_sound(&self) -> bool {
-        self.acquaintance.is_sound()
+        self.handshake.is_sound()
     }
 
     /// The newest status.

@@ -90,8 +90,7 @@ pub(crate) fn sweep(effort: Effort) -> Sweep {
     if let Some((peak_n, _)) = all.get(from) {
         sweep.notes.push(format!(
             "Rounding to the nearest step keeps the stick ratio within 0.002 on average from {peak_n:.2} N a taxel on; below, the \
-             contact's rim falls under half a step and is no contact any more. `gripline run` does not round to nearest but \
-             so that no decision changes."
+             contact's rim falls under half a step and is no contact any more."
         ));
     }
     let curve = |value: &dyn Fn(&At) -> f64| all.iter().map(|(peak_n, at)| (*peak_n, value(at))).collect();

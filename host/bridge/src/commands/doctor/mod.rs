@@ -296,7 +296,7 @@ fn frame_times_ms(settings: &Settings, network: Network, rest: &[Vec<u8>]) -> Re
     for crop in &pictures {
         let start = Instant::now();
         let processed = pipeline.process(crop).map_err(Failure::failed)?;
-        if processed.verdict == Verdict::Network {
+        if processed.gate == Verdict::Network {
             times.push(start.elapsed().as_secs_f64() * 1e3);
         }
     }
