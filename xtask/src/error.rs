@@ -60,6 +60,16 @@ impl Error {
     }
 }
 
+/// The value of an option, or what is missing.
+pub(crate) fn value_of<'a>(
+    option: &str,
+    rest: &mut impl Iterator<Item = &'a String>,
+) -> Result<&'a str, Error> {
+    rest.next()
+        .map(String::as_str)
+        .ok_or_else(|| Error::usage(option, "nothing", "a value after it"))
+}
+
 impl fmt::Display for Error {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {

@@ -9,8 +9,8 @@ use std::process::Command;
 
 use object::{Object, ObjectSection};
 
-use crate::error::Error;
-use crate::{process, toolchain, value_of};
+use crate::error::{Error, value_of};
+use crate::{process, toolchain};
 
 /// The most that an image may take of the flash, in bytes (DESIGN.md, "Numbers to hold").
 const FLASH_MAX: u64 = 64 * 1024;

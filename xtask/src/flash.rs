@@ -4,9 +4,9 @@
 
 use std::process::Command;
 
-use crate::error::Error;
+use crate::error::{Error, value_of};
 use crate::firmware::{self, Board};
-use crate::{process, value_of};
+use crate::process;
 
 /// `cargo xtask flash`.
 pub(crate) fn command(arguments: &[String]) -> Result<(), Error> {

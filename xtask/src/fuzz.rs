@@ -6,8 +6,8 @@
 
 use std::path::PathBuf;
 
-use crate::error::Error;
-use crate::{process, value_of};
+use crate::error::{Error, value_of};
+use crate::process;
 
 /// What is fuzzed: a binary of `tests/fuzz`, a corpus of the same name; and its longest input and the longest that is kept,
 /// bytes. A dense map and some commands for what reads bytes; some dozen steps for what makes maps and commands of them,

@@ -6,19 +6,21 @@
 
 mod bench;
 mod cpio;
+mod debian;
 mod emulator;
 mod error;
 mod firmware;
 mod flash;
 mod fuzz;
 mod modules;
+mod physics;
 mod process;
 mod screenshots;
 mod test;
 mod toolchain;
 mod vm;
 
-use std::process::{Command, ExitCode};
+use std::process::ExitCode;
 
 use error::Error;
 
@@ -113,7 +115,7 @@ fn dispatch(arguments: &[String]) -> Result<(), Error> {
                 .args(rest),
         ),
         "gate" => bench::train_gate(rest),
-        "physics" => physics(rest),
+        "physics" => physics::run(rest),
         "train" => process::run(
             process::cargo()
                 .args(["run", "--release", "--package", "gripline-training", "--"])
@@ -127,38 +129,9 @@ fn dispatch(arguments: &[String]) -> Result<(), Error> {
     }
 }
 
-/// The test world's figures against their bounds.
-pub(crate) fn physics(arguments: &[String]) -> Result<(), Error> {
-    process::run(
-        process::cargo()
-            .args([
-                "run",
-                "--release",
-                "--package",
-                "gripline-validation",
-                "--bin",
-                "physics",
-                "--",
-            ])
-            .args(arguments),
-    )
-}
-
 /// Refuses whatever follows a command that takes no arguments.
 fn no_more(arguments: &[String]) -> Result<(), Error> {
     arguments
         .first()
         .map_or(Ok(()), |found| Err(Error::usage("argument", found, "none")))
-}
-
-/// The value of an option, or what is missing.
-fn value_of<'a>(option: &str, rest: &mut impl Iterator<Item = &'a String>) -> Result<&'a str, Error> {
-    rest.next()
-        .map(String::as_str)
-        .ok_or_else(|| Error::usage(option, "nothing", "a value after it"))
-}
-
-/// What a command printed on standard output, trimmed; an error when it could not run or failed.
-fn output_of(command: &mut Command) -> Result<String, Error> {
-    process::output(command).map(|text| text.trim().to_owned())
 }

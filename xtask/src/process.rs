@@ -116,6 +116,11 @@ pub(crate) fn output(command: &mut Command) -> Result<String, Error> {
     })
 }
 
+/// What a command printed on standard output, trimmed.
+pub(crate) fn word_of(command: &mut Command) -> Result<String, Error> {
+    output(command).map(|text| text.trim().to_owned())
+}
+
 /// Copies a product into place as one step, so that a reader never sees half a file.
 pub(crate) fn install(from: &Path, to: &Path) -> Result<(), Error> {
     if let Some(folder) = to.parent() {

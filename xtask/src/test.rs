@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use crate::error::Error;
 use crate::firmware::{self, Board};
-use crate::{emulator, process, toolchain, vm};
+use crate::{emulator, physics, process, toolchain, vm};
 
 /// What one check came to.
 struct Outcome {
@@ -102,9 +102,7 @@ pub(crate) fn run() -> Result<(), Error> {
         )
     });
     // Speed is for a quiet machine and a command of its own.
-    checks.check("physics", || {
-        crate::physics(&["--without".into(), "speed".into()])
-    });
+    checks.check("physics", || physics::run(&["--without".into(), "speed".into()]));
     checks.check("core library for the microcontroller", || {
         toolchain::ensure(false)
     });

@@ -7,11 +7,12 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::process::Command;
 use std::time::Instant;
 
+use crate::debian::Packages;
 use crate::error::Error;
-use crate::{output_of, process};
+use crate::process;
 
 /// The Cortex-M4 with its floating-point unit.
 pub(crate) const TARGET: &str = "thumbv7em-none-eabihf";
@@ -56,13 +57,13 @@ struct Compiler {
 
 impl Compiler {
     fn installed() -> Result<Self, Error> {
-        let identity = output_of(process::rustc().arg("-vV"))?;
+        let identity = process::word_of(process::rustc().arg("-vV"))?;
         let release = identity
             .lines()
             .find_map(|line| line.strip_prefix("release: "))
             .unwrap_or("unknown")
             .to_owned();
-        let sysroot = PathBuf::from(output_of(process::rustc().args(["--print", "sysroot"]))?);
+        let sysroot = PathBuf::from(process::word_of(process::rustc().args(["--print", "sysroot"]))?);
         Ok(Self {
             identity,
             release,
@@ -178,192 +179,39 @@ fn library_sources(compiler: &Compiler, home: &Path, tried: &mut Vec<(String, St
         }
         tried.push(note(way, &format!("no {}", library.display())));
     }
-    match Archive::of_this_machine() {
-        Err(why) => tried.push(note("Debian's rust-src", &why)),
-        Ok(archive) => {
-            for suite in SUITES {
-                match archive.unpack_sources(suite, release, home, &unpacked) {
-                    Ok(library) => return Some(library),
-                    Err(why) => tried.push(note(&format!("Debian's rust-src from {suite}"), &why)),
-                }
-            }
+    let library = unpacked.join(format!("usr/src/rustc-{release}/library"));
+    for suite in SUITES {
+        match debian_sources(suite, release, home, &unpacked) {
+            Ok(()) if library.join("core/src/lib.rs").is_file() => return Some(library),
+            Ok(()) => tried.push(note(
+                &format!("Debian's rust-src from {suite}"),
+                "holds no library/core",
+            )),
+            Err(why) => tried.push(note(&format!("Debian's rust-src from {suite}"), &why.to_string())),
         }
     }
     None
 }
 
-/// The machine's own Debian archive: where it is, and the key that signs it.
-#[derive(Debug, PartialEq)]
-struct Archive {
-    address: String,
-    signed_by: Option<String>,
-}
-
-impl Archive {
-    /// Reads the machine's source files (both of apt's formats), without touching them.
-    fn of_this_machine() -> Result<Self, String> {
-        let mut files = vec![PathBuf::from("/etc/apt/sources.list")];
-        if let Ok(folder) = fs::read_dir("/etc/apt/sources.list.d") {
-            files.extend(folder.flatten().map(|file| file.path()));
-        }
-        files.sort();
-        for file in files {
-            let Ok(text) = fs::read_to_string(&file) else {
-                continue;
-            };
-            let found = match file.extension().and_then(|end| end.to_str()) {
-                Some("sources") => Self::from_paragraphs(&text),
-                Some("list") => Self::from_lines(&text),
-                _ => None,
-            };
-            if let Some(archive) = found {
-                eprintln!("toolchain: this machine's archive is named in {}", file.display());
-                return Ok(archive);
-            }
-        }
-        Err("no Debian archive in /etc/apt/sources.list or /etc/apt/sources.list.d".to_owned())
-    }
-
-    /// The main Debian archive, and not its security one or another project's: its path ends in `/debian`.
-    fn new(address: &str, signed_by: Option<&str>) -> Option<Self> {
-        let address = address.trim_end_matches('/');
-        address.ends_with("/debian").then(|| Self {
-            address: address.to_owned(),
-            signed_by: signed_by.map(str::to_owned),
-        })
-    }
-
-    /// The `.sources` format: paragraphs of `Field: value`.
-    fn from_paragraphs(text: &str) -> Option<Self> {
-        let lines: Vec<&str> = text.lines().filter(|line| !line.starts_with('#')).collect();
-        lines.split(|line| line.trim().is_empty()).find_map(|paragraph| {
-            let field = |name: &str| {
-                paragraph.iter().find_map(|line| {
-                    let (field, value) = line.split_once(':')?;
-                    field.eq_ignore_ascii_case(name).then_some(value.trim())
-                })
-            };
-            if field("Enabled") == Some("no") || !field("Types")?.split_whitespace().any(|kind| kind == "deb")
-            {
-                return None;
-            }
-            // A key may also stand in the file itself; then the machine's trusted keys have to do.
-            let signed_by = field("Signed-By").filter(|path| path.starts_with('/'));
-            field("URIs")?
-                .split_whitespace()
-                .find_map(|address| Self::new(address, signed_by))
-        })
-    }
-
-    /// The one-line format: `deb [options] address suite component…`.
-    fn from_lines(text: &str) -> Option<Self> {
-        text.lines().find_map(|line| {
-            let rest = line.trim().strip_prefix("deb ")?.trim_start();
-            let (options, rest) = match rest.strip_prefix('[') {
-                Some(rest) => rest.split_once(']')?,
-                None => ("", rest),
-            };
-            let signed_by = options
-                .split_whitespace()
-                .find_map(|option| option.strip_prefix("signed-by="));
-            Self::new(rest.split_whitespace().next()?, signed_by)
-        })
-    }
-
-    /// Fetches the sources of exactly `release` from one suite and unpacks the library; says why it could not.
-    fn unpack_sources(
-        &self,
-        suite: &str,
-        release: &str,
-        home: &Path,
-        unpacked: &Path,
-    ) -> Result<PathBuf, String> {
-        let apt =
-            PrivateApt::new(home.join("apt").join(suite), self, suite).map_err(|error| error.to_string())?;
-        eprintln!("toolchain: reading the package list of {suite}");
-        apt.run("apt-get", &["update", "-qq"])?;
-        let listed = apt.run("apt-cache", &["madison", "rust-src"])?;
-        let versions = versions_of(&listed);
-        let Some(version) = versions.iter().find(|version| upstream(version) == release) else {
-            let found = if versions.is_empty() {
+/// Fetches the sources of exactly `release` from one suite of the machine's archive and unpacks them.
+fn debian_sources(suite: &str, release: &str, home: &Path, unpacked: &Path) -> Result<(), Error> {
+    eprintln!("toolchain: reading the package list of {suite}");
+    let packages = Packages::of_suite(home, suite)?;
+    let listed = packages.apt("apt-cache", &["madison", "rust-src"])?;
+    let versions = versions_of(&listed);
+    let Some(version) = versions.iter().find(|version| upstream(version) == release) else {
+        return Err(Error::Product {
+            what: format!("rust-src in {suite}"),
+            found: if versions.is_empty() {
                 "none".to_owned()
             } else {
                 versions.join(", ")
-            };
-            return Err(format!("has rust-src {found}, expected {release}"));
-        };
-        eprintln!("toolchain: downloading rust-src {version} (about 45 MB)");
-        apt.run("apt-get", &["download", "-qq", &format!("rust-src={version}")])?;
-        let package = apt.downloaded().ok_or("apt-get download left no package")?;
-        eprintln!("toolchain: unpacking the library from {}", package.display());
-        unpack(&package, release, unpacked)?;
-        let library = unpacked.join(format!("usr/src/rustc-{release}/library"));
-        // The lists and the package have served; 45 MB less to keep.
-        let _ = fs::remove_dir_all(&apt.folder);
-        library
-            .join("core/src/lib.rs")
-            .is_file()
-            .then_some(library)
-            .ok_or_else(|| "holds no library/core".to_owned())
-    }
-}
-
-/// apt with its own source line, lists and cache, so that nothing of the system's changes and root is not needed.
-struct PrivateApt {
-    folder: PathBuf,
-}
-
-impl PrivateApt {
-    fn new(folder: PathBuf, archive: &Archive, suite: &str) -> Result<Self, Error> {
-        for part in ["lists/partial", "cache/archives/partial", "download"] {
-            let path = folder.join(part);
-            fs::create_dir_all(&path).map_err(|source| Error::file(&path, source))?;
-        }
-        let key = archive
-            .signed_by
-            .as_ref()
-            .map_or_else(String::new, |key| format!("[signed-by={key}] "));
-        let list = folder.join("sources.list");
-        fs::write(&list, format!("deb {key}{} {suite} main\n", archive.address))
-            .map_err(|source| Error::file(&list, source))?;
-        Ok(Self { folder })
-    }
-
-    fn run(&self, program: &str, arguments: &[&str]) -> Result<String, String> {
-        let folder = self.folder.display();
-        let mut command = Command::new(program);
-        command
-            .current_dir(self.folder.join("download"))
-            .env("LC_ALL", "C");
-        for option in [
-            format!("Dir::Etc::sourcelist={folder}/sources.list"),
-            "Dir::Etc::sourceparts=/dev/null".to_owned(),
-            format!("Dir::State::lists={folder}/lists"),
-            format!("Dir::Cache={folder}/cache"),
-            // A root apt would hand the download to a user who may not write here.
-            "APT::Sandbox::User=root".to_owned(),
-            // Only the package list is wanted, not the catalogues that desktops read.
-            "Acquire::Languages=none".to_owned(),
-            "Acquire::IndexTargets::deb::DEP-11::DefaultEnabled=false".to_owned(),
-        ] {
-            command.arg("-o").arg(option);
-        }
-        command.args(arguments);
-        process::output(&mut command).map_err(|error| match error {
-            Error::Failed { status, said, .. } => {
-                format!("{program} {} failed ({status}): {said}", arguments[0])
-            }
-            other => other.to_string(),
-        })
-    }
-
-    fn downloaded(&self) -> Option<PathBuf> {
-        let files = fs::read_dir(self.folder.join("download")).ok()?;
-        files
-            .flatten()
-            .map(|file| file.path())
-            .find(|path| path.extension().is_some_and(|end| end == "deb"))
-    }
+            },
+            expected: release.to_owned(),
+        });
+    };
+    eprintln!("toolchain: downloading rust-src {version} (about 45 MB)");
+    packages.unpack(unpacked, &[&format!("rust-src={version}")], false)
 }
 
 /// The versions in the table that `apt-cache madison` prints: `package | version | where`.
@@ -380,32 +228,6 @@ fn upstream(version: &str) -> &str {
         .find(|c: char| !c.is_ascii_digit() && c != '.')
         .unwrap_or(version.len());
     &version[..end]
-}
-
-/// Unpacks `library` and nothing else (a tenth of the package) as one step.
-fn unpack(package: &Path, release: &str, unpacked: &Path) -> Result<(), String> {
-    let partial = unpacked.with_extension(format!("{}", std::process::id()));
-    fs::create_dir_all(&partial).map_err(|error| format!("{}: {error}", partial.display()))?;
-    let mut reader = Command::new("dpkg-deb")
-        .arg("--fsys-tarfile")
-        .arg(package)
-        .stdout(Stdio::piped())
-        .spawn()
-        .map_err(|error| format!("dpkg-deb cannot be started: {error}"))?;
-    let piped = reader.stdout.take().ok_or("dpkg-deb has no output")?;
-    let written = Command::new("tar")
-        .args(["-x", "-C"])
-        .arg(&partial)
-        .arg(format!("./usr/src/rustc-{release}/library"))
-        .stdin(piped)
-        .status()
-        .map_err(|error| format!("tar cannot be started: {error}"))?;
-    let read = reader.wait().map_err(|error| format!("dpkg-deb: {error}"))?;
-    if !written.success() || !read.success() {
-        return Err(format!("unpacking failed (dpkg-deb {read}, tar {written})"));
-    }
-    let _ = fs::remove_dir_all(unpacked);
-    fs::rename(&partial, unpacked).map_err(|error| format!("{}: {error}", unpacked.display()))
 }
 
 /// Compiles core, alloc and compiler_builtins and lays them out as a sysroot, as one step.
@@ -501,32 +323,6 @@ mod tests {
         assert_eq!(upstream("1.95.0-1"), "1.95.0");
         assert_ne!(upstream("1.95.01-1"), "1.95.0");
         assert_eq!(upstream("1.96.1~beta"), "1.96.1");
-    }
-
-    #[test]
-    fn both_formats_of_a_source_file_name_the_main_archive_and_not_the_security_one() {
-        let paragraphs = "Types: deb\nURIs: https://mirror.invalid/debian-security\nSuites: x-security\n\n\
-                          # a comment\nTypes: deb deb-src\nURIs: https://mirror.invalid/debian/\nSuites: x\n\
-                          Signed-By: /keys/debian.gpg\n";
-        let expected = Archive {
-            address: "https://mirror.invalid/debian".to_owned(),
-            signed_by: Some("/keys/debian.gpg".to_owned()),
-        };
-        assert_eq!(Archive::from_paragraphs(paragraphs).as_ref(), Some(&expected));
-        let lines = "# deb https://mirror.invalid/debian old main\n\
-                     deb https://mirror.invalid/debian-security x main\n\
-                     deb [arch=amd64 signed-by=/keys/debian.gpg] https://mirror.invalid/debian x main\n";
-        assert_eq!(Archive::from_lines(lines), Some(expected));
-        assert_eq!(
-            Archive::from_lines("deb-src https://mirror.invalid/debian x main\n"),
-            None
-        );
-    }
-
-    #[test]
-    fn a_disabled_source_is_passed_over() {
-        let text = "Enabled: no\nTypes: deb\nURIs: https://mirror.invalid/debian\nSuites: x\n";
-        assert_eq!(Archive::from_paragraphs(text), None);
     }
 
     #[test]

@@ -13,8 +13,9 @@ use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
 use crate::cpio::Archive;
+use crate::debian::Packages;
 use crate::error::Error;
-use crate::{output_of, process};
+use crate::process;
 
 const QEMU: &str = "qemu-system-x86_64";
 /// Depends on the newest kernel of the release.
@@ -113,19 +114,21 @@ impl Tools {
     /// Finds or fetches everything.
     fn ensure(home: &Path) -> Result<Self, Error> {
         let root = home.join("root");
-        let installed = output_of(Command::new("which").arg(QEMU)).ok().map(PathBuf::from);
+        let installed = process::word_of(Command::new("which").arg(QEMU))
+            .ok()
+            .map(PathBuf::from);
         let unpacked = root.join("usr/bin").join(QEMU);
         if installed.is_none() && !unpacked.is_file() {
             eprintln!("vm: no {QEMU} here; fetching Debian's");
-            fetch(home, &root, &["qemu-system-x86"], true)?;
+            Packages::of_this_machine(home)?.unpack(&root, &["qemu-system-x86"], true)?;
         }
         let busybox = root.join("bin/busybox");
         if !busybox.is_file() {
-            fetch(home, &root, &["busybox-static"], false)?;
+            Packages::of_this_machine(home)?.unpack(&root, &["busybox-static"], false)?;
         }
         let kernel = || newest(&root.join("boot"), "vmlinuz-");
         if kernel().is_none() {
-            let told = output_of(Command::new("apt-cache").args(["depends", KERNEL]))?;
+            let told = process::word_of(Command::new("apt-cache").args(["depends", KERNEL]))?;
             let name = told.lines().find_map(|line| {
                 line.trim()
                     .strip_prefix("Depends: ")
@@ -137,7 +140,7 @@ impl Tools {
                 expected: "the package of one: run `apt-get update` as root".to_owned(),
             })?;
             eprintln!("vm: fetching {name} (about 70 MB)");
-            fetch(home, &root, &[name], false)?;
+            Packages::of_this_machine(home)?.unpack(&root, &[name], false)?;
         }
         let missing = |what: &str| Error::Product {
             what: what.to_owned(),
@@ -181,43 +184,6 @@ fn newest(folder: &Path, start: &str) -> Option<PathBuf> {
                 .is_some_and(|name| name.to_string_lossy().starts_with(start))
         })
         .max()
-}
-
-/// Downloads packages, with what the machine lacks of their dependencies if wanted, and unpacks them. apt does not install
-/// and needs no root; a list of packages that is out of date is renewed in a place of its own.
-fn fetch(home: &Path, root: &Path, packages: &[&str], with_dependencies: bool) -> Result<(), Error> {
-    let download = home.join("download");
-    let _ = fs::remove_dir_all(&download);
-    fs::create_dir_all(download.join("partial")).map_err(|source| Error::file(&download, source))?;
-    let get = || {
-        let mut command = Command::new("apt-get");
-        command
-            .current_dir(&download)
-            .env("LC_ALL", "C")
-            .args(["-qq", "-o", "APT::Sandbox::User=root"]);
-        if with_dependencies {
-            command.args(["-o", "Debug::NoLocking=true", "-o"]);
-            command.arg(format!("Dir::Cache::archives={}", download.display()));
-            command.args(["install", "--yes", "--download-only", "--no-install-recommends"]);
-        } else {
-            command.arg("download");
-        }
-        process::output(command.args(packages)).map(drop)
-    };
-    if let Err(first) = get() {
-        eprintln!("vm: {first}; reading the lists of packages anew");
-        process::output(Command::new("apt-get").args(["update", "-qq"]))?;
-        get()?;
-    }
-    fs::create_dir_all(root).map_err(|source| Error::file(root, source))?;
-    let entries = fs::read_dir(&download).map_err(|source| Error::file(&download, source))?;
-    for entry in entries.flatten() {
-        if entry.path().extension().is_some_and(|end| end == "deb") {
-            process::output(Command::new("dpkg-deb").arg("-x").arg(entry.path()).arg(root))?;
-        }
-    }
-    let _ = fs::remove_dir_all(&download);
-    Ok(())
 }
 
 /// The scripted scene, as the small network sees it: to play the simulated fingertip itself takes too long in there.
@@ -286,7 +252,7 @@ fn write_image(image: &Path, built: &Path, scene: &Path, tools: &Tools) -> Resul
 fn libraries(programs: &[&Path]) -> Result<Vec<PathBuf>, Error> {
     let mut found = Vec::new();
     for program in programs {
-        let told = output_of(Command::new("ldd").arg(program))?;
+        let told = process::word_of(Command::new("ldd").arg(program))?;
         // `name => /path (address)` or `/path (address)`.
         let paths = told
             .lines()
