@@ -9,6 +9,7 @@ mod cpio;
 mod debian;
 mod emulator;
 mod error;
+mod figures;
 mod firmware;
 mod flash;
 mod fuzz;
@@ -23,13 +24,16 @@ mod vm;
 use std::process::ExitCode;
 
 use error::Error;
+use test::Tier;
 
 const HELP: &str = "\
 cargo xtask COMMAND
 
-  test [--zenoh]                    every check that has to pass, in order, with a summary; --zenoh: only those of the
-                                    bridge's feature zenoh, whose crates take minutes to build the first time
+  test [--all | --zenoh]            every check that a change has to pass, in order, with a summary; --all: the slow ones
+                                    too; --zenoh: only those of the bridge's feature zenoh, whose crates take minutes to
+                                    build the first time
   screenshots                       play the scripted scene and draw the README's pictures of view and plot anew
+  figures [all | NAME...]           measure anew what is named in docs/figures.toml, and write docs/figures.md
   firmware [--board BOARD] [--out FILE]
                                     build the image and print `flash N ram N` in bytes; BOARD is
                                     stm32f405rg (default) or stm32f427vi
@@ -98,10 +102,12 @@ fn dispatch(arguments: &[String]) -> Result<(), Error> {
             Ok(())
         }
         "test" if rest == ["--zenoh"] => test::zenoh(),
-        "test" => no_more(rest).and_then(|()| test::run()),
+        "test" if rest == ["--all"] => test::run(Tier::All),
+        "test" => no_more(rest).and_then(|()| test::run(Tier::Quick)),
         "screenshots" => no_more(rest).and_then(|()| screenshots::run()),
         "firmware" => firmware::command(rest),
         "flash" => flash::command(rest),
+        "figures" => figures::command(rest),
         "fuzz" => fuzz::command(rest),
         "emulator" => no_more(rest).and_then(|()| emulator::command()),
         "modules" => no_more(rest).and_then(|()| modules::run()),

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use crate::error::Error;
 use crate::firmware::{self, Board};
-use crate::{emulator, physics, process, toolchain, vm};
+use crate::{emulator, modules, physics, process, toolchain, vm};
 
 /// What one check came to.
 struct Outcome {
@@ -76,38 +76,48 @@ impl Checks {
     }
 }
 
-/// Every check. The order is that of cost, but for the tests, which need the image and the emulator.
-pub(crate) fn run() -> Result<(), Error> {
+/// How much is checked.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Tier {
+    /// What every change has to pass: at most 15 minutes in a fresh clone on two cores.
+    Quick,
+    /// The same and all that is slow: at most 45 minutes.
+    All,
+}
+
+/// Crates that only the slow tier builds: their dependencies take minutes.
+const SLOW_CRATES: [&str; 2] = ["gripline-training", "gripline-validation"];
+
+/// The checks of a tier. The order is that of cost, but for the tests, which need the image and the emulator.
+pub(crate) fn run(tier: Tier) -> Result<(), Error> {
+    let all = tier == Tier::All;
+    let without: Vec<&str> = if all {
+        Vec::new()
+    } else {
+        SLOW_CRATES.iter().flat_map(|name| ["--exclude", name]).collect()
+    };
     let mut checks = Checks::default();
     checks.check("format", || {
         process::run(process::cargo().args(["fmt", "--all", "--check"]))?;
         emulator::format()
     });
+    checks.check("imports between files", modules::run);
     checks.check("lints", || {
-        process::run(process::cargo().args([
-            "clippy",
-            "--workspace",
-            "--all-targets",
-            "--keep-going",
-            "--",
-            "-D",
-            "warnings",
-        ]))
-    });
-    checks.check("documentation", || {
         process::run(
             process::cargo()
-                .args(["doc", "--workspace", "--no-deps", "--keep-going"])
-                .env("RUSTDOCFLAGS", "-D warnings"),
+                .args(["clippy", "--workspace", "--all-targets", "--keep-going"])
+                .args(&without)
+                .args(["--", "-D", "warnings"]),
         )
     });
-    // Speed is for a quiet machine and a command of its own.
-    checks.check("physics", || physics::run(&["--without".into(), "speed".into()]));
     checks.check("core library for the microcontroller", || {
         toolchain::ensure(false)
     });
     let mut image = None;
-    for board in Board::ALL {
+    for board in Board::ALL
+        .into_iter()
+        .filter(|board| all || *board == emulator::BOARD)
+    {
         let built = checks.check(&format!("image and its size, {}", board.name()), || {
             let (elf, size) = firmware::build(board)?;
             println!("{}: {size}", board.name());
@@ -118,9 +128,7 @@ pub(crate) fn run() -> Result<(), Error> {
             image = built;
         }
     }
-    checks.check("lints of the firmware binary", || firmware::lint(emulator::BOARD));
     let emulator = checks.check("emulator", emulator::build);
-    checks.check("lints of the emulator", emulator::lint);
     let (Some(emulator), Some(image)) = (emulator, image) else {
         checks.check("tests", || {
             Err::<(), _>(Error::Product {
@@ -132,18 +140,42 @@ pub(crate) fn run() -> Result<(), Error> {
         return checks.summary();
     };
     checks.check("tests of the emulator", || emulator::test(&image));
-    // Ignored by plain `cargo test` are those that need the emulator and the image, or fetch the Python package mcap.
     checks.check("tests, the emulated board included", || {
+        let mut tests = process::cargo();
+        tests
+            .args(["test", "--workspace", "--no-fail-fast"])
+            .args(&without)
+            // Ignored by plain `cargo test` are those that need the emulator and the image, or fetch a Python package.
+            .args(["--", "--include-ignored"])
+            .env("GRIPLINE_EMULATOR", &emulator)
+            .env("GRIPLINE_IMAGE", &image);
+        if !all {
+            // Tests in modules of this name.
+            tests.args(["--skip", "slow::"]);
+        }
+        process::run(&mut tests)
+    });
+    if all {
+        slow(&mut checks);
+    }
+    checks.summary()
+}
+
+/// What only the slow tier checks.
+fn slow(checks: &mut Checks) {
+    checks.check("documentation", || {
         process::run(
             process::cargo()
-                .args(["test", "--workspace", "--no-fail-fast", "--", "--include-ignored"])
-                .env("GRIPLINE_EMULATOR", &emulator)
-                .env("GRIPLINE_IMAGE", &image),
+                .args(["doc", "--workspace", "--no-deps", "--keep-going"])
+                .env("RUSTDOCFLAGS", "-D warnings"),
         )
     });
+    checks.check("lints of the firmware binary", || firmware::lint(emulator::BOARD));
+    checks.check("lints of the emulator", emulator::lint);
+    // Speed is for a quiet machine and a command of its own.
+    checks.check("physics", || physics::run(&["--without".into(), "speed".into()]));
     // With the programs that the tests were just built with.
-    checks.check("virtual machine: camera, USB, disks", || vm::run("test", None));
-    checks.summary()
+    checks.check("virtual machine: camera, USB, disks", || vm::run("dev", None));
 }
 
 /// The bridge's feature `zenoh`: its lints and its tests.

@@ -1,0 +1,373 @@
+//! `cargo xtask figures`: measures and writes `docs/figures.md`.
+//!
+//! `docs/figures.toml` says which command measures what, where each figure stands in the JSON that the command prints, and what
+//! is wanted. `docs/figures.json` keeps the values that were printed, each measurement with its date, commit and processor, so that
+//! one measurement can be made anew without the others. The page is written from both and from nothing else.
+
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+use std::fs;
+use std::path::PathBuf;
+use std::process::Command;
+use std::time::SystemTime;
+
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use crate::error::Error;
+use crate::process;
+
+/// `docs/figures.toml`.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Plan {
+    measurement: Vec<Measurement>,
+}
+
+/// One command and the figures that it prints.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Measurement {
+    name: String,
+    title: String,
+    /// As a reader types it.
+    command: String,
+    figure: Vec<Figure>,
+}
+
+/// One row of the page.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Figure {
+    what: String,
+    /// Text with values in it: `{/pointer}` or `{/pointer:DECIMALS}`, `{/pointer*FACTOR:DECIMALS}`.
+    shows: String,
+    /// What is wanted, in words.
+    #[serde(default)]
+    wanted: String,
+    /// Pointer of the value that is judged, with the bounds that it has to keep.
+    judged: Option<String>,
+    max: Option<f64>,
+    min: Option<f64>,
+    /// Why a bound is missed, or what else has to be known.
+    #[serde(default)]
+    note: String,
+}
+
+/// What one run of a command printed.
+#[derive(Serialize, Deserialize)]
+struct Measured {
+    date: String,
+    commit: String,
+    processor: String,
+    /// Pointer to value.
+    values: BTreeMap<String, Value>,
+}
+
+type Kept = BTreeMap<String, Measured>;
+
+const PLAN: &str = "docs/figures.toml";
+const KEPT: &str = "docs/figures.json";
+const PAGE: &str = "docs/figures.md";
+
+/// Measures what is named (`all`: everything), and writes the page. Without a name it only writes the page.
+pub(crate) fn command(arguments: &[String]) -> Result<(), Error> {
+    let plan: Plan = toml::from_str(&read(PLAN)?).map_err(|error| wrong(PLAN, &error.to_string()))?;
+    let mut kept: Kept = if process::root().join(KEPT).exists() {
+        serde_json::from_str(&read(KEPT)?).map_err(|error| wrong(KEPT, &error.to_string()))?
+    } else {
+        Kept::new()
+    };
+    let names: Vec<&str> = plan
+        .measurement
+        .iter()
+        .map(|measurement| measurement.name.as_str())
+        .collect();
+    if let Some(unknown) = arguments
+        .iter()
+        .find(|name| *name != "all" && !names.contains(&name.as_str()))
+    {
+        return Err(Error::usage(
+            "measurement",
+            unknown,
+            &format!("all, {}", names.join(", ")),
+        ));
+    }
+    for measurement in &plan.measurement {
+        if arguments
+            .iter()
+            .any(|name| *name == "all" || *name == measurement.name)
+        {
+            let printed = measure(&measurement.command)?;
+            let values = measurement.values(&printed)?;
+            let measured = Measured {
+                date: humantime::format_rfc3339_seconds(SystemTime::now()).to_string()[..10].to_owned(),
+                commit: commit()?,
+                processor: processor(),
+                values,
+            };
+            kept.insert(measurement.name.clone(), measured);
+            // A later command that fails loses nothing.
+            let text =
+                serde_json::to_string_pretty(&kept).map_err(|error| wrong(KEPT, &error.to_string()))?;
+            write(KEPT, &(text + "\n"))?;
+        }
+    }
+    kept.retain(|name, _| names.contains(&name.as_str()));
+    write(PAGE, &page(&plan, &kept)?)
+}
+
+fn path(name: &str) -> PathBuf {
+    process::root().join(name)
+}
+
+fn read(name: &str) -> Result<String, Error> {
+    fs::read_to_string(path(name)).map_err(|source| Error::file(&path(name), source))
+}
+
+fn write(name: &str, text: &str) -> Result<(), Error> {
+    fs::write(path(name), text).map_err(|source| Error::file(&path(name), source))
+}
+
+fn wrong(what: &str, found: &str) -> Error {
+    Error::Product {
+        what: what.to_owned(),
+        found: found.to_owned(),
+        expected: format!("what {} describes", file!()),
+    }
+}
+
+/// Runs a command; the last JSON value that it prints.
+fn measure(line: &str) -> Result<Value, Error> {
+    eprintln!("$ {line}");
+    let mut words = line.split_whitespace();
+    let mut command = match words.next() {
+        Some("cargo") => process::cargo(),
+        Some(program) => Command::new(program),
+        None => return Err(wrong("command", "nothing")),
+    };
+    // A missed bound ends some commands with code 1, and is what the page is for.
+    let output = command
+        .current_dir(process::root())
+        .args(words)
+        .stderr(std::process::Stdio::inherit())
+        .output()
+        .map_err(|source| Error::Start {
+            program: line.to_owned(),
+            source,
+        })?;
+    let text = String::from_utf8_lossy(&output.stdout);
+    last_json(&text).ok_or_else(|| Error::Failed {
+        command: line.to_owned(),
+        status: output.status.to_string(),
+        said: "printed no JSON".to_owned(),
+    })
+}
+
+/// The whole text as one value, or its last line that is an object.
+fn last_json(text: &str) -> Option<Value> {
+    serde_json::from_str(text).ok().or_else(|| {
+        let objects = text.lines().rev().filter(|line| line.starts_with('{'));
+        objects.flat_map(serde_json::from_str).next()
+    })
+}
+
+impl Measurement {
+    /// Every value that its figures show or judge.
+    fn values(&self, printed: &Value) -> Result<BTreeMap<String, Value>, Error> {
+        let mut values = BTreeMap::new();
+        for figure in &self.figure {
+            let shown = fields(&figure.shows).into_iter().map(|field| field.pointer);
+            for pointer in shown.chain(figure.judged.clone()) {
+                let value = printed.pointer(&pointer).ok_or_else(|| {
+                    wrong(&format!("`{}`", self.command), &format!("no value at {pointer}"))
+                })?;
+                values.insert(pointer, value.clone());
+            }
+        }
+        Ok(values)
+    }
+}
+
+/// A place for a value in a text.
+#[derive(Debug, PartialEq)]
+struct Field {
+    /// As it stands in the text, braces included.
+    text: String,
+    pointer: String,
+    factor: f64,
+    decimals: Option<usize>,
+}
+
+fn fields(text: &str) -> Vec<Field> {
+    let mut found = Vec::new();
+    let mut rest = text;
+    while let Some(start) = rest.find("{/") {
+        let Some(end) = rest[start..].find('}') else { break };
+        let inner = &rest[start + 1..start + end];
+        let (inner, decimals) = match inner.split_once(':') {
+            Some((inner, decimals)) => (inner, decimals.parse().ok()),
+            None => (inner, None),
+        };
+        let (pointer, factor) = match inner.split_once('*') {
+            Some((pointer, factor)) => (pointer, factor.parse().unwrap_or(1.0)),
+            None => (inner, 1.0),
+        };
+        found.push(Field {
+            text: rest[start..=start + end].to_owned(),
+            pointer: pointer.to_owned(),
+            factor,
+            decimals,
+        });
+        rest = &rest[start + end + 1..];
+    }
+    found
+}
+
+impl Figure {
+    fn shown(&self, values: &BTreeMap<String, Value>) -> String {
+        let mut text = self.shows.clone();
+        for field in fields(&self.shows) {
+            let value = match (values.get(&field.pointer), field.decimals) {
+                (Some(Value::Number(number)), decimals) => {
+                    let number = number.as_f64().unwrap_or(f64::NAN) * field.factor;
+                    decimals.map_or_else(|| number.to_string(), |decimals| format!("{number:.decimals$}"))
+                }
+                (Some(Value::String(text)), _) => text.clone(),
+                (Some(other), _) => other.to_string(),
+                (None, _) => "not measured".to_owned(),
+            };
+            text = text.replace(&field.text, &value);
+        }
+        text
+    }
+
+    /// `held`, `missed`, or nothing where nothing is judged.
+    fn verdict(&self, values: &BTreeMap<String, Value>) -> &'static str {
+        let Some(value) = self
+            .judged
+            .as_ref()
+            .and_then(|pointer| values.get(pointer))
+            .and_then(Value::as_f64)
+        else {
+            return "";
+        };
+        let holds = self.max.is_none_or(|max| value <= max) && self.min.is_none_or(|min| value >= min);
+        if holds { "held" } else { "**missed**" }
+    }
+}
+
+fn page(plan: &Plan, kept: &Kept) -> Result<String, Error> {
+    let mut text = String::from(
+        "# Figures\n\nWritten by `cargo xtask figures` from what the commands below print; do not edit. `cargo xtask figures NAME` \
+         measures one section anew, `all` every one.\n",
+    );
+    for measurement in &plan.measurement {
+        let values = kept.get(&measurement.name);
+        let made = values.map_or_else(
+            || "not measured yet".to_owned(),
+            |measured| {
+                format!(
+                    "{}, commit {}, {}",
+                    measured.date, measured.commit, measured.processor
+                )
+            },
+        );
+        let none = BTreeMap::new();
+        let values = values.map_or(&none, |measured| &measured.values);
+        write!(
+            text,
+            "\n## {}\n\n`{}` (`{}`; {made})\n\n| what | figure | wanted | |\n|---|---|---|---|\n",
+            measurement.title, measurement.command, measurement.name
+        )
+        .map_err(|error| wrong(PAGE, &error.to_string()))?;
+        for figure in &measurement.figure {
+            let verdict = figure.verdict(values);
+            let note = [verdict, figure.note.as_str()]
+                .into_iter()
+                .filter(|part| !part.is_empty())
+                .collect::<Vec<_>>()
+                .join("; ");
+            writeln!(
+                text,
+                "| {} | {} | {} | {note} |",
+                figure.what,
+                figure.shown(values),
+                figure.wanted
+            )
+            .map_err(|error| wrong(PAGE, &error.to_string()))?;
+        }
+    }
+    Ok(text)
+}
+
+/// The commit that is checked out; `+` behind it: with changes.
+fn commit() -> Result<String, Error> {
+    process::word_of(Command::new("git").current_dir(process::root()).args([
+        "describe",
+        "--always",
+        "--abbrev=10",
+        "--dirty=+",
+        "--exclude",
+        "*",
+    ]))
+}
+
+/// The processor's own name.
+fn processor() -> String {
+    let text = fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
+    let name = text.lines().find(|line| line.starts_with("model name"));
+    name.and_then(|line| line.split_once(": "))
+        .map_or_else(|| std::env::consts::ARCH.to_owned(), |(_, name)| name.to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn figure(shows: &str) -> Figure {
+        Figure {
+            what: "a figure".to_owned(),
+            shows: shows.to_owned(),
+            wanted: String::new(),
+            judged: Some("/a/0".to_owned()),
+            max: Some(2.0),
+            min: None,
+            note: String::new(),
+        }
+    }
+
+    #[test]
+    fn values_are_taken_by_their_pointers_and_shown_with_factor_and_decimals() {
+        let measurement = Measurement {
+            name: "m".to_owned(),
+            title: "M".to_owned(),
+            command: "c".to_owned(),
+            figure: vec![figure("{/a/0*100:1} % of {/b}, {/a/0}")],
+        };
+        let printed = serde_json::json!({"a": [0.5], "b": "all"});
+        let values = measurement
+            .values(&printed)
+            .expect("every pointer leads somewhere");
+        assert_eq!(measurement.figure[0].shown(&values), "50.0 % of all, 0.5");
+        assert_eq!(measurement.figure[0].verdict(&values), "held");
+        let missing = measurement.values(&serde_json::json!({"a": [3]}));
+        assert!(missing.expect_err("b is missing").to_string().contains("/b"));
+    }
+
+    #[test]
+    fn a_value_beyond_its_bound_is_called_missed() {
+        let values = BTreeMap::from([("/a/0".to_owned(), serde_json::json!(2.5))]);
+        assert_eq!(figure("{/a/0:1}").verdict(&values), "**missed**");
+    }
+
+    #[test]
+    fn the_last_object_of_a_stream_counts_and_text_before_it_does_not() {
+        assert_eq!(
+            last_json("{\"a\":1}\n{\"a\":2}\ndone"),
+            Some(serde_json::json!({"a": 2}))
+        );
+        assert_eq!(last_json("{\n\"a\": 1\n}\n"), Some(serde_json::json!({"a": 1})));
+        assert_eq!(last_json("nothing"), None);
+    }
+}
