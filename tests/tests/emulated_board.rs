@@ -12,7 +12,7 @@ use gripline_firmware::constants::DECIDE_BUDGET_CYCLES;
 use gripline_firmware::line::DAC_LIVE_ZERO;
 use gripline_firmware::safety::Fault;
 use gripline_firmware::sums::{TaxelRule, sums_of};
-use gripline_link::emulator::{Cable, LineWrite};
+use gripline_link::emulator::{Cable, ControlOutcome, LineWrite};
 use gripline_link::session::Session;
 use gripline_link::{EmulatorLink, Link, Transport};
 use gripline_protocol::message::{Command, GripMode, SlipState};
@@ -379,7 +379,7 @@ fn control_transfers_go_on_while_maps_stream_and_cost_no_map() {
     let answers = &link.transfers()[before..];
     assert_eq!(answers.len(), 90);
     for (answer, question) in answers.iter().zip(QUESTIONS.iter().cycle()) {
-        assert!(answer.is_done && answer.setup == *question, "{answer:?}");
+        assert!(answer.outcome == ControlOutcome::Done && answer.setup == *question, "{answer:?}");
     }
     assert!(
         answers

@@ -9,7 +9,7 @@ use std::collections::VecDeque;
 use gripline_firmware::line::DAC_LIVE_ZERO;
 use gripline_firmware::sums::{TaxelRule, sums_of, total_shear};
 use gripline_firmware::{Fault, GripForce, Mcu, ResetCause, Start};
-use gripline_link::emulator::{Cable, Mishap};
+use gripline_link::emulator::{Cable, FaultInjection};
 use gripline_link::{EmulatorLink, Link, Transport};
 use gripline_protocol::message::{Command, Configuration, Hello, Message, MessagePackets, Report};
 use gripline_protocol::{
@@ -242,7 +242,7 @@ impl World for BoardWorld {
     }
 
     fn hang(&mut self) {
-        self.link.mishap_at(Mishap::Hang, WATCHDOG_KEY);
+        self.link.inject_fault(FaultInjection::Hang, WATCHDOG_KEY);
     }
 
     fn resets(&self) -> usize {
@@ -629,9 +629,9 @@ impl<W: World> Host<W> {
         self.judge.reset_latched_us = None;
     }
 
-    #[expect(clippy::too_many_lines, reason = "a list of mishaps")]
+    #[expect(clippy::too_many_lines, reason = "a list of injected faults")]
     fn phase(&mut self) {
-        // Often enough that most mishaps come to a controller with nothing latched.
+        // Often enough that most injected faults come to a controller with nothing latched.
         if self.dice.random_range(0..3) == 0 {
             self.acknowledge();
         }

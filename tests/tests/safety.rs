@@ -7,7 +7,7 @@ use board::{Board, FRAME_US, SETTINGS, feed_forward, map};
 use gripline_firmware::GripForce;
 use gripline_firmware::line::DAC_LIVE_ZERO;
 use gripline_firmware::safety::Fault;
-use gripline_link::emulator::{Cable, LineWrite, Mishap};
+use gripline_link::emulator::{Cable, FaultInjection, LineWrite};
 use gripline_link::{EmulatorLink, Link, Transport};
 use gripline_protocol::message::{
     Command, Configuration, GripMode, Hello, LineKind, Message, MessagePackets, Refusal, Status,
@@ -23,7 +23,7 @@ const PLACES_TO_FAIL: [(&str, u32); 3] = [
     ("the USB interrupt", 0x5000_0014),
 ];
 
-/// From the order to the mishap, two touches of the register later: two looks of the idle loop and some slack.
+/// From the order to the fault, two touches of the register later: two looks of the idle loop and some slack.
 const TOUCHED_NS: u64 = 45_000_000;
 /// The same and the longest that the emulated watchdog waits, with the time between two looks at the proof that it is fed by.
 const WATCHDOG_NS: u64 = TOUCHED_NS + 125_000_000;
@@ -413,23 +413,23 @@ fn a_line_at_its_ceiling_is_told() {
 #[ignore = "needs the emulator and the image: cargo xtask test"]
 fn whatever_hangs_or_crashes_while_holding_is_reset_and_the_line_is_back_within_two_milliseconds() {
     for (number, (place, address)) in PLACES_TO_FAIL.into_iter().enumerate() {
-        for (mishap, limit_ns) in [
-            (Mishap::Hang, WATCHDOG_NS),
-            (Mishap::Fault, CRASHED_NS),
-            (Mishap::Panic, CRASHED_NS),
+        for (fault, limit_ns) in [
+            (FaultInjection::Hang, WATCHDOG_NS),
+            (FaultInjection::UndefinedInstruction, CRASHED_NS),
+            (FaultInjection::Panic, CRASHED_NS),
         ] {
             // The jump of a panic takes ten bytes, which would spoil the code around a store that is reached by branches.
-            if mishap == Mishap::Panic && number == 0 {
+            if fault == FaultInjection::Panic && number == 0 {
                 continue;
             }
-            fails_while_holding(&format!("{mishap:?} in {place}"), mishap, address, limit_ns);
+            fails_while_holding(&format!("{fault:?} in {place}"), fault, address, limit_ns);
         }
     }
 }
 
-fn fails_while_holding(what: &str, mishap: Mishap, address: u32, limit_ns: u64) {
+fn fails_while_holding(what: &str, fault: FaultInjection, address: u32, limit_ns: u64) {
     let (mut board, _) = holding();
-    board.link_mut().mishap_at(mishap, address);
+    board.link_mut().inject_fault(fault, address);
     let asked_ns = board.link().powered_ns();
     // Slip moves the line, so that the path writes it.
     for _ in 0..12 {

@@ -320,6 +320,13 @@ impl<'ast> Visit<'ast> for Paths<'_> {
         // `pub(crate)` names no module.
     }
 
+    fn visit_item_macro(&mut self, item: &'ast syn::ItemMacro) {
+        // `self` and `super` in a definition mean the place of each call.
+        if item.ident.is_none() {
+            visit::visit_item_macro(self, item);
+        }
+    }
+
     fn visit_macro(&mut self, call: &'ast syn::Macro) {
         self.words(call.tokens.clone());
         visit::visit_macro(self, call);

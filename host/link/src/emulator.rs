@@ -1,23 +1,20 @@
 //! The unmodified firmware image in the emulator, a program of its own that is driven over its standard input and
-//! output (the format stands in `tests/emulator/README.md`). Packets travel in virtual time, over the emulated USB as
+//! output ([`gripline_emulator_wire`]). Packets travel in virtual time, over the emulated USB as
 //! they are or over the emulated UART as COBS frames.
 
 use std::env;
 use std::ffi::OsStr;
-use std::io::{self, Read, Write};
+use std::io::{BufReader, BufWriter};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 
+pub use gripline_emulator_wire::{Cable, ControlOutcome, ControlTransfer, FaultInjection, LineWrite, Setup};
+use gripline_emulator_wire::{Reply, Request, UsbState, WireError, read_greeting};
 use gripline_protocol::cobs::{CobsDecoder, FRAME_MAX, Frame, encode_packet};
 
 use super::{Link, LinkError};
 
 const NAME: &str = "emulator";
-const MAGIC: [u8; 8] = *b"GRIPEMU\0";
-const VERSION: u32 = 4;
-const RUN: u8 = 1;
-/// The number of "configured" among the USB states of a reply.
-const CONFIGURED: u8 = 2;
 /// How long the emulated host may take to make the device ready, and how often that is looked at, µs: it waits 160 ms
 /// for the plug and two resets alone.
 const ENUMERATION_US: u64 = 2_000_000;
@@ -40,77 +37,22 @@ pub enum Transport {
     Uart,
 }
 
-/// What happens to the emulated USB cable.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Cable {
-    /// Pulled out: packets under way are lost.
-    Out = 0,
-    /// Plugged in.
-    In = 1,
-    /// Plugged in, with the bus suspended.
-    Asleep = 2,
-}
-
-/// What may become of the emulated program.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Mishap {
-    /// It loops for ever.
-    Hang = 0,
-    /// It runs into an undefined instruction.
-    Fault = 1,
-    /// It panics.
-    Panic = 2,
-}
-
-/// A control transfer over the emulated USB that is over.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct ControlTransfer {
-    /// What was asked.
-    pub setup: [u8; 8],
-    /// Whether it went through its status stage.
-    pub is_done: bool,
-    /// What the device answered, or was written.
-    pub data: Vec<u8>,
-}
-
-/// A code that appeared on the DAC of the grip-force line.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub struct LineWrite {
-    /// Virtual time since power-on, nanoseconds.
-    pub at_ns: u64,
-    /// The code, 0..=4095.
-    pub code: u16,
-}
-
 /// An emulated microcontroller.
 #[derive(Debug)]
 pub struct EmulatorLink {
     process: Child,
-    to: ChildStdin,
-    from: ChildStdout,
+    to: BufWriter<ChildStdin>,
+    from: BufReader<ChildStdout>,
     transport: Transport,
-    cable: Cable,
-    uart_bytes: Vec<u8>,
-    usb_packets: Vec<Vec<u8>>,
-    controls: Vec<[u8; 8]>,
-    mishap: (Mishap, u32),
+    /// What the next run carries.
+    next: Request,
     decoder: CobsDecoder,
     now_us: u64,
+    /// What the last reply said of the present; its lists are emptied.
     now: Reply,
     line_writes: Vec<LineWrite>,
     transfers: Vec<ControlTransfer>,
     resets_ns: Vec<u64>,
-}
-
-/// What the emulator's last reply said of the present.
-#[derive(Debug, Clone, Copy, Default)]
-struct Reply {
-    now_ns: u64,
-    resets: u32,
-    dac_code: u16,
-    usb_state: u8,
-    usb_enumerations: u32,
-    usb_waiting: u32,
 }
 
 impl EmulatorLink {
@@ -138,26 +80,17 @@ impl EmulatorLink {
             .stdout(Stdio::piped())
             .spawn()
             .map_err(|error| broken(format!("{} could not be started: {error}", program.display())))?;
-        let (Some(to), Some(mut from)) = (process.stdin.take(), process.stdout.take()) else {
+        let (Some(to), Some(from)) = (process.stdin.take(), process.stdout.take()) else {
             return Err(broken("no pipes to the emulator"));
         };
-        let magic: [u8; 8] = read(&mut from)?;
-        let version = read_u32(&mut from)?;
-        if (magic, version) != (MAGIC, VERSION) {
-            return Err(broken(format!(
-                "pipe format {version}, expected {VERSION}: rebuild the emulator with `cargo xtask emulator`"
-            )));
-        }
+        let mut from = BufReader::new(from);
+        read_greeting(&mut from).map_err(ended)?;
         let mut link = Self {
             process,
-            to,
+            to: BufWriter::new(to),
             from,
             transport,
-            cable: Cable::Out,
-            uart_bytes: Vec::new(),
-            usb_packets: Vec::new(),
-            controls: Vec::new(),
-            mishap: (Mishap::Hang, 0),
+            next: Request::default(),
             decoder: CobsDecoder::new(),
             now_us: 0,
             now: Reply::default(),
@@ -189,12 +122,12 @@ impl EmulatorLink {
 
     /// Plugs the USB cable in or out, or suspends the bus, from the next run on.
     pub fn set_cable(&mut self, cable: Cable) {
-        self.cable = cable;
+        self.next.cable = cable;
     }
 
     /// Has the emulator's USB host make a control transfer that reads or has no data, from the next run on.
-    pub fn control(&mut self, setup: [u8; 8]) {
-        self.controls.push(setup);
+    pub fn control(&mut self, setup: Setup) {
+        self.next.usb_controls.push((setup, Vec::new()));
     }
 
     /// Every control transfer that is over, those of the enumerations among them.
@@ -206,7 +139,7 @@ impl EmulatorLink {
     /// Whether the USB host has set the device's configuration and the bus is awake.
     #[must_use]
     pub fn is_configured(&self) -> bool {
-        self.now.usb_state == CONFIGURED
+        self.now.usb_state == UsbState::Configured
     }
 
     /// How often the USB host has made the device ready.
@@ -218,7 +151,7 @@ impl EmulatorLink {
     /// USB packets that the firmware has not taken yet.
     #[must_use]
     pub fn waiting(&self) -> usize {
-        self.now.usb_waiting as usize + self.usb_packets.len()
+        self.now.usb_waiting as usize + self.next.usb_packets.len()
     }
 
     /// Virtual time since power-on, nanoseconds: the clock of [`LineWrite`] and of the restarts.
@@ -239,10 +172,10 @@ impl EmulatorLink {
         &self.resets_ns
     }
 
-    /// From the next run on, has `mishap` befall the instruction that next touches `address`, and with it whatever program
-    /// part it belongs to, until a reset.
-    pub fn mishap_at(&mut self, mishap: Mishap, address: u32) {
-        self.mishap = (mishap, address);
+    /// From the next run on, injects a fault into the instruction that next touches `address`, and with it into whatever part of
+    /// the program that belongs to, until a reset.
+    pub fn inject_fault(&mut self, fault: FaultInjection, address: u32) {
+        self.next.fault = Some((fault, address));
     }
 
     /// Every code on the grip-force line since power-on.
@@ -251,82 +184,27 @@ impl EmulatorLink {
         &self.line_writes
     }
 
-    fn request(&mut self, advance_ns: u64) -> io::Result<()> {
-        let mut request = vec![RUN];
-        request.extend(advance_ns.to_le_bytes());
-        request.push(self.cable as u8);
-        request.extend((self.uart_bytes.len() as u32).to_le_bytes());
-        request.append(&mut self.uart_bytes);
-        request.extend((self.usb_packets.len() as u32).to_le_bytes());
-        for packet in self.usb_packets.drain(..) {
-            request.push(packet.len() as u8);
-            request.extend(packet);
+    fn exchange(&mut self, advance_ns: u64) -> Result<Reply, WireError> {
+        let cable = self.next.cable;
+        let request = std::mem::take(&mut self.next);
+        self.next.cable = cable;
+        Request {
+            advance_ns,
+            ..request
         }
-        request.extend((self.controls.len() as u32).to_le_bytes());
-        for setup in self.controls.drain(..) {
-            request.extend(setup);
-            request.extend(0_u16.to_le_bytes());
-        }
-        let (mishap, address) = std::mem::replace(&mut self.mishap, (Mishap::Hang, 0));
-        request.push(mishap as u8);
-        request.extend(address.to_le_bytes());
-        self.to.write_all(&request)?;
-        self.to.flush()
-    }
-
-    fn reply(&mut self, received: &mut dyn FnMut(&[u8])) -> Result<(), LinkError> {
-        let from = &mut self.from;
-        self.now.now_ns = read_u64(from)?;
-        let _instructions = read_u64(from)?;
-        self.now.resets = read_u32(from)?;
-        self.now.dac_code = u16::from_le_bytes(read(from)?);
-        let length = read_u32(from)? as usize;
-        let uart_bytes = read_bytes(from, length)?;
-        for _ in 0..read_u32(from)? {
-            self.line_writes.push(LineWrite {
-                at_ns: read_u64(from)?,
-                code: u16::from_le_bytes(read(from)?),
-            });
-        }
-        [self.now.usb_state] = read(from)?;
-        self.now.usb_enumerations = read_u32(from)?;
-        self.now.usb_waiting = read_u32(from)?;
-        for _ in 0..read_u32(from)? {
-            let _at_ns = read_u64(from)?;
-            let [length] = read(from)?;
-            received(&read_bytes(from, length.into())?);
-        }
-        for _ in 0..read_u32(from)? {
-            let _at_ns = read_u64(from)?;
-            let setup = read(from)?;
-            let [outcome] = read(from)?;
-            let length = u16::from_le_bytes(read(from)?);
-            self.transfers.push(ControlTransfer {
-                setup,
-                is_done: outcome == 0,
-                data: read_bytes(from, length.into())?,
-            });
-        }
-        for _ in 0..read_u32(from)? {
-            self.resets_ns.push(read_u64(from)?);
-        }
-        for byte in uart_bytes {
-            if let Some(Frame::Packet(packet)) = self.decoder.push(byte) {
-                received(packet);
-            }
-        }
-        Ok(())
+        .write(&mut self.to)?;
+        Reply::read(&mut self.from)
     }
 }
 
 impl Link for EmulatorLink {
     fn send(&mut self, packet: &[u8]) -> Result<(), LinkError> {
         match self.transport {
-            Transport::Usb => self.usb_packets.push(packet.to_vec()),
+            Transport::Usb => self.next.usb_packets.push(packet.to_vec()),
             Transport::Uart => {
                 let mut frame = [0; FRAME_MAX];
                 let length = encode_packet(packet, &mut frame);
-                self.uart_bytes.extend_from_slice(&frame[..length]);
+                self.next.uart_bytes.extend_from_slice(&frame[..length]);
             }
         }
         Ok(())
@@ -335,8 +213,20 @@ impl Link for EmulatorLink {
     fn run_until(&mut self, until_us: u64, received: &mut dyn FnMut(&[u8])) -> Result<(), LinkError> {
         let advance_ns = until_us.saturating_sub(self.now_us) * 1_000;
         self.now_us = until_us.max(self.now_us);
-        self.request(advance_ns).map_err(ended)?;
-        self.reply(received)
+        let mut reply = self.exchange(advance_ns).map_err(ended)?;
+        for packet in reply.usb_packets.drain(..) {
+            received(&packet.bytes);
+        }
+        for byte in reply.uart_bytes.drain(..) {
+            if let Some(Frame::Packet(packet)) = self.decoder.push(byte) {
+                received(packet);
+            }
+        }
+        self.line_writes.append(&mut reply.line_writes);
+        self.transfers.append(&mut reply.usb_transfers);
+        self.resets_ns.append(&mut reply.resets_ns);
+        self.now = reply;
+        Ok(())
     }
 
     fn now_us(&self) -> u64 {
@@ -400,28 +290,11 @@ fn broken(found: impl Into<String>) -> LinkError {
 }
 
 #[expect(clippy::needless_pass_by_value, reason = "the shape that map_err wants")]
-fn ended(error: io::Error) -> LinkError {
-    broken(format!(
-        "the emulator ended, expected it to answer ({error}); its reason stands above"
-    ))
-}
-
-fn read<const N: usize>(from: &mut impl Read) -> Result<[u8; N], LinkError> {
-    let mut bytes = [0; N];
-    from.read_exact(&mut bytes).map_err(ended)?;
-    Ok(bytes)
-}
-
-fn read_u32(from: &mut impl Read) -> Result<u32, LinkError> {
-    read(from).map(u32::from_le_bytes)
-}
-
-fn read_u64(from: &mut impl Read) -> Result<u64, LinkError> {
-    read(from).map(u64::from_le_bytes)
-}
-
-fn read_bytes(from: &mut impl Read, length: usize) -> Result<Vec<u8>, LinkError> {
-    let mut bytes = vec![0; length];
-    from.read_exact(&mut bytes).map_err(ended)?;
-    Ok(bytes)
+fn ended(error: WireError) -> LinkError {
+    broken(match error {
+        WireError::Pipe(error) => {
+            format!("the emulator ended, expected it to answer ({error}); its reason stands above")
+        }
+        other => other.to_string(),
+    })
 }

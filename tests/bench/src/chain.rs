@@ -10,8 +10,9 @@ use gripline_pipeline::settings_for;
 use gripline_protocol::message::{MapSums, SlipState};
 use gripline_protocol::{ForceMap, LSB_PER_NEWTON, Parser, map_bytes};
 
-use crate::Failure;
-use crate::detectors::{RULE, incremental, packets_of, truth_of};
+use crate::detectors::{incremental, packets_of, truth_of};
+use crate::failure::Failure;
+use crate::rule::RULE;
 use crate::scenes::{FRAMES_PER_SECOND, Kind, Scene};
 
 /// A network with a gate.

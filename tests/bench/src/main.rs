@@ -7,20 +7,20 @@
 
 mod chain;
 mod detectors;
+mod failure;
 mod numpy;
 mod plot;
 mod report;
+mod rule;
 mod scenes;
 
 use std::path::PathBuf;
 use std::process::ExitCode;
 
 use detectors::Maps;
+use failure::Failure;
 use numpy::Numpy;
 use report::Report;
-
-/// Whatever stops the measurement; it is printed and nothing else.
-type Failure = Box<dyn std::error::Error>;
 
 const USAGE: &str = "--json, --frames N (60 and more), --rounds N, --seed N, --plot FILE, --numpy FOLDER";
 

@@ -8,8 +8,8 @@ use gripline_protocol::{LSB_PER_NEWTON, PER_UNIT, TAXELS};
 use npyz::WriterBuilder as _;
 use serde_json::Value;
 
-use crate::Failure;
-use crate::detectors::{BLOCK, CONTACT_MIN, Decision, FRICTION, THRESHOLD};
+use crate::failure::Failure;
+use crate::rule::{BLOCK, CONTACT_MIN, Decision, FRICTION, THRESHOLD};
 
 const SCRIPT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/numpy_detector.py");
 

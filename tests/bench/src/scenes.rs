@@ -7,7 +7,7 @@ use gripline_simulation::constants::REST_PICTURES;
 use gripline_simulation::contact_world::{Contact, Drive, Mount, Press, Skin, UNSEEN_SHAPES};
 use gripline_simulation::{Fingertip, FingertipParams, Gel, Image};
 
-use crate::Failure;
+use crate::failure::Failure;
 
 /// Camera frames a second.
 pub(crate) const FRAMES_PER_SECOND: f64 = 60.0;

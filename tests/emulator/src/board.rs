@@ -19,12 +19,14 @@ use rigless::time::VirtualNanos;
 
 use crate::constants::{
     BUS_DRIVER_PIN, FLASH_BASE, FLASH_CR, GPIOA_BSRR, GPIOA_ODR, LOG_PERIOD_NS, PREDICATE_STEP_NS,
-    SETTINGS_BASE, USB_PACKET_MAX,
+    SETTINGS_BASE,
 };
 use crate::dac::{CHANNELS, DacWrite};
 use crate::flash::FlashArray;
 use crate::hardware::Hardware;
-use crate::mishap::{Mishap, PANIC, Wreck};
+use gripline_emulator_wire::{FaultInjection, USB_PACKET_MAX};
+
+use crate::fault_injection::{Injector, PANIC};
 use crate::rtt;
 use crate::trace::{self, Event};
 use crate::uart::UartByte;
@@ -85,7 +87,7 @@ pub struct Board {
     outbox: Vec<u8>,
     bus_outbox: Vec<u8>,
     usb_commands: Vec<usb::Command>,
-    mishap: Option<(Mishap, u32)>,
+    fault: Option<(FaultInjection, u32)>,
     settings: Option<Vec<u8>>,
     now_ns: u64,
     instructions: u64,
@@ -163,7 +165,7 @@ impl Board {
             outbox: Vec::new(),
             bus_outbox: Vec::new(),
             usb_commands: Vec::new(),
-            mishap: None,
+            fault: None,
             settings: None,
             now_ns: 0,
             instructions: 0,
@@ -310,10 +312,10 @@ impl Board {
         &self.usb_deliveries_ns
     }
 
-    /// From the next run on, `mishap` befalls the instruction that next touches `address` when it comes again: a task, or
+    /// From the next run on, `fault` befalls the instruction that next touches `address` when it comes again: a task, or
     /// an interrupt, that fails. The next reset heals it.
-    pub fn mishap_at(&mut self, mishap: Mishap, address: u32) {
-        self.mishap = Some((mishap, address));
+    pub fn inject_fault(&mut self, fault: FaultInjection, address: u32) {
+        self.fault = Some((fault, address));
     }
 
     /// What lies where the firmware keeps its settings, when that has changed since the last call.
@@ -335,7 +337,7 @@ impl Board {
             uart: std::mem::take(&mut self.outbox),
             bus: std::mem::take(&mut self.bus_outbox),
             usb: std::mem::take(&mut self.usb_commands),
-            mishap: self.mishap.take(),
+            fault: self.fault.take(),
         };
         // A thread that is gone takes no command; why it went is what its last report says.
         let _ = self.commands.as_ref().map(|commands| commands.send(command));
@@ -489,7 +491,7 @@ struct Command {
     uart: Vec<u8>,
     bus: Vec<u8>,
     usb: Vec<usb::Command>,
-    mishap: Option<(Mishap, u32)>,
+    fault: Option<(FaultInjection, u32)>,
 }
 
 /// The USB port as it stands.
@@ -541,7 +543,7 @@ fn run(
         reports,
         log_block,
         flash: FlashArray::default(),
-        wreck: Wreck::new(panics_at),
+        injector: Injector::new(panics_at),
         log: Vec::new(),
         bus_driver: Vec::new(),
         resets_told: 0,
@@ -558,7 +560,7 @@ struct Puppet {
     reports: SyncSender<Result<Report, EmulatorError>>,
     log_block: Option<u64>,
     flash: FlashArray,
-    wreck: Wreck,
+    injector: Injector,
     log: Vec<u8>,
     bus_driver: Vec<(u64, bool)>,
     resets_told: usize,
@@ -616,9 +618,9 @@ impl Driver<Hardware> for Puppet {
                 read.unwrap_or_default()
             };
             self.flash.settled(&access, value, &mut control, host);
-            self.wreck.settled(&access, host);
+            self.injector.settled(&access, host);
         } else {
-            self.wreck.restarted(session.resets().len(), host);
+            self.injector.restarted(session.resets().len(), host);
         }
         self.tracer.settled(session.board_mut(), host, settled);
         // The models never hear of a pause, so draining changes nothing but the room in the firmware's log buffer,
@@ -644,8 +646,8 @@ impl Driver<Hardware> for Puppet {
         let command = self.commands.recv().ok()?;
         session.board_mut().far_end().send(&command.uart);
         session.board_mut().bus_end().send(&command.bus);
-        if let Some((mishap, address)) = command.mishap {
-            self.wreck.ask(mishap, address);
+        if let Some((fault, address)) = command.fault {
+            self.injector.ask(fault, address);
         }
         for command in command.usb {
             session.board_mut().usb().command(command);

@@ -100,11 +100,3 @@ pub const BUS_DRIVER_PIN: u32 = 1;
 pub const PREDICATE_STEP_NS: u64 = 20_000;
 /// How often the debug probe empties the log buffer, nanoseconds: at whole milliseconds, however a run is sliced.
 pub const LOG_PERIOD_NS: u64 = 1_000_000;
-/// The longest advance one request of the pipe may ask for, nanoseconds: a minute, seconds of real time when busy.
-pub const MAX_ADVANCE_NS: u64 = 60_000_000_000;
-/// The most USB packets, and the most control transfers, one request of the pipe may carry.
-pub const MAX_USB_ITEMS: u32 = 65_536;
-/// The largest bulk packet of full-speed USB, bytes.
-pub const USB_PACKET_MAX: usize = 64;
-/// The most UART bytes one request of the pipe may carry.
-pub const MAX_UART_BYTES: u32 = 65_536;

@@ -8,18 +8,17 @@
 mod board;
 pub mod constants;
 pub mod dac;
+mod fault_injection;
 mod flash;
 mod hardware;
-mod mishap;
 mod part;
 mod rtt;
 mod trace;
 mod uart;
 pub mod usb;
-pub mod wire;
 
 pub use board::{Board, EmulatorError, Reset};
 pub use dac::DacWrite;
-pub use mishap::Mishap;
+pub use gripline_emulator_wire::{self as wire, FaultInjection};
 pub use trace::Event;
 pub use uart::UartByte;

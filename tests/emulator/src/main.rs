@@ -141,9 +141,8 @@ fn talk(board: &mut Board, settings: Option<&Path>) -> Result<(), Failure> {
         for (setup, data) in &request.usb_controls {
             board.usb_control(*setup, data);
         }
-        let (mishap, address) = request.mishap;
-        if address != 0 {
-            board.mishap_at(mishap, address);
+        if let Some((fault, address)) = request.fault {
+            board.inject_fault(fault, address);
         }
         let resets_before = board.resets().len();
         let (packets_before, transfers_before) = (board.usb_packets().len(), board.usb_transfers().len());

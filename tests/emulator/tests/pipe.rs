@@ -134,11 +134,11 @@ fn wrong_usage_ends_with_code_2_and_says_what_was_expected() {
 fn a_request_that_makes_no_sense_ends_with_code_1_and_names_it() {
     let file = Scratch::new("nonsense.elf", &image());
     let mut child = emulator(&["--image", file.path()]);
-    child.stdin.take().unwrap().write_all(&[77]).unwrap();
+    child.stdin.take().unwrap().write_all(&[1, 0, 0, 0, 77]).unwrap();
     let output = child.wait_with_output().unwrap();
     let text = String::from_utf8(output.stderr).unwrap();
     assert_eq!(output.status.code(), Some(1));
-    assert!(text.contains("expected kind 1 (RUN), found 77"), "{text}");
+    assert!(text.contains("expected a request, found other bytes"), "{text}");
 }
 
 #[test]

@@ -445,3 +445,9 @@ fn instruction(found: &Insn, detail: &InsnDetail, name: &str, size: u32, in_bloc
         writes,
     }
 }
+
+/// A file's bytes.
+pub(crate) fn read(path: &Path) -> Result<Vec<u8>, Error> {
+    std::fs::read(path).map_err(|error| Error::Image(format!("{}: {error}", path.display())))
+}
+

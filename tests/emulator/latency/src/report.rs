@@ -12,6 +12,7 @@ use crate::image::Image;
 use crate::measure::{Bench, DOUBTFUL, Way, When, map_of};
 use crate::source::Sources;
 use crate::tables::{KERNEL, LEFT_OUT, LOOPS, Left, RELEASED};
+use crate::image::read;
 use crate::{Error, twin};
 
 /// Cycles from a map's last packet to the line (DESIGN.md: 25 µs at 168 MHz).
@@ -337,10 +338,6 @@ impl Report {
     }
 }
 
-/// A file's bytes.
-pub(crate) fn read(path: &Path) -> Result<Vec<u8>, Error> {
-    std::fs::read(path).map_err(|error| Error::Image(format!("{}: {error}", path.display())))
-}
 
 /// Every branch of a map's end: doubtful, saturated, replayed, from the future, of a finger that is not expected, of two
 /// fingers, with a hole before it, damaged; stick, incipient slip, slip, no contact; held, released.

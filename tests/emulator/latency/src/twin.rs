@@ -5,8 +5,7 @@ use std::path::Path;
 use gripline_emulator::{Board, Event};
 
 use crate::Error;
-use crate::image::Image;
-use crate::report::read;
+use crate::image::{Image, read};
 
 /// The function that does a dense map, and the one that the program ends in.
 const FUNCTIONS: [&str; 2] = ["dense_map", "done"];

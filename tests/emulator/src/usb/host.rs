@@ -5,10 +5,12 @@
 
 use std::collections::VecDeque;
 
+use gripline_emulator_wire::{ControlOutcome, ControlTransfer, Setup, USB_PACKET_MAX, UsbPacket, UsbState};
+
 use super::core::Toggle;
 use crate::constants::{
     USB_ADDRESS_RECOVERY_NS, USB_CONTROL_RETRY_NS, USB_CONTROL_TIMEOUT_NS, USB_ENUMERATION_TRIES,
-    USB_IN_RETRY_NS, USB_PACKET_MAX, USB_TRIES,
+    USB_IN_RETRY_NS, USB_TRIES,
 };
 
 /// Standard requests and descriptor types (USB 2.0 tables 9-4 and 9-5).
@@ -25,46 +27,6 @@ mod standard {
     pub(super) const DEVICE_QUALIFIER: u8 = 6;
     pub(super) const BOS: u8 = 15;
     pub(super) const ENGLISH_US: u16 = 0x0409;
-}
-
-/// A control transfer's eight bytes.
-pub type Setup = [u8; 8];
-
-/// How a control transfer ended.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum ControlOutcome {
-    /// Through its status stage.
-    Done,
-    /// The device refused it.
-    Stalled,
-    /// The device put the host off until the host gave up.
-    TimedOut,
-    /// The device did not answer at all, or left.
-    NoAnswer,
-    /// This host broke it off, as it was asked to.
-    Abandoned,
-}
-
-/// A control transfer that is over.
-#[derive(Debug, Clone, PartialEq, Eq, Hash)]
-pub struct ControlTransfer {
-    /// When it was over, virtual nanoseconds since power-on.
-    pub at_ns: u64,
-    /// What was asked.
-    pub setup: Setup,
-    /// What the device sent, or was sent.
-    pub data: Vec<u8>,
-    /// How it ended.
-    pub outcome: ControlOutcome,
-}
-
-/// A packet from the device's bulk IN endpoint.
-#[derive(Debug, Clone, PartialEq, Eq, Hash)]
-pub struct UsbPacket {
-    /// When its acknowledgement was over, virtual nanoseconds since power-on.
-    pub at_ns: u64,
-    /// What is in it.
-    pub bytes: Vec<u8>,
 }
 
 /// What the host counted since power-on.
@@ -163,22 +125,6 @@ enum Step {
     Configure,
     Reset,
     Wait(u64),
-}
-
-/// How far the host has come with the device.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
-pub enum UsbState {
-    /// Nothing is there, or nothing that pulls the bus up.
-    #[default]
-    Detached,
-    /// It is being reset and asked what it is.
-    Enumerating,
-    /// Its configuration is set; bulk packets go both ways.
-    Configured,
-    /// Configured, and the bus is suspended.
-    Suspended,
-    /// It did not enumerate.
-    Failed,
 }
 
 /// The host.
@@ -606,7 +552,7 @@ impl Host {
                 self.plan.push_front(descriptor(kind, index, 0, total));
             }
             standard::BOS => {
-                if let Some((code, length)) = super::descriptors::microsoft_set(data) {
+                if let Some((code, length)) = microsoft_set(data) {
                     self.plan
                         .push_front(Step::Request(request(0xC0, code, 0, 7, length)));
                 }
@@ -671,4 +617,34 @@ fn control_transaction(control: &Control) -> Transaction {
             data: Vec::new(),
         },
     }
+}
+
+/// Platform capability of MS OS 2.0: D8DD60DF-4589-4CC7-9CD2-659D9E648A9F.
+const MICROSOFT_OS_2: [u8; 16] = [
+    0xDF, 0x60, 0xDD, 0xD8, 0x89, 0x45, 0xC7, 0x4C, 0x9C, 0xD2, 0x65, 0x9D, 0x9E, 0x64, 0x8A, 0x9F,
+];
+/// Device capability type of a platform (USB 3.1 table 9-14).
+const PLATFORM: u8 = 5;
+
+/// The request code and the length of the Microsoft OS 2.0 set that a BOS descriptor promises.
+fn microsoft_set(bos: &[u8]) -> Option<(u8, u16)> {
+    let capability = split(bos.get(5..)?)
+        .find(|this| this.len() >= 28 && this[2] == PLATFORM && this[4..20] == MICROSOFT_OS_2)?;
+    Some((capability[26], word(capability, 24)))
+}
+
+/// Two bytes at `at`, little-endian; zero past the end.
+fn word(bytes: &[u8], at: usize) -> u16 {
+    let byte = |at| bytes.get(at).copied().unwrap_or(0);
+    u16::from_le_bytes([byte(at), byte(at + 1)])
+}
+
+/// Descriptors one after the other, each as long as its first byte says; the last may be cut short.
+fn split(mut bytes: &[u8]) -> impl Iterator<Item = &[u8]> {
+    std::iter::from_fn(move || {
+        let length = usize::from(*bytes.first()?).max(1);
+        let (this, after) = bytes.split_at(length.min(bytes.len()));
+        bytes = after;
+        Some(this)
+    })
 }

@@ -4,12 +4,12 @@
 //! across the end of a frame. Limits: no bit errors, no hub, no remote wake-up, no bit stuffing.
 
 mod core;
-pub mod descriptors;
 mod host;
 mod registers;
 
 use std::collections::{BTreeSet, VecDeque};
 
+use gripline_emulator_wire::USB_PACKET_MAX;
 use rigless::chip::parallel::Peer;
 use rigless::device::{DeviceContext, Level};
 use rigless::snapshot::Store;
@@ -17,25 +17,14 @@ use rigless::soc::Width;
 use rigless::time::{EventId, VirtualNanos};
 
 use self::core::{Answer, Core};
-pub use self::host::{ControlOutcome, ControlTransfer, Setup, UsbCounters, UsbPacket, UsbState};
+pub use self::host::UsbCounters;
 use self::host::{Host, Outcome, Transaction, Wish};
 use crate::constants::{
     USB_DATA_BYTES, USB_DEBOUNCE_NS, USB_EOF_BYTES, USB_FRAME_BYTES, USB_FRAME_NS, USB_GAP_BYTES,
-    USB_HANDSHAKE_BYTES, USB_PACKET_MAX, USB_RESET_NS, USB_RESET_RECOVERY_NS, USB_RESUME_NS,
-    USB_RESUME_RECOVERY_NS, USB_SOF_BYTES, USB_SUSPEND_NS, USB_TOKEN_BYTES,
+    USB_HANDSHAKE_BYTES, USB_RESET_NS, USB_RESET_RECOVERY_NS, USB_RESUME_NS, USB_RESUME_RECOVERY_NS,
+    USB_SOF_BYTES, USB_SUSPEND_NS, USB_TOKEN_BYTES,
 };
-
-/// What a person does with the cable, or the host with the bus.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
-pub enum Cable {
-    /// Not plugged in.
-    #[default]
-    Out,
-    /// Plugged in, the host awake.
-    In,
-    /// Plugged in, the host asleep: once the device is configured, the bus is suspended.
-    Asleep,
-}
+pub use gripline_emulator_wire::{Cable, ControlOutcome, ControlTransfer, Setup, UsbPacket, UsbState};
 
 /// What the caller asks of the port.
 #[derive(Debug, Clone, PartialEq, Eq)]

@@ -15,7 +15,7 @@ use gripline_protocol::{ForceMap, PER_UNIT, SIDE, TAXELS, TaxelForce};
 use num_bigint::BigInt;
 use serde_json::json;
 
-use super::{FRICTION, rule};
+use super::judge::{FRICTION, rule};
 use crate::{Effort, Sweep, exact};
 
 /// Whole numbers from the least to the most; wide enough that this arithmetic itself cannot overflow.

@@ -9,7 +9,7 @@ use rand::RngExt;
 use rand_pcg::Pcg64Mcg;
 use serde_json::json;
 
-use super::{FRICTION, quantised, rule};
+use super::judge::{FRICTION, quantised, rule};
 use crate::contacts::Contact;
 use crate::floating::{Form, double, single};
 use crate::{Effort, Sweep, exact};

@@ -5,7 +5,7 @@ use rand::RngExt;
 use rand_pcg::Pcg64Mcg;
 use serde_json::json;
 
-use super::{FRICTION, THRESHOLD, Wrong, quantised, rule};
+use super::judge::{FRICTION, THRESHOLD, Wrong, quantised, rule};
 use crate::contacts::Contact;
 use crate::{Effort, Sweep, exact};
 

@@ -9,8 +9,8 @@ use rand::RngExt;
 use rand_pcg::Pcg64Mcg;
 use serde_json::json;
 
+use super::judge::quantised;
 use super::one_step::half_stuck;
-use super::quantised;
 use crate::board::{Board, Origin};
 use crate::contacts::Contact;
 use crate::picture::Picture;

@@ -9,7 +9,7 @@ use rand::seq::SliceRandom;
 use rand_pcg::Pcg64Mcg;
 use serde_json::json;
 
-use super::{FRICTION, quantised, rule};
+use super::judge::{FRICTION, quantised, rule};
 use crate::board::{Board, Origin};
 use crate::contacts::Contact;
 use crate::floating::{Form, double, single};

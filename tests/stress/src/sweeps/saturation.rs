@@ -4,7 +4,7 @@ use gripline_protocol::{ForceMap, TAXELS};
 use rand::RngExt;
 use serde_json::json;
 
-use super::rule;
+use super::judge::rule;
 use crate::{Effort, Sweep, exact};
 
 /// Largest force over the end of the range.

@@ -3,7 +3,7 @@
 use rand::RngExt;
 use serde_json::json;
 
-use super::{FRICTION, THRESHOLD, Wrong, floats_decide, quantised};
+use super::judge::{FRICTION, THRESHOLD, Wrong, floats_decide, quantised};
 use crate::contacts::Contact;
 use crate::picture::Picture;
 use crate::{Effort, Sweep, exact};

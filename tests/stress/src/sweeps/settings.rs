@@ -8,7 +8,7 @@ use rand::RngExt;
 use rand_pcg::Pcg64Mcg;
 use serde_json::json;
 
-use super::Wrong;
+use super::judge::Wrong;
 use crate::board::{Board, Origin};
 use crate::{Effort, Sweep, exact};
 

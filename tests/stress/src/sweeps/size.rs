@@ -5,7 +5,7 @@ use gripline_protocol::message::MapSums;
 use gripline_protocol::{PER_UNIT, TAXELS, TaxelForce};
 use serde_json::json;
 
-use super::{FRICTION, THRESHOLD, Wrong, quantised, rule};
+use super::judge::{FRICTION, THRESHOLD, Wrong, quantised, rule};
 use crate::contacts;
 use crate::picture::Picture;
 use crate::{Effort, Sweep, exact};

@@ -5,7 +5,7 @@ use gripline_protocol::ForceMap;
 use gripline_protocol::message::{Configuration, SlipState};
 use serde_json::json;
 
-use super::quantised;
+use super::judge::quantised;
 use crate::board::{Board, Origin};
 use crate::contacts::Contact;
 use crate::{Effort, Sweep};

@@ -10,7 +10,7 @@ use gripline_firmware::Fault;
 
 use serde_json::Value;
 
-use super::{CAMERA, PATIENCE, WITH_LOSS, back_in_time, wait_for};
+use super::wait::{CAMERA, PATIENCE, WITH_LOSS, back_in_time, wait_for};
 use crate::program::{Ended, Running, command, run, start};
 use crate::usb::{Gadget, Speed};
 

@@ -1,25 +1,9 @@
-//! A program that fails: the instruction that touches a given address is overwritten, until the next reset. Which task
+//! Fault injection: the instruction that touches a given address is overwritten, until the next reset. Which task
 //! that is follows from the address: the DAC's is the map-to-line path's, the watchdog's the idle loop's.
 
+use gripline_emulator_wire::FaultInjection;
 use rigless::emulator::{Access, Host};
 use rigless::soc::Width;
-
-/// What becomes of the program.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Mishap {
-    /// It loops there for ever.
-    #[default]
-    Hang,
-    /// It runs into an undefined instruction.
-    Fault,
-    /// It goes where its panics go: the image's symbol `gripline_panic`.
-    Panic,
-}
-
-impl Mishap {
-    /// All of them, in the order of their numbers on the pipe.
-    pub const ALL: [Self; 3] = [Self::Hang, Self::Fault, Self::Panic];
-}
 
 /// The function that every panic of the firmware ends in.
 pub(crate) const PANIC: &str = "gripline_panic";
@@ -35,10 +19,10 @@ const MOVE_LOW: u16 = 0xF240;
 const MOVE_HIGH: u16 = 0xF2C0;
 const R12: u16 = 12 << 8;
 
-/// A mishap that was asked for, or that lasts.
+/// A fault that was asked for, or that lasts.
 #[derive(Debug, Default)]
-pub(crate) struct Wreck {
-    asked: Option<(Mishap, u32)>,
+pub(crate) struct Injector {
+    asked: Option<(FaultInjection, u32)>,
     /// Where the image's panics go, if it says so.
     panics_at: Option<u32>,
     /// Address and half-word of what was overwritten.
@@ -47,7 +31,7 @@ pub(crate) struct Wreck {
     resets: usize,
 }
 
-impl Wreck {
+impl Injector {
     pub(crate) fn new(panics_at: Option<u32>) -> Self {
         Self {
             panics_at,
@@ -56,24 +40,24 @@ impl Wreck {
     }
 
     /// At the next touch of `address`.
-    pub(crate) fn ask(&mut self, mishap: Mishap, address: u32) {
-        self.asked = Some((mishap, address));
+    pub(crate) fn ask(&mut self, fault: FaultInjection, address: u32) {
+        self.asked = Some((fault, address));
     }
 
     /// After every access that the core made.
     pub(crate) fn settled(&mut self, access: &Access, host: &mut dyn Host) {
-        let (Some((mishap, address)), Some(at)) = (self.asked, access.program_counter) else {
+        let (Some((fault, address)), Some(at)) = (self.asked, access.program_counter) else {
             return;
         };
         if u64::from(address) != access.address {
             return;
         }
         self.asked = None;
-        let code = match (mishap, self.panics_at) {
-            (Mishap::Hang, _) => vec![BRANCH_TO_ITSELF],
+        let code = match (fault, self.panics_at) {
+            (FaultInjection::Hang, _) => vec![BRANCH_TO_ITSELF],
             // An image that does not say where its panics go has none that differ from a fault.
-            (Mishap::Fault, _) | (Mishap::Panic, None) => vec![UNDEFINED],
-            (Mishap::Panic, Some(target)) => jump(target),
+            (FaultInjection::UndefinedInstruction, _) | (FaultInjection::Panic, None) => vec![UNDEFINED],
+            (FaultInjection::Panic, Some(target)) => jump(target),
         };
         for (at, half_word) in (at..).step_by(2).zip(code) {
             if let Ok(before) = host.read(at, Width::W16) {
@@ -83,7 +67,7 @@ impl Wreck {
         }
     }
 
-    /// At every stop, with the restarts so far: the first one after the mishap heals it.
+    /// At every stop, with the restarts so far: the first one after the fault heals it.
     pub(crate) fn restarted(&mut self, resets: usize, host: &mut dyn Host) {
         if resets != self.resets {
             self.resets = resets;
