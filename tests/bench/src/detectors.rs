@@ -5,8 +5,7 @@ use std::hint::black_box;
 use std::time::Instant;
 
 use gripline_evaluation::detect::judge::sums;
-use gripline_firmware::Friction;
-use gripline_firmware::sums::{Accumulator, Kernel as _, Portable, TaxelRule, stick_ratio_below};
+use gripline_firmware::sums::{Accumulator, Kernel as _, Portable};
 use gripline_protocol::message::MapSums;
 use gripline_protocol::{
     Event, ForceMap, LSB_PER_NEWTON, MapInfo, PER_UNIT, Parser, Place, TAXELS, encode_map,
