@@ -4,9 +4,9 @@
 pub const TREND_MAPS: usize = 8;
 /// Longest time to slip that is reported, ms; a slower fall of the stick ratio is no trend.
 pub const TIME_TO_SLIP_MAX_MS: u32 = 10_000;
-/// A load has fallen when this part of its recent peak is gone: twice what sliding itself makes it fluctuate.
+/// A load falls when it is below its recent peak by more than one part in this: twice the fluctuation of sliding.
 pub const FALL_PART: u32 = 22;
-/// How fast the recent peak of a load is forgotten, as a shift of µs: 2¹⁶ µs, half as long as a hand takes to let go.
+/// Decay time of a load's recent peak, as a shift of µs: 2¹⁶ µs, half the time a hand takes to let go.
 pub const PEAK_SHIFT: u32 = 16;
 /// Distance of a load from its centre at which half of a round contact slips, over friction's bound and in 64ths: 0.646 between
 /// spheres, 1 − 0.5^{3/2}, times 22/21, because what slid is noted when a part of it is gone. This and the next five were
@@ -29,61 +29,59 @@ pub const ROUND_64THS: u64 = 41;
 pub const LINE_16THS: u32 = 10;
 /// Friction below which the feed-forward stops growing, 1/10000: at 0.05 it already asks for 20 times the shear.
 pub const FEED_FORWARD_FRICTION_MIN: u32 = 500;
-/// How far ahead of the maps the grip looks where the load grows for the first time, µs: what was best in 60 grasps of
-/// `evaluate grasps --seed 9`; a longer look grips harder and learns less friction, a shorter one lets loads slide that
-/// come fast.
+/// How far ahead the grip extrapolates the first load, µs: the best of 60 grasps of `evaluate grasps --seed 9`. A longer lead
+/// grips harder and learns less friction; a shorter one lets fast loads slide.
 pub const LEAD_US: u64 = 20_000;
-/// How far it looks once the load has come on and friction is proven, µs: about what the gripper takes.
+/// The same once the load has settled and friction is proven, µs: about the gripper's lag.
 pub const REST_LEAD_US: u64 = 60_000;
-/// Friction that is reckoned with while the load comes on, 1/10000: a grip that reckons with less meets the load before it
-/// proves much, one that reckons with more lets what is below it slide far.
+/// Typical friction, assumed until the load settles, 1/10000. Assuming less grips before the load proves much; assuming more
+/// lets contacts of lower friction slide far.
 pub const EXPECTED_FRICTION: u16 = 6_000;
-/// Maps in a row in which a load grew by less than a sixteenth that show that it has come on.
+/// A load has settled after this many maps in a row in which it grew by less than a sixteenth.
 pub const REST_MAPS: u8 = 4;
-/// Least load that can have come on, 1/4096 N: 0.25 N.
+/// Minimum load that can settle, 1/4096 N: 0.25 N.
 pub const REST_LOAD_MIN: i32 = 1_024;
 /// Normal force below which shear proves no friction, 1/4096 N: 0.73 N.
 pub const PROOF_NORMAL_MIN: i32 = 3_000;
 /// Stick ratio below which a contact may slide as a whole, 1/10000, and how many such maps in a row, at 7/8 and more of the
 /// load that friction was proven by, are a slide: 50 ms at 60 maps a second.
 pub const SLIDE_STICK_RATIO: u16 = 3_000;
-/// See there.
+/// Maps in a row that are a slide; see [`SLIDE_STICK_RATIO`].
 pub const SLIDE_MAPS: u8 = 3;
-/// Stick ratio below which it may slide where, before its load first rests, that load over the normal force grew by less
-/// than a sixteenth in two maps, 1/10000, and that share's least: a contact of little friction whose map is small sticks
-/// by half when it slides. Without, grasps of a friction of 0.5 slid 0.8 mm in the take-up (`evaluate grasps --seed 12`),
-/// with it 0.5 mm.
+/// Before the load first settles: stick ratio below which the contact may slide if the load over the normal force grew by less
+/// than a sixteenth in two maps, 1/10000. A small contact of low friction still sticks by half when it slides. It cuts the
+/// slide in the take-up from 0.8 to 0.5 mm at friction 0.5 (`evaluate grasps --seed 12`).
 pub const STALL_STICK_RATIO: u16 = 6_000;
-/// See there.
+/// Minimum load over normal force for that rule, 1/10000.
 pub const STALL_RATIO_MIN: u16 = 3_000;
 /// Share of the normal force up to which such maps are a slide without doubt, 1/10000, and two of them enough: the
 /// detector's friction is near. Above it hardly a taxel sticks by the detector's friction, whether the contact slides or not.
 pub const SLIDE_RATIO_SURE: u16 = 6_000;
-/// See there.
+/// Maps in a row that are a sure slide; see [`SLIDE_RATIO_SURE`].
 pub const SLIDE_SURE_MAPS: u8 = 2;
-/// Square by which a map's blur widens what it shows, 1/16 of half a pitch squared: 54 by a deviation of 0.65 taxels both
-/// ways, and a third more for what a touch leaves out at its edge.
+/// Square by which a map's blur widens a contact, 1/16 of half a pitch squared: 54 for a deviation of 0.65 taxels in both
+/// directions, and a third more for the edge that a light touch does not show.
 pub const BLUR_REACH: u16 = 70;
-/// Square of a twist's lever over its reach, in 16ths and inverse: 18 would be what holds a contact (`form.rs`), and a tenth
-/// of a twist is lost in a map.
-pub const SEEN_TWIST: u64 = 22;
-/// How fast the grip closes on what it hardly feels, 1/4096 N per ms: 4 N/s.
+/// Inverse square of a torsional moment's lever over the contact's reach, in 16ths. 18 would hold a contact
+/// (`contact_geometry.rs`); maps lose a tenth of a moment.
+pub const SEEN_MOMENT: u64 = 22;
+/// How fast the grip closes on an object that it hardly feels, 1/4096 N per ms: 4 N/s.
 pub const SEEK_RATE: i64 = 16;
-/// How far above the floor it closes there, 1/4096 N: 1 N, and no more than the floor once again.
-pub const SEEK_MOST: i32 = 4_096;
-/// Time constant of a gripper's force behind its line that the controller reckons with, as a shift of µs: 66 ms.
+/// How far above the floor it closes there, 1/4096 N: 1 N, and at most the floor again.
+pub const SEEK_MAX: i32 = 4_096;
+/// Assumed time constant of the gripper's force behind its line, as a shift of µs: 66 ms.
 pub const GRIPPER_LAG_SHIFT: u32 = 16;
-/// What a refused packet adds to the CRC-storm level; the level falls by 1 each millisecond.
+/// Added to the CRC-storm level by a refused packet; the level falls by 1 each millisecond.
 pub const STORM_PER_PACKET: u32 = 10;
 /// Level that raises CRC STORM: ten refused packets at once, or more than one in ten milliseconds for long.
 pub const STORM_LEVEL: u32 = 100;
 /// Highest storm level, so that a storm is over 200 ms after its last refused packet.
 pub const STORM_LEVEL_MAX: u32 = 200;
-/// How far ahead of the promptest map a capture time may run, µs: a first map that came late by less locks nobody out.
+/// How far ahead of the promptest map a capture time may be, µs: a late first map locks nobody out.
 pub const FUTURE_MAX_US: i32 = 1_000_000;
-/// Drift between the host's clock and ours that is forgiven, as a shift: 2⁻¹⁰, ten times what two crystals need.
+/// Tolerated drift between the host's clock and ours, as a shift: 2⁻¹⁰, ten times that of two crystals.
 pub const CLOCK_DRIFT_SHIFT: u32 = 10;
-/// The most drift that a silence is forgiven, µs: what 76 hours come to; so it fits the clocks' differences.
+/// Maximum tolerated drift over a silence, µs: that of 76 hours; it fits the clocks' difference.
 pub const CLOCK_DRIFT_MAX_US: u64 = 1 << 28;
 /// Time between two statuses without a map, ms.
 pub const STATUS_PERIOD_MS: u32 = 100;

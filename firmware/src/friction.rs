@@ -10,6 +10,7 @@ pub const UNIT_SQUARE: u32 = PER_UNIT * PER_UNIT;
 
 /// A friction coefficient, 0 to 2 in steps of 1/10000.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Friction {
     per_unit: u16,
 }
@@ -54,7 +55,7 @@ impl Friction {
         self.per_unit
     }
 
-    /// m², below 2²⁹: for a kernel that decides in instructions of its own.
+    /// m², below 2²⁹: for kernels in machine instructions.
     #[must_use]
     pub const fn square(self) -> u32 {
         self.per_unit as u32 * self.per_unit as u32
@@ -68,7 +69,7 @@ impl Friction {
         shear_square as u64 * UNIT_SQUARE as u64 <= normal_square as u64 * self.square() as u64
     }
 
-    /// Whether F_T > μ F_N: the Coulomb baseline on whole forces (any unit, both the same).
+    /// Whether F_T > μ F_N: the Coulomb baseline on total forces (both in the same unit).
     #[must_use]
     pub fn exceeded_by(self, shear: [i32; 2], normal: i32) -> bool {
         let shear_square = square(shear[0]) + square(shear[1]);

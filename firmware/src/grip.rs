@@ -1,16 +1,15 @@
-//! From slip state to grip force: feed-forward F_T/μ·(1+margin), a reflex that grows while the stick ratio lies below
-//! its target, slew limits, floor and ceiling. Raising is fast; falling needs a command (`Release`) or the plan
-//! (`relax_rate` after the contact has stuck for `relax_after_ms`), and a fault forbids the plan.
-//! Units: force 1/4096 N, time µs. Limits: force up to 125 N; works in steps of 1/1000 of the unit, so slow rates do
-//! not stall.
+//! From slip state to grip force: feed-forward F_T/μ·(1+margin), a reflex that grows while the stick ratio is below its
+//! target, slew limits, floor and ceiling. The line rises fast. It falls on command (`Release`), or relaxes at `relax_rate`
+//! once the contact has stuck for `relax_after_ms`; a fault forbids relaxing.
+//! Units: force 1/4096 N, time µs. Limits: force up to 125 N; steps of 1/1000 of the unit, so slow rates do not stall.
 
 use gripline_protocol::PER_UNIT;
 use gripline_protocol::configuration::FORCE_MAX;
 use gripline_protocol::message::{Configuration, GripMode, SlipState};
 
-use crate::carry::Carried;
-use crate::constants::{FEED_FORWARD_FRICTION_MIN, GRIPPER_LAG_SHIFT, SEEK_MOST, SEEK_RATE};
-use crate::divide::divide;
+use crate::arithmetic::divide;
+use crate::constants::{FEED_FORWARD_FRICTION_MIN, GRIPPER_LAG_SHIFT, SEEK_MAX, SEEK_RATE};
+use crate::friction_estimator::FrictionEstimator;
 
 /// A grip force, 1/4096 N; never negative.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default)]
@@ -34,7 +33,7 @@ impl GripForce {
     }
 }
 
-/// What safety demands of the line beyond the controller's own wish.
+/// What safety demands of the line beyond the controller's own demand.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Guard {
@@ -43,11 +42,11 @@ pub enum Guard {
     Free,
     /// The line must not fall.
     Hold,
-    /// The line must not fall, and rises to the `tighten` force.
-    Tighten,
+    /// The line must not fall, and rises to the fail-safe force.
+    FailSafe,
 }
 
-/// What the newest maps say, over all fingertips.
+/// The newest maps of all fingertips together.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Evidence {
     /// Worst state.
@@ -56,21 +55,21 @@ pub struct Evidence {
     pub stick_ratio: Option<u16>,
     /// Greatest total shear, 1/4096 N.
     pub shear: i32,
-    /// One taxel more of each fingertip could slip, and the stick ratio would still not lie below the reflex's target.
+    /// With one more slipping taxel per fingertip, the stick ratio would still reach the reflex's target.
     pub has_spare: bool,
 }
 
-/// What a controller that learns goes by, worked out off the way from map to line.
+/// State of a controller that learns friction, updated outside the map-to-line path.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Learnt {
-    /// The shear to hold, 1/4096 N, and the friction that was proven or is expected, 1/10000.
+    /// The shear to hold, 1/4096 N, and the proven or typical friction, 1/10000.
     shear: i32,
     friction: u16,
     /// Fastest fall of the line, 1/4096 N per second.
     fall_rate: u16,
-    /// The line that a touch is sought with.
+    /// Line while the grip closes on an object that it hardly feels.
     sought_milli: i32,
-    /// The force that the gripper should have reached, and when; wraps.
+    /// The force that the gripper should have reached, and when that was computed; wraps.
     reached_milli: i32,
     at_us: u32,
 }
@@ -92,15 +91,15 @@ pub struct GripController {
 }
 
 const MILLI: i64 = 1_000;
-/// The most time that one step lets the line fall by plan, µs: a frame at 50 Hz; steps come every millisecond.
+/// Longest time that counts for one relaxing step, µs: a frame at 50 Hz; steps come every millisecond.
 const FALL_US_MAX: u64 = 20_000;
 
 impl GripController {
-    /// Released and open, or holding a line that was in force before a reset; no more than any gripper has.
+    /// Released and open, or holding the line from before a reset, limited to what any gripper has.
     #[must_use]
     pub const fn new(now_us: u64, restored: Option<GripForce>) -> Self {
         let (mode, line) = match restored {
-            // Memory may hold anything; a line that wrapped would let go.
+            // The memory may hold anything; a line that wraps would let go.
             Some(line) if line.0 > FORCE_MAX => (GripMode::Hold, FORCE_MAX),
             Some(line) if line.0 > 0 => (GripMode::Hold, line.0),
             _ => (GripMode::Released, 0),
@@ -147,27 +146,32 @@ impl GripController {
     /// What must be on the line.
     #[must_use]
     pub const fn line(&self) -> GripForce {
-        // Between 0 and 125 N by the checks of the settings, so its thousandths fit 32 bits.
+        // 0 to 125 N by the checks of the settings, so the thousandths fit 32 bits.
         GripForce::from_lsb((self.line_milli as u32 / MILLI as u32) as i32)
     }
 
-    /// What a gripper should press with by now, in a controller that learns.
+    /// The force that the gripper should have reached by now, in a controller that learns.
     pub(crate) const fn reached(&self) -> GripForce {
         GripForce::from_lsb(self.learnt.reached_milli / MILLI as i32)
     }
 
-    /// Takes what the newest maps say. Older than `stale_ms`, it moves the reflex no more: what slipped then may
-    /// long hold, and would be squeezed up to the ceiling.
+    /// Takes the newest maps. Evidence older than `stale_ms` no longer moves the reflex: a contact that slipped then may hold
+    /// by now, and would be squeezed up to the ceiling.
     pub const fn observe(&mut self, evidence: Evidence, now_us: u64) {
         self.evidence = evidence;
         self.observed_us = now_us;
     }
 
-    /// Time passes in a controller that learns: the gripper follows. `load` is what a new map says, over
-    /// all fingertips, with its normal force.
+    /// Time passes in a controller that learns: the gripper follows its line. `load` is a new map's load, of the fingertip
+    /// that needs the most grip, with its normal force.
     #[expect(clippy::inline_always, reason = "called once; a call of its own costs flash")]
     #[inline(always)]
-    pub(crate) fn learn(&mut self, now_us: u64, load: Option<(&Carried, i32)>, settings: &Configuration) {
+    pub(crate) fn learn(
+        &mut self,
+        now_us: u64,
+        load: Option<(&FrictionEstimator, i32)>,
+        settings: &Configuration,
+    ) {
         let passed_us = (now_us as u32).wrapping_sub(self.learnt.at_us);
         self.learnt.at_us = now_us as u32;
         // Both at most 125 N, so what is between them fits.
@@ -180,7 +184,7 @@ impl GripController {
         self.learnt.friction = load.friction(settings);
         let wanted = felt(load, self.learnt.reached_milli);
         let more = wanted - self.learnt.shear;
-        // A little more is a map's fluctuation, and followed slowly.
+        // A small increase may be fluctuation: follow it slowly.
         let is_little = more > 0 && more <= self.learnt.shear / 16;
         self.learnt.shear = if is_little {
             self.learnt.shear + more / 4
@@ -190,16 +194,16 @@ impl GripController {
         if self.feed_forward(settings) > i64::from(line + line / 16) {
             self.stuck_us = 0;
         }
-        // A light touch may be too small to be seen, or to tell its load.
+        // A light touch may be too small to see, or to show its load.
         let half = settings.floor / 2;
         let has_closed = 8 * i64::from(self.learnt.reached_milli) > 7 * self.line_milli;
         if self.mode == GripMode::Released || normal > half + half / 4 {
             self.learnt.sought_milli = 0;
         } else if normal < half && has_closed {
-            let most = i64::from(settings.floor + settings.floor.min(SEEK_MOST)) * MILLI;
+            let max = i64::from(settings.floor + settings.floor.min(SEEK_MAX)) * MILLI;
             let step = SEEK_RATE * i64::from(load.since_us());
             self.learnt.sought_milli = (self.line_milli + step)
-                .min(most)
+                .min(max)
                 .min(i64::from(settings.ceiling) * MILLI) as i32;
         }
         // 95 % a second, at most what is set.
@@ -222,7 +226,7 @@ impl GripController {
 
     /// Moves the line to `now_us` and returns it.
     pub fn advance(&mut self, now_us: u64, guard: Guard, settings: &Configuration) -> GripForce {
-        // A gap of more than a second is a hang, and no reason to leap.
+        // A gap of more than a second is a hang, not a reason to jump.
         let passed_us = now_us.saturating_sub(self.last_us).min(1_000_000);
         self.last_us = now_us;
         // Rates are 1/4096 N per ms, so rate · µs is in 1/1000 of 1/4096 N.
@@ -242,19 +246,19 @@ impl GripController {
         // (`clamp` would panic on settings that cross, which `Configuration::check` refuses.)
         self.reflex_milli = self.reflex_milli.min(ceiling - feed_forward).max(0);
         let mut demand = (feed_forward + self.reflex_milli).max(floor).min(ceiling);
-        if guard == Guard::Tighten {
+        if guard == Guard::FailSafe {
             demand = demand.max(i64::from(settings.tighten) * MILLI);
         }
         let mut relax_rate = settings.relax_rate;
         if settings.learns() {
-            // At most twice the floor, and the ceiling when it was found.
+            // At most twice the floor, and the ceiling of that time.
             demand = demand.max(self.learnt.sought_milli.into());
             relax_rate = self.learnt.fall_rate;
         }
         if demand > self.line_milli {
             self.line_milli = demand.min(self.line_milli + grown(settings.rise_rate));
         } else if relaxing {
-            // A clock that leaps for one reading must not let the line leap down with it.
+            // A clock that jumps for one reading must not make the line jump down.
             let passed_us = passed_us.min(FALL_US_MAX) as u32;
             // The rate is per second.
             let step = u32::from(relax_rate) * passed_us / 1_000;
@@ -263,8 +267,8 @@ impl GripController {
         self.line()
     }
 
-    /// Grows the reflex while the stick ratio is below its target and lets it go while the contact has long stuck;
-    /// returns whether the plan allows the line to fall.
+    /// Grows the reflex while the stick ratio is below its target, and shrinks it once the contact has stuck long enough.
+    /// Returns whether the line may relax.
     fn update_reflex(&mut self, passed_us: u64, guard: Guard, settings: &Configuration) -> bool {
         let stale = self.last_us.saturating_sub(self.observed_us) > u64::from(settings.stale_ms) * 1_000;
         let Some(ratio) = self.evidence.stick_ratio.filter(|_| !stale) else {
@@ -281,9 +285,9 @@ impl GripController {
             self.reflex_milli += divide(product, settings.reflex_target.max(1)).cast_signed();
             return false;
         }
-        // Between target and incipient threshold nothing moves: a dead band against limit cycles. Few taxels may have no
-        // stick ratio in it; then the last one above it is where nothing moves.
-        // A contact that has proven its friction is held by that, whatever share of it sticks.
+        // Between target and incipient threshold nothing moves: a dead band against limit cycles. With few taxels no stick
+        // ratio may lie in the band; then nothing moves at the first ratio above it.
+        // A contact with proven friction is held by that, whatever share of it sticks.
         let sticks = settings.learns()
             || self.evidence.state == SlipState::Stick
                 && ratio >= settings.incipient_threshold
@@ -303,14 +307,14 @@ impl GripController {
     }
 }
 
-/// What of `way` the gripper goes in that time.
-fn lagged(way: i64, passed_us: u64) -> i64 {
-    (way * passed_us.min(1 << GRIPPER_LAG_SHIFT) as i64) >> GRIPPER_LAG_SHIFT
+/// How far the gripper moves towards `distance` in that time.
+fn lagged(distance: i64, passed_us: u64) -> i64 {
+    (distance * passed_us.min(1 << GRIPPER_LAG_SHIFT) as i64) >> GRIPPER_LAG_SHIFT
 }
 
-/// The shear to hold. Maps miss some of a light touch's force, of both shear and normal force: then it is as much more as
-/// the gripper presses more than the maps say, at most half.
-fn felt(load: &Carried, reached_milli: i32) -> i32 {
+/// The shear to hold. Maps miss part of a light touch, of shear and normal force alike. So scale the shear by the gripper's
+/// force over the map's normal force, by at most one half.
+fn felt(load: &FrictionEstimator, reached_milli: i32) -> i32 {
     let seen = load.shear();
     let reached = reached_milli.max(0) as u32 / MILLI as u32;
     let felt = divide(u64::from(reached) * u64::from(load.ratio()), PER_UNIT as u16);

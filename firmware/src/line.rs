@@ -1,7 +1,7 @@
 //! The grip-force line: from force to what the gripper's input sees, behind one trait with three lines: a DAC with a
 //! live zero, PWM, and a [gripper on a bus](crate::robotiq).
 //!
-//! With a live zero a code above 0 V is 0 N, so that a broken wire can be told from "no force". Default wiring: the
+//! With a live zero, 0 N is a voltage above 0 V, so a broken wire differs from "no force". Default wiring: the
 //! DAC's 0–3.3 V through an op-amp with gain 3.03 to 0–10 V, of which 2–10 V are used.
 //! Limits: 12-bit DAC, monotone, saturates at full scale.
 
@@ -13,10 +13,9 @@ use crate::grip::GripForce;
 
 /// Where the grip force goes.
 ///
-/// Every line keeps these properties, and one test suite (`tests/lines.rs`) runs over all of them: more force never
-/// shows as less; what is shown is never less than what was written, up to full scale; a line that cannot be reached
-/// keeps what it shows and comes to the newest force when it can be reached again; a line that was never told to hold
-/// moves nothing.
+/// Every line has these properties, and one test suite (`tests/lines.rs`) checks them all. More force never shows as less.
+/// The line never shows less than was written, up to full scale. An unreachable line keeps its value, and takes the newest
+/// force when it is reachable again. A line that was never told to hold moves nothing.
 pub trait GripLine {
     /// What can go wrong while writing.
     type Error;
@@ -27,13 +26,13 @@ pub trait GripLine {
     /// As the hardware says; the line then keeps its last value.
     fn write(&mut self, force: GripForce) -> Result<(), Self::Error>;
 
-    /// Whether what was written arrives. A plain voltage cannot know.
+    /// Whether writes arrive. A plain voltage cannot know.
     fn health(&self) -> LineHealth {
         LineHealth::Good
     }
 }
 
-/// Whether the gripper does what the line says.
+/// Whether the gripper follows the line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[repr(u8)]
@@ -41,15 +40,15 @@ pub enum LineHealth {
     /// As far as can be known.
     #[default]
     Good = 0,
-    /// Not yet: it was just switched on, or the fingers go through their activation.
+    /// Just switched on, or during activation.
     Starting = 1,
-    /// It does not answer, or not in a way that can be read.
+    /// No answer, or none that can be read.
     NoAnswer = 2,
-    /// It must be activated first, which opens its fingers: release, so that it may.
+    /// It needs an activation, which opens its fingers: release first.
     NotActivated = 3,
     /// It reports a fault of its own.
     GripperFault = 4,
-    /// It answers but does not take up what it is told.
+    /// It answers but does not follow commands.
     NotTaken = 5,
 }
 
@@ -65,7 +64,7 @@ impl LineHealth {
     ];
 }
 
-/// How force becomes a DAC code: straight between the points of a table, the first of which is 0 N.
+/// Force to DAC code: linear between the points of a table, the first of which is 0 N.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct LineCalibration {
@@ -76,8 +75,8 @@ pub struct LineCalibration {
 pub const DAC_LIVE_ZERO: LineCalibration = LineCalibration::of(&LineSettings::DEFAULT);
 
 impl LineCalibration {
-    /// The table of settings that `Configuration::check` passed. A table that does not rise gives wrong codes, but
-    /// never one past the DAC's.
+    /// The table of settings that `Configuration::check` passed. A table that does not rise gives wrong codes, but none above
+    /// the DAC's range.
     #[must_use]
     pub const fn of(settings: &LineSettings) -> Self {
         Self {
@@ -85,7 +84,7 @@ impl LineCalibration {
         }
     }
 
-    /// The code for a force, rounded up: never less grip than was decided. Full scale and above is the last point's.
+    /// The code for a force, rounded up: never less grip than was decided. Forces above full scale give the last point's code.
     #[must_use]
     pub const fn code(&self, force: GripForce) -> u16 {
         let mut place = 1;
@@ -111,12 +110,12 @@ impl LineCalibration {
     }
 }
 
-/// A DAC, or what stands for one.
+/// A DAC.
 pub trait DacOutput {
     /// Shows `code`.
     fn show(&mut self, code: u16);
 
-    /// Keeps what is to be shown again after a reset.
+    /// Keeps the force that the line must show again after a reset.
     fn keep(&mut self, force: GripForce);
 }
 
@@ -149,7 +148,7 @@ impl<D: DacOutput> GripLine for DacLine<D> {
         if force == self.shown {
             return Ok(());
         }
-        // A reset may come between any two of these: what is kept is then never less than what was shown.
+        // A reset may come between any two of these: what is kept is never less than what is shown.
         if force > self.shown {
             self.dac.keep(force);
         }

@@ -1,31 +1,29 @@
-//! What the tangential load on a contact does from map to map, beyond what the ratios in one map show: force along the
-//! skin and twist together, over the normal force.
+//! The tangential load on a contact from map to map: shear force and torsional moment together, over the normal force. It
+//! tells more than the ratios in one map.
 //!
-//! When the load on a contact that slips falls, or turns back, every taxel sticks at once (Cattaneo 1938, Mindlin and
-//! Deresiewicz 1953), while the ratios in the map stay near friction until the load is gone. From then on friction is
-//! known: μ is the share that slid. A load Q on a fresh contact of normal force N leaves half of it stuck at Q = h μN, where
-//! h depends on the contact's form (`form.rs`). One that slid under Q₀ = μN slips by half again when the load has turned
-//! back by 2 h μN, or when Q₀ is reached again. Both are one rule, that of a slider with friction: half of the contact slips
-//! once the load is further than h μN from a centre, which is nought at first and (1 − h) Q₀ after the slide; and in between,
-//! forward, sideways or back, half of it and more stick, whatever the ratios in a map say of it.
+//! When the load on a slipping contact falls or turns back, every taxel sticks at once (Cattaneo 1938, Mindlin and
+//! Deresiewicz 1953), while the ratios in the map stay near friction until the load is gone. From then on friction is known:
+//! μ is the share that slid. On a fresh contact with normal force N half still sticks at a load Q = h μN, where h depends on
+//! the contact geometry. After a slide under Q₀ = μN, half slips again when the load has turned back by 2 h μN, or when it
+//! reaches Q₀ again. Both are one rule: half of the contact slips once the load is further than h μN from a centre. The centre
+//! is 0 at first and (1 − h) Q₀ after the slide. Nearer than that, half or more sticks, whatever the ratios in the map say.
 //!
-//! Units: forces 1/4096 N, twist 1/4096 N times half taxel pitches, shares of the normal force 2⁻¹⁴, times as named.
-//! Limits: friction that falls when sliding begins looks like a load that falls, until the peak is forgotten.
+//! Units: forces 1/4096 N, moments 1/4096 N times half taxel pitches, shares of the normal force 2⁻¹⁴, times as named.
+//! Limits: friction that falls when sliding begins looks like a falling load until the peak is forgotten.
 
 use gripline_protocol::message::MapSums;
 
+use crate::arithmetic::{divide, narrowed, square_root};
 use crate::constants::{CENTRE_AND_HALF_64THS, FALL_PART, PEAK_SHIFT};
-use crate::divide::divide;
-use crate::form::Form;
-use crate::sums::square_root;
+use crate::contact_geometry::ContactGeometry;
 
 /// A share of 1.
 const SHARE_SHIFT: u32 = 14;
-/// Fractions of the peak's unit, so that it is forgotten at a thousand maps a second too.
+/// Fraction bits of the peak, so that it decays at a thousand maps a second too.
 const PEAK_FRACTION: u32 = 8;
-/// No map twists more: 400 taxels of 2¹⁵ at a distance of 27 half pitches.
-const TWIST_MAX: i64 = 1 << 29;
-/// Square of the largest load that is told from larger ones; no map has more force.
+/// Upper limit of a map's moment: 400 taxels of 2¹⁵ at a distance of 27 half pitches.
+const MOMENT_MAX: i64 = 1 << 29;
+/// Squares of loads saturate here; no map has more force.
 const SQUARE_MAX: u64 = 1 << 51;
 
 /// The tangential load of a map.
@@ -34,7 +32,7 @@ pub(crate) struct Load {
     /// Σ fx, Σ fy.
     force: [i32; 2],
     /// Moment about the centre of pressure.
-    twist: i32,
+    moment: i32,
     /// At least 1.
     normal: u32,
     /// Load over normal force.
@@ -42,13 +40,13 @@ pub(crate) struct Load {
 }
 
 impl Load {
-    /// Of a map's sums; something must be in contact. Before its form is known a twist is none.
-    pub(crate) fn of(sums: &MapSums, form: &Form) -> Self {
+    /// The load of a map in contact. Moments count as 0 until the contact's reach is known.
+    pub(crate) fn of(sums: &MapSums, geometry: &ContactGeometry) -> Self {
         let [x, y, z] = sums.force;
         let normal = z.max(1).cast_unsigned();
         let (divisor, shift) = narrowed(z);
-        let twist = twist(sums);
-        let load = square_root(square([x, y], twist, form));
+        let moment = torsional_moment(sums);
+        let load = square_root(square([x, y], moment, geometry));
         // One division of 32 bits: below four times the normal force, what is divided is below 2³².
         let share = if load >> 2 >= normal {
             u32::from(u16::MAX)
@@ -57,68 +55,60 @@ impl Load {
         };
         Self {
             force: [x, y],
-            twist,
+            moment,
             normal,
             share: share.min(u16::MAX.into()) as u16,
         }
     }
 }
 
-/// A normal force in 16 bits, at least 1, and how far it was shifted right for that: quotients are good to 2⁻¹⁵.
-pub(crate) fn narrowed(normal: i32) -> (u16, u32) {
-    let normal = normal.max(1).cast_unsigned();
-    let shift = 16_u32.saturating_sub(normal.leading_zeros());
-    // Never 0, which the compiler does not see by itself.
-    (((normal >> shift) as u16).max(1), shift)
-}
-
-/// Moment of a map about its centre of pressure, 1/4096 N times half taxel pitches, at most 2²⁹ either way.
-pub(crate) fn twist(sums: &MapSums) -> i32 {
+/// Torsional moment: the moment of a map about its centre of pressure, 1/4096 N times half taxel pitches, at most ±2²⁹.
+pub(crate) fn torsional_moment(sums: &MapSums) -> i32 {
     let [x, y, normal] = sums.force;
     let (divisor, shift) = narrowed(normal);
     // At most 2 · 2²⁸ · 2²⁴.
     let [across, along] = sums.pressure.map(i64::from);
     let lever = across * i64::from(y) - along * i64::from(x);
     let of_centre = divide(lever.unsigned_abs() >> shift, divisor).cast_signed() * lever.signum();
-    (i64::from(sums.moment) - of_centre).clamp(-TWIST_MAX, TWIST_MAX) as i32
+    (i64::from(sums.moment) - of_centre).clamp(-MOMENT_MAX, MOMENT_MAX) as i32
 }
 
-/// Square of force and twist as one force. Not inlined: there is little room in SRAM.
+/// Square of force and moment as one force. Not inlined, to save SRAM.
 #[inline(never)]
-fn square([x, y]: [i32; 2], twist: i32, form: &Form) -> u64 {
+fn square([x, y]: [i32; 2], moment: i32, geometry: &ContactGeometry) -> u64 {
     let [x, y] = [x, y].map(|part| u64::from(part.unsigned_abs()).pow(2));
     (x + y)
-        .saturating_add(form.square_of_twist(twist))
+        .saturating_add(geometry.square_of_moment(moment))
         .min(SQUARE_MAX)
 }
 
-/// What the loads of a contact were.
+/// The loads of a contact so far.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(crate) struct LoadHistory {
-    /// Largest share lately, in fractions.
+    /// Recent peak of the share, with fraction bits.
     peak: u32,
     /// Capture time of the last map, µs, wraps.
     at_us: u32,
-    /// The load that half of the contact is furthest from slipping at.
+    /// The load at which half of the contact is furthest from slipping.
     centre: [i32; 2],
-    centre_twist: i32,
-    /// Share of the load that last slid, as it began to fall: friction; 0 when nothing has slid.
+    centre_moment: i32,
+    /// Friction: share of the load that last slid, as it began to fall; 0 before the first slide.
     friction: u16,
 }
 
 impl LoadHistory {
-    /// Nothing touches.
+    /// Before the first map.
     pub(crate) const fn new() -> Self {
         Self {
             peak: 0,
             at_us: 0,
             centre: [0; 2],
-            centre_twist: 0,
+            centre_moment: 0,
             friction: 0,
         }
     }
 
-    /// Takes the load of a new map; returns whether it falls.
+    /// Takes the load of a new map. Returns whether the load falls.
     pub(crate) fn push(&mut self, load: &Load, capture_us: u32) -> bool {
         let share = u32::from(load.share) << PEAK_FRACTION;
         let passed_us = capture_us.wrapping_sub(self.at_us).min(1 << PEAK_SHIFT);
@@ -129,32 +119,32 @@ impl LoadHistory {
         (self.peak - share) * FALL_PART > self.peak
     }
 
-    /// The contact slid, and its load now falls.
-    pub(crate) fn note_slid(&mut self, load: &Load, form: &Form) {
-        let share = CENTRE_AND_HALF_64THS - i32::from(form.half_64ths());
-        // No part of a load is beyond 2²⁹.
+    /// Notes that the contact slid and its load now falls.
+    pub(crate) fn note_slid(&mut self, load: &Load, geometry: &ContactGeometry) {
+        let share = CENTRE_AND_HALF_64THS - i32::from(geometry.half_64ths());
+        // No component of a load exceeds 2²⁹.
         let centre = |part: i32| (part >> 6) * share;
         self.centre = load.force.map(centre);
-        self.centre_twist = centre(load.twist);
+        self.centre_moment = centre(load.moment);
         self.friction = load.share;
     }
 
-    /// Whether something slid.
+    /// Whether the contact slid.
     pub(crate) const fn has_slid(&self) -> bool {
         self.friction > 0
     }
 
-    /// Whether half of the contact slips under this load; none before anything slid.
-    pub(crate) fn is_half_slipping(&self, load: &Load, form: &Form) -> Option<bool> {
+    /// Whether half of the contact slips under this load; `None` before the first slide.
+    pub(crate) fn is_half_slipping(&self, load: &Load, geometry: &ContactGeometry) -> Option<bool> {
         if !self.has_slid() {
             return None;
         }
         let ([x, y], [x0, y0]) = (load.force, self.centre);
-        let away = square([x - x0, y - y0], load.twist - self.centre_twist, form);
-        // At most 2²⁴ · 2¹⁶ · 58; the bound is below 2²⁶.
-        let bound = (u64::from(load.normal) * u64::from(self.friction) * u64::from(form.half_64ths()))
+        let distance = square([x - x0, y - y0], load.moment - self.centre_moment, geometry);
+        // At most 2²⁴ · 2¹⁶ · 58, so the limit is below 2²⁶.
+        let limit = (u64::from(load.normal) * u64::from(self.friction) * u64::from(geometry.half_64ths()))
             >> (SHARE_SHIFT + 6);
-        Some(away > bound * bound)
+        Some(distance > limit * limit)
     }
 }
 
@@ -163,30 +153,30 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    fn sums(x: i32, y: i32, z: i32, twist: i32) -> MapSums {
+    fn sums(x: i32, y: i32, z: i32, moment: i32) -> MapSums {
         MapSums {
             contact: 20,
             stick: 20,
             force: [x, y, z],
-            moment: twist,
+            moment: moment,
             ..MapSums::default()
         }
     }
 
     /// A round contact of 20 taxels: its reach is 10 half pitches squared.
-    fn round() -> Form {
-        let mut form = Form::new();
-        form.observe(&sums(0, 0, 10_000, 0), true);
-        form
+    fn round() -> ContactGeometry {
+        let mut geometry = ContactGeometry::new();
+        geometry.observe(&sums(0, 0, 10_000, 0), true);
+        geometry
     }
 
-    /// A contact of 20 taxels in the middle under these forces, 1/4096 N, and this twist.
-    fn load(x: i32, y: i32, z: i32, twist: i32) -> Load {
-        Load::of(&sums(x, y, z, twist), &round())
+    /// A contact of 20 taxels in the middle under these forces, 1/4096 N, and this moment.
+    fn load(x: i32, y: i32, z: i32, moment: i32) -> Load {
+        Load::of(&sums(x, y, z, moment), &round())
     }
 
     #[test]
-    fn the_share_is_load_over_normal_force_and_a_twist_counts_at_its_lever() {
+    fn the_share_is_load_over_normal_force_and_a_moment_counts_at_its_lever() {
         assert_eq!(load(300, -400, 1_000, 0).share, 8_192);
         assert_eq!(load(3_000_000, 4_000_000, 10_000_000, 0).share, 8_192);
         // √(18/160) of 10,000 half pitches.
@@ -195,7 +185,7 @@ mod tests {
     }
 
     #[test]
-    fn where_on_the_map_a_contact_is_pulled_makes_no_twist() {
+    fn the_place_of_a_pull_on_the_map_makes_no_torsional_moment() {
         let at = |column: i32, row: i32| {
             Load::of(
                 &MapSums {
@@ -211,7 +201,7 @@ mod tests {
         };
         for (column, row) in [(0, 0), (19, -19), (-7, 12)] {
             // The divisor of 16 bits costs 2⁻¹⁵ of the moment.
-            assert!(at(column, row).twist.abs() <= 4, "{:?}", at(column, row));
+            assert!(at(column, row).moment.abs() <= 4, "{:?}", at(column, row));
         }
     }
 
@@ -272,12 +262,12 @@ mod tests {
     }
 
     #[test]
-    fn a_twist_turns_as_a_force_does() {
+    fn a_moment_turns_back_as_a_force_does() {
         let mut history = LoadHistory::new();
         history.note_slid(&load(0, 0, 10_000, 20_000), &round());
-        for (twist, slips) in [(-6_000, false), (-6_500, true)] {
-            let back = load(0, 0, 10_000, twist);
-            assert_eq!(history.is_half_slipping(&back, &round()), Some(slips), "{twist}");
+        for (moment, slips) in [(-6_000, false), (-6_500, true)] {
+            let back = load(0, 0, 10_000, moment);
+            assert_eq!(history.is_half_slipping(&back, &round()), Some(slips), "{moment}");
         }
     }
 
@@ -286,19 +276,19 @@ mod tests {
         fn no_map_is_too_much(contact in 1_u16..=400, x in -(400 << 15)..=400 << 15, y in -(400 << 15)..=400 << 15,
                               z in -(400 << 15)..=400 << 15, moment: i32, spread: i32, pressure in [-(19 * 400) << 15..=(19 * 400) << 15, -(19 * 400) << 15..=(19 * 400) << 15]) {
             let sums = MapSums { contact, stick: 0, force: [x, y, z], moment, pressure, spread };
-            let mut form = Form::new();
-            form.observe(&sums, true);
-            let load = Load::of(&sums, &form);
+            let mut geometry = ContactGeometry::new();
+            geometry.observe(&sums, true);
+            let load = Load::of(&sums, &geometry);
             let mut history = LoadHistory::new();
-            history.note_slid(&load, &form);
-            let back = Load::of(&MapSums { force: [-x, -y, z], moment: moment.saturating_neg(), ..sums }, &form);
+            history.note_slid(&load, &geometry);
+            let back = Load::of(&MapSums { force: [-x, -y, z], moment: moment.saturating_neg(), ..sums }, &geometry);
             let exact = {
                 let sides = [x, y].map(|side| f64::from(side).powi(2));
-                let twist = form.square_of_twist(load.twist) as f64;
-                (16_384.0 * (sides[0] + sides[1] + twist).sqrt() / f64::from(z.max(1))).min(65_535.0)
+                let moment = geometry.square_of_moment(load.moment) as f64;
+                (16_384.0 * (sides[0] + sides[1] + moment).sqrt() / f64::from(z.max(1))).min(65_535.0)
             };
             prop_assert!((f64::from(load.share) - exact).abs() <= 2.0 + exact * 1e-4 + 16_384.0 / f64::from(z.max(1)) || exact > 30_000.0, "{} {exact}", load.share);
-            history.is_half_slipping(&back, &form);
+            history.is_half_slipping(&back, &geometry);
             prop_assert!(!history.push(&load, 7));
         }
     }

@@ -2,8 +2,8 @@
 //! (function 4), and telling a good answer from a bad one. Bytes in, bytes out, no clock.
 //!
 //! Sources: Modbus application protocol V1.1b3 (sections 6.4, 6.12, 7), Modbus over serial line V1.02 (section 2.5.1).
-//! Limits: three registers a request. Frames are told apart by their length and CRC, not by silences, which a task
-//! that shares its processor cannot measure.
+//! Limits: three registers a request. Length and CRC delimit frames, not silences: a task that shares its processor cannot
+//! measure those.
 
 use crc::{CRC_16_MODBUS, Crc, NoTable};
 
@@ -14,16 +14,19 @@ pub const REQUEST_MAX: usize = 9 + 2 * REGISTERS;
 /// Longest answer, bytes: function 4 with three registers.
 pub const ANSWER_MAX: usize = 5 + 2 * REGISTERS;
 
+/// The bytes of a request.
+pub type RequestFrame = heapless::Vec<u8, REQUEST_MAX>;
+
 const READ_INPUTS: u8 = 4;
 const WRITE_MULTIPLE: u8 = 16;
 /// Set in the function code of an answer that refuses (section 7).
 const EXCEPTION: u8 = 0x80;
 const CRC_BYTES: usize = 2;
 
-/// Bit by bit: the frames are short, and a table would cost half a KiB of flash.
+/// Bit by bit: the frames are short, and a table takes half a KiB of flash.
 const CRC: Crc<u16, NoTable> = Crc::<u16, NoTable>::new(&CRC_16_MODBUS);
 
-/// What is asked of the device.
+/// A request to the device.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Request {
@@ -51,7 +54,7 @@ pub enum Answer {
     Registers([u16; REGISTERS]),
 }
 
-/// An answer that is none.
+/// Why an answer is not good.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum AnswerError {
@@ -64,31 +67,34 @@ pub enum AnswerError {
 }
 
 impl Request {
-    /// Writes the frame for `unit` and returns its length.
+    /// The frame for `unit`.
     #[must_use]
-    pub fn frame(&self, unit: u8, frame: &mut [u8; REQUEST_MAX]) -> usize {
-        let (function, address) = match self {
-            Self::Write { address, .. } => (WRITE_MULTIPLE, *address),
-            Self::Read { address } => (READ_INPUTS, *address),
+    pub fn frame(&self, unit: u8) -> RequestFrame {
+        let (function, address, values) = match self {
+            Self::Write { address, values } => (WRITE_MULTIPLE, address, Some(values)),
+            Self::Read { address } => (READ_INPUTS, address, None),
         };
-        frame[0] = unit;
-        frame[1] = function;
-        frame[2..4].copy_from_slice(&address.to_be_bytes());
-        frame[4..6].copy_from_slice(&(REGISTERS as u16).to_be_bytes());
-        let mut length = 6;
-        if let Self::Write { values, .. } = self {
-            frame[6] = 2 * REGISTERS as u8;
-            for (place, value) in frame[7..].chunks_exact_mut(2).zip(values) {
-                place.copy_from_slice(&value.to_be_bytes());
+        let mut frame = RequestFrame::new();
+        // The longest frame fits, by the definition of `REQUEST_MAX`.
+        let mut put = |bytes: &[u8]| {
+            let fits = frame.extend_from_slice(bytes);
+            debug_assert!(fits.is_ok());
+        };
+        put(&[unit, function]);
+        put(&address.to_be_bytes());
+        put(&(REGISTERS as u16).to_be_bytes());
+        if let Some(values) = values {
+            put(&[2 * REGISTERS as u8]);
+            for value in values {
+                put(&value.to_be_bytes());
             }
-            length = 7 + 2 * REGISTERS;
         }
-        let crc = CRC.checksum(&frame[..length]);
-        frame[length..length + CRC_BYTES].copy_from_slice(&crc.to_le_bytes());
-        length + CRC_BYTES
+        let crc = CRC.checksum(&frame);
+        let _ = frame.extend_from_slice(&crc.to_le_bytes());
+        frame
     }
 
-    /// What `bytes` are as the answer of `unit`; `None` while more have to come.
+    /// Reads `bytes` as the answer of `unit`; `None` while bytes are missing.
     #[must_use]
     pub fn answer(&self, unit: u8, bytes: &[u8]) -> Option<Result<Answer, AnswerError>> {
         let (function, whole) = match self {
@@ -96,7 +102,7 @@ impl Request {
             Self::Read { .. } => (READ_INPUTS, ANSWER_MAX),
         };
         let found = *bytes.get(1)?;
-        // Of anything else nobody knows the length: it is judged as if it were what was asked for.
+        // An unknown function has an unknown length: read it as the answer to this request.
         let length = if found == function | EXCEPTION { 5 } else { whole };
         let (body, crc) = bytes.get(..length)?.split_at(length - CRC_BYTES);
         Some(if crc != CRC.checksum(body).to_le_bytes() {
@@ -110,7 +116,7 @@ impl Request {
         })
     }
 
-    /// The body of an answer that came whole.
+    /// The body of a whole answer.
     fn body(&self, function: u8, body: &[u8]) -> Option<Answer> {
         if body[1] != function {
             return None;

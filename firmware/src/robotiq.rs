@@ -15,10 +15,10 @@ use crate::constants::{
 };
 use crate::grip::GripForce;
 use crate::line::{GripLine, LineHealth};
-use crate::modbus::{ANSWER_MAX, Answer, AnswerError, REQUEST_MAX, Request};
+use crate::modbus::{ANSWER_MAX, Answer, AnswerError, Request, RequestFrame};
 
-const LEAST_LSB: u32 = (ROBOTIQ_FORCE_N[0] * LSB_PER_NEWTON) as u32;
-const MOST_LSB: u32 = (ROBOTIQ_FORCE_N[1] * LSB_PER_NEWTON) as u32;
+const MIN_LSB: u32 = (ROBOTIQ_FORCE_N[0] * LSB_PER_NEWTON) as u32;
+const MAX_LSB: u32 = (ROBOTIQ_FORCE_N[1] * LSB_PER_NEWTON) as u32;
 const REGISTER_MAX: u32 = 255;
 
 /// The force register rFR for a force, rounded up: never less grip than was decided, 10 N at least, 125 N at most.
@@ -27,15 +27,15 @@ const REGISTER_MAX: u32 = 255;
 #[must_use]
 pub const fn force_register(force: GripForce) -> u8 {
     let force = force.lsb().cast_unsigned();
-    let force = if force < MOST_LSB { force } else { MOST_LSB };
+    let force = if force < MAX_LSB { force } else { MAX_LSB };
     // At most 115 · 4096 · 255 < 2²⁷.
-    (force.saturating_sub(LEAST_LSB) * REGISTER_MAX).div_ceil(MOST_LSB - LEAST_LSB) as u8
+    (force.saturating_sub(MIN_LSB) * REGISTER_MAX).div_ceil(MAX_LSB - MIN_LSB) as u8
 }
 
-/// The command registers, as they are written.
+/// The command registers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-struct Orders {
+struct MotionCommand {
     /// rACT (bit 0) and rGTO (bit 3).
     action: u8,
     /// rPR: 0 open, 255 closed.
@@ -52,7 +52,7 @@ const CLOSED: [u8; 2] = [255, 254];
 const ACTIVE: u8 = 1;
 const GO_TO: u8 = 1 << 3;
 
-impl Orders {
+impl MotionCommand {
     /// rACT falls: the gripper forgets its faults.
     const RESET: Self = Self {
         action: 0,
@@ -84,14 +84,13 @@ impl Orders {
     }
 }
 
-/// What the gripper says of itself.
+/// The gripper's status registers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct GripperStatus {
     /// gACT, gGTO, gSTA and gOBJ as they stand in the register.
     pub bits: u8,
-    /// gFLT: 0 none, 5 and 7 activation is wanted first, 8 too hot, 9 it heard nothing for a second, 10 and above
-    /// only a reset helps.
+    /// gFLT: 0 none, 5 and 7 activate first, 8 too hot, 9 no request for a second, 10 and above reset needed.
     pub fault: u8,
     /// gPR: the position request that it works on.
     pub echo: u8,
@@ -121,22 +120,22 @@ impl GripperStatus {
         self.bits & ACTIVE != 0
     }
 
-    /// Activated (gSTA 3) and in no fault that only a reset ends.
+    /// Activated (gSTA 3) and without a fault that needs a reset.
     #[must_use]
     pub const fn is_ready(self) -> bool {
         self.has_act() && (self.bits >> 4) & 3 == 3 && !self.needs_reset()
     }
 
-    /// gGTO and gPR: it goes to the position of these orders, or stands there.
-    const fn works_on(self, orders: Orders) -> bool {
-        self.bits & GO_TO != 0 && self.echo == orders.position
+    /// gGTO and gPR: it moves to the position of this command, or is there.
+    const fn works_on(self, command: MotionCommand) -> bool {
+        self.bits & GO_TO != 0 && self.echo == command.position
     }
 
     const fn needs_reset(self) -> bool {
         self.fault >= FAULT_NEEDS_RESET
     }
 
-    /// Whether it does what it is told; after a silence of ours it only notes the silence.
+    /// Whether it follows commands. Our silence only sets a note.
     const fn is_well(self) -> bool {
         matches!(self.fault, 0 | FAULT_SILENCE)
     }
@@ -145,20 +144,20 @@ impl GripperStatus {
 const FAULT_SILENCE: u8 = 9;
 const FAULT_NEEDS_RESET: u8 = 0x0A;
 
-/// What the controller wants.
+/// What the grip controller requests.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Wish {
-    /// Nothing was held since the start: whatever the gripper does, let it.
+enum Requested {
+    /// Nothing was held since the start: leave the gripper alone.
     Stay,
     Grip(GripForce),
-    /// The force came down to zero: let go.
+    /// The force fell to zero: let go.
     Open,
 }
 
-/// How far the gripper has come.
+/// State of the connection and of the activation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Phase {
-    /// It has not answered yet, or not any more.
+    /// It does not answer, or not yet.
     Silent,
     /// It answers and is not activated.
     Inactive,
@@ -171,25 +170,23 @@ enum Phase {
 
 /// The line to one gripper.
 ///
-/// Reading and writing take turns, and what is written next follows from what was read last, so that nothing that gets
-/// lost on the way is believed to have arrived.
+/// Reads and writes alternate. Each write follows from the last read, so a lost frame is never taken for delivered.
 #[derive(Debug)]
 pub struct Robotiq {
-    wish: Wish,
+    requested: Requested,
     phase: Phase,
     /// The newest status, and whether it is newer than the last write.
     status: Option<GripperStatus>,
     is_fresh: bool,
     /// The last grip that was written.
-    offered: Option<Orders>,
+    sent: Option<MotionCommand>,
     /// The force register of the grip that the gripper echoed last.
     applied: Option<u8>,
-    /// Since when a grip is offered that the gripper does not echo.
-    offered_us: Option<u64>,
+    /// Since when the gripper has not echoed a grip.
+    sent_us: Option<u64>,
     asked: Option<Asked>,
-    answer: [u8; ANSWER_MAX],
-    answer_length: usize,
-    /// Not before: the next request, the next activation.
+    answer: heapless::Vec<u8, ANSWER_MAX>,
+    /// Earliest times of the next request and the next activation.
     next_us: u64,
     activate_us: u64,
     failures: u8,
@@ -205,21 +202,20 @@ struct Asked {
 }
 
 impl Robotiq {
-    /// A line that knows nothing of its gripper: it asks before it orders, so that one that already holds something is
-    /// taken over as it is.
+    /// A line that does not know its gripper yet. It reads the status before it commands, so a gripper that already holds
+    /// something stays as it is.
     #[must_use]
     pub const fn new(now_us: u64) -> Self {
         Self {
-            wish: Wish::Stay,
+            requested: Requested::Stay,
             phase: Phase::Silent,
             status: None,
             is_fresh: false,
-            offered: None,
+            sent: None,
             applied: None,
-            offered_us: None,
+            sent_us: None,
             asked: None,
-            answer: [0; ANSWER_MAX],
-            answer_length: 0,
+            answer: heapless::Vec::new(),
             next_us: now_us,
             activate_us: now_us,
             failures: 0,
@@ -228,7 +224,7 @@ impl Robotiq {
         }
     }
 
-    /// What the gripper said last.
+    /// The gripper's last status.
     #[must_use]
     pub const fn status(&self) -> Option<GripperStatus> {
         self.status
@@ -240,8 +236,8 @@ impl Robotiq {
         self.asked.map_or(self.next_us, |asked| asked.until_us)
     }
 
-    /// The next request's length, when it is time for one. Its bytes go out back to back with the driver enabled.
-    pub fn poll_transmit(&mut self, now_us: u64, frame: &mut [u8; REQUEST_MAX]) -> Option<usize> {
+    /// The next request, when it is time for one. Its bytes go out back to back with the driver enabled.
+    pub fn poll_transmit(&mut self, now_us: u64) -> Option<RequestFrame> {
         self.now_us = now_us;
         if let Some(asked) = self.asked {
             if now_us < asked.until_us {
@@ -252,55 +248,50 @@ impl Robotiq {
         if now_us < self.next_us {
             return None;
         }
-        let orders = self
+        let command = self
             .status
             .filter(|_| self.is_fresh)
-            .and_then(|status| self.orders(status));
-        let request = orders.map_or(
+            .and_then(|status| self.command(status));
+        let request = command.map_or(
             Request::Read {
                 address: ROBOTIQ_STATUS,
             },
-            Orders::request,
+            MotionCommand::request,
         );
-        if let Some(orders) = orders {
+        if let Some(command) = command {
             self.is_fresh = false;
-            // The echo tells positions only. While one is on its way the gripper may have taken it with the force of
-            // before: the least of them is what it can be relied on to have pushed with.
-            let again = self.offered.filter(|before| before.position == orders.position);
-            self.offered = Some(Orders {
-                force: again.map_or(orders.force, |before| before.force.min(orders.force)),
-                ..orders
+            // The echo shows the position only. The gripper may have taken it with the previous force: assume the lower force
+            // until the gripper confirms.
+            let again = self.sent.filter(|before| before.position == command.position);
+            self.sent = Some(MotionCommand {
+                force: again.map_or(command.force, |before| before.force.min(command.force)),
+                ..command
             });
-            self.offered_us = self.offered_us.or(Some(now_us));
+            self.sent_us = self.sent_us.or(Some(now_us));
         }
-        let length = request.frame(MODBUS_UNIT, frame);
-        self.answer_length = 0;
+        let frame = request.frame(MODBUS_UNIT);
+        self.answer.clear();
         self.next_us = now_us.saturating_add(MODBUS_SLOT_US);
-        let wire_us = (length + ANSWER_MAX) as u64 * MODBUS_BYTE_US;
+        let wire_us = (frame.len() + ANSWER_MAX) as u64 * MODBUS_BYTE_US;
         self.asked = Some(Asked {
             request,
             until_us: now_us.saturating_add(wire_us + MODBUS_ANSWER_US),
         });
-        Some(length)
+        Some(frame)
     }
 
-    /// Takes bytes as they came from the bus.
+    /// Takes bytes as they arrived from the bus.
     pub fn receive(&mut self, bytes: &[u8], now_us: u64) {
         self.now_us = now_us;
         for &byte in bytes {
-            // What nobody asked for is noise, or an answer that comes too late.
+            // Without a request this is noise, or a late answer.
             let Some(asked) = self.asked else {
                 return;
             };
-            let Some(place) = self.answer.get_mut(self.answer_length) else {
+            if self.answer.push(byte).is_err() {
                 return;
-            };
-            *place = byte;
-            self.answer_length += 1;
-            match asked
-                .request
-                .answer(MODBUS_UNIT, &self.answer[..self.answer_length])
-            {
+            }
+            match asked.request.answer(MODBUS_UNIT, &self.answer) {
                 None => {}
                 Some(Ok(answer)) => self.answered(answer),
                 // Busy is an answer too, but no good one.
@@ -309,24 +300,26 @@ impl Robotiq {
         }
     }
 
-    /// What the gripper has to be told; nothing while it does what it should, or is not ready.
-    fn orders(&self, status: GripperStatus) -> Option<Orders> {
-        match (self.phase, self.wish) {
-            // An activation that has begun is finished; none begins while something is to be held.
+    /// The command that the gripper needs; `None` while it does the right thing, or is not ready.
+    fn command(&self, status: GripperStatus) -> Option<MotionCommand> {
+        match (self.phase, self.requested) {
+            // Finish an activation that has begun; begin none while something is to be held.
             (Phase::Silent | Phase::Inactive, _)
-            | (Phase::Resetting, Wish::Grip(_))
-            | (Phase::Ready, Wish::Stay) => None,
-            (Phase::Activating { .. }, Wish::Grip(_)) if !status.has_act() => None,
-            (Phase::Resetting, _) => Some(Orders::RESET),
-            (Phase::Activating { .. }, _) => Some(Orders::ACTIVATE),
-            (Phase::Ready, Wish::Open) => (!status.works_on(Orders::OPEN)).then_some(Orders::OPEN),
-            (Phase::Ready, Wish::Grip(force)) => self.grip(force_register(force), status),
+            | (Phase::Resetting, Requested::Grip(_))
+            | (Phase::Ready, Requested::Stay) => None,
+            (Phase::Activating { .. }, Requested::Grip(_)) if !status.has_act() => None,
+            (Phase::Resetting, _) => Some(MotionCommand::RESET),
+            (Phase::Activating { .. }, _) => Some(MotionCommand::ACTIVATE),
+            (Phase::Ready, Requested::Open) => {
+                (!status.works_on(MotionCommand::OPEN)).then_some(MotionCommand::OPEN)
+            }
+            (Phase::Ready, Requested::Grip(force)) => self.grip(force_register(force), status),
         }
     }
 
-    /// A grip with this force while the gripper is at `status`: more force, or the first since it was opened or
-    /// stopped (by whomever), is a new request that makes the motor run again; less is not, and the same is nothing.
-    fn grip(&self, force: u8, status: GripperStatus) -> Option<Orders> {
+    /// A grip with this force while the gripper is at `status`. More force, or the first grip after opening or stopping, is a
+    /// new position request, so that the motor runs again. Less force needs no new position; the same force needs nothing.
+    fn grip(&self, force: u8, status: GripperStatus) -> Option<MotionCommand> {
         let echo = status.echo;
         let grips = status.bits & GO_TO != 0 && CLOSED.contains(&echo);
         let position = match self.applied.filter(|_| grips) {
@@ -335,7 +328,7 @@ impl Robotiq {
             _ if echo == CLOSED[0] => CLOSED[1],
             _ => CLOSED[0],
         };
-        Some(Orders {
+        Some(MotionCommand {
             action: ACTIVE | GO_TO,
             position,
             speed: ROBOTIQ_CLOSING_SPEED,
@@ -343,7 +336,7 @@ impl Robotiq {
         })
     }
 
-    /// No answer, a damaged one or a refusal. What was written may have arrived all the same: the next status tells.
+    /// No answer, a damaged one or a refusal. A write may have arrived all the same: the next status shows it.
     fn failed(&mut self) {
         self.asked = None;
         self.is_fresh = false;
@@ -353,7 +346,7 @@ impl Robotiq {
             self.leave(Phase::Silent);
             self.status = None;
         }
-        self.judge();
+        self.update_health();
     }
 
     fn answered(&mut self, answer: Answer) {
@@ -366,12 +359,12 @@ impl Robotiq {
             self.follow(status);
             self.compare_echo(status);
         }
-        self.judge();
+        self.update_health();
     }
 
-    /// Where the gripper stands now.
+    /// Follows the gripper's state.
     fn follow(&mut self, status: GripperStatus) {
-        let holding = matches!(self.wish, Wish::Grip(_));
+        let holding = matches!(self.requested, Requested::Grip(_));
         let begun = match self.phase {
             Phase::Resetting => false,
             Phase::Activating { .. } => status.has_act(),
@@ -399,33 +392,33 @@ impl Robotiq {
         }
     }
 
-    /// What was applied before counts no more in another phase.
+    /// Changes the phase and forgets which grip was applied.
     const fn leave(&mut self, phase: Phase) {
         self.phase = phase;
-        self.offered = None;
+        self.sent = None;
         self.applied = None;
-        self.offered_us = None;
+        self.sent_us = None;
     }
 
-    /// Learns from the echo which grip the gripper works on.
+    /// Sees from the echo which grip the gripper applies.
     fn compare_echo(&mut self, status: GripperStatus) {
-        if let Some(offered) = self.offered
-            && status.works_on(offered)
+        if let Some(sent) = self.sent
+            && status.works_on(sent)
         {
-            self.offered = None;
-            self.offered_us = None;
-            self.applied = (offered.position != Orders::OPEN.position).then_some(offered.force);
+            self.sent = None;
+            self.sent_us = None;
+            self.applied = (sent.position != MotionCommand::OPEN.position).then_some(sent.force);
         }
     }
 
-    fn judge(&mut self) {
-        let holding = matches!(self.wish, Wish::Grip(_));
+    fn update_health(&mut self) {
+        let holding = matches!(self.requested, Requested::Grip(_));
         let late = |since: u64| self.now_us.saturating_sub(since) > ROBOTIQ_ECHO_US;
         self.health = match (self.phase, self.status) {
             (Phase::Silent, _) if self.failures >= MODBUS_FAILURES_MAX => LineHealth::NoAnswer,
             (Phase::Inactive, _) if holding => LineHealth::NotActivated,
             (Phase::Ready, Some(status)) if !status.is_well() => LineHealth::GripperFault,
-            (Phase::Ready, _) if self.offered_us.is_some_and(late) => LineHealth::NotTaken,
+            (Phase::Ready, _) if self.sent_us.is_some_and(late) => LineHealth::NotTaken,
             (Phase::Ready, _) => LineHealth::Good,
             _ => LineHealth::Starting,
         };
@@ -435,14 +428,14 @@ impl Robotiq {
 impl GripLine for Robotiq {
     type Error = core::convert::Infallible;
 
-    /// Zero opens the fingers once they held something, and means nothing before.
+    /// Zero opens the fingers if they held something before.
     fn write(&mut self, force: GripForce) -> Result<(), Self::Error> {
-        self.wish = match (self.wish, force) {
-            (Wish::Stay, GripForce::ZERO) => Wish::Stay,
-            (_, GripForce::ZERO) => Wish::Open,
-            (_, force) => Wish::Grip(force),
+        self.requested = match (self.requested, force) {
+            (Requested::Stay, GripForce::ZERO) => Requested::Stay,
+            (_, GripForce::ZERO) => Requested::Open,
+            (_, force) => Requested::Grip(force),
         };
-        if self.wish == Wish::Open {
+        if self.requested == Requested::Open {
             self.applied = None;
         }
         Ok(())

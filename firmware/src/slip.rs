@@ -1,28 +1,28 @@
-//! From stick ratios to a slip state: threshold with a separate leave threshold, a least time in a state, and the
-//! trend, because a sudden fall of the stick ratio announces slip. Getting worse is believed at once, getting better
-//! only after the dwell time; unless the load falls (`load.rs`), for then everything sticks at once. Once it has
-//! slid, friction is known and the load tells more than one map (`load.rs`, by the form of the contact, `form.rs`): where half
-//! of the contact must slip under it, that is INCIPIENT before the ratios show it, and where half must stick, STICK although
-//! they do not. Units: ratios 1/10000, times
-//! as named.
+//! From stick ratios to a slip state: a threshold with a separate leave threshold, a minimum dwell time, and the trend,
+//! because a sudden fall of the stick ratio announces slip. A worse state counts at once, a better one only after the dwell
+//! time; but when the load falls, everything sticks at once (`load.rs`). After a slide friction is known, and the load tells
+//! more than one map: where half of the contact must slip under it, the state is INCIPIENT before the ratios show it; where
+//! half must stick, the state is STICK although they do not.
+//!
+//! Units: ratios 1/10000, times as named.
 
 use gripline_protocol::message::{Configuration, MapSums, SlipState};
 
+use crate::arithmetic::divide;
 use crate::constants::{TIME_TO_SLIP_MAX_MS, TREND_MAPS};
-use crate::divide::divide;
-use crate::form::Form;
+use crate::contact_geometry::ContactGeometry;
 use crate::load::{Load, LoadHistory};
 use crate::sums::{stick_ratio, stick_ratio_below};
 
-/// What the detector says after a map.
+/// The detector's decision after a map.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Judgement {
+pub struct SlipDecision {
     /// State after this map.
     pub state: SlipState,
     /// Stick ratio of this map; `None` when nothing touches.
     pub stick_ratio: Option<u16>,
-    /// Time until the stick ratio reaches the threshold if it goes on falling like this.
+    /// Time until the stick ratio reaches the threshold at its present rate.
     pub time_to_slip_ms: Option<u16>,
 }
 
@@ -30,15 +30,15 @@ pub struct Judgement {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct SlipDetector {
     state: SlipState,
-    /// When the state was last as bad as it is, µs; wraps.
+    /// Last time the state was this bad or worse, µs; wraps.
     last_bad_us: u32,
     trend: Trend,
     loads: LoadHistory,
-    form: Form,
+    geometry: ContactGeometry,
 }
 
 impl SlipDetector {
-    /// Nothing touches.
+    /// No contact yet.
     #[must_use]
     pub const fn new() -> Self {
         Self {
@@ -46,7 +46,7 @@ impl SlipDetector {
             last_bad_us: 0,
             trend: Trend::new(),
             loads: LoadHistory::new(),
-            form: Form::new(),
+            geometry: ContactGeometry::new(),
         }
     }
 
@@ -63,35 +63,35 @@ impl SlipDetector {
         capture_us: u32,
         now_us: u64,
         settings: &Configuration,
-    ) -> Judgement {
+    ) -> SlipDecision {
         let Some(ratio) = stick_ratio(sums) else {
             self.state = SlipState::NoContact;
             self.trend.filled = 0;
             self.loads = LoadHistory::new();
-            self.form = Form::new();
-            return Judgement::default();
+            self.geometry = ContactGeometry::new();
+            return SlipDecision::default();
         };
         let time_to_slip_ms = self.trend.push(ratio, capture_us, settings.slip_threshold);
         self.state = self.next_state(sums, time_to_slip_ms, capture_us, now_us, settings);
-        Judgement {
+        SlipDecision {
             state: self.state,
             stick_ratio: Some(ratio),
             time_to_slip_ms,
         }
     }
 
-    /// Looks at the form of a contact, for the maps that come: after [`SlipDetector::update`] with the same sums, and not
-    /// on the way from map to line.
+    /// Updates the contact geometry for the next maps. Call it after [`SlipDetector::update`] with the same sums, outside the
+    /// map-to-line path.
     pub fn observe(&mut self, sums: &MapSums) {
         if sums.contact > 0 {
             let sticks = severity(self.state) <= severity(SlipState::Stick) && !self.loads.has_slid();
-            self.form.observe(sums, sticks);
+            self.geometry.observe(sums, sticks);
         }
     }
 
-    /// Form of the contact, as far as it was seen.
-    pub(crate) const fn form(&self) -> &Form {
-        &self.form
+    /// Geometry of the contact, as far as it was seen.
+    pub(crate) const fn geometry(&self) -> &ContactGeometry {
+        &self.geometry
     }
 
     fn next_state(
@@ -102,18 +102,18 @@ impl SlipDetector {
         now_us: u64,
         settings: &Configuration,
     ) -> SlipState {
-        let load = Load::of(sums, &self.form);
+        let load = Load::of(sums, &self.geometry);
         if self.loads.push(&load, capture_us) {
             if self.state == SlipState::Slip {
-                self.loads.note_slid(&load, &self.form);
+                self.loads.note_slid(&load, &self.geometry);
             }
             return SlipState::Stick;
         }
         let soon = time_to_slip_ms.is_some_and(|ms| ms < settings.incipient_horizon_ms);
         let slips = stick_ratio_below(sums, settings.slip_threshold)
             || (self.state == SlipState::Slip && stick_ratio_below(sums, settings.slip_leave));
-        let by_load = self.loads.is_half_slipping(&load, &self.form);
-        // Ratios this low are believed in any case: friction may have changed since.
+        let by_load = self.loads.is_half_slipping(&load, &self.geometry);
+        // Lower ratios count in any case: friction may have changed since.
         let is_held = severity(self.state) <= severity(SlipState::Stick)
             && by_load == Some(false)
             && !stick_ratio_below(sums, settings.slip_threshold / 4 * 3);

@@ -1,12 +1,12 @@
-//! The settings in flash: two slots, of which a writer touches only the older one, so that a power cut at any point
-//! leaves the settings of before or the new ones, whole.
+//! The settings in flash: two slots. A write touches only the older one, so a power cut at any point leaves the old settings
+//! or the new ones, whole.
 //!
 //! A record is words: mark and layout version, number of the write, the settings' values, CRC-32 of all that (as
-//! little-endian bytes). The CRC comes last, so a half-written record is none.
+//! little-endian bytes). The CRC comes last, so a half-written record is invalid.
 //! Limits: a slot is erased before every write; flash holds about 10,000 erasures a slot.
 
 use gripline_protocol::configuration::{CONFIGURATION_VALUES, CONFIGURATION_VERSION, Configuration, Values};
-use gripline_protocol::packet::crc32;
+use gripline_protocol::crc::crc32;
 
 /// Number of slots.
 pub const SLOTS: usize = 2;
@@ -55,7 +55,7 @@ pub enum StoreError<E> {
 pub struct Stored {
     /// The newest whole settings in range.
     pub settings: Option<Configuration>,
-    /// Something was stored, and none of it can be used: worn or damaged flash, or another version's settings.
+    /// Something was stored but none of it is usable: worn or damaged flash, or another version's settings.
     pub lost: bool,
     /// Number of the newest whole record; 0 when there is none.
     pub writes: u32,
@@ -77,7 +77,7 @@ pub fn load(flash: &impl SettingsFlash) -> Stored {
             best.writes = writes;
         }
     }
-    // A write that was cut short leaves a broken record beside a good one: nothing is lost then.
+    // An interrupted write leaves a broken record beside a good one: nothing is lost then.
     best.lost = used && best.settings.is_none();
     best
 }
@@ -122,7 +122,7 @@ fn encode(writes: u32, settings: &Configuration) -> Record {
     record
 }
 
-/// (number of the write, settings); `None` unless all of it is right.
+/// (number of the write, settings); `None` unless the whole record is valid.
 #[inline(never)]
 fn decode(record: &Record) -> Option<(u32, Configuration)> {
     let writes = record[1];
@@ -136,7 +136,7 @@ fn decode(record: &Record) -> Option<(u32, Configuration)> {
     for (value, word) in values.iter_mut().zip(&record[HEAD_WORDS..CRC_WORD]) {
         *value = word.cast_signed();
     }
-    // The CRC says what was written; whether it may be in force is another question.
+    // The CRC proves what was written, not that it is in range.
     let settings = Configuration::from_values(&values).filter(|settings| settings.check().is_ok())?;
     Some((writes, settings))
 }

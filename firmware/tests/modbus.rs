@@ -1,12 +1,10 @@
 //! Modbus frames against those printed in the gripper's manual, and against everything that is not an answer.
 
-use gripline_firmware::modbus::{ANSWER_MAX, Answer, AnswerError, REQUEST_MAX, Request};
+use gripline_firmware::modbus::{ANSWER_MAX, Answer, AnswerError, Request};
 use proptest::prelude::*;
 
 fn frame(request: Request) -> Vec<u8> {
-    let mut frame = [0; REQUEST_MAX];
-    let length = request.frame(9, &mut frame);
-    frame[..length].to_vec()
+    request.frame(9).to_vec()
 }
 
 const STATUS: Request = Request::Read { address: 0x07D0 };

@@ -3,22 +3,22 @@
 use gripline_firmware::constants::DECIDE_BUDGET_CYCLES;
 use gripline_firmware::grip::Guard;
 use gripline_firmware::line::LineHealth;
-use gripline_firmware::mcu::{Action, Mcu, ResetCause, Start};
 use gripline_firmware::storage::Stored;
 use gripline_firmware::sums::{TaxelRule, sums_of};
+use gripline_firmware::{Action, Device, ResetCause, Start};
 use gripline_firmware::{Fault, Friction, GripForce};
 use gripline_protocol::message::{
     Command, Configuration, GripMode, Hello, Message, MessagePackets, OutOfRange, Refusal, Report, SlipState,
     Stage, Status,
 };
 use gripline_protocol::{
-    Event, ForceMap, Health, LSB_PER_NEWTON, MapInfo, PACKET_MAX, Parser, TAXELS, TaxelForce, encode_map,
+    Event, ForceMap, Health, LSB_PER_NEWTON, MapInfo, Parser, TAXELS, TaxelForce, encode_map,
 };
 use proptest::prelude::*;
 
 /// A host that speaks to the program and keeps what it answers.
 struct Bench {
-    mcu: Mcu,
+    device: Device,
     now_us: u64,
     sequence: u32,
     id: u8,
@@ -37,9 +37,9 @@ impl Bench {
     }
 
     fn starting(start: Start) -> Self {
-        let mcu = Mcu::new(start);
+        let device = Device::new(start);
         Self {
-            mcu,
+            device,
             now_us: start.now_us,
             sequence: 0,
             id: 0,
@@ -59,11 +59,10 @@ impl Bench {
     }
 
     fn listen(&mut self) {
-        let mut packet = [0; PACKET_MAX];
-        while let Some(length) = self.mcu.poll_transmit(&mut packet) {
+        while let Some(packet) = self.device.next_packet() {
             if let Event::Message(bytes) = self
                 .replies
-                .push(&packet[..length])
+                .push(&packet)
                 .expect("the program sends good packets")
             {
                 match Message::from_bytes(bytes).expect("the program sends readable messages") {
@@ -77,10 +76,8 @@ impl Bench {
 
     fn message(&mut self, message: Message) {
         self.id = self.id.wrapping_add(1);
-        let mut packets = MessagePackets::new(&message, self.id).unwrap();
-        let mut packet = [0; PACKET_MAX];
-        while let Some(length) = packets.next_packet(&mut packet) {
-            let _ = self.mcu.packet(&packet[..length], self.now_us);
+        for packet in MessagePackets::new(&message, self.id).unwrap() {
+            let _ = self.device.packet(&packet, self.now_us);
         }
         self.listen();
     }
@@ -92,7 +89,7 @@ impl Bench {
     fn map_with(&mut self, info: MapInfo, map: &ForceMap) -> Vec<Action> {
         let mut actions = Vec::new();
         encode_map(&info, map, |packet| {
-            actions.push(self.mcu.packet(packet, self.now_us));
+            actions.push(self.device.packet(packet, self.now_us));
         });
         self.listen();
         actions
@@ -129,10 +126,10 @@ impl Bench {
     fn wait_ms(&mut self, ms: u64) -> GripForce {
         for _ in 0..ms {
             self.now_us += 1_000;
-            let _ = self.mcu.tick(self.now_us);
+            let _ = self.device.tick(self.now_us);
             self.listen();
         }
-        self.mcu.line()
+        self.device.program.line()
     }
 
     /// Maps at 60 Hz for a while; returns the last status.
@@ -146,7 +143,7 @@ impl Bench {
     }
 
     fn faults(&self) -> u32 {
-        self.mcu.status().faults
+        self.device.program.status().faults
     }
 }
 
@@ -167,7 +164,7 @@ fn contact_map(contact: usize, stick: usize) -> ForceMap {
     map
 }
 
-/// The same, but the slipping taxels pull to and fro, so that the load and the twist of the whole stay as they are.
+/// The same, but the slipping taxels pull to and fro, so that load and torsional moment of the whole map stay as they are.
 fn balanced_map(contact: usize, stick: usize) -> ForceMap {
     let mut map = contact_map(contact, contact);
     for (n, taxel) in map.taxels.iter_mut().take(contact).enumerate().skip(stick) {
@@ -304,7 +301,7 @@ fn a_falling_stick_ratio_is_incipient_before_it_is_low() {
 fn the_line_rises_fast_in_slip_and_never_beyond_the_ceiling() {
     let mut bench = Bench::holding();
     bench.maps_for_ms(&contact_map(100, 95), 300);
-    let before = bench.mcu.line();
+    let before = bench.device.program.line();
     let after = bench.maps_for_ms(&contact_map(100, 20), 100).line;
     assert!(
         after - before.lsb() > newtons(1.5),
@@ -357,14 +354,15 @@ fn the_line_relaxes_by_plan_only_and_only_after_it_stuck_long_enough() {
     }
 }
 
-/// A twist, of which no total shear tells: the grip force makes the stick ratio, as in a Hertzian contact that needs 4 N.
+/// A torsional moment, which total shear does not show. The grip force sets the stick ratio, as in a Hertzian contact that
+/// needs 4 N.
 #[test]
 fn the_line_comes_to_rest_however_few_taxels_touch() {
     for taxels in [1, 2, 3, 4, 5, 6, 7, 9, 10, 30] {
         let mut bench = Bench::holding();
         let mut lines = Vec::new();
         for _ in 0..2_400 {
-            let share = f64::from(newtons(4.0)) / f64::from(bench.mcu.line().lsb().max(1));
+            let share = f64::from(newtons(4.0)) / f64::from(bench.device.program.line().lsb().max(1));
             let stick = ((1.0 - share).max(0.0).powf(2.0 / 3.0) * f64::from(taxels)).round() as i32;
             let mut map = ForceMap::EMPTY;
             for (n, taxel) in (0..).zip(map.taxels.iter_mut().take(taxels as usize)) {
@@ -377,7 +375,7 @@ fn the_line_comes_to_rest_however_few_taxels_touch() {
             }
             bench.map(&map);
             bench.wait_ms(16);
-            lines.push(bench.mcu.line());
+            lines.push(bench.device.program.line());
         }
         let rest = &lines[1_800..];
         assert!(
@@ -417,7 +415,7 @@ fn loaded(bench: &mut Bench, friction: f64, load_n: f64) -> (f64, usize) {
         bench.map(&even_map(60, load.min(friction * force), force));
         lines[frame % lines.len()] = f64::from(bench.wait_ms(16).lsb());
     }
-    (f64::from(bench.mcu.line().lsb()), slid)
+    (f64::from(bench.device.program.line().lsb()), slid)
 }
 
 #[test]
@@ -472,7 +470,7 @@ fn what_a_contact_proved_ends_with_it() {
 #[test]
 fn a_twist_counts_as_the_shear_that_slides_as_soon() {
     // 64 taxels in a square that push crosswise: no shear in sum.
-    let twisted = |pull: i16| {
+    let turned = |pull: i16| {
         let mut map = ForceMap::EMPTY;
         for row in 6..14 {
             for column in 6..14 {
@@ -487,7 +485,7 @@ fn a_twist_counts_as_the_shear_that_slides_as_soon() {
     };
     let mut bench = Bench::holding();
     bench.command(Command::Configure(Configuration::DEFAULT));
-    let status = bench.maps_for_ms(&twisted(200), 2_000);
+    let status = bench.maps_for_ms(&turned(200), 2_000);
     assert_eq!(status.sums.force[0], 0);
     // 64 · 200 · 4 half pitches. The pressure's mean square distance is 42 square half pitches, of which a map's blur makes
     // 70/16, and its lever 0.85 of the root of the rest: √(16/22).
@@ -511,7 +509,7 @@ fn a_friction_is_expected_while_a_load_comes_on_and_only_then() {
         bench.map(&load(f64::from(step) / 12.0));
         bench.wait_ms(16);
     }
-    let coming = bench.mcu.line().lsb();
+    let coming = bench.device.program.line().lsb();
     assert!(
         (needs(0.65)..needs(0.52)).contains(&coming),
         "{coming} expected {}",
@@ -573,7 +571,7 @@ fn a_contact_that_half_sticks_slides_when_its_load_stalls_and_one_that_sticks_do
             bench.wait_ms(16);
         }
         bench.maps_for_ms(&partly_sticking(sticks, 0.45, normal), 64);
-        f64::from(bench.mcu.line().lsb())
+        f64::from(bench.device.program.line().lsb())
     };
     let [half, most] = [line_after(30), line_after(48)];
     assert!(half > 1.3 * most, "{half} where half stick, {most} where most do");
@@ -590,7 +588,7 @@ fn a_load_that_comes_slowly_after_a_rest_is_no_slide_though_only_half_sticks() {
             bench.map(&partly_sticking(sticks, 0.3 + 0.0025 * f64::from(step), normal));
             bench.wait_ms(16);
         }
-        f64::from(bench.mcu.line().lsb())
+        f64::from(bench.device.program.line().lsb())
     };
     let [half, most] = [line_after(30), line_after(48)];
     assert!(half < 1.1 * most, "{half} where half stick, {most} where most do");
@@ -643,7 +641,7 @@ fn release_lets_go_slowly_and_hold_closes_to_the_floor() {
         "20 N/s for 10 ms leaves 3,276, found {after_10_ms}"
     );
     assert_eq!(bench.wait_ms(100), GripForce::ZERO);
-    assert_eq!(bench.mcu.status().mode, GripMode::Released);
+    assert_eq!(bench.device.program.status().mode, GripMode::Released);
 }
 
 #[test]
@@ -673,7 +671,7 @@ fn a_host_with_another_schema_is_told_ours_and_refused() {
 #[test]
 fn a_setting_out_of_range_is_named_and_changes_nothing() {
     let mut bench = Bench::holding();
-    let before = *bench.mcu.settings();
+    let before = *bench.device.program.settings();
     bench.command(Command::Configure(Configuration {
         slip_threshold: 10_001,
         ..before
@@ -685,7 +683,7 @@ fn a_setting_out_of_range_is_named_and_changes_nothing() {
         most: 10_000,
     };
     assert_eq!(bench.reports, [Report::Refused(Refusal::OutOfRange(refusal))]);
-    assert_eq!(*bench.mcu.settings(), before);
+    assert_eq!(*bench.device.program.settings(), before);
     assert_ne!(bench.faults() & Fault::OutOfRange.bit(), 0);
 }
 
@@ -703,9 +701,9 @@ fn a_corrupted_map_changes_nothing_and_the_next_one_is_accepted() {
     });
     packets[3][20] ^= 0x10;
     for packet in &packets {
-        assert!(!bench.mcu.packet(packet, bench.now_us).decided);
+        assert!(!bench.device.packet(packet, bench.now_us).decided);
     }
-    let after = bench.mcu.status();
+    let after = bench.device.program.status();
     assert_eq!(
         (after.sums, after.state, after.sequence),
         (before.sums, before.state, before.sequence)
@@ -730,7 +728,7 @@ fn a_replayed_map_is_a_fault_and_changes_nothing() {
             .all(|action| !action.decided)
     );
     assert_ne!(bench.faults() & Fault::ReplayedMap.bit(), 0);
-    assert_eq!(bench.mcu.status().sums, before.sums);
+    assert_eq!(bench.device.program.status().sums, before.sums);
     bench.map(&contact_map(100, 90));
     assert_eq!(bench.faults() & Fault::ReplayedMap.bit(), 0);
 }
@@ -802,11 +800,11 @@ fn a_storm_of_bad_packets_is_a_latched_fault_that_holds_the_line() {
     let mut bench = Bench::holding();
     bench.maps_for_ms(&contact_map(100, 95), 200);
     for _ in 0..10 {
-        let _ = bench.mcu.packet(&[0xFF; 64], bench.now_us);
+        let _ = bench.device.packet(&[0xFF; 64], bench.now_us);
     }
     assert_ne!(bench.faults() & Fault::CrcStorm.bit(), 0);
     bench.maps_for_ms(&contact_map(100, 95), 400);
-    let status = bench.mcu.status();
+    let status = bench.device.program.status();
     assert_eq!(
         (status.faults & Fault::CrcStorm.bit(), status.latched),
         (0, Fault::CrcStorm.bit())
@@ -826,8 +824,8 @@ fn a_doubtful_picture_may_raise_the_line_but_not_lower_it() {
             ..MapInfo::default()
         };
         bench.map_with(info, &contact_map(100, 100));
-        assert!(bench.mcu.line().lsb() >= line);
-        line = bench.mcu.line().lsb();
+        assert!(bench.device.program.line().lsb() >= line);
+        line = bench.device.program.line().lsb();
     }
     assert_ne!(bench.faults() & Fault::UnhealthyMap.bit(), 0);
 }
@@ -846,8 +844,8 @@ fn a_saturated_map_holds_the_line_under_its_own_name() {
             ..MapInfo::default()
         };
         bench.map_with(info, &contact_map(100, 100));
-        assert!(bench.mcu.line().lsb() >= line);
-        line = bench.mcu.line().lsb();
+        assert!(bench.device.program.line().lsb() >= line);
+        line = bench.device.program.line().lsb();
     }
     assert_eq!(
         bench.faults() & (Fault::SaturatedMap.bit() | Fault::UnhealthyMap.bit()),
@@ -871,7 +869,7 @@ fn a_map_from_the_future_is_refused_until_the_next_believable_one_or_a_new_hands
     let future = info(&mut bench, 5_000_000);
     bench.map_with(future, &contact_map(100, 10));
     assert_ne!(bench.faults() & Fault::FutureMap.bit(), 0);
-    let status = bench.mcu.status();
+    let status = bench.device.program.status();
     assert_eq!((status.sums, status.maps_refused), (before.sums, 1));
     bench.map(&contact_map(100, 90));
     assert_eq!(bench.faults() & Fault::FutureMap.bit(), 0);
@@ -882,7 +880,7 @@ fn a_map_from_the_future_is_refused_until_the_next_believable_one_or_a_new_hands
     assert_eq!(bench.faults() & Fault::FutureMap.bit(), 0);
     let future = info(&mut bench, 5_000_000);
     bench.map_with(future, &contact_map(100, 80));
-    assert_eq!(bench.mcu.status().sums.stick, 80);
+    assert_eq!(bench.device.program.status().sums.stick, 80);
 }
 
 #[test]
@@ -912,13 +910,12 @@ fn messages_that_cannot_be_read_prove_no_host() {
     for _ in 0..600 {
         // A right CRC around a class that does not exist: as a host of a broken build would send it.
         let mut packets = MessagePackets::new(&Message::Command(Command::Hold), 1).unwrap();
-        let mut packet = [0; PACKET_MAX];
-        let length = packets.next_packet(&mut packet).unwrap();
+        let mut packet = packets.next().unwrap();
         packet[6] = 9;
-        let end = length - 4;
-        let crc = gripline_protocol::packet::crc32(packet[..end].iter().copied());
-        packet[end..length].copy_from_slice(&crc.to_le_bytes());
-        let _ = bench.mcu.packet(&packet[..length], bench.now_us);
+        let end = packet.len() - 4;
+        let crc = gripline_protocol::crc::crc32(packet[..end].iter().copied());
+        packet[end..].copy_from_slice(&crc.to_le_bytes());
+        let _ = bench.device.packet(&packet, bench.now_us);
         bench.wait_ms(1);
     }
     let expected = Fault::UnreadableMessage.bit() | Fault::LinkLost.bit() | Fault::StaleMaps.bit();
@@ -933,7 +930,7 @@ fn settings_are_stored_only_with_an_open_gripper() {
     bench.wait_ms(50);
     bench.command(Command::Store);
     assert_eq!(bench.reports.last(), Some(&Report::Refused(Refusal::Holding)));
-    assert_eq!(bench.mcu.take_store(), None);
+    assert_eq!(bench.device.program.take_store(), None);
     bench.command(Command::Release);
     bench.command(Command::Store);
     assert_eq!(
@@ -943,15 +940,15 @@ fn settings_are_stored_only_with_an_open_gripper() {
     );
     bench.wait_ms(200);
     bench.command(Command::Store);
-    assert_eq!(bench.mcu.take_store(), Some(Configuration::CAREFUL));
-    assert_eq!(bench.mcu.take_store(), None, "once");
-    bench.mcu.stored(Some(3));
+    assert_eq!(bench.device.program.take_store(), Some(Configuration::CAREFUL));
+    assert_eq!(bench.device.program.take_store(), None, "once");
+    bench.device.program.stored(Some(3));
     bench.listen();
     assert_eq!(bench.reports.last(), Some(&Report::Stored { writes: 3 }));
     // Who holds between the order and its turn is not stopped for it.
     bench.command(Command::Store);
     bench.command(Command::Hold);
-    assert_eq!(bench.mcu.take_store(), None);
+    assert_eq!(bench.device.program.take_store(), None);
     bench.listen();
     assert_eq!(bench.reports.last(), Some(&Report::Refused(Refusal::Holding)));
 }
@@ -970,7 +967,7 @@ fn a_start_with_stored_settings_has_them_in_force_and_one_with_lost_settings_tel
         stored,
         ..Start::default()
     });
-    assert_eq!(bench.mcu.settings().friction, 3_000);
+    assert_eq!(bench.device.program.settings().friction, 3_000);
     assert_eq!(bench.faults(), 0);
     let mut bench = Bench::starting(Start {
         stored: Stored {
@@ -979,31 +976,40 @@ fn a_start_with_stored_settings_has_them_in_force_and_one_with_lost_settings_tel
         },
         ..Start::default()
     });
-    assert_eq!(*bench.mcu.settings(), Configuration::DEFAULT);
-    assert_eq!(bench.mcu.status().latched, Fault::SettingsLost.bit());
+    assert_eq!(*bench.device.program.settings(), Configuration::DEFAULT);
+    assert_eq!(bench.device.program.status().latched, Fault::SettingsLost.bit());
     // New settings end the fault; a person acknowledges it.
     bench.message(Message::Hello(Hello::of_this_build(0, 1)));
     bench.command(Command::Configure(Configuration::CAREFUL));
     bench.command(Command::Acknowledge {
         faults: Fault::SettingsLost.bit(),
     });
-    assert_eq!((bench.faults(), bench.mcu.status().latched), (0, 0));
+    assert_eq!((bench.faults(), bench.device.program.status().latched), (0, 0));
 }
 
 #[test]
 fn a_map_that_takes_longer_than_its_bound_is_told_and_held_against_nothing() {
     let mut bench = Bench::holding();
     let held = bench.maps_for_ms(&contact_map(100, 95), 300).line;
-    bench.mcu.note_cycles(Stage::Decide, DECIDE_BUDGET_CYCLES);
+    bench
+        .device
+        .program
+        .note_cycles(Stage::Decide, DECIDE_BUDGET_CYCLES);
     assert_eq!(bench.faults(), 0, "the bound itself is kept");
-    bench.mcu.note_cycles(Stage::Decide, DECIDE_BUDGET_CYCLES + 1);
+    bench
+        .device
+        .program
+        .note_cycles(Stage::Decide, DECIDE_BUDGET_CYCLES + 1);
     let late = bench.map(&contact_map(100, 95));
     assert_eq!((late.faults, late.latched), (Fault::DeadlineMissed.bit(), 0));
     assert_eq!(late.line, held);
-    bench.mcu.note_cycles(Stage::Decide, DECIDE_BUDGET_CYCLES);
+    bench
+        .device
+        .program
+        .note_cycles(Stage::Decide, DECIDE_BUDGET_CYCLES);
     assert_eq!(bench.faults(), 0);
     assert_eq!(
-        bench.mcu.status().worst_cycles[Stage::Decide as usize],
+        bench.device.program.status().worst_cycles[Stage::Decide as usize],
         DECIDE_BUDGET_CYCLES + 1,
         "the worst stays to be seen"
     );
@@ -1019,8 +1025,8 @@ fn after_a_watchdog_reset_the_line_is_the_old_one_until_a_person_has_looked() {
         ..Start::default()
     };
     let mut bench = Bench::starting(start);
-    assert_eq!(bench.mcu.line(), old);
-    assert_eq!(bench.mcu.status().latched, Fault::WatchdogReset.bit());
+    assert_eq!(bench.device.program.line(), old);
+    assert_eq!(bench.device.program.status().latched, Fault::WatchdogReset.bit());
     assert!(bench.wait_ms(3_000) >= old);
 }
 
@@ -1032,7 +1038,7 @@ fn a_restored_line_beyond_every_gripper_becomes_the_greatest_and_does_not_wrap()
             restored_line: Some(GripForce::from_lsb(kept)),
             ..Start::default()
         });
-        assert_eq!(bench.mcu.line().lsb(), newtons(125.0), "{kept}");
+        assert_eq!(bench.device.program.line().lsb(), newtons(125.0), "{kept}");
     }
 }
 
@@ -1041,7 +1047,7 @@ fn a_host_that_was_silent_for_twenty_minutes_need_not_shake_hands_again() {
     let mut bench = Bench::holding();
     bench.maps_for_ms(&contact_map(100, 95), 200);
     bench.now_us += 20 * 60_000_000;
-    let _ = bench.mcu.tick(bench.now_us);
+    let _ = bench.device.tick(bench.now_us);
     // `map` wants every map accepted.
     let status = bench.maps_for_ms(&contact_map(100, 95), 200);
     assert_eq!(status.faults & Fault::FutureMap.bit(), 0);
@@ -1134,9 +1140,9 @@ proptest! {
     fn any_bytes_leave_the_line_where_safety_allows(packets in proptest::collection::vec((any_bytes(), 0..30_u64), 0..60)) {
         let mut bench = Bench::holding();
         bench.maps_for_ms(&contact_map(100, 95), 200);
-        let mut line = bench.mcu.line();
+        let mut line = bench.device.program.line();
         for (packet, ms) in packets {
-            let _ = bench.mcu.packet(&packet, bench.now_us);
+            let _ = bench.device.packet(&packet, bench.now_us);
             let now = bench.wait_ms(ms);
             prop_assert!(now >= line, "the line fell from {line:?} to {now:?}");
             prop_assert!(now.lsb() >= Configuration::CAREFUL.floor && now.lsb() <= Configuration::CAREFUL.ceiling);
@@ -1149,7 +1155,7 @@ proptest! {
 fn a_line_that_fails_is_a_fault_that_holds_ends_with_it_and_lets_a_person_release() {
     let mut bench = Bench::cold();
     bench.message(Message::Hello(Hello::of_this_build(0, 1)));
-    bench.mcu.note_line(LineHealth::Starting);
+    bench.device.program.note_line(LineHealth::Starting);
     assert_eq!(
         bench.faults() & Fault::LineFailed.bit(),
         0,
@@ -1158,7 +1164,7 @@ fn a_line_that_fails_is_a_fault_that_holds_ends_with_it_and_lets_a_person_releas
     bench.command(Command::Hold);
     bench.wait_ms(100);
     for health in LineHealth::ALL {
-        bench.mcu.note_line(health);
+        bench.device.program.note_line(health);
         let expected = health != LineHealth::Good;
         assert_eq!(
             bench.faults() & Fault::LineFailed.bit() != 0,
@@ -1174,8 +1180,8 @@ fn a_line_that_fails_is_a_fault_that_holds_ends_with_it_and_lets_a_person_releas
         .any(|report| matches!(report, Report::Refused(_)));
     assert!(!refused, "{:?}", bench.reports);
     bench.wait_ms(2_000);
-    assert_eq!(bench.mcu.line(), GripForce::ZERO);
-    bench.mcu.note_line(LineHealth::Good);
+    assert_eq!(bench.device.program.line(), GripForce::ZERO);
+    bench.device.program.note_line(LineHealth::Good);
     assert_eq!(bench.faults() & Fault::LineFailed.bit(), 0);
 }
 
@@ -1196,7 +1202,7 @@ fn a_clock_that_leaps_for_a_moment_lets_the_line_fall_by_no_more_than_a_frames_w
         bench.map(&sticking);
         for _ in 0..16 {
             bench.now_us += 1_000;
-            let _ = bench.mcu.tick(bench.now_us);
+            let _ = bench.device.tick(bench.now_us);
         }
     }
     // Less shear: the plan lets the line fall.
@@ -1208,14 +1214,14 @@ fn a_clock_that_leaps_for_a_moment_lets_the_line_fall_by_no_more_than_a_frames_w
         if ms % 16 == 0 {
             bench.map(&sticking);
         }
-        let before = bench.mcu.line().lsb();
+        let before = bench.device.program.line().lsb();
         bench.now_us += 1_000;
         let told_us = match ms % 200 {
             99 => bench.now_us - 65_536,
             199 => bench.now_us + 65_536,
             _ => bench.now_us,
         };
-        let line = bench.mcu.tick(told_us).line.lsb();
+        let line = bench.device.tick(told_us).line.lsb();
         // 4,096 a second, so 82 in 20 ms.
         let most = if ms % 100 == 99 || ms % 100 == 0 { 83 } else { 5 };
         assert!(before - line <= most, "{before} to {line} after {ms} ms");

@@ -1,15 +1,13 @@
-//! Packets in a byte stream (UART): each is COBS-encoded and ended by a zero byte, so that a receiver finds its
-//! place again after any disturbance at the next zero. Limits: 64 bytes of packet, 66 of frame including the zero.
+//! Packets in a byte stream (UART). Each packet is COBS-encoded and ends with a zero byte, so a receiver resynchronises at
+//! the next zero after any disturbance. Limits: 64 bytes of packet, 66 bytes of frame with the zero.
 
 use crate::constants::PACKET_MAX;
 
 /// Longest frame in bytes: one byte of overhead up to 254 bytes of packet, and the zero.
 pub const FRAME_MAX: usize = PACKET_MAX + 2;
 
-/// Writes the frame of one packet and returns its length, the zero at the end included.
-///
-/// # Panics
-/// Never for packets of at most 64 bytes; longer ones are cut off to 64, which no encoder of this crate produces.
+/// Writes the frame of one packet. Returns the frame's length with the zero at its end. Packets have at most 64 bytes;
+/// whatever follows them is cut off.
 #[must_use]
 pub fn encode_packet(packet: &[u8], frame: &mut [u8; FRAME_MAX]) -> usize {
     let packet = &packet[..packet.len().min(PACKET_MAX)];
@@ -20,20 +18,22 @@ pub fn encode_packet(packet: &[u8], frame: &mut [u8; FRAME_MAX]) -> usize {
 
 /// What a byte of the stream completed.
 #[derive(Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Frame<'a> {
     /// A packet, ready for [`crate::Parser::push`].
     Packet(&'a [u8]),
-    /// A frame that was too long or not COBS: tell the parser with [`crate::Parser::refuse`].
+    /// A frame that is too long or not COBS. Tell the parser: [`crate::Parser::refuse`].
     Malformed,
 }
 
 /// Finds packets in a byte stream.
 #[derive(Debug)]
 pub struct CobsDecoder {
-    frame: [u8; FRAME_MAX - 1],
-    length: usize,
-    /// More bytes came than any frame has; everything up to the next zero is dropped.
+    frame: heapless::Vec<u8, { FRAME_MAX - 1 }>,
+    /// The frame is longer than any valid one: drop everything up to the next zero.
     overlong: bool,
+    /// The frame has ended; the next byte starts another one.
+    is_complete: bool,
 }
 
 impl Default for CobsDecoder {
@@ -47,33 +47,30 @@ impl CobsDecoder {
     #[must_use]
     pub const fn new() -> Self {
         Self {
-            frame: [0; FRAME_MAX - 1],
-            length: 0,
+            frame: heapless::Vec::new(),
             overlong: false,
+            is_complete: false,
         }
     }
 
-    /// Takes one byte. `None` while a frame is under way, and for the zeros between frames.
+    /// Takes one byte. `None` inside a frame, and for the zeros between frames.
     pub fn push(&mut self, byte: u8) -> Option<Frame<'_>> {
+        if self.is_complete {
+            self.frame.clear();
+            self.is_complete = false;
+        }
         if byte != 0 {
-            match self.frame.get_mut(self.length) {
-                Some(place) => {
-                    *place = byte;
-                    self.length += 1;
-                }
-                None => self.overlong = true,
-            }
+            self.overlong |= self.frame.push(byte).is_err();
             return None;
         }
-        let length = core::mem::take(&mut self.length);
-        let overlong = core::mem::take(&mut self.overlong);
-        if overlong {
+        self.is_complete = true;
+        if core::mem::take(&mut self.overlong) {
             return Some(Frame::Malformed);
         }
-        if length == 0 {
+        if self.frame.is_empty() {
             return None;
         }
-        match ::cobs::decode_in_place(&mut self.frame[..length]) {
+        match ::cobs::decode_in_place(&mut self.frame) {
             Ok(decoded) => Some(Frame::Packet(&self.frame[..decoded])),
             Err(_) => Some(Frame::Malformed),
         }

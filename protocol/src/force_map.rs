@@ -1,5 +1,5 @@
 //! The force map in the wire's units: 20×20 taxels of (fx, fy, fz) in 1/4096 N, row-major, x to the right and y up
-//! as seen from outside the sensor (row 0 is the lowest y), z positive into the skin.
+//! as seen from outside the sensor (row 0 is the lowest y), z positive into the surface.
 //! Limits: ±8 N a taxel; conversion from newtons saturates and counts, and refuses NaN and infinity.
 
 use core::fmt;
@@ -14,7 +14,7 @@ pub struct TaxelForce {
     pub x: i16,
     /// Shear along the columns (up seen from outside).
     pub y: i16,
-    /// Normal force, positive into the skin.
+    /// Normal force, positive into the surface.
     pub z: i16,
 }
 
@@ -22,7 +22,7 @@ impl TaxelForce {
     /// No force at all: such a taxel is not sent.
     pub const ZERO: Self = Self { x: 0, y: 0, z: 0 };
 
-    /// As it stands on the wire: x, y, z, little-endian.
+    /// The bytes on the wire: x, y, z, little-endian.
     #[inline]
     #[must_use]
     pub const fn from_le_bytes([x0, x1, y0, y1, z0, z1]: [u8; TAXEL_BYTES]) -> Self {
@@ -33,7 +33,7 @@ impl TaxelForce {
         }
     }
 
-    /// As it stands on the wire: x, y, z, little-endian.
+    /// The bytes on the wire: x, y, z, little-endian.
     #[inline]
     #[must_use]
     pub const fn to_le_bytes(self) -> [u8; TAXEL_BYTES] {
@@ -58,12 +58,14 @@ impl fmt::Debug for ForceMap {
     }
 }
 
-/// How many of the 1,200 components did not fit ±8 N and were set to the nearest end.
+/// How many of the 1,200 components exceeded ±8 N and were clipped.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Saturated(pub u16);
 
-/// A force that is not a number: the map is refused whole.
+/// A force that is NaN or infinite: the whole map is refused.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct NotFinite {
     /// Taxel `row * 20 + column`.
     pub taxel: u16,
@@ -131,7 +133,7 @@ impl ForceMap {
             .map(|force| [newton(force.x), newton(force.y), newton(force.z)])
     }
 
-    /// The taxels that carry any force, which are the ones that travel.
+    /// The taxels with any force; only these are sent.
     #[must_use]
     pub fn active(&self) -> ActiveSet {
         let mut active = ActiveSet::EMPTY;
@@ -150,8 +152,8 @@ impl ForceMap {
 #[must_use]
 pub fn quantise_component(newton: f64) -> (i16, bool) {
     let scaled = newton * f64::from(LSB_PER_NEWTON);
-    // `as` truncates towards zero and saturates, and what it cut off is exact. (Half a step added first would be rounded
-    // itself: it carries the number just below a half over.)
+    // `as` truncates towards zero and saturates; the remainder is exact. (Adding half a step first would round too: it carries
+    // the number just below a half over.)
     let whole = scaled as i64;
     let rest = scaled - whole as f64;
     let rounded = whole.saturating_add(i64::from(rest >= 0.5) - i64::from(rest <= -0.5));
@@ -159,7 +161,7 @@ pub fn quantise_component(newton: f64) -> (i16, bool) {
     (clipped as i16, clipped != rounded)
 }
 
-/// The set of taxels that a map carries, one bit each, taxel 0 in the lowest bit of byte 0.
+/// The taxels that a map carries, one bit each; taxel 0 is the lowest bit of byte 0.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ActiveSet {
     bytes: [u8; BITMAP_BYTES],
@@ -171,13 +173,13 @@ impl ActiveSet {
         bytes: [0; BITMAP_BYTES],
     };
 
-    /// The set as it stands on the wire.
+    /// The bytes on the wire.
     #[must_use]
     pub const fn from_bytes(bytes: [u8; BITMAP_BYTES]) -> Self {
         Self { bytes }
     }
 
-    /// The set as it stands on the wire.
+    /// The bytes on the wire.
     #[must_use]
     pub const fn as_bytes(&self) -> &[u8; BITMAP_BYTES] {
         &self.bytes
@@ -204,17 +206,16 @@ impl ActiveSet {
         self.bytes.iter().map(|byte| byte.count_ones() as u16).sum()
     }
 
-    /// Writes the taxels' places in ascending order and returns how many there are. What lies behind them in `out` is
-    /// some place on the map.
+    /// Writes the taxels' places in ascending order and returns their number. The rest of `out` holds any places of the map.
     ///
-    /// The receiver does this once per map, so that later packets need no bit search. The work is the same for every
-    /// set: four bits a step, whose places are all written and then kept as far as there are any.
+    /// The receiver does this once per map, so later packets need no bit search. The work is the same for every set: each
+    /// step writes four places and keeps those whose bits are set.
     pub fn places(&self, out: &mut [Place; TAXELS]) -> u16 {
         let (mut count, mut first) = (0_usize, Place::new(0, 0));
         for &byte in &self.bytes {
             for nibble in [byte & 0xF, byte >> 4] {
                 let ([a, b, c, d], more) = NIBBLES[usize::from(nibble & 0xF)];
-                // So many more than those of the bits before always fit.
+                // Four more than the bits before always fit.
                 if let Some([w, x, y, z]) = out.get_mut(count..count + NIBBLE) {
                     *w = Place(first.0 + a);
                     *x = Place(first.0 + b);
@@ -233,10 +234,10 @@ impl ActiveSet {
     }
 }
 
-/// Bits that [`ActiveSet::places`] looks at together.
+/// Bits per step of [`ActiveSet::places`].
 const NIBBLE: usize = 4;
 
-/// For every four bits: the columns of those that are set, and how many they are.
+/// For every four bits: the columns of the set ones, and their number.
 static NIBBLES: [([u32; NIBBLE], u32); 1 << NIBBLE] = {
     let mut nibbles = [([0; NIBBLE], 0); 1 << NIBBLE];
     let mut bits = 0;
@@ -255,9 +256,10 @@ static NIBBLES: [([u32; NIBBLE], u32); 1 << NIBBLE] = {
     nibbles
 };
 
-/// A taxel's place: its column in the lower half-word, its row in the upper one, both from 0, as the microcontroller's
-/// instructions on pairs of half-words want them.
+/// A taxel's place: column in the lower half-word, row in the upper one, both from 0. The microcontroller's instructions on
+/// pairs of half-words need this layout.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[repr(transparent)]
 pub struct Place(u32);
 

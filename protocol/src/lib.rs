@@ -1,14 +1,14 @@
 //! What crosses the wire between host and microcontroller, and nothing else.
 //!
 //! - [`force_map`]: the 20×20×3 map in 1/4096 N and its conversion from newtons.
-//! - [`packet`]: packets of at most 64 bytes, which every transport carries.
-//! - [`map_codec`]: a map cut into packets that can be worked on as they land.
+//! - [`packet`]: packets of at most 64 bytes, which every transport carries; [`crc`]: the check at the end.
+//! - [`map_codec`]: a map cut into packets, each of which can be processed as it arrives.
 //! - [`message`]: commands, status, handshake.
-//! - [`configuration`]: everything that can be set, and its ranges; [`mod@line`]: the part of it about the line.
+//! - [`configuration`]: all settings and their ranges; [`mod@line`]: those of the grip-force line.
 //! - [`parser`]: bytes in, events out; one parser for USB, UART and the in-process link.
 //! - [`cobs`]: packets in a byte stream.
 //!
-//! Everything here is free of allocation and IO, and no input makes it panic.
+//! No allocation, no IO, and no input makes it panic.
 #![no_std]
 #![forbid(unsafe_code)]
 
@@ -18,6 +18,7 @@ extern crate std;
 pub mod cobs;
 pub mod configuration;
 pub mod constants;
+pub mod crc;
 pub mod force_map;
 pub mod line;
 pub mod map_codec;
@@ -29,4 +30,5 @@ pub mod sequence;
 pub use constants::{LSB_PER_NEWTON, PACKET_MAX, PER_UNIT, SENSORS, SIDE, TAXELS};
 pub use force_map::{ForceMap, NotFinite, Place, Saturated, TaxelForce};
 pub use map_codec::{Health, MapInfo, encode_map, map_bytes};
-pub use parser::{Event, MessageParser, PacketError, Parser};
+pub use packet::{Packet, PacketError};
+pub use parser::{Event, MapParser, MessageParser, Parser};

@@ -5,7 +5,7 @@ use postcard_schema::Schema;
 
 use crate::constants::LSB_PER_NEWTON;
 
-/// Where the grip force goes. The analog line always shows it, so that it can be watched beside a gripper on a bus.
+/// Which line drives the gripper. The analog line always shows the force too, so one can watch it beside a bus gripper.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum LineKind {
@@ -16,7 +16,7 @@ pub enum LineKind {
     Robotiq2f140,
 }
 
-/// A point of the calibration: this code makes the gripper grip with this force.
+/// A calibration point: the gripper grips with this force at this code.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct LinePoint {
@@ -28,15 +28,15 @@ pub struct LinePoint {
 
 /// Points of the calibration table.
 pub const LINE_POINTS: usize = 5;
-/// Least code for no force, 5 % of the scale: less cannot be told from a broken wire.
+/// Minimum code for no force, 5 % of the scale: a lower one looks like a broken wire.
 pub const LIVE_ZERO_MIN: u16 = 205;
-/// Forces that a Robotiq 2F-140 grips with, newtons, least and most (its manual, section 6, specifications).
+/// Minimum and maximum grip force of a Robotiq 2F-140, newtons (its manual, section 6, specifications).
 pub const ROBOTIQ_FORCE_N: [i32; 2] = [10, 125];
 /// Largest code of a 12-bit DAC.
 pub const DAC_CODE_MAX: u16 = 4_095;
 
-/// The line's settings. They are taken at the start of the microcontroller, never under way: with something in the
-/// gripper the same force must not become another voltage.
+/// The line's settings. They take effect at the microcontroller's start only: with an object in the gripper, the same force
+/// must not become another voltage.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct LineSettings {
@@ -75,7 +75,7 @@ impl LineSettings {
         }
     };
 
-    /// Least and most that the line can be told to grip with, 1/4096 N; no force but 0 lies below the least.
+    /// Minimum and maximum force of the line, 1/4096 N. Below the minimum there is only 0.
     #[must_use]
     pub const fn force_range(&self) -> [i32; 2] {
         match self.kind {
@@ -87,8 +87,8 @@ impl LineSettings {
         }
     }
 
-    /// (found, least, most) of every setting: a table that starts at 0 N with a live zero and rises from point to
-    /// point, so that more force is never a lower code.
+    /// (found, min, max) of every setting. The table starts at 0 N with a live zero and rises from point to point, so more
+    /// force is never a lower code.
     #[must_use]
     pub fn ranges(&self, most_force: i32) -> [(i32, i32, i32); 2 * LINE_POINTS] {
         let code_max = i32::from(DAC_CODE_MAX);

@@ -1,4 +1,4 @@
-//! A force map cut into self-contained packets that the receiver can work on as they land.
+//! A force map cut into self-contained packets, which the receiver can process as they arrive.
 //!
 //! Little-endian, no varints. The head packet is always 64 bytes: header, sequence u32, capture time u32 (µs),
 //! contents u16 (number of taxels in bits 0–8, [`Health`] in bits 9–15), bitmap of 400 bits. Then full packets of ten
@@ -8,16 +8,17 @@
 use crate::constants::{
     BITMAP_BYTES, CRC_BYTES, PACKET_HEADER, PACKET_MAX, TAXEL_BYTES, TAXELS, TAXELS_PER_PACKET,
 };
+use crate::crc::RunningCrc;
 use crate::force_map::{ActiveSet, ForceMap, TaxelForce};
-use crate::packet::{Header, Kind, RunningCrc};
+use crate::packet::{Header, Kind, Packet};
 
-/// What the host knows about the picture behind a map; any flag set makes the map doubtful.
+/// Health of the picture behind a map. Any flag makes the map doubtful.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Health(u8);
 
 impl Health {
-    /// Nothing to report.
+    /// No flag.
     pub const GOOD: Self = Self(0);
     /// The picture is darker than the network was trained for.
     pub const TOO_DARK: Self = Self(1);
@@ -25,9 +26,9 @@ impl Health {
     pub const TOO_BRIGHT: Self = Self(1 << 1);
     /// The picture is unlike anything in training.
     pub const UNLIKE_TRAINING: Self = Self(1 << 2);
-    /// Particles could not be found again.
+    /// Tracked particles were lost.
     pub const PARTICLES_LOST: Self = Self(1 << 3);
-    /// Some forces did not fit ±8 N.
+    /// Some forces exceeded ±8 N.
     pub const SATURATED: Self = Self(1 << 4);
     const MASK: u8 = 0x7F;
 
@@ -49,7 +50,7 @@ impl Health {
         Self(self.0 | other.0)
     }
 
-    /// These flags but those of `other`.
+    /// These flags without those of `other`.
     #[must_use]
     pub const fn without(self, other: Self) -> Self {
         Self(self.0 & !other.0)
@@ -68,24 +69,24 @@ impl Health {
     }
 }
 
-/// What travels with a map besides its forces.
+/// What a map carries besides its forces.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct MapInfo {
     /// Which fingertip, 0 or 1.
     pub sensor: u8,
-    /// Number of the map, one more than that of the map before; wraps.
+    /// Sequence number: one more than the previous map's; wraps.
     pub sequence: u32,
     /// When the picture was taken, microseconds of the host's clock; wraps after 71 minutes.
     pub capture_us: u32,
-    /// What the host knows against this map.
+    /// Health of the picture.
     pub health: Health,
 }
 
 pub(crate) const HEAD_BYTES: usize = PACKET_HEADER + 4 + 4 + 2 + BITMAP_BYTES;
 const _: () = assert!(HEAD_BYTES == PACKET_MAX);
 
-/// Bytes on the wire of a map with so many active taxels, packet headers included.
+/// Bytes on the wire of a map with this number of active taxels, packet headers included.
 #[must_use]
 pub const fn map_bytes(active: usize) -> usize {
     let (full, rest) = (active / TAXELS_PER_PACKET, active % TAXELS_PER_PACKET);
@@ -100,75 +101,60 @@ pub const fn map_bytes(active: usize) -> usize {
 const _: () = assert!(map_bytes(TAXELS) <= 2_720 && map_bytes(100) <= 740);
 const _: () = assert!(map_bytes(TAXELS).div_ceil(PACKET_MAX) == 42);
 
-/// Cuts a map into packets and hands each of them, at most 64 bytes, to `send` in order.
+/// Cuts a map into packets of at most 64 bytes and hands them to `send` in order.
 pub fn encode_map(info: &MapInfo, map: &ForceMap, mut send: impl FnMut(&[u8])) {
     let active = map.active();
     let count = active.count();
     let mut crc = RunningCrc::new();
-    let mut packet = PacketBuffer::new(info, Kind::MapHead, 0);
-    packet.put(&info.sequence.to_le_bytes());
-    packet.put(&info.capture_us.to_le_bytes());
-    packet.put(&(count | u16::from(info.health.bits()) << 9).to_le_bytes());
-    packet.put(active.as_bytes());
-    crc.update(packet.bytes());
-    send(packet.bytes());
+    let mut packet = packet_of(info, Kind::MapHead, 0);
+    put(&mut packet, &info.sequence.to_le_bytes());
+    put(&mut packet, &info.capture_us.to_le_bytes());
+    put(
+        &mut packet,
+        &(count | u16::from(info.health.bits()) << 9).to_le_bytes(),
+    );
+    put(&mut packet, active.as_bytes());
+    crc.update(&packet);
+    send(&packet);
 
     let mut index = 1;
-    packet = PacketBuffer::new(info, Kind::MapTaxels, index);
+    packet = packet_of(info, Kind::MapTaxels, index);
     for force in map.taxels.iter().filter(|force| **force != TaxelForce::ZERO) {
-        for component in [force.x, force.y, force.z] {
-            packet.put(&component.to_le_bytes());
-        }
-        if packet.length == PACKET_MAX {
-            crc.update(packet.bytes());
-            send(packet.bytes());
+        put(&mut packet, &force.to_le_bytes());
+        if packet.is_full() {
+            crc.update(&packet);
+            send(&packet);
             index += 1;
-            packet = PacketBuffer::new(info, Kind::MapTaxels, index);
+            packet = packet_of(info, Kind::MapTaxels, index);
         }
     }
-    packet.set_kind(Kind::MapTail);
-    crc.update(packet.bytes());
-    packet.put(&crc.finish().to_le_bytes());
-    send(packet.bytes());
+    // The last packet is a tail: its kind is in the lower half of its first byte.
+    packet[0] = packet[0] & 0xF0 | Kind::MapTail as u8;
+    crc.update(&packet);
+    put(&mut packet, &crc.finish().to_le_bytes());
+    send(&packet);
 }
 
-struct PacketBuffer {
-    bytes: [u8; PACKET_MAX],
-    length: usize,
+/// A packet of a map with its header and nothing else.
+fn packet_of(info: &MapInfo, kind: Kind, index: u8) -> Packet {
+    let header = Header {
+        kind,
+        owner: info.sensor,
+        sequence: info.sequence as u8,
+        index,
+    };
+    let mut packet = Packet::new();
+    put(&mut packet, &header.to_bytes());
+    packet
 }
 
-impl PacketBuffer {
-    fn new(info: &MapInfo, kind: Kind, index: u8) -> Self {
-        let header = Header {
-            kind,
-            owner: info.sensor,
-            sequence: info.sequence as u8,
-            index,
-        };
-        let mut buffer = Self {
-            bytes: [0; PACKET_MAX],
-            length: 0,
-        };
-        buffer.put(&header.to_bytes());
-        buffer
-    }
-
-    fn put(&mut self, bytes: &[u8]) {
-        // Every caller stays within 64 bytes by the constants above.
-        self.bytes[self.length..self.length + bytes.len()].copy_from_slice(bytes);
-        self.length += bytes.len();
-    }
-
-    fn set_kind(&mut self, kind: Kind) {
-        self.bytes[0] = self.bytes[0] & 0xF0 | kind as u8;
-    }
-
-    fn bytes(&self) -> &[u8] {
-        &self.bytes[..self.length]
-    }
+/// Appends bytes. By the constants above no packet of a map outgrows 64 bytes.
+fn put(packet: &mut Packet, bytes: &[u8]) {
+    let fits = packet.extend_from_slice(bytes);
+    debug_assert!(fits.is_ok());
 }
 
-/// The head packet's contents after the header. The count is what it says, not yet compared with the set.
+/// The head packet's contents after the header. `count` is not yet compared with `active`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Head {
     pub(crate) info: MapInfo,

@@ -1,4 +1,4 @@
-//! The four bytes in front of every packet, and the CRC-32 that ends every map and every message.
+//! The four bytes in front of every packet, and why a packet is refused.
 //!
 //! | byte | map packets | message packets |
 //! |---|---|---|
@@ -7,8 +7,12 @@
 //! | 2 | lowest byte of the map's sequence number | number of fragments |
 //! | 3 | index of the packet in the map | index of the fragment |
 
-use crate::constants::{PACKET_HEADER, WIRE_VERSION};
-use crate::parser::PacketError;
+use core::fmt;
+
+use crate::constants::{PACKET_HEADER, PACKET_MAX, SENSORS, WIRE_VERSION};
+
+/// One packet as it crosses the wire, at most 64 bytes.
+pub type Packet = heapless::Vec<u8, PACKET_MAX>;
 
 /// What a packet is part of.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -51,13 +55,14 @@ impl Kind {
     }
 }
 
-/// The version and the kind.
+/// Version in the upper half, kind in the lower.
 const fn first_byte(kind: Kind) -> u8 {
     WIRE_VERSION << 4 | kind as u8
 }
 
 /// A packet's first four bytes, decoded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Header {
     /// What the packet is part of.
     pub kind: Kind,
@@ -96,126 +101,65 @@ impl Header {
     }
 }
 
-/// The reflected polynomial of CRC-32/ISO-HDLC.
-const POLYNOMIAL: u32 = 0xEDB8_8320;
-
-/// What a byte makes of the CRC when 0 to 3 bytes follow it in the same word: four bytes a step, a quarter of the work
-/// of the plain table, for 4 KiB. (The `crc` crate has one byte a step in 1 KiB or sixteen in 16 KiB.)
-/// Four tables and not one of four rows, so that each has its address in a register.
-static CRC_0: [u32; 256] = crc_table(0);
-static CRC_1: [u32; 256] = crc_table(1);
-static CRC_2: [u32; 256] = crc_table(2);
-static CRC_3: [u32; 256] = crc_table(3);
-
-const fn crc_table(following: usize) -> [u32; 256] {
-    let mut table = [0; 256];
-    let mut byte = 0;
-    while byte < 256 {
-        let (mut crc, mut bit) = (byte as u32, 0);
-        while bit < 8 * (1 + following) {
-            crc = if crc & 1 == 1 {
-                crc >> 1 ^ POLYNOMIAL
-            } else {
-                crc >> 1
-            };
-            bit += 1;
-        }
-        table[byte] = crc;
-        byte += 1;
-    }
-    table
+/// Why a packet was refused. The map or message it belonged to is void.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum PacketError {
+    /// Shorter than its kind allows, or longer than 64 bytes.
+    Length {
+        /// Bytes found.
+        found: u16,
+        /// Bytes expected; the smallest allowed where there is a range.
+        expected: u16,
+    },
+    /// Another packet layout, or no packet of ours.
+    Version {
+        /// The packet's first byte.
+        found: u8,
+    },
+    /// A sensor that does not exist.
+    Sensor {
+        /// The sensor's number; 0 and 1 exist.
+        found: u8,
+    },
+    /// A head whose number of taxels and bitmap disagree.
+    Contents,
+    /// Not the packet that had to come next: lost, doubled or reordered.
+    Order {
+        /// Index found.
+        found: u8,
+        /// Index expected; 0 when nothing was under way.
+        expected: u8,
+    },
+    /// The CRC at the end of a map or message is wrong.
+    Crc,
 }
 
-/// Words a round.
-const WORDS_AT_ONCE: usize = 4;
-
-/// A CRC-32 (ISO-HDLC) under way, over every byte of a map or message in order, headers included.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct RunningCrc(u32);
-
-impl RunningCrc {
-    pub(crate) const fn new() -> Self {
-        Self(u32::MAX)
-    }
-
-    /// Takes bytes in; by words when they lie at an address that words may have.
-    #[inline]
-    pub(crate) fn update(&mut self, bytes: &[u8]) {
-        let (start, rest) = bytes.split_at(bytes.len() & !3);
-        let Ok(words) = bytemuck::try_cast_slice::<u8, u32>(start) else {
-            return self.update_bytes(bytes);
-        };
-        let (blocks, words) = words.as_chunks::<WORDS_AT_ONCE>();
-        // One after the other by hand: the compiler would count to four.
-        for &[first, second, third, fourth] in blocks {
-            self.update_word(first);
-            self.update_word(second);
-            self.update_word(third);
-            self.update_word(fourth);
+impl fmt::Display for PacketError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match *self {
+            Self::Length { found, expected } => write!(f, "packet of {found} bytes, expected {expected}"),
+            Self::Version { found } => write!(
+                f,
+                "packet starts with {found:#04x}: expected wire version {WIRE_VERSION} and a known kind; \
+                 flash the firmware that belongs to this host"
+            ),
+            Self::Sensor { found } => write!(f, "sensor {found}, expected 0 to {}", SENSORS - 1),
+            Self::Contents => f.write_str("map head whose taxel count and bitmap disagree"),
+            Self::Order { found, expected } => {
+                write!(f, "packet {found} of a map or message, expected {expected}")
+            }
+            Self::Crc => f.write_str("CRC-32 does not match"),
         }
-        for &word in words {
-            self.update_word(word);
-        }
-        for &byte in rest {
-            self.update_byte(byte);
-        }
-    }
-
-    #[cold]
-    #[inline(never)]
-    fn update_bytes(&mut self, bytes: &[u8]) {
-        for &byte in bytes {
-            self.update_byte(byte);
-        }
-    }
-
-    #[inline]
-    fn update_word(&mut self, word: u32) {
-        let four = self.0 ^ u32::from_le(word);
-        self.0 = CRC_3[(four & 0xFF) as usize]
-            ^ CRC_2[(four >> 8 & 0xFF) as usize]
-            ^ CRC_1[(four >> 16 & 0xFF) as usize]
-            ^ CRC_0[(four >> 24) as usize];
-    }
-
-    #[inline]
-    fn update_byte(&mut self, byte: u8) {
-        self.0 = CRC_0[usize::from(self.0 as u8 ^ byte)] ^ self.0 >> 8;
-    }
-
-    #[inline]
-    pub(crate) const fn finish(self) -> u32 {
-        !self.0
     }
 }
 
-/// The CRC-32 (ISO-HDLC) of some bytes: the one on the wire, for what is kept elsewhere too.
-pub fn crc32(bytes: impl IntoIterator<Item = u8>) -> u32 {
-    let mut crc = RunningCrc::new();
-    for byte in bytes {
-        crc.update(&[byte]);
-    }
-    crc.finish()
-}
+impl core::error::Error for PacketError {}
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use proptest::prelude::*;
-
-    proptest! {
-        #[test]
-        fn the_crc_is_that_of_another_implementation_however_the_bytes_are_cut(
-            bytes in proptest::collection::vec(any::<u8>(), 0..300),
-            cut in 0_usize..300,
-        ) {
-            // From any address.
-            let bytes = &bytes[(cut & 3).min(bytes.len())..];
-            let cut = cut.min(bytes.len());
-            let mut crc = RunningCrc::new();
-            crc.update(&bytes[..cut]);
-            crc.update(&bytes[cut..]);
-            prop_assert_eq!(crc.finish(), crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC).checksum(bytes));
-        }
+/// The error of a packet whose length does not fit its kind.
+pub(crate) const fn wrong_length(packet: &[u8], expected: usize) -> PacketError {
+    PacketError::Length {
+        found: packet.len() as u16,
+        expected: expected as u16,
     }
 }

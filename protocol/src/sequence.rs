@@ -1,7 +1,7 @@
-//! Which maps are new: sequence numbers are u32 and wrap; a map is new when it is ahead of the last accepted one by
-//! less than half the range. Limits: a sender that restarts from 0 must say so with a new handshake.
+//! Which maps are new. Sequence numbers are u32 and wrap; a map is new when it is less than half the range ahead of the last
+//! accepted one. Limits: a sender that restarts from 0 needs a new handshake.
 
-/// What a sequence number says about a map.
+/// What a sequence number means.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Order {
@@ -16,20 +16,20 @@ pub enum Order {
 
 /// The last accepted sequence number of one sensor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct SequenceWatch {
+pub struct SequenceTracker {
     last: Option<u32>,
 }
 
-impl SequenceWatch {
-    /// Nothing accepted yet: any number is new.
+impl SequenceTracker {
+    /// Before the first map: any number is new.
     #[must_use]
     pub const fn new() -> Self {
         Self { last: None }
     }
 
-    /// Judges a sequence number without accepting it.
+    /// Checks a sequence number without accepting it.
     #[must_use]
-    pub const fn judge(&self, sequence: u32) -> Order {
+    pub const fn check(&self, sequence: u32) -> Order {
         match self.last {
             None => Order::New { lost: 0 },
             Some(last) => match sequence.wrapping_sub(last) {
@@ -39,7 +39,7 @@ impl SequenceWatch {
         }
     }
 
-    /// Takes the number as the last accepted one.
+    /// Accepts the number as the last one.
     pub const fn accept(&mut self, sequence: u32) {
         self.last = Some(sequence);
     }
@@ -51,18 +51,18 @@ mod tests {
 
     #[test]
     fn the_first_map_is_new_whatever_its_number() {
-        assert_eq!(SequenceWatch::new().judge(u32::MAX), Order::New { lost: 0 });
+        assert_eq!(SequenceTracker::new().check(u32::MAX), Order::New { lost: 0 });
     }
 
     #[test]
     fn the_next_number_is_new_across_the_wrap_and_the_same_one_is_old() {
-        let mut watch = SequenceWatch::new();
-        watch.accept(u32::MAX);
-        assert_eq!(watch.judge(0), Order::New { lost: 0 });
-        assert_eq!(watch.judge(2), Order::New { lost: 2 });
-        assert_eq!(watch.judge(u32::MAX), Order::Old);
-        assert_eq!(watch.judge(u32::MAX - 1), Order::Old);
-        assert_eq!(watch.judge(0x8000_0000 - 2), Order::New { lost: 0x7FFF_FFFE });
-        assert_eq!(watch.judge(0x8000_0000 - 1), Order::Old);
+        let mut tracker = SequenceTracker::new();
+        tracker.accept(u32::MAX);
+        assert_eq!(tracker.check(0), Order::New { lost: 0 });
+        assert_eq!(tracker.check(2), Order::New { lost: 2 });
+        assert_eq!(tracker.check(u32::MAX), Order::Old);
+        assert_eq!(tracker.check(u32::MAX - 1), Order::Old);
+        assert_eq!(tracker.check(0x8000_0000 - 2), Order::New { lost: 0x7FFF_FFFE });
+        assert_eq!(tracker.check(0x8000_0000 - 1), Order::Old);
     }
 }

@@ -344,12 +344,8 @@ fn any_status() -> impl Strategy<Value = Status> {
 }
 
 fn message_packets(message: &Message, id: u8) -> Vec<Vec<u8>> {
-    let mut packets = MessagePackets::new(message, id).expect("every message fits");
-    let (mut out, mut buffer) = (Vec::new(), [0; PACKET_MAX]);
-    while let Some(length) = packets.next_packet(&mut buffer) {
-        out.push(buffer[..length].to_vec());
-    }
-    out
+    let packets = MessagePackets::new(message, id).expect("every message fits");
+    packets.map(|packet| packet.to_vec()).collect()
 }
 
 fn through_the_wire(message: &Message, id: u8) -> Result<Message, MessageError> {

@@ -7,10 +7,10 @@ mod board;
 use std::path::Path;
 
 use board::{Board, FRAME_US, Mixture, SETTINGS, feed_forward, map};
+use gripline_firmware::Fault;
 use gripline_firmware::GripForce;
 use gripline_firmware::constants::DECIDE_BUDGET_CYCLES;
 use gripline_firmware::line::DAC_LIVE_ZERO;
-use gripline_firmware::safety::Fault;
 use gripline_firmware::sums::{TaxelRule, sums_of};
 use gripline_link::emulator::{Cable, ControlOutcome, LineWrite};
 use gripline_link::session::Session;
@@ -379,7 +379,10 @@ fn control_transfers_go_on_while_maps_stream_and_cost_no_map() {
     let answers = &link.transfers()[before..];
     assert_eq!(answers.len(), 90);
     for (answer, question) in answers.iter().zip(QUESTIONS.iter().cycle()) {
-        assert!(answer.outcome == ControlOutcome::Done && answer.setup == *question, "{answer:?}");
+        assert!(
+            answer.outcome == ControlOutcome::Done && answer.setup == *question,
+            "{answer:?}"
+        );
     }
     assert!(
         answers

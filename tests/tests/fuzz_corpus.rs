@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use gripline_fuzz_bodies::{commands, jpeg, modbus, settings, status, stream, wire};
 use gripline_protocol::message::{Command, Configuration, Hello, Message, MessagePackets, Report, Status};
-use gripline_protocol::{ForceMap, MapInfo, PACKET_MAX, TAXELS, TaxelForce, encode_map};
+use gripline_protocol::{ForceMap, MapInfo, TAXELS, TaxelForce, encode_map};
 
 fn folder(target: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR"))
@@ -117,12 +117,8 @@ fn map_packets(active: usize, sequence: u32) -> Vec<Vec<u8>> {
 }
 
 fn message_packets(message: &Message) -> Vec<Vec<u8>> {
-    let mut packets = MessagePackets::new(message, 1).unwrap();
-    let (mut out, mut packet) = (Vec::new(), [0; PACKET_MAX]);
-    while let Some(length) = packets.next_packet(&mut packet) {
-        out.push(packet[..length].to_vec());
-    }
-    out
+    let packets = MessagePackets::new(message, 1).unwrap();
+    packets.map(|packet| packet.to_vec()).collect()
 }
 
 #[test]

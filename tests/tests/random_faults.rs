@@ -8,13 +8,11 @@ use std::collections::VecDeque;
 
 use gripline_firmware::line::DAC_LIVE_ZERO;
 use gripline_firmware::sums::{TaxelRule, sums_of, total_shear};
-use gripline_firmware::{Fault, GripForce, Mcu, ResetCause, Start};
+use gripline_firmware::{Device, Fault, GripForce, ResetCause, Start};
 use gripline_link::emulator::{Cable, FaultInjection};
 use gripline_link::{EmulatorLink, Link, Transport};
 use gripline_protocol::message::{Command, Configuration, Hello, Message, MessagePackets, Report};
-use gripline_protocol::{
-    Event, ForceMap, Health, MapInfo, PACKET_MAX, PER_UNIT, Parser, TaxelForce, encode_map,
-};
+use gripline_protocol::{Event, ForceMap, Health, MapInfo, PER_UNIT, Parser, TaxelForce, encode_map};
 use rand::RngExt as _;
 use rand_pcg::Pcg64Mcg;
 
@@ -65,7 +63,7 @@ trait World {
 
 /// The firmware library on a simulated clock.
 struct LibraryWorld {
-    mcu: Mcu,
+    device: Device,
     now_us: u64,
     plugged: bool,
     reset_at_us: Option<u64>,
@@ -77,7 +75,7 @@ struct LibraryWorld {
 impl LibraryWorld {
     fn new() -> Self {
         Self {
-            mcu: Mcu::new(Start::default()),
+            device: Device::new(Start::default()),
             now_us: 0,
             plugged: true,
             reset_at_us: None,
@@ -95,7 +93,8 @@ impl World for LibraryWorld {
 
     fn send(&mut self, packet: &[u8]) {
         if self.plugged && self.reset_at_us.is_none() {
-            self.shown.push(self.mcu.packet(packet, self.now_us).line.lsb());
+            self.shown
+                .push(self.device.packet(packet, self.now_us).line.lsb());
         }
     }
 
@@ -143,10 +142,10 @@ impl LibraryWorld {
         self.now_us += STEP_US;
         match self.reset_at_us {
             Some(at_us) if self.now_us >= at_us => {
-                self.mcu = Mcu::new(Start {
+                self.device = Device::new(Start {
                     now_us: self.now_us,
                     reset: ResetCause::Watchdog,
-                    restored_line: Some(self.mcu.line()),
+                    restored_line: Some(self.device.program.line()),
                     ..Start::default()
                 });
                 self.reset_at_us = None;
@@ -155,11 +154,10 @@ impl LibraryWorld {
             Some(_) => return,
             None => {}
         }
-        shown(from_us, self.mcu.tick(self.now_us).line.lsb());
-        let status = self.mcu.status();
+        shown(from_us, self.device.tick(self.now_us).line.lsb());
+        let status = self.device.program.status();
         self.told |= status.faults | status.latched;
-        let mut packet = [0; PACKET_MAX];
-        while self.mcu.poll_transmit(&mut packet).is_some() {}
+        while self.device.next_packet().is_some() {}
     }
 }
 
@@ -478,10 +476,8 @@ impl<W: World> Host<W> {
 
     fn message(&mut self, message: &Message) {
         self.id = self.id.wrapping_add(1);
-        let mut packets = MessagePackets::new(message, self.id).unwrap();
-        let mut packet = [0; PACKET_MAX];
-        while let Some(length) = packets.next_packet(&mut packet) {
-            self.world.send(&packet[..length]);
+        for packet in MessagePackets::new(message, self.id).unwrap() {
+            self.world.send(&packet);
         }
         self.judge.readable_us = self.world.now_us();
     }
@@ -789,12 +785,12 @@ impl<W: World> Host<W> {
     /// A message whose CRC is right and whose class does not exist; nothing that proves a host.
     fn unreadable(&mut self, class: u8) {
         let mut packets = MessagePackets::new(&Message::Command(Command::Release), 1).unwrap();
-        let mut packet = [0; PACKET_MAX];
-        let length = packets.next_packet(&mut packet).unwrap();
+        let mut packet = packets.next().unwrap();
         packet[6] = class;
-        let crc = gripline_protocol::packet::crc32(packet[..length - 4].iter().copied());
-        packet[length - 4..length].copy_from_slice(&crc.to_le_bytes());
-        self.world.send(&packet[..length]);
+        let end = packet.len() - 4;
+        let crc = gripline_protocol::crc::crc32(packet[..end].iter().copied());
+        packet[end..].copy_from_slice(&crc.to_le_bytes());
+        self.world.send(&packet);
     }
 
     fn run(mut self, seconds: u64) {

@@ -4,16 +4,16 @@
 mod board;
 
 use board::{Board, FRAME_US, SETTINGS, feed_forward, map};
+use gripline_firmware::Fault;
 use gripline_firmware::GripForce;
 use gripline_firmware::line::DAC_LIVE_ZERO;
-use gripline_firmware::safety::Fault;
 use gripline_link::emulator::{Cable, FaultInjection, LineWrite};
 use gripline_link::{EmulatorLink, Link, Transport};
+use gripline_protocol::crc::crc32;
 use gripline_protocol::message::{
     Command, Configuration, GripMode, Hello, LineKind, Message, MessagePackets, Refusal, Status,
 };
-use gripline_protocol::packet::crc32;
-use gripline_protocol::{ForceMap, Health, LSB_PER_NEWTON, MapInfo, PACKET_MAX, encode_map};
+use gripline_protocol::{ForceMap, Health, LSB_PER_NEWTON, MapInfo, encode_map};
 
 /// Registers at whose next touch something happens: the DAC's value (the way from map to line), the watchdog's key (the idle loop),
 /// the USB core's interrupt status (an interrupt above them all).
@@ -107,12 +107,8 @@ fn assert_has_not(status: &Status, fault: Fault) {
 
 /// The packets of a message, each changed before its CRC is made anew.
 fn message_packets(message: &Message, change: impl Fn(&mut [u8])) -> Vec<Vec<u8>> {
-    let mut packets = MessagePackets::new(message, 9).unwrap();
-    let mut packet = [0; PACKET_MAX];
-    let mut all = Vec::new();
-    while let Some(length) = packets.next_packet(&mut packet) {
-        all.push(packet[..length].to_vec());
-    }
+    let packets = MessagePackets::new(message, 9).unwrap();
+    let mut all: Vec<_> = packets.map(|packet| packet.to_vec()).collect();
     assert_eq!(all.len(), 1, "a message of one packet");
     change(&mut all[0]);
     let end = all[0].len() - 4;

@@ -1,7 +1,7 @@
 //! `docs/safety.md` says what the code does, fault by fault, and names tests that exist.
 
+use gripline_firmware::Fault;
 use gripline_firmware::grip::Guard;
-use gripline_firmware::safety::Fault;
 
 const PAGE: &str = include_str!("../../docs/safety.md");
 const SOURCES: [&str; 3] = [
@@ -44,7 +44,7 @@ fn the_table_has_every_fault_with_its_number_name_demand_and_latching() {
             let line = match fault.guard() {
                 Guard::Free => "free",
                 Guard::Hold => "holds",
-                Guard::Tighten => "tightens",
+                Guard::FailSafe => "tightens",
             };
             let latches = if fault.latches() { "yes" } else { "no" };
             ((fault as u8).to_string(), fault.name(), line, latches)

@@ -13,9 +13,9 @@ use crate::error::{Error, value_of};
 use crate::{process, toolchain};
 
 /// The most that an image may take of the flash, in bytes (DESIGN.md, "Numbers to hold").
-const FLASH_MAX: u64 = 64 * 1024;
+const FLASH_MAX: u64 = 128 * 1024;
 /// The most that an image may lay out in RAM, stack not counted, in bytes (DESIGN.md, "Numbers to hold").
-const RAM_MAX: u64 = 24 * 1024;
+const RAM_MAX: u64 = 64 * 1024;
 /// The memory that data and stack have, in bytes (memory.x).
 const RAM_OF_DATA: u64 = 64 * 1024;
 

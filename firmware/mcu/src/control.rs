@@ -14,21 +14,21 @@ use embassy_time::{Duration, Instant, Timer};
 use embassy_usb::driver::{Endpoint, EndpointError, EndpointOut};
 use embedded_io_async::Read;
 use gripline_firmware::line::GripLine;
-use gripline_firmware::mcu::Request;
-use gripline_firmware::{Action, Mcu, storage};
+use gripline_firmware::program::{MessageEvent, MessageReader, MessageWriter};
+use gripline_firmware::{Action, FaultSet, Program, storage};
+use gripline_protocol::PACKET_MAX;
 use gripline_protocol::cobs::{CobsDecoder, Frame};
-use gripline_protocol::message::{Configuration, LineSettings, Message, MessagePackets, Stage};
+use gripline_protocol::message::{Configuration, LineSettings, Message, Stage};
 use gripline_protocol::packet::Kind;
-use gripline_protocol::{MessageParser, PACKET_MAX};
 
 use crate::flash::SettingsSectors;
 use crate::gripper_bus::BusLine;
 use crate::kernel::Dsp;
 use crate::line::AnalogLine;
-use crate::outbox::{self, Outbox, Packet};
+use crate::outbox::{self, Outbox};
 use crate::priority::{hold_off, without_usb};
 use crate::usb::HostToMcu;
-use crate::{usb_interrupt, watchdog};
+use crate::{fault_log, usb_interrupt, watchdog};
 
 /// Time between two safety ticks.
 const TICK: Duration = Duration::from_millis(1);
@@ -89,7 +89,7 @@ fn with<T>(work: impl FnOnce(&mut Control) -> T) -> Option<T> {
 
 /// The program, the line it drives, and the host it answers.
 pub(crate) struct Control {
-    mcu: &'static mut Mcu<Dsp>,
+    program: &'static mut Program<Dsp>,
     line: AnalogLine,
     /// The transport that spoke last; none until a host spoke.
     answers: Option<&'static Outbox>,
@@ -98,37 +98,19 @@ pub(crate) struct Control {
     words_us: u64,
 }
 
-/// What the program says, on its way to the host in packets.
-#[derive(Default)]
-struct Words {
-    sending: Option<MessagePackets>,
-    next_id: u8,
-}
-
-impl Words {
-    /// Fills the outbox. The program is lent for one message at a time.
-    fn send(&mut self, answers: &'static Outbox) {
-        while !answers.is_full() {
-            let mut bytes = [0; PACKET_MAX];
-            if let Some(length) = self
-                .sending
-                .as_mut()
-                .and_then(|packets| packets.next_packet(&mut bytes))
-            {
-                // There was room, and only this task fills the outbox.
-                let _ = answers.try_send(Packet::new(bytes, length));
-                continue;
-            }
+/// Fills the outbox. The program is borrowed for one message at a time.
+fn send(writer: &mut MessageWriter, answers: &'static Outbox) {
+    while !answers.is_full() {
+        let packet = writer.next_packet(|| {
             let mut message = None;
             with(|control| control.message(&mut message));
-            let Some(message) = message else {
-                self.sending = None;
-                return;
-            };
-            self.next_id = self.next_id.wrapping_add(1);
-            // Every message fits, as a test of the library shows; one that did not would be left out.
-            self.sending = MessagePackets::new(&message, self.next_id).ok();
-        }
+            message
+        });
+        let Some(packet) = packet else {
+            return;
+        };
+        // There was room, and only this task fills the outbox.
+        let _ = answers.try_send(packet);
     }
 }
 
@@ -139,7 +121,7 @@ impl Control {
         self.answers = Some(answers);
         self.packet_us = now_us();
         let started = DWT::cycle_count();
-        let action = self.mcu.map_packet(packet, self.packet_us);
+        let action = self.program.map_packet(packet, self.packet_us);
         self.act(
             action,
             if action.decided {
@@ -153,35 +135,32 @@ impl Control {
 
     /// What came of a packet of a message.
     #[inline(never)]
-    fn message_packet(&mut self, came: &Came, answers: &'static Outbox) {
+    fn message_packet(&mut self, event: &MessageEvent, answers: &'static Outbox) {
         self.answers = Some(answers);
         self.packet_us = now_us();
-        match came {
-            Came::Part => self.mcu.fragment(self.packet_us),
-            Came::Whole(request) => self.mcu.request(request, self.packet_us),
-            Came::Refused => self.mcu.malformed_frame(),
-        }
+        self.program.message(event, self.packet_us);
     }
 
     /// What there is to say.
     #[inline(never)]
     fn message(&mut self, message: &mut Option<Message>) {
-        *message = self.mcu.poll_message();
+        *message = self.program.poll_message();
     }
 
     /// The first half of the safety tick.
     #[inline(never)]
     fn age(&mut self) {
-        self.mcu.note_line(BusLine.health());
-        self.mcu.age(now_us());
+        self.program.note_line(BusLine.health());
+        self.program.age(now_us());
     }
 
     /// The second half; says where to when there is something to say.
     #[inline(never)]
-    fn tick(&mut self) -> Option<&'static Outbox> {
+    fn tick(&mut self, faults: &mut FaultSet) -> Option<&'static Outbox> {
         let now_us = now_us();
+        *faults = self.program.faults();
         let started = DWT::cycle_count();
-        let action = self.mcu.advance(now_us);
+        let action = self.program.advance(now_us);
         self.act(action, Stage::Tick, started);
         watchdog::tick_made();
         let is_quiet = now_us.saturating_sub(self.packet_us) >= QUIET_US;
@@ -196,7 +175,7 @@ impl Control {
     /// The settings that have to be kept, when they do.
     #[inline(never)]
     fn settings_to_store(&mut self, settings: &mut Option<Configuration>) {
-        *settings = self.mcu.take_store();
+        *settings = self.program.take_store();
     }
 
     /// The line first, then the times it took.
@@ -204,8 +183,9 @@ impl Control {
         let decided = DWT::cycle_count();
         let (Ok(()), Ok(())) = (self.line.write(action.line), BusLine.write(action.line));
         let written = DWT::cycle_count();
-        self.mcu.note_cycles(stage, decided.wrapping_sub(started));
-        self.mcu.note_cycles(Stage::Line, written.wrapping_sub(decided));
+        self.program.note_cycles(stage, decided.wrapping_sub(started));
+        self.program
+            .note_cycles(Stage::Line, written.wrapping_sub(decided));
     }
 }
 
@@ -213,26 +193,15 @@ fn now_us() -> u64 {
     Instant::now().as_micros()
 }
 
-/// What a packet of a message was.
-enum Came {
-    Part,
-    Whole(Request),
-    Refused,
-}
-
 /// A packet that did not come the direct way. Messages are put together and read with the path free.
-fn received(messages: &mut MessageParser, in_force: &LineSettings, packet: &[u8], answers: &'static Outbox) {
+fn received(messages: &mut MessageReader, packet: &[u8], answers: &'static Outbox) {
     if Kind::of(packet) != Some(Kind::Message) {
         // SAFETY: as `with`.
         without_usb(|| unsafe { of_the_task() }.map(|control| control.map_packet(packet, answers)));
         return;
     }
-    let came = match messages.push(packet) {
-        Ok(None) => Came::Part,
-        Ok(Some(message)) => Came::Whole(Request::read(message, in_force)),
-        Err(_) => Came::Refused,
-    };
-    with(|control| control.message_packet(&came, answers));
+    let event = messages.read(packet);
+    with(|control| control.message_packet(&event, answers));
 }
 
 /// Keeps the settings in flash. The processor stands still for up to a second: nothing is in the gripper, and commands
@@ -242,7 +211,7 @@ fn store(flash: &mut SettingsSectors, settings: &Configuration) {
     let written = storage::store(flash, settings);
     watchdog::be_strict();
     defmt::info!("settings stored: {}", written);
-    with(|control| control.mcu.stored(written.ok()));
+    with(|control| control.program.stored(written.ok()));
 }
 
 /// The safety tick every millisecond, and packets that did not come the direct way.
@@ -251,7 +220,7 @@ fn store(flash: &mut SettingsSectors, settings: &Configuration) {
 /// chip resets with its line restored. The tick is asked for after every packet, so that no flood of them can hold it up.
 #[embassy_executor::task]
 pub(crate) async fn control(
-    mcu: &'static mut Mcu<Dsp>,
+    program: &'static mut Program<Dsp>,
     line: AnalogLine,
     in_force: LineSettings,
     mut flash: SettingsSectors,
@@ -259,7 +228,7 @@ pub(crate) async fn control(
     mut usb: HostToMcu,
 ) {
     let control = Control {
-        mcu,
+        program,
         line,
         answers: None,
         packet_us: 0,
@@ -267,8 +236,9 @@ pub(crate) async fn control(
     };
     // SAFETY: the other user is held off.
     hold_off(|| unsafe { *CONTROL.0.get() = Some(control) });
-    let mut words = Words::default();
-    let mut messages = MessageParser::new();
+    let mut writer = MessageWriter::default();
+    let mut logged = FaultSet::EMPTY;
+    let mut messages = MessageReader::new(in_force);
     let mut frames = CobsDecoder::new();
     let mut tick_at = Instant::now() + TICK;
     let mut from_uart = [0; PACKET_MAX];
@@ -278,8 +248,13 @@ pub(crate) async fn control(
             tick_at += TICK;
             // In two, so that a packet need not wait for both.
             with(Control::age);
-            if let Some(answers) = with(Control::tick).flatten() {
-                words.send(answers);
+            let mut faults = logged;
+            if let Some(answers) = with(|control| control.tick(&mut faults)).flatten() {
+                send(&mut writer, answers);
+            }
+            if faults != logged {
+                logged = faults;
+                fault_log::CHANGED.signal(faults);
             }
             let mut settings = None;
             with(|control| control.settings_to_store(&mut settings));
@@ -298,11 +273,11 @@ pub(crate) async fn control(
         {
             Either4::First(Ok(length)) => {
                 let packet = from_usb.0.get(..length).unwrap_or_default();
-                received(&mut messages, &in_force, packet, &outbox::USB);
+                received(&mut messages, packet, &outbox::USB);
             }
             Either4::Fourth(()) => {
                 if let Some(packet) = usb_interrupt::message() {
-                    received(&mut messages, &in_force, packet, &outbox::USB);
+                    received(&mut messages, packet, &outbox::USB);
                     usb_interrupt::next_packet();
                 }
             }
@@ -310,10 +285,11 @@ pub(crate) async fn control(
                 for &byte in &from_uart[..length] {
                     match frames.push(byte) {
                         Some(Frame::Packet(packet)) => {
-                            received(&mut messages, &in_force, packet, &outbox::UART);
+                            received(&mut messages, packet, &outbox::UART);
                         }
                         Some(Frame::Malformed) => {
-                            with(|control| control.mcu.malformed_frame());
+                            messages.drop_message();
+                            with(|control| control.program.refuse_packet());
                         }
                         None => {}
                     }

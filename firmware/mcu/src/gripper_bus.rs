@@ -100,11 +100,10 @@ pub(crate) async fn talk(mut bus: Bus) {
     let mut told = line.health();
     loop {
         let Ok(()) = line.write(GripForce::from_lsb(WANTED.load(Ordering::Relaxed)));
-        let mut request = [0; REQUEST_MAX];
-        if let Some(length) = line.poll_transmit(now_us(), &mut request) {
+        if let Some(request) = line.poll_transmit(now_us()) {
             bus.driver.set_high();
             // This driver reports no errors on this path; `flush` waits for the last stop bit.
-            let _ = bus.output.write_all(&request[..length]).await;
+            let _ = bus.output.write_all(&request).await;
             let _ = bus.output.flush().await;
             bus.driver.set_low();
         }

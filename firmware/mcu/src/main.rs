@@ -19,6 +19,7 @@ compile_error!("name one board, not two: an image runs on one chip");
 mod board;
 mod control;
 mod crash;
+mod fault_log;
 mod flash;
 mod gripper_bus;
 mod hot;
@@ -39,7 +40,7 @@ use embassy_executor::{Executor, InterruptExecutor};
 use embassy_stm32::interrupt::{self, InterruptExt};
 use embassy_time::Instant;
 use gripline_firmware::line::LineCalibration;
-use gripline_firmware::{GripForce, Mcu, Start, storage};
+use gripline_firmware::{GripForce, Program, Start, storage};
 use gripline_protocol::line::LineKind;
 use static_cell::StaticCell;
 
@@ -53,7 +54,7 @@ defmt::timestamp!("{=u64:us}", Instant::now().as_micros());
 static URGENT: InterruptExecutor = InterruptExecutor::new();
 /// Runs everything that has time.
 static PATIENT: StaticCell<Executor> = StaticCell::new();
-static MCU: StaticCell<Mcu<Dsp>> = StaticCell::new();
+static PROGRAM: StaticCell<Program<Dsp>> = StaticCell::new();
 
 #[embassy_stm32::interrupt]
 unsafe fn UART5() {
@@ -87,7 +88,7 @@ fn main() -> ! {
     let (usb_device, usb_in, usb_out) = usb::open(p.USB_OTG_FS, p.PA12, p.PA11);
     let gripper = (settings.line.kind == LineKind::Robotiq2f140)
         .then(|| gripper_bus::open(p.USART2, p.PA3, p.PA2, p.PA1));
-    let mcu = MCU.init(Mcu::with_kernel(Start {
+    let program = PROGRAM.init(Program::with_kernel(Start {
         now_us: Instant::now().as_micros(),
         reset: reset.cause,
         restored_line: reset.line,
@@ -98,8 +99,9 @@ fn main() -> ! {
     }));
 
     let urgent = URGENT.start(interrupt::UART5);
-    urgent
-        .spawn(control::control(mcu, line, settings.line, flash, uart_in, usb_in).expect("one control task"));
+    urgent.spawn(
+        control::control(program, line, settings.line, flash, uart_in, usb_in).expect("one control task"),
+    );
     // The log is written with interrupts masked for some microseconds: here, and nowhere on the way to the line.
     defmt::info!(
         "{=str} started: {}, line restored: {}",
@@ -121,6 +123,7 @@ fn main() -> ! {
         if let Some(gripper) = gripper {
             spawner.spawn(gripper_bus::talk(gripper).expect("one gripper task"));
         }
+        spawner.spawn(fault_log::write().expect("one log task"));
         spawner.spawn(watchdog::guard(watchdog).expect("one watchdog task"));
     })
 }

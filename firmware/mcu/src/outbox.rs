@@ -4,32 +4,10 @@
 
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::channel::Channel;
-use gripline_protocol::PACKET_MAX;
+use gripline_protocol::Packet;
 
 /// Packets that may wait: a status and one answer's fragments.
 const WAITING_MAX: usize = 4;
-
-/// One packet.
-#[derive(Clone, Copy)]
-pub(crate) struct Packet {
-    bytes: [u8; PACKET_MAX],
-    length: usize,
-}
-
-impl Packet {
-    /// A packet whose first `length` bytes count.
-    pub(crate) fn new(bytes: [u8; PACKET_MAX], length: usize) -> Self {
-        Self {
-            bytes,
-            length: length.min(PACKET_MAX),
-        }
-    }
-
-    /// What goes over the wire.
-    pub(crate) fn bytes(&self) -> &[u8] {
-        &self.bytes[..self.length]
-    }
-}
 
 /// The queue of one transport.
 pub(crate) type Outbox = Channel<CriticalSectionRawMutex, Packet, WAITING_MAX>;

@@ -55,7 +55,7 @@ pub(crate) async fn transmit(mut uart: BufferedUartTx<'static>) {
     let mut frame = [0; FRAME_MAX];
     loop {
         let packet = outbox::UART.receive().await;
-        let length = encode_packet(packet.bytes(), &mut frame);
+        let length = encode_packet(&packet, &mut frame);
         // The driver forgets to ask for a wake-up when it has room for a part of a frame only, so it gets one frame
         // at a time. It reports no errors on this path.
         let _ = uart.flush().await;

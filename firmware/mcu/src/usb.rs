@@ -105,7 +105,7 @@ pub(crate) async fn transmit(mut endpoint: McuToHost) {
         let send = async {
             loop {
                 let packet = outbox::USB.receive().await;
-                if endpoint.write(packet.bytes()).await.is_err() {
+                if endpoint.write(&packet).await.is_err() {
                     break;
                 }
             }

@@ -6,7 +6,6 @@ use std::collections::VecDeque;
 use gripline_firmware::GripForce;
 use gripline_firmware::constants::{MODBUS_BYTE_US, MODBUS_SILENCE_US, MODBUS_SLOT_US};
 use gripline_firmware::line::GripLine;
-use gripline_firmware::modbus::REQUEST_MAX;
 use gripline_firmware::robotiq::Robotiq;
 use gripline_gripper::Gripper;
 use rand::{RngExt as _, SeedableRng as _};
@@ -115,9 +114,8 @@ impl Bus {
         while let Some((_, byte)) = due(&mut self.to_line, self.now_us) {
             self.line.receive(&[byte], self.now_us);
         }
-        let mut frame = [0; REQUEST_MAX];
         if self.now_us >= self.line.wake_us()
-            && let Some(length) = self.line.poll_transmit(self.now_us, &mut frame)
+            && let Some(request) = self.line.poll_transmit(self.now_us)
         {
             if let Some(last_us) = self.requests_us.last() {
                 assert!(
@@ -128,7 +126,7 @@ impl Bus {
             let may_collide = self.to_line.is_empty() || self.slowest_us > 0;
             assert!(may_collide, "a request while the gripper speaks");
             self.requests_us.push(self.now_us);
-            self.put(&frame[..length], self.now_us, true);
+            self.put(&request, self.now_us, true);
         }
         assert!(self.line.wake_us() > self.now_us, "time does not stand still");
     }

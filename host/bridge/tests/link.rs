@@ -80,7 +80,7 @@ impl Host {
     }
 
     fn line(&self) -> i32 {
-        self.world.mcu.borrow().line().lsb()
+        self.world.device.borrow().program.line().lsb()
     }
 }
 
@@ -110,7 +110,7 @@ fn a_device_that_comes_back_is_met_within_a_second_and_every_map_between_is_coun
         assert_eq!(host.session.restarts(), 0, "it kept its power");
         assert_eq!(host.session.shadow().mismatches(), 0);
         assert!(presence.packets_lost >= u64::from(host.lost));
-        let latched = host.world.mcu.borrow().status().latched & Fault::LinkLost.bit() != 0;
+        let latched = host.world.device.borrow().program.status().latched & Fault::LinkLost.bit() != 0;
         assert_eq!(latched, away_frames >= 60, "half a second is a lost link");
     }
 }

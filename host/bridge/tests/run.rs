@@ -7,8 +7,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use gripline_firmware::{Mcu, Start};
-use gripline_protocol::PACKET_MAX;
+use gripline_firmware::{Device, Start};
 use gripline_protocol::cobs::{CobsDecoder, FRAME_MAX, Frame, encode_packet};
 use serde_json::Value;
 use serialport::{SerialPort, TTYPort};
@@ -262,7 +261,7 @@ fn a_port_where_nobody_answers_is_no_microcontroller() {
 
 /// The firmware library at the far end of a serial line, with a clock that runs on.
 struct SerialBoard {
-    mcu: Mcu,
+    device: Device,
     start: Instant,
     next_tick_us: u64,
 }
@@ -270,7 +269,7 @@ struct SerialBoard {
 impl SerialBoard {
     fn new() -> Self {
         Self {
-            mcu: Mcu::new(Start::default()),
+            device: Device::new(Start::default()),
             start: Instant::now(),
             next_tick_us: 0,
         }
@@ -289,13 +288,13 @@ impl SerialBoard {
             for &byte in &bytes[..length] {
                 if let Some(Frame::Packet(packet)) = frames.push(byte) {
                     let now_us = self.now_us();
-                    let _ = self.mcu.packet(packet, now_us);
+                    let _ = self.device.packet(packet, now_us);
                 }
             }
             self.live();
-            let (mut packet, mut frame) = ([0; PACKET_MAX], [0; FRAME_MAX]);
-            while let Some(length) = self.mcu.poll_transmit(&mut packet) {
-                let length = encode_packet(&packet[..length], &mut frame);
+            let mut frame = [0; FRAME_MAX];
+            while let Some(packet) = self.device.next_packet() {
+                let length = encode_packet(&packet, &mut frame);
                 let _ = far.write_all(&frame[..length]);
             }
         }
@@ -303,7 +302,7 @@ impl SerialBoard {
 
     fn live(&mut self) {
         while self.next_tick_us < self.now_us() {
-            let _ = self.mcu.tick(self.next_tick_us);
+            let _ = self.device.tick(self.next_tick_us);
             self.next_tick_us += 1_000;
         }
     }
@@ -361,7 +360,9 @@ fn a_serial_port_that_goes_away_and_comes_back_is_taken_up_again() {
         let mut board = SerialBoard::new();
         let is_over = || stopped.load(Ordering::Relaxed);
         // Pulled out in the middle of the run, when the host holds.
-        board.serve(&mut far, |board| is_over() || board.mcu.status().maps >= 60);
+        board.serve(&mut far, |board| {
+            is_over() || board.device.program.status().maps >= 60
+        });
         std::fs::remove_file(&its_name).unwrap();
         drop(far);
         let away = Instant::now();

@@ -5,11 +5,11 @@ use std::cell::RefCell;
 use std::collections::VecDeque;
 use std::rc::Rc;
 
-use gripline_firmware::{Fault, Mcu, ResetCause, Start};
+use gripline_firmware::{Device, Fault, ResetCause, Start};
 use gripline_link::session::{Session, SessionError};
 use gripline_link::{Link, LinkError};
 use gripline_protocol::message::{Command, Configuration, GripMode, Hello, Message, MessagePackets, Refusal};
-use gripline_protocol::{Event, ForceMap, MapInfo, PACKET_MAX, Parser, TaxelForce};
+use gripline_protocol::{Event, ForceMap, MapInfo, Parser, TaxelForce};
 
 const SETTINGS: Configuration = Configuration {
     friction: 4_321,
@@ -19,7 +19,7 @@ const SETTINGS: Configuration = Configuration {
 
 /// A microcontroller that the test has a hand on.
 struct Bench {
-    mcu: Mcu,
+    device: Device,
     now_us: u64,
     /// Not before this does it run again.
     down_until_us: u64,
@@ -36,7 +36,7 @@ struct Bench {
 impl Bench {
     fn new() -> Self {
         Self {
-            mcu: Mcu::new(Start {
+            device: Device::new(Start {
                 session: 1,
                 ..Start::default()
             }),
@@ -56,8 +56,8 @@ impl Bench {
         self.starts += 1;
         self.down_until_us = self.now_us + down_us;
         self.started_us = self.down_until_us;
-        let line = self.mcu.line();
-        self.mcu = Mcu::new(Start {
+        let line = self.device.program.line();
+        self.device = Device::new(Start {
             reset,
             restored_line: (reset != ResetCause::PowerOn).then_some(line),
             session: self.starts,
@@ -71,9 +71,8 @@ impl Bench {
         if !self.is_spoken_to {
             return;
         }
-        let mut packet = [0; PACKET_MAX];
-        while let Some(length) = self.mcu.poll_transmit(&mut packet) {
-            self.replies.push_back(packet[..length].to_vec());
+        while let Some(packet) = self.device.next_packet() {
+            self.replies.push_back(packet.to_vec());
         }
     }
 }
@@ -91,7 +90,7 @@ impl Link for BenchLink {
         if bench.now_us >= bench.down_until_us {
             let time_us = bench.now_us - bench.started_us;
             bench.is_spoken_to = true;
-            let _ = bench.mcu.packet(packet, time_us);
+            let _ = bench.device.packet(packet, time_us);
             bench.collect();
         }
         Ok(())
@@ -103,7 +102,7 @@ impl Link for BenchLink {
             bench.now_us += 1_000;
             if bench.now_us > bench.down_until_us {
                 let time_us = bench.now_us - bench.started_us;
-                let _ = bench.mcu.tick(time_us);
+                let _ = bench.device.tick(time_us);
                 bench.collect();
             }
         }
@@ -147,7 +146,7 @@ impl Host {
     }
 
     fn line(&self) -> i32 {
-        self.bench.borrow().mcu.line().lsb()
+        self.bench.borrow().device.program.line().lsb()
     }
 
     /// 60 maps a second.
@@ -193,7 +192,7 @@ fn a_watchdog_reset_under_way_is_noticed_and_met_with_a_handshake_and_the_settin
     host.bench.borrow_mut().restart(ResetCause::Watchdog, 100_000);
     host.maps(30);
     assert_eq!((host.session.restarts(), host.session.is_sound()), (1, true));
-    assert_eq!(*host.bench.borrow().mcu.settings(), SETTINGS);
+    assert_eq!(*host.bench.borrow().device.program.settings(), SETTINGS);
     // Nothing that moves the grip was said again: it holds by itself, and a person must look.
     for message in host.heard() {
         assert!(
@@ -242,7 +241,7 @@ fn every_restart_counts_whatever_its_cause_and_however_soon_it_comes() {
         host.maps(160);
         assert_eq!(host.session.restarts(), number as u32 + 1, "{cause:?}");
         assert!(host.session.is_sound());
-        assert_eq!(*host.bench.borrow().mcu.settings(), SETTINGS);
+        assert_eq!(*host.bench.borrow().device.program.settings(), SETTINGS);
     }
     assert_eq!(host.session.shadow().mismatches(), 0);
 }
@@ -292,8 +291,8 @@ fn settings_that_are_refused_after_a_restart_are_not_insisted_on() {
     for (quarter, point) in (0..).zip(&mut stored.line.points) {
         point.force = 5 * quarter * 4_096;
     }
-    let line = host.bench.borrow().mcu.line();
-    host.bench.borrow_mut().mcu = Mcu::new(Start {
+    let line = host.bench.borrow().device.program.line();
+    host.bench.borrow_mut().device = Device::new(Start {
         reset: ResetCause::Watchdog,
         restored_line: Some(line),
         stored: gripline_firmware::storage::Stored {
@@ -322,14 +321,12 @@ fn one_who_comes_back_with_another_schema_ends_the_session_by_name() {
         schema_version: 99,
         ..Hello::of_this_build(1, 4)
     };
-    let mut packets = MessagePackets::new(&Message::Hello(stranger), 1).unwrap();
-    let mut packet = [0; PACKET_MAX];
-    let length = packets.next_packet(&mut packet).unwrap();
+    let packet = MessagePackets::new(&Message::Hello(stranger), 1)
+        .unwrap()
+        .next()
+        .unwrap();
     host.session.run_until(host.session.now_us() + 600_000).unwrap();
-    host.bench
-        .borrow_mut()
-        .replies
-        .push_back(packet[..length].to_vec());
+    host.bench.borrow_mut().replies.push_back(packet.to_vec());
     let error = host.session.run_until(host.session.now_us() + 1_000).unwrap_err();
     assert!(matches!(error, SessionError::Schema { .. }), "{error}");
     assert!(error.to_string().contains("schema 99"), "{error}");

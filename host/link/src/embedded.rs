@@ -3,8 +3,8 @@
 
 use std::collections::VecDeque;
 
-use gripline_firmware::{Mcu, Start};
-use gripline_protocol::PACKET_MAX;
+use gripline_firmware::{Device, Start};
+use gripline_protocol::Packet;
 
 use super::{Link, LinkError};
 
@@ -14,10 +14,10 @@ const TICK_US: u64 = 1_000;
 /// A microcontroller in this process.
 #[derive(Debug)]
 pub struct EmbeddedLink {
-    mcu: Mcu,
+    device: Device,
     now_us: u64,
     next_tick_us: u64,
-    outgoing: VecDeque<([u8; PACKET_MAX], usize)>,
+    outgoing: VecDeque<Packet>,
 }
 
 impl EmbeddedLink {
@@ -25,7 +25,7 @@ impl EmbeddedLink {
     #[must_use]
     pub fn new() -> Self {
         Self {
-            mcu: Mcu::new(Start::default()),
+            device: Device::new(Start::default()),
             now_us: 0,
             next_tick_us: TICK_US,
             outgoing: VecDeque::new(),
@@ -33,9 +33,8 @@ impl EmbeddedLink {
     }
 
     fn collect(&mut self) {
-        let mut packet = [0; PACKET_MAX];
-        while let Some(length) = self.mcu.poll_transmit(&mut packet) {
-            self.outgoing.push_back((packet, length));
+        while let Some(packet) = self.device.next_packet() {
+            self.outgoing.push_back(packet);
         }
     }
 }
@@ -48,7 +47,7 @@ impl Default for EmbeddedLink {
 
 impl Link for EmbeddedLink {
     fn send(&mut self, packet: &[u8]) -> Result<(), LinkError> {
-        if self.mcu.packet(packet, self.now_us).transmit {
+        if self.device.packet(packet, self.now_us).transmit {
             self.collect();
         }
         Ok(())
@@ -56,10 +55,10 @@ impl Link for EmbeddedLink {
 
     fn run_until(&mut self, until_us: u64, received: &mut dyn FnMut(&[u8])) -> Result<(), LinkError> {
         while self.next_tick_us <= until_us {
-            let action = self.mcu.tick(self.next_tick_us);
-            if self.mcu.take_store().is_some() {
+            let action = self.device.tick(self.next_tick_us);
+            if self.device.program.take_store().is_some() {
                 // There is no flash in this process.
-                self.mcu.stored(None);
+                self.device.program.stored(None);
             }
             if action.transmit {
                 self.collect();
@@ -67,8 +66,8 @@ impl Link for EmbeddedLink {
             self.next_tick_us += TICK_US;
         }
         self.now_us = until_us.max(self.now_us);
-        while let Some((packet, length)) = self.outgoing.pop_front() {
-            received(&packet[..length]);
+        while let Some(packet) = self.outgoing.pop_front() {
+            received(&packet);
         }
         Ok(())
     }
@@ -78,7 +77,7 @@ impl Link for EmbeddedLink {
     }
 
     fn line(&self) -> Option<i32> {
-        Some(self.mcu.line().lsb())
+        Some(self.device.program.line().lsb())
     }
 
     fn name(&self) -> String {

@@ -8,7 +8,7 @@ use gripline_gripper::Gripper;
 use gripline_protocol::cobs::{CobsDecoder, FRAME_MAX, Frame, encode_packet};
 use gripline_protocol::line::{LineKind, LineSettings};
 use gripline_protocol::message::{Command, Configuration, Hello, Message, MessagePackets, Report, Status};
-use gripline_protocol::{Event, PACKET_MAX, Parser};
+use gripline_protocol::{Event, Parser};
 
 const NEWTON: i32 = 4_096;
 /// A byte at 115,200 baud, and the silence that ends a frame there (Modbus over serial line V1.02, section 2.5.1.1).
@@ -111,10 +111,9 @@ impl Bench {
 
     fn send(&mut self, message: &Message) {
         self.message_id = self.message_id.wrapping_add(1);
-        let mut packets = MessagePackets::new(message, self.message_id).unwrap();
-        let (mut packet, mut frame) = ([0; PACKET_MAX], [0; FRAME_MAX]);
-        while let Some(length) = packets.next_packet(&mut packet) {
-            let length = encode_packet(&packet[..length], &mut frame);
+        let mut frame = [0; FRAME_MAX];
+        for packet in MessagePackets::new(message, self.message_id).unwrap() {
+            let length = encode_packet(&packet, &mut frame);
             self.board.uart_send(&frame[..length]);
         }
     }

@@ -2,10 +2,10 @@
 //! program never panics or wraps, its settings stay in range, and the line obeys its rules after every step.
 
 use gripline_firmware::grip::Guard;
-use gripline_firmware::{Fault, GripForce, Mcu, ResetCause, Start};
+use gripline_firmware::{Device, Fault, GripForce, ResetCause, Start};
 use gripline_protocol::configuration::{CONFIGURATION_VALUES, Configuration};
 use gripline_protocol::message::{Command, GripMode, Hello, Message, MessagePackets, Report, Stage, Status};
-use gripline_protocol::{Event, ForceMap, Health, MapInfo, PACKET_MAX, Parser, TaxelForce, encode_map};
+use gripline_protocol::{Event, ForceMap, Health, MapInfo, Parser, TaxelForce, encode_map};
 
 /// Steps of one input, and milliseconds that it may let pass.
 const STEPS_MAX: u32 = 60;
@@ -37,7 +37,7 @@ impl Input<'_> {
 
 /// The microcontroller and what is known of it.
 struct Bench {
-    mcu: Mcu,
+    device: Device,
     now_us: u64,
     sequence: u32,
     message_id: u8,
@@ -58,15 +58,15 @@ impl Bench {
         let restored = (choice & 1 != 0).then(|| GripForce::from_lsb(i32::from(input.half()) * 16));
         let reset =
             [ResetCause::PowerOn, ResetCause::Watchdog, ResetCause::Software][usize::from(choice >> 1) % 3];
-        let mcu = Mcu::new(Start {
+        let device = Device::new(Start {
             restored_line: restored,
             reset,
             ..Start::default()
         });
         Self {
-            line: mcu.line().lsb(),
-            mode: mcu.status().mode,
-            mcu,
+            line: device.program.line().lsb(),
+            mode: device.program.status().mode,
+            device,
             now_us: 0,
             sequence: 0,
             message_id: 0,
@@ -78,16 +78,14 @@ impl Bench {
 
     fn packet(&mut self, packet: &[u8]) {
         let before_us = self.now_us;
-        let action = self.mcu.packet(packet, self.now_us);
+        let action = self.device.packet(packet, self.now_us);
         self.judge(action.line, before_us);
     }
 
     fn message(&mut self, message: &Message) {
         self.message_id = self.message_id.wrapping_add(1);
-        let mut packets = MessagePackets::new(message, self.message_id).expect("every message fits");
-        let mut packet = [0; PACKET_MAX];
-        while let Some(length) = packets.next_packet(&mut packet) {
-            self.packet(&packet[..length]);
+        for packet in MessagePackets::new(message, self.message_id).expect("every message fits") {
+            self.packet(&packet);
         }
     }
 
@@ -105,9 +103,12 @@ impl Bench {
             },
         };
         self.message(&Message::Command(command));
-        if let Some(settings) = self.mcu.take_store() {
-            assert_eq!((self.mcu.line(), settings.check()), (GripForce::ZERO, Ok(())));
-            self.mcu.stored(Some(1));
+        if let Some(settings) = self.device.program.take_store() {
+            assert_eq!(
+                (self.device.program.line(), settings.check()),
+                (GripForce::ZERO, Ok(()))
+            );
+            self.device.program.stored(Some(1));
         }
     }
 
@@ -173,21 +174,21 @@ impl Bench {
             self.ticks_left -= 1;
             let before_us = self.now_us;
             self.now_us += step_us;
-            let action = self.mcu.tick(self.now_us);
+            let action = self.device.tick(self.now_us);
             self.judge(action.line, before_us);
         }
     }
 
     /// What must hold after every step.
     fn judge(&mut self, line: GripForce, before_us: u64) {
-        let status = self.mcu.status();
-        if *self.mcu.settings() != self.settings {
-            self.settings = *self.mcu.settings();
+        let status = self.device.program.status();
+        if *self.device.program.settings() != self.settings {
+            self.settings = *self.device.program.settings();
             assert_eq!(self.settings.check(), Ok(()), "settings in force are in range");
         }
         let settings = self.settings;
         let (line, before) = (line.lsb(), self.line);
-        assert_eq!((line, line), (self.mcu.line().lsb(), status.line));
+        assert_eq!((line, line), (self.device.program.line().lsb(), status.line));
         let passed_ms = (self.now_us - before_us).div_ceil(1_000);
         let grown = |rate: u16| i64::from(rate) * passed_ms as i64 + 1;
         let change = i64::from(line) - i64::from(before);
@@ -229,16 +230,15 @@ impl Bench {
 
     /// Everything the microcontroller says can be read.
     fn listen(&mut self) {
-        let mut packet = [0; PACKET_MAX];
-        while let Some(length) = self.mcu.poll_transmit(&mut packet) {
-            match self.host.push(&packet[..length]) {
+        while let Some(packet) = self.device.next_packet() {
+            match self.host.push(&packet) {
                 Ok(Event::Message(bytes)) => match Message::from_bytes(bytes) {
                     Ok(
                         Message::Hello(_)
                         | Message::Report(Report::Refused(_) | Report::Stored { .. } | Report::Status(_)),
                     ) => {}
                     Ok(Message::Report(Report::Configuration(settings))) => {
-                        assert_eq!(settings, *self.mcu.settings());
+                        assert_eq!(settings, *self.device.program.settings());
                     }
                     other => panic!("the microcontroller said {other:?}"),
                 },
@@ -282,14 +282,14 @@ pub fn check(input: &[u8]) {
                 bench.packet(packet);
             }
             8 => {
-                bench.mcu.malformed_frame();
+                bench.device.malformed_frame();
                 // What was refused is counted at once, and holds the line from the next step on.
                 bench.wait(&mut Input(&[0]));
             }
             _ => {
                 let stage =
                     [Stage::Packet, Stage::Decide, Stage::Line, Stage::Tick][usize::from(input.byte()) % 4];
-                bench.mcu.note_cycles(stage, input.word());
+                bench.device.program.note_cycles(stage, input.word());
             }
         }
     }

@@ -4,14 +4,13 @@
 use gripline_firmware::GripForce;
 use gripline_firmware::constants::{MODBUS_SLOT_US, ROBOTIQ_COMMAND};
 use gripline_firmware::line::GripLine;
-use gripline_firmware::modbus::{ANSWER_MAX, REGISTERS, REQUEST_MAX, Request};
+use gripline_firmware::modbus::{ANSWER_MAX, REGISTERS, Request};
 use gripline_firmware::robotiq::{GripperStatus, Robotiq, force_register};
 
 /// Panics when something does not hold for this input.
 pub fn check(input: &[u8]) {
     let mut line = Robotiq::new(0);
     let (mut now_us, mut asked_us, mut held) = (0, None::<u64>, None::<i32>);
-    let mut request = [0; REQUEST_MAX];
     let mut asked: &[u8] = &[];
     let mut rest = input;
     while let Some((&step, after)) = rest.split_first() {
@@ -44,15 +43,15 @@ pub fn check(input: &[u8]) {
             3 => now_us += u64::from(step / 5) * 1_000,
             _ => now_us = now_us.max(line.wake_us()),
         }
-        if let Some(length) = line.poll_transmit(now_us, &mut request) {
+        if let Some(request) = line.poll_transmit(now_us) {
             assert!(
                 asked_us.is_none_or(|us| now_us - us >= MODBUS_SLOT_US),
                 "faster than 200 Hz"
             );
             asked_us = Some(now_us);
             let active = line.status().is_some_and(GripperStatus::has_act);
-            judge(&request[..length], held, active);
-            asked = if length == REQUEST_MAX { &[16] } else { &[4] };
+            judge(&request, held, active);
+            asked = if request.is_full() { &[16] } else { &[4] };
         }
         assert!(line.wake_us() > now_us, "time stands still");
     }

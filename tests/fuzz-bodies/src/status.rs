@@ -2,16 +2,17 @@
 //! The input is a list of packets, each behind a byte that tells its length; those with a length over 128 are wrapped
 //! into a message with a right CRC, so that the fuzzer gets past it.
 
-use gripline_firmware::{Mcu, Start};
+use gripline_firmware::{Device, Start};
 use gripline_link::session::Session;
 use gripline_link::{Link, LinkError};
+use gripline_protocol::crc::crc32;
 use gripline_protocol::message::{Command, Configuration};
-use gripline_protocol::packet::{Header, Kind, crc32};
+use gripline_protocol::packet::{Header, Kind};
 use gripline_protocol::{ForceMap, MapInfo, PACKET_MAX};
 
 /// A microcontroller that answers the handshake and then says what the input says.
 struct Babbler {
-    mcu: Mcu,
+    device: Device,
     now_us: u64,
     said: Vec<Vec<u8>>,
     /// What is said before the handshake.
@@ -20,18 +21,17 @@ struct Babbler {
 
 impl Link for Babbler {
     fn send(&mut self, packet: &[u8]) -> Result<(), LinkError> {
-        let _ = self.mcu.packet(packet, self.now_us);
+        let _ = self.device.packet(packet, self.now_us);
         Ok(())
     }
 
     fn run_until(&mut self, until_us: u64, received: &mut dyn FnMut(&[u8])) -> Result<(), LinkError> {
         self.now_us = until_us;
-        let mut packet = [0; PACKET_MAX];
         if self.early {
             self.said.drain(..).for_each(|packet| received(&packet));
         }
-        while let Some(length) = self.mcu.poll_transmit(&mut packet) {
-            received(&packet[..length]);
+        while let Some(packet) = self.device.next_packet() {
+            received(&packet);
         }
         self.said.drain(..).for_each(|packet| received(&packet));
         Ok(())
@@ -62,7 +62,7 @@ pub fn check(input: &[u8]) {
         rest = after;
     }
     let babbler = Babbler {
-        mcu: Mcu::new(Start::default()),
+        device: Device::new(Start::default()),
         now_us: 0,
         said,
         early: first & 1 == 1,

@@ -1,8 +1,8 @@
 //! The microcontroller's whole program with a host that speaks to it: maps and time in, status out. Units: µs.
 
-use gripline_firmware::mcu::{Mcu, Start};
+use gripline_firmware::{Device, Start};
 use gripline_protocol::message::{Command, Configuration, Hello, Message, MessagePackets, Status};
-use gripline_protocol::{ForceMap, MapInfo, PACKET_MAX, encode_map};
+use gripline_protocol::{ForceMap, MapInfo, encode_map};
 
 /// Where its clocks and numbers begin: before a wrap or far from one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -18,7 +18,7 @@ pub(crate) struct Origin {
 /// The program and its host.
 #[derive(Debug)]
 pub(crate) struct Board {
-    pub(crate) mcu: Mcu,
+    pub(crate) device: Device,
     origin: Origin,
     /// Since the start.
     pub(crate) passed_us: u64,
@@ -30,7 +30,7 @@ impl Board {
     /// Holding, with these settings.
     pub(crate) fn holding(settings: Configuration, origin: Origin) -> Self {
         let mut board = Self {
-            mcu: Mcu::new(Start {
+            device: Device::new(Start {
                 now_us: origin.now_us,
                 ..Start::default()
             }),
@@ -52,11 +52,8 @@ impl Board {
     fn message(&mut self, message: &Message) {
         self.id = self.id.wrapping_add(1);
         // Every message of the protocol fits its packets.
-        if let Ok(mut packets) = MessagePackets::new(message, self.id) {
-            let mut packet = [0; PACKET_MAX];
-            while let Some(length) = packets.next_packet(&mut packet) {
-                self.packet(&packet[..length]);
-            }
+        for packet in MessagePackets::new(message, self.id).into_iter().flatten() {
+            self.packet(&packet);
         }
         self.listen();
     }
@@ -67,11 +64,11 @@ impl Board {
 
     pub(crate) fn packet(&mut self, packet: &[u8]) {
         let now_us = self.now_us();
-        let _ = self.mcu.packet(packet, now_us);
+        let _ = self.device.packet(packet, now_us);
     }
 
     fn listen(&mut self) {
-        while self.mcu.poll_message().is_some() {}
+        while self.device.program.poll_message().is_some() {}
     }
 
     /// What the next map's packets are.
@@ -99,7 +96,7 @@ impl Board {
             self.packet(&packet);
         }
         self.listen();
-        self.mcu.status()
+        self.device.program.status()
     }
 
     /// Time passes in ticks of a millisecond, the last one shorter.
@@ -109,7 +106,7 @@ impl Board {
             let next = (self.passed_us / 1_000 + 1) * 1_000;
             self.passed_us = next.min(end);
             let now_us = self.now_us();
-            let _ = self.mcu.tick(now_us);
+            let _ = self.device.tick(now_us);
         }
         self.listen();
     }

@@ -11,9 +11,9 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use gripline_firmware::{Action, GripForce, Mcu, ResetCause, Start};
-use gripline_protocol::PACKET_MAX;
+use gripline_firmware::{Action, Device, GripForce, ResetCause, Start};
 use gripline_protocol::message::GripMode;
+use gripline_protocol::{PACKET_MAX, Packet};
 use nix::libc;
 
 use crate::descriptors::{descriptors, strings};
@@ -83,14 +83,14 @@ impl Memory {
 
 /// The program, and a bell for whoever has something to send.
 struct Shared {
-    mcu: Mutex<Mcu>,
+    device: Mutex<Device>,
     has_words: Condvar,
     started: Instant,
 }
 
 impl Shared {
-    fn lock(&self) -> MutexGuard<'_, Mcu> {
-        self.mcu.lock().unwrap_or_else(PoisonError::into_inner)
+    fn lock(&self) -> MutexGuard<'_, Device> {
+        self.device.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn now_us(&self) -> u64 {
@@ -104,15 +104,15 @@ impl Shared {
     }
 
     /// The next packet for the host, when there is one within a moment.
-    fn next_packet(&self, packet: &mut [u8; PACKET_MAX]) -> Option<usize> {
-        let mut mcu = self.lock();
-        let length = mcu.poll_transmit(packet);
-        if length.is_some() {
-            return length;
+    fn next_packet(&self) -> Option<Packet> {
+        let mut device = self.lock();
+        let packet = device.next_packet();
+        if packet.is_some() {
+            return packet;
         }
-        let waited = self.has_words.wait_timeout(mcu, PAUSE);
-        let (mut mcu, _) = waited.unwrap_or_else(PoisonError::into_inner);
-        mcu.poll_transmit(packet)
+        let waited = self.has_words.wait_timeout(device, PAUSE);
+        let (mut device, _) = waited.unwrap_or_else(PoisonError::into_inner);
+        device.next_packet()
     }
 }
 
@@ -145,7 +145,7 @@ fn serve(folder: &Path, memory: &Path) -> io::Result<std::convert::Infallible> {
 
     let before = Memory::read(memory);
     let starts = before.unwrap_or_default().starts + 1;
-    let mcu = Mcu::new(Start {
+    let device = Device::new(Start {
         // Whoever dies here was killed or has crashed, as one whose watchdog bites.
         reset: before.map_or(ResetCause::PowerOn, |_| ResetCause::Watchdog),
         restored_line: before.map(|before| GripForce::from_lsb(before.line)),
@@ -153,7 +153,7 @@ fn serve(folder: &Path, memory: &Path) -> io::Result<std::convert::Infallible> {
         ..Start::default()
     });
     let shared = Arc::new(Shared {
-        mcu: Mutex::new(mcu),
+        device: Mutex::new(device),
         has_words: Condvar::new(),
         started: Instant::now(),
     });
@@ -164,13 +164,13 @@ fn serve(folder: &Path, memory: &Path) -> io::Result<std::convert::Infallible> {
     let mut written = Memory::default();
     loop {
         thread::sleep(TICK);
-        let mut mcu = shared.lock();
-        let action = mcu.tick(shared.now_us());
-        if mcu.take_store().is_some() {
-            mcu.stored(None);
+        let mut device = shared.lock();
+        let action = device.tick(shared.now_us());
+        if device.program.take_store().is_some() {
+            device.program.stored(None);
         }
-        let status = mcu.status();
-        drop(mcu);
+        let status = device.program.status();
+        drop(device);
         shared.ring(action);
         let told = Memory {
             starts,
@@ -194,12 +194,12 @@ fn listen(shared: &Shared, mut from_host: File) {
         match from_host.read(&mut packet) {
             Ok(length) => {
                 let now_us = shared.now_us();
-                let mut mcu = shared.lock();
+                let mut device = shared.lock();
                 // The chip's timer goes before any packet. A process that was hung or starved would otherwise take the packet
                 // that ended a silence without having noticed the silence.
-                let aged = mcu.tick(now_us);
-                let action = mcu.packet(&packet[..length], now_us);
-                drop(mcu);
+                let aged = device.tick(now_us);
+                let action = device.packet(&packet[..length], now_us);
+                drop(device);
                 shared.ring(aged);
                 shared.ring(action);
             }
@@ -211,10 +211,9 @@ fn listen(shared: &Shared, mut from_host: File) {
 
 /// Packets to the host; what was meant for one that has left is lost.
 fn speak(shared: &Shared, mut to_host: File) {
-    let mut packet = [0; PACKET_MAX];
     loop {
-        if let Some(length) = shared.next_packet(&mut packet)
-            && to_host.write_all(&packet[..length]).is_err()
+        if let Some(packet) = shared.next_packet()
+            && to_host.write_all(&packet).is_err()
         {
             thread::sleep(PAUSE);
         }

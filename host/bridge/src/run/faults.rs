@@ -12,7 +12,7 @@ use std::rc::Rc;
 use std::time::Instant;
 
 use gripline_firmware::sums::TaxelRule;
-use gripline_firmware::{Fault, Mcu, ResetCause};
+use gripline_firmware::{Fault, Program, ResetCause};
 use gripline_network::scene::GateKind;
 use gripline_network::{Architecture, Network};
 use gripline_protocol::message::{Command, GripMode};
@@ -113,8 +113,8 @@ struct Watch {
 }
 
 impl Watch {
-    fn look(&mut self, mcu: &Mcu, now_us: u64, told_us: u64) {
-        let status = mcu.status();
+    fn look(&mut self, program: &Program, now_us: u64, told_us: u64) {
+        let status = program.status();
         let is_anew = status.uptime_ms < self.uptime_ms;
         if status.maps != self.maps || status.mode != self.mode || is_anew {
             self.fresh_us = now_us;
@@ -122,7 +122,7 @@ impl Watch {
         let is_holding = status.mode == GripMode::Hold;
         self.holding += u64::from(is_holding);
         let stale = status.faults & Fault::StaleMaps.bit() != 0;
-        let limit_us = u64::from(mcu.settings().stale_ms) * 1_000;
+        let limit_us = u64::from(program.settings().stale_ms) * 1_000;
         if is_holding && now_us - self.fresh_us.max(told_us) > limit_us + 2_000 {
             self.stale += 1;
             assert!(stale, "{now_us} µs: maps of {} µs count as fresh", self.fresh_us);
@@ -171,8 +171,8 @@ fn ten_thousand_frames_with_faults_at_random_go_on_and_count_every_loss() {
     run.pictures = gripline_recording::Pictures::Small;
     let watch = Rc::new(RefCell::new(Watch::default()));
     let eye = Rc::clone(&watch);
-    *world.watch.borrow_mut() = Some(Box::new(move |mcu, now_us, told_us| {
-        eye.borrow_mut().look(mcu, now_us, told_us);
+    *world.watch.borrow_mut() = Some(Box::new(move |program, now_us, told_us| {
+        eye.borrow_mut().look(program, now_us, told_us);
     }));
 
     let (mut dice, mut done, mut jpeg) = (Dice(7), Done::default(), JpegCrop::default());

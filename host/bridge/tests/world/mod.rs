@@ -7,21 +7,21 @@ use std::collections::VecDeque;
 use std::rc::Rc;
 use std::time::Duration;
 
-use gripline_firmware::{Mcu, ResetCause, Start};
+use gripline_firmware::{Program, ResetCause, Start};
 use gripline_link::LinkError;
 use gripline_link::hot_plug::{Clock, Device, DeviceError};
 use gripline_link::usb::{Attached, Bus};
 use gripline_protocol::message::{Command, Hello, Message, MessagePackets};
-use gripline_protocol::{Event, PACKET_MAX, Parser};
+use gripline_protocol::{Event, Parser};
 
 /// Is shown the microcontroller, the time, and when it was last told to hold.
-type Watcher = Box<dyn FnMut(&Mcu, u64, u64)>;
+type Watcher = Box<dyn FnMut(&Program, u64, u64)>;
 
 /// The world: what is attached, and the one microcontroller in it.
 pub(crate) struct World {
     pub(crate) now_us: Cell<u64>,
     pub(crate) attached: RefCell<Vec<Attached>>,
-    pub(crate) mcu: RefCell<Mcu>,
+    pub(crate) device: RefCell<gripline_firmware::Device>,
     /// Since when the microcontroller runs, and until when it is down after a reset.
     started_us: Cell<u64>,
     pub(crate) down_until_us: Cell<u64>,
@@ -55,7 +55,7 @@ impl World {
         Rc::new(Self {
             now_us: Cell::new(0),
             attached: RefCell::new(attached),
-            mcu: RefCell::new(Mcu::new(Start {
+            device: RefCell::new(gripline_firmware::Device::new(Start {
                 session: 7,
                 ..Start::default()
             })),
@@ -79,7 +79,7 @@ impl World {
         while self.next_tick_us.get() <= until_us {
             let now_us = self.next_tick_us.get();
             if now_us >= self.down_until_us.get() {
-                let _ = self.mcu.borrow_mut().tick(now_us - self.started_us.get());
+                let _ = self.device.borrow_mut().tick(now_us - self.started_us.get());
                 self.look(now_us);
             }
             self.next_tick_us.set(now_us + 1_000);
@@ -90,7 +90,7 @@ impl World {
 
     fn look(&self, now_us: u64) {
         if let Some(watch) = self.watch.borrow_mut().as_mut() {
-            watch(&self.mcu.borrow(), now_us, self.told_us.get());
+            watch(&self.device.borrow().program, now_us, self.told_us.get());
         }
     }
 
@@ -99,8 +99,8 @@ impl World {
         self.starts.set(self.starts.get() + 1);
         self.started_us.set(self.now_us.get() + down_us);
         self.down_until_us.set(self.now_us.get() + down_us);
-        let line = self.mcu.borrow().line();
-        self.mcu.replace(Mcu::new(Start {
+        let line = self.device.borrow().program.line();
+        self.device.replace(gripline_firmware::Device::new(Start {
             reset: cause,
             restored_line: (cause != ResetCause::PowerOn).then_some(line),
             session: self.starts.get(),
@@ -110,9 +110,8 @@ impl World {
     }
 
     fn collect(&self) {
-        let mut packet = [0; PACKET_MAX];
-        while let Some(length) = self.mcu.borrow_mut().poll_transmit(&mut packet) {
-            let reply = self.disguised(&packet[..length]);
+        while let Some(packet) = self.device.borrow_mut().next_packet() {
+            let reply = self.disguised(&packet);
             self.replies.borrow_mut().push_back(reply);
         }
     }
@@ -126,12 +125,11 @@ impl World {
         let Ok(Message::Hello(_)) = Message::from_bytes(message) else {
             return packet.to_vec();
         };
-        let mut disguised = [0; PACKET_MAX];
-        let length = MessagePackets::new(&Message::Hello(stranger), 1)
+        MessagePackets::new(&Message::Hello(stranger), 1)
             .unwrap()
-            .next_packet(&mut disguised)
-            .unwrap();
-        disguised[..length].to_vec()
+            .next()
+            .unwrap()
+            .to_vec()
     }
 
     fn is_there(&self, serial: &str) -> bool {
@@ -217,7 +215,7 @@ impl Device for FakeDevice {
                 world.told_us.set(now_us);
             }
             let _ = world
-                .mcu
+                .device
                 .borrow_mut()
                 .packet(packet, now_us - world.started_us.get());
             world.look(now_us);

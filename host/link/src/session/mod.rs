@@ -11,7 +11,7 @@ use std::time::{Instant, SystemTime, UNIX_EPOCH};
 use gripline_firmware::Fault;
 use gripline_firmware::sums::TaxelRule;
 use gripline_protocol::message::{Command, Configuration, Hello, Message, MessagePackets};
-use gripline_protocol::{ForceMap, MapInfo, PACKET_MAX, encode_map};
+use gripline_protocol::{ForceMap, MapInfo, encode_map};
 
 pub use self::error::SessionError;
 use self::error::reason;
@@ -244,10 +244,8 @@ impl Session {
 
     fn send(&mut self, message: &Message) -> Result<(), SessionError> {
         self.message_id = self.message_id.wrapping_add(1);
-        let mut packets = MessagePackets::new(message, self.message_id)?;
-        let mut packet = [0; PACKET_MAX];
-        while let Some(length) = packets.next_packet(&mut packet) {
-            self.link.send(&packet[..length])?;
+        for packet in MessagePackets::new(message, self.message_id)? {
+            self.link.send(&packet)?;
         }
         Ok(())
     }

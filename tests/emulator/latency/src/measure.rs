@@ -20,9 +20,9 @@ const PATH_PRIORITY: u32 = 2 << 4;
 const MAP_NS: u64 = 5_000_000;
 
 /// The functions of which every packet runs one.
-const PACKETS: [&str; 4] = ["Mcu<K>::head", "Mcu<K>::taxels", TAIL, MESSAGE];
+const PACKETS: [&str; 4] = ["Program<K>::head", "Program<K>::taxels", TAIL, MESSAGE];
 /// The one of a map's last packet.
-const TAIL: &str = "Mcu<K>::tail";
+const TAIL: &str = "Program<K>::tail";
 /// The one of messages, which do not go to the line.
 const MESSAGE: &str = "Control::message_packet";
 
@@ -158,11 +158,8 @@ impl<'a> Bench<'a> {
 
     fn say(&mut self, message: &Message) {
         self.message += 1;
-        let mut bytes = [0; 64];
-        if let Ok(mut packets) = MessagePackets::new(message, self.message) {
-            while let Some(length) = packets.next_packet(&mut bytes) {
-                self.board.usb_send(&bytes[..length]);
-            }
+        for packet in MessagePackets::new(message, self.message).into_iter().flatten() {
+            self.board.usb_send(&packet);
         }
     }
 

@@ -21,8 +21,8 @@ const PATH_CYCLES: u64 = 4_200;
 const DENSE_INSTRUCTIONS: u64 = 10_000;
 const TAXEL_INSTRUCTIONS: f64 = 24.0;
 /// Bytes of flash and of RAM.
-const FLASH_BYTES: u32 = 64 * 1024;
-const RAM_BYTES: u32 = 24 * 1024;
+const FLASH_BYTES: u32 = 128 * 1024;
+const RAM_BYTES: u32 = 64 * 1024;
 /// The priority of the path's interrupt as the masks count it (`priority::PATH`).
 const PATH_PRIORITY: u32 = 2 << 4;
 /// Bytes that an exception puts on the stack, floating-point registers and a gap for alignment included.
@@ -124,7 +124,7 @@ impl Report {
         bench.map(&map_of(400, 2))?;
         let counted = bench.counted();
         let dense = counted.of(KERNEL);
-        let head = counted.of(&["Mcu<K>::head"]);
+        let head = counted.of(&["Program<K>::head"]);
         for contacts in 0..=400 {
             bench.map(&map_of(contacts, contacts as u32))?;
         }

@@ -14,8 +14,8 @@ use crate::tables::KERNEL;
 /// What takes a map in, packet by packet: places, CRC, sums. The interrupt around it also serves what else the bus brings, and
 /// what the map's end decides goes by the state of the contact: the static bound is their measure.
 const INTAKE: &[&str] = &[
-    "Mcu<K>::head",
-    "Mcu<K>::taxels",
+    "Program<K>::head",
+    "Program<K>::taxels",
     "ActiveSet::places",
     "RunningCrc::update",
     "kernel::add_pairs",

@@ -102,17 +102,17 @@ pub enum Left {
 /// (part of a function's name, for which paths, why they never come to it).
 pub const LEFT_OUT: &[(&str, Left, &str)] = &[
     (
-        "Mcu<K>::head",
+        "Program<K>::head",
         Left::Tail,
         "a map's first packet is never its last",
     ),
     (
-        "Mcu<K>::taxels",
+        "Program<K>::taxels",
         Left::Tail,
         "a full packet is never a map's last",
     ),
-    ("Mcu<K>::head", Left::Taxels, "a full packet is no first one"),
-    ("Mcu<K>::tail", Left::Taxels, "a full packet is no last one"),
+    ("Program<K>::head", Left::Taxels, "a full packet is no first one"),
+    ("Program<K>::tail", Left::Taxels, "a full packet is no last one"),
     (
         "kernel::portable",
         Left::Taxels,

@@ -4,7 +4,7 @@
 use std::ops::{Add, Mul, Neg, Sub};
 
 use gripline_firmware::constants::{
-    GRIPPER_LAG_SHIFT, REST_LEAD_US, SEEK_MOST, SEEK_RATE, SEEN_TWIST, STORM_LEVEL_MAX, STORM_PER_PACKET,
+    GRIPPER_LAG_SHIFT, REST_LEAD_US, SEEK_MAX, SEEK_RATE, SEEN_MOMENT, STORM_LEVEL_MAX, STORM_PER_PACKET,
     TREND_MAPS,
 };
 use gripline_firmware::sums::{sums_of, total_shear};
@@ -247,7 +247,7 @@ fn learning() -> Vec<Step> {
     let milli = range(1_000, 1_000);
     let unit = range(PER_UNIT.into(), PER_UNIT.into());
     // A twist beyond 2²⁵ counts as that; of the square, 52 bits do, so the root has 26.
-    let turning = range(0, 1 << 25).squared() * range(SEEN_TWIST.into(), SEEN_TWIST.into());
+    let turning = range(0, 1 << 25).squared() * range(SEEN_MOMENT.into(), SEEN_MOMENT.into());
     // Over a reach of at least 1.
     let square = force.squared() + force.squared() + turning;
     let [now, before] = [range(0, (1 << 26) - 1); 2];
@@ -319,7 +319,7 @@ fn learning() -> Vec<Step> {
         ("grip: line that a touch is sought with", sought, ("i64", I64)),
         (
             "grip: floor and as much again, in 1/1000",
-            line + range(0, SEEK_MOST.into()) * milli,
+            line + range(0, SEEK_MAX.into()) * milli,
             ("i64", I64),
         ),
         (

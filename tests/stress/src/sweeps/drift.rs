@@ -2,7 +2,7 @@
 //! stays within a step, and the clock between host and microcontroller must not wander.
 
 use gripline_firmware::GripForce;
-use gripline_firmware::clock::{CaptureClock, CaptureTime};
+use gripline_firmware::clock_sync::{CaptureTime, ClockSync};
 use gripline_firmware::line::DAC_LIVE_ZERO;
 use gripline_protocol::message::Configuration;
 use gripline_protocol::{ForceMap, LSB_PER_NEWTON, TaxelForce};
@@ -231,7 +231,7 @@ fn constant(
             board.map(map);
         }
         board.pass_us(FRAME_US);
-        (frame >= SETTLED).then(|| board.mcu.line().lsb())
+        (frame >= SETTLED).then(|| board.device.program.line().lsb())
     });
     Span::of(frames, lines)
 }
@@ -243,7 +243,7 @@ fn closed_loop(taxels: usize, frames: usize) -> (Span, Vec<(f64, f64)>) {
     let needed = 4 * LSB_PER_NEWTON;
     let mut lines = Vec::with_capacity(frames);
     for _ in 0..frames {
-        let line = board.mcu.line().lsb();
+        let line = board.device.program.line().lsb();
         let share = f64::from(needed) / f64::from(line.max(1));
         let ratio = (1.0 - share).max(0.0).powf(2.0 / 3.0);
         let stick = (ratio * taxels as f64).round() as usize;
@@ -261,7 +261,7 @@ fn closed_loop(taxels: usize, frames: usize) -> (Span, Vec<(f64, f64)>) {
         }
         board.map(&map);
         board.pass_us(FRAME_US);
-        lines.push(board.mcu.line().lsb());
+        lines.push(board.device.program.line().lsb());
     }
     let curve = lines
         .iter()
@@ -281,14 +281,14 @@ fn closed_loop(taxels: usize, frames: usize) -> (Span, Vec<(f64, f64)>) {
 /// (greatest age beyond the jitter, maps refused).
 fn clocks(effort: Effort, parts_per_million: i64, frames: usize) -> (u32, u64) {
     let mut random = effort.random(1_200);
-    let mut clock = CaptureClock::new();
+    let mut clock = ClockSync::new();
     let (mut worst, mut refused) = (0, 0);
     let start_us = 5_000_000_000;
     for frame in 0..frames as u64 {
         let passed = frame * FRAME_US;
         let jitter: u64 = random.random_range(0..5_000);
         let host = passed as i64 + passed as i64 * parts_per_million / 1_000_000;
-        match clock.judge(
+        match clock.check(
             (u32::MAX - 30_000_000).wrapping_add(host as u32),
             start_us + passed + jitter,
         ) {

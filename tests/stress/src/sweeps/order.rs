@@ -171,7 +171,7 @@ fn disturbed(disturbance: Disturbance, random: &mut Pcg64Mcg) -> [u64; 4] {
     let mut board = Board::holding(settings, Origin::default());
     board.map(&quantised(&Contact::random(random).newtons()).0);
     board.pass_us(5_000);
-    let before = board.mcu.status();
+    let before = board.device.program.status();
     let map = any_map(random);
     let packets = board.packets(0, &map, 0);
     let mut sent = packets.clone();
@@ -199,7 +199,7 @@ fn disturbed(disturbance: Disturbance, random: &mut Pcg64Mcg) -> [u64; 4] {
         }
     }
     let rule = rule(settings.friction, settings.contact_min);
-    let status = board.mcu.status();
+    let status = board.device.program.status();
     let accepted = status.sequence == before.sequence + 1 && status.sensor == 0 && status.maps > before.maps;
     let must = disturbance == Disturbance::MessagesAndTicks || sent == packets;
     // A doubled tail comes after the map was accepted; a doubled head starts the same map afresh.

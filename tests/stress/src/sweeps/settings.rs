@@ -186,7 +186,7 @@ pub(super) fn extreme(random: &mut Pcg64Mcg) -> Configuration {
 
 /// Whether stale maps (1) or a lost link (2) ask the line to hold.
 fn holds(board: &Board) -> bool {
-    board.mcu.status().faults & 0b110 != 0
+    board.device.program.status().faults & 0b110 != 0
 }
 
 /// (programs, maps, [wrong sums, lines out of range, lines fallen under a fault]).
@@ -230,7 +230,7 @@ fn whole_programs(effort: Effort) -> (usize, usize, [u64; 3]) {
                     let passed_us = left_us.min(1_000);
                     board.pass_us(passed_us);
                     left_us -= passed_us;
-                    let line = board.mcu.line().lsb();
+                    let line = board.device.program.line().lsb();
                     let most = settings.ceiling.max(settings.tighten);
                     worst[1] += u64::from(!(0..=FORCE_MAX).contains(&line) || line > most);
                     worst[2] += u64::from(holds(&board) && line < before);

@@ -1,19 +1,19 @@
-//! Whether a map's capture time is believable, and how old the map was when it arrived.
+//! Clock sync: whether a map's capture time is plausible, and how late the map arrived.
 //!
-//! The host's clock and ours share no zero. The promptest map since the handshake fixes their difference; every other
-//! map is late by what it lacks to that, and no map can be from the future. Units: µs; the host's clock wraps.
-//! Limits: what every map is late by cannot be seen; clocks may drift apart by 0.1 %; a step of the host's clock
-//! takes a new handshake.
+//! The host's clock and ours share no zero. The promptest map since the handshake defines their difference. Every other map
+//! is later than that, and no map can be from the future. Units: µs; the host's clock wraps.
+//! Limits: a delay common to all maps stays invisible; clocks may drift apart by 0.1 %; a step of the host's clock needs a
+//! new handshake.
 
 use crate::constants::{CLOCK_DRIFT_MAX_US, CLOCK_DRIFT_SHIFT, FUTURE_MAX_US};
 
-/// What a capture time says.
+/// What a capture time means.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum CaptureTime {
-    /// The map arrived so much later after its picture than the promptest one.
+    /// The delay from picture to arrival, beyond the promptest map's.
     Late {
-        /// By how much, µs.
+        /// µs.
         us: u32,
     },
     /// The picture would have been taken after the map arrived.
@@ -22,32 +22,31 @@ pub enum CaptureTime {
 
 /// The difference between the host's clock and ours, for one fingertip.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct CaptureClock {
-    /// Capture time less arrival time of the promptest map, and when that was last brought up to date; none before the
-    /// first map.
+pub struct ClockSync {
+    /// Capture time minus arrival time of the promptest map, and when that was last updated; `None` before the first map.
     promptest: Option<(u32, u64)>,
 }
 
-impl CaptureClock {
-    /// No map yet: the first one counts as prompt.
+impl ClockSync {
+    /// Before the first map, which counts as prompt.
     #[must_use]
     pub const fn new() -> Self {
         Self { promptest: None }
     }
 
-    /// Judges a map that arrived now. One from the future leaves everything as it was.
-    pub fn judge(&mut self, capture_us: u32, now_us: u64) -> CaptureTime {
+    /// Checks a map that arrived now. A map from the future changes nothing.
+    pub fn check(&mut self, capture_us: u32, now_us: u64) -> CaptureTime {
         let difference = capture_us.wrapping_sub(now_us as u32);
         let Some((promptest, since_us)) = self.promptest else {
             self.promptest = Some((difference, now_us));
             return CaptureTime::Late { us: 0 };
         };
-        // The host's clock may be slower than ours: without this the promptest map would become too prompt.
+        // If the host's clock is slower than ours, the promptest map would seem ever more prompt.
         let silence_us = now_us.saturating_sub(since_us);
         let drift = (silence_us >> CLOCK_DRIFT_SHIFT).min(CLOCK_DRIFT_MAX_US) as u32;
         let promptest = promptest.wrapping_sub(drift);
         let ahead = difference.wrapping_sub(promptest).cast_signed();
-        // It may be as much faster, too: after a long silence that is not the future.
+        // It may also be faster: after a long silence that is not the future.
         if ahead > FUTURE_MAX_US + 2 * drift.cast_signed() {
             return CaptureTime::Future;
         }
@@ -76,18 +75,18 @@ mod tests {
 
     #[test]
     fn a_map_is_late_by_what_the_promptest_one_was_not() {
-        let mut clock = CaptureClock::new();
+        let mut clock = ClockSync::new();
         // The first map took 30 ms longer than it need: the next ones set that right.
         let mut now_us = START_US + 30_000;
         assert_eq!(
-            clock.judge(host(START_US, 0), now_us),
+            clock.check(host(START_US, 0), now_us),
             CaptureTime::Late { us: 0 }
         );
         for _ in 0..10_000 {
             now_us += 16_667;
-            assert_eq!(clock.judge(host(now_us, 0), now_us), CaptureTime::Late { us: 0 });
+            assert_eq!(clock.check(host(now_us, 0), now_us), CaptureTime::Late { us: 0 });
         }
-        let CaptureTime::Late { us } = clock.judge(host(now_us, 0), now_us + 150_000) else {
+        let CaptureTime::Late { us } = clock.check(host(now_us, 0), now_us + 150_000) else {
             panic!("a late map is not from the future");
         };
         assert!((149_000..=150_000).contains(&us), "{us}");
@@ -95,11 +94,11 @@ mod tests {
 
     #[test]
     fn a_picture_that_is_sent_again_and_again_grows_old() {
-        let mut clock = CaptureClock::new();
+        let mut clock = ClockSync::new();
         let frozen = host(START_US, 0);
         let mut last = 0;
         for ms in 0..2_000 {
-            let CaptureTime::Late { us } = clock.judge(frozen, START_US + ms * 1_000) else {
+            let CaptureTime::Late { us } = clock.check(frozen, START_US + ms * 1_000) else {
                 panic!("a frozen picture is not from the future");
             };
             assert!(us >= last);
@@ -111,11 +110,11 @@ mod tests {
     #[test]
     fn clocks_that_drift_by_200_parts_per_million_neither_age_maps_nor_bring_them_from_the_future() {
         for parts_per_million in [-200, 200] {
-            let mut clock = CaptureClock::new();
+            let mut clock = ClockSync::new();
             // Two hours of 60 maps a second, across several wraps of the host's clock.
             for frame in 0..432_000_u64 {
                 let now_us = START_US + frame * 16_667;
-                let CaptureTime::Late { us } = clock.judge(host(now_us, parts_per_million), now_us) else {
+                let CaptureTime::Late { us } = clock.check(host(now_us, parts_per_million), now_us) else {
                     panic!("frame {frame} counted as from the future");
                 };
                 assert!(us < 1_000, "frame {frame} counted as {us} µs late");
@@ -130,17 +129,17 @@ mod tests {
                 .map(|power| 1 << power)
                 .filter(|us| *us < 30 * 86_400_000_000_u64)
             {
-                let mut clock = CaptureClock::new();
-                clock.judge(host(START_US, 0), START_US);
+                let mut clock = ClockSync::new();
+                clock.check(host(START_US, 0), START_US);
                 let now_us = START_US + silence_us;
-                let late = clock.judge(host(now_us, parts_per_million), now_us);
+                let late = clock.check(host(now_us, parts_per_million), now_us);
                 assert_eq!(
                     late,
                     CaptureTime::Late { us: 0 },
                     "{silence_us} µs at {parts_per_million} ppm"
                 );
                 // The next one is late by what it is late.
-                let CaptureTime::Late { us } = clock.judge(host(now_us, parts_per_million), now_us + 150_000)
+                let CaptureTime::Late { us } = clock.check(host(now_us, parts_per_million), now_us + 150_000)
                 else {
                     panic!("a late map is not from the future");
                 };
@@ -151,12 +150,12 @@ mod tests {
 
     #[test]
     fn a_map_from_the_future_is_told_and_changes_nothing() {
-        let mut clock = CaptureClock::new();
-        clock.judge(host(START_US, 0), START_US);
+        let mut clock = ClockSync::new();
+        clock.check(host(START_US, 0), START_US);
         let before = clock;
         for ahead_us in [1_100_000, 60_000_000, 1_900_000_000] {
             let capture_us = host(START_US, 0).wrapping_add(ahead_us);
-            assert_eq!(clock.judge(capture_us, START_US + 16_667), CaptureTime::Future);
+            assert_eq!(clock.check(capture_us, START_US + 16_667), CaptureTime::Future);
             assert_eq!(clock, before);
         }
     }

@@ -1,54 +1,53 @@
-//! What form a contact has, told from how far its pressure reaches and how that grows with the force that presses: a round one
-//! grows, a line or a flat end was as long before. By the form a twist becomes a force, and half of the contact slips at
-//! another part of what friction holds.
+//! The geometry of a contact: round, line or flat. A round contact grows with the normal force; a line or a flat end has its
+//! full length from the start. The geometry converts a torsional moment to an equivalent force, and says at which load half
+//! of the contact slips.
 //!
-//! The shear that friction allows under a force P on a contact that slips to where the contact of a smaller force P* ends is
-//! μ(P − P*) (Jäger 1998, Ciavarella 1998, for any form): so half of it slips at 1 − P*/P where P* has half of the area,
-//! 0.646 between spheres and ellipsoids, 0.75 for a line, towards 1 for a flat end.
+//! A contact under the force P that sticks only where the contact of a smaller force P* would be carries the shear μ(P − P*)
+//! (Jäger 1998, Ciavarella 1998, for any geometry). So half of it slips at 1 − P*/P, where P* has half of the area: 0.646
+//! between spheres and ellipsoids, 0.75 for a line, towards 1 for a flat end.
 //!
-//! Units: forces 1/4096 N, reach squared 1/16 of half a taxel pitch squared. Limits: three forms; a contact that nobody saw
-//! begin counts as round.
+//! Units: forces 1/4096 N, reach squared 1/16 of half a taxel pitch squared. Limits: three geometries; a contact whose
+//! beginning was not seen counts as round.
 
 use gripline_protocol::message::MapSums;
 
+use crate::arithmetic::{divide, narrowed};
 use crate::constants::{
     BLUR_REACH, FLAT_64THS, HALF_FLAT_64THS, HALF_LINE_64THS, HALF_ROUND_64THS, LINE_16THS, ROUND_64THS,
-    SEEN_TWIST,
+    SEEN_MOMENT,
 };
-use crate::divide::divide;
-use crate::load::narrowed;
 
-/// What part of the largest normal force must be new for a look at the form.
+/// Share of the largest normal force by which the force must grow before the kind is decided again.
 const GROWTH_PART: u32 = 16;
-/// Most that pressure on a map reaches, squared: every taxel is within 19 half pitches both ways.
-const REACH_MOST: u64 = 16 * 2 * 19 * 19;
+/// Upper limit of the reach, squared: every taxel is within 19 half pitches both ways.
+const REACH_MAX: u64 = 16 * 2 * 19 * 19;
 
-/// What kind of contact.
+/// The kind of a contact.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 enum Kind {
-    /// It grows every way as it is pressed.
+    /// It grows in all directions with the force.
     #[default]
     Round,
     /// Long and narrow.
     Line,
-    /// As wide as long, and so from the first.
+    /// As wide as long, and so from the start.
     Flat,
 }
 
-/// The form of a contact, as far as it was seen.
+/// The geometry of a contact, as far as it was seen.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub(crate) struct Form {
+pub(crate) struct ContactGeometry {
     /// The largest normal force so far.
     normal: u32,
-    /// Reach times growth of the normal force up to there, in 64.
+    /// Σ reach times growth of the normal force up to there, over 64.
     grown: u32,
-    /// Mean square of the pressure's distance from its centre; 0 before the first map.
+    /// Square of the reach: mean square distance of the pressure from its centre; 0 before the first map.
     reach: u16,
     kind: Kind,
 }
 
-impl Form {
-    /// Nothing was seen.
+impl ContactGeometry {
+    /// Before the first map.
     pub(crate) const fn new() -> Self {
         Self {
             normal: 0,
@@ -58,15 +57,15 @@ impl Form {
         }
     }
 
-    /// Takes a map in contact. Only what presses and sticks tells the kind: under a load near friction's bound the normal
-    /// force in a map is not what it was, and what slid is at another place.
+    /// Takes a map in contact. Only a sticking contact tells its kind: near the friction limit the normal force in the map
+    /// changes, and a contact that slid is at another place.
     pub(crate) fn observe(&mut self, sums: &MapSums, sticks: bool) {
         let normal = sums.force[2].max(1).cast_unsigned();
-        // No pressure on so many taxels is nearer together than on a disc.
-        let least = 8 * u64::from(sums.contact);
-        let reach = reach(sums).max(least).min(REACH_MOST);
+        // On so many taxels a disc has the smallest reach.
+        let min = 8 * u64::from(sums.contact);
+        let reach = reach(sums).max(min).min(REACH_MAX);
         self.reach = reach as u16;
-        // Less is the unrest of what presses.
+        // Less is fluctuation.
         if sticks && normal > self.normal + self.normal / GROWTH_PART {
             let whole = (reach * u64::from(normal)) >> 6;
             let seen = self.normal > 0;
@@ -77,7 +76,7 @@ impl Form {
                 more * ROUND_64THS / 64
             };
             self.normal = normal;
-            // At most the most reach at the most force: 11,552 · 2²⁴ / 64.
+            // At most the largest reach at the largest force: 11,552 · 2²⁴ / 64.
             self.grown = grown as u32;
             self.kind = if grown * 64 <= whole * FLAT_64THS {
                 Kind::Round
@@ -89,22 +88,22 @@ impl Form {
         }
     }
 
-    /// Square of a twist as that of a force: all forms hold a twist of about 0.93 of their reach times the force that they
-    /// hold (a disc pressed evenly 0.94, a sphere 0.93, a line 0.87).
-    pub(crate) fn square_of_twist(&self, twist: i32) -> u64 {
-        // At most 18 · (86/64 · 2²⁹)²: a load is at most a third of another further.
-        divide(18 * u64::from(twist.unsigned_abs()).pow(2), self.reach)
+    /// Square of the force that stands for a torsional moment. Every geometry holds a moment of about 0.93 of its reach times
+    /// the force that it holds (a disc with even pressure 0.94, a sphere 0.93, a line 0.87).
+    pub(crate) fn square_of_moment(&self, moment: i32) -> u64 {
+        // At most 18 · (86/64 · 2²⁹)²: the difference of two loads, each up to 2²⁹.
+        divide(18 * u64::from(moment.unsigned_abs()).pow(2), self.reach)
     }
 
-    /// The same of a twist as maps show it, for what the grip must hold: maps blur, which widens what is seen to reach by as
-    /// much for every contact, and lose more of a twist than of a force, as they lose the contact's edge.
-    pub(crate) fn square_of_seen_twist(&self, twist: i32) -> u64 {
-        let twist = u64::from(twist.unsigned_abs().min(1 << 25));
+    /// The same for a moment as maps show it, for the force that the grip must hold. Maps blur: that widens the reach of every
+    /// contact by the same amount. They also lose the contact's edge, and with it more of a moment than of a force.
+    pub(crate) fn square_of_seen_moment(&self, moment: i32) -> u64 {
+        let moment = u64::from(moment.unsigned_abs().min(1 << 25));
         let reach = self.reach.saturating_sub(BLUR_REACH).max(self.reach / 4);
-        divide(SEEN_TWIST * twist * twist, reach.max(1))
+        divide(SEEN_MOMENT * moment * moment, reach.max(1))
     }
 
-    /// How far from its centre a load is when half of the contact slips, over what friction holds, in 64ths.
+    /// Distance of a load from its centre at which half of the contact slips, over the friction limit, in 64ths.
     pub(crate) const fn half_64ths(&self) -> u8 {
         match self.kind {
             Kind::Round => HALF_ROUND_64THS,
@@ -114,7 +113,7 @@ impl Form {
     }
 }
 
-/// Mean square of the pressure's distance from its centre; 0 where pulls outweigh it.
+/// Mean square distance of the pressure from its centre; 0 where tension outweighs it.
 fn reach(sums: &MapSums) -> u64 {
     let normal = i64::from(sums.force[2].max(1));
     let [across, along] = sums.pressure.map(|sum| i64::from(sum).pow(2));
@@ -144,19 +143,19 @@ mod tests {
         }
     }
 
-    /// What is told of a form that is pressed in steps up to 3 N; `at` gives area in taxels of four square half pitches, and
-    /// reach, from the force over the most.
-    fn told(first: i32, at: impl Fn(f64) -> [f64; 2]) -> Form {
-        let mut form = Form::new();
+    /// The geometry after normal forces in steps up to 3 N. `at` gives area (taxels of four square half pitches) and reach
+    /// from the share of the largest force.
+    fn observed(first: i32, at: impl Fn(f64) -> [f64; 2]) -> ContactGeometry {
+        let mut geometry = ContactGeometry::new();
         for step in first..=40 {
             let share = f64::from(step) / 40.0;
             let [area, reach] = at(share);
-            form.observe(&pressed(area, 3.0 * share, reach), true);
+            geometry.observe(&pressed(area, 3.0 * share, reach), true);
         }
-        form
+        geometry
     }
 
-    /// An ellipsoid (Hertz): axes 5 · `longer` and 5 half pitches at the most force.
+    /// An ellipsoid (Hertz): axes 5 · `longer` and 5 half pitches at the largest force.
     fn ellipsoid(longer: f64) -> impl Fn(f64) -> [f64; 2] {
         move |share| {
             let square = 25.0 * share.powf(2.0 / 3.0);
@@ -164,7 +163,7 @@ mod tests {
         }
     }
 
-    /// A cylinder 16 half pitches long, 3 wide to each side at the most force.
+    /// A cylinder 16 half pitches long, 3 wide to each side at the largest force.
     fn cylinder(share: f64) -> [f64; 2] {
         let half_width = 3.0 * share.sqrt();
         [
@@ -182,62 +181,66 @@ mod tests {
     #[test]
     fn a_contact_that_grows_is_round_and_one_that_was_wide_before_is_a_line_or_flat() {
         for (longer, name) in [(1.0, "sphere"), (1.3, "egg"), (2.0, "long ellipsoid")] {
-            assert_eq!(told(1, ellipsoid(longer)).kind, Kind::Round, "{name}");
+            assert_eq!(observed(1, ellipsoid(longer)).kind, Kind::Round, "{name}");
         }
-        assert_eq!(told(1, cylinder).kind, Kind::Line);
-        assert_eq!(told(1, square_end).kind, Kind::Flat);
+        assert_eq!(observed(1, cylinder).kind, Kind::Line);
+        assert_eq!(observed(1, square_end).kind, Kind::Flat);
     }
 
     #[test]
     fn a_contact_whose_beginning_nobody_saw_counts_as_round() {
-        assert_eq!(told(40, square_end).kind, Kind::Round);
-        assert_eq!(told(36, cylinder).kind, Kind::Round);
+        assert_eq!(observed(40, square_end).kind, Kind::Round);
+        assert_eq!(observed(36, cylinder).kind, Kind::Round);
     }
 
     #[test]
-    fn what_was_told_stays_when_the_grip_lets_go_and_is_forgotten_by_none() {
-        let mut form = told(1, square_end);
+    fn the_kind_stays_when_the_normal_force_falls() {
+        let mut geometry = observed(1, square_end);
         for step in (1..40).rev() {
             let share = f64::from(step) / 40.0;
             let [area, reach] = ellipsoid(1.0)(share);
-            form.observe(&pressed(area, 3.0 * share, reach), true);
+            geometry.observe(&pressed(area, 3.0 * share, reach), true);
         }
-        assert_eq!(form.kind, Kind::Flat);
+        assert_eq!(geometry.kind, Kind::Flat);
     }
 
     #[test]
-    fn a_force_that_grows_while_it_slips_or_by_little_tells_nothing_of_the_kind() {
+    fn a_force_that_grows_while_it_slips_or_by_little_does_not_change_the_kind() {
         let [area, reach] = ellipsoid(1.0)(1.0);
-        let told = |sticks: bool, normal_n: f64| {
-            let mut form = told(1, ellipsoid(1.0));
-            form.observe(&pressed(area, normal_n, reach / 4.0), sticks);
-            form.kind
+        let kind = |sticks: bool, normal_n: f64| {
+            let mut geometry = observed(1, ellipsoid(1.0));
+            geometry.observe(&pressed(area, normal_n, reach / 4.0), sticks);
+            geometry.kind
         };
         assert_eq!(
-            [told(false, 6.0), told(true, 3.1), told(true, 6.0)],
+            [kind(false, 6.0), kind(true, 3.1), kind(true, 6.0)],
             [Kind::Round, Kind::Round, Kind::Flat]
         );
     }
 
     #[test]
     fn half_of_a_line_slips_later_than_half_of_a_round_contact_and_half_of_a_flat_one_later_still() {
-        let [round, line, flat] =
-            [told(1, ellipsoid(1.0)), told(1, cylinder), told(1, square_end)].map(|form| form.half_64ths());
+        let [round, line, flat] = [
+            observed(1, ellipsoid(1.0)),
+            observed(1, cylinder),
+            observed(1, square_end),
+        ]
+        .map(|geometry| geometry.half_64ths());
         assert!(round < line && line < flat && flat < 64, "{round} {line} {flat}");
     }
 
-    /// Friction holds ∫ r μp dA of a twist and ∫ μp dA of a force.
+    /// Friction holds a moment of ∫ r μp dA and a force of ∫ μp dA.
     #[test]
-    fn a_twist_that_slides_is_the_force_that_slides() {
+    fn a_moment_that_slides_is_the_force_that_slides() {
         let normal = 4_096.0 * 3.0;
         for (name, reach, lever, area) in [
             ("even disc, radius 6", 18.0, 4.0, 9.0 * PI),
             ("sphere, radius 6", 0.4 * 36.0, 3.0 * PI / 16.0 * 6.0, 9.0 * PI),
             ("line, 20 long", 400.0 / 12.0, 5.0, 20.0),
         ] {
-            let mut form = Form::new();
-            form.observe(&pressed(area, 3.0, reach), true);
-            let force = (form.square_of_twist((lever * normal) as i32) as f64).sqrt();
+            let mut geometry = ContactGeometry::new();
+            geometry.observe(&pressed(area, 3.0, reach), true);
+            let force = (geometry.square_of_moment((lever * normal) as i32) as f64).sqrt();
             assert!((force / normal - 1.0).abs() < 0.09, "{name}: {}", force / normal);
         }
     }

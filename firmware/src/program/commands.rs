@@ -1,0 +1,113 @@
+//! What messages do to the program: handshake and commands.
+
+use gripline_protocol::message::{Command, GripMode, Hello, Message, Refusal, Report};
+use gripline_protocol::sequence::SequenceTracker;
+
+use super::dispatch::Program;
+use super::messages::{MessageEvent, Request};
+use super::outbox::Due;
+use crate::clock_sync::ClockSync;
+use crate::fault::{Fault, FaultSet};
+use crate::sums::{Kernel, TaxelRule};
+
+impl<K: Kernel> Program<K> {
+    /// Takes what [`MessageReader::read`](super::MessageReader::read) made of a packet. The line follows with the next
+    /// packet of a map or the next tick.
+    pub fn message(&mut self, event: &MessageEvent, now_us: u64) {
+        match event {
+            MessageEvent::Fragment => self.last_packet_us = self.passed_to(now_us),
+            MessageEvent::Request(request) => self.request(request, now_us),
+            MessageEvent::Refused => self.refuse_packet(),
+        }
+    }
+
+    /// Counts a packet that was refused before it came here: a malformed COBS frame, a fragment out of order.
+    pub fn refuse_packet(&mut self) {
+        self.maps_in.refuse();
+        self.safety.packet_refused();
+    }
+
+    fn request(&mut self, request: &Request, now_us: u64) {
+        let now_us = self.passed_to(now_us);
+        if matches!(request, Request::Unreadable) {
+            self.safety.set(Fault::UnreadableMessage, true);
+            return self.refuse(Refusal::Unreadable);
+        }
+        self.safety.set(Fault::UnreadableMessage, false);
+        match request {
+            Request::Hello { hello, known } => self.hello(hello, *known),
+            // No host sends a report.
+            Request::Report | Request::Unreadable => self.refuse(Refusal::Unreadable),
+            _ if self.host.is_none() => self.refuse(Refusal::NoHandshake),
+            Request::OutOfRange(error) => {
+                self.safety.set(Fault::OutOfRange, true);
+                self.refuse(Refusal::OutOfRange(*error));
+            }
+            Request::Command { command, rule } => self.command(command, *rule),
+        }
+        self.last_packet_us = now_us;
+    }
+
+    /// The next message for the host.
+    pub fn poll_message(&mut self) -> Option<Message> {
+        Some(match self.outbox.next()? {
+            Due::Hello => Message::Hello(Hello {
+                revision: self.start.revision,
+                ..Hello::of_this_build(self.start.board, self.start.session)
+            }),
+            Due::Refused(refusal) => Message::Report(Report::Refused(refusal)),
+            Due::Configuration => Message::Report(Report::Configuration(self.settings)),
+            Due::Stored { writes } => Message::Report(Report::Stored { writes }),
+            Due::Status => Message::Report(Report::Status(self.status())),
+        })
+    }
+
+    /// Answers in any case, so that a host with another schema can name both versions.
+    fn hello(&mut self, hello: &Hello, known: bool) {
+        self.outbox.hello = true;
+        self.safety.set(Fault::SchemaMismatch, !known);
+        let restarted = self.host.is_none_or(|host| host.session != hello.session);
+        self.host = known.then_some(*hello);
+        if known && restarted {
+            // A host that restarts counts its maps, and its time, from anywhere.
+            for tip in &mut self.fingertips {
+                tip.sequence = SequenceTracker::new();
+                tip.clock = ClockSync::new();
+            }
+            self.safety.set(Fault::FutureMap, false);
+            self.safety.set(Fault::ReplayedMap, false);
+        }
+    }
+
+    fn command(&mut self, command: &Command, rule: Option<TaxelRule>) {
+        match command {
+            Command::Configure(settings) => {
+                self.safety.set(Fault::OutOfRange, false);
+                self.safety.set(Fault::SettingsLost, false);
+                self.settings = *settings;
+                // There is one, as the settings are in range.
+                self.rule = rule.unwrap_or(self.rule);
+                // Sums under way were made by the old rule.
+                self.maps_in.drop_map();
+                self.outbox.configuration = true;
+            }
+            Command::ReadConfiguration => self.outbox.configuration = true,
+            Command::Store if self.may_store() => self.store = true,
+            Command::Store => self.refuse(Refusal::Holding),
+            Command::Hold => {
+                self.controller.set_mode(GripMode::Hold);
+                for tip in &mut self.fingertips {
+                    tip.fresh_us = self.now_us;
+                }
+            }
+            Command::Release if !self.safety.latched().is_empty() => self.refuse(Refusal::Latched),
+            Command::Release => self.controller.set_mode(GripMode::Released),
+            Command::Acknowledge { faults } => self.safety.acknowledge(FaultSet::from_bits(*faults)),
+            Command::ReadStatus => self.send_status(),
+        }
+    }
+
+    pub(super) fn refuse(&mut self, refusal: Refusal) {
+        self.outbox.refusal = Some(refusal);
+    }
+}

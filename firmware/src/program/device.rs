@@ -1,0 +1,59 @@
+//! The program with both ends of its messages, for hosts: tests, the in-process link, simulators.
+//!
+//! It calls what a board's interrupt and tasks call, in the same order: what is tested is what runs on the chip.
+//! Units: µs since start.
+
+use gripline_protocol::Packet;
+use gripline_protocol::packet::Kind;
+
+use super::dispatch::{Action, Program};
+use super::messages::{MessageReader, MessageWriter};
+use super::start::Start;
+
+/// A microcontroller without the silicon.
+#[derive(Debug)]
+pub struct Device {
+    /// The program itself.
+    pub program: Program,
+    reader: MessageReader,
+    writer: MessageWriter,
+}
+
+impl Device {
+    /// Powers on.
+    #[must_use]
+    pub fn new(start: Start) -> Self {
+        Self {
+            program: Program::new(start),
+            reader: MessageReader::new(*start.line()),
+            writer: MessageWriter::default(),
+        }
+    }
+
+    /// Takes one packet of at most 64 bytes as it arrived (COBS already decoded).
+    pub fn packet(&mut self, packet: &[u8], now_us: u64) -> Action {
+        if Kind::of(packet) != Some(Kind::Message) {
+            return self.program.map_packet(packet, now_us);
+        }
+        let event = self.reader.read(packet);
+        self.program.message(&event, now_us);
+        self.program.unchanged()
+    }
+
+    /// Counts a frame that the transport refused (COBS).
+    pub fn malformed_frame(&mut self) {
+        self.reader.drop_message();
+        self.program.refuse_packet();
+    }
+
+    /// The 1 kHz tick: ages, faults, slew.
+    pub fn tick(&mut self, now_us: u64) -> Action {
+        self.program.age(now_us);
+        self.program.advance(now_us)
+    }
+
+    /// The next packet for the host.
+    pub fn next_packet(&mut self) -> Option<Packet> {
+        self.writer.next_packet(|| self.program.poll_message())
+    }
+}

@@ -1,0 +1,49 @@
+//! What the program knows when it starts.
+
+use gripline_protocol::message::{LineSettings, Revision};
+
+use crate::grip::GripForce;
+use crate::storage::Stored;
+
+/// Why the microcontroller started.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum ResetCause {
+    /// Power came on, or somebody reset it: the reset pin, a debug probe.
+    #[default]
+    PowerOn,
+    /// The program hung.
+    Watchdog,
+    /// The program panicked, or ran into a fault of the core.
+    Software,
+}
+
+/// What the program knows when it starts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Start {
+    /// Time now, µs.
+    pub now_us: u64,
+    /// Why it started.
+    pub reset: ResetCause,
+    /// The line's value before a reset, from memory that survives it.
+    pub restored_line: Option<GripForce>,
+    /// The settings that lay in flash.
+    pub stored: Stored,
+    /// Number of the board, for the handshake: its place in `BOARDS`.
+    pub board: u8,
+    /// The commit that the image was built from, for the handshake.
+    pub revision: Option<Revision>,
+    /// A number that differs from start to start, for the handshake.
+    pub session: u32,
+}
+
+impl Start {
+    /// The line's settings in force: they are taken at the start and never change while the program runs.
+    #[must_use]
+    pub const fn line(&self) -> &LineSettings {
+        match &self.stored.settings {
+            Some(settings) => &settings.line,
+            None => &LineSettings::DEFAULT,
+        }
+    }
+}

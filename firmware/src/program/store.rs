@@ -1,0 +1,35 @@
+//! Settings on their way to flash: the board writes them, the program says when.
+
+use gripline_protocol::message::{Configuration, GripMode, Refusal};
+
+use super::dispatch::Program;
+use crate::grip::GripForce;
+use crate::sums::Kernel;
+
+impl<K: Kernel> Program<K> {
+    /// Whether nothing can be in the gripper: writing the flash stops the processor.
+    pub(super) fn may_store(&self) -> bool {
+        self.controller.mode() == GripMode::Released && self.line() == GripForce::ZERO
+    }
+
+    /// The settings to write to flash now, once per `Store`. Ask between two ticks, outside the map-to-line path, and report
+    /// the outcome with [`Self::stored`].
+    pub fn take_store(&mut self) -> Option<Configuration> {
+        if !core::mem::take(&mut self.store) {
+            return None;
+        }
+        if !self.may_store() {
+            self.refuse(Refusal::Holding);
+            return None;
+        }
+        Some(self.settings)
+    }
+
+    /// Reports the outcome of a store: the number of writes since the chip was new, or `None` if it failed.
+    pub fn stored(&mut self, writes: Option<u32>) {
+        match writes {
+            Some(writes) => self.outbox.stored = Some(writes),
+            None => self.refuse(Refusal::FlashFailed),
+        }
+    }
+}
