@@ -32,7 +32,24 @@ struct Measurement {
     title: String,
     /// As a reader types it.
     command: String,
+    #[serde(default)]
     figure: Vec<Figure>,
+    /// Lists of bounds that the command judges itself.
+    #[serde(default)]
+    table: Vec<Table>,
+}
+
+/// A list in the JSON, an object a row.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Table {
+    /// Pointer of the list.
+    at: String,
+    /// Keys of a row: what it is, what was found, what was wanted, and whether that holds (true or false).
+    what: String,
+    found: String,
+    wanted: String,
+    held: String,
 }
 
 /// One row of the page.
@@ -185,6 +202,16 @@ impl Measurement {
                 values.insert(pointer, value.clone());
             }
         }
+        for table in &self.table {
+            let list = printed.pointer(&table.at).filter(|list| list.is_array());
+            let list = list.ok_or_else(|| {
+                wrong(
+                    &format!("`{}`", self.command),
+                    &format!("no list at {}", table.at),
+                )
+            })?;
+            values.insert(table.at.clone(), list.clone());
+        }
         Ok(values)
     }
 }
@@ -253,7 +280,23 @@ impl Figure {
             return "";
         };
         let holds = self.max.is_none_or(|max| value <= max) && self.min.is_none_or(|min| value >= min);
-        if holds { "held" } else { "**missed**" }
+        judged(holds)
+    }
+}
+
+fn judged(holds: bool) -> &'static str {
+    if holds { "held" } else { "**missed**" }
+}
+
+/// A value of a row; numbers with at most four digits behind the point.
+fn cell(value: &Value) -> String {
+    match value {
+        Value::String(text) => text.clone(),
+        Value::Number(number) => {
+            let rounded = (number.as_f64().unwrap_or(f64::NAN) * 1e4).round() / 1e4;
+            rounded.to_string()
+        }
+        other => other.to_string(),
     }
 }
 
@@ -296,6 +339,16 @@ fn page(plan: &Plan, kept: &Kept) -> Result<String, Error> {
                 figure.wanted
             )
             .map_err(|error| wrong(PAGE, &error.to_string()))?;
+        }
+        for table in &measurement.table {
+            let rows = values.get(&table.at).and_then(Value::as_array);
+            for row in rows.into_iter().flatten() {
+                let verdict = judged(row[&table.held].as_bool().unwrap_or(false));
+                let [what, found, wanted] =
+                    [&table.what, &table.found, &table.wanted].map(|key| cell(&row[key]));
+                writeln!(text, "| {what} | {found} | {wanted} | {verdict} |")
+                    .map_err(|error| wrong(PAGE, &error.to_string()))?;
+            }
         }
     }
     Ok(text)
@@ -344,6 +397,7 @@ mod tests {
             title: "M".to_owned(),
             command: "c".to_owned(),
             figure: vec![figure("{/a/0*100:1} % of {/b}, {/a/0}")],
+            table: Vec::new(),
         };
         let printed = serde_json::json!({"a": [0.5], "b": "all"});
         let values = measurement
