@@ -306,7 +306,7 @@ impl Calibration {
     /// # Errors
     /// [`Failure`] that names the file.
     pub(crate) fn save(&self) -> Result<(), Failure> {
-        let body = toml::to_string(self).map_err(Failure::failed)?;
+        let body = toml::to_string(self)?;
         let text = format!(
             "# Written by `gripline calibrate`; a configuration names it: calibration.file. Sections can be made again one by \
              one.\n\n{body}"

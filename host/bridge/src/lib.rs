@@ -13,10 +13,9 @@ extern crate self as gripline;
 mod calibration;
 pub mod commands;
 pub mod config;
+pub mod error;
 mod live;
 pub mod log;
 pub mod run;
 pub mod source;
 pub mod view;
-
-pub use gripline_recording::error;

@@ -5,7 +5,7 @@ use std::process::ExitCode;
 
 use gripline::commands::cli::{Cli, Command};
 use gripline::commands::{calibrate, detect, doctor, evaluate, faults, infer, plot, replay, shell, simulate};
-use gripline::error::Kind;
+use gripline::error::{Completion, Error};
 use gripline::{config, log, run};
 
 fn main() -> ExitCode {
@@ -13,38 +13,47 @@ fn main() -> ExitCode {
         Ok(cli) => cli,
         Err(error) if error.use_stderr() => {
             eprintln!("gripline: {}", one_line(&error.to_string()));
-            return ExitCode::from(Kind::Usage.exit_code());
+            return ExitCode::from(Error::USAGE);
         }
         // `--help` and `--version` come this way too.
         Err(text) => text.exit(),
     };
     if let Err(failure) = log::start(cli.log_level()) {
         eprintln!("gripline: {failure}");
-        return ExitCode::from(failure.kind.exit_code());
+        return ExitCode::from(failure.exit_code());
     }
-    let ended = match cli.command {
-        Command::Run(args) => run::run(&args),
-        Command::Infer(args) => infer::run(&args),
-        Command::Detect(args) => detect::run(&args),
-        Command::Config(args) => config::run(&args),
-        Command::Evaluate(args) => evaluate::run(&args),
-        Command::Simulate(args) => simulate::run(&args),
-        Command::Replay(args) => replay::run(&args),
-        Command::Export(args) => gripline_recording::export(&args),
-        Command::Plot(args) => plot::run(&args),
-        Command::Calibrate(args) => calibrate::run(&args),
-        Command::Doctor(args) => doctor::run(&args),
-        Command::Faults(args) => faults::run(&args),
-        Command::Completions(args) => shell::completions(&args),
-        Command::Man(args) => shell::man(&args),
-    };
-    match ended {
-        Ok(()) => ExitCode::SUCCESS,
+    match run_command(cli.command) {
+        Ok(completion) => {
+            if let Completion::WithLoss(losses) = &completion {
+                tracing::error!("{losses}");
+            }
+            ExitCode::from(completion.exit_code())
+        }
         Err(failure) => {
             tracing::error!("{failure}");
-            ExitCode::from(failure.kind.exit_code())
+            ExitCode::from(failure.exit_code())
         }
     }
+}
+
+fn run_command(command: Command) -> Result<Completion, Error> {
+    match command {
+        Command::Run(args) => return run::run(&args),
+        Command::Infer(args) => return infer::run(&args),
+        Command::Evaluate(args) => return evaluate::run(&args),
+        Command::Simulate(args) => return simulate::run(&args),
+        Command::Replay(args) => return replay::run(&args),
+        Command::Export(args) => return Ok(gripline_recording::export(&args)?),
+        Command::Plot(args) => return plot::run(&args),
+        Command::Doctor(args) => return doctor::run(&args),
+        Command::Detect(args) => detect::run(&args)?,
+        Command::Config(args) => config::run(&args)?,
+        Command::Calibrate(args) => calibrate::run(&args)?,
+        Command::Faults(args) => faults::run(&args)?,
+        Command::Completions(args) => shell::completions(&args)?,
+        Command::Man(args) => shell::man(&args)?,
+    }
+    Ok(Completion::Whole)
 }
 
 /// The parser's message without its heading, usage and hints: what was found and what was expected.

@@ -12,7 +12,7 @@ use super::plan::{Amount, Data, Planned, Purpose, plan};
 use super::progress::Progress;
 use super::report::{NOISE_LEVELS, Report};
 use gripline_pipeline::settings_for;
-use gripline_recording::error::Failure;
+use gripline_recording::error::{Completion, Failure};
 
 /// The arguments of `gripline evaluate paper`.
 #[derive(Debug, Clone, PartialEq, Args)]
@@ -49,9 +49,8 @@ pub struct PaperArgs {
 /// Runs the command.
 ///
 /// # Errors
-/// [`Failure`] when the network cannot be loaded or a file not be written; of kind loss when the contact world found no
-/// solution for part of a run.
-pub fn run(args: &PaperArgs) -> Result<(), Failure> {
+/// [`Failure`] when the network cannot be loaded or a file not be written.
+pub fn run(args: &PaperArgs) -> Result<Completion, Failure> {
     let report = measure(args)?;
     let mut text = Vec::new();
     if args.json {
@@ -65,8 +64,8 @@ pub fn run(args: &PaperArgs) -> Result<(), Failure> {
         write_section(path, "gripline evaluate paper", &report.markdown())?;
     }
     match report.unsolved.first() {
-        None => Ok(()),
-        Some(first) => Err(Failure::loss(format!(
+        None => Ok(Completion::Whole),
+        Some(first) => Ok(Completion::WithLoss(format!(
             "done with loss: {} runs ended early because the contact had no solution; the first: {first}",
             report.unsolved.len()
         ))),

@@ -1,5 +1,5 @@
 //! The one error of the bridge: a line for people and an exit code for programs.
-//! 0 done, 1 failed, 2 wrong usage, 3 done with loss. Printed once, in `main`.
+//! Printed once, in `main`.
 
 use std::fmt;
 
@@ -10,8 +10,6 @@ pub enum Kind {
     Usage,
     /// What was asked for could not be done: exit code 1.
     Failed,
-    /// Done, but frames or maps were lost: exit code 3.
-    Loss,
 }
 
 impl Kind {
@@ -21,7 +19,27 @@ impl Kind {
         match self {
             Self::Failed => 1,
             Self::Usage => 2,
-            Self::Loss => 3,
+        }
+    }
+}
+
+/// How a command that was done ended.
+#[derive(Debug, Clone, PartialEq, Eq)]
+#[must_use]
+pub enum Completion {
+    /// Nothing is missing.
+    Whole,
+    /// Frames, maps or runs were lost: the line says which and how many. Exit code 3.
+    WithLoss(String),
+}
+
+impl Completion {
+    /// The process's exit code.
+    #[must_use]
+    pub const fn exit_code(&self) -> u8 {
+        match self {
+            Self::Whole => 0,
+            Self::WithLoss(_) => 3,
         }
     }
 }
@@ -49,14 +67,6 @@ impl Failure {
         Self {
             message: message.to_string(),
             kind: Kind::Failed,
-        }
-    }
-
-    /// Done, but something was lost.
-    pub fn loss(message: impl fmt::Display) -> Self {
-        Self {
-            message: message.to_string(),
-            kind: Kind::Loss,
         }
     }
 }

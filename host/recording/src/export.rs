@@ -13,7 +13,7 @@ use npyz::WriterBuilder as _;
 
 use super::messages::Stored;
 use super::reader::{Ending, Reader, RecordedFrame};
-use crate::error::Failure;
+use crate::error::{Completion, Failure};
 
 /// Columns of `frames.csv`; `stick_ratio` is empty when nothing touches, those of the truth when nobody knows it.
 const HEADER: &str = "frame,t_s,gate,health,fn,fx,fy,ft,mz,contact,stick,stick_ratio,coulomb_slip,state,line_n,latency_us,\
@@ -37,7 +37,7 @@ pub struct ExportArgs {
 ///
 /// # Errors
 /// [`Failure`] that names the file which cannot be read or written, and of kind Loss when the recording was cut short.
-pub fn run(args: &ExportArgs) -> Result<(), Failure> {
+pub fn run(args: &ExportArgs) -> Result<Completion, Failure> {
     // First to know what there is, then to write it: memory does not grow with the recording.
     let mut reader = Reader::open(&args.recording)?;
     let mut there = [There::default(); SENSORS];
@@ -66,8 +66,8 @@ pub fn run(args: &ExportArgs) -> Result<(), Failure> {
         println!("{messages} messages to {}", path.display());
     }
     match ending {
-        Ending::Whole => Ok(()),
-        Ending::Cut(why) => Err(Failure::loss(format!(
+        Ending::Whole => Ok(Completion::Whole),
+        Ending::Cut(why) => Ok(Completion::WithLoss(format!(
             "{}: a recording cut short after {frames} frames ({why}); what is there was exported",
             args.recording.display()
         ))),

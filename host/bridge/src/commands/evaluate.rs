@@ -2,7 +2,7 @@
 
 use clap::{Args, Subcommand};
 
-use crate::error::Failure;
+use crate::error::{Completion, Failure};
 use gripline_evaluation::grasps::{self, GraspsArgs};
 use gripline_evaluation::paper::{self, PaperArgs};
 use gripline_evaluation::real::{self, RealArgs};
@@ -30,10 +30,13 @@ pub enum What {
 ///
 /// # Errors
 /// [`Failure`] of the part that runs.
-pub fn run(args: &EvaluateArgs) -> Result<(), Failure> {
+pub fn run(args: &EvaluateArgs) -> Result<Completion, Failure> {
     match &args.what {
-        What::Paper(args) => paper::run(args),
-        What::Grasps(args) => grasps::run(args),
-        What::Real(args) => real::run(args),
+        What::Paper(args) => Ok(paper::run(args)?),
+        What::Grasps(args) => Ok(grasps::run(args)?),
+        What::Real(args) => {
+            real::run(args)?;
+            Ok(Completion::Whole)
+        }
     }
 }

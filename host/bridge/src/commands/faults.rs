@@ -71,11 +71,11 @@ pub fn run(args: &FaultsArgs) -> Result<(), Failure> {
         Some(mcu) => mcu.clone(),
         None => Settings::load(&Overrides::of_file(args.config.as_deref()))?.mcu,
     };
-    let link = mcu.open().map_err(Failure::failed)?;
-    let mut session = Session::connect(link).map_err(Failure::failed)?;
+    let link = mcu.open()?;
+    let mut session = Session::connect(link)?;
     let found = look_and_acknowledge(&mut session, args.acknowledge)?;
     if args.json {
-        println!("{}", serde_json::to_string(&found).map_err(Failure::failed)?);
+        println!("{}", serde_json::to_string(&found)?);
     } else {
         print!("{}", text(&found));
     }
@@ -103,23 +103,19 @@ fn look_and_acknowledge(session: &mut Session, acknowledge: bool) -> Result<Foun
     if !acknowledge || before.latched == 0 {
         return Ok(found(&before, 0));
     }
-    session
-        .command(Command::Acknowledge {
-            faults: before.latched,
-        })
-        .map_err(Failure::failed)?;
+    session.command(Command::Acknowledge {
+        faults: before.latched,
+    })?;
     let after = status(session)?;
     Ok(found(&after, before.latched & !after.latched))
 }
 
 /// What the microcontroller says of itself, asked now.
 fn status(session: &mut Session) -> Result<Status, Failure> {
-    session.command(Command::ReadStatus).map_err(Failure::failed)?;
+    session.command(Command::ReadStatus)?;
     let asked_us = session.now_us();
     while session.now_us() < asked_us + STATUS_US {
-        session
-            .run_until(session.now_us() + STEP_US)
-            .map_err(Failure::failed)?;
+        session.run_until(session.now_us() + STEP_US)?;
         if session.status_age_us() == 0
             && let Some(status) = session.status()
         {
@@ -134,7 +130,7 @@ fn status(session: &mut Session) -> Result<Status, Failure> {
 }
 
 fn release(session: &mut Session) -> Result<(), Failure> {
-    session.command(Command::Release).map_err(Failure::failed)?;
+    session.command(Command::Release)?;
     let status = status(session)?;
     match session.take_refusal() {
         Some(Refusal::Latched) => Err(Failure::failed(format!(
@@ -260,7 +256,7 @@ mod tests {
         assert!(
             release(&mut session)
                 .unwrap_err()
-                .message
+                .to_string()
                 .contains("release refused")
         );
 

@@ -73,6 +73,6 @@ pub(crate) fn maps_npy<'a>(maps: impl ExactSizeIterator<Item = &'a ForceMap>) ->
         }
         writer.finish()
     };
-    write(&mut bytes).map_err(Failure::failed)?;
+    write(&mut bytes)?;
     Ok(bytes)
 }

@@ -15,7 +15,7 @@ use gripline_network::{Architecture, Evaluation, ForceMap, InstructionSet, Netwo
 use serde_json::json;
 
 use crate::commands::files::maps_npy;
-use crate::error::Failure;
+use crate::error::{Completion, Failure};
 use gripline_capture::picture;
 
 /// Pictures that cannot be believed are named one by one up to so many.
@@ -61,18 +61,17 @@ enum Engine {
 ///
 /// # Errors
 /// [`Failure`] that names the file: weights or pictures that cannot be used, maps that cannot be written.
-pub fn run(args: &InferArgs) -> Result<(), Failure> {
+pub fn run(args: &InferArgs) -> Result<Completion, Failure> {
     let mut network = match &args.weights {
         Some(path) => Network::from_file(path, args.network),
         None => Network::embedded(args.network.unwrap_or_default()),
-    }
-    .map_err(Failure::failed)?
+    }?
     .with_evaluation(match args.engine {
         Engine::Dense => Evaluation::Dense,
         Engine::Skip => Evaluation::Skip,
     });
     if let Some(set) = args.instructions {
-        network = network.with_instructions(set).map_err(Failure::failed)?;
+        network = network.with_instructions(set)?;
     }
     let small = network.architecture() == Architecture::Unet;
     let rest = picture::crop(&args.rest, small)?;
@@ -143,10 +142,10 @@ pub fn run(args: &InferArgs) -> Result<(), Failure> {
         let out = args.out.display();
         format!("{count} maps by {name}, {median_us:.0} µs a frame (median){lost}\nwrote {out}")
     };
-    writeln!(std::io::stdout(), "{line}").map_err(Failure::failed)?;
+    writeln!(std::io::stdout(), "{line}")?;
     match loss(args, &frames, &names, &unhealthy) {
-        None => Ok(()),
-        Some(loss) => Err(Failure::loss(loss)),
+        None => Ok(Completion::Whole),
+        Some(loss) => Ok(Completion::WithLoss(loss)),
     }
 }
 

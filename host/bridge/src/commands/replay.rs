@@ -16,7 +16,7 @@ use gripline_protocol::{Health, SENSORS};
 use serde::Serialize;
 
 use crate::config::settings_from_text;
-use crate::error::Failure;
+use crate::error::{Completion, Failure};
 use gripline_link::session::Session;
 use gripline_link::{EmbeddedLink, Link};
 use gripline_pipeline::control_loop::gate_name;
@@ -64,17 +64,17 @@ struct Replayed {
 /// Replays.
 ///
 /// # Errors
-/// [`Failure`] when the recording cannot be used or was decided otherwise, and of kind Loss when something is missing in it.
-pub fn run(args: &ReplayArgs) -> Result<(), Failure> {
+/// [`Failure`] when the recording cannot be used or was decided otherwise.
+pub fn run(args: &ReplayArgs) -> Result<Completion, Failure> {
     let mut reader = Reader::open(&args.recording)?;
     let shown = args.recording.display();
     let replayed = replay(&mut reader, args)?;
     let line = if args.json {
-        serde_json::to_string(&replayed).map_err(Failure::failed)?
+        serde_json::to_string(&replayed)?
     } else {
         text(&replayed)
     };
-    writeln!(std::io::stdout(), "{line}").map_err(Failure::failed)?;
+    writeln!(std::io::stdout(), "{line}")?;
     if replayed.different > 0 {
         return Err(Failure::failed(format!(
             "{shown}: {} of {} frames decided otherwise, expected none: {}",
@@ -84,18 +84,18 @@ pub fn run(args: &ReplayArgs) -> Result<(), Failure> {
         )));
     }
     if let Some(why) = &replayed.cut_short {
-        return Err(Failure::loss(format!(
+        return Ok(Completion::WithLoss(format!(
             "{shown}: a recording cut short after {} frames ({why}); what is there was replayed",
             replayed.frames
         )));
     }
     if replayed.missing > 0 {
-        return Err(Failure::loss(format!(
+        return Ok(Completion::WithLoss(format!(
             "{shown}: {} frames are missing in the recording: the disk was too slow",
             replayed.missing
         )));
     }
-    Ok(())
+    Ok(Completion::Whole)
 }
 
 fn text(replayed: &Replayed) -> String {
@@ -123,8 +123,8 @@ fn replay(reader: &mut Reader, args: &ReplayArgs) -> Result<Replayed, Failure> {
     let link = Box::new(EmbeddedLink::new());
     // The same name in the recording means the same code on the same virtual clock.
     let exact = reader.about.mcu == link.name();
-    let mut session = Session::connect(link).map_err(Failure::failed)?;
-    session.configure(settings).map_err(Failure::failed)?;
+    let mut session = Session::connect(link)?;
+    session.configure(settings)?;
     let mut control = ControlLoop::new(session);
     let mut replayed = Replayed::default();
     // Whether each gate's reference is the one that the run had: not after a picture that the recording lacks.
@@ -179,7 +179,7 @@ fn replay(reader: &mut Reader, args: &ReplayArgs) -> Result<Replayed, Failure> {
             Some(crop) if *known => control.frame(pipeline, &crop, Lateness::Recorded(late), request)?,
             picture => {
                 if let Some(crop) = picture {
-                    let found = pipeline.process(&crop).map_err(Failure::failed)?.gate;
+                    let found = pipeline.process(&crop)?.gate;
                     // Both looked afresh, or both saw nothing: from here on the references are the same.
                     *known = found == verdict && [Verdict::Network, Verdict::NoContact].contains(&found);
                 }
@@ -239,13 +239,10 @@ fn pipelines_of(reader: &Reader, args: &ReplayArgs) -> Result<(Vec<Pipeline>, Co
     let mut network = match &args.weights {
         Some(path) => Network::from_file(path, Some(architecture)),
         None => Network::embedded(architecture),
-    }
-    .map_err(Failure::failed)?;
+    }?;
     // The others all compute the same bits.
     if instructions == &InstructionSet::Portable.to_string() {
-        network = network
-            .with_instructions(InstructionSet::Portable)
-            .map_err(Failure::failed)?;
+        network = network.with_instructions(InstructionSet::Portable)?;
     }
     let found = fingerprint(&network, first);
     if found != reader.about.fingerprint {

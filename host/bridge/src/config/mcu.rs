@@ -46,13 +46,13 @@ pub(super) fn run(args: &McuArgs) -> Result<(), Failure> {
         Some(mcu) => mcu.clone(),
         None => Settings::load(&Overrides::of_file(args.config.as_deref()))?.mcu,
     };
-    let link = mcu.open().map_err(Failure::failed)?;
-    let mut session = Session::connect(link).map_err(Failure::failed)?;
+    let link = mcu.open()?;
+    let mut session = Session::connect(link)?;
     if let Some(path) = &args.write {
         let settings = read(path, session.settings())?;
-        session.configure(settings).map_err(Failure::failed)?;
+        session.configure(settings)?;
         if !args.volatile {
-            let writes = session.store().map_err(Failure::failed)?;
+            let writes = session.store()?;
             eprintln!(
                 "stored, for the {writes}. time; the kind and the points of the line count from the next start"
             );
@@ -60,8 +60,8 @@ pub(super) fn run(args: &McuArgs) -> Result<(), Failure> {
     }
     let text = text_of(session.settings());
     if args.json {
-        let table: Table = text.parse().map_err(Failure::failed)?;
-        println!("{}", serde_json::to_string(&table).map_err(Failure::failed)?);
+        let table: Table = text.parse()?;
+        println!("{}", serde_json::to_string(&table)?);
     } else {
         print!("{text}");
     }

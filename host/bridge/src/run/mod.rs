@@ -39,7 +39,7 @@ pub(crate) use self::settings::{limits, network_for};
 use self::summary::FingertipSummary;
 use self::under_way::{Clock, Run};
 use crate::config::{Overrides, Settings};
-use crate::error::Failure;
+use crate::error::{Completion, Failure};
 use crate::live::Live;
 use crate::live::fleet::Fleet;
 use crate::source::Source;
@@ -61,8 +61,8 @@ pub struct RunArgs {
 /// Runs until the end, `q`, or Ctrl-C.
 ///
 /// # Errors
-/// [`Failure`] when weights, link or terminal fail, and with kind Loss when maps got no answer.
-pub fn run(args: &RunArgs) -> Result<(), Failure> {
+/// [`Failure`] when weights, link or terminal fail.
+pub fn run(args: &RunArgs) -> Result<Completion, Failure> {
     let wanted = Settings::load(&args.overrides)?;
     let network = network_for(&wanted)?;
     let of_network = settings_for(&network);
@@ -76,8 +76,8 @@ pub fn run(args: &RunArgs) -> Result<(), Failure> {
     // Of one fingertip, and of all.
     let frames_per_second = opened[0].frames_per_second;
     let pictures_per_second: f64 = opened.iter().map(|open| open.frames_per_second).sum();
-    let link = wanted.mcu.open().map_err(Failure::failed)?;
-    let mut session = Session::connect(link).map_err(Failure::failed)?;
+    let link = wanted.mcu.open()?;
+    let mut session = Session::connect(link)?;
     // What neither the network nor the configuration says stays as the microcontroller has it.
     let settings = wanted.microcontroller(&Configuration {
         sensors: opened.len() as u8,
@@ -88,7 +88,7 @@ pub fn run(args: &RunArgs) -> Result<(), Failure> {
         ..*session.settings()
     })?;
     as_many_fingertips(&wanted, &settings, opened.len())?;
-    session.configure(settings).map_err(Failure::failed)?;
+    session.configure(settings)?;
     if let Some(note) = session.other_version() {
         eprintln!("gripline: {note}");
     }
@@ -151,8 +151,11 @@ pub fn run(args: &RunArgs) -> Result<(), Failure> {
     let summary = run.summary();
     output.close(&summary)?;
     match summary.losses().as_slice() {
-        [] => Ok(()),
-        losses => Err(Failure::loss(format!("done with loss: {}", losses.join("; ")))),
+        [] => Ok(Completion::Whole),
+        losses => Ok(Completion::WithLoss(format!(
+            "done with loss: {}",
+            losses.join("; ")
+        ))),
     }
 }
 

@@ -21,8 +21,7 @@ pub(crate) fn network_for(wanted: &Settings) -> Result<Network, Failure> {
     let network = match &wanted.weights {
         Some(path) => Network::from_file(path, wanted.architecture),
         None => Network::embedded(wanted.architecture.unwrap_or_default()),
-    }
-    .map_err(Failure::failed)?;
+    }?;
     match wanted.instructions {
         Some(set) => network.with_instructions(set).map_err(Failure::failed),
         None => Ok(network),

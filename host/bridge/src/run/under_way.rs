@@ -236,7 +236,7 @@ impl Run {
             return Ok(());
         }
         let command = Command::Acknowledge { faults: latched };
-        let is_told = session.command(command).map_err(Failure::failed)?;
+        let is_told = session.command(command)?;
         self.notes.push(if is_told {
             // Of what was refused meanwhile, a release, the gripper is told anew.
             self.control.request_again();

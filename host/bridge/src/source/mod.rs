@@ -299,7 +299,7 @@ impl Frames {
             })
         };
         Ok(match self {
-            Self::Simulated(source) => Taken::Picture(source.next(line_n).map_err(Failure::failed)?),
+            Self::Simulated(source) => Taken::Picture(source.next(line_n)?),
             Self::Camera(camera) => camera.next(patience).map_or(Taken::NotYet, |shot| {
                 taken(shot.crop, shot.came, shot.decode_us, GripMode::Hold)
             }),

@@ -27,7 +27,7 @@ use self::report::Report;
 use super::chain::in_parallel;
 use super::document::write_section;
 use super::progress::Progress;
-use gripline_recording::error::Failure;
+use gripline_recording::error::{Completion, Failure};
 
 /// Fixed forces lie on this ladder, N.
 const FIXED_STEP_N: f64 = 0.25;
@@ -106,7 +106,7 @@ struct Results {
 ///
 /// # Errors
 /// [`Failure`] when the network, a world or a file fails; of kind loss when grasps had no solution.
-pub fn run(args: &GraspsArgs) -> Result<(), Failure> {
+pub fn run(args: &GraspsArgs) -> Result<Completion, Failure> {
     let network = Network::embedded(args.network).map_err(Failure::failed)?;
     let parts = GraspParts::new(&grasp(args.seed, 0).scene).map_err(Failure::failed)?;
     let results = Results::open(args, &network)?;
@@ -157,8 +157,8 @@ pub fn run(args: &GraspsArgs) -> Result<(), Failure> {
         write_section(path, "gripline evaluate grasps", &report.markdown(Some(picture)))?;
     }
     match report.unsolved {
-        0 => Ok(()),
-        unsolved => Err(Failure::loss(format!(
+        0 => Ok(Completion::Whole),
+        unsolved => Ok(Completion::WithLoss(format!(
             "done with loss: {unsolved} runs had no solution in the contact world and are left out"
         ))),
     }

@@ -106,8 +106,8 @@ fn store(mut session: Session, points: &[Point]) -> Result<(), Failure> {
         floor: settings.floor.min(most),
         ..settings
     };
-    session.configure(settings).map_err(Failure::failed)?;
-    let writes = session.store().map_err(Failure::failed)?;
+    session.configure(settings)?;
+    let writes = session.store()?;
     eprintln!(
         "gripline: stored, for the {writes}. time; the table counts from the microcontroller's next start"
     );
@@ -177,7 +177,7 @@ fn measure(args: &LineArgs) -> Result<(Vec<Measured>, String, Option<Session>), 
         Some(mcu) => mcu.clone(),
         None => Settings::load(&Overrides::of_file(args.config.as_deref()))?.mcu,
     };
-    let session = Session::connect(mcu.open().map_err(Failure::failed)?).map_err(Failure::failed)?;
+    let session = Session::connect(mcu.open()?)?;
     let device = session.link_name();
     if args.common.asks() {
         for (place, step) in guide::LINE.iter().enumerate() {
@@ -196,7 +196,7 @@ fn measure(args: &LineArgs) -> Result<(Vec<Measured>, String, Option<Session>), 
         sequence: 0,
     };
     let mut step_through = || -> Result<Vec<Measured>, Failure> {
-        stepper.session.command(Command::Hold).map_err(Failure::failed)?;
+        stepper.session.command(Command::Hold)?;
         let last = args.steps - 1;
         (0..=last)
             .map(|step| stepper.step(most_n * step as f64 / last as f64, step + 1, args.steps))
@@ -226,7 +226,7 @@ impl Stepper {
             tighten: self.session.settings().tighten.max(floor),
             ..*self.session.settings()
         };
-        self.session.configure(settings).map_err(Failure::failed)?;
+        self.session.configure(settings)?;
         let end_us = self.session.now_us() + PATIENCE_US;
         while self.line() < floor {
             self.keep()?;
@@ -266,9 +266,7 @@ impl Stepper {
             health: Health::GOOD,
         };
         self.sequence = self.sequence.wrapping_add(1);
-        self.session
-            .send_map(&info, &ForceMap::EMPTY)
-            .map_err(Failure::failed)?;
+        self.session.send_map(&info, &ForceMap::EMPTY)?;
         let until_us = self.session.now_us() + MAP_US;
         self.session.run_until(until_us).map_err(Failure::failed)
     }
@@ -288,7 +286,7 @@ impl Stepper {
     }
 
     fn release(&mut self) -> Result<(), Failure> {
-        self.session.command(Command::Release).map_err(Failure::failed)?;
+        self.session.command(Command::Release)?;
         let end_us = self.session.now_us() + PATIENCE_US;
         while self.line() > 0 && self.session.now_us() < end_us {
             self.keep()?;

@@ -45,9 +45,9 @@ pub(super) fn read<T>(
         let device = format!("{} ({})", reader.about.network, reader.about.mcu);
         return Ok((all, device));
     }
-    let mut maps = MapsFile::open(path).map_err(Failure::failed)?;
+    let mut maps = MapsFile::open(path)?;
     let mut forces = [[0.0; 3]; TAXELS];
-    while maps.read_frame(&mut forces).map_err(Failure::failed)? {
+    while maps.read_frame(&mut forces)? {
         all.push(of(all.len() as f64 / rate_hz, &forces));
     }
     Ok((all, path.display().to_string()))

@@ -230,12 +230,10 @@ fn pictures_npy(pictures: &[Vec<u8>]) -> Result<Vec<u8>, Failure> {
         .default_dtype()
         .shape(&[pictures.len() as u64, side, side])
         .writer(&mut bytes)
-        .begin_nd()
-        .map_err(Failure::failed)?;
+        .begin_nd()?;
     writer
         .extend(pictures.iter().flatten().copied())
-        .and_then(|()| writer.finish())
-        .map_err(Failure::failed)?;
+        .and_then(|()| writer.finish())?;
     Ok(bytes)
 }
 

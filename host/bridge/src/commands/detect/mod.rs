@@ -126,7 +126,7 @@ fn unwritable(path: &Path, error: &io::Error) -> Failure {
 /// [`Failure`] when the recording cannot be read or the CSV cannot be written.
 pub fn run(args: &DetectArgs) -> Result<(), Failure> {
     let settings = args.settings();
-    let mut maps = MapsFile::open(&args.maps).map_err(Failure::failed)?;
+    let mut maps = MapsFile::open(&args.maps)?;
     let extra = Extra {
         state: args.state,
         line: args.line,
@@ -171,7 +171,7 @@ fn judge_all(
     mut csv: Option<Csv>,
 ) -> Result<Option<Summary>, Failure> {
     let mut replay = if csv.as_ref().is_some_and(|csv| csv.extra != Extra::default()) {
-        Some(Replay::new(settings, args.rate).map_err(Failure::failed)?)
+        Some(Replay::new(settings, args.rate)?)
     } else {
         None
     };
@@ -188,17 +188,13 @@ fn judge_all(
         }
     }
     let mut forces = Box::new([[0.0; 3]; TAXELS]);
-    while maps.read_frame(&mut forces).map_err(Failure::failed)? {
+    while maps.read_frame(&mut forces)? {
         let frame = summary.frames;
         let quantised = quantise(&forces, settings.scale);
         let verdict = judge(&quantised.map, settings);
         summary.add(&verdict, quantised.saturated, quantised.greatest_n);
         let answer = match &mut replay {
-            Some(replay) => Some(
-                replay
-                    .show(frame, &quantised.map, quantised.saturated > 0, &verdict)
-                    .map_err(Failure::failed)?,
-            ),
+            Some(replay) => Some(replay.show(frame, &quantised.map, quantised.saturated > 0, &verdict)?),
             None => None,
         };
         if let Some(csv) = &mut csv {

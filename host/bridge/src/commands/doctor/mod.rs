@@ -19,7 +19,7 @@ use self::judge::{Check, State};
 use crate::calibration::Calibration;
 use crate::commands::calibrate::line::with_points;
 use crate::config::{Overrides, Settings};
-use crate::error::Failure;
+use crate::error::{Completion, Failure};
 use crate::run::network_for;
 use crate::run::realtime;
 use crate::source::{AtRest, SimulatedSource, Source, SourceSettings};
@@ -55,7 +55,7 @@ pub struct DoctorArgs {
 ///
 /// # Errors
 /// [`Failure`] of kind Loss when there are warnings, Failed when a check fails, Usage when the configuration is wrong.
-pub fn run(args: &DoctorArgs) -> Result<(), Failure> {
+pub fn run(args: &DoctorArgs) -> Result<Completion, Failure> {
     let settings = Settings::load(&args.overrides)?;
     let mut doctor = Doctor {
         json: args.json,
@@ -89,8 +89,8 @@ pub fn run(args: &DoctorArgs) -> Result<(), Failure> {
         of.map(|check| check.name.as_ref()).collect()
     };
     match worst {
-        State::Ok => Ok(()),
-        State::Warn => Err(Failure::loss(format!(
+        State::Ok => Ok(Completion::Whole),
+        State::Warn => Ok(Completion::WithLoss(format!(
             "warnings: {}",
             named(State::Warn).join(", ")
         ))),
@@ -286,7 +286,7 @@ fn frame_times_ms(settings: &Settings, network: Network, rest: &[Vec<u8>]) -> Re
     };
     let mut pictures = Vec::new();
     while pictures.len() < TIMED + WARM {
-        let picture = source.next(TOUCH_N).map_err(Failure::failed)?;
+        let picture = source.next(TOUCH_N)?;
         if picture.truth.is_some_and(|truth| truth.normal_n > 0.5 * TOUCH_N) {
             pictures.push(picture.crop);
         }
@@ -295,7 +295,7 @@ fn frame_times_ms(settings: &Settings, network: Network, rest: &[Vec<u8>]) -> Re
     let mut times = Vec::with_capacity(TIMED);
     for crop in &pictures {
         let start = Instant::now();
-        let processed = pipeline.process(crop).map_err(Failure::failed)?;
+        let processed = pipeline.process(crop)?;
         if processed.gate == Verdict::Network {
             times.push(start.elapsed().as_secs_f64() * 1e3);
         }

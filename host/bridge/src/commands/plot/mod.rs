@@ -15,7 +15,7 @@ use gripline_chart::Format;
 use self::report::report_of;
 use self::series::{ForceMapAt, Traces};
 use crate::config::settings_from_text;
-use crate::error::Failure;
+use crate::error::{Completion, Failure};
 use crate::run::limits;
 use crate::view::View;
 use gripline_recording::units::{newtons, ratio};
@@ -72,24 +72,23 @@ fn screen_size(text: &str) -> Result<(u16, u16), String> {
 ///
 /// # Errors
 /// [`Failure`] that names the file which cannot be read, written, or is neither .png nor .svg.
-pub fn run(args: &PlotArgs) -> Result<(), Failure> {
+pub fn run(args: &PlotArgs) -> Result<Completion, Failure> {
     let shown = args.out.display();
     Format::of(&args.out).map_err(Failure::usage)?;
     if let Some(t_s) = args.view {
-        return draw_view(args, t_s);
+        draw_view(args, t_s)?;
+        return Ok(Completion::Whole);
     }
     let (traces, ending) = read(args)?;
-    drawing::figure(&traces)
-        .save(&args.out)
-        .map_err(Failure::failed)?;
+    drawing::figure(&traces).save(&args.out)?;
     println!(
         "{} frames, {} maps: wrote {shown}",
         traces.moments.len(),
         traces.maps.len()
     );
     match ending {
-        Ending::Whole => Ok(()),
-        Ending::Cut(why) => Err(Failure::loss(format!(
+        Ending::Whole => Ok(Completion::Whole),
+        Ending::Cut(why) => Ok(Completion::WithLoss(format!(
             "{}: a recording cut short after {} frames ({why}); what is there was drawn",
             args.recording.display(),
             traces.moments.len()
@@ -111,9 +110,7 @@ fn draw_view(args: &PlotArgs, t_s: f64) -> Result<(), Failure> {
         at_s = Some(frame.status.t_s);
         view.push(&report_of(&frame.status, &settings), &frame.map.dequantise());
     }
-    screen::figure(&view.cells(args.size.0, args.size.1))
-        .save(&args.out)
-        .map_err(Failure::failed)?;
+    screen::figure(&view.cells(args.size.0, args.size.1)).save(&args.out)?;
     println!(
         "the view at {:.2} s: wrote {}",
         at_s.unwrap_or_default(),

@@ -21,7 +21,7 @@ use super::play::{self, Moment, Play, Trouble};
 use super::sheet::{self, Column, full_scale};
 use super::table::{self, force_n, named};
 use crate::commands::files::{decode_grey, encode_png, grey_png, maps_npy};
-use crate::error::Failure;
+use crate::error::{Completion, Failure};
 use gripline_capture::avi;
 
 /// The arguments of `gripline simulate`.
@@ -85,9 +85,8 @@ struct Summary {
 /// Runs the command.
 ///
 /// # Errors
-/// [`Failure`]: wrong usage for a folder that holds something else; failed for a scene that cannot be read or played;
-/// loss when frames were left out.
-pub fn run(args: &SimulateArgs) -> Result<(), Failure> {
+/// [`Failure`]: wrong usage for a folder that holds something else; failed for a scene that cannot be read or played.
+pub fn run(args: &SimulateArgs) -> Result<Completion, Failure> {
     let (file, crc) = read_scene(&args.scene)?;
     let size = match args.frames {
         Some(Size::Crop) => FrameSize::Crop,
@@ -123,7 +122,7 @@ fn simulate(
     size: FrameSize,
     frames_per_second: f64,
     mut manifest: Manifest,
-) -> Result<(), Failure> {
+) -> Result<Completion, Failure> {
     let (folder, found) = Folder::open(&args.out, &manifest)?;
     let resumed = folder.finished(play.fingers());
     if found.is_none() {
@@ -158,14 +157,14 @@ fn simulate(
     let summary = summary(args, play, &manifest, resumed, &recorded.moments);
     print_summary(&summary, args.json)?;
     if summary.unsolved > 0 {
-        return Err(Failure::loss(format!(
+        return Ok(Completion::WithLoss(format!(
             "done with loss: {} of {} frames did not converge and are left out; {} lists them",
             summary.unsolved,
             play.frames(),
             folder.path().join("manifest.toml").display()
         )));
     }
-    Ok(())
+    Ok(Completion::Whole)
 }
 
 /// The scene, and the checksum of all that makes it.
@@ -195,7 +194,7 @@ fn read_scene(path: &Path) -> Result<(SceneFile, String), Failure> {
         digest.update(&bytes);
         Ok(bytes)
     };
-    let file = SceneFile::parse(path, &text, &mut load).map_err(Failure::failed)?;
+    let file = SceneFile::parse(path, &text, &mut load)?;
     Ok((file, format!("{:016x}", digest.finalize())))
 }
 
@@ -419,7 +418,7 @@ fn summary(
 
 fn print_summary(summary: &Summary, json: bool) -> Result<(), Failure> {
     let text = if json {
-        serde_json::to_string(summary).map_err(Failure::failed)?
+        serde_json::to_string(summary)?
     } else {
         let ratio = summary
             .stick_ratio_min
@@ -513,7 +512,6 @@ mod tests {
 
     use super::*;
     use crate::commands::simulate::play::FingerMoment;
-    use crate::error::Kind;
 
     /// Four frames on two fingers, of which the second has no solution.
     #[derive(Debug, Default)]
@@ -600,22 +598,18 @@ mod tests {
             too_deep: 0,
             unsolved: Vec::new(),
         };
-        let failure = simulate(
+        let loss = Completion::WithLoss(format!(
+            "done with loss: 1 of 4 frames did not converge and are left out; {} lists them",
+            out.join("manifest.toml").display()
+        ));
+        let first = simulate(
             &args,
             &mut Stubborn::default(),
             FrameSize::Crop,
             10.0,
             manifest.clone(),
-        )
-        .unwrap_err();
-        assert_eq!(failure.kind, Kind::Loss);
-        assert_eq!(
-            failure.to_string(),
-            format!(
-                "done with loss: 1 of 4 frames did not converge and are left out; {} lists them",
-                out.join("manifest.toml").display()
-            )
         );
+        assert_eq!(first.unwrap(), loss);
         let csv = fs::read_to_string(out.join("truth.csv")).unwrap();
         let times: Vec<&str> = csv.lines().map(|line| line.split(',').nth(1).unwrap()).collect();
         assert_eq!(times, ["time_s", "0.1", "0.30000000000000004", "0.4"]);
@@ -655,8 +649,8 @@ mod tests {
         assert_eq!(found.too_deep, 2);
         assert!((found.unsolved[0].time_s - 0.2).abs() < 1e-12);
         // Said again when it is asked for again, with nothing made twice.
-        let again = simulate(&args, &mut Stubborn::default(), FrameSize::Crop, 10.0, manifest).unwrap_err();
-        assert_eq!(again.kind, Kind::Loss);
+        let again = simulate(&args, &mut Stubborn::default(), FrameSize::Crop, 10.0, manifest);
+        assert_eq!(again.unwrap(), loss);
         fs::remove_dir_all(&out).unwrap();
     }
 }

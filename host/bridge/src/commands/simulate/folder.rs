@@ -146,7 +146,7 @@ impl Folder {
     }
 
     pub(super) fn write_manifest(&self, manifest: &Manifest) -> Result<(), Failure> {
-        let text = toml::to_string(manifest).map_err(Failure::failed)?;
+        let text = toml::to_string(manifest)?;
         let text = format!(
             "# What made this folder; gripline simulate goes on from here when it was interrupted.\n{text}"
         );

@@ -258,14 +258,14 @@ struct Gripline {
 
 impl Gripline {
     fn new(rest: &[Vec<u8>], floor_n: f64) -> Result<Self, Failure> {
-        let network = Network::embedded(Architecture::default()).map_err(Failure::failed)?;
+        let network = Network::embedded(Architecture::default())?;
         let settings = Configuration {
             floor: (floor_n * f64::from(LSB_PER_NEWTON)) as i32,
             ..settings_for(&network)
         };
         let link = Box::new(EmbeddedLink::new());
-        let mut session = Session::open(link, settings).map_err(Failure::failed)?;
-        session.command(Command::Hold).map_err(Failure::failed)?;
+        let mut session = Session::open(link, settings)?;
+        session.command(Command::Hold)?;
         Ok(Self {
             pipeline: Pipeline::new(network, rest, GateKind::default(), TaxelRule::of(&settings)),
             session,
@@ -274,18 +274,16 @@ impl Gripline {
 
     /// The line after the microcontroller has had this picture for a frame's time.
     fn line_n(&mut self, picture: &Image, frame: usize, frame_s: f64) -> Result<f64, Failure> {
-        let processed = self.pipeline.process(&picture.pixels).map_err(Failure::failed)?;
+        let processed = self.pipeline.process(&picture.pixels)?;
         let info = MapInfo {
             sensor: 0,
             sequence: frame as u32,
             capture_us: self.session.capture_us(),
             health: processed.health,
         };
-        self.session
-            .send_map(&info, processed.map)
-            .map_err(Failure::failed)?;
+        self.session.send_map(&info, processed.map)?;
         let until_us = self.session.now_us() + (frame_s * 1e6).round() as u64;
-        self.session.run_until(until_us).map_err(Failure::failed)?;
+        self.session.run_until(until_us)?;
         Ok(self.session.line_n())
     }
 }

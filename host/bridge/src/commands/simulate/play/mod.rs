@@ -73,9 +73,7 @@ const REST: usize = u32::MAX as usize;
 /// The scene at its start.
 pub(super) fn open(file: &SceneFile, seed: u64) -> Result<Box<dyn Play + '_>, Failure> {
     match &file.scene {
-        Scene::Press(scene) => Ok(Box::new(
-            press::PressPlay::new(file, scene, seed).map_err(Failure::failed)?,
-        )),
+        Scene::Press(scene) => Ok(Box::new(press::PressPlay::new(file, scene, seed)?)),
         Scene::Grasp(scene) => Ok(Box::new(grasp::GraspPlay::new(file, scene, seed)?)),
     }
 }

@@ -1,0 +1,98 @@
+//! The one error of the bridge: a line for people and an exit code for programs. Printed once, in `main`.
+//! Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done with loss ([`Completion`]).
+
+use std::fmt::Display;
+use std::io;
+
+pub use gripline_recording::error::Completion;
+use gripline_recording::error::Kind;
+
+/// Why a command did not end well: a line with what was found, what was expected and what to do.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// The arguments make no sense.
+    #[error("{0}")]
+    Usage(String),
+    /// What was asked for could not be done.
+    #[error("{0}")]
+    Failed(String),
+    /// Pictures, recordings or experiments.
+    #[error(transparent)]
+    Part(#[from] gripline_recording::error::Failure),
+    /// The camera.
+    #[error(transparent)]
+    Camera(#[from] gripline_capture::CameraError),
+    /// The link to the device.
+    #[error(transparent)]
+    Link(#[from] gripline_link::LinkError),
+    /// The conversation with the device.
+    #[error(transparent)]
+    Session(#[from] gripline_link::session::SessionError),
+    /// A picture's way.
+    #[error(transparent)]
+    Pipeline(#[from] gripline_pipeline::PipelineError),
+    /// The network's weights.
+    #[error(transparent)]
+    Weights(#[from] gripline_network::WeightsError),
+    /// The processor lacks the instructions.
+    #[error(transparent)]
+    InstructionSet(#[from] gripline_network::InstructionSetError),
+    /// The simulated world.
+    #[error(transparent)]
+    Simulation(#[from] gripline_simulation::SimulationError),
+    /// A force that is no number.
+    #[error(transparent)]
+    NotFinite(#[from] gripline_protocol::NotFinite),
+    /// A figure.
+    #[error(transparent)]
+    Chart(#[from] gripline_chart::ChartError),
+    /// Detectors over maps.
+    #[error(transparent)]
+    Detection(#[from] gripline_evaluation::detect::replay::ReplayError),
+    /// Force maps in a file.
+    #[error(transparent)]
+    MapsFile(#[from] gripline_recording::maps_file::MapsFileError),
+    /// A scene of the simulated world.
+    #[error(transparent)]
+    Scene(#[from] gripline_simulation::scene_file::SceneError),
+    /// TOML that was read.
+    #[error(transparent)]
+    TomlRead(#[from] toml::de::Error),
+    /// TOML that is to be written.
+    #[error(transparent)]
+    TomlWrite(#[from] toml::ser::Error),
+    /// JSON for programs.
+    #[error(transparent)]
+    Json(#[from] serde_json::Error),
+    /// A file or a stream of this process.
+    #[error(transparent)]
+    Io(#[from] io::Error),
+}
+
+/// The short name in signatures.
+pub use self::Error as Failure;
+
+impl Error {
+    /// Exit code of wrong usage.
+    pub const USAGE: u8 = 2;
+
+    /// The arguments make no sense.
+    pub fn usage(message: impl Display) -> Self {
+        Self::Usage(message.to_string())
+    }
+
+    /// What was asked for could not be done.
+    pub fn failed(message: impl Display) -> Self {
+        Self::Failed(message.to_string())
+    }
+
+    /// The process's exit code.
+    #[must_use]
+    pub const fn exit_code(&self) -> u8 {
+        match self {
+            Self::Usage(_) => Self::USAGE,
+            Self::Part(failure) if matches!(failure.kind, Kind::Usage) => Self::USAGE,
+            _ => 1,
+        }
+    }
+}
