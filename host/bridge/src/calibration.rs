@@ -8,8 +8,9 @@ use std::path::{Path, PathBuf};
 
 use gripline_evaluation::calibration::line::Point;
 use gripline_network::constants::CROP_SIDE;
+use gripline_protocol::LSB_PER_NEWTON;
 use gripline_protocol::line::{DAC_CODE_MAX, LINE_POINTS, LIVE_ZERO_MIN};
-use gripline_protocol::message::FingertipGeometry;
+use gripline_protocol::message::{Configuration, FingertipGeometry, LinePoint};
 use serde::{Deserialize, Serialize};
 use toml::{Table, Value};
 
@@ -69,6 +70,18 @@ pub(crate) struct Line {
     pub residual_max_n: f64,
     /// As the microcontroller's setting `line.points`.
     pub points: Vec<Point>,
+}
+
+/// The settings with another table.
+pub(crate) fn with_points(settings: &Configuration, points: &[Point]) -> Configuration {
+    let mut settings = *settings;
+    for (to, point) in settings.line.points.iter_mut().zip(points) {
+        *to = LinePoint {
+            force: (point.force_n * f64::from(LSB_PER_NEWTON)).round() as i32,
+            code: point.code,
+        };
+    }
+    settings
 }
 
 /// How the skin sits in the gripper.

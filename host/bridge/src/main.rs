@@ -3,6 +3,7 @@
 
 use std::process::ExitCode;
 
+use clap::CommandFactory as _;
 use gripline::commands::cli::{Cli, Command};
 use gripline::commands::{calibrate, detect, doctor, evaluate, faults, infer, plot, replay, shell, simulate};
 use gripline::error::{Completion, Error};
@@ -50,8 +51,8 @@ fn run_command(command: Command) -> Result<Completion, Error> {
         Command::Config(args) => config::run(&args)?,
         Command::Calibrate(args) => calibrate::run(&args)?,
         Command::Faults(args) => faults::run(&args)?,
-        Command::Completions(args) => shell::completions(&args)?,
-        Command::Man(args) => shell::man(&args)?,
+        Command::Completions(args) => shell::completions(&args, &mut Cli::command())?,
+        Command::Man(args) => shell::man(&args, Cli::command())?,
     }
     Ok(Completion::Whole)
 }

@@ -6,6 +6,7 @@
 //! [`requirement`] says what must hold.
 #![deny(unsafe_code)]
 
+mod arguments;
 pub mod calibration;
 pub mod chain;
 pub mod detect;

@@ -1,50 +1,17 @@
 //! The command `gripline evaluate paper`: arguments, the runs, what is printed and written. Touches the world.
 
 use std::io::{self, Write};
-use std::path::PathBuf;
 
-use clap::Args;
-use gripline_network::{Architecture, Network};
+use gripline_network::Network;
 
+pub use super::arguments::PaperArgs;
 use super::chain::{Chain, Recorded, in_parallel};
 use super::document::write_section;
-use super::plan::{Amount, Data, Planned, Purpose, plan};
+use super::plan::{Amount, Planned, Purpose, plan};
 use super::progress::Progress;
 use super::report::{NOISE_LEVELS, Report};
 use gripline_pipeline::settings_for;
 use gripline_recording::error::{Completion, Failure};
-
-/// The arguments of `gripline evaluate paper`.
-#[derive(Debug, Clone, PartialEq, Args)]
-pub struct PaperArgs {
-    /// Print the figures as one JSON object.
-    #[arg(long)]
-    pub json: bool,
-    /// Everything random follows from it.
-    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..=99))]
-    pub seed: u64,
-    /// Runs of the sequence T-T-R-T-T per object.
-    #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u64).range(1..=50))]
-    pub runs: u64,
-    /// Only the first so many of the five objects: a look at it, no evidence.
-    #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u8).range(1..=5))]
-    pub objects: u8,
-    /// One short run of each kind per object on the coarse grid: a look at it, no evidence.
-    #[arg(long)]
-    pub quick: bool,
-    /// Which data: what is reported, or what the settings were chosen on.
-    #[arg(long, value_enum, default_value_t)]
-    pub data: Data,
-    /// Force network instead of the default one: unet or tracked.
-    #[arg(long, value_name = "NAME", default_value_t)]
-    pub network: Architecture,
-    /// Threads.
-    #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u8).range(1..=64))]
-    pub threads: u8,
-    /// Write the figures as a section of this document.
-    #[arg(long, value_name = "FILE.md")]
-    pub out: Option<PathBuf>,
-}
 
 /// Runs the command.
 ///

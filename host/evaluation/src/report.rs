@@ -1,22 +1,22 @@
 //! What `gripline evaluate paper` says: every figure, as an object for programs and as a page for people.
 
 mod bounds;
+mod figures;
 mod page;
 
 use std::collections::BTreeMap;
 
 use gripline_protocol::message::Configuration;
 use gripline_protocol::{Health, LSB_PER_NEWTON, PER_UNIT};
-use serde::Serialize;
 
+pub use self::figures::{At, ObjectScores, Report, Sensitivity, Tables};
 use super::chain::{Frame, Recorded};
 use super::detectors::{Each, PaperSettings, Sight};
-use super::judged::{Judged, Meaning, Notice, confusion, hold_alarms, notice};
+use super::judged::{Judged, Meaning, confusion, hold_alarms, notice};
 use super::metrics::{Confusion, Scores};
-use super::paper::PaperArgs;
 use super::plan::{Planned, Purpose};
-use super::requirement::Requirement;
 use super::trial::Kind;
+use crate::arguments::PaperArgs;
 use crate::detect::replay::moved_to;
 use bounds::bounds;
 use gripline_recording::units::ratio;
@@ -29,80 +29,6 @@ const FRICTION_SHARES: [f64; 7] = [0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0];
 const THRESHOLDS: [f64; 6] = [0.3, 0.4, 0.5, 0.6, 0.7, 0.8];
 /// Bounds of contact sizes, taxels that the true map loads.
 const CONTACT_SIZES: [usize; 5] = [1, 16, 21, 31, 400];
-
-/// Figures of one object.
-#[derive(Debug, Serialize)]
-pub struct ObjectScores {
-    name: String,
-    mass_g: f64,
-    /// Over its runs.
-    friction: [f64; 2],
-    grip_n: [f64; 2],
-    #[serde(flatten)]
-    scores: Each<Scores>,
-}
-
-/// Tables of one meaning of slip.
-#[derive(Debug, Serialize)]
-pub struct Tables {
-    objects: Vec<ObjectScores>,
-    all: Each<Scores>,
-    translation: Each<Scores>,
-    rotation: Each<Scores>,
-}
-
-/// A figure of the sensitivity: at this value, these scores.
-#[derive(Debug, Serialize)]
-pub struct At {
-    value: f64,
-    frames: u64,
-    stick_ratio: Scores,
-    gripline: Scores,
-}
-
-/// What depends on what.
-#[derive(Debug, Serialize)]
-pub struct Sensitivity {
-    /// Detector's friction over the true one, run by run.
-    friction_assumed_over_true: Vec<At>,
-    threshold: Vec<At>,
-    camera_noise_levels: Vec<At>,
-    /// Least number of loaded taxels of each size.
-    contact_taxels_from: Vec<At>,
-}
-
-/// Everything.
-#[derive(Debug, Serialize)]
-pub struct Report {
-    network: String,
-    data: &'static str,
-    quick: bool,
-    /// How many of the five were played.
-    objects_played: u8,
-    seed: u64,
-    runs: u64,
-    sensors: [u64; 2],
-    frames: usize,
-    doubtful_frames: usize,
-    /// What must hold.
-    bounds: Vec<Requirement>,
-    /// Beginnings and ends of slips in the sequences, percent of their frames.
-    edge_percent: f64,
-    /// Our detector's settings.
-    settings: BTreeMap<&'static str, f64>,
-    #[serde(flatten)]
-    tables: Tables,
-    gross_slip_only: Tables,
-    perfect_sensor: Each<Scores>,
-    lead_time_ms_median: Option<f64>,
-    slips: BTreeMap<&'static str, Each<Notice>>,
-    hold_minutes: f64,
-    alarms_per_minute: f64,
-    alarms_per_minute_of: Each<f64>,
-    sensitivity: Sensitivity,
-    /// Runs that ended early, and why.
-    pub unsolved: Vec<String>,
-}
 
 impl Report {
     /// Of these runs.

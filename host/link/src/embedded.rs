@@ -6,7 +6,7 @@ use std::collections::VecDeque;
 use gripline_firmware::{Device, Start};
 use gripline_protocol::Packet;
 
-use super::{Link, LinkError};
+use crate::link::{Link, LinkError};
 
 /// The microcontroller's safety tick.
 const TICK_US: u64 = 1_000;

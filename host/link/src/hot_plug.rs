@@ -6,7 +6,7 @@
 use std::thread;
 use std::time::{Duration, Instant};
 
-use super::{Link, LinkError, Presence, READY_WITHIN};
+use crate::link::{Link, LinkError, Presence, READY_WITHIN};
 
 /// A device that is away is looked for this often.
 const LOOK_EVERY_US: u64 = 100_000;

@@ -91,14 +91,3 @@ impl Cli {
         Self::try_parse_from(arguments)
     }
 }
-
-/// Reads a number between `least` and `most`; for value parsers.
-///
-/// # Errors
-/// A line with what was found and what was expected.
-pub fn number_in(text: &str, least: f64, most: f64) -> Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(value) if (least..=most).contains(&value) => Ok(value),
-        _ => Err(format!("found {text}, expected a number from {least} to {most}")),
-    }
-}

@@ -8,6 +8,7 @@ pub mod evaluate;
 pub mod faults;
 mod files;
 pub mod infer;
+mod number;
 pub mod plot;
 pub mod replay;
 pub mod shell;

@@ -3,10 +3,9 @@
 use std::io::Write as _;
 use std::path::PathBuf;
 
-use clap::{Args, CommandFactory};
+use clap::Args;
 use clap_complete::Shell;
 
-use crate::commands::cli::Cli;
 use crate::error::Failure;
 
 /// Arguments of `gripline completions`.
@@ -24,25 +23,25 @@ pub struct ManArgs {
     out: PathBuf,
 }
 
-/// Prints the completions.
+/// Prints the completions of the program.
 ///
 /// # Errors
 /// [`Failure`] when standard output cannot be written.
-pub fn completions(args: &CompletionsArgs) -> Result<(), Failure> {
+pub fn completions(args: &CompletionsArgs, program: &mut clap::Command) -> Result<(), Failure> {
     let mut script = Vec::new();
-    clap_complete::generate(args.shell, &mut Cli::command(), "gripline", &mut script);
+    clap_complete::generate(args.shell, program, "gripline", &mut script);
     std::io::stdout()
         .write_all(&script)
         .map_err(|error| Failure::failed(format!("standard output: {error}")))
 }
 
-/// Writes the pages.
+/// Writes the pages of the program.
 ///
 /// # Errors
 /// [`Failure`] that names the folder.
-pub fn man(args: &ManArgs) -> Result<(), Failure> {
+pub fn man(args: &ManArgs, program: clap::Command) -> Result<(), Failure> {
     std::fs::create_dir_all(&args.out)
-        .and_then(|()| clap_mangen::generate_to(Cli::command(), &args.out))
+        .and_then(|()| clap_mangen::generate_to(program, &args.out))
         .map_err(|error| {
             let folder = args.out.display();
             Failure::failed(format!(

@@ -5,8 +5,7 @@ use gripline_network::{InstructionSet, Network};
 use gripline_protocol::message::{Configuration, FingertipGeometry};
 use gripline_protocol::{PER_UNIT, SENSORS};
 
-use crate::calibration::Calibration;
-use crate::commands::calibrate::line::with_points;
+use crate::calibration::{Calibration, with_points};
 use crate::config::{Settings, settings_text};
 use crate::error::Failure;
 use crate::source::Source;

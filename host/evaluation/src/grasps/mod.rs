@@ -12,11 +12,10 @@ mod sensor;
 
 use std::fs::{self, OpenOptions};
 use std::io::{self, ErrorKind, Write};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 
-use clap::Args;
-use gripline_network::{Architecture, Network};
+use gripline_network::Network;
 use gripline_simulation::grasp::GraspParts;
 use serde::{Deserialize, Serialize};
 
@@ -24,6 +23,7 @@ use self::plan::grasp;
 use self::play::{Outcome, play};
 use self::policy::Policy;
 use self::report::Report;
+pub use super::arguments::GraspsArgs;
 use super::chain::in_parallel;
 use super::document::write_section;
 use super::progress::Progress;
@@ -35,32 +35,6 @@ const FIXED_STEP_N: f64 = 0.25;
 const HARDEST: f64 = 0.05;
 /// The model of the chain is compared with pictures on every so many-th grasp.
 const RENDERED_EVERY: usize = 25;
-
-/// The arguments of `gripline evaluate grasps`.
-#[derive(Debug, Clone, PartialEq, Args)]
-pub struct GraspsArgs {
-    /// Print the figures as one JSON object.
-    #[arg(long)]
-    pub json: bool,
-    /// How many grasps.
-    #[arg(long, value_name = "N", default_value_t = 1000, value_parser = clap::value_parser!(u64).range(1..=100_000))]
-    pub grasps: u64,
-    /// Everything random follows from it.
-    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..=99))]
-    pub seed: u64,
-    /// Force network instead of the default one: unet or tracked.
-    #[arg(long, value_name = "NAME", default_value_t)]
-    pub network: Architecture,
-    /// Threads.
-    #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u8).range(1..=64))]
-    pub threads: u8,
-    /// Keep every outcome in this file, one JSON object a line, and go on where an interrupted run stopped.
-    #[arg(long, value_name = "FILE.jsonl")]
-    pub results: Option<PathBuf>,
-    /// Write the figures as a section of this document, and grasps.png beside it.
-    #[arg(long, value_name = "FILE.md")]
-    pub out: Option<PathBuf>,
-}
 
 /// What is played: a grasp under a policy, by the model or with pictures.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -9,9 +9,9 @@ use serde::Serialize;
 use super::super::document::{number, table};
 use super::super::metrics::quantile;
 use super::super::requirement::{Requirement, requirements_table};
-use super::GraspsArgs;
 use super::play::Outcome;
 use super::policy::{FLOOR_N, Policy};
+use crate::arguments::GraspsArgs;
 
 /// A policy's figures.
 #[derive(Debug, Clone, PartialEq, Serialize)]

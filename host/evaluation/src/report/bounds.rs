@@ -2,7 +2,8 @@
 
 use super::super::document::number;
 use super::super::requirement::{Requirement, requirements_table};
-use super::{Report, Tables};
+use super::figures::{Report, Tables};
+use crate::detectors::Each;
 use crate::metrics::Scores;
 
 /// Least accuracy, precision and recall of Gripline, object by object.
@@ -30,7 +31,7 @@ pub(super) fn bounds(tables: &Tables, lead_ms: Option<f64>, alarms_per_minute: f
         number(recall, 1),
         at_least(recall, ROTATION_RECALL_LEAST),
     ));
-    let gain = |scores: &super::Each<Scores>| {
+    let gain = |scores: &Each<Scores>| {
         let (ours, other) = (scores.stick_ratio.recall, scores.baseline.recall);
         ours.zip(other).map(|(ours, other)| ours - other)
     };

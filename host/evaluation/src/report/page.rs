@@ -3,7 +3,7 @@
 use super::super::detectors::{PAPER_FRICTION, PAPER_THRESHOLD};
 use super::super::document::{number, scores_cell, table};
 use super::super::plan::{PAPER_OBJECTS, PAPER_ROTATION, PAPER_TRANSLATION};
-use super::{Report, Sensitivity, Tables};
+use super::figures::{Report, Sensitivity, Tables};
 
 impl Report {
     /// The page.

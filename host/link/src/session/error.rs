@@ -2,8 +2,8 @@
 
 use gripline_protocol::message::{BOARDS, Hello, MessageError, Refusal, SchemaMismatch};
 
-use super::HANDSHAKE_US;
 use crate::LinkError;
+use crate::handshake::HANDSHAKE_US;
 
 /// Why a session cannot begin or go on.
 #[derive(Debug, thiserror::Error)]

@@ -17,12 +17,10 @@ pub use self::error::SessionError;
 use self::error::reason;
 use self::inbox::Inbox;
 use crate::clock_sync::ClockSync;
-use crate::handshake::{Handshake, Next};
+use crate::handshake::{HANDSHAKE_US, Handshake, Next};
 use crate::shadow::{Judgement, Shadow};
 use crate::{Link, LinkError};
 
-/// How long a microcontroller may take to answer a handshake: it boots in well under that.
-const HANDSHAKE_US: u64 = 3_000_000;
 const HANDSHAKE_RETRY_US: u64 = 200_000;
 const HANDSHAKE_STEP_US: u64 = 2_000;
 

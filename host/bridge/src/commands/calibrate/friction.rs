@@ -5,9 +5,10 @@ use std::path::PathBuf;
 use clap::Args;
 use serde_json::json;
 
-use super::{Common, date, guide, maps, wrote};
+use super::common::{Common, date, wrote};
+use super::{guide, maps};
 use crate::calibration::{Calibration, Friction};
-use crate::commands::cli::number_in;
+use crate::commands::number::number_in;
 use crate::error::Failure;
 use gripline_evaluation::calibration::friction::{Estimate, Moment, Slide, estimate, slides};
 

@@ -7,9 +7,10 @@ use clap::Args;
 use gripline_protocol::constants::TAXEL_PITCH_MM;
 use serde_json::json;
 
-use super::{Common, date, guide, maps, wrote};
+use super::common::{Common, date, wrote};
+use super::{guide, maps};
 use crate::calibration::{Calibration, Geometry};
-use crate::commands::cli::number_in;
+use crate::commands::number::number_in;
 use crate::error::Failure;
 use gripline_evaluation::calibration::geometry::{Fit, Press, Touch, fit, presses};
 

@@ -9,13 +9,14 @@ use std::thread;
 use clap::Args;
 use gripline_firmware::GripForce;
 use gripline_firmware::line::LineCalibration;
-use gripline_protocol::message::{Command, Configuration, LinePoint};
+use gripline_protocol::message::{Command, Configuration};
 use gripline_protocol::{ForceMap, Health, LSB_PER_NEWTON, MapInfo};
 use serde_json::json;
 
-use super::{Common, date, guide, wrote};
-use crate::calibration::{Calibration, Line};
-use crate::commands::cli::number_in;
+use super::common::{Common, date, wrote};
+use super::guide;
+use crate::calibration::{Calibration, Line, with_points};
+use crate::commands::number::number_in;
 use crate::config::{Overrides, Settings};
 use crate::error::Failure;
 use gripline_evaluation::calibration::line::Point;
@@ -82,18 +83,6 @@ pub(super) fn run(args: &LineArgs) -> Result<(), Failure> {
         Some(session) => store(session, &found.points),
         None => Ok(()),
     }
-}
-
-/// The settings with another table.
-pub(crate) fn with_points(settings: &Configuration, points: &[Point]) -> Configuration {
-    let mut settings = *settings;
-    for (to, point) in settings.line.points.iter_mut().zip(points) {
-        *to = LinePoint {
-            force: (point.force_n * f64::from(LSB_PER_NEWTON)).round() as i32,
-            code: point.code,
-        };
-    }
-    settings
 }
 
 fn store(mut session: Session, points: &[Point]) -> Result<(), Failure> {

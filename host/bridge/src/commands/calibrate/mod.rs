@@ -2,15 +2,13 @@
 //! configuration names (`calibration.file`). Each part writes its own section and leaves the others. Without a terminal, or
 //! with `--yes`, nothing is asked.
 
+mod common;
 mod friction;
 mod geometry;
 mod guide;
-pub(crate) mod line;
+mod line;
 mod maps;
 mod rest;
-
-use std::path::PathBuf;
-use std::time::SystemTime;
 
 use clap::{Args, Subcommand};
 
@@ -39,31 +37,6 @@ enum Of {
     Line(LineArgs),
 }
 
-/// What every calibration takes.
-#[derive(Debug, Clone, Args)]
-struct Common {
-    /// Calibration file; sections that are there already stay.
-    #[arg(long, value_name = "FILE.toml", default_value = "calibration.toml")]
-    out: PathBuf,
-    /// What was calibrated, for the file: a name or serial number.
-    #[arg(long, value_name = "NAME")]
-    device: Option<String>,
-    /// Do not ask for anything.
-    #[arg(long)]
-    yes: bool,
-    /// Print what was found as one JSON object; asks for nothing.
-    #[arg(long)]
-    json: bool,
-}
-
-impl Common {
-    /// Whether somebody is there who can be asked.
-    fn asks(&self) -> bool {
-        use std::io::IsTerminal as _;
-        !self.yes && !self.json && std::io::stdin().is_terminal()
-    }
-}
-
 /// Calibrates.
 ///
 /// # Errors
@@ -74,21 +47,5 @@ pub fn run(args: &CalibrateArgs) -> Result<(), Failure> {
         Of::Geometry(args) => geometry::run(args),
         Of::Friction(args) => friction::run(args),
         Of::Line(args) => line::run(args),
-    }
-}
-
-/// Now, as the file says it.
-fn date() -> String {
-    humantime::format_rfc3339_seconds(SystemTime::now()).to_string()
-}
-
-/// Says what was written, and how it is used the first time.
-fn wrote(common: &Common) {
-    if !common.json {
-        println!(
-            "wrote {}; `gripline run --calibration {}` uses it, or the key calibration.file",
-            common.out.display(),
-            common.out.display()
-        );
     }
 }

@@ -7,7 +7,8 @@ use gripline_network::constants::CROP_SIDE;
 use npyz::WriterBuilder as _;
 use serde_json::json;
 
-use super::{Common, date, guide, wrote};
+use super::common::{Common, date, wrote};
+use super::guide;
 use crate::calibration::{Calibration, Rest, write};
 use crate::commands::files::grey_png;
 use crate::config::{Overrides, Settings};

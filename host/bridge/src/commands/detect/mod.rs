@@ -11,7 +11,7 @@ use gripline_firmware::Friction;
 use gripline_protocol::{LSB_PER_NEWTON, PER_UNIT, TAXELS};
 
 use self::output::Output;
-use crate::commands::cli::number_in;
+use crate::commands::number::number_in;
 use crate::error::Failure;
 use gripline_evaluation::detect::judge::{Settings, judge, quantise};
 use gripline_evaluation::detect::replay::{RATE_HZ, Replay};

@@ -16,8 +16,7 @@ use gripline_simulation::constants::REST_PICTURES;
 use serde_json::json;
 
 use self::judge::{Check, State};
-use crate::calibration::Calibration;
-use crate::commands::calibrate::line::with_points;
+use crate::calibration::{Calibration, with_points};
 use crate::config::{Overrides, Settings};
 use crate::error::{Completion, Failure};
 use crate::run::network_for;

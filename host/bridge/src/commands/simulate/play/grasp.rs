@@ -12,7 +12,7 @@ use gripline_simulation::grasp::GraspWorld;
 use gripline_simulation::scene_file::{FrameSize, GraspFile, Policy, SceneFile};
 use gripline_simulation::{Image, SimulationError};
 
-use super::{FingerMoment, Moment, Play, REST, Trouble};
+use super::moment::{FingerMoment, Moment, Play, REST, Trouble};
 use crate::error::Failure;
 use gripline_link::EmbeddedLink;
 use gripline_link::session::Session;

@@ -3,7 +3,7 @@
 use gripline_simulation::scene_file::{FrameSize, PressScene, SceneFile};
 use gripline_simulation::{Fingertip, FingertipParams, Image, PressWorld, SimulationError};
 
-use super::{FingerMoment, Moment, Play, REST, Trouble};
+use super::moment::{FingerMoment, Moment, Play, REST, Trouble};
 use crate::error::Failure;
 
 /// Names of the columns that only a press has.

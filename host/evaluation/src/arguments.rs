@@ -1,0 +1,66 @@
+//! Arguments of the experiments.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use gripline_network::Architecture;
+
+use crate::plan::Data;
+
+/// The arguments of `gripline evaluate paper`.
+#[derive(Debug, Clone, PartialEq, Args)]
+pub struct PaperArgs {
+    /// Print the figures as one JSON object.
+    #[arg(long)]
+    pub json: bool,
+    /// Everything random follows from it.
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..=99))]
+    pub seed: u64,
+    /// Runs of the sequence T-T-R-T-T per object.
+    #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u64).range(1..=50))]
+    pub runs: u64,
+    /// Only the first so many of the five objects: a look at it, no evidence.
+    #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u8).range(1..=5))]
+    pub objects: u8,
+    /// One short run of each kind per object on the coarse grid: a look at it, no evidence.
+    #[arg(long)]
+    pub quick: bool,
+    /// Which data: what is reported, or what the settings were chosen on.
+    #[arg(long, value_enum, default_value_t)]
+    pub data: Data,
+    /// Force network instead of the default one: unet or tracked.
+    #[arg(long, value_name = "NAME", default_value_t)]
+    pub network: Architecture,
+    /// Threads.
+    #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u8).range(1..=64))]
+    pub threads: u8,
+    /// Write the figures as a section of this document.
+    #[arg(long, value_name = "FILE.md")]
+    pub out: Option<PathBuf>,
+}
+
+/// The arguments of `gripline evaluate grasps`.
+#[derive(Debug, Clone, PartialEq, Args)]
+pub struct GraspsArgs {
+    /// Print the figures as one JSON object.
+    #[arg(long)]
+    pub json: bool,
+    /// How many grasps.
+    #[arg(long, value_name = "N", default_value_t = 1000, value_parser = clap::value_parser!(u64).range(1..=100_000))]
+    pub grasps: u64,
+    /// Everything random follows from it.
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..=99))]
+    pub seed: u64,
+    /// Force network instead of the default one: unet or tracked.
+    #[arg(long, value_name = "NAME", default_value_t)]
+    pub network: Architecture,
+    /// Threads.
+    #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u8).range(1..=64))]
+    pub threads: u8,
+    /// Keep every outcome in this file, one JSON object a line, and go on where an interrupted run stopped.
+    #[arg(long, value_name = "FILE.jsonl")]
+    pub results: Option<PathBuf>,
+    /// Write the figures as a section of this document, and grasps.png beside it.
+    #[arg(long, value_name = "FILE.md")]
+    pub out: Option<PathBuf>,
+}
