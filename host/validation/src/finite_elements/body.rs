@@ -2,13 +2,11 @@
 //! Units: mm, N, MPa, N·mm. Limits: static, elastic; loads must derive from an energy.
 
 use super::element;
-use super::error::FiniteElementError;
+use super::error::{BALANCE, FiniteElementError};
 use super::mesh::Mesh;
 use super::ogden::Ogden;
 use super::sparse::Sparse;
 
-/// Forces out of balance that are accepted, share of the reactions at the held nodes.
-pub(super) const BALANCE: f64 = 1e-7;
 /// Newton steps before a solve gives up.
 const NEWTON_STEPS: usize = 60;
 /// Halvings of one step before a solve gives up.

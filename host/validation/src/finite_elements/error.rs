@@ -2,7 +2,8 @@
 
 use gripline_simulation::SimulationError;
 
-use super::body::BALANCE;
+/// Forces out of balance that are accepted, share of the reactions at the held nodes.
+pub(super) const BALANCE: f64 = 1e-7;
 
 /// The error of every fallible call in this module.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]

@@ -9,7 +9,7 @@ use gripline_simulation::{Gel, SimulationError};
 use rand_pcg::Pcg64;
 use rand_pcg::rand_core::Rng;
 
-use crate::Failure;
+use crate::failure::Failure;
 use crate::report::{Bound, Report};
 use crate::world::World;
 

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use gripline_chart::{Axis, BLUE, Colour, Figure, INK, Legend, Map, Mark, ORANGE, Series};
 
-use crate::Failure;
+use crate::failure::Failure;
 
 /// Width and height of a chart, and of a map with what stands around it, pixels.
 const CHART: [u32; 2] = [560, 380];

@@ -6,9 +6,10 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use gripline_simulation::contact_world::{Mount, Shape, TRAINING_SHAPES, UNSEEN_SHAPES, production_cells};
 use gripline_simulation::{ForceMap, Gel, SimulationError};
 
+use crate::failure::Failure;
 use crate::report::{Bound, Report, Worst};
+use crate::world::THREADS;
 use crate::world::{World, difference, drive};
-use crate::{Failure, THREADS};
 
 /// Every so many cases are taken when quick: no common divisor with the number of loads.
 const QUICK_STRIDE: usize = 6;

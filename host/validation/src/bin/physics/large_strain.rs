@@ -3,8 +3,8 @@
 use gripline_simulation::Gel;
 use gripline_validation::finite_elements::{Comparison, Ogden, Setting, Surface, compare_pressed_sphere};
 
-use crate::Failure;
 use crate::chart::{Chart, Curve, Pictures};
+use crate::failure::Failure;
 use crate::report::{Bound, Report};
 
 const INDENTATIONS: [f64; 4] = [BOUNDED, 0.1, 0.2, 0.3];

@@ -11,8 +11,8 @@ use gripline_simulation::Gel;
 use gripline_simulation::closed_form::Hertz;
 use gripline_simulation::contact_world::{Mount, TRAINING_SHAPES, Truth, UNSEEN_SHAPES, production_cells};
 
-use crate::Failure;
 use crate::chart::{Chart, Curve, Pictures};
+use crate::failure::Failure;
 use crate::report::{Bound, Report, Worst};
 use crate::world::{FRICTION, Paraboloid, World, drive, half_space};
 

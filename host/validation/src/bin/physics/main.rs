@@ -8,6 +8,7 @@
 
 mod balance;
 mod chart;
+mod failure;
 mod grid;
 mod hertz;
 mod large_strain;
@@ -26,13 +27,9 @@ use std::process::ExitCode;
 use std::time::Instant;
 
 use chart::Pictures;
+use failure::Failure;
 use report::Report;
 use world::World;
-
-type Failure = Box<dyn std::error::Error + Send + Sync>;
-
-/// Threads of the sections that have independent cases; the bound on speed is for as many cores.
-const THREADS: usize = 2;
 
 const HELP: &str = "\
 physics [--quick] [--json] [--out DIR] [--only SECTION,...] [--without SECTION,...]

@@ -5,8 +5,8 @@ use gripline_simulation::contact_world::{
 };
 use gripline_simulation::{Fingertip, FingertipParams, Gel, Image};
 
-use crate::Failure;
 use crate::chart::{Panel, Pictures, Scale};
+use crate::failure::Failure;
 use crate::world::{World, drive};
 
 /// The middle of the skin that is shown, mm from the middle to the edge.

@@ -3,8 +3,8 @@
 use gripline_simulation::closed_form::{CattaneoMindlin, Hertz};
 use gripline_simulation::contact_world::{Mount, production_cells};
 
-use crate::Failure;
 use crate::chart::{Chart, Curve, Pictures};
+use crate::failure::Failure;
 use crate::report::{Bound, Report, Worst};
 use crate::world::{FRICTION, Paraboloid, World, drive, half_space};
 

@@ -7,7 +7,7 @@ use gripline_simulation::grasp::{Course, GraspScene, GraspWorld, OBJECTS, Pull, 
 use gripline_simulation::scene_file::{Scene, SceneFile};
 use gripline_simulation::{ForceMap, PressWorld};
 
-use crate::Failure;
+use crate::failure::Failure;
 use crate::report::{Bound, Report, Worst};
 use crate::world::World;
 

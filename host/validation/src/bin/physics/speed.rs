@@ -4,8 +4,9 @@ use std::time::{Duration, Instant};
 
 use gripline_simulation::{Costs, Counts, SampleGenerator, SampleWorld, Split};
 
+use crate::failure::Failure;
 use crate::report::{Bound, Report};
-use crate::{Failure, THREADS};
+use crate::world::THREADS;
 
 const RUNS: u64 = 4;
 const SAMPLES_A_RUN: usize = 800;

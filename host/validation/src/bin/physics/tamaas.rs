@@ -12,7 +12,7 @@ use gripline_simulation::contact_world::{
 };
 use serde_json::{Value, json};
 
-use crate::Failure;
+use crate::failure::Failure;
 use crate::report::{Bound, Report, Worst};
 use crate::world::{FRICTION, World, drive};
 

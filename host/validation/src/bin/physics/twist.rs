@@ -5,8 +5,8 @@ use std::f64::consts::PI;
 use gripline_simulation::closed_form::{Hertz, Torsion};
 use gripline_simulation::contact_world::{HeightMap, Mount, WALL_MM, production_cells};
 
-use crate::Failure;
 use crate::chart::{Chart, Curve, Pictures};
+use crate::failure::Failure;
 use crate::report::{Bound, Report, Worst};
 use crate::world::{FRICTION, Paraboloid, World, drive, half_space};
 

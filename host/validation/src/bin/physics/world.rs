@@ -6,6 +6,9 @@ use std::sync::{Arc, Mutex, PoisonError};
 use gripline_simulation::contact_world::{Contact, Drive, HeightMap, Mount, Press, Skin, Truth};
 use gripline_simulation::{ForceMap, Gel, SimulationError};
 
+/// Threads of the sections that have independent cases; the bound on speed is for as many cores.
+pub(crate) const THREADS: usize = 2;
+
 /// Friction of every section that does not draw its own.
 pub(crate) const FRICTION: f64 = 0.65;
 
