@@ -1,11 +1,11 @@
 //! The fuzz corpora and a bounded number of mutations of them, in every test run. The seeds of `wire` are written by the
-//! last test here: `GRIPLINE_BLESS=1 cargo test -p gripline-tests --test fuzz_corpus`; those of `jpeg` are small pictures of
-//! every kind that an encoder wrote, nearly empty; the others are what the fuzzer found (`cargo xtask fuzz`).
+//! last test here: `GRIPLINE_BLESS=1 cargo test -p gripline-tests --test fuzz_corpus`; the others are
+//! what the fuzzer found (`cargo xtask fuzz`).
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use gripline_fuzz_bodies::{commands, jpeg, modbus, settings, status, stream, wire};
+use gripline_fuzz_bodies::{commands, modbus, settings, status, stream, wire};
 use gripline_protocol::message::{Command, Configuration, Hello, Message, MessagePackets, Report, Status};
 use gripline_protocol::{ForceMap, MapInfo, TAXELS, TaxelForce, encode_map};
 
@@ -83,11 +83,6 @@ fn what_the_host_hears_holds() {
 #[test]
 fn the_gripper_on_the_bus_holds() {
     check("modbus", modbus::check, 50_000);
-}
-
-#[test]
-fn a_cameras_pictures_hold() {
-    check("jpeg", jpeg::check, 1_000);
 }
 
 fn listed(packets: &[Vec<u8>]) -> Vec<u8> {

@@ -9,6 +9,7 @@ mod cpio;
 mod debian;
 mod emulator;
 mod error;
+mod ffmpeg;
 mod figures;
 mod firmware;
 mod flash;

@@ -19,9 +19,9 @@ pub enum Error {
     /// Pictures, recordings or experiments.
     #[error(transparent)]
     Part(#[from] gripline_recording::error::Failure),
-    /// The camera.
+    /// The camera, or files of pictures.
     #[error(transparent)]
-    Camera(#[from] gripline_capture::CameraError),
+    Camera(#[from] gripline_capture::CaptureError),
     /// The link to the device.
     #[error(transparent)]
     Link(#[from] gripline_link::LinkError),

@@ -227,7 +227,6 @@ fn a_clip_of_simulate_plays_as_its_pictures_do_and_a_cut_or_wrong_one_is_told() 
     }
     assert!(played.iter().any(|force| *force > 1.0), "{played:?}");
 
-    // Levels of the crop, through the library that everything else uses too: within what the quality allows.
     let infer = |frames: &str, code: i32, parts: &[&str]| {
         let output = program(&[
             "infer",
@@ -251,16 +250,17 @@ fn a_clip_of_simulate_plays_as_its_pictures_do_and_a_cut_or_wrong_one_is_told() 
     fs::copy(here("out/rest.png"), here("rest.png")).unwrap();
     fs::write(here("cut.avi"), &bytes[..bytes.len() * 2 / 3]).unwrap();
     let cut = gripline(&["--source", &format!("file:{}", here("cut.avi"))]);
-    assert_says(&cut, 3, &["cut.avi: cut short: the file ends"]);
+    assert_says(
+        &cut,
+        3,
+        &["cut.avi: damaged or cut short: found 1", "pictures, expected 24"],
+    );
     assert!((12..20).contains(&forces(&cut).len()), "{}", forces(&cut).len());
-    infer(&here("cut.avi"), 3, &["a clip cut short", "maps written"]);
+    infer(&here("cut.avi"), 3, &["cut short", "maps written"]);
 
     fs::write(here("wrong.avi"), b"GIF89a is no clip").unwrap();
     for (source, expected) in [
-        (
-            "wrong.avi",
-            "found no AVI file, expected a clip of `gripline simulate --video`",
-        ),
+        ("wrong.avi", "expected a clip with pictures"),
         ("nowhere.avi", "check the path"),
     ] {
         let output = gripline(&["--source", &format!("file:{}", here(source))]);

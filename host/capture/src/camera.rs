@@ -1,66 +1,69 @@
-//! A camera as a source of pictures: a thread of its own takes the newest buffer, makes a crop of it and leaves it in a
-//! mailbox of one. A camera that goes away is opened again as soon as it is back. Nothing waits in a queue: what comes
-//! too late is counted.
+//! A camera as a source of pictures: a thread of its own takes the newest buffer, crops it and puts it into a mailbox of
+//! one. A camera that goes away is opened again as soon as it is back. Nothing queues: pictures that are too late are counted.
 
+use std::ops::Add;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
 use serde::Serialize;
+use tracing::{debug, info, warn};
 
-use super::constants::{PATIENCE, POLL, RATE, REOPEN_EVERY, SILENCE};
-use super::convert::Converter;
-use super::device::{Driver, Port, Ready, Stream};
-use super::error::CameraError;
-use super::negotiate::{CameraSettings, Negotiated, open};
-use super::sequence::Sequence;
+use crate::constants::{DEFAULT_RATE, POLL, REOPEN_EVERY, SILENCE, STOP_CHECK};
+use crate::convert::Converter;
+use crate::driver::{Driver, Port, Ready, Stream};
+use crate::error::CaptureError;
 use crate::mailbox::{Mailbox, Taken};
-use gripline_recording::error::Failure;
+use crate::negotiate::{CameraSettings, Negotiated, open};
+use crate::sequence::Sequence;
 
 /// What became of the pictures.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
 pub struct Counts {
-    /// Pictures that came, good or not.
-    pub came: u64,
-    /// Pictures that the driver numbered and that never came.
+    /// Pictures that arrived, good or not.
+    #[serde(rename = "came")]
+    pub received: u64,
+    /// Pictures that the driver numbered and never delivered.
     pub missed: u64,
-    /// Pictures that a newer one overtook before they were looked at.
+    /// Pictures that a newer one replaced before they were used.
     pub overtaken: u64,
     /// Pictures that could not be decoded.
     pub damaged: u64,
     /// How often the camera went away.
-    pub lost: u64,
+    #[serde(rename = "lost")]
+    pub disconnects: u64,
     /// How often it came back.
-    pub returned: u64,
+    #[serde(rename = "returned")]
+    pub reconnects: u64,
     /// The longest time without it, s.
     pub longest_absence_s: f64,
 }
 
-impl Counts {
-    /// Of two cameras together.
-    #[must_use]
-    pub fn plus(self, other: Self) -> Self {
+impl Add for Counts {
+    type Output = Self;
+
+    fn add(self, other: Self) -> Self {
         Self {
-            came: self.came + other.came,
+            received: self.received + other.received,
             missed: self.missed + other.missed,
             overtaken: self.overtaken + other.overtaken,
             damaged: self.damaged + other.damaged,
-            lost: self.lost + other.lost,
-            returned: self.returned + other.returned,
+            disconnects: self.disconnects + other.disconnects,
+            reconnects: self.reconnects + other.reconnects,
             longest_absence_s: self.longest_absence_s.max(other.longest_absence_s),
         }
     }
 }
 
-/// A crop and its history.
+/// A crop and when it arrived.
 #[derive(Debug)]
-pub struct Shot {
+pub struct CameraFrame {
     /// 440×440 grey levels.
     pub crop: Vec<u8>,
-    /// When its bytes came.
-    pub came: Instant,
-    /// What it took to make the crop, µs.
+    /// When its bytes arrived.
+    pub received_at: Instant,
+    /// Time to make the crop, µs.
     pub decode_us: f64,
 }
 
@@ -69,126 +72,128 @@ pub struct Shot {
 pub struct Camera {
     shared: Arc<Shared>,
     thread: Option<JoinHandle<()>>,
-    told: String,
+    description: String,
     rate: f64,
 }
 
 /// What the two threads share.
 #[derive(Debug, Default)]
 struct Shared {
-    newest: Mailbox<Shot>,
-    log: Mutex<Log>,
+    newest: Mailbox<CameraFrame>,
+    state: Mutex<State>,
     stop: AtomicBool,
 }
 
 #[derive(Debug, Default)]
-struct Log {
+struct State {
     counts: Counts,
-    /// What happened, for people.
-    news: Vec<String>,
+    last_error: Option<String>,
 }
 
 impl Shared {
-    fn log(&self) -> MutexGuard<'_, Log> {
-        // Numbers and texts: nothing in there can be half done.
-        self.log.lock().unwrap_or_else(PoisonError::into_inner)
+    fn state(&self) -> MutexGuard<'_, State> {
+        // Numbers and a text: nothing in there can be half done.
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn count(&self, what: impl FnOnce(&mut Counts)) {
-        what(&mut self.log().counts);
+    fn count(&self, change: impl FnOnce(&mut Counts)) {
+        change(&mut self.state().counts);
     }
 
-    /// The same line twice in a row says nothing new.
-    fn tell(&self, news: String) {
-        let mut log = self.log();
-        if log.news.last() != Some(&news) {
-            log.news.push(news);
+    /// Logs an error unless it is the same as the one before.
+    fn report(&self, error: &CaptureError) {
+        let text = error.to_string();
+        let mut state = self.state();
+        if state.last_error.as_ref() != Some(&text) {
+            warn!("{text}");
+            state.last_error = Some(text);
         }
     }
 
-    fn is_wanted(&self) -> bool {
+    fn is_running(&self) -> bool {
         !self.stop.load(Ordering::Relaxed)
     }
 }
 
 impl Camera {
-    /// Opens and sets the camera; what is wrong with it now is told now.
+    /// Opens and sets the camera, and starts its thread.
     ///
     /// # Errors
-    /// [`CameraError`].
-    pub fn start<P: Port>(port: P, wanted: CameraSettings) -> Result<Self, CameraError>
+    /// [`CaptureError`] when the camera cannot be used now.
+    pub fn start<P: Port>(port: P, settings: CameraSettings) -> Result<Self, CaptureError>
     where
         <P::Driver as Driver>::Stream: Send,
     {
-        let first = open(&port, &wanted)?;
+        let first = open(&port, &settings)?;
         let shared = Arc::new(Shared::default());
-        let (told, rate) = (first.told.clone(), first.rate.unwrap_or(RATE));
-        let theirs = Arc::clone(&shared);
-        let thread = thread::spawn(move || watch(&port, &wanted, first, &theirs));
+        let (description, rate) = (first.description.clone(), first.rate.unwrap_or(DEFAULT_RATE));
+        let of_thread = Arc::clone(&shared);
+        let thread = thread::spawn(move || keep_open(&port, &settings, first, &of_thread));
         Ok(Self {
             shared,
             thread: Some(thread),
-            told,
+            description,
             rate,
         })
     }
 
-    /// What it was set to, for people.
-    pub fn told(&self) -> &str {
-        &self.told
+    /// The camera and all its settings, for people.
+    #[must_use]
+    pub fn description(&self) -> &str {
+        &self.description
     }
 
     /// Frames a second that it promised.
+    #[must_use]
     pub const fn rate(&self) -> f64 {
         self.rate
     }
 
-    /// The newest picture, if there is one within `wait` that was not handed out before.
-    pub fn next(&self, wait: Duration) -> Option<Shot> {
+    /// The newest picture, if one arrives within `wait` that was not handed out before.
+    #[must_use]
+    pub fn next(&self, wait: Duration) -> Option<CameraFrame> {
         match self.shared.newest.take(wait) {
-            Taken::New(shot) => Some(shot),
+            Taken::New(frame) => Some(frame),
             Taken::Nothing | Taken::Closed => None,
         }
     }
 
-    /// So many pictures, one after the other.
+    /// Takes `count` pictures, one after the other.
     ///
     /// # Errors
-    /// [`Failure`] when the camera stops sending.
-    pub fn several(&self, count: usize) -> Result<Vec<Shot>, Failure> {
-        let mut shots = Vec::with_capacity(count);
+    /// [`CaptureError::NoPictures`] when the camera stops sending.
+    pub fn take_frames(&self, count: usize) -> Result<Vec<CameraFrame>, CaptureError> {
+        let patience = 3 * SILENCE;
+        let mut frames = Vec::with_capacity(count);
         let mut last = Instant::now();
-        while shots.len() < count {
-            if let Some(shot) = self.next(POLL) {
-                shots.push(shot);
+        while frames.len() < count {
+            if let Some(frame) = self.next(POLL) {
+                frames.push(frame);
                 last = Instant::now();
-            } else if last.elapsed() > 3 * SILENCE {
-                let counts = self.counts();
-                return Err(Failure::failed(format!(
-                    "{}: found {} good pictures in {} s ({} damaged), expected {count} of the untouched fingertip; {}",
-                    self.told,
-                    shots.len(),
-                    (3 * SILENCE).as_secs(),
-                    counts.damaged,
-                    self.take_news()
-                        .pop()
+            } else if last.elapsed() > patience {
+                let state = self.shared.state();
+                return Err(CaptureError::NoPictures {
+                    camera: self.description.clone(),
+                    found: frames.len(),
+                    seconds: patience.as_secs(),
+                    damaged: state.counts.damaged,
+                    expected: count,
+                    advice: state
+                        .last_error
+                        .clone()
                         .unwrap_or_else(|| "check cable and format".to_owned()),
-                )));
+                });
             }
         }
-        Ok(shots)
+        Ok(frames)
     }
 
     /// What became of the pictures so far.
+    #[must_use]
     pub fn counts(&self) -> Counts {
-        let mut counts = self.shared.log().counts;
+        let mut counts = self.shared.state().counts;
         counts.overtaken += self.shared.newest.overtaken();
         counts
-    }
-
-    /// What happened since it was last asked.
-    pub fn take_news(&self) -> Vec<String> {
-        std::mem::take(&mut self.shared.log().news)
     }
 }
 
@@ -196,101 +201,105 @@ impl Drop for Camera {
     fn drop(&mut self) {
         self.shared.stop.store(true, Ordering::Relaxed);
         if let Some(thread) = self.thread.take() {
-            // A panic in there has been printed.
+            // A panic in the thread has been printed.
             let _ = thread.join();
         }
     }
 }
 
-/// Keeps the camera open and the mailbox fresh, until nobody wants it any more.
-fn watch<P: Port>(
+/// Keeps the camera open and the mailbox fresh until the camera is dropped.
+fn keep_open<P: Port>(
     port: &P,
-    wanted: &CameraSettings,
+    settings: &CameraSettings,
     first: Negotiated<<P::Driver as Driver>::Stream>,
     shared: &Shared,
 ) {
-    let mut open_now = first;
-    while shared.is_wanted() {
-        let gone = stream(&mut open_now, shared);
-        // The device file is of a camera that is gone: it must be closed before the next one gets its name.
-        drop(open_now);
-        let Err(found) = gone else {
+    let mut camera = first;
+    while shared.is_running() {
+        let ended = stream(&mut camera, shared);
+        // Closes the device, or the next camera could not get its name.
+        drop(camera);
+        let Err(found) = ended else {
             return;
         };
-        let lost = Instant::now();
-        shared.count(|counts| counts.lost += 1);
-        shared.tell(
-            CameraError::Gone {
-                camera: port.path(),
-                found,
-            }
-            .to_string(),
-        );
-        open_now = loop {
-            if !shared.is_wanted() {
+        let lost_at = Instant::now();
+        shared.count(|counts| counts.disconnects += 1);
+        shared.report(&CaptureError::Gone {
+            camera: port.path(),
+            found,
+        });
+        camera = loop {
+            if !shared.is_running() {
                 return;
             }
-            match open(port, wanted) {
+            match open(port, settings) {
                 Ok(opened) => break opened,
-                Err(CameraError::Missing { .. } | CameraError::Gone { .. }) => {}
-                Err(other) => shared.tell(other.to_string()),
+                Err(CaptureError::Missing { .. } | CaptureError::Gone { .. }) => {}
+                Err(other) => shared.report(&other),
             }
             thread::sleep(REOPEN_EVERY);
         };
-        let absence_s = lost.elapsed().as_secs_f64();
+        let absence_s = lost_at.elapsed().as_secs_f64();
         shared.count(|counts| {
-            counts.returned += 1;
+            counts.reconnects += 1;
             counts.longest_absence_s = counts.longest_absence_s.max(absence_s);
         });
-        shared.tell(format!("back after {absence_s:.1} s: {}", open_now.told));
+        shared.state().last_error = None;
+        info!("back after {absence_s:.1} s: {}", camera.description);
     }
 }
 
-/// Takes pictures until nobody wants them or the camera is gone; then the reason.
+/// Takes pictures until the camera is dropped, or is gone: then the reason.
 fn stream<S: Stream>(camera: &mut Negotiated<S>, shared: &Shared) -> Result<(), String> {
     let mut converter = Converter::new(camera.format, camera.stride);
     let mut sequence = Sequence::default();
     let mut crop = Vec::new();
     let mut last = Instant::now();
-    while shared.is_wanted() {
-        if !camera
-            .stream
-            .ready()
-            .within(PATIENCE)
-            .map_err(|error| error.to_string())?
-        {
+    while shared.is_running() {
+        let waiting = camera.stream.ready();
+        if !waiting.within(STOP_CHECK).map_err(|error| error.to_string())? {
             if last.elapsed() > SILENCE {
                 return Err(format!("no picture for {} s", SILENCE.as_secs()));
             }
             continue;
         }
-        let ready = camera.stream.ready();
         let buffer = camera.stream.take().map_err(|error| error.to_string())?;
-        let came = Instant::now();
-        last = came;
-        let missed = sequence.came(buffer.sequence);
-        // A newer one is there already: this one need not be decoded.
-        let is_overtaken = ready.within(Duration::ZERO).map_err(|error| error.to_string())?;
+        let received_at = Instant::now();
+        last = received_at;
+        let missed = sequence.next(buffer.sequence);
+        // With a newer picture there already, this one is not worth decoding.
+        let is_overtaken = waiting
+            .within(Duration::ZERO)
+            .map_err(|error| error.to_string())?;
         shared.count(|counts| {
-            counts.came += 1;
+            counts.received += 1;
             counts.missed += missed;
             counts.overtaken += u64::from(is_overtaken && !buffer.is_damaged);
             counts.damaged += u64::from(buffer.is_damaged);
         });
         if is_overtaken || buffer.is_damaged {
+            debug!(
+                picture = buffer.sequence,
+                missed,
+                "dropped: {}",
+                if buffer.is_damaged { "damaged" } else { "overtaken" }
+            );
             continue;
         }
         match converter.crop(buffer.bytes, &mut crop) {
             Ok(()) => {
-                let overtaken = shared.newest.put(Shot {
+                let overtaken = shared.newest.put(CameraFrame {
                     crop: std::mem::take(&mut crop),
-                    came,
-                    decode_us: came.elapsed().as_secs_f64() * 1e6,
+                    received_at,
+                    decode_us: received_at.elapsed().as_secs_f64() * 1e6,
                 });
-                // Its memory serves the next one.
+                // Its memory serves the next picture.
                 crop = overtaken.map_or_else(Vec::new, |overtaken| overtaken.crop);
             }
-            Err(_) => shared.count(|counts| counts.damaged += 1),
+            Err(error) => {
+                debug!(picture = buffer.sequence, "dropped: {error}");
+                shared.count(|counts| counts.damaged += 1);
+            }
         }
     }
     Ok(())

@@ -1,22 +1,14 @@
-//! From a camera's bytes to the 440×440 crop, in one pass over the pixels that are needed: pure.
-//!
-//! Grey and YUYV are read straight out of the driver's buffer: 440 rows of 440 pixels, nothing else is touched. JPEG pictures
-//! have a decoder of their own ([`super::jpeg`]).
+//! From a camera's bytes to the crop, in one pass over the pixels that are needed: pure.
+//! Grey and YUYV are read straight out of the driver's buffer; JPEG pictures are decoded whole.
 
-use crate::constants::CROP_SIDE;
+use crate::error::PictureError;
+use crate::geometry::{CROP, CROP_ORIGIN, CROP_SIDE, FRAME};
+use crate::jpeg::JpegCrop;
+use crate::mode::PixelFormat;
 
-use super::constants::{CROP_LEFT, CROP_TOP, FRAME_WIDTH};
-use super::format::PixelFormat;
-use super::jpeg::JpegCrop;
-
-const WIDTH: usize = FRAME_WIDTH as usize;
-/// Rows of the frame down to the crop's last.
-const ROWS: usize = CROP_TOP + CROP_SIDE;
-const CROP_PIXELS: usize = CROP_SIDE * CROP_SIDE;
-
-/// Turns frames of one camera into crops.
+/// Turns the frames of one camera into crops.
 #[derive(Debug)]
-pub(crate) struct Converter {
+pub struct Converter {
     format: PixelFormat,
     /// Bytes from one row to the next, where the format has rows.
     stride: usize,
@@ -24,46 +16,52 @@ pub(crate) struct Converter {
 }
 
 impl Converter {
-    /// For frames of 640×480 pixels. `stride` is the driver's bytes per line; 0 stands for rows without a gap.
-    pub(crate) fn new(format: PixelFormat, stride: usize) -> Self {
+    /// For frames of 640×480 pixels. `stride` is the driver's bytes per row; 0 means rows without a gap.
+    #[must_use]
+    pub fn new(format: PixelFormat, stride: usize) -> Self {
         Self {
             format,
-            stride: stride.max(row_bytes(format)),
+            stride: stride.max(bytes_per_pixel(format) * FRAME.width),
             jpeg: JpegCrop::default(),
         }
     }
 
-    /// The crop of `frame`.
+    /// Writes the crop of `frame` into `crop`.
     ///
     /// # Errors
-    /// What is wrong with the frame; the crop is then not to be used.
-    pub(crate) fn crop(&mut self, frame: &[u8], crop: &mut Vec<u8>) -> Result<(), String> {
-        if self.format == PixelFormat::Mjpeg {
+    /// [`PictureError`]; `crop` is then undefined.
+    pub fn crop(&mut self, frame: &[u8], crop: &mut Vec<u8>) -> Result<(), PictureError> {
+        let bytes = bytes_per_pixel(self.format);
+        if bytes == 0 {
             return self.jpeg.decode(frame, crop);
         }
-        let needed = (ROWS - 1) * self.stride + row_bytes(self.format);
+        let [left, top] = CROP_ORIGIN;
+        // What lies below the crop may be missing.
+        let needed = (top + CROP_SIDE - 1) * self.stride + bytes * FRAME.width;
         if frame.len() < needed {
-            return Err(format!("found {} bytes, expected at least {needed}", frame.len()));
+            return Err(PictureError {
+                found: format!("{} bytes", frame.len()),
+                expected: format!("at least {needed}"),
+            });
         }
         crop.clear();
-        crop.reserve(CROP_PIXELS);
-        let bytes = row_bytes(self.format) / WIDTH;
-        for row in frame.chunks(self.stride).skip(CROP_TOP).take(CROP_SIDE) {
-            let pixels = &row[CROP_LEFT * bytes..(CROP_LEFT + CROP_SIDE) * bytes];
+        crop.reserve(CROP.pixels());
+        for row in frame.chunks(self.stride).skip(top).take(CROP_SIDE) {
+            let pixels = &row[left * bytes..(left + CROP_SIDE) * bytes];
             match bytes {
                 1 => crop.extend_from_slice(pixels),
-                _ => crop.extend(pixels.chunks_exact(2).map(|pixel| pixel[0])),
+                _ => crop.extend(pixels.iter().step_by(bytes)),
             }
         }
         Ok(())
     }
 }
 
-/// Bytes of a row of 640 pixels; 0 where the format has none.
-const fn row_bytes(format: PixelFormat) -> usize {
+/// Bytes of a pixel; 0 where the format is compressed.
+const fn bytes_per_pixel(format: PixelFormat) -> usize {
     match format {
-        PixelFormat::Grey => WIDTH,
-        PixelFormat::Yuyv => 2 * WIDTH,
+        PixelFormat::Grey => 1,
+        PixelFormat::Yuyv => 2,
         PixelFormat::Mjpeg => 0,
     }
 }

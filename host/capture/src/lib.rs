@@ -1,31 +1,31 @@
-//! Pictures from the world: a camera (Video4Linux), or what stands in for one: a folder of pictures, a clip, a recording.
+//! Pictures from the world: a camera (Video4Linux), or files that stand in for one: a folder of pictures or a clip.
 //!
-//! Pure parts, each with its tests: which mode of a camera is used (`format`, `negotiate`), from its bytes to the crop
-//! (`convert`, of a JPEG `jpeg`), what its sequence numbers say (`sequence`), the file of a clip (`avi`). `camera` keeps a camera open and its newest picture in a
-//! mailbox of one; only `device` and `picture` touch the world. What a run makes of them is the source's matter.
+//! Every picture becomes the same 440×440 crop of 8-bit grey levels ([`geometry`]). [`camera`] keeps a camera open and its
+//! newest picture in a mailbox of one; [`playback`] reads files one after the other. Only `v4l2`, `picture` and `clip` touch the
+//! world.
 #![forbid(unsafe_code)]
 
-pub mod avi;
 pub mod camera;
-pub mod constants;
-mod convert;
-pub mod device;
+pub mod clip;
+mod constants;
+pub mod convert;
+pub mod driver;
 mod error;
-mod files;
-mod format;
-mod jpeg;
+pub mod geometry;
+pub mod jpeg;
 pub mod mailbox;
-mod negotiate;
+pub mod mode;
+pub mod negotiate;
 pub mod picture;
+pub mod playback;
 mod sequence;
-#[cfg(test)]
-mod tests;
+#[cfg(target_os = "linux")]
+pub mod v4l2;
 
-pub use self::camera::Counts;
-pub use self::constants::{POLL, RATE};
-pub use self::error::CameraError;
-pub use self::files::{ClipFrames, FolderFrames};
-pub use self::format::PixelFormat;
-pub use self::format::Wanted;
+pub use self::camera::{Camera, Counts};
+pub use self::constants::{DEFAULT_RATE, POLL};
+pub use self::error::{CaptureError, PictureError};
 pub use self::jpeg::JpegCrop;
+pub use self::mode::{PixelFormat, RequestedMode};
 pub use self::negotiate::CameraSettings;
+pub use self::playback::Playback;

@@ -1,84 +1,86 @@
-//! From an open camera to one that streams what was asked for: format, rate, exposure and gain. Pure but for the driver
-//! behind its trait.
+//! Opens a camera and sets format, rate, exposure and gain. Pure: the driver is behind a trait.
 
-use super::constants::{EXPOSURE_UNIT_MS, FRAME_HEIGHT, FRAME_WIDTH};
-use super::device::{Control, Driver, EXPOSURE_MANUAL, Port};
-use super::error::CameraError;
-use super::format::{PixelFormat, Wanted, shown};
+use crate::constants::EXPOSURE_UNIT_MS;
+use crate::driver::{ActualMode, Control, Driver, EXPOSURE_MANUAL, Port};
+use crate::error::CaptureError;
+use crate::geometry::FRAME;
+use crate::mode::{PixelFormat, RequestedMode, trimmed};
 
-/// What a camera is to be set to.
+/// What the configuration asks of a camera.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct CameraSettings {
     /// Format and rate.
-    pub mode: Wanted,
-    /// Exposure time; `None`: as the camera has it.
+    pub mode: RequestedMode,
+    /// Exposure time; `None` leaves the camera's.
     pub exposure_ms: Option<f64>,
-    /// Gain in the camera's units; `None`: as the camera has it.
+    /// Gain in the camera's units; `None` leaves the camera's.
     pub gain: Option<i64>,
 }
 
 /// A camera that streams.
 #[derive(Debug)]
-pub(crate) struct Negotiated<S> {
+pub struct Negotiated<S> {
+    /// Delivers the frames.
     pub stream: S,
+    /// Format of the pixels.
     pub format: PixelFormat,
+    /// Bytes from row to row; 0 when the driver does not say.
     pub stride: usize,
     /// Frames a second; `None` when the driver does not say.
     pub rate: Option<f64>,
-    /// What came out, for people.
-    pub told: String,
+    /// The camera and all its settings, for people.
+    pub description: String,
 }
 
 /// Opens the camera and sets it.
 ///
 /// # Errors
-/// [`CameraError`] that names what it found and what to do.
-pub(crate) fn open<P: Port>(
+/// [`CaptureError`] that names what it found and what to do.
+pub fn open<P: Port>(
     port: &P,
-    wanted: &CameraSettings,
-) -> Result<Negotiated<<P::Driver as Driver>::Stream>, CameraError> {
+    settings: &CameraSettings,
+) -> Result<Negotiated<<P::Driver as Driver>::Stream>, CaptureError> {
     let camera = port.path();
     let driver = port.open()?;
     let gone = |error: std::io::Error| match error.kind() {
-        std::io::ErrorKind::ResourceBusy => CameraError::Busy {
+        std::io::ErrorKind::ResourceBusy => CaptureError::Busy {
             camera: camera.clone(),
         },
-        _ => CameraError::Gone {
+        _ => CaptureError::Gone {
             camera: camera.clone(),
             found: error.to_string(),
         },
     };
-    let mode = wanted.mode.choose(&camera, &driver.offers())?;
-    let size = [FRAME_WIDTH, FRAME_HEIGHT];
-    let set = driver.set_mode(mode.code, size, mode.rate).map_err(gone)?;
-    if (set.code, set.size) != (mode.code, size) {
-        let [width, height] = set.size;
-        return Err(CameraError::Negotiation {
+    let mode = settings.mode.choose(&camera, &driver.offers())?;
+    let actual = driver.set_mode(mode.code, FRAME, mode.rate).map_err(gone)?;
+    let ActualMode { code, size, .. } = actual;
+    if (code, size) != (mode.code, FRAME) {
+        return Err(CaptureError::Negotiation {
             camera,
-            found: format!("{} {width}×{height}", String::from_utf8_lossy(&set.code)),
-            expected: format!("{} 640×480, which it offers", String::from_utf8_lossy(&mode.code)),
+            found: format!("{} {size}", String::from_utf8_lossy(&code)),
+            expected: format!("{} {FRAME}, which it offers", String::from_utf8_lossy(&mode.code)),
         });
     }
-    let exposure = set_exposure(&camera, &driver, wanted.exposure_ms)?;
-    let gain = set_gain(&camera, &driver, wanted.gain)?;
-    let rate = set.rate.or(mode.rate);
-    let told = told(
+    let exposure = set_exposure(&camera, &driver, settings.exposure_ms)?;
+    let gain = set_gain(&camera, &driver, settings.gain)?;
+    let rate = actual.rate.or(mode.rate);
+    let description = describe(
         &camera,
         &driver.card(),
         mode.format,
-        (rate, wanted.mode.rate),
+        (rate, settings.mode.rate),
         &[exposure, gain],
     );
     Ok(Negotiated {
         stream: driver.stream().map_err(gone)?,
         format: mode.format,
-        stride: set.stride,
+        stride: actual.stride,
         rate,
-        told,
+        description,
     })
 }
 
-fn told(
+fn describe(
     camera: &str,
     card: &str,
     format: PixelFormat,
@@ -87,8 +89,8 @@ fn told(
 ) -> String {
     let rate = match rate {
         None => "a rate that it does not tell".to_owned(),
-        Some(rate) if (rate - wanted).abs() < 0.05 * wanted => format!("{} frames/s", shown(rate)),
-        Some(rate) => format!("{} frames/s (asked for {})", shown(rate), shown(wanted)),
+        Some(rate) if (rate - wanted).abs() < 0.05 * wanted => format!("{} frames/s", trimmed(rate)),
+        Some(rate) => format!("{} frames/s (asked for {})", trimmed(rate), trimmed(wanted)),
     };
     format!(
         "camera {camera} ({card}): 640×480 {format} at {rate}, {}",
@@ -96,8 +98,8 @@ fn told(
     )
 }
 
-/// Fixes the exposure time. Says what holds.
-fn set_exposure(camera: &str, driver: &impl Driver, wanted: Option<f64>) -> Result<String, CameraError> {
+/// Fixes the exposure time. Returns what is in force, for people.
+fn set_exposure(camera: &str, driver: &impl Driver, wanted: Option<f64>) -> Result<String, CaptureError> {
     let Some(ms) = wanted else {
         return Ok(match driver.control(Control::ExposureMode) {
             Some(EXPOSURE_MANUAL) => "exposure as it is set in the camera".to_owned(),
@@ -110,28 +112,31 @@ fn set_exposure(camera: &str, driver: &impl Driver, wanted: Option<f64>) -> Resu
     let key = "camera.exposure_ms";
     let units = (ms / EXPOSURE_UNIT_MS).round() as i64;
     if driver.control(Control::ExposureTime).is_none() {
-        return Err(CameraError::NoControl {
+        return Err(CaptureError::NoControl {
             camera: camera.to_owned(),
             control: "the exposure time",
             key,
         });
     }
-    // A camera without the mode has no other than the manual one.
+    // A camera without the mode knows the manual one only.
     if driver.control(Control::ExposureMode).is_some() {
         set(
             camera,
             driver,
-            (key, &shown(ms)),
+            (key, &trimmed(ms)),
             Control::ExposureMode,
             EXPOSURE_MANUAL,
         )?;
     }
-    set(camera, driver, (key, &shown(ms)), Control::ExposureTime, units)?;
-    Ok(format!("exposure {} ms", shown(units as f64 * EXPOSURE_UNIT_MS)))
+    set(camera, driver, (key, &trimmed(ms)), Control::ExposureTime, units)?;
+    Ok(format!(
+        "exposure {} ms",
+        trimmed(units as f64 * EXPOSURE_UNIT_MS)
+    ))
 }
 
-/// Fixes the gain. Says what holds.
-fn set_gain(camera: &str, driver: &impl Driver, wanted: Option<i64>) -> Result<String, CameraError> {
+/// Fixes the gain. Returns what is in force, for people.
+fn set_gain(camera: &str, driver: &impl Driver, wanted: Option<i64>) -> Result<String, CaptureError> {
     let Some(gain) = wanted else {
         return Ok(
             match (driver.control(Control::GainMode), driver.control(Control::Gain)) {
@@ -143,7 +148,7 @@ fn set_gain(camera: &str, driver: &impl Driver, wanted: Option<i64>) -> Result<S
     };
     let key = "camera.gain";
     if driver.control(Control::Gain).is_none() {
-        return Err(CameraError::NoControl {
+        return Err(CaptureError::NoControl {
             camera: camera.to_owned(),
             control: "the gain",
             key,
@@ -156,26 +161,26 @@ fn set_gain(camera: &str, driver: &impl Driver, wanted: Option<i64>) -> Result<S
     Ok(format!("gain {gain}"))
 }
 
-/// Sets a control and looks whether the camera took the value.
+/// Sets a control and checks that the camera accepted the value.
 fn set(
     camera: &str,
     driver: &impl Driver,
     (key, found): (&'static str, &str),
     control: Control,
     value: i64,
-) -> Result<(), CameraError> {
+) -> Result<(), CaptureError> {
     let taken = match driver.set_control(control, value) {
         Ok(()) => match driver.control(control) {
             Some(taken) if taken == value => return Ok(()),
             Some(taken) if control == Control::ExposureTime => {
-                format!("{} ms instead", shown(taken as f64 * EXPOSURE_UNIT_MS))
+                format!("{} ms instead", trimmed(taken as f64 * EXPOSURE_UNIT_MS))
             }
             Some(taken) => format!("{taken} instead"),
             None => "none".to_owned(),
         },
         Err(error) => format!("no such value ({error})"),
     };
-    Err(CameraError::Control {
+    Err(CaptureError::Control {
         camera: camera.to_owned(),
         key,
         found: found.to_owned(),

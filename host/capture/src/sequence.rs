@@ -1,22 +1,22 @@
-//! What the driver's sequence numbers say of pictures that never came: pure.
-//! A number counts the pictures of one opening of the camera, modulo 2³².
+//! Counts the pictures that a driver numbered and never delivered: pure.
+//! The number counts the pictures since the camera was opened, modulo 2³².
 
-/// Counts gaps between the sequence numbers of one opening.
+/// Counts the gaps in a camera's sequence numbers.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Sequence {
     last: Option<u32>,
 }
 
-/// A leap further than this is a driver that began anew, not pictures that were lost: ten hours at 60 a second.
-const NEW_BEGINNING: u32 = 1 << 21;
+/// A larger gap means that the driver started over, not that pictures were lost: ten hours at 60 a second.
+const RESTART_GAP: u32 = 1 << 21;
 
 impl Sequence {
-    /// A picture with this number came. Returns how many before it did not.
-    pub(crate) const fn came(&mut self, number: u32) -> u64 {
+    /// Takes the number of a picture that arrived. Returns how many before it are missing.
+    pub(crate) const fn next(&mut self, number: u32) -> u64 {
         let missed = match self.last {
-            // The same number twice, or one that leads back, is a driver that does not count.
+            // A number that repeats or goes back is of a driver that does not count.
             Some(last) => match number.wrapping_sub(last).wrapping_sub(1) {
-                missed if missed < NEW_BEGINNING => missed as u64,
+                missed if missed < RESTART_GAP => missed as u64,
                 _ => 0,
             },
             None => 0,
@@ -33,21 +33,21 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_driver_that_always_says_zero_or_begins_anew_counts_nothing() {
+    fn a_driver_that_always_says_zero_or_starts_over_loses_nothing() {
         let mut sequence = Sequence::default();
-        assert_eq!([0, 0, 0].map(|number| sequence.came(number)), [0, 0, 0]);
-        assert_eq!([7, 0, 1].map(|number| sequence.came(number)), [6, 0, 0]);
+        assert_eq!([0, 0, 0].map(|number| sequence.next(number)), [0, 0, 0]);
+        assert_eq!([7, 0, 1].map(|number| sequence.next(number)), [6, 0, 0]);
     }
 
     proptest! {
         #[test]
-        fn what_came_and_what_was_missed_are_all_there_were(
+        fn received_and_missed_pictures_add_up_to_all(
             first in any::<u32>(),
             kept in prop::collection::vec(any::<bool>(), 1..200),
         ) {
             let mut sequence = Sequence::default();
             let came: Vec<u32> = (0..).zip(&kept).filter(|(_, kept)| **kept).map(|(n, _)| n).collect();
-            let missed: u64 = came.iter().map(|n| sequence.came(first.wrapping_add(*n))).sum();
+            let missed: u64 = came.iter().map(|n| sequence.next(first.wrapping_add(*n))).sum();
             if let (Some(first), Some(last)) = (came.first(), came.last()) {
                 prop_assert_eq!(missed + came.len() as u64, u64::from(last - first + 1));
             }

@@ -37,7 +37,7 @@ impl Progress {
         match &self.bar {
             Some(bar) => bar.inc(1),
             None if (done - 1) * 10 / self.total != done * 10 / self.total => {
-                eprintln!("gripline: {done} of {} {}", self.total, self.what);
+                tracing::info!("{done} of {} {}", self.total, self.what);
             }
             None => {}
         }

@@ -174,7 +174,7 @@ impl Recorder {
                 self.end();
                 if let Some(why) = &self.dropped.failed {
                     // Told when it happens: the run may go on for days.
-                    eprintln!("gripline: {why}; the run goes on without a recording");
+                    tracing::warn!("{why}; the run goes on without a recording");
                 }
             }
         }

@@ -7,7 +7,6 @@
 )]
 
 pub mod commands;
-pub mod jpeg;
 pub mod modbus;
 pub mod settings;
 pub mod status;

@@ -16,7 +16,8 @@ use serde_json::json;
 
 use crate::commands::files::maps_npy;
 use crate::error::{Completion, Failure};
-use gripline_capture::picture;
+use gripline_capture::playback::PictureReader;
+use gripline_capture::{CaptureError, picture};
 
 /// Pictures that cannot be believed are named one by one up to so many.
 const NAMED: usize = 5;
@@ -27,7 +28,8 @@ pub struct InferArgs {
     /// Picture of the untouched fingertip.
     #[arg(long, value_name = "REST.png")]
     rest: PathBuf,
-    /// A picture, a folder of pictures (*.png, *.jpg, taken in the order of their names), or a clip (*.avi, MJPEG).
+    /// A picture, a folder of pictures (*.png, *.jpg, taken in the order of their names), or a clip, in any
+    /// format that ffmpeg reads.
     #[arg(long, value_name = "DIR|FILE")]
     frames: PathBuf,
     /// Where the force maps go.
@@ -82,11 +84,21 @@ pub fn run(args: &InferArgs) -> Result<Completion, Failure> {
     let mut scene = Scene::new(GateKind::Off, &now88, std::slice::from_ref(&now88));
     let mut unhealthy: Vec<(usize, Health)> = Vec::new();
 
-    let mut frames = picture::Pictures::open(&args.frames, small)?;
+    let mut frames = PictureReader::open(&args.frames, small)?;
+    let mut damaged_clip = None;
     let mut names: Vec<String> = Vec::new();
     let mut maps: Vec<ForceMap> = Vec::new();
     let mut times_us = Vec::new();
-    while let Some((name, crop)) = frames.next()? {
+    loop {
+        let (name, crop) = match frames.next() {
+            Ok(Some(picture)) => picture,
+            Ok(None) => break,
+            Err(damaged @ CaptureError::ClipDamaged { .. }) => {
+                damaged_clip = Some(damaged.to_string());
+                break;
+            }
+            Err(error) => return Err(error.into()),
+        };
         names.push(name);
         let mut map = [[0.0; 3]; 400];
         let start = Instant::now();
@@ -102,13 +114,6 @@ pub fn run(args: &InferArgs) -> Result<Completion, Failure> {
         }
         times_us.push(start.elapsed().as_secs_f64() * 1e6);
         maps.push(map);
-    }
-    if maps.is_empty() {
-        return Err(Failure::failed(format!(
-            "{}: found no whole picture, expected some: {}",
-            args.frames.display(),
-            frames.cut().unwrap_or("the clip is empty")
-        )));
     }
     let part = args.out.with_extension("part");
     fs::write(&part, maps_npy(maps.iter())?)
@@ -143,25 +148,17 @@ pub fn run(args: &InferArgs) -> Result<Completion, Failure> {
         format!("{count} maps by {name}, {median_us:.0} µs a frame (median){lost}\nwrote {out}")
     };
     writeln!(std::io::stdout(), "{line}")?;
-    match loss(args, &frames, &names, &unhealthy) {
+    match loss(damaged_clip, &names, &unhealthy) {
         None => Ok(Completion::Whole),
         Some(loss) => Ok(Completion::WithLoss(loss)),
     }
 }
 
 /// What the maps lack, in words.
-fn loss(
-    args: &InferArgs,
-    frames: &picture::Pictures,
-    names: &[String],
-    unhealthy: &[(usize, Health)],
-) -> Option<String> {
+fn loss(damaged_clip: Option<String>, names: &[String], unhealthy: &[(usize, Health)]) -> Option<String> {
     let count = names.len();
-    if let Some(why) = frames.cut() {
-        return Some(format!(
-            "{}: a clip cut short ({why}), {count} maps written; expected a whole one",
-            args.frames.display()
-        ));
+    if let Some(damaged) = damaged_clip {
+        return Some(format!("done with loss: {count} maps written; {damaged}"));
     }
     if unhealthy.is_empty() {
         return None;

@@ -354,7 +354,7 @@ mod tests {
         let expected = [
             "g.toml: gate: no such key here, expected it in section [network]",
             "g.toml: camera.sorce: no such key, did you mean camera.source?",
-            "g.toml: camera.source: found webcam, expected sim, /dev/videoN (or v4l2:DEVICE), dir:FOLDER, file:CLIP.avi or mcap:RECORDING",
+            "g.toml: camera.source: found webcam, expected sim, /dev/videoN (or v4l2:DEVICE), dir:FOLDER, file:CLIP or mcap:RECORDING",
             "g.toml: run.seconds: found \"long\", expected a number from 0.1 to 1000000000",
             "g.toml: run.unpaced: found 1, expected true or false",
             "g.toml: network.weights: found 7, expected the path of a file",

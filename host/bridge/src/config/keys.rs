@@ -63,7 +63,7 @@ pub(crate) const KEYS: [Key; 24] = [
         example: "",
         help: "Where pictures come from: the simulated fingertip and gripper (sim), a camera (/dev/video0, or better its \
                name in /dev/v4l/by-id, which stays when cameras are plugged in another order), the pictures of a folder \
-               (dir:FOLDER, with rest.png in or beside it), of a clip (file:CLIP.avi, MJPEG, with rest.png beside it) or of a \
+               (dir:FOLDER, with rest.png in or beside it), of a clip (file:CLIP, any format that ffmpeg reads, with rest.png beside it) or of a \
                recording (mcap:FILE).",
     },
     Key {

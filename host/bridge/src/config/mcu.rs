@@ -53,7 +53,7 @@ pub(super) fn run(args: &McuArgs) -> Result<(), Failure> {
         session.configure(settings)?;
         if !args.volatile {
             let writes = session.store()?;
-            eprintln!(
+            tracing::info!(
                 "stored, for the {writes}. time; the kind and the points of the line count from the next start"
             );
         }

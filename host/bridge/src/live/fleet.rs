@@ -87,10 +87,7 @@ impl Drop for Fleet {
             let _ = worker.join();
         }
         if self.dropped > 0 {
-            eprintln!(
-                "gripline: {} frames found no room on their way to zenoh",
-                self.dropped
-            );
+            tracing::warn!("{} frames found no room on their way to zenoh", self.dropped);
         }
     }
 }

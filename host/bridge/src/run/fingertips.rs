@@ -123,17 +123,4 @@ impl Fingertips {
     pub(super) fn counts(&self) -> Vec<Option<Counts>> {
         self.all.iter().map(|tip| tip.source.counts()).collect()
     }
-
-    /// What happened to the sources since they were last asked, for people.
-    pub(super) fn take_news(&mut self) -> Vec<String> {
-        let mut all = Vec::new();
-        for (place, tip) in self.all.iter_mut().enumerate() {
-            let news = tip.source.take_news();
-            all.extend(news.into_iter().map(|news| match place {
-                0 => news,
-                _ => format!("second fingertip: {news}"),
-            }));
-        }
-        all
-    }
 }

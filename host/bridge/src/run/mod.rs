@@ -21,6 +21,7 @@ mod two_fingertips;
 mod under_way;
 mod usage;
 
+use std::ops::Add as _;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -42,6 +43,7 @@ use crate::config::{Overrides, Settings};
 use crate::error::{Completion, Failure};
 use crate::live::Live;
 use crate::live::fleet::Fleet;
+use crate::log::Collector;
 use crate::source::Source;
 use gripline_capture::Counts;
 use gripline_link::session::Session;
@@ -70,7 +72,7 @@ pub fn run(args: &RunArgs) -> Result<Completion, Failure> {
     let opened = fingertips::open(&wanted)?;
     if !matches!(wanted.source, Source::Simulated) {
         for open in &opened {
-            eprintln!("gripline: {}", open.told);
+            tracing::info!("{}", open.told);
         }
     }
     // Of one fingertip, and of all.
@@ -90,7 +92,7 @@ pub fn run(args: &RunArgs) -> Result<Completion, Failure> {
     as_many_fingertips(&wanted, &settings, opened.len())?;
     session.configure(settings)?;
     if let Some(note) = session.other_version() {
-        eprintln!("gripline: {note}");
+        tracing::warn!("{note}");
     }
     tell_of_another_line(&wanted, &settings);
     let rests: Vec<_> = opened.iter().map(|open| open.rest.clone()).collect();
@@ -114,6 +116,7 @@ pub fn run(args: &RunArgs) -> Result<Completion, Failure> {
     let signalled = Arc::clone(&stop);
     ctrlc::set_handler(move || signalled.store(true, Ordering::Relaxed)).map_err(Failure::failed)?;
     let mut output = Output::open(args.json, limits(&settings))?;
+    let log = Collector::start(output.is_live());
     let one_round = fingertips.are_simulated() && !output.is_live();
     let seconds = wanted.seconds.or(one_round.then_some(SCENE_LOOP_S));
 
@@ -128,7 +131,7 @@ pub fn run(args: &RunArgs) -> Result<Completion, Failure> {
     run.pictures = wanted.pictures;
     run.live = wanted.serve.map(Live::start).transpose()?;
     if let Some(live) = &run.live {
-        eprintln!("gripline: /metrics and /frames at http://{}", live.address());
+        tracing::info!("/metrics and /frames at http://{}", live.address());
     }
     if let Some(fleet) = &wanted.fleet {
         run.fleet = Some(Fleet::start(fleet, about_run)?);
@@ -137,14 +140,20 @@ pub fn run(args: &RunArgs) -> Result<Completion, Failure> {
     if wanted.realtime {
         let lacks = realtime::enter(wanted.realtime_core);
         for lack in &lacks {
-            eprintln!("gripline: {lack}");
+            tracing::warn!("{lack}");
         }
         run.summary.realtime_lacks = Some(lacks);
     }
     let is_wanted = || !stop.load(Ordering::Relaxed);
-    play(&mut run, &mut fingertips, &mut output, (seconds, &is_wanted))?;
+    play(
+        &mut run,
+        &mut fingertips,
+        &mut output,
+        &log,
+        (seconds, &is_wanted),
+    )?;
     let counts = fingertips.counts();
-    run.summary.pictures = counts.iter().flatten().copied().reduce(Counts::plus);
+    run.summary.pictures = counts.iter().flatten().copied().reduce(Counts::add);
     for (summary, pictures) in run.summary.fingertips.iter_mut().zip(counts) {
         summary.pictures = pictures;
     }
@@ -179,6 +188,7 @@ fn play(
     run: &mut Run,
     fingertips: &mut Fingertips,
     output: &mut Output,
+    log: &Collector,
     (seconds, is_wanted): (Option<f64>, &dyn Fn() -> bool),
 ) -> Result<(), Failure> {
     while is_wanted() && seconds.is_none_or(|seconds| !run.is_over(seconds)) {
@@ -194,10 +204,10 @@ fn play(
             }
             Looked::End => Wish::Stop,
         };
-        run.notes.append(&mut fingertips.take_news());
         run.look_after_the_pictures(&fingertips.counts());
-        for note in run.take_notes() {
-            output.note(&note)?;
+        for line in log.take() {
+            run.record_line(&line);
+            output.show_line(&line)?;
         }
         match wish {
             Wish::GoOn => {}

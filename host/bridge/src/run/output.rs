@@ -84,17 +84,14 @@ impl Output {
         }
     }
 
-    /// Something that a person should know now.
-    pub(super) fn note(&mut self, text: &str) -> Result<(), Failure> {
+    /// Shows a log line where standard error cannot.
+    pub(super) fn show_line(&mut self, line: &str) -> Result<(), Failure> {
         match self {
             Self::Live { screen, view } => {
-                view.note(text);
+                view.note(line);
                 screen.draw(view).map_err(terminal_failed)
             }
-            Self::Json(_) | Self::Lines { .. } => {
-                eprintln!("gripline: {text}");
-                Ok(())
-            }
+            Self::Json(_) | Self::Lines { .. } => Ok(()),
         }
     }
 

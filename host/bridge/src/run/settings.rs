@@ -76,8 +76,8 @@ pub(super) fn tell_of_another_line(wanted: &Settings, settings: &Configuration) 
     if let Some(line) = &calibration.line
         && with_points(settings, &line.points).line.points != settings.line.points
     {
-        eprintln!(
-            "gripline: the microcontroller's line.points are not those of {}, expected the same: store them with `gripline \
+        tracing::warn!(
+            "the microcontroller's line.points are not those of {}, expected the same: store them with `gripline \
              calibrate line --store`, or as [line] points of `gripline config mcu --write`",
             calibration.path.display()
         );

@@ -230,7 +230,7 @@ fn losses_of(pictures: &Counts) -> Vec<String> {
             "pictures were damaged and passed over".to_owned(),
         ),
         (
-            pictures.lost,
+            pictures.disconnects,
             format!("times the camera went away, for {absence_s:.1} s at most"),
         ),
     ]

@@ -1,5 +1,6 @@
 //! A run under way: what one frame is, what goes on between frames, and what a person is told.
 
+use std::ops::Add as _;
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -69,7 +70,6 @@ pub(super) struct Run {
     /// How often the device had gone away, and whether it is away, when that was last told.
     pub(super) presence: (u32, bool),
     /// What a person should know now.
-    pub(super) notes: Vec<String>,
     pub(super) summary: Summary,
 }
 
@@ -94,7 +94,6 @@ impl Run {
             network_frame_to_link: Times::default(),
             pictures_lost: [0; 3],
             presence: (0, false),
-            notes: Vec::new(),
         }
     }
 
@@ -194,15 +193,15 @@ impl Run {
             .iter()
             .flatten()
             .copied()
-            .reduce(Counts::plus)
+            .reduce(Counts::add)
             .unwrap_or_default();
         let lost = [all.missed, all.overtaken, all.damaged];
         let (before, now) = (self.pictures_lost.iter().sum::<u64>(), lost.iter().sum::<u64>());
         if now.checked_ilog2() != before.checked_ilog2() {
             let [missed, overtaken, damaged] = lost;
-            self.notes.push(format!(
+            tracing::warn!(
                 "{now} pictures lost so far: {missed} never came, {overtaken} were overtaken by newer ones, {damaged} were damaged"
-            ));
+            );
         }
         self.pictures_lost = lost;
     }
@@ -218,12 +217,12 @@ impl Run {
         let link = session.link_name();
         if now.0 != self.presence.0 {
             let why = presence.away.as_deref().unwrap_or("it went away for a moment");
-            self.notes.push(format!(
+            tracing::warn!(
                 "{link} is gone ({why}); the run goes on without it and takes it up again when it is back"
-            ));
+            );
         }
         if !now.1 {
-            self.notes.push(format!("{link} is back"));
+            tracing::info!("{link} is back");
         }
         self.presence = now;
     }
@@ -237,26 +236,21 @@ impl Run {
         }
         let command = Command::Acknowledge { faults: latched };
         let is_told = session.command(command)?;
-        self.notes.push(if is_told {
+        if is_told {
             // Of what was refused meanwhile, a release, the gripper is told anew.
             self.control.request_again();
-            format!("acknowledged: {}", names(latched).join(", "))
+            tracing::info!("acknowledged: {}", names(latched).join(", "));
         } else {
-            "not acknowledged: the microcontroller does not take commands now, try again".to_owned()
-        });
+            tracing::warn!("not acknowledged: the microcontroller does not take commands now, try again");
+        }
         Ok(())
     }
 
-    /// What a person should know now; the recording keeps it too.
-    pub(super) fn take_notes(&mut self) -> Vec<String> {
-        let notes = std::mem::take(&mut self.notes);
+    /// The recording keeps a log line.
+    pub(super) fn record_line(&self, line: &str) {
         if let Some(recorder) = &self.recorder {
-            let t_s = self.t_s;
-            for note in &notes {
-                recorder.note(t_s, note);
-            }
+            recorder.note(self.t_s, line);
         }
-        notes
     }
 
     fn elapsed_us(&self) -> u64 {

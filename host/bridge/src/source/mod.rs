@@ -16,8 +16,11 @@ use gripline_simulation::{GripScene, SimulationError};
 
 use self::recorded::RecordedFrames;
 use crate::error::Failure;
-use gripline_capture::camera::Camera;
-use gripline_capture::{CameraSettings, ClipFrames, Counts, FolderFrames, PixelFormat, RATE, Wanted};
+#[cfg(not(target_os = "linux"))]
+use gripline_capture::CaptureError;
+use gripline_capture::{Camera, Counts, DEFAULT_RATE, PixelFormat, Playback};
+#[cfg(target_os = "linux")]
+use gripline_capture::{CameraSettings, RequestedMode};
 use gripline_recording::telemetry::Truth;
 
 /// Which source: the value of `camera.source`.
@@ -30,7 +33,7 @@ pub enum Source {
     Camera(PathBuf),
     /// The pictures of a folder.
     Folder(PathBuf),
-    /// The pictures of a clip (AVI with MJPEG).
+    /// The pictures of a clip, in any format that ffmpeg reads.
     Clip(PathBuf),
     /// The pictures of a recording.
     Recording(PathBuf),
@@ -52,7 +55,7 @@ impl FromStr for Source {
         };
         read.ok_or_else(|| {
             format!(
-                "found {text}, expected sim, /dev/videoN (or v4l2:DEVICE), dir:FOLDER, file:CLIP.avi or mcap:RECORDING"
+                "found {text}, expected sim, /dev/videoN (or v4l2:DEVICE), dir:FOLDER, file:CLIP or mcap:RECORDING"
             )
         })
     }
@@ -92,7 +95,7 @@ pub struct SourceSettings {
 pub struct Picture {
     /// 440×440 grey levels, row-major.
     pub crop: Vec<u8>,
-    /// When its bytes came.
+    /// When its bytes arrived.
     pub came: Instant,
     /// What it took to make the crop of them, µs.
     pub decode_us: f64,
@@ -117,8 +120,7 @@ pub(crate) enum Taken {
 pub(crate) enum Frames {
     Simulated(SimulatedSource),
     Camera(Camera),
-    Folder(FolderFrames),
-    Clip(Box<ClipFrames>),
+    Files(Box<Playback>),
     Recording(Box<RecordedFrames>),
 }
 
@@ -146,7 +148,7 @@ impl Source {
     /// # Errors
     /// [`Failure`] that says what was found and what to do.
     pub(crate) fn open(&self, wanted: &SourceSettings) -> Result<Opened, Failure> {
-        let rate = wanted.frames_per_second.unwrap_or(RATE);
+        let rate = wanted.frames_per_second.unwrap_or(DEFAULT_RATE);
         let (pictures, frames_per_second, told) = match self {
             Self::Simulated => (
                 Frames::Simulated(SimulatedSource::of(wanted.fingertip, wanted.seed, rate)),
@@ -155,23 +157,23 @@ impl Source {
             ),
             Self::Camera(device) => {
                 let camera = open_camera(device, wanted, rate)?;
-                let (rate, told) = (camera.rate(), camera.told().to_owned());
+                let (rate, told) = (camera.rate(), camera.description().to_owned());
                 (Frames::Camera(camera), rate, told)
             }
             Self::Folder(folder) => (
-                Frames::Folder(FolderFrames::open(folder, wanted.fingertip)?),
+                Frames::Files(Box::new(Playback::folder(folder, wanted.fingertip)?)),
                 rate,
                 format!("pictures of {}", folder.display()),
             ),
             Self::Clip(file) => {
-                let frames = ClipFrames::open(file)?;
-                let rate = wanted.frames_per_second.unwrap_or(frames.rate());
+                let frames = Playback::clip(file)?;
+                let rate = wanted.frames_per_second.or(frames.rate()).unwrap_or(DEFAULT_RATE);
                 let told = format!("pictures of {}, {rate:.1} a second", file.display());
-                (Frames::Clip(Box::new(frames)), rate, told)
+                (Frames::Files(Box::new(frames)), rate, told)
             }
             Self::Recording(file) => {
                 let frames = RecordedFrames::open(file, wanted.fingertip)?;
-                let rate = wanted.frames_per_second.or(frames.rate()).unwrap_or(RATE);
+                let rate = wanted.frames_per_second.or(frames.rate()).unwrap_or(DEFAULT_RATE);
                 let told = format!("pictures of {}", file.display());
                 (Frames::Recording(Box::new(frames)), rate, told)
             }
@@ -207,7 +209,7 @@ pub(crate) fn open_both(
         )));
     }
     if let Source::Simulated = first {
-        let rate = wanted.frames_per_second.unwrap_or(RATE);
+        let rate = wanted.frames_per_second.unwrap_or(DEFAULT_RATE);
         return Ok(SimulatedSource::pair(wanted.seed, rate).map(|source| Opened {
             pictures: Frames::Simulated(source),
             frames_per_second: rate,
@@ -232,16 +234,15 @@ impl Opened {
         let crops = match &mut self.pictures {
             Frames::Simulated(source) => source.rest(count),
             Frames::Camera(camera) => {
-                let shots = camera.several(count)?;
-                let first = shots.first().map(|shot| shot.came);
-                let since = |came: Instant| first.map_or(0.0, |first| (came - first).as_secs_f64());
+                let frames = camera.take_frames(count)?;
+                let first = frames.first().map(|frame| frame.received_at);
+                let since = |at: Instant| first.map_or(0.0, |first| (at - first).as_secs_f64());
                 return Ok(AtRest {
-                    at_s: shots.iter().map(|shot| since(shot.came)).collect(),
-                    crops: shots.into_iter().map(|shot| shot.crop).collect(),
+                    at_s: frames.iter().map(|frame| since(frame.received_at)).collect(),
+                    crops: frames.into_iter().map(|frame| frame.crop).collect(),
                 });
             }
-            Frames::Folder(frames) => vec![frames.rest()?],
-            Frames::Clip(frames) => vec![frames.rest()?],
+            Frames::Files(frames) => vec![frames.rest()?],
             Frames::Recording(frames) => frames.rest().to_vec(),
         };
         let at_s = (0..crops.len()).map(|number| number as f64 / self.frames_per_second);
@@ -255,22 +256,23 @@ impl Opened {
 #[cfg(target_os = "linux")]
 fn open_camera(device: &Path, wanted: &SourceSettings, rate: f64) -> Result<Camera, Failure> {
     let settings = CameraSettings {
-        mode: Wanted {
+        mode: RequestedMode {
             format: wanted.format,
             rate,
         },
         exposure_ms: wanted.exposure_ms,
         gain: wanted.gain,
     };
-    Camera::start(gripline_capture::device::DevicePort(device.to_owned()), settings).map_err(Failure::failed)
+    let port = gripline_capture::v4l2::DevicePort(device.to_owned());
+    Ok(Camera::start(port, settings)?)
 }
 
 #[cfg(not(target_os = "linux"))]
 fn open_camera(device: &Path, _: &SourceSettings, _: f64) -> Result<Camera, Failure> {
-    Err(Failure::failed(format!(
-        "camera {}: found another system than Linux, expected Video4Linux: use sim, dir:, file: or mcap:",
-        device.display()
-    )))
+    Err(CaptureError::NoVideo4Linux {
+        camera: device.display().to_string(),
+    }
+    .into())
 }
 
 impl Frames {
@@ -300,16 +302,10 @@ impl Frames {
         };
         Ok(match self {
             Self::Simulated(source) => Taken::Picture(source.next(line_n)?),
-            Self::Camera(camera) => camera.next(patience).map_or(Taken::NotYet, |shot| {
-                taken(shot.crop, shot.came, shot.decode_us, GripMode::Hold)
+            Self::Camera(camera) => camera.next(patience).map_or(Taken::NotYet, |frame| {
+                taken(frame.crop, frame.received_at, frame.decode_us, GripMode::Hold)
             }),
-            Self::Folder(frames) => {
-                let came = Instant::now();
-                frames.next().map_or(Taken::End, |(crop, decode_us)| {
-                    taken(crop, came, decode_us, GripMode::Hold)
-                })
-            }
-            Self::Clip(frames) => {
+            Self::Files(frames) => {
                 let came = Instant::now();
                 frames.next().map_or(Taken::End, |(crop, decode_us)| {
                     taken(crop, came, decode_us, GripMode::Hold)
@@ -327,20 +323,8 @@ impl Frames {
         match self {
             Self::Simulated(_) => None,
             Self::Camera(camera) => Some(camera.counts()),
-            Self::Folder(frames) => Some(frames.counts()),
-            Self::Clip(frames) => Some(frames.counts()),
+            Self::Files(frames) => Some(frames.counts()),
             Self::Recording(frames) => Some(frames.counts()),
-        }
-    }
-
-    /// What happened since it was last asked, for people.
-    pub(crate) fn take_news(&mut self) -> Vec<String> {
-        match self {
-            Self::Simulated(_) => Vec::new(),
-            Self::Camera(camera) => camera.take_news(),
-            Self::Folder(frames) => frames.take_news(),
-            Self::Clip(frames) => frames.take_news(),
-            Self::Recording(frames) => frames.take_news(),
         }
     }
 }

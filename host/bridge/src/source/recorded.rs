@@ -15,7 +15,6 @@ pub(crate) struct RecordedFrames {
     fingertip: usize,
     path: PathBuf,
     counts: Counts,
-    news: Vec<String>,
 }
 
 impl RecordedFrames {
@@ -38,7 +37,6 @@ impl RecordedFrames {
             fingertip,
             path: path.to_owned(),
             counts: Counts::default(),
-            news: Vec::new(),
         })
     }
 
@@ -61,34 +59,30 @@ impl RecordedFrames {
             if usize::from(frame.status.sensor) != self.fingertip {
                 continue;
             }
-            self.counts.came += 1;
+            self.counts.received += 1;
             if let Some(picture) = frame.picture {
                 return Ok(Some((Image::into_crop(picture), frame.status.wish)));
             }
             self.counts.missed += 1;
         }
-        if self.counts.missed == self.counts.came {
+        if self.counts.missed == self.counts.received {
             return Err(Failure::failed(format!(
                 "{}: found {} frames and not one picture, expected a recording with pictures (--record-pictures full)",
                 self.path.display(),
-                self.counts.came
+                self.counts.received
             )));
         }
         if let Ending::Cut(why) = self.reader.ending() {
-            self.news.push(format!(
+            tracing::warn!(
                 "{}: cut short after {} frames ({why})",
                 self.path.display(),
-                self.counts.came
-            ));
+                self.counts.received
+            );
         }
         Ok(None)
     }
 
     pub(super) const fn counts(&self) -> Counts {
         self.counts
-    }
-
-    pub(super) fn take_news(&mut self) -> Vec<String> {
-        std::mem::take(&mut self.news)
     }
 }

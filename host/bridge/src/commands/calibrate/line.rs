@@ -97,9 +97,7 @@ fn store(mut session: Session, points: &[Point]) -> Result<(), Failure> {
     };
     session.configure(settings)?;
     let writes = session.store()?;
-    eprintln!(
-        "gripline: stored, for the {writes}. time; the table counts from the microcontroller's next start"
-    );
+    tracing::info!("stored, for the {writes}. time; the table counts from the microcontroller's next start");
     Ok(())
 }
 

@@ -31,8 +31,8 @@ pub(super) fn read<T>(
             }
         }
         if let Ending::Cut(why) = reader.ending() {
-            eprintln!(
-                "gripline: {}: a recording cut short after {frames} frames ({why}); what is there is used",
+            tracing::warn!(
+                "{}: a recording cut short after {frames} frames ({why}); what is there is used",
                 path.display()
             );
         }

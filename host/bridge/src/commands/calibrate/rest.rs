@@ -109,7 +109,7 @@ pub(super) fn run(args: &RestArgs) -> Result<(), Failure> {
 /// The pictures, and what they are of.
 fn take(args: &RestArgs) -> Result<(Vec<Vec<u8>>, String), Failure> {
     if let Some(path) = &args.frames {
-        let files = picture::listed(path)?;
+        let files = picture::list(path)?;
         let pictures: Result<Vec<_>, _> = files.iter().map(|file| picture::crop(file, false)).collect();
         let pictures = pictures?;
         if pictures.len() < 2 {

@@ -67,7 +67,7 @@ fn per_unit(name: &str, value: f64) -> u16 {
     let steps = (value * f64::from(PER_UNIT)).round();
     let rounded = steps / f64::from(PER_UNIT);
     if (rounded - value).abs() > 0.0 {
-        eprintln!("gripline: --{name} {value} is taken as {rounded}: the detector works in steps of 0.0001");
+        tracing::warn!("--{name} {value} is taken as {rounded}: the detector works in steps of 0.0001");
     }
     steps as u16
 }

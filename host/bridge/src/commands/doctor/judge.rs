@@ -9,6 +9,7 @@ use gripline_protocol::message::{BOARDS, Hello};
 use serde::Serialize;
 
 use crate::calibration::Rest;
+use gripline_capture::CaptureError;
 use gripline_evaluation::calibration::surface::{Change, Figures, limit};
 use gripline_link::usb::{Attached, choose};
 
@@ -224,6 +225,24 @@ pub(super) fn rest(change: Option<&Change>) -> Check {
         expected,
         advice,
     )
+}
+
+/// ffmpeg, which only clips need.
+pub(super) fn ffmpeg(version: Result<String, CaptureError>, is_needed: bool) -> Check {
+    let expected = "ffmpeg, to read and write clips";
+    match version {
+        Ok(version) => Check::ok("ffmpeg", version, expected),
+        Err(missing) => {
+            let state = if is_needed { State::Fail } else { State::Warn };
+            Check::new(
+                "ffmpeg",
+                state,
+                missing,
+                expected,
+                "install it, unless no clip is ever used",
+            )
+        }
+    }
 }
 
 /// Which of the devices of ours is meant, if any.

@@ -22,6 +22,7 @@ use crate::error::{Completion, Failure};
 use crate::run::network_for;
 use crate::run::realtime;
 use crate::source::{AtRest, SimulatedSource, Source, SourceSettings};
+use gripline_capture::clip::ffmpeg_version;
 use gripline_evaluation::calibration::surface::{Change, Figures, mean};
 use gripline_link::Target;
 use gripline_link::session::Session;
@@ -72,6 +73,10 @@ pub fn run(args: &DoctorArgs) -> Result<Completion, Failure> {
         doctor.camera(second, &of_second, settings.second_calibration.as_ref());
         doctor.of_second = false;
     }
+    let sources = [Some(&settings.source), settings.second_source.as_ref()];
+    let is_clip = |source: &&Source| matches!(source, Source::Clip(_));
+    let is_needed = sources.iter().flatten().any(is_clip);
+    doctor.say(judge::ffmpeg(ffmpeg_version(), is_needed));
     doctor.link(&settings);
     doctor.machine(&settings, &rest);
     let worst = doctor

@@ -287,3 +287,13 @@ fn missing_rights_are_a_warning_or_a_failure_when_they_are_wanted() {
         "CAP_SYS_NICE",
     );
 }
+
+#[test]
+fn a_missing_ffmpeg_fails_where_the_source_is_a_clip_and_else_warns() {
+    let missing = || Err(CaptureError::NoFfmpeg { program: "ffmpeg" });
+    assert_eq!(ffmpeg(Ok("ffmpeg version 5".to_owned()), true).state, State::Ok);
+    assert_eq!(ffmpeg(missing(), true).state, State::Fail);
+    let check = ffmpeg(missing(), false);
+    assert_eq!(check.state, State::Warn);
+    assert!(check.found.contains("apt-get install ffmpeg"), "{}", check.found);
+}

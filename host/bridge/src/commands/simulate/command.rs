@@ -22,7 +22,8 @@ use super::sheet::{self, Column, full_scale};
 use super::table::{self, force_n, named};
 use crate::commands::files::{decode_grey, encode_png, grey_png, maps_npy};
 use crate::error::{Completion, Failure};
-use gripline_capture::avi;
+use gripline_capture::clip::{ClipWriter, ffmpeg_version};
+use gripline_capture::geometry;
 
 /// The arguments of `gripline simulate`.
 #[derive(Debug, Clone, PartialEq, Args)]
@@ -93,6 +94,10 @@ pub fn run(args: &SimulateArgs) -> Result<Completion, Failure> {
         Some(Size::Full) => FrameSize::Full,
         None => file.frames,
     };
+    if args.video {
+        // Better now than after hours of rendering.
+        ffmpeg_version()?;
+    }
     let seed = args.seed.unwrap_or(file.seed);
     let mut play = play::open(&file, seed)?;
     let manifest = Manifest {
@@ -349,9 +354,6 @@ fn write_clips(
     Ok(())
 }
 
-/// JPEG quality of a video: a camera's MJPEG is worse.
-const VIDEO_QUALITY: u8 = 95;
-
 /// A clip of each finger at the camera's resolution, as a camera would send it.
 fn write_videos(
     folder: &Folder,
@@ -360,21 +362,20 @@ fn write_videos(
     frames: usize,
 ) -> Result<(), Failure> {
     for finger in 0..fingers {
-        let mut clip: Option<avi::Clip> = None;
+        let path = folder.path().join(named("clip", finger) + ".avi");
+        let mut clip: Option<ClipWriter> = None;
         for number in 0..frames {
             let name = frame_name(number, finger);
             let picture = decode_grey(&folder.read(&name)?, &name)?;
-            let size = [picture.width as u16, picture.height as u16];
-            let mut jpeg = Vec::new();
-            jpeg_encoder::Encoder::new(&mut jpeg, VIDEO_QUALITY)
-                .encode(&picture.pixels, size[0], size[1], jpeg_encoder::ColorType::Luma)
-                .map_err(Failure::failed)?;
-            clip.get_or_insert_with(|| avi::Clip::new(size, frames_per_second))
-                .push(&jpeg)
-                .map_err(Failure::failed)?;
+            let size = geometry::Size::new(picture.width, picture.height);
+            let writer = match &mut clip {
+                Some(writer) => writer,
+                None => clip.insert(ClipWriter::create(&path, size, frames_per_second)?),
+            };
+            writer.push(&picture.pixels)?;
         }
         if let Some(clip) = clip {
-            folder.write(&(named("clip", finger) + ".avi"), &clip.finish())?;
+            clip.finish()?;
         }
     }
     Ok(())
@@ -486,7 +487,7 @@ impl Progress {
         match &self.bar {
             Some(bar) => bar.inc(1),
             None if before * 10 / self.total != (before + 1) * 10 / self.total => {
-                eprintln!("gripline: {} of {} frames", before + 1, self.total);
+                tracing::info!("{} of {} frames", before + 1, self.total);
             }
             None => {}
         }
@@ -495,7 +496,7 @@ impl Progress {
     fn note(&self, text: &str) {
         match &self.bar {
             Some(bar) => bar.println(format!("gripline: {text}")),
-            None => eprintln!("gripline: {text}"),
+            None => tracing::warn!("{text}"),
         }
     }
 

@@ -1,21 +1,21 @@
-//! Which of a camera's modes is used: pure. Pictures are 640×480, of which the middle 440×440 is taken.
-//! Rates in frames a second.
+//! Chooses which of a camera's modes is used: pure. Frames are 640×480 pixels, rates frames a second.
 
 use std::fmt;
 use std::str::FromStr;
 
-use super::constants::{FRAME_HEIGHT, FRAME_WIDTH, RATE_TOLERANCE};
-use super::error::CameraError;
+use crate::constants::RATE_TOLERANCE;
+use crate::error::CaptureError;
+use crate::geometry::{FRAME, Size};
 
-/// How a camera writes its pixels. In the order of preference at equal rate: what needs no decoding has no artefacts
-/// and costs no time.
+/// How a camera encodes its pixels, in the order of preference at equal rate: raw pixels have no artefacts and cost no
+/// time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum PixelFormat {
     /// 8 bits of grey.
     Grey,
-    /// Brightness and colour in turns, 16 bits a pixel (YUYV 4:2:2); the brightness is taken.
+    /// Brightness and colour in turns, 16 bits a pixel (YUYV 4:2:2); the brightness is used.
     Yuyv,
-    /// A JPEG file a picture (MJPEG); its brightness is decoded.
+    /// A JPEG file per picture (MJPEG); the brightness is used.
     Mjpeg,
 }
 
@@ -23,7 +23,8 @@ impl PixelFormat {
     /// All of them, best first.
     pub const ALL: [Self; 3] = [Self::Grey, Self::Yuyv, Self::Mjpeg];
 
-    /// The driver's four characters; `JPEG` is a second name of MJPEG.
+    /// The driver's names of it, four characters each.
+    #[must_use]
     pub const fn codes(self) -> &'static [&'static [u8; 4]] {
         match self {
             Self::Grey => &[b"GREY"],
@@ -32,7 +33,8 @@ impl PixelFormat {
         }
     }
 
-    /// The format that the driver calls so.
+    /// The format that the driver calls by this name.
+    #[must_use]
     pub fn of_code(code: [u8; 4]) -> Option<Self> {
         Self::ALL
             .into_iter()
@@ -61,48 +63,47 @@ impl FromStr for PixelFormat {
     }
 }
 
-/// One thing that a camera offers.
+/// A format and size that a camera offers.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Offer {
-    /// The driver's four characters.
+    /// The driver's name of the format.
     pub code: [u8; 4],
     /// Columns and rows.
-    pub size: [u32; 2],
+    pub size: Size,
     /// Frames a second at this size, in any order; empty when the driver does not say.
     pub rates: Vec<f64>,
 }
 
-/// What was chosen.
+/// The mode that was chosen.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Mode {
+    /// Format of the pixels.
     pub format: PixelFormat,
     /// The driver's name of it.
     pub code: [u8; 4],
-    /// The offered rate to ask for; `None` when the driver does not say what it can.
+    /// The offered rate to request; `None` when the driver does not list any.
     pub rate: Option<f64>,
 }
 
-/// What was asked for.
+/// The mode that the configuration asks for.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Wanted {
-    /// `None`: what needs the least decoding.
+pub struct RequestedMode {
+    /// `None`: any.
     pub format: Option<PixelFormat>,
     /// Frames a second.
     pub rate: f64,
 }
 
-impl Wanted {
-    /// The best of what `camera` offers: the rate first, as close to the wanted one as there is and not below it where
-    /// that can be had, then the format that needs the least decoding.
+impl RequestedMode {
+    /// Chooses the best of what `camera` offers: first the rate (the lowest that is enough, else the highest), then the format
+    /// that needs the least decoding.
     ///
     /// # Errors
-    /// [`CameraError::NoFormat`], which lists what there is.
-    pub fn choose(self, camera: &str, offers: &[Offer]) -> Result<Mode, CameraError> {
+    /// [`CaptureError::NoFormat`], which lists what is offered.
+    pub fn choose(self, camera: &str, offers: &[Offer]) -> Result<Mode, CaptureError> {
         let usable = offers.iter().filter_map(|offer| {
             let format = PixelFormat::of_code(offer.code)?;
-            let is_right =
-                offer.size == [FRAME_WIDTH, FRAME_HEIGHT] && self.format.is_none_or(|f| f == format);
-            is_right.then(|| Mode {
+            (offer.size == FRAME && self.format.is_none_or(|wanted| wanted == format)).then(|| Mode {
                 format,
                 code: offer.code,
                 rate: self.nearest(&offer.rates),
@@ -113,16 +114,16 @@ impl Wanted {
                 let (short_a, short_b) = (self.shortfall(a), self.shortfall(b));
                 short_a.total_cmp(&short_b).then(a.format.cmp(&b.format))
             })
-            .ok_or_else(|| CameraError::NoFormat {
+            .ok_or_else(|| CaptureError::NoFormat {
                 camera: camera.to_owned(),
-                wanted: self
+                expected: self
                     .format
                     .map_or_else(|| "mjpeg, yuyv or grey".to_owned(), |f| f.to_string()),
-                found: listed(offers),
+                found: list(offers),
             })
     }
 
-    /// The least offered rate that is enough, else the greatest.
+    /// The lowest offered rate that is enough, else the highest.
     fn nearest(self, rates: &[f64]) -> Option<f64> {
         let enough = rates
             .iter()
@@ -133,7 +134,7 @@ impl Wanted {
             .or_else(|| rates.iter().copied().max_by(f64::total_cmp))
     }
 
-    /// Frames a second that are missing; a rate that nobody knows counts as enough.
+    /// Frames a second that are missing; an unknown rate counts as enough.
     fn shortfall(self, mode: &Mode) -> f64 {
         let missing = |rate: f64| {
             if rate * RATE_TOLERANCE >= self.rate {
@@ -147,26 +148,26 @@ impl Wanted {
 }
 
 /// What a camera offers, for people: `MJPG 1280×720 at 30, 60; YUYV 640×480 at 30`.
-pub(crate) fn listed(offers: &[Offer]) -> String {
+fn list(offers: &[Offer]) -> String {
     if offers.is_empty() {
         return "no format at all".to_owned();
     }
     let one = |offer: &Offer| {
-        let [width, height] = offer.size;
+        let size = offer.size;
         let code = String::from_utf8_lossy(&offer.code);
-        let mut rates: Vec<String> = offer.rates.iter().map(|rate| shown(*rate)).collect();
+        let mut rates: Vec<String> = offer.rates.iter().map(|rate| trimmed(*rate)).collect();
         rates.dedup();
         match rates.as_slice() {
-            [] => format!("{} {width}×{height}", code.trim()),
-            rates => format!("{} {width}×{height} at {}", code.trim(), rates.join(", ")),
+            [] => format!("{} {size}", code.trim()),
+            rates => format!("{} {size} at {}", code.trim(), rates.join(", ")),
         }
     };
     offers.iter().map(one).collect::<Vec<_>>().join("; ")
 }
 
-/// A rate without zeros that say nothing.
-pub(crate) fn shown(rate: f64) -> String {
-    let text = format!("{rate:.2}");
+/// A number with at most two decimals, without trailing zeros.
+pub(crate) fn trimmed(number: f64) -> String {
+    let text = format!("{number:.2}");
     text.trim_end_matches('0').trim_end_matches('.').to_owned()
 }
 
@@ -176,52 +177,52 @@ mod tests {
 
     use super::*;
 
-    fn offer(code: [u8; 4], size: [u32; 2], rates: &[f64]) -> Offer {
+    fn offer(code: [u8; 4], [width, height]: [usize; 2], rates: &[f64]) -> Offer {
         Offer {
             code,
-            size,
+            size: Size::new(width, height),
             rates: rates.to_vec(),
         }
     }
 
-    fn wanted(rate: f64) -> Wanted {
-        Wanted { format: None, rate }
+    fn any_at(rate: f64) -> RequestedMode {
+        RequestedMode { format: None, rate }
     }
 
     #[test]
-    fn the_papers_camera_gives_mjpeg_where_raw_pixels_are_too_slow() {
+    fn mjpeg_is_chosen_where_raw_pixels_are_too_slow() {
         let offers = [
             offer(*b"YUYV", [640, 480], &[30.0, 15.0]),
             offer(*b"MJPG", [1920, 1080], &[30.0]),
             offer(*b"MJPG", [640, 480], &[120.0, 60.0, 30.0]),
         ];
-        let mode = wanted(60.0).choose("camera", &offers).unwrap();
+        let mode = any_at(60.0).choose("camera", &offers).unwrap();
         assert_eq!((mode.format, mode.rate), (PixelFormat::Mjpeg, Some(60.0)));
-        let mode = wanted(120.0).choose("camera", &offers).unwrap();
+        let mode = any_at(120.0).choose("camera", &offers).unwrap();
         assert_eq!((mode.format, mode.rate), (PixelFormat::Mjpeg, Some(120.0)));
-        // Where the rate is enough, what needs no decoding wins.
-        let mode = wanted(30.0).choose("camera", &offers).unwrap();
+        // Where the rate is enough, raw pixels win.
+        let mode = any_at(30.0).choose("camera", &offers).unwrap();
         assert_eq!((mode.format, mode.rate), (PixelFormat::Yuyv, Some(30.0)));
     }
 
     #[test]
     fn an_ntsc_rate_counts_as_the_whole_number_it_stands_for() {
         let offers = [offer(*b"GREY", [640, 480], &[60_000.0 / 1_001.0, 120.0])];
-        let mode = wanted(60.0).choose("camera", &offers).unwrap();
+        let mode = any_at(60.0).choose("camera", &offers).unwrap();
         assert_eq!(mode.rate, Some(60_000.0 / 1_001.0));
     }
 
     #[test]
-    fn a_format_that_was_asked_for_is_taken_even_when_it_is_slower() {
+    fn a_requested_format_is_chosen_even_when_it_is_slower() {
         let offers = [
             offer(*b"YUYV", [640, 480], &[30.0]),
             offer(*b"MJPG", [640, 480], &[60.0]),
         ];
-        let wanted = Wanted {
+        let requested = RequestedMode {
             format: Some(PixelFormat::Yuyv),
             rate: 60.0,
         };
-        let mode = wanted.choose("camera", &offers).unwrap();
+        let mode = requested.choose("camera", &offers).unwrap();
         assert_eq!((mode.format, mode.rate), (PixelFormat::Yuyv, Some(30.0)));
     }
 
@@ -232,7 +233,7 @@ mod tests {
             offer(*b"MJPG", [1280, 720], &[30.0, 29.97]),
             offer(*b"RGB3", [640, 480], &[]),
         ];
-        let error = wanted(60.0)
+        let error = any_at(60.0)
             .choose("/dev/video3", &offers)
             .unwrap_err()
             .to_string();
@@ -246,7 +247,7 @@ mod tests {
         ] {
             assert!(error.contains(part), "{part:?} is missing in: {error}");
         }
-        let error = wanted(60.0).choose("/dev/video3", &[]).unwrap_err().to_string();
+        let error = any_at(60.0).choose("/dev/video3", &[]).unwrap_err().to_string();
         assert!(error.contains("no format at all"), "{error}");
     }
 
@@ -268,7 +269,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn what_is_chosen_was_offered_and_nothing_offered_is_better(
+        fn the_choice_was_offered_and_no_offer_is_better(
             offers in prop::collection::vec(
                 (0_usize..4, prop::bool::ANY, prop::collection::vec(1.0_f64..200.0, 0..4)), 0..6),
             rate in 1.0_f64..200.0,
@@ -278,8 +279,8 @@ mod tests {
                 .iter()
                 .map(|(code, right, rates)| offer(*codes[*code], if *right { [640, 480] } else { [320, 240] }, rates))
                 .collect();
-            let usable = |offer: &&Offer| offer.size == [640, 480] && PixelFormat::of_code(offer.code).is_some();
-            match wanted(rate).choose("camera", &offers) {
+            let usable = |offer: &&Offer| offer.size == FRAME && PixelFormat::of_code(offer.code).is_some();
+            match any_at(rate).choose("camera", &offers) {
                 Err(_) => prop_assert!(!offers.iter().any(|offer| usable(&offer))),
                 Ok(mode) => {
                     let from = offers.iter().filter(usable).find(|offer| {

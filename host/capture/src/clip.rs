@@ -1,0 +1,379 @@
+//! Clips through the program ffmpeg, in any format that it knows: one picture at a time, never the whole clip in memory.
+//! Touches the world. Limits: 640×480 or 440×440 pixels; pictures follow each other at the clip's mean rate.
+
+use std::fs;
+use std::io::{self, BufRead as _, BufReader, Read as _, Write as _};
+use std::path::{Path, PathBuf};
+use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
+use std::thread::{self, JoinHandle};
+
+use crate::error::{CaptureError, PictureError};
+use crate::geometry::{Cropping, Size};
+
+const FFMPEG: &str = "ffmpeg";
+const FFPROBE: &str = "ffprobe";
+
+/// A started program that is killed when it is dropped.
+#[derive(Debug)]
+struct Running {
+    child: Child,
+    /// Reads standard error to its end; gives its last line.
+    errors: Option<JoinHandle<String>>,
+}
+
+impl Running {
+    fn start(command: &mut Command) -> Result<Self, CaptureError> {
+        let mut child = command.stderr(Stdio::piped()).spawn().map_err(not_started)?;
+        let errors = child.stderr.take().map(|stderr| {
+            // A pipe that nobody reads would stop the program.
+            thread::spawn(move || last_line(BufReader::new(stderr).split(b'\n').map_while(Result::ok)))
+        });
+        Ok(Self { child, errors })
+    }
+
+    /// Waits for the end; returns whether it went well, and the last line that the program printed.
+    fn finish(&mut self) -> (bool, String) {
+        let succeeded = self.child.wait().is_ok_and(|status| status.success());
+        let said = self.errors.take().and_then(|errors| errors.join().ok());
+        (succeeded, said.unwrap_or_default())
+    }
+}
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        // Fails where it has ended.
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+fn not_started(_: io::Error) -> CaptureError {
+    CaptureError::NoFfmpeg { program: FFMPEG }
+}
+
+/// The last line that is not empty, without ffmpeg's name of the part that printed it.
+fn last_line(lines: impl Iterator<Item = Vec<u8>>) -> String {
+    let mut last = String::new();
+    for line in lines {
+        let line = String::from_utf8_lossy(&line);
+        let line = line.trim();
+        if !line.is_empty() && !line.starts_with("Last message repeated") {
+            line.clone_into(&mut last);
+        }
+    }
+    match last.split_once("] ") {
+        Some((part, said)) if part.starts_with('[') => said.to_owned(),
+        _ => last,
+    }
+}
+
+/// The version of ffmpeg, as it names itself.
+///
+/// # Errors
+/// [`CaptureError::NoFfmpeg`] when ffmpeg or ffprobe is missing.
+pub fn ffmpeg_version() -> Result<String, CaptureError> {
+    let version = |program| {
+        let output = Command::new(program)
+            .arg("-version")
+            .stdin(Stdio::null())
+            .output();
+        output.map_err(|_| CaptureError::NoFfmpeg { program })
+    };
+    version(FFPROBE)?;
+    let text = String::from_utf8_lossy(&version(FFMPEG)?.stdout).into_owned();
+    Ok(text.split_whitespace().take(3).collect::<Vec<_>>().join(" "))
+}
+
+/// What ffprobe says of a clip.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Description {
+    size: Size,
+    rate: f64,
+    /// Pictures that the file announces. Only an AVI's number is that of the pictures that are shown.
+    pictures: Option<u64>,
+}
+
+fn describe(path: &Path) -> Result<Description, CaptureError> {
+    // ffprobe's own word on a missing file does not say what to do.
+    fs::File::open(path).map_err(|source| CaptureError::File {
+        path: path.to_owned(),
+        source,
+        expected: "a clip that can be read",
+    })?;
+    let output = Command::new(FFPROBE)
+        .args([
+            "-v",
+            "error",
+            "-select_streams",
+            "v:0",
+            "-of",
+            "default=noprint_wrappers=1",
+            "-show_entries",
+        ])
+        .arg("stream=width,height,avg_frame_rate,nb_frames:format=format_name")
+        .arg(file_url(path))
+        .stdin(Stdio::null())
+        .output()
+        .map_err(|_| CaptureError::NoFfmpeg { program: FFPROBE })?;
+    let text = String::from_utf8_lossy(&output.stdout);
+    parse_description(&text).ok_or_else(|| CaptureError::Clip {
+        clip: path.to_owned(),
+        program: FFPROBE,
+        said: last_line(output.stderr.split(|byte| *byte == b'\n').map(<[u8]>::to_vec)),
+        expected: "a clip with pictures and a frame rate",
+    })
+}
+
+fn parse_description(text: &str) -> Option<Description> {
+    let value = |key: &str| {
+        let mut pairs = text.lines().filter_map(|line| line.split_once('='));
+        pairs.find(|(name, _)| *name == key).map(|(_, value)| value)
+    };
+    let (pictures, seconds) = value("avg_frame_rate")?.split_once('/')?;
+    let rate = pictures.parse::<f64>().ok()? / seconds.parse::<f64>().ok()?;
+    (0.1..=10_000.0).contains(&rate).then_some(Description {
+        size: Size::new(value("width")?.parse().ok()?, value("height")?.parse().ok()?),
+        rate,
+        pictures: (value("format_name")? == "avi")
+            .then(|| value("nb_frames")?.parse().ok())
+            .flatten(),
+    })
+}
+
+/// A path that cannot be taken for an option or another protocol.
+fn file_url(path: &Path) -> std::ffi::OsString {
+    let mut url = std::ffi::OsString::from("file:");
+    url.push(path);
+    url
+}
+
+/// A clip that is being read.
+#[derive(Debug)]
+pub struct ClipReader {
+    path: PathBuf,
+    running: Running,
+    pictures: ChildStdout,
+    description: Description,
+    cropping: Cropping,
+    /// The next picture, read ahead.
+    next: Option<Vec<u8>>,
+    read: u64,
+}
+
+impl ClipReader {
+    /// Opens a clip and reads its first picture.
+    ///
+    /// # Errors
+    /// [`CaptureError`] when ffmpeg is missing or the clip cannot be read.
+    pub fn open(path: &Path) -> Result<Self, CaptureError> {
+        let description = describe(path)?;
+        let cropping = Cropping::of(description.size, false).map_err(|source| CaptureError::Picture {
+            picture: path.display().to_string(),
+            source: PictureError {
+                expected: format!(
+                    "{}: convert it, ffmpeg -i IN -vf scale=640:480 OUT",
+                    source.expected
+                ),
+                ..source
+            },
+        })?;
+        let mut running = Running::start(
+            Command::new(FFMPEG)
+                .args(["-v", "error", "-nostdin", "-noautorotate", "-threads", "1"])
+                // A damaged picture is left out; by default its holes are filled with guesses.
+                .args(["-err_detect", "explode", "-i"])
+                .arg(file_url(path))
+                // Every picture once, whatever its time.
+                .args([
+                    "-map",
+                    "0:v:0",
+                    "-vsync",
+                    "passthrough",
+                    "-f",
+                    "rawvideo",
+                    "-pix_fmt",
+                    "gray",
+                    "-",
+                ])
+                .stdin(Stdio::null())
+                .stdout(Stdio::piped()),
+        )?;
+        let pictures = running
+            .child
+            .stdout
+            .take()
+            .ok_or(CaptureError::NoFfmpeg { program: FFMPEG })?;
+        let mut reader = Self {
+            path: path.to_owned(),
+            running,
+            pictures,
+            description,
+            cropping,
+            next: None,
+            read: 0,
+        };
+        reader.next = reader.read_picture();
+        if reader.next.is_none() {
+            return Err(CaptureError::Clip {
+                clip: path.to_owned(),
+                program: FFMPEG,
+                said: reader.running.finish().1,
+                expected: "a clip with pictures",
+            });
+        }
+        Ok(reader)
+    }
+
+    /// Frames a second.
+    #[must_use]
+    pub const fn rate(&self) -> f64 {
+        self.description.rate
+    }
+
+    /// The 440×440 crop of the next picture; `None` at the end.
+    pub fn next(&mut self) -> Option<Vec<u8>> {
+        let grey = self.next.take()?;
+        self.next = self.read_picture();
+        let mut crop = Vec::new();
+        self.cropping.apply(&grey, &mut crop);
+        self.read += 1;
+        Some(crop)
+    }
+
+    /// What is missing, once [`Self::next`] has returned `None`.
+    ///
+    /// # Errors
+    /// [`CaptureError::ClipDamaged`] when ffmpeg left pictures out, or the file ends early.
+    pub fn finish(&mut self) -> Result<(), CaptureError> {
+        let (succeeded, said) = self.running.finish();
+        let expected = self.description.pictures;
+        let is_whole = expected.map_or(succeeded && said.is_empty(), |expected| self.read >= expected);
+        if is_whole {
+            return Ok(());
+        }
+        Err(CaptureError::ClipDamaged {
+            clip: self.path.clone(),
+            found: self.read,
+            expected,
+            said,
+        })
+    }
+
+    fn read_picture(&mut self) -> Option<Vec<u8>> {
+        let mut grey = vec![0; self.description.size.pixels()];
+        self.pictures.read_exact(&mut grey).ok().map(|()| grey)
+    }
+}
+
+/// A clip that is being written: MJPEG in an AVI file.
+#[derive(Debug)]
+pub struct ClipWriter {
+    path: PathBuf,
+    partial: PathBuf,
+    running: Running,
+    pictures: Option<ChildStdin>,
+}
+
+impl ClipWriter {
+    /// Starts a clip of pictures of `size`, `rate` a second. The file appears when it is finished.
+    ///
+    /// # Errors
+    /// [`CaptureError::NoFfmpeg`].
+    pub fn create(path: &Path, size: Size, rate: f64) -> Result<Self, CaptureError> {
+        let partial = path.with_added_extension("partial");
+        let mut running = Running::start(
+            Command::new(FFMPEG)
+                .args(["-v", "error", "-f", "rawvideo", "-pix_fmt", "gray", "-video_size"])
+                .arg(format!("{}x{}", size.width, size.height))
+                .args(["-framerate", &rate.to_string(), "-i", "-"])
+                // The best quality, and the same bytes on every machine.
+                .args(["-c:v", "mjpeg", "-qmin", "1", "-q:v", "1", "-pix_fmt", "yuvj420p"])
+                .args([
+                    "-threads",
+                    "1",
+                    "-fflags",
+                    "+bitexact",
+                    "-flags:v",
+                    "+bitexact",
+                    "-f",
+                    "avi",
+                    "-y",
+                ])
+                .arg(file_url(&partial))
+                .stdin(Stdio::piped())
+                .stdout(Stdio::null()),
+        )?;
+        let pictures = running.child.stdin.take();
+        Ok(Self {
+            path: path.to_owned(),
+            partial,
+            running,
+            pictures,
+        })
+    }
+
+    /// Adds a picture of the clip's size.
+    ///
+    /// # Errors
+    /// [`CaptureError::Clip`] when ffmpeg has stopped.
+    pub fn push(&mut self, grey: &[u8]) -> Result<(), CaptureError> {
+        match self.pictures.as_mut().map(|pictures| pictures.write_all(grey)) {
+            Some(Ok(())) => Ok(()),
+            _ => Err(self.failed()),
+        }
+    }
+
+    /// Writes the end of the file, and gives it its name.
+    ///
+    /// # Errors
+    /// [`CaptureError`] when ffmpeg fails or the file cannot be renamed.
+    pub fn finish(mut self) -> Result<(), CaptureError> {
+        drop(self.pictures.take());
+        let (succeeded, said) = self.running.finish();
+        if !succeeded {
+            return Err(self.error(said));
+        }
+        fs::rename(&self.partial, &self.path).map_err(|source| CaptureError::File {
+            path: self.path.clone(),
+            source,
+            expected: "a file that can be written",
+        })
+    }
+
+    fn failed(&mut self) -> CaptureError {
+        drop(self.pictures.take());
+        let said = self.running.finish().1;
+        self.error(said)
+    }
+
+    fn error(&self, said: String) -> CaptureError {
+        CaptureError::Clip {
+            clip: self.path.clone(),
+            program: FFMPEG,
+            said,
+            expected: "a file that can be written, on a disk with room",
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_rate_is_a_fraction_and_only_an_avi_announces_its_pictures() {
+        let text = |format: &str, rate: &str| {
+            format!("width=640\nheight=480\navg_frame_rate={rate}\nnb_frames=60\nformat_name={format}\n")
+        };
+        let found = parse_description(&text("avi", "30000/1001")).unwrap();
+        assert_eq!((found.size, found.pictures), (Size::new(640, 480), Some(60)));
+        assert!((found.rate - 29.97).abs() < 0.001);
+        assert_eq!(
+            parse_description(&text("mov,mp4", "30/1")).unwrap().pictures,
+            None
+        );
+        for wrong in ["0/0", "30", "1/100", ""] {
+            assert_eq!(parse_description(&text("avi", wrong)), None, "{wrong}");
+        }
+    }
+}

@@ -1,0 +1,203 @@
+//! Pictures that were taken before, one after the other: of a folder or a clip. Touches the world.
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use tracing::warn;
+
+use crate::camera::Counts;
+use crate::clip::ClipReader;
+use crate::error::CaptureError;
+use crate::picture;
+
+/// Names of the picture of the untouched fingertip; `simulate` writes it beside the frames.
+const REST: [&str; 2] = ["rest.png", "rest.jpg"];
+/// The same of the second fingertip.
+const SECOND_REST: [&str; 2] = ["rest_1.png", "rest_1.jpg"];
+
+/// Reads the pictures of a folder, a file or a clip in their order.
+#[derive(Debug)]
+pub struct PictureReader {
+    path: PathBuf,
+    kind: Kind,
+    /// Whether they may be 88×88.
+    small: bool,
+    number: usize,
+}
+
+#[derive(Debug)]
+enum Kind {
+    Files(std::vec::IntoIter<PathBuf>),
+    Clip(ClipReader),
+    Finished,
+}
+
+impl PictureReader {
+    /// Opens a folder, a picture, or else a clip; there is at least one picture.
+    ///
+    /// # Errors
+    /// [`CaptureError`] that names what cannot be read.
+    pub fn open(path: &Path, small: bool) -> Result<Self, CaptureError> {
+        let kind = if path.is_dir() || picture::is_picture(path) {
+            Kind::Files(picture::list(path)?.into_iter())
+        } else {
+            Kind::Clip(ClipReader::open(path)?)
+        };
+        Ok(Self {
+            path: path.to_owned(),
+            kind,
+            small,
+            number: 0,
+        })
+    }
+
+    /// Name and 440×440 crop of the next picture; `None` at the end.
+    ///
+    /// # Errors
+    /// [`CaptureError`] of the next picture; what follows it can still be read. The last is
+    /// [`CaptureError::ClipDamaged`] when pictures of a clip are missing.
+    pub fn next(&mut self) -> Result<Option<(String, Vec<u8>)>, CaptureError> {
+        match &mut self.kind {
+            Kind::Files(files) => files
+                .next()
+                .map(|file| Ok((file.display().to_string(), picture::crop(&file, self.small)?)))
+                .transpose(),
+            Kind::Clip(clip) => match clip.next() {
+                Some(crop) => {
+                    let name = format!("{}: picture {}", self.path.display(), self.number);
+                    self.number += 1;
+                    Ok(Some((name, crop)))
+                }
+                None => {
+                    let finished = clip.finish();
+                    self.kind = Kind::Finished;
+                    finished.map(|()| None)
+                }
+            },
+            Kind::Finished => Ok(None),
+        }
+    }
+}
+
+/// Plays the pictures of a folder or a clip. A picture that cannot be read is skipped, logged and counted.
+#[derive(Debug)]
+pub struct Playback {
+    path: PathBuf,
+    pictures: PictureReader,
+    /// The picture at rest that lies with them.
+    rest: Option<PathBuf>,
+    counts: Counts,
+}
+
+impl Playback {
+    /// The pictures of the folder `path`, or of its folder `frames` (of the second fingertip `frames_1`) where there is one,
+    /// as `gripline simulate --out` makes them.
+    ///
+    /// # Errors
+    /// [`CaptureError`] when there is no picture.
+    pub fn folder(path: &Path, fingertip: usize) -> Result<Self, CaptureError> {
+        let frames = path.join(if fingertip == 0 { "frames" } else { "frames_1" });
+        let folder = if frames.is_dir() { frames } else { path.to_owned() };
+        let rest = find_rest(&[&folder, &folder.join("..")], &folder);
+        let mut files = picture::list(&folder)?;
+        files.retain(|file| Some(file) != rest.as_ref());
+        let pictures = PictureReader {
+            path: folder.clone(),
+            kind: Kind::Files(files.into_iter()),
+            small: false,
+            number: 0,
+        };
+        Ok(Self::new(folder, pictures, rest))
+    }
+
+    /// The pictures of a clip.
+    ///
+    /// # Errors
+    /// [`CaptureError`] when ffmpeg is missing or the clip cannot be read.
+    pub fn clip(path: &Path) -> Result<Self, CaptureError> {
+        let rest = find_rest(&[path.parent().unwrap_or(Path::new(""))], path);
+        let pictures = PictureReader {
+            path: path.to_owned(),
+            kind: Kind::Clip(ClipReader::open(path)?),
+            small: false,
+            number: 0,
+        };
+        Ok(Self::new(path.to_owned(), pictures, rest))
+    }
+
+    fn new(path: PathBuf, pictures: PictureReader, rest: Option<PathBuf>) -> Self {
+        Self {
+            path,
+            pictures,
+            rest,
+            counts: Counts::default(),
+        }
+    }
+
+    /// Frames a second of a clip.
+    #[must_use]
+    pub const fn rate(&self) -> Option<f64> {
+        match &self.pictures.kind {
+            Kind::Clip(clip) => Some(clip.rate()),
+            Kind::Files(_) | Kind::Finished => None,
+        }
+    }
+
+    /// The picture of the untouched fingertip that lies with the others.
+    ///
+    /// # Errors
+    /// [`CaptureError`] when there is none, or it cannot be read.
+    pub fn rest(&self) -> Result<Vec<u8>, CaptureError> {
+        match &self.rest {
+            Some(file) => picture::crop(file, false),
+            None => Err(CaptureError::NoRest {
+                path: self.path.clone(),
+            }),
+        }
+    }
+
+    /// The next picture that can be read, and how long that took, µs.
+    pub fn next(&mut self) -> Option<(Vec<u8>, f64)> {
+        loop {
+            let started = Instant::now();
+            match self.pictures.next() {
+                Ok(None) => return None,
+                Ok(Some((_, crop))) => {
+                    self.counts.received += 1;
+                    return Some((crop, started.elapsed().as_secs_f64() * 1e6));
+                }
+                Err(error) => {
+                    warn!("{error}");
+                    let damaged = match error {
+                        CaptureError::ClipDamaged {
+                            found,
+                            expected: Some(expected),
+                            ..
+                        } => expected - found,
+                        _ => 1,
+                    };
+                    self.counts.received += damaged;
+                    self.counts.damaged += damaged;
+                }
+            }
+        }
+    }
+
+    /// What became of the pictures so far.
+    #[must_use]
+    pub const fn counts(&self) -> Counts {
+        self.counts
+    }
+}
+
+/// The picture at rest that lies in one of the folders; what is named as of the second fingertip has its own.
+fn find_rest(folders: &[&Path], of: &Path) -> Option<PathBuf> {
+    let is_second = of
+        .file_stem()
+        .is_some_and(|name| name.to_string_lossy().ends_with("_1"));
+    let second = SECOND_REST.iter().filter(|_| is_second);
+    let places = second
+        .chain(&REST)
+        .flat_map(|name| folders.iter().map(move |folder| folder.join(name)));
+    places.into_iter().find(|rest| rest.is_file())
+}
