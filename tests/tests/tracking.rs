@@ -4,7 +4,7 @@
 use std::sync::Arc;
 
 use gripline_network::tracked::{Track, Tracker};
-use gripline_simulation::contact_world::{Contact, Drive, Mount, Press, Shape, Skin};
+use gripline_simulation::contact_world::{Contact, Drive, GelSurface, Mount, Press, Shape};
 use gripline_simulation::{Fingertip, FingertipParams, Gel, Image, SeenParticle};
 
 /// A spot farther than this from every particle is none (noise, or what JPEG makes of the ground), pixels.
@@ -29,7 +29,7 @@ struct Found {
 
 /// A sphere pressed with `load_n` and pulled by `pull_mm`.
 fn follow(load_n: f64, pull_mm: [f64; 2], jpeg_quality: Option<u8>) -> Found {
-    let skin = Arc::new(Skin::new(&Gel::default(), 40).unwrap());
+    let skin = Arc::new(GelSurface::new(&Gel::default(), 40).unwrap());
     let sphere = Arc::new(Shape::Sphere { radius_mm: 10.0 });
     let mut contact = Contact::new(skin, sphere, 0.8, Mount::default()).unwrap();
     let mut drive = Drive {

@@ -12,7 +12,7 @@ use gripline_pipeline::pipeline::{Pipeline, Processed};
 use gripline_pipeline::settings_for;
 use gripline_protocol::LSB_PER_NEWTON;
 use gripline_simulation::constants::REST_PICTURES;
-use gripline_simulation::contact_world::{Contact, Drive, Mount, Press, Shape, Skin, UNSEEN_SHAPES};
+use gripline_simulation::contact_world::{Contact, Drive, GelSurface, Mount, Press, Shape, UNSEEN_SHAPES};
 use gripline_simulation::{BrightnessMotion, Fingertip, FingertipParams, Gel, GripScene, Image};
 use serde_json::{Value, json};
 
@@ -207,7 +207,7 @@ fn median(values: &mut [f64]) -> f64 {
 }
 
 fn scenes() -> Result<Vec<Scene>, Box<dyn Error>> {
-    let skin = Arc::new(Skin::new(&Gel::default(), 80)?);
+    let skin = Arc::new(GelSurface::new(&Gel::default(), 80)?);
     let still = BrightnessMotion::default();
     let drifting = BrightnessMotion {
         drift: 0.05,
@@ -259,7 +259,7 @@ type Pictures = (Vec<Vec<u8>>, Vec<(Vec<u8>, f32)>);
 /// Touches one after the other on a sensor of this number, each given by its normal force frame by frame and the way
 /// that it is pulled a frame while the force does not change, mm.
 fn touches_of(
-    skin: &Arc<Skin>,
+    skin: &Arc<GelSurface>,
     number: u64,
     noisier: f64,
     motion: BrightnessMotion,

@@ -10,7 +10,7 @@ use gripline_network::Network;
 use gripline_network::scene::GateKind;
 use gripline_protocol::{ForceMap, Health};
 use gripline_simulation::constants::REST_PICTURES;
-use gripline_simulation::contact_world::{Skin, Truth, production_cells};
+use gripline_simulation::contact_world::{GelSurface, Truth, production_cells};
 use gripline_simulation::{Fingertip, FingertipParams, Gel, Image};
 
 use super::trial::{Experiment, Trial, TruthFrame};
@@ -51,7 +51,7 @@ pub struct Recorded {
 #[derive(Debug, Clone)]
 pub struct Chain {
     network: Network,
-    skin: Arc<Skin>,
+    skin: Arc<GelSurface>,
 }
 
 /// What looks at a trial: a fingertip with the chain behind it.
@@ -102,7 +102,7 @@ impl Chain {
     /// Never with the built-in gel.
     pub fn new(network: Network, coarse: bool) -> Result<Self, Failure> {
         let cells = if coarse { 40 } else { production_cells(GRIPPED_N) };
-        let skin = Skin::new(&Gel::default(), cells).map_err(Failure::failed)?;
+        let skin = GelSurface::new(&Gel::default(), cells).map_err(Failure::failed)?;
         Ok(Self {
             network,
             skin: Arc::new(skin),

@@ -195,7 +195,7 @@ mod tests {
             stick_ratio: Some(stick_ratio),
             gross_slip,
             force_n: [0.0; 3],
-            torsion_nmm: 0.0,
+            torsional_moment_nmm: 0.0,
         }
     }
 

@@ -5,7 +5,7 @@
 
 use std::sync::Arc;
 
-use gripline_simulation::contact_world::{Contact, Drive, HeightMap, Mount, Press, Skin, Truth};
+use gripline_simulation::contact_world::{Contact, Drive, GelSurface, HeightMap, Mount, Press, Truth};
 use gripline_simulation::grasp::{Object, Patch};
 use gripline_simulation::{Gel, Random, SimulationError};
 
@@ -116,7 +116,7 @@ pub struct TruthFrame {
     /// Force of the object on the skin.
     pub force_n: [f64; 3],
     /// Moment about where the object stands.
-    pub torsion_nmm: f64,
+    pub torsional_moment_nmm: f64,
 }
 
 /// A run under way.
@@ -176,7 +176,7 @@ impl Experiment {
     ///
     /// # Errors
     /// Those of the contact world.
-    pub fn new(trial: &Trial, skin: &Arc<Skin>) -> Result<Self, SimulationError> {
+    pub fn new(trial: &Trial, skin: &Arc<GelSurface>) -> Result<Self, SimulationError> {
         let mut random = Random::new(trial.seed, TRIAL);
         let object = &trial.object;
         let friction = object.friction[0] * random.uniform(1.0 - FRICTION_SPREAD, 1.0 + FRICTION_SPREAD);
@@ -308,7 +308,7 @@ impl Experiment {
             stick_ratio: truth.stick_ratio(),
             gross_slip: truth.gross_slip(),
             force_n: truth.force_n(),
-            torsion_nmm: truth.torsion_nmm(truth.footprint_mm()),
+            torsional_moment_nmm: truth.torsional_moment_nmm(truth.footprint_mm()),
         }))
     }
 
@@ -361,7 +361,7 @@ impl Experiment {
                     return;
                 }
                 let [x, y, _] = self.contact.truth().force_n();
-                let torsion = self.torsion_nmm();
+                let torsion = self.torsional_moment_nmm();
                 Stage::Release {
                     over_s: self.random.uniform(RELEASE_S[0], RELEASE_S[1]),
                     hand: [x - self.weight[0], y - self.weight[1], torsion - self.weight[2]],
@@ -373,9 +373,9 @@ impl Experiment {
         self.began_s = self.time_s;
     }
 
-    fn torsion_nmm(&self) -> f64 {
+    fn torsional_moment_nmm(&self) -> f64 {
         let truth = self.contact.truth();
-        truth.torsion_nmm(truth.footprint_mm())
+        truth.torsional_moment_nmm(truth.footprint_mm())
     }
 
     fn rest(&mut self) -> Stage {

@@ -44,7 +44,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                     println!(
                         "{:.3} grip {:.2} at {:.3} {:.3} turn {:.4} load {:.3} {:.3} {:.2} F {:.3} {:.3} {:.3} M {:.2} sr {:.2} slip {:.3} v {:.2} {} {} {} steps {} solves {} bal {:.1e} {took:.2} ms",
                         frame.time_s, frame.grip_n, frame.object.at_mm[0], frame.object.at_mm[1], frame.object.turn_rad,
-                        frame.load[0], frame.load[1], frame.load[2], finger.force_n[0], finger.force_n[1], finger.force_n[2], finger.torsion_nmm,
+                        frame.load[0], frame.load[1], frame.load[2], finger.force_n[0], finger.force_n[1], finger.force_n[2], finger.torsional_moment_nmm,
                         finger.stick_ratio.unwrap_or(-1.0), finger.slip_mm, finger.slip_speed_mm_per_s,
                         if frame.slip {"SLIP"} else {""}, if frame.on_table {"table"} else {""}, if frame.dropped {"DROPPED"} else {""},
                         frame.steps, frame.solves, frame.balance

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use gripline_simulation::contact_world::{
-    Contact, Drive, Mount, Press, Shape, Skin, Truth, production_cells,
+    Contact, Drive, GelSurface, Mount, Press, Shape, Truth, production_cells,
 };
 use gripline_simulation::{Fingertip, FingertipParams, Gel, Image};
 
@@ -68,9 +68,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 
 /// The sphere pressed, then pulled.
 fn pressed() -> Result<Truth, Box<dyn std::error::Error>> {
-    let skin = Arc::new(Skin::new(&Gel::default(), production_cells(LOAD_N))?);
+    let surface = Arc::new(GelSurface::new(&Gel::default(), production_cells(LOAD_N))?);
     let sphere = Arc::new(Shape::Sphere { radius_mm: 12.0 });
-    let mut contact = Contact::new(skin, sphere, 0.65, Mount::default())?;
+    let mut contact = Contact::new(surface, sphere, 0.65, Mount::default())?;
     let mut drive = Drive {
         press: Press::Force(LOAD_N),
         at_mm: [0.0; 2],

@@ -4,7 +4,7 @@
 use std::sync::Arc;
 use std::time::Instant;
 
-use gripline_simulation::contact_world::{Contact, Drive, Mount, Press, Shape, Skin, production_cells};
+use gripline_simulation::contact_world::{Contact, Drive, GelSurface, Mount, Press, Shape, production_cells};
 use gripline_simulation::{Fingertip, FingertipParams, Gel, GripScene, Image, block_mean_88};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -12,9 +12,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut image = Image::crop();
     time("render at rest", 200, || image = fingertip.rest_image());
 
-    let skin = Arc::new(Skin::new(&Gel::default(), production_cells(5.0))?);
+    let surface = Arc::new(GelSurface::new(&Gel::default(), production_cells(5.0))?);
     let sphere = Arc::new(Shape::Sphere { radius_mm: 12.0 });
-    let mut solved = Contact::new(skin, sphere, 0.65, Mount::default())?;
+    let mut solved = Contact::new(surface, sphere, 0.65, Mount::default())?;
     solved.go_to(
         Drive {
             press: Press::Force(5.0),

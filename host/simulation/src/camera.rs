@@ -1,4 +1,4 @@
-//! The camera under the skin: an equidistant fisheye, r = f·θ, looking up at the gel. Units: mm, pixels of the 640 x
+//! The camera under the gel: an equidistant fisheye, r = f·θ, looking up at the gel. Units: mm, pixels of the 640 x
 //! 480 frame, rad. Image axes follow the surface's x and y (the mirror of a view from below is taken as undone).
 //! Limits: one centre of projection, no refraction at the gel's base; spheres look round (off the axis a real one is
 //! θ/sin θ longer across the radius: 11 % at 45°).

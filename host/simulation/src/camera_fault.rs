@@ -157,8 +157,8 @@ fn light_without(led: usize) -> Vec<f32> {
         let dx = middle(square % squares, left) - camera.centre_px[0];
         let dy = middle(square / squares, top) - camera.centre_px[1];
         let r = libm::hypot(dx, dy).max(1e-9);
-        let way_mm = height_mm * libm::tan((r / camera.focal_px_per_rad).min(1.5));
-        let [x, y] = [way_mm * dx / r, way_mm * dy / r];
+        let distance_mm = height_mm * libm::tan((r / camera.focal_px_per_rad).min(1.5));
+        let [x, y] = [distance_mm * dx / r, distance_mm * dy / r];
         let of = |led: usize| {
             let (sin, cos) = libm::sincos(std::f64::consts::TAU * led as f64 / LED_COUNT as f64);
             let h = height_mm - LED_HEIGHT_MM;

@@ -116,17 +116,17 @@ pub const SCENE_LIFT_MM: f64 = 20.0;
 pub const SCENE_PULL_N: f64 = 2.2;
 /// Direction of the pull, a unit vector.
 pub const SCENE_PULL_DIRECTION: [f64; 2] = [0.6, -0.8];
-/// Largest twist on one finger, N·mm: it needs a grip of about 4.5 N.
-pub const SCENE_TWIST_NMM: f64 = 7.0;
+/// Largest torsional moment on one finger, N·mm: it needs a grip of about 4.5 N.
+pub const SCENE_TORSIONAL_MOMENT_NMM: f64 = 7.0;
 /// Largest distance of the contact from the middle along each axis, mm.
 pub const SCENE_CONTACT_OFFSET_MM: f64 = 2.5;
 
 /// Standard acceleration of gravity, mm/s².
 pub const GRAVITY_MM_PER_S2: f64 = 9_806.65;
-/// Label SLIP: no cell of a contact sticks (or one in a hundred) while the object moves over the skin faster
+/// Label SLIP: no cell of a contact sticks (or one in a hundred) while the object moves over the gel faster
 /// than this, mm/s. A fiftieth of what a free object gathers in 5 ms; slow loads make less micro-slip.
 pub const SLIP_SPEED_MM_PER_S: f64 = 1.0;
-/// An object that slid this far over a skin has left the grip, mm (assumed: half a small patch's reach).
+/// An object that slid this far over a gel has left the grip, mm (assumed: half a small patch's reach).
 pub const GRASP_DROP_MM: f64 = 6.0;
 /// Stiffness of the table under the object, N/mm (assumed; 1 N sinks it 0.05 mm).
 pub const TABLE_STIFFNESS_N_PER_MM: f64 = 20.0;

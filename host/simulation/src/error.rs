@@ -52,17 +52,17 @@ pub enum SimulationError {
         /// Rounds between pressure and shear.
         rounds: usize,
     },
-    /// Friction cannot hold the load along the skin; the state before the step is kept.
+    /// Friction cannot hold the load along the gel; the state before the step is kept.
     #[error(
-        "a load along the skin of ({}, {}) N and {} N·mm slides the indenter away, expected one that friction holds \
-         (at most {most_n:.3} N): pull less, press more, or drag by place",
+        "a load along the gel of ({}, {}) N and {} N·mm slides the indenter away, expected one that friction holds \
+         (at most {max_n:.3} N): pull less, press more, or drag by place",
         load[0], load[1], load[2]
     )]
     Slides {
         /// What was to be held, N, N, N·mm.
         load: [f64; 3],
         /// What friction holds of a pull alone, N.
-        most_n: f64,
+        max_n: f64,
     },
     /// The contact reaches the edge of the sensing surface; the state before the step is kept.
     #[error(
@@ -70,9 +70,9 @@ pub enum SimulationError {
          contact inside ±16 mm: move the indenter inwards or press less"
     )]
     OffSurface {
-        /// Where the indenter stands on the skin, x.
+        /// Where the indenter stands on the gel, x.
         x_mm: f64,
-        /// Where the indenter stands on the skin, y.
+        /// Where the indenter stands on the gel, y.
         y_mm: f64,
     },
 }

@@ -1,4 +1,4 @@
-//! Displacements inside the skin under surface tractions: a linear layer bonded to a rigid base, solved per
+//! Displacements inside the gel under surface tractions: a linear layer bonded to a rigid base, solved per
 //! wave vector on a periodic grid. Units: mm, N, MPa; depth grows from the surface (0) to the base
 //! (thickness). Limits: small strain; the grid's period (64 mm) stands for an endless layer, whose fields
 //! fall to a tenth in 16 mm.
@@ -19,7 +19,7 @@ const CELLS: usize = FIELD_CELLS * FIELD_CELLS;
 const ZERO: Spectrum = Complex { re: 0.0, im: 0.0 };
 
 /// What a layer answers to one wave length of traction at one depth, mm per MPa. With k̂ along the wave
-/// vector, L along and T across it, z into the skin: u_T = transverse·t_T, u_L = along_shear·t_L + i
+/// vector, L along and T across it, z into the gel: u_T = transverse·t_T, u_L = along_shear·t_L + i
 /// along_pressure·p, u_z = −i down_shear·t_L + down_pressure·p.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Response {
@@ -282,7 +282,7 @@ impl DisplacementField {
         }
     }
 
-    /// Displacement (x, y, into the skin) of the material point that `place` stands for, mm.
+    /// Displacement (x, y, into the gel) of the material point that `place` stands for, mm.
     #[must_use]
     pub fn at(&self, place: &MaterialPoint) -> [f32; 3] {
         let mut sum = [0.0; 3];
@@ -596,7 +596,7 @@ mod tests {
 
     #[test]
     fn a_solved_contact_moves_the_inside_as_the_closed_form_does() {
-        use crate::contact_world::{Contact, Drive, Mount, Press, Shape, Skin};
+        use crate::contact_world::{Contact, Drive, GelSurface, Mount, Press, Shape};
         // Tractions from a half-space without coupling, on both ways; the inside is the layer's.
         let gel = Gel {
             poisson: 0.5,
@@ -605,9 +605,9 @@ mod tests {
         let (normal_n, pull_n, radius_mm, friction) = (2.0, 0.6, 20.0, 0.65);
         let hertz = Hertz::new(normal_n, radius_mm, &gel).unwrap();
         let closed = CattaneoMindlin::new(hertz, friction, &gel).unwrap();
-        let skin = Arc::new(Skin::new(&gel, 80).unwrap());
+        let surface = Arc::new(GelSurface::new(&gel, 80).unwrap());
         let sphere = Arc::new(Shape::Sphere { radius_mm });
-        let mut solved = Contact::new(skin, sphere, friction, Mount::default()).unwrap();
+        let mut solved = Contact::new(surface, sphere, friction, Mount::default()).unwrap();
         for shift in [0.0, closed.displacement_mm(pull_n).unwrap()] {
             let drive = Drive {
                 press: Press::Force(normal_n),

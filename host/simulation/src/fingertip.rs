@@ -1,4 +1,4 @@
-//! A virtual fingertip: the skin's particles seen by its camera at rest and under a contact, with light, vignette,
+//! A virtual fingertip: the gel's particles seen by its camera at rest and under a contact, with light, vignette,
 //! sensor noise and, if asked for, JPEG compression. Pictures are 640 x 480 frames or their middle, the 440 x 440
 //! crop, in gray levels; both have the same pixels. Limits: gray, no motion blur, global shutter.
 
@@ -21,7 +21,7 @@ use crate::particles::{Particles, SeenParticle};
 use crate::random::Random;
 
 /// More particles than this hide each other.
-const MOST_PARTICLES: usize = 100_000;
+const MAX_PARTICLES: usize = 100_000;
 /// Purposes of random streams.
 const PATTERN: u64 = 1;
 const NOISE: u64 = 2;
@@ -47,7 +47,7 @@ mod spread {
 /// What differs from one virtual fingertip to the next, the seed aside.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FingertipParams {
-    /// The skin.
+    /// The gel.
     pub gel: Gel,
     /// The camera under it.
     pub camera: Camera,
@@ -125,7 +125,7 @@ impl FingertipParams {
         self.gel.check()?;
         self.camera.check()?;
         checked("particles", self.particles as f64, "between 1 and 100000", |n| {
-            (1.0..=MOST_PARTICLES as f64).contains(&n)
+            (1.0..=MAX_PARTICLES as f64).contains(&n)
         })?;
         checked(
             "gel thickness_mm",
@@ -276,7 +276,7 @@ impl Fingertip {
     }
 
     /// The camera's crop under a solved contact, with fresh noise; `out` is made 440 x 440 if it is not. The contact's
-    /// skin should be this gel. Where nothing touches, neither field nor particles are computed again.
+    /// gel should be this gel. Where nothing touches, neither field nor particles are computed again.
     pub fn render(&mut self, truth: &Truth, out: &mut Image) {
         self.take_truth(truth, View::Crop, out);
     }
@@ -366,14 +366,14 @@ impl View {
 mod tests {
     use super::*;
     use crate::constants::CROP_PX;
-    use crate::contact_world::{Contact, Drive, Mount, Press, Shape, Skin};
+    use crate::contact_world::{Contact, Drive, GelSurface, Mount, Press, Shape};
     use crate::image::crop_of_frame;
 
-    /// A sphere of 12 mm on a skin of 40 cells.
+    /// A sphere of 12 mm on a gel of 40 cells.
     fn sphere() -> Contact {
-        let skin = Arc::new(Skin::new(&Gel::default(), 40).unwrap());
+        let surface = Arc::new(GelSurface::new(&Gel::default(), 40).unwrap());
         let sphere = Arc::new(Shape::Sphere { radius_mm: 12.0 });
-        Contact::new(skin, sphere, 0.6, Mount::default()).unwrap()
+        Contact::new(surface, sphere, 0.6, Mount::default()).unwrap()
     }
 
     /// Pressed by `force_n` at `at_mm`, then pulled and turned.

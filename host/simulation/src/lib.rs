@@ -1,7 +1,7 @@
-//! The test world of Gripline: `contact_world` solves contact with friction of any indenter on the soft skin, `grasp`
-//! holds objects between two such fingertips, and [`Fingertip`] pictures the skin's particles as its camera sees
+//! The test world of Gripline: `contact_world` solves contact with friction of any indenter on the soft gel, `grasp`
+//! holds objects between two such fingertips, and [`Fingertip`] pictures the gel's particles as its camera sees
 //! them; [`closed_form`] holds the textbook solutions that check both. Units: mm, N, MPa (= N/mm²), N·mm, s. x and y lie in
-//! the surface, z points into the skin. Forces are what the object exerts on the skin. Same seed, parameters and
+//! the surface, z points into the gel. Forces are what the object exerts on the gel. Same seed, parameters and
 //! calls: same images, bit for bit.
 #![forbid(unsafe_code)]
 

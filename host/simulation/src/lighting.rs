@@ -1,6 +1,6 @@
 //! Light on the gel: a ring of LEDs around the lens, by inverse square and cosines, and how its brightness moves over
 //! time. Units: mm over the camera's centre of projection, s; light 1 is that of a nominal ring on the axis.
-//! Limits: no shadows, no light scattered by other particles; the cover keeps its light when the skin is pressed.
+//! Limits: no shadows, no light scattered by other particles; the cover keeps its light when the gel is pressed.
 
 use std::f64::consts::TAU;
 
@@ -17,7 +17,7 @@ const MOTION: u64 = 6;
 const DRIFT_SINES: usize = 3;
 const DRIFT_STEP: f64 = 0.618;
 /// More LEDs than this are no ring around a lens.
-const MOST_LEDS: usize = 64;
+const MAX_LEDS: usize = 64;
 
 /// A ring of LEDs around the lens; they shine along the axis, with Lambert's cosine.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -46,7 +46,7 @@ impl Default for Lighting {
 impl Lighting {
     pub(crate) fn check(&self, base_mm: f64) -> Result<(), SimulationError> {
         checked("lighting leds", self.leds as f64, "between 1 and 64", |n| {
-            (1.0..=MOST_LEDS as f64).contains(&n)
+            (1.0..=MAX_LEDS as f64).contains(&n)
         })?;
         not_negative("lighting ring_radius_mm", self.ring_radius_mm)?;
         finite("lighting height_mm", self.height_mm)?;

@@ -134,9 +134,9 @@ impl Particle {
         [self.at_mm[0], self.at_mm[1], self.height_mm]
     }
 
-    /// Where it is and how bright, moved by (x, y, into the skin) mm.
+    /// Where it is and how bright, moved by (x, y, into the gel) mm.
     fn moved(&self, [x, y, down]: [f32; 3], base_mm: f32) -> ([f32; 3], f32) {
-        // Into the skin is towards the camera; nothing passes through the base.
+        // Into the gel is towards the camera; nothing passes through the base.
         let height = (self.height_mm - down).max(base_mm + self.radius_mm);
         let [along_x, along_y, along_z] = self.slope;
         let level = self.level + x * along_x + y * along_y + (height - self.height_mm) * along_z;

@@ -1,10 +1,10 @@
-//! Plays a scene of kind `press`: an indenter follows its path over one skin, looked at frame by frame. Units: mm,
+//! Plays a scene of kind `press`: an indenter follows its path over one gel, looked at frame by frame. Units: mm,
 //! N, s, rad. Between frames the path is cut into steps that the contact solver likes: at most half a cell of
 //! sliding, an eighth of the press. Limits: those of the contact world; the mount is rigid.
 
 use std::sync::Arc;
 
-use crate::contact_world::{Contact, Drive, Mount, Press, Skin, Truth, production_cells};
+use crate::contact_world::{Contact, Drive, GelSurface, Mount, Press, Truth, production_cells};
 use crate::error::SimulationError;
 use crate::gel::Gel;
 use crate::scene_file::{PathStep, PressScene};
@@ -24,13 +24,13 @@ const FIRM_MM: f64 = 0.5;
 /// Force from which the grid may be coarse, N.
 const FIRM_N: f64 = 1.5;
 /// Steps of a pull at most; one that friction cannot hold is found on the way.
-const MOST_PULLS: f64 = 64.0;
+const MAX_PULLS: f64 = 64.0;
 /// How much smaller steps are when the first try does not converge.
 const SMALLER: u32 = 4;
 /// Times this close are one, s.
 const SAME_S: f64 = 1e-9;
 
-/// A scene under way.
+/// A scene in progress.
 #[derive(Debug)]
 pub struct PressWorld {
     contact: Contact,
@@ -39,7 +39,7 @@ pub struct PressWorld {
     frame_s: f64,
     frames: usize,
     frame: usize,
-    /// The step under way, when it began and what held then.
+    /// The step in progress, when it began and what held then.
     step: usize,
     began_s: f64,
     from: Drive,
@@ -95,11 +95,11 @@ impl PressWorld {
                 Some(Press::Depth(_)) | None => 0.0,
             })
             .fold(0.0, f64::max);
-        let skin = Arc::new(Skin::new(gel, production_cells(peak_n))?);
-        let pitch_mm = skin.pitch_mm();
+        let surface = Arc::new(GelSurface::new(gel, production_cells(peak_n))?);
+        let pitch_mm = surface.pitch_mm();
         let indenter = &scene.indenter;
         let contact = Contact::new(
-            skin,
+            surface,
             Arc::clone(&indenter.shape),
             indenter.friction,
             Mount::default(),
@@ -211,7 +211,7 @@ impl PressWorld {
         };
     }
 
-    /// Where the step under way is after `part` of its time.
+    /// Where the step in progress is after `part` of its time.
     fn target(&self, part: f64) -> Drive {
         let step = &self.path[self.step];
         let between = |a: f64, b: f64| a + (b - a) * part;
@@ -243,14 +243,14 @@ impl PressWorld {
         }
     }
 
-    /// To a load along the skin in steps of an eighth of what friction holds.
+    /// To a load along the gel in steps of an eighth of what friction holds.
     fn pull_to(&mut self, target: Drive, load: [f64; 3]) -> Result<(), SimulationError> {
         let (from, before) = (self.drive, pulled(self.contact.truth()));
         let normal = self.contact.truth().force_n()[2].max(f64::MIN_POSITIVE);
-        let most_n = self.contact.friction() * normal;
+        let max_n = self.contact.friction() * normal;
         let jump =
             libm::hypot(load[0] - before[0], load[1] - before[1]).max((load[2] - before[2]).abs() / RIM_MM);
-        let by_load = (STEPS_PER_PRESS * jump / most_n).min(MOST_PULLS).ceil() as u32;
+        let by_load = (STEPS_PER_PRESS * jump / max_n).min(MAX_PULLS).ceil() as u32;
         let steps = self.steps_to(&target).max(by_load);
         for step in 1..=steps {
             let part = f64::from(step) / f64::from(steps);
@@ -287,11 +287,11 @@ impl PressWorld {
             // A change of kind begins where the contact is.
             _ => STEPS_PER_PRESS,
         };
-        let way = |from: [f64; 2], to: [f64; 2]| libm::hypot(to[0] - from[0], to[1] - from[1]);
-        let slide = way(self.drive.at_mm, target.at_mm)
+        let distance = |from: [f64; 2], to: [f64; 2]| libm::hypot(to[0] - from[0], to[1] - from[1]);
+        let slide = distance(self.drive.at_mm, target.at_mm)
             .max(RIM_MM * (target.turn_rad - self.drive.turn_rad).abs())
             / (STEP_SLIDE_CELLS * self.pitch_mm);
-        let tilt = way(self.drive.tilt_rad, target.tilt_rad) / STEP_TILT_RAD;
+        let tilt = distance(self.drive.tilt_rad, target.tilt_rad) / STEP_TILT_RAD;
         press.max(slide).max(tilt).ceil().max(1.0) as u32
     }
 }
@@ -299,7 +299,7 @@ impl PressWorld {
 /// Force along x and y, N, and moment about where the indenter stands, N·mm, that it takes to hold the indenter.
 fn pulled(truth: &Truth) -> [f64; 3] {
     let [x, y, _] = truth.force_n();
-    [x, y, truth.torsion_nmm(truth.footprint_mm())]
+    [x, y, truth.torsional_moment_nmm(truth.footprint_mm())]
 }
 
 #[cfg(test)]
@@ -365,7 +365,11 @@ mod tests {
             let force = frame.truth.force_n();
             assert!((frame.time_s - 0.05 * (frames.len() + 1) as f64).abs() < 1e-9);
             if frame.step.name == "drag" {
-                drag = Some((frame.truth.pose(), force[0], frame.truth.torsion_nmm([1.0, 0.0])));
+                drag = Some((
+                    frame.truth.pose(),
+                    force[0],
+                    frame.truth.torsional_moment_nmm([1.0, 0.0]),
+                ));
             }
             frames.push((frame.step.name.clone(), force[2], frame.truth.pose().depth_mm));
         }
@@ -390,7 +394,7 @@ mod tests {
         assert!(frames[8].2 > frames[7].2 && (frames[11].2 - 0.7).abs() < 1e-9);
         let (pose, pull, twist) = drag.unwrap();
         assert!((pose.at_mm[0] - 1.4).abs() < 1e-9 && (pose.turn_rad - 3.0_f64.to_radians()).abs() < 1e-9);
-        // The skin is taken along: forces and moment in the direction of the motion.
+        // The gel is taken along: forces and moment in the direction of the motion.
         assert!(pull > 0.1 && twist > 0.1, "{pull} N, {twist} N·mm");
         assert!(frames[20].1 < frames[19].1 && frames[23].1 == 0.0);
     }

@@ -1,10 +1,10 @@
 //! The scripted scene of `gripline run`: an object on a table, gripped, lifted, pulled, twisted and set down, as
-//! one fingertip sees it. A script on the grasp world; weight, pull and twist act by the clock. Units: mm, N, s.
+//! one fingertip sees it. A script on the grasp world; weight, pull and torsion act by the clock. Units: mm, N, s.
 //! The loads slip away from the grip that the scene starts with, and hold when the grip follows them in time.
 
 use crate::constants::{
     SCENE_CONTACT_OFFSET_MM, SCENE_FRICTION, SCENE_INERTIA_G_MM2, SCENE_LIFT_MM, SCENE_LOOP_S, SCENE_MASS_G,
-    SCENE_PULL_DIRECTION, SCENE_PULL_N, SCENE_SPHERE_RADIUS_MM, SCENE_TWIST_NMM,
+    SCENE_PULL_DIRECTION, SCENE_PULL_N, SCENE_SPHERE_RADIUS_MM, SCENE_TORSIONAL_MOMENT_NMM,
 };
 use crate::contact_world::Shape;
 use crate::error::{SimulationError, checked};
@@ -39,7 +39,7 @@ pub struct SceneFrame {
     /// What the script does now: approach, touch, lift, hold, pull, recover, twist, set down, release; or
     /// lost, when the object has slid out of the grip and the script waits for its next round.
     pub phase: &'static str,
-    /// Whether the object touches the skin.
+    /// Whether the object touches the gel.
     pub touching: bool,
     /// The gripper's normal force, and this finger's half of what pulls and twists the object, before any
     /// friction limit.
@@ -48,7 +48,7 @@ pub struct SceneFrame {
     pub true_stick_ratio: Option<f64>,
     /// Whether the object slides as a whole.
     pub gross_slip: bool,
-    /// How far its skin contact slid since it was grasped, mm (spin counts at the contact's radius of gyration).
+    /// How far its gel contact slid since it was grasped, mm (spin counts at the contact's radius of gyration).
     pub slip_mm: f64,
     /// The true forces, N per taxel.
     pub forces: ForceMap,
@@ -143,7 +143,7 @@ impl GripScene {
             load: Load {
                 normal_n: frame.grip_n,
                 shear_n: [pull_x, pull_y],
-                torsion_nmm: twist,
+                torsional_moment_nmm: twist,
             },
             true_stick_ratio: finger.stick_ratio,
             gross_slip: finger.gross_slip,
@@ -172,7 +172,7 @@ impl GripScene {
     }
 }
 
-/// A finger's skin; that of the second is another one of the same make.
+/// A finger's gel; that of the second is another one of the same make.
 fn fingertip<'a>(
     known: &'a mut Option<Box<Fingertip>>,
     seed: u64,
@@ -228,7 +228,7 @@ fn next_grasp(places: &mut Random) -> GraspScene {
             SCENE_PULL_DIRECTION.map(|part| part * 2.0 * SCENE_PULL_N),
             course([3.5, 6.0, 6.5, 7.5]),
         ),
-        Pull::twist(2.0 * SCENE_TWIST_NMM, course([7.5, 9.0, 9.4, 10.2])),
+        Pull::twist(2.0 * SCENE_TORSIONAL_MOMENT_NMM, course([7.5, 9.0, 9.4, 10.2])),
     ];
     scene
 }
@@ -345,7 +345,7 @@ mod tests {
     fn the_second_finger_feels_the_first_ones_load_from_the_other_side() {
         let mut scene = GripScene::new(3);
         let rest = [0, 1].map(|finger| scene.rest_image_of(finger));
-        assert!(rest[0] != rest[1], "two skins");
+        assert!(rest[0] != rest[1], "two gels");
         let mut seen = None;
         for _ in 0..270 {
             // Into the pull.

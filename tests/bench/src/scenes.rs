@@ -4,7 +4,7 @@
 use std::sync::Arc;
 
 use gripline_simulation::constants::REST_PICTURES;
-use gripline_simulation::contact_world::{Contact, Drive, Mount, Press, Skin, UNSEEN_SHAPES};
+use gripline_simulation::contact_world::{Contact, Drive, GelSurface, Mount, Press, UNSEEN_SHAPES};
 use gripline_simulation::{Fingertip, FingertipParams, Gel, Image};
 
 use crate::failure::Failure;
@@ -87,7 +87,7 @@ pub(crate) struct Scene {
 
 /// Plays each kind once, `frames` long.
 pub(crate) fn play(frames: usize, seed: u64) -> Result<Vec<Scene>, Failure> {
-    let skin = Arc::new(Skin::new(&Gel::default(), 80)?);
+    let skin = Arc::new(GelSurface::new(&Gel::default(), 80)?);
     Kind::ALL
         .into_iter()
         .zip(0..)
@@ -95,7 +95,7 @@ pub(crate) fn play(frames: usize, seed: u64) -> Result<Vec<Scene>, Failure> {
         .collect()
 }
 
-fn one(kind: Kind, skin: &Arc<Skin>, frames: usize, unit: u64) -> Result<Scene, Failure> {
+fn one(kind: Kind, skin: &Arc<GelSurface>, frames: usize, unit: u64) -> Result<Scene, Failure> {
     let params = FingertipParams::of_sensor(unit);
     let mut fingertip = Fingertip::new(unit, params)?;
     let rest = (0..REST_PICTURES)

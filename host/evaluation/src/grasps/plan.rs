@@ -130,8 +130,8 @@ pub fn grasp(seed: u64, number: u64) -> GraspPlan {
             "pull"
         }
         _ => {
-            let twist_nmm = random.uniform(0.5, 2.0) * weight_n * x.signum();
-            scene.pulls.push(Pull::twist(twist_nmm, bump(1.0)));
+            let torsional_moment_nmm = random.uniform(0.5, 2.0) * weight_n * x.signum();
+            scene.pulls.push(Pull::twist(torsional_moment_nmm, bump(1.0)));
             "twist"
         }
     };

@@ -1,10 +1,10 @@
-use gripline_simulation::contact_world::Skin;
+use gripline_simulation::contact_world::GelSurface;
 use gripline_simulation::grasp::OBJECTS;
 
 use super::*;
 
 fn frames(script: Script, seed: u64) -> (Vec<TruthFrame>, Experiment) {
-    let skin = Arc::new(Skin::new(&Gel::default(), 40).unwrap());
+    let skin = Arc::new(GelSurface::new(&Gel::default(), 40).unwrap());
     let trial = Trial {
         object: OBJECTS[5].clone(),
         script,

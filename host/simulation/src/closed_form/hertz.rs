@@ -72,7 +72,7 @@ impl Hertz {
         self.peak_pressure_mpa() * (1.0 - t * t).sqrt()
     }
 
-    /// Normal displacement of the surface (into the skin) at `r_mm`, mm (Johnson 3.41, 3.42).
+    /// Normal displacement of the surface (into the gel) at `r_mm`, mm (Johnson 3.41, 3.42).
     #[must_use]
     pub fn normal_displacement_mm(&self, r_mm: f64) -> f64 {
         let a = self.radius_mm;

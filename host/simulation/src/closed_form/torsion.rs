@@ -52,7 +52,7 @@ impl Torsion {
         8.0 / 3.0 * bound * a * a * a * simpson(from, 1.0, PAIRS, |t| t * t * e_complement(t))
     }
 
-    /// Stick radius under the first twist to `moment_nmm`, mm.
+    /// Stick radius under the first rotation to `moment_nmm`, mm.
     ///
     /// # Errors
     /// A moment outside 0 to the limit.
@@ -75,7 +75,7 @@ impl Torsion {
         Ok(0.5 * (inner + outer))
     }
 
-    /// Twist of the sphere while the circle of radius `stick_radius_mm` sticks, φ = (μp0 / 2G) (K(k') −
+    /// Rotation of the sphere while the circle of radius `stick_radius_mm` sticks, φ = (μp0 / 2G) (K(k') −
     /// E(k')) with k' = √(1−c²/a²), rad (Lubkin's relation). It grows without bound as the circle vanishes.
     #[must_use]
     pub fn rotation_rad(&self, stick_radius_mm: f64) -> f64 {

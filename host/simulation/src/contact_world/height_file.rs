@@ -1,5 +1,5 @@
 //! Indenters from files: a grey PNG (8 or 16 bit) or a 2-D float array in NumPy's format. Bytes in, grid of
-//! heights out; nothing here opens a file. Units: mm; heights are measured away from the skin. The first row
+//! heights out; nothing here opens a file. Units: mm; heights are measured away from the gel. The first row
 //! lies at the lowest y, so that an indenter's print in the camera's picture looks like its file.
 //! Limits: 2 to 2048 samples along each side.
 
@@ -10,7 +10,7 @@ use npyz::{DType, NpyFile, NpyHeader, Order, TypeChar};
 use super::shapes::{GridShape, Interpolation};
 use crate::error::SimulationError;
 
-/// Most samples along one side: finer than any grid of the skin by ten.
+/// Most samples along one side: finer than any grid of the gel by ten.
 const LARGEST_SIDE: usize = 2048;
 /// Decimal digits of a NumPy header whose dimensions surely multiply to less than 2⁶⁴; npyz multiplies them
 /// unchecked.

@@ -1,4 +1,4 @@
-//! What a traction on one square cell of the skin does to the surface elsewhere, in mm per MPa: the exact
+//! What a traction on one square cell of the gel does to the surface elsewhere, in mm per MPa: the exact
 //! half-space cell (Love 1929, Cerruti) plus the layer's difference from it, a smooth function of distance
 //! from one-dimensional Hankel integrals. No period, no singular wave number, no ringing; ν = ½ included.
 //! Limits: small strain, flat surface, an endless layer bonded to a rigid base.
@@ -19,7 +19,7 @@ const STEPS_PER_THICKNESS: f64 = 24.0;
 const GAUSS_POINTS: usize = 320;
 
 /// Displacements of the centre of one cell under unit tractions on another, mm per MPa. Two letters: which
-/// displacement, under which traction; z is pressure and points into the skin.
+/// displacement, under which traction; z is pressure and points into the gel.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(crate) struct CellInfluence {
     pub(crate) xx: f64,

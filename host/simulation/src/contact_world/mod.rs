@@ -1,10 +1,10 @@
-//! Contact with friction of any rigid indenter on the skin, along any path of pressing, dragging, twisting and
+//! Contact with friction of any rigid indenter on the gel, along any path of pressing, dragging, twisting and
 //! tilting: who touches, who sticks, who slips, and the force map that a perfect sensor would report. Units:
 //! mm, N, MPa, N·mm, rad. Limits: linear layer, small strain (see `LARGEST_INDENTATION`),
 //! Coulomb friction with one coefficient, quasi-static.
 //!
 //! From the bottom up: `influence` (one cell's traction to displacement), `convolution` (all cells of a box),
-//! `skin` (what contacts share), `window` (the cells that a step solves for), `normal` and `tangential` (the two
+//! `gel_surface` (what contacts share), `window` (the cells that a step solves for), `normal` and `tangential` (the two
 //! problems of a step), `stiffness` (how shear grows with motion), `solver` (the step and its history), `truth` (what a step is asked for), `shapes` (indenters),
 //! `height_file` (indenters from files).
 
@@ -13,9 +13,9 @@ mod height_file;
 mod influence;
 mod normal;
 mod shapes;
-mod skin;
 mod solver;
 mod stiffness;
+mod surface;
 mod tangential;
 mod truth;
 mod window;
@@ -23,8 +23,8 @@ mod window;
 pub use height_file::HeightFileError;
 pub use normal::Press;
 pub use shapes::{GridShape, HeightMap, Interpolation, Shape, TRAINING_SHAPES, UNSEEN_SHAPES, WALL_MM};
-pub use skin::{Skin, production_cells};
 pub(crate) use solver::Step;
 pub use solver::{Contact, Drive, Mount};
 pub(crate) use stiffness::{Matrix, Stiffness, Triple, add, dot, solved, sub};
+pub use surface::{GelSurface, production_cells};
 pub use truth::{CellState, Pose, Residuals, Truth};

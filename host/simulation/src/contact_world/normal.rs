@@ -1,4 +1,4 @@
-//! Pressure between skin and a rigid surface: gap and pressure never negative, one of them zero everywhere.
+//! Pressure between gel and a rigid surface: gap and pressure never negative, one of them zero everywhere.
 //! Conjugate gradients with projection (Polonsky and Keer 1999). Units: mm, N, MPa. Limits: what shear does to
 //! the gap is given, not solved for here; see `solver`.
 
@@ -12,14 +12,14 @@ const ITERATIONS: usize = 300;
 pub enum Press {
     /// With a normal force, N.
     Force(f64),
-    /// To a depth of its lowest plane under the skin at rest, mm.
+    /// To a depth of its lowest plane under the gel at rest, mm.
     Depth(f64),
 }
 
 /// How far a solve came.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct NormalOutcome {
-    /// Depth of the indenter's lowest plane under the skin at rest, mm.
+    /// Depth of the indenter's lowest plane under the gel at rest, mm.
     pub(crate) depth_mm: f64,
     /// Root mean square of the gap in contact, or the deepest penetration outside it if that is more, as a
     /// share of the deepest indentation.
@@ -38,7 +38,7 @@ pub(crate) struct NormalSolver {
 }
 
 impl NormalSolver {
-    /// Brings `pressure` (its start too) to equilibrium over a surface `base_mm` above the skin as displaced by
+    /// Brings `pressure` (its start too) to equilibrium over a surface `base_mm` above the gel as displaced by
     /// all but the pressure. A start whose residual is at most `accept` stays as it is; otherwise it stops at
     /// `tolerance`.
     pub(crate) fn solve(

@@ -1,5 +1,5 @@
-//! Rigid indenters as height maps over the skin: seven shapes for training and five that only tests see.
-//! Units: mm; height is measured away from the skin, from the indenter's lowest plane. Limits: no overhangs;
+//! Rigid indenters as height maps over the gel: seven shapes for training and five that only tests see.
+//! Units: mm; height is measured away from the gel, from the indenter's lowest plane. Limits: no overhangs;
 //! walls are vertical and stand [`WALL_MM`] high.
 
 use crate::error::{SimulationError, positive};
@@ -7,7 +7,7 @@ use crate::error::{SimulationError, positive};
 /// Height given where an indenter has no surface, mm: far beyond any indentation, and finite.
 pub const WALL_MM: f64 = 1e3;
 
-/// A rigid surface over the skin.
+/// A rigid surface over the gel.
 pub trait HeightMap: std::fmt::Debug + Send + Sync {
     /// Height at a point of the indenter's own frame, mm; [`WALL_MM`] where there is no surface.
     fn height_mm(&self, at_mm: [f64; 2]) -> f64;
@@ -37,7 +37,7 @@ pub enum Shape {
         /// Radius of the edge.
         edge_mm: f64,
     },
-    /// A cone pointing into the skin, with a rounded tip.
+    /// A cone pointing into the gel, with a rounded tip.
     Cone {
         /// Height over distance from the axis.
         slope: f64,
@@ -53,7 +53,7 @@ pub enum Shape {
     },
     /// An ellipsoid resting on its side.
     Ellipsoid {
-        /// Semi-axes along x, along y and away from the skin.
+        /// Semi-axes along x, along y and away from the gel.
         axes_mm: [f64; 3],
     },
     /// The rim of a tube: a torus.

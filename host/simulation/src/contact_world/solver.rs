@@ -1,4 +1,4 @@
-//! A rigid indenter pressed, dragged, twisted and tilted on the skin, step by step along its load history:
+//! A rigid indenter pressed, dragged, turned and tilted on the gel, step by step along its load history:
 //! pressure and shear in turn until neither moves the other (`normal`, `tangential`). Units: mm, N, MPa, rad.
 //! Limits: small strain and small rotations; contact must stay inside the sensing surface.
 
@@ -7,8 +7,8 @@ use std::sync::Arc;
 use super::convolution::{Convolution, Pair};
 use super::normal::{NormalSolver, Press};
 use super::shapes::HeightMap;
-use super::skin::Skin;
 use super::stiffness::{Stiffness, Triple, add, dot, sub};
+use super::surface::GelSurface;
 use super::tangential::{TangentialProblem, TangentialSolver};
 use super::truth::{Pose, Residuals, Truth};
 use super::window::{Bounds, Window};
@@ -23,14 +23,14 @@ const INNER_TOLERANCE: f64 = 3e-5;
 const ROUNDS: usize = 20;
 /// Free cells kept around the contact in its box.
 const MARGIN: usize = 2;
-/// Corrections of where a step ends on the skin at most; one is usual while it slides, none otherwise.
+/// Corrections of where a step ends on the gel at most; one is usual while it slides, none otherwise.
 const CORRECTIONS: usize = 6;
-/// How far off a step's place on the skin may be, share of a cell.
+/// How far off a step's place on the gel may be, share of a cell.
 const PLACE_TOLERANCE: f64 = 0.02;
 /// Unbalanced load at which a pull counts as balanced, share of what friction holds.
 const BALANCE_TOLERANCE: f64 = 1e-4;
-/// Growth of shear from which the stiffness is learnt, share of what friction holds: less is noise.
-const LEAST_GROWTH: f64 = 1e-4;
+/// Growth of shear from which the stiffness is updated, share of what friction holds: less is noise.
+const MIN_GROWTH: f64 = 1e-4;
 /// Trials for one balance at most, and rounds between pressure and balance.
 const TRIALS: usize = 60;
 const BALANCE_ROUNDS: usize = 40;
@@ -38,7 +38,7 @@ const BALANCE_ROUNDS: usize = 40;
 const STEEPEST: f64 = 1.0;
 /// Loads under this count as no contact, N.
 const TOUCH_N: f64 = 1e-6;
-/// An indenter that moves less than this in a step stands still: whether the skin follows cannot be told, mm.
+/// An indenter that moves less than this in a step stands still: whether the gel follows cannot be told, mm.
 const STILL_MM: f64 = 1e-5;
 
 /// What holds the indenter: it gives way in the plane by its compliance times the force. Rigid by default.
@@ -64,15 +64,15 @@ pub struct Drive {
     pub tilt_rad: [f64; 2],
 }
 
-/// An indenter on the skin, with its load history.
+/// An indenter on the gel, with its load history.
 #[derive(Debug)]
 pub struct Contact {
-    skin: Arc<Skin>,
+    surface: Arc<GelSurface>,
     indenter: Arc<dyn HeightMap>,
     friction: f64,
     mount: Mount,
     /// Whether pressure acts along the indenter's normal.
-    leaning: bool,
+    along_normal: bool,
     drive: Drive,
     footprint_turn_rad: f64,
     /// Part of the last step's motion that slid.
@@ -85,31 +85,31 @@ pub struct Contact {
     tangential: TangentialSolver,
 }
 
-/// A step under way: its problem in a box of cells and the tractions found so far. Nothing of it counts before
+/// A step in progress: its problem in a box of cells and the tractions found so far. Nothing of it counts before
 /// [`Contact::accept`], so that a step may be tried under several motions of the indenter.
 #[derive(Debug)]
 pub(crate) struct Step {
     press: Press,
     tilt_rad: [f64; 2],
-    /// Where the indenter stands on the skin at the step's end.
+    /// Where the indenter stands on the gel at the step's end.
     footprint_mm: [f64; 2],
     footprint_turn_rad: f64,
     corrections: usize,
-    /// Height of the indenter over every cell of the skin.
-    surface: Vec<f64>,
+    /// Height of the indenter over every cell of the surface.
+    heights: Vec<f64>,
     lowest: usize,
     bounds: Bounds,
     window: Window,
     places: Vec<usize>,
     gap: Vec<f64>,
-    /// Slope of the indenter over the skin.
+    /// Slope of the indenter over the gel.
     slope: Vec<Pair>,
     pressure: Vec<f64>,
     shear: Vec<Pair>,
     /// Tangential share of the pressure.
-    lean: Vec<Pair>,
+    slope_traction: Vec<Pair>,
     arm: Vec<Pair>,
-    /// Tangential displacement of the skin before the step.
+    /// Tangential displacement of the gel before the step.
     before: Vec<Pair>,
     /// The same after the step, once it has settled.
     after: Vec<Pair>,
@@ -123,12 +123,12 @@ pub(crate) struct Step {
 }
 
 impl Contact {
-    /// `indenter` over `skin`, not touching yet.
+    /// `indenter` over `surface`, not touching yet.
     ///
     /// # Errors
     /// A friction that is not above 0, or a compliance below 0.
     pub fn new(
-        skin: Arc<Skin>,
+        surface: Arc<GelSurface>,
         indenter: Arc<dyn HeightMap>,
         friction: f64,
         mount: Mount,
@@ -136,13 +136,13 @@ impl Contact {
         positive("friction", friction)?;
         not_negative("mount shift_mm_per_n", mount.shift_mm_per_n)?;
         not_negative("mount turn_rad_per_nmm", mount.turn_rad_per_nmm)?;
-        let truth = Truth::free(skin.cells(), Pose::default());
+        let truth = Truth::free(surface.cells(), Pose::default());
         Ok(Self {
-            skin,
+            surface,
             indenter,
             friction,
             mount,
-            leaning: true,
+            along_normal: true,
             drive: Drive {
                 press: Press::Force(0.0),
                 at_mm: [0.0; 2],
@@ -163,10 +163,10 @@ impl Contact {
     /// The same with forces of a pressure straight down whatever the indenter's slope, as Hertz, Cattaneo and most
     /// programs have it. By default it acts along the indenter's normal, so that p∇h of it is a tangential force.
     /// That shears nothing: under the pressure of a nearly incompressible gel the stress is the same in all
-    /// directions, turned surface or not. Skin and friction are therefore the same either way.
+    /// directions, turned surface or not. Gel and friction are therefore the same either way.
     #[must_use]
-    pub fn straight(mut self) -> Self {
-        self.leaning = false;
+    pub fn vertical_pressure(mut self) -> Self {
+        self.along_normal = false;
         self
     }
 
@@ -190,7 +190,7 @@ impl Contact {
     }
 
     /// Goes to `drive` in `steps` equal steps from where the contact is now; straight down if nothing touches.
-    /// Pressing needs it: skin that comes under the indenter late has moved before. On the default layer the
+    /// Pressing needs it: gel that comes under the indenter late has moved before. On the default layer the
     /// map of a press in one step is 2 to 7 % off, in eight steps below 1 %.
     ///
     /// # Errors
@@ -221,8 +221,8 @@ impl Contact {
         self.step(drive)
     }
 
-    /// One quasi-static step to a load along the skin instead of a place: forces along x and y, N, and the moment about
-    /// where the indenter stands, N·mm, that act on the indenter. It goes where the skin carries them, the mount
+    /// One quasi-static step to a load along the gel instead of a place: forces along x and y, N, and the moment about
+    /// where the indenter stands, N·mm, that act on the indenter. It goes where the gel carries them, the mount
     /// aside.
     ///
     /// # Errors
@@ -247,9 +247,9 @@ impl Contact {
         {
             finite(field, value)?;
         }
-        let slides = |most_n: f64| Err(SimulationError::Slides { load, most_n });
+        let slides = |max_n: f64| Err(SimulationError::Slides { load, max_n });
         let Some(mut step) = self.begin(press, tilt_rad, pose.at_mm, pose.turn_rad) else {
-            self.stiffness.forget();
+            self.stiffness.reset();
             return if load.iter().all(|part| part.abs() < TOUCH_N) {
                 Ok(&self.truth)
             } else {
@@ -268,7 +268,7 @@ impl Contact {
                 continue;
             }
             if !self.balance(&mut step, load, &mut motion) {
-                let cell_mm2 = self.skin.pitch_mm() * self.skin.pitch_mm();
+                let cell_mm2 = self.surface.pitch_mm() * self.surface.pitch_mm();
                 return slides(self.friction * step.pressure.iter().sum::<f64>() * cell_mm2);
             }
         }
@@ -282,39 +282,39 @@ impl Contact {
     /// Moves the indenter until the shear carries `load`, the pressure as it is; false if it slides away.
     fn balance(&mut self, step: &mut Step, load: Triple, motion: &mut Triple) -> bool {
         let area = self.touched_mm2(step);
-        self.stiffness.measure(area, self.skin.gel(), 1.0);
+        self.stiffness.measure(area, self.surface.gel(), 1.0);
         let radius = self.stiffness.radius_mm();
         let weigh = |v: Triple| libm::hypot(v[0], v[1]).max(v[2].abs() / radius);
-        let cell_mm2 = self.skin.pitch_mm() * self.skin.pitch_mm();
-        let most_n = self.friction * step.pressure.iter().sum::<f64>() * cell_mm2;
+        let cell_mm2 = self.surface.pitch_mm() * self.surface.pitch_mm();
+        let max_n = self.friction * step.pressure.iter().sum::<f64>() * cell_mm2;
         let carried = |contact: &mut Self, step: &mut Step, there: Triple| {
             contact.shear(step, there, 0.1 * INNER_TOLERANCE);
             sub(contact.carried(step), load)
         };
         let mut unbalanced = carried(self, step, *motion);
         for _ in 0..TRIALS {
-            if weigh(unbalanced) <= BALANCE_TOLERANCE * most_n {
+            if weigh(unbalanced) <= BALANCE_TOLERANCE * max_n {
                 return true;
             }
-            let way = self.stiffness.way(&[[0.0; 3]; 3], unbalanced);
-            let slope = dot(unbalanced, way);
+            let direction = self.stiffness.newton_step(&[[0.0; 3]; 3], unbalanced);
+            let slope = dot(unbalanced, direction);
             let mut share = 1.0;
             loop {
-                let part = way.map(|v| v * share);
+                let part = direction.map(|v| v * share);
                 let there = add(*motion, part);
                 let found = carried(self, step, there);
-                if weigh(self.stiffness.growth(part)) > LEAST_GROWTH * most_n {
-                    self.stiffness.learn(part, sub(found, unbalanced));
+                if weigh(self.stiffness.growth(part)) > MIN_GROWTH * max_n {
+                    self.stiffness.update(part, sub(found, unbalanced));
                 }
-                let slope_there = dot(found, way);
-                // Convex: beyond the minimum along the way the slope has changed its sign.
+                let slope_there = dot(found, direction);
+                // Convex: beyond the minimum along the direction the slope has changed its sign.
                 if slope_there <= -0.9 * slope || share < 1e-3 {
                     (*motion, unbalanced) = (there, found);
                     break;
                 }
                 share *= (slope / (slope - slope_there)).clamp(0.05, 0.6);
             }
-            if weigh([motion[0], motion[1], motion[2] * radius * radius]) > self.skin.gel().thickness_mm {
+            if weigh([motion[0], motion[1], motion[2] * radius * radius]) > self.surface.gel().thickness_mm {
                 return false;
             }
         }
@@ -327,7 +327,7 @@ impl Contact {
             Press::Depth(depth) => depth,
         };
         self.truth = Truth::free(
-            self.skin.cells(),
+            self.surface.cells(),
             Pose {
                 at_mm: drive.at_mm,
                 depth_mm,
@@ -341,8 +341,8 @@ impl Contact {
         self.drive = *drive;
     }
 
-    /// Height over the skin at rest of the indenter that stands at `footprint_mm` when its lowest plane is at depth
-    /// 0, at a place of the skin, mm.
+    /// Height over the gel at rest of the indenter that stands at `footprint_mm` when its lowest plane is at depth
+    /// 0, at a place of the gel, mm.
     fn height_mm(&self, tilt: [f64; 2], [x0, y0]: [f64; 2], (sin, cos): (f64, f64), [x, y]: [f64; 2]) -> f64 {
         let (x, y) = (x - x0, y - y0);
         let height = self.indenter.height_mm([cos * x + sin * y, cos * y - sin * x]);
@@ -351,12 +351,12 @@ impl Contact {
 
     /// That height over every cell.
     fn gap_mm(&self, tilt: [f64; 2], footprint_mm: [f64; 2], turn_rad: f64) -> Vec<f64> {
-        let cells = self.skin.cells();
+        let cells = self.surface.cells();
         let turn = libm::sincos(turn_rad);
         let mut gap = Vec::with_capacity(cells * cells);
         for row in 0..cells {
             for column in 0..cells {
-                let at = [self.skin.place_mm(column), self.skin.place_mm(row)];
+                let at = [self.surface.place_mm(column), self.surface.place_mm(row)];
                 gap.push(self.height_mm(tilt, footprint_mm, turn, at));
             }
         }
@@ -365,19 +365,19 @@ impl Contact {
 
     /// Mean rise per way along x and y of the step's indenter over a cell: from edge to edge, walls left out.
     fn slope(&self, step: &Step, place: usize) -> Pair {
-        let cells = self.skin.cells();
+        let cells = self.surface.cells();
         let turn = libm::sincos(step.footprint_turn_rad);
-        let half = 0.5 * self.skin.pitch_mm();
+        let half = 0.5 * self.surface.pitch_mm();
         let at = [
-            self.skin.place_mm(place % cells),
-            self.skin.place_mm(place / cells),
+            self.surface.place_mm(place % cells),
+            self.surface.place_mm(place / cells),
         ];
-        let here = step.surface[place];
+        let here = step.heights[place];
         let along = |axis: usize| {
-            let [back, on] = [-half, half].map(|way| {
+            let [back, on] = [-half, half].map(|offset| {
                 let mut there = at;
-                there[axis] += way;
-                let rise = (self.height_mm(step.tilt_rad, step.footprint_mm, turn, there) - here) / way;
+                there[axis] += offset;
+                let rise = (self.height_mm(step.tilt_rad, step.footprint_mm, turn, there) - here) / offset;
                 (rise.abs() <= STEEPEST).then_some(rise)
             });
             match (back, on) {
@@ -392,9 +392,9 @@ impl Contact {
     /// Depth that `force_n` needs on a half-space, by overlap: p of the order E* × overlap / width.
     fn depth_guess_mm(&self, force_n: f64, gap: &[f64]) -> f64 {
         let lowest = gap.iter().copied().fold(f64::INFINITY, f64::min);
-        let cell = self.skin.pitch_mm() * self.skin.pitch_mm();
-        let modulus = self.skin.gel().contact_modulus_mpa();
-        let (mut low, mut high) = (lowest, lowest + self.skin.gel().thickness_mm.min(20.0));
+        let cell = self.surface.pitch_mm() * self.surface.pitch_mm();
+        let modulus = self.surface.gel().contact_modulus_mpa();
+        let (mut low, mut high) = (lowest, lowest + self.surface.gel().thickness_mm.min(20.0));
         let near: Vec<f64> = gap.iter().copied().filter(|g| *g < high).collect();
         let carried = |depth: f64| {
             let (mut volume, mut area) = (0.0, 0.0);
@@ -464,27 +464,27 @@ impl Contact {
         let footprint_mm =
             [0, 1].map(|k| self.truth.footprint_mm[k] + self.sliding * (at_mm[k] - pose.at_mm[k]));
         let footprint_turn_rad = self.footprint_turn_rad + self.sliding * (turn_rad - pose.turn_rad);
-        let surface = self.gap_mm(tilt_rad, footprint_mm, footprint_turn_rad);
-        let lowest = lowest(&surface);
+        let heights = self.gap_mm(tilt_rad, footprint_mm, footprint_turn_rad);
+        let lowest = lowest(&heights);
         let touches = match press {
             Press::Force(force) => force >= TOUCH_N,
-            Press::Depth(depth) => depth > surface[lowest],
+            Press::Depth(depth) => depth > heights[lowest],
         };
         if !touches {
             self.lift_off(&drive);
             return None;
         }
-        let cells = self.skin.cells();
+        let cells = self.surface.cells();
         let depth = match (press, self.drive.press) {
             (Press::Depth(depth), _) => depth,
             // The force hardly grew: neither will the depth.
             (Press::Force(now), Press::Force(before)) if self.truth.in_contact() && now <= before * 1.05 => {
                 self.truth.pose.depth_mm
             }
-            (Press::Force(force), _) => self.depth_guess_mm(force, &surface),
+            (Press::Force(force), _) => self.depth_guess_mm(force, &heights),
         };
-        let under = (0..cells * cells).filter(|&place| surface[place] < depth);
-        // What was in contact moves the skin: it has to be in the box too.
+        let under = (0..cells * cells).filter(|&place| heights[place] < depth);
+        // What was in contact moves the gel: it has to be in the box too.
         let held = (0..cells * cells).filter(|&place| self.truth.pressure[place] > 0.0);
         let bounds = Bounds::at(lowest, cells).with(under, cells).with(held, cells);
         let mut step = Step {
@@ -493,16 +493,16 @@ impl Contact {
             footprint_mm,
             footprint_turn_rad,
             corrections: 0,
-            surface,
+            heights,
             lowest,
             bounds,
-            window: bounds.window(&self.skin),
+            window: bounds.window(&self.surface),
             places: Vec::new(),
             gap: Vec::new(),
             slope: Vec::new(),
             pressure: Vec::new(),
             shear: Vec::new(),
-            lean: Vec::new(),
+            slope_traction: Vec::new(),
             arm: Vec::new(),
             before: Vec::new(),
             after: Vec::new(),
@@ -519,15 +519,19 @@ impl Contact {
 
     /// Lays the step's box around its bounds and starts from the tractions of the step before.
     fn open(&mut self, step: &mut Step) {
-        let cells = self.skin.cells();
-        step.window = step.bounds.widened(MARGIN, cells).window(&self.skin);
+        let cells = self.surface.cells();
+        step.window = step.bounds.widened(MARGIN, cells).window(&self.surface);
         step.places = step.window.places(cells).collect();
         let of = |values: &[f64]| -> Vec<f64> { step.places.iter().map(|&place| values[place]).collect() };
-        step.gap = of(&step.surface);
+        step.gap = of(&step.heights);
         step.pressure = of(&self.truth.pressure);
         step.shear = step.places.iter().map(|&place| self.truth.shear[place]).collect();
-        step.lean = step.places.iter().map(|&place| self.truth.lean[place]).collect();
-        step.slope = if self.leaning {
+        step.slope_traction = step
+            .places
+            .iter()
+            .map(|&place| self.truth.slope_traction[place])
+            .collect();
+        step.slope = if self.along_normal {
             step.places.iter().map(|&place| self.slope(step, place)).collect()
         } else {
             vec![Pair::default(); step.places.len()]
@@ -537,8 +541,8 @@ impl Contact {
             .places
             .iter()
             .map(|&place| {
-                let x = self.skin.place_mm(place % cells) - x0;
-                let y = self.skin.place_mm(place / cells) - y0;
+                let x = self.surface.place_mm(place % cells) - x0;
+                let y = self.surface.place_mm(place / cells) - y0;
                 Pair::new(-y, x)
             })
             .collect();
@@ -570,7 +574,7 @@ impl Contact {
         }
         let convolution = self
             .convolution
-            .get_or_insert_with(|| Convolution::new(self.skin.spectra(window.rows, window.columns)));
+            .get_or_insert_with(|| Convolution::new(self.surface.spectra(window.rows, window.columns)));
         (convolution, &mut self.normal, &mut self.tangential)
     }
 
@@ -580,7 +584,7 @@ impl Contact {
     /// # Errors
     /// Residuals that stay too large.
     pub(crate) fn press(&mut self, step: &mut Step) -> Result<bool, SimulationError> {
-        let cell_mm2 = self.skin.pitch_mm() * self.skin.pitch_mm();
+        let cell_mm2 = self.surface.pitch_mm() * self.surface.pitch_mm();
         let friction = self.friction;
         let (convolution, normal, _) = self.tools(step.window);
         convolution.normal_of_shear(&step.shear, &mut step.base);
@@ -613,8 +617,12 @@ impl Contact {
             return Ok(true);
         }
         step.residuals.rounds += 1;
-        for (lean, (slope, p)) in step.lean.iter_mut().zip(step.slope.iter().zip(&step.pressure)) {
-            *lean = slope.scale(*p);
+        for (slope_traction, (slope, p)) in step
+            .slope_traction
+            .iter_mut()
+            .zip(step.slope.iter().zip(&step.pressure))
+        {
+            *slope_traction = slope.scale(*p);
         }
         convolution.tangential_of_pressure(&step.pressure, &mut step.spread);
         for (limit, pressure) in step.limit.iter_mut().zip(&step.pressure) {
@@ -626,11 +634,11 @@ impl Contact {
     /// Brings the shear to equilibrium under the pressure as it is when the indenter moves by `[x, y, turn]` in
     /// this step (mm, mm, rad; less what the mount gives). May be called again with another motion.
     pub(crate) fn shear(&mut self, step: &mut Step, [x, y, turn]: [f64; 3], tolerance: f64) {
-        let cell_mm2 = self.skin.pitch_mm() * self.skin.pitch_mm();
+        let cell_mm2 = self.surface.pitch_mm() * self.surface.pitch_mm();
         let mount = self.mount;
         let (convolution, _, tangential) = self.tools(step.window);
         // The mount gives way to the pressure's share too.
-        let (sum, moment) = sum_and_moment(&step.lean, &step.arm);
+        let (sum, moment) = sum_and_moment(&step.slope_traction, &step.arm);
         let shift = Pair::new(x, y) - sum.scale(mount.shift_mm_per_n * cell_mm2);
         let turn = turn - moment * mount.turn_rad_per_nmm * cell_mm2;
         for cell in 0..step.target.len() {
@@ -654,20 +662,20 @@ impl Contact {
 
     /// Force along x and y, N, and moment about the indenter's origin, N·mm, of the step's tangential tractions.
     pub(crate) fn carried(&self, step: &Step) -> [f64; 3] {
-        let cell_mm2 = self.skin.pitch_mm() * self.skin.pitch_mm();
+        let cell_mm2 = self.surface.pitch_mm() * self.surface.pitch_mm();
         let (friction, by_friction) = sum_and_moment(&step.shear, &step.arm);
-        let (lean, by_lean) = sum_and_moment(&step.lean, &step.arm);
-        let sum = (friction + lean).scale(cell_mm2);
-        [sum.re, sum.im, (by_friction + by_lean) * cell_mm2]
+        let (slope_traction, by_slope) = sum_and_moment(&step.slope_traction, &step.arm);
+        let sum = (friction + slope_traction).scale(cell_mm2);
+        [sum.re, sum.im, (by_friction + by_slope) * cell_mm2]
     }
 
     /// Contact area of the step, mm².
     pub(crate) fn touched_mm2(&self, step: &Step) -> f64 {
         let cells = step.pressure.iter().filter(|p| **p > 0.0).count();
-        cells as f64 * self.skin.pitch_mm() * self.skin.pitch_mm()
+        cells as f64 * self.surface.pitch_mm() * self.surface.pitch_mm()
     }
 
-    /// Whether the settled step's box holds all that may touch, and the indenter stands on the skin where the step
+    /// Whether the settled step's box holds all that may touch, and the indenter stands on the gel where the step
     /// took it to be when it ends at `at_mm` and `turn_rad`. If not the step has been laid anew and must be solved
     /// again.
     ///
@@ -679,7 +687,7 @@ impl Contact {
         at_mm: [f64; 2],
         turn_rad: f64,
     ) -> Result<bool, SimulationError> {
-        let cells = self.skin.cells();
+        let cells = self.surface.cells();
         let touching = step.places.iter().zip(&step.pressure);
         let contact = Bounds::at(step.lowest, cells).with(
             touching.filter_map(|(place, p)| (*p > 0.0).then_some(*place)),
@@ -691,7 +699,7 @@ impl Contact {
                 y_mm: step.footprint_mm[1],
             });
         }
-        let under = (0..cells * cells).filter(|&place| step.surface[place] < step.depth_mm);
+        let under = (0..cells * cells).filter(|&place| step.heights[place] < step.depth_mm);
         let wanted = contact.widened(1, cells).with(under, cells);
         if !step.window.holds(wanted) {
             step.bounds = step.bounds.union(wanted);
@@ -703,7 +711,7 @@ impl Contact {
         for (u, more) in step.after.iter_mut().zip(&step.spread) {
             *u += more;
         }
-        // The skin under the indenter went along by so much: what it stands on now lay that far back at rest.
+        // The gel under the indenter went along by so much: what it stands on now lay that far back at rest.
         let carried = Motion::of(&step.pressure, &step.arm, |cell| step.after[cell]);
         let footprint_mm = [at_mm[0] - carried.shift.re, at_mm[1] - carried.shift.im];
         let footprint_turn_rad = turn_rad - carried.turn_rad;
@@ -712,31 +720,31 @@ impl Contact {
             footprint_mm[1] - step.footprint_mm[1],
         )
         .max((footprint_turn_rad - step.footprint_turn_rad).abs() * carried.radius_mm);
-        if off_mm <= PLACE_TOLERANCE * self.skin.pitch_mm() || step.corrections == CORRECTIONS {
+        if off_mm <= PLACE_TOLERANCE * self.surface.pitch_mm() || step.corrections == CORRECTIONS {
             return Ok(true);
         }
         step.corrections += 1;
         step.footprint_mm = footprint_mm;
         step.footprint_turn_rad = footprint_turn_rad;
-        step.surface = self.gap_mm(step.tilt_rad, footprint_mm, footprint_turn_rad);
-        step.lowest = lowest(&step.surface);
-        let under = (0..cells * cells).filter(|&place| step.surface[place] < step.depth_mm);
+        step.heights = self.gap_mm(step.tilt_rad, footprint_mm, footprint_turn_rad);
+        step.lowest = lowest(&step.heights);
+        let under = (0..cells * cells).filter(|&place| step.heights[place] < step.depth_mm);
         step.bounds = step.bounds.with(under, cells);
         self.open(step);
         Ok(false)
     }
 
     /// Takes over a settled step that ended with the indenter at `at_mm` and `turn_rad`: tractions, motion and
-    /// how far it slid over the skin.
+    /// how far it slid over the gel.
     pub(crate) fn accept(&mut self, step: &Step, at_mm: [f64; 2], turn_rad: f64) {
         let truth = &mut self.truth;
         truth.pressure.fill(0.0);
         truth.shear.fill(Pair::default());
-        truth.lean.fill(Pair::default());
+        truth.slope_traction.fill(Pair::default());
         for (cell, &place) in step.places.iter().enumerate() {
             truth.pressure[place] = step.pressure[cell];
             truth.shear[place] = step.shear[cell];
-            truth.lean[place] = step.lean[cell];
+            truth.slope_traction[place] = step.slope_traction[cell];
         }
         let old = truth.pose;
         truth.pose = Pose {
@@ -772,7 +780,7 @@ impl Contact {
         };
     }
 
-    /// Way that the indenter slid over the skin in the last step: pressure-weighted mean, with the spin at the
+    /// Distance that the indenter slid over the gel in the last step: pressure-weighted mean, with the spin at the
     /// contact's radius of gyration, mm.
     pub(crate) fn slid_mm(&self) -> f64 {
         self.slid_mm
@@ -780,7 +788,7 @@ impl Contact {
 
     /// The gel under it.
     pub(crate) fn gel(&self) -> &Gel {
-        self.skin.gel()
+        self.surface.gel()
     }
 
     /// True friction.
@@ -822,11 +830,11 @@ impl Motion {
     }
 }
 
-fn lowest(surface: &[f64]) -> usize {
-    (0..surface.len()).fold(
+fn lowest(heights: &[f64]) -> usize {
+    (0..heights.len()).fold(
         0,
         |low, place| {
-            if surface[place] < surface[low] { place } else { low }
+            if heights[place] < heights[low] { place } else { low }
         },
     )
 }

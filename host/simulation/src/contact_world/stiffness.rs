@@ -1,19 +1,19 @@
-//! How the shear that a contact carries grows with the indenter's motion (x, y, turn): what is learnt from trial to
-//! trial, so that a motion that balances given loads is found in two or three. Units: mm, rad, N, N·mm.
+//! How the shear that a contact carries grows with the indenter's motion (x, y, turn): an estimate that every trial
+//! improves, so that a motion that balances given loads is found in two or three. Units: mm, rad, N, N·mm.
 
 use crate::gel::Gel;
 
-/// Two ways or forces, and a turn or moment.
+/// A motion (x, y, turn) or a load (x, y, moment).
 pub(crate) type Triple = [f64; 3];
-/// Growth of forces with ways.
+/// Growth of a load with a motion.
 pub(crate) type Matrix = [[f64; 3]; 3];
 
-/// Least share that one lesson leaves of the stiffness along a way.
-const LEAST_STIFFNESS: f64 = 1e-3;
-/// Longest way and turn of one trial from the last, mm and rad.
+/// Share of the stiffness along a motion that one update keeps at least.
+const MIN_STIFFNESS: f64 = 1e-3;
+/// Longest shift and turn from one trial to the next, mm and rad.
 const TRIAL_REACH: [f64; 2] = [0.5, 0.15];
 
-/// The stiffness as far as it is known.
+/// An estimate of the tangential stiffness.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Stiffness {
     matrix: Matrix,
@@ -26,25 +26,25 @@ impl Stiffness {
         self.radius_mm
     }
 
-    /// Nothing touches any more.
-    pub(crate) fn forget(&mut self) {
+    /// Drops the estimate: nothing touches any more.
+    pub(crate) fn reset(&mut self) {
         self.radius_mm = 0.0;
     }
 
-    /// Growth that it expects on a way.
-    pub(crate) fn growth(&self, way: Triple) -> Triple {
-        product(&self.matrix, way)
+    /// Growth of the shear that it expects on a motion.
+    pub(crate) fn growth(&self, motion: Triple) -> Triple {
+        product(&self.matrix, motion)
     }
 
-    /// The way on which it expects `unbalanced` to vanish, which grows by `more` of its own, as far as one trial goes.
-    pub(crate) fn way(&self, more: &Matrix, unbalanced: Triple) -> Triple {
+    /// The motion, cut to one trial's reach, after which it expects `unbalanced` to vanish; `more` is what else resists.
+    pub(crate) fn newton_step(&self, more: &Matrix, unbalanced: Triple) -> Triple {
         let both: Matrix = std::array::from_fn(|i| add(more[i], self.matrix[i]));
-        reached(solved(&both, unbalanced.map(|v| -v)))
+        clamped(solved(&both, unbalanced.map(|v| -v)))
     }
 
-    /// Keeps in step with the contact's size: a new contact has Mindlin's stiffness (8Ga/(2−ν), and 16Ga³/3 about the
-    /// normal, on a half-space) on each of `skins`, and it grows with the radius.
-    pub(crate) fn measure(&mut self, area_mm2: f64, gel: &Gel, skins: f64) {
+    /// Follows the contact's size: a new contact has Mindlin's stiffness (8Ga/(2−ν), and 16Ga³/3 about the
+    /// normal, on a half-space) on each of `surfaces`, and it grows with the radius.
+    pub(crate) fn measure(&mut self, area_mm2: f64, gel: &Gel, surfaces: f64) {
         let radius = (area_mm2 / std::f64::consts::PI).sqrt();
         if self.radius_mm > 0.0 {
             let grown = radius / self.radius_mm;
@@ -58,29 +58,29 @@ impl Stiffness {
                 }
             }
         } else {
-            let along = skins * 2.0 * gel.tangential_modulus_mpa() * radius;
-            let about = skins * 16.0 / 3.0 * gel.shear_modulus_mpa() * radius.powi(3);
+            let along = surfaces * 2.0 * gel.tangential_modulus_mpa() * radius;
+            let about = surfaces * 16.0 / 3.0 * gel.shear_modulus_mpa() * radius.powi(3);
             self.matrix = [[along, 0.0, 0.0], [0.0, along, 0.0], [0.0, 0.0, about]];
         }
         self.radius_mm = radius;
     }
 
-    /// BFGS: the shear grew by `growth` on `way`. Where it hardly grew (all slips) a little is kept, so that the matrix
+    /// BFGS update: the shear grew by `growth` on `motion`. Where it hardly grew (all slips) a little is kept, so that the matrix
     /// stays positive definite (Powell's damping).
-    pub(crate) fn learn(&mut self, way: Triple, growth: Triple) {
-        let expected = product(&self.matrix, way);
-        let known = dot(way, expected);
+    pub(crate) fn update(&mut self, motion: Triple, growth: Triple) {
+        let expected = product(&self.matrix, motion);
+        let known = dot(motion, expected);
         if known <= 0.0 {
             return;
         }
         let mut growth = growth;
-        let mut found = dot(way, growth);
-        if found < LEAST_STIFFNESS * known {
-            let part = (1.0 - LEAST_STIFFNESS) * known / (known - found);
+        let mut found = dot(motion, growth);
+        if found < MIN_STIFFNESS * known {
+            let part = (1.0 - MIN_STIFFNESS) * known / (known - found);
             for (g, e) in growth.iter_mut().zip(expected) {
                 *g = part * *g + (1.0 - part) * e;
             }
-            found = dot(way, growth);
+            found = dot(motion, growth);
         }
         for i in 0..3 {
             for j in 0..3 {
@@ -131,9 +131,13 @@ pub(crate) fn sub(a: Triple, b: Triple) -> Triple {
     [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
 }
 
-/// As much of a way as one trial may go.
-fn reached(way: Triple) -> Triple {
-    let long = libm::hypot(way[0], way[1]) / TRIAL_REACH[0];
-    let most = long.max(way[2].abs() / TRIAL_REACH[1]);
-    if most > 1.0 { way.map(|v| v / most) } else { way }
+/// As much of a motion as one trial may make.
+fn clamped(motion: Triple) -> Triple {
+    let long = libm::hypot(motion[0], motion[1]) / TRIAL_REACH[0];
+    let excess = long.max(motion[2].abs() / TRIAL_REACH[1]);
+    if excess > 1.0 {
+        motion.map(|v| v / excess)
+    } else {
+        motion
+    }
 }

@@ -1,4 +1,4 @@
-//! Shear between skin and indenter under Coulomb's law, one step of the load history: the shear q minimises
+//! Shear between gel and indenter under Coulomb's law, one step of the load history: the shear q minimises
 //! ½ qᵀAq − bᵀq on the discs |q| ≤ μp, so points inside the disc stick and points on its rim slip against q's
 //! direction. Accelerated projected gradients with restart (Beck and Teboulle 2009; O'Donoghue and Candès
 //! 2015). Units: mm, MPa. x + iy stands for a vector in the plane. Limits: the residual counts against μp, so

@@ -1,6 +1,6 @@
 //! What is true of a contact at one instant: tractions, which cells stick and slip, the taxel sums that a
 //! sensor should report, and the indenter's motion. Units: mm, N, MPa, N·mm, rad. Forces are what the object
-//! exerts on the skin, given at the skin's rest positions.
+//! exerts on the gel, given at the gel's rest positions.
 
 use super::convolution::Pair;
 use crate::constants::{FIELD_CELLS, FIELD_PITCH_MM, HALF_SURFACE_MM, TAXEL_COUNT, TAXELS};
@@ -11,14 +11,14 @@ use crate::gel::Gel;
 const BOUND_SHARE: f64 = 1.0 - 1e-6;
 /// Fewer sticking cells than this share of the contact: it slides as a whole.
 const GROSS_STICK_RATIO: f64 = 0.01;
-/// The skin follows less than this share of the indenter's motion where hardly a cell sticks: it slides as a whole,
+/// The gel follows less than this share of the indenter's motion where hardly a cell sticks: it slides as a whole,
 /// about a point that stands still.
 const GROSS_FOLLOW: f64 = 0.05;
-/// Share of sticking cells under which hardly one does. Skin that gives back while the load goes does not follow
+/// Share of sticking cells under which hardly one does. Gel that gives back while the load goes does not follow
 /// either, and sticks.
 const HARDLY_STICKS: f64 = 0.1;
 
-/// What one cell of the skin does.
+/// What one cell of the gel does.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum CellState {
     /// Nothing touches it.
@@ -33,9 +33,9 @@ pub enum CellState {
 /// Where the indenter is.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Pose {
-    /// Its origin over the skin at rest, mm.
+    /// Its origin over the gel at rest, mm.
     pub at_mm: [f64; 2],
-    /// Depth of its lowest plane under the skin at rest, mm; 0 if it was lifted off by force.
+    /// Depth of its lowest plane under the gel at rest, mm; 0 if it was lifted off by force.
     pub depth_mm: f64,
     /// Its turn about z, from x to y, rad.
     pub turn_rad: f64,
@@ -67,7 +67,7 @@ pub struct Truth {
     /// Friction's share of the tangential traction.
     pub(crate) shear: Vec<Pair>,
     /// The pressure's: it acts along the indenter's normal.
-    pub(crate) lean: Vec<Pair>,
+    pub(crate) slope_traction: Vec<Pair>,
     pub(crate) states: Vec<CellState>,
     pub(crate) pose: Pose,
     pub(crate) footprint_mm: [f64; 2],
@@ -77,14 +77,14 @@ pub struct Truth {
 }
 
 impl Truth {
-    /// Nothing touches a skin of `cells` by `cells`.
+    /// Nothing touches a gel of `cells` by `cells`.
     pub(crate) fn free(cells: usize, pose: Pose) -> Self {
         Self {
             cells,
             pitch_mm: 2.0 * HALF_SURFACE_MM / cells as f64,
             pressure: vec![0.0; cells * cells],
             shear: vec![Pair::default(); cells * cells],
-            lean: vec![Pair::default(); cells * cells],
+            slope_traction: vec![Pair::default(); cells * cells],
             states: vec![CellState::Free; cells * cells],
             pose,
             footprint_mm: pose.at_mm,
@@ -103,7 +103,8 @@ impl Truth {
                 other.pressure[here] = self.pressure[there];
                 other.states[here] = self.states[there];
                 other.shear[here] = Pair::new(-self.shear[there].re, self.shear[there].im);
-                other.lean[here] = Pair::new(-self.lean[there].re, self.lean[there].im);
+                other.slope_traction[here] =
+                    Pair::new(-self.slope_traction[there].re, self.slope_traction[there].im);
             }
         }
         other.pose.at_mm[0] *= -1.0;
@@ -114,7 +115,7 @@ impl Truth {
     }
 
     /// Sorts the cells by what they do; `follow` is the share of the indenter's motion in this step that the
-    /// skin made too, none without motion.
+    /// gel made too, none without motion.
     pub(crate) fn classify(&mut self, friction: f64, follow: Option<f64>) {
         for ((state, p), q) in self.states.iter_mut().zip(&self.pressure).zip(&self.shear) {
             let bound = friction * p * BOUND_SHARE;
@@ -158,7 +159,7 @@ impl Truth {
     /// Tangential traction on cell `cell`, MPa: friction and the pressure's share along the indenter's slope.
     #[must_use]
     pub fn shear_mpa(&self, cell: usize) -> [f64; 2] {
-        let all = self.shear[cell] + self.lean[cell];
+        let all = self.shear[cell] + self.slope_traction[cell];
         [all.re, all.im]
     }
 
@@ -182,7 +183,7 @@ impl Truth {
         (stick + slip > 0).then(|| stick as f64 / (stick + slip) as f64)
     }
 
-    /// Whether the contact slides as a whole: no cell sticks, or the skin does not follow the indenter.
+    /// Whether the contact slides as a whole: no cell sticks, or the gel does not follow the indenter.
     #[must_use]
     pub fn gross_slip(&self) -> bool {
         self.gross_slip
@@ -194,10 +195,10 @@ impl Truth {
         self.pressure.iter().filter(|p| **p > 0.0).count() as f64 * self.pitch_mm * self.pitch_mm
     }
 
-    /// Sum of forces, N: x, y, z into the skin.
+    /// Sum of forces, N: x, y, z into the gel.
     #[must_use]
     pub fn force_n(&self) -> [f64; 3] {
-        let shear: Pair = self.shear.iter().chain(&self.lean).sum();
+        let shear: Pair = self.shear.iter().chain(&self.slope_traction).sum();
         let area = self.pitch_mm * self.pitch_mm;
         [
             shear.re * area,
@@ -208,7 +209,7 @@ impl Truth {
 
     /// Moment about the normal through `about_mm`, M = Σ(x f_y − y f_x), N·mm.
     #[must_use]
-    pub fn torsion_nmm(&self, about_mm: [f64; 2]) -> f64 {
+    pub fn torsional_moment_nmm(&self, about_mm: [f64; 2]) -> f64 {
         let mut sum = 0.0;
         for cell in 0..self.shear.len() {
             let ([x, y], [qx, qy]) = (self.place_mm(cell), self.shear_mpa(cell));
@@ -251,13 +252,13 @@ impl Truth {
         self.pose.depth_mm.max(0.0) / gel.thickness_mm
     }
 
-    /// Where the indenter's origin stands on the skin at rest, mm: its place less the skin's mean shift.
+    /// Where the indenter's origin stands on the gel at rest, mm: its place less the gel's mean shift.
     #[must_use]
     pub fn footprint_mm(&self) -> [f64; 2] {
         self.footprint_mm
     }
 
-    /// Way slid over the skin since the indenter touched, mm (mean over the contact).
+    /// Distance slid over the gel since the indenter touched, mm (mean over the contact).
     #[must_use]
     pub fn slip_distance_mm(&self) -> f64 {
         self.slip_distance_mm
@@ -283,7 +284,7 @@ impl Truth {
         sums.map(|taxel| taxel.map(|v| v as f32))
     }
 
-    /// Adds the forces that strain the skin to the grid of the field inside it, whose cells this grid divides, N:
+    /// Adds the forces that strain the gel to the grid of the field inside it, whose cells this grid divides, N:
     /// all but the pressure's share along the slope.
     pub(crate) fn add_field_forces(&self, out: &mut [[f32; 3]]) {
         let per_cell = (FIELD_PITCH_MM / self.pitch_mm).round() as usize;

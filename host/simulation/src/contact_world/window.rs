@@ -1,7 +1,7 @@
 //! Rectangles of cells around a contact: what a step solves in. Units: cells; a place is row × cells + column of
-//! the skin's whole grid.
+//! the gel's whole grid.
 
-use super::skin::Skin;
+use super::surface::GelSurface;
 
 /// A rectangle of cells.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -77,11 +77,11 @@ impl Bounds {
     }
 
     /// The smallest box around the bounds, as much in the middle as the grid allows.
-    pub(crate) fn window(self, skin: &Skin) -> Window {
+    pub(crate) fn window(self, surface: &GelSurface) -> Window {
         let fit = |[first, last]: [usize; 2]| {
-            let side = skin.box_side(last - first + 1);
+            let side = surface.box_side(last - first + 1);
             let spare = side - (last - first + 1);
-            (first.saturating_sub(spare / 2).min(skin.cells() - side), side)
+            (first.saturating_sub(spare / 2).min(surface.cells() - side), side)
         };
         let ((row, rows), (column, columns)) = (fit(self.rows), fit(self.columns));
         Window {
@@ -100,11 +100,11 @@ mod tests {
 
     #[test]
     fn a_window_holds_its_bounds_wherever_they_lie_and_stays_on_the_grid() {
-        let skin = Skin::new(&Gel::default(), 40).unwrap();
+        let surface = GelSurface::new(&Gel::default(), 40).unwrap();
         for first in [0, 3, 20, 37, 39] {
             for last in [first, (first + 7).min(39), 39] {
                 let bounds = Bounds::at(first * 40 + 11, 40).with([last * 40 + 30].into_iter(), 40);
-                let window = bounds.window(&skin);
+                let window = bounds.window(&surface);
                 assert!(window.holds(bounds), "{bounds:?} in {window:?}");
                 let places: Vec<usize> = window.places(40).collect();
                 assert_eq!(places.len(), window.rows * window.columns);
@@ -117,10 +117,10 @@ mod tests {
 
     #[test]
     fn widening_stops_at_the_edge_and_a_window_does_not_hold_what_sticks_out() {
-        let skin = Skin::new(&Gel::default(), 40).unwrap();
+        let surface = GelSurface::new(&Gel::default(), 40).unwrap();
         let corner = Bounds::at(0, 40);
         assert_eq!(corner.widened(2, 40), corner.with([2 * 40 + 2].into_iter(), 40));
-        assert!(!corner.window(&skin).holds(Bounds::at(39 * 40, 40)));
-        assert!(!corner.window(&skin).holds(Bounds::at(39, 40)));
+        assert!(!corner.window(&surface).holds(Bounds::at(39 * 40, 40)));
+        assert!(!corner.window(&surface).holds(Bounds::at(39, 40)));
     }
 }

@@ -49,8 +49,8 @@ impl Stroke {
                 duration_s,
                 by_mm,
             } => {
-                let way = ((time_s - from_s) / duration_s).clamp(0.0, 1.0);
-                (by_mm, minimum_jerk(way), minimum_jerk_speed(way) / duration_s)
+                let share = ((time_s - from_s) / duration_s).clamp(0.0, 1.0);
+                (by_mm, minimum_jerk(share), minimum_jerk_speed(share) / duration_s)
             }
             Self::Dash {
                 from_s,
@@ -63,10 +63,10 @@ impl Stroke {
                 let top = 2.0 / duration_s;
                 let now = time_s - from_s;
                 let (place, speed) = if now <= gather_s {
-                    let way = (now / gather_s).max(0.0);
+                    let share = (now / gather_s).max(0.0);
                     (
-                        top * gather_s * way.powi(3) * (1.0 - 0.5 * way),
-                        top * way * way * (3.0 - 2.0 * way),
+                        top * gather_s * share.powi(3) * (1.0 - 0.5 * share),
+                        top * share * share * (3.0 - 2.0 * share),
                     )
                 } else {
                     let left = (duration_s - now).max(0.0);

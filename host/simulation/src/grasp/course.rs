@@ -50,8 +50,8 @@ impl Course {
         let Some(&[to, b]) = self.knots.get(after) else {
             return a;
         };
-        let way = (time_s - from) / (to - from);
-        a + (b - a) * if self.smooth { minimum_jerk(way) } else { way }
+        let share = (time_s - from) / (to - from);
+        a + (b - a) * if self.smooth { minimum_jerk(share) } else { share }
     }
 
     /// Mean from `from_s` to `to_s`, exact.
@@ -75,14 +75,14 @@ impl Course {
             if time_s <= from || long <= 0.0 {
                 continue;
             }
-            let way = ((time_s - from) / long).min(1.0);
+            let share = ((time_s - from) / long).min(1.0);
             let under = if self.smooth {
                 // ∫ 10τ³ − 15τ⁴ + 6τ⁵.
-                way.powi(4) * (2.5 + way * (way - 3.0))
+                share.powi(4) * (2.5 + share * (share - 3.0))
             } else {
-                0.5 * way * way
+                0.5 * share * share
             };
-            sum += long * (a * way + (b - a) * under);
+            sum += long * (a * share + (b - a) * under);
         }
         if let Some(&[last, value]) = self.knots.last() {
             sum += value * (time_s - last).max(0.0);
@@ -108,13 +108,13 @@ impl Course {
 }
 
 /// 10τ³ − 15τ⁴ + 6τ⁵ for τ from 0 to 1: the point-to-point motion of least jerk.
-pub(crate) fn minimum_jerk(way: f64) -> f64 {
-    way.powi(3) * (10.0 + way * (6.0 * way - 15.0))
+pub(crate) fn minimum_jerk(share: f64) -> f64 {
+    share.powi(3) * (10.0 + share * (6.0 * share - 15.0))
 }
 
 /// Its derivative.
-pub(crate) fn minimum_jerk_speed(way: f64) -> f64 {
-    30.0 * (way * (1.0 - way)).powi(2)
+pub(crate) fn minimum_jerk_speed(share: f64) -> f64 {
+    30.0 * (share * (1.0 - share)).powi(2)
 }
 
 #[cfg(test)]

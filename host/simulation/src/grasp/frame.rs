@@ -1,5 +1,5 @@
 //! What is true of a grasp at one instant. Units: mm, N, N·mm, s, rad. Forces are what the object exerts on a
-//! skin, in that finger's own frame: finger 1 looks at finger 0, so its x points the other way.
+//! gel, in that finger's own frame: finger 1 looks at finger 0, so its x points the other way.
 
 use std::borrow::Cow;
 
@@ -12,20 +12,20 @@ pub struct FingerTruth {
     pub touching: bool,
     /// Newtons per taxel.
     pub forces: ForceMap,
-    /// Their sum, N: x, y, z into the skin.
+    /// Their sum, N: x, y, z into the gel.
     pub force_n: [f64; 3],
     /// Moment about the normal through the grip point, N·mm.
-    pub torsion_nmm: f64,
+    pub torsional_moment_nmm: f64,
     /// Share of the contact that sticks; none when nothing touches.
     pub stick_ratio: Option<f64>,
     /// Whether the contact slides as a whole now.
     pub gross_slip: bool,
-    /// Speed of the object over the skin: pressure-weighted mean of sliding with the spin at the contact's
+    /// Speed of the object over the gel: pressure-weighted mean of sliding with the spin at the contact's
     /// radius of gyration, over the last frame, mm/s.
     pub slip_speed_mm_per_s: f64,
-    /// Way slid over the skin since it was touched, spin included in the same way, mm.
+    /// Distance slid over the gel since it was touched, spin included in the same way, mm.
     pub slip_mm: f64,
-    /// Where the grip point stands on the skin at rest, mm.
+    /// Where the grip point stands on the gel at rest, mm.
     pub footprint_mm: [f64; 2],
 }
 
@@ -60,7 +60,7 @@ pub struct GraspFrame {
     /// What weight, the arm's acceleration, pulls and table do to the object at the grip point: N, N, N·mm. The
     /// fingers hold it less what accelerates the object against them.
     pub load: [f64; 3],
-    /// The label SLIP: in this frame the object slid in the grip, with nothing that sticks on either skin and faster
+    /// The label SLIP: in this frame the object slid in the grip, with nothing that sticks on either gel and faster
     /// than `constants::SLIP_SPEED_MM_PER_S`. While one finger still holds, the other's slip is in its `gross_slip`.
     pub slip: bool,
     /// Whether the table carries any of it.

@@ -42,7 +42,7 @@ pub struct Object {
     pub patch: Patch,
     /// Turn of the patch against the object, rad.
     pub patch_turn_rad: f64,
-    /// True Coulomb friction against the skin, finger by finger.
+    /// True Coulomb friction against the gel, finger by finger.
     pub friction: [f64; 2],
 }
 
@@ -55,7 +55,7 @@ impl Object {
 
     /// Grip force at which it begins to slide when `shear_n` pulls at the grip point, N.
     #[must_use]
-    pub fn least_grip_n(&self, shear_n: f64) -> f64 {
+    pub fn min_grip_n(&self, shear_n: f64) -> f64 {
         shear_n / (self.friction[0] + self.friction[1])
     }
 

@@ -1,5 +1,5 @@
 //! What happens in a grasp, given beforehand: object, gripper, arm, gravity, pulls, table, fingertips. Units:
-//! mm, N, N·mm, s, rad; x to the right and y up in the plane of finger 0's skin. Limits: the grip axis is level.
+//! mm, N, N·mm, s, rad; x to the right and y up in the plane of finger 0's gel. Limits: the grip axis is level.
 
 use std::borrow::Cow;
 
@@ -15,13 +15,13 @@ use crate::fingertip::FingertipParams;
 /// A grasp presses with at least this much, N, for the choice of the grid.
 const GRIPPED_N: f64 = 1.5;
 
-/// A force and a twist on the object over time.
+/// A force and a moment on the object over time.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Pull {
     /// Force at share 1, N, in the plane of finger 0.
     pub force_n: [f64; 2],
     /// Moment at share 1, N·mm, from x to y.
-    pub twist_nmm: f64,
+    pub torsional_moment_nmm: f64,
     /// Where the force acts on the object, mm from the grip point; it turns with the object.
     pub at_mm: [f64; 2],
     /// Share over time.
@@ -34,7 +34,7 @@ impl Pull {
     pub fn force(force_n: [f64; 2], course: Course) -> Self {
         Self {
             force_n,
-            twist_nmm: 0.0,
+            torsional_moment_nmm: 0.0,
             at_mm: [0.0; 2],
             course,
         }
@@ -42,10 +42,10 @@ impl Pull {
 
     /// A pure moment.
     #[must_use]
-    pub fn twist(twist_nmm: f64, course: Course) -> Self {
+    pub fn twist(torsional_moment_nmm: f64, course: Course) -> Self {
         Self {
             force_n: [0.0; 2],
-            twist_nmm,
+            torsional_moment_nmm,
             at_mm: [0.0; 2],
             course,
         }
@@ -101,7 +101,7 @@ pub struct GraspScene {
     pub grip_point_mm: [f64; 2],
     /// Turn of the object at first, rad.
     pub turn_rad: f64,
-    /// An object that slid this far over a skin has left the grip, mm.
+    /// An object that slid this far over a gel has left the grip, mm.
     pub drop_mm: f64,
     /// Names over time, in order.
     pub phases: Vec<Phase>,
@@ -154,7 +154,7 @@ impl GraspScene {
         for pull in &self.pulls {
             finite("pull force_n[0]", pull.force_n[0])?;
             finite("pull force_n[1]", pull.force_n[1])?;
-            finite("pull twist_nmm", pull.twist_nmm)?;
+            finite("pull torsional_moment_nmm", pull.torsional_moment_nmm)?;
             finite("pull at_mm[0]", pull.at_mm[0])?;
             finite("pull at_mm[1]", pull.at_mm[1])?;
             pull.course.check("pull course")?;

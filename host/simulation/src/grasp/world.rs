@@ -1,17 +1,17 @@
-//! The grasp at work: gripper, arm, pulls and gravity act on the object between two skins, step by step. Units:
+//! The grasp at work: gripper, arm, pulls and gravity act on the object between two fingertips, step by step. Units:
 //! mm, N, N·mm, s, rad. Limits: a frame is at most 0.1 s; it is cut into shorter steps while the grip closes,
 //! loads jump or the object slides, and is one step while it holds.
 
 use std::sync::Arc;
 
-use super::body::{Actions, Body};
 use super::frame::{FingerTruth, GraspFrame, ObjectState};
 use super::gripper::GripperState;
-use super::hold::{Ending, Hold};
 use super::policy::{GraspView, GripPolicy};
+use super::rigid_body::{Actions, RigidBody};
 use super::setting::GraspScene;
+use super::solver::{Ending, GraspSolver};
 use crate::constants::{GRAVITY_MM_PER_S2, SLIP_SPEED_MM_PER_S, TAXEL_COUNT};
-use crate::contact_world::{Contact, HeightMap, Mount, Skin, Triple, Truth};
+use crate::contact_world::{Contact, GelSurface, HeightMap, Mount, Triple, Truth};
 use crate::error::{SimulationError, checked};
 use crate::field::LayerKernels;
 use crate::fingertip::{Fingertip, FingertipParams};
@@ -24,13 +24,13 @@ const CUTS: [f64; 8] = [1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0];
 const GRIP_STEP: [f64; 2] = [0.2, 0.25];
 /// Largest change of the load in a step, share of what friction holds.
 const LOAD_STEP: f64 = 0.25;
-/// Longest way of the object in a step, cells.
-const WAY_CELLS: f64 = 0.6;
+/// Longest travel of the object in a step, cells.
+const REACH_CELLS: f64 = 0.6;
 
-/// What worlds of the same skin may share: it takes longer to make than a world.
+/// What worlds of the same gel and grid may share: it takes longer to make than a world.
 #[derive(Debug, Clone)]
 pub struct GraspParts {
-    skin: Arc<Skin>,
+    surface: Arc<GelSurface>,
     kernels: Arc<LayerKernels>,
 }
 
@@ -38,12 +38,12 @@ impl GraspParts {
     /// Parts for scenes with this scene's gel and grid.
     ///
     /// # Errors
-    /// A gel constant outside its range, or a grid that the skin refuses.
+    /// A gel constant outside its range, or a grid that the gel refuses.
     pub fn new(scene: &GraspScene) -> Result<Self, SimulationError> {
         let gel = scene.fingertips[0].gel;
         gel.check()?;
         Ok(Self {
-            skin: Arc::new(Skin::new(&gel, scene.cells)?),
+            surface: Arc::new(GelSurface::new(&gel, scene.cells)?),
             kernels: Arc::new(LayerKernels::new(&gel)),
         })
     }
@@ -72,8 +72,8 @@ pub struct GraspWorld {
     /// Made when first looked at.
     fingertips: [Option<Box<Fingertip>>; 2],
     gripper: GripperState,
-    hold: Hold,
-    body: Body,
+    solver: GraspSolver,
+    body: RigidBody,
     /// Load of the last step, to tell jumps.
     load: Triple,
     time_s: f64,
@@ -103,10 +103,10 @@ impl GraspWorld {
         let count = if twins { 1 } else { 2 };
         scene.check()?;
         checked(
-            "cells of the parts' skin",
-            parts.skin.cells() as f64,
+            "cells of the parts' gel surface",
+            parts.surface.cells() as f64,
             "the scene's cells",
-            |_| parts.skin.cells() == scene.cells,
+            |_| parts.surface.cells() == scene.cells,
         )?;
         let patch = scene.object.patch.height_map();
         let mirrored: Arc<dyn HeightMap> = Arc::new(MirroredPatch(Arc::clone(&patch)));
@@ -117,7 +117,7 @@ impl GraspWorld {
             .take(count)
         {
             contacts.push(Contact::new(
-                Arc::clone(&parts.skin),
+                Arc::clone(&parts.surface),
                 patch,
                 friction,
                 Mount::default(),
@@ -125,15 +125,15 @@ impl GraspWorld {
         }
         let [x, y] = scene.grip_point_mm;
         let pose = [x, y, scene.turn_rad];
-        let mut hold = Hold::new(contacts, scene.object.patch_turn_rad);
-        hold.open(pose);
-        let body = Body::new(
+        let mut solver = GraspSolver::new(contacts, scene.object.patch_turn_rad);
+        solver.open(pose);
+        let body = RigidBody::new(
             &scene.object,
             pose,
             scene.table,
             down(scene.gravity_turn_rad.at(0.0)),
         );
-        let truths = [hold.truth(0), hold.truth(1)];
+        let truths = [solver.truth(0), solver.truth(1)];
         let fingers = [0, 1].map(|finger| finger_truth(&truths[finger], 0.0, 0.0));
         let frame = GraspFrame {
             time_s: 0.0,
@@ -159,7 +159,7 @@ impl GraspWorld {
             parts: parts.clone(),
             fingertips: [None, None],
             gripper: GripperState::new(scene.gripper),
-            hold,
+            solver,
             body,
             load: [0.0; 3],
             time_s: 0.0,
@@ -172,10 +172,10 @@ impl GraspWorld {
     }
 
     /// The same with pressure straight down whatever the patch's slope, as closed forms have it:
-    /// [`Contact::straight`].
+    /// [`Contact::vertical_pressure`].
     #[must_use]
-    pub fn straight(mut self) -> Self {
-        self.hold = self.hold.straight();
+    pub fn vertical_pressure(mut self) -> Self {
+        self.solver = self.solver.vertical_pressure();
         self
     }
 
@@ -218,7 +218,7 @@ impl GraspWorld {
             done += self.part(dt_s, done, &mut tally)?;
         }
         self.time_s = end_s;
-        self.look(dt_s, line_n, &tally);
+        self.make_frame(dt_s, line_n, &tally);
         Ok(&self.frame)
     }
 
@@ -301,18 +301,18 @@ impl GraspWorld {
         let scene = &self.scene;
         let gravity = down(scene.gravity_turn_rad.mean(from_s, to_s));
         let [before, after] = [from_s, to_s].map(|time| scene.arm.velocity_mm_per_s(time));
-        let mut twist_nmm = 0.0;
+        let mut torsional_moment_nmm = 0.0;
         let mut forces = Vec::with_capacity(scene.pulls.len());
         for pull in &scene.pulls {
             let share = pull.course.mean(from_s, to_s);
-            twist_nmm += pull.twist_nmm * share;
+            torsional_moment_nmm += pull.torsional_moment_nmm * share;
             forces.push((pull.at_mm, pull.force_n.map(|f| f * share)));
         }
         Actions {
             step_s,
             field_mm_per_s2: [0, 1].map(|k| gravity[k] * GRAVITY_MM_PER_S2 - (after[k] - before[k]) / step_s),
             forces,
-            twist_nmm,
+            torsional_moment_nmm,
             gripper_mm: scene.arm.place_mm(to_s),
         }
     }
@@ -343,7 +343,7 @@ impl GraspWorld {
                     tally.solves += solves;
                     tally.balance = tally.balance.max(self.frame.balance);
                     for finger in 0..2 {
-                        let (contact, _) = self.hold.contact(finger);
+                        let (contact, _) = self.solver.contact(finger);
                         if self.touching {
                             tally.slid_mm[finger] += contact.slid_mm();
                             tally.gross[finger] |= contact.truth().gross_slip();
@@ -381,8 +381,8 @@ impl GraspWorld {
         let load = self.body.load(actions, self.body.pose);
         let jump = libm::hypot(load[0] - self.load[0], load[1] - self.load[1]);
         let [vx, vy, spin] = self.body.grip_point_speed();
-        let way = (libm::hypot(vx, vy) + spin.abs() * 3.0) * actions.step_s;
-        jump <= LOAD_STEP * self.hold.friction_n(after) && way <= self.reach_mm()
+        let travel = (libm::hypot(vx, vy) + spin.abs() * 3.0) * actions.step_s;
+        jump <= LOAD_STEP * self.solver.friction_n(after) && travel <= self.reach_mm()
     }
 
     /// Whether a hand holds the object still.
@@ -391,7 +391,7 @@ impl GraspWorld {
     }
 
     fn reach_mm(&self) -> f64 {
-        WAY_CELLS * self.parts.skin.pitch_mm()
+        REACH_CELLS * self.parts.surface.pitch_mm()
     }
 
     /// One step of gripper and object; none if the object would go too far in it.
@@ -407,10 +407,10 @@ impl GraspWorld {
         }
         let grip_n = gripper.force_n();
         let outcome = if self.is_held(from_s) {
-            self.hold.press(grip_n, self.body.pose)?
+            self.solver.press(grip_n, self.body.pose)?
         } else {
             let reach = if last { f64::INFINITY } else { self.reach_mm() };
-            match self.hold.advance(grip_n, &self.body, actions, reach)? {
+            match self.solver.advance(grip_n, &self.body, actions, reach)? {
                 Ending::Balanced(outcome) => outcome,
                 Ending::TooFar => return Ok(None),
             }
@@ -430,11 +430,11 @@ impl GraspWorld {
         self.dropped = true;
         self.touching = false;
         self.body.stay();
-        self.hold.open(self.body.pose);
+        self.solver.open(self.body.pose);
     }
 
     /// Makes the frame.
-    fn look(&mut self, dt_s: f64, line_n: f64, tally: &Tally) {
+    fn make_frame(&mut self, dt_s: f64, line_n: f64, tally: &Tally) {
         for (slip, slid) in self.slip_mm.iter_mut().zip(tally.slid_mm) {
             *slip += slid;
         }
@@ -444,7 +444,7 @@ impl GraspWorld {
             self.lose();
         }
         for finger in 0..2 {
-            self.truths[finger] = self.hold.truth(finger);
+            self.truths[finger] = self.solver.truth(finger);
         }
         let fingers = [0, 1].map(|finger| {
             let mut truth = finger_truth(
@@ -506,7 +506,7 @@ fn finger_truth(truth: &Truth, slip_mm: f64, slip_speed_mm_per_s: f64) -> Finger
             [[0.0; 3]; TAXEL_COUNT]
         },
         force_n: truth.force_n(),
-        torsion_nmm: truth.torsion_nmm(truth.footprint_mm()),
+        torsional_moment_nmm: truth.torsional_moment_nmm(truth.footprint_mm()),
         stick_ratio: truth.stick_ratio(),
         gross_slip: false,
         slip_speed_mm_per_s,

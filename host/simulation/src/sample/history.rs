@@ -9,7 +9,7 @@ use std::sync::Arc;
 use super::Split;
 use super::shapes::Indenter;
 use crate::constants::LARGEST_INDENTATION;
-use crate::contact_world::{Contact, Drive, Mount, Press, Skin, Truth, production_cells};
+use crate::contact_world::{Contact, Drive, GelSurface, Mount, Press, Truth, production_cells};
 use crate::error::SimulationError;
 use crate::gel::Gel;
 use crate::random::Random;
@@ -24,7 +24,7 @@ const LIGHT_N: f64 = 1.5;
 const NORMAL_N: [f64; 2] = [0.1, 15.0];
 /// True friction.
 const FRICTION: [f64; 2] = [0.4, 1.0];
-/// Free skin kept between the contact and the surface's edge where it can be, mm.
+/// Free gel kept between the contact and the surface's edge where it can be, mm.
 const MARGIN_MM: f64 = 1.0;
 /// Half of the sensing surface on which contacts are placed, mm.
 const HALF_MM: f64 = 16.0;
@@ -32,7 +32,7 @@ const HALF_MM: f64 = 16.0;
 const PRESS_STEPS: u32 = 8;
 /// Depth grows with the load to two thirds, so these loads are even steps in depth.
 const PRESS_POWER: f64 = 1.5;
-/// Largest way of the indenter in a step beyond the elastic shift, mm: half of a coarse cell.
+/// Largest travel of the indenter in a step beyond the elastic shift, mm: half of a coarse cell.
 const SLIDE_STEP_MM: f64 = 0.4;
 /// Largest tilt of the indenter, rad.
 const TILT_RAD: f64 = 0.08;
@@ -62,20 +62,20 @@ impl std::ops::AddAssign for Counts {
     }
 }
 
-/// Skins of all resolutions, shared by all streams of a thread: their spectra are made once.
+/// Gels of all resolutions, shared by all streams of a thread: their spectra are made once.
 #[derive(Debug, Clone)]
-pub(crate) struct Skins(Vec<Arc<Skin>>);
+pub(crate) struct GelSurfaces(Vec<Arc<GelSurface>>);
 
-impl Skins {
+impl GelSurfaces {
     pub(crate) fn new(gel: &Gel) -> Result<Self, SimulationError> {
         let sides = [40, 80, 120, 160];
-        let skins = sides.map(|cells| Skin::new(gel, cells).map(Arc::new));
-        skins.into_iter().collect::<Result<_, _>>().map(Self)
+        let surfaces = sides.map(|cells| GelSurface::new(gel, cells).map(Arc::new));
+        surfaces.into_iter().collect::<Result<_, _>>().map(Self)
     }
 
-    fn for_load(&self, split: Split, peak_n: f64) -> Arc<Skin> {
+    fn for_load(&self, split: Split, peak_n: f64) -> Arc<GelSurface> {
         let cells = grid_cells(split, peak_n);
-        let fits = self.0.iter().find(|skin| skin.cells() >= cells);
+        let fits = self.0.iter().find(|surface| surface.cells() >= cells);
         Arc::clone(fits.unwrap_or(&self.0[self.0.len() - 1]))
     }
 }
@@ -110,7 +110,7 @@ impl History {
     pub(crate) fn draw(
         random: &mut Random,
         split: Split,
-        skins: &Skins,
+        surfaces: &GelSurfaces,
         gel: &Gel,
     ) -> Result<Self, SimulationError> {
         let indenter = Indenter::draw(random, split)?;
@@ -131,7 +131,7 @@ impl History {
             random_tilt(random)
         };
         let contact = Contact::new(
-            skins.for_load(split, normal_n),
+            surfaces.for_load(split, normal_n),
             indenter.surface,
             friction,
             Mount::default(),
@@ -270,7 +270,7 @@ impl History {
         let mut load_n = normal_n;
         let kind = random.unit();
         if kind < 0.65 || !self.pulled {
-            // Pull and twist, some while the grip changes.
+            // Pull and torsion, some while the grip changes.
             self.pulled = true;
             if random.unit() < 0.25 {
                 load_n *= random.uniform(0.6, 1.5);
@@ -285,11 +285,11 @@ impl History {
             to.tilt_rad = random_tilt(random);
         }
         to.press = Press::Force(load_n.min(NORMAL_N[1]));
-        let way = libm::hypot(
+        let distance = libm::hypot(
             to.at_mm[0] - self.drive.at_mm[0],
             to.at_mm[1] - self.drive.at_mm[1],
         );
-        let steps = (4 + random.below(3)).max((way / SLIDE_STEP_MM).ceil() as usize);
+        let steps = (4 + random.below(3)).max((distance / SLIDE_STEP_MM).ceil() as usize);
         let from = Drive {
             press: Press::Force(normal_n),
             ..self.drive
@@ -341,7 +341,7 @@ impl History {
     }
 }
 
-/// Cells along the skin's side for a history that peaks at `peak_n`: the production grid where figures are reported
+/// Cells along the gel's side for a history that peaks at `peak_n`: the production grid where figures are reported
 /// and the detector is calibrated, a third to a half of it where thousands of samples are learned from. The coarser
 /// grid's maps are a few percent off (the test below prints it), a fraction of what the network misses, at a fifth of
 /// the cost.
@@ -405,13 +405,13 @@ fn between(from: &Drive, to: &Drive, part: f64) -> Drive {
 mod tests {
     use super::*;
 
-    /// Force maps of the states that `skins` show along the same histories.
-    fn maps(skins: &Skins, histories: u32) -> Vec<Vec<[f32; 3]>> {
+    /// Force maps of the states that `gels` show along the same histories.
+    fn maps(surfaces: &GelSurfaces, histories: u32) -> Vec<Vec<[f32; 3]>> {
         let mut maps = Vec::new();
         for seed in 0..histories {
             let mut random = Random::new(u64::from(seed), 77);
             let mut counts = Counts::default();
-            let mut history = History::draw(&mut random, Split::Train, skins, &Gel::default()).unwrap();
+            let mut history = History::draw(&mut random, Split::Train, surfaces, &Gel::default()).unwrap();
             while let Some(truth) = history.advance(&mut random, &mut counts) {
                 maps.push(truth.force_map().to_vec());
             }
@@ -423,9 +423,9 @@ mod tests {
     #[test]
     fn the_training_grid_is_a_few_percent_from_a_grid_that_is_two_to_three_times_finer() {
         let gel = Gel::default();
-        let skin = |cells: usize| Arc::new(Skin::new(&gel, cells).unwrap());
-        let coarse = maps(&Skins(vec![skin(40), skin(80)]), 36);
-        let fine = maps(&Skins(vec![skin(160)]), 36);
+        let surface = |cells: usize| Arc::new(GelSurface::new(&gel, cells).unwrap());
+        let coarse = maps(&GelSurfaces(vec![surface(40), surface(80)]), 36);
+        let fine = maps(&GelSurfaces(vec![surface(160)]), 36);
         assert_eq!(coarse.len(), fine.len());
         let norm = |map: &[[f32; 3]]| map.as_flattened().iter().map(|f| f * f).sum::<f32>().sqrt();
         let mut off: Vec<f32> = coarse

@@ -9,7 +9,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 pub use history::{Counts, STRAIN_LIMIT};
-use history::{History, Skins};
+use history::{GelSurfaces, History};
 
 use crate::constants::{NETWORK_PX, REST_PICTURES, TAXEL_COUNT, TAXELS};
 use crate::contact_world::{CellState, Truth};
@@ -25,7 +25,7 @@ use crate::random::Random;
 const SAMPLES: u64 = 16;
 /// Load histories on one virtual sensor before the next is drawn.
 const HISTORIES_PER_SENSOR: u32 = 3;
-/// Share of histories before which a sample shows the skin untouched; about one sample in twenty-five.
+/// Share of histories before which a sample shows the gel untouched; about one sample in twenty-five.
 const UNTOUCHED: f64 = 0.25;
 /// Largest change of the light between the image at rest and those under load, share.
 const BRIGHTNESS_DRIFT: f64 = 0.03;
@@ -108,18 +108,18 @@ pub struct Costs {
     pub solver: Duration,
     /// New virtual sensors.
     pub sensors: Duration,
-    /// Field inside the skin, particles and exposure.
+    /// Field inside the gel, particles and exposure.
     pub picture: Duration,
     /// 440 x 440 to 88 x 88.
     pub downsample: Duration,
 }
 
-/// What all streams share: the skin at its two resolutions and the field inside it, which take longer to make than
+/// What all streams share: the gel at its two resolutions and the field inside it, which take longer to make than
 /// hundreds of samples.
 #[derive(Debug, Clone)]
 pub struct SampleWorld {
     gel: Gel,
-    skins: Skins,
+    surfaces: GelSurfaces,
     kernels: Arc<LayerKernels>,
 }
 
@@ -132,7 +132,7 @@ impl SampleWorld {
         let gel = Gel::default();
         Ok(Self {
             gel,
-            skins: Skins::new(&gel)?,
+            surfaces: GelSurfaces::new(&gel)?,
             kernels: Arc::new(LayerKernels::new(&gel)),
         })
     }
@@ -229,7 +229,12 @@ impl SampleGenerator {
                 self.histories_on_sensor = 0;
                 self.sensor = None;
             }
-            let drawn = History::draw(&mut self.random, self.split, &self.world.skins, &self.world.gel);
+            let drawn = History::draw(
+                &mut self.random,
+                self.split,
+                &self.world.surfaces,
+                &self.world.gel,
+            );
             // The ranges drawn from are the constants of this module: every one of them is a good parameter.
             self.history = drawn.ok();
             self.histories_on_sensor += 1;

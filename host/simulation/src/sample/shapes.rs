@@ -22,8 +22,8 @@ const WAVES: usize = 6;
 /// Outline terms of a blob: two lobes and more.
 const LOBES: std::ops::Range<u32> = 2..6;
 /// Balls of a heap, and facets around a point; the slots of the draw, not all of which are used.
-const MOST_BALLS: usize = 5;
-const MOST_FACETS: usize = 6;
+const MAX_BALLS: usize = 5;
+const MAX_FACETS: usize = 6;
 /// Where a ball of a heap ends and its grid goes on level, mm above its lowest point.
 const BALL_TOP_MM: f64 = 4.0;
 
@@ -207,8 +207,8 @@ fn random_surface(kind: Surface, random: &mut Random) -> Result<GridShape, Simul
         }
         Surface::Heap => {
             let spread_mm = random.log_uniform(1.5, 6.0);
-            let count = 2 + random.below(MOST_BALLS - 1);
-            let balls: [([f64; 2], f64, f64); MOST_BALLS] = std::array::from_fn(|_| {
+            let count = 2 + random.below(MAX_BALLS - 1);
+            let balls: [([f64; 2], f64, f64); MAX_BALLS] = std::array::from_fn(|_| {
                 let [x, y] = random.direction();
                 let away_mm = spread_mm * random.unit().sqrt();
                 (
@@ -226,9 +226,9 @@ fn random_surface(kind: Surface, random: &mut Random) -> Result<GridShape, Simul
             })
         }
         Surface::Facets => {
-            let count = 3 + random.below(MOST_FACETS - 2);
+            let count = 3 + random.below(MAX_FACETS - 2);
             let turn = random.uniform(0.0, TAU);
-            let facets: [[f64; 2]; MOST_FACETS] = std::array::from_fn(|facet| {
+            let facets: [[f64; 2]; MAX_FACETS] = std::array::from_fn(|facet| {
                 // Spread around, so that no direction is left without a flank.
                 let angle = turn + TAU * (facet as f64 + random.uniform(-0.25, 0.25)) / count as f64;
                 let slope = random.log_uniform(0.3, 1.2);

@@ -219,9 +219,9 @@ fn stroke(section: &Section) -> Result<Stroke, SceneError> {
         }
         "shake" => {
             let frequency_hz = needed(&keys::FREQUENCY)?;
-            let least_s = 2.0 / frequency_hz;
-            if duration_s < least_s - 1e-9 {
-                let expected = format!("at least two periods, {least_s} s");
+            let min_s = 2.0 / frequency_hz;
+            if duration_s < min_s - 1e-9 {
+                let expected = format!("at least two periods, {min_s} s");
                 let found = duration_s.to_string();
                 return Err(section.problem(
                     keys::ARM_SECONDS.name,
@@ -251,7 +251,7 @@ fn pull(section: &Section) -> Result<Pull, SceneError> {
     let course = section.course_if(&keys::PULL_COURSE)?.unwrap_or_default();
     Ok(Pull {
         force_n: section.numbers_if(&keys::PULL_FORCE)?.unwrap_or_default(),
-        twist_nmm: section.number(&keys::PULL_TWIST)?,
+        torsional_moment_nmm: section.number(&keys::PULL_MOMENT)?,
         at_mm: section.numbers_if(&keys::PULL_AT)?.unwrap_or_default(),
         course: Course::smooth(course),
     })

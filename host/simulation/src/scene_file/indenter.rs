@@ -15,7 +15,7 @@ pub struct Indenter {
     pub name: String,
     /// Its surface.
     pub shape: Arc<dyn HeightMap>,
-    /// Coulomb's coefficient against the skin.
+    /// Coulomb's coefficient against the gel.
     pub friction: f64,
 }
 

@@ -118,7 +118,7 @@ keys! {
     SHAPE = "indenter" "shape", Choice(SHAPE_NAMES), Required,
         "a built-in shape, or file: a height map; in a grasp the patch that the fingers touch";
     FRICTION = "indenter" "friction", Number("", 0.05, 3.0), Absent::Number(SCENE_FRICTION),
-        "Coulomb's coefficient between indenter and skin; keep it above the detector's 0.45";
+        "Coulomb's coefficient between indenter and gel; keep it above the detector's 0.45";
     RADIUS = "indenter" "radius_mm", Number("mm", 0.2, 1000.0), Optional,
         "radius of the ball, the rod, the flat part or the rim's middle line";
     LENGTH = "indenter" "length_mm", Number("mm", 0.1, 40.0), Optional,
@@ -144,7 +144,7 @@ keys! {
     WAVE = "indenter" "wave_mm", Number("mm", 0.5, 40.0), Optional,
         "distance between crests of a wavy ball";
     FILE = "indenter" "file", Text, Optional,
-        "for shape = \"file\": a grey PNG or a 2-D float .npy of heights away from the skin in mm, relative to the scene file; \
+        "for shape = \"file\": a grey PNG or a 2-D float .npy of heights away from the gel in mm, relative to the scene file; \
          columns along +x, rows along +y, centred on the indenter's origin";
     MM_PER_PIXEL = "indenter" "mm_per_pixel", Number("mm", 0.005, 5.0), Optional,
         "distance between neighbours of the height map; required with `file`";
@@ -160,14 +160,14 @@ keys! {
     PRESS = "path" "press_n", Number("N", 0.0, 40.0), Optional,
         "normal force at the end of the step; 0 lifts off; without it and `depth_mm` the pressing stays";
     DEPTH = "path" "depth_mm", Number("mm", -5.0, 3.0), Optional,
-        "depth of the indenter's lowest plane under the skin at rest, instead of a force; below 0 it hovers";
+        "depth of the indenter's lowest plane under the gel at rest, instead of a force; below 0 it hovers";
     AT = "path" "at_mm", Numbers(2, "mm", -HALF_SURFACE_MM, HALF_SURFACE_MM), Optional,
-        "where the indenter's origin goes, x and y from the middle of the skin; without it it stays; the first step starts there";
+        "where the indenter's origin goes, x and y from the middle of the gel; without it it stays; the first step starts there";
     TURN = "path" "turn_deg", Number("degrees", -720.0, 720.0), Optional,
         "turn of the indenter about z, from x to y; without it it stays; the first step starts there";
     PULL = "path" "pull_n", Numbers(2, "N", -20.0, 20.0), Optional,
-        "force along x and y that pulls the indenter at the end of the step, instead of `at_mm` and `turn_deg`: it goes where the skin carries it; without it and `twist_nmm` it goes by place";
-    TWIST = "path" "twist_nmm", Number("N·mm", -200.0, 200.0), Optional,
+        "force along x and y that pulls the indenter at the end of the step, instead of `at_mm` and `turn_deg`: it goes where the gel carries it; without it and `twist_nmm` it goes by place";
+    MOMENT = "path" "twist_nmm", Number("N·mm", -200.0, 200.0), Optional,
         "moment about z that twists the indenter at the end of the step, like `pull_n`; of the two, the one that is left out is 0";
     TILT = "path" "tilt_deg", Numbers(2, "degrees", -15.0, 15.0), Optional,
         "slope of the indenter along x and y; above 0 the +x (+y) side presses deeper; without it it stays; the first step starts there";
@@ -226,7 +226,7 @@ keys! {
 
     PULL_FORCE = "pull" "force_n", Numbers(2, "N", -40.0, 40.0), Optional,
         "force on the object, in the plane of the first finger; without it none";
-    PULL_TWIST = "pull" "twist_nmm", Number("N·mm", -1000.0, 1000.0), Absent::Number(0.0),
+    PULL_MOMENT = "pull" "twist_nmm", Number("N·mm", -1000.0, 1000.0), Absent::Number(0.0),
         "moment on the object, from x to y";
     PULL_AT = "pull" "at_mm", Numbers(2, "mm", -500.0, 500.0), Optional,
         "where the force acts, from the grip point; without it there";

@@ -15,7 +15,7 @@ const FRAMES_MAX: f64 = 100_000.0;
 const LOOK_MM: f64 = 0.4;
 /// Heights under this belong to the lowest plane, mm.
 const LOWEST_MM: f64 = 1e-6;
-/// The outermost cell of the coarsest grid of the skin, mm.
+/// The outermost cell of the coarsest grid of the gel, mm.
 const EDGE_MM: f64 = 0.8;
 
 /// One indenter and what it does.
@@ -154,7 +154,7 @@ fn step(section: &Section, place: usize) -> Result<PathStep, SceneError> {
     let tilt_rad = section.numbers_if::<2>(&keys::TILT)?;
     let load = match (
         section.numbers_if::<2>(&keys::PULL)?,
-        section.number_if(&keys::TWIST)?,
+        section.number_if(&keys::MOMENT)?,
     ) {
         (None, None) => None,
         (pull, twist) => {
@@ -188,7 +188,7 @@ fn step(section: &Section, place: usize) -> Result<PathStep, SceneError> {
 }
 
 /// An indenter without tilt that is set down touches with its whole lowest plane: none of it may lie at the edge of
-/// the skin or beyond. What slides there later is found when it happens.
+/// the gel or beyond. What slides there later is found when it happens.
 fn stays_on_the_skin(
     section: &Section,
     indenter: &Indenter,

@@ -8,7 +8,7 @@ use gripline_network::ForceMap;
 use gripline_network::image::Image88;
 use gripline_simulation::constants::REST_PICTURES;
 use gripline_simulation::contact_world::{
-    Contact, Drive, Mount, Press, Shape, Skin, TRAINING_SHAPES, Truth, UNSEEN_SHAPES,
+    Contact, Drive, GelSurface, Mount, Press, Shape, TRAINING_SHAPES, Truth, UNSEEN_SHAPES,
 };
 use gripline_simulation::{
     CameraFault, Fingertip, FingertipParams, Gel, Image, SimulationError, block_mean_88,
@@ -69,7 +69,11 @@ pub(crate) struct Sensor {
 }
 
 /// Sensor number `number` of a purpose.
-pub(crate) fn sensor(purpose: Purpose, number: u64, skin: &Arc<Skin>) -> Result<Sensor, SimulationError> {
+pub(crate) fn sensor(
+    purpose: Purpose,
+    number: u64,
+    skin: &Arc<GelSurface>,
+) -> Result<Sensor, SimulationError> {
     let unit = (SENSORS << 60) | ((purpose as u64) << 32) | number;
     let mut dice = Dice::new(unit);
     let params = FingertipParams::of_sensor(unit);
@@ -195,6 +199,6 @@ impl Shots<'_> {
 }
 
 /// The skin that all sensors share.
-pub(crate) fn skin() -> Result<Arc<Skin>, SimulationError> {
-    Skin::new(&Gel::default(), CELLS).map(Arc::new)
+pub(crate) fn skin() -> Result<Arc<GelSurface>, SimulationError> {
+    GelSurface::new(&Gel::default(), CELLS).map(Arc::new)
 }

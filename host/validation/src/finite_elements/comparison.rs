@@ -8,7 +8,7 @@ use super::ogden::Ogden;
 use super::press::{SpherePress, Surface};
 use gripline_simulation::ForceMap;
 use gripline_simulation::Gel;
-use gripline_simulation::contact_world::{Contact, Drive, Mount, Press, Shape, Skin, Truth};
+use gripline_simulation::contact_world::{Contact, Drive, GelSurface, Mount, Press, Shape, Truth};
 use gripline_simulation::{DisplacementField, LayerKernels, MaterialPoint};
 
 /// Depths at which the particles' displacements are compared, mm.
@@ -81,7 +81,7 @@ pub struct Comparison {
     pub normal_map_difference: f64,
     /// The same with the shear components.
     pub whole_map_difference: f64,
-    /// The same for a linear layer whose pressure acts straight down ([`Contact::straight`]).
+    /// The same for a linear layer whose pressure acts straight down ([`Contact::vertical_pressure`]).
     pub straight_map_difference: f64,
     /// Displacements at [`COMPARED_DEPTHS_MM`], at equal force.
     pub displacements: [Displacements; 3],
@@ -107,7 +107,7 @@ pub struct Setting {
     pub material: Ogden,
     /// Radius of the sphere, mm.
     pub radius_mm: f64,
-    /// What the skin does on the sphere, on both sides.
+    /// What the gel does on the sphere, on both sides.
     pub surface: Surface,
     /// Elements along the middle taxel: 4 in seconds, 8 for figures, or 12 or 16. With 8 and 16 the mesh of half
     /// of it runs too and tells the mesh's error.
@@ -141,7 +141,7 @@ pub fn compare_pressed_sphere(
         surface,
         fineness,
     } = *setting;
-    let skin = Arc::new(Skin::new(&gel, CELLS)?);
+    let surface = Arc::new(GelSurface::new(&gel, CELLS)?);
     let kernels = Arc::new(LayerKernels::new(&gel));
     let mut press = SpherePress::new(&gel, material, radius_mm, surface, fineness)?;
     let mut coarse = if fineness.is_multiple_of(8) {
@@ -167,7 +167,7 @@ pub fn compare_pressed_sphere(
         if let Some(coarse) = &mut coarse {
             coarse.press_to(depth_mm)?;
         }
-        found.push(compare(&mut press, coarse.as_mut(), &skin, &kernels, setting)?);
+        found.push(compare(&mut press, coarse.as_mut(), &surface, &kernels, setting)?);
     }
     progress(1.0, "done");
     Ok(found)
@@ -176,7 +176,7 @@ pub fn compare_pressed_sphere(
 fn compare(
     press: &mut SpherePress,
     coarse: Option<&mut SpherePress>,
-    skin: &Arc<Skin>,
+    surface: &Arc<GelSurface>,
     kernels: &Arc<LayerKernels>,
     setting: &Setting,
 ) -> Result<Comparison, FiniteElementError> {
@@ -187,11 +187,11 @@ fn compare(
     };
     let depth_mm = press.depth_mm();
     let drag_mm = DRAG_SHARE * depth_mm;
-    let linear = |friction: f64, target: Press, drag: bool, straight: bool| {
+    let linear = |friction: f64, target: Press, drag: bool, vertical_pressure: bool| {
         let sphere = Arc::new(Shape::Sphere { radius_mm });
-        let mut contact = Contact::new(Arc::clone(skin), sphere, friction, Mount::default())?;
-        if straight {
-            contact = contact.straight();
+        let mut contact = Contact::new(Arc::clone(surface), sphere, friction, Mount::default())?;
+        if vertical_pressure {
+            contact = contact.vertical_pressure();
         }
         let drive = Drive {
             press: target,
@@ -402,7 +402,7 @@ mod tests {
                 assert!((here[2] - turned[2]).abs() < 1e-6 && (here[0] - turned[1]).abs() < 1e-6);
             }
         }
-        // The skin moves away under the sphere and not at all at the base.
+        // The gel moves away under the sphere and not at all at the base.
         assert!((press.displacement_mm([0.0, 0.0, 0.0])[2] - 0.6).abs() < 1e-4);
         assert!(
             press

@@ -1,6 +1,6 @@
 //! A static large-strain reference of the soft layer under a sphere, to tell by how much the linear layer of
 //! `contact_world` is wrong as the indentation grows: second-order Ogden rubber (`ogden`), mean-dilatation
-//! hexahedra (`element`) on a graded quarter block (`mesh`), Newton with a sparse Cholesky (`sparse`, `body`),
+//! hexahedra (`element`) on a graded quarter block (`mesh`), Newton with a sparse Cholesky (`sparse`, `rigid_body`),
 //! contact without friction or stuck (`press`), and the comparison itself (`comparison`). Units: mm, N, MPa. Slow on purpose:
 //! seconds per figure; nothing in the world calls it.
 

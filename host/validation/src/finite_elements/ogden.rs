@@ -9,7 +9,7 @@ use gripline_simulation::Gel;
 use super::error::{FiniteElementError, checked};
 
 /// Exponents α of the gel's two Ogden terms at large strain: a fit to the tensile curve of a silicone of the
-/// paper's hardness (Dragon Skin 10 Medium, shore 10A; Marechal et al., Soft Robotics Materials Database, 2020)
+/// paper's hardness (Dragon Gel 10 Medium, shore 10A; Marechal et al., Soft Robotics Materials Database, 2020)
 /// up to 150 %, 0.25 % of the largest stress off (`python3 checks/ogden_fit.py CURVE.csv`). The second is held
 /// at Mooney's −2, because tension alone does not tell it.
 const OGDEN_EXPONENTS: [f64; 2] = [3.28, -2.0];

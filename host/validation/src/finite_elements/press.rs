@@ -1,6 +1,6 @@
 //! A quarter of a rigid sphere pressed into the bonded rubber layer, sliding freely or stuck, and the stiffness
 //! against dragging it once its contact is stuck. Contact at the surface nodes by augmented Lagrange multipliers. Units:
-//! mm, N, MPa. z points into the skin. Limits: sphere over the middle, static.
+//! mm, N, MPa. z points into the gel. Limits: sphere over the middle, static.
 
 use super::body::{Body, Load};
 use super::error::{FiniteElementError, checked};
@@ -19,13 +19,13 @@ const PENETRATION: f64 = 1e-5;
 const UPDATES: usize = 8;
 /// Depth of one load step, share of the thickness.
 const STEP_SHARE: f64 = 0.05;
-/// The same while the skin sticks (what touches late has moved before), and steps from touch to any depth at least.
+/// The same while the gel sticks (what touches late has moved before), and steps from touch to any depth at least.
 const STUCK_STEP_SHARE: f64 = 0.02;
 const STUCK_STEPS: f64 = 8.0;
 /// A step of this share that does not settle ends the press.
 const SMALLEST_STEP_SHARE: f64 = 1e-3;
 
-/// What the skin does on the sphere.
+/// What the gel does on the sphere.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Surface {
     /// It slides freely.
@@ -48,7 +48,7 @@ struct Hold {
 struct Sphere {
     surface: Surface,
     radius_mm: f64,
-    /// Depth of its lowest point under the skin at rest.
+    /// Depth of its lowest point under the gel at rest.
     depth_mm: f64,
     /// Spring of each surface node, N/mm.
     springs: Vec<f64>,
@@ -274,7 +274,7 @@ impl SpherePress {
         Ok(())
     }
 
-    /// Depth of the sphere's lowest point under the skin at rest, mm.
+    /// Depth of the sphere's lowest point under the gel at rest, mm.
     #[must_use]
     pub fn depth_mm(&self) -> f64 {
         self.sphere.depth_mm
@@ -290,7 +290,7 @@ impl SpherePress {
             .fold(0.0, f64::max)
     }
 
-    /// Force of the whole sphere into the skin, N.
+    /// Force of the whole sphere into the gel, N.
     #[must_use]
     pub fn force_n(&self) -> f64 {
         4.0 * self
@@ -343,7 +343,7 @@ impl SpherePress {
         if area > 0.0 { sum / area } else { 0.0 }
     }
 
-    /// Force on every taxel, N: x, y, z into the skin, at rest places, row-major.
+    /// Force on every taxel, N: x, y, z into the gel, at rest places, row-major.
     #[must_use]
     pub fn force_map(&self) -> Vec<[f64; 3]> {
         self.mirrored_map(self.sphere.touching(&self.body.now))

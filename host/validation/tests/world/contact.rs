@@ -5,7 +5,8 @@ use std::sync::Arc;
 
 use gripline_simulation::closed_form::{CattaneoMindlin, Hertz, Torsion};
 use gripline_simulation::contact_world::{
-    Contact, Drive, HeightMap, Mount, Press, Shape, Skin, TRAINING_SHAPES, Truth, UNSEEN_SHAPES, WALL_MM,
+    Contact, Drive, GelSurface, HeightMap, Mount, Press, Shape, TRAINING_SHAPES, Truth, UNSEEN_SHAPES,
+    WALL_MM,
 };
 use gripline_simulation::{ForceMap, Gel, Random, SimulationError};
 
@@ -44,13 +45,13 @@ fn half_space() -> Gel {
 }
 
 fn contact(gel: &Gel, cells: usize, indenter: impl HeightMap + 'static, mount: Mount) -> Contact {
-    let skin = Arc::new(Skin::new(gel, cells).unwrap());
-    Contact::new(skin, Arc::new(indenter), FRICTION, mount).unwrap()
+    let surface = Arc::new(GelSurface::new(gel, cells).unwrap());
+    Contact::new(surface, Arc::new(indenter), FRICTION, mount).unwrap()
 }
 
 fn pressed(cells: usize, force_n: f64) -> (Contact, Hertz) {
     let gel = half_space();
-    let mut contact = contact(&gel, cells, Paraboloid, Mount::default()).straight();
+    let mut contact = contact(&gel, cells, Paraboloid, Mount::default()).vertical_pressure();
     contact.step(drive(force_n, [0.0; 2], 0.0)).unwrap();
     (contact, Hertz::new(force_n, RADIUS_MM, &gel).unwrap())
 }
@@ -105,7 +106,7 @@ fn a_pressed_parabola_is_hertz() {
         assert!((radius - 1.0).abs() < 0.01 && (area - 1.0).abs() < 0.05);
         assert!((peak - 1.0).abs() < 0.01 && (depth - 1.0).abs() < 0.005 && worst < 0.02);
         // Depth control meets the same state.
-        let mut by_depth = self::contact(&half_space(), 80, Paraboloid, Mount::default()).straight();
+        let mut by_depth = self::contact(&half_space(), 80, Paraboloid, Mount::default()).vertical_pressure();
         let press = Press::Depth(truth.pose().depth_mm);
         let again = by_depth
             .step(Drive {
@@ -154,7 +155,7 @@ fn a_growing_pull_is_cattaneo_mindlin() {
 #[test]
 fn grip_and_pull_that_grow_in_proportion_never_slip_and_shear_in_proportion_to_pressure() {
     // Exact for any Hertz contact (Mindlin and Deresiewicz): q(r) = (Q/P) p(r) while Q/P < μ.
-    let mut contact = contact(&half_space(), 80, Paraboloid, Mount::default()).straight();
+    let mut contact = contact(&half_space(), 80, Paraboloid, Mount::default()).vertical_pressure();
     let share = 0.4;
     for i in 1..=48 {
         let force = 0.0625 * f64::from(i);
@@ -175,7 +176,7 @@ fn grip_and_pull_that_grow_in_proportion_never_slip_and_shear_in_proportion_to_p
 
 #[test]
 fn more_grip_under_the_same_pull_sticks_again() {
-    let mut contact = contact(&half_space(), 80, Paraboloid, Mount::default()).straight();
+    let mut contact = contact(&half_space(), 80, Paraboloid, Mount::default()).vertical_pressure();
     contact.step(drive(2.0, [0.0; 2], 0.0)).unwrap();
     let mut ratio = |force: f64| {
         let truth = contact.pull(Press::Force(force), [0.0; 2], [1.1, 0.0, 0.0]);
@@ -240,7 +241,7 @@ fn a_growing_twist_is_lubkins_and_ends_at_three_pi_over_sixteen() {
     for stick in [0.95, 0.85, 0.7, 0.5, 0.3] {
         let turn = closed.rotation_rad(stick * a);
         let truth = contact.step(drive(force, [0.0; 2], turn)).unwrap();
-        let moment = truth.torsion_nmm([0.0; 2]) / closed.moment_nmm(stick * a);
+        let moment = truth.torsional_moment_nmm([0.0; 2]) / closed.moment_nmm(stick * a);
         let ratio = truth.stick_ratio().unwrap();
         println!(
             "torsion c/a {stick}: moment {moment:.4} of Lubkin's; stick ratio {ratio:.4}, closed {:.4}",
@@ -249,7 +250,7 @@ fn a_growing_twist_is_lubkins_and_ends_at_three_pi_over_sixteen() {
         assert!((moment - 1.0).abs() < 0.02 && (ratio - stick * stick).abs() < 0.05);
     }
     let full = contact.step(drive(force, [0.0; 2], 20.0)).unwrap();
-    let moment = full.torsion_nmm([0.0; 2]) / closed.limit_nmm();
+    let moment = full.torsional_moment_nmm([0.0; 2]) / closed.limit_nmm();
     println!("torsion, full slip: {moment:.4} of (3π/16) μPa");
     assert!((moment - 1.0).abs() < 0.01 && full.gross_slip());
 }
@@ -278,7 +279,7 @@ fn full_slip_of_a_flat_face_is_two_thirds_of_force_times_radius() {
             FRICTION * truth.pressure_mpa()[cell] * x.hypot(y) * 0.64
         })
         .sum();
-    let share = truth.torsion_nmm([0.0; 2]) / bound;
+    let share = truth.torsional_moment_nmm([0.0; 2]) / bound;
     println!("torsion of a flat face, full slip: {share:.4} of μ Σ p r");
     assert!((share - 1.0).abs() < 0.01 && truth.gross_slip());
 }
@@ -286,14 +287,14 @@ fn full_slip_of_a_flat_face_is_two_thirds_of_force_times_radius() {
 #[test]
 fn sliding_and_spinning_together_lie_on_the_limit_surface() {
     // Steady slip about a pole at distance d: q = μp against the slip there, integrated over the Hertz dome.
-    // Slip is the indenter's own only where the skin under it hardly strains: little friction.
+    // Slip is the indenter's own only where the gel under it hardly strains: little friction.
     let (force, friction) = (3.0, 0.02);
     for pole in [0.3, 0.8, 2.0] {
         let hertz = Hertz::new(force, RADIUS_MM, &half_space()).unwrap();
-        let skin = Arc::new(Skin::new(&half_space(), 80).unwrap());
-        let mut contact = Contact::new(skin, Arc::new(Paraboloid), friction, Mount::default())
+        let surface = Arc::new(GelSurface::new(&half_space(), 80).unwrap());
+        let mut contact = Contact::new(surface, Arc::new(Paraboloid), friction, Mount::default())
             .unwrap()
-            .straight();
+            .vertical_pressure();
         let a = hertz.radius_mm();
         let (mut pull, mut moment) = (0.0, 0.0);
         let steps = 200;
@@ -318,7 +319,7 @@ fn sliding_and_spinning_together_lie_on_the_limit_surface() {
         let limit = [friction * force, 3.0 * PI / 16.0 * friction * force * a];
         let found = [
             truth.force_n()[0].hypot(truth.force_n()[1]) / limit[0],
-            truth.torsion_nmm(truth.footprint_mm()) / limit[1],
+            truth.torsional_moment_nmm(truth.footprint_mm()) / limit[1],
         ];
         let exact = [pull / limit[0], moment / limit[1]];
         println!(
@@ -365,7 +366,7 @@ fn a_long_drag_slides_at_the_friction_limit_and_the_footprint_goes_along() {
     assert!((fx / (FRICTION * fz) - 1.0).abs() < 1e-3 && fy.abs() < 1e-3);
     assert!(onset > 0.2 && truth.stick_ratio() == Some(0.0));
     // All motion past the elastic shift is slip. Counted point by point it is the footprint's way but for the strain
-    // of the skin that passes under.
+    // of the gel that passes under.
     let slid = truth.slip_distance_mm();
     assert!(slid > 4.0 - onset - 0.2 && slid < 4.0 && (truth.footprint_mm()[0] / slid - 1.0).abs() < 0.03);
 }
@@ -374,9 +375,9 @@ fn a_long_drag_slides_at_the_friction_limit_and_the_footprint_goes_along() {
 fn pressure_leans_along_the_indenters_normal() {
     // A tilted face without friction pushes sideways by force × slope.
     let tilt = [0.05, -0.02];
-    let skin = Arc::new(Skin::new(&Gel::default(), 80).unwrap());
+    let surface = Arc::new(GelSurface::new(&Gel::default(), 80).unwrap());
     let slick = |indenter: Arc<dyn HeightMap>| {
-        Contact::new(Arc::clone(&skin), indenter, 1e-6, Mount::default()).unwrap()
+        Contact::new(Arc::clone(&surface), indenter, 1e-6, Mount::default()).unwrap()
     };
     let mut tilted = slick(Arc::new(Punch));
     let press = Drive {
@@ -418,7 +419,7 @@ fn a_pull_by_load_goes_where_a_drag_that_carries_it_went() {
             .step(drive(2.0, [0.4 + 0.3 * part, -0.2 + 0.1 * part], 0.04 * part))
             .unwrap();
         let [x, y, _] = truth.force_n();
-        let load = [x, y, truth.torsion_nmm(truth.footprint_mm())];
+        let load = [x, y, truth.torsional_moment_nmm(truth.footprint_mm())];
         let (pose, map) = (truth.pose(), truth.force_map());
         let found = pulled.pull(Press::Force(2.0), [0.0; 2], load).unwrap();
         let off = difference(&found.force_map(), &map);
@@ -518,11 +519,11 @@ fn the_same_path_turned_by_a_right_angle_gives_the_turned_map() {
         }
         contact.truth().force_map()
     };
-    let (straight, turned) = (run(0.0, 1.0), run(1.0, 0.0));
+    let (vertical_pressure, turned) = (run(0.0, 1.0), run(1.0, 0.0));
     let mut expected = [[0.0; 3]; 400];
     for row in 0..20 {
         for column in 0..20 {
-            let [x, y, z] = straight[row * 20 + column];
+            let [x, y, z] = vertical_pressure[row * 20 + column];
             expected[column * 20 + 19 - row] = [-y, x, z];
         }
     }
@@ -535,7 +536,7 @@ fn the_same_path_turned_by_a_right_angle_gives_the_turned_map() {
 fn pressure_and_shear_are_coupled_as_the_layer_demands() {
     let shear_share = |gel: &Gel| {
         let sphere = Shape::Sphere { radius_mm: 12.0 };
-        let mut contact = contact(gel, 40, sphere, Mount::default()).straight();
+        let mut contact = contact(gel, 40, sphere, Mount::default()).vertical_pressure();
         for i in 1..=5 {
             contact.step(drive(f64::from(i), [0.0; 2], 0.0)).unwrap();
         }
@@ -577,10 +578,10 @@ fn a_punch_that_cannot_slip_is_stiffer_by_mossakovskiis_factor() {
             ..half_space()
         };
         let stiffening = |cells: usize| {
-            let skin = Arc::new(Skin::new(&gel, cells).unwrap());
+            let surface = Arc::new(GelSurface::new(&gel, cells).unwrap());
             let force = |friction: f64| {
                 let mut contact =
-                    Contact::new(Arc::clone(&skin), Arc::new(Punch), friction, Mount::default()).unwrap();
+                    Contact::new(Arc::clone(&surface), Arc::new(Punch), friction, Mount::default()).unwrap();
                 let order = Drive {
                     press: Press::Depth(0.1),
                     ..drive(0.0, [0.0; 2], 0.0)
@@ -607,8 +608,8 @@ fn under_a_wide_face_a_thin_layer_answers_as_a_column() {
         poisson: 0.3,
         ..Gel::default()
     };
-    let skin = Arc::new(Skin::new(&gel, 80).unwrap());
-    let mut contact = Contact::new(skin, Arc::new(Punch), 2.0, Mount::default()).unwrap();
+    let surface = Arc::new(GelSurface::new(&gel, 80).unwrap());
+    let mut contact = Contact::new(surface, Arc::new(Punch), 2.0, Mount::default()).unwrap();
     let (depth, shift) = (0.05, 0.04);
     let order = |x: f64| Drive {
         press: Press::Depth(depth),
@@ -700,10 +701,10 @@ fn the_number_of_steps_on_a_path_hardly_matters() {
 
 #[test]
 fn every_shape_meets_load_friction_and_complementarity() {
-    let skin = Arc::new(Skin::new(&Gel::default(), 40).unwrap());
+    let surface = Arc::new(GelSurface::new(&Gel::default(), 40).unwrap());
     for shape in TRAINING_SHAPES.into_iter().chain(UNSEEN_SHAPES) {
         let mut contact =
-            Contact::new(Arc::clone(&skin), Arc::new(shape), FRICTION, Mount::default()).unwrap();
+            Contact::new(Arc::clone(&surface), Arc::new(shape), FRICTION, Mount::default()).unwrap();
         let mut worst = [0.0_f64; 2];
         for i in 0..12 {
             let part = f64::from(i) / 12.0;
@@ -814,9 +815,9 @@ fn contact_beyond_the_surface_and_bad_numbers_are_refused_and_change_nothing() {
     assert!(contact.step(drive(-1.0, [0.0; 2], 0.0)).is_err());
     assert!(contact.step(drive(1.0, [f64::INFINITY, 0.0], 0.0)).is_err());
     assert!(difference(&contact.truth().force_map(), &before) < 1e-12);
-    assert!(Skin::new(&Gel::default(), 50).is_err() && Skin::new(&Gel::default(), 0).is_err());
-    let skin = Arc::new(Skin::new(&Gel::default(), 40).unwrap());
-    assert!(Contact::new(skin, Arc::new(Paraboloid), 0.0, Mount::default()).is_err());
+    assert!(GelSurface::new(&Gel::default(), 50).is_err() && GelSurface::new(&Gel::default(), 0).is_err());
+    let surface = Arc::new(GelSurface::new(&Gel::default(), 40).unwrap());
+    assert!(Contact::new(surface, Arc::new(Paraboloid), 0.0, Mount::default()).is_err());
 }
 
 #[test]
@@ -829,14 +830,14 @@ fn random_paths_on_random_gels_always_solve() {
             poisson,
             ..Gel::default()
         };
-        let skin = Arc::new(Skin::new(&gel, 40).unwrap());
+        let surface = Arc::new(GelSurface::new(&gel, 40).unwrap());
         for shape in TRAINING_SHAPES.into_iter().chain(UNSEEN_SHAPES) {
             let friction = random.uniform(0.2, 1.2);
             let mount = Mount {
                 shift_mm_per_n: random.uniform(-1.0, 1.0).max(0.0),
                 turn_rad_per_nmm: random.uniform(-0.05, 0.05).max(0.0),
             };
-            let mut contact = Contact::new(Arc::clone(&skin), Arc::new(shape), friction, mount).unwrap();
+            let mut contact = Contact::new(Arc::clone(&surface), Arc::new(shape), friction, mount).unwrap();
             let mut at_mm = [random.uniform(-3.0, 3.0), random.uniform(-3.0, 3.0)];
             let mut turn_rad = random.uniform(-3.0, 3.0);
             let mut force = random.log_uniform(0.1, 5.0);

@@ -38,7 +38,7 @@ fn ball() -> GraspScene {
 
 /// Frames of a scene under a fixed grip.
 fn frames(scene: &GraspScene, dt_s: f64, duration_s: f64) -> Vec<GraspFrame> {
-    let mut world = GraspWorld::new(scene).unwrap().straight();
+    let mut world = GraspWorld::new(scene).unwrap().vertical_pressure();
     let mut frames = Vec::new();
     world
         .run(&mut FixedForce(GRIP_N), dt_s, duration_s, |frame| {
@@ -49,13 +49,13 @@ fn frames(scene: &GraspScene, dt_s: f64, duration_s: f64) -> Vec<GraspFrame> {
     frames
 }
 
-/// What the skins carry, in finger 0's frame.
+/// What the gels carry, in finger 0's frame.
 fn carried(frame: &GraspFrame) -> [f64; 3] {
     let [a, b] = &frame.fingers;
     [
         a.force_n[0] - b.force_n[0],
         a.force_n[1] + b.force_n[1],
-        a.torsion_nmm - b.torsion_nmm,
+        a.torsional_moment_nmm - b.torsional_moment_nmm,
     ]
 }
 
@@ -97,25 +97,25 @@ fn a_sliding_object_accelerates_by_what_friction_cannot_hold_and_turns_the_rest_
     let gained = to.object.velocity_mm_per_s[1] - from.object.velocity_mm_per_s[1];
     let found = -gained / (to.time_s - from.time_s);
     let expected = 0.2 * limit / mass;
-    // From the hand's release on: work of the loads, kinetic energy, and what went into the skins.
-    let (mut work, mut into_skins) = (0.0, 0.0);
+    // From the hand's release on: work of the loads, kinetic energy, and what went into the gels.
+    let (mut work, mut into_gels) = (0.0, 0.0);
     for pair in frames[499..].windows(2) {
         let way = pair[1].object.at_mm[1] - pair[0].object.at_mm[1];
         work += pair[1].load[1] * way;
-        into_skins += carried(&pair[1])[1] * way;
+        into_gels += carried(&pair[1])[1] * way;
     }
     let kinetic = 0.5 * mass * to.object.velocity_mm_per_s[1].powi(2);
-    let lost = (work - into_skins - kinetic) / work;
+    let lost = (work - into_gels - kinetic) / work;
     let heat = limit * 0.5 * (to.fingers[0].slip_mm + to.fingers[1].slip_mm);
     println!(
         "slides with {found:.0} mm/s², expected {expected:.0}; of {work:.3} N·mm of work {into_skins:.3} go into \
-         the skins ({heat:.3} as friction), {kinetic:.3} are kinetic, {:.2} % are lost in steps",
+         the gels ({heat:.3} as friction), {kinetic:.3} are kinetic, {:.2} % are lost in steps",
         100.0 * lost
     );
     assert!((found / expected - 1.0).abs() < 0.01);
     // Implicit steps may lose energy and never make any.
     assert!((-1e-3..0.05).contains(&lost), "{lost}");
-    assert!(heat < into_skins && heat > 0.75 * into_skins);
+    assert!(heat < into_gels && heat > 0.75 * into_gels);
 }
 
 #[test]
@@ -228,7 +228,7 @@ fn an_object_spins_when_the_moment_is_more_than_the_pressure_can_hold() {
     let mut scene = ball();
     scene.object.mass_g = 0.5;
     let frames = frames(&scene, FRAME_S, FREE_S);
-    let mut world = GraspWorld::new(&scene).unwrap().straight();
+    let mut world = GraspWorld::new(&scene).unwrap().vertical_pressure();
     for _ in &frames {
         world.step(FRAME_S, GRIP_N).unwrap();
     }
@@ -320,7 +320,7 @@ fn objects_are_lifted_disturbed_and_set_down_in_balance_under_an_oracle() {
         ];
         scene.pulls = vec![Pull {
             force_n: [weight, 0.0],
-            twist_nmm: 3.0 * weight,
+            torsional_moment_nmm: 3.0 * weight,
             at_mm: [4.0, 2.0],
             course: Course::smooth(vec![[1.4, 0.0], [1.7, 1.0], [2.0, 0.0]]),
         }];

@@ -59,7 +59,7 @@ pub(crate) fn run(world: &World, report: &mut Report, pictures: &Pictures) -> Re
                     Paraboloid { radius_mm },
                     Mount::default(),
                 )?
-                .straight();
+                .vertical_pressure();
             let truth = contact.step(drive(force_n, [0.13, -0.07], 0.0))?;
             let [a, p0] = measured(truth);
             let at = || format!("{force_n} N, R {radius_mm} mm");
@@ -120,7 +120,7 @@ pub(crate) fn run(world: &World, report: &mut Report, pictures: &Pictures) -> Re
         let cells = production_cells(force_n);
         let mut contact = world
             .contact(&layer, cells, Paraboloid { radius_mm }, Mount::default())?
-            .straight();
+            .vertical_pressure();
         let truth = contact.step(drive(force_n, [0.13, -0.07], 0.0))?;
         let [a, p0] = measured(truth);
         let found = [

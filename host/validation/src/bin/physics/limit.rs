@@ -1,5 +1,5 @@
-//! Pull and twist together. The tractions that friction allows, |q| ≤ μp, form a convex set, so their loads (F, M
-//! about the pressure's centre) do too. It holds pure pull μN in every direction and pure twist M*, hence the chord
+//! Pull and torsion together. The tractions that friction allows, |q| ≤ μp, form a convex set, so their loads (F, M
+//! about the pressure's centre) do too. It holds pure pull μN in every direction and pure torsion M*, hence the chord
 //! between them: |F|/μN + |M|/M* = 1 bounds the load of full slip from below. From above it is bounded by the power
 //! that slip can take at most: F·v + Mω ≤ Σ μp |v + ω × r| for every motion; the loads that meet this with
 //! equality for some motion are the exact limit surface (Goyal, Ruina and Papadopoulos 1991). M* is the least
@@ -103,7 +103,7 @@ fn try_shrunk(f: &impl Fn([f64; 2]) -> f64, best: [f64; 2], at: [f64; 2]) -> (f6
 }
 
 /// Pure twist that friction holds at most, with no force left over.
-fn pure_twist(friction: &Friction) -> f64 {
+fn max_pure_moment(friction: &Friction) -> f64 {
     least(
         |[x0, y0]| {
             friction
@@ -145,7 +145,7 @@ fn load(truth: &Truth) -> [f64; 3] {
     [
         fx,
         fy,
-        truth.torsion_nmm(truth.pressure_centre_mm().unwrap_or_default()),
+        truth.torsional_moment_nmm(truth.pressure_centre_mm().unwrap_or_default()),
     ]
 }
 
@@ -168,7 +168,7 @@ pub(crate) fn run(world: &World, report: &mut Report, pictures: &Pictures) -> Re
                 Paraboloid { radius_mm },
                 Mount::default(),
             )?
-            .straight();
+            .vertical_pressure();
         contact.step(drive(force_n, [0.0; 2], 0.0))?;
         let turn_step = 0.4 * pitch / (a * f64::max(pole, 1.0));
         let mut path = vec![(0.0, 0.0)];
@@ -263,14 +263,16 @@ pub(crate) fn run(world: &World, report: &mut Report, pictures: &Pictures) -> Re
 /// Every shape on the layer, against the limit surface of its own pressure.
 fn shapes(world: &World, report: &mut Report) -> Result<(), Failure> {
     let gel = Gel::default();
-    let (mut least_chord, mut chord_at) = (f64::INFINITY, String::new());
-    let (mut most, mut least_share) = (0.0_f64, (f64::INFINITY, String::new()));
+    let (mut min_chord, mut chord_at) = (f64::INFINITY, String::new());
+    let (mut most, mut min_share) = (0.0_f64, (f64::INFINITY, String::new()));
     for shape in TRAINING_SHAPES.into_iter().chain(UNSEEN_SHAPES) {
         let force_n = 3.0;
         let cells = production_cells(force_n);
         let poles: &[f64] = if world.quick { &[2.0] } else { &[0.0, 2.0, 30.0] };
         for &pole in poles {
-            let mut contact = world.contact(&gel, cells, shape, Mount::default())?.straight();
+            let mut contact = world
+                .contact(&gel, cells, shape, Mount::default())?
+                .vertical_pressure();
             contact.go(drive(force_n, [0.1, -0.05], 0.0), 6)?;
             let turn_step = 0.3 / f64::max(pole, 4.0);
             let mut slipped = 0;
@@ -285,17 +287,17 @@ fn shapes(world: &World, report: &mut Report) -> Result<(), Failure> {
                     continue;
                 }
                 let friction = friction(truth);
-                let (load, twist) = (load(truth), pure_twist(&friction));
+                let (load, twist) = (load(truth), max_pure_moment(&friction));
                 let total: f64 = friction.iter().map(|f| f[2]).sum();
                 let found = f64::hypot(load[0], load[1]) / total + load[2].abs() / twist;
                 let at = || format!("{}, pole at {pole} mm", shape.name());
-                if found < least_chord {
-                    (least_chord, chord_at) = (found, at());
+                if found < min_chord {
+                    (min_chord, chord_at) = (found, at());
                 }
                 let share = share(&friction, load, twist / total);
                 most = most.max(share);
-                if share < least_share.0 {
-                    least_share = (share, at());
+                if share < min_share.0 {
+                    min_share = (share, at());
                 }
                 break;
             }
@@ -306,7 +308,7 @@ fn shapes(world: &World, report: &mut Report) -> Result<(), Failure> {
         "12 shapes on the layer at full slip: F/μN + M/M*",
         "chord of their own pressure's limit surface",
         Bound::AtLeast(0.99),
-        (least_chord, ""),
+        (min_chord, ""),
         &chord_at,
     );
     report.row(
@@ -322,8 +324,8 @@ fn shapes(world: &World, report: &mut Report) -> Result<(), Failure> {
         "the same: smallest share of the limit surface",
         "exact surface of their own pressure",
         Bound::AtLeast(98.0),
-        (100.0 * least_share.0, "%"),
-        &least_share.1,
+        (100.0 * min_share.0, "%"),
+        &min_share.1,
     );
     Ok(())
 }

@@ -9,13 +9,13 @@ use crate::chart::{Panel, Pictures, Scale};
 use crate::failure::Failure;
 use crate::world::{World, drive};
 
-/// The middle of the skin that is shown, mm from the middle to the edge.
+/// The middle of the gel that is shown, mm from the middle to the edge.
 const HALF_MM: f64 = 8.0;
 
 /// Side of the part in the middle of the crop that is shown, pixel by pixel.
 const SHOWN: usize = 220;
 
-/// A panel of the middle of the skin, one value a cell.
+/// A panel of the middle of the gel, one value a cell.
 fn panel(truth: &Truth, title: &str, scale: Scale, value: impl Fn(usize) -> f64) -> Panel {
     let cells = truth.cells();
     let first = (0..cells).find(|i| truth.place_mm(*i)[0] > -HALF_MM).unwrap_or(0);

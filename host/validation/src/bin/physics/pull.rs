@@ -21,7 +21,7 @@ pub(crate) fn run(world: &World, report: &mut Report, pictures: &Pictures) -> Re
         let cells = production_cells(force_n);
         let mut contact = world
             .contact(&gel, cells, Paraboloid { radius_mm: RADIUS_MM }, Mount::default())?
-            .straight();
+            .vertical_pressure();
         contact.step(drive(force_n, [0.13, -0.07], 0.0))?;
         let mut dots = Vec::new();
         for share in SHARES {
@@ -64,7 +64,7 @@ pub(crate) fn run(world: &World, report: &mut Report, pictures: &Pictures) -> Re
             Paraboloid { radius_mm: RADIUS_MM },
             Mount::default(),
         )?
-        .straight();
+        .vertical_pressure();
     contact.step(drive(force_n, [0.0; 2], 0.0))?;
     let limit = closed.limit_n();
     let peak = 0.8 * limit;

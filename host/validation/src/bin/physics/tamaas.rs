@@ -95,7 +95,7 @@ pub(crate) fn start(world: &World) -> Result<Running, Failure> {
                 Shared(std::sync::Arc::clone(&shape)),
                 Mount::default(),
             )?
-            .straight();
+            .vertical_pressure();
         let truth = contact.step(drive(FORCE_N, AT_MM, 0.0))?;
         let heights: Vec<f64> = (0..CELLS * CELLS)
             .map(|cell| {

@@ -53,13 +53,13 @@ pub(crate) fn run(world: &World, report: &mut Report, pictures: &Pictures) -> Re
         let cells = production_cells(force_n);
         let mut contact = world
             .contact(&gel, cells, Paraboloid { radius_mm: RADIUS_MM }, Mount::default())?
-            .straight();
+            .vertical_pressure();
         contact.step(drive(force_n, [0.0; 2], 0.0))?;
         let mut last = 0.0;
         for share in [0.95, 0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 0.2] {
             let turn = closed.rotation_rad(share * a);
             let truth = contact.go(drive(force_n, [0.0; 2], turn), 2)?;
-            let found = truth.torsion_nmm([0.0; 2]);
+            let found = truth.torsional_moment_nmm([0.0; 2]);
             let at = || format!("c/a {share}, {force_n} N, {cells} cells");
             moment.see(100.0 * (found / closed.moment_nmm(share * a) - 1.0), at);
             stick.see(truth.stick_ratio().unwrap_or(f64::NAN) - share * share, at);
@@ -92,14 +92,14 @@ pub(crate) fn run(world: &World, report: &mut Report, pictures: &Pictures) -> Re
             truth = contact.step(drive(force_n, [0.0; 2], turn))?;
         }
         full.see(
-            100.0 * (truth.torsion_nmm([0.0; 2]) / closed.limit_nmm() - 1.0),
+            100.0 * (truth.torsional_moment_nmm([0.0; 2]) / closed.limit_nmm() - 1.0),
             || format!("{force_n} N, {cells} cells"),
         );
     }
     let lubkin = "Lubkin, 3 loads, production grid";
     report.row(
         "torsion_moment_twist",
-        "moment at a given twist, stick radius 0.95 … 0.2 a",
+        "moment at a given rotation, stick radius 0.95 … 0.2 a",
         lubkin,
         Bound::AtMost(5.0),
         (moment.value, "%"),
@@ -107,7 +107,7 @@ pub(crate) fn run(world: &World, report: &mut Report, pictures: &Pictures) -> Re
     );
     report.row(
         "torsion_stick_ratio",
-        "true stick ratio at a given twist",
+        "true stick ratio at a given rotation",
         lubkin,
         Bound::Reported,
         (stick.value, ""),
@@ -132,7 +132,7 @@ pub(crate) fn run(world: &World, report: &mut Report, pictures: &Pictures) -> Re
         };
         let mut contact = world
             .contact(&gel, production_cells(force_n), indenter, Mount::default())?
-            .straight();
+            .vertical_pressure();
         contact.step(drive(force_n, [0.0; 2], 0.0))?;
         let step = 0.8 * 32.0 / production_cells(force_n) as f64 / radius_mm;
         for i in 1..=40 {
@@ -143,9 +143,10 @@ pub(crate) fn run(world: &World, report: &mut Report, pictures: &Pictures) -> Re
         }
         let truth = contact.truth();
         let limit = 2.0 / 3.0 * FRICTION * force_n * radius_mm;
-        even.see(100.0 * (truth.torsion_nmm([0.0; 2]) / limit - 1.0), || {
-            format!("{force_n} N, a {radius_mm} mm")
-        });
+        even.see(
+            100.0 * (truth.torsional_moment_nmm([0.0; 2]) / limit - 1.0),
+            || format!("{force_n} N, a {radius_mm} mm"),
+        );
         for (cell, p) in truth.pressure_mpa().iter().enumerate() {
             let [x, y] = truth.place_mm(cell);
             if f64::hypot(x, y) < 0.8 * radius_mm {

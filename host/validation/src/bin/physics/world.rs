@@ -1,9 +1,9 @@
-//! What the sections share: skins made once, contacts whose every step is checked and counted, and the ledger of
+//! What the sections share: gels made once, contacts whose every step is checked and counted, and the ledger of
 //! those checks. Units: mm, N, MPa, N·mm, rad.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
-use gripline_simulation::contact_world::{Contact, Drive, HeightMap, Mount, Press, Skin, Truth};
+use gripline_simulation::contact_world::{Contact, Drive, GelSurface, HeightMap, Mount, Press, Truth};
 use gripline_simulation::{ForceMap, Gel, SimulationError};
 
 /// Threads of the sections that have independent cases; the bound on speed is for as many cores.
@@ -81,12 +81,12 @@ impl Ledger {
     }
 }
 
-/// Skins of the sections and the ledger of their steps; shared between threads.
+/// Gels of the sections and the ledger of their steps; shared between threads.
 #[derive(Debug, Default)]
 pub(crate) struct World {
     /// Whether the long sections take fewer cases.
     pub(crate) quick: bool,
-    skins: Mutex<Vec<Arc<Skin>>>,
+    surfaces: Mutex<Vec<Arc<GelSurface>>>,
     ledger: Mutex<Ledger>,
 }
 
@@ -98,18 +98,18 @@ impl World {
         }
     }
 
-    /// The skin of `gel` on `cells`, made at most once.
-    pub(crate) fn skin(&self, gel: &Gel, cells: usize) -> Result<Arc<Skin>, SimulationError> {
-        let mut skins = self.skins.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(skin) = skins
+    /// The surface of `gel` on `cells`, made at most once.
+    pub(crate) fn surface(&self, gel: &Gel, cells: usize) -> Result<Arc<GelSurface>, SimulationError> {
+        let mut surfaces = self.surfaces.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(surface) = surfaces
             .iter()
-            .find(|skin| skin.gel() == gel && skin.cells() == cells)
+            .find(|surface| surface.gel() == gel && surface.cells() == cells)
         {
-            return Ok(Arc::clone(skin));
+            return Ok(Arc::clone(surface));
         }
-        let skin = Arc::new(Skin::new(gel, cells)?);
-        skins.push(Arc::clone(&skin));
-        Ok(skin)
+        let surface = Arc::new(GelSurface::new(gel, cells)?);
+        surfaces.push(Arc::clone(&surface));
+        Ok(surface)
     }
 
     /// A contact whose steps enter the ledger.
@@ -132,7 +132,7 @@ impl World {
         mount: Mount,
         friction: f64,
     ) -> Result<Checked<'_>, SimulationError> {
-        let contact = Contact::new(self.skin(gel, cells)?, Arc::new(indenter), friction, mount)?;
+        let contact = Contact::new(self.surface(gel, cells)?, Arc::new(indenter), friction, mount)?;
         Ok(Checked {
             world: self,
             contact,
@@ -168,8 +168,8 @@ pub(crate) struct Checked<'a> {
 
 impl Checked<'_> {
     /// With pressure straight down, as closed forms and other programs have it.
-    pub(crate) fn straight(mut self) -> Self {
-        self.contact = self.contact.straight();
+    pub(crate) fn vertical_pressure(mut self) -> Self {
+        self.contact = self.contact.vertical_pressure();
         self
     }
 
@@ -230,7 +230,7 @@ impl Checked<'_> {
 
 /// Taxel sums and moments of `truth` against what `drive` applies through `mount`.
 fn balance(truth: &Truth, drive: &Drive, mount: Mount, friction: f64, ledger: &mut Ledger) {
-    // A mount turns about where the indenter stands on the skin.
+    // A mount turns about where the indenter stands on the gel.
     let about = truth.footprint_mm();
     let residuals = truth.residuals();
     ledger.gap = residuals.gap;
@@ -262,8 +262,8 @@ fn balance(truth: &Truth, drive: &Drive, mount: Mount, friction: f64, ledger: &m
     for k in 0..3 {
         ledger.force = ledger.force.max((sum[k] - applied[k]).abs() / normal);
     }
-    let moment = truth.torsion_nmm(about);
-    let most = most_moment_nmm(truth, friction, about);
+    let moment = truth.torsional_moment_nmm(about);
+    let most = max_moment_nmm(truth, friction, about);
     if mount.turn_rad_per_nmm > 0.0 {
         let applied = (drive.turn_rad - pose.turn_rad) / mount.turn_rad_per_nmm;
         ledger.moment = (moment - applied).abs() / most;
@@ -272,7 +272,7 @@ fn balance(truth: &Truth, drive: &Drive, mount: Mount, friction: f64, ledger: &m
 }
 
 /// Moment about `about` that friction holds at most, μ Σ p r, N·mm.
-pub(crate) fn most_moment_nmm(truth: &Truth, friction: f64, about_mm: [f64; 2]) -> f64 {
+pub(crate) fn max_moment_nmm(truth: &Truth, friction: f64, about_mm: [f64; 2]) -> f64 {
     let cell_mm2 = truth.pitch_mm() * truth.pitch_mm();
     let sum: f64 = truth
         .pressure_mpa()

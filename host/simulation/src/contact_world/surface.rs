@@ -1,4 +1,4 @@
-//! The skin that contacts share: one gel on one grid of square cells over the sensing surface, with the
+//! The gel that contacts share: one gel on one grid of square cells over the sensing surface, with the
 //! influence of the cells on each other and its spectra, made once per size of box. Units: mm, MPa.
 //! Limits: cells divide the taxels and the field's cells, so that sums over those are exact.
 
@@ -15,7 +15,7 @@ use crate::gel::Gel;
 const BOX_SIDES: [usize; 20] = [
     8, 12, 16, 20, 24, 32, 36, 40, 48, 60, 64, 72, 80, 96, 128, 144, 160, 192, 256, 320,
 ];
-/// Two to a taxel: the cells of the field inside the skin, or parts of them.
+/// Two to a taxel: the cells of the field inside the gel, or parts of them.
 const CELLS_STEP: usize = 2 * TAXELS;
 /// Most cells along one side, for checks; the cost grows with the square.
 const MAX_CELLS: usize = 320;
@@ -24,7 +24,7 @@ const MAX_CELLS: usize = 320;
 /// `cargo xtask physics` holds every shape's force map to 3 % on them.
 const FINE_BELOW_N: [f64; 2] = [6.0, 0.5];
 
-/// Cells along one side of the [`Skin`] for a load history that peaks at `peak_force_n`: the fewest that keep every
+/// Cells along one side of the [`GelSurface`] for a load history that peaks at `peak_force_n`: the fewest that keep every
 /// built-in shape's force map within 3 % (L2) of a grid twice as fine. A light touch needs the most: a block's or
 /// ring's contact is then a line half a millimetre wide.
 #[must_use]
@@ -35,14 +35,14 @@ pub fn production_cells(peak_force_n: f64) -> usize {
 
 /// A soft layer under a grid of cells.
 #[derive(Debug)]
-pub struct Skin {
+pub struct GelSurface {
     gel: Gel,
     cells: usize,
     influence: Influence,
     spectra: Mutex<BTreeMap<[usize; 2], Arc<Spectra>>>,
 }
 
-impl Skin {
+impl GelSurface {
     /// `gel` under `cells` by `cells` squares over the 32 mm of the sensing surface; see [`production_cells`].
     ///
     /// # Errors
@@ -50,7 +50,7 @@ impl Skin {
     pub fn new(gel: &Gel, cells: usize) -> Result<Self, SimulationError> {
         if cells == 0 || cells > MAX_CELLS || !cells.is_multiple_of(CELLS_STEP) {
             return Err(SimulationError::OutOfRange {
-                field: "skin cells",
+                field: "gel surface cells",
                 found: cells as f64,
                 expected: "a multiple of 40, at most 320",
             });

@@ -1,24 +1,24 @@
-//! Both skins and the object between them in one implicit step: the object goes where its resistance and the
-//! skins' shear balance. That is the minimum of a convex function of three unknowns (x, y, turn) whose slope
-//! is the unbalanced force; a quasi-Newton method (BFGS for the skins' stiffness, the body's known) finds it,
+//! Both contacts and the object between them in one implicit step: the object goes where its resistance and the
+//! gels' shear balance. That is the minimum of a convex function of three unknowns (x, y, turn) whose slope
+//! is the unbalanced force; a quasi-Newton method (BFGS for the contacts' stiffness, the body's is known) finds it,
 //! each trial a shear solve that starts from the last. Units: mm, rad, N, N·mm, in finger 0's frame.
 
-use super::body::{Actions, Body};
+use super::rigid_body::{Actions, RigidBody};
 use crate::contact_world::{Contact, Press, Step, Stiffness, Triple, Truth, add, dot, solved, sub};
 use crate::error::SimulationError;
 
 /// Unbalanced force at which a step counts as balanced, share of [`Outcome::balance`]'s scale; a tenth of a
 /// percent is promised.
 const BALANCE_TOLERANCE: f64 = 5e-4;
-/// Part of what friction can hold that counts as a load at least.
-const LEAST_LOAD: f64 = 0.05;
+/// Smallest load that residuals are compared with, share of what friction can hold.
+const MIN_LOAD: f64 = 0.05;
 /// What is accepted where shear solves are too coarse for better.
 const BALANCE_BOUND: f64 = 1e-3;
 /// Residual at which shear solves stop when the load is half of what friction holds or more; a smaller load needs
 /// a better one, down to a twentieth.
 const SHEAR_TOLERANCE: f64 = 3e-5;
-/// Growth of shear from which the stiffness is learnt, in shear residuals: less is noise.
-const LEAST_GROWTH: f64 = 40.0;
+/// Growth of shear from which the stiffness is updated, in shear residuals: less is noise.
+const MIN_GROWTH: f64 = 40.0;
 /// Trials for one balance at most; two or three are usual.
 const TRIALS: usize = 60;
 /// Trials after which the bound is enough.
@@ -28,11 +28,11 @@ const ROUNDS: usize = 40;
 
 /// The fingers' contacts.
 #[derive(Debug)]
-pub(crate) struct Hold {
+pub(crate) struct GraspSolver {
     /// One per finger; one alone if both are mirror images of each other for good.
     contacts: Vec<Contact>,
     patch_turn_rad: f64,
-    /// What the skins' shear grows by with the object's motion, all fingers together.
+    /// How the gels' shear grows with the object's motion, all fingers together.
     stiffness: Stiffness,
 }
 
@@ -66,7 +66,7 @@ fn seen(finger: usize, v: Triple) -> Triple {
     }
 }
 
-impl Hold {
+impl GraspSolver {
     pub(crate) fn new(contacts: Vec<Contact>, patch_turn_rad: f64) -> Self {
         Self {
             contacts,
@@ -75,8 +75,12 @@ impl Hold {
         }
     }
 
-    pub(crate) fn straight(mut self) -> Self {
-        self.contacts = self.contacts.into_iter().map(Contact::straight).collect();
+    pub(crate) fn vertical_pressure(mut self) -> Self {
+        self.contacts = self
+            .contacts
+            .into_iter()
+            .map(Contact::vertical_pressure)
+            .collect();
         self
     }
 
@@ -109,7 +113,7 @@ impl Hold {
     /// Takes the fingers away; the object is at `pose`.
     pub(crate) fn open(&mut self, pose: Triple) {
         self.begin(0.0, pose);
-        self.stiffness.forget();
+        self.stiffness.reset();
     }
 
     fn begin(&mut self, grip_n: f64, pose: Triple) -> Vec<Step> {
@@ -146,7 +150,7 @@ impl Hold {
         if touching {
             self.measure(&steps);
         } else {
-            self.stiffness.forget();
+            self.stiffness.reset();
         }
         self.accept(&steps, pose);
         Ok(Outcome {
@@ -157,22 +161,22 @@ impl Hold {
         })
     }
 
-    /// One step of `body` under `actions` with the fingers pressing with `grip_n`. `reach_mm` is as far as the
-    /// object may go. On an error nothing has changed.
+    /// One step of `rigid_body` under `actions` with the fingers pressing with `grip_n`. `reach_mm` limits how far the
+    /// object may move. On an error nothing has changed.
     ///
     /// # Errors
     /// Those of the contacts, or no balance.
     pub(crate) fn advance(
         &mut self,
         grip_n: f64,
-        body: &Body,
+        body: &RigidBody,
         actions: &Actions,
         reach_mm: f64,
     ) -> Result<Ending, SimulationError> {
         let from = body.pose;
         let mut steps = self.begin(grip_n, from);
         if steps.is_empty() {
-            self.stiffness.forget();
+            self.stiffness.reset();
             return Ok(Ending::Balanced(free(body, actions)));
         }
         let mut pose = from;
@@ -207,13 +211,13 @@ impl Hold {
                 // Where the stiffness known so far expects the balance.
                 let (unbalanced, growth) = body.resistance(actions, pose);
                 let unbalanced = add(unbalanced, self.carried(&steps));
-                pose = add(pose, self.stiffness.way(&growth, unbalanced));
+                pose = add(pose, self.stiffness.newton_step(&growth, unbalanced));
                 first = false;
             }
             balance = self.balance(&mut steps, body, actions, grip_n, &mut pose, &mut solves)?;
-            let way = libm::hypot(pose[0] - from[0], pose[1] - from[1])
+            let travel = libm::hypot(pose[0] - from[0], pose[1] - from[1])
                 .max((pose[2] - from[2]).abs() * self.stiffness.radius_mm());
-            if way > reach_mm {
+            if travel > reach_mm {
                 return Ok(Ending::TooFar);
             }
         }
@@ -228,7 +232,7 @@ impl Hold {
     fn balance(
         &mut self,
         steps: &mut [Step],
-        body: &Body,
+        body: &RigidBody,
         actions: &Actions,
         grip_n: f64,
         pose: &mut Triple,
@@ -238,33 +242,33 @@ impl Hold {
         let radius = self.stiffness.radius_mm();
         let weigh = |v: Triple| libm::hypot(v[0], v[1]).max(v[2].abs() / radius);
         let friction_n = self.friction_n(grip_n);
-        let load = weigh(body.load(actions, *pose)).max(LEAST_LOAD * friction_n);
-        let tolerance = SHEAR_TOLERANCE * (2.0 * load / friction_n).clamp(LEAST_LOAD, 1.0);
-        let mut skins = self.shear(steps, from, *pose, tolerance);
+        let load = weigh(body.load(actions, *pose)).max(MIN_LOAD * friction_n);
+        let tolerance = SHEAR_TOLERANCE * (2.0 * load / friction_n).clamp(MIN_LOAD, 1.0);
+        let mut surfaces = self.shear(steps, from, *pose, tolerance);
         *solves += steps.len();
         let mut found = f64::INFINITY;
         for trial in 0..TRIALS {
             let (inertia, growth) = body.resistance(actions, *pose);
-            let unbalanced = add(inertia, skins);
+            let unbalanced = add(inertia, surfaces);
             found = weigh(unbalanced) / load;
             if found <= BALANCE_TOLERANCE || (trial > PATIENCE && found <= BALANCE_BOUND) {
                 return Ok(found);
             }
-            let way = self.stiffness.way(&growth, unbalanced);
-            let slope = dot(unbalanced, way);
+            let direction = self.stiffness.newton_step(&growth, unbalanced);
+            let slope = dot(unbalanced, direction);
             let mut share = 1.0;
             loop {
-                let step = way.map(|v| v * share);
+                let step = direction.map(|v| v * share);
                 let there = add(*pose, step);
                 let carried = self.shear(steps, from, there, tolerance);
                 *solves += steps.len();
-                if weigh(self.stiffness.growth(step)) > LEAST_GROWTH * tolerance * friction_n {
-                    self.stiffness.learn(step, sub(carried, skins));
+                if weigh(self.stiffness.growth(step)) > MIN_GROWTH * tolerance * friction_n {
+                    self.stiffness.update(step, sub(carried, surfaces));
                 }
-                let slope_there = dot(add(body.resistance(actions, there).0, carried), way);
-                // Convex: beyond the minimum along the way the slope has changed its sign.
+                let slope_there = dot(add(body.resistance(actions, there).0, carried), direction);
+                // Convex: beyond the minimum along the direction the slope has changed its sign.
                 if slope_there <= -0.9 * slope || share < 1e-3 {
-                    (*pose, skins) = (there, carried);
+                    (*pose, surfaces) = (there, carried);
                     break;
                 }
                 share *= (slope / (slope - slope_there)).clamp(0.05, 0.6);
@@ -277,7 +281,7 @@ impl Hold {
         })
     }
 
-    /// Shear of all skins on the object's way from `from` to `to`.
+    /// Shear of all gels on the object's way from `from` to `to`.
     fn shear(&mut self, steps: &mut [Step], from: Triple, to: Triple, tolerance: f64) -> Triple {
         for (finger, (contact, step)) in self.contacts.iter_mut().zip(steps.iter_mut()).enumerate() {
             contact.shear(step, seen(finger, sub(to, from)), tolerance);
@@ -314,13 +318,13 @@ impl Hold {
 }
 
 /// The object where nothing touches it.
-fn free(body: &Body, actions: &Actions) -> Outcome {
+fn free(body: &RigidBody, actions: &Actions) -> Outcome {
     let mut pose = body.pose;
     for _ in 0..20 {
         let (unbalanced, growth) = body.resistance(actions, pose);
-        let way = solved(&growth, unbalanced.map(|v| -v));
-        pose = add(pose, way);
-        if way.iter().all(|v| v.abs() < 1e-9) {
+        let step = solved(&growth, unbalanced.map(|v| -v));
+        pose = add(pose, step);
+        if step.iter().all(|v| v.abs() < 1e-9) {
             break;
         }
     }

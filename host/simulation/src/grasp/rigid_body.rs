@@ -8,7 +8,7 @@ use crate::contact_world::{Matrix, Triple};
 
 /// What the object is and how it moves against the gripper.
 #[derive(Debug, Clone)]
-pub(crate) struct Body {
+pub(crate) struct RigidBody {
     mass: f64,
     inertia: f64,
     centre_mm: [f64; 2],
@@ -19,7 +19,7 @@ pub(crate) struct Body {
     table: Option<TableState>,
 }
 
-/// The table's hold on the object.
+/// How the table supports the object.
 #[derive(Debug, Clone)]
 struct TableState {
     table: Table,
@@ -43,7 +43,7 @@ pub(crate) struct Actions {
     pub(crate) field_mm_per_s2: [f64; 2],
     /// Forces with their points on the object, and the moment.
     pub(crate) forces: Vec<([f64; 2], [f64; 2])>,
-    pub(crate) twist_nmm: f64,
+    pub(crate) torsional_moment_nmm: f64,
     /// Where the gripper is in the room at the step's end.
     pub(crate) gripper_mm: [f64; 2],
 }
@@ -67,7 +67,7 @@ fn capped(stretch: f64, stiffness: f64, cap: f64) -> [f64; 2] {
     }
 }
 
-impl Body {
+impl RigidBody {
     /// At rest with its grip point at `pose`; `down` is where the table lies.
     pub(crate) fn new(object: &Object, pose: Triple, table: Option<Table>, down: [f64; 2]) -> Self {
         let mass = object.mass_g * 1e-6;
@@ -131,19 +131,19 @@ impl Body {
         });
         let mut stiff = [[mass, 0.0], [0.0, mass]];
         let turn = pose[2] - self.pose[2] - actions.step_s * self.speed[2];
-        let mut moment = self.inertia * inverse * turn - actions.twist_nmm;
+        let mut moment = self.inertia * inverse * turn - actions.torsional_moment_nmm;
         let mut stiff_turn = self.inertia * inverse;
         if let Some(table) = &self.table {
-            let [push, hold, grip] = table.holds(now, pose[2], actions.gripper_mm);
+            let [push, slide, tilt] = table.reactions(now, pose[2], actions.gripper_mm);
             for k in 0..2 {
-                on_centre[k] += push[0] * table.down[k] + hold[0] * table.along[k];
+                on_centre[k] += push[0] * table.down[k] + slide[0] * table.along[k];
                 for (l, row) in stiff[k].iter_mut().enumerate() {
                     *row +=
-                        push[1] * table.down[k] * table.down[l] + hold[1] * table.along[k] * table.along[l];
+                        push[1] * table.down[k] * table.down[l] + slide[1] * table.along[k] * table.along[l];
                 }
             }
-            moment += grip[0];
-            stiff_turn += grip[1];
+            moment += tilt[0];
+            stiff_turn += tilt[1];
         }
         let arm = self.arm(pose);
         let swing = [-arm[1], arm[0]];
@@ -206,7 +206,7 @@ impl Body {
 
 impl TableState {
     /// Force and stiffness against pressing into the table, sliding along it, and turning on it.
-    fn holds(&self, centre: [f64; 2], turn: f64, gripper_mm: [f64; 2]) -> [[f64; 2]; 3] {
+    fn reactions(&self, centre: [f64; 2], turn: f64, gripper_mm: [f64; 2]) -> [[f64; 2]; 3] {
         let room = [centre[0] + gripper_mm[0], centre[1] + gripper_mm[1]];
         let stiffness = self.table.stiffness_n_per_mm;
         let depth = dot(room, self.down) - self.level_mm;
@@ -234,11 +234,11 @@ impl TableState {
 
     /// Where the springs gave way their ends follow.
     fn follow(&mut self, centre: [f64; 2], turn: f64, gripper_mm: [f64; 2]) {
-        let [push, hold, grip] = self.holds(centre, turn, gripper_mm);
+        let [push, slide, tilt] = self.reactions(centre, turn, gripper_mm);
         let room = [centre[0] + gripper_mm[0], centre[1] + gripper_mm[1]];
         let stiffness = self.table.stiffness_n_per_mm;
-        self.anchor_mm = dot(room, self.along) - hold[0] / stiffness;
-        self.anchor_rad = turn - grip[0] / (stiffness * self.half_base_mm * self.half_base_mm);
+        self.anchor_mm = dot(room, self.along) - slide[0] / stiffness;
+        self.anchor_rad = turn - tilt[0] / (stiffness * self.half_base_mm * self.half_base_mm);
         self.force_n = push[0];
     }
 }
@@ -253,7 +253,7 @@ mod tests {
             step_s,
             field_mm_per_s2: [0.0, -9_806.65],
             forces: vec![([3.0, 1.0], [0.2, -0.1])],
-            twist_nmm: 1.5,
+            torsional_moment_nmm: 1.5,
             gripper_mm: [0.0; 2],
         }
     }
@@ -261,7 +261,7 @@ mod tests {
     #[test]
     fn resistance_grows_as_its_matrix_says_and_rests_on_the_table() {
         for table in [None, Some(Table::default())] {
-            let body = Body::new(&OBJECTS[2], [1.0, 2.0, 0.3], table, [0.0, -1.0]);
+            let body = RigidBody::new(&OBJECTS[2], [1.0, 2.0, 0.3], table, [0.0, -1.0]);
             let actions = actions(0.01);
             let pose = [1.01, 1.98, 0.301];
             let (_, growth) = body.resistance(&actions, pose);
@@ -281,10 +281,10 @@ mod tests {
                 }
             }
         }
-        let body = Body::new(&OBJECTS[2], [1.0, 2.0, 0.3], Some(Table::default()), [0.0, -1.0]);
+        let body = RigidBody::new(&OBJECTS[2], [1.0, 2.0, 0.3], Some(Table::default()), [0.0, -1.0]);
         let still = Actions {
             forces: Vec::new(),
-            twist_nmm: 0.0,
+            torsional_moment_nmm: 0.0,
             ..actions(0.01)
         };
         let (unbalanced, _) = body.resistance(&still, body.pose);
