@@ -18,8 +18,8 @@ const INTAKE: &[&str] = &[
     "Program<K>::taxels",
     "ActiveSet::places",
     "RunningCrc::update",
-    "kernel::add_pairs",
-    "kernel::Dsp",
+    "dsp::add_pairs",
+    "dsp::Dsp",
 ];
 
 /// Instructions of one map.
