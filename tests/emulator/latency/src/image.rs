@@ -450,4 +450,3 @@ fn instruction(found: &Insn, detail: &InsnDetail, name: &str, size: u32, in_bloc
 pub(crate) fn read(path: &Path) -> Result<Vec<u8>, Error> {
     std::fs::read(path).map_err(|error| Error::Image(format!("{}: {error}", path.display())))
 }
-

@@ -9,10 +9,10 @@ use gripline_protocol::message::{Command, Configuration};
 use crate::bound::{Stretch, Walk};
 use crate::cycles::ENTRY;
 use crate::image::Image;
+use crate::image::read;
 use crate::measure::{Bench, DOUBTFUL, Way, When, map_of};
 use crate::source::Sources;
 use crate::tables::{KERNEL, LEFT_OUT, LOOPS, Left, RELEASED};
-use crate::image::read;
 use crate::{Error, twin};
 
 /// Cycles from a map's last packet to the line (DESIGN.md: 25 µs at 168 MHz).
@@ -337,7 +337,6 @@ impl Report {
         text
     }
 }
-
 
 /// Every branch of a map's end: doubtful, saturated, replayed, from the future, of a finger that is not expected, of two
 /// fingers, with a hole before it, damaged; stick, incipient slip, slip, no contact; held, released.
