@@ -3,6 +3,7 @@
 //! Limits: Thumb code with mapping symbols (`$t`, `$d`), as the linker leaves them; 32-bit little-endian ELF.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
 
 use capstone::arch::arm::{ArchExtraMode, ArchMode, ArmOperandType, ArmReg};
 use capstone::prelude::*;

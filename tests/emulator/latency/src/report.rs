@@ -8,8 +8,7 @@ use gripline_protocol::message::{Command, Configuration};
 
 use crate::bound::{Stretch, Walk};
 use crate::cycles::ENTRY;
-use crate::image::Image;
-use crate::image::read;
+use crate::image::{Image, read};
 use crate::measure::{Bench, DOUBTFUL, Way, When, map_of};
 use crate::source::Sources;
 use crate::tables::{KERNEL, LEFT_OUT, LOOPS, Left, RELEASED};

@@ -6,9 +6,8 @@ use std::path::Path;
 use gripline_protocol::ForceMap;
 
 use crate::Error;
-use crate::image::Image;
+use crate::image::{Image, read};
 use crate::measure::{Bench, map_of};
-use crate::report::read;
 use crate::tables::KERNEL;
 
 /// What takes a map in, packet by packet: places, CRC, sums. The interrupt around it also serves what else the bus brings, and
