@@ -5,7 +5,7 @@
 //!
 //! [`friction`] decides about a taxel, [`sums`] about a map, [`slip`] about the contact, [`grip`] about the force,
 //! [`safety`] about [faults](fault); [`program`] joins them. [`mod@line`] turns force into volts; [`robotiq`] speaks [`modbus`] to
-//! a gripper with a bus instead of a voltage input. [`storage`] keeps the settings over a power cycle.
+//! a gripper on a bus, through an [`rs485`] transceiver. [`storage`] keeps the settings over a power cycle.
 #![no_std]
 #![forbid(unsafe_code)]
 
@@ -25,6 +25,7 @@ mod load;
 pub mod modbus;
 pub mod program;
 pub mod robotiq;
+pub mod rs485;
 pub mod safety;
 pub mod slip;
 pub mod storage;

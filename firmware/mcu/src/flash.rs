@@ -1,7 +1,7 @@
 //! The two flash sectors that keep the settings: sectors 1 and 2 of the chip, 16 KiB each, left free by memory.x.
 //!
-//! The processor runs from the same flash, so it stands still while the flash is busy: up to 0.8 s for an erasure (data
-//! sheet, 16 KiB at 2.7 to 3.6 V), 100 µs for a word. Nothing may be in the gripper then, and the watchdog must wait.
+//! The processor stalls while the flash is busy, because it runs from it: up to 0.8 s for an erasure (data sheet, 16 KiB at 2.7
+//! to 3.6 V), 100 µs for a word. The gripper must hold nothing then, and the watchdog gets a longer period.
 //! Units: words of 32 bits.
 
 use core::ptr;
@@ -21,14 +21,14 @@ const FIRST_SECTOR: u8 = 1;
 const KEYS: [u32; 2] = [0x4567_0123, 0xCDEF_89AB];
 /// Write protection, alignment, parallelism and sequence errors in the status register (section 3.9.6).
 const ERRORS: u32 = 0b1111 << 4;
-/// Processor cycles between two looks at the controller: 10 µs.
-const LOOK_CYCLES: u32 = 1_680;
+/// Processor cycles between two reads of the controller's status: 10 µs.
+const POLL_CYCLES: u32 = 1_680;
 
 /// The flash refused: a protected sector, or an access out of order.
 #[derive(Clone, Copy, PartialEq, Eq, defmt::Format)]
 pub(crate) struct Refused;
 
-/// The one handle on the two sectors; only the owner of the line uses it, between two ticks.
+/// The two sectors. Only the task `control` uses them, between two ticks.
 pub(crate) struct SettingsSectors(());
 
 impl SettingsSectors {
@@ -48,17 +48,17 @@ impl SettingsSectors {
         for key in KEYS {
             FLASH.keyr().write_value(key);
         }
-        // Flags of an earlier operation: written ones clear them.
+        // Clear the flags of an earlier operation: writing ones does.
         FLASH.sr().write_value(Sr(ERRORS));
         FLASH.cr().write_value(mode);
         match word {
-            // SAFETY: inside the two sectors, which hold nothing but settings; the controller is set to program words.
+            // SAFETY: inside the two sectors, which hold only settings; the controller is set to program words.
             Some((address, value)) => unsafe { address.write_volatile(value) },
             None => FLASH.cr().modify(|control| control.set_strt(true)),
         }
         asm::dsb();
         while FLASH.sr().read().bsy() {
-            asm::delay(LOOK_CYCLES);
+            asm::delay(POLL_CYCLES);
         }
         let flags = FLASH.sr().read().0;
         FLASH.cr().write(|control| control.set_lock(true));

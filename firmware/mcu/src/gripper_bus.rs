@@ -1,9 +1,9 @@
 //! The gripper on the bus: USART2 on PA2 (out) and PA3 (in), 115,200 baud, 8N1, an RS-485 transceiver whose driver is
 //! enabled by PA1 for as long as a request takes.
 //!
-//! [`talk`] moves the bytes of the library's [`Robotiq`]; `control` leaves the force in a word and finds the health in
-//! another, so that the way from map to line has one store more and waits for nothing.
-//! Limits: the line is asked for its newest force every 5 ms, as often as the gripper listens.
+//! The task [`talk`] moves the bytes of the library's [`Robotiq`]. `control` exchanges one word each way with it, force and
+//! health: the path from map to line has one store more and waits for nothing.
+//! Limits: the newest force goes out every 5 ms, as often as the gripper listens.
 
 use core::convert::Infallible;
 use core::sync::atomic::{AtomicI32, AtomicU8, Ordering};
@@ -13,17 +13,18 @@ use embassy_stm32::gpio::{Level, Output, Pull, Speed};
 use embassy_stm32::usart::{BufferedInterruptHandler, BufferedUart, BufferedUartRx, BufferedUartTx, Config};
 use embassy_stm32::{Peri, bind_interrupts, peripherals};
 use embassy_time::{Instant, Timer};
-use embedded_io_async::{Read, Write};
+use embedded_io_async::Read;
 use gripline_firmware::GripForce;
 use gripline_firmware::constants::MODBUS_BAUD;
 use gripline_firmware::line::{GripLine, LineHealth};
 use gripline_firmware::modbus::{ANSWER_MAX, REQUEST_MAX};
 use gripline_firmware::robotiq::Robotiq;
+use gripline_firmware::rs485::Transceiver;
 use static_cell::StaticCell;
 
-/// What `control` wants of the gripper, 1/4096 N.
-static WANTED: AtomicI32 = AtomicI32::new(0);
-/// What [`talk`] knows of it, as a number of [`LineHealth`]; good while there is no gripper on the bus.
+/// The force that `control` requests, 1/4096 N.
+static REQUESTED: AtomicI32 = AtomicI32::new(0);
+/// The gripper's health, as a number of [`LineHealth`]; good while there is no gripper on the bus.
 static HEALTH: AtomicU8 = AtomicU8::new(LineHealth::Good as u8);
 
 /// The end of the line that `control` holds.
@@ -34,7 +35,7 @@ impl GripLine for BusLine {
 
     #[inline]
     fn write(&mut self, force: GripForce) -> Result<(), Infallible> {
-        WANTED.store(force.lsb(), Ordering::Relaxed);
+        REQUESTED.store(force.lsb(), Ordering::Relaxed);
         Ok(())
     }
 
@@ -54,8 +55,7 @@ bind_interrupts!(struct Interrupts {
 /// The bus, ready to talk.
 pub(crate) struct Bus {
     input: BufferedUartRx<'static>,
-    output: BufferedUartTx<'static>,
-    driver: Output<'static>,
+    output: Transceiver<BufferedUartTx<'static>, Output<'static>>,
 }
 
 /// Opens the bus: listening, the driver off.
@@ -71,7 +71,7 @@ pub(crate) fn open(
     HEALTH.store(LineHealth::Starting as u8, Ordering::Relaxed);
     let mut config = Config::default();
     config.baudrate = MODBUS_BAUD;
-    // The transceiver lets go of the wire while it sends.
+    // While it sends, the transceiver leaves this wire floating.
     config.rx_pull = Pull::Up;
     let out = OUT.init([0; REQUEST_MAX + 1]);
     let uart = BufferedUart::new(
@@ -85,32 +85,28 @@ pub(crate) fn open(
     )
     .expect("42 MHz makes this baud rate");
     let (output, input) = uart.split();
-    Bus {
-        input,
-        output,
-        driver,
-    }
+    let Ok(output) = Transceiver::new(output, driver);
+    Bus { input, output }
 }
 
-/// Asks and orders. Deadline: the driver off before the gripper answers, 1.75 ms after the request; budget: some
-/// microseconds every 5 ms, in the gaps of everything else. Miss: the answer is lost, and asked for again after 35 ms.
+/// Sends the gripper requests and takes its answers.
+///
+/// Deadline: the driver off before the gripper answers, 1.75 ms after the request. Budget: some microseconds every 5 ms, below
+/// all interrupts. Miss: the answer is lost, and the request is repeated after 35 ms.
 #[embassy_executor::task]
 pub(crate) async fn talk(mut bus: Bus) {
     let mut line = Robotiq::new(now_us());
-    let mut told = line.health();
+    let mut logged = line.health();
     loop {
-        let Ok(()) = line.write(GripForce::from_lsb(WANTED.load(Ordering::Relaxed)));
+        let Ok(()) = line.write(GripForce::from_lsb(REQUESTED.load(Ordering::Relaxed)));
         if let Some(request) = line.poll_transmit(now_us()) {
-            bus.driver.set_high();
-            // This driver reports no errors on this path; `flush` waits for the last stop bit.
-            let _ = bus.output.write_all(&request).await;
-            let _ = bus.output.flush().await;
-            bus.driver.set_low();
+            // A request that was not sent gets no answer, which the line notices.
+            let _ = bus.output.send(&request).await;
         }
         let health = line.health();
         HEALTH.store(health as u8, Ordering::Relaxed);
-        if health != told {
-            told = health;
+        if health != logged {
+            logged = health;
             defmt::info!("gripper: {}, {}", health, line.status());
         }
         let mut answer = [0; ANSWER_MAX];

@@ -1,25 +1,27 @@
-//! Copies the code of the map-to-line path from flash to SRAM (see hot.x), before `main` and before any interrupt.
+//! Copies the code that runs from SRAM out of the flash (see hot.x), before `main` and before any interrupt.
 
 use core::arch::naked_asm;
 
-/// Called by the start-up code, which has set up nothing yet but the stack.
+/// Called by the start-up code, which has set up nothing yet but the stack. Eight words a round, which the linker script makes
+/// the code a multiple of: 22 cycles of 16 MHz for 32 bytes.
 ///
 /// # Safety
-/// Called once, by the reset handler; uses registers that every function may.
+/// Called once, by the reset handler.
 #[unsafe(naked)]
 #[unsafe(no_mangle)]
 unsafe extern "C" fn __pre_init() {
     naked_asm!(
+        "push {{r4, r5, r6, r7, r8, r9, r10, lr}}",
         "ldr r0, =__hot_start",
         "ldr r1, =__hot_end",
         "ldr r2, =__hot_load",
+        "b 2f",
         "1:",
-        "cmp r0, r1",
-        "beq 2f",
-        "ldm r2!, {{r3}}",
-        "stm r0!, {{r3}}",
-        "b 1b",
+        "ldm r2!, {{r3, r4, r5, r6, r7, r8, r9, r10}}",
+        "stm r0!, {{r3, r4, r5, r6, r7, r8, r9, r10}}",
         "2:",
-        "bx lr",
+        "cmp r0, r1",
+        "bne 1b",
+        "pop {{r4, r5, r6, r7, r8, r9, r10, pc}}",
     )
 }

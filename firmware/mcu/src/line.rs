@@ -1,9 +1,9 @@
 //! The grip-force line as a voltage: DAC channel 1 on PA4, with a live zero, so that a broken wire shows.
 //!
-//! Units: force in 1/4096 N, DAC codes of 12 bits. The registers are written directly: the driver of the HAL resets
-//! the DAC when it opens it, which would drop a line that was restored after a watchdog reset.
-//! Limits: the DAC's own buffer is off, because it does not reach the supply (it stops 0.2 V short); the op-amp behind
-//! the pin must draw no current (source resistance 15 kΩ).
+//! Units: force in 1/4096 N, DAC codes of 12 bits. Why not the HAL's DAC driver: it resets the DAC when it opens it, which
+//! would drop the line that was restored after a watchdog reset; embedded-hal 1.0 has no trait for a DAC.
+//! Limits: the DAC's buffer is off, because it ends 0.2 V below the supply; the op-amp behind the pin must draw no current
+//! (source resistance 15 kΩ).
 
 use embassy_stm32::gpio::Flex;
 use embassy_stm32::pac;
@@ -19,18 +19,18 @@ pub(crate) type AnalogLine = DacLine<Dac>;
 /// Channel 1.
 pub(crate) struct Dac(());
 
-/// Drives the line to `force` from whatever state a reset left. Needs no clock but the internal one.
+/// Drives the line to `force`, whatever state a reset left. Needs only the internal clock.
 pub(crate) fn start(force: GripForce, calibration: LineCalibration) -> AnalogLine {
     pac::RCC.apb1enr().modify(|enable| enable.set_dacen(true));
     // The clock takes two cycles to arrive (errata, "Delay after an RCC peripheral clock enabling").
     let _ = pac::RCC.apb1enr().read();
-    // The value before the output, so that the output never shows zero volts.
+    // The value before the output: the output must never show zero volts.
     let line = DacLine::start(Dac(()), calibration, force);
     pac::DAC1.cr().modify(|control| {
         control.set_boff(0, true);
         control.set_en(0, true);
     });
-    // Once more: a write to a channel that is off may count for nothing.
+    // Once more: a write to a disabled channel may be ignored.
     write_code(calibration.code(force));
     line
 }
@@ -51,8 +51,7 @@ fn write_code(code: u16) {
     pac::DAC1.dhr12r(0).write(|value| value.set_dhr(code));
 }
 
-/// Takes the pin away from everything else. The DAC drives it since [`start`]; an analog pin no longer loads it with its
-/// digital input.
+/// Makes the pin analog, so that its digital input no longer loads the DAC, which drives it since [`start`].
 pub(crate) fn route(pin: Peri<'static, peripherals::PA4>) {
     Flex::new(pin).set_as_analog();
 }

@@ -1,11 +1,10 @@
 //! Gripline on the silicon: an STM32F4 that turns force maps into the grip-force line.
 //!
-//! Everything that decides is in the library; here are the pins, the clocks, the transports and the order of things.
-//! From most to least urgent (interrupt priority): map to line (2), UART byte and the rest of USB (3), the time driver and
-//! the safety tick (4, `control`), the gripper's UART byte (5), then in the gaps of all these the answers to the host, USB
-//! requests, the gripper on the bus and the watchdog. Nothing waits for a host: without one the safety tick and the
-//! watchdog alone run.
-//! Limits: one host at a time is answered, over the transport that spoke last.
+//! The library decides; this binary has the pins, the clocks, the transports and the priorities.
+//! Interrupt priorities, most urgent first: 2 map to line (`usb_interrupt`); 3 a byte of the host's UART, the rest of USB;
+//! 4 the time driver and the safety tick (`control_task`); 5 a byte of the gripper's UART. The other tasks run below all
+//! interrupts. Nothing waits for a host.
+//! Limits: only the host that spoke last gets answers.
 #![no_std]
 #![no_main]
 
@@ -18,14 +17,15 @@ compile_error!("name one board, not two: an image runs on one chip");
 
 mod board;
 mod control;
-mod crash;
+mod control_task;
+mod dsp;
 mod fault_log;
 mod flash;
 mod gripper_bus;
 mod hot;
-mod kernel;
 mod line;
 mod outbox;
+mod panic;
 mod priority;
 mod reset;
 mod time_driver;
@@ -44,29 +44,29 @@ use gripline_firmware::{GripForce, Program, Start, storage};
 use gripline_protocol::line::LineKind;
 use static_cell::StaticCell;
 
+use crate::dsp::Dsp;
 use crate::flash::SettingsSectors;
-use crate::kernel::Dsp;
 use crate::watchdog::Watchdog;
 
 defmt::timestamp!("{=u64:us}", Instant::now().as_micros());
 
-/// Runs `control` in the interrupt of UART5, which no board wires.
-static URGENT: InterruptExecutor = InterruptExecutor::new();
-/// Runs everything that has time.
-static PATIENT: StaticCell<Executor> = StaticCell::new();
+/// Runs the task `control` in the interrupt of UART5, which no board wires.
+static TICK_EXECUTOR: InterruptExecutor = InterruptExecutor::new();
+/// Runs all other tasks.
+static TASK_EXECUTOR: StaticCell<Executor> = StaticCell::new();
 static PROGRAM: StaticCell<Program<Dsp>> = StaticCell::new();
 
 #[embassy_stm32::interrupt]
 unsafe fn UART5() {
-    // SAFETY: called from this handler only, and the interrupt is unmasked only by `URGENT.start`.
-    unsafe { URGENT.on_interrupt() }
+    // SAFETY: called from this handler only, and the interrupt is unmasked only by `TICK_EXECUTOR.start`.
+    unsafe { TICK_EXECUTOR.on_interrupt() }
 }
 
 #[cortex_m_rt::entry]
 fn main() -> ! {
-    // The grip first: the DAC went to zero with the reset, and an object may be in the gripper.
+    // The line first: the reset switched the DAC off, and an object may be in the gripper.
     let reset = reset::read();
-    // Two short records, a quarter of a millisecond: the line's calibration is among the settings.
+    // The line's calibration is among the settings: two short records, a quarter of a millisecond.
     let flash = SettingsSectors::new();
     let stored = storage::load(&flash);
     let settings = stored.settings.unwrap_or_default();
@@ -74,7 +74,7 @@ fn main() -> ! {
         reset.line.unwrap_or(GripForce::ZERO),
         LineCalibration::of(&settings.line),
     );
-    // The watchdog next: a crystal that does not start must not end in silence.
+    // The watchdog next: it must run when the crystal does not start.
     let watchdog = Watchdog::start();
 
     priority::set();
@@ -83,7 +83,7 @@ fn main() -> ! {
     line::route(p.PA4);
     control::start_cycle_counter();
     let (uart_in, uart_out) = uart::open(p.USART1, p.PA10, p.PA9);
-    // SAFETY: the handler is there, and does nothing before the first event.
+    // SAFETY: its handler (`usb_interrupt`) does nothing before the first event.
     unsafe { interrupt::UART4.enable() };
     let (usb_device, usb_in, usb_out) = usb::open(p.USB_OTG_FS, p.PA12, p.PA11);
     let gripper = (settings.line.kind == LineKind::Robotiq2f140)
@@ -98,25 +98,25 @@ fn main() -> ! {
         session: reset.session,
     }));
 
-    let urgent = URGENT.start(interrupt::UART5);
-    urgent.spawn(
-        control::control(program, line, settings.line, flash, uart_in, usb_in).expect("one control task"),
-    );
-    // The log is written with interrupts masked for some microseconds: here, and nowhere on the way to the line.
+    control::start(program, line);
+    let tick_spawner = TICK_EXECUTOR.start(interrupt::UART5);
+    tick_spawner
+        .spawn(control_task::control(settings.line, flash, uart_in, usb_in).expect("one control task"));
+    // Writing the log masks interrupts for some microseconds: only at task level, never on the path from map to line.
     defmt::info!(
         "{=str} started: {}, line restored: {}",
         board::NAME,
         reset.cause,
         reset.line
     );
-    if let Some([place, caller]) = reset.crash {
+    if let Some([place, caller]) = reset.panic {
         defmt::error!(
-            "the program crashed at {=u32:#010x}, called from {=u32:#010x}",
+            "the program panicked at {=u32:#010x}, called from {=u32:#010x}",
             place,
             caller
         );
     }
-    PATIENT.init(Executor::new()).run(|spawner| {
+    TASK_EXECUTOR.init(Executor::new()).run(|spawner| {
         spawner.spawn(uart::transmit(uart_out).expect("one UART task"));
         spawner.spawn(usb::transmit(usb_out).expect("one USB task"));
         spawner.spawn(usb::device(usb_device).expect("one USB device task"));
@@ -124,6 +124,6 @@ fn main() -> ! {
             spawner.spawn(gripper_bus::talk(gripper).expect("one gripper task"));
         }
         spawner.spawn(fault_log::write().expect("one log task"));
-        spawner.spawn(watchdog::guard(watchdog).expect("one watchdog task"));
+        spawner.spawn(watchdog::feed(watchdog).expect("one watchdog task"));
     })
 }

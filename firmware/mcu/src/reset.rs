@@ -1,7 +1,7 @@
-//! What survives a reset: its cause, the grip-force line, a number per start, and where a crash happened.
+//! What survives a reset: its cause, the grip-force line, the number of the session, and the addresses of a panic.
 //!
-//! The line lies twice in RAM that start-up does not clear, each time with a check word, so that a reset between two
-//! writes leaves one good copy. Units: force in 1/4096 N. Limits: power loss forgets it, and should.
+//! RAM that start-up does not clear holds the line twice, each copy with a check word: a reset between the two writes leaves
+//! one good copy. Units: force in 1/4096 N. Limits: lost with the power, as it should be.
 
 use core::cell::UnsafeCell;
 use core::mem::MaybeUninit;
@@ -12,87 +12,87 @@ use gripline_firmware::{GripForce, ResetCause};
 /// What is known of the time before this start.
 #[derive(Clone, Copy)]
 pub(crate) struct Reset {
-    /// Why the chip started.
+    /// The cause of the reset.
     pub cause: ResetCause,
-    /// What the line showed; nothing after power came on, or when both copies are damaged.
+    /// The line's last force; none after power-on, or when both copies are damaged.
     pub line: Option<GripForce>,
-    /// A number that differs from start to start.
+    /// Differs from start to start.
     pub session: u32,
-    /// Where the program crashed, if that was the cause.
-    pub crash: Option<[u32; CRASH_PLACES]>,
+    /// Where the program panicked, if that was the cause: the place and its caller.
+    pub panic: Option<[u32; PANIC_ADDRESSES]>,
 }
 
-/// Addresses that are kept of a crash.
-pub(crate) const CRASH_PLACES: usize = 2;
+/// Number of addresses that are kept of a panic.
+pub(crate) const PANIC_ADDRESSES: usize = 2;
 
-/// Reads what survived. Clears the chip's flags, so it answers truly once per start.
+/// Reads what survived. Clears the chip's flags: call it once per start.
 pub(crate) fn read() -> Reset {
     let flags = RCC.csr().read();
     RCC.csr().modify(|clear| clear.set_rmvf(true));
     let power_came = flags.porrstf() || flags.borrstf();
-    let crash = take_crash().filter(|_| !power_came);
-    // Every reset also pulls the reset pin, so that flag tells nothing beside another.
+    let panic = take_panic().filter(|_| !power_came);
+    // Every reset also pulls the reset pin, so the flag of the pin says nothing beside another one.
     let cause = if power_came {
         ResetCause::PowerOn
     } else if flags.wdgrstf() || flags.wwdgrstf() {
         ResetCause::Watchdog
-    } else if crash.is_some() {
+    } else if panic.is_some() {
         ResetCause::Software
     } else {
-        // The reset pin, or a debug probe that put a program on the chip: somebody stands beside it.
+        // The reset pin or a debug probe: a person is there.
         ResetCause::PowerOn
     };
-    // Whoever presses the reset button with an object in the grip does not mean to drop it.
+    // A reset by the button must not drop the object either.
     Reset {
         cause,
         line: if power_came { None } else { kept_line() },
         session: next_session(),
-        crash,
+        panic,
     }
 }
 
-struct Crash(UnsafeCell<MaybeUninit<[u32; CRASH_PLACES + 1]>>);
+struct Panic(UnsafeCell<MaybeUninit<[u32; PANIC_ADDRESSES + 1]>>);
 
 // SAFETY: written when nothing else runs any more, read at start-up before anything else does.
-unsafe impl Sync for Crash {}
+unsafe impl Sync for Panic {}
 
-#[unsafe(link_section = ".uninit.gripline_crash")]
-static CRASH: Crash = Crash(UnsafeCell::new(MaybeUninit::uninit()));
+#[unsafe(link_section = ".uninit.gripline_panic")]
+static PANIC: Panic = Panic(UnsafeCell::new(MaybeUninit::uninit()));
 
-/// Remembers where the program crashed.
-pub(crate) fn keep_crash(places: [u32; CRASH_PLACES]) {
-    let [place, caller] = places;
-    // SAFETY: nothing else runs any more, and nobody holds a reference into `CRASH`.
+/// Keeps where the program panicked.
+pub(crate) fn keep_panic(addresses: [u32; PANIC_ADDRESSES]) {
+    let [address, caller] = addresses;
+    // SAFETY: nothing else runs any more, and nobody holds a reference into `PANIC`.
     unsafe {
-        CRASH
+        PANIC
             .0
             .get()
-            .cast::<[u32; CRASH_PLACES + 1]>()
-            .write_volatile([check_all(places), place, caller]);
+            .cast::<[u32; PANIC_ADDRESSES + 1]>()
+            .write_volatile([check_all(addresses), address, caller]);
     }
 }
 
-/// Where the program crashed before this start; tells it once.
-fn take_crash() -> Option<[u32; CRASH_PLACES]> {
-    let words = CRASH.0.get().cast::<[u32; CRASH_PLACES + 1]>();
+/// Where the program panicked before this start. Clears it.
+fn take_panic() -> Option<[u32; PANIC_ADDRESSES]> {
+    let words = PANIC.0.get().cast::<[u32; PANIC_ADDRESSES + 1]>();
     // SAFETY: any bit pattern is a valid `u32`, and volatile accesses take RAM as it is; nobody else holds a reference.
-    let [found, places @ ..] = unsafe { words.read_volatile() };
+    let [found, addresses @ ..] = unsafe { words.read_volatile() };
     // SAFETY: as above.
-    unsafe { words.write_volatile([0; CRASH_PLACES + 1]) };
-    (found == check_all(places)).then_some(places)
+    unsafe { words.write_volatile([0; PANIC_ADDRESSES + 1]) };
+    (found == check_all(addresses)).then_some(addresses)
 }
 
-/// The word that belongs to these places; never 0 for none of them.
-fn check_all(places: [u32; CRASH_PLACES]) -> u32 {
-    places
+/// The check word of these addresses; not 0 for zeros.
+fn check_all(addresses: [u32; PANIC_ADDRESSES]) -> u32 {
+    addresses
         .into_iter()
-        .fold(MARK, |all, place| all.rotate_left(5) ^ place)
+        .fold(MARK, |all, address| all.rotate_left(5) ^ address)
 }
 
-/// A force and the word that proves it was written by this program.
+/// A force and its check word.
 type Checked = [u32; 2];
 
-/// Differs from what RAM tends to hold at power-on; change it when the meaning of the force changes.
+/// Unlikely in RAM at power-on. Change it when the meaning of the force changes.
 const MARK: u32 = 0x6721_9e5d;
 
 struct Kept(UnsafeCell<MaybeUninit<[Checked; 2]>>);
@@ -103,7 +103,7 @@ unsafe impl Sync for Kept {}
 #[unsafe(link_section = ".uninit.gripline_line")]
 static KEPT: Kept = Kept(UnsafeCell::new(MaybeUninit::uninit()));
 
-/// Remembers what the line shows. Only the owner of the line may call it.
+/// Keeps the force that the line shows. Only the owner of the line may call it.
 #[inline]
 pub(crate) fn keep_line(force: GripForce) {
     let force = force.lsb().cast_unsigned();
@@ -125,28 +125,28 @@ fn kept_line() -> Option<GripForce> {
     })
 }
 
-/// The word that belongs to a force.
+/// The check word of a force.
 fn check(force: u32) -> u32 {
     !force.rotate_left(7) ^ MARK
 }
 
-/// Words of RAM whose content at power-on is partly chance, and that count starts after it.
-const CHANCE_WORDS: usize = 16;
+/// Words of RAM that are partly random at power-on; the first one then counts the starts.
+const NOISE_WORDS: usize = 16;
 
-struct Chance(UnsafeCell<MaybeUninit<[u32; CHANCE_WORDS]>>);
+struct Noise(UnsafeCell<MaybeUninit<[u32; NOISE_WORDS]>>);
 
 // SAFETY: used by `next_session` only, once per start, before any interrupt or task.
-unsafe impl Sync for Chance {}
+unsafe impl Sync for Noise {}
 
 #[unsafe(link_section = ".uninit.gripline_session")]
-static CHANCE: Chance = Chance(UnsafeCell::new(MaybeUninit::uninit()));
+static NOISE: Noise = Noise(UnsafeCell::new(MaybeUninit::uninit()));
 
-/// Mixes what chance left in RAM at power-on (FNV-1a over words) with the number of starts since.
+/// Hashes the noise of power-on and the number of starts since (FNV-1a over words).
 fn next_session() -> u32 {
-    let words = CHANCE.0.get().cast::<u32>();
+    let words = NOISE.0.get().cast::<u32>();
     // SAFETY: in bounds; any bit pattern is a valid `u32`, and volatile accesses take RAM as it is.
     unsafe { words.write_volatile(words.read_volatile().wrapping_add(1)) };
-    (0..CHANCE_WORDS).fold(0x811c_9dc5, |hash: u32, word| {
+    (0..NOISE_WORDS).fold(0x811c_9dc5, |hash: u32, word| {
         // SAFETY: as above.
         (hash ^ unsafe { words.add(word).read_volatile() }).wrapping_mul(0x0100_0193)
     })

@@ -1,8 +1,8 @@
 //! The second transport: USART1 on PA9 (out) and PA10 (in), 921,600 baud, 8N1, packets framed with COBS.
 //!
 //! A byte takes 10.9 µs, a packet of 64 bytes 720 µs; a dense map takes about 30 ms.
-//! Limits: no flow control. A byte that comes while maps come over USB, or while a critical section lasts, for longer than
-//! a byte time is lost; the frame is then refused by its CRC and the next map is accepted.
+//! Limits: no flow control. A byte is lost when maps over USB or a critical section block the receiver for longer than a byte
+//! time. The CRC then refuses the frame, and the next map is accepted.
 
 use embassy_stm32::usart::{BufferedInterruptHandler, BufferedUart, BufferedUartRx, BufferedUartTx, Config};
 use embassy_stm32::{Peri, bind_interrupts, peripherals};
@@ -48,16 +48,18 @@ pub(crate) fn open(
     (input, output)
 }
 
-/// Sends what `control` left in the outbox. Deadline: none, the host waits; budget: a copy of 66 bytes a packet.
-/// Miss: the outbox fills and the library keeps the newest status.
+/// Sends the packets of the outbox.
+///
+/// Deadline: none, the host waits. Budget: a copy of 66 bytes a packet. Miss: the outbox fills, and the library keeps only
+/// the newest status.
 #[embassy_executor::task]
 pub(crate) async fn transmit(mut uart: BufferedUartTx<'static>) {
     let mut frame = [0; FRAME_MAX];
     loop {
         let packet = outbox::UART.receive().await;
         let length = encode_packet(&packet, &mut frame);
-        // The driver forgets to ask for a wake-up when it has room for a part of a frame only, so it gets one frame
-        // at a time. It reports no errors on this path.
+        // One frame at a time: the driver registers no waker when only part of a frame fits. It reports no errors on this
+        // path.
         let _ = uart.flush().await;
         let _ = uart.write_all(&frame[..length]).await;
     }

@@ -13,7 +13,7 @@ use gripline_protocol::PACKET_MAX;
 use static_cell::StaticCell;
 
 use crate::outbox;
-use crate::usb_driver::{self, MendedDriver};
+use crate::usb_driver::{self, PatchedDriver};
 use crate::usb_interrupt::Interrupts;
 
 /// Test id of the pid.codes register.
@@ -31,16 +31,16 @@ const WINDOWS_INTERFACE: &str = "{5F1C3A52-8E0B-4B7E-9D61-2A64C7F0B3E9}";
 const OUT_BYTES: usize = 2 * PACKET_MAX;
 
 /// Packets from the host.
-pub(crate) type HostToMcu = <MendedDriver as Driver<'static>>::EndpointOut;
+pub(crate) type HostToMcu = <PatchedDriver as Driver<'static>>::EndpointOut;
 /// Packets to the host.
-pub(crate) type McuToHost = <MendedDriver as Driver<'static>>::EndpointIn;
+pub(crate) type McuToHost = <PatchedDriver as Driver<'static>>::EndpointIn;
 
 /// Describes the device; the parts go to [`device`], `control` and [`transmit`].
 pub(crate) fn open(
     otg: Peri<'static, peripherals::USB_OTG_FS>,
     plus: Peri<'static, peripherals::PA12>,
     minus: Peri<'static, peripherals::PA11>,
-) -> (UsbDevice<'static, MendedDriver>, HostToMcu, McuToHost) {
+) -> (UsbDevice<'static, PatchedDriver>, HostToMcu, McuToHost) {
     static OUT: StaticCell<[u8; OUT_BYTES]> = StaticCell::new();
     static CONFIGURATION: StaticCell<[u8; 64]> = StaticCell::new();
     static CAPABILITIES: StaticCell<[u8; 64]> = StaticCell::new();
@@ -64,7 +64,7 @@ pub(crate) fn open(
     config.device_protocol = 0;
 
     let mut builder = Builder::new(
-        MendedDriver(driver),
+        PatchedDriver(driver),
         config,
         CONFIGURATION.init([0; 64]),
         CAPABILITIES.init([0; 64]),
@@ -86,22 +86,27 @@ pub(crate) fn open(
     (builder.build(), from_host, to_host)
 }
 
-/// Answers the host's requests on the control endpoint and follows resets of the bus. Deadline: the 50 ms that USB
-/// gives for a request; budget: about a millisecond at plug-in, nothing afterwards. Miss: the host enumerates again.
+/// Answers the host's requests on the control endpoint and follows bus resets.
+///
+/// Deadline: the 50 ms that USB gives for a request. Budget: about a millisecond at plug-in, nothing afterwards. Miss: the
+/// host enumerates again.
 #[embassy_executor::task]
-pub(crate) async fn device(mut device: UsbDevice<'static, MendedDriver>) -> ! {
+pub(crate) async fn device(mut device: UsbDevice<'static, PatchedDriver>) -> ! {
     device.run().await
 }
 
-/// Sends what `control` left in the outbox. Deadline: none, the host waits; budget: a copy of 64 bytes a packet.
-/// Miss: the outbox fills and the library keeps the newest status.
+/// Sends the packets of the outbox.
+///
+/// Deadline: none, the host waits. Budget: a copy of 64 bytes a packet. Miss: the outbox fills, and the library keeps only
+/// the newest status.
 #[embassy_executor::task]
 pub(crate) async fn transmit(mut endpoint: McuToHost) {
     loop {
         usb_driver::RESET.reset();
         endpoint.wait_enabled().await;
-        // What was meant for a host that has left is not for the next one.
+        // Packets for a host that has left are not for the next one.
         outbox::USB.clear();
+        defmt::info!("USB: configured by a host");
         let send = async {
             loop {
                 let packet = outbox::USB.receive().await;
@@ -111,5 +116,6 @@ pub(crate) async fn transmit(mut endpoint: McuToHost) {
             }
         };
         select(send, usb_driver::RESET.wait()).await;
+        defmt::info!("USB: the host has left");
     }
 }

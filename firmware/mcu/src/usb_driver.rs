@@ -1,14 +1,16 @@
-//! The HAL's USB driver, mended from outside. Found on the emulated board; 1, 4 and 5 are known to embassy's authors too,
-//! who mended them in a later driver that this HAL cannot take yet. `tests/emulator/tests/usb.rs` tests the mends.
+//! The HAL's USB driver with six faults worked around from outside; `tests/emulator/tests/usb.rs` tests each.
 //!
-//! 1. A reset of the bus leaves a loaded IN endpoint enabled, for ever: nothing is sent after a replug.
-//! 2. A host that breaks a control transfer off leaves its handler waiting: no request is answered any more.
+//! 1. A bus reset leaves a loaded IN endpoint enabled: nothing is sent after a replug.
+//! 2. A host that aborts a control transfer leaves its handler waiting: no request is answered any more.
 //! 3. A request about an endpoint that the chip does not have panics.
-//! 4. A new configuration or a cleared halt leaves the data toggle: every second packet is taken for a repetition.
-//! 5. A suspend noticed before a reset is reported after it: requests wait for a resume that never comes.
-//! 6. A full-speed device must refuse the device qualifier (USB 2.0 section 9.6.2); requests without data end with a
-//!    status stage whichever way they point (9.3.1); a device that powers itself says so (9.4.5).
+//! 4. A new configuration or a cleared halt keeps the data toggle: every second packet is dropped as a repetition.
+//! 5. A suspend latched before a reset is reported after it: enumeration waits for a resume that never comes.
+//! 6. A full-speed device must refuse the device qualifier (USB 2.0, 9.6.2); a request without data ends with a status stage in
+//!    either direction (9.3.1); a self-powered device says so before it is configured (9.4.5).
 //!
+//! Upstream fixed 1, 4 and 5 in <https://github.com/embassy-rs/embassy/pull/6687>, the qualifier of 6 after
+//! <https://github.com/embassy-rs/embassy/issues/4318>; neither is in a release that embassy-stm32 0.6 takes. A patched copy of
+//! embassy-usb-synopsys-otg 0.3 would be 8,200 lines here and still need 2, 3 and half of 6: these 300 lines are less.
 //! Limits: bulk and control endpoints; one interface.
 
 use core::future::{Future, poll_fn};
@@ -26,28 +28,28 @@ use embassy_usb::driver::{
 };
 use gripline_protocol::PACKET_MAX;
 
-use crate::priority::hold_off;
+use crate::priority::block_path;
 
 type Inner = usb::Driver<'static, USB_OTG_FS>;
 
 /// Endpoints in each direction: the control endpoint and one pair.
 const ENDPOINTS: usize = 2;
-/// How often a register is looked at for what the core does at once, or after the packet on the bus (52 µs).
-const LOOKS_MAX: usize = 2_000;
-/// SETUP packets that the core may take in a row (`DOEPTSIZ0`); fewer are left while one waits to be handled.
+/// Reads of a register until the core has done what it does at once, or after the packet on the bus (52 µs).
+const READS_MAX: usize = 2_000;
+/// SETUP packets that the core may take in a row (`DOEPTSIZ0`); the count is lower while one waits to be handled.
 const SETUPS: u8 = 3;
 
-/// Raised when a reset of the bus has taken away whatever waited to be sent.
+/// Signals a bus reset, which has discarded what waited to be sent.
 pub(crate) static RESET: Signal<CriticalSectionRawMutex, ()> = Signal::new();
 
 /// The driver.
-pub(crate) struct MendedDriver(pub(crate) Inner);
+pub(crate) struct PatchedDriver(pub(crate) Inner);
 
-impl Driver<'static> for MendedDriver {
+impl Driver<'static> for PatchedDriver {
     type EndpointOut = <Inner as Driver<'static>>::EndpointOut;
     type EndpointIn = <Inner as Driver<'static>>::EndpointIn;
-    type ControlPipe = MendedControl;
-    type Bus = MendedBus;
+    type ControlPipe = PatchedControl;
+    type Bus = PatchedBus;
 
     fn alloc_endpoint_out(
         &mut self,
@@ -69,16 +71,16 @@ impl Driver<'static> for MendedDriver {
         self.0.alloc_endpoint_in(kind, address, packet_max, interval_ms)
     }
 
-    fn start(self, control_packet_max: u16) -> (MendedBus, MendedControl) {
+    fn start(self, control_packet_max: u16) -> (PatchedBus, PatchedControl) {
         let (bus, control) = self.0.start(control_packet_max);
-        (MendedBus(bus), MendedControl(control))
+        (PatchedBus(bus), PatchedControl(control))
     }
 }
 
-/// The bus, with mends 1, 4 and 5.
-pub(crate) struct MendedBus(<Inner as Driver<'static>>::Bus);
+/// The bus, with faults 1, 4 and 5 worked around.
+pub(crate) struct PatchedBus(<Inner as Driver<'static>>::Bus);
 
-impl Bus for MendedBus {
+impl Bus for PatchedBus {
     async fn enable(&mut self) {
         self.0.enable().await;
     }
@@ -130,36 +132,36 @@ impl Bus for MendedBus {
     }
 }
 
-/// Takes back what an IN endpoint was given to send. Only tasks without priority touch these registers; the interrupt
-/// handler may clear what is waited for, so the end of the transfer counts as well.
+/// Discards what an IN endpoint has to send. Only thread-level tasks touch these registers. The interrupt handler may clear
+/// the flag that this waits for, so the end of the transfer counts too.
 fn stop_in(index: usize) {
     let (control, interrupts) = (REGISTERS.diepctl(index), REGISTERS.diepint(index));
     if !control.read().epena() {
         return;
     }
     control.modify(|set| set.set_snak(true));
-    look_for(|| interrupts.read().inepne());
+    wait_for(|| interrupts.read().inepne());
     control.modify(|set| {
         set.set_snak(true);
         set.set_epdis(true);
     });
-    look_for(|| interrupts.read().epdisd() || !control.read().epena());
+    wait_for(|| interrupts.read().epdisd() || !control.read().epena());
     interrupts.write(|clear| clear.set_epdisd(true));
     REGISTERS.grstctl().write(|flush| {
         flush.set_txfflsh(true);
         flush.set_txfnum(index as u8);
     });
-    look_for(|| !REGISTERS.grstctl().read().txfflsh());
+    wait_for(|| !REGISTERS.grstctl().read().txfflsh());
 }
 
-/// Waits for what the core does within a packet's time, and no longer.
-fn look_for(mut seen: impl FnMut() -> bool) {
-    let _ = (0..LOOKS_MAX).find(|_| seen());
+/// Waits until `seen`, a packet's time at most.
+fn wait_for(mut seen: impl FnMut() -> bool) {
+    let _ = (0..READS_MAX).find(|_| seen());
 }
 
-/// The next data packet of a bulk endpoint has toggle DATA0, here as at the host.
+/// Resets the data toggle of a bulk endpoint to DATA0, as the host does.
 fn start_with_data0(address: EndpointAddress) {
-    // Never more (`sort`), which the compiler need not take on trust.
+    // `classify` refuses larger ones; this also tells the compiler.
     let index = address.index().min(ENDPOINTS - 1);
     match address.direction() {
         _ if index == 0 => {}
@@ -167,7 +169,7 @@ fn start_with_data0(address: EndpointAddress) {
             .diepctl(index)
             .modify(|set| set.set_sd0pid_sevnfrm(true)),
         // `usb_interrupt` changes the same register at a higher priority.
-        Direction::Out => hold_off(|| {
+        Direction::Out => block_path(|| {
             REGISTERS
                 .doepctl(index)
                 .modify(|set| set.set_sd0pid_sevnfrm(true));
@@ -175,22 +177,22 @@ fn start_with_data0(address: EndpointAddress) {
     }
 }
 
-/// The control endpoint, with mends 2, 3 and 6.
-pub(crate) struct MendedControl(<Inner as Driver<'static>>::ControlPipe);
+/// The control endpoint, with faults 2, 3 and 6 worked around.
+pub(crate) struct PatchedControl(<Inner as Driver<'static>>::ControlPipe);
 
 /// What to do with a request.
 enum Request {
-    /// It is the USB stack's.
+    /// The USB stack answers it.
     Pass,
     Refuse,
-    /// Nothing to say, but the host waits for a status stage.
+    /// No data, but the host waits for a status stage.
     Acknowledge,
-    /// Answer with the state of the device: it powers itself and does not wake its host.
+    /// Answer with the state of the device: self-powered, no remote wake-up.
     Status,
 }
 
-/// Sorts out what the USB stack would answer wrongly (USB 2.0 tables 9-3 and 9-4).
-fn sort(setup: [u8; 8]) -> Request {
+/// Finds the requests that the USB stack would answer wrongly (USB 2.0 tables 9-3 and 9-4).
+fn classify(setup: [u8; 8]) -> Request {
     const GET_STATUS: u8 = 0;
     const GET_DESCRIPTOR: u8 = 6;
     const DEVICE_QUALIFIER: u8 = 6;
@@ -208,8 +210,8 @@ fn sort(setup: [u8; 8]) -> Request {
     }
 }
 
-impl MendedControl {
-    /// Empties the driver's buffer: a packet of a transfer that was broken off would be taken for the next one's.
+impl PatchedControl {
+    /// Empties the driver's buffer: a packet of an aborted transfer would count for the next one.
     async fn drop_stale_packet(&mut self) {
         let mut packet = [0; PACKET_MAX];
         let mut read = pin!(self.0.data_out(&mut packet, false, false));
@@ -220,14 +222,14 @@ impl MendedControl {
         .await;
     }
 
-    /// Works on a transfer until it is done or the host has begun another one.
-    async fn unless_broken_off<T>(
+    /// Works on a transfer until it is done or the host begins another one.
+    async fn unless_aborted<T>(
         work: impl Future<Output = Result<T, EndpointError>>,
     ) -> Result<T, EndpointError> {
         let mut work = pin!(work);
         // The driver wakes this task for every SETUP and every reset.
         let done = poll_fn(|context| match work.as_mut().poll(context) {
-            Poll::Pending if is_broken_off() => Poll::Ready(Err(EndpointError::Disabled)),
+            Poll::Pending if is_aborted() => Poll::Ready(Err(EndpointError::Disabled)),
             other => other,
         })
         .await;
@@ -239,12 +241,12 @@ impl MendedControl {
 }
 
 /// Whether a SETUP or a reset of the bus waits to be handled.
-fn is_broken_off() -> bool {
+fn is_aborted() -> bool {
     let events = REGISTERS.gintsts().read();
     events.usbrst() || events.enumdne() || REGISTERS.doeptsiz(0).read().rxdpid_stupcnt() < SETUPS
 }
 
-impl ControlPipe for MendedControl {
+impl ControlPipe for PatchedControl {
     fn max_packet_size(&self) -> usize {
         self.0.max_packet_size()
     }
@@ -254,13 +256,13 @@ impl ControlPipe for MendedControl {
             let setup = self.0.setup().await;
             stop_in(0);
             self.drop_stale_packet().await;
-            match sort(setup) {
+            match classify(setup) {
                 Request::Pass => return setup,
                 Request::Refuse => self.0.reject().await,
                 Request::Acknowledge => self.accept().await,
                 Request::Status => {
                     let length = usize::from(u16::from_le_bytes([setup[6], setup[7]])).min(2);
-                    // A host that left has no use for an answer.
+                    // An error means that the host has left.
                     let _ = self.data_in(&[1, 0][..length], true, true).await;
                 }
             }
@@ -268,11 +270,11 @@ impl ControlPipe for MendedControl {
     }
 
     async fn data_out(&mut self, buffer: &mut [u8], first: bool, last: bool) -> Result<usize, EndpointError> {
-        Self::unless_broken_off(self.0.data_out(buffer, first, last)).await
+        Self::unless_aborted(self.0.data_out(buffer, first, last)).await
     }
 
     async fn data_in(&mut self, data: &[u8], first: bool, last: bool) -> Result<(), EndpointError> {
-        Self::unless_broken_off(self.0.data_in(data, first, last)).await
+        Self::unless_aborted(self.0.data_in(data, first, last)).await
     }
 
     async fn accept(&mut self) {
@@ -280,8 +282,8 @@ impl ControlPipe for MendedControl {
             self.0.accept().await;
             Ok(())
         };
-        // Broken off is as good as accepted: the stack has done what was asked.
-        let _ = Self::unless_broken_off(accepted).await;
+        // Aborted is as good as accepted: the stack has done what was asked.
+        let _ = Self::unless_aborted(accepted).await;
     }
 
     async fn reject(&mut self) {
@@ -293,6 +295,6 @@ impl ControlPipe for MendedControl {
             self.0.accept_set_address(address).await;
             Ok(())
         };
-        let _ = Self::unless_broken_off(accepted).await;
+        let _ = Self::unless_aborted(accepted).await;
     }
 }

@@ -1,10 +1,10 @@
-//! The interrupt of the USB core: packets of maps to the line at once, everything else to whom it belongs.
+//! The interrupt of the USB core: decides on packets of maps at once and hands on everything else.
 //!
-//! A packet of a map goes to the line here ([`MapPackets`]), ahead of the HAL's driver, whose way over buffers, wakers and
-//! tasks would take half of the time bound. Messages wait in [`MESSAGE`] for the task `control`, and the endpoint with
-//! them: the host's packets are worked on in their order. What is no bulk packet is the HAL's, in an interrupt of its own
-//! ([`Rest`], in the place of UART4, which no board wires), because the HAL may not interrupt its own critical sections.
-//! Limits: no loop here; what is left in the FIFO raises the interrupt again.
+//! [`MapPackets`] takes a packet of a map from the FIFO to the line, ahead of the HAL's driver, whose buffers, wakers and tasks
+//! would take half of the deadline. A packet of a message waits for the task `control` ([`MESSAGE`]); the endpoint takes no other
+//! meanwhile, so the order stays. The HAL's driver does the rest in an interrupt of its own ([`HalDriver`], in the place of
+//! UART4, which no board wires), because it may not interrupt its own critical sections.
+//! Limits: no loop over packets; what is left in the FIFO raises the interrupt again.
 
 use core::arch::asm;
 use core::cell::UnsafeCell;
@@ -25,14 +25,14 @@ use gripline_protocol::packet::Kind;
 
 use crate::control::{self, Control};
 use crate::outbox;
-use crate::priority::hold_off;
+use crate::priority::block_path;
 
 bind_interrupts!(pub(crate) struct Interrupts {
     OTG_FS => MapPackets;
-    UART4 => Rest;
+    UART4 => HalDriver;
 });
 
-// SAFETY: `Rest` runs that handler for every event that `MapPackets` leaves.
+// SAFETY: `HalDriver` runs that handler for every event that `MapPackets` leaves.
 unsafe impl Binding<typelevel::OTG_FS, InterruptHandler<peripherals::USB_OTG_FS>> for Interrupts {}
 
 /// The bulk endpoint of the host's packets.
@@ -41,7 +41,7 @@ const ENDPOINT: usize = 1;
 /// Taxels of a map whose second packet is not its last.
 const ANOTHER: u32 = TAXELS_PER_PACKET as u32;
 
-/// A packet that was taken out of the FIFO; not on the stack, where it would have to be cleared first.
+/// A packet from the FIFO; not on the stack, where it would have to be cleared first.
 struct Slot {
     words: UnsafeCell<[u32; PACKET_MAX / 4]>,
     length: AtomicUsize,
@@ -55,42 +55,43 @@ static PACKET: Slot = Slot {
     length: AtomicUsize::new(0),
 };
 
-/// A message's packet lies in [`PACKET`], and the next packet is not asked for.
+/// [`PACKET`] holds a message's packet, and the endpoint takes no other.
 static IS_HELD: AtomicBool = AtomicBool::new(false);
 /// The end of a packet is still to come out of the FIFO.
 static IS_OPEN: AtomicBool = AtomicBool::new(false);
-/// The USB core's interrupts before some were masked for [`Rest`]; 0 when none are.
+/// The USB core's interrupts before some were masked for [`HalDriver`]; 0 when none are.
 static MASK: AtomicU32 = AtomicU32::new(0);
 /// [`PACKET`] holds a message's packet for the task `control`.
 pub(crate) static MESSAGE: Signal<CriticalSectionRawMutex, ()> = Signal::new();
 
-/// Takes bulk packets out of the USB core's FIFO as they land and carries those of maps to the line.
+/// Takes bulk packets out of the USB core's FIFO as they arrive; those of maps go to the line.
 ///
-/// Deadline: 25 µs from a map's last packet in the FIFO to the line. Budget: 4,200 cycles. Miss: the status tells.
+/// Deadline: 25 µs from a map's last packet in the FIFO to the line. Budget: 4,200 cycles. Miss: fault 12, DEADLINE
+/// MISSED, in the status.
 pub(crate) struct MapPackets;
 
 impl Handler<typelevel::OTG_FS> for MapPackets {
     #[inline]
     unsafe fn on_interrupt() {
         let Some(status) = next() else {
-            return leave(is_received());
+            return defer(is_received());
         };
-        // SAFETY: this interrupt lies above all other users, who hold it off.
-        let Some(control) = (unsafe { control::of_the_path() }) else {
-            return leave(true);
+        // SAFETY: this interrupt lies above all other users, who block it.
+        let Some(control) = (unsafe { control::from_isr() }) else {
+            return defer(true);
         };
         if status.pktstsd() == Pktstsd::OUT_DATA_RX {
             packet(status, control);
         } else if IS_OPEN.load(Ordering::Relaxed) {
             end_of_packet();
         } else {
-            // Of a packet that the HAL is taking out.
-            leave(true);
+            // It belongs to a packet that the HAL is reading.
+            defer(true);
         }
     }
 }
 
-/// What lies on top of the receive FIFO, when it belongs to the bulk endpoint.
+/// The top of the receive FIFO, when it belongs to the bulk endpoint.
 #[inline]
 fn next() -> Option<Grxsts> {
     if !is_received() {
@@ -105,7 +106,7 @@ fn is_received() -> bool {
     REGISTERS.gintsts().read().rxflvl()
 }
 
-/// Takes a packet out of the FIFO and works on it.
+/// Takes a packet out of the FIFO and handles it.
 #[inline]
 fn packet(status: Grxsts, control: &mut Control) {
     let _ = REGISTERS.grxstsp().read();
@@ -113,7 +114,7 @@ fn packet(status: Grxsts, control: &mut Control) {
     IS_OPEN.store(true, Ordering::Relaxed);
     // SAFETY: no message is held, as the endpoint takes no packet meanwhile.
     let words = unsafe { &mut *PACKET.words.get() };
-    take(words, length.div_ceil(4));
+    read_words(words, length.div_ceil(4));
     let bytes = bytemuck::bytes_of(words).get(..length).unwrap_or_default();
     let kind = Kind::of(bytes);
     if kind == Some(Kind::Message) {
@@ -121,8 +122,8 @@ fn packet(status: Grxsts, control: &mut Control) {
         IS_HELD.store(true, Ordering::Relaxed);
         return NVIC::pend(interrupt::UART4);
     }
-    // Before more packets the host is answered first, so that the bus never waits: a map's last packet takes at least 8.3 µs
-    // from then on, about as long as this one, whose rest is part of the bound.
+    // When more packets of the map follow, ask for the next one before the work on this one. The next one takes at least 8.3 µs
+    // to arrive, about as long as this work; what remains of it is part of the bound.
     let is_followed = match kind {
         Some(Kind::MapTaxels) => true,
         Some(Kind::MapHead) => words[3] & 0x1FF >= ANOTHER,
@@ -134,9 +135,9 @@ fn packet(status: Grxsts, control: &mut Control) {
     control.map_packet(bytes, &outbox::USB);
 }
 
-/// Takes words out of the FIFO, four at a time as long as there are four. Every address of its window is its next word.
+/// Reads words from the FIFO, four at a time. Every address of its window reads the next word.
 #[inline]
-fn take(words: &mut [u32; PACKET_MAX / 4], count: usize) {
+fn read_words(words: &mut [u32; PACKET_MAX / 4], count: usize) {
     let fifo = REGISTERS.fifo(0).as_ptr();
     let (blocks, rest) = words[..count.min(PACKET_MAX / 4)].as_chunks_mut::<4>();
     for block in blocks {
@@ -157,19 +158,20 @@ fn take(words: &mut [u32; PACKET_MAX / 4], count: usize) {
     }
 }
 
-/// Takes the end of a packet out of the FIFO and asks for the next packet.
+/// Takes the end of a packet out of the FIFO and lets the endpoint take the next one.
 #[inline]
 fn end_of_packet() {
     let _ = REGISTERS.grxstsp().read();
     IS_OPEN.store(false, Ordering::Relaxed);
     if !IS_HELD.load(Ordering::Relaxed) {
-        ask();
+        accept_next();
     }
 }
 
-/// Asks for the next packet: after the end of the one before, or the core may lose a word (libopencm3 issue 873).
+/// Lets the endpoint take the next packet. Only after the end of the one before, or the core may lose a word
+/// (<https://github.com/libopencm3/libopencm3/issues/873>).
 #[inline]
-fn ask() {
+fn accept_next() {
     REGISTERS.doeptsiz(ENDPOINT).modify(|size| {
         size.set_xfrsiz(PACKET_MAX as u32);
         size.set_pktcnt(1);
@@ -179,40 +181,40 @@ fn ask() {
         .modify(|control| control.set_cnak(true));
 }
 
-/// Leaves what happened to [`Rest`] and lets none but bulk packets interrupt until then; no packet either when
-/// something else lies on top of the FIFO.
+/// Leaves the event to [`HalDriver`]. Until then only bulk packets interrupt; not even these when something else lies on top of
+/// the FIFO.
 #[inline]
-fn leave(is_received: bool) {
+fn defer(is_received: bool) {
     let mask = REGISTERS.gintmsk().read();
     MASK.store(MASK.load(Ordering::Relaxed) | mask.0, Ordering::Relaxed);
-    REGISTERS.gintmsk().write_value(left(mask, is_received));
+    REGISTERS.gintmsk().write_value(deferred_mask(mask, is_received));
     NVIC::pend(interrupt::UART4);
 }
 
-/// What [`leave`] leaves of the mask.
+/// The mask while an event is deferred.
 #[inline]
-fn left(mask: Gintmsk, is_received: bool) -> Gintmsk {
-    let mut left = Gintmsk(0);
-    left.set_rxflvlm(mask.rxflvlm() && !is_received);
-    left
+fn deferred_mask(mask: Gintmsk, is_received: bool) -> Gintmsk {
+    let mut deferred = Gintmsk(0);
+    deferred.set_rxflvlm(mask.rxflvlm() && !is_received);
+    deferred
 }
 
-/// The HAL's driver, and the call for the task `control`.
+/// Runs the HAL's driver, and wakes the task `control` for a message.
 ///
-/// Deadline: a packet behind one for the control endpoint waits for it, and takes 11 µs on the bus to come (the least that
-/// a packet of a map takes). Budget: that. Miss: the map's packet is worked on so much later.
-pub(crate) struct Rest;
+/// Deadline: 11 µs, the least that a map's packet behind one of the control endpoint takes on the bus. Budget: that. Miss: the
+/// map's packet is handled so much later.
+pub(crate) struct HalDriver;
 
-impl Handler<typelevel::UART4> for Rest {
+impl Handler<typelevel::UART4> for HalDriver {
     #[inline]
     unsafe fn on_interrupt() {
         if MASK.load(Ordering::Relaxed) != 0 {
-            // SAFETY: in an interrupt that the HAL's critical sections hold off. Packets of maps are not its business:
-            // while it has something in its hands that came out of the FIFO, `MapPackets` leaves the FIFO alone.
+            // SAFETY: the HAL's critical sections block this interrupt. While it reads a packet from the FIFO, `MapPackets`
+            // leaves the FIFO alone.
             unsafe {
                 <InterruptHandler<peripherals::USB_OTG_FS> as Handler<typelevel::OTG_FS>>::on_interrupt();
             };
-            hold_off(let_in);
+            block_path(unmask);
         }
         if IS_HELD.load(Ordering::Relaxed) {
             MESSAGE.signal(());
@@ -220,46 +222,46 @@ impl Handler<typelevel::UART4> for Rest {
     }
 }
 
-/// Lets the USB core interrupt again as before [`leave`].
+/// Restores the interrupts of the USB core from before [`defer`].
 #[inline]
-fn let_in() {
+fn unmask() {
     let saved = MASK.load(Ordering::Relaxed);
     MASK.store(0, Ordering::Relaxed);
     let mask = REGISTERS.gintmsk().read();
-    // This is what the HAL lets in after a reset or a suspend, until its own task has seen it.
-    let mut few = Gintmsk(0);
-    few.set_iepint(true);
-    few.set_oepint(true);
-    few.set_rxflvlm(true);
-    if mask != few {
+    // The HAL sets this mask after a reset or a suspend, until its task has handled it.
+    let mut reset_mask = Gintmsk(0);
+    reset_mask.set_iepint(true);
+    reset_mask.set_oepint(true);
+    reset_mask.set_rxflvlm(true);
+    if mask != reset_mask {
         REGISTERS.gintmsk().write_value(Gintmsk(mask.0 | saved));
     }
-    // The HAL may have taken the end of a packet that lay behind something of its own.
+    // The HAL may have read the end of a packet that lay behind one of its own.
     if IS_OPEN.load(Ordering::Relaxed) && !is_received() {
         IS_OPEN.store(false, Ordering::Relaxed);
         if !IS_HELD.load(Ordering::Relaxed) {
-            ask();
+            accept_next();
         }
     }
 }
 
-/// The packet that [`MESSAGE`] announced; nothing when it announced the same one twice.
+/// The packet that [`MESSAGE`] announced; none when it was announced twice.
 pub(crate) fn message() -> Option<&'static [u8]> {
     if !IS_HELD.load(Ordering::Relaxed) {
         return None;
     }
-    // SAFETY: nothing writes it until `next_packet`, after which its only reader, the task `control`, is done with it.
+    // SAFETY: nothing writes it until `next_packet`; its only reader, the task `control`, is done with it by then.
     let words = unsafe { &*PACKET.words.get() };
     bytemuck::bytes_of(words).get(..PACKET.length.load(Ordering::Relaxed))
 }
 
-/// The message's packet is done with: the endpoint takes the next one.
+/// The message's packet has been read: lets the endpoint take the next one.
 pub(crate) fn next_packet() {
-    hold_off(|| {
+    block_path(|| {
         IS_HELD.store(false, Ordering::Relaxed);
-        // Otherwise its end, when it comes.
+        // Otherwise `end_of_packet` does it.
         if !IS_OPEN.load(Ordering::Relaxed) {
-            ask();
+            accept_next();
         }
     });
 }

@@ -55,7 +55,7 @@ pub struct Walk<'a> {
     pub left: BTreeSet<String>,
 }
 
-/// A stretch of code with the path held off.
+/// A stretch of code with the path blocked.
 #[derive(Debug, Clone)]
 pub struct Stretch {
     /// Where, and what it calls.
@@ -121,8 +121,8 @@ impl<'a> Walk<'a> {
         bound
     }
 
-    /// Every stretch of the image in which the path is held off: by its priority, or by the mask of all interrupts.
-    pub fn held_off(&mut self, priority: u32) -> Vec<Stretch> {
+    /// Every stretch of the image in which the path is blocked: by its priority, or by the mask of all interrupts.
+    pub fn blocking_stretches(&mut self, priority: u32) -> Vec<Stretch> {
         let functions: Vec<Function> = self.image.functions.values().cloned().collect();
         let mut stretches = Vec::new();
         for function in &functions {

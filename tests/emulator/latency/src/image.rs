@@ -3,6 +3,7 @@
 //! Limits: Thumb code with mapping symbols (`$t`, `$d`), as the linker leaves them; 32-bit little-endian ELF.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
 
 use capstone::arch::arm::{ArchExtraMode, ArchMode, ArmOperandType, ArmReg};
 use capstone::prelude::*;
@@ -450,4 +451,3 @@ fn instruction(found: &Insn, detail: &InsnDetail, name: &str, size: u32, in_bloc
 pub(crate) fn read(path: &Path) -> Result<Vec<u8>, Error> {
     std::fs::read(path).map_err(|error| Error::Image(format!("{}: {error}", path.display())))
 }
-

@@ -57,13 +57,13 @@ pub struct Bench<'a> {
     /// Priorities that the running code was raised to, and when, the outermost first.
     held: Vec<(u32, u64)>,
     priorities: BTreeMap<u32, u32>,
-    /// Where `act` lies, and whether it runs.
+    /// Where `write_line` lies, and whether it runs.
     act: (u32, u32),
     in_act: bool,
     alarm: Option<u64>,
-    /// Longest stretch with the path held off, cycles.
-    pub held_off_worst: u64,
-    /// Longest stretch with everything but the path held off, cycles.
+    /// Longest stretch with the path blocked, cycles.
+    pub blocking_worst: u64,
+    /// Longest stretch with everything but the path blocked, cycles.
     pub section_worst: u64,
     /// Cycles from the timer's interrupt to the tick: least and most.
     pub tick: (u64, u64),
@@ -105,7 +105,7 @@ impl<'a> Bench<'a> {
             });
         }
         let act = image
-            .functions_named("control::Control::act")
+            .functions_named("control::Control::write_line")
             .find(|one| !one.name.contains("Thunk"));
         let act = act.map_or((0, 0), |one| (one.start, one.end));
         let mut bench = Self {
@@ -131,7 +131,7 @@ impl<'a> Bench<'a> {
             act,
             in_act: false,
             alarm: None,
-            held_off_worst: 0,
+            blocking_worst: 0,
             section_worst: 0,
             tick: (u64::MAX, 0),
             worst: Way::default(),
@@ -152,7 +152,7 @@ impl<'a> Bench<'a> {
         bench.say(&Message::Hello(Hello::of_this_build(0, 1)));
         bench.say(&Message::Command(Command::Hold));
         bench.run(20_000_000)?;
-        (bench.held_off_worst, bench.section_worst, bench.tick) = (0, 0, (u64::MAX, 0));
+        (bench.blocking_worst, bench.section_worst, bench.tick) = (0, 0, (u64::MAX, 0));
         Ok(bench)
     }
 
@@ -195,7 +195,7 @@ impl<'a> Bench<'a> {
             let slowest = self.accesses.entry(address).or_insert(Memory::Coupled);
             *slowest = (*slowest).max(Memory::of(access));
         }
-        let is_held_off = self.held.iter().any(|(priority, _)| *priority <= PATH_PRIORITY);
+        let is_blocked = self.held.iter().any(|(priority, _)| *priority <= PATH_PRIORITY);
         let is_tail = self.is_tail;
         if let Some(function) = self.image.function_at(address) {
             if step.exception == Some(self.path) {
@@ -204,7 +204,7 @@ impl<'a> Bench<'a> {
             for one in self.loops.get_mut(&function.start).into_iter().flatten() {
                 let counts = match one.when {
                     When::Tail => is_tail,
-                    When::HeldOff => is_held_off,
+                    When::Blocked => is_blocked,
                 };
                 if address == one.of.header && counts {
                     one.rounds += 1;
@@ -224,7 +224,7 @@ impl<'a> Bench<'a> {
             self.open = from.filter(|_| !is_message);
             self.is_tail = self.image.functions[&address].name.contains(TAIL);
         }
-        // The line is written, or found to show what it must, in `act`.
+        // The line is written, or found to show what it must, in `write_line`.
         let is_act = (self.act.0..self.act.1).contains(&address);
         if self.in_act && !is_act {
             self.is_tail = false;
@@ -252,13 +252,13 @@ impl<'a> Bench<'a> {
             let first = self.held.iter().find(|(priority, _)| is_it(*priority));
             first.map_or(0, |(_, from)| self.below - from)
         };
-        let (held_off, section) = (since(&|priority| priority <= PATH_PRIORITY), since(&|_| true));
+        let (blocked, section) = (since(&|priority| priority <= PATH_PRIORITY), since(&|_| true));
         self.masked = if step.is_masked {
             self.masked + u64::from(step.cycles)
         } else {
             0
         };
-        self.held_off_worst = self.held_off_worst.max(held_off).max(self.masked);
+        self.blocking_worst = self.blocking_worst.max(blocked).max(self.masked);
         self.section_worst = self.section_worst.max(section);
     }
 
@@ -437,8 +437,8 @@ impl Counted<'_> {
 pub enum When {
     /// From a map's last packet to the line.
     Tail,
-    /// With the path held off.
-    HeldOff,
+    /// With the path blocked.
+    Blocked,
 }
 
 #[derive(Debug)]

@@ -8,11 +8,10 @@ use gripline_protocol::message::{Command, Configuration};
 
 use crate::bound::{Stretch, Walk};
 use crate::cycles::ENTRY;
-use crate::image::Image;
+use crate::image::{Image, read};
 use crate::measure::{Bench, DOUBTFUL, Way, When, map_of};
 use crate::source::Sources;
 use crate::tables::{KERNEL, LEFT_OUT, LOOPS, Left, RELEASED};
-use crate::image::read;
 use crate::{Error, twin};
 
 /// Cycles from a map's last packet to the line (DESIGN.md: 25 µs at 168 MHz).
@@ -40,7 +39,7 @@ pub struct Report {
     pub path_cycles: u64,
     /// Of a full packet's path; a map's last packet may land before it is done with.
     pub taxels_cycles: u64,
-    /// Of the longest stretch that holds the path off.
+    /// Of the longest stretch that blocks the path.
     pub blocking: Stretch,
     /// All such stretches, the longest first.
     pub stretches: Vec<Stretch>,
@@ -54,9 +53,9 @@ pub struct Report {
     pub quiet: Way,
     /// The worst way of all.
     pub worst: Way,
-    /// Longest stretch with the path held off, measured.
-    pub held_off_worst: u64,
-    /// Longest stretch with everything but the path held off, measured.
+    /// Longest stretch with the path blocked, measured.
+    pub blocking_worst: u64,
+    /// Longest stretch with everything but the path blocked, measured.
     pub section_worst: u64,
     /// Timer to tick, least and most.
     pub tick: (u64, u64),
@@ -92,23 +91,23 @@ impl Report {
         let bound = path.function(&start);
         let mut full = Walk::new(&image, &sources, Left::Taxels);
         let taxels_cycles = full.function(&start).cycles + u64::from(ENTRY);
-        let mut held_off = Walk::new(&image, &sources, Left::HeldOff);
-        let mut stretches = held_off.held_off(PATH_PRIORITY);
-        // What can hold off a path to a line that grips.
+        let mut blocked = Walk::new(&image, &sources, Left::Blocked);
+        let mut stretches = blocked.blocking_stretches(PATH_PRIORITY);
+        // What can block the path to a line that grips.
         let (released, gripping): (Vec<Stretch>, Vec<Stretch>) = stretches
             .drain(..)
             .partition(|stretch| RELEASED.iter().any(|(part, _)| stretch.name.contains(part)));
         let blocking = gripping.first().cloned().ok_or_else(|| Error::Unexpected {
-            expected: "a stretch that holds the path off".to_owned(),
+            expected: "a stretch that blocks the path".to_owned(),
             found: "none".to_owned(),
         })?;
 
-        let mut findings: Vec<String> = [&path, &full, &held_off]
+        let mut findings: Vec<String> = [&path, &full, &blocked]
             .iter()
             .flat_map(|walk| &walk.findings)
             .cloned()
             .collect();
-        let mut left: Vec<String> = path.left.iter().chain(&held_off.left).cloned().collect();
+        let mut left: Vec<String> = path.left.iter().chain(&blocked.left).cloned().collect();
         left.extend(released.iter().filter_map(|stretch| {
             let (_, why) = RELEASED.iter().find(|(part, _)| stretch.name.contains(part))?;
             Some(format!("{}: {} cycles, {why}", stretch.name, stretch.cycles))
@@ -118,7 +117,7 @@ impl Report {
 
         let mut bench = Bench::new(&image, &elf)?;
         bench.watch(path.loops.values(), When::Tail);
-        bench.watch(held_off.loops.values(), When::HeldOff);
+        bench.watch(blocked.loops.values(), When::Blocked);
         bench.map(&map_of(400, 1))?;
         drop(bench.counted());
         bench.map(&map_of(400, 2))?;
@@ -139,7 +138,7 @@ impl Report {
         }
         for (pattern, ..) in LOOPS.iter().filter(|(pattern, ..)| !pattern.contains(" @ ")) {
             let is_met = |walk: &Walk<'_>| walk.loops.values().any(|one| one.pattern == *pattern);
-            if !is_met(&path) && !is_met(&held_off) {
+            if !is_met(&path) && !is_met(&blocked) {
                 findings.push(format!("the tables bound a loop `{pattern}`, which no walk met"));
             }
         }
@@ -153,7 +152,7 @@ impl Report {
             findings,
             quiet,
             worst: bench.worst,
-            held_off_worst: bench.held_off_worst,
+            blocking_worst: bench.blocking_worst,
             section_worst: bench.section_worst,
             tick: bench.tick,
             dense,
@@ -253,7 +252,7 @@ impl Report {
              \"head_instructions\": {}, \"findings\": {:?}}}\n",
             self.bound_cycles(),
             self.worst.cycles,
-            self.held_off_worst,
+            self.blocking_worst,
             self.jitter(),
             self.per_taxel(),
             self.dense,
@@ -289,7 +288,7 @@ impl Report {
         line("  static bound", self.bound_cycles().to_string());
         line("    of which the path itself", self.path_cycles.to_string());
         line(
-            "    of which held off by",
+            "    of which blocked by",
             format!("{} {}", self.blocking.cycles, self.blocking.name),
         );
         line(
@@ -302,9 +301,9 @@ impl Report {
         for stretch in self.stretches.iter().skip(1).take(3) {
             line("      next", format!("{} {}", stretch.cycles, stretch.name));
         }
-        line("path held off, measured, cycles", self.held_off_worst.to_string());
+        line("blocking time, measured, cycles", self.blocking_worst.to_string());
         line(
-            "all but the path held off, measured, cycles",
+            "all but the path blocked, measured, cycles",
             self.section_worst.to_string(),
         );
         line(
@@ -337,7 +336,6 @@ impl Report {
         text
     }
 }
-
 
 /// Every branch of a map's end: doubtful, saturated, replayed, from the future, of a finger that is not expected, of two
 /// fingers, with a hole before it, damaged; stick, incipient slip, slip, no contact; held, released.

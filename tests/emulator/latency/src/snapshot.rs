@@ -6,9 +6,8 @@ use std::path::Path;
 use gripline_protocol::ForceMap;
 
 use crate::Error;
-use crate::image::Image;
+use crate::image::{Image, read};
 use crate::measure::{Bench, map_of};
-use crate::report::read;
 use crate::tables::KERNEL;
 
 /// What takes a map in, packet by packet: places, CRC, sums. The interrupt around it also serves what else the bus brings, and
@@ -18,8 +17,8 @@ const INTAKE: &[&str] = &[
     "Program<K>::taxels",
     "ActiveSet::places",
     "RunningCrc::update",
-    "kernel::add_pairs",
-    "kernel::Dsp",
+    "dsp::add_pairs",
+    "dsp::Dsp",
 ];
 
 /// Instructions of one map.

@@ -14,7 +14,7 @@ const TAIL: u32 = (PACKET_HEADER + (TAXELS_PER_PACKET - 1) * TAXEL_BYTES) as u32
 const TIPS: u32 = SENSORS as u32;
 /// Straight pieces of the calibration.
 const PIECES: u32 = LINE_POINTS as u32 - 1;
-/// Words of a message, the largest thing that is copied with the path held off; four of them a round.
+/// Words of a message, the largest thing that is copied with the path blocked; four of them a round.
 const COPIED: u32 = size_of::<Message>() as u32 / 4 / 4 + 1;
 
 /// (text of a line of the loop's source, or, for functions without one, part of the name and of an instruction; how often
@@ -41,7 +41,7 @@ pub const LOOPS: &[(&str, u32, u32, &str)] = &[
         "CRC, what words leave; taxels are of six bytes",
     ),
     (
-        "kernel::add_pairs @ ldm",
+        "dsp::add_pairs @ ldm",
         TAXELS_PER_PACKET as u32 / 2,
         (TAXELS_PER_PACKET as u32 - 1) / 2,
         "pairs of taxels in a packet",
@@ -95,8 +95,8 @@ pub enum Left {
     Tail,
     /// For that of a full packet.
     Taxels,
-    /// For what holds the path off.
-    HeldOff,
+    /// for what blocks the path.
+    Blocked,
 }
 
 /// (part of a function's name, for which paths, why they never come to it).
@@ -114,7 +114,7 @@ pub const LEFT_OUT: &[(&str, Left, &str)] = &[
     ("Program<K>::head", Left::Taxels, "a full packet is no first one"),
     ("Program<K>::tail", Left::Taxels, "a full packet is no last one"),
     (
-        "kernel::portable",
+        "dsp::portable",
         Left::Taxels,
         "packets of the USB path lie at addresses that words may have",
     ),
@@ -124,7 +124,7 @@ pub const LEFT_OUT: &[(&str, Left, &str)] = &[
         "packets of the USB path lie at addresses that words may have",
     ),
     (
-        "kernel::portable",
+        "dsp::portable",
         Left::Tail,
         "packets of the USB path lie at addresses that words may have",
     ),
@@ -135,17 +135,17 @@ pub const LEFT_OUT: &[(&str, Left, &str)] = &[
     ),
 ];
 
-/// (part of a stretch's name, why it holds no line off that grips).
+/// (part of a stretch's name, why it blocks no line that grips).
 pub const RELEASED: &[(&str, &str)] = &[(
     "Control::settings_to_store",
     "settings go to flash only when released, with the line at zero",
 )];
 
-/// (part of a function's name, why what it holds off does not count).
+/// (part of a function's name, why its blocking does not count).
 pub const SKIPPED: &[(&str, &str)] = &[
     ("gripline_panic", "a panic ends in a reset"),
     ("cortex_m_rt_main", "before the start"),
 ];
 
 /// The functions that do a map's sums.
-pub const KERNEL: &[&str] = &["kernel::add_pairs", "kernel::Dsp"];
+pub const KERNEL: &[&str] = &["dsp::add_pairs", "kernel::Dsp"];

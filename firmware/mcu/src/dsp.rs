@@ -1,8 +1,8 @@
-//! The work per taxel in the Cortex-M4's own instructions: two half-words a multiplication, two taxels a round.
+//! The sums over taxels in the Cortex-M4's DSP instructions: two half-words a multiplication, two taxels a round.
 //!
-//! Twin of [`gripline_firmware::sums::Portable`], and equal to it: the tests on the emulated board compare every sum.
-//! The compiler does not find SMLSDX here, spills its sums, and takes 68 instructions for what takes 20 and the spread's 2½.
-//! Limits: packets that lie at an address that words may not have go the portable way.
+//! Computes exactly what [`gripline_firmware::sums::Portable`] computes: the tests on the emulated board compare every sum.
+//! Why assembly: the compiler does not use SMLSDX here and spills the sums; it takes 68 instructions a taxel instead of 23½.
+//! Limits: a packet that is not aligned to words takes the portable way.
 
 use core::arch::naked_asm;
 
@@ -11,7 +11,7 @@ use gripline_firmware::sums::{Accumulator, Kernel, Portable};
 use gripline_protocol::Place;
 use gripline_protocol::constants::TAXEL_BYTES;
 
-/// This chip's kernel.
+/// The kernel of this chip.
 pub(crate) struct Dsp;
 
 impl Kernel for Dsp {
@@ -23,30 +23,30 @@ impl Kernel for Dsp {
         }
         let pairs = count / 2;
         if pairs > 0 {
-            // SAFETY: both slices have two items for every pair, the bytes lie as words must, and places are words.
+            // SAFETY: both slices have two items for every pair, and the bytes are aligned to words.
             unsafe { add_pairs(sums, places.as_ptr(), bytes.as_ptr(), pairs) };
         }
         if let (Some(&place), Some(&bytes)) = (places.get(2 * pairs), bytes.get(2 * pairs)) {
-            // One without force adds nothing: it is no contact, and counts as such.
+            // A second taxel without force: it adds nothing and is not in contact.
             let last = Pair([bytes, [0; TAXEL_BYTES]]);
-            // SAFETY: two items each, the bytes lie as words must.
+            // SAFETY: two items each, and `Pair` is aligned to words.
             unsafe { add_pairs(sums, [place; 2].as_ptr(), last.0.as_ptr(), 1) };
         }
     }
 }
 
-/// Two taxels where words may lie.
+/// Two taxels, aligned to words.
 #[repr(align(4))]
 struct Pair([[u8; TAXEL_BYTES]; 2]);
 
-/// For packets from the UART, which may lie anywhere.
+/// For packets from the UART, which may not be aligned.
 #[cold]
 #[inline(never)]
 fn portable(sums: &mut Accumulator, places: &[Place], bytes: &[[u8; TAXEL_BYTES]]) {
     Portable::add(sums, places, bytes);
 }
 
-/// Adds two taxels a round. The sums go by the order of [`Accumulator`]'s fields, which is fixed.
+/// Adds two taxels a round. It relies on the order of [`Accumulator`]'s fields, which is `repr(C)`.
 ///
 /// # Safety
 /// `places` and `taxels` have 2 × `pairs` items, `pairs` is at least 1, and `taxels` is aligned to four bytes.

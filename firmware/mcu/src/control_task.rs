@@ -1,0 +1,146 @@
+//! The task `control`: the safety tick, messages, packets that did not come by the USB interrupt, settings to flash.
+//!
+//! Units: microseconds.
+
+use embassy_futures::select::{Either4, select4};
+use embassy_stm32::usart::BufferedUartRx;
+use embassy_time::{Duration, Instant, Timer};
+use embassy_usb::driver::{Endpoint, EndpointError, EndpointOut};
+use embedded_io_async::Read;
+use gripline_firmware::program::{MessageReader, MessageWriter};
+use gripline_firmware::{FaultSet, storage};
+use gripline_protocol::PACKET_MAX;
+use gripline_protocol::cobs::{CobsDecoder, Frame};
+use gripline_protocol::message::{Configuration, LineSettings, Message, Report};
+use gripline_protocol::packet::Kind;
+
+use crate::control::{self, Control, from_task};
+use crate::flash::SettingsSectors;
+use crate::outbox::{self, Outbox};
+use crate::usb::HostToMcu;
+use crate::{fault_log, usb_interrupt, watchdog};
+
+/// Time between two safety ticks.
+const TICK: Duration = Duration::from_millis(1);
+
+/// A packet where its words are aligned, as the fast ways of CRC and sums want them.
+#[repr(align(4))]
+struct Aligned([u8; PACKET_MAX]);
+
+/// Fills the outbox. Takes the program for one message at a time.
+fn fill(outbox: &'static Outbox, writer: &mut MessageWriter) {
+    while !outbox.is_full() {
+        let packet = writer.next_packet(|| {
+            let mut message = None;
+            from_task(|control| control.message(&mut message));
+            if let Some(Message::Report(Report::Refused(refusal))) = &message {
+                defmt::warn!("command refused: {}", refusal);
+            }
+            message
+        });
+        let Some(packet) = packet else { return };
+        // There was room, and only this task fills the outbox.
+        let _ = outbox.try_send(packet);
+    }
+}
+
+/// Takes a packet that did not come by the USB interrupt. Messages are assembled and read with the path free.
+fn received(messages: &mut MessageReader, packet: &[u8], reply_to: &'static Outbox) {
+    if Kind::of(packet) != Some(Kind::Message) {
+        return control::map_packet_from_task(packet, reply_to);
+    }
+    let event = messages.read(packet);
+    from_task(|control| control.message_packet(&event, reply_to));
+}
+
+/// Writes the settings to flash. The processor stalls for up to a second: the gripper holds nothing then, and commands wait.
+fn store(flash: &mut SettingsSectors, settings: &Configuration) {
+    watchdog::extend_period();
+    let written = storage::store(flash, settings);
+    watchdog::restore_period();
+    defmt::info!("settings stored: {}", written);
+    from_task(|control| control.stored(written.ok()));
+}
+
+/// Runs the safety tick every millisecond and takes packets that did not come by the USB interrupt.
+///
+/// Deadline: the tick within its millisecond. Budget: half of it. Miss: without ticks the watchdog resets the chip, and the
+/// line is restored. The loop checks for the tick after every packet, so a flood of packets cannot delay it.
+#[embassy_executor::task]
+pub(crate) async fn control(
+    line: LineSettings,
+    mut flash: SettingsSectors,
+    mut uart: BufferedUartRx<'static>,
+    mut usb: HostToMcu,
+) {
+    let mut writer = MessageWriter::default();
+    let mut logged = FaultSet::EMPTY;
+    let mut messages = MessageReader::new(line);
+    let mut frames = CobsDecoder::new();
+    let mut tick_at = Instant::now() + TICK;
+    let mut from_uart = [0; PACKET_MAX];
+    let mut from_usb = Aligned([0; PACKET_MAX]);
+    loop {
+        if Instant::now() >= tick_at {
+            tick_at += TICK;
+            // In two halves, so that a packet waits for one of them only.
+            from_task(Control::age);
+            let mut faults = logged;
+            if let Some(outbox) = from_task(|control| control.tick(&mut faults)).flatten() {
+                fill(outbox, &mut writer);
+            }
+            if faults != logged {
+                logged = faults;
+                fault_log::CHANGED.signal(faults);
+            }
+            let mut settings = None;
+            from_task(|control| control.settings_to_store(&mut settings));
+            if let Some(settings) = settings {
+                store(&mut flash, &settings);
+            }
+        }
+        // Dropping one of these futures loses nothing: each takes bytes only when it completes.
+        match select4(
+            next_transfer(&mut usb, &mut from_usb.0),
+            Timer::at(tick_at),
+            uart.read(&mut from_uart),
+            usb_interrupt::MESSAGE.wait(),
+        )
+        .await
+        {
+            Either4::First(Ok(length)) => {
+                let packet = from_usb.0.get(..length).unwrap_or_default();
+                received(&mut messages, packet, &outbox::USB);
+            }
+            Either4::Fourth(()) => {
+                if let Some(packet) = usb_interrupt::message() {
+                    received(&mut messages, packet, &outbox::USB);
+                    usb_interrupt::next_packet();
+                }
+            }
+            Either4::Third(Ok(length)) => {
+                for &byte in &from_uart[..length] {
+                    match frames.push(byte) {
+                        Some(Frame::Packet(packet)) => {
+                            received(&mut messages, packet, &outbox::UART);
+                        }
+                        Some(Frame::Malformed) => {
+                            messages.drop_message();
+                            from_task(Control::malformed_frame);
+                        }
+                        None => {}
+                    }
+                }
+            }
+            // The tick runs above. A pulled cable or noise on the UART: the program itself notices that maps stop or do not
+            // decode.
+            Either4::First(Err(_)) | Either4::Second(()) | Either4::Third(Err(_)) => {}
+        }
+    }
+}
+
+/// The next transfer from the host; waits while no host has configured the device.
+async fn next_transfer(usb: &mut HostToMcu, packet: &mut [u8; PACKET_MAX]) -> Result<usize, EndpointError> {
+    usb.wait_enabled().await;
+    usb.read(packet).await
+}
