@@ -158,7 +158,7 @@ mod tests {
             contact: 20,
             stick: 20,
             force: [x, y, z],
-            moment: moment,
+            moment,
             ..MapSums::default()
         }
     }
