@@ -1,7 +1,7 @@
 //! Everything that can be set on the microcontroller, and the range of each setting.
 //!
 //! Units: forces 1/4096 N, ratios and friction 1/10000, times and lengths as named. It travels in
-//! [`crate::message::Command::Configure`] and lies in the microcontroller's flash.
+//! the command `Configure` and lies in the microcontroller's flash.
 
 mod ranges;
 mod settings;
