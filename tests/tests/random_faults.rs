@@ -8,11 +8,12 @@ use std::collections::VecDeque;
 
 use gripline_firmware::line::DAC_LIVE_ZERO;
 use gripline_firmware::sums::{TaxelRule, sums_of, total_shear};
-use gripline_firmware::{Device, Fault, GripForce, ResetCause, Start};
+use gripline_firmware::{Fault, GripForce, ResetCause, Start};
 use gripline_link::emulator::{Cable, FaultInjection};
 use gripline_link::{EmulatorLink, Link, Transport};
 use gripline_protocol::message::{Command, Configuration, Hello, Message, MessagePackets, Report};
 use gripline_protocol::{Event, ForceMap, Health, MapInfo, PER_UNIT, Parser, TaxelForce, encode_map};
+use gripline_test_board::TestBoard;
 use rand::RngExt as _;
 use rand_pcg::Pcg64Mcg;
 
@@ -63,8 +64,7 @@ trait World {
 
 /// The firmware library on a simulated clock.
 struct LibraryWorld {
-    device: Device,
-    now_us: u64,
+    board: TestBoard,
     plugged: bool,
     reset_at_us: Option<u64>,
     resets: usize,
@@ -75,8 +75,7 @@ struct LibraryWorld {
 impl LibraryWorld {
     fn new() -> Self {
         Self {
-            device: Device::new(Start::default()),
-            now_us: 0,
+            board: TestBoard::new(Start::default()),
             plugged: true,
             reset_at_us: None,
             resets: 0,
@@ -84,17 +83,37 @@ impl LibraryWorld {
             shown: Vec::new(),
         }
     }
+
+    fn tick(&mut self, shown: &mut dyn FnMut(u64, i32)) {
+        let from_us = self.board.now_us();
+        for line in self.shown.drain(..) {
+            shown(from_us, line);
+        }
+        if self.reset_at_us.is_some_and(|at_us| from_us + STEP_US >= at_us) {
+            self.board.reset(ResetCause::Watchdog, 0);
+            self.reset_at_us = None;
+            self.resets += 1;
+        }
+        let told = &mut self.told;
+        self.board.pass_to(from_us + STEP_US, |program, _| {
+            shown(from_us, program.line().lsb());
+            let status = program.status();
+            *told |= status.faults | status.latched;
+        });
+        self.board.replies.clear();
+    }
 }
 
 impl World for LibraryWorld {
     fn now_us(&self) -> u64 {
-        self.now_us
+        self.board.now_us()
     }
 
     fn send(&mut self, packet: &[u8]) {
-        if self.plugged && self.reset_at_us.is_none() {
-            self.shown
-                .push(self.device.packet(packet, self.now_us).line.lsb());
+        if self.plugged
+            && let Some(action) = self.board.packet(packet)
+        {
+            self.shown.push(action.line.lsb());
         }
     }
 
@@ -109,11 +128,12 @@ impl World for LibraryWorld {
     }
 
     fn is_ready(&self) -> bool {
-        self.plugged && self.reset_at_us.is_none()
+        self.plugged && self.board.is_up()
     }
 
     fn hang(&mut self) {
-        self.reset_at_us = Some(self.now_us + 100_000);
+        self.reset_at_us = Some(self.board.now_us() + 100_000);
+        self.board.stop_until(u64::MAX);
     }
 
     fn resets(&self) -> usize {
@@ -130,34 +150,6 @@ impl World for LibraryWorld {
 
     fn slack_us(&self) -> u64 {
         2_000
-    }
-}
-
-impl LibraryWorld {
-    fn tick(&mut self, shown: &mut dyn FnMut(u64, i32)) {
-        let from_us = self.now_us;
-        for line in self.shown.drain(..) {
-            shown(from_us, line);
-        }
-        self.now_us += STEP_US;
-        match self.reset_at_us {
-            Some(at_us) if self.now_us >= at_us => {
-                self.device = Device::new(Start {
-                    now_us: self.now_us,
-                    reset: ResetCause::Watchdog,
-                    restored_line: Some(self.device.program.line()),
-                    ..Start::default()
-                });
-                self.reset_at_us = None;
-                self.resets += 1;
-            }
-            Some(_) => return,
-            None => {}
-        }
-        shown(from_us, self.device.tick(self.now_us).line.lsb());
-        let status = self.device.program.status();
-        self.told |= status.faults | status.latched;
-        while self.device.next_packet().is_some() {}
     }
 }
 

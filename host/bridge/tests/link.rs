@@ -80,7 +80,7 @@ impl Host {
     }
 
     fn line(&self) -> i32 {
-        self.world.device.borrow().program.line().lsb()
+        self.world.board.borrow().program().line().lsb()
     }
 }
 
@@ -95,13 +95,13 @@ fn a_device_that_comes_back_is_met_within_a_second_and_every_map_between_is_coun
         assert_eq!(host.lost, away_frames, "each of them and nothing else");
         assert!(host.line() >= line, "nothing lets go because a cable is out");
 
-        let back_us = host.world.now_us.get();
+        let back_us = host.world.now_us();
         host.world.attached.replace(attached);
         let answered = host.session.shadow().checked();
         while host.session.shadow().checked() == answered {
             host.maps(1);
         }
-        let met_us = host.world.now_us.get() - back_us;
+        let met_us = host.world.now_us() - back_us;
         assert!(met_us < 1_000_000, "{met_us} µs after {away_frames} frames");
         // Greeted first, and nothing was kept for later: the map that is answered is the present one.
         assert_eq!(host.session.status().unwrap().sequence, host.sequence);
@@ -110,7 +110,7 @@ fn a_device_that_comes_back_is_met_within_a_second_and_every_map_between_is_coun
         assert_eq!(host.session.restarts(), 0, "it kept its power");
         assert_eq!(host.session.shadow().mismatches(), 0);
         assert!(presence.packets_lost >= u64::from(host.lost));
-        let latched = host.world.device.borrow().program.status().latched & Fault::LinkLost.bit() != 0;
+        let latched = host.world.board.borrow().program().status().latched & Fault::LinkLost.bit() != 0;
         assert_eq!(latched, away_frames >= 60, "half a second is a lost link");
     }
 }
@@ -235,7 +235,7 @@ fn a_device_that_is_just_being_plugged_in_is_waited_for_at_the_start() {
     let world = World::with(vec![device("A1", "1-2")]);
     world.ready_us.set(1_234_567);
     assert!(plug(&world, None).is_ok());
-    let waited_us = world.now_us.get() - world.ready_us.get();
+    let waited_us = world.now_us() - world.ready_us.get();
     assert!(waited_us <= 100_000, "{waited_us} µs too long");
 
     let world = World::with(vec![device("A1", "1-2")]);
@@ -249,7 +249,7 @@ fn a_device_that_is_just_being_plugged_in_is_waited_for_at_the_start() {
             "another port",
         ],
     );
-    let waited_us = world.now_us.get();
+    let waited_us = world.now_us();
     assert!((2_000_000..2_200_000).contains(&waited_us), "{waited_us} µs");
 }
 

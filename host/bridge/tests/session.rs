@@ -2,14 +2,14 @@
 //! gives it its settings and repeats no command. The firmware library on a clock of its own; times in µs.
 
 use std::cell::RefCell;
-use std::collections::VecDeque;
 use std::rc::Rc;
 
-use gripline_firmware::{Device, Fault, ResetCause, Start};
+use gripline_firmware::{Fault, ResetCause, Start};
 use gripline_link::session::{Session, SessionError};
 use gripline_link::{Link, LinkError};
 use gripline_protocol::message::{Command, Configuration, GripMode, Hello, Message, MessagePackets, Refusal};
 use gripline_protocol::{Event, ForceMap, MapInfo, Parser, TaxelForce};
+use gripline_test_board::TestBoard;
 
 const SETTINGS: Configuration = Configuration {
     friction: 4_321,
@@ -17,18 +17,10 @@ const SETTINGS: Configuration = Configuration {
     ..Configuration::CAREFUL
 };
 
-/// A microcontroller that the test has a hand on.
+/// The board, and what it was told.
 struct Bench {
-    device: Device,
-    now_us: u64,
-    /// Not before this does it run again.
-    down_until_us: u64,
-    starts: u32,
-    started_us: u64,
-    replies: VecDeque<Vec<u8>>,
-    /// A host spoke since the start: before that the firmware does not know whom to tell anything.
-    is_spoken_to: bool,
-    /// Every command that the host sent, and whether it was a handshake.
+    board: TestBoard,
+    /// Every message of the host.
     heard: Vec<Message>,
     ear: Parser,
 }
@@ -36,43 +28,12 @@ struct Bench {
 impl Bench {
     fn new() -> Self {
         Self {
-            device: Device::new(Start {
+            board: TestBoard::new(Start {
                 session: 1,
                 ..Start::default()
             }),
-            now_us: 0,
-            down_until_us: 0,
-            starts: 1,
-            started_us: 0,
-            replies: VecDeque::new(),
-            is_spoken_to: false,
             heard: Vec::new(),
             ear: Parser::new(),
-        }
-    }
-
-    /// As a watchdog does it: everything is forgotten but the line.
-    fn restart(&mut self, reset: ResetCause, down_us: u64) {
-        self.starts += 1;
-        self.down_until_us = self.now_us + down_us;
-        self.started_us = self.down_until_us;
-        let line = self.device.program.line();
-        self.device = Device::new(Start {
-            reset,
-            restored_line: (reset != ResetCause::PowerOn).then_some(line),
-            session: self.starts,
-            ..Start::default()
-        });
-        self.replies.clear();
-        self.is_spoken_to = false;
-    }
-
-    fn collect(&mut self) {
-        if !self.is_spoken_to {
-            return;
-        }
-        while let Some(packet) = self.device.next_packet() {
-            self.replies.push_back(packet.to_vec());
         }
     }
 }
@@ -87,33 +48,21 @@ impl Link for BenchLink {
         {
             bench.heard.push(message);
         }
-        if bench.now_us >= bench.down_until_us {
-            let time_us = bench.now_us - bench.started_us;
-            bench.is_spoken_to = true;
-            let _ = bench.device.packet(packet, time_us);
-            bench.collect();
-        }
+        let _ = bench.board.packet(packet);
         Ok(())
     }
 
     fn run_until(&mut self, until_us: u64, received: &mut dyn FnMut(&[u8])) -> Result<(), LinkError> {
         let mut bench = self.0.borrow_mut();
-        while bench.now_us + 1_000 <= until_us {
-            bench.now_us += 1_000;
-            if bench.now_us > bench.down_until_us {
-                let time_us = bench.now_us - bench.started_us;
-                let _ = bench.device.tick(time_us);
-                bench.collect();
-            }
-        }
-        while let Some(packet) = bench.replies.pop_front() {
+        bench.board.pass_to(until_us, |_, _| {});
+        while let Some(packet) = bench.board.replies.pop_front() {
             received(&packet);
         }
         Ok(())
     }
 
     fn now_us(&self) -> u64 {
-        self.0.borrow().now_us
+        self.0.borrow().board.now_us()
     }
 
     fn name(&self) -> String {
@@ -146,7 +95,7 @@ impl Host {
     }
 
     fn line(&self) -> i32 {
-        self.bench.borrow().device.program.line().lsb()
+        self.bench.borrow().board.program().line().lsb()
     }
 
     /// 60 maps a second.
@@ -189,10 +138,10 @@ fn a_watchdog_reset_under_way_is_noticed_and_met_with_a_handshake_and_the_settin
     let mut host = Host::holding();
     let line = host.line();
     let checked = host.session.shadow().checked();
-    host.bench.borrow_mut().restart(ResetCause::Watchdog, 100_000);
+    host.bench.borrow_mut().board.reset(ResetCause::Watchdog, 100_000);
     host.maps(30);
     assert_eq!((host.session.restarts(), host.session.is_sound()), (1, true));
-    assert_eq!(*host.bench.borrow().device.program.settings(), SETTINGS);
+    assert_eq!(*host.bench.borrow().board.program().settings(), SETTINGS);
     // Nothing that moves the grip was said again: it holds by itself, and a person must look.
     for message in host.heard() {
         assert!(
@@ -237,11 +186,11 @@ fn every_restart_counts_whatever_its_cause_and_however_soon_it_comes() {
     .into_iter()
     .enumerate()
     {
-        host.bench.borrow_mut().restart(cause, down_us);
+        host.bench.borrow_mut().board.reset(cause, down_us);
         host.maps(160);
         assert_eq!(host.session.restarts(), number as u32 + 1, "{cause:?}");
         assert!(host.session.is_sound());
-        assert_eq!(*host.bench.borrow().device.program.settings(), SETTINGS);
+        assert_eq!(*host.bench.borrow().board.program().settings(), SETTINGS);
     }
     assert_eq!(host.session.shadow().mismatches(), 0);
 }
@@ -250,7 +199,7 @@ fn every_restart_counts_whatever_its_cause_and_however_soon_it_comes() {
 #[test]
 fn a_restart_is_noticed_by_a_host_that_only_listens() {
     let mut host = Host::holding();
-    host.bench.borrow_mut().restart(ResetCause::PowerOn, 900_000);
+    host.bench.borrow_mut().board.reset(ResetCause::PowerOn, 900_000);
     for _ in 0..2_000 {
         host.session.run_until(host.session.now_us() + 1_000).unwrap();
     }
@@ -260,8 +209,8 @@ fn a_restart_is_noticed_by_a_host_that_only_listens() {
 #[test]
 fn a_silence_without_a_restart_is_met_with_a_greeting_and_counts_as_none() {
     let mut host = Host::holding();
-    let now_us = host.bench.borrow().now_us;
-    host.bench.borrow_mut().down_until_us = now_us + 1_000_000;
+    let now_us = host.session.now_us();
+    host.bench.borrow_mut().board.stop_until(now_us + 1_000_000);
     host.maps(90);
     assert_eq!((host.session.restarts(), host.session.is_sound()), (0, true));
     let hellos = host.hellos();
@@ -285,14 +234,14 @@ fn a_session_without_restarts_says_hello_once() {
 #[test]
 fn settings_that_are_refused_after_a_restart_are_not_insisted_on() {
     let mut host = Host::holding();
-    host.bench.borrow_mut().restart(ResetCause::Watchdog, 10_000);
+    host.bench.borrow_mut().board.reset(ResetCause::Watchdog, 10_000);
     let mut stored = Configuration::DEFAULT;
     stored.ceiling = 20 * 4_096;
     for (quarter, point) in (0..).zip(&mut stored.line.points) {
         point.force = 5 * quarter * 4_096;
     }
-    let line = host.bench.borrow().device.program.line();
-    host.bench.borrow_mut().device = Device::new(Start {
+    let line = host.bench.borrow().board.program().line();
+    let start = Start {
         reset: ResetCause::Watchdog,
         restored_line: Some(line),
         stored: gripline_firmware::storage::Stored {
@@ -302,7 +251,8 @@ fn settings_that_are_refused_after_a_restart_are_not_insisted_on() {
         },
         session: 77,
         ..Start::default()
-    });
+    };
+    host.bench.borrow_mut().board.start_anew(start, 10_000);
     host.maps(60);
     assert_eq!((host.session.restarts(), host.session.is_sound()), (1, true));
     assert_eq!(*host.session.settings(), stored);
@@ -316,7 +266,10 @@ fn settings_that_are_refused_after_a_restart_are_not_insisted_on() {
 #[test]
 fn one_who_comes_back_with_another_schema_ends_the_session_by_name() {
     let mut host = Host::holding();
-    host.bench.borrow_mut().restart(ResetCause::PowerOn, 3_000_000);
+    host.bench
+        .borrow_mut()
+        .board
+        .reset(ResetCause::PowerOn, 3_000_000);
     let stranger = Hello {
         schema_version: 99,
         ..Hello::of_this_build(1, 4)
@@ -326,7 +279,7 @@ fn one_who_comes_back_with_another_schema_ends_the_session_by_name() {
         .next()
         .unwrap();
     host.session.run_until(host.session.now_us() + 600_000).unwrap();
-    host.bench.borrow_mut().replies.push_back(packet.to_vec());
+    host.bench.borrow_mut().board.replies.push_back(packet);
     let error = host.session.run_until(host.session.now_us() + 1_000).unwrap_err();
     assert!(matches!(error, SessionError::Schema { .. }), "{error}");
     assert!(error.to_string().contains("schema 99"), "{error}");

@@ -178,7 +178,7 @@ fn ten_thousand_frames_with_faults_at_random_go_on_and_count_every_loss() {
     let (mut dice, mut done, mut jpeg) = (Dice(7), Done::default(), JpegCrop::default());
     let (mut attached, mut away_until, mut stuck_until, mut last) = (Vec::new(), 0, 0, 0);
     let (mut shown, mut untold, mut unsound) = (0_u64, 0, 0);
-    let start_us = world.now_us.get();
+    let start_us = world.now_us();
     for number in 0..FRAMES + CALM {
         let may_break = number < FRAMES;
         if number == away_until && !attached.is_empty() {
@@ -198,7 +198,7 @@ fn ten_thousand_frames_with_faults_at_random_go_on_and_count_every_loss() {
             // The host stands still, or its clock goes ahead.
             let jump_us = 120_000 + dice.below(2_000_000);
             if dice.happens(500) {
-                world.pass_to(world.now_us.get() + jump_us);
+                world.pass_to(world.now_us() + jump_us);
                 world
                     .host_ahead_us
                     .set(world.host_ahead_us.get() - jump_us as i64);

@@ -3,7 +3,6 @@
 #![allow(dead_code, reason = "every test takes its share")]
 
 use std::cell::{Cell, RefCell};
-use std::collections::VecDeque;
 use std::rc::Rc;
 use std::time::Duration;
 
@@ -13,27 +12,21 @@ use gripline_link::hot_plug::{Clock, Device, DeviceError};
 use gripline_link::usb::{Attached, Bus};
 use gripline_protocol::message::{Command, Hello, Message, MessagePackets};
 use gripline_protocol::{Event, Parser};
+use gripline_test_board::TestBoard;
 
 /// Is shown the microcontroller, the time, and when it was last told to hold.
 type Watcher = Box<dyn FnMut(&Program, u64, u64)>;
 
 /// The world: what is attached, and the one microcontroller in it.
 pub(crate) struct World {
-    pub(crate) now_us: Cell<u64>,
     pub(crate) attached: RefCell<Vec<Attached>>,
-    pub(crate) device: RefCell<gripline_firmware::Device>,
-    /// Since when the microcontroller runs, and until when it is down after a reset.
-    started_us: Cell<u64>,
-    pub(crate) down_until_us: Cell<u64>,
-    starts: Cell<u32>,
+    pub(crate) board: RefCell<TestBoard>,
     /// What the host's clock shows more than the world's.
     pub(crate) host_ahead_us: Cell<i64>,
-    next_tick_us: Cell<u64>,
     /// Looks at the microcontroller after everything that happens to it.
     pub(crate) watch: RefCell<Option<Watcher>>,
     /// When it was last told to hold: that counts as fresh for a moment.
     told_us: Cell<u64>,
-    replies: RefCell<VecDeque<Vec<u8>>>,
     /// Nothing is taken though the device is there.
     pub(crate) is_stuck: Cell<bool>,
     /// What it says of itself in the handshake, instead of the truth.
@@ -53,20 +46,14 @@ pub(crate) fn device(serial: &str, place: &str) -> Attached {
 impl World {
     pub(crate) fn with(attached: Vec<Attached>) -> Rc<Self> {
         Rc::new(Self {
-            now_us: Cell::new(0),
             attached: RefCell::new(attached),
-            device: RefCell::new(gripline_firmware::Device::new(Start {
+            board: RefCell::new(TestBoard::new(Start {
                 session: 7,
                 ..Start::default()
             })),
-            started_us: Cell::new(0),
-            down_until_us: Cell::new(0),
-            starts: Cell::new(7),
             host_ahead_us: Cell::new(0),
-            next_tick_us: Cell::new(1_000),
             watch: RefCell::new(None),
             told_us: Cell::new(0),
-            replies: RefCell::default(),
             is_stuck: Cell::new(false),
             stranger: Cell::new(None),
             opened: Cell::new(0),
@@ -74,46 +61,23 @@ impl World {
         })
     }
 
-    /// The microcontroller lives on whether its cable is in or not.
-    pub(crate) fn pass_to(&self, until_us: u64) {
-        while self.next_tick_us.get() <= until_us {
-            let now_us = self.next_tick_us.get();
-            if now_us >= self.down_until_us.get() {
-                let _ = self.device.borrow_mut().tick(now_us - self.started_us.get());
-                self.look(now_us);
-            }
-            self.next_tick_us.set(now_us + 1_000);
-            self.collect();
-        }
-        self.now_us.set(until_us.max(self.now_us.get()));
+    pub(crate) fn now_us(&self) -> u64 {
+        self.board.borrow().now_us()
     }
 
-    fn look(&self, now_us: u64) {
-        if let Some(watch) = self.watch.borrow_mut().as_mut() {
-            watch(&self.device.borrow().program, now_us, self.told_us.get());
-        }
+    /// The microcontroller lives on whether its cable is in or not.
+    pub(crate) fn pass_to(&self, until_us: u64) {
+        let mut watch = self.watch.borrow_mut();
+        self.board.borrow_mut().pass_to(until_us, |program, now_us| {
+            if let Some(watch) = watch.as_mut() {
+                watch(program, now_us, self.told_us.get());
+            }
+        });
     }
 
     /// As a watchdog does it: everything is forgotten but the line.
     pub(crate) fn reset(&self, cause: ResetCause, down_us: u64) {
-        self.starts.set(self.starts.get() + 1);
-        self.started_us.set(self.now_us.get() + down_us);
-        self.down_until_us.set(self.now_us.get() + down_us);
-        let line = self.device.borrow().program.line();
-        self.device.replace(gripline_firmware::Device::new(Start {
-            reset: cause,
-            restored_line: (cause != ResetCause::PowerOn).then_some(line),
-            session: self.starts.get(),
-            ..Start::default()
-        }));
-        self.replies.borrow_mut().clear();
-    }
-
-    fn collect(&self) {
-        while let Some(packet) = self.device.borrow_mut().next_packet() {
-            let reply = self.disguised(&packet);
-            self.replies.borrow_mut().push_back(reply);
-        }
+        self.board.borrow_mut().reset(cause, down_us);
     }
 
     /// A handshake says what the stranger would say.
@@ -141,7 +105,7 @@ impl World {
 
     pub(crate) fn pull(&self) -> Vec<Attached> {
         // What was on the wire is lost.
-        self.replies.borrow_mut().clear();
+        self.board.borrow_mut().replies.clear();
         self.attached.take()
     }
 }
@@ -150,10 +114,7 @@ pub(crate) struct FakeClock(pub(crate) Rc<World>);
 
 impl Clock for FakeClock {
     fn now_us(&self) -> u64 {
-        self.0
-            .now_us
-            .get()
-            .wrapping_add_signed(self.0.host_ahead_us.get())
+        self.0.now_us().wrapping_add_signed(self.0.host_ahead_us.get())
     }
 
     fn wait_until(&self, us: u64) {
@@ -170,7 +131,7 @@ impl Bus for FakeBus {
     }
 
     fn open(&mut self, number: usize, link: &str) -> Result<Box<dyn Device>, LinkError> {
-        if self.0.now_us.get() < self.0.ready_us.get() {
+        if self.0.now_us() < self.0.ready_us.get() {
             return Err(LinkError::NotReady {
                 link: link.to_owned(),
                 found: "interface not found".to_owned(),
@@ -207,19 +168,18 @@ impl Device for FakeDevice {
         if world.is_stuck.get() {
             return Err(DeviceError::Busy);
         }
-        let now_us = world.now_us.get();
-        if now_us >= world.down_until_us.get() {
-            if let Ok(Event::Message(message)) = Parser::new().push(packet)
-                && let Ok(Message::Command(Command::Hold)) = Message::from_bytes(message)
-            {
-                world.told_us.set(now_us);
-            }
-            let _ = world
-                .device
-                .borrow_mut()
-                .packet(packet, now_us - world.started_us.get());
-            world.look(now_us);
-            world.collect();
+        let now_us = world.now_us();
+        if let Ok(Event::Message(message)) = Parser::new().push(packet)
+            && let Ok(Message::Command(Command::Hold)) = Message::from_bytes(message)
+            && world.board.borrow().is_up()
+        {
+            world.told_us.set(now_us);
+        }
+        let mut board = world.board.borrow_mut();
+        if board.packet(packet).is_some()
+            && let Some(watch) = world.watch.borrow_mut().as_mut()
+        {
+            watch(board.program(), now_us, world.told_us.get());
         }
         Ok(())
     }
@@ -227,10 +187,13 @@ impl Device for FakeDevice {
     fn receive(&mut self, patience: Duration, received: &mut dyn FnMut(&[u8])) -> Result<(), DeviceError> {
         self.check()?;
         self.world
-            .pass_to(self.world.now_us.get() + patience.as_micros() as u64);
-        while let Some(packet) = self.world.replies.borrow_mut().pop_front() {
-            received(&packet);
+            .pass_to(self.world.now_us() + patience.as_micros() as u64);
+        loop {
+            let packet = self.world.board.borrow_mut().replies.pop_front();
+            let Some(packet) = packet else {
+                return Ok(());
+            };
+            received(&self.world.disguised(&packet));
         }
-        Ok(())
     }
 }
