@@ -18,4 +18,5 @@ mod live;
 pub mod log;
 pub mod run;
 pub mod source;
+mod value;
 pub mod view;

@@ -1,13 +1,15 @@
-//! `gripline`: parses the arguments, runs the command, turns its end into an exit code.
+//! `gripline`: parses the arguments, runs the command, turns its result into an exit code.
 #![forbid(unsafe_code)]
 
 use std::process::ExitCode;
 
 use clap::CommandFactory as _;
 use gripline::commands::cli::{Cli, Command};
-use gripline::commands::{calibrate, detect, doctor, evaluate, faults, infer, plot, replay, shell, simulate};
+use gripline::commands::{
+    calibrate, config, detect, doctor, evaluate, faults, infer, plot, replay, shell, simulate,
+};
 use gripline::error::{Completion, Error};
-use gripline::{config, log, run};
+use gripline::{log, run};
 
 fn main() -> ExitCode {
     let cli = match Cli::from_arguments(std::env::args_os()) {
@@ -59,9 +61,9 @@ fn run_command(command: Command) -> Result<Completion, Error> {
 
 /// The parser's message without its heading, usage and hints: what was found and what was expected.
 fn one_line(message: &str) -> String {
-    let told = message
+    let lines = message
         .lines()
         .take_while(|line| !line.starts_with("Usage:") && !line.starts_with("For more"));
-    let told: Vec<_> = told.map(str::trim).filter(|line| !line.is_empty()).collect();
-    told.join(" ").trim_start_matches("error: ").to_owned()
+    let lines: Vec<_> = lines.map(str::trim).filter(|line| !line.is_empty()).collect();
+    lines.join(" ").trim_start_matches("error: ").to_owned()
 }

@@ -139,7 +139,7 @@ fn pictures_that_are_no_rest_pictures_are_refused_with_what_to_do() {
         (
             "other",
             rest_pictures(2, 8),
-            "for another gel or camera say --anew",
+            "for another gel or camera use --anew",
         ),
         ("one", good[..1].to_vec(), "expected at least 2"),
     ] {

@@ -5,9 +5,10 @@
 use std::borrow::Cow;
 
 use gripline_protocol::Health;
+use gripline_protocol::message::Configuration;
 use serde::Serialize;
 
-use crate::units::Load;
+use crate::units::{Load, newtons, ratio};
 
 /// Names of the stages in the order in which a frame passes them.
 pub const STAGES: [&str; 6] = ["decode", "downsample", "gate", "network", "encode", "link"];
@@ -115,10 +116,24 @@ pub struct Limits {
     pub slip_threshold: f64,
     /// A taxel is in contact above this normal force.
     pub contact_min_n: f64,
-    /// Least and greatest grip force.
+    /// Minimum grip force.
     pub floor_n: f64,
-    /// Greatest grip force.
+    /// Maximum grip force.
     pub ceiling_n: f64,
+}
+
+impl Limits {
+    /// Those of the microcontroller's settings.
+    #[must_use]
+    pub fn of(settings: &Configuration) -> Self {
+        Self {
+            friction: ratio(settings.friction),
+            slip_threshold: ratio(settings.slip_threshold),
+            contact_min_n: newtons(settings.contact_min.into()),
+            floor_n: newtons(settings.floor),
+            ceiling_n: newtons(settings.ceiling),
+        }
+    }
 }
 
 /// Names of the flags of a map's health.

@@ -1,4 +1,4 @@
-//! The command line. Ranges are checked here, so that a wrong value ends with exit code 2 before anything starts.
+//! The command line: which commands there are, and the arguments of each.
 
 use std::ffi::OsString;
 
@@ -6,6 +6,7 @@ use clap::{Parser, Subcommand};
 use tracing::level_filters::LevelFilter;
 
 use crate::commands::calibrate::CalibrateArgs;
+use crate::commands::config::ConfigArgs;
 use crate::commands::detect::DetectArgs;
 use crate::commands::doctor::DoctorArgs;
 use crate::commands::evaluate::EvaluateArgs;
@@ -15,12 +16,11 @@ use crate::commands::plot::PlotArgs;
 use crate::commands::replay::ReplayArgs;
 use crate::commands::shell::{CompletionsArgs, ManArgs};
 use crate::commands::simulate::SimulateArgs;
-use crate::config::ConfigArgs;
 use crate::run::RunArgs;
 use gripline_recording::ExportArgs;
 
-/// Holds objects with as little force as is safe: force maps from a camera-based fingertip, slip detection and
-/// grip control on a microcontroller.
+/// Holds objects with as little force as is safe: force maps from a camera-based fingertip, slip detection and grip control
+/// on a microcontroller.
 #[derive(Debug, Parser)]
 #[command(name = "gripline", version, about, max_term_width = 100)]
 pub struct Cli {
@@ -38,31 +38,32 @@ pub struct Cli {
 /// What to do.
 #[derive(Debug, Subcommand)]
 pub enum Command {
-    /// Camera to grip-force line. Without arguments: a simulated fingertip and gripper, live in the terminal.
+    /// Run the control loop, from the camera to the grip-force line. Without arguments: a simulated fingertip and gripper, live
+    /// in the terminal.
     Run(RunArgs),
     /// Run the force network over recorded camera pictures.
     Infer(InferArgs),
     /// Run the microcontroller's detector over recorded force maps.
     Detect(DetectArgs),
-    /// The configuration: what is in force and why, a documented default file, the microcontroller's own settings.
+    /// Show the configuration in force and why, print a documented default file, read and set the microcontroller's settings.
     Config(ConfigArgs),
-    /// Play a scene of the simulated world: frames, true force maps and slip labels.
+    /// Simulate a scene: write its frames, true force maps and slip labels.
     Simulate(SimulateArgs),
-    /// How well slip is noticed and objects are held: the paper's experiment and more, in the simulated world.
+    /// Measure slip detection and grip control in the simulated world: the paper's experiment and more.
     Evaluate(EvaluateArgs),
-    /// Run a recording's pictures through the same loop again and compare every decision.
+    /// Run the pictures of a recording through the same loop again and compare every decision.
     Replay(ReplayArgs),
-    /// Write a recording's maps, pictures and decisions as npy and CSV.
+    /// Write the maps, pictures and decisions of a recording as npy and CSV.
     Export(ExportArgs),
     /// Draw a recording: stick ratio with predictions and truth, forces and line, force maps. PNG or SVG.
     Plot(PlotArgs),
     /// Calibrate a fingertip and its gripper, step by step.
     Calibrate(CalibrateArgs),
-    /// Look at everything that a run needs, and say what to do about what is wrong.
+    /// Check everything that a run needs, and say how to fix what is wrong.
     Doctor(DoctorArgs),
-    /// The microcontroller's faults, what to do about each, and the acknowledgement that latched ones wait for.
+    /// Show the microcontroller's faults and what to do about each; acknowledge the latched ones.
     Faults(FaultsArgs),
-    /// Print the completions for a shell.
+    /// Print completions for a shell.
     Completions(CompletionsArgs),
     /// Write the manual pages.
     Man(ManArgs),

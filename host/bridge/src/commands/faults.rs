@@ -1,89 +1,78 @@
-//! `gripline faults`: which faults the microcontroller has, what each is about, and the acknowledgement that latched ones wait
-//! for (docs/safety.md). A person must look: nothing here acknowledges what it has not shown.
+//! `gripline faults`: the microcontroller's faults, what to do about each, and the acknowledgement that latched ones wait for
+//! (docs/safety.md). It acknowledges only faults that it has shown.
 
 use std::fmt::Write as _;
-use std::path::PathBuf;
 
 use clap::Args;
 use gripline_firmware::Fault;
 use gripline_protocol::message::{Command, GripMode, Refusal, Status};
 use serde::Serialize;
 
-use crate::config::{Overrides, Settings};
+use crate::commands::device::DeviceArgs;
 use crate::error::Failure;
-use gripline_link::Target;
 use gripline_link::session::Session;
 use gripline_recording::units::newtons;
 
-/// How long the microcontroller may take to say how it is: it does so ten times a second.
+/// How long to wait for a status: the microcontroller sends ten a second.
 const STATUS_US: u64 = 1_000_000;
-/// Work between two looks.
+/// Time between two checks.
 const STEP_US: u64 = 5_000;
 
 /// Arguments of `gripline faults`.
 #[derive(Debug, Clone, Args)]
 pub struct FaultsArgs {
-    /// Acknowledge the latched faults that are shown: somebody has looked. A fault that is still there stays. Under way the key
-    /// a of `gripline run` does the same; a gripper that holds loses its link again when this command ends.
+    /// Acknowledge the latched faults that are shown, after you have checked the gripper. An active fault stays. During a run the
+    /// key a of `gripline run` does the same; a holding gripper loses its link again when this command ends.
     #[arg(long)]
     acknowledge: bool,
-    /// Then let go, which latched faults forbid: what is held falls.
+    /// Then release the gripper, which latched faults forbid: what it holds falls.
     #[arg(long, requires = "acknowledge")]
     release: bool,
-    /// Which microcontroller: usb, usb:SERIAL, serial:PORT, emulator or embedded. By default the configuration's link.mcu.
-    #[arg(long, value_name = "MCU")]
-    mcu: Option<Target>,
-    /// Configuration file that names the microcontroller.
-    #[arg(long, value_name = "FILE")]
-    config: Option<PathBuf>,
+    #[command(flatten)]
+    device: DeviceArgs,
     /// Print one JSON object.
     #[arg(long)]
     json: bool,
 }
 
-/// How the microcontroller is.
+/// Mode, line and faults of the microcontroller.
 #[derive(Debug, PartialEq, Serialize)]
-struct Found {
+struct Report {
     mode: &'static str,
     line_n: f64,
-    faults: Vec<FoundFault>,
-    /// Names of those that were acknowledged.
+    faults: Vec<ReportedFault>,
+    /// Names of the acknowledged faults.
     acknowledged: Vec<&'static str>,
 }
 
 #[derive(Debug, PartialEq, Serialize)]
-struct FoundFault {
+struct ReportedFault {
     number: u8,
     name: &'static str,
-    /// Its cause is there now.
+    /// Its cause is present.
     active: bool,
     /// It waits for an acknowledgement.
     latched: bool,
     what_to_do: &'static str,
 }
 
-/// Shows, and acknowledges where that was asked for.
+/// Shows the faults; acknowledges and releases on request.
 ///
 /// # Errors
 /// [`Failure`] when the link fails, or a latched fault that was acknowledged is still there.
 pub fn run(args: &FaultsArgs) -> Result<(), Failure> {
-    let mcu = match &args.mcu {
-        Some(mcu) => mcu.clone(),
-        None => Settings::load(&Overrides::of_file(args.config.as_deref()))?.mcu,
-    };
-    let link = mcu.open()?;
-    let mut session = Session::connect(link)?;
-    let found = look_and_acknowledge(&mut session, args.acknowledge)?;
+    let mut session = args.device.connect()?;
+    let report = read_and_acknowledge(&mut session, args.acknowledge)?;
     if args.json {
-        println!("{}", serde_json::to_string(&found)?);
+        println!("{}", serde_json::to_string(&report)?);
     } else {
-        print!("{}", text(&found));
+        print!("{}", text(&report));
     }
-    let left: Vec<_> = found.faults.iter().filter(|fault| fault.latched).collect();
+    let left: Vec<_> = report.faults.iter().filter(|fault| fault.latched).collect();
     if args.acknowledge && !left.is_empty() {
         let names: Vec<_> = left.iter().map(|fault| fault.name).collect();
         return Err(Failure::failed(format!(
-            "{}: found {} still there after the acknowledgement, expected its cause gone first: {}",
+            "{}: found {} still active after the acknowledgement, expected its cause removed first: {}",
             session.link_name(),
             names.join(", "),
             left[0].what_to_do
@@ -95,22 +84,22 @@ pub fn run(args: &FaultsArgs) -> Result<(), Failure> {
     Ok(())
 }
 
-/// What is there; and, where a person has said so, acknowledged.
-fn look_and_acknowledge(session: &mut Session, acknowledge: bool) -> Result<Found, Failure> {
-    // That somebody speaks ends a silence with the next tick only.
+/// Reads the faults, and acknowledges the latched ones on request.
+fn read_and_acknowledge(session: &mut Session, acknowledge: bool) -> Result<Report, Failure> {
+    // A lost link ends with the tick after this first message.
     status(session)?;
     let before = status(session)?;
     if !acknowledge || before.latched == 0 {
-        return Ok(found(&before, 0));
+        return Ok(report(&before, 0));
     }
     session.command(Command::Acknowledge {
         faults: before.latched,
     })?;
     let after = status(session)?;
-    Ok(found(&after, before.latched & !after.latched))
+    Ok(report(&after, before.latched & !after.latched))
 }
 
-/// What the microcontroller says of itself, asked now.
+/// A status that the microcontroller sends from now on.
 fn status(session: &mut Session) -> Result<Status, Failure> {
     session.command(Command::ReadStatus)?;
     let asked_us = session.now_us();
@@ -134,7 +123,7 @@ fn release(session: &mut Session) -> Result<(), Failure> {
     let status = status(session)?;
     match session.take_refusal() {
         Some(Refusal::Latched) => Err(Failure::failed(format!(
-            "{}: release refused, expected no latched fault: one has come anew",
+            "{}: release refused, expected no latched fault: a new one came up",
             session.link_name()
         ))),
         Some(other) => Err(Failure::failed(format!(
@@ -143,17 +132,17 @@ fn release(session: &mut Session) -> Result<(), Failure> {
         ))),
         None if status.mode == GripMode::Released => Ok(()),
         None => Err(Failure::failed(format!(
-            "{}: the gripper still holds, expected it to let go; say it again",
+            "{}: the gripper still holds, expected it to release; try again",
             session.link_name()
         ))),
     }
 }
 
-fn found(status: &Status, acknowledged: u32) -> Found {
+fn report(status: &Status, acknowledged: u32) -> Report {
     let has = |bits: u32, fault: Fault| bits & fault.bit() != 0;
     let faults = Fault::ALL.into_iter().filter_map(|fault| {
         let (active, latched) = (has(status.faults, fault), has(status.latched, fault));
-        (active || latched).then(|| FoundFault {
+        (active || latched).then(|| ReportedFault {
             number: fault as u8,
             name: fault.name(),
             active,
@@ -161,7 +150,7 @@ fn found(status: &Status, acknowledged: u32) -> Found {
             what_to_do: what_to_do(fault),
         })
     });
-    Found {
+    Report {
         mode: match status.mode {
             GripMode::Hold => "hold",
             GripMode::Released => "released",
@@ -174,24 +163,24 @@ fn found(status: &Status, acknowledged: u32) -> Found {
 
 /// Names of the faults with these bits.
 pub(crate) fn names(bits: u32) -> Vec<&'static str> {
-    let there = Fault::ALL.iter().filter(|fault| bits & fault.bit() != 0);
-    there.map(|fault| fault.name()).collect()
+    let faults = Fault::ALL.iter().filter(|fault| bits & fault.bit() != 0);
+    faults.map(|fault| fault.name()).collect()
 }
 
-fn text(found: &Found) -> String {
-    let mut text = format!("{}, line at {:.2} N\n", found.mode, found.line_n);
-    for name in &found.acknowledged {
+fn text(report: &Report) -> String {
+    let mut text = format!("{}, line at {:.2} N\n", report.mode, report.line_n);
+    for name in &report.acknowledged {
         // Writing to a String cannot fail.
         let _ = writeln!(text, "acknowledged: {name}");
     }
-    if found.faults.is_empty() {
+    if report.faults.is_empty() {
         text += "no fault\n";
     }
-    for fault in &found.faults {
+    for fault in &report.faults {
         let state = match (fault.active, fault.latched) {
-            (true, true) => "there, latched",
+            (true, true) => "active, latched",
             (false, true) => "over, latched: waits for --acknowledge",
-            _ => "there",
+            _ => "active",
         };
         let _ = writeln!(
             text,
@@ -202,31 +191,31 @@ fn text(found: &Found) -> String {
     text
 }
 
-/// What a person should look at.
+/// What a person should check.
 const fn what_to_do(fault: Fault) -> &'static str {
     match fault {
-        Fault::StaleMaps => "no fresh picture of a fingertip: look at its camera, and that a host runs",
-        Fault::LinkLost => "the host was silent or the cable out: look at cable, power and host",
-        Fault::CrcStorm => "many damaged packets: look at the cable, its shield and what runs beside it",
-        Fault::ReplayedMap | Fault::FutureMap => "maps out of order or of another time: one host at a time",
-        Fault::MapsLost => "maps did not arrive: look at the cable and at how busy the host is",
+        Fault::StaleMaps => "no fresh picture of a fingertip: check its camera, and that a host runs",
+        Fault::LinkLost => "the host was silent or the cable out: check cable, power and host",
+        Fault::CrcStorm => "many damaged packets: check the cable, its shield and what runs beside it",
+        Fault::ReplayedMap | Fault::FutureMap => {
+            "maps out of order or with a wrong time: use one host at a time"
+        }
+        Fault::MapsLost => "maps did not arrive: check the cable and the load of the host",
         Fault::UnhealthyMap => {
-            "a picture cannot be believed: look at lamps, lens and skin (`gripline doctor`)"
+            "a picture is not plausible: check lamps, lens and sensor surface (`gripline doctor`)"
         }
-        Fault::OutOfRange => "settings were refused: look at what the host sends",
+        Fault::OutOfRange => "settings were refused: check what the host sends",
         Fault::UnreadableMessage | Fault::SchemaMismatch => {
-            "another version speaks: flash this host's firmware"
+            "host and firmware differ in version: flash this host's firmware"
         }
-        Fault::WatchdogReset => "the program hung or crashed and started again: look at its log",
-        Fault::LineAtCeiling => "more force is wanted than allowed: look at the load and at the ceiling",
-        Fault::DeadlineMissed => "a map took longer than it may: report this",
-        Fault::SaturatedMap => "a fingertip feels more than a map can say: press less",
+        Fault::WatchdogReset => "the program hung or crashed and restarted: check its log",
+        Fault::LineAtCeiling => "more force is needed than allowed: check the load and the ceiling",
+        Fault::DeadlineMissed => "a map took longer than its deadline: report this",
+        Fault::SaturatedMap => "a fingertip measures more than a map can hold: press less",
         Fault::SettingsLost => {
             "the stored settings are damaged: store them again (`gripline config mcu --write`)"
         }
-        Fault::LineFailed => {
-            "the gripper does not answer or is not ready: look at its power, bus and fingers"
-        }
+        Fault::LineFailed => "the gripper does not answer or is not ready: check its power, bus and fingers",
     }
 }
 
@@ -237,7 +226,7 @@ mod tests {
     use super::*;
     use gripline_link::EmbeddedLink;
 
-    /// Holding, and then silent for longer than the link may be.
+    /// A gripper that held when the host fell silent for longer than `link_lost_ms`.
     fn lost() -> Session {
         let mut session = Session::open(Box::new(EmbeddedLink::new()), Configuration::DEFAULT).unwrap();
         session.command(Command::Hold).unwrap();
@@ -246,9 +235,9 @@ mod tests {
     }
 
     #[test]
-    fn a_lost_link_is_shown_waits_for_a_person_and_then_lets_go() {
+    fn a_lost_link_is_shown_waits_for_a_person_and_then_releases() {
         let mut session = lost();
-        let shown = look_and_acknowledge(&mut session, false).unwrap();
+        let shown = read_and_acknowledge(&mut session, false).unwrap();
         let latched: Vec<_> = shown.faults.iter().filter(|fault| fault.latched).collect();
         assert_eq!((latched.len(), latched[0].name), (1, "LINK LOST"));
         assert_eq!((shown.mode, shown.acknowledged.len()), ("hold", 0));
@@ -260,13 +249,13 @@ mod tests {
                 .contains("release refused")
         );
 
-        let after = look_and_acknowledge(&mut session, true).unwrap();
+        let after = read_and_acknowledge(&mut session, true).unwrap();
         assert_eq!(after.acknowledged, ["LINK LOST"]);
         assert!(after.faults.iter().all(|fault| !fault.latched), "{after:?}");
-        // Nobody sends maps, which is no reason to hold on to anything.
+        // Missing maps do not forbid a release.
         release(&mut session).unwrap();
         session.run_until(session.now_us() + 2_000_000).unwrap();
-        let released = look_and_acknowledge(&mut session, false).unwrap();
+        let released = read_and_acknowledge(&mut session, false).unwrap();
         assert_eq!((released.mode, released.line_n), ("released", 0.0));
         assert!(text(&released).contains("no fault"), "{}", text(&released));
     }

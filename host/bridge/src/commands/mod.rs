@@ -2,13 +2,14 @@
 
 pub mod calibrate;
 pub mod cli;
+pub mod config;
 pub mod detect;
+mod device;
 pub mod doctor;
 pub mod evaluate;
 pub mod faults;
 mod files;
 pub mod infer;
-mod number;
 pub mod plot;
 pub mod replay;
 pub mod shell;

@@ -232,7 +232,7 @@ fn pipelines_of(reader: &Reader, args: &ReplayArgs) -> Result<(Vec<Pipeline>, Co
     let wrong = |what: String| Failure::failed(format!("{}: {what}", args.recording.display()));
     let architecture: Architecture = network.parse().map_err(&wrong)?;
     let gate: GateKind = gate.parse().map_err(&wrong)?;
-    let settings = settings_from_text(settings).map_err(&wrong)?;
+    let settings = settings_from_text(settings, &Configuration::DEFAULT).map_err(&wrong)?;
     let first = reader.rest[0].first().ok_or_else(|| {
         wrong("found no picture at rest, expected some at the beginning of the recording".to_owned())
     })?;

@@ -1,9 +1,9 @@
-//! Manual pages and shell completions, made from the command line's own description.
+//! Manual pages and shell completions, generated from the command line's description.
 
 use std::io::Write as _;
 use std::path::PathBuf;
 
-use clap::Args;
+use clap::{Args, Command};
 use clap_complete::Shell;
 
 use crate::error::Failure;
@@ -11,14 +11,14 @@ use crate::error::Failure;
 /// Arguments of `gripline completions`.
 #[derive(Debug, Clone, Args)]
 pub struct CompletionsArgs {
-    /// Which shell; `gripline completions bash > ~/.local/share/bash-completion/completions/gripline`.
+    /// Which shell, for example `gripline completions bash > ~/.local/share/bash-completion/completions/gripline`.
     shell: Shell,
 }
 
 /// Arguments of `gripline man`.
 #[derive(Debug, Clone, Args)]
 pub struct ManArgs {
-    /// Folder for gripline.1 and a page for every command; made when it is not there.
+    /// Folder for gripline.1 and a page for every command; created when it does not exist.
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
 }
@@ -27,7 +27,7 @@ pub struct ManArgs {
 ///
 /// # Errors
 /// [`Failure`] when standard output cannot be written.
-pub fn completions(args: &CompletionsArgs, program: &mut clap::Command) -> Result<(), Failure> {
+pub fn completions(args: &CompletionsArgs, program: &mut Command) -> Result<(), Failure> {
     let mut script = Vec::new();
     clap_complete::generate(args.shell, program, "gripline", &mut script);
     std::io::stdout()
@@ -39,7 +39,7 @@ pub fn completions(args: &CompletionsArgs, program: &mut clap::Command) -> Resul
 ///
 /// # Errors
 /// [`Failure`] that names the folder.
-pub fn man(args: &ManArgs, program: clap::Command) -> Result<(), Failure> {
+pub fn man(args: &ManArgs, program: Command) -> Result<(), Failure> {
     std::fs::create_dir_all(&args.out)
         .and_then(|()| clap_mangen::generate_to(program, &args.out))
         .map_err(|error| {

@@ -4,11 +4,12 @@ use std::fmt::Write as _;
 
 use serde_json::json;
 
-use super::effective::Effective;
-use super::keys::{KEYS, MICROCONTROLLER};
-use super::mcu;
+use super::device;
+use super::key::keys;
+use super::layers::Effective;
+use super::settings::MICROCONTROLLER;
 
-/// Width of the comments, as of everything that people write here.
+/// Width of the comments, letters.
 const WIDTH: usize = 100;
 
 /// The values in force, each with its origin as a comment.
@@ -36,7 +37,7 @@ pub(crate) fn shown(effective: &Effective) -> String {
 /// The same for programs: an object a key.
 pub(crate) fn shown_json(effective: &Effective) -> serde_json::Value {
     let keys = effective.entries.iter().map(|entry| {
-        let what = json!({ "value": entry.value, "from": entry.origin.to_string() });
+        let what = json!({ "value": entry.value, "from": entry.origin });
         (entry.name.clone(), what)
     });
     json!({ "file": effective.file, "keys": keys.collect::<serde_json::Map<_, _>>() })
@@ -44,68 +45,53 @@ pub(crate) fn shown_json(effective: &Effective) -> serde_json::Value {
 
 /// The documented default file: every key explained and commented out.
 pub(crate) fn default_file() -> String {
-    let mut text = String::new();
-    comment(
-        &mut text,
+    let mut text = comment(
         "Configuration of `gripline run`. Every key stands here with its default, commented out; a key without a default \
-         has an example. What a file says is overruled by the environment (GRIPLINE_SECTION_KEY), that by the flag. \
+         has an example. The environment (GRIPLINE_SECTION_KEY) overrules this file, and a flag overrules both. \
          `gripline config show` prints what is in force and where it comes from.",
     );
     let mut section = "";
-    for key in &KEYS {
+    for key in keys() {
         if key.section() == section {
             text.push('\n');
         } else {
             section = key.section();
             let _ = write!(text, "\n[{section}]\n");
         }
-        comment(&mut text, key.help);
-        let also = format!("Flag --{}, environment {}.", key.flag, key.variable());
-        comment(&mut text, &also);
-        let _ = writeln!(
-            text,
-            "#{} = {}",
-            key.own_name(),
-            key.default.unwrap_or(key.example)
-        );
+        let (help, example) = key.help();
+        let value = key.default().map(|value| value.to_string()).or(example);
+        text += &comment(&help);
+        text += &comment(&format!("Flag --{}, environment {}.", key.flag(), key.variable()));
+        let _ = writeln!(text, "#{} = {}", key.own_name(), value.unwrap_or_default());
     }
     let _ = write!(text, "\n[{MICROCONTROLLER}]\n");
-    comment(
-        &mut text,
-        "Settings for this run, with the names, units and ranges of `gripline config mcu`. What stands here goes over the \
-         weights' calibration (friction, contact_min_n), and what neither says stays as the microcontroller has it. Nothing \
-         is stored in its flash. Environment GRIPLINE_MICROCONTROLLER_KEY. These are the firmware's own:",
+    text += &comment(
+        "Settings for this run, with the names, units and ranges of `gripline config mcu`. They overrule the weights' \
+         calibration (friction, contact_min_n); what neither says stays as the microcontroller has it. Nothing is stored in \
+         its flash. Environment GRIPLINE_MICROCONTROLLER_KEY. These are the firmware's own:",
     );
-    for line in mcu::default_lines() {
+    for line in device::default_lines() {
         let _ = writeln!(text, "#{line}");
     }
     text
 }
 
-/// Appends words as comment lines.
-fn comment(text: &mut String, words: &str) {
-    let mut line = String::from("#");
+/// Words as comment lines.
+fn comment(words: &str) -> String {
+    let mut lines = vec!["#".to_owned()];
     for word in words.split_whitespace() {
-        if line.len() + 1 + word.len() > WIDTH {
-            text.push_str(&line);
-            text.push('\n');
-            line = String::from("#");
+        if lines
+            .last()
+            .is_some_and(|line| line.len() + 1 + word.len() > WIDTH)
+        {
+            lines.push("#".to_owned());
         }
-        line.push(' ');
-        line.push_str(word);
+        if let Some(line) = lines.last_mut() {
+            *line += " ";
+            *line += word;
+        }
     }
-    text.push_str(&line);
-    text.push('\n');
-}
-
-/// The keys' own lines of the default file, live instead of commented out.
-#[cfg(test)]
-fn uncommented(file: &str) -> String {
-    let live = |line: &str| match line.strip_prefix('#') {
-        Some(code) if !code.starts_with(' ') => code.to_owned() + "\n",
-        _ => line.to_owned() + "\n",
-    };
-    file.lines().map(live).collect()
+    lines.join("\n") + "\n"
 }
 
 #[cfg(test)]
@@ -124,6 +110,15 @@ mod tests {
         Effective::load(&Overrides::of_file(Some(&path))).unwrap()
     }
 
+    /// The keys' own lines of the default file, live instead of commented out.
+    fn uncommented(file: &str) -> String {
+        let live = |line: &str| match line.strip_prefix('#') {
+            Some(code) if !code.starts_with(' ') => code.to_owned() + "\n",
+            _ => line.to_owned() + "\n",
+        };
+        file.lines().map(live).collect()
+    }
+
     #[test]
     fn the_default_file_says_nothing_and_uncommented_it_says_the_defaults() {
         let file = default_file();
@@ -134,13 +129,21 @@ mod tests {
                 .all(|section| section.as_table().unwrap().is_empty())
         );
         let live = of_file(&uncommented(&file));
-        for key in &KEYS {
-            let value = live.value(key.name).unwrap().to_string();
-            assert_eq!(value, key.default.unwrap_or(key.example), "{}", key.name);
+        for (key, entry) in keys().zip(&live.entries) {
+            let value = entry.value.clone().unwrap();
+            assert_eq!(entry.origin, "file");
+            assert!(
+                key.default().is_none_or(|default| default == value),
+                "{}",
+                key.name()
+            );
         }
-        let firmwares = mcu::applied(&live.microcontroller(), &Configuration::DEFAULT);
-        assert_eq!(firmwares, Ok(Configuration::DEFAULT));
-        assert!(live.microcontroller().len() > 20);
+        // Its calibrations do not exist: only what it says of the microcontroller becomes settings.
+        let section: toml::Table = uncommented(&file).parse().unwrap();
+        let section = section[MICROCONTROLLER].as_table().unwrap();
+        let odd = Configuration::CAREFUL;
+        assert_eq!(device::applied(section, &odd), Ok(Configuration::DEFAULT));
+        assert!(section.len() > 20);
         assert!(
             file.lines()
                 .all(|line| !line.starts_with("# ") || line.len() <= WIDTH)
@@ -153,9 +156,10 @@ mod tests {
             of_file("[simulation]\nseed = 9\n[run]\nseconds = 2.5\n[microcontroller]\nfriction = 0.4\n");
         let text = shown(&first);
         let again = of_file(&text);
-        for entry in &first.entries {
-            assert_eq!(again.value(&entry.name), entry.value.as_ref(), "{text}");
+        for (one, other) in first.entries.iter().zip(&again.entries) {
+            assert_eq!((&one.name, &one.value), (&other.name, &other.value), "{text}");
         }
+        assert_eq!(first.entries.len(), again.entries.len());
         assert!(text.contains("seed = 9") && text.contains("# file\n"), "{text}");
         assert!(text.contains("# weights is not set"), "{text}");
     }

@@ -30,8 +30,8 @@ pub(super) struct Open {
 /// [`Failure`] that says what was found and what to do.
 pub(super) fn open(wanted: &Settings) -> Result<Vec<Open>, Failure> {
     let opened = match &wanted.second_source {
-        None => vec![wanted.source.open(&wanted.pictures_of)?],
-        Some(second) => open_both([&wanted.source, second], &wanted.pictures_of)?.into(),
+        None => vec![wanted.source.open(&wanted.source_settings(0))?],
+        Some(second) => open_both([&wanted.source, second], &wanted.source_settings(0))?.into(),
     };
     let calibrations = [&wanted.calibration, &wanted.second_calibration];
     let at_rest = |(mut opened, calibration): (Opened, &Option<Calibration>)| {

@@ -36,7 +36,6 @@ use self::output::{Output, Wish};
 use self::settings::{
     about, as_many_fingertips, calibrated_fingertips, calibrated_friction, tell_of_another_line,
 };
-pub(crate) use self::settings::{limits, network_for};
 use self::summary::FingertipSummary;
 use self::under_way::{Clock, Run};
 use crate::config::{Overrides, Settings};
@@ -48,6 +47,7 @@ use crate::source::Source;
 use gripline_capture::Counts;
 use gripline_link::session::Session;
 use gripline_pipeline::settings_for;
+use gripline_recording::telemetry::Limits;
 use gripline_recording::{Pace, Pictures, Recorder};
 
 /// Arguments of `gripline run`.
@@ -66,7 +66,7 @@ pub struct RunArgs {
 /// [`Failure`] when weights, link or terminal fail.
 pub fn run(args: &RunArgs) -> Result<Completion, Failure> {
     let wanted = Settings::load(&args.overrides)?;
-    let network = network_for(&wanted)?;
+    let network = wanted.network()?;
     let of_network = settings_for(&network);
     may_be_recorded(&wanted, &network)?;
     let opened = fingertips::open(&wanted)?;
@@ -115,7 +115,7 @@ pub fn run(args: &RunArgs) -> Result<Completion, Failure> {
     let stop = Arc::new(AtomicBool::new(false));
     let signalled = Arc::clone(&stop);
     ctrlc::set_handler(move || signalled.store(true, Ordering::Relaxed)).map_err(Failure::failed)?;
-    let mut output = Output::open(args.json, limits(&settings))?;
+    let mut output = Output::open(args.json, Limits::of(&settings))?;
     let log = Collector::start(output.is_live());
     let one_round = fingertips.are_simulated() && !output.is_live();
     let seconds = wanted.seconds.or(one_round.then_some(SCENE_LOOP_S));
@@ -133,7 +133,7 @@ pub fn run(args: &RunArgs) -> Result<Completion, Failure> {
     if let Some(live) = &run.live {
         tracing::info!("/metrics and /frames at http://{}", live.address());
     }
-    if let Some(fleet) = &wanted.fleet {
+    if let Some(fleet) = &wanted.fleet() {
         run.fleet = Some(Fleet::start(fleet, about_run)?);
     }
     // After the other threads have started: they keep their ordinary priority.

@@ -12,20 +12,6 @@ use crate::source::Source;
 use gripline_link::session::Session;
 use gripline_pipeline::pipeline::fingerprint;
 use gripline_recording::About;
-use gripline_recording::telemetry::Limits;
-use gripline_recording::units::{newtons, ratio};
-
-/// The network that was asked for.
-pub(crate) fn network_for(wanted: &Settings) -> Result<Network, Failure> {
-    let network = match &wanted.weights {
-        Some(path) => Network::from_file(path, wanted.architecture),
-        None => Network::embedded(wanted.architecture.unwrap_or_default()),
-    }?;
-    match wanted.instructions {
-        Some(set) => network.with_instructions(set).map_err(Failure::failed),
-        None => Ok(network),
-    }
-}
 
 /// Every fingertip that the microcontroller waits for must have a source, or its maps would be stale from the start.
 pub(super) fn as_many_fingertips(
@@ -109,16 +95,5 @@ pub(super) fn about(
         gate: wanted.gate.to_string(),
         frames_per_second: frames_per_second.to_string(),
         settings: settings_text(session.settings()),
-    }
-}
-
-/// What the view draws its limits by.
-pub(crate) fn limits(settings: &Configuration) -> Limits {
-    Limits {
-        friction: ratio(settings.friction),
-        slip_threshold: ratio(settings.slip_threshold),
-        contact_min_n: newtons(settings.contact_min.into()),
-        floor_n: newtons(settings.floor),
-        ceiling_n: newtons(settings.ceiling),
     }
 }

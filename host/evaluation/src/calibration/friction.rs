@@ -1,39 +1,39 @@
 //! Friction from recorded slides. Pure. Newtons, seconds.
 //!
-//! While everything slides, every taxel carries f_T = μ f_z along the slide, so |ΣF_T| / ΣF_N is μ. A slide is a stretch in
-//! which that ratio stays near its greatest value of the contact, in one direction, and the middle of the contact carries as
-//! much as its rim: a contact that still sticks carries less there (Cattaneo–Mindlin). Every slide gives one estimate, the
-//! median of its frames. The interval is Student's t over the slides' logarithms, widened by what a network may be wrong on
-//! all slides of one sensor alike. Frames of one slide are not independent; slides are as independent as they were made.
-//! Limits: straight slides; a turn about the contact has no direction.
+//! While the whole contact slides, every taxel carries f_T = μ f_z along the slide, so |ΣF_T| / ΣF_N is μ. A slide is an
+//! interval in which that ratio stays near its maximum over the contact, in one direction, and the centre of the contact
+//! carries as much as its rim: a sticking contact carries less there (Cattaneo–Mindlin). Every slide gives one estimate, the
+//! median of its frames. The confidence interval is Student's t over the slides' logarithms, widened by the error that all
+//! slides of one sensor share. Frames of one slide are not independent.
+//! Limits: straight slides only; a rotation about the contact has no direction.
 
 use gripline_protocol::TAXELS;
 
-/// Fewest slides.
+/// Minimum number of slides.
 pub const SLIDES_MIN: usize = 4;
-/// A contact presses at least so much, N.
+/// Minimum normal force of a contact, N.
 const NORMAL_MIN_N: f64 = 0.5;
-/// Taxels count from this share of the greatest normal force on: under it the network's errors are as large as the force.
+/// Taxels count from this share of the maximum normal force: below it the network's errors are as large as the force.
 const LOADED: f64 = 0.2;
-/// From this share of the greatest normal force on, taxels are the contact's middle.
+/// Taxels from this share of the maximum normal force are the centre of the contact.
 const MIDDLE: f64 = 0.85;
-/// Share of the contact's ratio that its middle carries at least while everything slides.
+/// Minimum ratio at the centre while everything slides, as a share of the whole contact's ratio.
 const MIDDLE_SLIDES: f64 = 0.8;
-/// Share of the greatest ratio from which on a frame may slide.
+/// A frame may slide from this share of the maximum ratio.
 const NEAR: f64 = 0.9;
-/// Between two slides the ratio falls under this share of the greatest.
+/// Between two slides the ratio falls below this share of the maximum.
 const APART: f64 = 0.6;
-/// Fewest frames of a slide.
+/// Minimum number of frames of a slide.
 const FRAMES_MIN: usize = 4;
-/// Cosine of the largest change of direction within a slide, 30°.
+/// Cosine of the maximum change of direction within a slide, 30°.
 const STRAIGHT: f64 = 0.866;
-/// What the sums themselves are wrong by, standard deviation as a share: on a round object the pressure leans, and taxels cut
-/// the rim. Spheres of 8 to 20 mm with exact maps give 1.1 to 1.9 % too much.
+/// Relative error of the method itself, standard deviation: on a round object the pressure tilts, and taxels cut the rim.
+/// Spheres of 8 to 20 mm with exact maps give 1.1 to 1.9 % too much.
 const METHOD: f64 = 0.015;
-/// How far below the interval the detector's coefficient lies: what slips sits exactly at the true one.
+/// The detector's coefficient as a share of the interval's lower end: slipping taxels sit exactly at the true coefficient.
 pub const DETECTOR_SHARE: f64 = 1.0 / 1.2;
 
-/// What one force map says of friction.
+/// What one force map tells about friction.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Moment {
     /// When, s.
@@ -42,13 +42,13 @@ pub struct Moment {
     pub normal_n: f64,
     /// |ΣF_T| / ΣF_N over the loaded taxels.
     pub ratio: f64,
-    /// The same over the contact's middle, along the whole's direction.
+    /// The same over the centre of the contact, along the direction of the whole.
     pub middle: f64,
     /// Unit vector of ΣF_T.
     pub direction: [f64; 2],
 }
 
-/// A stretch in which everything slides.
+/// An interval in which the whole contact slides.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Slide {
     /// Its first frame, s.
@@ -63,7 +63,7 @@ pub struct Slide {
     pub ratio: f64,
 }
 
-/// What all slides say.
+/// The estimate from all slides.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Estimate {
     /// The friction coefficient.
@@ -72,16 +72,16 @@ pub struct Estimate {
     pub low: f64,
     /// Upper end of its interval.
     pub high: f64,
-    /// Of the interval.
+    /// Confidence of the interval.
     pub confidence: f64,
     /// Standard deviation of the slides' estimates.
     pub between_slides: f64,
-    /// What the detector should work with.
+    /// Coefficient that the detector should use.
     pub detector: f64,
 }
 
 impl Moment {
-    /// Of a map, newtons per taxel.
+    /// From a map, newtons per taxel.
     pub fn of(t_s: f64, map: &[[f64; 3]; TAXELS]) -> Self {
         let peak = map.iter().map(|force| force[2]).fold(0.0, f64::max);
         let sums = |share: f64| {
@@ -115,7 +115,7 @@ impl Moment {
     }
 }
 
-/// The slides in a recording; `moments` in the order of their time.
+/// The slides in a recording; `moments` in order of time.
 pub fn slides(moments: &[Moment]) -> Vec<Slide> {
     moments
         .chunk_by(|a, b| a.touches() == b.touches())
@@ -127,7 +127,7 @@ pub fn slides(moments: &[Moment]) -> Vec<Slide> {
 fn slides_of_contact(contact: &[Moment]) -> Vec<Slide> {
     let mut ratios: Vec<f64> = contact.iter().map(|moment| moment.ratio).collect();
     ratios.sort_by(f64::total_cmp);
-    // Not the greatest of all: one bad map would decide.
+    // Not the maximum: one bad map would decide.
     let greatest = ratios[(ratios.len() - 1) * 9 / 10];
     let mut slides = Vec::new();
     let mut at = 0;
@@ -149,7 +149,7 @@ fn slides_of_contact(contact: &[Moment]) -> Vec<Slide> {
     slides
 }
 
-/// Whether two moments pull the same way.
+/// Whether two moments pull in the same direction.
 fn follows(a: &Moment, b: &Moment) -> bool {
     a.direction[0] * b.direction[0] + a.direction[1] * b.direction[1] >= STRAIGHT
 }
@@ -180,8 +180,8 @@ fn median(values: &mut [f64]) -> f64 {
     }
 }
 
-/// Friction from slides, with an interval that holds the true one with this confidence. `systematic` is the standard
-/// deviation, as a share, of what all slides have in common; 0 for maps that are true.
+/// Friction from slides, with its confidence interval. `systematic` is the relative error that all slides share, standard
+/// deviation; 0 for true maps.
 ///
 /// # Errors
 /// What was found and what was expected, when there are too few slides.
@@ -198,7 +198,7 @@ pub fn estimate(slides: &[Slide], confidence: f64, systematic: f64) -> Result<Es
     let mean = logarithms.iter().sum::<f64>() / count;
     let variance = logarithms.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / (count - 1.0);
     let of_mean = variance / count;
-    // Welch–Satterthwaite: the systematic part is known from elsewhere and has as good as infinitely many degrees.
+    // Welch–Satterthwaite: the systematic part is known independently, with practically infinite degrees of freedom.
     let total = of_mean + systematic * systematic + METHOD * METHOD;
     let degrees = if of_mean > 0.0 {
         (count - 1.0) * (total / of_mean).powi(2)
@@ -217,8 +217,8 @@ pub fn estimate(slides: &[Slide], confidence: f64, systematic: f64) -> Result<Es
     })
 }
 
-/// Quantile of Student's t, 0.5 < p < 1: the normal one with Cornish–Fisher's correction (Abramowitz and Stegun 26.7.5),
-/// to a percent from three degrees on.
+/// Quantile of Student's t, 0.5 < p < 1: the normal quantile with the Cornish–Fisher correction (Abramowitz and Stegun
+/// 26.7.5), within one percent from three degrees of freedom.
 fn student_t(p: f64, degrees: f64) -> f64 {
     let z = normal_quantile(p);
     let powers: [f64; 5] = [1, 3, 5, 7, 9].map(|power| z.powi(power));
@@ -245,7 +245,7 @@ fn normal_quantile(p: f64) -> f64 {
 mod tests {
     use super::*;
 
-    /// A round contact, pulled along x with this share of what friction holds (Cattaneo–Mindlin).
+    /// A round contact, pulled along x with this share of the friction limit (Cattaneo–Mindlin).
     fn contact(normal_n: f64, friction: f64, share: f64) -> [[f64; 3]; TAXELS] {
         let radius = 5.0_f64;
         let stick = radius * (1.0 - share).max(0.0).cbrt();
@@ -272,7 +272,7 @@ mod tests {
         map
     }
 
-    /// Presses, pulls until it slides and on, lets go; so often.
+    /// Repeats: press, pull until it slides and further, release.
     fn recording(friction: f64, slides: usize, most: f64) -> Vec<Moment> {
         let mut moments = Vec::new();
         for _ in 0..slides {
@@ -298,7 +298,7 @@ mod tests {
             );
         }
         let estimate = estimate(&found, 0.9, 0.0).unwrap();
-        // What is left is the method's own: 1.645 times 1.5 % to each side.
+        // Only the method's own error is left: 1.645 times 1.5 % to each side.
         assert!(
             (estimate.friction - 0.6).abs() < 0.003 && (estimate.high - estimate.low - 0.0296).abs() < 0.003
         );
@@ -307,7 +307,7 @@ mod tests {
 
     #[test]
     fn a_pull_that_friction_holds_is_no_slide() {
-        // Up to 85 % of what it holds, and then for long: F_T / F_N has a plateau, but the middle sticks.
+        // A long pull at 85 % of the friction limit: F_T / F_N has a plateau, but the centre sticks.
         assert_eq!(slides(&recording(0.6, 5, 0.85)), []);
         assert_eq!(slides(&recording(0.6, 5, 0.5)), []);
         let error = estimate(&[], 0.9, 0.0).unwrap_err();

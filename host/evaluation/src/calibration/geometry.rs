@@ -1,33 +1,33 @@
-//! How a fingertip sits in the gripper, from presses at marks of known place. Pure. Millimetres; places on the skin in
-//! distances between taxels from the map's centre, as seen from outside.
+//! How a fingertip sits in the gripper, from presses at known marks. Pure. Marks in mm; positions on the sensor surface in
+//! taxel pitches from the map's centre, as seen from outside.
 //!
-//! A mark m and the centre of pressure u of its press belong together by m = c + p·T(u): T turns by quarters (and mirrors for
-//! the second fingertip, which faces the first), p is the distance between taxels, c the map's centre. For each of the
-//! four turns p and c follow by least squares; the one with the least rest is taken. The rest of a free turn and of
-//! mirrored marks tell what is wrong. Limits: the press's middle must be its centre of pressure: a ball or a pin, pressed straight.
+//! A mark m and the centre of pressure u of its press satisfy m = c + p·T(u): T rotates by quarter turns (and mirrors for the
+//! second fingertip, which faces the first), p is the taxel pitch, c the map's centre. For each of the four rotations p and c
+//! follow by least squares; the fit with the smallest residual wins. The residuals of a free rotation and of mirrored marks
+//! show what is wrong. Limits: the centre of pressure must be the centre of the press: a ball or a pin, pressed straight.
 
 use gripline_protocol::{SIDE, TAXELS};
 
-/// Fewest presses: two more than the unknowns need.
+/// Minimum number of presses: two more than the unknowns need.
 pub const PRESSES_MIN: usize = 4;
-/// A contact presses at least so much, N.
+/// Minimum normal force of a contact, N.
 const NORMAL_MIN_N: f64 = 0.3;
-/// Fewest maps of a press.
+/// Minimum number of maps of a press.
 const FRAMES_MIN: usize = 4;
-/// Maps from this share of a press's greatest force on count: while it comes and goes the pressure wanders.
+/// Maps count from this share of the press's maximum force: at its start and end the pressure wanders.
 const PRESSED: f64 = 0.7;
-/// Taxels count from this share of the greatest normal force on: under it the network's errors are as large as the force.
+/// Taxels count from this share of the maximum normal force: below it the network's errors are as large as the force.
 const LOADED: f64 = 0.2;
-/// Marks reach at least so far from their best line, standard deviation, mm: marks on a line look the same mirrored.
+/// Minimum spread of the marks across their best line, standard deviation, mm: marks on a line look the same mirrored.
 const BREADTH_MM: f64 = 1.5;
-/// Largest rest of a press, mm: half a taxel.
+/// Maximum residual of a press, mm: half a taxel.
 const REST_MAX_MM: f64 = 0.8;
-/// Largest turn beside the quarters, degrees.
+/// Maximum rotation beyond the quarter turns, degrees.
 const OFF_MAX_DEG: f64 = 10.0;
-/// How far the distance between taxels may be from the expected one, share.
+/// Maximum deviation of the taxel pitch from the nominal one, share.
 const PITCH_OFF: f64 = 0.2;
 
-/// What one force map says of where it is pressed.
+/// Where one force map is pressed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Touch {
     /// When, s.
@@ -62,27 +62,27 @@ pub struct Fit {
     pub centre_mm: [f64; 2],
     /// Counter-clockwise.
     pub quarter_turns: u8,
-    /// What a free turn would add, degrees.
+    /// What a free rotation would add, degrees.
     pub off_deg: f64,
-    /// Distance of each mark from where the fit has its press, mm.
+    /// Distance of each mark from its fitted press, mm.
     pub rests_mm: Vec<f64>,
 }
 
 impl Fit {
-    /// Root of the mean square of the rests.
+    /// Root mean square of the residuals.
     pub fn rms_mm(&self) -> f64 {
         let squares = self.rests_mm.iter().map(|rest| rest * rest).sum::<f64>();
         (squares / self.rests_mm.len() as f64).sqrt()
     }
 
-    /// The largest rest.
+    /// The largest residual.
     pub fn max_mm(&self) -> f64 {
         self.rests_mm.iter().copied().fold(0.0, f64::max)
     }
 }
 
 impl Touch {
-    /// Of a map, newtons per taxel.
+    /// From a map, newtons per taxel.
     pub fn of(t_s: f64, map: &[[f64; 3]; TAXELS]) -> Self {
         let peak = map.iter().map(|force| force[2]).fold(0.0, f64::max);
         let middle = (SIDE as f64 - 1.0) / 2.0;
@@ -107,7 +107,7 @@ impl Touch {
     }
 }
 
-/// The presses of a recording, in their order.
+/// The presses of a recording, in order of time.
 pub fn presses(touches: &[Touch]) -> Vec<Press> {
     let contacts = touches.split(|touch| touch.normal_n < NORMAL_MIN_N);
     contacts
@@ -131,7 +131,7 @@ pub fn presses(touches: &[Touch]) -> Vec<Press> {
         .collect()
 }
 
-/// Where a place on the skin lies in the gripper's frame, before pitch and centre.
+/// A position on the sensor surface in the gripper's frame, before pitch and centre.
 fn turned(place: [f64; 2], quarter_turns: u8, mirrored: bool) -> [f64; 2] {
     let [x, y] = (0..quarter_turns).fold(place, |[x, y], _| [-y, x]);
     if mirrored { [-x, y] } else { [x, y] }
@@ -222,7 +222,7 @@ pub fn fit(
     let in_one_place =
         || "found all presses in one place, expected them as far apart as the marks".to_owned();
     let found = best(marks, places, is_second).ok_or_else(in_one_place)?;
-    // Many marks fit no mirrored skin at all.
+    // Most marks do not fit a mirrored sensor at all.
     if let Some(mirrored) = best(marks, places, !is_second)
         && mirrored.rms_mm() < 0.5 * found.rms_mm()
         && mirrored.max_mm() <= REST_MAX_MM
@@ -273,7 +273,7 @@ mod tests {
 
     const CROSS: [[f64; 2]; 5] = [[0.0, 0.0], [5.0, 0.0], [0.0, 5.0], [-5.0, 0.0], [0.0, -5.0]];
 
-    /// Where the marks are pressed on a skin that sits like this, each off by `error`.
+    /// Where the marks are pressed on a sensor mounted like this, each off by `error`.
     fn places(
         marks: &[[f64; 2]],
         (pitch_mm, centre_mm, quarter_turns): (f64, [f64; 2], u8),
@@ -323,7 +323,7 @@ mod tests {
         assert!(said(&CROSS, &[[1.0, 1.0]; 5]).contains("in one place"));
         let half = CROSS.map(|mark| mark.map(|part| part * 0.5));
         assert!(said(&half, &good).contains("are the marks in millimetres"));
-        // Told apart from their mirror image by every mark.
+        // Marks without mirror symmetry.
         let odd = [[0.0, 0.0], [6.0, 0.0], [0.0, 3.0], [-5.0, 1.0], [2.0, -5.0]];
         let other = places(&odd, (1.6, [0.0, 0.0], 0), true, 0.0);
         assert!(
@@ -364,7 +364,7 @@ mod tests {
             (9, 9, 0.0, 2),
             (15, 3, 2.0, 5),
             (0, 0, 0.0, 2),
-            // A touch in passing.
+            // A brief touch.
             (4, 4, 1.0, 3),
         ] {
             for _ in 0..frames {

@@ -1,8 +1,8 @@
-//! The table of the grip-force line out of measured forces. Pure. Newtons, codes of the 12-bit DAC.
+//! Fits the table of the grip-force line to measured forces. Pure. Newtons, codes of the 12-bit DAC.
 //!
-//! Least squares of a line with four straight pieces, force over code, with its corners evenly over the measured codes; the
-//! first corner then moves along its piece to the code of 0 N, where the microcontroller's table begins.
-//! Limits: it must rise everywhere; a dead zone before the first force belongs to the first piece only as far as it was measured.
+//! Least squares of a piecewise linear function, force over code, with four pieces and evenly spaced corners; the first corner
+//! then moves along its piece to the code of 0 N, where the microcontroller's table begins.
+//! Limits: it must rise everywhere; a dead zone below the first force is fitted only as far as it was measured.
 
 use gripline_protocol::line::{DAC_CODE_MAX, LINE_POINTS, LIVE_ZERO_MIN};
 
@@ -11,13 +11,13 @@ use serde::{Deserialize, Serialize};
 /// A point of the grip-force line.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Point {
-    /// What the gripper does, newtons.
+    /// Grip force, newtons.
     pub force_n: f64,
-    /// At this code of the DAC.
+    /// Code of the DAC.
     pub code: u16,
 }
 
-/// Fewest measurements: twice as many as the table has points.
+/// Minimum number of measurements: twice the table's points.
 pub const MEASURED_MIN: usize = 2 * LINE_POINTS;
 
 /// A force measured at a code.
@@ -25,7 +25,7 @@ pub const MEASURED_MIN: usize = 2 * LINE_POINTS;
 pub struct Measured {
     /// Code of the DAC.
     pub code: u16,
-    /// What the gripper did, newtons.
+    /// Measured force, newtons.
     pub force_n: f64,
 }
 
@@ -34,9 +34,9 @@ pub struct Measured {
 pub struct Fit {
     /// The table.
     pub points: [Point; LINE_POINTS],
-    /// Root mean square of what is left over.
+    /// Root mean square of the residuals.
     pub rms_n: f64,
-    /// Largest of what is left over.
+    /// Largest residual.
     pub max_n: f64,
 }
 
@@ -86,7 +86,7 @@ pub fn fit(measured: &[Measured]) -> Result<Fit, String> {
         fitted - one.force_n
     });
     let (squares, max_n) = residuals.fold((0.0, 0.0_f64), |(sum, max), r| (sum + r * r, max.max(r.abs())));
-    // Along the first piece to where the force is 0.
+    // Extend the first piece to where the force is 0.
     let zero = least - forces[0] * step / (forces[1] - forces[0]);
     if !(f64::from(LIVE_ZERO_MIN)..least + step).contains(&zero) {
         return Err(format!(
@@ -207,7 +207,7 @@ mod tests {
             one.force_n += noise(one.code);
         }
         let fit = fit(&all).unwrap();
-        // Four pieces leave 0.1 N of this bend.
+        // Four pieces leave 0.1 N of this curve.
         assert!(fit.rms_n < 0.12 && fit.max_n < 0.35, "{fit:?}");
         assert!(
             fit.points

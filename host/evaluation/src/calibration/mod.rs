@@ -1,5 +1,5 @@
-//! What calibrations are fitted by: friction from slides, geometry from presses, the line's table from measured forces, and
-//! what pictures of the untouched sensor surface are worth. Pure.
+//! The fits behind calibrations: friction from slides, geometry from presses, the line table from measured forces; and the
+//! quality of pictures of the untouched sensor surface. Pure.
 
 pub mod friction;
 pub mod geometry;

@@ -1,41 +1,41 @@
-//! What pictures of the untouched skin are worth: light, focus, particles, noise, stillness, and how far they are from an
-//! earlier picture. Pure; for `gripline calibrate rest` and `gripline doctor`. 440×440 grey crops, grey levels, pixels.
-//! Limits: whether something lies still on the skin shows only against an earlier picture.
+//! Quality of pictures of the untouched sensor surface: light, focus, particles, noise, motion, and the change since an earlier
+//! picture. Pure; for `gripline calibrate rest` and `gripline doctor`. 440×440 grey crops, grey levels, pixels.
+//! Limits: an object that lies still on the surface shows only against an earlier picture.
 
 use gripline_network::constants::CROP_SIDE;
 use gripline_network::tracked::Tracker;
 
-/// From this level a pixel says no more than "bright".
+/// From this level a pixel is saturated.
 const SATURATED: u8 = 253;
-/// Distances of the fine and the coarse detail that sharpness compares, pixels: within a particle, and over one.
+/// Distances of the fine and the coarse detail that sharpness compares, pixels: within a particle, and across one.
 const DETAIL: [usize; 2] = [1, 4];
-/// Side of the parts of the skin that move as one, pixels, and parts a side.
+/// Side of the parts of the surface that are tracked as one, pixels, and parts per side.
 const PART: usize = 44;
 const PARTS: usize = CROP_SIDE / PART;
-/// Fewest followed particles that a part is judged by.
+/// Minimum number of tracked particles to judge a part by.
 const VOTES: usize = 6;
-/// Groups that pictures are cut into, in the order of their time, to see whether something moved.
+/// Groups of consecutive pictures that are compared to detect motion.
 const GROUPS: usize = 4;
 
 /// Limits that good pictures keep.
 pub mod limit {
-    /// Least and greatest mean level; those of the network's health.
+    /// Minimum and maximum mean level; those of the network's health.
     pub const LEVEL: [f64; 2] = [15.0, 120.0];
-    /// Most saturated pixels, share: bright particles saturate here and there.
+    /// Maximum share of saturated pixels: a few bright particles saturate.
     pub const SATURATED: f64 = 0.01;
-    /// Fewest particles: half of what the sparsest simulated skin shows.
+    /// Minimum number of particles: half of the sparsest simulated sensor.
     pub const PARTICLES: usize = 900;
-    /// Least sharpness: simulated sensors have 0.22 to 0.23, one whose lens lost its focus 0.07.
+    /// Minimum sharpness: simulated sensors have 0.22 to 0.23, defocused ones 0.07.
     pub const SHARPNESS: f64 = 0.15;
-    /// Most motion of a part of a skin that nothing touches, pixels: the lightest touch that counts moves more.
+    /// Maximum motion of a part of an untouched surface, pixels: the lightest touch that counts moves it more.
     pub const STILL_PX: f64 = 0.1;
-    /// Most common motion since calibration, pixels: camera and gel moved against each other.
+    /// Maximum common motion since calibration, pixels: more means that camera and gel moved against each other.
     pub const DRIFT_PX: f64 = 0.3;
-    /// Most particles that may not be found again, share: as the network allows.
+    /// Maximum share of lost particles: as the network allows.
     pub const LOST: f64 = 0.3;
 }
 
-/// What pictures of one still skin show.
+/// Measured quality of pictures of one surface at rest.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Figures {
     /// Their mean, rounded to nearest.
@@ -50,16 +50,16 @@ pub struct Figures {
     pub sharpness: f64,
     /// Standard deviation of a pixel from picture to picture, grey levels.
     pub noise_levels: f64,
-    /// The most that a part of the skin moved while they were taken, pixels; 0 for fewer than two pictures.
+    /// Maximum motion of a part of the surface during the pictures, pixels; 0 for fewer than two pictures.
     pub moved_px: f64,
 }
 
-/// How a picture differs from an earlier one of the same skin.
+/// How a picture differs from an earlier one of the same surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Change {
     /// Motion that all parts have in common, pixels.
     pub drift_px: f64,
-    /// The most that a part moved beside it, pixels.
+    /// Maximum motion of a part relative to it, pixels.
     pub dent_px: f64,
     /// Share of the particles that were not found again.
     pub lost: f64,
@@ -68,10 +68,10 @@ pub struct Change {
 }
 
 impl Figures {
-    /// Of pictures in the order of their time.
+    /// From pictures in order of time.
     ///
     /// # Panics
-    /// When there is none or one is not 440×440: sources see to both.
+    /// When there is no picture, or one is not 440×440: sources guarantee both.
     pub fn of(pictures: &[Vec<u8>]) -> Self {
         let mean = mean(pictures);
         let mean_level = level(&mean);
@@ -144,7 +144,7 @@ fn level(picture: &[u8]) -> f64 {
     picture.iter().map(|&pixel| f64::from(pixel)).sum::<f64>() / picture.len() as f64
 }
 
-/// From pairs of pictures in a row, so that slow changes of the light do not count.
+/// From pairs of consecutive pictures, so that slow changes of the light do not count.
 fn noise(pictures: &[Vec<u8>]) -> f64 {
     let pairs = pictures.windows(2);
     let count = pairs.len() * CROP_SIDE * CROP_SIDE;
@@ -155,7 +155,7 @@ fn noise(pictures: &[Vec<u8>]) -> f64 {
     (0.5 * squares / count.max(1) as f64).sqrt()
 }
 
-/// `noise_square` is what is left of the pixels' noise in the picture, levels squared.
+/// `noise_square`: variance of the noise left in the picture, levels squared.
 fn sharpness(picture: &[u8], noise_square: f64) -> f64 {
     let squares = DETAIL.map(|apart| {
         let mut sum = 0.0;
@@ -175,7 +175,7 @@ fn sharpness(picture: &[u8], noise_square: f64) -> f64 {
     }
 }
 
-/// The most that a part moved between the first pictures and later ones, common motion included.
+/// Maximum motion of a part between the first pictures and later ones, common motion included.
 fn moved(pictures: &[Vec<u8>]) -> f64 {
     let groups: Vec<Vec<u8>> = pictures
         .chunks(pictures.len().div_ceil(GROUPS).max(1))
@@ -185,7 +185,7 @@ fn moved(pictures: &[Vec<u8>]) -> f64 {
     later
         .map(|group| {
             let change = Change::between(&groups[0], group);
-            // What cannot be followed has moved far.
+            // What cannot be tracked has moved far.
             let lost = if change.lost > limit::LOST {
                 f64::INFINITY
             } else {
@@ -251,7 +251,7 @@ mod tests {
         let mut fingertip = Fingertip::new(1, params).unwrap();
         let pictures: Vec<_> = (0..4).map(|_| fingertip.rest_image().pixels).collect();
         let found = Figures::of(&pictures).noise_levels;
-        // Rounding adds 1/12, the black end of the scale takes a little.
+        // Rounding adds 1/12; clipping at black removes a little.
         assert!((found - 3.0).abs() < 0.1, "{found}");
     }
 
@@ -298,7 +298,7 @@ mod tests {
         let touch = Change::between(&before, &touched);
         assert!(touch.dent_px > 2.0 * limit::STILL_PX, "{touch:?}");
         assert!(touch.drift_px < limit::DRIFT_PX, "{touch:?}");
-        // A pixel to the right.
+        // One pixel to the right.
         let shifted: Vec<u8> = (0..before.len()).map(|at| before[at.saturating_sub(1)]).collect();
         let shift = Change::between(&before, &shifted);
         assert!(

@@ -3,6 +3,8 @@
 //! Units: rate in maps per second. Limits: 10 to 1,000 maps a second, because slower maps are stale and faster ones
 //! do not fit the link.
 
+use std::ops::RangeInclusive;
+
 use gripline_protocol::message::{Command, Configuration, SlipState};
 use gripline_protocol::{ForceMap, Health, MapInfo, PER_UNIT};
 
@@ -11,7 +13,7 @@ use gripline_link::EmbeddedLink;
 use gripline_link::session::{Session, SessionError};
 
 /// Slowest and fastest rate of maps, per second.
-pub const RATE_HZ: (f64, f64) = (10.0, 1_000.0);
+pub const RATE_HZ: RangeInclusive<f64> = 10.0..=1_000.0;
 
 /// Why a recording cannot be replayed.
 #[derive(Debug, thiserror::Error)]

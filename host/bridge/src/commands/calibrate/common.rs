@@ -1,41 +1,41 @@
-//! What every calibration takes and says.
+//! Arguments that every calibration takes, and what all of them print.
 
 use std::path::PathBuf;
 use std::time::SystemTime;
 
 use clap::Args;
 
-/// What every calibration takes.
+/// Arguments of every calibration.
 #[derive(Debug, Clone, Args)]
 pub(super) struct Common {
-    /// Calibration file; sections that are there already stay.
+    /// Calibration file; its other sections stay.
     #[arg(long, value_name = "FILE.toml", default_value = "calibration.toml")]
-    pub(super) out: PathBuf,
-    /// What was calibrated, for the file: a name or serial number.
+    pub out: PathBuf,
+    /// Name or serial number of what was calibrated, for the file.
     #[arg(long, value_name = "NAME")]
-    pub(super) device: Option<String>,
-    /// Do not ask for anything.
+    pub device: Option<String>,
+    /// Ask nothing.
     #[arg(long)]
-    pub(super) yes: bool,
-    /// Print what was found as one JSON object; asks for nothing.
+    pub yes: bool,
+    /// Print the result as one JSON object; asks nothing.
     #[arg(long)]
-    pub(super) json: bool,
+    pub json: bool,
 }
 
 impl Common {
-    /// Whether somebody is there who can be asked.
+    /// Whether a person is there to ask.
     pub(super) fn asks(&self) -> bool {
         use std::io::IsTerminal as _;
         !self.yes && !self.json && std::io::stdin().is_terminal()
     }
 }
 
-/// Now, as the file says it.
+/// The time now, as the file holds it.
 pub(super) fn date() -> String {
     humantime::format_rfc3339_seconds(SystemTime::now()).to_string()
 }
 
-/// Says what was written, and how it is used the first time.
+/// Prints what was written and how to use it.
 pub(super) fn wrote(common: &Common) {
     if !common.json {
         println!(

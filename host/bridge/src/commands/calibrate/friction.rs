@@ -8,32 +8,32 @@ use serde_json::json;
 use super::common::{Common, date, wrote};
 use super::{guide, maps};
 use crate::calibration::{Calibration, Friction};
-use crate::commands::number::number_in;
 use crate::error::Failure;
+use crate::value::number_in;
 use gripline_evaluation::calibration::friction::{Estimate, Moment, Slide, estimate, slides};
 
-/// What a network's F_T / F_N is wrong by on all slides of one sensor alike, standard deviation as a share: from
+/// Relative error of a network's F_T / F_N that all slides of one sensor share, standard deviation. Measured by
 /// `cargo test -p gripline --test calibrate -- --nocapture`, which slides objects over simulated sensors.
 pub(super) const MAP_ERROR: f64 = 0.05;
 
 /// Arguments of `gripline calibrate friction`.
 #[derive(Debug, Clone, Args)]
 pub(super) struct FrictionArgs {
-    /// A recording of `gripline run --record`, or force maps of `gripline infer` (T, 3, 20, 20). Without one the command
-    /// says how to make it.
+    /// A recording of `gripline run --record`, or force maps of `gripline infer` (T, 3, 20, 20). Without it the command
+    /// explains how to make one.
     #[arg(value_name = "REC.mcap|MAPS.npy")]
     recording: Option<PathBuf>,
-    /// Share of such intervals that hold the true coefficient.
-    #[arg(long, value_name = "P", default_value_t = 0.9, value_parser = |text: &str| number_in(text, 0.5, 0.999))]
+    /// Confidence of the interval: the share of such intervals that contain the true coefficient.
+    #[arg(long, value_name = "P", default_value_t = 0.9, value_parser = number_in(0.5..=0.999))]
     confidence: f64,
     /// Maps per second of a MAPS.npy.
-    #[arg(long, value_name = "HZ", default_value_t = 60.0, value_parser = |text: &str| number_in(text, 1.0, 1000.0))]
+    #[arg(long, value_name = "HZ", default_value_t = 60.0, value_parser = number_in(1.0..=1000.0))]
     rate: f64,
-    /// Whose maps of a recording.
+    /// Which fingertip of the recording.
     #[arg(long, value_name = "1|2", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=2))]
     fingertip: u8,
-    /// What the maps' F_T / F_N may be wrong by on all slides alike, standard deviation as a share; 0 for true maps.
-    #[arg(long, value_name = "SHARE", default_value_t = MAP_ERROR, value_parser = |text: &str| number_in(text, 0.0, 0.5))]
+    /// Relative error of the maps' F_T / F_N that all slides share, standard deviation; 0 for true maps.
+    #[arg(long, value_name = "SHARE", default_value_t = MAP_ERROR, value_parser = number_in(0.0..=0.5))]
     map_error: f64,
     #[command(flatten)]
     common: Common,
@@ -64,7 +64,7 @@ pub(super) fn run(args: &FrictionArgs) -> Result<(), Failure> {
             found.friction
         )));
     }
-    say(&args.common, &slides, &found);
+    print(&args.common, &slides, &found);
     let rounded = |value: f64| (value * 1e4).round() / 1e4;
     calibration.friction = Some(Friction {
         date: date(),
@@ -82,7 +82,7 @@ pub(super) fn run(args: &FrictionArgs) -> Result<(), Failure> {
     Ok(())
 }
 
-fn say(common: &Common, slides: &[Slide], found: &Estimate) {
+fn print(common: &Common, slides: &[Slide], found: &Estimate) {
     if common.json {
         let slides: Vec<_> = slides
             .iter()
@@ -107,7 +107,7 @@ fn say(common: &Common, slides: &[Slide], found: &Estimate) {
     }
     println!(
         "friction {:.3}, {:.0} % interval {:.3} to {:.3} (Student's t over {} slides that differ by {:.3}, and the maps' own \
-         error)\nthe detector works with {:.3}, a sixth under the interval: what slips sits exactly at the true one",
+         error)\nthe detector uses {:.3}, a sixth below the interval: slipping taxels sit exactly at the true coefficient",
         found.friction,
         100.0 * found.confidence,
         found.low,

@@ -10,15 +10,15 @@ use serde_json::json;
 use super::common::{Common, date, wrote};
 use super::{guide, maps};
 use crate::calibration::{Calibration, Geometry};
-use crate::commands::number::number_in;
 use crate::error::Failure;
+use crate::value::number_in;
 use gripline_evaluation::calibration::geometry::{Fit, Press, Touch, fit, presses};
 
 /// Arguments of `gripline calibrate geometry`.
 #[derive(Debug, Clone, Args)]
 pub(super) struct GeometryArgs {
-    /// A recording of `gripline run --record`, or force maps of `gripline infer` (T, 3, 20, 20). Without one the command
-    /// says how to make it.
+    /// A recording of `gripline run --record`, or force maps of `gripline infer` (T, 3, 20, 20). Without it the command
+    /// explains how to make one.
     #[arg(value_name = "REC.mcap|MAPS.npy")]
     recording: Option<PathBuf>,
     /// The marks in the order in which they were pressed, from the gripper's axis: x to the right and y up as seen from
@@ -33,11 +33,11 @@ pub(super) struct GeometryArgs {
     /// Which fingertip was pressed; the second one faces the first.
     #[arg(long, value_name = "1|2", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=2))]
     fingertip: u8,
-    /// Distance between the taxels of this kind of skin; what is found may differ by a fifth.
-    #[arg(long, value_name = "MM", default_value_t = TAXEL_PITCH_MM, value_parser = |text: &str| number_in(text, 0.1, 10.0))]
+    /// Nominal distance between taxels; the result may differ by a fifth.
+    #[arg(long, value_name = "MM", default_value_t = TAXEL_PITCH_MM, value_parser = number_in(0.1..=10.0))]
     pitch_mm: f64,
     /// Maps per second of a MAPS.npy.
-    #[arg(long, value_name = "HZ", default_value_t = 60.0, value_parser = |text: &str| number_in(text, 1.0, 1000.0))]
+    #[arg(long, value_name = "HZ", default_value_t = 60.0, value_parser = number_in(1.0..=1000.0))]
     rate: f64,
     #[command(flatten)]
     common: Common,
@@ -82,7 +82,7 @@ pub(super) fn run(args: &GeometryArgs) -> Result<(), Failure> {
     let places: Vec<_> = presses.iter().map(|press| press.place).collect();
     let found = fit(&args.marks.0, &places, args.fingertip == 2, args.pitch_mm)
         .map_err(|error| Failure::failed(format!("{}: {error}", path.display())))?;
-    say(args, &presses, &found);
+    print(args, &presses, &found);
     let rounded = |value: f64| (value * 1e3).round() / 1e3;
     calibration.geometry = Some(Geometry {
         date: date(),
@@ -100,7 +100,7 @@ pub(super) fn run(args: &GeometryArgs) -> Result<(), Failure> {
     Ok(())
 }
 
-fn say(args: &GeometryArgs, presses: &[Press], found: &Fit) {
+fn print(args: &GeometryArgs, presses: &[Press], found: &Fit) {
     let [x, y] = found.centre_mm;
     let each = presses.iter().zip(&args.marks.0).zip(&found.rests_mm);
     if args.common.json {
@@ -126,8 +126,8 @@ fn say(args: &GeometryArgs, presses: &[Press], found: &Fit) {
         );
     }
     println!(
-        "{:.3} mm between taxels, the map's centre at {x:.2}, {y:.2} mm, turned by {} quarters and {:.1}°; {:.2} mm are left over \
-         (root mean square), {:.2} at most",
+        "{:.3} mm between taxels, the map's centre at {x:.2}, {y:.2} mm, rotated by {} quarter turns and {:.1}°; residual {:.2} mm \
+         (root mean square), {:.2} mm at most",
         found.pitch_mm,
         found.quarter_turns,
         found.off_deg,
@@ -141,7 +141,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn marks_are_read_and_what_is_none_is_refused() {
+    fn marks_are_parsed_and_other_text_is_refused() {
         assert_eq!("0,0 -5,2.5".parse(), Ok(Marks(vec![[0.0, 0.0], [-5.0, 2.5]])));
         for text in ["0", "0,0 5", "0,0 a,b", "0,0 99,0", "0,0,0"] {
             assert!(

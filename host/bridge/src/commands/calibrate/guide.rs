@@ -1,4 +1,4 @@
-//! What a person has to do, in words and small drawings, on standard error; standard output is for what was found.
+//! What a person has to do, in words and small drawings, on standard error; standard output is for results.
 
 use std::io::{self, Write as _};
 
@@ -19,12 +19,12 @@ pub(super) const REST: [Step; 2] = [
         nothing here
      .- - - - - - - - -.
     ╭───────────────────╮
-    │ ·  ·   · ·  ·   · │  skin with its particles
+    │ ·  ·   · ·  ·   · │  sensor surface with particles
     │   ·  ·    ·   ·   │
     ╰───────────────────╯
       ☼      (◎)      ☼    lamps on, camera below
 ",
-        text: "Open the gripper, take everything off the skin, and light it as in use. Do not touch the table meanwhile.",
+        text: "Open the gripper, take everything off the sensor surface, and light it as in use. Do not touch the table meanwhile.",
     },
     Step {
         drawing: r"
@@ -35,7 +35,7 @@ pub(super) const REST: [Step; 2] = [
     │ ·  ·   · ·  ·   · │
     ╰───────────────────╯
 ",
-        text: "Touch the skin once with a finger and let go. If something lay on it, the pictures after it differ.",
+        text: "Touch the surface once with a finger and let go. If something lay on it, the pictures after this differ.",
     },
 ];
 
@@ -48,7 +48,7 @@ pub(super) const FRICTION: [Step; 3] = [
     │ ·  ·  ·   ·  ·  │
     ╰─────────────────╯
 ",
-        text: "Record (`gripline run --record slides.mcap`). Press an object of the kind that is to be held on the skin.",
+        text: "Record (`gripline run --record slides.mcap`). Press an object of the kind to be held onto the surface.",
     },
     Step {
         drawing: r"
@@ -58,17 +58,17 @@ pub(super) const FRICTION: [Step; 3] = [
     │ ·  ·  ·   ·  ·  │
     ╰─────────────────╯
 ",
-        text: "Drag it straight until it slides as a whole, and on for half a second. Do not turn it.",
+        text: "Drag it straight until it slides as a whole, and for half a second more. Do not turn it.",
     },
     Step {
         drawing: r"
                  ╭─────╮
               ↑  │     │  ↑
-                 ╰─────╯     six times or more, elsewhere, other ways
+                 ╰─────╯     six times or more, other places and directions
     ╭─────────────────╮
     ╰─────────────────╯
 ",
-        text: "Lift it, and again. Then: `gripline calibrate friction slides.mcap`.",
+        text: "Lift it and repeat. Then: `gripline calibrate friction slides.mcap`.",
     },
 ];
 
@@ -83,7 +83,7 @@ pub(super) const GEOMETRY: [Step; 3] = [
               5
 ",
         text: "Make a jig with five holes as drawn, seen from outside the first fingertip, and fix it to the gripper with hole 1 on \
-               its axis. Other marks, or other ways to hold the pin, go with --marks.",
+               its axis. For other marks use --marks.",
     },
     Step {
         drawing: r"
@@ -104,7 +104,7 @@ pub(super) const GEOMETRY: [Step; 3] = [
     ╭─────────────────╮
     ╰─────────────────╯
 ",
-        text: "Lift it, and press the other holes in their order, each once. Then: `gripline calibrate geometry presses.mcap`.",
+        text: "Lift it, and press the other holes in order, each once. Then: `gripline calibrate geometry presses.mcap`.",
     },
 ];
 
@@ -126,7 +126,7 @@ pub(super) const LINE: [Step; 2] = [
         │  o ─ ╯
         └───────────────── code of the line
 ",
-        text: "The line goes up step by step. At each, wait until the gauge stands still, type the newtons, press Enter.",
+        text: "The line rises step by step. At each step wait until the gauge is steady, type the newtons, press Enter.",
     },
 ];
 

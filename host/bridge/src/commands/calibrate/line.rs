@@ -1,4 +1,4 @@
-//! `gripline calibrate line`: steps the grip-force line, takes the forces that somebody measures, fits the table.
+//! `gripline calibrate line`: raises the grip-force line step by step, asks for the measured forces, fits the table.
 
 use std::fs;
 use std::io::{self, BufRead as _, Write as _};
@@ -16,41 +16,35 @@ use serde_json::json;
 use super::common::{Common, date, wrote};
 use super::guide;
 use crate::calibration::{Calibration, Line, with_points};
-use crate::commands::number::number_in;
-use crate::config::{Overrides, Settings};
+use crate::commands::device::DeviceArgs;
 use crate::error::Failure;
-use gripline_evaluation::calibration::line::Point;
-use gripline_evaluation::calibration::line::{Fit, MEASURED_MIN, Measured, fit};
-use gripline_link::Target;
+use crate::value::number_in;
+use gripline_evaluation::calibration::line::{Fit, MEASURED_MIN, Measured, Point, fit};
 use gripline_link::session::Session;
 use gripline_recording::units::newtons;
 
-/// From one map to the next while the line stands, µs: a microcontroller without maps would tighten.
+/// Time between maps while the line stands still, µs: without maps the microcontroller would tighten.
 const MAP_US: u64 = 16_000;
-/// Longest way of the line from step to step, µs.
-const PATIENCE_US: u64 = 10_000_000;
+/// Maximum time of the line from step to step, µs.
+const STEP_TIMEOUT_US: u64 = 10_000_000;
 
 /// Arguments of `gripline calibrate line`.
 #[derive(Debug, Clone, Args)]
 pub(super) struct LineArgs {
-    /// Forces that were measured before: CSV with the header `code,force_n`. The line is not touched.
-    #[arg(long, value_name = "FILE.csv", conflicts_with_all = ["mcu", "steps", "most_n", "store"])]
+    /// Forces measured before: CSV with the header `code,force_n`. The line does not move.
+    #[arg(long, value_name = "FILE.csv", conflicts_with_all = ["mcu", "steps", "max_n", "store"])]
     csv: Option<PathBuf>,
-    /// Which microcontroller's line. By default the configuration's link.mcu.
-    #[arg(long, value_name = "MCU")]
-    mcu: Option<Target>,
-    /// How many forces are measured, from 0 N up.
+    #[command(flatten)]
+    device: DeviceArgs,
+    /// How many forces to measure, from 0 N up.
     #[arg(long, value_name = "N", default_value_t = 11, value_parser = clap::value_parser!(u64).range(MEASURED_MIN as u64..=101))]
     steps: u64,
-    /// The last step, newtons by the table in force. By default the ceiling.
-    #[arg(long, value_name = "NEWTONS", value_parser = |text: &str| number_in(text, 1.0, 125.0))]
-    most_n: Option<f64>,
-    /// Keep the new table in the microcontroller's flash; it counts from its next start.
+    /// Force of the last step by the table in force, newtons. By default the ceiling.
+    #[arg(long = "most-n", value_name = "NEWTONS", value_parser = number_in(1.0..=125.0))]
+    max_n: Option<f64>,
+    /// Store the new table in the microcontroller's flash; it takes effect at its next start.
     #[arg(long)]
     store: bool,
-    /// Configuration file that names the microcontroller.
-    #[arg(long, value_name = "FILE")]
-    config: Option<PathBuf>,
     #[command(flatten)]
     common: Common,
 }
@@ -58,7 +52,7 @@ pub(super) struct LineArgs {
 /// Measures, fits and writes.
 ///
 /// # Errors
-/// [`Failure`] when the link fails, a number is none, or the forces make no table.
+/// [`Failure`] when the link fails, a force is not a number, or the forces make no table.
 pub(super) fn run(args: &LineArgs) -> Result<(), Failure> {
     let mut calibration = Calibration::load_or_new(&args.common.out)?;
     let (measured, device, session) = match &args.csv {
@@ -67,7 +61,7 @@ pub(super) fn run(args: &LineArgs) -> Result<(), Failure> {
     };
     let named = |error: String| Failure::failed(format!("{device}: {error}; nothing was written"));
     let found = fit(&measured).map_err(named)?;
-    say(&args.common, &measured, &found);
+    print(&args.common, &measured, &found);
     let rounded = |value: f64| (value * 1e4).round() / 1e4;
     calibration.line = Some(Line {
         date: date(),
@@ -88,20 +82,22 @@ pub(super) fn run(args: &LineArgs) -> Result<(), Failure> {
 fn store(mut session: Session, points: &[Point]) -> Result<(), Failure> {
     let settings = with_points(session.settings(), points);
     // No force beyond the table's end.
-    let most = settings.line.points.last().map_or(0, |point| point.force);
+    let max = settings.line.points.last().map_or(0, |point| point.force);
     let settings = Configuration {
-        ceiling: settings.ceiling.min(most),
-        tighten: settings.tighten.min(most),
-        floor: settings.floor.min(most),
+        ceiling: settings.ceiling.min(max),
+        tighten: settings.tighten.min(max),
+        floor: settings.floor.min(max),
         ..settings
     };
     session.configure(settings)?;
     let writes = session.store()?;
-    tracing::info!("stored, for the {writes}. time; the table counts from the microcontroller's next start");
+    tracing::info!(
+        "stored ({writes} times by now); the table takes effect at the microcontroller's next start"
+    );
     Ok(())
 }
 
-fn say(common: &Common, measured: &[Measured], found: &Fit) {
+fn print(common: &Common, measured: &[Measured], found: &Fit) {
     if common.json {
         let points: Vec<_> = found
             .points
@@ -158,13 +154,9 @@ fn read(path: &Path) -> Result<Vec<Measured>, Failure> {
         .collect()
 }
 
-/// Steps the line and asks for forces; the session is released at the end, or on the way out of a failure.
+/// Steps the line and asks for forces; releases the gripper at the end, after a failure too.
 fn measure(args: &LineArgs) -> Result<(Vec<Measured>, String, Option<Session>), Failure> {
-    let mcu = match &args.mcu {
-        Some(mcu) => mcu.clone(),
-        None => Settings::load(&Overrides::of_file(args.config.as_deref()))?.mcu,
-    };
-    let session = Session::connect(mcu.open()?)?;
+    let session = args.device.connect()?;
     let device = session.link_name();
     if args.common.asks() {
         for (place, step) in guide::LINE.iter().enumerate() {
@@ -172,13 +164,13 @@ fn measure(args: &LineArgs) -> Result<(Vec<Measured>, String, Option<Session>), 
         }
     }
     let before = *session.settings();
-    let most_n = args
-        .most_n
+    let max_n = args
+        .max_n
         .unwrap_or(newtons(before.ceiling))
         .min(newtons(before.ceiling));
     let mut stepper = Stepper {
         table: LineCalibration::of(&before.line),
-        typed: typed_lines(),
+        input: input_lines(),
         session,
         sequence: 0,
     };
@@ -186,11 +178,11 @@ fn measure(args: &LineArgs) -> Result<(Vec<Measured>, String, Option<Session>), 
         stepper.session.command(Command::Hold)?;
         let last = args.steps - 1;
         (0..=last)
-            .map(|step| stepper.step(most_n * step as f64 / last as f64, step + 1, args.steps))
+            .map(|step| stepper.step(max_n * step as f64 / last as f64, step + 1, args.steps))
             .collect()
     };
     let measured = step_through();
-    // Whatever happened: let go, and as it was.
+    // After a failure too: release, and restore the settings.
     let _ = stepper.release();
     let _ = stepper.session.configure(before);
     Ok((measured?, device, Some(stepper.session)))
@@ -199,30 +191,30 @@ fn measure(args: &LineArgs) -> Result<(Vec<Measured>, String, Option<Session>), 
 struct Stepper {
     session: Session,
     table: LineCalibration,
-    typed: Receiver<String>,
+    input: Receiver<String>,
     sequence: u32,
 }
 
 impl Stepper {
-    /// Raises the line to `force_n` by the table in force, and asks what it makes.
+    /// Raises the line to `force_n` by the table in force, and asks for the measured force.
     fn step(&mut self, force_n: f64, number: u64, of: u64) -> Result<Measured, Failure> {
         let floor = (force_n * f64::from(LSB_PER_NEWTON)).round() as i32;
         let settings = Configuration {
             floor,
-            // Never less than the floor.
+            // At least the floor.
             tighten: self.session.settings().tighten.max(floor),
             ..*self.session.settings()
         };
         self.session.configure(settings)?;
-        let end_us = self.session.now_us() + PATIENCE_US;
+        let end_us = self.session.now_us() + STEP_TIMEOUT_US;
         while self.line() < floor {
-            self.keep()?;
+            self.keep_alive()?;
             if self.session.now_us() > end_us {
                 return Err(Failure::failed(format!(
                     "found the line at {:.2} N after {} s, expected {force_n:.2} N: acknowledge the microcontroller's faults, \
                      check rise_rate_n_per_s",
                     newtons(self.line()),
-                    PATIENCE_US / 1_000_000
+                    STEP_TIMEOUT_US / 1_000_000
                 )));
             }
         }
@@ -232,7 +224,7 @@ impl Stepper {
                 "step {number} of {of}, code {code} ({force_n:.2} N by the table in force); measured N: "
             );
             let _ = io::stderr().flush();
-            let line = self.wait_for_a_line()?;
+            let line = self.wait_for_line()?;
             match line.trim().replace(',', ".").parse::<f64>() {
                 Ok(force_n) if force_n.is_finite() => return Ok(Measured { code, force_n }),
                 _ => eprintln!("\nfound {:?}, expected newtons, such as 4.25", line.trim()),
@@ -244,8 +236,8 @@ impl Stepper {
         self.session.status().map_or(0, |status| status.line)
     }
 
-    /// Sends a map in which nothing touches, and works until the next.
-    fn keep(&mut self) -> Result<(), Failure> {
+    /// Sends an empty map, and runs the session until the next.
+    fn keep_alive(&mut self) -> Result<(), Failure> {
         let info = MapInfo {
             sensor: 0,
             sequence: self.sequence,
@@ -258,32 +250,32 @@ impl Stepper {
         self.session.run_until(until_us).map_err(Failure::failed)
     }
 
-    fn wait_for_a_line(&mut self) -> Result<String, Failure> {
+    fn wait_for_line(&mut self) -> Result<String, Failure> {
         loop {
-            match self.typed.try_recv() {
+            match self.input.try_recv() {
                 Ok(line) => return Ok(line),
                 Err(TryRecvError::Disconnected) => {
                     return Err(Failure::failed(
                         "standard input ended, expected a measured force for every step; nothing was written",
                     ));
                 }
-                Err(TryRecvError::Empty) => self.keep()?,
+                Err(TryRecvError::Empty) => self.keep_alive()?,
             }
         }
     }
 
     fn release(&mut self) -> Result<(), Failure> {
         self.session.command(Command::Release)?;
-        let end_us = self.session.now_us() + PATIENCE_US;
+        let end_us = self.session.now_us() + STEP_TIMEOUT_US;
         while self.line() > 0 && self.session.now_us() < end_us {
-            self.keep()?;
+            self.keep_alive()?;
         }
         Ok(())
     }
 }
 
-/// Standard input beside the loop, which must not stop for it.
-fn typed_lines() -> Receiver<String> {
+/// Lines of standard input, read by a thread: the loop must not wait for them.
+fn input_lines() -> Receiver<String> {
     let (sender, receiver) = sync_channel(0);
     thread::spawn(move || {
         for line in io::stdin().lock().lines().map_while(Result::ok) {

@@ -1,4 +1,4 @@
-//! The force maps that a calibration goes by: those of a recording, or of a file.
+//! The force maps that a calibration works on, from a recording or a file.
 
 use std::path::Path;
 
@@ -8,8 +8,8 @@ use crate::error::Failure;
 use gripline_recording::maps_file::MapsFile;
 use gripline_recording::{Ending, Reader};
 
-/// What `of` makes of every map (time in seconds, newtons per taxel), and what the maps are of. Of a recording those of
-/// fingertip `fingertip`, 1 or 2.
+/// `of` applied to every map (time in seconds, newtons per taxel), and the device that made them. `fingertip`, 1 or 2, selects
+/// maps of a recording.
 ///
 /// # Errors
 /// [`Failure`] when the file cannot be read, or has no map of the fingertip.
@@ -32,7 +32,7 @@ pub(super) fn read<T>(
         }
         if let Ending::Cut(why) = reader.ending() {
             tracing::warn!(
-                "{}: a recording cut short after {frames} frames ({why}); what is there is used",
+                "{}: a recording cut short after {frames} frames ({why}); these are used",
                 path.display()
             );
         }

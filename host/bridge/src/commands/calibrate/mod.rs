@@ -1,6 +1,6 @@
-//! `gripline calibrate rest|geometry|friction|line`: says what to do, measures, and writes it into one TOML file that the
-//! configuration names (`calibration.file`). Each part writes its own section and leaves the others. Without a terminal, or
-//! with `--yes`, nothing is asked.
+//! `gripline calibrate rest|geometry|friction|line`: explains the steps, measures, and writes one TOML file that the
+//! configuration names (`calibration.file`). Each command writes its own section and leaves the others. Without a terminal,
+//! or with `--yes`, it asks nothing.
 
 mod common;
 mod friction;
@@ -22,18 +22,18 @@ use crate::error::Failure;
 #[derive(Debug, Clone, Args)]
 pub struct CalibrateArgs {
     #[command(subcommand)]
-    of: Of,
+    part: Part,
 }
 
 #[derive(Debug, Clone, Subcommand)]
-enum Of {
-    /// The untouched skin: pictures that later ones are compared with, and their noise.
+enum Part {
+    /// Take pictures of the untouched sensor surface, which later ones are compared with, and measure their noise.
     Rest(RestArgs),
-    /// How the skin sits in the gripper: its place, its turn and its scale, from a recording of presses at marks.
+    /// Find how the sensor surface sits in the gripper (position, rotation, scale), from a recording of presses at marks.
     Geometry(GeometryArgs),
-    /// Friction between skin and object, from a recording in which the object was made to slide.
+    /// Estimate the friction between sensor surface and object, from a recording in which the object slides.
     Friction(FrictionArgs),
-    /// What the codes of the grip-force line make the gripper do, from forces that you measure.
+    /// Fit the table of the grip-force line (DAC code to force), from forces that you measure.
     Line(LineArgs),
 }
 
@@ -42,10 +42,10 @@ enum Of {
 /// # Errors
 /// [`Failure`] that says what was found, what was expected, and what to do; nothing is written then.
 pub fn run(args: &CalibrateArgs) -> Result<(), Failure> {
-    match &args.of {
-        Of::Rest(args) => rest::run(args),
-        Of::Geometry(args) => geometry::run(args),
-        Of::Friction(args) => friction::run(args),
-        Of::Line(args) => line::run(args),
+    match &args.part {
+        Part::Rest(args) => rest::run(args),
+        Part::Geometry(args) => geometry::run(args),
+        Part::Friction(args) => friction::run(args),
+        Part::Line(args) => line::run(args),
     }
 }

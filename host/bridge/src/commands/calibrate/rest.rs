@@ -1,4 +1,4 @@
-//! `gripline calibrate rest`: pictures of the untouched skin, judged before they are believed.
+//! `gripline calibrate rest`: pictures of the untouched sensor surface, checked before they are written.
 
 use std::path::PathBuf;
 
@@ -13,7 +13,7 @@ use crate::calibration::{Calibration, Rest, write};
 use crate::commands::files::grey_png;
 use crate::config::{Overrides, Settings};
 use crate::error::Failure;
-use crate::source::{Source, SourceSettings};
+use crate::source::Source;
 use gripline_capture::picture;
 use gripline_evaluation::calibration::surface::{Change, Figures, limit};
 
@@ -25,16 +25,16 @@ pub(super) struct RestArgs {
     /// How many pictures.
     #[arg(long, value_name = "N", default_value_t = 16, value_parser = clap::value_parser!(u64).range(8..=256))]
     pictures: u64,
-    /// Which fingertip; each has a file of its own (calibration.file, calibration.second_file).
+    /// Which fingertip; each has its own file (calibration.file, calibration.second_file).
     #[arg(long, value_name = "1|2", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=2))]
     fingertip: u8,
-    /// Where pictures come from. By default the configuration's camera.source, of the second fingertip camera.second_source.
+    /// Where pictures come from. By default the configuration's camera.source, for the second fingertip camera.second_source.
     #[arg(long)]
     source: Option<Source>,
-    /// Pictures that were taken before instead: a folder, or one (*.png, *.jpg, in the order of their names).
+    /// Use pictures taken before: a folder, or one file (*.png, *.jpg, in the order of their names).
     #[arg(long, value_name = "DIR|FILE", conflicts_with = "source")]
     frames: Option<PathBuf>,
-    /// Do not compare with the rest pictures that the file has: the gel or the camera is another one.
+    /// Do not compare with the rest pictures in the file: the gel or the camera was replaced.
     #[arg(long)]
     anew: bool,
     /// Configuration file that names the camera.
@@ -42,7 +42,7 @@ pub(super) struct RestArgs {
     config: Option<PathBuf>,
 }
 
-/// Takes, judges and writes.
+/// Takes, checks and writes.
 ///
 /// # Errors
 /// [`Failure`] that lists everything that is wrong with the pictures.
@@ -123,20 +123,16 @@ fn take(args: &RestArgs) -> Result<(Vec<Vec<u8>>, String), Failure> {
     }
     let settings = Settings::load(&Overrides::of_file(args.config.as_deref()))?;
     let configured = match args.fingertip {
-        1 => Some(settings.source),
-        _ => settings.second_source,
+        1 => Some(&settings.source),
+        _ => settings.second_source.as_ref(),
     };
-    let source = args.source.clone().or(configured).ok_or_else(|| {
+    let source = args.source.as_ref().or(configured).ok_or_else(|| {
         Failure::usage(
             "--fingertip: found 2 without a camera.second_source, expected one in the configuration: name it there, or say \
-             --source"
-                .to_owned(),
+             --source",
         )
     })?;
-    let mut camera = source.open(&SourceSettings {
-        fingertip: usize::from(args.fingertip) - 1,
-        ..settings.pictures_of
-    })?;
+    let mut camera = source.open(&settings.source_settings(usize::from(args.fingertip) - 1))?;
     let count = args.pictures as usize;
     if !args.common.asks() {
         return Ok((camera.rest(count)?.crops, source.to_string()));
@@ -148,7 +144,7 @@ fn take(args: &RestArgs) -> Result<(Vec<Vec<u8>>, String), Failure> {
     Ok((pictures, source.to_string()))
 }
 
-/// What is wrong with the pictures alone.
+/// What is wrong with the pictures by themselves.
 fn wrong(figures: &Figures) -> Vec<String> {
     let mut problems = Vec::new();
     let [dark, bright] = limit::LEVEL;
@@ -172,7 +168,7 @@ fn wrong(figures: &Figures) -> Vec<String> {
     }
     if figures.particles < limit::PARTICLES {
         problems.push(format!(
-            "found {} particles, expected at least {}: focus the lens, clean it, check that the whole skin is in the picture",
+            "found {} particles, expected at least {}: focus the lens, clean it, check that the whole sensor surface is in the picture",
             figures.particles,
             limit::PARTICLES
         ));
@@ -186,7 +182,7 @@ fn wrong(figures: &Figures) -> Vec<String> {
     }
     if figures.moved_px > limit::STILL_PX {
         problems.push(format!(
-            "found parts of the skin that moved by {:.2} pixels meanwhile, expected at most {}: take everything off the skin, \
+            "found parts of the sensor surface that moved by {:.2} pixels meanwhile, expected at most {}: take everything off it, \
              keep hands and table still, and wait until the gel has settled",
             figures.moved_px,
             limit::STILL_PX
@@ -199,24 +195,24 @@ fn wrong(figures: &Figures) -> Vec<String> {
 fn changed(change: &Change, file: &str) -> Option<String> {
     if change.lost > limit::LOST {
         return Some(format!(
-            "found {:.0} % of the particles of {file} missing, expected at most {:.0} %: take off what covers the skin; for \
-             another gel or camera say --anew",
+            "found {:.0} % of the particles of {file} missing, expected at most {:.0} %: uncover the sensor surface; for another \
+             gel or camera use --anew",
             100.0 * change.lost,
             100.0 * limit::LOST
         ));
     }
     if change.dent_px > limit::STILL_PX {
         return Some(format!(
-            "found a part of the skin {:.2} pixels from where {file} has it, expected at most {}: something touches it; take it \
-             off, or say --anew if the skin has changed for good",
+            "found a part of the sensor surface {:.2} pixels from its place in {file}, expected at most {}: something touches it; \
+             remove it, or use --anew if the surface has changed for good",
             change.dent_px,
             limit::STILL_PX
         ));
     }
     if change.drift_px > limit::DRIFT_PX {
         return Some(format!(
-            "found the skin {:.2} pixels aside of where {file} has it, expected at most {}: fasten camera and gel, and say \
-             --anew if they are where they are to stay",
+            "found the sensor surface {:.2} pixels from its place in {file}, expected at most {}: fasten camera and gel, and use \
+             --anew if they are now where they will stay",
             change.drift_px,
             limit::DRIFT_PX
         ));
@@ -244,7 +240,7 @@ fn image(pixels: &[u8]) -> gripline_simulation::Image {
     image
 }
 
-/// To what a person wants to read.
+/// Four decimals, for people.
 fn rounded(value: f64) -> f64 {
     (value * 1e4).round() / 1e4
 }

@@ -11,8 +11,8 @@ use gripline_firmware::Friction;
 use gripline_protocol::{LSB_PER_NEWTON, PER_UNIT, TAXELS};
 
 use self::output::Output;
-use crate::commands::number::number_in;
 use crate::error::Failure;
+use crate::value::number_in;
 use gripline_evaluation::detect::judge::{Settings, judge, quantise};
 use gripline_evaluation::detect::replay::{RATE_HZ, Replay};
 use gripline_evaluation::detect::table::{Extra, Summary, write_header, write_row};
@@ -27,13 +27,13 @@ pub struct DetectArgs {
     #[arg(value_name = "MAPS.npy")]
     pub maps: PathBuf,
     /// Friction coefficient of the detector, 0 to 2 in steps of 0.0001.
-    #[arg(long, default_value_t = 0.45, value_parser = |text: &str| number_in(text, 0.0, 2.0))]
+    #[arg(long, default_value_t = 0.45, value_parser = number_in(0.0..=2.0))]
     pub mu: f64,
     /// A frame slips when its stick ratio is below this, 0 to 1 in steps of 0.0001.
-    #[arg(long, default_value_t = 0.5, value_parser = |text: &str| number_in(text, 0.0, 1.0))]
+    #[arg(long, default_value_t = 0.5, value_parser = number_in(0.0..=1.0))]
     pub threshold: f64,
     /// A taxel is in contact when its normal force exceeds this, newtons.
-    #[arg(long, value_name = "NEWTONS", default_value_t = 0.0, value_parser = |text: &str| number_in(text, 0.0, 8.0))]
+    #[arg(long, value_name = "NEWTONS", default_value_t = 0.0, value_parser = number_in(0.0..=8.0))]
     pub contact_min: f64,
     /// Newtons per unit of the file.
     #[arg(long, default_value_t = 1.0, value_parser = positive)]
@@ -48,7 +48,7 @@ pub struct DetectArgs {
     #[arg(long, requires = "csv")]
     pub line: bool,
     /// Maps per second of the recording, for --state and --line.
-    #[arg(long, value_name = "HZ", default_value_t = 60.0, value_parser = |text: &str| number_in(text, RATE_HZ.0, RATE_HZ.1))]
+    #[arg(long, value_name = "HZ", default_value_t = 60.0, value_parser = number_in(RATE_HZ))]
     pub rate: f64,
     /// Print the summary as one JSON object.
     #[arg(long)]

@@ -1,5 +1,5 @@
-//! What `gripline doctor` makes of what it found. Pure: every judgement is a function of numbers, so that every one can be
-//! tested with faults that no test machine has. Pictures in grey levels and pixels, times in ms, rates in 1/s.
+//! How `gripline doctor` judges what it measured. Pure: every finding is a function of numbers, so that tests can show it faults
+//! that no test machine has. Pictures in grey levels and pixels, times in ms, rates in 1/s.
 
 use std::borrow::Cow;
 use std::fmt;
@@ -13,29 +13,29 @@ use gripline_capture::CaptureError;
 use gripline_evaluation::calibration::surface::{Change, Figures, limit};
 use gripline_link::usb::{Attached, choose};
 
-/// Least share of the wanted frame rate that is in order, and that works at all.
+/// Minimum share of the wanted frame rate that is good, and that works at all.
 const RATE: [f64; 2] = [0.95, 0.5];
-/// A picture that comes this much later than its place is missing or late, in picture intervals.
+/// A picture this late counts as late or missing, in picture intervals.
 const GAP: f64 = 1.5;
-/// What a picture may take from the camera's bytes to the microcontroller's, ms: median and longest (DESIGN.md).
+/// Budget from the camera's bytes to the microcontroller's, ms: median and maximum (DESIGN.md).
 const BUDGET_MS: [f64; 2] = [1.5, 4.0];
-/// Least sharpness against the calibrated one, share.
+/// Minimum sharpness as a share of the calibrated one.
 const SHARPNESS_KEPT: f64 = 0.8;
-/// Largest noise against the calibrated one, share.
+/// Maximum noise as a share of the calibrated one.
 const NOISE_GROWN: f64 = 1.5;
-/// Largest change of the mean level since calibration, share, that is in order, and that the network still takes.
+/// Maximum change of the mean level since calibration that is good, and that the network still accepts, shares.
 const LIGHT: [f64; 2] = [0.1, 0.25];
 
-/// How it stands.
+/// How serious a finding is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "lowercase")]
-pub(super) enum State {
+pub(super) enum Level {
     Ok,
     Warn,
     Fail,
 }
 
-impl fmt::Display for State {
+impl fmt::Display for Level {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.pad(match self {
             Self::Ok => "ok",
@@ -45,65 +45,64 @@ impl fmt::Display for State {
     }
 }
 
-/// One thing that was looked at.
+/// The result of one check.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
-pub(super) struct Check {
-    pub name: Cow<'static, str>,
-    pub state: State,
+pub(super) struct Finding {
+    #[serde(rename = "name")]
+    pub what: Cow<'static, str>,
+    #[serde(rename = "state")]
+    pub level: Level,
     pub found: String,
     pub expected: String,
     /// What to do; empty when all is well.
-    pub advice: String,
+    #[serde(rename = "advice")]
+    pub fix: String,
 }
 
-impl Check {
-    pub(super) fn ok(name: &'static str, found: impl fmt::Display, expected: impl fmt::Display) -> Self {
-        Self::new(name, State::Ok, found, expected, "")
+impl Finding {
+    pub(super) fn ok(what: &'static str, found: impl fmt::Display, expected: impl fmt::Display) -> Self {
+        Self::new(what, Level::Ok, found, expected, "")
     }
 
     pub(super) fn fail(
-        name: &'static str,
+        what: &'static str,
         found: impl fmt::Display,
         expected: impl fmt::Display,
-        advice: &str,
+        fix: &str,
     ) -> Self {
-        Self::new(name, State::Fail, found, expected, advice)
+        Self::new(what, Level::Fail, found, expected, fix)
     }
 
     fn new(
-        name: &'static str,
-        state: State,
+        what: &'static str,
+        level: Level,
         found: impl fmt::Display,
         expected: impl fmt::Display,
-        advice: &str,
+        fix: &str,
     ) -> Self {
         Self {
-            name: name.into(),
-            state,
+            what: what.into(),
+            level,
             found: found.to_string(),
             expected: expected.to_string(),
-            advice: if state == State::Ok {
-                String::new()
-            } else {
-                advice.to_owned()
-            },
+            fix: if level == Level::Ok { "" } else { fix }.to_owned(),
         }
     }
 }
 
-/// Warn or fail, by which of the two limits is passed.
-fn grade(warns: bool, fails: bool) -> State {
+/// The more serious of two conditions decides.
+fn grade(warns: bool, fails: bool) -> Level {
     if fails {
-        State::Fail
+        Level::Fail
     } else if warns {
-        State::Warn
+        Level::Warn
     } else {
-        State::Ok
+        Level::Ok
     }
 }
 
-/// `at_s` are the times of pictures in a row, `wanted` pictures a second.
-pub(super) fn frame_rate(at_s: &[f64], wanted: f64) -> Check {
+/// `at_s`: times of consecutive pictures; `wanted`: pictures a second.
+pub(super) fn frame_rate(at_s: &[f64], wanted: f64) -> Finding {
     let expected = format!("{wanted:.0}/s, none missing");
     let span = at_s
         .last()
@@ -115,21 +114,21 @@ pub(super) fn frame_rate(at_s: &[f64], wanted: f64) -> Check {
         .windows(2)
         .filter(|pair| (pair[1] - pair[0]) * wanted > GAP)
         .count();
-    let [good, least] = RATE;
-    Check::new(
+    let [good, minimum] = RATE;
+    Finding::new(
         "frame rate",
-        grade(rate < good * wanted || gaps > 0, rate < least * wanted),
+        grade(rate < good * wanted || gaps > 0, rate < minimum * wanted),
         format!("{rate:.1}/s, {gaps} late or missing of {steps}"),
         expected,
         "more light or a shorter exposure; a USB port of its own; MJPEG instead of YUYV; check what else uses this machine",
     )
 }
 
-pub(super) fn light(figures: &Figures) -> Check {
+pub(super) fn light(figures: &Figures) -> Finding {
     let [dark, bright] = limit::LEVEL;
     let level = figures.mean_level;
     let saturated = figures.saturated_share > limit::SATURATED;
-    Check::new(
+    Finding::new(
         "light",
         grade(saturated, level < dark || level > bright),
         format!(
@@ -148,50 +147,50 @@ pub(super) fn light(figures: &Figures) -> Check {
     )
 }
 
-pub(super) fn focus(figures: &Figures, calibrated: Option<&Rest>) -> Check {
-    let least = calibrated.map_or(limit::SHARPNESS, |rest| {
+pub(super) fn focus(figures: &Figures, calibrated: Option<&Rest>) -> Finding {
+    let minimum = calibrated.map_or(limit::SHARPNESS, |rest| {
         limit::SHARPNESS.max(SHARPNESS_KEPT * rest.sharpness)
     });
     let blurred = figures.sharpness < limit::SHARPNESS;
     let few = figures.particles < limit::PARTICLES;
-    Check::new(
+    Finding::new(
         "focus",
-        grade(figures.sharpness < least, blurred || few),
+        grade(figures.sharpness < minimum, blurred || few),
         format!(
             "sharpness {:.3}, {} particles",
             figures.sharpness, figures.particles
         ),
-        format!("at least {least:.3} and {}", limit::PARTICLES),
+        format!("at least {minimum:.3} and {}", limit::PARTICLES),
         "focus the lens on the particles, clean it; then `gripline calibrate rest`",
     )
 }
 
-pub(super) fn noise(figures: &Figures, calibrated: &Rest) -> Check {
-    let most = NOISE_GROWN * calibrated.noise_levels.max(0.5);
-    Check::new(
+pub(super) fn noise(figures: &Figures, calibrated: &Rest) -> Finding {
+    let maximum = NOISE_GROWN * calibrated.noise_levels.max(0.5);
+    Finding::new(
         "noise",
-        grade(figures.noise_levels > most, false),
+        grade(figures.noise_levels > maximum, false),
         format!("{:.2} grey levels from picture to picture", figures.noise_levels),
-        format!("at most {most:.2}"),
+        format!("at most {maximum:.2}"),
         "less gain and more light; nothing may move; then `gripline calibrate rest`",
     )
 }
 
-/// `change` since the calibrated rest picture; none without a calibration.
-pub(super) fn rest(change: Option<&Change>) -> Check {
-    const NAME: &str = "rest picture";
+/// `change` since the calibrated rest picture; `None` without a calibration.
+pub(super) fn rest(change: Option<&Change>) -> Finding {
+    const WHAT: &str = "rest picture";
     let Some(change) = change else {
-        return Check::new(
-            NAME,
-            State::Warn,
+        return Finding::new(
+            WHAT,
+            Level::Warn,
             "no calibrated one",
             "calibration.file with a section [rest]",
-            "`gripline calibrate rest`, and name its file in the configuration; until then nothing may touch the skin when a \
-             run starts",
+            "`gripline calibrate rest`, and name its file in the configuration; until then nothing may touch the sensor surface \
+             when a run starts",
         );
     };
-    let [unlike, too_unlike] = LIGHT;
-    let off = (change.light - 1.0).abs();
+    let [good, usable] = LIGHT;
+    let light_change = (change.light - 1.0).abs();
     let found = format!(
         "{:.2} px aside, parts {:.2} px more, {:.0} % of the particles gone, {:+.0} % light",
         change.drift_px,
@@ -204,39 +203,40 @@ pub(super) fn rest(change: Option<&Change>) -> Check {
         limit::DRIFT_PX,
         limit::STILL_PX,
         100.0 * limit::LOST,
-        100.0 * unlike
+        100.0 * good
     );
-    let gone = change.lost > limit::LOST;
-    let advice = if gone {
-        "this is not the skin that was calibrated, or something covers it: clean it, or `gripline calibrate rest --anew`"
+    let lost = change.lost > limit::LOST;
+    let fix = if lost {
+        "this is not the sensor surface that was calibrated, or something covers it: clean it, or `gripline calibrate rest --anew`"
     } else if change.drift_px > limit::DRIFT_PX {
         "camera and gel moved against each other: fasten them, then `gripline calibrate rest --anew`"
     } else if change.dent_px > limit::STILL_PX {
-        "something touches the skin, or it keeps a dent: take it off, let it settle; if it stays, `gripline calibrate rest \
-         --anew`"
+        "something touches the sensor surface, or a dent is left: remove it, let the gel settle; if it stays, `gripline \
+         calibrate rest --anew`"
     } else {
         "set lamps and exposure as they were, or `gripline calibrate rest`"
     };
-    let drifted = change.drift_px > limit::DRIFT_PX || change.dent_px > limit::STILL_PX || off > unlike;
-    Check::new(
-        NAME,
-        grade(drifted, gone || off > too_unlike),
+    let drifted =
+        change.drift_px > limit::DRIFT_PX || change.dent_px > limit::STILL_PX || light_change > good;
+    Finding::new(
+        WHAT,
+        grade(drifted, lost || light_change > usable),
         found,
         expected,
-        advice,
+        fix,
     )
 }
 
 /// ffmpeg, which only clips need.
-pub(super) fn ffmpeg(version: Result<String, CaptureError>, is_needed: bool) -> Check {
+pub(super) fn ffmpeg(version: Result<String, CaptureError>, is_needed: bool) -> Finding {
     let expected = "ffmpeg, to read and write clips";
     match version {
-        Ok(version) => Check::ok("ffmpeg", version, expected),
+        Ok(version) => Finding::ok("ffmpeg", version, expected),
         Err(missing) => {
-            let state = if is_needed { State::Fail } else { State::Warn };
-            Check::new(
+            let level = if is_needed { Level::Fail } else { Level::Warn };
+            Finding::new(
                 "ffmpeg",
-                state,
+                level,
                 missing,
                 expected,
                 "install it, unless no clip is ever used",
@@ -245,15 +245,15 @@ pub(super) fn ffmpeg(version: Result<String, CaptureError>, is_needed: bool) -> 
     }
 }
 
-/// Which of the devices of ours is meant, if any.
-pub(super) fn usb(attached: &[Attached], serial: Option<&str>) -> Check {
+/// Whether one of the attached devices can be chosen.
+pub(super) fn usb(attached: &[Attached], serial: Option<&str>) -> Finding {
     let expected = serial.map_or_else(
         || "one device".to_owned(),
         |serial| format!("the device {serial}"),
     );
     match choose("usb", attached, serial) {
-        Ok(place) => Check::ok("usb", format!("a device at {}", attached[place].place), expected),
-        Err(error) => Check::fail(
+        Ok(place) => Finding::ok("usb", format!("a device at {}", attached[place].place), expected),
+        Err(error) => Finding::fail(
             "usb",
             error,
             expected,
@@ -262,14 +262,14 @@ pub(super) fn usb(attached: &[Attached], serial: Option<&str>) -> Check {
     }
 }
 
-/// What answered the handshake; our own build is `[major, minor, patch]`.
-pub(super) fn firmware(hello: &Hello, build: [u8; 3]) -> Check {
+/// What answered the handshake; `build` is ours: `[major, minor, patch]`.
+pub(super) fn firmware(hello: &Hello, build: [u8; 3]) -> Finding {
     let dotted = |[a, b, c]: [u8; 3]| format!("{a}.{b}.{c}");
     let board = BOARDS
         .get(usize::from(hello.board))
         .copied()
         .unwrap_or("an unknown board");
-    Check::new(
+    Finding::new(
         "firmware",
         grade(hello.build != build, false),
         format!("{} on {board}, speaks our schema", dotted(hello.build)),
@@ -278,9 +278,9 @@ pub(super) fn firmware(hello: &Hello, build: [u8; 3]) -> Check {
     )
 }
 
-/// Names of the faults that are there or latched.
-pub(super) fn faults(names: &[&str]) -> Check {
-    Check::new(
+/// Names of the active or latched faults.
+pub(super) fn faults(names: &[&str]) -> Finding {
+    Finding::new(
         "faults",
         grade(!names.is_empty(), false),
         if names.is_empty() {
@@ -289,13 +289,13 @@ pub(super) fn faults(names: &[&str]) -> Check {
             names.join(", ")
         },
         "none",
-        "docs/safety.md says what each means; look at the gripper, then acknowledge",
+        "docs/safety.md says what each means; check the gripper, then acknowledge",
     )
 }
 
-/// Whether the microcontroller's table of the line is the calibrated one.
-pub(super) fn line_table(same: bool) -> Check {
-    Check::new(
+/// Whether the microcontroller's line table is the calibrated one.
+pub(super) fn line_table(same: bool) -> Finding {
+    Finding::new(
         "line table",
         grade(!same, false),
         if same {
@@ -308,12 +308,12 @@ pub(super) fn line_table(same: bool) -> Check {
     )
 }
 
-/// `usable` is what the run would use, `widest` what the processor has.
-pub(super) fn processor(usable: InstructionSet, widest: InstructionSet) -> Check {
-    Check::new(
+/// `used`: what the run would use; `widest`: what the processor has.
+pub(super) fn processor(used: InstructionSet, widest: InstructionSet) -> Finding {
+    Finding::new(
         "processor",
-        grade(usable == InstructionSet::Portable, false),
-        format!("uses {usable}, has {widest}"),
+        grade(used == InstructionSet::Portable, false),
+        format!("uses {used}, has {widest}"),
         "avx2 or avx512",
         if widest == InstructionSet::Portable {
             "use a processor with AVX2: the network takes three times as long without"
@@ -323,32 +323,32 @@ pub(super) fn processor(usable: InstructionSet, widest: InstructionSet) -> Check
     )
 }
 
-/// Times of whole frames with the network, ms.
-pub(super) fn latency(times_ms: &mut [f64]) -> Check {
+/// Times of whole frames, network included, ms.
+pub(super) fn latency(times_ms: &mut [f64]) -> Finding {
     times_ms.sort_by(f64::total_cmp);
     let median = times_ms.get(times_ms.len() / 2).copied().unwrap_or(f64::INFINITY);
     let longest = times_ms.last().copied().unwrap_or(f64::INFINITY);
-    let [usual, most] = BUDGET_MS;
-    Check::new(
+    let [median_max, longest_max] = BUDGET_MS;
+    Finding::new(
         "latency",
-        grade(median > usual || longest > most, median > most),
+        grade(median > median_max || longest > longest_max, median > longest_max),
         format!(
             "median {median:.2} ms, longest of {} {longest:.2} ms",
             times_ms.len()
         ),
-        format!("at most {usual} ms and {most} ms"),
+        format!("at most {median_max} ms and {longest_max} ms"),
         "a release build (`cargo build --release`); nothing else on this core (realtime.enabled); network.architecture \
          \"unet\"",
     )
 }
 
-/// What the system did not allow.
-pub(super) fn realtime(lacks: &[String], wanted: bool) -> Check {
-    Check::new(
+/// `lacks`: what the system did not allow.
+pub(super) fn realtime(lacks: &[String], wanted: bool) -> Finding {
+    Finding::new(
         "real time",
         grade(!lacks.is_empty(), wanted && !lacks.is_empty()),
         if lacks.is_empty() {
-            "SCHED_FIFO, locked memory and a core can be had".to_owned()
+            "SCHED_FIFO, locked memory and a core are available".to_owned()
         } else {
             lacks.join("; ")
         },

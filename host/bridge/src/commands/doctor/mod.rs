@@ -1,13 +1,12 @@
-//! `gripline doctor`: looks at everything that a run needs, with the flags and the configuration of `gripline run`, and says
-//! for each what was found, what was expected and what to do. Exit code 0 all well, 3 warnings, 1 something fails.
-//! `judge` judges; here the world is touched, and nothing in it changed: the microcontroller is only asked.
+//! `gripline doctor`: checks everything that a run needs, with the flags and the configuration of `gripline run`, and reports
+//! for each what was found, what was expected and what to do. Exit code 0: all well, 3: warnings, 1: a check failed.
+//! This file measures and changes nothing; `judge` judges.
 
 mod judge;
 
 use std::time::Instant;
 
 use clap::Args;
-use gripline_firmware::Fault;
 use gripline_firmware::sums::TaxelRule;
 use gripline_network::scene::{GateKind, Verdict};
 use gripline_network::{InstructionSet, Network};
@@ -15,11 +14,11 @@ use gripline_protocol::message::{Command, Hello};
 use gripline_simulation::constants::REST_PICTURES;
 use serde_json::json;
 
-use self::judge::{Check, State};
+use self::judge::{Finding, Level};
 use crate::calibration::{Calibration, with_points};
+use crate::commands::faults::names as fault_names;
 use crate::config::{Overrides, Settings};
 use crate::error::{Completion, Failure};
-use crate::run::network_for;
 use crate::run::realtime;
 use crate::source::{AtRest, SimulatedSource, Source, SourceSettings};
 use gripline_capture::clip::ffmpeg_version;
@@ -30,15 +29,15 @@ use gripline_link::usb::attached;
 use gripline_pipeline::pipeline::Pipeline;
 use gripline_pipeline::settings_for;
 
-/// Pictures that the latency is measured with: as many as show the longest of a second.
+/// Pictures that the latency is measured with: a second of them.
 const TIMED: usize = 60;
-/// Before them, so that caches and clocks are warm.
-const WARM: usize = 10;
-/// How long the microcontroller may take to say how it is: it does so ten times a second by itself.
-const ANSWER_US: u64 = 250_000;
-/// Frames a second of the simulated touch.
+/// Pictures before them, to warm up caches and clocks.
+const WARM_UP: usize = 10;
+/// How long to wait for a status: the microcontroller sends ten a second.
+const STATUS_US: u64 = 250_000;
+/// Frame rate of the simulated touch.
 const TOUCH_FRAMES_PER_SECOND: f64 = 60.0;
-/// Grip of the simulated touch that the network is timed with, N.
+/// Grip force of the simulated touch, N.
 const TOUCH_N: f64 = 3.0;
 
 /// Arguments of `gripline doctor`.
@@ -46,12 +45,12 @@ const TOUCH_N: f64 = 3.0;
 pub struct DoctorArgs {
     #[command(flatten)]
     overrides: Overrides,
-    /// Print the checks as one JSON object.
+    /// Print the findings as one JSON object.
     #[arg(long)]
     json: bool,
 }
 
-/// Looks and says.
+/// Checks and reports.
 ///
 /// # Errors
 /// [`Failure`] of kind Loss when there are warnings, Failed when a check fails, Usage when the configuration is wrong.
@@ -59,19 +58,16 @@ pub fn run(args: &DoctorArgs) -> Result<Completion, Failure> {
     let settings = Settings::load(&args.overrides)?;
     let mut doctor = Doctor {
         json: args.json,
-        of_second: false,
-        checks: Vec::new(),
+        is_second: false,
+        findings: Vec::new(),
     };
     let calibration = settings.calibration.as_ref();
-    let rest = doctor.camera(&settings.source, &settings.pictures_of, calibration);
+    let rest = doctor.camera(&settings.source, &settings.source_settings(0), calibration);
     if let Some(second) = &settings.second_source {
-        doctor.of_second = true;
-        let of_second = SourceSettings {
-            fingertip: 1,
-            ..settings.pictures_of.clone()
-        };
-        doctor.camera(second, &of_second, settings.second_calibration.as_ref());
-        doctor.of_second = false;
+        doctor.is_second = true;
+        let second_settings = settings.source_settings(1);
+        doctor.camera(second, &second_settings, settings.second_calibration.as_ref());
+        doctor.is_second = false;
     }
     let sources = [Some(&settings.source), settings.second_source.as_ref()];
     let is_clip = |source: &&Source| matches!(source, Source::Clip(_));
@@ -79,55 +75,50 @@ pub fn run(args: &DoctorArgs) -> Result<Completion, Failure> {
     doctor.say(judge::ffmpeg(ffmpeg_version(), is_needed));
     doctor.link(&settings);
     doctor.machine(&settings, &rest);
-    let worst = doctor
-        .checks
+    let findings = &doctor.findings;
+    let worst = findings
         .iter()
-        .map(|check| check.state)
+        .map(|finding| finding.level)
         .max()
-        .unwrap_or(State::Ok);
+        .unwrap_or(Level::Ok);
     if args.json {
-        println!("{}", json!({"worst": worst, "checks": doctor.checks}));
+        println!("{}", json!({"worst": worst, "checks": findings}));
     }
-    let named = |state: State| -> Vec<&str> {
-        let of = doctor.checks.iter().filter(|check| check.state == state);
-        of.map(|check| check.name.as_ref()).collect()
-    };
+    let at_worst = findings.iter().filter(|finding| finding.level == worst);
+    let names = at_worst
+        .map(|finding| finding.what.as_ref())
+        .collect::<Vec<_>>()
+        .join(", ");
     match worst {
-        State::Ok => Ok(Completion::Whole),
-        State::Warn => Ok(Completion::WithLoss(format!(
-            "warnings: {}",
-            named(State::Warn).join(", ")
-        ))),
-        State::Fail => Err(Failure::failed(format!(
-            "not fit: {}",
-            named(State::Fail).join(", ")
-        ))),
+        Level::Ok => Ok(Completion::Whole),
+        Level::Warn => Ok(Completion::WithLoss(format!("warnings: {names}"))),
+        Level::Fail => Err(Failure::failed(format!("not fit: {names}"))),
     }
 }
 
 struct Doctor {
     json: bool,
-    /// What is said now is of the second fingertip.
-    of_second: bool,
-    checks: Vec<Check>,
+    /// Findings are now about the second fingertip.
+    is_second: bool,
+    findings: Vec<Finding>,
 }
 
 impl Doctor {
-    /// Says it at once: some checks take seconds.
-    fn say(&mut self, mut check: Check) {
-        if self.of_second {
-            check.name = format!("second {}", check.name).into();
+    /// Prints it at once: some checks take seconds.
+    fn report(&mut self, mut finding: Finding) {
+        if self.is_second {
+            finding.what = format!("second {}", finding.what).into();
         }
         if !self.json {
-            println!("{:<5}{:<21}{}", check.state, check.name, check.found);
-            if check.state != State::Ok {
-                println!("{:26}expected {}\n{:26}{}", "", check.expected, "", check.advice);
+            println!("{:<5}{:<21}{}", finding.level, finding.what, finding.found);
+            if finding.level != Level::Ok {
+                println!("{:26}expected {}\n{:26}{}", "", finding.expected, "", finding.fix);
             }
         }
-        self.checks.push(check);
+        self.findings.push(finding);
     }
 
-    /// Camera, light, focus and rest picture of a fingertip; the pictures at rest.
+    /// Camera, light, focus and rest picture of a fingertip; returns its pictures at rest.
     fn camera(
         &mut self,
         source: &Source,
@@ -149,26 +140,26 @@ impl Doctor {
         ) = match opened {
             Ok(opened) => opened,
             Err(failure) => {
-                let advice = "do what it says, or choose another source";
-                self.say(Check::fail("camera", failure, "pictures", advice));
+                let fix = "do what it says, or choose another source";
+                self.report(Finding::fail("camera", failure, "pictures", fix));
                 return Vec::new();
             }
         };
-        self.say(Check::ok("camera", told, "pictures"));
-        self.say(judge::frame_rate(&at_s, frames_per_second));
+        self.report(Finding::ok("camera", told, "pictures"));
+        self.report(judge::frame_rate(&at_s, frames_per_second));
         let figures = Figures::of(&pictures);
         let rest = calibrated.and_then(|calibration| calibration.rest.as_ref());
-        self.say(judge::light(&figures));
-        self.say(judge::focus(&figures, rest));
+        self.report(judge::light(&figures));
+        self.report(judge::focus(&figures, rest));
         if let Some(rest) = rest {
-            self.say(judge::noise(&figures, rest));
+            self.report(judge::noise(&figures, rest));
         }
         match calibrated.map_or(Ok(None), Calibration::rest_pictures) {
             Ok(before) => {
                 let change = before.map(|before| Change::between(&mean(&before), &figures.mean));
-                self.say(judge::rest(change.as_ref()));
+                self.report(judge::rest(change.as_ref()));
             }
-            Err(failure) => self.say(Check::fail(
+            Err(failure) => self.report(Finding::fail(
                 "rest picture",
                 failure,
                 "the calibrated one",
@@ -178,12 +169,12 @@ impl Doctor {
         pictures
     }
 
-    /// USB presence, handshake, faults, table of the line.
+    /// USB device, handshake, faults, line table.
     fn link(&mut self, settings: &Settings) {
         if let Target::Usb(serial) = &settings.mcu {
             match attached() {
-                Ok(found) => self.say(judge::usb(&found, serial.as_deref())),
-                Err(error) => self.say(Check::fail(
+                Ok(found) => self.report(judge::usb(&found, serial.as_deref())),
+                Err(error) => self.report(Finding::fail(
                     "usb",
                     error,
                     "a list of devices",
@@ -199,58 +190,59 @@ impl Doctor {
         let mut session = match session {
             Ok(session) => session,
             Err(error) => {
-                let advice = "check power, cable and udev rule; flash this version (`cargo xtask flash`)";
-                self.say(Check::fail(
+                let fix = "check power, cable and udev rule; flash this version (`cargo xtask flash`)";
+                self.report(Finding::fail(
                     "firmware",
                     error,
                     format!("an answer from {}", settings.mcu),
-                    advice,
+                    fix,
                 ));
                 return;
             }
         };
         if let Some(hello) = session.firmware() {
-            self.say(judge::firmware(hello, Hello::of_this_build(0, 0).build));
+            self.report(judge::firmware(hello, Hello::of_this_build(0, 0).build));
         }
         let asked = session
             .command(Command::ReadStatus)
-            .and_then(|_| session.run_until(session.now_us() + ANSWER_US));
+            .and_then(|_| session.run_until(session.now_us() + STATUS_US));
         if let Err(error) = asked {
-            self.say(Check::fail("faults", error, "a status", "check cable and power"));
+            self.report(Finding::fail(
+                "faults",
+                error,
+                "a status",
+                "check cable and power",
+            ));
         }
         if let Some(status) = session.status() {
-            let bits = status.faults | status.latched;
-            let there: Vec<&str> = Fault::ALL
-                .iter()
-                .filter(|fault| bits & fault.bit() != 0)
-                .map(|fault| fault.name())
-                .collect();
-            self.say(judge::faults(&there));
+            self.report(judge::faults(&fault_names(status.faults | status.latched)));
         }
         if let Some(line) = settings.calibration.as_ref().and_then(|all| all.line.as_ref()) {
             let now = session.settings();
-            self.say(judge::line_table(with_points(now, &line.points).line == now.line));
+            self.report(judge::line_table(with_points(now, &line.points).line == now.line));
         }
     }
 
-    /// Processor, network, latency and rights; the rights last, because locked memory stays locked.
+    /// Processor, network, latency and real-time rights; the rights last, because locked memory stays locked.
     fn machine(&mut self, settings: &Settings, rest: &[Vec<u8>]) {
         let widest = InstructionSet::widest();
-        self.say(judge::processor(settings.instructions.unwrap_or(widest), widest));
-        match network_for(settings) {
+        self.report(judge::processor(settings.instructions.unwrap_or(widest), widest));
+        match settings.network() {
             Ok(network) => {
-                let name = network.architecture();
-                self.say(Check::ok(
-                    "network",
-                    format!("{name}: {}", what_of(&network)),
-                    "weights that can be read",
-                ));
+                let calibration = network.calibration();
+                let found = format!(
+                    "{}: friction {:.2}, contact from {:.3} N a taxel",
+                    network.architecture(),
+                    calibration.friction,
+                    calibration.contact_min_n
+                );
+                self.report(Finding::ok("network", found, "weights that can be read"));
                 match frame_times_ms(settings, network, rest) {
-                    Ok(mut times) => self.say(judge::latency(&mut times)),
-                    Err(failure) => self.say(Check::fail("latency", failure, "maps", "report this")),
+                    Ok(mut times) => self.report(judge::latency(&mut times)),
+                    Err(failure) => self.report(Finding::fail("latency", failure, "maps", "report this")),
                 }
             }
-            Err(failure) => self.say(Check::fail(
+            Err(failure) => self.report(Finding::fail(
                 "network",
                 failure,
                 "weights that can be read",
@@ -264,24 +256,15 @@ impl Doctor {
                 .join()
                 .unwrap_or_default()
         });
-        self.say(judge::realtime(&lacks, settings.realtime));
+        self.report(judge::realtime(&lacks, settings.realtime));
     }
 }
 
-/// How many particles or multiply-adds it looks at is of no use here; who it is.
-fn what_of(network: &Network) -> String {
-    let calibration = network.calibration();
-    format!(
-        "friction {:.2}, contact from {:.3} N a taxel",
-        calibration.friction, calibration.contact_min_n
-    )
-}
-
-/// Pictures of a touch through the whole pipeline, the network in each.
+/// How long a frame takes in the whole pipeline, network included: pictures of a simulated touch.
 fn frame_times_ms(settings: &Settings, network: Network, rest: &[Vec<u8>]) -> Result<Vec<f64>, Failure> {
     let rule = TaxelRule::of(&settings_for(&network));
-    let mut source = SimulatedSource::new(settings.pictures_of.seed, TOUCH_FRAMES_PER_SECOND);
-    // Its own rest pictures where the camera is a real one: the touch is simulated.
+    let mut source = SimulatedSource::new(settings.seed, TOUCH_FRAMES_PER_SECOND);
+    // The touch is simulated: a real camera's rest pictures do not belong to it.
     let own = source.rest(REST_PICTURES.into());
     let rest = if matches!(settings.source, Source::Simulated) {
         rest
@@ -289,7 +272,7 @@ fn frame_times_ms(settings: &Settings, network: Network, rest: &[Vec<u8>]) -> Re
         &own
     };
     let mut pictures = Vec::new();
-    while pictures.len() < TIMED + WARM {
+    while pictures.len() < TIMED + WARM_UP {
         let picture = source.next(TOUCH_N)?;
         if picture.truth.is_some_and(|truth| truth.normal_n > 0.5 * TOUCH_N) {
             pictures.push(picture.crop);
@@ -304,5 +287,5 @@ fn frame_times_ms(settings: &Settings, network: Network, rest: &[Vec<u8>]) -> Re
             times.push(start.elapsed().as_secs_f64() * 1e3);
         }
     }
-    Ok(times.split_off(WARM.min(times.len())))
+    Ok(times.split_off(WARM_UP.min(times.len())))
 }

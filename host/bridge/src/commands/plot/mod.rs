@@ -11,13 +11,14 @@ use std::path::PathBuf;
 
 use clap::Args;
 use gripline_chart::Format;
+use gripline_protocol::message::Configuration;
 
 use self::report::report_of;
 use self::series::{ForceMapAt, Traces};
 use crate::config::settings_from_text;
 use crate::error::{Completion, Failure};
-use crate::run::limits;
 use crate::view::View;
+use gripline_recording::telemetry::Limits;
 use gripline_recording::units::{newtons, ratio};
 use gripline_recording::{Ending, Reader, RecordedFrame};
 
@@ -99,9 +100,9 @@ pub fn run(args: &PlotArgs) -> Result<Completion, Failure> {
 /// The screen of a run at `t_s`, with the traces that lead to it.
 fn draw_view(args: &PlotArgs, t_s: f64) -> Result<(), Failure> {
     let mut reader = Reader::open(&args.recording)?;
-    let settings = settings_from_text(&reader.about.settings)
+    let settings = settings_from_text(&reader.about.settings, &Configuration::DEFAULT)
         .map_err(|error| Failure::failed(format!("{}: {error}", args.recording.display())))?;
-    let mut view = View::new(limits(&settings));
+    let mut view = View::new(Limits::of(&settings));
     let mut at_s = None;
     while let Some(frame) = reader.next_frame()? {
         if frame.status.t_s > t_s && at_s.is_some() {
@@ -122,7 +123,7 @@ fn draw_view(args: &PlotArgs, t_s: f64) -> Result<(), Failure> {
 /// Reads the numbers first, then the maps of the moments that they choose.
 fn read(args: &PlotArgs) -> Result<(Traces, Ending), Failure> {
     let mut reader = Reader::open(&args.recording)?;
-    let settings = settings_from_text(&reader.about.settings)
+    let settings = settings_from_text(&reader.about.settings, &Configuration::DEFAULT)
         .map_err(|error| Failure::failed(format!("{}: {error}", args.recording.display())))?;
     let mut traces = Traces {
         threshold: ratio(settings.slip_threshold),

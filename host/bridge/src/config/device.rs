@@ -1,78 +1,21 @@
-//! `gripline config mcu`: the microcontroller's settings as TOML, in people's units (N, N/s, mm, ratios).
+//! The microcontroller's settings as TOML, in people's units (N, N/s, mm, ratios): for files and recordings. Pure.
 //!
 //! The wire has whole numbers only; a value is rounded to the nearest. What a file leaves out stays as it is.
 
 use std::fmt::Write as _;
-use std::path::{Path, PathBuf};
 
-use clap::Args;
 use gripline_protocol::configuration::{CONFIGURATION_VALUES, Configuration, OutOfRange, Values};
 use gripline_protocol::line::LineKind;
 use gripline_protocol::{LSB_PER_NEWTON, PER_UNIT};
 use toml::{Table, Value};
 
-use super::keys::likely;
-use super::{Overrides, Settings};
-use crate::error::Failure;
-use gripline_link::Target;
-use gripline_link::session::Session;
+use crate::value::nearest;
 
-/// Arguments of `gripline config mcu`.
-#[derive(Debug, Clone, Args)]
-pub(super) struct McuArgs {
-    /// Which microcontroller: usb, usb:SERIAL, serial:PORT, emulator or embedded. By default the configuration's link.mcu.
-    #[arg(long, value_name = "MCU")]
-    mcu: Option<Target>,
-    /// Configuration file that names the microcontroller.
-    #[arg(long, value_name = "FILE")]
-    config: Option<PathBuf>,
-    /// Set what this TOML file says; the gripper must be released, because storing stops the microcontroller.
-    #[arg(long, value_name = "FILE")]
-    write: Option<PathBuf>,
-    /// Do not keep the settings in flash: they are gone with the next reset.
-    #[arg(long, requires = "write")]
-    volatile: bool,
-    /// Print JSON instead of TOML.
-    #[arg(long)]
-    json: bool,
-}
-
-/// Reads, or sets and stores, and prints what is then in force.
-///
-/// # Errors
-/// [`Failure`] when the file does not say what it should, the link fails, or the microcontroller refuses.
-pub(super) fn run(args: &McuArgs) -> Result<(), Failure> {
-    let mcu = match &args.mcu {
-        Some(mcu) => mcu.clone(),
-        None => Settings::load(&Overrides::of_file(args.config.as_deref()))?.mcu,
-    };
-    let link = mcu.open()?;
-    let mut session = Session::connect(link)?;
-    if let Some(path) = &args.write {
-        let settings = read(path, session.settings())?;
-        session.configure(settings)?;
-        if !args.volatile {
-            let writes = session.store()?;
-            tracing::info!(
-                "stored, for the {writes}. time; the kind and the points of the line count from the next start"
-            );
-        }
-    }
-    let text = text_of(session.settings());
-    if args.json {
-        let table: Table = text.parse()?;
-        println!("{}", serde_json::to_string(&table)?);
-    } else {
-        print!("{text}");
-    }
-    Ok(())
-}
-
-/// (name in the file, whole numbers of the wire in one of its unit), in the order of [`Values`].
+/// (name in the file, the wire's steps per unit of the file), in the order of [`Values`].
 const KEYS: [(&str, f64); CONFIGURATION_VALUES] = {
     const N: f64 = LSB_PER_NEWTON as f64;
     const ONE: f64 = PER_UNIT as f64;
-    // The wire counts 1/4096 N a millisecond.
+    // The wire's step is 1/4096 N per millisecond.
     const N_PER_S: f64 = N / 1_000.0;
     const MM: f64 = 1_000.0;
     [
@@ -125,8 +68,8 @@ const KINDS: [(&str, LineKind); 2] = [
     ("robotiq-2f-140", LineKind::Robotiq2f140),
 ];
 
-/// The settings as a file would say them.
-pub(super) fn text_of(settings: &Configuration) -> String {
+/// The settings as a file says them.
+pub(crate) fn settings_text(settings: &Configuration) -> String {
     let values = settings.values();
     let value = |name: &str| {
         let place = KEYS.iter().position(|(key, _)| *key == name).unwrap_or_default();
@@ -158,12 +101,12 @@ pub(super) fn text_of(settings: &Configuration) -> String {
     text
 }
 
-/// Whether the file has the wire's own whole number.
+/// Whether the file holds the wire's whole number itself.
 fn is_whole(scale: f64) -> bool {
     (scale - 1.0).abs() < f64::EPSILON
 }
 
-/// A number with as many digits as it takes to come back to the same number on the wire.
+/// A number with as many digits as it needs to read back as the same number on the wire.
 fn shown(value: f64, scale: f64) -> String {
     if is_whole(scale) {
         return format!("{value:.0}");
@@ -177,28 +120,24 @@ fn shown(value: f64, scale: f64) -> String {
         .unwrap_or_else(|| format!("{value}"))
 }
 
-/// The settings that `path` makes of `now`, checked.
-fn read(path: &Path, now: &Configuration) -> Result<Configuration, Failure> {
-    let named = |what: String| Failure::failed(format!("{}: {what}", path.display()));
-    let text = std::fs::read_to_string(path)
-        .map_err(|error| named(format!("{error}, expected a TOML file that can be read")))?;
-    settings_of(&text, now).map_err(named)
-}
-
-pub(super) fn settings_of(text: &str, now: &Configuration) -> Result<Configuration, String> {
+/// The settings that a file's text makes of `now`, checked.
+///
+/// # Errors
+/// What is wrong with it.
+pub(crate) fn settings_from_text(text: &str, now: &Configuration) -> Result<Configuration, String> {
     let table: Table = text
         .parse()
         .map_err(|error: toml::de::Error| error.message().to_owned())?;
     applied(&table, now)
 }
 
-/// The settings that a table makes of `now`, checked; the error has a line for everything that is wrong.
+/// The settings that a table makes of `now`, checked.
+///
+/// # Errors
+/// Everything that is wrong with names and types, or the first value out of its range.
 pub(super) fn applied(table: &Table, now: &Configuration) -> Result<Configuration, String> {
     let mut values = now.values();
-    let mut errors = Vec::new();
-    for (name, value) in table {
-        set(name, value, &mut values, &mut errors);
-    }
+    let errors = set_all(table, &mut values);
     if !errors.is_empty() {
         return Err(errors.join("; "));
     }
@@ -207,12 +146,15 @@ pub(super) fn applied(table: &Table, now: &Configuration) -> Result<Configuratio
     Ok(settings)
 }
 
-/// What is wrong with a table's names and types; ranges hang on what else is in force.
+/// What is wrong with a table's names and types; ranges depend on what else is in force.
 pub(super) fn errors_in(table: &Table) -> Vec<String> {
-    let mut values = Configuration::DEFAULT.values();
+    set_all(table, &mut Configuration::DEFAULT.values())
+}
+
+fn set_all(table: &Table, values: &mut Values) -> Vec<String> {
     let mut errors = Vec::new();
     for (name, value) in table {
-        set(name, value, &mut values, &mut errors);
+        set(name, value, values, &mut errors);
     }
     errors
 }
@@ -224,25 +166,28 @@ pub(super) fn plain_names() -> impl Iterator<Item = &'static str> {
         .filter(|name| !name.contains(['.', '[']))
 }
 
-/// The value of a plain setting from a text.
+/// The value of a plain setting from an environment variable.
+///
+/// # Errors
+/// What was found and what was expected.
 pub(super) fn value_of(name: &str, text: &str) -> Result<Value, String> {
     let whole = text.parse().map(Value::Integer);
     let value = whole
         .or_else(|_| text.parse().map(Value::Float))
         .map_err(|_| format!("found {text}, expected a number"))?;
-    let alone = Table::from_iter([(name.to_owned(), value.clone())]);
-    let prefix = format!("{name}: ");
-    match errors_in(&alone).first() {
-        Some(error) => Err(error.trim_start_matches(&prefix).to_owned()),
-        None => Ok(value),
-    }
+    let scale = KEYS
+        .iter()
+        .find(|(key, _)| *key == name)
+        .map_or(1.0, |(_, scale)| *scale);
+    number(name, &value, scale)?;
+    Ok(value)
 }
 
-/// The default settings, a line each, as they can stand in a section of another file.
+/// The default settings, one a line, as they can stand in a section of another file.
 pub(super) fn default_lines() -> impl Iterator<Item = String> {
-    let table: Table = text_of(&Configuration::DEFAULT).parse().unwrap_or_default();
+    let table: Table = settings_text(&Configuration::DEFAULT).parse().unwrap_or_default();
     let line = |(name, value): (String, Value)| match value {
-        // One line for each part of a table: whoever wants to set one need not touch the others.
+        // A line for each part of a table: who sets one need not repeat the others.
         Value::Table(parts) => parts
             .into_iter()
             .map(|(part, value)| format!("{name}.{part} = {value}"))
@@ -252,7 +197,7 @@ pub(super) fn default_lines() -> impl Iterator<Item = String> {
     table.into_iter().flat_map(line)
 }
 
-/// Sets one value, or those in it; what is wrong goes to `errors`.
+/// Sets a value, or all in it; what is wrong goes to `errors`.
 fn set(name: &str, value: &Value, values: &mut Values, errors: &mut Vec<String>) {
     match value {
         Value::Table(table) => {
@@ -268,9 +213,9 @@ fn set(name: &str, value: &Value, values: &mut Values, errors: &mut Vec<String>)
         _ => match KEYS.iter().position(|(key, _)| *key == name) {
             Some(place) => match number(name, value, KEYS[place].1) {
                 Ok(wire) => values[place] = wire,
-                Err(error) => errors.push(error),
+                Err(error) => errors.push(format!("{name}: {error}")),
             },
-            None => errors.push(match likely(name, KEYS.iter().map(|(key, _)| *key)) {
+            None => errors.push(match nearest(name, KEYS.iter().map(|(key, _)| *key)) {
                 Some(meant) => format!("{name}: no such setting, did you mean {meant}?"),
                 None => format!("{name}: no such setting; `gripline config mcu` prints all there are"),
             }),
@@ -280,31 +225,24 @@ fn set(name: &str, value: &Value, values: &mut Values, errors: &mut Vec<String>)
 
 /// The wire's number for a value.
 fn number(name: &str, value: &Value, scale: f64) -> Result<i32, String> {
+    let expected = |what: &str| format!("found {value}, expected {what}");
     if name == "line.kind" {
         let kind = KINDS.iter().find(|(kind, _)| value.as_str() == Some(kind));
         return kind
             .map(|(_, kind)| *kind as i32)
-            .ok_or_else(|| format!("{name}: found {value}, expected \"analog\" or \"robotiq-2f-140\""));
+            .ok_or_else(|| expected("\"analog\" or \"robotiq-2f-140\""));
     }
-    let read = match value {
+    let number = match value {
         Value::Integer(whole) => *whole as f64,
-        Value::Float(read) if !is_whole(scale) => *read,
-        _ => {
-            let expected = if is_whole(scale) {
-                "a whole number"
-            } else {
-                "a number"
-            };
-            return Err(format!("{name}: found {value}, expected {expected}"));
-        }
+        Value::Float(number) if !is_whole(scale) => *number,
+        _ if is_whole(scale) => return Err(expected("a whole number")),
+        _ => return Err(expected("a number")),
     };
-    let wire = (read * scale).round();
+    let wire = (number * scale).round();
     if wire.abs() <= f64::from(u16::MAX) * 16.0 {
         Ok(wire as i32)
     } else {
-        Err(format!(
-            "{name}: found {value}, expected something the wire can carry"
-        ))
+        Err(expected("something the wire can carry"))
     }
 }
 
@@ -344,9 +282,9 @@ mod tests {
     #[test]
     fn what_is_printed_reads_back_as_the_same_settings() {
         for settings in [Configuration::DEFAULT, odd()] {
-            let text = text_of(&settings);
+            let text = settings_text(&settings);
             assert_eq!(
-                settings_of(&text, &Configuration::DEFAULT),
+                settings_from_text(&text, &Configuration::DEFAULT),
                 Ok(settings),
                 "{text}"
             );
@@ -355,7 +293,7 @@ mod tests {
 
     #[test]
     fn what_a_file_leaves_out_stays_as_it_is() {
-        let settings = settings_of("margin = 0.25\nline.kind = \"analog\"", &odd()).unwrap();
+        let settings = settings_from_text("margin = 0.25\nline.kind = \"analog\"", &odd()).unwrap();
         let mut expected = odd();
         expected.margin = 2_500;
         expected.line.kind = LineKind::Analog;
@@ -365,7 +303,11 @@ mod tests {
     #[test]
     fn the_default_lines_are_the_default_settings() {
         let text: String = default_lines().map(|line| line + "\n").collect();
-        assert_eq!(settings_of(&text, &odd()), Ok(Configuration::DEFAULT), "{text}");
+        assert_eq!(
+            settings_from_text(&text, &odd()),
+            Ok(Configuration::DEFAULT),
+            "{text}"
+        );
     }
 
     #[test]
@@ -379,7 +321,7 @@ mod tests {
 
     #[test]
     fn a_refusal_names_the_setting_and_speaks_the_files_units() {
-        let refused = |text: &str| settings_of(text, &Configuration::DEFAULT).unwrap_err();
+        let refused = |text: &str| settings_from_text(text, &Configuration::DEFAULT).unwrap_err();
         assert_eq!(
             refused("ceiling_n = 41"),
             "ceiling_n: found 41.0, expected 0.0002 to 40.0"
