@@ -5,6 +5,7 @@ pub mod cli;
 pub mod detect;
 pub mod doctor;
 pub mod evaluate;
+pub mod export;
 pub mod faults;
 mod files;
 pub mod infer;

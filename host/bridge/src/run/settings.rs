@@ -11,7 +11,7 @@ use crate::error::Failure;
 use crate::source::Source;
 use gripline_link::session::Session;
 use gripline_pipeline::pipeline::fingerprint;
-use gripline_recording::About;
+use gripline_recording::Metadata;
 use gripline_recording::telemetry::Limits;
 use gripline_recording::units::{newtons, ratio};
 
@@ -90,8 +90,8 @@ pub(super) fn about(
     network: &Network,
     session: &Session,
     (rest, frames_per_second): (&[Vec<u8>], f64),
-) -> About {
-    About {
+) -> Metadata {
+    Metadata {
         gripline: env!("CARGO_PKG_VERSION").to_owned(),
         mcu: session.link_name(),
         firmware: session.firmware().map_or(String::new(), ToString::to_string),

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use gripline_capture::Counts;
 use gripline_protocol::message::GripMode;
-use gripline_recording::{Ending, Image, Reader};
+use gripline_recording::{Completeness, Image, Reader};
 
 use crate::error::Failure;
 
@@ -44,7 +44,7 @@ impl RecordedFrames {
 
     /// Frames a second of the run that was recorded.
     pub(super) fn rate(&self) -> Option<f64> {
-        self.reader.about.frames_per_second.parse().ok()
+        self.reader.metadata.frames_per_second.parse().ok()
     }
 
     /// The untouched fingertip.
@@ -63,7 +63,7 @@ impl RecordedFrames {
             }
             self.counts.came += 1;
             if let Some(picture) = frame.picture {
-                return Ok(Some((Image::into_crop(picture), frame.status.wish)));
+                return Ok(Some((Image::into_crop(picture), frame.status.requested_mode)));
             }
             self.counts.missed += 1;
         }
@@ -74,7 +74,7 @@ impl RecordedFrames {
                 self.counts.came
             )));
         }
-        if let Ending::Cut(why) = self.reader.ending() {
+        if let Completeness::Truncated(why) = self.reader.completeness() {
             self.news.push(format!(
                 "{}: cut short after {} frames ({why})",
                 self.path.display(),
