@@ -49,9 +49,9 @@ pub enum Error {
     /// Detectors over maps.
     #[error(transparent)]
     Detection(#[from] gripline_evaluation::detect::replay::ReplayError),
-    /// Force maps in a file.
+    /// A recording or a file of force maps.
     #[error(transparent)]
-    MapsFile(#[from] gripline_recording::maps_file::MapsFileError),
+    Recording(#[from] gripline_recording::error::RecordingError),
     /// A scene of the simulated world.
     #[error(transparent)]
     Scene(#[from] gripline_simulation::scene_file::SceneError),

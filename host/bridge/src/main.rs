@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use clap::CommandFactory as _;
 use gripline::commands::cli::{Cli, Command};
 use gripline::commands::{
-    calibrate, config, detect, doctor, evaluate, faults, infer, plot, replay, shell, simulate,
+    calibrate, config, detect, doctor, evaluate, export, faults, infer, plot, replay, shell, simulate,
 };
 use gripline::error::{Completion, Error};
 use gripline::{log, run};
@@ -46,7 +46,7 @@ fn run_command(command: Command) -> Result<Completion, Error> {
         Command::Evaluate(args) => return evaluate::run(&args),
         Command::Simulate(args) => return simulate::run(&args),
         Command::Replay(args) => return replay::run(&args),
-        Command::Export(args) => return Ok(gripline_recording::export(&args)?),
+        Command::Export(args) => return export::run(&args),
         Command::Plot(args) => return plot::run(&args),
         Command::Doctor(args) => return doctor::run(&args),
         Command::Detect(args) => detect::run(&args)?,

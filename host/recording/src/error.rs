@@ -1,7 +1,147 @@
-//! The one error of the bridge: a line for people and an exit code for programs.
-//! Printed once, in `main`.
+//! What can go wrong: [`RecordingError`] of this crate, and for the commands [`Failure`] and [`Completion`], a line for people
+//! and an exit code for programs.
 
 use std::fmt;
+use std::io;
+use std::path::PathBuf;
+
+/// A recording, an export or a file of force maps that cannot be read or written.
+#[derive(Debug, thiserror::Error)]
+pub enum RecordingError {
+    /// A file cannot be read.
+    #[error("{}: {error}, expected {expected}", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// What it should be.
+        expected: &'static str,
+        /// The system's error.
+        error: io::Error,
+    },
+    /// A file of an export cannot be written.
+    #[error("{}: {error}, expected a folder that can be written", path.display())]
+    Export {
+        /// The file.
+        path: PathBuf,
+        /// The system's or the library's error.
+        error: io::Error,
+    },
+    /// The recording's name is taken.
+    #[error(
+        "{}: found a file, expected a name that is free; move it away or choose another --record",
+        .0.display()
+    )]
+    Exists(PathBuf),
+    /// A recording cannot be begun or continued.
+    #[error("{}: recording failed: {error}; {advice}", path.display())]
+    Record {
+        /// The recording.
+        path: PathBuf,
+        /// The system's or the library's error.
+        error: mcap::McapError,
+        /// What to do.
+        advice: &'static str,
+    },
+    /// A file is no recording of this program.
+    #[error("{}: found {found}, expected {expected}", path.display())]
+    Content {
+        /// The file.
+        path: PathBuf,
+        /// What is there.
+        found: String,
+        /// What should be there.
+        expected: &'static str,
+    },
+    /// A file of force maps cannot be used.
+    #[error("{}: {problem}", path.display())]
+    Maps {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        problem: MapsProblem,
+    },
+}
+
+/// What is wrong with a file of force maps: what was found, what was expected, what to do.
+#[derive(Debug, thiserror::Error)]
+pub enum MapsProblem {
+    /// Nothing has that name.
+    #[error("no such file, expected a NumPy file of force maps: check the path")]
+    Missing,
+    /// The system does not let us read.
+    #[error("cannot be read ({0}), expected a readable NumPy file: check its rights and its disk")]
+    Unreadable(#[from] io::Error),
+    /// A directory, a pipe or a device.
+    #[error("not a regular file, expected a NumPy file of force maps: give the path of the .npy file itself")]
+    NotAFile,
+    /// No byte at all.
+    #[error("empty file (0 bytes), expected a NumPy file of force maps: record or copy it again")]
+    Empty,
+    /// Other bytes than those that begin a NumPy file: the first ones in hexadecimal, and what to do.
+    #[error("starts with {0}, expected the NumPy signature 93 4e 55 4d 50 59: {1}")]
+    NotNumpy(String, &'static str),
+    /// The file ends before its data begin.
+    #[error(
+        "ends inside the NumPy header after {found} bytes, expected at least {expected}: record or copy it again"
+    )]
+    HeaderTruncated {
+        /// Bytes in the file.
+        found: usize,
+        /// Bytes that signature and header need.
+        expected: usize,
+    },
+    /// The version, the length or the text of a header that is not one of a plain array.
+    #[error("NumPy header {0}, expected that of a plain float array: save it again with numpy.save")]
+    Header(String),
+    /// NumPy's description of a type that is not float32 or float64.
+    #[error("dtype {0}, expected float32 or float64 ('<f4' or '<f8'): save maps.astype(numpy.float32)")]
+    Dtype(String),
+    /// Not (T, 3, R, C): the shape as NumPy writes it, and which axis is wrong.
+    #[error("shape {0}, expected (T, 3, R, C) with frames, x y z, rows and columns: {1}")]
+    Shape(String, String),
+    /// Fewer data than the header promises.
+    #[error(
+        "truncated: found {found} bytes of data, expected {expected} ({frames} frames of {frame_bytes} bytes): record or copy \
+         it again"
+    )]
+    Truncated {
+        /// Bytes behind the header.
+        found: u64,
+        /// Bytes that the shape needs.
+        expected: u128,
+        /// Frames by the header.
+        frames: u64,
+        /// Bytes of one frame.
+        frame_bytes: u64,
+    },
+    /// More data than the header promises.
+    #[error(
+        "found {found} bytes of data, expected {expected} by the shape in the header: save one array per file with numpy.save"
+    )]
+    TooLong {
+        /// Bytes behind the header.
+        found: u64,
+        /// Bytes that the shape needs.
+        expected: u64,
+    },
+    /// NaN or an infinity.
+    #[error(
+        "frame {frame}, row {row}, column {column}, axis {axis}: found {found}, expected a finite number: leave the frame out \
+         or repair it (numpy.isfinite finds them)"
+    )]
+    NotFinite {
+        /// Frame, from 0.
+        frame: u64,
+        /// Row of the file's grid.
+        row: usize,
+        /// Column of the file's grid.
+        column: usize,
+        /// `x`, `y` or `z`.
+        axis: char,
+        /// What was found.
+        found: f64,
+    },
+}
 
 /// What kind of end it was.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -78,3 +218,9 @@ impl fmt::Display for Failure {
 }
 
 impl std::error::Error for Failure {}
+
+impl From<RecordingError> for Failure {
+    fn from(error: RecordingError) -> Self {
+        Self::failed(error)
+    }
+}

@@ -9,29 +9,31 @@ use gripline_protocol::{ForceMap, SENSORS};
 use mcap::McapError;
 use mcap::io::MessageReader;
 
-use super::messages::{
-    About, FORCE_MAP, Image, PICTURE, REST, STATUS, Stored, fingertip_of, image_of, map_of,
-};
-use crate::error::Failure;
+use crate::error::RecordingError;
+use crate::force_map::map_of;
+use crate::image::{Image, image_of};
+use crate::metadata::Metadata;
+use crate::status::RecordedStatus;
+use crate::topics::{FORCE_MAP, PICTURE, REST, STATUS, fingertip_of};
 
-/// A frame as it lies in the file.
+/// A frame of a recording.
 #[derive(Debug)]
 pub struct RecordedFrame {
     /// Its status.
-    pub status: Stored,
+    pub status: RecordedStatus,
     /// The map as it travelled.
     pub map: Box<ForceMap>,
     /// The picture, when it was recorded.
     pub picture: Option<Image>,
 }
 
-/// How a recording ends.
+/// Whether a recording was closed.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Ending {
-    /// As its writer closed it.
+pub enum Completeness {
+    /// Its writer closed it.
     Whole,
     /// Cut short, by a kill or a full disk.
-    Cut(String),
+    Truncated(String),
 }
 
 /// A recording that is being read.
@@ -39,22 +41,25 @@ pub struct Reader<R = BufReader<File>> {
     path: PathBuf,
     messages: MessageReader<R>,
     /// What holds for all of it.
-    pub about: About,
+    pub metadata: Metadata,
     /// Pictures without contact of each fingertip; none of the second where there is only one.
     pub rest: [Vec<Vec<u8>>; SENSORS],
-    /// Read already while looking for the beginning.
+    /// Already read to find the beginning.
     first: Option<RecordedFrame>,
-    ending: Option<Ending>,
+    completeness: Option<Completeness>,
 }
 
 impl Reader {
     /// Opens a recording and reads up to its first frame.
     ///
     /// # Errors
-    /// [`Failure`] when the file cannot be read, is no MCAP, is of another program, or has not one frame.
-    pub fn open(path: &Path) -> Result<Self, Failure> {
-        let file = File::open(path)
-            .map_err(|error| Failure::failed(format!("{}: {error}, expected a recording", path.display())))?;
+    /// [`RecordingError`] when the file cannot be read, is no MCAP, is of another program, or has not one frame.
+    pub fn open(path: &Path) -> Result<Self, RecordingError> {
+        let file = File::open(path).map_err(|error| RecordingError::Read {
+            path: path.to_owned(),
+            expected: "a recording",
+            error,
+        })?;
         Self::new(path, BufReader::new(file))
     }
 }
@@ -64,73 +69,77 @@ impl<R: Read> Reader<R> {
     ///
     /// # Errors
     /// As [`Reader::open`].
-    pub fn new(path: &Path, source: R) -> Result<Self, Failure> {
+    pub fn new(path: &Path, source: R) -> Result<Self, RecordingError> {
         let mut reader = Self {
             path: path.to_owned(),
             messages: MessageReader::new(source),
-            about: About::default(),
+            metadata: Metadata::default(),
             rest: [Vec::new(), Vec::new()],
             first: None,
-            ending: None,
+            completeness: None,
         };
         reader.first = reader.read()?;
         if reader.first.is_some() {
             return Ok(reader);
         }
-        let found = match &reader.ending {
-            Some(Ending::Cut(why)) => format!("found not one frame ({why})"),
-            _ => "found not one frame".to_owned(),
+        let found = match &reader.completeness {
+            Some(Completeness::Truncated(why)) => format!("not one frame ({why})"),
+            _ => "not one frame".to_owned(),
         };
-        Err(reader.failure(&format!(
-            "{found}, expected a recording of `gripline run --record`"
-        )))
+        Err(reader.content_error(found, "a recording of `gripline run --record`"))
     }
 
-    fn failure(&self, what: &str) -> Failure {
-        Failure::failed(format!("{}: {what}", self.path.display()))
+    fn content_error(&self, found: String, expected: &'static str) -> RecordingError {
+        RecordingError::Content {
+            path: self.path.clone(),
+            found,
+            expected,
+        }
     }
 
-    /// The next frame; `None` at the end, which [`Self::ending`] then tells.
+    /// The next frame; `None` at the end, which [`Self::completeness`] then describes.
     ///
     /// # Errors
-    /// [`Failure`] when a message is not what this program writes, or the file cannot be read.
-    pub fn next_frame(&mut self) -> Result<Option<RecordedFrame>, Failure> {
+    /// [`RecordingError`] when a message is not what this program writes, or the file cannot be read.
+    pub fn next_frame(&mut self) -> Result<Option<RecordedFrame>, RecordingError> {
         match self.first.take() {
             Some(first) => Ok(Some(first)),
             None => self.read(),
         }
     }
 
-    /// How it ended; [`Ending::Whole`] while it has not.
-    pub fn ending(&self) -> Ending {
-        self.ending.clone().unwrap_or(Ending::Whole)
+    /// Whether the file was closed; [`Completeness::Whole`] until the end was read.
+    pub fn completeness(&self) -> Completeness {
+        self.completeness.clone().unwrap_or(Completeness::Whole)
     }
 
-    fn read(&mut self) -> Result<Option<RecordedFrame>, Failure> {
+    fn read(&mut self) -> Result<Option<RecordedFrame>, RecordingError> {
         let (mut picture, mut map) = (None, None);
-        if self.ending.is_some() {
+        if self.completeness.is_some() {
             return Ok(None);
         }
         loop {
             let message = match self.messages.next() {
                 None => {
-                    self.ending = Some(Ending::Whole);
+                    self.completeness = Some(Completeness::Whole);
                     return Ok(None);
                 }
                 Some(Ok(message)) => message,
                 Some(Err(McapError::Io(error))) if error.kind() != ErrorKind::UnexpectedEof => {
-                    return Err(self.failure(&format!("{error}, expected a file that can be read")));
+                    return Err(RecordingError::Read {
+                        path: self.path.clone(),
+                        expected: "a file that can be read",
+                        error,
+                    });
                 }
                 Some(Err(error)) => {
-                    self.ending = Some(Ending::Cut(error.to_string()));
+                    self.completeness = Some(Completeness::Truncated(error.to_string()));
                     return Ok(None);
                 }
             };
             let wrong = |topic: &str| {
-                self.failure(&format!(
-                    "found a message on {topic} that cannot be read, expected one of gripline {}",
-                    env!("CARGO_PKG_VERSION")
-                ))
+                let found = format!("a message on {topic} that cannot be read");
+                self.content_error(found, concat!("one of gripline ", env!("CARGO_PKG_VERSION")))
             };
             let (topic, sensor) = fingertip_of(&message.channel.topic);
             match topic {
@@ -141,14 +150,15 @@ impl<R: Read> Reader<R> {
                 PICTURE => picture = Some(image_of(&message.data).ok_or_else(|| wrong(PICTURE))?),
                 FORCE_MAP => map = Some(map_of(&message.data).ok_or_else(|| wrong(FORCE_MAP))?),
                 STATUS => {
-                    let status: Stored = serde_json::from_slice(&message.data).map_err(|_| wrong(STATUS))?;
+                    let status: RecordedStatus =
+                        serde_json::from_slice(&message.data).map_err(|_| wrong(STATUS))?;
                     if usize::from(status.sensor) >= SENSORS {
                         return Err(wrong(STATUS));
                     }
                     let map = map.ok_or_else(|| wrong(STATUS))?;
-                    if self.about == About::default() {
-                        let about = About::from_metadata(&message.channel.metadata);
-                        self.about = about.ok_or_else(|| wrong(STATUS))?;
+                    if self.metadata == Metadata::default() {
+                        let metadata = Metadata::from_map(&message.channel.metadata);
+                        self.metadata = metadata.ok_or_else(|| wrong(STATUS))?;
                     }
                     return Ok(Some(RecordedFrame { status, map, picture }));
                 }

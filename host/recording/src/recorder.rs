@@ -1,8 +1,7 @@
 //! Writes a recording in a thread of its own. The loop hands frames to a bounded queue and never waits: what does not fit
 //! is dropped and counted, pictures first.
 //!
-//! A kill loses at most what is in the queue and in the chunk under way: [`QUEUE_FRAMES`] and [`FLUSH`], under a second at 60
-//! frames a second. A power cut loses up to [`SYNC`] more. A disk that fails ends the recording, not the run.
+//! A kill loses at most what is in the queue and in the chunk under way ([`FLUSH`]): under a second while the disk keeps up. A power cut loses up to [`SYNC`] more. A disk that fails ends the recording, not the run.
 
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
@@ -16,23 +15,25 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 use mcap::McapError;
 use serde::Serialize;
 
-use super::messages::{About, Event, Frame};
-use super::tape::Tape;
-use crate::error::Failure;
+use crate::error::RecordingError;
+use crate::event::Event;
+use crate::metadata::Metadata;
+use crate::status::Frame;
+use crate::writer::RecordingWriter;
 
 /// Frames that wait for the disk.
 const QUEUE_FRAMES: usize = 40;
 /// Those of them that may have a picture.
 const QUEUE_PICTURES: usize = 30;
 /// A chunk is closed and handed to the system this often.
-const FLUSH: Duration = Duration::from_millis(250);
+const FLUSH: Duration = Duration::from_millis(500);
 /// The system is asked to bring it to the disk this often.
 const SYNC: Duration = Duration::from_secs(1);
 
-/// What a recording came to.
+/// What is in the recording, and what is not.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize)]
-pub struct Recorded {
-    /// Frames that lie in the file, with or without a picture.
+pub struct RecordingSummary {
+    /// Frames in the file, with or without a picture.
     pub frames: u64,
     /// Frames whose picture was left out because the disk was too slow.
     pub pictures_dropped: u64,
@@ -52,11 +53,11 @@ pub struct Recorder {
     path: PathBuf,
     queue: Option<SyncSender<Item>>,
     pictures_waiting: Arc<AtomicUsize>,
-    writer: Option<JoinHandle<Ended>>,
+    thread: Option<JoinHandle<Outcome>>,
     pace: Pace,
-    /// Frames that were handed over, kept or not.
+    /// Frames that were handed over, recorded or not.
     offered: u64,
-    dropped: Recorded,
+    summary: RecordingSummary,
 }
 
 /// What happens when the queue is full.
@@ -68,8 +69,8 @@ pub enum Pace {
     AsFastAsPossible,
 }
 
-/// What the thread came to.
-struct Ended {
+/// How the writing thread ended.
+struct Outcome {
     frames: u64,
     result: Result<(), McapError>,
 }
@@ -78,60 +79,62 @@ impl Recorder {
     /// Starts a recording at `path`, which must not be there yet, with the pictures at rest of each fingertip.
     ///
     /// # Errors
-    /// [`Failure`] when the file cannot be made or its beginning cannot be written.
-    pub fn start(path: &Path, about: &About, rest: &[Vec<Vec<u8>>], pace: Pace) -> Result<Self, Failure> {
+    /// [`RecordingError`] when the file cannot be made or its beginning cannot be written.
+    pub fn start(
+        path: &Path,
+        metadata: &Metadata,
+        rest: &[Vec<Vec<u8>>],
+        pace: Pace,
+    ) -> Result<Self, RecordingError> {
         let file = create(path)?;
         let begin = || {
             let on_disk = file.try_clone()?;
-            // With a place of its own in it; pipes and devices have no second one.
-            let to_read = path.is_file().then(|| File::open(path)).transpose()?;
-            let out = BufWriter::new(file);
-            let mut tape = Tape::new(out, to_read, about, rest.len(), wall_ns())?;
+            let mut writer = RecordingWriter::new(BufWriter::new(file), metadata, rest.len(), wall_ns())?;
             for (sensor, crops) in rest.iter().enumerate() {
-                tape.rest(sensor, crops)?;
+                writer.rest(sensor, crops)?;
             }
-            tape.flush()?;
-            Ok((tape, on_disk))
+            writer.flush()?;
+            Ok((writer, on_disk))
         };
-        let (tape, on_disk) = begin().map_err(|error| failed(path, &error))?;
-        Ok(Self::on(path, tape, pace, Some(on_disk)))
+        let (writer, on_disk) = begin().map_err(|error| failed(path, error))?;
+        Ok(Self::on(path, writer, pace, Some(on_disk)))
     }
 
     /// Starts a recording into `out`, which is never read back nor synced; `path` names it in messages.
     ///
     /// # Errors
-    /// [`Failure`] when its beginning cannot be written.
+    /// [`RecordingError`] when its beginning cannot be written.
     pub fn onto<W: Write + Send + 'static>(
         path: &Path,
         out: W,
-        about: &About,
+        metadata: &Metadata,
         fingertips: usize,
         pace: Pace,
-    ) -> Result<Self, Failure> {
-        let tape =
-            Tape::new(out, None, about, fingertips, wall_ns()).map_err(|error| failed(path, &error))?;
-        Ok(Self::on(path, tape, pace, None))
+    ) -> Result<Self, RecordingError> {
+        let writer = RecordingWriter::new(out, metadata, fingertips, wall_ns());
+        let writer = writer.map_err(|error| failed(path, error))?;
+        Ok(Self::on(path, writer, pace, None))
     }
 
     fn on<W: Write + Send + 'static>(
         path: &Path,
-        mut tape: Tape<W>,
+        mut writer: RecordingWriter<W>,
         pace: Pace,
         on_disk: Option<File>,
     ) -> Self {
         let (queue, frames) = sync_channel(QUEUE_FRAMES);
         let pictures_waiting = Arc::new(AtomicUsize::new(0));
         let waiting = Arc::clone(&pictures_waiting);
-        let writer = thread::spawn(move || {
+        let thread = thread::spawn(move || {
             let (stop, stopped) = sync_channel::<()>(1);
             // On its own: a disk that takes seconds to sync must not hold up what is only handed over.
             let syncer = on_disk.map(|file| thread::spawn(move || sync_until(&stopped, &file)));
-            let result = record(&mut tape, &frames, &waiting);
+            let result = record(&mut writer, &frames, &waiting);
             drop(stop);
             // Panics end with the process; there is nothing to add.
             let _ = syncer.map(JoinHandle::join);
-            Ended {
-                frames: tape.kept,
+            Outcome {
+                frames: writer.kept,
                 result,
             }
         });
@@ -139,10 +142,10 @@ impl Recorder {
             path: path.to_owned(),
             queue: Some(queue),
             pictures_waiting,
-            writer: Some(writer),
+            thread: Some(thread),
             pace,
             offered: 0,
-            dropped: Recorded::default(),
+            summary: RecordingSummary::default(),
         }
     }
 
@@ -150,7 +153,7 @@ impl Recorder {
     pub fn offer(&mut self, mut frame: Frame) {
         self.offered += 1;
         if self.queue.is_none() {
-            self.dropped.frames_dropped += 1;
+            self.summary.frames_dropped += 1;
             return;
         }
         if self.pace == Pace::RealTime
@@ -158,8 +161,8 @@ impl Recorder {
             && self.pictures_waiting.load(Ordering::Relaxed) >= QUEUE_PICTURES
         {
             frame.picture = None;
-            self.dropped.pictures_dropped += 1;
-            self.tell_of_drops(frame.report.t_s);
+            self.summary.pictures_dropped += 1;
+            self.note_drops(frame.report.t_s);
         }
         let waiting = usize::from(frame.picture.is_some());
         self.pictures_waiting.fetch_add(waiting, Ordering::Relaxed);
@@ -167,13 +170,13 @@ impl Recorder {
             Ok(()) => {}
             Err(TrySendError::Full(())) => {
                 self.pictures_waiting.fetch_sub(waiting, Ordering::Relaxed);
-                self.dropped.frames_dropped += 1;
+                self.summary.frames_dropped += 1;
             }
             Err(TrySendError::Disconnected(())) => {
-                self.dropped.frames_dropped += 1;
+                self.summary.frames_dropped += 1;
                 self.end();
-                if let Some(why) = &self.dropped.failed {
-                    // Told when it happens: the run may go on for days.
+                if let Some(why) = &self.summary.failed {
+                    // Reported when it happens: the run may go on for days.
                     tracing::warn!("{why}; the run goes on without a recording");
                 }
             }
@@ -199,70 +202,64 @@ impl Recorder {
     }
 
     /// An event now and then, not for every picture.
-    fn tell_of_drops(&self, t_s: f64) {
-        let count = self.dropped.pictures_dropped;
+    fn note_drops(&self, t_s: f64) {
+        let count = self.summary.pictures_dropped;
         if count.is_power_of_two() {
             let text = format!("{count} pictures dropped so far: the disk is slower than the camera");
-            // When there is no room for it the summary still tells.
+            // Where there is no room for it, the summary still says so.
             let _ = self.hand_over(Item::Event(t_s, Event::warning(text)));
         }
     }
 
     /// Pictures and frames that were left out so far.
     pub const fn dropped(&self) -> [u64; 2] {
-        [self.dropped.pictures_dropped, self.dropped.frames_dropped]
+        [self.summary.pictures_dropped, self.summary.frames_dropped]
     }
 
     /// Writes what waits and closes the file.
-    pub fn finish(mut self) -> Recorded {
+    pub fn finish(mut self) -> RecordingSummary {
         self.end();
         // Those that waited when the disk failed are lost too.
-        self.dropped.frames_dropped = self.offered - self.dropped.frames;
-        self.dropped.clone()
+        self.summary.frames_dropped = self.offered - self.summary.frames;
+        self.summary.clone()
     }
 
     fn end(&mut self) {
         self.queue = None;
-        let Some(writer) = self.writer.take() else {
+        let Some(thread) = self.thread.take() else {
             return;
         };
-        match writer.join() {
-            Ok(Ended { frames, result }) => {
-                self.dropped.frames = frames;
+        match thread.join() {
+            Ok(Outcome { frames, result }) => {
+                self.summary.frames = frames;
                 if let Err(error) = result {
-                    self.dropped.failed = Some(failed(&self.path, &error).message);
+                    self.summary.failed = Some(failed(&self.path, error).to_string());
                 }
             }
-            Err(_) => self.dropped.failed = Some(format!("{}: the recorder panicked", self.path.display())),
+            Err(_) => self.summary.failed = Some(format!("{}: the recorder panicked", self.path.display())),
         }
     }
 }
 
-/// A file that was not there, so that no recording is overwritten; devices and pipes are there already.
-fn create(path: &Path) -> Result<File, Failure> {
-    let opened = if path.is_file() {
-        Err(io::ErrorKind::AlreadyExists.into())
-    } else {
-        File::create(path)
-    };
-    opened.map_err(|error| match error.kind() {
-        io::ErrorKind::AlreadyExists => Failure::failed(format!(
-            "{}: found a file, expected a name that is free; move it away or choose another --record",
-            path.display()
-        )),
-        _ => failed(path, &error.into()),
-    })
+/// Creates a file that was not there, so that no recording is overwritten. Devices and pipes are there already.
+fn create(path: &Path) -> Result<File, RecordingError> {
+    if path.is_file() {
+        return Err(RecordingError::Exists(path.to_owned()));
+    }
+    File::create(path).map_err(|error| failed(path, error.into()))
 }
 
-fn failed(path: &Path, error: &McapError) -> Failure {
-    let (why, advice) = match error {
-        McapError::Io(error) if error.kind() == io::ErrorKind::StorageFull => {
-            (error.to_string(), "make room or record elsewhere")
-        }
-        McapError::Io(error) => (error.to_string(), "check the folder and its permissions"),
-        other => (other.to_string(), "report this defect"),
+fn failed(path: &Path, error: McapError) -> RecordingError {
+    let advice = match &error {
+        McapError::Io(error) if error.kind() == io::ErrorKind::StorageFull => "make room or record elsewhere",
+        McapError::Io(_) => "check the folder and its permissions",
+        _ => "report this defect",
     };
-    Failure::failed(format!("{}: recording failed: {why}; {advice}", path.display()))
+    RecordingError::Record {
+        path: path.to_owned(),
+        error,
+        advice,
+    }
 }
 
 fn wall_ns() -> u64 {
@@ -281,7 +278,7 @@ fn sync_until(stopped: &Receiver<()>, file: &File) {
 
 /// Until the queue's other end is gone; then the file is finished.
 fn record<W: Write>(
-    tape: &mut Tape<W>,
+    writer: &mut RecordingWriter<W>,
     queue: &Receiver<Item>,
     pictures_waiting: &AtomicUsize,
 ) -> Result<(), McapError> {
@@ -291,17 +288,17 @@ fn record<W: Write>(
         match queue.recv_timeout(left) {
             Ok(Item::Frame(frame)) => {
                 let pictured = usize::from(frame.picture.is_some());
-                tape.frame(&frame)?;
+                writer.frame(&frame)?;
                 pictures_waiting.fetch_sub(pictured, Ordering::Relaxed);
             }
-            Ok(Item::Event(t_s, event)) => tape.event(t_s, &event)?,
+            Ok(Item::Event(t_s, event)) => writer.event(t_s, &event)?,
             Err(RecvTimeoutError::Timeout) => {}
             Err(RecvTimeoutError::Disconnected) => {
-                return tape.finish();
+                return writer.finish();
             }
         }
         if flushed.elapsed() >= FLUSH {
-            tape.flush()?;
+            writer.flush()?;
             flushed = Instant::now();
         }
     }
@@ -314,9 +311,10 @@ mod tests {
     use gripline_protocol::ForceMap;
     use gripline_protocol::message::{FingertipGeometry, GripMode, Status};
 
-    use super::super::messages::{Image, status_bytes, status_schema};
-    use super::super::reader::{Ending, Reader};
     use super::*;
+    use crate::image::Image;
+    use crate::reader::{Completeness, Reader};
+    use crate::status::{status_bytes, status_schema};
     use crate::telemetry::{FrameReport, STAGES};
     use crate::units::Load;
 
@@ -354,7 +352,7 @@ mod tests {
             capture_us: 0,
             begun_us: 0,
             until_us: 0,
-            wish: GripMode::Hold,
+            requested_mode: GripMode::Hold,
             health_bits: 0,
             wire: Status::default(),
             map: Box::new(ForceMap::EMPTY),
@@ -391,17 +389,17 @@ mod tests {
             bytes: Arc::default(),
             asked,
         };
-        let tape = Tape::new(disk.clone(), None, &About::default(), 1, 0).unwrap();
+        let writer = RecordingWriter::new(disk.clone(), &Metadata::default(), 1, 0).unwrap();
         let held = disk.bytes.lock().unwrap();
         while is_asked.try_recv().is_ok() {}
-        let mut recorder = Recorder::on(Path::new("still"), tape, Pace::RealTime, None);
+        let mut recorder = Recorder::on(Path::new("still"), writer, Pace::RealTime, None);
         recorder.offer(frame(0));
         // From here on the writer stands still with the first frame in its hands.
         is_asked.recv().unwrap();
         for number in 1..=200 {
             recorder.offer(frame(number));
         }
-        assert_eq!(recorder.dropped.pictures_dropped, 200 - QUEUE_PICTURES as u64);
+        assert_eq!(recorder.summary.pictures_dropped, 200 - QUEUE_PICTURES as u64);
         drop(held);
         let recorded = recorder.finish();
         assert_eq!(recorded.frames + recorded.frames_dropped, 201, "{recorded:?}");
@@ -416,7 +414,7 @@ mod tests {
             pictures += u64::from(frame.picture.is_some());
         }
         assert_eq!((frames, pictures), (recorded.frames, 1 + QUEUE_PICTURES as u64));
-        assert_eq!(reader.ending(), Ending::Whole);
+        assert_eq!(reader.completeness(), Completeness::Whole);
     }
 
     /// A disk with so many bytes left.
@@ -441,13 +439,13 @@ mod tests {
         let mut recorder = Recorder::onto(
             Path::new("full.mcap"),
             Small(100_000),
-            &About::default(),
+            &Metadata::default(),
             1,
             Pace::AsFastAsPossible,
         )
         .unwrap();
         let mut offered = 0;
-        while recorder.dropped.failed.is_none() {
+        while recorder.summary.failed.is_none() {
             recorder.offer(frame(offered));
             offered += 1;
         }

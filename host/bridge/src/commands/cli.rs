@@ -5,6 +5,7 @@ use std::ffi::OsString;
 use clap::{Parser, Subcommand};
 use tracing::level_filters::LevelFilter;
 
+use super::export::ExportArgs;
 use crate::commands::calibrate::CalibrateArgs;
 use crate::commands::config::ConfigArgs;
 use crate::commands::detect::DetectArgs;
@@ -17,7 +18,6 @@ use crate::commands::replay::ReplayArgs;
 use crate::commands::shell::{CompletionsArgs, ManArgs};
 use crate::commands::simulate::SimulateArgs;
 use crate::run::RunArgs;
-use gripline_recording::ExportArgs;
 
 /// Holds objects with as little force as is safe: force maps from a camera-based fingertip, slip detection and grip control
 /// on a microcontroller.

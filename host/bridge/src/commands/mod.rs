@@ -7,6 +7,7 @@ pub mod detect;
 mod device;
 pub mod doctor;
 pub mod evaluate;
+pub mod export;
 pub mod faults;
 mod files;
 pub mod infer;

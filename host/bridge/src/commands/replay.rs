@@ -22,7 +22,7 @@ use gripline_link::{EmbeddedLink, Link};
 use gripline_pipeline::control_loop::gate_name;
 use gripline_pipeline::control_loop::{ControlLoop, FrameOutcome, FrameRequest, Late, Lateness};
 use gripline_pipeline::pipeline::{Pipeline, fingerprint};
-use gripline_recording::{About, Ending, Image, Reader, RecordedFrame, Stored};
+use gripline_recording::{Completeness, Image, Metadata, Reader, RecordedFrame, RecordedStatus};
 
 /// Frames that differ are named one by one up to so many.
 const NAMED: usize = 5;
@@ -122,7 +122,7 @@ fn replay(reader: &mut Reader, args: &ReplayArgs) -> Result<Replayed, Failure> {
     let (mut pipelines, settings) = pipelines_of(reader, args)?;
     let link = Box::new(EmbeddedLink::new());
     // The same name in the recording means the same code on the same virtual clock.
-    let exact = reader.about.mcu == link.name();
+    let exact = reader.metadata.mcu == link.name();
     let mut session = Session::connect(link)?;
     session.configure(settings)?;
     let mut control = ControlLoop::new(session);
@@ -168,7 +168,7 @@ fn replay(reader: &mut Reader, args: &ReplayArgs) -> Result<Replayed, Failure> {
         control.idle_until_begun(begun_us)?;
         let request = FrameRequest {
             sensor: status.sensor,
-            mode: status.wish,
+            mode: status.requested_mode,
             age_us: begun_us.wrapping_sub(status.capture_us),
             decode_us: 0.0,
             waited_us: 0.0,
@@ -214,7 +214,7 @@ fn replay(reader: &mut Reader, args: &ReplayArgs) -> Result<Replayed, Failure> {
             }
         }
     }
-    if let Ending::Cut(why) = reader.ending() {
+    if let Completeness::Truncated(why) = reader.completeness() {
         replayed.cut_short = Some(why);
     }
     Ok(replayed)
@@ -222,13 +222,13 @@ fn replay(reader: &mut Reader, args: &ReplayArgs) -> Result<Replayed, Failure> {
 
 /// The run's pipelines, one a fingertip, and its settings again.
 fn pipelines_of(reader: &Reader, args: &ReplayArgs) -> Result<(Vec<Pipeline>, Configuration), Failure> {
-    let About {
+    let Metadata {
         network,
         instructions,
         gate,
         settings,
         ..
-    } = &reader.about;
+    } = &reader.metadata;
     let wrong = |what: String| Failure::failed(format!("{}: {what}", args.recording.display()));
     let architecture: Architecture = network.parse().map_err(&wrong)?;
     let gate: GateKind = gate.parse().map_err(&wrong)?;
@@ -245,12 +245,12 @@ fn pipelines_of(reader: &Reader, args: &ReplayArgs) -> Result<(Vec<Pipeline>, Co
         network = network.with_instructions(InstructionSet::Portable)?;
     }
     let found = fingerprint(&network, first);
-    if found != reader.about.fingerprint {
+    if found != reader.metadata.fingerprint {
         return Err(wrong(format!(
             "recorded with other weights ({}; {}; fingerprint {}), found {} with fingerprint {found}; name them with --weights",
-            reader.about.weights_file,
-            reader.about.weights,
-            reader.about.fingerprint,
+            reader.metadata.weights_file,
+            reader.metadata.weights,
+            reader.metadata.fingerprint,
             network.manifest()
         )));
     }
@@ -267,7 +267,7 @@ fn verdict_of(name: &str) -> Option<Verdict> {
 }
 
 /// Whether the microcontroller said the same of this map; a map that it had not answered yet says nothing.
-fn same_sums(outcome: &FrameOutcome, recorded: &Stored) -> bool {
+fn same_sums(outcome: &FrameOutcome, recorded: &RecordedStatus) -> bool {
     let (now, then) = (&outcome.status, &recorded.wire);
     then.sequence != recorded.sequence
         || then.sensor != recorded.sensor

@@ -27,7 +27,7 @@ use gripline_link::{EmbeddedLink, HotPlug};
 use gripline_pipeline::pipeline::Pipeline;
 use gripline_pipeline::settings_for;
 use gripline_recording::telemetry::{NO_DEVICE, NO_STATUS};
-use gripline_recording::{About, Pace, Recorder};
+use gripline_recording::{Metadata, Pace, Recorder};
 
 const FRAME_US: f64 = 1e6 / 60.0;
 /// Frames after a disturbance until the next one of a kind that must be counted by itself: everything is as it was.
@@ -35,8 +35,8 @@ const CALM: u64 = 180;
 
 /// A recording on a disk with so many bytes left.
 fn small_disk(bytes: usize) -> Recorder {
-    let (path, about) = (Path::new("full.mcap"), About::default());
-    Recorder::onto(path, Disk(bytes), &about, 1, Pace::AsFastAsPossible).unwrap()
+    let (path, metadata) = (Path::new("full.mcap"), Metadata::default());
+    Recorder::onto(path, Disk(bytes), &metadata, 1, Pace::AsFastAsPossible).unwrap()
 }
 
 /// A disk with so many bytes left.
@@ -360,7 +360,7 @@ fn memory_stays_flat_while_frames_are_recorded() {
     let mut run = Run::new(session, Clock::None, 60.0);
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("soak.mcap");
-    let recorder = Recorder::start(&path, &About::default(), &[rest], Pace::AsFastAsPossible);
+    let recorder = Recorder::start(&path, &Metadata::default(), &[rest], Pace::AsFastAsPossible);
     run.recorder = Some(recorder.unwrap());
     run.pictures = gripline_recording::Pictures::Off;
     let mut samples = Vec::new();

@@ -11,7 +11,7 @@ use crate::error::Failure;
 use crate::source::Source;
 use gripline_link::session::Session;
 use gripline_pipeline::pipeline::fingerprint;
-use gripline_recording::About;
+use gripline_recording::Metadata;
 
 /// Every fingertip that the microcontroller waits for must have a source, or its maps would be stale from the start.
 pub(super) fn as_many_fingertips(
@@ -76,8 +76,8 @@ pub(super) fn about(
     network: &Network,
     session: &Session,
     (rest, frames_per_second): (&[Vec<u8>], f64),
-) -> About {
-    About {
+) -> Metadata {
+    Metadata {
         gripline: env!("CARGO_PKG_VERSION").to_owned(),
         mcu: session.link_name(),
         firmware: session.firmware().map_or(String::new(), ToString::to_string),

@@ -7,7 +7,7 @@ use serde::Serialize;
 
 use crate::source::Source;
 use gripline_capture::Counts;
-use gripline_recording::Recorded;
+use gripline_recording::RecordingSummary;
 
 /// The last line of `--json`.
 #[derive(Debug, Serialize)]
@@ -69,7 +69,7 @@ pub(super) struct Summary {
     /// What of real time the system did not allow; `None` when it was not asked for.
     pub realtime_lacks: Option<Vec<String>>,
     /// What was recorded, when anything was to be.
-    pub recording: Option<Recorded>,
+    pub recording: Option<RecordingSummary>,
 }
 
 /// What became of one fingertip's pictures.

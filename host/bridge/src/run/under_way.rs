@@ -170,7 +170,7 @@ impl Run {
                 capture_us: outcome.capture_us,
                 begun_us: outcome.begun_us,
                 until_us,
-                wish: picture.wish,
+                requested_mode: picture.wish,
                 health_bits: outcome.health.bits(),
                 wire: outcome.status,
                 map: Box::new(pipeline.map().clone()),

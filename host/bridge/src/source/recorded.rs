@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use gripline_capture::Counts;
 use gripline_protocol::message::GripMode;
-use gripline_recording::{Ending, Image, Reader};
+use gripline_recording::{Completeness, Image, Reader};
 
 use crate::error::Failure;
 
@@ -42,7 +42,7 @@ impl RecordedFrames {
 
     /// Frames a second of the run that was recorded.
     pub(super) fn rate(&self) -> Option<f64> {
-        self.reader.about.frames_per_second.parse().ok()
+        self.reader.metadata.frames_per_second.parse().ok()
     }
 
     /// The untouched fingertip.
@@ -61,7 +61,7 @@ impl RecordedFrames {
             }
             self.counts.received += 1;
             if let Some(picture) = frame.picture {
-                return Ok(Some((Image::into_crop(picture), frame.status.wish)));
+                return Ok(Some((Image::into_crop(picture), frame.status.requested_mode)));
             }
             self.counts.missed += 1;
         }
@@ -72,7 +72,7 @@ impl RecordedFrames {
                 self.counts.received
             )));
         }
-        if let Ending::Cut(why) = self.reader.ending() {
+        if let Completeness::Truncated(why) = self.reader.completeness() {
             tracing::warn!(
                 "{}: cut short after {} frames ({why})",
                 self.path.display(),

@@ -6,7 +6,7 @@ use gripline_protocol::TAXELS;
 
 use crate::error::Failure;
 use gripline_recording::maps_file::MapsFile;
-use gripline_recording::{Ending, Reader};
+use gripline_recording::{Completeness, Reader};
 
 /// `of` applied to every map (time in seconds, newtons per taxel), and the device that made them. `fingertip`, 1 or 2, selects
 /// maps of a recording.
@@ -30,7 +30,7 @@ pub(super) fn read<T>(
                 all.push(of(frame.status.t_s, &newtons));
             }
         }
-        if let Ending::Cut(why) = reader.ending() {
+        if let Completeness::Truncated(why) = reader.completeness() {
             tracing::warn!(
                 "{}: a recording cut short after {frames} frames ({why}); these are used",
                 path.display()
@@ -42,7 +42,7 @@ pub(super) fn read<T>(
                 path.display()
             )));
         }
-        let device = format!("{} ({})", reader.about.network, reader.about.mcu);
+        let device = format!("{} ({})", reader.metadata.network, reader.metadata.mcu);
         return Ok((all, device));
     }
     let mut maps = MapsFile::open(path)?;

@@ -20,7 +20,7 @@ use crate::error::{Completion, Failure};
 use crate::view::View;
 use gripline_recording::telemetry::Limits;
 use gripline_recording::units::{newtons, ratio};
-use gripline_recording::{Ending, Reader, RecordedFrame};
+use gripline_recording::{Completeness, Reader, RecordedFrame};
 
 /// Force maps.
 const MAPS: usize = 4;
@@ -80,16 +80,16 @@ pub fn run(args: &PlotArgs) -> Result<Completion, Failure> {
         draw_view(args, t_s)?;
         return Ok(Completion::Whole);
     }
-    let (traces, ending) = read(args)?;
+    let (traces, completeness) = read(args)?;
     drawing::figure(&traces).save(&args.out)?;
     println!(
         "{} frames, {} maps: wrote {shown}",
         traces.moments.len(),
         traces.maps.len()
     );
-    match ending {
-        Ending::Whole => Ok(Completion::Whole),
-        Ending::Cut(why) => Ok(Completion::WithLoss(format!(
+    match completeness {
+        Completeness::Whole => Ok(Completion::Whole),
+        Completeness::Truncated(why) => Ok(Completion::WithLoss(format!(
             "{}: a recording cut short after {} frames ({why}); what is there was drawn",
             args.recording.display(),
             traces.moments.len()
@@ -100,7 +100,7 @@ pub fn run(args: &PlotArgs) -> Result<Completion, Failure> {
 /// The screen of a run at `t_s`, with the traces that lead to it.
 fn draw_view(args: &PlotArgs, t_s: f64) -> Result<(), Failure> {
     let mut reader = Reader::open(&args.recording)?;
-    let settings = settings_from_text(&reader.about.settings, &Configuration::DEFAULT)
+    let settings = settings_from_text(&reader.metadata.settings, &Configuration::DEFAULT)
         .map_err(|error| Failure::failed(format!("{}: {error}", args.recording.display())))?;
     let mut view = View::new(Limits::of(&settings));
     let mut at_s = None;
@@ -121,9 +121,9 @@ fn draw_view(args: &PlotArgs, t_s: f64) -> Result<(), Failure> {
 }
 
 /// Reads the numbers first, then the maps of the moments that they choose.
-fn read(args: &PlotArgs) -> Result<(Traces, Ending), Failure> {
+fn read(args: &PlotArgs) -> Result<(Traces, Completeness), Failure> {
     let mut reader = Reader::open(&args.recording)?;
-    let settings = settings_from_text(&reader.about.settings, &Configuration::DEFAULT)
+    let settings = settings_from_text(&reader.metadata.settings, &Configuration::DEFAULT)
         .map_err(|error| Failure::failed(format!("{}: {error}", args.recording.display())))?;
     let mut traces = Traces {
         threshold: ratio(settings.slip_threshold),
@@ -140,7 +140,7 @@ fn read(args: &PlotArgs) -> Result<(Traces, Ending), Failure> {
                 .push(series::Moment::of(&frame.status, traces.threshold));
         }
     }
-    let ending = reader.ending();
+    let completeness = reader.completeness();
     if traces.moments.is_empty() {
         return Err(Failure::usage(format!(
             "--fingertip {}: found no frame of it in {}, expected one of those that the recording has",
@@ -167,5 +167,5 @@ fn read(args: &PlotArgs) -> Result<(Traces, Ending), Failure> {
         }
         place += 1;
     }
-    Ok((traces, ending))
+    Ok((traces, completeness))
 }

@@ -7,7 +7,7 @@ use gripline_protocol::{Health, SENSORS};
 
 use gripline_pipeline::control_loop::Late;
 use gripline_pipeline::control_loop::gate_name;
-use gripline_recording::Stored;
+use gripline_recording::RecordedStatus;
 use gripline_recording::telemetry::{FrameReport, LATE, NO_DEVICE, NO_STATUS, STAGES, Truth, health_names};
 use gripline_recording::units::{Load, centre_of_pressure_mm, millimetres};
 
@@ -20,7 +20,7 @@ const VERDICTS: [Verdict; 4] = [
 ];
 
 /// The report of a recorded frame, with the microcontroller's settings of that run.
-pub(super) fn report_of(stored: &Stored, settings: &Configuration) -> FrameReport {
+pub(super) fn report_of(stored: &RecordedStatus, settings: &Configuration) -> FrameReport {
     let status = &stored.wire;
     let fingertip = &settings.fingertips[usize::from(status.sensor).min(SENSORS - 1)];
     let pitch_mm = millimetres(fingertip.pitch_um);

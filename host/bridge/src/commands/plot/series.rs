@@ -1,6 +1,6 @@
 //! What the figure of a recording shows, without drawing it. Pure. Seconds, newtons, ratios.
 
-use gripline_recording::Stored;
+use gripline_recording::RecordedStatus;
 
 /// What the traces show of a frame.
 #[derive(Debug, Clone, PartialEq)]
@@ -29,7 +29,7 @@ pub(super) struct Moment {
 
 impl Moment {
     /// From a recorded frame.
-    pub(super) fn of(status: &Stored, threshold: f64) -> Self {
+    pub(super) fn of(status: &RecordedStatus, threshold: f64) -> Self {
         let truth = status.truth.as_ref();
         Self {
             t_s: status.t_s,
