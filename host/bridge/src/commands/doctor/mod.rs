@@ -9,7 +9,7 @@ use std::time::Instant;
 use clap::Args;
 use gripline_firmware::Fault;
 use gripline_firmware::sums::TaxelRule;
-use gripline_network::scene::{GateKind, GateDecision};
+use gripline_network::scene::{GateDecision, GateKind};
 use gripline_network::{InstructionSet, Network};
 use gripline_protocol::message::{Command, Hello};
 use gripline_simulation::constants::REST_PICTURES;
