@@ -2,7 +2,8 @@
 //! the two crates' views of the same picture. The bounds are about a quarter above what the committed weights reach
 //! (`gripline-training evaluate` prints the figures); they guard against a broken world, network or weights file.
 
-use gripline_network::{Architecture, ForceMap, ForceNetwork, Network, downsample_440_to_88};
+use gripline_network::unet::UnetNetwork;
+use gripline_network::{Architecture, ForceMap, Network, downsample_440_to_88};
 use gripline_simulation::{Image, SampleGenerator, SampleWorld, Split, block_mean_88};
 
 /// A stream that no report of the trainer uses: those have the user's seed in the upper 32 bits.
@@ -106,7 +107,7 @@ fn the_committed_networks_find_total_forces_in_pictures_they_have_never_seen() {
 
 #[test]
 fn a_picture_without_contact_is_a_map_without_force() {
-    let mut network = ForceNetwork::embedded().unwrap();
+    let mut network = UnetNetwork::embedded().unwrap();
     let contact_min_n = network.calibration().contact_min_n;
     let untouched = unseen(UNSEEN_SEED + 1).filter(|sample| totals(&sample.forces)[2] == 0.0);
     for sample in untouched.take(10) {

@@ -27,9 +27,9 @@ pub(crate) fn command(arguments: &[String]) -> Result<(), Error> {
                     "run",
                     "--release",
                     "--package",
-                    "gripline",
-                    "--example",
-                    "bench_gate",
+                    "gripline-evaluation",
+                    "--bin",
+                    "bench-gate",
                     "--",
                 ])
                 .args(rest),
@@ -68,7 +68,7 @@ fn network(arguments: &[String]) -> Result<(), Error> {
     let plot = process::products().join("bench-network.png");
     process::run(
         process::cargo()
-            .args(["run", "--release", "--package", "gripline-network"])
+            .args(["run", "--release", "--package", "gripline-evaluation"])
             .args([
                 "--features",
                 "bench",

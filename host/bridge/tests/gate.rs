@@ -5,7 +5,7 @@ use gripline::source::SimulatedSource;
 use gripline_firmware::sums::TaxelRule;
 use gripline_link::EmbeddedLink;
 use gripline_link::session::Session;
-use gripline_network::scene::{GateKind, Verdict};
+use gripline_network::scene::{GateDecision, GateKind};
 use gripline_network::{Architecture, Network};
 use gripline_pipeline::pipeline::Pipeline;
 use gripline_pipeline::settings_for;
@@ -31,7 +31,12 @@ impl Chain {
     }
 
     /// Verdict, stick ratio, slip by the threshold, total normal force in newtons.
-    fn frame(&mut self, sequence: u32, crop: &[u8], wish: GripMode) -> (Verdict, Option<f64>, bool, f64) {
+    fn frame(
+        &mut self,
+        sequence: u32,
+        crop: &[u8],
+        wish: GripMode,
+    ) -> (GateDecision, Option<f64>, bool, f64) {
         if self.mode != Some(wish) {
             let command = if wish == GripMode::Hold {
                 Command::Hold
@@ -89,9 +94,9 @@ fn skipping_saves_frames_and_changes_hardly_a_decision(kind: GateKind) {
             let full = every.frame(sequence, &picture.crop, picture.wish);
             let gate = gated.frame(sequence, &picture.crop, picture.wish);
             frames += 1;
-            skipped += u32::from(gate.0 != Verdict::Network);
+            skipped += u32::from(gate.0 != GateDecision::Infer);
             missed += u32::from(
-                gate.0 == Verdict::NoContact && picture.truth.is_some_and(|truth| truth.normal_n >= 0.2),
+                gate.0 == GateDecision::NoContact && picture.truth.is_some_and(|truth| truth.normal_n >= 0.2),
             );
             flips += u32::from(full.2 != gate.2);
             slip_frames += u32::from(full.2);

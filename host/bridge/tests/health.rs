@@ -10,7 +10,7 @@ use gripline_firmware::Fault;
 use gripline_firmware::sums::TaxelRule;
 use gripline_link::EmbeddedLink;
 use gripline_link::session::Session;
-use gripline_network::scene::{GateKind, Verdict};
+use gripline_network::scene::{GateDecision, GateKind};
 use gripline_network::{Architecture, Network};
 use gripline_pipeline::pipeline::Pipeline;
 use gripline_pipeline::settings_for;
@@ -70,7 +70,7 @@ fn every_camera_fault_is_noticed_under_a_touch_and_its_map_is_empty_and_marked()
         for (name, crop) in pictures {
             let processed = pipeline.process(&crop).unwrap();
             assert!(!processed.health.is_good(), "{name} in frame {frame}");
-            assert_eq!(processed.gate, Verdict::Unhealthy, "{name} in frame {frame}");
+            assert_eq!(processed.gate, GateDecision::Unhealthy, "{name} in frame {frame}");
             assert_eq!(processed.map, &ForceMap::EMPTY, "{name} in frame {frame}");
             shown += 1;
         }

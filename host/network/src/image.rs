@@ -1,12 +1,42 @@
-//! Camera crop to network input: 440×440 8-bit grayscale to 88×88 by the mean of 5×5 blocks, rounded to
-//! the nearest grey level. Row-major; column grows with +x, row with +y, as in the force map.
+//! From the camera's crop, 440×440 pixels of 8-bit grayscale, to the 88×88 image: means of 5×5 blocks, rounded to the
+//! nearest grey level. Row-major; columns grow with +x, rows with +y, as in the force map.
 
 use crate::constants::{CROP_SIDE, DOWNSAMPLING, IMAGE_PIXELS, IMAGE_SIDE};
-#[cfg(target_arch = "x86_64")]
 use crate::instruction_set::InstructionSet;
+use crate::simd::{Dispatch, Simd, dispatch_256};
 
-/// An input image of the network: 88×88, row-major, 8-bit grayscale.
+/// An image of 88×88 pixels, row-major, 8-bit grayscale.
 pub type Image88 = [u8; IMAGE_PIXELS];
+
+/// A camera frame at both resolutions, so that gate, health and network share one downsampling.
+#[derive(Debug, Clone, Copy)]
+pub struct Frame<'a> {
+    crop: &'a [u8],
+    small: &'a Image88,
+}
+
+impl<'a> Frame<'a> {
+    /// Downsamples `crop`, 440×440 pixels, into `small`.
+    ///
+    /// # Panics
+    /// When `crop` is not 440×440 bytes.
+    pub fn new(crop: &'a [u8], small: &'a mut Image88) -> Self {
+        downsample_440_to_88(crop, small);
+        Self { crop, small }
+    }
+
+    /// The 440×440 crop.
+    #[must_use]
+    pub fn crop(&self) -> &'a [u8] {
+        self.crop
+    }
+
+    /// The 88×88 image.
+    #[must_use]
+    pub fn small(&self) -> &'a Image88 {
+        self.small
+    }
+}
 
 /// Pixels of a block.
 const BLOCK_PIXELS: u16 = (DOWNSAMPLING * DOWNSAMPLING) as u16;
@@ -16,32 +46,39 @@ const BLOCK_PIXELS: u16 = (DOWNSAMPLING * DOWNSAMPLING) as u16;
 /// # Panics
 /// When `crop` is not 440×440 bytes.
 pub fn downsample_440_to_88(crop: &[u8], out: &mut Image88) {
+    check_crop(crop);
+    dispatch_256(InstructionSet::widest(), Downsample { crop, out });
+}
+
+/// Panics when a crop is not 440×440 bytes.
+pub(crate) fn check_crop(crop: &[u8]) {
     assert_eq!(
         crop.len(),
         CROP_SIDE * CROP_SIDE,
         "the camera crop has {} bytes, expected 440 x 440",
         crop.len()
     );
-    #[cfg(target_arch = "x86_64")]
-    if InstructionSet::Avx2.is_available() {
-        // SAFETY: the processor has it.
-        #[expect(unsafe_code, reason = "compiled for an instruction set that was checked for")]
-        unsafe {
-            downsample_avx2(crop, out);
-        }
-        return;
+}
+
+struct Downsample<'a> {
+    crop: &'a [u8],
+    out: &'a mut Image88,
+}
+
+impl Dispatch for Downsample<'_> {
+    type Output = ();
+
+    #[expect(
+        clippy::inline_always,
+        reason = "compiles for the instruction set of its caller"
+    )]
+    #[inline(always)]
+    fn run<S: Simd>(self) {
+        downsample(self.crop, self.out);
     }
-    downsample(crop, out);
 }
 
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2")]
-fn downsample_avx2(crop: &[u8], out: &mut Image88) {
-    downsample(crop, out);
-}
-
-/// Whole rows at a time, in loops that become vectors: the means of all 436 blocks of a row of blocks, wherever they
-/// start, of which every fifth is taken.
+/// Row by row, in loops that the compiler vectorises.
 #[inline(always)]
 fn downsample(crop: &[u8], out: &mut Image88) {
     /// 2¹⁷ / 25, rounded up: exact for all sums of 25 bytes.
@@ -64,7 +101,7 @@ fn downsample(crop: &[u8], out: &mut Image88) {
         for (mean, &sum) in line.iter_mut().zip(&sums) {
             // At most 25 · 255 + 12, and 25 is odd, so no mean lies halfway between two levels.
             let product = u32::from(sum + BLOCK_PIXELS / 2) * u32::from(INVERSE);
-            // In two steps, of which the first is an instruction.
+            // In two steps: the first is one instruction.
             *mean = ((product >> 16) as u16 >> 1) as u8;
         }
     }

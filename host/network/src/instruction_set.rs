@@ -1,40 +1,20 @@
-//! Which of the processor's vector instructions the kernels use: the widest it has, unless the user says
-//! otherwise. AVX2 and AVX-512 compute the same bits; portable rounds products too (no fused
-//! multiply-add), so it differs in the last digits, and computes the same bits on every machine.
+//! Which vector instructions the kernels use: by default the widest the processor has. AVX2 and AVX-512 compute the same
+//! bits. Portable has no fused multiply-add, so it differs in the last digits; its bits are the same on every machine.
 
 use std::fmt;
 use std::str::FromStr;
 
+use crate::error::NetworkError;
+
 /// A set of vector instructions that the kernels are built for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum InstructionSet {
-    /// What every processor of the target has.
+    /// What every processor of the target has; 8 numbers at a time.
     Portable,
     /// AVX2 and FMA: 8 numbers at a time.
     Avx2,
     /// AVX-512F: 16 numbers at a time.
     Avx512,
-}
-
-/// An instruction set that cannot be used.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-pub enum InstructionSetError {
-    /// The processor does not have it.
-    #[error(
-        "instruction set `{wanted}` was asked for, but this processor has only {available}; choose one of these"
-    )]
-    Missing {
-        /// The one asked for.
-        wanted: InstructionSet,
-        /// Those that would do, comma-separated.
-        available: String,
-    },
-    /// No such name.
-    #[error("instruction set `{found}` is unknown, expected `portable`, `avx2` or `avx512`")]
-    Unknown {
-        /// The name.
-        found: String,
-    },
 }
 
 impl InstructionSet {
@@ -68,18 +48,18 @@ impl InstructionSet {
     ///
     /// # Errors
     /// When it does not; the error lists what it has.
-    pub fn checked(self) -> Result<Self, InstructionSetError> {
+    pub fn checked(self) -> Result<Self, NetworkError> {
         let available: Vec<Self> = Self::ALL.into_iter().filter(|set| set.is_available()).collect();
         self.among(&available)
     }
 
-    fn among(self, available: &[Self]) -> Result<Self, InstructionSetError> {
+    fn among(self, available: &[Self]) -> Result<Self, NetworkError> {
         if available.contains(&self) {
             return Ok(self);
         }
         let available: Vec<String> = available.iter().map(|set| format!("`{set}`")).collect();
-        Err(InstructionSetError::Missing {
-            wanted: self,
+        Err(NetworkError::MissingInstructionSet {
+            wanted: self.to_string(),
             available: available.join(", "),
         })
     }
@@ -96,13 +76,13 @@ impl fmt::Display for InstructionSet {
 }
 
 impl FromStr for InstructionSet {
-    type Err = InstructionSetError;
+    type Err = NetworkError;
 
     fn from_str(name: &str) -> Result<Self, Self::Err> {
         Self::ALL
             .into_iter()
             .find(|set| set.to_string() == name)
-            .ok_or_else(|| InstructionSetError::Unknown {
+            .ok_or_else(|| NetworkError::UnknownInstructionSet {
                 found: name.to_owned(),
             })
     }
@@ -115,7 +95,7 @@ mod tests {
     #[test]
     fn every_name_reads_back_and_an_unknown_one_is_named_in_the_error() {
         for set in InstructionSet::ALL {
-            assert_eq!(set.to_string().parse(), Ok(set));
+            assert_eq!(set.to_string().parse::<InstructionSet>().unwrap(), set);
         }
         let error = "neon".parse::<InstructionSet>().unwrap_err().to_string();
         assert!(error.contains("`neon`") && error.contains("`avx512`"), "{error}");

@@ -1,24 +1,24 @@
-//! How good predicted maps are, in the terms that the detector and the reports use: for the trainer and the bench. Pure
-//! arithmetic over pairs of maps in newtons. Taxel errors and stick ratios count samples of at least half a newton.
+//! How good predicted maps are, as the detector and the reports see them; for training and benchmarks. Pure arithmetic over
+//! pairs of maps in newtons. Taxel errors and stick ratios count samples of at least half a newton.
 
-use serde_json::{Value, json};
+use serde::Serialize;
 
 use crate::constants::{
     CONTACT_MINS_N, DETECTOR_FRICTION, SCORED_NORMAL_N, SCORED_SHEAR_N, SCORED_TAXELS, TAXELS,
 };
-use crate::{Calibration, ForceMap};
+use crate::force_map::{Calibration, ForceMap};
 
 /// Predicted and true map of one sample.
 #[derive(Debug, Clone)]
 pub struct Pair {
-    /// What the network says, newtons per taxel.
+    /// The network's map, newtons per taxel.
     pub predicted: ForceMap,
-    /// What is, newtons per taxel.
+    /// The true map, newtons per taxel.
     pub truth: ForceMap,
 }
 
-/// The paper's stick ratio with a contact threshold, |{f_T ≤ μ f_z}| / |{f_z > contact_min}|, and the number
-/// of taxels in contact; no ratio without contact.
+/// The paper's stick ratio with a contact threshold, |{f_T ≤ μ f_z}| / |{f_z > contact_min}| (`None` without contact), and
+/// the number of taxels in contact.
 #[must_use]
 pub fn stick_ratio(map: &ForceMap, contact_min_n: f32, friction: f32) -> (Option<f64>, usize) {
     let (mut contact, mut stick) = (0, 0);
@@ -31,8 +31,8 @@ pub fn stick_ratio(map: &ForceMap, contact_min_n: f32, friction: f32) -> (Option
     ((contact > 0).then(|| stick as f64 / contact as f64), contact)
 }
 
-/// Stick ratios of the pairs whose true map has enough taxels in contact: (predicted, true). The true map is
-/// read with the paper's friction; a predicted map without contact sticks nowhere.
+/// Stick ratios (predicted, true) of the pairs whose true map has enough taxels in contact. The true map uses the paper's
+/// friction; a predicted map without contact has ratio 0.
 fn stick_ratios<'a>(
     pairs: impl IntoIterator<Item = &'a Pair>,
     contact_min_n: f32,
@@ -56,8 +56,8 @@ fn loaded(pairs: &[Pair]) -> Vec<&Pair> {
     pairs.iter().filter(strong).collect()
 }
 
-/// Chooses the detector's contact threshold and friction: for every threshold the friction without bias in
-/// the stick ratio, then the threshold with the smallest error.
+/// Chooses the detector's contact threshold and friction: for every threshold the friction that removes the bias of the
+/// stick ratio, then the threshold with the smallest error.
 #[must_use]
 pub fn calibrate(pairs: &[Pair]) -> Calibration {
     let loaded = loaded(pairs);
@@ -93,39 +93,43 @@ pub fn calibrate(pairs: &[Pair]) -> Calibration {
     best.1
 }
 
-/// What `evaluate` reports.
-#[derive(Debug, Clone, PartialEq)]
+/// Scores of a network. Serialises to JSON under the field names; a mean over no samples is NaN (`null`).
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Scores {
     /// Pairs scored.
     pub samples: usize,
     /// Σ(error²)/Σ(truth²) per sample, mean over samples in contact.
     pub relative_squared_error: f64,
-    /// Root mean square error of x, y, z over samples of at least half a newton, newtons per taxel.
+    /// RMSE of x, y, z over samples of at least half a newton, newtons per taxel.
     pub rmse_n: [f64; 3],
-    /// The same in shares of the 99th percentile of the component's magnitude.
+    /// The same relative to the 99th percentile of the component's magnitude.
     pub rmse_of_p99: [f64; 3],
-    /// Relative error of the total normal force: median, 95th percentile.
-    pub normal_error: [f64; 2],
-    /// Error of the total shear vector over its length: median, 95th percentile.
-    pub shear_error: [f64; 2],
+    /// Relative error of the total normal force: median.
+    pub total_normal_error_median: f64,
+    /// The same: 95th percentile.
+    pub total_normal_error_p95: f64,
+    /// Error of the total shear vector relative to its length: median.
+    pub shear_error_median: f64,
+    /// The same: 95th percentile.
+    pub shear_error_p95: f64,
     /// Mean absolute error of the stick ratio with the calibrated threshold and friction.
-    pub stick_ratio_error: f64,
-    /// Its bias: positive sees more sticking than there is.
+    pub stick_ratio_mae: f64,
+    /// Mean error of the stick ratio; positive predicts more sticking than there is.
     pub stick_ratio_bias: f64,
-    /// Mean absolute error of the stick ratio without calibration of the friction.
-    pub stick_ratio_error_uncalibrated: f64,
-    /// Share of samples whose decision SR < 0.5 is the true map's.
+    /// Mean absolute error of the stick ratio without calibrated friction.
+    pub stick_ratio_mae_uncalibrated: f64,
+    /// Share of samples whose decision SR < 0.5 equals the true map's.
     pub slip_agreement: f64,
-    /// The same without calibration of the friction.
+    /// The same without calibrated friction.
     pub slip_agreement_uncalibrated: f64,
-    /// Share of samples whose true map says slip.
+    /// Share of samples whose true map slips.
     pub slip_share: f64,
-    /// Mean absolute total normal force where nothing touches, newtons.
+    /// Mean absolute total normal force of samples without contact, newtons.
     pub untouched_normal_n: f64,
 }
 
 impl Scores {
-    /// Scores of these pairs, read with this calibration.
+    /// Scores of these pairs with this calibration.
     #[must_use]
     pub fn new(pairs: &[Pair], calibration: Calibration) -> Self {
         let Calibration {
@@ -176,38 +180,18 @@ impl Scores {
             relative_squared_error: mean(relative.into_iter()),
             rmse_n: components.map(|(rmse, _)| rmse),
             rmse_of_p99: components.map(|(_, share)| share),
-            normal_error: [0.5, 0.95].map(|q| percentile(normal.clone(), q)),
-            shear_error: [0.5, 0.95].map(|q| percentile(shear.clone(), q)),
-            stick_ratio_error: absolute(&ratios),
+            total_normal_error_median: percentile(normal.clone(), 0.5),
+            total_normal_error_p95: percentile(normal, 0.95),
+            shear_error_median: percentile(shear.clone(), 0.5),
+            shear_error_p95: percentile(shear, 0.95),
+            stick_ratio_mae: absolute(&ratios),
             stick_ratio_bias: mean(ratios.iter().map(|(predicted, truth)| predicted - truth)),
-            stick_ratio_error_uncalibrated: absolute(&uncalibrated),
+            stick_ratio_mae_uncalibrated: absolute(&uncalibrated),
             slip_agreement: share(&ratios, agrees),
             slip_agreement_uncalibrated: share(&uncalibrated, agrees),
             slip_share: share(&ratios, |(_, truth)| *truth < 0.5),
             untouched_normal_n: mean(untouched.into_iter()),
         }
-    }
-
-    /// The scores under the names that other programs read.
-    #[must_use]
-    pub fn to_json(&self) -> Value {
-        json!({
-            "samples": self.samples,
-            "relative_squared_error": self.relative_squared_error,
-            "rmse_n": self.rmse_n,
-            "rmse_of_p99": self.rmse_of_p99,
-            "total_normal_error_median": self.normal_error[0],
-            "total_normal_error_p95": self.normal_error[1],
-            "shear_error_median": self.shear_error[0],
-            "shear_error_p95": self.shear_error[1],
-            "stick_ratio_mae": self.stick_ratio_error,
-            "stick_ratio_bias": self.stick_ratio_bias,
-            "stick_ratio_mae_uncalibrated": self.stick_ratio_error_uncalibrated,
-            "slip_agreement": self.slip_agreement,
-            "slip_agreement_uncalibrated": self.slip_agreement_uncalibrated,
-            "slip_share": self.slip_share,
-            "untouched_normal_n": self.untouched_normal_n,
-        })
     }
 
     /// The main scores in a line, under [`Self::LINE_HEADER`].
@@ -216,21 +200,21 @@ impl Scores {
         format!(
             "{:7} {:7.1} % {:7.1} % {:9.3} {:8.1} %",
             self.samples,
-            100.0 * self.normal_error[0],
-            100.0 * self.shear_error[0],
-            self.stick_ratio_error,
+            100.0 * self.total_normal_error_median,
+            100.0 * self.shear_error_median,
+            self.stick_ratio_mae,
             100.0 * self.slip_agreement
         )
     }
 
-    /// What stands over the numbers of [`Self::to_line`].
+    /// The column heads of [`Self::to_line`].
     pub const LINE_HEADER: &str = "samples       F_N       F_T  SR error  SR < 0.5";
 
     /// The scores as a table, one measure a line.
     #[must_use]
     pub fn to_table(&self) -> String {
         let percent = |share: f64| format!("{:.1} %", 100.0 * share);
-        let pair = |[median, p95]: [f64; 2]| format!("{} median, {} p95", percent(median), percent(p95));
+        let pair = |median, p95| format!("{} median, {} p95", percent(median), percent(p95));
         let milli = self.rmse_n.map(|rmse| format!("{:.2}", 1e3 * rmse)).join(", ");
         let shares = self.rmse_of_p99.map(percent).join(", ");
         [
@@ -243,16 +227,22 @@ impl Scores {
                 "taxel RMSE x, y, z",
                 format!("{milli} mN ({shares} of the 99th percentile)"),
             ),
-            ("total normal force error", pair(self.normal_error)),
-            ("total shear vector error", pair(self.shear_error)),
+            (
+                "total normal force error",
+                pair(self.total_normal_error_median, self.total_normal_error_p95),
+            ),
+            (
+                "total shear vector error",
+                pair(self.shear_error_median, self.shear_error_p95),
+            ),
             (
                 "stick ratio error",
-                format!("{:.3} mean absolute", self.stick_ratio_error),
+                format!("{:.3} mean absolute", self.stick_ratio_mae),
             ),
             ("  bias", format!("{:+.3}", self.stick_ratio_bias)),
             (
                 "  with friction 0.45",
-                format!("{:.3} mean absolute", self.stick_ratio_error_uncalibrated),
+                format!("{:.3} mean absolute", self.stick_ratio_mae_uncalibrated),
             ),
             ("SR < 0.5 as the true map", percent(self.slip_agreement)),
             ("  with friction 0.45", percent(self.slip_agreement_uncalibrated)),
@@ -283,7 +273,7 @@ fn squares(values: impl Iterator<Item = f32>) -> f64 {
     values.map(|value| f64::from(value) * f64::from(value)).sum()
 }
 
-/// NaN for nothing: no sample was of the kind that the measure is about.
+/// NaN for nothing.
 fn mean(values: impl ExactSizeIterator<Item = f64>) -> f64 {
     let count = values.len() as f64;
     values.sum::<f64>() / count
@@ -325,8 +315,8 @@ mod tests {
         });
         let scores = Scores::new(&pairs, CALIBRATION);
         assert_eq!(scores.relative_squared_error, 0.0);
-        assert_eq!([scores.normal_error, scores.shear_error], [[0.0; 2]; 2]);
-        assert_eq!([scores.stick_ratio_error, scores.slip_agreement], [0.0, 1.0]);
+        assert_eq!([scores.total_normal_error_p95, scores.shear_error_p95], [0.0; 2]);
+        assert_eq!([scores.stick_ratio_mae, scores.slip_agreement], [0.0, 1.0]);
         assert!((scores.slip_share - 1.0 / 3.0).abs() < 1e-12);
     }
 
@@ -337,11 +327,11 @@ mod tests {
             truth: map(30, 1.0),
         }];
         let scores = Scores::new(&pairs, CALIBRATION);
-        for [median, _] in [scores.normal_error, scores.shear_error] {
+        for median in [scores.total_normal_error_median, scores.shear_error_median] {
             assert!((median - 0.1).abs() < 1e-5, "{median}");
         }
         assert!((scores.relative_squared_error - 0.01).abs() < 1e-6);
-        assert_eq!(scores.stick_ratio_error, 0.0);
+        assert_eq!(scores.stick_ratio_mae, 0.0);
     }
 
     #[test]
@@ -359,8 +349,8 @@ mod tests {
         let calibration = calibrate(&pairs);
         assert!(calibration.friction < 0.44, "{calibration:?}");
         let after = Scores::new(&pairs, calibration);
-        assert_eq!([after.stick_ratio_bias, after.stick_ratio_error], [0.0, 0.0]);
-        assert_eq!(after.stick_ratio_error_uncalibrated, before.stick_ratio_error);
+        assert_eq!([after.stick_ratio_bias, after.stick_ratio_mae], [0.0, 0.0]);
+        assert_eq!(after.stick_ratio_mae_uncalibrated, before.stick_ratio_mae);
     }
 
     #[test]

@@ -4,7 +4,7 @@
 use std::time::{Duration, Instant};
 
 use gripline_link::session::{SentMap, Session};
-use gripline_network::scene::Verdict;
+use gripline_network::scene::GateDecision;
 use gripline_protocol::message::{Command, GripMode, MapSums, Status};
 use gripline_protocol::{ForceMap, Health, MapInfo, SENSORS};
 use gripline_recording::telemetry::STAGES;
@@ -21,12 +21,12 @@ pub const MAP_OLD_US: u64 = 50_000;
 
 /// The gate decision's name, for programs.
 #[must_use]
-pub const fn gate_name(decision: Verdict) -> &'static str {
+pub const fn gate_name(decision: GateDecision) -> &'static str {
     match decision {
-        Verdict::NoContact => "no_contact",
-        Verdict::Unchanged => "unchanged",
-        Verdict::Network => "network",
-        Verdict::Unhealthy => "unhealthy",
+        GateDecision::NoContact => "no_contact",
+        GateDecision::Unchanged => "unchanged",
+        GateDecision::Infer => "network",
+        GateDecision::Unhealthy => "unhealthy",
     }
 }
 
@@ -112,7 +112,7 @@ pub struct FrameOutcome {
     /// When the frame began, on the link's clock.
     pub begun_us: u32,
     /// What the scene gate decided.
-    pub gate: Verdict,
+    pub gate: GateDecision,
     /// Doubts about the picture.
     pub health: Health,
     /// Time of each of [`STAGES`]; 0 where the gate skipped it.
@@ -143,7 +143,7 @@ struct Begun {
 /// What gate and network made of a picture.
 #[derive(Clone, Copy)]
 struct Processed {
-    gate: Verdict,
+    gate: GateDecision,
     health: Health,
     stages_us: [f64; 3],
 }
@@ -151,7 +151,7 @@ struct Processed {
 impl Processed {
     /// Nobody looked.
     const NOTHING: Self = Self {
-        gate: Verdict::Unchanged,
+        gate: GateDecision::Unchanged,
         health: Health::GOOD,
         stages_us: [0.0; 3],
     };
@@ -244,7 +244,7 @@ impl ControlLoop {
     pub fn frame_of(
         &mut self,
         map: &ForceMap,
-        (gate, health): (Verdict, Health),
+        (gate, health): (GateDecision, Health),
         request: FrameRequest,
     ) -> Result<FrameOutcome, PipelineError> {
         let begun = self.begin(request)?;

@@ -7,8 +7,8 @@ use std::time::Instant;
 use gripline_firmware::sums::{TaxelRule, stick_ratio_below};
 use gripline_link::shadow::Judgement;
 use gripline_network::image::Image88;
-use gripline_network::scene::{self, GateKind, Scene, Verdict};
-use gripline_network::{Network, downsample_440_to_88};
+use gripline_network::scene::{self, GateDecision, GateKind, Scene};
+use gripline_network::{Frame, Network, downsample_440_to_88};
 use gripline_protocol::{ForceMap, Health, NotFinite, Saturated, TAXELS};
 
 /// Pixels of the 440×440 crop.
@@ -26,7 +26,7 @@ pub struct Processed<'a> {
     /// The detector's sums of the map.
     pub judgement: Judgement,
     /// What the scene gate decided.
-    pub gate: Verdict,
+    pub gate: GateDecision,
     /// What is known against this map.
     pub health: Health,
     /// Time for downsampling, gate, and network with quantisation (0 when the gate skipped it).
@@ -113,21 +113,21 @@ impl Pipeline {
     /// [`NotFinite`] when the network's output is not a number; the last good map is kept.
     pub fn process(&mut self, crop: &[u8]) -> Result<Processed<'_>, NotFinite> {
         let start = Instant::now();
-        downsample_440_to_88(crop, &mut self.now);
+        let frame = Frame::new(crop, &mut self.now);
         let downsampled = Instant::now();
-        let (verdict, picture) = self.scene.look(&self.now);
+        let (verdict, picture) = self.scene.decide(frame.small());
         let gated = Instant::now();
         match verdict {
             // Forces from a picture that cannot be believed would look real.
-            Verdict::NoContact | Verdict::Unhealthy => {
+            GateDecision::NoContact | GateDecision::Unhealthy => {
                 *self.map = ForceMap::EMPTY;
                 *self.newtons = [[0.0; 3]; TAXELS];
                 (self.saturated, self.doubt) = (Saturated(0), scene::Health::GOOD);
                 self.judgement = Judgement::of(&self.map, self.judgement.rule);
             }
-            Verdict::Unchanged => {}
-            Verdict::Network => {
-                self.network.infer_with(crop, &self.now, &mut self.newtons);
+            GateDecision::Unchanged => {}
+            GateDecision::Infer => {
+                self.network.infer_frame(frame, &mut self.newtons);
                 self.doubt = self.network.health();
                 if !self.doubt.is_good() {
                     self.newtons.fill([0.0; 3]);
@@ -136,13 +136,13 @@ impl Pipeline {
                 (*self.map, self.saturated) = ForceMap::quantise(&self.newtons)?;
                 self.judgement = Judgement::of(&self.map, self.judgement.rule);
                 if stick_ratio_below(&self.judgement.sums, SURE_STICK_RATIO) {
-                    self.scene.look_again();
+                    self.scene.force_inference();
                 }
             }
         }
         let inferred = Instant::now();
         let us = |from: Instant, to: Instant| (to - from).as_secs_f64() * 1e6;
-        let network_us = if verdict == Verdict::Network {
+        let network_us = if verdict == GateDecision::Infer {
             us(gated, inferred)
         } else {
             0.0

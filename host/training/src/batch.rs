@@ -4,12 +4,12 @@
 use burn::tensor::{Device, Tensor, TensorData};
 use gripline_network::constants::{IMAGE_PIXELS, IMAGE_SIDE, MAP_SIDE, TAXELS};
 use gripline_network::tracked::{self, GRID_SIDE, INPUT_CHANNELS, TrackedScaling};
-use gripline_network::weights::Scaling;
+use gripline_network::unet::Scaling;
 
+use crate::ablation::{Ablation, Part};
 use crate::constants::{BRIGHTNESS_DRIFT, BRIGHTNESS_SHARED, NEWTONS_PER_OUTPUT, SALT_AND_PEPPER};
 use crate::dataset::Dataset;
-use crate::dice::Dice;
-use crate::recipe::{Part, Recipe};
+use crate::rng::Rng;
 use crate::symmetry::Symmetry;
 use crate::weights::AnyWeights;
 
@@ -34,7 +34,7 @@ pub(crate) fn augmented(
     samples: &[usize],
     weights: &AnyWeights,
     device: &Device,
-    augmentation: (&Recipe, &mut Dice),
+    augmentation: (&Ablation, &mut Rng),
 ) -> Batch {
     assemble(set, samples, weights, device, Some(augmentation))
 }
@@ -44,15 +44,17 @@ fn assemble(
     samples: &[usize],
     weights: &AnyWeights,
     device: &Device,
-    mut augmentation: Option<(&Recipe, &mut Dice)>,
+    mut augmentation: Option<(&Ablation, &mut Rng)>,
 ) -> Batch {
     let count = samples.len();
     let (mut inputs, mut scales) = (Vec::new(), Vec::with_capacity(count));
     let mut outputs = vec![0.0; count * 3 * TAXELS];
     for (&sample, outputs) in samples.iter().zip(outputs.chunks_exact_mut(3 * TAXELS)) {
-        let augmentation = augmentation.as_mut().map(|(recipe, dice)| (*recipe, &mut **dice));
+        let augmentation = augmentation
+            .as_mut()
+            .map(|(ablation, rng)| (*ablation, &mut **rng));
         let (symmetry, scale) = match weights {
-            AnyWeights::UNet(weights) => {
+            AnyWeights::Unet(weights) => {
                 let symmetry = images(set, sample, weights.scaling, augmentation, &mut inputs);
                 (symmetry, weights.scaling.newtons_per_output / NEWTONS_PER_OUTPUT)
             }
@@ -66,7 +68,7 @@ fn assemble(
         }
     }
     let shape = match weights {
-        AnyWeights::UNet(_) => [count, 2, IMAGE_SIDE, IMAGE_SIDE],
+        AnyWeights::Unet(_) => [count, 2, IMAGE_SIDE, IMAGE_SIDE],
         AnyWeights::Tracked(_) => [count, INPUT_CHANNELS, GRID_SIDE, GRID_SIDE],
     };
     Batch {
@@ -81,15 +83,15 @@ fn images(
     set: &Dataset,
     sample: usize,
     scaling: Scaling,
-    augmentation: Option<(&Recipe, &mut Dice)>,
+    augmentation: Option<(&Ablation, &mut Rng)>,
     inputs: &mut Vec<f32>,
 ) -> Symmetry {
     let mut rest = set.rest(sample).map(f32::from);
     let mut now = set.now(sample).map(f32::from);
-    let symmetry = augmentation.map_or(Symmetry::ALL[0], |(recipe, dice)| {
+    let symmetry = augmentation.map_or(Symmetry::ALL[0], |(ablation, rng)| {
         let mut between = |part, low, high| {
-            if recipe.has(part) {
-                dice.between(low, high)
+            if ablation.uses(part) {
+                rng.between(low, high)
             } else {
                 0.0
             }
@@ -102,10 +104,10 @@ fn images(
                 *level = (*level * gain).round().min(255.0);
             }
             for _ in 0..(share * IMAGE_PIXELS as f32) as usize {
-                image[dice.below(IMAGE_PIXELS)] = if dice.below(2) == 0 { 0.0 } else { 255.0 };
+                image[rng.below(IMAGE_PIXELS)] = if rng.below(2) == 0 { 0.0 } else { 255.0 };
             }
         }
-        any_symmetry(recipe, dice)
+        any_symmetry(ablation, rng)
     });
     let Scaling {
         difference_per_level,
@@ -121,25 +123,25 @@ fn images(
     symmetry
 }
 
-/// Adds a sample's grid, moved by the symmetry that is returned, and says what its outputs are multiplied with.
+/// Adds a sample's grid, transformed by a random symmetry; returns the symmetry and the scale of the outputs.
 fn grid(
     set: &Dataset,
     sample: usize,
     scaling: &TrackedScaling,
-    augmentation: Option<(&Recipe, &mut Dice)>,
+    augmentation: Option<(&Ablation, &mut Rng)>,
     inputs: &mut Vec<f32>,
 ) -> (Symmetry, f32) {
-    let symmetry = augmentation.map_or(Symmetry::ALL[0], |(recipe, dice)| any_symmetry(recipe, dice));
+    let symmetry = augmentation.map_or(Symmetry::ALL[0], |(ablation, rng)| any_symmetry(ablation, rng));
     let moved = symmetry.grid(&set.grid(sample));
-    let (nodes, size_mm) = tracked::input(&moved, scaling);
+    let (nodes, rms_mm) = tracked::input(&moved, scaling);
     for channel in 0..INPUT_CHANNELS {
         inputs.extend(nodes.iter().map(|values| values[channel]));
     }
-    (symmetry, size_mm * scaling.newtons_per_mm / NEWTONS_PER_OUTPUT)
+    (symmetry, rms_mm * scaling.newtons_per_mm / NEWTONS_PER_OUTPUT)
 }
 
 /// One of the eight, or the first alone where training does without them.
-fn any_symmetry(recipe: &Recipe, dice: &mut Dice) -> Symmetry {
-    let count = if recipe.has(Part::Symmetries) { 8 } else { 1 };
-    Symmetry::ALL[dice.below(count)]
+fn any_symmetry(ablation: &Ablation, rng: &mut Rng) -> Symmetry {
+    let count = if ablation.uses(Part::Symmetries) { 8 } else { 1 };
+    Symmetry::ALL[rng.below(count)]
 }

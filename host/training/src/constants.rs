@@ -1,4 +1,4 @@
-//! What training chooses, each value with unit and source.
+//! The choices of training, each with unit and source.
 
 pub(crate) use gripline_network::constants::DETECTOR_FRICTION;
 use gripline_network::tracked::{Lens, TrackedScaling};
@@ -61,10 +61,10 @@ pub(crate) const BRIGHTNESS_DRIFT: f32 = 0.01;
 /// Pairs in the golden file.
 pub(crate) const GOLDEN_SAMPLES: usize = 12;
 
-/// Layout of the shards; another one is refused.
+/// Version of the shards' layout; others are refused.
 pub(crate) const DATA_VERSION: u32 = 5;
 
-/// Samples in a shard, drawn from one stream of the simulation: a second of work and 5 MB.
+/// Samples per shard, all from one random stream of the simulation: one second of work, 5 MB.
 pub(crate) const SHARD_SAMPLES: usize = 250;
 
 /// Steps of a stored grid per millimetre, and per share: a sixteenth of a micrometre.
@@ -74,14 +74,14 @@ pub(crate) const GRID_STEPS: f32 = 16_384.0;
 /// is off by 0.090 instead of 0.083 after as many samples; four times the multiply-adds learned no more.
 pub(crate) const TRACKED_WIDTHS: [usize; 3] = [24, 48, 64];
 
-/// Around the tracking network: 2 µm is what the tracker sees at rest, 30 µm a usual load.
+/// Scaling of the tracking network: the tracker's noise at rest is 2 µm, a usual load moves particles by 30 µm.
 pub(crate) const TRACKED_SCALING: TrackedScaling = TrackedScaling {
-    least_motion_mm: 0.002,
-    usual_motion_mm: 0.03,
+    min_motion_mm: 0.002,
+    reference_motion_mm: 0.03,
     newtons_per_mm: 1.5,
 };
 
-/// The nominal camera: every virtual sensor differs from it a little, as real ones do, and the network has to bear it.
+/// The nominal camera. Every virtual sensor differs from it a little, as real ones do, and the network has to cope.
 pub(crate) fn lens() -> Lens {
     let camera = Camera::default();
     let corner = gripline_simulation::constants::CROP_CORNER_PX;

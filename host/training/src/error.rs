@@ -1,4 +1,4 @@
-//! What can go wrong outside the arithmetic, with what was found and what to do.
+//! Errors of the trainer: what was found and what to do.
 
 use std::path::PathBuf;
 
@@ -13,8 +13,8 @@ pub(crate) enum TrainingError {
         /// Why.
         source: std::io::Error,
     },
-    /// A shard that is not what its name says.
-    #[error("{path}: {problem}; delete its folder, it will be generated anew")]
+    /// A shard of another world, seed or layout.
+    #[error("{path}: {problem}; delete its folder, it will be generated again")]
     Data {
         /// Which.
         path: PathBuf,
@@ -26,16 +26,16 @@ pub(crate) enum TrainingError {
     World(#[from] gripline_simulation::SimulationError),
     /// A weights file that cannot be used.
     #[error(transparent)]
-    Weights(#[from] gripline_network::WeightsError),
-    /// Weights whose values the engine refuses.
+    Weights(#[from] gripline_network::NetworkError),
+    /// Trained weights that the engine refuses.
     #[error("the trained weights are not usable: {0}; train again with another --seed")]
-    Trained(#[from] gripline_network::weights::WeightsProblem),
+    Trained(gripline_network::NetworkError),
     /// Arguments that contradict each other.
     #[error("{0}")]
     Usage(String),
 }
 
-/// Names the path in an input or output error.
+/// Adds the path to an I/O error.
 pub(crate) fn at(path: &std::path::Path) -> impl FnOnce(std::io::Error) -> TrainingError {
     let path = path.to_owned();
     move |source| TrainingError::File { path, source }

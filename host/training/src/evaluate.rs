@@ -1,19 +1,20 @@
-//! How good a weights file is on shapes and sensors that were never trained on, computed by the engine that runs
-//! it, not by the training framework.
+//! Scores of a weights file on shapes and sensors never trained on, computed by the inference engine, not by the training
+//! framework.
 
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use gripline_network::Calibration;
 use gripline_network::metrics::{Pair, Scores};
+use gripline_network::{Architecture, Calibration};
 use gripline_simulation::Split;
 use serde_json::json;
 
-use crate::dataset::{Dataset, Store, world_fingerprint};
+use crate::dataset::Dataset;
 use crate::error::TrainingError;
-use crate::weights::{Architecture, Engine};
+use crate::store::{Store, world_fingerprint};
+use crate::weights::Engine;
 
-/// Prints the scores of the weights in `weights`, or of those that the engine carries.
+/// Prints the scores of the weights in a file, or of the built-in ones.
 pub(crate) fn evaluate(
     architecture: Architecture,
     weights: Option<&Path>,
@@ -45,8 +46,8 @@ pub(crate) fn evaluate(
             "contact_min_n": contact_min_n,
             "friction": friction,
             "manifest": engine.manifest(),
-            "scores": scores.to_json(),
-            "scores_of_shape": of_shape.iter().map(|(shape, scores)| (*shape, scores.to_json())).collect::<BTreeMap<_, _>>(),
+            "scores": scores,
+            "scores_of_shape": of_shape,
         });
         println!("{report}");
     } else {

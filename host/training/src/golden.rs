@@ -1,5 +1,4 @@
-//! The golden file: what a network saw with the training framework's own forces, which the inference engine's tests
-//! are held to. Safetensors: `rest` and `now` `[n, 88, 88]` u8, or `grid` `[n, 6, 40, 40]` i16 in steps of 1/16384 mm;
+//! The golden file: inputs and the training framework's forces for them. The inference engine's tests compare with it. Safetensors: `rest` and `now` `[n, 88, 88]` u8, or `grid` `[n, 6, 40, 40]` i16 in steps of 1/16384 mm;
 //! `forces_n` `[n, 3, 20, 20]` f32 in newtons.
 
 use burn::module::Module;
@@ -27,19 +26,19 @@ pub(crate) fn forces_n(weights: &AnyWeights, set: &Dataset, samples: &[usize]) -
 /// The bytes of the golden file for these weights, over samples spread through the set.
 pub(crate) fn to_bytes(weights: &AnyWeights, set: &Dataset) -> Vec<u8> {
     // A grid is as large as three pairs of images.
-    let most = match weights {
-        AnyWeights::UNet(_) => GOLDEN_SAMPLES,
+    let max = match weights {
+        AnyWeights::Unet(_) => GOLDEN_SAMPLES,
         AnyWeights::Tracked(_) => GOLDEN_SAMPLES / 2,
     };
-    let count = most.min(set.len());
+    let count = max.min(set.len());
     let samples: Vec<usize> = (0..count).map(|i| i * set.len() / count).collect();
     let forces: Vec<u8> = forces_n(weights, set, &samples)
         .iter()
         .flat_map(|value| value.to_le_bytes())
         .collect();
     let images = vec![count, IMAGE_SIDE, IMAGE_SIDE];
-    let seen: Vec<(&str, Dtype, Vec<usize>, Vec<u8>)> = match weights {
-        AnyWeights::UNet(_) => {
+    let inputs: Vec<(&str, Dtype, Vec<usize>, Vec<u8>)> = match weights {
+        AnyWeights::Unet(_) => {
             let rest = samples.iter().flat_map(|&sample| *set.rest(sample)).collect();
             let now = samples.iter().flat_map(|&sample| *set.now(sample)).collect();
             vec![
@@ -55,7 +54,7 @@ pub(crate) fn to_bytes(weights: &AnyWeights, set: &Dataset) -> Vec<u8> {
         }
     };
     let forces = ("forces_n", Dtype::F32, vec![count, 3, MAP_SIDE, MAP_SIDE], forces);
-    let views = seen.iter().chain([&forces]).map(|(name, dtype, shape, bytes)| {
+    let views = inputs.iter().chain([&forces]).map(|(name, dtype, shape, bytes)| {
         let view = TensorView::new(*dtype, shape.clone(), bytes);
         (*name, view.expect("the lengths follow from the shapes"))
     });
@@ -65,10 +64,10 @@ pub(crate) fn to_bytes(weights: &AnyWeights, set: &Dataset) -> Vec<u8> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::dice::Dice;
-    use crate::train::fresh_weights;
-    use crate::weights::{Architecture, Engine};
-    use gripline_network::tracked::Precision;
+    use crate::initial::fresh_weights;
+    use crate::rng::Rng;
+    use crate::weights::Engine;
+    use gripline_network::{Architecture, Precision};
 
     /// Weights as no training leaves them: running statistics far from their start.
     fn weights(architecture: Architecture) -> AnyWeights {
@@ -76,14 +75,14 @@ mod tests {
         device.seed(3);
         let mut weights = fresh_weights(architecture, &[], &Dataset::noise(2), &device).unwrap();
         let mut tensors = weights.tensors().clone();
-        let mut dice = Dice::new(3);
+        let mut rng = Rng::new(3);
         for (name, tensor) in &mut tensors {
             let range = match name.rsplit('.').next() {
                 Some("gamma" | "variance") => 0.5..1.5,
                 Some("beta" | "mean") => -0.3..0.3,
                 _ => continue,
             };
-            tensor.values.fill_with(|| dice.between(range.start, range.end));
+            tensor.values.fill_with(|| rng.between(range.start, range.end));
         }
         weights.set_tensors(tensors);
         weights
@@ -98,12 +97,10 @@ mod tests {
             std::fs::write(&path, weights.to_bytes()).unwrap();
             let loaded = AnyWeights::from_file(architecture, &path).unwrap();
             assert_eq!(loaded, weights);
-            // In f32, which has to be as close as f32 is; what 16 bits make of it the engine's own tests bound.
+            // In f32; the engine's own tests bound the error of int16.
             let mut engine = match loaded.engine().unwrap() {
-                Engine::Tracked(network) => {
-                    Engine::Tracked(Box::new(network.with_precision(Precision::Single)))
-                }
-                unet @ Engine::UNet(_) => unet,
+                Engine::Tracked(network) => Engine::Tracked(Box::new(network.with_precision(Precision::F32))),
+                unet @ Engine::Unet(_) => unet,
             };
 
             let set = Dataset::noise(4);
@@ -127,7 +124,7 @@ mod tests {
     }
 
     #[test]
-    fn tensors_survive_the_way_through_the_framework() {
+    fn tensors_survive_import_and_export() {
         for architecture in [Architecture::Unet, Architecture::Tracked] {
             let weights = weights(architecture);
             let network = Model::loaded(&weights, &Device::flex());

@@ -2,17 +2,20 @@
 //! carries. `gripline-training train` needs nothing but a CPU and minutes.
 #![forbid(unsafe_code)]
 
+mod ablation;
 mod batch;
 mod constants;
 mod dataset;
-mod dice;
 mod error;
 mod evaluate;
 mod gate;
 mod golden;
+mod initial;
 mod loss;
 mod model;
-mod recipe;
+mod rng;
+mod shard;
+mod store;
 mod symmetry;
 mod train;
 mod weights;
@@ -22,14 +25,14 @@ use std::process::ExitCode;
 use std::time::Duration;
 
 use clap::{Parser, Subcommand};
+use gripline_network::Architecture;
 use gripline_simulation::Split;
 
+use crate::ablation::{Ablation, Part};
 use crate::constants::LEARNING_RATE;
-use crate::dataset::{Store, world_fingerprint};
 use crate::error::TrainingError;
-use crate::recipe::{Part, Recipe};
-use crate::train::{Places, Plan};
-use crate::weights::Architecture;
+use crate::store::{Store, world_fingerprint};
+use crate::train::{Paths, Plan};
 
 /// Trains and scores Gripline's force network.
 #[derive(Debug, Parser)]
@@ -59,8 +62,8 @@ enum Command {
     },
     /// Train, calibrate, and write OUT/weights/NETWORK.safetensors and OUT/golden/NETWORK.safetensors.
     Train {
-        /// Which network.
-        #[arg(long, value_enum, default_value_t = Architecture::Tracked)]
+        /// `unet` or `tracked`.
+        #[arg(long, default_value_t = Architecture::Tracked)]
         network: Architecture,
         /// Samples to train on; each stands for eight by symmetry.
         #[arg(long, default_value_t = 40_000, value_parser = clap::value_parser!(u32).range(32..=1_000_000))]
@@ -81,34 +84,34 @@ enum Command {
         /// Three for `tracked` (at 20×20, 10×10, 5×5), six for `unet` (44×44, 22×22, 20×20, 10×10, 5×5, 20×20).
         #[arg(long, value_delimiter = ',', conflicts_with = "from")]
         widths: Vec<usize>,
-        /// Leave out a part of the loss or of the augmentation, to see what it is worth. May stand several times.
+        /// Leave out a part of the loss or of the augmentation, to measure what it is worth. Repeatable.
         #[arg(long, value_enum)]
         without: Vec<Part>,
         /// Start from these weights instead of random ones.
         #[arg(long)]
         from: Option<PathBuf>,
-        /// Where to write; `host/network` replaces the weights that the engine carries.
+        /// Where to write; `host/network` replaces the built-in weights.
         #[arg(long, default_value = concat!(env!("CARGO_MANIFEST_DIR"), "/data/trained"))]
         out: PathBuf,
     },
-    /// Train, quantise and write the scene gate's network; print what gate and health make of unseen sensors.
+    /// Train, quantise and write the scene gate's network; print how gate and health do on unseen sensors.
     Gate {
         /// Virtual sensors to train on, some 150 pictures each; a third as many to calibrate and to report on.
         #[arg(long, default_value_t = 30, value_parser = clap::value_parser!(u32).range(3..=10_000))]
         sensors: u32,
-        /// Gradient steps of 64 questions.
+        /// Gradient steps of 64 examples.
         #[arg(long, default_value_t = 24_000, value_parser = clap::value_parser!(u32).range(10..=1_000_000))]
         steps: u32,
-        /// Where gate.tflite goes; `host/network/weights` replaces the one that the engine carries.
+        /// Where gate.tflite goes; `host/network/weights` replaces the built-in one.
         #[arg(long, default_value = concat!(env!("CARGO_MANIFEST_DIR"), "/../network/weights"))]
         out: PathBuf,
     },
     /// Score weights on samples never trained on.
     Evaluate {
-        /// Which network.
-        #[arg(long, value_enum, default_value_t = Architecture::Tracked)]
+        /// `unet` or `tracked`.
+        #[arg(long, default_value_t = Architecture::Tracked)]
         network: Architecture,
-        /// The weights file; without it, the weights that the engine carries.
+        /// The weights file; without it, the built-in weights.
         #[arg(long)]
         weights: Option<PathBuf>,
         /// Print one JSON object.
@@ -170,13 +173,13 @@ fn run(arguments: &Arguments) -> Result<(), TrainingError> {
                 patience: *patience as usize,
                 rate: *rate,
                 widths: widths.clone(),
-                recipe: Recipe {
+                ablation: Ablation {
                     without: without.clone(),
                 },
             };
             train::train(
                 &plan,
-                Places {
+                Paths {
                     data,
                     out,
                     from: from.as_deref(),

@@ -1,8 +1,5 @@
-//! The force networks in the training framework: the architectures of `gripline_network::layers` and of
-//! `gripline_network::tracked::layers`, with weights going out to and coming in from the weights files. Inputs and
-//! outputs in the networks' units, `[batch, 2, 88, 88]` or `[batch, 10, 40, 40]` to `[batch, 3, 20, 20]`.
-
-use std::collections::BTreeMap;
+//! The networks in the training framework, built from `gripline_network`'s layers, with weights exported to and imported
+//! from weights files. In the networks' units: `[batch, 2, 88, 88]` or `[batch, 10, 40, 40]` to `[batch, 3, 20, 20]`.
 
 use burn::module::{Module, Param, RunningState};
 use burn::nn::conv::{Conv2d, Conv2dConfig, ConvTranspose2d, ConvTranspose2dConfig};
@@ -11,13 +8,10 @@ use burn::nn::{BatchNorm, BatchNormConfig, PaddingConfig2d};
 use burn::tensor::activation::relu;
 use burn::tensor::{Device, Tensor, TensorData};
 use gripline_network::constants::NORM_EPSILON;
-use gripline_network::weights::{self, Widths};
-use gripline_network::{Layer, LayerKind, OUTPUT, layers, tracked};
+use gripline_network::unet::{self, Widths};
+use gripline_network::{self as engine, Layer, LayerKind, OUTPUT, tracked};
 
-use crate::weights::AnyWeights;
-
-/// The tensors of a weights file, by name.
-pub(crate) type Tensors = BTreeMap<String, weights::Tensor>;
+use crate::weights::{AnyWeights, Tensors};
 
 #[derive(Module, Debug)]
 struct Stage {
@@ -26,7 +20,7 @@ struct Stage {
 }
 
 #[derive(Module, Debug)]
-struct DoublingStage {
+struct TransposedStage {
     convolution: ConvTranspose2d,
     norm: BatchNorm,
 }
@@ -42,10 +36,10 @@ pub(crate) struct UNet {
     encode10b: Stage,
     bottom5a: Stage,
     bottom5b: Stage,
-    up10: DoublingStage,
+    up10: TransposedStage,
     decode10a: Stage,
     decode10b: Stage,
-    up20: DoublingStage,
+    up20: TransposedStage,
     decode20a: Stage,
     decode20b: Stage,
     output: Conv2d,
@@ -65,7 +59,7 @@ impl Stage {
     }
 }
 
-impl DoublingStage {
+impl TransposedStage {
     fn new(layer: Layer, device: &Device) -> Self {
         let convolution = ConvTranspose2dConfig::new([layer.in_channels, layer.out_channels], [3, 3])
             .with_stride([2, 2])
@@ -86,7 +80,7 @@ impl DoublingStage {
 
 fn convolution(layer: Layer, device: &Device) -> Conv2d {
     let LayerKind::Convolution { stride, padding } = layer.kind else {
-        unreachable!("{} doubles the size", layer.name)
+        unreachable!("{} is transposed", layer.name)
     };
     Conv2dConfig::new([layer.in_channels, layer.out_channels], [3, 3])
         .with_stride([stride, stride])
@@ -119,7 +113,7 @@ impl UNet {
             decode20a,
             decode20b,
             output,
-        ] = layers(widths);
+        ] = unet::layers(widths);
         let stage = |layer| Stage::new(layer, device);
         Self {
             encode44: stage(encode44),
@@ -130,10 +124,10 @@ impl UNet {
             encode10b: stage(encode10b),
             bottom5a: stage(bottom5a),
             bottom5b: stage(bottom5b),
-            up10: DoublingStage::new(up10, device),
+            up10: TransposedStage::new(up10, device),
             decode10a: stage(decode10a),
             decode10b: stage(decode10b),
-            up20: DoublingStage::new(up20, device),
+            up20: TransposedStage::new(up20, device),
             decode20a: stage(decode20a),
             decode20b: stage(decode20b),
             output: convolution(output, device),
@@ -173,7 +167,7 @@ impl UNet {
                 ("decode20a", &self.decode20a),
                 ("decode20b", &self.decode20b),
             ],
-            doubling: vec![("up10", &self.up10), ("up20", &self.up20)],
+            transposed: vec![("up10", &self.up10), ("up20", &self.up20)],
             output: &self.output,
         }
     }
@@ -194,13 +188,13 @@ impl UNet {
                 ("decode20a", &mut self.decode20a),
                 ("decode20b", &mut self.decode20b),
             ],
-            doubling: vec![("up10", &mut self.up10), ("up20", &mut self.up20)],
+            transposed: vec![("up10", &mut self.up10), ("up20", &mut self.up20)],
             output: &mut self.output,
         }
     }
 }
 
-/// The network behind the tracker.
+/// The network after the tracker.
 #[derive(Module, Debug)]
 pub(crate) struct TrackedNet {
     encode20a: Stage,
@@ -209,9 +203,9 @@ pub(crate) struct TrackedNet {
     encode10b: Stage,
     bottom5a: Stage,
     bottom5b: Stage,
-    up10: DoublingStage,
+    up10: TransposedStage,
     decode10: Stage,
-    up20: DoublingStage,
+    up20: TransposedStage,
     decode20: Stage,
     output: Conv2d,
 }
@@ -239,9 +233,9 @@ impl TrackedNet {
             encode10b: stage(encode10b),
             bottom5a: stage(bottom5a),
             bottom5b: stage(bottom5b),
-            up10: DoublingStage::new(up10, device),
+            up10: TransposedStage::new(up10, device),
             decode10: stage(decode10),
-            up20: DoublingStage::new(up20, device),
+            up20: TransposedStage::new(up20, device),
             decode20: stage(decode20),
             output: convolution(output, device),
         }
@@ -269,7 +263,7 @@ impl TrackedNet {
                 ("decode10", &self.decode10),
                 ("decode20", &self.decode20),
             ],
-            doubling: vec![("up10", &self.up10), ("up20", &self.up20)],
+            transposed: vec![("up10", &self.up10), ("up20", &self.up20)],
             output: &self.output,
         }
     }
@@ -286,7 +280,7 @@ impl TrackedNet {
                 ("decode10", &mut self.decode10),
                 ("decode20", &mut self.decode20),
             ],
-            doubling: vec![("up10", &mut self.up10), ("up20", &mut self.up20)],
+            transposed: vec![("up10", &mut self.up10), ("up20", &mut self.up20)],
             output: &mut self.output,
         }
     }
@@ -295,14 +289,14 @@ impl TrackedNet {
 /// A network's layers under their names in the weights file.
 struct Parts<'a> {
     stages: Vec<(&'static str, &'a Stage)>,
-    doubling: Vec<(&'static str, &'a DoublingStage)>,
+    transposed: Vec<(&'static str, &'a TransposedStage)>,
     output: &'a Conv2d,
 }
 
-/// The same, to be written to.
+/// The same, mutable.
 struct PartsMut<'a> {
     stages: Vec<(&'static str, &'a mut Stage)>,
-    doubling: Vec<(&'static str, &'a mut DoublingStage)>,
+    transposed: Vec<(&'static str, &'a mut TransposedStage)>,
     output: &'a mut Conv2d,
 }
 
@@ -310,20 +304,20 @@ struct PartsMut<'a> {
 #[expect(clippy::large_enum_variant, reason = "there is one of it")]
 #[derive(Module, Debug)]
 pub(crate) enum Model {
-    UNet(UNet),
+    Unet(UNet),
     Tracked(TrackedNet),
 }
 
 impl Model {
-    /// The network of a weights file, with random weights; seed the device first.
+    /// A network of the same architecture and widths with random weights; seed the device first.
     pub(crate) fn new(weights: &AnyWeights, device: &Device) -> Self {
         match weights {
-            AnyWeights::UNet(weights) => Self::UNet(UNet::new(weights.widths, device)),
+            AnyWeights::Unet(weights) => Self::Unet(UNet::new(weights.widths, device)),
             AnyWeights::Tracked(weights) => Self::Tracked(TrackedNet::new(weights.widths, device)),
         }
     }
 
-    /// The network of a weights file with its weights.
+    /// The network with these weights.
     pub(crate) fn loaded(weights: &AnyWeights, device: &Device) -> Self {
         let mut model = Self::new(weights, device);
         model.set_tensors(weights.tensors(), device);
@@ -333,25 +327,25 @@ impl Model {
     /// Input to `[batch, 3, 20, 20]`.
     pub(crate) fn forward(&self, input: Tensor<4>) -> Tensor<4> {
         match self {
-            Self::UNet(network) => network.forward(input),
+            Self::Unet(network) => network.forward(input),
             Self::Tracked(network) => network.forward(input),
         }
     }
 
     fn parts(&self) -> Parts<'_> {
         match self {
-            Self::UNet(network) => network.parts(),
+            Self::Unet(network) => network.parts(),
             Self::Tracked(network) => network.parts(),
         }
     }
 
-    /// All tensors under their names in the weights file.
+    /// Exports all tensors under their names in the weights file.
     pub(crate) fn tensors(&self) -> Tensors {
         let mut tensors = Tensors::new();
         let mut put = |name: String, data: TensorData| {
             let shape = data.shape().iter().copied().collect();
             let values = data.try_to_vec::<f32>().expect("weights are f32");
-            tensors.insert(name, weights::Tensor { shape, values });
+            tensors.insert(name, engine::Tensor { shape, values });
         };
         let mut put_normed = |name: &str, weight: &Param<Tensor<4>>, norm: &BatchNorm| {
             put(format!("{name}.weight"), weight.val().into_data());
@@ -370,7 +364,7 @@ impl Model {
         for (name, stage) in parts.stages {
             put_normed(name, &stage.convolution.weight, &stage.norm);
         }
-        for (name, stage) in parts.doubling {
+        for (name, stage) in parts.transposed {
             put_normed(name, &stage.convolution.weight, &stage.norm);
         }
         put(format!("{OUTPUT}.weight"), parts.output.weight.val().into_data());
@@ -379,7 +373,7 @@ impl Model {
         tensors
     }
 
-    /// Takes over all tensors of a weights file of the same widths, which has been checked.
+    /// Imports all tensors of a checked weights file of the same widths.
     pub(crate) fn set_tensors(&mut self, tensors: &Tensors, device: &Device) {
         let data = |name: &str, part: &str| {
             let tensor = &tensors[&format!("{name}.{part}")];
@@ -392,14 +386,14 @@ impl Model {
             norm.running_var = RunningState::new(Tensor::from_data(data(name, "norm.variance"), device));
         };
         let parts = match self {
-            Self::UNet(network) => network.parts_mut(),
+            Self::Unet(network) => network.parts_mut(),
             Self::Tracked(network) => network.parts_mut(),
         };
         for (name, stage) in parts.stages {
             stage.convolution.weight = Param::from_data(data(name, "weight"), device);
             set_norm(name, &mut stage.norm);
         }
-        for (name, stage) in parts.doubling {
+        for (name, stage) in parts.transposed {
             stage.convolution.weight = Param::from_data(data(name, "weight"), device);
             set_norm(name, &mut stage.norm);
         }

@@ -1,5 +1,5 @@
-//! The training loop: AdamW, one cycle of the learning rate, the best weights on validation data kept in a
-//! file, early stop when they no longer improve. Then calibration, the golden file, and the report.
+//! The training loop: AdamW, one cycle of the learning rate, a checkpoint of the best weights on validation data, early
+//! stopping. Then calibration, the golden file, and the report.
 
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -7,30 +7,27 @@ use std::time::{Duration, Instant};
 use burn::module::Module;
 use burn::optim::{AdamWConfig, GradientsParams, ModuleOptimizer};
 use burn::tensor::Device;
-use gripline_network::Calibration;
 use gripline_network::metrics::{Scores, calibrate};
-use gripline_network::tracked::TrackedWeights;
-use gripline_network::weights::{Scaling, Weights, Widths};
+use gripline_network::{Architecture, Calibration};
 use gripline_simulation::Split;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::json;
 
+use crate::ablation::Ablation;
 use crate::batch::{self, Batch};
-use crate::constants::{
-    BATCH, DETECTOR_FRICTION, DIFFERENCE_PER_LEVEL, NEWTONS_PER_OUTPUT, REST_DEVIATION, TRACKED_SCALING,
-    TRACKED_WIDTHS, WARM_UP, WEIGHT_DECAY, WIDTHS, lens,
-};
-use crate::dataset::{Dataset, Store, world_fingerprint};
-use crate::dice::Dice;
+use crate::constants::{BATCH, WARM_UP, WEIGHT_DECAY};
+use crate::dataset::Dataset;
 use crate::error::{TrainingError, at};
 use crate::evaluate::predict;
 use crate::golden;
+use crate::initial::fresh_weights;
 use crate::loss::loss;
-use crate::model::{Model, Tensors};
-use crate::recipe::Recipe;
-use crate::weights::{AnyWeights, Architecture};
+use crate::model::Model;
+use crate::rng::Rng;
+use crate::store::{Store, world_fingerprint};
+use crate::weights::{AnyWeights, Tensors};
 
-/// What the user chose.
+/// The options of `train`.
 #[derive(Debug, Clone)]
 pub(crate) struct Plan {
     pub(crate) architecture: Architecture,
@@ -44,13 +41,13 @@ pub(crate) struct Plan {
     pub(crate) rate: f64,
     /// Channels of the layers; none for the usual ones.
     pub(crate) widths: Vec<usize>,
-    /// What the loss and augmentation are made of.
-    pub(crate) recipe: Recipe,
+    /// Parts of loss and augmentation that are left out.
+    pub(crate) ablation: Ablation,
 }
 
-/// Where things are.
+/// Folders and files.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Places<'a> {
+pub(crate) struct Paths<'a> {
     pub(crate) data: &'a Path,
     pub(crate) out: &'a Path,
     pub(crate) from: Option<&'a Path>,
@@ -60,18 +57,18 @@ pub(crate) struct Places<'a> {
 const VALIDATIONS: usize = 40;
 
 /// Trains, calibrates, and writes `unet.safetensors` or `tracked.safetensors` into `out/weights` and `out/golden`.
-pub(crate) fn train(plan: &Plan, places: Places<'_>) -> Result<(), TrainingError> {
+pub(crate) fn train(plan: &Plan, paths: Paths<'_>) -> Result<(), TrainingError> {
     let world = world_fingerprint()?;
-    let get = |split, samples| Store::new(places.data, split, plan.seed, &world).load(samples);
+    let get = |split, samples| Store::new(paths.data, split, plan.seed, &world).load(samples);
     let sets = Sets {
         train: get(Split::Train, plan.samples)?,
         validation: get(Split::Validation, plan.held_out)?,
     };
     let device = Device::flex().autodiff();
     device.seed(u64::from(plan.seed));
-    let mut weights = starting_weights(plan, places, &sets.train, &device)?;
+    let mut weights = starting_weights(plan, paths, &sets.train, &device)?;
     let file = format!("{}.safetensors", plan.architecture.name());
-    let weights_path = places.out.join("weights").join(&file);
+    let weights_path = paths.out.join("weights").join(&file);
 
     let outcome = fit(plan, &sets, &mut weights, &device, |weights| {
         save(&weights_path, &weights.to_bytes())
@@ -79,11 +76,11 @@ pub(crate) fn train(plan: &Plan, places: Places<'_>) -> Result<(), TrainingError
 
     let calibration_set = get(Split::Calibration, plan.held_out)?;
     let test_set = get(Split::Test, plan.held_out)?;
-    let mut engine = weights.engine()?;
+    let mut engine = weights.engine().map_err(TrainingError::Trained)?;
     let calibration = calibrate(&predict(&mut engine, &calibration_set));
     weights.set_calibration(calibration);
     let scores = Scores::new(&predict(&mut engine, &test_set), calibration);
-    // Training that continues another's counts on.
+    // Continued training adds to the earlier counts.
     let earlier: serde_json::Value = serde_json::from_str(weights.manifest()).unwrap_or_default();
     let before = |key: &str| earlier[key].as_f64().unwrap_or(0.0);
     let manifest = json!({
@@ -93,13 +90,13 @@ pub(crate) fn train(plan: &Plan, places: Places<'_>) -> Result<(), TrainingError
         "sample_steps": before("sample_steps") + (outcome.steps * BATCH) as f64,
         "minutes": before("minutes") + (outcome.took.as_secs_f64() / 60.0).round(),
         "validation_loss": outcome.validation_loss,
-        "without": plan.recipe.left_out(),
+        "without": plan.ablation.left_out(),
         "framework": "burn 0.22.1 flex",
-        "test": scores.to_json(),
+        "test": scores,
     });
     weights.set_manifest(manifest.to_string());
     save(&weights_path, &weights.to_bytes())?;
-    let golden_path = places.out.join("golden").join(&file);
+    let golden_path = paths.out.join("golden").join(&file);
     save(&golden_path, &golden::to_bytes(&weights, &test_set))?;
 
     let Calibration {
@@ -115,7 +112,6 @@ pub(crate) fn train(plan: &Plan, places: Places<'_>) -> Result<(), TrainingError
     Ok(())
 }
 
-/// What gradient steps and early stopping see.
 struct Sets {
     train: Dataset,
     validation: Dataset,
@@ -130,12 +126,12 @@ struct Outcome {
 /// Random weights, or those of a file.
 fn starting_weights(
     plan: &Plan,
-    places: Places<'_>,
+    paths: Paths<'_>,
     train: &Dataset,
     device: &Device,
 ) -> Result<AnyWeights, TrainingError> {
-    if let Some(path) = places.from {
-        return AnyWeights::from_file(plan.architecture, path);
+    if let Some(path) = paths.from {
+        return Ok(AnyWeights::from_file(plan.architecture, path)?);
     }
     if plan.samples < BATCH {
         return Err(TrainingError::Usage(format!(
@@ -144,76 +140,6 @@ fn starting_weights(
         )));
     }
     fresh_weights(plan.architecture, &plan.widths, train, device)
-}
-
-/// Random weights of these widths (none: the usual ones), with the scaling that a data set asks for.
-pub(crate) fn fresh_weights(
-    architecture: Architecture,
-    widths: &[usize],
-    train: &Dataset,
-    device: &Device,
-) -> Result<AnyWeights, TrainingError> {
-    let calibration = Calibration {
-        contact_min_n: 0.02,
-        friction: DETECTOR_FRICTION,
-    };
-    let manifest = "in training".to_owned();
-    let mut weights = match architecture {
-        Architecture::Unet => {
-            let (mean, deviation) = train.rest_levels();
-            let [encode44, encode22, encode20, middle10, bottom5, decode20] = channels(widths, WIDTHS)?;
-            AnyWeights::UNet(Weights {
-                widths: Widths {
-                    encode44,
-                    encode22,
-                    encode20,
-                    middle10,
-                    bottom5,
-                    decode20,
-                },
-                scaling: Scaling {
-                    difference_per_level: DIFFERENCE_PER_LEVEL,
-                    rest_level: mean as f32,
-                    rest_per_level: REST_DEVIATION / deviation.max(1.0) as f32,
-                    newtons_per_output: NEWTONS_PER_OUTPUT,
-                },
-                calibration,
-                manifest,
-                tensors: Tensors::new(),
-            })
-        }
-        Architecture::Tracked => AnyWeights::Tracked(TrackedWeights {
-            widths: channels(widths, TRACKED_WIDTHS)?,
-            lens: lens(),
-            scaling: TRACKED_SCALING,
-            calibration,
-            manifest,
-            tensors: Tensors::new(),
-        }),
-    };
-    let tensors = Model::new(&weights, device).tensors();
-    weights.set_tensors(tensors);
-    Ok(weights)
-}
-
-/// The channels that were asked for, or the usual ones. The kernels take them by eights.
-fn channels<const N: usize>(asked: &[usize], usual: [usize; N]) -> Result<[usize; N], TrainingError> {
-    if asked.is_empty() {
-        return Ok(usual);
-    }
-    asked
-        .try_into()
-        .ok()
-        .filter(|widths: &[usize; N]| {
-            widths
-                .iter()
-                .all(|width| width.is_multiple_of(8) && (8..=256).contains(width))
-        })
-        .ok_or_else(|| {
-            TrainingError::Usage(format!(
-                "--widths is {asked:?}, expected {N} multiples of 8 from 8 to 256, such as {usual:?}"
-            ))
-        })
 }
 
 /// Gradient steps until the plan is done; leaves the best weights in `weights` and hands each new best to
@@ -225,8 +151,8 @@ fn fit(
     device: &Device,
     checkpoint: impl Fn(&AnyWeights) -> Result<(), TrainingError>,
 ) -> Result<Outcome, TrainingError> {
-    let mut trainer = Trainer::new(weights, plan.recipe.clone(), device);
-    let mut dice = Dice::new(u64::from(plan.seed));
+    let mut trainer = Trainer::new(weights, plan.ablation.clone(), device);
+    let mut rng = Rng::new(u64::from(plan.seed));
     let mut order = Vec::new();
     let mut best = (f32::INFINITY, 0);
     let mut validated = 0;
@@ -266,10 +192,10 @@ fn fit(
 
         if order.len() < BATCH {
             order = (0..sets.train.len()).collect();
-            dice.shuffle(&mut order);
+            rng.shuffle(&mut order);
         }
         let samples = order.split_off(order.len() - BATCH);
-        let batch = batch::augmented(&sets.train, &samples, weights, device, (&plan.recipe, &mut dice));
+        let batch = batch::augmented(&sets.train, &samples, weights, device, (&plan.ablation, &mut rng));
         let batch_loss = trainer.step(batch, plan.rate * schedule(progress));
         running_loss = Some(running_loss.map_or(batch_loss, |loss: f32| 0.98 * loss + 0.02 * batch_loss));
         step += 1;
@@ -298,11 +224,11 @@ fn schedule(progress: f64) -> f64 {
 struct Trainer {
     network: Model,
     optimizer: ModuleOptimizer,
-    recipe: Recipe,
+    ablation: Ablation,
 }
 
 impl Trainer {
-    fn new(weights: &AnyWeights, recipe: Recipe, device: &Device) -> Self {
+    fn new(weights: &AnyWeights, ablation: Ablation, device: &Device) -> Self {
         let network = Model::loaded(weights, device);
         let optimizer = AdamWConfig::new()
             .with_epsilon(1e-8)
@@ -311,7 +237,7 @@ impl Trainer {
         Self {
             network,
             optimizer,
-            recipe,
+            ablation,
         }
     }
 
@@ -320,7 +246,7 @@ impl Trainer {
         let loss = loss(
             self.network.forward(batch.input) * batch.scale,
             batch.truth,
-            &self.recipe,
+            &self.ablation,
         );
         let value = loss.clone().into_scalar::<f32>();
         let gradients = GradientsParams::from_grads(loss.backward(), &self.network);
@@ -340,7 +266,7 @@ impl Trainer {
                 loss(
                     network.forward(batch.input) * batch.scale,
                     batch.truth,
-                    &self.recipe,
+                    &self.ablation,
                 )
                 .into_scalar::<f32>()
                     * samples.len() as f32
@@ -374,7 +300,7 @@ mod tests {
             device.seed(1);
             let set = Dataset::noise(4);
             let weights = fresh_weights(architecture, &[], &set, &device).unwrap();
-            let mut trainer = Trainer::new(&weights, Recipe::default(), &device);
+            let mut trainer = Trainer::new(&weights, Ablation::default(), &device);
             let mut step = || {
                 let batch = batch::plain(&set, &[0, 1, 2, 3], &weights, &device);
                 let truth = loads(&device);
@@ -386,16 +312,6 @@ mod tests {
             }
             let last = step();
             assert!(last < 0.5 * first, "{architecture:?}: {first} to {last}");
-        }
-    }
-
-    #[test]
-    fn widths_are_as_many_as_there_are_sizes_and_multiples_of_eight() {
-        assert_eq!(channels(&[], [16, 24, 32]).unwrap(), [16, 24, 32]);
-        assert_eq!(channels(&[8, 16, 256], [16, 24, 32]).unwrap(), [8, 16, 256]);
-        for wrong in [&[8, 16][..], &[8, 16, 0], &[8, 16, 20], &[8, 16, 264]] {
-            let error = channels(wrong, [16, 24, 32]).unwrap_err().to_string();
-            assert!(error.contains("3 multiples of 8"), "{error}");
         }
     }
 

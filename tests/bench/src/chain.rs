@@ -3,7 +3,7 @@
 
 use gripline_firmware::slip::SlipDetector;
 use gripline_firmware::sums::{TaxelRule, stick_ratio_below, sums_of};
-use gripline_network::scene::{GateKind, Verdict};
+use gripline_network::scene::{GateDecision, GateKind};
 use gripline_network::{Architecture, Evaluation, Network};
 use gripline_pipeline::pipeline::Pipeline;
 use gripline_pipeline::settings_for;
@@ -132,7 +132,7 @@ pub(crate) fn measure(scenes: &[Scene], mut told: impl FnMut(&str)) -> Result<Ve
                     slips: stick_ratio_below(&sums, settings.slip_threshold),
                     state: judgement.state,
                     us: processed.stages_us.iter().sum(),
-                    skipped: matches!(processed.gate, Verdict::NoContact | Verdict::Unchanged),
+                    skipped: matches!(processed.gate, GateDecision::NoContact | GateDecision::Unchanged),
                 });
                 wires[place].add(number, processed.map);
             }

@@ -11,7 +11,9 @@ use std::time::Instant;
 use clap::{Args, ValueEnum};
 use gripline_network::constants::IMAGE_SIDE;
 use gripline_network::scene::{GateKind, Health, Scene};
-use gripline_network::{Architecture, Evaluation, ForceMap, InstructionSet, Network, downsample_440_to_88};
+use gripline_network::{
+    Architecture, Evaluation, ForceMap, Frame, InstructionSet, Network, downsample_440_to_88,
+};
 use serde_json::json;
 
 use crate::commands::files::maps_npy;
@@ -102,10 +104,10 @@ pub fn run(args: &InferArgs) -> Result<Completion, Failure> {
         names.push(name);
         let mut map = [[0.0; 3]; 400];
         let start = Instant::now();
-        downsample_440_to_88(&crop, &mut now88);
-        let (_, mut health) = scene.look(&now88);
+        let frame = Frame::new(&crop, &mut now88);
+        let (_, mut health) = scene.decide(frame.small());
         if health.is_good() {
-            network.infer(&crop, &mut map);
+            network.infer_frame(frame, &mut map);
             health = network.health();
         }
         if !health.is_good() {

@@ -9,8 +9,8 @@ use std::path::PathBuf;
 
 use clap::Args;
 use gripline_firmware::sums::TaxelRule;
-use gripline_network::scene::{GateKind, Verdict};
-use gripline_network::{Architecture, InstructionSet, Network};
+use gripline_network::scene::{GateDecision, GateKind};
+use gripline_network::{Architecture, InstructionSet, Network, NetworkError};
 use gripline_protocol::message::{Configuration, Status};
 use gripline_protocol::{Health, SENSORS};
 use serde::Serialize;
@@ -181,7 +181,8 @@ fn replay(reader: &mut Reader, args: &ReplayArgs) -> Result<Replayed, Failure> {
                 if let Some(crop) = picture {
                     let found = pipeline.process(&crop)?.gate;
                     // Both looked afresh, or both saw nothing: from here on the references are the same.
-                    *known = found == verdict && [Verdict::Network, Verdict::NoContact].contains(&found);
+                    *known =
+                        found == verdict && [GateDecision::Infer, GateDecision::NoContact].contains(&found);
                 }
                 if late.is_some() {
                     control.skip(request)?
@@ -230,8 +231,9 @@ fn pipelines_of(reader: &Reader, args: &ReplayArgs) -> Result<(Vec<Pipeline>, Co
         ..
     } = &reader.metadata;
     let wrong = |what: String| Failure::failed(format!("{}: {what}", args.recording.display()));
-    let architecture: Architecture = network.parse().map_err(&wrong)?;
-    let gate: GateKind = gate.parse().map_err(&wrong)?;
+    let unknown = |error: NetworkError| wrong(error.to_string());
+    let architecture: Architecture = network.parse().map_err(unknown)?;
+    let gate: GateKind = gate.parse().map_err(unknown)?;
     let settings = settings_from_text(settings, &Configuration::DEFAULT).map_err(&wrong)?;
     let first = reader.rest[0].first().ok_or_else(|| {
         wrong("found no picture at rest, expected some at the beginning of the recording".to_owned())
@@ -259,9 +261,9 @@ fn pipelines_of(reader: &Reader, args: &ReplayArgs) -> Result<(Vec<Pipeline>, Co
     Ok((pipelines.collect(), settings))
 }
 
-fn verdict_of(name: &str) -> Option<Verdict> {
-    use Verdict::{Network, NoContact, Unchanged, Unhealthy};
-    [NoContact, Unchanged, Network, Unhealthy]
+fn verdict_of(name: &str) -> Option<GateDecision> {
+    use GateDecision::{Infer, NoContact, Unchanged, Unhealthy};
+    [NoContact, Unchanged, Infer, Unhealthy]
         .into_iter()
         .find(|verdict| gate_name(*verdict) == name)
 }

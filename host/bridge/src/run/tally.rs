@@ -1,7 +1,7 @@
 //! What a run comes to, frame by frame and at its end.
 
 use gripline_firmware::sums::stick_ratio_below;
-use gripline_network::scene::Verdict;
+use gripline_network::scene::GateDecision;
 use gripline_protocol::message::{GripMode, Status};
 
 use super::summary::{StageSummary, Summary};
@@ -30,10 +30,10 @@ impl Run {
             }
         };
         *match outcome.gate {
-            Verdict::NoContact => &mut summary.gate_no_contact,
-            Verdict::Unchanged => &mut summary.gate_unchanged,
-            Verdict::Network => &mut summary.gate_network,
-            Verdict::Unhealthy => &mut summary.gate_unhealthy,
+            GateDecision::NoContact => &mut summary.gate_no_contact,
+            GateDecision::Unchanged => &mut summary.gate_unchanged,
+            GateDecision::Infer => &mut summary.gate_network,
+            GateDecision::Unhealthy => &mut summary.gate_unhealthy,
         } += 1;
         summary.wire_bytes += outcome.wire_bytes as u64;
         summary.maps_not_taken += u64::from(outcome.is_lost);
@@ -45,7 +45,7 @@ impl Run {
             .zip(STAGES)
             .take(passed)
         {
-            if (name != "network" || outcome.gate == Verdict::Network) && (name != "decode" || us > 0.0) {
+            if (name != "network" || outcome.gate == GateDecision::Infer) && (name != "decode" || us > 0.0) {
                 times.push(us);
             }
         }
@@ -56,7 +56,7 @@ impl Run {
             return;
         }
         self.frame_to_link.push(outcome.latency_us);
-        if outcome.gate == Verdict::Network {
+        if outcome.gate == GateDecision::Infer {
             self.network_frame_to_link.push(outcome.latency_us);
         }
     }

@@ -1,28 +1,28 @@
-//! A convolution as the kernels take it: which taps each output pixel sees, and the weights packed in the
-//! order in which they are used.
+//! A convolution as the kernels take it: which taps each output pixel sees, and the weights packed in the order in which
+//! they are used.
 
 use std::ops::Range;
 
 use super::region::Region;
-use super::vector::LANES_MAX;
 use crate::instruction_set::InstructionSet;
+use crate::simd::LANES_MAX;
 
-/// A convolution with its weights packed for one instruction set.
+/// A convolution with its weights packed for one instruction set. `T` is the number that is multiplied.
 #[derive(Debug, Clone)]
 pub(crate) struct Convolution<T = f32> {
     instructions: InstructionSet,
     kind: Kind,
-    /// One for a convolution, four for an up-convolution (one per parity of the output pixel).
+    /// One for a convolution, four for a transposed one (one per parity of the output pixel).
     pub(super) phases: Vec<Phase<T>>,
-    /// Output channels that a kernel computes together, in their order; the last may reach past the channels.
+    /// Output channels that a kernel computes together, in order; the last panel may reach past the channels.
     pub(super) panels: Vec<Panel>,
-    /// Added to every output; zeros follow, up to a multiple of [`LANES_MAX`].
+    /// Added to every output; padded with zeros to a multiple of [`LANES_MAX`].
     pub(super) bias: Vec<f32>,
-    /// What sums are worth, as many as there are of `bias`; 1 for f32, whose kernels leave it out.
-    pub(super) factors: Vec<f32>,
+    /// Sums are multiplied by these, one per bias. All 1 for f32, whose kernels skip the product.
+    pub(super) scales: Vec<f32>,
     /// Whether negative outputs become zero.
     pub(super) relu: bool,
-    /// Channels read from the input plane, as numbers of this kind: all that it has.
+    /// Channels of the input plane, counted in `T`.
     pub(super) in_channels: usize,
     pub(super) out_channels: usize,
 }
@@ -33,22 +33,22 @@ pub(super) struct Phase<T> {
     /// Rows of taps; the taps of a row are neighbours, so a row is one run of inputs.
     pub(super) rows: Vec<TapRow>,
     /// Taps of all rows together.
-    pub(super) run: usize,
-    /// Input pixels from one output pixel of the phase to the next.
-    pub(super) in_step: usize,
-    /// Output pixels from one output pixel of the phase to the next.
-    pub(super) out_step: usize,
+    pub(super) tap_count: usize,
+    /// Input pixels between neighbouring output pixels of the phase.
+    pub(super) in_stride: usize,
+    /// Output pixels between neighbouring output pixels of the phase.
+    pub(super) out_stride: usize,
     /// First output pixel, (row, column).
     pub(super) out_start: (usize, usize),
-    /// Panel by panel, then taps, groups of `split` input channels, the panel's output channels, the group's input
-    /// channels. Those of output channels that pad the last panel are zero.
+    /// Ordered by panel, tap, group of `split` input channels, output channel of the panel, input channel of the group.
+    /// Output channels that pad the last panel have zero weights.
     pub(super) weights: Vec<T>,
 }
 
 /// Output channels that a kernel computes together.
 ///
-/// Where there are few, each has `split` lanes, which take every `split`-th input channel and are summed at the
-/// end: so a panel fills two of the widest vectors, and each input that is read serves two multiply-adds.
+/// Where there are few, each has `split` lanes. A lane takes every `split`-th input channel; the lanes are summed at the
+/// end. So a panel fills two vectors, and each input that is read serves two multiply-adds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Panel {
     pub(super) first: usize,
@@ -68,7 +68,7 @@ impl<T> Phase<T> {
     }
 
     fn within(&self, range: &Range<usize>, first: usize) -> Range<usize> {
-        let index = |pixel: usize| pixel.saturating_sub(first).div_ceil(self.out_step);
+        let index = |pixel: usize| pixel.saturating_sub(first).div_ceil(self.out_stride);
         index(range.start)..index(range.end)
     }
 }
@@ -86,7 +86,7 @@ pub(super) struct TapRow {
 #[derive(Debug, Clone, Copy)]
 enum Kind {
     Forward(Kernel),
-    Doubling,
+    Transposed,
 }
 
 /// Channels and kernel of a convolution.
@@ -110,7 +110,7 @@ impl Convolution {
     /// A square convolution, `weights[out][in][ky][kx]` flattened, `padding` 0 or 1.
     ///
     /// # Panics
-    /// When the number of weights or biases is not the shape's, or the processor lacks the instructions.
+    /// When the number of weights or biases does not fit the shape.
     pub(crate) fn forward(
         instructions: InstructionSet,
         shape: Shape,
@@ -125,17 +125,17 @@ impl Convolution {
         } = shape;
         let size = kernel.size;
         assert_eq!(weights.len(), out_channels * in_channels * size * size, "weights");
-        Self::forward_of(instructions, shape, bias, relu, |out, channel, ky, kx| {
+        Self::forward_with(instructions, shape, bias, relu, |out, channel, ky, kx| {
             weights[((out * in_channels + channel) * size + ky) * size + kx]
         })
     }
 
-    /// An up-convolution that doubles the size (transposed 3×3, stride 2, padding 1, output padding 1),
-    /// followed by ReLU; `weights[in][out][ky][kx]` flattened.
+    /// A transposed convolution that doubles the size (3×3, stride 2, padding 1, output padding 1), followed by ReLU;
+    /// `weights[in][out][ky][kx]` flattened.
     ///
     /// # Panics
-    /// When the number of weights or biases is not the shape's, or the processor lacks the instructions.
-    pub(crate) fn doubling(
+    /// When the number of weights or biases does not fit the shape.
+    pub(crate) fn transposed(
         instructions: InstructionSet,
         in_channels: usize,
         out_channels: usize,
@@ -144,18 +144,18 @@ impl Convolution {
     ) -> Self {
         assert_eq!(weights.len(), out_channels * in_channels * 9, "weights");
         let channels = [out_channels, in_channels];
-        Self::doubling_of(instructions, channels, bias, |out, channel, ky, kx| {
+        Self::transposed_with(instructions, channels, bias, |out, channel, ky, kx| {
             weights[((channel * out_channels + out) * 3 + ky) * 3 + kx]
         })
     }
 }
 
 impl<T: Copy + Default> Convolution<T> {
-    /// A square convolution with the weight of an output channel, an input channel and a tap's row and column.
+    /// As [`Convolution::forward`], with the weight as a function of output channel, input channel, tap row, tap column.
     ///
     /// # Panics
-    /// When the number of biases is not the shape's, or the processor lacks the instructions.
-    pub(super) fn forward_of(
+    /// When the number of biases does not fit the shape.
+    pub(super) fn forward_with(
         instructions: InstructionSet,
         shape: Shape,
         bias: &[f32],
@@ -180,9 +180,9 @@ impl<T: Copy + Default> Convolution<T> {
         let channels = [out_channels, in_channels];
         let phase = Phase {
             rows,
-            run: taps.len(),
-            in_step: kernel.stride,
-            out_step: 1,
+            tap_count: taps.len(),
+            in_stride: kernel.stride,
+            out_stride: 1,
             out_start: (0, 0),
             weights: pack(instructions, channels, &taps, weight),
         };
@@ -196,14 +196,13 @@ impl<T: Copy + Default> Convolution<T> {
         )
     }
 
-    /// An up-convolution as [`Convolution::doubling`], with the weight of an output channel, an input channel and a tap's
-    /// row and column.
+    /// As [`Convolution::transposed`], with the weight as a function of output channel, input channel, tap row, tap column.
     ///
     /// Output pixel 2i takes tap 1 of input i; output pixel 2i+1 takes tap 2 of input i and tap 0 of i+1.
     ///
     /// # Panics
-    /// When the number of biases is not that of the channels, or the processor lacks the instructions.
-    pub(super) fn doubling_of(
+    /// When the number of biases does not fit the channels.
+    pub(super) fn transposed_with(
         instructions: InstructionSet,
         channels: [usize; 2],
         bias: &[f32],
@@ -225,15 +224,15 @@ impl<T: Copy + Default> Convolution<T> {
                 .collect();
             Phase {
                 rows,
-                run: taps.len(),
-                in_step: 1,
-                out_step: 2,
+                tap_count: taps.len(),
+                in_stride: 1,
+                out_stride: 2,
                 out_start: (py, px),
                 weights: pack(instructions, channels, &taps, &weight),
             }
         };
         let phases = [(0, 0), (0, 1), (1, 0), (1, 1)].map(phase).into();
-        Self::new(instructions, Kind::Doubling, phases, channels, bias, true)
+        Self::new(instructions, Kind::Transposed, phases, channels, bias, true)
     }
 
     fn new(
@@ -244,11 +243,6 @@ impl<T: Copy + Default> Convolution<T> {
         bias: &[f32],
         relu: bool,
     ) -> Self {
-        // The kernels' safety rests on this.
-        assert!(
-            instructions.is_available(),
-            "this processor has no {instructions}"
-        );
         assert_eq!(bias.len(), out_channels, "biases");
         let mut padded_bias = bias.to_vec();
         padded_bias.resize(out_channels.next_multiple_of(LANES_MAX), 0.0);
@@ -257,7 +251,7 @@ impl<T: Copy + Default> Convolution<T> {
             kind,
             phases,
             panels: panels(instructions, [out_channels, in_channels]),
-            factors: vec![1.0; padded_bias.len()],
+            scales: vec![1.0; padded_bias.len()],
             bias: padded_bias,
             relu,
             in_channels,
@@ -281,7 +275,7 @@ impl<T: Copy + Default> Convolution<T> {
                 stride,
                 padding,
             }) => (side + 2 * padding + stride).saturating_sub(size) / stride,
-            Kind::Doubling => 2 * side,
+            Kind::Transposed => 2 * side,
         };
         (side(height), side(width))
     }
@@ -297,21 +291,21 @@ impl<T: Copy + Default> Convolution<T> {
                 (first + padding + 1).saturating_sub(size).div_ceil(stride),
                 (last + padding) / stride,
             ),
-            Kind::Doubling => ((2 * first).saturating_sub(1), 2 * last + 1),
+            Kind::Transposed => ((2 * first).saturating_sub(1), 2 * last + 1),
         })
     }
 
-    /// Multiply-adds for an output of this size, without those that pad.
+    /// Multiply-adds for an output of this size, padded channels not counted.
     pub(crate) fn multiply_adds(&self, (height, width): (usize, usize)) -> usize {
         let whole = Region::whole(height, width);
         let pixels =
-            |phase: &Phase<T>| phase.rows_in(&whole).len() * phase.columns_in(&whole).len() * phase.run;
+            |phase: &Phase<T>| phase.rows_in(&whole).len() * phase.columns_in(&whole).len() * phase.tap_count;
         self.phases.iter().map(pixels).sum::<usize>() * self.in_channels * self.out_channels
     }
 }
 
 fn panels(instructions: InstructionSet, [out_channels, in_channels]: [usize; 2]) -> Vec<Panel> {
-    // Both wide sets split alike, so that they compute the same bits.
+    // AVX2 and AVX-512 split alike, so that they compute the same bits.
     let (vector, vectors, splits) = match instructions {
         InstructionSet::Portable => (8, 1, false),
         InstructionSet::Avx2 => (8, 2, true),

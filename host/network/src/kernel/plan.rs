@@ -1,13 +1,13 @@
-//! A network as a list of steps over preallocated planes. Each plane knows which of its pixels changed since
-//! the last run; a step recomputes only the pixels that see one of them. Since a pixel's bits do not depend on
-//! what is computed with it, the result is that of computing everything.
+//! A network as a list of steps over preallocated planes. Each plane knows which of its pixels changed since the last
+//! run (the dirty region); a step recomputes only the pixels that see one of them. A pixel's bits do not depend on what
+//! is computed with it, so the result equals that of computing everything.
 
-use super::block::convolve;
 use super::convolution::Convolution;
+use super::direct::convolve;
+use super::int16::Int16Convolution;
 use super::plane::Plane;
 use super::pool;
 use super::region::Region;
-use super::sixteen::Sixteen;
 
 /// One of a plan's planes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -23,9 +23,9 @@ enum Step {
         to: PlaneId,
         channel: usize,
     },
-    /// The same in 16 bits, all of it when anything changed.
-    Sixteen {
-        convolution: Box<Sixteen>,
+    /// The same in int16: all of it when anything changed.
+    ConvolveInt16 {
+        convolution: Box<Int16Convolution>,
         from: PlaneId,
         to: PlaneId,
         channel: usize,
@@ -42,11 +42,11 @@ enum Step {
     },
 }
 
-/// A network: planes, steps in the order in which they run, and what changed.
+/// A network: planes, steps in the order in which they run, and each plane's dirty region.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Plan {
     planes: Vec<Plane>,
-    changed: Vec<Region>,
+    dirty: Vec<Region>,
     steps: Vec<Step>,
 }
 
@@ -54,8 +54,8 @@ impl Plan {
     /// Adds a plane of zeros.
     pub(crate) fn plane(&mut self, height: usize, width: usize, channels: usize) -> PlaneId {
         self.planes.push(Plane::new(height, width, channels));
-        // Nothing is computed yet, so all of it is new to whoever reads it.
-        self.changed.push(Region::whole(height, width));
+        // Nothing is computed yet.
+        self.dirty.push(Region::whole(height, width));
         PlaneId(self.planes.len() - 1)
     }
 
@@ -70,8 +70,8 @@ impl Plan {
         });
     }
 
-    /// Adds a convolution whose sums start at the values of another plane of the output's size, which has its
-    /// channels rounded up to [`LANES_MAX`](super::LANES_MAX).
+    /// Adds a convolution whose sums start at the values of another plane of the output's size, with its channels rounded
+    /// up to [`LANES_MAX`](crate::simd::LANES_MAX).
     pub(crate) fn convolve_onto(
         &mut self,
         convolution: Convolution,
@@ -88,7 +88,7 @@ impl Plan {
         });
     }
 
-    /// Adds a convolution that writes a plane of its own.
+    /// Adds a convolution that writes a new plane.
     pub(crate) fn convolved(&mut self, convolution: Convolution, from: PlaneId) -> PlaneId {
         let (height, width) = convolution.out_size(self.planes[from.0].size());
         let to = self.plane(height, width, convolution.out_channels());
@@ -96,11 +96,17 @@ impl Plan {
         to
     }
 
-    /// Adds a convolution in 16 bits that writes `to`'s channels from `channel` on. Its numbers are shares of its
-    /// largest input, so where anything changed it computes everything.
-    pub(crate) fn sixteen(&mut self, convolution: Sixteen, from: PlaneId, to: PlaneId, channel: usize) {
+    /// Adds an int16 convolution that writes `to`'s channels from `channel` on. Its scale depends on its largest input, so
+    /// it computes everything when anything changed.
+    pub(crate) fn convolve_int16(
+        &mut self,
+        convolution: Int16Convolution,
+        from: PlaneId,
+        to: PlaneId,
+        channel: usize,
+    ) {
         let convolution = Box::new(convolution);
-        self.steps.push(Step::Sixteen {
+        self.steps.push(Step::ConvolveInt16 {
             convolution,
             from,
             to,
@@ -108,11 +114,11 @@ impl Plan {
         });
     }
 
-    /// The same to a plane of its own.
-    pub(crate) fn sixteened(&mut self, convolution: Sixteen, from: PlaneId) -> PlaneId {
+    /// The same to a new plane.
+    pub(crate) fn convolved_int16(&mut self, convolution: Int16Convolution, from: PlaneId) -> PlaneId {
         let (height, width) = convolution.convolution().out_size(self.planes[from.0].size());
         let to = self.plane(height, width, convolution.convolution().out_channels());
-        self.sixteen(convolution, from, to, 0);
+        self.convolve_int16(convolution, from, to, 0);
         to
     }
 
@@ -134,14 +140,14 @@ impl Plan {
         &self.planes[plane.0]
     }
 
-    /// A plane to write an input to; what of it was written has to be said by [`Self::touch`].
+    /// A plane to write an input to. Call [`Self::mark_dirty`] with the region that was written.
     pub(crate) fn values_mut(&mut self, plane: PlaneId) -> &mut Plane {
         &mut self.planes[plane.0]
     }
 
-    /// Says that pixels of an input plane changed.
-    pub(crate) fn touch(&mut self, plane: PlaneId, region: &Region) {
-        self.changed[plane.0] = self.changed[plane.0].hull(region);
+    /// Marks a region of an input plane as changed.
+    pub(crate) fn mark_dirty(&mut self, plane: PlaneId, region: &Region) {
+        self.dirty[plane.0] = self.dirty[plane.0].union(region);
     }
 
     /// Brings every plane up to date with the inputs. No allocation.
@@ -156,14 +162,14 @@ impl Plan {
                     channel,
                 } => {
                     let size = self.planes[to.0].size();
-                    let mut region = convolution.affected(&self.changed[from.0], size);
+                    let mut region = convolution.affected(&self.dirty[from.0], size);
                     if let Some(start) = start {
-                        region = region.hull(&self.changed[start.0]);
+                        region = region.union(&self.dirty[start.0]);
                     }
                     if region.is_empty() {
                         continue;
                     }
-                    // Taken out for the call, so that the others can be read; an empty plane owns no memory.
+                    // Taken out for the call, so that the others can be borrowed; an empty plane owns no memory.
                     let mut output = std::mem::take(&mut self.planes[to.0]);
                     let start = start.map(|start| &self.planes[start.0]);
                     convolve(
@@ -175,39 +181,39 @@ impl Plan {
                         &region,
                     );
                     self.planes[to.0] = output;
-                    self.changed[to.0] = self.changed[to.0].hull(&region);
+                    self.dirty[to.0] = self.dirty[to.0].union(&region);
                 }
-                Step::Sixteen {
+                Step::ConvolveInt16 {
                     ref mut convolution,
                     from,
                     to,
                     channel,
                 } => {
-                    if self.changed[from.0].is_empty() {
+                    if self.dirty[from.0].is_empty() {
                         continue;
                     }
                     let mut output = std::mem::take(&mut self.planes[to.0]);
                     convolution.run(&self.planes[from.0], &mut output, channel);
-                    self.changed[to.0] = Region::whole(output.height(), output.width());
+                    self.dirty[to.0] = Region::whole(output.height(), output.width());
                     self.planes[to.0] = output;
                 }
                 Step::Pool { from, channel, to } => {
-                    let region = pool::affected(&self.changed[from.0], self.planes[to.0].size());
+                    let region = pool::affected(&self.dirty[from.0], self.planes[to.0].size());
                     let mut output = std::mem::take(&mut self.planes[to.0]);
                     pool::max_pool(&self.planes[from.0], channel, &mut output, &region);
                     self.planes[to.0] = output;
-                    self.changed[to.0] = self.changed[to.0].hull(&region);
+                    self.dirty[to.0] = self.dirty[to.0].union(&region);
                 }
                 Step::Copy { from, to, channel } => {
-                    let region = self.changed[from.0].clone();
+                    let region = self.dirty[from.0].clone();
                     let mut output = std::mem::take(&mut self.planes[to.0]);
                     output.copy(&self.planes[from.0], channel, &region);
                     self.planes[to.0] = output;
-                    self.changed[to.0] = self.changed[to.0].hull(&region);
+                    self.dirty[to.0] = self.dirty[to.0].union(&region);
                 }
             }
         }
-        self.changed.fill(Region::EMPTY);
+        self.dirty.fill(Region::EMPTY);
     }
 
     /// Multiply-adds of a run in which all of `input` changed and nothing else did.
@@ -226,7 +232,7 @@ impl Plan {
                     reached[to.0] = true;
                     sum += convolution.multiply_adds(self.planes[to.0].size());
                 }
-                Step::Sixteen {
+                Step::ConvolveInt16 {
                     ref convolution,
                     from,
                     to,

@@ -61,7 +61,7 @@ impl<T: Copy + Default> Plane<T> {
         &mut self.values[start..start + self.width * self.channels]
     }
 
-    /// Takes over the pixels of `region` of an image of the same size, to the channels from `channel` on.
+    /// Copies the pixels of `region` from an image of the same size to the channels from `channel` on.
     pub(crate) fn copy(&mut self, from: &Self, channel: usize, region: &Region) {
         let (wide, narrow) = (self.channels, from.channels);
         for row in region.rows.clone() {

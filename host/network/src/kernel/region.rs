@@ -1,4 +1,4 @@
-//! A rectangle of pixels: the part of an image that changed, and what of the next image that can change.
+//! A rectangle of pixels: the part of an image that changed.
 
 use std::ops::Range;
 
@@ -27,21 +27,21 @@ impl Region {
     }
 
     /// The smallest rectangle around both.
-    pub(crate) fn hull(&self, other: &Self) -> Self {
+    pub(crate) fn union(&self, other: &Self) -> Self {
         if self.is_empty() {
             return other.clone();
         }
         if other.is_empty() {
             return self.clone();
         }
-        let around = |a: &Range<usize>, b: &Range<usize>| a.start.min(b.start)..a.end.max(b.end);
+        let union = |a: &Range<usize>, b: &Range<usize>| a.start.min(b.start)..a.end.max(b.end);
         Self {
-            rows: around(&self.rows, &other.rows),
-            columns: around(&self.columns, &other.columns),
+            rows: union(&self.rows, &other.rows),
+            columns: union(&self.columns, &other.columns),
         }
     }
 
-    /// Both sides through `along` (first and last pixel that can change), cut to an image's size.
+    /// Maps both sides' first and last pixel through `along`, cut to an image's size.
     pub(crate) fn mapped(
         &self,
         (height, width): (usize, usize),

@@ -1,11 +1,12 @@
 //! The kernels against the definitions in f64, on every instruction set of this processor, over sizes and
 //! channels that fit no vector.
 
-use super::block::convolve;
+use super::direct::convolve;
 use super::plane::Plane;
 use super::pool::max_pool;
 use super::*;
 use crate::instruction_set::InstructionSet;
+use crate::simd::LANES_MAX;
 
 /// Numbers without a pattern that a convolution could hide behind (xorshift).
 struct Noise(u32);
@@ -146,7 +147,7 @@ impl Case {
                 };
                 Convolution::forward(set, shape, &self.weights, &self.bias, self.relu)
             }
-            None => Convolution::doubling(
+            None => Convolution::transposed(
                 set,
                 self.in_channels,
                 self.out_channels,
@@ -700,7 +701,7 @@ fn network(set: InstructionSet, (height, width): (usize, usize)) -> (Plan, Plane
     let b = plan.pooled(joined, 5, 11);
     let b = plan.convolved(forward(11, 18, 1, 1), b);
     let mut noise = Noise::new(9);
-    let up = Convolution::doubling(set, 18, 5, &noise.values(18 * 5 * 9), &noise.values(5));
+    let up = Convolution::transposed(set, 18, 5, &noise.values(18 * 5 * 9), &noise.values(5));
     plan.convolve(up, b, joined, 0);
     let output = plan.convolved(forward(16, 3, 1, 0), joined);
     (plan, input, output)
@@ -718,7 +719,7 @@ fn a_plan_that_skips_has_the_bits_of_one_that_computes_everything() {
                 let columns = region.columns.start * 2..region.columns.end * 2;
                 skipping.values_mut(input).row_mut(row)[columns].fill_with(|| noise.value());
             }
-            skipping.touch(input, &region);
+            skipping.mark_dirty(input, &region);
             skipping.run();
             let mut dense = fresh.clone();
             *dense.values_mut(input) = skipping.values(input).clone();
@@ -742,7 +743,7 @@ fn a_plan_computes_only_what_a_change_reaches() {
     plan.values_mut(output).row_mut(0).fill(UNTOUCHED);
     plan.run();
     assert!(plan.values(output).row(0).iter().all(|&value| value == UNTOUCHED));
-    plan.touch(
+    plan.mark_dirty(
         input,
         &Region {
             rows: 0..1,

@@ -1,26 +1,26 @@
-//! The plain gate: a picture has changed when the energy of its difference exceeds that of the camera's noise, block by
-//! block, because a light touch moves few pixels, or over the whole picture, because a small pull moves many a little.
-//! Units: grey levels squared, summed over blocks of 8×8 pixels or over all. Limits: a slow change of brightness looks
-//! like a touch, which costs time but no decision.
+//! The difference gate: a picture has changed when the energy of its difference exceeds the camera's noise in one block
+//! (a light touch moves few pixels) or over the whole picture (a small pull moves many pixels a little).
+//! Units: grey levels squared, summed over blocks of 8×8 pixels or over all. Limit: a slow change of brightness looks
+//! like a touch; that costs time but no decision.
 
-use super::Coarse;
+use super::block_sums::PerBlock;
+use super::reference::Comparison;
 use crate::constants::BLOCKS;
-use crate::kernel::PerBlock;
 
-/// Above how much of the mean noise energy a block has changed. The energy of 64 noisy pixels scatters by √(2/64) =
-/// 18 % of its mean, so this is 5.7 such deviations: one block in about a hundred million.
+/// A block has changed above this multiple of the mean noise energy. The energy of 64 noisy pixels has a standard
+/// deviation of √(2/64) = 18 % of its mean, so this is 5.7 deviations: one block in about a hundred million.
 const BLOCK_FACTOR: f32 = 2.0;
-/// The same for the whole picture, which scatters by √(2/7744) = 1.6 %: 4.4 deviations, and some noise is not white.
+/// The same for the whole picture, with √(2/7744) = 1.6 %: 4.4 deviations, because some noise is not white.
 const TOTAL_FACTOR: f32 = 1.07;
 
 /// The limits for a difference from the mean picture at rest and for one between two single pictures.
 #[derive(Debug, Clone)]
-pub(super) struct Difference {
+pub(super) struct DifferenceGate {
     rest: Limit,
     processed: Limit,
 }
 
-impl Difference {
+impl DifferenceGate {
     /// From mean energies of differences that are noise.
     pub(super) fn new(from_rest: &PerBlock<f32>, of_pairs: &PerBlock<f32>) -> Self {
         Self {
@@ -30,24 +30,24 @@ impl Difference {
     }
 
     /// Whether something touches, and whether anything changed since the processed picture.
-    pub(super) fn decide(&self, coarse: &Coarse) -> [bool; 2] {
-        let sums = &coarse.sums;
+    pub(super) fn decide(&self, comparison: &Comparison) -> [bool; 2] {
+        let sums = &comparison.sums;
         [
             !self.rest.holds(&energies(
                 &sums.squares,
                 &sums.products[0][0],
-                &coarse.rest.squares,
+                &comparison.rest.squares,
             )),
             !self.processed.holds(&energies(
                 &sums.squares,
                 &sums.products[1][0],
-                &coarse.processed.squares,
+                &comparison.processed.squares,
             )),
         ]
     }
 }
 
-/// Up to which energies a difference is noise.
+/// Largest energies of a difference that is noise.
 #[derive(Debug, Clone)]
 struct Limit {
     blocks: PerBlock<i32>,

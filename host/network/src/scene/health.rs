@@ -1,37 +1,36 @@
-//! Can the picture be believed? It is compared, block by block, with the same sensor's picture at rest: light, contrast
-//! of the particles, how much of the skin looks as it did, and whether the light still falls as it did. Pure function
-//! of the two pictures.
-//! Units: shares and ratios. Limits: calibrated on the simulated sensor (`gripline-training gate` prints the figures of
-//! clean and faulty pictures); a touch hides part of the skin, so what is wrong with less than that goes unnoticed.
+//! Can the picture be trusted? Compares it, block by block, with the sensor's picture at rest: brightness, contrast of the
+//! particles, how much of the sensor surface looks unchanged, and whether the illumination is still even.
+//! Units: shares and ratios. Limits: calibrated on the simulated sensor (`gripline-training gate` prints the metrics of
+//! clean and faulty pictures). A touch changes part of the surface, so a smaller fault goes unnoticed.
 
 use std::fmt;
 
-use super::{Coarse, Reference};
+use super::reference::{Comparison, Reference};
 use crate::constants::{BLOCK_PIXELS, BLOCKS, IMAGE_PIXELS};
 
-/// Correlation with the block at rest from which a block looks as it did.
-const FAMILIAR: f32 = 0.6;
-/// Correlation from which nothing has moved there, so that its brightness is the light's.
+/// A block matches its picture at rest from this correlation on.
+const MATCHING: f32 = 0.6;
+/// From this correlation on nothing has moved in the block, so its brightness shows the illumination.
 const STILL: f32 = 0.9;
-/// Contrast over that at rest below which a block's particles are not to be seen.
+/// Below this ratio of variance to that at rest, a block's particles are invisible.
 const FADED: f32 = 0.3;
-/// Mean square level from which a block is taken for over-exposed, grey levels squared.
-const GLARING: f32 = 190.0 * 190.0;
+/// Mean square level from which a block is overexposed, grey levels squared.
+const OVEREXPOSED: f32 = 190.0 * 190.0;
 
-/// What is known against a picture; any flag makes the map doubtful.
+/// Problems of a picture; any flag makes the map doubtful.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub struct Health(u8);
 
 impl Health {
-    /// Nothing to report.
+    /// No problem.
     pub const GOOD: Self = Self(0);
     /// Darker than the network was trained for.
     pub const TOO_DARK: Self = Self(1);
     /// Brighter than the network was trained for.
     pub const TOO_BRIGHT: Self = Self(1 << 1);
-    /// Unlike anything in training: another sensor's picture, or light that falls otherwise than at rest.
+    /// Unlike the training data: another sensor's picture, or uneven illumination.
     pub const UNLIKE_TRAINING: Self = Self(1 << 2);
-    /// Particles are not to be seen where there were some at rest.
+    /// Particles of the picture at rest are invisible.
     pub const PARTICLES_LOST: Self = Self(1 << 3);
     const NAMES: [(Self, &'static str); 4] = [
         (Self::TOO_DARK, "too dark"),
@@ -40,7 +39,7 @@ impl Health {
         (Self::PARTICLES_LOST, "particles lost"),
     ];
 
-    /// The flags as bits, in the order of the constants, from the lowest.
+    /// The flags as bits; the first constant is the lowest bit.
     #[must_use]
     pub const fn bits(self) -> u8 {
         self.0
@@ -79,51 +78,51 @@ impl fmt::Display for Health {
     }
 }
 
-/// What the health is judged by.
+/// The metrics that decide a picture's health.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Figures {
+pub struct HealthMetrics {
     /// Mean level over that at rest.
-    pub light: f32,
-    /// Share of blocks that glare.
-    pub glaring: f32,
-    /// Share of blocks whose particles are not to be seen, of those that had some.
+    pub brightness: f32,
+    /// Share of overexposed blocks.
+    pub overexposed: f32,
+    /// Share of blocks whose particles are invisible, of those that have some at rest.
     pub faded: f32,
-    /// Share of blocks that look as at rest.
-    pub familiar: f32,
-    /// Standard deviation of the brightness over that at rest, where nothing has moved, over its mean.
-    pub uneven: f32,
+    /// Share of blocks that match the picture at rest.
+    pub matching: f32,
+    /// Relative standard deviation of the brightness ratio over the blocks in which nothing has moved.
+    pub unevenness: f32,
 }
 
-/// Limits that clean pictures keep.
+/// Limits that clean pictures stay within.
 mod limit {
-    /// Least and greatest mean level over that at rest.
-    pub(super) const LIGHT: [f32; 2] = [0.75, 1.35];
-    /// Most glaring blocks.
-    pub(super) const GLARING: f32 = 0.2;
-    /// Most faded blocks.
+    /// Minimum and maximum mean level over that at rest.
+    pub(super) const BRIGHTNESS: [f32; 2] = [0.75, 1.35];
+    /// Largest share of overexposed blocks.
+    pub(super) const OVEREXPOSED: f32 = 0.2;
+    /// Largest share of faded blocks.
     pub(super) const FADED: f32 = 0.2;
-    /// Fewest familiar blocks.
-    pub(super) const FAMILIAR: f32 = 0.3;
-    /// Most uneven light.
-    pub(super) const UNEVEN: f32 = 0.035;
-    /// Least and greatest mean level of a picture at rest, grey levels.
+    /// Smallest share of matching blocks.
+    pub(super) const MATCHING: f32 = 0.3;
+    /// Largest unevenness.
+    pub(super) const UNEVENNESS: f32 = 0.035;
+    /// Minimum and maximum mean level of a picture at rest, grey levels.
     pub(super) const REST_LEVEL: [f32; 2] = [15.0, 120.0];
-    /// Least standard deviation within the blocks of a picture at rest, grey levels.
+    /// Smallest standard deviation within the blocks of a picture at rest, grey levels.
     pub(super) const REST_CONTRAST: f32 = 4.0;
 }
 
-/// The health of one sensor's pictures.
+/// Checks the pictures of one sensor.
 #[derive(Debug, Clone)]
-pub(super) struct Judge {
-    /// What is wrong with the picture at rest is wrong with all.
+pub(super) struct HealthMonitor {
+    /// A problem of the picture at rest is a problem of every picture.
     rest: Health,
 }
 
-impl Judge {
+impl HealthMonitor {
     pub(super) fn new(rest: &Reference) -> Self {
         let level = rest.levels.iter().sum::<i32>() as f32 / IMAGE_PIXELS as f32;
         let contrast: f32 = (0..BLOCKS)
-            .map(|block| spread(rest.squares[block], rest.levels[block]))
+            .map(|block| squared_deviation(rest.squares[block], rest.levels[block]))
             .sum();
         let deviation = (contrast / IMAGE_PIXELS as f32).max(0.0).sqrt();
         Self {
@@ -134,63 +133,69 @@ impl Judge {
         }
     }
 
-    pub(super) fn judge(&self, coarse: &Coarse) -> Health {
-        let figures = figures(coarse);
+    pub(super) fn check(&self, comparison: &Comparison) -> Health {
+        let metrics = metrics(comparison);
         self.rest
-            .with(Health::TOO_DARK, figures.light < limit::LIGHT[0])
+            .with(Health::TOO_DARK, metrics.brightness < limit::BRIGHTNESS[0])
             .with(
                 Health::TOO_BRIGHT,
-                figures.light > limit::LIGHT[1] || figures.glaring > limit::GLARING,
+                metrics.brightness > limit::BRIGHTNESS[1] || metrics.overexposed > limit::OVEREXPOSED,
             )
-            .with(Health::PARTICLES_LOST, figures.faded > limit::FADED)
+            .with(Health::PARTICLES_LOST, metrics.faded > limit::FADED)
             .with(
                 Health::UNLIKE_TRAINING,
-                figures.familiar < limit::FAMILIAR || figures.uneven > limit::UNEVEN,
+                metrics.matching < limit::MATCHING || metrics.unevenness > limit::UNEVENNESS,
             )
     }
 }
 
 /// Sum of squared differences from a block's mean level.
-fn spread(squares: i32, levels: i32) -> f32 {
+fn squared_deviation(squares: i32, levels: i32) -> f32 {
     squares as f32 - levels as f32 * levels as f32 / BLOCK_PIXELS as f32
 }
 
-pub(super) fn figures(coarse: &Coarse) -> Figures {
-    let (sums, rest) = (&coarse.sums, &coarse.rest);
+pub(super) fn metrics(comparison: &Comparison) -> HealthMetrics {
+    let (sums, rest) = (&comparison.sums, &comparison.rest);
     let (mut level, mut rest_level) = (0, 0);
-    let [mut glaring, mut had, mut faded, mut familiar, mut still] = [0.0_f32; 5];
+    let [
+        mut overexposed,
+        mut with_texture,
+        mut faded,
+        mut matching,
+        mut still,
+    ] = [0.0_f32; 5];
     let [mut gain_sum, mut gain_squares] = [0.0_f32; 2];
     let pixels = BLOCK_PIXELS as f32;
     for block in 0..BLOCKS {
         level += sums.levels[block];
         rest_level += rest.levels[block];
-        let now = spread(sums.squares[block], sums.levels[block]);
-        let before = spread(rest.squares[block], rest.levels[block]).max(1.0);
+        let now = squared_deviation(sums.squares[block], sums.levels[block]);
+        let before = squared_deviation(rest.squares[block], rest.levels[block]).max(1.0);
         let products = sums.products[0][0][block] as f32;
-        let both = products - sums.levels[block] as f32 * rest.levels[block] as f32 / pixels;
-        // Comparing squares saves the root; a negative correlation is none.
-        let like = both.max(0.0) * both.max(0.0) / (now.max(1.0) * before);
+        let covariance = products - sums.levels[block] as f32 * rest.levels[block] as f32 / pixels;
+        // Compares squares to save the root; negative correlations count as zero.
+        let correlation_squared = covariance.max(0.0) * covariance.max(0.0) / (now.max(1.0) * before);
         let gain = products / rest.squares[block].max(1) as f32;
         let flag = |set: bool| f32::from(u8::from(set));
         let textured = flag(before > pixels * limit::REST_CONTRAST * limit::REST_CONTRAST);
-        glaring += flag(sums.squares[block] as f32 > pixels * GLARING);
-        had += textured;
+        overexposed += flag(sums.squares[block] as f32 > pixels * OVEREXPOSED);
+        with_texture += textured;
         faded += textured * flag(now < FADED * before);
-        familiar += flag(like > FAMILIAR * FAMILIAR);
-        let holds = flag(like > STILL * STILL);
-        still += holds;
-        gain_sum += holds * gain;
-        gain_squares += holds * gain * gain;
+        matching += flag(correlation_squared > MATCHING * MATCHING);
+        let unmoved = flag(correlation_squared > STILL * STILL);
+        still += unmoved;
+        gain_sum += unmoved * gain;
+        gain_squares += unmoved * gain * gain;
     }
     let blocks = BLOCKS as f32;
     let mean = gain_sum / still.max(1.0);
     let variance = (gain_squares / still.max(1.0) - mean * mean).max(0.0);
-    Figures {
-        light: level as f32 / rest_level.max(1) as f32,
-        glaring: glaring / blocks,
-        faded: faded / had.max(1.0),
-        familiar: familiar / blocks,
-        uneven: if still > 4.0 {
+    HealthMetrics {
+        brightness: level as f32 / rest_level.max(1) as f32,
+        overexposed: overexposed / blocks,
+        faded: faded / with_texture.max(1.0),
+        matching: matching / blocks,
+        unevenness: if still > 4.0 {
             variance.sqrt() / mean.max(0.1)
         } else {
             0.0

@@ -1,9 +1,12 @@
-//! Both gates on pictures made here, and the learned one against LiteRT's answers.
+//! Both gates on pictures made here, and the learned one against LiteRT's outputs.
 
 use safetensors::SafeTensors;
 
 use super::learned::run;
 use super::*;
+use crate::constants::{BLOCKS, IMAGE_PIXELS};
+use crate::image::Image88;
+use crate::instruction_set::InstructionSet;
 
 static MODEL: &[u8] = include_bytes!("../../weights/gate.tflite");
 static GOLDEN: &[u8] = include_bytes!("../../golden/gate.safetensors");
@@ -34,7 +37,7 @@ fn microflow_answers_as_litert_does() {
     let (inputs, outputs) = (of("inputs"), of("outputs"));
     let (mut equal, mut count, mut worst) = (0, 0, 0);
     for (steps, answer) in inputs.chunks_exact(2 * BLOCKS).zip(outputs.chunks_exact(2)) {
-        let grid: Inputs = std::array::from_fn(|block| [steps[2 * block], steps[2 * block + 1]]);
+        let grid: GateInputs = std::array::from_fn(|block| [steps[2 * block], steps[2 * block + 1]]);
         for (found, &expected) in run(&grid).into_iter().zip(answer) {
             let found = (found / OUTPUT_STEP).round() as i32;
             // LiteRT multiplies by fixed-point factors, microflow by floats: a last digit of the first layer's hundred
@@ -90,8 +93,8 @@ impl Random {
     }
 }
 
-/// A skin with bright particles, moved by `shift` pixels along x inside `moved`, under this light.
-fn skin(seed: u64, light: f32, shift: f32, moved: impl Fn(f32, f32) -> bool) -> Image88 {
+/// A picture of bright particles, moved by `shift` pixels along x inside `moved`, at this brightness.
+fn surface(seed: u64, light: f32, shift: f32, moved: impl Fn(f32, f32) -> bool) -> Image88 {
     let mut places = Random(77);
     let mut light_at = vec![14.0_f32; IMAGE_PIXELS];
     for _ in 0..1_500 {
@@ -118,12 +121,12 @@ fn skin(seed: u64, light: f32, shift: f32, moved: impl Fn(f32, f32) -> bool) -> 
 }
 
 fn at_rest(seed: u64) -> Image88 {
-    skin(seed, 1.0, 0.0, |_, _| false)
+    surface(seed, 1.0, 0.0, |_, _| false)
 }
 
 /// As under a small indenter: 2.5 blocks around (30, 40).
 fn touched(seed: u64, shift: f32) -> Image88 {
-    skin(seed, 1.0, shift, |x, y| (x - 30.0).hypot(y - 40.0) < 10.0)
+    surface(seed, 1.0, shift, |x, y| (x - 30.0).hypot(y - 40.0) < 10.0)
 }
 
 fn scene(kind: GateKind) -> Scene {
@@ -137,70 +140,74 @@ const GATES: [GateKind; 2] = [GateKind::Network, GateKind::Difference];
 fn nearly_all_of_a_thousand_noisy_pictures_at_rest_are_no_contact() {
     for kind in GATES {
         let mut scene = scene(kind);
-        let looked = (100..1_100).filter(|&seed| scene.look(&at_rest(seed)).0 != Verdict::NoContact);
-        let looked = looked.count();
+        let inferred = (100..1_100).filter(|&seed| scene.decide(&at_rest(seed)).0 != GateDecision::NoContact);
+        let inferred = inferred.count();
         assert!(
-            looked <= 20,
-            "{kind}: {looked} of 1,000 pictures at rest were taken for a touch"
+            inferred <= 20,
+            "{kind}: {inferred} of 1,000 pictures at rest were taken for a touch"
         );
     }
 }
 
 #[test]
-fn a_touch_is_looked_at_once_and_then_again_only_when_it_changes() {
+fn a_touch_is_inferred_once_and_then_again_only_when_it_changes() {
     for kind in GATES {
         let mut scene = scene(kind);
-        assert_eq!(scene.look(&touched(300, 0.5)).0, Verdict::Network, "{kind}");
-        let same = (301..401).filter(|&seed| scene.look(&touched(seed, 0.5)).0 == Verdict::Unchanged);
+        assert_eq!(scene.decide(&touched(300, 0.5)).0, GateDecision::Infer, "{kind}");
+        let same = (301..401).filter(|&seed| scene.decide(&touched(seed, 0.5)).0 == GateDecision::Unchanged);
         let same = same.count();
         assert!(
             same >= 95,
             "{kind}: only {same} of 100 unchanged pictures were skipped"
         );
-        assert_eq!(scene.look(&touched(402, 0.9)).0, Verdict::Network, "{kind}");
-        assert_eq!(scene.look(&touched(402, 0.9)).0, Verdict::Unchanged, "{kind}");
-        scene.look_again();
-        assert_eq!(scene.look(&touched(402, 0.9)).0, Verdict::Network, "{kind}");
-        assert_eq!(scene.look(&at_rest(403)).0, Verdict::NoContact, "{kind}");
+        assert_eq!(scene.decide(&touched(402, 0.9)).0, GateDecision::Infer, "{kind}");
+        assert_eq!(
+            scene.decide(&touched(402, 0.9)).0,
+            GateDecision::Unchanged,
+            "{kind}"
+        );
+        scene.force_inference();
+        assert_eq!(scene.decide(&touched(402, 0.9)).0, GateDecision::Infer, "{kind}");
+        assert_eq!(scene.decide(&at_rest(403)).0, GateDecision::NoContact, "{kind}");
         // The touch is over: the same picture as before is a new one.
-        assert_eq!(scene.look(&touched(402, 0.9)).0, Verdict::Network, "{kind}");
+        assert_eq!(scene.decide(&touched(402, 0.9)).0, GateDecision::Infer, "{kind}");
     }
 }
 
 #[test]
-fn a_slow_creep_is_looked_at_again_and_again() {
+fn a_slow_creep_is_inferred_again_and_again() {
     for kind in GATES {
         let mut scene = scene(kind);
         let steps = (0..100_u16).filter(|&step| {
             let picture = touched(500 + u64::from(step), 0.5 + 0.01 * f32::from(step));
-            scene.look(&picture).0 == Verdict::Network
+            scene.decide(&picture).0 == GateDecision::Infer
         });
         // One pixel in steps of a hundredth, every one of which is small against the noise of a pair.
-        let looked = steps.count();
+        let inferred = steps.count();
         assert!(
-            looked >= 4,
-            "{kind}: a creep of a pixel was looked at {looked} times"
+            inferred >= 4,
+            "{kind}: a creep of a pixel was inferred {inferred} times"
         );
     }
 }
 
 #[test]
-fn a_change_of_brightness_wakes_the_plain_gate_only() {
-    let brighter = |seed: u64| skin(seed, 1.03, 0.0, |_, _| false);
+fn a_change_of_brightness_opens_the_difference_gate_only() {
+    let brighter = |seed: u64| surface(seed, 1.03, 0.0, |_, _| false);
     assert_eq!(
-        scene(GateKind::Network).look(&brighter(600)).0,
-        Verdict::NoContact
+        scene(GateKind::Network).decide(&brighter(600)).0,
+        GateDecision::NoContact
     );
     assert_eq!(
-        scene(GateKind::Difference).look(&brighter(600)).0,
-        Verdict::Network
+        scene(GateKind::Difference).decide(&brighter(600)).0,
+        GateDecision::Infer
     );
 }
 
 #[test]
-fn off_looks_at_every_healthy_picture() {
+fn off_infers_every_healthy_picture() {
     let mut scene = scene(GateKind::Off);
-    assert_eq!(scene.look(&at_rest(700)), (Verdict::Network, Health::GOOD));
+    assert_eq!(scene.decide(&at_rest(700)), (GateDecision::Infer, Health::GOOD));
 }
 
 #[test]
@@ -208,8 +215,8 @@ fn a_camera_without_noise_is_gated_too() {
     let rest = at_rest(1);
     for kind in GATES {
         let mut scene = Scene::new(kind, &rest, &vec![rest; 4]);
-        assert_eq!(scene.look(&rest).0, Verdict::NoContact, "{kind}");
-        assert_eq!(scene.look(&touched(1, 0.6)).0, Verdict::Network, "{kind}");
+        assert_eq!(scene.decide(&rest).0, GateDecision::NoContact, "{kind}");
+        assert_eq!(scene.decide(&touched(1, 0.6)).0, GateDecision::Infer, "{kind}");
     }
 }
 
@@ -217,41 +224,44 @@ fn a_camera_without_noise_is_gated_too() {
 fn every_instruction_set_sees_the_same() {
     let picture = touched(800, 0.3);
     let sets = InstructionSet::ALL.into_iter().filter(|set| set.is_available());
-    let seen: Vec<Inputs> = sets
+    let inputs: Vec<GateInputs> = sets
         .map(|set| scene(GateKind::Network).with_instructions(set).inputs(&picture))
         .collect();
-    assert!(seen.windows(2).all(|pair| pair[0] == pair[1]));
+    assert!(inputs.windows(2).all(|pair| pair[0] == pair[1]));
 }
 
 #[test]
-fn pictures_that_cannot_be_believed_are_unhealthy_and_forgotten() {
+fn pictures_that_cannot_be_trusted_are_unhealthy_and_ignored() {
     let mut scene = scene(GateKind::Network);
-    assert_eq!(scene.look(&touched(900, 0.5)), (Verdict::Network, Health::GOOD));
+    assert_eq!(
+        scene.decide(&touched(900, 0.5)),
+        (GateDecision::Infer, Health::GOOD)
+    );
     let faulty: Vec<(Image88, Health)> = vec![
         ([0; IMAGE_PIXELS], Health::TOO_DARK),
         ([255; IMAGE_PIXELS], Health::TOO_BRIGHT),
         ([128; IMAGE_PIXELS], Health::PARTICLES_LOST),
-        (skin(901, 0.5, 0.0, |_, _| false), Health::TOO_DARK),
+        (surface(901, 0.5, 0.0, |_, _| false), Health::TOO_DARK),
         // Every particle elsewhere: another sensor.
-        (skin(902, 1.0, 9.0, |_, _| true), Health::UNLIKE_TRAINING),
+        (surface(902, 1.0, 9.0, |_, _| true), Health::UNLIKE_TRAINING),
     ];
     for (picture, flag) in &faulty {
-        let (verdict, health) = scene.look(picture);
-        assert_eq!(verdict, Verdict::Unhealthy, "{health}");
+        let (decision, health) = scene.decide(picture);
+        assert_eq!(decision, GateDecision::Unhealthy, "{health}");
         assert!(health.has(*flag), "{health}");
     }
     // What was processed before still counts.
-    assert_eq!(scene.look(&touched(903, 0.5)).0, Verdict::Unchanged);
+    assert_eq!(scene.decide(&touched(903, 0.5)).0, GateDecision::Unchanged);
 }
 
 #[test]
-fn a_picture_at_rest_that_shows_nothing_spoils_all_that_follow() {
+fn a_picture_at_rest_without_particles_makes_all_that_follow_unhealthy() {
     for level in [0, 128, 255] {
         let rest = [level; IMAGE_PIXELS];
         let mut scene = Scene::new(GateKind::Network, &rest, &vec![rest; 4]);
-        let (verdict, health) = scene.look(&rest);
-        assert_eq!(verdict, Verdict::Unhealthy);
+        let (decision, health) = scene.decide(&rest);
+        assert_eq!(decision, GateDecision::Unhealthy);
         assert!(health.has(Health::PARTICLES_LOST), "{level}: {health}");
-        assert_eq!(scene.look(&at_rest(1)).0, Verdict::Unhealthy);
+        assert_eq!(scene.decide(&at_rest(1)).0, GateDecision::Unhealthy);
     }
 }

@@ -1,60 +1,66 @@
-//! Where the surroundings of each node of a coarse grid went: block matching from an eighth of the resolution to a
-//! quarter, so that a motion of several particles' distances is followed without mistaking one for another. Finer
-//! windows hold too few particles that move alike: the shallow ones outrun the deep ones.
+//! Coarse optical flow on a grid of nodes: block matching at an eighth of the resolution, then at a quarter. So a motion of
+//! several particle distances is tracked without confusing particles. Finer blocks would hold too few particles that
+//! move alike, because shallow ones outrun deep ones.
+#![expect(
+    clippy::inline_always,
+    reason = "code compiles for the instruction set of the function that it is inlined into"
+)]
 
-use super::changed::{Changed, Tiles, same};
-use super::compare::Compare;
-use super::lanes::nearest;
-use super::pyramid::{Level, Pyramid};
-use super::window::{REACH_MOST, WINDOW, Window};
+use super::block_matching::{BLOCK, Block, RANGE_MAX};
+use super::dirty_tiles::{DirtyTiles, TileRect, same_bits};
+use super::level::Level;
+use super::pyramid::Pyramid;
 use crate::constants::CROP_SIDE;
+use crate::simd::{Simd, round};
 
-/// Pixels between nodes.
+/// Distance of neighbouring nodes, pixels of their level.
 const STEP: usize = 5;
-/// Pixels searched around the prediction, at an eighth and at a quarter.
-const REACH: [i32; 2] = [REACH_MOST as i32, 2];
-/// Farthest motion of a node, pixels of its level: windows stay inside the border.
-const FARTHEST: f32 = 15.0;
-/// Numbers of the longest row of nodes with one more at each end.
+/// Search range around the prediction at an eighth and at a quarter, pixels of the level.
+const RANGE: [i32; 2] = [RANGE_MAX as i32, 2];
+/// Largest motion of a node, pixels of its level: blocks stay inside the border.
+const MOTION_MAX: f32 = 15.0;
+/// Length of the longest row of nodes, in numbers, with one more node at each end.
 const LINE: usize = 2 * (CROP_SIDE / 4 / STEP + 2);
-/// From how many pixels on a node's motion and its neighbours' median are different motions.
+/// A node's motion differs from its neighbours' median from this distance on, pixels.
 const DIFFERENT: f32 = 0.75;
 
-/// A rectangle of nodes at a quarter: the first column and row, and the last.
+/// A rectangle of nodes at a quarter: first and last [column, row].
 #[derive(Debug, Clone, Copy)]
-pub(super) struct NodeRange([[usize; 2]; 2]);
+pub(super) struct NodeRect([[usize; 2]; 2]);
 
-/// A place among a level's nodes: the upper left one of the four around it, and how far from it towards the others.
+/// A position among a level's nodes: the upper left of the four around it, and the bilinear weights of the others.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Between {
+pub(super) struct NodePosition {
     first: usize,
-    towards: [f32; 2],
+    fraction: [f32; 2],
 }
 
-/// The nodes of both levels.
+/// The flow at both levels.
 #[derive(Debug, Clone)]
 pub(super) struct Flow {
     eighth: Nodes<{ CROP_SIDE / 8 }>,
     quarter: Nodes<{ CROP_SIDE / 4 }>,
-    /// Where each of the quarter's nodes lies among those of the eighth.
-    coarser: Vec<Between>,
+    /// Position of each of the quarter's nodes among those of the eighth.
+    coarser: Vec<NodePosition>,
 }
 
-/// One level's nodes: motion in the level's pixels.
+/// The nodes of one level. Motions in pixels of the level.
 #[derive(Debug, Clone)]
 struct Nodes<const SIDE: usize> {
-    /// Motions at the coarser level around each node, and the tiles that its search looked at.
-    asked: Vec<([[f32; 2]; 5], Tiles)>,
-    /// As matched, and the rows in which another one was matched than the last time.
-    raw: Vec<[f32; 2]>,
-    other: Vec<bool>,
+    /// Per node: the coarser level's motions around it, and the tiles that its search read.
+    inputs: Vec<([[f32; 2]; 5], TileRect)>,
+    /// As matched.
+    matched: Vec<[f32; 2]>,
+    /// The rows in which a match changed.
+    changed_rows: Vec<bool>,
     /// The median of each node and its neighbours, component by component.
     median: Vec<[f32; 2]>,
-    /// Without single mistakes.
+    /// Without outliers.
     motion: Vec<[f32; 2]>,
-    /// That of the last time, and the nodes that have another one now.
+    /// The motion in the last frame.
     before: Vec<[f32; 2]>,
-    moved: Vec<bool>,
+    /// The nodes whose motion changed.
+    changed: Vec<bool>,
 }
 
 impl Flow {
@@ -63,56 +69,48 @@ impl Flow {
             eighth: Nodes::new(),
             quarter: Nodes::new(),
             coarser: Nodes::<{ CROP_SIDE / 4 }>::centres()
-                .map(|centre| Nodes::<{ CROP_SIDE / 8 }>::between(centre.map(|c| 0.5 * (c as f32 + 0.5))))
+                .map(|centre| Nodes::<{ CROP_SIDE / 8 }>::position(centre.map(|c| 0.5 * (c as f32 + 0.5))))
                 .collect(),
         }
     }
 
-    /// Motion from `rest` to `now`, of which `changed` changed since the last time. No allocation.
-    #[expect(
-        clippy::inline_always,
-        reason = "compiled for the instruction set of its caller"
-    )]
+    /// Updates the flow from `rest` to `now`, of which the `dirty` tiles changed since the last frame. No allocation.
     #[inline(always)]
-    pub(super) fn find<C: Compare>(&mut self, rest: &Pyramid, now: &Pyramid, changed: &Changed) {
+    pub(super) fn update<S: Simd>(&mut self, rest: &Pyramid, now: &Pyramid, dirty: &DirtyTiles) {
         let nothing: Option<(&Nodes<{ CROP_SIDE / 8 }>, _)> = None;
         self.eighth
-            .find::<C, _>(nothing, &rest.eighth, &now.eighth, REACH[0], changed);
+            .update::<S, _>(nothing, &rest.eighth, &now.eighth, RANGE[0], dirty);
         let coarser = Some((&self.eighth, &*self.coarser));
         self.quarter
-            .find::<C, _>(coarser, &rest.quarter, &now.quarter, REACH[1], changed);
+            .update::<S, _>(coarser, &rest.quarter, &now.quarter, RANGE[1], dirty);
     }
 
-    /// Where a place of the crop lies, pixels of the crop.
-    pub(super) fn between(place_px: [f32; 2]) -> Between {
-        Nodes::<{ CROP_SIDE / 4 }>::between(place_px.map(|p| p / 4.0))
+    /// The position of a place of the crop, pixels.
+    pub(super) fn position(place_px: [f32; 2]) -> NodePosition {
+        Nodes::<{ CROP_SIDE / 4 }>::position(place_px.map(|p| p / 4.0))
     }
 
-    /// Motion there, pixels of the crop.
-    #[expect(
-        clippy::inline_always,
-        reason = "compiled for the instruction set of its caller"
-    )]
+    /// The motion at a position, pixels of the crop.
     #[inline(always)]
-    pub(super) fn at(&self, place: Between) -> [f32; 2] {
-        self.quarter.at(place).map(|v| v * 4.0)
+    pub(super) fn at(&self, position: NodePosition) -> [f32; 2] {
+        self.quarter.at(position).map(|v| v * 4.0)
     }
 
-    /// The nodes that [`Self::at`] goes by at places between these two, pixels of the crop.
-    pub(super) fn nodes(first_px: [f32; 2], last_px: [f32; 2]) -> NodeRange {
+    /// The nodes that [`Self::at`] reads for places between these two, pixels of the crop.
+    pub(super) fn nodes_between(first_px: [f32; 2], last_px: [f32; 2]) -> NodeRect {
         // A particle's centre may lie beside its brightest pixel.
         let first = first_px.map(|p| (p - 4.0) / 4.0);
         let last = last_px.map(|p| (p + 4.0) / 4.0);
-        NodeRange([
+        NodeRect([
             Nodes::<{ CROP_SIDE / 4 }>::cell(first).0,
             Nodes::<{ CROP_SIDE / 4 }>::cell(last).0.map(|node| node + 1),
         ])
     }
 
-    /// Whether one of these nodes moved otherwise than the last time.
-    pub(super) fn moved(&self, NodeRange([[left, top], [right, bottom]]): NodeRange) -> bool {
+    /// Whether the motion of one of these nodes changed.
+    pub(super) fn changed_in(&self, NodeRect([[left, top], [right, bottom]]): NodeRect) -> bool {
         self.quarter
-            .moved
+            .changed
             .chunks_exact(Nodes::<{ CROP_SIDE / 4 }>::PER_SIDE)
             .take(bottom + 1)
             .skip(top)
@@ -128,116 +126,112 @@ impl<const SIDE: usize> Nodes<SIDE> {
     fn new() -> Self {
         let still = vec![[0.0; 2]; Self::PER_SIDE * Self::PER_SIDE];
         Self {
-            other: vec![true; Self::PER_SIDE],
+            changed_rows: vec![true; Self::PER_SIDE],
             median: still.clone(),
-            asked: vec![([[0.0; 2]; 5], Tiles::ALL); Self::PER_SIDE * Self::PER_SIDE],
-            moved: vec![true; still.len()],
-            raw: still.clone(),
+            inputs: vec![([[0.0; 2]; 5], TileRect::ALL); Self::PER_SIDE * Self::PER_SIDE],
+            changed: vec![true; still.len()],
+            matched: still.clone(),
             before: still.clone(),
             motion: still,
         }
     }
 
-    #[expect(
-        clippy::inline_always,
-        reason = "compiled for the instruction set of its caller"
-    )]
     #[inline(always)]
-    fn find<C: Compare, const COARSER: usize>(
+    fn update<S: Simd, const COARSER: usize>(
         &mut self,
-        coarser: Option<(&Nodes<COARSER>, &[Between])>,
+        coarser: Option<(&Nodes<COARSER>, &[NodePosition])>,
         rest: &Level<SIDE>,
         now: &Level<SIDE>,
-        reach: i32,
-        changed: &Changed,
+        range: i32,
+        dirty: &DirtyTiles,
     ) {
-        self.other.fill(false);
+        self.changed_rows.fill(false);
         for (node, centre) in Self::centres().enumerate() {
-            let (asked, tiles) = &mut self.asked[node];
-            let around = coarser.filter(|(nodes, between)| nodes.moved_around(between[node]));
-            if around.is_none() && !changed.any(*tiles) {
+            let (inputs, tiles) = &mut self.inputs[node];
+            let around = coarser.filter(|(nodes, positions)| nodes.changed_around(positions[node]));
+            if around.is_none() && !dirty.any_in(*tiles) {
                 continue;
             }
-            let motions = around.map_or(*asked, |(nodes, between)| nodes.around(between[node]));
-            *asked = motions;
+            let motions = around.map_or(*inputs, |(nodes, positions)| nodes.around(positions[node]));
+            *inputs = motions;
             let mut guesses = [[0; 2]; 5];
             for (guess, motion) in guesses.as_flattened_mut().iter_mut().zip(motions.as_flattened()) {
-                *guess = whole(2.0 * motion);
+                *guess = whole_pixels(2.0 * motion);
             }
-            *tiles = Self::tiles(centre, guesses, reach);
-            let window = Window::new(rest, centre);
+            *tiles = Self::search_tiles(centre, guesses, range);
+            let block = Block::new(rest, centre);
             let mut guess = [0; 2];
             if coarser.is_some() {
-                let mut least = u32::MAX;
+                let mut min = u32::MAX;
                 for (k, motion) in guesses.into_iter().enumerate() {
                     if guesses[..k].contains(&motion) {
                         continue;
                     }
-                    let cost = window.cost(now, motion);
-                    if cost < least {
-                        (least, guess) = (cost, motion);
+                    let sad = block.sad(now, motion);
+                    if sad < min {
+                        (min, guess) = (sad, motion);
                     }
                 }
             }
-            let best = window.best::<C, _>(now, guess, reach);
-            self.other[node / Self::PER_SIDE] |= !same(best, self.raw[node]);
-            self.raw[node] = best;
+            let best = block.best_match::<S, _>(now, guess, range);
+            self.changed_rows[node / Self::PER_SIDE] |= !same_bits(best, self.matched[node]);
+            self.matched[node] = best;
         }
         self.smooth(rest, now);
     }
 
-    /// The tiles that a node's search looks at.
+    /// The tiles that a node's search reads.
     #[inline]
-    fn tiles(centre: [i32; 2], guesses: [[i32; 2]; 5], reach: i32) -> Tiles {
-        // Half a window, and a step more for the part of a pixel.
-        let beyond = reach + 1 + WINDOW as i32 / 2;
+    fn search_tiles(centre: [i32; 2], guesses: [[i32; 2]; 5], range: i32) -> TileRect {
+        // Half a block, and one more pixel for the subpixel offset.
+        let margin = range + 1 + BLOCK as i32 / 2;
         let scale = Self::SCALE as i32;
         let first = std::array::from_fn(|k| {
-            let least = guesses.iter().fold(0, |least, guess| least.min(guess[k]));
-            (centre[k] + least - beyond) * scale
+            let min = guesses.iter().fold(0, |min, guess| min.min(guess[k]));
+            (centre[k] + min - margin) * scale
         });
         let last = std::array::from_fn(|k| {
-            let most = guesses.iter().fold(0, |most, guess| most.max(guess[k]));
-            (centre[k] + most + beyond) * scale - 1
+            let max = guesses.iter().fold(0, |max, guess| max.max(guess[k]));
+            (centre[k] + max + margin) * scale - 1
         });
-        Tiles::between(first, last)
+        TileRect::of_pixels(first, last)
     }
 
-    /// Pixel of each node: the middle one of its cell.
+    /// The pixel of each node: the middle of its cell.
     fn centres() -> impl Iterator<Item = [i32; 2]> {
         let middle = |index: usize| (index * STEP + STEP / 2) as i32;
         let rows = (0..Self::PER_SIDE).map(middle);
         rows.flat_map(move |y| (0..Self::PER_SIDE).map(move |x| [middle(x), y]))
     }
 
-    /// First node of the four around a place in pixels of the level, and how far from it towards the others.
+    /// The first of the four nodes around a place (pixels of the level), and the fraction of the way to the others.
     fn cell(place: [f32; 2]) -> ([usize; 2], [f32; 2]) {
-        let most = (Self::PER_SIDE - 1) as f32;
-        let cell = place.map(|p| ((p - 0.5 - (STEP / 2) as f32) / STEP as f32).clamp(0.0, most - 1e-3));
+        let max = (Self::PER_SIDE - 1) as f32;
+        let cell = place.map(|p| ((p - 0.5 - (STEP / 2) as f32) / STEP as f32).clamp(0.0, max - 1e-3));
         let first = cell.map(|c| c as usize);
         (first, [cell[0] - first[0] as f32, cell[1] - first[1] as f32])
     }
 
-    fn between(place: [f32; 2]) -> Between {
-        let ([column, row], towards) = Self::cell(place);
-        Between {
+    fn position(place: [f32; 2]) -> NodePosition {
+        let ([column, row], fraction) = Self::cell(place);
+        NodePosition {
             first: row * Self::PER_SIDE + column,
-            towards,
+            fraction,
         }
     }
 
-    /// The four nodes around a place, the upper ones first.
+    /// The four nodes around a position, the upper ones first.
     #[inline]
-    fn four<T: Copy>(of: &[T], place: Between) -> [T; 4] {
-        let rows: &[T] = &of[place.first..][..Self::PER_SIDE + 2];
+    fn four<T: Copy>(of: &[T], position: NodePosition) -> [T; 4] {
+        let rows: &[T] = &of[position.first..][..Self::PER_SIDE + 2];
         [rows[0], rows[1], rows[Self::PER_SIDE], rows[Self::PER_SIDE + 1]]
     }
 
-    /// Between nodes bilinear; beyond the outermost, theirs.
+    /// NodePosition nodes bilinear; beyond the outermost, theirs.
     #[inline]
-    fn at(&self, place: Between) -> [f32; 2] {
-        let [a, b, c, d] = Self::four(&self.motion, place);
-        let [tx, ty] = place.towards;
+    fn at(&self, position: NodePosition) -> [f32; 2] {
+        let [a, b, c, d] = Self::four(&self.motion, position);
+        let [tx, ty] = position.fraction;
         [0, 1].map(|k| {
             let upper = a[k] + tx * (b[k] - a[k]);
             let lower = c[k] + tx * (d[k] - c[k]);
@@ -245,62 +239,57 @@ impl<const SIDE: usize> Nodes<SIDE> {
         })
     }
 
-    /// The motion at a place, and those of the four nodes around it.
+    /// The motion at a position, and those of the four nodes around it.
     #[inline]
-    fn around(&self, place: Between) -> [[f32; 2]; 5] {
-        let [a, b, c, d] = Self::four(&self.motion, place);
-        [self.at(place), a, b, c, d]
+    fn around(&self, position: NodePosition) -> [[f32; 2]; 5] {
+        let [a, b, c, d] = Self::four(&self.motion, position);
+        [self.at(position), a, b, c, d]
     }
 
-    /// Whether one of the four nodes around a place moved otherwise than the last time.
+    /// Whether the motion of one of the four nodes around a position changed.
     #[inline]
-    fn moved_around(&self, place: Between) -> bool {
-        Self::four(&self.moved, place).contains(&true)
+    fn changed_around(&self, position: NodePosition) -> bool {
+        Self::four(&self.changed, position).contains(&true)
     }
 
-    /// The median of each node and its neighbours, component by component, unless the node's own motion fits far
-    /// better: a single mistake does not spread, and a narrow peak stays.
-    #[expect(
-        clippy::inline_always,
-        reason = "compiled for the instruction set of its caller"
-    )]
+    /// Replaces each node's motion by the median of it and its neighbours, unless its own motion fits far better: removes
+    /// outliers but keeps narrow peaks.
     #[inline(always)]
     fn smooth(&mut self, rest: &Level<SIDE>, now: &Level<SIDE>) {
         std::mem::swap(&mut self.before, &mut self.motion);
         self.medians();
-        let nodes = self.motion.iter_mut().zip(self.raw.iter().zip(&self.median));
+        let nodes = self.motion.iter_mut().zip(self.matched.iter().zip(&self.median));
         for ((motion, (&own, &median)), centre) in nodes.zip(Self::centres()) {
             *motion = median;
             if (0..2).any(|k| (own[k] - median[k]).abs() >= DIFFERENT) {
-                let window = Window::new(rest, centre);
-                let of_own = window.cost(now, own.map(whole));
-                let of_median = window.cost(now, median.map(whole));
-                if 4 * of_own < 3 * of_median {
+                let block = Block::new(rest, centre);
+                let own_sad = block.sad(now, own.map(whole_pixels));
+                let median_sad = block.sad(now, median.map(whole_pixels));
+                if 4 * own_sad < 3 * median_sad {
                     *motion = own;
                 }
             }
         }
         let motions = self.motion.iter().zip(&self.before);
-        for (moved, (&now, &before)) in self.moved.iter_mut().zip(motions) {
-            *moved = !same(now, before);
+        for (changed, (&now, &before)) in self.changed.iter_mut().zip(motions) {
+            *changed = !same_bits(now, before);
         }
     }
 
-    /// The median of each node and its neighbours, of an even number the upper one, where one of them is matched
-    /// otherwise than the last time.
+    /// The (upper) median of each node and its neighbours, for rows with changed matches around them.
     #[inline(always)]
     fn medians(&mut self) {
         const LOW: f32 = f32::NEG_INFINITY;
         const HIGH: f32 = f32::INFINITY;
         let n = Self::PER_SIDE;
-        let raw = self.raw.as_flattened();
-        let line = |row: usize| &raw[2 * n * row..2 * n * (row + 1)];
+        let matched = self.matched.as_flattened();
+        let line = |row: usize| &matched[2 * n * row..2 * n * (row + 1)];
         for (row, out) in self.median.as_flattened_mut().chunks_exact_mut(2 * n).enumerate() {
-            if !self.other[row.saturating_sub(1)..(row + 2).min(n)].contains(&true) {
+            if !self.changed_rows[row.saturating_sub(1)..(row + 2).min(n)].contains(&true) {
                 continue;
             }
-            // Neighbours are two numbers apart. What lies outside is so low or so high that the median is that of the
-            // nodes there are: one low and two high at an edge, two and three at a corner.
+            // Neighbours are two numbers apart. Outside lie infinities, so that the median is that of the existing nodes:
+            // one low and two high at an edge, two and three at a corner.
             let mut lines = [[HIGH; LINE], [LOW; LINE], [HIGH; LINE]];
             lines[1][2..][..2 * n].copy_from_slice(line(row));
             if row > 0 {
@@ -310,7 +299,7 @@ impl<const SIDE: usize> Nodes<SIDE> {
                 lines[2][2..][..2 * n].copy_from_slice(line(row + 1));
             }
             for first in (0..2 * n).step_by(8) {
-                // The last eight may be some of those before, too.
+                // The last eight may overlap those before.
                 let first = first.min(2 * n - 8);
                 let mut nine = [[0.0; 8]; 9];
                 for (three, line) in nine.as_chunks_mut::<3>().0.iter_mut().zip(&lines) {
@@ -330,11 +319,7 @@ impl<const SIDE: usize> Nodes<SIDE> {
     }
 }
 
-/// Eight medians by exchanges of pairs, the same for all values.
-#[expect(
-    clippy::inline_always,
-    reason = "compiled for the instruction set of its caller"
-)]
+/// Eight medians at once, by a sorting network.
 #[inline(always)]
 fn medians_of_nine(mut of: [[f32; 8]; 9]) -> [f32; 8] {
     for (low, high) in [
@@ -360,7 +345,7 @@ fn medians_of_nine(mut of: [[f32; 8]; 9]) -> [f32; 8] {
     ] {
         let (a, b) = (of[low], of[high]);
         for k in 0..8 {
-            // Not `f32::min`, which also looks for NaN; there is none.
+            // Not `f32::min`, which also checks for NaN; there is none.
             of[low][k] = if a[k] < b[k] { a[k] } else { b[k] };
             of[high][k] = if a[k] < b[k] { b[k] } else { a[k] };
         }
@@ -368,16 +353,33 @@ fn medians_of_nine(mut of: [[f32; 8]; 9]) -> [f32; 8] {
     of[4]
 }
 
-/// The whole pixels of a motion, as far as windows may move.
+/// A motion in whole pixels, within the allowed range.
 #[inline]
-fn whole(motion: f32) -> i32 {
-    nearest(motion.clamp(-FARTHEST, FARTHEST))
+fn whole_pixels(motion: f32) -> i32 {
+    round(motion.clamp(-MOTION_MAX, MOTION_MAX))
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::compare::Plain;
     use super::*;
+    use crate::instruction_set::InstructionSet;
+    use crate::simd::{Dispatch, dispatch_256};
+
+    struct Update<'a>(&'a mut Flow, &'a Pyramid, &'a Pyramid, &'a DirtyTiles);
+
+    impl Dispatch for Update<'_> {
+        type Output = ();
+
+        #[inline(always)]
+        fn run<S: Simd>(self) {
+            let Self(flow, rest, now, dirty) = self;
+            flow.update::<S>(rest, now, dirty);
+        }
+    }
+
+    fn update(flow: &mut Flow, rest: &Pyramid, now: &Pyramid, dirty: &DirtyTiles) {
+        dispatch_256(InstructionSet::Portable, Update(flow, rest, now, dirty));
+    }
 
     /// A pattern without repetition, shifted by so many pixels.
     fn picture(shift: [usize; 2]) -> Vec<u8> {
@@ -393,17 +395,17 @@ mod tests {
 
     fn pyramid(picture: &[u8]) -> Pyramid {
         let mut pyramid = Pyramid::new();
-        pyramid.take(picture, &Changed::everything());
+        pyramid.update(picture, &DirtyTiles::all());
         pyramid
     }
 
     #[test]
-    fn medians_are_those_of_the_neighbours_that_there_are_of_an_even_number_the_upper_one() {
+    fn medians_are_the_upper_ones_of_the_existing_neighbours() {
         fn check<const SIDE: usize>() {
             let n = Nodes::<SIDE>::PER_SIDE;
             let mut nodes = Nodes::<SIDE>::new();
-            for (node, raw) in nodes.raw.iter_mut().enumerate() {
-                *raw = [node * 7919 % 101, node * 104_729 % 97].map(|at| at as f32 - 50.0);
+            for (node, matched) in nodes.matched.iter_mut().enumerate() {
+                *matched = [node * 7919 % 101, node * 104_729 % 97].map(|at| at as f32 - 50.0);
             }
             nodes.medians();
             for (node, median) in nodes.median.iter().enumerate() {
@@ -412,7 +414,7 @@ mod tests {
                     let rows = row.saturating_sub(1)..(row + 2).min(n);
                     let columns = column.saturating_sub(1)..(column + 2).min(n);
                     let around = rows.flat_map(|y| columns.clone().map(move |x| (y, x)));
-                    let mut values: Vec<f32> = around.map(|(y, x)| nodes.raw[y * n + x][k]).collect();
+                    let mut values: Vec<f32> = around.map(|(y, x)| nodes.matched[y * n + x][k]).collect();
                     values.sort_by(f32::total_cmp);
                     assert_eq!(
                         median.to_bits(),
@@ -427,12 +429,12 @@ mod tests {
     }
 
     #[test]
-    fn a_spot_that_changes_anywhere_moves_the_same_nodes_as_if_everything_were_looked_at() {
+    fn a_spot_that_changes_anywhere_gives_the_same_flow_as_computing_everything() {
         let rest = pyramid(&picture([0; 2]));
         let mut shown = picture([9, 5]);
         let (mut skip, mut dense) = (Flow::new(), Flow::new());
         let mut now = pyramid(&shown);
-        skip.find::<Plain>(&rest, &now, &Changed::everything());
+        update(&mut skip, &rest, &now, &DirtyTiles::all());
         let mut moved = 0;
         for spot in 0..120_usize {
             let [left, top] = [spot * 97 % (CROP_SIDE - 8), spot * 61 % (CROP_SIDE - 8)];
@@ -441,14 +443,14 @@ mod tests {
                     *pixel ^= 0xE0;
                 }
             }
-            let changed = Changed::between(&now.full, &shown);
-            now.take(&shown, &changed);
-            skip.find::<Plain>(&rest, &now, &changed);
-            dense.find::<Plain>(&rest, &now, &Changed::everything());
-            assert_eq!(skip.eighth.raw, dense.eighth.raw, "spot {spot}");
-            assert_eq!(skip.quarter.raw, dense.quarter.raw, "spot {spot}");
+            let dirty = DirtyTiles::between(&now.full, &shown);
+            now.update(&shown, &dirty);
+            update(&mut skip, &rest, &now, &dirty);
+            update(&mut dense, &rest, &now, &DirtyTiles::all());
+            assert_eq!(skip.eighth.matched, dense.eighth.matched, "spot {spot}");
+            assert_eq!(skip.quarter.matched, dense.quarter.matched, "spot {spot}");
             assert_eq!(skip.quarter.motion, dense.quarter.motion, "spot {spot}");
-            moved += skip.quarter.moved.iter().filter(|&&moved| moved).count();
+            moved += skip.quarter.changed.iter().filter(|&&changed| changed).count();
         }
         assert!(moved > 200, "only {moved} nodes moved");
     }

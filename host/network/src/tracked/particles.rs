@@ -1,13 +1,13 @@
-//! Particles in the picture at rest: bright spots against what surrounds them, with their centres to a part of a
-//! pixel and how bright they are for their place. Found once per rest image.
+//! Detects the particles in the rest image: bright spots, with centre (to a fraction of a pixel) and depth estimated from
+//! brightness. Runs once per rest image.
 
-use super::pyramid::Level;
+use super::level::Level;
 use crate::constants::CROP_SIDE;
 
-/// Pixels at the image's edge in which no particle is looked for.
-pub(super) const MARGIN: usize = 4;
-/// Least height of a spot over its surroundings, smoothed grey levels.
-const LEAST_HEIGHT: f32 = 10.0;
+/// No particles are detected this close to the image's edge, pixels.
+const MARGIN: usize = 4;
+/// Smallest height of a spot above its surroundings, smoothed grey levels.
+const HEIGHT_MIN: f32 = 10.0;
 
 /// A bright spot at rest.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -16,9 +16,9 @@ pub struct Particle {
     pub(super) pixel: [u16; 2],
     /// Its centre, pixels; pixel (0, 0) is centred on (0.5, 0.5).
     pub at_px: [f32; 2],
-    /// Height over the surroundings, grey levels.
+    /// Height above the surroundings, grey levels.
     pub height: f32,
-    /// About how deep it lies under the surface, mm: nearer particles look larger and brighter.
+    /// Estimated depth below the surface, mm: nearer particles look larger and brighter.
     pub depth_mm: f32,
 }
 
@@ -29,35 +29,34 @@ impl Particle {
     }
 }
 
-/// Depth of a particle of mean brightness for its place, mm, and mm per unit of the logarithm of brightness: a fit to
-/// particles of known depth in the simulated world, where it explains half of the variance.
+/// Depth at mean brightness, mm, and change of depth per unit of log brightness, mm: a fit to simulated particles of known
+/// depth, which explains half of the variance.
 const DEPTH_MM: [f32; 2] = [3.19, 3.47];
-/// Depths that particles can have, mm.
+/// Range of depths, mm.
 const DEPTHS_MM: [f32; 2] = [1.0, 5.5];
-/// Terms of the light's fall over the image.
+/// Terms of the polynomial that models the illumination.
 const TERMS: usize = 7;
-/// Rounds of the robust fit, and the logarithmic residual from which on a particle counts less.
+/// Iterations of the robust fit, and the log residual above which a particle is an outlier.
 const ROUNDS: usize = 3;
 const OUTLIER: f64 = 0.2;
 
-/// Fits the logarithm of height by a smooth function of place, which takes out light and lens; what is left over
-/// tells the depth.
+/// Estimates depths from brightness: fits log height by a smooth function of position (illumination and lens) and reads
+/// the depth from the residual. Iteratively reweighted least squares.
 fn estimate_depths(particles: &mut [Particle], side: f32) {
     let terms = |particle: &Particle| -> [f64; TERMS] {
         let [x, y] = particle.at_px.map(|v| f64::from(2.0 * v / side - 1.0));
         let square = x * x + y * y;
         [1.0, x, y, x * x, y * y, x * y, square * square]
     };
-    let mut light = [0.0; TERMS];
-    let mut left = vec![0.0_f64; particles.len()];
+    let mut residuals = vec![0.0_f64; particles.len()];
     for round in 0..ROUNDS {
         let mut system = [[0.0; TERMS + 1]; TERMS];
-        for (particle, left) in particles.iter().zip(&left) {
-            // Twice the same weight as in a least-squares row: 1/|residual| for outliers.
+        for (particle, residual) in particles.iter().zip(&residuals) {
+            // 1/|residual| for outliers (Huber).
             let weight = if round == 0 {
                 1.0
             } else {
-                1.0 / (left.abs() / OUTLIER).max(1.0)
+                1.0 / (residual.abs() / OUTLIER).max(1.0)
             };
             let terms = terms(particle);
             let value = f64::from(particle.height.ln());
@@ -68,23 +67,22 @@ fn estimate_depths(particles: &mut [Particle], side: f32) {
                 row[TERMS] += weight * a * value;
             }
         }
-        // Too few particles to tell: a little towards zero.
+        // Regularises the fit when there are few particles.
         for (i, row) in system.iter_mut().enumerate() {
             row[i] += 1e-6;
         }
-        light = solve(system);
-        for (particle, left) in particles.iter().zip(&mut left) {
+        let light = solve(system);
+        for (particle, residual) in particles.iter().zip(&mut residuals) {
             let expected: f64 = terms(particle).iter().zip(light).map(|(a, b)| a * b).sum();
-            *left = f64::from(particle.height.ln()) - expected;
+            *residual = f64::from(particle.height.ln()) - expected;
         }
     }
-    let _ = light;
-    for (particle, left) in particles.iter_mut().zip(left) {
-        particle.depth_mm = (DEPTH_MM[0] + DEPTH_MM[1] * left as f32).clamp(DEPTHS_MM[0], DEPTHS_MM[1]);
+    for (particle, residual) in particles.iter_mut().zip(residuals) {
+        particle.depth_mm = (DEPTH_MM[0] + DEPTH_MM[1] * residual as f32).clamp(DEPTHS_MM[0], DEPTHS_MM[1]);
     }
 }
 
-/// Gauss–Jordan with pivoting; the last column is the right-hand side.
+/// Gauss–Jordan elimination with pivoting; the last column is the right-hand side.
 fn solve(mut m: [[f64; TERMS + 1]; TERMS]) -> [f64; TERMS] {
     for column in 0..TERMS {
         let pivot = (column..TERMS).max_by(|&a, &b| m[a][column].abs().total_cmp(&m[b][column].abs()));
@@ -103,9 +101,9 @@ fn solve(mut m: [[f64; TERMS + 1]; TERMS]) -> [f64; TERMS] {
 }
 
 /// All particles of `image`, row by row.
-pub(super) fn find(image: &Level<CROP_SIDE>) -> Vec<Particle> {
+pub(super) fn detect(image: &Level<CROP_SIDE>) -> Vec<Particle> {
     let side = CROP_SIDE;
-    // 3×3 binomial, so that noise makes no spots.
+    // 3×3 binomial filter, so that noise makes no spots.
     let smooth: Vec<f32> = (0..side * side)
         .map(|i| {
             let (column, row) = ((i % side) as i32, (i / side) as i32);
@@ -122,7 +120,7 @@ pub(super) fn find(image: &Level<CROP_SIDE>) -> Vec<Particle> {
             let at =
                 |dx: i32, dy: i32| smooth[(row as i32 + dy) as usize * side + (column as i32 + dx) as usize];
             let here = at(0, 0);
-            // Of equal neighbours the first one wins.
+            // The first of equal neighbours wins.
             let before = [(-1, -1), (0, -1), (1, -1), (-1, 0)];
             let peak = before
                 .iter()
@@ -130,16 +128,16 @@ pub(super) fn find(image: &Level<CROP_SIDE>) -> Vec<Particle> {
             if !peak {
                 continue;
             }
-            let mut ground = f32::MAX;
+            let mut background = f32::MAX;
             for dy in -4..=4 {
                 for dx in -4..=4 {
-                    ground = ground.min(at(dx, dy));
+                    background = background.min(at(dx, dy));
                 }
             }
-            if here - ground < LEAST_HEIGHT {
+            if here - background < HEIGHT_MIN {
                 continue;
             }
-            let vertex = |low: f32, high: f32| {
+            let parabola_peak = |low: f32, high: f32| {
                 let bend = low - 2.0 * here + high;
                 if bend < 0.0 {
                     (0.5 * (low - high) / bend).clamp(-0.5, 0.5)
@@ -150,10 +148,10 @@ pub(super) fn find(image: &Level<CROP_SIDE>) -> Vec<Particle> {
             found.push(Particle {
                 pixel: [column as u16, row as u16],
                 at_px: [
-                    column as f32 + 0.5 + vertex(at(-1, 0), at(1, 0)),
-                    row as f32 + 0.5 + vertex(at(0, -1), at(0, 1)),
+                    column as f32 + 0.5 + parabola_peak(at(-1, 0), at(1, 0)),
+                    row as f32 + 0.5 + parabola_peak(at(0, -1), at(0, 1)),
                 ],
-                height: here - ground,
+                height: here - background,
                 depth_mm: 0.0,
             });
         }

@@ -1,212 +1,209 @@
-//! Where a particle went if the surface above it moved like this: the best whole pixel along that way for its depth, then
-//! least squares between pixels. What of it follows from parts of the image that did not change is kept.
+//! Template matching of one particle, given the motion of the sensor surface above it: the best whole-pixel motion along
+//! the search ray, then Lucas–Kanade refinement between pixels. Results are kept while the pixels they depend on are clean.
+#![expect(
+    clippy::inline_always,
+    reason = "code compiles for the instruction set of the function that it is inlined into"
+)]
 
-use super::changed::{Changed, Tiles, same};
-use super::compare::Compare;
-use super::lanes::{Lanes, TABLE, Table};
+use super::dirty_tiles::{DirtyTiles, TileRect, same_bits};
+use super::level::Level;
 use super::particles::Particle;
-use super::patch::{HALF, Patch, Template, Weights};
-use super::pyramid::Level;
-use super::way::{Motions, SQUARE, Way};
+use super::patch::{HALF, PATCH, Patch, PatchWeights, Template};
+use super::search_ray::{MotionRect, SearchRay, TABLE_SIDE};
 use crate::constants::CROP_SIDE;
+use crate::simd::{F32x8, Simd, TABLE, Table};
 
-/// Most Gauss–Newton steps, and the step that is small enough, pixels.
-const STEPS: usize = 5;
-const SMALL_STEP: f32 = 0.01;
-/// Farthest that least squares may go from the whole pixel it started at.
-const FARTHEST_STEP: f32 = 2.0;
-/// Cost of a pixel off the expected place along the way and, squared, across it; sums of absolute grey levels.
+/// Largest number of Gauss–Newton steps, and the step at which they have converged, pixels.
+const STEPS_MAX: usize = 5;
+const CONVERGED_STEP: f32 = 0.01;
+/// Largest distance of the refined motion from its whole-pixel start, pixels.
+const REFINEMENT_MAX: f32 = 2.0;
+/// Cost per pixel off the expected motion along the ray, and per squared pixel across it, in SAD grey levels.
 const PRIOR: [f32; 2] = [10.0, 10.0];
-/// Share of its contrast that a patch must explain: at rest or nearly, and on a long way, where others look alike.
-const LEAST_CONFIDENCE: [f32; 2] = [0.6, 0.85];
-/// From this motion of the surface on a way is long, pixels.
+/// Smallest accepted confidence: for short rays, and for long ones, where other particles look alike.
+const CONFIDENCE_MIN: [f32; 2] = [0.6, 0.85];
+/// A ray is long above this surface motion, pixels.
 const LONG: f32 = 4.0;
-/// Thickness of the skin's soft part, mm: the base does not move.
+/// Thickness of the elastic layer, mm: its base does not move.
 const THICKNESS_MM: f32 = 6.0;
 
-/// Where a particle went.
+/// The motion of a particle.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Track {
     /// Motion since rest, pixels.
     pub motion_px: [f32; 2],
-    /// Share of the patch's contrast that the match explains; 0 for the lost and the doubtful.
+    /// Share of the patch's contrast that the match explains; 0 if the particle is lost or doubtful.
     pub confidence: f32,
 }
 
-/// A search's result, the motion of the surface that it was made for, and the tiles that its two parts looked at.
+/// The match of a particle, and what it depends on.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Found {
+pub(super) struct Match {
+    /// The motion of the surface that the search was given.
     surface_px: [f32; 2],
-    tiles: Tiles,
+    /// Tiles that the whole-pixel search read.
+    search_tiles: TileRect,
     start: Option<Start>,
-    refined_tiles: Tiles,
+    /// Tiles that the refinement read.
+    refined_tiles: TileRect,
     pub(super) track: Track,
 }
 
-/// The best whole pixel, and whether the way there is [`LONG`].
+/// The best whole-pixel motion, and whether its ray is [`LONG`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Start {
     motion: [i32; 2],
     long: bool,
 }
 
-impl Found {
-    /// Nothing is known of this particle.
-    pub(super) fn nothing() -> Self {
+impl Match {
+    /// Not searched yet.
+    pub(super) fn none() -> Self {
         Self {
             surface_px: [f32::NAN; 2],
-            tiles: Tiles::ALL,
+            search_tiles: TileRect::ALL,
             start: None,
-            refined_tiles: Tiles::ALL,
+            refined_tiles: TileRect::ALL,
             track: Track::default(),
         }
     }
 
-    /// Has the next search begin anew.
-    pub(super) fn forget(&mut self) {
+    /// Makes the next search start over.
+    pub(super) fn invalidate(&mut self) {
         self.surface_px = [f32::NAN; 2];
-        self.refined_tiles = Tiles::ALL;
+        self.refined_tiles = TileRect::ALL;
     }
 
-    /// The tiles that it looked at.
-    pub(super) fn seen(&self) -> Tiles {
-        self.tiles.hull(self.refined_tiles)
+    /// All tiles that the match depends on.
+    pub(super) fn tiles(&self) -> TileRect {
+        self.search_tiles.union(self.refined_tiles)
     }
 }
 
-/// Pixels that least squares can read beyond the patch at the whole pixel where it starts: two steps, and two for the
-/// parts of a pixel.
+/// How far the refinement can read beyond the patch at its start, pixels: [`REFINEMENT_MAX`], and two for interpolation.
 const REFINED_PX: i32 = 4;
 
-/// Where a patch of the particle can be read when it moves by something between these two.
+/// The tiles that a patch can read for motions between `min` and `max`.
 #[inline]
-fn patch_tiles(particle: &Particle, least: [i32; 2], most: [i32; 2]) -> Tiles {
+fn patch_tiles(particle: &Particle, min: [i32; 2], max: [i32; 2]) -> TileRect {
     let at = particle.pixel.map(i32::from);
-    // The eighth place of a patch's rows is read too.
-    Tiles::between(
-        [0, 1].map(|k| at[k] + least[k] - HALF),
-        [0, 1].map(|k| at[k] + most[k] + HALF + 1),
+    // Rows are padded to eight pixels.
+    TileRect::of_pixels(
+        [0, 1].map(|k| at[k] + min[k] - HALF),
+        [0, 1].map(|k| at[k] + max[k] + HALF + 1),
     )
 }
 
-/// Looks for patches in an image.
+/// Matches templates in the image now.
 pub(super) struct Search<'a> {
-    pub(super) weights: &'a Weights,
+    pub(super) weights: &'a PatchWeights,
     pub(super) now: &'a Level<CROP_SIDE>,
 }
 
 impl Search<'_> {
-    /// Brings a search up to date: where the particle went if the surface above it moved by `surface_px`, about. Each of
-    /// its two parts is done again only if what it was made from changed.
-    #[expect(
-        clippy::inline_always,
-        reason = "compiled for the instruction set of its caller"
-    )]
+    /// Updates the match of a particle, given about how far the surface above it moved. Repeats each of the two parts only
+    /// if its inputs changed.
     #[inline(always)]
-    pub(super) fn update<C: Compare>(
+    pub(super) fn update<S: Simd>(
         &self,
-        found: &mut Found,
+        matched: &mut Match,
         template: &Template,
         particle: &Particle,
         surface_px: [f32; 2],
-        changed: &Changed,
+        dirty: &DirtyTiles,
     ) {
-        let moved = !same(surface_px, found.surface_px);
-        let mut start = found.start;
-        if moved || changed.any(found.tiles) {
-            let way = Way::new(surface_px);
+        let moved = !same_bits(surface_px, matched.surface_px);
+        let mut start = matched.start;
+        if moved || dirty.any_in(matched.search_tiles) {
+            let ray = SearchRay::new(surface_px);
             if moved {
-                found.surface_px = surface_px;
-                let Motions { first, last } = way.hull(way.ends);
-                found.tiles = patch_tiles(particle, first, last);
+                matched.surface_px = surface_px;
+                let MotionRect { first, last } = ray.bounds(ray.ends);
+                matched.search_tiles = patch_tiles(particle, first, last);
             }
-            let motion = self.whole_pixel::<C>(template, particle, &way);
+            let motion = self.whole_pixel::<S>(template, particle, &ray);
             start = motion.map(|motion| Start {
                 motion,
-                long: way.length > LONG,
+                long: ray.length > LONG,
             });
         }
-        if start == found.start && !changed.any(found.refined_tiles) {
+        if start == matched.start && !dirty.any_in(matched.refined_tiles) {
             return;
         }
-        found.start = start;
+        matched.start = start;
         let motion = start.map_or([0; 2], |start| start.motion);
-        found.refined_tiles = patch_tiles(
+        matched.refined_tiles = patch_tiles(
             particle,
             motion.map(|v| v - REFINED_PX),
             motion.map(|v| v + REFINED_PX),
         );
-        // A closure would be compiled for another instruction set.
-        found.track = match start {
-            Some(start) => self.refine::<C>(template, particle, start),
+        // A closure would compile for another instruction set.
+        matched.track = match start {
+            Some(start) => self.refine::<S>(template, particle, start),
             None => Track::default(),
         };
     }
 
-    /// The whole-pixel motion with the least difference: anywhere between none and the surface's motion, and a little
-    /// to the sides, rather where the particle's depth suggests. Of equal ones the first along the way, then across.
+    /// The whole-pixel motion with the smallest cost: its SAD plus its distance from the motion that the particle's depth
+    /// suggests. Of equal ones, the first along the ray, then across.
     #[inline(always)]
-    #[expect(
-        clippy::inline_always,
-        reason = "compiled for the instruction set of its caller"
-    )]
-    fn whole_pixel<C: Compare>(
+    fn whole_pixel<S: Simd>(
         &self,
         template: &Template,
         particle: &Particle,
-        way: &Way,
+        ray: &SearchRay,
     ) -> Option<[i32; 2]> {
-        let (x, y) = (C::Lanes::splat(way.along[0]), C::Lanes::splat(way.along[1]));
-        let [from, to] = way.ends;
-        let expected = C::Lanes::splat(share(particle.depth_mm) * way.length);
-        let never = C::Lanes::splat(f32::INFINITY);
-        let mut differences = [0; TABLE + 2];
-        // Each lane has the best of every eighth step along the way.
-        let (mut least, mut best_along, mut best_across) = (never, never, never);
+        let (x, y) = (S::F32x8::splat(ray.along[0]), S::F32x8::splat(ray.along[1]));
+        let [from, to] = ray.ends;
+        let expected = S::F32x8::splat(motion_ratio(particle.depth_mm) * ray.length);
+        let never = S::F32x8::splat(f32::INFINITY);
+        let mut sads = [0; TABLE + 2];
+        // Each lane holds the best of every eighth step along the ray.
+        let (mut min_cost, mut best_along, mut best_across) = (never, never, never);
         let mut step = from;
         while step <= to {
-            let hull = way.hull([step, (step + 7.0).min(to)]);
-            let within = hull.inside(particle);
-            let along = C::Lanes::splat(step).plus(C::Lanes::load(&[0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0]));
+            let bounds = ray.bounds([step, (step + 7.0).min(to)]);
+            let within = bounds.clipped(particle);
+            let along = S::F32x8::splat(step).add(S::F32x8::load(&[0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0]));
             step += 8.0;
             if within.is_empty() {
                 continue;
             }
-            self.differences::<C>(template, particle, &within, &mut differences);
-            let off_along = C::Lanes::splat(PRIOR[0]).times(along.minus(expected).abs());
-            let off_along = C::Lanes::splat(to).where_less(along, never, off_along);
+            self.sad_table::<S>(template, particle, &within, &mut sads);
+            let along_cost = S::F32x8::splat(PRIOR[0]).multiply(along.subtract(expected).abs());
+            let along_cost = S::F32x8::splat(to).select_less(along, never, along_cost);
             let (left, top) = (
-                C::Lanes::splat(within.first[0] as f32),
-                C::Lanes::splat(within.first[1] as f32),
+                S::F32x8::splat(within.first[0] as f32),
+                S::F32x8::splat(within.first[1] as f32),
             );
             let (right, bottom) = (
-                C::Lanes::splat(within.last[0] as f32),
-                C::Lanes::splat(within.last[1] as f32),
+                S::F32x8::splat(within.last[0] as f32),
+                S::F32x8::splat(within.last[1] as f32),
             );
-            let mut aside = -way.aside;
-            while aside <= way.aside {
-                let across = C::Lanes::splat(aside);
-                let dx = along.times(x).minus(across.times(y)).nearest();
-                let dy = along.times(y).plus(across.times(x)).nearest();
-                let row = dy.minus(top).times(C::Lanes::splat(SQUARE as f32));
-                let difference = row.plus(dx.minus(left)).look_up(&differences);
-                let mut cost = difference
-                    .plus(off_along)
-                    .plus(C::Lanes::splat(PRIOR[1] * aside * aside));
-                if within != hull {
-                    cost = dx.where_less(left, never, cost);
-                    cost = dy.where_less(top, never, cost);
-                    cost = right.where_less(dx, never, cost);
-                    cost = bottom.where_less(dy, never, cost);
+            let mut offset = -ray.half_width;
+            while offset <= ray.half_width {
+                let across = S::F32x8::splat(offset);
+                let dx = along.multiply(x).subtract(across.multiply(y)).round();
+                let dy = along.multiply(y).add(across.multiply(x)).round();
+                let row = dy.subtract(top).multiply(S::F32x8::splat(TABLE_SIDE as f32));
+                let sad = row.add(dx.subtract(left)).gather(&sads);
+                let mut cost = sad
+                    .add(along_cost)
+                    .add(S::F32x8::splat(PRIOR[1] * offset * offset));
+                if within != bounds {
+                    cost = dx.select_less(left, never, cost);
+                    cost = dy.select_less(top, never, cost);
+                    cost = right.select_less(dx, never, cost);
+                    cost = bottom.select_less(dy, never, cost);
                 }
-                best_along = cost.where_less(least, along, best_along);
-                best_across = cost.where_less(least, across, best_across);
-                least = cost.where_less(least, cost, least);
-                aside += 1.0;
+                best_along = cost.select_less(min_cost, along, best_along);
+                best_across = cost.select_less(min_cost, across, best_across);
+                min_cost = cost.select_less(min_cost, cost, min_cost);
+                offset += 1.0;
             }
         }
         let [mut cost, mut along, mut across] = [[0.0; 8]; 3];
-        least.store(&mut cost);
+        min_cost.store(&mut cost);
         best_along.store(&mut along);
         best_across.store(&mut across);
         let mut best = 0;
@@ -215,107 +212,97 @@ impl Search<'_> {
                 best = k;
             }
         }
-        (cost[best] < f32::INFINITY).then(|| way.place(along[best], across[best]))
+        (cost[best] < f32::INFINITY).then(|| ray.motion(along[best], across[best]))
     }
 
-    /// The differences at these motions, in rows of [`SQUARE`].
+    /// The SADs at these motions, in rows of [`TABLE_SIDE`].
     #[inline(always)]
-    #[expect(
-        clippy::inline_always,
-        reason = "compiled for the instruction set of its caller"
-    )]
-    fn differences<C: Compare>(
-        &self,
-        template: &Template,
-        particle: &Particle,
-        at: &Motions,
-        out: &mut Table,
-    ) {
+    fn sad_table<S: Simd>(&self, template: &Template, particle: &Particle, at: &MotionRect, out: &mut Table) {
         let [x0, y0] = particle.corner();
-        let rows = out.as_chunks_mut::<SQUARE>().0;
+        let rows = out.as_chunks_mut::<TABLE_SIDE>().0;
         for (row, dy) in rows.iter_mut().zip(at.first[1]..=at.last[1]) {
             let eights = row.as_chunks_mut::<8>().0;
             for (eight, dx) in eights.iter_mut().zip((at.first[0]..=at.last[0]).step_by(8)) {
-                *eight = C::eight(&template.pixels, &self.now.rows(x0 + dx, y0 + dy));
+                let pixels = self.now.rows::<PATCH>(x0 + dx, y0 + dy).pixels();
+                *eight = S::sad_x8(&template.pixels, pixels, Level::<CROP_SIDE>::STRIDE);
             }
         }
     }
 
-    /// Least squares from a whole pixel on: inverse compositional, the image interpolated by cubic polynomials.
+    /// Refines a whole-pixel motion: inverse compositional Lucas–Kanade (Gauss–Newton), cubic interpolation.
     #[inline(always)]
-    #[expect(
-        clippy::inline_always,
-        reason = "compiled for the instruction set of its caller"
-    )]
-    fn refine<C: Compare>(&self, template: &Template, particle: &Particle, start: Start) -> Track {
-        let mut patch = Patch::<C::Lanes>::new(template, self.now, particle.corner());
+    fn refine<S: Simd>(&self, template: &Template, particle: &Particle, start: Start) -> Track {
+        let mut patch = Patch::<S::F32x8>::new(template, self.now, particle.corner());
         let start_px = [start.motion[0] as f32, start.motion[1] as f32];
         let mut at = start_px;
         let mut residual = f32::INFINITY;
-        for round in 0..=STEPS {
-            if round == 0 {
-                patch.look_at_whole(start.motion);
+        for step_count in 0..=STEPS_MAX {
+            if step_count == 0 {
+                patch.sample_whole(start.motion);
             } else {
-                patch.look_at(at);
+                patch.sample(at);
             }
             let [xx, xy, yy] = template.inverse;
-            let along_x = patch.product(&template.slopes[0]);
-            let along_y = patch.product(&template.slopes[1]);
+            let along_x = patch.dot(&template.gradients[0]);
+            let along_y = patch.dot(&template.gradients[1]);
             let step = [xx * along_x + xy * along_y, xy * along_x + yy * along_y];
-            let done = step[0].abs() < SMALL_STEP && step[1].abs() < SMALL_STEP;
-            if done || round == STEPS {
+            let done = step[0].abs() < CONVERGED_STEP && step[1].abs() < CONVERGED_STEP;
+            if done || step_count == STEPS_MAX {
                 residual = patch.residual(self.weights);
             }
             if done {
                 break;
             }
             at = [at[0] - step[0], at[1] - step[1]];
-            // Written so that NaN ends here too.
+            // Written so that NaN ends here, too.
             let near =
-                (at[0] - start_px[0]).abs() < FARTHEST_STEP && (at[1] - start_px[1]).abs() < FARTHEST_STEP;
+                (at[0] - start_px[0]).abs() < REFINEMENT_MAX && (at[1] - start_px[1]).abs() < REFINEMENT_MAX;
             if !near {
                 return Track::default();
             }
         }
         let confidence = 1.0 - residual / template.contrast;
-        let least = LEAST_CONFIDENCE[usize::from(start.long)];
+        let min = CONFIDENCE_MIN[usize::from(start.long)];
         Track {
             motion_px: at,
-            confidence: if confidence > least { confidence } else { 0.0 },
+            confidence: if confidence > min { confidence } else { 0.0 },
         }
     }
 }
 
-/// Share of the surface's motion that a particle at this depth takes part in: a line to the base.
-pub(super) fn share(depth_mm: f32) -> f32 {
+/// Motion of a particle at this depth relative to the surface's: falls linearly to 0 at the base.
+pub(super) fn motion_ratio(depth_mm: f32) -> f32 {
     1.0 - depth_mm / THICKNESS_MM
 }
 
 #[cfg(test)]
-#[expect(
-    unsafe_code,
-    reason = "functions for an instruction set, called where there is one"
-)]
 mod tests {
-    use super::super::compare::{Plain, difference};
+    use super::super::block_matching::sad;
     use super::super::particles;
     use super::super::pyramid::Pyramid;
     use super::*;
+    use crate::instruction_set::InstructionSet;
+    use crate::simd::{Dispatch, dispatch_256};
 
-    /// One place after the other, as it is meant.
-    fn one_by_one(search: &Search, template: &Template, particle: &Particle, way: &Way) -> Option<[i32; 2]> {
-        let expected = share(particle.depth_mm) * way.length;
+    /// The definition: one motion after the other.
+    fn one_by_one(
+        search: &Search,
+        template: &Template,
+        particle: &Particle,
+        ray: &SearchRay,
+    ) -> Option<[i32; 2]> {
+        let expected = motion_ratio(particle.depth_mm) * ray.length;
         let [x0, y0] = particle.corner();
         let mut best = (f32::INFINITY, None);
-        let mut along = way.ends[0];
-        while along <= way.ends[1] {
-            let mut across = -way.aside;
-            while across <= way.aside {
-                let motion = way.place(along, across);
+        let mut along = ray.ends[0];
+        while along <= ray.ends[1] {
+            let mut across = -ray.half_width;
+            while across <= ray.half_width {
+                let motion = ray.motion(along, across);
                 let at = [0, 1].map(|k| i32::from(particle.pixel[k]) + motion[k]);
                 if at.iter().all(|at| (2..CROP_SIDE as i32 - 2).contains(at)) {
                     let rows = search.now.rows(x0 + motion[0], y0 + motion[1]);
-                    let cost = difference(&template.pixels, &rows) as f32
+                    let cost = sad(&template.pixels, &rows) as f32
                         + PRIOR[0] * (along - expected).abs()
                         + PRIOR[1] * across * across;
                     if cost < best.0 {
@@ -329,10 +316,16 @@ mod tests {
         best.1
     }
 
-    #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx2")]
-    fn by_avx2(search: &Search, template: &Template, particle: &Particle, way: &Way) -> Option<[i32; 2]> {
-        search.whole_pixel::<super::super::compare::Avx2>(template, particle, way)
+    struct WholePixel<'a>(&'a Search<'a>, &'a Template, &'a Particle, &'a SearchRay);
+
+    impl Dispatch for WholePixel<'_> {
+        type Output = Option<[i32; 2]>;
+
+        #[inline(always)]
+        fn run<S: Simd>(self) -> Option<[i32; 2]> {
+            let Self(search, template, particle, ray) = self;
+            search.whole_pixel::<S>(template, particle, ray)
+        }
     }
 
     /// Spots in a row and a column apart, each like many others: there are equal ones to choose from.
@@ -348,15 +341,15 @@ mod tests {
             })
             .collect();
         let mut pyramid = Pyramid::new();
-        pyramid.take(&picture, &Changed::everything());
+        pyramid.update(&picture, &DirtyTiles::all());
         pyramid
     }
 
     #[test]
     fn many_places_at_once_find_what_one_after_the_other_do() {
-        let weights = Weights::new();
+        let weights = PatchWeights::new();
         let rest = spots(11);
-        let particles = particles::find(&rest.full);
+        let particles = particles::detect(&rest.full);
         let (mut found, mut far) = (0, 0);
         for (apart, (length, turn)) in [0.0, 0.6, 3.0, 4.5, 9.0, 40.0, 130.0]
             .into_iter()
@@ -369,15 +362,13 @@ mod tests {
                 now: &now.full,
             };
             let angle = turn as f32 * std::f32::consts::PI / 6.0;
-            let way = Way::new([length * angle.cos(), length * angle.sin()]);
+            let ray = SearchRay::new([length * angle.cos(), length * angle.sin()]);
             for particle in particles.iter().skip(apart).step_by(61) {
                 let template = Template::new(&rest.full, particle, &weights).expect("a spot");
-                let expected = one_by_one(&search, &template, particle, &way);
-                assert_eq!(search.whole_pixel::<Plain>(&template, particle, &way), expected);
-                #[cfg(target_arch = "x86_64")]
-                if is_x86_feature_detected!("avx2") {
-                    // SAFETY: the processor has it.
-                    assert_eq!(unsafe { by_avx2(&search, &template, particle, &way) }, expected);
+                let expected = one_by_one(&search, &template, particle, &ray);
+                for set in InstructionSet::ALL.into_iter().filter(|set| set.is_available()) {
+                    let found = dispatch_256(set, WholePixel(&search, &template, particle, &ray));
+                    assert_eq!(found, expected, "{set}");
                 }
                 found += usize::from(expected.is_some());
                 far += usize::from(expected.is_some_and(|[x, y]| x.abs().max(y.abs()) > 20));

@@ -1,51 +1,56 @@
-//! Finds every particle of the rest image again in the image now: where its surroundings went (block matching, coarse
-//! to fine), the best whole pixel along that way for its depth, then least squares of its own 7×7 pixels, then whether
-//! its neighbours agree. The tracks follow from (rest, now) alone; what did not change since the last image is kept.
+//! Tracks every particle of the rest image into the image now: coarse-to-fine block matching of its surroundings, a
+//! whole-pixel search along the resulting ray, Lucas–Kanade on its own 7×7 pixels, and a vote with its neighbours. The
+//! tracks depend on (rest, now) alone; what did not change since the last frame is kept.
 //! Pixels of the crop. No allocation after [`Tracker::set_rest`].
+#![expect(
+    clippy::inline_always,
+    reason = "code compiles for the instruction set of the function that it is inlined into"
+)]
 
-use super::changed::{Changed, Tiles};
-#[cfg(target_arch = "x86_64")]
-use super::compare::Avx2;
-use super::compare::{Compare, Plain};
-use super::flow::{Between, Flow, NodeRange};
+use super::dirty_tiles::{DirtyTiles, TileRect};
+use super::flow::{Flow, NodePosition, NodeRect};
 use super::particles::{self, Particle};
-use super::patch::{Template, Weights};
+use super::patch::{PatchWeights, Template};
 use super::pyramid::Pyramid;
-use super::search::{Found, Search, Track, share};
-use super::way::length;
+use super::search::{Match, Search, Track, motion_ratio};
+use super::search_ray::length;
 use crate::constants::CROP_SIDE;
-use crate::instruction_set::{InstructionSet, InstructionSetError};
+use crate::error::NetworkError;
+use crate::image::check_crop;
+use crate::instruction_set::InstructionSet;
+use crate::simd::{Dispatch, Simd, dispatch_256};
 
-/// Depth of a particle that moves as its surroundings do on the mean, mm.
+/// Depth of a particle that moves like the mean of its surroundings, mm.
 const MEAN_DEPTH_MM: f32 = 3.2;
-/// Pixels a side of the cells within which tracks must agree, and cells a side.
+/// Side of the cells in which tracks must agree, pixels, and cells per side.
 const CELL: usize = 40;
 const CELLS: usize = CROP_SIDE / CELL;
-/// Fewest tracks of a cell that can outvote one, and most that are heard.
-const VOTES: [usize; 2] = [5, 32];
+/// Smallest number of votes that counts in a cell, and the largest that are collected.
+const VOTES_MIN: usize = 5;
+const VOTES_MAX: usize = 32;
 
-/// A particle that can be followed, and the searches for it.
+/// A particle that can be tracked.
 #[derive(Debug, Clone)]
-struct Sought {
-    /// Its place among all particles.
+struct TrackedParticle {
+    /// Its index among all particles.
     index: usize,
     particle: Particle,
-    /// The nodes of the flow that tell how its surroundings move.
-    between: Between,
+    /// Where the coarse flow gives the motion of its surroundings.
+    flow_position: NodePosition,
     template: Template,
-    /// By the motion of the surroundings.
-    first: Found,
-    /// By what the cell said the surface's motion is, if the first track contradicts that.
-    again: Found,
+    /// Searched with the motion of its surroundings.
+    first: Match,
+    /// Searched with the motion that its cell voted for, when the first match contradicts it.
+    second: Match,
 }
 
 /// The particles of a square of the image, which have to agree.
 #[derive(Debug, Clone)]
 struct Cell {
-    sought: Vec<Sought>,
-    /// What the searches looked at, and the nodes of the flow that they went by.
-    tiles: Tiles,
-    nodes: NodeRange,
+    particles: Vec<TrackedParticle>,
+    /// The tiles and the flow nodes that the matches depend on.
+    tiles: TileRect,
+    nodes: NodeRect,
 }
 
 /// The tracker with its images, particles and tracks.
@@ -57,9 +62,9 @@ pub struct Tracker {
     particles: Vec<Particle>,
     cells: Vec<Cell>,
     tracks: Vec<Track>,
-    weights: Weights,
-    /// Whether `now` holds an image since the rest image was taken.
-    known: bool,
+    weights: PatchWeights,
+    /// Whether `now` and the matches are those of the last frame.
+    valid: bool,
     instructions: InstructionSet,
 }
 
@@ -80,53 +85,56 @@ impl Tracker {
             particles: Vec::new(),
             cells: Vec::new(),
             tracks: Vec::new(),
-            weights: Weights::new(),
-            known: false,
+            weights: PatchWeights::new(),
+            valid: false,
             instructions: InstructionSet::widest(),
         }
     }
 
-    /// The same tracker on another instruction set than the widest that the processor has. Tracks are the same, bit by
-    /// bit.
+    /// Uses another instruction set than the widest available. Tracks are the same, bit by bit.
     ///
     /// # Errors
     /// When the processor does not have it.
-    pub fn with_instructions(mut self, instructions: InstructionSet) -> Result<Self, InstructionSetError> {
+    pub fn with_instructions(mut self, instructions: InstructionSet) -> Result<Self, NetworkError> {
         self.instructions = instructions.checked()?;
         Ok(self)
     }
 
-    /// Finds the particles of the untouched skin in a 440×440 image.
+    /// Detects the particles of the untouched sensor in a 440×440 image.
+    ///
+    /// # Panics
+    /// When `rest` is not 440×440 bytes.
     pub fn set_rest(&mut self, rest: &[u8]) {
-        self.rest.take(rest, &Changed::everything());
+        check_crop(rest);
+        self.rest.update(rest, &DirtyTiles::all());
         let image = &self.rest.full;
-        self.particles = particles::find(image);
+        self.particles = particles::detect(image);
         self.cells = (0..CELLS * CELLS)
             .map(|cell| {
                 let corner = [cell % CELLS, cell / CELLS].map(|at| (at * CELL) as f32);
                 Cell {
-                    sought: Vec::new(),
-                    tiles: Tiles::ALL,
-                    nodes: Flow::nodes(corner, corner.map(|at| at + CELL as f32)),
+                    particles: Vec::new(),
+                    tiles: TileRect::ALL,
+                    nodes: Flow::nodes_between(corner, corner.map(|at| at + CELL as f32)),
                 }
             })
             .collect();
         for (index, particle) in self.particles.iter().enumerate() {
             let [column, row] = particle.pixel.map(|at| usize::from(at) / CELL);
             if let Some(template) = Template::new(image, particle, &self.weights) {
-                self.cells[row * CELLS + column].sought.push(Sought {
+                self.cells[row * CELLS + column].particles.push(TrackedParticle {
                     index,
                     particle: *particle,
-                    between: Flow::between(particle.at_px),
+                    flow_position: Flow::position(particle.at_px),
                     template,
-                    first: Found::nothing(),
-                    again: Found::nothing(),
+                    first: Match::none(),
+                    second: Match::none(),
                 });
             }
         }
-        self.cells.retain(|cell| !cell.sought.is_empty());
+        self.cells.retain(|cell| !cell.particles.is_empty());
         self.tracks = vec![Track::default(); self.particles.len()];
-        self.known = false;
+        self.valid = false;
     }
 
     /// The particles at rest.
@@ -135,107 +143,107 @@ impl Tracker {
         &self.particles
     }
 
-    /// Where they went, in the same order.
+    /// Their tracks, in the same order.
     #[must_use]
     pub fn tracks(&self) -> &[Track] {
         &self.tracks
     }
 
-    /// Forgets the last image, so that the next one is looked at as a whole.
-    pub fn forget(&mut self) {
-        self.known = false;
+    /// Discards the last frame, so that the next one is tracked as a whole.
+    pub fn invalidate(&mut self) {
+        self.valid = false;
     }
 
-    /// Follows the particles into a 440×440 image; whether any track can have changed.
+    /// Tracks the particles into a 440×440 image. Returns whether any track can have changed.
+    ///
+    /// # Panics
+    /// When `now` is not 440×440 bytes.
     pub fn track(&mut self, now: &[u8]) -> bool {
-        match self.instructions {
-            InstructionSet::Portable => self.follow::<Plain>(now),
-            // Most vectors here are eight numbers wide: wider ones gain nothing.
-            #[cfg(target_arch = "x86_64")]
-            #[expect(unsafe_code, reason = "compiled for an instruction set that was checked for")]
-            // SAFETY: the processor has it, or it would not have been taken; AVX-512F implies AVX2.
-            InstructionSet::Avx2 | InstructionSet::Avx512 => unsafe { self.follow_avx2(now) },
-            #[cfg(not(target_arch = "x86_64"))]
-            InstructionSet::Avx2 | InstructionSet::Avx512 => self.follow::<Plain>(now),
-        }
+        check_crop(now);
+        dispatch_256(self.instructions, TrackFrame { tracker: self, now })
     }
 
-    /// The same operations in the same order, so the same bits.
-    #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx2")]
-    fn follow_avx2(&mut self, now: &[u8]) -> bool {
-        self.follow::<Avx2>(now)
-    }
-
-    #[expect(
-        clippy::inline_always,
-        reason = "compiled for the instruction set of its caller"
-    )]
     #[inline(always)]
-    fn follow<C: Compare>(&mut self, now: &[u8]) -> bool {
-        let changed = if self.known {
-            Changed::between(&self.now.full, now)
+    fn track_with<S: Simd>(&mut self, now: &[u8]) -> bool {
+        let dirty = if self.valid {
+            DirtyTiles::between(&self.now.full, now)
         } else {
-            Changed::everything()
+            DirtyTiles::all()
         };
-        if changed.nothing() {
+        if dirty.is_empty() {
             return false;
         }
-        self.known = true;
-        let changed = &changed;
-        self.now.take(now, changed);
-        self.flow.find::<C>(&self.rest, &self.now, changed);
+        self.valid = true;
+        let dirty = &dirty;
+        self.now.update(now, dirty);
+        self.flow.update::<S>(&self.rest, &self.now, dirty);
         let search = Search {
             weights: &self.weights,
             now: &self.now.full,
         };
-        let mean_share = share(MEAN_DEPTH_MM);
+        let mean_ratio = motion_ratio(MEAN_DEPTH_MM);
         for cell in &mut self.cells {
-            if !self.flow.moved(cell.nodes) && !changed.any(cell.tiles) {
+            if !self.flow.changed_in(cell.nodes) && !dirty.any_in(cell.tiles) {
                 continue;
             }
             let mut votes = Votes::new();
-            for sought in &mut cell.sought {
-                let surface_px = self.flow.at(sought.between).map(|v| v / mean_share);
-                search.update::<C>(
-                    &mut sought.first,
-                    &sought.template,
-                    &sought.particle,
+            for tracked in &mut cell.particles {
+                let surface_px = self.flow.at(tracked.flow_position).map(|v| v / mean_ratio);
+                search.update::<S>(
+                    &mut tracked.first,
+                    &tracked.template,
+                    &tracked.particle,
                     surface_px,
-                    changed,
+                    dirty,
                 );
-                votes.cast(&sought.particle, &sought.first.track);
+                votes.cast(&tracked.particle, &tracked.first.track);
             }
             let voted_px = votes.median();
-            cell.tiles = Tiles::NONE;
-            for sought in &mut cell.sought {
-                let mut track = sought.first.track;
-                cell.tiles = cell.tiles.hull(sought.first.seen());
+            cell.tiles = TileRect::NONE;
+            for tracked in &mut cell.particles {
+                let mut track = tracked.first.track;
+                cell.tiles = cell.tiles.union(tracked.first.tiles());
                 if contradicts(&track, voted_px) {
-                    search.update::<C>(
-                        &mut sought.again,
-                        &sought.template,
-                        &sought.particle,
+                    search.update::<S>(
+                        &mut tracked.second,
+                        &tracked.template,
+                        &tracked.particle,
                         voted_px,
-                        changed,
+                        dirty,
                     );
-                    cell.tiles = cell.tiles.hull(sought.again.seen());
-                    track = sought.again.track;
+                    cell.tiles = cell.tiles.union(tracked.second.tiles());
+                    track = tracked.second.track;
                     if contradicts(&track, voted_px) {
                         track.confidence = 0.0;
                     }
                 } else {
-                    // What changes now it does not see.
-                    sought.again.forget();
+                    // It misses what changes now.
+                    tracked.second.invalidate();
                 }
-                self.tracks[sought.index] = track;
+                self.tracks[tracked.index] = track;
             }
         }
         true
     }
 }
 
-/// Whether a track is lost or not one of a surface that moves like this, at any depth. No vote, no contradiction.
+/// Runs [`Tracker::track_with`].
+struct TrackFrame<'a> {
+    tracker: &'a mut Tracker,
+    now: &'a [u8],
+}
+
+impl Dispatch for TrackFrame<'_> {
+    type Output = bool;
+
+    #[inline(always)]
+    fn run<S: Simd>(self) -> bool {
+        self.tracker.track_with::<S>(self.now)
+    }
+}
+
+/// Whether a track is lost, or impossible at any depth below a surface that moves like this. NaN (no vote) contradicts
+/// nothing.
 fn contradicts(track: &Track, [x, y]: [f32; 2]) -> bool {
     if x.is_nan() {
         return false;
@@ -250,51 +258,43 @@ fn contradicts(track: &Track, [x, y]: [f32; 2]) -> bool {
         || across.abs() > 0.35 * length + 1.0
 }
 
-/// What the tracks of a cell say about the surface's motion.
+/// The motions of the surface that the tracks of a cell suggest.
 struct Votes {
-    cast: [[f32; VOTES[1]]; 2],
+    motions_px: [[f32; VOTES_MAX]; 2],
     count: usize,
 }
 
 impl Votes {
     fn new() -> Self {
         Self {
-            cast: [[0.0; VOTES[1]]; 2],
+            motions_px: [[0.0; VOTES_MAX]; 2],
             count: 0,
         }
     }
 
     fn cast(&mut self, particle: &Particle, track: &Track) {
-        if track.confidence > 0.0 && self.count < VOTES[1] {
-            let share = share(particle.depth_mm).max(0.3);
+        if track.confidence > 0.0 && self.count < VOTES_MAX {
+            let ratio = motion_ratio(particle.depth_mm).max(0.3);
             for k in 0..2 {
-                self.cast[k][self.count] = track.motion_px[k] / share;
+                self.motions_px[k][self.count] = track.motion_px[k] / ratio;
             }
             self.count += 1;
         }
     }
 
-    /// The median; NaN where too few voted.
-    #[expect(
-        clippy::inline_always,
-        reason = "compiled for the instruction set of its caller"
-    )]
+    /// The median; NaN if too few voted.
     #[inline(always)]
     fn median(&mut self) -> [f32; 2] {
-        if self.count < VOTES[0] {
+        if self.count < VOTES_MIN {
             return [f32::NAN; 2];
         }
-        [0, 1].map(|k| middle(&mut self.cast[k], self.count))
+        [0, 1].map(|k| median_of(&mut self.motions_px[k], self.count))
     }
 }
 
-/// The middle one of the first `count` votes, of an even number the upper: the one with as many below it.
-#[expect(
-    clippy::inline_always,
-    reason = "compiled for the instruction set of its caller"
-)]
+/// The (upper) median of the first `count` votes.
 #[inline(always)]
-fn middle(votes: &mut [f32; VOTES[1]], count: usize) -> f32 {
+fn median_of(votes: &mut [f32; VOTES_MAX], count: usize) -> f32 {
     votes[count..].fill(f32::INFINITY);
     let wanted = (count / 2) as u32;
     for &candidate in &votes[..count] {

@@ -1,11 +1,11 @@
-//! Pictures for the scene gate and the health: virtual sensors at rest, touched lightly and hard, pulled, twisted and let
-//! go, each state with its true map; and the same seen by faulty cameras. Drawn from sensors that nothing else uses.
+//! Pictures for the scene gate and the health check: virtual sensors at rest, pressed lightly and hard, pulled, turned and
+//! released, each state with its true map; and the same with camera faults. These sensors serve nothing else.
 //! Units: grey levels, N, mm, rad.
 
 use std::sync::Arc;
 
-use gripline_network::ForceMap;
 use gripline_network::image::Image88;
+use gripline_network::{ForceMap, NO_FORCES};
 use gripline_simulation::constants::REST_PICTURES;
 use gripline_simulation::contact_world::{
     Contact, Drive, GelSurface, Mount, Press, Shape, TRAINING_SHAPES, Truth, UNSEEN_SHAPES,
@@ -14,26 +14,26 @@ use gripline_simulation::{
     CameraFault, Fingertip, FingertipParams, Gel, Image, SimulationError, block_mean_88,
 };
 
-use crate::dice::Dice;
+use crate::rng::Rng;
 
 /// Upper four bits of these sensors' numbers: those of samples have 1 to 4, those of scenes 0.
 const SENSORS: u64 = 9;
-/// Fresh pictures at rest a sensor.
+/// Pictures at rest per sensor.
 const UNTOUCHED: usize = 30;
-/// Touches a sensor.
+/// Touches per sensor.
 const TOUCHES: usize = 4;
-/// Cells along the side of the skin: the training grid's.
+/// Cells per side of the sensor surface: the training grid's.
 const CELLS: usize = 80;
 /// Lightest force of a touch, N; then each is so much larger, up to the touch's own peak.
 const LIGHTEST_N: f32 = 0.04;
 const GROWTH: f32 = 1.35;
 /// Peak forces, N.
 const PEAK_N: [f32; 2] = [0.15, 12.0];
-/// Largest change of the light against the pictures at rest, share: the world's own and more.
+/// Largest relative change of brightness since rest: the world's own and more.
 const DRIFT: f32 = 0.04;
-/// How much noisier than at rest a camera becomes, at most: warmer.
+/// Largest growth of the camera's noise since rest, as it warms up.
 const NOISIER: f32 = 1.08;
-/// One in so many pictures is shown by every faulty camera too.
+/// Every n-th picture is also taken with every camera fault.
 const FAULTY_EVERY: usize = 16;
 
 /// What the pictures are for.
@@ -75,10 +75,10 @@ pub(crate) fn sensor(
     skin: &Arc<GelSurface>,
 ) -> Result<Sensor, SimulationError> {
     let unit = (SENSORS << 60) | ((purpose as u64) << 32) | number;
-    let mut dice = Dice::new(unit);
+    let mut rng = Rng::new(unit);
     let params = FingertipParams::of_sensor(unit);
     let quieter = FingertipParams {
-        noise_levels: params.noise_levels / f64::from(dice.between(1.0, NOISIER)),
+        noise_levels: params.noise_levels / f64::from(rng.between(1.0, NOISIER)),
         ..params
     };
     let mut at_rest = Fingertip::new(unit, quieter)?;
@@ -86,10 +86,10 @@ pub(crate) fn sensor(
         .map(|_| block_mean_88(&at_rest.rest_image().pixels))
         .collect();
     let mut fingertip = Fingertip::new(unit, params)?;
-    let mut camera = Shots {
+    let mut camera = Camera {
         fingertip: &mut fingertip,
         brightness: params.brightness,
-        dice: Dice::new(unit ^ 1),
+        rng: Rng::new(unit ^ 1),
         crop: Image::crop(),
         sensor: Sensor {
             rest,
@@ -105,43 +105,43 @@ pub(crate) fn sensor(
         Purpose::Report => UNSEEN_SHAPES.to_vec(),
     };
     for touch in 1..=TOUCHES {
-        // A nearly flat ball moves much skin a little: the touch that is hardest to see.
-        let shape = if dice.below(4) == 0 {
+        // A nearly flat ball moves much of the surface a little: the touch that is hardest to detect.
+        let shape = if rng.below(4) == 0 {
             Shape::Sphere {
-                radius_mm: f64::from(dice.between(20.0, 60.0)),
+                radius_mm: f64::from(rng.between(20.0, 60.0)),
             }
         } else {
-            shapes[dice.below(shapes.len())]
+            shapes[rng.below(shapes.len())]
         };
-        let friction = f64::from(dice.between(0.4, 1.0));
+        let friction = f64::from(rng.between(0.4, 1.0));
         let contact = Contact::new(Arc::clone(skin), Arc::new(shape), friction, Mount::default())?;
-        play(contact, touch, &mut dice, &mut camera)?;
+        press(contact, touch, &mut rng, &mut camera)?;
     }
     Ok(camera.sensor)
 }
 
-/// Presses, pulls and twists, and lets go; shows every state twice. A state that does not solve ends the touch.
-fn play(
+/// Presses, pulls, turns and releases; takes two pictures of every state. A state without solution ends the touch.
+fn press(
     mut contact: Contact,
     touch: usize,
-    dice: &mut Dice,
-    camera: &mut Shots<'_>,
+    rng: &mut Rng,
+    camera: &mut Camera<'_>,
 ) -> Result<(), SimulationError> {
     let mut drive = Drive {
         press: Press::Force(0.0),
-        at_mm: [0, 1].map(|_| f64::from(dice.between(-13.0, 13.0))),
-        turn_rad: f64::from(dice.between(0.0, std::f32::consts::TAU)),
+        at_mm: [0, 1].map(|_| f64::from(rng.between(-13.0, 13.0))),
+        turn_rad: f64::from(rng.between(0.0, std::f32::consts::TAU)),
         tilt_rad: [0.0; 2],
     };
-    let peak_n = (dice.between(PEAK_N[0].ln(), PEAK_N[1].ln())).exp();
-    let pull = [0, 1].map(|_| f64::from(dice.between(-0.09, 0.09)) * f64::from(peak_n).sqrt());
-    let turn = f64::from(dice.between(-0.02, 0.02));
+    let peak_n = (rng.between(PEAK_N[0].ln(), PEAK_N[1].ln())).exp();
+    let pull = [0, 1].map(|_| f64::from(rng.between(-0.09, 0.09)) * f64::from(peak_n).sqrt());
+    let turn = f64::from(rng.between(-0.02, 0.02));
     let mut loads = vec![LIGHTEST_N];
     while loads[loads.len() - 1] * GROWTH < peak_n {
         loads.push(loads[loads.len() - 1] * GROWTH);
     }
     let pressed = loads.len();
-    // Held while it is pulled and twisted, then let go.
+    // Held while it is pulled and turned, then released.
     loads.extend([peak_n; 9]);
     loads.extend((1..=6).map(|step| peak_n * 0.6_f32.powi(step)));
     for (state, &load_n) in loads.iter().enumerate() {
@@ -160,21 +160,21 @@ fn play(
     Ok(())
 }
 
-/// The camera of one sensor and what it has taken.
-struct Shots<'a> {
+/// The camera of one sensor and its pictures.
+struct Camera<'a> {
     fingertip: &'a mut Fingertip,
     brightness: f64,
-    dice: Dice,
+    rng: Rng,
     crop: Image,
     sensor: Sensor,
 }
 
-impl Shots<'_> {
+impl Camera<'_> {
     fn take(&mut self, truth: Option<&Truth>, touch: usize, state: usize) -> Result<(), SimulationError> {
-        let drift = if self.dice.below(2) == 0 {
+        let drift = if self.rng.below(2) == 0 {
             0.0
         } else {
-            self.dice.between(-DRIFT, DRIFT)
+            self.rng.between(-DRIFT, DRIFT)
         };
         self.fingertip
             .set_brightness(self.brightness * f64::from(1.0 + drift))?;
@@ -190,7 +190,7 @@ impl Shots<'_> {
         }
         self.sensor.pictures.push(Picture {
             image: block_mean_88(&self.crop.pixels),
-            forces: truth.map_or([[0.0; 3]; 400], Truth::force_map),
+            forces: truth.map_or(NO_FORCES, Truth::force_map),
             touch,
             state,
         });
@@ -198,7 +198,7 @@ impl Shots<'_> {
     }
 }
 
-/// The skin that all sensors share.
+/// The sensor surface that all sensors share.
 pub(crate) fn skin() -> Result<Arc<GelSurface>, SimulationError> {
     GelSurface::new(&Gel::default(), CELLS).map(Arc::new)
 }

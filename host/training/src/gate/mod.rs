@@ -1,5 +1,5 @@
-//! Trains, quantises and writes the scene gate's network, and prints what the gate and the health make of sensors that
-//! were used for nothing else.
+//! Trains, quantises and writes the scene gate's network, and prints how the gate and the health check do on unseen
+//! sensors.
 
 mod data;
 mod health;
@@ -9,50 +9,48 @@ mod tflite;
 
 use std::path::Path;
 
-use gripline_network::scene::{GateKind, Inputs, Scene, Verdict, mean_of};
+use gripline_network::scene::{GateDecision, GateInputs, GateKind, Scene, mean_of};
 use indicatif::{ProgressBar, ProgressStyle};
 
-use crate::dice::Dice;
 use crate::error::{TrainingError, at};
+use crate::rng::Rng;
 use data::{Picture, Purpose, Sensor};
 use net::{Net, OUTPUTS};
 
 /// Samples a gradient step.
 const BATCH: usize = 64;
-/// Pairs that are drawn of each picture as the present one.
+/// Pairs drawn for each picture.
 const PAIRS: usize = 6;
-/// From this total normal force on a touch must be seen, N: a quarter of the 0.2 N that no gate may miss. Lighter ones
-/// are neither asked for nor held against the network.
+/// A touch is labelled as one from this total normal force on, N: a quarter of the 0.2 N that no gate may miss.
 const TOUCH_N: f32 = 0.05;
 /// A touch that may not be missed, N.
 pub(crate) const MISSED_N: f32 = 0.2;
-/// From this force on the calibration's touches are all seen, with so many logits to spare, whatever that costs in looks
-/// in vain, N.
+/// All calibration touches above this force must be detected with this margin in logits, whatever the false alarms, N.
 const SURE_N: f32 = 0.17;
 const MARGIN: f32 = 0.5;
-/// From this difference of two maps (sum over taxels of the difference's length) on a change must be seen: N, and share
-/// of the larger total normal force. No more than the force network's own error.
+/// Two maps count as changed from this difference on (sum over taxels of the difference's length): N plus a share of the
+/// larger total normal force. No more than the force network's own error.
 const CHANGE_N: f32 = 0.03;
 const CHANGE_SHARE: f32 = 0.04;
-/// Share of the pictures in which nothing touches or changes that may be handed to the force network in vain.
-const IN_VAIN: f32 = 0.005;
-/// What missing a touch or a change costs in training, in looks in vain.
-const MISSING: f32 = 4.0;
-/// What `gripline-training gate` is asked for.
+/// Allowed rate of false alarms: pictures without touch or change that reach the force network.
+const FALSE_ALARMS: f32 = 0.005;
+/// Training weight of a missed touch or change relative to a false alarm.
+const MISS_WEIGHT: f32 = 4.0;
+/// Options of `gripline-training gate`.
 pub(crate) struct Plan<'a> {
     pub(crate) seed: u32,
     /// Sensors to train on; a third as many each to calibrate and to report on.
     pub(crate) sensors: u32,
     pub(crate) steps: u32,
-    /// Where gate.tflite goes.
+    /// Folder for gate.tflite.
     pub(crate) out: &'a Path,
 }
 
-/// One question to the network.
-struct Question {
-    inputs: Inputs,
-    /// What the plain gate says.
-    plain: Verdict,
+/// A training example.
+struct Example {
+    inputs: GateInputs,
+    /// What the difference gate decides.
+    difference: GateDecision,
     /// Total normal force now, N.
     normal_n: f32,
     /// How far the map is from the processed one, N.
@@ -61,9 +59,9 @@ struct Question {
     limit_n: f32,
 }
 
-impl Question {
-    /// What should be answered: yes, no, or none when either will do.
-    fn wanted(&self) -> [Option<bool>; OUTPUTS] {
+impl Example {
+    /// The labels of both outputs; `None` where either answer is fine.
+    fn labels(&self) -> [Option<bool>; OUTPUTS] {
         let judge = |value: f32, yes: f32| match value {
             value if value >= yes => Some(true),
             value if value <= 0.2 * yes => Some(false),
@@ -73,9 +71,9 @@ impl Question {
     }
 }
 
-/// Trains and writes.
+/// Trains the gate and writes its file.
 pub(crate) fn train(plan: &Plan<'_>) -> Result<(), TrainingError> {
-    let mut dice = Dice::new(u64::from(plan.seed) ^ 0x6761_7465);
+    let mut rng = Rng::new(u64::from(plan.seed) ^ 0x6761_7465);
     let bar = ProgressBar::new(u64::from(plan.sensors) + 2 * u64::from(plan.sensors.div_ceil(3)));
     bar.set_style(
         ProgressStyle::with_template("sensors {pos}/{len} {bar:30} {eta}").expect("a literal template"),
@@ -96,29 +94,32 @@ pub(crate) fn train(plan: &Plan<'_>) -> Result<(), TrainingError> {
     let report = sensors(Purpose::Report, held_out)?;
     bar.finish_and_clear();
 
-    let questions = |sensors: &[Sensor], dice: &mut Dice| -> Vec<Question> {
-        sensors.iter().flat_map(|sensor| ask(sensor, dice)).collect()
+    let examples = |sensors: &[Sensor], rng: &mut Rng| -> Vec<Example> {
+        sensors
+            .iter()
+            .flat_map(|sensor| examples_of(sensor, rng))
+            .collect()
     };
-    let learning = questions(&training, &mut dice);
-    let net = fit(&learning, plan.steps as usize, &mut dice);
-    let examples: Vec<Vec<f32>> = learning
+    let learning = examples(&training, &mut rng);
+    let net = fit(&learning, plan.steps as usize, &mut rng);
+    let inputs: Vec<Vec<f32>> = learning
         .iter()
         .step_by(5)
-        .map(|question| quantise::energies(&question.inputs))
+        .map(|example| quantise::energies(&example.inputs))
         .collect();
-    let mut chain = quantise::quantise(&net, &examples);
-    let choosing = questions(&calibration, &mut dice);
-    let by = [0, 1].map(|output| decides_at(&chain, &choosing, output));
+    let mut chain = quantise::quantise(&net, &inputs);
+    let choosing = examples(&calibration, &mut rng);
+    let by = [0, 1].map(|output| threshold(&chain, &choosing, output));
     quantise::shift(&mut chain, by);
 
     println!(
-        "{} questions to learn from, {} to choose from; outputs decide at {:.2} and {:.2}",
+        "{} training examples, {} calibration examples; thresholds {:.2} and {:.2}",
         learning.len(),
         choosing.len(),
         by[0],
         by[1]
     );
-    let missed = print_report(&chain, &questions(&report, &mut dice));
+    let missed = print_report(&chain, &examples(&report, &mut rng));
     health::print_report(&calibration, &report);
     if missed > 0 {
         return Err(TrainingError::Usage(format!(
@@ -137,14 +138,14 @@ pub(crate) fn train(plan: &Plan<'_>) -> Result<(), TrainingError> {
     Ok(())
 }
 
-/// Questions about a sensor's pictures: against rest alone, the same state, states close by, any.
-fn ask(sensor: &Sensor, dice: &mut Dice) -> Vec<Question> {
+/// Examples from a sensor's pictures: pairs of the same state, of close states, and of any.
+fn examples_of(sensor: &Sensor, rng: &mut Rng) -> Vec<Example> {
     let mut scene = Scene::new(GateKind::Network, &mean_of(&sensor.rest), &sensor.rest);
-    let mut plain = Scene::new(GateKind::Difference, &mean_of(&sensor.rest), &sensor.rest);
-    let mut questions = Vec::new();
+    let mut difference_gate = Scene::new(GateKind::Difference, &mean_of(&sensor.rest), &sensor.rest);
+    let mut examples = Vec::new();
     for (at, now) in sensor.pictures.iter().enumerate() {
         for _ in 0..PAIRS {
-            let kind = dice.below(10);
+            let kind = rng.below(10);
             let other = if kind < 3 {
                 // Another picture of the same state.
                 let same: Vec<&Picture> = sensor
@@ -158,18 +159,18 @@ fn ask(sensor: &Sensor, dice: &mut Dice) -> Vec<Question> {
                     })
                     .map(|(_, other)| other)
                     .collect();
-                same.get(dice.below(same.len().max(1))).copied()
+                same.get(rng.below(same.len().max(1))).copied()
             } else if kind < 8 {
-                let near = at as isize + dice.below(13) as isize - 6;
+                let near = at as isize + rng.below(13) as isize - 6;
                 sensor.pictures.get(near.max(0) as usize)
             } else {
-                sensor.pictures.get(dice.below(sensor.pictures.len()))
+                sensor.pictures.get(rng.below(sensor.pictures.len()))
             };
             let Some(other) = other else { continue };
             scene.set_processed(&other.image);
             let inputs = scene.inputs(&now.image);
-            plain.set_processed(&other.image);
-            let plain_verdict = plain.look(&now.image).0;
+            difference_gate.set_processed(&other.image);
+            let difference_decision = difference_gate.decide(&now.image).0;
             let change_n = now
                 .forces
                 .iter()
@@ -179,31 +180,31 @@ fn ask(sensor: &Sensor, dice: &mut Dice) -> Vec<Question> {
                     squares.sum::<f32>().sqrt()
                 })
                 .sum();
-            questions.push(Question {
+            examples.push(Example {
                 inputs,
-                plain: plain_verdict,
+                difference: difference_decision,
                 normal_n: now.normal_n(),
                 change_n,
                 limit_n: CHANGE_N + CHANGE_SHARE * now.normal_n().max(other.normal_n()),
             });
         }
     }
-    questions
+    examples
 }
 
-fn fit(questions: &[Question], steps: usize, dice: &mut Dice) -> Net {
-    let samples: Vec<(Vec<f32>, [Option<bool>; OUTPUTS])> = questions
+fn fit(examples: &[Example], steps: usize, rng: &mut Rng) -> Net {
+    let samples: Vec<(Vec<f32>, [Option<bool>; OUTPUTS])> = examples
         .iter()
-        .map(|question| (quantise::energies(&question.inputs), question.wanted()))
+        .map(|example| (quantise::energies(&example.inputs), example.labels()))
         .collect();
-    let mut net = Net::new(dice);
+    let mut net = Net::new(rng);
     for step in 0..steps {
         let mut loss = 0.0;
         for _ in 0..BATCH {
-            let (input, wanted) = &samples[dice.below(samples.len())];
-            let input = &turned(input, dice.below(8));
+            let (input, wanted) = &samples[rng.below(samples.len())];
+            let input = &transformed(input, rng.below(8));
             let weight = wanted.map(|answer| match answer {
-                Some(true) => MISSING,
+                Some(true) => MISS_WEIGHT,
                 Some(false) => 1.0,
                 None => 0.0,
             });
@@ -223,21 +224,21 @@ fn fit(questions: &[Question], steps: usize, dice: &mut Dice) -> Net {
     net
 }
 
-/// One of the eight ways to turn and mirror the square: a touch may come anywhere.
-fn turned(input: &[f32], way: usize) -> Vec<f32> {
+/// Applies one of the eight symmetries of the square.
+fn transformed(input: &[f32], symmetry: usize) -> Vec<f32> {
     let last = net::SIDE - 1;
     let mut out = Vec::with_capacity(input.len());
     for row in 0..net::SIDE {
         for column in 0..net::SIDE {
-            let (mut y, mut x) = if way & 4 == 0 {
+            let (mut y, mut x) = if symmetry & 4 == 0 {
                 (row, column)
             } else {
                 (column, row)
             };
-            if way & 1 != 0 {
+            if symmetry & 1 != 0 {
                 y = last - y;
             }
-            if way & 2 != 0 {
+            if symmetry & 2 != 0 {
                 x = last - x;
             }
             let at = (y * net::SIDE + x) * net::INPUTS;
@@ -247,41 +248,37 @@ fn turned(input: &[f32], way: usize) -> Vec<f32> {
     out
 }
 
-/// The output above which a question is answered by yes: where all but [`IN_VAIN`] of the pictures in which nothing
-/// touches, or nothing has changed, stay below, or lower if a touch close to one that may not be missed wants it.
-fn decides_at(chain: &[tflite::Convolution], questions: &[Question], output: usize) -> f32 {
-    let answers = |of: &dyn Fn(&Question) -> bool| {
-        let mut answers: Vec<f32> = questions
+/// The threshold of an output: the value that all but [`FALSE_ALARMS`] of the pictures without touch (or change) stay
+/// below, or less if a touch that may not be missed needs it.
+fn threshold(chain: &[tflite::Convolution], examples: &[Example], output: usize) -> f32 {
+    let answers = |of: &dyn Fn(&Example) -> bool| {
+        let mut answers: Vec<f32> = examples
             .iter()
-            .filter(|question| of(question))
-            .map(|question| quantise::run(chain, &question.inputs)[output])
+            .filter(|example| of(example))
+            .map(|example| quantise::run(chain, &example.inputs)[output])
             .collect();
         answers.sort_by(f32::total_cmp);
         answers
     };
-    let quiet = answers(&|question| [question.normal_n, question.change_n][output] <= 0.0);
-    let quiet = quiet[((quiet.len() - 1) as f32 * (1.0 - IN_VAIN)) as usize];
-    let touches = answers(&|question| output == 0 && question.normal_n >= SURE_N);
-    touches.first().map_or(quiet, |least| quiet.min(least - MARGIN))
+    let quiet = answers(&|example| [example.normal_n, example.change_n][output] <= 0.0);
+    let quiet = quiet[((quiet.len() - 1) as f32 * (1.0 - FALSE_ALARMS)) as usize];
+    let touches = answers(&|example| output == 0 && example.normal_n >= SURE_N);
+    touches.first().map_or(quiet, |min| quiet.min(min - MARGIN))
 }
 
-/// Prints what is seen and what is not; returns the missed touches that may not be missed.
-fn print_report(chain: &[tflite::Convolution], questions: &[Question]) -> usize {
-    let answers: Vec<[bool; OUTPUTS]> = questions
+/// Prints detection rates; returns the number of missed touches of at least [`MISSED_N`].
+fn print_report(chain: &[tflite::Convolution], examples: &[Example]) -> usize {
+    let answers: Vec<[bool; OUTPUTS]> = examples
         .iter()
-        .map(|question| quantise::run(chain, &question.inputs).map(|output| output > 0.0))
+        .map(|example| quantise::run(chain, &example.inputs).map(|output| output > 0.0))
         .collect();
-    // Asked, yes by the network, yes by the plain gate.
-    let count = |output: usize, of: &dyn Fn(&Question) -> bool| {
+    // Examples, detected by the network, detected by the difference gate.
+    let count = |output: usize, of: &dyn Fn(&Example) -> bool| {
         let mut counts = [0; 3];
-        for (question, answer) in questions
-            .iter()
-            .zip(&answers)
-            .filter(|(question, _)| of(question))
-        {
+        for (example, answer) in examples.iter().zip(&answers).filter(|(example, _)| of(example)) {
             let plain = [
-                question.plain != Verdict::NoContact,
-                question.plain == Verdict::Network,
+                example.difference != GateDecision::NoContact,
+                example.difference == GateDecision::Infer,
             ];
             for (count, one) in counts.iter_mut().zip([true, answer[output], plain[output]]) {
                 *count += usize::from(one);
@@ -289,10 +286,10 @@ fn print_report(chain: &[tflite::Convolution], questions: &[Question]) -> usize 
         }
         counts
     };
-    println!("unseen sensors and shapes:                        asked  network    plain");
-    let line = |name: &str, output: usize, of: &dyn Fn(&Question) -> bool| {
-        let [asked, network, plain] = count(output, of);
-        println!("  {name:<44} {asked:>8} {network:>8} {plain:>8}");
+    println!("unseen sensors and shapes:                     examples  network  differ.");
+    let line = |name: &str, output: usize, of: &dyn Fn(&Example) -> bool| {
+        let [examples, network, difference] = count(output, of);
+        println!("  {name:<44} {examples:>8} {network:>8} {difference:>8}");
     };
     line("touched, nothing touches", 0, &|q| q.normal_n <= 0.0);
     for [from, to] in [[0.03, 0.05], [0.05, 0.1], [0.1, 0.2], [0.2, f32::INFINITY]] {
@@ -303,11 +300,11 @@ fn print_report(chain: &[tflite::Convolution], questions: &[Question]) -> usize 
     line("changed, same state", 1, &|q| q.change_n <= 0.0);
     for [from, to] in [[0.25, 0.5], [0.5, 1.0], [1.0, 2.0], [2.0, f32::INFINITY]] {
         line(
-            &format!("changed, {from} to {to} of what must be seen"),
+            &format!("changed, {from} to {to} of the labelled change"),
             1,
             &|q| q.normal_n > 0.0 && (from..to).contains(&(q.change_n / q.limit_n)),
         );
     }
-    let [asked, seen, _] = count(0, &|q| q.normal_n >= MISSED_N);
-    asked - seen
+    let [touches, detected, _] = count(0, &|q| q.normal_n >= MISSED_N);
+    touches - detected
 }

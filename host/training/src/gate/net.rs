@@ -1,7 +1,7 @@
 //! The scene gate's network in floating point: three convolutions without padding on the 11×11×2 coarse difference
 //! image (3×3 stride 2, 5×5, 1×1), trained by Adam on the logistic loss. So small that it needs no framework.
 
-use crate::dice::Dice;
+use crate::rng::Rng;
 
 /// Rows and columns of the input.
 pub(crate) const SIDE: usize = 11;
@@ -100,11 +100,11 @@ pub(crate) struct Net {
 }
 
 impl Net {
-    pub(crate) fn new(dice: &mut Dice) -> Self {
+    pub(crate) fn new(rng: &mut Rng) -> Self {
         let layers = LAYERS.map(|shape| {
             let size = (3.0 / shape.taps() as f32).sqrt();
             let weights: Vec<f32> = (0..shape.taps() * shape.out_channels)
-                .map(|_| dice.between(-size, size))
+                .map(|_| rng.between(-size, size))
                 .collect();
             let numbers = weights.len() + shape.out_channels;
             Layer {
@@ -203,11 +203,11 @@ mod tests {
 
     #[test]
     fn gradients_are_difference_quotients() {
-        let mut dice = Dice::new(5);
+        let mut rng = Rng::new(5);
         let input: Vec<f32> = (0..SIDE * SIDE * INPUTS)
-            .map(|_| dice.between(-1.0, 1.0))
+            .map(|_| rng.between(-1.0, 1.0))
             .collect();
-        let net = Net::new(&mut dice);
+        let net = Net::new(&mut rng);
         let (wanted, weight) = ([1.0, 0.0], [1.0, 0.7]);
         let loss = |net: &Net| net.clone().learn(&input, wanted, weight);
         let mut learnt = net.clone();

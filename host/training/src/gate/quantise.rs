@@ -1,7 +1,7 @@
-//! From floating point to int8 as TensorFlow Lite has it: one scale for a layer's output, one for every filter, biases in
-//! the product of both. The same arithmetic runs here to choose where the outputs decide.
+//! Quantisation to int8 as in TensorFlow Lite: one scale per layer output, one per filter, biases in the product of both.
+//! [`run`] evaluates the quantised network to choose its thresholds.
 
-use gripline_network::scene::{Inputs, NO_MOTION, STEPS_PER_UNIT};
+use gripline_network::scene::{GateInputs, NO_MOTION, STEPS_PER_UNIT};
 
 use super::net::{LAYERS, Net, OUTPUTS};
 use super::tflite::{Convolution, Scale};
@@ -11,11 +11,11 @@ pub(crate) const INPUT: Scale = Scale {
     scale: 1.0 / STEPS_PER_UNIT,
     zero: NO_MOTION,
 };
-/// Of its outputs, logits: ±12.7 around where they decide.
+/// Of its outputs: logits, ±12.7 around the threshold.
 const OUTPUT: Scale = Scale { scale: 0.1, zero: 0 };
 
-/// What the network sees, as energies.
-pub(crate) fn energies(inputs: &Inputs) -> Vec<f32> {
+/// The network's input as energies.
+pub(crate) fn energies(inputs: &GateInputs) -> Vec<f32> {
     inputs
         .as_flattened()
         .iter()
@@ -23,11 +23,11 @@ pub(crate) fn energies(inputs: &Inputs) -> Vec<f32> {
         .collect()
 }
 
-/// Share of the examples whose largest value in a layer fits its bytes. The heaviest touches are sure anyway; bytes for
-/// them would make light ones coarse.
-const FITS: f64 = 0.9;
+/// Share of the examples whose largest value in a layer does not saturate. The heaviest touches are detected anyway; a
+/// larger range would make light ones coarse.
+const UNSATURATED: f64 = 0.9;
 
-/// The quantised layers. `examples` show which range each layer's output needs.
+/// The quantised layers. The range of each layer's output comes from `examples`.
 pub(crate) fn quantise(net: &Net, examples: &[Vec<f32>]) -> Vec<Convolution> {
     let mut largest: [Vec<f32>; LAYERS.len()] = Default::default();
     for example in examples {
@@ -35,28 +35,23 @@ pub(crate) fn quantise(net: &Net, examples: &[Vec<f32>]) -> Vec<Convolution> {
             largest.push(output.into_iter().fold(0.0, f32::max));
         }
     }
-    let most = largest.map(|mut of_examples| {
+    let max = largest.map(|mut of_examples| {
         of_examples.sort_unstable_by(f32::total_cmp);
-        let fits = (of_examples.len() as f64 * FITS) as usize;
-        of_examples.get(fits).copied().unwrap_or(0.0)
+        let index = (of_examples.len() as f64 * UNSATURATED) as usize;
+        of_examples.get(index).copied().unwrap_or(0.0)
     });
     let mut input = INPUT.scale;
     let mut chain = Vec::new();
-    for (number, (layer, most)) in net.layers.iter().zip(most).enumerate() {
+    for (number, (layer, max)) in net.layers.iter().zip(max).enumerate() {
         let filters: Vec<&[f32]> = layer.weights.chunks_exact(layer.shape.taps()).collect();
         let scales: Vec<f32> = filters
             .iter()
-            .map(|filter| {
-                filter
-                    .iter()
-                    .fold(1e-6_f32, |most, weight| most.max(weight.abs()))
-                    / 127.0
-            })
+            .map(|filter| filter.iter().fold(1e-6_f32, |max, weight| max.max(weight.abs())) / 127.0)
             .collect();
         let rectified = number + 1 < net.layers.len();
         let output = if rectified {
             Scale {
-                scale: most.max(1e-3) / 255.0,
+                scale: max.max(1e-3) / 255.0,
                 zero: i8::MIN,
             }
         } else {
@@ -87,7 +82,7 @@ pub(crate) fn quantise(net: &Net, examples: &[Vec<f32>]) -> Vec<Convolution> {
 }
 
 /// The outputs of the quantised layers.
-pub(crate) fn run(chain: &[Convolution], inputs: &Inputs) -> [f32; OUTPUTS] {
+pub(crate) fn run(chain: &[Convolution], inputs: &GateInputs) -> [f32; OUTPUTS] {
     let mut values: Vec<i32> = inputs.as_flattened().iter().map(|&step| step.into()).collect();
     let mut from = INPUT;
     for (shape, layer) in LAYERS.iter().zip(chain) {
@@ -95,7 +90,7 @@ pub(crate) fn run(chain: &[Convolution], inputs: &Inputs) -> [f32; OUTPUTS] {
         shape.products(|output, _, weight, input| {
             sums[output] += (values[input] - i32::from(from.zero)) * i32::from(layer.filters[weight]);
         });
-        let least = if layer.rectified {
+        let min = if layer.rectified {
             layer.output.zero
         } else {
             i8::MIN
@@ -106,7 +101,7 @@ pub(crate) fn run(chain: &[Convolution], inputs: &Inputs) -> [f32; OUTPUTS] {
             .map(|(at, &sum)| {
                 let factor = from.scale * layer.filter_scales[at % shape.out_channels] / layer.output.scale;
                 let value = f32::from(layer.output.zero) + factor * sum as f32;
-                (value.round() as i32).clamp(least.into(), i8::MAX.into())
+                (value.round() as i32).clamp(min.into(), i8::MAX.into())
             })
             .collect();
         from = layer.output;
@@ -114,7 +109,7 @@ pub(crate) fn run(chain: &[Convolution], inputs: &Inputs) -> [f32; OUTPUTS] {
     [0, 1].map(|k| from.scale * (values[k] - i32::from(from.zero)) as f32)
 }
 
-/// Moves the outputs down by so many logits: above 0 decides.
+/// Shifts the outputs down, so that 0 becomes the threshold. In logits.
 pub(crate) fn shift(chain: &mut [Convolution], by: [f32; OUTPUTS]) {
     let input = chain[chain.len() - 2].output.scale;
     let Some(last) = chain.last_mut() else {

@@ -8,7 +8,7 @@ use std::time::Instant;
 
 use clap::Args;
 use gripline_firmware::sums::TaxelRule;
-use gripline_network::scene::{GateKind, Verdict};
+use gripline_network::scene::{GateDecision, GateKind};
 use gripline_network::{InstructionSet, Network};
 use gripline_protocol::message::{Command, Hello};
 use gripline_simulation::constants::REST_PICTURES;
@@ -283,7 +283,7 @@ fn frame_times_ms(settings: &Settings, network: Network, rest: &[Vec<u8>]) -> Re
     for crop in &pictures {
         let start = Instant::now();
         let processed = pipeline.process(crop)?;
-        if processed.gate == Verdict::Network {
+        if processed.gate == GateDecision::Infer {
             times.push(start.elapsed().as_secs_f64() * 1e3);
         }
     }

@@ -1,7 +1,7 @@
 //! A recorded frame as the view gets it from a run: the microcontroller's status says most of it again.
 
 use gripline_firmware::Fault;
-use gripline_network::scene::Verdict;
+use gripline_network::scene::GateDecision;
 use gripline_protocol::message::Configuration;
 use gripline_protocol::{Health, SENSORS};
 
@@ -12,11 +12,11 @@ use gripline_recording::telemetry::{FrameReport, LATE, NO_DEVICE, NO_STATUS, STA
 use gripline_recording::units::{Load, centre_of_pressure_mm, millimetres};
 
 /// Everything that a gate can say.
-const VERDICTS: [Verdict; 4] = [
-    Verdict::NoContact,
-    Verdict::Unchanged,
-    Verdict::Network,
-    Verdict::Unhealthy,
+const VERDICTS: [GateDecision; 4] = [
+    GateDecision::NoContact,
+    GateDecision::Unchanged,
+    GateDecision::Infer,
+    GateDecision::Unhealthy,
 ];
 
 /// The report of a recorded frame, with the microcontroller's settings of that run.
@@ -39,7 +39,7 @@ pub(super) fn report_of(stored: &RecordedStatus, settings: &Configuration) -> Fr
         frame: stored.frame,
         sensor: stored.sensor,
         t_s: stored.t_s,
-        gate: gate_name(verdict.unwrap_or(Verdict::Network)),
+        gate: gate_name(verdict.unwrap_or(GateDecision::Infer)),
         health: health_names(Health::from_bits(stored.health_bits)),
         normal_n: stored.normal_n,
         shear_x_n: stored.shear_x_n,

@@ -1,0 +1,362 @@
+//! `cargo xtask bench network`: speed and error of the force networks. Speed: by instruction set, against onnxruntime and
+//! tract with the same weights on one thread, against the processor's peak, with skipping, and with the gate. Error: on
+//! shapes and sensors of the test world never trained on.
+//!
+//! All contestants take turns, a few frames each, so that other load on the machine affects all of them alike.
+
+mod accuracy;
+mod models;
+mod onnx;
+mod peers;
+mod pictures;
+mod plot;
+mod preprocessing;
+mod report;
+mod timing;
+
+use std::hint::black_box;
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use gripline_network::image::Image88;
+use gripline_network::scene::{GateDecision, GateKind, Scene, mean_of};
+use gripline_network::tracked::{TrackedNetwork, TrackedWeights, empty_grid};
+use gripline_network::unet::{UnetNetwork, UnetWeights};
+use gripline_network::{
+    Evaluation, ForceMap, Frame, InstructionSet, NO_FORCES, Precision as NetworkPrecision, peak_multiply_adds,
+};
+use gripline_simulation::constants::REST_PICTURES;
+
+use accuracy::Quantised;
+use models::Model;
+use onnx::Precision;
+use peers::{OnnxRuntime, Tract};
+use pictures::Film;
+use preprocessing::{NetworkInput, Preprocessor, small};
+use report::Report;
+use timing::Contestant;
+
+/// Whatever stops the measurement; it is printed and nothing else.
+type Failure = Box<dyn std::error::Error>;
+
+const UNET: &[u8] = include_bytes!("../../../../network/weights/unet.safetensors");
+const TRACKED: &[u8] = include_bytes!("../../../../network/weights/tracked.safetensors");
+
+/// Largest difference between two engines' forces, relative to the largest force, if they run the same network.
+const SAME: f32 = 1e-4;
+
+/// Rounds of multiply-adds per measurement of the peak: 20 to 100 µs.
+const PEAK_ROUNDS: usize = 30_000;
+
+/// Shares of the image's area that change between frames in the measurement of skipping, and what they are called.
+const CHANGED: [(f64, &str); 2] = [(0.1, "10 %"), (0.3, "30 %")];
+
+/// Makes a network's graph for other engines.
+type Graph<'a> = &'a dyn Fn(Precision) -> Vec<u8>;
+
+struct Arguments {
+    onnxruntime: PathBuf,
+    weights: Vec<PathBuf>,
+    plot: Option<PathBuf>,
+    json: bool,
+    rounds: usize,
+    samples: usize,
+}
+
+fn main() -> ExitCode {
+    match arguments().and_then(|arguments| run(&arguments)) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => {
+            eprintln!("bench-network: {failure}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn arguments() -> Result<Arguments, Failure> {
+    let mut arguments = Arguments {
+        onnxruntime: PathBuf::new(),
+        weights: Vec::new(),
+        plot: None,
+        json: false,
+        rounds: 150,
+        samples: 1500,
+    };
+    let mut words = std::env::args().skip(1);
+    while let Some(word) = words.next() {
+        let mut value = || words.next().ok_or(format!("{word}: expected a value after it"));
+        let number = |text: String, min: usize| -> Result<usize, Failure> {
+            let number = text.parse().ok().filter(|&number| number >= min);
+            Ok(number.ok_or(format!("{word}: found `{text}`, expected a number from {min} on"))?)
+        };
+        match word.as_str() {
+            "--onnxruntime" => arguments.onnxruntime = value()?.into(),
+            "--weights" => arguments.weights.push(value()?.into()),
+            "--plot" => arguments.plot = Some(value()?.into()),
+            "--rounds" => arguments.rounds = number(value()?, 1)?,
+            "--samples" => arguments.samples = number(value()?, 500)?,
+            "--json" => arguments.json = true,
+            _ => {
+                return Err(format!(
+                    "argument `{word}` is unknown, expected --onnxruntime LIBRARY, --weights FILE, --plot FILE, --rounds N, --samples N or --json"
+                )
+                .into());
+            }
+        }
+    }
+    Ok(arguments)
+}
+
+fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let models = models::all(&arguments.weights)?;
+    let (unet_weights, tracked_weights) = (UnetWeights::parse(UNET)?, TrackedWeights::parse(TRACKED)?);
+    let environment = peers::environment(&arguments.onnxruntime)?;
+    // In the order of `models`, whose first two have these weights.
+    let mut preprocessors = [
+        Preprocessor::unet(&unet_weights),
+        Preprocessor::tracked(&tracked_weights),
+    ];
+    let graphs: [Graph; 2] = [&|precision| onnx::unet(&unet_weights, precision), &|precision| {
+        onnx::tracked(&tracked_weights, precision)
+    }];
+    let mut quantised = Vec::new();
+    for (model, (preprocessor, graph)) in preprocessors.iter().zip(graphs).enumerate() {
+        quantised.push(Quantised {
+            model,
+            preprocessor: preprocessor.clone(),
+            engine: Arc::new(Mutex::new(peers::int8(
+                &environment,
+                preprocessor.clone(),
+                graph,
+            )?)),
+        });
+    }
+
+    eprintln!(
+        "{} samples of the test world (shapes and sensors that no network was trained on), made here ...",
+        arguments.samples
+    );
+    let accuracies = accuracy::measure(&models, &quantised, arguments.samples)?;
+
+    let widest = InstructionSet::widest();
+    let sets: Vec<InstructionSet> = InstructionSet::ALL
+        .into_iter()
+        .filter(|set| set.is_available())
+        .collect();
+    eprintln!("taking turns ...");
+    let mut contestants = vec![Contestant::new("limit", move || {
+        black_box(peak_multiply_adds(widest, black_box(PEAK_ROUNDS)));
+    })];
+    let (rest, now) = (pictures::picture(0.0), pictures::picture(6.0));
+    let inputs = preprocessors.each_mut().map(|preprocessor| {
+        preprocessor.set_rest(&rest);
+        preprocessor.prepare(&now)
+    });
+    let (forces_of_unet, of_unet) = unet(&unet_weights, &sets)?;
+    let (forces_of_tracked, of_tracked) = tracked(&tracked_weights)?;
+    contestants.extend(of_unet);
+    contestants.extend(of_tracked);
+    let ours = [forces_of_unet, forces_of_tracked];
+    for (model, (input, ours)) in inputs.into_iter().zip(ours).enumerate() {
+        let graph = graphs[model](Precision::Float);
+        let shape = preprocessors[model].shape();
+        let engines = Engines {
+            onnxruntime: OnnxRuntime::new(&environment, &graph, shape)?,
+            tract: Tract::new(&graph, shape)?,
+            int8: Arc::clone(&quantised[model].engine),
+        };
+        contestants.extend(engines.contestants(&models[model].name, &input, &ours)?);
+    }
+    for model in &models {
+        contestants.extend(frames(model));
+    }
+    contestants.push(gated()?);
+    let times = timing::take_turns(&mut contestants, arguments.rounds);
+
+    let report = Report {
+        widest,
+        sets,
+        multiply_adds: UnetNetwork::from_weights(&unet_weights)?.multiply_adds(),
+        limit_multiply_adds: peak_multiply_adds(widest, PEAK_ROUNDS),
+        allocations_per_frame: models.iter().map(allocations).max().unwrap_or(0),
+        load: std::fs::read_to_string("/proc/loadavg").unwrap_or_default(),
+        quantised: quantised.iter().map(|of| of.model).collect(),
+        models: models.into_iter().map(|model| model.name).collect(),
+        accuracies,
+        times,
+    };
+    if arguments.json {
+        println!("{:#}", report.json());
+    } else {
+        print!("{}", report.table());
+    }
+    if let Some(path) = &arguments.plot {
+        plot::draw(path, &report.points())?;
+        eprintln!("wrote {}", path.display());
+    }
+    Ok(())
+}
+
+/// The encoder–decoder alone, from small image to forces, with every instruction set; and the forces.
+fn unet(weights: &UnetWeights, sets: &[InstructionSet]) -> Result<(ForceMap, Vec<Contestant>), Failure> {
+    let (rest, now) = (small(&pictures::picture(0.0)), small(&pictures::picture(6.0)));
+    let mut contestants = Vec::new();
+    let mut ours = NO_FORCES;
+    for &set in sets {
+        let mut network = UnetNetwork::from_weights(weights)?
+            .with_instructions(set)?
+            .with_evaluation(Evaluation::Dense);
+        network.set_rest(&rest);
+        network.infer(&now, &mut ours);
+        contestants.push(Contestant::new(&set.to_string(), move || {
+            network.infer(black_box(&now), black_box(&mut NO_FORCES.clone()));
+        }));
+    }
+    Ok((ours, contestants))
+}
+
+/// The network after the tracker alone, from the grid of motions to forces, as it is by default and in f32; and the
+/// forces in f32 for the picture that the others see.
+fn tracked(weights: &TrackedWeights) -> Result<(ForceMap, [Contestant; 2]), Failure> {
+    let network = TrackedNetwork::from_weights(weights)?;
+    let mut single = network.clone().with_precision(NetworkPrecision::F32);
+    let mut ours = NO_FORCES;
+    single.set_rest(&pictures::picture(0.0));
+    single.infer(&pictures::picture(6.0), &mut ours);
+    let contestant = |name: &str, mut network: TrackedNetwork| {
+        // The time does not depend on the values.
+        let grid = empty_grid();
+        Contestant::new(name, move || {
+            network.infer_grid(black_box(&grid), black_box(&mut NO_FORCES.clone()));
+        })
+    };
+    let contestants = [
+        contestant(report::AFTER_TRACKER, network),
+        contestant(report::AFTER_TRACKER_F32, single),
+    ];
+    Ok((ours, contestants))
+}
+
+/// Other engines with one network's weights.
+struct Engines {
+    onnxruntime: OnnxRuntime,
+    tract: Tract,
+    int8: Arc<Mutex<OnnxRuntime>>,
+}
+
+impl Engines {
+    /// Those in f32 have to agree with our forces.
+    fn contestants(
+        self,
+        name: &str,
+        input: &NetworkInput,
+        ours: &ForceMap,
+    ) -> Result<Vec<Contestant>, Failure> {
+        let Self {
+            mut onnxruntime,
+            tract,
+            int8,
+        } = self;
+        same("onnxruntime", ours, &onnxruntime.run(input)?)?;
+        same("tract", ours, &tract.run(input)?)?;
+        let [float, quantised, other] = [(); 3].map(|()| input.clone());
+        Ok(vec![
+            Contestant::new(&report::engine(name, "onnxruntime"), move || {
+                black_box(onnxruntime.run(black_box(&float)).is_ok());
+            }),
+            Contestant::new(&report::engine(name, report::INT8), move || {
+                let mut int8 = int8.lock().unwrap_or_else(PoisonError::into_inner);
+                black_box(int8.run(black_box(&quantised)).is_ok());
+            }),
+            Contestant::new(&report::engine(name, "tract"), move || {
+                black_box(tract.run(black_box(&other)).is_ok());
+            }),
+        ])
+    }
+}
+
+/// Whole frames from the camera's crop to forces: computed in full, the same again, and with parts changed.
+fn frames(model: &Model) -> Vec<Contestant> {
+    let Model { name, network } = model;
+    let on = |evaluation| {
+        let mut network = network.clone().with_evaluation(evaluation);
+        network.set_rest(&pictures::picture(0.0));
+        network
+    };
+    let now = pictures::picture(6.0);
+    let (mut dense, shown) = (on(Evaluation::Dense), now.clone());
+    let mut contestants = vec![Contestant::new(name, move || {
+        dense.infer(black_box(&shown), black_box(&mut NO_FORCES.clone()));
+    })];
+    let mut skip = on(Evaluation::Skip);
+    contestants.push(Contestant::new(&report::part(name, "same"), move || {
+        skip.infer(black_box(&now), black_box(&mut NO_FORCES.clone()));
+    }));
+    for (share, part) in CHANGED {
+        let (mut skip, mut film) = (on(Evaluation::Skip), Film::new(share));
+        contestants.push(Contestant::new(&report::part(name, part), move || {
+            skip.infer(black_box(film.next()), black_box(&mut NO_FORCES.clone()));
+        }));
+    }
+    contestants
+}
+
+/// A frame without touch or change as the gate skips it: from the camera's crop to the decision.
+fn gated() -> Result<Contestant, Failure> {
+    let rest = pictures::picture(0.0);
+    let crops: Vec<Vec<u8>> = (0..REST_PICTURES)
+        .map(|number| pictures::noisy(&rest, number.into()))
+        .collect();
+    let frames: Vec<Image88> = crops.iter().map(|crop| small(crop)).collect();
+    let mut scene = Scene::new(GateKind::default(), &mean_of(&frames), &frames);
+    for frame in &frames {
+        let (decision, health) = scene.decide(frame);
+        if decision != GateDecision::NoContact {
+            return Err(format!(
+                "the gate says `{}` ({health}) to a picture at rest, expected `no contact`",
+                decision.name()
+            )
+            .into());
+        }
+    }
+    // Two alternating pictures stay in the cache, as a full frame's picture does and the camera's, just written.
+    let (mut now, mut index) = (frames[0], 0);
+    Ok(Contestant::new(report::GATED, move || {
+        let frame = Frame::new(black_box(&crops[index % 2]), &mut now);
+        index += 1;
+        black_box(scene.decide(frame.small()));
+    }))
+}
+
+/// Fails when two engines' forces differ by more than rounding.
+fn same(name: &str, ours: &ForceMap, theirs: &ForceMap) -> Result<(), Failure> {
+    let forces = ours.as_flattened();
+    let largest = forces
+        .iter()
+        .fold(0f32, |largest, force| largest.max(force.abs()));
+    let pairs = forces.iter().zip(theirs.as_flattened());
+    let difference = pairs.fold(0f32, |difference, (a, b)| difference.max((a - b).abs()));
+    if difference <= SAME * largest {
+        Ok(())
+    } else {
+        Err(format!(
+            "{name}'s forces differ from ours by up to {difference} N, expected at most {SAME} of {largest} N"
+        )
+        .into())
+    }
+}
+
+/// Heap allocations of a frame, the worst of three: full, unchanged, changed in one pixel.
+fn allocations(model: &Model) -> u64 {
+    let mut network = model.network.clone().with_evaluation(Evaluation::Skip);
+    network.set_rest(&pictures::picture(0.0));
+    let (mut now, mut forces_n) = (pictures::picture(6.0), NO_FORCES);
+    let mut worst = 0;
+    for flip in [0, 0, 0x40] {
+        now[44_220] ^= flip;
+        let counted = allocation_counter::measure(|| network.infer(&now, &mut forces_n));
+        worst = worst.max(counted.count_total);
+    }
+    worst
+}

@@ -1,0 +1,210 @@
+//! Direct convolution (no im2col): the sums of up to twelve neighbouring output pixels and up to two vectors of output
+//! channels stay in registers while all taps and input channels pass. The order in which an output's products are added
+//! depends only on its channel. So its bits depend neither on the vectors' width (AVX2 or AVX-512), nor on which pixels
+//! are computed together, nor on the region that is asked for.
+#![expect(
+    clippy::inline_always,
+    reason = "code compiles for the instruction set of the function that it is inlined into"
+)]
+
+use super::convolution::{Convolution, Panel, Phase};
+use super::plane::Plane;
+use super::region::Region;
+use crate::simd::{Accumulator, Dispatch, Number, Simd, Vector, accumulate};
+
+/// Runs a convolution over the output pixels of `region`; writes the output's channels from `channel` on.
+///
+/// Adds the convolution's bias to the sums or, when there is one, `start`'s values of the same pixel.
+///
+/// # Panics
+/// When sizes do not fit.
+pub(crate) fn convolve<T: Number>(
+    convolution: &Convolution<T>,
+    start: Option<&Plane>,
+    input: &Plane<T>,
+    output: &mut Plane,
+    channel: usize,
+    region: &Region,
+) {
+    let out_channels = convolution.out_channels;
+    assert_eq!(input.channels(), convolution.in_channels, "channels of the input");
+    assert!(
+        channel + out_channels <= output.channels(),
+        "channels of the output"
+    );
+    assert!(
+        region.rows.end <= output.height() && region.columns.end <= output.width(),
+        "region {region:?} in an output of {} x {}",
+        output.height(),
+        output.width()
+    );
+    let room = convolution.out_size(input.size());
+    assert!(
+        room.0 >= region.rows.end && room.1 >= region.columns.end,
+        "size of the input: {:?} gives {room:?} pixels of {region:?}",
+        input.size()
+    );
+    if let Some(start) = start {
+        assert_eq!(
+            [start.height(), start.width()],
+            [output.height(), output.width()],
+            "size of the start"
+        );
+        assert!(
+            start.channels() >= convolution.bias.len(),
+            "channels of the start"
+        );
+    }
+    let task = Task {
+        convolution,
+        start,
+        input,
+        output,
+        channel,
+        region,
+    };
+    T::dispatch(convolution.instructions(), task);
+}
+
+/// The arguments of [`convolve`].
+struct Task<'a, T> {
+    convolution: &'a Convolution<T>,
+    start: Option<&'a Plane>,
+    input: &'a Plane<T>,
+    output: &'a mut Plane,
+    channel: usize,
+    region: &'a Region,
+}
+
+/// Where a block's first pixel lies: output row and column, and its (row, column) within the phase.
+#[derive(Clone, Copy)]
+struct Place {
+    out: (usize, usize),
+    in_phase: (usize, usize),
+}
+
+impl<T: Number> Dispatch for Task<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<S: Simd>(mut self) {
+        self.panels::<T::Accumulator<S>>();
+    }
+}
+
+impl<T: Number> Task<'_, T> {
+    /// Panel by panel, so that a panel's weights stay in the cache.
+    #[inline(always)]
+    fn panels<V: Accumulator<Number = T>>(&mut self) {
+        let convolution = self.convolution;
+        for &panel in &convolution.panels {
+            match (panel.channels * panel.split / V::Out::LANES, panel.split) {
+                (2, 1) => self.pixels::<V, 2, 1>(panel),
+                (2, 2) => self.pixels::<V, 2, 2>(panel),
+                (2, 4) => self.pixels::<V, 2, 4>(panel),
+                (1, 1) => self.pixels::<V, 1, 1>(panel),
+                (1, 4) => self.pixels::<V, 1, 4>(panel),
+                shape => unreachable!("{shape:?} is no panel's shape"),
+            }
+        }
+    }
+
+    /// All pixels of a panel, which has `N` vectors of sums for each, split `S` ways.
+    #[inline(always)]
+    fn pixels<V: Accumulator<Number = T>, const N: usize, const S: usize>(&mut self, panel: Panel) {
+        let convolution = self.convolution;
+        for phase in &convolution.phases {
+            let columns = phase.columns_in(self.region);
+            let groups = columns.len().div_ceil(V::PIXELS_MAX[N - 1]);
+            for y in phase.rows_in(self.region) {
+                let mut x = columns.start;
+                for group in 0..groups {
+                    // As even as can be: 22 pixels are two groups of 11 rather than 12 and 10.
+                    let pixels = (columns.end - x).div_ceil(groups - group);
+                    let at = Place {
+                        out: (
+                            phase.out_start.0 + y * phase.out_stride,
+                            phase.out_start.1 + x * phase.out_stride,
+                        ),
+                        in_phase: (y, x),
+                    };
+                    macro_rules! block_of {
+                        ($($count:literal)*) => {
+                            match pixels {
+                                $($count if $count <= V::PIXELS_MAX[N - 1] => {
+                                    self.block::<V, N, S, $count>(phase, panel, at);
+                                })*
+                                _ => unreachable!("a group has 1 to 12 pixels"),
+                            }
+                        };
+                    }
+                    block_of!(1 2 3 4 5 6 7 8 9 10 11 12);
+                    x += pixels;
+                }
+            }
+        }
+    }
+
+    /// `P` neighbouring pixels of a phase.
+    #[inline(always)]
+    fn block<V: Accumulator<Number = T>, const N: usize, const S: usize, const P: usize>(
+        &mut self,
+        phase: &Phase<T>,
+        panel: Panel,
+        at: Place,
+    ) {
+        let &Convolution {
+            in_channels,
+            out_channels,
+            relu,
+            ..
+        } = self.convolution;
+        let first = panel.first;
+        let lanes = N * V::Out::LANES;
+        let per_output = phase.tap_count * in_channels;
+        let mut weights = &phase.weights[first * per_output..][..panel.channels * per_output];
+        let step = phase.in_stride * in_channels;
+        let mut sums = [[V::zero(); N]; P];
+        for taps in &phase.rows {
+            let run = taps.taps * in_channels;
+            let row = taps.row + at.in_phase.0 * phase.in_stride;
+            let column = taps.column + at.in_phase.1 * phase.in_stride;
+            let from = row * self.input.stride() + column * in_channels;
+            let inputs = &self.input.values()[from..][..(P - 1) * step + run];
+            let (row_weights, rest) = weights.split_at(run / S * lanes);
+            weights = rest;
+            accumulate::<V, P, N, S>(&mut sums, row_weights, inputs, step, run);
+        }
+
+        // A sum for each of the panel's channels, `LANES` in a vector.
+        let vectors = if S == 1 { N } else { 1 };
+        let (start, start_stride) = match self.start {
+            None => (&self.convolution.bias[first..], 0),
+            Some(map) => (
+                &map.row(at.out.0)[at.out.1 * map.channels() + first..],
+                phase.out_stride * map.channels(),
+            ),
+        };
+        let start = &start[..(P - 1) * start_stride + vectors * V::Out::LANES];
+        let scales = &self.convolution.scales[first..][..vectors * V::Out::LANES];
+        let channels = self.output.channels();
+        let used = panel.channels.min(out_channels - first);
+        let line = self.output.row_mut(at.out.0);
+        for (p, mut sums) in sums.into_iter().enumerate() {
+            if S > 1 {
+                sums[0] = sums[0].pairwise_sums(sums[N - 1]);
+            }
+            if S > 2 {
+                sums[0] = sums[0].pairwise_sums(sums[0]);
+            }
+            let pixel = (at.out.1 + p * phase.out_stride) * channels + self.channel + first;
+            for (n, sum) in sums.into_iter().take(vectors).enumerate() {
+                let from = n * V::Out::LANES;
+                let start = V::Out::load(&start[p * start_stride + from..]);
+                let sum = sum.scale(&scales[from..]).add(start);
+                let sum = if relu { sum.relu() } else { sum };
+                sum.store(&mut line[pixel + from.min(used)..pixel + used.min(from + V::Out::LANES)]);
+            }
+        }
+    }
+}

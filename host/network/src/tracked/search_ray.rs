@@ -1,0 +1,98 @@
+//! The ray along which a particle is searched, given the motion of the sensor surface above it. Pixels of the crop.
+#![expect(
+    clippy::inline_always,
+    reason = "code compiles for the instruction set of the function that it is inlined into"
+)]
+
+use super::particles::Particle;
+use crate::constants::CROP_SIDE;
+use crate::simd::round;
+
+/// First and last pixel of an axis that a particle's centre may move to.
+const INSIDE: [i32; 2] = [2, CROP_SIDE as i32 - 3];
+
+/// The motions to search for a particle: from none to the whole motion of the surface, a little more, and a little to the
+/// sides.
+pub(super) struct SearchRay {
+    /// Direction of the surface's motion.
+    pub(super) along: [f32; 2],
+    pub(super) length: f32,
+    /// First and last step along the direction, whole pixels.
+    pub(super) ends: [f32; 2],
+    /// Steps to either side, whole pixels.
+    pub(super) half_width: f32,
+}
+
+impl SearchRay {
+    #[inline(always)]
+    pub(super) fn new(surface_px: [f32; 2]) -> Self {
+        let length = length(surface_px);
+        Self {
+            along: if length > 0.0 {
+                [surface_px[0] / length, surface_px[1] / length]
+            } else {
+                [1.0, 0.0]
+            },
+            length,
+            ends: [(-0.15 * length - 1.5).floor(), (1.15 * length + 1.5).ceil()],
+            half_width: (1.0 + 0.2 * length).min(4.0).floor(),
+        }
+    }
+
+    /// The whole-pixel motion of a step along and across.
+    #[inline(always)]
+    pub(super) fn motion(&self, along: f32, across: f32) -> [i32; 2] {
+        let [x, y] = self.along;
+        [round(along * x - across * y), round(along * y + across * x)]
+    }
+
+    /// The bounding box of the motions between two steps along.
+    #[inline(always)]
+    pub(super) fn bounds(&self, [from, to]: [f32; 2]) -> MotionRect {
+        let [x, y] = self.along;
+        let [mut first, mut last] = [[0; 2]; 2];
+        for (k, (forward, sideways)) in [(x, y), (y, x)].into_iter().enumerate() {
+            let (a, b) = (from * forward, to * forward);
+            let half_width = self.half_width * sideways.abs();
+            (first[k], last[k]) = (round(a.min(b) - half_width), round(a.max(b) + half_width));
+        }
+        MotionRect { first, last }
+    }
+}
+
+/// Side of a square that holds eight steps along a ray and nine across, pixels: 7 and 8 steps are less than 11 pixels on
+/// an axis, and rounding adds one.
+pub(super) const TABLE_SIDE: usize = 16;
+
+/// A rectangle of whole-pixel motions, [x, y], both ends included.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct MotionRect {
+    pub(super) first: [i32; 2],
+    pub(super) last: [i32; 2],
+}
+
+impl MotionRect {
+    /// Those that keep a particle inside the image.
+    #[inline(always)]
+    pub(super) fn clipped(self, particle: &Particle) -> Self {
+        let [mut first, mut last] = [self.first, self.last];
+        for k in 0..2 {
+            let at = i32::from(particle.pixel[k]);
+            first[k] = first[k].max(INSIDE[0] - at);
+            last[k] = last[k].min(INSIDE[1] - at);
+        }
+        Self { first, last }
+    }
+
+    #[inline(always)]
+    pub(super) fn is_empty(&self) -> bool {
+        self.first[0] > self.last[0] || self.first[1] > self.last[1]
+    }
+}
+
+/// Euclidean length, rounded once.
+#[inline(always)]
+pub(super) fn length([x, y]: [f32; 2]) -> f32 {
+    let [x, y] = [f64::from(x), f64::from(y)];
+    (x * x + y * y).sqrt() as f32
+}
