@@ -31,12 +31,9 @@ pub enum Error {
     /// A picture's way.
     #[error(transparent)]
     Pipeline(#[from] gripline_pipeline::PipelineError),
-    /// The network's weights.
+    /// The network's weights, or instructions that the processor lacks.
     #[error(transparent)]
-    Weights(#[from] gripline_network::WeightsError),
-    /// The processor lacks the instructions.
-    #[error(transparent)]
-    InstructionSet(#[from] gripline_network::InstructionSetError),
+    Network(#[from] gripline_network::NetworkError),
     /// The simulated world.
     #[error(transparent)]
     Simulation(#[from] gripline_simulation::SimulationError),

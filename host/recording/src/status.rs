@@ -123,11 +123,17 @@ pub struct RecordedStatus {
 /// What the simulated world knew about a frame.
 #[derive(Debug, Clone, Deserialize)]
 pub struct RecordedTruth {
+    /// What the scene was doing.
     pub phase: String,
+    /// Normal force, newtons.
     pub normal_n: f64,
+    /// Shear force, newtons.
     pub shear_n: f64,
+    /// Share of the contact that sticks; `None` without contact.
     pub stick_ratio: Option<f64>,
+    /// The whole contact slides.
     pub gross_slip: bool,
+    /// Distance slid since the contact began, mm.
     pub slip_mm: f64,
 }
 

@@ -179,7 +179,7 @@ mod tests {
                 one.scene.object.mass_g.to_bits(),
                 again.scene.object.mass_g.to_bits()
             );
-            let needs_n = one.scene.object.least_grip_n(one.scene.object.weight_n());
+            let needs_n = one.scene.object.min_grip_n(one.scene.object.weight_n());
             assert!(
                 needs_n > NEEDS_N[0] - 1e-3 && needs_n < NEEDS_N[1] + 1e-3,
                 "{needs_n} N"

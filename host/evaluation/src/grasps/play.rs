@@ -170,7 +170,7 @@ mod tests {
             held.mean_force_n > held.mean_need_n && held.margin.unwrap() > 0.0,
             "{held:?}"
         );
-        let half_n = 0.5 * plan.scene.object.least_grip_n(plan.scene.object.weight_n());
+        let half_n = 0.5 * plan.scene.object.min_grip_n(plan.scene.object.weight_n());
         let lost = play(&plan, Policy::Fixed, half_n, &network, &parts, false).unwrap();
         assert!(lost.dropped || lost.peak_need_n < 1e-9, "{lost:?}");
         let again = play(&plan, Policy::Gripline, 0.0, &network, &parts, false).unwrap();

@@ -141,7 +141,7 @@ pub fn compare_pressed_sphere(
         surface,
         fineness,
     } = *setting;
-    let surface = Arc::new(GelSurface::new(&gel, CELLS)?);
+    let gel_surface = Arc::new(GelSurface::new(&gel, CELLS)?);
     let kernels = Arc::new(LayerKernels::new(&gel));
     let mut press = SpherePress::new(&gel, material, radius_mm, surface, fineness)?;
     let mut coarse = if fineness.is_multiple_of(8) {
@@ -167,7 +167,13 @@ pub fn compare_pressed_sphere(
         if let Some(coarse) = &mut coarse {
             coarse.press_to(depth_mm)?;
         }
-        found.push(compare(&mut press, coarse.as_mut(), &surface, &kernels, setting)?);
+        found.push(compare(
+            &mut press,
+            coarse.as_mut(),
+            &gel_surface,
+            &kernels,
+            setting,
+        )?);
     }
     progress(1.0, "done");
     Ok(found)
@@ -176,7 +182,7 @@ pub fn compare_pressed_sphere(
 fn compare(
     press: &mut SpherePress,
     coarse: Option<&mut SpherePress>,
-    surface: &Arc<GelSurface>,
+    gel_surface: &Arc<GelSurface>,
     kernels: &Arc<LayerKernels>,
     setting: &Setting,
 ) -> Result<Comparison, FiniteElementError> {
@@ -189,7 +195,7 @@ fn compare(
     let drag_mm = DRAG_SHARE * depth_mm;
     let linear = |friction: f64, target: Press, drag: bool, vertical_pressure: bool| {
         let sphere = Arc::new(Shape::Sphere { radius_mm });
-        let mut contact = Contact::new(Arc::clone(surface), sphere, friction, Mount::default())?;
+        let mut contact = Contact::new(Arc::clone(gel_surface), sphere, friction, Mount::default())?;
         if vertical_pressure {
             contact = contact.vertical_pressure();
         }

@@ -108,7 +108,7 @@ fn a_sliding_object_accelerates_by_what_friction_cannot_hold_and_turns_the_rest_
     let lost = (work - into_gels - kinetic) / work;
     let heat = limit * 0.5 * (to.fingers[0].slip_mm + to.fingers[1].slip_mm);
     println!(
-        "slides with {found:.0} mm/s², expected {expected:.0}; of {work:.3} N·mm of work {into_skins:.3} go into \
+        "slides with {found:.0} mm/s², expected {expected:.0}; of {work:.3} N·mm of work {into_gels:.3} go into \
          the gels ({heat:.3} as friction), {kinetic:.3} are kinetic, {:.2} % are lost in steps",
         100.0 * lost
     );

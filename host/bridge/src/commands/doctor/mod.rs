@@ -72,7 +72,7 @@ pub fn run(args: &DoctorArgs) -> Result<Completion, Failure> {
     let sources = [Some(&settings.source), settings.second_source.as_ref()];
     let is_clip = |source: &&Source| matches!(source, Source::Clip(_));
     let is_needed = sources.iter().flatten().any(is_clip);
-    doctor.say(judge::ffmpeg(ffmpeg_version(), is_needed));
+    doctor.report(judge::ffmpeg(ffmpeg_version(), is_needed));
     doctor.link(&settings);
     doctor.machine(&settings, &rest);
     let findings = &doctor.findings;

@@ -247,9 +247,16 @@ fn missing_rights_are_a_warning_or_a_failure_when_they_are_wanted() {
 #[test]
 fn a_missing_ffmpeg_fails_where_the_source_is_a_clip_and_else_warns() {
     let missing = || Err(CaptureError::NoFfmpeg { program: "ffmpeg" });
-    assert_eq!(ffmpeg(Ok("ffmpeg version 5".to_owned()), true).level, Level::Ok);
+    assert_eq!(
+        ffmpeg(Result::Ok("ffmpeg version 5".to_owned()), true).level,
+        Level::Ok
+    );
     assert_eq!(ffmpeg(missing(), true).level, Level::Fail);
     let finding = ffmpeg(missing(), false);
     assert_eq!(finding.level, Level::Warn);
-    assert!(finding.found.contains("apt-get install ffmpeg"), "{}", finding.found);
+    assert!(
+        finding.found.contains("apt-get install ffmpeg"),
+        "{}",
+        finding.found
+    );
 }
