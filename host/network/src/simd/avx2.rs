@@ -19,7 +19,9 @@ use std::arch::x86_64::{
     _mm256_setzero_si256, _mm256_storeu_ps, _mm256_storeu_si256, _mm256_sub_ps,
 };
 
-use super::{Accumulator, BELOW_HALF, Dispatch, F32x8, Int16Pair, Int16x16, Simd, TABLE, Table, Vector};
+use super::traits::{
+    Accumulator, BELOW_HALF, Dispatch, F32x8, Int16Pair, Int16x16, Simd, TABLE, Table, Vector,
+};
 
 /// Runs a kernel.
 #[target_feature(enable = "avx2,fma")]

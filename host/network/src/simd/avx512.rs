@@ -11,7 +11,8 @@ use std::arch::x86_64::{
     _mm512_set1_ps, _mm512_setr_epi32, _mm512_setzero_ps, _mm512_setzero_si512, _mm512_storeu_ps,
 };
 
-use super::{Accumulator, Dispatch, Int16Pair, Simd, Vector, avx2};
+use super::avx2;
+use super::traits::{Accumulator, Dispatch, Int16Pair, Simd, Vector};
 
 /// Runs a kernel.
 #[target_feature(enable = "avx512f")]

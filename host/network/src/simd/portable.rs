@@ -1,6 +1,6 @@
 //! Plain arrays, which the compiler puts into whatever vectors the target has.
 
-use super::{Accumulator, F32x8, Int16Pair, Int16x16, Simd, TABLE, Table, Vector, round};
+use super::traits::{Accumulator, F32x8, Int16Pair, Int16x16, Simd, TABLE, Table, Vector, round};
 
 pub(super) struct Portable;
 

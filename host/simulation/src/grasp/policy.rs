@@ -20,6 +20,30 @@ pub struct GraspView<'a> {
     pub(super) world: &'a mut GraspWorld,
 }
 
+impl GraspWorld {
+    /// Runs for `duration_s` at `dt_s` per frame with the line that `policy` asks for; `each` sees every frame and
+    /// may end the run by returning false.
+    ///
+    /// # Errors
+    /// Those of [`Self::step`].
+    pub fn run(
+        &mut self,
+        policy: &mut dyn GripPolicy,
+        dt_s: f64,
+        duration_s: f64,
+        mut each: impl FnMut(&GraspFrame) -> bool,
+    ) -> Result<(), SimulationError> {
+        let frames = (duration_s / dt_s).round() as usize;
+        for _ in 0..frames {
+            let line_n = policy.line_n(&mut GraspView { world: self });
+            if !each(self.step(dt_s, line_n)?) {
+                break;
+            }
+        }
+        Ok(())
+    }
+}
+
 impl GraspView<'_> {
     /// Time since the scene began, s.
     #[must_use]

@@ -6,7 +6,6 @@ use std::sync::Arc;
 
 use super::frame::{FingerTruth, GraspFrame, ObjectState};
 use super::gripper::GripperState;
-use super::policy::{GraspView, GripPolicy};
 use super::rigid_body::{Actions, RigidBody};
 use super::setting::GraspScene;
 use super::solver::{Ending, GraspSolver};
@@ -220,28 +219,6 @@ impl GraspWorld {
         self.time_s = end_s;
         self.make_frame(dt_s, line_n, &tally);
         Ok(&self.frame)
-    }
-
-    /// Runs for `duration_s` at `dt_s` per frame with the line that `policy` asks for; `each` sees every frame and
-    /// may end the run by returning false.
-    ///
-    /// # Errors
-    /// Those of [`Self::step`].
-    pub fn run(
-        &mut self,
-        policy: &mut dyn GripPolicy,
-        dt_s: f64,
-        duration_s: f64,
-        mut each: impl FnMut(&GraspFrame) -> bool,
-    ) -> Result<(), SimulationError> {
-        let frames = (duration_s / dt_s).round() as usize;
-        for _ in 0..frames {
-            let line_n = policy.line_n(&mut GraspView { world: self });
-            if !each(self.step(dt_s, line_n)?) {
-                break;
-            }
-        }
-        Ok(())
     }
 
     /// The camera's crop of a finger now, 440 x 440, with fresh noise.

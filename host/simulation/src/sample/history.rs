@@ -6,8 +6,8 @@ use std::collections::VecDeque;
 use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
 
-use super::Split;
 use super::shapes::Indenter;
+use super::split::Split;
 use crate::constants::LARGEST_INDENTATION;
 use crate::contact_world::{Contact, Drive, GelSurface, Mount, Press, Truth, production_cells};
 use crate::error::SimulationError;

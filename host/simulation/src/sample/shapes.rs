@@ -5,7 +5,7 @@
 use std::f64::consts::TAU;
 use std::sync::Arc;
 
-use super::Split;
+use super::split::Split;
 use crate::contact_world::{GridShape, HeightMap, Shape, TRAINING_SHAPES, UNSEEN_SHAPES};
 use crate::error::SimulationError;
 use crate::random::Random;

@@ -3,10 +3,11 @@
 use std::borrow::Cow;
 
 use super::error::SceneError;
+use super::named_file::Load;
 use super::press::{check_length, check_name};
 use super::section::Section;
 use super::sensor::Sensor;
-use super::{Load, indenter, keys};
+use super::{indenter, keys};
 use crate::contact_world::production_cells;
 use crate::fingertip::FingertipParams;
 use crate::grasp::{

@@ -2,9 +2,9 @@
 
 use std::sync::Arc;
 
-use super::Load;
 use super::error::SceneError;
 use super::keys;
+use super::named_file::{Load, load_named};
 use super::section::Section;
 use crate::contact_world::{GridShape, HeightMap, Interpolation, Shape, TRAINING_SHAPES, UNSEEN_SHAPES};
 
@@ -126,7 +126,7 @@ fn height_map(section: &Section, load: &mut Load) -> Result<GridShape, SceneErro
         _ => Interpolation::Bilinear,
     };
     let extension = name.rsplit('.').next().unwrap_or_default().to_ascii_lowercase();
-    let bytes = super::load_named(section, &keys::FILE, name, load)?;
+    let bytes = load_named(section, &keys::FILE, name, load)?;
     let read = match (&*extension, per_level) {
         ("png", None) => return Err(section.missing(&keys::MM_PER_LEVEL, " with a PNG")),
         ("png", Some(0.0)) => {

@@ -1,10 +1,10 @@
 //! The sections of a scene of kind `press`: an indenter and its path over one fingertip. Angles are degrees in
 //! the file and radians here.
 
-use super::Load;
 use super::error::SceneError;
 use super::indenter::{self, Indenter};
 use super::keys;
+use super::named_file::Load;
 use super::section::Section;
 use crate::constants::HALF_SURFACE_MM;
 use crate::contact_world::Press;

@@ -3,8 +3,9 @@
 use std::str;
 
 use super::error::SceneError;
+use super::keys;
+use super::named_file::{Load, load_named};
 use super::section::Section;
-use super::{Load, keys};
 use crate::camera::Camera;
 use crate::error::SimulationError;
 use crate::fingertip::FingertipParams;
@@ -53,7 +54,7 @@ pub(super) fn read(head: &Section, load: &mut Load) -> Result<Sensor, SceneError
 }
 
 fn camera(section: &Section, name: &str, load: &mut Load) -> Result<Camera, SceneError> {
-    let bytes = super::load_named(section, &keys::CAMERA, name, load)?;
+    let bytes = load_named(section, &keys::CAMERA, name, load)?;
     let problem = |found: &str, expected: &str| {
         section.problem(
             keys::CAMERA.name,

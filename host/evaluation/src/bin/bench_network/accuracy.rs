@@ -8,7 +8,7 @@ use gripline_network::metrics::{Pair, Scores};
 use gripline_network::{Calibration, Evaluation, NO_FORCES};
 use gripline_simulation::{Sample, SampleGenerator, SampleWorld, Split};
 
-use crate::Failure;
+use crate::failure::Failure;
 use crate::models::Model;
 use crate::peers::OnnxRuntime;
 use crate::preprocessing::Preprocessor;

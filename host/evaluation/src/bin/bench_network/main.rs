@@ -5,6 +5,7 @@
 //! All contestants take turns, a few frames each, so that other load on the machine affects all of them alike.
 
 mod accuracy;
+mod failure;
 mod models;
 mod onnx;
 mod peers;
@@ -29,16 +30,14 @@ use gripline_network::{
 use gripline_simulation::constants::REST_PICTURES;
 
 use accuracy::Quantised;
+use failure::Failure;
 use models::Model;
 use onnx::Precision;
 use peers::{OnnxRuntime, Tract};
 use pictures::Film;
 use preprocessing::{NetworkInput, Preprocessor, small};
-use report::Report;
+use report::{CHANGED, Report};
 use timing::Contestant;
-
-/// Whatever stops the measurement; it is printed and nothing else.
-type Failure = Box<dyn std::error::Error>;
 
 const UNET: &[u8] = include_bytes!("../../../../network/weights/unet.safetensors");
 const TRACKED: &[u8] = include_bytes!("../../../../network/weights/tracked.safetensors");
@@ -48,9 +47,6 @@ const SAME: f32 = 1e-4;
 
 /// Rounds of multiply-adds per measurement of the peak: 20 to 100 µs.
 const PEAK_ROUNDS: usize = 30_000;
-
-/// Shares of the image's area that change between frames in the measurement of skipping, and what they are called.
-const CHANGED: [(f64, &str); 2] = [(0.1, "10 %"), (0.3, "30 %")];
 
 /// Makes a network's graph for other engines.
 type Graph<'a> = &'a dyn Fn(Precision) -> Vec<u8>;

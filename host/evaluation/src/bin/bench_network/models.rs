@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use gripline_network::tracked::TrackedNetwork;
 use gripline_network::{Architecture, Network, Precision};
 
-use crate::Failure;
+use crate::failure::Failure;
 
 /// Further committed weights, with other widths.
 const FOLDER: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../network/weights/bench");

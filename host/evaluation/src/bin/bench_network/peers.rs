@@ -11,7 +11,7 @@ use ort::session::builder::GraphOptimizationLevel;
 use ort::value::TensorRef;
 use tract_onnx::prelude::*;
 
-use crate::Failure;
+use crate::failure::Failure;
 use crate::onnx::{self, Precision, Ranges};
 use crate::preprocessing::{NetworkInput, Preprocessor};
 

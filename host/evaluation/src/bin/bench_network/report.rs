@@ -5,10 +5,12 @@ use std::fmt::Write as _;
 use gripline_network::{Architecture, InstructionSet};
 use serde_json::{Map, Value, json};
 
-use crate::CHANGED;
 use crate::accuracy::Accuracy;
 use crate::plot::{Kind, Point};
 use crate::timing::Times;
+
+/// Shares of the image's area that change between frames in the measurement of skipping, and what they are called.
+pub(crate) const CHANGED: [(f64, &str); 2] = [(0.1, "10 %"), (0.3, "30 %")];
 
 /// The architecture that the engines are held to.
 const UNET: &str = Architecture::Unet.name();

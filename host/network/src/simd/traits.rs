@@ -1,0 +1,195 @@
+//! What every instruction set offers to a kernel.
+
+/// Largest number of lanes of any vector.
+pub(crate) const LANES_MAX: usize = 16;
+
+/// Entries of the table of [`F32x8::gather`], and two more that it may read.
+pub(crate) const TABLE: usize = 256;
+pub(crate) type Table = [u16; TABLE + 2];
+
+/// A computation, written once for all instruction sets. Implementations of `run` are `inline(always)`.
+pub(crate) trait Dispatch {
+    type Output;
+
+    fn run<S: Simd>(self) -> Self::Output;
+}
+
+/// An instruction set.
+pub(crate) trait Simd {
+    /// f32 vectors, as wide as the set has them.
+    type F32: Accumulator<Number = f32, Out = Self::F32> + Vector;
+    /// Products of int16, summed in int32, as wide as the set has them.
+    type Int16: Accumulator<Number = Int16Pair>;
+    /// Eight f32.
+    type F32x8: F32x8;
+    /// Sixteen int16.
+    type Int16x16: Int16x16;
+
+    /// Sums of absolute differences of a template (8 pixels wide, at most 32 rows) and the eight places that begin at the
+    /// first eight of `pixels`, whose rows are `stride` apart.
+    fn sad_x8<const ROWS: usize>(template: &[[u8; 8]; ROWS], pixels: &[u8], stride: usize) -> [u16; 8];
+
+    /// The smallest sum `a[k] + b[k]` (saturating) and its `k`; the first of equal ones.
+    fn min_sum(a: &[u16; 8], b: &[u16; 8]) -> (u16, usize);
+}
+
+/// A vector of f32.
+pub(crate) trait Vector: Copy {
+    const LANES: usize;
+
+    /// The first `LANES` numbers.
+    fn load(from: &[f32]) -> Self;
+
+    /// Writes the first `out.len()` lanes, at most all.
+    fn store(self, out: &mut [f32]);
+
+    fn add(self, other: Self) -> Self;
+
+    /// Lanes below zero become +0; NaN and −0 stay.
+    fn relu(self) -> Self;
+}
+
+/// A vector of factors, or of sums of products.
+pub(crate) trait Accumulator: Copy {
+    /// A factor.
+    type Number;
+
+    /// What sums are converted to, lane by lane.
+    type Out: Vector;
+
+    /// Output pixels whose sums fit the registers, with one vector of sums each and with two.
+    const PIXELS_MAX: [usize; 2];
+
+    fn zero() -> Self;
+
+    /// The `S` (1, 2 or 4) numbers at `from`, repeated.
+    ///
+    /// # Safety
+    /// They must be readable; alignment does not matter.
+    unsafe fn broadcast<const S: usize>(from: *const Self::Number) -> Self;
+
+    /// One number per lane from `from` on.
+    ///
+    /// # Safety
+    /// They must be readable; alignment does not matter.
+    unsafe fn load_unchecked(from: *const Self::Number) -> Self;
+
+    /// The sums of neighbouring lanes: first those of `self`, then those of `other`.
+    fn pairwise_sums(self, other: Self) -> Self;
+
+    /// `self · weight + sum`.
+    fn multiply_add(self, weight: Self, sum: Self) -> Self;
+
+    /// The sums as f32, times a factor for each lane; f32 sums ignore the factors.
+    fn scale(self, factors: &[f32]) -> Self::Out;
+}
+
+/// Two neighbouring channels of a pixel, or their weights.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[repr(transparent)]
+pub(crate) struct Int16Pair(pub(crate) [i16; 2]);
+
+impl Int16Pair {
+    /// Whether this processor has what [`Avx512`](crate::InstructionSet::Avx512) takes for int16: VNNI.
+    pub(crate) fn has_avx512() -> bool {
+        #[cfg(target_arch = "x86_64")]
+        return is_x86_feature_detected!("avx512f") && is_x86_feature_detected!("avx512vnni");
+        #[cfg(not(target_arch = "x86_64"))]
+        false
+    }
+}
+
+/// Eight f32. Every instruction set rounds alike, so all give the same bits.
+pub(crate) trait F32x8: Copy {
+    fn splat(value: f32) -> Self;
+
+    fn load(from: &[f32; 8]) -> Self;
+
+    fn from_u8(from: [u8; 8]) -> Self;
+
+    fn store(self, to: &mut [f32; 8]);
+
+    fn add(self, other: Self) -> Self;
+
+    fn subtract(self, other: Self) -> Self;
+
+    fn multiply(self, other: Self) -> Self;
+
+    fn abs(self) -> Self;
+
+    /// As [`round`]; for magnitudes below 2²².
+    fn round(self) -> Self;
+
+    /// Entries of a table, by whole numbers modulo [`TABLE`].
+    fn gather(self, table: &Table) -> Self;
+
+    /// `yes` where `self < than`, elsewhere `no`.
+    fn select_less(self, than: Self, yes: Self, no: Self) -> Self;
+
+    /// The sum of the lanes, in pairs: those four apart, then those two apart, then the rest.
+    fn sum(self) -> f32;
+}
+
+/// Sixteen int16: eight pixels of one block, then eight of the block beside it.
+pub(crate) trait Int16x16: Copy {
+    /// Eight int32, four for each block.
+    type Sums: Copy;
+
+    fn splat(value: i16) -> Self;
+
+    fn from_u8(from: &[u8; 16]) -> Self;
+
+    fn from_i8(from: &[i8; 16]) -> Self;
+
+    fn zero_sums() -> Self::Sums;
+
+    /// Adds the products to the sums of their block.
+    fn multiply_add(self, other: Self, sums: Self::Sums) -> Self::Sums;
+
+    /// For each of the two blocks, the totals of eight sums.
+    fn totals(sums: [Self::Sums; 8]) -> [[i32; 8]; 2];
+}
+
+/// The greatest number below a half: adding it rounds nothing below a half up to one.
+pub(super) const BELOW_HALF: f32 = 0.499_999_97;
+
+/// Rounds to the nearest whole number, halves away from zero.
+#[inline(always)]
+pub(crate) fn round(value: f32) -> i32 {
+    (value + BELOW_HALF.copysign(value)) as i32
+}
+
+/// Adds to the sums of `P` pixels the products of a run of `run` inputs each, `step` inputs apart, with the weights:
+/// `N` vectors of them for every `S` inputs.
+///
+/// # Panics
+/// When there are fewer inputs or weights.
+#[inline(always)]
+pub(crate) fn accumulate<A: Accumulator, const P: usize, const N: usize, const S: usize>(
+    sums: &mut [[A; N]; P],
+    weights: &[A::Number],
+    inputs: &[A::Number],
+    step: usize,
+    run: usize,
+) {
+    let lanes = N * A::Out::LANES;
+    let groups = run / S;
+    assert!(weights.len() >= groups * lanes, "weights");
+    assert!(inputs.len() >= (P - 1) * step + run, "inputs");
+    let (weights, inputs) = (weights.as_ptr(), inputs.as_ptr());
+    for i in 0..groups {
+        // SAFETY: i < run / S, so by the assertions above the last pixel's inputs and the last weight exist.
+        unsafe {
+            let mut weight = [A::zero(); N];
+            for (n, weight) in weight.iter_mut().enumerate() {
+                *weight = A::load_unchecked(weights.add(i * lanes + n * A::Out::LANES));
+            }
+            for (p, sums) in sums.iter_mut().enumerate() {
+                let values = A::broadcast::<S>(inputs.add(p * step + i * S));
+                for (sum, weight) in sums.iter_mut().zip(weight) {
+                    *sum = values.multiply_add(weight, *sum);
+                }
+            }
+        }
+    }
+}
