@@ -231,7 +231,7 @@ impl ClipReader {
     }
 
     /// The 440×440 crop of the next picture; `None` at the end.
-    pub fn next(&mut self) -> Option<Vec<u8>> {
+    pub fn next_picture(&mut self) -> Option<Vec<u8>> {
         let grey = self.next.take()?;
         self.next = self.read_picture();
         let mut crop = Vec::new();

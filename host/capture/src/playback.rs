@@ -56,24 +56,23 @@ impl PictureReader {
     /// # Errors
     /// [`CaptureError`] of the next picture; what follows it can still be read. The last is
     /// [`CaptureError::ClipDamaged`] when pictures of a clip are missing.
-    pub fn next(&mut self) -> Result<Option<(String, Vec<u8>)>, CaptureError> {
+    pub fn next_picture(&mut self) -> Result<Option<(String, Vec<u8>)>, CaptureError> {
         match &mut self.kind {
             Kind::Files(files) => files
                 .next()
                 .map(|file| Ok((file.display().to_string(), picture::crop(&file, self.small)?)))
                 .transpose(),
-            Kind::Clip(clip) => match clip.next() {
-                Some(crop) => {
+            Kind::Clip(clip) => {
+                if let Some(crop) = clip.next_picture() {
                     let name = format!("{}: picture {}", self.path.display(), self.number);
                     self.number += 1;
                     Ok(Some((name, crop)))
-                }
-                None => {
+                } else {
                     let finished = clip.finish();
                     self.kind = Kind::Finished;
                     finished.map(|()| None)
                 }
-            },
+            }
             Kind::Finished => Ok(None),
         }
     }
@@ -157,10 +156,10 @@ impl Playback {
     }
 
     /// The next picture that can be read, and how long that took, µs.
-    pub fn next(&mut self) -> Option<(Vec<u8>, f64)> {
+    pub fn next_picture(&mut self) -> Option<(Vec<u8>, f64)> {
         loop {
             let started = Instant::now();
-            match self.pictures.next() {
+            match self.pictures.next_picture() {
                 Ok(None) => return None,
                 Ok(Some((_, crop))) => {
                     self.counts.received += 1;

@@ -139,13 +139,10 @@ impl Figure {
                 path: path.to_owned(),
                 why,
             })?;
-        let folder = path.parent().map_or(Ok(()), std::fs::create_dir_all);
-        folder
-            .and_then(|()| std::fs::write(path, bytes))
-            .map_err(|error| ChartError::File {
-                path: path.to_owned(),
-                error,
-            })
+        std::fs::write(path, bytes).map_err(|error| ChartError::File {
+            path: path.to_owned(),
+            error,
+        })
     }
 
     /// The bytes of the figure's file.

@@ -289,7 +289,6 @@ fn broken(found: impl Into<String>) -> LinkError {
     }
 }
 
-#[expect(clippy::needless_pass_by_value, reason = "the shape that map_err wants")]
 fn ended(error: WireError) -> LinkError {
     broken(match error {
         WireError::Pipe(error) => {

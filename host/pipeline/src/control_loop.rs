@@ -136,7 +136,7 @@ pub struct FrameOutcome {
 struct Begun {
     request: FrameRequest,
     at: Instant,
-    begun_us: u32,
+    start_us: u32,
     info: MapInfo,
 }
 
@@ -296,7 +296,7 @@ impl ControlLoop {
         Ok(Begun {
             request,
             at,
-            begun_us,
+            start_us: begun_us,
             info: MapInfo {
                 sensor: request.sensor,
                 sequence: self.sequences[usize::from(request.sensor)],
@@ -334,7 +334,7 @@ impl ControlLoop {
             sensor,
             sequence,
             capture_us,
-            begun_us: begun.begun_us,
+            begun_us: begun.start_us,
             gate: processed.gate,
             health: processed.health,
             stages_us: [

@@ -58,6 +58,7 @@ pub struct Image {
 
 impl Image {
     /// The crop that the pipeline takes. A small picture is enlarged so that its block means are the same picture.
+    #[must_use]
     pub fn into_crop(self) -> Vec<u8> {
         if self.side == CROP_SIDE {
             return self.pixels;

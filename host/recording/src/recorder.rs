@@ -212,11 +212,13 @@ impl Recorder {
     }
 
     /// Pictures and frames that were left out so far.
+    #[must_use]
     pub const fn dropped(&self) -> [u64; 2] {
         [self.summary.pictures_dropped, self.summary.frames_dropped]
     }
 
     /// Writes what waits and closes the file.
+    #[must_use]
     pub fn finish(mut self) -> RecordingSummary {
         self.end();
         // Those that waited when the disk failed are lost too.

@@ -92,7 +92,7 @@ pub fn run(args: &InferArgs) -> Result<Completion, Failure> {
     let mut maps: Vec<ForceMap> = Vec::new();
     let mut times_us = Vec::new();
     loop {
-        let (name, crop) = match frames.next() {
+        let (name, crop) = match frames.next_picture() {
             Ok(Some(picture)) => picture,
             Ok(None) => break,
             Err(damaged @ CaptureError::ClipDamaged { .. }) => {

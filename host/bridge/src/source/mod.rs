@@ -307,7 +307,7 @@ impl Frames {
             }),
             Self::Files(frames) => {
                 let came = Instant::now();
-                frames.next().map_or(Taken::End, |(crop, decode_us)| {
+                frames.next_picture().map_or(Taken::End, |(crop, decode_us)| {
                     taken(crop, came, decode_us, GripMode::Hold)
                 })
             }

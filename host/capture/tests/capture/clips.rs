@@ -66,10 +66,10 @@ fn a_clip_reads_back_as_it_was_written_and_appears_whole() {
     let mut clip = ClipReader::open(&path).unwrap();
     assert!((clip.rate() - 59.94).abs() < 0.001, "{}", clip.rate());
     for number in 0..PICTURES {
-        let difference = greatest_difference(&clip.next().unwrap(), &middle(&frame(number)));
+        let difference = greatest_difference(&clip.next_picture().unwrap(), &middle(&frame(number)));
         assert!(difference <= 6, "picture {number}: {difference} levels");
     }
-    assert_eq!(clip.next(), None);
+    assert_eq!(clip.next_picture(), None);
     clip.finish().unwrap();
 }
 
@@ -90,7 +90,11 @@ fn clips_of_other_formats_give_every_picture_once() {
         );
         let mut clip = ClipReader::open(&other).unwrap();
         assert!((clip.rate() - 59.94).abs() < 0.01, "{name}: {}", clip.rate());
-        assert_eq!(std::iter::from_fn(|| clip.next()).count(), PICTURES, "{name}");
+        assert_eq!(
+            std::iter::from_fn(|| clip.next_picture()).count(),
+            PICTURES,
+            "{name}"
+        );
         clip.finish().unwrap();
     }
 }
@@ -118,13 +122,13 @@ fn a_clip_that_is_cut_anywhere_or_has_a_bad_picture_plays_the_others_and_says_so
         let path = in_folder(&folder, name);
         fs::write(&path, bytes).unwrap();
         let mut clip = ClipReader::open(&path).unwrap();
-        assert_eq!(std::iter::from_fn(|| clip.next()).count(), good, "{name}");
+        assert_eq!(std::iter::from_fn(|| clip.next_picture()).count(), good, "{name}");
         let error = clip.finish().unwrap_err().to_string();
         for part in [name, &format!("found {good} pictures, expected {PICTURES}")] {
             assert!(error.contains(part), "{part:?} is missing in: {error}");
         }
         let mut playback = Playback::clip(&path).unwrap();
-        assert_eq!(std::iter::from_fn(|| playback.next()).count(), good);
+        assert_eq!(std::iter::from_fn(|| playback.next_picture()).count(), good);
         let counts = playback.counts();
         assert_eq!(
             (counts.received, counts.damaged),
@@ -208,7 +212,7 @@ fn ffmpeg_ends_when_its_reader_is_dropped() {
     let path = in_folder(&folder, "clip.avi");
     write_clip(&path);
     let mut clip = ClipReader::open(&path).unwrap();
-    clip.next().unwrap();
+    clip.next_picture().unwrap();
     assert!(has_child(&path));
     drop(clip);
     assert!(!has_child(&path));

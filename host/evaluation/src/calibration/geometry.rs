@@ -70,6 +70,7 @@ pub struct Fit {
 
 impl Fit {
     /// Root mean square of the residuals.
+    #[must_use]
     pub fn rms_mm(&self) -> f64 {
         let squares = self.rests_mm.iter().map(|rest| rest * rest).sum::<f64>();
         (squares / self.rests_mm.len() as f64).sqrt()
@@ -108,6 +109,7 @@ impl Touch {
 }
 
 /// The presses of a recording, in order of time.
+#[must_use]
 pub fn presses(touches: &[Touch]) -> Vec<Press> {
     let contacts = touches.split(|touch| touch.normal_n < NORMAL_MIN_N);
     contacts

@@ -72,6 +72,7 @@ impl Figures {
     ///
     /// # Panics
     /// When there is no picture, or one is not 440×440: sources guarantee both.
+    #[must_use]
     pub fn of(pictures: &[Vec<u8>]) -> Self {
         let mean = mean(pictures);
         let mean_level = level(&mean);
@@ -130,6 +131,7 @@ impl Change {
 }
 
 /// Pixel by pixel, rounded to nearest.
+#[must_use]
 pub fn mean(pictures: &[Vec<u8>]) -> Vec<u8> {
     let count = pictures.len() as u32;
     (0..CROP_SIDE * CROP_SIDE)

@@ -221,7 +221,7 @@ fn force_map(traces: &Traces, at: &ForceMapAt, name: char, full_n: f32) -> Map {
     let scale = 2.0 / f64::from(shears.fold(1e-3, f32::max));
     let arrows = at.map.iter().enumerate().filter(|(taxel, force)| {
         // Every second taxel, so that the arrows can be told apart.
-        touches(force) && (taxel % SIDE + taxel / SIDE) % 2 == 0
+        touches(force) && (taxel % SIDE + taxel / SIDE).is_multiple_of(2)
     });
     Map {
         title: format!(

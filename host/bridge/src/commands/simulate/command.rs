@@ -494,9 +494,10 @@ impl Progress {
     }
 
     fn note(&self, text: &str) {
-        match &self.bar {
-            Some(bar) => bar.println(format!("gripline: {text}")),
-            None => tracing::warn!("{text}"),
+        if let Some(bar) = &self.bar {
+            bar.println(format!("gripline: {text}"));
+        } else {
+            tracing::warn!("{text}");
         }
     }
 
