@@ -240,7 +240,7 @@ impl ClipReader {
         Some(crop)
     }
 
-    /// What is missing, once [`Self::next`] has returned `None`.
+    /// What is missing, once [`Self::next_picture`] has returned `None`.
     ///
     /// # Errors
     /// [`CaptureError::ClipDamaged`] when ffmpeg left pictures out, or the file ends early.
