@@ -33,7 +33,7 @@ pub enum RecordingError {
     )]
     Exists(PathBuf),
     /// A recording cannot be begun or continued.
-    #[error("{}: recording failed: {error}; {advice}", path.display())]
+    #[error("{}: recording failed: {}; {advice}", path.display(), cause(error))]
     Record {
         /// The recording.
         path: PathBuf,
@@ -222,5 +222,33 @@ impl std::error::Error for Failure {}
 impl From<RecordingError> for Failure {
     fn from(error: RecordingError) -> Self {
         Self::failed(error)
+    }
+}
+
+/// The system's own words where the library only says that reading or writing failed.
+fn cause(error: &mcap::McapError) -> String {
+    match error {
+        mcap::McapError::Io(error) => error.to_string(),
+        other => other.to_string(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_full_disk_is_named_in_the_systems_words() {
+        let full = std::io::Error::from(std::io::ErrorKind::StorageFull);
+        let error = RecordingError::Record {
+            path: PathBuf::from("today.mcap"),
+            error: mcap::McapError::Io(full),
+            advice: "make room or record elsewhere",
+        };
+        let text = error.to_string();
+        assert!(
+            text.contains("no storage space") && text.contains("make room"),
+            "{text}"
+        );
     }
 }
