@@ -1,6 +1,8 @@
 //! The unmodified firmware image behind the modelled USB port: enumeration against the standards, control transfers
 //! good and bad, bulk packets both ways, cables and sleep. `GRIPLINE_IMAGE` names the image; `cargo xtask test` sets it.
 
+use std::fmt::Write as _;
+
 use gripline_emulator::Board;
 use gripline_emulator::usb::{Cable, ControlOutcome, ControlTransfer, Setup, UsbPacket, UsbState};
 
@@ -89,7 +91,12 @@ fn complaints(board: &Board) -> Vec<&String> {
 
 /// A transfer as the golden file has it: what was asked, how it ended, what was answered.
 fn line_of(transfer: &ControlTransfer) -> String {
-    let hex = |bytes: &[u8]| bytes.iter().map(|byte| format!("{byte:02x}")).collect::<String>();
+    let hex = |bytes: &[u8]| {
+        bytes.iter().fold(String::new(), |mut text, byte| {
+            let _ = write!(text, "{byte:02x}");
+            text
+        })
+    };
     format!(
         "{} {:?} {}\n",
         hex(&transfer.setup),
