@@ -79,9 +79,9 @@ impl Checks {
 /// How much is checked.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Tier {
-    /// What every change has to pass: at most 15 minutes in a fresh clone on two cores.
+    /// What every change has to pass: 15 minutes are wanted in a fresh clone on two cores.
     Quick,
-    /// The same and all that is slow: at most 45 minutes.
+    /// The same and all that is slow: 45 minutes are wanted.
     All,
 }
 
