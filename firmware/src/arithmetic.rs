@@ -1,6 +1,8 @@
 //! Division and square root whose time does not depend on the numbers. The chip divides 32 bits by 32 in at most 12 cycles;
 //! the compiler's own 64-bit division takes as many rounds as its numbers need.
 
+use gripline_protocol::PER_UNIT;
+
 /// `number / divisor`, exact; 0 for a divisor of 0. Four divisions of 32 bits. Not inlined: there is little room in SRAM.
 #[must_use]
 #[inline(never)]
@@ -58,6 +60,16 @@ pub(crate) fn square_root(square: u64) -> u32 {
     let rest = i64::from(left) << HALF | i64::from(scaled as u32 & MASK);
     let missing = rest < i64::from(quotient) * i64::from(quotient);
     (root - u32::from(missing)) >> (shift / 2)
+}
+
+/// Shear over normal force, 1/10000, at most 65535.
+pub(crate) fn ratio(shear: i32, normal: i32) -> u16 {
+    let (normal, shift) = narrowed(normal);
+    let share = divide(
+        (u64::from(shear.max(0).cast_unsigned()) * u64::from(PER_UNIT)) >> shift,
+        normal,
+    );
+    share.min(u16::MAX.into()) as u16
 }
 
 #[cfg(test)]

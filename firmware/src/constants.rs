@@ -36,7 +36,7 @@ pub const LEAD_US: u64 = 20_000;
 pub const REST_LEAD_US: u64 = 60_000;
 /// Typical friction, assumed until the load settles, 1/10000. Assuming less grips before the load proves much; assuming more
 /// lets contacts of lower friction slide far.
-pub const EXPECTED_FRICTION: u16 = 6_000;
+pub const EXPECTED_FRICTION: u16 = 7_000;
 /// A load has settled after this many maps in a row in which it grew by less than a sixteenth.
 pub const REST_MAPS: u8 = 4;
 /// Minimum load that can settle, 1/4096 N: 0.25 N.
@@ -59,6 +59,54 @@ pub const STALL_RATIO_MIN: u16 = 3_000;
 pub const SLIDE_RATIO_SURE: u16 = 6_000;
 /// Maps in a row that are a sure slide; see [`SLIDE_RATIO_SURE`].
 pub const SLIDE_SURE_MAPS: u8 = 2;
+/// Time of a slot, over which the slide witness takes the mean of maps, µs: a map at 60 maps a second.
+pub const SLOT_US: u32 = 14_000;
+/// Load from which the slide witness says anything, 1/4096 N: 0.05 N.
+pub const WITNESSED_LOAD_MIN: i32 = 200;
+/// Fall of the shear below the remembered load that is suspect, share in 1/1024: 9 %, four times the noise of two maps.
+pub const DROP_SHARE: i32 = 92;
+/// The same in one slot: 14 %.
+pub const SUDDEN_DROP_SHARE: i32 = 143;
+/// Noise of a load above which it counts as its change, share in 1/1024: 8 %.
+pub const NOISE_MAX: i32 = 82;
+/// Share of the load by which the shear may fall short of it for long, in 1/1024: 1 % without noise, at most 4 %.
+pub const SHORT_SHARE_MIN: i32 = 12;
+/// The most of it; see [`SHORT_SHARE_MIN`].
+pub const SHORT_SHARE_MAX: i32 = 41;
+/// Time for which the shear falls short of the load until that is suspect, µs.
+pub const SHORT_US: u32 = 150_000;
+/// Time without growth after which a load has settled for the slide witness, µs: five slots.
+pub const SETTLED_US: u32 = 80_000;
+/// Rise of the normal force in a test from which the shear is asked whether it has followed, share in 1/1024: 20 %.
+pub const ASKED_SHARE: i32 = 205;
+/// Change of the normal force over four slots up to which it counts as constant, share in 1/1024: 2 %.
+pub const RISES_SHARE: i32 = 20;
+/// Share of the friction counted on that one slide may take away before the test has confirmed it, 1/10000.
+pub const FRICTION_LOSS_MAX: u16 = 6_000;
+/// Share of the proven friction that a load leaves which came back during a test, 1/10000: it may only have swung.
+pub const SWING_LOSS_MAX: u16 = 9_000;
+/// Slow fall of the normal force with which the shear must not have sunk, share in 1/1024: 3 %.
+pub const FADE_SHARE: i32 = 31;
+/// Time without any suspicion after which a load that came back is forgotten, µs.
+pub const COME_BACK_US: u32 = 3_000_000;
+/// Slots in a row in which the shear must rise with the normal force, to two fifths, until that is a slide.
+pub const FOLLOWED_SLOTS: u8 = 3;
+/// Longest test that finds nothing, µs: a gripper of 100 ms has risen by then.
+pub const UNPROVEN_US_MAX: u32 = 500_000;
+/// What is held in a test before it has found anything, 1/10000 of the load: 1.1.
+pub const TEST_MARGIN: u16 = 11_000;
+/// Longest test, µs.
+pub const TEST_US_MAX: u32 = 1_000_000;
+/// Time after a test that found the contact held, without another one at that normal force, µs.
+pub const HUSH_HELD_US: u32 = 400_000;
+/// Time after any other test without another one, µs.
+pub const HUSH_US: u32 = 80_000;
+/// Time without any suspicion before the line may fall by plan, µs.
+pub const CALM_US: u32 = 160_000;
+/// The limit that a slide set to the friction is forgotten by 2⁻²⁵ a µs, 3 % a second.
+pub const FRICTION_FORGET_SHIFT: u32 = 25;
+/// Rise of the line with which a suspicion is tested, as a part of the line: a third.
+pub const TEST_RISE_PART: i32 = 3;
 /// Square by which a map's blur widens a contact, 1/16 of half a pitch squared: 54 for a deviation of 0.65 taxels in both
 /// directions, and a third more for the edge that a light touch does not show.
 pub const BLUR_REACH: u16 = 70;
@@ -71,18 +119,25 @@ pub const SEEK_RATE: i64 = 16;
 pub const SEEK_MAX: i32 = 4_096;
 /// Assumed time constant of the gripper's force behind its line, as a shift of µs: 66 ms.
 pub const GRIPPER_LAG_SHIFT: u32 = 16;
-/// Added to the CRC-storm level by a refused packet; the level falls by 1 each millisecond.
+/// Added to a link's CRC-storm level by a broken map, however many of its packets are refused; the level falls by 1 each
+/// millisecond. At 60 maps a second one broken map in two is no storm, and five in a row are one.
+pub const STORM_PER_MAP: u32 = 36;
+/// Added by a refused packet that belongs to no map.
 pub const STORM_PER_PACKET: u32 = 10;
-/// Level that raises CRC STORM: ten refused packets at once, or more than one in ten milliseconds for long.
+/// Level that raises CRC STORM: three broken maps or ten other refused packets at once.
 pub const STORM_LEVEL: u32 = 100;
-/// Highest storm level, so that a storm is over 200 ms after its last refused packet.
+/// Highest storm level, so that a storm is over 200 ms after what last broke.
 pub const STORM_LEVEL_MAX: u32 = 200;
 /// How far ahead of the promptest map a capture time may be, µs: a late first map locks nobody out.
 pub const FUTURE_MAX_US: i32 = 1_000_000;
-/// Tolerated drift between the host's clock and ours, as a shift: 2⁻¹⁰, ten times that of two crystals.
-pub const CLOCK_DRIFT_SHIFT: u32 = 10;
-/// Maximum tolerated drift over a silence, µs: that of 76 hours; it fits the clocks' difference.
+/// Tolerated drift between the host's clock and ours, as a shift: 2⁻¹², 244 parts per million, twice that of two crystals. What
+/// comes later by more than that, map after map, grows old.
+pub const CLOCK_DRIFT_SHIFT: u32 = 12;
+/// Maximum tolerated drift over a silence, µs: that of 305 hours; it fits the clocks' difference.
 pub const CLOCK_DRIFT_MAX_US: u64 = 1 << 28;
+/// How long maps show no contact until the object that is held counts as lost, µs: six maps at 60 a second; a touch that
+/// flickers comes back sooner.
+pub const CONTACT_GONE_US: u64 = 100_000;
 /// Time between two statuses without a map, ms.
 pub const STATUS_PERIOD_MS: u32 = 100;
 /// Bound from the last packet in the FIFO to the line written, core cycles: 25 µs at 168 MHz.
@@ -99,6 +154,8 @@ pub const MODBUS_SILENCE_US: u64 = 1_750;
 /// Least time between the starts of two requests, µs: the gripper's registers change at 200 Hz (manual, note on
 /// function code 23: "minimum delay of 5 ms").
 pub const MODBUS_SLOT_US: u64 = 5_000;
+/// How long sending a request may take, µs: three times its bytes on the wire, and well before its answer counts as lost.
+pub const MODBUS_SEND_US: u64 = 5_000;
 /// How long an answer may take after the end of its request, µs: several turns of the gripper's own loop.
 pub const MODBUS_ANSWER_US: u64 = 25_000;
 /// Quiet after a lost or damaged answer, µs, so that what comes late is not taken for the next answer.

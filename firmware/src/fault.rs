@@ -44,11 +44,19 @@ pub enum Fault {
     SettingsLost = 15,
     /// The gripper on the bus does not answer, reports a fault, or is not ready while something is to be held.
     LineFailed = 16,
+    /// The supply is too low, or was so low that the chip restarted.
+    Undervoltage = 17,
+    /// The option bytes do not hold the chip in reset below 2.8 V.
+    BrownOutLevel = 18,
+    /// The analog line does not measure as it was written.
+    LineMismatch = 19,
+    /// While holding, the contact is gone, or the gripper reports that it holds no object any more.
+    ObjectLost = 20,
 }
 
 impl Fault {
     /// Every fault, in the order of the numbers.
-    pub const ALL: [Self; 16] = [
+    pub const ALL: [Self; 20] = [
         Self::StaleMaps,
         Self::LinkLost,
         Self::CrcStorm,
@@ -65,6 +73,10 @@ impl Fault {
         Self::FutureMap,
         Self::SettingsLost,
         Self::LineFailed,
+        Self::Undervoltage,
+        Self::BrownOutLevel,
+        Self::LineMismatch,
+        Self::ObjectLost,
     ];
 
     /// Its number, for people, logs and the bits of a status.
@@ -109,6 +121,10 @@ impl Fault {
             Self::FutureMap => "a picture is newer than its arrival: check the host's clock",
             Self::SettingsLost => "stored settings cannot be read: the default ones are in force",
             Self::LineFailed => "the gripper does not answer, reports a fault or is not ready",
+            Self::Undervoltage => "the supply is below 2.9 V, or a brown-out reset the chip",
+            Self::BrownOutLevel => "the brown-out level in the option bytes is not 3",
+            Self::LineMismatch => "the analog line does not measure as it was written",
+            Self::ObjectLost => "while holding, the contact or the gripper's object is gone",
         }
     }
 
@@ -117,7 +133,7 @@ impl Fault {
     pub const fn latches(self) -> bool {
         matches!(
             self,
-            Self::LinkLost | Self::CrcStorm | Self::WatchdogReset | Self::SettingsLost
+            Self::LinkLost | Self::CrcStorm | Self::WatchdogReset | Self::SettingsLost | Self::Undervoltage
         )
     }
 
@@ -133,14 +149,18 @@ impl Fault {
             | Self::WatchdogReset
             | Self::SaturatedMap
             | Self::FutureMap
-            | Self::LineFailed => Guard::Hold,
+            | Self::LineFailed
+            | Self::Undervoltage
+            | Self::LineMismatch
+            | Self::ObjectLost => Guard::Hold,
             Self::MapsLost
             | Self::OutOfRange
             | Self::UnreadableMessage
             | Self::SchemaMismatch
             | Self::LineAtCeiling
             | Self::DeadlineMissed
-            | Self::SettingsLost => Guard::Free,
+            | Self::SettingsLost
+            | Self::BrownOutLevel => Guard::Free,
         }
     }
 
@@ -164,6 +184,10 @@ impl Fault {
             Self::FutureMap => "FUTURE MAP",
             Self::SettingsLost => "SETTINGS LOST",
             Self::LineFailed => "LINE FAILED",
+            Self::Undervoltage => "UNDERVOLTAGE",
+            Self::BrownOutLevel => "BROWN-OUT LEVEL",
+            Self::LineMismatch => "LINE MISMATCH",
+            Self::ObjectLost => "OBJECT LOST",
         }
     }
 }

@@ -3,18 +3,20 @@
 //! late. A grip for low friction would meet the load before the load proves much. So the estimator assumes typical friction
 //! until the load settles or the contact slides; from then on the proven friction counts.
 //!
-//! Units: force 1/4096 N, ratios 1/10000, time µs. Limits: it does not notice friction that falls during a grip.
+//! What is proven is proven for then: a [slide](crate::slide_witness) limits it, also below the detector's friction.
+//!
+//! Units: force 1/4096 N, ratios 1/10000, time µs.
 
-use gripline_protocol::PER_UNIT;
 use gripline_protocol::message::{Configuration, MapSums};
 
-use crate::arithmetic::{divide, narrowed, square_root};
+use crate::arithmetic::{divide, ratio, square_root};
 use crate::constants::{
     EXPECTED_FRICTION, LEAD_US, PROOF_NORMAL_MIN, REST_LEAD_US, REST_LOAD_MIN, REST_MAPS, SLIDE_MAPS,
     SLIDE_RATIO_SURE, SLIDE_STICK_RATIO, SLIDE_SURE_MAPS, STALL_RATIO_MIN, STALL_STICK_RATIO,
 };
 use crate::contact_geometry::ContactGeometry;
 use crate::load::torsional_moment;
+use crate::slide_witness::{SlideWitness, Verdict};
 use crate::sums::stick_ratio_below;
 
 /// The load on one fingertip and the friction it has proven.
@@ -24,7 +26,7 @@ pub struct FrictionEstimator {
     now: i32,
     /// Growth of the load from map to map, smoothed.
     growth: i32,
-    /// Load expected [`LEAD_US`] or [`REST_LEAD_US`] ahead; more while the contact slides.
+    /// Load expected [`LEAD_US`] or [`REST_LEAD_US`] ahead; more while the contact slides, and no less than it remembers.
     ahead: i32,
     /// `ahead` over the normal force; `before`: `now` over it in the last two maps.
     ratio: u16,
@@ -38,6 +40,8 @@ pub struct FrictionEstimator {
     /// Since the contact began: the load has settled; the contact has slid.
     has_rested: bool,
     has_slid: bool,
+    /// Whether it slides, whatever the friction.
+    slide: SlideWitness,
     /// When the last map came; wraps.
     at_us: u32,
     since_us: u16,
@@ -96,6 +100,16 @@ impl FrictionEstimator {
         }
     }
 
+    /// Asks the slide witness about the map that [`FrictionEstimator::observe`] took: apart from that, so that neither blocks
+    /// the map-to-line path for long.
+    pub(crate) fn ask_witness(&mut self, normal: i32, settings: &Configuration) {
+        let friction = self.proven.max(settings.friction);
+        self.slide
+            .observe(self.now, normal, self.since_us, friction, settings);
+        self.ahead = self.ahead.max(self.slide.hidden_load());
+        self.ratio = ratio(self.ahead, normal);
+    }
+
     /// Growth of the load until the gripper follows, at most half of the load. Once the load has settled, the first 3/128
     /// count as fluctuation.
     fn growing(&self, since_us: u16) -> i32 {
@@ -149,6 +163,11 @@ impl FrictionEstimator {
         self.ahead
     }
 
+    /// What its slide witness demands of the line.
+    pub(crate) fn witness(&self) -> Verdict {
+        self.slide.verdict()
+    }
+
     /// That shear over the normal force, 1/10000.
     #[must_use]
     pub const fn ratio(&self) -> u16 {
@@ -164,12 +183,12 @@ impl FrictionEstimator {
     /// Whether this fingertip needs more grip than the other.
     #[must_use]
     pub fn exceeds(&self, other: &Self, settings: &Configuration) -> bool {
-        let known = |load: &Self| i64::from(load.friction(settings).max(settings.friction).max(1));
-        i64::from(self.ahead) * known(other) > i64::from(other.ahead) * known(self)
+        let known = |load: &Self| i64::from(load.friction(settings).max(1));
+        i64::from(self.shear()) * known(other) > i64::from(other.shear()) * known(self)
     }
 
-    /// Friction for the feed-forward, besides the detector's, 1/10000: what was proven, and at least typical friction until the
-    /// load settles.
+    /// Friction for the feed-forward, 1/10000: what was proven, at least the detector's, and typical friction until the load
+    /// settles; no more than a slide left.
     #[must_use]
     pub fn friction(&self, settings: &Configuration) -> u16 {
         let expected = if self.has_rested || self.has_slid {
@@ -177,18 +196,11 @@ impl FrictionEstimator {
         } else {
             EXPECTED_FRICTION.min(settings.friction_most)
         };
-        self.proven.max(expected)
+        self.proven
+            .max(expected)
+            .max(settings.friction)
+            .min(self.slide.limit())
     }
-}
-
-/// Shear over normal force, at most 65535.
-fn ratio(shear: i32, normal: i32) -> u16 {
-    let (normal, shift) = narrowed(normal);
-    let share = divide(
-        (u64::from(shear.max(0).cast_unsigned()) * u64::from(PER_UNIT)) >> shift,
-        normal,
-    );
-    share.min(u16::MAX.into()) as u16
 }
 
 /// Shear and torsional moment as one shear: the root of the sum of their squares, the moment over the contact's lever.

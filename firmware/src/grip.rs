@@ -8,8 +8,9 @@ use gripline_protocol::configuration::FORCE_MAX;
 use gripline_protocol::message::{Configuration, GripMode, SlipState};
 
 use crate::arithmetic::divide;
-use crate::constants::{FEED_FORWARD_FRICTION_MIN, GRIPPER_LAG_SHIFT, SEEK_MAX, SEEK_RATE};
+use crate::constants::{FEED_FORWARD_FRICTION_MIN, GRIPPER_LAG_SHIFT, SEEK_MAX, SEEK_RATE, TEST_RISE_PART};
 use crate::friction_estimator::FrictionEstimator;
+use crate::slide_witness::{Urgency, Verdict};
 
 /// A grip force, 1/4096 N; never negative.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default)]
@@ -67,6 +68,12 @@ struct Learnt {
     friction: u16,
     /// Fastest fall of the line, 1/4096 N per second.
     fall_rate: u16,
+    /// What the slide witnesses say; the line before their test and the least during it, 1/4096 N.
+    witness: Verdict,
+    before_test: i32,
+    test_min: i32,
+    /// The test found no slide: the line goes back to where it was before.
+    goes_back: bool,
     /// Line while the grip closes on an object that it hardly feels.
     sought_milli: i32,
     /// The force that the gripper should have reached, and when that was computed; wraps.
@@ -85,6 +92,8 @@ pub struct GripController {
     evidence: Evidence,
     /// When the evidence came, µs.
     observed_us: u64,
+    /// The least while settings hold that would loosen a running grip, in 1/1000 of 1/4096 N.
+    kept_milli: i64,
     /// How long the contact has stuck above the relaxing level, µs.
     stuck_us: u64,
     last_us: u64,
@@ -112,6 +121,10 @@ impl GripController {
                 shear: 0,
                 friction: 0,
                 fall_rate: 0,
+                witness: Verdict::NONE,
+                before_test: 0,
+                test_min: 0,
+                goes_back: false,
                 sought_milli: 0,
                 reached_milli: line * MILLI as i32,
                 at_us: now_us as u32,
@@ -123,6 +136,7 @@ impl GripController {
                 has_spare: false,
             },
             observed_us: now_us,
+            kept_milli: 0,
             stuck_us: 0,
             last_us: now_us,
         }
@@ -138,8 +152,16 @@ impl GripController {
     pub fn set_mode(&mut self, mode: GripMode) {
         self.mode = mode;
         self.stuck_us = 0;
+        self.kept_milli = 0;
         if mode == GripMode::Released {
             self.reflex_milli = 0;
+        }
+    }
+
+    /// Settings come that would loosen the grip: a running hold keeps its line until it is released.
+    pub(crate) fn keep_line(&mut self) {
+        if self.mode == GripMode::Hold {
+            self.kept_milli = self.kept_milli.max(self.line_milli);
         }
     }
 
@@ -162,6 +184,11 @@ impl GripController {
         self.observed_us = now_us;
     }
 
+    /// Takes the shear of maps of which one is doubtful: it may only raise the line.
+    pub(crate) fn observe_doubtful(&mut self, shear: i32) {
+        self.evidence.shear = self.evidence.shear.max(shear);
+    }
+
     /// Time passes in a controller that learns: the gripper follows its line. `load` is a new map's load, of the fingertip
     /// that needs the most grip, with its normal force.
     #[expect(clippy::inline_always, reason = "called once; a call of its own costs flash")]
@@ -170,6 +197,7 @@ impl GripController {
         &mut self,
         now_us: u64,
         load: Option<(&FrictionEstimator, i32)>,
+        witness: Verdict,
         settings: &Configuration,
     ) {
         let passed_us = (now_us as u32).wrapping_sub(self.learnt.at_us);
@@ -181,8 +209,24 @@ impl GripController {
             return;
         };
         let line = self.line().lsb();
+        if witness.tests() && !self.learnt.witness.tests() {
+            if !self.learnt.goes_back {
+                self.learnt.before_test = line;
+            }
+            // Where a fault forbids the way back, one test after the other must not add up.
+            self.learnt.test_min = self.learnt.before_test + self.learnt.before_test / TEST_RISE_PART;
+        }
+        if witness.tests() != self.learnt.witness.tests() {
+            self.learnt.goes_back = !witness.tests() && !witness.has_slid;
+        }
+        self.learnt.witness = witness;
         self.learnt.friction = load.friction(settings);
-        let wanted = felt(load, self.learnt.reached_milli);
+        let wanted = if witness.tests() {
+            // The maps lag behind the gripper, which a test moves: what was felt before still holds.
+            load.shear().max(self.learnt.shear)
+        } else {
+            felt(load, self.learnt.reached_milli)
+        };
         let more = wanted - self.learnt.shear;
         // A small increase may be fluctuation: follow it slowly.
         let is_little = more > 0 && more <= self.learnt.shear / 16;
@@ -191,7 +235,7 @@ impl GripController {
         } else {
             wanted
         };
-        if self.feed_forward(settings) > i64::from(line + line / 16) {
+        if !witness.may_fall || self.feed_forward(settings) > i64::from(line + line / 16) {
             self.stuck_us = 0;
         }
         // A light touch may be too small to see, or to show its load.
@@ -213,7 +257,7 @@ impl GripController {
     /// Feed-forward: the force that friction needs for the present shear, and the margin.
     fn feed_forward(&self, settings: &Configuration) -> i64 {
         let (shear, friction) = if settings.learns() {
-            (self.learnt.shear, settings.friction.max(self.learnt.friction))
+            (self.learnt.shear, self.learnt.friction)
         } else {
             (self.evidence.shear, settings.friction)
         };
@@ -254,9 +298,29 @@ impl GripController {
             // At most twice the floor, and the ceiling of that time.
             demand = demand.max(self.learnt.sought_milli.into());
             relax_rate = self.learnt.fall_rate;
+            if self.learnt.witness.tests() {
+                let least = match self.learnt.witness.urgency {
+                    // Ahead of the gripper's lag; more where the shear that follows hides the load.
+                    Urgency::Follows => 2 * demand,
+                    Urgency::Short => demand + demand / 4,
+                    Urgency::Tests | Urgency::None => 0,
+                };
+                let least = least.max(i64::from(self.learnt.test_min) * MILLI);
+                demand = demand.max(least.min(ceiling));
+            }
         }
+        demand = demand.max(self.kept_milli);
+        let before_test = i64::from(self.learnt.before_test) * MILLI;
+        let goes_back = settings.learns() && guard == Guard::Free && self.learnt.goes_back;
         if demand > self.line_milli {
             self.line_milli = demand.min(self.line_milli + grown(settings.rise_rate));
+        } else if goes_back {
+            // What a test added that found the contact held.
+            let passed_us = passed_us.min(FALL_US_MAX) as i64;
+            let step = i64::from(settings.release_rate) * passed_us;
+            let back = demand.max(before_test);
+            self.line_milli = back.max(self.line_milli - step);
+            self.learnt.goes_back = self.line_milli > back;
         } else if relaxing {
             // A clock that jumps for one reading must not make the line jump down.
             let passed_us = passed_us.min(FALL_US_MAX) as u32;
@@ -305,6 +369,24 @@ impl GripController {
         }
         relaxing
     }
+}
+
+/// Whether new settings would loosen a grip that the old ones hold.
+pub(crate) const fn loosens(old: &Configuration, new: &Configuration) -> bool {
+    new.sensors < old.sensors
+        || new.friction > old.friction
+        || new.friction_most > old.friction_most
+        || new.contact_min > old.contact_min
+        || new.margin < old.margin
+        || new.floor < old.floor
+        || new.ceiling < old.ceiling
+        || new.tighten < old.tighten
+        || new.reflex_target < old.reflex_target
+        || new.reflex_rate < old.reflex_rate
+        || new.rise_rate < old.rise_rate
+        || new.relax_rate > old.relax_rate
+        || new.relax_after_ms < old.relax_after_ms
+        || new.release_rate > old.release_rate
 }
 
 /// How far the gripper moves towards `distance` in that time.

@@ -4,7 +4,8 @@
 //! answer of the real one.
 //!
 //! [`friction`] decides about a taxel, [`sums`] about a map, [`slip`] about the contact, [`grip`] about the force,
-//! [`safety`] about [faults](fault); [`program`] joins them. [`mod@line`] turns force into volts; [`robotiq`] speaks [`modbus`] to
+//! [`safety`] about [faults](fault); [`program`] joins them. [`mod@line`] turns force into volts, [`readback`] compares them with
+//! what arrives; [`robotiq`] speaks [`modbus`] to
 //! a gripper on a bus, through an [`rs485`] transceiver. [`storage`] keeps the settings over a power cycle.
 #![no_std]
 #![forbid(unsafe_code)]
@@ -21,12 +22,15 @@ pub mod friction;
 pub mod friction_estimator;
 pub mod grip;
 pub mod line;
+pub mod link;
 mod load;
 pub mod modbus;
 pub mod program;
+pub mod readback;
 pub mod robotiq;
 pub mod rs485;
 pub mod safety;
+pub mod slide_witness;
 pub mod slip;
 pub mod storage;
 pub mod sums;
@@ -34,4 +38,5 @@ pub mod sums;
 pub use fault::{Fault, FaultSet};
 pub use friction::Friction;
 pub use grip::GripForce;
+pub use link::LinkId;
 pub use program::{Action, Device, Program, ResetCause, Start};

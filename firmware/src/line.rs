@@ -50,17 +50,20 @@ pub enum LineHealth {
     GripperFault = 4,
     /// It answers but does not follow commands.
     NotTaken = 5,
+    /// It follows commands, held something, and reports that nothing is between its fingers any more.
+    ObjectLost = 6,
 }
 
 impl LineHealth {
     /// All of them, in the order of their numbers.
-    pub const ALL: [Self; 6] = [
+    pub const ALL: [Self; 7] = [
         Self::Good,
         Self::Starting,
         Self::NoAnswer,
         Self::NotActivated,
         Self::GripperFault,
         Self::NotTaken,
+        Self::ObjectLost,
     ];
 }
 

@@ -131,6 +131,16 @@ impl GripperStatus {
         self.bits & GO_TO != 0 && self.echo == command.position
     }
 
+    /// gOBJ: something stopped the fingers.
+    const fn has_object(self) -> bool {
+        matches!(self.bits >> 6, 1 | 2)
+    }
+
+    /// gOBJ: the fingers are where they were sent, and nothing stopped them.
+    const fn has_none(self) -> bool {
+        self.bits >> 6 == 3
+    }
+
     const fn needs_reset(self) -> bool {
         self.fault >= FAULT_NEEDS_RESET
     }
@@ -182,6 +192,8 @@ pub struct Robotiq {
     sent: Option<MotionCommand>,
     /// The force register of the grip that the gripper echoed last.
     applied: Option<u8>,
+    /// Something stopped the fingers since the grip was requested.
+    had_object: bool,
     /// Since when the gripper has not echoed a grip.
     sent_us: Option<u64>,
     asked: Option<Asked>,
@@ -213,6 +225,7 @@ impl Robotiq {
             is_fresh: false,
             sent: None,
             applied: None,
+            had_object: false,
             sent_us: None,
             asked: None,
             answer: heapless::Vec::new(),
@@ -358,6 +371,9 @@ impl Robotiq {
             self.is_fresh = true;
             self.follow(status);
             self.compare_echo(status);
+            let is_gripping = matches!(self.requested, Requested::Grip(_));
+            self.had_object =
+                is_gripping && (self.had_object || self.applied.is_some() && status.has_object());
         }
         self.update_health();
     }
@@ -419,6 +435,7 @@ impl Robotiq {
             (Phase::Inactive, _) if holding => LineHealth::NotActivated,
             (Phase::Ready, Some(status)) if !status.is_well() => LineHealth::GripperFault,
             (Phase::Ready, _) if self.sent_us.is_some_and(late) => LineHealth::NotTaken,
+            (Phase::Ready, Some(status)) if self.had_object && status.has_none() => LineHealth::ObjectLost,
             (Phase::Ready, _) => LineHealth::Good,
             _ => LineHealth::Starting,
         };

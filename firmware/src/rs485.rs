@@ -33,6 +33,14 @@ impl<U: Write, P: OutputPin> Transceiver<U, P> {
         Ok(Self { uart, driver_enable })
     }
 
+    /// Turns the driver off: after a [`send`](Self::send) that was given up half-way.
+    ///
+    /// # Errors
+    /// The pin's.
+    pub fn disable_driver(&mut self) -> Result<(), P::Error> {
+        self.driver_enable.set_low()
+    }
+
     /// Sends a request and returns after its last stop bit, with the driver off again even when the UART failed.
     ///
     /// # Errors

@@ -1,8 +1,9 @@
 //! Which faults are active or latched, and what they demand of the line together. Times are in ms of the 1 kHz tick.
 
-use crate::constants::{STORM_LEVEL, STORM_LEVEL_MAX, STORM_PER_PACKET};
+use crate::constants::{STORM_LEVEL, STORM_LEVEL_MAX, STORM_PER_MAP, STORM_PER_PACKET};
 use crate::fault::{Fault, FaultSet};
 use crate::grip::Guard;
+use crate::link::{LINKS, LinkId};
 
 /// The faults that are active, and those that wait for a person.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -10,7 +11,7 @@ use crate::grip::Guard;
 pub struct Safety {
     active: FaultSet,
     latched: FaultSet,
-    storm_level: u32,
+    storm_levels: [u32; LINKS],
 }
 
 impl Safety {
@@ -20,7 +21,7 @@ impl Safety {
         Self {
             active: FaultSet::EMPTY,
             latched: FaultSet::EMPTY,
-            storm_level: 0,
+            storm_levels: [0; LINKS],
         }
     }
 
@@ -32,21 +33,33 @@ impl Safety {
         }
     }
 
-    /// Counts a refused packet towards a CRC storm.
-    pub const fn packet_refused(&mut self) {
-        self.storm_level += STORM_PER_PACKET;
-        if self.storm_level >= STORM_LEVEL {
-            self.set(Fault::CrcStorm, true);
+    /// Counts a refused packet that belongs to no map towards a CRC storm of its link.
+    pub const fn packet_refused(&mut self, link: LinkId) {
+        self.storm(link, STORM_PER_PACKET);
+    }
+
+    /// Counts a broken map, however many of its packets were refused.
+    pub const fn map_broken(&mut self, link: LinkId) {
+        self.storm(link, STORM_PER_MAP);
+    }
+
+    const fn storm(&mut self, link: LinkId, more: u32) {
+        let level = &mut self.storm_levels[link as usize];
+        *level += more;
+        let rages = *level >= STORM_LEVEL;
+        if *level > STORM_LEVEL_MAX {
+            *level = STORM_LEVEL_MAX;
         }
-        if self.storm_level > STORM_LEVEL_MAX {
-            self.storm_level = STORM_LEVEL_MAX;
+        if rages {
+            self.set(Fault::CrcStorm, true);
         }
     }
 
     /// One millisecond has passed.
-    pub const fn tick(&mut self) {
-        self.storm_level = self.storm_level.saturating_sub(1);
-        if self.storm_level == 0 {
+    pub fn tick(&mut self) {
+        let [usb, uart] = &mut self.storm_levels;
+        (*usb, *uart) = (usb.saturating_sub(1), uart.saturating_sub(1));
+        if *usb == 0 && *uart == 0 {
             self.set(Fault::CrcStorm, false);
         }
     }

@@ -82,8 +82,11 @@ impl Header {
     }
 
     /// Reads the header of a packet; the payload is what follows it.
+    ///
+    /// # Errors
+    /// [`PacketError::Length`] when it is too short for a header, [`PacketError::Version`] when its first byte is none of ours.
     #[inline]
-    pub(crate) fn split(packet: &[u8]) -> Result<(Self, &[u8]), PacketError> {
+    pub fn split(packet: &[u8]) -> Result<(Self, &[u8]), PacketError> {
         let Some((&[first, owner, sequence, index], payload)) = packet.split_first_chunk() else {
             return Err(PacketError::Length {
                 found: packet.len() as u16,

@@ -387,6 +387,7 @@ fn commands_answers_and_handshake_survive_the_round_trip() {
         Message::Report(Report::Refused(Refusal::Unreadable)),
         Message::Report(Report::Refused(Refusal::NoHandshake)),
         Message::Report(Report::Refused(Refusal::Latched)),
+        Message::Report(Report::Refused(Refusal::Inhibited)),
     ];
     for message in messages {
         assert_eq!(through_the_wire(&message, 1), Ok(message));

@@ -9,7 +9,7 @@ use std::collections::VecDeque;
 use gripline_firmware::line::DAC_LIVE_ZERO;
 use gripline_firmware::sums::{TaxelRule, sums_of, total_shear};
 use gripline_firmware::{Fault, GripForce, ResetCause, Start};
-use gripline_link::emulator::{Cable, FaultInjection};
+use gripline_link::emulator::{Cable, Disturbance, FaultInjection};
 use gripline_link::{EmulatorLink, Link, Transport};
 use gripline_protocol::message::{Command, Configuration, Hello, Message, MessagePackets, Report};
 use gripline_protocol::{Event, ForceMap, Health, MapInfo, PER_UNIT, Parser, TaxelForce, encode_map};
@@ -26,7 +26,7 @@ const PIECE_MS: u64 = FRAME_MS;
 /// The watchdog's register, whose next touch hangs: the idle loop spins, and the watchdog starves.
 const WATCHDOG_KEY: u32 = 0x4000_3000;
 /// What the hour must raise at least, so that it proves something.
-const RAISED: [Fault; 13] = [
+const RAISED: [Fault; 15] = [
     Fault::StaleMaps,
     Fault::LinkLost,
     Fault::CrcStorm,
@@ -40,6 +40,8 @@ const RAISED: [Fault; 13] = [
     Fault::LineAtCeiling,
     Fault::SaturatedMap,
     Fault::FutureMap,
+    Fault::Undervoltage,
+    Fault::ObjectLost,
 ];
 
 /// A microcontroller in a world where cables come out and programs hang.
@@ -53,6 +55,8 @@ trait World {
     fn is_ready(&self) -> bool;
     /// Has it hang; some time later the watchdog resets it.
     fn hang(&mut self);
+    /// The supply dips below the brown-out level.
+    fn brown_out(&mut self);
     fn resets(&self) -> usize;
     /// Faults told or latched since the start, as bits.
     fn told(&self) -> u32;
@@ -67,6 +71,7 @@ struct LibraryWorld {
     board: TestBoard,
     plugged: bool,
     reset_at_us: Option<u64>,
+    reset_cause: ResetCause,
     resets: usize,
     told: u32,
     shown: Vec<i32>,
@@ -78,6 +83,7 @@ impl LibraryWorld {
             board: TestBoard::new(Start::default()),
             plugged: true,
             reset_at_us: None,
+            reset_cause: ResetCause::Watchdog,
             resets: 0,
             told: 0,
             shown: Vec::new(),
@@ -90,7 +96,7 @@ impl LibraryWorld {
             shown(from_us, line);
         }
         if self.reset_at_us.is_some_and(|at_us| from_us + STEP_US >= at_us) {
-            self.board.reset(ResetCause::Watchdog, 0);
+            self.board.reset(self.reset_cause, 0);
             self.reset_at_us = None;
             self.resets += 1;
         }
@@ -132,8 +138,14 @@ impl World for LibraryWorld {
     }
 
     fn hang(&mut self) {
+        self.reset_cause = ResetCause::Watchdog;
         self.reset_at_us = Some(self.board.now_us() + 100_000);
         self.board.stop_until(u64::MAX);
+    }
+
+    fn brown_out(&mut self) {
+        self.reset_cause = ResetCause::BrownOut;
+        self.reset_at_us = Some(self.now_us());
     }
 
     fn resets(&self) -> usize {
@@ -233,6 +245,10 @@ impl World for BoardWorld {
 
     fn hang(&mut self) {
         self.link.inject_fault(FaultInjection::Hang, WATCHDOG_KEY);
+    }
+
+    fn brown_out(&mut self) {
+        self.link.disturb(Disturbance::BrownOut { forgets: false });
     }
 
     fn resets(&self) -> usize {
@@ -417,7 +433,10 @@ impl Judge {
         // Over half a second, so that rounding does not hide a slow fall.
         let passed_us = self.now_us - self.anchor.0;
         let rate_per_s = if held.is_some() {
-            i64::from(self.settings.relax_rate)
+            // A controller that learns takes back at the release's rate what a test of a slide added.
+            let after_a_test =
+                i64::from(self.settings.release_rate) * 1_000 * i64::from(self.settings.learns());
+            i64::from(self.settings.relax_rate).max(after_a_test)
         } else {
             i64::from(self.settings.release_rate) * 1_000
         };
@@ -724,9 +743,16 @@ impl<W: World> Host<W> {
             }
             17 => {
                 // Rare, as on a real bench; each costs a second.
-                if self.dice.random_range(0..4) == 0 {
-                    self.world.hang();
-                    self.wait(250, "a program that hangs");
+                match self.dice.random_range(0..6) {
+                    0 => {
+                        self.world.hang();
+                        self.wait(250, "a program that hangs");
+                    }
+                    1 => {
+                        self.world.brown_out();
+                        self.wait(5, "a brown-out");
+                    }
+                    _ => {}
                 }
             }
             18 => {

@@ -3,17 +3,15 @@
 
 mod board;
 
-use board::{Board, FRAME_US, SETTINGS, feed_forward, map};
+use board::{Board, FRAME_US, SETTINGS, assert_has, assert_has_not, code, feed_forward, map};
 use gripline_firmware::Fault;
-use gripline_firmware::GripForce;
-use gripline_firmware::line::DAC_LIVE_ZERO;
 use gripline_link::emulator::{Cable, FaultInjection, LineWrite};
 use gripline_link::{EmulatorLink, Link, Transport};
 use gripline_protocol::crc::crc32;
 use gripline_protocol::message::{
     Command, Configuration, GripMode, Hello, LineKind, Message, MessagePackets, Refusal, Status,
 };
-use gripline_protocol::{ForceMap, Health, LSB_PER_NEWTON, MapInfo, encode_map};
+use gripline_protocol::{Health, LSB_PER_NEWTON, MapInfo, encode_map};
 
 /// Registers at whose next touch something happens: the DAC's value (the way from map to line), the watchdog's key (the idle loop),
 /// the USB core's interrupt status (an interrupt above them all).
@@ -41,68 +39,6 @@ fn holding() -> (Board, Status) {
     assert_eq!((held.faults, held.latched), (0, 0));
     assert!(held.line > SETTINGS.floor && held.line < SETTINGS.tighten);
     (board, held)
-}
-
-impl Board {
-    /// Sends a map with something about it.
-    fn odd_map(&mut self, map: &ForceMap, change: impl FnOnce(&mut MapInfo)) -> Status {
-        self.sequence += 1;
-        let mut info = MapInfo {
-            sequence: self.sequence,
-            capture_us: self.session.capture_us(),
-            ..MapInfo::default()
-        };
-        change(&mut info);
-        self.session.send_map(&info, map).unwrap();
-        self.wait(FRAME_US)
-    }
-
-    /// A fresh status, asked for.
-    fn status(&mut self) -> Status {
-        self.session.command(Command::ReadStatus).unwrap();
-        self.wait(30_000)
-    }
-
-    fn codes_since(&self, writes: usize) -> Vec<u16> {
-        self.link().line_writes()[writes..]
-            .iter()
-            .map(|write| write.code)
-            .collect()
-    }
-
-    fn writes(&self) -> usize {
-        self.link().line_writes().len()
-    }
-
-    /// Acknowledges everything and shows that nothing is left.
-    fn acknowledge_all(&mut self) {
-        self.session
-            .command(Command::Acknowledge { faults: u32::MAX })
-            .unwrap();
-        let status = self.maps(&map(0), 3);
-        assert_eq!((status.faults, status.latched), (0, 0));
-    }
-
-    fn refusal(&mut self, command: Command) -> Option<Refusal> {
-        self.session.take_refusal();
-        self.session.command(command).unwrap();
-        self.wait(30_000);
-        self.session.take_refusal()
-    }
-}
-
-fn code(lsb: i32) -> u16 {
-    DAC_LIVE_ZERO.code(GripForce::from_lsb(lsb))
-}
-
-#[track_caller]
-fn assert_has(status: &Status, fault: Fault) {
-    assert_ne!(status.faults & fault.bit(), 0, "{} in {status:?}", fault.name());
-}
-
-#[track_caller]
-fn assert_has_not(status: &Status, fault: Fault) {
-    assert_eq!(status.faults & fault.bit(), 0, "{} in {status:?}", fault.name());
 }
 
 /// The packets of a message, each changed before its CRC is made anew.

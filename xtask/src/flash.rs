@@ -1,12 +1,12 @@
 //! `cargo xtask flash`: builds a board's image and puts it on the chip with probe-rs.
 //!
-//! Only the sectors of the image are erased: the stored settings stay. Limits: one probe, or one named by `--probe`.
+//! Only the sectors of the image are erased: the stored settings stay. Then it sets brown-out level 3 in the option bytes. Limits: one probe, or one named by `--probe`.
 
 use std::process::Command;
 
 use crate::error::{Error, value_of};
 use crate::firmware::{self, Board};
-use crate::process;
+use crate::{option_bytes, process};
 
 /// `cargo xtask flash`.
 pub(crate) fn command(arguments: &[String]) -> Result<(), Error> {
@@ -46,6 +46,7 @@ pub(crate) fn command(arguments: &[String]) -> Result<(), Error> {
         tool
     };
     process::run(tool("download").arg("--verify").arg(&elf))?;
+    option_bytes::set_brown_out_level(tool)?;
     process::run(&mut tool("reset"))?;
     if log {
         process::run(tool("attach").arg(&elf))?;

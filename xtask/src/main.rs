@@ -15,6 +15,7 @@ mod firmware;
 mod flash;
 mod fuzz;
 mod modules;
+mod option_bytes;
 mod physics;
 mod process;
 mod screenshots;

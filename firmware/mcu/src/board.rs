@@ -1,7 +1,8 @@
 //! What differs between boards: the chip, its clocks, its number in the handshake.
 //!
 //! Both boards: 8 MHz crystal, 168 MHz core, grip-force line on PA4, UART on PA9 (out) and PA10 (in), USB on PA11
-//! and PA12, gripper on RS-485 on PA1 (driver enable), PA2 (out) and PA3 (in).
+//! and PA12, gripper on RS-485 on PA1 (driver enable), PA2 (out) and PA3 (in), the line read back on PA6, fault output on PB0,
+//! release-inhibit input on PB1.
 //! Limits: the STM32F427 could run at 180 MHz; at 168 one worst-case bound holds for both.
 
 use embassy_stm32::Config;

@@ -10,13 +10,13 @@ use cortex_m::peripheral::DWT;
 use embassy_time::Instant;
 use gripline_firmware::line::GripLine;
 use gripline_firmware::program::MessageEvent;
-use gripline_firmware::{Action, FaultSet, Program};
+use gripline_firmware::{Action, FaultSet, LinkId, Program};
 use gripline_protocol::message::{Configuration, Message, Stage};
 
 use crate::dsp::Dsp;
 use crate::gripper_bus::BusLine;
 use crate::line::AnalogLine;
-use crate::outbox::Outbox;
+use crate::outbox::{self, Outbox};
 use crate::priority::{block_path, block_usb};
 use crate::watchdog;
 
@@ -26,6 +26,11 @@ const QUIET_US: u64 = 200;
 
 /// The longest that messages wait for a free bus, microseconds. Of those that come up meanwhile only the newest is sent.
 const MESSAGE_WAIT_MAX_US: u64 = 25_000;
+
+/// From the request of an interrupt to its handler's first instruction, cycles: 12 for the integer registers, 17 more when those
+/// of the floating-point unit are moved, and a refill (ARM DDI 0439, section 3.9). Nothing in the chip stamps a request that must
+/// wait, so what `control` blocks the path for is not in the count; `cargo xtask latency` bounds it.
+const ENTRY_CYCLES: u32 = 35;
 
 /// Starts the counter that the stage times are read from.
 pub(crate) fn start_cycle_counter() {
@@ -75,34 +80,42 @@ pub(crate) fn from_task<T>(work: impl FnOnce(&mut Control) -> T) -> Option<T> {
 }
 
 /// One packet of a map that came to the task `control`, with only the USB interrupt blocked: the UART's goes on.
-pub(crate) fn map_packet_from_task(packet: &[u8], reply_to: &'static Outbox) {
+pub(crate) fn map_packet_from_task(packet: &[u8], link: LinkId) {
     block_usb(|| {
         // SAFETY: the USB interrupt is blocked, and no other task calls this.
         if let Some(control) = unsafe { &mut *CONTROL.0.get() } {
-            control.map_packet(packet, reply_to);
+            control.map_packet(packet, link, cycles());
         }
     });
+}
+
+/// What the board watches beside maps and messages.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(crate) struct BoardWatch {
+    /// The board's faults that are present.
+    pub(crate) faults: FaultSet,
+    /// The robot's input says so.
+    pub(crate) is_release_inhibited: bool,
 }
 
 /// The program, the line it drives, and the host it answers.
 pub(crate) struct Control {
     program: &'static mut Program<Dsp>,
     line: AnalogLine,
-    /// The transport that spoke last; none until a host spoke.
-    reply_to: Option<&'static Outbox>,
+    /// The link that spoke last; none until a host spoke.
+    reply_to: Option<LinkId>,
     /// When the last packet came, and when messages were last sent, microseconds.
     packet_us: u64,
     message_us: u64,
 }
 
 impl Control {
-    /// One packet of a map: decides, then writes the line.
+    /// One packet of a map: decides, then writes the line. `entered` is the cycle count when its interrupt began.
     #[inline]
-    pub(crate) fn map_packet(&mut self, packet: &[u8], reply_to: &'static Outbox) {
-        self.reply_to = Some(reply_to);
+    pub(crate) fn map_packet(&mut self, packet: &[u8], link: LinkId, entered: u32) {
+        self.reply_to = Some(link);
         self.packet_us = now_us();
-        let started = DWT::cycle_count();
-        let action = self.program.map_packet(packet, self.packet_us);
+        let action = self.program.map_packet(packet, link, self.packet_us);
         self.write_line(
             action,
             if action.decided {
@@ -110,16 +123,16 @@ impl Control {
             } else {
                 Stage::Packet
             },
-            started,
+            entered,
         );
     }
 
     /// Takes what a packet of a message came to.
     #[inline(never)]
-    pub(crate) fn message_packet(&mut self, event: &MessageEvent, reply_to: &'static Outbox) {
-        self.reply_to = Some(reply_to);
+    pub(crate) fn message_packet(&mut self, event: &MessageEvent, link: LinkId) {
+        self.reply_to = Some(link);
         self.packet_us = now_us();
-        self.program.message(event, self.packet_us);
+        self.program.message(event, link, self.packet_us);
     }
 
     /// The next message for the host.
@@ -128,19 +141,27 @@ impl Control {
         *message = self.program.poll_message();
     }
 
-    /// The first half of the safety tick.
+    /// The first part of the safety tick.
     #[inline(never)]
     pub(crate) fn age(&mut self) {
-        self.program.note_line(BusLine.health());
         self.program.age(now_us());
     }
 
-    /// The second half. Tells the active faults; returns where messages go, when there are some and the bus is free for them.
+    /// The second part.
     #[inline(never)]
-    pub(crate) fn tick(&mut self, faults: &mut FaultSet) -> Option<&'static Outbox> {
+    pub(crate) fn watch_object(&mut self) {
+        self.program.note_line(BusLine.health());
+        self.program.watch_object();
+    }
+
+    /// The last part. Tells the active faults, and whether the robot must know of one; returns where messages go, when there
+    /// are some and the bus is free for them.
+    #[inline(never)]
+    pub(crate) fn tick(&mut self, faults: &mut FaultSet, is_at_fault: &mut bool) -> Option<&'static Outbox> {
         let now_us = now_us();
         *faults = self.program.faults();
-        let started = DWT::cycle_count();
+        *is_at_fault = self.program.is_at_fault();
+        let started = cycles();
         let action = self.program.advance(now_us);
         self.write_line(action, Stage::Tick, started);
         watchdog::count_tick();
@@ -150,7 +171,14 @@ impl Control {
             return None;
         }
         self.message_us = now_us;
-        self.reply_to
+        self.reply_to.map(outbox::of)
+    }
+
+    /// Takes what the board found about itself.
+    #[inline(never)]
+    pub(crate) fn note_board(&mut self, watch: BoardWatch) {
+        self.program.note_board(watch.faults);
+        self.program.inhibit_release(watch.is_release_inhibited);
     }
 
     /// The settings that have to be written to flash, if any.
@@ -166,18 +194,29 @@ impl Control {
 
     /// The UART brought a frame that could not be decoded.
     pub(crate) fn malformed_frame(&mut self) {
-        self.program.refuse_packet();
+        self.program.refuse_packet(LinkId::Uart);
     }
 
-    /// Writes the line, then notes the cycles that the decision and the write took.
+    /// Writes the line, then notes the cycles that the decision and the write took. The deadline counts until the DAC has the
+    /// value.
     fn write_line(&mut self, action: Action, stage: Stage, started: u32) {
-        let decided = DWT::cycle_count();
+        let decided = cycles();
         let (Ok(()), Ok(())) = (self.line.write(action.line), BusLine.write(action.line));
-        let written = DWT::cycle_count();
+        let written = cycles();
+        if stage == Stage::Decide {
+            let waited = written.wrapping_sub(started);
+            self.program.note_map_to_line(waited.wrapping_add(ENTRY_CYCLES));
+        }
         self.program.note_cycles(stage, decided.wrapping_sub(started));
         self.program
             .note_cycles(Stage::Line, written.wrapping_sub(decided));
     }
+}
+
+/// The core's cycle counter.
+#[inline]
+pub(crate) fn cycles() -> u32 {
+    DWT::cycle_count()
 }
 
 fn now_us() -> u64 {

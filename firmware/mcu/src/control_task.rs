@@ -8,17 +8,19 @@ use embassy_time::{Duration, Instant, Timer};
 use embassy_usb::driver::{Endpoint, EndpointError, EndpointOut};
 use embedded_io_async::Read;
 use gripline_firmware::program::{MessageReader, MessageWriter};
-use gripline_firmware::{FaultSet, storage};
+use gripline_firmware::{Fault, FaultSet, LinkId, storage};
 use gripline_protocol::PACKET_MAX;
 use gripline_protocol::cobs::{CobsDecoder, Frame};
 use gripline_protocol::message::{Configuration, LineSettings, Message, Report};
 use gripline_protocol::packet::Kind;
 
-use crate::control::{self, Control, from_task};
+use crate::control::{self, BoardWatch, Control, from_task};
 use crate::flash::SettingsSectors;
-use crate::outbox::{self, Outbox};
+use crate::outbox::Outbox;
+use crate::readback::ReadBack;
+use crate::robot::Robot;
 use crate::usb::HostToMcu;
-use crate::{fault_log, usb_interrupt, watchdog};
+use crate::{fault_log, supply, usb_interrupt, watchdog};
 
 /// Time between two safety ticks.
 const TICK: Duration = Duration::from_millis(1);
@@ -45,12 +47,12 @@ fn fill(outbox: &'static Outbox, writer: &mut MessageWriter) {
 }
 
 /// Takes a packet that did not come by the USB interrupt. Messages are assembled and read with the path free.
-fn received(messages: &mut MessageReader, packet: &[u8], reply_to: &'static Outbox) {
+fn received(messages: &mut MessageReader, packet: &[u8], link: LinkId) {
     if Kind::of(packet) != Some(Kind::Message) {
-        return control::map_packet_from_task(packet, reply_to);
+        return control::map_packet_from_task(packet, link);
     }
     let event = messages.read(packet);
-    from_task(|control| control.message_packet(&event, reply_to));
+    from_task(|control| control.message_packet(&event, link));
 }
 
 /// Writes the settings to flash. The processor stalls for up to a second: the gripper holds nothing then, and commands wait.
@@ -62,6 +64,32 @@ fn store(flash: &mut SettingsSectors, settings: &Configuration) {
     from_task(|control| control.stored(written.ok()));
 }
 
+/// What the task watches beside its packets.
+pub(crate) struct Watch {
+    /// The analog line, if it drives the gripper.
+    pub(crate) read_back: Option<ReadBack>,
+    /// The wires to the robot.
+    pub(crate) robot: Robot,
+}
+
+impl Watch {
+    /// Looks with the path free, and tells the program what has changed.
+    fn look(&mut self, known: &mut Option<BoardWatch>) {
+        let mut faults = FaultSet::EMPTY;
+        supply::check(&mut faults);
+        let is_wrong = self.read_back.as_mut().is_some_and(ReadBack::is_wrong);
+        faults.set(Fault::LineMismatch, is_wrong);
+        let now = BoardWatch {
+            faults,
+            is_release_inhibited: self.robot.is_release_inhibited(),
+        };
+        if *known != Some(now) {
+            *known = Some(now);
+            from_task(|control| control.note_board(now));
+        }
+    }
+}
+
 /// Runs the safety tick every millisecond and takes packets that did not come by the USB interrupt.
 ///
 /// Deadline: the tick within its millisecond. Budget: half of it. Miss: without ticks the watchdog resets the chip, and the
@@ -70,12 +98,16 @@ fn store(flash: &mut SettingsSectors, settings: &Configuration) {
 pub(crate) async fn control(
     line: LineSettings,
     mut flash: SettingsSectors,
+    mut watch: Watch,
     mut uart: BufferedUartRx<'static>,
     mut usb: HostToMcu,
 ) {
     let mut writer = MessageWriter::default();
     let mut logged = FaultSet::EMPTY;
-    let mut messages = MessageReader::new(line);
+    let mut known = None;
+    // Each link has its own: what one brings broken costs the other nothing.
+    let mut from_usb_messages = MessageReader::new(line);
+    let mut from_uart_messages = MessageReader::new(line);
     let mut frames = CobsDecoder::new();
     let mut tick_at = Instant::now() + TICK;
     let mut from_uart = [0; PACKET_MAX];
@@ -83,10 +115,14 @@ pub(crate) async fn control(
     loop {
         if Instant::now() >= tick_at {
             tick_at += TICK;
-            // In two halves, so that a packet waits for one of them only.
+            watch.look(&mut known);
+            // In parts, so that a packet waits for one of them only.
             from_task(Control::age);
-            let mut faults = logged;
-            if let Some(outbox) = from_task(|control| control.tick(&mut faults)).flatten() {
+            from_task(Control::watch_object);
+            let (mut faults, mut is_at_fault) = (logged, true);
+            let outbox = from_task(|control| control.tick(&mut faults, &mut is_at_fault)).flatten();
+            watch.robot.tell(is_at_fault);
+            if let Some(outbox) = outbox {
                 fill(outbox, &mut writer);
             }
             if faults != logged {
@@ -110,11 +146,11 @@ pub(crate) async fn control(
         {
             Either4::First(Ok(length)) => {
                 let packet = from_usb.0.get(..length).unwrap_or_default();
-                received(&mut messages, packet, &outbox::USB);
+                received(&mut from_usb_messages, packet, LinkId::Usb);
             }
             Either4::Fourth(()) => {
                 if let Some(packet) = usb_interrupt::message() {
-                    received(&mut messages, packet, &outbox::USB);
+                    received(&mut from_usb_messages, packet, LinkId::Usb);
                     usb_interrupt::next_packet();
                 }
             }
@@ -122,10 +158,10 @@ pub(crate) async fn control(
                 for &byte in &from_uart[..length] {
                     match frames.push(byte) {
                         Some(Frame::Packet(packet)) => {
-                            received(&mut messages, packet, &outbox::UART);
+                            received(&mut from_uart_messages, packet, LinkId::Uart);
                         }
                         Some(Frame::Malformed) => {
-                            messages.drop_message();
+                            from_uart_messages.drop_message();
                             from_task(Control::malformed_frame);
                         }
                         None => {}

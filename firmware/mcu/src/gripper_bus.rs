@@ -12,10 +12,10 @@ use embassy_futures::select::{Either, select};
 use embassy_stm32::gpio::{Level, Output, Pull, Speed};
 use embassy_stm32::usart::{BufferedInterruptHandler, BufferedUart, BufferedUartRx, BufferedUartTx, Config};
 use embassy_stm32::{Peri, bind_interrupts, peripherals};
-use embassy_time::{Instant, Timer};
+use embassy_time::{Duration, Instant, Timer, with_timeout};
 use embedded_io_async::Read;
 use gripline_firmware::GripForce;
-use gripline_firmware::constants::MODBUS_BAUD;
+use gripline_firmware::constants::{MODBUS_BAUD, MODBUS_SEND_US};
 use gripline_firmware::line::{GripLine, LineHealth};
 use gripline_firmware::modbus::{ANSWER_MAX, REQUEST_MAX};
 use gripline_firmware::robotiq::Robotiq;
@@ -92,7 +92,8 @@ pub(crate) fn open(
 /// Sends the gripper requests and takes its answers.
 ///
 /// Deadline: the driver off before the gripper answers, 1.75 ms after the request. Budget: some microseconds every 5 ms, below
-/// all interrupts. Miss: the answer is lost, and the request is repeated after 35 ms.
+/// all interrupts. Miss: the answer is lost, and the request is repeated after 35 ms. Nothing waits longer than it may: a request
+/// that does not go out is given up, and a gripper that stays silent is LINE FAILED.
 #[embassy_executor::task]
 pub(crate) async fn talk(mut bus: Bus) {
     let mut line = Robotiq::new(now_us());
@@ -100,8 +101,11 @@ pub(crate) async fn talk(mut bus: Bus) {
     loop {
         let Ok(()) = line.write(GripForce::from_lsb(REQUESTED.load(Ordering::Relaxed)));
         if let Some(request) = line.poll_transmit(now_us()) {
+            let sending = with_timeout(Duration::from_micros(MODBUS_SEND_US), bus.output.send(&request));
             // A request that was not sent gets no answer, which the line notices.
-            let _ = bus.output.send(&request).await;
+            if sending.await.is_err() {
+                let Ok(()) = bus.output.disable_driver();
+            }
         }
         let health = line.health();
         HEALTH.store(health as u8, Ordering::Relaxed);

@@ -27,7 +27,10 @@ mod line;
 mod outbox;
 mod panic;
 mod priority;
+mod readback;
 mod reset;
+mod robot;
+mod supply;
 mod time_driver;
 mod uart;
 mod usb;
@@ -40,12 +43,15 @@ use embassy_executor::{Executor, InterruptExecutor};
 use embassy_stm32::interrupt::{self, InterruptExt};
 use embassy_time::Instant;
 use gripline_firmware::line::LineCalibration;
-use gripline_firmware::{GripForce, Program, Start, storage};
+use gripline_firmware::{GripForce, Program, ResetCause, Start, storage};
 use gripline_protocol::line::LineKind;
 use static_cell::StaticCell;
 
+use crate::control_task::Watch;
 use crate::dsp::Dsp;
 use crate::flash::SettingsSectors;
+use crate::readback::ReadBack;
+use crate::robot::Robot;
 use crate::watchdog::Watchdog;
 
 defmt::timestamp!("{=u64:us}", Instant::now().as_micros());
@@ -70,8 +76,11 @@ fn main() -> ! {
     let flash = SettingsSectors::new();
     let stored = storage::load(&flash);
     let settings = stored.settings.unwrap_or_default();
+    // Never nothing after a brown-out: when it damaged what was kept, the fail-safe force.
+    let fail_safe = (reset.cause == ResetCause::BrownOut).then_some(GripForce::from_lsb(settings.tighten));
+    let restored = reset.line.or(fail_safe);
     let line = line::start(
-        reset.line.unwrap_or(GripForce::ZERO),
+        restored.unwrap_or(GripForce::ZERO),
         LineCalibration::of(&settings.line),
     );
     // The watchdog next: it must run when the crystal does not start.
@@ -81,6 +90,12 @@ fn main() -> ! {
     let p = embassy_stm32::init(board::clocks());
     time_driver::start();
     line::route(p.PA4);
+    supply::watch();
+    let watch = Watch {
+        // A gripper on the bus needs no analog line, and its read-back may be unwired.
+        read_back: (settings.line.kind == LineKind::Analog).then(|| ReadBack::start(p.PA6)),
+        robot: Robot::new(p.PB1, p.PB0),
+    };
     control::start_cycle_counter();
     let (uart_in, uart_out) = uart::open(p.USART1, p.PA10, p.PA9);
     // SAFETY: its handler (`usb_interrupt`) does nothing before the first event.
@@ -91,7 +106,7 @@ fn main() -> ! {
     let program = PROGRAM.init(Program::with_kernel(Start {
         now_us: Instant::now().as_micros(),
         reset: reset.cause,
-        restored_line: reset.line,
+        restored_line: restored,
         stored,
         board: board::BOARD,
         revision: board::REVISION,
@@ -100,14 +115,15 @@ fn main() -> ! {
 
     control::start(program, line);
     let tick_spawner = TICK_EXECUTOR.start(interrupt::UART5);
-    tick_spawner
-        .spawn(control_task::control(settings.line, flash, uart_in, usb_in).expect("one control task"));
+    tick_spawner.spawn(
+        control_task::control(settings.line, flash, watch, uart_in, usb_in).expect("one control task"),
+    );
     // Writing the log masks interrupts for some microseconds: only at task level, never on the path from map to line.
     defmt::info!(
         "{=str} started: {}, line restored: {}",
         board::NAME,
         reset.cause,
-        reset.line
+        restored
     );
     if let Some([place, caller]) = reset.panic {
         defmt::error!(

@@ -4,6 +4,7 @@
 
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::channel::Channel;
+use gripline_firmware::LinkId;
 use gripline_protocol::Packet;
 
 /// Packets that may wait: a status and one answer's fragments.
@@ -16,3 +17,11 @@ pub(crate) type Outbox = Channel<CriticalSectionRawMutex, Packet, WAITING_MAX>;
 pub(crate) static UART: Outbox = Channel::new();
 /// Towards USB.
 pub(crate) static USB: Outbox = Channel::new();
+
+/// Towards the host of a link.
+pub(crate) const fn of(link: LinkId) -> &'static Outbox {
+    match link {
+        LinkId::Usb => &USB,
+        LinkId::Uart => &UART,
+    }
+}

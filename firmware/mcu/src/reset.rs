@@ -1,7 +1,8 @@
 //! What survives a reset: its cause, the grip-force line, the number of the session, and the addresses of a panic.
 //!
 //! RAM that start-up does not clear holds the line twice, each copy with a check word: a reset between the two writes leaves
-//! one good copy. Units: force in 1/4096 N. Limits: lost with the power, as it should be.
+//! one good copy. Units: force in 1/4096 N. Limits: once the power was away for so long that the memory is lost, a start is
+//! one with nothing in the gripper.
 
 use core::cell::UnsafeCell;
 use core::mem::MaybeUninit;
@@ -14,7 +15,7 @@ use gripline_firmware::{GripForce, ResetCause};
 pub(crate) struct Reset {
     /// The cause of the reset.
     pub cause: ResetCause,
-    /// The line's last force; none after power-on, or when both copies are damaged.
+    /// The line's last force; none when both copies are damaged, as after power-on.
     pub line: Option<GripForce>,
     /// Differs from start to start.
     pub session: u32,
@@ -29,10 +30,17 @@ pub(crate) const PANIC_ADDRESSES: usize = 2;
 pub(crate) fn read() -> Reset {
     let flags = RCC.csr().read();
     RCC.csr().modify(|clear| clear.set_rmvf(true));
-    let power_came = flags.porrstf() || flags.borrstf();
-    let panic = take_panic().filter(|_| !power_came);
+    // Switching on raises both flags, a supply that dips below the brown-out level only the second one.
+    let power_came = flags.porrstf();
+    let browned_out = flags.borrstf() && !power_came;
+    let panic = take_panic().filter(|_| !power_came && !browned_out);
+    // A supply that was gone so briefly that the memory still holds is a brown-out too.
+    let line = kept_line();
+    let is_gripping = line.is_some_and(|line| line > GripForce::ZERO);
     // Every reset also pulls the reset pin, so the flag of the pin says nothing beside another one.
-    let cause = if power_came {
+    let cause = if browned_out || power_came && is_gripping {
+        ResetCause::BrownOut
+    } else if power_came {
         ResetCause::PowerOn
     } else if flags.wdgrstf() || flags.wwdgrstf() {
         ResetCause::Watchdog
@@ -45,7 +53,7 @@ pub(crate) fn read() -> Reset {
     // A reset by the button must not drop the object either.
     Reset {
         cause,
-        line: if power_came { None } else { kept_line() },
+        line,
         session: next_session(),
         panic,
     }

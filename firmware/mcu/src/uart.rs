@@ -4,6 +4,7 @@
 //! Limits: no flow control. A byte is lost when maps over USB or a critical section block the receiver for longer than a byte
 //! time. The CRC then refuses the frame, and the next map is accepted.
 
+use embassy_stm32::gpio::Pull;
 use embassy_stm32::usart::{BufferedInterruptHandler, BufferedUart, BufferedUartRx, BufferedUartTx, Config};
 use embassy_stm32::{Peri, bind_interrupts, peripherals};
 use embedded_io_async::Write;
@@ -33,6 +34,8 @@ pub(crate) fn open(
     static OUT: StaticCell<[u8; OUT_BYTES]> = StaticCell::new();
     let mut config = Config::default();
     config.baudrate = BAUD;
+    // A line that nothing drives reads as idle, not as noise.
+    config.rx_pull = Pull::Up;
     let out = OUT.init([0; OUT_BYTES]);
     let uart = BufferedUart::new(
         uart,

@@ -19,12 +19,12 @@ use embassy_stm32::usb::InterruptHandler;
 use embassy_stm32::{bind_interrupts, interrupt, peripherals};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
+use gripline_firmware::LinkId;
 use gripline_protocol::PACKET_MAX;
 use gripline_protocol::constants::TAXELS_PER_PACKET;
 use gripline_protocol::packet::Kind;
 
 use crate::control::{self, Control};
-use crate::outbox;
 use crate::priority::block_path;
 
 bind_interrupts!(pub(crate) struct Interrupts {
@@ -73,6 +73,7 @@ pub(crate) struct MapPackets;
 impl Handler<typelevel::OTG_FS> for MapPackets {
     #[inline]
     unsafe fn on_interrupt() {
+        let entered = control::cycles();
         let Some(status) = next() else {
             return defer(is_received());
         };
@@ -81,7 +82,7 @@ impl Handler<typelevel::OTG_FS> for MapPackets {
             return defer(true);
         };
         if status.pktstsd() == Pktstsd::OUT_DATA_RX {
-            packet(status, control);
+            packet(status, control, entered);
         } else if IS_OPEN.load(Ordering::Relaxed) {
             end_of_packet();
         } else {
@@ -106,9 +107,9 @@ fn is_received() -> bool {
     REGISTERS.gintsts().read().rxflvl()
 }
 
-/// Takes a packet out of the FIFO and handles it.
+/// Takes a packet out of the FIFO and handles it. `entered` is when its interrupt began.
 #[inline]
-fn packet(status: Grxsts, control: &mut Control) {
+fn packet(status: Grxsts, control: &mut Control, entered: u32) {
     let _ = REGISTERS.grxstsp().read();
     let length = usize::from(status.bcnt()).min(PACKET_MAX);
     IS_OPEN.store(true, Ordering::Relaxed);
@@ -132,7 +133,7 @@ fn packet(status: Grxsts, control: &mut Control) {
     if is_followed && next().is_some_and(|next| next.pktstsd() != Pktstsd::OUT_DATA_RX) {
         end_of_packet();
     }
-    control.map_packet(bytes, &outbox::USB);
+    control.map_packet(bytes, LinkId::Usb, entered);
 }
 
 /// Reads words from the FIFO, four at a time. Every address of its window reads the next word.

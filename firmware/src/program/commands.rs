@@ -5,26 +5,29 @@ use gripline_protocol::sequence::SequenceTracker;
 
 use super::dispatch::Program;
 use super::messages::{MessageEvent, Request};
+use super::object::Object;
 use super::outbox::Due;
 use crate::clock_sync::ClockSync;
 use crate::fault::{Fault, FaultSet};
+use crate::grip::loosens;
+use crate::link::LinkId;
 use crate::sums::{Kernel, TaxelRule};
 
 impl<K: Kernel> Program<K> {
     /// Takes what [`MessageReader::read`](super::MessageReader::read) made of a packet. The line follows with the next
     /// packet of a map or the next tick.
-    pub fn message(&mut self, event: &MessageEvent, now_us: u64) {
+    pub fn message(&mut self, event: &MessageEvent, link: LinkId, now_us: u64) {
         match event {
             MessageEvent::Fragment => self.last_packet_us = self.passed_to(now_us),
             MessageEvent::Request(request) => self.request(request, now_us),
-            MessageEvent::Refused => self.refuse_packet(),
+            MessageEvent::Refused => self.refuse_packet(link),
         }
     }
 
     /// Counts a packet that was refused before it came here: a malformed COBS frame, a fragment out of order.
-    pub fn refuse_packet(&mut self) {
-        self.maps_in.refuse();
-        self.safety.packet_refused();
+    pub fn refuse_packet(&mut self, link: LinkId) {
+        let breakage = self.receivers[link as usize].refuse();
+        self.count_breakage(breakage, link);
     }
 
     fn request(&mut self, request: &Request, now_us: u64) {
@@ -84,16 +87,23 @@ impl<K: Kernel> Program<K> {
             Command::Configure(settings) => {
                 self.safety.set(Fault::OutOfRange, false);
                 self.safety.set(Fault::SettingsLost, false);
+                if loosens(&self.settings, settings) {
+                    self.controller.keep_line();
+                }
                 self.settings = *settings;
                 // There is one, as the settings are in range.
                 self.rule = rule.unwrap_or(self.rule);
                 // Sums under way were made by the old rule.
-                self.maps_in.drop_map();
+                let [usb, uart] = &mut self.receivers;
+                usb.drop_map();
+                uart.drop_map();
                 self.outbox.configuration = true;
             }
             Command::ReadConfiguration => self.outbox.configuration = true,
             Command::Store if self.may_store() => self.store = true,
             Command::Store => self.refuse(Refusal::Holding),
+            // Said again it changes nothing: it must not make old maps look new.
+            Command::Hold if self.controller.mode() == GripMode::Hold => {}
             Command::Hold => {
                 self.controller.set_mode(GripMode::Hold);
                 for tip in &mut self.fingertips {
@@ -101,7 +111,11 @@ impl<K: Kernel> Program<K> {
                 }
             }
             Command::Release if !self.safety.latched().is_empty() => self.refuse(Refusal::Latched),
-            Command::Release => self.controller.set_mode(GripMode::Released),
+            Command::Release if self.is_release_inhibited => self.refuse(Refusal::Inhibited),
+            Command::Release => {
+                self.controller.set_mode(GripMode::Released);
+                self.object = Object::default();
+            }
             Command::Acknowledge { faults } => self.safety.acknowledge(FaultSet::from_bits(*faults)),
             Command::ReadStatus => self.send_status(),
         }

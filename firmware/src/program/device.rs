@@ -9,13 +9,14 @@ use gripline_protocol::packet::Kind;
 use super::dispatch::{Action, Program};
 use super::messages::{MessageReader, MessageWriter};
 use super::start::Start;
+use crate::link::{LINKS, LinkId};
 
 /// A microcontroller without the silicon.
 #[derive(Debug)]
 pub struct Device {
     /// The program itself.
     pub program: Program,
-    reader: MessageReader,
+    readers: [MessageReader; LINKS],
     writer: MessageWriter,
 }
 
@@ -25,30 +26,36 @@ impl Device {
     pub fn new(start: Start) -> Self {
         Self {
             program: Program::new(start),
-            reader: MessageReader::new(*start.line()),
+            readers: LinkId::ALL.map(|_| MessageReader::new(*start.line())),
             writer: MessageWriter::default(),
         }
     }
 
-    /// Takes one packet of at most 64 bytes as it arrived (COBS already decoded).
+    /// Takes one packet of at most 64 bytes as it arrived at the first link.
     pub fn packet(&mut self, packet: &[u8], now_us: u64) -> Action {
+        self.packet_from(LinkId::Usb, packet, now_us)
+    }
+
+    /// Takes one packet of at most 64 bytes as it arrived at a link (COBS already decoded).
+    pub fn packet_from(&mut self, link: LinkId, packet: &[u8], now_us: u64) -> Action {
         if Kind::of(packet) != Some(Kind::Message) {
-            return self.program.map_packet(packet, now_us);
+            return self.program.map_packet(packet, link, now_us);
         }
-        let event = self.reader.read(packet);
-        self.program.message(&event, now_us);
+        let event = self.readers[link as usize].read(packet);
+        self.program.message(&event, link, now_us);
         self.program.unchanged()
     }
 
-    /// Counts a frame that the transport refused (COBS).
-    pub fn malformed_frame(&mut self) {
-        self.reader.drop_message();
-        self.program.refuse_packet();
+    /// Counts a frame that the transport of a link refused (COBS).
+    pub fn malformed_frame(&mut self, link: LinkId) {
+        self.readers[link as usize].drop_message();
+        self.program.refuse_packet(link);
     }
 
     /// The 1 kHz tick: ages, faults, slew.
     pub fn tick(&mut self, now_us: u64) -> Action {
         self.program.age(now_us);
+        self.program.watch_object();
         self.program.advance(now_us)
     }
 

@@ -9,10 +9,12 @@ use core::marker::PhantomData;
 use gripline_protocol::message::{Configuration, GripMode, Hello, MapSums, STAGES, SlipState, Stage, Status};
 use gripline_protocol::packet::Kind;
 use gripline_protocol::sequence::{Order, SequenceTracker};
-use gripline_protocol::{Health, MapInfo, MapParser, SENSORS};
+use gripline_protocol::{Health, MapInfo, SENSORS};
 
+use super::object::Object;
 use super::outbox::Outbox;
-use super::start::{ResetCause, Start};
+use super::receiver::{Breakage, Receiver};
+use super::start::Start;
 use crate::arithmetic::divide;
 use crate::clock_sync::{CaptureTime, ClockSync};
 use crate::constants::{DECIDE_BUDGET_CYCLES, STATUS_PERIOD_MS};
@@ -20,9 +22,10 @@ use crate::fault::{Fault, FaultSet};
 use crate::friction_estimator::FrictionEstimator;
 use crate::grip::{Evidence, GripController, GripForce};
 use crate::line::LineHealth;
+use crate::link::{LINKS, LinkId};
 use crate::safety::Safety;
 use crate::slip::{SlipDecision, SlipDetector, severity};
-use crate::sums::{Accumulator, Kernel, Portable, TaxelRule, stick_ratio_below, total_shear};
+use crate::sums::{Kernel, Portable, TaxelRule, stick_ratio_below, total_shear};
 
 /// What to do after a packet of a map or a tick.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -37,6 +40,17 @@ pub struct Action {
     pub decided: bool,
 }
 
+/// What of a fingertip's estimates is due, a tick each.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+enum Due {
+    #[default]
+    Nothing,
+    /// Contact geometry, load and friction.
+    Estimate,
+    /// The slide witness, and then the grip.
+    Witness,
+}
+
 /// The newest state of one fingertip.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Fingertip {
@@ -46,12 +60,21 @@ pub(super) struct Fingertip {
     sums: MapSums,
     shear: i32,
     friction: FrictionEstimator,
-    /// `friction` has not seen the newest map yet.
-    is_estimate_due: bool,
+    /// What of `friction` has not seen the newest map yet.
+    due: Due,
     pub(super) clock: ClockSync,
     /// When its last map would have arrived without delay, or when holding began, µs.
     pub(super) fresh_us: u64,
+    /// When its last map arrived, µs.
+    arrived_us: u64,
     health: Health,
+}
+
+impl Fingertip {
+    /// The host doubts its newest map. One that lost force only to the wire's limits is no doubt.
+    fn is_doubtful(&self) -> bool {
+        !self.health.without(Health::SATURATED).is_good()
+    }
 }
 
 /// The microcontroller's program, about 2 KiB. Hosts drive it through [`Device`](super::Device).
@@ -61,14 +84,15 @@ pub struct Program<K = Portable> {
     pub(super) start: Start,
     pub(super) settings: Configuration,
     pub(super) rule: TaxelRule,
-    pub(super) maps_in: MapParser,
-    /// Sums of the map in progress; void until its CRC is known to be right.
-    partial: Accumulator,
+    pub(super) receivers: [Receiver; LINKS],
     pub(super) fingertips: [Fingertip; SENSORS],
     newest: MapInfo,
     pub(super) controller: GripController,
     pub(super) safety: Safety,
     pub(super) outbox: Outbox,
+    pub(super) object: Object,
+    /// The release-inhibit input is active.
+    pub(super) is_release_inhibited: bool,
     /// `Store` was requested and is not done yet.
     pub(super) store: bool,
     pub(super) host: Option<Hello>,
@@ -95,9 +119,9 @@ impl<K: Kernel> Program<K> {
     pub fn with_kernel(start: Start) -> Self {
         let settings = start.stored.settings.unwrap_or(Configuration::DEFAULT);
         let mut safety = Safety::new();
-        if start.reset != ResetCause::PowerOn {
-            safety.set(Fault::WatchdogReset, true);
-            safety.set(Fault::WatchdogReset, false); // over, but a person must see it
+        if let Some(fault) = start.reset.fault() {
+            safety.set(fault, true);
+            safety.set(fault, false); // over, but a person must see it
         }
         safety.set(Fault::SettingsLost, start.stored.lost);
         Self {
@@ -105,16 +129,18 @@ impl<K: Kernel> Program<K> {
             start,
             rule: TaxelRule::of(&settings),
             settings,
-            maps_in: MapParser::new(),
-            partial: Accumulator::new(TaxelRule::of(&settings)),
+            receivers: LinkId::ALL.map(|_| Receiver::new(&settings)),
             fingertips: [Fingertip {
                 fresh_us: start.now_us,
+                arrived_us: start.now_us,
                 ..Fingertip::default()
             }; SENSORS],
             newest: MapInfo::default(),
             controller: GripController::new(start.now_us, start.restored_line),
             safety,
             outbox: Outbox::default(),
+            object: Object::default(),
+            is_release_inhibited: false,
             store: false,
             host: None,
             now_us: start.now_us,
@@ -144,26 +170,36 @@ impl<K: Kernel> Program<K> {
         &self.settings
     }
 
-    /// Takes one packet that is no [`Kind::Message`]: the map-to-line path.
+    /// Takes one packet of a link that is no [`Kind::Message`]: the map-to-line path.
     #[inline]
-    pub fn map_packet(&mut self, packet: &[u8], now_us: u64) -> Action {
+    pub fn map_packet(&mut self, packet: &[u8], link: LinkId, now_us: u64) -> Action {
         let now_us = self.passed_to(now_us);
         let read = match Kind::of(packet) {
-            Some(Kind::MapTail) => self.tail(packet),
-            Some(Kind::MapTaxels) => self.taxels(packet),
-            Some(Kind::MapHead) => self.head(packet),
-            Some(Kind::Message) | None => {
-                self.maps_in.unknown(packet);
-                None
+            Some(Kind::MapTail) => self.tail(packet, link),
+            Some(Kind::MapTaxels) => self.taxels(packet, link),
+            Some(Kind::MapHead) => self.head(packet, link),
+            Some(Kind::Message) | None => Err(self.receivers[link as usize].unknown(packet)),
+        };
+        match read {
+            Ok(decided) => {
+                // Only what could be read proves that a host is there.
+                self.last_packet_us = now_us;
+                self.action(decided)
             }
-        };
-        let Some(decided) = read else {
-            self.safety.packet_refused();
-            return self.action(false);
-        };
-        // Only what could be read proves that a host is there.
-        self.last_packet_us = now_us;
-        self.action(decided)
+            Err(breakage) => {
+                self.count_breakage(breakage, link);
+                self.action(false)
+            }
+        }
+    }
+
+    /// Counts what a refused packet broke towards a CRC storm of its link.
+    pub(super) fn count_breakage(&mut self, breakage: Breakage, link: LinkId) {
+        match breakage {
+            Breakage::Map => self.safety.map_broken(link),
+            Breakage::Packet => self.safety.packet_refused(link),
+            Breakage::Counted => {}
+        }
     }
 
     /// Time now. When the clock goes back for a moment, time stands still: the same time must not count twice as a fall of
@@ -174,41 +210,35 @@ impl<K: Kernel> Program<K> {
         self.now_us
     }
 
-    /// `None` when the packet is refused.
     #[inline(never)]
-    fn head(&mut self, packet: &[u8]) -> Option<bool> {
-        let abandoned = self.maps_in.head(packet).ok()?;
-        self.partial = Accumulator::new(self.rule);
-        if abandoned {
-            self.safety.packet_refused();
+    fn head(&mut self, packet: &[u8], link: LinkId) -> Result<bool, Breakage> {
+        if self.receivers[link as usize].head(packet, self.rule)? {
+            self.safety.map_broken(link);
         }
-        Some(false)
+        Ok(false)
     }
 
-    /// `None` when the packet is refused.
     #[inline(never)]
-    fn taxels(&mut self, packet: &[u8]) -> Option<bool> {
-        let forces = self.maps_in.taxels(packet).ok()?;
-        K::add(&mut self.partial, forces.places(), forces.bytes());
-        Some(false)
+    fn taxels(&mut self, packet: &[u8], link: LinkId) -> Result<bool, Breakage> {
+        self.receivers[link as usize].taxels::<K>(packet)?;
+        Ok(false)
     }
 
-    /// Whether the map is new; `None` when the packet is refused.
+    /// `Ok` tells whether the map is new.
     #[inline(never)]
-    fn tail(&mut self, packet: &[u8]) -> Option<bool> {
-        let (info, forces) = self.maps_in.tail(packet).ok()?;
-        K::add(&mut self.partial, forces.places(), forces.bytes());
-        Some(self.map(info))
+    fn tail(&mut self, packet: &[u8], link: LinkId) -> Result<bool, Breakage> {
+        let info = self.receivers[link as usize].tail::<K>(packet)?;
+        Ok(self.map(info, link))
     }
 
-    /// Second half of the 1 kHz tick: what must be on the line now.
+    /// Last part of the 1 kHz tick: what must be on the line now.
     #[inline]
     pub fn advance(&mut self, now_us: u64) -> Action {
         self.passed_to(now_us);
         self.action(false)
     }
 
-    /// First half of the 1 kHz tick: what has become too old. In two halves, so that a packet need not wait for both.
+    /// First part of the 1 kHz tick: what has become too old. In parts, so that a packet waits for one of them only.
     pub fn age(&mut self, now_us: u64) {
         let now_us = self.passed_to(now_us);
         self.safety.tick();
@@ -237,36 +267,50 @@ impl<K: Kernel> Program<K> {
     #[inline(never)]
     fn learn(&mut self) {
         let [one, other] = &mut self.fingertips;
-        let tip = if one.is_estimate_due { one } else { other };
-        let is_new = core::mem::take(&mut tip.is_estimate_due);
-        if is_new {
+        let tip = if one.due == Due::Nothing { other } else { one };
+        let due = core::mem::take(&mut tip.due);
+        if due == Due::Estimate {
             tip.slip.observe(&tip.sums);
         }
         if !self.settings.learns() {
             return;
         }
-        if is_new {
-            let reached = self.controller.reached().lsb();
-            tip.friction.observe(
-                &tip.sums,
-                tip.slip.geometry(),
-                reached,
-                self.now_us,
-                &self.settings,
-            );
+        match due {
+            Due::Estimate => {
+                let reached = self.controller.reached().lsb();
+                let geometry = tip.slip.geometry();
+                tip.friction
+                    .observe(&tip.sums, geometry, reached, self.now_us, &self.settings);
+                if tip.sums.contact > 0 {
+                    tip.due = Due::Witness;
+                    return;
+                }
+            }
+            Due::Witness => tip.friction.ask_witness(tip.sums.force[2], &self.settings),
+            Due::Nothing => {}
         }
+        let is_new = due != Due::Nothing;
         let [one, other] = &self.fingertips;
         // A fingertip that fell silent under load must not squeeze on while the other one sends maps.
-        let silent_us = self.now_us.saturating_sub(other.fresh_us);
-        let counts = self.settings.sensors > 1 && silent_us <= u64::from(self.settings.stale_ms) * 1_000;
-        let worst = if counts && other.friction.exceeds(&one.friction, &self.settings) {
+        let is_silent = |tip: &Fingertip| {
+            self.now_us.saturating_sub(tip.arrived_us) > u64::from(self.settings.stale_ms) * 1_000
+        };
+        let has_other = self.settings.sensors > 1;
+        let other_is_worse = is_silent(one) || other.friction.exceeds(&one.friction, &self.settings);
+        let worst = if has_other && !is_silent(other) && other_is_worse {
             other
         } else {
             one
         };
+        let witness = if has_other {
+            one.friction.witness().with(other.friction.witness())
+        } else {
+            one.friction.witness()
+        };
         self.controller.learn(
             self.now_us,
             is_new.then_some((&worst.friction, worst.sums.force[2])),
+            witness,
             &self.settings,
         );
     }
@@ -275,13 +319,14 @@ impl<K: Kernel> Program<K> {
     /// latched faults forbid.
     pub fn note_line(&mut self, health: LineHealth) {
         let failed = match health {
-            LineHealth::Good => false,
+            LineHealth::Good | LineHealth::ObjectLost => false,
             LineHealth::Starting => self.controller.mode() == GripMode::Hold,
             LineHealth::NoAnswer
             | LineHealth::NotActivated
             | LineHealth::GripperFault
             | LineHealth::NotTaken => true,
         };
+        self.object.is_lost_by_gripper = health == LineHealth::ObjectLost;
         self.safety.set(Fault::LineFailed, failed);
     }
 
@@ -289,10 +334,12 @@ impl<K: Kernel> Program<K> {
     pub fn note_cycles(&mut self, stage: Stage, cycles: u32) {
         let worst = &mut self.worst_cycles[stage as usize];
         *worst = cycles.max(*worst);
-        if stage == Stage::Decide {
-            self.safety
-                .set(Fault::DeadlineMissed, cycles > DECIDE_BUDGET_CYCLES);
-        }
+    }
+
+    /// Takes the core cycles from the interrupt of a map's last packet to the line that the map led to.
+    pub fn note_map_to_line(&mut self, cycles: u32) {
+        self.safety
+            .set(Fault::DeadlineMissed, cycles > DECIDE_BUDGET_CYCLES);
     }
 
     /// The state as it goes to the host.
@@ -300,6 +347,7 @@ impl<K: Kernel> Program<K> {
     pub fn status(&self) -> Status {
         let tip = &self.fingertips[usize::from(self.newest.sensor).min(SENSORS - 1)];
         let evidence = self.evidence(u64::MAX);
+        let [usb, uart] = &self.receivers;
         let [x, y, normal] = tip.sums.force;
         Status {
             uptime_ms: divide(self.now_us, 1_000) as u32,
@@ -315,11 +363,10 @@ impl<K: Kernel> Program<K> {
             latched: self.safety.latched().bits(),
             maps: self.maps,
             maps_refused: self
-                .maps_in
-                .refused()
-                .wrapping_add(self.maps_in.abandoned())
-                .wrapping_add(self.maps_refused),
-            packets_refused: self.maps_in.refused(),
+                .maps_refused
+                .wrapping_add(usb.maps_broken())
+                .wrapping_add(uart.maps_broken()),
+            packets_refused: usb.refused().wrapping_add(uart.refused()),
             worst_cycles: self.worst_cycles,
         }
     }
@@ -350,7 +397,7 @@ impl<K: Kernel> Program<K> {
     }
 
     /// A map arrived whole. Returns whether it was new.
-    fn map(&mut self, info: MapInfo) -> bool {
+    fn map(&mut self, info: MapInfo, link: LinkId) -> bool {
         // The parser lets no other sensor through.
         let Some(tip) = self.fingertips.get_mut(usize::from(info.sensor)) else {
             return false;
@@ -362,14 +409,23 @@ impl<K: Kernel> Program<K> {
             return self.refuse_map(Fault::FutureMap);
         };
         tip.sequence.accept(info.sequence);
-        tip.sums = self.partial.finish();
-        tip.shear = total_shear(&tip.sums);
-        tip.is_estimate_due = true;
-        tip.decision = tip
-            .slip
-            .update(&tip.sums, info.capture_us, self.now_us, &self.settings);
+        tip.sums = self.receivers[link as usize].partial().finish();
+        let shear = total_shear(&tip.sums);
         tip.fresh_us = self.now_us.saturating_sub(late_us.into());
         tip.health = info.health;
+        let is_doubtful = tip.is_doubtful();
+        if is_doubtful {
+            // It ends no contact and teaches nothing; it may only ask for more grip.
+            tip.shear = tip.shear.max(shear);
+            tip.due = Due::Nothing;
+        } else {
+            tip.shear = shear;
+            tip.arrived_us = self.now_us;
+            tip.due = Due::Estimate;
+            tip.decision = tip
+                .slip
+                .update(&tip.sums, info.capture_us, self.now_us, &self.settings);
+        }
         self.newest = info;
         self.maps = self.maps.wrapping_add(1);
         self.safety.set(Fault::ReplayedMap, false);
@@ -387,7 +443,11 @@ impl<K: Kernel> Program<K> {
             .set(Fault::UnhealthyMap, !health.without(Health::SATURATED).is_good());
         // A fingertip that fell silent in slip must not squeeze on while the other one sends maps.
         let evidence = self.evidence(u64::from(self.settings.stale_ms) * 1_000);
-        self.controller.observe(evidence, self.now_us);
+        if is_doubtful {
+            self.controller.observe_doubtful(evidence.shear);
+        } else {
+            self.controller.observe(evidence, self.now_us);
+        }
         self.send_status();
         true
     }
@@ -406,7 +466,8 @@ impl<K: Kernel> Program<K> {
             ..Evidence::default()
         };
         let sensors = usize::from(self.settings.sensors);
-        let recent = |tip: &&Fingertip| self.now_us.saturating_sub(tip.fresh_us) <= age_us;
+        // By arrival: what comes late says less about now, but a load it shows must still raise the line.
+        let recent = |tip: &&Fingertip| self.now_us.saturating_sub(tip.arrived_us) <= age_us;
         for tip in self.fingertips.iter().take(sensors).filter(recent) {
             if severity(tip.decision.state) > severity(worst.state) {
                 worst.state = tip.decision.state;
@@ -420,7 +481,8 @@ impl<K: Kernel> Program<K> {
                 stick: tip.sums.stick.saturating_sub(1),
                 ..tip.sums
             };
-            worst.has_spare &= !stick_ratio_below(&one_less, self.settings.reflex_target);
+            worst.has_spare &=
+                !tip.is_doubtful() && !stick_ratio_below(&one_less, self.settings.reflex_target);
         }
         worst
     }

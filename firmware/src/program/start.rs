@@ -2,6 +2,7 @@
 
 use gripline_protocol::message::{LineSettings, Revision};
 
+use crate::fault::Fault;
 use crate::grip::GripForce;
 use crate::storage::Stored;
 
@@ -16,6 +17,20 @@ pub enum ResetCause {
     Watchdog,
     /// The program panicked, or ran into a fault of the core.
     Software,
+    /// The supply dipped below the brown-out level.
+    BrownOut,
+}
+
+impl ResetCause {
+    /// The fault that it is; none when somebody switched on or reset the chip.
+    #[must_use]
+    pub const fn fault(self) -> Option<Fault> {
+        match self {
+            Self::PowerOn => None,
+            Self::Watchdog | Self::Software => Some(Fault::WatchdogReset),
+            Self::BrownOut => Some(Fault::Undervoltage),
+        }
+    }
 }
 
 /// What the program knows when it starts.

@@ -37,6 +37,9 @@ pub enum Error {
     /// The simulated world.
     #[error(transparent)]
     Simulation(#[from] gripline_simulation::SimulationError),
+    /// A sensor's description.
+    #[error(transparent)]
+    Sensor(#[from] gripline_sensor::SensorError),
     /// A force that is no number.
     #[error(transparent)]
     NotFinite(#[from] gripline_protocol::NotFinite),

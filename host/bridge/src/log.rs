@@ -3,6 +3,7 @@
 
 use std::collections::VecDeque;
 use std::fmt::{self, Write as _};
+use std::io::{self, Write as _};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use tracing::field::{Field, Visit};
@@ -12,6 +13,7 @@ use tracing_subscriber::Layer;
 use tracing_subscriber::layer::{Context, SubscriberExt as _};
 
 use crate::error::Failure;
+use crate::writer::{WhenFull, Writer};
 
 /// The environment variable that sets the level.
 const VARIABLE: &str = "GRIPLINE_LOG";
@@ -42,8 +44,9 @@ pub fn start(level: Option<LevelFilter>) -> Result<(), Failure> {
 #[derive(Debug)]
 struct Collected {
     lines: VecDeque<String>,
-    /// The terminal shows a picture: lines would destroy it.
-    is_silent: bool,
+    /// Writes them to standard error for whoever logs, who may be in a hurry; `None` where the terminal shows a picture, which
+    /// lines would destroy.
+    out: Option<Writer<String>>,
 }
 
 static COLLECTED: Mutex<Option<Collected>> = Mutex::new(None);
@@ -61,9 +64,16 @@ impl Collector {
     /// Collects from now on; a silent one keeps the lines off standard error.
     #[must_use]
     pub fn start(is_silent: bool) -> Self {
+        let out = (!is_silent).then(|| {
+            Writer::start(KEPT, WhenFull::Drop, |line: String| {
+                // Nobody can be told that standard error is gone.
+                let _ = writeln!(io::stderr(), "{line}");
+                Ok(())
+            })
+        });
         *collected() = Some(Collected {
             lines: VecDeque::new(),
-            is_silent,
+            out,
         });
         Self(())
     }
@@ -79,7 +89,14 @@ impl Collector {
 
 impl Drop for Collector {
     fn drop(&mut self) {
-        *collected() = None;
+        let ended = collected().take();
+        if let Some(out) = ended.and_then(|all| all.out) {
+            let dropped = out.dropped();
+            // A standard error that takes nothing cannot be told so.
+            if out.finish().is_ok() && dropped > 0 {
+                eprintln!("gripline: {dropped} log lines were dropped: standard error was too slow");
+            }
+        }
     }
 }
 
@@ -90,18 +107,24 @@ impl<S: Subscriber> Layer<S> for Lines {
     fn on_event(&self, event: &Event<'_>, _: Context<'_, S>) {
         let mut line = Line(String::new());
         event.record(&mut line);
+        let metadata = event.metadata();
+        let text = if *metadata.level() > Level::INFO {
+            format!(
+                "gripline: [{} {}] {}",
+                metadata.level(),
+                metadata.target(),
+                line.0
+            )
+        } else {
+            format!("gripline: {}", line.0)
+        };
         let mut collected = collected();
-        if collected.as_ref().is_none_or(|all| !all.is_silent) {
-            let metadata = event.metadata();
-            if *metadata.level() > Level::INFO {
-                eprintln!(
-                    "gripline: [{} {}] {}",
-                    metadata.level(),
-                    metadata.target(),
-                    line.0
-                );
-            } else {
-                eprintln!("gripline: {}", line.0);
+        match &mut *collected {
+            None => eprintln!("{text}"),
+            Some(all) => {
+                if let Some(out) = &mut all.out {
+                    out.offer(text);
+                }
             }
         }
         if let Some(all) = &mut *collected {

@@ -139,3 +139,26 @@ fn of_two_fingertips_each_is_calibrated_and_looked_at_by_itself() {
     assert_eq!(state_of(&swapped, "rest picture"), "ok");
     assert_eq!(state_of(&swapped, "second rest picture"), "fail");
 }
+
+/// The value of `KEY=value` or `KEY="value"` in a file of the folder docs.
+fn value_of(file: &str, key: &str) -> String {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("../../docs")
+        .join(file);
+    let text = std::fs::read_to_string(path).unwrap();
+    let lines = text.lines().filter(|line| !line.starts_with('#'));
+    let mut words = lines.flat_map(|line| line.split(", "));
+    let found = words.find_map(|word| word.strip_prefix(key)?.strip_prefix('='));
+    found
+        .unwrap_or_else(|| panic!("{key} is missing in {file}"))
+        .trim_matches('"')
+        .to_owned()
+}
+
+#[test]
+fn the_service_runs_in_the_group_that_the_udev_rule_gives_the_device_to() {
+    let group = value_of("70-gripline.rules", "GROUP");
+    assert_eq!(value_of("gripline.service", "Group"), group);
+    assert_eq!(value_of("70-gripline.rules", "MODE"), "0660");
+    assert_eq!(value_of("70-gripline.rules", "TAG+"), "uaccess");
+}

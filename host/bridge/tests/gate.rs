@@ -68,20 +68,30 @@ impl Chain {
 
 #[test]
 fn skipping_by_the_learned_gate_saves_frames_and_changes_hardly_a_decision() {
-    skipping_saves_frames_and_changes_hardly_a_decision(GateKind::Network);
+    skipping_saves_frames_and_changes_hardly_a_decision(GateKind::Network, 16);
 }
 
 #[test]
 fn skipping_by_the_plain_gate_saves_frames_and_changes_hardly_a_decision() {
-    skipping_saves_frames_and_changes_hardly_a_decision(GateKind::Difference);
+    skipping_saves_frames_and_changes_hardly_a_decision(GateKind::Difference, 16);
 }
 
-fn skipping_saves_frames_and_changes_hardly_a_decision(kind: GateKind) {
+#[test]
+fn with_one_rest_picture_the_learned_gate_finds_the_noise_itself_and_skips_as_well() {
+    skipping_saves_frames_and_changes_hardly_a_decision(GateKind::Network, 1);
+}
+
+#[test]
+fn with_one_rest_picture_the_plain_gate_finds_the_noise_itself_and_skips_as_well() {
+    skipping_saves_frames_and_changes_hardly_a_decision(GateKind::Difference, 1);
+}
+
+fn skipping_saves_frames_and_changes_hardly_a_decision(kind: GateKind, rest_pictures: usize) {
     let (mut frames, mut skipped, mut flips, mut missed, mut slip_frames) = (0, 0, 0, 0, 0);
     let (mut worst_ratio, mut mean_ratio, mut worst_force_n) = (0.0_f64, 0.0, 0.0_f64);
     for (seed, follows) in [(11, true), (12, false)] {
         let mut source = SimulatedSource::new(seed, 60.0);
-        let rest = source.rest(16);
+        let rest = source.rest(rest_pictures);
         let (mut every, mut gated) = (Chain::new(&rest, GateKind::Off), Chain::new(&rest, kind));
         for sequence in 0..720 {
             let line = every
@@ -108,7 +118,7 @@ fn skipping_saves_frames_and_changes_hardly_a_decision(kind: GateKind) {
     }
     mean_ratio /= f64::from(frames);
     println!(
-        "{kind}: {skipped} of {frames} frames skipped; {flips} slip decisions differ ({slip_frames} slip frames), stick ratio by \
+        "{kind}, {rest_pictures} at rest: {skipped} of {frames} frames skipped; {flips} slip decisions differ ({slip_frames} slip frames), stick ratio by \
          {mean_ratio:.4} on average and {worst_ratio:.3} at most, F_N by {worst_force_n:.3} N at most; {missed} touches missed"
     );
     assert_eq!(missed, 0, "a touch of 0.2 N or more was taken for no contact");

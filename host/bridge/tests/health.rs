@@ -14,7 +14,7 @@ use gripline_network::scene::{GateDecision, GateKind};
 use gripline_network::{Architecture, Network};
 use gripline_pipeline::pipeline::Pipeline;
 use gripline_pipeline::settings_for;
-use gripline_protocol::message::Command as Order;
+use gripline_protocol::message::{Command as Order, Status};
 use gripline_protocol::{ForceMap, MapInfo};
 use gripline_simulation::{CameraFault, Image};
 
@@ -51,14 +51,15 @@ fn of_twelve_hundred_good_pictures_none_is_doubted() {
 }
 
 #[test]
-fn every_camera_fault_is_noticed_under_a_touch_and_its_map_is_empty_and_marked() {
+fn every_camera_fault_is_noticed_under_a_touch_and_gives_the_last_good_map_marked() {
     let mut source = SimulatedSource::new(31, 60.0);
     let mut other = SimulatedSource::new(32, 60.0);
     let mut pipeline = pipeline(&source.rest(16));
     let (mut shown, mut forces) = (0, 0);
     for frame in 0..300_u64 {
         let picture = source.next(6.0).unwrap();
-        forces += u32::from(pipeline.process(&picture.crop).unwrap().map != &ForceMap::EMPTY);
+        let good = pipeline.process(&picture.crop).unwrap().map.clone();
+        forces += u32::from(good != ForceMap::EMPTY);
         if frame % 25 != 0 {
             continue;
         }
@@ -71,7 +72,7 @@ fn every_camera_fault_is_noticed_under_a_touch_and_its_map_is_empty_and_marked()
             let processed = pipeline.process(&crop).unwrap();
             assert!(!processed.health.is_good(), "{name} in frame {frame}");
             assert_eq!(processed.gate, GateDecision::Unhealthy, "{name} in frame {frame}");
-            assert_eq!(processed.map, &ForceMap::EMPTY, "{name} in frame {frame}");
+            assert_eq!(processed.map, &good, "{name} in frame {frame}");
             shown += 1;
         }
     }
@@ -125,6 +126,135 @@ fn the_line_holds_while_the_camera_is_black_and_the_fault_is_told() {
         line = status.line;
     }
     assert!(line > 2 * 4096, "the object was held by {line} of 4096 a newton");
+}
+
+/// Pipeline and microcontroller, with the gripper told to hold.
+struct Chain {
+    pipeline: Pipeline,
+    session: Session,
+    sequence: u32,
+}
+
+impl Chain {
+    fn new(rest: &[Vec<u8>]) -> Self {
+        let settings = settings_for(&Network::embedded(Architecture::default()).unwrap());
+        let mut session = Session::open(Box::new(EmbeddedLink::new()), settings).unwrap();
+        session.command(Order::Hold).unwrap();
+        Self {
+            pipeline: pipeline(rest),
+            session,
+            sequence: 0,
+        }
+    }
+
+    /// What the gate decided, whether the map is marked, and what the microcontroller answered.
+    fn frame(&mut self, crop: &[u8]) -> (GateDecision, bool, Status) {
+        let processed = self.pipeline.process(crop).unwrap();
+        let told = (processed.gate, !processed.health.is_good());
+        let info = MapInfo {
+            sequence: self.sequence,
+            capture_us: self.session.now_us() as u32,
+            health: processed.health,
+            ..MapInfo::default()
+        };
+        self.session.send_map(&info, processed.map).unwrap();
+        self.session.run_until(self.session.now_us() + 16_667).unwrap();
+        self.sequence += 1;
+        (told.0, told.1, *self.session.status().unwrap())
+    }
+
+    /// A firm hold in which nothing moves: a picture that the network has looked at, and the answer once the gate calls it
+    /// unchanged.
+    fn firm_quiet_hold(&mut self, source: &mut SimulatedSource) -> (Vec<u8>, Status) {
+        for _ in 0..200 {
+            let crop = source.next(12.0).unwrap().crop;
+            let (gate, _, _) = self.frame(&crop);
+            if gate != GateDecision::Infer {
+                continue;
+            }
+            let (gate, is_marked, status) = self.frame(&crop);
+            if gate == GateDecision::Unchanged && !is_marked && status.sums.force[2] > 2 * 4096 {
+                return (crop, status);
+            }
+        }
+        panic!("no picture of the firm hold was unchanged to the gate when it came again");
+    }
+}
+
+#[test]
+fn a_doubtful_picture_in_a_firm_quiet_hold_ends_no_contact_then_or_afterwards() {
+    let mut source = SimulatedSource::new(61, 60.0);
+    let mut other = SimulatedSource::new(62, 60.0).rest(1);
+    let mut chain = Chain::new(&source.rest(16));
+    let (crop, before) = chain.firm_quiet_hold(&mut source);
+    let mut pictures: Vec<(&str, Vec<u8>)> = CameraFault::ALL
+        .iter()
+        .map(|fault| (fault.name(), fault.of(&image(&crop), 1).pixels))
+        .collect();
+    pictures.push(("another sensor", other.remove(0)));
+    for (name, doubtful) in &pictures {
+        let mut line = 0;
+        for _ in 0..3 {
+            let (gate, is_marked, status) = chain.frame(doubtful);
+            assert!(is_marked && gate == GateDecision::Unhealthy, "{name}");
+            assert_eq!(status.sums, before.sums, "{name}: the last good map again");
+            assert!(status.line >= line, "{name}: {} after {line}", status.line);
+            line = status.line;
+        }
+        // The gate has nothing to compare the next picture with.
+        let (gate, is_marked, status) = chain.frame(&crop);
+        assert!(!is_marked && gate == GateDecision::Infer, "{name}: {gate:?}");
+        assert_eq!(status.sums, before.sums, "after {name}");
+        let (gate, _, status) = chain.frame(&crop);
+        assert_eq!(gate, GateDecision::Unchanged, "after {name}");
+        assert_eq!(status.sums, before.sums, "after {name}");
+        assert_eq!(status.state, before.state, "after {name}");
+        assert!(
+            status.line >= 2 * 4096,
+            "after {name}: {} of 4096 a newton",
+            status.line
+        );
+    }
+}
+
+/// Turns every second of the gate's blocks, 40×40 pixels, upside down: its brightness and contrast stay, its particles are
+/// not found.
+fn with_blocks_turned(crop: &[u8]) -> Vec<u8> {
+    let source = |pixel: usize| {
+        let [row, column] = [pixel / 440, pixel % 440];
+        if (row / 40 + column / 40).is_multiple_of(2) {
+            return pixel;
+        }
+        let [row, column] = [row, column].map(|at| at / 40 * 40 + 39 - at % 40);
+        row * 440 + column
+    };
+    (0..crop.len()).map(|pixel| crop[source(pixel)]).collect()
+}
+
+#[test]
+fn a_doubtful_output_of_the_network_gives_the_last_good_map_marked_and_the_network_looks_again() {
+    let mut source = SimulatedSource::new(63, 60.0);
+    let mut chain = Chain::new(&source.rest(16));
+    let (crop, before) = chain.firm_quiet_hold(&mut source);
+    let turned = with_blocks_turned(&crop);
+    let (gate, is_marked, status) = chain.frame(&turned);
+    assert!(
+        is_marked && gate == GateDecision::Infer,
+        "{gate:?}, marked: {is_marked}"
+    );
+    assert_eq!(status.sums, before.sums);
+    let (gate, is_marked, status) = chain.frame(&turned);
+    assert!(
+        is_marked && gate == GateDecision::Infer,
+        "{gate:?}, marked: {is_marked}"
+    );
+    assert_eq!(status.sums, before.sums);
+    let (gate, is_marked, status) = chain.frame(&crop);
+    assert!(
+        !is_marked && gate == GateDecision::Infer,
+        "{gate:?}, marked: {is_marked}"
+    );
+    assert_eq!(status.sums, before.sums);
 }
 
 /// A folder for one test's files, empty.

@@ -226,6 +226,34 @@ fn a_recording_cut_short_is_read_to_its_last_frame_and_can_be_made_whole() {
 }
 
 #[test]
+fn a_run_that_ends_by_an_error_leaves_a_whole_recording_and_one_without_a_frame_none() {
+    let (folder, path) = recorded("1", &[]);
+    // The source fails at the thirtieth frame; then at once, as in a service that is started again and again.
+    for (bad, frames) in [(30, Some(30)), (0, None)] {
+        let source = with_changes(&path, |topic, number, data| {
+            if topic == "/picture" && number == bad {
+                data.truncate(10);
+            }
+        });
+        let again = folder.path().join("again.mcap");
+        let source = format!("mcap:{}", text(&source));
+        let output = gripline(&["run", "--source", &source, "--record", text(&again)]);
+        let said = ends(&output, 1);
+        assert!(
+            said.contains("a message on /picture that cannot be read"),
+            "{said}"
+        );
+        if let Some(frames) = frames {
+            let (summary, said) = replayed(&again, 0);
+            assert_eq!(summary["frames"], frames, "{said}");
+            assert!(!said.contains("cut short"), "{said}");
+        }
+        assert_eq!(again.exists(), frames.is_some());
+        let _ = fs::remove_file(&again);
+    }
+}
+
+#[test]
 fn what_is_no_recording_is_refused_by_name() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("x.mcap");

@@ -2,7 +2,7 @@
 
 use std::io::{Read, Write};
 use std::path::PathBuf;
-use std::process::{Command, Output};
+use std::process::{Command, Output, Stdio};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -539,4 +539,44 @@ fn real_time_tells_what_it_lacks_and_the_run_goes_on() {
         2,
         &["--unpaced", "--realtime", "expected one of them"],
     );
+}
+
+#[test]
+fn a_reader_that_takes_nothing_never_holds_up_the_loop_and_what_it_misses_is_counted() {
+    let folder = tempfile::tempdir().unwrap();
+    let recording = folder.path().join("all.mcap");
+    let mut child = Command::new(env!("CARGO_BIN_EXE_gripline"))
+        .args([
+            "run",
+            "--json",
+            "--seconds",
+            "11",
+            "--record-pictures",
+            "off",
+            "--record",
+        ])
+        .arg(&recording)
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    // Nobody reads the lines: a pipe holds 64 kB, and a line a frame has more than 1 kB.
+    let mut said = String::new();
+    child.stderr.take().unwrap().read_to_string(&mut said).unwrap();
+    assert_eq!(child.wait().unwrap().code(), Some(1), "{said}");
+    assert!(
+        said.contains("standard output: found nobody who reads it"),
+        "{said}"
+    );
+    let mut lines = String::new();
+    child.stdout.take().unwrap().read_to_string(&mut lines).unwrap();
+    assert!(lines.lines().count() > 10);
+    // The loop has gone on all the time.
+    let output = Command::new(env!("CARGO_BIN_EXE_gripline"))
+        .args(["replay", "--json"])
+        .arg(&recording)
+        .output()
+        .unwrap();
+    let replayed: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(replayed["frames"], 660, "{replayed}");
 }

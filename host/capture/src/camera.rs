@@ -1,7 +1,9 @@
 //! A camera as a source of pictures: a thread of its own takes the newest buffer, crops it and puts it into a mailbox of
 //! one. A camera that goes away is opened again as soon as it is back. Nothing queues: pictures that are too late are counted.
 
+use std::any::Any;
 use std::ops::Add;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::{self, JoinHandle};
@@ -56,12 +58,15 @@ impl Add for Counts {
     }
 }
 
-/// A crop and when it arrived.
+/// A crop, when it was taken and when it arrived.
 #[derive(Debug)]
 pub struct CameraFrame {
     /// 440×440 grey levels.
     pub crop: Vec<u8>,
-    /// When its bytes arrived.
+    /// When it was taken: the driver's time stamp, or when its bytes arrived where the driver gives none.
+    pub taken_at: Instant,
+    /// When its bytes arrived: at the latest one frame interval after the time stamp, then it has waited in the driver's
+    /// queue.
     pub received_at: Instant,
     /// Time to make the crop, µs.
     pub decode_us: f64,
@@ -72,6 +77,7 @@ pub struct CameraFrame {
 pub struct Camera {
     shared: Arc<Shared>,
     thread: Option<JoinHandle<()>>,
+    name: String,
     description: String,
     rate: f64,
 }
@@ -88,6 +94,8 @@ struct Shared {
 struct State {
     counts: Counts,
     last_error: Option<String>,
+    /// What the panic said that ended the thread.
+    panic: Option<String>,
 }
 
 impl Shared {
@@ -127,14 +135,31 @@ impl Camera {
         let first = open(&port, &settings)?;
         let shared = Arc::new(Shared::default());
         let (description, rate) = (first.description.clone(), first.rate.unwrap_or(DEFAULT_RATE));
+        let name = first.name.clone();
         let of_thread = Arc::clone(&shared);
-        let thread = thread::spawn(move || keep_open(&port, &settings, first, &of_thread));
+        let thread = thread::spawn(move || {
+            // What both threads share is whole whenever its lock is free.
+            let ended = catch_unwind(AssertUnwindSafe(|| {
+                keep_open(&port, &settings, first, &of_thread);
+            }));
+            if let Err(panic) = ended {
+                of_thread.state().panic = Some(message_of(panic.as_ref()));
+            }
+            of_thread.newest.close();
+        });
         Ok(Self {
             shared,
             thread: Some(thread),
+            name,
             description,
             rate,
         })
+    }
+
+    /// The camera without its settings: its place and what it calls itself.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        &self.name
     }
 
     /// The camera and all its settings, for people.
@@ -150,24 +175,31 @@ impl Camera {
     }
 
     /// The newest picture, if one arrives within `wait` that was not handed out before.
-    #[must_use]
-    pub fn next(&self, wait: Duration) -> Option<CameraFrame> {
+    ///
+    /// # Errors
+    /// [`CaptureError::ThreadPanicked`] when there can be no more.
+    pub fn next(&self, wait: Duration) -> Result<Option<CameraFrame>, CaptureError> {
         match self.shared.newest.take(wait) {
-            Taken::New(frame) => Some(frame),
-            Taken::Nothing | Taken::Closed => None,
+            Taken::New(frame) => Ok(Some(frame)),
+            Taken::Nothing => Ok(None),
+            // Its thread ends before its owner by a panic only.
+            Taken::Closed => Err(CaptureError::ThreadPanicked {
+                camera: self.description.clone(),
+                said: self.shared.state().panic.clone().unwrap_or_default(),
+            }),
         }
     }
 
     /// Takes `count` pictures, one after the other.
     ///
     /// # Errors
-    /// [`CaptureError::NoPictures`] when the camera stops sending.
+    /// [`CaptureError::NoPictures`] when the camera stops sending; as [`Self::next`].
     pub fn take_frames(&self, count: usize) -> Result<Vec<CameraFrame>, CaptureError> {
         let patience = 3 * SILENCE;
         let mut frames = Vec::with_capacity(count);
         let mut last = Instant::now();
         while frames.len() < count {
-            if let Some(frame) = self.next(POLL) {
+            if let Some(frame) = self.next(POLL)? {
                 frames.push(frame);
                 last = Instant::now();
             } else if last.elapsed() > patience {
@@ -201,10 +233,17 @@ impl Drop for Camera {
     fn drop(&mut self) {
         self.shared.stop.store(true, Ordering::Relaxed);
         if let Some(thread) = self.thread.take() {
-            // A panic in the thread has been printed.
+            // A panic in the thread has been caught.
             let _ = thread.join();
         }
     }
+}
+
+/// What a panic said.
+fn message_of(panic: &(dyn Any + Send)) -> String {
+    let text = panic.downcast_ref::<&str>().copied();
+    let text = text.or_else(|| panic.downcast_ref::<String>().map(String::as_str));
+    text.unwrap_or("no message").to_owned()
 }
 
 /// Keeps the camera open and the mailbox fresh until the camera is dropped.
@@ -255,6 +294,7 @@ fn stream<S: Stream>(camera: &mut Negotiated<S>, shared: &Shared) -> Result<(), 
     let mut sequence = Sequence::default();
     let mut crop = Vec::new();
     let mut last = Instant::now();
+    let interval = Duration::from_secs_f64(1.0 / camera.rate.unwrap_or(DEFAULT_RATE));
     while shared.is_running() {
         let waiting = camera.stream.ready();
         if !waiting.within(STOP_CHECK).map_err(|error| error.to_string())? {
@@ -264,8 +304,9 @@ fn stream<S: Stream>(camera: &mut Negotiated<S>, shared: &Shared) -> Result<(), 
             continue;
         }
         let buffer = camera.stream.take().map_err(|error| error.to_string())?;
-        let received_at = Instant::now();
-        last = received_at;
+        let dequeued_at = Instant::now();
+        last = dequeued_at;
+        let taken_at = buffer.taken_at.unwrap_or(dequeued_at).min(dequeued_at);
         let missed = sequence.next(buffer.sequence);
         // With a newer picture there already, this one is not worth decoding.
         let is_overtaken = waiting
@@ -290,8 +331,9 @@ fn stream<S: Stream>(camera: &mut Negotiated<S>, shared: &Shared) -> Result<(), 
             Ok(()) => {
                 let overtaken = shared.newest.put(CameraFrame {
                     crop: std::mem::take(&mut crop),
-                    received_at,
-                    decode_us: received_at.elapsed().as_secs_f64() * 1e6,
+                    taken_at,
+                    received_at: dequeued_at.min(taken_at + interval),
+                    decode_us: dequeued_at.elapsed().as_secs_f64() * 1e6,
                 });
                 // Its memory serves the next picture.
                 crop = overtaken.map_or_else(Vec::new, |overtaken| overtaken.crop);

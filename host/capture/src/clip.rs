@@ -1,11 +1,13 @@
 //! Clips through the program ffmpeg, in any format that it knows: one picture at a time, never the whole clip in memory.
-//! Touches the world. Limits: 640×480 or 440×440 pixels; pictures follow each other at the clip's mean rate.
+//! Touches the world. Limits: 640×480 or 440×440 pixels in grey, any size in colour; pictures follow each other at the clip's mean rate.
 
 use std::fs;
 use std::io::{self, BufRead as _, BufReader, Read as _, Write as _};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 use std::thread::{self, JoinHandle};
+
+use gripline_sensor::Flip;
 
 use crate::error::{CaptureError, PictureError};
 use crate::geometry::{Cropping, Size};
@@ -147,17 +149,103 @@ fn file_url(path: &Path) -> std::ffi::OsString {
     url
 }
 
-/// A clip that is being read.
+/// A clip's pictures as ffmpeg hands them over, one after the other.
 #[derive(Debug)]
-pub struct ClipReader {
+struct Pictures {
     path: PathBuf,
     running: Running,
-    pictures: ChildStdout,
-    description: Description,
-    cropping: Cropping,
+    output: ChildStdout,
+    /// Pictures that the file announces.
+    announced: Option<u64>,
+    /// Bytes of one.
+    bytes: usize,
     /// The next picture, read ahead.
     next: Option<Vec<u8>>,
     read: u64,
+}
+
+impl Pictures {
+    /// Starts ffmpeg with `filters` on its pictures, and reads the first, of so many `bytes`.
+    fn start(
+        path: &Path,
+        announced: Option<u64>,
+        filters: &[&str],
+        format: &str,
+        bytes: usize,
+    ) -> Result<Self, CaptureError> {
+        let mut running = Running::start(
+            Command::new(FFMPEG)
+                .args(["-v", "error", "-nostdin", "-noautorotate", "-threads", "1"])
+                // A damaged picture is left out; by default its holes are filled with guesses.
+                .args(["-err_detect", "explode", "-i"])
+                .arg(file_url(path))
+                // Every picture once, whatever its time.
+                .args(["-map", "0:v:0", "-vsync", "passthrough"])
+                .args(filters)
+                .args(["-f", "rawvideo", "-pix_fmt", format, "-"])
+                .stdin(Stdio::null())
+                .stdout(Stdio::piped()),
+        )?;
+        let output = running
+            .child
+            .stdout
+            .take()
+            .ok_or(CaptureError::NoFfmpeg { program: FFMPEG })?;
+        let mut pictures = Self {
+            path: path.to_owned(),
+            running,
+            output,
+            announced,
+            bytes,
+            next: None,
+            read: 0,
+        };
+        pictures.next = pictures.read_picture();
+        if pictures.next.is_none() {
+            return Err(CaptureError::Clip {
+                clip: path.to_owned(),
+                program: FFMPEG,
+                said: pictures.running.finish().1,
+                expected: "a clip with pictures",
+            });
+        }
+        Ok(pictures)
+    }
+
+    fn next_picture(&mut self) -> Option<Vec<u8>> {
+        let picture = self.next.take()?;
+        self.next = self.read_picture();
+        self.read += 1;
+        Some(picture)
+    }
+
+    fn finish(&mut self) -> Result<(), CaptureError> {
+        let (succeeded, said) = self.running.finish();
+        let expected = self.announced;
+        let is_whole = expected.map_or(succeeded && said.is_empty(), |expected| self.read >= expected);
+        if is_whole {
+            return Ok(());
+        }
+        Err(CaptureError::ClipDamaged {
+            clip: self.path.clone(),
+            found: self.read,
+            expected,
+            said,
+        })
+    }
+
+    fn read_picture(&mut self) -> Option<Vec<u8>> {
+        let mut picture = vec![0; self.bytes];
+        self.output.read_exact(&mut picture).ok().map(|()| picture)
+    }
+}
+
+/// A clip that is being read.
+#[derive(Debug)]
+pub struct ClipReader {
+    pictures: Pictures,
+    rate: f64,
+    cropping: Cropping,
 }
 
 impl ClipReader {
@@ -177,66 +265,25 @@ impl ClipReader {
                 ..source
             },
         })?;
-        let mut running = Running::start(
-            Command::new(FFMPEG)
-                .args(["-v", "error", "-nostdin", "-noautorotate", "-threads", "1"])
-                // A damaged picture is left out; by default its holes are filled with guesses.
-                .args(["-err_detect", "explode", "-i"])
-                .arg(file_url(path))
-                // Every picture once, whatever its time.
-                .args([
-                    "-map",
-                    "0:v:0",
-                    "-vsync",
-                    "passthrough",
-                    "-f",
-                    "rawvideo",
-                    "-pix_fmt",
-                    "gray",
-                    "-",
-                ])
-                .stdin(Stdio::null())
-                .stdout(Stdio::piped()),
-        )?;
-        let pictures = running
-            .child
-            .stdout
-            .take()
-            .ok_or(CaptureError::NoFfmpeg { program: FFMPEG })?;
-        let mut reader = Self {
-            path: path.to_owned(),
-            running,
-            pictures,
-            description,
+        let bytes = description.size.pixels();
+        Ok(Self {
+            pictures: Pictures::start(path, description.pictures, &[], "gray", bytes)?,
+            rate: description.rate,
             cropping,
-            next: None,
-            read: 0,
-        };
-        reader.next = reader.read_picture();
-        if reader.next.is_none() {
-            return Err(CaptureError::Clip {
-                clip: path.to_owned(),
-                program: FFMPEG,
-                said: reader.running.finish().1,
-                expected: "a clip with pictures",
-            });
-        }
-        Ok(reader)
+        })
     }
 
     /// Frames a second.
     #[must_use]
     pub const fn rate(&self) -> f64 {
-        self.description.rate
+        self.rate
     }
 
     /// The 440×440 crop of the next picture; `None` at the end.
     pub fn next_picture(&mut self) -> Option<Vec<u8>> {
-        let grey = self.next.take()?;
-        self.next = self.read_picture();
+        let grey = self.pictures.next_picture()?;
         let mut crop = Vec::new();
         self.cropping.apply(&grey, &mut crop);
-        self.read += 1;
         Some(crop)
     }
 
@@ -245,23 +292,57 @@ impl ClipReader {
     /// # Errors
     /// [`CaptureError::ClipDamaged`] when ffmpeg left pictures out, or the file ends early.
     pub fn finish(&mut self) -> Result<(), CaptureError> {
-        let (succeeded, said) = self.running.finish();
-        let expected = self.description.pictures;
-        let is_whole = expected.map_or(succeeded && said.is_empty(), |expected| self.read >= expected);
-        if is_whole {
-            return Ok(());
-        }
-        Err(CaptureError::ClipDamaged {
-            clip: self.path.clone(),
-            found: self.read,
-            expected,
-            said,
+        self.pictures.finish()
+    }
+}
+
+/// A clip, or a single picture, of a described sensor: scaled, cropped and turned as its description says, in colour.
+#[derive(Debug)]
+pub struct ColourClip {
+    pictures: Pictures,
+    rate: f64,
+}
+
+impl ColourClip {
+    /// Opens a clip or a picture of any size and reads its first picture.
+    ///
+    /// # Errors
+    /// [`CaptureError`] when ffmpeg is missing or the clip cannot be read.
+    pub fn open(path: &Path, capture: &gripline_sensor::Capture) -> Result<Self, CaptureError> {
+        let description = describe(path)?;
+        let [columns, rows] = capture.size_px;
+        let [left, top, width, height] = capture.crop_px;
+        let mut filter = format!("scale={columns}:{rows}:flags=area,crop={width}:{height}:{left}:{top}");
+        filter += match capture.flip {
+            Flip::None => "",
+            Flip::Horizontal => ",hflip",
+            Flip::Vertical => ",vflip",
+            Flip::Both => ",hflip,vflip",
+        };
+        let bytes = 3 * width * height;
+        Ok(Self {
+            pictures: Pictures::start(path, description.pictures, &["-vf", &filter], "rgb24", bytes)?,
+            rate: description.rate,
         })
     }
 
-    fn read_picture(&mut self) -> Option<Vec<u8>> {
-        let mut grey = vec![0; self.description.size.pixels()];
-        self.pictures.read_exact(&mut grey).ok().map(|()| grey)
+    /// Frames a second.
+    #[must_use]
+    pub const fn rate(&self) -> f64 {
+        self.rate
+    }
+
+    /// The next picture: red, green, blue of every pixel of the sensor's crop, rows from the top; `None` at the end.
+    pub fn next_picture(&mut self) -> Option<Vec<u8>> {
+        self.pictures.next_picture()
+    }
+
+    /// What is missing, once [`Self::next_picture`] has returned `None`.
+    ///
+    /// # Errors
+    /// [`CaptureError::ClipDamaged`] when ffmpeg left pictures out, or the file ends early.
+    pub fn finish(&mut self) -> Result<(), CaptureError> {
+        self.pictures.finish()
     }
 }
 

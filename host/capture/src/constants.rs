@@ -8,9 +8,10 @@ pub const DEFAULT_RATE: f64 = 60.0;
 pub const POLL: Duration = Duration::from_millis(2);
 /// A rate that is lower than the requested one by this factor still counts as it: 60000/1001 stands for 60.
 pub(crate) const RATE_TOLERANCE: f64 = 1.01;
-/// Buffers that the driver fills: one is read, one is filled, two are spare.
-#[cfg(target_os = "linux")]
+/// Buffers that the driver is asked to fill: one is read, one is filled, two are spare.
 pub(crate) const BUFFERS: u32 = 4;
+/// Minimum number of buffers: one is read while one is filled.
+pub(crate) const BUFFERS_MIN: usize = 2;
 /// A connected camera that sends nothing for this long is opened again.
 pub(crate) const SILENCE: Duration = Duration::from_secs(1);
 /// Time between two attempts to open a camera that is gone: a camera that returns is back within a second.

@@ -1,7 +1,7 @@
 //! What the capture needs of a camera's driver: traits, which `v4l2` and the tests implement.
 
 use std::io;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use crate::error::CaptureError;
 use crate::geometry::Size;
@@ -91,6 +91,8 @@ pub struct Buffer<'a> {
     pub bytes: &'a [u8],
     /// The driver's number of the frame.
     pub sequence: u32,
+    /// The driver's time stamp, where it has one of the monotonic clock. Of the first or the last byte of the frame.
+    pub taken_at: Option<Instant>,
     /// The driver flags an error in the frame.
     pub is_damaged: bool,
 }
@@ -99,6 +101,9 @@ pub struct Buffer<'a> {
 pub trait Stream {
     /// Waits for buffers.
     type Ready: Ready;
+
+    /// How many buffers the driver granted.
+    fn buffers(&self) -> usize;
 
     /// Waits for buffers independently of [`Stream::take`], whose buffer is still borrowed.
     fn ready(&self) -> Self::Ready;

@@ -74,6 +74,30 @@ pub enum CaptureError {
         /// What was requested.
         expected: String,
     },
+    /// The driver granted too few buffers.
+    #[error(
+        "camera {camera}: found {found} buffer for pictures, expected at least {expected}, one to read while one is filled: \
+         close other programs that use it, or use another camera"
+    )]
+    Buffers {
+        /// Path of the device.
+        camera: String,
+        /// Buffers that the driver granted.
+        found: usize,
+        /// Buffers that are needed.
+        expected: usize,
+    },
+    /// The camera's thread ended by a defect.
+    #[error(
+        "{camera}: its thread panicked ({said}); expected it to deliver pictures until the end: start again and report this \
+         defect"
+    )]
+    ThreadPanicked {
+        /// The camera and its mode.
+        camera: String,
+        /// What the panic said.
+        said: String,
+    },
     /// The camera lacks a control that the configuration sets.
     #[error(
         "camera {camera}: has no control for {control}, expected one because {key} is set: take {key} out of the \

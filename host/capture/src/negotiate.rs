@@ -1,7 +1,7 @@
 //! Opens a camera and sets format, rate, exposure and gain. Pure: the driver is behind a trait.
 
-use crate::constants::EXPOSURE_UNIT_MS;
-use crate::driver::{ActualMode, Control, Driver, EXPOSURE_MANUAL, Port};
+use crate::constants::{BUFFERS, BUFFERS_MIN, EXPOSURE_UNIT_MS};
+use crate::driver::{ActualMode, Control, Driver, EXPOSURE_MANUAL, Port, Stream as _};
 use crate::error::CaptureError;
 use crate::geometry::FRAME;
 use crate::mode::{PixelFormat, RequestedMode, trimmed};
@@ -28,6 +28,8 @@ pub struct Negotiated<S> {
     pub stride: usize,
     /// Frames a second; `None` when the driver does not say.
     pub rate: Option<f64>,
+    /// The camera without its settings: its place and what it calls itself.
+    pub name: String,
     /// The camera and all its settings, for people.
     pub description: String,
 }
@@ -64,25 +66,36 @@ pub fn open<P: Port>(
     let exposure = set_exposure(&camera, &driver, settings.exposure_ms)?;
     let gain = set_gain(&camera, &driver, settings.gain)?;
     let rate = actual.rate.or(mode.rate);
-    let description = describe(
-        &camera,
-        &driver.card(),
-        mode.format,
-        (rate, settings.mode.rate),
-        &[exposure, gain],
-    );
+    let card = driver.card();
+    let stream = driver.stream().map_err(gone)?;
+    let granted = stream.buffers();
+    if granted < BUFFERS_MIN {
+        return Err(CaptureError::Buffers {
+            camera,
+            found: granted,
+            expected: BUFFERS_MIN,
+        });
+    }
+    let mut controls = vec![exposure, gain];
+    if granted < BUFFERS as usize {
+        controls.push(format!(
+            "{granted} buffers (asked for {BUFFERS}): a busy machine misses pictures sooner"
+        ));
+    }
+    let name = format!("camera {camera} ({card})");
+    let description = describe(&name, mode.format, (rate, settings.mode.rate), &controls);
     Ok(Negotiated {
-        stream: driver.stream().map_err(gone)?,
+        stream,
         format: mode.format,
         stride: actual.stride,
         rate,
+        name,
         description,
     })
 }
 
 fn describe(
-    camera: &str,
-    card: &str,
+    name: &str,
     format: PixelFormat,
     (rate, wanted): (Option<f64>, f64),
     controls: &[String],
@@ -92,10 +105,7 @@ fn describe(
         Some(rate) if (rate - wanted).abs() < 0.05 * wanted => format!("{} frames/s", trimmed(rate)),
         Some(rate) => format!("{} frames/s (asked for {})", trimmed(rate), trimmed(wanted)),
     };
-    format!(
-        "camera {camera} ({card}): 640×480 {format} at {rate}, {}",
-        controls.join(", ")
-    )
+    format!("{name}: 640×480 {format} at {rate}, {}", controls.join(", "))
 }
 
 /// Fixes the exposure time. Returns what is in force, for people.

@@ -2,10 +2,10 @@
 
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 use std::{fs, io};
 
-use moq_v4l::buffer::{Flags as BufferFlags, Type};
+use moq_v4l::buffer::{Flags as BufferFlags, Metadata, Type};
 use moq_v4l::capability::Flags;
 use moq_v4l::control::{Control as RawControl, Value};
 use moq_v4l::device::{Device, Handle};
@@ -17,6 +17,7 @@ use moq_v4l::sys;
 use moq_v4l::video::Capture;
 use moq_v4l::video::capture::Parameters;
 use moq_v4l::{Format, FourCC, Fraction};
+use nix::time::{ClockId, clock_gettime};
 
 use crate::constants::BUFFERS;
 use crate::driver::{ActualMode, Buffer, Control, Driver, Port, Ready, Stream};
@@ -26,6 +27,10 @@ use crate::mode::Offer;
 
 /// `poll(2)`: there is something to read.
 const POLLIN: i16 = 1;
+/// `EINVAL`: there is no such buffer.
+const INVALID: i32 = 22;
+/// VIDEO_MAX_FRAME: the most buffers that a driver has.
+const BUFFERS_MAX: usize = 32;
 /// A camera that has every rate in a range offers these of them.
 const COMMON_RATES: [f64; 9] = [5.0, 10.0, 15.0, 25.0, 30.0, 50.0, 60.0, 90.0, 120.0];
 
@@ -213,17 +218,44 @@ impl Driver for OpenDevice {
 
     fn stream(self) -> io::Result<DeviceStream> {
         let mut stream = MappedStream::with_buffers(&self.device, Type::VideoCapture, BUFFERS)?;
-        // Buffer 0 follows with the first `take`, which returns the buffer before.
-        for index in 1..BUFFERS as usize {
-            CaptureStream::queue(&mut stream, index)?;
-        }
+        let granted = queue_granted(|index| CaptureStream::queue(&mut stream, index))?;
         stream.start()?;
-        Ok(DeviceStream(stream))
+        Ok(DeviceStream { stream, granted })
     }
 }
 
+/// Queues all buffers but the first, which follows with the first `take`. Returns how many the driver granted, which may be
+/// fewer or more than were asked for: the first buffer that cannot be queued is not there.
+fn queue_granted(mut queue: impl FnMut(usize) -> io::Result<()>) -> io::Result<usize> {
+    for index in 1..BUFFERS_MAX {
+        match queue(index) {
+            Err(error) if error.raw_os_error() == Some(INVALID) => return Ok(index),
+            queued => queued?,
+        }
+    }
+    Ok(BUFFERS_MAX)
+}
+
+/// When the buffer was filled, where the driver's time stamp is of the monotonic clock. `clock` is that clock now.
+fn taken_at(meta: &Metadata, (clock, now): (Duration, Instant)) -> Option<Instant> {
+    if meta.flags & BufferFlags::TIMESTAMP_MASK != BufferFlags::TIMESTAMP_MONOTONIC {
+        return None;
+    }
+    let seconds = u64::try_from(meta.timestamp.sec).ok()?;
+    let microseconds = u64::try_from(meta.timestamp.usec).ok()?;
+    let stamp = Duration::from_secs(seconds) + Duration::from_micros(microseconds);
+    // Some drivers leave it at 0.
+    if stamp.is_zero() {
+        return None;
+    }
+    now.checked_sub(clock.saturating_sub(stamp))
+}
+
 /// A device file whose driver fills buffers.
-pub struct DeviceStream(MappedStream<'static>);
+pub struct DeviceStream {
+    stream: MappedStream<'static>,
+    granted: usize,
+}
 
 /// Polls the device file.
 pub struct DeviceReady(Arc<Handle>);
@@ -231,16 +263,23 @@ pub struct DeviceReady(Arc<Handle>);
 impl Stream for DeviceStream {
     type Ready = DeviceReady;
 
+    fn buffers(&self) -> usize {
+        self.granted
+    }
+
     fn ready(&self) -> DeviceReady {
-        DeviceReady(self.0.handle())
+        DeviceReady(self.stream.handle())
     }
 
     fn take(&mut self) -> io::Result<Buffer<'_>> {
-        let (bytes, meta) = self.0.next()?;
+        let (bytes, meta) = self.stream.next()?;
+        let clock = clock_gettime(ClockId::CLOCK_MONOTONIC).map(Duration::from);
+        let now = Instant::now();
         let used = (meta.bytesused as usize).min(bytes.len());
         Ok(Buffer {
             bytes: &bytes[..used],
             sequence: meta.sequence,
+            taken_at: clock.ok().and_then(|clock| taken_at(meta, (clock, now))),
             is_damaged: meta.flags.contains(BufferFlags::ERROR),
         })
     }
@@ -259,6 +298,47 @@ impl Ready for DeviceReady {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn fewer_and_more_buffers_than_were_asked_for_are_queued_and_counted() {
+        for granted in [1, 2, 3, 4, 6, 32] {
+            let mut queued = Vec::new();
+            let found = queue_granted(|index| {
+                if index >= granted {
+                    return Err(io::Error::from_raw_os_error(INVALID));
+                }
+                queued.push(index);
+                Ok(())
+            });
+            assert_eq!(found.unwrap(), granted);
+            assert_eq!(queued, (1..granted).collect::<Vec<_>>());
+        }
+        let gone = queue_granted(|_| Err(io::Error::from_raw_os_error(19)));
+        assert_eq!(gone.unwrap_err().raw_os_error(), Some(19));
+    }
+
+    #[test]
+    fn only_a_time_stamp_of_the_monotonic_clock_counts() {
+        let now = Instant::now();
+        let clock = Duration::from_secs(1_000);
+        let stamped = |flags, sec, usec| {
+            let meta = Metadata {
+                flags,
+                timestamp: moq_v4l::timestamp::Timestamp::new(sec, usec),
+                ..Metadata::default()
+            };
+            taken_at(&meta, (clock, now))
+        };
+        let monotonic = BufferFlags::TIMESTAMP_MONOTONIC | BufferFlags::TSTAMP_SRC_SOE | BufferFlags::MAPPED;
+        let before = now.checked_sub(Duration::from_micros(16_700)).unwrap();
+        assert_eq!(stamped(monotonic, 999, 983_300), Some(before));
+        // A stamp ahead of the clock is of now.
+        assert_eq!(stamped(monotonic, 1_000, 5), Some(now));
+        assert_eq!(stamped(BufferFlags::TIMESTAMP_COPY, 999, 983_300), None);
+        assert_eq!(stamped(BufferFlags::TIMESTAMP_UNKNOWN, 999, 983_300), None);
+        assert_eq!(stamped(monotonic, 0, 0), None);
+        assert_eq!(stamped(monotonic, -1, 0), None);
+    }
 
     #[test]
     fn a_path_that_is_no_camera_is_refused_with_what_there_is() {

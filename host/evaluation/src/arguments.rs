@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 use gripline_network::Architecture;
 
+use crate::grasps::policy::Policy;
 use crate::plan::Data;
 
 /// The arguments of `gripline evaluate paper`.
@@ -39,15 +40,34 @@ pub struct PaperArgs {
     pub out: Option<PathBuf>,
 }
 
+/// The world that grasps happen in.
+#[derive(
+    Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum, serde::Serialize, serde::Deserialize,
+)]
+#[serde(rename_all = "snake_case")]
+pub enum World {
+    /// One friction, good pictures, forces as the network gives them.
+    #[default]
+    Nominal,
+    /// Friction that drops and differs, loads that surprise, forces that are off, pictures that fail, a poor gripper.
+    Adverse,
+}
+
 /// The arguments of `gripline evaluate grasps`.
 #[derive(Debug, Clone, PartialEq, Args)]
 pub struct GraspsArgs {
     /// Print the figures as one JSON object.
     #[arg(long)]
     pub json: bool,
+    /// The world that they happen in.
+    #[arg(long, value_enum, default_value_t)]
+    pub world: World,
     /// How many grasps.
     #[arg(long, value_name = "N", default_value_t = 1000, value_parser = clap::value_parser!(u64).range(1..=100_000))]
     pub grasps: u64,
+    /// Only these policies, with commas between; a bound that needs another is not judged.
+    #[arg(long, value_enum, value_name = "NAMES", value_delimiter = ',', default_values_t = Policy::all(), hide_default_value = true)]
+    pub policies: Vec<Policy>,
     /// Everything random follows from it.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..=99))]
     pub seed: u64,
@@ -57,6 +77,9 @@ pub struct GraspsArgs {
     /// Threads.
     #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u8).range(1..=64))]
     pub threads: u8,
+    /// Draw drops against margin, a point a policy.
+    #[arg(long, value_name = "FILE.png")]
+    pub plot: Option<PathBuf>,
     /// Keep every outcome in this file, one JSON object a line, and go on where an interrupted run stopped.
     #[arg(long, value_name = "FILE.jsonl")]
     pub results: Option<PathBuf>,

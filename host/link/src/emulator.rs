@@ -8,7 +8,9 @@ use std::io::{BufReader, BufWriter};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 
-pub use gripline_emulator_wire::{Cable, ControlOutcome, ControlTransfer, FaultInjection, LineWrite, Setup};
+pub use gripline_emulator_wire::{
+    Cable, ControlOutcome, ControlTransfer, Disturbance, FaultInjection, LineWiring, LineWrite, Setup,
+};
 use gripline_emulator_wire::{Reply, Request, UsbState, WireError, read_greeting};
 use gripline_protocol::cobs::{CobsDecoder, FRAME_MAX, Frame, encode_packet};
 
@@ -176,6 +178,17 @@ impl EmulatorLink {
     /// the program that belongs to, until a reset.
     pub fn inject_fault(&mut self, fault: FaultInjection, address: u32) {
         self.next.fault = Some((fault, address));
+    }
+
+    /// Disturbs the board from outside, from the next run on.
+    pub fn disturb(&mut self, disturbance: Disturbance) {
+        self.next.disturbances.push(disturbance);
+    }
+
+    /// The level of the board's fault output: high (true) says that there is no fault.
+    #[must_use]
+    pub fn fault_output(&self) -> bool {
+        self.now.fault_output
     }
 
     /// Every code on the grip-force line since power-on.

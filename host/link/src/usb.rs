@@ -175,7 +175,10 @@ impl Bus for System {
             },
             ErrorKind::PermissionDenied => LinkError::Broken {
                 link: link.to_owned(),
-                found: format!("{error}; expected to be allowed to open it, install the udev rule"),
+                found: format!(
+                    "{error}; expected to be allowed to open it: install the udev rule (docs/70-gripline.rules), or join the \
+                     group gripline"
+                ),
             },
             // Its address is there and its file or its interface is not, or not any more.
             ErrorKind::NotFound | ErrorKind::Disconnected => LinkError::NotReady {

@@ -5,11 +5,12 @@ use std::time::{Duration, Instant};
 
 use gripline_link::session::{SentMap, Session};
 use gripline_network::scene::GateDecision;
-use gripline_protocol::message::{Command, GripMode, MapSums, Status};
+use gripline_protocol::message::{Command, GripMode, MapSums, Refusal, Status};
 use gripline_protocol::{ForceMap, Health, MapInfo, SENSORS};
 use gripline_recording::telemetry::STAGES;
 
 use crate::PipelineError;
+use crate::mode_request::{ModeRequest, Unconfirmed};
 use crate::pipeline::Pipeline;
 
 /// A picture older than this when its turn comes, µs, is dropped: one frame at 60 Hz, plus what a busy system may hold a
@@ -168,7 +169,9 @@ pub struct ControlLoop {
     /// The conversation with the device.
     pub session: Session,
     /// The mode that the device was last asked for.
-    mode: Option<GripMode>,
+    asked: Option<ModeRequest>,
+    /// Why it has no effect, until somebody takes it.
+    unconfirmed: Option<Unconfirmed>,
     /// The number of each fingertip's next map.
     sequences: [u32; SENSORS],
     /// The link's time of frame 0.
@@ -184,7 +187,8 @@ impl ControlLoop {
         Self {
             start_us: session.now_us(),
             session,
-            mode: None,
+            asked: None,
+            unconfirmed: None,
             sequences: [0; SENSORS],
             sound_at: (0, 0),
         }
@@ -280,18 +284,45 @@ impl ControlLoop {
 
     /// The next frame requests its mode again.
     pub const fn request_again(&mut self) {
-        self.mode = None;
+        self.asked = None;
     }
 
-    fn begin(&mut self, request: FrameRequest) -> Result<Begun, PipelineError> {
-        if self.mode != Some(request.mode) {
-            let command = match request.mode {
+    /// The device refused a command: a request that this answers is not repeated.
+    pub fn refused(&mut self, refusal: Refusal) {
+        if let Some(why) = self.asked.as_mut().and_then(|asked| asked.refused(refusal)) {
+            self.unconfirmed = Some(why);
+        }
+    }
+
+    /// Why the last request for a mode has no effect, once.
+    pub const fn take_unconfirmed(&mut self) -> Option<Unconfirmed> {
+        self.unconfirmed.take()
+    }
+
+    /// Asks for the mode, again and again until a status shows it.
+    fn ask_for(&mut self, mode: GripMode) -> Result<(), PipelineError> {
+        let (now_us, restarts) = (self.session.now_us(), self.session.restarts());
+        let mut asked = match self.asked {
+            Some(asked) if asked.mode() == mode => asked,
+            _ => ModeRequest::new(mode, now_us, restarts),
+        };
+        let status = (self.session.status(), self.session.status_age_us());
+        let (is_due, why) = asked.step(now_us, status, restarts);
+        self.unconfirmed = why.or(self.unconfirmed);
+        if is_due {
+            let command = match mode {
                 GripMode::Hold => Command::Hold,
                 GripMode::Released => Command::Release,
             };
-            let was_sent = self.session.command(command)?;
-            self.mode = was_sent.then_some(request.mode);
+            let was_taken = self.session.command(command)?;
+            asked.sent(now_us, was_taken);
         }
+        self.asked = Some(asked);
+        Ok(())
+    }
+
+    fn begin(&mut self, request: FrameRequest) -> Result<Begun, PipelineError> {
+        self.ask_for(request.mode)?;
         let (at, begun_us) = (Instant::now(), self.session.capture_us());
         Ok(Begun {
             request,
@@ -370,7 +401,7 @@ impl ControlLoop {
         }
         let now = (self.session.presence().losses, self.session.restarts());
         if now.0 != self.sound_at.0 && now.1 == self.sound_at.1 {
-            self.mode = None;
+            self.asked = None;
         }
         self.sound_at = now;
     }

@@ -4,8 +4,10 @@
 
 pub mod control_loop;
 mod error;
+mod mode_request;
 pub mod pipeline;
 mod settings;
 
 pub use error::PipelineError;
-pub use settings::{SCENE_INITIAL_GRIP_N, settings_for};
+pub use mode_request::Unconfirmed;
+pub use settings::{GripSetting, SCENE_INITIAL_GRIP_N, settings_for};

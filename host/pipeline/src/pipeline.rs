@@ -41,11 +41,12 @@ pub struct Pipeline {
     contact_min_n: f32,
     judgement: Judgement,
     now: Box<Image88>,
+    /// Output of the network, believed or not.
+    output: Box<[[f32; 3]; TAXELS]>,
+    /// Of the last picture that could be believed: forces, and the map that they make.
     newtons: Box<[[f32; 3]; TAXELS]>,
     map: Box<ForceMap>,
     saturated: Saturated,
-    /// What the network had against the last picture that it looked at.
-    doubt: scene::Health,
 }
 
 // Both sides number the picture's flags alike.
@@ -82,10 +83,10 @@ impl Pipeline {
             contact_min_n,
             judgement: Judgement::of(&ForceMap::EMPTY, rule),
             now: Box::new(mean),
+            output: Box::new([[0.0; 3]; TAXELS]),
             newtons: Box::new([[0.0; 3]; TAXELS]),
             map: Box::new(ForceMap::EMPTY),
             saturated: Saturated(0),
-            doubt: scene::Health::GOOD,
         }
     }
 
@@ -109,40 +110,40 @@ impl Pipeline {
 
     /// Turns a 440×440 crop into a force map.
     ///
+    /// A doubtful picture, or a doubtful output of the network, gives the last good map again, marked by its health: forces from
+    /// such a picture would look real, and an empty map would look like a lost contact. The next contact picture then goes
+    /// through the network, whatever the gate compares it with.
+    ///
     /// # Errors
     /// [`NotFinite`] when the network's output is not a number; the last good map is kept.
     pub fn process(&mut self, crop: &[u8]) -> Result<Processed<'_>, NotFinite> {
         let start = Instant::now();
         let frame = Frame::new(crop, &mut self.now);
         let downsampled = Instant::now();
-        let (verdict, picture) = self.scene.decide(frame.small());
+        let (gate, mut doubt) = self.scene.decide(frame.small());
         let gated = Instant::now();
-        match verdict {
-            // Forces from a picture that cannot be believed would look real.
-            GateDecision::NoContact | GateDecision::Unhealthy => {
+        match gate {
+            GateDecision::NoContact => {
                 *self.map = ForceMap::EMPTY;
                 *self.newtons = [[0.0; 3]; TAXELS];
-                (self.saturated, self.doubt) = (Saturated(0), scene::Health::GOOD);
+                self.saturated = Saturated(0);
                 self.judgement = Judgement::of(&self.map, self.judgement.rule);
             }
+            GateDecision::Unhealthy => self.scene.force_inference(),
             GateDecision::Unchanged => {}
             GateDecision::Infer => {
-                self.network.infer_frame(frame, &mut self.newtons);
-                self.doubt = self.network.health();
-                if !self.doubt.is_good() {
-                    self.newtons.fill([0.0; 3]);
-                }
-                drop_untouched(&mut self.newtons, self.contact_min_n);
-                (*self.map, self.saturated) = ForceMap::quantise(&self.newtons)?;
-                self.judgement = Judgement::of(&self.map, self.judgement.rule);
-                if stick_ratio_below(&self.judgement.sums, SURE_STICK_RATIO) {
+                self.network.infer_frame(frame, &mut self.output);
+                doubt = self.network.health();
+                if doubt.is_good() {
+                    self.accept_output()?;
+                } else {
                     self.scene.force_inference();
                 }
             }
         }
         let inferred = Instant::now();
         let us = |from: Instant, to: Instant| (to - from).as_secs_f64() * 1e6;
-        let network_us = if verdict == GateDecision::Infer {
+        let network_us = if gate == GateDecision::Infer {
             us(gated, inferred)
         } else {
             0.0
@@ -150,14 +151,27 @@ impl Pipeline {
         Ok(Processed {
             map: &self.map,
             judgement: self.judgement,
-            gate: verdict,
-            health: Health::from_bits(picture.bits() | self.doubt.bits()).with(if self.saturated.0 > 0 {
+            gate,
+            health: Health::from_bits(doubt.bits()).with(if self.saturated.0 > 0 {
                 Health::SATURATED
             } else {
                 Health::GOOD
             }),
             stages_us: [us(start, downsampled), us(downsampled, gated), network_us],
         })
+    }
+
+    /// Makes the network's output the map.
+    fn accept_output(&mut self) -> Result<(), NotFinite> {
+        drop_untouched(&mut self.output, self.contact_min_n);
+        let quantised = ForceMap::quantise(&self.output).inspect_err(|_| self.scene.force_inference())?;
+        (*self.map, self.saturated) = quantised;
+        *self.newtons = *self.output;
+        self.judgement = Judgement::of(&self.map, self.judgement.rule);
+        if stick_ratio_below(&self.judgement.sums, SURE_STICK_RATIO) {
+            self.scene.force_inference();
+        }
+        Ok(())
     }
 }
 

@@ -1,4 +1,4 @@
-//! The microcontroller's settings that follow from a network.
+//! The microcontroller's settings that follow from a network, and the named settings of the grip.
 
 use gripline_network::Network;
 use gripline_protocol::message::Configuration;
@@ -16,5 +16,87 @@ pub fn settings_for(network: &Network) -> Configuration {
         contact_min: (calibration.contact_min_n * LSB_PER_NEWTON as f32) as i16,
         floor: (SCENE_INITIAL_GRIP_N * f64::from(LSB_PER_NEWTON)) as i32,
         ..Configuration::DEFAULT
+    }
+}
+
+/// A named setting of the grip: how much force is kept for what may come. Drops and force trade against each other, since
+/// friction that falls to half can only be survived by force that is there before.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum GripSetting {
+    /// Little force: 15 % above what is needed, for things that break and stay dry.
+    Sparing,
+    /// The default settings.
+    #[default]
+    Normal,
+    /// Much force: what holds when friction falls to 0.3 of what was proven, and slow to let go.
+    Secure,
+}
+
+impl GripSetting {
+    /// All of them, with their names.
+    pub const ALL: [(&str, Self); 3] = [
+        ("sparing", Self::Sparing),
+        ("normal", Self::Normal),
+        ("secure", Self::Secure),
+    ];
+
+    /// The one of this name.
+    #[must_use]
+    pub fn named(name: &str) -> Option<Self> {
+        let found = Self::ALL.iter().find(|(known, _)| *known == name);
+        found.map(|(_, setting)| *setting)
+    }
+
+    /// `settings` with this grip: margin, what friction may be learnt, and how fast the line falls by plan.
+    #[must_use]
+    pub fn apply(self, settings: Configuration) -> Configuration {
+        let normal = Configuration {
+            margin: Configuration::DEFAULT.margin,
+            friction_most: Configuration::DEFAULT.friction_most,
+            relax_rate: Configuration::DEFAULT.relax_rate,
+            ..settings
+        };
+        match self {
+            Self::Sparing => Configuration {
+                margin: 1_500,
+                ..normal
+            },
+            Self::Normal => normal,
+            Self::Secure => Configuration {
+                // 1 / 0.3, for a drop to a half whose sliding friction is 0.6 of the sticking one.
+                margin: 23_000,
+                friction_most: 8_000,
+                relax_rate: 3 * LSB_PER_NEWTON as u16,
+                ..normal
+            },
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn named_settings_are_accepted_keep_what_is_not_the_grip_and_normal_is_the_default() {
+        let other = Configuration {
+            floor: 5 * LSB_PER_NEWTON,
+            stale_ms: 77,
+            margin: 1,
+            ..Configuration::DEFAULT
+        };
+        let mut margins = Vec::new();
+        for (name, setting) in GripSetting::ALL {
+            assert_eq!(GripSetting::named(name), Some(setting));
+            let settings = setting.apply(other);
+            settings.check().unwrap();
+            assert_eq!((settings.floor, settings.stale_ms), (other.floor, 77));
+            margins.push(settings.margin);
+        }
+        assert!(margins.is_sorted() && GripSetting::named("safe").is_none());
+        assert_eq!(
+            GripSetting::default().apply(Configuration::DEFAULT),
+            Configuration::DEFAULT
+        );
     }
 }

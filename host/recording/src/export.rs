@@ -3,15 +3,14 @@
 //! second fingertip `maps_1.npy` and `pictures_1.npy`. Also a whole file from one that was cut short.
 
 use std::fs::File;
-use std::io::{self, BufReader, BufWriter, Write};
+use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
 use gripline_protocol::SENSORS;
-use mcap::io::MessageReader;
 use npyz::WriterBuilder as _;
 
 use crate::error::RecordingError;
-use crate::reader::{Completeness, Reader, RecordedFrame};
+use crate::reader::{Completeness, Reader, RecordedFrame, messages_of};
 use crate::status::RecordedStatus;
 
 /// Columns of `frames.csv`; `stick_ratio` is empty when nothing touches, those of the truth when nobody knows it.
@@ -223,7 +222,7 @@ pub fn copy_whole(from: &Path, to: &Path) -> Result<u64, RecordingError> {
         .create(BufWriter::new(file))
         .map_err(failed)?;
     let mut count = 0;
-    for message in MessageReader::new(BufReader::new(source)).map_while(Result::ok) {
+    for message in messages_of(source).map_while(Result::ok) {
         writer.write(&message).map_err(failed)?;
         count += 1;
     }

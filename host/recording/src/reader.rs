@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 use gripline_protocol::{ForceMap, SENSORS};
 use mcap::McapError;
 use mcap::io::MessageReader;
+use mcap::sans_io::LinearReaderOptions;
 
 use crate::error::RecordingError;
 use crate::force_map::map_of;
@@ -15,6 +16,9 @@ use crate::image::{Image, image_of};
 use crate::metadata::Metadata;
 use crate::status::RecordedStatus;
 use crate::topics::{FORCE_MAP, PICTURE, REST, STATUS, fingertip_of};
+
+/// Largest record that is believed, bytes: ours are under 0.2 MB, and a chunk closes at 2 MB.
+const RECORD_MAX: u64 = 64 << 20;
 
 /// A frame of a recording.
 #[derive(Debug)]
@@ -60,8 +64,24 @@ impl Reader {
             expected: "a recording",
             error,
         })?;
-        Self::new(path, BufReader::new(file))
+        Self::begin(path, messages_of(file))
     }
+}
+
+/// The messages of a file. A length in it that is greater than the file is an error and allocates nothing.
+pub(crate) fn messages_of(file: File) -> MessageReader<BufReader<File>> {
+    // A pipe or a device has no size.
+    let size = file.metadata().ok().filter(std::fs::Metadata::is_file);
+    let size = size.map_or(RECORD_MAX, |metadata| metadata.len());
+    messages(BufReader::new(file), size)
+}
+
+fn messages<R: Read>(source: R, size: u64) -> MessageReader<R> {
+    let limit = size.min(RECORD_MAX) as usize;
+    MessageReader::new_with_options(
+        source,
+        LinearReaderOptions::default().with_record_length_limit(limit),
+    )
 }
 
 impl<R: Read> Reader<R> {
@@ -70,9 +90,13 @@ impl<R: Read> Reader<R> {
     /// # Errors
     /// As [`Reader::open`].
     pub fn new(path: &Path, source: R) -> Result<Self, RecordingError> {
+        Self::begin(path, messages(source, RECORD_MAX))
+    }
+
+    fn begin(path: &Path, messages: MessageReader<R>) -> Result<Self, RecordingError> {
         let mut reader = Self {
             path: path.to_owned(),
-            messages: MessageReader::new(source),
+            messages,
             metadata: Metadata::default(),
             rest: [Vec::new(), Vec::new()],
             first: None,

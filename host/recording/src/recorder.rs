@@ -2,6 +2,7 @@
 //! is dropped and counted, pictures first.
 //!
 //! A kill loses at most what is in the queue and in the chunk under way ([`FLUSH`]): under a second while the disk keeps up. A power cut loses up to [`SYNC`] more. A disk that fails ends the recording, not the run.
+//! Whoever drops the recorder waits for the end of its file; one without a frame is removed.
 
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
@@ -51,6 +52,8 @@ enum Item {
 /// A recording under way.
 pub struct Recorder {
     path: PathBuf,
+    /// There is a file at `path`, not a pipe or a device.
+    is_file: bool,
     queue: Option<SyncSender<Item>>,
     pictures_waiting: Arc<AtomicUsize>,
     thread: Option<JoinHandle<Outcome>>,
@@ -123,6 +126,8 @@ impl Recorder {
         on_disk: Option<File>,
     ) -> Self {
         let (queue, frames) = sync_channel(QUEUE_FRAMES);
+        let metadata = on_disk.as_ref().and_then(|file| file.metadata().ok());
+        let is_file = metadata.is_some_and(|metadata| metadata.is_file());
         let pictures_waiting = Arc::new(AtomicUsize::new(0));
         let waiting = Arc::clone(&pictures_waiting);
         let thread = thread::spawn(move || {
@@ -140,6 +145,7 @@ impl Recorder {
         });
         Self {
             path: path.to_owned(),
+            is_file,
             queue: Some(queue),
             pictures_waiting,
             thread: Some(thread),
@@ -240,6 +246,16 @@ impl Recorder {
             }
             Err(_) => self.summary.failed = Some(format!("{}: the recorder panicked", self.path.display())),
         }
+        // A program that is started again and again must not fill the disk with files that say nothing.
+        if self.is_file && self.summary.frames == 0 && std::fs::remove_file(&self.path).is_ok() {
+            tracing::info!("{}: removed, not one frame was recorded", self.path.display());
+        }
+    }
+}
+
+impl Drop for Recorder {
+    fn drop(&mut self) {
+        self.end();
     }
 }
 
@@ -365,6 +381,38 @@ mod tests {
         }
     }
 
+    #[test]
+    fn a_recorder_that_is_dropped_by_an_error_leaves_a_whole_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("dropped.mcap");
+        let mut recorder =
+            Recorder::start(&path, &Metadata::default(), &[Vec::new()], Pace::RealTime).unwrap();
+        for number in 0..5 {
+            recorder.offer(frame(number));
+        }
+        drop(recorder);
+        let mut reader = Reader::open(&path).unwrap();
+        let mut frames = 0;
+        while reader.next_frame().unwrap().is_some() {
+            frames += 1;
+        }
+        assert_eq!((frames, reader.completeness()), (5, Completeness::Whole));
+    }
+
+    #[test]
+    fn a_recording_without_a_frame_leaves_no_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("empty.mcap");
+        let start = || Recorder::start(&path, &Metadata::default(), &[Vec::new()], Pace::RealTime).unwrap();
+        let recorder = start();
+        recorder.note(0.0, "the camera is gone");
+        assert!(path.exists(), "nobody else can take the name meanwhile");
+        assert_eq!(recorder.finish().frames, 0);
+        assert!(!path.exists());
+        drop(start());
+        assert!(!path.exists());
+    }
+
     /// A disk in memory that takes nothing while the test holds its lock, and tells when it is asked.
     #[derive(Clone)]
     struct Disk {
@@ -462,6 +510,56 @@ mod tests {
             recorded.frames_dropped >= 2,
             "the one that found out and the one after it"
         );
+    }
+
+    /// Where the lengths of the records of a file stand, those inside chunks too.
+    fn lengths(bytes: &[u8]) -> Vec<usize> {
+        const CHUNK: u8 = 6;
+        let length = |at: usize| u64::from_le_bytes(bytes[at..at + 8].try_into().unwrap()) as usize;
+        let (mut at, mut found) = (mcap::MAGIC.len(), Vec::new());
+        while at + 9 < bytes.len() - mcap::MAGIC.len() {
+            found.push(at + 1);
+            // The records of a chunk follow its head: 40 bytes without the name of a compression.
+            at += 9 + if bytes[at] == CHUNK { 40 } else { length(at + 1) };
+        }
+        found
+    }
+
+    #[test]
+    fn a_corrupt_length_is_told_by_name_and_allocates_nothing() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("good.mcap");
+        let mut recorder =
+            Recorder::start(&path, &Metadata::default(), &[Vec::new()], Pace::AsFastAsPossible).unwrap();
+        for number in 0..20 {
+            recorder.offer(frame(number));
+        }
+        assert_eq!(recorder.finish().frames, 20);
+        let good = std::fs::read(&path).unwrap();
+        let places = lengths(&good);
+        assert!(places.len() > 60, "{}", places.len());
+        for place in places {
+            for length in [u64::MAX, 1 << 60] {
+                let mut bytes = good.clone();
+                bytes[place..place + 8].copy_from_slice(&length.to_le_bytes());
+                let path = folder.path().join("corrupt.mcap");
+                std::fs::write(&path, bytes).unwrap();
+                let said = match Reader::open(&path) {
+                    Err(error) => error.to_string(),
+                    Ok(mut reader) => {
+                        while reader.next_frame().unwrap().is_some() {}
+                        let Completeness::Truncated(why) = reader.completeness() else {
+                            panic!("the length at {place} was not noticed");
+                        };
+                        why
+                    }
+                };
+                assert!(said.contains("length"), "length at {place}: {said}");
+                let whole = folder.path().join("whole.mcap");
+                crate::export::copy_whole(&path, &whole).unwrap();
+                std::fs::remove_file(&whole).unwrap();
+            }
+        }
     }
 
     #[test]

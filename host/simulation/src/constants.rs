@@ -134,3 +134,32 @@ pub const TABLE_STIFFNESS_N_PER_MM: f64 = 20.0;
 pub const TABLE_FRICTION: f64 = 0.4;
 /// Under this force the jaws of the default gripper are open, N (assumed).
 pub const SCENE_GRIPPER_OPEN_N: f64 = 0.01;
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use gripline_sensor::Sensor;
+
+    use super::*;
+
+    #[test]
+    #[expect(clippy::float_cmp, reason = "the very same numbers")]
+    fn the_particle_fingertips_description_says_these_values() {
+        let sensor = Sensor::named(Path::new("particle-fingertip")).unwrap();
+        let [left, top] = CROP_CORNER_PX;
+        assert_eq!(sensor.capture.size_px, FRAME_PX);
+        assert_eq!(sensor.capture.crop_px, [left, top, CROP_PX, CROP_PX]);
+        assert_eq!(sensor.view.field_mm, [2.0 * HALF_SURFACE_MM; 2]);
+        assert_eq!(sensor.gel.pad_mm, [2.0 * GEL_HALF_WIDTH_MM; 2]);
+        assert_eq!(
+            (sensor.gel.thickness_mm, sensor.gel.young_mpa, sensor.gel.poisson),
+            (GEL_THICKNESS_MM, GEL_YOUNG_MPA, GEL_POISSON)
+        );
+        assert_eq!(sensor.markers.diameter_mm, PARTICLE_DIAMETER_MM);
+        assert_eq!(sensor.markers.depth_mm, PARTICLE_DEPTH_MM);
+        assert_eq!(sensor.markers.count, [PARTICLE_COUNT; 2]);
+        assert_eq!(sensor.taxels.grid, [TAXELS; 2]);
+        assert_eq!(sensor.taxels.pitch_mm, TAXEL_PITCH_MM);
+    }
+}

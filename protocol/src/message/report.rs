@@ -38,6 +38,8 @@ pub enum Refusal {
     Holding,
     /// `Store` failed: the flash refused. The settings stored before are still there.
     FlashFailed,
+    /// `Release` while the release-inhibit input is active: the robot must allow it first.
+    Inhibited,
 }
 
 /// State of the contact.

@@ -18,13 +18,13 @@ use rigless::symbols::Symbols;
 use rigless::time::VirtualNanos;
 
 use crate::constants::{
-    BUS_DRIVER_PIN, FLASH_BASE, FLASH_CR, GPIOA_BSRR, GPIOA_ODR, LOG_PERIOD_NS, PREDICATE_STEP_NS,
-    SETTINGS_BASE,
+    BUS_DRIVER_PIN, DAC_BASE, DAC_BYTES, FLASH_BASE, FLASH_CR, GPIOA_BSRR, GPIOA_ODR, LOG_PERIOD_NS,
+    PREDICATE_STEP_NS, RAM, SETTINGS_BASE,
 };
 use crate::dac::{CHANNELS, DacWrite};
 use crate::flash::FlashArray;
 use crate::hardware::Hardware;
-use gripline_emulator_wire::{FaultInjection, USB_PACKET_MAX};
+use gripline_emulator_wire::{Disturbance, FaultInjection, USB_PACKET_MAX};
 
 use crate::fault_injection::{Injector, PANIC};
 use crate::rtt;
@@ -88,6 +88,8 @@ pub struct Board {
     bus_outbox: Vec<u8>,
     usb_commands: Vec<usb::Command>,
     fault: Option<(FaultInjection, u32)>,
+    disturbances: Vec<Disturbance>,
+    fault_output: bool,
     settings: Option<Vec<u8>>,
     now_ns: u64,
     instructions: u64,
@@ -166,6 +168,8 @@ impl Board {
             bus_outbox: Vec::new(),
             usb_commands: Vec::new(),
             fault: None,
+            disturbances: Vec::new(),
+            fault_output: false,
             settings: None,
             now_ns: 0,
             instructions: 0,
@@ -318,6 +322,18 @@ impl Board {
         self.fault = Some((fault, address));
     }
 
+    /// What happens to the board at the start of the next run, behind what was asked for before.
+    pub fn disturb(&mut self, disturbance: Disturbance) {
+        self.disturbances.push(disturbance);
+    }
+
+    /// The level of the fault output: high (true) says that there is no fault. Unless the firmware drives it, the resistor on
+    /// the board holds it low.
+    #[must_use]
+    pub fn fault_output(&self) -> bool {
+        self.fault_output
+    }
+
     /// What lies where the firmware keeps its settings, when that has changed since the last call.
     pub fn take_settings(&mut self) -> Option<Vec<u8>> {
         self.settings.take()
@@ -338,6 +354,7 @@ impl Board {
             bus: std::mem::take(&mut self.bus_outbox),
             usb: std::mem::take(&mut self.usb_commands),
             fault: self.fault.take(),
+            disturbances: std::mem::take(&mut self.disturbances),
         };
         // A thread that is gone takes no command; why it went is what its last report says.
         let _ = self.commands.as_ref().map(|commands| commands.send(command));
@@ -430,6 +447,7 @@ impl Board {
         self.usb_packets.extend(report.usb_packets);
         self.usb_transfers.extend(report.usb_transfers);
         self.usb_deliveries_ns.extend(report.usb_deliveries_ns);
+        self.fault_output = report.fault_output;
         if report.settings.is_some() {
             self.settings = report.settings;
         }
@@ -492,6 +510,7 @@ struct Command {
     bus: Vec<u8>,
     usb: Vec<usb::Command>,
     fault: Option<(FaultInjection, u32)>,
+    disturbances: Vec<Disturbance>,
 }
 
 /// The USB port as it stands.
@@ -518,6 +537,7 @@ struct Report {
     usb_packets: Vec<UsbPacket>,
     usb_transfers: Vec<ControlTransfer>,
     usb_deliveries_ns: Vec<u64>,
+    fault_output: bool,
     settings: Option<Vec<u8>>,
     log: Vec<u8>,
     gaps: Vec<String>,
@@ -599,10 +619,51 @@ impl Puppet {
             usb_packets: hardware.usb().take_packets(),
             usb_transfers: hardware.usb().take_transfers(),
             usb_deliveries_ns: hardware.usb().take_deliveries(),
+            fault_output: hardware.part().fault_output(),
             settings: self.flash.take_changed_settings(host),
             log: std::mem::take(&mut self.log),
             gaps,
             trace: self.tracer.take(),
+        }
+    }
+}
+
+impl Puppet {
+    fn disturb(
+        &mut self,
+        disturbance: Disturbance,
+        session: &mut Session<Hardware>,
+        stop: Stop,
+        host: &mut dyn Host,
+    ) {
+        match disturbance {
+            Disturbance::BrownOut { forgets } => {
+                if forgets {
+                    forget(host);
+                }
+                session.board_mut().part().note_brown_out();
+                session.reset_by_pin(stop.at, stop.instruction_count, host);
+                self.injector.restarted(session.resets().len(), host);
+            }
+            Disturbance::Supply(millivolts) => {
+                session.board_mut().part().set_supply(millivolts);
+                session.board_mut().couple_line();
+            }
+            Disturbance::Line(wiring) => session.board_mut().wire_line(wiring),
+            Disturbance::ReleaseInhibit(level) => session.board_mut().part().inhibit_release(stop.at, level),
+            Disturbance::BrownOutLevel(level) => session.board_mut().part().set_brown_out_level(level),
+            Disturbance::BusClockStops => session.board_mut().part().stop_bus_clock(stop.at),
+        }
+    }
+}
+
+/// RAM after a supply that was too low for it.
+fn forget(host: &mut dyn Host) {
+    const NOISE: u64 = 0x9E37_79B9;
+    for (start, bytes) in RAM {
+        for at in (start..start + bytes).step_by(4) {
+            // Every word of these regions is writable.
+            let _ = host.write(at, Width::W32, at.wrapping_mul(NOISE) & 0xFFFF_FFFF);
         }
     }
 }
@@ -619,6 +680,10 @@ impl Driver<Hardware> for Puppet {
             };
             self.flash.settled(&access, value, &mut control, host);
             self.injector.settled(&access, host);
+            if access.kind == AccessKind::Write && (DAC_BASE..DAC_BASE + DAC_BYTES).contains(&access.address)
+            {
+                session.board_mut().couple_line();
+            }
         } else {
             self.injector.restarted(session.resets().len(), host);
         }
@@ -651,6 +716,9 @@ impl Driver<Hardware> for Puppet {
         }
         for command in command.usb {
             session.board_mut().usb().command(command);
+        }
+        for disturbance in command.disturbances {
+            self.disturb(disturbance, session, stop, host);
         }
         Some(VirtualNanos(command.until_ns))
     }

@@ -96,6 +96,28 @@ pub const GPIOA_BSRR: u64 = 0x4002_0018;
 /// See [`GPIOA_ODR`].
 pub const BUS_DRIVER_PIN: u32 = 1;
 
+/// The converter and its channel that measures the analog line, and its pin: ADC1, PA6.
+pub const LINE_CHANNEL: u8 = 6;
+/// The voltage that the divider at the op-amp's input holds while nothing drives it, millivolts, and the supply that it
+/// divides: 6.8 MΩ of 16.8 MΩ at 3.3 V (docs/wiring.md).
+pub const DIVIDER_PER_MILLE: u32 = 405;
+/// Port B in rigless's list of ports, and its pins: the fault output PB0 and the release-inhibit input PB1.
+pub const CONTROL_PORT: usize = 1;
+/// See [`CONTROL_PORT`].
+pub const FAULT_PIN: u8 = 0;
+/// See [`CONTROL_PORT`].
+pub const INHIBIT_PIN: u8 = 1;
+/// The clock enables of the 42 MHz bus, and that of USART2 among them (RM0090 section 6.3.13).
+pub const RCC_APB1ENR: u64 = 0x4002_3840;
+/// See [`RCC_APB1ENR`].
+pub const USART2EN: u64 = 1 << 17;
+/// The brown-out flag of RCC_CSR (RM0090 section 6.3.21).
+pub const BORRSTF: u64 = 1 << 25;
+/// The brown-out level in the option bytes of a chip that was flashed as docs/wiring.md says: 0 is level 3 (RM0090 section 3.9.10).
+pub const BROWN_OUT_LEVEL_3: u8 = 0;
+/// First address and bytes of the RAM that keeps its content over a reset: core-coupled memory and SRAM (RM0090 section 2.3.1).
+pub const RAM: [(u64, u64); 2] = [(0x1000_0000, 0x1_0000), (0x2000_0000, 0x3_0000)];
+
 /// How finely [`crate::Board::run_until`] looks at its predicate, nanoseconds.
 pub const PREDICATE_STEP_NS: u64 = 20_000;
 /// How often the debug probe empties the log buffer, nanoseconds: at whole milliseconds, however a run is sliced.

@@ -11,6 +11,9 @@ use rigless::mcu::{Mcu, Operate, Wired};
 use rigless::snapshot::Store;
 use rigless::soc::{Error, Gate, Window};
 
+use gripline_emulator_wire::LineWiring;
+
+use crate::analog::line_millivolts;
 use crate::constants::{
     BUS_PORT, CORE_HZ, DAC_BASE, DAC_BYTES, LINK_PORT, OTG_FS_BASE, OTG_FS_BYTES, OTG_FS_INTERRUPT,
 };
@@ -28,6 +31,7 @@ const REFCLK_DIVIDER: NonZeroU32 = nonzero(8);
 #[derive(Debug)]
 pub(crate) struct Hardware {
     mcu: Wired<Wired<Part, Dac>, Port>,
+    line: LineWiring,
 }
 
 impl Hardware {
@@ -39,13 +43,33 @@ impl Hardware {
             .gated(Gate::by("RCC", "AHB2ENR", "OTGFSEN"))
             .raising(&[OTG_FS_INTERRUPT]);
         let with_dac = Wired::new(Part::new()?, dac, Dac::default())?;
-        Ok(Self {
+        let mut hardware = Self {
             mcu: Wired::new(with_dac, usb, Port::default())?,
-        })
+            line: LineWiring::default(),
+        };
+        hardware.couple_line();
+        Ok(hardware)
     }
 
     pub(crate) fn dac(&mut self) -> &mut Dac {
         self.mcu.part.chip_mut()
+    }
+
+    pub(crate) fn part(&mut self) -> &mut Part {
+        &mut self.mcu.part.part
+    }
+
+    /// The analog line's wiring from now on.
+    pub(crate) fn wire_line(&mut self, wiring: LineWiring) {
+        self.line = wiring;
+        self.couple_line();
+    }
+
+    /// Puts what the DAC shows on the pin of the converter that reads the line back.
+    pub(crate) fn couple_line(&mut self) {
+        let (code, wiring) = (self.dac().code(0), self.line);
+        let part = self.part();
+        part.set_line(line_millivolts(code, wiring, part.supply()));
     }
 
     pub(crate) fn usb(&mut self) -> &mut Port {

@@ -5,6 +5,7 @@
 //! with a host at its other end ([`usb`]) are ours.
 #![forbid(unsafe_code)]
 
+mod analog;
 mod board;
 pub mod constants;
 pub mod dac;
@@ -19,6 +20,6 @@ pub mod usb;
 
 pub use board::{Board, EmulatorError, Reset};
 pub use dac::DacWrite;
-pub use gripline_emulator_wire::{self as wire, FaultInjection};
+pub use gripline_emulator_wire::{self as wire, Disturbance, FaultInjection, LineWiring};
 pub use trace::Event;
 pub use uart::UartByte;

@@ -144,6 +144,9 @@ fn talk(board: &mut Board, settings: Option<&Path>) -> Result<(), Failure> {
         if let Some((fault, address)) = request.fault {
             board.inject_fault(fault, address);
         }
+        for &disturbance in &request.disturbances {
+            board.disturb(disturbance);
+        }
         let resets_before = board.resets().len();
         let (packets_before, transfers_before) = (board.usb_packets().len(), board.usb_transfers().len());
         let writes_before = board.dac_writes().len();
@@ -178,6 +181,7 @@ fn talk(board: &mut Board, settings: Option<&Path>) -> Result<(), Failure> {
                 .iter()
                 .map(|reset| reset.at_ns)
                 .collect(),
+            fault_output: board.fault_output(),
         };
         reply.write(&mut replies)?;
     }

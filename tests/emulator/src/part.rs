@@ -5,17 +5,21 @@
 
 use std::sync::LazyLock;
 
-use rigless::device::{ErasedDevice, ResetCause};
+use rigless::device::{ErasedDevice, Level, ResetCause};
 use rigless::mcu::{Mcu, Operate};
 use rigless::snapshot::Store;
+use rigless::soc::stm32f427::generated::{gpioa, rcc as rcc_registers};
 use rigless::soc::stm32f427::peripherals::{
-    ADC_COMMON, ADVANCED_TIMERS, CONTROLLERS, CONVERTERS, SERIAL_PORTS, rcc,
+    ADC_COMMON, ADVANCED_TIMERS, CONTROLLERS, CONVERTERS, PORTS, SERIAL_PORTS, adc, gpio, rcc,
 };
 use rigless::soc::stm32f427::{CPU, MEMORY, SERIAL_INTERFACES, Stm32f427};
 use rigless::soc::{Bus, Error, Fault, Gate, Peripheral, Region, Width};
 use rigless::time::VirtualNanos;
 
-use crate::constants::{BUS_PORT, CRYSTAL_HZ, LINK_PORT, SUPPLY_MV};
+use crate::constants::{
+    BORRSTF, BROWN_OUT_LEVEL_3, BUS_PORT, CONTROL_PORT, CRYSTAL_HZ, FAULT_PIN, INHIBIT_PIN, LINE_CHANNEL,
+    LINK_PORT, RCC_APB1ENR, SUPPLY_MV, USART2EN,
+};
 use crate::uart::FarEnd;
 
 /// The instances whose addresses are ours. ST's tables cut the one USB core into four.
@@ -44,6 +48,8 @@ pub(crate) struct Part {
     stock_slots: Vec<usize>,
     /// The slots of the serial ports that have a far end.
     wired_slots: [usize; 2],
+    /// What something outside drives the release-inhibit input to; none while nothing is wired to it.
+    inhibit: Option<Level>,
 }
 
 impl Part {
@@ -68,9 +74,85 @@ impl Part {
             bus,
             stock_slots,
             wired_slots,
+            inhibit: None,
         };
         part.check()?;
+        part.set_brown_out_level(BROWN_OUT_LEVEL_3);
         Ok(part)
+    }
+
+    /// The supply from now on, millivolts: what the voltage detector and the converters' reference see.
+    pub(crate) fn set_supply(&mut self, millivolts: u32) {
+        let slot = self.slot("PWR");
+        let registers = self.bus.slot_mut(slot).registers_mut();
+        self.stock.pwr.set_supply(millivolts, registers);
+        for converter in &mut self.stock.adc {
+            converter.set_reference(millivolts);
+        }
+    }
+
+    /// The supply, millivolts.
+    pub(crate) fn supply(&self) -> u32 {
+        self.stock.pwr.supply()
+    }
+
+    /// The voltage on the pin that reads the analog line back, millivolts.
+    pub(crate) fn set_line(&mut self, millivolts: u32) {
+        let channel = adc::Channel::new(LINE_CHANNEL).expect("a channel with a pin");
+        self.stock.adc[0].set_input(channel, millivolts);
+    }
+
+    /// The next reset is the brown-out detector's: its flag stands in `RCC_CSR` then.
+    pub(crate) fn note_brown_out(&mut self) {
+        let slot = self.slot("RCC");
+        let registers = self.bus.slot_mut(slot).registers_mut();
+        let flags = registers.get(rcc_registers::Register::Csr);
+        registers.set(rcc_registers::Register::Csr, flags | BORRSTF);
+    }
+
+    /// The brown-out level of the option bytes, as `FLASH_OPTCR` counts it.
+    pub(crate) fn set_brown_out_level(&mut self, level: u8) {
+        const PLACE: u32 = 2;
+        let (options, more) = self.stock.flash.committed_options();
+        let options = options & !(0b11 << PLACE) | u64::from(level & 0b11) << PLACE;
+        let slot = self.slot("FLASH");
+        let registers = self.bus.slot_mut(slot).registers_mut();
+        self.stock.flash.keep_options(options, more, registers);
+    }
+
+    /// The level that something outside drives the release-inhibit input to.
+    pub(crate) fn inhibit_release(&mut self, now: VirtualNanos, level: bool) {
+        self.inhibit = Some(if level { Level::High } else { Level::Low });
+        self.drive_inputs(now);
+    }
+
+    fn drive_inputs(&mut self, now: VirtualNanos) {
+        let pin = gpio::Pin::new(INHIBIT_PIN).expect("a pin of the port");
+        let slot = self.slot(PORTS[CONTROL_PORT]);
+        let (registers, mut context) = self.bus.drive(now, slot);
+        self.stock.gpio[CONTROL_PORT].drive(pin, self.inhibit, registers, &mut context);
+    }
+
+    /// The level of the fault output. While the firmware does not drive the pin, the resistor on the board holds it low.
+    pub(crate) fn fault_output(&self) -> bool {
+        let slot = self.slot(PORTS[CONTROL_PORT]);
+        let registers = self.bus.slots()[slot].registers();
+        let pin = gpio::Pin::new(FAULT_PIN).expect("a pin of the port");
+        let mode = registers.get(gpioa::Register::Moder) >> (2 * FAULT_PIN) & 0b11;
+        mode == 0b01 && self.stock.gpio[CONTROL_PORT].level(pin, registers) == Level::High
+    }
+
+    /// Stops the clock of the gripper's UART.
+    pub(crate) fn stop_bus_clock(&mut self, now: VirtualNanos) {
+        let enables = self
+            .read(now, RCC_APB1ENR, Width::W32)
+            .expect("the clock controller answers");
+        self.write(now, RCC_APB1ENR, Width::W32, enables & !USART2EN)
+            .expect("the clock controller takes it");
+    }
+
+    fn slot(&self, instance: &'static str) -> usize {
+        self.bus.slot(instance).expect("an instance of the part")
     }
 
     /// What hangs on a port that has a far end.
@@ -110,6 +192,7 @@ impl Mcu for Part {
         let mut fresh = bus_of(&self.stock).expect("a part that was built once builds again");
         fresh.keep_added(&self.bus).expect("the description is the same");
         self.bus = fresh;
+        self.drive_inputs(at);
     }
 
     /// Only the ports with a far end have anything outside to look at.
@@ -217,6 +300,8 @@ mod tests {
         let mut stock = Stm32f427::new().unwrap();
         stock.set_supply(SUPPLY_MV);
         let mut part = Part::new().unwrap();
+        // As a chip comes from the factory; ours was flashed.
+        part.set_brown_out_level(0b11);
         let mut gated = 0;
         let peripherals: Vec<Peripheral> = part.bus.peripherals().copied().collect();
         for peripheral in peripherals {

@@ -1,7 +1,7 @@
 //! The unmodified image beside a gripper on its RS-485 bus: rmodbus is the server, and the board's record shows that the
 //! driver is enabled for requests alone. `GRIPLINE_IMAGE` names the image.
 
-use gripline_emulator::Board;
+use gripline_emulator::{Board, Disturbance};
 use gripline_firmware::Fault;
 use gripline_firmware::storage::{RECORD_WORDS, SLOTS, SettingsFlash, store};
 use gripline_gripper::Gripper;
@@ -273,6 +273,65 @@ fn a_gripper_on_the_bus_is_activated_grips_rises_survives_a_cut_cable_and_opens(
             pair[1] - pair[0]
         );
     }
+}
+
+/// As shipped, with a gripper on the bus.
+fn shipped() -> Configuration {
+    Configuration {
+        floor: 12 * NEWTON,
+        tighten: 12 * NEWTON,
+        line: LineSettings {
+            kind: LineKind::Robotiq2f140,
+            ..LineSettings::DEFAULT
+        },
+        ..Configuration::DEFAULT
+    }
+}
+
+/// Activated, and holding an object for a second and a half.
+fn holding() -> Bench {
+    let mut bench = Bench::boot(&shipped());
+    bench.send(&Message::Hello(Hello::of_this_build(0, 7)));
+    bench.pass(4_000);
+    bench.command(Command::Hold);
+    let status = bench.pass(1_500);
+    let found = status.faults & (Fault::LineFailed.bit() | Fault::ObjectLost.bit());
+    assert_eq!((found, bench.gripper.grip() > 0), (0, true));
+    bench
+}
+
+#[test]
+#[ignore = "needs a firmware image"]
+fn an_object_that_the_gripper_holds_no_more_is_told_until_it_is_released() {
+    let lost = Fault::ObjectLost.bit();
+    let mut bench = holding();
+    bench.gripper.lose_object();
+    let status = bench.pass(800);
+    assert_eq!(status.faults & (lost | Fault::LineFailed.bit()), lost);
+    assert_eq!(status.line, 12 * NEWTON, "the line holds");
+    bench.command(Command::Release);
+    let status = bench.pass(3_000);
+    assert_eq!((status.faults & lost, status.line), (0, 0));
+    // Closing on nothing from the beginning loses no object.
+    bench.command(Command::Hold);
+    assert_eq!(bench.pass(2_000).faults & lost, 0);
+}
+
+#[test]
+#[ignore = "needs a firmware image"]
+fn a_request_that_never_goes_out_is_given_up_and_told_with_the_driver_off() {
+    let mut bench = holding();
+    let grip = bench.gripper.grip();
+    bench.board.disturb(Disturbance::BusClockStops);
+    let status = bench.pass(500);
+    assert_ne!(status.faults & Fault::LineFailed.bit(), 0, "{status:?}");
+    assert_eq!((status.line, bench.least_grip), (12 * NEWTON, grip));
+    let on_for_ns = bench.driver_on().iter().map(|span| span.1 - span.0).max();
+    assert!(on_for_ns.is_some_and(|ns| ns <= 6_000_000), "{on_for_ns:?} ns");
+    assert!(bench.board.bus_driver().last().is_some_and(|(at_ns, _)| {
+        // It still tries.
+        bench.board.now_ns() - at_ns < 100_000_000
+    }));
 }
 
 #[test]

@@ -2,7 +2,7 @@
 //! program never panics or wraps, its settings stay in range, and the line obeys its rules after every step.
 
 use gripline_firmware::grip::Guard;
-use gripline_firmware::{Device, Fault, GripForce, ResetCause, Start};
+use gripline_firmware::{Device, Fault, GripForce, LinkId, ResetCause, Start};
 use gripline_protocol::configuration::{CONFIGURATION_VALUES, Configuration};
 use gripline_protocol::message::{Command, GripMode, Hello, Message, MessagePackets, Report, Stage, Status};
 use gripline_protocol::{Event, ForceMap, Health, MapInfo, Parser, TaxelForce, encode_map};
@@ -56,8 +56,12 @@ impl Bench {
     fn start(input: &mut Input<'_>) -> Self {
         let choice = input.byte();
         let restored = (choice & 1 != 0).then(|| GripForce::from_lsb(i32::from(input.half()) * 16));
-        let reset =
-            [ResetCause::PowerOn, ResetCause::Watchdog, ResetCause::Software][usize::from(choice >> 1) % 3];
+        let reset = [
+            ResetCause::PowerOn,
+            ResetCause::Watchdog,
+            ResetCause::Software,
+            ResetCause::BrownOut,
+        ][usize::from(choice >> 1) % 4];
         let device = Device::new(Start {
             restored_line: restored,
             reset,
@@ -282,7 +286,7 @@ pub fn check(input: &[u8]) {
                 bench.packet(packet);
             }
             8 => {
-                bench.device.malformed_frame();
+                bench.device.malformed_frame(LinkId::Usb);
                 // What was refused is counted at once, and holds the line from the next step on.
                 bench.wait(&mut Input(&[0]));
             }

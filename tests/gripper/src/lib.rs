@@ -106,6 +106,13 @@ impl Gripper {
         self.fault = 0;
     }
 
+    /// The object slips out: the fingers close on nothing.
+    pub fn lose_object(&mut self) {
+        self.object = None;
+        self.stopped = false;
+        self.grip = 0;
+    }
+
     /// What the object feels, 1/4096 N.
     #[must_use]
     pub fn grip(&self) -> i64 {

@@ -5,12 +5,12 @@ use std::cell::{Ref, RefCell, RefMut};
 use std::path::Path;
 use std::rc::Rc;
 
-use gripline_firmware::GripForce;
 use gripline_firmware::line::DAC_LIVE_ZERO;
 use gripline_firmware::sums::{TaxelRule, stick_ratio, sums_of, total_shear};
+use gripline_firmware::{Fault, GripForce};
 use gripline_link::session::Session;
 use gripline_link::{EmulatorLink, Link, LinkError, Transport};
-use gripline_protocol::message::{Command, Configuration, Status};
+use gripline_protocol::message::{Command, Configuration, Refusal, Status};
 use gripline_protocol::{ForceMap, MapInfo, PER_UNIT, TaxelForce};
 use rand::RngExt as _;
 use rand_pcg::Pcg64Mcg;
@@ -23,6 +23,9 @@ pub(crate) const SETTINGS: Configuration = Configuration {
     relax_rate: 0,
     ..Configuration::CAREFUL
 };
+
+/// What a board has that nobody configured.
+pub(crate) const SHIPPED: Configuration = Configuration::DEFAULT;
 
 /// A link that the test keeps a hand on while the session has it.
 pub(crate) struct Shared(Rc<RefCell<EmulatorLink>>);
@@ -77,6 +80,17 @@ impl Board {
             link,
             sequence: 0,
         }
+    }
+
+    /// Holds with the settings as shipped: maps that stick, until the line rests above its floor.
+    pub(crate) fn holding_as_shipped() -> (Self, Status) {
+        let mut board = Self::connected(Transport::Usb, None);
+        assert_eq!(*board.session.settings(), SHIPPED);
+        board.session.command(Command::Hold).unwrap();
+        let held = board.maps(&map(0), 60);
+        assert_eq!((held.faults, held.latched), (0, 0));
+        assert!(held.line > SHIPPED.floor && held.line < SHIPPED.tighten);
+        (board, held)
     }
 
     pub(crate) fn link(&self) -> Ref<'_, EmulatorLink> {
@@ -147,6 +161,52 @@ impl Board {
         board
     }
 
+    /// A fresh status, asked for.
+    pub(crate) fn status(&mut self) -> Status {
+        self.session.command(Command::ReadStatus).unwrap();
+        self.wait(30_000)
+    }
+
+    pub(crate) fn codes_since(&self, writes: usize) -> Vec<u16> {
+        self.link().line_writes()[writes..]
+            .iter()
+            .map(|write| write.code)
+            .collect()
+    }
+
+    pub(crate) fn writes(&self) -> usize {
+        self.link().line_writes().len()
+    }
+
+    /// Acknowledges everything and shows that nothing is left.
+    pub(crate) fn acknowledge_all(&mut self) {
+        self.session
+            .command(Command::Acknowledge { faults: u32::MAX })
+            .unwrap();
+        let status = self.maps(&map(0), 3);
+        assert_eq!((status.faults, status.latched), (0, 0));
+    }
+
+    pub(crate) fn refusal(&mut self, command: Command) -> Option<Refusal> {
+        self.session.take_refusal();
+        self.session.command(command).unwrap();
+        self.wait(30_000);
+        self.session.take_refusal()
+    }
+
+    /// Sends a map with something about it.
+    pub(crate) fn odd_map(&mut self, map: &ForceMap, change: impl FnOnce(&mut MapInfo)) -> Status {
+        self.sequence += 1;
+        let mut info = MapInfo {
+            sequence: self.sequence,
+            capture_us: self.session.capture_us(),
+            ..MapInfo::default()
+        };
+        change(&mut info);
+        self.session.send_map(&info, map).unwrap();
+        self.wait(FRAME_US)
+    }
+
     pub(crate) fn wait(&mut self, us: u64) -> Status {
         self.session.run_until(self.session.now_us() + us).unwrap();
         *self.session.status().expect("a status came")
@@ -183,6 +243,20 @@ impl Board {
         );
         assert_eq!(status.sequence, self.sequence, "{what}: sequence");
     }
+}
+
+pub(crate) fn code(lsb: i32) -> u16 {
+    DAC_LIVE_ZERO.code(GripForce::from_lsb(lsb))
+}
+
+#[track_caller]
+pub(crate) fn assert_has(status: &Status, fault: Fault) {
+    assert_ne!(status.faults & fault.bit(), 0, "{} in {status:?}", fault.name());
+}
+
+#[track_caller]
+pub(crate) fn assert_has_not(status: &Status, fault: Fault) {
+    assert_eq!(status.faults & fault.bit(), 0, "{} in {status:?}", fault.name());
 }
 
 /// 60 taxels of about 0.2 N; `slipping` of them carry more shear than friction 0.45 holds.

@@ -15,6 +15,7 @@ use crate::commands::faults::FaultsArgs;
 use crate::commands::infer::InferArgs;
 use crate::commands::plot::PlotArgs;
 use crate::commands::replay::ReplayArgs;
+use crate::commands::sensor::SensorArgs;
 use crate::commands::shell::{CompletionsArgs, ManArgs};
 use crate::commands::simulate::SimulateArgs;
 use crate::run::RunArgs;
@@ -61,6 +62,8 @@ pub enum Command {
     Calibrate(CalibrateArgs),
     /// Check everything that a run needs, and say how to fix what is wrong.
     Doctor(DoctorArgs),
+    /// Check the description of a fingertip.
+    Sensor(SensorArgs),
     /// Show the microcontroller's faults and what to do about each; acknowledge the latched ones.
     Faults(FaultsArgs),
     /// Print completions for a shell.

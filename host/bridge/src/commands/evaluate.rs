@@ -22,7 +22,7 @@ pub enum What {
     Paper(PaperArgs),
     /// Random grasps in closed loop, against three simpler rules.
     Grasps(GraspsArgs),
-    /// Three recorded trials of a real sensor; the environment variable GRIPLINE_RECORDINGS names their folder.
+    /// Recorded trials of real sensors (GelSight Mini, uSkin); the environment variable GRIPLINE_RECORDINGS names their folder.
     Real(RealArgs),
 }
 

@@ -126,6 +126,10 @@ fn release(session: &mut Session) -> Result<(), Failure> {
             "{}: release refused, expected no latched fault: a new one came up",
             session.link_name()
         ))),
+        Some(Refusal::Inhibited) => Err(Failure::failed(format!(
+            "{}: release refused, expected the release-inhibit input inactive: let the robot allow it",
+            session.link_name()
+        ))),
         Some(other) => Err(Failure::failed(format!(
             "{}: release refused: {other:?}",
             session.link_name()
@@ -216,6 +220,14 @@ const fn what_to_do(fault: Fault) -> &'static str {
             "the stored settings are damaged: store them again (`gripline config mcu --write`)"
         }
         Fault::LineFailed => "the gripper does not answer or is not ready: check its power, bus and fingers",
+        Fault::Undervoltage => "the board's 3.3 V supply is or was too low: check the supply and its wires",
+        Fault::LineMismatch => {
+            "the gripper does not see the force that was set: check the analog line's wiring"
+        }
+        Fault::ObjectLost => "the fingers hold nothing any more: look for the object, then release",
+        Fault::BrownOutLevel => {
+            "the chip may run on a failing supply: set the option bytes (`cargo xtask flash` does)"
+        }
     }
 }
 

@@ -4,6 +4,7 @@
 
 use std::fmt::Write as _;
 
+use gripline_pipeline::GripSetting;
 use gripline_protocol::configuration::{CONFIGURATION_VALUES, Configuration, OutOfRange, Values};
 use gripline_protocol::line::LineKind;
 use gripline_protocol::{LSB_PER_NEWTON, PER_UNIT};
@@ -61,6 +62,9 @@ const KEYS: [(&str, f64); CONFIGURATION_VALUES] = {
         ("fingertips[1].quarter_turns", 1.0),
     ]
 };
+
+/// One name for margin, friction's caution and the plan's fall: a [`GripSetting`].
+const GRIP: &str = "grip";
 
 /// Names of the kinds of line.
 const KINDS: [(&str, LineKind); 2] = [
@@ -153,10 +157,26 @@ pub(super) fn errors_in(table: &Table) -> Vec<String> {
 
 fn set_all(table: &Table, values: &mut Values) -> Vec<String> {
     let mut errors = Vec::new();
-    for (name, value) in table {
+    if let Some(value) = table.get(GRIP) {
+        match value.as_str().and_then(GripSetting::named) {
+            // What also stands by itself overrules the name's.
+            Some(setting) => {
+                if let Some(settings) = Configuration::from_values(values) {
+                    *values = setting.apply(settings).values();
+                }
+            }
+            None => errors.push(format!("{GRIP}: found {value}, expected {}", grip_names())),
+        }
+    }
+    for (name, value) in table.iter().filter(|(name, _)| *name != GRIP) {
         set(name, value, values, &mut errors);
     }
     errors
+}
+
+/// The named settings of the grip, as an error lists them.
+fn grip_names() -> String {
+    GripSetting::ALL.map(|(name, _)| format!("\"{name}\"")).join(", ")
 }
 
 /// Settings that are neither in a table nor in a list.
@@ -277,6 +297,26 @@ mod tests {
         settings.fingertips[1].centre_um = [-1_234, 5];
         settings.fingertips[1].quarter_turns = 2;
         settings
+    }
+
+    #[test]
+    fn one_name_chooses_the_grip_and_what_stands_by_itself_overrules_it() {
+        let secure = settings_from_text("grip = \"secure\"", &odd()).unwrap();
+        assert_eq!(secure, GripSetting::Secure.apply(odd()));
+        let own = settings_from_text("grip = \"sparing\"\nmargin = 0.25", &odd()).unwrap();
+        let sparing = GripSetting::Sparing.apply(odd());
+        assert_eq!(
+            own,
+            Configuration {
+                margin: 2_500,
+                ..sparing
+            }
+        );
+        let refused = settings_from_text("grip = \"tight\"", &odd()).unwrap_err();
+        assert_eq!(
+            refused,
+            "grip: found \"tight\", expected \"sparing\", \"normal\", \"secure\""
+        );
     }
 
     #[test]

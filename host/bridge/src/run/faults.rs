@@ -244,6 +244,7 @@ fn ten_thousand_frames_with_faults_at_random_go_on_and_count_every_loss() {
             let picture = Picture {
                 crop,
                 came: Instant::now(),
+                taken: Instant::now(),
                 decode_us: 0.0,
                 truth: None,
                 wish: shot.wish,
@@ -369,6 +370,7 @@ fn memory_stays_flat_while_frames_are_recorded() {
         let picture = Picture {
             crop: shot.crop.clone(),
             came: Instant::now(),
+            taken: Instant::now(),
             decode_us: 0.0,
             truth: None,
             wish: shot.wish,

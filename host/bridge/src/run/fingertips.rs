@@ -3,51 +3,83 @@
 use gripline_firmware::sums::TaxelRule;
 use gripline_network::Network;
 use gripline_protocol::SENSORS;
+use gripline_protocol::message::GripMode;
 use gripline_simulation::constants::REST_PICTURES;
 
 use crate::calibration::Calibration;
 use crate::config::Settings;
 use crate::error::Failure;
+use crate::rest::{self, Store};
 use crate::source::{Frames, Opened, Picture, Taken, open_both};
 use gripline_capture::{Counts, POLL};
+use gripline_link::session::Session;
 use gripline_pipeline::pipeline::Pipeline;
+
+/// How long to wait for a status, µs: the microcontroller sends ten a second.
+const STATUS_US: u64 = 250_000;
 
 /// A fingertip whose source is open and which was looked at while nothing touched it.
 pub(super) struct Open {
     /// Where pictures come from.
     source: Frames,
-    /// What it is, for people.
-    pub told: String,
-    /// Frames a second.
-    pub frames_per_second: f64,
     /// 440×440 grey levels each.
     pub rest: Vec<Vec<u8>>,
 }
 
-/// Opens the source of each fingertip, and takes its pictures at rest where no calibration has some.
+/// Opens the source of each fingertip.
 ///
 /// # Errors
 /// [`Failure`] that says what was found and what to do.
-pub(super) fn open(wanted: &Settings) -> Result<Vec<Open>, Failure> {
-    let opened = match &wanted.second_source {
+pub(super) fn open(wanted: &Settings) -> Result<Vec<Opened>, Failure> {
+    Ok(match &wanted.second_source {
         None => vec![wanted.source.open(&wanted.source_settings(0))?],
         Some(second) => open_both([&wanted.source, second], &wanted.source_settings(0))?.into(),
-    };
+    })
+}
+
+/// The rest pictures of each fingertip: those of its calibration, else taken now.
+///
+/// # Errors
+/// [`Failure`] when a camera sends nothing good, or its pictures may show a touch.
+pub(super) fn at_rest(
+    opened: Vec<Opened>,
+    wanted: &Settings,
+    session: &mut Session,
+) -> Result<Vec<Open>, Failure> {
     let calibrations = [&wanted.calibration, &wanted.second_calibration];
-    let at_rest = |(mut opened, calibration): (Opened, &Option<Calibration>)| {
-        let calibrated = calibration.as_ref().map(Calibration::rest_pictures).transpose()?;
-        let rest = match calibrated.flatten() {
-            Some(rest) => rest,
-            None => opened.rest(REST_PICTURES.into())?.crops,
+    let sources = [Some(&wanted.source), wanted.second_source.as_ref()];
+    let mut looked = Vec::with_capacity(opened.len());
+    for (place, mut opened) in opened.into_iter().enumerate() {
+        let calibration = calibrations[place].as_ref();
+        let calibrated = calibration.map(Calibration::rest_pictures).transpose()?;
+        let rest = match (calibrated.flatten(), &opened.pictures) {
+            (Some(rest), _) => rest,
+            (None, Frames::Camera(camera)) => {
+                let source = sources[place].map_or_else(String::new, ToString::to_string);
+                let store = Store::of(&source, camera.name(), place);
+                let is_holding = is_holding(session)?;
+                rest::at_start(
+                    opened.rest(REST_PICTURES.into())?.crops,
+                    store.as_ref(),
+                    is_holding,
+                )?
+            }
+            // Files say which picture is at rest, and the simulated world is.
+            (None, _) => opened.rest(REST_PICTURES.into())?.crops,
         };
-        Ok(Open {
+        looked.push(Open {
             source: opened.pictures,
-            told: opened.told,
-            frames_per_second: opened.frames_per_second,
             rest,
-        })
-    };
-    opened.into_iter().zip(calibrations).map(at_rest).collect()
+        });
+    }
+    Ok(looked)
+}
+
+/// Whether the gripper holds, as far as the microcontroller says: one that says nothing may.
+fn is_holding(session: &mut Session) -> Result<bool, Failure> {
+    session.run_until(session.now_us() + STATUS_US)?;
+    let status = session.status();
+    Ok(status.is_none_or(|status| status.mode == GripMode::Hold && status.line > 0))
 }
 
 /// A fingertip at work.

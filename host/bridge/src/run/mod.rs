@@ -4,6 +4,7 @@
 //! The loop is a straight line: a picture is taken at frame k, its map goes out at once, the link works until frame
 //! k+1, and the line it then holds is what the (simulated) gripper feels next. Paced by the wall clock.
 
+mod evidence;
 #[cfg(test)]
 mod faults;
 mod fingertips;
@@ -22,6 +23,7 @@ mod under_way;
 mod usage;
 
 use std::ops::Add as _;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -29,12 +31,14 @@ use clap::Args;
 use gripline_firmware::sums::TaxelRule;
 use gripline_network::{Architecture, Network};
 use gripline_protocol::message::Configuration;
+use gripline_sensor::{MarkerKind, SHIPPED, Sensor};
 use gripline_simulation::constants::SCENE_LOOP_S;
 
+use self::evidence::RestSource;
 use self::fingertips::{Fingertips, Looked};
 use self::output::{Output, Wish};
 use self::settings::{
-    about, as_many_fingertips, calibrated_fingertips, calibrated_friction, tell_of_another_line,
+    about, as_many_fingertips, calibrated_fingertips, calibrated_friction, floor, tell_of_another_line,
 };
 use self::summary::FingertipSummary;
 use self::under_way::{Clock, Run};
@@ -44,6 +48,7 @@ use crate::live::Live;
 use crate::live::fleet::Fleet;
 use crate::log::Collector;
 use crate::source::Source;
+use crate::writer::WhenFull;
 use gripline_capture::Counts;
 use gripline_link::session::Session;
 use gripline_pipeline::settings_for;
@@ -55,6 +60,14 @@ use gripline_recording::{Pace, Pictures, Recorder};
 pub struct RunArgs {
     #[command(flatten)]
     overrides: Overrides,
+    /// The fingertip: a shipped description (particle-fingertip, gelsight-mini) or a file. With printed markers a clip gives health,
+    /// markers and evidence of slip; its forces are not trained yet, so no line is driven.
+    #[arg(long, value_name = "NAME|FILE.toml")]
+    sensor: Option<PathBuf>,
+    /// Printed markers at rest: frames of the clip (12..20), a picture, or a folder of pictures. Without it their regular grid
+    /// stands for it.
+    #[arg(long, value_name = "FROM..TO|PATH", requires = "sensor")]
+    rest: Option<RestSource>,
     /// One JSON object a frame, and a summary object last, on standard output.
     #[arg(long)]
     json: bool,
@@ -66,6 +79,9 @@ pub struct RunArgs {
 /// [`Failure`] when weights, link or terminal fail.
 pub fn run(args: &RunArgs) -> Result<Completion, Failure> {
     let wanted = Settings::load(&args.overrides)?;
+    if let Some(done) = without_forces(args, &wanted)? {
+        return Ok(done);
+    }
     let network = wanted.network()?;
     let of_network = settings_for(&network);
     may_be_recorded(&wanted, &network)?;
@@ -80,12 +96,13 @@ pub fn run(args: &RunArgs) -> Result<Completion, Failure> {
     let pictures_per_second: f64 = opened.iter().map(|open| open.frames_per_second).sum();
     let link = wanted.mcu.open()?;
     let mut session = Session::connect(link)?;
+    let opened = fingertips::at_rest(opened, &wanted, &mut session)?;
     // What neither the network nor the configuration says stays as the microcontroller has it.
     let settings = wanted.microcontroller(&Configuration {
         sensors: opened.len() as u8,
         friction: calibrated_friction(&wanted).unwrap_or(of_network.friction),
         contact_min: of_network.contact_min,
-        floor: of_network.floor,
+        floor: floor(&wanted.source, session.settings()),
         fingertips: calibrated_fingertips(&wanted, session.settings()),
         ..*session.settings()
     })?;
@@ -97,17 +114,14 @@ pub fn run(args: &RunArgs) -> Result<Completion, Failure> {
     tell_of_another_line(&wanted, &settings);
     let rests: Vec<_> = opened.iter().map(|open| open.rest.clone()).collect();
     let about = about(&wanted, &network, &session, (&rests[0], frames_per_second));
-    let recorder = match &wanted.record {
-        Some(path) => {
-            let pace = if wanted.unpaced {
-                Pace::AsFastAsPossible
-            } else {
-                Pace::RealTime
-            };
-            Some(Recorder::start(path, &about, &rests, pace)?)
-        }
-        None => None,
+    // A run that waits for nothing has the time to wait for its readers.
+    let (pace, when_full) = if wanted.unpaced {
+        (Pace::AsFastAsPossible, WhenFull::Wait)
+    } else {
+        (Pace::RealTime, WhenFull::Drop)
     };
+    let record = |path: &PathBuf| Recorder::start(path, &about, &rests, pace);
+    let recorder = wanted.record.as_ref().map(record).transpose()?;
     let about_run = serde_json::to_string(&about).unwrap_or_default();
     drop(rests);
     let mut fingertips = Fingertips::new(opened, &network, &wanted, TaxelRule::of(&settings));
@@ -115,7 +129,7 @@ pub fn run(args: &RunArgs) -> Result<Completion, Failure> {
     let stop = Arc::new(AtomicBool::new(false));
     let signalled = Arc::clone(&stop);
     ctrlc::set_handler(move || signalled.store(true, Ordering::Relaxed)).map_err(Failure::failed)?;
-    let mut output = Output::open(args.json, Limits::of(&settings))?;
+    let mut output = Output::open(args.json, Limits::of(&settings), when_full)?;
     let log = Collector::start(output.is_live());
     let one_round = fingertips.are_simulated() && !output.is_live();
     let seconds = wanted.seconds.or(one_round.then_some(SCENE_LOOP_S));
@@ -157,6 +171,7 @@ pub fn run(args: &RunArgs) -> Result<Completion, Failure> {
     for (summary, pictures) in run.summary.fingertips.iter_mut().zip(counts) {
         summary.pictures = pictures;
     }
+    run.summary.output_dropped = output.dropped();
     let summary = run.summary();
     output.close(&summary)?;
     match summary.losses().as_slice() {
@@ -164,6 +179,29 @@ pub fn run(args: &RunArgs) -> Result<Completion, Failure> {
         losses => Ok(Completion::WithLoss(format!(
             "done with loss: {}",
             losses.join("; ")
+        ))),
+    }
+}
+
+/// Plays the clip of a sensor whose forces are not trained yet; `None` for the one that the network knows.
+fn without_forces(args: &RunArgs, wanted: &Settings) -> Result<Option<Completion>, Failure> {
+    let Some(sensor) = &args.sensor else {
+        return Ok(None);
+    };
+    let sensor = Sensor::named(sensor)?;
+    let known = SHIPPED[0].0;
+    match (sensor.markers.kind, &wanted.source) {
+        (MarkerKind::Plane, Source::Clip(clip)) => {
+            evidence::run(&sensor, clip, args.rest.as_ref(), wanted.unpaced, args.json).map(Some)
+        }
+        (MarkerKind::Plane, other) => Err(Failure::usage(format!(
+            "--source {other} with sensor {}, expected file:CLIP: only clips of printed markers can be read so far",
+            sensor.identity()
+        ))),
+        (MarkerKind::Volume, _) if sensor == Sensor::named(Path::new(known))? => Ok(None),
+        (MarkerKind::Volume, _) => Err(Failure::failed(format!(
+            "sensor {}: found another one than {known}, expected that: the shipped weights know no other particles",
+            sensor.identity()
         ))),
     }
 }
@@ -207,7 +245,7 @@ fn play(
         run.look_after_the_pictures(&fingertips.counts());
         for line in log.take() {
             run.record_line(&line);
-            output.show_line(&line)?;
+            output.show_line(&line);
         }
         match wish {
             Wish::GoOn => {}

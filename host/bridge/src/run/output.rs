@@ -6,6 +6,7 @@ use std::io::{self, ErrorKind, IsTerminal, Write};
 use super::summary::{Summary, summary_text};
 use crate::error::Failure;
 use crate::view::{Pressed, Screen, View};
+use crate::writer::{WhenFull, Writer};
 use gripline_recording::telemetry::{FrameReport, Limits};
 
 /// What the person at the terminal wants.
@@ -17,60 +18,92 @@ pub(super) enum Wish {
     Stop,
 }
 
-/// Where the reports go.
+/// Lines that wait for a slow reader: eight seconds of pictures at 60 a second.
+const LINES_WAITING: usize = 512;
+/// Frames that wait for a slow terminal.
+const FRAMES_WAITING: usize = 8;
+
+/// Where the reports go. All of it is written by a thread of its own.
 pub(super) enum Output {
-    Json(io::BufWriter<io::Stdout>),
-    Live {
-        screen: Box<Screen>,
-        view: Box<View>,
-    },
+    Json(Writer<Vec<u8>>),
+    Live(Writer<Shown>),
     Lines {
+        out: Writer<Vec<u8>>,
         /// When the next line is due.
         next_s: f64,
     },
 }
 
+/// What the live view is given.
+pub(super) enum Shown {
+    Frame(Box<(FrameReport, [[f32; 3]; 400])>),
+    Line(String),
+}
+
 impl Output {
-    pub(super) fn open(json: bool, limits: Limits) -> Result<Self, Failure> {
+    pub(super) fn open(json: bool, limits: Limits, when_full: WhenFull) -> Result<Self, Failure> {
+        let lines = || {
+            Writer::start(LINES_WAITING, when_full, |line: Vec<u8>| {
+                let mut out = io::stdout().lock();
+                out.write_all(&line)?;
+                out.flush()
+            })
+        };
         if json {
-            return Ok(Self::Json(io::BufWriter::new(io::stdout())));
+            return Ok(Self::Json(lines()));
         }
         if io::stdout().is_terminal() {
-            let screen = Screen::open().map_err(|error| {
+            let mut screen = Screen::open().map_err(|error| {
                 Failure::failed(format!("terminal: {error}, expected one to draw on; try --json"))
             })?;
-            return Ok(Self::Live {
-                screen: Box::new(screen),
-                view: Box::new(View::new(limits)),
-            });
+            let mut view = View::new(limits);
+            return Ok(Self::Live(Writer::start(
+                FRAMES_WAITING,
+                when_full,
+                move |shown| match shown {
+                    Shown::Frame(frame) => {
+                        view.push(&frame.0, &frame.1);
+                        // Every second frame: terminals gain nothing from more.
+                        if frame.0.frame.is_multiple_of(2) {
+                            screen.draw(&view)?;
+                        }
+                        Ok(())
+                    }
+                    Shown::Line(line) => {
+                        view.note(&line);
+                        screen.draw(&view)
+                    }
+                },
+            )));
         }
-        Ok(Self::Lines { next_s: 0.0 })
+        Ok(Self::Lines {
+            out: lines(),
+            next_s: 0.0,
+        })
     }
 
     pub(super) fn is_live(&self) -> bool {
-        matches!(self, Self::Live { .. })
+        matches!(self, Self::Live(_))
     }
 
     pub(super) fn frame(&mut self, report: &FrameReport, map: &[[f32; 3]; 400]) -> Result<Wish, Failure> {
         match self {
             Self::Json(out) => {
-                let written = serde_json::to_writer(&mut *out, report)
-                    .map_err(io::Error::from)
-                    .and_then(|()| writeln!(out))
-                    .and_then(|()| out.flush());
-                still_wanted(written)
+                let mut line = serde_json::to_vec(report)?;
+                line.push(b'\n');
+                Ok(wanted(out.offer(line)))
             }
-            Self::Live { screen, view } => {
-                view.push(report, map);
-                // Every second frame: terminals gain nothing from more.
-                if report.frame.is_multiple_of(2) {
-                    screen.draw(view).map_err(terminal_failed)?;
+            Self::Live(out) => {
+                if !out.offer(Shown::Frame(Box::new((report.clone(), *map)))) {
+                    return Ok(Wish::Stop);
                 }
-                wish_of(screen)
+                pressed()
             }
-            Self::Lines { next_s } if report.t_s >= *next_s => {
+            Self::Lines { out, next_s } if report.t_s >= *next_s => {
                 *next_s = report.t_s.floor() + 1.0;
-                still_wanted(writeln!(io::stdout(), "{}", progress_line(report)))
+                Ok(wanted(
+                    out.offer(format!("{}\n", progress_line(report)).into_bytes()),
+                ))
             }
             Self::Lines { .. } => Ok(Wish::GoOn),
         }
@@ -79,40 +112,58 @@ impl Output {
     /// There is no picture now.
     pub(super) fn idle(&mut self) -> Result<Wish, Failure> {
         match self {
-            Self::Live { screen, .. } => wish_of(screen),
+            Self::Live(_) => pressed(),
             Self::Json(_) | Self::Lines { .. } => Ok(Wish::GoOn),
         }
     }
 
     /// Shows a log line where standard error cannot.
-    pub(super) fn show_line(&mut self, line: &str) -> Result<(), Failure> {
+    pub(super) fn show_line(&mut self, line: &str) {
+        if let Self::Live(out) = self {
+            out.offer(Shown::Line(line.to_owned()));
+        }
+    }
+
+    /// Lines or pictures of the view that were left out because nobody took them in time.
+    pub(super) const fn dropped(&self) -> u64 {
         match self {
-            Self::Live { screen, view } => {
-                view.note(line);
-                screen.draw(view).map_err(terminal_failed)
-            }
-            Self::Json(_) | Self::Lines { .. } => Ok(()),
+            Self::Json(out) | Self::Lines { out, .. } => out.dropped(),
+            Self::Live(out) => out.dropped(),
         }
     }
 
     pub(super) fn close(self, summary: &Summary) -> Result<(), Failure> {
-        let written = match self {
-            Self::Json(mut out) => serde_json::to_writer(&mut out, summary)
-                .map_err(io::Error::from)
-                .and_then(|()| writeln!(out))
-                .and_then(|()| out.flush()),
-            Self::Live { screen, .. } => {
-                drop(screen);
-                writeln!(io::stdout(), "{}", summary_text(summary))
+        let text = || format!("{}\n", summary_text(summary)).into_bytes();
+        match self {
+            Self::Json(out) => {
+                let mut line = serde_json::to_vec(summary)?;
+                line.push(b'\n');
+                // A reader that is late still gets the summary, if it reads on.
+                out.wait_once(line);
+                still_wanted(out.finish())
             }
-            Self::Lines { .. } => writeln!(io::stdout(), "{}", summary_text(summary)),
-        };
-        still_wanted(written).map(|_| ())
+            Self::Live(out) => match out.finish() {
+                Ok(()) => still_wanted(io::stdout().write_all(&text())),
+                Err(error) => {
+                    Screen::abandon();
+                    Err(terminal_failed(error))
+                }
+            },
+            Self::Lines { out, .. } => {
+                out.wait_once(text());
+                still_wanted(out.finish())
+            }
+        }
     }
 }
 
-fn wish_of(screen: &mut Screen) -> Result<Wish, Failure> {
-    Ok(match screen.pressed().map_err(terminal_failed)? {
+const fn wanted(is_wanted: bool) -> Wish {
+    if is_wanted { Wish::GoOn } else { Wish::Stop }
+}
+
+/// What was pressed: read here, so that a terminal that takes nothing can still be told to stop.
+fn pressed() -> Result<Wish, Failure> {
+    Ok(match Screen::pressed().map_err(terminal_failed)? {
         Pressed::Nothing => Wish::GoOn,
         Pressed::Acknowledge => Wish::Acknowledge,
         Pressed::Quit => Wish::Stop,
@@ -120,11 +171,12 @@ fn wish_of(screen: &mut Screen) -> Result<Wish, Failure> {
 }
 
 /// A reader that went away (`| head`) is no failure.
-fn still_wanted(written: io::Result<()>) -> Result<Wish, Failure> {
+fn still_wanted(written: io::Result<()>) -> Result<(), Failure> {
     match written {
-        Ok(()) => Ok(Wish::GoOn),
-        Err(error) if error.kind() == ErrorKind::BrokenPipe => Ok(Wish::Stop),
-        Err(error) => Err(Failure::failed(format!("standard output: {error}"))),
+        Err(error) if error.kind() != ErrorKind::BrokenPipe => {
+            Err(Failure::failed(format!("standard output: {error}")))
+        }
+        _ => Ok(()),
     }
 }
 

@@ -3,13 +3,14 @@
 
 use gripline_network::{InstructionSet, Network};
 use gripline_protocol::message::{Configuration, FingertipGeometry};
-use gripline_protocol::{PER_UNIT, SENSORS};
+use gripline_protocol::{LSB_PER_NEWTON, PER_UNIT, SENSORS};
 
 use crate::calibration::{Calibration, with_points};
 use crate::config::{Settings, settings_text};
 use crate::error::Failure;
 use crate::source::Source;
 use gripline_link::session::Session;
+use gripline_pipeline::SCENE_INITIAL_GRIP_N;
 use gripline_pipeline::pipeline::fingerprint;
 use gripline_recording::Metadata;
 
@@ -54,6 +55,17 @@ pub(super) fn calibrated_fingertips(wanted: &Settings, now: &Configuration) -> [
     fingertips
 }
 
+/// The least force while holding, 1/4096 N: the microcontroller's own. Only the object of the simulated scene needs another, and
+/// only where nobody has chosen one.
+pub(super) fn floor(source: &Source, now: &Configuration) -> i32 {
+    let is_scene = matches!(source, Source::Simulated);
+    if is_scene && now.floor == Configuration::DEFAULT.floor {
+        let scene = (SCENE_INITIAL_GRIP_N * f64::from(LSB_PER_NEWTON)) as i32;
+        return scene.min(now.tighten);
+    }
+    now.floor
+}
+
 /// Says so when the microcontroller's table of the line is not the calibrated one: only a stored one counts.
 pub(super) fn tell_of_another_line(wanted: &Settings, settings: &Configuration) {
     let Some(calibration) = &wanted.calibration else {
@@ -95,5 +107,32 @@ pub(super) fn about(
         gate: wanted.gate.to_string(),
         frames_per_second: frames_per_second.to_string(),
         settings: settings_text(session.settings()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_floor_that_the_device_stored_is_kept_and_only_the_simulated_scene_sets_another() {
+        let stored = Configuration {
+            floor: 4 * LSB_PER_NEWTON,
+            ..Configuration::DEFAULT
+        };
+        let camera = Source::Camera("/dev/video0".into());
+        let recording = Source::Recording("run.mcap".into());
+        for source in [&Source::Simulated, &camera, &recording] {
+            assert_eq!(floor(source, &stored), stored.floor, "{source}");
+        }
+        for source in [&camera, &recording] {
+            assert_eq!(
+                floor(source, &Configuration::DEFAULT),
+                Configuration::DEFAULT.floor,
+                "{source}"
+            );
+        }
+        let scene = floor(&Source::Simulated, &Configuration::DEFAULT);
+        assert_eq!(scene, 5 * LSB_PER_NEWTON / 2);
     }
 }

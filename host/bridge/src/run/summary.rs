@@ -30,7 +30,7 @@ pub(super) struct Summary {
     pub gate_no_contact: u64,
     pub gate_unchanged: u64,
     pub gate_network: u64,
-    /// Frames whose picture could not be believed: their maps were empty and marked.
+    /// Frames whose picture could not be believed: each gave the last good map again, marked.
     pub gate_unhealthy: u64,
     pub stages: Vec<StageSummary>,
     /// From a picture's bytes to the last of its map's with the link, decoding included.
@@ -48,6 +48,8 @@ pub(super) struct Summary {
     pub maps_not_taken: u64,
     pub commands_refused: u64,
     pub last_refusal: Option<String>,
+    /// Holds and releases that the microcontroller did not confirm.
+    pub requests_unconfirmed: u64,
     /// Pictures that were too old when their turn came, and maps that were too old to be sent: dropped.
     pub pictures_late: u64,
     pub maps_late: u64,
@@ -68,6 +70,8 @@ pub(super) struct Summary {
     pub link_packets_lost: u64,
     /// What of real time the system did not allow; `None` when it was not asked for.
     pub realtime_lacks: Option<Vec<String>>,
+    /// Lines, or pictures of the view, that nobody took in time.
+    pub output_dropped: u64,
     /// What was recorded, when anything was to be.
     pub recording: Option<RecordingSummary>,
 }
@@ -143,6 +147,7 @@ impl Summary {
             maps_not_taken: 0,
             commands_refused: 0,
             last_refusal: None,
+            requests_unconfirmed: 0,
             pictures_late: 0,
             maps_late: 0,
             slip_frames: 0,
@@ -156,6 +161,7 @@ impl Summary {
             link_losses: 0,
             link_packets_lost: 0,
             realtime_lacks: None,
+            output_dropped: 0,
             recording: None,
         }
     }
@@ -170,7 +176,7 @@ impl Summary {
         };
         lost(
             self.gate_unhealthy,
-            "pictures could not be believed; their maps were empty and marked",
+            "pictures could not be believed; each gave the last good map again, marked",
         );
         lost(
             self.pictures_late,
@@ -202,6 +208,18 @@ impl Summary {
             );
             lost(recording.frames_dropped, "frames are not in the recording");
             losses.extend(recording.failed.clone());
+        }
+        if self.output_dropped > 0 {
+            losses.push(format!(
+                "{} lines or pictures of the view were not written: the reader or the terminal was too slow",
+                self.output_dropped
+            ));
+        }
+        if self.requests_unconfirmed > 0 {
+            losses.push(format!(
+                "{} times the microcontroller did not confirm that it holds or releases",
+                self.requests_unconfirmed
+            ));
         }
         if self.link_losses > 0 {
             losses.push(format!(

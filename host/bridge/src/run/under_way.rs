@@ -127,7 +127,13 @@ impl Run {
         };
         let waited = picture.came.elapsed();
         let (age_us, waited_us) = match self.clock {
-            Clock::Pictures => (waited.as_micros() as u32, waited.as_secs_f64() * 1e6),
+            Clock::Pictures => {
+                let age_us = picture.taken.elapsed().as_micros();
+                (
+                    u32::try_from(age_us).unwrap_or(u32::MAX),
+                    waited.as_secs_f64() * 1e6,
+                )
+            }
             // Elsewhere pictures are of the moment at which they are asked for.
             Clock::Wall | Clock::None => (0, picture.decode_us),
         };
@@ -149,6 +155,11 @@ impl Run {
                 // It restarted and did not take up what is still wanted.
                 self.control.request_again();
             }
+            self.control.refused(refusal);
+        }
+        if let Some(why) = self.control.take_unconfirmed() {
+            self.summary.requests_unconfirmed += 1;
+            tracing::warn!("{why}");
         }
         let fingertips = &self.control.session.settings().fingertips;
         let report = report_of(

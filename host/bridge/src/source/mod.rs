@@ -97,6 +97,8 @@ pub struct Picture {
     pub crop: Vec<u8>,
     /// When its bytes arrived.
     pub came: Instant,
+    /// When it was taken: a camera's, by the driver's time stamp; of others, when they were asked for.
+    pub taken: Instant,
     /// What it took to make the crop of them, µs.
     pub decode_us: f64,
     /// What the simulated world knows.
@@ -291,10 +293,11 @@ impl Frames {
     /// # Errors
     /// [`Failure`] when there can be no more.
     pub(crate) fn next(&mut self, line_n: f64, patience: Duration) -> Result<Taken, Failure> {
-        let taken = |crop, came, decode_us, wish| {
+        let taken = |crop, [came, taken]: [Instant; 2], decode_us, wish| {
             Taken::Picture(Picture {
                 crop,
                 came,
+                taken,
                 decode_us,
                 truth: None,
                 wish,
@@ -302,17 +305,18 @@ impl Frames {
         };
         Ok(match self {
             Self::Simulated(source) => Taken::Picture(source.next(line_n)?),
-            Self::Camera(camera) => camera.next(patience).map_or(Taken::NotYet, |frame| {
-                taken(frame.crop, frame.received_at, frame.decode_us, GripMode::Hold)
+            Self::Camera(camera) => camera.next(patience)?.map_or(Taken::NotYet, |frame| {
+                let times = [frame.received_at, frame.taken_at];
+                taken(frame.crop, times, frame.decode_us, GripMode::Hold)
             }),
             Self::Files(frames) => {
                 let came = Instant::now();
                 frames.next_picture().map_or(Taken::End, |(crop, decode_us)| {
-                    taken(crop, came, decode_us, GripMode::Hold)
+                    taken(crop, [came; 2], decode_us, GripMode::Hold)
                 })
             }
             Self::Recording(frames) => match frames.next()? {
-                Some((crop, wish)) => taken(crop, Instant::now(), 0.0, wish),
+                Some((crop, wish)) => taken(crop, [Instant::now(); 2], 0.0, wish),
                 None => Taken::End,
             },
         })
@@ -384,9 +388,11 @@ impl SimulatedSource {
         let mut scene = self.scene.borrow_mut();
         let frame = scene.step_seen_by(self.finger, self.step_s, line_n)?;
         let [pull_x, pull_y] = frame.load.shear_n;
+        let now = Instant::now();
         Ok(Picture {
             crop: frame.image.pixels,
-            came: Instant::now(),
+            came: now,
+            taken: now,
             decode_us: 0.0,
             truth: Some(Truth {
                 phase: frame.phase.into(),

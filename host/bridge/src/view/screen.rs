@@ -104,7 +104,7 @@ impl Screen {
     ///
     /// # Errors
     /// Reading the keys failed.
-    pub fn pressed(&mut self) -> Result<Pressed, io::Error> {
+    pub fn pressed() -> Result<Pressed, io::Error> {
         let mut pressed = Pressed::Nothing;
         while event::poll(Duration::ZERO)? {
             if let Event::Key(key) = event::read()? {
@@ -112,6 +112,15 @@ impl Screen {
             }
         }
         Ok(pressed)
+    }
+}
+
+impl Screen {
+    /// Gives the keyboard back when the terminal takes nothing that is written to it.
+    pub(crate) fn abandon() {
+        if TAKEN.swap(false, Ordering::SeqCst) {
+            let _ = disable_raw_mode();
+        }
     }
 }
 

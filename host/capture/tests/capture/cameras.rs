@@ -20,6 +20,10 @@ use crate::events;
 enum Action {
     /// Fills a buffer for each of these numbers at once.
     Send(Vec<u32>),
+    /// Fills a buffer whose driver says that it was filled so long ago.
+    Stamped(u32, Duration),
+    /// The driver's code has a defect.
+    Panic,
     /// Fills a buffer that cannot be decoded.
     Garbage(u32),
     /// Fills a buffer and flags it as damaged.
@@ -37,8 +41,10 @@ struct FakeState {
     /// This control keeps its value.
     stubborn: Option<Control>,
     actions: VecDeque<Action>,
-    /// Filled buffers: bytes, number, damaged.
-    filled: VecDeque<(Vec<u8>, u32, bool)>,
+    /// Filled buffers: bytes, number, time stamp, damaged.
+    filled: VecDeque<(Vec<u8>, u32, Option<Instant>, bool)>,
+    /// Buffers that the driver grants.
+    buffers: usize,
     absent_for: u32,
     opened: u32,
     /// Opening fails with this error.
@@ -68,6 +74,7 @@ impl FakeCamera {
                 stubborn: None,
                 actions: actions.into(),
                 filled: VecDeque::new(),
+                buffers: 4,
                 absent_for: 0,
                 opened: 0,
                 refuses: None,
@@ -156,18 +163,23 @@ impl Driver for FakeCamera {
 impl Stream for FakeCamera {
     type Ready = Self;
 
+    fn buffers(&self) -> usize {
+        self.0.lock().unwrap().buffers
+    }
+
     fn ready(&self) -> Self {
         self.clone()
     }
 
     fn take(&mut self) -> io::Result<Buffer<'_>> {
         let mut state = self.0.lock().unwrap();
-        let Some((bytes, sequence, is_damaged)) = state.filled.pop_front() else {
+        let Some((bytes, sequence, taken_at, is_damaged)) = state.filled.pop_front() else {
             return Err(io::Error::from_raw_os_error(19));
         };
         Ok(Buffer {
             bytes: bytes.leak(),
             sequence,
+            taken_at,
             is_damaged,
         })
     }
@@ -189,11 +201,23 @@ impl Ready for FakeCamera {
                     // The number can be read off the picture.
                     state
                         .filled
-                        .push_back((vec![number as u8; FRAME.pixels()], number, false));
+                        .push_back((vec![number as u8; FRAME.pixels()], number, None, false));
                 }
             }
-            Some(Action::Garbage(number)) => state.filled.push_back((vec![1, 2, 3], number, false)),
-            Some(Action::Flagged(number)) => state.filled.push_back((vec![0; FRAME.pixels()], number, true)),
+            Some(Action::Stamped(number, ago)) => {
+                let stamp = Instant::now().checked_sub(ago);
+                let bytes = vec![number as u8; FRAME.pixels()];
+                state.filled.push_back((bytes, number, stamp, false));
+            }
+            Some(Action::Panic) => {
+                drop(state);
+                panic!("made to panic");
+            }
+            Some(Action::Garbage(number)) => state.filled.push_back((vec![1, 2, 3], number, None, false)),
+            Some(Action::Flagged(number)) => {
+                let bytes = vec![0; FRAME.pixels()];
+                state.filled.push_back((bytes, number, None, true));
+            }
             Some(Action::Unplug(times)) => {
                 state.absent_for = times;
                 return Ok(true);
@@ -230,7 +254,7 @@ fn until(camera: &Camera, last: u8) -> Vec<u8> {
     let mut numbers = Vec::new();
     while numbers.last() != Some(&last) {
         assert!(Instant::now() < end, "picture {last} never arrived: {numbers:?}");
-        if let Some(CameraFrame { crop, .. }) = camera.next(Duration::from_millis(5)) {
+        if let Some(CameraFrame { crop, .. }) = camera.next(Duration::from_millis(5)).unwrap() {
             assert!(crop.iter().all(|grey| *grey == crop[0]));
             numbers.push(crop[0]);
         }
@@ -324,6 +348,85 @@ fn a_camera_without_a_good_picture_says_so_instead_of_waiting_for_ever() {
     ] {
         assert!(error.contains(part), "{part:?} is missing in: {error}");
     }
+}
+
+#[test]
+fn a_pictures_age_counts_from_the_drivers_time_stamp_and_its_arrival_ends_with_the_frame() {
+    let stamped = |ago| {
+        let camera = Camera::start(
+            FakeCamera::new(*b"GREY", vec![Action::Stamped(1, ago)]),
+            settings(),
+        )
+        .unwrap();
+        loop {
+            if let Some(frame) = camera.next(Duration::from_millis(5)).unwrap() {
+                return frame;
+            }
+        }
+    };
+    // It has waited in the driver's queue: a frame takes 1/60 s to arrive.
+    let waited = stamped(Duration::from_secs(3));
+    assert!(waited.taken_at.elapsed() >= Duration::from_secs(3));
+    assert_eq!(
+        (waited.received_at - waited.taken_at).as_micros(),
+        16_666,
+        "the rest is waiting"
+    );
+    // A stamp ahead of the clock is worth nothing.
+    let camera = FakeCamera::new(*b"GREY", Vec::new()).with(|state| {
+        let ahead = Instant::now() + Duration::from_secs(100);
+        let picture = vec![1; FRAME.pixels()];
+        state.filled.push_back((picture, 1, Some(ahead), false));
+    });
+    let camera = Camera::start(camera, settings()).unwrap();
+    let frame = loop {
+        if let Some(frame) = camera.next(Duration::from_millis(5)).unwrap() {
+            break frame;
+        }
+    };
+    assert!(frame.taken_at <= Instant::now() && frame.taken_at == frame.received_at);
+}
+
+#[test]
+fn a_panic_of_the_cameras_thread_is_an_error_by_name_after_the_last_picture() {
+    let actions = vec![Action::Send(vec![5]), Action::Panic];
+    let camera = Camera::start(FakeCamera::new(*b"GREY", actions), settings()).unwrap();
+    let mut numbers = Vec::new();
+    let error = loop {
+        match camera.next(Duration::from_millis(5)) {
+            Ok(frame) => numbers.extend(frame.map(|frame| frame.crop[0])),
+            Err(error) => break error.to_string(),
+        }
+    };
+    assert_eq!(numbers, [5]);
+    for part in ["/dev/video7", "its thread panicked (made to panic)", "report"] {
+        assert!(error.contains(part), "{part:?} is missing in: {error}");
+    }
+    // While the fingertip at rest is looked at, too.
+    let camera = Camera::start(FakeCamera::new(*b"GREY", vec![Action::Panic]), settings()).unwrap();
+    let error = camera.take_frames(4).unwrap_err().to_string();
+    assert!(error.contains("its thread panicked (made to panic)"), "{error}");
+}
+
+#[test]
+fn a_camera_that_grants_fewer_buffers_than_asked_is_used_from_two_on_and_says_so() {
+    let granting = |buffers| FakeCamera::new(*b"GREY", Vec::new()).with(|state| state.buffers = buffers);
+    for buffers in [2, 3] {
+        let description = open(&granting(buffers), &settings()).unwrap().description;
+        let said = format!("{buffers} buffers (asked for 4)");
+        assert!(description.contains(&said), "{description}");
+    }
+    assert!(
+        !open(&granting(4), &settings())
+            .unwrap()
+            .description
+            .contains("buffers")
+    );
+    let error = open(&granting(1), &settings()).map(drop).unwrap_err().to_string();
+    assert!(
+        error.contains("found 1 buffer") && error.contains("expected at least 2"),
+        "{error}"
+    );
 }
 
 #[test]

@@ -1,14 +1,23 @@
-//! The command `gripline evaluate grasps`: random grasps in closed loop, the microcontroller's library against three
-//! simpler rules. [`plan`] says what happens in a grasp, `sensor` what is seen of it, [`policy`] who grips, [`mod@play`] what
-//! came of it, [`report`] tells, `picture` draws. Touches files: `--results` keeps every outcome, so that an interrupted
+//! The command `gripline evaluate grasps`: random grasps in closed loop, the microcontroller's library against
+//! simpler rules, a particle filter and an oracle. [`plan`] says what a grasp is, [`nominal`] and [`adverse`] draw them;
+//! `sensor`, `distortion` and `pictures` say what is seen of it, [`policy`] who grips (`follower`, `oracle` and
+//! `particle_filter` are parts of it), [`mod@play`] what came of it, `slides` when it slid, [`report`] tells, `picture` draws. Touches files: `--results` keeps every outcome, so that an interrupted
 //! run goes on.
 
+pub mod adverse;
+mod distortion;
+mod follower;
+pub mod nominal;
+mod oracle;
+mod particle_filter;
 mod picture;
+mod pictures;
 pub mod plan;
 pub mod play;
 pub mod policy;
 pub mod report;
 mod sensor;
+mod slides;
 
 use std::fs::{self, OpenOptions};
 use std::io::{self, ErrorKind, Write};
@@ -19,11 +28,11 @@ use gripline_network::Network;
 use gripline_simulation::grasp::GraspParts;
 use serde::{Deserialize, Serialize};
 
-use self::plan::grasp;
+use self::plan::GraspPlan;
 use self::play::{Outcome, play};
-use self::policy::Policy;
+use self::policy::{Policy, ceiling_n};
 use self::report::Report;
-pub use super::arguments::GraspsArgs;
+pub use super::arguments::{GraspsArgs, World};
 use super::chain::in_parallel;
 use super::document::write_section;
 use super::progress::Progress;
@@ -51,6 +60,7 @@ type Work<'a> = dyn Fn(&'static str, &[Job]) -> Result<Vec<Outcome>, Failure> + 
 /// A line of the results.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 struct Line {
+    world: World,
     seed: u64,
     weights: String,
     fixed_n: f64,
@@ -72,8 +82,18 @@ impl Line {
 struct Results {
     known: Vec<Line>,
     file: Option<Mutex<fs::File>>,
+    world: World,
     seed: u64,
     weights: String,
+}
+
+/// Grasp number `number` of a world.
+#[must_use]
+pub fn grasp(world: World, seed: u64, number: u64) -> GraspPlan {
+    match world {
+        World::Nominal => nominal::grasp(seed, number),
+        World::Adverse => adverse::grasp(seed, number),
+    }
 }
 
 /// Runs the command.
@@ -82,13 +102,13 @@ struct Results {
 /// [`Failure`] when the network, a world or a file fails; of kind loss when grasps had no solution.
 pub fn run(args: &GraspsArgs) -> Result<Completion, Failure> {
     let network = Network::embedded(args.network).map_err(Failure::failed)?;
-    let parts = GraspParts::new(&grasp(args.seed, 0).scene).map_err(Failure::failed)?;
+    let parts = GraspParts::new(&grasp(args.world, args.seed, 0).scene).map_err(Failure::failed)?;
     let results = Results::open(args, &network)?;
     let work = |name: &'static str, jobs: &[Job]| -> Result<Vec<Outcome>, Failure> {
         let progress = Progress::new(name, jobs.len());
         let outcomes = in_parallel(jobs, args.threads.into(), |job| {
             let outcome = results.get(job, || {
-                let plan = grasp(args.seed, job.grasp);
+                let plan = grasp(args.world, args.seed, job.grasp);
                 play(&plan, job.policy, job.fixed_n, &network, &parts, job.rendered)
             });
             progress.step();
@@ -97,20 +117,31 @@ pub fn run(args: &GraspsArgs) -> Result<Completion, Failure> {
         progress.finish();
         outcomes.into_iter().collect()
     };
+    let chosen = |policy: Policy| args.policies.contains(&policy);
     let jobs: Vec<Job> = (0..args.grasps)
-        .flat_map(|grasp| Policy::LOOKING.map(|policy| (grasp, policy)))
-        .map(|(grasp, policy)| job(grasp, policy))
+        .flat_map(|grasp| Policy::LOOKING.map(|policy| job(grasp, policy)))
+        .filter(|job| chosen(job.policy))
         .collect();
     let mut outcomes = work("grasps", &jobs)?;
-    let fixed_n = fixed_force(&outcomes, &work)?;
-    let under_fixed: Vec<Job> = (0..args.grasps)
-        .map(|grasp| Job {
-            fixed_n,
-            ..job(grasp, Policy::Fixed)
-        })
+    let mut fixed_n = None;
+    if [Policy::Fixed, Policy::Gripline, Policy::Oracle]
+        .into_iter()
+        .all(chosen)
+    {
+        let least_n = fixed_force(&outcomes, &work)?;
+        let under_fixed: Vec<Job> = (0..args.grasps).map(|grasp| fixed(grasp, least_n)).collect();
+        outcomes.extend(work("grasps with the fixed force", &under_fixed)?);
+        fixed_n = Some(least_n);
+    }
+    let lost: Vec<Job> = outcomes
+        .iter()
+        .filter(|outcome| outcome.policy == Policy::GriplineSecure && outcome.dropped)
+        .map(|outcome| fixed(outcome.grasp, ceiling_n()))
         .collect();
-    outcomes.extend(work("grasps with the fixed force", &under_fixed)?);
-    let pictured: Vec<Job> = (0..args.grasps)
+    let at_ceiling = work("grasps at the ceiling", &lost)?;
+    // Distortions and troubles are added to the model only.
+    let pictures = args.world == World::Nominal && chosen(Policy::Gripline);
+    let pictured: Vec<Job> = (0..if pictures { args.grasps } else { 0 })
         .step_by(RENDERED_EVERY)
         .map(|grasp| Job {
             rendered: true,
@@ -118,17 +149,23 @@ pub fn run(args: &GraspsArgs) -> Result<Completion, Failure> {
         })
         .collect();
     let rendered = work("grasps with pictures", &pictured)?;
-    let report = Report::new(args, fixed_n, &outcomes, &rendered);
+    let report = Report::new(args, fixed_n, &outcomes, &rendered, &at_ceiling);
     let text = if args.json {
         serde_json::to_string(&report).map_err(Failure::failed)? + "\n"
     } else {
         report.markdown(None)
     };
     io::stdout().write_all(text.as_bytes()).map_err(Failure::failed)?;
+    if let Some(path) = &args.plot {
+        picture::draw_drops(path, &report.points())?;
+    }
     if let Some(path) = &args.out {
-        let picture = "grasps.png";
+        let (picture, section) = match args.world {
+            World::Nominal => ("grasps.png", "gripline evaluate grasps"),
+            World::Adverse => ("grasps-adverse.png", "gripline evaluate grasps --world adverse"),
+        };
         picture::draw(&path.with_file_name(picture), &outcomes, fixed_n)?;
-        write_section(path, "gripline evaluate grasps", &report.markdown(Some(picture)))?;
+        write_section(path, section, &report.markdown(Some(picture)))?;
     }
     match report.unsolved {
         0 => Ok(Completion::Whole),
@@ -147,38 +184,54 @@ fn job(grasp: u64, policy: Policy) -> Job {
     }
 }
 
-/// The lowest force of the ladder under which none of the hardest grasps is dropped.
+fn fixed(grasp: u64, fixed_n: f64) -> Job {
+    Job {
+        fixed_n,
+        ..job(grasp, Policy::Fixed)
+    }
+}
+
+/// The lowest force of the ladder under which no more grasps are dropped than under Gripline. Only the hardest are tried,
+/// by what the oracle's runs needed: those hold to the end.
 fn fixed_force(outcomes: &[Outcome], work: &Work<'_>) -> Result<f64, Failure> {
-    let mut hardest: Vec<&Outcome> = outcomes
-        .iter()
-        .filter(|outcome| outcome.policy == Policy::Gripline && !outcome.unsolved)
-        .collect();
+    let of = |policy: Policy| {
+        outcomes
+            .iter()
+            .filter(move |outcome| outcome.policy == policy && !outcome.unsolved)
+    };
+    let allowed = of(Policy::Gripline).filter(|outcome| outcome.dropped).count();
+    let mut hardest: Vec<&Outcome> = of(Policy::Oracle).collect();
     hardest.sort_by(|a, b| b.peak_need_n.total_cmp(&a.peak_need_n));
-    let count = ((hardest.len() as f64 * HARDEST).ceil() as usize).max(1);
+    // Twice the drops, so that there are grasps that the force may still hold.
+    let count = ((hardest.len() as f64 * HARDEST).ceil() as usize)
+        .max(2 * allowed)
+        .max(1);
     hardest.truncate(count);
     let most_n = hardest.first().map_or(0.0, |outcome| outcome.peak_need_n);
     // What the hardest needs at its worst moment surely holds; below, a moment's slip may stop again.
-    let mut step = (1.5 * most_n / FIXED_STEP_N).ceil().max(1.0);
-    let mut lowest_n = step * FIXED_STEP_N;
+    let mut step = ((1.5 * most_n).min(ceiling_n()) / FIXED_STEP_N).ceil().max(1.0);
+    let mut ladder = Vec::new();
     while step >= 1.0 {
-        let fixed_n = step * FIXED_STEP_N;
-        let jobs: Vec<Job> = hardest
-            .iter()
-            .map(|outcome| Job {
-                fixed_n,
-                ..job(outcome.grasp, Policy::Fixed)
-            })
-            .collect();
-        if work("grasps with a fixed force", &jobs)?
-            .iter()
-            .any(|outcome| outcome.dropped)
-        {
-            break;
-        }
-        lowest_n = fixed_n;
+        ladder.push(step * FIXED_STEP_N);
         step -= (0.1 * step).ceil();
     }
-    Ok(lowest_n)
+    // The rungs go down: the last that holds lies at `holds` or after it, before `drops`.
+    let (mut holds, mut drops) = (0, ladder.len());
+    while drops - holds > 1 {
+        let middle = usize::midpoint(holds, drops);
+        let fixed_n = ladder[middle];
+        let jobs: Vec<Job> = hardest
+            .iter()
+            .map(|outcome| fixed(outcome.grasp, fixed_n))
+            .collect();
+        let played = work("grasps with a fixed force", &jobs)?;
+        if played.iter().filter(|outcome| outcome.dropped).count() > allowed {
+            drops = middle;
+        } else {
+            holds = middle;
+        }
+    }
+    Ok(ladder[holds])
 }
 
 impl Results {
@@ -190,11 +243,12 @@ impl Results {
         let mut results = Self {
             known: Vec::new(),
             file: None,
+            world: args.world,
             seed: args.seed,
             weights,
         };
         if let Some(path) = &args.results {
-            results.known = known(path, results.seed, &results.weights)?;
+            results.known = known(path, args.world, results.seed, &results.weights)?;
             let file = OpenOptions::new().create(true).append(true).open(path);
             results.file = Some(Mutex::new(
                 file.map_err(|error| unusable(path, &error.to_string()))?,
@@ -211,6 +265,7 @@ impl Results {
         let outcome = play()?;
         if let Some(file) = &self.file {
             let line = Line {
+                world: self.world,
                 seed: self.seed,
                 weights: self.weights.clone(),
                 fixed_n: job.fixed_n,
@@ -232,8 +287,8 @@ fn unusable(path: &Path, found: &str) -> Failure {
     ))
 }
 
-/// The outcomes of this seed and these weights in the file; a last line that was cut off is made again.
-fn known(path: &Path, seed: u64, weights: &str) -> Result<Vec<Line>, Failure> {
+/// The outcomes of this world, this seed and these weights in the file; a last line that was cut off is made again.
+fn known(path: &Path, world: World, seed: u64, weights: &str) -> Result<Vec<Line>, Failure> {
     let text = match fs::read_to_string(path) {
         Ok(text) => text,
         Err(error) if error.kind() == ErrorKind::NotFound => return Ok(Vec::new()),
@@ -247,7 +302,7 @@ fn known(path: &Path, seed: u64, weights: &str) -> Result<Vec<Line>, Failure> {
     for (number, line) in text[..whole].lines().enumerate() {
         let line: Line = serde_json::from_str(line)
             .map_err(|error| unusable(path, &format!("line {} that is none ({error})", number + 1)))?;
-        if line.seed == seed && line.weights == weights {
+        if line.world == world && line.seed == seed && line.weights == weights {
             lines.push(line);
         }
     }
@@ -271,6 +326,10 @@ mod tests {
             mean_need_n: 1.0,
             peak_need_n: 1.5,
             margin: Some(1.0),
+            slides: 0,
+            late_falls: 0,
+            rises_ms: Vec::new(),
+            rises_in_hold_ms: Vec::new(),
         }
     }
 
@@ -283,6 +342,7 @@ mod tests {
             file: Some(Mutex::new(
                 OpenOptions::new().create(true).append(true).open(&path).unwrap(),
             )),
+            world: World::Nominal,
             seed: 1,
             weights: "w".to_owned(),
         };
@@ -293,21 +353,27 @@ mod tests {
         }
         let text = fs::read_to_string(&path).unwrap();
         fs::write(&path, &text[..text.len() - 5]).unwrap();
-        let results = open(known(&path, 1, "w").unwrap());
+        let results = open(known(&path, World::Nominal, 1, "w").unwrap());
         assert_eq!(results.known.len(), 1);
         let never = || panic!("it is known");
         assert_eq!(
             results.get(&job(0, Policy::Coulomb), never).unwrap(),
             outcome(0, Policy::Coulomb)
         );
-        assert!(known(&path, 2, "w").unwrap().is_empty());
+        assert!(known(&path, World::Adverse, 1, "w").unwrap().is_empty());
+        assert!(known(&path, World::Nominal, 2, "w").unwrap().is_empty());
         fs::write(&path, "{}\n").unwrap();
-        assert!(known(&path, 1, "w").unwrap_err().to_string().contains("line 1"));
+        assert!(
+            known(&path, World::Nominal, 1, "w")
+                .unwrap_err()
+                .to_string()
+                .contains("line 1")
+        );
     }
 
     #[test]
     fn the_fixed_force_is_the_lowest_of_its_ladder_that_drops_nothing() {
-        let outcomes = vec![outcome(0, Policy::Gripline)];
+        let outcomes = vec![outcome(0, Policy::Gripline), outcome(0, Policy::Oracle)];
         let drops_below = |limit_n: f64| {
             move |_: &'static str, jobs: &[Job]| {
                 Ok(jobs

@@ -1,36 +1,42 @@
-//! Random grasps: an object on a table is gripped, lifted, disturbed, put down. Every number of a grasp follows from the
-//! seed and the grasp's number. Units: s, mm, N, N·mm, g. Limits: both fingers alike; the grip axis is level.
+//! What happens in a grasp, whichever world it is of: the scene, its times, what goes wrong with pictures and forces.
+//! Units: s, mm.
 
+use gripline_simulation::Random;
 use gripline_simulation::contact_world::Shape;
-use gripline_simulation::grasp::{ArmMotion, Course, GraspScene, Gripper, Object, Patch, Pull, Stroke};
-use gripline_simulation::{FingertipParams, Random};
+use gripline_simulation::grasp::GraspScene;
 
-/// Purpose of a grasp's random numbers.
-const GRASP: u64 = 72;
+use super::distortion::Distortion;
+use super::pictures::Trouble;
+
+/// Frames a second.
+pub const FRAMES_PER_SECOND: f64 = 60.0;
 /// Cells of the contact world: the grid that training uses, a few percent off the production grid.
-const CELLS: usize = 40;
+pub(super) const CELLS: usize = 40;
 /// First number of a grasp's sensor.
-const FIRST_SENSOR: u64 = 9_000_000;
+pub(super) const FIRST_SENSOR: u64 = 9_000_000;
 /// Grip that the object's weight needs, N: mass follows from it and friction.
-const NEEDS_N: [f64; 2] = [1.0, 6.0];
-/// True friction: above the detector's, as the design asks for.
-const FRICTION: [f64; 2] = [0.5, 1.0];
+pub(super) const NEEDS_N: [f64; 2] = [1.0, 6.0];
 /// Standard gravity, N/g.
-const NEWTONS_PER_GRAM: f64 = 9.806_65e-3;
+pub(super) const NEWTONS_PER_GRAM: f64 = 9.806_65e-3;
 /// From picture to gripper: readout 10 ms, gate and network 2 ms, wire and decision 3 ms, the gripper's bus 10 ms.
-const DEAD_TIME_S: f64 = 0.025;
+pub const DEAD_TIME_S: f64 = 0.025;
 /// The arm takes up the load before it lifts, as people do (loading phase; Johansson and Westling 1984): so far, in so
 /// long.
-const LOADING_MM: f64 = 1.5;
-const LOADING_S: f64 = 0.5;
-/// When the arm takes up the load and lifts, is disturbed, and puts down.
+pub(super) const LOADING_MM: f64 = 1.5;
+pub(super) const LOADING_S: f64 = 0.5;
+/// When the arm takes up the load.
 pub const LIFT_S: f64 = 0.3;
-const DISTURB_S: f64 = 1.6;
-const PUT_DOWN_S: f64 = 2.5;
-/// When the object stands again, and the end.
-pub const DOWN_S: f64 = 3.1;
-/// The whole of it.
-pub const END_S: f64 = 3.2;
+
+/// When it happens.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Times {
+    /// The object is up: the hold begins.
+    pub up_s: f64,
+    /// The object stands again.
+    pub down_s: f64,
+    /// The end.
+    pub end_s: f64,
+}
 
 /// A grasp.
 #[derive(Debug, Clone)]
@@ -39,113 +45,20 @@ pub struct GraspPlan {
     pub number: u64,
     /// Everything that happens.
     pub scene: GraspScene,
+    /// When.
+    pub times: Times,
     /// What disturbs it.
-    pub disturbance: &'static str,
+    pub disturbance: String,
     /// The virtual sensor that looks.
     pub sensor: u64,
-}
-
-/// Grasp number `number`.
-#[must_use]
-pub fn grasp(seed: u64, number: u64) -> GraspPlan {
-    let own = seed * 1_000_000 + number;
-    let mut random = Random::new(own, GRASP);
-    let friction = random.uniform(FRICTION[0], FRICTION[1]);
-    let mass_g = 2.0 * friction * random.log_uniform(NEEDS_N[0], NEEDS_N[1]) / NEWTONS_PER_GRAM;
-    let size_mm = [30.0, 60.0, 30.0].map(|side| side * random.uniform(0.7, 1.4));
-    let object = Object {
-        name: "random".into(),
-        mass_g,
-        inertia_g_mm2: mass_g * (size_mm[0].powi(2) + size_mm[1].powi(2)) / 12.0,
-        centre_of_mass_mm: [random.uniform(-2.0, 2.0), random.uniform(-12.0, 0.0)],
-        size_mm,
-        patch: Patch::Shape(shape(&mut random)),
-        patch_turn_rad: random.uniform(0.0, std::f64::consts::PI),
-        friction: [friction; 2],
-    };
-    let weight_n = object.weight_n();
-    let sensor = FIRST_SENSOR + own;
-    let mut scene = GraspScene {
-        gripper: Gripper {
-            dead_time_s: DEAD_TIME_S,
-            ..Gripper::default()
-        },
-        grip_point_mm: [random.uniform(-3.0, 3.0), random.uniform(-3.0, 3.0)],
-        cells: CELLS,
-        fingertips: [FingertipParams::of_sensor(sensor); 2],
-        seed: sensor,
-        ..GraspScene::new(object)
-    };
-    let lift_mm = random.uniform(20.0, 60.0);
-    let lift_s = random.uniform(0.6, 0.8);
-    let along = |from_s: f64, duration_s: f64, by_mm: [f64; 2]| Stroke::Move {
-        from_s,
-        duration_s,
-        by_mm,
-    };
-    let mut strokes = vec![
-        along(LIFT_S, LOADING_S, [0.0, LOADING_MM]),
-        along(LIFT_S + LOADING_S, lift_s, [0.0, lift_mm]),
-        along(PUT_DOWN_S, DOWN_S - PUT_DOWN_S, [0.0, -lift_mm - LOADING_MM]),
-    ];
-    let rise_s = random.uniform(0.15, 0.4);
-    let bump = |share: f64| {
-        Course::smooth(vec![
-            [DISTURB_S, 0.0],
-            [DISTURB_S + rise_s, share],
-            [DISTURB_S + rise_s + 0.2, share],
-            [DISTURB_S + 2.0 * rise_s + 0.2, 0.0],
-        ])
-    };
-    let [x, y] = random.direction();
-    let disturbance = match random.below(5) {
-        0 => "none",
-        1 => {
-            let frequency_hz = random.uniform(2.0, 4.0);
-            let amplitude = random.uniform(2.0, 5.0);
-            strokes.push(Stroke::Shake {
-                from_s: DISTURB_S,
-                duration_s: 1.0_f64.max(2.0 / frequency_hz),
-                amplitude_mm: [amplitude * x, amplitude * y],
-                frequency_hz,
-            });
-            "shake"
-        }
-        2 => {
-            let way_mm = random.uniform(30.0, 100.0);
-            let side = if x < 0.0 { -1.0 } else { 1.0 };
-            strokes.push(Stroke::Dash {
-                from_s: DISTURB_S,
-                duration_s: 0.6,
-                by_mm: [side * way_mm, 0.0],
-                stop_s: random.uniform(0.08, 0.2),
-            });
-            "dash"
-        }
-        3 => {
-            let force_n = random.uniform(0.3, 1.0) * weight_n;
-            scene
-                .pulls
-                .push(Pull::force([force_n * x, force_n * y], bump(1.0)));
-            "pull"
-        }
-        _ => {
-            let torsional_moment_nmm = random.uniform(0.5, 2.0) * weight_n * x.signum();
-            scene.pulls.push(Pull::twist(torsional_moment_nmm, bump(1.0)));
-            "twist"
-        }
-    };
-    scene.arm = ArmMotion { strokes };
-    GraspPlan {
-        number,
-        scene,
-        disturbance,
-        sensor,
-    }
+    /// How its forces are off beyond the model of the chain.
+    pub distortion: Option<Distortion>,
+    /// What goes wrong with its pictures.
+    pub troubles: Vec<Trouble>,
 }
 
 /// A rounded patch.
-fn shape(random: &mut Random) -> Shape {
+pub(super) fn shape(random: &mut Random) -> Shape {
     let mut length = |from: f64, to: f64| random.log_uniform(from, to);
     let lengths = [length(8.0, 30.0), length(8.0, 25.0), length(2.0, 5.0)];
     match random.below(4) {
@@ -164,30 +77,5 @@ fn shape(random: &mut Random) -> Shape {
             sides_mm: [0.3 * lengths[0] + 1.0, 0.3 * lengths[1] + 1.0],
             edge_mm: lengths[2],
         },
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_grasp_repeats_by_its_number_and_its_weight_needs_a_force_within_the_range() {
-        for number in 0..200 {
-            let (one, again) = (grasp(1, number), grasp(1, number));
-            assert_eq!(
-                one.scene.object.mass_g.to_bits(),
-                again.scene.object.mass_g.to_bits()
-            );
-            let needs_n = one.scene.object.min_grip_n(one.scene.object.weight_n());
-            assert!(
-                needs_n > NEEDS_N[0] - 1e-3 && needs_n < NEEDS_N[1] + 1e-3,
-                "{needs_n} N"
-            );
-        }
-        let mut kinds: Vec<&str> = (0..50).map(|number| grasp(1, number).disturbance).collect();
-        kinds.sort_unstable();
-        kinds.dedup();
-        assert_eq!(kinds, ["dash", "none", "pull", "shake", "twist"]);
     }
 }

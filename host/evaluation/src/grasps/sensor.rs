@@ -15,6 +15,9 @@ use gripline_pipeline::pipeline::Pipeline;
 use gripline_pipeline::settings_for;
 use gripline_recording::error::Failure;
 
+use super::distortion::{Distorted, Distortion};
+use super::plan::FRAMES_PER_SECOND;
+
 /// Purpose of the model's random numbers.
 const MODEL: u64 = 73;
 /// Standard deviation of the blur, taxels.
@@ -56,11 +59,12 @@ pub(super) struct Model {
     normal_gain: f64,
     shear_gain: f64,
     fluctuation: f64,
+    distorted: Option<Box<Distorted>>,
 }
 
 impl Model {
-    /// The sensor number `unit` with this network behind it.
-    pub(super) fn new(network: &Network, unit: u64) -> Self {
+    /// The sensor number `unit` with this network behind it, and this distortion.
+    pub(super) fn new(network: &Network, unit: u64, distortion: Option<Distortion>) -> Self {
         let mut random = Random::new(unit, MODEL);
         let [normal_gain, shear_gain] =
             [NORMAL_GAIN, SHEAR_GAIN].map(|[mean, spread]| mean + spread * normal(&mut random));
@@ -70,6 +74,7 @@ impl Model {
             normal_gain,
             shear_gain,
             fluctuation: 0.0,
+            distorted: distortion.map(|distortion| Box::new(Distorted::new(distortion))),
         }
     }
 
@@ -79,6 +84,9 @@ impl Model {
         let shear = (self.shear_gain * self.normal_gain * (1.0 + self.fluctuation)) as f32;
         let gains = [shear, shear, self.normal_gain as f32];
         let mut seen = blurred(forces);
+        if let Some(distorted) = &mut self.distorted {
+            distorted.apply(&mut seen, 1.0 / FRAMES_PER_SECOND);
+        }
         for force in &mut seen {
             *force = [0, 1, 2].map(|k| force[k] * gains[k]);
             if force[2] <= self.contact_min_n {

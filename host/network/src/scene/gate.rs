@@ -5,18 +5,15 @@
 use std::fmt;
 use std::str::FromStr;
 
-use super::block_sums::{BlockSums, PerBlock};
-use super::difference::{self, DifferenceGate};
+use super::difference::DifferenceGate;
 use super::health::{self, Health, HealthMetrics, HealthMonitor};
-use super::learned::{self, GateInputs, LearnedGate};
-use super::reference::{Comparison, Reference};
-use crate::constants::{BLOCK_PIXELS, BLOCKS, IMAGE_PIXELS};
+use super::learned::{GateInputs, LearnedGate};
+use super::noise::{Noise, NoiseSearch};
+use super::reference::Comparison;
+use crate::constants::IMAGE_PIXELS;
 use crate::error::NetworkError;
 use crate::image::Image88;
 use crate::instruction_set::InstructionSet;
-
-/// Smallest noise energy, grey levels squared per pixel: the rounding of a camera without noise.
-const NOISE_MIN: f32 = 0.06;
 
 /// What the gate decides about a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -27,7 +24,7 @@ pub enum GateDecision {
     Unchanged,
     /// Run the force network on this frame.
     Infer,
-    /// The picture cannot be trusted: there is no map.
+    /// The picture cannot be trusted: no forces can be had from it.
     Unhealthy,
 }
 
@@ -98,13 +95,16 @@ pub struct Scene {
     comparison: Comparison,
     /// Whether the network has processed a frame since the touch began.
     processed: bool,
+    /// Looks for the camera's noise in the pictures of the run, where one picture at rest says nothing of it.
+    search: Option<NoiseSearch>,
     difference: DifferenceGate,
     learned: LearnedGate,
     health: HealthMonitor,
 }
 
 impl Scene {
-    /// `frames` are pictures at rest in the order of capture, at least two if the camera has noise; `rest` is their mean.
+    /// `frames` are pictures at rest in the order of capture; `rest` is their mean. With one of them the noise is found in the
+    /// pictures of the run: the network processes the first sixteen, and nothing is skipped among them.
     #[must_use]
     pub fn new(kind: GateKind, rest: &Image88, frames: &[Image88]) -> Self {
         // The mean contains these frames, so they differ from it by (n − 1)/n of the noise; later ones by (n + 1)/n.
@@ -123,12 +123,14 @@ impl Scene {
             of_pairs.add(&pair[1], &pair[0], 1.0);
         }
         let comparison = Comparison::new(rest);
+        let (from_rest, of_pairs) = (from_rest.levels(), of_pairs.levels());
         Self {
             kind,
             instructions: InstructionSet::widest(),
             processed: false,
-            difference: DifferenceGate::new(&from_rest.plain(), &of_pairs.plain()),
-            learned: LearnedGate::new(from_rest.motion(), of_pairs.motion()),
+            search: (frames.len() < 2).then(NoiseSearch::default),
+            difference: DifferenceGate::new(&from_rest.plain, &of_pairs.plain),
+            learned: LearnedGate::new(from_rest.motion, of_pairs.motion),
             health: HealthMonitor::new(&comparison.rest),
             comparison,
         }
@@ -154,6 +156,16 @@ impl Scene {
         }
         if self.kind == GateKind::Off {
             return (GateDecision::Infer, health);
+        }
+        if let Some(search) = &mut self.search {
+            if let Some([from_rest, of_pairs]) = search.add(&self.comparison) {
+                self.difference = DifferenceGate::new(&from_rest.plain, &of_pairs.plain);
+                self.learned = LearnedGate::new(from_rest.motion, of_pairs.motion);
+            }
+            if search.is_open() {
+                self.comparison.set_processed(now);
+                return (GateDecision::Infer, health);
+            }
         }
         let [touched, changed] = match self.kind {
             GateKind::Network => self.learned.decide(&self.comparison),
@@ -194,54 +206,6 @@ impl Scene {
     pub fn health_metrics(&mut self, now: &Image88) -> HealthMetrics {
         self.comparison.compare(self.instructions, now);
         health::metrics(&self.comparison)
-    }
-}
-
-/// Mean energies of noise, block by block.
-#[derive(Debug, Clone)]
-struct Noise {
-    plain: PerBlock<f32>,
-    motion: PerBlock<f32>,
-    count: f32,
-}
-
-impl Default for Noise {
-    fn default() -> Self {
-        Self {
-            plain: [0.0; BLOCKS],
-            motion: [0.0; BLOCKS],
-            count: 0.0,
-        }
-    }
-}
-
-impl Noise {
-    fn add(&mut self, frame: &Image88, reference: &Image88, weight: f32) {
-        let reference = Reference::new(reference);
-        let mut sums = BlockSums::ZERO;
-        sums.compute(
-            InstructionSet::Portable,
-            frame,
-            [&reference.pattern, &reference.pattern],
-        );
-        self.count += 1.0;
-        let plain = difference::energies(&sums.squares, &sums.products[0][0], &reference.squares);
-        let motion = learned::motions(&sums.products[0], &reference);
-        for block in 0..BLOCKS {
-            self.plain[block] += weight * plain[block] as f32;
-            self.motion[block] += weight * motion[block];
-        }
-    }
-
-    fn plain(&self) -> PerBlock<f32> {
-        let min = NOISE_MIN * BLOCK_PIXELS as f32;
-        self.plain.map(|sum| (sum / self.count.max(1.0)).max(min))
-    }
-
-    /// Noise puts the same motion energy into every block (two pixels' worth), so the mean over blocks is the best estimate.
-    fn motion(&self) -> f32 {
-        let mean = self.motion.iter().sum::<f32>() / (self.count.max(1.0) * BLOCKS as f32);
-        mean.max(2.0 * NOISE_MIN)
     }
 }
 

@@ -202,3 +202,32 @@ pub(super) fn metrics(comparison: &Comparison) -> HealthMetrics {
         },
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use gripline_sensor::Sensor;
+
+    use super::{OVEREXPOSED, limit};
+    use crate::constants::{CROP_SIDE, LOST_MAX};
+
+    #[test]
+    fn the_particle_fingertips_description_says_these_limits() {
+        let sensor = Sensor::named(Path::new("particle-fingertip")).unwrap();
+        let health = sensor.health;
+        let same = |described: f64, ours: f32| {
+            assert!((described - f64::from(ours)).abs() < 1e-6, "{described} {ours}")
+        };
+        for (described, ours) in health.brightness.into_iter().zip(limit::BRIGHTNESS) {
+            same(described, ours);
+        }
+        for (described, ours) in health.rest_level.into_iter().zip(limit::REST_LEVEL) {
+            same(described, ours);
+        }
+        same(health.overexposed_level, OVEREXPOSED.sqrt());
+        same(health.overexposed_share, limit::OVEREXPOSED);
+        same(health.lost_share, LOST_MAX);
+        assert_eq!(sensor.capture.crop_px[2..], [CROP_SIDE; 2]);
+    }
+}

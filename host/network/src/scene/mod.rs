@@ -6,6 +6,7 @@ mod difference;
 mod gate;
 mod health;
 mod learned;
+mod noise;
 mod reference;
 #[cfg(test)]
 mod tests;

@@ -10,6 +10,7 @@ use super::shapes::HeightMap;
 use super::stiffness::{Stiffness, Triple, add, dot, sub};
 use super::surface::GelSurface;
 use super::tangential::{TangentialProblem, TangentialSolver};
+use super::texture::Texture;
 use super::truth::{Pose, Residuals, Truth};
 use super::window::{Bounds, Window};
 use crate::error::{SimulationError, finite, not_negative, positive};
@@ -70,6 +71,8 @@ pub struct Contact {
     surface: Arc<GelSurface>,
     indenter: Arc<dyn HeightMap>,
     friction: f64,
+    texture: Option<Texture>,
+    mean_share: f64,
     mount: Mount,
     /// Whether pressure acts along the indenter's normal.
     along_normal: bool,
@@ -117,6 +120,8 @@ pub(crate) struct Step {
     spread: Vec<Pair>,
     base: Vec<f64>,
     limit: Vec<f64>,
+    /// Friction of every cell over the contact's; empty when it is even.
+    texture: Vec<f64>,
     target: Vec<Pair>,
     depth_mm: f64,
     residuals: Residuals,
@@ -141,6 +146,8 @@ impl Contact {
             surface,
             indenter,
             friction,
+            texture: None,
+            mean_share: 1.0,
             mount,
             along_normal: true,
             drive: Drive {
@@ -168,6 +175,17 @@ impl Contact {
     pub fn vertical_pressure(mut self) -> Self {
         self.along_normal = false;
         self
+    }
+
+    /// The same with friction that changes over the indenter's surface.
+    pub(crate) fn textured(mut self, texture: Option<Texture>) -> Self {
+        self.texture = texture;
+        self
+    }
+
+    /// Friction from the next step on, before the texture.
+    pub(crate) fn set_friction(&mut self, friction: f64) {
+        self.friction = friction;
     }
 
     /// The contact after the last step.
@@ -389,6 +407,22 @@ impl Contact {
         Pair::new(along(0), along(1))
     }
 
+    /// Friction of the step's cells over the contact's; empty when it is even.
+    fn texture_of(&self, step: &Step) -> Vec<f64> {
+        let Some(texture) = self.texture else {
+            return Vec::new();
+        };
+        let cells = self.surface.cells();
+        let (sin, cos) = libm::sincos(step.footprint_turn_rad);
+        let [x0, y0] = step.footprint_mm;
+        let share = |&place: &usize| {
+            let x = self.surface.place_mm(place % cells) - x0;
+            let y = self.surface.place_mm(place / cells) - y0;
+            texture.at([cos * x + sin * y, cos * y - sin * x])
+        };
+        step.places.iter().map(share).collect()
+    }
+
     /// Depth that `force_n` needs on a half-space, by overlap: p of the order E* × overlap / width.
     fn depth_guess_mm(&self, force_n: f64, gap: &[f64]) -> f64 {
         let lowest = gap.iter().copied().fold(f64::INFINITY, f64::min);
@@ -509,6 +543,7 @@ impl Contact {
             spread: Vec::new(),
             base: Vec::new(),
             limit: Vec::new(),
+            texture: Vec::new(),
             target: Vec::new(),
             depth_mm: depth,
             residuals: Residuals::default(),
@@ -536,6 +571,7 @@ impl Contact {
         } else {
             vec![Pair::default(); step.places.len()]
         };
+        step.texture = self.texture_of(step);
         let [x0, y0] = step.footprint_mm;
         step.arm = step
             .places
@@ -627,6 +663,9 @@ impl Contact {
         convolution.tangential_of_pressure(&step.pressure, &mut step.spread);
         for (limit, pressure) in step.limit.iter_mut().zip(&step.pressure) {
             *limit = friction * pressure;
+        }
+        for (limit, share) in step.limit.iter_mut().zip(&step.texture) {
+            *limit *= share;
         }
         Ok(false)
     }
@@ -746,6 +785,21 @@ impl Contact {
             truth.shear[place] = step.shear[cell];
             truth.slope_traction[place] = step.slope_traction[cell];
         }
+        // Share of the friction at every place of the gel; empty when it is even.
+        let mut shares = Vec::new();
+        if !step.texture.is_empty() {
+            shares.resize(truth.pressure.len(), 1.0);
+            for (&place, share) in step.places.iter().zip(&step.texture) {
+                shares[place] = *share;
+            }
+        }
+        let weighed = |(p, share): (&f64, &f64)| p * share;
+        let touched = step.pressure.iter().sum::<f64>();
+        self.mean_share = if step.texture.is_empty() || touched <= 0.0 {
+            1.0
+        } else {
+            step.pressure.iter().zip(&step.texture).map(weighed).sum::<f64>() / touched
+        };
         let old = truth.pose;
         truth.pose = Pose {
             at_mm,
@@ -771,7 +825,11 @@ impl Contact {
         let still = STILL_MM * STILL_MM * step.pressure.iter().sum::<f64>();
         let follows = (moved > still).then(|| followed / moved);
         self.sliding = follows.map_or(0.0, |share| (1.0 - share).clamp(0.0, 1.0));
-        truth.classify(self.friction, follows);
+        let friction = self.friction;
+        truth.classify(
+            |place| friction * shares.get(place).copied().unwrap_or(1.0),
+            follows,
+        );
         self.drive = Drive {
             press: step.press,
             at_mm,
@@ -784,6 +842,11 @@ impl Contact {
     /// contact's radius of gyration, mm.
     pub(crate) fn slid_mm(&self) -> f64 {
         self.slid_mm
+    }
+
+    /// Mean of the texture over the contact, weighted with the pressure; 1 when friction is even.
+    pub(crate) fn mean_share(&self) -> f64 {
+        self.mean_share
     }
 
     /// The gel under it.

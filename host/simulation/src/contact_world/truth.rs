@@ -114,11 +114,12 @@ impl Truth {
         other
     }
 
-    /// Sorts the cells by what they do; `follow` is the share of the indenter's motion in this step that the
+    /// Sorts the cells by what they do under the friction of each; `follow` is the share of the indenter's motion in this step that the
     /// gel made too, none without motion.
-    pub(crate) fn classify(&mut self, friction: f64, follow: Option<f64>) {
-        for ((state, p), q) in self.states.iter_mut().zip(&self.pressure).zip(&self.shear) {
-            let bound = friction * p * BOUND_SHARE;
+    pub(crate) fn classify(&mut self, friction: impl Fn(usize) -> f64, follow: Option<f64>) {
+        let cells = self.states.iter_mut().zip(&self.pressure).zip(&self.shear);
+        for (place, ((state, p), q)) in cells.enumerate() {
+            let bound = friction(place) * p * BOUND_SHARE;
             *state = if *p <= 0.0 {
                 CellState::Free
             } else if q.norm_sqr() < bound * bound {

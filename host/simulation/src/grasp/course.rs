@@ -90,6 +90,11 @@ impl Course {
         sum
     }
 
+    /// The values at its knots.
+    pub(crate) fn values(&self) -> impl Iterator<Item = f64> {
+        self.knots.iter().map(|knot| knot[1])
+    }
+
     pub(crate) fn check(&self, field: &'static str) -> Result<(), SimulationError> {
         for [time, value] in &self.knots {
             finite(field, *time)?;

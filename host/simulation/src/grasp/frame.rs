@@ -20,6 +20,8 @@ pub struct FingerTruth {
     pub stick_ratio: Option<f64>,
     /// Whether the contact slides as a whole now.
     pub gross_slip: bool,
+    /// Friction of the contact now, if it sticks and if it slides fast: the object's under the finger's law.
+    pub friction: [f64; 2],
     /// Speed of the object over the gel: pressure-weighted mean of sliding with the spin at the contact's
     /// radius of gyration, over the last frame, mm/s.
     pub slip_speed_mm_per_s: f64,
@@ -63,6 +65,9 @@ pub struct GraspFrame {
     /// The label SLIP: in this frame the object slid in the grip, with nothing that sticks on either gel and faster
     /// than `constants::SLIP_SPEED_MM_PER_S`. While one finger still holds, the other's slip is in its `gross_slip`.
     pub slip: bool,
+    /// When in this frame the object first began and last ceased to slide with nothing that sticks on either gel, faster
+    /// than `constants::SLIP_SPEED_MM_PER_S` in a step, s; none when it did not.
+    pub slid_s: Option<[f64; 2]>,
     /// Whether the table carries any of it.
     pub on_table: bool,
     /// Whether it has left the grip unsupported; it stays so.

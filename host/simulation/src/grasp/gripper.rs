@@ -21,6 +21,8 @@ pub struct Gripper {
     pub min_n: f64,
     /// Largest force, N.
     pub max_n: f64,
+    /// How far its force stays behind the line when it comes to rest, N: it sticks.
+    pub stick_n: f64,
 }
 
 impl Default for Gripper {
@@ -31,6 +33,7 @@ impl Default for Gripper {
             rate_n_per_s: SCENE_GRIPPER_RATE_N_PER_S,
             min_n: SCENE_GRIPPER_OPEN_N,
             max_n: SCENE_GRIPPER_MAX_N,
+            stick_n: 0.0,
         }
     }
 }
@@ -41,6 +44,7 @@ impl Gripper {
         not_negative("gripper lag_s", self.lag_s)?;
         positive("gripper rate_n_per_s", self.rate_n_per_s)?;
         not_negative("gripper min_n", self.min_n)?;
+        not_negative("gripper stick_n", self.stick_n)?;
         checked("gripper max_n", self.max_n, "above min_n", |max| max > self.min_n)?;
         Ok(())
     }
@@ -86,7 +90,10 @@ impl GripperState {
         };
         let most = self.gripper.rate_n_per_s * dt_s;
         let wanted = self.line_n.min(self.gripper.max_n);
-        self.force_n += ((wanted - self.force_n) * share).clamp(-most, most);
+        // Friction of its drive: it stops where it still lacks so much.
+        let lacking = wanted - self.force_n;
+        let lacking = lacking - lacking.clamp(-self.gripper.stick_n, self.gripper.stick_n);
+        self.force_n += (lacking * share).clamp(-most, most);
     }
 
     /// What it presses with, N; 0 when the jaws are open.
@@ -122,6 +129,25 @@ mod tests {
         assert!(after(gripper, 2.0, 0.02) == 0.0);
         let expected = 2.0 * (1.0 - libm::exp(-0.05 / gripper.lag_s));
         assert!((after(gripper, 2.0, 0.07) - expected).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_gripper_that_sticks_stops_short_of_its_line_from_both_sides() {
+        let gripper = Gripper {
+            stick_n: 0.5,
+            ..Gripper::default()
+        };
+        let mut state = GripperState::new(gripper);
+        let mut at = 0.0;
+        for (line, rest) in [(4.0, 3.5), (4.4, 3.5), (3.2, 3.5), (2.0, 2.5)] {
+            state.set_line(at, line);
+            for _ in 0..1_000 {
+                state.advance(at, 1e-3);
+                at += 1e-3;
+            }
+            let found = state.force_n();
+            assert!((found - rest).abs() < 1e-6, "line {line}: {found}");
+        }
     }
 
     #[test]

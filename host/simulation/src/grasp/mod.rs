@@ -4,13 +4,14 @@
 //! (x, y and turn about the grip axis), the gels are quasi-static, both fingers press alike, contact stays inside
 //! the sensing surface. A frame takes about 0.4 ms on a grid of 40 cells and 1.7 ms on 80 (one core at 3.6 GHz).
 //!
-//! `setting` is what happens, `object`, `gripper`, `arm` and `course` its parts; `world` runs it, with `rigid_body` (the
+//! `setting` is what happens, `object`, `gripper`, `friction`, `arm` and `course` its parts; `world` runs it, with `rigid_body` (the
 //! object's dynamics) and `solver` (both contacts and the object in one solve); `frame` is what comes out, `policy`
 //! who decides.
 
 mod arm;
 mod course;
 mod frame;
+mod friction;
 mod gripper;
 mod object;
 mod policy;
@@ -22,6 +23,7 @@ mod world;
 pub use arm::{ArmMotion, Stroke};
 pub use course::Course;
 pub use frame::{FingerTruth, GraspFrame, ObjectState};
+pub use friction::FrictionLaw;
 pub use gripper::Gripper;
 pub use object::{OBJECTS, Object, Patch};
 pub use policy::{FixedForce, GraspView, GripPolicy, Oracle};

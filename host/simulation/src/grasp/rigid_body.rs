@@ -114,6 +114,12 @@ impl RigidBody {
         [vx + spin * arm[1], vy - spin * arm[0], spin]
     }
 
+    /// Its mass and moment of inertia are `share` of the object's.
+    pub(crate) fn set_mass(&mut self, object: &Object, share: f64) {
+        self.mass = object.mass_g * 1e-6 * share;
+        self.inertia = object.inertia_g_mm2 * 1e-6 * share;
+    }
+
     /// Whether the table carries any of it.
     pub(crate) fn on_table(&self) -> bool {
         self.table.as_ref().is_some_and(|table| table.force_n > 0.0)

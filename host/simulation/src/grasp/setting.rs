@@ -5,6 +5,7 @@ use std::borrow::Cow;
 
 use super::arm::ArmMotion;
 use super::course::Course;
+use super::friction::FrictionLaw;
 use super::gripper::Gripper;
 use super::object::Object;
 use crate::constants::{GRASP_DROP_MM, TABLE_FRICTION, TABLE_STIFFNESS_N_PER_MM};
@@ -85,6 +86,10 @@ pub struct Phase {
 pub struct GraspScene {
     /// What is grasped.
     pub object: Object,
+    /// How friction differs from the object's, finger by finger.
+    pub friction_laws: [FrictionLaw; 2],
+    /// The object's mass over time, share of what it is: something is poured in. It spreads as the object's own mass.
+    pub mass_share: Course,
     /// What grasps it.
     pub gripper: Gripper,
     /// How the arm moves.
@@ -101,6 +106,9 @@ pub struct GraspScene {
     pub grip_point_mm: [f64; 2],
     /// Turn of the object at first, rad.
     pub turn_rad: f64,
+    /// Longest way that the object may go against the gripper in a step of the solver, mm; none is as far as the grid
+    /// allows. Short ways tell the moment when it begins to slide.
+    pub reach_mm: Option<f64>,
     /// An object that slid this far over a gel has left the grip, mm.
     pub drop_mm: f64,
     /// Names over time, in order.
@@ -120,6 +128,8 @@ impl GraspScene {
     pub fn new(object: Object) -> Self {
         Self {
             object,
+            friction_laws: [FrictionLaw::default(), FrictionLaw::default()],
+            mass_share: Course::constant(1.0),
             gripper: Gripper::default(),
             arm: ArmMotion::default(),
             gravity_turn_rad: Course::default(),
@@ -128,6 +138,7 @@ impl GraspScene {
             held_until_s: 0.0,
             grip_point_mm: [0.0; 2],
             turn_rad: 0.0,
+            reach_mm: None,
             drop_mm: GRASP_DROP_MM,
             phases: Vec::new(),
             fingertips: [FingertipParams::default(); 2],
@@ -148,6 +159,11 @@ impl GraspScene {
 
     pub(crate) fn check(&self) -> Result<(), SimulationError> {
         self.object.check()?;
+        self.friction_laws.iter().try_for_each(FrictionLaw::check)?;
+        self.mass_share.check("mass_share")?;
+        self.mass_share
+            .values()
+            .try_for_each(|share| positive("mass_share", share).map(drop))?;
         self.gripper.check()?;
         self.arm.check()?;
         self.gravity_turn_rad.check("gravity_turn_rad")?;
@@ -167,6 +183,9 @@ impl GraspScene {
         finite("grip_point_mm[1]", self.grip_point_mm[1])?;
         finite("turn_rad", self.turn_rad)?;
         not_negative("held_until_s", self.held_until_s)?;
+        if let Some(reach_mm) = self.reach_mm {
+            positive("reach_mm", reach_mm)?;
+        }
         positive("drop_mm", self.drop_mm)?;
         Ok(())
     }

@@ -100,6 +100,13 @@ impl GraspSolver {
         }
     }
 
+    /// Friction of every finger from the next step on.
+    pub(crate) fn set_friction(&mut self, friction: [f64; 2]) {
+        for (contact, friction) in self.contacts.iter_mut().zip(friction) {
+            contact.set_friction(friction);
+        }
+    }
+
     /// How many fingers each contact stands for.
     fn share(&self) -> f64 {
         2.0 / self.contacts.len() as f64

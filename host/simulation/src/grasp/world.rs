@@ -77,6 +77,8 @@ pub struct GraspWorld {
     load: Triple,
     time_s: f64,
     touching: bool,
+    /// Speed of the object over each gel in the last step.
+    slide_mm_per_s: [f64; 2],
     slip_mm: [f64; 2],
     dropped: bool,
     truths: [Truth; 2],
@@ -98,7 +100,8 @@ impl GraspWorld {
     /// A number outside its range, named.
     pub fn with_parts(scene: &GraspScene, parts: &GraspParts) -> Result<Self, SimulationError> {
         // One contact stands for both fingers if they are mirror images.
-        let twins = scene.object.friction[0].to_bits() == scene.object.friction[1].to_bits();
+        let [law, other] = &scene.friction_laws;
+        let twins = scene.object.friction[0].to_bits() == scene.object.friction[1].to_bits() && law == other;
         let count = if twins { 1 } else { 2 };
         scene.check()?;
         checked(
@@ -110,30 +113,25 @@ impl GraspWorld {
         let patch = scene.object.patch.height_map();
         let mirrored: Arc<dyn HeightMap> = Arc::new(MirroredPatch(Arc::clone(&patch)));
         let mut contacts = Vec::with_capacity(2);
-        for (patch, friction) in [patch, mirrored]
-            .into_iter()
-            .zip(scene.object.friction)
-            .take(count)
-        {
-            contacts.push(Contact::new(
-                Arc::clone(&parts.surface),
-                patch,
-                friction,
-                Mount::default(),
-            )?);
+        let sides = [patch, mirrored].into_iter().zip(scene.object.friction);
+        for ((patch, friction), law) in sides.zip(&scene.friction_laws).take(count) {
+            let contact = Contact::new(Arc::clone(&parts.surface), patch, friction, Mount::default())?;
+            contacts.push(contact.textured(law.texture));
         }
         let [x, y] = scene.grip_point_mm;
         let pose = [x, y, scene.turn_rad];
         let mut solver = GraspSolver::new(contacts, scene.object.patch_turn_rad);
         solver.open(pose);
-        let body = RigidBody::new(
+        let mut body = RigidBody::new(
             &scene.object,
             pose,
             scene.table,
             down(scene.gravity_turn_rad.at(0.0)),
         );
+        body.set_mass(&scene.object, scene.mass_share.at(0.0));
         let truths = [solver.truth(0), solver.truth(1)];
-        let fingers = [0, 1].map(|finger| finger_truth(&truths[finger], 0.0, 0.0));
+        let fingers =
+            [0, 1].map(|finger| finger_truth(&truths[finger], 0.0, 0.0, friction_of(scene, finger, 0.0)));
         let frame = GraspFrame {
             time_s: 0.0,
             phase: scene.phase(0.0),
@@ -147,6 +145,7 @@ impl GraspWorld {
             },
             load: [0.0; 3],
             slip: false,
+            slid_s: None,
             on_table: body.on_table(),
             dropped: false,
             balance: 0.0,
@@ -163,6 +162,7 @@ impl GraspWorld {
             load: [0.0; 3],
             time_s: 0.0,
             touching: false,
+            slide_mm_per_s: [0.0; 2],
             slip_mm: [0.0; 2],
             dropped: false,
             truths,
@@ -319,12 +319,21 @@ impl GraspWorld {
                     tally.steps += 1;
                     tally.solves += solves;
                     tally.balance = tally.balance.max(self.frame.balance);
+                    let mut slides = self.touching;
                     for finger in 0..2 {
                         let (contact, _) = self.solver.contact(finger);
+                        self.slide_mm_per_s[finger] = 0.0;
                         if self.touching {
                             tally.slid_mm[finger] += contact.slid_mm();
                             tally.gross[finger] |= contact.truth().gross_slip();
+                            self.slide_mm_per_s[finger] = contact.slid_mm() / step_s;
+                            slides &= contact.truth().gross_slip()
+                                && self.slide_mm_per_s[finger] > SLIP_SPEED_MM_PER_S;
                         }
+                    }
+                    if slides {
+                        let began_s = tally.slid_s.map_or(from_s, |[began, _]| began);
+                        tally.slid_s = Some([began_s, from_s + step_s]);
                     }
                     return Ok(share);
                 }
@@ -368,7 +377,8 @@ impl GraspWorld {
     }
 
     fn reach_mm(&self) -> f64 {
-        REACH_CELLS * self.parts.surface.pitch_mm()
+        let cells_mm = REACH_CELLS * self.parts.surface.pitch_mm();
+        self.scene.reach_mm.map_or(cells_mm, |reach| reach.min(cells_mm))
     }
 
     /// One step of gripper and object; none if the object would go too far in it.
@@ -383,6 +393,13 @@ impl GraspWorld {
             return Ok(Some(0));
         }
         let grip_n = gripper.force_n();
+        let to_s = from_s + actions.step_s;
+        self.body
+            .set_mass(&self.scene.object, self.scene.mass_share.at(to_s));
+        self.solver.set_friction([0, 1].map(|finger| {
+            let law = &self.scene.friction_laws[finger];
+            self.scene.object.friction[finger] * law.mean_share([from_s, to_s], self.slide_mm_per_s[finger])
+        }));
         let outcome = if self.is_held(from_s) {
             self.solver.press(grip_n, self.body.pose)?
         } else {
@@ -428,6 +445,8 @@ impl GraspWorld {
                 &self.truths[finger],
                 self.slip_mm[finger],
                 tally.slid_mm[finger] / dt_s,
+                friction_of(&self.scene, finger, self.time_s)
+                    .map(|all| all * self.solver.contact(finger).0.mean_share()),
             );
             truth.gross_slip = tally.gross[finger] && truth.slip_speed_mm_per_s > SLIP_SPEED_MM_PER_S;
             truth
@@ -440,6 +459,7 @@ impl GraspWorld {
             line_n,
             grip_n: self.gripper.force_n(),
             slip: fingers.iter().all(|finger| finger.gross_slip),
+            slid_s: tally.slid_s,
             fingers,
             object: ObjectState {
                 at_mm: [x, y],
@@ -465,6 +485,7 @@ struct Tally {
     balance: f64,
     slid_mm: [f64; 2],
     gross: [bool; 2],
+    slid_s: Option<[f64; 2]>,
 }
 
 /// Where things fall when gravity is turned by `turn_rad` from −y towards +x.
@@ -473,7 +494,13 @@ fn down(turn_rad: f64) -> [f64; 2] {
     [sin, -cos]
 }
 
-fn finger_truth(truth: &Truth, slip_mm: f64, slip_speed_mm_per_s: f64) -> FingerTruth {
+/// Sticking and sliding friction of a finger, the texture aside.
+fn friction_of(scene: &GraspScene, finger: usize, time_s: f64) -> [f64; 2] {
+    let law = &scene.friction_laws[finger];
+    [0.0, f64::INFINITY].map(|speed| scene.object.friction[finger] * law.share(time_s, speed))
+}
+
+fn finger_truth(truth: &Truth, slip_mm: f64, slip_speed_mm_per_s: f64, friction: [f64; 2]) -> FingerTruth {
     let touching = truth.in_contact();
     FingerTruth {
         touching,
@@ -486,6 +513,7 @@ fn finger_truth(truth: &Truth, slip_mm: f64, slip_speed_mm_per_s: f64) -> Finger
         torsional_moment_nmm: truth.torsional_moment_nmm(truth.footprint_mm()),
         stick_ratio: truth.stick_ratio(),
         gross_slip: false,
+        friction,
         slip_speed_mm_per_s,
         slip_mm,
         footprint_mm: truth.footprint_mm(),

@@ -183,6 +183,7 @@ fn gripper(head: &Section) -> Result<Gripper, SceneError> {
         rate_n_per_s: section.number(&keys::RATE)?,
         min_n: section.number(&keys::MIN_FORCE)?,
         max_n: section.number(&keys::MAX_FORCE)?,
+        ..Gripper::default()
     };
     if gripper.max_n <= gripper.min_n {
         let found = gripper.max_n.to_string();

@@ -2,6 +2,7 @@
 //! `cargo test -p gripline-validation -- --nocapture` prints the figures.
 
 mod contact;
+mod friction;
 mod grasp;
 
 use gripline_simulation::ForceMap;

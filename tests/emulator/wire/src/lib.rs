@@ -13,13 +13,15 @@ use serde::{Deserialize, Serialize};
 /// What the greeting starts with; the version follows as a little-endian `u32`.
 pub const MAGIC: [u8; 8] = *b"GRIPEMU\0";
 /// The version of these types.
-pub const VERSION: u32 = 5;
+pub const VERSION: u32 = 6;
 /// The longest advance that one request may ask for, nanoseconds: a minute, seconds of real time when busy.
 pub const MAX_ADVANCE_NS: u64 = 60_000_000_000;
 /// The most USB packets, and the most control transfers, that one request may carry.
 pub const MAX_USB_ITEMS: usize = 65_536;
 /// The largest bulk packet of full-speed USB, bytes.
 pub const USB_PACKET_MAX: usize = 64;
+/// The most disturbances that one request may carry.
+pub const MAX_DISTURBANCES: usize = 64;
 /// The most UART bytes that one request may carry.
 pub const MAX_UART_BYTES: usize = 65_536;
 /// The longest message, bytes: far above what the limits allow, so that a broken length cannot ask for all memory.
@@ -88,6 +90,40 @@ pub enum FaultInjection {
     UndefinedInstruction,
     /// It goes where its panics go: the image's symbol `gripline_panic`.
     Panic,
+}
+
+/// Where the analog line fails between the DAC's pin and the gripper.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub enum LineWiring {
+    /// Nowhere: what the DAC shows arrives.
+    #[default]
+    Sound,
+    /// The gripper's wire lies on ground.
+    Shorted,
+    /// The wire from the DAC to the op-amp is open: the divider at the op-amp's input decides.
+    Broken,
+    /// The op-amp's gain is off: so many thousandths of what it should be.
+    Gain(u16),
+}
+
+/// What happens to the board from outside.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Disturbance {
+    /// The 3.3 V supply has this voltage from now on, millivolts.
+    Supply(u32),
+    /// The supply dips below the brown-out level, for a moment too short to measure.
+    BrownOut {
+        /// RAM holds noise afterwards.
+        forgets: bool,
+    },
+    /// The analog line's wiring from now on.
+    Line(LineWiring),
+    /// The level on the release-inhibit input from now on; a board comes up with the input unwired.
+    ReleaseInhibit(bool),
+    /// The brown-out level in the option bytes, 0 (the highest, level 3) to 3 (off), as the register counts.
+    BrownOutLevel(u8),
+    /// The clock of the gripper's UART stops: nothing is sent and no interrupt comes.
+    BusClockStops,
 }
 
 /// How far the USB host has come with the device.
@@ -167,6 +203,8 @@ pub struct Request {
     pub usb_controls: Vec<(Setup, Vec<u8>)>,
     /// A fault at the next touch of an address.
     pub fault: Option<(FaultInjection, u32)>,
+    /// What happens to the board, in this order, before time goes on.
+    pub disturbances: Vec<Disturbance>,
 }
 
 /// What the run came to.
@@ -196,6 +234,8 @@ pub struct Reply {
     pub usb_transfers: Vec<ControlTransfer>,
     /// When the restarts since the last reply happened, virtual nanoseconds.
     pub resets_ns: Vec<u64>,
+    /// The fault output's pin is high: no fault.
+    pub fault_output: bool,
 }
 
 /// Greets the parent.
@@ -260,6 +300,11 @@ impl Request {
                 "control transfers",
                 MAX_USB_ITEMS as u64,
                 request.usb_controls.len() as u64,
+            ),
+            (
+                "disturbances",
+                MAX_DISTURBANCES as u64,
+                request.disturbances.len() as u64,
             ),
             (
                 "bytes of a USB packet",
@@ -330,6 +375,10 @@ mod tests {
             usb_packets: vec![vec![4, 5], vec![]],
             usb_controls: vec![([8, 7, 6, 5, 4, 3, 2, 1], vec![0xEE])],
             fault: Some((FaultInjection::Panic, 0x4000_7408)),
+            disturbances: vec![
+                Disturbance::Line(LineWiring::Gain(3)),
+                Disturbance::BrownOut { forgets: true },
+            ],
         }
     }
 
@@ -358,6 +407,7 @@ mod tests {
                 outcome: ControlOutcome::Stalled,
             }],
             resets_ns: vec![9],
+            fault_output: true,
         }
     }
 
@@ -380,12 +430,13 @@ mod tests {
         let mut bytes = Vec::new();
         request().write(&mut bytes).unwrap();
         let expected: &[&[u8]] = &[
-            &[33, 0, 0, 0],
+            &[39, 0, 0, 0],
             &[0x82, 0x02, 2],
             &[3, 7, 8, 9],
             &[2, 2, 4, 5, 0],
             &[1, 8, 7, 6, 5, 4, 3, 2, 1, 1, 0xEE],
             &[1, 2, 0x88, 0xE8, 0x81, 0x80, 0x04],
+            &[2, 2, 3, 3, 1, 1],
         ];
         assert_eq!(bytes[4..], expected[1..].concat());
         assert_eq!(bytes[..4], ((bytes.len() - 4) as u32).to_le_bytes());
@@ -442,7 +493,7 @@ mod tests {
     fn a_greeting_of_another_program_or_version_is_refused() {
         let other = read_greeting(&mut b"GRIPLINE\x01\0\0\0".as_slice());
         assert!(matches!(other, Err(WireError::Magic(_))), "{other:?}");
-        let newer = read_greeting(&mut b"GRIPEMU\0\x06\0\0\0".as_slice());
-        assert!(matches!(newer, Err(WireError::Version(6))), "{newer:?}");
+        let newer = read_greeting(&mut b"GRIPEMU\0\x07\0\0\0".as_slice());
+        assert!(matches!(newer, Err(WireError::Version(7))), "{newer:?}");
     }
 }

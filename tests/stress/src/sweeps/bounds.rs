@@ -4,7 +4,7 @@
 use std::ops::{Add, Mul, Neg, Sub};
 
 use gripline_firmware::constants::{
-    GRIPPER_LAG_SHIFT, REST_LEAD_US, SEEK_MAX, SEEK_RATE, SEEN_MOMENT, STORM_LEVEL_MAX, STORM_PER_PACKET,
+    GRIPPER_LAG_SHIFT, REST_LEAD_US, SEEK_MAX, SEEK_RATE, SEEN_MOMENT, STORM_LEVEL_MAX, STORM_PER_MAP,
     TREND_MAPS,
 };
 use gripline_firmware::sums::{sums_of, total_shear};
@@ -374,7 +374,7 @@ fn controller() -> Vec<Step> {
         ),
         (
             "safety: storm level",
-            range(0, (STORM_LEVEL_MAX + STORM_PER_PACKET).into()),
+            range(0, (STORM_LEVEL_MAX + STORM_PER_MAP).into()),
             ("u32", U32),
         ),
     ]

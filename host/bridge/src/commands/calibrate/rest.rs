@@ -3,16 +3,14 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use gripline_network::constants::CROP_SIDE;
-use npyz::WriterBuilder as _;
 use serde_json::json;
 
-use super::common::{Common, date, wrote};
+use super::common::{Common, wrote};
 use super::guide;
-use crate::calibration::{Calibration, Rest, write};
-use crate::commands::files::grey_png;
+use crate::calibration::Calibration;
 use crate::config::{Overrides, Settings};
 use crate::error::Failure;
+use crate::rest::save;
 use crate::source::Source;
 use gripline_capture::picture;
 use gripline_evaluation::calibration::surface::{Change, Figures, limit};
@@ -64,26 +62,8 @@ pub(super) fn run(args: &RestArgs) -> Result<(), Failure> {
             problems.join("; ")
         )));
     }
-    let stem = args
-        .common
-        .out
-        .file_stem()
-        .map_or("calibration".into(), |stem| stem.to_string_lossy().into_owned());
-    let rest = Rest {
-        date: date(),
-        device: args.common.device.clone().unwrap_or(source),
-        pictures: format!("{stem}-rest.npy").into(),
-        mean: format!("{stem}-rest.png").into(),
-        count: pictures.len(),
-        mean_level: rounded(figures.mean_level),
-        saturated_share: rounded(figures.saturated_share),
-        particles: figures.particles,
-        sharpness: rounded(figures.sharpness),
-        noise_levels: rounded(figures.noise_levels),
-        residual_px: rounded(figures.moved_px),
-    };
-    write(&calibration.beside(&rest.pictures), &pictures_npy(&pictures)?)?;
-    write(&calibration.beside(&rest.mean), &grey_png(&image(&figures.mean))?)?;
+    let device = args.common.device.clone().unwrap_or(source);
+    let rest = save(&mut calibration, &pictures, &figures, device)?;
     if args.common.json {
         println!("{}", json!(rest));
     } else {
@@ -100,8 +80,6 @@ pub(super) fn run(args: &RestArgs) -> Result<(), Failure> {
             rest.residual_px
         );
     }
-    calibration.rest = Some(rest);
-    calibration.save()?;
     wrote(&args.common);
     Ok(())
 }
@@ -218,29 +196,4 @@ fn changed(change: &Change, file: &str) -> Option<String> {
         ));
     }
     None
-}
-
-fn pictures_npy(pictures: &[Vec<u8>]) -> Result<Vec<u8>, Failure> {
-    let mut bytes = Vec::new();
-    let side = CROP_SIDE as u64;
-    let mut writer = npyz::WriteOptions::<u8>::new()
-        .default_dtype()
-        .shape(&[pictures.len() as u64, side, side])
-        .writer(&mut bytes)
-        .begin_nd()?;
-    writer
-        .extend(pictures.iter().flatten().copied())
-        .and_then(|()| writer.finish())?;
-    Ok(bytes)
-}
-
-fn image(pixels: &[u8]) -> gripline_simulation::Image {
-    let mut image = gripline_simulation::Image::crop();
-    image.pixels.copy_from_slice(pixels);
-    image
-}
-
-/// Four decimals, for people.
-fn rounded(value: f64) -> f64 {
-    (value * 1e4).round() / 1e4
 }

@@ -1,14 +1,11 @@
-//! The command `gripline evaluate real`: three recorded trials of another sensor (uSkin 4×4 on both fingers of a gripper
+//! Three recorded trials of another sensor (uSkin 4×4 on both fingers of a gripper
 //! that picks a box up) as they are. Raw counts, not newtons: gains per axis and taxel are unknown, so friction here is a
 //! number that fits counts. It is chosen on two trials and judged on the third, three times. Touches files.
 
-use std::collections::BTreeMap;
-use std::ffi::OsString;
 use std::fs;
-use std::io::{self, BufReader, Write};
-use std::path::{Path, PathBuf};
+use std::io::BufReader;
+use std::path::Path;
 
-use clap::Args;
 use gripline_firmware::Friction;
 use gripline_firmware::slip::{SlipDetector, severity};
 use gripline_firmware::sums::{TaxelRule, stick_ratio, sums_of};
@@ -16,17 +13,15 @@ use gripline_protocol::message::Configuration;
 use gripline_protocol::{ForceMap, PER_UNIT, TAXELS};
 use serde::Serialize;
 
-use super::document::{number, table, write_section};
-use super::metrics::roc_area;
 use crate::detect::judge::quantise;
+use crate::document::{number, table};
+use crate::metrics::roc_area;
 use gripline_recording::error::Failure;
 use gripline_recording::maps_file::MapsFile;
 use gripline_recording::units::{force_n, shear_n};
 
-/// Where the recordings lie: the folder itself, or the one that holds it.
-const VARIABLE: &str = "GRIPLINE_RECORDINGS";
 /// The folder's name.
-const FOLDER: &str = "uskin-slip";
+pub(super) const FOLDER: &str = "uskin-slip";
 const TRIALS: [usize; 3] = [1, 2, 3];
 const FINGERS: [usize; 2] = [1, 2];
 /// Newtons that a count is taken for, so that the largest fits the wire; friction does not depend on it.
@@ -38,17 +33,6 @@ const FRAMES_PER_SECOND: f64 = 60.0;
 /// Friction values that are tried, 1/10000.
 const FRICTIONS: std::ops::RangeInclusive<u16> = 1..=40;
 const FRICTION_STEP: u16 = 500;
-
-/// The arguments of `gripline evaluate real`.
-#[derive(Debug, Clone, PartialEq, Args)]
-pub struct RealArgs {
-    /// Print the figures as one JSON object.
-    #[arg(long)]
-    pub json: bool,
-    /// Write the figures as a section of this document.
-    #[arg(long, value_name = "FILE.md")]
-    pub out: Option<PathBuf>,
-}
 
 /// A finger's frames in one trial, up to where the box was lost, and whether it slipped.
 #[derive(Debug, Clone)]
@@ -72,7 +56,7 @@ struct Left {
 
 /// A finger's figures.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-struct Finger {
+pub(super) struct Finger {
     #[serde(rename = "finger")]
     number: usize,
     trials: Vec<Left>,
@@ -82,42 +66,20 @@ struct Finger {
     stick_ratio_all: Option<f64>,
 }
 
-/// Runs the command.
+/// The figures of both fingers.
 ///
 /// # Errors
-/// [`Failure`] when a recording is damaged or a file cannot be written.
-pub fn run(args: &RealArgs) -> Result<(), Failure> {
-    let Some(folder) = find(std::env::var_os(VARIABLE)) else {
-        println!("skipped: recordings not found, set {VARIABLE}");
-        return Ok(());
-    };
+/// [`Failure`] when a recording is damaged.
+pub(super) fn evaluate(folder: &Path) -> Result<Vec<Finger>, Failure> {
     let mut fingers = Vec::new();
     for finger in FINGERS {
         let mut trials = Vec::new();
         for trial in TRIALS {
-            trials.push(read(&folder, trial, finger)?);
+            trials.push(read(folder, trial, finger)?);
         }
-        fingers.push(evaluate(finger, &trials));
+        fingers.push(judge(finger, &trials));
     }
-    let page = markdown(&fingers);
-    let text = if args.json {
-        let report = BTreeMap::from([("fingers", &fingers)]);
-        serde_json::to_string(&report).map_err(Failure::failed)? + "\n"
-    } else {
-        page.clone()
-    };
-    io::stdout().write_all(text.as_bytes()).map_err(Failure::failed)?;
-    match &args.out {
-        Some(path) => write_section(path, "gripline evaluate real", &page),
-        None => Ok(()),
-    }
-}
-
-fn find(variable: Option<OsString>) -> Option<PathBuf> {
-    let given = PathBuf::from(variable?);
-    [given.join(FOLDER), given]
-        .into_iter()
-        .find(|folder| folder.join("trial1_labels.npy").is_file())
+    Ok(fingers)
 }
 
 fn read(folder: &Path, trial: usize, finger: usize) -> Result<Trial, Failure> {
@@ -250,7 +212,7 @@ fn best_friction(trials: &[&Trial]) -> u16 {
     best.get(best.len() / 2).copied().unwrap_or_default()
 }
 
-fn evaluate(number: usize, trials: &[Trial]) -> Finger {
+fn judge(number: usize, trials: &[Trial]) -> Finger {
     let all: Vec<&Trial> = trials.iter().collect();
     let left = TRIALS.iter().zip(trials).map(|(&left_out, trial)| {
         let others: Vec<&Trial> = all
@@ -280,7 +242,8 @@ fn evaluate(number: usize, trials: &[Trial]) -> Finger {
     }
 }
 
-fn markdown(fingers: &[Finger]) -> String {
+/// The figures as a table in words.
+pub(super) fn markdown(fingers: &[Finger]) -> String {
     let mut rows = Vec::new();
     for finger in fingers {
         for left in &finger.trials {
@@ -314,7 +277,7 @@ fn markdown(fingers: &[Finger]) -> String {
         "Gripline",
     ];
     format!(
-        "## Recorded trials of a real sensor\n\n`{VARIABLE}=… gripline evaluate real`: three pick-and-move trials of a \
+        "### uSkin, three trials of one box\n\nThree pick-and-move trials of a \
          two-finger gripper with a uSkin 4×4 on each finger (imanlab/proactive-slip-control, MIT), as they are. Area \
          under the ROC curve, frame by frame until the box is lost; 0.5 is guessing. The friction of stick ratio and \
          Gripline was chosen on the other two trials of the same finger; Coulomb's score F_T / F_N needs none.\n\n{}\n\
@@ -350,17 +313,11 @@ mod tests {
     }
 
     #[test]
-    fn without_the_variable_or_with_a_folder_of_something_else_there_are_no_recordings() {
-        assert_eq!(find(None), None);
-        assert_eq!(find(Some("/nowhere".into())), None);
-    }
-
-    #[test]
     fn a_friction_between_what_sticks_and_what_slips_is_found_and_tells_them_apart() {
         let both = trial(&[0.2, 0.3, 0.6, 0.7], &[false, false, true, true]);
         let friction = best_friction(&[&both]);
         assert!((3_000..6_000).contains(&friction), "{friction}");
-        let finger = evaluate(1, &[both.clone(), both.clone(), both]);
+        let finger = judge(1, &[both.clone(), both.clone(), both]);
         for left in &finger.trials {
             assert_eq!([left.coulomb, left.stick_ratio, left.gripline], [Some(1.0); 3]);
         }
@@ -371,7 +328,7 @@ mod tests {
         let ordinary = trial(&[0.2, 0.6], &[false, true]);
         // Slips at so little shear that the others' friction calls it sticking.
         let odd = trial(&[0.05, 0.15], &[false, true]);
-        let finger = evaluate(1, &[ordinary.clone(), ordinary, odd]);
+        let finger = judge(1, &[ordinary.clone(), ordinary, odd]);
         assert_eq!(finger.trials[2].stick_ratio, Some(0.5));
         assert_eq!(finger.trials[2].coulomb, Some(1.0));
     }

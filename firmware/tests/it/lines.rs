@@ -1,9 +1,7 @@
 //! One suite of properties over every line, and what only the gripper on the bus can do wrong.
 //! What a line shows is what the gripper makes of it, in 1/4096 N.
 
-mod common;
-
-use common::bus::{Bus, Trouble};
+use crate::common::bus::{Bus, Trouble};
 use embedded_hal::pwm::{ErrorKind, ErrorType, SetDutyCycle};
 use gripline_firmware::GripForce;
 use gripline_firmware::line::{DAC_LIVE_ZERO, DacLine, DacOutput, GripLine, LineHealth, PwmLine};

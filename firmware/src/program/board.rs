@@ -1,0 +1,54 @@
+//! What the board itself watches, beside maps and messages: its supply, its line, the inputs and outputs for the robot.
+
+use gripline_protocol::message::GripMode;
+
+use super::dispatch::Program;
+use crate::fault::{Fault, FaultSet, Severity};
+use crate::grip::GripForce;
+use crate::sums::Kernel;
+
+/// The faults that the fault output tells: those of severity warning and error.
+const TOLD: u32 = {
+    let (mut faults, mut place) = (0, 0);
+    while place < Fault::ALL.len() {
+        let fault = Fault::ALL[place];
+        if !matches!(fault.severity(), Severity::Info) {
+            faults |= fault.bit();
+        }
+        place += 1;
+    }
+    faults
+};
+
+impl<K: Kernel> Program<K> {
+    /// Takes which of the board's faults are present; other faults in the set count for nothing.
+    pub fn note_board(&mut self, present: FaultSet) {
+        // No loop: this blocks the map-to-line path.
+        let mut set = |fault| self.safety.set(fault, present.has(fault));
+        set(Fault::Undervoltage);
+        set(Fault::BrownOutLevel);
+        set(Fault::LineMismatch);
+    }
+
+    /// Takes the release-inhibit input. While it is active, `Release` is refused; a release under way stops and holds what is
+    /// left of the grip.
+    pub fn inhibit_release(&mut self, is_inhibited: bool) {
+        self.is_release_inhibited = is_inhibited;
+        if is_inhibited && self.line() > GripForce::ZERO {
+            self.hold_on();
+        }
+    }
+
+    /// Holds what is left of the grip.
+    fn hold_on(&mut self) {
+        if self.controller.mode() == GripMode::Released {
+            self.controller.set_mode(GripMode::Hold);
+        }
+    }
+
+    /// Whether the fault output must say fault: the grip follows its load no more, or a person must look.
+    #[must_use]
+    pub const fn is_at_fault(&self) -> bool {
+        (self.safety.active().bits() | self.safety.latched().bits()) & TOLD != 0
+    }
+}

@@ -1,0 +1,33 @@
+//! Whether what is held is still there: by the contact in the maps, and by the gripper's own object status.
+//! Units: µs. Limits: an object that never touched a fingertip, or that the gripper never reported, is not missed.
+
+use gripline_protocol::message::{GripMode, SlipState};
+
+use super::dispatch::Program;
+use crate::constants::CONTACT_GONE_US;
+use crate::fault::Fault;
+use crate::sums::Kernel;
+
+/// The faults with which a map without contact proves nothing.
+const DOUBTFUL: u32 = Fault::StaleMaps.bit() | Fault::UnhealthyMap.bit() | Fault::SaturatedMap.bit();
+
+impl<K: Kernel> Program<K> {
+    /// Middle part of the 1 kHz tick: raises OBJECT LOST while something that was held is gone.
+    pub fn watch_object(&mut self) {
+        let is_lost = self.controller.mode() == GripMode::Hold && self.is_object_lost();
+        self.safety.set(Fault::ObjectLost, is_lost);
+    }
+
+    fn is_object_lost(&mut self) -> bool {
+        let is_felt = self.state() != SlipState::NoContact;
+        let object = &mut self.object;
+        if is_felt {
+            object.was_felt = true;
+            object.gone_us = None;
+        } else if object.was_felt && self.safety.active().bits() & DOUBTFUL == 0 {
+            object.gone_us.get_or_insert(self.now_us);
+        }
+        let is_gone = |since_us: u64| self.now_us.saturating_sub(since_us) >= CONTACT_GONE_US;
+        object.gone_us.is_some_and(is_gone) || object.is_lost_by_gripper
+    }
+}

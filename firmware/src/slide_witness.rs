@@ -1,0 +1,476 @@
+//! Whether the contact of one fingertip slides, told without knowing its friction: a load that is held does not change when the
+//! grip changes, a load that slides changes with it.
+//!
+//! The witness remembers the load. It suspects a slide when the shear falls below that, sinks while the grip sinks, or settles
+//! for the first time below the detector's friction. A suspicion is a test: the grip rises, and while the shear rises with
+//! it, the contact slides, and shear over normal force is its friction. Shear that stays is held: the test has passed.
+//!
+//! Units: force 1/4096 N, ratios 1/10000, shares 1/1024, time µs. The laws follow an own study of a thousand simulated grasps.
+//! Limits: a slide that keeps the shear as it was (friction that falls by less than the margin) shows only when the grip falls.
+
+use gripline_protocol::PER_UNIT;
+use gripline_protocol::message::Configuration;
+
+use crate::arithmetic::{divide, ratio};
+use crate::constants::{
+    ASKED_SHARE, CALM_US, COME_BACK_US, DROP_SHARE, FADE_SHARE, FOLLOWED_SLOTS, FRICTION_FORGET_SHIFT,
+    FRICTION_LOSS_MAX, HUSH_HELD_US, HUSH_US, NOISE_MAX, RISES_SHARE, SETTLED_US, SHORT_SHARE_MAX,
+    SHORT_SHARE_MIN, SHORT_US, SLOT_US, SUDDEN_DROP_SHARE, SWING_LOSS_MAX, TEST_MARGIN, TEST_US_MAX,
+    UNPROVEN_US_MAX, WITNESSED_LOAD_MIN,
+};
+
+/// Means of the maps of the last six slots, newest first.
+const SLOTS: usize = 6;
+/// No limit of the friction is known.
+const UNLIMITED: u16 = u16::MAX;
+/// The whole, in 1/1024.
+const WHOLE: i32 = 1_024;
+
+/// How urgently the line must rise.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Urgency {
+    /// No suspicion is under test.
+    None,
+    /// One is: the line must be higher than before it.
+    Tests,
+    /// The normal force is less than the load would need if the suspicion is right.
+    Short,
+    /// The shear follows the grip: the contact slides, and hides how great the load is.
+    Follows,
+}
+
+/// What the witnesses of all fingertips demand of the line.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Verdict {
+    /// How urgently the line must rise.
+    pub urgency: Urgency,
+    /// Nothing speaks against a fall of the line.
+    pub may_fall: bool,
+    /// The last test found a slide, or a load that came back.
+    pub has_slid: bool,
+}
+
+impl Verdict {
+    /// Before the first map.
+    pub(crate) const NONE: Self = Self {
+        urgency: Urgency::None,
+        may_fall: true,
+        has_slid: false,
+    };
+
+    /// Of two fingertips that hold the same object.
+    #[must_use]
+    pub(crate) fn with(self, other: Self) -> Self {
+        Self {
+            urgency: self.urgency.max(other.urgency),
+            may_fall: self.may_fall && other.may_fall,
+            has_slid: self.has_slid || other.has_slid,
+        }
+    }
+
+    /// A suspicion is under test.
+    #[must_use]
+    pub(crate) fn tests(self) -> bool {
+        self.urgency > Urgency::None
+    }
+}
+
+/// What speaks for a slide.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Suspicion {
+    None,
+    /// The shear has fallen, suddenly or with the grip.
+    Falling,
+    /// It has settled below the detector's friction.
+    Settled,
+}
+
+/// A suspicion under test.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Test {
+    /// Shear and normal force when it began.
+    shear: i32,
+    normal: i32,
+    /// Since it began.
+    for_us: u32,
+    /// The limit before it.
+    limit: u16,
+    /// Friction that the contact has proven, which such a slide would not take away without being confirmed.
+    proven: u16,
+    /// It is about a load that had settled.
+    is_first: bool,
+    /// Slots in a row in which the shear has risen as much as the normal force.
+    followed: u8,
+    /// It did so for long enough: the contact slides.
+    is_confirmed: bool,
+}
+
+/// The witness of one fingertip.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct SlideWitness {
+    shear: [i32; SLOTS],
+    normal: [i32; SLOTS],
+    filled: u8,
+    /// The slot in progress: sums, maps, time.
+    sum: [i32; 2],
+    maps: u8,
+    slot_us: u32,
+    /// The load to hold: the highest of late, slowly forgotten.
+    load: i32,
+    /// Mean change of the shear from slot to slot, share of the load in 16ths.
+    noise_16ths: i32,
+    /// Friction is no more than this, since a slide.
+    limit: u16,
+    /// Time since something last spoke for a slide, and since the shear fell short of the load.
+    calm_us: u32,
+    short_us: u32,
+    /// No new test for so long, from this normal force on.
+    hush_us: u32,
+    held_normal: i32,
+    test: Option<Test>,
+    has_slid: bool,
+    is_short: bool,
+    /// The ratio at which the last test of late began whose load came back; 0 when there is none.
+    came_back: u16,
+    /// Slow means of shear and normal force; what they were when one of them last rose.
+    slow: [i32; 2],
+    since: [i32; 2],
+    /// The highest load since the contact began, the time since it last grew, and the load at which that was last tested.
+    peak: i32,
+    settled_us: u32,
+    tested: i32,
+}
+
+impl Default for SlideWitness {
+    fn default() -> Self {
+        Self {
+            shear: [0; SLOTS],
+            normal: [0; SLOTS],
+            filled: 0,
+            sum: [0; 2],
+            maps: 0,
+            slot_us: 0,
+            load: 0,
+            noise_16ths: 0,
+            limit: UNLIMITED,
+            calm_us: 0,
+            short_us: 0,
+            hush_us: 0,
+            held_normal: 0,
+            test: None,
+            has_slid: false,
+            is_short: false,
+            came_back: 0,
+            slow: [0; 2],
+            since: [0; 2],
+            peak: 0,
+            settled_us: 0,
+            tested: 0,
+        }
+    }
+}
+
+impl SlideWitness {
+    /// Takes a map's load and normal force, `since_us` after the map before. `friction` is the friction that the grip counts on.
+    pub(crate) fn observe(
+        &mut self,
+        load: i32,
+        normal: i32,
+        since_us: u16,
+        friction: u16,
+        settings: &Configuration,
+    ) {
+        self.sum = [self.sum[0] + load, self.sum[1] + normal];
+        self.maps += 1;
+        self.slot_us += u32::from(since_us);
+        if self.slot_us < SLOT_US && self.maps < 16 {
+            return;
+        }
+        let mean = |sum: i32| sum / i32::from(self.maps.max(1));
+        let [shear, normal] = self.sum.map(mean);
+        let passed_us = self.slot_us;
+        (self.sum, self.maps, self.slot_us) = ([0; 2], 0, 0);
+        self.shear.copy_within(..SLOTS - 1, 1);
+        self.normal.copy_within(..SLOTS - 1, 1);
+        (self.shear[0], self.normal[0]) = (shear, normal.max(1));
+        self.filled = (self.filled + 1).min(SLOTS as u8);
+        if self.filled == 1 {
+            return;
+        }
+        self.step(passed_us, friction, settings);
+    }
+
+    /// A slot has passed.
+    fn step(&mut self, passed_us: u32, friction: u16, settings: &Configuration) {
+        let shear = i32::midpoint(self.shear[0], self.shear[1]);
+        let normal = i32::midpoint(self.normal[0], self.normal[1]);
+        self.hush_us = self.hush_us.saturating_sub(passed_us);
+        if let Some(test) = self.test {
+            self.continue_test(test, shear, normal, passed_us);
+        } else {
+            let suspicion = self.suspicion(shear, normal, passed_us, settings.friction);
+            let suspects = suspicion != Suspicion::None;
+            self.calm_us = if suspects {
+                0
+            } else {
+                self.calm_us.saturating_add(passed_us)
+            };
+            // What a test found held is held at that normal force.
+            let is_hushed = self.hush_us > 0 && normal >= self.held_normal;
+            if suspects && !is_hushed {
+                self.begin_test(normal, friction, suspicion == Suspicion::Settled, settings);
+            } else {
+                self.remember(shear, normal, passed_us);
+            }
+        }
+        let needed =
+            u64::from(self.load.max(0).cast_unsigned()) * u64::from(PER_UNIT + u32::from(settings.margin));
+        let held = u64::from(normal.max(0).cast_unsigned()) * u64::from(self.limit);
+        self.is_short = held < needed;
+    }
+
+    /// What speaks for a slide.
+    fn suspicion(&mut self, shear: i32, normal: i32, passed_us: u32, detector: u16) -> Suspicion {
+        if shear - self.peak > self.peak / 50 {
+            self.settled_us = 0;
+        } else {
+            self.settled_us = self.settled_us.saturating_add(passed_us);
+        }
+        self.peak = self.peak.max(shear);
+        if self.load < WITNESSED_LOAD_MIN {
+            return Suspicion::None;
+        }
+        let below = |value: i32, share: i32| value < self.load - part(self.load, share);
+        let noise = 3 * self.noise();
+        let drops = below(shear, DROP_SHARE.max(noise))
+            || below(self.shear[0], SUDDEN_DROP_SHARE.max(noise + noise / 2));
+        self.short_us = if below(shear, self.short_share()) {
+            self.short_us.saturating_add(passed_us)
+        } else {
+            0
+        };
+        let sinks = self.filled == SLOTS as u8 && {
+            let [of_shear, of_normal] = self.changes(shear, normal);
+            of_normal < -61 && 10 * of_shear < 7 * of_normal && below(shear, noise / 2)
+        };
+        let fades = self.fades(shear, normal);
+        // All taxels of such a load stick by the detector's friction, also while they slide.
+        let is_low =
+            self.settled_us > SETTLED_US && 4 * shear > 5 * self.tested && ratio(shear, normal) < detector;
+        if is_low {
+            self.tested = shear;
+        }
+        if drops || sinks || fades || self.short_us >= SHORT_US {
+            Suspicion::Falling
+        } else if is_low {
+            Suspicion::Settled
+        } else {
+            Suspicion::None
+        }
+    }
+
+    /// Whether shear and normal force have slowly sunk together since one of them last rose.
+    fn fades(&mut self, shear: i32, normal: i32) -> bool {
+        let [slow_shear, slow_normal] = &mut self.slow;
+        *slow_shear += (shear - *slow_shear) / 8;
+        *slow_normal += (normal - *slow_normal) / 8;
+        if *slow_shear > self.since[0] || *slow_normal > self.since[1] {
+            self.since = [*slow_shear, *slow_normal];
+        }
+        let [of_shear, of_normal] = [
+            change(*slow_shear, self.since[0]),
+            change(*slow_normal, self.since[1]),
+        ];
+        let fades = of_normal < -FADE_SHARE && 10 * of_shear < 7 * of_normal;
+        if fades {
+            self.since = self.slow;
+        }
+        fades
+    }
+
+    /// Mean change of the shear from slot to slot, share of the load.
+    const fn noise(&self) -> i32 {
+        self.noise_16ths / 16
+    }
+
+    /// By how much the shear may lie below the load for long: its noise, and a little.
+    fn short_share(&self) -> i32 {
+        (SHORT_SHARE_MIN + self.noise()).min(SHORT_SHARE_MAX)
+    }
+
+    /// Change of shear and normal force over the last slots, shares.
+    fn changes(&self, shear: i32, normal: i32) -> [i32; 2] {
+        [
+            change(shear, i32::midpoint(self.shear[4], self.shear[5])),
+            change(normal, i32::midpoint(self.normal[4], self.normal[5])),
+        ]
+    }
+
+    fn begin_test(&mut self, normal: i32, friction: u16, is_first: bool, settings: &Configuration) {
+        let now = ratio(self.shear[0], self.normal[0]);
+        let counted_on = u64::from(friction.min(self.limit));
+        let least = divide(counted_on * u64::from(FRICTION_LOSS_MAX), PER_UNIT as u16) as u16;
+        self.test = Some(Test {
+            shear: self.shear[0],
+            normal,
+            for_us: 0,
+            limit: self.limit,
+            proven: friction,
+            is_first,
+            followed: 0,
+            is_confirmed: false,
+        });
+        // Raise first and ask later, with less margin until it is known.
+        let with_margin = u64::from(now) * u64::from(PER_UNIT + u32::from(settings.margin));
+        let unproven = divide(with_margin, TEST_MARGIN).min(UNLIMITED.into()) as u16;
+        self.limit = self.limit.min(unproven.max(least)).max(1);
+    }
+
+    fn continue_test(&mut self, mut test: Test, shear: i32, normal: i32, passed_us: u32) {
+        if test.for_us == 0 && self.shear[0] < test.shear {
+            // The slot before may have begun ahead of the slide.
+            (test.shear, test.normal) = (self.shear[0], self.normal[0]);
+        }
+        test.for_us = test.for_us.saturating_add(passed_us);
+        let [shear_rise, normal_rise] = [change(shear, test.shear), change(normal, test.normal)];
+        let [of_shear, of_normal] = self.changes(shear, normal);
+        let now = ratio(shear, normal);
+        let mut is_over = test.for_us > TEST_US_MAX;
+        if test.is_confirmed {
+            let follows = 20 * of_shear > 7 * of_normal;
+            // Shear that stays a little behind comes near to what holds the load, and says less than friction.
+            if 5 * of_shear > 4 * of_normal {
+                self.limit -= (self.limit - now.min(self.limit)) / 5 * 2;
+            }
+            is_over |= test.for_us > 4 * SLOT_US && (of_normal <= RISES_SHARE || !follows);
+        } else if normal_rise > ASKED_SHARE {
+            let follows = 5 * (shear_rise - normal_rise).abs() < 2 * normal_rise;
+            test.followed = if follows { test.followed + 1 } else { 0 };
+            test.is_confirmed = test.followed >= FOLLOWED_SLOTS;
+            if test.is_confirmed {
+                self.limit = self.limit.min(ratio(test.shear, test.normal)).max(1);
+            }
+            is_over |= 3 * shear_rise < normal_rise || normal_rise > 2 * ASKED_SHARE && !follows;
+        } else {
+            // A sliding contact cannot carry more for its normal force than when it was suspected.
+            let carries = i64::from(shear) * i64::from(test.normal);
+            let could = i64::from(self.load - part(self.load, 51)) * i64::from(normal);
+            is_over |=
+                test.for_us > 2 * SLOT_US && carries > could && test.shear < self.load - part(self.load, 92);
+            is_over |= test.for_us > UNPROVEN_US_MAX;
+        }
+        if !is_over {
+            self.test = Some(test);
+            return;
+        }
+        let mut stayed = !test.is_confirmed && normal_rise > ASKED_SHARE;
+        let mut has_slid = test.is_confirmed;
+        if !test.is_confirmed {
+            self.limit = test.limit;
+            let latest = shear.max(self.shear[0]);
+            let share = self.short_share();
+            let has_come_back = test.shear < self.load - part(self.load, share)
+                && latest > self.load - part(self.load, share / 2)
+                && change(latest, test.shear) > share / 2
+                || test.is_first && change(latest, test.shear) > DROP_SHARE.max(3 * self.noise());
+            if has_come_back && normal_rise > ASKED_SHARE {
+                // It slid for a moment, or the load swung.
+                let began_at = ratio(test.shear, test.normal);
+                let least = divide(
+                    u64::from(test.proven) * u64::from(SWING_LOSS_MAX),
+                    PER_UNIT as u16,
+                ) as u16;
+                // A slide begins at the same ratio again, a swing hardly at another normal force.
+                let is_again = test.is_first || began_at.abs_diff(self.came_back) < began_at / 12;
+                let limit = if is_again { began_at } else { began_at.max(least) };
+                self.limit = self.limit.min(limit);
+                self.came_back = began_at;
+                stayed = false;
+                has_slid = true;
+            }
+        }
+        self.has_slid = has_slid;
+        // Shear that stayed while the grip rose is the whole load; otherwise some of it may be hidden.
+        self.load = if stayed {
+            shear
+        } else {
+            shear.max(self.load - self.load / 10)
+        };
+        (self.hush_us, self.held_normal) = if stayed {
+            (HUSH_HELD_US, test.normal)
+        } else {
+            (HUSH_US, 0)
+        };
+        self.short_us = 0;
+        self.test = None;
+    }
+
+    /// Nothing slides: what is carried is the load, and slowly forgotten.
+    fn remember(&mut self, shear: i32, normal: i32, passed_us: u32) {
+        let shift = if self.hush_us > 0 { 8 } else { 32 };
+        let faded = self.load + (shear - self.load) / shift;
+        // A load that swings is remembered by its peaks.
+        self.load = faded.max(shear - shear / 32);
+        let step = (self.shear[0] - self.shear[1]).abs();
+        let step = change(self.load + step, self.load).clamp(0, NOISE_MAX);
+        self.noise_16ths += 2 * step - self.noise_16ths / 8;
+        if self.calm_us > COME_BACK_US {
+            self.came_back = 0;
+        }
+        if self.limit != UNLIMITED && self.calm_us > CALM_US {
+            let more = (u64::from(self.limit) * u64::from(passed_us)) >> FRICTION_FORGET_SHIFT;
+            // At least 1/10000 a slot.
+            let forgotten = self.limit.saturating_add((more as u16).max(1));
+            self.limit = forgotten.max(ratio(shear, normal)).min(UNLIMITED - 1);
+        }
+    }
+
+    /// The most that friction can be, since a slide; more than any friction when none was seen.
+    pub(crate) const fn limit(&self) -> u16 {
+        self.limit
+    }
+
+    /// The load to hold while a slide may hide some of it; 0 otherwise.
+    pub(crate) fn hidden_load(&self) -> i32 {
+        if self.test.is_some() || self.is_below() {
+            self.load
+        } else {
+            0
+        }
+    }
+
+    /// Whether the shear lies below the remembered load.
+    fn is_below(&self) -> bool {
+        self.shear[0] + self.shear[1] < 2 * (self.load - part(self.load, self.short_share()))
+    }
+
+    /// What this witness demands of the line.
+    pub(crate) fn verdict(&self) -> Verdict {
+        let is_calm = self.load < WITNESSED_LOAD_MIN || (self.calm_us >= CALM_US && !self.is_below());
+        let urgency = match self.test {
+            None => Urgency::None,
+            Some(test) if test.is_confirmed => Urgency::Follows,
+            Some(_) if self.is_short => Urgency::Short,
+            Some(_) => Urgency::Tests,
+        };
+        Verdict {
+            urgency,
+            may_fall: self.test.is_none() && is_calm,
+            has_slid: self.has_slid,
+        }
+    }
+}
+
+/// `share`/1024 of a force.
+const fn part(force: i32, share: i32) -> i32 {
+    // At most 2²⁶ / 16 · 1024 / 64.
+    force / 64 * share / 16
+}
+
+/// By how much `now` lies above `before`, share of `before`, at most two wholes. To 20 bits, so that 32 bits do.
+fn change(now: i32, before: i32) -> i32 {
+    let (now, before) = (now.max(0), before.max(1));
+    let shift = 12_u32.saturating_sub((now | before).leading_zeros());
+    let (now, before) = (now >> shift, (before >> shift).max(1));
+    ((now - before) * WHOLE / before).min(2 * WHOLE)
+}

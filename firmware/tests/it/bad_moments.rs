@@ -1,0 +1,263 @@
+//! Bad moments in the middle of a good hold: the picture after the black one, the map after the lost packet, the same command again.
+
+use gripline_firmware::{Fault, LinkId};
+use gripline_protocol::message::{Command, Configuration, GripMode, Hello, Message, SlipState};
+use gripline_protocol::{ForceMap, Health, MapInfo, encode_map};
+
+use crate::bench::Bench;
+use crate::grasp_world::contact_map;
+
+/// A quiet hold of 1.6 N with the shipped settings, except for these.
+fn quiet_hold(settings: &Configuration) -> Bench {
+    let mut bench = Bench::cold();
+    bench.message(Message::Hello(Hello::of_this_build(0, 1)));
+    bench.command(Command::Configure(*settings));
+    bench.command(Command::Hold);
+    for step in 0..60 {
+        bench.map(&held(1.6 * f64::from(step) / 60.0));
+        bench.wait_ms(16);
+    }
+    bench.maps_for_ms(&held(1.6), 2_000);
+    bench
+}
+
+/// A contact that carries this shear under 5 N, N.
+fn held(shear: f64) -> ForceMap {
+    contact_map(5.0, shear, 5.0, shear, 0.8, false)
+}
+
+impl Bench {
+    /// A map with this health, captured `late_us` ago.
+    fn odd_map(&mut self, sensor: u8, map: &ForceMap, health: Health, late_us: u64) {
+        self.sequence += 1;
+        let info = MapInfo {
+            sensor,
+            sequence: self.sequence,
+            capture_us: (self.now_us - late_us) as u32,
+            health,
+        };
+        assert!(self.map_with(info, map).last().unwrap().decided);
+    }
+
+    /// The packets of a map that is sent now.
+    fn packets(&mut self, map: &ForceMap) -> Vec<Vec<u8>> {
+        self.sequence += 1;
+        let info = MapInfo {
+            sequence: self.sequence,
+            capture_us: self.now_us as u32,
+            ..MapInfo::default()
+        };
+        let mut packets = Vec::new();
+        encode_map(&info, map, |packet| packets.push(packet.to_vec()));
+        packets
+    }
+
+    fn line(&self) -> i32 {
+        self.device.program.line().lsb()
+    }
+}
+
+#[test]
+fn an_empty_doubtful_map_ends_no_contact_and_forgets_no_friction() {
+    let mut bench = quiet_hold(&Configuration::DEFAULT);
+    let (line, state) = (bench.line(), bench.device.program.state());
+    for black in 0..300 {
+        bench.odd_map(0, &ForceMap::EMPTY, Health::TOO_DARK, 0);
+        bench.wait_ms(16);
+        assert_ne!(state, SlipState::NoContact);
+        assert_eq!(
+            bench.device.program.state(),
+            state,
+            "after {black} black pictures"
+        );
+        assert!(
+            bench.line() >= line,
+            "after {black} black pictures the line fell to {}",
+            bench.line()
+        );
+    }
+    let after = bench.maps_for_ms(&held(1.6), 1_000).line;
+    assert!(
+        (line - line / 50..line + line / 50).contains(&after),
+        "{line} became {after}"
+    );
+}
+
+#[test]
+fn a_doubtful_map_teaches_no_friction() {
+    let mut bench = quiet_hold(&Configuration::DEFAULT);
+    let line = bench.line();
+    // It says that friction 0.96 is proven.
+    for _ in 0..60 {
+        bench.odd_map(0, &held(4.8), Health::UNLIKE_TRAINING, 0);
+        bench.wait_ms(16);
+    }
+    let after = bench.maps_for_ms(&held(1.6), 4_000).line;
+    assert!(after >= line - line / 50, "{line} became {after}");
+}
+
+#[test]
+fn maps_that_come_late_still_raise_the_line() {
+    for settings in [Configuration::CAREFUL, Configuration::DEFAULT] {
+        let mut bench = quiet_hold(&settings);
+        let line = bench.line();
+        let late_us = 2_000 * u64::from(settings.stale_ms);
+        for _ in 0..30 {
+            bench.odd_map(0, &held(3.6), Health::GOOD, late_us);
+            bench.wait_ms(16);
+        }
+        assert_ne!(bench.faults() & Fault::StaleMaps.bit(), 0);
+        assert!(bench.line() > line + line / 4, "{line} became {}", bench.line());
+    }
+}
+
+#[test]
+fn a_lost_packet_breaks_one_map_and_is_no_storm() {
+    let mut bench = quiet_hold(&Configuration::DEFAULT);
+    // Dense: 40 packets.
+    let mut dense = held(1.6);
+    for taxel in &mut dense.taxels {
+        taxel.z = taxel.z.max(1);
+    }
+    for lost in [1, 20] {
+        for (place, packet) in bench.packets(&dense).iter().enumerate() {
+            if place != lost {
+                let _ = bench.device.packet(packet, bench.now_us);
+            }
+        }
+        bench.wait_ms(16);
+        assert_eq!(bench.faults() & Fault::CrcStorm.bit(), 0, "packet {lost} lost");
+    }
+    // Nothing but broken maps is a storm.
+    for _ in 0..6 {
+        for packet in bench.packets(&dense).iter().skip(1) {
+            let _ = bench.device.packet(packet, bench.now_us);
+        }
+        bench.wait_ms(16);
+    }
+    assert_ne!(bench.faults() & Fault::CrcStorm.bit(), 0);
+}
+
+#[test]
+fn a_bad_byte_on_one_link_leaves_the_other_links_map_alone() {
+    let mut bench = quiet_hold(&Configuration::DEFAULT);
+    let packets = bench.packets(&held(1.6));
+    let mut decided = false;
+    for packet in &packets {
+        bench.device.malformed_frame(LinkId::Uart);
+        let _ = bench.device.packet_from(LinkId::Uart, &[0xFF; 20], bench.now_us);
+        decided |= bench.device.packet(packet, bench.now_us).decided;
+        bench.wait_ms(20);
+    }
+    assert!(decided, "the map over USB was lost");
+}
+
+#[test]
+fn holding_again_makes_no_old_map_new() {
+    let mut bench = quiet_hold(&Configuration::DEFAULT);
+    for _ in 0..20 {
+        bench.wait_ms(50);
+        bench.command(Command::Hold);
+    }
+    assert_ne!(bench.faults() & Fault::StaleMaps.bit(), 0);
+}
+
+#[test]
+fn settings_that_come_while_holding_never_lower_the_line() {
+    let shipped = Configuration::DEFAULT;
+    for loose in [
+        Configuration {
+            ceiling: shipped.floor + 1,
+            tighten: shipped.floor + 1,
+            ..shipped
+        },
+        Configuration {
+            margin: 0,
+            relax_rate: 65_535,
+            relax_after_ms: 0,
+            ..shipped
+        },
+        Configuration {
+            friction: 9_000,
+            ..shipped
+        },
+    ] {
+        let mut bench = quiet_hold(&shipped);
+        let line = bench.line();
+        bench.command(Command::Configure(loose));
+        for _ in 0..60 {
+            bench.map(&held(1.0));
+            bench.wait_ms(16);
+            assert!(
+                bench.line() >= line,
+                "{line} became {} under {loose:?}",
+                bench.line()
+            );
+        }
+        bench.command(Command::Release);
+        bench.wait_ms(2_000);
+        assert_eq!((bench.line(), bench.status().mode), (0, GripMode::Released));
+    }
+}
+
+#[test]
+fn lateness_that_grows_by_a_millisecond_a_second_becomes_stale() {
+    let mut bench = quiet_hold(&Configuration::DEFAULT);
+    for map in 0..8_000_u64 {
+        bench.odd_map(0, &held(1.6), Health::GOOD, map / 60 * 1_000);
+        bench.wait_ms(16);
+        bench.reports.clear();
+    }
+    assert_ne!(bench.faults() & Fault::StaleMaps.bit(), 0);
+}
+
+#[test]
+fn either_fingertip_may_fall_silent_and_the_other_goes_on() {
+    for silent in [0, 1] {
+        let mut bench = quiet_hold(&Configuration {
+            sensors: 2,
+            stale_ms: 60,
+            ..Configuration::DEFAULT
+        });
+        // Both under load, then one falls silent under a heavier one.
+        for sensor in [0, 1] {
+            bench.odd_map(
+                sensor,
+                &held(if sensor == silent { 3.9 } else { 1.6 }),
+                Health::GOOD,
+                0,
+            );
+            bench.wait_ms(8);
+        }
+        let mut lines = Vec::new();
+        for _ in 0..120 {
+            bench.odd_map(1 - silent, &held(1.6), Health::GOOD, 0);
+            bench.wait_ms(16);
+            lines.push(bench.line());
+        }
+        assert_ne!(bench.faults() & Fault::StaleMaps.bit(), 0);
+        assert!(
+            lines[119] <= lines[30],
+            "fingertip {silent} is silent: {} then {}",
+            lines[30],
+            lines[119]
+        );
+        assert!(lines.iter().all(|line| *line < Configuration::DEFAULT.ceiling));
+    }
+}
+
+#[test]
+fn tests_of_a_slide_do_not_add_up_while_a_fault_forbids_the_way_back() {
+    let mut bench = quiet_hold(&Configuration::DEFAULT);
+    let line = bench.line();
+    // Every other picture is doubtful, so the line must hold; the load halves and swings.
+    for map in 0..400_u32 {
+        let load = if map % 40 < 20 { 0.8 } else { 0.6 };
+        bench.odd_map(0, &held(load), Health::GOOD, 0);
+        bench.wait_ms(8);
+        bench.odd_map(0, &held(load), Health::TOO_DARK, 0);
+        bench.wait_ms(8);
+    }
+    assert!(bench.line() >= line, "{line} became {}", bench.line());
+    assert!(bench.line() < 2 * line, "{line} became {}", bench.line());
+}

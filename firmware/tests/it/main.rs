@@ -1,0 +1,15 @@
+//! Every integration test of the firmware library, in one binary.
+
+mod bad_moments;
+mod bench;
+mod calibration;
+mod common;
+mod exactness;
+mod grasp_world;
+mod lines;
+mod modbus;
+mod program;
+mod rs485;
+mod sliding;
+mod slipping_grasp;
+mod storage;

@@ -1,0 +1,189 @@
+//! Friction that falls while something is held, in closed loop: the contact carries its load or, where that is more than friction
+//! times normal force, slides and carries that. Friction is known here alone.
+
+use gripline_firmware::{Fault, GripForce};
+use gripline_protocol::message::{Command, Configuration, Hello, Message};
+use gripline_protocol::{LSB_PER_NEWTON, MapInfo};
+
+use crate::bench::Bench;
+use crate::grasp_world::contact_map;
+
+/// A hold with the shipped settings.
+struct Hold {
+    bench: Bench,
+    fingertips: u8,
+    period_ms: u64,
+    normal: f64,
+    /// How long the contact has slid, s, and how often the line fell later than 100 ms after a slide began.
+    slid: f64,
+    late_falls: u32,
+    slides_for: f64,
+    line: f64,
+}
+
+impl Hold {
+    fn new(fingertips: u8, period_ms: u64) -> Self {
+        let mut bench = Bench::cold();
+        bench.message(Message::Hello(Hello::of_this_build(0, 1)));
+        bench.command(Command::Configure(Configuration {
+            sensors: fingertips,
+            ..Configuration::DEFAULT
+        }));
+        bench.command(Command::Hold);
+        Self {
+            bench,
+            fingertips,
+            period_ms,
+            normal: 0.0,
+            slid: 0.0,
+            late_falls: 0,
+            slides_for: 0.0,
+            line: 0.0,
+        }
+    }
+
+    /// A load and a friction per fingertip, for some seconds.
+    fn go(&mut self, seconds: f64, load: impl Fn(f64) -> f64, friction: [f64; 2]) {
+        let maps = (seconds * 1e3) as u64 / self.period_ms;
+        for map in 0..maps {
+            let load = load((map * self.period_ms) as f64 / 1e3);
+            for _ in 0..self.period_ms {
+                self.bench.now_us += 1_000;
+                let _ = self.bench.device.tick(self.bench.now_us);
+                let line: GripForce = self.bench.device.program.line();
+                self.normal += (f64::from(line.lsb()) / f64::from(LSB_PER_NEWTON) - self.normal) / 60.0;
+            }
+            self.bench.listen();
+            let line = f64::from(self.bench.device.program.line().lsb()) / f64::from(LSB_PER_NEWTON);
+            // Two fingertips share the object: while both slide it slides. Less than a percent is less than a map shows.
+            let slides = friction
+                .iter()
+                .take(self.fingertips.into())
+                .all(|mu| mu * self.normal < 0.99 * load);
+            self.late_falls += u32::from(self.slides_for > 0.1 && line < self.line - 1e-3);
+            self.slides_for = if slides {
+                self.slides_for + self.period_ms as f64 / 1e3
+            } else {
+                0.0
+            };
+            self.slid += if slides { self.period_ms as f64 / 1e3 } else { 0.0 };
+            self.line = line;
+            for sensor in 0..self.fingertips {
+                let mu = friction[usize::from(sensor)];
+                let shear = load.min(mu * self.normal);
+                let map = contact_map(self.normal, shear, self.normal, shear, mu, slides);
+                self.bench.sequence += 1;
+                let info = MapInfo {
+                    sensor,
+                    sequence: self.bench.sequence,
+                    capture_us: self.bench.now_us as u32,
+                    ..MapInfo::default()
+                };
+                let _ = self.bench.map_with(info, &map);
+            }
+            self.bench.reports.clear();
+        }
+    }
+}
+
+#[test]
+fn friction_that_falls_in_a_hold_raises_the_line_until_it_holds() {
+    for fingertips in [1, 2] {
+        for period_ms in [7, 17, 40] {
+            for (before, after) in [(0.8, 0.4), (0.8, 0.3), (0.9, 0.6), (0.6, 0.25), (0.5, 0.4)] {
+                for load in [0.5, 3.0] {
+                    let mut hold = Hold::new(fingertips, period_ms);
+                    hold.go(4.0, |time| load * time.min(1.0), [before; 2]);
+                    hold.go(4.0, |_| load, [after; 2]);
+                    let case =
+                        format!("{fingertips} fingertips, {period_ms} ms, {before} to {after}, {load} N");
+                    assert!(
+                        hold.slides_for == 0.0,
+                        "{case}: still slides at {} N",
+                        hold.normal
+                    );
+                    assert!(hold.slid < 1.0, "{case}: slid for {} s", hold.slid);
+                    assert!(
+                        hold.late_falls == 0,
+                        "{case}: the line fell at {} maps",
+                        hold.late_falls
+                    );
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn a_contact_that_slides_from_the_first_load_on_is_found_below_the_detectors_friction() {
+    for period_ms in [7, 17, 40] {
+        for friction in [0.2, 0.3, 0.4] {
+            for load in [0.4, 1.5, 3.0] {
+                let mut hold = Hold::new(1, period_ms);
+                hold.go(3.0, |time| load * (2.0 * time).min(1.0), [friction; 2]);
+                let case = format!("{period_ms} ms, {friction}, {load} N");
+                assert!(
+                    hold.slides_for == 0.0,
+                    "{case}: still slides at {} N",
+                    hold.normal
+                );
+                assert!(
+                    hold.late_falls == 0,
+                    "{case}: the line fell at {} maps",
+                    hold.late_falls
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn friction_that_falls_twice_and_a_load_that_grows_are_held() {
+    let mut hold = Hold::new(1, 17);
+    hold.go(3.0, |time| 2.0 * time.min(1.0), [0.9; 2]);
+    hold.go(3.0, |_| 2.0, [0.6; 2]);
+    hold.go(3.0, |_| 2.0, [0.35; 2]);
+    hold.go(3.0, |time| 2.0 + time.min(1.0), [0.35; 2]);
+    assert!(
+        hold.slides_for == 0.0 && hold.late_falls == 0,
+        "{} N",
+        hold.normal
+    );
+}
+
+#[test]
+fn one_wet_fingertip_is_found_beside_a_dry_one() {
+    let mut hold = Hold::new(2, 17);
+    hold.go(3.0, |time| 2.0 * time.min(1.0), [0.8; 2]);
+    hold.go(3.0, |_| 2.0, [0.3, 0.8]);
+    // The dry one may hold alone, but the wet one must not let the line fall.
+    assert!(hold.normal * 0.3 > 2.0, "{} N", hold.normal);
+}
+
+#[test]
+fn a_hold_that_nothing_disturbs_is_not_tested_again_and_again() {
+    for load in [0.3, 3.0] {
+        let mut hold = Hold::new(1, 17);
+        hold.go(4.0, |time| load * time.min(1.0), [0.8; 2]);
+        let settled = hold.line;
+        for _ in 0..20 {
+            hold.go(1.0, |_| load, [0.8; 2]);
+            assert!(
+                hold.line <= settled * 1.001,
+                "from {settled} N to {} N",
+                hold.line
+            );
+        }
+    }
+}
+
+#[test]
+fn a_load_that_is_taken_away_lets_the_line_come_down() {
+    let mut hold = Hold::new(1, 17);
+    hold.go(4.0, |time| 3.0 * time.min(1.0), [0.8; 2]);
+    let loaded = hold.line;
+    hold.go(4.0, |time| 3.0 - 2.4 * time.min(1.0), [0.8; 2]);
+    assert!(hold.line < loaded / 2.0, "from {loaded} N to {} N", hold.line);
+    let faults = hold.bench.faults();
+    assert_eq!(faults & Fault::LineAtCeiling.bit(), 0);
+}

@@ -1,0 +1,158 @@
+//! A request for a mode of the gripper: said again until the device's status shows it, and answered why not after a bounded time.
+//! Pure. Times in µs of the session's clock.
+//! Limit: a status that was under way when the request was sent counts as its answer.
+
+use std::fmt;
+
+use gripline_protocol::message::{GripMode, Refusal, Status};
+
+/// A request that no status confirms is said again after this: the device answers every map, and sends a status every 100 ms.
+const REPEAT_US: u64 = 120_000;
+/// After this it is given up and told.
+const GIVE_UP_US: u64 = 2_000_000;
+
+/// How a request stands.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum State {
+    /// Sent at this time, if the link took it.
+    Waiting { sent_us: Option<u64> },
+    /// A status shows the mode, or nobody waits for that any more.
+    Done,
+}
+
+/// A mode that the device is asked for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct ModeRequest {
+    mode: GripMode,
+    begun_us: u64,
+    /// Restarts of the device when it was asked: one that restarts is not asked again, or something would move by itself.
+    restarts: u32,
+    state: State,
+    is_told: bool,
+}
+
+/// Why a request has no effect.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Unconfirmed {
+    /// The device refused it.
+    Refused(GripMode, Refusal),
+    /// The link takes nothing; it is still tried.
+    NotTaken(GripMode),
+    /// No status came since.
+    NoStatus(GripMode),
+    /// Statuses come and show the other mode.
+    NoEffect(GripMode),
+    /// The device restarted before it confirmed.
+    Restarted(GripMode),
+}
+
+impl fmt::Display for Unconfirmed {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let seconds = GIVE_UP_US / 1_000_000;
+        let name = |mode: &GripMode| match mode {
+            GripMode::Hold => "hold",
+            GripMode::Released => "release",
+        };
+        match self {
+            Self::Refused(mode, refusal) => {
+                write!(
+                    f,
+                    "{} was refused by the microcontroller: {refusal:?}",
+                    name(mode)
+                )
+            }
+            Self::NotTaken(mode) => write!(
+                f,
+                "{} could not be sent for {seconds} s, expected a link that takes it; it is sent when the link is back",
+                name(mode)
+            ),
+            Self::NoStatus(mode) => write!(
+                f,
+                "{} was sent for {seconds} s and no status came, expected one: check cable and power",
+                name(mode)
+            ),
+            Self::NoEffect(mode) => write!(
+                f,
+                "{} was sent for {seconds} s and the microcontroller's status does not show it, expected it to; see `gripline \
+                 faults`",
+                name(mode)
+            ),
+            Self::Restarted(mode) => write!(
+                f,
+                "{} was sent and the microcontroller restarted before it confirmed: not repeated, so that nothing moves by itself",
+                name(mode)
+            ),
+        }
+    }
+}
+
+impl ModeRequest {
+    pub(crate) const fn new(mode: GripMode, now_us: u64, restarts: u32) -> Self {
+        Self {
+            mode,
+            begun_us: now_us,
+            restarts,
+            state: State::Waiting { sent_us: None },
+            is_told: false,
+        }
+    }
+
+    pub(crate) const fn mode(&self) -> GripMode {
+        self.mode
+    }
+
+    /// Takes the newest status, which came so long ago, and says whether the request is to be sent now; and what to tell, once.
+    pub(crate) fn step(
+        &mut self,
+        now_us: u64,
+        (status, age_us): (Option<&Status>, u64),
+        restarts: u32,
+    ) -> (bool, Option<Unconfirmed>) {
+        let State::Waiting { sent_us } = self.state else {
+            return (false, None);
+        };
+        let is_over = now_us.saturating_sub(self.begun_us) >= GIVE_UP_US;
+        let Some(sent_us) = sent_us else {
+            let told = is_over && !std::mem::replace(&mut self.is_told, is_over);
+            return (true, told.then_some(Unconfirmed::NotTaken(self.mode)));
+        };
+        let since = status.filter(|_| now_us.saturating_sub(age_us) > sent_us);
+        if since.is_some_and(|status| status.mode == self.mode) {
+            self.state = State::Done;
+            return (false, None);
+        }
+        if restarts != self.restarts {
+            self.state = State::Done;
+            return (false, Some(Unconfirmed::Restarted(self.mode)));
+        }
+        if is_over {
+            self.state = State::Done;
+            let why = if since.is_some() {
+                Unconfirmed::NoEffect(self.mode)
+            } else {
+                Unconfirmed::NoStatus(self.mode)
+            };
+            return (false, Some(why));
+        }
+        (now_us >= sent_us + REPEAT_US, None)
+    }
+
+    /// It was handed to the link at this time, which took it or not.
+    pub(crate) const fn sent(&mut self, now_us: u64, was_taken: bool) {
+        if was_taken {
+            self.state = State::Waiting {
+                sent_us: Some(now_us),
+            };
+        }
+    }
+
+    /// The device refused something: this request, where it waits for an answer and the refusal can be one.
+    pub(crate) fn refused(&mut self, refusal: Refusal) -> Option<Unconfirmed> {
+        let is_answer = matches!(refusal, Refusal::Latched | Refusal::Inhibited);
+        if !is_answer || self.mode != GripMode::Released || !matches!(self.state, State::Waiting { .. }) {
+            return None;
+        }
+        self.state = State::Done;
+        Some(Unconfirmed::Refused(self.mode, refusal))
+    }
+}
