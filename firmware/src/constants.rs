@@ -63,6 +63,11 @@ pub const SLIDE_SURE_MAPS: u8 = 2;
 pub const SLOT_US: u32 = 14_000;
 /// Load from which the slide witness says anything, 1/4096 N: 0.05 N.
 pub const WITNESSED_LOAD_MIN: i32 = 200;
+/// Load over normal force below which the slide witness says nothing, 1/10000: sliding friction of 0.12, seen with gains that
+/// are wrong by a quarter on both axes.
+pub const SLIDING_RATIO_MIN: u16 = 700;
+/// Part of the normal force by which the shear of a map may err: a 64th; that of many maps by half of it.
+pub const SHEAR_ERROR_PART: i32 = 64;
 /// Fall of the shear below the remembered load that is suspect, share in 1/1024: 9 %, four times the noise of two maps.
 pub const DROP_SHARE: i32 = 92;
 /// The same in one slot: 14 %.

@@ -155,6 +155,7 @@ impl GripController {
         self.kept_milli = 0;
         if mode == GripMode::Released {
             self.reflex_milli = 0;
+            self.learnt.goes_back = false;
         }
     }
 
@@ -318,7 +319,8 @@ impl GripController {
             // What a test added that found the contact held.
             let passed_us = passed_us.min(FALL_US_MAX) as i64;
             let step = i64::from(settings.release_rate) * passed_us;
-            let back = demand.max(before_test);
+            // The line may meanwhile have been released.
+            let back = demand.max(before_test).min(self.line_milli);
             self.line_milli = back.max(self.line_milli - step);
             self.learnt.goes_back = self.line_milli > back;
         } else if relaxing {

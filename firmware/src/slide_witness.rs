@@ -14,9 +14,9 @@ use gripline_protocol::message::Configuration;
 use crate::arithmetic::{divide, ratio};
 use crate::constants::{
     ASKED_SHARE, CALM_US, COME_BACK_US, DROP_SHARE, FADE_SHARE, FOLLOWED_SLOTS, FRICTION_FORGET_SHIFT,
-    FRICTION_LOSS_MAX, HUSH_HELD_US, HUSH_US, NOISE_MAX, RISES_SHARE, SETTLED_US, SHORT_SHARE_MAX,
-    SHORT_SHARE_MIN, SHORT_US, SLOT_US, SUDDEN_DROP_SHARE, SWING_LOSS_MAX, TEST_MARGIN, TEST_US_MAX,
-    UNPROVEN_US_MAX, WITNESSED_LOAD_MIN,
+    FRICTION_LOSS_MAX, HUSH_HELD_US, HUSH_US, NOISE_MAX, RISES_SHARE, SETTLED_US, SHEAR_ERROR_PART,
+    SHORT_SHARE_MAX, SHORT_SHARE_MIN, SHORT_US, SLIDING_RATIO_MIN, SLOT_US, SUDDEN_DROP_SHARE,
+    SWING_LOSS_MAX, TEST_MARGIN, TEST_US_MAX, UNPROVEN_US_MAX, WITNESSED_LOAD_MIN,
 };
 
 /// Means of the maps of the last six slots, newest first.
@@ -135,6 +135,8 @@ pub(crate) struct SlideWitness {
     /// Slow means of shear and normal force; what they were when one of them last rose.
     slow: [i32; 2],
     since: [i32; 2],
+    /// The highest ratio carried since the contact began or a slide was found.
+    carried: u16,
     /// The highest load since the contact began, the time since it last grew, and the load at which that was last tested.
     peak: i32,
     settled_us: u32,
@@ -163,6 +165,7 @@ impl Default for SlideWitness {
             came_back: 0,
             slow: [0; 2],
             since: [0; 2],
+            carried: 0,
             peak: 0,
             settled_us: 0,
             tested: 0,
@@ -237,26 +240,39 @@ impl SlideWitness {
             self.settled_us = self.settled_us.saturating_add(passed_us);
         }
         self.peak = self.peak.max(shear);
-        if self.load < WITNESSED_LOAD_MIN {
+        let now = ratio(shear, normal);
+        self.carried = self.carried.max(now);
+        if self.load < WITNESSED_LOAD_MIN || now < SLIDING_RATIO_MIN {
             return Suspicion::None;
         }
-        let below = |value: i32, share: i32| value < self.load - part(self.load, share);
+        let below = |value: i32, share: i32, error_part: i32| {
+            // What a map makes of a shear errs by a part of the normal force, too.
+            value < self.load - part(self.load, share).max(normal / error_part)
+        };
         let noise = 3 * self.noise();
-        let drops = below(shear, DROP_SHARE.max(noise))
-            || below(self.shear[0], SUDDEN_DROP_SHARE.max(noise + noise / 2));
-        self.short_us = if below(shear, self.short_share()) {
+        let drops = below(shear, DROP_SHARE.max(noise), SHEAR_ERROR_PART)
+            || below(
+                self.shear[0],
+                SUDDEN_DROP_SHARE.max(noise + noise / 2),
+                SHEAR_ERROR_PART,
+            );
+        self.short_us = if below(shear, self.short_share(), 2 * SHEAR_ERROR_PART) {
             self.short_us.saturating_add(passed_us)
         } else {
             0
         };
         let sinks = self.filled == SLOTS as u8 && {
             let [of_shear, of_normal] = self.changes(shear, normal);
-            of_normal < -61 && 10 * of_shear < 7 * of_normal && below(shear, noise / 2)
+            of_normal < -61 && 10 * of_shear < 7 * of_normal && below(shear, noise / 2, 2 * SHEAR_ERROR_PART)
         };
         let fades = self.fades(shear, normal);
         // All taxels of such a load stick by the detector's friction, also while they slide.
-        let is_low =
-            self.settled_us > SETTLED_US && 4 * shear > 5 * self.tested && ratio(shear, normal) < detector;
+        // A load below what the contact has carried slides only after a fall; one that stays while the grip sinks is held.
+        let is_low = self.settled_us > SETTLED_US
+            && 4 * shear > 5 * self.tested
+            && now < detector
+            && 8 * u32::from(now) > 7 * u32::from(self.carried)
+            && !self.stays_while_the_grip_sinks(shear, normal);
         if is_low {
             self.tested = shear;
         }
@@ -286,6 +302,12 @@ impl SlideWitness {
             self.since = self.slow;
         }
         fades
+    }
+
+    /// Whether the shear has sunk by less than half as much as the normal force.
+    fn stays_while_the_grip_sinks(&self, shear: i32, normal: i32) -> bool {
+        let [of_shear, of_normal] = self.changes(shear, normal);
+        of_normal < -RISES_SHARE && 2 * of_shear > of_normal
     }
 
     /// Mean change of the shear from slot to slot, share of the load.
@@ -346,7 +368,8 @@ impl SlideWitness {
         } else if normal_rise > ASKED_SHARE {
             let follows = 5 * (shear_rise - normal_rise).abs() < 2 * normal_rise;
             test.followed = if follows { test.followed + 1 } else { 0 };
-            test.is_confirmed = test.followed >= FOLLOWED_SLOTS;
+            test.is_confirmed =
+                test.followed >= FOLLOWED_SLOTS && ratio(test.shear, test.normal) >= SLIDING_RATIO_MIN;
             if test.is_confirmed {
                 self.limit = self.limit.min(ratio(test.shear, test.normal)).max(1);
             }
@@ -390,6 +413,9 @@ impl SlideWitness {
             }
         }
         self.has_slid = has_slid;
+        if has_slid {
+            self.carried = self.carried.min(self.limit);
+        }
         // Shear that stayed while the grip rose is the whole load; otherwise some of it may be hidden.
         self.load = if stayed {
             shear

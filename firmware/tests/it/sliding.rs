@@ -187,3 +187,24 @@ fn a_load_that_is_taken_away_lets_the_line_come_down() {
     let faults = hold.bench.faults();
     assert_eq!(faults & Fault::LineAtCeiling.bit(), 0);
 }
+
+#[test]
+fn a_release_in_a_test_of_a_slide_leaves_nothing_to_the_next_grasp() {
+    // Whether the load comes off while the line is tested, on its way back, or neither: the next grasp begins at the floor.
+    for taken_s in [0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.6] {
+        let mut hold = Hold::new(1, 17);
+        hold.go(4.0, |time| 3.0 * time.min(1.0), [0.8; 2]);
+        hold.go(taken_s, |time| 3.0 - 4.0 * time.min(0.7), [0.8; 2]);
+        hold.bench.command(Command::Release);
+        hold.go(1.0, |_| 0.0, [0.8; 2]);
+        assert_eq!(hold.bench.device.program.line(), GripForce::ZERO);
+        hold.bench.command(Command::Hold);
+        let floor = f64::from(Configuration::DEFAULT.floor) / f64::from(LSB_PER_NEWTON);
+        let closed = hold.bench.wait_ms(100);
+        assert!(
+            f64::from(closed.lsb()) / f64::from(LSB_PER_NEWTON) < floor + 1.01,
+            "released after {taken_s} s: {} LSB",
+            closed.lsb()
+        );
+    }
+}
