@@ -472,9 +472,10 @@ fn the_line_rises_to_what_friction_needs_and_never_falls_while_maps_are_clipped(
     assert!(line[1..].iter().all(|line_n| *line_n > needed_n), "{line:?}");
     // The load's share is rounded to 1/10000, force to 1/4096 N.
     assert!((line[59] - kept_n).abs() < 4.0 / 4096.0, "{line:?}");
-    // A slower recording gives the same force in fewer frames.
+    // A slower recording gives the same force in fewer frames, once the load that settled below friction has been tested.
     let slow = rows(&maps, &["--line", "--rate", "10"]);
-    assert!((number(&slow[10], "line_n") - kept_n).abs() < 4.0 / 4096.0);
+    let line: Vec<f64> = slow.iter().map(|row| number(row, "line_n")).collect();
+    assert!((line[20] - kept_n).abs() < 4.0 / 4096.0, "{kept_n}: {line:?}");
     // Clipped maps are doubtful ones: the controller holds what it has although the shear is gone.
     let mut frames = vec![calm; 30];
     frames.extend(vec![vec![[0.0, 0.0, 9.0]; 4]; 90]);
