@@ -271,7 +271,7 @@ impl SlideWitness {
         let is_low = self.settled_us > SETTLED_US
             && 4 * shear > 5 * self.tested
             && now < detector
-            && 8 * u32::from(now) > 7 * u32::from(self.carried)
+            && 5 * u32::from(now) > 3 * u32::from(self.carried)
             && !self.stays_while_the_grip_sinks(shear, normal);
         if is_low {
             self.tested = shear;

@@ -671,6 +671,8 @@ impl<W: World> Host<W> {
                 self.stream(ms / 2, 60, 0, Health::GOOD, "a storm of bad packets");
             }
             8 => {
+                // A number that was never accepted, of a map from the future, would be no replay.
+                self.stream(1, 60, 60, Health::GOOD, "the map that is replayed");
                 let map = self.map(60, 60);
                 for back in 0..ms as u32 / 16 {
                     let info = MapInfo {
@@ -761,6 +763,7 @@ impl<W: World> Host<W> {
                 for packet in Self::packets(&info, &map).iter().take(4) {
                     self.world.send(packet);
                 }
+                self.judge.readable_us = self.world.now_us();
                 self.wait(1, "a cable pulled in mid map");
                 self.world.plug(false);
                 self.wait(2 * ms, "a cable that is out");

@@ -139,7 +139,7 @@ mod tests {
         };
         let mut state = GripperState::new(gripper);
         let mut at = 0.0;
-        for (line, rest) in [(4.0, 3.5), (4.4, 3.5), (3.2, 3.5), (2.0, 2.5)] {
+        for (line, rest) in [(4.0, 3.5), (4.4, 3.9), (3.6, 3.9), (2.0, 2.5), (2.3, 2.5)] {
             state.set_line(at, line);
             for _ in 0..1_000 {
                 state.advance(at, 1e-3);
