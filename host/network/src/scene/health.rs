@@ -217,7 +217,7 @@ mod tests {
         let sensor = Sensor::named(Path::new("particle-fingertip")).unwrap();
         let health = sensor.health;
         let same = |described: f64, ours: f32| {
-            assert!((described - f64::from(ours)).abs() < 1e-6, "{described} {ours}")
+            assert!((described - f64::from(ours)).abs() < 1e-6, "{described} {ours}");
         };
         for (described, ours) in health.brightness.into_iter().zip(limit::BRIGHTNESS) {
             same(described, ours);
