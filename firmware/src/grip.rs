@@ -72,7 +72,7 @@ struct Learnt {
     witness: Verdict,
     before_test: i32,
     test_min: i32,
-    /// The test found no slide: the line goes back to where it was before.
+    /// After a test the line goes back to where it was before, or, after a slide, to what the friction found needs.
     goes_back: bool,
     /// Line while the grip closes on an object that it hardly feels.
     sought_milli: i32,
@@ -218,7 +218,10 @@ impl GripController {
             self.learnt.test_min = self.learnt.before_test + self.learnt.before_test / TEST_RISE_PART;
         }
         if witness.tests() != self.learnt.witness.tests() {
-            self.learnt.goes_back = !witness.tests() && !witness.has_slid;
+            self.learnt.goes_back = !witness.tests();
+            if witness.has_slid {
+                self.learnt.before_test = 0;
+            }
         }
         self.learnt.witness = witness;
         self.learnt.friction = load.friction(settings);
