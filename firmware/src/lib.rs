@@ -10,7 +10,6 @@
 #![no_std]
 #![forbid(unsafe_code)]
 
-#[cfg(test)]
 extern crate std;
 
 mod arithmetic;

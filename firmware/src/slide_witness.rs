@@ -130,8 +130,9 @@ pub(crate) struct SlideWitness {
     test: Option<Test>,
     has_slid: bool,
     is_short: bool,
-    /// The ratio at which the last test of late began whose load came back; 0 when there is none.
+    /// The ratio at which the last test of late began whose load came back, 0 when there is none; and the normal force then.
     came_back: u16,
+    came_back_normal: i32,
     /// Slow means of shear and normal force; what they were when one of them last rose.
     slow: [i32; 2],
     since: [i32; 2],
@@ -163,6 +164,7 @@ impl Default for SlideWitness {
             has_slid: false,
             is_short: false,
             came_back: 0,
+            came_back_normal: 0,
             slow: [0; 2],
             since: [0; 2],
             carried: 0,
@@ -208,6 +210,34 @@ impl SlideWitness {
         let shear = i32::midpoint(self.shear[0], self.shear[1]);
         let normal = i32::midpoint(self.normal[0], self.normal[1]);
         self.hush_us = self.hush_us.saturating_sub(passed_us);
+        if std::env::var("WIT").is_ok() {
+            std::eprintln!(
+                "wit shear {:.2} normal {:.2} load {:.2} limit {} carried {} noise {} test {:?} calm {}",
+                shear as f32 / 4096.,
+                normal as f32 / 4096.,
+                self.load as f32 / 4096.,
+                self.limit,
+                self.carried,
+                self.noise(),
+                self.test
+                    .map(|t| (t.shear, t.normal, t.followed, t.is_confirmed, t.is_first)),
+                self.calm_us
+            );
+        }
+        if std::env::var("WIT").is_ok() {
+            std::eprintln!(
+                "wit shear {:.2} normal {:.2} load {:.2} limit {} carried {} noise {} test {:?} calm {}",
+                shear as f32 / 4096.,
+                normal as f32 / 4096.,
+                self.load as f32 / 4096.,
+                self.limit,
+                self.carried,
+                self.noise(),
+                self.test
+                    .map(|t| (t.shear, t.normal, t.followed, t.is_confirmed, t.is_first)),
+                self.calm_us
+            );
+        }
         if let Some(test) = self.test {
             self.continue_test(test, shear, normal, passed_us);
         } else {
@@ -221,6 +251,12 @@ impl SlideWitness {
             // What a test found held is held at that normal force.
             let is_hushed = self.hush_us > 0 && normal >= self.held_normal;
             if suspects && !is_hushed {
+                if std::env::var("WIT").is_ok() {
+                    std::eprintln!("BEGIN {suspicion:?} short {}", self.short_us);
+                }
+                if std::env::var("WIT").is_ok() {
+                    std::eprintln!("BEGIN {suspicion:?} short {}", self.short_us);
+                }
                 self.begin_test(normal, friction, suspicion == Suspicion::Settled, settings);
             } else {
                 self.remember(shear, normal, passed_us);
@@ -272,6 +308,7 @@ impl SlideWitness {
             && 4 * shear > 5 * self.tested
             && now < detector
             && 5 * u32::from(now) > 3 * u32::from(self.carried)
+            && 10 * u32::from(now) > 9 * u32::from(if self.limit == UNLIMITED { 0 } else { self.limit })
             && !self.stays_while_the_grip_sinks(shear, normal);
         if is_low {
             self.tested = shear;
@@ -308,6 +345,11 @@ impl SlideWitness {
     fn stays_while_the_grip_sinks(&self, shear: i32, normal: i32) -> bool {
         let [of_shear, of_normal] = self.changes(shear, normal);
         of_normal < -RISES_SHARE && 2 * of_shear > of_normal
+    }
+
+    /// No contact slides at less: friction falls to half by water, and sliding takes two fifths of that.
+    fn least_friction(&self) -> u16 {
+        SLIDING_RATIO_MIN.max(self.carried / 4)
     }
 
     /// Mean change of the shear from slot to slot, share of the load.
@@ -369,7 +411,7 @@ impl SlideWitness {
             let follows = 5 * (shear_rise - normal_rise).abs() < 2 * normal_rise;
             test.followed = if follows { test.followed + 1 } else { 0 };
             test.is_confirmed =
-                test.followed >= FOLLOWED_SLOTS && ratio(test.shear, test.normal) >= SLIDING_RATIO_MIN;
+                test.followed >= FOLLOWED_SLOTS && ratio(test.shear, test.normal) >= self.least_friction();
             if test.is_confirmed {
                 self.limit = self.limit.min(ratio(test.shear, test.normal)).max(1);
             }
@@ -404,10 +446,12 @@ impl SlideWitness {
                     PER_UNIT as u16,
                 ) as u16;
                 // A slide begins at the same ratio again, a swing hardly at another normal force.
-                let is_again = test.is_first || began_at.abs_diff(self.came_back) < began_at / 12;
+                let is_elsewhere = 20 * (test.normal - self.came_back_normal).abs() > test.normal;
+                let is_again =
+                    test.is_first || is_elsewhere && began_at.abs_diff(self.came_back) < began_at / 25;
                 let limit = if is_again { began_at } else { began_at.max(least) };
                 self.limit = self.limit.min(limit);
-                self.came_back = began_at;
+                (self.came_back, self.came_back_normal) = (began_at, test.normal);
                 stayed = false;
                 has_slid = true;
             }
