@@ -10,6 +10,7 @@
 #![no_std]
 #![forbid(unsafe_code)]
 
+#[cfg(test)]
 extern crate std;
 
 mod arithmetic;

@@ -210,34 +210,6 @@ impl SlideWitness {
         let shear = i32::midpoint(self.shear[0], self.shear[1]);
         let normal = i32::midpoint(self.normal[0], self.normal[1]);
         self.hush_us = self.hush_us.saturating_sub(passed_us);
-        if std::env::var("WIT").is_ok() {
-            std::eprintln!(
-                "wit shear {:.2} normal {:.2} load {:.2} limit {} carried {} noise {} test {:?} calm {}",
-                shear as f32 / 4096.,
-                normal as f32 / 4096.,
-                self.load as f32 / 4096.,
-                self.limit,
-                self.carried,
-                self.noise(),
-                self.test
-                    .map(|t| (t.shear, t.normal, t.followed, t.is_confirmed, t.is_first)),
-                self.calm_us
-            );
-        }
-        if std::env::var("WIT").is_ok() {
-            std::eprintln!(
-                "wit shear {:.2} normal {:.2} load {:.2} limit {} carried {} noise {} test {:?} calm {}",
-                shear as f32 / 4096.,
-                normal as f32 / 4096.,
-                self.load as f32 / 4096.,
-                self.limit,
-                self.carried,
-                self.noise(),
-                self.test
-                    .map(|t| (t.shear, t.normal, t.followed, t.is_confirmed, t.is_first)),
-                self.calm_us
-            );
-        }
         if let Some(test) = self.test {
             self.continue_test(test, shear, normal, passed_us);
         } else {
@@ -251,12 +223,6 @@ impl SlideWitness {
             // What a test found held is held at that normal force.
             let is_hushed = self.hush_us > 0 && normal >= self.held_normal;
             if suspects && !is_hushed {
-                if std::env::var("WIT").is_ok() {
-                    std::eprintln!("BEGIN {suspicion:?} short {}", self.short_us);
-                }
-                if std::env::var("WIT").is_ok() {
-                    std::eprintln!("BEGIN {suspicion:?} short {}", self.short_us);
-                }
                 self.begin_test(normal, friction, suspicion == Suspicion::Settled, settings);
             } else {
                 self.remember(shear, normal, passed_us);
@@ -334,7 +300,9 @@ impl SlideWitness {
             change(*slow_shear, self.since[0]),
             change(*slow_normal, self.since[1]),
         ];
-        let fades = of_normal < -FADE_SHARE && 10 * of_shear < 7 * of_normal;
+        let fades = of_normal < -FADE_SHARE
+            && 10 * of_shear < 7 * of_normal
+            && shear <= *slow_shear + *slow_shear / 64;
         if fades {
             self.since = self.slow;
         }
@@ -434,10 +402,12 @@ impl SlideWitness {
             self.limit = test.limit;
             let latest = shear.max(self.shear[0]);
             let share = self.short_share();
-            let has_come_back = test.shear < self.load - part(self.load, share)
+            let has_come_back = !test.is_first
+                && test.shear < self.load - part(self.load, share)
                 && latest > self.load - part(self.load, share / 2)
                 && change(latest, test.shear) > share / 2
-                || test.is_first && change(latest, test.shear) > DROP_SHARE.max(3 * self.noise());
+                || test.is_first
+                    && change(latest, test.shear.max(self.load)) > DROP_SHARE.max(3 * self.noise());
             if has_come_back && normal_rise > ASKED_SHARE {
                 // It slid for a moment, or the load swung.
                 let began_at = ratio(test.shear, test.normal);

@@ -208,11 +208,3 @@ fn a_release_in_a_test_of_a_slide_leaves_nothing_to_the_next_grasp() {
         );
     }
 }
-
-#[test]
-fn zz_one() {
-    let mut hold = Hold::new(1, 7);
-    hold.go(4.0, |time| 0.5 * time.min(1.0), [0.8; 2]);
-    std::println!("START");
-    hold.go(4.0, |_| 0.5, [0.3; 2]);
-}
