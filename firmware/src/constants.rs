@@ -112,6 +112,8 @@ pub const CALM_US: u32 = 160_000;
 pub const FRICTION_FORGET_SHIFT: u32 = 25;
 /// Rise of the line with which a suspicion is tested, as a part of the line: a third.
 pub const TEST_RISE_PART: i32 = 3;
+/// The least rise of a test, 1/4096 N: 1 N, which a gripper that sticks still follows.
+pub const TEST_RISE_MIN: i32 = 4_096;
 /// Square by which a map's blur widens a contact, 1/16 of half a pitch squared: 54 for a deviation of 0.65 taxels in both
 /// directions, and a third more for the edge that a light touch does not show.
 pub const BLUR_REACH: u16 = 70;

@@ -8,7 +8,9 @@ use gripline_protocol::configuration::FORCE_MAX;
 use gripline_protocol::message::{Configuration, GripMode, SlipState};
 
 use crate::arithmetic::divide;
-use crate::constants::{FEED_FORWARD_FRICTION_MIN, GRIPPER_LAG_SHIFT, SEEK_MAX, SEEK_RATE, TEST_RISE_PART};
+use crate::constants::{
+    FEED_FORWARD_FRICTION_MIN, GRIPPER_LAG_SHIFT, SEEK_MAX, SEEK_RATE, TEST_RISE_MIN, TEST_RISE_PART,
+};
 use crate::friction_estimator::FrictionEstimator;
 use crate::slide_witness::{Urgency, Verdict};
 
@@ -215,7 +217,8 @@ impl GripController {
                 self.learnt.before_test = line;
             }
             // Where a fault forbids the way back, one test after the other must not add up.
-            self.learnt.test_min = self.learnt.before_test + self.learnt.before_test / TEST_RISE_PART;
+            let rise = (self.learnt.before_test / TEST_RISE_PART).max(TEST_RISE_MIN);
+            self.learnt.test_min = self.learnt.before_test + rise;
         }
         if witness.tests() != self.learnt.witness.tests() {
             self.learnt.goes_back = !witness.tests();

@@ -359,7 +359,7 @@ impl SlideWitness {
     }
 
     fn continue_test(&mut self, mut test: Test, shear: i32, normal: i32, passed_us: u32) {
-        if test.for_us == 0 && self.shear[0] < test.shear {
+        if test.for_us == 0 && !test.is_confirmed && self.shear[0] < test.shear {
             // The slot before may have begun ahead of the slide.
             (test.shear, test.normal) = (self.shear[0], self.normal[0]);
         }
@@ -374,7 +374,7 @@ impl SlideWitness {
             if 5 * of_shear > 4 * of_normal {
                 self.limit -= (self.limit - now.min(self.limit)) / 5 * 2;
             }
-            is_over |= test.for_us > 4 * SLOT_US && (of_normal <= RISES_SHARE || !follows);
+            is_over |= test.for_us > 6 * SLOT_US && (of_normal <= RISES_SHARE || !follows);
         } else if normal_rise > ASKED_SHARE {
             let follows = 5 * (shear_rise - normal_rise).abs() < 2 * normal_rise;
             test.followed = if follows { test.followed + 1 } else { 0 };
@@ -382,6 +382,8 @@ impl SlideWitness {
                 test.followed >= FOLLOWED_SLOTS && ratio(test.shear, test.normal) >= self.least_friction();
             if test.is_confirmed {
                 self.limit = self.limit.min(ratio(test.shear, test.normal)).max(1);
+                // From now on: the gripper has yet to follow.
+                test.for_us = 0;
             }
             is_over |= 3 * shear_rise < normal_rise || normal_rise > 2 * ASKED_SHARE && !follows;
         } else {
