@@ -3,7 +3,7 @@
 //! A converter measures the line at the gripper's end, divided by the op-amp's gain, and the chip's own reference voltage. So the
 //! result is the line in volts, whatever the supply, which both converters take for their full scale.
 //! Units: DAC codes of 12 bits at a supply of 3.3 V, 0.806 mV each at the pin. Limits: a line that changes all the time is
-//! checked against the lowest and the highest code of the last [`SETTLING_TICKS`] ticks.
+//! checked against the lowest and the highest code of the last `SETTLING_TICKS` ticks.
 
 /// The reference voltage over a supply of 3.3 V in codes when the chip does not tell its own: 1.21 V (data sheet, "Embedded
 /// internal reference voltage").

@@ -409,7 +409,7 @@ impl SlideWitness {
                 && latest > self.load - part(self.load, share / 2)
                 && change(latest, test.shear) > share / 2
                 || test.is_first
-                    && change(latest, test.shear.max(self.load)) > DROP_SHARE.max(3 * self.noise());
+                    && change(latest, test.shear.max(self.load)) > ASKED_SHARE.max(3 * self.noise());
             if has_come_back && normal_rise > ASKED_SHARE {
                 // It slid for a moment, or the load swung.
                 let began_at = ratio(test.shear, test.normal);
