@@ -93,6 +93,7 @@ pub(crate) fn run(profile: &str, only: Option<&str>) -> Result<(), Error> {
     let tools = Tools::ensure(&home)?;
     let scene = home.join("scene.mcap");
     record_scene(&built, &scene)?;
+    take_rest_pictures(&built, &home.join(REST[0]))?;
     let image = home.join("image.cpio");
     write_image(&image, &built, &scene, &tools)?;
     let lines = boot(&tools, &image, only)?;
@@ -205,6 +206,19 @@ fn record_scene(built: &Path, scene: &Path) -> Result<(), Error> {
     process::output(command.arg(scene)).map(drop)
 }
 
+/// The calibration with rest pictures of the simulated fingertip: the file that names the others comes first.
+const REST: [&str; 3] = ["rest.toml", "rest-rest.npy", "rest-rest.png"];
+
+fn take_rest_pictures(built: &Path, calibration: &Path) -> Result<(), Error> {
+    // What an earlier run has left would be compared with.
+    let _ = fs::remove_file(calibration);
+    let mut command = Command::new(built.join("gripline"));
+    command
+        .args(["calibrate", "rest", "--source", "sim", "--yes", "--out"])
+        .arg(calibration);
+    process::output(&mut command).map(drop)
+}
+
 /// Our programs with their shared libraries, busybox, the scene, and the modules: the machine's first and only file system.
 fn write_image(image: &Path, built: &Path, scene: &Path, tools: &Tools) -> Result<(), Error> {
     let read = |path: &Path| fs::read(path).map_err(|source| Error::file(path, source));
@@ -230,6 +244,9 @@ fn write_image(image: &Path, built: &Path, scene: &Path, tools: &Tools) -> Resul
     archive.program("bin/gripline", &stripped("gripline")?);
     archive.program("bin/busybox", &read(&tools.busybox)?);
     archive.file("scene.mcap", &read(scene)?);
+    for name in REST {
+        archive.file(name, &read(&scene.with_file_name(name))?);
+    }
     for library in libraries(&[&built.join("gripline-vm"), &built.join("gripline")])? {
         // Programs look for them where they were found here.
         let place = library.display().to_string();

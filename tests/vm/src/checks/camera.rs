@@ -6,7 +6,7 @@ use std::os::unix::process::CommandExt;
 use std::thread;
 use std::time::Duration;
 
-use super::wait::{CAMERA, PATIENCE, WITH_LOSS, back_in_time};
+use super::wait::{CAMERA, PATIENCE, REST, WITH_LOSS, back_in_time};
 use crate::machine;
 use crate::program::{Ended, command, run, start};
 
@@ -19,6 +19,8 @@ pub(super) fn pictures(format: &str) -> Result<String, String> {
         "--json",
         "--camera",
         CAMERA,
+        "--calibration",
+        REST,
         "--camera-format",
         format,
         "--frames-per-second",
@@ -57,10 +59,9 @@ fn forces_are_zero(ended: &Ended) -> Result<(), String> {
     })
 }
 
-/// What came was looked at (16 times to learn what rest looks like), overtaken, damaged, or still on its way at the end.
+/// What came was looked at, overtaken, damaged, or still on its way at the end.
 fn every_picture_is_accounted_for(ended: &Ended) -> Result<(), String> {
     let accounted = ended.number("/frames")?
-        + 16.0
         + ended.number("/pictures/overtaken")?
         + ended.number("/pictures/damaged")?;
     let came = ended.number("/pictures/came")?;
@@ -106,6 +107,8 @@ pub(super) fn controls() -> Result<String, String> {
         "--json",
         "--camera",
         CAMERA,
+        "--calibration",
+        REST,
         "--gain",
         "10",
         "--seconds",
@@ -136,6 +139,8 @@ pub(super) fn replugged() -> Result<String, String> {
         "--json",
         "--camera",
         CAMERA,
+        "--calibration",
+        REST,
         "--frames-per-second",
         "15",
         "--seconds",
@@ -145,7 +150,6 @@ pub(super) fn replugged() -> Result<String, String> {
     ]))
     .map_err(|error| error.to_string())?;
     running.until_it_says(&["640×480"], PATIENCE)?;
-    // The pictures at rest are over.
     thread::sleep(Duration::from_secs(4));
     let mut returns = Vec::new();
     for _ in 0..2 {

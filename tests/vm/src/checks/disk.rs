@@ -5,7 +5,7 @@ use std::process::Command;
 use std::thread;
 use std::time::Duration;
 
-use super::wait::{CAMERA, PATIENCE, WITH_LOSS, wait_for};
+use super::wait::{CAMERA, PATIENCE, REST, WITH_LOSS, wait_for};
 use crate::machine;
 use crate::program::{command, run, start};
 
@@ -18,6 +18,8 @@ fn recorded(file: &str) -> Command {
         "unet",
         "--camera",
         CAMERA,
+        "--calibration",
+        REST,
         "--frames-per-second",
         "15",
         "--record",

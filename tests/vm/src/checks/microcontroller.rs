@@ -10,7 +10,7 @@ use gripline_firmware::Fault;
 
 use serde_json::Value;
 
-use super::wait::{CAMERA, PATIENCE, WITH_LOSS, back_in_time, wait_for};
+use super::wait::{CAMERA, PATIENCE, REST, WITH_LOSS, back_in_time, wait_for};
 use crate::program::{Ended, Running, command, run, start};
 use crate::usb::{Gadget, Speed};
 
@@ -39,8 +39,9 @@ fn scene(mcu: &str) -> [&str; 8] {
 
 /// Those of a run that looks at the camera until it is stopped.
 fn filming<'a>(more: &[&'a str]) -> Vec<&'a str> {
-    let arguments = ["run", "--json", "--camera", CAMERA, "--frames-per-second", "15"];
-    [&arguments[..], &["--network", "unet", "--mcu", "usb"], more].concat()
+    let arguments = ["run", "--json", "--camera", CAMERA, "--calibration", REST];
+    let ours = ["--frames-per-second", "15", "--network", "unet", "--mcu", "usb"];
+    [&arguments[..], &ours, more].concat()
 }
 
 fn plugged(socket: u8, serial: &str, speed: Speed) -> Result<Gadget, String> {

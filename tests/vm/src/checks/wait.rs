@@ -8,6 +8,8 @@ pub(super) const BACK_WITHIN: Duration = Duration::from_secs(1);
 /// Waiting for something that has no bound of its own.
 pub(super) const PATIENCE: Duration = Duration::from_mins(1);
 pub(super) const CAMERA: &str = "/dev/video0";
+/// Rest pictures of the simulated fingertip, written by the host: the camera's own move, so a start would refuse them.
+pub(super) const REST: &str = "/rest.toml";
 /// Pictures of a camera that shows no fingertip cannot be believed: the run ends with code 3, and the forces are zero.
 pub(super) const WITH_LOSS: i32 = 3;
 
