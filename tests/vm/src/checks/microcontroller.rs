@@ -52,15 +52,23 @@ fn plugged(socket: u8, serial: &str, speed: Speed) -> Result<Gadget, String> {
 fn holding(more: &[&str]) -> Result<(Gadget, Running), String> {
     let gadget = plugged(0, SERIAL, Speed::Full)?;
     let running = start(&mut command(&filming(more))).map_err(|error| error.to_string())?;
-    wait_for(
+    let holds = wait_for(
         || {
             gadget
                 .memory()
                 .is_ok_and(|memory| memory.holds && memory.line > 0 && memory.maps > ENOUGH_MAPS)
         },
         "a line that holds, and maps",
-    )
-    .map_err(|why| format!("{why}: {:?}", gadget.memory()))?;
+    );
+    if let Err(why) = holds {
+        let memory = gadget.memory();
+        let ended = running.kill()?;
+        return Err(format!(
+            "{why}: {memory:?}; ended with {:?}, said: {}",
+            ended.code,
+            ended.said.trim()
+        ));
+    }
     Ok((gadget, running))
 }
 
