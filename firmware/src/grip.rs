@@ -322,7 +322,7 @@ impl GripController {
         if demand > self.line_milli {
             self.line_milli = demand.min(self.line_milli + grown(settings.rise_rate));
         } else if goes_back {
-            // What a test added that found the contact held.
+            // What a test added: all of it, or, after a slide, what the friction found does not need.
             let passed_us = passed_us.min(FALL_US_MAX) as i64;
             let step = i64::from(settings.release_rate) * passed_us;
             // The line may meanwhile have been released.

@@ -271,12 +271,13 @@ impl SlideWitness {
         };
         let fades = self.fades(shear, normal);
         // All taxels of such a load stick by the detector's friction, also while they slide.
-        // A load below what the contact has carried slides only after a fall; one that stays while the grip sinks is held.
+        // A load far below what the contact has carried, or below what a slide left of its friction, slides only after a fall; one
+        // that stays while the grip sinks is held.
         let is_low = self.settled_us > SETTLED_US
             && 4 * shear > 5 * self.tested
             && now < detector
             && 5 * u32::from(now) > 3 * u32::from(self.carried)
-            && 10 * u32::from(now) > 9 * u32::from(if self.limit == UNLIMITED { 0 } else { self.limit })
+            && (self.limit == UNLIMITED || 10 * u32::from(now) > 9 * u32::from(self.limit))
             && !self.stays_while_the_grip_sinks(shear, normal);
         if is_low {
             self.tested = shear;

@@ -10,7 +10,7 @@ use gripline_link::Transport;
 use gripline_link::emulator::{Disturbance, FaultInjection, LineWiring, LineWrite};
 use gripline_protocol::crc::crc32;
 use gripline_protocol::message::{Command, Configuration, GripMode, Hello, Message, MessagePackets, Refusal};
-use gripline_protocol::{ForceMap, Health, MapInfo, encode_map};
+use gripline_protocol::{ForceMap, Health};
 
 /// How soon after a reset the line is back.
 const RESTORED_NS: u64 = 2_000_000;
@@ -255,21 +255,6 @@ fn doubtful(board: &mut Board, health: Health) {
     board.odd_map(&map(0), |info| info.health = health);
 }
 
-fn damaged(board: &mut Board, count: u8) {
-    for round in 0..count {
-        let mut packets = Vec::new();
-        encode_map(&MapInfo::default(), &map(60), |packet| {
-            packets.push(packet.to_vec());
-        });
-        packets[1][7] ^= 1 << (round % 8);
-        for packet in &packets {
-            board.session.send_raw(packet).unwrap();
-        }
-        board.session.send_raw(&[round; 64]).unwrap();
-    }
-    board.wait(30_000);
-}
-
 fn stranger(board: &mut Board, hello: &Hello) {
     for packet in MessagePackets::new(&Message::Hello(*hello), 9).unwrap() {
         board.session.send_raw(&packet).unwrap();
@@ -285,7 +270,7 @@ const RAISED: [(Fault, Raise); 17] = [
     (Fault::LinkLost, |board| {
         board.wait(600_000);
     }),
-    (Fault::CrcStorm, |board| damaged(board, 30)),
+    (Fault::CrcStorm, |board| board.storm()),
     (Fault::ReplayedMap, |board| {
         board.odd_map(&map(0), |info| info.sequence -= 3);
         board.sequence -= 1;

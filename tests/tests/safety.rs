@@ -11,7 +11,7 @@ use gripline_protocol::crc::crc32;
 use gripline_protocol::message::{
     Command, Configuration, GripMode, Hello, LineKind, Message, MessagePackets, Refusal, Status,
 };
-use gripline_protocol::{Health, LSB_PER_NEWTON, MapInfo, encode_map};
+use gripline_protocol::{Health, LSB_PER_NEWTON};
 
 /// Registers at whose next touch something happens: the DAC's value (the way from map to line), the watchdog's key (the idle loop),
 /// the USB core's interrupt status (an interrupt above them all).
@@ -151,18 +151,7 @@ fn maps_that_stop_or_come_too_late_hold_the_line_until_a_fresh_one_comes() {
 #[ignore = "needs the emulator and the image: cargo xtask test"]
 fn a_crc_storm_holds_the_line_latches_and_costs_no_good_map() {
     let (mut board, held) = holding();
-    for round in 0..30_u8 {
-        let mut packets = Vec::new();
-        encode_map(&MapInfo::default(), &map(60), |packet| {
-            packets.push(packet.to_vec());
-        });
-        packets[1][7] ^= 1 << (round % 8);
-        for packet in &packets {
-            board.session.send_raw(packet).unwrap();
-        }
-        board.session.send_raw(&[round; 64]).unwrap();
-    }
-    board.wait(30_000);
+    board.storm();
     let storm = board.maps(&map(0), 2);
     assert_has(&storm, Fault::CrcStorm);
     assert_eq!(storm.line, held.line);

@@ -11,7 +11,7 @@ use gripline_firmware::{Fault, GripForce};
 use gripline_link::session::Session;
 use gripline_link::{EmulatorLink, Link, LinkError, Transport};
 use gripline_protocol::message::{Command, Configuration, Refusal, Status};
-use gripline_protocol::{ForceMap, MapInfo, PER_UNIT, TaxelForce};
+use gripline_protocol::{ForceMap, MapInfo, PER_UNIT, TaxelForce, encode_map};
 use rand::RngExt as _;
 use rand_pcg::Pcg64Mcg;
 
@@ -219,6 +219,22 @@ impl Board {
             self.wait(FRAME_US);
         }
         *self.session.status().unwrap()
+    }
+
+    /// Sends thirty maps with a wrong bit, and a packet of nonsense after each.
+    pub(crate) fn storm(&mut self) {
+        for round in 0..30_u8 {
+            let mut packets = Vec::new();
+            encode_map(&MapInfo::default(), &map(60), |packet| {
+                packets.push(packet.to_vec());
+            });
+            packets[1][7] ^= 1 << (round % 8);
+            for packet in &packets {
+                self.session.send_raw(packet).unwrap();
+            }
+            self.session.send_raw(&[round; 64]).unwrap();
+        }
+        self.wait(30_000);
     }
 
     /// The DAC shows the very force that the status tells, as the live-zero line demands.

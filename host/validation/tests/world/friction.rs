@@ -1,47 +1,20 @@
 //! Friction that changes with time, speed and place, and mass that is poured in, against closed forms.
 
 use gripline_simulation::constants::GRAVITY_MM_PER_S2;
-use gripline_simulation::contact_world::{Shape, Texture};
-use gripline_simulation::grasp::{
-    Course, FixedForce, FrictionLaw, GraspFrame, GraspScene, GraspWorld, Object, Patch, Pull,
-};
+use gripline_simulation::contact_world::Texture;
+use gripline_simulation::grasp::{Course, FrictionLaw, GraspFrame, GraspScene, GraspWorld, Pull};
+
+use crate::{FREE_S, frames};
 
 const FRAME_S: f64 = 1.0 / 60.0;
 const FRICTION: f64 = 0.8;
-/// The hand lets go when the grip has settled.
-const FREE_S: f64 = 0.5;
 
-/// A ball of 12 mm and 100 g in the air, held by a hand until the grip has settled.
+/// A ball of 100 g that may fall far.
 fn ball() -> GraspScene {
-    let object = Object {
-        name: "ball".into(),
-        mass_g: 100.0,
-        inertia_g_mm2: 40_000.0,
-        centre_of_mass_mm: [0.0; 2],
-        size_mm: [24.0; 3],
-        patch: Patch::Shape(Shape::Sphere { radius_mm: 12.0 }),
-        patch_turn_rad: 0.0,
-        friction: [FRICTION; 2],
-    };
     GraspScene {
-        table: None,
-        held_until_s: FREE_S,
-        cells: 40,
         drop_mm: 100.0,
-        ..GraspScene::new(object)
+        ..crate::ball(100.0, 40_000.0, FRICTION)
     }
-}
-
-fn frames(scene: &GraspScene, grip_n: f64, dt_s: f64, duration_s: f64) -> Vec<GraspFrame> {
-    let mut world = GraspWorld::new(scene).unwrap().vertical_pressure();
-    let mut frames = Vec::new();
-    world
-        .run(&mut FixedForce(grip_n), dt_s, duration_s, |frame| {
-            frames.push(frame.clone());
-            true
-        })
-        .unwrap();
-    frames
 }
 
 /// What the gels carry upwards, N.

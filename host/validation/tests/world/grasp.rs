@@ -2,51 +2,24 @@
 
 use gripline_simulation::Image;
 use gripline_simulation::constants::{GRAVITY_MM_PER_S2, SLIP_SPEED_MM_PER_S};
-use gripline_simulation::contact_world::Shape;
 use gripline_simulation::grasp::{
-    Course, FixedForce, GraspFrame, GraspParts, GraspScene, GraspWorld, OBJECTS, Object, Oracle, Patch, Pull,
-    Stroke,
+    Course, GraspFrame, GraspParts, GraspScene, GraspWorld, OBJECTS, Oracle, Pull, Stroke,
 };
 
-use crate::difference;
+use crate::{FREE_S, difference};
 
 const FRAME_S: f64 = 1.0 / 60.0;
 const FRICTION: f64 = 0.6;
 const GRIP_N: f64 = 3.0;
-/// The hand lets go when the grip has settled.
-const FREE_S: f64 = 0.5;
 
-/// A ball of 12 mm and 50 g, held by a hand until the grip has settled.
+/// A ball of 50 g.
 fn ball() -> GraspScene {
-    let object = Object {
-        name: "ball".into(),
-        mass_g: 50.0,
-        inertia_g_mm2: 20_000.0,
-        centre_of_mass_mm: [0.0; 2],
-        size_mm: [24.0; 3],
-        patch: Patch::Shape(Shape::Sphere { radius_mm: 12.0 }),
-        patch_turn_rad: 0.0,
-        friction: [FRICTION; 2],
-    };
-    GraspScene {
-        table: None,
-        held_until_s: FREE_S,
-        cells: 40,
-        ..GraspScene::new(object)
-    }
+    crate::ball(50.0, 20_000.0, FRICTION)
 }
 
-/// Frames of a scene under a fixed grip.
+/// Frames of a scene under [`GRIP_N`].
 fn frames(scene: &GraspScene, dt_s: f64, duration_s: f64) -> Vec<GraspFrame> {
-    let mut world = GraspWorld::new(scene).unwrap().vertical_pressure();
-    let mut frames = Vec::new();
-    world
-        .run(&mut FixedForce(GRIP_N), dt_s, duration_s, |frame| {
-            frames.push(frame.clone());
-            true
-        })
-        .unwrap();
-    frames
+    crate::frames(scene, GRIP_N, dt_s, duration_s)
 }
 
 /// What the gels carry, in finger 0's frame.
