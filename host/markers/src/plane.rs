@@ -87,6 +87,15 @@ fn extreme(
     turn(rows, to);
 }
 
+/// The rows of one plane with those of another, which takes its size.
+fn rows_of_both<'a>(from: &'a Plane, to: &'a mut Plane) -> impl Iterator<Item = (&'a [f32], &'a mut [f32])> {
+    to.width = from.width;
+    to.height = from.height;
+    to.values.resize(from.values.len(), 0.0);
+    let rows = to.values.chunks_exact_mut(from.width);
+    from.values.chunks_exact(from.width).zip(rows)
+}
+
 fn along_rows(
     from: &Plane,
     side: usize,
@@ -95,14 +104,7 @@ fn along_rows(
     to: &mut Plane,
 ) {
     let half = side / 2;
-    to.width = from.width;
-    to.height = from.height;
-    to.values.resize(from.values.len(), 0.0);
-    for (row, out) in from
-        .values
-        .chunks_exact(from.width)
-        .zip(to.values.chunks_exact_mut(from.width))
-    {
+    for (row, out) in rows_of_both(from, to) {
         // Values at the border repeat beyond it: they are in every window there anyway.
         line.clear();
         line.extend(std::iter::repeat_n(row[0], half));
@@ -144,14 +146,7 @@ pub(crate) fn blur(from: &Plane, taps: &[f32], scratch: &mut Scratch, to: &mut P
 }
 
 fn blur_rows(from: &Plane, taps: &[f32], to: &mut Plane) {
-    to.width = from.width;
-    to.height = from.height;
-    to.values.resize(from.values.len(), 0.0);
-    for (row, out) in from
-        .values
-        .chunks_exact(from.width)
-        .zip(to.values.chunks_exact_mut(from.width))
-    {
+    for (row, out) in rows_of_both(from, to) {
         for (out, value) in out.iter_mut().zip(row) {
             *out = taps[0] * value;
         }
