@@ -185,3 +185,14 @@ pub const ROBOTIQ_ECHO_US: u64 = 100_000;
 pub const ROBOTIQ_ACTIVATION_PAUSE_US: u64 = 1_000_000;
 /// Longest activation, µs: the fingers open and close once, a few seconds; then it is tried again.
 pub const ROBOTIQ_ACTIVATION_MAX_US: u64 = 15_000_000;
+/// Shortest time between maps that the witness of unrest compares, µs: at 60 maps a second every one, at a thousand every tenth.
+pub const UNREST_SAMPLE_US: u32 = 10_000;
+/// Averaging time of the unrest, as a shift of µs: 0.26 s. This and the next two were chosen on the three uSkin trials with labels.
+pub const UNREST_SHIFT: u32 = 18;
+/// How fast what is usual follows the unrest, as a shift of µs: 1.0 s.
+pub const USUAL_UNREST_SHIFT: u32 = 20;
+/// The same in the first second of a contact: 0.5 s.
+pub const NEW_UNREST_SHIFT: u32 = 19;
+/// What is usual before a contact has shown it, as a logarithm to base 2 of 2⁻²⁴, in 2⁻¹⁶: 0.02 of the reach, which the shipped network's
+/// noise makes.
+pub const USUAL_UNREST: i32 = 1_202_979;

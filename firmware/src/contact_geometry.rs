@@ -19,6 +19,8 @@ use crate::constants::{
 
 /// Share of the largest normal force by which the force must grow before the kind is decided again.
 const GROWTH_PART: u32 = 16;
+/// Fraction bits of the reach.
+const REACH_FRACTION: u32 = 4;
 /// Upper limit of the reach, squared: every taxel is within 19 half pitches both ways.
 const REACH_MAX: u64 = 16 * 2 * 19 * 19;
 
@@ -63,7 +65,7 @@ impl ContactGeometry {
         let normal = sums.force[2].max(1).cast_unsigned();
         // On so many taxels a disc has the smallest reach.
         let min = 8 * u64::from(sums.contact);
-        let reach = reach(sums).max(min).min(REACH_MAX);
+        let reach = reach_squared(sums, REACH_FRACTION).max(min).min(REACH_MAX);
         self.reach = reach as u16;
         // Less is fluctuation.
         if sticks && normal > self.normal + self.normal / GROWTH_PART {
@@ -113,15 +115,16 @@ impl ContactGeometry {
     }
 }
 
-/// Mean square distance of the pressure from its centre; 0 where tension outweighs it.
-fn reach(sums: &MapSums) -> u64 {
+/// Mean square distance of the pressure from its centre, half taxel pitches squared with so many fraction bits, at most 28; 0
+/// where tension outweighs it. Normal forces of 2¹⁶ and more count to 16 places.
+pub(crate) fn reach_squared(sums: &MapSums, fraction: u32) -> u64 {
     let normal = i64::from(sums.force[2].max(1));
     let [across, along] = sums.pressure.map(|sum| i64::from(sum).pow(2));
     // N² times it, exactly: at most 2 · 2³¹ · 2²⁴, and 2 · 2⁵⁶.
     let about_centre = 2 * i64::from(sums.spread) * normal - across - along;
     let (divisor, shift) = narrowed(sums.force[2]);
     let once = divide(about_centre.max(0).cast_unsigned() >> shift, divisor);
-    divide((once << 4) >> shift, divisor)
+    divide((once << fraction) >> shift, divisor)
 }
 
 #[cfg(test)]
@@ -262,7 +265,7 @@ mod tests {
             };
             let centre = [mean(&|x, _| x), mean(&|_, y| y)];
             let right = 16.0 * mean(&|x, y| (x - centre[0]).powi(2) + (y - centre[1]).powi(2));
-            let found = reach(&sums) as f64;
+            let found = reach_squared(&sums, REACH_FRACTION) as f64;
             prop_assert!((found - right).abs() <= 1.5 + 1e-4 * right, "{found} {right}");
         }
     }

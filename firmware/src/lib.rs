@@ -32,8 +32,10 @@ pub mod rs485;
 pub mod safety;
 pub mod slide_witness;
 pub mod slip;
+mod slip_evidence;
 pub mod storage;
 pub mod sums;
+mod unrest;
 
 pub use fault::{Fault, FaultSet};
 pub use friction::Friction;

@@ -16,7 +16,7 @@ pub const PACKET_MAX: usize = 64;
 /// Bytes before every packet's payload: version and kind, sensor or message id, sequence, index.
 pub const PACKET_HEADER: usize = 4;
 /// Version of the packet layout, in the upper half of a packet's first byte.
-pub const WIRE_VERSION: u8 = 1;
+pub const WIRE_VERSION: u8 = 2;
 /// Bytes of one taxel on the wire: three little-endian i16.
 pub const TAXEL_BYTES: usize = 6;
 /// Taxels in a full packet: (64 − 4) / 6.

@@ -1,7 +1,7 @@
 //! A force map cut into self-contained packets, which the receiver can process as they arrive.
 //!
-//! Little-endian, no varints. The head packet is always 64 bytes: header, sequence u32, capture time u32 (µs),
-//! contents u16 (number of taxels in bits 0–8, [`Health`] in bits 9–15), bitmap of 400 bits. Then full packets of ten
+//! Little-endian, no varints. The head packet is always 64 bytes: header with the sequence number's lowest byte, its other
+//! three bytes, [`Motion`], capture time u32 (µs), contents u16 (number of taxels in bits 0–8, [`Health`] in bits 9–15), bitmap of 400 bits. Then full packets of ten
 //! taxels, then the tail with the last 0–9 taxels and the CRC-32 of every byte before it, packet headers included.
 //! A taxel is sent when any of its components is not zero, so every map survives the trip.
 
@@ -10,6 +10,7 @@ use crate::constants::{
 };
 use crate::crc::RunningCrc;
 use crate::force_map::{ActiveSet, ForceMap, TaxelForce};
+use crate::motion::Motion;
 use crate::packet::{Header, Kind, Packet};
 
 /// Health of the picture behind a map. Any flag makes the map doubtful.
@@ -81,9 +82,11 @@ pub struct MapInfo {
     pub capture_us: u32,
     /// Health of the picture.
     pub health: Health,
+    /// Whether the object moves, as the picture shows it.
+    pub motion: Motion,
 }
 
-pub(crate) const HEAD_BYTES: usize = PACKET_HEADER + 4 + 4 + 2 + BITMAP_BYTES;
+pub(crate) const HEAD_BYTES: usize = PACKET_HEADER + 3 + 1 + 4 + 2 + BITMAP_BYTES;
 const _: () = assert!(HEAD_BYTES == PACKET_MAX);
 
 /// Bytes on the wire of a map with this number of active taxels, packet headers included.
@@ -107,7 +110,9 @@ pub fn encode_map(info: &MapInfo, map: &ForceMap, mut send: impl FnMut(&[u8])) {
     let count = active.count();
     let mut crc = RunningCrc::new();
     let mut packet = packet_of(info, Kind::MapHead, 0);
-    put(&mut packet, &info.sequence.to_le_bytes());
+    let [_, above_header @ ..] = info.sequence.to_le_bytes();
+    put(&mut packet, &above_header);
+    put(&mut packet, &[info.motion.bits()]);
     put(&mut packet, &info.capture_us.to_le_bytes());
     put(
         &mut packet,
@@ -163,9 +168,9 @@ pub(crate) struct Head {
 }
 
 impl Head {
-    /// Reads the payload of a head packet.
-    pub(crate) fn from_payload(sensor: u8, payload: &[u8; PACKET_MAX - PACKET_HEADER]) -> Option<Self> {
-        let (sequence, rest) = payload.split_first_chunk::<4>()?;
+    /// Reads the payload of a head packet after its header.
+    pub(crate) fn from_payload(header: Header, payload: &[u8; PACKET_MAX - PACKET_HEADER]) -> Option<Self> {
+        let (&[low, high, highest, motion], rest) = payload.split_first_chunk::<4>()?;
         let (capture, rest) = rest.split_first_chunk::<4>()?;
         let (contents, rest) = rest.split_first_chunk::<2>()?;
         let bitmap: &[u8; BITMAP_BYTES] = rest.try_into().ok()?;
@@ -173,10 +178,11 @@ impl Head {
         let active = ActiveSet::from_bytes(*bitmap);
         let count = contents & 0x1FF;
         let info = MapInfo {
-            sensor,
-            sequence: u32::from_le_bytes(*sequence),
+            sensor: header.owner,
+            sequence: u32::from_le_bytes([header.sequence, low, high, highest]),
             capture_us: u32::from_le_bytes(*capture),
             health: Health::from_bits((contents >> 9) as u8),
+            motion: Motion::from_bits(motion),
         };
         Some(Self { info, count, active })
     }

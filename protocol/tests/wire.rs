@@ -4,11 +4,11 @@
 use gripline_protocol::cobs::{CobsDecoder, FRAME_MAX, Frame, encode_packet};
 use gripline_protocol::message::{
     Command, Configuration, GripMode, Hello, MapSums, Message, MessageError, MessagePackets, OutOfRange,
-    Refusal, Report, Revision, SCHEMA_HASH, SCHEMA_VERSION, SlipState, Status,
+    Refusal, Report, Revision, SCHEMA_HASH, SCHEMA_VERSION, SlipState, Status, Witnesses,
 };
 use gripline_protocol::{
-    Event, ForceMap, Health, MapInfo, PACKET_MAX, PacketError, Parser, TAXELS, TaxelForce, encode_map,
-    map_bytes,
+    Event, ForceMap, Health, MapInfo, Motion, PACKET_MAX, PacketError, Parser, TAXELS, TaxelForce,
+    encode_map, map_bytes,
 };
 use proptest::prelude::*;
 
@@ -31,14 +31,15 @@ fn any_map() -> impl Strategy<Value = ForceMap> {
 }
 
 fn any_info() -> impl Strategy<Value = MapInfo> {
-    (0..2_u8, any::<u32>(), any::<u32>(), 0..128_u8).prop_map(|(sensor, sequence, capture_us, health)| {
-        MapInfo {
+    (0..2_u8, any::<u32>(), any::<u32>(), 0..128_u8, any::<u8>()).prop_map(
+        |(sensor, sequence, capture_us, health, motion)| MapInfo {
             sensor,
             sequence,
             capture_us,
             health: Health::from_bits(health),
-        }
-    })
+            motion: Motion::from_bits(motion),
+        },
+    )
 }
 
 fn packets(info: &MapInfo, map: &ForceMap) -> Vec<Vec<u8>> {
@@ -309,10 +310,20 @@ fn any_status() -> impl Strategy<Value = Status> {
         any::<[u32; 7]>(),
         any::<i32>(),
         any::<[u32; 4]>(),
-        any::<(u8, bool)>(),
+        any::<(u8, bool, [u16; 5])>(),
     )
         .prop_map(
-            |(sums, state, mode, time_to_slip_ms, numbers, line, worst_cycles, (sensor, coulomb_slip))| {
+            |(
+                sums,
+                state,
+                mode,
+                time_to_slip_ms,
+                numbers,
+                line,
+                worst_cycles,
+                (sensor, coulomb_slip, evidence),
+            )| {
+                let [slip_evidence, stick_ratio, unrest, shear_follows, motion] = evidence;
                 let [
                     uptime_ms,
                     sequence,
@@ -329,6 +340,13 @@ fn any_status() -> impl Strategy<Value = Status> {
                     sums,
                     coulomb_slip,
                     state,
+                    slip_evidence,
+                    witnesses: Witnesses {
+                        stick_ratio,
+                        unrest,
+                        shear_follows,
+                        motion,
+                    },
                     time_to_slip_ms,
                     mode,
                     line,
@@ -481,10 +499,10 @@ fn another_schema_is_refused_and_both_versions_are_named() {
 #[test]
 fn another_wire_version_is_refused() {
     let mut packet = packets(&MapInfo::default(), &ForceMap::EMPTY)[0].clone();
-    packet[0] = 0x20;
+    packet[0] = 0x10;
     assert_eq!(
         Parser::new().push(&packet).unwrap_err(),
-        PacketError::Version { found: 0x20 }
+        PacketError::Version { found: 0x10 }
     );
 }
 
@@ -517,20 +535,21 @@ fn the_wire_format_is_what_the_golden_bytes_say() {
         sequence: 0x0A0B_0C0D,
         capture_us: 0x1122_3344,
         health: Health::TOO_BRIGHT,
+        motion: Motion::new(42, 2),
     };
     let sent = packets(&info, &map);
     assert_eq!(sent.len(), 2);
     assert_eq!(
         sent[0][..14],
         [
-            0x10, 1, 0x0D, 0, 0x0D, 0x0C, 0x0B, 0x0A, 0x44, 0x33, 0x22, 0x11, 0x02, 0x04
+            0x20, 1, 0x0D, 0, 0x0C, 0x0B, 0x0A, 0xAA, 0x44, 0x33, 0x22, 0x11, 0x02, 0x04
         ]
     );
     assert_eq!(sent[0][14], 1);
     assert_eq!(sent[0][63], 0x80);
     assert!(sent[0][15..63].iter().all(|&byte| byte == 0));
     let taxels = [1, 0, 0xFE, 0xFF, 4, 3, 0, 0x80, 0, 0, 0xFF, 0x7F];
-    assert_eq!(sent[1][..16], [&[0x12, 1, 0x0D, 1][..], &taxels].concat());
+    assert_eq!(sent[1][..16], [&[0x22, 1, 0x0D, 1][..], &taxels].concat());
     let golden_crc = crc32_bit_by_bit(&[&sent[0][..], &sent[1][..16]].concat());
     assert_eq!(sent[1][16..], golden_crc.to_le_bytes());
 }

@@ -125,6 +125,9 @@ impl Control {
             },
             entered,
         );
+        if action.decided {
+            self.program.settle();
+        }
     }
 
     /// Takes what a packet of a message came to.

@@ -39,7 +39,11 @@ impl Device {
     /// Takes one packet of at most 64 bytes as it arrived at a link (COBS already decoded).
     pub fn packet_from(&mut self, link: LinkId, packet: &[u8], now_us: u64) -> Action {
         if Kind::of(packet) != Some(Kind::Message) {
-            return self.program.map_packet(packet, link, now_us);
+            let action = self.program.map_packet(packet, link, now_us);
+            if action.decided {
+                self.program.settle();
+            }
+            return action;
         }
         let event = self.readers[link as usize].read(packet);
         self.program.message(&event, link, now_us);

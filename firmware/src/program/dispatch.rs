@@ -6,10 +6,12 @@
 
 use core::marker::PhantomData;
 
-use gripline_protocol::message::{Configuration, GripMode, Hello, MapSums, STAGES, SlipState, Stage, Status};
+use gripline_protocol::message::{
+    Configuration, GripMode, Hello, MapSums, STAGES, SlipState, Stage, Status, Witnesses,
+};
 use gripline_protocol::packet::Kind;
 use gripline_protocol::sequence::{Order, SequenceTracker};
-use gripline_protocol::{Health, MapInfo, SENSORS};
+use gripline_protocol::{Health, MapInfo, Motion, SENSORS};
 
 use super::object::Object;
 use super::outbox::Outbox;
@@ -25,6 +27,7 @@ use crate::line::LineHealth;
 use crate::link::{LINKS, LinkId};
 use crate::safety::Safety;
 use crate::slip::{SlipDecision, SlipDetector, severity};
+use crate::slip_evidence::SlipEvidence;
 use crate::sums::{Kernel, Portable, TaxelRule, stick_ratio_below, total_shear};
 
 /// What to do after a packet of a map or a tick.
@@ -60,6 +63,11 @@ pub(super) struct Fingertip {
     sums: MapSums,
     shear: i32,
     friction: FrictionEstimator,
+    evidence: SlipEvidence,
+    motion: Motion,
+    capture_us: u32,
+    /// The evidence has not seen the newest map yet.
+    is_unsettled: bool,
     /// What of `friction` has not seen the newest map yet.
     due: Due,
     pub(super) clock: ClockSync,
@@ -238,6 +246,25 @@ impl<K: Kernel> Program<K> {
         self.action(false)
     }
 
+    /// What a map leaves to do once its line is written: the evidence of slip, which the next status tells. Call it after every
+    /// [`Program::map_packet`] that decided.
+    #[inline(never)]
+    pub fn settle(&mut self) {
+        let [one, other] = &mut self.fingertips;
+        let tip = if one.is_unsettled { one } else { other };
+        if !core::mem::take(&mut tip.is_unsettled) {
+            return;
+        }
+        let says = (tip.motion, tip.friction.witness().urgency);
+        tip.evidence.observe(
+            &tip.sums,
+            tip.decision,
+            says,
+            tip.capture_us,
+            self.settings.slip_leave,
+        );
+    }
+
     /// First part of the 1 kHz tick: what has become too old. In parts, so that a packet waits for one of them only.
     pub fn age(&mut self, now_us: u64) {
         let now_us = self.passed_to(now_us);
@@ -347,6 +374,7 @@ impl<K: Kernel> Program<K> {
     pub fn status(&self) -> Status {
         let tip = &self.fingertips[usize::from(self.newest.sensor).min(SENSORS - 1)];
         let evidence = self.evidence(u64::MAX);
+        let (slip_evidence, witnesses) = self.slip_evidence();
         let [usb, uart] = &self.receivers;
         let [x, y, normal] = tip.sums.force;
         Status {
@@ -356,6 +384,8 @@ impl<K: Kernel> Program<K> {
             sums: tip.sums,
             coulomb_slip: self.rule.friction.exceeded_by([x, y], normal),
             state: evidence.state,
+            slip_evidence,
+            witnesses,
             time_to_slip_ms: tip.decision.time_to_slip_ms,
             mode: self.controller.mode(),
             line: self.line().lsb(),
@@ -422,6 +452,9 @@ impl<K: Kernel> Program<K> {
             tip.shear = shear;
             tip.arrived_us = self.now_us;
             tip.due = Due::Estimate;
+            tip.is_unsettled = true;
+            tip.motion = info.motion;
+            tip.capture_us = info.capture_us;
             tip.decision = tip
                 .slip
                 .update(&tip.sums, info.capture_us, self.now_us, &self.settings);
@@ -485,6 +518,16 @@ impl<K: Kernel> Program<K> {
                 !tip.is_doubtful() && !stick_ratio_below(&one_less, self.settings.reflex_target);
         }
         worst
+    }
+
+    /// How sure all fingertips' witnesses are together, and what each says by itself.
+    fn slip_evidence(&self) -> (u16, Witnesses) {
+        let [one, other] = &self.fingertips;
+        if self.settings.sensors < 2 {
+            return (one.evidence.joined(), one.evidence.witnesses());
+        }
+        let joined = one.evidence.joined().max(other.evidence.joined());
+        (joined, one.evidence.witnesses().max(other.evidence.witnesses()))
     }
 
     pub(super) fn send_status(&mut self) {

@@ -35,6 +35,7 @@ impl Bench {
             sequence: self.sequence,
             capture_us: (self.now_us - late_us) as u32,
             health,
+            ..MapInfo::default()
         };
         assert!(self.map_with(info, map).last().unwrap().decided);
     }

@@ -356,7 +356,8 @@ fn the_csv_is_what_other_programs_were_promised() {
         "--line",
         "--json",
     ]);
-    let header = "frame,fn,fx,fy,ft,mz,contact,stick,stick_ratio,coulomb_slip,slip,state,line_n\n";
+    let header =
+        "frame,fn,fx,fy,ft,mz,contact,stick,stick_ratio,coulomb_slip,slip,state,slip_evidence,line_n\n";
     assert!(fs::read_to_string(&csv).unwrap().starts_with(header));
     let files: Vec<_> = fs::read_dir(&directory).unwrap().collect();
     assert_eq!(

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use gripline_link::session::{SentMap, Session};
 use gripline_network::scene::GateDecision;
 use gripline_protocol::message::{Command, GripMode, MapSums, Refusal, Status};
-use gripline_protocol::{ForceMap, Health, MapInfo, SENSORS};
+use gripline_protocol::{ForceMap, Health, MapInfo, Motion, SENSORS};
 use gripline_recording::telemetry::STAGES;
 
 use crate::PipelineError;
@@ -93,6 +93,8 @@ pub struct FrameRequest {
     pub mode: GripMode,
     /// How long ago the picture was taken, by the link's clock.
     pub age_us: u32,
+    /// Whether the object moves, as the picture shows it.
+    pub motion: Motion,
     /// Time for decoding the picture.
     pub decode_us: f64,
     /// Part of the latency before the frame begins: from the picture's bytes on.
@@ -116,6 +118,8 @@ pub struct FrameOutcome {
     pub gate: GateDecision,
     /// Doubts about the picture.
     pub health: Health,
+    /// What travelled with the map of the object's motion.
+    pub motion: Motion,
     /// Time of each of [`STAGES`]; 0 where the gate skipped it.
     pub stages_us: [f64; STAGES.len()],
     /// Picture's bytes in to map out.
@@ -333,6 +337,7 @@ impl ControlLoop {
                 sequence: self.sequences[usize::from(request.sensor)],
                 capture_us: begun_us.wrapping_sub(request.age_us),
                 health: Health::GOOD,
+                motion: request.motion,
             },
         })
     }
@@ -368,6 +373,7 @@ impl ControlLoop {
             begun_us: begun.start_us,
             gate: processed.gate,
             health: processed.health,
+            motion: begun.info.motion,
             stages_us: [
                 begun.request.decode_us,
                 downsample_us,

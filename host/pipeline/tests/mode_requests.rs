@@ -6,7 +6,7 @@ use gripline_network::scene::GateDecision;
 use gripline_pipeline::Unconfirmed;
 use gripline_pipeline::control_loop::{ControlLoop, FrameRequest};
 use gripline_protocol::message::{Command, Configuration, GripMode, Message};
-use gripline_protocol::{Event, ForceMap, Health, Parser};
+use gripline_protocol::{Event, ForceMap, Health, Motion, Parser};
 
 const FRAME_US: u64 = 16_667;
 
@@ -72,6 +72,7 @@ fn frames_until_answered(
             sensor: 0,
             mode,
             age_us: 0,
+            motion: Motion::UNKNOWN,
             decode_us: 0.0,
             waited_us: 0.0,
             until_us: *until_us,

@@ -12,10 +12,12 @@ use npyz::WriterBuilder as _;
 use crate::error::RecordingError;
 use crate::reader::{Completeness, Reader, RecordedFrame, messages_of};
 use crate::status::RecordedStatus;
+use crate::units;
 
 /// Columns of `frames.csv`; `stick_ratio` is empty when nothing touches, those of the truth when nobody knows it.
 const HEADER: &str = "frame,t_s,gate,health,fn,fx,fy,ft,mz,contact,stick,stick_ratio,coulomb_slip,state,line_n,latency_us,\
-                      faults,truth_phase,truth_fn,truth_ft,truth_stick_ratio,truth_gross_slip,truth_slip_mm,sensor";
+                      faults,truth_phase,truth_fn,truth_ft,truth_stick_ratio,truth_gross_slip,truth_slip_mm,sensor,\
+                      slip_evidence";
 
 /// What an export found in the recording.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -202,6 +204,7 @@ fn row(status: &RecordedStatus) -> String {
         None => cells.extend([const { String::new() }; 6]),
     }
     cells.push(status.sensor.to_string());
+    cells.push(units::ratio(status.wire.slip_evidence).to_string());
     cells.join(",")
 }
 

@@ -333,7 +333,7 @@ mod tests {
     use crate::image::Image;
     use crate::reader::{Completeness, Reader};
     use crate::status::{status_bytes, status_schema};
-    use crate::telemetry::{FrameReport, STAGES};
+    use crate::telemetry::{FrameReport, STAGES, WitnessReport};
     use crate::units::Load;
 
     fn frame(number: u64) -> Frame {
@@ -355,6 +355,8 @@ mod tests {
             stick_ratio: None,
             coulomb_slip: false,
             state: "NO_CONTACT",
+            slip_evidence: 0.0,
+            witnesses: WitnessReport::default(),
             time_to_slip_ms: None,
             line_n: 0.0,
             latency_us: 0.0,
@@ -372,6 +374,7 @@ mod tests {
             until_us: 0,
             requested_mode: GripMode::Hold,
             health_bits: 0,
+            motion_bits: 0,
             wire: Status::default(),
             map: Box::new(ForceMap::EMPTY),
             picture: Some(Image {

@@ -24,6 +24,8 @@ pub struct Frame {
     pub requested_mode: GripMode,
     /// [`gripline_protocol::Health`] of the map.
     pub health_bits: u8,
+    /// [`gripline_protocol::Motion`] of the map.
+    pub motion_bits: u8,
     /// The microcontroller's newest status.
     pub wire: Status,
     /// The map as it travelled.
@@ -43,6 +45,7 @@ struct StatusOut<'a> {
     #[serde(rename = "wish")]
     requested_mode: GripMode,
     health_bits: u8,
+    motion_bits: u8,
     wire: &'a Status,
 }
 
@@ -116,6 +119,9 @@ pub struct RecordedStatus {
     pub requested_mode: GripMode,
     /// [`gripline_protocol::Health`] of the map, as bits.
     pub health_bits: u8,
+    /// [`gripline_protocol::Motion`] of the map, as bits; older recordings have none.
+    #[serde(default)]
+    pub motion_bits: u8,
     /// The device's status in the wire's units.
     pub wire: Status,
 }
@@ -138,7 +144,7 @@ pub struct RecordedTruth {
 }
 
 /// The keys of `/status` and their JSON types, for programs that plot them.
-const STATUS_KEYS: [(&str, &str); 32] = [
+const STATUS_KEYS: [(&str, &str); 35] = [
     ("frame", "integer"),
     ("sensor", "integer"),
     ("t_s", "number"),
@@ -156,6 +162,8 @@ const STATUS_KEYS: [(&str, &str); 32] = [
     ("stick_ratio", "number"),
     ("coulomb_slip", "boolean"),
     ("state", "string"),
+    ("slip_evidence", "number"),
+    ("witnesses", "object"),
     ("time_to_slip_ms", "integer"),
     ("line_n", "number"),
     ("latency_us", "number"),
@@ -170,6 +178,7 @@ const STATUS_KEYS: [(&str, &str); 32] = [
     ("until_us", "integer"),
     ("wish", "string"),
     ("health_bits", "integer"),
+    ("motion_bits", "integer"),
     ("wire", "object"),
 ];
 
@@ -208,6 +217,7 @@ pub(crate) fn status_bytes(frame: &Frame) -> Result<Vec<u8>, serde_json::Error> 
         until_us: frame.until_us,
         requested_mode: frame.requested_mode,
         health_bits: frame.health_bits,
+        motion_bits: frame.motion_bits,
         wire: &frame.wire,
     })
 }

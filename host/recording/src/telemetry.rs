@@ -5,7 +5,7 @@
 use std::borrow::Cow;
 
 use gripline_protocol::Health;
-use gripline_protocol::message::Configuration;
+use gripline_protocol::message::{Configuration, Witnesses};
 use serde::Serialize;
 
 use crate::units::{Load, newtons, ratio};
@@ -70,6 +70,10 @@ pub struct FrameReport {
     pub coulomb_slip: bool,
     /// Slip state: `NO_CONTACT`, `STICK`, `INCIPIENT`, `SLIP`.
     pub state: &'static str,
+    /// How sure the whole detector is that something slips, 0 to 1.
+    pub slip_evidence: f64,
+    /// What each witness says by itself.
+    pub witnesses: WitnessReport,
     /// Estimated time to slip.
     pub time_to_slip_ms: Option<u16>,
     /// Grip-force line.
@@ -88,6 +92,32 @@ pub struct FrameReport {
     /// What the simulated world knows; `None` for real cameras.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub truth: Option<Truth>,
+}
+
+/// What each witness of slip says by itself, 0 to 1: [`Witnesses`] for programs and people.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+pub struct WitnessReport {
+    /// The stick ratio and the load on the contact.
+    pub stick_ratio: f64,
+    /// The map changes although the load does not.
+    pub unrest: f64,
+    /// The shear follows the grip.
+    pub shear_follows: f64,
+    /// The picture shows the object move.
+    pub motion: f64,
+}
+
+impl WitnessReport {
+    /// Of the microcontroller's numbers.
+    #[must_use]
+    pub fn of(witnesses: &Witnesses) -> Self {
+        Self {
+            stick_ratio: ratio(witnesses.stick_ratio),
+            unrest: ratio(witnesses.unrest),
+            shear_follows: ratio(witnesses.shear_follows),
+            motion: ratio(witnesses.motion),
+        }
+    }
 }
 
 /// What the simulated world knows about a frame.

@@ -7,7 +7,7 @@ use super::command::Command;
 use super::report::Report;
 
 /// Version of all messages but [`Hello`]. Raise it with every change of a message's layout.
-pub const SCHEMA_VERSION: u16 = 3;
+pub const SCHEMA_VERSION: u16 = 4;
 /// Hash over the layouts of all messages: notices a forgotten version number.
 pub const SCHEMA_HASH: u32 = {
     let command = postcard_schema::key::Key::for_path::<Command>("command").to_bytes();

@@ -15,4 +15,4 @@ pub use command::Command;
 pub use envelope::{Message, MessageError};
 pub use handshake::{BOARDS, Hello, Revision, SCHEMA_HASH, SCHEMA_VERSION, SchemaMismatch};
 pub use packets::MessagePackets;
-pub use report::{GripMode, MapSums, Refusal, Report, STAGES, SlipState, Stage, Status};
+pub use report::{GripMode, MapSums, Refusal, Report, STAGES, SlipState, Stage, Status, Witnesses};

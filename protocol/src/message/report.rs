@@ -70,6 +70,44 @@ impl SlipState {
     }
 }
 
+/// What each witness of slip would say if it were the only one, 1/10000: how sure it is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Witnesses {
+    /// The stick ratio and the load on the contact.
+    pub stick_ratio: u16,
+    /// The map changes although the load does not.
+    pub unrest: u16,
+    /// The shear follows the grip.
+    pub shear_follows: u16,
+    /// The host's evidence of motion.
+    pub motion: u16,
+}
+
+impl Witnesses {
+    /// Names and values, in the order of the fields.
+    #[must_use]
+    pub const fn named(&self) -> [(&'static str, u16); 4] {
+        [
+            ("stick_ratio", self.stick_ratio),
+            ("unrest", self.unrest),
+            ("shear_follows", self.shear_follows),
+            ("motion", self.motion),
+        ]
+    }
+
+    /// The surer of both, witness by witness.
+    #[must_use]
+    pub fn max(self, other: Self) -> Self {
+        Self {
+            stick_ratio: self.stick_ratio.max(other.stick_ratio),
+            unrest: self.unrest.max(other.unrest),
+            shear_follows: self.shear_follows.max(other.shear_follows),
+            motion: self.motion.max(other.motion),
+        }
+    }
+}
+
 /// The gripper's mode.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -132,6 +170,13 @@ pub struct Status {
     pub coulomb_slip: bool,
     /// Slip state over all fingertips: the worst.
     pub state: SlipState,
+    /// How sure the whole detector is that something slips, 1/10000: all witnesses, of the fingertip that says more.
+    // Recordings from before have none.
+    #[serde(default)]
+    pub slip_evidence: u16,
+    /// What the witnesses say by themselves.
+    #[serde(default)]
+    pub witnesses: Witnesses,
     /// Estimated time to slip, ms; `None` unless the stick ratio falls.
     pub time_to_slip_ms: Option<u16>,
     /// The gripper's mode.

@@ -153,10 +153,7 @@ impl MapParser {
                 expected: 0,
             });
         }
-        let head = Head::from_payload(header.owner, payload).ok_or(PacketError::Contents)?;
-        if head.info.sequence as u8 != header.sequence {
-            return Err(PacketError::Contents);
-        }
+        let head = Head::from_payload(header, payload).ok_or(PacketError::Contents)?;
         if head.active.places(&mut self.places) != head.count {
             return Err(PacketError::Contents);
         }

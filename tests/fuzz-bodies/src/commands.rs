@@ -142,6 +142,7 @@ impl Bench {
             sequence: self.sequence,
             capture_us: (self.now_us as u32).wrapping_sub(u32::from(input.byte()) << (kind >> 6 << 3)),
             health: Health::from_bits(if kind & 8 != 0 { input.byte() } else { 0 }),
+            ..MapInfo::default()
         };
         let mut map = ForceMap::EMPTY;
         let force = TaxelForce {

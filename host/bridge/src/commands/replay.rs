@@ -12,7 +12,7 @@ use gripline_firmware::sums::TaxelRule;
 use gripline_network::scene::{GateDecision, GateKind};
 use gripline_network::{Architecture, InstructionSet, Network, NetworkError};
 use gripline_protocol::message::{Configuration, Status};
-use gripline_protocol::{Health, SENSORS};
+use gripline_protocol::{Health, Motion, SENSORS};
 use serde::Serialize;
 
 use crate::config::settings_from_text;
@@ -170,6 +170,7 @@ fn replay(reader: &mut Reader, args: &ReplayArgs) -> Result<Replayed, Failure> {
             sensor: status.sensor,
             mode: status.requested_mode,
             age_us: begun_us.wrapping_sub(status.capture_us),
+            motion: Motion::from_bits(status.motion_bits),
             decode_us: 0.0,
             waited_us: 0.0,
             until_us: status.until_us,

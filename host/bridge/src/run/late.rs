@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 use gripline_firmware::sums::TaxelRule;
 use gripline_network::scene::GateKind;
 use gripline_network::{Architecture, Network};
+use gripline_protocol::Motion;
 use gripline_protocol::message::GripMode;
 
 use super::{Clock, Run};
@@ -84,6 +85,7 @@ fn a_map_that_is_too_old_to_be_sent_is_dropped_and_the_next_one_takes_its_number
         sensor: 0,
         mode: GripMode::Hold,
         age_us: 0,
+        motion: Motion::UNKNOWN,
         decode_us: 0.0,
         waited_us: 0.0,
         until_us,

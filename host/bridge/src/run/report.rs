@@ -9,10 +9,10 @@ use gripline_link::session::Session;
 use gripline_pipeline::control_loop::{FrameOutcome, Late, gate_name};
 use gripline_pipeline::pipeline::Pipeline;
 use gripline_recording::telemetry::{
-    FrameReport, LATE, NO_DEVICE, NO_STATUS, STATUS_OLD_US, Truth, health_names,
+    FrameReport, LATE, NO_DEVICE, NO_STATUS, STATUS_OLD_US, Truth, WitnessReport, health_names,
 };
 use gripline_recording::units::{
-    Load, centre_of_pressure_mm, force_n, millimetres, moment_nmm, newtons, shear_n, stick_ratio,
+    Load, centre_of_pressure_mm, force_n, millimetres, moment_nmm, newtons, ratio, shear_n, stick_ratio,
 };
 use gripline_recording::{Image, Pictures};
 
@@ -73,6 +73,8 @@ pub(super) fn report_of(
         stick_ratio: stick_ratio(sums),
         coulomb_slip: status.coulomb_slip,
         state: status.state.name(),
+        slip_evidence: ratio(status.slip_evidence),
+        witnesses: WitnessReport::of(&status.witnesses),
         time_to_slip_ms: status.time_to_slip_ms,
         line_n: newtons(status.line),
         latency_us: outcome.latency_us,

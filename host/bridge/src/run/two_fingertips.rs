@@ -152,6 +152,7 @@ fn line_n_with(slips: [bool; 2]) -> f64 {
                 sequence,
                 capture_us: session.capture_us(),
                 health: Health::GOOD,
+                ..MapInfo::default()
             };
             session.send_map(&info, &map).unwrap();
             session.run_until(session.now_us() + 8_000).unwrap();

@@ -4,6 +4,7 @@ use std::ops::Add as _;
 use std::thread;
 use std::time::{Duration, Instant};
 
+use gripline_protocol::Motion;
 use gripline_protocol::message::{Command, Refusal};
 
 use super::report::{faults_of, image, report_of};
@@ -141,6 +142,8 @@ impl Run {
             sensor,
             mode: picture.wish,
             age_us,
+            // Particles in the gel move with it: they say nothing of the object's own motion.
+            motion: Motion::UNKNOWN,
             decode_us: picture.decode_us,
             waited_us,
             until_us,
@@ -183,6 +186,7 @@ impl Run {
                 until_us,
                 requested_mode: picture.wish,
                 health_bits: outcome.health.bits(),
+                motion_bits: outcome.motion.bits(),
                 wire: outcome.status,
                 map: Box::new(pipeline.map().clone()),
                 picture: (outcome.late != Some(Late::Picture))

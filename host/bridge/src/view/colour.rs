@@ -18,6 +18,7 @@ pub(super) const INCIPIENT: Color = Color::Rgb(250, 205, 70);
 pub(super) const SLIP: Color = Color::Rgb(255, 85, 75);
 
 pub(super) const DETECTOR: Color = Color::Rgb(90, 200, 255);
+pub(super) const EVIDENCE: Color = Color::Rgb(255, 125, 190);
 pub(super) const WORLD: Color = Color::Rgb(105, 108, 120);
 pub(super) const THRESHOLD: Color = Color::Rgb(150, 62, 60);
 pub(super) const GRIP_LINE: Color = Color::Rgb(255, 190, 90);

@@ -22,6 +22,8 @@ pub(super) struct Sample {
     pub(super) t_s: f64,
     pub(super) stick_ratio: Option<f64>,
     pub(super) true_stick_ratio: Option<f64>,
+    /// `None` without contact.
+    pub(super) slip_evidence: Option<f64>,
     pub(super) line_n: f64,
     pub(super) normal_n: f64,
     /// Greatest normal force of a taxel.
@@ -56,6 +58,7 @@ impl History {
             t_s: report.t_s,
             stick_ratio: report.stick_ratio,
             true_stick_ratio: report.truth.as_ref().and_then(|truth| truth.stick_ratio),
+            slip_evidence: report.stick_ratio.map(|_| report.slip_evidence),
             line_n: report.line_n,
             normal_n: report.normal_n,
             peak_n: f64::from(peak_n),

@@ -8,7 +8,7 @@ use ratatui::buffer::{Buffer, Cell};
 
 use super::View;
 use gripline_protocol::message::{FingertipGeometry, MapSums};
-use gripline_recording::telemetry::{FrameReport, Limits, STAGES, Truth};
+use gripline_recording::telemetry::{FrameReport, Limits, STAGES, Truth, WitnessReport};
 use gripline_recording::units::Load;
 
 pub(super) const LIMITS: Limits = Limits {
@@ -39,6 +39,8 @@ pub(crate) fn report(frame: u64) -> FrameReport {
         stick_ratio: None,
         coulomb_slip: false,
         state: "NO_CONTACT",
+        slip_evidence: 0.0,
+        witnesses: WitnessReport::default(),
         time_to_slip_ms: None,
         line_n: 1.0,
         latency_us: 190.0 + (frame % 10) as f64,

@@ -1,4 +1,4 @@
-//! Traces over the last seconds: stick ratio with its threshold, grip-force line with the object's normal force.
+//! Traces over the last seconds: stick ratio with its threshold and the evidence of slip, grip-force line with the object's normal force.
 //!
 //! Time runs to the right, now is the right edge. A trace has a gap where its quantity does not exist.
 
@@ -10,7 +10,7 @@ use ratatui::text::{Line, Span};
 use ratatui::widgets::Widget;
 use ratatui::widgets::canvas::{self, Canvas, Context};
 
-use super::colour::{DETECTOR, DIM, GRIP_LIMIT, GRIP_LINE, GROUND, OBJECT, TEXT, THRESHOLD, WORLD};
+use super::colour::{DETECTOR, DIM, EVIDENCE, GRIP_LIMIT, GRIP_LINE, GROUND, OBJECT, TEXT, THRESHOLD, WORLD};
 use super::history::{History, SPAN_S, Sample, round_up};
 use gripline_recording::telemetry::{FrameReport, Limits};
 
@@ -19,17 +19,19 @@ const SCALE_COLUMNS: u16 = 4;
 /// The force axis reaches at least this far.
 const FORCE_AXIS_MIN_N: f64 = 5.0;
 
-/// Stick ratio by the detector, by the simulated world where it is known, and the threshold.
+/// Stick ratio by the detector, by the simulated world where it is known, and the threshold; all witnesses' evidence of slip.
 pub(super) fn draw_stick_ratio(history: &History, limits: &Limits, area: Rect, buffer: &mut Buffer) {
     let [title, plot] = Layout::vertical([Constraint::Length(1), Constraint::Fill(1)]).areas(area);
-    let mut spans = vec![heading("stick ratio"), key("detector", DETECTOR)];
+    let mut spans = vec![heading("stick ratio"), key("MCU", DETECTOR)];
     if history.samples().any(|sample| sample.true_stick_ratio.is_some()) {
         spans.push(key("world", WORLD));
     }
-    spans.push(key(&format!("slip {:.2}", limits.slip_threshold), THRESHOLD));
+    spans.push(key("evidence", EVIDENCE));
+    spans.push(key("slip", THRESHOLD));
     buffer.set_line(title.x, title.y, &Line::from(spans), title.width);
-    let traces: [Trace<'_>; 2] = [
+    let traces: [Trace<'_>; 3] = [
         (WORLD, &|sample| sample.true_stick_ratio),
+        (EVIDENCE, &|sample| sample.slip_evidence),
         (DETECTOR, &|sample| sample.stick_ratio),
     ];
     draw_plot(

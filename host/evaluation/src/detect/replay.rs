@@ -36,6 +36,8 @@ pub enum ReplayError {
 pub struct Answer {
     /// Slip state.
     pub state: SlipState,
+    /// How sure the whole detector is that something slips, 1/10000.
+    pub slip_evidence: u16,
     /// Grip-force line, 1/4096 N.
     pub line: i32,
 }
@@ -108,12 +110,14 @@ impl Replay {
             } else {
                 Health::GOOD
             },
+            ..MapInfo::default()
         };
         self.session.send_map(&info, map)?;
         self.session.run_until(now_us)?;
         match self.session.status() {
             Some(status) if status.sequence == info.sequence && status.sums == verdict.sums => Ok(Answer {
                 state: status.state,
+                slip_evidence: status.slip_evidence,
                 line: status.line,
             }),
             _ => Err(ReplayError::Disagrees { frame }),

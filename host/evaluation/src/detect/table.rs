@@ -16,7 +16,7 @@ pub const HEADER: &str = "frame,fn,fx,fy,ft,mz,contact,stick,stick_ratio,coulomb
 /// The columns that must be asked for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Extra {
-    /// `state`: the slip state machine's.
+    /// `state` and `slip_evidence`: the slip state machine's, and how sure the whole detector is, 0 to 1.
     pub state: bool,
     /// `line_n`: the grip controller's.
     pub line: bool,
@@ -29,7 +29,7 @@ pub struct Extra {
 pub fn write_header(out: &mut impl Write, extra: Extra) -> io::Result<()> {
     out.write_all(HEADER.as_bytes())?;
     if extra.state {
-        out.write_all(b",state")?;
+        out.write_all(b",state,slip_evidence")?;
     }
     if extra.line {
         out.write_all(b",line_n")?;
@@ -66,7 +66,7 @@ pub fn write_row(
     )?;
     if let Some(answer) = answer {
         if extra.state {
-            write!(out, ",{}", answer.state.name())?;
+            write!(out, ",{},{}", answer.state.name(), ratio(answer.slip_evidence))?;
         }
         if extra.line {
             write!(out, ",{}", newtons(answer.line))?;

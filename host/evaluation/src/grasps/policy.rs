@@ -208,6 +208,7 @@ impl Worker {
                         sequence: *sequence,
                         capture_us: session.capture_us().wrapping_sub(age_us),
                         health: *health,
+                        ..MapInfo::default()
                     };
                     session.send_map(&info, map).map_err(Failure::failed)?;
                     *sequence += 1;

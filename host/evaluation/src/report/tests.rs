@@ -98,6 +98,7 @@ fn the_detector_that_is_evaluated_says_what_the_whole_microcontroller_says() {
             sequence: number as u32,
             capture_us: now_us as u32,
             health: Health::GOOD,
+            ..MapInfo::default()
         };
         session.send_map(&info, &frame.seen).unwrap();
         session.run_until(now_us).unwrap();

@@ -243,6 +243,7 @@ impl Stepper {
             sequence: self.sequence,
             capture_us: self.session.capture_us(),
             health: Health::GOOD,
+            ..MapInfo::default()
         };
         self.sequence = self.sequence.wrapping_add(1);
         self.session.send_map(&info, &ForceMap::EMPTY)?;

@@ -8,8 +8,10 @@ use gripline_protocol::{Health, SENSORS};
 use gripline_pipeline::control_loop::Late;
 use gripline_pipeline::control_loop::gate_name;
 use gripline_recording::RecordedStatus;
-use gripline_recording::telemetry::{FrameReport, LATE, NO_DEVICE, NO_STATUS, STAGES, Truth, health_names};
-use gripline_recording::units::{Load, centre_of_pressure_mm, millimetres};
+use gripline_recording::telemetry::{
+    FrameReport, LATE, NO_DEVICE, NO_STATUS, STAGES, Truth, WitnessReport, health_names,
+};
+use gripline_recording::units::{Load, centre_of_pressure_mm, millimetres, ratio};
 
 /// Everything that a gate can say.
 const VERDICTS: [GateDecision; 4] = [
@@ -53,6 +55,8 @@ pub(super) fn report_of(stored: &RecordedStatus, settings: &Configuration) -> Fr
         stick_ratio: stored.stick_ratio,
         coulomb_slip: stored.coulomb_slip,
         state: status.state.name(),
+        slip_evidence: ratio(status.slip_evidence),
+        witnesses: WitnessReport::of(&status.witnesses),
         time_to_slip_ms: status.time_to_slip_ms,
         line_n: stored.line_n,
         latency_us: stored.latency_us,

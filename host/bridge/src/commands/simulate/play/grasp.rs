@@ -280,6 +280,7 @@ impl Gripline {
             sequence: frame as u32,
             capture_us: self.session.capture_us(),
             health: processed.health,
+            ..MapInfo::default()
         };
         self.session.send_map(&info, processed.map)?;
         let until_us = self.session.now_us() + (frame_s * 1e6).round() as u64;

@@ -1,0 +1,220 @@
+//! Whether a map changes although its load does not: a witness of slip that needs no friction.
+//!
+//! Where a contact slides it sticks and slips from place to place, and the pressure in it is rearranged from map to map. An arm that
+//! moves shakes the load: that changes forces, moments and the centre of pressure, but hardly the reach of the pressure about that
+//! centre. So the witness takes the reach, in second differences, so that steady growth under a rising grip does not count.
+//! A sensor has its own noise. What counts is unrest over what was usual in this contact.
+//!
+//! On three trials of two uSkin fingers (`gripline evaluate real`) it tells slip better than change of the whole map, and needs no work
+//! per taxel.
+//!
+//! Units: shares of the reach 2⁻²⁴, logarithms to base 2 in 2⁻¹⁶, time µs. Limits: a slide without stick-slip shows nothing; at
+//! more than 100 maps a second only some of the maps count.
+
+use gripline_protocol::message::MapSums;
+
+use crate::constants::{NEW_UNREST_SHIFT, UNREST_SAMPLE_US, UNREST_SHIFT, USUAL_UNREST, USUAL_UNREST_SHIFT};
+use crate::contact_geometry::reach_squared;
+
+/// Fraction bits of the reach.
+const REACH_FRACTION: u32 = 16;
+/// Maps of a new contact.
+const NEW_MAPS: u8 = 60;
+/// Longest time between two maps of one course, µs.
+const GAP_US: u32 = 1 << 17;
+/// Maps before there is a second difference, and two more until a first touch is over.
+const FILLED: u8 = 4;
+
+/// The witness of one fingertip.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Unrest {
+    /// Square of the reach in the last two maps that counted, newest first, and the newest's sums that it was computed from.
+    reach: [u32; 2],
+    normal: i32,
+    filled: u8,
+    /// Capture time of the newest; wraps.
+    at_us: u32,
+    /// Mean second difference over the reach.
+    now: u32,
+    /// Logarithm of what is usual.
+    usual: i32,
+}
+
+impl Default for Unrest {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Unrest {
+    /// Before the first map.
+    pub(crate) const fn new() -> Self {
+        Self {
+            reach: [0; 2],
+            normal: 0,
+            filled: 0,
+            at_us: 0,
+            now: 0,
+            usual: USUAL_UNREST,
+        }
+    }
+
+    /// Takes a map in contact.
+    pub(crate) fn observe(&mut self, sums: &MapSums, capture_us: u32) {
+        let passed_us = capture_us.wrapping_sub(self.at_us);
+        let is_first = self.filled == 0;
+        if !is_first && passed_us < UNREST_SAMPLE_US {
+            return;
+        }
+        let reach = reach_squared(sums, REACH_FRACTION).clamp(1, u64::from(u32::MAX >> 2)) as u32;
+        let [last, before] = self.reach;
+        let is_same = reach == last && sums.force[2] == self.normal;
+        self.at_us = capture_us;
+        if is_same && !is_first {
+            // The picture before, sent again: it says nothing of noise or motion.
+            return;
+        }
+        self.reach = [reach, last];
+        self.normal = sums.force[2];
+        self.filled = self.filled.saturating_add(1);
+        if passed_us > GAP_US {
+            self.filled = 1;
+        }
+        if self.filled < FILLED {
+            return;
+        }
+        let (reach, last, before) = (i64::from(reach), i64::from(last), i64::from(before));
+        let difference = (reach - 2 * last + before).unsigned_abs() as u32;
+        let share = share(difference, reach as u32);
+        let passed_us = i64::from(passed_us);
+        let step = ((i64::from(share) - i64::from(self.now)) * passed_us) >> UNREST_SHIFT;
+        self.now = (i64::from(self.now) + step) as u32;
+        let more = i64::from(logarithm(self.now) - self.usual) * passed_us;
+        // At first quickly: what was assumed knows nothing of this sensor.
+        let shift = if self.filled < NEW_MAPS {
+            NEW_UNREST_SHIFT
+        } else {
+            USUAL_UNREST_SHIFT
+        };
+        self.usual += (more >> shift) as i32;
+    }
+
+    /// Logarithm to base 2 of the unrest over what is usual, 2⁻¹⁶; `None` before anything is known.
+    pub(crate) fn above_usual(&self) -> Option<i32> {
+        (self.filled >= FILLED).then(|| logarithm(self.now) - self.usual)
+    }
+}
+
+/// `difference` over `reach` in 2⁻²⁴, at most 1, to 8 places.
+fn share(difference: u32, reach: u32) -> u32 {
+    // The quotient of 32 bits keeps what the shorter of both has room for.
+    let room = difference.max(1).leading_zeros().min(24);
+    let lost = 24 - room;
+    ((difference << room) / (reach >> lost).max(1)).min(1 << 24)
+}
+
+/// Logarithm to base 2 in 2⁻¹⁶, the places after the point by a straight line (0.09 too little at most); −1 for 0.
+fn logarithm(number: u32) -> i32 {
+    if number == 0 {
+        return -(1 << 16);
+    }
+    let zeros = number.leading_zeros();
+    let whole = 31 - zeros;
+    let below = (number << zeros << 1) >> 16;
+    (whole << 16 | below).cast_signed()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// A contact of 1 N whose pressure has this reach, half taxel pitches squared.
+    fn sums(normal: i32, reach: f64) -> MapSums {
+        MapSums {
+            contact: 20,
+            stick: 20,
+            force: [0, 0, normal],
+            spread: (reach * f64::from(normal) / 2.0).round() as i32,
+            ..MapSums::default()
+        }
+    }
+
+    /// Unrest above the usual after ten seconds of `before` and half a second of `then`, in octaves.
+    fn after(before: impl Fn(u32) -> (i32, f64), then: impl Fn(u32) -> (i32, f64)) -> f64 {
+        let mut unrest = Unrest::new();
+        for map in 0..630 {
+            let (normal, reach) = if map < 600 { before(map) } else { then(map) };
+            unrest.observe(&sums(normal, reach), (map * 16_667).wrapping_sub(1_000_000));
+        }
+        f64::from(unrest.above_usual().unwrap()) / 65_536.0
+    }
+
+    /// Noise of this size around 10 half pitches squared.
+    fn noise(share: f64) -> impl Fn(u32) -> (i32, f64) {
+        move |map| {
+            let hash = map.wrapping_mul(2_654_435_761) >> 8;
+            (
+                400_000,
+                10.0 * (1.0 + share * (f64::from(hash % 1_000) / 500.0 - 1.0)),
+            )
+        }
+    }
+
+    #[test]
+    fn noise_that_stays_as_it_was_is_usual_and_three_times_as_much_is_not() {
+        for share in [0.002, 0.02, 0.05] {
+            let same = after(noise(share), noise(share));
+            assert!(same.abs() < 0.8, "{share}: {same}");
+            let more = after(noise(share), noise(3.0 * share));
+            assert!(more > 0.9 && more > same + 0.8, "{share}: {more}");
+        }
+    }
+
+    #[test]
+    fn a_reach_that_grows_evenly_and_a_load_that_swings_are_no_unrest() {
+        let grows = |map: u32| {
+            let (normal, reach) = noise(0.01)(map);
+            (normal, reach * (1.0 + f64::from(map - 600) / 30.0))
+        };
+        assert!(after(noise(0.01), grows) < 0.8);
+        let swings = |map: u32| {
+            let (normal, reach) = noise(0.01)(map);
+            (normal + 100_000 * (i32::from(map % 2 == 0)), reach)
+        };
+        assert!(after(noise(0.01), swings) < 0.8);
+    }
+
+    #[test]
+    fn a_picture_that_is_sent_again_says_nothing() {
+        let again = |map: u32| noise(0.02)(599.min(map));
+        let (same, moved) = (after(noise(0.02), noise(0.02)), after(noise(0.02), again));
+        assert!((moved - same).abs() < 0.8, "{moved} {same}");
+    }
+
+    proptest! {
+        #[test]
+        fn the_share_is_the_quotient(difference in 0_u32..1 << 31, reach in 1_u32..1 << 30) {
+            let exact = (f64::from(difference) / f64::from(reach) * 16_777_216.0).min(16_777_216.0);
+            let found = f64::from(share(difference, reach));
+            // What is shifted out of a small reach only counts where the share is above 1 in any case.
+            prop_assert!((found - exact).abs() <= 2.0 + exact / 64.0, "{found} {exact}");
+        }
+
+        #[test]
+        fn the_logarithm_is_off_by_a_tenth(number in 1_u32..) {
+            let off = f64::from(logarithm(number)) / 65_536.0 - f64::from(number).log2();
+            prop_assert!((-0.09..=1e-3).contains(&off), "{off}");
+        }
+
+        #[test]
+        fn no_map_is_too_much(maps in proptest::collection::vec((any::<i32>(), any::<[i32; 2]>(), any::<i32>(), any::<u32>()), 8)) {
+            let mut unrest = Unrest::new();
+            for (spread, pressure, normal, capture_us) in maps {
+                let force = [0, 0, normal >> 7];
+                unrest.observe(&MapSums { contact: 1, spread, pressure: pressure.map(|part| part >> 3), force, ..MapSums::default() }, capture_us);
+                unrest.above_usual();
+            }
+        }
+    }
+}
