@@ -125,9 +125,6 @@ impl Control {
             },
             entered,
         );
-        if action.decided {
-            self.program.settle();
-        }
     }
 
     /// Takes what a packet of a message came to.
@@ -142,6 +139,12 @@ impl Control {
     #[inline(never)]
     pub(crate) fn message(&mut self, message: &mut Option<Message>) {
         *message = self.program.poll_message();
+    }
+
+    /// What the newest map leaves to do after its line.
+    #[inline(never)]
+    pub(crate) fn settle(&mut self) {
+        self.program.settle();
     }
 
     /// The first part of the safety tick.

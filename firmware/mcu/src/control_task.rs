@@ -31,6 +31,7 @@ struct Aligned([u8; PACKET_MAX]);
 
 /// Fills the outbox. Takes the program for one message at a time.
 fn fill(outbox: &'static Outbox, writer: &mut MessageWriter) {
+    from_task(Control::settle);
     while !outbox.is_full() {
         let packet = writer.next_packet(|| {
             let mut message = None;
@@ -117,6 +118,7 @@ pub(crate) async fn control(
             tick_at += TICK;
             watch.look(&mut known);
             // In parts, so that a packet waits for one of them only.
+            from_task(Control::settle);
             from_task(Control::age);
             from_task(Control::watch_object);
             let (mut faults, mut is_at_fault) = (logged, true);

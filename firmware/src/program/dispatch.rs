@@ -246,8 +246,8 @@ impl<K: Kernel> Program<K> {
         self.action(false)
     }
 
-    /// What a map leaves to do once its line is written: the evidence of slip, which the next status tells. Call it after every
-    /// [`Program::map_packet`] that decided.
+    /// What a map leaves to do once its line is written: the evidence of slip, which the next status tells. Call it after
+    /// [`Program::map_packet`] has decided, before the next tick and the next message.
     #[inline(never)]
     pub fn settle(&mut self) {
         let [one, other] = &mut self.fingertips;

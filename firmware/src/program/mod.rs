@@ -1,6 +1,6 @@
 //! The microcontroller's program: packets and time in, the line's value and messages for the host out.
 //!
-//! A board calls [`Program::map_packet`] for every packet of a map and [`Program::settle`] after the last one's line is written, [`MessageReader::read`] and [`Program::message`] for
+//! A board calls [`Program::map_packet`] for every packet of a map and [`Program::settle`] once the last one's line is written, [`MessageReader::read`] and [`Program::message`] for
 //! every other packet, [`Program::age`], [`Program::watch_object`] and [`Program::advance`] once a millisecond, and [`MessageWriter::next_packet`] with
 //! [`Program::poll_message`] to answer. [`Device`] does the same on hosts.
 
