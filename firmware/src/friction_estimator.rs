@@ -7,6 +7,7 @@
 //!
 //! Units: force 1/4096 N, ratios 1/10000, time µs.
 
+use gripline_protocol::Motion;
 use gripline_protocol::message::{Configuration, MapSums};
 
 use crate::arithmetic::{divide, ratio, square_root};
@@ -102,10 +103,10 @@ impl FrictionEstimator {
 
     /// Asks the slide witness about the map that [`FrictionEstimator::observe`] took: apart from that, so that neither blocks
     /// the map-to-line path for long.
-    pub(crate) fn ask_witness(&mut self, normal: i32, settings: &Configuration) {
+    pub(crate) fn ask_witness(&mut self, normal: i32, seen: Motion, settings: &Configuration) {
         let friction = self.proven.max(settings.friction);
         self.slide
-            .observe(self.now, normal, self.since_us, friction, settings);
+            .observe(self.now, normal, self.since_us, seen, friction, settings);
         self.ahead = self.ahead.max(self.slide.hidden_load());
         self.ratio = ratio(self.ahead, normal);
     }

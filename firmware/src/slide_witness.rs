@@ -5,13 +5,15 @@
 //! for the first time below the detector's friction. A suspicion is a test: the grip rises, and while the shear rises with
 //! it, the contact slides, and shear over normal force is its friction. Shear that stays is held: the test has passed.
 //!
+//! Where the host sees the object, no test is needed: motion is a slide at once, and rest ends every suspicion ([`Motion`]).
+//!
 //! Units: force 1/4096 N, ratios 1/10000, shares 1/1024, time µs. The laws follow an own study of a thousand simulated grasps.
 //! Limits: a slide that keeps the shear as it was (friction that falls by less than the margin) shows only when the grip falls.
 //! One below [`SLIDING_RATIO_MIN`] or a quarter of what the contact carried is never believed. A load that grows evenly with the
 //! grip of a test is taken for a slide, and held too firmly.
 
-use gripline_protocol::PER_UNIT;
 use gripline_protocol::message::Configuration;
+use gripline_protocol::{Motion, PER_UNIT};
 
 use crate::arithmetic::{divide, ratio};
 use crate::constants::{
@@ -85,6 +87,8 @@ enum Suspicion {
     Falling,
     /// It has settled below the detector's friction.
     Settled,
+    /// The host sees the object move.
+    Seen,
 }
 
 /// A suspicion under test.
@@ -144,6 +148,8 @@ pub(crate) struct SlideWitness {
     peak: i32,
     settled_us: u32,
     tested: i32,
+    /// What the host saw in the newest map.
+    seen: Motion,
 }
 
 impl Default for SlideWitness {
@@ -173,6 +179,7 @@ impl Default for SlideWitness {
             peak: 0,
             settled_us: 0,
             tested: 0,
+            seen: Motion::UNKNOWN,
         }
     }
 }
@@ -184,9 +191,11 @@ impl SlideWitness {
         load: i32,
         normal: i32,
         since_us: u16,
+        seen: Motion,
         friction: u16,
         settings: &Configuration,
     ) {
+        self.seen = seen;
         self.sum = [self.sum[0] + load, self.sum[1] + normal];
         self.maps += 1;
         self.slot_us += u32::from(since_us);
@@ -223,9 +232,9 @@ impl SlideWitness {
                 self.calm_us.saturating_add(passed_us)
             };
             // What a test found held is held at that normal force.
-            let is_hushed = self.hush_us > 0 && normal >= self.held_normal;
+            let is_hushed = suspicion != Suspicion::Seen && self.hush_us > 0 && normal >= self.held_normal;
             if suspects && !is_hushed {
-                self.begin_test(normal, friction, suspicion == Suspicion::Settled, settings);
+                self.begin_test(normal, friction, suspicion, settings);
             } else {
                 self.remember(shear, normal, passed_us);
             }
@@ -246,6 +255,9 @@ impl SlideWitness {
         self.peak = self.peak.max(shear);
         let now = ratio(shear, normal);
         self.carried = self.carried.max(now);
+        if self.seen.shows_motion() && self.load >= WITNESSED_LOAD_MIN {
+            return Suspicion::Seen;
+        }
         if self.load < WITNESSED_LOAD_MIN || now < SLIDING_RATIO_MIN {
             return Suspicion::None;
         }
@@ -270,6 +282,9 @@ impl SlideWitness {
             of_normal < -61 && 10 * of_shear < 7 * of_normal && below(shear, noise / 2, 2 * SHEAR_ERROR_PART)
         };
         let fades = self.fades(shear, normal);
+        if self.seen.shows_rest() {
+            return Suspicion::None;
+        }
         // All taxels of such a load stick by the detector's friction, also while they slide.
         // A load far below what the contact has carried, or below what a slide left of its friction, slides only after a fall; one
         // that stays while the grip sinks is held.
@@ -341,7 +356,7 @@ impl SlideWitness {
         ]
     }
 
-    fn begin_test(&mut self, normal: i32, friction: u16, is_first: bool, settings: &Configuration) {
+    fn begin_test(&mut self, normal: i32, friction: u16, suspicion: Suspicion, settings: &Configuration) {
         let now = ratio(self.shear[0], self.normal[0]);
         let counted_on = u64::from(friction.min(self.limit));
         let least = divide(counted_on * u64::from(FRICTION_LOSS_MAX), PER_UNIT as u16) as u16;
@@ -351,10 +366,14 @@ impl SlideWitness {
             for_us: 0,
             limit: self.limit,
             proven: friction,
-            is_first,
+            is_first: suspicion == Suspicion::Settled,
             followed: 0,
-            is_confirmed: false,
+            is_confirmed: suspicion == Suspicion::Seen,
         });
+        if suspicion == Suspicion::Seen {
+            self.limit = self.limit.min(now).max(1);
+            return;
+        }
         // Raise first and ask later, with less margin until it is known.
         let with_margin = u64::from(now) * u64::from(PER_UNIT + u32::from(settings.margin));
         let unproven = divide(with_margin, TEST_MARGIN).min(UNLIMITED.into()) as u16;
@@ -374,10 +393,18 @@ impl SlideWitness {
         if test.is_confirmed {
             let follows = 20 * of_shear > 7 * of_normal;
             // Shear that stays a little behind comes near to what holds the load, and says less than friction.
-            if 5 * of_shear > 4 * of_normal {
+            if 5 * of_shear > 4 * of_normal || self.seen.shows_motion() {
                 self.limit -= (self.limit - now.min(self.limit)) / 5 * 2;
             }
             is_over |= test.for_us > 6 * SLOT_US && (of_normal <= RISES_SHARE || !follows);
+            is_over = self.seen.shows_rest() || is_over && !self.seen.shows_motion();
+        } else if self.seen.shows_motion() {
+            test.is_confirmed = true;
+            test.for_us = 0;
+            self.limit = self.limit.min(now).max(1);
+            is_over = false;
+        } else if self.seen.shows_rest() {
+            is_over = true;
         } else if normal_rise > ASKED_SHARE {
             let follows = 5 * (shear_rise - normal_rise).abs() < 2 * normal_rise;
             test.followed = if follows { test.followed + 1 } else { 0 };
@@ -401,7 +428,7 @@ impl SlideWitness {
             self.test = Some(test);
             return;
         }
-        let mut stayed = !test.is_confirmed && normal_rise > ASKED_SHARE;
+        let mut stayed = !test.is_confirmed && (normal_rise > ASKED_SHARE || self.seen.shows_rest());
         let mut has_slid = test.is_confirmed;
         if !test.is_confirmed {
             self.limit = test.limit;
@@ -413,7 +440,7 @@ impl SlideWitness {
                 && change(latest, test.shear) > share / 2
                 || test.is_first
                     && change(latest, test.shear.max(self.load)) > ASKED_SHARE.max(3 * self.noise());
-            if has_come_back && normal_rise > ASKED_SHARE {
+            if has_come_back && normal_rise > ASKED_SHARE && !self.seen.shows_rest() {
                 // It slid for a moment, or the load swung.
                 let began_at = ratio(test.shear, test.normal);
                 let least = divide(
@@ -477,7 +504,7 @@ impl SlideWitness {
 
     /// The load to hold while a slide may hide some of it; 0 otherwise.
     pub(crate) fn hidden_load(&self) -> i32 {
-        if self.test.is_some() || self.is_below() {
+        if self.test.is_some() || self.is_below() && !self.seen.shows_rest() {
             self.load
         } else {
             0
@@ -491,7 +518,9 @@ impl SlideWitness {
 
     /// What this witness demands of the line.
     pub(crate) fn verdict(&self) -> Verdict {
-        let is_calm = self.load < WITNESSED_LOAD_MIN || (self.calm_us >= CALM_US && !self.is_below());
+        let is_calm = self.load < WITNESSED_LOAD_MIN
+            || self.seen.shows_rest()
+            || (self.calm_us >= CALM_US && !self.is_below());
         let urgency = match self.test {
             None => Urgency::None,
             Some(test) if test.is_confirmed => Urgency::Follows,
@@ -500,7 +529,7 @@ impl SlideWitness {
         };
         Verdict {
             urgency,
-            may_fall: self.test.is_none() && is_calm,
+            may_fall: self.test.is_none() && is_calm && !self.seen.shows_motion(),
             has_slid: self.has_slid,
         }
     }

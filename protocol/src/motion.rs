@@ -13,6 +13,9 @@ impl Motion {
     /// The most of [`Motion::quality`]: the picture shows it clearly. 0: nothing is known.
     pub const QUALITY_MAX: u8 = 3;
 
+    /// Quality from which on a picture decides by itself.
+    const CLEAR: u8 = 2;
+
     /// Both are limited to their most; quality 0 is [`Motion::UNKNOWN`].
     #[must_use]
     pub const fn new(evidence: u8, quality: u8) -> Self {
@@ -46,6 +49,18 @@ impl Motion {
         self.0 & Self::EVIDENCE_MAX
     }
 
+    /// The picture shows well that the object moves.
+    #[must_use]
+    pub const fn shows_motion(self) -> bool {
+        self.quality() >= Self::CLEAR && self.evidence() >= Self::EVIDENCE_MAX / 4 * 3
+    }
+
+    /// The picture shows well that the object rests on the skin.
+    #[must_use]
+    pub const fn shows_rest(self) -> bool {
+        self.quality() >= Self::CLEAR && self.evidence() <= Self::EVIDENCE_MAX / 4
+    }
+
     /// How well the picture shows it, 0 to [`Motion::QUALITY_MAX`].
     #[must_use]
     pub const fn quality(self) -> u8 {
@@ -65,6 +80,16 @@ mod tests {
             assert_eq!(motion.bits(), expected);
             assert_eq!(Motion::new(motion.evidence(), motion.quality()), motion);
         }
+    }
+
+    #[test]
+    fn only_a_clear_picture_shows_motion_or_rest_and_never_both() {
+        for bits in 0..=u8::MAX {
+            let motion = Motion::from_bits(bits);
+            assert!(!(motion.shows_motion() && motion.shows_rest()));
+            assert!(motion.quality() >= 2 || !(motion.shows_motion() || motion.shows_rest()));
+        }
+        assert!(Motion::new(63, 3).shows_motion() && Motion::new(0, 3).shows_rest());
     }
 
     #[test]

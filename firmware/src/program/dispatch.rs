@@ -313,7 +313,9 @@ impl<K: Kernel> Program<K> {
                     return;
                 }
             }
-            Due::Witness => tip.friction.ask_witness(tip.sums.force[2], &self.settings),
+            Due::Witness => tip
+                .friction
+                .ask_witness(tip.sums.force[2], tip.motion, &self.settings),
             Due::Nothing => {}
         }
         let is_new = due != Due::Nothing;

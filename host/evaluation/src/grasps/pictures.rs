@@ -1,7 +1,7 @@
 //! What goes wrong between camera and microcontroller, as the host marks it: a black picture sends the last good map
 //! again and doubts it, a missing one sends nothing, a late one comes with its own capture time, a repeated one repeats.
 
-use gripline_protocol::{ForceMap, Health};
+use gripline_protocol::{ForceMap, Health, Motion};
 
 /// What is wrong with a picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -34,6 +34,7 @@ pub struct Trouble {
 pub(super) struct Delivered {
     pub(super) map: ForceMap,
     pub(super) health: Health,
+    pub(super) motion: Motion,
     /// How many pictures ago it was taken.
     pub(super) age: u32,
 }
@@ -56,7 +57,11 @@ impl<'a> Way<'a> {
     }
 
     /// What comes when picture number `number` would give `map`; nothing, maybe.
-    pub(super) fn deliver(&mut self, number: u32, map: ForceMap, health: Health) -> Option<Delivered> {
+    pub(super) fn deliver(
+        &mut self,
+        number: u32,
+        (map, health, motion): (ForceMap, Health, Motion),
+    ) -> Option<Delivered> {
         let trouble = self
             .troubles
             .iter()
@@ -65,13 +70,19 @@ impl<'a> Way<'a> {
             if health.is_good() {
                 self.last = (map.clone(), number);
             }
-            return Some(Delivered { map, health, age: 0 });
+            return Some(Delivered {
+                map,
+                health,
+                motion,
+                age: 0,
+            });
         };
         let (last, taken) = &self.last;
         let again = |health, age| {
             Some(Delivered {
                 map: last.clone(),
                 health,
+                motion: Motion::UNKNOWN,
                 age,
             })
         };
@@ -90,6 +101,7 @@ impl<'a> Way<'a> {
                 Some(Delivered {
                     map,
                     health,
+                    motion: Motion::UNKNOWN,
                     age: trouble.count - 1,
                 })
             }
@@ -123,7 +135,7 @@ mod tests {
         let mut way = Way::new(&troubles);
         (0..6)
             .map(|number| {
-                let came = way.deliver(number, map(number), Health::GOOD)?;
+                let came = way.deliver(number, (map(number), Health::GOOD, Motion::UNKNOWN))?;
                 Some((came.map.taxels[0].z, came.health.is_good(), came.age))
             })
             .collect()

@@ -5,6 +5,7 @@ use gripline_simulation::grasp::{GraspFrame, GraspParts, GraspWorld};
 use serde::{Deserialize, Serialize};
 
 use super::super::metrics::quantile;
+use super::motion::Eye;
 use super::oracle::Truth;
 use super::pictures::Way;
 use super::plan::{DEAD_TIME_S, FRAMES_PER_SECOND, GraspPlan, LIFT_S, Times};
@@ -69,6 +70,7 @@ pub fn play(
     } else {
         Sensor::Model(Box::new(Model::new(network, plan.sensor, plan.distortion)))
     };
+    let mut eye = Eye::new(plan.sensor);
     let mut way = Way::new(&plan.troubles);
     let mut worker = Worker::new(policy, network, fixed_n, plan.sensor)?;
     let looks = !matches!(worker, Worker::Fixed(_) | Worker::Oracle(_));
@@ -79,7 +81,9 @@ pub fn play(
     for number in 0..(plan.times.end_s * FRAMES_PER_SECOND) as u32 {
         let came = if looks {
             let (map, health) = sensor.look(&mut world)?;
-            way.deliver(number, map, health)
+            let [finger, _] = &world.frame().fingers;
+            let touches = finger.forces.iter().any(|force| force[2] > 0.0);
+            way.deliver(number, (map, health, eye.look(finger.slip_mm, touches)))
         } else {
             None
         };

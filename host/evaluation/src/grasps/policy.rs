@@ -5,7 +5,7 @@ use gripline_firmware::Friction;
 use gripline_firmware::sums::{TaxelRule, stick_ratio_below, sums_of};
 use gripline_network::Network;
 use gripline_protocol::message::{Command, Configuration};
-use gripline_protocol::{LSB_PER_NEWTON, MapInfo, PER_UNIT};
+use gripline_protocol::{LSB_PER_NEWTON, MapInfo, Motion, PER_UNIT};
 use serde::{Deserialize, Serialize};
 
 use super::super::detectors::{PAPER_FRICTION, PAPER_THRESHOLD};
@@ -39,6 +39,8 @@ const RELAX_AFTER_S: f64 = 0.5;
 pub enum Policy {
     /// Gripline as `gripline run` sets it, but for the least force.
     Gripline,
+    /// The same with evidence of motion from the host.
+    GriplineMotion,
     /// The same with the named setting `sparing`.
     GriplineSparing,
     /// The same with the named setting `secure`.
@@ -59,8 +61,9 @@ pub enum Policy {
 
 impl Policy {
     /// Those that look; a fixed force follows from what came of them.
-    pub const LOOKING: [Self; 8] = [
+    pub const LOOKING: [Self; 9] = [
         Self::Gripline,
+        Self::GriplineMotion,
         Self::GriplineSparing,
         Self::GriplineSecure,
         Self::GriplineCareful,
@@ -81,6 +84,7 @@ impl Policy {
     pub const fn name(self) -> &'static str {
         match self {
             Self::Gripline => "Gripline",
+            Self::GriplineMotion => "Gripline, sees motion",
             Self::GriplineSparing => "Gripline, sparing",
             Self::GriplineSecure => "Gripline, secure",
             Self::GriplineCareful => "Gripline, nothing learnt",
@@ -96,7 +100,12 @@ impl Policy {
 /// A policy at work.
 pub(super) enum Worker {
     /// The microcontroller's library behind its protocol, on its own clock.
-    Microcontroller { session: Box<Session>, sequence: u32 },
+    Microcontroller {
+        session: Box<Session>,
+        sequence: u32,
+        /// It gets the host's evidence of motion.
+        sees_motion: bool,
+    },
     /// A rule.
     Rule {
         by_stick_ratio: bool,
@@ -135,7 +144,7 @@ impl Worker {
                 return Ok(Self::ParticleFilter(Box::new(filter)));
             }
             Policy::Oracle => return Ok(Self::Oracle(Oracle::new(Follower::new(FLOOR_N, ceiling_n())))),
-            Policy::Gripline => GripSetting::Normal.apply(defaults),
+            Policy::Gripline | Policy::GriplineMotion => GripSetting::Normal.apply(defaults),
             Policy::GriplineSparing => GripSetting::Sparing.apply(defaults),
             Policy::GriplineSecure => GripSetting::Secure.apply(defaults),
             Policy::GriplineCareful => Configuration {
@@ -150,6 +159,7 @@ impl Worker {
         Ok(Self::Microcontroller {
             session: Box::new(session),
             sequence: 0,
+            sees_motion: policy == Policy::GriplineMotion,
         })
     }
 
@@ -200,15 +210,25 @@ impl Worker {
                 }
                 Ok(*line_n)
             }
-            Self::Microcontroller { session, sequence } => {
-                if let Some(Delivered { map, health, age }) = came {
+            Self::Microcontroller {
+                session,
+                sequence,
+                sees_motion,
+            } => {
+                if let Some(Delivered {
+                    map,
+                    health,
+                    motion,
+                    age,
+                }) = came
+                {
                     let age_us = (f64::from(*age) * frame_s * 1e6).round() as u32;
                     let info = MapInfo {
                         sensor: 0,
                         sequence: *sequence,
                         capture_us: session.capture_us().wrapping_sub(age_us),
                         health: *health,
-                        ..MapInfo::default()
+                        motion: if *sees_motion { *motion } else { Motion::UNKNOWN },
                     };
                     session.send_map(&info, map).map_err(Failure::failed)?;
                     *sequence += 1;

@@ -98,7 +98,7 @@ impl Model {
 }
 
 /// A number from the normal distribution: the sum of twelve even ones, less six.
-fn normal(random: &mut Random) -> f64 {
+pub(super) fn normal(random: &mut Random) -> f64 {
     (0..12).map(|_| random.unit()).sum::<f64>() - 6.0
 }
 
