@@ -34,6 +34,8 @@ struct Report {
     gelsight_mini: Option<gelsight::Figures>,
     #[serde(skip_serializing_if = "Option::is_none")]
     fingers: Option<Vec<uskin::Finger>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    uskin_evidence: Option<Vec<uskin::evidence::Evidence>>,
 }
 
 /// Runs the command.
@@ -51,9 +53,14 @@ pub fn run(args: &RealArgs) -> Result<(), Failure> {
         println!("skipped: recordings not found, set {VARIABLE}");
         return Ok(());
     }
+    let quiet = of(uskin::evidence::FOLDER, "trial4_labels.npy");
     let report = Report {
         gelsight_mini: pictures.as_deref().map(gelsight::evaluate).transpose()?,
         fingers: counts.as_deref().map(uskin::evaluate).transpose()?,
+        uskin_evidence: counts
+            .as_deref()
+            .map(|slips| uskin::evidence::evaluate(slips, quiet.as_deref()))
+            .transpose()?,
     };
     let page = markdown(&report);
     let text = if args.json {
@@ -80,6 +87,7 @@ fn markdown(report: &Report) -> String {
     let parts = [
         report.gelsight_mini.as_ref().map(gelsight::markdown),
         report.fingers.as_deref().map(uskin::markdown),
+        report.uskin_evidence.as_deref().map(uskin::evidence::markdown),
     ];
     let mut page = format!("## Recorded trials of real sensors\n\n`{VARIABLE}=… gripline evaluate real`\n");
     for part in parts.into_iter().flatten() {

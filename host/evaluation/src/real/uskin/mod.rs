@@ -2,6 +2,8 @@
 //! that picks a box up) as they are. Raw counts, not newtons: gains per axis and taxel are unknown, so friction here is a
 //! number that fits counts. It is chosen on two trials and judged on the third, three times. Touches files.
 
+pub(super) mod evidence;
+
 use std::fs;
 use std::io::BufReader;
 use std::path::Path;
@@ -9,7 +11,7 @@ use std::path::Path;
 use gripline_firmware::Friction;
 use gripline_firmware::slip::{SlipDetector, severity};
 use gripline_firmware::sums::{TaxelRule, stick_ratio, sums_of};
-use gripline_protocol::message::Configuration;
+use gripline_protocol::message::{Configuration, MapSums};
 use gripline_protocol::{ForceMap, PER_UNIT, TAXELS};
 use serde::Serialize;
 
@@ -21,7 +23,7 @@ use gripline_recording::maps_file::MapsFile;
 use gripline_recording::units::{force_n, shear_n};
 
 /// The folder's name.
-pub(super) const FOLDER: &str = "uskin-slip";
+pub(in crate::real) const FOLDER: &str = "uskin-slip";
 const TRIALS: [usize; 3] = [1, 2, 3];
 const FINGERS: [usize; 2] = [1, 2];
 /// Newtons that a count is taken for, so that the largest fits the wire; friction does not depend on it.
@@ -56,7 +58,7 @@ struct Left {
 
 /// A finger's figures.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub(super) struct Finger {
+pub(in crate::real) struct Finger {
     #[serde(rename = "finger")]
     number: usize,
     trials: Vec<Left>,
@@ -70,7 +72,7 @@ pub(super) struct Finger {
 ///
 /// # Errors
 /// [`Failure`] when a recording is damaged.
-pub(super) fn evaluate(folder: &Path) -> Result<Vec<Finger>, Failure> {
+pub(in crate::real) fn evaluate(folder: &Path) -> Result<Vec<Finger>, Failure> {
     let mut fingers = Vec::new();
     for finger in FINGERS {
         let mut trials = Vec::new();
@@ -146,16 +148,13 @@ fn coulomb(trial: &Trial) -> Vec<f64> {
         }
         sums_of(&map, rule)
     };
-    let ratios = trial.maps.iter().map(|map| {
-        let sums = pressed(map);
-        let [_, _, normal] = force_n(&sums);
-        if normal > 0.0 {
-            shear_n(&sums) / normal
-        } else {
-            0.0
-        }
-    });
-    ratios.collect()
+    trial.maps.iter().map(|map| coulomb_of(&pressed(map))).collect()
+}
+
+/// F_T / F_N; 0 without normal force.
+fn coulomb_of(sums: &MapSums) -> f64 {
+    let [_, _, normal] = force_n(sums);
+    if normal > 0.0 { shear_n(sums) / normal } else { 0.0 }
 }
 
 /// One less the stick ratio of every frame; 0 without contact.
@@ -243,7 +242,7 @@ fn judge(number: usize, trials: &[Trial]) -> Finger {
 }
 
 /// The figures as a table in words.
-pub(super) fn markdown(fingers: &[Finger]) -> String {
+pub(in crate::real) fn markdown(fingers: &[Finger]) -> String {
     let mut rows = Vec::new();
     for finger in fingers {
         for left in &finger.trials {
