@@ -196,3 +196,5 @@ pub const NEW_UNREST_SHIFT: u32 = 19;
 /// What is usual before a contact has shown it, as a logarithm to base 2 of 2⁻²⁴, in 2⁻¹⁶: 0.02 of the reach, which the shipped network's
 /// noise makes.
 pub const USUAL_UNREST: i32 = 1_202_979;
+/// What unrest says by itself from which on the line no longer falls by plan, 1/10000: as likely as not.
+pub const FALL_UNREST_MAX: u16 = 5_000;

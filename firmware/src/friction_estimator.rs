@@ -8,7 +8,7 @@
 //! Units: force 1/4096 N, ratios 1/10000, time µs.
 
 use gripline_protocol::Motion;
-use gripline_protocol::message::{Configuration, MapSums};
+use gripline_protocol::message::MapSums;
 
 use crate::arithmetic::{divide, ratio, square_root};
 use crate::constants::{
@@ -16,13 +16,34 @@ use crate::constants::{
     SLIDE_RATIO_SURE, SLIDE_STICK_RATIO, SLIDE_SURE_MAPS, STALL_RATIO_MIN, STALL_STICK_RATIO,
 };
 use crate::contact_geometry::ContactGeometry;
+use crate::learning_settings::LearningSettings;
 use crate::load::torsional_moment;
 use crate::slide_witness::{SlideWitness, Verdict};
 use crate::sums::stick_ratio_below;
 
+/// What the grip of one fingertip has to hold.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(crate) struct LoadEstimate {
+    /// The shear to hold, 1/4096 N, and the same over the normal force, 1/10000.
+    pub(crate) shear: i32,
+    pub(crate) ratio: u16,
+    /// Friction that the grip may count on, 1/10000.
+    pub(crate) friction: u16,
+    /// Time between the last two maps, µs, at most 65 ms.
+    pub(crate) since_us: u16,
+}
+
+impl LoadEstimate {
+    /// Whether this fingertip needs more grip than the other.
+    pub(crate) fn exceeds(&self, other: &Self) -> bool {
+        let known = |load: &Self| i64::from(load.friction.max(1));
+        i64::from(self.shear) * known(other) > i64::from(other.shear) * known(self)
+    }
+}
+
 /// The load on one fingertip and the friction it has proven.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct FrictionEstimator {
+pub(crate) struct FrictionEstimator {
     /// Load: shear and torsional moment as one shear.
     now: i32,
     /// Growth of the load from map to map, smoothed.
@@ -57,7 +78,7 @@ impl FrictionEstimator {
         geometry: &ContactGeometry,
         reached: i32,
         now_us: u64,
-        settings: &Configuration,
+        settings: &LearningSettings,
     ) {
         if sums.contact == 0 {
             let since_us = self.since(now_us);
@@ -103,7 +124,7 @@ impl FrictionEstimator {
 
     /// Asks the slide witness about the map that [`FrictionEstimator::observe`] took: apart from that, so that neither blocks
     /// the map-to-line path for long.
-    pub(crate) fn ask_witness(&mut self, normal: i32, seen: Motion, settings: &Configuration) {
+    pub(crate) fn ask_witness(&mut self, normal: i32, seen: Motion, settings: &LearningSettings) {
         let friction = self.proven.max(settings.friction);
         self.slide
             .observe(self.now, normal, self.since_us, seen, friction, settings);
@@ -158,40 +179,24 @@ impl FrictionEstimator {
             .clamp(1_000, u16::MAX.into()) as u16
     }
 
-    /// The shear that the grip must hold, 1/4096 N.
-    #[must_use]
-    pub const fn shear(&self) -> i32 {
-        self.ahead
-    }
-
     /// What its slide witness demands of the line.
     pub(crate) fn witness(&self) -> Verdict {
         self.slide.verdict()
     }
 
-    /// That shear over the normal force, 1/10000.
-    #[must_use]
-    pub const fn ratio(&self) -> u16 {
-        self.ratio
-    }
-
-    /// Time between the last two maps, µs, at most 65 ms.
-    #[must_use]
-    pub const fn since_us(&self) -> u16 {
-        self.since_us
-    }
-
-    /// Whether this fingertip needs more grip than the other.
-    #[must_use]
-    pub fn exceeds(&self, other: &Self, settings: &Configuration) -> bool {
-        let known = |load: &Self| i64::from(load.friction(settings).max(1));
-        i64::from(self.shear()) * known(other) > i64::from(other.shear()) * known(self)
+    /// What the grip has to hold.
+    pub(crate) fn estimate(&self, settings: &LearningSettings) -> LoadEstimate {
+        LoadEstimate {
+            shear: self.ahead,
+            ratio: self.ratio,
+            friction: self.friction(settings),
+            since_us: self.since_us,
+        }
     }
 
     /// Friction for the feed-forward, 1/10000: what was proven, at least the detector's, and typical friction until the load
     /// settles; no more than a slide left.
-    #[must_use]
-    pub fn friction(&self, settings: &Configuration) -> u16 {
+    fn friction(&self, settings: &LearningSettings) -> u16 {
         let expected = if self.has_rested || self.has_slid {
             0
         } else {

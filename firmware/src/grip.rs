@@ -11,7 +11,7 @@ use crate::arithmetic::divide;
 use crate::constants::{
     FEED_FORWARD_FRICTION_MIN, GRIPPER_LAG_SHIFT, SEEK_MAX, SEEK_RATE, TEST_RISE_MIN, TEST_RISE_PART,
 };
-use crate::friction_estimator::FrictionEstimator;
+use crate::friction_estimator::LoadEstimate;
 use crate::slide_witness::{Urgency, Verdict};
 
 /// A grip force, 1/4096 N; never negative.
@@ -199,7 +199,7 @@ impl GripController {
     pub(crate) fn learn(
         &mut self,
         now_us: u64,
-        load: Option<(&FrictionEstimator, i32)>,
+        load: Option<(LoadEstimate, i32)>,
         witness: Verdict,
         settings: &Configuration,
     ) {
@@ -227,12 +227,12 @@ impl GripController {
             }
         }
         self.learnt.witness = witness;
-        self.learnt.friction = load.friction(settings);
+        self.learnt.friction = load.friction;
         let wanted = if witness.tests() {
             // The maps lag behind the gripper, which a test moves: what was felt before still holds.
-            load.shear().max(self.learnt.shear)
+            load.shear.max(self.learnt.shear)
         } else {
-            felt(load, self.learnt.reached_milli)
+            felt(&load, self.learnt.reached_milli)
         };
         let more = wanted - self.learnt.shear;
         // A small increase may be fluctuation: follow it slowly.
@@ -252,7 +252,7 @@ impl GripController {
             self.learnt.sought_milli = 0;
         } else if normal < half && has_closed {
             let max = i64::from(settings.floor + settings.floor.min(SEEK_MAX)) * MILLI;
-            let step = SEEK_RATE * i64::from(load.since_us());
+            let step = SEEK_RATE * i64::from(load.since_us);
             self.learnt.sought_milli = (self.line_milli + step)
                 .min(max)
                 .min(i64::from(settings.ceiling) * MILLI) as i32;
@@ -404,9 +404,9 @@ fn lagged(distance: i64, passed_us: u64) -> i64 {
 
 /// The shear to hold. Maps miss part of a light touch, of shear and normal force alike. So scale the shear by the gripper's
 /// force over the map's normal force, by at most one half.
-fn felt(load: &FrictionEstimator, reached_milli: i32) -> i32 {
-    let seen = load.shear();
+fn felt(load: &LoadEstimate, reached_milli: i32) -> i32 {
+    let seen = load.shear;
     let reached = reached_milli.max(0) as u32 / MILLI as u32;
-    let felt = divide(u64::from(reached) * u64::from(load.ratio()), PER_UNIT as u16);
+    let felt = divide(u64::from(reached) * u64::from(load.ratio), PER_UNIT as u16);
     (felt.min(i32::MAX as u64) as i32).min(seen + seen / 2).max(seen)
 }

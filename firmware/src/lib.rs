@@ -21,6 +21,7 @@ pub mod fault;
 pub mod friction;
 pub mod friction_estimator;
 pub mod grip;
+mod learning_settings;
 pub mod line;
 pub mod link;
 mod load;

@@ -12,7 +12,6 @@
 //! One below [`SLIDING_RATIO_MIN`] or a quarter of what the contact carried is never believed. A load that grows evenly with the
 //! grip of a test is taken for a slide, and held too firmly.
 
-use gripline_protocol::message::Configuration;
 use gripline_protocol::{Motion, PER_UNIT};
 
 use crate::arithmetic::{divide, ratio};
@@ -22,6 +21,7 @@ use crate::constants::{
     SHORT_SHARE_MAX, SHORT_SHARE_MIN, SHORT_US, SLIDING_RATIO_MIN, SLOT_US, SUDDEN_DROP_SHARE,
     SWING_LOSS_MAX, TEST_MARGIN, TEST_US_MAX, UNPROVEN_US_MAX, WITNESSED_LOAD_MIN,
 };
+use crate::learning_settings::LearningSettings;
 
 /// Means of the maps of the last six slots, newest first.
 const SLOTS: usize = 6;
@@ -193,7 +193,7 @@ impl SlideWitness {
         since_us: u16,
         seen: Motion,
         friction: u16,
-        settings: &Configuration,
+        settings: &LearningSettings,
     ) {
         self.seen = seen;
         self.sum = [self.sum[0] + load, self.sum[1] + normal];
@@ -217,7 +217,7 @@ impl SlideWitness {
     }
 
     /// A slot has passed.
-    fn step(&mut self, passed_us: u32, friction: u16, settings: &Configuration) {
+    fn step(&mut self, passed_us: u32, friction: u16, settings: &LearningSettings) {
         let shear = i32::midpoint(self.shear[0], self.shear[1]);
         let normal = i32::midpoint(self.normal[0], self.normal[1]);
         self.hush_us = self.hush_us.saturating_sub(passed_us);
@@ -356,7 +356,7 @@ impl SlideWitness {
         ]
     }
 
-    fn begin_test(&mut self, normal: i32, friction: u16, suspicion: Suspicion, settings: &Configuration) {
+    fn begin_test(&mut self, normal: i32, friction: u16, suspicion: Suspicion, settings: &LearningSettings) {
         let now = ratio(self.shear[0], self.normal[0]);
         let counted_on = u64::from(friction.min(self.limit));
         let least = divide(counted_on * u64::from(FRICTION_LOSS_MAX), PER_UNIT as u16) as u16;

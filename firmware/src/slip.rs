@@ -84,9 +84,18 @@ impl SlipDetector {
     /// map-to-line path.
     pub fn observe(&mut self, sums: &MapSums) {
         if sums.contact > 0 {
-            let sticks = severity(self.state) <= severity(SlipState::Stick) && !self.loads.has_slid();
-            self.geometry.observe(sums, sticks);
+            self.geometry.observe(sums, self.tells_geometry());
         }
+    }
+
+    /// Whether the newest map tells the contact's kind: it sticks and has not slid.
+    pub(crate) fn tells_geometry(&self) -> bool {
+        severity(self.state) <= severity(SlipState::Stick) && !self.loads.has_slid()
+    }
+
+    /// Takes the geometry that was updated elsewhere.
+    pub(crate) const fn set_geometry(&mut self, geometry: ContactGeometry) {
+        self.geometry = geometry;
     }
 
     /// Geometry of the contact, as far as it was seen.

@@ -127,9 +127,14 @@ const fn of_test(urgency: Urgency) -> i32 {
 }
 
 fn of_motion(motion: Motion) -> i32 {
-    const MAX: i32 = Motion::EVIDENCE_MAX as i32;
-    let [evidence, quality] = [motion.evidence(), motion.quality()].map(i32::from);
-    (2 * evidence - MAX) * quality * MOTION / (MAX * Motion::QUALITY_MAX as i32)
+    let [evidence, quality, evidence_max, quality_max] = [
+        motion.evidence(),
+        motion.quality(),
+        Motion::EVIDENCE_MAX,
+        Motion::QUALITY_MAX,
+    ]
+    .map(i32::from);
+    (2 * evidence - evidence_max) * quality * MOTION / (evidence_max * quality_max)
 }
 
 /// Odds as a probability, 1/10000: straight lines between the logistic function's values every quarter.

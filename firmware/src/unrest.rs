@@ -180,7 +180,7 @@ mod tests {
         assert!(after(noise(0.01), grows) < 0.8);
         let swings = |map: u32| {
             let (normal, reach) = noise(0.01)(map);
-            (normal + 100_000 * (i32::from(map % 2 == 0)), reach)
+            (normal + 100_000 * (i32::from(map.is_multiple_of(2))), reach)
         };
         assert!(after(noise(0.01), swings) < 0.8);
     }

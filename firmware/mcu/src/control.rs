@@ -9,7 +9,7 @@ use core::cell::UnsafeCell;
 use cortex_m::peripheral::DWT;
 use embassy_time::Instant;
 use gripline_firmware::line::GripLine;
-use gripline_firmware::program::MessageEvent;
+use gripline_firmware::program::{Learnt, Lesson, MessageEvent};
 use gripline_firmware::{Action, FaultSet, LinkId, Program};
 use gripline_protocol::message::{Configuration, Message, Stage};
 
@@ -141,10 +141,16 @@ impl Control {
         *message = self.program.poll_message();
     }
 
-    /// What the newest map leaves to do after its line.
+    /// What a new map has to teach.
     #[inline(never)]
-    pub(crate) fn settle(&mut self) {
-        self.program.settle();
+    pub(crate) fn lesson(&mut self, lesson: &mut Option<Lesson>) {
+        self.program.lesson(lesson);
+    }
+
+    /// Takes what a lesson came to.
+    #[inline(never)]
+    pub(crate) fn learn(&mut self, learnt: &Learnt) {
+        self.program.learn(learnt);
     }
 
     /// The first part of the safety tick.
@@ -154,6 +160,12 @@ impl Control {
     }
 
     /// The second part.
+    #[inline(never)]
+    pub(crate) fn teach_grip(&mut self) {
+        self.program.teach_grip();
+    }
+
+    /// The third part.
     #[inline(never)]
     pub(crate) fn watch_object(&mut self) {
         self.program.note_line(BusLine.health());

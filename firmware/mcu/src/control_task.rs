@@ -7,12 +7,12 @@ use embassy_stm32::usart::BufferedUartRx;
 use embassy_time::{Duration, Instant, Timer};
 use embassy_usb::driver::{Endpoint, EndpointError, EndpointOut};
 use embedded_io_async::Read;
-use gripline_firmware::program::{MessageReader, MessageWriter};
+use gripline_firmware::program::{Learner, MessageReader, MessageWriter};
 use gripline_firmware::{Fault, FaultSet, LinkId, storage};
-use gripline_protocol::PACKET_MAX;
 use gripline_protocol::cobs::{CobsDecoder, Frame};
 use gripline_protocol::message::{Configuration, LineSettings, Message, Report};
 use gripline_protocol::packet::Kind;
+use gripline_protocol::{PACKET_MAX, SENSORS};
 
 use crate::control::{self, BoardWatch, Control, from_task};
 use crate::flash::SettingsSectors;
@@ -31,7 +31,6 @@ struct Aligned([u8; PACKET_MAX]);
 
 /// Fills the outbox. Takes the program for one message at a time.
 fn fill(outbox: &'static Outbox, writer: &mut MessageWriter) {
-    from_task(Control::settle);
     while !outbox.is_full() {
         let packet = writer.next_packet(|| {
             let mut message = None;
@@ -44,6 +43,17 @@ fn fill(outbox: &'static Outbox, writer: &mut MessageWriter) {
         let Some(packet) = packet else { return };
         // There was room, and only this task fills the outbox.
         let _ = outbox.try_send(packet);
+    }
+}
+
+/// Works on what new maps have to teach, with the path free but for copying; one of each fingertip.
+fn study(learner: &mut Learner) {
+    for _ in 0..SENSORS {
+        let mut lesson = None;
+        from_task(|control| control.lesson(&mut lesson));
+        let Some(lesson) = &lesson else { return };
+        let learnt = learner.work(lesson);
+        from_task(|control| control.learn(&learnt));
     }
 }
 
@@ -104,6 +114,7 @@ pub(crate) async fn control(
     mut usb: HostToMcu,
 ) {
     let mut writer = MessageWriter::default();
+    let mut learner = Learner::default();
     let mut logged = FaultSet::EMPTY;
     let mut known = None;
     // Each link has its own: what one brings broken costs the other nothing.
@@ -118,8 +129,9 @@ pub(crate) async fn control(
             tick_at += TICK;
             watch.look(&mut known);
             // In parts, so that a packet waits for one of them only.
-            from_task(Control::settle);
+            study(&mut learner);
             from_task(Control::age);
+            from_task(Control::teach_grip);
             from_task(Control::watch_object);
             let (mut faults, mut is_at_fault) = (logged, true);
             let outbox = from_task(|control| control.tick(&mut faults, &mut is_at_fault)).flatten();

@@ -7,6 +7,7 @@ use gripline_protocol::Packet;
 use gripline_protocol::packet::Kind;
 
 use super::dispatch::{Action, Program};
+use super::lesson::Learner;
 use super::messages::{MessageReader, MessageWriter};
 use super::start::Start;
 use crate::link::{LINKS, LinkId};
@@ -16,6 +17,7 @@ use crate::link::{LINKS, LinkId};
 pub struct Device {
     /// The program itself.
     pub program: Program,
+    learner: Learner,
     readers: [MessageReader; LINKS],
     writer: MessageWriter,
 }
@@ -26,6 +28,7 @@ impl Device {
     pub fn new(start: Start) -> Self {
         Self {
             program: Program::new(start),
+            learner: Learner::default(),
             readers: LinkId::ALL.map(|_| MessageReader::new(*start.line())),
             writer: MessageWriter::default(),
         }
@@ -41,7 +44,7 @@ impl Device {
         if Kind::of(packet) != Some(Kind::Message) {
             let action = self.program.map_packet(packet, link, now_us);
             if action.decided {
-                self.program.settle();
+                self.study();
             }
             return action;
         }
@@ -58,9 +61,22 @@ impl Device {
 
     /// The 1 kHz tick: ages, faults, slew.
     pub fn tick(&mut self, now_us: u64) -> Action {
+        self.study();
         self.program.age(now_us);
+        self.program.teach_grip();
         self.program.watch_object();
         self.program.advance(now_us)
+    }
+
+    /// Works on what new maps have to teach.
+    fn study(&mut self) {
+        let mut lesson = None;
+        loop {
+            self.program.lesson(&mut lesson);
+            let Some(lesson) = &lesson else { return };
+            let learnt = self.learner.work(lesson);
+            self.program.learn(&learnt);
+        }
     }
 
     /// The next packet for the host.

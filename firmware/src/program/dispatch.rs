@@ -13,21 +13,21 @@ use gripline_protocol::packet::Kind;
 use gripline_protocol::sequence::{Order, SequenceTracker};
 use gripline_protocol::{Health, MapInfo, Motion, SENSORS};
 
+use super::lesson::Taught;
 use super::object::Object;
 use super::outbox::Outbox;
 use super::receiver::{Breakage, Receiver};
 use super::start::Start;
 use crate::arithmetic::divide;
 use crate::clock_sync::{CaptureTime, ClockSync};
-use crate::constants::{DECIDE_BUDGET_CYCLES, STATUS_PERIOD_MS};
+use crate::constants::{DECIDE_BUDGET_CYCLES, FALL_UNREST_MAX, STATUS_PERIOD_MS};
 use crate::fault::{Fault, FaultSet};
-use crate::friction_estimator::FrictionEstimator;
 use crate::grip::{Evidence, GripController, GripForce};
 use crate::line::LineHealth;
 use crate::link::{LINKS, LinkId};
 use crate::safety::Safety;
+use crate::slide_witness::Verdict;
 use crate::slip::{SlipDecision, SlipDetector, severity};
-use crate::slip_evidence::SlipEvidence;
 use crate::sums::{Kernel, Portable, TaxelRule, stick_ratio_below, total_shear};
 
 /// What to do after a packet of a map or a tick.
@@ -43,38 +43,28 @@ pub struct Action {
     pub decided: bool,
 }
 
-/// What of a fingertip's estimates is due, a tick each.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-enum Due {
-    #[default]
-    Nothing,
-    /// Contact geometry, load and friction.
-    Estimate,
-    /// The slide witness, and then the grip.
-    Witness,
-}
-
 /// The newest state of one fingertip.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Fingertip {
     pub(super) sequence: SequenceTracker,
-    slip: SlipDetector,
-    decision: SlipDecision,
-    sums: MapSums,
+    pub(super) slip: SlipDetector,
+    pub(super) decision: SlipDecision,
+    pub(super) sums: MapSums,
     shear: i32,
-    friction: FrictionEstimator,
-    evidence: SlipEvidence,
-    motion: Motion,
-    capture_us: u32,
-    /// The evidence has not seen the newest map yet.
-    is_unsettled: bool,
-    /// What of `friction` has not seen the newest map yet.
-    due: Due,
+    pub(super) taught: Taught,
+    pub(super) motion: Motion,
+    pub(super) capture_us: u32,
+    /// Good maps so far; wraps.
+    pub(super) map: u32,
+    /// `taught` does not know the newest map yet.
+    pub(super) is_due: bool,
+    /// The grip does not know yet what `taught` says.
+    pub(super) is_news: bool,
     pub(super) clock: ClockSync,
     /// When its last map would have arrived without delay, or when holding began, µs.
     pub(super) fresh_us: u64,
     /// When its last map arrived, µs.
-    arrived_us: u64,
+    pub(super) arrived_us: u64,
     health: Health,
 }
 
@@ -246,30 +236,10 @@ impl<K: Kernel> Program<K> {
         self.action(false)
     }
 
-    /// What a map leaves to do once its line is written: the evidence of slip, which the next status tells. Call it after
-    /// [`Program::map_packet`] has decided, before the next tick and the next message.
-    #[inline(never)]
-    pub fn settle(&mut self) {
-        let [one, other] = &mut self.fingertips;
-        let tip = if one.is_unsettled { one } else { other };
-        if !core::mem::take(&mut tip.is_unsettled) {
-            return;
-        }
-        let says = (tip.motion, tip.friction.witness().urgency);
-        tip.evidence.observe(
-            &tip.sums,
-            tip.decision,
-            says,
-            tip.capture_us,
-            self.settings.slip_leave,
-        );
-    }
-
     /// First part of the 1 kHz tick: what has become too old. In parts, so that a packet waits for one of them only.
     pub fn age(&mut self, now_us: u64) {
         let now_us = self.passed_to(now_us);
         self.safety.tick();
-        self.learn();
         let holding = self.controller.mode() == GripMode::Hold;
         let older =
             |since_us: u64, limit_ms: u16| now_us.saturating_sub(since_us) > u64::from(limit_ms) * 1_000;
@@ -289,56 +259,43 @@ impl<K: Kernel> Program<K> {
         }
     }
 
-    /// Contact geometry, load and friction follow a tick after the map. They take too long for the map-to-line path, and a
-    /// millisecond is short beside a gripper's lag. One fingertip a tick.
+    /// Second part of the tick: the grip learns what new maps taught, and that time has passed.
     #[inline(never)]
-    fn learn(&mut self) {
-        let [one, other] = &mut self.fingertips;
-        let tip = if one.due == Due::Nothing { other } else { one };
-        let due = core::mem::take(&mut tip.due);
-        if due == Due::Estimate {
-            tip.slip.observe(&tip.sums);
+    pub fn teach_grip(&mut self) {
+        let mut is_new = false;
+        for tip in &mut self.fingertips {
+            is_new |= core::mem::take(&mut tip.is_news);
         }
         if !self.settings.learns() {
             return;
         }
-        match due {
-            Due::Estimate => {
-                let reached = self.controller.reached().lsb();
-                let geometry = tip.slip.geometry();
-                tip.friction
-                    .observe(&tip.sums, geometry, reached, self.now_us, &self.settings);
-                if tip.sums.contact > 0 {
-                    tip.due = Due::Witness;
-                    return;
-                }
-            }
-            Due::Witness => tip
-                .friction
-                .ask_witness(tip.sums.force[2], tip.motion, &self.settings),
-            Due::Nothing => {}
-        }
-        let is_new = due != Due::Nothing;
         let [one, other] = &self.fingertips;
         // A fingertip that fell silent under load must not squeeze on while the other one sends maps.
         let is_silent = |tip: &Fingertip| {
             self.now_us.saturating_sub(tip.arrived_us) > u64::from(self.settings.stale_ms) * 1_000
         };
         let has_other = self.settings.sensors > 1;
-        let other_is_worse = is_silent(one) || other.friction.exceeds(&one.friction, &self.settings);
+        let other_is_worse = is_silent(one) || other.taught.load.exceeds(&one.taught.load);
         let worst = if has_other && !is_silent(other) && other_is_worse {
             other
         } else {
             one
         };
         let witness = if has_other {
-            one.friction.witness().with(other.friction.witness())
+            one.taught.verdict.with(other.taught.verdict)
         } else {
-            one.friction.witness()
+            one.taught.verdict
+        };
+        // The verdict knows of motion and of shear that follows. The stick ratio is no reason: it is 0 in every firm grip on an object whose
+        // friction is well above the detector's.
+        let (_, witnesses) = self.slip_evidence();
+        let witness = Verdict {
+            may_fall: witness.may_fall && witnesses.unrest < FALL_UNREST_MAX,
+            ..witness
         };
         self.controller.learn(
             self.now_us,
-            is_new.then_some((&worst.friction, worst.sums.force[2])),
+            is_new.then_some((worst.taught.load, worst.sums.force[2])),
             witness,
             &self.settings,
         );
@@ -449,12 +406,12 @@ impl<K: Kernel> Program<K> {
         if is_doubtful {
             // It ends no contact and teaches nothing; it may only ask for more grip.
             tip.shear = tip.shear.max(shear);
-            tip.due = Due::Nothing;
+            tip.is_due = false;
         } else {
             tip.shear = shear;
             tip.arrived_us = self.now_us;
-            tip.due = Due::Estimate;
-            tip.is_unsettled = true;
+            tip.is_due = true;
+            tip.map = tip.map.wrapping_add(1);
             tip.motion = info.motion;
             tip.capture_us = info.capture_us;
             tip.decision = tip
@@ -525,11 +482,14 @@ impl<K: Kernel> Program<K> {
     /// How sure all fingertips' witnesses are together, and what each says by itself.
     fn slip_evidence(&self) -> (u16, Witnesses) {
         let [one, other] = &self.fingertips;
+        let (one, other) = (&one.taught, &other.taught);
         if self.settings.sensors < 2 {
-            return (one.evidence.joined(), one.evidence.witnesses());
+            return (one.slip_evidence, one.witnesses);
         }
-        let joined = one.evidence.joined().max(other.evidence.joined());
-        (joined, one.evidence.witnesses().max(other.evidence.witnesses()))
+        (
+            one.slip_evidence.max(other.slip_evidence),
+            one.witnesses.max(other.witnesses),
+        )
     }
 
     pub(super) fn send_status(&mut self) {

@@ -70,7 +70,7 @@ fn draw_evidence(report: &FrameReport, area: Rect, buffer: &mut Buffer) {
             Span::styled(format!("{:.0} ", 100.0 * share), colour),
         ]
     });
-    buffer.set_line(area.x, area.y + 3, &Line::from_iter(spans), area.width);
+    buffer.set_line(area.x, area.y + 3, &spans.collect(), area.width);
 }
 
 /// A name and its value at a column and a row.

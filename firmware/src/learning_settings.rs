@@ -1,0 +1,29 @@
+//! What of the settings the estimators need: four numbers, copied while the map-to-line path is blocked.
+
+use gripline_protocol::message::Configuration;
+
+/// Units as in [`Configuration`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct LearningSettings {
+    pub(crate) friction: u16,
+    pub(crate) friction_most: u16,
+    pub(crate) margin: u16,
+    pub(crate) slip_leave: u16,
+}
+
+impl LearningSettings {
+    /// Those of the settings in force.
+    pub(crate) const fn of(settings: &Configuration) -> Self {
+        Self {
+            friction: settings.friction,
+            friction_most: settings.friction_most,
+            margin: settings.margin,
+            slip_leave: settings.slip_leave,
+        }
+    }
+
+    /// As [`Configuration::learns`].
+    pub(crate) const fn learns(&self) -> bool {
+        self.friction_most > self.friction
+    }
+}
