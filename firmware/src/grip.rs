@@ -187,6 +187,11 @@ impl GripController {
         self.observed_us = now_us;
     }
 
+    /// Takes what the load on the contact says of the newest maps' state.
+    pub(crate) const fn judge(&mut self, state: SlipState) {
+        self.evidence.state = state;
+    }
+
     /// Takes the shear of maps of which one is doubtful: it may only raise the line.
     pub(crate) fn observe_doubtful(&mut self, shear: i32) {
         self.evidence.shear = self.evidence.shear.max(shear);

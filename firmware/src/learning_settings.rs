@@ -1,4 +1,4 @@
-//! What of the settings the estimators need: four numbers, copied while the map-to-line path is blocked.
+//! What of the settings the estimators need: three numbers, copied while the map-to-line path is blocked.
 
 use gripline_protocol::message::Configuration;
 
@@ -8,7 +8,6 @@ pub(crate) struct LearningSettings {
     pub(crate) friction: u16,
     pub(crate) friction_most: u16,
     pub(crate) margin: u16,
-    pub(crate) slip_leave: u16,
 }
 
 impl LearningSettings {
@@ -18,7 +17,6 @@ impl LearningSettings {
             friction: settings.friction,
             friction_most: settings.friction_most,
             margin: settings.margin,
-            slip_leave: settings.slip_leave,
         }
     }
 

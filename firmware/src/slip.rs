@@ -26,6 +26,46 @@ pub struct SlipDecision {
     pub time_to_slip_ms: Option<u16>,
 }
 
+/// What of the settings the state machine needs; units as in [`Configuration`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct SlipSettings {
+    threshold: u16,
+    pub(crate) leave: u16,
+    incipient: u16,
+    horizon_ms: u16,
+    dwell_ms: u16,
+}
+
+impl SlipSettings {
+    /// Those of the settings in force.
+    pub(crate) const fn of(settings: &Configuration) -> Self {
+        Self {
+            threshold: settings.slip_threshold,
+            leave: settings.slip_leave,
+            incipient: settings.incipient_threshold,
+            horizon_ms: settings.incipient_horizon_ms,
+            dwell_ms: settings.dwell_ms,
+        }
+    }
+}
+
+/// What one map says of the state at once: a ratio below the threshold is SLIP; for anything better the state stays as it was until
+/// the load on the contact has been looked at ([`SlipDetector::update`]).
+pub(crate) fn first_decision(before: SlipDecision, sums: &MapSums, threshold: u16) -> SlipDecision {
+    let ratio = stick_ratio(sums);
+    let state = match before.state {
+        _ if ratio.is_none() => SlipState::NoContact,
+        _ if stick_ratio_below(sums, threshold) => SlipState::Slip,
+        SlipState::NoContact => SlipState::Stick,
+        state => state,
+    };
+    SlipDecision {
+        state,
+        stick_ratio: ratio,
+        time_to_slip_ms: before.time_to_slip_ms.filter(|_| ratio.is_some()),
+    }
+}
+
 /// The slip state machine of one fingertip.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct SlipDetector {
@@ -64,6 +104,17 @@ impl SlipDetector {
         now_us: u64,
         settings: &Configuration,
     ) -> SlipDecision {
+        self.decide(sums, capture_us, now_us, &SlipSettings::of(settings))
+    }
+
+    /// The same with what of the settings it needs.
+    pub(crate) fn decide(
+        &mut self,
+        sums: &MapSums,
+        capture_us: u32,
+        now_us: u64,
+        settings: &SlipSettings,
+    ) -> SlipDecision {
         let Some(ratio) = stick_ratio(sums) else {
             self.state = SlipState::NoContact;
             self.trend.filled = 0;
@@ -71,7 +122,7 @@ impl SlipDetector {
             self.geometry = ContactGeometry::new();
             return SlipDecision::default();
         };
-        let time_to_slip_ms = self.trend.push(ratio, capture_us, settings.slip_threshold);
+        let time_to_slip_ms = self.trend.push(ratio, capture_us, settings.threshold);
         self.state = self.next_state(sums, time_to_slip_ms, capture_us, now_us, settings);
         SlipDecision {
             state: self.state,
@@ -84,18 +135,9 @@ impl SlipDetector {
     /// map-to-line path.
     pub fn observe(&mut self, sums: &MapSums) {
         if sums.contact > 0 {
-            self.geometry.observe(sums, self.tells_geometry());
+            let sticks = severity(self.state) <= severity(SlipState::Stick) && !self.loads.has_slid();
+            self.geometry.observe(sums, sticks);
         }
-    }
-
-    /// Whether the newest map tells the contact's kind: it sticks and has not slid.
-    pub(crate) fn tells_geometry(&self) -> bool {
-        severity(self.state) <= severity(SlipState::Stick) && !self.loads.has_slid()
-    }
-
-    /// Takes the geometry that was updated elsewhere.
-    pub(crate) const fn set_geometry(&mut self, geometry: ContactGeometry) {
-        self.geometry = geometry;
     }
 
     /// Geometry of the contact, as far as it was seen.
@@ -109,7 +151,7 @@ impl SlipDetector {
         time_to_slip_ms: Option<u16>,
         capture_us: u32,
         now_us: u64,
-        settings: &Configuration,
+        settings: &SlipSettings,
     ) -> SlipState {
         let load = Load::of(sums, &self.geometry);
         if self.loads.push(&load, capture_us) {
@@ -118,19 +160,19 @@ impl SlipDetector {
             }
             return SlipState::Stick;
         }
-        let soon = time_to_slip_ms.is_some_and(|ms| ms < settings.incipient_horizon_ms);
-        let slips = stick_ratio_below(sums, settings.slip_threshold)
-            || (self.state == SlipState::Slip && stick_ratio_below(sums, settings.slip_leave));
+        let soon = time_to_slip_ms.is_some_and(|ms| ms < settings.horizon_ms);
+        let slips = stick_ratio_below(sums, settings.threshold)
+            || (self.state == SlipState::Slip && stick_ratio_below(sums, settings.leave));
         let by_load = self.loads.is_half_slipping(&load, &self.geometry);
         // Lower ratios count in any case: friction may have changed since.
         let is_held = severity(self.state) <= severity(SlipState::Stick)
             && by_load == Some(false)
-            && !stick_ratio_below(sums, settings.slip_threshold / 4 * 3);
+            && !stick_ratio_below(sums, settings.threshold / 4 * 3);
         let now = if is_held {
             SlipState::Stick
         } else if slips {
             SlipState::Slip
-        } else if soon || by_load == Some(true) || stick_ratio_below(sums, settings.incipient_threshold) {
+        } else if soon || by_load == Some(true) || stick_ratio_below(sums, settings.incipient) {
             SlipState::Incipient
         } else {
             SlipState::Stick

@@ -27,7 +27,7 @@ use crate::line::LineHealth;
 use crate::link::{LINKS, LinkId};
 use crate::safety::Safety;
 use crate::slide_witness::Verdict;
-use crate::slip::{SlipDecision, SlipDetector, severity};
+use crate::slip::{SlipDecision, first_decision, severity};
 use crate::sums::{Kernel, Portable, TaxelRule, stick_ratio_below, total_shear};
 
 /// What to do after a packet of a map or a tick.
@@ -47,7 +47,6 @@ pub struct Action {
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Fingertip {
     pub(super) sequence: SequenceTracker,
-    pub(super) slip: SlipDetector,
     pub(super) decision: SlipDecision,
     pub(super) sums: MapSums,
     shear: i32,
@@ -414,9 +413,7 @@ impl<K: Kernel> Program<K> {
             tip.map = tip.map.wrapping_add(1);
             tip.motion = info.motion;
             tip.capture_us = info.capture_us;
-            tip.decision = tip
-                .slip
-                .update(&tip.sums, info.capture_us, self.now_us, &self.settings);
+            tip.decision = first_decision(tip.decision, &tip.sums, self.settings.slip_threshold);
         }
         self.newest = info;
         self.maps = self.maps.wrapping_add(1);
@@ -452,7 +449,7 @@ impl<K: Kernel> Program<K> {
     }
 
     /// The worst of the fingertips' maps within the last `age_us`.
-    fn evidence(&self, age_us: u64) -> Evidence {
+    pub(super) fn evidence(&self, age_us: u64) -> Evidence {
         let mut worst = Evidence {
             has_spare: true,
             ..Evidence::default()

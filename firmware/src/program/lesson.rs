@@ -1,4 +1,4 @@
-//! What a map teaches: contact geometry, load, friction, whether it slides, and the evidence of slip. It takes longer than the
+//! What a map teaches: slip state, contact geometry, load, friction, whether it slides, and the evidence of slip. It takes longer than the
 //! map-to-line path may be blocked. So the map's sums are copied out, worked on with the path free, and the result is copied back, unless
 //! a newer map came meanwhile. What was learnt before lies with the worker and is never copied.
 
@@ -6,11 +6,10 @@ use gripline_protocol::message::{MapSums, Witnesses};
 use gripline_protocol::{Motion, SENSORS};
 
 use super::dispatch::Program;
-use crate::contact_geometry::ContactGeometry;
 use crate::friction_estimator::{FrictionEstimator, LoadEstimate};
 use crate::learning_settings::LearningSettings;
 use crate::slide_witness::Verdict;
-use crate::slip::SlipDecision;
+use crate::slip::{SlipDecision, SlipDetector, SlipSettings};
 use crate::slip_evidence::SlipEvidence;
 use crate::sums::Kernel;
 
@@ -23,14 +22,11 @@ pub struct Lesson {
     arrived_us: u64,
     capture_us: u32,
     sums: MapSums,
-    decision: SlipDecision,
     motion: Motion,
     /// The force that the gripper should have reached.
     reached: i32,
     settings: LearningSettings,
-    /// The contact tells its geometry.
-    tells_geometry: bool,
-    geometry: ContactGeometry,
+    slip_settings: SlipSettings,
 }
 
 /// What came of a lesson.
@@ -38,7 +34,7 @@ pub struct Lesson {
 pub struct Learnt {
     sensor: usize,
     map: u32,
-    geometry: ContactGeometry,
+    decision: SlipDecision,
     taught: Taught,
 }
 
@@ -65,6 +61,7 @@ impl Default for Taught {
 /// Works on lessons, with the path free. Keeps what the maps before have taught.
 #[derive(Debug, Default)]
 pub struct Learner {
+    slip: [SlipDetector; SENSORS],
     friction: [FrictionEstimator; SENSORS],
     evidence: [SlipEvidence; SENSORS],
 }
@@ -76,12 +73,11 @@ impl Learner {
         let Lesson { sums, settings, .. } = lesson;
         let sensor = lesson.sensor % SENSORS;
         let (friction, evidence) = (&mut self.friction[sensor], &mut self.evidence[sensor]);
-        let mut geometry = lesson.geometry;
-        if sums.contact > 0 {
-            geometry.observe(sums, lesson.tells_geometry);
-        }
+        let slip = &mut self.slip[sensor];
+        let decision = slip.decide(sums, lesson.capture_us, lesson.arrived_us, &lesson.slip_settings);
+        slip.observe(sums);
         if settings.learns() {
-            friction.observe(sums, &geometry, lesson.reached, lesson.arrived_us, settings);
+            friction.observe(sums, slip.geometry(), lesson.reached, lesson.arrived_us, settings);
             if sums.contact > 0 {
                 friction.ask_witness(sums.force[2], lesson.motion, settings);
             }
@@ -89,15 +85,15 @@ impl Learner {
         let verdict = friction.witness();
         evidence.observe(
             sums,
-            lesson.decision,
+            decision,
             (lesson.motion, verdict.urgency),
             lesson.capture_us,
-            settings.slip_leave,
+            lesson.slip_settings.leave,
         );
         Learnt {
             sensor,
             map: lesson.map,
-            geometry,
+            decision,
             taught: Taught {
                 load: friction.estimate(settings),
                 verdict,
@@ -125,12 +121,10 @@ impl<K: Kernel> Program<K> {
             arrived_us: tip.arrived_us,
             capture_us: tip.capture_us,
             sums: tip.sums,
-            decision: tip.decision,
             motion: tip.motion,
             reached: self.controller.reached().lsb(),
             settings: LearningSettings::of(&self.settings),
-            tells_geometry: tip.slip.tells_geometry(),
-            geometry: *tip.slip.geometry(),
+            slip_settings: SlipSettings::of(&self.settings),
         });
     }
 
@@ -142,8 +136,10 @@ impl<K: Kernel> Program<K> {
             return;
         }
         tip.is_due = false;
-        tip.slip.set_geometry(learnt.geometry);
+        tip.decision = learnt.decision;
         tip.taught = learnt.taught;
         tip.is_news = true;
+        let state = self.evidence(u64::from(self.settings.stale_ms) * 1_000).state;
+        self.controller.judge(state);
     }
 }
