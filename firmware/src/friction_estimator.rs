@@ -78,7 +78,7 @@ impl FrictionEstimator {
         geometry: &ContactGeometry,
         reached: i32,
         now_us: u64,
-        settings: &LearningSettings,
+        settings: LearningSettings,
     ) {
         if sums.contact == 0 {
             let since_us = self.since(now_us);
@@ -124,7 +124,7 @@ impl FrictionEstimator {
 
     /// Asks the slide witness about the map that [`FrictionEstimator::observe`] took: apart from that, so that neither blocks
     /// the map-to-line path for long.
-    pub(crate) fn ask_witness(&mut self, normal: i32, seen: Motion, settings: &LearningSettings) {
+    pub(crate) fn ask_witness(&mut self, normal: i32, seen: Motion, settings: LearningSettings) {
         let friction = self.proven.max(settings.friction);
         self.slide
             .observe(self.now, normal, self.since_us, seen, friction, settings);
@@ -185,7 +185,7 @@ impl FrictionEstimator {
     }
 
     /// What the grip has to hold.
-    pub(crate) fn estimate(&self, settings: &LearningSettings) -> LoadEstimate {
+    pub(crate) fn estimate(&self, settings: LearningSettings) -> LoadEstimate {
         LoadEstimate {
             shear: self.ahead,
             ratio: self.ratio,
@@ -196,7 +196,7 @@ impl FrictionEstimator {
 
     /// Friction for the feed-forward, 1/10000: what was proven, at least the detector's, and typical friction until the load
     /// settles; no more than a slide left.
-    fn friction(&self, settings: &LearningSettings) -> u16 {
+    fn friction(&self, settings: LearningSettings) -> u16 {
         let expected = if self.has_rested || self.has_slid {
             0
         } else {

@@ -21,7 +21,7 @@ impl LearningSettings {
     }
 
     /// As [`Configuration::learns`].
-    pub(crate) const fn learns(&self) -> bool {
+    pub(crate) const fn learns(self) -> bool {
         self.friction_most > self.friction
     }
 }

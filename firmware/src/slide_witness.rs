@@ -193,7 +193,7 @@ impl SlideWitness {
         since_us: u16,
         seen: Motion,
         friction: u16,
-        settings: &LearningSettings,
+        settings: LearningSettings,
     ) {
         self.seen = seen;
         self.sum = [self.sum[0] + load, self.sum[1] + normal];
@@ -217,7 +217,7 @@ impl SlideWitness {
     }
 
     /// A slot has passed.
-    fn step(&mut self, passed_us: u32, friction: u16, settings: &LearningSettings) {
+    fn step(&mut self, passed_us: u32, friction: u16, settings: LearningSettings) {
         let shear = i32::midpoint(self.shear[0], self.shear[1]);
         let normal = i32::midpoint(self.normal[0], self.normal[1]);
         self.hush_us = self.hush_us.saturating_sub(passed_us);
@@ -356,7 +356,7 @@ impl SlideWitness {
         ]
     }
 
-    fn begin_test(&mut self, normal: i32, friction: u16, suspicion: Suspicion, settings: &LearningSettings) {
+    fn begin_test(&mut self, normal: i32, friction: u16, suspicion: Suspicion, settings: LearningSettings) {
         let now = ratio(self.shear[0], self.normal[0]);
         let counted_on = u64::from(friction.min(self.limit));
         let least = divide(counted_on * u64::from(FRICTION_LOSS_MAX), PER_UNIT as u16) as u16;

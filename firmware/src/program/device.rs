@@ -7,7 +7,7 @@ use gripline_protocol::Packet;
 use gripline_protocol::packet::Kind;
 
 use super::dispatch::{Action, Program};
-use super::lesson::Learner;
+use super::learner::Learner;
 use super::messages::{MessageReader, MessageWriter};
 use super::start::Start;
 use crate::link::{LINKS, LinkId};

@@ -13,7 +13,7 @@ use gripline_protocol::packet::Kind;
 use gripline_protocol::sequence::{Order, SequenceTracker};
 use gripline_protocol::{Health, MapInfo, Motion, SENSORS};
 
-use super::lesson::Taught;
+use super::learner::Taught;
 use super::object::Object;
 use super::outbox::Outbox;
 use super::receiver::{Breakage, Receiver};

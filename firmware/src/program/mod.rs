@@ -8,6 +8,7 @@ mod board;
 mod commands;
 mod device;
 mod dispatch;
+mod learner;
 mod lesson;
 mod messages;
 mod object;
@@ -19,6 +20,6 @@ mod store;
 
 pub use device::Device;
 pub use dispatch::{Action, Program};
-pub use lesson::{Learner, Learnt, Lesson};
+pub use learner::{Learner, Learnt, Lesson};
 pub use messages::{MessageEvent, MessageReader, MessageWriter, Request};
 pub use start::{ResetCause, Start};

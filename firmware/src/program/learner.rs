@@ -1,0 +1,104 @@
+//! What a map teaches: slip state, contact geometry, load, friction, whether it slides, and the evidence of slip. It takes longer than the
+//! map-to-line path may be blocked. So the map's sums are copied out, worked on with the path free, and the result is copied back, unless
+//! a newer map came meanwhile. What was learnt before lies with the worker and is never copied.
+
+use gripline_protocol::message::{MapSums, Witnesses};
+use gripline_protocol::{Motion, SENSORS};
+
+use crate::friction_estimator::{FrictionEstimator, LoadEstimate};
+use crate::learning_settings::LearningSettings;
+use crate::slide_witness::Verdict;
+use crate::slip::{SlipDecision, SlipDetector, SlipSettings};
+use crate::slip_evidence::SlipEvidence;
+
+/// The newest map of a fingertip.
+#[derive(Debug, Clone, Copy)]
+pub struct Lesson {
+    pub(super) sensor: usize,
+    /// Number of the map.
+    pub(super) map: u32,
+    pub(super) arrived_us: u64,
+    pub(super) capture_us: u32,
+    pub(super) sums: MapSums,
+    pub(super) motion: Motion,
+    /// The force that the gripper should have reached.
+    pub(super) reached: i32,
+    pub(super) settings: LearningSettings,
+    pub(super) slip_settings: SlipSettings,
+}
+
+/// What came of a lesson.
+#[derive(Debug, Clone, Copy)]
+pub struct Learnt {
+    pub(super) sensor: usize,
+    pub(super) map: u32,
+    pub(super) decision: SlipDecision,
+    pub(super) taught: Taught,
+}
+
+/// What the maps of a fingertip have taught, as far as grip and status need it.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Taught {
+    pub(super) load: LoadEstimate,
+    pub(super) verdict: Verdict,
+    pub(super) slip_evidence: u16,
+    pub(super) witnesses: Witnesses,
+}
+
+impl Default for Taught {
+    fn default() -> Self {
+        Self {
+            load: LoadEstimate::default(),
+            verdict: Verdict::NONE,
+            slip_evidence: 0,
+            witnesses: Witnesses::default(),
+        }
+    }
+}
+
+/// Works on lessons, with the path free. Keeps what the maps before have taught.
+#[derive(Debug, Default)]
+pub struct Learner {
+    slip: [SlipDetector; SENSORS],
+    friction: [FrictionEstimator; SENSORS],
+    evidence: [SlipEvidence; SENSORS],
+}
+
+impl Learner {
+    /// Works on a lesson.
+    #[must_use]
+    pub fn work(&mut self, lesson: &Lesson) -> Learnt {
+        let Lesson { sums, settings, .. } = lesson;
+        let settings = *settings;
+        let sensor = lesson.sensor % SENSORS;
+        let (friction, evidence) = (&mut self.friction[sensor], &mut self.evidence[sensor]);
+        let slip = &mut self.slip[sensor];
+        let decision = slip.decide(sums, lesson.capture_us, lesson.arrived_us, &lesson.slip_settings);
+        slip.observe(sums);
+        if settings.learns() {
+            friction.observe(sums, slip.geometry(), lesson.reached, lesson.arrived_us, settings);
+            if sums.contact > 0 {
+                friction.ask_witness(sums.force[2], lesson.motion, settings);
+            }
+        }
+        let verdict = friction.witness();
+        evidence.observe(
+            sums,
+            decision,
+            (lesson.motion, verdict.urgency),
+            lesson.capture_us,
+            lesson.slip_settings.leave,
+        );
+        Learnt {
+            sensor,
+            map: lesson.map,
+            decision,
+            taught: Taught {
+                load: friction.estimate(settings),
+                verdict,
+                slip_evidence: evidence.joined(),
+                witnesses: evidence.witnesses(),
+            },
+        }
+    }
+}
