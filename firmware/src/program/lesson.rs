@@ -1,5 +1,7 @@
 //! The newest map is copied out for the [`Learner`](super::Learner), and what it came to is copied back.
 
+use gripline_protocol::SENSORS;
+
 use super::dispatch::Program;
 use super::learner::{Learnt, Lesson};
 use crate::learning_settings::LearningSettings;
