@@ -34,14 +34,8 @@ impl<K: Kernel> Program<K> {
     /// left of the grip.
     pub fn inhibit_release(&mut self, is_inhibited: bool) {
         self.is_release_inhibited = is_inhibited;
-        if is_inhibited && self.line() > GripForce::ZERO {
-            self.hold_on();
-        }
-    }
-
-    /// Holds what is left of the grip.
-    fn hold_on(&mut self) {
-        if self.controller.mode() == GripMode::Released {
+        let holds_something = self.line() > GripForce::ZERO;
+        if is_inhibited && holds_something && self.controller.mode() == GripMode::Released {
             self.controller.set_mode(GripMode::Hold);
         }
     }

@@ -10,7 +10,7 @@ use crate::sums::Kernel;
 
 impl<K: Kernel> Program<K> {
     /// What the newest map of a fingertip has to teach; one fingertip at a time. To be asked for before every tick, and before a status
-    /// is to tell of the map. [`Program::learn`] takes what [`Learner::work`] makes of it.
+    /// is to tell of the map. [`Program::learn`] takes what [`Learner::work`](super::Learner::work) makes of it.
     #[inline(never)]
     pub fn lesson(&self, lesson: &mut Option<Lesson>) {
         let [one, other] = &self.fingertips;

@@ -20,6 +20,7 @@ use gripline_capture::Counts;
 use gripline_link::session::Session;
 use gripline_pipeline::control_loop::{ControlLoop, FrameRequest, Late, Lateness};
 use gripline_pipeline::pipeline::Pipeline;
+use gripline_pipeline::{Acknowledgement, Acknowledging};
 use gripline_recording::telemetry::{FrameReport, STAGES};
 use gripline_recording::{Frame, Pictures, Recorder};
 
@@ -70,6 +71,8 @@ pub(super) struct Run {
     pub(super) pictures_lost: [u64; 3],
     /// How often the device had gone away, and whether it is away, when that was last told.
     pub(super) presence: (u32, bool),
+    /// Faults that a person has looked at, until the device confirms it.
+    pub(super) acknowledging: Option<Acknowledgement>,
     /// What a person should know now.
     pub(super) summary: Summary,
 }
@@ -95,6 +98,7 @@ impl Run {
             network_frame_to_link: Times::default(),
             pictures_lost: [0; 3],
             presence: (0, false),
+            acknowledging: None,
         }
     }
 
@@ -151,6 +155,7 @@ impl Run {
         let outcome = self.control.frame(pipeline, &picture.crop, lateness, request)?;
         self.count(&outcome);
         self.look_after_the_link();
+        self.look_after_the_acknowledgement()?;
         if let Some(refusal) = self.control.session.take_refusal() {
             self.summary.commands_refused += 1;
             self.summary.last_refusal = Some(format!("{refusal:?}"));
@@ -244,19 +249,50 @@ impl Run {
 
     /// Somebody has looked at the latched faults that are shown.
     pub(super) fn acknowledge(&mut self) -> Result<(), Failure> {
-        let session = &mut self.control.session;
+        let session = &self.control.session;
         let latched = session.status().map_or(0, |status| status.latched);
         if latched == 0 {
             return Ok(());
         }
-        let command = Command::Acknowledge { faults: latched };
-        let is_told = session.command(command)?;
-        if is_told {
-            // Of what was refused meanwhile, a release, the gripper is told anew.
-            self.control.request_again();
-            tracing::info!("acknowledged: {}", names(latched).join(", "));
-        } else {
-            tracing::warn!("not acknowledged: the microcontroller does not take commands now, try again");
+        self.acknowledging = Some(Acknowledgement::new(latched, session.now_us()));
+        self.look_after_the_acknowledgement()
+    }
+
+    /// What was acknowledged is said until the microcontroller confirms it.
+    fn look_after_the_acknowledgement(&mut self) -> Result<(), Failure> {
+        let Some(mut asked) = self.acknowledging.take() else {
+            return Ok(());
+        };
+        let session = &mut self.control.session;
+        let now_us = session.now_us();
+        let listed = |faults: u32| names(faults).join(", ");
+        match asked.step(now_us, (session.status(), session.status_age_us())) {
+            Acknowledging::Send => {
+                let command = Command::Acknowledge {
+                    faults: asked.faults(),
+                };
+                let was_taken = session.command(command)?;
+                asked.sent(now_us, was_taken);
+                self.acknowledging = Some(asked);
+            }
+            Acknowledging::Wait => self.acknowledging = Some(asked),
+            Acknowledging::Done => {
+                // Of what was refused meanwhile, a release, the gripper is told anew.
+                self.control.request_again();
+                tracing::info!("acknowledged: {}", listed(asked.faults()));
+            }
+            Acknowledging::StillLatched(latched, 0) => tracing::warn!(
+                "not acknowledged: found {} still latched, expected none; acknowledge again",
+                listed(latched)
+            ),
+            Acknowledging::StillLatched(latched, active) => tracing::warn!(
+                "not acknowledged: found {} still latched because {} is still there, expected it gone; mend that first, see `gripline faults`",
+                listed(latched),
+                listed(active)
+            ),
+            Acknowledging::NoStatus => tracing::warn!(
+                "not acknowledged: no status came, expected one; check cable and power and acknowledge again"
+            ),
         }
         Ok(())
     }
@@ -277,7 +313,7 @@ impl Run {
         let now_us = self.elapsed_us();
         self.control.idle(now_us)?;
         self.look_after_the_link();
-        Ok(())
+        self.look_after_the_acknowledgement()
     }
 
     /// Whether it has lasted so long.

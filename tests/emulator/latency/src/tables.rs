@@ -17,8 +17,8 @@ const PIECES: u32 = LINE_POINTS as u32 - 1;
 /// Words of a message, the largest thing that is copied with the path blocked; four of them a round.
 const COPIED: u32 = size_of::<Message>() as u32 / 4 / 4 + 1;
 
-/// Rounds in which the path clears the 22 bytes of the load's history when a contact ends.
-const CLEARED: u32 = 1;
+/// Rounds in which the path clears anything: since the load is looked at outside it, nothing is.
+const CLEARED: u32 = 0;
 
 /// (text of a line of the loop's source, or, for functions without one, part of the name and of an instruction; how often
 /// the loop's first instruction runs at most; the same on the path of a map's last packet; why). The first that fits counts.

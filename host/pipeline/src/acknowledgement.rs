@@ -1,0 +1,117 @@
+//! Latched faults that a person has looked at: said again until the device's status shows them gone, and answered why not after a bounded
+//! time. Pure. Times in µs of the session's clock.
+
+use gripline_protocol::message::Status;
+
+/// An acknowledgement that no status confirms is said again after this: the device answers every map, and sends a status every 100 ms.
+const REPEAT_US: u64 = 120_000;
+/// After this it is given up and told.
+const GIVE_UP_US: u64 = 2_000_000;
+
+/// Faults that were acknowledged and may still be latched.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Acknowledgement {
+    faults: u32,
+    begun_us: u64,
+    sent_us: Option<u64>,
+}
+
+/// What to do now.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Acknowledging {
+    /// Send it, again or for the first time.
+    Send,
+    /// Wait for a status.
+    Wait,
+    /// A status shows that none of them is latched any more.
+    Done,
+    /// Given up: these are still latched; those of them that the second holds are still active, which is why.
+    StillLatched(u32, u32),
+    /// Given up: no status came.
+    NoStatus,
+}
+
+impl Acknowledgement {
+    /// Of these faults, bit n for fault number n.
+    #[must_use]
+    pub const fn new(faults: u32, now_us: u64) -> Self {
+        Self {
+            faults,
+            begun_us: now_us,
+            sent_us: None,
+        }
+    }
+
+    /// The faults.
+    #[must_use]
+    pub const fn faults(&self) -> u32 {
+        self.faults
+    }
+
+    /// Takes the newest status, which came so long ago.
+    #[must_use]
+    pub fn step(&self, now_us: u64, (status, age_us): (Option<&Status>, u64)) -> Acknowledging {
+        let is_over = now_us.saturating_sub(self.begun_us) >= GIVE_UP_US;
+        let came_us = now_us.saturating_sub(age_us);
+        let since = status.filter(|_| self.sent_us.is_some_and(|sent_us| came_us > sent_us));
+        match since {
+            Some(status) if status.latched & self.faults == 0 => Acknowledging::Done,
+            Some(status) if is_over => {
+                let latched = status.latched & self.faults;
+                Acknowledging::StillLatched(latched, latched & status.faults)
+            }
+            None if is_over => Acknowledging::NoStatus,
+            _ if self.sent_us.is_none_or(|sent_us| now_us >= sent_us + REPEAT_US) => Acknowledging::Send,
+            _ => Acknowledging::Wait,
+        }
+    }
+
+    /// It was handed to the link, which took it or not.
+    pub const fn sent(&mut self, now_us: u64, was_taken: bool) {
+        if was_taken {
+            self.sent_us = Some(now_us);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn status(latched: u32, faults: u32) -> Status {
+        Status {
+            latched,
+            faults,
+            ..Status::default()
+        }
+    }
+
+    #[test]
+    fn one_that_is_lost_is_said_again_until_a_later_status_shows_the_faults_gone() {
+        let mut asked = Acknowledgement::new(0b110, 1_000);
+        let before = status(0b110, 0);
+        assert_eq!(asked.step(1_000, (Some(&before), 0)), Acknowledging::Send);
+        asked.sent(1_000, false);
+        assert_eq!(asked.step(2_000, (Some(&before), 0)), Acknowledging::Send);
+        asked.sent(2_000, true);
+        assert_eq!(asked.step(50_000, (Some(&before), 0)), Acknowledging::Wait);
+        assert_eq!(asked.step(122_000, (Some(&before), 0)), Acknowledging::Send);
+        asked.sent(122_000, true);
+        let after = status(0b001, 0b001);
+        // From before it was sent: it says nothing.
+        assert_eq!(asked.step(123_000, (Some(&after), 5_000)), Acknowledging::Wait);
+        assert_eq!(asked.step(140_000, (Some(&after), 0)), Acknowledging::Done);
+    }
+
+    #[test]
+    fn what_is_given_up_says_why() {
+        let mut asked = Acknowledgement::new(0b110, 0);
+        asked.sent(0, true);
+        let still = status(0b110, 0b100);
+        assert_eq!(
+            asked.step(2_000_000, (Some(&still), 0)),
+            Acknowledging::StillLatched(0b110, 0b100)
+        );
+        assert_eq!(asked.step(2_000_000, (None, 0)), Acknowledging::NoStatus);
+    }
+}
