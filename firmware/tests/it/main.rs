@@ -4,6 +4,7 @@ mod bad_moments;
 mod bench;
 mod calibration;
 mod common;
+mod evidence;
 mod exactness;
 mod grasp_world;
 mod lines;

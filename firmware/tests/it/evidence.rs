@@ -1,0 +1,167 @@
+//! The host's evidence of motion on its way from a map's head to the line and to the status, and the whole detector's evidence of slip.
+
+use gripline_protocol::message::{Command, Configuration, Hello, Message, Status};
+use gripline_protocol::{ForceMap, Health, MapInfo, Motion};
+
+use crate::bench::Bench;
+use crate::grasp_world::contact_map;
+
+/// Clear pictures.
+const MOVES: Motion = Motion::new(63, 3);
+const RESTS: Motion = Motion::new(0, 3);
+
+/// A contact that carries this shear under this normal force, N.
+fn carries(normal: f64, shear: f64) -> ForceMap {
+    contact_map(normal, shear, normal, shear, 0.8, false)
+}
+
+impl Bench {
+    fn seen_map(&mut self, sensor: u8, map: &ForceMap, motion: Motion) {
+        self.sequence += 1;
+        let info = MapInfo {
+            sensor,
+            sequence: self.sequence,
+            capture_us: self.now_us as u32,
+            health: Health::GOOD,
+            motion,
+        };
+        assert!(self.map_with(info, map).last().unwrap().decided);
+    }
+
+    /// The same map at 60 a second.
+    fn seen_maps_for_ms(&mut self, map: &ForceMap, motion: Motion, for_ms: u64) {
+        for _ in 0..for_ms / 16 {
+            self.seen_map(0, map, motion);
+            self.wait_ms(16);
+        }
+    }
+
+    fn line_n(&self) -> f64 {
+        f64::from(self.device.program.line().lsb()) / 4_096.0
+    }
+
+    fn now(&self) -> Status {
+        self.device.program.status()
+    }
+}
+
+/// A quiet hold of 1.6 N under 5 N with the shipped settings.
+fn quiet_hold(sensors: u8) -> Bench {
+    let mut bench = Bench::cold();
+    bench.message(Message::Hello(Hello::of_this_build(0, 1)));
+    bench.command(Command::Configure(Configuration {
+        sensors,
+        ..Configuration::DEFAULT
+    }));
+    bench.command(Command::Hold);
+    for step in 0..60 {
+        for sensor in 0..sensors {
+            bench.seen_map(
+                sensor,
+                &carries(5.0, 1.6 * f64::from(step) / 60.0),
+                Motion::UNKNOWN,
+            );
+        }
+        bench.wait_ms(16);
+    }
+    for _ in 0..120 {
+        for sensor in 0..sensors {
+            bench.seen_map(sensor, &carries(5.0, 1.6), Motion::UNKNOWN);
+        }
+        bench.wait_ms(16);
+    }
+    bench
+}
+
+#[test]
+fn motion_that_is_seen_raises_the_line_although_no_force_has_changed() {
+    let mut bench = quiet_hold(1);
+    let before = bench.line_n();
+    bench.seen_maps_for_ms(&carries(5.0, 1.6), MOVES, 48);
+    assert!(
+        bench.line_n() > before + 1.0,
+        "{before} N became {} N within three maps",
+        bench.line_n()
+    );
+    let status = bench.now();
+    assert!(
+        status.slip_evidence > 8_000 && status.witnesses.motion > 8_000,
+        "{status:?}"
+    );
+    assert!(status.witnesses.unrest < 2_000, "{:?}", status.witnesses);
+    // It rests again: the line comes back to what the friction that was found needs, not to what it was.
+    bench.seen_maps_for_ms(&carries(5.0, 1.6), RESTS, 1_000);
+    let after = bench.line_n();
+    assert!(
+        after > before + 0.2 && after < 3.0 * before,
+        "{before} N became {after} N"
+    );
+    assert!(bench.now().slip_evidence < 500, "{:?}", bench.now());
+}
+
+#[test]
+fn motion_that_a_poor_picture_shows_is_told_and_moves_nothing() {
+    let mut bench = quiet_hold(1);
+    let before = bench.line_n();
+    bench.seen_maps_for_ms(&carries(5.0, 1.6), Motion::new(63, 1), 500);
+    assert!(
+        (bench.line_n() - before).abs() < 0.05 * before,
+        "{before} N became {} N",
+        bench.line_n()
+    );
+    let with = bench.now().slip_evidence;
+    bench.seen_maps_for_ms(&carries(5.0, 1.6), Motion::UNKNOWN, 500);
+    assert!(with > bench.now().slip_evidence);
+}
+
+#[test]
+fn rest_that_is_seen_spares_the_test_of_a_load_that_falls() {
+    let most = |motion: Motion| {
+        let mut bench = quiet_hold(1);
+        let before = bench.line_n();
+        let mut most = before;
+        for step in 0..60 {
+            // The arm slows down: less load, the same grip.
+            let shear = 1.6 - 0.5 * f64::from(step.min(20)) / 20.0;
+            bench.seen_map(0, &carries(5.0, shear), motion);
+            bench.wait_ms(16);
+            most = most.max(bench.line_n());
+        }
+        most / before
+    };
+    let (blind, seeing) = (most(Motion::UNKNOWN), most(RESTS));
+    assert!(blind > 1.2, "without a picture it is tested: {blind}");
+    assert!(seeing < 1.02, "{seeing}");
+}
+
+#[test]
+fn motion_at_one_fingertip_counts_for_both_and_a_doubtful_map_says_nothing() {
+    let mut bench = quiet_hold(2);
+    bench.seen_map(1, &carries(5.0, 1.6), MOVES);
+    bench.seen_map(0, &carries(5.0, 1.6), RESTS);
+    assert!(bench.now().slip_evidence > 8_000, "{:?}", bench.now());
+
+    let mut bench = quiet_hold(1);
+    let calm = bench.now();
+    bench.sequence += 1;
+    let info = MapInfo {
+        sequence: bench.sequence,
+        capture_us: bench.now_us as u32,
+        health: Health::TOO_DARK,
+        motion: MOVES,
+        ..MapInfo::default()
+    };
+    bench.map_with(info, &ForceMap::EMPTY);
+    assert_eq!(bench.now().slip_evidence, calm.slip_evidence);
+}
+
+#[test]
+fn an_object_that_is_gone_leaves_no_evidence_to_the_next() {
+    let mut bench = quiet_hold(1);
+    bench.seen_map(0, &carries(5.0, 1.6), MOVES);
+    bench.seen_map(0, &ForceMap::EMPTY, MOVES);
+    assert_eq!(bench.now().slip_evidence, 0);
+    bench.wait_ms(16);
+    bench.seen_map(0, &carries(2.0, 0.1), Motion::UNKNOWN);
+    assert!(bench.now().slip_evidence < 1_000, "{:?}", bench.now());
+}
