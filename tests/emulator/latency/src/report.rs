@@ -32,6 +32,10 @@ const LAST_PACKET_CYCLES: u64 = 100 * 14;
 /// Maps between all kinds of interruption.
 const DISTURBED: u64 = 400;
 
+/// Phases of the tick at which a map's last packet lands, and the tick, nanoseconds.
+const SWEPT: u64 = 250;
+const TICK_NS: u64 = 1_000_000;
+
 /// The figures.
 #[derive(Debug)]
 pub struct Report {
@@ -130,6 +134,7 @@ impl Report {
         let quiet = bench.worst;
         branches(&mut bench)?;
         disturb(&mut bench)?;
+        sweep(&mut bench)?;
         findings.extend(bench.broken(&path.memories));
         for (part, _, _) in LEFT_OUT {
             if image.functions_named(part).next().is_none() {
@@ -375,6 +380,24 @@ fn branches(bench: &mut Bench<'_>) -> Result<(), Error> {
         bench.map(&map_of(59, round))?;
     }
     bench.command(Command::Hold)
+}
+
+/// The map with the longest tail at every phase of the tick, of what maps teach in it, and of its statuses; one fingertip, then both.
+fn sweep(bench: &mut Bench<'_>) -> Result<(), Error> {
+    for sensors in [1, 2] {
+        bench.command(Command::Configure(Configuration {
+            sensors,
+            ..Configuration::DEFAULT
+        }))?;
+        for step in 0..SWEPT {
+            // The map before has ended milliseconds ago; each begins a little later in the millisecond than that.
+            bench.run(TICK_NS + TICK_NS / SWEPT)?;
+            bench.map_as(&map_of(59, step as u32), |info| {
+                info.sensor = step as u8 % sensors;
+            })?;
+        }
+    }
+    bench.command(Command::Configure(Configuration::DEFAULT))
 }
 
 /// Statuses, commands, requests on the control endpoint, ticks, log and watchdog at every phase between the packets.
