@@ -90,7 +90,7 @@ impl<K: Kernel> Program<K> {
                 if loosens(&self.settings, settings) {
                     self.controller.keep_line();
                 }
-                self.settings = *settings;
+                self.settings.take_over(settings);
                 // There is one, as the settings are in range.
                 self.rule = rule.unwrap_or(self.rule);
                 // Sums under way were made by the old rule.

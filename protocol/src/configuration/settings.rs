@@ -140,6 +140,59 @@ impl Configuration {
         fingertips: [FingertipGeometry::DEFAULT; SENSORS],
     };
 
+    /// Takes over other settings, number by number: the microcontroller does it with the map-to-line path blocked, where one copy
+    /// of the whole costs four times as much in the worst-case bound (`cargo xtask latency`).
+    pub const fn take_over(&mut self, other: &Self) {
+        let Self {
+            sensors,
+            friction,
+            friction_most,
+            contact_min,
+            slip_threshold,
+            slip_leave,
+            incipient_threshold,
+            incipient_horizon_ms,
+            dwell_ms,
+            margin,
+            floor,
+            ceiling,
+            tighten,
+            reflex_target,
+            reflex_rate,
+            rise_rate,
+            relax_rate,
+            relax_after_ms,
+            release_rate,
+            stale_ms,
+            link_lost_ms,
+            line,
+            fingertips,
+        } = other;
+        self.sensors = *sensors;
+        self.friction = *friction;
+        self.friction_most = *friction_most;
+        self.contact_min = *contact_min;
+        self.slip_threshold = *slip_threshold;
+        self.slip_leave = *slip_leave;
+        self.incipient_threshold = *incipient_threshold;
+        self.incipient_horizon_ms = *incipient_horizon_ms;
+        self.dwell_ms = *dwell_ms;
+        self.margin = *margin;
+        self.floor = *floor;
+        self.ceiling = *ceiling;
+        self.tighten = *tighten;
+        self.reflex_target = *reflex_target;
+        self.reflex_rate = *reflex_rate;
+        self.rise_rate = *rise_rate;
+        self.relax_rate = *relax_rate;
+        self.relax_after_ms = *relax_after_ms;
+        self.release_rate = *release_rate;
+        self.stale_ms = *stale_ms;
+        self.link_lost_ms = *link_lost_ms;
+        self.line = *line;
+        self.fingertips = *fingertips;
+    }
+
     /// Whether the grip follows the friction that a contact has proven.
     #[must_use]
     pub const fn learns(&self) -> bool {

@@ -6,7 +6,7 @@ use std::path::Path;
 use gripline_protocol::Health;
 use gripline_protocol::message::{Command, Configuration};
 
-use crate::bound::{Stretch, Walk};
+use crate::bound::{Stretch, Walk, short};
 use crate::cycles::ENTRY;
 use crate::image::{Image, read};
 use crate::measure::{Bench, DOUBTFUL, Way, When, map_of};
@@ -29,6 +29,8 @@ const FRAME_BYTES: u32 = 26 * 4 + 4;
 /// Cycles that the shortest last packet takes at least from when it is asked for: the host may be at its token's end, then
 /// come two bit times, SYNC, PID, eight bytes, CRC and EOP, 100 bits of 12 MHz (USB 2.0 sections 7.1.18 and 8.3).
 const LAST_PACKET_CYCLES: u64 = 100 * 14;
+/// Parts that cost less are not told.
+const PART_CYCLES: u64 = 100;
 /// Maps between all kinds of interruption.
 const DISTURBED: u64 = 400;
 
@@ -41,6 +43,8 @@ const TICK_NS: u64 = 1_000_000;
 pub struct Report {
     /// Of the path alone, from its interrupt to the line.
     pub path_cycles: u64,
+    /// What the path and what blocks it are made of: functions with all that they call, the longest first.
+    pub parts: [Vec<(String, u64)>; 2],
     /// Of a full packet's path; a map's last packet may land before it is done with.
     pub taxels_cycles: u64,
     /// Of the longest stretch that blocks the path.
@@ -149,6 +153,7 @@ impl Report {
         }
         Ok(Self {
             taxels_cycles,
+            parts: [&path, &blocked].map(|walk| parts(&image, walk)),
             path_cycles: bound.cycles + u64::from(ENTRY),
             blocking,
             stretches: gripping,
@@ -306,6 +311,11 @@ impl Report {
         for stretch in self.stretches.iter().skip(1).take(3) {
             line("      next", format!("{} {}", stretch.cycles, stretch.name));
         }
+        for (whose, parts) in ["of the path", "of what blocks it"].into_iter().zip(&self.parts) {
+            for (name, cycles) in parts {
+                line(whose, format!("{cycles} {name}, with what it calls"));
+            }
+        }
         line("blocking time, measured, cycles", self.blocking_worst.to_string());
         line(
             "all but the path blocked, measured, cycles",
@@ -340,6 +350,18 @@ impl Report {
         }
         text
     }
+}
+
+/// The functions of a walk that cost most, with all that they call.
+fn parts(image: &Image, walk: &Walk<'_>) -> Vec<(String, u64)> {
+    let mut parts: Vec<(String, u64)> = walk
+        .known
+        .iter()
+        .filter(|(_, bound)| bound.cycles >= PART_CYCLES)
+        .filter_map(|(at, bound)| Some((short(&image.functions.get(at)?.name).to_owned(), bound.cycles)))
+        .collect();
+    parts.sort_by_key(|(_, cycles)| std::cmp::Reverse(*cycles));
+    parts
 }
 
 /// Every branch of a map's end: doubtful, saturated, replayed, from the future, of a finger that is not expected, of two
