@@ -29,6 +29,9 @@ const FRAME_BYTES: u32 = 26 * 4 + 4;
 /// Cycles that the shortest last packet takes at least from when it is asked for: the host may be at its token's end, then
 /// come two bit times, SYNC, PID, eight bytes, CRC and EOP, 100 bits of 12 MHz (USB 2.0 sections 7.1.18 and 8.3).
 const LAST_PACKET_CYCLES: u64 = 100 * 14;
+/// Where flash and SRAM begin.
+const FLASH_START: u32 = 0x0800_0000;
+const RAM_START: u32 = 0x1000_0000;
 /// Parts that cost less are not told.
 const PART_CYCLES: u64 = 100;
 /// Maps between all kinds of interruption.
@@ -140,6 +143,7 @@ impl Report {
         disturb(&mut bench)?;
         sweep(&mut bench)?;
         findings.extend(bench.broken(&path.memories));
+        findings.extend(in_flash(&image, &path));
         for (part, _, _) in LEFT_OUT {
             if image.functions_named(part).next().is_none() {
                 findings.push(format!("the tables leave out {part}, which is not in the image"));
@@ -350,6 +354,21 @@ impl Report {
         }
         text
     }
+}
+
+/// Functions of the path that run from flash, where wait states would move its time.
+fn in_flash(image: &Image, path: &Walk<'_>) -> Vec<String> {
+    let functions = path.known.keys().filter_map(|at| image.functions.get(at));
+    functions
+        .filter(|function| function.start >= FLASH_START && function.start < RAM_START)
+        .map(|function| {
+            format!(
+                "{} of the path lies in flash at {:#x}, expected SRAM: name it in firmware/mcu/hot.x",
+                short(&function.name),
+                function.start
+            )
+        })
+        .collect()
 }
 
 /// The functions of a walk that cost most, with all that they call.
