@@ -3,10 +3,7 @@
 
 use gripline_protocol::message::Status;
 
-/// An acknowledgement that no status confirms is said again after this: the device answers every map, and sends a status every 100 ms.
-const REPEAT_US: u64 = 120_000;
-/// After this it is given up and told.
-const GIVE_UP_US: u64 = 2_000_000;
+use crate::mode_request::{GIVE_UP_US, REPEAT_US};
 
 /// Faults that were acknowledged and may still be latched.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -7,9 +7,9 @@ use std::fmt;
 use gripline_protocol::message::{GripMode, Refusal, Status};
 
 /// A request that no status confirms is said again after this: the device answers every map, and sends a status every 100 ms.
-const REPEAT_US: u64 = 120_000;
+pub(crate) const REPEAT_US: u64 = 120_000;
 /// After this it is given up and told.
-const GIVE_UP_US: u64 = 2_000_000;
+pub(crate) const GIVE_UP_US: u64 = 2_000_000;
 
 /// How a request stands.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

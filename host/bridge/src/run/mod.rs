@@ -4,6 +4,7 @@
 //! The loop is a straight line: a picture is taken at frame k, its map goes out at once, the link works until frame
 //! k+1, and the line it then holds is what the (simulated) gripper feels next. Paced by the wall clock.
 
+mod drift;
 mod evidence;
 #[cfg(test)]
 mod faults;
@@ -34,6 +35,7 @@ use gripline_protocol::message::Configuration;
 use gripline_sensor::{MarkerKind, SHIPPED, Sensor};
 use gripline_simulation::constants::SCENE_LOOP_S;
 
+use self::drift::DriftWatch;
 use self::evidence::RestSource;
 use self::fingertips::{Fingertips, Looked};
 use self::output::{Output, Wish};
@@ -123,7 +125,6 @@ pub fn run(args: &RunArgs) -> Result<Completion, Failure> {
     let record = |path: &PathBuf| Recorder::start(path, &about, &rests, pace);
     let recorder = wanted.record.as_ref().map(record).transpose()?;
     let about_run = serde_json::to_string(&about).unwrap_or_default();
-    drop(rests);
     let mut fingertips = Fingertips::new(opened, &network, &wanted, TaxelRule::of(&settings));
 
     let stop = Arc::new(AtomicBool::new(false));
@@ -142,6 +143,7 @@ pub fn run(args: &RunArgs) -> Result<Completion, Failure> {
         .map(FingertipSummary::of)
         .collect();
     run.recorder = recorder;
+    run.drift = DriftWatch::of_cameras(clock == Clock::Pictures, rests);
     run.pictures = wanted.pictures;
     run.live = wanted.serve.map(Live::start).transpose()?;
     if let Some(live) = &run.live {

@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 use gripline_protocol::Motion;
 use gripline_protocol::message::{Command, Refusal};
 
+use super::drift::DriftWatch;
 use super::report::{faults_of, image, report_of};
 use super::summary::Summary;
 use super::usage;
@@ -18,6 +19,7 @@ use crate::run::stats::Times;
 use crate::source::Picture;
 use gripline_capture::Counts;
 use gripline_link::session::Session;
+use gripline_network::scene::GateDecision;
 use gripline_pipeline::control_loop::{ControlLoop, FrameRequest, Late, Lateness};
 use gripline_pipeline::pipeline::Pipeline;
 use gripline_pipeline::{Acknowledgement, Acknowledging};
@@ -71,6 +73,8 @@ pub(super) struct Run {
     pub(super) pictures_lost: [u64; 3],
     /// How often the device had gone away, and whether it is away, when that was last told.
     pub(super) presence: (u32, bool),
+    /// What watches the untouched fingertips of cameras.
+    pub(super) drift: Vec<DriftWatch>,
     /// Faults that a person has looked at, until the device confirms it.
     pub(super) acknowledging: Option<Acknowledgement>,
     /// What a person should know now.
@@ -98,6 +102,7 @@ impl Run {
             network_frame_to_link: Times::default(),
             pictures_lost: [0; 3],
             presence: (0, false),
+            drift: Vec::new(),
             acknowledging: None,
         }
     }
@@ -156,6 +161,11 @@ impl Run {
         self.count(&outcome);
         self.look_after_the_link();
         self.look_after_the_acknowledgement()?;
+        let is_untouched = outcome.gate == GateDecision::NoContact && outcome.late.is_none();
+        let watch = self.drift.get_mut(usize::from(sensor));
+        if let Some(warning) = watch.and_then(|watch| watch.look(t_s, is_untouched, &picture.crop)) {
+            tracing::warn!("fingertip {}: {warning}", sensor + 1);
+        }
         if let Some(refusal) = self.control.session.take_refusal() {
             self.summary.commands_refused += 1;
             self.summary.last_refusal = Some(format!("{refusal:?}"));

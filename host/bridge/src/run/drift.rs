@@ -1,0 +1,174 @@
+//! Whether the untouched fingertip still looks as it did when the run began: camera or gel may have moved, lamps dimmed, a dent may stay.
+//! Looked at once a minute while nothing touches, in a thread of its own; a run only warns, because pictures at rest are taken anew only
+//! when it starts. Times in seconds of the pictures' clock. Limit: what is so far off that the gate sees a touch is not looked at.
+
+use std::sync::Arc;
+use std::thread::{self, JoinHandle};
+
+use gripline_evaluation::calibration::surface::{Change, limit, mean};
+
+/// Nothing touched for so long before a look.
+const UNTOUCHED_S: f64 = 2.0;
+/// From one look to the next, and from one warning to the next.
+const LOOK_S: f64 = 60.0;
+const WARN_S: f64 = 600.0;
+/// Pictures of a look.
+const PICTURES: usize = 16;
+/// Change of the light that maps bear well, share.
+const LIGHT: f64 = 0.15;
+
+/// What watches one fingertip.
+#[derive(Debug)]
+pub(super) struct DriftWatch {
+    rest: Arc<Vec<u8>>,
+    untouched_since_s: Option<f64>,
+    looked_s: f64,
+    warned_s: f64,
+    seen: Vec<Vec<u8>>,
+    at_work: Option<JoinHandle<Change>>,
+}
+
+impl DriftWatch {
+    /// One for each fingertip's pictures at rest, where they are a camera's.
+    pub(super) fn of_cameras(are_live: bool, rests: Vec<Vec<Vec<u8>>>) -> Vec<Self> {
+        let live = rests.into_iter().filter(|_| are_live);
+        live.map(|rest| Self::new(&rest)).collect()
+    }
+
+    /// Of a fingertip that looked like this at rest.
+    fn new(rest: &[Vec<u8>]) -> Self {
+        Self {
+            rest: Arc::new(mean(rest)),
+            untouched_since_s: None,
+            looked_s: 0.0,
+            warned_s: f64::NEG_INFINITY,
+            seen: Vec::new(),
+            at_work: None,
+        }
+    }
+
+    /// Takes the next picture, and whether nothing touches in it. Returns what to warn of.
+    pub(super) fn look(&mut self, t_s: f64, is_untouched: bool, crop: &[u8]) -> Option<String> {
+        if let Some(work) = self.at_work.take_if(|work| work.is_finished()) {
+            // A thread that panicked has said so.
+            let warning = work.join().ok().and_then(|change| warning(&change));
+            if warning.is_some() && t_s - self.warned_s >= WARN_S {
+                self.warned_s = t_s;
+                return warning;
+            }
+        }
+        if !is_untouched {
+            self.untouched_since_s = None;
+            self.seen.clear();
+            return None;
+        }
+        let since_s = *self.untouched_since_s.get_or_insert(t_s);
+        let is_due = t_s - since_s >= UNTOUCHED_S && t_s - self.looked_s >= LOOK_S;
+        if is_due && self.at_work.is_none() {
+            self.seen.push(crop.to_vec());
+            if self.seen.len() == PICTURES {
+                self.looked_s = t_s;
+                let (rest, seen) = (Arc::clone(&self.rest), std::mem::take(&mut self.seen));
+                self.at_work = Some(thread::spawn(move || Change::between(&rest, &mean(&seen))));
+            }
+        }
+        None
+    }
+}
+
+/// What a change means for the maps; `None` where they bear it.
+fn warning(change: &Change) -> Option<String> {
+    let light = change.light - 1.0;
+    let found = if change.lost > limit::LOST {
+        format!(
+            "found {:.0} % of the particles gone, expected at most {:.0} %: clean or uncover the sensor surface",
+            100.0 * change.lost,
+            100.0 * limit::LOST
+        )
+    } else if change.drift_px > limit::DRIFT_PX {
+        format!(
+            "found it {:.2} pixels from its place, expected at most {}: fasten camera and gel",
+            change.drift_px,
+            limit::DRIFT_PX
+        )
+    } else if change.dent_px > limit::STILL_PX {
+        format!(
+            "found a part of it {:.2} pixels from its place, expected at most {}: let the gel settle",
+            change.dent_px,
+            limit::STILL_PX
+        )
+    } else if light.abs() > LIGHT {
+        format!(
+            "found {:+.0} % of light, expected at most {:.0} % more or less: set lamps and exposure as they were",
+            100.0 * light,
+            100.0 * LIGHT
+        )
+    } else {
+        return None;
+    };
+    Some(format!(
+        "the untouched fingertip has changed since the run began: {found}; then release, let nothing touch it, and start the run again"
+    ))
+}
+
+#[cfg(test)]
+mod tests {
+    use gripline_simulation::GripScene;
+
+    use super::*;
+
+    fn rest(seed: u64) -> Vec<Vec<u8>> {
+        let mut scene = GripScene::new(seed);
+        (0..PICTURES).map(|_| scene.rest_image().pixels).collect()
+    }
+
+    /// Moved to the right by a pixel.
+    fn moved(crop: &[u8]) -> Vec<u8> {
+        let mut moved = crop.to_vec();
+        moved.rotate_right(1);
+        moved
+    }
+
+    /// All warnings of so many seconds at 10 pictures a second.
+    fn warnings(
+        watch: &mut DriftWatch,
+        seconds: u32,
+        picture: impl Fn(usize) -> (bool, Vec<u8>),
+    ) -> Vec<String> {
+        let mut all = Vec::new();
+        for frame in 0..seconds as usize * 10 {
+            let (is_untouched, crop) = picture(frame);
+            all.extend(watch.look(frame as f64 / 10.0, is_untouched, &crop));
+            while watch.at_work.as_ref().is_some_and(|work| !work.is_finished()) {
+                thread::yield_now();
+            }
+        }
+        all
+    }
+
+    #[test]
+    fn a_camera_that_moved_is_told_once_in_ten_minutes_and_one_that_did_not_never() {
+        let rest = rest(1);
+        let same = warnings(&mut DriftWatch::new(&rest), 130, |frame| {
+            (true, rest[frame % PICTURES].clone())
+        });
+        assert!(same.is_empty(), "{same:?}");
+        let found = warnings(&mut DriftWatch::new(&rest), 200, |frame| {
+            (true, moved(&rest[frame % PICTURES]))
+        });
+        assert_eq!(found.len(), 1, "{found:?}");
+        assert!(
+            found[0].contains("pixels from its place") && found[0].contains("fasten"),
+            "{found:?}"
+        );
+    }
+
+    #[test]
+    fn while_something_touches_nobody_looks() {
+        let rest = rest(1);
+        let found = warnings(&mut DriftWatch::new(&rest), 130, |frame| {
+            (frame % 15 > 0, moved(&rest[frame % PICTURES]))
+        });
+        assert!(found.is_empty(), "{found:?}");
+    }
+}
