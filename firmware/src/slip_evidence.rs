@@ -71,9 +71,12 @@ impl SlipEvidence {
             return;
         }
         self.unrest.observe(sums, capture_us);
+        let unrest = of_unrest(self.unrest.above_usual());
+        // A slide without stick-slip is calm: where another witness sees a slide, calm says nothing against it.
+        let is_seen = urgency == Urgency::Follows || motion.shows_motion();
         let odds = [
             of_stick_ratio(decision, leave),
-            of_unrest(self.unrest.above_usual()),
+            if is_seen { unrest.max(0) } else { unrest },
             of_test(urgency),
             of_motion(motion),
         ];
@@ -224,6 +227,29 @@ mod tests {
         assert!(joined(0, 1) > joined(0, 2) && joined(0, 2) > joined(0, 3));
         let nothing = joined(0, 0);
         assert!(joined(31, 3).abs_diff(nothing) < 200 && joined(32, 3).abs_diff(nothing) < 200);
+    }
+
+    #[test]
+    fn a_calm_map_takes_nothing_from_a_slide_that_another_witness_sees() {
+        let mut evidence = SlipEvidence::new();
+        let sticks = SlipDecision {
+            state: SlipState::Stick,
+            stick_ratio: Some(10_000),
+            time_to_slip_ms: None,
+        };
+        let mut look = |urgency: Urgency, map: u32| {
+            // The reach changes by less and less: the calmest map there is.
+            let sums = MapSums {
+                spread: 200_000 + 8_000 / (map as i32 + 1),
+                ..contact()
+            };
+            evidence.observe(&sums, sticks, (Motion::UNKNOWN, urgency), map * 16_667, 6_000);
+            evidence.joined()
+        };
+        let calm = (0..60).map(|map| look(Urgency::None, map)).last().unwrap();
+        assert!(calm < 200, "{calm}");
+        let slides = look(Urgency::Follows, 60);
+        assert!(slides > 9_500, "{slides}");
     }
 
     #[test]

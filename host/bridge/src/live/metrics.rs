@@ -151,7 +151,7 @@ impl Page {
     /// What each fingertip says; labelled where there are two.
     fn fingertips(&mut self, frames: &[&FrameReport]) {
         type Of = fn(&FrameReport) -> Option<f64>;
-        let values: [(&str, &str, Of); 6] = [
+        let values: [(&str, &str, Of); 7] = [
             ("normal_force_newtons", "Total normal force.", |frame| {
                 Some(frame.normal_n)
             }),
@@ -168,6 +168,11 @@ impl Page {
                 "stick_ratio",
                 "Share of them that sticks; missing when nothing touches.",
                 |frame| frame.stick_ratio,
+            ),
+            (
+                "slip_evidence",
+                "How sure the whole detector is that something slips, 0 to 1.",
+                |frame| Some(frame.slip_evidence),
             ),
             ("latency_seconds", "Frame in to map out, newest frame.", |frame| {
                 Some(frame.latency_us / 1e6)
