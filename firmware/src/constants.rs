@@ -66,6 +66,9 @@ pub const WITNESSED_LOAD_MIN: i32 = 200;
 /// Load over normal force below which the slide witness says nothing, 1/10000: sliding friction of 0.12, seen with gains that
 /// are wrong by a quarter on both axes.
 pub const SLIDING_RATIO_MIN: u16 = 700;
+/// Load over normal force below which shear that follows the grip is no slide, 1/10000. What the network makes of a shear grows with the
+/// normal force by up to 7 % of it, and follows the grip like a slide of that friction.
+pub const SLIDING_FRICTION_MIN: u16 = 1_200;
 /// Part of the normal force by which the shear of a map may err: a 64th; that of many maps by half of it.
 pub const SHEAR_ERROR_PART: i32 = 64;
 /// Fall of the shear below the remembered load that is suspect, share in 1/1024: 9 %, four times the noise of two maps.

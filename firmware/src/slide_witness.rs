@@ -18,8 +18,8 @@ use crate::arithmetic::{divide, ratio};
 use crate::constants::{
     ASKED_SHARE, CALM_US, COME_BACK_US, DROP_SHARE, FADE_SHARE, FOLLOWED_SLOTS, FRICTION_FORGET_SHIFT,
     FRICTION_LOSS_MAX, HUSH_HELD_US, HUSH_US, NOISE_MAX, RISES_SHARE, SETTLED_US, SHEAR_ERROR_PART,
-    SHORT_SHARE_MAX, SHORT_SHARE_MIN, SHORT_US, SLIDING_RATIO_MIN, SLOT_US, SUDDEN_DROP_SHARE,
-    SWING_LOSS_MAX, TEST_MARGIN, TEST_US_MAX, UNPROVEN_US_MAX, WITNESSED_LOAD_MIN,
+    SHORT_SHARE_MAX, SHORT_SHARE_MIN, SHORT_US, SLIDING_FRICTION_MIN, SLIDING_RATIO_MIN, SLOT_US,
+    SUDDEN_DROP_SHARE, SWING_LOSS_MAX, TEST_MARGIN, TEST_US_MAX, UNPROVEN_US_MAX, WITNESSED_LOAD_MIN,
 };
 use crate::learning_settings::LearningSettings;
 
@@ -335,7 +335,7 @@ impl SlideWitness {
 
     /// No contact slides at less: friction falls to half by water, and sliding takes two fifths of that.
     fn least_friction(&self) -> u16 {
-        SLIDING_RATIO_MIN.max(self.carried / 4)
+        SLIDING_FRICTION_MIN.max(self.carried / 4)
     }
 
     /// Mean change of the shear from slot to slot, share of the load.
