@@ -9,7 +9,7 @@
 //!
 //! Units: force 1/4096 N, ratios 1/10000, shares 1/1024, time µs. The laws follow an own study of a thousand simulated grasps.
 //! Limits: a slide that keeps the shear as it was (friction that falls by less than the margin) shows only when the grip falls.
-//! One below [`SLIDING_RATIO_MIN`] or a quarter of what the contact carried is never believed. A load that grows evenly with the
+//! One below [`SLIDING_FRICTION_MIN`] or a quarter of what the contact carried is never believed. A load that grows evenly with the
 //! grip of a test is taken for a slide, and held too firmly.
 
 use gripline_protocol::{Motion, PER_UNIT};
