@@ -59,6 +59,19 @@ pub const STALL_RATIO_MIN: u16 = 3_000;
 pub const SLIDE_RATIO_SURE: u16 = 6_000;
 /// Maps in a row that are a sure slide; see [`SLIDE_RATIO_SURE`].
 pub const SLIDE_SURE_MAPS: u8 = 2;
+/// Shortest time between maps that the witness of unrest compares, µs: at 60 maps a second every one, at a thousand every tenth.
+pub const UNREST_SAMPLE_US: u32 = 10_000;
+/// Averaging time of the unrest, as a shift of µs: 0.26 s. This and the next two were chosen on the three uSkin trials with labels.
+pub const UNREST_SHIFT: u32 = 18;
+/// How fast what is usual follows the unrest, as a shift of µs: 1.0 s.
+pub const USUAL_UNREST_SHIFT: u32 = 20;
+/// The same in the first second of a contact: 0.5 s.
+pub const NEW_UNREST_SHIFT: u32 = 19;
+/// What is usual before a contact has shown it, as a logarithm to base 2 of 2⁻²⁴, in 2⁻¹⁶: 0.02 of the reach, which the shipped network's
+/// noise makes.
+pub const USUAL_UNREST: i32 = 1_202_979;
+/// What unrest says by itself from which on the line no longer falls by plan, 1/10000: as likely as not.
+pub const FALL_UNREST_MAX: u16 = 5_000;
 /// Time of a slot, over which the slide witness takes the mean of maps, µs: a map at 60 maps a second.
 pub const SLOT_US: u32 = 14_000;
 /// Load from which the slide witness says anything, 1/4096 N: 0.05 N.
@@ -188,16 +201,3 @@ pub const ROBOTIQ_ECHO_US: u64 = 100_000;
 pub const ROBOTIQ_ACTIVATION_PAUSE_US: u64 = 1_000_000;
 /// Longest activation, µs: the fingers open and close once, a few seconds; then it is tried again.
 pub const ROBOTIQ_ACTIVATION_MAX_US: u64 = 15_000_000;
-/// Shortest time between maps that the witness of unrest compares, µs: at 60 maps a second every one, at a thousand every tenth.
-pub const UNREST_SAMPLE_US: u32 = 10_000;
-/// Averaging time of the unrest, as a shift of µs: 0.26 s. This and the next two were chosen on the three uSkin trials with labels.
-pub const UNREST_SHIFT: u32 = 18;
-/// How fast what is usual follows the unrest, as a shift of µs: 1.0 s.
-pub const USUAL_UNREST_SHIFT: u32 = 20;
-/// The same in the first second of a contact: 0.5 s.
-pub const NEW_UNREST_SHIFT: u32 = 19;
-/// What is usual before a contact has shown it, as a logarithm to base 2 of 2⁻²⁴, in 2⁻¹⁶: 0.02 of the reach, which the shipped network's
-/// noise makes.
-pub const USUAL_UNREST: i32 = 1_202_979;
-/// What unrest says by itself from which on the line no longer falls by plan, 1/10000: as likely as not.
-pub const FALL_UNREST_MAX: u16 = 5_000;

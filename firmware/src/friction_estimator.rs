@@ -122,8 +122,7 @@ impl FrictionEstimator {
         }
     }
 
-    /// Asks the slide witness about the map that [`FrictionEstimator::observe`] took: apart from that, so that neither blocks
-    /// the map-to-line path for long.
+    /// Asks the slide witness about the map that [`FrictionEstimator::observe`] took. `seen` is what the host saw of motion in it.
     pub(crate) fn ask_witness(&mut self, normal: i32, seen: Motion, settings: LearningSettings) {
         let friction = self.proven.max(settings.friction);
         self.slide

@@ -148,7 +148,7 @@ pub(crate) struct SlideWitness {
     peak: i32,
     settled_us: u32,
     tested: i32,
-    /// What the host saw in the newest map.
+    /// What the host saw in the slot in progress, or in the last one.
     seen: Motion,
 }
 
@@ -195,7 +195,11 @@ impl SlideWitness {
         friction: u16,
         settings: LearningSettings,
     ) {
-        self.seen = seen;
+        // Above 70 maps a second a slot has several: motion in any of them counts, rest only in all.
+        let is_worse = seen.shows_motion() || !self.seen.shows_motion() && !seen.shows_rest();
+        if self.maps == 0 || is_worse {
+            self.seen = seen;
+        }
         self.sum = [self.sum[0] + load, self.sum[1] + normal];
         self.maps += 1;
         self.slot_us += u32::from(since_us);

@@ -165,3 +165,19 @@ fn an_object_that_is_gone_leaves_no_evidence_to_the_next() {
     bench.seen_map(0, &carries(2.0, 0.1), Motion::UNKNOWN);
     assert!(bench.now().slip_evidence < 1_000, "{:?}", bench.now());
 }
+
+#[test]
+fn at_high_rates_motion_in_any_map_of_a_slot_counts() {
+    // 200 maps a second of a camera of 60: motion comes with every third, nothing is known between.
+    for phase in 0..3 {
+        let mut bench = quiet_hold(1);
+        let before = bench.line_n();
+        for map in 0..24 {
+            let motion = if map % 3 == phase { MOVES } else { Motion::UNKNOWN };
+            bench.seen_map(0, &carries(5.0, 1.6), motion);
+            bench.wait_ms(5);
+        }
+        let after = bench.line_n();
+        assert!(after > before + 1.0, "phase {phase}: {before} N became {after} N");
+    }
+}

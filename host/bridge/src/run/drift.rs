@@ -14,8 +14,6 @@ const LOOK_S: f64 = 60.0;
 const WARN_S: f64 = 600.0;
 /// Pictures of a look.
 const PICTURES: usize = 16;
-/// Change of the light that maps bear well, share.
-const LIGHT: f64 = 0.15;
 
 /// What watches one fingertip.
 #[derive(Debug)]
@@ -97,11 +95,11 @@ fn warning(change: &Change) -> Option<String> {
             change.dent_px,
             limit::STILL_PX
         )
-    } else if light.abs() > LIGHT {
+    } else if light.abs() > limit::LIGHT[0] {
         format!(
             "found {:+.0} % of light, expected at most {:.0} % more or less: set lamps and exposure as they were",
             100.0 * light,
-            100.0 * LIGHT
+            100.0 * limit::LIGHT[0]
         )
     } else {
         return None;

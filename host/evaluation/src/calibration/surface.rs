@@ -33,6 +33,8 @@ pub mod limit {
     pub const DRIFT_PX: f64 = 0.3;
     /// Maximum share of lost particles: as the network allows.
     pub const LOST: f64 = 0.3;
+    /// Maximum change of the mean level since calibration that is good, and that the network still accepts, shares.
+    pub const LIGHT: [f64; 2] = [0.1, 0.25];
 }
 
 /// Measured quality of pictures of one surface at rest.

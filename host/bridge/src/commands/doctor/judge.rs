@@ -23,8 +23,6 @@ const BUDGET_MS: [f64; 2] = [1.5, 4.0];
 const SHARPNESS_KEPT: f64 = 0.8;
 /// Maximum noise as a share of the calibrated one.
 const NOISE_GROWN: f64 = 1.5;
-/// Maximum change of the mean level since calibration that is good, and that the network still accepts, shares.
-const LIGHT: [f64; 2] = [0.1, 0.25];
 
 /// How serious a finding is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
@@ -189,7 +187,7 @@ pub(super) fn rest(change: Option<&Change>) -> Finding {
              when a run starts",
         );
     };
-    let [good, usable] = LIGHT;
+    let [good, usable] = limit::LIGHT;
     let light_change = (change.light - 1.0).abs();
     let found = format!(
         "{:.2} px aside, parts {:.2} px more, {:.0} % of the particles gone, {:+.0} % light",
