@@ -58,7 +58,7 @@ mod tests {
     const HOLD: &[u8] = br#"{"client":"cell-3","request":7,"action":"hold"}"#;
 
     /// A loop that answers so.
-    fn answered(outcome: Outcome, body: &[u8], token: Option<&str>) -> Response {
+    fn answered(outcome: &Outcome, body: &[u8], token: Option<&str>) -> Response {
         let (handle, inbox) = channel();
         std::thread::scope(|scope| {
             let asks = scope.spawn(|| {
@@ -106,11 +106,11 @@ mod tests {
             (Why::Ended, 503),
             (Why::NotConfirmed("STALE".to_owned()), 504),
         ];
-        let done = answered(Outcome::Done, HOLD, Some("0123abcd"));
+        let done = answered(&Outcome::Done, HOLD, Some("0123abcd"));
         assert_eq!((done.status, json(&done)["outcome"].as_str()), (200, Some("done")));
         for (why, expected) in refusals {
             let name = why.name();
-            let response = answered(Outcome::Refused(why), HOLD, Some("0123abcd"));
+            let response = answered(&Outcome::Refused(why), HOLD, Some("0123abcd"));
             assert_eq!(response.status, expected, "{name}");
             assert_eq!(json(&response)["why"], name);
         }
@@ -119,7 +119,7 @@ mod tests {
     #[test]
     fn a_body_that_is_no_request_is_told_what_it_lacks() {
         for body in [&b""[..], b"[]", b"{}", b"\xff", br#"{"client":"a","request":1,"action":"open"}"#] {
-            let response = answered(Outcome::Done, body, Some("0123abcd"));
+            let response = answered(&Outcome::Done, body, Some("0123abcd"));
             assert_eq!(response.status, 400);
             assert!(json(&response)["message"].as_str().unwrap().contains("expected"));
         }

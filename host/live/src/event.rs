@@ -150,7 +150,7 @@ mod tests {
         assert_eq!(number(0) as u16, 3 | IN_CONTACT);
         assert_eq!((number(2), number(4), number(6)), (0, -410, 4_096));
         assert_eq!(number(8) as u16, 7);
-        assert_eq!(number(16) as u16, 399 | IN_CONTACT | SLIPS);
+        assert_eq!(number(16) as u16, 0x018F | IN_CONTACT | SLIPS);
     }
 
     #[test]

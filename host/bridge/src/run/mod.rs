@@ -145,7 +145,11 @@ pub fn run(args: &RunArgs) -> Result<Completion, Failure> {
     run.recorder = recorder;
     run.drift = DriftWatch::of_cameras(clock == Clock::Pictures, rests);
     run.pictures = wanted.pictures;
-    run.live = wanted.serve.map(Live::start).transpose()?;
+    let (handle, _inbox) = gripline_control::channel();
+    run.live = wanted
+        .serve
+        .map(|address| Live::start(address, handle, String::new()))
+        .transpose()?;
     if let Some(live) = &run.live {
         tracing::info!("/metrics and /frames at http://{}", live.address());
     }

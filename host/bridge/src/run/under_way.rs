@@ -14,7 +14,7 @@ use super::usage;
 use crate::commands::faults::names;
 use crate::error::Failure;
 use crate::live::fleet::Fleet;
-use crate::live::{Live, QUANTILES};
+use crate::live::{Live, Look, QUANTILES, Values};
 use crate::run::stats::Times;
 use crate::source::Picture;
 use gripline_capture::Counts;
@@ -188,7 +188,7 @@ impl Run {
             &faults_of(&self.control.session),
         );
         self.observe(&report, &outcome.status);
-        self.publish(&report);
+        self.publish(&report, pipeline);
         if let Some(fleet) = &mut self.fleet {
             fleet.publish(&report);
         }
@@ -335,11 +335,16 @@ impl Run {
     }
 
     /// Leaves the frame for programs that look at live values.
-    fn publish(&self, report: &FrameReport) {
+    fn publish(&self, report: &FrameReport, pipeline: &Pipeline) {
         let Some(live) = &self.live else {
             return;
         };
-        live.publish(report, |values| {
+        let look = || Look {
+            newtons: pipeline.newtons(),
+            picture: pipeline.small(),
+            settings: self.control.session.settings(),
+        };
+        let fill = |values: &mut Values| {
             let summary = &self.summary;
             values.frames = self.frame + 1;
             values.gate = [
@@ -359,7 +364,8 @@ impl Run {
                     *times_us = QUANTILES.map(|quantile| stage.quantile_us(quantile));
                 }
             }
-        });
+        };
+        live.publish(report, fill, look);
     }
 
     /// When a frame's picture is taken, where the wall clock says it.
