@@ -14,10 +14,13 @@ mod late;
 mod output;
 pub(crate) mod realtime;
 mod report;
+mod requests;
+mod rezero;
 mod settings;
 mod stats;
 mod summary;
 mod tally;
+mod terminal;
 #[cfg(test)]
 mod two_fingertips;
 mod under_way;
@@ -29,6 +32,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use clap::Args;
+use gripline_control::{Handle, channel};
 use gripline_firmware::sums::TaxelRule;
 use gripline_network::{Architecture, Network};
 use gripline_protocol::message::Configuration;
@@ -39,10 +43,13 @@ use self::drift::DriftWatch;
 use self::evidence::RestSource;
 use self::fingertips::{Fingertips, Looked};
 use self::output::{Output, Wish};
+use self::requests::Requests;
 use self::settings::{
     about, as_many_fingertips, calibrated_fingertips, calibrated_friction, floor, tell_of_another_line,
+    unasked,
 };
 use self::summary::FingertipSummary;
+use self::terminal::Terminal;
 use self::under_way::{Clock, Run};
 use crate::config::{Overrides, Settings};
 use crate::error::{Completion, Failure};
@@ -50,6 +57,7 @@ use crate::live::Live;
 use crate::live::fleet::Fleet;
 use crate::log::Collector;
 use crate::source::Source;
+use crate::token;
 use crate::writer::WhenFull;
 use gripline_capture::Counts;
 use gripline_link::session::Session;
@@ -137,6 +145,9 @@ pub fn run(args: &RunArgs) -> Result<Completion, Failure> {
 
     let clock = Clock::of(fingertips.are_live(), wanted.unpaced);
     let mut run = Run::new(session, clock, pictures_per_second);
+    let (control, inbox) = channel();
+    let mut terminal = Terminal::new(control.clone())?;
+    run.requests = Requests::new(inbox, unasked(&wanted), fingertips.to_rezero());
     run.summary.fingertips = [Some(&wanted.source), wanted.second_source.as_ref()]
         .into_iter()
         .flatten()
@@ -145,14 +156,7 @@ pub fn run(args: &RunArgs) -> Result<Completion, Failure> {
     run.recorder = recorder;
     run.drift = DriftWatch::of_cameras(clock == Clock::Pictures, rests);
     run.pictures = wanted.pictures;
-    let (handle, _inbox) = gripline_control::channel();
-    run.live = wanted
-        .serve
-        .map(|address| Live::start(address, handle, String::new()))
-        .transpose()?;
-    if let Some(live) = &run.live {
-        tracing::info!("/metrics and /frames at http://{}", live.address());
-    }
+    run.live = serve(&wanted, &control)?;
     if let Some(fleet) = &wanted.fleet() {
         run.fleet = Some(Fleet::start(fleet, about_run)?);
     }
@@ -170,6 +174,7 @@ pub fn run(args: &RunArgs) -> Result<Completion, Failure> {
         &mut fingertips,
         &mut output,
         &log,
+        &mut terminal,
         (seconds, &is_wanted),
     )?;
     let counts = fingertips.counts();
@@ -212,6 +217,25 @@ fn without_forces(args: &RunArgs, wanted: &Settings) -> Result<Option<Completion
     }
 }
 
+/// Serves live values and takes requests, where that is wanted.
+fn serve(wanted: &Settings, control: &Handle) -> Result<Option<Live>, Failure> {
+    let Some(address) = wanted.serve else {
+        return Ok(None);
+    };
+    let file = wanted.token_file.clone().or_else(token::default_file).ok_or_else(|| {
+        Failure::usage(
+            "serve.token_file (--token-file): found none, and no state folder (XDG_STATE_HOME, HOME); expected a file",
+        )
+    })?;
+    let live = Live::start(address, control.clone(), token::of(&file)?)?;
+    tracing::info!(
+        "requests bear the token in {}; page, /status, /metrics and /frames at http://{}",
+        file.display(),
+        live.address()
+    );
+    Ok(Some(live))
+}
+
 /// Small pictures are enough for one of the networks only.
 fn may_be_recorded(wanted: &Settings, network: &Network) -> Result<(), Failure> {
     if wanted.record.is_some()
@@ -233,6 +257,7 @@ fn play(
     fingertips: &mut Fingertips,
     output: &mut Output,
     log: &Collector,
+    terminal: &mut Terminal,
     (seconds, is_wanted): (Option<f64>, &dyn Fn() -> bool),
 ) -> Result<(), Failure> {
     while is_wanted() && seconds.is_none_or(|seconds| !run.is_over(seconds)) {
@@ -248,6 +273,10 @@ fn play(
             }
             Looked::End => Wish::Stop,
         };
+        run.look_after_rezero(fingertips)?;
+        if run.settings_changed() {
+            output.limits(Limits::of(run.control.session.settings()));
+        }
         run.look_after_the_pictures(&fingertips.counts());
         for line in log.take() {
             run.record_line(&line);
@@ -255,7 +284,7 @@ fn play(
         }
         match wish {
             Wish::GoOn => {}
-            Wish::Acknowledge => run.acknowledge()?,
+            Wish::Ask(keys) => keys.into_iter().for_each(|key| terminal.ask(key)),
             Wish::Stop => break,
         }
     }
