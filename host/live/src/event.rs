@@ -28,7 +28,7 @@ const SLIPS: u16 = 1 << 15;
 pub struct Look<'a> {
     /// The map, newtons per taxel, row by row from the lowest y.
     pub newtons: &'a [[f32; 3]; TAXELS],
-    /// The picture, square, 8 bits grey, row by row from the top.
+    /// The picture, square with an even side, 8 bits grey, row by row from the top. It is sent at half its side.
     pub picture: &'a [u8],
     /// The microcontroller's settings: its rule for a taxel, and its limits.
     pub settings: &'a Configuration,
@@ -92,7 +92,10 @@ pub(crate) fn frame(report: &FrameReport, details: &Details) -> String {
             ceiling_n,
         },
         map: STANDARD.encode(packed(&details.newtons, details.rule)),
-        picture: details.picture.as_ref().map(|pixels| STANDARD.encode(pixels)),
+        picture: details
+            .picture
+            .as_ref()
+            .map(|pixels| STANDARD.encode(halved(pixels))),
         sent_ms: details
             .sent
             .duration_since(UNIX_EPOCH)
@@ -110,6 +113,21 @@ fn of(name: &str, data: &impl Serialize) -> String {
     // Numbers, texts and lists: JSON has a place for all of them.
     let data = serde_json::to_string(data).unwrap_or_default();
     format!("event: {name}\ndata: {data}\n\n")
+}
+
+/// A square picture at half its side: each pixel is the mean of four.
+fn halved(pixels: &[u8]) -> Vec<u8> {
+    let side = pixels.len().isqrt();
+    let rows = pixels.chunks_exact(side.max(1));
+    let pairs = rows.clone().step_by(2).zip(rows.skip(1).step_by(2));
+    pairs
+        .flat_map(|(upper, lower)| {
+            upper.chunks_exact(2).zip(lower.chunks_exact(2)).map(|(one, other)| {
+                let sum: u16 = [one[0], one[1], other[0], other[1]].map(u16::from).iter().sum();
+                ((sum + 2) / 4) as u8
+            })
+        })
+        .collect()
 }
 
 fn packed(newtons: &[[f32; 3]; TAXELS], rule: TaxelRule) -> Vec<u8> {
@@ -151,6 +169,12 @@ mod tests {
         assert_eq!((number(2), number(4), number(6)), (0, -410, 4_096));
         assert_eq!(number(8) as u16, 7);
         assert_eq!(number(16) as u16, 0x018F | IN_CONTACT | SLIPS);
+    }
+
+    #[test]
+    fn a_halved_picture_has_the_means_of_fours() {
+        assert_eq!(halved(&[1, 3, 10, 10, 5, 7, 10, 12, 0, 0, 255, 255, 0, 1, 255, 255]), [4, 11, 0, 255]);
+        assert!(halved(&[]).is_empty());
     }
 
     #[test]

@@ -154,3 +154,47 @@ fn part(stream: &TcpStream) -> io::Result<()> {
     while bytes.len() < bytes_max && read_more(stream, &mut bytes, until).is_ok() {}
     Ok(())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Both ends of a connection.
+    fn connected() -> (TcpStream, TcpStream) {
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let client = TcpStream::connect(listener.local_addr().unwrap()).unwrap();
+        (client, listener.accept().unwrap().0)
+    }
+
+    #[test]
+    fn a_request_in_pieces_is_read_whole() {
+        let (mut client, server) = connected();
+        let writes = thread::spawn(move || {
+            for piece in ["POST /control HT", "TP/1.1\r\nContent-", "Length: 4\r\n\r\nab", "cd, and more"] {
+                client.write_all(piece.as_bytes()).unwrap();
+                thread::yield_now();
+            }
+            client
+        });
+        let Ok((head, body)) = read(&server, Instant::now() + PATIENCE) else {
+            panic!("expected a request");
+        };
+        assert_eq!((head.path.as_str(), body.as_slice()), ("/control", &b"abcd"[..]));
+        writes.join().unwrap();
+    }
+
+    #[test]
+    fn a_client_that_sends_letter_by_letter_is_given_up_at_the_deadline() {
+        let (mut client, server) = connected();
+        let writes = thread::spawn(move || {
+            // Each letter comes well before any time limit of a single read.
+            while client.write_all(b"G").is_ok() {
+                thread::sleep(Duration::from_millis(5));
+            }
+        });
+        let until = Instant::now() + Duration::from_millis(200);
+        assert!(matches!(read(&server, until), Err(Unread::Late)));
+        drop(server);
+        writes.join().unwrap();
+    }
+}

@@ -181,7 +181,7 @@ impl Run {
             &host_faults,
         );
         self.observe(&report, &outcome.status);
-        self.publish(&report, pipeline);
+        self.publish(&report, pipeline, &picture.crop);
         self.publish_status(&report, &host_faults);
         if let Some(fleet) = &mut self.fleet {
             fleet.publish(&report);
@@ -281,13 +281,13 @@ impl Run {
     }
 
     /// Leaves the frame for programs that look at live values.
-    fn publish(&self, report: &FrameReport, pipeline: &Pipeline) {
+    fn publish(&self, report: &FrameReport, pipeline: &Pipeline, crop: &[u8]) {
         let Some(live) = &self.live else {
             return;
         };
         let look = || Look {
             newtons: pipeline.newtons(),
-            picture: pipeline.small(),
+            picture: crop,
             settings: self.control.session.settings(),
         };
         let fill = |values: &mut Values| {

@@ -32,7 +32,7 @@ function draw() {
   const peakN = history.greatest((sample) => sample.peakN);
   const fullN = drawMap(byId("map"), frame.taxels, { friction: frame.limits.friction, peakN, colour });
   say("scale", `${fullN.toFixed(2)} N`);
-  if (pixels) drawPicture(byId("picture"), pixels);
+  if (pixels) say("gain", `${drawPicture(byId("picture"), pixels).toFixed(1)} times brighter than seen`);
   drawTraces(byId("ratio"), byId("force"), history, frame.limits, colour);
   showState(frame.report);
   showNumbers(frame);

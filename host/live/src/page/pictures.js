@@ -93,20 +93,37 @@ export function drawMap(canvas, taxels, { friction, peakN, colour }) {
   return fullN;
 }
 
+// Particles are dim: the picture is made so bright that this share of it is white.
+const WHITE_SHARE = 0.002;
 const raw = document.createElement("canvas");
+let rawOf = null;
+let gain = 1;
 
-// A square picture of grey pixels, smoothed up to the canvas.
+function brightening(pixels) {
+  const counts = new Uint32Array(256);
+  for (const pixel of pixels) counts[pixel] += 1;
+  let level = 255;
+  for (let above = counts[255]; level > 1 && above < WHITE_SHARE * pixels.length; above += counts[level]) level -= 1;
+  return 255 / level;
+}
+
+// A square picture of grey pixels, smoothed up to the canvas. Returns how much brighter it is than the camera saw it.
 export function drawPicture(canvas, pixels) {
-  const { context, width, height } = fit(canvas);
-  const side = Math.sqrt(pixels.length);
-  raw.width = side;
-  raw.height = side;
-  const image = new ImageData(side, side);
-  for (let at = 0; at < pixels.length; at += 1) {
-    image.data.fill(pixels[at], 4 * at, 4 * at + 3);
-    image.data[4 * at + 3] = 255;
+  if (pixels !== rawOf) {
+    rawOf = pixels;
+    const side = Math.sqrt(pixels.length);
+    raw.width = side;
+    raw.height = side;
+    gain = brightening(pixels);
+    const image = new ImageData(side, side);
+    for (let at = 0; at < pixels.length; at += 1) {
+      image.data.fill(pixels[at] * gain, 4 * at, 4 * at + 3);
+      image.data[4 * at + 3] = 255;
+    }
+    raw.getContext("2d").putImageData(image, 0, 0);
   }
-  raw.getContext("2d").putImageData(image, 0, 0);
+  const { context, width, height } = fit(canvas);
   context.imageSmoothingQuality = "high";
   context.drawImage(raw, 0, 0, width, height);
+  return gain;
 }

@@ -46,7 +46,7 @@ function plot(canvas, history, top, { marks, traces, colour }) {
   context.lineWidth = 1;
   for (const share of [0, 0.5, 1]) {
     const value = share * top;
-    context.fillText(top < 10 ? value.toFixed(1) : value.toFixed(0), LEFT - 6, y(value));
+    context.fillText(`${Number(value.toFixed(2))}`, LEFT - 6, y(value));
     context.beginPath();
     context.moveTo(LEFT, y(value));
     context.lineTo(width, y(value));
@@ -97,8 +97,8 @@ export function drawTraces(ratio, force, history, limits, colour) {
     marks: [[limits.floor_n, "--limit"], [limits.ceiling_n, "--limit"]],
     traces: [
       [(sample) => sample.shear, "--shear", 1.5],
-      [(sample) => sample.normal, "--normal", 1.5],
-      [(sample) => sample.line, "--line", 2.5],
+      [(sample) => sample.line, "--line", 3],
+      [(sample) => sample.normal, "--normal", 1.25],
     ],
     colour,
   });

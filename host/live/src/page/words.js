@@ -86,7 +86,7 @@ export function showAlarm(isThere, status) {
   let text = "";
   if (isThere === false) {
     text = "NO CONNECTION to the run: what is shown is old. Check that it runs; this page connects again by itself.";
-  } else if (status && !status.is_connected) {
+  } else if (status && (!status.is_connected || status.host_faults.includes("NO STATUS"))) {
     text = `LINK LOST: ${status.link || "the microcontroller"} is away. Check its cable and power.`;
   }
   const alarm = byId("alarm");
