@@ -1,7 +1,7 @@
 //! The live page in a real browser: what it shows of a run, and what its buttons do. Only `cargo xtask test --all` runs these; it
 //! installs Chromium and its driver.
 
-mod serial;
+mod serial_board;
 
 mod slow {
     use std::io::{BufRead as _, BufReader, Read as _, Write as _};
@@ -15,7 +15,7 @@ mod slow {
     use serde_json::Value;
     use serialport::{SerialPort as _, TTYPort};
 
-    use crate::serial::SerialBoard;
+    use crate::serial_board::SerialBoard;
 
     const DESKTOP: Screen = Screen {
         size: (1_280, 900),
@@ -187,18 +187,17 @@ mod slow {
     #[test]
     #[ignore = "needs Chromium: cargo xtask test --all"]
     fn a_cable_that_is_pulled_out_shows() {
-        let (mut far, near) = TTYPort::pair().expect("a pseudo terminal");
+        let (far, near) = TTYPort::pair().expect("a pseudo terminal");
         let path = format!("serial:{}", near.name().unwrap());
         drop(near);
         // A clone is not handed on to the programs that are started here, which would keep the line open.
         let mut far_end = far.try_clone_native().unwrap();
-        far.set_exclusive(false).unwrap();
         drop(far);
         let pull = Arc::new(AtomicBool::new(false));
         let pulled = Arc::clone(&pull);
         let board = std::thread::spawn(move || {
             let begun = Instant::now();
-            SerialBoard::new().serve(&mut far_end, |_| {
+            SerialBoard::new(0).serve(&mut far_end, |_| {
                 pulled.load(Ordering::Relaxed) || begun.elapsed() > 4 * PATIENCE
             });
         });

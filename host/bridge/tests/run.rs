@@ -7,12 +7,10 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
+use gripline_firmware::{Device, Start};
+use gripline_protocol::cobs::{CobsDecoder, FRAME_MAX, Frame, encode_packet};
 use serde_json::Value;
-use serialport::{SerialPort as _, TTYPort};
-
-use crate::serial::SerialBoard;
-
-mod serial;
+use serialport::{SerialPort, TTYPort};
 
 fn gripline(arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_gripline"))
@@ -259,6 +257,55 @@ fn a_port_where_nobody_answers_is_no_microcontroller() {
         1,
         &[&path, "no answer to the handshake"],
     );
+}
+
+/// The firmware library at the far end of a serial line, with a clock that runs on.
+struct SerialBoard {
+    device: Device,
+    start: Instant,
+    next_tick_us: u64,
+}
+
+impl SerialBoard {
+    fn new() -> Self {
+        Self {
+            device: Device::new(Start::default()),
+            start: Instant::now(),
+            next_tick_us: 0,
+        }
+    }
+
+    fn now_us(&self) -> u64 {
+        self.start.elapsed().as_micros() as u64
+    }
+
+    fn serve(&mut self, far: &mut TTYPort, is_over: impl Fn(&Self) -> bool) {
+        far.set_timeout(Duration::from_millis(1)).unwrap();
+        let (mut frames, mut bytes) = (CobsDecoder::new(), [0; 4096]);
+        while !is_over(self) {
+            // Reading fails while nobody has the other end open.
+            let length = far.read(&mut bytes).unwrap_or(0);
+            for &byte in &bytes[..length] {
+                if let Some(Frame::Packet(packet)) = frames.push(byte) {
+                    let now_us = self.now_us();
+                    let _ = self.device.packet(packet, now_us);
+                }
+            }
+            self.live();
+            let mut frame = [0; FRAME_MAX];
+            while let Some(packet) = self.device.next_packet() {
+                let length = encode_packet(&packet, &mut frame);
+                let _ = far.write_all(&frame[..length]);
+            }
+        }
+    }
+
+    fn live(&mut self) {
+        while self.next_tick_us < self.now_us() {
+            let _ = self.device.tick(self.next_tick_us);
+            self.next_tick_us += 1_000;
+        }
+    }
 }
 
 /// The serial link and the COBS framing as a real board would use them.

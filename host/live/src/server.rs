@@ -7,6 +7,8 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
 
+use socket2::SockRef;
+
 use crate::request::{BadHead, Head, parse};
 use crate::response::Response;
 use crate::routes;
@@ -16,6 +18,8 @@ use crate::site::Site;
 pub const CONNECTIONS: usize = 48;
 /// How long a client may take to send its request, and a reader to take what it is sent.
 const PATIENCE: Duration = Duration::from_secs(5);
+/// Bytes that wait in the kernel for a reader, about: two pictures. With more, a slow page would show the past.
+const SEND_BYTES: usize = 131_072;
 /// How long, and for how many bytes, a client that was refused is listened to, so that it reads why.
 const PARTING: (Duration, usize) = (Duration::from_millis(500), 65_536);
 
@@ -72,6 +76,7 @@ fn serve(stream: &TcpStream, site: &Site) -> io::Result<()> {
     stream.set_write_timeout(Some(PATIENCE))?;
     // An event is small and wanted at once.
     stream.set_nodelay(true)?;
+    SockRef::from(stream).set_send_buffer_size(SEND_BYTES)?;
     match read(stream, Instant::now() + PATIENCE) {
         Ok((request, body)) => routes::answer(stream, &request, &body, site),
         Err(Unread::Bad(error)) => {
