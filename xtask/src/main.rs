@@ -9,7 +9,6 @@ mod cpio;
 mod debian;
 mod emulator;
 mod error;
-mod ffmpeg;
 mod figures;
 mod firmware;
 mod flash;
@@ -18,6 +17,7 @@ mod modules;
 mod option_bytes;
 mod physics;
 mod process;
+mod programs;
 mod screenshots;
 mod test;
 mod toolchain;
@@ -34,7 +34,8 @@ cargo xtask COMMAND
   test [--all | --zenoh]            every check that a change has to pass, in order, with a summary; --all: the slow ones
                                     too; --zenoh: only those of the bridge's feature zenoh, whose crates take minutes to
                                     build the first time
-  screenshots                       play the scripted scene and draw the README's pictures of view and plot anew
+  screenshots                       play the scripted scene and draw the README's pictures of view, plot and live page anew;
+                                    the page needs Chromium, which is installed
   figures [all | NAME...]           measure anew what is named in docs/figures.toml, and write docs/figures.md
   firmware [--board BOARD] [--out FILE]
                                     build the image and print `flash N ram N` in bytes; BOARD is

@@ -7,7 +7,8 @@ use std::time::{Duration, Instant};
 
 use crate::error::Error;
 use crate::firmware::{self, Board};
-use crate::{emulator, ffmpeg, modules, physics, process, toolchain, vm};
+use crate::programs::{CHROMIUM, FFMPEG};
+use crate::{emulator, modules, physics, process, toolchain, vm};
 
 /// What one check came to.
 struct Outcome {
@@ -113,7 +114,10 @@ pub(crate) fn run(tier: Tier) -> Result<(), Error> {
     checks.check("core library for the microcontroller", || {
         toolchain::ensure(false)
     });
-    checks.check("ffmpeg for clips", ffmpeg::ensure);
+    checks.check("ffmpeg for clips", || FFMPEG.ensure());
+    if all {
+        checks.check("Chromium for the live page", || CHROMIUM.ensure());
+    }
     let mut image = None;
     for board in Board::ALL
         .into_iter()

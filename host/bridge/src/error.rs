@@ -25,6 +25,9 @@ pub enum Error {
     /// The link to the device.
     #[error(transparent)]
     Link(#[from] gripline_link::LinkError),
+    /// The server of live values.
+    #[error(transparent)]
+    Live(#[from] gripline_live::LiveError),
     /// The conversation with the device.
     #[error(transparent)]
     Session(#[from] gripline_link::session::SessionError),

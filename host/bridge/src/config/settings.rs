@@ -139,8 +139,8 @@ pub struct Settings {
     )]
     pub pictures: Pictures,
 
-    /// Serve live values over HTTP at this address: /metrics for Prometheus, /frames as newline JSON. By default nothing is
-    /// served. Example: "127.0.0.1:9617"
+    /// Serve a live page over HTTP at this address, /status and /control for programs (docs/control.md), /metrics for Prometheus
+    /// and /frames as newline JSON. By default nothing is served. Example: "127.0.0.1:9617"
     #[arg(id = "serve.listen", long = "serve", value_name = "ADDRESS:PORT", value_parser = address)]
     pub serve: Option<SocketAddr>,
 

@@ -32,7 +32,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use clap::Args;
-use gripline_control::channel;
+use gripline_control::{Handle, channel};
 use gripline_firmware::sums::TaxelRule;
 use gripline_network::{Architecture, Network};
 use gripline_protocol::message::Configuration;
@@ -57,6 +57,7 @@ use crate::live::Live;
 use crate::live::fleet::Fleet;
 use crate::log::Collector;
 use crate::source::Source;
+use crate::token;
 use crate::writer::WhenFull;
 use gripline_capture::Counts;
 use gripline_link::session::Session;
@@ -155,10 +156,7 @@ pub fn run(args: &RunArgs) -> Result<Completion, Failure> {
     run.recorder = recorder;
     run.drift = DriftWatch::of_cameras(clock == Clock::Pictures, rests);
     run.pictures = wanted.pictures;
-    run.live = wanted.serve.map(Live::start).transpose()?;
-    if let Some(live) = &run.live {
-        tracing::info!("/metrics and /frames at http://{}", live.address());
-    }
+    run.live = serve(&wanted, &control)?;
     if let Some(fleet) = &wanted.fleet() {
         run.fleet = Some(Fleet::start(fleet, about_run)?);
     }
@@ -217,6 +215,25 @@ fn without_forces(args: &RunArgs, wanted: &Settings) -> Result<Option<Completion
             sensor.identity()
         ))),
     }
+}
+
+/// Serves live values and takes requests, where that is wanted.
+fn serve(wanted: &Settings, control: &Handle) -> Result<Option<Live>, Failure> {
+    let Some(address) = wanted.serve else {
+        return Ok(None);
+    };
+    let file = wanted.token_file.clone().or_else(token::default_file).ok_or_else(|| {
+        Failure::usage(
+            "serve.token_file (--token-file): found none, and no state folder (XDG_STATE_HOME, HOME); expected a file",
+        )
+    })?;
+    let live = Live::start(address, control.clone(), token::of(&file)?)?;
+    tracing::info!(
+        "requests bear the token in {}; page, /status, /metrics and /frames at http://{}",
+        file.display(),
+        live.address()
+    );
+    Ok(Some(live))
 }
 
 /// Small pictures are enough for one of the networks only.

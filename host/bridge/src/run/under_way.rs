@@ -14,7 +14,7 @@ use super::summary::Summary;
 use super::usage;
 use crate::error::Failure;
 use crate::live::fleet::Fleet;
-use crate::live::{Live, QUANTILES};
+use crate::live::{Live, Look, QUANTILES, Values};
 use crate::run::stats::Times;
 use crate::source::Picture;
 use gripline_capture::Counts;
@@ -181,7 +181,7 @@ impl Run {
             &host_faults,
         );
         self.observe(&report, &outcome.status);
-        self.publish(&report);
+        self.publish(&report, pipeline, &picture.crop);
         self.publish_status(&report, &host_faults);
         if let Some(fleet) = &mut self.fleet {
             fleet.publish(&report);
@@ -281,11 +281,16 @@ impl Run {
     }
 
     /// Leaves the frame for programs that look at live values.
-    fn publish(&self, report: &FrameReport) {
+    fn publish(&self, report: &FrameReport, pipeline: &Pipeline, crop: &[u8]) {
         let Some(live) = &self.live else {
             return;
         };
-        live.publish(report, |values| {
+        let look = || Look {
+            newtons: pipeline.newtons(),
+            picture: crop,
+            settings: self.control.session.settings(),
+        };
+        let fill = |values: &mut Values| {
             let summary = &self.summary;
             values.frames = self.frame + 1;
             values.gate = [
@@ -305,7 +310,8 @@ impl Run {
                     *times_us = QUANTILES.map(|quantile| stage.quantile_us(quantile));
                 }
             }
-        });
+        };
+        live.publish(report, fill, look);
     }
 
     /// When a frame's picture is taken, where the wall clock says it.

@@ -7,11 +7,11 @@ use gripline_protocol::SENSORS;
 use gripline_recording::telemetry::{FrameReport, STAGES};
 
 /// Quantiles of the stage times.
-pub(crate) const QUANTILES: [f64; 3] = [0.5, 0.99, 0.999];
+pub const QUANTILES: [f64; 3] = [0.5, 0.99, 0.999];
 
 /// What is told.
 #[derive(Debug, Clone, Default)]
-pub(crate) struct Values {
+pub struct Values {
     /// The newest frame of each fingertip.
     pub newest: [Option<FrameReport>; SENSORS],
     /// Frames so far.
@@ -250,7 +250,7 @@ mod tests {
 
     #[test]
     fn two_fingertips_are_told_apart_and_the_line_is_one() {
-        use crate::view::tests::report;
+        use crate::sample::report;
         let mut values = Values::default();
         values.newest[0] = Some(report(0));
         assert!(values.text().contains("\ngripline_normal_force_newtons 0\n"));

@@ -1,0 +1,67 @@
+//! Programs of Debian packages that tests start: installed with apt where they are missing and this is root's.
+
+use std::process::Command;
+
+use crate::error::Error;
+use crate::process;
+
+/// Programs, and the packages that have them.
+pub(crate) struct Programs {
+    packages: &'static [&'static str],
+    programs: &'static [&'static str],
+    /// What makes them say their version and end.
+    version: &'static str,
+}
+
+/// What clips are read and written with.
+pub(crate) const FFMPEG: Programs = Programs {
+    packages: &["ffmpeg"],
+    programs: &["ffmpeg", "ffprobe"],
+    version: "-version",
+};
+
+/// What the live page is looked at with.
+pub(crate) const CHROMIUM: Programs = Programs {
+    packages: &["chromium", "chromium-driver"],
+    programs: &["chromium", "chromedriver"],
+    version: "--version",
+};
+
+impl Programs {
+    /// Makes sure that they can be started.
+    pub(crate) fn ensure(&self) -> Result<(), Error> {
+        let Some(program) = self.missing() else {
+            return Ok(());
+        };
+        let packages = self.packages.join(" ");
+        let is_root = process::output(Command::new("id").arg("-u")).is_ok_and(|id| id.trim() == "0");
+        if is_root {
+            eprintln!("no {program} here; installing with apt: {packages}");
+            if self.install().is_err() {
+                process::run(Command::new("apt-get").args(["update", "-qq"]))?;
+                self.install()?;
+            }
+        }
+        self.missing().map_or(Ok(()), |program| {
+            Err(Error::Product {
+                what: program.to_owned(),
+                found: "no such program on the search path".to_owned(),
+                expected: format!("the one of Debian: run `apt-get install {packages}` as root"),
+            })
+        })
+    }
+
+    fn missing(&self) -> Option<&'static str> {
+        let mut programs = self.programs.iter().copied();
+        programs.find(|program| process::output(Command::new(program).arg(self.version)).is_err())
+    }
+
+    fn install(&self) -> Result<(), Error> {
+        process::run(
+            Command::new("apt-get")
+                .env("DEBIAN_FRONTEND", "noninteractive")
+                .args(["install", "--yes", "-qq", "--no-install-recommends"])
+                .args(self.packages),
+        )
+    }
+}
