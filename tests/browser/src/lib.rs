@@ -55,7 +55,7 @@ impl Browser {
             })?;
         let port = driver.stdout.take().and_then(|out| {
             let mut lines = BufReader::new(out).lines().map_while(Result::ok);
-            let port = lines.find_map(|line| line.rsplit_once(" on port ")?.1.trim_end_matches('.').parse().ok());
+            let port = lines.find_map(|line| line.rsplit_once("successfully on port ")?.1.trim_end_matches('.').parse().ok());
             // What it says later must find a reader, or it would stop.
             thread::spawn(move || lines.for_each(drop));
             port
