@@ -8,7 +8,7 @@ use crate::process;
 /// Programs, and the packages that have them.
 pub(crate) struct Programs {
     packages: &'static [&'static str],
-    programs: &'static [&'static str],
+    names: &'static [&'static str],
     /// What makes them say their version and end.
     version: &'static str,
 }
@@ -16,14 +16,14 @@ pub(crate) struct Programs {
 /// What clips are read and written with.
 pub(crate) const FFMPEG: Programs = Programs {
     packages: &["ffmpeg"],
-    programs: &["ffmpeg", "ffprobe"],
+    names: &["ffmpeg", "ffprobe"],
     version: "-version",
 };
 
 /// What the live page is looked at with.
 pub(crate) const CHROMIUM: Programs = Programs {
     packages: &["chromium", "chromium-driver"],
-    programs: &["chromium", "chromedriver"],
+    names: &["chromium", "chromedriver"],
     version: "--version",
 };
 
@@ -52,7 +52,7 @@ impl Programs {
     }
 
     fn missing(&self) -> Option<&'static str> {
-        let mut programs = self.programs.iter().copied();
+        let mut programs = self.names.iter().copied();
         programs.find(|program| process::output(Command::new(program).arg(self.version)).is_err())
     }
 

@@ -85,7 +85,7 @@ fn pictured(address: &str) -> Result<Vec<u8>, BrowserError> {
     browser.show_on(PAGE_SCREEN)?;
     browser.open(address)?;
     let script = format!("return Number(document.getElementById('frame').textContent) >= {PAGE_FRAME}");
-    browser.wait_for(&script, Duration::from_secs(60))?;
+    browser.wait_for(&script, Duration::from_mins(1))?;
     browser.screenshot()
 }
 
@@ -107,14 +107,17 @@ impl Run {
             .spawn()
             .map_err(|source| Error::file(&program, source))?;
         let said = child.stderr.take().map(BufReader::new);
-        let mut lines = said.into_iter().flat_map(|said| said.lines().map_while(Result::ok));
+        let mut lines = said
+            .into_iter()
+            .flat_map(|said| said.lines().map_while(Result::ok));
         let address = lines.find_map(|line| Some(format!("http://{}", line.split_once("http://")?.1.trim())));
         std::thread::spawn(move || lines.for_each(drop));
         let mut run = Self {
             child,
             address: String::new(),
         };
-        run.address = address.ok_or_else(|| wrong(&"no address", "one on standard error of `gripline run --serve`"))?;
+        run.address =
+            address.ok_or_else(|| wrong(&"no address", "one on standard error of `gripline run --serve`"))?;
         Ok(run)
     }
 }

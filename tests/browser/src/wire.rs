@@ -9,7 +9,7 @@ use serde_json::Value;
 use crate::error::BrowserError;
 
 /// The browser's start is the slowest of all commands.
-const PATIENCE: Duration = Duration::from_secs(60);
+const PATIENCE: Duration = Duration::from_mins(1);
 
 /// How a command is sent.
 #[derive(Debug, Clone, Copy)]
@@ -32,7 +32,10 @@ pub(crate) fn ask(port: u16, method: Method, path: &str, body: &Value) -> Result
         .map_err(|error| failed(&format!("found an answer that is no JSON ({error})")))?;
     let value = answer["value"].take();
     match value["error"].as_str() {
-        Some(error) => Err(failed(&format!("{error}: {}", value["message"].as_str().unwrap_or_default()))),
+        Some(error) => Err(failed(&format!(
+            "{error}: {}",
+            value["message"].as_str().unwrap_or_default()
+        ))),
         None => Ok(value),
     }
 }
@@ -48,7 +51,7 @@ fn exchange(port: u16, method: &str, path: &str, body: &str) -> std::io::Result<
     );
     stream.write_all((head + body).as_bytes())?;
     let mut answer = Vec::new();
-    let mut some = [0; 65_536];
+    let mut some = [0; 8_192];
     // The driver may keep the connection open: the length says when the answer is whole.
     loop {
         if let Some((start, length)) = body_of(&answer)
