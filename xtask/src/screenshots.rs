@@ -107,14 +107,17 @@ impl Run {
             .spawn()
             .map_err(|source| Error::file(&program, source))?;
         let said = child.stderr.take().map(BufReader::new);
-        let mut lines = said.into_iter().flat_map(|said| said.lines().map_while(Result::ok));
+        let mut lines = said
+            .into_iter()
+            .flat_map(|said| said.lines().map_while(Result::ok));
         let address = lines.find_map(|line| Some(format!("http://{}", line.split_once("http://")?.1.trim())));
         std::thread::spawn(move || lines.for_each(drop));
         let mut run = Self {
             child,
             address: String::new(),
         };
-        run.address = address.ok_or_else(|| wrong(&"no address", "one on standard error of `gripline run --serve`"))?;
+        run.address =
+            address.ok_or_else(|| wrong(&"no address", "one on standard error of `gripline run --serve`"))?;
         Ok(run)
     }
 }

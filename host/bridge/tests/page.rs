@@ -55,7 +55,9 @@ mod slow {
                 .stderr(Stdio::piped())
                 .spawn()
                 .unwrap();
-            let mut said = BufReader::new(child.stderr.take().unwrap()).lines().map_while(Result::ok);
+            let mut said = BufReader::new(child.stderr.take().unwrap())
+                .lines()
+                .map_while(Result::ok);
             let address = said
                 .find_map(|line| Some(format!("http://{}", line.split_once("http://")?.1.trim())))
                 .expect("it says where it serves");
@@ -109,12 +111,18 @@ mod slow {
     /// A click on release opens the gripper: the line falls to nothing, on the page and for programs.
     fn release(browser: &Browser, run: &Run) {
         browser
-            .wait_for("return parseFloat(document.getElementById('line').textContent) > 1", PATIENCE)
+            .wait_for(
+                "return parseFloat(document.getElementById('line').textContent) > 1",
+                PATIENCE,
+            )
             .unwrap();
         browser.click("[data-action=release]").unwrap();
         answered(browser, "release: done");
         browser
-            .wait_for("return document.getElementById('line').textContent === '0.00 N'", PATIENCE)
+            .wait_for(
+                "return document.getElementById('line').textContent === '0.00 N'",
+                PATIENCE,
+            )
             .unwrap();
         let status = run.status();
         assert_eq!(
@@ -122,7 +130,9 @@ mod slow {
             (Some("released"), Some("released")),
             "{status}"
         );
-        let owner = browser.run("return document.getElementById('client').value").unwrap();
+        let owner = browser
+            .run("return document.getElementById('client').value")
+            .unwrap();
         assert_eq!(status["owner"], owner);
     }
 
@@ -135,7 +145,11 @@ mod slow {
         // The machine may do something else during one of them.
         let loads = [0; 3].map(|_| {
             browser.open(&run.address).unwrap();
-            browser.wait_for("return gripline.firstPictureMs", PATIENCE).unwrap().as_f64().unwrap()
+            browser
+                .wait_for("return gripline.firstPictureMs", PATIENCE)
+                .unwrap()
+                .as_f64()
+                .unwrap()
         });
         let first_ms = loads.into_iter().fold(f64::INFINITY, f64::min);
         let scene = browser.wait_for(SHOWS_SLIP, PATIENCE).unwrap();
@@ -148,21 +162,34 @@ mod slow {
         assert_ne!(run.status()["requested"], "released");
 
         // The token may come with the address, and does not stay there.
-        browser.open(&format!("{}/#token={}", run.address, run.token)).unwrap();
         browser
-            .wait_for("return location.hash === '' && document.getElementById('token').value.length > 16", PATIENCE)
+            .open(&format!("{}/#token={}", run.address, run.token))
+            .unwrap();
+        browser
+            .wait_for(
+                "return location.hash === '' && document.getElementById('token').value.length > 16",
+                PATIENCE,
+            )
             .unwrap();
         release(&browser, &run);
 
         let delays = "const sorted = [...gripline.delaysMs].sort((one, other) => one - other); return sorted[Math.floor(sorted.length * SHARE)]";
-        let delay_ms = [0.5, 0.99].map(|share: f64| number(&browser, &delays.replace("SHARE", &share.to_string())));
+        let delay_ms =
+            [0.5, 0.99].map(|share: f64| number(&browser, &delays.replace("SHARE", &share.to_string())));
         println!(
             "first picture {first_ms:.0} ms after the load began (of {loads:.0?}); frames drawn {:.0} ms after the loop had them, \
              99th percentile {:.0} ms",
             delay_ms[0], delay_ms[1]
         );
-        assert!(first_ms <= FIRST_PICTURE_MS, "{first_ms} ms until the first picture");
-        assert!(delay_ms[0] <= DELAY_MS, "{} ms until a frame is drawn", delay_ms[0]);
+        assert!(
+            first_ms <= FIRST_PICTURE_MS,
+            "{first_ms} ms until the first picture"
+        );
+        assert!(
+            delay_ms[0] <= DELAY_MS,
+            "{} ms until a frame is drawn",
+            delay_ms[0]
+        );
 
         // On a telephone nothing is wider than its screen.
         browser.show_on(PHONE).unwrap();
@@ -178,7 +205,9 @@ mod slow {
     fn the_emulated_board_slips_on_the_page_and_a_click_releases_it() {
         let run = Run::start(&["--mcu", "emulator"]);
         let browser = Browser::start().unwrap();
-        browser.open(&format!("{}/#token={}", run.address, run.token)).unwrap();
+        browser
+            .open(&format!("{}/#token={}", run.address, run.token))
+            .unwrap();
         browser.wait_for(SHOWS_SLIP, 4 * PATIENCE).unwrap();
         release(&browser, &run);
         assert!(browser.text("#link").unwrap().contains("emulator"));
@@ -205,13 +234,25 @@ mod slow {
         let browser = Browser::start().unwrap();
         browser.open(&run.address).unwrap();
         browser
-            .wait_for("return Number(document.getElementById('frame').textContent) > 10", PATIENCE)
+            .wait_for(
+                "return Number(document.getElementById('frame').textContent) > 10",
+                PATIENCE,
+            )
             .unwrap();
-        assert!(browser.run("return document.getElementById('alarm').hidden").unwrap().as_bool().unwrap());
+        assert!(
+            browser
+                .run("return document.getElementById('alarm').hidden")
+                .unwrap()
+                .as_bool()
+                .unwrap()
+        );
         pull.store(true, Ordering::Relaxed);
         board.join().unwrap();
         says(&browser, "LINK LOST");
         let faults = browser.text("#faults").unwrap();
-        assert!(faults.contains("NO DEVICE") && faults.contains("cable"), "{faults}");
+        assert!(
+            faults.contains("NO DEVICE") && faults.contains("cable"),
+            "{faults}"
+        );
     }
 }

@@ -21,10 +21,9 @@ pub(crate) fn control(body: &[u8], told: Option<&str>, token: &str, handle: &Han
 /// Whether it is the token. Takes as long for any wrong one of the same length, so that nobody can guess letter by letter.
 pub(crate) fn is_token(told: Option<&str>, token: &str) -> bool {
     let (told, token) = (told.unwrap_or_default().as_bytes(), token.as_bytes());
-    let difference = told
-        .iter()
-        .zip(token)
-        .fold(0, |difference, (one, other)| std::hint::black_box(difference | (one ^ other)));
+    let difference = told.iter().zip(token).fold(0, |difference, (one, other)| {
+        std::hint::black_box(difference | (one ^ other))
+    });
     // An empty token is none.
     !token.is_empty() && told.len() == token.len() && difference == 0
 }
@@ -82,7 +81,13 @@ mod tests {
 
     #[test]
     fn without_the_right_token_nothing_is_asked() {
-        for token in [None, Some(""), Some("0123abce"), Some("0123abcd0"), Some("0123abc")] {
+        for token in [
+            None,
+            Some(""),
+            Some("0123abce"),
+            Some("0123abcd0"),
+            Some("0123abc"),
+        ] {
             let (handle, inbox) = channel();
             let response = control(HOLD, token, "0123abcd", &handle);
             assert_eq!(response.status, 401, "{token:?}");
@@ -107,7 +112,10 @@ mod tests {
             (Why::NotConfirmed("STALE".to_owned()), 504),
         ];
         let done = answered(&Outcome::Done, HOLD, Some("0123abcd"));
-        assert_eq!((done.status, json(&done)["outcome"].as_str()), (200, Some("done")));
+        assert_eq!(
+            (done.status, json(&done)["outcome"].as_str()),
+            (200, Some("done"))
+        );
         for (why, expected) in refusals {
             let name = why.name();
             let response = answered(&Outcome::Refused(why), HOLD, Some("0123abcd"));
@@ -118,7 +126,13 @@ mod tests {
 
     #[test]
     fn a_body_that_is_no_request_is_told_what_it_lacks() {
-        for body in [&b""[..], b"[]", b"{}", b"\xff", br#"{"client":"a","request":1,"action":"open"}"#] {
+        for body in [
+            &b""[..],
+            b"[]",
+            b"{}",
+            b"\xff",
+            br#"{"client":"a","request":1,"action":"open"}"#,
+        ] {
             let response = answered(&Outcome::Done, body, Some("0123abcd"));
             assert_eq!(response.status, 400);
             assert!(json(&response)["message"].as_str().unwrap().contains("expected"));

@@ -122,10 +122,13 @@ fn halved(pixels: &[u8]) -> Vec<u8> {
     let pairs = rows.clone().step_by(2).zip(rows.skip(1).step_by(2));
     pairs
         .flat_map(|(upper, lower)| {
-            upper.chunks_exact(2).zip(lower.chunks_exact(2)).map(|(one, other)| {
-                let sum: u16 = [one[0], one[1], other[0], other[1]].map(u16::from).iter().sum();
-                ((sum + 2) / 4) as u8
-            })
+            upper
+                .chunks_exact(2)
+                .zip(lower.chunks_exact(2))
+                .map(|(one, other)| {
+                    let sum: u16 = [one[0], one[1], other[0], other[1]].map(u16::from).iter().sum();
+                    ((sum + 2) / 4) as u8
+                })
         })
         .collect()
 }
@@ -173,7 +176,10 @@ mod tests {
 
     #[test]
     fn a_halved_picture_has_the_means_of_fours() {
-        assert_eq!(halved(&[1, 3, 10, 10, 5, 7, 10, 12, 0, 0, 255, 255, 0, 1, 255, 255]), [4, 11, 0, 255]);
+        assert_eq!(
+            halved(&[1, 3, 10, 10, 5, 7, 10, 12, 0, 0, 255, 255, 0, 1, 255, 255]),
+            [4, 11, 0, 255]
+        );
         assert!(halved(&[]).is_empty());
     }
 
@@ -196,7 +202,10 @@ mod tests {
             let json: serde_json::Value = serde_json::from_str(data).unwrap();
             assert_eq!(json["report"]["frame"], 4);
             assert_eq!(json["map"], "");
-            assert_eq!(json["limits"]["ceiling_n"].as_f64(), Some(Limits::of(&Configuration::DEFAULT).ceiling_n));
+            assert_eq!(
+                json["limits"]["ceiling_n"].as_f64(),
+                Some(Limits::of(&Configuration::DEFAULT).ceiling_n)
+            );
             assert_eq!(json["picture"].is_string(), with_picture);
         }
     }

@@ -95,10 +95,9 @@ impl Told {
 
     /// Whether a status says something new, or the last one was long ago.
     fn is_due(&mut self, status: &StatusReport, now: Instant) -> bool {
-        let is_due = self
-            .status
-            .as_ref()
-            .is_none_or(|(told, at)| now - *at >= REPEAT_EVERY || without_counters(told) != without_counters(status));
+        let is_due = self.status.as_ref().is_none_or(|(told, at)| {
+            now - *at >= REPEAT_EVERY || without_counters(told) != without_counters(status)
+        });
         if is_due {
             self.status = Some((status.clone(), now));
         }
@@ -134,6 +133,8 @@ mod tests {
         assert!(told.is_due(&status, at(200)));
         assert!(!told.is_due(&status, at(600)));
         assert!(told.is_due(&status, at(700)));
-        assert!(told.is_time_to_look(at(0)) && !told.is_time_to_look(at(50)) && told.is_time_to_look(at(100)));
+        assert!(
+            told.is_time_to_look(at(0)) && !told.is_time_to_look(at(50)) && told.is_time_to_look(at(100))
+        );
     }
 }

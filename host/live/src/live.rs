@@ -26,7 +26,9 @@ const PICTURES_PER_SECOND: f64 = 10.0;
 
 /// It cannot be served.
 #[derive(Debug, thiserror::Error)]
-#[error("serve.listen {address}: {error}, expected an address of this machine that no other program listens on")]
+#[error(
+    "serve.listen {address}: {error}, expected an address of this machine that no other program listens on"
+)]
 pub struct LiveError {
     address: SocketAddr,
     error: io::Error,

@@ -3,7 +3,11 @@
 /// (path, kind, text).
 pub(crate) const FILES: [(&str, &str, &str); 9] = [
     ("/", HTML, include_str!("page/index.html")),
-    ("/style.css", "text/css; charset=utf-8", include_str!("page/style.css")),
+    (
+        "/style.css",
+        "text/css; charset=utf-8",
+        include_str!("page/style.css"),
+    ),
     ("/icon.svg", "image/svg+xml", include_str!("page/icon.svg")),
     ("/page.js", SCRIPT, include_str!("page/page.js")),
     ("/events.js", SCRIPT, include_str!("page/events.js")),
@@ -25,7 +29,11 @@ mod tests {
         for (path, _, text) in FILES {
             // The icon's namespace is a name, not an address that is loaded.
             let addresses = text.replace("http://www.w3.org/2000/svg", "");
-            assert!(!addresses.contains("//www.") && !addresses.contains("http://") && !addresses.contains("https://"));
+            assert!(
+                !addresses.contains("//www.")
+                    && !addresses.contains("http://")
+                    && !addresses.contains("https://")
+            );
             for part in text.split(['"', '\'']) {
                 let is_file = [".js", ".css", ".svg"].iter().any(|end| part.ends_with(end));
                 let name = part.trim_start_matches("./");

@@ -38,9 +38,12 @@ impl Readers {
     /// Hands it to all who have room.
     pub(crate) fn send(&self, text: &Arc<str>) {
         let mut state = self.state();
-        state
-            .senders
-            .retain(|sender| !matches!(sender.try_send(Arc::clone(text)), Err(TrySendError::Disconnected(_))));
+        state.senders.retain(|sender| {
+            !matches!(
+                sender.try_send(Arc::clone(text)),
+                Err(TrySendError::Disconnected(_))
+            )
+        });
         self.count.store(state.senders.len(), Ordering::Relaxed);
     }
 
@@ -68,7 +71,10 @@ mod tests {
         for number in 0..5 {
             readers.send(&number.to_string().into());
         }
-        assert_eq!(slow.try_iter().map(|text| text.to_string()).collect::<Vec<_>>(), ["0", "1"]);
+        assert_eq!(
+            slow.try_iter().map(|text| text.to_string()).collect::<Vec<_>>(),
+            ["0", "1"]
+        );
         assert_eq!(quick.try_iter().count(), 5);
         drop((slow, quick));
         assert!(readers.is_wanted());

@@ -69,9 +69,10 @@ fn response(request: &Head, body: &[u8], site: &Site) -> Response {
             Response::of(200, "text/plain; version=0.0.4", values.text())
         }
         (_, "/control") => Response::text(405, "expected POST"),
-        (Method::Get, _) if file.is_some() => {
-            file.map_or_else(|| Response::text(404, ""), |(_, kind, text)| Response::of(200, kind, *text))
-        }
+        (Method::Get, _) if file.is_some() => file.map_or_else(
+            || Response::text(404, ""),
+            |(_, kind, text)| Response::of(200, kind, *text),
+        ),
         (_, "/status" | "/metrics" | "/frames" | "/events") => Response::text(405, "expected GET"),
         _ if file.is_some() => Response::text(405, "expected GET"),
         _ => Response::text(404, "expected /, /events, /status, /control, /metrics or /frames"),

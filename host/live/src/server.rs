@@ -90,7 +90,10 @@ fn serve(stream: &TcpStream, site: &Site) -> io::Result<()> {
         }
         Err(Unread::Late) => Response::message(
             408,
-            format_args!("request: found none within {} s, expected a whole one", PATIENCE.as_secs()),
+            format_args!(
+                "request: found none within {} s, expected a whole one",
+                PATIENCE.as_secs()
+            ),
         )
         .write(stream),
         Err(Unread::Gone) => Ok(()),
@@ -175,7 +178,12 @@ mod tests {
     fn a_request_in_pieces_is_read_whole() {
         let (mut client, server) = connected();
         let writes = thread::spawn(move || {
-            for piece in ["POST /control HT", "TP/1.1\r\nContent-", "Length: 4\r\n\r\nab", "cd, and more"] {
+            for piece in [
+                "POST /control HT",
+                "TP/1.1\r\nContent-",
+                "Length: 4\r\n\r\nab",
+                "cd, and more",
+            ] {
                 client.write_all(piece.as_bytes()).unwrap();
                 thread::yield_now();
             }

@@ -59,14 +59,18 @@ fn report(frame: u64) -> FrameReport {
 /// A frame, with a picture of the size that the loop has.
 fn publish(live: &Live, frame: u64, looks: &Cell<u64>) {
     let (newtons, picture) = ([[0.01; 3]; TAXELS], vec![100; 440 * 440]);
-    live.publish(&report(frame), |values| values.frames = frame + 1, || {
-        looks.set(looks.get() + 1);
-        Look {
-            newtons: &newtons,
-            picture: &picture,
-            settings: &Configuration::DEFAULT,
-        }
-    });
+    live.publish(
+        &report(frame),
+        |values| values.frames = frame + 1,
+        || {
+            looks.set(looks.get() + 1);
+            Look {
+                newtons: &newtons,
+                picture: &picture,
+                settings: &Configuration::DEFAULT,
+            }
+        },
+    );
 }
 
 fn connected(address: SocketAddr, text: &str) -> TcpStream {
@@ -78,7 +82,9 @@ fn connected(address: SocketAddr, text: &str) -> TcpStream {
 
 fn asked(live: &Live, text: &str) -> String {
     let mut answer = String::new();
-    connected(live.address(), text).read_to_string(&mut answer).unwrap();
+    connected(live.address(), text)
+        .read_to_string(&mut answer)
+        .unwrap();
     answer
 }
 
@@ -125,7 +131,10 @@ fn the_page_and_the_values_are_served_and_nothing_else() {
     ] {
         let answer = get(&live, path);
         assert!(answer.starts_with("HTTP/1.1 200 "), "{path}: {answer}");
-        assert!(answer.contains(&format!("Content-Type: {kind}")) && answer.contains(has), "{path}: {answer}");
+        assert!(
+            answer.contains(&format!("Content-Type: {kind}")) && answer.contains(has),
+            "{path}: {answer}"
+        );
     }
     assert!(get(&live, "/../Cargo.toml").starts_with("HTTP/1.1 404 "));
     assert!(get(&live, "/control").starts_with("HTTP/1.1 405 "));
@@ -143,12 +152,22 @@ fn a_request_with_the_token_is_answered_and_any_other_moves_nothing() {
         ("Authorization: Basic 0123456789abcdef\r\n", HOLD, 401),
         ("Host: gripper.example.org\r\n", HOLD, 403),
         (bearer.as_str(), "{}", 400),
-        (bearer.as_str(), "{\"client\":\"a b\",\"request\":1,\"action\":\"hold\"}", 400),
+        (
+            bearer.as_str(),
+            "{\"client\":\"a b\",\"request\":1,\"action\":\"hold\"}",
+            400,
+        ),
         (bearer.as_str(), "not JSON", 400),
     ] {
         let answer = post(&live, headers, body);
-        assert!(answer.starts_with(&format!("HTTP/1.1 {status} ")), "{headers}{body}: {answer}");
-        assert!(answer.contains("{\"message\":") && answer.contains("expected"), "{answer}");
+        assert!(
+            answer.starts_with(&format!("HTTP/1.1 {status} ")),
+            "{headers}{body}: {answer}"
+        );
+        assert!(
+            answer.contains("{\"message\":") && answer.contains("expected"),
+            "{answer}"
+        );
     }
     let long = post(&live, &bearer, &"x".repeat(4_097));
     assert!(long.starts_with("HTTP/1.1 413 "), "{long}");
@@ -160,10 +179,17 @@ fn a_request_with_the_token_is_answered_and_any_other_moves_nothing() {
         assert!(answer.starts_with("HTTP/1.1 200 "), "{answer}");
         let (_, body) = answer.split_once("\r\n\r\n").unwrap();
         let json: serde_json::Value = serde_json::from_str(body).unwrap();
-        assert_eq!((json["outcome"].as_str(), json["request"].as_u64()), (Some("done"), Some(7)));
+        assert_eq!(
+            (json["outcome"].as_str(), json["request"].as_u64()),
+            (Some("done"), Some(7))
+        );
     }
     is_over.store(true, Ordering::Relaxed);
-    assert_eq!(loop_.join().unwrap(), 2, "only what bore the token reached the loop");
+    assert_eq!(
+        loop_.join().unwrap(),
+        2,
+        "only what bore the token reached the loop"
+    );
 }
 
 /// Data of the next event of this name.
@@ -201,7 +227,10 @@ fn ten_pages_are_served_beside_requests_and_a_stalled_reader_delays_nobody() {
     assert!((1..=60).contains(&looks.get()), "{} looks", looks.get());
     for page in &mut pages {
         let first = event(page, "frame");
-        assert!(first["picture"].is_string(), "the first frame of a page has its picture");
+        assert!(
+            first["picture"].is_string(),
+            "the first frame of a page has its picture"
+        );
         assert!(event(page, "frame")["report"]["frame"].as_u64() > first["report"]["frame"].as_u64());
     }
     assert!(get(&live, "/status").starts_with("HTTP/1.1 200 "));
@@ -234,8 +263,14 @@ fn no_more_than_thirty_frames_and_ten_pictures_a_second_are_sent() {
     drop(live);
     let (frames, pictures) = reader.join().unwrap();
     let most = |per_second: f64| (per_second * seconds).ceil() as u32 + 1;
-    assert!((5..=most(30.0)).contains(&frames), "{frames} frames in {seconds} s");
-    assert!((2..=most(10.0)).contains(&pictures), "{pictures} pictures in {seconds} s");
+    assert!(
+        (5..=most(30.0)).contains(&frames),
+        "{frames} frames in {seconds} s"
+    );
+    assert!(
+        (2..=most(10.0)).contains(&pictures),
+        "{pictures} pictures in {seconds} s"
+    );
 }
 
 #[test]
@@ -250,14 +285,23 @@ fn one_stream_too_many_is_told() {
         })
         .collect();
     let refused = asked(&live, "GET /frames HTTP/1.1\r\n\r\n");
-    assert!(refused.starts_with("HTTP/1.1 503 ") && refused.contains("expected fewer"), "{refused}");
+    assert!(
+        refused.starts_with("HTTP/1.1 503 ") && refused.contains("expected fewer"),
+        "{refused}"
+    );
     drop(pages);
 }
 
 #[test]
 fn bytes_of_any_kind_do_no_harm() {
     let (live, _inbox) = started();
-    for bytes in [&[0xFF; 9_000][..], b"\r\n\r\n", b"GET", b"GET / HTTP/9.9\r\n\r\n", b"\0\0\0\0\r\n\r\n"] {
+    for bytes in [
+        &[0xFF; 9_000][..],
+        b"\r\n\r\n",
+        b"GET",
+        b"GET / HTTP/9.9\r\n\r\n",
+        b"\0\0\0\0\r\n\r\n",
+    ] {
         let mut stream = TcpStream::connect(live.address()).unwrap();
         stream.write_all(bytes).unwrap();
         drop(stream);

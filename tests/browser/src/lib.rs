@@ -55,14 +55,22 @@ impl Browser {
             })?;
         let port = driver.stdout.take().and_then(|out| {
             let mut lines = BufReader::new(out).lines().map_while(Result::ok);
-            let port = lines.find_map(|line| line.rsplit_once(" on port ")?.1.trim_end_matches('.').parse().ok());
+            let port = lines.find_map(|line| {
+                line.rsplit_once(" on port ")?
+                    .1
+                    .trim_end_matches('.')
+                    .parse()
+                    .ok()
+            });
             // What it says later must find a reader, or it would stop.
             thread::spawn(move || lines.for_each(drop));
             port
         });
         let mut browser = Self {
             driver,
-            port: port.ok_or_else(|| BrowserError("found no port of chromedriver, expected it to print one".to_owned()))?,
+            port: port.ok_or_else(|| {
+                BrowserError("found no port of chromedriver, expected it to print one".to_owned())
+            })?,
             session: String::new(),
         };
         // A root user's Chromium has no sandbox, and small machines have little shared memory.
@@ -144,7 +152,12 @@ impl Browser {
     /// [`BrowserError`] when there is none.
     pub fn text(&self, selector: &str) -> Result<String, BrowserError> {
         let element = self.element(selector)?;
-        let text = ask(self.port, Method::Get, &self.path(&format!("element/{element}/text")), &Value::Null)?;
+        let text = ask(
+            self.port,
+            Method::Get,
+            &self.path(&format!("element/{element}/text")),
+            &Value::Null,
+        )?;
         Ok(text.as_str().unwrap_or_default().to_owned())
     }
 
@@ -154,7 +167,8 @@ impl Browser {
     /// [`BrowserError`] when it cannot be clicked.
     pub fn click(&self, selector: &str) -> Result<(), BrowserError> {
         let element = self.element(selector)?;
-        self.post(&format!("element/{element}/click"), &json!({})).map(drop)
+        self.post(&format!("element/{element}/click"), &json!({}))
+            .map(drop)
     }
 
     /// Types into it, after what it held was taken out.
@@ -206,7 +220,12 @@ impl Drop for Browser {
     fn drop(&mut self) {
         // The browser first: it would outlive its driver.
         if !self.session.is_empty() {
-            let _ = ask(self.port, Method::Delete, &format!("/session/{}", self.session), &Value::Null);
+            let _ = ask(
+                self.port,
+                Method::Delete,
+                &format!("/session/{}", self.session),
+                &Value::Null,
+            );
         }
         let _ = self.driver.kill();
         let _ = self.driver.wait();

@@ -32,7 +32,10 @@ pub(crate) fn ask(port: u16, method: Method, path: &str, body: &Value) -> Result
         .map_err(|error| failed(&format!("found an answer that is no JSON ({error})")))?;
     let value = answer["value"].take();
     match value["error"].as_str() {
-        Some(error) => Err(failed(&format!("{error}: {}", value["message"].as_str().unwrap_or_default()))),
+        Some(error) => Err(failed(&format!(
+            "{error}: {}",
+            value["message"].as_str().unwrap_or_default()
+        ))),
         None => Ok(value),
     }
 }

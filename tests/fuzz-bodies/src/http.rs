@@ -8,9 +8,17 @@ use gripline_live::request::{BODY_MAX, HEAD_MAX, parse};
 pub fn check(input: &[u8]) {
     match parse(input) {
         Ok(Some((head, taken))) => {
-            assert!(taken <= input.len().min(HEAD_MAX), "{taken} bytes of {}", input.len());
+            assert!(
+                taken <= input.len().min(HEAD_MAX),
+                "{taken} bytes of {}",
+                input.len()
+            );
             assert!(head.body_bytes <= BODY_MAX, "a body of {} bytes", head.body_bytes);
-            assert_eq!(parse(&input[..taken]), Ok(Some((head, taken))), "what follows changes nothing");
+            assert_eq!(
+                parse(&input[..taken]),
+                Ok(Some((head, taken))),
+                "what follows changes nothing"
+            );
             request(&input[taken..]);
         }
         Ok(None) => assert!(input.len() < HEAD_MAX, "{} bytes without an end", input.len()),
@@ -22,7 +30,11 @@ pub fn check(input: &[u8]) {
 fn request(body: &[u8]) {
     match Request::from_json(body) {
         Ok(request) => {
-            assert!((1..=64).contains(&request.client.name().len()), "{}", request.client);
+            assert!(
+                (1..=64).contains(&request.client.name().len()),
+                "{}",
+                request.client
+            );
             if let Action::SetFloor { newtons } = request.action {
                 assert!(newtons.is_finite(), "{newtons} N");
             }
