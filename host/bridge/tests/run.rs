@@ -381,7 +381,7 @@ fn the_emulated_board_closes_the_loop_through_the_whole_scene() {
 fn asked(address: &str, path: &str, bytes: u64) -> String {
     let mut stream = std::net::TcpStream::connect(address).expect("somebody listens");
     stream.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
-    write!(stream, "GET {path} HTTP/1.1\r\nHost: here\r\n\r\n").unwrap();
+    write!(stream, "GET {path} HTTP/1.1\r\nHost: localhost\r\n\r\n").unwrap();
     let mut text = String::new();
     stream.take(bytes).read_to_string(&mut text).unwrap();
     text
@@ -389,7 +389,9 @@ fn asked(address: &str, path: &str, bytes: u64) -> String {
 
 #[test]
 fn live_values_are_served_to_prometheus_and_as_newline_json() {
+    let state = tempfile::tempdir().unwrap();
     let mut child = Command::new(env!("CARGO_BIN_EXE_gripline"))
+        .env("XDG_STATE_HOME", state.path())
         .args(["run", "--seconds", "60", "--serve", "127.0.0.1:0"])
         .stdout(std::process::Stdio::null())
         .stderr(std::process::Stdio::piped())

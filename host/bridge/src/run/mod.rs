@@ -147,7 +147,11 @@ pub fn run(args: &RunArgs) -> Result<Completion, Failure> {
     let mut run = Run::new(session, clock, pictures_per_second);
     let (control, inbox) = channel();
     let mut terminal = Terminal::new(control.clone())?;
-    run.requests = Requests::new(inbox, unasked(&wanted), fingertips.to_rezero());
+    let unasked = unasked(&wanted);
+    run.requests = Requests::new(inbox, unasked, fingertips.to_rezero());
+    if !unasked.hold && !unasked.script {
+        tracing::info!("the gripper stays as it is until it is asked for something: key h, HTTP, or --hold");
+    }
     run.summary.fingertips = [Some(&wanted.source), wanted.second_source.as_ref()]
         .into_iter()
         .flatten()

@@ -8,8 +8,8 @@ use gripline_protocol::cobs::{CobsDecoder, FRAME_MAX, Frame, encode_packet};
 use serialport::{SerialPort as _, TTYPort};
 
 /// The firmware library at the far end of a serial line, with a clock that runs on.
-pub struct SerialBoard {
-    pub device: Device,
+pub(crate) struct SerialBoard {
+    pub(crate) device: Device,
     start: Instant,
     next_tick_us: u64,
     /// So many of a thousand packets are lost, either way.
@@ -18,7 +18,7 @@ pub struct SerialBoard {
 }
 
 impl SerialBoard {
-    pub fn new(lost_per_mille: u64) -> Self {
+    pub(crate) fn new(lost_per_mille: u64) -> Self {
         Self {
             lost_per_mille,
             seed: 1,
@@ -32,7 +32,7 @@ impl SerialBoard {
         self.start.elapsed().as_micros() as u64
     }
 
-    pub fn serve(&mut self, far: &mut TTYPort, is_over: impl Fn(&Self) -> bool) {
+    pub(crate) fn serve(&mut self, far: &mut TTYPort, is_over: impl Fn(&Self) -> bool) {
         far.set_timeout(Duration::from_millis(1)).unwrap();
         let (mut frames, mut bytes) = (CobsDecoder::new(), [0; 4096]);
         while !is_over(self) {
@@ -58,7 +58,7 @@ impl SerialBoard {
         }
     }
 
-    pub fn live(&mut self) {
+    pub(crate) fn live(&mut self) {
         while self.next_tick_us < self.now_us() {
             let _ = self.device.tick(self.next_tick_us);
             self.next_tick_us += 1_000;
