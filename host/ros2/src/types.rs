@@ -127,8 +127,8 @@ impl From<&Answer> for Response {
 #[cfg(test)]
 mod tests {
     use proptest::prelude::*;
-    use ros2_client::rustdds::RepresentationIdentifier;
-    use ros2_client::rustdds::serialization::deserialize_from_cdr_with_rep_id;
+    use ros2_client::dds::rustdds::RepresentationIdentifier;
+    use ros2_client::dds::rustdds::serialization::deserialize_from_cdr_with_rep_id;
 
     use super::*;
 
