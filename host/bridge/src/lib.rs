@@ -19,6 +19,7 @@ pub mod log;
 mod rest;
 pub mod run;
 pub mod source;
+mod token;
 mod value;
 pub mod view;
 mod writer;

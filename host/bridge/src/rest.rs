@@ -145,7 +145,7 @@ impl Store {
     }
 
     /// Keeps the pictures for later runs. A failure is told: the run does not need it.
-    fn keep(&self, pictures: &[Vec<u8>], figures: &Figures) {
+    pub(crate) fn keep(&self, pictures: &[Vec<u8>], figures: &Figures) {
         let folder = self.path.parent().unwrap_or(Path::new(""));
         let mut calibration = Calibration {
             path: self.path.clone(),
@@ -161,7 +161,7 @@ impl Store {
 }
 
 /// The folder for what programs keep from run to run: systemd's, else the user's.
-fn state_folder() -> Option<PathBuf> {
+pub(crate) fn state_folder() -> Option<PathBuf> {
     let folder = |name: &str| {
         env::var_os(name)
             .filter(|value| !value.is_empty())

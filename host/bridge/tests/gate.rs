@@ -101,8 +101,8 @@ fn skipping_saves_frames_and_changes_hardly_a_decision(kind: GateKind, rest_pict
                 .map(|status| status.line);
             let line_n = line.map_or(2.5, |line| f64::from(line) / f64::from(LSB_PER_NEWTON));
             let picture = source.next(line_n).unwrap();
-            let full = every.frame(sequence, &picture.crop, picture.wish);
-            let gate = gated.frame(sequence, &picture.crop, picture.wish);
+            let full = every.frame(sequence, &picture.crop, picture.wish.unwrap());
+            let gate = gated.frame(sequence, &picture.crop, picture.wish.unwrap());
             frames += 1;
             skipped += u32::from(gate.0 != GateDecision::Infer);
             missed += u32::from(

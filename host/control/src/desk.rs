@@ -42,13 +42,22 @@ impl Step {
     }
 }
 
+/// What a person should know of.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct News {
+    /// In words.
+    pub text: String,
+    /// Something was not done.
+    pub is_warning: bool,
+}
+
 /// The desk at which requests are taken and answered.
 #[derive(Debug, Default)]
 pub struct Desk {
     owner: Option<Client>,
     under_way: Vec<(Step, Vec<Asked>)>,
     answered: VecDeque<(Instant, Answer)>,
-    news: Vec<String>,
+    news: Vec<News>,
 }
 
 impl Desk {
@@ -65,7 +74,7 @@ impl Desk {
     }
 
     /// What a person should know of since the last look: answers, and who took the gripper over.
-    pub fn take_news(&mut self) -> Vec<String> {
+    pub fn take_news(&mut self) -> Vec<News> {
         std::mem::take(&mut self.news)
     }
 
@@ -99,8 +108,8 @@ impl Desk {
         let step = match request.action {
             Action::TakeOver | Action::Yield => {
                 if request.action == Action::Yield && self.owner.take().is_some() {
-                    self.news
-                        .push(format!("{} no longer owns the gripper", request.client));
+                    let news = format!("{} no longer owns the gripper", request.client);
+                    self.tell(news);
                 }
                 self.reply(&asked, Outcome::Done);
                 return None;
@@ -122,15 +131,15 @@ impl Desk {
         match &self.owner {
             Some(owner) if *owner == request.client => true,
             Some(owner) if takes_over => {
-                self.news
-                    .push(format!("{} took the gripper over from {owner}", request.client));
+                let news = format!("{} took the gripper over from {owner}", request.client);
+                self.tell(news);
                 self.owner = Some(request.client.clone());
                 true
             }
             Some(_) => false,
             None => {
                 if request.action != Action::Yield {
-                    self.news.push(format!("{} owns the gripper", request.client));
+                    self.tell(format!("{} owns the gripper", request.client));
                     self.owner = Some(request.client.clone());
                 }
                 true
@@ -171,11 +180,21 @@ impl Desk {
         }
     }
 
+    fn tell(&mut self, text: String) {
+        self.news.push(News {
+            text,
+            is_warning: false,
+        });
+    }
+
     fn reply(&mut self, asked: &Asked, outcome: Outcome) {
         let took_ms = asked.at.elapsed().as_secs_f64() * 1e3;
         let answer = Answer::to(&asked.request, outcome, self.owner.as_ref(), took_ms);
         asked.answer(answer.clone());
-        self.news.push(answer.to_string());
+        self.news.push(News {
+            text: answer.to_string(),
+            is_warning: !answer.is_done(),
+        });
         // Who was not listened to may ask again under the same number.
         if !matches!(answer.why(), Some(Why::WrongOwner(_))) {
             self.answered.push_back((Instant::now(), answer));

@@ -15,7 +15,7 @@ mod status;
 pub use answer::{Answer, Outcome, Why};
 pub use channel::{Asked, Handle, Inbox, channel};
 pub use client::{BadClient, Client};
-pub use desk::{Desk, Step};
+pub use desk::{Desk, News, Step};
 pub use faults::{ReportedFault, names, reported, what_to_do};
 pub use request::{Action, BadRequest, Request};
 pub use status::StatusReport;

@@ -50,7 +50,7 @@ impl Acknowledgement {
     pub fn step(&self, now_us: u64, (status, age_us): (Option<&Status>, u64)) -> Acknowledging {
         let is_over = now_us.saturating_sub(self.begun_us) >= GIVE_UP_US;
         let came_us = now_us.saturating_sub(age_us);
-        let since = status.filter(|_| self.sent_us.is_some_and(|sent_us| came_us > sent_us));
+        let since = status.filter(|_| self.sent_us.is_some_and(|sent_us| came_us >= sent_us));
         match since {
             Some(status) if status.latched & self.faults == 0 => Acknowledging::Done,
             Some(status) if is_over => {
@@ -91,13 +91,13 @@ mod tests {
         asked.sent(1_000, false);
         assert_eq!(asked.step(2_000, (Some(&before), 0)), Acknowledging::Send);
         asked.sent(2_000, true);
-        assert_eq!(asked.step(50_000, (Some(&before), 0)), Acknowledging::Wait);
-        assert_eq!(asked.step(122_000, (Some(&before), 0)), Acknowledging::Send);
-        asked.sent(122_000, true);
+        assert_eq!(asked.step(6_000, (Some(&before), 0)), Acknowledging::Wait);
+        assert_eq!(asked.step(7_000, (Some(&before), 0)), Acknowledging::Send);
+        asked.sent(7_000, true);
         let after = status(0b001, 0b001);
         // From before it was sent: it says nothing.
-        assert_eq!(asked.step(123_000, (Some(&after), 5_000)), Acknowledging::Wait);
-        assert_eq!(asked.step(140_000, (Some(&after), 0)), Acknowledging::Done);
+        assert_eq!(asked.step(9_000, (Some(&after), 5_000)), Acknowledging::Wait);
+        assert_eq!(asked.step(10_000, (Some(&after), 0)), Acknowledging::Done);
     }
 
     #[test]

@@ -10,7 +10,7 @@ use gripline_protocol::{ForceMap, Health, MapInfo, Motion, SENSORS};
 use gripline_recording::telemetry::STAGES;
 
 use crate::PipelineError;
-use crate::mode_request::{ModeRequest, Unconfirmed};
+use crate::mode_request::{ModeRequest, REPEAT_US, Unconfirmed};
 use crate::pipeline::Pipeline;
 
 /// A picture older than this when its turn comes, µs, is dropped: one frame at 60 Hz, plus what a busy system may hold a
@@ -89,8 +89,8 @@ impl Lateness {
 pub struct FrameRequest {
     /// The fingertip, from 0.
     pub sensor: u8,
-    /// The requested mode of the gripper.
-    pub mode: GripMode,
+    /// The requested mode of the gripper; `None`: nothing is requested, it stays as it is.
+    pub mode: Option<GripMode>,
     /// How long ago the picture was taken, by the link's clock.
     pub age_us: u32,
     /// Whether the object moves, as the picture shows it.
@@ -271,7 +271,7 @@ impl ControlLoop {
     /// # Errors
     /// [`PipelineError`] when the link is gone.
     pub fn idle(&mut self, until_us: u64) -> Result<(), PipelineError> {
-        Ok(self.session.run_until(self.start_us + until_us)?)
+        self.work_until(self.start_us + until_us)
     }
 
     /// Works until the link's clock, of which these are the low 32 bits, shows this time; not at all when it is past.
@@ -303,26 +303,65 @@ impl ControlLoop {
         self.unconfirmed.take()
     }
 
-    /// Asks for the mode, again and again until a status shows it.
-    fn ask_for(&mut self, mode: GripMode) -> Result<(), PipelineError> {
+    /// Whether the device's status shows the mode that was last asked for.
+    #[must_use]
+    pub fn is_confirmed(&self) -> bool {
+        self.asked.is_some_and(|asked| asked.is_confirmed())
+    }
+
+    /// Asks for the mode, again and again until a status shows it; for none, what was asked for before is withdrawn.
+    ///
+    /// # Errors
+    /// [`PipelineError`] when the link is gone.
+    pub fn ask_for(&mut self, mode: Option<GripMode>) -> Result<(), PipelineError> {
+        let Some(mode) = mode else {
+            self.asked = None;
+            return Ok(());
+        };
         let (now_us, restarts) = (self.session.now_us(), self.session.restarts());
-        let mut asked = match self.asked {
+        let asked = match self.asked {
             Some(asked) if asked.mode() == mode => asked,
             _ => ModeRequest::new(mode, now_us, restarts),
         };
+        if !self.step(asked) {
+            return Ok(());
+        }
+        let command = match mode {
+            GripMode::Hold => Command::Hold,
+            GripMode::Released => Command::Release,
+        };
+        let was_taken = self.session.command(command)? && self.session.command(Command::ReadStatus)?;
+        if let Some(asked) = &mut self.asked {
+            asked.sent(now_us, was_taken);
+        }
+        // A microcontroller in this process has answered already.
+        self.session.run_until(now_us)?;
+        if let Some(asked) = self.asked {
+            self.step(asked);
+        }
+        Ok(())
+    }
+
+    /// Takes the newest status; whether the request is to be sent now.
+    fn step(&mut self, mut asked: ModeRequest) -> bool {
+        let (now_us, restarts) = (self.session.now_us(), self.session.restarts());
         let status = (self.session.status(), self.session.status_age_us());
         let (is_due, why) = asked.step(now_us, status, restarts);
         self.unconfirmed = why.or(self.unconfirmed);
-        if is_due {
-            let command = match mode {
-                GripMode::Hold => Command::Hold,
-                GripMode::Released => Command::Release,
-            };
-            let was_taken = self.session.command(command)?;
-            asked.sent(now_us, was_taken);
-        }
         self.asked = Some(asked);
-        Ok(())
+        is_due
+    }
+
+    /// Lets the link work until then; what is asked for is said again meanwhile.
+    fn work_until(&mut self, until_us: u64) -> Result<(), PipelineError> {
+        while let Some(asked) = self.asked
+            && asked.is_waiting()
+            && self.session.now_us() + REPEAT_US < until_us
+        {
+            self.session.run_until(self.session.now_us() + REPEAT_US)?;
+            self.ask_for(Some(asked.mode()))?;
+        }
+        Ok(self.session.run_until(until_us)?)
     }
 
     fn begin(&mut self, request: FrameRequest) -> Result<Begun, PipelineError> {
@@ -349,7 +388,7 @@ impl ControlLoop {
         processed: Processed,
         ended: &Ended,
     ) -> Result<FrameOutcome, PipelineError> {
-        self.session.run_until(self.start_us + begun.request.until_us)?;
+        self.work_until(self.start_us + begun.request.until_us)?;
         self.after_absence();
         let (sent, latency_us, late) = match ended {
             Ended::Sent { sent, latency_us } => (*sent, *latency_us, None),

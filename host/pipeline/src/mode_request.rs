@@ -6,8 +6,9 @@ use std::fmt;
 
 use gripline_protocol::message::{GripMode, Refusal, Status};
 
-/// A request that no status confirms is said again after this: the device answers every map, and sends a status every 100 ms.
-pub(crate) const REPEAT_US: u64 = 120_000;
+/// A request that no status confirms is said again after this: with every request goes the question for a status, which a USB device
+/// answers within two milliseconds.
+pub(crate) const REPEAT_US: u64 = 5_000;
 /// After this it is given up and told.
 pub(crate) const GIVE_UP_US: u64 = 2_000_000;
 
@@ -16,8 +17,10 @@ pub(crate) const GIVE_UP_US: u64 = 2_000_000;
 enum State {
     /// Sent at this time, if the link took it.
     Waiting { sent_us: Option<u64> },
-    /// A status shows the mode, or nobody waits for that any more.
-    Done,
+    /// A status shows the mode.
+    Confirmed,
+    /// Nobody waits for that any more.
+    GivenUp,
 }
 
 /// A mode that the device is asked for.
@@ -101,6 +104,16 @@ impl ModeRequest {
         self.mode
     }
 
+    /// Whether a status shows the mode.
+    pub(crate) fn is_confirmed(&self) -> bool {
+        self.state == State::Confirmed
+    }
+
+    /// Whether it still waits for that.
+    pub(crate) const fn is_waiting(&self) -> bool {
+        matches!(self.state, State::Waiting { .. })
+    }
+
     /// Takes the newest status, which came so long ago, and says whether the request is to be sent now; and what to tell, once.
     pub(crate) fn step(
         &mut self,
@@ -116,17 +129,17 @@ impl ModeRequest {
             let told = is_over && !std::mem::replace(&mut self.is_told, is_over);
             return (true, told.then_some(Unconfirmed::NotTaken(self.mode)));
         };
-        let since = status.filter(|_| now_us.saturating_sub(age_us) > sent_us);
+        let since = status.filter(|_| now_us.saturating_sub(age_us) >= sent_us);
         if since.is_some_and(|status| status.mode == self.mode) {
-            self.state = State::Done;
+            self.state = State::Confirmed;
             return (false, None);
         }
         if restarts != self.restarts {
-            self.state = State::Done;
+            self.state = State::GivenUp;
             return (false, Some(Unconfirmed::Restarted(self.mode)));
         }
         if is_over {
-            self.state = State::Done;
+            self.state = State::GivenUp;
             let why = if since.is_some() {
                 Unconfirmed::NoEffect(self.mode)
             } else {
@@ -152,7 +165,7 @@ impl ModeRequest {
         if !is_answer || self.mode != GripMode::Released || !matches!(self.state, State::Waiting { .. }) {
             return None;
         }
-        self.state = State::Done;
+        self.state = State::GivenUp;
         Some(Unconfirmed::Refused(self.mode, refusal))
     }
 }

@@ -70,7 +70,7 @@ fn frames_until_answered(
         *until_us += FRAME_US;
         let request = FrameRequest {
             sensor: 0,
-            mode,
+            mode: Some(mode),
             age_us: 0,
             motion: Motion::UNKNOWN,
             decode_us: 0.0,
@@ -97,8 +97,8 @@ fn hold_and_release_that_are_lost_are_said_again_until_the_status_shows_them() {
         let mut until_us = 0;
         let (frames, why) = frames_until_answered(&mut control, GripMode::Hold, &mut until_us);
         assert_eq!(why, None, "{lost} lost");
-        // A repetition every 120 ms, which is eight frames.
-        assert!(frames <= 2 + 8 * lost, "{frames} frames, {lost} lost");
+        // A repetition every 5 ms: three in a frame.
+        assert!(frames <= 1 + lost / 3, "{frames} frames, {lost} lost");
         let (_, why) = frames_until_answered(&mut control, GripMode::Released, &mut until_us);
         assert_eq!(why, None);
     }
@@ -116,4 +116,43 @@ fn a_request_without_effect_is_answered_after_two_seconds_and_once() {
     let (_, why) = frames_until_answered(&mut control, GripMode::Hold, &mut until_us);
     assert_eq!(why, Some(Unconfirmed::NoStatus(GripMode::Hold)));
     assert_eq!(control.take_unconfirmed(), None);
+}
+
+#[test]
+fn what_is_not_asked_for_does_not_move_and_a_request_that_is_withdrawn_is_not_said_again() {
+    let mut control = losing(0, false);
+    let judged = (GateDecision::NoContact, Health::GOOD);
+    let mut request = FrameRequest {
+        sensor: 0,
+        mode: None,
+        age_us: 0,
+        motion: Motion::UNKNOWN,
+        decode_us: 0.0,
+        waited_us: 0.0,
+        until_us: 0,
+    };
+    for frame in 1..30_u64 {
+        request.until_us = frame * FRAME_US;
+        request.mode = (frame == 20).then_some(GripMode::Hold);
+        let status = control
+            .frame_of(&ForceMap::EMPTY, judged, request)
+            .unwrap()
+            .status;
+        let expected = if frame < 20 {
+            GripMode::Released
+        } else {
+            GripMode::Hold
+        };
+        assert_eq!(status.mode, expected, "frame {frame}");
+        assert_eq!(control.is_confirmed(), frame == 20, "frame {frame}");
+    }
+}
+
+#[test]
+fn a_device_in_this_process_confirms_before_the_frame_goes_on() {
+    let mut control = losing(0, false);
+    for mode in [GripMode::Hold, GripMode::Released] {
+        control.ask_for(Some(mode)).unwrap();
+        assert!(control.is_confirmed(), "{mode:?}");
+    }
 }

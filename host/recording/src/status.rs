@@ -20,8 +20,10 @@ pub struct Frame {
     pub begun_us: u32,
     /// The link worked until then, after frame 0.
     pub until_us: u64,
-    /// What was asked of the gripper.
-    pub requested_mode: GripMode,
+    /// What was asked of the gripper; `None`: nothing.
+    pub requested_mode: Option<GripMode>,
+    /// Least force while holding, 1/4096 N.
+    pub floor_lsb: i32,
     /// [`gripline_protocol::Health`] of the map.
     pub health_bits: u8,
     /// [`gripline_protocol::Motion`] of the map.
@@ -43,7 +45,8 @@ struct StatusOut<'a> {
     begun_us: u32,
     until_us: u64,
     #[serde(rename = "wish")]
-    requested_mode: GripMode,
+    requested_mode: Option<GripMode>,
+    floor_lsb: i32,
     health_bits: u8,
     motion_bits: u8,
     wire: &'a Status,
@@ -114,9 +117,12 @@ pub struct RecordedStatus {
     pub begun_us: Option<u32>,
     /// Time up to which the link worked for this frame, after frame 0.
     pub until_us: u64,
-    /// What was asked of the gripper.
+    /// What was asked of the gripper; `None`: nothing.
     #[serde(rename = "wish")]
-    pub requested_mode: GripMode,
+    pub requested_mode: Option<GripMode>,
+    /// Least force while holding, 1/4096 N; older recordings have none, theirs never changes.
+    #[serde(default)]
+    pub floor_lsb: Option<i32>,
     /// [`gripline_protocol::Health`] of the map, as bits.
     pub health_bits: u8,
     /// [`gripline_protocol::Motion`] of the map, as bits; older recordings have none.
@@ -144,7 +150,7 @@ pub struct RecordedTruth {
 }
 
 /// The keys of `/status` and their JSON types, for programs that plot them.
-const STATUS_KEYS: [(&str, &str); 35] = [
+const STATUS_KEYS: [(&str, &str); 36] = [
     ("frame", "integer"),
     ("sensor", "integer"),
     ("t_s", "number"),
@@ -177,6 +183,7 @@ const STATUS_KEYS: [(&str, &str); 35] = [
     ("begun_us", "integer"),
     ("until_us", "integer"),
     ("wish", "string"),
+    ("floor_lsb", "integer"),
     ("health_bits", "integer"),
     ("motion_bits", "integer"),
     ("wire", "object"),
@@ -216,6 +223,7 @@ pub(crate) fn status_bytes(frame: &Frame) -> Result<Vec<u8>, serde_json::Error> 
         begun_us: frame.begun_us,
         until_us: frame.until_us,
         requested_mode: frame.requested_mode,
+        floor_lsb: frame.floor_lsb,
         health_bits: frame.health_bits,
         motion_bits: frame.motion_bits,
         wire: &frame.wire,

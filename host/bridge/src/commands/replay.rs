@@ -169,6 +169,11 @@ fn replay(reader: &mut Reader, args: &ReplayArgs) -> Result<Replayed, Failure> {
         // A camera's pictures come when they come.
         let begun_us = status.begun_us.unwrap_or(status.capture_us);
         control.idle_until_begun(begun_us)?;
+        // Somebody set another floor from outside.
+        let settings = *control.session.settings();
+        if let Some(floor) = status.floor_lsb.filter(|floor| *floor != settings.floor) {
+            control.session.configure(Configuration { floor, ..settings })?;
+        }
         let request = FrameRequest {
             sensor: status.sensor,
             mode: status.requested_mode,

@@ -110,6 +110,11 @@ pub struct Settings {
     #[arg(id = "link.mcu", long = "mcu", value_name = "MCU", default_value = "embedded")]
     pub mcu: Target,
 
+    /// Close the gripper and hold from the start. By default nothing moves until somebody asks for it: a key, HTTP, or another way
+    /// of docs/control.md. The simulated scene and recordings play what their script asks for, unless a real gripper could move.
+    #[arg(id = "run.hold", long = "hold")]
+    pub hold: bool,
+
     /// Stop after this many seconds. By default never on a terminal, and after one round of the scene (12 s) elsewhere.
     /// Example: 60.0
     #[arg(id = "run.seconds", long = "seconds", value_name = "S", value_parser = number_in(0.1..=LONGEST_RUN_S))]
@@ -138,6 +143,11 @@ pub struct Settings {
     /// served. Example: "127.0.0.1:9617"
     #[arg(id = "serve.listen", long = "serve", value_name = "ADDRESS:PORT", value_parser = address)]
     pub serve: Option<SocketAddr>,
+
+    /// The file with the token that requests over HTTP bear. By default gripline/token in the state folder; it is made when it is not
+    /// there. Example: "/etc/gripline/token"
+    #[arg(id = "serve.token_file", long = "token-file", value_name = "FILE")]
+    pub token_file: Option<PathBuf>,
 
     /// Publish every frame over zenoh under gripline/NAME, so that many grippers report to one place (docs/zenoh.md; needs a
     /// gripline built with --features zenoh). By default nothing is published. Example: "cell-3/left"

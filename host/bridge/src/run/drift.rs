@@ -1,6 +1,6 @@
 //! Whether the untouched fingertip still looks as it did when the run began: camera or gel may have moved, lamps dimmed, a dent may stay.
-//! Looked at once a minute while nothing touches, in a thread of its own; a run only warns, because pictures at rest are taken anew only
-//! when it starts. Times in seconds of the pictures' clock. Limit: what is so far off that the gate sees a touch is not looked at.
+//! Looked at once a minute while nothing touches, in a thread of its own; a run only warns: pictures at rest are taken anew
+//! when it starts, or when somebody asks for it. Times in seconds of the pictures' clock. Limit: what is so far off that the gate sees a touch is not looked at.
 
 use std::sync::Arc;
 use std::thread::{self, JoinHandle};
@@ -34,7 +34,7 @@ impl DriftWatch {
     }
 
     /// Of a fingertip that looked like this at rest.
-    fn new(rest: &[Vec<u8>]) -> Self {
+    pub(super) fn new(rest: &[Vec<u8>]) -> Self {
         Self {
             rest: Arc::new(mean(rest)),
             untouched_since_s: None,

@@ -81,7 +81,7 @@ impl Dice {
 struct Shot {
     file: Vec<u8>,
     crop: Vec<u8>,
-    wish: GripMode,
+    wish: Option<GripMode>,
 }
 
 /// One round of the simulated scene, twenty pictures a second.

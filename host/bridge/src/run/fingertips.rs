@@ -1,7 +1,11 @@
 //! The fingertips of a run, one or two: where the pictures of each come from and what makes maps of them. Who is asked next.
 
+use std::sync::Arc;
+
+use gripline_evaluation::calibration::surface::{Figures, mean};
 use gripline_firmware::sums::TaxelRule;
 use gripline_network::Network;
+use gripline_network::scene::GateKind;
 use gripline_protocol::SENSORS;
 use gripline_protocol::message::GripMode;
 use gripline_simulation::constants::REST_PICTURES;
@@ -24,6 +28,8 @@ pub(super) struct Open {
     source: Frames,
     /// 440×440 grey levels each.
     pub rest: Vec<Vec<u8>>,
+    /// Where rest pictures of this camera are kept.
+    store: Option<Store>,
 }
 
 /// Opens the source of each fingertip.
@@ -52,11 +58,16 @@ pub(super) fn at_rest(
     for (place, mut opened) in opened.into_iter().enumerate() {
         let calibration = calibrations[place].as_ref();
         let calibrated = calibration.map(Calibration::rest_pictures).transpose()?;
+        let store = match &opened.pictures {
+            Frames::Camera(camera) => {
+                let source = sources[place].map_or_else(String::new, ToString::to_string);
+                Store::of(&source, camera.name(), place)
+            }
+            _ => None,
+        };
         let rest = match (calibrated.flatten(), &opened.pictures) {
             (Some(rest), _) => rest,
-            (None, Frames::Camera(camera)) => {
-                let source = sources[place].map_or_else(String::new, ToString::to_string);
-                let store = Store::of(&source, camera.name(), place);
+            (None, Frames::Camera(_)) => {
                 let is_holding = is_holding(session)?;
                 rest::at_start(
                     opened.rest(REST_PICTURES.into())?.crops,
@@ -70,6 +81,7 @@ pub(super) fn at_rest(
         looked.push(Open {
             source: opened.pictures,
             rest,
+            store,
         });
     }
     Ok(looked)
@@ -86,6 +98,9 @@ fn is_holding(session: &mut Session) -> Result<bool, Failure> {
 struct Fingertip {
     source: Frames,
     pipeline: Pipeline,
+    /// Mean of the rest pictures.
+    rest: Arc<Vec<u8>>,
+    store: Option<Store>,
 }
 
 /// All of them; at least one.
@@ -93,6 +108,9 @@ pub(super) struct Fingertips {
     all: Vec<Fingertip>,
     /// Whose turn it is.
     next: usize,
+    network: Network,
+    gate: GateKind,
+    rule: TaxelRule,
 }
 
 /// What the fingertips have to give.
@@ -111,10 +129,15 @@ impl Fingertips {
         let at_work = |open: Open| Fingertip {
             source: open.source,
             pipeline: Pipeline::new(network.clone(), &open.rest, wanted.gate, rule),
+            rest: Arc::new(mean(&open.rest)),
+            store: open.store,
         };
         Self {
             all: opened.into_iter().map(at_work).collect(),
             next: 0,
+            network: network.clone(),
+            gate: wanted.gate,
+            rule,
         }
     }
 
@@ -139,6 +162,30 @@ impl Fingertips {
     /// What makes maps of this fingertip's pictures.
     pub(super) fn pipeline(&mut self, sensor: u8) -> &mut Pipeline {
         &mut self.all[usize::from(sensor) % SENSORS].pipeline
+    }
+
+    /// Mean of each one's rest pictures.
+    pub(super) fn rest_means(&self) -> Vec<Arc<Vec<u8>>> {
+        self.all.iter().map(|tip| Arc::clone(&tip.rest)).collect()
+    }
+
+    /// This fingertip at rest looks like this from now on; a camera's pictures are kept for the next start.
+    pub(super) fn rest_anew(&mut self, sensor: u8, rest: &[Vec<u8>], figures: &Figures) {
+        let tip = &mut self.all[usize::from(sensor) % SENSORS];
+        tip.pipeline = Pipeline::new(self.network.clone(), rest, self.gate, self.rule);
+        tip.rest = Arc::new(mean(rest));
+        if let Some(store) = &tip.store {
+            store.keep(rest, figures);
+        }
+    }
+
+    /// How many there are whose pictures can be taken anew: all or none.
+    pub(super) fn to_rezero(&self) -> usize {
+        if self.are_live() || self.are_simulated() {
+            self.all.len()
+        } else {
+            0
+        }
     }
 
     /// Whether the pictures come when they come.

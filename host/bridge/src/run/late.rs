@@ -83,7 +83,7 @@ fn a_map_that_is_too_old_to_be_sent_is_dropped_and_the_next_one_takes_its_number
     let crop = scene.source.next(2.5).unwrap().crop;
     let at = |until_us| FrameRequest {
         sensor: 0,
-        mode: GripMode::Hold,
+        mode: Some(GripMode::Hold),
         age_us: 0,
         motion: Motion::UNKNOWN,
         decode_us: 0.0,

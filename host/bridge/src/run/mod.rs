@@ -14,10 +14,13 @@ mod late;
 mod output;
 pub(crate) mod realtime;
 mod report;
+mod requests;
+mod rezero;
 mod settings;
 mod stats;
 mod summary;
 mod tally;
+mod terminal;
 #[cfg(test)]
 mod two_fingertips;
 mod under_way;
@@ -29,6 +32,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use clap::Args;
+use gripline_control::channel;
 use gripline_firmware::sums::TaxelRule;
 use gripline_network::{Architecture, Network};
 use gripline_protocol::message::Configuration;
@@ -39,10 +43,13 @@ use self::drift::DriftWatch;
 use self::evidence::RestSource;
 use self::fingertips::{Fingertips, Looked};
 use self::output::{Output, Wish};
+use self::requests::Requests;
 use self::settings::{
     about, as_many_fingertips, calibrated_fingertips, calibrated_friction, floor, tell_of_another_line,
+    unasked,
 };
 use self::summary::FingertipSummary;
+use self::terminal::Terminal;
 use self::under_way::{Clock, Run};
 use crate::config::{Overrides, Settings};
 use crate::error::{Completion, Failure};
@@ -137,6 +144,9 @@ pub fn run(args: &RunArgs) -> Result<Completion, Failure> {
 
     let clock = Clock::of(fingertips.are_live(), wanted.unpaced);
     let mut run = Run::new(session, clock, pictures_per_second);
+    let (control, inbox) = channel();
+    let mut terminal = Terminal::new(control.clone())?;
+    run.requests = Requests::new(inbox, unasked(&wanted), fingertips.to_rezero());
     run.summary.fingertips = [Some(&wanted.source), wanted.second_source.as_ref()]
         .into_iter()
         .flatten()
@@ -166,6 +176,7 @@ pub fn run(args: &RunArgs) -> Result<Completion, Failure> {
         &mut fingertips,
         &mut output,
         &log,
+        &mut terminal,
         (seconds, &is_wanted),
     )?;
     let counts = fingertips.counts();
@@ -229,6 +240,7 @@ fn play(
     fingertips: &mut Fingertips,
     output: &mut Output,
     log: &Collector,
+    terminal: &mut Terminal,
     (seconds, is_wanted): (Option<f64>, &dyn Fn() -> bool),
 ) -> Result<(), Failure> {
     while is_wanted() && seconds.is_none_or(|seconds| !run.is_over(seconds)) {
@@ -244,6 +256,10 @@ fn play(
             }
             Looked::End => Wish::Stop,
         };
+        run.look_after_rezero(fingertips)?;
+        if run.settings_changed() {
+            output.limits(Limits::of(run.control.session.settings()));
+        }
         run.look_after_the_pictures(&fingertips.counts());
         for line in log.take() {
             run.record_line(&line);
@@ -251,7 +267,7 @@ fn play(
         }
         match wish {
             Wish::GoOn => {}
-            Wish::Acknowledge => run.acknowledge()?,
+            Wish::Ask(keys) => keys.into_iter().for_each(|key| terminal.ask(key)),
             Wish::Stop => break,
         }
     }

@@ -5,7 +5,7 @@ use std::io::{self, ErrorKind, IsTerminal, Write};
 
 use super::summary::{Summary, summary_text};
 use crate::error::Failure;
-use crate::view::{Pressed, Screen, View};
+use crate::view::{Key, Screen, View};
 use crate::writer::{WhenFull, Writer};
 use gripline_recording::telemetry::{FrameReport, Limits};
 
@@ -13,8 +13,8 @@ use gripline_recording::telemetry::{FrameReport, Limits};
 #[derive(Debug, PartialEq, Eq)]
 pub(super) enum Wish {
     GoOn,
-    /// The latched faults are seen.
-    Acknowledge,
+    /// What was asked for with keys.
+    Ask(Vec<Key>),
     Stop,
 }
 
@@ -38,6 +38,7 @@ pub(super) enum Output {
 pub(super) enum Shown {
     Frame(Box<(FrameReport, [[f32; 3]; 400])>),
     Line(String),
+    Limits(Limits),
 }
 
 impl Output {
@@ -67,6 +68,10 @@ impl Output {
                         if frame.0.frame.is_multiple_of(2) {
                             screen.draw(&view)?;
                         }
+                        Ok(())
+                    }
+                    Shown::Limits(limits) => {
+                        view.limit(limits);
                         Ok(())
                     }
                     Shown::Line(line) => {
@@ -124,6 +129,13 @@ impl Output {
         }
     }
 
+    /// The settings are others from now on.
+    pub(super) fn limits(&mut self, limits: Limits) {
+        if let Self::Live(out) = self {
+            out.offer(Shown::Limits(limits));
+        }
+    }
+
     /// Lines or pictures of the view that were left out because nobody took them in time.
     pub(super) const fn dropped(&self) -> u64 {
         match self {
@@ -163,10 +175,13 @@ const fn wanted(is_wanted: bool) -> Wish {
 
 /// What was pressed: read here, so that a terminal that takes nothing can still be told to stop.
 fn pressed() -> Result<Wish, Failure> {
-    Ok(match Screen::pressed().map_err(terminal_failed)? {
-        Pressed::Nothing => Wish::GoOn,
-        Pressed::Acknowledge => Wish::Acknowledge,
-        Pressed::Quit => Wish::Stop,
+    let keys = Screen::pressed().map_err(terminal_failed)?;
+    Ok(if keys.contains(&Key::Quit) {
+        Wish::Stop
+    } else if keys.is_empty() {
+        Wish::GoOn
+    } else {
+        Wish::Ask(keys)
     })
 }
 

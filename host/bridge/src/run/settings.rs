@@ -5,14 +5,27 @@ use gripline_network::{InstructionSet, Network};
 use gripline_protocol::message::{Configuration, FingertipGeometry};
 use gripline_protocol::{LSB_PER_NEWTON, PER_UNIT, SENSORS};
 
+use super::requests::Unasked;
 use crate::calibration::{Calibration, with_points};
 use crate::config::{Settings, settings_text};
 use crate::error::Failure;
 use crate::source::Source;
+use gripline_link::Target;
 use gripline_link::session::Session;
 use gripline_pipeline::SCENE_INITIAL_GRIP_N;
 use gripline_pipeline::pipeline::fingerprint;
 use gripline_recording::Metadata;
+
+/// What may move the gripper without being asked for from outside: nothing, but for a script where no real gripper can move, and what
+/// `--hold` says.
+pub(super) const fn unasked(wanted: &Settings) -> Unasked {
+    let is_real = matches!(wanted.mcu, Target::Serial(_) | Target::Usb(_));
+    let has_script = matches!(wanted.source, Source::Simulated | Source::Recording(_));
+    Unasked {
+        hold: wanted.hold,
+        script: has_script && (wanted.hold || !is_real),
+    }
+}
 
 /// Every fingertip that the microcontroller waits for must have a source, or its maps would be stale from the start.
 pub(super) fn as_many_fingertips(

@@ -1,17 +1,17 @@
 //! A run under way: what one frame is, what goes on between frames, and what a person is told.
 
 use std::ops::Add as _;
-use std::thread;
 use std::time::{Duration, Instant};
 
 use gripline_protocol::Motion;
-use gripline_protocol::message::{Command, Refusal};
+
+use gripline_control::channel;
 
 use super::drift::DriftWatch;
 use super::report::{faults_of, image, report_of};
+use super::requests::{Requests, Unasked};
 use super::summary::Summary;
 use super::usage;
-use crate::commands::faults::names;
 use crate::error::Failure;
 use crate::live::fleet::Fleet;
 use crate::live::{Live, QUANTILES};
@@ -22,7 +22,6 @@ use gripline_link::session::Session;
 use gripline_network::scene::GateDecision;
 use gripline_pipeline::control_loop::{ControlLoop, FrameRequest, Late, Lateness};
 use gripline_pipeline::pipeline::Pipeline;
-use gripline_pipeline::{Acknowledgement, Acknowledging};
 use gripline_recording::telemetry::{FrameReport, STAGES};
 use gripline_recording::{Frame, Pictures, Recorder};
 
@@ -75,8 +74,8 @@ pub(super) struct Run {
     pub(super) presence: (u32, bool),
     /// What watches the untouched fingertips of cameras.
     pub(super) drift: Vec<DriftWatch>,
-    /// Faults that a person has looked at, until the device confirms it.
-    pub(super) acknowledging: Option<Acknowledgement>,
+    /// What is asked for from outside.
+    pub(super) requests: Requests,
     /// What a person should know now.
     pub(super) summary: Summary,
 }
@@ -103,7 +102,7 @@ impl Run {
             pictures_lost: [0; 3],
             presence: (0, false),
             drift: Vec::new(),
-            acknowledging: None,
+            requests: Requests::new(channel().1, Unasked::SCRIPT, 0),
         }
     }
 
@@ -147,9 +146,12 @@ impl Run {
             // Elsewhere pictures are of the moment at which they are asked for.
             Clock::Wall | Clock::None => (0, picture.decode_us),
         };
+        self.requests.scripted(picture.wish);
+        self.look_after_requests()?;
+        let mode = self.requests.mode();
         let request = FrameRequest {
             sensor,
-            mode: picture.wish,
+            mode,
             age_us,
             // Particles in the gel move with it: they say nothing of the object's own motion.
             motion: Motion::UNKNOWN,
@@ -160,35 +162,27 @@ impl Run {
         let outcome = self.control.frame(pipeline, &picture.crop, lateness, request)?;
         self.count(&outcome);
         self.look_after_the_link();
-        self.look_after_the_acknowledgement()?;
+        self.settle_requests()?;
         let is_untouched = outcome.gate == GateDecision::NoContact && outcome.late.is_none();
         let watch = self.drift.get_mut(usize::from(sensor));
         if let Some(warning) = watch.and_then(|watch| watch.look(t_s, is_untouched, &picture.crop)) {
             tracing::warn!("fingertip {}: {warning}", sensor + 1);
         }
-        if let Some(refusal) = self.control.session.take_refusal() {
-            self.summary.commands_refused += 1;
-            self.summary.last_refusal = Some(format!("{refusal:?}"));
-            if refusal == Refusal::NoHandshake {
-                // It restarted and did not take up what is still wanted.
-                self.control.request_again();
-            }
-            self.control.refused(refusal);
-        }
-        if let Some(why) = self.control.take_unconfirmed() {
-            self.summary.requests_unconfirmed += 1;
-            tracing::warn!("{why}");
+        if let Some(rezero) = self.requests.rezero() {
+            rezero.look(sensor, &picture.crop);
         }
         let fingertips = &self.control.session.settings().fingertips;
+        let host_faults = faults_of(&self.control.session);
         let report = report_of(
             (self.frame, t_s),
             &outcome,
             fingertips,
             picture.truth,
-            &faults_of(&self.control.session),
+            &host_faults,
         );
         self.observe(&report, &outcome.status);
         self.publish(&report);
+        self.publish_status(&report, &host_faults);
         if let Some(fleet) = &mut self.fleet {
             fleet.publish(&report);
         }
@@ -199,7 +193,8 @@ impl Run {
                 capture_us: outcome.capture_us,
                 begun_us: outcome.begun_us,
                 until_us,
-                requested_mode: picture.wish,
+                requested_mode: mode,
+                floor_lsb: self.control.session.settings().floor,
                 health_bits: outcome.health.bits(),
                 motion_bits: outcome.motion.bits(),
                 wire: outcome.status,
@@ -210,7 +205,7 @@ impl Run {
             });
         }
         if self.clock == Clock::Wall {
-            self.wait_for_the_clock();
+            self.wait_for_the_clock()?;
         }
         self.frame += 1;
         self.t_s = report.t_s;
@@ -257,56 +252,6 @@ impl Run {
         self.presence = now;
     }
 
-    /// Somebody has looked at the latched faults that are shown.
-    pub(super) fn acknowledge(&mut self) -> Result<(), Failure> {
-        let session = &self.control.session;
-        let latched = session.status().map_or(0, |status| status.latched);
-        if latched == 0 {
-            return Ok(());
-        }
-        self.acknowledging = Some(Acknowledgement::new(latched, session.now_us()));
-        self.look_after_the_acknowledgement()
-    }
-
-    /// What was acknowledged is said until the microcontroller confirms it.
-    fn look_after_the_acknowledgement(&mut self) -> Result<(), Failure> {
-        let Some(mut asked) = self.acknowledging.take() else {
-            return Ok(());
-        };
-        let session = &mut self.control.session;
-        let now_us = session.now_us();
-        let listed = |faults: u32| names(faults).join(", ");
-        match asked.step(now_us, (session.status(), session.status_age_us())) {
-            Acknowledging::Send => {
-                let command = Command::Acknowledge {
-                    faults: asked.faults(),
-                };
-                let was_taken = session.command(command)?;
-                asked.sent(now_us, was_taken);
-                self.acknowledging = Some(asked);
-            }
-            Acknowledging::Wait => self.acknowledging = Some(asked),
-            Acknowledging::Done => {
-                // Of what was refused meanwhile, a release, the gripper is told anew.
-                self.control.request_again();
-                tracing::info!("acknowledged: {}", listed(asked.faults()));
-            }
-            Acknowledging::StillLatched(latched, 0) => tracing::warn!(
-                "not acknowledged: found {} still latched, expected none; acknowledge again",
-                listed(latched)
-            ),
-            Acknowledging::StillLatched(latched, active) => tracing::warn!(
-                "not acknowledged: found {} still latched because {} is still there, expected it gone; mend that first, see `gripline faults`",
-                listed(latched),
-                listed(active)
-            ),
-            Acknowledging::NoStatus => tracing::warn!(
-                "not acknowledged: no status came, expected one; check cable and power and acknowledge again"
-            ),
-        }
-        Ok(())
-    }
-
     /// The recording keeps a log line.
     pub(super) fn record_line(&self, line: &str) {
         if let Some(recorder) = &self.recorder {
@@ -320,10 +265,11 @@ impl Run {
 
     /// There is no picture: the link goes on living.
     pub(super) fn idle(&mut self) -> Result<(), Failure> {
+        self.look_after_requests()?;
         let now_us = self.elapsed_us();
         self.control.idle(now_us)?;
         self.look_after_the_link();
-        self.look_after_the_acknowledgement()
+        self.settle_requests()
     }
 
     /// Whether it has lasted so long.
@@ -367,8 +313,13 @@ impl Run {
         self.started + Duration::from_secs_f64(frame as f64 / self.frames_per_second)
     }
 
-    /// Waits until the next frame is due; a link that waits for the wall clock itself leaves nothing to wait for.
-    fn wait_for_the_clock(&self) {
-        thread::sleep(self.due(self.frame + 1).saturating_duration_since(Instant::now()));
+    /// Waits until the next frame is due; what is asked for meanwhile is done at once. A link that waits for the wall clock itself
+    /// leaves nothing to wait for.
+    fn wait_for_the_clock(&mut self) -> Result<(), Failure> {
+        let due = self.due(self.frame + 1);
+        while let Some(asked) = self.requests.next_until(due) {
+            self.take_request(asked)?;
+        }
+        Ok(())
     }
 }

@@ -104,7 +104,7 @@ pub struct Picture {
     /// What the simulated world knows.
     pub truth: Option<Truth>,
     /// What is wanted of the gripper.
-    pub wish: GripMode,
+    pub wish: Option<GripMode>,
 }
 
 /// What a source has to give.
@@ -307,12 +307,12 @@ impl Frames {
             Self::Simulated(source) => Taken::Picture(source.next(line_n)?),
             Self::Camera(camera) => camera.next(patience)?.map_or(Taken::NotYet, |frame| {
                 let times = [frame.received_at, frame.taken_at];
-                taken(frame.crop, times, frame.decode_us, GripMode::Hold)
+                taken(frame.crop, times, frame.decode_us, None)
             }),
             Self::Files(frames) => {
                 let came = Instant::now();
                 frames.next_picture().map_or(Taken::End, |(crop, decode_us)| {
-                    taken(crop, [came; 2], decode_us, GripMode::Hold)
+                    taken(crop, [came; 2], decode_us, None)
                 })
             }
             Self::Recording(frames) => match frames.next()? {
@@ -402,11 +402,11 @@ impl SimulatedSource {
                 gross_slip: frame.gross_slip,
                 slip_mm: frame.slip_mm,
             }),
-            wish: if frame.phase == "release" {
+            wish: Some(if frame.phase == "release" {
                 GripMode::Released
             } else {
                 GripMode::Hold
-            },
+            }),
         })
     }
 }

@@ -54,7 +54,7 @@ impl RecordedFrames {
     ///
     /// # Errors
     /// [`Failure`] when the file cannot be read.
-    pub(super) fn next(&mut self) -> Result<Option<(Vec<u8>, GripMode)>, Failure> {
+    pub(super) fn next(&mut self) -> Result<Option<(Vec<u8>, Option<GripMode>)>, Failure> {
         while let Some(frame) = self.reader.next_frame()? {
             if usize::from(frame.status.sensor) != self.fingertip {
                 continue;

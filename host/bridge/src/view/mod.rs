@@ -20,7 +20,7 @@ use ratatui::layout::{Constraint, Layout, Rect};
 use ratatui::style::Style;
 use ratatui::widgets::{Paragraph, Widget, Wrap};
 
-pub use screen::{Pressed, Screen};
+pub use screen::{Key, Screen};
 
 use self::heat_map::HeatMap;
 use self::history::History;
@@ -58,6 +58,11 @@ impl View {
             newest: [None, None],
             note: String::new(),
         }
+    }
+
+    /// The settings are others from now on.
+    pub const fn limit(&mut self, limits: Limits) {
+        self.limits = limits;
     }
 
     /// Takes one frame: its report and the map that was sent, newtons, 400 taxels row-major, `[fx, fy, fz]`.

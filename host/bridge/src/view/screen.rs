@@ -27,14 +27,26 @@ const FRAME_BYTES: usize = 1 << 16;
 static TAKEN: AtomicBool = AtomicBool::new(false);
 static PANIC_HOOK: Once = Once::new();
 
-/// What keys ask for; of several the last of these.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Pressed {
-    /// Nothing.
-    Nothing,
-    /// To acknowledge the latched faults that are shown.
+/// What a key asks for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Key {
+    /// `h`: close and hold.
+    Hold,
+    /// `r`: open.
+    Release,
+    /// `a`: the latched faults that are shown have been looked at.
     Acknowledge,
-    /// To end the run.
+    /// `z`: take new rest pictures.
+    Rezero,
+    /// `+`: more least force.
+    RaiseFloor,
+    /// `-`: less least force.
+    LowerFloor,
+    /// `t`: own the gripper from now on.
+    TakeOver,
+    /// `y`: own it no longer.
+    Yield,
+    /// `q`, Esc or Ctrl-C: end the run.
     Quit,
 }
 
@@ -104,14 +116,14 @@ impl Screen {
     ///
     /// # Errors
     /// Reading the keys failed.
-    pub fn pressed() -> Result<Pressed, io::Error> {
-        let mut pressed = Pressed::Nothing;
+    pub fn pressed() -> Result<Vec<Key>, io::Error> {
+        let mut keys = Vec::new();
         while event::poll(Duration::ZERO)? {
             if let Event::Key(key) = event::read()? {
-                pressed = pressed.max(meaning(key));
+                keys.extend(meaning(key));
             }
         }
-        Ok(pressed)
+        Ok(keys)
     }
 }
 
@@ -140,15 +152,23 @@ fn give_back() {
     }
 }
 
-fn meaning(key: KeyEvent) -> Pressed {
+fn meaning(key: KeyEvent) -> Option<Key> {
     if key.kind == KeyEventKind::Release {
-        return Pressed::Nothing;
+        return None;
     }
     match (key.code, key.modifiers.contains(KeyModifiers::CONTROL)) {
-        (KeyCode::Esc, _) | (KeyCode::Char('q'), false) | (KeyCode::Char('c'), true) => Pressed::Quit,
+        (KeyCode::Esc, _) | (KeyCode::Char('q'), false) | (KeyCode::Char('c'), true) => Some(Key::Quit),
         // A key that is held down repeats: that is nobody who looks.
-        (KeyCode::Char('a'), false) if key.kind == KeyEventKind::Press => Pressed::Acknowledge,
-        _ => Pressed::Nothing,
+        _ if key.kind != KeyEventKind::Press => None,
+        (KeyCode::Char('h'), false) => Some(Key::Hold),
+        (KeyCode::Char('r'), false) => Some(Key::Release),
+        (KeyCode::Char('a'), false) => Some(Key::Acknowledge),
+        (KeyCode::Char('z'), false) => Some(Key::Rezero),
+        (KeyCode::Char('+'), false) => Some(Key::RaiseFloor),
+        (KeyCode::Char('-'), false) => Some(Key::LowerFloor),
+        (KeyCode::Char('t'), false) => Some(Key::TakeOver),
+        (KeyCode::Char('y'), false) => Some(Key::Yield),
+        _ => None,
     }
 }
 
@@ -162,8 +182,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_the_documented_keys_quit_and_only_a_acknowledges() {
-        let key = |code, modifiers| meaning(KeyEvent::new(code, modifiers)) == Pressed::Quit;
+    fn only_the_documented_keys_quit_or_ask_and_only_when_they_are_pressed() {
+        let key = |code, modifiers| meaning(KeyEvent::new(code, modifiers)) == Some(Key::Quit);
         assert!(key(KeyCode::Char('q'), KeyModifiers::NONE));
         assert!(key(KeyCode::Esc, KeyModifiers::NONE));
         assert!(key(KeyCode::Char('c'), KeyModifiers::CONTROL));
@@ -171,11 +191,23 @@ mod tests {
         assert!(!key(KeyCode::Char('q'), KeyModifiers::CONTROL));
         assert!(!key(KeyCode::Enter, KeyModifiers::NONE));
         let release = KeyEvent::new_with_kind(KeyCode::Char('q'), KeyModifiers::NONE, KeyEventKind::Release);
-        assert_eq!(meaning(release), Pressed::Nothing);
-        let a = |modifiers, kind| meaning(KeyEvent::new_with_kind(KeyCode::Char('a'), modifiers, kind));
-        assert_eq!(a(KeyModifiers::NONE, KeyEventKind::Press), Pressed::Acknowledge);
-        assert_eq!(a(KeyModifiers::NONE, KeyEventKind::Repeat), Pressed::Nothing);
-        assert_eq!(a(KeyModifiers::CONTROL, KeyEventKind::Press), Pressed::Nothing);
+        assert_eq!(meaning(release), None);
+        for (letter, expected) in [
+            ('h', Key::Hold),
+            ('r', Key::Release),
+            ('a', Key::Acknowledge),
+            ('z', Key::Rezero),
+            ('+', Key::RaiseFloor),
+            ('-', Key::LowerFloor),
+            ('t', Key::TakeOver),
+            ('y', Key::Yield),
+        ] {
+            let it =
+                |modifiers, kind| meaning(KeyEvent::new_with_kind(KeyCode::Char(letter), modifiers, kind));
+            assert_eq!(it(KeyModifiers::NONE, KeyEventKind::Press), Some(expected));
+            assert_eq!(it(KeyModifiers::NONE, KeyEventKind::Repeat), None);
+            assert_eq!(it(KeyModifiers::CONTROL, KeyEventKind::Press), None);
+        }
     }
 
     #[test]

@@ -168,6 +168,26 @@ impl Session {
         Ok(())
     }
 
+    /// Offers settings without waiting for the answer, which [`Self::taken`] tells. Returns whether the link took them.
+    ///
+    /// # Errors
+    /// [`SessionError`] when the link is gone for good.
+    pub fn offer(&mut self, settings: Configuration) -> Result<bool, SessionError> {
+        self.inbox.configuration = None;
+        self.inbox.settings_refused = false;
+        self.command(Command::Configure(settings))
+    }
+
+    /// Whether the microcontroller took the settings that were offered; `None` as long as it says nothing.
+    pub fn taken(&mut self, settings: &Configuration) -> Option<bool> {
+        if self.inbox.configuration == Some(*settings) {
+            self.take_settings();
+            self.are_ours = true;
+            return Some(true);
+        }
+        self.inbox.settings_refused.then_some(false)
+    }
+
     /// Has the microcontroller keep the settings in force over a power cycle. Returns how often it has stored some.
     ///
     /// # Errors

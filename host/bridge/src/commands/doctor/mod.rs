@@ -16,12 +16,12 @@ use serde_json::json;
 
 use self::judge::{Finding, Level};
 use crate::calibration::{Calibration, with_points};
-use crate::commands::faults::names as fault_names;
 use crate::config::{Overrides, Settings};
 use crate::error::{Completion, Failure};
 use crate::run::realtime;
 use crate::source::{AtRest, SimulatedSource, Source, SourceSettings};
 use gripline_capture::clip::ffmpeg_version;
+use gripline_control::names as fault_names;
 use gripline_evaluation::calibration::surface::{Change, Figures, mean};
 use gripline_link::Target;
 use gripline_link::session::Session;

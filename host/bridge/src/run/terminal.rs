@@ -1,0 +1,56 @@
+//! Requests from the keys of the terminal view: one client among others, which takes the gripper over with a key of its own.
+
+use std::time::{SystemTime, UNIX_EPOCH};
+
+use gripline_control::{Action, Client, Handle, Request};
+
+use crate::error::Failure;
+use crate::view::Key;
+
+/// By how much a key moves the least force, newtons.
+const FLOOR_STEP_N: f64 = 0.5;
+
+/// The person at the terminal.
+pub(super) struct Terminal {
+    control: Handle,
+    client: Client,
+    number: u64,
+}
+
+impl Terminal {
+    /// # Errors
+    /// [`Failure`] never: the name is a good one.
+    pub(super) fn new(control: Handle) -> Result<Self, Failure> {
+        let started = SystemTime::now().duration_since(UNIX_EPOCH);
+        Ok(Self {
+            control,
+            client: "terminal".parse().map_err(Failure::failed)?,
+            number: started.map_or(0, |time| time.as_nanos() as u64),
+        })
+    }
+
+    /// Asks for what a key stands for. The answer goes to the log, which the view shows.
+    pub(super) fn ask(&mut self, key: Key) {
+        let floor = |step_n: f64| Action::SetFloor {
+            newtons: (self.control.status().floor_n + step_n).max(0.0),
+        };
+        let action = match key {
+            Key::Hold => Action::Hold,
+            Key::Release => Action::Release,
+            Key::Acknowledge => Action::Acknowledge,
+            Key::Rezero => Action::Rezero,
+            Key::RaiseFloor => floor(FLOOR_STEP_N),
+            Key::LowerFloor => floor(-FLOOR_STEP_N),
+            Key::TakeOver => Action::TakeOver,
+            Key::Yield => Action::Yield,
+            Key::Quit => return,
+        };
+        self.number += 1;
+        self.control.tell(&Request {
+            client: self.client.clone(),
+            number: self.number,
+            action,
+            take_over: false,
+        });
+    }
+}
