@@ -6,6 +6,7 @@
 
 pub(crate) mod fleet;
 mod metrics;
+pub(crate) mod ros2;
 
 use std::io::{self, BufRead, BufReader, Read, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream};
