@@ -60,7 +60,11 @@ fn faults(namespace: &Namespace, status: &StatusReport) -> DiagnosticStatus {
         let latched = if fault.latched { "latched, " } else { "" };
         (
             fault.name,
-            format!("{latched}{}: {}", if fault.active { "there" } else { "over" }, fault.what_to_do),
+            format!(
+                "{latched}{}: {}",
+                if fault.active { "there" } else { "over" },
+                fault.what_to_do
+            ),
         )
     });
     let host = status

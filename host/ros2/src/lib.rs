@@ -6,10 +6,12 @@
 #![forbid(unsafe_code)]
 
 mod diagnostics;
+mod error;
 mod mailbox;
 mod node;
 mod publisher;
 mod services;
 mod types;
 
-pub use self::node::{Ros2Error, Ros2Node, Settings};
+pub use self::error::Ros2Error;
+pub use self::node::{Ros2Node, Settings};

@@ -1,17 +1,17 @@
 //! The node: joins a domain, offers topics and services, and hands frames to the publishing thread.
 
-use std::fmt;
 use std::net::Ipv4Addr;
 use std::sync::Arc;
 use std::thread::{self, JoinHandle};
 
 use gripline_control::Handle;
 use gripline_recording::ros2::{Namespace, Range, Rmw, Sample};
-use ros2_client::qos::{Durability, History, QosProfile, WhenFull};
 use ros2_client::dds::rustdds::DomainParticipantBuilder;
+use ros2_client::qos::{Durability, History, QosProfile, WhenFull};
 use ros2_client::{Context, MessageTypeName, Name, Node, NodeName, NodeOptions, Publisher as Topic};
 use serde::Serialize;
 
+use crate::error::Ros2Error;
 use crate::mailbox::Mailbox;
 use crate::publisher::{FingertipTopics, Publisher};
 use crate::services::{self, Services};
@@ -34,26 +34,6 @@ pub struct Settings {
     pub control: bool,
     /// Fingertips, 1 or 2.
     pub fingertips: u8,
-}
-
-/// Something that ROS 2 or the system refused.
-#[derive(Debug, thiserror::Error)]
-#[error(
-    "ROS 2, {what}: {why}, expected a DDS domain and a network that this machine can use: see ros2.domain and ros2.range"
-)]
-pub struct Ros2Error {
-    what: String,
-    why: String,
-}
-
-impl Ros2Error {
-    pub(crate) fn of<E: fmt::Display>(kind: &str, name: &str) -> impl Fn(E) -> Self {
-        let what = format!("{kind} {name}");
-        move |error| Self {
-            what: what.clone(),
-            why: error.to_string(),
-        }
-    }
 }
 
 /// A node, as long as the run lives.
@@ -93,7 +73,12 @@ impl Ros2Node {
             let name = |topic: &str| namespace.fingertip_topic(fingertip, topic);
             let sensor = sensor_data();
             Ok(FingertipTopics {
-                wrench: topic(&mut node, &name("wrench"), ("geometry_msgs", "WrenchStamped"), &sensor)?,
+                wrench: topic(
+                    &mut node,
+                    &name("wrench"),
+                    ("geometry_msgs", "WrenchStamped"),
+                    &sensor,
+                )?,
                 force_map: topic(&mut node, &name("force_map"), ("sensor_msgs", "Image"), &sensor)?,
                 slip: topic(&mut node, &name("slip"), ("gripline_msgs", "Slip"), &sensor)?,
             })

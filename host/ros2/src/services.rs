@@ -14,7 +14,7 @@ use gripline_recording::ros2::{Namespace, Rmw};
 use ros2_client::qos::{History, QosProfile};
 use ros2_client::{Name, Node, Server, ServiceMapping, ServiceTypeName};
 
-use crate::node::Ros2Error;
+use crate::error::Ros2Error;
 use crate::types::{Ask, ControlRequest, Response, SetFloorRequest};
 
 /// Requests that wait for a service.

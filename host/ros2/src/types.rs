@@ -112,11 +112,7 @@ impl From<&Answer> for Response {
             done: answer.is_done(),
             why: answer.why().map_or("", Why::name).to_owned(),
             message: answer.to_string(),
-            owner: answer
-                .owner
-                .as_ref()
-                .map_or("", |owner| owner.name())
-                .to_owned(),
+            owner: answer.owner.as_ref().map_or("", |owner| owner.name()).to_owned(),
             took: answer.took_ms / 1e3,
             client: answer.client.to_string(),
             request: answer.number,

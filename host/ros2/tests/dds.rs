@@ -186,10 +186,7 @@ fn another_dds_reads_every_value_and_the_time_of_capture() {
         + 1_000_000_000 * (wrench["header"]["stamp"]["sec"].as_u64().unwrap() - 1_700_000_000))
         / 16_000_000;
     assert_eq!(wrench["header"]["frame_id"], json!(name.frame_id(1)));
-    for (vector, expected) in [
-        ("force", [1.0, -0.5, -2.0]),
-        ("torque", [0.0208, 0.008, 0.0084]),
-    ] {
+    for (vector, expected) in [("force", [1.0, -0.5, -2.0]), ("torque", [0.0208, 0.008, 0.0084])] {
         for (axis, expected) in ["x", "y", "z"].into_iter().zip(expected) {
             let found = wrench["wrench"][vector][axis].as_f64().unwrap();
             assert!((found - expected).abs() < 1e-12, "{vector} {axis}: {found}");
@@ -204,7 +201,13 @@ fn another_dds_reads_every_value_and_the_time_of_capture() {
     };
     let map = same(&maps).expect("the map of the same frame");
     assert_eq!(
-        [&map["height"], &map["width"], &map["encoding"], &map["step"], &map["is_bigendian"]],
+        [
+            &map["height"],
+            &map["width"],
+            &map["encoding"],
+            &map["step"],
+            &map["is_bigendian"]
+        ],
         [&json!(20), &json!(20), &json!("32FC3"), &json!(240), &json!(0)]
     );
     let bytes = map["data"].as_str().unwrap();
@@ -262,7 +265,12 @@ fn who_joins_late_gets_the_diagnostics_that_were_said_before() {
             .as_array()
             .unwrap()
             .iter()
-            .map(|status| (status["name"].as_str().unwrap().to_owned(), status["level"].as_u64().unwrap()))
+            .map(|status| {
+                (
+                    status["name"].as_str().unwrap().to_owned(),
+                    status["level"].as_u64().unwrap(),
+                )
+            })
             .collect();
         let part = |part: &str, level| (format!("{name}: {part}"), level);
         assert_eq!(
@@ -277,7 +285,10 @@ fn who_joins_late_gets_the_diagnostics_that_were_said_before() {
         );
         true
     });
-    assert!(early, "five times nothing came that was said before the reader had joined");
+    assert!(
+        early,
+        "five times nothing came that was said before the reader had joined"
+    );
 }
 
 #[test]
@@ -323,17 +334,40 @@ fn calls_every_service(rmw: Rmw, domain: u16) {
     let mapping = rmw.to_string();
     let answers = peer(&json!({"job": "call", "domain": domain, "mapping": mapping, "calls": calls}));
     let answers = answers.as_array().unwrap();
-    for (number, (answer, action)) in (1_u64..).zip(answers.iter().zip(actions.into_iter().chain(["set_floor 4.25 N"]))) {
+    for (number, (answer, action)) in (1_u64..).zip(
+        answers
+            .iter()
+            .zip(actions.into_iter().chain(["set_floor 4.25 N"])),
+    ) {
         let is_owner = number % 2 == 0 || number == 7;
-        let (why, owner) = if is_owner { ("", "cell-3") } else { ("wrong_owner", "somebody") };
+        let (why, owner) = if is_owner {
+            ("", "cell-3")
+        } else {
+            ("wrong_owner", "somebody")
+        };
         assert_eq!(
-            [&answer["done"], &answer["why"], &answer["owner"], &answer["client"], &answer["request"]],
-            [&json!(is_owner), &json!(why), &json!(owner), &json!("cell-3"), &json!(number)],
+            [
+                &answer["done"],
+                &answer["why"],
+                &answer["owner"],
+                &answer["client"],
+                &answer["request"]
+            ],
+            [
+                &json!(is_owner),
+                &json!(why),
+                &json!(owner),
+                &json!("cell-3"),
+                &json!(number)
+            ],
             "{answer}"
         );
         assert_eq!(answer["took"], json!(0.0125));
         assert!(
-            answer["message"].as_str().unwrap().starts_with(&format!("cell-3: {action} ")),
+            answer["message"]
+                .as_str()
+                .unwrap()
+                .starts_with(&format!("cell-3: {action} ")),
             "{answer}"
         );
     }

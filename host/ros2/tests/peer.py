@@ -186,7 +186,8 @@ def named(cls, kind):
 
 
 MESSAGES = {"wrench": WrenchStamped, "force_map": Image, "slip": Slip, "diagnostics": DiagnosticArray}
-SENSOR = Qos(Policy.Reliability.BestEffort, Policy.History.KeepLast(5))
+# Deep, because Python may be slow.
+SENSOR = Qos(Policy.Reliability.BestEffort, Policy.History.KeepLast(200))
 STATE = Qos(
     Policy.Reliability.Reliable(duration(seconds=1)),
     Policy.Durability.TransientLocal,

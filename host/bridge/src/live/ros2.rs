@@ -130,7 +130,10 @@ mod tests {
         assert_eq!(domain_of(Some("42")), Ok(42));
         for wrong in ["", "-1", "233", "a"] {
             let told = domain_of(Some(wrong)).unwrap_err();
-            assert!(told.starts_with("ROS_DOMAIN_ID: found ") && told.contains("0 to 232"), "{told}");
+            assert!(
+                told.starts_with("ROS_DOMAIN_ID: found ") && told.contains("0 to 232"),
+                "{told}"
+            );
         }
         for (text, rmw) in [
             (None, Rmw::FastRtps),

@@ -192,7 +192,12 @@ impl Run {
         }
         if let Some(ros2) = &self.ros2 {
             let fingertip = &self.control.session.settings().fingertips[usize::from(sensor)];
-            ros2.publish(&report, pipeline.map(), millimetres(fingertip.pitch_um), picture.taken);
+            ros2.publish(
+                &report,
+                pipeline.map(),
+                millimetres(fingertip.pitch_um),
+                picture.taken,
+            );
         }
         if let Some(recorder) = &mut self.recorder {
             recorder.offer(Frame {

@@ -60,10 +60,9 @@ impl Bag {
     pub fn create(folder: &Path, namespace: &Namespace) -> Result<Self, RecordingError> {
         fs::create_dir(folder).map_err(failed(folder))?;
         // As rosbag2 names it.
-        let stem = folder.file_name().map_or_else(
-            || "bag".to_owned(),
-            |name| name.to_string_lossy().into_owned(),
-        );
+        let stem = folder
+            .file_name()
+            .map_or_else(|| "bag".to_owned(), |name| name.to_string_lossy().into_owned());
         let file_name = format!("{stem}_0.mcap");
         let path = folder.join(&file_name);
         let file = File::create_new(&path).map_err(failed(&path))?;
@@ -158,11 +157,9 @@ impl Bag {
         let place = match self.topics.iter().position(|topic| topic.name == name) {
             Some(place) => place,
             None => {
-                let schema = self.writer.add_schema(
-                    definition.name,
-                    "ros2msg",
-                    definition.text().as_bytes(),
-                );
+                let schema = self
+                    .writer
+                    .add_schema(definition.name, "ros2msg", definition.text().as_bytes());
                 let schema = schema.map_err(failed)?;
                 let metadata = BTreeMap::from([("offered_qos_profiles".to_owned(), QOS.to_owned())]);
                 let channel = self

@@ -288,12 +288,7 @@ mod tests {
             to_cdr(&header).unwrap(),
             [0, 1, 0, 0, 1, 0, 0, 0, 2, 0, 0, 0, 2, 0, 0, 0, b'a', 0]
         );
-        let status = DiagnosticStatus::new(
-            String::new(),
-            (Level::Error, ""),
-            "",
-            [("k", "v".to_owned())],
-        );
+        let status = DiagnosticStatus::new(String::new(), (Level::Error, ""), "", [("k", "v".to_owned())]);
         let body: Vec<u8> = [
             &[0, 1, 0, 0, 2, 0, 0, 0][..],
             &[1, 0, 0, 0, 0, 0, 0, 0],

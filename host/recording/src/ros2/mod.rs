@@ -15,8 +15,8 @@ mod sample;
 pub use self::bag::Bag;
 pub use self::cdr::{CdrError, to_cdr};
 pub use self::messages::{
-    DiagnosticArray, DiagnosticStatus, Header, Image, KeyValue, Level, SLIP_STATES, Slip, Time, Vector3, Wrench,
-    WrenchStamped,
+    DiagnosticArray, DiagnosticStatus, Header, Image, KeyValue, Level, SLIP_STATES, Slip, Time, Vector3,
+    Wrench, WrenchStamped,
 };
 pub use self::names::{BadName, Namespace};
 pub use self::options::{Range, Rmw};

@@ -214,10 +214,7 @@ pub(super) mod tests {
     }
 
     fn near(found: f64, expected: f64) {
-        assert!(
-            (found - expected).abs() < 1e-12,
-            "{found}, expected {expected}"
-        );
+        assert!((found - expected).abs() < 1e-12, "{found}, expected {expected}");
     }
 
     #[test]
@@ -252,7 +249,13 @@ pub(super) mod tests {
     fn the_force_map_has_the_maps_own_order_and_signs() {
         let image = sample().force_map(&"a".parse().unwrap()).unwrap();
         assert_eq!(
-            (image.height, image.width, image.encoding, image.step, image.data.len()),
+            (
+                image.height,
+                image.width,
+                image.encoding,
+                image.step,
+                image.data.len()
+            ),
             (20, 20, "32FC3", 240, 4_800)
         );
         let at = (3 * 20 + 12) * 12;
@@ -284,7 +287,10 @@ pub(super) mod tests {
         let mut late = sample();
         late.report.late = Some("picture");
         let namespace = "a".parse().unwrap();
-        assert_eq!((late.wrench(&namespace), late.force_map(&namespace)), (None, None));
+        assert_eq!(
+            (late.wrench(&namespace), late.force_map(&namespace)),
+            (None, None)
+        );
         assert_eq!(late.slip(&namespace).frame, 7);
     }
 }
