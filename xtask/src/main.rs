@@ -18,6 +18,7 @@ mod option_bytes;
 mod physics;
 mod process;
 mod programs;
+mod ros2;
 mod screenshots;
 mod test;
 mod toolchain;
@@ -31,9 +32,10 @@ use test::Tier;
 const HELP: &str = "\
 cargo xtask COMMAND
 
-  test [--all | --zenoh]            every check that a change has to pass, in order, with a summary; --all: the slow ones
-                                    too; --zenoh: only those of the bridge's feature zenoh, whose crates take minutes to
-                                    build the first time
+  test [--all | --ros2 | --zenoh]   every check that a change has to pass, in order, with a summary; --all: the slow ones
+                                    too; --ros2, --zenoh: only those of the bridge's feature of this name, whose crates
+                                    take minutes to build the first time; --ros2 needs Python 3 with venv (it installs
+                                    another DDS into the build folder)
   screenshots                       play the scripted scene and draw the README's pictures of view, plot and live page anew;
                                     the page needs Chromium, which is installed
   figures [all | NAME...]           measure anew what is named in docs/figures.toml, and write docs/figures.md
@@ -104,6 +106,7 @@ fn dispatch(arguments: &[String]) -> Result<(), Error> {
             print!("{HELP}");
             Ok(())
         }
+        "test" if rest == ["--ros2"] => test::ros2(),
         "test" if rest == ["--zenoh"] => test::zenoh(),
         "test" if rest == ["--all"] => test::run(Tier::All),
         "test" => no_more(rest).and_then(|()| test::run(Tier::Quick)),

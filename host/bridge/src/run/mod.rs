@@ -55,6 +55,7 @@ use crate::config::{Overrides, Settings};
 use crate::error::{Completion, Failure};
 use crate::live::Live;
 use crate::live::fleet::Fleet;
+use crate::live::ros2::Ros2;
 use crate::log::Collector;
 use crate::source::Source;
 use crate::token;
@@ -163,6 +164,9 @@ pub fn run(args: &RunArgs) -> Result<Completion, Failure> {
     run.live = serve(&wanted, &control)?;
     if let Some(fleet) = &wanted.fleet() {
         run.fleet = Some(Fleet::start(fleet, about_run)?);
+    }
+    if let Some(ros2) = &wanted.ros2() {
+        run.ros2 = Some(Ros2::start(ros2, settings.sensors, &control)?);
     }
     // After the other threads have started: they keep their ordinary priority.
     if wanted.realtime {
