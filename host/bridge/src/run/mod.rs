@@ -17,6 +17,7 @@ mod report;
 mod settings;
 mod stats;
 mod summary;
+mod supervisor;
 mod tally;
 #[cfg(test)]
 mod two_fingertips;
@@ -43,6 +44,7 @@ use self::settings::{
     about, as_many_fingertips, calibrated_fingertips, calibrated_friction, floor, tell_of_another_line,
 };
 use self::summary::FingertipSummary;
+use self::supervisor::Supervisor;
 use self::under_way::{Clock, Run};
 use crate::config::{Overrides, Settings};
 use crate::error::{Completion, Failure};
@@ -160,7 +162,13 @@ pub fn run(args: &RunArgs) -> Result<Completion, Failure> {
         }
         run.summary.realtime_lacks = Some(lacks);
     }
-    let is_wanted = || !stop.load(Ordering::Relaxed);
+    let supervisor = Supervisor::of_environment();
+    supervisor.ready();
+    // The loop asks once a turn, so whoever watches it is told here.
+    let is_wanted = || {
+        supervisor.turned();
+        !stop.load(Ordering::Relaxed)
+    };
     play(
         &mut run,
         &mut fingertips,
@@ -168,6 +176,7 @@ pub fn run(args: &RunArgs) -> Result<Completion, Failure> {
         &log,
         (seconds, &is_wanted),
     )?;
+    supervisor.stopping();
     let counts = fingertips.counts();
     run.summary.pictures = counts.iter().flatten().copied().reduce(Counts::add);
     for (summary, pictures) in run.summary.fingertips.iter_mut().zip(counts) {

@@ -8,10 +8,11 @@ mod geometry;
 mod guide;
 mod line;
 mod maps;
-mod rest;
+pub(super) mod rest;
 
 use clap::{Args, Subcommand};
 
+pub(super) use self::common::date;
 use self::friction::FrictionArgs;
 use self::geometry::GeometryArgs;
 use self::line::LineArgs;
