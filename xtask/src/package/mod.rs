@@ -20,11 +20,11 @@ const REVISION: u32 = 1;
 const MAINTAINER: &str = "The Gripline developers <maintainers@gripline.invalid>";
 
 /// What is built, and for which machine.
-pub(crate) struct Wanted<'a> {
+struct Wanted<'a> {
     /// Rust's name of the machine; `None`: this one.
-    pub target: Option<&'a str>,
+    target: Option<&'a str>,
     /// Cargo's profile.
-    pub profile: &'a str,
+    profile: &'a str,
 }
 
 /// `cargo xtask package`.
@@ -110,7 +110,24 @@ impl Machine {
 }
 
 /// Builds the program and the package; returns the package.
-pub(crate) fn build(wanted: &Wanted) -> Result<PathBuf, Error> {
+fn build(wanted: &Wanted) -> Result<PathBuf, Error> {
+    let machine = Machine::of(wanted.target)?;
+    let program = machine.build(wanted.profile)?;
+    // Pages, completions and configuration are the same for all machines, and made by a program that runs here.
+    let speaker = if machine.is_this {
+        program.clone()
+    } else {
+        Machine::of(None)?.build("dev")?
+    };
+    packed(&machine, &program, &speaker)
+}
+
+/// The package of a program that was built for this machine.
+pub(crate) fn of_program(program: &Path) -> Result<PathBuf, Error> {
+    packed(&Machine::of(None)?, program, program)
+}
+
+fn packed(machine: &Machine, program: &Path, speaker: &Path) -> Result<PathBuf, Error> {
     if let Err(error) = process::output(Command::new("dpkg-deb").arg("--version")) {
         return Err(Error::Product {
             what: "dpkg-deb".to_owned(),
@@ -120,14 +137,6 @@ pub(crate) fn build(wanted: &Wanted) -> Result<PathBuf, Error> {
                     .to_owned(),
         });
     }
-    let machine = Machine::of(wanted.target)?;
-    let program = machine.build(wanted.profile)?;
-    // Pages, completions and configuration are the same for all machines, and made by a program that runs here.
-    let speaker = if machine.is_this {
-        program.clone()
-    } else {
-        Machine::of(None)?.build("dev")?
-    };
     let home = process::products().join("package");
     let stage = Stage::new(&home.join(machine.architecture))?;
     let bytes = |path: &Path| fs::read(path).map_err(|source| Error::file(path, source));
@@ -142,11 +151,11 @@ pub(crate) fn build(wanted: &Wanted) -> Result<PathBuf, Error> {
                 "-o",
             ])
             .arg(&stripped)
-            .arg(&program),
+            .arg(program),
     )?;
     let program = bytes(&stripped)?;
     stage.write("usr/bin/gripline", Place::Program, &program)?;
-    spoken(&stage, &speaker)?;
+    spoken(&stage, speaker)?;
     let docs = process::root().join("docs");
     stage.write(
         "usr/lib/udev/rules.d/70-gripline.rules",

@@ -82,10 +82,10 @@ pub(super) trait Person {
 ///
 /// # Errors
 /// [`Failure`] that says what was found, what was expected and what to do.
-pub(super) fn interview(
+pub(super) fn interview<'a>(
     said: &Said,
-    look: &mut dyn FnMut() -> Found,
-    person: Option<&mut dyn Person>,
+    look: &'a mut dyn FnMut() -> Found,
+    person: Option<&'a mut dyn Person>,
 ) -> Result<Chosen, Failure> {
     let mut asking = Asking {
         takes_defaults: said.yes,

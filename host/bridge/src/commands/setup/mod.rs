@@ -61,8 +61,7 @@ pub fn run(args: &SetupArgs) -> Result<Completion, Failure> {
     let out = std::path::absolute(&out)?;
     let mut terminal = Terminal;
     let asks = !args.yes && io::stdin().is_terminal();
-    let mut person: Option<&mut dyn Person> = if asks { Some(&mut terminal) } else { None };
-    let replaces = may_write(&out, args.force, person.as_deref_mut())?;
+    let replaces = may_write(&out, args.force, asks)?;
     let said = Said {
         sensor: args.sensor.clone(),
         camera: args.camera.clone(),
@@ -70,6 +69,7 @@ pub fn run(args: &SetupArgs) -> Result<Completion, Failure> {
         rest: args.rest.clone(),
         yes: args.yes,
     };
+    let person = asks.then_some(&mut terminal as &mut dyn Person);
     let chosen = interview(&said, &mut found::look, person)?;
     let calibration = calibrated(&chosen, &out, asks, replaces)?;
     write(
@@ -107,7 +107,7 @@ const fn is_root() -> bool {
 }
 
 /// Makes sure that `out` can be written, before anything is asked. Returns whether it replaces what somebody has written.
-fn may_write(out: &Path, force: bool, person: Option<&mut dyn Person>) -> Result<bool, Failure> {
+fn may_write(out: &Path, force: bool, asks: bool) -> Result<bool, Failure> {
     let folder = out.parent().unwrap_or(Path::new("/"));
     let probe = out.with_extension("toml.part");
     fs::create_dir_all(folder)
@@ -130,15 +130,13 @@ fn may_write(out: &Path, force: bool, person: Option<&mut dyn Person>) -> Result
     if force {
         return Ok(true);
     }
-    let Some(person) = person else {
+    if !asks {
         return Err(Failure::usage(format!(
             "{shown}: found a configuration, expected none: --force replaces it, --out names another file"
         )));
-    };
-    match person
-        .ask(&format!("{shown} is there already. Replace it? y or n: "))?
-        .trim()
-    {
+    }
+    let answer = Terminal.ask(&format!("{shown} is there already. Replace it? y or n: "))?;
+    match answer.trim() {
         "y" | "yes" => Ok(true),
         _ => Err(Failure::failed(format!(
             "{shown} was left as it is; --out names another file"
