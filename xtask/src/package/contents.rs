@@ -143,7 +143,7 @@ impl Control<'_> {
              Architecture: {architecture}\n\
              Maintainer: {maintainer}\n\
              Installed-Size: {kib}\n\
-             Depends: {libraries}, init-system-helpers, systemd | systemd-standalone-sysusers | systemd-sysusers\n\
+             Depends: {libraries}, systemd | systemd-standalone-sysusers | systemd-sysusers\n\
              Suggests: ffmpeg\n\
              Section: science\n\
              Priority: optional\n\
@@ -239,7 +239,7 @@ mod tests {
         };
         let text = control.text(7);
         assert!(text.contains("Architecture: arm64\n"), "{text}");
-        assert!(text.contains("\nDepends: libc6 (>= 2.34), libgcc-s1, init-system-helpers, systemd |"));
+        assert!(text.contains("\nDepends: libc6 (>= 2.34), libgcc-s1, systemd |"));
         let (fields, description) = text.split_once("Description: ").unwrap();
         assert!(fields.lines().all(|line| line.contains(": ")), "{text}");
         assert!(

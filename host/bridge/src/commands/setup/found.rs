@@ -25,15 +25,16 @@ struct Device {
 
 /// Looks.
 pub(super) fn look() -> Found {
-    let boards = attached().unwrap_or_else(|error| {
-        tracing::warn!("{error}");
-        Vec::new()
-    });
+    let (boards, no_usb) = match attached() {
+        Ok(boards) => (boards, None),
+        Err(error) => (Vec::new(), Some(error)),
+    };
     let ports = serialport::available_ports().unwrap_or_default();
     Found {
         cameras: cameras(devices(), &links()),
         boards: boards.iter().map(board).collect(),
         ports: ports.iter().filter_map(port).collect(),
+        no_usb,
     }
 }
 

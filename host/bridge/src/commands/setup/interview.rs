@@ -20,6 +20,8 @@ pub(super) struct Found {
     pub boards: Vec<Choice>,
     /// Serial ports: what is behind them nobody knows.
     pub ports: Vec<Choice>,
+    /// Why USB cannot be looked at.
+    pub no_usb: Option<String>,
 }
 
 /// What to do about rest pictures.
@@ -228,9 +230,14 @@ fn board_question(found: &Found, camera: &Source) -> Question {
     let (choices, default) = if matches!(camera, Source::Camera(_)) {
         let default = match found.boards.len() {
             1 => Ok(0),
-            0 => Err("Found no microcontroller on USB, expected one (1209:0001 in `lsusb`): plug it in and flash it \
-                      (`cargo xtask flash`)."
-                .to_owned()),
+            0 => Err(format!(
+                "Found no microcontroller on USB{}, expected one (1209:0001 in `lsusb`): plug it in and flash it \
+                 (`cargo xtask flash`).",
+                found
+                    .no_usb
+                    .as_ref()
+                    .map_or(String::new(), |why| format!(" ({why})"))
+            )),
             count => Err(format!("Found {count} microcontrollers, expected one: choose.")),
         };
         let all = [&found.boards[..], &found.ports, &[embedded]].concat();

@@ -21,7 +21,7 @@ use crate::commands::calibrate::{date, rest};
 use crate::commands::doctor;
 use crate::config::{Overrides, Settings, default_file};
 use crate::error::{Completion, Failure};
-use crate::source::{Source, SourceSettings};
+use crate::source::Source;
 
 /// Rest pictures that are taken.
 const PICTURES: usize = 16;
@@ -144,8 +144,23 @@ fn may_write(out: &Path, force: bool, asks: bool) -> Result<bool, Failure> {
     }
 }
 
+/// The settings that the answers make, before anything depends on them.
+fn draft(chosen: &Chosen, out: &Path) -> Result<Settings, Failure> {
+    let path = out.with_extension("toml.draft");
+    write(&path, file::text(chosen, None, &date()).as_bytes())?;
+    let settings = Settings::load(&Overrides::of_file(Some(&path)));
+    fs::remove_file(&path)?;
+    settings
+}
+
 /// The calibration that the configuration is to name; made beside it when it is wanted now.
-fn calibrated(chosen: &Chosen, out: &Path, asks: bool, anew: bool) -> Result<Option<PathBuf>, Failure> {
+fn calibrated(
+    chosen: &Chosen,
+    draft: &Settings,
+    out: &Path,
+    asks: bool,
+    anew: bool,
+) -> Result<Option<PathBuf>, Failure> {
     match &chosen.rest {
         Rest::Later => Ok(None),
         Rest::In(file) => {
@@ -154,7 +169,7 @@ fn calibrated(chosen: &Chosen, out: &Path, asks: bool, anew: bool) -> Result<Opt
         }
         Rest::Now => {
             let file = out.with_file_name("calibration.toml");
-            let pictures = rest::take(&chosen.camera, &SourceSettings::default(), PICTURES, asks)?;
+            let pictures = rest::take(&chosen.camera, &draft.source_settings(0), PICTURES, asks)?;
             let written = rest::keep(&file, &pictures, chosen.camera.to_string(), anew)?;
             println!("{}", rest::told(&written));
             Ok(Some(file))

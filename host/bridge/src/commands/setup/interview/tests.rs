@@ -38,6 +38,7 @@ fn one_of_each() -> Found {
         cameras: vec![webcam()],
         boards: vec![Choice::new("usb:2A0041", "at 1-2")],
         ports: vec![Choice::new("serial:/dev/ttyUSB0", "FT232R USB UART")],
+        no_usb: None,
     }
 }
 
