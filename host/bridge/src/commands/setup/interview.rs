@@ -163,10 +163,7 @@ impl Asking<'_> {
 }
 
 fn sensor_question() -> Question {
-    let what = [
-        "particles in the gel, as in the simulated world",
-        "printed markers: evidence of slip from clips, no forces yet",
-    ];
+    let what = ["particles in the gel", "printed markers: no forces yet"];
     Question {
         number: 1,
         flag: "--sensor",
@@ -203,10 +200,7 @@ fn sensor(name: &str) -> Result<String, String> {
 
 fn camera_question(found: &Found) -> Question {
     let mut choices = found.cameras.clone();
-    choices.push(Choice::new(
-        "sim",
-        "no camera: the simulated fingertip and gripper",
-    ));
+    choices.push(Choice::new("sim", "no camera: a simulated fingertip"));
     let default = match found.cameras.len() {
         1 => Ok(0),
         0 => Err("Found no camera, expected one: plug it in (`ls /dev/video*` shows it).".to_owned()),
@@ -223,10 +217,7 @@ fn camera_question(found: &Found) -> Question {
 }
 
 fn board_question(found: &Found, camera: &Source) -> Question {
-    let embedded = Choice::new(
-        "embedded",
-        "no board: its program runs in this one and moves nothing",
-    );
+    let embedded = Choice::new("embedded", "no board: nothing moves");
     let (choices, default) = if matches!(camera, Source::Camera(_)) {
         let default = match found.boards.len() {
             1 => Ok(0),

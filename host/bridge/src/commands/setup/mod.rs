@@ -71,7 +71,8 @@ pub fn run(args: &SetupArgs) -> Result<Completion, Failure> {
     };
     let person = asks.then_some(&mut terminal as &mut dyn Person);
     let chosen = interview(&said, &mut found::look, person)?;
-    let calibration = calibrated(&chosen, &out, asks, replaces)?;
+    let draft = draft(&chosen, &out)?;
+    let calibration = calibrated(&chosen, &draft, &out, asks, replaces)?;
     write(
         &out,
         file::text(&chosen, calibration.as_deref(), &date()).as_bytes(),

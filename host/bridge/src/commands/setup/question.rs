@@ -2,6 +2,8 @@
 
 use std::fmt::Write as _;
 
+use crate::commands::calibrate::wrapped;
+
 /// Letters that a value may take before what it is follows on a line of its own.
 const VALUE_WIDTH: usize = 28;
 
@@ -51,7 +53,7 @@ impl Question {
     pub(super) fn screen(&self) -> String {
         let mut screen = format!("\n{}. {}\n", self.number, self.text);
         if let Err(why) = &self.default {
-            let _ = writeln!(screen, "   {why}");
+            let _ = writeln!(screen, "   {}", wrapped(why));
         }
         for (number, Choice { value, what }) in (1..).zip(&self.choices) {
             let _ = if value.chars().count() > VALUE_WIDTH {
