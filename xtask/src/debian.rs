@@ -20,6 +20,17 @@ impl Packages {
         Self::new(home.join("download"), Vec::new())
     }
 
+    /// Packages of the machine's own suites, as a machine gets them on which nothing is installed.
+    pub(crate) fn for_an_empty_machine(home: &Path) -> Result<Self, Error> {
+        let mut packages = Self::new(home.join("download"), Vec::new())?;
+        let status = home.join("nothing-installed");
+        fs::write(&status, "").map_err(|source| Error::file(&status, source))?;
+        packages
+            .options
+            .push(format!("Dir::State::status={}", status.display()));
+        Ok(packages)
+    }
+
     /// Packages of another suite of the machine's own archive, with lists of its own, so that the system's stay as they are.
     pub(crate) fn of_suite(home: &Path, suite: &str) -> Result<Self, Error> {
         let (address, key) = archive()?;
@@ -64,23 +75,29 @@ impl Packages {
         process::output(command.args(arguments))
     }
 
-    /// Downloads packages, with what the machine lacks of their dependencies if wanted, and unpacks them into `root`.
-    /// Reads the machine's package lists anew when they are out of date.
+    /// Downloads packages, as [`Self::fetch`] does, and unpacks them into `root`.
     pub(crate) fn unpack(&self, root: &Path, names: &[&str], with_dependencies: bool) -> Result<(), Error> {
+        fs::create_dir_all(root).map_err(|source| Error::file(root, source))?;
+        for package in self.fetch(names, with_dependencies)? {
+            process::output(Command::new("dpkg-deb").arg("-x").arg(&package).arg(root))?;
+        }
+        let _ = fs::remove_dir_all(&self.folder);
+        Ok(())
+    }
+
+    /// Downloads packages, with what the machine lacks of their dependencies if wanted; returns their files.
+    /// Reads the machine's package lists anew when they are out of date.
+    pub(crate) fn fetch(&self, names: &[&str], with_dependencies: bool) -> Result<Vec<PathBuf>, Error> {
         if let Err(first) = self.download(names, with_dependencies) {
             eprintln!("packages: {first}; reading the package lists anew");
             self.apt("apt-get", &["update", "-qq"])?;
             self.download(names, with_dependencies)?;
         }
-        fs::create_dir_all(root).map_err(|source| Error::file(root, source))?;
         let entries = fs::read_dir(&self.folder).map_err(|source| Error::file(&self.folder, source))?;
-        for package in entries.flatten().map(|entry| entry.path()) {
-            if package.extension().is_some_and(|end| end == "deb") {
-                process::output(Command::new("dpkg-deb").arg("-x").arg(&package).arg(root))?;
-            }
-        }
-        let _ = fs::remove_dir_all(&self.folder);
-        Ok(())
+        let mut files: Vec<PathBuf> = entries.flatten().map(|entry| entry.path()).collect();
+        files.retain(|file| file.extension().is_some_and(|end| end == "deb"));
+        files.sort();
+        Ok(files)
     }
 
     fn download(&self, names: &[&str], with_dependencies: bool) -> Result<String, Error> {

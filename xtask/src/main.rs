@@ -15,6 +15,7 @@ mod flash;
 mod fuzz;
 mod modules;
 mod option_bytes;
+mod package;
 mod physics;
 mod process;
 mod programs;
@@ -53,6 +54,10 @@ cargo xtask COMMAND
                                     Cortex-M4 cycles at most; fails when a number of the design does not hold;
                                     --bless renews the instruction counts that the tests hold
   modules                           fail when files of a crate import each other in a circle, and say through which names
+  package [--target TARGET] [--profile PROFILE] | --check
+                                    build a Debian package of the bridge in target/gripline: program, man pages,
+                                    completions, udev rule, systemd unit, configuration; TARGET is x86_64 or aarch64;
+                                    --check installs, starts, hangs, stops and removes it in the virtual machine
   toolchain [--from-sources]        make this machine able to build for the microcontroller;
                                     --from-sources passes over rustup and an installed target
   vm [--profile PROFILE] [--only WORD]
@@ -119,6 +124,8 @@ fn dispatch(arguments: &[String]) -> Result<(), Error> {
         "modules" => no_more(rest).and_then(|()| modules::run()),
         "latency" => emulator::latency(rest),
         "toolchain" => toolchain::command(rest),
+        "package" if rest == ["--check"] => vm::package::run("dev"),
+        "package" => package::command(rest),
         "vm" => vm::command(rest),
         "bench" => bench::command(rest),
         "stress" => process::run(

@@ -188,6 +188,9 @@ fn slow(checks: &mut Checks) {
     checks.check("physics", || physics::run(&["--without".into(), "speed".into()]));
     // With the programs that the tests were just built with.
     checks.check("virtual machine: camera, USB, disks", || vm::run("dev", None));
+    checks.check("Debian package in the virtual machine", || {
+        vm::package::run("dev")
+    });
 }
 
 /// The bridge's feature `zenoh`: its lints and its tests.
