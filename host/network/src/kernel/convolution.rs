@@ -305,10 +305,10 @@ impl<T: Copy + Default> Convolution<T> {
 }
 
 fn panels(instructions: InstructionSet, [out_channels, in_channels]: [usize; 2]) -> Vec<Panel> {
-    // AVX2 and AVX-512 split alike, so that they compute the same bits.
+    // All but the portable set split alike, so that they compute the same bits.
     let (vector, vectors, splits) = match instructions {
         InstructionSet::Portable => (8, 1, false),
-        InstructionSet::Avx2 => (8, 2, true),
+        InstructionSet::Avx2 | InstructionSet::Neon => (8, 2, true),
         InstructionSet::Avx512 => (16, 2, true),
     };
     let mut panels = Vec::new();
