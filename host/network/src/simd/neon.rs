@@ -154,8 +154,35 @@ impl Accumulator for F32 {
     type Number = f32;
     type Out = Self;
 
-    // Of 32 registers: two for each vector of sums, two for each of weights, one for an input.
-    const PIXELS_MAX: [usize; 2] = [12, 6];
+    // Of 32 registers: two for each vector of sums, one for a pixel's four inputs, two for each vector of weights.
+    const PIXELS_MAX: [usize; 2] = [9, 5];
+    const INPUTS: usize = 4;
+
+    #[inline(always)]
+    unsafe fn multiply_add_inputs<const P: usize, const N: usize>(
+        sums: &mut [[Self; N]; P],
+        weights: *const f32,
+        inputs: *const f32,
+        step: usize,
+    ) {
+        // SAFETY: the caller promises that four inputs a pixel and their weights are readable.
+        unsafe {
+            let inputs: [float32x4_t; P] = std::array::from_fn(|p| vld1q_f32(inputs.add(p * step)));
+            macro_rules! input {
+                ($($lane:literal)*) => {$(
+                    for n in 0..N {
+                        let weight = Self::load_unchecked(weights.add(8 * (N * $lane + n))).0;
+                        for p in 0..P {
+                            let sum = &mut sums[p][n].0;
+                            sum[0] = vfmaq_laneq_f32::<$lane>(sum[0], weight[0], inputs[p]);
+                            sum[1] = vfmaq_laneq_f32::<$lane>(sum[1], weight[1], inputs[p]);
+                        }
+                    }
+                )*};
+            }
+            input!(0 1 2 3);
+        }
+    }
 
     #[inline(always)]
     fn zero() -> Self {
@@ -213,6 +240,37 @@ impl Accumulator for Pairs {
     type Number = Int16Pair;
     type Out = F32;
     const PIXELS_MAX: [usize; 2] = F32::PIXELS_MAX;
+    const INPUTS: usize = 4;
+
+    #[inline(always)]
+    unsafe fn multiply_add_inputs<const P: usize, const N: usize>(
+        sums: &mut [[Self; N]; P],
+        weights: *const Int16Pair,
+        inputs: *const Int16Pair,
+        step: usize,
+    ) {
+        // SAFETY: the caller promises that four pairs a pixel and their weights are readable.
+        unsafe {
+            let inputs: [int16x8_t; P] = std::array::from_fn(|p| vld1q_s16(inputs.add(p * step).cast()));
+            macro_rules! pair {
+                ($($pair:literal: $first:literal $second:literal,)*) => {$(
+                    for n in 0..N {
+                        let weights = vld2q_s16(weights.add(8 * (N * $pair + n)).cast());
+                        for p in 0..P {
+                            let [left, right] = sums[p][n].0;
+                            let left = vmlal_laneq_s16::<$first>(left, vget_low_s16(weights.0), inputs[p]);
+                            let right = vmlal_high_laneq_s16::<$first>(right, weights.0, inputs[p]);
+                            sums[p][n].0 = [
+                                vmlal_laneq_s16::<$second>(left, vget_low_s16(weights.1), inputs[p]),
+                                vmlal_high_laneq_s16::<$second>(right, weights.1, inputs[p]),
+                            ];
+                        }
+                    }
+                )*};
+            }
+            pair!(0: 0 1, 1: 2 3, 2: 4 5, 3: 6 7,);
+        }
+    }
 
     #[inline(always)]
     fn zero() -> Self {
