@@ -4,12 +4,12 @@
 //! fails when something it was asked to check cannot be checked. Products land in `target/gripline`.
 #![forbid(unsafe_code)]
 
+mod arm;
 mod bench;
 mod cpio;
 mod debian;
 mod emulator;
 mod error;
-mod ffmpeg;
 mod figures;
 mod firmware;
 mod flash;
@@ -18,6 +18,7 @@ mod modules;
 mod option_bytes;
 mod physics;
 mod process;
+mod programs;
 mod screenshots;
 mod test;
 mod toolchain;
@@ -52,6 +53,11 @@ cargo xtask COMMAND
   modules                           fail when files of a crate import each other in a circle, and say through which names
   toolchain [--from-sources]        make this machine able to build for the microcontroller;
                                     --from-sources passes over rustup and an installed target
+  arm [build | instructions [--json]]
+                                    64-bit ARM: builds with Debian's cross compiler, tests under qemu-user, the networks'
+                                    bits against this processor's, instructions of a frame with NEON against portable;
+                                    fetches compiler, emulator and standard library; build: only the bridge, and its
+                                    path; instructions: only bits and counts
   vm [--profile PROFILE] [--only WORD]
                                     boot a Debian kernel in qemu and run `gripline` in it, built with PROFILE (release),
                                     against a virtual camera and virtual microcontrollers on USB: formats, controls,
@@ -114,6 +120,7 @@ fn dispatch(arguments: &[String]) -> Result<(), Error> {
         "emulator" => no_more(rest).and_then(|()| emulator::command()),
         "modules" => no_more(rest).and_then(|()| modules::run()),
         "latency" => emulator::latency(rest),
+        "arm" => arm::command(rest),
         "toolchain" => toolchain::command(rest),
         "vm" => vm::command(rest),
         "bench" => bench::command(rest),

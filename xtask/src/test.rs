@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use crate::error::Error;
 use crate::firmware::{self, Board};
-use crate::{emulator, ffmpeg, modules, physics, process, toolchain, vm};
+use crate::{arm, emulator, modules, physics, process, programs, toolchain, vm};
 
 /// What one check came to.
 struct Outcome {
@@ -111,9 +111,9 @@ pub(crate) fn run(tier: Tier) -> Result<(), Error> {
         )
     });
     checks.check("core library for the microcontroller", || {
-        toolchain::ensure(false)
+        toolchain::ensure(&toolchain::MCU, false)
     });
-    checks.check("ffmpeg for clips", ffmpeg::ensure);
+    checks.check("ffmpeg for clips", || programs::FFMPEG.ensure());
     let mut image = None;
     for board in Board::ALL
         .into_iter()
@@ -175,6 +175,7 @@ fn slow(checks: &mut Checks) {
     checks.check("lints of the emulator", emulator::lint);
     // Speed is for a quiet machine and a command of its own.
     checks.check("physics", || physics::run(&["--without".into(), "speed".into()]));
+    checks.check("64-bit ARM: builds, tests, bits, instructions", arm::check);
     // With the programs that the tests were just built with.
     checks.check("virtual machine: camera, USB, disks", || vm::run("dev", None));
 }
