@@ -51,7 +51,8 @@ cargo xtask COMMAND
                                     Cortex-M4 cycles at most; fails when a number of the design does not hold;
                                     --bless renews the instruction counts that the tests hold
   modules                           fail when files of a crate import each other in a circle, and say through which names
-  toolchain [--from-sources]        make this machine able to build for the microcontroller;
+  toolchain [--arm] [--from-sources]
+                                    make this machine able to build for the microcontroller, or for 64-bit ARM;
                                     --from-sources passes over rustup and an installed target
   arm [build | instructions [--json]]
                                     64-bit ARM: builds with Debian's cross compiler, tests under qemu-user, the networks'
@@ -67,9 +68,9 @@ cargo xtask COMMAND
                                     run time against error for the whole chain and each of its stages, a NumPy detector
                                     beside ours, what skipping saves by kind of scene and what it changes; tables and a
                                     plot; needs Python with pip
-  bench network [--json] [--rounds N] [--samples N] [--weights FILE]... [--plot FILE]
+  bench network [--json] [--instructions SET] [--rounds N] [--samples N] [--weights FILE]... [--plot FILE]
                                     time the force networks against onnxruntime and tract and against this processor's
-                                    limit; errors on N samples of the test world (1,500, made in memory in a minute);
+                                    limit; --instructions forces ours to portable, avx2, avx512 or neon; errors on N samples of the test world (1,500, made in memory in a minute);
                                     table, and a plot of time against error; --weights adds networks; needs Python
                                     with pip
   bench gate [--json]               what skipping frames saves and costs, gate by gate, under drift, noise and light touch

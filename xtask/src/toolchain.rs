@@ -107,12 +107,15 @@ impl Compiler {
 
 /// `cargo xtask toolchain`.
 pub(crate) fn command(arguments: &[String]) -> Result<(), Error> {
-    let from_sources = match arguments {
-        [] => false,
-        [only] if only == "--from-sources" => true,
-        [found, ..] => return Err(Error::usage("argument", found, "--from-sources or none")),
-    };
-    let libraries = ensure(&MCU, from_sources)?;
+    let (mut target, mut from_sources) = (&MCU, false);
+    for argument in arguments {
+        match argument.as_str() {
+            "--arm" => target = &ARM,
+            "--from-sources" => from_sources = true,
+            found => return Err(Error::usage("argument", found, "--arm, --from-sources or none")),
+        }
+    }
+    let libraries = ensure(target, from_sources)?;
     match libraries.sysroot {
         None => println!("sysroot {}", Compiler::installed()?.sysroot.display()),
         Some(sysroot) => println!("sysroot {}", sysroot.display()),
