@@ -4,6 +4,7 @@
 //! fails when something it was asked to check cannot be checked. Products land in `target/gripline`.
 #![forbid(unsafe_code)]
 
+mod arm;
 mod bench;
 mod cpio;
 mod debian;
@@ -58,8 +59,14 @@ cargo xtask COMMAND
                                     build a Debian package of the bridge in target/gripline: program, man pages,
                                     completions, udev rule, systemd unit, configuration; TARGET is x86_64 or aarch64;
                                     --check installs, starts, hangs, stops and removes it in the virtual machine
-  toolchain [--from-sources]        make this machine able to build for the microcontroller;
+  toolchain [--arm] [--from-sources]
+                                    make this machine able to build for the microcontroller, or for 64-bit ARM;
                                     --from-sources passes over rustup and an installed target
+  arm [build | instructions [--json]]
+                                    64-bit ARM: builds with Debian's cross compiler, tests under qemu-user, the networks'
+                                    bits against this processor's, instructions of a frame with NEON against portable;
+                                    fetches compiler, emulator and standard library; build: only the bridge, and its
+                                    path; instructions: only bits and counts
   vm [--profile PROFILE] [--only WORD]
                                     boot a Debian kernel in qemu and run `gripline` in it, built with PROFILE (release),
                                     against a virtual camera and virtual microcontrollers on USB: formats, controls,
@@ -69,9 +76,9 @@ cargo xtask COMMAND
                                     run time against error for the whole chain and each of its stages, a NumPy detector
                                     beside ours, what skipping saves by kind of scene and what it changes; tables and a
                                     plot; needs Python with pip
-  bench network [--json] [--rounds N] [--samples N] [--weights FILE]... [--plot FILE]
+  bench network [--json] [--instructions SET] [--rounds N] [--samples N] [--weights FILE]... [--plot FILE]
                                     time the force networks against onnxruntime and tract and against this processor's
-                                    limit; errors on N samples of the test world (1,500, made in memory in a minute);
+                                    limit; --instructions forces ours to portable, avx2, avx512 or neon; errors on N samples of the test world (1,500, made in memory in a minute);
                                     table, and a plot of time against error; --weights adds networks; needs Python
                                     with pip
   bench gate [--json]               what skipping frames saves and costs, gate by gate, under drift, noise and light touch
@@ -123,6 +130,7 @@ fn dispatch(arguments: &[String]) -> Result<(), Error> {
         "emulator" => no_more(rest).and_then(|()| emulator::command()),
         "modules" => no_more(rest).and_then(|()| modules::run()),
         "latency" => emulator::latency(rest),
+        "arm" => arm::command(rest),
         "toolchain" => toolchain::command(rest),
         "package" if rest == ["--check"] => vm::package::run("dev"),
         "package" => package::command(rest),

@@ -27,6 +27,13 @@ pub(crate) const CHROMIUM: Programs = Programs {
     version: "--version",
 };
 
+/// Programs for 64-bit ARM are linked and run with these.
+pub(crate) const ARM: Programs = Programs {
+    packages: &["gcc-aarch64-linux-gnu", "libc6-dev-arm64-cross", "qemu-user"],
+    names: &["aarch64-linux-gnu-gcc", "qemu-aarch64"],
+    version: "--version",
+};
+
 impl Programs {
     /// Makes sure that they can be started.
     pub(crate) fn ensure(&self) -> Result<(), Error> {

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use crate::error::Error;
 use crate::firmware::{self, Board};
 use crate::programs::{CHROMIUM, FFMPEG};
-use crate::{emulator, modules, physics, process, ros2, toolchain, vm};
+use crate::{arm, emulator, modules, physics, process, ros2, toolchain, vm};
 
 /// What one check came to.
 struct Outcome {
@@ -112,7 +112,7 @@ pub(crate) fn run(tier: Tier) -> Result<(), Error> {
         )
     });
     checks.check("core library for the microcontroller", || {
-        toolchain::ensure(false)
+        toolchain::ensure(&toolchain::MCU, false)
     });
     checks.check("ffmpeg for clips", || FFMPEG.ensure());
     let python = if all {
@@ -186,6 +186,7 @@ fn slow(checks: &mut Checks) {
     ros2_of_the_bridge(checks);
     // Speed is for a quiet machine and a command of its own.
     checks.check("physics", || physics::run(&["--without".into(), "speed".into()]));
+    checks.check("64-bit ARM: builds, tests, bits, instructions", arm::check);
     // With the programs that the tests were just built with.
     checks.check("virtual machine: camera, USB, disks", || vm::run("dev", None));
     checks.check("Debian package in the virtual machine", || {

@@ -46,7 +46,7 @@ pub struct InferArgs {
     /// Compute every frame as a whole, or only what can differ from the frame before; the maps are the same.
     #[arg(long, value_enum, default_value_t = Engine::Skip)]
     engine: Engine,
-    /// Vector instructions: portable, avx2 or avx512. By default the widest there are.
+    /// Vector instructions: portable, avx2, avx512 or neon. By default the widest there are.
     #[arg(long, value_name = "SET")]
     instructions: Option<InstructionSet>,
     /// Print the summary as one JSON object.

@@ -92,7 +92,7 @@ pub struct Settings {
     #[arg(id = "network.weights", long = "weights", value_name = "FILE")]
     pub weights: Option<PathBuf>,
 
-    /// Vector instructions that the force network uses: portable, avx2 or avx512. By default the widest there are.
+    /// Vector instructions that the force network uses: portable, avx2, avx512 or neon. By default the widest there are.
     /// Example: "avx2"
     #[arg(id = "network.instructions", long = "instructions", value_name = "SET")]
     pub instructions: Option<InstructionSet>,
