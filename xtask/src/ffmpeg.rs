@@ -2,6 +2,7 @@
 
 use std::process::Command;
 
+use crate::debian;
 use crate::error::Error;
 use crate::process;
 
@@ -14,20 +15,9 @@ pub(crate) fn ensure() -> Result<(), Error> {
     let Some(program) = missing() else {
         return Ok(());
     };
-    let is_root = process::output(Command::new("id").arg("-u")).is_ok_and(|id| id.trim() == "0");
-    if is_root {
+    if debian::is_root() {
         eprintln!("no {program} here; installing Debian's package ffmpeg");
-        let install = || {
-            process::run(
-                Command::new("apt-get")
-                    .env("DEBIAN_FRONTEND", "noninteractive")
-                    .args(["install", "--yes", "-qq", "--no-install-recommends", "ffmpeg"]),
-            )
-        };
-        if install().is_err() {
-            process::run(Command::new("apt-get").args(["update", "-qq"]))?;
-            install()?;
-        }
+        debian::install("ffmpeg")?;
     }
     missing().map_or(Ok(()), |program| {
         Err(Error::Product {

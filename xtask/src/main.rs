@@ -18,6 +18,7 @@ mod modules;
 mod option_bytes;
 mod physics;
 mod process;
+mod python;
 mod screenshots;
 mod test;
 mod toolchain;
@@ -78,6 +79,8 @@ cargo xtask COMMAND
                                     table, writes pictures to DIR; wants a quiet machine (it judges speed) and
                                     Python 3 with venv (it installs tamaas into the build folder)
   train [ARGUMENTS]                 run the trainer (host/training) with these arguments
+  wheel [--bench]                   build the Python package into target/wheels and print its size; --bench times import and
+                                    detector beside `gripline detect`; needs Python 3 with venv and PyPI
 
 Exit code: 0 done, 1 failed, 2 wrong usage.
 ";
@@ -129,6 +132,7 @@ fn dispatch(arguments: &[String]) -> Result<(), Error> {
                 .args(["run", "--release", "--package", "gripline-training", "--"])
                 .args(rest),
         ),
+        "wheel" => python::wheel(rest),
         unknown => Err(Error::usage(
             "command",
             unknown,

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use crate::error::Error;
 use crate::firmware::{self, Board};
-use crate::{emulator, ffmpeg, modules, physics, process, toolchain, vm};
+use crate::{emulator, ffmpeg, modules, physics, process, python, toolchain, vm};
 
 /// What one check came to.
 struct Outcome {
@@ -173,6 +173,7 @@ fn slow(checks: &mut Checks) {
     });
     checks.check("lints of the firmware binary", || firmware::lint(emulator::BOARD));
     checks.check("lints of the emulator", emulator::lint);
+    checks.check("Python package", python::check);
     // Speed is for a quiet machine and a command of its own.
     checks.check("physics", || physics::run(&["--without".into(), "speed".into()]));
     // With the programs that the tests were just built with.

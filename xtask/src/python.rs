@@ -1,0 +1,155 @@
+//! The Python package of `host/python`: `cargo xtask wheel` builds it, `cargo xtask test --all` runs its tests on the wheel that
+//! it built. What that needs from PyPI lives in an environment of its own beside the other products.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use crate::debian;
+use crate::error::Error;
+use crate::process;
+
+/// What the environment holds: the builder, the package's dependency, the tests' runner, and what an example draws with.
+const PACKAGES: [&str; 4] = [
+    "maturin==1.16.0",
+    "numpy==2.4.6",
+    "pytest==9.2.0",
+    "matplotlib==3.11.2",
+];
+
+/// Largest wheel, bytes, weights included.
+const WHEEL_MAX: u64 = 15 << 20;
+
+/// `cargo xtask wheel [--bench]`.
+pub(crate) fn wheel(arguments: &[String]) -> Result<(), Error> {
+    let bench = match arguments {
+        [] => false,
+        [one] if one == "--bench" => true,
+        [other, ..] => return Err(Error::usage("wheel", other, "nothing or --bench")),
+    };
+    let python = Environment::ensure()?;
+    let wheel = python.build()?;
+    if bench {
+        python.install(&wheel)?;
+        process::run(process::cargo().args(["build", "--release", "--package", "gripline"]))?;
+        let program = process::build_dir().join("release").join("gripline");
+        process::run(
+            python
+                .python()
+                .arg(package().join("checks/speed.py"))
+                .arg(program),
+        )?;
+    }
+    Ok(())
+}
+
+/// Builds the wheel, installs it and runs the package's tests. They compare with the command line, which is built for that.
+pub(crate) fn check() -> Result<(), Error> {
+    let python = Environment::ensure()?;
+    let wheel = python.build()?;
+    python.install(&wheel)?;
+    process::run(process::cargo().args(["build", "--release", "--package", "gripline"]))?;
+    let program = process::build_dir().join("release").join("gripline");
+    process::run(
+        python
+            .python()
+            .args(["-m", "pytest", "-p", "no:cacheprovider"])
+            .current_dir(package())
+            .env("PYTHONDONTWRITEBYTECODE", "1")
+            .env("GRIPLINE", program),
+    )
+}
+
+fn package() -> PathBuf {
+    process::root().join("host").join("python")
+}
+
+/// A virtual environment with [`PACKAGES`].
+struct Environment(PathBuf);
+
+impl Environment {
+    /// Makes it where it is missing or holds other versions.
+    fn ensure() -> Result<Self, Error> {
+        let environment = Self(process::products().join("python"));
+        let marker = environment.0.join("packages.txt");
+        let wanted = PACKAGES.join("\n");
+        if fs::read_to_string(&marker).is_ok_and(|found| found == wanted) {
+            return Ok(environment);
+        }
+        let make = || {
+            process::run(
+                Command::new("python3")
+                    .args(["-m", "venv", "--clear"])
+                    .arg(&environment.0),
+            )
+        };
+        if make().is_err() {
+            // Debian's python3 comes without it.
+            debian::install("python3-venv")?;
+            make()?;
+        }
+        process::run(
+            environment
+                .python()
+                .args(["-m", "pip", "install", "--quiet", "--disable-pip-version-check"])
+                .args(PACKAGES),
+        )?;
+        fs::write(&marker, wanted).map_err(|source| Error::file(&marker, source))?;
+        Ok(environment)
+    }
+
+    fn python(&self) -> Command {
+        Command::new(self.0.join("bin").join("python"))
+    }
+
+    /// Builds the wheel, checks its size and returns its path.
+    fn build(&self) -> Result<PathBuf, Error> {
+        let folder = process::build_dir().join("wheels");
+        // An older wheel would be taken for the new one.
+        let _ = fs::remove_dir_all(&folder);
+        process::run(
+            self.python()
+                .args(["-m", "maturin", "build", "--release", "--locked", "--out"])
+                .arg(&folder)
+                .arg("--interpreter")
+                .arg(self.0.join("bin").join("python"))
+                .arg("--manifest-path")
+                .arg(package().join("Cargo.toml"))
+                .current_dir(process::root()),
+        )?;
+        let wheel = only_wheel(&folder)?;
+        let size = fs::metadata(&wheel)
+            .map_err(|source| Error::file(&wheel, source))?
+            .len();
+        println!("{}: {size} bytes", wheel.display());
+        if size > WHEEL_MAX {
+            return Err(Error::Product {
+                what: wheel.display().to_string(),
+                found: format!("{size} bytes"),
+                expected: format!("at most {WHEEL_MAX}"),
+            });
+        }
+        Ok(wheel)
+    }
+
+    fn install(&self, wheel: &Path) -> Result<(), Error> {
+        process::run(
+            self.python()
+                .args(["-m", "pip", "install", "--quiet", "--disable-pip-version-check"])
+                .args(["--no-deps", "--force-reinstall"])
+                .arg(wheel),
+        )
+    }
+}
+
+fn only_wheel(folder: &Path) -> Result<PathBuf, Error> {
+    let files = fs::read_dir(folder).map_err(|source| Error::file(folder, source))?;
+    let mut wheels = files.flatten().map(|file| file.path());
+    wheels
+        .find(|path| path.extension().is_some_and(|end| end == "whl"))
+        .ok_or_else(|| Error::Product {
+            what: folder.display().to_string(),
+            found: "no wheel".to_owned(),
+            expected: "the one that maturin said it built".to_owned(),
+        })
+}
