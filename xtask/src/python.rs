@@ -9,11 +9,13 @@ use crate::debian;
 use crate::error::Error;
 use crate::process;
 
-/// What the environment holds: the builder, the package's dependency, the tests' runner, and what an example draws with.
-const PACKAGES: [&str; 4] = [
+/// What the environment holds: the builder, the package's dependency, the tests' runner, the judge of its types, and what an
+/// example draws with.
+const PACKAGES: [&str; 5] = [
     "maturin==1.16.0",
     "numpy==2.4.6",
     "pytest==9.2.0",
+    "mypy==2.4.1",
     "matplotlib==3.11.2",
 ];
 
@@ -31,14 +33,8 @@ pub(crate) fn wheel(arguments: &[String]) -> Result<(), Error> {
     let wheel = python.build()?;
     if bench {
         python.install(&wheel)?;
-        process::run(process::cargo().args(["build", "--release", "--package", "gripline"]))?;
-        let program = process::build_dir().join("release").join("gripline");
-        process::run(
-            python
-                .python()
-                .arg(package().join("checks/speed.py"))
-                .arg(program),
-        )?;
+        let speed = package().join("checks/speed.py");
+        process::run(python.python().arg(speed).arg(command_line()?))?;
     }
     Ok(())
 }
@@ -48,8 +44,7 @@ pub(crate) fn check() -> Result<(), Error> {
     let python = Environment::ensure()?;
     let wheel = python.build()?;
     python.install(&wheel)?;
-    process::run(process::cargo().args(["build", "--release", "--package", "gripline"]))?;
-    let program = process::build_dir().join("release").join("gripline");
+    let program = command_line()?;
     process::run(
         python
             .python()
@@ -58,6 +53,12 @@ pub(crate) fn check() -> Result<(), Error> {
             .env("PYTHONDONTWRITEBYTECODE", "1")
             .env("GRIPLINE", program),
     )
+}
+
+/// The program `gripline`, built as fast as the wheel.
+fn command_line() -> Result<PathBuf, Error> {
+    process::run(process::cargo().args(["build", "--release", "--package", "gripline"]))?;
+    Ok(process::build_dir().join("release").join("gripline"))
 }
 
 fn package() -> PathBuf {

@@ -9,7 +9,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use crate::arrays::{Maps, room, texts};
-use crate::failed;
+use crate::error::failed;
 use crate::values::within;
 use crate::verdicts::{Verdicts, judge_frame, settings_of};
 use crate::worker::Worker;

@@ -11,7 +11,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use crate::arrays::{array_of, planes, room, shaped, texts, typed};
-use crate::failed;
+use crate::error::failed;
 use crate::pictures::Cropper;
 use crate::values::named;
 

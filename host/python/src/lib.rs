@@ -9,6 +9,7 @@
 mod arrays;
 mod controller;
 mod detector;
+mod error;
 mod force_network;
 mod pictures;
 mod recording;
@@ -19,26 +20,12 @@ mod values;
 mod verdicts;
 mod worker;
 
-use pyo3::create_exception;
-use pyo3::exceptions::PyException;
 use pyo3::prelude::*;
-
-create_exception!(
-    gripline,
-    GriplineError,
-    PyException,
-    "Something that Gripline was asked for cannot be done: what was found, what was expected and what to do."
-);
-
-/// The line of an error as Python's [`GriplineError`].
-fn failed(error: impl std::fmt::Display) -> PyErr {
-    GriplineError::new_err(error.to_string())
-}
 
 #[pymodule]
 fn _gripline(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
-    module.add("GriplineError", module.py().get_type::<GriplineError>())?;
+    module.add("GriplineError", module.py().get_type::<error::GriplineError>())?;
     module.add_class::<detector::Detector>()?;
     module.add_class::<controller::Controller>()?;
     module.add_class::<force_network::ForceNetwork>()?;

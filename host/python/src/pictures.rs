@@ -6,7 +6,7 @@ use numpy::ndarray::ArrayView2;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-use crate::failed;
+use crate::error::failed;
 
 /// How pictures of a sensor become the 440×440 crop.
 #[derive(Debug, Clone)]

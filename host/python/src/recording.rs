@@ -10,7 +10,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use crate::arrays::{or_nan, planes, require_numpy, shaped, texts};
-use crate::failed;
+use crate::error::failed;
 
 /// What is read of a recording.
 #[derive(Default)]

@@ -10,7 +10,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use crate::arrays::{or_nan, planes, require_numpy, room, shaped, texts};
-use crate::failed;
+use crate::error::failed;
 use crate::values::named;
 
 /// Samples between two looks at whether the user wants to stop: some 100 ms.

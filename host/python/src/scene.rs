@@ -12,7 +12,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use crate::arrays::{or_nan, planes, require_numpy, shaped};
-use crate::failed;
+use crate::error::failed;
 use crate::shipped_scenes::{SHIPPED, load};
 use crate::values::named;
 use crate::worker::Worker;

@@ -7,7 +7,7 @@ use std::thread;
 
 use pyo3::prelude::*;
 
-use crate::failed;
+use crate::error::failed;
 
 type Job<T> = Box<dyn FnOnce(&mut T) + Send>;
 
