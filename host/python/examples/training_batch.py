@@ -3,12 +3,14 @@
 Torch itself is not needed to run this; with it, `torch.from_numpy` takes each array as it is.
 """
 
+from collections.abc import Iterator
+
 import numpy as np
 
 import gripline
 
 
-def batches(seed: int, size: int):
+def batches(seed: int, size: int) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Pairs of input (N, 2, 88, 88) float32, 0 to 1, and target (N, 3, 20, 20) float32, newtons; without end."""
     samples = gripline.TrainingSamples(seed, split="train")
     while True:

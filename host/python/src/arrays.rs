@@ -200,10 +200,10 @@ pub(crate) fn planes(map: &[[f32; 3]; TAXELS]) -> impl Iterator<Item = f32> + '_
 }
 
 /// Texts as a NumPy array of text.
-pub(crate) fn texts<'py, S: AsRef<str>>(
-    py: Python<'py>,
+pub(crate) fn texts<S: AsRef<str>>(
+    py: Python<'_>,
     texts: impl IntoIterator<Item = S>,
-) -> PyResult<Bound<'py, PyAny>> {
+) -> PyResult<Bound<'_, PyAny>> {
     let list = PyList::empty(py);
     for text in texts {
         list.append(text.as_ref())?;
@@ -212,11 +212,11 @@ pub(crate) fn texts<'py, S: AsRef<str>>(
 }
 
 /// Numbers as an array of this shape, whose product is their count.
-pub(crate) fn shaped<'py, T: Element, D: numpy::ndarray::IntoDimension>(
-    py: Python<'py>,
+pub(crate) fn shaped<T: Element, D: numpy::ndarray::IntoDimension>(
+    py: Python<'_>,
     numbers: Vec<T>,
     shape: D,
-) -> PyResult<Bound<'py, PyArray<T, D::Dim>>> {
+) -> PyResult<Bound<'_, PyArray<T, D::Dim>>> {
     PyArray::from_vec(py, numbers).reshape(shape)
 }
 

@@ -62,7 +62,7 @@ impl ForceNetwork {
         cropper.check("rest", rows, columns)?;
         let mut crop = Vec::new();
         cropper.apply(&rest.as_array(), &mut crop);
-        let inference = py.detach(|| {
+        let inference = py.detach(move || {
             let network = match &weights {
                 Some(path) => Network::from_file(path, Some(architecture)),
                 None => Network::embedded(architecture),

@@ -1,6 +1,6 @@
 //! `gripline.read_recording`: a recording of `gripline run --record` as NumPy arrays, as `gripline export` names them.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use gripline_protocol::SENSORS;
 use gripline_recording::{Completeness, Metadata, Reader, RecordedStatus, units};
@@ -27,20 +27,15 @@ struct Contents {
 }
 
 impl Contents {
-    /// Goes through the file once; `cancelled` is asked now and then.
-    fn read(
-        path: &std::path::Path,
-        sensor: u8,
-        pictures: bool,
-        mut cancelled: impl FnMut() -> PyResult<()>,
-    ) -> PyResult<Self> {
+    /// Goes through the file once; stops where the user wants it.
+    fn read(path: &Path, sensor: u8, pictures: bool) -> PyResult<Self> {
         let mut contents = Self::default();
         let mut reader = Reader::open(path).map_err(failed)?;
         let mut read = 0_u32;
         while let Some(frame) = reader.next_frame().map_err(failed)? {
             read += 1;
             if read.is_multiple_of(256) {
-                cancelled()?;
+                stop_if_asked()?;
             }
             if frame.status.sensor != sensor {
                 continue;
@@ -48,12 +43,18 @@ impl Contents {
             contents.maps.extend(planes(&frame.map.dequantise()));
             contents.frames.push(frame.status);
             // Only where all frames have one of the same size do they make an array.
-            if let Some(picture) = frame.picture.filter(|_| pictures) {
-                if *contents.side.get_or_insert(picture.side) == picture.side {
-                    contents.pixels.extend(picture.pixels);
-                    contents.pictures += 1;
-                }
+            if let Some(picture) = frame.picture.filter(|_| pictures)
+                && *contents.side.get_or_insert(picture.side) == picture.side
+            {
+                contents.pixels.extend(picture.pixels);
+                contents.pictures += 1;
             }
+        }
+        if contents.frames.is_empty() {
+            return Err(failed(format!(
+                "{}: found no frame of fingertip {sensor}, expected some: ask for the other one",
+                path.display()
+            )));
         }
         if let Completeness::Truncated(why) = reader.completeness() {
             contents.truncated = Some(why);
@@ -121,6 +122,14 @@ impl Contents {
     }
 }
 
+#[expect(
+    clippy::redundant_closure_for_method_calls,
+    reason = "the method itself is not general enough in its lifetime"
+)]
+fn stop_if_asked() -> PyResult<()> {
+    Python::attach(|py| py.check_signals())
+}
+
 /// Reads a recording of `gripline run --record` (MCAP) into memory.
 ///
 /// sensor: the fingertip, 0 or 1. pictures: False leaves the pictures out.
@@ -143,18 +152,8 @@ pub(crate) fn read_recording(
             "sensor: found {sensor}, expected 0 or 1"
         )));
     }
-    let contents = py.detach(|| {
-        Contents::read(&path, sensor, pictures, || {
-            Python::attach(|py| py.check_signals())
-        })
-    })?;
+    let contents = py.detach(move || Contents::read(&path, sensor, pictures))?;
     let count = contents.frames.len();
-    if count == 0 {
-        return Err(failed(format!(
-            "{}: found no frame of fingertip {sensor}, expected some: ask for the other one",
-            path.display()
-        )));
-    }
     let recording = PyDict::new(py);
     recording.set_item("columns", contents.columns(py)?)?;
     recording.set_item("maps", shaped(py, contents.maps, [count, 3, 20, 20])?)?;

@@ -1,6 +1,6 @@
 //! `gripline.TrainingSamples`: random pairs of pictures and force maps from the simulated world, in batches.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Mutex, PoisonError};
 
 use gripline_simulation::constants::{CROP_PX, NETWORK_PX};
 use gripline_simulation::{Sample, SampleGenerator, SampleWorld, Split};
@@ -65,15 +65,12 @@ impl TrainingSamples {
             py.detach(|| {
                 let mut generator = self.generator.lock().unwrap_or_else(PoisonError::into_inner);
                 for mut sample in generator.by_ref().take(more) {
-                    match sample.crops.take() {
-                        Some(crops) => {
-                            rest.extend_from_slice(&Arc::clone(&crops.rest).pixels);
-                            now.extend_from_slice(&crops.now.pixels);
-                        }
-                        None => {
-                            rest.extend_from_slice(&sample.rest);
-                            now.extend_from_slice(&sample.now);
-                        }
+                    if let Some(crops) = sample.crops.take() {
+                        rest.extend_from_slice(&crops.rest.pixels);
+                        now.extend_from_slice(&crops.now.pixels);
+                    } else {
+                        rest.extend_from_slice(&sample.rest);
+                        now.extend_from_slice(&sample.now);
                     }
                     maps.extend(planes(&sample.forces));
                     samples.push(sample);

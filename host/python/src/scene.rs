@@ -139,7 +139,7 @@ impl Scene {
                 i64::MAX
             )));
         }
-        py.detach(|| {
+        py.detach(move || {
             let file = read(&scene)?;
             let (seed, size) = (seed.unwrap_or(file.seed), size.unwrap_or(file.frames));
             let frames_per_second = file.frames_per_second;

@@ -14,7 +14,7 @@ import gripline
 
 def python(*arguments, cwd=None):
     ended = subprocess.run([sys.executable, *map(str, arguments)], capture_output=True, text=True, cwd=cwd, timeout=300)
-    assert ended.returncode == 0, ended.stderr
+    assert ended.returncode == 0, ended.stdout + ended.stderr
     return ended.stdout
 
 
@@ -24,10 +24,12 @@ def test_an_import_brings_neither_numpy_nor_http():
     assert not {"numpy", "http.client", "json", "gripline.client"} & set(brought)
 
 
-def test_the_types_are_those_of_what_is_there():
+def test_the_types_are_those_of_what_is_there(tmp_path):
     """mypy compares every name, parameter and default of the stubs with the installed package."""
-    python("-m", "mypy.stubtest", "gripline._gripline")
-    python("-m", "mypy", "--strict", PACKAGE / "python" / "gripline" / "client.py")
+    python("-m", "mypy.stubtest", "gripline._gripline", "gripline.results", "--concise", cwd=tmp_path)
+    sources = PACKAGE / "python" / "gripline"
+    checked = [sources / "client.py", sources / "results.py", *sorted((PACKAGE / "examples").glob("*.py"))]
+    python("-m", "mypy", "--strict", "--cache-dir", tmp_path, *checked, cwd=tmp_path)
 
 
 def test_everything_public_is_documented():

@@ -2,81 +2,29 @@
 
 import os
 from collections.abc import Iterator
-from typing import Any, Literal, TypedDict, final
+from typing import Literal, final
 
 import numpy as np
 from numpy.typing import NDArray
+
+from .results import Batch, Controlled, Inferred, Judged, Recording, SceneFrame
+
+__all__ = [
+    "__version__",
+    "GriplineError",
+    "Detector",
+    "Controller",
+    "ForceNetwork",
+    "Scene",
+    "TrainingSamples",
+    "scenes",
+    "read_recording",
+]
 
 __version__: str
 
 class GriplineError(Exception):
     """Something that Gripline was asked for cannot be done: what was found, what was expected and what to do."""
-
-# Keys that are no names of Python's, such as fn and ft, are written so that all columns stand together.
-Judged = TypedDict(
-    "Judged",
-    {
-        "frame": NDArray[np.int64],
-        "fn": NDArray[np.float64],
-        "fx": NDArray[np.float64],
-        "fy": NDArray[np.float64],
-        "ft": NDArray[np.float64],
-        "mz": NDArray[np.float64],
-        "contact": NDArray[np.uint16],
-        "stick": NDArray[np.uint16],
-        "stick_ratio": NDArray[np.float64],
-        "coulomb_slip": NDArray[np.bool_],
-        "slip": NDArray[np.bool_],
-        "saturated": NDArray[np.uint16],
-    },
-)
-"""Arrays (T,): forces in newtons, mz in N mm about the middle of the map, contact and stick in taxels, stick_ratio NaN where
-nothing touches, saturated in components beyond 8 N that were clipped."""
-
-class Controlled(Judged):
-    """The same and what the controller says: state is 'NO_CONTACT', 'STICK', 'INCIPIENT' or 'SLIP', slip_evidence 0 to 1, line_n
-    the grip-force line in newtons."""
-
-    state: NDArray[np.str_]
-    slip_evidence: NDArray[np.float64]
-    line_n: NDArray[np.float64]
-
-class Inferred(TypedDict):
-    """maps (T, 3, 20, 20) newtons per taxel; good (T,); health (T,): 'good' or what is known against the picture."""
-
-    maps: NDArray[np.float32]
-    good: NDArray[np.bool_]
-    health: NDArray[np.str_]
-
-class SceneFrame(TypedDict):
-    """truth by name as in truth.csv; maps (F, 3, 20, 20) newtons per taxel; pictures (F, H, W) or None."""
-
-    truth: dict[str, Any]
-    maps: NDArray[np.float32]
-    pictures: NDArray[np.uint8] | None
-
-class Batch(TypedDict):
-    """rest and now (N, S, S); maps (N, 3, 20, 20) newtons per taxel; the others (N,), NaN where nothing touches."""
-
-    rest: NDArray[np.uint8]
-    now: NDArray[np.uint8]
-    maps: NDArray[np.float32]
-    stick_ratio: NDArray[np.float64]
-    friction: NDArray[np.float64]
-    gross_slip: NDArray[np.bool_]
-    shape: NDArray[np.str_]
-    sensor: NDArray[np.uint64]
-
-class Recording(TypedDict):
-    """maps (T, 3, 20, 20) newtons per taxel; pictures (T, S, S) or None unless every frame has one; rest (N, 440, 440); columns (T,)
-    as in frames.csv; metadata by name; truncated: None, or why the file was cut short."""
-
-    maps: NDArray[np.float32]
-    pictures: NDArray[np.uint8] | None
-    rest: NDArray[np.uint8]
-    columns: dict[str, NDArray[Any]]
-    metadata: dict[str, str]
-    truncated: str | None
 
 @final
 class Detector:
@@ -88,9 +36,9 @@ class Detector:
     scale: newtons per unit of the maps.
     """
 
-    def __init__(
-        self, mu: float = 0.45, threshold: float = 0.5, contact_min: float = 0.0, scale: float = 1.0
-    ) -> None: ...
+    def __new__(
+        cls, mu: float = 0.45, threshold: float = 0.5, contact_min: float = 0.0, scale: float = 1.0
+    ) -> Detector: ...
     def __call__(self, maps: NDArray[np.float32] | NDArray[np.float64]) -> Judged:
         """Judges maps of shape (T, 3, R, C) in newtons, R and C up to 20; a smaller grid sits in the corner of an empty map."""
 
@@ -103,14 +51,14 @@ class Controller:
     rate_hz: maps per second, 10 to 1000; its clock is that of the maps.
     """
 
-    def __init__(
-        self,
+    def __new__(
+        cls,
         mu: float = 0.45,
         threshold: float = 0.5,
         contact_min: float = 0.0,
         scale: float = 1.0,
         rate_hz: float = 60.0,
-    ) -> None: ...
+    ) -> Controller: ...
     def __call__(self, maps: NDArray[np.float32] | NDArray[np.float64]) -> Controlled:
         """Shows maps of shape (T, 3, R, C) in newtons, R and C up to 20."""
 
@@ -125,15 +73,15 @@ class ForceNetwork:
     engine: 'skip' computes only what can differ from the picture before, 'dense' all; the maps are the same.
     """
 
-    def __init__(
-        self,
+    def __new__(
+        cls,
         rest: NDArray[np.uint8],
         *,
         network: Literal["tracked", "unet"] = "tracked",
         weights: str | os.PathLike[str] | None = None,
         sensor: str | os.PathLike[str] | None = None,
         engine: Literal["skip", "dense"] = "skip",
-    ) -> None: ...
+    ) -> ForceNetwork: ...
     def infer(self, pictures: NDArray[np.uint8]) -> Inferred:
         """Infers the forces of pictures of shape (T, H, W), of the sizes that rest may have."""
 
@@ -158,14 +106,14 @@ class Scene(Iterator[SceneFrame]):
     unsolved: list[tuple[float, str, str]]
     """Frames that were left out so far: time in seconds, phase and why."""
 
-    def __init__(
-        self,
+    def __new__(
+        cls,
         scene: str | os.PathLike[str],
         *,
         seed: int | None = None,
         size: Literal["crop", "full"] | None = None,
         pictures: bool = True,
-    ) -> None: ...
+    ) -> Scene: ...
     def __len__(self) -> int: ...
     def __iter__(self) -> Scene: ...
     def __next__(self) -> SceneFrame: ...
@@ -179,13 +127,13 @@ class TrainingSamples:
     size: 'small' for pictures of 88x88, 'crop' for 440x440.
     """
 
-    def __init__(
-        self,
+    def __new__(
+        cls,
         seed: int,
         *,
         split: Literal["train", "validation", "calibration", "test"] = "train",
         size: Literal["small", "crop"] = "small",
-    ) -> None: ...
+    ) -> TrainingSamples: ...
     def batch(self, count: int) -> Batch:
         """The next count samples."""
 
