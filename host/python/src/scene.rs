@@ -36,6 +36,8 @@ pub(crate) fn scenes() -> Vec<&'static str> {
 #[pyclass(frozen, module = "gripline")]
 pub(crate) struct Scene {
     playing: Worker<Playing>,
+    /// Names of the truth's values.
+    names: Vec<String>,
     /// Frames of the whole scene.
     #[pyo3(get)]
     frames: usize,
@@ -53,6 +55,8 @@ pub(crate) struct Scene {
 /// A scene under way, on its own thread.
 struct Playing {
     play: Box<dyn Play>,
+    /// Each finger before the first frame.
+    rest: Vec<Image>,
     size: FrameSize,
     pictures: bool,
     /// Frames that were solved.
@@ -144,19 +148,28 @@ impl Scene {
             let (seed, size) = (seed.unwrap_or(file.seed), size.unwrap_or(file.frames));
             let frames_per_second = file.frames_per_second;
             let playing = Worker::start(move || {
-                let play = play::open(&file, seed).map_err(failed)?;
+                let mut play = play::open(&file, seed).map_err(failed)?;
+                // Before the first frame: the light changes with time.
+                let rest = (0..play.fingers())
+                    .map(|finger| play.rest(finger, size))
+                    .collect();
                 Ok(Playing {
                     play,
+                    rest,
                     size,
                     pictures,
                     number: 0,
                     unsolved: Vec::new(),
                 })
             })?;
-            let (frames, fingers) =
-                playing.call(|playing| (playing.play.frames(), playing.play.fingers()))?;
+            let (frames, fingers, names) = playing.call(|playing| {
+                let play = &playing.play;
+                let names = truth::names(play.fingers(), play.extra_columns());
+                (play.frames(), play.fingers(), names)
+            })?;
             Ok(Self {
                 playing,
+                names,
                 frames,
                 fingers,
                 frames_per_second,
@@ -165,17 +178,10 @@ impl Scene {
         })
     }
 
-    /// Pictures before anything touches, (F, H, W) uint8.
+    /// Pictures before the first frame, when nothing touches, (F, H, W) uint8.
     #[getter]
     fn rest<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        let pictures = py.detach(|| {
-            self.playing.call(|playing| {
-                let size = playing.size;
-                (0..playing.play.fingers())
-                    .map(|finger| playing.play.rest(finger, size))
-                    .collect()
-            })
-        })?;
+        let pictures = py.detach(|| self.playing.call(|playing| playing.rest.clone()))?;
         stacked(py, pictures)
     }
 
@@ -198,9 +204,7 @@ impl Scene {
             return Ok(None);
         };
         let truth = PyDict::new(py);
-        let extra = py.detach(|| self.playing.call(|playing| playing.play.extra_columns()))?;
-        let names = truth::names(self.fingers, extra);
-        for (name, cell) in names.iter().zip(truth::row(shown.number, &shown.moment)) {
+        for (name, cell) in self.names.iter().zip(truth::row(shown.number, &shown.moment)) {
             match cell {
                 Cell::Count(count) => truth.set_item(name, count)?,
                 Cell::Number(number) => truth.set_item(name, or_nan(number))?,
