@@ -32,9 +32,9 @@ use test::Tier;
 const HELP: &str = "\
 cargo xtask COMMAND
 
-  test [--all | --zenoh]            every check that a change has to pass, in order, with a summary; --all: the slow ones
+  test [--all | --zenoh | --python] every check that a change has to pass, in order, with a summary; --all: the slow ones
                                     too; --zenoh: only those of the bridge's feature zenoh, whose crates take minutes to
-                                    build the first time
+                                    build the first time; --python: only that of the Python package
   screenshots                       play the scripted scene and draw the README's pictures of view and plot anew
   figures [all | NAME...]           measure anew what is named in docs/figures.toml, and write docs/figures.md
   firmware [--board BOARD] [--out FILE]
@@ -107,6 +107,7 @@ fn dispatch(arguments: &[String]) -> Result<(), Error> {
             Ok(())
         }
         "test" if rest == ["--zenoh"] => test::zenoh(),
+        "test" if rest == ["--python"] => test::python(),
         "test" if rest == ["--all"] => test::run(Tier::All),
         "test" => no_more(rest).and_then(|()| test::run(Tier::Quick)),
         "screenshots" => no_more(rest).and_then(|()| screenshots::run()),

@@ -173,11 +173,22 @@ fn slow(checks: &mut Checks) {
     });
     checks.check("lints of the firmware binary", || firmware::lint(emulator::BOARD));
     checks.check("lints of the emulator", emulator::lint);
-    checks.check("Python package", python::check);
+    python_package(checks);
     // Speed is for a quiet machine and a command of its own.
     checks.check("physics", || physics::run(&["--without".into(), "speed".into()]));
     // With the programs that the tests were just built with.
     checks.check("virtual machine: camera, USB, disks", || vm::run("dev", None));
+}
+
+/// The Python package.
+pub(crate) fn python() -> Result<(), Error> {
+    let mut checks = Checks::default();
+    python_package(&mut checks);
+    checks.summary()
+}
+
+fn python_package(checks: &mut Checks) {
+    checks.check("Python package", python::check);
 }
 
 /// The bridge's feature `zenoh`: its lints and its tests.

@@ -32,7 +32,8 @@ def main(recording: str, picture: str) -> None:
     hardest = int(np.argmax(columns["fn"]))
     image = heat.imshow(read["maps"][hardest, 2], origin="lower")
     heat.set_title(f"normal force per taxel at {t[hardest]:.2f} s")
-    figure.colorbar(image, label="N")
+    heat.set(xlabel="column", ylabel="row", xticks=range(0, 20, 5), yticks=range(0, 20, 5))
+    figure.colorbar(image, label="N", panchor=False)
     figure.savefig(picture, dpi=120)
     print(f"{len(t)} frames, {slips.sum()} in SLIP: {picture}")
 
