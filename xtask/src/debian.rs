@@ -1,4 +1,4 @@
-//! Debian packages, unpacked into a folder of ours: nothing is installed, and root is not needed.
+//! Debian packages, unpacked into a folder of ours without root; where a program must be installed, root does it.
 //! Limits: a Debian machine with apt and dpkg-deb.
 
 use std::fs;
@@ -7,6 +7,28 @@ use std::process::Command;
 
 use crate::error::Error;
 use crate::process;
+
+/// Whether this program may install packages.
+pub(crate) fn is_root() -> bool {
+    process::output(Command::new("id").arg("-u")).is_ok_and(|id| id.trim() == "0")
+}
+
+/// Installs packages, which root may; reads the machine's package lists anew when they are out of date.
+pub(crate) fn install(names: &[&str]) -> Result<(), Error> {
+    let install = || {
+        process::run(
+            Command::new("apt-get")
+                .env("DEBIAN_FRONTEND", "noninteractive")
+                .args(["install", "--yes", "-qq", "--no-install-recommends"])
+                .args(names),
+        )
+    };
+    if install().is_ok() {
+        return Ok(());
+    }
+    process::run(Command::new("apt-get").args(["update", "-qq"]))?;
+    install()
+}
 
 /// A place to download packages to, with apt's settings for it.
 pub(crate) struct Packages {

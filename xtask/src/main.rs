@@ -20,10 +20,12 @@ mod package;
 mod physics;
 mod process;
 mod programs;
+mod python;
 mod ros2;
 mod screenshots;
 mod test;
 mod toolchain;
+mod venv;
 mod vm;
 
 use std::process::ExitCode;
@@ -34,9 +36,11 @@ use test::Tier;
 const HELP: &str = "\
 cargo xtask COMMAND
 
-  test [--all | --ros2 | --zenoh]   every check that a change has to pass, in order, with a summary; --all: the slow ones
-                                    too; --ros2, --zenoh: only those of the bridge's feature of this name, whose crates
-                                    take minutes to build the first time; --ros2 needs Python 3 with venv (it installs
+  test [--all | --python | --ros2 | --zenoh]
+                                    every check that a change has to pass, in order, with a summary; --all: the slow ones
+                                    too; --python: only that of the Python package; --ros2, --zenoh: only those of the
+                                    bridge's feature of this name, whose crates take minutes to build the first time;
+                                    --ros2 needs Python 3 with venv (it installs
                                     another DDS into the build folder)
   screenshots                       play the scripted scene and draw the README's pictures of view, plot and live page anew;
                                     the page needs Chromium, which is installed
@@ -93,6 +97,8 @@ cargo xtask COMMAND
                                     table, writes pictures to DIR; wants a quiet machine (it judges speed) and
                                     Python 3 with venv (it installs tamaas into the build folder)
   train [ARGUMENTS]                 run the trainer (host/training) with these arguments
+  wheel [--bench]                   build the Python package into target/wheels and print its size; --bench times import and
+                                    detector beside `gripline detect`; needs Python 3 with venv and PyPI
 
 Exit code: 0 done, 1 failed, 2 wrong usage.
 ";
@@ -120,6 +126,7 @@ fn dispatch(arguments: &[String]) -> Result<(), Error> {
         }
         "test" if rest == ["--ros2"] => test::ros2(),
         "test" if rest == ["--zenoh"] => test::zenoh(),
+        "test" if rest == ["--python"] => test::python(),
         "test" if rest == ["--all"] => test::run(Tier::All),
         "test" => no_more(rest).and_then(|()| test::run(Tier::Quick)),
         "screenshots" => no_more(rest).and_then(|()| screenshots::run()),
@@ -148,6 +155,7 @@ fn dispatch(arguments: &[String]) -> Result<(), Error> {
                 .args(["run", "--release", "--package", "gripline-training", "--"])
                 .args(rest),
         ),
+        "wheel" => python::wheel(rest),
         unknown => Err(Error::usage(
             "command",
             unknown,

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use crate::error::Error;
 use crate::firmware::{self, Board};
 use crate::programs::{CHROMIUM, FFMPEG};
-use crate::{arm, emulator, modules, physics, process, ros2, toolchain, vm};
+use crate::{arm, emulator, modules, physics, process, python, ros2, toolchain, vm};
 
 /// What one check came to.
 struct Outcome {
@@ -184,6 +184,7 @@ fn slow(checks: &mut Checks) {
     checks.check("lints of the firmware binary", || firmware::lint(emulator::BOARD));
     checks.check("lints of the emulator", emulator::lint);
     ros2_of_the_bridge(checks);
+    python_package(checks);
     // Speed is for a quiet machine and a command of its own.
     checks.check("physics", || physics::run(&["--without".into(), "speed".into()]));
     checks.check("64-bit ARM: builds, tests, bits, instructions", arm::check);
@@ -192,6 +193,17 @@ fn slow(checks: &mut Checks) {
     checks.check("Debian package in the virtual machine", || {
         vm::package::run("dev")
     });
+}
+
+/// The Python package.
+pub(crate) fn python() -> Result<(), Error> {
+    let mut checks = Checks::default();
+    python_package(&mut checks);
+    checks.summary()
+}
+
+fn python_package(checks: &mut Checks) {
+    checks.check("Python package", python::check);
 }
 
 /// The bridge's feature `zenoh`: its lints and its tests.
