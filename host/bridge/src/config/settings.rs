@@ -31,6 +31,7 @@ pub(super) const MICROCONTROLLER: &str = "microcontroller";
 /// What a run does. Keys of one section stand together.
 #[derive(Debug, Clone, Args)]
 #[group(skip)]
+#[expect(clippy::struct_excessive_bools, reason = "each of them is a key")]
 pub struct Settings {
     /// Where pictures come from: the simulated fingertip and gripper (sim), a camera (/dev/video0, or better its name in
     /// /dev/v4l/by-id, which stays the same when cameras are plugged in another order), the pictures of a folder

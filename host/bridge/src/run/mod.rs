@@ -4,6 +4,7 @@
 //! The loop is a straight line: a picture is taken at frame k, its map goes out at once, the link works until frame
 //! k+1, and the line it then holds is what the (simulated) gripper feels next. Paced by the wall clock.
 
+mod desk;
 mod drift;
 mod evidence;
 #[cfg(test)]
@@ -163,13 +164,7 @@ pub fn run(args: &RunArgs) -> Result<Completion, Failure> {
     run.recorder = recorder;
     run.drift = DriftWatch::of_cameras(clock == Clock::Pictures, rests);
     run.pictures = wanted.pictures;
-    run.live = serve(&wanted, &control)?;
-    if let Some(fleet) = &wanted.fleet() {
-        run.fleet = Some(Fleet::start(fleet, about_run)?);
-    }
-    if let Some(ros2) = &wanted.ros2() {
-        run.ros2 = Some(Ros2::start(ros2, settings.sensors, &control)?);
-    }
+    open_to_others(&mut run, &wanted, &control, about_run)?;
     // After the other threads have started: they keep their ordinary priority.
     if wanted.realtime {
         let lacks = realtime::enter(wanted.realtime_core);
@@ -194,6 +189,29 @@ pub fn run(args: &RunArgs) -> Result<Completion, Failure> {
         (seconds, &is_wanted),
     )?;
     supervisor.stopping();
+    close(run, &fingertips, output)
+}
+
+/// Values and requests for other programs, as far as they are asked for.
+fn open_to_others(
+    run: &mut Run,
+    wanted: &Settings,
+    control: &Handle,
+    about_run: String,
+) -> Result<(), Failure> {
+    run.live = serve(wanted, control)?;
+    if let Some(fleet) = &wanted.fleet() {
+        run.fleet = Some(Fleet::start(fleet, about_run)?);
+    }
+    if let Some(ros2) = &wanted.ros2() {
+        let sensors = run.control.session.settings().sensors;
+        run.ros2 = Some(Ros2::start(ros2, sensors, control)?);
+    }
+    Ok(())
+}
+
+/// Finishes the recording and prints what the run came to.
+fn close(mut run: Run, fingertips: &Fingertips, output: Output) -> Result<Completion, Failure> {
     let counts = fingertips.counts();
     run.summary.pictures = counts.iter().flatten().copied().reduce(Counts::add);
     for (summary, pictures) in run.summary.fingertips.iter_mut().zip(counts) {

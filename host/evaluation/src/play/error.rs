@@ -34,5 +34,11 @@ pub enum PlayError {
     NotFinite(#[from] NotFinite),
     /// Its microcontroller.
     #[error(transparent)]
-    Session(#[from] SessionError),
+    Session(Box<SessionError>),
+}
+
+impl From<SessionError> for PlayError {
+    fn from(error: SessionError) -> Self {
+        Self::Session(Box::new(error))
+    }
 }

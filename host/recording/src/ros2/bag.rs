@@ -154,26 +154,25 @@ impl Bag {
     ) -> Result<(), RecordingError> {
         let path = self.folder.join(&self.file_name);
         let failed = |error| failed(&path)(io::Error::other(error));
-        let place = match self.topics.iter().position(|topic| topic.name == name) {
-            Some(place) => place,
-            None => {
-                let schema = self
-                    .writer
-                    .add_schema(definition.name, "ros2msg", definition.text().as_bytes());
-                let schema = schema.map_err(failed)?;
-                let metadata = BTreeMap::from([("offered_qos_profiles".to_owned(), QOS.to_owned())]);
-                let channel = self
-                    .writer
-                    .add_channel(schema, name, "cdr", &metadata)
-                    .map_err(failed)?;
-                self.topics.push(Topic {
-                    channel,
-                    name: name.to_owned(),
-                    definition: definition.name,
-                    messages: 0,
-                });
-                self.topics.len() - 1
-            }
+        let place = if let Some(place) = self.topics.iter().position(|topic| topic.name == name) {
+            place
+        } else {
+            let schema = self
+                .writer
+                .add_schema(definition.name, "ros2msg", definition.text().as_bytes());
+            let schema = schema.map_err(failed)?;
+            let metadata = BTreeMap::from([("offered_qos_profiles".to_owned(), QOS.to_owned())]);
+            let channel = self
+                .writer
+                .add_channel(schema, name, "cdr", &metadata)
+                .map_err(failed)?;
+            self.topics.push(Topic {
+                channel,
+                name: name.to_owned(),
+                definition: definition.name,
+                messages: 0,
+            });
+            self.topics.len() - 1
         };
         let topic = &mut self.topics[place];
         let bytes = to_cdr(message).map_err(|error| self::failed(&path)(io::Error::other(error)))?;
