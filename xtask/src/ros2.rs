@@ -8,7 +8,7 @@ use crate::venv;
 /// What is installed: Eclipse Cyclone DDS, and a reader of bags that needs no ROS.
 const PACKAGES: [&str; 2] = ["cyclonedds==11.0.1", "rosbags==0.11.9"];
 /// Where tests find it.
-pub(crate) const VARIABLE: &str = "GRIPLINE_ROS2_PYTHON";
+pub(crate) const VARIABLE: &str = "ROS2_TEST_PYTHON";
 
 /// Makes that Python where it is not there yet; returns its path.
 pub(crate) fn ensure() -> Result<PathBuf, Error> {

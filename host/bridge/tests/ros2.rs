@@ -1,5 +1,5 @@
 //! ROS 2 as other programs see it: a bag read by the Python package rosbags, and (with the feature `ros2`) a run read and asked by
-//! another implementation of DDS. Needs the Python that `cargo xtask test --all` and `--ros2` make (`GRIPLINE_ROS2_PYTHON`).
+//! another implementation of DDS. Needs the Python that `cargo xtask test --all` and `--ros2` make (`ROS2_TEST_PYTHON`).
 
 use std::path::Path;
 use std::process::{Command, Output};
@@ -26,8 +26,8 @@ fn text(path: &Path) -> &str {
 
 /// What Python prints, as JSON.
 fn python(arguments: &[&str]) -> Value {
-    let python = std::env::var_os("GRIPLINE_ROS2_PYTHON").expect(
-        "GRIPLINE_ROS2_PYTHON names a Python with cyclonedds and rosbags: run `cargo xtask test --ros2`",
+    let python = std::env::var_os("ROS2_TEST_PYTHON").expect(
+        "ROS2_TEST_PYTHON names a Python with cyclonedds and rosbags: run `cargo xtask test --ros2`",
     );
     let output = Command::new(python).args(arguments).output().unwrap();
     ends(&output, 0);

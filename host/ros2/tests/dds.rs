@@ -1,5 +1,5 @@
 //! The node as another implementation of DDS sees it: Eclipse Cyclone DDS from Python, over the loopback interface. Needs the Python
-//! that `cargo xtask test --ros2` makes (`GRIPLINE_ROS2_PYTHON`).
+//! that `cargo xtask test --ros2` makes (`ROS2_TEST_PYTHON`).
 
 use std::process::Command;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -17,8 +17,8 @@ use serde_json::{Value, json};
 
 /// What Python says to a job.
 fn peer(job: &Value) -> Value {
-    let python = std::env::var_os("GRIPLINE_ROS2_PYTHON")
-        .expect("GRIPLINE_ROS2_PYTHON names a Python with cyclonedds: run `cargo xtask test --ros2`");
+    let python = std::env::var_os("ROS2_TEST_PYTHON")
+        .expect("ROS2_TEST_PYTHON names a Python with cyclonedds: run `cargo xtask test --ros2`");
     let said = Command::new(python)
         .arg(concat!(env!("CARGO_MANIFEST_DIR"), "/tests/peer.py"))
         .arg(job.to_string())
@@ -415,7 +415,7 @@ fn services_answer_clients_of_cyclones_mapping() {
 #[ignore = "needs a Python with cyclonedds: cargo xtask test --ros2"]
 fn what_is_no_request_moves_nothing_and_stops_nothing() {
     let name = namespace("garbage");
-    let seconds = std::env::var("GRIPLINE_GARBAGE_S").map_or(3.0, |seconds| seconds.parse().unwrap());
+    let seconds = std::env::var("ROS2_TEST_GARBAGE_S").map_or(3.0, |seconds| seconds.parse().unwrap());
     for (rmw, domain) in [(Rmw::FastRtps, 66), (Rmw::CycloneDds, 67)] {
         let running = started(&Settings {
             rmw,

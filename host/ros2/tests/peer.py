@@ -27,7 +27,7 @@ from cyclonedds.sub import DataReader  # noqa: E402
 from cyclonedds.topic import Topic  # noqa: E402
 from cyclonedds.util import duration  # noqa: E402
 
-PATIENCE_S = 20
+PATIENCE_S = 60
 
 
 @dataclass
@@ -294,7 +294,7 @@ def call(job):
     }
     until(lambda: all(service.ready() for service in services.values()))
     # RustDDS may know a reader a little later than the reader knows it.
-    time.sleep(0.5)
+    time.sleep(1)
     return [services[name].call(fields) for name, fields in job["calls"]]
 
 
