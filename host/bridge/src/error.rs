@@ -60,7 +60,7 @@ pub enum Error {
     Scene(#[from] gripline_simulation::scene_file::SceneError),
     /// A scene that is being played.
     #[error(transparent)]
-    Play(#[from] gripline_evaluation::play::PlayError),
+    Play(Box<gripline_evaluation::play::PlayError>),
     /// TOML that was read.
     #[error(transparent)]
     TomlRead(#[from] toml::de::Error),
@@ -73,6 +73,12 @@ pub enum Error {
     /// A file or a stream of this process.
     #[error(transparent)]
     Io(#[from] io::Error),
+}
+
+impl From<gripline_evaluation::play::PlayError> for Error {
+    fn from(error: gripline_evaluation::play::PlayError) -> Self {
+        Self::Play(Box::new(error))
+    }
 }
 
 /// The short name in signatures.

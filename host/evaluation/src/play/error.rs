@@ -34,11 +34,5 @@ pub enum PlayError {
     NotFinite(#[from] NotFinite),
     /// Its microcontroller.
     #[error(transparent)]
-    Session(Box<SessionError>),
-}
-
-impl From<SessionError> for PlayError {
-    fn from(error: SessionError) -> Self {
-        Self::Session(Box::new(error))
-    }
+    Session(#[from] SessionError),
 }
