@@ -2,6 +2,7 @@
 
 use std::process::Command;
 
+use crate::debian;
 use crate::error::Error;
 use crate::process;
 
@@ -27,6 +28,13 @@ pub(crate) const CHROMIUM: Programs = Programs {
     version: "--version",
 };
 
+/// Programs for 64-bit ARM are linked and run with these.
+pub(crate) const ARM: Programs = Programs {
+    packages: &["gcc-aarch64-linux-gnu", "libc6-dev-arm64-cross", "qemu-user"],
+    names: &["aarch64-linux-gnu-gcc", "qemu-aarch64"],
+    version: "--version",
+};
+
 impl Programs {
     /// Makes sure that they can be started.
     pub(crate) fn ensure(&self) -> Result<(), Error> {
@@ -34,13 +42,9 @@ impl Programs {
             return Ok(());
         };
         let packages = self.packages.join(" ");
-        let is_root = process::output(Command::new("id").arg("-u")).is_ok_and(|id| id.trim() == "0");
-        if is_root {
+        if debian::is_root() {
             eprintln!("no {program} here; installing with apt: {packages}");
-            if self.install().is_err() {
-                process::run(Command::new("apt-get").args(["update", "-qq"]))?;
-                self.install()?;
-            }
+            debian::install(self.packages)?;
         }
         self.missing().map_or(Ok(()), |program| {
             Err(Error::Product {
@@ -54,14 +58,5 @@ impl Programs {
     fn missing(&self) -> Option<&'static str> {
         let mut programs = self.names.iter().copied();
         programs.find(|program| process::output(Command::new(program).arg(self.version)).is_err())
-    }
-
-    fn install(&self) -> Result<(), Error> {
-        process::run(
-            Command::new("apt-get")
-                .env("DEBIAN_FRONTEND", "noninteractive")
-                .args(["install", "--yes", "-qq", "--no-install-recommends"])
-                .args(self.packages),
-        )
     }
 }

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use crate::error::Error;
 use crate::firmware::{self, Board};
 use crate::programs::{CHROMIUM, FFMPEG};
-use crate::{emulator, modules, physics, process, toolchain, vm};
+use crate::{arm, emulator, modules, physics, process, python, ros2, toolchain, vm};
 
 /// What one check came to.
 struct Outcome {
@@ -87,7 +87,7 @@ pub(crate) enum Tier {
 }
 
 /// Crates that only the slow tier builds: their dependencies take minutes.
-const SLOW_CRATES: [&str; 2] = ["gripline-training", "gripline-validation"];
+const SLOW_CRATES: [&str; 3] = ["gripline-ros2", "gripline-training", "gripline-validation"];
 
 /// The checks of a tier. The order is that of cost, but for the tests, which need the image and the emulator.
 pub(crate) fn run(tier: Tier) -> Result<(), Error> {
@@ -112,12 +112,15 @@ pub(crate) fn run(tier: Tier) -> Result<(), Error> {
         )
     });
     checks.check("core library for the microcontroller", || {
-        toolchain::ensure(false)
+        toolchain::ensure(&toolchain::MCU, false)
     });
     checks.check("ffmpeg for clips", || FFMPEG.ensure());
-    if all {
+    let python = if all {
         checks.check("Chromium for the live page", || CHROMIUM.ensure());
-    }
+        checks.check("Python with another DDS", ros2::ensure)
+    } else {
+        None
+    };
     let mut image = None;
     for board in Board::ALL
         .into_iter()
@@ -154,6 +157,9 @@ pub(crate) fn run(tier: Tier) -> Result<(), Error> {
             .args(["--", "--include-ignored"])
             .env("GRIPLINE_EMULATOR", &emulator)
             .env("GRIPLINE_IMAGE", &image);
+        if let Some(python) = &python {
+            tests.env(ros2::VARIABLE, python);
+        }
         if !all {
             // Tests in modules of this name.
             tests.args(["--skip", "slow::"]);
@@ -177,10 +183,27 @@ fn slow(checks: &mut Checks) {
     });
     checks.check("lints of the firmware binary", || firmware::lint(emulator::BOARD));
     checks.check("lints of the emulator", emulator::lint);
+    ros2_of_the_bridge(checks);
+    python_package(checks);
     // Speed is for a quiet machine and a command of its own.
     checks.check("physics", || physics::run(&["--without".into(), "speed".into()]));
+    checks.check("64-bit ARM: builds, tests, bits, instructions", arm::check);
     // With the programs that the tests were just built with.
     checks.check("virtual machine: camera, USB, disks", || vm::run("dev", None));
+    checks.check("Debian package in the virtual machine", || {
+        vm::package::run("dev")
+    });
+}
+
+/// The Python package.
+pub(crate) fn python() -> Result<(), Error> {
+    let mut checks = Checks::default();
+    python_package(&mut checks);
+    checks.summary()
+}
+
+fn python_package(checks: &mut Checks) {
+    checks.check("Python package", python::check);
 }
 
 /// The bridge's feature `zenoh`: its lints and its tests.
@@ -204,4 +227,53 @@ pub(crate) fn zenoh() -> Result<(), Error> {
         )
     });
     checks.summary()
+}
+
+/// The bridge's feature `ros2` and the crate behind it: lints and tests.
+pub(crate) fn ros2() -> Result<(), Error> {
+    let mut checks = Checks::default();
+    checks.check("lints of gripline-ros2", || {
+        process::run(process::cargo().args([
+            "clippy",
+            "--package",
+            "gripline-ros2",
+            "--all-targets",
+            "--",
+            "-D",
+            "warnings",
+        ]))
+    });
+    checks.check("tests of gripline-ros2, with another DDS", || {
+        let python = ros2::ensure()?;
+        process::run(
+            process::cargo()
+                .args(["test", "--package", "gripline-ros2", "--", "--include-ignored"])
+                .env(ros2::VARIABLE, python),
+        )
+    });
+    ros2_of_the_bridge(&mut checks);
+    checks.summary()
+}
+
+/// The feature alone: what `--workspace` leaves out.
+fn ros2_of_the_bridge(checks: &mut Checks) {
+    let bridge = ["--package", "gripline", "--features", "ros2"];
+    checks.check("lints with ros2", || {
+        process::run(
+            process::cargo()
+                .arg("clippy")
+                .args(bridge)
+                .args(["--lib", "--bins", "--test", "ros2", "--", "-D", "warnings"]),
+        )
+    });
+    checks.check("tests with ros2, with another DDS", || {
+        let python = ros2::ensure()?;
+        process::run(
+            process::cargo()
+                .arg("test")
+                .args(bridge)
+                .args(["--test", "ros2", "--", "--include-ignored"])
+                .env(ros2::VARIABLE, python),
+        )
+    });
 }

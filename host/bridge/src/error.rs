@@ -58,6 +58,9 @@ pub enum Error {
     /// A scene of the simulated world.
     #[error(transparent)]
     Scene(#[from] gripline_simulation::scene_file::SceneError),
+    /// A scene that is being played.
+    #[error(transparent)]
+    Play(#[from] gripline_evaluation::play::PlayError),
     /// TOML that was read.
     #[error(transparent)]
     TomlRead(#[from] toml::de::Error),

@@ -15,6 +15,7 @@ pub mod maps_file;
 mod metadata;
 mod reader;
 mod recorder;
+pub mod ros2;
 mod status;
 pub mod telemetry;
 mod topics;

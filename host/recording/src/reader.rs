@@ -23,6 +23,8 @@ const RECORD_MAX: u64 = 64 << 20;
 /// A frame of a recording.
 #[derive(Debug)]
 pub struct RecordedFrame {
+    /// Its time, nanoseconds since 1970.
+    pub at_ns: u64,
     /// Its status.
     pub status: RecordedStatus,
     /// The map as it travelled.
@@ -184,7 +186,12 @@ impl<R: Read> Reader<R> {
                         let metadata = Metadata::from_map(&message.channel.metadata);
                         self.metadata = metadata.ok_or_else(|| wrong(STATUS))?;
                     }
-                    return Ok(Some(RecordedFrame { status, map, picture }));
+                    return Ok(Some(RecordedFrame {
+                        at_ns: message.log_time,
+                        status,
+                        map,
+                        picture,
+                    }));
                 }
                 _ => {}
             }

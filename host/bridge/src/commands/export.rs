@@ -1,11 +1,18 @@
-//! `gripline export`: a recording as npy arrays and a CSV table, or as a whole MCAP file from one that was cut short.
+//! `gripline export`: a recording as npy arrays and a CSV table, as a bag for ROS 2, or as a whole MCAP file from one that was cut
+//! short.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::Args;
-use gripline_recording::{Completeness, copy_whole, export_arrays};
+use gripline_protocol::SENSORS;
+use gripline_protocol::message::Configuration;
+use gripline_recording::ros2::{Bag, Namespace, Sample};
+use gripline_recording::units::millimetres;
+use gripline_recording::{Completeness, Reader, copy_whole, export_arrays};
 
-use crate::error::{Completion, Error};
+use crate::commands::plot::report::report_of;
+use crate::config::settings_from_text;
+use crate::error::{Completion, Error, Failure};
 
 /// Arguments of `gripline export`.
 #[derive(Debug, Clone, Args)]
@@ -14,11 +21,17 @@ pub struct ExportArgs {
     #[arg(value_name = "REC.mcap")]
     recording: PathBuf,
     /// Folder for maps.npy, pictures.npy and frames.csv; made when it is not there.
-    #[arg(long, value_name = "DIR", required_unless_present = "mcap")]
+    #[arg(long, value_name = "DIR", required_unless_present_any = ["mcap", "ros2"])]
     out: Option<PathBuf>,
     /// Copy what can be read into a whole recording, with index and summary, for programs that want one.
     #[arg(long, value_name = "FILE.mcap")]
     mcap: Option<PathBuf>,
+    /// Folder for a bag of ROS 2 (rosbag2, MCAP, CDR), which must not be there yet.
+    #[arg(long, value_name = "DIR")]
+    ros2: Option<PathBuf>,
+    /// Namespace of the bag's topics.
+    #[arg(long, value_name = "NAME", default_value = "gripline", requires = "ros2")]
+    ros2_name: Namespace,
 }
 
 /// Exports.
@@ -39,6 +52,10 @@ pub fn run(args: &ExportArgs) -> Result<Completion, Error> {
         let messages = copy_whole(&args.recording, path)?;
         println!("{messages} messages to {}", path.display());
     }
+    if let Some(folder) = &args.ros2 {
+        let messages = export_bag(&args.recording, folder, &args.ros2_name)?;
+        println!("{messages} messages to {}", folder.display());
+    }
     match exported.completeness {
         Completeness::Whole => Ok(Completion::Whole),
         Completeness::Truncated(why) => Ok(Completion::WithLoss(format!(
@@ -46,4 +63,23 @@ pub fn run(args: &ExportArgs) -> Result<Completion, Error> {
             args.recording.display()
         ))),
     }
+}
+
+/// Writes a recording as a bag; returns the number of its messages.
+fn export_bag(recording: &Path, folder: &Path, namespace: &Namespace) -> Result<u64, Failure> {
+    let mut reader = Reader::open(recording)?;
+    let settings = settings_from_text(&reader.metadata.settings, &Configuration::DEFAULT)
+        .map_err(|error| Failure::failed(format!("{}: {error}", recording.display())))?;
+    let mut bag = Bag::create(folder, namespace)?;
+    while let Some(frame) = reader.next_frame()? {
+        let fingertip = settings.fingertips[usize::from(frame.status.sensor) % SENSORS];
+        let sample = Sample {
+            captured_ns: frame.at_ns,
+            report: report_of(&frame.status, &settings),
+            map: frame.map,
+            pitch_mm: millimetres(fingertip.pitch_um),
+        };
+        bag.frame(&sample, frame.picture)?;
+    }
+    Ok(bag.finish()?)
 }

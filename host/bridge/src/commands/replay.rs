@@ -132,7 +132,10 @@ fn replay(reader: &mut Reader, args: &ReplayArgs) -> Result<Replayed, Failure> {
     // Fingertips whose maps' numbers are unknown since frames are missing.
     let mut lost = [false; SENSORS];
     let mut next = 0;
-    while let Some(RecordedFrame { status, map, picture }) = reader.next_frame()? {
+    while let Some(RecordedFrame {
+        status, map, picture, ..
+    }) = reader.next_frame()?
+    {
         let verdict = verdict_of(&status.gate).ok_or_else(|| {
             Failure::failed(format!(
                 "{shown}: frame {}: found gate {}",

@@ -17,11 +17,13 @@ use super::device;
 use crate::calibration::Calibration;
 use crate::error::Failure;
 use crate::live::fleet::{FleetSettings, check_endpoint, check_name};
+use crate::live::ros2::{Ros2Settings, check_domain};
 use crate::source::{Source, SourceSettings};
 use crate::value::{number_in, whole_in};
 use gripline_capture::PixelFormat;
 use gripline_link::Target;
 use gripline_recording::Pictures;
+use gripline_recording::ros2::{Namespace, Range, Rmw};
 
 /// The section whose keys are those of `gripline config mcu`.
 pub(super) const MICROCONTROLLER: &str = "microcontroller";
@@ -90,7 +92,7 @@ pub struct Settings {
     #[arg(id = "network.weights", long = "weights", value_name = "FILE")]
     pub weights: Option<PathBuf>,
 
-    /// Vector instructions that the force network uses: portable, avx2 or avx512. By default the widest there are.
+    /// Vector instructions that the force network uses: portable, avx2, avx512 or neon. By default the widest there are.
     /// Example: "avx2"
     #[arg(id = "network.instructions", long = "instructions", value_name = "SET")]
     pub instructions: Option<InstructionSet>,
@@ -162,6 +164,34 @@ pub struct Settings {
     /// Where this run listens for zenoh peers. Example: "tcp/0.0.0.0:7447"
     #[arg(id = "zenoh.listen", long = "zenoh-listen", value_name = "ENDPOINT", value_parser = endpoint)]
     pub zenoh_listen: Option<String>,
+
+    /// Publish every frame in ROS 2 under /NAME: forces, map, slip, diagnostics (docs/ros2.md; needs a gripline built with
+    /// --features ros2). By default nothing is published. Example: "cell_3/left"
+    #[arg(id = "ros2.name", long = "ros2-name", value_name = "NAME")]
+    pub ros2_name: Option<Namespace>,
+
+    /// DDS domain, 0 to 232. By default what the environment variable ROS_DOMAIN_ID says, else 0. Example: 7
+    #[arg(id = "ros2.domain", long = "ros2-domain", value_name = "DOMAIN", value_parser = check_domain)]
+    pub ros2_domain: Option<u16>,
+
+    /// How far ROS 2 reaches: localhost sends nothing to other machines, subnet finds them by multicast.
+    #[arg(
+        id = "ros2.range",
+        long = "ros2-range",
+        value_name = "localhost|subnet",
+        default_value = "localhost"
+    )]
+    pub ros2_range: Range,
+
+    /// How services travel, which implementations of ROS 2 do not agree on: fastrtps or cyclonedds. By default as the environment
+    /// variable RMW_IMPLEMENTATION says, else fastrtps. Example: "cyclonedds"
+    #[arg(id = "ros2.rmw", long = "ros2-rmw", value_name = "fastrtps|cyclonedds")]
+    pub ros2_rmw: Option<Rmw>,
+
+    /// Offer the services that move the gripper: hold, release, and the others. DDS knows no passwords: whoever reaches the domain
+    /// may call them.
+    #[arg(id = "ros2.control", long = "ros2-control")]
+    pub ros2_control: bool,
 
     /// Run the loop with real-time priority (`SCHED_FIFO`), in memory that is never swapped, on one core. What the system
     /// does not allow is reported, and the run goes on without it.
@@ -274,6 +304,17 @@ impl Settings {
             name,
             connect: self.zenoh_connect.clone(),
             listen: self.zenoh_listen.clone(),
+        })
+    }
+
+    /// What to offer in ROS 2; `None`: nothing.
+    pub(crate) fn ros2(&self) -> Option<Ros2Settings> {
+        self.ros2_name.clone().map(|namespace| Ros2Settings {
+            namespace,
+            domain: self.ros2_domain,
+            range: self.ros2_range,
+            rmw: self.ros2_rmw,
+            control: self.ros2_control,
         })
     }
 

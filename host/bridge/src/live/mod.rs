@@ -2,5 +2,6 @@
 //! many grippers in one place over zenoh. The loop waits for neither.
 
 pub(crate) mod fleet;
+pub(crate) mod ros2;
 
 pub(crate) use gripline_live::{Live, Look, QUANTILES, Values};

@@ -19,6 +19,7 @@ mod rezero;
 mod settings;
 mod stats;
 mod summary;
+mod supervisor;
 mod tally;
 mod terminal;
 #[cfg(test)]
@@ -49,12 +50,14 @@ use self::settings::{
     unasked,
 };
 use self::summary::FingertipSummary;
+use self::supervisor::Supervisor;
 use self::terminal::Terminal;
 use self::under_way::{Clock, Run};
 use crate::config::{Overrides, Settings};
 use crate::error::{Completion, Failure};
 use crate::live::Live;
 use crate::live::fleet::Fleet;
+use crate::live::ros2::Ros2;
 use crate::log::Collector;
 use crate::source::Source;
 use crate::token;
@@ -164,6 +167,9 @@ pub fn run(args: &RunArgs) -> Result<Completion, Failure> {
     if let Some(fleet) = &wanted.fleet() {
         run.fleet = Some(Fleet::start(fleet, about_run)?);
     }
+    if let Some(ros2) = &wanted.ros2() {
+        run.ros2 = Some(Ros2::start(ros2, settings.sensors, &control)?);
+    }
     // After the other threads have started: they keep their ordinary priority.
     if wanted.realtime {
         let lacks = realtime::enter(wanted.realtime_core);
@@ -172,7 +178,13 @@ pub fn run(args: &RunArgs) -> Result<Completion, Failure> {
         }
         run.summary.realtime_lacks = Some(lacks);
     }
-    let is_wanted = || !stop.load(Ordering::Relaxed);
+    let supervisor = Supervisor::of_environment();
+    supervisor.ready();
+    // The loop asks once a turn, so whoever watches it is told here.
+    let is_wanted = || {
+        supervisor.turned();
+        !stop.load(Ordering::Relaxed)
+    };
     play(
         &mut run,
         &mut fingertips,
@@ -181,6 +193,7 @@ pub fn run(args: &RunArgs) -> Result<Completion, Failure> {
         &mut terminal,
         (seconds, &is_wanted),
     )?;
+    supervisor.stopping();
     let counts = fingertips.counts();
     run.summary.pictures = counts.iter().flatten().copied().reduce(Counts::add);
     for (summary, pictures) in run.summary.fingertips.iter_mut().zip(counts) {

@@ -14,6 +14,7 @@ use super::summary::Summary;
 use super::usage;
 use crate::error::Failure;
 use crate::live::fleet::Fleet;
+use crate::live::ros2::Ros2;
 use crate::live::{Live, Look, QUANTILES, Values};
 use crate::run::stats::Times;
 use crate::source::Picture;
@@ -23,6 +24,7 @@ use gripline_network::scene::GateDecision;
 use gripline_pipeline::control_loop::{ControlLoop, FrameRequest, Late, Lateness};
 use gripline_pipeline::pipeline::Pipeline;
 use gripline_recording::telemetry::{FrameReport, STAGES};
+use gripline_recording::units::millimetres;
 use gripline_recording::{Frame, Pictures, Recorder};
 
 /// What a frame waits for.
@@ -63,6 +65,7 @@ pub(super) struct Run {
     pub(super) pictures: Pictures,
     pub(super) live: Option<Live>,
     pub(super) fleet: Option<Fleet>,
+    pub(super) ros2: Option<Ros2>,
     pub(super) stages: [Times; STAGES.len()],
     /// Frames in which each of them missed its deadline.
     pub(super) late: [u64; STAGES.len()],
@@ -95,6 +98,7 @@ impl Run {
             pictures: Pictures::default(),
             live: None,
             fleet: None,
+            ros2: None,
             stages: Default::default(),
             late: [0; STAGES.len()],
             frame_to_link: Times::default(),
@@ -185,6 +189,15 @@ impl Run {
         self.publish_status(&report, &host_faults);
         if let Some(fleet) = &mut self.fleet {
             fleet.publish(&report);
+        }
+        if let Some(ros2) = &self.ros2 {
+            let fingertip = &self.control.session.settings().fingertips[usize::from(sensor)];
+            ros2.publish(
+                &report,
+                pipeline.map(),
+                millimetres(fingertip.pitch_um),
+                picture.taken,
+            );
         }
         if let Some(recorder) = &mut self.recorder {
             recorder.offer(Frame {

@@ -40,7 +40,15 @@ fn scene(mcu: &str) -> [&str; 9] {
 
 /// Those of a run that looks at the camera until it is stopped.
 fn filming<'a>(more: &[&'a str]) -> Vec<&'a str> {
-    let arguments = ["run", "--json", "--hold", "--camera", CAMERA, "--calibration", REST];
+    let arguments = [
+        "run",
+        "--json",
+        "--hold",
+        "--camera",
+        CAMERA,
+        "--calibration",
+        REST,
+    ];
     let ours = ["--frames-per-second", "15", "--network", "unet", "--mcu", "usb"];
     [&arguments[..], &ours, more].concat()
 }

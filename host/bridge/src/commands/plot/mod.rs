@@ -3,7 +3,7 @@
 //! With --view the terminal view at one moment instead. PNG or SVG, by the file's name.
 
 mod drawing;
-mod report;
+pub(super) mod report;
 mod screen;
 mod series;
 

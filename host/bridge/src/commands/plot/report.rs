@@ -22,7 +22,7 @@ const VERDICTS: [GateDecision; 4] = [
 ];
 
 /// The report of a recorded frame, with the microcontroller's settings of that run.
-pub(super) fn report_of(stored: &RecordedStatus, settings: &Configuration) -> FrameReport {
+pub(in crate::commands) fn report_of(stored: &RecordedStatus, settings: &Configuration) -> FrameReport {
     let status = &stored.wire;
     let fingertip = &settings.fingertips[usize::from(status.sensor).min(SENSORS - 1)];
     let pitch_mm = millimetres(fingertip.pitch_um);

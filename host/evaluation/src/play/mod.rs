@@ -1,16 +1,22 @@
-//! The world of a scene, frame by frame, the same way for every kind of scene. Touches nothing.
+//! The world of a scene, frame by frame, the same way for every kind of scene, for `gripline simulate` and the Python
+//! package. Touches nothing.
 
+mod error;
 mod grasp;
 mod moment;
 mod press;
+pub mod truth;
 
 use gripline_simulation::scene_file::{Scene, SceneFile};
 
-pub(super) use self::moment::{FingerMoment, Moment, Play, Trouble};
-use crate::error::Failure;
+pub use self::error::PlayError;
+pub use self::moment::{FingerMoment, Moment, Play, Trouble};
 
 /// The scene at its start.
-pub(super) fn open(file: &SceneFile, seed: u64) -> Result<Box<dyn Play + '_>, Failure> {
+///
+/// # Errors
+/// [`PlayError`] when there can be no such scene.
+pub fn open(file: &SceneFile, seed: u64) -> Result<Box<dyn Play>, PlayError> {
     match &file.scene {
         Scene::Press(scene) => Ok(Box::new(press::PressPlay::new(file, scene, seed)?)),
         Scene::Grasp(scene) => Ok(Box::new(grasp::GraspPlay::new(file, scene, seed)?)),
@@ -18,7 +24,8 @@ pub(super) fn open(file: &SceneFile, seed: u64) -> Result<Box<dyn Play + '_>, Fa
 }
 
 /// At most so many of a scene's highlights, the last one among them.
-pub(super) fn highlights(play: &dyn Play, most: usize) -> Vec<usize> {
+#[must_use]
+pub fn highlights(play: &dyn Play, most: usize) -> Vec<usize> {
     let ends = play.highlights();
     let take = ends.len().min(most);
     let mut chosen: Vec<usize> = (0..take)

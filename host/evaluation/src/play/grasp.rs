@@ -1,4 +1,4 @@
-//! A scene of kind `grasp` as `gripline simulate` plays it, and who sets its grip force. A grasp whose contact does not
+//! A scene of kind `grasp` frame by frame, and who sets its grip force. A grasp whose contact does not
 //! converge is no evidence from there on: all frames after it count as left out.
 
 use gripline_firmware::sums::TaxelRule;
@@ -12,8 +12,8 @@ use gripline_simulation::grasp::GraspWorld;
 use gripline_simulation::scene_file::{FrameSize, GraspFile, Policy, SceneFile};
 use gripline_simulation::{Image, SimulationError};
 
+use super::error::PlayError;
 use super::moment::{FingerMoment, Moment, Play, REST, Trouble};
-use crate::error::Failure;
 use gripline_link::EmbeddedLink;
 use gripline_link::session::Session;
 use gripline_pipeline::pipeline::Pipeline;
@@ -34,9 +34,9 @@ const GRASP_COLUMNS: [&str; 10] = [
 ];
 
 /// A grasp under way.
-pub(super) struct GraspPlay<'a> {
-    file: &'a SceneFile,
-    grasp: &'a GraspFile,
+pub(super) struct GraspPlay {
+    file: SceneFile,
+    grasp: GraspFile,
     seed: u64,
     world: GraspWorld,
     gripline: Option<Gripline>,
@@ -46,17 +46,17 @@ pub(super) struct GraspPlay<'a> {
     lost: Option<String>,
 }
 
-impl<'a> GraspPlay<'a> {
-    pub(super) fn new(file: &'a SceneFile, grasp: &'a GraspFile, seed: u64) -> Result<Self, Failure> {
+impl GraspPlay {
+    pub(super) fn new(file: &SceneFile, grasp: &GraspFile, seed: u64) -> Result<Self, PlayError> {
         let mut scene = grasp.scene.clone();
         scene.seed = file.sensor.unit.unwrap_or(seed);
         let world = GraspWorld::new(&scene).map_err(|error| {
             let advice = "correct the sections of the grasp";
-            Failure::failed(file.problem(grasp.line, &error.to_string(), "a grasp that can be", advice))
+            file.problem(grasp.line, &error.to_string(), "a grasp that can be", advice)
         })?;
         let mut play = Self {
-            file,
-            grasp,
+            file: file.clone(),
+            grasp: grasp.clone(),
             seed,
             world,
             gripline: None,
@@ -78,7 +78,7 @@ impl<'a> GraspPlay<'a> {
     }
 
     /// The line for the frame that begins now.
-    fn line_n(&mut self) -> Result<f64, Failure> {
+    fn line_n(&mut self) -> Result<f64, PlayError> {
         Ok(match &self.grasp.policy {
             Policy::Fixed(force) => *force,
             Policy::Schedule(course) => course.at(self.time_s),
@@ -122,7 +122,7 @@ impl<'a> GraspPlay<'a> {
     }
 }
 
-impl Play for GraspPlay<'_> {
+impl Play for GraspPlay {
     fn kind(&self) -> &'static str {
         "grasp"
     }
@@ -178,7 +178,7 @@ impl Play for GraspPlay<'_> {
         let frame = match self.world.step(frame_s, line_n) {
             Ok(frame) => frame.clone(),
             Err(SimulationError::OffSurface { x_mm, y_mm }) => {
-                return Err(Trouble::Impossible(Failure::failed(self.file.problem(
+                return Err(Trouble::Impossible(PlayError::Scene(self.file.problem(
                     self.grasp.line,
                     &format!(
                         "an object whose contact reaches the edge of the sensor, at ({x_mm:.1}, {y_mm:.1}) mm after \
@@ -189,9 +189,10 @@ impl Play for GraspPlay<'_> {
                 ))));
             }
             Err(error @ SimulationError::OutOfRange { .. }) => {
-                return Err(Trouble::Impossible(Failure::failed(format!(
-                    "at {next_s:.3} s: {error}"
-                ))));
+                return Err(Trouble::Impossible(PlayError::Step {
+                    time_s: next_s,
+                    error,
+                }));
             }
             Err(error) => {
                 let why = format!("no evidence since {next_s:.3} s: {error}");
@@ -257,7 +258,7 @@ struct Gripline {
 }
 
 impl Gripline {
-    fn new(rest: &[Vec<u8>], floor_n: f64) -> Result<Self, Failure> {
+    fn new(rest: &[Vec<u8>], floor_n: f64) -> Result<Self, PlayError> {
         let network = Network::embedded(Architecture::default())?;
         let settings = Configuration {
             floor: (floor_n * f64::from(LSB_PER_NEWTON)) as i32,
@@ -273,7 +274,7 @@ impl Gripline {
     }
 
     /// The line after the microcontroller has had this picture for a frame's time.
-    fn line_n(&mut self, picture: &Image, frame: usize, frame_s: f64) -> Result<f64, Failure> {
+    fn line_n(&mut self, picture: &Image, frame: usize, frame_s: f64) -> Result<f64, PlayError> {
         let processed = self.pipeline.process(&picture.pixels)?;
         let info = MapInfo {
             sensor: 0,

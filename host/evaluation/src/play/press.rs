@@ -1,10 +1,10 @@
-//! A scene of kind `press` as `gripline simulate` plays it.
+//! A scene of kind `press` frame by frame.
 
 use gripline_simulation::scene_file::{FrameSize, PressScene, SceneFile};
 use gripline_simulation::{Fingertip, FingertipParams, Image, PressWorld, SimulationError};
 
+use super::error::PlayError;
 use super::moment::{FingerMoment, Moment, Play, REST, Trouble};
-use crate::error::Failure;
 
 /// Names of the columns that only a press has.
 const PRESS_COLUMNS: [&str; 7] = [
@@ -19,27 +19,23 @@ const PRESS_COLUMNS: [&str; 7] = [
 
 /// A press under way.
 #[derive(Debug)]
-pub(super) struct PressPlay<'a> {
-    file: &'a SceneFile,
-    scene: &'a PressScene,
+pub(super) struct PressPlay {
+    file: SceneFile,
+    scene: PressScene,
     seed: u64,
     fingertip: Fingertip,
     world: PressWorld,
     time_s: f64,
 }
 
-impl<'a> PressPlay<'a> {
-    pub(super) fn new(
-        file: &'a SceneFile,
-        scene: &'a PressScene,
-        seed: u64,
-    ) -> Result<Self, SimulationError> {
+impl PressPlay {
+    pub(super) fn new(file: &SceneFile, scene: &PressScene, seed: u64) -> Result<Self, SimulationError> {
         let sensor = &file.sensor;
         let params: FingertipParams = sensor.params;
         let world = PressWorld::new(scene, &params.gel, file.frames_per_second)?;
         Ok(Self {
-            file,
-            scene,
+            file: file.clone(),
+            scene: scene.clone(),
             seed,
             fingertip: Fingertip::new(sensor.unit.unwrap_or(seed), params)?,
             world,
@@ -48,7 +44,7 @@ impl<'a> PressPlay<'a> {
     }
 }
 
-impl Play for PressPlay<'_> {
+impl Play for PressPlay {
     fn kind(&self) -> &'static str {
         "press"
     }
@@ -92,7 +88,7 @@ impl Play for PressPlay<'_> {
                         phase: problem.phase,
                     },
                     SimulationError::OffSurface { x_mm, y_mm } => {
-                        Trouble::Impossible(Failure::failed(self.file.problem(
+                        Trouble::Impossible(PlayError::Scene(self.file.problem(
                             problem.line,
                             &format!(
                                 "an indenter whose contact reaches the edge of the sensor, at ({x_mm:.1}, \
@@ -103,7 +99,7 @@ impl Play for PressPlay<'_> {
                             "move the indenter inwards or press less in this step",
                         )))
                     }
-                    _ => Trouble::Impossible(Failure::failed(&problem)),
+                    _ => Trouble::Impossible(problem.into()),
                 });
             }
         };

@@ -5,32 +5,22 @@
 //! `target/gripline/vm` and used from there; nothing is installed. Limits: a Linux host of the x86-64 kind with Debian's
 //! apt, or with qemu installed and a Debian kernel unpacked there.
 
-use std::collections::BTreeMap;
+mod modules;
+pub(crate) mod package;
+
 use std::fs;
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
+use self::modules::KERNEL;
 use crate::cpio::Archive;
 use crate::debian::Packages;
 use crate::error::Error;
-use crate::process;
+use crate::process::{self, profile_folder};
 
 const QEMU: &str = "qemu-system-x86_64";
-/// Depends on the newest kernel of the release.
-const KERNEL: &str = "linux-image-amd64";
-/// Kernel modules with their parameters, in the order in which they are wanted; what they depend on is found.
-const MODULES: [(&str, &str); 6] = [
-    // One camera that takes pictures, with the one input that has a webcam's sizes.
-    ("vivid", "n_devs=1 node_types=0x1 num_inputs=1 input_types=0x0"),
-    ("null_blk", "nr_devices=0"),
-    ("crc32c_generic", ""),
-    ("ext4", ""),
-    // Two sockets, each a host with a device controller of its own, and what lets a program be the device.
-    ("dummy_hcd", "num=2"),
-    ("usb_f_fs", ""),
-];
 /// The kernel hands it to the first process, which reads it there.
 const ONLY: &str = "GRIPLINE_ONLY";
 /// Memory of the virtual machine; the image lies in it twice while it boots.
@@ -69,6 +59,20 @@ fn is_word(text: &str) -> bool {
 
 /// Builds what is needed with this profile, boots and judges: every check, or only those with this word in their name.
 pub(crate) fn run(profile: &str, only: Option<&str>) -> Result<(), Error> {
+    let built = build(profile)?;
+    let home = process::products().join("vm");
+    let tools = Tools::ensure(&home)?;
+    let scene = home.join("scene.mcap");
+    record_scene(&built, &scene)?;
+    take_rest_pictures(&built, &home.join(REST[0]))?;
+    let image = home.join("image.cpio");
+    write_image(&image, &built, &scene, &tools)?;
+    let lines = boot(&tools, &image, &format!("{ONLY}={}", only.unwrap_or_default()))?;
+    judge(&lines)
+}
+
+/// Builds our programs; returns their folder.
+fn build(profile: &str) -> Result<PathBuf, Error> {
     if !cfg!(all(target_os = "linux", target_arch = "x86_64")) {
         return Err(Error::Product {
             what: "this machine".to_owned(),
@@ -82,22 +86,7 @@ pub(crate) fn run(profile: &str, only: Option<&str>) -> Result<(), Error> {
         "--package",
         "gripline-vm",
     ]))?;
-    // Cargo's folder of the profiles that it brings along.
-    let folder = if ["dev", "test"].contains(&profile) {
-        "debug"
-    } else {
-        profile
-    };
-    let built = process::build_dir().join(folder);
-    let home = process::products().join("vm");
-    let tools = Tools::ensure(&home)?;
-    let scene = home.join("scene.mcap");
-    record_scene(&built, &scene)?;
-    take_rest_pictures(&built, &home.join(REST[0]))?;
-    let image = home.join("image.cpio");
-    write_image(&image, &built, &scene, &tools)?;
-    let lines = boot(&tools, &image, only)?;
-    judge(&lines)
+    Ok(process::build_dir().join(profile_folder(profile)))
 }
 
 /// What is needed beside our own programs.
@@ -222,26 +211,15 @@ fn take_rest_pictures(built: &Path, calibration: &Path) -> Result<(), Error> {
 /// Our programs with their shared libraries, busybox, the scene, and the modules: the machine's first and only file system.
 fn write_image(image: &Path, built: &Path, scene: &Path, tools: &Tools) -> Result<(), Error> {
     let read = |path: &Path| fs::read(path).map_err(|source| Error::file(path, source));
-    // As a package has it: what a debugger wants is most of the file.
-    let stripped = |name: &str| {
-        let smaller = image.with_file_name(name);
-        process::output(
-            Command::new("strip")
-                .arg("--strip-debug")
-                .arg("-o")
-                .arg(&smaller)
-                .arg(built.join(name)),
-        )?;
-        read(&smaller)
-    };
+    let home = image.parent().unwrap_or(built);
     let mut archive = Archive::default();
     for folder in ["bin", "dev", "modules"] {
         archive.folder(folder);
     }
     // The first words are said before there are devices.
     archive.device("dev/console", [5, 1]);
-    archive.program("init", &stripped("gripline-vm")?);
-    archive.program("bin/gripline", &stripped("gripline")?);
+    archive.program("init", &stripped(built, "gripline-vm", home)?);
+    archive.program("bin/gripline", &stripped(built, "gripline", home)?);
     archive.program("bin/busybox", &read(&tools.busybox)?);
     archive.file("scene.mcap", &read(scene)?);
     for name in REST {
@@ -252,17 +230,21 @@ fn write_image(image: &Path, built: &Path, scene: &Path, tools: &Tools) -> Resul
         let place = library.display().to_string();
         archive.program(place.trim_start_matches('/'), &read(&library)?);
     }
-    let mut order = String::new();
-    for (file, parameters) in modules(&tools.modules)? {
-        let name = file
-            .file_name()
-            .map(|name| name.to_string_lossy().into_owned())
-            .unwrap_or_default();
-        archive.file(&format!("modules/{name}"), &read(&file)?);
-        order += format!("{name} {parameters}\n").replace(" \n", "\n").as_str();
-    }
-    archive.file("modules/order", order.as_bytes());
+    modules::add(&mut archive, &tools.modules)?;
     fs::write(image, archive.finish()).map_err(|source| Error::file(image, source))
+}
+
+/// A program of ours as a package has it: what a debugger wants is most of the file.
+fn stripped(built: &Path, name: &str, home: &Path) -> Result<Vec<u8>, Error> {
+    let smaller = home.join(name);
+    process::output(
+        Command::new("strip")
+            .arg("--strip-debug")
+            .arg("-o")
+            .arg(&smaller)
+            .arg(built.join(name)),
+    )?;
+    fs::read(&smaller).map_err(|source| Error::file(&smaller, source))
 }
 
 /// The shared libraries of programs, the loader among them.
@@ -281,76 +263,8 @@ fn libraries(programs: &[&Path]) -> Result<Vec<PathBuf>, Error> {
     Ok(found)
 }
 
-/// Files of [`MODULES`] and of what they depend on, each after its own, with parameters.
-fn modules(folder: &Path) -> Result<Vec<(PathBuf, &'static str)>, Error> {
-    let mut files = BTreeMap::new();
-    find_modules(folder, &mut files)?;
-    let mut order = Vec::new();
-    for (name, parameters) in MODULES {
-        add_module(name, parameters, &files, &mut order)?;
-    }
-    Ok(order)
-}
-
-fn find_modules(folder: &Path, files: &mut BTreeMap<String, PathBuf>) -> Result<(), Error> {
-    let entries = fs::read_dir(folder).map_err(|source| Error::file(folder, source))?;
-    for path in entries.flatten().map(|entry| entry.path()) {
-        if path.is_dir() {
-            find_modules(&path, files)?;
-        } else if path.extension().is_some_and(|end| end == "ko") {
-            let name = path
-                .file_stem()
-                .unwrap_or_default()
-                .to_string_lossy()
-                .replace('-', "_");
-            files.insert(name, path);
-        }
-    }
-    Ok(())
-}
-
-fn add_module(
-    name: &str,
-    parameters: &'static str,
-    files: &BTreeMap<String, PathBuf>,
-    order: &mut Vec<(PathBuf, &'static str)>,
-) -> Result<(), Error> {
-    let file = files.get(&name.replace('-', "_")).ok_or_else(|| Error::Product {
-        what: "kernel modules".to_owned(),
-        found: format!("no {name}"),
-        expected: format!("a kernel that has it, as Debian's {KERNEL}"),
-    })?;
-    if order.iter().any(|(known, _)| known == file) {
-        return Ok(());
-    }
-    let bytes = fs::read(file).map_err(|source| Error::file(file, source))?;
-    for dependency in dependencies(&bytes) {
-        add_module(&dependency, "", files, order)?;
-    }
-    order.push((file.clone(), parameters));
-    Ok(())
-}
-
-/// What a module says it needs: `depends=a,b` among the strings of its section .modinfo.
-fn dependencies(module: &[u8]) -> Vec<String> {
-    const FIELD: &[u8] = b"\0depends=";
-    let Some(start) = module.windows(FIELD.len()).position(|bytes| bytes == FIELD) else {
-        return Vec::new();
-    };
-    let text = module[start + FIELD.len()..]
-        .split(|byte| *byte == 0)
-        .next()
-        .unwrap_or_default();
-    let names = String::from_utf8_lossy(text).into_owned();
-    names
-        .split(',')
-        .filter(|name| !name.is_empty())
-        .map(str::to_owned)
-        .collect()
-}
-
-/// Boots and returns what the checks said.
-fn boot(tools: &Tools, image: &Path, only: Option<&str>) -> Result<Vec<String>, Error> {
+/// Boots, with these words to the kernel, and returns what the checks said.
+fn boot(tools: &Tools, image: &Path, words: &str) -> Result<Vec<String>, Error> {
     let mut command = Command::new(&tools.qemu);
     // An installed one finds its own.
     if tools.qemu.starts_with(&tools.root) {
@@ -387,8 +301,7 @@ fn boot(tools: &Tools, image: &Path, only: Option<&str>) -> Result<Vec<String>, 
         .arg(image)
         .arg("-append")
         .arg(format!(
-            "console=ttyS0 loglevel=1 panic=-1 mitigations=off {ONLY}={}",
-            only.unwrap_or_default()
+            "console=ttyS0 loglevel=1 panic=-1 mitigations=off {words}"
         ));
     eprintln!("$ {}", process::shown(&command));
     let mut child = command
@@ -458,14 +371,6 @@ fn judge(lines: &[String]) -> Result<(), Error> {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn what_a_module_needs_is_read_from_its_strings() {
-        let module = b"\x7fELF\0license=GPL\0depends=mc,videodev\0name=vivid\0";
-        assert_eq!(dependencies(module), ["mc", "videodev"]);
-        assert!(dependencies(b"\0depends=\0name=mc\0").is_empty());
-        assert!(dependencies(b"\0name=mc\0").is_empty());
-    }
 
     #[test]
     fn a_failed_check_a_missing_end_and_silence_are_failures() {
