@@ -16,7 +16,7 @@ pub struct Values {
     pub newest: [Option<FrameReport>; SENSORS],
     /// Frames so far.
     pub frames: u64,
-    /// Frames by what the gate said of them, in the order of [`GATES`].
+    /// Frames by what the gate said of them, without contact, unchanged, through the network, unhealthy.
     pub gate: [u64; 4],
     /// Maps that got no answer.
     pub maps_unanswered: u64,
@@ -26,7 +26,7 @@ pub struct Values {
     pub frames_late: u64,
     /// Pictures and frames that the recorder dropped.
     pub record_dropped: [u64; 2],
-    /// Pictures that the camera lost: in the order of [`LOST`].
+    /// Pictures that never came, were overtaken by a newer one, or were damaged.
     pub pictures_lost: [u64; 3],
     /// [`QUANTILES`] of every stage, µs.
     pub stages_us: [[f64; 3]; STAGES.len()],
