@@ -5,7 +5,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use gripline_fuzz_bodies::{commands, modbus, settings, status, stream, wire};
+use gripline_fuzz_bodies::{commands, http, modbus, settings, status, stream, wire};
 use gripline_protocol::message::{Command, Configuration, Hello, Message, MessagePackets, Report, Status};
 use gripline_protocol::{ForceMap, MapInfo, TAXELS, TaxelForce, encode_map};
 
@@ -83,6 +83,11 @@ fn what_the_host_hears_holds() {
 #[test]
 fn the_gripper_on_the_bus_holds() {
     check("modbus", modbus::check, 50_000);
+}
+
+#[test]
+fn requests_over_http_hold() {
+    check("http", http::check, 100_000);
 }
 
 fn listed(packets: &[Vec<u8>]) -> Vec<u8> {

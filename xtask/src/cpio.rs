@@ -1,6 +1,12 @@
 //! An archive as the Linux kernel unpacks it at its start: cpio in the "newc" format, uncompressed
 //! (Documentation/driver-api/early-userspace/buffer-format.rst). Everything belongs to root.
 
+use std::fs;
+use std::os::unix::fs::PermissionsExt as _;
+use std::path::Path;
+
+use crate::error::Error;
+
 /// An archive under construction.
 #[derive(Debug, Default)]
 pub(crate) struct Archive {
@@ -13,6 +19,7 @@ const FOLDER: u32 = 0o040_755;
 const FILE: u32 = 0o100_644;
 const PROGRAM: u32 = 0o100_755;
 const DEVICE: u32 = 0o020_600;
+const LINK: u32 = 0o120_777;
 
 impl Archive {
     /// A folder, with those that it lies in.
@@ -41,6 +48,45 @@ impl Archive {
     pub(crate) fn device(&mut self, name: &str, numbers: [u32; 2]) {
         self.parents(name);
         self.entry(name, DEVICE, numbers, &[]);
+    }
+
+    /// A symbolic link to `target`.
+    pub(crate) fn link(&mut self, name: &str, target: &str) {
+        self.parents(name);
+        self.entry(name, LINK, [0, 0], target.as_bytes());
+    }
+
+    /// Everything that lies in a folder of this machine, as the image's own. What is not readable here is told.
+    pub(crate) fn tree(&mut self, root: &Path) -> Result<(), Error> {
+        self.tree_at(root, "")
+    }
+
+    fn tree_at(&mut self, folder: &Path, name: &str) -> Result<(), Error> {
+        let listed = fs::read_dir(folder).map_err(|source| Error::file(folder, source))?;
+        let mut paths: Vec<_> = listed.flatten().map(|entry| entry.path()).collect();
+        paths.sort();
+        for path in paths {
+            let own = path.file_name().unwrap_or_default().to_string_lossy();
+            let name = if name.is_empty() {
+                own.into_owned()
+            } else {
+                format!("{name}/{own}")
+            };
+            let failed = |source| Error::file(&path, source);
+            let about = fs::symlink_metadata(&path).map_err(failed)?;
+            if about.is_symlink() {
+                let target = fs::read_link(&path).map_err(failed)?;
+                self.link(&name, &target.to_string_lossy());
+            } else if about.is_dir() {
+                self.folder(&name);
+                self.tree_at(&path, &name)?;
+            } else if about.permissions().mode() & 0o111 != 0 {
+                self.program(&name, &fs::read(&path).map_err(failed)?);
+            } else {
+                self.file(&name, &fs::read(&path).map_err(failed)?);
+            }
+        }
+        Ok(())
     }
 
     /// The archive's bytes.

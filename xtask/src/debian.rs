@@ -1,4 +1,4 @@
-//! Debian packages, unpacked into a folder of ours: nothing is installed, and root is not needed.
+//! Debian packages, unpacked into a folder of ours without root; where a program must be installed, root does it.
 //! Limits: a Debian machine with apt and dpkg-deb.
 
 use std::fs;
@@ -7,6 +7,28 @@ use std::process::Command;
 
 use crate::error::Error;
 use crate::process;
+
+/// Whether this program may install packages.
+pub(crate) fn is_root() -> bool {
+    process::output(Command::new("id").arg("-u")).is_ok_and(|id| id.trim() == "0")
+}
+
+/// Installs packages, which root may; reads the machine's package lists anew when they are out of date.
+pub(crate) fn install(names: &[&str]) -> Result<(), Error> {
+    let install = || {
+        process::run(
+            Command::new("apt-get")
+                .env("DEBIAN_FRONTEND", "noninteractive")
+                .args(["install", "--yes", "-qq", "--no-install-recommends"])
+                .args(names),
+        )
+    };
+    if install().is_ok() {
+        return Ok(());
+    }
+    process::run(Command::new("apt-get").args(["update", "-qq"]))?;
+    install()
+}
 
 /// A place to download packages to, with apt's settings for it.
 pub(crate) struct Packages {
@@ -18,6 +40,17 @@ impl Packages {
     /// Packages of the machine's own suites.
     pub(crate) fn of_this_machine(home: &Path) -> Result<Self, Error> {
         Self::new(home.join("download"), Vec::new())
+    }
+
+    /// Packages of the machine's own suites, as a machine gets them on which nothing is installed.
+    pub(crate) fn for_an_empty_machine(home: &Path) -> Result<Self, Error> {
+        let mut packages = Self::new(home.join("download"), Vec::new())?;
+        let status = home.join("nothing-installed");
+        fs::write(&status, "").map_err(|source| Error::file(&status, source))?;
+        packages
+            .options
+            .push(format!("Dir::State::status={}", status.display()));
+        Ok(packages)
     }
 
     /// Packages of another suite of the machine's own archive, with lists of its own, so that the system's stay as they are.
@@ -64,23 +97,29 @@ impl Packages {
         process::output(command.args(arguments))
     }
 
-    /// Downloads packages, with what the machine lacks of their dependencies if wanted, and unpacks them into `root`.
-    /// Reads the machine's package lists anew when they are out of date.
+    /// Downloads packages, as [`Self::fetch`] does, and unpacks them into `root`.
     pub(crate) fn unpack(&self, root: &Path, names: &[&str], with_dependencies: bool) -> Result<(), Error> {
+        fs::create_dir_all(root).map_err(|source| Error::file(root, source))?;
+        for package in self.fetch(names, with_dependencies)? {
+            process::output(Command::new("dpkg-deb").arg("-x").arg(&package).arg(root))?;
+        }
+        let _ = fs::remove_dir_all(&self.folder);
+        Ok(())
+    }
+
+    /// Downloads packages, with what the machine lacks of their dependencies if wanted; returns their files.
+    /// Reads the machine's package lists anew when they are out of date.
+    pub(crate) fn fetch(&self, names: &[&str], with_dependencies: bool) -> Result<Vec<PathBuf>, Error> {
         if let Err(first) = self.download(names, with_dependencies) {
             eprintln!("packages: {first}; reading the package lists anew");
             self.apt("apt-get", &["update", "-qq"])?;
             self.download(names, with_dependencies)?;
         }
-        fs::create_dir_all(root).map_err(|source| Error::file(root, source))?;
         let entries = fs::read_dir(&self.folder).map_err(|source| Error::file(&self.folder, source))?;
-        for package in entries.flatten().map(|entry| entry.path()) {
-            if package.extension().is_some_and(|end| end == "deb") {
-                process::output(Command::new("dpkg-deb").arg("-x").arg(&package).arg(root))?;
-            }
-        }
-        let _ = fs::remove_dir_all(&self.folder);
-        Ok(())
+        let mut files: Vec<PathBuf> = entries.flatten().map(|entry| entry.path()).collect();
+        files.retain(|file| file.extension().is_some_and(|end| end == "deb"));
+        files.sort();
+        Ok(files)
     }
 
     fn download(&self, names: &[&str], with_dependencies: bool) -> Result<String, Error> {

@@ -29,7 +29,7 @@ pub(crate) enum Error {
         found: String,
         expected: String,
     },
-    /// This machine cannot get a core library for the microcontroller: every way that was tried, and its end.
+    /// This machine cannot get the libraries of a target: every way that was tried, and its end.
     NoTarget {
         target: &'static str,
         tried: Vec<(String, String)>,
@@ -103,7 +103,7 @@ impl fmt::Display for Error {
                 expected,
             } => write!(f, "{what}: found {found}, expected {expected}"),
             Self::NoTarget { target, tried, rustc } => {
-                writeln!(f, "no core library for {target} is to be had here. Tried:")?;
+                writeln!(f, "no libraries for {target} are to be had here. Tried:")?;
                 for (way, end) in tried {
                     writeln!(f, "  - {way}: {end}")?;
                 }
@@ -111,7 +111,7 @@ impl fmt::Display for Error {
                     f,
                     "Do one of these, then run the command again:\n  \
                      - rustup target add {target}   (needs rustup and its download server)\n  \
-                     - rustup component add rust-src   (the core is then built from it)\n  \
+                     - rustup component add rust-src   (the libraries are then built from it)\n  \
                      - unpack the library sources of exactly rustc {rustc} to /usr/src/rustc-{rustc}/library"
                 )
             }

@@ -147,7 +147,7 @@ pub(crate) fn build_twin(board: Board) -> Result<PathBuf, Error> {
 
 fn built(program: &str) -> PathBuf {
     process::build_dir()
-        .join(toolchain::TARGET)
+        .join(toolchain::MCU.triple)
         .join("firmware")
         .join(program)
 }
@@ -171,7 +171,7 @@ pub(crate) fn lint(board: Board) -> Result<(), Error> {
 
 /// A cargo command on one of a board's binaries, with all that it needs to find the core library.
 fn cargo(command: &str, program: &str, board: Board) -> Result<Command, Error> {
-    let core = toolchain::ensure(false)?;
+    let libraries = toolchain::ensure(&toolchain::MCU, false)?;
     let features = match program {
         TWIN => format!("{},{TWIN}", board.name()),
         _ => board.name().to_owned(),
@@ -187,8 +187,8 @@ fn cargo(command: &str, program: &str, board: Board) -> Result<Command, Error> {
             "--profile",
             "firmware",
         ])
-        .args(["--target", toolchain::TARGET, "--features", &features])
-        .args(core.cargo_arguments())
+        .args(["--target", toolchain::MCU.triple, "--features", &features])
+        .args(libraries.cargo_arguments())
         // These would replace the linker flags of .cargo/config.toml.
         .env_remove("RUSTFLAGS")
         .env_remove("CARGO_ENCODED_RUSTFLAGS");

@@ -12,13 +12,14 @@ use crate::process;
 /// What is fuzzed: a binary of `tests/fuzz`, a corpus of the same name; and its longest input and the longest that is kept,
 /// bytes. A dense map and some commands for what reads bytes; some dozen steps for what makes maps and commands of them,
 /// because short inputs are tried many times as often.
-const TARGETS: [(&str, u32, u32); 6] = [
+const TARGETS: [(&str, u32, u32); 7] = [
     ("wire", 4_096, 400),
     ("stream", 4_096, 400),
     ("commands", 400, 400),
     ("settings", 4_096, 400),
     ("status", 4_096, 400),
     ("modbus", 4_096, 400),
+    ("http", 4_096, 400),
 ];
 
 const MANIFEST: &str = "tests/fuzz/Cargo.toml";

@@ -4,24 +4,28 @@
 //! fails when something it was asked to check cannot be checked. Products land in `target/gripline`.
 #![forbid(unsafe_code)]
 
+mod arm;
 mod bench;
 mod cpio;
 mod debian;
 mod emulator;
 mod error;
-mod ffmpeg;
 mod figures;
 mod firmware;
 mod flash;
 mod fuzz;
 mod modules;
 mod option_bytes;
+mod package;
 mod physics;
 mod process;
+mod programs;
+mod python;
 mod ros2;
 mod screenshots;
 mod test;
 mod toolchain;
+mod venv;
 mod vm;
 
 use std::process::ExitCode;
@@ -32,11 +36,14 @@ use test::Tier;
 const HELP: &str = "\
 cargo xtask COMMAND
 
-  test [--all | --ros2 | --zenoh]   every check that a change has to pass, in order, with a summary; --all: the slow ones
-                                    too; --ros2, --zenoh: only those of the bridge's feature of this name, whose crates
-                                    take minutes to build the first time; --ros2 needs Python 3 with venv (it installs
+  test [--all | --python | --ros2 | --zenoh]
+                                    every check that a change has to pass, in order, with a summary; --all: the slow ones
+                                    too; --python: only that of the Python package; --ros2, --zenoh: only those of the
+                                    bridge's feature of this name, whose crates take minutes to build the first time;
+                                    --ros2 needs Python 3 with venv (it installs
                                     another DDS into the build folder)
-  screenshots                       play the scripted scene and draw the README's pictures of view and plot anew
+  screenshots                       play the scripted scene and draw the README's pictures of view, plot and live page anew;
+                                    the page needs Chromium, which is installed
   figures [all | NAME...]           measure anew what is named in docs/figures.toml, and write docs/figures.md
   firmware [--board BOARD] [--out FILE]
                                     build the image and print `flash N ram N` in bytes; BOARD is
@@ -52,8 +59,18 @@ cargo xtask COMMAND
                                     Cortex-M4 cycles at most; fails when a number of the design does not hold;
                                     --bless renews the instruction counts that the tests hold
   modules                           fail when files of a crate import each other in a circle, and say through which names
-  toolchain [--from-sources]        make this machine able to build for the microcontroller;
+  package [--target TARGET] [--profile PROFILE] | --check
+                                    build a Debian package of the bridge in target/gripline: program, man pages,
+                                    completions, udev rule, systemd unit, configuration; TARGET is x86_64 or aarch64;
+                                    --check installs, starts, hangs, stops and removes it in the virtual machine
+  toolchain [--arm] [--from-sources]
+                                    make this machine able to build for the microcontroller, or for 64-bit ARM;
                                     --from-sources passes over rustup and an installed target
+  arm [build | instructions [--json]]
+                                    64-bit ARM: builds with Debian's cross compiler, tests under qemu-user, the networks'
+                                    bits against this processor's, instructions of a frame with NEON against portable;
+                                    fetches compiler, emulator and standard library; build: only the bridge, and its
+                                    path; instructions: only bits and counts
   vm [--profile PROFILE] [--only WORD]
                                     boot a Debian kernel in qemu and run `gripline` in it, built with PROFILE (release),
                                     against a virtual camera and virtual microcontrollers on USB: formats, controls,
@@ -63,9 +80,9 @@ cargo xtask COMMAND
                                     run time against error for the whole chain and each of its stages, a NumPy detector
                                     beside ours, what skipping saves by kind of scene and what it changes; tables and a
                                     plot; needs Python with pip
-  bench network [--json] [--rounds N] [--samples N] [--weights FILE]... [--plot FILE]
+  bench network [--json] [--instructions SET] [--rounds N] [--samples N] [--weights FILE]... [--plot FILE]
                                     time the force networks against onnxruntime and tract and against this processor's
-                                    limit; errors on N samples of the test world (1,500, made in memory in a minute);
+                                    limit; --instructions forces ours to portable, avx2, avx512 or neon; errors on N samples of the test world (1,500, made in memory in a minute);
                                     table, and a plot of time against error; --weights adds networks; needs Python
                                     with pip
   bench gate [--json]               what skipping frames saves and costs, gate by gate, under drift, noise and light touch
@@ -80,6 +97,8 @@ cargo xtask COMMAND
                                     table, writes pictures to DIR; wants a quiet machine (it judges speed) and
                                     Python 3 with venv (it installs tamaas into the build folder)
   train [ARGUMENTS]                 run the trainer (host/training) with these arguments
+  wheel [--bench]                   build the Python package into target/wheels and print its size; --bench times import and
+                                    detector beside `gripline detect`; needs Python 3 with venv and PyPI
 
 Exit code: 0 done, 1 failed, 2 wrong usage.
 ";
@@ -107,6 +126,7 @@ fn dispatch(arguments: &[String]) -> Result<(), Error> {
         }
         "test" if rest == ["--ros2"] => test::ros2(),
         "test" if rest == ["--zenoh"] => test::zenoh(),
+        "test" if rest == ["--python"] => test::python(),
         "test" if rest == ["--all"] => test::run(Tier::All),
         "test" => no_more(rest).and_then(|()| test::run(Tier::Quick)),
         "screenshots" => no_more(rest).and_then(|()| screenshots::run()),
@@ -117,7 +137,10 @@ fn dispatch(arguments: &[String]) -> Result<(), Error> {
         "emulator" => no_more(rest).and_then(|()| emulator::command()),
         "modules" => no_more(rest).and_then(|()| modules::run()),
         "latency" => emulator::latency(rest),
+        "arm" => arm::command(rest),
         "toolchain" => toolchain::command(rest),
+        "package" if rest == ["--check"] => vm::package::run("dev"),
+        "package" => package::command(rest),
         "vm" => vm::command(rest),
         "bench" => bench::command(rest),
         "stress" => process::run(
@@ -132,6 +155,7 @@ fn dispatch(arguments: &[String]) -> Result<(), Error> {
                 .args(["run", "--release", "--package", "gripline-training", "--"])
                 .args(rest),
         ),
+        "wheel" => python::wheel(rest),
         unknown => Err(Error::usage(
             "command",
             unknown,

@@ -27,6 +27,15 @@ pub(crate) fn build_dir() -> PathBuf {
         .map_or_else(|| root().join("target"), |dir| root().join(dir))
 }
 
+/// Cargo's folder of the profiles that it brings along.
+pub(crate) fn profile_folder(profile: &str) -> &str {
+    if ["dev", "test"].contains(&profile) {
+        "debug"
+    } else {
+        profile
+    }
+}
+
 /// The cargo that runs this program, started in the repository.
 pub(crate) fn cargo() -> Command {
     let mut command = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| OsString::from("cargo")));

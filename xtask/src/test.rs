@@ -7,7 +7,8 @@ use std::time::{Duration, Instant};
 
 use crate::error::Error;
 use crate::firmware::{self, Board};
-use crate::{emulator, ffmpeg, modules, physics, process, ros2, toolchain, vm};
+use crate::programs::{CHROMIUM, FFMPEG};
+use crate::{arm, emulator, modules, physics, process, python, ros2, toolchain, vm};
 
 /// What one check came to.
 struct Outcome {
@@ -111,10 +112,11 @@ pub(crate) fn run(tier: Tier) -> Result<(), Error> {
         )
     });
     checks.check("core library for the microcontroller", || {
-        toolchain::ensure(false)
+        toolchain::ensure(&toolchain::MCU, false)
     });
-    checks.check("ffmpeg for clips", ffmpeg::ensure);
+    checks.check("ffmpeg for clips", || FFMPEG.ensure());
     let python = if all {
+        checks.check("Chromium for the live page", || CHROMIUM.ensure());
         checks.check("Python with another DDS", ros2::ensure)
     } else {
         None
@@ -182,10 +184,26 @@ fn slow(checks: &mut Checks) {
     checks.check("lints of the firmware binary", || firmware::lint(emulator::BOARD));
     checks.check("lints of the emulator", emulator::lint);
     ros2_of_the_bridge(checks);
+    python_package(checks);
     // Speed is for a quiet machine and a command of its own.
     checks.check("physics", || physics::run(&["--without".into(), "speed".into()]));
+    checks.check("64-bit ARM: builds, tests, bits, instructions", arm::check);
     // With the programs that the tests were just built with.
     checks.check("virtual machine: camera, USB, disks", || vm::run("dev", None));
+    checks.check("Debian package in the virtual machine", || {
+        vm::package::run("dev")
+    });
+}
+
+/// The Python package.
+pub(crate) fn python() -> Result<(), Error> {
+    let mut checks = Checks::default();
+    python_package(&mut checks);
+    checks.summary()
+}
+
+fn python_package(checks: &mut Checks) {
+    checks.check("Python package", python::check);
 }
 
 /// The bridge's feature `zenoh`: its lints and its tests.

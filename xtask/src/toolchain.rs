@@ -1,9 +1,10 @@
-//! Makes this machine able to compile for the microcontroller: a core library for `thumbv7em-none-eabihf`.
+//! Makes this machine able to compile for another target: a core library for the microcontroller, a standard library for
+//! 64-bit ARM.
 //!
-//! Three ways, the first that works is taken: the installed compiler has the target already; rustup adds it; or core,
-//! alloc and compiler_builtins are built once from library sources of exactly the compiler's version (rustup's
-//! `rust-src`, an unpacked `/usr/src/rustc-VERSION`, or Debian's `rust-src` from the machine's own archive, read
-//! through private lists that leave the system's alone). Limits: the last source needs a Debian machine.
+//! Three ways, the first that works is taken: the installed compiler has the target already; rustup adds it; or the
+//! libraries are built once from sources of exactly the compiler's version (rustup's `rust-src`, an unpacked
+//! `/usr/src/rustc-VERSION`, or Debian's `rust-src` from the machine's own archive, read through private lists that leave
+//! the system's alone). Limits: the last source needs a Debian machine.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -14,8 +15,39 @@ use crate::debian::Packages;
 use crate::error::Error;
 use crate::process;
 
+/// A target that is compiled for, and the libraries that it needs.
+pub(crate) struct Target {
+    pub(crate) triple: &'static str,
+    /// Short name, for the folder of libraries built here.
+    name: &'static str,
+    /// What cargo builds, with these features.
+    crates: &'static str,
+    features: &'static [&'static str],
+    /// What a panic does in the libraries.
+    panic: &'static str,
+    /// Libraries that have to come out.
+    libraries: &'static [&'static str],
+}
+
 /// The Cortex-M4 with its floating-point unit.
-pub(crate) const TARGET: &str = "thumbv7em-none-eabihf";
+pub(crate) const MCU: Target = Target {
+    triple: "thumbv7em-none-eabihf",
+    name: "thumb",
+    crates: "core,alloc",
+    features: &["-Zbuild-std-features=compiler-builtins-mem"],
+    panic: "abort",
+    libraries: &["core", "alloc", "compiler_builtins"],
+};
+
+/// Linux on 64-bit ARM.
+pub(crate) const ARM: Target = Target {
+    triple: "aarch64-unknown-linux-gnu",
+    name: "aarch64",
+    crates: "std,panic_unwind,test,proc_macro",
+    features: &[],
+    panic: "unwind",
+    libraries: &["core", "alloc", "std", "panic_unwind", "test", "proc_macro"],
+};
 
 /// The suites of a Debian archive that may hold the sources, smallest first. Relative names, so that they stay right
 /// when a release becomes old: for a machine on `oldstable`, `stable-backports` is its successor's.
@@ -28,28 +60,29 @@ const SUITES: [&str; 6] = [
     "unstable",
 ];
 
-/// A core library for [`TARGET`] that matches the compiler.
-pub(crate) struct Core {
+/// A target's libraries, which match the compiler.
+pub(crate) struct Libraries {
+    target: &'static Target,
     /// Where it lies when it is not in the compiler's own folder.
     sysroot: Option<PathBuf>,
 }
 
-impl Core {
+impl Libraries {
     /// What cargo has to be told beyond `--target`; adds to the flags in `.cargo/config.toml`.
     pub(crate) fn cargo_arguments(&self) -> Vec<String> {
         self.sysroot.as_ref().map_or_else(Vec::new, |sysroot| {
             let flag = format!("--sysroot={}", sysroot.display());
             vec![
                 "--config".to_owned(),
-                format!("target.{TARGET}.rustflags=[{}]", toml_string(&flag)),
+                format!("target.{}.rustflags=[{}]", self.target.triple, toml_string(&flag)),
             ]
         })
     }
 }
 
-/// The compiler, as far as a core library has to match it.
+/// The compiler, as far as libraries have to match it.
 struct Compiler {
-    /// Everything `rustc -vV` says; a cached core with another text is rebuilt.
+    /// Everything `rustc -vV` says; cached libraries with another text are rebuilt.
     identity: String,
     release: String,
     sysroot: PathBuf,
@@ -74,40 +107,45 @@ impl Compiler {
 
 /// `cargo xtask toolchain`.
 pub(crate) fn command(arguments: &[String]) -> Result<(), Error> {
-    let from_sources = match arguments {
-        [] => false,
-        [only] if only == "--from-sources" => true,
-        [found, ..] => return Err(Error::usage("argument", found, "--from-sources or none")),
-    };
-    let core = ensure(from_sources)?;
-    match core.sysroot {
+    let (mut target, mut from_sources) = (&MCU, false);
+    for argument in arguments {
+        match argument.as_str() {
+            "--arm" => target = &ARM,
+            "--from-sources" => from_sources = true,
+            found => return Err(Error::usage("argument", found, "--arm, --from-sources or none")),
+        }
+    }
+    let libraries = ensure(target, from_sources)?;
+    match libraries.sysroot {
         None => println!("sysroot {}", Compiler::installed()?.sysroot.display()),
         Some(sysroot) => println!("sysroot {}", sysroot.display()),
     }
     Ok(())
 }
 
-/// Finds or makes a core library. `from_sources` passes over the ways that need no building.
-pub(crate) fn ensure(from_sources: bool) -> Result<Core, Error> {
+/// Finds or makes a target's libraries. `from_sources` passes over the ways that need no building.
+pub(crate) fn ensure(target: &'static Target, from_sources: bool) -> Result<Libraries, Error> {
     let compiler = Compiler::installed()?;
+    let triple = target.triple;
+    let found = |sysroot| Ok(Libraries { target, sysroot });
     let mut tried = Vec::new();
     if !from_sources {
-        if has_core(&compiler.sysroot) {
-            eprintln!("toolchain: rustc {} has {TARGET}", compiler.release);
-            return Ok(Core { sysroot: None });
+        if has_libraries(&compiler.sysroot, target) {
+            eprintln!("toolchain: rustc {} has {triple}", compiler.release);
+            return found(None);
         }
         eprintln!(
-            "toolchain: rustc {} has no {TARGET}; asking rustup for it",
+            "toolchain: rustc {} has no {triple}; asking rustup for it",
             compiler.release
         );
         match process::output(
             Command::new("rustup")
                 .current_dir(process::root())
-                .args(["target", "add", TARGET]),
+                .args(["target", "add", triple]),
         ) {
-            Ok(_) if has_core(&compiler.sysroot) => {
-                eprintln!("toolchain: rustup added {TARGET}");
-                return Ok(Core { sysroot: None });
+            Ok(_) if has_libraries(&compiler.sysroot, target) => {
+                eprintln!("toolchain: rustup added {triple}");
+                return found(None);
             }
             Ok(_) => tried.push(note(
                 "rustup target add",
@@ -116,25 +154,24 @@ pub(crate) fn ensure(from_sources: bool) -> Result<Core, Error> {
             Err(error) => tried.push(note("rustup target add", &error.to_string())),
         }
     }
-    let home = process::products().join(format!("thumb-{}", compiler.release));
+    let home = process::products().join(format!("{}-{}", target.name, compiler.release));
     let sysroot = home.join("sysroot");
-    if has_core(&sysroot)
+    if has_libraries(&sysroot, target)
         && fs::read_to_string(sysroot.join("rustc")).is_ok_and(|built_for| built_for == compiler.identity)
     {
-        eprintln!("toolchain: using the core built earlier, {}", sysroot.display());
-        return Ok(Core {
-            sysroot: Some(sysroot),
-        });
+        eprintln!(
+            "toolchain: using the libraries built earlier, {}",
+            sysroot.display()
+        );
+        return found(Some(sysroot));
     }
-    match library_sources(&compiler, &home, &mut tried) {
+    match library_sources(&compiler, &mut tried) {
         Some(library) => {
-            build_core(&compiler, &library, &home, &sysroot)?;
-            Ok(Core {
-                sysroot: Some(sysroot),
-            })
+            build(target, &compiler, &library, &home, &sysroot)?;
+            found(Some(sysroot))
         }
         None => Err(Error::NoTarget {
-            target: TARGET,
+            target: triple,
             tried,
             rustc: compiler.release,
         }),
@@ -146,19 +183,26 @@ fn note(way: &str, end: &str) -> (String, String) {
     (way.to_owned(), end.to_owned())
 }
 
-fn has_core(sysroot: &Path) -> bool {
-    let library = sysroot.join("lib/rustlib").join(TARGET).join("lib");
-    fs::read_dir(library).is_ok_and(|files| {
-        files
-            .flatten()
-            .any(|file| file.file_name().to_string_lossy().starts_with("libcore-"))
+fn has_libraries(sysroot: &Path, target: &Target) -> bool {
+    let folder = sysroot.join("lib/rustlib").join(target.triple).join("lib");
+    let Ok(files) = fs::read_dir(folder) else {
+        return false;
+    };
+    let names: Vec<String> = files
+        .flatten()
+        .map(|file| file.file_name().to_string_lossy().into_owned())
+        .collect();
+    target.libraries.iter().all(|library| {
+        let start = format!("lib{library}-");
+        names.iter().any(|name| name.starts_with(&start))
     })
 }
 
 /// The folder `library` of the compiler's own version, from this machine or from the distribution's archive.
-fn library_sources(compiler: &Compiler, home: &Path, tried: &mut Vec<(String, String)>) -> Option<PathBuf> {
-    let unpacked = home.join("source");
+fn library_sources(compiler: &Compiler, tried: &mut Vec<(String, String)>) -> Option<PathBuf> {
     let release = &compiler.release;
+    let home = process::products().join(format!("rust-src-{release}"));
+    let unpacked = home.join("source");
     for (way, library) in [
         (
             "rustup's rust-src",
@@ -181,7 +225,7 @@ fn library_sources(compiler: &Compiler, home: &Path, tried: &mut Vec<(String, St
     }
     let library = unpacked.join(format!("usr/src/rustc-{release}/library"));
     for suite in SUITES {
-        match debian_sources(suite, release, home, &unpacked) {
+        match debian_sources(suite, release, &home, &unpacked) {
             Ok(()) if library.join("core/src/lib.rs").is_file() => return Some(library),
             Ok(()) => tried.push(note(
                 &format!("Debian's rust-src from {suite}"),
@@ -230,8 +274,14 @@ fn upstream(version: &str) -> &str {
     &version[..end]
 }
 
-/// Compiles core, alloc and compiler_builtins and lays them out as a sysroot, as one step.
-fn build_core(compiler: &Compiler, library: &Path, home: &Path, sysroot: &Path) -> Result<(), Error> {
+/// Compiles the libraries and lays them out as a sysroot, as one step.
+fn build(
+    target: &Target,
+    compiler: &Compiler,
+    library: &Path,
+    home: &Path,
+    sysroot: &Path,
+) -> Result<(), Error> {
     let started = Instant::now();
     let build = home.join(format!("build-{}", std::process::id()));
     let write = |name: &str, text: &str| {
@@ -242,8 +292,11 @@ fn build_core(compiler: &Compiler, library: &Path, home: &Path, sysroot: &Path) 
     // An empty crate with its own workspace: what is wanted is only what it stands on.
     write(
         "Cargo.toml",
-        "[workspace]\n[package]\nname = \"core-for-the-mcu\"\nversion = \"0.0.0\"\nedition = \"2024\"\n\
-         [profile.release]\nopt-level = 3\ndebug = 1\npanic = \"abort\"\ncodegen-units = 16\n",
+        &format!(
+            "[workspace]\n[package]\nname = \"empty\"\nversion = \"0.0.0\"\nedition = \"2024\"\n\
+             [profile.release]\nopt-level = 3\ndebug = 1\npanic = \"{}\"\ncodegen-units = 16\n",
+            target.panic
+        ),
     )?;
     write("src/lib.rs", "#![no_std]\n")?;
     let target_dir = build.join("target");
@@ -258,11 +311,9 @@ fn build_core(compiler: &Compiler, library: &Path, home: &Path, sysroot: &Path) 
     process::run(
         process::cargo()
             .current_dir(&build)
-            .args(["build", "--quiet", "--release", "--target", TARGET])
-            .args([
-                "-Zbuild-std=core,alloc",
-                "-Zbuild-std-features=compiler-builtins-mem",
-            ])
+            .args(["build", "--quiet", "--release", "--target", target.triple])
+            .arg(format!("-Zbuild-std={}", target.crates))
+            .args(target.features)
             .env("CARGO_TARGET_DIR", &target_dir)
             .env("CARGO_ENCODED_RUSTFLAGS", flags)
             .env("RUSTC_BOOTSTRAP", "1")
@@ -270,29 +321,24 @@ fn build_core(compiler: &Compiler, library: &Path, home: &Path, sysroot: &Path) 
             .env_remove("RUSTFLAGS"),
     )?;
     let partial = home.join(format!("sysroot-{}", std::process::id()));
-    let destination = partial.join("lib/rustlib").join(TARGET).join("lib");
+    let destination = partial.join("lib/rustlib").join(target.triple).join("lib");
     fs::create_dir_all(&destination).map_err(|source| Error::file(&destination, source))?;
-    let built = target_dir.join(TARGET).join("release/deps");
-    let mut copied = 0;
+    let built = target_dir.join(target.triple).join("release/deps");
     for file in fs::read_dir(&built)
         .map_err(|source| Error::file(&built, source))?
         .flatten()
     {
         let name = file.file_name().to_string_lossy().into_owned();
-        let wanted = ["libcore-", "liballoc-", "libcompiler_builtins-"]
-            .iter()
-            .any(|start| name.starts_with(start));
-        if wanted && file.path().extension().is_some_and(|end| end == "rlib") {
+        if !name.starts_with("libempty-") && file.path().extension().is_some_and(|end| end == "rlib") {
             fs::copy(file.path(), destination.join(&name))
                 .map_err(|source| Error::file(&file.path(), source))?;
-            copied += 1;
         }
     }
-    if copied != 3 {
+    if !has_libraries(&partial, target) {
         return Err(Error::Product {
             what: format!("libraries in {}", built.display()),
-            found: copied.to_string(),
-            expected: "3 (core, alloc, compiler_builtins)".to_owned(),
+            found: "not all of them".to_owned(),
+            expected: target.libraries.join(", "),
         });
     }
     let stamp = partial.join("rustc");

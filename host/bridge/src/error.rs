@@ -25,6 +25,9 @@ pub enum Error {
     /// The link to the device.
     #[error(transparent)]
     Link(#[from] gripline_link::LinkError),
+    /// The server of live values.
+    #[error(transparent)]
+    Live(#[from] gripline_live::LiveError),
     /// The conversation with the device.
     #[error(transparent)]
     Session(#[from] gripline_link::session::SessionError),
@@ -55,6 +58,9 @@ pub enum Error {
     /// A scene of the simulated world.
     #[error(transparent)]
     Scene(#[from] gripline_simulation::scene_file::SceneError),
+    /// A scene that is being played.
+    #[error(transparent)]
+    Play(Box<gripline_evaluation::play::PlayError>),
     /// TOML that was read.
     #[error(transparent)]
     TomlRead(#[from] toml::de::Error),
@@ -67,6 +73,12 @@ pub enum Error {
     /// A file or a stream of this process.
     #[error(transparent)]
     Io(#[from] io::Error),
+}
+
+impl From<gripline_evaluation::play::PlayError> for Error {
+    fn from(error: gripline_evaluation::play::PlayError) -> Self {
+        Self::Play(Box::new(error))
+    }
 }
 
 /// The short name in signatures.

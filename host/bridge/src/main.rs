@@ -6,7 +6,8 @@ use std::process::ExitCode;
 use clap::CommandFactory as _;
 use gripline::commands::cli::{Cli, Command};
 use gripline::commands::{
-    calibrate, config, detect, doctor, evaluate, export, faults, infer, plot, replay, sensor, shell, simulate,
+    calibrate, config, detect, doctor, evaluate, export, faults, infer, plot, replay, sensor, setup, shell,
+    simulate,
 };
 use gripline::error::{Completion, Error};
 use gripline::{log, run};
@@ -48,6 +49,7 @@ fn run_command(command: Command) -> Result<Completion, Error> {
         Command::Replay(args) => return replay::run(&args),
         Command::Export(args) => return export::run(&args),
         Command::Plot(args) => return plot::run(&args),
+        Command::Setup(args) => return setup::run(&args),
         Command::Doctor(args) => return doctor::run(&args),
         Command::Detect(args) => detect::run(&args)?,
         Command::Config(args) => config::run(&args)?,

@@ -160,7 +160,7 @@ fn what_cannot_be_used_is_an_error_that_names_the_file() {
         );
         assert!(!folder.join("found.npy").exists());
     }
-    for wrong in [["--network", "resnet"], ["--instructions", "neon"]] {
+    for wrong in [["--network", "resnet"], ["--instructions", "sve"]] {
         let output = infer(&folder, "scene/frames", &wrong);
         let said = String::from_utf8(output.stderr).unwrap();
         assert!(

@@ -1,5 +1,7 @@
 //! `gripline run` as a program: its output, its exit codes, its links.
 
+mod serial_board;
+
 use std::io::{Read, Write};
 use std::path::PathBuf;
 use std::process::{Command, Output, Stdio};
@@ -7,9 +9,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use gripline_firmware::{Device, Start};
-use gripline_protocol::cobs::{CobsDecoder, FRAME_MAX, Frame, encode_packet};
 use serde_json::Value;
+use serial_board::SerialBoard;
 use serialport::{SerialPort, TTYPort};
 
 fn gripline(arguments: &[&str]) -> Output {
@@ -259,55 +260,6 @@ fn a_port_where_nobody_answers_is_no_microcontroller() {
     );
 }
 
-/// The firmware library at the far end of a serial line, with a clock that runs on.
-struct SerialBoard {
-    device: Device,
-    start: Instant,
-    next_tick_us: u64,
-}
-
-impl SerialBoard {
-    fn new() -> Self {
-        Self {
-            device: Device::new(Start::default()),
-            start: Instant::now(),
-            next_tick_us: 0,
-        }
-    }
-
-    fn now_us(&self) -> u64 {
-        self.start.elapsed().as_micros() as u64
-    }
-
-    fn serve(&mut self, far: &mut TTYPort, is_over: impl Fn(&Self) -> bool) {
-        far.set_timeout(Duration::from_millis(1)).unwrap();
-        let (mut frames, mut bytes) = (CobsDecoder::new(), [0; 4096]);
-        while !is_over(self) {
-            // Reading fails while nobody has the other end open.
-            let length = far.read(&mut bytes).unwrap_or(0);
-            for &byte in &bytes[..length] {
-                if let Some(Frame::Packet(packet)) = frames.push(byte) {
-                    let now_us = self.now_us();
-                    let _ = self.device.packet(packet, now_us);
-                }
-            }
-            self.live();
-            let mut frame = [0; FRAME_MAX];
-            while let Some(packet) = self.device.next_packet() {
-                let length = encode_packet(&packet, &mut frame);
-                let _ = far.write_all(&frame[..length]);
-            }
-        }
-    }
-
-    fn live(&mut self) {
-        while self.next_tick_us < self.now_us() {
-            let _ = self.device.tick(self.next_tick_us);
-            self.next_tick_us += 1_000;
-        }
-    }
-}
-
 /// The serial link and the COBS framing as a real board would use them.
 #[test]
 fn a_microcontroller_on_a_serial_port_answers_every_map_as_the_shadow_does() {
@@ -317,13 +269,14 @@ fn a_microcontroller_on_a_serial_port_answers_every_map_as_the_shadow_does() {
     let stop = Arc::new(AtomicBool::new(false));
     let stopped = Arc::clone(&stop);
     let board = std::thread::spawn(move || {
-        SerialBoard::new().serve(&mut far, |_| stopped.load(Ordering::Relaxed));
+        SerialBoard::new(0).serve(&mut far, |_| stopped.load(Ordering::Relaxed));
     });
     let output = gripline(&[
         "run",
         "--seconds",
         "3",
         "--json",
+        "--hold",
         "--mcu",
         &format!("serial:{path}"),
     ]);
@@ -357,7 +310,7 @@ fn a_serial_port_that_goes_away_and_comes_back_is_taken_up_again() {
     let (stop, its_name) = (Arc::new(AtomicBool::new(false)), name.clone());
     let stopped = Arc::clone(&stop);
     let board = std::thread::spawn(move || {
-        let mut board = SerialBoard::new();
+        let mut board = SerialBoard::new(0);
         let is_over = || stopped.load(Ordering::Relaxed);
         // Pulled out in the middle of the run, when the host holds.
         board.serve(&mut far, |board| {
@@ -374,7 +327,7 @@ fn a_serial_port_that_goes_away_and_comes_back_is_taken_up_again() {
         board.serve(&mut far, |_| is_over());
     });
     let path = format!("serial:{}", name.display());
-    let output = gripline(&["run", "--seconds", "4", "--json", "--mcu", &path]);
+    let output = gripline(&["run", "--seconds", "4", "--json", "--hold", "--mcu", &path]);
     stop.store(true, Ordering::Relaxed);
     board.join().expect("the board did not panic");
     let error = String::from_utf8_lossy(&output.stderr);
@@ -428,7 +381,7 @@ fn the_emulated_board_closes_the_loop_through_the_whole_scene() {
 fn asked(address: &str, path: &str, bytes: u64) -> String {
     let mut stream = std::net::TcpStream::connect(address).expect("somebody listens");
     stream.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
-    write!(stream, "GET {path} HTTP/1.1\r\nHost: here\r\n\r\n").unwrap();
+    write!(stream, "GET {path} HTTP/1.1\r\nHost: localhost\r\n\r\n").unwrap();
     let mut text = String::new();
     stream.take(bytes).read_to_string(&mut text).unwrap();
     text
@@ -436,7 +389,9 @@ fn asked(address: &str, path: &str, bytes: u64) -> String {
 
 #[test]
 fn live_values_are_served_to_prometheus_and_as_newline_json() {
+    let state = tempfile::tempdir().unwrap();
     let mut child = Command::new(env!("CARGO_BIN_EXE_gripline"))
+        .env("XDG_STATE_HOME", state.path())
         .args(["run", "--seconds", "60", "--serve", "127.0.0.1:0"])
         .stdout(std::process::Stdio::null())
         .stderr(std::process::Stdio::piped())

@@ -2,7 +2,7 @@
 //!
 //! The paper's experiment ([`paper`]): [`plan`] says which runs, [`trial`] is one of them in the contact world, [`chain`]
 //! takes it from picture to map, [`detectors`] judge the maps, [`judged`] and [`metrics`] count, [`report`] tells.
-//! [`grasps`] closes the loop; [`real`] does it with recorded trials. [`document`] keeps the sections of docs/evidence.md,
+//! [`play`] plays a scene file frame by frame; [`grasps`] closes the loop; [`real`] does it with recorded trials. [`document`] keeps the sections of docs/evidence.md,
 //! [`requirement`] says what must hold.
 #![deny(unsafe_code)]
 
@@ -17,6 +17,7 @@ pub mod judged;
 pub mod metrics;
 pub mod paper;
 pub mod plan;
+pub mod play;
 mod progress;
 pub mod real;
 pub mod report;

@@ -110,7 +110,7 @@ pub enum NetworkError {
         available: String,
     },
     /// No instruction set has this name.
-    #[error("instruction set `{found}` is unknown, expected `portable`, `avx2` or `avx512`")]
+    #[error("instruction set `{found}` is unknown, expected `portable`, `avx2`, `avx512` or `neon`")]
     UnknownInstructionSet {
         /// The name.
         found: String,

@@ -1,5 +1,5 @@
-//! Which vector instructions the kernels use: by default the widest the processor has. AVX2 and AVX-512 compute the same
-//! bits. Portable has no fused multiply-add, so it differs in the last digits; its bits are the same on every machine.
+//! Which vector instructions the kernels use: by default the widest the processor has. AVX2, AVX-512 and NEON compute
+//! the same bits. Portable has no fused multiply-add, so it differs in the last digits; its bits are the same on every machine.
 
 use std::fmt;
 use std::str::FromStr;
@@ -15,11 +15,13 @@ pub enum InstructionSet {
     Avx2,
     /// AVX-512F: 16 numbers at a time.
     Avx512,
+    /// NEON of 64-bit ARM: 8 numbers at a time, in two registers.
+    Neon,
 }
 
 impl InstructionSet {
-    /// All of them, narrowest first.
-    pub const ALL: [Self; 3] = [Self::Portable, Self::Avx2, Self::Avx512];
+    /// All of them; those of one processor narrowest first.
+    pub const ALL: [Self; 4] = [Self::Portable, Self::Avx2, Self::Avx512, Self::Neon];
 
     /// The widest that this processor has.
     #[must_use]
@@ -41,6 +43,8 @@ impl InstructionSet {
             Self::Avx512 => is_x86_feature_detected!("avx512f"),
             #[cfg(not(target_arch = "x86_64"))]
             Self::Avx2 | Self::Avx512 => false,
+            // Every processor of the target has it.
+            Self::Neon => cfg!(target_arch = "aarch64"),
         }
     }
 
@@ -71,6 +75,7 @@ impl fmt::Display for InstructionSet {
             Self::Portable => "portable",
             Self::Avx2 => "avx2",
             Self::Avx512 => "avx512",
+            Self::Neon => "neon",
         })
     }
 }
@@ -97,8 +102,8 @@ mod tests {
         for set in InstructionSet::ALL {
             assert_eq!(set.to_string().parse::<InstructionSet>().unwrap(), set);
         }
-        let error = "neon".parse::<InstructionSet>().unwrap_err().to_string();
-        assert!(error.contains("`neon`") && error.contains("`avx512`"), "{error}");
+        let error = "sve".parse::<InstructionSet>().unwrap_err().to_string();
+        assert!(error.contains("`sve`") && error.contains("`neon`"), "{error}");
     }
 
     #[test]

@@ -7,6 +7,7 @@
 )]
 
 pub mod commands;
+pub mod http;
 pub mod modbus;
 pub mod settings;
 pub mod status;

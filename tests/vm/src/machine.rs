@@ -14,6 +14,8 @@ const MODULES: &str = "/modules/order";
 /// The virtual camera's place on its bus.
 const CAMERA: &str = "vivid.0";
 const CAMERA_DRIVER: &str = "/sys/bus/platform/drivers/vivid";
+/// Where devices on USB are made.
+pub(crate) const GADGETS: &str = "/sys/kernel/config/usb_gadget";
 /// The busybox of the image, for the one thing that has no system call: making a file system.
 const BUSYBOX: &str = "/bin/busybox";
 
@@ -32,6 +34,11 @@ pub(crate) fn bring_up() -> io::Result<()> {
     ] {
         mount_at(kind, kind, at, "", MsFlags::empty())?;
     }
+    load_modules()
+}
+
+/// Loads the modules, and mounts the folder in which devices are made.
+pub(crate) fn load_modules() -> io::Result<()> {
     for line in fs::read_to_string(MODULES)?.lines() {
         let (file, parameters) = line.split_once(' ').unwrap_or((line, ""));
         let parameters = std::ffi::CString::new(parameters)?;
@@ -41,6 +48,10 @@ pub(crate) fn bring_up() -> io::Result<()> {
             ModuleInitFlags::empty(),
         )
         .map_err(|error| io::Error::other(format!("module {file}: {error}")))?;
+    }
+    if Path::new(GADGETS).exists() {
+        // systemd was faster.
+        return Ok(());
     }
     mount_at("configfs", "configfs", "/sys/kernel/config", "", MsFlags::empty())
 }

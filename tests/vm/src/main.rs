@@ -1,6 +1,7 @@
 //! The first process of the virtual machine of `cargo xtask vm`: it brings the machine up, runs the released `gripline`
 //! against a virtual camera and a virtual microcontroller on USB, does to it what happens in a lab, and says what came of
-//! it, a line a check, on the serial console. Called with `device` it is that microcontroller.
+//! it, a line a check, on the serial console. Called with `device` it is that microcontroller; with
+//! `package`, as a service of a machine that systemd has brought up, it does the same to the Debian package.
 #![forbid(unsafe_code)]
 
 #[cfg(target_os = "linux")]
@@ -23,6 +24,10 @@ fn main() -> std::process::ExitCode {
         && word == "device"
     {
         return device::main(rest);
+    }
+    if arguments == ["package"] {
+        checks::run_package();
+        machine::power_off();
     }
     if std::process::id() != 1 {
         eprintln!(

@@ -14,9 +14,8 @@ use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
 
 use crate::device::Memory;
-use crate::machine::mount_at;
+use crate::machine::{GADGETS, mount_at};
 
-const GADGETS: &str = "/sys/kernel/config/usb_gadget";
 /// This program, which is the device's too.
 const PROGRAM: &str = "/init";
 /// How long a program may take to describe itself.

@@ -16,6 +16,7 @@ use crate::commands::infer::InferArgs;
 use crate::commands::plot::PlotArgs;
 use crate::commands::replay::ReplayArgs;
 use crate::commands::sensor::SensorArgs;
+use crate::commands::setup::SetupArgs;
 use crate::commands::shell::{CompletionsArgs, ManArgs};
 use crate::commands::simulate::SimulateArgs;
 use crate::run::RunArgs;
@@ -60,6 +61,8 @@ pub enum Command {
     Plot(PlotArgs),
     /// Calibrate a fingertip and its gripper, step by step.
     Calibrate(CalibrateArgs),
+    /// Ask which sensor, camera and board there are, take rest pictures, write the configuration, and check everything.
+    Setup(SetupArgs),
     /// Check everything that a run needs, and say how to fix what is wrong.
     Doctor(DoctorArgs),
     /// Check the description of a fingertip.

@@ -9,11 +9,8 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use clap::{Args, ValueEnum};
-use gripline_network::constants::IMAGE_SIDE;
-use gripline_network::scene::{GateKind, Health, Scene};
-use gripline_network::{
-    Architecture, Evaluation, ForceMap, Frame, InstructionSet, Network, downsample_440_to_88,
-};
+use gripline_network::scene::Health;
+use gripline_network::{Architecture, Evaluation, ForceMap, Inference, InstructionSet, NO_FORCES, Network};
 use serde_json::json;
 
 use crate::commands::files::maps_npy;
@@ -46,7 +43,7 @@ pub struct InferArgs {
     /// Compute every frame as a whole, or only what can differ from the frame before; the maps are the same.
     #[arg(long, value_enum, default_value_t = Engine::Skip)]
     engine: Engine,
-    /// Vector instructions: portable, avx2 or avx512. By default the widest there are.
+    /// Vector instructions: portable, avx2, avx512 or neon. By default the widest there are.
     #[arg(long, value_name = "SET")]
     instructions: Option<InstructionSet>,
     /// Print the summary as one JSON object.
@@ -79,11 +76,7 @@ pub fn run(args: &InferArgs) -> Result<Completion, Failure> {
     }
     let small = network.architecture() == Architecture::Unet;
     let rest = picture::crop(&args.rest, small)?;
-    network.set_rest(&rest);
-    let mut now88 = [0; IMAGE_SIDE * IMAGE_SIDE];
-    downsample_440_to_88(&rest, &mut now88);
-    // One picture says nothing about noise: the gate stays out of it.
-    let mut scene = Scene::new(GateKind::Off, &now88, std::slice::from_ref(&now88));
+    let mut inference = Inference::new(network, &rest);
     let mut unhealthy: Vec<(usize, Health)> = Vec::new();
 
     let mut frames = PictureReader::open(&args.frames, small)?;
@@ -102,16 +95,10 @@ pub fn run(args: &InferArgs) -> Result<Completion, Failure> {
             Err(error) => return Err(error.into()),
         };
         names.push(name);
-        let mut map = [[0.0; 3]; 400];
+        let mut map = NO_FORCES;
         let start = Instant::now();
-        let frame = Frame::new(&crop, &mut now88);
-        let (_, mut health) = scene.decide(frame.small());
-        if health.is_good() {
-            network.infer_frame(frame, &mut map);
-            health = network.health();
-        }
+        let health = inference.infer(&crop, &mut map);
         if !health.is_good() {
-            map = [[0.0; 3]; 400];
             unhealthy.push((maps.len(), health));
         }
         times_us.push(start.elapsed().as_secs_f64() * 1e6);
@@ -124,6 +111,7 @@ pub fn run(args: &InferArgs) -> Result<Completion, Failure> {
 
     times_us.sort_by(f64::total_cmp);
     let median_us = times_us[times_us.len() / 2];
+    let network = inference.network();
     let name = network.architecture().name();
     let lost = network.particles();
     let line = if args.json {

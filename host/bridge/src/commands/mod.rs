@@ -14,5 +14,6 @@ pub mod infer;
 pub mod plot;
 pub mod replay;
 pub mod sensor;
+pub mod setup;
 pub mod shell;
 pub mod simulate;

@@ -117,6 +117,15 @@ fn text(replayed: &Replayed) -> String {
     parts.join("; ")
 }
 
+/// Somebody set another floor from outside.
+fn follow_floor(control: &mut ControlLoop, floor_lsb: Option<i32>) -> Result<(), Failure> {
+    let settings = *control.session.settings();
+    if let Some(floor) = floor_lsb.filter(|floor| *floor != settings.floor) {
+        control.session.configure(Configuration { floor, ..settings })?;
+    }
+    Ok(())
+}
+
 fn replay(reader: &mut Reader, args: &ReplayArgs) -> Result<Replayed, Failure> {
     let shown = args.recording.display();
     let (mut pipelines, settings) = pipelines_of(reader, args)?;
@@ -169,11 +178,7 @@ fn replay(reader: &mut Reader, args: &ReplayArgs) -> Result<Replayed, Failure> {
         // A camera's pictures come when they come.
         let begun_us = status.begun_us.unwrap_or(status.capture_us);
         control.idle_until_begun(begun_us)?;
-        // Somebody set another floor from outside.
-        let settings = *control.session.settings();
-        if let Some(floor) = status.floor_lsb.filter(|floor| *floor != settings.floor) {
-            control.session.configure(Configuration { floor, ..settings })?;
-        }
+        follow_floor(&mut control, status.floor_lsb)?;
         let request = FrameRequest {
             sensor: status.sensor,
             mode: status.requested_mode,

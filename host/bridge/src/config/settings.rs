@@ -31,6 +31,7 @@ pub(super) const MICROCONTROLLER: &str = "microcontroller";
 /// What a run does. Keys of one section stand together.
 #[derive(Debug, Clone, Args)]
 #[group(skip)]
+#[expect(clippy::struct_excessive_bools, reason = "each of them is a key")]
 pub struct Settings {
     /// Where pictures come from: the simulated fingertip and gripper (sim), a camera (/dev/video0, or better its name in
     /// /dev/v4l/by-id, which stays the same when cameras are plugged in another order), the pictures of a folder
@@ -92,7 +93,7 @@ pub struct Settings {
     #[arg(id = "network.weights", long = "weights", value_name = "FILE")]
     pub weights: Option<PathBuf>,
 
-    /// Vector instructions that the force network uses: portable, avx2 or avx512. By default the widest there are.
+    /// Vector instructions that the force network uses: portable, avx2, avx512 or neon. By default the widest there are.
     /// Example: "avx2"
     #[arg(id = "network.instructions", long = "instructions", value_name = "SET")]
     pub instructions: Option<InstructionSet>,
@@ -141,8 +142,8 @@ pub struct Settings {
     )]
     pub pictures: Pictures,
 
-    /// Serve live values over HTTP at this address: /metrics for Prometheus, /frames as newline JSON. By default nothing is
-    /// served. Example: "127.0.0.1:9617"
+    /// Serve a live page over HTTP at this address, /status and /control for programs (docs/control.md), /metrics for Prometheus
+    /// and /frames as newline JSON. By default nothing is served. Example: "127.0.0.1:9617"
     #[arg(id = "serve.listen", long = "serve", value_name = "ADDRESS:PORT", value_parser = address)]
     pub serve: Option<SocketAddr>,
 

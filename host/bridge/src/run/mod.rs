@@ -4,6 +4,7 @@
 //! The loop is a straight line: a picture is taken at frame k, its map goes out at once, the link works until frame
 //! k+1, and the line it then holds is what the (simulated) gripper feels next. Paced by the wall clock.
 
+mod desk;
 mod drift;
 mod evidence;
 #[cfg(test)]
@@ -19,6 +20,7 @@ mod rezero;
 mod settings;
 mod stats;
 mod summary;
+mod supervisor;
 mod tally;
 mod terminal;
 #[cfg(test)]
@@ -32,7 +34,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use clap::Args;
-use gripline_control::channel;
+use gripline_control::{Handle, channel};
 use gripline_firmware::sums::TaxelRule;
 use gripline_network::{Architecture, Network};
 use gripline_protocol::message::Configuration;
@@ -49,6 +51,7 @@ use self::settings::{
     unasked,
 };
 use self::summary::FingertipSummary;
+use self::supervisor::Supervisor;
 use self::terminal::Terminal;
 use self::under_way::{Clock, Run};
 use crate::config::{Overrides, Settings};
@@ -58,6 +61,7 @@ use crate::live::fleet::Fleet;
 use crate::live::ros2::Ros2;
 use crate::log::Collector;
 use crate::source::Source;
+use crate::token;
 use crate::writer::WhenFull;
 use gripline_capture::Counts;
 use gripline_link::session::Session;
@@ -147,7 +151,11 @@ pub fn run(args: &RunArgs) -> Result<Completion, Failure> {
     let mut run = Run::new(session, clock, pictures_per_second);
     let (control, inbox) = channel();
     let mut terminal = Terminal::new(control.clone())?;
-    run.requests = Requests::new(inbox, unasked(&wanted), fingertips.to_rezero());
+    let unasked = unasked(&wanted);
+    run.requests = Requests::new(inbox, unasked, fingertips.to_rezero());
+    if !unasked.hold && !unasked.script {
+        tracing::info!("the gripper stays as it is until it is asked for something: key h, HTTP, or --hold");
+    }
     run.summary.fingertips = [Some(&wanted.source), wanted.second_source.as_ref()]
         .into_iter()
         .flatten()
@@ -156,16 +164,7 @@ pub fn run(args: &RunArgs) -> Result<Completion, Failure> {
     run.recorder = recorder;
     run.drift = DriftWatch::of_cameras(clock == Clock::Pictures, rests);
     run.pictures = wanted.pictures;
-    run.live = wanted.serve.map(Live::start).transpose()?;
-    if let Some(live) = &run.live {
-        tracing::info!("/metrics and /frames at http://{}", live.address());
-    }
-    if let Some(fleet) = &wanted.fleet() {
-        run.fleet = Some(Fleet::start(fleet, about_run)?);
-    }
-    if let Some(ros2) = &wanted.ros2() {
-        run.ros2 = Some(Ros2::start(ros2, settings.sensors, &control)?);
-    }
+    open_to_others(&mut run, &wanted, &control, about_run)?;
     // After the other threads have started: they keep their ordinary priority.
     if wanted.realtime {
         let lacks = realtime::enter(wanted.realtime_core);
@@ -174,7 +173,13 @@ pub fn run(args: &RunArgs) -> Result<Completion, Failure> {
         }
         run.summary.realtime_lacks = Some(lacks);
     }
-    let is_wanted = || !stop.load(Ordering::Relaxed);
+    let supervisor = Supervisor::of_environment();
+    supervisor.ready();
+    // The loop asks once a turn, so whoever watches it is told here.
+    let is_wanted = || {
+        supervisor.turned();
+        !stop.load(Ordering::Relaxed)
+    };
     play(
         &mut run,
         &mut fingertips,
@@ -183,6 +188,30 @@ pub fn run(args: &RunArgs) -> Result<Completion, Failure> {
         &mut terminal,
         (seconds, &is_wanted),
     )?;
+    supervisor.stopping();
+    close(run, &fingertips, output)
+}
+
+/// Values and requests for other programs, as far as they are asked for.
+fn open_to_others(
+    run: &mut Run,
+    wanted: &Settings,
+    control: &Handle,
+    about_run: String,
+) -> Result<(), Failure> {
+    run.live = serve(wanted, control)?;
+    if let Some(fleet) = &wanted.fleet() {
+        run.fleet = Some(Fleet::start(fleet, about_run)?);
+    }
+    if let Some(ros2) = &wanted.ros2() {
+        let sensors = run.control.session.settings().sensors;
+        run.ros2 = Some(Ros2::start(ros2, sensors, control)?);
+    }
+    Ok(())
+}
+
+/// Finishes the recording and prints what the run came to.
+fn close(mut run: Run, fingertips: &Fingertips, output: Output) -> Result<Completion, Failure> {
     let counts = fingertips.counts();
     run.summary.pictures = counts.iter().flatten().copied().reduce(Counts::add);
     for (summary, pictures) in run.summary.fingertips.iter_mut().zip(counts) {
@@ -221,6 +250,25 @@ fn without_forces(args: &RunArgs, wanted: &Settings) -> Result<Option<Completion
             sensor.identity()
         ))),
     }
+}
+
+/// Serves live values and takes requests, where that is wanted.
+fn serve(wanted: &Settings, control: &Handle) -> Result<Option<Live>, Failure> {
+    let Some(address) = wanted.serve else {
+        return Ok(None);
+    };
+    let file = wanted.token_file.clone().or_else(token::default_file).ok_or_else(|| {
+        Failure::usage(
+            "serve.token_file (--token-file): found none, and no state folder (XDG_STATE_HOME, HOME); expected a file",
+        )
+    })?;
+    let live = Live::start(address, control.clone(), token::of(&file)?)?;
+    tracing::info!(
+        "requests bear the token in {}; page, /status, /metrics and /frames at http://{}",
+        file.display(),
+        live.address()
+    );
+    Ok(Some(live))
 }
 
 /// Small pictures are enough for one of the networks only.

@@ -1,45 +1,35 @@
-//! What is asked of a run from outside: taken between frames, carried out, answered. Nothing here waits.
+//! What is asked of a run from outside and is under way, and which mode the gripper is to have by it.
 
-use gripline_control::{Asked, Desk, Inbox, Outcome, Step, Why, names, reported};
-use gripline_link::session::Session;
-use gripline_pipeline::{Acknowledgement, Acknowledging, Unconfirmed};
-use gripline_protocol::LSB_PER_NEWTON;
-use gripline_protocol::message::{Command, Configuration, GripMode, Refusal};
-use gripline_recording::telemetry::FrameReport;
+use gripline_control::{Asked, Desk, Inbox, Outcome, Step};
+use gripline_pipeline::Acknowledgement;
+use gripline_protocol::message::{Configuration, GripMode};
 
 use super::rezero::Rezero;
-use super::under_way::Run;
-use crate::error::Failure;
-
-/// Settings that no answer confirms are offered again after this, µs.
-const OFFER_AGAIN_US: u64 = 10_000;
-/// What is not confirmed after this is given up, µs.
-const GIVE_UP_US: u64 = 2_000_000;
 
 /// What was asked for and is under way.
 pub(super) struct Requests {
-    inbox: Inbox,
-    desk: Desk,
+    pub(super) inbox: Inbox,
+    pub(super) desk: Desk,
     /// The mode that somebody asked for, from then on.
-    asked: Option<GripMode>,
+    pub(super) asked: Option<GripMode>,
     /// What the pictures' script says, where it may move the gripper.
-    script: Option<GripMode>,
+    pub(super) script: Option<GripMode>,
     /// Said as long as neither says anything.
-    otherwise: Option<GripMode>,
-    follows_script: bool,
-    floor: Option<FloorRequest>,
-    acknowledging: Option<Acknowledgement>,
-    rezero: Option<Rezero>,
+    pub(super) otherwise: Option<GripMode>,
+    pub(super) follows_script: bool,
+    pub(super) floor: Option<FloorRequest>,
+    pub(super) acknowledging: Option<Acknowledgement>,
+    pub(super) rezero: Option<Rezero>,
     /// Fingertips whose pictures can be taken anew.
-    fingertips_to_rezero: usize,
-    has_other_settings: bool,
+    pub(super) fingertips_to_rezero: usize,
+    pub(super) has_other_settings: bool,
 }
 
 /// Settings with another floor, offered until they are in force.
-struct FloorRequest {
-    settings: Configuration,
-    begun_us: u64,
-    sent_us: Option<u64>,
+pub(super) struct FloorRequest {
+    pub settings: Configuration,
+    pub begun_us: u64,
+    pub sent_us: Option<u64>,
 }
 
 /// What may move the gripper without being asked for from outside.
@@ -86,11 +76,6 @@ impl Requests {
         self.asked.or(self.script).or(self.otherwise)
     }
 
-    /// Pictures at rest that are being taken.
-    pub(super) const fn rezero(&mut self) -> &mut Option<Rezero> {
-        &mut self.rezero
-    }
-
     /// What taking new rest pictures came to.
     pub(super) fn rezeroed(&mut self, outcome: &Outcome) {
         self.rezero = None;
@@ -101,255 +86,4 @@ impl Requests {
     pub(super) fn next_until(&self, until: std::time::Instant) -> Option<Asked> {
         self.inbox.next_until(until)
     }
-}
-
-impl Run {
-    /// Takes what was asked for meanwhile, and goes on with what is under way.
-    pub(super) fn look_after_requests(&mut self) -> Result<(), Failure> {
-        while let Some(asked) = self.requests.inbox.next() {
-            self.begin(asked);
-        }
-        self.control.ask_for(self.requests.mode())?;
-        self.settle_requests()
-    }
-
-    /// Takes one request at once.
-    pub(super) fn take_request(&mut self, asked: Asked) -> Result<(), Failure> {
-        self.begin(asked);
-        self.look_after_requests()
-    }
-
-    fn begin(&mut self, asked: Asked) {
-        let Some(step) = self.requests.desk.take(asked) else {
-            return;
-        };
-        let session = &self.control.session;
-        let now_us = session.now_us();
-        let refused = match step {
-            Step::Hold | Step::Release => {
-                let mode = if step == Step::Hold {
-                    GripMode::Hold
-                } else {
-                    GripMode::Released
-                };
-                self.requests.asked = Some(mode);
-                self.control.request_again();
-                return;
-            }
-            Step::Acknowledge => match session.status().map_or(0, |status| status.latched) {
-                0 => return self.requests.desk.close(step, &Outcome::Done),
-                latched => {
-                    self.requests.acknowledging = Some(Acknowledgement::new(latched, now_us));
-                    return;
-                }
-            },
-            Step::SetFloor(newtons) => {
-                let now = session.settings();
-                let max_n = f64::from(now.ceiling.min(now.tighten)) / f64::from(LSB_PER_NEWTON);
-                if (0.0..=max_n).contains(&newtons) {
-                    let floor = (newtons * f64::from(LSB_PER_NEWTON)).round() as i32;
-                    self.requests.floor = Some(FloorRequest {
-                        settings: Configuration { floor, ..*now },
-                        begun_us: now_us,
-                        sent_us: None,
-                    });
-                    return;
-                }
-                Why::OutOfRange {
-                    found_n: newtons,
-                    min_n: 0.0,
-                    max_n,
-                }
-            }
-            Step::Rezero if self.requests.fingertips_to_rezero == 0 => Why::NoCamera,
-            Step::Rezero
-                if session
-                    .status()
-                    .is_none_or(|status| status.mode == GripMode::Hold) =>
-            {
-                Why::Holding
-            }
-            Step::Rezero => {
-                self.requests.rezero = Some(Rezero::new(self.requests.fingertips_to_rezero));
-                return;
-            }
-        };
-        self.requests.desk.close(step, &Outcome::Refused(refused));
-    }
-
-    /// Answers what has come to an end.
-    pub(super) fn settle_requests(&mut self) -> Result<(), Failure> {
-        self.take_refusal();
-        self.settle_mode()?;
-        self.settle_acknowledgement()?;
-        self.settle_floor()?;
-        for news in self.requests.desk.take_news() {
-            if news.is_warning {
-                tracing::warn!("{}", news.text);
-            } else {
-                tracing::info!("{}", news.text);
-            }
-        }
-        Ok(())
-    }
-
-    fn take_refusal(&mut self) {
-        let Some(refusal) = self.control.session.take_refusal() else {
-            return;
-        };
-        self.summary.commands_refused += 1;
-        self.summary.last_refusal = Some(format!("{refusal:?}"));
-        if refusal == Refusal::NoHandshake {
-            // It restarted and did not take up what is still wanted.
-            self.control.request_again();
-        }
-        self.control.refused(refusal);
-    }
-
-    fn settle_mode(&mut self) -> Result<(), Failure> {
-        let is_asked = self.requests.desk.waits_for(Step::Hold);
-        if let Some(why) = self.control.take_unconfirmed() {
-            self.summary.requests_unconfirmed += 1;
-            if is_asked {
-                // What was refused must not be done later.
-                self.requests.asked = None;
-                self.control.ask_for(self.requests.mode())?;
-                let why = why_not(why, &self.control.session);
-                self.requests.desk.close(Step::Hold, &Outcome::Refused(why));
-            } else {
-                tracing::warn!("{why}");
-            }
-        } else if is_asked && self.control.is_confirmed() {
-            self.requests.desk.close(Step::Hold, &Outcome::Done);
-        }
-        Ok(())
-    }
-
-    fn settle_acknowledgement(&mut self) -> Result<(), Failure> {
-        let Some(mut asked) = self.requests.acknowledging.take() else {
-            return Ok(());
-        };
-        let session = &mut self.control.session;
-        let now_us = session.now_us();
-        let step = |asked: &Acknowledgement, session: &Session| {
-            asked.step(now_us, (session.status(), session.status_age_us()))
-        };
-        let mut next = step(&asked, session);
-        if next == Acknowledging::Send {
-            let faults = asked.faults();
-            let was_taken =
-                session.command(Command::Acknowledge { faults })? && session.command(Command::ReadStatus)?;
-            asked.sent(now_us, was_taken);
-            session.run_until(now_us)?;
-            next = step(&asked, session);
-        }
-        let outcome = match next {
-            Acknowledging::Send | Acknowledging::Wait => {
-                self.requests.acknowledging = Some(asked);
-                return Ok(());
-            }
-            Acknowledging::Done => {
-                // Of what was refused meanwhile, a release, the gripper is told anew.
-                self.control.request_again();
-                tracing::info!("acknowledged: {}", names(asked.faults()).join(", "));
-                Outcome::Done
-            }
-            Acknowledging::StillLatched(latched, 0) => Outcome::Refused(Why::StillActive(names(latched))),
-            Acknowledging::StillLatched(_, active) => Outcome::Refused(Why::StillActive(names(active))),
-            Acknowledging::NoStatus => Outcome::Refused(silent(session)),
-        };
-        self.requests.desk.close(Step::Acknowledge, &outcome);
-        Ok(())
-    }
-
-    fn settle_floor(&mut self) -> Result<(), Failure> {
-        let Some(mut asked) = self.requests.floor.take() else {
-            return Ok(());
-        };
-        let session = &mut self.control.session;
-        let now_us = session.now_us();
-        let mut taken = asked.sent_us.and_then(|_| session.taken(&asked.settings));
-        let is_due = asked
-            .sent_us
-            .is_none_or(|sent_us| now_us >= sent_us + OFFER_AGAIN_US);
-        if taken.is_none() && is_due {
-            if session.offer(asked.settings)? {
-                asked.sent_us = Some(now_us);
-            }
-            session.run_until(now_us)?;
-            taken = session.taken(&asked.settings);
-        }
-        let outcome = match taken {
-            Some(true) => {
-                self.requests.has_other_settings = true;
-                Outcome::Done
-            }
-            Some(false) => Outcome::Refused(Why::Refused("a setting is out of its range".to_owned())),
-            None if now_us >= asked.begun_us + GIVE_UP_US => Outcome::Refused(silent(session)),
-            None => {
-                self.requests.floor = Some(asked);
-                return Ok(());
-            }
-        };
-        self.requests.desk.close(Step::SetFloor(0.0), &outcome);
-        Ok(())
-    }
-
-    /// Whether other settings came into force since the last look.
-    pub(super) const fn settings_changed(&mut self) -> bool {
-        std::mem::replace(&mut self.requests.has_other_settings, false)
-    }
-
-    /// Leaves what the gripper does where it can be read.
-    pub(super) fn publish_status(&self, report: &FrameReport, host_faults: &[&'static str]) {
-        let requests = &self.requests;
-        let session = &self.control.session;
-        let newtons = |lsb: i32| f64::from(lsb) / f64::from(LSB_PER_NEWTON);
-        requests.inbox.publish(|status| {
-            let newest = session.status();
-            status.owner = requests.desk.owner().cloned();
-            status.requested = requests.mode().map(mode_name);
-            status.mode = newest.map(|status| mode_name(status.mode));
-            status.state = report.state;
-            status.line_n = report.line_n;
-            status.floor_n = newtons(session.settings().floor);
-            status.ceiling_n = newtons(session.settings().ceiling);
-            if status.link.is_empty() {
-                status.link = session.link_name();
-            }
-            status.is_connected = session.presence().away.is_none();
-            status.status_age_ms = session.status_age_us() as f64 / 1e3;
-            status.faults = newest.map_or_else(Vec::new, reported);
-            status.host_faults = host_faults.to_vec();
-            status.frames = self.frame + 1;
-        });
-    }
-}
-
-const fn mode_name(mode: GripMode) -> &'static str {
-    match mode {
-        GripMode::Hold => "hold",
-        GripMode::Released => "released",
-    }
-}
-
-fn why_not(why: Unconfirmed, session: &Session) -> Why {
-    let latched = || session.status().map_or(0, |status| status.latched);
-    match why {
-        Unconfirmed::Refused(_, Refusal::Latched) => Why::Latched(names(latched())),
-        Unconfirmed::Refused(_, Refusal::Inhibited) => Why::Inhibited,
-        Unconfirmed::Refused(_, other) => Why::Refused(format!("{other:?}")),
-        Unconfirmed::NotTaken(_) | Unconfirmed::NoStatus(_) => silent(session),
-        Unconfirmed::NoEffect(_) => Why::NotConfirmed("statuses that show the other mode".to_owned()),
-        Unconfirmed::Restarted(_) => Why::Restarted,
-    }
-}
-
-/// The microcontroller says nothing.
-fn silent(session: &Session) -> Why {
-    let away = session.presence().away;
-    away.map_or_else(
-        || Why::NotConfirmed("no answer of the microcontroller".to_owned()),
-        Why::LinkLost,
-    )
 }

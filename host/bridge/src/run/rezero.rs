@@ -4,16 +4,11 @@
 use std::sync::Arc;
 use std::thread::{self, JoinHandle};
 
-use gripline_control::{Outcome, Why};
+use gripline_control::Why;
 use gripline_evaluation::calibration::surface::{Change, Figures, limit};
-use gripline_protocol::message::GripMode;
 use gripline_simulation::constants::REST_PICTURES;
 
-use super::fingertips::Fingertips;
-use super::under_way::Run;
-use crate::error::Failure;
-
-/// Pictures that were asked for and do not come within so many of the others are given up.
+/// New pictures that do not come within so many frames are given up.
 const FRAMES_MAX: u32 = 600;
 
 /// New pictures at rest of every fingertip.
@@ -24,9 +19,9 @@ pub(super) struct Rezero {
 }
 
 /// The new pictures of one fingertip, and what they show.
-struct Compared {
-    pictures: Vec<Vec<u8>>,
-    figures: Figures,
+pub(super) struct Compared {
+    pub pictures: Vec<Vec<u8>>,
+    pub figures: Figures,
     change: Change,
 }
 
@@ -48,6 +43,30 @@ impl Rezero {
         {
             taken.push(crop.to_vec());
         }
+    }
+
+    /// Goes on; says what came of it once it is known, with `old` the mean rest picture of each fingertip.
+    pub(super) fn step(
+        &mut self,
+        old: impl FnOnce() -> Vec<Arc<Vec<u8>>>,
+    ) -> Option<Result<Vec<Compared>, Why>> {
+        if let Some(at_work) = self.compared.take_if(|at_work| at_work.is_finished()) {
+            // A thread that panicked has said so.
+            let compared = at_work
+                .join()
+                .map_err(|_| Why::NotConfirmed("a failed comparison".to_owned()));
+            return Some(compared.and_then(believed));
+        }
+        if self.frames > FRAMES_MAX {
+            return Some(Err(Why::NotConfirmed(format!(
+                "too few pictures in {FRAMES_MAX} frames"
+            ))));
+        }
+        if self.is_complete() && self.compared.is_none() {
+            let (taken, old) = (std::mem::take(&mut self.taken), old());
+            self.compared = Some(thread::spawn(move || compare(taken, &old)));
+        }
+        None
     }
 
     fn is_complete(&self) -> bool {
@@ -76,64 +95,20 @@ fn doubt(figures: &Figures, change: &Change) -> Option<String> {
     })
 }
 
-impl Run {
-    /// Goes on with new rest pictures, where somebody asked for them.
-    pub(super) fn look_after_rezero(&mut self, fingertips: &mut Fingertips) -> Result<(), Failure> {
-        let is_released = self
-            .control
-            .session
-            .status()
-            .is_some_and(|status| status.mode == GripMode::Released);
-        let Some(rezero) = self.requests.rezero() else {
-            return Ok(());
-        };
-        let refused = if !is_released {
-            Why::Holding
-        } else if rezero.frames > FRAMES_MAX {
-            Why::NotConfirmed(format!("too few pictures in {FRAMES_MAX} frames"))
-        } else if let Some(at_work) = rezero.compared.take_if(|at_work| at_work.is_finished()) {
-            // A thread that panicked has said so.
-            match at_work.join() {
-                Ok(compared) => match self.take_over_rest(fingertips, compared) {
-                    Ok(()) => {
-                        self.requests.rezeroed(&Outcome::Done);
-                        return self.settle_requests();
-                    }
-                    Err(why) => why,
-                },
-                Err(_) => Why::NotConfirmed("a failed comparison".to_owned()),
-            }
-        } else {
-            if rezero.is_complete() && rezero.compared.is_none() {
-                let (taken, old) = (std::mem::take(&mut rezero.taken), fingertips.rest_means());
-                rezero.compared = Some(thread::spawn(move || compare(taken, &old)));
-            }
-            return Ok(());
-        };
-        self.requests.rezeroed(&Outcome::Refused(refused));
-        self.settle_requests()
-    }
-
-    fn take_over_rest(&mut self, fingertips: &mut Fingertips, compared: Vec<Compared>) -> Result<(), Why> {
-        let doubts = compared
-            .iter()
-            .zip(1..)
-            .filter_map(|(new, number): (&Compared, u8)| {
-                Some(format!(
-                    "{} on fingertip {number}",
-                    doubt(&new.figures, &new.change)?
-                ))
-            });
-        if let Some(found) = doubts.reduce(|all, next| format!("{all}, {next}")) {
-            return Err(Why::Touched(found));
-        }
-        for (sensor, new) in (0..).zip(compared) {
-            if let Some(watch) = self.drift.get_mut(usize::from(sensor)) {
-                *watch = super::drift::DriftWatch::new(&new.pictures);
-            }
-            fingertips.rest_anew(sensor, &new.pictures, &new.figures);
-        }
-        Ok(())
+/// The pictures, where none may show a touch.
+fn believed(compared: Vec<Compared>) -> Result<Vec<Compared>, Why> {
+    let doubts = compared
+        .iter()
+        .zip(1..)
+        .filter_map(|(new, number): (&Compared, u8)| {
+            Some(format!(
+                "{} on fingertip {number}",
+                doubt(&new.figures, &new.change)?
+            ))
+        });
+    match doubts.reduce(|all, next| format!("{all}, {next}")) {
+        Some(found) => Err(Why::Touched(found)),
+        None => Ok(compared),
     }
 }
 

@@ -3,7 +3,7 @@
 use std::ops::Add as _;
 use std::time::{Duration, Instant};
 
-use gripline_protocol::Motion;
+use gripline_protocol::{ForceMap, Motion, SENSORS};
 
 use gripline_control::channel;
 
@@ -15,7 +15,7 @@ use super::usage;
 use crate::error::Failure;
 use crate::live::fleet::Fleet;
 use crate::live::ros2::Ros2;
-use crate::live::{Live, QUANTILES};
+use crate::live::{Live, Look, QUANTILES, Values};
 use crate::run::stats::Times;
 use crate::source::Picture;
 use gripline_capture::Counts;
@@ -172,7 +172,7 @@ impl Run {
         if let Some(warning) = watch.and_then(|watch| watch.look(t_s, is_untouched, &picture.crop)) {
             tracing::warn!("fingertip {}: {warning}", sensor + 1);
         }
-        if let Some(rezero) = self.requests.rezero() {
+        if let Some(rezero) = &mut self.requests.rezero {
             rezero.look(sensor, &picture.crop);
         }
         let fingertips = &self.control.session.settings().fingertips;
@@ -185,20 +185,9 @@ impl Run {
             &host_faults,
         );
         self.observe(&report, &outcome.status);
-        self.publish(&report);
+        self.publish(&report, pipeline, &picture.crop);
         self.publish_status(&report, &host_faults);
-        if let Some(fleet) = &mut self.fleet {
-            fleet.publish(&report);
-        }
-        if let Some(ros2) = &self.ros2 {
-            let fingertip = &self.control.session.settings().fingertips[usize::from(sensor)];
-            ros2.publish(
-                &report,
-                pipeline.map(),
-                millimetres(fingertip.pitch_um),
-                picture.taken,
-            );
-        }
+        self.publish_to_many(&report, pipeline.map(), picture.taken);
         if let Some(recorder) = &mut self.recorder {
             recorder.offer(Frame {
                 report: report.clone(),
@@ -223,6 +212,18 @@ impl Run {
         self.frame += 1;
         self.t_s = report.t_s;
         Ok(report)
+    }
+
+    /// Leaves a frame of a picture that was taken then for zenoh and ROS 2.
+    fn publish_to_many(&mut self, report: &FrameReport, map: &ForceMap, taken: Instant) {
+        if let Some(fleet) = &mut self.fleet {
+            fleet.publish(report);
+        }
+        if let Some(ros2) = &self.ros2 {
+            let fingertips = &self.control.session.settings().fingertips;
+            let pitch_um = fingertips[usize::from(report.sensor) % SENSORS].pitch_um;
+            ros2.publish(report, map, millimetres(pitch_um), taken);
+        }
     }
 
     /// Says when pictures are lost: the first one, and then whenever they have become twice as many.
@@ -294,11 +295,16 @@ impl Run {
     }
 
     /// Leaves the frame for programs that look at live values.
-    fn publish(&self, report: &FrameReport) {
+    fn publish(&self, report: &FrameReport, pipeline: &Pipeline, crop: &[u8]) {
         let Some(live) = &self.live else {
             return;
         };
-        live.publish(report, |values| {
+        let look = || Look {
+            newtons: pipeline.newtons(),
+            picture: crop,
+            settings: self.control.session.settings(),
+        };
+        let fill = |values: &mut Values| {
             let summary = &self.summary;
             values.frames = self.frame + 1;
             values.gate = [
@@ -318,7 +324,8 @@ impl Run {
                     *times_us = QUANTILES.map(|quantile| stage.quantile_us(quantile));
                 }
             }
-        });
+        };
+        live.publish(report, fill, look);
     }
 
     /// When a frame's picture is taken, where the wall clock says it.

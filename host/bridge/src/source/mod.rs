@@ -14,7 +14,7 @@ use gripline_protocol::SENSORS;
 use gripline_protocol::message::GripMode;
 use gripline_simulation::{GripScene, SimulationError};
 
-use self::recorded::RecordedFrames;
+use self::recorded::{RecordedFrames, RecordedPicture};
 use crate::error::Failure;
 #[cfg(not(target_os = "linux"))]
 use gripline_capture::CaptureError;
@@ -316,7 +316,7 @@ impl Frames {
                 })
             }
             Self::Recording(frames) => match frames.next()? {
-                Some((crop, wish)) => taken(crop, [Instant::now(); 2], 0.0, wish),
+                Some(RecordedPicture { crop, wish }) => taken(crop, [Instant::now(); 2], 0.0, wish),
                 None => Taken::End,
             },
         })

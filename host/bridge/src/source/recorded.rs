@@ -17,6 +17,12 @@ pub(crate) struct RecordedFrames {
     counts: Counts,
 }
 
+/// A picture, and what the gripper was told with it.
+pub(super) struct RecordedPicture {
+    pub crop: Vec<u8>,
+    pub wish: Option<GripMode>,
+}
+
 impl RecordedFrames {
     /// Opens a recording that has pictures, for those of a fingertip; those of its only one where it has one.
     ///
@@ -54,14 +60,17 @@ impl RecordedFrames {
     ///
     /// # Errors
     /// [`Failure`] when the file cannot be read.
-    pub(super) fn next(&mut self) -> Result<Option<(Vec<u8>, Option<GripMode>)>, Failure> {
+    pub(super) fn next(&mut self) -> Result<Option<RecordedPicture>, Failure> {
         while let Some(frame) = self.reader.next_frame()? {
             if usize::from(frame.status.sensor) != self.fingertip {
                 continue;
             }
             self.counts.received += 1;
             if let Some(picture) = frame.picture {
-                return Ok(Some((Image::into_crop(picture), frame.status.requested_mode)));
+                return Ok(Some(RecordedPicture {
+                    crop: Image::into_crop(picture),
+                    wish: frame.status.requested_mode,
+                }));
             }
             self.counts.missed += 1;
         }

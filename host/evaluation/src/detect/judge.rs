@@ -6,7 +6,7 @@ use gripline_firmware::Friction;
 use gripline_firmware::sums::{TaxelRule, stick_ratio_below, sums_of};
 use gripline_protocol::force_map::quantise_component;
 use gripline_protocol::message::MapSums;
-use gripline_protocol::{ForceMap, TaxelForce};
+use gripline_protocol::{ForceMap, LSB_PER_NEWTON, PER_UNIT, TaxelForce};
 
 use gripline_recording::maps_file::FrameForces;
 
@@ -21,6 +21,22 @@ pub struct Settings {
     pub contact_min: i16,
     /// Newtons per unit of the recording.
     pub scale: f64,
+}
+
+impl Settings {
+    /// Of friction coefficient 0 to 2, stick ratio 0 to 1 and contact force 0 to 8 N, the first two to the nearest 1/10000.
+    #[must_use]
+    pub fn of(mu: f64, threshold: f64, contact_min_n: f64, scale: f64) -> Self {
+        let per_unit = |value: f64| (value * f64::from(PER_UNIT)).round() as u16;
+        Self {
+            friction: Friction::clamped(per_unit(mu)),
+            threshold: per_unit(threshold),
+            // A whole number of steps exceeds this number of steps exactly when it exceeds its floor. At 8 N the cast
+            // saturates, and no taxel exceeds it either way.
+            contact_min: (contact_min_n * f64::from(LSB_PER_NEWTON)).floor() as i16,
+            scale,
+        }
+    }
 }
 
 /// A recorded map in the wire's units.

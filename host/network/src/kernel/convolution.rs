@@ -5,7 +5,7 @@ use std::ops::Range;
 
 use super::region::Region;
 use crate::instruction_set::InstructionSet;
-use crate::simd::LANES_MAX;
+use crate::simd::{LANES_MAX, Number};
 
 /// A convolution with its weights packed for one instruction set. `T` is the number that is multiplied.
 #[derive(Debug, Clone)]
@@ -150,7 +150,7 @@ impl Convolution {
     }
 }
 
-impl<T: Copy + Default> Convolution<T> {
+impl<T: Number> Convolution<T> {
     /// As [`Convolution::forward`], with the weight as a function of output channel, input channel, tap row, tap column.
     ///
     /// # Panics
@@ -250,7 +250,7 @@ impl<T: Copy + Default> Convolution<T> {
             instructions,
             kind,
             phases,
-            panels: panels(instructions, [out_channels, in_channels]),
+            panels: panels::<T>(instructions, [out_channels, in_channels]),
             scales: vec![1.0; padded_bias.len()],
             bias: padded_bias,
             relu,
@@ -304,13 +304,13 @@ impl<T: Copy + Default> Convolution<T> {
     }
 }
 
-fn panels(instructions: InstructionSet, [out_channels, in_channels]: [usize; 2]) -> Vec<Panel> {
-    // AVX2 and AVX-512 split alike, so that they compute the same bits.
-    let (vector, vectors, splits) = match instructions {
-        InstructionSet::Portable => (8, 1, false),
-        InstructionSet::Avx2 => (8, 2, true),
-        InstructionSet::Avx512 => (16, 2, true),
+fn panels<T: Number>(instructions: InstructionSet, [out_channels, in_channels]: [usize; 2]) -> Vec<Panel> {
+    let (vector, vectors) = match instructions {
+        InstructionSet::Portable => (8, 1),
+        InstructionSet::Avx2 | InstructionSet::Neon => (8, 2),
+        InstructionSet::Avx512 => (16, 2),
     };
+    let splits = T::splits(instructions);
     let mut panels = Vec::new();
     let mut first = 0;
     while first < out_channels {
@@ -339,7 +339,7 @@ fn panels(instructions: InstructionSet, [out_channels, in_channels]: [usize; 2])
     panels
 }
 
-fn pack<T: Copy + Default>(
+fn pack<T: Number>(
     instructions: InstructionSet,
     channels: [usize; 2],
     taps: &[(usize, usize)],
@@ -347,7 +347,7 @@ fn pack<T: Copy + Default>(
 ) -> Vec<T> {
     let [out_channels, in_channels] = channels;
     let mut packed = Vec::new();
-    for panel in panels(instructions, channels) {
+    for panel in panels::<T>(instructions, channels) {
         for &(ky, kx) in taps {
             for group in (0..in_channels).step_by(panel.split) {
                 for out in panel.first..panel.first + panel.channels {

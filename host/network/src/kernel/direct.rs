@@ -1,7 +1,7 @@
 //! Direct convolution (no im2col): the sums of up to twelve neighbouring output pixels and up to two vectors of output
 //! channels stay in registers while all taps and input channels pass. The order in which an output's products are added
-//! depends only on its channel. So its bits depend neither on the vectors' width (AVX2 or AVX-512), nor on which pixels
-//! are computed together, nor on the region that is asked for.
+//! depends only on its channel. So its bits depend neither on the instruction set (AVX2, AVX-512 or NEON), nor on which
+//! pixels are computed together, nor on the region that is asked for.
 #![expect(
     clippy::inline_always,
     reason = "code compiles for the instruction set of the function that it is inlined into"

@@ -14,6 +14,8 @@
 mod avx2;
 #[cfg(target_arch = "x86_64")]
 mod avx512;
+#[cfg(target_arch = "aarch64")]
+mod neon;
 mod number;
 mod portable;
 #[cfg(test)]
@@ -38,6 +40,8 @@ pub(crate) fn dispatch<K: Dispatch>(instructions: InstructionSet, kernel: K) -> 
         #[cfg(target_arch = "x86_64")]
         // SAFETY: the processor has AVX-512F, see above; that implies AVX2 and FMA.
         InstructionSet::Avx512 => unsafe { avx512::run(kernel) },
+        #[cfg(target_arch = "aarch64")]
+        InstructionSet::Neon => neon::run(kernel),
         _ => kernel.run::<portable::Portable>(),
     }
 }
@@ -52,6 +56,8 @@ pub(crate) fn dispatch_256<K: Dispatch>(instructions: InstructionSet, kernel: K)
         #[cfg(target_arch = "x86_64")]
         // SAFETY: the processor has AVX2 and FMA, see above; AVX-512F implies them.
         InstructionSet::Avx2 | InstructionSet::Avx512 => unsafe { avx2::run(kernel) },
+        #[cfg(target_arch = "aarch64")]
+        InstructionSet::Neon => neon::run(kernel),
         _ => kernel.run::<portable::Portable>(),
     }
 }

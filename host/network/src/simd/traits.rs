@@ -60,6 +60,9 @@ pub(crate) trait Accumulator: Copy {
     /// Output pixels whose sums fit the registers, with one vector of sums each and with two.
     const PIXELS_MAX: [usize; 2];
 
+    /// Inputs that [`Self::multiply_add_inputs`] takes at once.
+    const INPUTS: usize = 1;
+
     fn zero() -> Self;
 
     /// The `S` (1, 2 or 4) numbers at `from`, repeated.
@@ -79,6 +82,22 @@ pub(crate) trait Accumulator: Copy {
 
     /// `self · weight + sum`.
     fn multiply_add(self, weight: Self, sum: Self) -> Self;
+
+    /// Adds to the sums of `P` pixels the products of [`Self::INPUTS`] inputs each, `step` apart between pixels, with the
+    /// weights: `N` vectors of them for every input.
+    ///
+    /// # Safety
+    /// All of them must be readable; alignment does not matter.
+    #[inline(always)]
+    unsafe fn multiply_add_inputs<const P: usize, const N: usize>(
+        sums: &mut [[Self; N]; P],
+        weights: *const Self::Number,
+        inputs: *const Self::Number,
+        step: usize,
+    ) {
+        // SAFETY: the same promise.
+        unsafe { multiply_add_group::<Self, P, N, 1>(sums, weights, inputs, step) }
+    }
 
     /// The sums as f32, times a factor for each lane; f32 sums ignore the factors.
     fn scale(self, factors: &[f32]) -> Self::Out;
@@ -177,18 +196,42 @@ pub(crate) fn accumulate<A: Accumulator, const P: usize, const N: usize, const S
     assert!(weights.len() >= groups * lanes, "weights");
     assert!(inputs.len() >= (P - 1) * step + run, "inputs");
     let (weights, inputs) = (weights.as_ptr(), inputs.as_ptr());
-    for i in 0..groups {
+    let mut i = 0;
+    if S == 1 && A::INPUTS > 1 {
+        while i + A::INPUTS <= groups {
+            // SAFETY: as below, for the last of these inputs.
+            unsafe { A::multiply_add_inputs(sums, weights.add(i * lanes), inputs.add(i), step) }
+            i += A::INPUTS;
+        }
+    }
+    while i < groups {
         // SAFETY: i < run / S, so by the assertions above the last pixel's inputs and the last weight exist.
-        unsafe {
-            let mut weight = [A::zero(); N];
-            for (n, weight) in weight.iter_mut().enumerate() {
-                *weight = A::load_unchecked(weights.add(i * lanes + n * A::Out::LANES));
-            }
-            for (p, sums) in sums.iter_mut().enumerate() {
-                let values = A::broadcast::<S>(inputs.add(p * step + i * S));
-                for (sum, weight) in sums.iter_mut().zip(weight) {
-                    *sum = values.multiply_add(weight, *sum);
-                }
+        unsafe { multiply_add_group::<A, P, N, S>(sums, weights.add(i * lanes), inputs.add(i * S), step) }
+        i += 1;
+    }
+}
+
+/// Adds to the sums of `P` pixels the products of `S` inputs each, `step` inputs apart, with `N` vectors of weights.
+///
+/// # Safety
+/// All of them must be readable; alignment does not matter.
+#[inline(always)]
+unsafe fn multiply_add_group<A: Accumulator, const P: usize, const N: usize, const S: usize>(
+    sums: &mut [[A; N]; P],
+    weights: *const A::Number,
+    inputs: *const A::Number,
+    step: usize,
+) {
+    // SAFETY: the caller's promise.
+    unsafe {
+        let mut weight = [A::zero(); N];
+        for (n, weight) in weight.iter_mut().enumerate() {
+            *weight = A::load_unchecked(weights.add(n * A::Out::LANES));
+        }
+        for (p, sums) in sums.iter_mut().enumerate() {
+            let values = A::broadcast::<S>(inputs.add(p * step));
+            for (sum, weight) in sums.iter_mut().zip(weight) {
+                *sum = values.multiply_add(weight, *sum);
             }
         }
     }

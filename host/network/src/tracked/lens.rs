@@ -23,7 +23,8 @@ impl Lens {
         let radius = (u * u + v * v).sqrt();
         let angle = (radius / self.focal_px_per_rad).min(ANGLE_MAX_RAD);
         let scale = if radius > 1e-3 {
-            height_mm * angle.tan() / radius
+            // Plain Rust: the C library rounds it differently on ARM and on x86.
+            height_mm * libm::tanf(angle) / radius
         } else {
             height_mm / self.focal_px_per_rad
         };

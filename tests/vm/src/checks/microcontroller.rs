@@ -24,10 +24,11 @@ const ENOUGH_MAPS: u32 = 30;
 const LONG_SILENCE: Duration = Duration::from_secs(2);
 
 /// The arguments of a run that plays the recorded scene to its end with this device.
-fn scene(mcu: &str) -> [&str; 8] {
+fn scene(mcu: &str) -> [&str; 9] {
     [
         "run",
         "--json",
+        "--hold",
         "--source",
         SCENE,
         "--network",
@@ -39,7 +40,15 @@ fn scene(mcu: &str) -> [&str; 8] {
 
 /// Those of a run that looks at the camera until it is stopped.
 fn filming<'a>(more: &[&'a str]) -> Vec<&'a str> {
-    let arguments = ["run", "--json", "--camera", CAMERA, "--calibration", REST];
+    let arguments = [
+        "run",
+        "--json",
+        "--hold",
+        "--camera",
+        CAMERA,
+        "--calibration",
+        REST,
+    ];
     let ours = ["--frames-per-second", "15", "--network", "unet", "--mcu", "usb"];
     [&arguments[..], &ours, more].concat()
 }

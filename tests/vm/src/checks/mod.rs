@@ -6,6 +6,7 @@
 mod camera;
 mod disk;
 mod microcontroller;
+mod package;
 mod wait;
 
 use std::time::Instant;
@@ -48,17 +49,45 @@ pub(crate) fn run_all() {
     println!("VM ok machine: up after {}", uptime());
     let only = std::env::var(ONLY).unwrap_or_default();
     for (name, check) in CHECKS.into_iter().filter(|(name, _)| name.contains(&only)) {
-        println!("VM begins {name}");
-        let started = Instant::now();
-        match check() {
-            Ok(what) => println!("VM ok {name}: {what} ({:.1} s)", started.elapsed().as_secs_f64()),
-            Err(why) => {
-                println!("VM FAILED {name}: {}", why.replace('\n', " | "));
-                println!("{}", machine::last_words_of_the_kernel());
-            }
+        if !tell(name, check) {
+            println!("{}", machine::last_words_of_the_kernel());
         }
     }
     println!("VM end");
+}
+
+/// On a machine that systemd has brought up: the Debian package.
+pub(crate) fn run_package() {
+    if let Err(error) = machine::load_modules() {
+        println!("VM FAILED machine: {error}");
+        println!("VM end");
+        return;
+    }
+    println!("VM ok machine: up after {}", uptime());
+    let mut lab = package::Lab::new();
+    for (name, check) in package::CHECKS {
+        // Each builds on the one before.
+        if !tell(name, || check(&mut lab)) {
+            break;
+        }
+    }
+    println!("VM end");
+}
+
+/// Runs a check and says what came of it; whether it was right.
+fn tell(name: &str, check: impl FnOnce() -> Result<String, String>) -> bool {
+    println!("VM begins {name}");
+    let started = Instant::now();
+    match check() {
+        Ok(what) => {
+            println!("VM ok {name}: {what} ({:.1} s)", started.elapsed().as_secs_f64());
+            true
+        }
+        Err(why) => {
+            println!("VM FAILED {name}: {}", why.replace('\n', " | "));
+            false
+        }
+    }
 }
 
 fn uptime() -> String {

@@ -31,7 +31,7 @@ impl Common {
 }
 
 /// The time now, as the file holds it.
-pub(super) fn date() -> String {
+pub(in crate::commands) fn date() -> String {
     humantime::format_rfc3339_seconds(SystemTime::now()).to_string()
 }
 

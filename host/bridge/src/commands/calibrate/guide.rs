@@ -136,7 +136,7 @@ pub(super) fn show(number: usize, step: &Step) {
 }
 
 /// Lines of at most [`WIDTH`] letters, indented under the number but for the first.
-fn wrapped(text: &str) -> String {
+pub(in crate::commands) fn wrapped(text: &str) -> String {
     let mut lines = vec![String::new()];
     for word in text.split_whitespace() {
         let line = lines.last().map_or(0, |line| line.chars().count());

@@ -8,12 +8,14 @@ mod geometry;
 mod guide;
 mod line;
 mod maps;
-mod rest;
+pub(super) mod rest;
 
 use clap::{Args, Subcommand};
 
+pub(super) use self::common::date;
 use self::friction::FrictionArgs;
 use self::geometry::GeometryArgs;
+pub(super) use self::guide::wrapped;
 use self::line::LineArgs;
 use self::rest::RestArgs;
 use crate::error::Failure;

@@ -1,19 +1,19 @@
 //! `gripline calibrate rest`: pictures of the untouched sensor surface, checked before they are written.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::Args;
 use serde_json::json;
 
 use super::common::{Common, wrote};
 use super::guide;
-use crate::calibration::Calibration;
+use crate::calibration::{Calibration, Rest};
 use crate::config::{Overrides, Settings};
 use crate::error::Failure;
 use crate::rest::save;
-use crate::source::Source;
+use crate::source::{Source, SourceSettings};
 use gripline_capture::picture;
-use gripline_evaluation::calibration::surface::{Change, Figures, limit};
+use gripline_evaluation::calibration::surface::{Change, Figures, limit, mean};
 
 /// Arguments of `gripline calibrate rest`.
 #[derive(Debug, Clone, Args)]
@@ -45,16 +45,37 @@ pub(super) struct RestArgs {
 /// # Errors
 /// [`Failure`] that lists everything that is wrong with the pictures.
 pub(super) fn run(args: &RestArgs) -> Result<(), Failure> {
-    let mut calibration = Calibration::load_or_new(&args.common.out)?;
-    let (pictures, source) = take(args)?;
-    let figures = Figures::of(&pictures);
+    // A calibration that cannot be read is told before anybody is asked for anything.
+    Calibration::load_or_new(&args.common.out)?;
+    let (pictures, source) = pictures(args)?;
+    let device = args.common.device.clone().unwrap_or(source);
+    let rest = keep(&args.common.out, &pictures, device, args.anew)?;
+    if args.common.json {
+        println!("{}", json!(rest));
+    } else {
+        println!("{}", told(&rest));
+    }
+    wrote(&args.common);
+    Ok(())
+}
+
+/// Checks pictures, 440×440 each, and writes them beside the calibration `out`, whose section `[rest]` they become. Unless they are
+/// `anew`, they have to show what the earlier ones show.
+///
+/// # Errors
+/// [`Failure`] that lists everything that is wrong with the pictures; nothing is written then.
+pub(in crate::commands) fn keep(
+    out: &Path,
+    pictures: &[Vec<u8>],
+    device: String,
+    anew: bool,
+) -> Result<Rest, Failure> {
+    let mut calibration = Calibration::load_or_new(out)?;
+    let figures = Figures::of(pictures);
     let mut problems = wrong(&figures);
-    if let (false, Some(before)) = (args.anew, calibration.rest_pictures()?) {
-        let change = Change::between(
-            &gripline_evaluation::calibration::surface::mean(&before),
-            &figures.mean,
-        );
-        problems.extend(changed(&change, &args.common.out.display().to_string()));
+    if let (false, Some(before)) = (anew, calibration.rest_pictures()?) {
+        let change = Change::between(&mean(&before), &figures.mean);
+        problems.extend(changed(&change, &out.display().to_string()));
     }
     if !problems.is_empty() {
         return Err(Failure::failed(format!(
@@ -62,30 +83,27 @@ pub(super) fn run(args: &RestArgs) -> Result<(), Failure> {
             problems.join("; ")
         )));
     }
-    let device = args.common.device.clone().unwrap_or(source);
-    let rest = save(&mut calibration, &pictures, &figures, device)?;
-    if args.common.json {
-        println!("{}", json!(rest));
-    } else {
-        println!(
-            "{} pictures of {}: mean level {:.1}, {:.2} % saturated, {} particles, sharpness {:.3}, noise {:.2} levels, moved \
-             {:.3} px at most",
-            rest.count,
-            rest.device,
-            rest.mean_level,
-            100.0 * rest.saturated_share,
-            rest.particles,
-            rest.sharpness,
-            rest.noise_levels,
-            rest.residual_px
-        );
-    }
-    wrote(&args.common);
-    Ok(())
+    save(&mut calibration, pictures, &figures, device)
+}
+
+/// What was written, for people.
+pub(in crate::commands) fn told(rest: &Rest) -> String {
+    format!(
+        "{} pictures of {}: mean level {:.1}, {:.2} % saturated, {} particles, sharpness {:.3}, noise {:.2} levels, moved \
+         {:.3} px at most",
+        rest.count,
+        rest.device,
+        rest.mean_level,
+        100.0 * rest.saturated_share,
+        rest.particles,
+        rest.sharpness,
+        rest.noise_levels,
+        rest.residual_px
+    )
 }
 
 /// The pictures, and what they are of.
-fn take(args: &RestArgs) -> Result<(Vec<Vec<u8>>, String), Failure> {
+fn pictures(args: &RestArgs) -> Result<(Vec<Vec<u8>>, String), Failure> {
     if let Some(path) = &args.frames {
         let files = picture::list(path)?;
         let pictures: Result<Vec<_>, _> = files.iter().map(|file| picture::crop(file, false)).collect();
@@ -110,16 +128,30 @@ fn take(args: &RestArgs) -> Result<(Vec<Vec<u8>>, String), Failure> {
              --source",
         )
     })?;
-    let mut camera = source.open(&settings.source_settings(usize::from(args.fingertip) - 1))?;
-    let count = args.pictures as usize;
-    if !args.common.asks() {
-        return Ok((camera.rest(count)?.crops, source.to_string()));
+    let wanted = settings.source_settings(usize::from(args.fingertip) - 1);
+    let pictures = take(source, &wanted, args.pictures as usize, args.common.asks())?;
+    Ok((pictures, source.to_string()))
+}
+
+/// Looks at the untouched fingertip `count` times, 440×440 each; `asks`: a person is there, who is told what to do.
+///
+/// # Errors
+/// [`Failure`] when the source gives none, or nobody answers.
+pub(in crate::commands) fn take(
+    source: &Source,
+    wanted: &SourceSettings,
+    count: usize,
+    asks: bool,
+) -> Result<Vec<Vec<u8>>, Failure> {
+    let mut camera = source.open(wanted)?;
+    if !asks {
+        return Ok(camera.rest(count)?.crops);
     }
     guide::ask(1, &guide::REST[0])?;
     let mut pictures = camera.rest(count.div_ceil(2))?.crops;
     guide::ask(2, &guide::REST[1])?;
     pictures.extend(camera.rest(count / 2)?.crops);
-    Ok((pictures, source.to_string()))
+    Ok(pictures)
 }
 
 /// What is wrong with the pictures by themselves.

@@ -7,8 +7,7 @@ use std::path::{Path, PathBuf};
 use std::{fs, io::ErrorKind};
 
 use clap::Args;
-use gripline_firmware::Friction;
-use gripline_protocol::{LSB_PER_NEWTON, PER_UNIT, TAXELS};
+use gripline_protocol::TAXELS;
 
 use self::output::Output;
 use crate::error::Failure;
@@ -17,6 +16,7 @@ use gripline_evaluation::detect::judge::{Settings, judge, quantise};
 use gripline_evaluation::detect::replay::{RATE_HZ, Replay};
 use gripline_evaluation::detect::table::{Extra, Summary, write_header, write_row};
 use gripline_recording::maps_file::MapsFile;
+use gripline_recording::units::ratio;
 
 /// The arguments of `gripline detect`.
 #[derive(Debug, Clone, PartialEq, Args)]
@@ -62,27 +62,20 @@ fn positive(text: &str) -> Result<f64, String> {
     }
 }
 
-/// To the wire's 1/10000; says on standard error when that is not exact.
-fn per_unit(name: &str, value: f64) -> u16 {
-    let steps = (value * f64::from(PER_UNIT)).round();
-    let rounded = steps / f64::from(PER_UNIT);
-    if (rounded - value).abs() > 0.0 {
-        tracing::warn!("--{name} {value} is taken as {rounded}: the detector works in steps of 0.0001");
+/// Says on standard error when a value is not one of the detector's steps.
+fn warn_when_rounded(name: &str, value: f64, taken: f64) {
+    if (taken - value).abs() > 0.0 {
+        tracing::warn!("--{name} {value} is taken as {taken}: the detector works in steps of 0.0001");
     }
-    steps as u16
 }
 
 impl DetectArgs {
     /// The ranges were checked with the command line.
     fn settings(&self) -> Settings {
-        Settings {
-            friction: Friction::clamped(per_unit("mu", self.mu)),
-            threshold: per_unit("threshold", self.threshold),
-            // A whole number of steps exceeds this number of steps exactly when it exceeds its floor. At 8 N the cast
-            // saturates, and no taxel exceeds it either way.
-            contact_min: (self.contact_min * f64::from(LSB_PER_NEWTON)).floor() as i16,
-            scale: self.scale,
-        }
+        let settings = Settings::of(self.mu, self.threshold, self.contact_min, self.scale);
+        warn_when_rounded("mu", self.mu, ratio(settings.friction.per_unit()));
+        warn_when_rounded("threshold", self.threshold, ratio(settings.threshold));
+        settings
     }
 }
 

@@ -312,9 +312,9 @@ pub(super) fn processor(used: InstructionSet, widest: InstructionSet) -> Finding
         "processor",
         grade(used == InstructionSet::Portable, false),
         format!("uses {used}, has {widest}"),
-        "avx2 or avx512",
+        "avx2, avx512 or neon",
         if widest == InstructionSet::Portable {
-            "use a processor with AVX2: the network takes three times as long without"
+            "use a processor with AVX2 or NEON: the network takes three times as long without"
         } else {
             "leave network.instructions out of the configuration"
         },

@@ -55,9 +55,16 @@ pub struct DoctorArgs {
 /// # Errors
 /// [`Failure`] of kind Loss when there are warnings, Failed when a check fails, Usage when the configuration is wrong.
 pub fn run(args: &DoctorArgs) -> Result<Completion, Failure> {
-    let settings = Settings::load(&args.overrides)?;
+    check(&Settings::load(&args.overrides)?, args.json)
+}
+
+/// The same for settings that were read.
+///
+/// # Errors
+/// As [`run`], but for the configuration.
+pub(super) fn check(settings: &Settings, json: bool) -> Result<Completion, Failure> {
     let mut doctor = Doctor {
-        json: args.json,
+        json,
         is_second: false,
         findings: Vec::new(),
     };
@@ -73,15 +80,15 @@ pub fn run(args: &DoctorArgs) -> Result<Completion, Failure> {
     let is_clip = |source: &&Source| matches!(source, Source::Clip(_));
     let is_needed = sources.iter().flatten().any(is_clip);
     doctor.report(judge::ffmpeg(ffmpeg_version(), is_needed));
-    doctor.link(&settings);
-    doctor.machine(&settings, &rest);
+    doctor.link(settings);
+    doctor.machine(settings, &rest);
     let findings = &doctor.findings;
     let worst = findings
         .iter()
         .map(|finding| finding.level)
         .max()
         .unwrap_or(Level::Ok);
-    if args.json {
+    if json {
         println!("{}", json!({"worst": worst, "checks": findings}));
     }
     let at_worst = findings.iter().filter(|finding| finding.level == worst);

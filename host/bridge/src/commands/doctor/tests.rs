@@ -205,9 +205,10 @@ fn faults_and_another_table_are_reported() {
 
 #[test]
 fn a_processor_without_wide_vectors_or_that_may_not_use_them_is_reported() {
-    use InstructionSet::{Avx2, Avx512, Portable};
+    use InstructionSet::{Avx2, Avx512, Neon, Portable};
     assert_finding(&processor(Avx512, Avx512), Ok, "uses", "");
     assert_finding(&processor(Avx2, Avx2), Ok, "uses", "");
+    assert_finding(&processor(Neon, Neon), Ok, "uses", "");
     assert_finding(
         &processor(Portable, Avx2),
         Warn,

@@ -6,8 +6,8 @@ use std::borrow::Cow;
 use std::collections::HashMap;
 
 use super::canvas::{Canvas, GROUND, Grey, LETTER, Rgb, TEXT, ramp};
-use super::play::FingerMoment;
 use crate::error::Failure;
+use gripline_evaluation::play::FingerMoment;
 
 /// Pictures a second at most: what players keep up with.
 const RATE_HZ: f64 = 25.0;

@@ -17,13 +17,13 @@ use serde::Serialize;
 use super::canvas::Grey;
 use super::clip::{self, Clip};
 use super::folder::{Folder, Manifest, Unsolved, WORLD_VERSION, frame_name};
-use super::play::{self, Moment, Play, Trouble};
 use super::sheet::{self, Column, full_scale};
-use super::table::{self, force_n, named};
 use crate::commands::files::{decode_grey, encode_png, grey_png, maps_npy};
 use crate::error::{Completion, Failure};
 use gripline_capture::clip::{ClipWriter, ffmpeg_version};
 use gripline_capture::geometry;
+use gripline_evaluation::play::truth::{self, named};
+use gripline_evaluation::play::{self, Moment, Play, Trouble};
 
 /// The arguments of `gripline simulate`.
 #[derive(Debug, Clone, PartialEq, Args)]
@@ -257,7 +257,7 @@ impl Recording<'_> {
                     progress.note(&format!("frame at {time_s:.3} s left out: {why}"));
                     manifest.unsolved.push(Unsolved { time_s, phase, why });
                 }
-                Err(Trouble::Impossible(failure)) => return Err(failure),
+                Err(Trouble::Impossible(error)) => return Err(error.into()),
             }
             progress.step();
         }
@@ -299,9 +299,13 @@ fn write_results(
     manifest: &Manifest,
     recorded: &Recorded,
 ) -> Result<(), Failure> {
-    let mut csv = table::header(play.fingers(), play.extra_columns());
+    let mut csv = truth::names(play.fingers(), play.extra_columns()).join(",") + "\n";
     for (number, moment) in recorded.moments.iter().enumerate() {
-        csv += &table::row(number, moment);
+        let cells: Vec<String> = truth::row(number, moment)
+            .iter()
+            .map(ToString::to_string)
+            .collect();
+        csv += &(cells.join(",") + "\n");
     }
     folder.write("truth.csv", csv.as_bytes())?;
     for finger in 0..play.fingers() {
@@ -410,9 +414,7 @@ fn summary(
         seconds: moments.last().map_or(0.0, |moment| moment.time_s),
         too_deep: manifest.too_deep,
         slip_frames: moments.iter().filter(|moment| moment.slip).count(),
-        normal_n_max: fingers()
-            .map(|finger| force_n(&finger.forces)[2])
-            .fold(0.0, f64::max),
+        normal_n_max: fingers().map(|finger| finger.force_n()[2]).fold(0.0, f64::max),
         stick_ratio_min: fingers().filter_map(|finger| finger.stick_ratio).reduce(f64::min),
     }
 }
@@ -513,7 +515,7 @@ mod tests {
     use gripline_simulation::Image;
 
     use super::*;
-    use crate::commands::simulate::play::FingerMoment;
+    use gripline_evaluation::play::FingerMoment;
 
     /// Four frames on two fingers, of which the second has no solution.
     #[derive(Debug, Default)]

@@ -7,8 +7,8 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use super::table::named;
 use crate::error::Failure;
+use gripline_evaluation::play::truth::named;
 
 /// Counts up when the simulated world changes what a scene gives; results of another version are not mixed.
 pub(super) const WORLD_VERSION: u32 = 2;

@@ -2,8 +2,7 @@
 //! picture, its difference from rest, the true force map, and what sticks and slips. Pure.
 
 use super::canvas::{Canvas, Grey, LETTER, SLIP, STICK, TEXT, ramp};
-use super::play::{FingerMoment, Moment};
-use super::table::force_n;
+use gripline_evaluation::play::{FingerMoment, Moment};
 
 /// Frames that a sheet shows at most.
 pub(super) const MOST: usize = 6;
@@ -65,7 +64,7 @@ pub(super) fn draw(title: &str, rest: &Grey, columns: &[Column], finger: usize) 
     for (place, column) in columns.iter().enumerate() {
         let x = GAP + (place + 1) * (SIDE + GAP);
         let (moment, state) = (&column.moment, &column.moment.fingers[finger]);
-        let [fx, fy, normal] = force_n(&state.forces);
+        let [fx, fy, normal] = state.force_n();
         let ratio = state
             .stick_ratio
             .map_or("-".to_owned(), |ratio| format!("{ratio:.2}"));

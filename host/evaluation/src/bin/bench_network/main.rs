@@ -53,6 +53,8 @@ type Graph<'a> = &'a dyn Fn(Precision) -> Vec<u8>;
 
 struct Arguments {
     onnxruntime: PathBuf,
+    /// What our engine uses; the others choose for themselves.
+    instructions: InstructionSet,
     weights: Vec<PathBuf>,
     plot: Option<PathBuf>,
     json: bool,
@@ -73,6 +75,7 @@ fn main() -> ExitCode {
 fn arguments() -> Result<Arguments, Failure> {
     let mut arguments = Arguments {
         onnxruntime: PathBuf::new(),
+        instructions: InstructionSet::widest(),
         weights: Vec::new(),
         plot: None,
         json: false,
@@ -88,6 +91,9 @@ fn arguments() -> Result<Arguments, Failure> {
         };
         match word.as_str() {
             "--onnxruntime" => arguments.onnxruntime = value()?.into(),
+            "--instructions" => {
+                arguments.instructions = value()?.parse::<InstructionSet>()?.checked()?;
+            }
             "--weights" => arguments.weights.push(value()?.into()),
             "--plot" => arguments.plot = Some(value()?.into()),
             "--rounds" => arguments.rounds = number(value()?, 1)?,
@@ -95,7 +101,7 @@ fn arguments() -> Result<Arguments, Failure> {
             "--json" => arguments.json = true,
             _ => {
                 return Err(format!(
-                    "argument `{word}` is unknown, expected --onnxruntime LIBRARY, --weights FILE, --plot FILE, --rounds N, --samples N or --json"
+                    "argument `{word}` is unknown, expected --onnxruntime LIBRARY, --instructions SET, --weights FILE, --plot FILE, --rounds N, --samples N or --json"
                 )
                 .into());
             }
@@ -105,7 +111,7 @@ fn arguments() -> Result<Arguments, Failure> {
 }
 
 fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let models = models::all(&arguments.weights)?;
+    let models = models::all(&arguments.weights, arguments.instructions)?;
     let (unet_weights, tracked_weights) = (UnetWeights::parse(UNET)?, TrackedWeights::parse(TRACKED)?);
     let environment = peers::environment(&arguments.onnxruntime)?;
     // In the order of `models`, whose first two have these weights.
@@ -135,14 +141,14 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
     );
     let accuracies = accuracy::measure(&models, &quantised, arguments.samples)?;
 
-    let widest = InstructionSet::widest();
+    let instructions = arguments.instructions;
     let sets: Vec<InstructionSet> = InstructionSet::ALL
         .into_iter()
         .filter(|set| set.is_available())
         .collect();
     eprintln!("taking turns ...");
     let mut contestants = vec![Contestant::new("limit", move || {
-        black_box(peak_multiply_adds(widest, black_box(PEAK_ROUNDS)));
+        black_box(peak_multiply_adds(instructions, black_box(PEAK_ROUNDS)));
     })];
     let (rest, now) = (pictures::picture(0.0), pictures::picture(6.0));
     let inputs = preprocessors.each_mut().map(|preprocessor| {
@@ -150,7 +156,7 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
         preprocessor.prepare(&now)
     });
     let (forces_of_unet, of_unet) = unet(&unet_weights, &sets)?;
-    let (forces_of_tracked, of_tracked) = tracked(&tracked_weights)?;
+    let (forces_of_tracked, of_tracked) = tracked(&tracked_weights, instructions)?;
     contestants.extend(of_unet);
     contestants.extend(of_tracked);
     let ours = [forces_of_unet, forces_of_tracked];
@@ -167,14 +173,14 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
     for model in &models {
         contestants.extend(frames(model));
     }
-    contestants.push(gated()?);
+    contestants.push(gated(instructions)?);
     let times = timing::take_turns(&mut contestants, arguments.rounds);
 
     let report = Report {
-        widest,
+        instructions,
         sets,
         multiply_adds: UnetNetwork::from_weights(&unet_weights)?.multiply_adds(),
-        limit_multiply_adds: peak_multiply_adds(widest, PEAK_ROUNDS),
+        limit_multiply_adds: peak_multiply_adds(instructions, PEAK_ROUNDS),
         allocations_per_frame: models.iter().map(allocations).max().unwrap_or(0),
         load: std::fs::read_to_string("/proc/loadavg").unwrap_or_default(),
         quantised: quantised.iter().map(|of| of.model).collect(),
@@ -214,8 +220,11 @@ fn unet(weights: &UnetWeights, sets: &[InstructionSet]) -> Result<(ForceMap, Vec
 
 /// The network after the tracker alone, from the grid of motions to forces, as it is by default and in f32; and the
 /// forces in f32 for the picture that the others see.
-fn tracked(weights: &TrackedWeights) -> Result<(ForceMap, [Contestant; 2]), Failure> {
-    let network = TrackedNetwork::from_weights(weights)?;
+fn tracked(
+    weights: &TrackedWeights,
+    instructions: InstructionSet,
+) -> Result<(ForceMap, [Contestant; 2]), Failure> {
+    let network = TrackedNetwork::from_weights(weights)?.with_instructions(instructions)?;
     let mut single = network.clone().with_precision(NetworkPrecision::F32);
     let mut ours = NO_FORCES;
     single.set_rest(&pictures::picture(0.0));
@@ -299,13 +308,14 @@ fn frames(model: &Model) -> Vec<Contestant> {
 }
 
 /// A frame without touch or change as the gate skips it: from the camera's crop to the decision.
-fn gated() -> Result<Contestant, Failure> {
+fn gated(instructions: InstructionSet) -> Result<Contestant, Failure> {
     let rest = pictures::picture(0.0);
     let crops: Vec<Vec<u8>> = (0..REST_PICTURES)
         .map(|number| pictures::noisy(&rest, number.into()))
         .collect();
     let frames: Vec<Image88> = crops.iter().map(|crop| small(crop)).collect();
-    let mut scene = Scene::new(GateKind::default(), &mean_of(&frames), &frames);
+    let mut scene =
+        Scene::new(GateKind::default(), &mean_of(&frames), &frames).with_instructions(instructions);
     for frame in &frames {
         let (decision, health) = scene.decide(frame);
         if decision != GateDecision::NoContact {

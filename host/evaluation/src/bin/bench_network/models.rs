@@ -4,7 +4,7 @@
 use std::path::{Path, PathBuf};
 
 use gripline_network::tracked::TrackedNetwork;
-use gripline_network::{Architecture, Network, Precision};
+use gripline_network::{Architecture, InstructionSet, Network, Precision};
 
 use crate::failure::Failure;
 
@@ -19,17 +19,20 @@ pub(crate) struct Model {
 }
 
 /// All of them; the first two are the built-in ones, by the names of their architectures.
-pub(crate) fn all(files: &[PathBuf]) -> Result<Vec<Model>, Failure> {
+pub(crate) fn all(files: &[PathBuf], instructions: InstructionSet) -> Result<Vec<Model>, Failure> {
     let mut models = Vec::new();
     for architecture in Architecture::ALL {
         models.push(Model {
             name: architecture.name().to_owned(),
-            network: Network::embedded(architecture)?,
+            network: Network::embedded(architecture)?.with_instructions(instructions)?,
         });
     }
     models.push(Model {
         name: format!("{} in f32", Architecture::Tracked),
-        network: TrackedNetwork::embedded()?.with_precision(Precision::F32).into(),
+        network: TrackedNetwork::embedded()?
+            .with_instructions(instructions)?
+            .with_precision(Precision::F32)
+            .into(),
     });
     let mut paths = committed()?;
     paths.extend_from_slice(files);
@@ -44,7 +47,7 @@ pub(crate) fn all(files: &[PathBuf]) -> Result<Vec<Model>, Failure> {
         } else {
             format!("{stem}-{}", taken + 1)
         };
-        let network = Network::from_file(&path, None)?;
+        let network = Network::from_file(&path, None)?.with_instructions(instructions)?;
         models.push(Model { name, network });
     }
     Ok(models)

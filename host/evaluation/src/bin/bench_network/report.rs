@@ -14,6 +14,7 @@ pub(crate) const CHANGED: [(f64, &str); 2] = [(0.1, "10 %"), (0.3, "30 %")];
 
 /// The architecture that the engines are held to.
 const UNET: &str = Architecture::Unet.name();
+const TRACKED: &str = Architecture::Tracked.name();
 
 /// The contestant that the gate skips.
 pub(crate) const GATED: &str = "gated";
@@ -38,7 +39,8 @@ pub(crate) fn part(model: &str, part: &str) -> String {
 }
 
 pub(crate) struct Report {
-    pub(crate) widest: InstructionSet,
+    /// What our engine used.
+    pub(crate) instructions: InstructionSet,
     pub(crate) sets: Vec<InstructionSet>,
     /// Of a frame of the unet.
     pub(crate) multiply_adds: usize,
@@ -98,9 +100,9 @@ impl Report {
         self.times(name).median_us()
     }
 
-    /// The unet alone on the widest vectors.
+    /// The unet alone.
     fn dense_us(&self) -> f64 {
-        self.median_us(&self.widest.to_string())
+        self.median_us(&self.instructions.to_string())
     }
 
     /// One of the models that the engine carries, without what a frame takes before it.
@@ -124,7 +126,20 @@ impl Report {
     /// What is the same whichever network is the default.
     fn of_engines(&self) -> Vec<Measure> {
         let dense = self.dense_us();
+        let tracked = self.median_us(AFTER_TRACKER);
         [
+            (
+                "tracked_vs_onnxruntime",
+                tracked / self.median_us(&engine(TRACKED, "onnxruntime")),
+                "<=",
+                0.6,
+            ),
+            (
+                "tracked_vs_onnxruntime_int8",
+                tracked / self.median_us(&engine(TRACKED, INT8)),
+                "<=",
+                0.9,
+            ),
             (
                 "unet_vs_onnxruntime",
                 dense / self.median_us(&engine(UNET, "onnxruntime")),
@@ -283,7 +298,7 @@ impl Report {
                 json!(self.accuracies[self.models.len() + 1].scores),
             ),
             ("times_us", Value::Object(times)),
-            ("instructions", json!(self.widest.to_string())),
+            ("instructions", json!(self.instructions.to_string())),
             ("multiply_adds", json!(self.multiply_adds)),
             ("gmac_per_s", json!(self.gmac_per_s())),
             ("limit_gmac_per_s", json!(self.limit_gmac_per_s())),
@@ -324,7 +339,7 @@ impl Report {
         }
         line(format!(
             "{} reaches {:.1} of {:.1} GMAC/s",
-            self.widest,
+            self.instructions,
             self.gmac_per_s(),
             self.limit_gmac_per_s()
         ));

@@ -1,0 +1,278 @@
+//! The questions of `gripline setup` in order: sensor, camera, board, rest pictures. Pure: what is attached and who answers come
+//! in as values and functions, so that tests play both.
+
+use std::fmt;
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+
+use gripline_link::Target;
+use gripline_sensor::{MarkerKind, SHIPPED, Sensor};
+
+use super::question::{Answer, Choice, Question};
+use crate::error::Failure;
+use crate::source::Source;
+
+/// What is attached to this machine.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Found {
+    pub cameras: Vec<Choice>,
+    /// Microcontrollers of ours on USB.
+    pub boards: Vec<Choice>,
+    /// Serial ports: what is behind them nobody knows.
+    pub ports: Vec<Choice>,
+    /// Why USB cannot be looked at.
+    pub no_usb: Option<String>,
+}
+
+/// What to do about rest pictures.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) enum Rest {
+    /// Take them now.
+    Now,
+    /// Each run takes its own.
+    Later,
+    /// They are in this calibration.
+    In(PathBuf),
+}
+
+impl FromStr for Rest {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        match text {
+            "now" => Ok(Self::Now),
+            "later" => Ok(Self::Later),
+            file if Path::new(file).extension().is_some_and(|end| end == "toml") => Ok(Self::In(file.into())),
+            other => Err(format!("found {other}, expected now, later or FILE.toml")),
+        }
+    }
+}
+
+/// What was said already, by flags.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Said {
+    pub sensor: Option<PathBuf>,
+    pub camera: Option<Source>,
+    pub mcu: Option<Target>,
+    pub rest: Option<Rest>,
+    /// What is not said has its default.
+    pub yes: bool,
+}
+
+/// All answers.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Chosen {
+    /// The sensor's identity.
+    pub sensor: String,
+    pub camera: Source,
+    pub mcu: Target,
+    pub rest: Rest,
+}
+
+/// Whoever answers.
+pub(super) trait Person {
+    /// Shows a screen and waits for a line.
+    ///
+    /// # Errors
+    /// [`Failure`] when there will be none.
+    fn ask(&mut self, screen: &str) -> Result<String, Failure>;
+    /// Says a line.
+    fn tell(&mut self, line: &str);
+}
+
+/// Asks what was not said. `look`: what is attached now; `person`: `None` where there is none to ask.
+///
+/// # Errors
+/// [`Failure`] that says what was found, what was expected and what to do.
+pub(super) fn interview<'a>(
+    said: &Said,
+    look: &'a mut dyn FnMut() -> Found,
+    person: Option<&'a mut dyn Person>,
+) -> Result<Chosen, Failure> {
+    let mut asking = Asking {
+        takes_defaults: said.yes,
+        look,
+        person,
+    };
+    let text = |value: &dyn fmt::Display| value.to_string();
+    let sensor = asking.one(
+        said.sensor.as_ref().map(|sensor| text(&sensor.display())),
+        &|_| sensor_question(),
+        &sensor,
+    )?;
+    let camera = asking.one(
+        said.camera.as_ref().map(|camera| text(camera)),
+        &camera_question,
+        &str::parse,
+    )?;
+    let mcu = asking.one(
+        said.mcu.as_ref().map(|mcu| text(mcu)),
+        &|found| board_question(found, &camera),
+        &|text| board(text, &camera),
+    )?;
+    let rest = match &said.rest {
+        Some(rest) => rest.clone(),
+        None => asking.one(None, &|_| rest_question(&camera), &str::parse)?,
+    };
+    Ok(Chosen {
+        sensor,
+        camera,
+        mcu,
+        rest,
+    })
+}
+
+struct Asking<'a> {
+    takes_defaults: bool,
+    look: &'a mut dyn FnMut() -> Found,
+    person: Option<&'a mut dyn Person>,
+}
+
+impl Asking<'_> {
+    /// One answer that `check` takes: what was said, else what the person says, else the default.
+    fn one<T>(
+        &mut self,
+        said: Option<String>,
+        question: &dyn Fn(&Found) -> Question,
+        check: &dyn Fn(&str) -> Result<T, String>,
+    ) -> Result<T, Failure> {
+        let question_now = |look: &mut dyn FnMut() -> Found| question(&look());
+        if let Some(said) = said {
+            let flag = question(&Found::default()).flag;
+            return check(&said).map_err(|error| Failure::usage(format!("{flag}: {error}")));
+        }
+        let Some(person) = &mut self.person else {
+            let question = question_now(self.look);
+            let taken = question.unasked(self.takes_defaults).map_err(Failure::usage)?;
+            return check(&taken).map_err(|error| Failure::usage(format!("{}: {error}", question.flag)));
+        };
+        loop {
+            let question = question_now(self.look);
+            let typed = person.ask(&question.screen())?;
+            let checked = match question.answer(&typed) {
+                Ok(Answer::LookAgain) => continue,
+                Ok(Answer::Value(value)) => check(&value),
+                Err(error) => Err(error),
+            };
+            match checked {
+                Ok(value) => return Ok(value),
+                Err(error) => person.tell(&format!("   {error}")),
+            }
+        }
+    }
+}
+
+fn sensor_question() -> Question {
+    let what = ["particles in the gel", "printed markers: no forces yet"];
+    Question {
+        number: 1,
+        flag: "--sensor",
+        text: "Which fingertip?",
+        choices: SHIPPED
+            .iter()
+            .zip(what)
+            .map(|((name, _), what)| Choice::new(*name, what))
+            .collect(),
+        other: ", the FILE.toml of a description",
+        default: Ok(0),
+    }
+}
+
+/// The identity of a sensor whose forces can drive a line.
+fn sensor(name: &str) -> Result<String, String> {
+    let named = |name: &str| Sensor::named(Path::new(name)).map_err(|error| error.to_string());
+    let sensor = named(name)?;
+    let (known, _) = SHIPPED[0];
+    let identity = sensor.identity();
+    if sensor.markers.kind == MarkerKind::Plane {
+        return Err(format!(
+            "found {identity}, whose forces are not trained yet, expected {known}: no line can be driven by it; its clips play \
+             with `gripline run --sensor {name} --source file:CLIP`"
+        ));
+    }
+    if sensor != named(known)? {
+        return Err(format!(
+            "found {identity}, expected {known}: the shipped weights know no other particles"
+        ));
+    }
+    Ok(identity)
+}
+
+fn camera_question(found: &Found) -> Question {
+    let mut choices = found.cameras.clone();
+    choices.push(Choice::new("sim", "no camera: a simulated fingertip"));
+    let default = match found.cameras.len() {
+        1 => Ok(0),
+        0 => Err("Found no camera, expected one: plug it in (`ls /dev/video*` shows it).".to_owned()),
+        count => Err(format!("Found {count} cameras, expected one: choose.")),
+    };
+    Question {
+        number: 2,
+        flag: "--camera",
+        text: "Which camera looks at the fingertip?",
+        choices,
+        other: ", another source (dir:FOLDER, file:CLIP, mcap:FILE)",
+        default,
+    }
+}
+
+fn board_question(found: &Found, camera: &Source) -> Question {
+    let embedded = Choice::new("embedded", "no board: nothing moves");
+    let (choices, default) = if matches!(camera, Source::Camera(_)) {
+        let default = match found.boards.len() {
+            1 => Ok(0),
+            0 => Err(format!(
+                "Found no microcontroller on USB{}, expected one (1209:0001 in `lsusb`): plug it in and flash it \
+                 (`cargo xtask flash`).",
+                found
+                    .no_usb
+                    .as_ref()
+                    .map_or(String::new(), |why| format!(" ({why})"))
+            )),
+            count => Err(format!("Found {count} microcontrollers, expected one: choose.")),
+        };
+        let all = [&found.boards[..], &found.ports, &[embedded]].concat();
+        (all, default)
+    } else {
+        (vec![embedded], Ok(0))
+    };
+    Question {
+        number: 3,
+        flag: "--mcu",
+        text: "Which microcontroller drives the gripper?",
+        choices,
+        other: ", usb:SERIAL, serial:PORT",
+        default,
+    }
+}
+
+/// A real gripper is moved by pictures of its own fingertip and by no others.
+fn board(text: &str, camera: &Source) -> Result<Target, String> {
+    let target: Target = text.parse()?;
+    match (&target, camera) {
+        (Target::Usb(_) | Target::Serial(_), other) if !matches!(other, Source::Camera(_)) => Err(format!(
+            "found {target} with pictures of {other}, expected embedded: they would move a gripper that they do not show; \
+             `gripline run --source {other} --mcu {target}` does it where it is wanted"
+        )),
+        _ => Ok(target),
+    }
+}
+
+fn rest_question(camera: &Source) -> Question {
+    let is_file = matches!(camera, Source::Folder(_) | Source::Clip(_) | Source::Recording(_));
+    Question {
+        number: 4,
+        flag: "--rest",
+        text: "Pictures of the untouched fingertip, which all others are compared with?",
+        choices: vec![
+            Choice::new("now", "take and check them now"),
+            Choice::new("later", "each run takes its own at its start"),
+        ],
+        other: ", the FILE.toml of a calibration",
+        // Files say themselves which picture is at rest.
+        default: Ok(usize::from(is_file)),
+    }
+}
+
+#[cfg(test)]
+mod tests;

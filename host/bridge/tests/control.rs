@@ -1,0 +1,311 @@
+//! Requests to a run from outside, over HTTP and against a board that keeps its own time: who may ask, what is answered, what moves.
+#![cfg(unix)]
+
+mod serial_board;
+
+use std::io::{BufRead as _, BufReader, Read as _, Write as _};
+use std::net::TcpStream;
+use std::path::PathBuf;
+use std::process::{Child, Command, Stdio};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use serde_json::{Value, json};
+use serial_board::SerialBoard;
+use serialport::{SerialPort as _, TTYPort};
+
+/// What an answer may take on a board that is a process of its own, beside tests that keep the machine busy.
+const PATIENCE: Duration = Duration::from_secs(10);
+
+/// A run that serves.
+struct Serving {
+    child: Child,
+    address: String,
+    token: String,
+    number: AtomicU64,
+    _folder: tempfile::TempDir,
+}
+
+impl Serving {
+    fn start(arguments: &[&str]) -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let token_file: PathBuf = folder.path().join("token");
+        let mut child = Command::new(env!("CARGO_BIN_EXE_gripline"))
+            .args([
+                "run",
+                "--seconds",
+                "120",
+                "--serve",
+                "127.0.0.1:0",
+                "--token-file",
+            ])
+            .arg(&token_file)
+            .args(arguments)
+            .stdout(Stdio::null())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let mut said = BufReader::new(child.stderr.take().unwrap()).lines();
+        let address = said
+            .by_ref()
+            .map_while(Result::ok)
+            .find_map(|line| Some(line.split_once("http://")?.1.split(['/', ' ']).next()?.to_owned()))
+            .expect("the address is told");
+        std::thread::spawn(move || said.for_each(drop));
+        Self {
+            child,
+            address,
+            token: std::fs::read_to_string(token_file).unwrap().trim().to_owned(),
+            number: AtomicU64::new(1),
+            _folder: folder,
+        }
+    }
+
+    fn http(&self, head: &str, body: &str) -> (u16, Value) {
+        let mut stream = TcpStream::connect(&self.address).unwrap();
+        stream.set_read_timeout(Some(PATIENCE)).unwrap();
+        write!(
+            stream,
+            "{head} HTTP/1.1\r\nHost: localhost\r\nContent-Length: {}\r\nAuthorization: Bearer {}\r\n\r\n{body}",
+            body.len(),
+            self.token
+        )
+        .unwrap();
+        let mut text = String::new();
+        stream.read_to_string(&mut text).unwrap();
+        let (head, body) = text.split_once("\r\n\r\n").expect("a head and a body");
+        let code = head.split(' ').nth(1).unwrap().parse().unwrap();
+        (code, serde_json::from_str(body).unwrap_or_else(|_| json!(body)))
+    }
+
+    fn status(&self) -> Value {
+        self.http("GET /status", "").1
+    }
+
+    /// Asks under a new number.
+    fn ask(&self, client: &str, action: &str) -> (u16, Value) {
+        self.ask_with(client, action, &json!({}))
+    }
+
+    fn ask_with(&self, client: &str, action: &str, more: &Value) -> (u16, Value) {
+        let number = self.number.fetch_add(1, Ordering::Relaxed);
+        let mut body = json!({"client": client, "request": number, "action": action});
+        for (key, value) in more.as_object().unwrap() {
+            body[key] = value.clone();
+        }
+        self.http("POST /control", &body.to_string())
+    }
+
+    /// Waits until the status says so.
+    #[track_caller]
+    fn wait_for(&self, what: &str, is_there: impl Fn(&Value) -> bool) -> Value {
+        let begun = Instant::now();
+        loop {
+            let status = self.status();
+            if is_there(&status) {
+                return status;
+            }
+            assert!(begun.elapsed() < PATIENCE, "no {what}: {status}");
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+}
+
+impl Drop for Serving {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// A board in a thread of its own.
+struct Board {
+    path: String,
+    stop: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Board {
+    fn start(lost_per_mille: u64) -> Self {
+        let (mut far, near) = TTYPort::pair().expect("a pseudo terminal");
+        let path = format!("serial:{}", near.name().expect("it has a name"));
+        drop(near);
+        let stop = Arc::new(AtomicBool::new(false));
+        let stopped = Arc::clone(&stop);
+        let thread = std::thread::spawn(move || {
+            SerialBoard::new(lost_per_mille).serve(&mut far, |_| stopped.load(Ordering::Relaxed));
+        });
+        Self {
+            path,
+            stop,
+            thread: Some(thread),
+        }
+    }
+}
+
+impl Drop for Board {
+    fn drop(&mut self) {
+        self.stop.store(true, Ordering::Relaxed);
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}
+
+#[test]
+fn nothing_moves_until_somebody_asks_and_then_as_asked() {
+    let board = Board::start(0);
+    let run = Serving::start(&["--mcu", &board.path]);
+    let status = run.wait_for("picture", |status| status["frames"].as_u64() > Some(60));
+    assert_eq!(
+        (&status["mode"], &status["line_n"]),
+        (&json!("released"), &json!(0.0)),
+        "{status}"
+    );
+    assert_eq!(
+        (&status["owner"], &status["requested"]),
+        (&Value::Null, &Value::Null)
+    );
+
+    let (code, answer) = run.ask("arm", "hold");
+    assert_eq!((code, &answer["outcome"]), (200, &json!("done")), "{answer}");
+    let status = run.wait_for("grip", |status| status["line_n"].as_f64() > Some(0.5));
+    assert_eq!(
+        (&status["mode"], &status["owner"]),
+        (&json!("hold"), &json!("arm"))
+    );
+
+    let (code, answer) = run.ask("other", "release");
+    assert_eq!((code, &answer["why"]), (409, &json!("wrong_owner")), "{answer}");
+    assert!(
+        answer["message"].as_str().unwrap().contains("owned by arm"),
+        "{answer}"
+    );
+    assert_eq!(run.status()["mode"], "hold");
+
+    let (code, answer) = run.ask_with("arm", "set_floor", &json!({"floor_n": 6.0}));
+    assert_eq!(code, 200, "{answer}");
+    run.wait_for("line at the new floor", |status| {
+        status["line_n"].as_f64() >= Some(6.0)
+    });
+    let (code, answer) = run.ask_with("arm", "set_floor", &json!({"floor_n": 1000.0}));
+    assert_eq!((code, &answer["why"]), (409, &json!("out_of_range")), "{answer}");
+    let (code, answer) = run.ask("arm", "rezero");
+    assert_eq!((code, &answer["why"]), (409, &json!("holding")), "{answer}");
+
+    let (code, answer) = run.ask_with("other", "release", &json!({"take_over": true}));
+    assert_eq!((code, &answer["owner"]), (200, &json!("other")), "{answer}");
+    run.wait_for("open gripper", |status| {
+        status["mode"] == "released" && status["line_n"].as_f64() == Some(0.0)
+    });
+    // As long as the gel still settles it is refused.
+    let begun = Instant::now();
+    loop {
+        let (code, answer) = run.ask("other", "rezero");
+        if code == 200 {
+            break;
+        }
+        assert!(code == 409 && answer["why"] == "touched", "{answer}");
+        assert!(begun.elapsed() < PATIENCE, "{answer}");
+    }
+}
+
+#[test]
+fn a_release_waits_for_the_acknowledgement_of_a_latched_fault() {
+    let board = Board::start(0);
+    let run = Serving::start(&["--mcu", &board.path, "--hold"]);
+    run.wait_for("grip", |status| status["line_n"].as_f64() > Some(0.5));
+    // The host falls silent for longer than link_lost_ms.
+    let signal = |name: &str| {
+        let pid = run.child.id().to_string();
+        assert!(
+            Command::new("kill")
+                .args([name, &pid])
+                .status()
+                .unwrap()
+                .success()
+        );
+    };
+    signal("-STOP");
+    std::thread::sleep(Duration::from_millis(900));
+    signal("-CONT");
+    let latched = |status: &Value| {
+        let faults = status["faults"].as_array().unwrap();
+        faults
+            .iter()
+            .any(|fault| fault["name"] == "LINK LOST" && fault["latched"] == true)
+    };
+    let status = run.wait_for("latched fault", latched);
+    assert!(status["faults"][0]["what_to_do"].as_str().unwrap().contains(": "));
+    let (code, answer) = run.ask("arm", "release");
+    assert_eq!((code, &answer["why"]), (409, &json!("latched")), "{answer}");
+    assert!(
+        answer["message"].as_str().unwrap().contains("LINK LOST"),
+        "{answer}"
+    );
+    assert_eq!(run.ask("arm", "acknowledge").0, 200);
+    // What was refused is not done later by itself.
+    std::thread::sleep(Duration::from_millis(300));
+    assert_eq!(run.status()["mode"], "hold");
+    assert_eq!(run.ask("arm", "release").0, 200);
+}
+
+#[test]
+fn a_board_that_goes_away_is_a_named_answer_and_what_was_refused_is_not_done_when_it_is_back() {
+    let board = Board::start(0);
+    let run = Serving::start(&["--mcu", &board.path]);
+    run.wait_for("status", |status| status["mode"] == "released");
+    drop(board);
+    let (code, answer) = run.ask("arm", "hold");
+    let why = answer["why"].as_str().unwrap();
+    assert!(
+        matches!((code, why), (503, "link_lost") | (504, "not_confirmed")),
+        "{code} {answer}"
+    );
+    run.wait_for("request that is withdrawn", |status| {
+        status["requested"] == Value::Null
+    });
+}
+
+#[test]
+fn who_has_no_token_or_sends_rubbish_moves_nothing_and_is_told_what_was_expected() {
+    let mut run = Serving::start(&["--source", "sim", "--mcu", "embedded"]);
+    let (code, answer) = run.http("POST /control", "{\"client\":\"arm\"}");
+    assert_eq!(code, 400);
+    assert!(
+        answer["message"].as_str().unwrap().contains("expected"),
+        "{answer}"
+    );
+    let token = std::mem::replace(&mut run.token, "wrong".to_owned());
+    let (code, answer) = run.ask("arm", "release");
+    assert_eq!(code, 401, "{answer}");
+    assert!(answer["message"].as_str().unwrap().contains("token"), "{answer}");
+    run.token = token;
+    assert_eq!(run.status()["owner"], Value::Null);
+    assert_eq!(run.ask("arm", "release").0, 200);
+    run.wait_for("open gripper", |status| status["line_n"].as_f64() == Some(0.0));
+}
+
+#[test]
+fn requests_are_confirmed_although_a_twentieth_of_the_packets_is_lost() {
+    let board = Board::start(50);
+    let run = Serving::start(&["--mcu", &board.path]);
+    run.wait_for("status", |status| status["mode"] == "released");
+    let mut took_ms = Vec::new();
+    for _ in 0..20 {
+        for action in ["hold", "release"] {
+            let (code, answer) = run.ask("arm", action);
+            assert_eq!(code, 200, "{answer}");
+            took_ms.push(answer["took_ms"].as_f64().unwrap());
+        }
+    }
+    took_ms.sort_by(f64::total_cmp);
+    // How long they take is for a quiet machine to say; that every one is confirmed is for every machine.
+    println!(
+        "40 requests over a serial line that loses 5 %: median {:.1} ms, longest {:.1} ms",
+        took_ms[took_ms.len() / 2],
+        took_ms[took_ms.len() - 1]
+    );
+}

@@ -1,0 +1,140 @@
+//! The thread between the loop and the readers: encodes a frame once, for all who read it, and says what the gripper does.
+
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use gripline_control::StatusReport;
+use gripline_recording::telemetry::FrameReport;
+
+use crate::event::{self, Details};
+use crate::site::Site;
+
+/// Frames that wait for the hub.
+const WAITING: usize = 64;
+/// How often the status is looked at.
+const LOOK_EVERY: Duration = Duration::from_millis(100);
+/// A status that stays the same is repeated, so that a page knows that it is still true.
+const REPEAT_EVERY: Duration = Duration::from_millis(500);
+
+/// A frame on its way to whoever reads.
+pub(crate) struct Published {
+    pub(crate) report: FrameReport,
+    /// It goes to the readers of `/frames`.
+    pub(crate) as_line: bool,
+    /// It goes to the pages, with these.
+    pub(crate) details: Option<Details>,
+}
+
+/// The loop's end of the hub; the streams end with it.
+pub(crate) struct Hub(SyncSender<Published>);
+
+impl Hub {
+    pub(crate) fn start(site: Arc<Site>) -> Self {
+        let (sender, frames) = sync_channel(WAITING);
+        thread::spawn(move || work(&site, &frames));
+        Self(sender)
+    }
+
+    /// Hands a frame over if there is room: whether there was.
+    pub(crate) fn offer(&self, published: Published) -> bool {
+        !matches!(
+            self.0.try_send(published),
+            Err(TrySendError::Full(_) | TrySendError::Disconnected(_))
+        )
+    }
+}
+
+fn work(site: &Site, frames: &Receiver<Published>) {
+    let mut told = Told::default();
+    loop {
+        match frames.recv_timeout(LOOK_EVERY) {
+            Ok(Published {
+                report,
+                as_line,
+                details,
+            }) => {
+                if as_line && let Ok(line) = serde_json::to_string(&report) {
+                    site.lines.send(&(line + "\n").into());
+                }
+                if let Some(details) = details {
+                    site.events.send(&event::frame(&report, &details).into());
+                }
+            }
+            Err(RecvTimeoutError::Timeout) => {}
+            Err(RecvTimeoutError::Disconnected) => break,
+        }
+        let now = Instant::now();
+        if site.events.is_wanted() && told.is_time_to_look(now) {
+            let status = site.handle.status();
+            if told.is_due(&status, now) {
+                site.events.send(&event::status(&status).into());
+            }
+        }
+    }
+    site.lines.close();
+    site.events.close();
+}
+
+/// What the pages were last told.
+#[derive(Default)]
+struct Told {
+    looked: Option<Instant>,
+    status: Option<(StatusReport, Instant)>,
+}
+
+impl Told {
+    fn is_time_to_look(&mut self, now: Instant) -> bool {
+        let is_time = self.looked.is_none_or(|looked| now - looked >= LOOK_EVERY);
+        if is_time {
+            self.looked = Some(now);
+        }
+        is_time
+    }
+
+    /// Whether a status says something new, or the last one was long ago.
+    fn is_due(&mut self, status: &StatusReport, now: Instant) -> bool {
+        let is_due = self.status.as_ref().is_none_or(|(told, at)| {
+            now - *at >= REPEAT_EVERY || without_counters(told) != without_counters(status)
+        });
+        if is_due {
+            self.status = Some((status.clone(), now));
+        }
+        is_due
+    }
+}
+
+/// What changes with every frame is no news.
+fn without_counters(status: &StatusReport) -> StatusReport {
+    StatusReport {
+        frames: 0,
+        status_age_ms: 0.0,
+        line_n: 0.0,
+        state: "",
+        ..status.clone()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn news_is_told_at_once_and_the_rest_twice_a_second() {
+        let (mut told, start) = (Told::default(), Instant::now());
+        let at = |ms: u64| start + Duration::from_millis(ms);
+        let mut status = StatusReport::default();
+        assert!(told.is_due(&status, at(0)));
+        status.frames = 9;
+        status.status_age_ms = 3.0;
+        assert!(!told.is_due(&status, at(100)));
+        status.is_connected = true;
+        assert!(told.is_due(&status, at(200)));
+        assert!(!told.is_due(&status, at(600)));
+        assert!(told.is_due(&status, at(700)));
+        assert!(
+            told.is_time_to_look(at(0)) && !told.is_time_to_look(at(50)) && told.is_time_to_look(at(100))
+        );
+    }
+}

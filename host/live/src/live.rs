@@ -1,0 +1,131 @@
+//! The loop's end of it: what a run leaves behind for whoever looks.
+
+use std::cell::Cell;
+use std::io;
+use std::net::{SocketAddr, TcpListener};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex};
+use std::time::Instant;
+
+use gripline_control::Handle;
+use gripline_protocol::SENSORS;
+use gripline_recording::telemetry::FrameReport;
+
+use crate::event::{Details, Look};
+use crate::hub::{Hub, Published};
+use crate::metrics::Values;
+use crate::pace::Pace;
+use crate::readers::Readers;
+use crate::server;
+use crate::site::Site;
+
+/// Frames a second that a page is sent, of all fingertips together.
+const FRAMES_PER_SECOND: f64 = 30.0;
+/// Pictures a second among them.
+const PICTURES_PER_SECOND: f64 = 10.0;
+
+/// It cannot be served.
+#[derive(Debug, thiserror::Error)]
+#[error(
+    "serve.listen {address}: {error}, expected an address of this machine that no other program listens on"
+)]
+pub struct LiveError {
+    address: SocketAddr,
+    error: io::Error,
+}
+
+/// The server, as long as the run lives.
+pub struct Live {
+    site: Arc<Site>,
+    hub: Hub,
+    address: SocketAddr,
+    /// Of frames and pictures, by fingertip.
+    paces: Cell<[(Pace, Pace); SENSORS]>,
+    /// Fingertips seen so far.
+    fingertips: Cell<usize>,
+}
+
+impl Live {
+    /// Serves at `address` what is published and what `handle` answers; `token` is what a request must know.
+    ///
+    /// # Errors
+    /// [`LiveError`] when the address cannot be had.
+    pub fn start(address: SocketAddr, handle: Handle, token: String) -> Result<Self, LiveError> {
+        let failed = |error| LiveError { address, error };
+        let listener = TcpListener::bind(address).map_err(failed)?;
+        let address = listener.local_addr().map_err(failed)?;
+        let site = Arc::new(Site {
+            values: Mutex::default(),
+            lines: Readers::default(),
+            events: Readers::default(),
+            has_new_page: AtomicBool::new(false),
+            streams: AtomicUsize::new(0),
+            handle,
+            token,
+            is_loopback: address.ip().is_loopback(),
+        });
+        server::start(listener, Arc::clone(&site));
+        let pace = (Pace::new(FRAMES_PER_SECOND), Pace::new(PICTURES_PER_SECOND));
+        Ok(Self {
+            hub: Hub::start(Arc::clone(&site)),
+            site,
+            address,
+            paces: Cell::new([pace; SENSORS]),
+            fingertips: Cell::new(1),
+        })
+    }
+
+    /// Where it listens, with the port that the system chose for port 0.
+    #[must_use]
+    pub const fn address(&self) -> SocketAddr {
+        self.address
+    }
+
+    /// Leaves a frame for whoever wants it. `fill` brings the counters up to date; `look` is called only when a page wants this
+    /// frame. Never waits.
+    pub fn publish<'a>(
+        &self,
+        report: &FrameReport,
+        fill: impl FnOnce(&mut Values),
+        look: impl FnOnce() -> Look<'a>,
+    ) {
+        let sensor = usize::from(report.sensor) % SENSORS;
+        // Where a reader is looking just now, the next frame comes in a moment.
+        if let Ok(mut values) = self.site.values.try_lock() {
+            fill(&mut values);
+            values.newest[sensor] = Some(report.clone());
+        }
+        let as_line = self.site.lines.is_wanted();
+        let details = self
+            .site
+            .events
+            .is_wanted()
+            .then(|| self.due(sensor))
+            .flatten()
+            .map(|with_picture| Details::of(look(), with_picture));
+        if as_line || details.is_some() {
+            self.hub.offer(Published {
+                report: report.clone(),
+                as_line,
+                details,
+            });
+        }
+    }
+
+    /// Whether a page is sent this fingertip's frame now; if so, whether its picture too.
+    fn due(&self, sensor: usize) -> Option<bool> {
+        self.fingertips.set(self.fingertips.get().max(sensor + 1));
+        let mut paces = self.paces.get();
+        if self.site.has_new_page.swap(false, Ordering::Relaxed) {
+            for (frames, pictures) in &mut paces {
+                frames.reset();
+                pictures.reset();
+            }
+        }
+        let (now, shares) = (Instant::now(), self.fingertips.get());
+        let (frames, pictures) = &mut paces[sensor];
+        let due = frames.lets(now, shares).then(|| pictures.lets(now, shares));
+        self.paces.set(paces);
+        due
+    }
+}

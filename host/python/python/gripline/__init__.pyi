@@ -1,0 +1,12 @@
+from . import client as client
+from ._gripline import Controller as Controller
+from ._gripline import Detector as Detector
+from ._gripline import ForceNetwork as ForceNetwork
+from ._gripline import GriplineError as GriplineError
+from ._gripline import Scene as Scene
+from ._gripline import TrainingSamples as TrainingSamples
+from ._gripline import __version__ as __version__
+from ._gripline import read_recording as read_recording
+from ._gripline import scenes as scenes
+from .client import Client as Client
+from .client import ControlError as ControlError
