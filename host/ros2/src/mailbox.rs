@@ -20,14 +20,6 @@ pub(crate) struct Mailbox {
     news: Condvar,
 }
 
-/// What came.
-pub(crate) enum News {
-    /// The newest frame of each fingertip of which there is a new one; none when the time was up.
-    Frames([Option<Sample>; SENSORS]),
-    /// There will be no more.
-    Over,
-}
-
 impl Mailbox {
     /// Leaves a frame, in place of an older one of the same fingertip. Where the publisher is looking just now it is lost: the
     /// next one comes in a moment.
@@ -42,19 +34,16 @@ impl Mailbox {
         drop(older);
     }
 
-    /// Waits for news, but not longer than this.
-    pub(crate) fn take(&self, patience: Duration) -> News {
+    /// Waits for news, but not longer than this: the newest frame of each fingertip of which there is a new one; `None` when there
+    /// will be no more.
+    pub(crate) fn take(&self, patience: Duration) -> Option<[Option<Sample>; SENSORS]> {
         let waiting = self.waiting.lock().unwrap_or_else(PoisonError::into_inner);
         let nothing = |waiting: &mut Waiting| !waiting.is_over && waiting.newest.iter().all(Option::is_none);
         let (mut waiting, _) = self
             .news
             .wait_timeout_while(waiting, patience, nothing)
             .unwrap_or_else(PoisonError::into_inner);
-        if waiting.is_over {
-            News::Over
-        } else {
-            News::Frames(std::mem::take(&mut waiting.newest))
-        }
+        (!waiting.is_over).then(|| std::mem::take(&mut waiting.newest))
     }
 
     /// There will be no more.

@@ -11,7 +11,7 @@ use gripline_recording::ros2::{
 use ros2_client::Publisher as Topic;
 
 use crate::diagnostics::{is_the_same, statuses};
-use crate::mailbox::{Mailbox, News};
+use crate::mailbox::Mailbox;
 
 /// Without a change the diagnostics are said so often.
 const DIAGNOSTICS_EVERY: Duration = Duration::from_secs(1);
@@ -58,14 +58,9 @@ impl Publisher {
 
     /// Publishes until there is no more.
     pub(crate) fn run(mut self, mailbox: &Arc<Mailbox>) {
-        loop {
-            match mailbox.take(LOOK_EVERY) {
-                News::Over => return,
-                News::Frames(frames) => {
-                    for sample in frames.into_iter().flatten() {
-                        self.frame(&sample);
-                    }
-                }
+        while let Some(frames) = mailbox.take(LOOK_EVERY) {
+            for sample in frames.into_iter().flatten() {
+                self.frame(&sample);
             }
             if self.looked.is_none_or(|at| at.elapsed() >= LOOK_EVERY) {
                 self.looked = Some(Instant::now());

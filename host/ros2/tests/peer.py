@@ -209,6 +209,15 @@ def until(done):
         time.sleep(0.005)
 
 
+def plain(value):
+    """Without NaN, which JSON does not know: null."""
+    if isinstance(value, dict):
+        return {key: plain(part) for key, part in value.items()}
+    if isinstance(value, list):
+        return [plain(part) for part in value]
+    return None if value != value else value
+
+
 def reader(participant, kind, name):
     qos = STATE if kind == "diagnostics" else SENSOR
     return DataReader(participant, Topic(participant, "rt" + name, MESSAGES[kind]), qos=qos)
@@ -336,4 +345,4 @@ def garbage(job):
 
 if __name__ == "__main__":
     JOB = json.loads(sys.argv[1])
-    print(json.dumps({"read": read, "call": call, "garbage": garbage}[JOB["job"]](JOB)))
+    print(json.dumps(plain({"read": read, "call": call, "garbage": garbage}[JOB["job"]](JOB)), allow_nan=False))

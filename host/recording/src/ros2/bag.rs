@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 
 use gripline_protocol::SENSORS;
 use mcap::records::MessageHeader;
-use mcap::{WriteOptions, Writer};
+use mcap::{McapError, WriteOptions, Writer};
 use serde::Serialize;
 
 use super::cdr::to_cdr;
@@ -154,25 +154,10 @@ impl Bag {
     ) -> Result<(), RecordingError> {
         let path = self.folder.join(&self.file_name);
         let failed = |error| failed(&path)(io::Error::other(error));
-        let place = if let Some(place) = self.topics.iter().position(|topic| topic.name == name) {
-            place
-        } else {
-            let schema = self
-                .writer
-                .add_schema(definition.name, "ros2msg", definition.text().as_bytes());
-            let schema = schema.map_err(failed)?;
-            let metadata = BTreeMap::from([("offered_qos_profiles".to_owned(), QOS.to_owned())]);
-            let channel = self
-                .writer
-                .add_channel(schema, name, "cdr", &metadata)
-                .map_err(failed)?;
-            self.topics.push(Topic {
-                channel,
-                name: name.to_owned(),
-                definition: definition.name,
-                messages: 0,
-            });
-            self.topics.len() - 1
+        let place = self.topics.iter().position(|topic| topic.name == name);
+        let place = match place {
+            Some(place) => place,
+            None => self.add_topic(name, definition).map_err(failed)?,
         };
         let topic = &mut self.topics[place];
         let bytes = to_cdr(message).map_err(|error| self::failed(&path)(io::Error::other(error)))?;
@@ -189,6 +174,21 @@ impl Bag {
         let (first, last) = self.span_ns.unwrap_or((ns, ns));
         self.span_ns = Some((first.min(ns), last.max(ns)));
         Ok(())
+    }
+
+    /// Adds a topic; returns its place.
+    fn add_topic(&mut self, name: &str, definition: &Definition) -> Result<usize, McapError> {
+        let schema = self
+            .writer
+            .add_schema(definition.name, "ros2msg", definition.text().as_bytes())?;
+        let metadata = BTreeMap::from([("offered_qos_profiles".to_owned(), QOS.to_owned())]);
+        self.topics.push(Topic {
+            channel: self.writer.add_channel(schema, name, "cdr", &metadata)?,
+            name: name.to_owned(),
+            definition: definition.name,
+            messages: 0,
+        });
+        Ok(self.topics.len() - 1)
     }
 
     /// Closes the file and writes what rosbag2 wants to know of it; returns the number of messages.
