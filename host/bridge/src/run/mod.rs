@@ -162,13 +162,7 @@ pub fn run(args: &RunArgs) -> Result<Completion, Failure> {
         }
         run.summary.realtime_lacks = Some(lacks);
     }
-    let supervisor = Supervisor::of_environment();
-    supervisor.ready();
-    // The loop asks once a turn, so whoever watches it is told here.
-    let is_wanted = || {
-        supervisor.turned();
-        !stop.load(Ordering::Relaxed)
-    };
+    let is_wanted = || !stop.load(Ordering::Relaxed);
     play(
         &mut run,
         &mut fingertips,
@@ -176,7 +170,6 @@ pub fn run(args: &RunArgs) -> Result<Completion, Failure> {
         &log,
         (seconds, &is_wanted),
     )?;
-    supervisor.stopping();
     let counts = fingertips.counts();
     run.summary.pictures = counts.iter().flatten().copied().reduce(Counts::add);
     for (summary, pictures) in run.summary.fingertips.iter_mut().zip(counts) {
@@ -240,7 +233,10 @@ fn play(
     log: &Collector,
     (seconds, is_wanted): (Option<f64>, &dyn Fn() -> bool),
 ) -> Result<(), Failure> {
+    let supervisor = Supervisor::of_environment();
+    supervisor.ready();
     while is_wanted() && seconds.is_none_or(|seconds| !run.is_over(seconds)) {
+        supervisor.turned();
         let wish = match fingertips.next(run.control.session.line_n())? {
             Looked::Picture(sensor, picture) => {
                 let pipeline = fingertips.pipeline(sensor);
@@ -264,5 +260,6 @@ fn play(
             Wish::Stop => break,
         }
     }
+    supervisor.stopping();
     Ok(())
 }
