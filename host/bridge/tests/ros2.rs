@@ -26,9 +26,8 @@ fn text(path: &Path) -> &str {
 
 /// What Python prints, as JSON.
 fn python(arguments: &[&str]) -> Value {
-    let python = std::env::var_os("ROS2_TEST_PYTHON").expect(
-        "ROS2_TEST_PYTHON names a Python with cyclonedds and rosbags: run `cargo xtask test --ros2`",
-    );
+    let python = std::env::var_os("ROS2_TEST_PYTHON")
+        .expect("ROS2_TEST_PYTHON names a Python with cyclonedds and rosbags: run `cargo xtask test --ros2`");
     let output = Command::new(python).args(arguments).output().unwrap();
     ends(&output, 0);
     serde_json::from_slice(&output.stdout).unwrap()

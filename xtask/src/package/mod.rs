@@ -196,11 +196,19 @@ fn packed(machine: &Machine, program: &Path, speaker: &Path) -> Result<PathBuf, 
         copyright.as_bytes(),
     )?;
 
-    let libraries = needs::depends(&program).map_err(|found| Error::Product {
+    let wrong = |found| Error::Product {
         what: stripped.display().to_string(),
         found,
-        expected: "a program whose libraries are Debian's libc6 and libgcc-s1".to_owned(),
-    })?;
+        expected: format!(
+            "a program for {} whose libraries are Debian's libc6 and libgcc-s1",
+            machine.architecture
+        ),
+    };
+    let libraries = needs::depends(&program).map_err(wrong)?;
+    let found = needs::architecture(&program).map_err(wrong)?;
+    if found != machine.architecture {
+        return Err(wrong(format!("a program for {found}")));
+    }
     let control = Control {
         version: &version,
         architecture: machine.architecture,

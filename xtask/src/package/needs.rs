@@ -3,9 +3,9 @@
 
 use std::collections::BTreeMap;
 
-use object::Endianness;
 use object::elf::DT_NEEDED;
 use object::read::elf::ElfFile64;
+use object::{Architecture, Endianness, Object as _};
 
 /// Packages by the start of the libraries' names; every program of Rust has at most these.
 const PACKAGES: [(&str, &str); 6] = [
@@ -40,6 +40,20 @@ pub(super) fn depends(program: &[u8]) -> Result<String, String> {
         None => package.to_owned(),
     });
     Ok(shown.collect::<Vec<_>>().join(", "))
+}
+
+/// Debian's name of the machine that a program is for.
+///
+/// # Errors
+/// What was found, when it is no such program.
+pub(super) fn architecture(program: &[u8]) -> Result<&'static str, String> {
+    let file = ElfFile64::<Endianness>::parse(program)
+        .map_err(|error| format!("no ELF file of 64 bits ({error})"))?;
+    match file.architecture() {
+        Architecture::X86_64 => Ok("amd64"),
+        Architecture::Aarch64 => Ok("arm64"),
+        other => Err(format!("a program for {other:?}")),
+    }
 }
 
 /// The newest of glibc's versions; those without a number are of its inside.
@@ -101,6 +115,9 @@ mod tests {
         let program = std::fs::read(std::env::current_exe().unwrap()).unwrap();
         let depends = depends(&program).unwrap();
         assert!(depends.starts_with("libc6 (>= 2."), "{depends}");
+        let here = [("x86_64", "amd64"), ("aarch64", "arm64")];
+        let known = here.into_iter().find(|(name, _)| *name == std::env::consts::ARCH);
+        assert_eq!(architecture(&program).ok(), known.map(|(_, debian)| debian));
     }
 
     #[test]

@@ -173,13 +173,7 @@ pub fn run(args: &RunArgs) -> Result<Completion, Failure> {
         }
         run.summary.realtime_lacks = Some(lacks);
     }
-    let supervisor = Supervisor::of_environment();
-    supervisor.ready();
-    // The loop asks once a turn, so whoever watches it is told here.
-    let is_wanted = || {
-        supervisor.turned();
-        !stop.load(Ordering::Relaxed)
-    };
+    let is_wanted = || !stop.load(Ordering::Relaxed);
     play(
         &mut run,
         &mut fingertips,
@@ -188,7 +182,6 @@ pub fn run(args: &RunArgs) -> Result<Completion, Failure> {
         &mut terminal,
         (seconds, &is_wanted),
     )?;
-    supervisor.stopping();
     close(run, &fingertips, output)
 }
 
@@ -295,7 +288,10 @@ fn play(
     terminal: &mut Terminal,
     (seconds, is_wanted): (Option<f64>, &dyn Fn() -> bool),
 ) -> Result<(), Failure> {
+    let supervisor = Supervisor::of_environment();
+    supervisor.ready();
     while is_wanted() && seconds.is_none_or(|seconds| !run.is_over(seconds)) {
+        supervisor.turned();
         let wish = match fingertips.next(run.control.session.line_n())? {
             Looked::Picture(sensor, picture) => {
                 let pipeline = fingertips.pipeline(sensor);
@@ -323,5 +319,6 @@ fn play(
             Wish::Stop => break,
         }
     }
+    supervisor.stopping();
     Ok(())
 }

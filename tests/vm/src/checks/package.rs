@@ -31,7 +31,9 @@ pub(super) struct Lab {
     ready: Instant,
 }
 
-pub(super) const CHECKS: [(&str, fn(&mut Lab) -> Result<String, String>); 6] = [
+type Check = fn(&mut Lab) -> Result<String, String>;
+
+pub(super) const CHECKS: [(&str, Check); 6] = [
     ("package: installed, and nothing runs", |_| installed()),
     ("package: the service may open board and camera", allowed),
     ("package: started with camera and board", started),

@@ -211,7 +211,7 @@ fn camera_question(found: &Found) -> Question {
         flag: "--camera",
         text: "Which camera looks at the fingertip?",
         choices,
-        other: ", another source (dir:FOLDER, file:CLIP, mcap:FILE)",
+        other: ", another source (dir:FOLDER, mcap:FILE)",
         default,
     }
 }

@@ -87,7 +87,10 @@ impl Question {
         let chosen = number.checked_sub(1).and_then(|place| self.choices.get(place));
         chosen
             .map(|choice| Answer::Value(choice.value.clone()))
-            .ok_or_else(|| format!("found {number}, expected 1 to {}", self.choices.len()))
+            .ok_or_else(|| match self.choices.len() {
+                1 => format!("found {number}, expected 1"),
+                last => format!("found {number}, expected 1 to {last}"),
+            })
     }
 
     /// The answer where nobody is asked.
