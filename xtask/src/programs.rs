@@ -7,21 +7,21 @@ use crate::process;
 
 /// Programs, the option with which each says its version, and the packages that hold them.
 pub(crate) struct Programs {
-    programs: &'static [&'static str],
+    names: &'static [&'static str],
     version: &'static str,
     packages: &'static [&'static str],
 }
 
 /// Clips are read and written with these.
 pub(crate) const FFMPEG: Programs = Programs {
-    programs: &["ffmpeg", "ffprobe"],
+    names: &["ffmpeg", "ffprobe"],
     version: "-version",
     packages: &["ffmpeg"],
 };
 
 /// Programs for 64-bit ARM are linked and run with these.
 pub(crate) const ARM: Programs = Programs {
-    programs: &["aarch64-linux-gnu-gcc", "qemu-aarch64"],
+    names: &["aarch64-linux-gnu-gcc", "qemu-aarch64"],
     version: "--version",
     packages: &["gcc-aarch64-linux-gnu", "libc6-dev-arm64-cross", "qemu-user"],
 };
@@ -30,7 +30,7 @@ impl Programs {
     /// Makes sure that the programs can be started.
     pub(crate) fn ensure(&self) -> Result<(), Error> {
         let missing = || {
-            let mut programs = self.programs.iter();
+            let mut programs = self.names.iter();
             programs.find(|program| process::output(Command::new(program).arg(self.version)).is_err())
         };
         let Some(program) = missing() else {
