@@ -72,6 +72,7 @@ pub(crate) fn check() -> Result<(), Error> {
     let counts = cross.compare()?;
     print!("{}", table(&counts));
     judge(&counts)?;
+    cross.lint()?;
     cross.test()
 }
 
@@ -115,6 +116,14 @@ impl Cross {
                 .arg("--version"),
         )?;
         Ok(built)
+    }
+
+    /// Lints of what is compiled for ARM alone.
+    fn lint(&self) -> Result<(), Error> {
+        process::run(
+            self.cargo("clippy")
+                .args(["--package", "gripline-network", "--", "-D", "warnings"]),
+        )
     }
 
     /// Tests under emulation. The bridge's program is built with them.
