@@ -91,7 +91,7 @@ fn main() {
     let mut network = tracked(set, Precision::default());
     network.set_rest(&rest);
     frames("tracked-camera-to-forces", |forces_n| {
-        network.infer(&now, forces_n)
+        network.infer(&now, forces_n);
     });
     let (particles, lost) = network.particles();
     assert!(

@@ -183,7 +183,7 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
         limit_multiply_adds: peak_multiply_adds(instructions, PEAK_ROUNDS),
         allocations_per_frame: models.iter().map(allocations).max().unwrap_or(0),
         load: std::fs::read_to_string("/proc/loadavg").unwrap_or_default(),
-        quantised: quantised.iter().map(|of| of.model).collect(),
+        rounded: quantised.iter().map(|of| of.model).collect(),
         models: models.into_iter().map(|model| model.name).collect(),
         accuracies,
         times,

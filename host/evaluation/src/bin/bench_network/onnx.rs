@@ -4,7 +4,7 @@
 
 use std::collections::BTreeMap;
 
-use gripline_network::tracked::{self, GRID_SIDE, INPUT_CHANNELS, TrackedWeights};
+use gripline_network::tracked::{GRID_SIDE, INPUT_CHANNELS, TrackedWeights};
 use gripline_network::unet::UnetWeights;
 use gripline_network::{Folded, LayerKind, OUTPUT};
 
@@ -310,7 +310,7 @@ pub(crate) fn unet(weights: &UnetWeights, precision: Precision<'_>) -> Vec<u8> {
     graph.model(&UNET_INPUT, &output)
 }
 
-/// The bytes of the network after the tracker. Input `input`, 1×10×40×40, as [`tracked::input`] makes it; output
+/// The bytes of the network after the tracker. Input `input`, 1×10×40×40, as `gripline_network::tracked::input` makes it; output
 /// `output`, 1×3×20×20, the network's units.
 pub(crate) fn tracked(weights: &TrackedWeights, precision: Precision<'_>) -> Vec<u8> {
     let mut layers = weights.folded();

@@ -38,8 +38,8 @@ impl OnnxRuntime {
     }
 
     pub(crate) fn run(&mut self, input: &NetworkInput) -> Result<ForceMap, Failure> {
-        let input = TensorRef::from_array_view((self.shape, &*input.values))?;
-        let outputs = self.session.run(ort::inputs![onnx::INPUT => input])?;
+        let tensor = TensorRef::from_array_view((self.shape, &*input.values))?;
+        let outputs = self.session.run(ort::inputs![onnx::INPUT => tensor])?;
         let (_, values) = outputs[0].try_extract_tensor::<f32>()?;
         Ok(input.forces_n(values))
     }
