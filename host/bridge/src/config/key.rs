@@ -37,9 +37,10 @@ enum Kind {
 }
 
 /// Types of fields that are numbers in the file.
-const NUMBERS: [fn() -> TypeId; 4] = [
+const NUMBERS: [fn() -> TypeId; 5] = [
     TypeId::of::<f64>,
     TypeId::of::<i64>,
+    TypeId::of::<u16>,
     TypeId::of::<u64>,
     TypeId::of::<usize>,
 ];
