@@ -13,8 +13,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use serde_json::{Value, json};
-use serial_board::SerialBoard;
-use serialport::{SerialPort as _, TTYPort};
+use serial_board::{SerialBoard, pseudo_terminal};
 
 /// What an answer may take on a board that is a process of its own, beside tests that keep the machine busy.
 const PATIENCE: Duration = Duration::from_secs(10);
@@ -129,9 +128,8 @@ struct Board {
 
 impl Board {
     fn start(lost_per_mille: u64) -> Self {
-        let (mut far, near) = TTYPort::pair().expect("a pseudo terminal");
-        let path = format!("serial:{}", near.name().expect("it has a name"));
-        drop(near);
+        let (mut far, name) = pseudo_terminal();
+        let path = format!("serial:{name}");
         let stop = Arc::new(AtomicBool::new(false));
         let stopped = Arc::clone(&stop);
         let thread = std::thread::spawn(move || {

@@ -13,9 +13,8 @@ mod slow {
 
     use gripline_browser::{Browser, Screen};
     use serde_json::Value;
-    use serialport::{SerialPort as _, TTYPort};
 
-    use crate::serial_board::SerialBoard;
+    use crate::serial_board::{SerialBoard, pseudo_terminal};
 
     const DESKTOP: Screen = Screen {
         size: (1_280, 900),
@@ -210,23 +209,20 @@ mod slow {
             .unwrap();
         browser.wait_for(SHOWS_SLIP, 4 * PATIENCE).unwrap();
         release(&browser, &run);
-        assert!(browser.text("#link").unwrap().contains("emulator"));
+        let link = browser.text("#link").unwrap();
+        assert!(link.contains("emula"), "{link}");
     }
 
     #[test]
     #[ignore = "needs Chromium: cargo xtask test --all"]
     fn a_cable_that_is_pulled_out_shows() {
-        let (far, near) = TTYPort::pair().expect("a pseudo terminal");
-        let path = format!("serial:{}", near.name().unwrap());
-        drop(near);
-        // A clone is not handed on to the programs that are started here, which would keep the line open.
-        let mut far_end = far.try_clone_native().unwrap();
-        drop(far);
+        let (mut far, name) = pseudo_terminal();
+        let path = format!("serial:{name}");
         let pull = Arc::new(AtomicBool::new(false));
         let pulled = Arc::clone(&pull);
         let board = std::thread::spawn(move || {
             let begun = Instant::now();
-            SerialBoard::new(0).serve(&mut far_end, |_| {
+            SerialBoard::new(0).serve(&mut far, |_| {
                 pulled.load(Ordering::Relaxed) || begun.elapsed() > 4 * PATIENCE
             });
         });

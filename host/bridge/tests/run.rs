@@ -10,8 +10,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use serde_json::Value;
-use serial_board::SerialBoard;
-use serialport::{SerialPort, TTYPort};
+use serial_board::{SerialBoard, pseudo_terminal};
 
 fn gripline(arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_gripline"))
@@ -238,8 +237,7 @@ fn a_missing_port_and_a_missing_emulator_end_with_code_1() {
 
 #[test]
 fn a_port_that_another_program_has_is_busy() {
-    let (_far, near) = TTYPort::pair().expect("a pseudo terminal");
-    let path = near.name().expect("it has a name");
+    let (_far, path) = pseudo_terminal();
     let _another_program = serialport::new(&path, 921_600).open().expect("the port is free");
     assert_refused(
         &["run", "--mcu", &format!("serial:{path}")],
@@ -250,9 +248,7 @@ fn a_port_that_another_program_has_is_busy() {
 
 #[test]
 fn a_port_where_nobody_answers_is_no_microcontroller() {
-    let (_far, near) = TTYPort::pair().expect("a pseudo terminal");
-    let path = near.name().expect("it has a name");
-    drop(near);
+    let (_far, path) = pseudo_terminal();
     assert_refused(
         &["run", "--mcu", &format!("serial:{path}")],
         1,
@@ -263,9 +259,7 @@ fn a_port_where_nobody_answers_is_no_microcontroller() {
 /// The serial link and the COBS framing as a real board would use them.
 #[test]
 fn a_microcontroller_on_a_serial_port_answers_every_map_as_the_shadow_does() {
-    let (mut far, near) = TTYPort::pair().expect("a pseudo terminal");
-    let path = near.name().expect("it has a name");
-    drop(near);
+    let (mut far, path) = pseudo_terminal();
     let stop = Arc::new(AtomicBool::new(false));
     let stopped = Arc::clone(&stop);
     let board = std::thread::spawn(move || {
@@ -301,10 +295,9 @@ fn a_serial_port_that_goes_away_and_comes_back_is_taken_up_again() {
     let folder = tempfile::tempdir().unwrap();
     let name = folder.path().join("by-id");
     let plug = |into: &std::path::Path| {
-        let (far, near) = TTYPort::pair().expect("a pseudo terminal");
-        std::os::unix::fs::symlink(near.name().unwrap(), into).unwrap();
-        // A clone is not handed on to the programs that are started here, which would keep the line open.
-        far.try_clone_native().unwrap()
+        let (far, port) = pseudo_terminal();
+        std::os::unix::fs::symlink(port, into).unwrap();
+        far
     };
     let mut far = plug(&name);
     let (stop, its_name) = (Arc::new(AtomicBool::new(false)), name.clone());

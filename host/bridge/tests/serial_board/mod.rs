@@ -1,11 +1,30 @@
 //! The firmware library at the far end of a serial line, in real time: what a board on a serial port is to a run.
 
 use std::io::{Read as _, Write as _};
+use std::os::fd::AsFd as _;
 use std::time::{Duration, Instant};
 
 use gripline_firmware::{Device, Start};
 use gripline_protocol::cobs::{CobsDecoder, FRAME_MAX, Frame, encode_packet};
-use serialport::{SerialPort as _, TTYPort};
+use nix::fcntl::OFlag;
+use nix::poll::{PollFd, PollFlags, poll};
+use nix::pty::{PtyMaster, grantpt, posix_openpt, ptsname_r, unlockpt};
+use nix::sys::termios::{SetArg, cfmakeraw, tcgetattr, tcsetattr};
+
+/// A line whose near end is a serial port of this name. Programs that other tests start meanwhile do not inherit the far end, so
+/// that dropping it is a pulled plug.
+pub(crate) fn pseudo_terminal() -> (PtyMaster, String) {
+    // What nobody reads is lost, and holds nobody up.
+    let flags = OFlag::O_RDWR | OFlag::O_NOCTTY | OFlag::O_CLOEXEC | OFlag::O_NONBLOCK;
+    let far = posix_openpt(flags).expect("a pseudo terminal");
+    grantpt(&far).expect("it is ours");
+    unlockpt(&far).expect("it is ours");
+    let mut settings = tcgetattr(&far).expect("it is a terminal");
+    cfmakeraw(&mut settings);
+    tcsetattr(&far, SetArg::TCSANOW, &settings).expect("it can be raw");
+    let name = ptsname_r(&far).expect("it has a name");
+    (far, name)
+}
 
 /// The firmware library at the far end of a serial line, with a clock that runs on.
 pub(crate) struct SerialBoard {
@@ -32,12 +51,20 @@ impl SerialBoard {
         self.start.elapsed().as_micros() as u64
     }
 
-    pub(crate) fn serve(&mut self, far: &mut TTYPort, is_over: impl Fn(&Self) -> bool) {
-        far.set_timeout(Duration::from_millis(1)).unwrap();
+    pub(crate) fn serve(&mut self, far: &mut PtyMaster, is_over: impl Fn(&Self) -> bool) {
         let (mut frames, mut bytes) = (CobsDecoder::new(), [0; 4096]);
         while !is_over(self) {
-            // Reading fails while nobody has the other end open.
-            let length = far.read(&mut bytes).unwrap_or(0);
+            let mut events = [PollFd::new(far.as_fd(), PollFlags::POLLIN)];
+            let ready = poll(&mut events, 1_u8).unwrap_or(0);
+            let length = if ready == 0 {
+                0
+            } else {
+                // Reading fails while nobody has the other end open.
+                far.read(&mut bytes).unwrap_or_else(|_| {
+                    std::thread::sleep(Duration::from_millis(1));
+                    0
+                })
+            };
             for &byte in &bytes[..length] {
                 if let Some(Frame::Packet(packet)) = frames.push(byte) {
                     let now_us = self.now_us();
