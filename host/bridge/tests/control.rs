@@ -13,7 +13,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use serde_json::{Value, json};
-use serial_board::{SerialBoard, pseudo_terminal};
+use serial_board::{Line, SerialBoard};
 
 /// What an answer may take on a board that is a process of its own, beside tests that keep the machine busy.
 const PATIENCE: Duration = Duration::from_secs(10);
@@ -128,12 +128,12 @@ struct Board {
 
 impl Board {
     fn start(lost_per_mille: u64) -> Self {
-        let (mut far, name) = pseudo_terminal();
-        let path = format!("serial:{name}");
+        let mut line = Line::new();
+        let path = format!("serial:{}", line.name());
         let stop = Arc::new(AtomicBool::new(false));
         let stopped = Arc::clone(&stop);
         let thread = std::thread::spawn(move || {
-            SerialBoard::new(lost_per_mille).serve(&mut far, |_| stopped.load(Ordering::Relaxed));
+            SerialBoard::new(lost_per_mille).serve(&mut line, |_| stopped.load(Ordering::Relaxed));
         });
         Self {
             path,

@@ -14,7 +14,7 @@ mod slow {
     use gripline_browser::{Browser, Screen};
     use serde_json::Value;
 
-    use crate::serial_board::{SerialBoard, pseudo_terminal};
+    use crate::serial_board::{Line, SerialBoard};
 
     const DESKTOP: Screen = Screen {
         size: (1_280, 900),
@@ -216,13 +216,13 @@ mod slow {
     #[test]
     #[ignore = "needs Chromium: cargo xtask test --all"]
     fn a_cable_that_is_pulled_out_shows() {
-        let (mut far, name) = pseudo_terminal();
-        let path = format!("serial:{name}");
+        let mut line = Line::new();
+        let path = format!("serial:{}", line.name());
         let pull = Arc::new(AtomicBool::new(false));
         let pulled = Arc::clone(&pull);
         let board = std::thread::spawn(move || {
             let begun = Instant::now();
-            SerialBoard::new(0).serve(&mut far, |_| {
+            SerialBoard::new(0).serve(&mut line, |_| {
                 pulled.load(Ordering::Relaxed) || begun.elapsed() > 4 * PATIENCE
             });
         });

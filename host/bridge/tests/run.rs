@@ -10,7 +10,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use serde_json::Value;
-use serial_board::{SerialBoard, pseudo_terminal};
+use serial_board::{Line, SerialBoard};
 
 fn gripline(arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_gripline"))
@@ -237,7 +237,8 @@ fn a_missing_port_and_a_missing_emulator_end_with_code_1() {
 
 #[test]
 fn a_port_that_another_program_has_is_busy() {
-    let (_far, path) = pseudo_terminal();
+    let line = Line::new();
+    let path = line.name();
     let _another_program = serialport::new(&path, 921_600).open().expect("the port is free");
     assert_refused(
         &["run", "--mcu", &format!("serial:{path}")],
@@ -248,7 +249,8 @@ fn a_port_that_another_program_has_is_busy() {
 
 #[test]
 fn a_port_where_nobody_answers_is_no_microcontroller() {
-    let (_far, path) = pseudo_terminal();
+    let line = Line::new();
+    let path = line.name();
     assert_refused(
         &["run", "--mcu", &format!("serial:{path}")],
         1,
@@ -259,11 +261,12 @@ fn a_port_where_nobody_answers_is_no_microcontroller() {
 /// The serial link and the COBS framing as a real board would use them.
 #[test]
 fn a_microcontroller_on_a_serial_port_answers_every_map_as_the_shadow_does() {
-    let (mut far, path) = pseudo_terminal();
+    let mut line = Line::new();
+    let path = line.name();
     let stop = Arc::new(AtomicBool::new(false));
     let stopped = Arc::clone(&stop);
     let board = std::thread::spawn(move || {
-        SerialBoard::new(0).serve(&mut far, |_| stopped.load(Ordering::Relaxed));
+        SerialBoard::new(0).serve(&mut line, |_| stopped.load(Ordering::Relaxed));
     });
     let output = gripline(&[
         "run",
@@ -294,30 +297,24 @@ fn a_microcontroller_on_a_serial_port_answers_every_map_as_the_shadow_does() {
 fn a_serial_port_that_goes_away_and_comes_back_is_taken_up_again() {
     let folder = tempfile::tempdir().unwrap();
     let name = folder.path().join("by-id");
-    let plug = |into: &std::path::Path| {
-        let (far, port) = pseudo_terminal();
-        std::os::unix::fs::symlink(port, into).unwrap();
-        far
-    };
-    let mut far = plug(&name);
+    let mut line = Line::plug(&name);
     let (stop, its_name) = (Arc::new(AtomicBool::new(false)), name.clone());
     let stopped = Arc::clone(&stop);
     let board = std::thread::spawn(move || {
         let mut board = SerialBoard::new(0);
         let is_over = || stopped.load(Ordering::Relaxed);
         // Pulled out in the middle of the run, when the host holds.
-        board.serve(&mut far, |board| {
+        board.serve(&mut line, |board| {
             is_over() || board.device.program.status().maps >= 60
         });
-        std::fs::remove_file(&its_name).unwrap();
-        drop(far);
+        drop(line);
         let away = Instant::now();
         while away.elapsed() < Duration::from_millis(400) {
             board.live();
             std::thread::sleep(Duration::from_millis(1));
         }
-        let mut far = plug(&its_name);
-        board.serve(&mut far, |_| is_over());
+        let mut line = Line::plug(&its_name);
+        board.serve(&mut line, |_| is_over());
     });
     let path = format!("serial:{}", name.display());
     let output = gripline(&["run", "--seconds", "4", "--json", "--hold", "--mcu", &path]);

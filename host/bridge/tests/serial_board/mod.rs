@@ -2,6 +2,7 @@
 
 use std::io::{Read as _, Write as _};
 use std::os::fd::AsFd as _;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use gripline_firmware::{Device, Start};
@@ -10,20 +11,53 @@ use nix::fcntl::OFlag;
 use nix::poll::{PollFd, PollFlags, poll};
 use nix::pty::{PtyMaster, grantpt, posix_openpt, ptsname_r, unlockpt};
 use nix::sys::termios::{SetArg, cfmakeraw, tcgetattr, tcsetattr};
+use tempfile::TempDir;
 
-/// A line whose near end is a serial port of this name. Programs that other tests start meanwhile do not inherit the far end, so
-/// that dropping it is a pulled plug.
-pub(crate) fn pseudo_terminal() -> (PtyMaster, String) {
-    // What nobody reads is lost, and holds nobody up.
-    let flags = OFlag::O_RDWR | OFlag::O_NOCTTY | OFlag::O_CLOEXEC | OFlag::O_NONBLOCK;
-    let far = posix_openpt(flags).expect("a pseudo terminal");
-    grantpt(&far).expect("it is ours");
-    unlockpt(&far).expect("it is ours");
-    let mut settings = tcgetattr(&far).expect("it is a terminal");
-    cfmakeraw(&mut settings);
-    tcsetattr(&far, SetArg::TCSANOW, &settings).expect("it can be raw");
-    let name = ptsname_r(&far).expect("it has a name");
-    (far, name)
+/// A serial line: its far end, and the name of the port at its near end. Dropping it pulls the plug: the name is gone first, so that
+/// no program finds another test's line under it, and no program that another test starts inherits the far end.
+pub(crate) struct Line {
+    far: PtyMaster,
+    name: PathBuf,
+    #[expect(dead_code, reason = "kept as long as the line")]
+    folder: Option<TempDir>,
+}
+
+impl Line {
+    pub(crate) fn new() -> Self {
+        let folder = tempfile::tempdir().expect("a folder");
+        let mut line = Self::plug(&folder.path().join("port"));
+        line.folder = Some(folder);
+        line
+    }
+
+    /// A new line under this name.
+    pub(crate) fn plug(name: &Path) -> Self {
+        // What nobody reads is lost, and holds nobody up.
+        let flags = OFlag::O_RDWR | OFlag::O_NOCTTY | OFlag::O_CLOEXEC | OFlag::O_NONBLOCK;
+        let far = posix_openpt(flags).expect("a pseudo terminal");
+        grantpt(&far).expect("it is ours");
+        unlockpt(&far).expect("it is ours");
+        let mut settings = tcgetattr(&far).expect("it is a terminal");
+        cfmakeraw(&mut settings);
+        tcsetattr(&far, SetArg::TCSANOW, &settings).expect("it can be raw");
+        let near = ptsname_r(&far).expect("it has a name");
+        std::os::unix::fs::symlink(near, name).expect("the name is free");
+        Self {
+            far,
+            name: name.to_owned(),
+            folder: None,
+        }
+    }
+
+    pub(crate) fn name(&self) -> String {
+        self.name.display().to_string()
+    }
+}
+
+impl Drop for Line {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_file(&self.name);
+    }
 }
 
 /// The firmware library at the far end of a serial line, with a clock that runs on.
@@ -51,16 +85,16 @@ impl SerialBoard {
         self.start.elapsed().as_micros() as u64
     }
 
-    pub(crate) fn serve(&mut self, far: &mut PtyMaster, is_over: impl Fn(&Self) -> bool) {
+    pub(crate) fn serve(&mut self, line: &mut Line, is_over: impl Fn(&Self) -> bool) {
         let (mut frames, mut bytes) = (CobsDecoder::new(), [0; 4096]);
         while !is_over(self) {
-            let mut events = [PollFd::new(far.as_fd(), PollFlags::POLLIN)];
+            let mut events = [PollFd::new(line.far.as_fd(), PollFlags::POLLIN)];
             let ready = poll(&mut events, 1_u8).unwrap_or(0);
             let length = if ready == 0 {
                 0
             } else {
                 // Reading fails while nobody has the other end open.
-                far.read(&mut bytes).unwrap_or_else(|_| {
+                line.far.read(&mut bytes).unwrap_or_else(|_| {
                     std::thread::sleep(Duration::from_millis(1));
                     0
                 })
@@ -80,7 +114,7 @@ impl SerialBoard {
                     continue;
                 }
                 let length = encode_packet(&packet, &mut frame);
-                let _ = far.write_all(&frame[..length]);
+                let _ = line.far.write_all(&frame[..length]);
             }
         }
     }
