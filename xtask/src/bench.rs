@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use crate::error::Error;
-use crate::process;
+use crate::{outside, process};
 
 /// The package that brings the shared library; the version that host/network's binding speaks.
 const ONNXRUNTIME: &str = "onnxruntime==1.31.1";
@@ -34,9 +34,12 @@ pub(crate) fn command(arguments: &[String]) -> Result<(), Error> {
                 ])
                 .args(rest),
         ),
-        Some((what, _)) if !what.starts_with("--") => {
-            Err(Error::usage("bench", what, "`network`, `gate`, or options alone"))
-        }
+        Some((what, rest)) if what == "outside" => outside::command(rest),
+        Some((what, _)) if !what.starts_with("--") => Err(Error::usage(
+            "bench",
+            what,
+            "`network`, `gate`, `outside`, or options alone",
+        )),
         _ => chain(arguments),
     }
 }

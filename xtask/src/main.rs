@@ -16,6 +16,7 @@ mod flash;
 mod fuzz;
 mod modules;
 mod option_bytes;
+mod outside;
 mod package;
 mod physics;
 mod process;
@@ -85,6 +86,9 @@ cargo xtask COMMAND
                                     limit; --instructions forces ours to portable, avx2, avx512 or neon; errors on N samples of the test world (1,500, made in memory in a minute);
                                     table, and a plot of time against error; --weights adds networks; needs Python
                                     with pip
+  bench outside [--json] [--rounds N] [--seconds S]
+                                    what readers cost the loop (ten HTTP streams, two of another DDS, some that stand still), and
+                                    how long a request takes until it is confirmed; wants a quiet machine
   bench gate [--json]               what skipping frames saves and costs, gate by gate, under drift, noise and light touch
   stress [--json] [--seed N] [--quick] [--docs]
                                     numerical stability of detector and controller: sweeps with exact arithmetic as the

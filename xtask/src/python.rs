@@ -29,11 +29,11 @@ pub(crate) fn wheel(arguments: &[String]) -> Result<(), Error> {
         [other, ..] => return Err(Error::usage("wheel", other, "nothing or --bench")),
     };
     let python = Environment::ensure()?;
-    let wheel = python.build()?;
+    let wheel = python.build("release")?;
     if bench {
         python.install(&wheel)?;
         let speed = package().join("checks/speed.py");
-        process::run(python.python().arg(speed).arg(command_line()?))?;
+        process::run(python.python().arg(speed).arg(command_line("release")?))?;
     }
     Ok(())
 }
@@ -41,9 +41,10 @@ pub(crate) fn wheel(arguments: &[String]) -> Result<(), Error> {
 /// Builds the wheel, installs it and runs the package's tests. They compare with the command line, which is built for that.
 pub(crate) fn check() -> Result<(), Error> {
     let python = Environment::ensure()?;
-    let wheel = python.build()?;
+    // As the other tests are built, so that nothing is compiled again.
+    let wheel = python.build("dev")?;
     python.install(&wheel)?;
-    let program = command_line()?;
+    let program = command_line("dev")?;
     process::run(
         python
             .python()
@@ -54,10 +55,11 @@ pub(crate) fn check() -> Result<(), Error> {
     )
 }
 
-/// The program `gripline`, built as fast as the wheel.
-fn command_line() -> Result<PathBuf, Error> {
-    process::run(process::cargo().args(["build", "--release", "--package", "gripline"]))?;
-    Ok(process::build_dir().join("release").join("gripline"))
+/// The program `gripline`, built as the wheel.
+fn command_line(profile: &str) -> Result<PathBuf, Error> {
+    process::run(process::cargo().args(["build", "--profile", profile, "--package", "gripline"]))?;
+    let folder = process::build_dir().join(process::profile_folder(profile));
+    Ok(folder.join("gripline"))
 }
 
 fn package() -> PathBuf {
@@ -76,14 +78,22 @@ impl Environment {
         Command::new(self.0.join("bin").join("python"))
     }
 
-    /// Builds the wheel, checks its size and returns its path.
-    fn build(&self) -> Result<PathBuf, Error> {
+    /// Builds the wheel, checks the size of the one that ships and returns its path.
+    fn build(&self, profile: &str) -> Result<PathBuf, Error> {
         let folder = process::build_dir().join("wheels");
         // An older wheel would be taken for the new one.
         let _ = fs::remove_dir_all(&folder);
         process::run(
             self.python()
-                .args(["-m", "maturin", "build", "--release", "--locked", "--out"])
+                .args([
+                    "-m",
+                    "maturin",
+                    "build",
+                    "--profile",
+                    profile,
+                    "--locked",
+                    "--out",
+                ])
                 .arg(&folder)
                 .arg("--interpreter")
                 .arg(self.0.join("bin").join("python"))
@@ -96,7 +106,7 @@ impl Environment {
             .map_err(|source| Error::file(&wheel, source))?
             .len();
         println!("{}: {size} bytes", wheel.display());
-        if size > WHEEL_MAX {
+        if profile == "release" && size > WHEEL_MAX {
             return Err(Error::Product {
                 what: wheel.display().to_string(),
                 found: format!("{size} bytes"),

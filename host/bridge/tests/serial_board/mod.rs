@@ -18,7 +18,7 @@ use tempfile::TempDir;
 pub(crate) struct Line {
     far: PtyMaster,
     name: PathBuf,
-    #[expect(dead_code, reason = "kept as long as the line")]
+    /// Kept as long as the line.
     folder: Option<TempDir>,
 }
 

@@ -1,0 +1,402 @@
+//! `cargo xtask bench outside`: what readers cost the loop, and how long a request takes until the microcontroller confirms it. The
+//! program runs as it is shipped, on the simulated fingertip, in turns alone and with everybody reading: ten HTTP streams, a stream
+//! that is never read, a standard output that stands still until the end, and two readers of another DDS.
+
+use std::fmt::Write as _;
+use std::io::{BufRead as _, BufReader, Read as _, Write as _};
+use std::net::TcpStream;
+use std::path::{Path, PathBuf};
+use std::process::{Child, ChildStdout, Command, Stdio};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
+use std::time::Duration;
+
+use serde_json::{Value, json};
+
+use crate::error::{Error, value_of};
+use crate::{emulator, firmware, process, ros2};
+
+/// Streams that are read.
+const STREAMS: usize = 10;
+const DDS_READERS: usize = 2;
+/// DDS domain of the two readers: one that nothing else here uses.
+const DOMAIN: &str = "83";
+/// Requests of each kind of microcontroller: hold and release in turn.
+const REQUESTS: u64 = 100;
+
+/// How much the 99.9th percentile of frame to link may grow.
+const GROWTH_MAX: f64 = 1.1;
+/// Until a request is confirmed, in process and on the emulated board, ms.
+const CONFIRMED_MS_MAX: [(&str, f64); 2] = [("embedded", 20.0), ("emulator", 50.0)];
+
+/// `cargo xtask bench outside [--rounds N] [--seconds S] [--json]`.
+pub(crate) fn command(arguments: &[String]) -> Result<(), Error> {
+    let (mut rounds, mut seconds, mut is_json) = (5, 20, false);
+    let mut rest = arguments.iter();
+    while let Some(option) = rest.next() {
+        let mut number = || {
+            let text = value_of(option, &mut rest)?;
+            let number = text.parse::<u64>().ok().filter(|number| *number > 0);
+            number.ok_or_else(|| Error::usage(option, text, "a number from 1 on"))
+        };
+        match option.as_str() {
+            "--rounds" => rounds = number()?,
+            "--seconds" => seconds = number()?,
+            "--json" => is_json = true,
+            _ => {
+                return Err(Error::usage(
+                    "bench outside",
+                    option,
+                    "--rounds N, --seconds S or --json",
+                ));
+            }
+        }
+    }
+    let program = build()?;
+    let python = ros2::ensure()?;
+    let mut turns = [Vec::new(), Vec::new()];
+    for round in 0..rounds {
+        for (readers, found) in [None, Some(python.as_path())].into_iter().zip(&mut turns) {
+            let who = if readers.is_some() {
+                "everybody reads"
+            } else {
+                "alone"
+            };
+            eprintln!("round {}: {who}, {seconds} s ...", round + 1);
+            found.push(one_turn(&program, seconds, readers)?);
+        }
+    }
+    let image = firmware::build(emulator::BOARD)?.0;
+    let board = emulator::build()?;
+    let mut waits = Vec::new();
+    for (mcu, max_ms) in CONFIRMED_MS_MAX {
+        eprintln!("{REQUESTS} requests, {mcu} ...");
+        let mut run = Command::new(&program);
+        run.env("GRIPLINE_EMULATOR", &board).env("GRIPLINE_IMAGE", &image);
+        waits.push((mcu, max_ms, requests(run, mcu)?));
+    }
+    let report = Report { turns, waits };
+    if is_json {
+        println!("{}", report.json());
+    } else {
+        print!("{}", report.text());
+    }
+    let failed = report.misses();
+    if failed == 0 {
+        return Ok(());
+    }
+    Err(Error::Checks { failed, of: 4 })
+}
+
+/// The program with ROS 2.
+fn build() -> Result<PathBuf, Error> {
+    let package = ["--package", "gripline", "--features", "ros2"];
+    process::run(process::cargo().args(["build", "--release"]).args(package))?;
+    Ok(process::build_dir().join("release").join("gripline"))
+}
+
+/// What one run said at its end.
+#[derive(Debug, Clone, Copy)]
+struct Turn {
+    median_us: f64,
+    p999_us: f64,
+    late: u64,
+}
+
+fn one_turn(program: &Path, seconds: u64, python: Option<&Path>) -> Result<Turn, Error> {
+    let mut command = Command::new(program);
+    command.args(["run", "--json", "--seconds", &seconds.to_string()]);
+    if python.is_some() {
+        command.args(["--ros2-name", "bench", "--ros2-domain", DOMAIN]);
+    }
+    let mut run = Run::start(command)?;
+    let is_over = Arc::new(AtomicBool::new(false));
+    let mut readers = Vec::new();
+    if python.is_some() {
+        for number in 0..STREAMS {
+            let path = ["/frames", "/events"][number % 2];
+            readers.push(run.stream(path, true, &is_over)?);
+        }
+        readers.push(run.stream("/frames", false, &is_over)?);
+    }
+    let dds: Result<Vec<Child>, Error> = (0..DDS_READERS).filter_map(|_| python).map(dds_reader).collect();
+    let mut dds = dds?;
+    let out = run.out.take();
+    if python.is_some() {
+        // It stands still for the whole run but for the end, which is where the figures are.
+        thread::sleep(Duration::from_secs(seconds).saturating_sub(Duration::from_secs(1)));
+    }
+    let summary = out.and_then(|out| {
+        let lines = BufReader::new(out).lines().map_while(Result::ok);
+        lines.filter(|line| line.contains("\"summary\":true")).last()
+    });
+    is_over.store(true, Ordering::Relaxed);
+    for reader in &mut dds {
+        let _ = reader.kill();
+        let _ = reader.wait();
+    }
+    drop(run);
+    for reader in readers {
+        let _ = reader.join();
+    }
+    let summary: Value = serde_json::from_str(&summary.unwrap_or_default()).unwrap_or_default();
+    let number = |key: &str| summary[key].as_f64().ok_or_else(|| no_product(key, &summary));
+    Ok(Turn {
+        median_us: number("frame_to_link_us_median")?,
+        p999_us: number("frame_to_link_us_p999")?,
+        late: (number("maps_late")? + number("pictures_late")?) as u64,
+    })
+}
+
+fn no_product(expected: &str, found: &Value) -> Error {
+    Error::Product {
+        what: "the run's answer".to_owned(),
+        found: found.to_string(),
+        expected: expected.to_owned(),
+    }
+}
+
+/// Reads forces, maps and slip until it is killed.
+fn dds_reader(python: &Path) -> Result<Child, Error> {
+    let topics: Vec<[String; 2]> = ["wrench", "force_map", "slip"]
+        .map(|topic| [topic.to_owned(), format!("/bench/fingertip_0/{topic}")])
+        .into();
+    let domain: u16 = DOMAIN.parse().unwrap_or_default();
+    let job = json!({"job": "read", "domain": domain, "topics": topics, "count": u32::MAX});
+    Command::new(python)
+        .arg(process::root().join("host/ros2/tests/peer.py"))
+        .arg(job.to_string())
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .map_err(|source| Error::Start {
+            program: python.display().to_string(),
+            source,
+        })
+}
+
+/// How long each request took until the microcontroller confirmed it, ms, sorted.
+fn requests(mut command: Command, mcu: &str) -> Result<Vec<f64>, Error> {
+    command.args(["run", "--json", "--seconds", "600", "--mcu", mcu]);
+    let mut run = Run::start(command)?;
+    let mut out = BufReader::new(run.out.take().ok_or_else(|| no_product("frames", &Value::Null))?);
+    let mut line = String::new();
+    let _ = out.read_line(&mut line);
+    thread::spawn(move || out.lines().map_while(Result::ok).for_each(drop));
+    let mut took_ms = Vec::new();
+    for number in 1..=REQUESTS {
+        // At every moment of a frame: steps of the golden section of one.
+        thread::sleep(Duration::from_micros(40_000 + number * 10_301 % 16_667));
+        let action = if number % 2 == 0 { "release" } else { "hold" };
+        let body = json!({"client": "bench", "request": number, "action": action}).to_string();
+        let answer = run.ask(&body)?;
+        let found = answer["took_ms"].as_f64().filter(|_| answer["outcome"] == "done");
+        took_ms.push(found.ok_or_else(|| no_product("a request that is done", &answer))?);
+    }
+    took_ms.sort_by(f64::total_cmp);
+    Ok(took_ms)
+}
+
+/// A run that serves, until it is dropped.
+struct Run {
+    child: Child,
+    out: Option<ChildStdout>,
+    address: String,
+    token: String,
+}
+
+impl Run {
+    fn start(mut command: Command) -> Result<Self, Error> {
+        let token_file = process::products().join("bench-outside-token");
+        let mut child = command
+            .args(["--serve", "127.0.0.1:0", "--token-file"])
+            .arg(&token_file)
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .map_err(|source| Error::Start {
+                program: "gripline".to_owned(),
+                source,
+            })?;
+        let mut said = BufReader::new(
+            child
+                .stderr
+                .take()
+                .ok_or_else(|| no_product("words", &Value::Null))?,
+        )
+        .lines()
+        .map_while(Result::ok);
+        let mut heard = Vec::new();
+        let address = said.by_ref().find_map(|line| {
+            let address = line
+                .split_once("http://")
+                .and_then(|(_, rest)| rest.split(['/', ' ']).next().map(str::to_owned));
+            heard.push(line);
+            address
+        });
+        thread::spawn(move || said.for_each(drop));
+        let address = address.ok_or_else(|| no_product("the address that it serves", &json!(heard)))?;
+        let token =
+            std::fs::read_to_string(&token_file).map_err(|source| Error::file(&token_file, source))?;
+        Ok(Self {
+            out: child.stdout.take(),
+            child,
+            address,
+            token: token.trim().to_owned(),
+        })
+    }
+
+    fn connect(&self) -> Result<TcpStream, Error> {
+        TcpStream::connect(&self.address).map_err(|source| Error::file(Path::new(&self.address), source))
+    }
+
+    /// A stream that is open until then, and read or not.
+    fn stream(
+        &self,
+        path: &str,
+        is_read: bool,
+        is_over: &Arc<AtomicBool>,
+    ) -> Result<thread::JoinHandle<()>, Error> {
+        let mut stream = self.connect()?;
+        let host = &self.address;
+        let asked = write!(stream, "GET {path} HTTP/1.1\r\nHost: {host}\r\n\r\n");
+        asked.map_err(|source| Error::file(Path::new(host), source))?;
+        let is_over = Arc::clone(is_over);
+        Ok(thread::spawn(move || {
+            let mut bytes = vec![0; 1 << 16];
+            while !is_over.load(Ordering::Relaxed) {
+                if !is_read {
+                    thread::sleep(Duration::from_millis(100));
+                } else if !stream.read(&mut bytes).is_ok_and(|length| length > 0) {
+                    return;
+                }
+            }
+        }))
+    }
+
+    fn ask(&self, body: &str) -> Result<Value, Error> {
+        let mut stream = self.connect()?;
+        let mut text = String::new();
+        write!(
+            stream,
+            "POST /control HTTP/1.1\r\nHost: {}\r\nContent-Length: {}\r\nAuthorization: Bearer {}\r\n\r\n{body}",
+            self.address,
+            body.len(),
+            self.token
+        )
+        .and_then(|()| stream.read_to_string(&mut text))
+        .map_err(|source| Error::file(Path::new(&self.address), source))?;
+        let answer = text.split_once("\r\n\r\n").map_or("", |(_, body)| body);
+        serde_json::from_str(answer).map_err(|_| no_product("an answer in JSON", &json!(text)))
+    }
+}
+
+impl Drop for Run {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+struct Report {
+    /// Alone, and with everybody reading.
+    turns: [Vec<Turn>; 2],
+    waits: Vec<(&'static str, f64, Vec<f64>)>,
+}
+
+/// Lowest, median and highest.
+fn spread(values: impl Iterator<Item = f64>) -> [f64; 3] {
+    let mut values: Vec<f64> = values.collect();
+    values.sort_by(f64::total_cmp);
+    match values[..] {
+        [] => [f64::NAN; 3],
+        _ => [values[0], values[values.len() / 2], values[values.len() - 1]],
+    }
+}
+
+impl Report {
+    fn p999(&self) -> [[f64; 3]; 2] {
+        self.turns
+            .each_ref()
+            .map(|turns| spread(turns.iter().map(|turn| turn.p999_us)))
+    }
+
+    fn medians(&self) -> [[f64; 3]; 2] {
+        self.turns
+            .each_ref()
+            .map(|turns| spread(turns.iter().map(|turn| turn.median_us)))
+    }
+
+    fn growth(&self) -> f64 {
+        let [alone, all] = self.p999();
+        all[1] / alone[1]
+    }
+
+    fn late(&self) -> [u64; 2] {
+        self.turns
+            .each_ref()
+            .map(|turns| turns.iter().map(|turn| turn.late).sum())
+    }
+
+    fn misses(&self) -> usize {
+        let waits = self
+            .waits
+            .iter()
+            .filter(|(_, max_ms, took_ms)| took_ms.last().is_none_or(|longest| longest > max_ms));
+        waits.count() + usize::from(self.growth() > GROWTH_MAX) + usize::from(self.late()[1] > 0)
+    }
+
+    fn text(&self) -> String {
+        let mut text = "frame to link, µs: median of the rounds (lowest to highest)\n".to_owned();
+        let (p999, medians, late) = (self.p999(), self.medians(), self.late());
+        for (place, who) in ["alone", "everybody reads"].into_iter().enumerate() {
+            let ([low, middle, high], median) = (p999[place], medians[place][1]);
+            let _ = writeln!(
+                text,
+                "  {who:<16} median {median:.0}, 99.9th percentile {middle:.0} ({low:.0} to {high:.0}), {} too late",
+                late[place]
+            );
+        }
+        let _ = writeln!(
+            text,
+            "  ratio of the 99.9th percentiles: {:.2} (at most {GROWTH_MAX} wanted, none too late)",
+            self.growth()
+        );
+        for (mcu, max_ms, took_ms) in &self.waits {
+            let [_, median, longest] = spread(took_ms.iter().copied());
+            let _ = writeln!(
+                text,
+                "request until confirmed, {mcu}, ms: median {median:.1}, longest {longest:.1} of {} (at most {max_ms} wanted)",
+                took_ms.len()
+            );
+        }
+        text
+    }
+
+    fn json(&self) -> Value {
+        let waits: serde_json::Map<String, Value> = self
+            .waits
+            .iter()
+            .map(|(mcu, _, took_ms)| {
+                let [_, median, longest] = spread(took_ms.iter().copied());
+                (
+                    (*mcu).to_owned(),
+                    json!({"median_ms": median, "longest_ms": longest}),
+                )
+            })
+            .collect();
+        let (p999, late) = (self.p999(), self.late());
+        json!({
+            "p999_us_alone": p999[0][1],
+            "p999_us_alone_spread": [p999[0][0], p999[0][2]],
+            "p999_us_all": p999[1][1],
+            "p999_us_all_spread": [p999[1][0], p999[1][2]],
+            "p999_all_vs_alone": self.growth(),
+            "late_alone": late[0],
+            "late_all": late[1],
+            "request": waits,
+        })
+    }
+}
