@@ -46,7 +46,7 @@ pub(crate) fn command(arguments: &[String]) -> Result<(), Error> {
     match arguments {
         [] => check(),
         [what] if what == "build" => {
-            println!("{}", Cross::ensure()?.build_bridge()?.display());
+            println!("{}", build_bridge("release")?.display());
             Ok(())
         }
         [what, rest @ ..] if what == "instructions" && (rest.is_empty() || rest == ["--json"]) => {
@@ -64,6 +64,21 @@ pub(crate) fn command(arguments: &[String]) -> Result<(), Error> {
             "build, instructions [--json] or none",
         )),
     }
+}
+
+/// The bridge for ARM, started under emulation.
+pub(crate) fn build_bridge(profile: &str) -> Result<PathBuf, Error> {
+    Cross::ensure()?.build_bridge(profile)
+}
+
+/// Starts a program for ARM under emulation: it says its version.
+pub(crate) fn start(program: &Path) -> Result<(), Error> {
+    process::run(
+        Command::new(EMULATOR)
+            .args(["-L", LIBRARIES])
+            .arg(program)
+            .arg("--version"),
+    )
 }
 
 /// Every check.
@@ -105,16 +120,14 @@ impl Cross {
         cargo
     }
 
-    /// The bridge for ARM, as it ships.
-    fn build_bridge(&self) -> Result<PathBuf, Error> {
-        process::run(self.cargo("build").args(["--release", "--package", "gripline"]))?;
-        let built = process::build_dir().join(ARM.triple).join("release/gripline");
+    fn build_bridge(&self, profile: &str) -> Result<PathBuf, Error> {
         process::run(
-            Command::new(EMULATOR)
-                .args(["-L", LIBRARIES])
-                .arg(&built)
-                .arg("--version"),
+            self.cargo("build")
+                .args(["--profile", profile, "--package", "gripline"]),
         )?;
+        let folder = process::build_dir().join(ARM.triple);
+        let built = folder.join(process::profile_folder(profile)).join("gripline");
+        start(&built)?;
         Ok(built)
     }
 

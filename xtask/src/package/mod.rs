@@ -11,8 +11,10 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use self::contents::{Control, Place, Stage};
+use crate::arm;
 use crate::error::{Error, value_of};
 use crate::process::{self, profile_folder};
+use crate::toolchain::ARM;
 
 /// Debian's revision of this version.
 const REVISION: u32 = 1;
@@ -95,8 +97,16 @@ impl Machine {
         })
     }
 
+    /// Whether its programs come from a cross compiler and start under emulation.
+    fn is_emulated(&self) -> bool {
+        !self.is_this && self.triple == ARM.triple
+    }
+
     /// Builds the bridge; returns its program.
     fn build(&self, profile: &str) -> Result<PathBuf, Error> {
+        if self.is_emulated() {
+            return arm::build_bridge(profile);
+        }
         let mut command = process::cargo();
         command.args(["build", "--profile", profile, "--package", "gripline"]);
         let mut folder = process::build_dir();
@@ -153,6 +163,10 @@ fn packed(machine: &Machine, program: &Path, speaker: &Path) -> Result<PathBuf, 
             .arg(&stripped)
             .arg(program),
     )?;
+    if machine.is_emulated() {
+        // What is packed, not only what was built.
+        arm::start(&stripped)?;
+    }
     let program = bytes(&stripped)?;
     stage.write("usr/bin/gripline", Place::Program, &program)?;
     spoken(&stage, speaker)?;
