@@ -27,8 +27,9 @@ const CRATES: [&str; 3] = ["gripline-network", "gripline-firmware", "gripline"];
 
 /// Tests that do not. Emulation is twenty times as slow, and these take minutes there: they simulate fingertips or draw
 /// every size of screen. What they check does not depend on the processor, and the kernels under it are tested here.
-const SLOW: [&str; 4] = [
-    "run::two_fingertips::both_fingertips_are_answered_checked_and_told_apart",
+const SLOW: [&str; 5] = [
+    "run::faults::ten_thousand_frames_with_faults_at_random_go_on_and_count_every_loss",
+    "run::two_fingertips::",
     "rest::tests::",
     "view::tests::no_size_and_no_number_makes_it_panic",
     "commands::doctor::judge::tests::a_rest_picture_that_is_missing_moved_dented_dimmed_or_anothers_is_reported",
