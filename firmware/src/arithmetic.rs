@@ -33,7 +33,7 @@ pub(crate) const fn divide_48(number: u64, divisor: u16) -> u64 {
     }
     let upper = (number >> 16) as u32;
     // The rest is less than the divisor, so it fits 16 bits.
-    let lower = upper % divisor << 16 | number as u32 & 0xFFFF;
+    let lower = ((upper % divisor) << 16) | (number as u32 & 0xFFFF);
     (((upper / divisor) as u64) << 16) + (lower / divisor) as u64
 }
 
