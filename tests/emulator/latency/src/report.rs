@@ -11,7 +11,7 @@ use crate::cycles::ENTRY;
 use crate::image::{Function, Image, read};
 use crate::measure::{Bench, DOUBTFUL, Way, When, map_of};
 use crate::source::Sources;
-use crate::tables::{KERNEL, LEFT_OUT, LOOPS, Left, RELEASED};
+use crate::tables::{KERNEL, LEFT_OUT, LOOPS, Left, RELEASED, WRITE_LINE};
 use crate::{Error, twin};
 
 /// Cycles from a map's last packet to the line (DESIGN.md: 25 µs at 168 MHz).
@@ -29,8 +29,6 @@ const FRAME_BYTES: u32 = 26 * 4 + 4;
 /// Cycles that the shortest last packet takes at least from when it is asked for: the host may be at its token's end, then
 /// come two bit times, SYNC, PID, eight bytes, CRC and EOP, 100 bits of 12 MHz (USB 2.0 sections 7.1.18 and 8.3).
 const LAST_PACKET_CYCLES: u64 = 100 * 14;
-/// The function that the way ends with, as the measurement sees it too.
-pub(crate) const WRITE_LINE: &str = "control::Control::write_line";
 /// The register of the USB core (RM0090, OTG_FS_DOEPCTL1) whose write asks for the next packet.
 const NEXT_PACKET: u32 = 0x5000_0B20;
 /// Where flash and SRAM begin.

@@ -151,3 +151,6 @@ pub const SKIPPED: &[(&str, &str)] = &[
 
 /// The functions that do a map's sums.
 pub const KERNEL: &[&str] = &["dsp::add_pair", "kernel::Dsp"];
+
+/// The function that a map's way ends with, in the walk and in the measurement.
+pub const WRITE_LINE: &str = "control::Control::write_line";
