@@ -22,6 +22,21 @@ pub(crate) const fn divide(number: u64, divisor: u16) -> u64 {
     quotient
 }
 
+/// `number / divisor` of a number below 2⁴⁸, in half the time; 0 when the divisor is 0.
+#[must_use]
+#[inline]
+pub(crate) const fn divide_48(number: u64, divisor: u16) -> u64 {
+    debug_assert!(number < 1 << 48);
+    let divisor = divisor as u32;
+    if divisor == 0 {
+        return 0;
+    }
+    let upper = (number >> 16) as u32;
+    // The rest is less than the divisor, so it fits 16 bits.
+    let lower = ((upper % divisor) << 16) | (number as u32 & 0xFFFF);
+    (((upper / divisor) as u64) << 16) + (lower / divisor) as u64
+}
+
 /// A normal force as a 16-bit divisor, at least 1, and the right shift that made it so. Quotients are exact to 2⁻¹⁵.
 pub(crate) fn narrowed(normal: i32) -> (u16, u32) {
     let normal = normal.max(1).cast_unsigned();
@@ -89,12 +104,15 @@ mod tests {
         fn it_is_the_division_of_the_language(number in any::<u64>(), divisor in 1_u16.., shift in 0_u32..64) {
             prop_assert_eq!(divide(number >> shift, divisor), (number >> shift) / u64::from(divisor));
             prop_assert_eq!(divide(u64::from(divisor), divisor), 1);
+            let short = number >> 16 >> shift;
+            prop_assert_eq!(divide_48(short, divisor), short / u64::from(divisor));
         }
     }
 
     #[test]
     fn by_zero_it_is_zero() {
         assert_eq!(divide(7, 0), 0);
+        assert_eq!(divide_48(7, 0), 0);
     }
 
     #[test]

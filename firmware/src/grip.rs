@@ -7,12 +7,13 @@ use gripline_protocol::PER_UNIT;
 use gripline_protocol::configuration::FORCE_MAX;
 use gripline_protocol::message::{Configuration, GripMode, SlipState};
 
-use crate::arithmetic::divide;
+use crate::arithmetic::{divide, divide_48};
 use crate::constants::{
     FEED_FORWARD_FRICTION_MIN, GRIPPER_LAG_SHIFT, SEEK_MAX, SEEK_RATE, TEST_RISE_MIN, TEST_RISE_PART,
 };
 use crate::friction_estimator::LoadEstimate;
 use crate::slide_witness::{Urgency, Verdict};
+use crate::slip::worse;
 
 /// A grip force, 1/4096 N; never negative.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default)]
@@ -60,6 +61,29 @@ pub struct Evidence {
     pub shear: i32,
     /// With one more slipping taxel per fingertip, the stick ratio would still reach the reflex's target.
     pub has_spare: bool,
+}
+
+impl Evidence {
+    /// Without any map.
+    pub(crate) const NONE: Self = Self {
+        state: SlipState::NoContact,
+        stick_ratio: None,
+        shear: 0,
+        has_spare: true,
+    };
+
+    /// The worst of this and another fingertip's.
+    pub(crate) fn with(self, other: Self) -> Self {
+        Self {
+            state: worse(self.state, other.state),
+            stick_ratio: match (self.stick_ratio, other.stick_ratio) {
+                (Some(one), Some(other)) => Some(one.min(other)),
+                (one, other) => one.or(other),
+            },
+            shear: self.shear.max(other.shear),
+            has_spare: self.has_spare & other.has_spare,
+        }
+    }
 }
 
 /// State of a controller that learns friction, updated outside the map-to-line path.
@@ -277,7 +301,7 @@ impl GripController {
         let share = i64::from(PER_UNIT) + i64::from(settings.margin);
         // At most 2²⁶ · 5·10⁴ / 500; shear is no less than 0.
         let product = (i64::from(shear) * share).max(0).cast_unsigned();
-        divide(product, friction as u16).cast_signed()
+        divide_48(product, friction as u16).cast_signed()
     }
 
     /// Moves the line to `now_us` and returns it.
@@ -377,7 +401,7 @@ impl GripController {
         let relaxing = settings.relax_rate > 0 && self.stuck_us > u64::from(settings.relax_after_ms) * 1_000;
         if relaxing && self.reflex_milli > 0 {
             // The rate is per second.
-            let step = divide(u64::from(settings.relax_rate) * passed_us, 1_000).cast_signed();
+            let step = divide_48(u64::from(settings.relax_rate) * passed_us, 1_000).cast_signed();
             self.reflex_milli -= step.min(self.reflex_milli);
         }
         relaxing

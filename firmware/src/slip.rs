@@ -202,6 +202,16 @@ pub const fn severity(state: SlipState) -> u8 {
     }
 }
 
+/// The worse of two states.
+#[must_use]
+pub(crate) const fn worse(one: SlipState, other: SlipState) -> SlipState {
+    if severity(other) > severity(one) {
+        other
+    } else {
+        one
+    }
+}
+
 /// The last stick ratios: the mean of the newer half against that of the older half, which a single flickering taxel
 /// hardly moves.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

@@ -10,7 +10,7 @@ use cortex_m::peripheral::DWT;
 use embassy_time::Instant;
 use gripline_firmware::line::GripLine;
 use gripline_firmware::program::{Learnt, Lesson, MessageEvent};
-use gripline_firmware::{Action, FaultSet, LinkId, Program};
+use gripline_firmware::{Action, FaultSet, GripForce, LinkId, Program};
 use gripline_protocol::message::{Configuration, Message, Stage};
 
 use crate::dsp::Dsp;
@@ -84,7 +84,7 @@ pub(crate) fn map_packet_from_task(packet: &[u8], link: LinkId) {
     block_usb(|| {
         // SAFETY: the USB interrupt is blocked, and no other task calls this.
         if let Some(control) = unsafe { &mut *CONTROL.0.get() } {
-            control.map_packet(packet, link, cycles());
+            control.map_packet(packet, link);
         }
     });
 }
@@ -110,28 +110,58 @@ pub(crate) struct Control {
 }
 
 impl Control {
-    /// One packet of a map: decides, then writes the line. `entered` is the cycle count when its interrupt began.
+    /// One packet of a map: decides, then writes the line.
+    fn map_packet(&mut self, packet: &[u8], link: LinkId) {
+        let started = cycles();
+        self.heard(link);
+        let action = self.program.map_packet(packet, link, self.packet_us);
+        self.act(action, started);
+    }
+
+    /// The last packet of a map, from the interrupt of the USB core; `entered` is the cycle count when it began. Each kind of
+    /// packet has a function, so that the interrupt looks at the kind once.
     #[inline]
-    pub(crate) fn map_packet(&mut self, packet: &[u8], link: LinkId, entered: u32) {
+    pub(crate) fn map_tail(&mut self, packet: &[u8], entered: u32) {
+        self.heard(LinkId::Usb);
+        let action = self.program.map_tail(packet, LinkId::Usb, self.packet_us);
+        self.act(action, entered);
+    }
+
+    /// A packet in the middle of a map, from the interrupt of the USB core.
+    #[inline]
+    pub(crate) fn map_taxels(&mut self, packet: &[u8], entered: u32) {
+        self.heard(LinkId::Usb);
+        let action = self.program.map_taxels(packet, LinkId::Usb, self.packet_us);
+        self.act(action, entered);
+    }
+
+    /// The first packet of a map, from the interrupt of the USB core.
+    #[inline]
+    pub(crate) fn map_head(&mut self, packet: &[u8], entered: u32) {
+        self.heard(LinkId::Usb);
+        let action = self.program.map_head(packet, LinkId::Usb, self.packet_us);
+        self.act(action, entered);
+    }
+
+    /// A packet of no kind that we know, from the interrupt of the USB core.
+    #[inline(never)]
+    pub(crate) fn unknown_packet(&mut self, packet: &[u8], entered: u32) {
+        self.heard(LinkId::Usb);
+        let action = self.program.unknown_packet(packet, LinkId::Usb, self.packet_us);
+        self.act(action, entered);
+    }
+
+    /// A packet came over a link.
+    #[inline]
+    fn heard(&mut self, link: LinkId) {
         self.reply_to = Some(link);
         self.packet_us = now_us();
-        let action = self.program.map_packet(packet, link, self.packet_us);
-        self.write_line(
-            action,
-            if action.decided {
-                Stage::Decide
-            } else {
-                Stage::Packet
-            },
-            entered,
-        );
     }
 
     /// Takes what a packet of a message came to.
     #[inline(never)]
     pub(crate) fn message_packet(&mut self, event: &MessageEvent, link: LinkId) {
-        self.reply_to = Some(link);
-        self.packet_us = now_us();
+        self.heard(link);
         self.program.message(event, link, self.packet_us);
     }
 
@@ -172,20 +202,30 @@ impl Control {
         self.program.watch_object();
     }
 
-    /// The last part. Tells the active faults, and whether the robot must know of one; returns where messages go, when there
-    /// are some and the bus is free for them.
+    /// The fourth part: the line moves on. It is written in the last part, so that a packet waits for one of the two only.
+    #[inline(never)]
+    pub(crate) fn advance(&mut self) {
+        let started = cycles();
+        let _ = self.program.advance(now_us());
+        let took = cycles().wrapping_sub(started);
+        self.program.note_cycles(Stage::Tick, took);
+    }
+
+    /// The last part: writes the program's newest line, which may be that of a map that came since [`Self::advance`]. Tells the
+    /// active faults, and whether the robot must know of one; returns where messages go, when there are some and the bus is free
+    /// for them.
     #[inline(never)]
     pub(crate) fn tick(&mut self, faults: &mut FaultSet, is_at_fault: &mut bool) -> Option<&'static Outbox> {
         let now_us = now_us();
         *faults = self.program.faults();
         *is_at_fault = self.program.is_at_fault();
-        let started = cycles();
-        let action = self.program.advance(now_us);
-        self.write_line(action, Stage::Tick, started);
+        let decided = cycles();
+        self.write_line(self.program.line());
+        self.note_line(decided);
         watchdog::count_tick();
         let is_quiet = now_us.saturating_sub(self.packet_us) >= QUIET_US;
         let is_late = now_us.saturating_sub(self.message_us) >= MESSAGE_WAIT_MAX_US;
-        if !action.transmit || !(is_quiet || is_late) {
+        if !self.program.has_messages() || !(is_quiet || is_late) {
             return None;
         }
         self.message_us = now_us;
@@ -217,17 +257,37 @@ impl Control {
 
     /// Writes the line, then notes the cycles that the decision and the write took. The deadline counts until the DAC has the
     /// value.
-    fn write_line(&mut self, action: Action, stage: Stage, started: u32) {
+    #[inline]
+    fn act(&mut self, action: Action, started: u32) {
         let decided = cycles();
-        let (Ok(()), Ok(())) = (self.line.write(action.line), BusLine.write(action.line));
+        self.write_line(action.line);
+        let written = self.note_line(decided);
+        self.note_decision(action.decided, started, decided, written);
+    }
+
+    /// Puts a force on the line. The path's bound and its measurement end with the return of this function.
+    #[inline(never)]
+    fn write_line(&mut self, force: GripForce) {
+        let (Ok(()), Ok(())) = (self.line.write(force), BusLine.write(force));
+    }
+
+    /// Notes the cycles that the write took since `decided`. Returns the count now.
+    #[inline(never)]
+    fn note_line(&mut self, decided: u32) -> u32 {
         let written = cycles();
-        if stage == Stage::Decide {
+        self.program
+            .note_cycles(Stage::Line, written.wrapping_sub(decided));
+        written
+    }
+
+    #[inline(never)]
+    fn note_decision(&mut self, is_new_map: bool, started: u32, decided: u32, written: u32) {
+        let stage = if is_new_map { Stage::Decide } else { Stage::Packet };
+        if is_new_map {
             let waited = written.wrapping_sub(started);
             self.program.note_map_to_line(waited.wrapping_add(ENTRY_CYCLES));
         }
         self.program.note_cycles(stage, decided.wrapping_sub(started));
-        self.program
-            .note_cycles(Stage::Line, written.wrapping_sub(decided));
     }
 }
 

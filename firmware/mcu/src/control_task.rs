@@ -133,6 +133,7 @@ pub(crate) async fn control(
             from_task(Control::age);
             from_task(Control::teach_grip);
             from_task(Control::watch_object);
+            from_task(Control::advance);
             let (mut faults, mut is_at_fault) = (logged, true);
             let outbox = from_task(|control| control.tick(&mut faults, &mut is_at_fault)).flatten();
             watch.robot.tell(is_at_fault);

@@ -19,7 +19,6 @@ use embassy_stm32::usb::InterruptHandler;
 use embassy_stm32::{bind_interrupts, interrupt, peripherals};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
-use gripline_firmware::LinkId;
 use gripline_protocol::PACKET_MAX;
 use gripline_protocol::constants::TAXELS_PER_PACKET;
 use gripline_protocol::packet::Kind;
@@ -117,23 +116,34 @@ fn packet(status: Grxsts, control: &mut Control, entered: u32) {
     let words = unsafe { &mut *PACKET.words.get() };
     read_words(words, length.div_ceil(4));
     let bytes = bytemuck::bytes_of(words).get(..length).unwrap_or_default();
-    let kind = Kind::of(bytes);
-    if kind == Some(Kind::Message) {
-        PACKET.length.store(length, Ordering::Relaxed);
-        IS_HELD.store(true, Ordering::Relaxed);
-        return NVIC::pend(interrupt::UART4);
+    match Kind::of(bytes) {
+        Some(Kind::MapTail) => control.map_tail(bytes, entered),
+        Some(Kind::MapTaxels) => {
+            ask_for_next();
+            control.map_taxels(bytes, entered);
+        }
+        Some(Kind::MapHead) => {
+            if words[3] & 0x1FF >= ANOTHER {
+                ask_for_next();
+            }
+            control.map_head(bytes, entered);
+        }
+        Some(Kind::Message) => {
+            PACKET.length.store(length, Ordering::Relaxed);
+            IS_HELD.store(true, Ordering::Relaxed);
+            NVIC::pend(interrupt::UART4);
+        }
+        None => control.unknown_packet(bytes, entered),
     }
-    // When more packets of the map follow, ask for the next one before the work on this one. The next one takes at least 8.3 µs
-    // to arrive, about as long as this work; what remains of it is part of the bound.
-    let is_followed = match kind {
-        Some(Kind::MapTaxels) => true,
-        Some(Kind::MapHead) => words[3] & 0x1FF >= ANOTHER,
-        _ => false,
-    };
-    if is_followed && next().is_some_and(|next| next.pktstsd() != Pktstsd::OUT_DATA_RX) {
+}
+
+/// Asks for the next packet of a map before the work on this one. It takes at least 8.3 µs to arrive, about as long as this work; what
+/// remains of the work then is part of the bound.
+#[inline]
+fn ask_for_next() {
+    if next().is_some_and(|next| next.pktstsd() != Pktstsd::OUT_DATA_RX) {
         end_of_packet();
     }
-    control.map_packet(bytes, LinkId::Usb, entered);
 }
 
 /// Reads words from the FIFO, four at a time. Every address of its window reads the next word.

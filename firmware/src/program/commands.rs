@@ -41,7 +41,7 @@ impl<K: Kernel> Program<K> {
             Request::Hello { hello, known } => self.hello(hello, *known),
             // No host sends a report.
             Request::Report | Request::Unreadable => self.refuse(Refusal::Unreadable),
-            _ if self.host.is_none() => self.refuse(Refusal::NoHandshake),
+            _ if self.host_session.is_none() => self.refuse(Refusal::NoHandshake),
             Request::OutOfRange(error) => {
                 self.safety.set(Fault::OutOfRange, true);
                 self.refuse(Refusal::OutOfRange(*error));
@@ -69,8 +69,8 @@ impl<K: Kernel> Program<K> {
     fn hello(&mut self, hello: &Hello, known: bool) {
         self.outbox.hello = true;
         self.safety.set(Fault::SchemaMismatch, !known);
-        let restarted = self.host.is_none_or(|host| host.session != hello.session);
-        self.host = known.then_some(*hello);
+        let restarted = self.host_session != Some(hello.session);
+        self.host_session = known.then_some(hello.session);
         if known && restarted {
             // A host that restarts counts its maps, and its time, from anywhere.
             for tip in &mut self.fingertips {

@@ -7,7 +7,7 @@
 use core::marker::PhantomData;
 
 use gripline_protocol::message::{
-    Configuration, GripMode, Hello, MapSums, STAGES, SlipState, Stage, Status, Witnesses,
+    Configuration, GripMode, MapSums, STAGES, SlipState, Stage, Status, Witnesses,
 };
 use gripline_protocol::packet::Kind;
 use gripline_protocol::sequence::{Order, SequenceTracker};
@@ -27,7 +27,7 @@ use crate::line::LineHealth;
 use crate::link::{LINKS, LinkId};
 use crate::safety::Safety;
 use crate::slide_witness::Verdict;
-use crate::slip::{SlipDecision, first_decision, severity};
+use crate::slip::{SlipDecision, first_decision, worse};
 use crate::sums::{Kernel, Portable, TaxelRule, stick_ratio_below, total_shear};
 
 /// What to do after a packet of a map or a tick.
@@ -72,6 +72,20 @@ impl Fingertip {
     fn is_doubtful(&self) -> bool {
         !self.health.without(Health::SATURATED).is_good()
     }
+
+    /// What its newest map says.
+    fn evidence(&self, reflex_target: u16) -> Evidence {
+        let one_less = MapSums {
+            stick: self.sums.stick.saturating_sub(1),
+            ..self.sums
+        };
+        Evidence {
+            state: self.decision.state,
+            stick_ratio: self.decision.stick_ratio,
+            shear: self.shear.max(0),
+            has_spare: !self.is_doubtful() && !stick_ratio_below(&one_less, reflex_target),
+        }
+    }
 }
 
 /// The microcontroller's program, about 2 KiB. Hosts drive it through [`Device`](super::Device).
@@ -92,7 +106,8 @@ pub struct Program<K = Portable> {
     pub(super) is_release_inhibited: bool,
     /// `Store` was requested and is not done yet.
     pub(super) store: bool,
-    pub(super) host: Option<Hello>,
+    /// The session of the host that shook hands and speaks our schema.
+    pub(super) host_session: Option<u32>,
     pub(super) now_us: u64,
     pub(super) last_packet_us: u64,
     pub(super) last_status_us: u64,
@@ -139,7 +154,7 @@ impl<K: Kernel> Program<K> {
             object: Object::default(),
             is_release_inhibited: false,
             store: false,
-            host: None,
+            host_session: None,
             now_us: start.now_us,
             last_packet_us: start.now_us,
             last_status_us: start.now_us,
@@ -170,24 +185,45 @@ impl<K: Kernel> Program<K> {
     /// Takes one packet of a link that is no [`Kind::Message`]: the map-to-line path.
     #[inline]
     pub fn map_packet(&mut self, packet: &[u8], link: LinkId, now_us: u64) -> Action {
-        let now_us = self.passed_to(now_us);
-        let read = match Kind::of(packet) {
-            Some(Kind::MapTail) => self.tail(packet, link),
-            Some(Kind::MapTaxels) => self.taxels(packet, link),
-            Some(Kind::MapHead) => self.head(packet, link),
-            Some(Kind::Message) | None => Err(self.receivers[link as usize].unknown(packet)),
-        };
-        match read {
-            Ok(decided) => {
-                // Only what could be read proves that a host is there.
-                self.last_packet_us = now_us;
-                self.action(decided)
-            }
-            Err(breakage) => {
-                self.count_breakage(breakage, link);
-                self.action(false)
-            }
+        match Kind::of(packet) {
+            Some(Kind::MapTail) => self.map_tail(packet, link, now_us),
+            Some(Kind::MapTaxels) => self.map_taxels(packet, link, now_us),
+            Some(Kind::MapHead) => self.map_head(packet, link, now_us),
+            Some(Kind::Message) | None => self.unknown_packet(packet, link, now_us),
         }
+    }
+
+    /// [`Self::map_packet`] of a [`Kind::MapTail`].
+    #[inline]
+    pub fn map_tail(&mut self, packet: &[u8], link: LinkId, now_us: u64) -> Action {
+        self.passed_to(now_us);
+        let decided = self.tail(packet, link);
+        self.action(decided)
+    }
+
+    /// [`Self::map_packet`] of a [`Kind::MapTaxels`].
+    #[inline]
+    pub fn map_taxels(&mut self, packet: &[u8], link: LinkId, now_us: u64) -> Action {
+        self.passed_to(now_us);
+        self.taxels(packet, link);
+        self.action(false)
+    }
+
+    /// [`Self::map_packet`] of a [`Kind::MapHead`].
+    #[inline]
+    pub fn map_head(&mut self, packet: &[u8], link: LinkId, now_us: u64) -> Action {
+        self.passed_to(now_us);
+        self.head(packet, link);
+        self.action(false)
+    }
+
+    /// [`Self::map_packet`] of a packet without a readable header.
+    #[inline]
+    pub fn unknown_packet(&mut self, packet: &[u8], link: LinkId, now_us: u64) -> Action {
+        self.passed_to(now_us);
+        let breakage = self.receivers[link as usize].unknown(packet);
+        self.count_breakage(breakage, link);
+        self.action(false)
     }
 
     /// Counts what a refused packet broke towards a CRC storm of its link.
@@ -208,27 +244,44 @@ impl<K: Kernel> Program<K> {
     }
 
     #[inline(never)]
-    fn head(&mut self, packet: &[u8], link: LinkId) -> Result<bool, Breakage> {
-        if self.receivers[link as usize].head(packet, self.rule)? {
-            self.safety.map_broken(link);
+    fn head(&mut self, packet: &[u8], link: LinkId) {
+        match self.receivers[link as usize].head(packet, self.rule) {
+            Ok(cuts_off) => {
+                self.last_packet_us = self.now_us;
+                if cuts_off {
+                    self.safety.map_broken(link);
+                }
+            }
+            Err(breakage) => self.count_breakage(breakage, link),
         }
-        Ok(false)
     }
 
     #[inline(never)]
-    fn taxels(&mut self, packet: &[u8], link: LinkId) -> Result<bool, Breakage> {
-        self.receivers[link as usize].taxels::<K>(packet)?;
-        Ok(false)
+    fn taxels(&mut self, packet: &[u8], link: LinkId) {
+        match self.receivers[link as usize].taxels::<K>(packet) {
+            Ok(()) => self.last_packet_us = self.now_us,
+            Err(breakage) => self.count_breakage(breakage, link),
+        }
     }
 
-    /// `Ok` tells whether the map is new.
+    /// Returns whether the map is new.
     #[inline(never)]
-    fn tail(&mut self, packet: &[u8], link: LinkId) -> Result<bool, Breakage> {
-        let info = self.receivers[link as usize].tail::<K>(packet)?;
-        Ok(self.map(info, link))
+    fn tail(&mut self, packet: &[u8], link: LinkId) -> bool {
+        match self.receivers[link as usize].tail::<K>(packet) {
+            Ok(info) => {
+                // Only what could be read proves that a host is there.
+                self.last_packet_us = self.now_us;
+                self.map(info, link)
+            }
+            Err(breakage) => {
+                self.count_breakage(breakage, link);
+                false
+            }
+        }
     }
 
-    /// Last part of the 1 kHz tick: what must be on the line now.
+    /// Last part of the 1 kHz tick: what must be on the line now. A board that lets the path run before it writes the line writes
+    /// [`Self::line`], because a map may have moved it meanwhile.
     #[inline]
     pub fn advance(&mut self, now_us: u64) -> Action {
         self.passed_to(now_us);
@@ -331,7 +384,6 @@ impl<K: Kernel> Program<K> {
     #[must_use]
     pub fn status(&self) -> Status {
         let tip = &self.fingertips[usize::from(self.newest.sensor).min(SENSORS - 1)];
-        let evidence = self.evidence(u64::MAX);
         let (slip_evidence, witnesses) = self.slip_evidence();
         let [usb, uart] = &self.receivers;
         let [x, y, normal] = tip.sums.force;
@@ -341,7 +393,7 @@ impl<K: Kernel> Program<K> {
             sequence: self.newest.sequence,
             sums: tip.sums,
             coulomb_slip: self.rule.friction.exceeded_by([x, y], normal),
-            state: evidence.state,
+            state: self.state(),
             slip_evidence,
             witnesses,
             time_to_slip_ms: tip.decision.time_to_slip_ms,
@@ -359,11 +411,17 @@ impl<K: Kernel> Program<K> {
         }
     }
 
+    /// [`Program::poll_message`] has something for the host.
+    #[must_use]
+    pub const fn has_messages(&self) -> bool {
+        !self.outbox.is_empty()
+    }
+
     /// The line as it is, after what moves it no further.
     pub(super) const fn unchanged(&self) -> Action {
         Action {
             line: self.line(),
-            transmit: !self.outbox.is_empty(),
+            transmit: self.has_messages(),
             decided: false,
         }
     }
@@ -379,7 +437,7 @@ impl<K: Kernel> Program<K> {
         );
         Action {
             line,
-            transmit: !self.outbox.is_empty(),
+            transmit: self.has_messages(),
             decided,
         }
     }
@@ -449,31 +507,31 @@ impl<K: Kernel> Program<K> {
     }
 
     /// The worst of the fingertips' maps within the last `age_us`.
-    pub(super) fn evidence(&self, age_us: u64) -> Evidence {
-        let mut worst = Evidence {
-            has_spare: true,
-            ..Evidence::default()
-        };
-        let sensors = usize::from(self.settings.sensors);
-        // By arrival: what comes late says less about now, but a load it shows must still raise the line.
-        let recent = |tip: &&Fingertip| self.now_us.saturating_sub(tip.arrived_us) <= age_us;
-        for tip in self.fingertips.iter().take(sensors).filter(recent) {
-            if severity(tip.decision.state) > severity(worst.state) {
-                worst.state = tip.decision.state;
-            }
-            worst.stick_ratio = match (worst.stick_ratio, tip.decision.stick_ratio) {
-                (Some(one), Some(other)) => Some(one.min(other)),
-                (one, other) => one.or(other),
-            };
-            worst.shear = worst.shear.max(tip.shear);
-            let one_less = MapSums {
-                stick: tip.sums.stick.saturating_sub(1),
-                ..tip.sums
-            };
-            worst.has_spare &=
-                !tip.is_doubtful() && !stick_ratio_below(&one_less, self.settings.reflex_target);
-        }
-        worst
+    fn evidence(&self, age_us: u64) -> Evidence {
+        let (first, second) = self.recent(age_us);
+        let target = self.settings.reflex_target;
+        let worst = first.map_or(Evidence::NONE, |tip| tip.evidence(target));
+        // No loop: the compiler would put its sums on the stack.
+        second.map_or(worst, |tip| worst.with(tip.evidence(target)))
+    }
+
+    /// The worst state of the fingertips' maps within the last `age_us`.
+    pub(super) fn state_within(&self, age_us: u64) -> SlipState {
+        let (first, second) = self.recent(age_us);
+        let state = |tip: Option<&Fingertip>| tip.map_or(SlipState::NoContact, |tip| tip.decision.state);
+        worse(state(first), state(second))
+    }
+
+    /// The fingertips in use whose last good map came within the last `age_us`. By arrival: what comes late says less about now, but a
+    /// load it shows must still raise the line.
+    fn recent(&self, age_us: u64) -> (Option<&Fingertip>, Option<&Fingertip>) {
+        let [one, other] = &self.fingertips;
+        let since_us = self.now_us.saturating_sub(age_us);
+        let is_recent = |tip: &&Fingertip| tip.arrived_us >= since_us;
+        (
+            Some(one).filter(is_recent),
+            Some(other).filter(|tip| self.settings.sensors > 1 && is_recent(tip)),
+        )
     }
 
     /// How sure all fingertips' witnesses are together, and what each says by itself.
@@ -497,6 +555,6 @@ impl<K: Kernel> Program<K> {
     /// State over all fingertips.
     #[must_use]
     pub fn state(&self) -> SlipState {
-        self.evidence(u64::MAX).state
+        self.state_within(u64::MAX)
     }
 }

@@ -43,7 +43,7 @@ impl<K: Kernel> Program<K> {
         tip.decision = learnt.decision;
         tip.taught = learnt.taught;
         tip.is_news = true;
-        let state = self.evidence(u64::from(self.settings.stale_ms) * 1_000).state;
+        let state = self.state_within(u64::from(self.settings.stale_ms) * 1_000);
         self.controller.judge(state);
     }
 }

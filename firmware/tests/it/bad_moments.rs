@@ -59,6 +59,24 @@ impl Bench {
 }
 
 #[test]
+fn a_board_that_writes_the_ticks_line_later_writes_that_of_a_map_that_came_meanwhile() {
+    let mut bench = quiet_hold(&Configuration::CAREFUL);
+    for step in 1..=60 {
+        bench.wait_ms(16);
+        let _ = bench.device.tick(bench.now_us);
+        let shear = 1.6 + 0.01 * f64::from(step % 30);
+        let packets = bench.packets(&held(shear));
+        // The map ends between the part of the tick that moves the line and the one that writes it.
+        let mapped = packets
+            .iter()
+            .map(|packet| bench.device.packet(packet, bench.now_us + 500).line)
+            .last()
+            .unwrap();
+        assert_eq!(bench.device.program.line(), mapped, "map {step}");
+    }
+}
+
+#[test]
 fn an_empty_doubtful_map_ends_no_contact_and_forgets_no_friction() {
     let mut bench = quiet_hold(&Configuration::DEFAULT);
     let (line, state) = (bench.line(), bench.device.program.state());

@@ -8,6 +8,7 @@ mod evidence;
 mod exactness;
 mod grasp_world;
 mod lines;
+mod loss;
 mod modbus;
 mod program;
 mod rs485;

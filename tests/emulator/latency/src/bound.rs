@@ -7,6 +7,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use crate::Error;
 use crate::cycles::{self, Fetch, Memory};
 use crate::image::{Flow, Function, Image, Instruction};
 use crate::source::{Place, Sources};
@@ -34,6 +35,8 @@ pub struct Bound {
     pub cycles: u64,
     /// Bytes of stack at most.
     pub stack: u32,
+    /// Every way through it ends where the walk does ([`Walk::ending_with`]), so that its caller does not go on.
+    pub is_end: bool,
 }
 
 /// Walks over one image.
@@ -45,6 +48,8 @@ pub struct Walk<'a> {
     pub known: BTreeMap<u32, Bound>,
     under_way: Vec<u32>,
     left_out: Left,
+    /// The function with whose return the walk ends.
+    end: Option<u32>,
     /// Loops that the walks met, by their first instruction.
     pub loops: BTreeMap<u32, Loop>,
     /// The memory that an instruction's access was priced with.
@@ -76,11 +81,47 @@ impl<'a> Walk<'a> {
             known: BTreeMap::new(),
             under_way: Vec::new(),
             left_out,
+            end: None,
             loops: BTreeMap::new(),
             memories: BTreeMap::new(),
             findings: BTreeSet::new(),
             left: BTreeSet::new(),
         }
+    }
+
+    /// The same; what comes after a function's return does not count. A way that does not lead there counts whole.
+    #[must_use]
+    pub fn ending_with(mut self, function: &Function) -> Self {
+        self.end = Some(function.start);
+        self
+    }
+
+    /// Of what is left of a function after it stores a word at `address`: the longest of all such places, to its return.
+    ///
+    /// # Errors
+    /// A function without such a store.
+    pub fn after_store(&mut self, function: &Function, address: u32) -> Result<u64, Error> {
+        let body = self.body(function);
+        let known = self.constants_of_all(function, &body);
+        let places: Vec<u32> = body
+            .values()
+            .filter(|one| one.name.starts_with("str"))
+            .filter(|one| {
+                let base = one
+                    .base
+                    .and_then(|(base, offset)| Some((known.get(&one.address)?.get(&base)?, offset)));
+                matches!(base, Some((Value::Exact(base), offset)) if base.wrapping_add(offset) == address)
+            })
+            .map(Instruction::next)
+            .collect();
+        let ways: Vec<u64> = places
+            .into_iter()
+            .map(|at| self.paths(function, &body, at, |_| false).0)
+            .collect();
+        ways.into_iter().max().ok_or_else(|| Error::Unexpected {
+            expected: format!("a store at {address:#x} in {}", function.name),
+            found: "none".to_owned(),
+        })
     }
 
     /// The bound of a function.
@@ -111,11 +152,14 @@ impl<'a> Walk<'a> {
         self.under_way.push(function.start);
         let body = self.body(function);
         let (longest, stack) = self.paths(function, &body, function.start, |_| false);
+        let is_end =
+            self.end == Some(function.start) || self.end.is_some() && !self.can_return(function, &body);
         let own_stack: i32 = body.values().map(|one| one.stack.max(0)).sum();
         self.under_way.pop();
         let bound = Bound {
             cycles: longest,
             stack: own_stack as u32 + stack,
+            is_end,
         };
         self.known.insert(function.start, bound.clone());
         bound
@@ -268,8 +312,11 @@ impl<'a> Walk<'a> {
     ) -> Vec<u32> {
         match one.flow {
             Flow::Next | Flow::Call(_) | Flow::CallRegister => {
-                let is_noreturn = matches!(one.flow, Flow::Call(target) if self.is_noreturn(target));
-                if is_noreturn { Vec::new() } else { vec![one.next()] }
+                let is_last = match one.flow {
+                    Flow::Call(target) => self.is_noreturn(target) || self.is_end(target),
+                    _ => false,
+                };
+                if is_last { Vec::new() } else { vec![one.next()] }
             }
             Flow::Branch(target) => vec![one.next(), target],
             Flow::Jump(target) => vec![target],
@@ -288,6 +335,32 @@ impl<'a> Walk<'a> {
             Flow::Return if one.is_conditional => vec![one.next()],
             Flow::Return | Flow::Trap => Vec::new(),
         }
+    }
+
+    /// Whether the walk ends in what is called.
+    fn is_end(&mut self, target: u32) -> bool {
+        self.end.is_some() && self.callee(target).is_end
+    }
+
+    /// Whether a way leads through a function that does not end where the walk does.
+    fn can_return(&mut self, function: &Function, body: &BTreeMap<u32, Instruction>) -> bool {
+        let (mut seen, mut work) = (BTreeSet::new(), vec![function.start]);
+        while let Some(at) = work.pop() {
+            let Some(one) = body.get(&at).filter(|_| seen.insert(at)) else {
+                continue;
+            };
+            if one.flow == Flow::Return {
+                return true;
+            }
+            for target in self.successors(function, body, one) {
+                let is_inside = (function.start..function.end).contains(&target);
+                if !is_inside && !self.is_end(target) {
+                    return true;
+                }
+                work.push(target);
+            }
+        }
+        false
     }
 
     fn is_noreturn(&self, target: u32) -> bool {
@@ -354,6 +427,27 @@ impl<'a> Walk<'a> {
         cycles
     }
 
+    /// Constants in registers before every instruction of a function.
+    fn constants_of_all(
+        &self,
+        function: &Function,
+        body: &BTreeMap<u32, Instruction>,
+    ) -> BTreeMap<u32, Constants> {
+        let mut whole = Graph::new();
+        for one in body.values() {
+            let mut targets: Vec<u32> = match one.flow {
+                Flow::Branch(target) => vec![one.next(), target],
+                Flow::Jump(target) => vec![target],
+                Flow::Return | Flow::Trap | Flow::JumpRegister if !one.is_conditional => Vec::new(),
+                Flow::Table => self.table(one).unwrap_or_default(),
+                _ => vec![one.next()],
+            };
+            targets.retain(|target| body.contains_key(target));
+            whole.insert(one.address, targets);
+        }
+        self.constants(function, body, function.start, &whole)
+    }
+
     /// Constants in registers before every instruction, over all ways that lead there.
     fn constants(
         &self,
@@ -365,19 +459,7 @@ impl<'a> Walk<'a> {
         let mut before: BTreeMap<u32, Constants> = BTreeMap::from([(start, Constants::new())]);
         // A stretch inside a function begins with what the whole function knows there.
         if start != function.start {
-            let mut whole = Graph::new();
-            for one in body.values() {
-                let mut targets: Vec<u32> = match one.flow {
-                    Flow::Branch(target) => vec![one.next(), target],
-                    Flow::Jump(target) => vec![target],
-                    Flow::Return | Flow::Trap | Flow::JumpRegister if !one.is_conditional => Vec::new(),
-                    Flow::Table => self.table(one).unwrap_or_default(),
-                    _ => vec![one.next()],
-                };
-                targets.retain(|target| body.contains_key(target));
-                whole.insert(one.address, targets);
-            }
-            let known = self.constants(function, body, function.start, &whole);
+            let known = self.constants_of_all(function, body);
             before.insert(start, known.get(&start).cloned().unwrap_or_default());
         }
         let mut work = vec![start];

@@ -105,7 +105,7 @@ impl<'a> Bench<'a> {
             });
         }
         let act = image
-            .functions_named("control::Control::write_line")
+            .functions_named(crate::tables::WRITE_LINE)
             .find(|one| !one.name.contains("Thunk"));
         let act = act.map_or((0, 0), |one| (one.start, one.end));
         let mut bench = Self {

@@ -8,10 +8,10 @@ use gripline_protocol::message::{Command, Configuration};
 
 use crate::bound::{Stretch, Walk, short};
 use crate::cycles::ENTRY;
-use crate::image::{Image, read};
+use crate::image::{Function, Image, read};
 use crate::measure::{Bench, DOUBTFUL, Way, When, map_of};
 use crate::source::Sources;
-use crate::tables::{KERNEL, LEFT_OUT, LOOPS, Left, RELEASED};
+use crate::tables::{KERNEL, LEFT_OUT, LOOPS, Left, RELEASED, WRITE_LINE};
 use crate::{Error, twin};
 
 /// Cycles from a map's last packet to the line (DESIGN.md: 25 µs at 168 MHz).
@@ -29,6 +29,8 @@ const FRAME_BYTES: u32 = 26 * 4 + 4;
 /// Cycles that the shortest last packet takes at least from when it is asked for: the host may be at its token's end, then
 /// come two bit times, SYNC, PID, eight bytes, CRC and EOP, 100 bits of 12 MHz (USB 2.0 sections 7.1.18 and 8.3).
 const LAST_PACKET_CYCLES: u64 = 100 * 14;
+/// The register of the USB core (RM0090, OTG_FS_DOEPCTL1) whose write asks for the next packet.
+const NEXT_PACKET: u32 = 0x5000_0B20;
 /// Where flash and SRAM begin.
 const FLASH_START: u32 = 0x0800_0000;
 const RAM_START: u32 = 0x1000_0000;
@@ -48,7 +50,9 @@ pub struct Report {
     pub path_cycles: u64,
     /// What the path and what blocks it are made of: functions with all that they call, the longest first.
     pub parts: [Vec<(String, u64)>; 2],
-    /// Of a full packet's path; a map's last packet may land before it is done with.
+    /// Of the path's interrupt to its return, what it does after the line included.
+    pub interrupt_cycles: u64,
+    /// Of a full packet's interrupt, from when it asks for the next one; a map's last packet may land before it is done with.
     pub taxels_cycles: u64,
     /// Of the longest stretch that blocks the path.
     pub blocking: Stretch,
@@ -91,17 +95,14 @@ impl Report {
         let elf = read(image_path)?;
         let image = Image::read(&elf)?;
         let sources = Sources::read(image_path)?;
-        let start = image
-            .functions_named("OTG_FS")
-            .find(|function| function.name == "OTG_FS");
-        let start = start.cloned().ok_or_else(|| Error::Unexpected {
-            expected: "the handler OTG_FS".to_owned(),
-            found: "none".to_owned(),
-        })?;
-        let mut path = Walk::new(&image, &sources, Left::Tail);
+        let start = function_of(&image, "OTG_FS")?;
+        let write = function_of(&image, WRITE_LINE)?;
+        let mut path = Walk::new(&image, &sources, Left::Tail).ending_with(&write);
         let bound = path.function(&start);
+        let mut whole = Walk::new(&image, &sources, Left::Tail);
+        let interrupt = whole.function(&start);
         let mut full = Walk::new(&image, &sources, Left::Taxels);
-        let taxels_cycles = full.function(&start).cycles + u64::from(ENTRY);
+        let taxels_cycles = full.after_store(&start, NEXT_PACKET)?;
         let mut blocked = Walk::new(&image, &sources, Left::Blocked);
         let mut stretches = blocked.blocking_stretches(PATH_PRIORITY);
         // What can block the path to a line that grips.
@@ -113,7 +114,7 @@ impl Report {
             found: "none".to_owned(),
         })?;
 
-        let mut findings: Vec<String> = [&path, &full, &blocked]
+        let mut findings: Vec<String> = [&path, &whole, &full, &blocked]
             .iter()
             .flat_map(|walk| &walk.findings)
             .cloned()
@@ -161,7 +162,8 @@ impl Report {
             path_cycles: bound.cycles + u64::from(ENTRY),
             blocking,
             stretches: gripping,
-            stack_worst_bytes: bound.stack + FRAME_BYTES,
+            interrupt_cycles: interrupt.cycles + u64::from(ENTRY),
+            stack_worst_bytes: interrupt.stack + FRAME_BYTES,
             left,
             findings,
             quiet,
@@ -180,11 +182,13 @@ impl Report {
     /// Cycles at most from a map's last packet in the FIFO to the line.
     #[must_use]
     pub fn bound_cycles(&self) -> u64 {
-        self.path_cycles
-            + self
-                .blocking
-                .cycles
-                .max(self.taxels_cycles.saturating_sub(LAST_PACKET_CYCLES))
+        self.path_cycles + self.blocking_cycles()
+    }
+
+    /// Cycles at most that the path waits: for the longest stretch that blocks it, or for the rest of a full packet.
+    fn blocking_cycles(&self) -> u64 {
+        let rest = self.taxels_cycles.saturating_sub(LAST_PACKET_CYCLES);
+        self.blocking.cycles.max(rest)
     }
 
     fn per_taxel(&self) -> f64 {
@@ -275,7 +279,7 @@ impl Report {
             self.ram_bytes,
             self.stack_worst_bytes,
             self.path_cycles,
-            self.blocking.cycles,
+            self.blocking_cycles(),
             self.quiet.cycles,
             self.section_worst,
             self.head,
@@ -301,6 +305,10 @@ impl Report {
         );
         line("  static bound", self.bound_cycles().to_string());
         line("    of which the path itself", self.path_cycles.to_string());
+        line(
+            "      and the rest of its interrupt",
+            (self.interrupt_cycles - self.path_cycles).to_string(),
+        );
         line(
             "    of which blocked by",
             format!("{} {}", self.blocking.cycles, self.blocking.name),
@@ -354,6 +362,17 @@ impl Report {
         }
         text
     }
+}
+
+/// The function whose name ends so.
+fn function_of(image: &Image, name: &str) -> Result<Function, Error> {
+    let found = image
+        .functions_named(name)
+        .find(|function| function.name.ends_with(name) && !function.name.contains("Thunk"));
+    found.cloned().ok_or_else(|| Error::Unexpected {
+        expected: format!("the function {name}"),
+        found: "none".to_owned(),
+    })
 }
 
 /// Functions of the path that run from flash, where wait states would move its time.

@@ -49,7 +49,6 @@ pub const LOOPS: &[(&str, u32, u32, &str)] = &[
         (TAXELS_PER_PACKET as u32 - 1) / 2,
         "pairs of taxels in a packet",
     ),
-    (".take(sensors)", TIPS, TIPS, "fingertips"),
     ("for tip in", TIPS, TIPS, "fingertips"),
     (".fold(Health::GOOD", TIPS, TIPS, "fingertips"),
     (".any(|tip| older(", TIPS, TIPS, "fingertips"),
@@ -151,4 +150,7 @@ pub const SKIPPED: &[(&str, &str)] = &[
 ];
 
 /// The functions that do a map's sums.
-pub const KERNEL: &[&str] = &["dsp::add_pairs", "kernel::Dsp"];
+pub const KERNEL: &[&str] = &["dsp::add_pair", "kernel::Dsp"];
+
+/// The function that a map's way ends with, in the walk and in the measurement.
+pub const WRITE_LINE: &str = "control::Control::write_line";
