@@ -133,9 +133,9 @@ mod live {
         let summary = mcap::Summary::read(&bytes).unwrap().unwrap();
         let channels = summary.channels.values().map(|channel| {
             let schema = channel.schema.as_ref().unwrap();
-            let text: String = schema.data.iter().map(|byte| format!("{byte:02x}")).collect();
             let told = json!({
-                "topic": channel.topic, "encoding": channel.message_encoding, "schema_name": schema.name, "schema": text,
+                "topic": channel.topic, "encoding": channel.message_encoding, "schema_name": schema.name,
+                "schema": schema.data,
             });
             (channel.topic.clone(), told)
         });

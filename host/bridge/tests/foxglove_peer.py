@@ -102,7 +102,7 @@ def read(uri):
             "topic": channel["topic"],
             "encoding": channel["encoding"],
             "schema_name": channel["schemaName"],
-            "schema": schema_bytes(channel).hex(),
+            "schema": list(schema_bytes(channel)),
         }
         for channel in channels.values()
     ]
