@@ -13,6 +13,7 @@ mod error;
 mod figures;
 mod firmware;
 mod flash;
+mod foxglove;
 mod fuzz;
 mod modules;
 mod option_bytes;
@@ -37,12 +38,12 @@ use test::Tier;
 const HELP: &str = "\
 cargo xtask COMMAND
 
-  test [--all | --python | --ros2 | --zenoh]
+  test [--all | --python | --ros2 | --zenoh | --foxglove]
                                     every check that a change has to pass, in order, with a summary; --all: the slow ones
-                                    too; --python: only that of the Python package; --ros2, --zenoh: only those of the
-                                    bridge's feature of this name, whose crates take minutes to build the first time;
-                                    --ros2 needs Python 3 with venv (it installs
-                                    another DDS into the build folder)
+                                    too; --python: only that of the Python package; --ros2, --zenoh, --foxglove: only those of
+                                    the bridge's feature of this name, whose crates take minutes to build the first time;
+                                    --ros2 and --foxglove need Python 3 with venv (they install the other end, a DDS and
+                                    a WebSocket client, into the build folder)
   screenshots                       play the scripted scene and draw the README's pictures of view, plot and live page anew;
                                     the page needs Chromium, which is installed
   figures [all | NAME...]           measure anew what is named in docs/figures.toml, and write docs/figures.md
@@ -130,6 +131,7 @@ fn dispatch(arguments: &[String]) -> Result<(), Error> {
         }
         "test" if rest == ["--ros2"] => test::ros2(),
         "test" if rest == ["--zenoh"] => test::zenoh(),
+        "test" if rest == ["--foxglove"] => test::foxglove(),
         "test" if rest == ["--python"] => test::python(),
         "test" if rest == ["--all"] => test::run(Tier::All),
         "test" => no_more(rest).and_then(|()| test::run(Tier::Quick)),

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use crate::error::Error;
 use crate::firmware::{self, Board};
 use crate::programs::{CHROMIUM, FFMPEG};
-use crate::{arm, emulator, modules, physics, process, python, ros2, toolchain, vm};
+use crate::{arm, emulator, foxglove, modules, physics, process, python, ros2, toolchain, vm};
 
 /// What one check came to.
 struct Outcome {
@@ -184,6 +184,7 @@ fn slow(checks: &mut Checks) {
     checks.check("lints of the firmware binary", || firmware::lint(emulator::BOARD));
     checks.check("lints of the emulator", emulator::lint);
     ros2_of_the_bridge(checks);
+    foxglove_of_the_bridge(checks);
     python_package(checks);
     // Speed is for a quiet machine and a command of its own.
     checks.check("physics", || physics::run(&["--without".into(), "speed".into()]));
@@ -227,6 +228,38 @@ pub(crate) fn zenoh() -> Result<(), Error> {
         )
     });
     checks.summary()
+}
+
+/// The bridge's feature `foxglove`: its lints and its tests.
+pub(crate) fn foxglove() -> Result<(), Error> {
+    let mut checks = Checks::default();
+    foxglove_of_the_bridge(&mut checks);
+    checks.summary()
+}
+
+fn foxglove_of_the_bridge(checks: &mut Checks) {
+    checks.check("Foxglove's live WebSocket", || {
+        let bridge = ["--package", "gripline", "--features", "foxglove"];
+        process::run(
+            process::cargo()
+                .arg("clippy")
+                .args(bridge)
+                .args(["--lib", "--bins", "--test", "foxglove", "--", "-D", "warnings"]),
+        )?;
+        process::run(
+            process::cargo()
+                .arg("test")
+                .args(bridge)
+                .args(["--lib", "live::foxglove"]),
+        )?;
+        process::run(
+            process::cargo()
+                .arg("test")
+                .args(bridge)
+                .args(["--test", "foxglove", "--", "--include-ignored"])
+                .env(foxglove::VARIABLE, foxglove::ensure()?),
+        )
+    });
 }
 
 /// The bridge's feature `ros2` and the crate behind it: lints and tests.

@@ -105,9 +105,15 @@ struct Lines;
 
 impl<S: Subscriber> Layer<S> for Lines {
     fn on_event(&self, event: &Event<'_>, _: Context<'_, S>) {
-        let mut line = Line(String::new());
-        event.record(&mut line);
         let metadata = event.metadata();
+        // Lines such as "Shutting down" that do not say who.
+        let source = if metadata.target().starts_with("foxglove") {
+            "Foxglove: "
+        } else {
+            ""
+        };
+        let mut line = Line(source.to_owned());
+        event.record(&mut line);
         let text = if *metadata.level() > Level::INFO {
             format!(
                 "gripline: [{} {}] {}",

@@ -6,6 +6,7 @@
 //! for the whole recording. Topics of the second fingertip begin with `/second`.
 #![forbid(unsafe_code)]
 
+mod channels;
 pub mod error;
 mod event;
 mod export;
@@ -22,6 +23,7 @@ mod topics;
 pub mod units;
 mod writer;
 
+pub use self::channels::{Channel, Channels, Message};
 pub use self::export::{Exported, copy_whole, export_arrays};
 pub use self::image::{CROP_SIDE, IMAGE_SIDE, Image, Pictures};
 pub use self::metadata::Metadata;

@@ -194,6 +194,11 @@ pub struct Settings {
     #[arg(id = "ros2.control", long = "ros2-control")]
     pub ros2_control: bool,
 
+    /// Serve what a recording holds, live, to the Foxglove app at this address (docs/foxglove.md; needs a gripline built with
+    /// --features foxglove). Pictures are those of record.pictures. By default nothing is served. Example: "127.0.0.1:8765"
+    #[arg(id = "foxglove.listen", long = "foxglove", value_name = "ADDRESS:PORT", value_parser = address)]
+    pub foxglove: Option<SocketAddr>,
+
     /// Run the loop with real-time priority (`SCHED_FIFO`), in memory that is never swapped, on one core. What the system
     /// does not allow is reported, and the run goes on without it.
     #[arg(id = "realtime.enabled", long = "realtime")]

@@ -1,7 +1,8 @@
 //! Live values for other programs: over HTTP (the crate `gripline-live`, which also serves the page and takes requests), and of
-//! many grippers in one place over zenoh. The loop waits for neither.
+//! many grippers in one place over zenoh, in ROS 2, and in Foxglove. The loop waits for none of them.
 
 pub(crate) mod fleet;
+pub(crate) mod foxglove;
 pub(crate) mod ros2;
 
 pub(crate) use gripline_live::{Live, Look, QUANTILES, Values};

@@ -58,6 +58,7 @@ use crate::config::{Overrides, Settings};
 use crate::error::{Completion, Failure};
 use crate::live::Live;
 use crate::live::fleet::Fleet;
+use crate::live::foxglove::Foxglove;
 use crate::live::ros2::Ros2;
 use crate::log::Collector;
 use crate::source::Source;
@@ -67,7 +68,7 @@ use gripline_capture::Counts;
 use gripline_link::session::Session;
 use gripline_pipeline::settings_for;
 use gripline_recording::telemetry::Limits;
-use gripline_recording::{Pace, Pictures, Recorder};
+use gripline_recording::{Metadata, Pace, Pictures, Recorder};
 
 /// Arguments of `gripline run`.
 #[derive(Debug, Clone, Args)]
@@ -136,7 +137,6 @@ pub fn run(args: &RunArgs) -> Result<Completion, Failure> {
     };
     let record = |path: &PathBuf| Recorder::start(path, &about, &rests, pace);
     let recorder = wanted.record.as_ref().map(record).transpose()?;
-    let about_run = serde_json::to_string(&about).unwrap_or_default();
     let mut fingertips = Fingertips::new(opened, &network, &wanted, TaxelRule::of(&settings));
 
     let stop = Arc::new(AtomicBool::new(false));
@@ -162,9 +162,9 @@ pub fn run(args: &RunArgs) -> Result<Completion, Failure> {
         .map(FingertipSummary::of)
         .collect();
     run.recorder = recorder;
-    run.drift = DriftWatch::of_cameras(clock == Clock::Pictures, rests);
     run.pictures = wanted.pictures;
-    open_to_others(&mut run, &wanted, &control, about_run)?;
+    open_to_others(&mut run, &wanted, &control, (&about, &rests))?;
+    run.drift = DriftWatch::of_cameras(clock == Clock::Pictures, rests);
     // After the other threads have started: they keep their ordinary priority.
     if wanted.realtime {
         let lacks = realtime::enter(wanted.realtime_core);
@@ -190,15 +190,19 @@ fn open_to_others(
     run: &mut Run,
     wanted: &Settings,
     control: &Handle,
-    about_run: String,
+    (about, rests): (&Metadata, &[Vec<Vec<u8>>]),
 ) -> Result<(), Failure> {
     run.live = serve(wanted, control)?;
     if let Some(fleet) = &wanted.fleet() {
-        run.fleet = Some(Fleet::start(fleet, about_run)?);
+        let about = serde_json::to_string(about).unwrap_or_default();
+        run.fleet = Some(Fleet::start(fleet, about)?);
     }
     if let Some(ros2) = &wanted.ros2() {
         let sensors = run.control.session.settings().sensors;
         run.ros2 = Some(Ros2::start(ros2, sensors, control)?);
+    }
+    if let Some(address) = wanted.foxglove {
+        run.foxglove = Some(Foxglove::start(address, about, rests)?);
     }
     Ok(())
 }

@@ -17,11 +17,11 @@ use gripline_recording::units::{
 use gripline_recording::{Image, Pictures};
 
 /// What of a picture is recorded.
-pub(super) fn image(wanted: Pictures, crop: Vec<u8>, pipeline: &Pipeline) -> Option<Image> {
+pub(super) fn image(wanted: Pictures, crop: impl Into<Vec<u8>>, pipeline: &Pipeline) -> Option<Image> {
     match wanted {
         Pictures::Full => Some(Image {
             side: CROP_SIDE,
-            pixels: crop,
+            pixels: crop.into(),
         }),
         Pictures::Small => Some(Image {
             side: IMAGE_SIDE,

@@ -14,6 +14,7 @@ use super::summary::Summary;
 use super::usage;
 use crate::error::Failure;
 use crate::live::fleet::Fleet;
+use crate::live::foxglove::Foxglove;
 use crate::live::ros2::Ros2;
 use crate::live::{Live, Look, QUANTILES, Values};
 use crate::run::stats::Times;
@@ -21,7 +22,7 @@ use crate::source::Picture;
 use gripline_capture::Counts;
 use gripline_link::session::Session;
 use gripline_network::scene::GateDecision;
-use gripline_pipeline::control_loop::{ControlLoop, FrameRequest, Late, Lateness};
+use gripline_pipeline::control_loop::{ControlLoop, FrameOutcome, FrameRequest, Late, Lateness};
 use gripline_pipeline::pipeline::Pipeline;
 use gripline_recording::telemetry::{FrameReport, STAGES};
 use gripline_recording::units::millimetres;
@@ -66,6 +67,7 @@ pub(super) struct Run {
     pub(super) live: Option<Live>,
     pub(super) fleet: Option<Fleet>,
     pub(super) ros2: Option<Ros2>,
+    pub(super) foxglove: Option<Foxglove>,
     pub(super) stages: [Times; STAGES.len()],
     /// Frames in which each of them missed its deadline.
     pub(super) late: [u64; STAGES.len()],
@@ -99,6 +101,7 @@ impl Run {
             live: None,
             fleet: None,
             ros2: None,
+            foxglove: None,
             stages: Default::default(),
             late: [0; STAGES.len()],
             frame_to_link: Times::default(),
@@ -188,30 +191,58 @@ impl Run {
         self.publish(&report, pipeline, &picture.crop);
         self.publish_status(&report, &host_faults);
         self.publish_to_many(&report, pipeline.map(), picture.taken);
-        if let Some(recorder) = &mut self.recorder {
-            recorder.offer(Frame {
-                report: report.clone(),
-                sequence: outcome.sequence,
-                capture_us: outcome.capture_us,
-                begun_us: outcome.begun_us,
-                until_us,
-                requested_mode: mode,
-                floor_lsb: self.control.session.settings().floor,
-                health_bits: outcome.health.bits(),
-                motion_bits: outcome.motion.bits(),
-                wire: outcome.status,
-                map: Box::new(pipeline.map().clone()),
-                picture: (outcome.late != Some(Late::Picture))
-                    .then(|| image(self.pictures, picture.crop, pipeline))
-                    .flatten(),
-            });
-        }
+        self.keep(&report, &outcome, request, pipeline, picture.crop);
         if self.clock == Clock::Wall {
             self.wait_for_the_clock()?;
         }
         self.frame += 1;
         self.t_s = report.t_s;
         Ok(report)
+    }
+
+    /// Leaves a frame for Foxglove and for the recording.
+    fn keep(
+        &mut self,
+        report: &FrameReport,
+        outcome: &FrameOutcome,
+        request: FrameRequest,
+        pipeline: &Pipeline,
+        crop: Vec<u8>,
+    ) {
+        if self.recorder.is_none() && self.foxglove.is_none() {
+            return;
+        }
+        let frame = Frame {
+            report: report.clone(),
+            sequence: outcome.sequence,
+            capture_us: outcome.capture_us,
+            begun_us: outcome.begun_us,
+            until_us: request.until_us,
+            requested_mode: request.mode,
+            floor_lsb: self.control.session.settings().floor,
+            health_bits: outcome.health.bits(),
+            motion_bits: outcome.motion.bits(),
+            wire: outcome.status,
+            map: Box::new(pipeline.map().clone()),
+            picture: None,
+        };
+        let is_pictured = outcome.late != Some(Late::Picture);
+        if let Some(foxglove) = &mut self.foxglove {
+            let is_wanted = is_pictured && foxglove.wants_picture(report.sensor);
+            let picture = is_wanted
+                .then(|| image(self.pictures, &*crop, pipeline))
+                .flatten();
+            foxglove.publish(Frame {
+                picture,
+                ..frame.clone()
+            });
+        }
+        if let Some(recorder) = &mut self.recorder {
+            let picture = is_pictured
+                .then(|| image(self.pictures, crop, pipeline))
+                .flatten();
+            recorder.offer(Frame { picture, ..frame });
+        }
     }
 
     /// Leaves a frame of a picture that was taken then for zenoh and ROS 2.
@@ -266,8 +297,11 @@ impl Run {
         self.presence = now;
     }
 
-    /// The recording keeps a log line.
+    /// The recording keeps a log line, and Foxglove shows it.
     pub(super) fn record_line(&self, line: &str) {
+        if let Some(foxglove) = &self.foxglove {
+            foxglove.note(self.t_s, line);
+        }
         if let Some(recorder) = &self.recorder {
             recorder.note(self.t_s, line);
         }
