@@ -1,6 +1,7 @@
 //! `cargo xtask bench outside`: what readers cost the loop, and how long a request takes until the microcontroller confirms it. The
-//! program runs as it is shipped, on the simulated fingertip, in turns alone and with everybody reading: ten HTTP streams, a stream
-//! that is never read, a standard output that stands still until the end, and two readers of another DDS.
+//! program runs as it is shipped, on a recording of the simulated fingertip (whose contact takes longer to solve than a frame where
+//! it shears), in turns alone and with everybody reading: ten HTTP streams, a stream that is never read, a standard output that
+//! stands still until the end, and two readers of another DDS. All of them share the processor with the run.
 
 use std::fmt::Write as _;
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
@@ -55,6 +56,7 @@ pub(crate) fn command(arguments: &[String]) -> Result<(), Error> {
     }
     let program = build()?;
     let python = ros2::ensure()?;
+    let source = record(&program, seconds)?;
     let mut turns = [Vec::new(), Vec::new()];
     for round in 0..rounds {
         for (readers, found) in [None, Some(python.as_path())].into_iter().zip(&mut turns) {
@@ -64,7 +66,7 @@ pub(crate) fn command(arguments: &[String]) -> Result<(), Error> {
                 "alone"
             };
             eprintln!("round {}: {who}, {seconds} s ...", round + 1);
-            found.push(one_turn(&program, seconds, readers)?);
+            found.push(one_turn(&program, &source, seconds, readers)?);
         }
     }
     let image = firmware::build(emulator::BOARD)?.0;
@@ -74,7 +76,7 @@ pub(crate) fn command(arguments: &[String]) -> Result<(), Error> {
         eprintln!("{REQUESTS} requests, {mcu} ...");
         let mut run = Command::new(&program);
         run.env("GRIPLINE_EMULATOR", &board).env("GRIPLINE_IMAGE", &image);
-        waits.push((mcu, max_ms, requests(run, mcu)?));
+        waits.push((mcu, max_ms, requests(run, &source, mcu)?));
     }
     let report = Report { turns, waits };
     if is_json {
@@ -96,6 +98,20 @@ fn build() -> Result<PathBuf, Error> {
     Ok(process::build_dir().join("release").join("gripline"))
 }
 
+/// A recording with every picture; returns it as a source.
+fn record(program: &Path, seconds: u64) -> Result<String, Error> {
+    let path = process::products().join("bench-outside.mcap");
+    let _ = std::fs::remove_file(&path);
+    process::output(
+        Command::new(program)
+            .args(["run", "--unpaced", "--record-pictures", "full", "--seconds"])
+            .arg(seconds.to_string())
+            .arg("--record")
+            .arg(&path),
+    )?;
+    Ok(format!("mcap:{}", path.display()))
+}
+
 /// What one run said at its end.
 #[derive(Debug, Clone, Copy)]
 struct Turn {
@@ -104,9 +120,16 @@ struct Turn {
     late: u64,
 }
 
-fn one_turn(program: &Path, seconds: u64, python: Option<&Path>) -> Result<Turn, Error> {
+fn one_turn(program: &Path, source: &str, seconds: u64, python: Option<&Path>) -> Result<Turn, Error> {
     let mut command = Command::new(program);
-    command.args(["run", "--json", "--seconds", &seconds.to_string()]);
+    command.args([
+        "run",
+        "--json",
+        "--seconds",
+        &seconds.to_string(),
+        "--source",
+        source,
+    ]);
     if python.is_some() {
         command.args(["--ros2-name", "bench", "--ros2-domain", DOMAIN]);
     }
@@ -177,8 +200,8 @@ fn dds_reader(python: &Path) -> Result<Child, Error> {
 }
 
 /// How long each request took until the microcontroller confirmed it, ms, sorted.
-fn requests(mut command: Command, mcu: &str) -> Result<Vec<f64>, Error> {
-    command.args(["run", "--json", "--seconds", "600", "--mcu", mcu]);
+fn requests(mut command: Command, source: &str, mcu: &str) -> Result<Vec<f64>, Error> {
+    command.args(["run", "--json", "--source", source, "--mcu", mcu]);
     let mut run = Run::start(command)?;
     let mut out = BufReader::new(run.out.take().ok_or_else(|| no_product("frames", &Value::Null))?);
     let mut line = String::new();
