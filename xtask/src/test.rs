@@ -148,6 +148,9 @@ pub(crate) fn run(tier: Tier) -> Result<(), Error> {
         return checks.summary();
     };
     checks.check("tests of the emulator", || emulator::test(&image));
+    checks.check("latency: static bound and measured worst case", || {
+        emulator::latency(&[])
+    });
     checks.check("tests, the emulated board included", || {
         let mut tests = process::cargo();
         tests

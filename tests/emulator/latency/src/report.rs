@@ -16,6 +16,8 @@ use crate::{Error, twin};
 
 /// Cycles from a map's last packet to the line (DESIGN.md: 25 µs at 168 MHz).
 const PATH_CYCLES: u64 = 4_200;
+/// Cycles at most that anything blocks that path.
+const BLOCKING_CYCLES: u64 = 1_000;
 /// Instructions for a dense map, and for a taxel of it.
 const DENSE_INSTRUCTIONS: u64 = 10_000;
 const TAXEL_INSTRUCTIONS: f64 = 24.0;
@@ -220,6 +222,18 @@ impl Report {
             "packet to line, cycles",
             worst.to_string(),
             format!("at most the static bound of {}", self.bound_cycles()),
+        );
+        check(
+            self.bound_cycles() <= PATH_CYCLES,
+            "packet to line, static bound, cycles",
+            self.bound_cycles().to_string(),
+            format!("at most {PATH_CYCLES}"),
+        );
+        check(
+            self.blocking_cycles() <= BLOCKING_CYCLES,
+            "longest stretch that blocks the path, cycles",
+            self.blocking_cycles().to_string(),
+            format!("at most {BLOCKING_CYCLES}"),
         );
         check(
             self.dense <= DENSE_INSTRUCTIONS,
