@@ -283,6 +283,13 @@ fn who_has_no_token_or_sends_rubbish_moves_nothing_and_is_told_what_was_expected
     run.token = token;
     assert_eq!(run.status()["owner"], Value::Null);
     assert_eq!(run.ask("arm", "release").0, 200);
+    // Who was answered finds it in the status, before the next frame.
+    let status = run.status();
+    assert_eq!(
+        (&status["owner"], &status["requested"], &status["mode"]),
+        (&json!("arm"), &json!("released"), &json!("released")),
+        "{status}"
+    );
     run.wait_for("open gripper", |status| status["line_n"].as_f64() == Some(0.0));
 }
 

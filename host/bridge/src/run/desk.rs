@@ -36,6 +36,18 @@ impl Run {
         self.look_after_requests()
     }
 
+    /// Owner and modes as they are now: who is answered finds them in the status, and need not wait for the next frame.
+    fn publish_modes(&self) {
+        let requests = &self.requests;
+        let session = &self.control.session;
+        requests.inbox.publish(|status| {
+            status.owner = requests.desk.owner().cloned();
+            status.requested = requests.mode().map(mode_name);
+            status.mode = session.status().map(|status| mode_name(status.mode));
+            status.floor_n = newtons(session.settings().floor);
+        });
+    }
+
     fn begin(&mut self, asked: Asked) {
         let Some(step) = self.requests.desk.take(asked) else {
             return;
@@ -96,6 +108,9 @@ impl Run {
 
     /// Answers what has come to an end.
     pub(super) fn settle_requests(&mut self) -> Result<(), Failure> {
+        if self.requests.desk.under_way().next().is_some() {
+            self.publish_modes();
+        }
         self.take_refusal();
         self.settle_mode()?;
         self.settle_acknowledgement()?;
@@ -219,17 +234,12 @@ impl Run {
 
     /// Leaves what the gripper does where it can be read.
     pub(super) fn publish_status(&self, report: &FrameReport, host_faults: &[&'static str]) {
-        let requests = &self.requests;
+        self.publish_modes();
         let session = &self.control.session;
-        let newtons = |lsb: i32| f64::from(lsb) / f64::from(LSB_PER_NEWTON);
-        requests.inbox.publish(|status| {
+        self.requests.inbox.publish(|status| {
             let newest = session.status();
-            status.owner = requests.desk.owner().cloned();
-            status.requested = requests.mode().map(mode_name);
-            status.mode = newest.map(|status| mode_name(status.mode));
             status.state = report.state;
             status.line_n = report.line_n;
-            status.floor_n = newtons(session.settings().floor);
             status.ceiling_n = newtons(session.settings().ceiling);
             if status.link.is_empty() {
                 status.link = session.link_name();
@@ -274,6 +284,10 @@ impl Run {
         self.requests.rezeroed(&outcome);
         self.settle_requests()
     }
+}
+
+fn newtons(lsb: i32) -> f64 {
+    f64::from(lsb) / f64::from(LSB_PER_NEWTON)
 }
 
 const fn mode_name(mode: GripMode) -> &'static str {
