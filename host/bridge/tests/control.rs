@@ -185,6 +185,7 @@ fn nothing_moves_until_somebody_asks_and_then_as_asked() {
 
     let (code, answer) = run.ask_with("arm", "set_floor", &json!({"floor_n": 6.0}));
     assert_eq!(code, 200, "{answer}");
+    assert_eq!(run.status()["floor_n"], 6.0);
     run.wait_for("line at the new floor", |status| {
         status["line_n"].as_f64() >= Some(6.0)
     });

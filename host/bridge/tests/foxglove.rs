@@ -1,21 +1,11 @@
 //! Foxglove's WebSocket as another program sees it: a Python client, without the SDK that serves it. Needs the feature `foxglove`
 //! and the Python that `cargo xtask test --all` and `--foxglove` make (`FOXGLOVE_TEST_PYTHON`).
 
+mod program;
+
 use std::process::{Command, Output};
 
-fn gripline(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_gripline"))
-        .args(arguments)
-        .output()
-        .expect("the program starts")
-}
-
-#[track_caller]
-fn ends(output: &Output, code: i32) -> String {
-    let said = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert_eq!(output.status.code(), Some(code), "{said}");
-    said
-}
+use program::{ends, gripline};
 
 #[test]
 fn an_address_without_a_port_is_told() {

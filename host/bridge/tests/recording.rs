@@ -1,5 +1,7 @@
 //! `gripline run --record`, `replay` and `export` as programs: what is decided again, what is lost by a kill, what is refused.
 
+mod program;
+
 use std::collections::BTreeMap;
 use std::fs;
 use std::hash::{BuildHasher, RandomState};
@@ -11,19 +13,7 @@ use std::time::Duration;
 use mcap::io::MessageReader;
 use serde_json::Value;
 
-fn gripline(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_gripline"))
-        .args(arguments)
-        .output()
-        .expect("the program starts")
-}
-
-#[track_caller]
-fn ends(output: &Output, code: i32) -> String {
-    let said = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert_eq!(output.status.code(), Some(code), "{said}");
-    said
-}
+use program::{ends, gripline};
 
 fn text(path: &Path) -> &str {
     path.to_str().expect("paths of tests are UTF-8")

@@ -1,24 +1,14 @@
 //! ROS 2 as other programs see it: a bag read by the Python package rosbags, and (with the feature `ros2`) a run read and asked by
 //! another implementation of DDS. Needs the Python that `cargo xtask test --all` and `--ros2` make (`ROS2_TEST_PYTHON`).
 
+mod program;
+
 use std::path::Path;
 use std::process::{Command, Output};
 
 use serde_json::Value;
 
-fn gripline(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_gripline"))
-        .args(arguments)
-        .output()
-        .expect("the program starts")
-}
-
-#[track_caller]
-fn ends(output: &Output, code: i32) -> String {
-    let said = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert_eq!(output.status.code(), Some(code), "{said}");
-    said
-}
+use program::{ends, gripline};
 
 fn text(path: &Path) -> &str {
     path.to_str().expect("paths of tests are UTF-8")

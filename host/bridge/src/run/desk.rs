@@ -1,7 +1,7 @@
 //! The desk of a run: requests are taken between frames, carried out, repeated until the microcontroller confirms, and answered. Nothing
 //! here waits.
 
-use gripline_control::{Asked, Outcome, Step, Why, names, reported};
+use gripline_control::{Asked, Outcome, StatusReport, Step, Why, names, reported};
 use gripline_link::session::Session;
 use gripline_pipeline::{Acknowledgement, Acknowledging, Unconfirmed};
 use gripline_protocol::LSB_PER_NEWTON;
@@ -36,21 +36,25 @@ impl Run {
         self.look_after_requests()
     }
 
-    /// Owner and modes as they are now: who is answered finds them in the status, and need not wait for the next frame.
-    fn publish_modes(&self) {
-        let requests = &self.requests;
+    /// Answers all who wait for such a step. They find what they asked for in the status, and need not wait for the next frame.
+    fn close(&mut self, step: Step, outcome: &Outcome) {
+        self.requests.inbox.publish(|status| self.fill(status));
+        self.requests.desk.close(step, outcome);
+    }
+
+    /// What requests change in a status: owner, modes, and the floor in newtons.
+    fn fill(&self, status: &mut StatusReport) {
         let session = &self.control.session;
-        requests.inbox.publish(|status| {
-            status.owner = requests.desk.owner().cloned();
-            status.requested = requests.mode().map(mode_name);
-            status.mode = session.status().map(|status| mode_name(status.mode));
-            status.floor_n = newtons(session.settings().floor);
-        });
+        status.owner = self.requests.desk.owner().cloned();
+        status.requested = self.requests.mode().map(mode_name);
+        status.mode = session.status().map(|status| mode_name(status.mode));
+        status.floor_n = newtons(session.settings().floor);
     }
 
     fn begin(&mut self, asked: Asked) {
         let Some(step) = self.requests.desk.take(asked) else {
-            return;
+            // It was answered at once, and may have another owner.
+            return self.requests.inbox.publish(|status| self.fill(status));
         };
         let session = &self.control.session;
         let now_us = session.now_us();
@@ -66,7 +70,7 @@ impl Run {
                 return;
             }
             Step::Acknowledge => match session.status().map_or(0, |status| status.latched) {
-                0 => return self.requests.desk.close(step, &Outcome::Done),
+                0 => return self.close(step, &Outcome::Done),
                 latched => {
                     self.requests.acknowledging = Some(Acknowledgement::new(latched, now_us));
                     return;
@@ -103,14 +107,11 @@ impl Run {
                 return;
             }
         };
-        self.requests.desk.close(step, &Outcome::Refused(refused));
+        self.close(step, &Outcome::Refused(refused));
     }
 
     /// Answers what has come to an end.
     pub(super) fn settle_requests(&mut self) -> Result<(), Failure> {
-        if self.requests.desk.under_way().next().is_some() {
-            self.publish_modes();
-        }
         self.take_refusal();
         self.settle_mode()?;
         self.settle_acknowledgement()?;
@@ -147,12 +148,12 @@ impl Run {
                 self.requests.asked = None;
                 self.control.ask_for(self.requests.mode())?;
                 let why = why_not(why, &self.control.session);
-                self.requests.desk.close(Step::Hold, &Outcome::Refused(why));
+                self.close(Step::Hold, &Outcome::Refused(why));
             } else {
                 tracing::warn!("{why}");
             }
         } else if is_asked && self.control.is_confirmed() {
-            self.requests.desk.close(Step::Hold, &Outcome::Done);
+            self.close(Step::Hold, &Outcome::Done);
         }
         Ok(())
     }
@@ -190,7 +191,7 @@ impl Run {
             Acknowledging::StillLatched(_, active) => Outcome::Refused(Why::StillActive(names(active))),
             Acknowledging::NoStatus => Outcome::Refused(silent(session)),
         };
-        self.requests.desk.close(Step::Acknowledge, &outcome);
+        self.close(Step::Acknowledge, &outcome);
         Ok(())
     }
 
@@ -223,7 +224,7 @@ impl Run {
                 return Ok(());
             }
         };
-        self.requests.desk.close(Step::SetFloor(0.0), &outcome);
+        self.close(Step::SetFloor(0.0), &outcome);
         Ok(())
     }
 
@@ -234,9 +235,9 @@ impl Run {
 
     /// Leaves what the gripper does where it can be read.
     pub(super) fn publish_status(&self, report: &FrameReport, host_faults: &[&'static str]) {
-        self.publish_modes();
         let session = &self.control.session;
         self.requests.inbox.publish(|status| {
+            self.fill(status);
             let newest = session.status();
             status.state = report.state;
             status.line_n = report.line_n;
@@ -281,7 +282,8 @@ impl Run {
         } else {
             Outcome::Refused(Why::Holding)
         };
-        self.requests.rezeroed(&outcome);
+        self.requests.rezero = None;
+        self.close(Step::Rezero, &outcome);
         self.settle_requests()
     }
 }

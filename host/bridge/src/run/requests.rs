@@ -1,6 +1,6 @@
 //! What is asked of a run from outside and is under way, and which mode the gripper is to have by it.
 
-use gripline_control::{Asked, Desk, Inbox, Outcome, Step};
+use gripline_control::{Asked, Desk, Inbox};
 use gripline_pipeline::Acknowledgement;
 use gripline_protocol::message::{Configuration, GripMode};
 
@@ -74,12 +74,6 @@ impl Requests {
     /// The mode that the gripper is to have now; `None`: it stays as it is.
     pub(super) fn mode(&self) -> Option<GripMode> {
         self.asked.or(self.script).or(self.otherwise)
-    }
-
-    /// What taking new rest pictures came to.
-    pub(super) fn rezeroed(&mut self, outcome: &Outcome) {
-        self.rezero = None;
-        self.desk.close(Step::Rezero, outcome);
     }
 
     /// Waits for a request until then.
