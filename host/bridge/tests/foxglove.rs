@@ -3,8 +3,6 @@
 
 mod program;
 
-use std::process::{Command, Output};
-
 use program::{ends, gripline};
 
 #[test]
@@ -30,7 +28,7 @@ mod live {
     use std::fs::{self, File};
     use std::io::{BufRead as _, BufReader};
     use std::path::Path;
-    use std::process::{Child, ChildStderr, Stdio};
+    use std::process::{Child, ChildStderr, Command, Stdio};
     use std::thread::{self, JoinHandle};
 
     use serde_json::{Value, json};

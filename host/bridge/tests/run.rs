@@ -340,9 +340,12 @@ fn a_serial_port_that_goes_away_and_comes_back_is_taken_up_again() {
         (&1.into(), &0.into(), &0.into()),
         "{summary}"
     );
+    // The map under way when the plug was pulled was still taken; none of them was answered, and that is counted.
+    let count = |name: &str| summary[name].as_u64().expect("a count");
+    assert!(count("maps_not_taken") > 0, "{summary}");
     assert!(
-        summary["maps_not_taken"].as_u64() >= Some(away as u64),
-        "{summary}"
+        count("maps_unanswered") + count("maps_late") >= away as u64,
+        "{away} frames without it: {summary}"
     );
     assert!(summary["answers_checked"].as_u64() >= Some(90), "{summary}");
 }
