@@ -184,6 +184,10 @@ impl<C: Clock> Link for HotPlug<C> {
         self.clock.now_us()
     }
 
+    fn is_real_time(&self) -> bool {
+        true
+    }
+
     fn name(&self) -> String {
         format!("microcontroller on {}", self.finder.name())
     }

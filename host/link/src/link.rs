@@ -28,6 +28,11 @@ pub trait Link {
     /// Time of the clock that the microcontroller on this link lives by: virtual for one in this process or emulated.
     fn now_us(&self) -> u64;
 
+    /// Whether time passes without [`Link::run_until`], as for a real device: nobody needs to wait in it.
+    fn is_real_time(&self) -> bool {
+        false
+    }
+
     /// What it is, for people.
     fn name(&self) -> String;
 

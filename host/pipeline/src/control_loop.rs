@@ -20,6 +20,9 @@ pub const PICTURE_OLD_US: u64 = 20_000;
 /// stale.
 pub const MAP_OLD_US: u64 = 50_000;
 
+/// The answer to a map is looked for so often, µs.
+const ANSWER_STEP_US: u64 = 1_000;
+
 /// The gate decision's name, for programs.
 #[must_use]
 pub const fn gate_name(decision: GateDecision) -> &'static str {
@@ -364,6 +367,26 @@ impl ControlLoop {
         Ok(self.session.run_until(until_us)?)
     }
 
+    /// Lets the link work until then. Where time passes by itself nobody waits for more than the answer to `map`, the fingertip and the
+    /// number of the map that was sent last: who asks for something meanwhile is heard.
+    fn work_until_answered(&mut self, map: Option<(u8, u32)>, until_us: u64) -> Result<(), PipelineError> {
+        if !self.session.is_real_time() {
+            return self.work_until(until_us);
+        }
+        let now_us = self.session.now_us();
+        self.work_until(now_us)?;
+        while map.is_some_and(|map| !self.is_answered(map)) && self.session.now_us() < until_us {
+            self.work_until(until_us.min(self.session.now_us() + ANSWER_STEP_US))?;
+        }
+        Ok(())
+    }
+
+    fn is_answered(&self, (sensor, sequence): (u8, u32)) -> bool {
+        self.session
+            .status_of(sensor)
+            .is_some_and(|status| status.sequence == sequence && status.maps > 0)
+    }
+
     fn begin(&mut self, request: FrameRequest) -> Result<Begun, PipelineError> {
         self.ask_for(request.mode)?;
         let (at, begun_us) = (Instant::now(), self.session.capture_us());
@@ -388,7 +411,11 @@ impl ControlLoop {
         processed: Processed,
         ended: &Ended,
     ) -> Result<FrameOutcome, PipelineError> {
-        self.work_until(self.start_us + begun.request.until_us)?;
+        let map = match ended {
+            Ended::Sent { .. } => Some((begun.info.sensor, begun.info.sequence)),
+            Ended::Dropped(_) => None,
+        };
+        self.work_until_answered(map, self.start_us + begun.request.until_us)?;
         self.after_absence();
         let (sent, latency_us, late) = match ended {
             Ended::Sent { sent, latency_us } => (*sent, *latency_us, None),
@@ -403,7 +430,6 @@ impl ControlLoop {
         // A map that was never sent leaves no gap.
         self.sequences[usize::from(sensor)] = sequence.wrapping_add(u32::from(late.is_none()));
         let newest = self.session.status_of(sensor);
-        let is_answer = |status: Status| status.sequence == sequence && status.maps > 0;
         let [downsample_us, gate_us, network_us] = processed.stages_us;
         Ok(FrameOutcome {
             sensor,
@@ -425,7 +451,7 @@ impl ControlLoop {
             wire_bytes: sent.bytes,
             is_lost: sent.is_lost,
             late,
-            answered: late.is_none() && newest.is_some_and(is_answer),
+            answered: late.is_none() && self.is_answered((sensor, sequence)),
             // No status of this fingertip yet: what holds for the whole device is known all the same.
             status: newest.unwrap_or_else(|| Status {
                 sensor,

@@ -178,7 +178,6 @@ fn ten_thousand_frames_with_faults_at_random_go_on_and_count_every_loss() {
     let (mut dice, mut done, mut jpeg) = (Dice(7), Done::default(), JpegCrop::default());
     let (mut attached, mut away_until, mut stuck_until, mut last) = (Vec::new(), 0, 0, 0);
     let (mut shown, mut untold, mut unsound) = (0_u64, 0, 0);
-    let start_us = world.now_us();
     for number in 0..FRAMES + CALM {
         let may_break = number < FRAMES;
         if number == away_until && !attached.is_empty() {
@@ -221,6 +220,7 @@ fn ten_thousand_frames_with_faults_at_random_go_on_and_count_every_loss() {
                 .unwrap();
         }
 
+        let begun_us = world.now_us();
         let shot = &shots[(number % shots.len() as u64) as usize];
         let mut crop = shot.crop.clone();
         let is_there = if may_break && dice.happens(30) {
@@ -271,7 +271,7 @@ fn ten_thousand_frames_with_faults_at_random_go_on_and_count_every_loss() {
             run.frame += 1;
         }
         // Whatever the host's clock shows, the world goes on.
-        world.pass_to(start_us + ((number + 1) as f64 * FRAME_US) as u64);
+        world.pass_to(begun_us + FRAME_US as u64);
     }
 
     let (session, summary) = (&run.control.session, &run.summary);

@@ -35,7 +35,6 @@ pub struct Session {
     /// The settings are this host's, to be handed over again after a restart.
     are_ours: bool,
     shadow: Shadow,
-    now_us: u64,
     /// When the newest status came.
     status_us: u64,
     clocks: ClockSync,
@@ -100,7 +99,6 @@ impl Session {
             settings,
             are_ours: false,
             shadow: Shadow::new(TaxelRule::of(&settings)),
-            now_us: 0,
             status_us: 0,
             clocks: ClockSync::default(),
             clock_jumps: 0,
@@ -135,7 +133,7 @@ impl Session {
             mismatch,
         })?;
         self.firmware = Some(hello);
-        if self.handshake.met(hello.session, self.now_us) {
+        if self.handshake.met(hello.session, self.now_us()) {
             self.clocks.forget();
             // What was said of settings was said before it restarted.
             self.inbox.configuration = None;
@@ -231,8 +229,8 @@ impl Session {
         question: &'static str,
         answered: impl Fn(&Inbox) -> bool,
     ) -> Result<(), SessionError> {
-        let end_us = self.now_us + HANDSHAKE_US;
-        while self.now_us < end_us {
+        let end_us = self.now_us() + HANDSHAKE_US;
+        while self.now_us() < end_us {
             self.say(message)?;
             if self.wait_for(HANDSHAKE_RETRY_US, &answered)? {
                 return Ok(());
@@ -243,9 +241,9 @@ impl Session {
 
     /// Works for so long, or until `answered`.
     fn wait_for(&mut self, us: u64, answered: &impl Fn(&Inbox) -> bool) -> Result<bool, SessionError> {
-        let end_us = self.now_us + us;
-        while self.now_us < end_us {
-            self.run_until(self.now_us + HANDSHAKE_STEP_US)?;
+        let end_us = self.now_us() + us;
+        while self.now_us() < end_us {
+            self.run_until(self.now_us() + HANDSHAKE_STEP_US)?;
             if answered(&self.inbox) {
                 return Ok(true);
             }
@@ -357,27 +355,25 @@ impl Session {
         inbox.statuses.clear();
         let packets = inbox.packets;
         link.run_until(until_us, &mut |packet| inbox.packet(packet))?;
-        self.now_us = until_us.max(self.now_us);
+        let now_us = self.now_us();
         if self.inbox.packets != packets {
-            self.handshake.heard(self.now_us);
+            self.handshake.heard(now_us);
         }
         if !self.inbox.statuses.is_empty() {
-            self.status_us = self.now_us;
+            self.status_us = now_us;
         }
         let presence = self.link.presence();
         if presence.losses != self.losses && presence.away.is_none() {
             self.losses = presence.losses;
             self.handshake.link_returned();
         }
-        // The clock that capture times are of.
-        let clock_us = self.link.now_us();
         for status in &self.inbox.statuses {
             // Whoever restarted judges by other settings until it has ours.
             if self.handshake.is_sound_after(status) {
                 self.shadow.answered(status);
                 let is_refusing = status.faults & Fault::FutureMap.bit() != 0;
                 let (uptime_ms, clocks) = (status.uptime_ms, &mut self.clocks);
-                if clocks.jumped(clock_us, uptime_ms)
+                if clocks.jumped(now_us, uptime_ms)
                     || clocks.is_locked_out(uptime_ms, is_refusing, status.maps)
                 {
                     self.clock_jumps += 1;
@@ -409,7 +405,7 @@ impl Session {
                 self.handshake.settled();
             }
         }
-        match self.handshake.next(self.now_us) {
+        match self.handshake.next(self.now_us()) {
             None => Ok(()),
             Some(Next::Hello) => {
                 self.inbox.hello = None;

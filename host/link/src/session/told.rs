@@ -16,10 +16,16 @@ impl Session {
         self.link.now_us() as u32
     }
 
-    /// Time up to which the link has worked.
+    /// Time of the clock that the microcontroller on this link lives by, µs; the low 32 bits of it are capture times.
     #[must_use]
-    pub const fn now_us(&self) -> u64 {
-        self.now_us
+    pub fn now_us(&self) -> u64 {
+        self.link.now_us()
+    }
+
+    /// Whether time passes without [`Session::run_until`].
+    #[must_use]
+    pub fn is_real_time(&self) -> bool {
+        self.link.is_real_time()
     }
 
     /// The settings that the microcontroller confirmed.
@@ -77,8 +83,8 @@ impl Session {
 
     /// How long ago it came, µs.
     #[must_use]
-    pub const fn status_age_us(&self) -> u64 {
-        self.now_us.saturating_sub(self.status_us)
+    pub fn status_age_us(&self) -> u64 {
+        self.now_us().saturating_sub(self.status_us)
     }
 
     /// Whether the device is there, and what was lost.
