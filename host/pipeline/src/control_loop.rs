@@ -312,6 +312,26 @@ impl ControlLoop {
         self.asked.is_some_and(|asked| asked.is_confirmed())
     }
 
+    /// Whether a mode was asked for that no status shows yet.
+    #[must_use]
+    pub fn is_asking(&self) -> bool {
+        self.asked.is_some_and(|asked| asked.is_waiting())
+    }
+
+    /// Lets the link work for so long between two frames; a real one takes what came, and nobody waits.
+    ///
+    /// # Errors
+    /// [`PipelineError`] when the link is gone.
+    pub fn pass(&mut self, time: Duration) -> Result<(), PipelineError> {
+        let now_us = self.session.now_us();
+        let passed_us = if self.session.is_real_time() {
+            0
+        } else {
+            time.as_micros() as u64
+        };
+        Ok(self.session.run_until(now_us + passed_us)?)
+    }
+
     /// Asks for the mode, again and again until a status shows it; for none, what was asked for before is withdrawn.
     ///
     /// # Errors

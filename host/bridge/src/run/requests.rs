@@ -76,6 +76,11 @@ impl Requests {
         self.asked.or(self.script).or(self.otherwise)
     }
 
+    /// Whether something but a mode was asked for and is not confirmed.
+    pub(super) const fn is_under_way(&self) -> bool {
+        self.floor.is_some() || self.acknowledging.is_some()
+    }
+
     /// Waits for a request until then.
     pub(super) fn next_until(&self, until: std::time::Instant) -> Option<Asked> {
         self.inbox.next_until(until)

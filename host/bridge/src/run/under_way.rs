@@ -85,6 +85,9 @@ pub(super) struct Run {
     pub(super) summary: Summary,
 }
 
+/// What was asked for between two frames and is not confirmed is looked at so often.
+const WATCH_STEP: Duration = Duration::from_millis(1);
+
 impl Run {
     pub(super) fn new(session: Session, clock: Clock, frames_per_second: f64) -> Self {
         Self {
@@ -367,13 +370,25 @@ impl Run {
         self.started + Duration::from_secs_f64(frame as f64 / self.frames_per_second)
     }
 
-    /// Waits until the next frame is due; what is asked for meanwhile is done at once. A link that waits for the wall clock itself
-    /// leaves nothing to wait for.
+    /// Waits until the next frame is due; what is asked for meanwhile is done at once, and watched until it is confirmed.
     fn wait_for_the_clock(&mut self) -> Result<(), Failure> {
         let due = self.due(self.frame + 1);
-        while let Some(asked) = self.requests.next_until(due) {
-            self.take_request(asked)?;
+        loop {
+            let is_under_way = self.control.is_asking() || self.requests.is_under_way();
+            let until = if is_under_way {
+                due.min(Instant::now() + WATCH_STEP)
+            } else {
+                due
+            };
+            if let Some(asked) = self.requests.next_until(until) {
+                self.take_request(asked)?;
+            } else if until == due {
+                return Ok(());
+            } else {
+                // A virtual clock goes on with the one on the wall; the next frame begins when it was due all the same.
+                self.control.pass(WATCH_STEP)?;
+                self.look_after_requests()?;
+            }
         }
-        Ok(())
     }
 }
