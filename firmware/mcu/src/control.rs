@@ -110,7 +110,7 @@ pub(crate) struct Control {
 }
 
 impl Control {
-    /// One packet of a map: decides, then writes the line.
+    /// One packet of a map that came to the task: decides, then writes the line.
     fn map_packet(&mut self, packet: &[u8], link: LinkId) {
         let started = cycles();
         self.heard(link);
@@ -131,24 +131,24 @@ impl Control {
     #[inline]
     pub(crate) fn map_taxels(&mut self, packet: &[u8], entered: u32) {
         self.heard(LinkId::Usb);
-        let action = self.program.map_taxels(packet, LinkId::Usb, self.packet_us);
-        self.act(action, entered);
+        let _ = self.program.map_taxels(packet, LinkId::Usb, self.packet_us);
+        self.note_packet(entered);
     }
 
     /// The first packet of a map, from the interrupt of the USB core.
     #[inline]
     pub(crate) fn map_head(&mut self, packet: &[u8], entered: u32) {
         self.heard(LinkId::Usb);
-        let action = self.program.map_head(packet, LinkId::Usb, self.packet_us);
-        self.act(action, entered);
+        let _ = self.program.map_head(packet, LinkId::Usb, self.packet_us);
+        self.note_packet(entered);
     }
 
     /// A packet of no kind that we know, from the interrupt of the USB core.
     #[inline(never)]
     pub(crate) fn unknown_packet(&mut self, packet: &[u8], entered: u32) {
         self.heard(LinkId::Usb);
-        let action = self.program.unknown_packet(packet, LinkId::Usb, self.packet_us);
-        self.act(action, entered);
+        let _ = self.program.unknown_packet(packet, LinkId::Usb, self.packet_us);
+        self.note_packet(entered);
     }
 
     /// A packet came over a link.
@@ -253,6 +253,13 @@ impl Control {
     /// The UART brought a frame that could not be decoded.
     pub(crate) fn malformed_frame(&mut self) {
         self.program.refuse_packet(LinkId::Uart);
+    }
+
+    /// Notes the cycles that a packet took which ends no map, and so moves no line.
+    #[inline]
+    fn note_packet(&mut self, entered: u32) {
+        self.program
+            .note_cycles(Stage::Packet, cycles().wrapping_sub(entered));
     }
 
     /// Writes the line, then notes the cycles that the decision and the write took. The deadline counts until the DAC has the
