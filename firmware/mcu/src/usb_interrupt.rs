@@ -24,7 +24,7 @@ use gripline_protocol::constants::TAXELS_PER_PACKET;
 use gripline_protocol::packet::Kind;
 
 use crate::control::{self, Control};
-use crate::priority::block_path;
+use crate::priority::{self, block_path};
 
 bind_interrupts!(pub(crate) struct Interrupts {
     OTG_FS => MapPackets;
@@ -73,6 +73,7 @@ impl Handler<typelevel::OTG_FS> for MapPackets {
     #[inline]
     unsafe fn on_interrupt() {
         let entered = control::cycles();
+        let requested = priority::requested(entered);
         // Read once: what lands after it interrupts again, and is not left to the HAL.
         if !is_received() {
             return defer(false);
@@ -84,6 +85,7 @@ impl Handler<typelevel::OTG_FS> for MapPackets {
         let Some(control) = (unsafe { control::from_isr() }) else {
             return defer(true);
         };
+        control.note_request(requested);
         if status.pktstsd() == Pktstsd::OUT_DATA_RX {
             packet(status, control, entered);
         } else if IS_OPEN.load(Ordering::Relaxed) {
