@@ -57,9 +57,7 @@ pub(crate) fn check() -> Result<(), Error> {
 
 /// The program `gripline`, built as the wheel.
 fn command_line(profile: &str) -> Result<PathBuf, Error> {
-    process::run(process::cargo().args(["build", "--profile", profile, "--package", "gripline"]))?;
-    let folder = process::build_dir().join(process::profile_folder(profile));
-    Ok(folder.join("gripline"))
+    Ok(process::build(profile, &[("gripline", "gripline")])?.join("gripline"))
 }
 
 fn package() -> PathBuf {
@@ -99,6 +97,7 @@ impl Environment {
                 .arg(self.0.join("bin").join("python"))
                 .arg("--manifest-path")
                 .arg(package().join("Cargo.toml"))
+                .env("CARGO_INCREMENTAL", "0")
                 .current_dir(process::root()),
         )?;
         let wheel = only_wheel(&folder)?;

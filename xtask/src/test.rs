@@ -89,6 +89,34 @@ pub(crate) enum Tier {
 /// Crates that only the slow tier builds: their dependencies take minutes.
 const SLOW_CRATES: [&str; 3] = ["gripline-ros2", "gripline-training", "gripline-validation"];
 
+/// Crates whose libraries have nothing that a feature of the bridge changes.
+const TESTED_WITHOUT_FEATURES: [&str; 24] = [
+    "gripline-browser",
+    "gripline-capture",
+    "gripline-chart",
+    "gripline-control",
+    "gripline-evaluation",
+    "gripline-firmware",
+    "gripline-fuzz-bodies",
+    "gripline-gripper",
+    "gripline-link",
+    "gripline-live",
+    "gripline-markers",
+    "gripline-mcu",
+    "gripline-network",
+    "gripline-pipeline",
+    "gripline-protocol",
+    "gripline-python",
+    "gripline-recording",
+    "gripline-ros2",
+    "gripline-sensor",
+    "gripline-simulation",
+    "gripline-stress",
+    "gripline-test-board",
+    "gripline-tests",
+    "gripline-validation",
+];
+
 /// The checks of a tier. The order is that of cost, but for the tests, which need the image and the emulator.
 pub(crate) fn run(tier: Tier) -> Result<(), Error> {
     let all = tier == Tier::All;
@@ -186,8 +214,7 @@ fn slow(checks: &mut Checks) {
     });
     checks.check("lints of the firmware binary", || firmware::lint(emulator::BOARD));
     checks.check("lints of the emulator", emulator::lint);
-    ros2_of_the_bridge(checks);
-    foxglove_of_the_bridge(checks);
+    features_of_the_bridge(checks, &["foxglove", "ros2"]);
     python_package(checks);
     // Speed is for a quiet machine and a command of its own.
     checks.check("physics", || physics::run(&["--without".into(), "speed".into()]));
@@ -236,33 +263,8 @@ pub(crate) fn zenoh() -> Result<(), Error> {
 /// The bridge's feature `foxglove`: its lints and its tests.
 pub(crate) fn foxglove() -> Result<(), Error> {
     let mut checks = Checks::default();
-    foxglove_of_the_bridge(&mut checks);
+    features_of_the_bridge(&mut checks, &["foxglove"]);
     checks.summary()
-}
-
-fn foxglove_of_the_bridge(checks: &mut Checks) {
-    checks.check("Foxglove's live WebSocket", || {
-        let bridge = ["--package", "gripline", "--features", "foxglove"];
-        process::run(
-            process::cargo()
-                .arg("clippy")
-                .args(bridge)
-                .args(["--lib", "--bins", "--test", "foxglove", "--", "-D", "warnings"]),
-        )?;
-        process::run(
-            process::cargo()
-                .arg("test")
-                .args(bridge)
-                .args(["--lib", "live::foxglove"]),
-        )?;
-        process::run(
-            process::cargo()
-                .arg("test")
-                .args(bridge)
-                .args(["--test", "foxglove", "--", "--include-ignored"])
-                .env(foxglove::VARIABLE, foxglove::ensure()?),
-        )
-    });
 }
 
 /// The bridge's feature `ros2` and the crate behind it: lints and tests.
@@ -287,29 +289,43 @@ pub(crate) fn ros2() -> Result<(), Error> {
                 .env(ros2::VARIABLE, python),
         )
     });
-    ros2_of_the_bridge(&mut checks);
+    features_of_the_bridge(&mut checks, &["ros2"]);
     checks.summary()
 }
 
-/// The feature alone: what `--workspace` leaves out.
-fn ros2_of_the_bridge(checks: &mut Checks) {
-    let bridge = ["--package", "gripline", "--features", "ros2"];
-    checks.check("lints with ros2", || {
+/// Lints and tests of what these features add to the bridge, built once with all of them, and with the other features of
+/// `cargo test --workspace`: most of what was built for that serves again.
+fn features_of_the_bridge(checks: &mut Checks, features: &[&str]) {
+    let names = features.join(", ");
+    checks.check(&format!("lints with {names}"), || {
         process::run(
             process::cargo()
-                .arg("clippy")
-                .args(bridge)
-                .args(["--lib", "--bins", "--test", "ros2", "--", "-D", "warnings"]),
+                .args([
+                    "clippy",
+                    "--package",
+                    "gripline",
+                    "--features",
+                    &features.join(","),
+                ])
+                .args(["--lib", "--bins", "--test", "bridge", "--", "-D", "warnings"]),
         )
     });
-    checks.check("tests with ros2, with another DDS", || {
-        let python = ros2::ensure()?;
+    checks.check(&format!("tests with {names}"), || {
+        let features_of_the_workspace: Vec<String> =
+            features.iter().map(|name| format!("gripline/{name}")).collect();
         process::run(
             process::cargo()
-                .arg("test")
-                .args(bridge)
-                .args(["--test", "ros2", "--", "--include-ignored"])
-                .env(ros2::VARIABLE, python),
+                .args(["test", "--workspace", "--lib", "--test", "bridge"])
+                .args(["--features", &features_of_the_workspace.join(",")])
+                .args(
+                    TESTED_WITHOUT_FEATURES
+                        .iter()
+                        .flat_map(|name| ["--exclude", name]),
+                )
+                .args(["--", "--include-ignored"])
+                .args(features.iter().map(|name| format!("{name}::")))
+                .env(foxglove::VARIABLE, foxglove::ensure()?)
+                .env(ros2::VARIABLE, ros2::ensure()?),
         )
     });
 }

@@ -6,10 +6,6 @@
 //! cameras, recordings and experiments are crates of their own.
 #![deny(unsafe_code)]
 
-// Tests in here share a made-up world with those that see only the public side.
-#[cfg(test)]
-extern crate self as gripline;
-
 mod calibration;
 pub mod commands;
 pub mod config;

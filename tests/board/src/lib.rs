@@ -4,6 +4,8 @@
 //! Units: µs of the test's clock; the program's own clock starts at 0 with every power-on, as on the chip.
 //! Limits: no flash; like the chip, it sends nothing before a host has spoken.
 
+pub mod fake_usb;
+
 use std::collections::VecDeque;
 
 use gripline_firmware::{Action, Device, Program, ResetCause, Start};

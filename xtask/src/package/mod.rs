@@ -107,14 +107,16 @@ impl Machine {
         if self.is_emulated() {
             return arm::build_bridge(profile);
         }
-        let mut command = process::cargo();
-        command.args(["build", "--profile", profile, "--package", "gripline"]);
-        let mut folder = process::build_dir();
-        if !self.is_this {
-            command.args(["--target", &self.triple]);
-            folder = folder.join(&self.triple);
+        if self.is_this {
+            return Ok(process::build(profile, &[("gripline", "gripline")])?.join("gripline"));
         }
-        process::run(&mut command)?;
+        process::run(process::cargo().args(["build", "--profile", profile]).args([
+            "--package",
+            "gripline",
+            "--target",
+            &self.triple,
+        ]))?;
+        let folder = process::build_dir().join(&self.triple);
         Ok(folder.join(profile_folder(profile)).join("gripline"))
     }
 }

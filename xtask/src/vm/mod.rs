@@ -18,7 +18,7 @@ use self::modules::KERNEL;
 use crate::cpio::Archive;
 use crate::debian::Packages;
 use crate::error::Error;
-use crate::process::{self, profile_folder};
+use crate::process;
 
 const QEMU: &str = "qemu-system-x86_64";
 /// The kernel hands it to the first process, which reads it there.
@@ -80,13 +80,10 @@ fn build(profile: &str) -> Result<PathBuf, Error> {
             expected: "Linux on x86-64: the virtual machine runs programs that are built here".to_owned(),
         });
     }
-    process::run(process::cargo().args(["build", "--profile", profile]).args([
-        "--package",
-        "gripline",
-        "--package",
-        "gripline-vm",
-    ]))?;
-    Ok(process::build_dir().join(profile_folder(profile)))
+    process::build(
+        profile,
+        &[("gripline", "gripline"), ("gripline-vm", "gripline-vm")],
+    )
 }
 
 /// What is needed beside our own programs.

@@ -2,9 +2,6 @@
 //! come out, a device that takes nothing, resets of the microcontroller, clocks that jump, a disk that gets full. The
 //! loop goes on, every loss is counted, and the line is never driven by old maps. Virtual time, real code.
 
-#[path = "../../tests/world/mod.rs"]
-mod world;
-
 use std::cell::RefCell;
 use std::io::{self, Write};
 use std::path::Path;
@@ -17,7 +14,6 @@ use gripline_network::scene::GateKind;
 use gripline_network::{Architecture, Network};
 use gripline_protocol::message::{Command, GripMode};
 
-use self::world::{FakeBus, FakeClock, World, device};
 use super::{Clock, Run};
 use crate::source::{Picture, SimulatedSource};
 use gripline_capture::JpegCrop;
@@ -28,6 +24,7 @@ use gripline_pipeline::pipeline::Pipeline;
 use gripline_pipeline::settings_for;
 use gripline_recording::telemetry::{NO_DEVICE, NO_STATUS};
 use gripline_recording::{Metadata, Pace, Recorder};
+use gripline_test_board::fake_usb::{FakeBus, FakeClock, FakeUsb, device};
 
 const FRAME_US: f64 = 1e6 / 60.0;
 /// Frames after a disturbance until the next one of a kind that must be counted by itself: everything is as it was.
@@ -160,7 +157,7 @@ fn ten_thousand_frames_with_faults_at_random_go_on_and_count_every_loss() {
     let (shots, rest) = shots();
     let network = Network::embedded(Architecture::Unet).unwrap();
     let settings = settings_for(&network);
-    let world = World::with(vec![device("A1", "1-2"), device("B7", "1-3")]);
+    let world = FakeUsb::with(vec![device("A1", "1-2"), device("B7", "1-3")]);
     let finder = UsbFinder::new(FakeBus(Rc::clone(&world)), Some("A1".to_owned()));
     let link = HotPlug::open_with(Box::new(finder), FakeClock(Rc::clone(&world))).unwrap();
     let session = Session::open(Box::new(link), settings).unwrap();

@@ -147,7 +147,7 @@ fn the_default_file_runs_and_the_shipped_unit_starts_what_there_is() {
         "a commented key is none"
     );
 
-    let unit = include_str!("../../../docs/gripline.service");
+    let unit = include_str!("../../../../docs/gripline.service");
     let start = unit
         .lines()
         .find_map(|line| line.strip_prefix("ExecStart="))

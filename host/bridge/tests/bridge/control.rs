@@ -1,8 +1,6 @@
 //! Requests to a run from outside, over HTTP and against a board that keeps its own time: who may ask, what is answered, what moves.
 #![cfg(unix)]
 
-mod serial_board;
-
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::net::TcpStream;
 use std::path::PathBuf;
@@ -12,8 +10,8 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
+use crate::serial_board::{Line, SerialBoard};
 use serde_json::{Value, json};
-use serial_board::{Line, SerialBoard};
 
 /// What an answer may take on a board that is a process of its own, beside tests that keep the machine busy.
 const PATIENCE: Duration = Duration::from_secs(10);

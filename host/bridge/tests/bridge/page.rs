@@ -1,8 +1,6 @@
 //! The live page in a real browser: what it shows of a run, and what its buttons do. Only `cargo xtask test --all` runs these; it
 //! installs Chromium and its driver.
 
-mod serial_board;
-
 mod slow {
     use std::io::{BufRead as _, BufReader, Read as _, Write as _};
     use std::net::TcpStream;

@@ -1,8 +1,6 @@
 //! A microcontroller's device that goes away and comes back under a session, and devices that cannot be told apart: a
 //! made-up bus and the firmware's library behind the links' own traits, on a clock of the test's own (`world`). Times in µs.
 
-mod world;
-
 use std::rc::Rc;
 
 use gripline_firmware::Fault;
@@ -11,18 +9,17 @@ use gripline_link::usb::{Attached, UsbFinder};
 use gripline_link::{HotPlug, LinkError};
 use gripline_protocol::message::{Command, Configuration, GripMode, Hello};
 use gripline_protocol::{ForceMap, MapInfo, TaxelForce};
-
-use self::world::{FakeBus, FakeClock, World, device};
+use gripline_test_board::fake_usb::{FakeBus, FakeClock, FakeUsb, device};
 
 const FRAME_US: u64 = 16_667;
 
-fn plug(world: &Rc<World>, serial: Option<&str>) -> Result<HotPlug<FakeClock>, LinkError> {
+fn plug(world: &Rc<FakeUsb>, serial: Option<&str>) -> Result<HotPlug<FakeClock>, LinkError> {
     let finder = UsbFinder::new(FakeBus(Rc::clone(world)), serial.map(str::to_owned));
     HotPlug::open_with(Box::new(finder), FakeClock(Rc::clone(world)))
 }
 
 fn refused(attached: Vec<Attached>, serial: Option<&str>) -> String {
-    match plug(&World::with(attached), serial) {
+    match plug(&FakeUsb::with(attached), serial) {
         Ok(_) => panic!("it was opened"),
         Err(error) => error.to_string(),
     }
@@ -37,7 +34,7 @@ fn assert_says(error: &str, parts: &[&str]) {
 
 /// A session that holds.
 struct Host {
-    world: Rc<World>,
+    world: Rc<FakeUsb>,
     session: Session,
     sequence: u32,
     lost: u32,
@@ -45,7 +42,7 @@ struct Host {
 
 impl Host {
     fn holding() -> Self {
-        let world = World::with(vec![device("A1", "1-2"), device("B7", "1-4.1")]);
+        let world = FakeUsb::with(vec![device("A1", "1-2"), device("B7", "1-4.1")]);
         let link = plug(&world, Some("A1")).unwrap();
         let session = Session::open(Box::new(link), Configuration::DEFAULT).unwrap();
         let mut host = Self {
@@ -136,7 +133,7 @@ fn a_device_that_flutters_ends_no_session_and_is_counted_each_time() {
 #[test]
 fn only_the_very_device_is_taken_up_again() {
     // Without a serial number: the only one there is at the beginning.
-    let world = World::with(vec![device("A1", "1-2")]);
+    let world = FakeUsb::with(vec![device("A1", "1-2")]);
     let link = plug(&world, None).unwrap();
     let mut session = Session::open(Box::new(link), Configuration::DEFAULT).unwrap();
     let opened = world.opened.get();
@@ -210,7 +207,7 @@ fn a_device_that_comes_back_with_other_firmware_ends_the_session_and_says_what_t
 
 #[test]
 fn firmware_of_another_version_with_the_same_messages_goes_on_and_is_told() {
-    let world = World::with(vec![device("A1", "1-2")]);
+    let world = FakeUsb::with(vec![device("A1", "1-2")]);
     let link = plug(&world, None).unwrap();
     let session = Session::open(Box::new(link), Configuration::DEFAULT).unwrap();
     assert_eq!(session.other_version(), None);
@@ -233,13 +230,13 @@ fn firmware_of_another_version_with_the_same_messages_goes_on_and_is_told() {
 
 #[test]
 fn a_device_that_is_just_being_plugged_in_is_waited_for_at_the_start() {
-    let world = World::with(vec![device("A1", "1-2")]);
+    let world = FakeUsb::with(vec![device("A1", "1-2")]);
     world.ready_us.set(1_234_567);
     assert!(plug(&world, None).is_ok());
     let waited_us = world.now_us() - world.ready_us.get();
     assert!(waited_us <= 100_000, "{waited_us} µs too long");
 
-    let world = World::with(vec![device("A1", "1-2")]);
+    let world = FakeUsb::with(vec![device("A1", "1-2")]);
     world.ready_us.set(u64::MAX);
     let error = plug(&world, None).err().expect("it is never ready").to_string();
     assert_says(
@@ -274,7 +271,7 @@ fn several_devices_are_listed_and_one_is_chosen_by_its_serial_number() {
             "--mcu usb:SERIAL",
         ],
     );
-    assert!(plug(&World::with(several()), Some("B7")).is_ok());
+    assert!(plug(&FakeUsb::with(several()), Some("B7")).is_ok());
     assert_says(
         &refused(several(), Some("b7")),
         &["USB device b7", "not found", "found A1 at 1-2, B7"],
@@ -299,5 +296,5 @@ fn two_devices_with_one_serial_number_have_a_message_of_their_own() {
     let mut only_twins = twins();
     only_twins.remove(1);
     assert_says(&refused(only_twins, None), &expected);
-    assert!(plug(&World::with(twins()), Some("B7")).is_ok());
+    assert!(plug(&FakeUsb::with(twins()), Some("B7")).is_ok());
 }

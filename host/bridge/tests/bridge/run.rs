@@ -1,7 +1,5 @@
 //! `gripline run` as a program: its output, its exit codes, its links.
 
-mod serial_board;
-
 use std::io::{Read, Write};
 use std::path::PathBuf;
 use std::process::{Command, Output, Stdio};
@@ -9,8 +7,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
+use crate::serial_board::{Line, SerialBoard};
 use serde_json::Value;
-use serial_board::{Line, SerialBoard};
 
 fn gripline(arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_gripline"))

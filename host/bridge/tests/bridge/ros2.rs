@@ -1,14 +1,12 @@
 //! ROS 2 as other programs see it: a bag read by the Python package rosbags, and (with the feature `ros2`) a run read and asked by
 //! another implementation of DDS. Needs the Python that `cargo xtask test --all` and `--ros2` make (`ROS2_TEST_PYTHON`).
 
-mod program;
-
 use std::path::Path;
 use std::process::Command;
 
 use serde_json::Value;
 
-use program::{ends, gripline};
+use crate::program::{ends, gripline};
 
 fn text(path: &Path) -> &str {
     path.to_str().expect("paths of tests are UTF-8")

@@ -1,8 +1,6 @@
 //! What the board watches itself, on the unmodified image with the settings as shipped: its supply, its line, the robot's wires.
 
-mod board;
-
-use board::{Board, SHIPPED, assert_has, assert_has_not, code, map};
+use crate::board::{Board, SHIPPED, assert_has, assert_has_not, code, map};
 use gripline_firmware::Fault;
 use gripline_firmware::fault::Severity;
 use gripline_firmware::grip::Guard;

@@ -1,9 +1,7 @@
 //! Every fault raised on the unmodified image: what the line does, when the fault is told, what clears it. The table
 //! in `docs/safety.md` names the test of each. Times are emulated ones.
 
-mod board;
-
-use board::{Board, FRAME_US, SETTINGS, assert_has, assert_has_not, code, feed_forward, map};
+use crate::board::{Board, FRAME_US, SETTINGS, assert_has, assert_has_not, code, feed_forward, map};
 use gripline_firmware::Fault;
 use gripline_link::emulator::{Cable, FaultInjection, LineWrite};
 use gripline_link::{EmulatorLink, Link, Transport};

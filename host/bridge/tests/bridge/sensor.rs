@@ -24,7 +24,7 @@ fn shipped_sensors_are_described_and_found_whole() {
 fn every_problem_of_a_users_file_is_named_with_file_line_and_key() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("mine.toml");
-    let shipped = include_str!("../../sensors/gelsight-mini.toml");
+    let shipped = include_str!("../../../sensors/gelsight-mini.toml");
     let text = shipped
         .replace("rate_hz = 25.0\n", "")
         .replace("young_mpa = 0.43", "young_mpa = 430");

@@ -1,6 +1,6 @@
-//! A made-up USB bus with the firmware's library at its end, on a clock of the test's own; times in µs.
-//! Shared by the tests of links and the test of random faults.
-#![allow(dead_code, reason = "every test takes its share")]
+//! A simulated USB bus with the board of all host tests at its end, on a clock of the test's own. Times in µs.
+//!
+//! Limits: one device, whatever is attached; transfers take no time.
 
 use std::cell::{Cell, RefCell};
 use std::rc::Rc;
@@ -12,39 +12,47 @@ use gripline_link::hot_plug::{Clock, Device, DeviceError};
 use gripline_link::usb::{Attached, Bus};
 use gripline_protocol::message::{Command, Hello, Message, MessagePackets};
 use gripline_protocol::{Event, Parser};
-use gripline_test_board::TestBoard;
 
-/// Is shown the microcontroller, the time, and when it was last told to hold.
+use crate::TestBoard;
+
+/// Sees the program, the time and when a Hold last came, both in µs.
 type Watcher = Box<dyn FnMut(&Program, u64, u64)>;
 
-/// The world: what is attached, and the one microcontroller in it.
-pub(crate) struct World {
-    pub(crate) attached: RefCell<Vec<Attached>>,
-    pub(crate) board: RefCell<TestBoard>,
-    /// What the host's clock shows more than the world's.
-    pub(crate) host_ahead_us: Cell<i64>,
-    /// Looks at the microcontroller after everything that happens to it.
-    pub(crate) watch: RefCell<Option<Watcher>>,
-    /// When it was last told to hold: that counts as fresh for a moment.
+/// What is attached, and the one microcontroller on it.
+pub struct FakeUsb {
+    /// What the host finds on the bus.
+    pub attached: RefCell<Vec<Attached>>,
+    /// The microcontroller. It lives on while its cable is out.
+    pub board: RefCell<TestBoard>,
+    /// How far the host's clock is ahead of the test's, µs.
+    pub host_ahead_us: Cell<i64>,
+    /// Called after every packet and every tick.
+    pub watch: RefCell<Option<Watcher>>,
+    /// When a Hold last came: it counts as fresh for a moment.
     told_us: Cell<u64>,
-    /// Nothing is taken though the device is there.
-    pub(crate) is_stuck: Cell<bool>,
-    /// What it says of itself in the handshake, instead of the truth.
-    pub(crate) stranger: Cell<Option<Hello>>,
-    pub(crate) opened: Cell<u32>,
-    /// What is attached can be used from then on.
-    pub(crate) ready_us: Cell<u64>,
+    /// The device is there and takes nothing.
+    pub is_stuck: Cell<bool>,
+    /// Its answer to the handshake, instead of its own.
+    pub stranger: Cell<Option<Hello>>,
+    /// How often it was opened.
+    pub opened: Cell<u32>,
+    /// Opening fails before this time, µs.
+    pub ready_us: Cell<u64>,
 }
 
-pub(crate) fn device(serial: &str, place: &str) -> Attached {
+/// A device with this serial number at this place of the bus.
+#[must_use]
+pub fn device(serial: &str, place: &str) -> Attached {
     Attached {
         serial: Some(serial.to_owned()),
         place: place.to_owned(),
     }
 }
 
-impl World {
-    pub(crate) fn with(attached: Vec<Attached>) -> Rc<Self> {
+impl FakeUsb {
+    /// A bus with these devices.
+    #[must_use]
+    pub fn with(attached: Vec<Attached>) -> Rc<Self> {
         Rc::new(Self {
             attached: RefCell::new(attached),
             board: RefCell::new(TestBoard::new(Start {
@@ -61,12 +69,14 @@ impl World {
         })
     }
 
-    pub(crate) fn now_us(&self) -> u64 {
+    /// The test's time, µs.
+    #[must_use]
+    pub fn now_us(&self) -> u64 {
         self.board.borrow().now_us()
     }
 
-    /// The microcontroller lives on whether its cable is in or not.
-    pub(crate) fn pass_to(&self, until_us: u64) {
+    /// Time passes; the microcontroller runs whether its cable is in or not.
+    pub fn pass_to(&self, until_us: u64) {
         let mut watch = self.watch.borrow_mut();
         self.board.borrow_mut().pass_to(until_us, |program, now_us| {
             if let Some(watch) = watch.as_mut() {
@@ -75,12 +85,12 @@ impl World {
         });
     }
 
-    /// As a watchdog does it: everything is forgotten but the line.
-    pub(crate) fn reset(&self, cause: ResetCause, down_us: u64) {
+    /// Resets the microcontroller: without a power cut it keeps the line and nothing else.
+    pub fn reset(&self, cause: ResetCause, down_us: u64) {
         self.board.borrow_mut().reset(cause, down_us);
     }
 
-    /// A handshake says what the stranger would say.
+    /// The packet, with the stranger's answer in place of a handshake's.
     fn disguised(&self, packet: &[u8]) -> Vec<u8> {
         let mut parser = Parser::new();
         let (Some(stranger), Ok(Event::Message(message))) = (self.stranger.get(), parser.push(packet)) else {
@@ -103,14 +113,15 @@ impl World {
             .any(|device| device.serial.as_deref() == Some(serial))
     }
 
-    pub(crate) fn pull(&self) -> Vec<Attached> {
-        // What was on the wire is lost.
+    /// Pulls every cable; what was on the wire is lost. Returns what was attached.
+    pub fn pull(&self) -> Vec<Attached> {
         self.board.borrow_mut().replies.clear();
         self.attached.take()
     }
 }
 
-pub(crate) struct FakeClock(pub(crate) Rc<World>);
+/// The host's clock.
+pub struct FakeClock(pub Rc<FakeUsb>);
 
 impl Clock for FakeClock {
     fn now_us(&self) -> u64 {
@@ -123,7 +134,8 @@ impl Clock for FakeClock {
     }
 }
 
-pub(crate) struct FakeBus(pub(crate) Rc<World>);
+/// The bus, as a host sees it.
+pub struct FakeBus(pub Rc<FakeUsb>);
 
 impl Bus for FakeBus {
     fn attached(&mut self) -> Result<Vec<Attached>, String> {
@@ -140,20 +152,20 @@ impl Bus for FakeBus {
         self.0.opened.set(self.0.opened.get() + 1);
         let serial = self.0.attached.borrow()[number].serial.clone();
         Ok(Box::new(FakeDevice {
-            world: Rc::clone(&self.0),
+            usb: Rc::clone(&self.0),
             serial: serial.unwrap_or_default(),
         }))
     }
 }
 
 struct FakeDevice {
-    world: Rc<World>,
+    usb: Rc<FakeUsb>,
     serial: String,
 }
 
 impl FakeDevice {
     fn check(&self) -> Result<(), DeviceError> {
-        if self.world.is_there(&self.serial) {
+        if self.usb.is_there(&self.serial) {
             Ok(())
         } else {
             Err(DeviceError::Gone("device disconnected".to_owned()))
@@ -164,36 +176,35 @@ impl FakeDevice {
 impl Device for FakeDevice {
     fn send(&mut self, packet: &[u8]) -> Result<(), DeviceError> {
         self.check()?;
-        let world = &self.world;
-        if world.is_stuck.get() {
+        let usb = &self.usb;
+        if usb.is_stuck.get() {
             return Err(DeviceError::Busy);
         }
-        let now_us = world.now_us();
+        let now_us = usb.now_us();
         if let Ok(Event::Message(message)) = Parser::new().push(packet)
             && let Ok(Message::Command(Command::Hold)) = Message::from_bytes(message)
-            && world.board.borrow().is_up()
+            && usb.board.borrow().is_up()
         {
-            world.told_us.set(now_us);
+            usb.told_us.set(now_us);
         }
-        let mut board = world.board.borrow_mut();
+        let mut board = usb.board.borrow_mut();
         if board.packet(packet).is_some()
-            && let Some(watch) = world.watch.borrow_mut().as_mut()
+            && let Some(watch) = usb.watch.borrow_mut().as_mut()
         {
-            watch(board.program(), now_us, world.told_us.get());
+            watch(board.program(), now_us, usb.told_us.get());
         }
         Ok(())
     }
 
     fn receive(&mut self, patience: Duration, received: &mut dyn FnMut(&[u8])) -> Result<(), DeviceError> {
         self.check()?;
-        self.world
-            .pass_to(self.world.now_us() + patience.as_micros() as u64);
+        self.usb.pass_to(self.usb.now_us() + patience.as_micros() as u64);
         loop {
-            let packet = self.world.board.borrow_mut().replies.pop_front();
+            let packet = self.usb.board.borrow_mut().replies.pop_front();
             let Some(packet) = packet else {
                 return Ok(());
             };
-            received(&self.world.disguised(&packet));
+            received(&self.usb.disguised(&packet));
         }
     }
 }

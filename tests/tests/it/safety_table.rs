@@ -3,14 +3,14 @@
 use gripline_firmware::Fault;
 use gripline_firmware::grip::Guard;
 
-const PAGE: &str = include_str!("../../docs/safety.md");
+const PAGE: &str = include_str!("../../../docs/safety.md");
 const SOURCES: [&str; 6] = [
-    include_str!("../emulator/tests/gripper.rs"),
+    include_str!("../../emulator/tests/gripper.rs"),
     include_str!("hardware.rs"),
     include_str!("safety.rs"),
     include_str!("emulated_board.rs"),
-    include_str!("../../firmware/tests/it/program.rs"),
-    include_str!("../../firmware/tests/it/bad_moments.rs"),
+    include_str!("../../../firmware/tests/it/program.rs"),
+    include_str!("../../../firmware/tests/it/bad_moments.rs"),
 ];
 
 /// The cells of every row whose first cell is a number.

@@ -2,11 +2,9 @@
 //! the very session that `gripline run` uses. `cargo xtask test` builds emulator and image and runs these with
 //! `--include-ignored`; they fail when either is missing. Rates and times are emulated ones.
 
-mod board;
-
 use std::path::Path;
 
-use board::{Board, FRAME_US, Mixture, SETTINGS, feed_forward, map};
+use crate::board::{Board, FRAME_US, Mixture, SETTINGS, feed_forward, map};
 use gripline_firmware::Fault;
 use gripline_firmware::GripForce;
 use gripline_firmware::constants::DECIDE_BUDGET_CYCLES;

@@ -1,7 +1,5 @@
 //! `gripline run --record`, `replay` and `export` as programs: what is decided again, what is lost by a kill, what is refused.
 
-mod program;
-
 use std::collections::BTreeMap;
 use std::fs;
 use std::hash::{BuildHasher, RandomState};
@@ -13,7 +11,7 @@ use std::time::Duration;
 use mcap::io::MessageReader;
 use serde_json::Value;
 
-use program::{ends, gripline};
+use crate::program::{ends, gripline};
 
 fn text(path: &Path) -> &str {
     path.to_str().expect("paths of tests are UTF-8")

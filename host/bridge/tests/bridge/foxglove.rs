@@ -1,9 +1,7 @@
 //! Foxglove's WebSocket as another program sees it: a Python client, without the SDK that serves it. Needs the feature `foxglove`
 //! and the Python that `cargo xtask test --all` and `--foxglove` make (`FOXGLOVE_TEST_PYTHON`).
 
-mod program;
-
-use program::{ends, gripline};
+use crate::program::{ends, gripline};
 
 #[test]
 fn an_address_without_a_port_is_told() {
