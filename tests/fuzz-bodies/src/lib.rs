@@ -1,5 +1,5 @@
 //! What must hold for any bytes, a module for each fuzz target. The fuzzers (`cargo xtask fuzz`) call these functions, and
-//! so do the ordinary tests, over the corpus and its mutations (`tests/tests/fuzz_corpus.rs`).
+//! so do the ordinary tests, over the corpus and its mutations (`tests/tests/it/fuzz_corpus.rs`).
 
 #![allow(
     clippy::missing_panics_doc,

@@ -1,5 +1,5 @@
 //! The fuzz corpora and a bounded number of mutations of them, in every test run. The seeds of `wire` are written by the
-//! last test here: `GRIPLINE_BLESS=1 cargo test -p gripline-tests --test fuzz_corpus`; the others are
+//! last test here: `GRIPLINE_BLESS=1 cargo test -p gripline-tests --test it fuzz_corpus::`; the others are
 //! what the fuzzer found (`cargo xtask fuzz`).
 
 use std::fs;

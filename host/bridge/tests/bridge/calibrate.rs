@@ -320,51 +320,6 @@ fn sensors() -> u64 {
     std::env::var("GRIPLINE_SLID_SENSORS").map_or(10, |count| count.parse().unwrap())
 }
 
-#[test]
-fn the_friction_of_slid_objects_lies_in_nine_of_ten_intervals() {
-    let mut network = Network::embedded(Architecture::default()).unwrap();
-    let (mut held, mut errors, mut width, mut made) = (0, Vec::new(), 0.0, 0);
-    for number in 0..sensors() {
-        let slid = slid(7_000 + number, &mut network);
-        let (found, low, high, _) = estimated(&slid.true_maps, &["--map-error", "0"]).unwrap();
-        // The pressure leans where the object is round, and the taxels cut the rim.
-        let exact = found / slid.friction - 1.0;
-        match estimated(&slid.network_maps, &[]) {
-            Ok((found, low, high, slides)) => {
-                println!(
-                    "sensor {number}: friction {:.3}; true maps {:+.1} %; network {found:.3} ({:+.1} %), {low:.3} to {high:.3}, \
-                     {slides} slides",
-                    slid.friction,
-                    100.0 * exact,
-                    100.0 * (found / slid.friction - 1.0)
-                );
-                made += 1;
-                held += u64::from(low <= slid.friction && slid.friction <= high);
-                errors.push((found / slid.friction).ln());
-                width += (high - low) / found;
-            }
-            Err(error) => println!("sensor {number}: friction {:.3}: {error}", slid.friction),
-        }
-        assert!(
-            low <= slid.friction && slid.friction <= high && high - low < 0.1 * found,
-            "sensor {number}: {low} to {high} for {}",
-            slid.friction
-        );
-    }
-    let mean = errors.iter().sum::<f64>() / made as f64;
-    let spread = (errors.iter().map(|error| (error - mean).powi(2)).sum::<f64>() / (made - 1) as f64).sqrt();
-    println!(
-        "{held} of {made} intervals hold the true friction, {} recordings refused; mean error {:+.1} %, spread {:.1} %, mean \
-         width {:.0} % of the estimate",
-        sensors() - made,
-        100.0 * mean,
-        100.0 * spread,
-        100.0 * width / made as f64
-    );
-    // Of 10 intervals of 90 %, fewer than 7 hold the truth once in 78 such tests by chance alone.
-    assert!(made >= sensors() * 9 / 10 && held * 10 >= made * 7);
-}
-
 /// A pin's presses at places of a simulated sensor's skin, mm: the true maps and the network's.
 fn pressed(unit: u64, places_mm: &[[f64; 2]], network: &mut Network) -> [Vec<[[f32; 3]; 400]>; 2] {
     let mut text =
@@ -512,4 +467,55 @@ fn how_a_turned_fingertip_sits_is_found_from_presses_at_marks_and_a_run_starts_f
         );
     }
     assert_eq!(written(folder.path()), before, "nothing was written");
+}
+
+/// Only `cargo xtask test --all` runs these.
+mod slow {
+    use super::*;
+
+    #[test]
+    fn the_friction_of_slid_objects_lies_in_nine_of_ten_intervals() {
+        let mut network = Network::embedded(Architecture::default()).unwrap();
+        let (mut held, mut errors, mut width, mut made) = (0, Vec::new(), 0.0, 0);
+        for number in 0..sensors() {
+            let slid = slid(7_000 + number, &mut network);
+            let (found, low, high, _) = estimated(&slid.true_maps, &["--map-error", "0"]).unwrap();
+            // The pressure leans where the object is round, and the taxels cut the rim.
+            let exact = found / slid.friction - 1.0;
+            match estimated(&slid.network_maps, &[]) {
+                Ok((found, low, high, slides)) => {
+                    println!(
+                        "sensor {number}: friction {:.3}; true maps {:+.1} %; network {found:.3} ({:+.1} %), {low:.3} to {high:.3}, \
+                     {slides} slides",
+                        slid.friction,
+                        100.0 * exact,
+                        100.0 * (found / slid.friction - 1.0)
+                    );
+                    made += 1;
+                    held += u64::from(low <= slid.friction && slid.friction <= high);
+                    errors.push((found / slid.friction).ln());
+                    width += (high - low) / found;
+                }
+                Err(error) => println!("sensor {number}: friction {:.3}: {error}", slid.friction),
+            }
+            assert!(
+                low <= slid.friction && slid.friction <= high && high - low < 0.1 * found,
+                "sensor {number}: {low} to {high} for {}",
+                slid.friction
+            );
+        }
+        let mean = errors.iter().sum::<f64>() / made as f64;
+        let spread =
+            (errors.iter().map(|error| (error - mean).powi(2)).sum::<f64>() / (made - 1) as f64).sqrt();
+        println!(
+            "{held} of {made} intervals hold the true friction, {} recordings refused; mean error {:+.1} %, spread {:.1} %, mean \
+         width {:.0} % of the estimate",
+            sensors() - made,
+            100.0 * mean,
+            100.0 * spread,
+            100.0 * width / made as f64
+        );
+        // Of 10 intervals of 90 %, fewer than 7 hold the truth once in 78 such tests by chance alone.
+        assert!(made >= sensors() * 9 / 10 && held * 10 >= made * 7);
+    }
 }

@@ -76,16 +76,6 @@ fn skipping_by_the_plain_gate_saves_frames_and_changes_hardly_a_decision() {
     skipping_saves_frames_and_changes_hardly_a_decision(GateKind::Difference, 16);
 }
 
-#[test]
-fn with_one_rest_picture_the_learned_gate_finds_the_noise_itself_and_skips_as_well() {
-    skipping_saves_frames_and_changes_hardly_a_decision(GateKind::Network, 1);
-}
-
-#[test]
-fn with_one_rest_picture_the_plain_gate_finds_the_noise_itself_and_skips_as_well() {
-    skipping_saves_frames_and_changes_hardly_a_decision(GateKind::Difference, 1);
-}
-
 fn skipping_saves_frames_and_changes_hardly_a_decision(kind: GateKind, rest_pictures: usize) {
     let (mut frames, mut skipped, mut flips, mut missed, mut slip_frames) = (0, 0, 0, 0, 0);
     let (mut worst_ratio, mut mean_ratio, mut worst_force_n) = (0.0_f64, 0.0, 0.0_f64);
@@ -131,4 +121,19 @@ fn skipping_saves_frames_and_changes_hardly_a_decision(kind: GateKind, rest_pict
         mean_ratio < 0.02,
         "stick ratios differ by {mean_ratio:.4} on average"
     );
+}
+
+/// Only `cargo xtask test --all` runs these.
+mod slow {
+    use super::*;
+
+    #[test]
+    fn with_one_rest_picture_the_plain_gate_finds_the_noise_itself_and_skips_as_well() {
+        skipping_saves_frames_and_changes_hardly_a_decision(GateKind::Difference, 1);
+    }
+
+    #[test]
+    fn with_one_rest_picture_the_learned_gate_finds_the_noise_itself_and_skips_as_well() {
+        skipping_saves_frames_and_changes_hardly_a_decision(GateKind::Network, 1);
+    }
 }

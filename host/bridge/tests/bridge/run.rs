@@ -127,40 +127,6 @@ fn the_same_seed_gives_the_same_run_and_another_seed_another() {
 }
 
 #[test]
-fn the_line_rises_before_gross_slip_in_two_rounds_of_the_scene() {
-    let (frames, summary) = reports(&gripline(&["run", "--seconds", "24", "--unpaced", "--json"]));
-    assert_eq!(
-        summary["gross_slip_frames"], 0,
-        "the object slid {} mm",
-        summary["slip_mm"]
-    );
-    // Where the script only holds, the grip is what it closed with, more or less; in the pull it rises well above.
-    let line = |phase: &str, frame: &Value| {
-        (frame["truth"]["phase"] == phase).then(|| frame["line_n"].as_f64().unwrap())
-    };
-    let most = |phase: &str| {
-        frames
-            .iter()
-            .filter_map(|frame| line(phase, frame))
-            .fold(0.0, f64::max)
-    };
-    assert!(
-        most("pull") > most("hold") + 1.0,
-        "hold {} N, pull {} N",
-        most("hold"),
-        most("pull")
-    );
-    // Skipping cost no touch: whatever presses with 0.2 N or more is looked at.
-    for frame in &frames {
-        let pressed = frame["truth"]["normal_n"].as_f64().unwrap() >= 0.2;
-        assert!(
-            !(pressed && frame["gate"] == "no_contact"),
-            "a touch was missed: {frame}"
-        );
-    }
-}
-
-#[test]
 fn wrong_usage_ends_with_code_2_and_says_what_was_expected() {
     assert_refused(
         &["run", "--mcu", "can0"],
@@ -489,42 +455,81 @@ fn real_time_tells_what_it_lacks_and_the_run_goes_on() {
     );
 }
 
-#[test]
-fn a_reader_that_takes_nothing_never_holds_up_the_loop_and_what_it_misses_is_counted() {
-    let folder = tempfile::tempdir().unwrap();
-    let recording = folder.path().join("all.mcap");
-    let mut child = Command::new(env!("CARGO_BIN_EXE_gripline"))
-        .args([
-            "run",
-            "--json",
-            "--seconds",
-            "11",
-            "--record-pictures",
-            "off",
-            "--record",
-        ])
-        .arg(&recording)
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
-        .spawn()
-        .unwrap();
-    // Nobody reads the lines: a pipe holds 64 kB, and a line a frame has more than 1 kB.
-    let mut said = String::new();
-    child.stderr.take().unwrap().read_to_string(&mut said).unwrap();
-    assert_eq!(child.wait().unwrap().code(), Some(1), "{said}");
-    assert!(
-        said.contains("standard output: found nobody who reads it"),
-        "{said}"
-    );
-    let mut lines = String::new();
-    child.stdout.take().unwrap().read_to_string(&mut lines).unwrap();
-    assert!(lines.lines().count() > 10);
-    // The loop has gone on all the time.
-    let output = Command::new(env!("CARGO_BIN_EXE_gripline"))
-        .args(["replay", "--json"])
-        .arg(&recording)
-        .output()
-        .unwrap();
-    let replayed: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
-    assert_eq!(replayed["frames"], 660, "{replayed}");
+/// Only `cargo xtask test --all` runs these.
+mod slow {
+    use super::*;
+
+    #[test]
+    fn the_line_rises_before_gross_slip_in_two_rounds_of_the_scene() {
+        let (frames, summary) = reports(&gripline(&["run", "--seconds", "24", "--unpaced", "--json"]));
+        assert_eq!(
+            summary["gross_slip_frames"], 0,
+            "the object slid {} mm",
+            summary["slip_mm"]
+        );
+        // Where the script only holds, the grip is what it closed with, more or less; in the pull it rises well above.
+        let line = |phase: &str, frame: &Value| {
+            (frame["truth"]["phase"] == phase).then(|| frame["line_n"].as_f64().unwrap())
+        };
+        let most = |phase: &str| {
+            frames
+                .iter()
+                .filter_map(|frame| line(phase, frame))
+                .fold(0.0, f64::max)
+        };
+        assert!(
+            most("pull") > most("hold") + 1.0,
+            "hold {} N, pull {} N",
+            most("hold"),
+            most("pull")
+        );
+        // Skipping cost no touch: whatever presses with 0.2 N or more is looked at.
+        for frame in &frames {
+            let pressed = frame["truth"]["normal_n"].as_f64().unwrap() >= 0.2;
+            assert!(
+                !(pressed && frame["gate"] == "no_contact"),
+                "a touch was missed: {frame}"
+            );
+        }
+    }
+
+    #[test]
+    fn a_reader_that_takes_nothing_never_holds_up_the_loop_and_what_it_misses_is_counted() {
+        let folder = tempfile::tempdir().unwrap();
+        let recording = folder.path().join("all.mcap");
+        let mut child = Command::new(env!("CARGO_BIN_EXE_gripline"))
+            .args([
+                "run",
+                "--json",
+                "--seconds",
+                "11",
+                "--record-pictures",
+                "off",
+                "--record",
+            ])
+            .arg(&recording)
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        // Nobody reads the lines: a pipe holds 64 kB, and a line a frame has more than 1 kB.
+        let mut said = String::new();
+        child.stderr.take().unwrap().read_to_string(&mut said).unwrap();
+        assert_eq!(child.wait().unwrap().code(), Some(1), "{said}");
+        assert!(
+            said.contains("standard output: found nobody who reads it"),
+            "{said}"
+        );
+        let mut lines = String::new();
+        child.stdout.take().unwrap().read_to_string(&mut lines).unwrap();
+        assert!(lines.lines().count() > 10);
+        // The loop has gone on all the time.
+        let output = Command::new(env!("CARGO_BIN_EXE_gripline"))
+            .args(["replay", "--json"])
+            .arg(&recording)
+            .output()
+            .unwrap();
+        let replayed: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+        assert_eq!(replayed["frames"], 660, "{replayed}");
+    }
 }

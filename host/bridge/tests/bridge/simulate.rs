@@ -261,55 +261,6 @@ fn the_same_seed_gives_the_same_bits_and_another_seed_another_noise_over_the_sam
 }
 
 #[test]
-fn killed_at_any_moment_it_goes_on_to_the_same_bits_and_makes_no_frame_twice() {
-    let slow = SCENE.replace("frames_per_second = 20", "frames_per_second = 200");
-    let folder = folder("killed", &slow);
-    done(&folder, &["--out", "whole", "--clip"]);
-    let whole = files(&folder.join("whole"));
-    let mut kept = 0;
-    for at_least in [1, 9, 40] {
-        let mut child = command(&folder, &["--out", "cut", "--clip"])
-            .stdout(Stdio::null())
-            .stderr(Stdio::null())
-            .spawn()
-            .unwrap();
-        let there = folder.join(format!("cut/frames/{:06}.png", at_least - 1));
-        while !there.exists() && child.try_wait().unwrap().is_none() {
-            sleep(Duration::from_millis(1));
-        }
-        child.kill().unwrap();
-        child.wait().unwrap();
-        let manifest = fs::read_to_string(folder.join("cut/manifest.toml")).unwrap();
-        assert!(manifest.contains("complete = false") && there.exists());
-        for (name, bytes) in files(&folder.join("cut")) {
-            // What stands under its name is whole.
-            if name.starts_with("frames") && name.extension().is_some_and(|end| end == "png") {
-                assert_eq!(bytes, whole[&name], "{}", name.display());
-                kept += 1;
-            }
-        }
-    }
-    assert!(kept >= 50, "{kept}");
-    let first = folder.join("cut/frames/000000.png");
-    let made = fs::metadata(&first).unwrap().modified().unwrap();
-    let summary: serde_json::Value =
-        serde_json::from_str(&done(&folder, &["--out", "cut", "--clip", "--json"])).unwrap();
-    assert!(summary["resumed"].as_u64().unwrap() >= 40, "{summary}");
-    assert_eq!(fs::metadata(&first).unwrap().modified().unwrap(), made);
-    let mut cut = files(&folder.join("cut"));
-    // A picture that the kill left half-written stands beside its place.
-    cut.retain(|name, _| name.extension().is_none_or(|end| end != "partial"));
-    assert!(cut == whole);
-    // Once more: all there.
-    let summary: serde_json::Value =
-        serde_json::from_str(&done(&folder, &["--out", "cut", "--json"])).unwrap();
-    assert_eq!(
-        (&summary["resumed"], &summary["frames"]),
-        (&120.into(), &120.into())
-    );
-}
-
-#[test]
 fn a_folder_that_holds_something_else_is_refused_and_left_as_it_is() {
     let folder = folder("others", SCENE);
     done(&folder, &["--out", "out"]);
@@ -466,4 +417,58 @@ fn gripline_in_the_loop_grips_harder_before_a_pull_that_its_first_grip_cannot_ho
     assert!((number(&rows[22], "line_n") - 2.0).abs() < 0.3, "{:?}", rows[22]);
     let highest = rows.iter().map(|row| number(row, "line_n")).fold(0.0, f64::max);
     assert!(highest > 2.5, "{highest}");
+}
+
+/// Only `cargo xtask test --all` runs these.
+mod slow {
+    use super::*;
+
+    #[test]
+    fn killed_at_any_moment_it_goes_on_to_the_same_bits_and_makes_no_frame_twice() {
+        let slow = SCENE.replace("frames_per_second = 20", "frames_per_second = 200");
+        let folder = folder("killed", &slow);
+        done(&folder, &["--out", "whole", "--clip"]);
+        let whole = files(&folder.join("whole"));
+        let mut kept = 0;
+        for at_least in [1, 9, 40] {
+            let mut child = command(&folder, &["--out", "cut", "--clip"])
+                .stdout(Stdio::null())
+                .stderr(Stdio::null())
+                .spawn()
+                .unwrap();
+            let there = folder.join(format!("cut/frames/{:06}.png", at_least - 1));
+            while !there.exists() && child.try_wait().unwrap().is_none() {
+                sleep(Duration::from_millis(1));
+            }
+            child.kill().unwrap();
+            child.wait().unwrap();
+            let manifest = fs::read_to_string(folder.join("cut/manifest.toml")).unwrap();
+            assert!(manifest.contains("complete = false") && there.exists());
+            for (name, bytes) in files(&folder.join("cut")) {
+                // What stands under its name is whole.
+                if name.starts_with("frames") && name.extension().is_some_and(|end| end == "png") {
+                    assert_eq!(bytes, whole[&name], "{}", name.display());
+                    kept += 1;
+                }
+            }
+        }
+        assert!(kept >= 50, "{kept}");
+        let first = folder.join("cut/frames/000000.png");
+        let made = fs::metadata(&first).unwrap().modified().unwrap();
+        let summary: serde_json::Value =
+            serde_json::from_str(&done(&folder, &["--out", "cut", "--clip", "--json"])).unwrap();
+        assert!(summary["resumed"].as_u64().unwrap() >= 40, "{summary}");
+        assert_eq!(fs::metadata(&first).unwrap().modified().unwrap(), made);
+        let mut cut = files(&folder.join("cut"));
+        // A picture that the kill left half-written stands beside its place.
+        cut.retain(|name, _| name.extension().is_none_or(|end| end != "partial"));
+        assert!(cut == whole);
+        // Once more: all there.
+        let summary: serde_json::Value =
+            serde_json::from_str(&done(&folder, &["--out", "cut", "--json"])).unwrap();
+        assert_eq!(
+            (&summary["resumed"], &summary["frames"]),
+            (&120.into(), &120.into())
+        );
+    }
 }

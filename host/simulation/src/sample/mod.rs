@@ -333,14 +333,6 @@ mod tests {
     }
 
     #[test]
-    fn sensors_of_a_split_are_its_own() {
-        for split in Split::ALL {
-            let sensors = stream(split, 1).take(30).map(|sample| sample.sensor >> 60);
-            assert!(sensors.into_iter().all(|bits| bits == split as u64));
-        }
-    }
-
-    #[test]
     fn full_resolution_is_there_on_request_and_shrinks_to_the_sample() {
         let mut with = stream(Split::Train, 8).with_crops();
         for plain in stream(Split::Train, 8).take(4) {
@@ -352,43 +344,57 @@ mod tests {
         }
     }
 
-    #[test]
-    fn samples_cover_what_the_network_has_to_learn_and_every_map_obeys_friction() {
-        let mut stream = stream(Split::Train, 11);
-        let samples: Vec<Sample> = stream.by_ref().take(300).collect();
-        let share = |f: &dyn Fn(&Sample) -> bool| samples.iter().filter(|s| f(s)).count() as f64 / 300.0;
-        let normal_n = |s: &Sample| s.forces.iter().map(|force| f64::from(force[2])).sum::<f64>();
-        let empty = share(&|s| s.true_stick_ratio.is_none());
-        assert!(empty > 0.01 && empty < 0.1, "{empty} without contact");
-        assert!((share(&|s| s.shape == "none") - empty).abs() < 1e-12);
-        let gross = share(&|s| s.gross_slip);
-        assert!(gross > 0.02 && gross < 0.25, "{gross} in gross slip");
-        let partial = share(&|s| s.true_stick_ratio.is_some_and(|r| r > 0.02 && r < 0.6));
-        assert!(partial > 0.15, "{partial} with a true stick ratio below 0.6");
-        assert!(share(&|s| normal_n(s) > 5.0) > 0.08 && share(&|s| normal_n(s) < 0.5) > 0.15);
-        let surfaces = ["rough", "blob", "heap", "facets", "corrugated"];
-        let random = share(&|s| surfaces.contains(&s.shape));
-        assert!(random > 0.3 && random < 0.65, "{random} on random surfaces");
+    /// Only `cargo xtask test --all` runs these.
+    mod slow {
+        use super::*;
 
-        let [mut beyond, mut loaded] = [0.0; 2];
-        for sample in &samples {
-            for (force, state) in sample.forces.iter().zip(&sample.states) {
-                let [x, y, z] = force.map(f64::from);
-                // Friction's share is at most μz; the pressure's is z times the slope, which counts up to 1 along x and y.
-                let most = sample.friction.unwrap_or(0.0) + std::f64::consts::SQRT_2;
-                assert!(z >= 0.0 && x.hypot(y) <= most * z * (1.0 + 1e-5) + 1e-9);
-                beyond += f64::from(x.hypot(y) > sample.friction.unwrap_or(0.0) * z * (1.0 + 1e-5) + 1e-9);
-                loaded += f64::from(z > 0.0);
-                assert_eq!(z > 0.0, *state != CellState::Free);
+        #[test]
+        fn sensors_of_a_split_are_its_own() {
+            for split in Split::ALL {
+                let sensors = stream(split, 1).take(30).map(|sample| sample.sensor >> 60);
+                assert!(sensors.into_iter().all(|bits| bits == split as u64));
             }
         }
-        println!(
-            "{:.3} of the loaded taxels carry more than friction's share",
-            beyond / loaded
-        );
-        assert!(beyond < 0.3 * loaded);
-        let counts = stream.counts();
-        assert!(counts.steps > 500 && counts.unsolved == 0, "{counts:?}");
-        assert!(counts.off_surface < counts.histories / 10, "{counts:?}");
+
+        #[test]
+        fn samples_cover_what_the_network_has_to_learn_and_every_map_obeys_friction() {
+            let mut stream = stream(Split::Train, 11);
+            let samples: Vec<Sample> = stream.by_ref().take(300).collect();
+            let share = |f: &dyn Fn(&Sample) -> bool| samples.iter().filter(|s| f(s)).count() as f64 / 300.0;
+            let normal_n = |s: &Sample| s.forces.iter().map(|force| f64::from(force[2])).sum::<f64>();
+            let empty = share(&|s| s.true_stick_ratio.is_none());
+            assert!(empty > 0.01 && empty < 0.1, "{empty} without contact");
+            assert!((share(&|s| s.shape == "none") - empty).abs() < 1e-12);
+            let gross = share(&|s| s.gross_slip);
+            assert!(gross > 0.02 && gross < 0.25, "{gross} in gross slip");
+            let partial = share(&|s| s.true_stick_ratio.is_some_and(|r| r > 0.02 && r < 0.6));
+            assert!(partial > 0.15, "{partial} with a true stick ratio below 0.6");
+            assert!(share(&|s| normal_n(s) > 5.0) > 0.08 && share(&|s| normal_n(s) < 0.5) > 0.15);
+            let surfaces = ["rough", "blob", "heap", "facets", "corrugated"];
+            let random = share(&|s| surfaces.contains(&s.shape));
+            assert!(random > 0.3 && random < 0.65, "{random} on random surfaces");
+
+            let [mut beyond, mut loaded] = [0.0; 2];
+            for sample in &samples {
+                for (force, state) in sample.forces.iter().zip(&sample.states) {
+                    let [x, y, z] = force.map(f64::from);
+                    // Friction's share is at most μz; the pressure's is z times the slope, which counts up to 1 along x and y.
+                    let most = sample.friction.unwrap_or(0.0) + std::f64::consts::SQRT_2;
+                    assert!(z >= 0.0 && x.hypot(y) <= most * z * (1.0 + 1e-5) + 1e-9);
+                    beyond +=
+                        f64::from(x.hypot(y) > sample.friction.unwrap_or(0.0) * z * (1.0 + 1e-5) + 1e-9);
+                    loaded += f64::from(z > 0.0);
+                    assert_eq!(z > 0.0, *state != CellState::Free);
+                }
+            }
+            println!(
+                "{:.3} of the loaded taxels carry more than friction's share",
+                beyond / loaded
+            );
+            assert!(beyond < 0.3 * loaded);
+            let counts = stream.counts();
+            assert!(counts.steps > 500 && counts.unsolved == 0, "{counts:?}");
+            assert!(counts.off_surface < counts.histories / 10, "{counts:?}");
+        }
     }
 }
