@@ -23,8 +23,9 @@ const STREAMS: usize = 10;
 const DDS_READERS: usize = 2;
 /// DDS domain of the two readers: one that nothing else here uses.
 const DOMAIN: &str = "83";
-/// Requests of each kind of microcontroller, twice: hold and release in turn. The emulator translates code when it first meets it, and
-/// anew when its memory for that is full, which takes up to 0.1 s and no board does: for it the board's own clock counts.
+/// Requests of each kind of microcontroller, twice: hold and release in turn. The emulator translates code when it first meets it, and all
+/// anew when its memory for that is full, which takes up to 0.1 s and no board does: what it takes is told, and `bench requests`
+/// judges it by the board's own clock.
 const REQUESTS: u64 = 100;
 
 /// Who reads.
@@ -34,12 +35,11 @@ const KINDS: [bool; 2] = [false, true];
 
 /// How much the 99.9th percentile of frame to link may grow.
 const GROWTH_MAX: f64 = 1.1;
-/// The microcontrollers, and until a request is confirmed at most, ms: in process by the wall clock, on both by the microcontroller's own,
-/// with and without lost packets.
-const CONFIRMED_MS_MAX: [(&str, f64); 2] = [("embedded", 20.0), ("emulator", 50.0)];
+/// Until a request is confirmed, in process and on the emulated board, ms, where the wall clock can judge it.
+const CONFIRMED_MS_MAX: [(&str, Option<f64>); 2] = [("embedded", Some(20.0)), ("emulator", None)];
 
-/// Growth and lateness of both kinds of run, the wall clock in process, and the own clocks of two microcontrollers over two cables.
-const CHECKS: usize = 9;
+/// Growth and lateness of both kinds of run, and requests in process.
+const CHECKS: usize = 5;
 
 /// `cargo xtask bench outside [--rounds N] [--seconds S] [--json]`.
 pub(crate) fn command(arguments: &[String]) -> Result<(), Error> {
@@ -88,14 +88,13 @@ pub(crate) fn command(arguments: &[String]) -> Result<(), Error> {
         eprintln!("{REQUESTS} requests, {mcu} ...");
         let mut run = Command::new(&program);
         run.env("GRIPLINE_EMULATOR", &board).env("GRIPLINE_IMAGE", &image);
-        waits.push((mcu, max_ms, requests(run, &source, mcu)?));
+        waits.push(Wait {
+            mcu,
+            max_ms,
+            took_ms: requests(run, &source, mcu)?,
+        });
     }
-    let own_clock = own_clock(&board, &image)?;
-    let report = Report {
-        kinds,
-        waits,
-        own_clock,
-    };
+    let report = Report { kinds, waits };
     if is_json {
         println!("{}", report.json());
     } else {
@@ -246,62 +245,6 @@ fn requests(mut command: Command, source: &str, mcu: &str) -> Result<[Vec<f64>; 
     Ok(took_ms)
 }
 
-/// How long requests take by the microcontroller's own clock: for each of [`CONFIRMED_MS_MAX`], over a whole and over a lossy cable.
-/// The tests that hold the bounds say it; here their figures count, whether they hold or not.
-fn own_clock(emulator: &Path, image: &Path) -> Result<Vec<OwnClock>, Error> {
-    let mut test = process::cargo();
-    test.args([
-        "test",
-        "--quiet",
-        "--package",
-        "gripline-pipeline",
-        "--test",
-        "request_time",
-    ])
-    .args(["--", "--include-ignored", "--nocapture", "--test-threads", "1"])
-    .env("GRIPLINE_EMULATOR", emulator)
-    .env("GRIPLINE_IMAGE", image)
-    .stderr(Stdio::inherit());
-    let told = test.output().map_err(|source| Error::Start {
-        program: "cargo".to_owned(),
-        source,
-    })?;
-    let told = String::from_utf8_lossy(&told.stdout);
-    let found: Vec<OwnClock> = told.lines().filter_map(OwnClock::read).collect();
-    if found.len() == 2 * CONFIRMED_MS_MAX.len() {
-        return Ok(found);
-    }
-    Err(no_product("four lines of the test request_time", &json!(told)))
-}
-
-/// A hundred requests by the microcontroller's own clock, ms.
-#[derive(Debug)]
-struct OwnClock {
-    mcu: &'static str,
-    lost_per_mille: u64,
-    median_ms: f64,
-    longest_ms: f64,
-}
-
-impl OwnClock {
-    fn read(line: &str) -> Option<Self> {
-        let value: Value = serde_json::from_str(line.get(line.find('{')?..)?).ok()?;
-        let place = usize::from(value["mcu"].as_str()?.starts_with("emulated"));
-        let ms = |key: &str| value[key].as_f64().map(|us| us / 1e3);
-        Some(Self {
-            mcu: CONFIRMED_MS_MAX[place].0,
-            lost_per_mille: value["lost_per_mille"].as_u64()?,
-            median_ms: ms("median_us")?,
-            longest_ms: ms("longest_us")?,
-        })
-    }
-
-    fn max_ms(&self) -> f64 {
-        let of_mcu = CONFIRMED_MS_MAX.into_iter().find(|(mcu, _)| *mcu == self.mcu);
-        of_mcu.map_or(0.0, |(_, max_ms)| max_ms)
-    }
-}
-
 /// A run that serves, until it is dropped.
 struct Run {
     child: Child,
@@ -413,9 +356,24 @@ struct Kind {
 
 struct Report {
     kinds: [Kind; 2],
-    /// The microcontroller, the most that is wanted, and the times of the first and the second hundred, all ms.
-    waits: Vec<(&'static str, f64, [Vec<f64>; 2])>,
-    own_clock: Vec<OwnClock>,
+    waits: Vec<Wait>,
+}
+
+/// How long requests took, all ms.
+struct Wait {
+    mcu: &'static str,
+    /// The most that is wanted, where the wall clock can judge it.
+    max_ms: Option<f64>,
+    /// The first and the second hundred.
+    took_ms: [Vec<f64>; 2],
+}
+
+impl Wait {
+    fn spreads(&self) -> [[f64; 3]; 2] {
+        self.took_ms
+            .each_ref()
+            .map(|took_ms| spread(took_ms.iter().copied()))
+    }
 }
 
 /// Lowest, median and highest.
@@ -461,16 +419,10 @@ impl Kind {
 
 impl Report {
     fn misses(&self) -> usize {
-        let is_too_long = |(mcu, max_ms, [_, took_ms]): &&(&str, f64, [Vec<f64>; 2])| {
-            *mcu == "embedded" && spread(took_ms.iter().copied())[2] > *max_ms
-        };
-        let too_long = self
-            .own_clock
-            .iter()
-            .filter(|found| found.longest_ms > found.max_ms());
+        let is_too_long = |wait: &&Wait| wait.max_ms.is_some_and(|max_ms| wait.spreads()[1][2] > max_ms);
         let grown = self.kinds.iter().filter(|kind| kind.growth() > GROWTH_MAX);
         let late = self.kinds.iter().filter(|kind| kind.late()[1] > 0);
-        self.waits.iter().filter(is_too_long).count() + too_long.count() + grown.count() + late.count()
+        self.waits.iter().filter(is_too_long).count() + grown.count() + late.count()
     }
 
     fn text(&self) -> String {
@@ -495,21 +447,18 @@ impl Report {
                 kind.growth()
             );
         }
-        for (mcu, max_ms, took_ms) in &self.waits {
-            let [first, then] = took_ms.each_ref().map(|took_ms| spread(took_ms.iter().copied()));
+        for wait in &self.waits {
+            let [first, then] = wait.spreads();
+            let wanted = wait.max_ms.map_or_else(
+                || "by the wall clock; `bench requests` has the board's".to_owned(),
+                |max_ms| format!("at most {max_ms} wanted"),
+            );
             let _ = writeln!(
                 text,
-                "request until confirmed, {mcu}, wall clock, ms: median {:.1}, longest {:.1} of {REQUESTS}; of the {REQUESTS} before, \
+                "request until confirmed, {}, ms: median {:.1}, longest {:.1} of {REQUESTS} ({wanted}); of the {REQUESTS} before, \
                  {:.1} and {:.1}",
-                then[1], then[2], first[1], first[2],
+                wait.mcu, then[1], then[2], first[1], first[2],
             );
-            for found in self.own_clock.iter().filter(|found| found.mcu == *mcu) {
-                let _ = writeln!(
-                    text,
-                    "  by its own clock, {} of 1,000 packets lost: median {:.1}, longest {:.1} (at most {max_ms} wanted)",
-                    found.lost_per_mille, found.median_ms, found.longest_ms,
-                );
-            }
         }
         text
     }
@@ -518,19 +467,12 @@ impl Report {
         let waits: serde_json::Map<String, Value> = self
             .waits
             .iter()
-            .map(|(mcu, _, took_ms)| {
-                let [first, then] = took_ms.each_ref().map(|took_ms| spread(took_ms.iter().copied()));
-                let mut values =
-                    json!({"median_ms": then[1], "longest_ms": then[2], "first_longest_ms": first[2]});
-                for found in self.own_clock.iter().filter(|found| found.mcu == *mcu) {
-                    let cable = if found.lost_per_mille == 0 {
-                        "own_clock"
-                    } else {
-                        "own_clock_lossy"
-                    };
-                    values[cable] = json!({"median_ms": found.median_ms, "longest_ms": found.longest_ms});
-                }
-                ((*mcu).to_owned(), values)
+            .map(|wait| {
+                let [first, then] = wait.spreads();
+                (
+                    wait.mcu.to_owned(),
+                    json!({"median_ms": then[1], "longest_ms": then[2], "first_longest_ms": first[2]}),
+                )
             })
             .collect();
         let mut found = serde_json::Map::new();

@@ -152,7 +152,7 @@ impl Cell {
 }
 
 /// Asks a hundred times, at every moment of a frame; the longest time until a status shows it, µs. Prints a line that
-/// `cargo xtask bench outside` reads.
+/// `cargo xtask bench requests` reads.
 fn longest_us(inner: impl Link + 'static, lost_per_mille: u64) -> u64 {
     let name = inner.name();
     let mut cell = Cell::new(inner, lost_per_mille);
