@@ -231,7 +231,9 @@ pub fn raises(bench: &mut Bench<'_>, length: Length) -> Result<Raises, Error> {
         let mut number = 0;
         let met = hunt(bench, TICK_NS, |bench, phase_ns| {
             number = (number + 1) % sensors;
-            bench.map_at(phase_ns, &even(LONGEST_TAIL, FIRST_N), |info| info.sensor = number)
+            bench.map_at(phase_ns, &even(LONGEST_TAIL, FIRST_N), |info| {
+                info.sensor = number
+            })
         })?;
         let everywhere = (0..TICK_NS).step_by(47_000);
         let samples = if length == Length::Short { 8 } else { 40 };
