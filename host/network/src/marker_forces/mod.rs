@@ -7,6 +7,8 @@
 mod elastic_layer;
 mod kernel;
 
+use std::path::Path;
+
 use gripline_sensor::Sensor;
 
 pub use self::elastic_layer::{ElasticLayer, LayerSettings};
@@ -14,6 +16,7 @@ pub use self::elastic_layer::{ElasticLayer, LayerSettings};
 use crate::constants::TAXELS;
 use crate::error::NetworkError;
 use crate::force_map::{Calibration, ForceMap};
+use crate::weights::{self, PARTICLE_FINGERTIP};
 
 /// A marker in one picture.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -32,20 +35,50 @@ pub enum MarkerForces {
 }
 
 impl MarkerForces {
-    /// The model that the sensor's description names.
+    /// The model that the sensor's description names; a weights file is looked for in `folder`, where the description lies.
     ///
     /// # Errors
-    /// [`NetworkError::UnknownForces`] when it names none that is known here.
-    pub fn for_sensor(sensor: &Sensor) -> Result<Self, NetworkError> {
+    /// [`NetworkError`] when it names none that is known, or weights that cannot be used.
+    pub fn for_sensor(sensor: &Sensor, folder: Option<&Path>) -> Result<Self, NetworkError> {
         match sensor.forces.weights.as_str() {
             ElasticLayer::NAME => Ok(Self::ElasticLayer(Box::new(ElasticLayer::new(
                 &LayerSettings::of(sensor),
             )))),
+            file if Path::new(file)
+                .extension()
+                .is_some_and(|ending| ending == "safetensors") =>
+            {
+                Self::from_file(&folder.unwrap_or(Path::new("")).join(file), sensor)
+            }
             other => Err(NetworkError::UnknownForces {
                 sensor: sensor.identity(),
                 found: other.to_owned(),
             }),
         }
+    }
+
+    /// A weights file for this sensor.
+    ///
+    /// # Errors
+    /// [`NetworkError`] when it cannot be read, is of another sensor, or holds no model of markers.
+    pub fn from_file(path: &Path, sensor: &Sensor) -> Result<Self, NetworkError> {
+        let described = |problem| NetworkError::Weights {
+            origin: path.display().to_string(),
+            problem: Box::new(problem),
+        };
+        let metadata = weights::metadata_of(path).map_err(described)?;
+        // Weights that name no sensor are the particle fingertip's.
+        let found = metadata.get("sensor").map_or(PARTICLE_FINGERTIP, String::as_str);
+        if found != sensor.identity() {
+            return Err(described(NetworkError::OtherSensor {
+                found: found.to_owned(),
+                expected: sensor.identity(),
+            }));
+        }
+        Err(described(NetworkError::UnknownForces {
+            sensor: sensor.identity(),
+            found: metadata.get("architecture").cloned().unwrap_or_default(),
+        }))
     }
 
     /// Sets where the markers are at rest, mm from the middle of the taxels: once, before [`Self::infer`], in the order of its
