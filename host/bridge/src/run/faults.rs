@@ -23,7 +23,7 @@ use gripline_link::{EmbeddedLink, HotPlug};
 use gripline_pipeline::pipeline::Pipeline;
 use gripline_pipeline::settings_for;
 use gripline_recording::telemetry::{NO_DEVICE, NO_STATUS};
-use gripline_recording::{Metadata, Pace, Recorder};
+use gripline_recording::{Image, Metadata, Pace, Recorder};
 use gripline_test_board::fake_usb::{FakeBus, FakeClock, FakeUsb, device};
 
 const FRAME_US: f64 = 1e6 / 60.0;
@@ -358,6 +358,7 @@ fn memory_stays_flat_while_frames_are_recorded() {
     let mut run = Run::new(session, Clock::None, 60.0);
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("soak.mcap");
+    let rest = rest.into_iter().map(|crop| Image::grey(440, crop)).collect();
     let recorder = Recorder::start(&path, &Metadata::default(), &[rest], Pace::AsFastAsPossible);
     run.recorder = Some(recorder.unwrap());
     run.pictures = gripline_recording::Pictures::Off;
