@@ -7,7 +7,7 @@ use std::time::{Duration, SystemTime};
 /// So many short recordings in a row are a restart loop.
 const MOST: usize = 20;
 /// A recording below this is short.
-const SHORT: Duration = Duration::from_secs(60);
+const SHORT: Duration = Duration::from_mins(1);
 /// Length of a time in a file's name, "2001-09-09T01-46-40Z".
 const TIME_LENGTH: usize = 20;
 
@@ -39,7 +39,7 @@ pub(super) fn is_restart_loop(path: &Path) -> bool {
 /// What stands before and after the time in a file's name.
 fn around_time(path: &Path) -> Option<(&str, &str)> {
     let name = path.file_name()?.to_str()?;
-    let at = (0..name.len().checked_sub(TIME_LENGTH)? + 1)
+    let at = (0..=name.len().checked_sub(TIME_LENGTH)?)
         .find(|&at| name.get(at..at + TIME_LENGTH).and_then(time_of).is_some())?;
     Some((&name[..at], &name[at + TIME_LENGTH..]))
 }

@@ -23,7 +23,7 @@ impl HeightMap for MirroredPatch {
 #[derive(Debug)]
 pub(crate) enum Fingers {
     Layer(GraspSolver),
-    Brush(BrushSolver),
+    Brush(Box<BrushSolver>),
 }
 
 impl Fingers {
@@ -51,7 +51,8 @@ impl Fingers {
                     (mirrored, frictions[1], laws[1].texture),
                 ];
                 let (gel, cells) = (*surface.gel(), surface.cells());
-                Ok(Self::Brush(BrushSolver::new(gel, cells, sides, turn_rad)))
+                let solver = BrushSolver::new(gel, cells, sides, turn_rad);
+                Ok(Self::Brush(Box::new(solver)))
             }
         }
     }
