@@ -14,6 +14,9 @@ use crate::error::NetworkError;
 use crate::force_map::Calibration;
 use crate::options::Architecture;
 
+/// Identity of the sensor that weights are for which name none.
+pub(crate) const PARTICLE_FINGERTIP: &str = "particle-fingertip.1";
+
 /// Metadata entry `format`.
 const FORMAT: &str = "gripline-weights-1";
 
@@ -135,6 +138,16 @@ impl<'a> WeightsFile<'a> {
         let metadata = file.metadata();
         metadata.expect("format", FORMAT)?;
         metadata.expect("architecture", architecture.name())?;
+        let of_sensor = metadata
+            .0
+            .get("sensor")
+            .map_or(PARTICLE_FINGERTIP, String::as_str);
+        if of_sensor != PARTICLE_FINGERTIP {
+            return Err(NetworkError::OtherSensor {
+                found: of_sensor.to_owned(),
+                expected: PARTICLE_FINGERTIP.to_owned(),
+            });
+        }
         let stated = metadata.text("crc32")?;
         let expected = u32::from_str_radix(stated, 16)
             .map_err(|_| NetworkError::metadata("crc32", stated, "eight hexadecimal digits"))?;
@@ -196,6 +209,15 @@ pub(crate) fn read(path: &Path) -> Result<Vec<u8>, NetworkError> {
         });
     }
     Ok(std::fs::read(path)?)
+}
+
+/// The metadata of a weights file, unchecked but for its format.
+pub(crate) fn metadata_of(path: &Path) -> Result<HashMap<String, String>, NetworkError> {
+    let bytes = read(path)?;
+    let (_, header) = SafeTensors::read_metadata(&bytes).map_err(not_safetensors)?;
+    let metadata = header.metadata().clone().unwrap_or_default();
+    Metadata(&metadata).expect("format", FORMAT)?;
+    Ok(metadata)
 }
 
 /// The architecture in a file's metadata.
