@@ -1,0 +1,165 @@
+//! Random contacts on random units: markers before and after, and the true force map. Everything follows from split and seed.
+
+use std::sync::Arc;
+
+use gripline_sensor::Sensor;
+
+use super::unit::{PrintedUnit, SharedUnit, UnitRange};
+use crate::error::SimulationError;
+use crate::force_map::ForceMap;
+use crate::random::Random;
+use crate::sample::{Counts, History, Range, Split};
+
+/// Purpose of a stream's random numbers; the split is added.
+const CONTACTS: u64 = 48;
+/// Load histories on one gel before the next is drawn.
+const HISTORIES_PER_GEL: u32 = 40;
+/// Load histories on one unit's markers and lens before others are drawn over the same gel.
+const HISTORIES_PER_UNIT: u32 = 4;
+/// Normal loads, log-uniform, N; the strain limit cuts them for slender shapes.
+const NORMAL_N: [f64; 2] = [0.1, 10.0];
+
+/// One state.
+#[derive(Debug, Clone)]
+pub struct PrintedSample {
+    /// The unit.
+    pub unit: Arc<PrintedUnit>,
+    /// Where its markers show at rest, mm.
+    pub rest_mm: Vec<[f64; 2]>,
+    /// Where they show now, and whether each is seen.
+    pub now_mm: Vec<([f64; 2], bool)>,
+    /// The true map, N per taxel.
+    pub forces: ForceMap,
+    /// Name of the indenter.
+    pub shape: &'static str,
+    /// Number of the unit in its stream.
+    pub number: u32,
+}
+
+/// An endless stream of random contacts on random units of one sensor.
+#[derive(Debug)]
+pub struct PrintedContacts {
+    sensor: Sensor,
+    range: UnitRange,
+    split: Split,
+    random: Random,
+    unit: Option<SharedUnit>,
+    units: u32,
+    histories: u32,
+    history: Option<History>,
+    counts: Counts,
+}
+
+impl PrintedContacts {
+    /// The stream that follows from `split` and `seed`; streams with others differ in everything.
+    #[must_use]
+    pub fn new(sensor: &Sensor, range: UnitRange, split: Split, seed: u64) -> Self {
+        Self {
+            sensor: sensor.clone(),
+            range,
+            split,
+            random: Random::new(seed, CONTACTS + split as u64),
+            unit: None,
+            units: 0,
+            histories: 0,
+            history: None,
+            counts: Counts::default(),
+        }
+    }
+
+    /// What became of the load histories so far.
+    #[must_use]
+    pub fn counts(&self) -> Counts {
+        self.counts
+    }
+
+    fn next_unit(&mut self) -> Result<SharedUnit, SimulationError> {
+        let own = self.split.own_number(&mut self.random);
+        let mut random = Random::new(own, CONTACTS);
+        let unit = match self.unit.take() {
+            Some(unit) if !self.histories.is_multiple_of(HISTORIES_PER_GEL) => {
+                PrintedUnit::with_gel(&self.sensor, &self.range, unit.gel().clone(), &mut random)
+            }
+            _ => PrintedUnit::draw(&self.sensor, &self.range, &mut random)?,
+        };
+        self.units += 1;
+        Ok(Arc::new(unit))
+    }
+
+    /// Goes to the next state of a contact.
+    fn advance(&mut self) -> Result<SharedUnit, SimulationError> {
+        loop {
+            if let (Some(history), Some(unit)) = (&mut self.history, &self.unit) {
+                if history.advance(&mut self.random, &mut self.counts).is_some() {
+                    return Ok(Arc::clone(unit));
+                }
+            }
+            if self.unit.is_none() || self.histories.is_multiple_of(HISTORIES_PER_UNIT) {
+                self.unit = Some(self.next_unit()?);
+            }
+            self.histories += 1;
+            self.counts.histories += 1;
+            let Some(unit) = &self.unit else { continue };
+            let gel = unit.gel();
+            let (scale, scaled) = (gel.scale, gel.scaled_gel());
+            let range = Range {
+                normal_n: NORMAL_N.map(|n| n * scale * scale),
+                half_mm: unit.field_mm().map(|side| 0.5 * side * scale),
+            };
+            self.history =
+                History::draw(&mut self.random, self.split, &gel.surfaces, &scaled, range).ok();
+        }
+    }
+}
+
+impl Iterator for PrintedContacts {
+    type Item = PrintedSample;
+
+    /// The next state; `None` only when a unit cannot be made.
+    fn next(&mut self) -> Option<PrintedSample> {
+        let unit = self.advance().ok()?;
+        let history = self.history.as_ref()?;
+        let mut field = unit.new_field();
+        field.load(history.truth());
+        let now_mm = unit.track(&field, &mut self.random);
+        let modulus = unit.modulus() as f32;
+        let forces = unit.gel().forces_n(history.truth());
+        Some(PrintedSample {
+            rest_mm: unit.rest_mm(),
+            now_mm,
+            forces: forces.map(|taxel| taxel.map(|force| force * modulus)),
+            shape: history.shape(),
+            number: self.units,
+            unit,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::*;
+
+    #[test]
+    fn a_stream_repeats_by_seed_and_its_markers_tell_of_the_load() {
+        let sensor = Sensor::named(Path::new("gelsight-mini")).unwrap();
+        let range = UnitRange::of(&sensor);
+        let take = |seed| PrintedContacts::new(&sensor, range, Split::Train, seed).take(20).collect::<Vec<_>>();
+        let (first, again, other) = (take(1), take(1), take(2));
+        for (a, b) in first.iter().zip(&again) {
+            assert_eq!((&a.now_mm, a.forces), (&b.now_mm, b.forces));
+        }
+        assert_ne!(first[0].now_mm, other[0].now_mm);
+        for sample in &first {
+            let count = sample.rest_mm.len();
+            assert!((40..=90).contains(&count), "{count} markers");
+            let load_n: f32 = sample.forces.iter().map(|force| force[2]).sum();
+            let moves = sample.rest_mm.iter().zip(&sample.now_mm);
+            let farthest = moves
+                .map(|(rest, (now, _))| libm::hypot(now[0] - rest[0], now[1] - rest[1]))
+                .fold(0.0, f64::max);
+            assert!(farthest > 0.002 && farthest < 3.0, "{farthest} mm under {load_n} N");
+        }
+    }
+}
