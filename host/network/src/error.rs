@@ -121,6 +121,16 @@ pub enum NetworkError {
         /// The name.
         found: String,
     },
+    /// No model of forces from markers has this name.
+    #[error(
+        "sensor {sensor}: forces.weights is `{found}`, expected `elastic-layer`: no other model reads printed markers"
+    )]
+    UnknownForces {
+        /// The sensor's identity.
+        sensor: String,
+        /// The name.
+        found: String,
+    },
     /// No gate has this name.
     #[error("found {found}, expected network, difference or off")]
     UnknownGate {

@@ -14,6 +14,7 @@ mod inference;
 mod instruction_set;
 mod kernel;
 mod layer;
+pub mod marker_forces;
 pub mod metrics;
 mod network;
 mod options;

@@ -21,6 +21,8 @@ pub struct Sensor {
     pub taxels: Taxels,
     /// When a picture can be trusted.
     pub health: Health,
+    /// What makes forces of it.
+    pub forces: Forces,
 }
 
 impl Sensor {
@@ -191,4 +193,11 @@ pub struct Health {
     pub overexposed_share: f64,
     /// Largest share of lost markers.
     pub lost_share: f64,
+}
+
+/// What makes forces of displacements.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Forces {
+    /// A model's name, or a weights file: beside the description, or shipped.
+    pub weights: String,
 }

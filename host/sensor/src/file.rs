@@ -7,7 +7,7 @@ use std::path::Path;
 use toml::de::DeTable;
 
 use crate::description::{
-    Capture, Colour, Flip, Gel, Health, Lens, MarkerKind, Markers, Polarity, Sensor, Taxels, View,
+    Capture, Colour, Flip, Forces, Gel, Health, Lens, MarkerKind, Markers, Polarity, Sensor, Taxels, View,
 };
 use crate::error::{Problem, SensorError};
 use crate::plausible;
@@ -88,6 +88,7 @@ fn read(head: &Section<'_>) -> Sensor {
     };
     let sections = ["capture", "view", "gel", "markers", "taxels", "health"].map(|name| head.section(name));
     let [capture, view, gel, markers, taxels, health] = &sections;
+    let forces = head.section("forces");
     let sensor = Sensor {
         name: head.text(
             "name",
@@ -122,13 +123,20 @@ fn read(head: &Section<'_>) -> Sensor {
             overexposed_share: health.number("overexposed_share", 0.0..=1.0),
             lost_share: health.number("lost_share", 0.0..=1.0),
         },
+        forces: Forces {
+            weights: forces.text(
+                "weights",
+                "the name of a model (tracked, elastic-layer) or of a weights file (*.safetensors)",
+                |text| !text.is_empty() && !text.contains('\n'),
+            ),
+        },
     };
     // Values that are missing or out of range have been replaced; whether they fit each other says nothing then.
     if !head.has_problems() {
         plausible::check(&sensor, &sections);
     }
     head.finish();
-    for section in &sections {
+    for section in sections.iter().chain([&forces]) {
         section.finish();
     }
     sensor

@@ -11,7 +11,7 @@ mod plausible;
 mod table;
 
 pub use description::{
-    Capture, Colour, Flip, Gel, Health, Lens, MarkerKind, Markers, Polarity, Sensor, Taxels, View,
+    Capture, Colour, Flip, Forces, Gel, Health, Lens, MarkerKind, Markers, Polarity, Sensor, Taxels, View,
 };
 pub use error::{Problem, SensorError};
 pub use file::SHIPPED;
