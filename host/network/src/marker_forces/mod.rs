@@ -6,10 +6,12 @@
 
 mod elastic_layer;
 mod kernel;
+mod linear;
 
 use gripline_sensor::Sensor;
 
 pub use self::elastic_layer::{ElasticLayer, LayerSettings};
+pub use self::linear::{LinearInverse, LinearSettings};
 
 use crate::constants::TAXELS;
 use crate::error::NetworkError;

@@ -4,18 +4,18 @@ use std::sync::Arc;
 
 use gripline_sensor::Sensor;
 
-use super::unit::{PrintedUnit, SharedUnit, UnitRange};
+use super::PrintedGel;
+use super::unit::{PrintedUnit, UnitRange};
 use crate::error::SimulationError;
+use crate::field::DisplacementField;
 use crate::force_map::ForceMap;
 use crate::random::Random;
 use crate::sample::{Counts, History, Range, Split};
 
 /// Purpose of a stream's random numbers; the split is added.
 const CONTACTS: u64 = 48;
-/// Load histories on one gel before the next is drawn.
-const HISTORIES_PER_GEL: u32 = 40;
-/// Load histories on one unit's markers and lens before others are drawn over the same gel.
-const HISTORIES_PER_UNIT: u32 = 4;
+/// Load histories on one gel before the next is drawn; every sample sees its own markers and lens over it.
+const HISTORIES_PER_GEL: u64 = 40;
 /// Normal loads, log-uniform, N; the strain limit cuts them for slender shapes.
 const NORMAL_N: [f64; 2] = [0.1, 10.0];
 
@@ -32,8 +32,6 @@ pub struct PrintedSample {
     pub forces: ForceMap,
     /// Name of the indenter.
     pub shape: &'static str,
-    /// Number of the unit in its stream.
-    pub number: u32,
 }
 
 /// An endless stream of random contacts on random units of one sensor.
@@ -42,27 +40,31 @@ pub struct PrintedContacts {
     sensor: Sensor,
     range: UnitRange,
     split: Split,
+    looks: usize,
     random: Random,
-    unit: Option<SharedUnit>,
-    units: u32,
-    histories: u32,
+    gel: Option<PrintedGel>,
     history: Option<History>,
+    field: Option<DisplacementField>,
+    /// Looks at the state in the field that are left.
+    left: usize,
     counts: Counts,
 }
 
 impl PrintedContacts {
-    /// The stream that follows from `split` and `seed`; streams with others differ in everything.
+    /// The stream that follows from `split` and `seed`; streams with others differ in everything. Each state is seen by `looks`
+    /// units that share a gel: that is cheap, and markers lie differently on each.
     #[must_use]
-    pub fn new(sensor: &Sensor, range: UnitRange, split: Split, seed: u64) -> Self {
+    pub fn new(sensor: &Sensor, range: UnitRange, split: Split, seed: u64, looks: usize) -> Self {
         Self {
             sensor: sensor.clone(),
             range,
             split,
+            looks,
             random: Random::new(seed, CONTACTS + split as u64),
-            unit: None,
-            units: 0,
-            histories: 0,
+            gel: None,
             history: None,
+            field: None,
+            left: 0,
             counts: Counts::default(),
         }
     }
@@ -73,41 +75,38 @@ impl PrintedContacts {
         self.counts
     }
 
-    fn next_unit(&mut self) -> Result<SharedUnit, SimulationError> {
+    /// A new unit; without a gel to lie on, on its own.
+    fn unit(&mut self, gel: Option<PrintedGel>) -> Result<PrintedUnit, SimulationError> {
         let own = self.split.own_number(&mut self.random);
         let mut random = Random::new(own, CONTACTS);
-        let unit = match self.unit.take() {
-            Some(unit) if !self.histories.is_multiple_of(HISTORIES_PER_GEL) => {
-                PrintedUnit::with_gel(&self.sensor, &self.range, unit.gel().clone(), &mut random)
-            }
-            _ => PrintedUnit::draw(&self.sensor, &self.range, &mut random)?,
-        };
-        self.units += 1;
-        Ok(Arc::new(unit))
+        match gel {
+            Some(gel) => Ok(PrintedUnit::with_gel(&self.sensor, &self.range, gel, &mut random)),
+            None => PrintedUnit::draw(&self.sensor, &self.range, &mut random),
+        }
     }
 
-    /// Goes to the next state of a contact.
-    fn advance(&mut self) -> Result<SharedUnit, SimulationError> {
+    /// Goes to the next state of a contact and computes its field.
+    fn advance(&mut self) -> Result<(), SimulationError> {
         loop {
-            if let (Some(history), Some(unit)) = (&mut self.history, &self.unit) {
-                if history.advance(&mut self.random, &mut self.counts).is_some() {
-                    return Ok(Arc::clone(unit));
+            if let (Some(history), Some(gel)) = (&mut self.history, &self.gel) {
+                if let Some(truth) = history.advance(&mut self.random, &mut self.counts) {
+                    self.field.get_or_insert_with(|| gel.field()).load(truth);
+                    self.left = self.looks;
+                    return Ok(());
                 }
             }
-            if self.unit.is_none() || self.histories.is_multiple_of(HISTORIES_PER_UNIT) {
-                self.unit = Some(self.next_unit()?);
+            if self.counts.histories.is_multiple_of(HISTORIES_PER_GEL) {
+                self.gel = Some(self.unit(None)?.gel().clone());
+                self.field = None;
             }
-            self.histories += 1;
             self.counts.histories += 1;
-            let Some(unit) = &self.unit else { continue };
-            let gel = unit.gel();
+            let Some(gel) = &self.gel else { continue };
             let (scale, scaled) = (gel.scale, gel.scaled_gel());
             let range = Range {
                 normal_n: NORMAL_N.map(|n| n * scale * scale),
-                half_mm: unit.field_mm().map(|side| 0.5 * side * scale),
+                half_mm: self.sensor.view.field_mm.map(|side| 0.5 * side * scale),
             };
-            self.history =
-                History::draw(&mut self.random, self.split, &gel.surfaces, &scaled, range).ok();
+            self.history = History::draw(&mut self.random, self.split, &gel.surfaces, &scaled, range).ok();
         }
     }
 }
@@ -117,11 +116,14 @@ impl Iterator for PrintedContacts {
 
     /// The next state; `None` only when a unit cannot be made.
     fn next(&mut self) -> Option<PrintedSample> {
-        let unit = self.advance().ok()?;
+        if self.left == 0 {
+            self.advance().ok()?;
+        }
+        self.left -= 1;
+        let gel = self.gel.clone()?;
+        let unit = Arc::new(self.unit(Some(gel)).ok()?);
         let history = self.history.as_ref()?;
-        let mut field = unit.new_field();
-        field.load(history.truth());
-        let now_mm = unit.track(&field, &mut self.random);
+        let now_mm = unit.track(self.field.as_ref()?, &mut self.random);
         let modulus = unit.modulus() as f32;
         let forces = unit.gel().forces_n(history.truth());
         Some(PrintedSample {
@@ -129,7 +131,6 @@ impl Iterator for PrintedContacts {
             now_mm,
             forces: forces.map(|taxel| taxel.map(|force| force * modulus)),
             shape: history.shape(),
-            number: self.units,
             unit,
         })
     }
@@ -145,7 +146,7 @@ mod tests {
     fn a_stream_repeats_by_seed_and_its_markers_tell_of_the_load() {
         let sensor = Sensor::named(Path::new("gelsight-mini")).unwrap();
         let range = UnitRange::of(&sensor);
-        let take = |seed| PrintedContacts::new(&sensor, range, Split::Train, seed).take(20).collect::<Vec<_>>();
+        let take = |seed| PrintedContacts::new(&sensor, range, Split::Train, seed, 1).take(20).collect::<Vec<_>>();
         let (first, again, other) = (take(1), take(1), take(2));
         for (a, b) in first.iter().zip(&again) {
             assert_eq!((&a.now_mm, a.forces), (&b.now_mm, b.forces));

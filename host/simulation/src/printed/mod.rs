@@ -33,7 +33,6 @@ pub struct PrintedGel {
     gel: Gel,
     /// Lengths of the contact world over the sensor's.
     scale: f64,
-    depth_mm: f64,
     surfaces: GelSurfaces,
     kernels: Arc<LayerKernels>,
 }
@@ -52,7 +51,6 @@ impl PrintedGel {
         Ok(Self {
             gel: *gel,
             scale,
-            depth_mm,
             surfaces: GelSurfaces::new(&scaled)?,
             kernels: Arc::new(LayerKernels::of_plane(&scaled, depth_mm * scale)),
         })

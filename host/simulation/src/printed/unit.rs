@@ -1,7 +1,5 @@
 //! One unit of a sensor: its gel, where its markers are printed, its lens, and what its tracker makes of a displacement.
 
-use std::sync::Arc;
-
 use gripline_sensor::Sensor;
 
 use super::PrintedGel;
@@ -139,10 +137,22 @@ impl PrintedUnit {
         self.field_mm
     }
 
-    /// Pixels of the crop per millimetre of the surface at rest, in the picture's middle.
+    /// Pixels of the crop per millimetre as the sensor's file says.
     #[must_use]
-    pub fn px_per_mm(&self) -> f64 {
-        self.px_per_mm * self.scale
+    pub const fn px_per_mm(&self) -> f64 {
+        self.px_per_mm
+    }
+
+    /// What the lens really has over that, in the picture's middle.
+    #[must_use]
+    pub const fn scale(&self) -> f64 {
+        self.scale
+    }
+
+    /// Displacement along the radius at the field's corner, share of the corner's radius.
+    #[must_use]
+    pub const fn distortion(&self) -> f64 {
+        self.distortion
     }
 
     /// Diameter of a marker, mm.
@@ -224,9 +234,6 @@ fn printed(pitch_mm: f64, [width, height]: [f64; 2], random: &mut Random) -> Vec
 }
 
 /// A normal deviate: twelve even numbers less six.
-fn normal(random: &mut Random) -> f64 {
+pub(super) fn normal(random: &mut Random) -> f64 {
     (0..12).map(|_| random.unit()).sum::<f64>() - 6.0
 }
-
-/// Shared among the units that a stream draws.
-pub(super) type SharedUnit = Arc<PrintedUnit>;

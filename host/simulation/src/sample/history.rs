@@ -88,6 +88,11 @@ impl GelSurfaces {
         surfaces.into_iter().collect::<Result<_, _>>().map(Self)
     }
 
+    /// The surface with the most cells.
+    pub(crate) fn finest(&self) -> Arc<GelSurface> {
+        Arc::clone(&self.0[self.0.len() - 1])
+    }
+
     fn for_load(&self, split: Split, peak_n: f64) -> Arc<GelSurface> {
         let cells = grid_cells(split, peak_n);
         let fits = self.0.iter().find(|surface| surface.cells() >= cells);
