@@ -92,7 +92,7 @@ impl ElasticLayer {
         } = *settings;
         Self {
             settings: *settings,
-            kernel: LayerKernel::new(thickness_mm, young_mpa, poisson, pitch_mm, 0.0),
+            kernel: LayerKernel::new(thickness_mm, young_mpa, poisson, pitch_mm),
             markers: 0,
             influence: Vec::new(),
         }
@@ -119,7 +119,7 @@ impl ElasticLayer {
             };
             for (marker, place) in places_mm.iter().enumerate() {
                 let away = [f64::from(place[0]) - x, f64::from(place[1]) - y];
-                for (axis, row) in self.kernel.at(away).into_iter().take(2).enumerate() {
+                for (axis, row) in self.kernel.at(away).into_iter().enumerate() {
                     for (component, value) in row.into_iter().enumerate() {
                         let column = 2 * self.markers * (3 * taxel + component);
                         self.influence[column + axis * self.markers + marker] = value as f32;
@@ -202,7 +202,7 @@ impl ElasticLayer {
     }
 }
 
-pub(super) fn dot(a: &[f32], b: &[f32]) -> f32 {
+fn dot(a: &[f32], b: &[f32]) -> f32 {
     // Eight sums side by side: one would wait for each addition.
     let mut sums = [0.0f32; 8];
     let (a, b) = (a.as_chunks::<8>(), b.as_chunks::<8>());

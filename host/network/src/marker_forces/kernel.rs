@@ -1,7 +1,6 @@
-//! What a force on one taxel of an elastic layer does to the gel around it, mm per N. The layer is bonded to a rigid base and
+//! What a force on one taxel of an elastic layer does to the surface around it, mm per N. The layer is bonded to a rigid base and
 //! has no end. Closed wave kernels (REFERENCES, Contact mechanics), brought to places by one-dimensional Hankel integrals. A
-//! taxel's square is a Gaussian of the same second moment, which ends the integrals. Below the surface all fall as a shear across the
-//! wave does: exact for that one, within 2 % of the others at a tenth of the thickness. Limits: small strain.
+//! taxel's square is a Gaussian of the same second moment, which ends the integrals. Limits: small strain; markers on the surface.
 
 use std::f64::consts::PI;
 
@@ -29,31 +28,29 @@ struct Radial {
     turn: f64,
     /// What pressure does outwards.
     outwards: f64,
-    /// What pressure does into the gel. What a shear does into it ahead of itself is `outwards` with the other sign.
-    down: f64,
 }
 
 impl LayerKernel {
-    /// Of a layer under square taxels of side `pitch_mm`, seen `depth_mm` under its surface.
-    pub(super) fn new(thickness_mm: f64, young_mpa: f64, poisson: f64, pitch_mm: f64, depth_mm: f64) -> Self {
+    /// Of a layer under square taxels of side `pitch_mm`.
+    pub(super) fn new(thickness_mm: f64, young_mpa: f64, poisson: f64, pitch_mm: f64) -> Self {
         let h = thickness_mm;
         let shear_mpa = young_mpa / (2.0 * (1.0 + poisson));
         let sigma = pitch_mm / 12.0_f64.sqrt() / h;
         let scale = 1.0 / (2.0 * PI * shear_mpa * h);
-        let waves: Vec<(f64, [f64; 4])> = (0..(WAVE_END_SIGMAS / sigma / WAVE_STEP) as usize)
+        let waves: Vec<(f64, [f64; 3])> = (0..(WAVE_END_SIGMAS / sigma / WAVE_STEP) as usize)
             .map(|step| {
                 let x = (step as f64 + 0.5) * WAVE_STEP;
                 let weight = scale * WAVE_STEP * libm::exp(-0.5 * (x * sigma).powi(2));
-                let [across, along, coupling, down] = closed(x, poisson);
+                let [across, along, coupling] = closed(x, poisson);
                 let (mean, turn) = (0.5 * (along + across), 0.5 * (along - across));
-                (x, [mean, turn, coupling, down].map(|value| value * weight * fall(x, depth_mm / h)))
+                (x, [mean * weight, turn * weight, coupling * weight])
             })
             .collect();
         let table = (0..=(REACH * STEPS_PER_THICKNESS) as usize)
             .map(|step| {
                 let distance = step as f64 / STEPS_PER_THICKNESS;
                 let mut sum = Radial::default();
-                for (x, [mean, turn, coupling, down]) in &waves {
+                for (x, [mean, turn, coupling]) in &waves {
                     let at = x * distance;
                     let (j0, j1) = (libm::j0(at), libm::j1(at));
                     let j2 = if at < 1e-4 {
@@ -64,7 +61,6 @@ impl LayerKernel {
                     sum.mean += mean * j0;
                     sum.turn += turn * j2;
                     sum.outwards -= coupling * j1;
-                    sum.down += down * j0;
                 }
                 sum
             })
@@ -75,41 +71,34 @@ impl LayerKernel {
         }
     }
 
-    /// Displacement of a place that lies `away` of the taxel's centre, mm: rows x, y and into the gel; columns for 1 N along x, along
-    /// y, and pressing.
-    pub(super) fn at(&self, away: [f64; 2]) -> [[f64; 3]; 3] {
+    /// Displacement of a place that lies `away` of the taxel's centre, mm: rows x and y; columns for 1 N along x, along y, and
+    /// pressing.
+    pub(super) fn at(&self, away: [f64; 2]) -> [[f64; 3]; 2] {
         let [x, y] = away;
         let r = x.hypot(y);
         let place = r / self.step_mm;
         let node = place as usize;
         let Some([near, far]) = self.table.get(node..node + 2) else {
-            return [[0.0; 3]; 3];
+            return [[0.0; 3]; 2];
         };
         let t = place - node as f64;
         let between = |of: fn(&Radial) -> f64| (1.0 - t) * of(near) + t * of(far);
-        let (mean, turn, outwards, down) = (
+        let (mean, turn, outwards) = (
             between(|radial| radial.mean),
             between(|radial| radial.turn),
             between(|radial| radial.outwards),
-            between(|radial| radial.down),
         );
         let (cos, sin) = if r > 0.0 { (x / r, y / r) } else { (1.0, 0.0) };
         let (double_cos, double_sin) = (cos * cos - sin * sin, 2.0 * cos * sin);
         [
             [mean - turn * double_cos, -turn * double_sin, outwards * cos],
             [-turn * double_sin, mean + turn * double_cos, outwards * sin],
-            [-outwards * cos, -outwards * sin, down],
         ]
     }
 }
 
-/// What is left of a shear across the wave at a depth of `share` of the thickness.
-fn fall(x: f64, share: f64) -> f64 {
-    libm::exp(-x * share) * libm::expm1(-2.0 * x * (1.0 - share)) / libm::expm1(-2.0 * x)
-}
-
-/// Gk times the layer's surface kernels at x = kh: across, along, along under pressure, down under pressure (REFERENCES).
-fn closed(x: f64, poisson: f64) -> [f64; 4] {
+/// Gk times the layer's surface kernels at x = kh: across, along, along under pressure (REFERENCES).
+fn closed(x: f64, poisson: f64) -> [f64; 3] {
     let kolosov = 3.0 - 4.0 * poisson;
     // Everything over cosh 2x, so that large wave numbers do not overflow.
     let fall = libm::exp(-2.0 * x);
@@ -120,7 +109,6 @@ fn closed(x: f64, poisson: f64) -> [f64; 4] {
         libm::tanh(x),
         (1.0 - poisson) * (2.0 * kolosov * sinh + 4.0 * x * fall) / divisor,
         (kolosov * (1.0 - 2.0 * poisson) * (cosh - fall) - 2.0 * x * x * fall) / divisor,
-        (1.0 - poisson) * (2.0 * kolosov * sinh - 4.0 * x * fall) / divisor,
     ]
 }
 
@@ -133,7 +121,7 @@ mod tests {
         // Johnson, Contact Mechanics, 3.2.2 and 3.6, far from the taxel and near for the layer.
         let (young, poisson) = (0.4, 0.3);
         let shear = young / (2.0 * (1.0 + poisson));
-        let kernel = LayerKernel::new(60.0, young, poisson, 0.5, 0.0);
+        let kernel = LayerKernel::new(60.0, young, poisson, 0.5);
         let (x, y) = (3.0, -4.0);
         let r: f64 = 5.0;
         let unit = 1.0 / (2.0 * PI * shear);
@@ -150,7 +138,7 @@ mod tests {
                 -unit * (0.5 - poisson) * y / (r * r),
             ],
         ];
-        for (found, expected) in found[..2].iter().flatten().zip(expected.iter().flatten()) {
+        for (found, expected) in found.iter().flatten().zip(expected.iter().flatten()) {
             // The base, 60 mm below, takes up to 0.03 of the greatest.
             assert!(
                 (found - expected).abs() < 0.1 * expected.abs() + 0.02 * unit / r,
@@ -161,11 +149,11 @@ mod tests {
 
     #[test]
     fn a_hardly_compressible_layer_is_pushed_outwards_and_what_is_far_away_rests() {
-        let kernel = LayerKernel::new(4.25, 0.43, 0.49, 0.93, 0.0);
-        let [[shear, _, outwards], ..] = kernel.at([3.0, 0.0]);
+        let kernel = LayerKernel::new(4.25, 0.43, 0.49, 0.93);
+        let [[shear, _, outwards], _] = kernel.at([3.0, 0.0]);
         assert!(shear > 0.0 && outwards > 0.0);
-        assert_eq!(kernel.at([40.0, 0.0]), [[0.0; 3]; 3]);
-        let [[far, _, _], ..] = kernel.at([20.0, 0.0]);
+        assert_eq!(kernel.at([40.0, 0.0]), [[0.0; 3]; 2]);
+        let [[far, _, _], _] = kernel.at([20.0, 0.0]);
         assert!(far.abs() < 0.05 * shear, "{far} {shear}");
     }
 }

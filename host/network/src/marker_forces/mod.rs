@@ -6,12 +6,14 @@
 
 mod elastic_layer;
 mod kernel;
-mod linear;
+mod trained;
 
 use gripline_sensor::Sensor;
 
 pub use self::elastic_layer::{ElasticLayer, LayerSettings};
-pub use self::linear::{LinearInverse, LinearSettings};
+pub use self::trained::{
+    FORCE_OUTPUTS, LEAK, MOTION_INPUTS, MOTION_NODES, MarkerNetwork, MarkerWeights, MotionGrid, mirrored,
+};
 
 use crate::constants::TAXELS;
 use crate::error::NetworkError;
