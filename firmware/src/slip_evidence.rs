@@ -68,6 +68,11 @@ impl SlipEvidence {
     ) {
         if sums.contact == 0 {
             *self = Self::new();
+            // An object that slides off the skin leaves an empty map behind; whoever saw it go says so.
+            if motion.shows_motion() {
+                self.joined = probability(SILENCE + of_motion(motion));
+                self.witnesses.motion = self.joined;
+            }
             return;
         }
         self.unrest.observe(sums, capture_us);
@@ -253,15 +258,22 @@ mod tests {
     }
 
     #[test]
-    fn without_contact_there_is_none() {
-        let mut evidence = evidence(SlipState::Slip, 0, Motion::new(63, 3), Urgency::Follows);
-        evidence.observe(
-            &MapSums::default(),
-            SlipDecision::default(),
-            (Motion::new(63, 3), Urgency::None),
-            1,
-            6_000,
-        );
-        assert_eq!(evidence, SlipEvidence::new());
+    fn without_contact_there_is_none_unless_the_picture_shows_the_object_leave() {
+        let empty = |motion: Motion| {
+            let mut evidence = evidence(SlipState::Slip, 0, Motion::new(63, 3), Urgency::Follows);
+            evidence.observe(
+                &MapSums::default(),
+                SlipDecision::default(),
+                (motion, Urgency::None),
+                1,
+                6_000,
+            );
+            evidence
+        };
+        for silent in [Motion::UNKNOWN, Motion::new(0, 3), Motion::new(32, 3)] {
+            assert_eq!(empty(silent), SlipEvidence::new());
+        }
+        let left = empty(Motion::new(63, 3));
+        assert!(left.joined() > 9_000 && left.witnesses().motion == left.joined(), "{left:?}");
     }
 }

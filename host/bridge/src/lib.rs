@@ -16,6 +16,8 @@ pub mod config;
 pub mod error;
 mod live;
 pub mod log;
+mod marker_rest;
+mod model;
 mod rest;
 pub mod run;
 pub mod source;

@@ -1,5 +1,6 @@
 //! `gripline sensor check` as its users see it: the built binary, its words, its exit codes.
 
+use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
 fn check(file: &str) -> Output {
@@ -53,65 +54,112 @@ fn a_name_that_is_neither_file_nor_sensor_is_told_with_those_that_are() {
     );
 }
 
-fn run_clip(clip: &std::path::Path, more: &[&str]) -> Output {
+fn gripline(arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_gripline"))
-        .args([
-            "run",
-            "--sensor",
-            "gelsight-mini",
-            "--unpaced",
-            "--json",
-            "--source",
-        ])
-        .arg(format!("file:{}", clip.display()))
-        .args(more)
+        .args(arguments)
         .output()
         .unwrap()
 }
 
-#[test]
-fn a_recorded_grasp_gives_health_markers_and_evidence_and_a_rest_span_with_contact_is_refused() {
+fn run_clip(clip: &Path, more: &[&str]) -> Output {
+    let source = format!("file:{}", clip.display());
+    let mut arguments = vec!["run", "--sensor", "gelsight-mini", "--unpaced", "--json", "--source", &source];
+    arguments.extend(more);
+    gripline(&arguments)
+}
+
+/// A recorded grasp: an object that is held, and lost at the end; `None` without the recordings.
+fn recorded_grasp() -> Option<PathBuf> {
     let Some(recordings) = std::env::var_os("GRIPLINE_RECORDINGS") else {
         println!("skipped: recordings not found, set GRIPLINE_RECORDINGS");
-        return;
+        return None;
     };
-    // An object that is held, and lost at the end.
-    let folder =
-        std::path::Path::new(&recordings).join("gelsight-mini/pattern_cotton_cloth__exp_num_1__fe5294");
-    let clip = folder.join("camera_0.avi");
-    let output = run_clip(&clip, &["--rest", "12..20"]);
+    Some(Path::new(&recordings).join("gelsight-mini/pattern_cotton_cloth__exp_num_1__fe5294/camera_0.avi"))
+}
+
+#[track_caller]
+fn assert_refused(output: &Output, parts: &[&str]) {
+    let errors = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{errors}");
+    for part in parts {
+        assert!(errors.contains(part), "{part:?} is missing in: {errors}");
+    }
+}
+
+#[test]
+fn a_recorded_grasp_goes_all_the_way_to_line_and_recording_and_is_replayed_bit_by_bit() {
+    let Some(clip) = recorded_grasp() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let recording = folder.path().join("grasp.mcap");
+    let recording = recording.to_str().unwrap();
+    let output = run_clip(&clip, &["--rest", "12..20", "--hold", "--record", recording]);
     let errors = String::from_utf8_lossy(&output.stderr);
     assert!(output.status.success(), "{errors}");
-    assert!(errors.contains("no line is driven"), "{errors}");
     let lines: Vec<serde_json::Value> = String::from_utf8_lossy(&output.stdout)
         .lines()
         .map(|line| serde_json::from_str(line).unwrap())
         .collect();
     let (summary, frames) = lines.split_last().unwrap();
-    assert_eq!(frames.len(), 74 - 12);
-    for frame in &frames[12..] {
-        assert!(frame["markers"].as_u64().unwrap() >= 24, "{frame}");
-        let evidence = frame["slip_evidence"].as_f64().unwrap();
-        assert!((0.0..=1.0).contains(&evidence), "{frame}");
-        assert_eq!(frame["rest"], "own pictures");
+    assert_eq!(frames.len(), 74);
+    assert_eq!(summary["summary"], true);
+    let number = |frame: &serde_json::Value, key: &str| frame[key].as_f64().unwrap();
+    for frame in frames {
+        assert!((0.0..=1.0).contains(&number(frame, "slip_evidence")), "{frame}");
+        assert!(frame["markers"]["followed"].as_u64().unwrap() >= 24, "{frame}");
+        for key in ["stick_ratio", "state", "line_n", "fn", "ft", "gate", "health", "faults"] {
+            assert!(frame.get(key).is_some(), "{key}: {frame}");
+        }
     }
-    assert!(summary["slip_evidence_most"].as_f64().unwrap() > 0.5, "{summary}");
+    // The open hand feels nothing; the closed one presses and the line holds.
+    let at_rest = &frames[12..20];
+    assert!(at_rest.iter().all(|frame| number(frame, "fn") < 0.2), "{at_rest:?}");
+    let held = frames.iter().filter(|frame| number(frame, "fn") > 0.5);
+    assert!(held.count() > 10, "{summary}");
+    assert!(frames[40..].iter().all(|frame| number(frame, "line_n") > 0.0));
+    // Its evidence comes from the picture, through the microcontroller.
+    let most = |key: &str| frames.iter().map(|frame| frame["witnesses"][key].as_f64().unwrap()).fold(0.0, f64::max);
+    assert!(most("motion") > 0.5, "{}", most("motion"));
 
+    let replayed = gripline(&["replay", recording]);
+    let told = String::from_utf8_lossy(&replayed.stdout);
+    assert!(
+        replayed.status.success() && told.contains("74 of 74 frames compared, 0 decided otherwise"),
+        "{told} {}",
+        String::from_utf8_lossy(&replayed.stderr)
+    );
+    let other = gripline(&["run", "--source", &format!("mcap:{recording}"), "--unpaced", "--json"]);
+    assert_refused(&other, &["recording of sensor gelsight-mini.1", "expected one of particle-fingertip.1", "--sensor"]);
+}
+
+#[test]
+fn a_rest_with_contact_is_refused_and_without_a_rest_the_cost_is_told() {
+    let Some(clip) = recorded_grasp() else { return };
     // The hand closes in these frames.
     let touched = run_clip(&clip, &["--rest", "20..50"]);
-    let errors = String::from_utf8_lossy(&touched.stderr);
-    assert_eq!(touched.status.code(), Some(1), "{errors}");
-    assert!(
-        errors.contains("--rest 20..50") && errors.contains("untouched gel"),
-        "{errors}"
-    );
-
+    assert_refused(&touched, &["--rest 20..50", "untouched gel"]);
+    let beyond = run_clip(&clip, &["--rest", "70..90"]);
+    assert_refused(&beyond, &["--rest 70..90", "found 74 frames"]);
     let bare = run_clip(&clip, &[]);
     let errors = String::from_utf8_lossy(&bare.stderr);
     assert!(
-        bare.status.success() && errors.contains("regular grid"),
+        bare.status.success() && errors.contains("regular grid") && errors.contains("costs"),
         "{errors}"
     );
+}
+
+#[test]
+fn weights_of_another_sensor_and_a_description_without_a_key_are_refused_by_name() {
+    let folder = tempfile::tempdir().unwrap();
+    let weights = concat!(env!("CARGO_MANIFEST_DIR"), "/../network/weights/tracked.safetensors");
+    let clip = folder.path().join("none.avi");
+    let output = run_clip(&clip, &["--weights", weights]);
+    assert_refused(&output, &["tracked.safetensors", "sensor particle-fingertip.1", "expected gelsight-mini.1"]);
+
+    let file = folder.path().join("mine.toml");
+    let shipped = include_str!("../../sensors/gelsight-mini.toml");
+    std::fs::write(&file, shipped.replace("thickness_mm = 4.25\n", "")).unwrap();
+    let output = gripline(&["run", "--sensor", file.to_str().unwrap(), "--source", "file:none.avi"]);
+    assert_refused(&output, &["mine.toml:", "gel.thickness_mm: found no such key"]);
 }
 
 #[test]
@@ -124,12 +172,9 @@ fn a_clip_without_markers_is_refused_with_what_was_expected() {
         writer.push(&vec![120; size.pixels()]).unwrap();
     }
     writer.finish().unwrap();
-    let output = run_clip(&clip, &[]);
-    let errors = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(1), "{errors}");
-    assert!(
-        errors.contains("grey.avi, frame 0")
-            && errors.contains("markers in a square grid, expected at least 24"),
-        "{errors}"
+    assert_refused(
+        &run_clip(&clip, &[]),
+        &["grey.avi, frame 0", "markers in a square grid, expected at least 24"],
     );
+    assert_refused(&run_clip(&clip, &["--rest", "0..2"]), &["--rest 0..2", "markers in a square grid"]);
 }

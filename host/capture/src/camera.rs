@@ -12,10 +12,11 @@ use std::time::{Duration, Instant};
 use serde::Serialize;
 use tracing::{debug, info, warn};
 
+use crate::colour::ColourConverter;
 use crate::constants::{DEFAULT_RATE, POLL, REOPEN_EVERY, SILENCE, STOP_CHECK};
 use crate::convert::Converter;
 use crate::driver::{Driver, Port, Ready, Stream};
-use crate::error::CaptureError;
+use crate::error::{CaptureError, PictureError};
 use crate::mailbox::{Mailbox, Taken};
 use crate::negotiate::{CameraSettings, Negotiated, open};
 use crate::sequence::Sequence;
@@ -61,7 +62,7 @@ impl Add for Counts {
 /// A crop, when it was taken and when it arrived.
 #[derive(Debug)]
 pub struct CameraFrame {
-    /// 440×440 grey levels.
+    /// 440×440 grey levels, or the sensor's colour crop.
     pub crop: Vec<u8>,
     /// When it was taken: the driver's time stamp, or when its bytes arrived where the driver gives none.
     pub taken_at: Instant,
@@ -255,7 +256,7 @@ fn keep_open<P: Port>(
 ) {
     let mut camera = first;
     while shared.is_running() {
-        let ended = stream(&mut camera, shared);
+        let ended = stream(&mut camera, settings, shared);
         // Closes the device, or the next camera could not get its name.
         drop(camera);
         let Err(found) = ended else {
@@ -288,9 +289,38 @@ fn keep_open<P: Port>(
     }
 }
 
+/// What makes crops of a camera's frames.
+enum Cropper {
+    Grey(Converter),
+    Colour(Box<ColourConverter>),
+}
+
+impl Cropper {
+    fn of<S>(camera: &Negotiated<S>, settings: &CameraSettings) -> Self {
+        let Negotiated {
+            format, size, stride, ..
+        } = *camera;
+        match &settings.colour {
+            None => Self::Grey(Converter::new(format, stride)),
+            Some(capture) => Self::Colour(Box::new(ColourConverter::new(format, size, stride, capture))),
+        }
+    }
+
+    fn crop(&mut self, frame: &[u8], crop: &mut Vec<u8>) -> Result<(), PictureError> {
+        match self {
+            Self::Grey(converter) => converter.crop(frame, crop),
+            Self::Colour(converter) => converter.crop(frame, crop),
+        }
+    }
+}
+
 /// Takes pictures until the camera is dropped, or is gone: then the reason.
-fn stream<S: Stream>(camera: &mut Negotiated<S>, shared: &Shared) -> Result<(), String> {
-    let mut converter = Converter::new(camera.format, camera.stride);
+fn stream<S: Stream>(
+    camera: &mut Negotiated<S>,
+    settings: &CameraSettings,
+    shared: &Shared,
+) -> Result<(), String> {
+    let mut converter = Cropper::of(camera, settings);
     let mut sequence = Sequence::default();
     let mut crop = Vec::new();
     let mut last = Instant::now();

@@ -301,6 +301,7 @@ impl ClipReader {
 pub struct ColourClip {
     pictures: Pictures,
     rate: f64,
+    size: Size,
 }
 
 impl ColourClip {
@@ -323,6 +324,7 @@ impl ColourClip {
         Ok(Self {
             pictures: Pictures::start(path, description.pictures, &["-vf", &filter], "rgb24", bytes)?,
             rate: description.rate,
+            size: description.size,
         })
     }
 
@@ -330,6 +332,12 @@ impl ColourClip {
     #[must_use]
     pub const fn rate(&self) -> f64 {
         self.rate
+    }
+
+    /// Columns and rows of the pictures before they are scaled.
+    #[must_use]
+    pub const fn size(&self) -> Size {
+        self.size
     }
 
     /// The next picture: red, green, blue of every pixel of the sensor's crop, rows from the top; `None` at the end.

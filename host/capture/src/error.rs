@@ -53,13 +53,13 @@ pub enum CaptureError {
     },
     /// No format of the camera can be used.
     #[error(
-        "camera {camera}: no usable format: found {found}; expected {expected} with 640×480 pixels: use another camera or \
-         another camera.format"
+        "camera {camera}: no usable format: found {found}; expected {expected}: use another camera or another \
+         camera.format"
     )]
     NoFormat {
         /// Path of the device.
         camera: String,
-        /// The formats that can be used.
+        /// The formats and sizes that can be used.
         expected: String,
         /// What it offers.
         found: String,

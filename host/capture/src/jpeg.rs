@@ -18,8 +18,7 @@ const STANDARD_TABLES: &[u8] = b"\xff\xe0\x00\x07AVI1\0";
 #[derive(Debug, Default)]
 pub struct JpegCrop {
     luma: Vec<u8>,
-    /// The file with [`STANDARD_TABLES`], where it has no tables of its own.
-    completed: Vec<u8>,
+    decoding: JpegDecoding,
 }
 
 impl JpegCrop {
@@ -28,9 +27,41 @@ impl JpegCrop {
     /// # Errors
     /// [`PictureError`]; `crop` is then undefined.
     pub fn decode(&mut self, file: &[u8], crop: &mut Vec<u8>) -> Result<(), PictureError> {
-        let Header { size, has_tables, .. } = Header::read(file)?;
-        let cropping = Cropping::of(size, false)?;
-        let file = if has_tables {
+        let header = Header::read(file)?;
+        let cropping = Cropping::of(header.size, false)?;
+        self.decoding
+            .decode(file, &header, ColorSpace::Luma, &mut self.luma)?;
+        cropping.apply(&self.luma, crop);
+        Ok(())
+    }
+}
+
+/// Decodes whole JPEG pictures; keeps its memory from picture to picture.
+#[derive(Debug, Default)]
+pub(crate) struct JpegDecoding {
+    /// The file with [`STANDARD_TABLES`], where it has no tables of its own.
+    completed: Vec<u8>,
+}
+
+impl JpegDecoding {
+    /// Writes red, green and blue of every pixel into `rgb`; returns the picture's size.
+    ///
+    /// # Errors
+    /// [`PictureError`]; `rgb` is then undefined.
+    pub(crate) fn rgb(&mut self, file: &[u8], rgb: &mut Vec<u8>) -> Result<Size, PictureError> {
+        let header = Header::read(file)?;
+        self.decode(file, &header, ColorSpace::RGB, rgb)?;
+        Ok(header.size)
+    }
+
+    fn decode(
+        &mut self,
+        file: &[u8],
+        header: &Header,
+        space: ColorSpace,
+        to: &mut Vec<u8>,
+    ) -> Result<(), PictureError> {
+        let file = if header.has_tables {
             file
         } else {
             // Cameras may leave out the tables that MJPEG prescribes.
@@ -41,15 +72,13 @@ impl JpegCrop {
             }
             &self.completed
         };
-        self.luma.resize(size.pixels(), 0);
+        to.resize(space.num_components() * header.size.pixels(), 0);
         let options = DecoderOptions::new_fast()
             .set_strict_mode(true)
-            .jpeg_set_out_colorspace(ColorSpace::Luma);
+            .jpeg_set_out_colorspace(space);
         JpegDecoder::new_with_options(ZCursor::new(file), options)
-            .decode_into(&mut self.luma)
-            .map_err(|error| damaged(&format!("{error:?}")))?;
-        cropping.apply(&self.luma, crop);
-        Ok(())
+            .decode_into(to)
+            .map_err(|error| damaged(&format!("{error:?}")))
     }
 }
 

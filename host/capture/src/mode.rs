@@ -1,4 +1,4 @@
-//! Chooses which of a camera's modes is used: pure. Frames are 640×480 pixels, rates frames a second.
+//! Chooses which of a camera's modes is used: pure. Frames are 640×480 pixels, or what a sensor in colour needs; rates frames a second.
 
 use std::fmt;
 use std::str::FromStr;
@@ -81,6 +81,8 @@ pub struct Mode {
     pub format: PixelFormat,
     /// The driver's name of it.
     pub code: [u8; 4],
+    /// Columns and rows.
+    pub size: Size,
     /// The offered rate to request; `None` when the driver does not list any.
     pub rate: Option<f64>,
 }
@@ -92,9 +94,25 @@ pub struct RequestedMode {
     pub format: Option<PixelFormat>,
     /// Frames a second.
     pub rate: f64,
+    /// For colour pictures that are brought to this size: the smallest frames that are not smaller, of about the same shape. `None`:
+    /// 640×480.
+    pub colour: Option<Size>,
 }
 
+/// The sides' ratio may differ by this factor.
+const SHAPE: f64 = 1.1;
+
 impl RequestedMode {
+    /// Whether pictures of this size and format can be used.
+    fn is_usable(self, size: Size) -> bool {
+        let Some(wanted) = self.colour else {
+            return size == FRAME;
+        };
+        let shape = |size: Size| size.width as f64 / size.height.max(1) as f64;
+        let shape = shape(size) / shape(wanted);
+        size.width >= wanted.width && size.height >= wanted.height && (1.0 / SHAPE..=SHAPE).contains(&shape)
+    }
+
     /// Chooses the best of what `camera` offers: first the rate (the lowest that is enough, else the highest), then the format
     /// that needs the least decoding.
     ///
@@ -103,24 +121,42 @@ impl RequestedMode {
     pub fn choose(self, camera: &str, offers: &[Offer]) -> Result<Mode, CaptureError> {
         let usable = offers.iter().filter_map(|offer| {
             let format = PixelFormat::of_code(offer.code)?;
-            (offer.size == FRAME && self.format.is_none_or(|wanted| wanted == format)).then(|| Mode {
+            (self.is_usable(offer.size) && self.format.is_none_or(|wanted| wanted == format)).then(|| Mode {
                 format,
                 code: offer.code,
+                size: offer.size,
                 rate: self.nearest(&offer.rates),
             })
         });
         usable
             .min_by(|a, b| {
                 let (short_a, short_b) = (self.shortfall(a), self.shortfall(b));
-                short_a.total_cmp(&short_b).then(a.format.cmp(&b.format))
+                short_a
+                    .total_cmp(&short_b)
+                    .then(a.size.pixels().cmp(&b.size.pixels()))
+                    .then(self.order(a).cmp(&self.order(b)))
             })
             .ok_or_else(|| CaptureError::NoFormat {
                 camera: camera.to_owned(),
-                expected: self
-                    .format
-                    .map_or_else(|| "mjpeg, yuyv or grey".to_owned(), |f| f.to_string()),
+                expected: format!(
+                    "{} with {}",
+                    self.format
+                        .map_or_else(|| "mjpeg, yuyv or grey".to_owned(), |f| f.to_string()),
+                    self.colour.map_or_else(
+                        || format!("{FRAME} pixels"),
+                        |size| format!("at least {size} pixels of that shape")
+                    )
+                ),
                 found: list(offers),
             })
+    }
+
+    /// Formats in the order of preference: in colour, grey comes last.
+    fn order(self, mode: &Mode) -> (bool, PixelFormat) {
+        (
+            self.colour.is_some() && mode.format == PixelFormat::Grey,
+            mode.format,
+        )
     }
 
     /// The lowest offered rate that is enough, else the highest.
@@ -186,7 +222,10 @@ mod tests {
     }
 
     fn any_at(rate: f64) -> RequestedMode {
-        RequestedMode { format: None, rate }
+        RequestedMode {
+            rate,
+            ..RequestedMode::default()
+        }
     }
 
     #[test]
@@ -221,9 +260,31 @@ mod tests {
         let requested = RequestedMode {
             format: Some(PixelFormat::Yuyv),
             rate: 60.0,
+            colour: None,
         };
         let mode = requested.choose("camera", &offers).unwrap();
         assert_eq!((mode.format, mode.rate), (PixelFormat::Yuyv, Some(30.0)));
+    }
+
+    #[test]
+    fn colour_takes_the_smallest_frame_of_the_same_shape_that_is_fast_enough() {
+        let offers = [
+            offer(*b"MJPG", [3280, 2464], &[25.0]),
+            offer(*b"MJPG", [1920, 1080], &[30.0]),
+            offer(*b"MJPG", [1640, 1232], &[25.0]),
+            offer(*b"YUYV", [800, 600], &[5.0]),
+            offer(*b"MJPG", [160, 120], &[60.0]),
+        ];
+        let requested = RequestedMode {
+            rate: 25.0,
+            colour: Some(Size::new(320, 240)),
+            ..RequestedMode::default()
+        };
+        let mode = requested.choose("camera", &offers).unwrap();
+        assert_eq!(
+            (mode.size, mode.format),
+            (Size::new(1640, 1232), PixelFormat::Mjpeg)
+        );
     }
 
     #[test]

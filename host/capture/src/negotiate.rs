@@ -3,7 +3,7 @@
 use crate::constants::{BUFFERS, BUFFERS_MIN, EXPOSURE_UNIT_MS};
 use crate::driver::{ActualMode, Control, Driver, EXPOSURE_MANUAL, Port, Stream as _};
 use crate::error::CaptureError;
-use crate::geometry::FRAME;
+use crate::geometry::Size;
 use crate::mode::{PixelFormat, RequestedMode, trimmed};
 
 /// What the configuration asks of a camera.
@@ -15,6 +15,8 @@ pub struct CameraSettings {
     pub exposure_ms: Option<f64>,
     /// Gain in the camera's units; `None` leaves the camera's.
     pub gain: Option<i64>,
+    /// How colour pictures become crops; `None`: grey ones of 640×480.
+    pub colour: Option<gripline_sensor::Capture>,
 }
 
 /// A camera that streams.
@@ -24,6 +26,8 @@ pub struct Negotiated<S> {
     pub stream: S,
     /// Format of the pixels.
     pub format: PixelFormat,
+    /// Columns and rows.
+    pub size: Size,
     /// Bytes from row to row; 0 when the driver does not say.
     pub stride: usize,
     /// Frames a second; `None` when the driver does not say.
@@ -53,14 +57,26 @@ pub fn open<P: Port>(
             found: error.to_string(),
         },
     };
-    let mode = settings.mode.choose(&camera, &driver.offers())?;
-    let actual = driver.set_mode(mode.code, FRAME, mode.rate).map_err(gone)?;
+    let colour = settings.colour.map(|capture| {
+        let [columns, rows] = capture.size_px;
+        Size::new(columns, rows)
+    });
+    let requested = RequestedMode {
+        colour,
+        ..settings.mode
+    };
+    let mode = requested.choose(&camera, &driver.offers())?;
+    let actual = driver.set_mode(mode.code, mode.size, mode.rate).map_err(gone)?;
     let ActualMode { code, size, .. } = actual;
-    if (code, size) != (mode.code, FRAME) {
+    if (code, size) != (mode.code, mode.size) {
         return Err(CaptureError::Negotiation {
             camera,
             found: format!("{} {size}", String::from_utf8_lossy(&code)),
-            expected: format!("{} {FRAME}, which it offers", String::from_utf8_lossy(&mode.code)),
+            expected: format!(
+                "{} {}, which it offers",
+                String::from_utf8_lossy(&mode.code),
+                mode.size
+            ),
         });
     }
     let exposure = set_exposure(&camera, &driver, settings.exposure_ms)?;
@@ -83,10 +99,11 @@ pub fn open<P: Port>(
         ));
     }
     let name = format!("camera {camera} ({card})");
-    let description = describe(&name, mode.format, (rate, settings.mode.rate), &controls);
+    let description = describe(&name, (mode.format, size), (rate, settings.mode.rate), &controls);
     Ok(Negotiated {
         stream,
         format: mode.format,
+        size,
         stride: actual.stride,
         rate,
         name,
@@ -96,7 +113,7 @@ pub fn open<P: Port>(
 
 fn describe(
     name: &str,
-    format: PixelFormat,
+    (format, size): (PixelFormat, Size),
     (rate, wanted): (Option<f64>, f64),
     controls: &[String],
 ) -> String {
@@ -105,7 +122,7 @@ fn describe(
         Some(rate) if (rate - wanted).abs() < 0.05 * wanted => format!("{} frames/s", trimmed(rate)),
         Some(rate) => format!("{} frames/s (asked for {})", trimmed(rate), trimmed(wanted)),
     };
-    format!("{name}: 640×480 {format} at {rate}, {}", controls.join(", "))
+    format!("{name}: {size} {format} at {rate}, {}", controls.join(", "))
 }
 
 /// Fixes the exposure time. Returns what is in force, for people.

@@ -3,10 +3,11 @@
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
+use gripline_sensor::Capture;
 use tracing::warn;
 
 use crate::camera::Counts;
-use crate::clip::ClipReader;
+use crate::clip::{ClipReader, ColourClip};
 use crate::error::CaptureError;
 use crate::picture;
 
@@ -167,14 +168,7 @@ impl Playback {
                 }
                 Err(error) => {
                     warn!("{error}");
-                    let damaged = match error {
-                        CaptureError::ClipDamaged {
-                            found,
-                            expected: Some(expected),
-                            ..
-                        } => expected - found,
-                        _ => 1,
-                    };
+                    let damaged = damaged_by(&error);
                     self.counts.received += damaged;
                     self.counts.damaged += damaged;
                 }
@@ -186,6 +180,131 @@ impl Playback {
     #[must_use]
     pub const fn counts(&self) -> Counts {
         self.counts
+    }
+}
+
+/// Plays the pictures of a described sensor in colour: of a clip, a folder or a file. One that cannot be read is skipped, logged and
+/// counted.
+#[derive(Debug)]
+pub struct ColourPlayback {
+    path: PathBuf,
+    capture: Capture,
+    /// Files that are not opened yet.
+    files: std::vec::IntoIter<PathBuf>,
+    clip: Option<ColourClip>,
+    /// The picture at rest that lies with them.
+    rest: Option<PathBuf>,
+    rate: f64,
+    counts: Counts,
+}
+
+impl ColourPlayback {
+    /// The pictures of a clip, of a file, or of a folder (of its folder `frames`, of the second fingertip `frames_1`, where there is one)
+    /// as the sensor's description says.
+    ///
+    /// # Errors
+    /// [`CaptureError`] when there is no picture, the first cannot be read, or ffmpeg is missing.
+    pub fn open(path: &Path, capture: &Capture, fingertip: usize) -> Result<Self, CaptureError> {
+        let (folder, rest, files) = if path.is_dir() {
+            let frames = path.join(if fingertip == 0 { "frames" } else { "frames_1" });
+            let folder = if frames.is_dir() { frames } else { path.to_owned() };
+            let rest = find_rest(&[&folder, &folder.join("..")], &folder);
+            let mut files = picture::list(&folder)?;
+            if files.len() > 1 {
+                files.retain(|file| Some(file) != rest.as_ref());
+            }
+            (folder, rest, files)
+        } else {
+            let rest = find_rest(&[path.parent().unwrap_or(Path::new(""))], path);
+            (path.to_owned(), rest, vec![path.to_owned()])
+        };
+        let mut files = files.into_iter();
+        let clip = files
+            .next()
+            .map(|file| ColourClip::open(&file, capture))
+            .transpose()?;
+        let rate = match &clip {
+            Some(clip) if !path.is_dir() && !picture::is_picture(path) => clip.rate(),
+            _ => capture.rate_hz,
+        };
+        Ok(Self {
+            path: folder,
+            capture: *capture,
+            files,
+            clip,
+            rest,
+            rate,
+            counts: Counts::default(),
+        })
+    }
+
+    /// Where they come from.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Pictures a second: the clip's, else the sensor's.
+    #[must_use]
+    pub const fn rate(&self) -> f64 {
+        self.rate
+    }
+
+    /// Columns and rows of the next pictures before they are scaled; `None` at the end.
+    #[must_use]
+    pub fn size_px(&self) -> Option<[usize; 2]> {
+        let size = self.clip.as_ref()?.size();
+        Some([size.width, size.height])
+    }
+
+    /// The picture of the untouched fingertip that lies with them.
+    #[must_use]
+    pub fn rest(&self) -> Option<&Path> {
+        self.rest.as_deref()
+    }
+
+    /// The next picture that can be read (red, green, blue of the sensor's crop), and how long that took, µs.
+    pub fn next_picture(&mut self) -> Option<(Vec<u8>, f64)> {
+        let started = Instant::now();
+        loop {
+            if let Some(picture) = self.clip.as_mut().and_then(ColourClip::next_picture) {
+                self.counts.received += 1;
+                return Some((picture, started.elapsed().as_secs_f64() * 1e6));
+            }
+            if let Some(Err(error)) = self.clip.take().map(|mut clip| clip.finish()) {
+                self.note(&error);
+            }
+            let file = self.files.next()?;
+            match ColourClip::open(&file, &self.capture) {
+                Ok(clip) => self.clip = Some(clip),
+                Err(error) => self.note(&error),
+            }
+        }
+    }
+
+    fn note(&mut self, error: &CaptureError) {
+        warn!("{error}");
+        let damaged = damaged_by(error);
+        self.counts.received += damaged;
+        self.counts.damaged += damaged;
+    }
+
+    /// What became of the pictures so far.
+    #[must_use]
+    pub const fn counts(&self) -> Counts {
+        self.counts
+    }
+}
+
+/// Pictures that are missing for an error.
+const fn damaged_by(error: &CaptureError) -> u64 {
+    match error {
+        CaptureError::ClipDamaged {
+            found,
+            expected: Some(expected),
+            ..
+        } => *expected - *found,
+        _ => 1,
     }
 }
 

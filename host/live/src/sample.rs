@@ -33,6 +33,7 @@ pub(crate) fn report(frame: u64) -> FrameReport {
         faults: Vec::new(),
         late: None,
         wire_bytes: 72,
+        markers: None,
         truth: None,
     }
 }

@@ -52,6 +52,7 @@ fn report(frame: u64) -> FrameReport {
         faults: Vec::new(),
         late: None,
         wire_bytes: 72,
+        markers: None,
         truth: None,
     }
 }

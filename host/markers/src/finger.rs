@@ -76,6 +76,29 @@ impl Rest {
     }
 }
 
+/// What is wrong with a picture.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Doubt {
+    /// Darker than the sensor's limits.
+    TooDark,
+    /// Brighter, or overexposed.
+    TooBright,
+    /// Too many markers are hidden.
+    MarkersLost,
+}
+
+impl Doubt {
+    /// In words.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::TooDark => "too dark",
+            Self::TooBright => "too bright",
+            Self::MarkersLost => "markers lost",
+        }
+    }
+}
+
 /// What a finger saw.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Observation {
@@ -84,7 +107,7 @@ pub struct Observation {
     /// Share of the markers that are hidden, 0 to 1.
     pub lost_share: f32,
     /// What is wrong with the picture; `None` when nothing is.
-    pub doubt: Option<&'static str>,
+    pub doubt: Option<Doubt>,
     /// Beside earlier imprints; `None` while there is no rest.
     pub comparison: Option<Comparison>,
 }
@@ -145,6 +168,29 @@ impl Finger {
         Some(product(&imprint, &imprint))
     }
 
+    /// Energy of the newest imprint in a square of the crop, squared grey levels per pixel; 0 outside and before there is one.
+    #[must_use]
+    pub fn energy_around(&self, centre_px: [f32; 2], half_side_px: f32) -> f32 {
+        let Some((_, imprint)) = self.past.back() else {
+            return 0.0;
+        };
+        let [columns, rows] = [imprint.channels[0].width, imprint.channels[0].height];
+        let span = |centre: f32, of: usize| {
+            let edge = |px: f32| (px / IMPRINT as f32).round().clamp(0.0, of as f32) as usize;
+            edge(centre - half_side_px)..edge(centre + half_side_px)
+        };
+        let (across, down) = (span(centre_px[0], columns), span(centre_px[1], rows));
+        let pixels = across.len() * down.len();
+        let sum: f32 = imprint
+            .channels
+            .iter()
+            .flat_map(|plane| down.clone().map(|y| &plane.row(y)[across.clone()]))
+            .flatten()
+            .map(|value| value * value)
+            .sum();
+        sum / pixels.max(1) as f32
+    }
+
     /// Takes the next picture, as [`Tracker::see`].
     ///
     /// # Errors
@@ -170,7 +216,7 @@ impl Finger {
         })
     }
 
-    fn doubt(&self, filled: &Filled, lost_share: f32) -> Option<&'static str> {
+    fn doubt(&self, filled: &Filled, lost_share: f32) -> Option<Doubt> {
         let level = f64::from(filled.mean_level());
         let at_rest = self.rest.as_ref().and_then(|rest| rest.picture.as_ref());
         let [least, most] = at_rest.map_or(self.health.rest_level, |rest| {
@@ -187,11 +233,11 @@ impl Finger {
             (over + above.count(), all + plane.values.len())
         });
         if level < least {
-            Some("too dark")
+            Some(Doubt::TooDark)
         } else if level > most || over as f64 > self.health.overexposed_share * all as f64 {
-            Some("too bright")
+            Some(Doubt::TooBright)
         } else if f64::from(lost_share) > self.health.lost_share {
-            Some("markers lost")
+            Some(Doubt::MarkersLost)
         } else {
             None
         }

@@ -23,7 +23,7 @@ mod tracker;
 pub use constants::LAGS;
 pub use error::MarkerError;
 pub use evidence::{Comparison, Evidence, Hold};
-pub use finger::{Finger, Observation, Rest, RestKind};
+pub use finger::{Doubt, Finger, Observation, Rest, RestKind};
 pub use grid::Node;
 pub use imprint::Filled;
 pub use tracker::{Marker, Tracker};

@@ -131,6 +131,16 @@ pub enum NetworkError {
         /// The name.
         found: String,
     },
+    /// Weights of another sensor.
+    #[error(
+        "are of sensor {found}, expected {expected}; name that one's weights, or the other description with --sensor"
+    )]
+    OtherSensor {
+        /// Whose they are.
+        found: String,
+        /// Whose they should be.
+        expected: String,
+    },
     /// No gate has this name.
     #[error("found {found}, expected network, difference or off")]
     UnknownGate {

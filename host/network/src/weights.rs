@@ -14,6 +14,9 @@ use crate::error::NetworkError;
 use crate::force_map::Calibration;
 use crate::options::Architecture;
 
+/// Identity of the sensor that weights are for which name none.
+pub(crate) const PARTICLE_FINGERTIP: &str = "particle-fingertip.1";
+
 /// Metadata entry `format`.
 const FORMAT: &str = "gripline-weights-1";
 
@@ -129,10 +132,21 @@ pub(crate) struct WeightsFile<'a> {
 
 impl<'a> WeightsFile<'a> {
     pub(crate) fn parse(bytes: &'a [u8], architecture: Architecture) -> Result<Self, NetworkError> {
-        Self::parse_named(bytes, architecture.name())
+        let file = Self::parse_named(bytes, architecture.name())?;
+        let of_sensor = file
+            .metadata
+            .get("sensor")
+            .map_or(PARTICLE_FINGERTIP, String::as_str);
+        if of_sensor != PARTICLE_FINGERTIP {
+            return Err(NetworkError::OtherSensor {
+                found: of_sensor.to_owned(),
+                expected: PARTICLE_FINGERTIP.to_owned(),
+            });
+        }
+        Ok(file)
     }
 
-    /// The same for an architecture of this name.
+    /// The same for an architecture of this name and any sensor.
     pub(crate) fn parse_named(bytes: &'a [u8], architecture: &str) -> Result<Self, NetworkError> {
         let (header_bytes, header) = SafeTensors::read_metadata(bytes).map_err(not_safetensors)?;
         let file = Self {
@@ -203,6 +217,14 @@ pub(crate) fn read(path: &Path) -> Result<Vec<u8>, NetworkError> {
         });
     }
     Ok(std::fs::read(path)?)
+}
+
+/// The metadata of a weights file, unchecked but for its format.
+pub(crate) fn metadata_of(bytes: &[u8]) -> Result<HashMap<String, String>, NetworkError> {
+    let (_, header) = SafeTensors::read_metadata(bytes).map_err(not_safetensors)?;
+    let metadata = header.metadata().clone().unwrap_or_default();
+    Metadata(&metadata).expect("format", FORMAT)?;
+    Ok(metadata)
 }
 
 /// The architecture in a file's metadata.

@@ -96,7 +96,7 @@ pub struct FrameRequest {
     pub mode: Option<GripMode>,
     /// How long ago the picture was taken, by the link's clock.
     pub age_us: u32,
-    /// Whether the object moves, as the picture shows it.
+    /// Whether the object moves, where that is known beside the picture: what a sensor shows by itself replaces it.
     pub motion: Motion,
     /// Time for decoding the picture.
     pub decode_us: f64,
@@ -217,7 +217,7 @@ impl ControlLoop {
         lateness: Lateness,
         request: FrameRequest,
     ) -> Result<FrameOutcome, PipelineError> {
-        let begun = self.begin(request)?;
+        let mut begun = self.begin(request)?;
         if lateness.is_late(Late::Picture) {
             return self.finish(begun, Processed::NOTHING, &Ended::Dropped(Late::Picture));
         }
@@ -230,11 +230,11 @@ impl ControlLoop {
         if lateness.is_late(Late::Map) {
             return self.finish(begun, processed, &Ended::Dropped(Late::Map));
         }
-        let info = MapInfo {
-            health: picture.health,
-            ..begun.info
-        };
-        let sent = self.session.send_judged(&info, picture.map, &picture.judgement)?;
+        begun.info.health = picture.health;
+        begun.info.motion = picture.motion.unwrap_or(begun.info.motion);
+        let sent = self
+            .session
+            .send_judged(&begun.info, picture.map, &picture.judgement)?;
         let latency_us = request.waited_us + begun.at.elapsed().as_secs_f64() * 1e6;
         self.finish(begun, processed, &Ended::Sent { sent, latency_us })
     }

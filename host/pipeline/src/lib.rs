@@ -5,11 +5,12 @@
 mod acknowledgement;
 pub mod control_loop;
 mod error;
+pub mod markers;
 mod mode_request;
 pub mod pipeline;
 mod settings;
 
 pub use acknowledgement::{Acknowledgement, Acknowledging};
-pub use error::PipelineError;
+pub use error::{MarkerProblem, PipelineError};
 pub use mode_request::Unconfirmed;
-pub use settings::{GripSetting, SCENE_INITIAL_GRIP_N, settings_for};
+pub use settings::{GripSetting, SCENE_INITIAL_GRIP_N, settings_for, settings_of};

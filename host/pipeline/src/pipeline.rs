@@ -1,7 +1,9 @@
-//! From a picture to a force map in the wire's units: downsample, gate and health, network, contact threshold, quantise.
+//! From a picture to a force map in the wire's units: downsample, gate and health, network, contact threshold, quantise. Of printed
+//! markers, what [`markers`](crate::markers) does stands for all but the last two.
 //! Pure: no camera, no link, no allocation per frame.
 //! Units: newtons per taxel in, 1/4096 N out; stage times in microseconds.
 
+use std::borrow::Cow;
 use std::time::Instant;
 
 use gripline_firmware::sums::{TaxelRule, stick_ratio_below};
@@ -9,7 +11,10 @@ use gripline_link::shadow::Judgement;
 use gripline_network::image::Image88;
 use gripline_network::scene::{self, GateDecision, GateKind, Scene};
 use gripline_network::{Frame, Network, downsample_440_to_88};
-use gripline_protocol::{ForceMap, Health, NotFinite, Saturated, TAXELS};
+use gripline_protocol::{ForceMap, Health, Motion, NotFinite, Saturated, TAXELS};
+
+use crate::PipelineError;
+use crate::markers::MarkerStage;
 
 /// Pixels of the 440×440 crop.
 pub const CROP_PIXELS: usize = 440 * 440;
@@ -29,6 +34,8 @@ pub struct Processed<'a> {
     pub gate: GateDecision,
     /// What is known against this map.
     pub health: Health,
+    /// Whether the object moves, where the sensor can show it.
+    pub motion: Option<Motion>,
     /// Time for downsampling, gate, and network with quantisation (0 when the gate skipped it).
     pub stages_us: [f64; 3],
 }
@@ -36,17 +43,30 @@ pub struct Processed<'a> {
 /// The stages from picture to map.
 #[derive(Debug)]
 pub struct Pipeline {
-    network: Network,
-    scene: Scene,
+    stage: Stage,
     contact_min_n: f32,
     judgement: Judgement,
-    now: Box<Image88>,
     /// Output of the network, believed or not.
     output: Box<[[f32; 3]; TAXELS]>,
     /// Of the last picture that could be believed: forces, and the map that they make.
     newtons: Box<[[f32; 3]; TAXELS]>,
     map: Box<ForceMap>,
     saturated: Saturated,
+}
+
+/// What looks at the pictures.
+#[derive(Debug)]
+enum Stage {
+    Particles(Box<ParticleStage>),
+    Markers(Box<MarkerStage>),
+}
+
+/// Scene gate and network of a fingertip with particles.
+#[derive(Debug)]
+struct ParticleStage {
+    network: Network,
+    scene: Scene,
+    now: Box<Image88>,
 }
 
 // Both sides number the picture's flags alike.
@@ -77,12 +97,26 @@ impl Pipeline {
         network.set_rest(&crop);
         let mean = small(&crop);
         let contact_min_n = network.calibration().contact_min_n;
-        Self {
+        let stage = ParticleStage {
             network,
             scene: Scene::new(gate, &mean, &frames),
+            now: Box::new(mean),
+        };
+        Self::of(Stage::Particles(Box::new(stage)), contact_min_n, rule)
+    }
+
+    /// For a fingertip with printed markers. `rule` is the detector's.
+    #[must_use]
+    pub fn of_markers(stage: MarkerStage, rule: TaxelRule) -> Self {
+        let contact_min_n = stage.contact_min_n();
+        Self::of(Stage::Markers(Box::new(stage)), contact_min_n, rule)
+    }
+
+    fn of(stage: Stage, contact_min_n: f32, rule: TaxelRule) -> Self {
+        Self {
+            stage,
             contact_min_n,
             judgement: Judgement::of(&ForceMap::EMPTY, rule),
-            now: Box::new(mean),
             output: Box::new([[0.0; 3]; TAXELS]),
             newtons: Box::new([[0.0; 3]; TAXELS]),
             map: Box::new(ForceMap::EMPTY),
@@ -102,26 +136,73 @@ impl Pipeline {
         &self.map
     }
 
-    /// The last picture at 88×88.
+    /// The last picture at 88×88; `None` of a sensor with printed markers.
     #[must_use]
-    pub fn small(&self) -> &Image88 {
-        &self.now
+    pub fn small(&self) -> Option<&Image88> {
+        match &self.stage {
+            Stage::Particles(stage) => Some(&stage.now),
+            Stage::Markers(_) => None,
+        }
     }
 
-    /// Turns a 440×440 crop into a force map.
+    /// The work on printed markers, where the sensor has them.
+    #[must_use]
+    pub fn markers(&self) -> Option<&MarkerStage> {
+        match &self.stage {
+            Stage::Particles(_) => None,
+            Stage::Markers(stage) => Some(stage),
+        }
+    }
+
+    /// Columns and rows of the crop.
+    #[must_use]
+    pub fn crop_px(&self) -> [usize; 2] {
+        match &self.stage {
+            Stage::Particles(_) => [440, 440],
+            Stage::Markers(stage) => stage.size_px(),
+        }
+    }
+
+    /// A crop as a square of grey levels, for the page: printed markers' with black above and below.
+    #[must_use]
+    pub fn square<'a>(&self, crop: &'a [u8]) -> Cow<'a, [u8]> {
+        let [width, height] = self.crop_px();
+        if crop.len() == width * height {
+            return crop.into();
+        }
+        // An even side: the page shows every second pixel.
+        let side = width.max(height).next_multiple_of(2);
+        let [left, top] = [(side - width) / 2, (side - height) / 2];
+        let mut square = vec![0; side * side];
+        for (row, pixels) in crop.chunks_exact(3 * width).enumerate() {
+            let to = &mut square[(top + row) * side + left..][..width];
+            for (to, rgb) in to.iter_mut().zip(pixels.as_chunks::<3>().0) {
+                *to = (rgb.iter().map(|level| u16::from(*level)).sum::<u16>() / 3) as u8;
+            }
+        }
+        square.into()
+    }
+
+    /// Turns a crop into a force map: 440×440 grey levels of particles, the sensor's crop in colour of printed markers.
     ///
     /// A doubtful picture, or a doubtful output of the network, gives the last good map again, marked by its health: forces from
     /// such a picture would look real, and an empty map would look like a lost contact. The next contact picture then goes
     /// through the network, whatever the gate compares it with.
     ///
     /// # Errors
-    /// [`NotFinite`] when the network's output is not a number; the last good map is kept.
-    pub fn process(&mut self, crop: &[u8]) -> Result<Processed<'_>, NotFinite> {
-        let start = Instant::now();
-        let frame = Frame::new(crop, &mut self.now);
-        let downsampled = Instant::now();
-        let (gate, mut doubt) = self.scene.decide(frame.small());
-        let gated = Instant::now();
+    /// [`PipelineError`] when the network's output is not a number (the last good map is kept), or the first picture shows no markers.
+    pub fn process(&mut self, crop: &[u8]) -> Result<Processed<'_>, PipelineError> {
+        let (gate, doubt, motion, stages_us) = match &mut self.stage {
+            Stage::Particles(stage) => {
+                let (gate, doubt, stages_us) = stage.process(crop, &mut self.output);
+                (gate, Health::from_bits(doubt.bits()), None, stages_us)
+            }
+            Stage::Markers(stage) => {
+                let seen = stage.process(crop, &mut self.output)?;
+                (seen.gate, seen.health, Some(seen.motion), seen.stages_us)
+            }
+        };
+        let accepting = Instant::now();
         match gate {
             GateDecision::NoContact => {
                 *self.map = ForceMap::EMPTY;
@@ -129,49 +210,75 @@ impl Pipeline {
                 self.saturated = Saturated(0);
                 self.judgement = Judgement::of(&self.map, self.judgement.rule);
             }
-            GateDecision::Unhealthy => self.scene.force_inference(),
+            GateDecision::Infer if doubt.is_good() => self.accept_output()?,
+            GateDecision::Infer | GateDecision::Unhealthy => self.look_afresh(),
             GateDecision::Unchanged => {}
-            GateDecision::Infer => {
-                self.network.infer_frame(frame, &mut self.output);
-                doubt = self.network.health();
-                if doubt.is_good() {
-                    self.accept_output()?;
-                } else {
-                    self.scene.force_inference();
-                }
-            }
         }
-        let inferred = Instant::now();
-        let us = |from: Instant, to: Instant| (to - from).as_secs_f64() * 1e6;
-        let network_us = if gate == GateDecision::Infer {
-            us(gated, inferred)
-        } else {
-            0.0
-        };
+        let [downsample_us, gate_us, mut network_us] = stages_us;
+        if gate == GateDecision::Infer {
+            network_us += accepting.elapsed().as_secs_f64() * 1e6;
+        }
         Ok(Processed {
             map: &self.map,
             judgement: self.judgement,
             gate,
-            health: Health::from_bits(doubt.bits()).with(if self.saturated.0 > 0 {
+            health: doubt.with(if self.saturated.0 > 0 {
                 Health::SATURATED
             } else {
                 Health::GOOD
             }),
-            stages_us: [us(start, downsampled), us(downsampled, gated), network_us],
+            motion,
+            stages_us: [downsample_us, gate_us, network_us],
         })
     }
 
     /// Makes the network's output the map.
     fn accept_output(&mut self) -> Result<(), NotFinite> {
         drop_untouched(&mut self.output, self.contact_min_n);
-        let quantised = ForceMap::quantise(&self.output).inspect_err(|_| self.scene.force_inference())?;
+        let quantised = ForceMap::quantise(&self.output).inspect_err(|_| self.look_afresh())?;
         (*self.map, self.saturated) = quantised;
         *self.newtons = *self.output;
         self.judgement = Judgement::of(&self.map, self.judgement.rule);
         if stick_ratio_below(&self.judgement.sums, SURE_STICK_RATIO) {
-            self.scene.force_inference();
+            self.look_afresh();
         }
         Ok(())
+    }
+
+    /// The next picture goes through the network, whatever it is compared with.
+    fn look_afresh(&mut self) {
+        match &mut self.stage {
+            Stage::Particles(stage) => stage.scene.force_inference(),
+            // Markers are looked at in every picture.
+            Stage::Markers(_) => {}
+        }
+    }
+}
+
+impl ParticleStage {
+    /// What the gate decides, what is doubtful, and the times of downsampling, gate and network (0 when the gate skipped it).
+    fn process(
+        &mut self,
+        crop: &[u8],
+        output: &mut [[f32; 3]; TAXELS],
+    ) -> (GateDecision, scene::Health, [f64; 3]) {
+        let start = Instant::now();
+        let frame = Frame::new(crop, &mut self.now);
+        let downsampled = Instant::now();
+        let (gate, mut doubt) = self.scene.decide(frame.small());
+        let gated = Instant::now();
+        let us = |from: Instant, to: Instant| (to - from).as_secs_f64() * 1e6;
+        let mut network_us = 0.0;
+        if gate == GateDecision::Infer {
+            self.network.infer_frame(frame, output);
+            doubt = self.network.health();
+            network_us = us(gated, Instant::now());
+        }
+        (
+            gate,
+            doubt,
+            [us(start, downsampled), us(downsampled, gated), network_us],
+        )
     }
 }
 

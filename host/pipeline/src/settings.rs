@@ -1,6 +1,6 @@
 //! The microcontroller's settings that follow from a network, and the named settings of the grip.
 
-use gripline_network::Network;
+use gripline_network::{Calibration, Network};
 use gripline_protocol::message::Configuration;
 use gripline_protocol::{LSB_PER_NEWTON, PER_UNIT};
 
@@ -10,7 +10,12 @@ pub const SCENE_INITIAL_GRIP_N: f64 = 2.5;
 /// The default settings with what the network was calibrated for, and the grip with which the scene's object is held.
 #[must_use]
 pub fn settings_for(network: &Network) -> Configuration {
-    let calibration = network.calibration();
+    settings_of(network.calibration())
+}
+
+/// The same for any model's calibration.
+#[must_use]
+pub fn settings_of(calibration: Calibration) -> Configuration {
     Configuration {
         friction: (calibration.friction * PER_UNIT as f32).round() as u16,
         contact_min: (calibration.contact_min_n * LSB_PER_NEWTON as f32) as i16,

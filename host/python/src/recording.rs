@@ -19,8 +19,8 @@ struct Contents {
     frames: Vec<RecordedStatus>,
     pixels: Vec<u8>,
     pictures: usize,
-    /// Columns and rows of every picture; none while there was none.
-    side: Option<usize>,
+    /// Shape of every picture; none while there was none.
+    shape: Option<Vec<usize>>,
     rest: Vec<Vec<u8>>,
     metadata: Metadata,
     truncated: Option<String>,
@@ -44,7 +44,7 @@ impl Contents {
             contents.frames.push(frame.status);
             // Only where all frames have one of the same size do they make an array.
             if let Some(picture) = frame.picture.filter(|_| pictures)
-                && *contents.side.get_or_insert(picture.side) == picture.side
+                && *contents.shape.get_or_insert_with(|| picture.shape()) == picture.shape()
             {
                 contents.pixels.extend(picture.pixels);
                 contents.pictures += 1;
@@ -157,15 +157,27 @@ pub(crate) fn read_recording(
     let recording = PyDict::new(py);
     recording.set_item("columns", contents.columns(py)?)?;
     recording.set_item("maps", shaped(py, contents.maps, [count, 3, 20, 20])?)?;
-    let side = contents.side.filter(|_| contents.pictures == count);
+    let shape = contents.shape.filter(|_| contents.pictures == count);
     let pixels = contents.pixels;
-    let all = side
-        .map(|side| shaped(py, pixels, [count, side, side]))
-        .transpose()?;
-    recording.set_item("pictures", all)?;
+    match shape.as_deref() {
+        Some([rows, columns]) => recording.set_item("pictures", shaped(py, pixels, [count, *rows, *columns])?)?,
+        Some([rows, columns, levels]) => {
+            recording.set_item("pictures", shaped(py, pixels, [count, *rows, *columns, *levels])?)?;
+        }
+        _ => recording.set_item("pictures", py.None())?,
+    }
     let rests = contents.rest.len();
     let rest: Vec<u8> = contents.rest.into_iter().flatten().collect();
-    recording.set_item("rest", shaped(py, rest, [rests, 440, 440])?)?;
+    // Those of printed markers are in colour; their shape is that of the pictures.
+    match shape.as_deref() {
+        Some([rows, columns, levels]) if rest.len() == rests * rows * columns * levels => {
+            recording.set_item("rest", shaped(py, rest, [rests, *rows, *columns, *levels])?)?;
+        }
+        _ if rest.len() == rests * 440 * 440 => {
+            recording.set_item("rest", shaped(py, rest, [rests, 440, 440])?)?;
+        }
+        _ => recording.set_item("rest", py.None())?,
+    }
     recording.set_item("metadata", contents.metadata.to_map())?;
     recording.set_item("truncated", contents.truncated)?;
     Ok(recording)

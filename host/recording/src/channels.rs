@@ -9,7 +9,7 @@ use gripline_protocol::SENSORS;
 
 use crate::event::{Event, events_between};
 use crate::force_map::map_bytes;
-use crate::image::{CROP_SIDE, Image, image_bytes};
+use crate::image::{Image, image_bytes};
 use crate::metadata::Metadata;
 use crate::status::{Frame, status_bytes, status_schema};
 use crate::telemetry::FrameReport;
@@ -109,19 +109,13 @@ impl Channels {
     }
 
     /// A fingertip's pictures without contact.
-    pub fn rest<'a>(&self, sensor: usize, crops: &'a [Vec<u8>]) -> impl Iterator<Item = Message> + use<'a> {
+    pub fn rest<'a>(&self, sensor: usize, pictures: &'a [Image]) -> impl Iterator<Item = Message> + use<'a> {
         let time_ns = self.start_ns;
-        crops.iter().zip(0..).map(move |(crop, sequence)| {
-            let image = Image {
-                side: CROP_SIDE,
-                pixels: crop.clone(),
-            };
-            Message {
-                channel: sensor * OF_A_FINGERTIP.len(),
-                sequence,
-                time_ns,
-                bytes: image_bytes(&image, time_ns),
-            }
+        pictures.iter().zip(0..).map(move |(image, sequence)| Message {
+            channel: sensor * OF_A_FINGERTIP.len(),
+            sequence,
+            time_ns,
+            bytes: image_bytes(image, time_ns),
         })
     }
 

@@ -38,13 +38,13 @@ pub struct Exported {
 pub fn export_arrays(recording: &Path, folder: Option<&Path>) -> Result<Exported, RecordingError> {
     // First to count, then to write: memory does not grow with the recording.
     let mut reader = Reader::open(recording)?;
-    let mut contents = [Contents::default(); SENSORS];
+    let mut contents: [Contents; SENSORS] = Default::default();
     while let Some(frame) = reader.next_frame()? {
         let contents = &mut contents[usize::from(frame.status.sensor)];
         contents.frames += 1;
         if let Some(picture) = frame.picture {
             contents.pictures += 1;
-            contents.side = picture.side;
+            contents.shape = picture.shape();
         }
     }
     if let Some(folder) = folder {
@@ -61,12 +61,12 @@ pub fn export_arrays(recording: &Path, folder: Option<&Path>) -> Result<Exported
 }
 
 /// What a recording has of a fingertip.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Default)]
 struct Contents {
     frames: u64,
     pictures: u64,
-    /// Columns and rows of its pictures.
-    side: usize,
+    /// Of one of its pictures.
+    shape: Vec<usize>,
 }
 
 /// An array under way, and its file.
@@ -81,24 +81,22 @@ struct Arrays {
 
 impl Arrays {
     /// Begins those of fingertip `sensor`; `None` where there is nothing of it.
-    fn begin(folder: &Path, sensor: usize, contents: Contents) -> Result<Option<Self>, RecordingError> {
+    fn begin(folder: &Path, sensor: usize, contents: &Contents) -> Result<Option<Self>, RecordingError> {
         if contents.frames == 0 {
             return Ok(None);
         }
         let behind = if sensor == 0 { "" } else { "_1" };
-        let side = contents.side as u64;
+        let shape: Vec<u64> = [contents.frames]
+            .into_iter()
+            .chain(contents.shape.iter().map(|side| *side as u64))
+            .collect();
         Ok(Some(Self {
             maps: begin(
                 &folder.join(format!("maps{behind}.npy")),
                 &[contents.frames, 3, 20, 20],
             )?,
             pictures: (contents.pictures == contents.frames)
-                .then(|| {
-                    begin(
-                        &folder.join(format!("pictures{behind}.npy")),
-                        &[contents.frames, side, side],
-                    )
-                })
+                .then(|| begin(&folder.join(format!("pictures{behind}.npy")), &shape))
                 .transpose()?,
         }))
     }
@@ -152,8 +150,8 @@ fn write_folder(
     let mut csv = BufWriter::new(File::create(&csv_path).map_err(failed(&csv_path))?);
     let [first, second] = contents;
     let mut arrays = [
-        Arrays::begin(folder, 0, *first)?,
-        Arrays::begin(folder, 1, *second)?,
+        Arrays::begin(folder, 0, first)?,
+        Arrays::begin(folder, 1, second)?,
     ];
     writeln!(csv, "{HEADER}").map_err(failed(&csv_path))?;
     let mut reader = Reader::open(recording)?;

@@ -27,6 +27,15 @@ pub struct Metadata {
     pub gate: String,
     /// Frames a second.
     pub frames_per_second: String,
+    /// Identity of the fingertip's description; older recordings have none, and are of the one that is the default.
+    #[serde(default)]
+    pub sensor: String,
+    /// The description itself, where it is not the default.
+    #[serde(default)]
+    pub sensor_file: String,
+    /// What stood for the untouched gel of printed markers: own pictures, other pictures, the regular grid.
+    #[serde(default)]
+    pub rest: String,
     /// The microcontroller's settings, as `gripline config mcu` prints them.
     pub settings: String,
 }

@@ -18,6 +18,7 @@ use serde::Serialize;
 
 use crate::error::RecordingError;
 use crate::event::Event;
+use crate::image::Image;
 use crate::metadata::Metadata;
 use crate::status::Frame;
 use crate::writer::RecordingWriter;
@@ -86,15 +87,15 @@ impl Recorder {
     pub fn start(
         path: &Path,
         metadata: &Metadata,
-        rest: &[Vec<Vec<u8>>],
+        rest: &[Vec<Image>],
         pace: Pace,
     ) -> Result<Self, RecordingError> {
         let file = create(path)?;
         let begin = || {
             let on_disk = file.try_clone()?;
             let mut writer = RecordingWriter::new(BufWriter::new(file), metadata, rest.len(), wall_ns())?;
-            for (sensor, crops) in rest.iter().enumerate() {
-                writer.rest(sensor, crops)?;
+            for (sensor, pictures) in rest.iter().enumerate() {
+                writer.rest(sensor, pictures)?;
             }
             writer.flush()?;
             Ok((writer, on_disk))
@@ -330,7 +331,6 @@ mod tests {
     use gripline_protocol::message::{FingertipGeometry, GripMode, Status};
 
     use super::*;
-    use crate::image::Image;
     use crate::reader::{Completeness, Reader};
     use crate::status::{status_bytes, status_schema};
     use crate::telemetry::{FrameReport, STAGES, WitnessReport};
@@ -364,6 +364,7 @@ mod tests {
             faults: Vec::new(),
             late: None,
             wire_bytes: 0,
+            markers: None,
             truth: None,
         };
         Frame {
@@ -378,10 +379,7 @@ mod tests {
             motion_bits: 0,
             wire: Status::default(),
             map: Box::new(ForceMap::EMPTY),
-            picture: Some(Image {
-                side: 88,
-                pixels: vec![0; 88 * 88],
-            }),
+            picture: Some(Image::grey(88, vec![0; 88 * 88])),
         }
     }
 

@@ -150,7 +150,7 @@ pub struct RecordedTruth {
 }
 
 /// The keys of `/status` and their JSON types, for programs that plot them.
-const STATUS_KEYS: [(&str, &str); 36] = [
+const STATUS_KEYS: [(&str, &str); 37] = [
     ("frame", "integer"),
     ("sensor", "integer"),
     ("t_s", "number"),
@@ -177,6 +177,7 @@ const STATUS_KEYS: [(&str, &str); 36] = [
     ("faults", "array"),
     ("late", "string"),
     ("wire_bytes", "integer"),
+    ("markers", "object"),
     ("truth", "object"),
     ("sequence", "integer"),
     ("capture_us", "integer"),

@@ -89,9 +89,27 @@ pub struct FrameReport {
     pub late: Option<&'static str>,
     /// Bytes on the wire for this map.
     pub wire_bytes: usize,
+    /// What the markers of a sensor that has them show; `None` of others.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub markers: Option<MarkersReport>,
     /// What the simulated world knows; `None` for real cameras.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub truth: Option<Truth>,
+}
+
+/// Printed markers of one picture, and the imprint between them.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct MarkersReport {
+    /// Markers that are followed.
+    pub followed: usize,
+    /// Those of them that this picture does not show.
+    pub hidden: usize,
+    /// How little of the earlier imprint has come back, 0 to 1; `None` until there is one.
+    pub imprint_slip: Option<f32>,
+    /// What that is worth, 0 to 1.
+    pub imprint_quality: Option<f32>,
+    /// Share of the strongest imprint of this hold that is gone, 0 to 1.
+    pub imprint_lost: Option<f32>,
 }
 
 /// What each witness of slip says by itself, 0 to 1: [`Witnesses`] for programs and people.

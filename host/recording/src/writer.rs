@@ -10,6 +10,7 @@ use mcap::{McapError, WriteOptions, Writer};
 
 use crate::channels::{Channels, Message};
 use crate::event::Event;
+use crate::image::Image;
 use crate::metadata::Metadata;
 use crate::status::Frame;
 
@@ -68,8 +69,8 @@ impl<W: Write> RecordingWriter<W> {
     }
 
     /// A fingertip's pictures without contact.
-    pub(crate) fn rest(&mut self, sensor: usize, crops: &[Vec<u8>]) -> Result<(), McapError> {
-        let mut messages = self.channels.rest(sensor, crops);
+    pub(crate) fn rest(&mut self, sensor: usize, pictures: &[Image]) -> Result<(), McapError> {
+        let mut messages = self.channels.rest(sensor, pictures);
         messages.try_for_each(|message| self.put(&message))
     }
 
@@ -124,7 +125,7 @@ mod tests {
     fn the_index_finds_every_message_even_where_the_file_cannot_be_read_again() {
         let mut bytes = Vec::new();
         let mut writer = RecordingWriter::new(&mut bytes, &Metadata::default(), 1, 1_000).unwrap();
-        writer.rest(0, &[vec![7; 440 * 440]]).unwrap();
+        writer.rest(0, &[Image::grey(440, vec![7; 440 * 440])]).unwrap();
         let mut events = 0;
         for chunk in 0..600 {
             for _ in 0..chunk % 3 {

@@ -95,6 +95,7 @@ fn sample(fingertip: u8, frame: u64) -> Sample {
             faults: vec!["LINE AT CEILING", "MAPS LOST"],
             late: None,
             wire_bytes: 64,
+            markers: None,
             truth: None,
         },
     }

@@ -34,9 +34,17 @@ impl Sensor {
     /// # Errors
     /// [`SensorError`] that names the file, and every problem with its line and key.
     pub fn named(name_or_path: &Path) -> Result<Self, SensorError> {
+        Self::from_toml(name_or_path, &Self::text_of(name_or_path)?)
+    }
+
+    /// The text of the shipped description of this name, or of the file of this path.
+    ///
+    /// # Errors
+    /// [`SensorError::Read`] that names the file.
+    pub fn text_of(name_or_path: &Path) -> Result<String, SensorError> {
         let shipped = SHIPPED.iter().find(|(name, _)| Path::new(name) == name_or_path);
-        if let Some((name, text)) = shipped {
-            return Self::from_toml(Path::new(&format!("{name}.toml")), text);
+        if let Some((_, text)) = shipped {
+            return Ok((*text).to_owned());
         }
         let read = fs::metadata(name_or_path).and_then(|metadata| {
             if metadata.len() > FILE_MAX_BYTES {
@@ -44,15 +52,22 @@ impl Sensor {
             }
             fs::read_to_string(name_or_path)
         });
-        let text = read.map_err(|error| {
+        read.map_err(|error| {
             let names: Vec<_> = SHIPPED.iter().map(|(name, _)| *name).collect();
             SensorError::Read {
                 file: name_or_path.to_owned(),
                 error,
                 advice: format!("name a file, or one of {}", names.join(", ")),
             }
-        })?;
-        Self::from_toml(name_or_path, &text)
+        })
+    }
+
+    /// The one that is meant where nobody names one.
+    ///
+    /// # Errors
+    /// Never, as long as the shipped description is whole: a test reads it.
+    pub fn default_one() -> Result<Self, SensorError> {
+        Self::named(Path::new(SHIPPED[0].0))
     }
 
     /// The sensor that this text describes; `file` is what messages call it.

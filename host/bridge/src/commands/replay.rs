@@ -17,6 +17,8 @@ use serde::Serialize;
 
 use crate::config::settings_from_text;
 use crate::error::{Completion, Failure};
+use crate::marker_rest::recorded_rest;
+use crate::model::{AtRest, Model};
 use gripline_link::session::Session;
 use gripline_link::{EmbeddedLink, Link};
 use gripline_pipeline::control_loop::gate_name;
@@ -245,6 +247,9 @@ fn pipelines_of(reader: &Reader, args: &ReplayArgs) -> Result<(Vec<Pipeline>, Co
         ..
     } = &reader.metadata;
     let wrong = |what: String| Failure::failed(format!("{}: {what}", args.recording.display()));
+    if let Some(model) = Model::recorded(&reader.metadata, args.weights.as_deref())? {
+        return marker_pipelines_of(reader, &model, wrong);
+    }
     let unknown = |error: NetworkError| wrong(error.to_string());
     let architecture: Architecture = network.parse().map_err(unknown)?;
     let gate: GateKind = gate.parse().map_err(unknown)?;
@@ -273,6 +278,38 @@ fn pipelines_of(reader: &Reader, args: &ReplayArgs) -> Result<(Vec<Pipeline>, Co
     let rests = reader.rest.iter().filter(|rest| !rest.is_empty());
     let pipelines = rests.map(|rest| Pipeline::new(network.clone(), rest, gate, TaxelRule::of(&settings)));
     Ok((pipelines.collect(), settings))
+}
+
+/// The same of printed markers, whose description is in the recording.
+fn marker_pipelines_of(
+    reader: &Reader,
+    model: &Model,
+    wrong: impl Fn(String) -> Failure,
+) -> Result<(Vec<Pipeline>, Configuration), Failure> {
+    let metadata = &reader.metadata;
+    let gate: GateKind = metadata
+        .gate
+        .parse()
+        .map_err(|error: NetworkError| wrong(error.to_string()))?;
+    let settings = settings_from_text(&metadata.settings, &Configuration::DEFAULT).map_err(&wrong)?;
+    let rests = reader.rest.iter().take(settings.sensors.into());
+    let rests: Vec<AtRest> = rests
+        .map(|pictures| Ok::<_, Failure>(AtRest::Markers(recorded_rest(&metadata.rest, pictures)?)))
+        .collect::<Result<_, _>>()?;
+    for rest in rests.iter().take(1) {
+        let [name, manifest, fingerprint] = model.named(rest);
+        if fingerprint != metadata.fingerprint {
+            return Err(wrong(format!(
+                "recorded with other forces ({}; {}; fingerprint {}), found {name}; {manifest}; with fingerprint {fingerprint}; name \
+                 the weights with --weights",
+                metadata.network, metadata.weights, metadata.fingerprint
+            )));
+        }
+    }
+    let pipelines = rests
+        .iter()
+        .map(|rest| model.pipeline(rest, gate, TaxelRule::of(&settings)));
+    Ok((pipelines.collect::<Result<_, _>>()?, settings))
 }
 
 fn verdict_of(name: &str) -> Option<GateDecision> {

@@ -18,6 +18,7 @@ use crate::calibration::Calibration;
 use crate::error::Failure;
 use crate::live::fleet::{FleetSettings, check_endpoint, check_name};
 use crate::live::ros2::{Ros2Settings, check_domain};
+use crate::marker_rest::RestSource;
 use crate::source::{Source, SourceSettings};
 use crate::value::{number_in, whole_in};
 use gripline_capture::PixelFormat;
@@ -83,6 +84,20 @@ pub struct Settings {
         value_name = "FILE.toml"
     )]
     pub second_calibration_file: Option<PathBuf>,
+
+    /// The fingertip: the name of a shipped description (particle-fingertip, gelsight-mini) or a file of one's own (docs/own-sensor.md).
+    #[arg(
+        id = "sensor.file",
+        long = "sensor",
+        value_name = "NAME|FILE.toml",
+        default_value = "particle-fingertip"
+    )]
+    pub sensor: PathBuf,
+
+    /// Printed markers at rest: frames of the clip or folder (12..20), a picture, or a folder of pictures. By default the rest.png
+    /// beside the pictures, and without one the regular grid of the markers, which costs evidence of slip. Example: "12..20"
+    #[arg(id = "sensor.rest", long = "rest", value_name = "FROM..TO|PATH")]
+    pub rest: Option<RestSource>,
 
     /// Force network: tracked follows particles at full resolution, unet looks at small images. By default what the weights
     /// are for, and tracked with the built-in ones. Example: "unet"
@@ -301,6 +316,7 @@ impl Settings {
             gain: self.gain,
             seed: self.seed,
             fingertip,
+            colour: None,
         }
     }
 

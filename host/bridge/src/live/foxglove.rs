@@ -41,7 +41,7 @@ impl Foxglove {
     pub(crate) fn start(
         address: SocketAddr,
         about: &Metadata,
-        rest: &[Vec<Vec<u8>>],
+        rest: &[Vec<gripline_recording::Image>],
     ) -> Result<Self, Failure> {
         let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
         let channels = Channels::new(rest.len(), about, now.as_nanos() as u64);
@@ -112,7 +112,7 @@ impl Drop for Foxglove {
 fn open(
     _: SocketAddr,
     _: &Channels,
-    _: &[Vec<Vec<u8>>],
+    _: &[Vec<gripline_recording::Image>],
 ) -> Result<(impl FnMut(&Message) + Send + 'static, IsWatched), Failure> {
     Err::<(fn(&Message), IsWatched), _>(Failure::usage(
         "foxglove.listen (--foxglove): this gripline was built without Foxglove, expected one that has it: `cargo build \
@@ -189,7 +189,7 @@ mod server {
     pub(super) fn open(
         address: SocketAddr,
         channels: &Channels,
-        rest: &[Vec<Vec<u8>>],
+        rest: &[Vec<gripline_recording::Image>],
     ) -> Result<(impl FnMut(&Message) + Send + 'static, IsWatched), Failure> {
         let failed = |error: &dyn std::fmt::Display| {
             Failure::failed(format!(

@@ -4,7 +4,6 @@ use std::sync::Arc;
 
 use gripline_evaluation::calibration::surface::{Figures, mean};
 use gripline_firmware::sums::TaxelRule;
-use gripline_network::Network;
 use gripline_network::scene::GateKind;
 use gripline_protocol::SENSORS;
 use gripline_protocol::message::GripMode;
@@ -13,8 +12,10 @@ use gripline_simulation::constants::REST_PICTURES;
 use crate::calibration::Calibration;
 use crate::config::Settings;
 use crate::error::Failure;
+use crate::marker_rest;
+use crate::model::{AtRest, Model};
 use crate::rest::{self, Store};
-use crate::source::{Frames, Opened, Picture, Taken, open_both};
+use crate::source::{Frames, Opened, Picture, SourceSettings, Taken, open_both};
 use gripline_capture::{Counts, POLL};
 use gripline_link::session::Session;
 use gripline_pipeline::pipeline::Pipeline;
@@ -26,21 +27,41 @@ const STATUS_US: u64 = 250_000;
 pub(super) struct Open {
     /// Where pictures come from.
     source: Frames,
-    /// 440×440 grey levels each.
-    pub rest: Vec<Vec<u8>>,
+    /// What was seen, or stands for it.
+    pub rest: AtRest,
     /// Where rest pictures of this camera are kept.
     store: Option<Store>,
+}
+
+impl Open {
+    /// Its rest pictures of particles.
+    pub(super) fn particles(&self) -> Option<Vec<Vec<u8>>> {
+        match &self.rest {
+            AtRest::Particles(crops) => Some(crops.clone()),
+            AtRest::Markers(_) => None,
+        }
+    }
 }
 
 /// Opens the source of each fingertip.
 ///
 /// # Errors
 /// [`Failure`] that says what was found and what to do.
-pub(super) fn open(wanted: &Settings) -> Result<Vec<Opened>, Failure> {
-    Ok(match &wanted.second_source {
-        None => vec![wanted.source.open(&wanted.source_settings(0))?],
-        Some(second) => open_both([&wanted.source, second], &wanted.source_settings(0))?.into(),
-    })
+pub(super) fn open(wanted: &Settings, model: &Model) -> Result<Vec<Opened>, Failure> {
+    let settings = SourceSettings {
+        colour: model.has_markers().then_some(model.sensor.capture),
+        ..wanted.source_settings(0)
+    };
+    let opened = match &wanted.second_source {
+        None => vec![wanted.source.open(&settings)?],
+        Some(second) => open_both([&wanted.source, second], &settings)?.into(),
+    };
+    for opened in &opened {
+        if let Frames::Recording(frames) = &opened.pictures {
+            model.accepts(frames.metadata(), frames.path())?;
+        }
+    }
+    Ok(opened)
 }
 
 /// The rest pictures of each fingertip: those of its calibration, else taken now.
@@ -50,8 +71,12 @@ pub(super) fn open(wanted: &Settings) -> Result<Vec<Opened>, Failure> {
 pub(super) fn at_rest(
     opened: Vec<Opened>,
     wanted: &Settings,
+    model: &Model,
     session: &mut Session,
 ) -> Result<Vec<Open>, Failure> {
+    if model.has_markers() {
+        return markers_at_rest(opened, wanted, model, session);
+    }
     let calibrations = [&wanted.calibration, &wanted.second_calibration];
     let sources = [Some(&wanted.source), wanted.second_source.as_ref()];
     let mut looked = Vec::with_capacity(opened.len());
@@ -80,11 +105,40 @@ pub(super) fn at_rest(
         };
         looked.push(Open {
             source: opened.pictures,
-            rest,
+            rest: AtRest::Particles(rest),
             store,
         });
     }
     Ok(looked)
+}
+
+/// The same of printed markers.
+fn markers_at_rest(
+    opened: Vec<Opened>,
+    wanted: &Settings,
+    model: &Model,
+    session: &mut Session,
+) -> Result<Vec<Open>, Failure> {
+    let are_live = opened.iter().any(|opened| opened.pictures.is_live());
+    if are_live && wanted.rest.is_none() && is_holding(session)? {
+        return Err(Failure::failed(
+            "found a gripper that holds, expected a released one: what it holds would count as no contact. Let go (`gripline faults \
+             --acknowledge --release`) and start again, or name pictures of the untouched gel with --rest",
+        ));
+    }
+    let sources = [Some(&wanted.source), wanted.second_source.as_ref()];
+    let looked = opened.into_iter().zip(sources.into_iter().flatten()).enumerate();
+    looked
+        .map(|(fingertip, (opened, source))| {
+            let of = (&model.sensor, fingertip);
+            let rest = marker_rest::of(wanted.rest.as_ref(), source, &opened.pictures, of)?;
+            Ok(Open {
+                source: opened.pictures,
+                rest: AtRest::Markers(rest),
+                store: None,
+            })
+        })
+        .collect()
 }
 
 /// Whether the gripper holds, as far as the microcontroller says: one that says nothing may.
@@ -98,7 +152,7 @@ fn is_holding(session: &mut Session) -> Result<bool, Failure> {
 struct Fingertip {
     source: Frames,
     pipeline: Pipeline,
-    /// Mean of the rest pictures.
+    /// Mean of the rest pictures of particles.
     rest: Arc<Vec<u8>>,
     store: Option<Store>,
 }
@@ -108,7 +162,7 @@ pub(super) struct Fingertips {
     all: Vec<Fingertip>,
     /// Whose turn it is.
     next: usize,
-    network: Network,
+    model: Model,
     gate: GateKind,
     rule: TaxelRule,
 }
@@ -124,21 +178,31 @@ pub(super) enum Looked {
 }
 
 impl Fingertips {
-    /// Each with the network, its own rest pictures, and a gate of its own.
-    pub(super) fn new(opened: Vec<Open>, network: &Network, wanted: &Settings, rule: TaxelRule) -> Self {
-        let at_work = |open: Open| Fingertip {
-            source: open.source,
-            pipeline: Pipeline::new(network.clone(), &open.rest, wanted.gate, rule),
-            rest: Arc::new(mean(&open.rest)),
-            store: open.store,
+    /// Each with the model, its own rest pictures, and a gate of its own.
+    ///
+    /// # Errors
+    /// [`Failure`] when a rest of printed markers shows none, or a touch.
+    pub(super) fn new(
+        opened: Vec<Open>,
+        model: &Model,
+        wanted: &Settings,
+        rule: TaxelRule,
+    ) -> Result<Self, Failure> {
+        let at_work = |open: Open| {
+            Ok::<_, Failure>(Fingertip {
+                pipeline: model.pipeline(&open.rest, wanted.gate, rule)?,
+                rest: Arc::new(open.particles().map_or_else(Vec::new, |crops| mean(&crops))),
+                source: open.source,
+                store: open.store,
+            })
         };
-        Self {
-            all: opened.into_iter().map(at_work).collect(),
+        Ok(Self {
+            all: opened.into_iter().map(at_work).collect::<Result<_, _>>()?,
             next: 0,
-            network: network.clone(),
+            model: model.clone(),
             gate: wanted.gate,
             rule,
-        }
+        })
     }
 
     /// The next picture of any of them, in turn; one whose camera has nothing to give now is passed over.
@@ -171,8 +235,11 @@ impl Fingertips {
 
     /// This fingertip at rest looks like this from now on; a camera's pictures are kept for the next start.
     pub(super) fn rest_anew(&mut self, sensor: u8, rest: &[Vec<u8>], figures: &Figures) {
+        let Some(network) = self.model.network() else {
+            return;
+        };
         let tip = &mut self.all[usize::from(sensor) % SENSORS];
-        tip.pipeline = Pipeline::new(self.network.clone(), rest, self.gate, self.rule);
+        tip.pipeline = Pipeline::new(network.clone(), rest, self.gate, self.rule);
         tip.rest = Arc::new(mean(rest));
         if let Some(store) = &tip.store {
             store.keep(rest, figures);
@@ -181,7 +248,7 @@ impl Fingertips {
 
     /// How many there are whose pictures can be taken anew: all or none.
     pub(super) fn to_rezero(&self) -> usize {
-        if self.are_live() || self.are_simulated() {
+        if !self.model.has_markers() && (self.are_live() || self.are_simulated()) {
             self.all.len()
         } else {
             0

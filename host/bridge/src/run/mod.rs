@@ -6,7 +6,6 @@
 
 mod desk;
 mod drift;
-mod evidence;
 #[cfg(test)]
 mod faults;
 mod fingertips;
@@ -29,21 +28,19 @@ mod under_way;
 mod usage;
 
 use std::ops::Add as _;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use clap::Args;
 use gripline_control::{Handle, channel};
 use gripline_firmware::sums::TaxelRule;
-use gripline_network::{Architecture, Network};
+use gripline_network::Architecture;
 use gripline_protocol::message::Configuration;
-use gripline_sensor::{MarkerKind, SHIPPED, Sensor};
 use gripline_simulation::constants::SCENE_LOOP_S;
 
 use self::drift::DriftWatch;
-use self::evidence::RestSource;
-use self::fingertips::{Fingertips, Looked};
+use self::fingertips::{Fingertips, Looked, Open};
 use self::output::{Output, Wish};
 use self::requests::Requests;
 use self::settings::{
@@ -61,28 +58,21 @@ use crate::live::fleet::Fleet;
 use crate::live::foxglove::Foxglove;
 use crate::live::ros2::Ros2;
 use crate::log::Collector;
+use crate::model::Model;
 use crate::source::Source;
 use crate::token;
 use crate::writer::WhenFull;
 use gripline_capture::Counts;
 use gripline_link::session::Session;
-use gripline_pipeline::settings_for;
+use gripline_pipeline::settings_of;
 use gripline_recording::telemetry::Limits;
-use gripline_recording::{Metadata, Pace, Pictures, Recorder};
+use gripline_recording::{Image, Metadata, Pace, Pictures, Recorder};
 
 /// Arguments of `gripline run`.
 #[derive(Debug, Clone, Args)]
 pub struct RunArgs {
     #[command(flatten)]
     overrides: Overrides,
-    /// The fingertip: a shipped description (particle-fingertip, gelsight-mini) or a file. With printed markers a clip gives health,
-    /// markers and evidence of slip; its forces are not trained yet, so no line is driven.
-    #[arg(long, value_name = "NAME|FILE.toml")]
-    sensor: Option<PathBuf>,
-    /// Printed markers at rest: frames of the clip (12..20), a picture, or a folder of pictures. Without it their regular grid
-    /// stands for it.
-    #[arg(long, value_name = "FROM..TO|PATH", requires = "sensor")]
-    rest: Option<RestSource>,
     /// One JSON object a frame, and a summary object last, on standard output.
     #[arg(long)]
     json: bool,
@@ -94,13 +84,10 @@ pub struct RunArgs {
 /// [`Failure`] when weights, link or terminal fail.
 pub fn run(args: &RunArgs) -> Result<Completion, Failure> {
     let wanted = Settings::load(&args.overrides)?;
-    if let Some(done) = without_forces(args, &wanted)? {
-        return Ok(done);
-    }
-    let network = wanted.network()?;
-    let of_network = settings_for(&network);
-    may_be_recorded(&wanted, &network)?;
-    let opened = fingertips::open(&wanted)?;
+    let model = Model::of(&wanted)?;
+    let of_model = settings_of(model.calibration());
+    may_be_recorded(&wanted, &model)?;
+    let opened = fingertips::open(&wanted, &model)?;
     if !matches!(wanted.source, Source::Simulated) {
         for open in &opened {
             tracing::info!("{}", open.told);
@@ -111,14 +98,14 @@ pub fn run(args: &RunArgs) -> Result<Completion, Failure> {
     let pictures_per_second: f64 = opened.iter().map(|open| open.frames_per_second).sum();
     let link = wanted.mcu.open()?;
     let mut session = Session::connect(link)?;
-    let opened = fingertips::at_rest(opened, &wanted, &mut session)?;
+    let opened = fingertips::at_rest(opened, &wanted, &model, &mut session)?;
     // What neither the network nor the configuration says stays as the microcontroller has it.
     let settings = wanted.microcontroller(&Configuration {
         sensors: opened.len() as u8,
-        friction: calibrated_friction(&wanted).unwrap_or(of_network.friction),
-        contact_min: of_network.contact_min,
+        friction: calibrated_friction(&wanted).unwrap_or(of_model.friction),
+        contact_min: of_model.contact_min,
         floor: floor(&wanted.source, session.settings()),
-        fingertips: calibrated_fingertips(&wanted, session.settings()),
+        fingertips: calibrated_fingertips(&wanted, session.settings()).map(|tip| model.sized(tip)),
         ..*session.settings()
     })?;
     as_many_fingertips(&wanted, &settings, opened.len())?;
@@ -127,8 +114,12 @@ pub fn run(args: &RunArgs) -> Result<Completion, Failure> {
         tracing::warn!("{note}");
     }
     tell_of_another_line(&wanted, &settings);
-    let rests: Vec<_> = opened.iter().map(|open| open.rest.clone()).collect();
-    let about = about(&wanted, &network, &session, (&rests[0], frames_per_second));
+    let about = about(&wanted, &model, &session, (&opened[0].rest, frames_per_second));
+    let images = |open: &Open| -> Vec<Image> {
+        let pictures = open.rest.pictures().iter();
+        pictures.map(|crop| model.image(crop.clone())).collect()
+    };
+    let rests: Vec<_> = opened.iter().map(images).collect();
     // A run that waits for nothing has the time to wait for its readers.
     let (pace, when_full) = if wanted.unpaced {
         (Pace::AsFastAsPossible, WhenFull::Wait)
@@ -137,7 +128,8 @@ pub fn run(args: &RunArgs) -> Result<Completion, Failure> {
     };
     let record = |path: &PathBuf| Recorder::start(path, &about, &rests, pace);
     let recorder = wanted.record.as_ref().map(record).transpose()?;
-    let mut fingertips = Fingertips::new(opened, &network, &wanted, TaxelRule::of(&settings));
+    let drift: Vec<_> = opened.iter().filter_map(|open| open.particles()).collect();
+    let mut fingertips = Fingertips::new(opened, &model, &wanted, TaxelRule::of(&settings))?;
 
     let stop = Arc::new(AtomicBool::new(false));
     let signalled = Arc::clone(&stop);
@@ -164,7 +156,7 @@ pub fn run(args: &RunArgs) -> Result<Completion, Failure> {
     run.recorder = recorder;
     run.pictures = wanted.pictures;
     open_to_others(&mut run, &wanted, &control, (&about, &rests))?;
-    run.drift = DriftWatch::of_cameras(clock == Clock::Pictures, rests);
+    run.drift = DriftWatch::of_cameras(clock == Clock::Pictures, drift);
     // After the other threads have started: they keep their ordinary priority.
     if wanted.realtime {
         let lacks = realtime::enter(wanted.realtime_core);
@@ -190,7 +182,7 @@ fn open_to_others(
     run: &mut Run,
     wanted: &Settings,
     control: &Handle,
-    (about, rests): (&Metadata, &[Vec<Vec<u8>>]),
+    (about, rests): (&Metadata, &[Vec<Image>]),
 ) -> Result<(), Failure> {
     run.live = serve(wanted, control)?;
     if let Some(fleet) = &wanted.fleet() {
@@ -226,29 +218,6 @@ fn close(mut run: Run, fingertips: &Fingertips, output: Output) -> Result<Comple
     }
 }
 
-/// Plays the clip of a sensor whose forces are not trained yet; `None` for the one that the network knows.
-fn without_forces(args: &RunArgs, wanted: &Settings) -> Result<Option<Completion>, Failure> {
-    let Some(sensor) = &args.sensor else {
-        return Ok(None);
-    };
-    let sensor = Sensor::named(sensor)?;
-    let known = SHIPPED[0].0;
-    match (sensor.markers.kind, &wanted.source) {
-        (MarkerKind::Plane, Source::Clip(clip)) => {
-            evidence::run(&sensor, clip, args.rest.as_ref(), wanted.unpaced, args.json).map(Some)
-        }
-        (MarkerKind::Plane, other) => Err(Failure::usage(format!(
-            "--source {other} with sensor {}, expected file:CLIP: only clips of printed markers can be read so far",
-            sensor.identity()
-        ))),
-        (MarkerKind::Volume, _) if sensor == Sensor::named(Path::new(known))? => Ok(None),
-        (MarkerKind::Volume, _) => Err(Failure::failed(format!(
-            "sensor {}: found another one than {known}, expected that: the shipped weights know no other particles",
-            sensor.identity()
-        ))),
-    }
-}
-
 /// Serves live values and takes requests, where that is wanted.
 fn serve(wanted: &Settings, control: &Handle) -> Result<Option<Live>, Failure> {
     let Some(address) = wanted.serve else {
@@ -269,15 +238,18 @@ fn serve(wanted: &Settings, control: &Handle) -> Result<Option<Live>, Failure> {
 }
 
 /// Small pictures are enough for one of the networks only.
-fn may_be_recorded(wanted: &Settings, network: &Network) -> Result<(), Failure> {
-    if wanted.record.is_some()
-        && wanted.pictures == Pictures::Small
-        && network.architecture() != Architecture::Unet
-    {
+fn may_be_recorded(wanted: &Settings, model: &Model) -> Result<(), Failure> {
+    let is_enough = |model: &Model| {
+        let network = model.network();
+        network.is_some_and(|network| network.architecture() == Architecture::Unet)
+    };
+    if wanted.record.is_some() && wanted.pictures == Pictures::Small && !is_enough(model) {
+        let of = model.network().map_or_else(
+            || format!("sensor {}", model.sensor.identity()),
+            |network| format!("the network {}", network.architecture()),
+        );
         return Err(Failure::usage(format!(
-            "record.pictures (--record-pictures): found small with the network {}, expected full or off: it looks at the \
-             whole picture",
-            network.architecture()
+            "record.pictures (--record-pictures): found small with {of}, expected full or off: it looks at the whole picture"
         )));
     }
     Ok(())

@@ -1,7 +1,7 @@
 //! What a frame of the loop says to view, programs and recording. Pure.
 
 use gripline_firmware::Fault;
-use gripline_network::constants::{CROP_SIDE, IMAGE_SIDE};
+use gripline_network::constants::IMAGE_SIDE;
 use gripline_protocol::SENSORS;
 use gripline_protocol::message::FingertipGeometry;
 
@@ -19,14 +19,17 @@ use gripline_recording::{Image, Pictures};
 /// What of a picture is recorded.
 pub(super) fn image(wanted: Pictures, crop: impl Into<Vec<u8>>, pipeline: &Pipeline) -> Option<Image> {
     match wanted {
-        Pictures::Full => Some(Image {
-            side: CROP_SIDE,
-            pixels: crop.into(),
-        }),
-        Pictures::Small => Some(Image {
-            side: IMAGE_SIDE,
-            pixels: pipeline.small().to_vec(),
-        }),
+        Pictures::Full => {
+            let [width, height] = pipeline.crop_px();
+            Some(Image {
+                width,
+                height,
+                pixels: crop.into(),
+            })
+        }
+        Pictures::Small => pipeline
+            .small()
+            .map(|small| Image::grey(IMAGE_SIDE, small.to_vec())),
         Pictures::Off => None,
     }
 }
@@ -88,6 +91,7 @@ pub(super) fn report_of(
             .collect(),
         late: outcome.late.map(Late::name),
         wire_bytes: outcome.wire_bytes,
+        markers: None,
         truth,
     }
 }

@@ -1,7 +1,7 @@
 //! What a run is set to: its network, the microcontroller's settings after network and calibrations, and what a recording has
 //! to say of it all.
 
-use gripline_network::{InstructionSet, Network};
+use gripline_network::InstructionSet;
 use gripline_protocol::message::{Configuration, FingertipGeometry};
 use gripline_protocol::{LSB_PER_NEWTON, PER_UNIT, SENSORS};
 
@@ -9,11 +9,11 @@ use super::requests::Unasked;
 use crate::calibration::{Calibration, with_points};
 use crate::config::{Settings, settings_text};
 use crate::error::Failure;
+use crate::model::{AtRest, Model};
 use crate::source::Source;
 use gripline_link::Target;
 use gripline_link::session::Session;
 use gripline_pipeline::SCENE_INITIAL_GRIP_N;
-use gripline_pipeline::pipeline::fingerprint;
 use gripline_recording::Metadata;
 
 /// What may move the gripper without being asked for from outside: nothing, but for a script where no real gripper can move, and what
@@ -98,27 +98,32 @@ pub(super) fn tell_of_another_line(wanted: &Settings, settings: &Configuration) 
 /// What a recording has to say of the run as a whole.
 pub(super) fn about(
     wanted: &Settings,
-    network: &Network,
+    model: &Model,
     session: &Session,
-    (rest, frames_per_second): (&[Vec<u8>], f64),
+    (rest, frames_per_second): (&AtRest, f64),
 ) -> Metadata {
+    let [network, weights, fingerprint] = model.named(rest);
+    let [sensor, sensor_file] = model.described();
     Metadata {
         gripline: env!("CARGO_PKG_VERSION").to_owned(),
         mcu: session.link_name(),
         firmware: session.firmware().map_or(String::new(), ToString::to_string),
-        network: network.architecture().to_string(),
-        weights: network.manifest().to_owned(),
+        network,
+        weights,
         weights_file: wanted
             .weights
             .as_deref()
             .map_or(String::new(), |path| path.display().to_string()),
-        fingerprint: fingerprint(network, &rest[0]),
+        fingerprint,
         instructions: wanted
             .instructions
             .unwrap_or_else(InstructionSet::widest)
             .to_string(),
         gate: wanted.gate.to_string(),
         frames_per_second: frames_per_second.to_string(),
+        sensor,
+        sensor_file,
+        rest: rest.kind().map_or_else(String::new, |kind| kind.to_string()),
         settings: settings_text(session.settings()),
     }
 }

@@ -22,7 +22,9 @@ use crate::source::Picture;
 use gripline_capture::Counts;
 use gripline_link::session::Session;
 use gripline_network::scene::GateDecision;
+use gripline_pipeline::PipelineError;
 use gripline_pipeline::control_loop::{ControlLoop, FrameOutcome, FrameRequest, Late, Lateness};
+use gripline_pipeline::markers::MarkerStage;
 use gripline_pipeline::pipeline::Pipeline;
 use gripline_recording::telemetry::{FrameReport, STAGES};
 use gripline_recording::units::millimetres;
@@ -163,13 +165,16 @@ impl Run {
             sensor,
             mode,
             age_us,
-            // Particles in the gel move with it: they say nothing of the object's own motion.
+            // Particles in the gel move with it: they say nothing of the object's own motion. Printed markers bring it with the map.
             motion: Motion::UNKNOWN,
             decode_us: picture.decode_us,
             waited_us,
             until_us,
         };
-        let outcome = self.control.frame(pipeline, &picture.crop, lateness, request)?;
+        let outcome = self
+            .control
+            .frame(pipeline, &picture.crop, lateness, request)
+            .map_err(|error| self.told_of_markers(error, sensor))?;
         self.count(&outcome);
         self.look_after_the_link();
         self.settle_requests()?;
@@ -183,13 +188,16 @@ impl Run {
         }
         let fingertips = &self.control.session.settings().fingertips;
         let host_faults = faults_of(&self.control.session);
-        let report = report_of(
-            (self.frame, t_s),
-            &outcome,
-            fingertips,
-            picture.truth,
-            &host_faults,
-        );
+        let report = FrameReport {
+            markers: pipeline.markers().map(MarkerStage::report),
+            ..report_of(
+                (self.frame, t_s),
+                &outcome,
+                fingertips,
+                picture.truth,
+                &host_faults,
+            )
+        };
         self.observe(&report, &outcome.status);
         self.publish(&report, pipeline, &picture.crop);
         self.publish_status(&report, &host_faults);
@@ -201,6 +209,19 @@ impl Run {
         self.frame += 1;
         self.t_s = report.t_s;
         Ok(report)
+    }
+
+    /// A picture without markers is told with its source and number.
+    fn told_of_markers(&self, error: PipelineError, sensor: u8) -> Failure {
+        let source = self.summary.fingertips.get(usize::from(sensor));
+        match error {
+            PipelineError::Markers(problem) => Failure::failed(format!(
+                "{}, frame {}: {problem}",
+                source.map_or("pictures", |source| &source.source),
+                self.frame
+            )),
+            other => other.into(),
+        }
     }
 
     /// Leaves a frame for Foxglove and for the recording.
@@ -336,9 +357,10 @@ impl Run {
         let Some(live) = &self.live else {
             return;
         };
+        let square = std::cell::OnceCell::new();
         let look = || Look {
             newtons: pipeline.newtons(),
-            picture: crop,
+            picture: square.get_or_init(|| pipeline.square(crop)),
             settings: self.control.session.settings(),
         };
         let fill = |values: &mut Values| {

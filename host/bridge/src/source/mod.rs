@@ -1,5 +1,5 @@
 //! Where pictures come from: the simulated fingertip in a simulated gripper, which also knows the truth; a camera; or
-//! pictures that were taken before. Frames are 440×440 grey crops.
+//! pictures that were taken before. Frames are 440×440 grey crops, or colour crops as a sensor with printed markers describes them.
 
 mod recorded;
 
@@ -18,7 +18,7 @@ use self::recorded::{RecordedFrames, RecordedPicture};
 use crate::error::Failure;
 #[cfg(not(target_os = "linux"))]
 use gripline_capture::CaptureError;
-use gripline_capture::{Camera, Counts, DEFAULT_RATE, PixelFormat, Playback};
+use gripline_capture::{Camera, ColourPlayback, Counts, DEFAULT_RATE, PixelFormat, Playback};
 #[cfg(target_os = "linux")]
 use gripline_capture::{CameraSettings, RequestedMode};
 use gripline_recording::telemetry::Truth;
@@ -88,12 +88,14 @@ pub struct SourceSettings {
     pub seed: u64,
     /// Which fingertip, from 0, where the source has both: the simulated world, a recording.
     pub fingertip: usize,
+    /// What pictures of printed markers are like; `None`: grey ones of particles.
+    pub colour: Option<gripline_sensor::Capture>,
 }
 
 /// A picture and what is known about it.
 #[derive(Debug)]
 pub struct Picture {
-    /// 440×440 grey levels, row-major.
+    /// The sensor's crop, row-major: 440×440 grey levels of particles; red, green, blue of printed markers.
     pub crop: Vec<u8>,
     /// When its bytes arrived.
     pub came: Instant,
@@ -123,6 +125,7 @@ pub(crate) enum Frames {
     Simulated(SimulatedSource),
     Camera(Camera),
     Files(Box<Playback>),
+    Colour(Box<ColourPlayback>),
     Recording(Box<RecordedFrames>),
 }
 
@@ -151,6 +154,9 @@ impl Source {
     /// [`Failure`] that says what was found and what to do.
     pub(crate) fn open(&self, wanted: &SourceSettings) -> Result<Opened, Failure> {
         let rate = wanted.frames_per_second.unwrap_or(DEFAULT_RATE);
+        if let Some(capture) = &wanted.colour {
+            return self.open_colour(wanted, capture);
+        }
         let (pictures, frames_per_second, told) = match self {
             Self::Simulated => (
                 Frames::Simulated(SimulatedSource::of(wanted.fingertip, wanted.seed, rate)),
@@ -183,6 +189,47 @@ impl Source {
         Ok(Opened {
             pictures,
             frames_per_second,
+            told,
+        })
+    }
+
+    /// The same in colour.
+    fn open_colour(
+        &self,
+        wanted: &SourceSettings,
+        capture: &gripline_sensor::Capture,
+    ) -> Result<Opened, Failure> {
+        let (pictures, rate, told) = match self {
+            Self::Folder(path) | Self::Clip(path) => {
+                let frames = ColourPlayback::open(path, capture, wanted.fingertip)?;
+                let (rate, told) = (frames.rate(), format!("pictures of {}", frames.path().display()));
+                (Frames::Colour(Box::new(frames)), rate, told)
+            }
+            Self::Recording(file) => {
+                let frames = RecordedFrames::open(file, wanted.fingertip)?;
+                let rate = frames.rate().unwrap_or(capture.rate_hz);
+                (
+                    Frames::Recording(Box::new(frames)),
+                    rate,
+                    format!("pictures of {}", file.display()),
+                )
+            }
+            Self::Camera(device) => {
+                let rate = wanted.frames_per_second.unwrap_or(capture.rate_hz);
+                let camera = open_camera(device, wanted, rate)?;
+                let (rate, told) = (camera.rate(), camera.description().to_owned());
+                (Frames::Camera(camera), rate, told)
+            }
+            Self::Simulated => {
+                return Err(Failure::usage(format!(
+                    "camera.source (--source): found {self} with a sensor that has printed markers, expected a camera, file:CLIP, \
+                     dir:FOLDER or mcap:RECORDING: there is no simulated gripper with this gel"
+                )));
+            }
+        };
+        Ok(Opened {
+            pictures,
+            frames_per_second: wanted.frames_per_second.unwrap_or(rate),
             told,
         })
     }
@@ -245,6 +292,8 @@ impl Opened {
                 });
             }
             Frames::Files(frames) => vec![frames.rest()?],
+            // Printed markers have a rest of their own (`marker_rest`).
+            Frames::Colour(_) => Vec::new(),
             Frames::Recording(frames) => frames.rest().to_vec(),
         };
         let at_s = (0..crops.len()).map(|number| number as f64 / self.frames_per_second);
@@ -261,9 +310,11 @@ fn open_camera(device: &Path, wanted: &SourceSettings, rate: f64) -> Result<Came
         mode: RequestedMode {
             format: wanted.format,
             rate,
+            colour: None,
         },
         exposure_ms: wanted.exposure_ms,
         gain: wanted.gain,
+        colour: wanted.colour,
     };
     let port = gripline_capture::v4l2::DevicePort(device.to_owned());
     Ok(Camera::start(port, settings)?)
@@ -315,6 +366,12 @@ impl Frames {
                     taken(crop, [came; 2], decode_us, None)
                 })
             }
+            Self::Colour(frames) => {
+                let came = Instant::now();
+                frames.next_picture().map_or(Taken::End, |(crop, decode_us)| {
+                    taken(crop, [came; 2], decode_us, None)
+                })
+            }
             Self::Recording(frames) => match frames.next()? {
                 Some(RecordedPicture { crop, wish }) => taken(crop, [Instant::now(); 2], 0.0, wish),
                 None => Taken::End,
@@ -328,6 +385,7 @@ impl Frames {
             Self::Simulated(_) => None,
             Self::Camera(camera) => Some(camera.counts()),
             Self::Files(frames) => Some(frames.counts()),
+            Self::Colour(frames) => Some(frames.counts()),
             Self::Recording(frames) => Some(frames.counts()),
         }
     }

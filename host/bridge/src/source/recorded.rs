@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use gripline_capture::Counts;
 use gripline_protocol::message::GripMode;
-use gripline_recording::{Completeness, Image, Reader};
+use gripline_recording::{Completeness, Image, Metadata, Reader};
 
 use crate::error::Failure;
 
@@ -32,7 +32,8 @@ impl RecordedFrames {
         let reader = Reader::open(path)?;
         let is_there = reader.rest.get(fingertip).is_some_and(|rest| !rest.is_empty());
         let fingertip = if is_there { fingertip } else { 0 };
-        if reader.rest[fingertip].is_empty() {
+        // What stands for the rest of printed markers need not be a picture.
+        if reader.rest[fingertip].is_empty() && reader.metadata.rest.is_empty() {
             return Err(Failure::failed(format!(
                 "{}: found no picture at rest, expected some at the beginning of the recording",
                 path.display()
@@ -51,8 +52,18 @@ impl RecordedFrames {
         self.reader.metadata.frames_per_second.parse().ok()
     }
 
+    /// The file.
+    pub(crate) fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// What holds for all of it.
+    pub(crate) const fn metadata(&self) -> &Metadata {
+        &self.reader.metadata
+    }
+
     /// The untouched fingertip.
-    pub(super) fn rest(&self) -> &[Vec<u8>] {
+    pub(crate) fn rest(&self) -> &[Vec<u8>] {
         &self.reader.rest[self.fingertip]
     }
 

@@ -48,6 +48,7 @@ pub(crate) fn report(frame: u64) -> FrameReport {
         faults: Vec::new(),
         late: None,
         wire_bytes: 72,
+        markers: None,
         truth: None,
     }
 }
@@ -91,6 +92,7 @@ fn report_of(frame: u64, map: &[[f32; 3]; 400], contacts: u16, sticks: u16) -> F
         latency_us: 1_500.0 + (frame % 100) as f64,
         stages_us: [0.0, 150.0, 30.0, 1_250.0 + (frame % 100) as f64, 40.0, 25.0],
         wire_bytes: 2_704,
+        markers: None,
         truth: Some(Truth {
             phase: "hold".into(),
             normal_n: 11.0,

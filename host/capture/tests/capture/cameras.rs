@@ -240,11 +240,10 @@ impl Ready for FakeCamera {
 fn settings() -> CameraSettings {
     CameraSettings {
         mode: RequestedMode {
-            format: None,
             rate: 60.0,
+            ..RequestedMode::default()
         },
-        exposure_ms: None,
-        gain: None,
+        ..CameraSettings::default()
     }
 }
 
@@ -462,8 +461,8 @@ fn exposure_and_gain_are_fixed_and_described_with_format_and_rate() {
 fn what_the_camera_chooses_itself_and_a_rate_it_lacks_are_described() {
     let requested = CameraSettings {
         mode: RequestedMode {
-            format: None,
             rate: 120.0,
+            ..RequestedMode::default()
         },
         ..CameraSettings::default()
     };

@@ -7,7 +7,6 @@
 //! and the rest solved again, at most [`ROUNDS`] times.
 
 use gripline_sensor::Sensor;
-use nalgebra::{DMatrix, DVector};
 
 use super::MarkerMotion;
 use super::kernel::LayerKernel;
@@ -157,7 +156,7 @@ impl ElasticLayer {
             for taxel in &loaded {
                 for (component, usual) in USUAL_N.iter().enumerate() {
                     newtons[*taxel][component] =
-                        usual * usual * dot(self.column(*taxel, component), weights.as_slice());
+                        usual * usual * dot(self.column(*taxel, component), &weights);
                 }
             }
             let before = loaded.len();
@@ -172,37 +171,71 @@ impl ElasticLayer {
     }
 
     /// (A S Aᵀ + σ²)⁻¹ u over these taxels; `None` where rounding makes it no number.
-    fn weights(&self, motions: &[MarkerMotion], loaded: &[usize]) -> Option<DVector<f32>> {
+    fn weights(&self, motions: &[MarkerMotion], loaded: &[usize]) -> Option<Vec<f32>> {
         let size = 2 * self.markers;
-        let mut system = DMatrix::<f32>::zeros(size, size);
+        // Rows of the lower triangle, each at its full length.
+        let mut system = vec![0.0; size * size];
         for taxel in loaded {
             for (component, usual) in USUAL_N.iter().enumerate() {
                 let column = self.column(*taxel, component);
                 let usual_squared = usual * usual;
-                for (to, value) in column.iter().enumerate() {
+                for (row, value) in system
+                    .chunks_exact_mut(size)
+                    .zip(column)
+                    .enumerate()
+                    .map(|(at, (row, value))| (&mut row[..=at], value))
+                {
                     let scaled = usual_squared * value;
-                    // The lower triangle is all that Cholesky reads.
-                    let into = &mut system.as_mut_slice()[to * size + to..(to + 1) * size];
-                    for (into, value) in into.iter_mut().zip(&column[to..]) {
+                    for (into, value) in row.iter_mut().zip(column) {
                         *into += scaled * value;
                     }
                 }
             }
         }
-        let mut moved = DVector::<f32>::zeros(size);
+        let mut moved = vec![0.0; size];
         for (marker, motion) in motions.iter().enumerate() {
             let wrong = WRONG_MM[usize::from(!motion.is_seen)];
             for axis in 0..2 {
                 let at = axis * self.markers + marker;
                 moved[at] = motion.moved_mm[axis];
-                system[(at, at)] += wrong * wrong;
+                system[at * size + at] += wrong * wrong;
             }
         }
-        Some(system.cholesky()?.solve(&moved))
+        solve(&mut system, &mut moved)?;
+        Some(moved)
     }
 }
 
-fn dot(a: &[f32], b: &[f32]) -> f32 {
+/// Solves a symmetric positive definite system, of which the lower triangle is given, in place (Cholesky); `None` when it is not.
+fn solve(system: &mut [f32], right: &mut [f32]) -> Option<()> {
+    let size = right.len();
+    for at in 0..size {
+        let (above, rest) = system.split_at_mut(at * size);
+        let row = &mut rest[..=at];
+        for before in 0..at {
+            let other = &above[before * size..][..=before];
+            let sum = row[before] - dot(&row[..before], &other[..before]);
+            row[before] = sum / other[before];
+        }
+        let square = row[at] - dot(&row[..at], &row[..at]);
+        // Not a number is not above zero either.
+        if !(square > 0.0) {
+            return None;
+        }
+        row[at] = square.sqrt();
+        right[at] = (right[at] - dot(&row[..at], &right[..at])) / row[at];
+    }
+    for at in (0..size).rev() {
+        right[at] /= system[at * size + at];
+        let value = right[at];
+        for (below, entry) in right[..at].iter_mut().zip(&system[at * size..][..at]) {
+            *below -= value * entry;
+        }
+    }
+    Some(())
+}
+
+pub(super) fn dot(a: &[f32], b: &[f32]) -> f32 {
     // Eight sums side by side: one would wait for each addition.
     let mut sums = [0.0f32; 8];
     let (a, b) = (a.as_chunks::<8>(), b.as_chunks::<8>());

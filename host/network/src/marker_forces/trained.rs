@@ -213,7 +213,7 @@ impl Dense {
     fn forward(&self, input: &[f32], output: &mut [f32], leak: Option<f32>) {
         let rows = self.weights.chunks_exact(input.len());
         for ((out, row), bias) in output.iter_mut().zip(rows).zip(&self.bias) {
-            let sum = bias + super::dot(row, input);
+            let sum = bias + super::elastic_layer::dot(row, input);
             *out = match leak {
                 Some(leak) if sum < 0.0 => leak * sum,
                 _ => sum,

@@ -100,14 +100,18 @@ impl Bag {
         }
         self.put(&topic("slip"), &SLIP, ns, &sample.slip(&namespace))?;
         if let Some(picture) = picture {
-            let side = picture.side as u32;
+            let (encoding, channels) = if picture.is_colour() {
+                ("rgb8", 3)
+            } else {
+                ("mono8", 1)
+            };
             let message = Image {
                 header: sample.header(&namespace),
-                height: side,
-                width: side,
-                encoding: "mono8",
+                height: picture.height as u32,
+                width: picture.width as u32,
+                encoding,
                 is_bigendian: 0,
-                step: side,
+                step: channels * picture.width as u32,
                 data: picture.pixels,
             };
             self.put(&topic("picture"), &IMAGE, ns, &message)?;

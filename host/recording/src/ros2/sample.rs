@@ -208,6 +208,7 @@ pub(super) mod tests {
                 faults: vec!["LINE AT CEILING"],
                 late: None,
                 wire_bytes: 64,
+                markers: None,
                 truth: None,
             },
         }

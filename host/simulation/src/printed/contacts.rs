@@ -42,6 +42,8 @@ pub struct PrintedContacts {
     split: Split,
     looks: usize,
     random: Random,
+    /// How much closer the pictures of this gel are cropped.
+    zoom: f64,
     gel: Option<PrintedGel>,
     history: Option<History>,
     field: Option<DisplacementField>,
@@ -61,6 +63,7 @@ impl PrintedContacts {
             split,
             looks,
             random: Random::new(seed, CONTACTS + split as u64),
+            zoom: range.zoom[0],
             gel: None,
             history: None,
             field: None,
@@ -79,9 +82,13 @@ impl PrintedContacts {
     fn unit(&mut self, gel: Option<PrintedGel>) -> Result<PrintedUnit, SimulationError> {
         let own = self.split.own_number(&mut self.random);
         let mut random = Random::new(own, CONTACTS);
+        let range = UnitRange {
+            zoom: [self.zoom; 2],
+            ..self.range
+        };
         match gel {
-            Some(gel) => Ok(PrintedUnit::with_gel(&self.sensor, &self.range, gel, &mut random)),
-            None => PrintedUnit::draw(&self.sensor, &self.range, &mut random),
+            Some(gel) => Ok(PrintedUnit::with_gel(&self.sensor, &range, gel, &mut random)),
+            None => PrintedUnit::draw(&self.sensor, &range, &mut random),
         }
     }
 
@@ -96,6 +103,12 @@ impl PrintedContacts {
                 }
             }
             if self.counts.histories.is_multiple_of(HISTORIES_PER_GEL) {
+                let [least, most] = self.range.zoom;
+                self.zoom = if self.random.unit() < 0.5 {
+                    least
+                } else {
+                    self.random.uniform(least, most)
+                };
                 self.gel = Some(self.unit(None)?.gel().clone());
                 self.field = None;
             }
@@ -104,7 +117,7 @@ impl PrintedContacts {
             let (scale, scaled) = (gel.scale, gel.scaled_gel());
             let range = Range {
                 normal_n: NORMAL_N.map(|n| n * scale * scale),
-                half_mm: self.sensor.view.field_mm.map(|side| 0.5 * side * scale),
+                half_mm: self.sensor.view.field_mm.map(|side| 0.5 * side * scale / self.zoom),
             };
             self.history = History::draw(&mut self.random, self.split, &gel.surfaces, &scaled, range).ok();
         }
@@ -154,7 +167,7 @@ mod tests {
         assert_ne!(first[0].now_mm, other[0].now_mm);
         for sample in &first {
             let count = sample.rest_mm.len();
-            assert!((40..=90).contains(&count), "{count} markers");
+            assert!((20..=90).contains(&count), "{count} markers");
             let load_n: f32 = sample.forces.iter().map(|force| force[2]).sum();
             let moves = sample.rest_mm.iter().zip(&sample.now_mm);
             let farthest = moves

@@ -38,7 +38,7 @@ pub struct UnitRange {
     pub scale_error: [f64; 2],
     /// Displacement along the radius at the field's corner by distortion that is not known, share of the corner's radius.
     pub distortion: [f64; 2],
-    /// How much closer the picture is cropped.
+    /// How much closer the picture is cropped; half of the gels have the least.
     pub zoom: [f64; 2],
 }
 
@@ -55,7 +55,7 @@ impl UnitRange {
             distance_mm: [17.0, 27.0],
             scale_error: [-0.01, 0.01],
             distortion: [-0.01, 0.01],
-            zoom: [1.0; 2],
+            zoom: sensor.view.zoom,
         }
     }
 }

@@ -12,6 +12,7 @@ use crate::calibration::Rest;
 use gripline_capture::CaptureError;
 use gripline_evaluation::calibration::surface::{Change, Figures, limit};
 use gripline_link::usb::{Attached, choose};
+use gripline_sensor::Sensor;
 
 /// Minimum share of the wanted frame rate that is good, and that works at all.
 const RATE: [f64; 2] = [0.95, 0.5];
@@ -19,10 +20,28 @@ const RATE: [f64; 2] = [0.95, 0.5];
 const GAP: f64 = 1.5;
 /// Budget from the camera's bytes to the microcontroller's, ms: median and maximum (DESIGN.md).
 const BUDGET_MS: [f64; 2] = [1.5, 4.0];
+/// The same of printed markers, which are followed in every picture, and what a frame at 25 a second bears.
+const MARKERS_BUDGET_MS: f64 = 3.0;
+const MARKERS_MAX_MS: f64 = 20.0;
 /// Minimum sharpness as a share of the calibrated one.
 const SHARPNESS_KEPT: f64 = 0.8;
 /// Maximum noise as a share of the calibrated one.
 const NOISE_GROWN: f64 = 1.5;
+
+/// What pictures of printed markers show.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Look {
+    /// Columns and rows that the source has; `None` where it does not say.
+    pub size_px: Option<[usize; 2]>,
+    /// Mean level of the first picture, grey levels.
+    pub level: f64,
+    /// Markers in the largest grid.
+    pub markers: usize,
+    /// Distance of neighbours, pixels of the crop.
+    pub pitch_px: f64,
+    /// Largest share of hidden markers among the pictures.
+    pub lost_share: f64,
+}
 
 /// How serious a finding is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
@@ -338,6 +357,72 @@ pub(super) fn latency(times_ms: &mut [f64]) -> Finding {
         "a release build (`cargo build --release`); nothing else on this core (realtime.enabled); network.architecture \
          \"unet\"",
     )
+}
+
+/// The same of printed markers, from the crop to map and evidence.
+pub(super) fn marker_latency(times_ms: &mut [f64]) -> Finding {
+    times_ms.sort_by(f64::total_cmp);
+    let median = times_ms.get(times_ms.len() / 2).copied().unwrap_or(f64::INFINITY);
+    let longest = times_ms.last().copied().unwrap_or(f64::INFINITY);
+    Finding::new(
+        "latency",
+        grade(median > MARKERS_BUDGET_MS, median > MARKERS_MAX_MS),
+        format!(
+            "median {median:.2} ms, longest of {} {longest:.2} ms",
+            times_ms.len()
+        ),
+        format!("at most {MARKERS_BUDGET_MS} ms"),
+        "a release build (`cargo build --release`); nothing else on this core (realtime.enabled)",
+    )
+}
+
+/// Printed markers beside their description: size of the pictures, light, number, distance, hidden ones.
+pub(super) fn markers(sensor: &Sensor, look: &Look) -> Vec<Finding> {
+    let mut findings = Vec::new();
+    if let Some([width, height]) = look.size_px {
+        let shape = |[width, height]: [usize; 2]| width as f64 / height as f64;
+        let [wanted, camera] = [sensor.capture.size_px, sensor.capture.camera_px];
+        let off = (shape([width, height]) / shape(wanted)).ln().abs();
+        findings.push(Finding::new(
+            "picture",
+            grade(off > 0.02 || width < wanted[0], off > 0.1),
+            format!("{width}×{height} pixels"),
+            format!(
+                "{}×{} or {}×{}, or others of that shape",
+                wanted[0], wanted[1], camera[0], camera[1]
+            ),
+            "mend capture.size_px and crop_px of the description, or take pictures that are not cropped",
+        ));
+    }
+    let [dark, bright] = sensor.health.rest_level;
+    findings.push(Finding::new(
+        "light",
+        grade(false, look.level < dark || look.level > bright),
+        format!("mean level {:.0}", look.level),
+        format!("{dark} to {bright} (health.rest_level)"),
+        "set lamps and exposure, or the description's limits",
+    ));
+    let [fewest, most] = sensor.markers.count;
+    let [least_px, most_px] = sensor.pitch_px().unwrap_or_default();
+    let is_near = (0.9 * least_px..=1.1 * most_px).contains(&look.pitch_px);
+    findings.push(Finding::new(
+        "markers",
+        grade(look.markers > most || !is_near, look.markers < fewest),
+        format!("{} in a grid, {:.1} pixels apart", look.markers, look.pitch_px),
+        format!("{fewest} to {most}, {least_px:.0} to {most_px:.0} pixels apart"),
+        "markers.count and pitch_mm, view.field_mm and zoom of the description; light and focus",
+    ));
+    findings.push(Finding::new(
+        "hidden markers",
+        grade(look.lost_share > sensor.health.lost_share, false),
+        format!("{:.0} % at most", 100.0 * look.lost_share),
+        format!(
+            "at most {:.0} % (health.lost_share)",
+            100.0 * sensor.health.lost_share
+        ),
+        "clean or replace the gel; less light that glares",
+    ));
+    findings
 }
 
 /// `lacks`: what the system did not allow.

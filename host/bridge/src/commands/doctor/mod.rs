@@ -3,6 +3,7 @@
 //! This file measures and changes nothing; `judge` judges.
 
 mod judge;
+mod markers;
 
 use std::time::Instant;
 
@@ -18,6 +19,7 @@ use self::judge::{Finding, Level};
 use crate::calibration::{Calibration, with_points};
 use crate::config::{Overrides, Settings};
 use crate::error::{Completion, Failure};
+use crate::model::Model;
 use crate::run::realtime;
 use crate::source::{AtRest, SimulatedSource, Source, SourceSettings};
 use gripline_capture::clip::ffmpeg_version;
@@ -68,12 +70,22 @@ pub(super) fn check(settings: &Settings, json: bool) -> Result<Completion, Failu
         is_second: false,
         findings: Vec::new(),
     };
-    let calibration = settings.calibration.as_ref();
-    let rest = doctor.camera(&settings.source, &settings.source_settings(0), calibration);
+    let model = Model::of(settings)?;
+    let mut rest = Vec::new();
+    if model.has_markers() {
+        doctor.markers(settings, &model, 0, &settings.source);
+    } else {
+        let calibration = settings.calibration.as_ref();
+        rest = doctor.camera(&settings.source, &settings.source_settings(0), calibration);
+    }
     if let Some(second) = &settings.second_source {
         doctor.is_second = true;
-        let second_settings = settings.source_settings(1);
-        doctor.camera(second, &second_settings, settings.second_calibration.as_ref());
+        if model.has_markers() {
+            doctor.markers(settings, &model, 1, second);
+        } else {
+            let second_settings = settings.source_settings(1);
+            doctor.camera(second, &second_settings, settings.second_calibration.as_ref());
+        }
         doctor.is_second = false;
     }
     let sources = [Some(&settings.source), settings.second_source.as_ref()];
@@ -81,7 +93,7 @@ pub(super) fn check(settings: &Settings, json: bool) -> Result<Completion, Failu
     let is_needed = sources.iter().flatten().any(is_clip);
     doctor.report(judge::ffmpeg(ffmpeg_version(), is_needed));
     doctor.link(settings);
-    doctor.machine(settings, &rest);
+    doctor.machine(settings, &model, &rest);
     let findings = &doctor.findings;
     let worst = findings
         .iter()
@@ -231,30 +243,24 @@ impl Doctor {
     }
 
     /// Processor, network, latency and real-time rights; the rights last, because locked memory stays locked.
-    fn machine(&mut self, settings: &Settings, rest: &[Vec<u8>]) {
+    fn machine(&mut self, settings: &Settings, model: &Model, rest: &[Vec<u8>]) {
         let widest = InstructionSet::widest();
         self.report(judge::processor(settings.instructions.unwrap_or(widest), widest));
-        match settings.network() {
-            Ok(network) => {
-                let calibration = network.calibration();
-                let found = format!(
-                    "{}: friction {:.2}, contact from {:.3} N a taxel",
-                    network.architecture(),
-                    calibration.friction,
-                    calibration.contact_min_n
-                );
-                self.report(Finding::ok("network", found, "weights that can be read"));
-                match frame_times_ms(settings, network, rest) {
-                    Ok(mut times) => self.report(judge::latency(&mut times)),
-                    Err(failure) => self.report(Finding::fail("latency", failure, "maps", "report this")),
-                }
+        // Of markers the pictures themselves were timed.
+        if let Some(network) = model.network() {
+            let network = network.clone();
+            let calibration = network.calibration();
+            let found = format!(
+                "{}: friction {:.2}, contact from {:.3} N a taxel",
+                network.architecture(),
+                calibration.friction,
+                calibration.contact_min_n
+            );
+            self.report(Finding::ok("network", found, "weights that can be read"));
+            match frame_times_ms(settings, network, rest) {
+                Ok(mut times) => self.report(judge::latency(&mut times)),
+                Err(failure) => self.report(Finding::fail("latency", failure, "maps", "report this")),
             }
-            Err(failure) => self.report(Finding::fail(
-                "network",
-                failure,
-                "weights that can be read",
-                "leave network.weights out, or name a file that the trainer wrote",
-            )),
         }
         let lacks = std::thread::scope(|scope| {
             let core = settings.realtime_core;

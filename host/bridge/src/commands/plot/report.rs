@@ -66,6 +66,7 @@ pub(in crate::commands) fn report_of(stored: &RecordedStatus, settings: &Configu
             .collect(),
         late: stored.late.as_deref().and_then(Late::named).map(Late::name),
         wire_bytes: stored.wire_bytes,
+        markers: None,
         truth: stored.truth.as_ref().map(|truth| Truth {
             phase: truth.phase.clone().into(),
             normal_n: truth.normal_n,

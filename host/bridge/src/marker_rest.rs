@@ -1,0 +1,210 @@
+//! What stands for the untouched gel of printed markers: frames of the clip itself, other pictures, those of a recording, or the
+//! regular grid. Touches files.
+
+use std::ffi::OsStr;
+use std::fmt;
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+
+use gripline_capture::ColourPlayback;
+use gripline_markers::RestKind;
+use gripline_pipeline::markers::MarkerRest;
+use gripline_sensor::Sensor;
+use gripline_simulation::constants::REST_PICTURES;
+
+use crate::error::Failure;
+use crate::source::{Frames, Source};
+
+/// Pictures at rest that are enough: more make the start slow and the median no better.
+const PICTURES_MAX: usize = 64;
+/// What the regular grid costs (docs/evidence.md, imprint without a rest picture).
+const GRID_COST: &str = "on recorded grasps that costs evidence of slip 0.13 of its area under the ROC curve, and forces count from the grid";
+
+/// What `--rest` names.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum RestSource {
+    /// These frames of the pictures themselves, the last not among them.
+    Span(Range<usize>),
+    /// A picture, a clip, or a folder of pictures.
+    Path(PathBuf),
+}
+
+impl FromStr for RestSource {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        let Some((from, to)) = text.split_once("..").filter(|(from, to)| {
+            let is_number = |text: &str| !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit());
+            !Path::new(text).exists() && (is_number(from) || is_number(to))
+        }) else {
+            return Ok(Self::Path(text.into()));
+        };
+        match (from.parse(), to.parse()) {
+            (Ok(from), Ok(to)) if from < to => Ok(Self::Span(from..to)),
+            _ => Err(format!(
+                "found {text}, expected frames of the clip such as 12..20, a picture, or a folder of pictures"
+            )),
+        }
+    }
+}
+
+impl fmt::Display for RestSource {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Span(span) => write!(f, "{}..{}", span.start, span.end),
+            Self::Path(path) => write!(f, "{}", path.display()),
+        }
+    }
+}
+
+/// The rest of a source's fingertip. `wanted` is what was asked for; `opened` the source at work.
+///
+/// # Errors
+/// [`Failure`] when it cannot be read, or a span is longer than what it is of.
+pub(crate) fn of(
+    wanted: Option<&RestSource>,
+    source: &Source,
+    opened: &Frames,
+    (sensor, fingertip): (&Sensor, usize),
+) -> Result<MarkerRest, Failure> {
+    match (wanted, source, opened) {
+        (Some(RestSource::Span(span)), Source::Clip(path) | Source::Folder(path), _) => {
+            span_of(span, path, sensor, fingertip)
+        }
+        (Some(RestSource::Span(span)), other, _) => Err(Failure::usage(format!(
+            "sensor.rest (--rest): found {}..{} with camera.source {other}, expected file:CLIP or dir:FOLDER beside frames: name a \
+             picture or a folder",
+            span.start, span.end
+        ))),
+        (Some(RestSource::Path(path)), ..) => pictures_of(path, sensor),
+        (None, _, Frames::Recording(recorded)) => {
+            recorded_rest(recorded.metadata().rest.as_str(), recorded.rest())
+        }
+        (None, _, Frames::Colour(playback)) => match playback.rest() {
+            Some(file) => pictures_of(file, sensor),
+            None => {
+                tracing::warn!(
+                    "no --rest: the regular grid of markers and an even light stand for it; {GRID_COST}"
+                );
+                Ok(MarkerRest::grid())
+            }
+        },
+        (None, _, Frames::Camera(camera)) => Ok(MarkerRest {
+            pictures: camera
+                .take_frames(REST_PICTURES.into())?
+                .into_iter()
+                .map(|frame| frame.crop)
+                .collect(),
+            kind: RestKind::Own,
+            named: "the pictures of the start".to_owned(),
+        }),
+        (None, ..) => Ok(MarkerRest::grid()),
+    }
+}
+
+fn span_of(
+    span: &Range<usize>,
+    path: &Path,
+    sensor: &Sensor,
+    fingertip: usize,
+) -> Result<MarkerRest, Failure> {
+    let mut frames = ColourPlayback::open(path, &sensor.capture, fingertip)?;
+    let (mut pictures, mut read) = (Vec::new(), 0);
+    while read < span.end
+        && let Some((picture, _)) = frames.next_picture()
+    {
+        if read >= span.start {
+            pictures.push(picture);
+        }
+        read += 1;
+    }
+    let named = format!("--rest {}..{}", span.start, span.end);
+    if read < span.end {
+        return Err(Failure::failed(format!(
+            "{named}: found {read} frames in {}, expected at least {}: choose a span inside it",
+            path.display(),
+            span.end
+        )));
+    }
+    let surplus = pictures.len().saturating_sub(PICTURES_MAX);
+    pictures.drain(..surplus);
+    Ok(MarkerRest {
+        pictures,
+        kind: RestKind::Own,
+        named: format!("{named} of {}", path.display()),
+    })
+}
+
+fn pictures_of(path: &Path, sensor: &Sensor) -> Result<MarkerRest, Failure> {
+    // What is named rest.png in a folder of rest pictures is one of them.
+    let files = if path.is_dir() {
+        gripline_capture::picture::list(path)?
+    } else {
+        vec![path.to_owned()]
+    };
+    let mut pictures = Vec::new();
+    for file in files {
+        let mut frames = ColourPlayback::open(&file, &sensor.capture, 0)?;
+        while pictures.len() < PICTURES_MAX
+            && let Some((picture, _)) = frames.next_picture()
+        {
+            pictures.push(picture);
+        }
+    }
+    let name = path.file_name().unwrap_or_else(|| OsStr::new("rest"));
+    if pictures.is_empty() {
+        return Err(Failure::failed(format!(
+            "--rest {}: found no pictures, expected some of the untouched gel",
+            path.display()
+        )));
+    }
+    tracing::info!("at rest: {} pictures of {}", pictures.len(), name.display());
+    Ok(MarkerRest {
+        pictures,
+        kind: RestKind::Other,
+        named: format!("--rest {}", path.display()),
+    })
+}
+
+/// What a recording says stood for rest.
+///
+/// # Errors
+/// [`Failure`] when it says nothing of it.
+pub(crate) fn recorded_rest(kind: &str, pictures: &[Vec<u8>]) -> Result<MarkerRest, Failure> {
+    let kinds = [RestKind::Own, RestKind::Other, RestKind::Grid];
+    let kind = kinds.into_iter().find(|known| known.to_string() == kind).ok_or_else(|| {
+        Failure::failed(format!(
+            "the recording's rest: found {kind:?}, expected own pictures, other pictures or regular grid: record it again"
+        ))
+    })?;
+    Ok(MarkerRest {
+        pictures: pictures.to_vec(),
+        kind,
+        named: "the recording's rest".to_owned(),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_rest_is_a_span_of_frames_or_a_path() {
+        assert_eq!("12..20".parse(), Ok(RestSource::Span(12..20)));
+        assert_eq!("rest.png".parse(), Ok(RestSource::Path("rest.png".into())));
+        assert_eq!("../rest".parse(), Ok(RestSource::Path("../rest".into())));
+        for wrong in ["20..12", "12..", "..7"] {
+            let told = wrong.parse::<RestSource>().unwrap_err();
+            assert!(told.contains(wrong) && told.contains("12..20"), "{told}");
+        }
+    }
+
+    #[test]
+    fn every_kind_of_rest_is_found_again_in_a_recording() {
+        for kind in [RestKind::Own, RestKind::Other, RestKind::Grid] {
+            assert_eq!(recorded_rest(&kind.to_string(), &[]).unwrap().kind, kind);
+        }
+        assert!(recorded_rest("", &[]).is_err());
+    }
+}

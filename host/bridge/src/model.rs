@@ -1,0 +1,236 @@
+//! What makes forces of a fingertip's pictures: the force network for particles, or markers with a force model, as the sensor's
+//! description says. The same for a run and for the replay of a recording.
+
+use std::path::Path;
+
+use gripline_firmware::sums::TaxelRule;
+use gripline_markers::RestKind;
+use gripline_network::marker_forces::MarkerForces;
+use gripline_network::scene::GateKind;
+use gripline_network::{Calibration, Network};
+use gripline_pipeline::markers::{self, MarkerRest, MarkerStage};
+use gripline_pipeline::pipeline::{self, Pipeline};
+use gripline_protocol::message::FingertipGeometry;
+use gripline_recording::{CROP_SIDE, Image, Metadata};
+use gripline_sensor::{MarkerKind, SHIPPED, Sensor};
+
+use crate::config::Settings;
+use crate::error::Failure;
+
+/// A sensor and what reads it.
+#[derive(Debug, Clone)]
+pub(crate) struct Model {
+    /// The description.
+    pub sensor: Sensor,
+    /// Its text, for recordings; empty for the default.
+    text: String,
+    reader: Reader,
+}
+
+#[derive(Debug, Clone)]
+enum Reader {
+    Particles(Box<Network>),
+    Markers(Box<MarkerForces>),
+}
+
+/// A fingertip's pictures while nothing touches it.
+#[derive(Debug, Clone)]
+pub(crate) enum AtRest {
+    /// 440×440 grey levels each, at least one.
+    Particles(Vec<Vec<u8>>),
+    /// What stands for the untouched gel.
+    Markers(MarkerRest),
+}
+
+impl Model {
+    /// The one that the settings name.
+    ///
+    /// # Errors
+    /// [`Failure`] when description or weights cannot be used, or do not belong together.
+    pub(crate) fn of(wanted: &Settings) -> Result<Self, Failure> {
+        let text = Sensor::text_of(&wanted.sensor)?;
+        let sensor = Sensor::from_toml(&wanted.sensor, &text)?;
+        let (reader, text) = match sensor.markers.kind {
+            MarkerKind::Volume => {
+                known_particles(&sensor)?;
+                (Reader::Particles(Box::new(wanted.network()?)), String::new())
+            }
+            MarkerKind::Plane => {
+                let forces = match &wanted.weights {
+                    Some(file) => MarkerForces::from_file(file, &sensor)?,
+                    None => MarkerForces::for_sensor(&sensor, wanted.sensor.parent())?,
+                };
+                (Reader::Markers(Box::new(forces)), text)
+            }
+        };
+        Ok(Self { sensor, text, reader })
+    }
+
+    /// The one of a recording of printed markers; `None` of one of particles.
+    ///
+    /// # Errors
+    /// [`Failure`] when the description in it cannot be used, or the weights are another sensor's.
+    pub(crate) fn recorded(metadata: &Metadata, weights: Option<&Path>) -> Result<Option<Self>, Failure> {
+        if metadata.sensor_file.is_empty() {
+            return Ok(None);
+        }
+        let sensor = Sensor::from_toml(Path::new(&metadata.sensor), &metadata.sensor_file)?;
+        let forces = match weights {
+            Some(file) => MarkerForces::from_file(file, &sensor)?,
+            None => MarkerForces::for_sensor(&sensor, None)?,
+        };
+        Ok(Some(Self {
+            sensor,
+            text: metadata.sensor_file.clone(),
+            reader: Reader::Markers(Box::new(forces)),
+        }))
+    }
+
+    /// The force network of a sensor with particles.
+    pub(crate) fn network(&self) -> Option<&Network> {
+        match &self.reader {
+            Reader::Particles(network) => Some(network),
+            Reader::Markers(_) => None,
+        }
+    }
+
+    /// Whether the sensor has printed markers, and colour pictures.
+    pub(crate) const fn has_markers(&self) -> bool {
+        matches!(self.reader, Reader::Markers(_))
+    }
+
+    /// How the detector should read its maps.
+    pub(crate) fn calibration(&self) -> Calibration {
+        match &self.reader {
+            Reader::Particles(network) => network.calibration(),
+            Reader::Markers(forces) => forces.calibration(),
+        }
+    }
+
+    /// Side of a taxel in a fingertip's geometry.
+    pub(crate) fn sized(&self, geometry: FingertipGeometry) -> FingertipGeometry {
+        FingertipGeometry {
+            pitch_um: (1e3 * self.sensor.taxels.pitch_mm).round() as u16,
+            ..geometry
+        }
+    }
+
+    /// What makes maps of one fingertip's pictures.
+    ///
+    /// # Errors
+    /// [`Failure`] when the rest shows no markers, or a touch.
+    pub(crate) fn pipeline(
+        &self,
+        rest: &AtRest,
+        gate: GateKind,
+        rule: TaxelRule,
+    ) -> Result<Pipeline, Failure> {
+        match (&self.reader, rest) {
+            (Reader::Particles(network), AtRest::Particles(crops)) => {
+                Ok(Pipeline::new((**network).clone(), crops, gate, rule))
+            }
+            (Reader::Markers(forces), AtRest::Markers(rest)) => {
+                let stage = MarkerStage::new(&self.sensor, (**forces).clone(), rest, gate)?;
+                Ok(Pipeline::of_markers(stage, rule))
+            }
+            _ => Err(Failure::failed(format!(
+                "sensor {}: found the rest pictures of another kind of sensor",
+                self.sensor.identity()
+            ))),
+        }
+    }
+
+    /// Model, origin of its numbers, and what tells its weights apart, for recordings.
+    pub(crate) fn named(&self, rest: &AtRest) -> [String; 3] {
+        match (&self.reader, rest) {
+            (Reader::Particles(network), AtRest::Particles(crops)) => [
+                network.architecture().to_string(),
+                network.manifest().to_owned(),
+                crops
+                    .first()
+                    .map_or_else(String::new, |crop| pipeline::fingerprint(network, crop)),
+            ],
+            (Reader::Particles(network), AtRest::Markers(_)) => [
+                network.architecture().to_string(),
+                network.manifest().to_owned(),
+                String::new(),
+            ],
+            (Reader::Markers(forces), _) => [
+                forces.name().to_owned(),
+                forces.manifest(),
+                markers::fingerprint(forces),
+            ],
+        }
+    }
+
+    /// The description for recordings: identity, and the text where it is not the default's.
+    pub(crate) fn described(&self) -> [String; 2] {
+        [self.sensor.identity(), self.text.clone()]
+    }
+
+    /// A crop as a picture of a recording.
+    pub(crate) fn image(&self, crop: Vec<u8>) -> Image {
+        if !self.has_markers() {
+            return Image::grey(CROP_SIDE, crop);
+        }
+        let [_, _, width, height] = self.sensor.capture.crop_px;
+        Image {
+            width,
+            height,
+            pixels: crop,
+        }
+    }
+
+    /// Refuses a recording of another sensor by name.
+    ///
+    /// # Errors
+    /// [`Failure`] that names both.
+    pub(crate) fn accepts(&self, metadata: &Metadata, file: &Path) -> Result<(), Failure> {
+        // Older recordings name none, and are of the default one.
+        let default = Sensor::default_one()?.identity();
+        let recorded = if metadata.sensor.is_empty() {
+            &default
+        } else {
+            &metadata.sensor
+        };
+        if *recorded == self.sensor.identity() {
+            return Ok(());
+        }
+        Err(Failure::failed(format!(
+            "{}: found a recording of sensor {recorded}, expected one of {}: name its description with --sensor",
+            file.display(),
+            self.sensor.identity()
+        )))
+    }
+}
+
+impl AtRest {
+    /// Its pictures.
+    pub(crate) fn pictures(&self) -> &[Vec<u8>] {
+        match self {
+            Self::Particles(crops) => crops,
+            Self::Markers(rest) => &rest.pictures,
+        }
+    }
+
+    /// What it is, for recordings; empty for particles, whose rest are always pictures.
+    pub(crate) fn kind(&self) -> Option<RestKind> {
+        match self {
+            Self::Particles(_) => None,
+            Self::Markers(rest) => Some(rest.kind),
+        }
+    }
+}
+
+/// The shipped weights know one fingertip with particles.
+fn known_particles(sensor: &Sensor) -> Result<(), Failure> {
+    if *sensor == Sensor::default_one()? {
+        return Ok(());
+    }
+    Err(Failure::failed(format!(
+        "sensor {}: found other particles than those of {}, expected these: the force network knows no others; train one \
+         (docs/own-sensor.md)",
+        sensor.identity(),
+        SHIPPED[0].0
+    )))
+}

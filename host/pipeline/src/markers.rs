@@ -1,0 +1,432 @@
+//! A fingertip with printed markers: from a colour picture to forces and evidence of motion. Pure.
+//! Units: pixels of the crop from its upper left corner, mm from its middle with y up, newtons.
+//!
+//! The markers' displacement gives forces ([`MarkerForces`]); the imprint between them, carried along with the gel, shows whether the
+//! object moves ([`Hold`]): that travels in the map's head. Markers are followed in every picture, whatever the gate says.
+
+use std::time::Instant;
+
+use gripline_markers::{Doubt, Evidence, Filled, Finger, Hold, Marker, Rest, RestKind};
+use gripline_network::marker_forces::{MarkerForces, MarkerMotion};
+use gripline_network::scene::{GateDecision, GateKind};
+use gripline_protocol::{Health, Motion, TAXELS};
+use gripline_recording::telemetry::MarkersReport;
+use gripline_sensor::Sensor;
+
+use crate::error::{MarkerProblem, PipelineError};
+
+/// Columns of a map.
+const MAP_SIDE: usize = 20;
+/// Pictures of one rest that differ from their median by more energy show a touch, squared grey levels per pixel.
+const REST_ENERGY_MAX: f32 = 8.0;
+/// Below this energy an imprint is noise, and nothing touches; that of a finger whose object is surely gone (docs/evidence.md).
+const UNTOUCHED_ENERGY: f32 = 8.0;
+/// Markers within so much of their rest have not moved, pixels, in the median and at most: they return to 0.15 and differ by 0.02.
+const UNMOVED_PX: [f32; 2] = [0.4, 1.5];
+/// The same where the regular grid stands for rest: printed dots deviate from it.
+const UNMOVED_FROM_GRID_PX: [f32; 2] = [1.0, 3.0];
+/// A taxel is touched from this energy on, and from this share of the most touched one's.
+const TOUCHED_ENERGY: f32 = 16.0;
+const TOUCHED_SHARE: f32 = 0.05;
+/// So many untouched pictures after each other end a hold.
+const HOLD_ENDS: u32 = 25;
+/// Evidence of the imprint that means nothing either way: the threshold at which holds are told best (docs/evidence.md).
+const EVEN_EVIDENCE: f32 = 0.5;
+/// Quality of evidence from which each step of the head's quality begins.
+const QUALITY_FROM: [f32; Motion::QUALITY_MAX as usize] = [0.15, 0.55, 0.8];
+/// At the first picture after rest pictures of other days so many markers must be where those show them.
+const SAME_GEL_SHARE: f32 = 0.5;
+
+/// What stands for the untouched gel.
+#[derive(Debug, Clone)]
+pub struct MarkerRest {
+    /// Crops in colour; none where the regular grid stands for it.
+    pub pictures: Vec<Vec<u8>>,
+    /// Where they come from.
+    pub kind: RestKind,
+    /// What messages call them, such as `--rest 12..20`.
+    pub named: String,
+}
+
+impl MarkerRest {
+    /// Nothing is known.
+    #[must_use]
+    pub fn grid() -> Self {
+        Self {
+            pictures: Vec::new(),
+            kind: RestKind::Grid,
+            named: "the regular grid".to_owned(),
+        }
+    }
+}
+
+/// What a picture came to.
+pub(crate) struct Seen {
+    pub gate: GateDecision,
+    pub health: Health,
+    pub motion: Motion,
+    /// Time for downsampling, gate, and markers with imprint and forces, µs.
+    pub stages_us: [f64; 3],
+}
+
+/// The work on one fingertip's pictures.
+#[derive(Debug, Clone)]
+pub struct MarkerStage {
+    sensor: Sensor,
+    finger: Finger,
+    rest: Rest,
+    /// Where each marker is at rest, pixels; none before the first picture without rest pictures.
+    places_px: Option<Vec<[f32; 2]>>,
+    forces: MarkerForces,
+    gate: GateKind,
+    hold: Hold,
+    /// Untouched pictures after each other.
+    untouched: u32,
+    is_first: bool,
+    motions: Vec<MarkerMotion>,
+    mm_per_px: f32,
+    evidence: Option<Evidence>,
+}
+
+impl MarkerStage {
+    /// For the pictures of a sensor, seen against `rest`.
+    ///
+    /// # Errors
+    /// [`PipelineError::Markers`] when the sensor has no printed markers, or the rest shows none, or a touch.
+    pub fn new(
+        sensor: &Sensor,
+        forces: MarkerForces,
+        rest: &MarkerRest,
+        gate: GateKind,
+    ) -> Result<Self, PipelineError> {
+        let finger = Finger::new(sensor).map_err(MarkerProblem::Markers)?;
+        let mut stage = Self {
+            sensor: sensor.clone(),
+            finger,
+            rest: Rest::GRID,
+            places_px: None,
+            forces,
+            gate,
+            hold: Hold::default(),
+            untouched: 0,
+            is_first: true,
+            motions: Vec::new(),
+            mm_per_px: 0.0,
+            evidence: None,
+        };
+        stage.take_rest(rest)?;
+        Ok(stage)
+    }
+
+    pub(crate) fn contact_min_n(&self) -> f32 {
+        self.forces.calibration().contact_min_n
+    }
+
+    /// Columns and rows of the crop.
+    pub(crate) fn size_px(&self) -> [usize; 2] {
+        self.finger.tracker().size_px()
+    }
+
+    /// The markers of the newest picture.
+    #[must_use]
+    pub fn markers(&self) -> &[Marker] {
+        self.finger.tracker().markers()
+    }
+
+    /// What the newest picture shows.
+    #[must_use]
+    pub fn report(&self) -> MarkersReport {
+        let markers = self.markers();
+        let evidence = self.evidence.as_ref();
+        MarkersReport {
+            followed: markers.len(),
+            hidden: markers.iter().filter(|marker| !marker.seen).count(),
+            imprint_slip: evidence.map(|evidence| evidence.slip),
+            imprint_quality: evidence.map(|evidence| evidence.quality),
+            imprint_lost: evidence.map(|evidence| evidence.loss),
+        }
+    }
+
+    /// What the imprints said of the newest picture; `None` until there is an earlier one.
+    #[must_use]
+    pub const fn evidence(&self) -> Option<Evidence> {
+        self.evidence
+    }
+
+    fn take_rest(&mut self, rest: &MarkerRest) -> Result<(), PipelineError> {
+        if rest.pictures.is_empty() {
+            self.finger.set_rest(Rest::GRID);
+            return Ok(());
+        }
+        let unseen = |number: usize, problem| MarkerProblem::Rest {
+            rest: format!("{}, picture {number}", rest.named),
+            problem,
+        };
+        let (mut filled, mut places): (Vec<Filled>, Vec<Vec<Marker>>) = (Vec::new(), Vec::new());
+        for (number, picture) in rest.pictures.iter().enumerate() {
+            let seen = if rest.kind == RestKind::Own || number == 0 {
+                let seen = self.finger.see(picture);
+                places.push(self.markers().to_vec());
+                seen
+            } else {
+                // Pictures of other days need not follow each other.
+                Finger::new(&self.sensor).and_then(|mut finger| finger.see(picture))
+            };
+            filled.push(seen.map_err(|problem| unseen(number, problem))?.filled);
+        }
+        self.rest = Rest::of(&filled, rest.kind);
+        let most = filled
+            .iter()
+            .filter_map(|picture| self.finger.energy(picture, &self.rest))
+            .fold(0.0, f32::max);
+        if rest.kind == RestKind::Own && most > REST_ENERGY_MAX {
+            return Err(MarkerProblem::RestMoves {
+                rest: rest.named.clone(),
+                found: most,
+                expected: REST_ENERGY_MAX,
+            }
+            .into());
+        }
+        let count = places.first().map_or(0, Vec::len);
+        let middle = |marker: usize, axis: usize| {
+            let seen = places.iter().map(|places| places[marker]);
+            let mut values: Vec<f32> = seen
+                .clone()
+                .filter(|marker| marker.seen)
+                .chain(seen.take(1))
+                .map(|marker| marker.at_px[axis])
+                .collect();
+            values.sort_by(f32::total_cmp);
+            values[values.len() / 2]
+        };
+        let places: Vec<[f32; 2]> = (0..count)
+            .map(|marker| [middle(marker, 0), middle(marker, 1)])
+            .collect();
+        self.finger.set_rest(self.rest.clone());
+        self.begin(places);
+        Ok(())
+    }
+
+    /// From now on the markers are at rest here.
+    fn begin(&mut self, places_px: Vec<[f32; 2]>) {
+        self.mm_per_px = self.scale();
+        let places_mm: Vec<_> = places_px.iter().map(|place| self.in_mm(*place)).collect();
+        self.forces.set_rest(&places_mm);
+        self.motions = vec![MarkerMotion::default(); places_px.len()];
+        self.places_px = Some(places_px);
+    }
+
+    /// mm per pixel: the field's, closer by as much as the markers are farther apart than the description says, within its zoom.
+    fn scale(&self) -> f32 {
+        let [x, y] = self.sensor.px_per_mm();
+        let nominal = 0.5 * (x + y);
+        let pitch_mm = self
+            .sensor
+            .markers
+            .pitch_mm
+            .map_or(1.0, |[least, most]| 0.5 * (least + most));
+        let found = self.finger.tracker().pitch_px().map_or(nominal, f64::from) / pitch_mm;
+        let [least, most] = self.sensor.view.zoom;
+        (1.0 / (nominal * (found / nominal).clamp(least, most))) as f32
+    }
+
+    fn in_mm(&self, [x, y]: [f32; 2]) -> [f32; 2] {
+        let [width, height] = self.finger.tracker().size_px().map(|side| side as f32);
+        [
+            (x - 0.5 * width) * self.mm_per_px,
+            (0.5 * height - y) * self.mm_per_px,
+        ]
+    }
+
+    /// Takes the next picture; forces go to `newtons` where the gate asks for them.
+    pub(crate) fn process(
+        &mut self,
+        crop: &[u8],
+        newtons: &mut [[f32; 3]; TAXELS],
+    ) -> Result<Seen, PipelineError> {
+        let start = Instant::now();
+        let seen = self.look(crop)?;
+        let looked = Instant::now();
+        let evidence = seen
+            .comparison
+            .and_then(|comparison| self.hold.step(&[comparison]));
+        self.evidence = evidence;
+        self.move_markers();
+        let energy = seen.comparison.map_or(0.0, |comparison| comparison.energy);
+        let is_untouched = self.is_untouched(energy);
+        let gate = match seen.doubt {
+            Some(_) => GateDecision::Unhealthy,
+            None if is_untouched && self.gate != GateKind::Off => GateDecision::NoContact,
+            None => GateDecision::Infer,
+        };
+        self.untouched = if is_untouched { self.untouched + 1 } else { 0 };
+        let gated = Instant::now();
+        if gate == GateDecision::Infer {
+            let touched = self.touched();
+            self.forces.infer(&self.motions, touched.as_ref(), newtons);
+        }
+        let us = |from: Instant, to: Instant| (to - from).as_secs_f64() * 1e6;
+        let motion = evidence.map_or(Motion::UNKNOWN, |evidence| motion_of(&evidence));
+        if self.untouched >= HOLD_ENDS {
+            self.hold = Hold::default();
+        }
+        Ok(Seen {
+            gate,
+            health: seen.doubt.map_or(Health::GOOD, health_of),
+            motion,
+            // Nothing is downsampled; following markers is the network's part, as following particles is.
+            stages_us: [
+                0.0,
+                us(looked, gated),
+                us(start, looked) + us(gated, Instant::now()),
+            ],
+        })
+    }
+
+    fn look(&mut self, crop: &[u8]) -> Result<gripline_markers::Observation, PipelineError> {
+        let is_first = std::mem::take(&mut self.is_first);
+        let mut seen = self.finger.see(crop).map_err(MarkerProblem::Markers)?;
+        if is_first && self.rest.kind() == RestKind::Other && seen.lost_share > SAME_GEL_SHARE {
+            // Another gel, or another zoom: its own grid stands for its places, the pictures only for the light.
+            self.finger = Finger::new(&self.sensor).map_err(MarkerProblem::Markers)?;
+            self.finger.set_rest(self.rest.clone());
+            seen = self.finger.see(crop).map_err(MarkerProblem::Markers)?;
+            self.places_px = None;
+        }
+        if self.places_px.is_none() {
+            let regular = self.markers().iter().map(|marker| marker.regular_px).collect();
+            self.begin(regular);
+        }
+        Ok(seen)
+    }
+
+    fn move_markers(&mut self) {
+        let places = self.places_px.as_deref().unwrap_or_default();
+        let markers = self.finger.tracker().markers();
+        for ((motion, marker), place) in self.motions.iter_mut().zip(markers).zip(places) {
+            let [x, y] = [marker.at_px[0] - place[0], marker.at_px[1] - place[1]];
+            *motion = MarkerMotion {
+                moved_mm: [x * self.mm_per_px, -y * self.mm_per_px],
+                is_seen: marker.seen,
+            };
+        }
+    }
+
+    /// Neither an imprint nor moved markers.
+    fn is_untouched(&self, energy: f32) -> bool {
+        let has_picture = self.rest.kind() != RestKind::Grid;
+        let limits = if has_picture {
+            UNMOVED_PX
+        } else {
+            UNMOVED_FROM_GRID_PX
+        };
+        let mut far_px: Vec<f32> = self
+            .motions
+            .iter()
+            .filter(|motion| motion.is_seen)
+            .map(|motion| motion.moved_mm[0].hypot(motion.moved_mm[1]) / self.mm_per_px)
+            .collect();
+        far_px.sort_by(f32::total_cmp);
+        let middle = far_px.get(far_px.len() / 2).copied().unwrap_or_default();
+        // One marker beside a damage may be anywhere.
+        let most = far_px
+            .get(far_px.len().saturating_sub(3))
+            .copied()
+            .unwrap_or_default();
+        (!has_picture || energy < UNTOUCHED_ENERGY) && middle < limits[0] && most < limits[1]
+    }
+
+    /// The taxels in which the imprint shows contact; `None` without a picture at rest.
+    fn touched(&self) -> Option<[bool; TAXELS]> {
+        if self.rest.kind() == RestKind::Grid {
+            return None;
+        }
+        let [columns, rows] = self.sensor.taxels.grid;
+        let pitch_px = self.sensor.taxels.pitch_mm as f32 / self.mm_per_px;
+        let [width, height] = self.finger.tracker().size_px().map(|side| side as f32);
+        let energies: [f32; TAXELS] = std::array::from_fn(|taxel| {
+            let (column, row) = (taxel % MAP_SIDE, taxel / MAP_SIDE);
+            if column >= columns || row >= rows {
+                return 0.0;
+            }
+            let from_middle = |at: usize, of: usize| (at as f32 + 0.5 - 0.5 * of as f32) * pitch_px;
+            let centre = [
+                0.5 * width + from_middle(column, columns),
+                0.5 * height - from_middle(row, rows),
+            ];
+            self.finger.energy_around(centre, 0.5 * pitch_px)
+        });
+        let most = energies.iter().copied().fold(0.0, f32::max);
+        let limit = TOUCHED_ENERGY.max(TOUCHED_SHARE * most);
+        let is_strong = |taxel: usize| energies[taxel] >= limit;
+        // A flat face shows only at its edge, so what lies beside a touched taxel counts too.
+        Some(std::array::from_fn(|taxel| {
+            let (column, row) = (taxel % MAP_SIDE, taxel / MAP_SIDE);
+            let near = |at: usize| at.saturating_sub(1)..(at + 2).min(MAP_SIDE);
+            near(row).any(|row| near(column).any(|column| is_strong(row * MAP_SIDE + column)))
+        }))
+    }
+}
+
+const fn health_of(doubt: Doubt) -> Health {
+    match doubt {
+        Doubt::TooDark => Health::TOO_DARK,
+        Doubt::TooBright => Health::TOO_BRIGHT,
+        Doubt::MarkersLost => Health::PARTICLES_LOST,
+    }
+}
+
+/// Evidence of the imprint in the map's head: straight lines from nothing over even to sure.
+fn motion_of(evidence: &Evidence) -> Motion {
+    let slip = evidence.slip.clamp(0.0, 1.0);
+    let share = if slip < EVEN_EVIDENCE {
+        0.5 * slip / EVEN_EVIDENCE
+    } else {
+        0.5 + 0.5 * (slip - EVEN_EVIDENCE) / (1.0 - EVEN_EVIDENCE)
+    };
+    // The regular grid (0.5) never decides by itself, pictures of other days (0.7) and own ones do.
+    let quality = QUALITY_FROM
+        .iter()
+        .filter(|from| evidence.quality >= **from)
+        .count();
+    Motion::new(
+        (share * f32::from(Motion::EVIDENCE_MAX)).round() as u8,
+        quality as u8,
+    )
+}
+
+/// What a model makes of made-up motions, as a text: another one with other weights, or for another gel.
+#[must_use]
+pub fn fingerprint(forces: &MarkerForces) -> String {
+    let mut forces = forces.clone();
+    let place = |marker: u8| {
+        [
+            2.0 * (f32::from(marker % 8) - 3.5),
+            2.0 * (f32::from(marker / 8) - 2.5),
+        ]
+    };
+    let places: Vec<[f32; 2]> = (0..48).map(place).collect();
+    forces.set_rest(&places);
+    // Pushed outwards from one place and sheared.
+    let motions: Vec<MarkerMotion> = places
+        .iter()
+        .map(|[x, y]| {
+            let near = (-0.1 * ((x - 1.0).powi(2) + (y - 0.5).powi(2))).exp();
+            MarkerMotion {
+                moved_mm: [0.1 * near * (x + 1.0), 0.1 * near * (y - 1.5)],
+                is_seen: true,
+            }
+        })
+        .collect();
+    let mut newtons = [[0.0; 3]; TAXELS];
+    forces.infer(&motions, None, &mut newtons);
+    let bytes: Vec<u8> = newtons
+        .iter()
+        .flatten()
+        .flat_map(|force| force.to_le_bytes())
+        .collect();
+    format!(
+        "{:08x}",
+        crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC).checksum(&bytes)
+    )
+}
