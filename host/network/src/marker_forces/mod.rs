@@ -126,7 +126,7 @@ impl MarkerForces {
 
     /// The same with other factors on shear and normal force: a calibration's.
     #[must_use]
-    pub const fn with_gain(self, gain: [f32; 2]) -> Self {
+    pub fn with_gain(self, gain: [f32; 2]) -> Self {
         Self { gain, ..self }
     }
 

@@ -8,7 +8,7 @@
 use std::collections::BTreeMap;
 
 use super::MarkerMotion;
-use crate::constants::{MAP_SIDE, TAXELS};
+use crate::constants::TAXELS;
 use crate::error::NetworkError;
 use crate::force_map::{Calibration, ForceMap};
 use crate::weights::{self, Tensor, WeightsFile, check_tensors};
@@ -308,6 +308,7 @@ pub fn mirrored(at: usize, [columns, rows]: [usize; 2], mirror: [bool; 2]) -> us
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::constants::MAP_SIDE;
 
     fn weights() -> MarkerWeights {
         let widths = [16, 8];
