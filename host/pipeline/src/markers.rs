@@ -232,10 +232,18 @@ impl MarkerStage {
 
     fn in_mm(&self, [x, y]: [f32; 2]) -> [f32; 2] {
         let [width, height] = self.finger.tracker().size_px().map(|side| side as f32);
-        [
+        let shown = [
             (x - 0.5 * width) * self.mm_per_px,
             (0.5 * height - y) * self.mm_per_px,
-        ]
+        ];
+        // Undoes the lens's bend; a second round changes a thousandth of the first.
+        let bend = self.sensor.view.distortion_per_mm2 as f32;
+        let mut straight = shown;
+        for _ in 0..2 {
+            let stretch = 1.0 + bend * (straight[0] * straight[0] + straight[1] * straight[1]);
+            straight = shown.map(|mm| mm / stretch);
+        }
+        straight
     }
 
     /// Takes the next picture; forces go to `newtons` where the gate asks for them.
@@ -304,9 +312,9 @@ impl MarkerStage {
         let places = self.places_px.as_deref().unwrap_or_default();
         let markers = self.finger.tracker().markers();
         for ((motion, marker), place) in self.motions.iter_mut().zip(markers).zip(places) {
-            let [x, y] = [marker.at_px[0] - place[0], marker.at_px[1] - place[1]];
+            let [now, rest] = [marker.at_px, *place].map(|at| self.in_mm(at));
             *motion = MarkerMotion {
-                moved_mm: [x * self.mm_per_px, -y * self.mm_per_px],
+                moved_mm: [now[0] - rest[0], now[1] - rest[1]],
                 is_seen: marker.seen,
             };
         }
