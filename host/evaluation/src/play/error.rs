@@ -2,6 +2,7 @@
 
 use gripline_link::session::SessionError;
 use gripline_network::NetworkError;
+use gripline_pipeline::PipelineError;
 use gripline_protocol::NotFinite;
 use gripline_simulation::scene_file::SceneError;
 use gripline_simulation::{PressProblem, SimulationError};
@@ -32,6 +33,9 @@ pub enum PlayError {
     /// A force of its that is no number.
     #[error(transparent)]
     NotFinite(#[from] NotFinite),
+    /// A picture that the pipeline refuses.
+    #[error(transparent)]
+    Pipeline(#[from] PipelineError),
     /// Its microcontroller.
     #[error(transparent)]
     Session(#[from] SessionError),
