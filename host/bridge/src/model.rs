@@ -14,7 +14,7 @@ use gripline_protocol::message::FingertipGeometry;
 use gripline_recording::{CROP_SIDE, Image, Metadata};
 use gripline_sensor::{MarkerKind, SHIPPED, Sensor};
 
-use crate::calibration::Calibration;
+use crate::calibration;
 use crate::config::Settings;
 use crate::error::Failure;
 
@@ -233,7 +233,7 @@ pub(crate) fn forces_named(forces: &MarkerForces) -> String {
 }
 
 /// What a calibration of another sensor is told.
-fn of_another(calibration: &Calibration, section: &str, found: &str, sensor: &Sensor) -> Failure {
+fn of_another(calibration: &calibration::Calibration, section: &str, found: &str, sensor: &Sensor) -> Failure {
     Failure::usage(format!(
         "{}: {section}.sensor: found {found}, expected {}: name this sensor's calibration, or the other description with --sensor",
         calibration.path.display(),
@@ -242,7 +242,7 @@ fn of_another(calibration: &Calibration, section: &str, found: &str, sensor: &Se
 }
 
 /// The description with the field and the lens that a calibration found.
-fn mend(sensor: &mut Sensor, calibration: &Calibration) -> Result<(), Failure> {
+fn mend(sensor: &mut Sensor, calibration: &calibration::Calibration) -> Result<(), Failure> {
     let Some(camera) = &calibration.camera else {
         return Ok(());
     };
@@ -260,7 +260,7 @@ fn mend(sensor: &mut Sensor, calibration: &Calibration) -> Result<(), Failure> {
 fn calibrated(
     forces: MarkerForces,
     sensor: &Sensor,
-    calibration: Option<&Calibration>,
+    calibration: Option<&calibration::Calibration>,
 ) -> Result<MarkerForces, Failure> {
     let Some((calibration, gel)) = calibration.and_then(|found| Some((found, found.gel.as_ref()?))) else {
         return Ok(forces);

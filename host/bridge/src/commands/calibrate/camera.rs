@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 use gripline_capture::ColourPlayback;
 use gripline_evaluation::calibration::camera::{CameraFit, Dot, fit};
-use gripline_markers::Tracker;
+use gripline_markers::{MarkerError, Tracker};
 use gripline_sensor::Sensor;
 use serde_json::json;
 
@@ -86,14 +86,15 @@ fn dots_of(path: &std::path::Path, sensor: &Sensor, pitch_mm: f64) -> Result<(Ve
     let mut wider = sensor.clone();
     let [least, most] = sensor.markers.pitch_mm.unwrap_or([pitch_mm; 2]);
     wider.markers.pitch_mm = Some([least.min(pitch_mm) / 1.3, most.max(pitch_mm) * 1.3]);
-    let mut tracker = Tracker::new(&wider)?;
+    let wrong = |error: MarkerError| Failure::failed(format!("{}: {error}", path.display()));
+    let mut tracker = Tracker::new(&wider).map_err(wrong)?;
     let mut frames = ColourPlayback::open(path, &sensor.capture, 0)?;
     let mut sums: Vec<([f64; 2], usize)> = Vec::new();
     let mut count = 0;
     while count < PICTURES
         && let Some((picture, _)) = frames.next_picture()
     {
-        let markers = tracker.see(&picture)?;
+        let markers = tracker.see(&picture).map_err(wrong)?;
         sums.resize(markers.len(), ([0.0; 2], 0));
         for (sum, marker) in sums.iter_mut().zip(markers).filter(|(_, marker)| marker.seen) {
             sum.0 = [0, 1].map(|axis| sum.0[axis] + f64::from(marker.at_px[axis]));
