@@ -2,10 +2,14 @@
 
 use std::sync::Arc;
 
+use gripline_sensor::Sensor;
+
 use super::contacts::PrintedSample;
-use super::unit::PrintedUnit;
+use super::picture::PrintedPicture;
+use super::unit::{PrintedUnit, UnitRange};
 use crate::contact_world::{Contact, Drive, Mount, Press, Shape};
 use crate::error::SimulationError;
+use crate::field::DisplacementField;
 use crate::random::Random;
 
 /// Steps of a press, as training has them.
@@ -33,6 +37,7 @@ pub struct PressedBall {
     radius_mm: f64,
     friction: f64,
     random: Random,
+    field: Option<DisplacementField>,
 }
 
 impl PressedBall {
@@ -44,7 +49,19 @@ impl PressedBall {
             radius_mm,
             friction,
             random: Random::new(seed, 52),
+            field: None,
         }
+    }
+
+    /// A picture of the unit as it was pressed last.
+    #[must_use]
+    pub fn picture(&mut self, picture: &PrintedPicture) -> Vec<u8> {
+        picture.draw(&self.unit, self.field.as_ref(), &mut self.random)
+    }
+
+    /// Lifts the ball.
+    pub fn lift(&mut self) {
+        self.field = None;
     }
 
     /// The unit under one press, from an untouched gel.
@@ -91,6 +108,7 @@ impl PressedBall {
                 now[axis] += press.creep * (now[axis] - rest[axis]);
             }
         }
+        self.field = Some(field);
         let forces = gel.forces_n(contact.truth());
         Ok(PrintedSample {
             unit: Arc::clone(&self.unit),
@@ -99,6 +117,88 @@ impl PressedBall {
             forces: forces.map(|taxel| taxel.map(|force| force * modulus as f32)),
             shape: "sphere",
         })
+    }
+}
+
+/// A bench: pictures of a unit at rest and under presses, and what a force-torque sensor under it logs.
+#[derive(Debug)]
+pub struct PrintedBench {
+    /// The unit untouched.
+    pub rest: Vec<Vec<u8>>,
+    /// The presses, picture by picture.
+    pub pictures: Vec<Vec<u8>>,
+    /// Time of every picture by the logger's clock, s, and the force on the gel, N.
+    pub log: Vec<(f64, [f64; 3])>,
+}
+
+/// Pictures at rest.
+const AT_REST: usize = 16;
+/// Pictures of each press, and between presses.
+const HELD: usize = 14;
+const BETWEEN: usize = 4;
+/// How much later the logger's clock is, s.
+const LATE_S: f64 = 0.4;
+
+impl PrintedBench {
+    /// Unit number `unit` of `sensor`, drawn from `range`, pressed `presses` times by a ball of 6 mm at other places and loads up to
+    /// `most_n`; `seed` decides noise and the first place, so that another day differs.
+    ///
+    /// # Errors
+    /// A gel constant outside its range, or a contact that does not converge.
+    pub fn play(
+        sensor: &Sensor,
+        range: &UnitRange,
+        presses: u32,
+        most_n: f64,
+        [unit, seed]: [u64; 2],
+    ) -> Result<Self, SimulationError> {
+        let unit = Arc::new(PrintedUnit::draw(sensor, range, &mut Random::new(unit, 53))?);
+        let drawing = PrintedPicture::new(sensor);
+        let mut ball = PressedBall::new(unit, 6.0, 0.9, seed);
+        let mut bench = Self {
+            rest: (0..AT_REST).map(|_| ball.picture(&drawing)).collect(),
+            pictures: Vec::new(),
+            log: Vec::new(),
+        };
+        let mut show = |ball: &mut PressedBall, pictures: usize, force: [f64; 3]| {
+            for _ in 0..pictures {
+                let t = bench.pictures.len() as f64 / sensor.capture.rate_hz;
+                bench.log.push((t + LATE_S, force));
+                bench.pictures.push(ball.picture(&drawing));
+            }
+        };
+        show(&mut ball, BETWEEN, [0.0; 3]);
+        for number in 0..presses {
+            let number = f64::from(number);
+            // Round and round, farther and farther out; loads in another order than places.
+            let (angle, far) = (2.4 * number + seed as f64, (number / f64::from(presses)).sqrt());
+            let [half_x, half_y] = sensor.view.field_mm.map(|side| 0.28 * side);
+            let share = (0.618 * (number + 1.0)).fract();
+            let normal_n = most_n * (0.3 + 0.7 * share);
+            let (sin, cos) = libm::sincos(2.0 * angle);
+            let press = BallPress {
+                at_mm: [half_x * far * libm::cos(angle), half_y * far * libm::sin(angle)],
+                normal_n,
+                shear_n: [0.3 * normal_n * cos, 0.3 * normal_n * sin],
+                creep: 0.0,
+            };
+            let sample = ball.press(&press)?;
+            let total = |axis: usize| sample.forces.iter().map(|force| f64::from(force[axis])).sum::<f64>();
+            show(&mut ball, HELD, [total(0), total(1), total(2)]);
+            ball.lift();
+            show(&mut ball, BETWEEN, [0.0; 3]);
+        }
+        Ok(bench)
+    }
+
+    /// The log as a CSV file.
+    #[must_use]
+    pub fn csv(&self) -> String {
+        let lines = self
+            .log
+            .iter()
+            .map(|(t, [x, y, z])| format!("{t:.3},{x:.4},{y:.4},{z:.4}\n"));
+        std::iter::once("time_s,fx_n,fy_n,fz_n\n".to_owned()).chain(lines).collect()
     }
 }
 

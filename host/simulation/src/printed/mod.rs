@@ -11,7 +11,7 @@ mod contacts;
 mod picture;
 mod unit;
 
-pub use calibration::{BallPress, PressedBall};
+pub use calibration::{BallPress, PressedBall, PrintedBench};
 pub use contacts::{PrintedContacts, PrintedSample};
 pub use picture::PrintedPicture;
 pub use unit::{PrintedUnit, UnitRange};
