@@ -274,6 +274,9 @@ mod tests {
             assert_eq!(empty(silent), SlipEvidence::new());
         }
         let left = empty(Motion::new(63, 3));
-        assert!(left.joined() > 9_000 && left.witnesses().motion == left.joined(), "{left:?}");
+        assert!(
+            left.joined() > 9_000 && left.witnesses().motion == left.joined(),
+            "{left:?}"
+        );
     }
 }

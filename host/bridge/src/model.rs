@@ -233,7 +233,12 @@ pub(crate) fn forces_named(forces: &MarkerForces) -> String {
 }
 
 /// What a calibration of another sensor is told.
-fn of_another(calibration: &calibration::Calibration, section: &str, found: &str, sensor: &Sensor) -> Failure {
+fn of_another(
+    calibration: &calibration::Calibration,
+    section: &str,
+    found: &str,
+    sensor: &Sensor,
+) -> Failure {
     Failure::usage(format!(
         "{}: {section}.sensor: found {found}, expected {}: name this sensor's calibration, or the other description with --sensor",
         calibration.path.display(),

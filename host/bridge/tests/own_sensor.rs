@@ -22,7 +22,9 @@ fn gripline(folder: &Path, arguments: &[&str]) -> Output {
 fn json(output: &Output) -> Vec<Value> {
     assert!(output.status.success(), "{}", said(output));
     let text = String::from_utf8_lossy(&output.stdout);
-    text.lines().filter_map(|line| serde_json::from_str(line).ok()).collect()
+    text.lines()
+        .filter_map(|line| serde_json::from_str(line).ok())
+        .collect()
 }
 
 fn said(output: &Output) -> String {
@@ -63,7 +65,15 @@ fn bench(folder: &Path) -> [PrintedBench; 2] {
 /// Plays a day; the pictures' normal forces.
 fn run(folder: &Path, day: &str, more: &[&str]) -> Vec<f64> {
     let (source, rest) = (format!("dir:{day}-presses"), format!("{day}-rest"));
-    let mut arguments = vec!["run", "--sensor", "gelsight-mini", "--source", &source, "--rest", &rest];
+    let mut arguments = vec![
+        "run",
+        "--sensor",
+        "gelsight-mini",
+        "--source",
+        &source,
+        "--rest",
+        &rest,
+    ];
     arguments.extend(["--unpaced", "--json", "--calibration", "calibration.toml"]);
     arguments.extend(more);
     let frames = json(&gripline(folder, &arguments));
@@ -76,10 +86,23 @@ fn a_softer_gel_behind_another_lens_comes_to_newtons() {
     let folder = folder.path();
     let days = bench(folder);
 
-    let camera = gripline(folder, &["calibrate", "camera", "monday-rest", "--pitch-mm", "1.9", "--json"]);
+    let camera = gripline(
+        folder,
+        &[
+            "calibrate",
+            "camera",
+            "monday-rest",
+            "--pitch-mm",
+            "1.9",
+            "--json",
+        ],
+    );
     let camera = &json(&camera)[0];
     let scale = camera["px_per_mm"].as_f64().unwrap() / camera["described_px_per_mm"].as_f64().unwrap();
-    println!("scale {scale:.4} of the description's, bend {}", camera["distortion_per_mm2"]);
+    println!(
+        "scale {scale:.4} of the description's, bend {}",
+        camera["distortion_per_mm2"]
+    );
     assert!((scale / SCALE - 1.0).abs() < 0.01, "{camera}");
 
     for day in ["monday", "tuesday"] {
@@ -88,7 +111,15 @@ fn a_softer_gel_behind_another_lens_comes_to_newtons() {
     let gel = gripline(
         folder,
         &[
-            "calibrate", "gel", "monday.mcap", "tuesday.mcap", "--forces", "monday.csv", "--forces", "tuesday.csv", "--json",
+            "calibrate",
+            "gel",
+            "monday.mcap",
+            "tuesday.mcap",
+            "--forces",
+            "monday.csv",
+            "--forces",
+            "tuesday.csv",
+            "--json",
         ],
     );
     let gel = &json(&gel)[0];
@@ -116,18 +147,38 @@ fn a_softer_gel_behind_another_lens_comes_to_newtons() {
     let file = folder.join("calibration.toml");
     let text = std::fs::read_to_string(&file).unwrap();
     for (from, to, expected) in [
-        ("gelsight-mini.1", "other.3", "found other.3, expected gelsight-mini.1"),
-        ("model = \"markers", "model = \"elastic-layer", "these gains are of other weights"),
+        (
+            "gelsight-mini.1",
+            "other.3",
+            "found other.3, expected gelsight-mini.1",
+        ),
+        (
+            "model = \"markers",
+            "model = \"elastic-layer",
+            "these gains are of other weights",
+        ),
     ] {
         std::fs::write(&file, text.replace(from, to)).unwrap();
         let refused = gripline(
             folder,
             &[
-                "run", "--sensor", "gelsight-mini", "--source", "dir:monday-presses", "--rest", "monday-rest", "--unpaced",
-                "--calibration", "calibration.toml",
+                "run",
+                "--sensor",
+                "gelsight-mini",
+                "--source",
+                "dir:monday-presses",
+                "--rest",
+                "monday-rest",
+                "--unpaced",
+                "--calibration",
+                "calibration.toml",
             ],
         );
-        assert!(!refused.status.success() && said(&refused).contains(expected), "{}", said(&refused));
+        assert!(
+            !refused.status.success() && said(&refused).contains(expected),
+            "{}",
+            said(&refused)
+        );
     }
 }
 
@@ -136,10 +187,21 @@ fn what_a_bench_got_wrong_is_refused_with_what_to_do() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     let none = gripline(folder, &["calibrate", "gel"]);
-    assert!(said(&none).contains("kitchen scale") && said(&none).contains("found no recording"), "{}", said(&none));
+    assert!(
+        said(&none).contains("kitchen scale") && said(&none).contains("found no recording"),
+        "{}",
+        said(&none)
+    );
     std::fs::write(folder.join("log.csv"), "t,fx,fy,fz\n0,0,0,0\n").unwrap();
     let missing = gripline(folder, &["calibrate", "gel", "maps.npy", "--forces", "log.csv"]);
     assert!(said(&missing).contains("maps.npy"), "{}", said(&missing));
-    let particles = gripline(folder, &["calibrate", "camera", "x.png", "--sensor", "particle-fingertip"]);
-    assert!(said(&particles).contains("expected printed markers"), "{}", said(&particles));
+    let particles = gripline(
+        folder,
+        &["calibrate", "camera", "x.png", "--sensor", "particle-fingertip"],
+    );
+    assert!(
+        said(&particles).contains("expected printed markers"),
+        "{}",
+        said(&particles)
+    );
 }

@@ -63,7 +63,15 @@ fn gripline(arguments: &[&str]) -> Output {
 
 fn run_clip(clip: &Path, more: &[&str]) -> Output {
     let source = format!("file:{}", clip.display());
-    let mut arguments = vec!["run", "--sensor", "gelsight-mini", "--unpaced", "--json", "--source", &source];
+    let mut arguments = vec![
+        "run",
+        "--sensor",
+        "gelsight-mini",
+        "--unpaced",
+        "--json",
+        "--source",
+        &source,
+    ];
     arguments.extend(more);
     gripline(&arguments)
 }
@@ -106,18 +114,35 @@ fn a_recorded_grasp_goes_all_the_way_to_line_and_recording_and_is_replayed_bit_b
     for frame in frames {
         assert!((0.0..=1.0).contains(&number(frame, "slip_evidence")), "{frame}");
         assert!(frame["markers"]["followed"].as_u64().unwrap() >= 24, "{frame}");
-        for key in ["stick_ratio", "state", "line_n", "fn", "ft", "gate", "health", "faults"] {
+        for key in [
+            "stick_ratio",
+            "state",
+            "line_n",
+            "fn",
+            "ft",
+            "gate",
+            "health",
+            "faults",
+        ] {
             assert!(frame.get(key).is_some(), "{key}: {frame}");
         }
     }
     // The open hand feels nothing; the closed one presses and the line holds.
     let at_rest = &frames[12..20];
-    assert!(at_rest.iter().all(|frame| number(frame, "fn") < 0.2), "{at_rest:?}");
+    assert!(
+        at_rest.iter().all(|frame| number(frame, "fn") < 0.2),
+        "{at_rest:?}"
+    );
     let held = frames.iter().filter(|frame| number(frame, "fn") > 0.5);
     assert!(held.count() > 10, "{summary}");
     assert!(frames[40..].iter().all(|frame| number(frame, "line_n") > 0.0));
     // Its evidence comes from the picture, through the microcontroller.
-    let most = |key: &str| frames.iter().map(|frame| frame["witnesses"][key].as_f64().unwrap()).fold(0.0, f64::max);
+    let most = |key: &str| {
+        frames
+            .iter()
+            .map(|frame| frame["witnesses"][key].as_f64().unwrap())
+            .fold(0.0, f64::max)
+    };
     assert!(most("motion") > 0.5, "{}", most("motion"));
 
     let replayed = gripline(&["replay", recording]);
@@ -127,8 +152,21 @@ fn a_recorded_grasp_goes_all_the_way_to_line_and_recording_and_is_replayed_bit_b
         "{told} {}",
         String::from_utf8_lossy(&replayed.stderr)
     );
-    let other = gripline(&["run", "--source", &format!("mcap:{recording}"), "--unpaced", "--json"]);
-    assert_refused(&other, &["recording of sensor gelsight-mini.1", "expected one of particle-fingertip.1", "--sensor"]);
+    let other = gripline(&[
+        "run",
+        "--source",
+        &format!("mcap:{recording}"),
+        "--unpaced",
+        "--json",
+    ]);
+    assert_refused(
+        &other,
+        &[
+            "recording of sensor gelsight-mini.1",
+            "expected one of particle-fingertip.1",
+            "--sensor",
+        ],
+    );
 }
 
 #[test]
@@ -150,15 +188,31 @@ fn a_rest_with_contact_is_refused_and_without_a_rest_the_cost_is_told() {
 #[test]
 fn weights_of_another_sensor_and_a_description_without_a_key_are_refused_by_name() {
     let folder = tempfile::tempdir().unwrap();
-    let weights = concat!(env!("CARGO_MANIFEST_DIR"), "/../network/weights/tracked.safetensors");
+    let weights = concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/../network/weights/tracked.safetensors"
+    );
     let clip = folder.path().join("none.avi");
     let output = run_clip(&clip, &["--weights", weights]);
-    assert_refused(&output, &["tracked.safetensors", "sensor particle-fingertip.1", "expected gelsight-mini.1"]);
+    assert_refused(
+        &output,
+        &[
+            "tracked.safetensors",
+            "sensor particle-fingertip.1",
+            "expected gelsight-mini.1",
+        ],
+    );
 
     let file = folder.path().join("mine.toml");
     let shipped = include_str!("../../sensors/gelsight-mini.toml");
     std::fs::write(&file, shipped.replace("thickness_mm = 4.25\n", "")).unwrap();
-    let output = gripline(&["run", "--sensor", file.to_str().unwrap(), "--source", "file:none.avi"]);
+    let output = gripline(&[
+        "run",
+        "--sensor",
+        file.to_str().unwrap(),
+        "--source",
+        "file:none.avi",
+    ]);
     assert_refused(&output, &["mine.toml:", "gel.thickness_mm: found no such key"]);
 }
 
@@ -174,7 +228,13 @@ fn a_clip_without_markers_is_refused_with_what_was_expected() {
     writer.finish().unwrap();
     assert_refused(
         &run_clip(&clip, &[]),
-        &["grey.avi, frame 0", "markers in a square grid, expected at least 24"],
+        &[
+            "grey.avi, frame 0",
+            "markers in a square grid, expected at least 24",
+        ],
     );
-    assert_refused(&run_clip(&clip, &["--rest", "0..2"]), &["--rest 0..2", "markers in a square grid"]);
+    assert_refused(
+        &run_clip(&clip, &["--rest", "0..2"]),
+        &["--rest 0..2", "markers in a square grid"],
+    );
 }

@@ -115,7 +115,10 @@ fn calibrated_lens(sensor: &Sensor, unit: &PrintedUnit) -> Lens {
         })
         .collect();
     let found = camera::fit(&dots, PITCH_MM, [width, height]).unwrap();
-    assert!((found.px_per_mm / unit.px_per_mm() / unit.scale() - 1.0).abs() < 0.02, "{found:?}");
+    assert!(
+        (found.px_per_mm / unit.px_per_mm() / unit.scale() - 1.0).abs() < 0.02,
+        "{found:?}"
+    );
     Lens {
         scale: found.px_per_mm / unit.px_per_mm(),
         distortion_per_mm2: found.distortion_per_mm2,
@@ -139,7 +142,12 @@ fn judge(name: &str, range: UnitRange) -> Judged {
         poisson: range.poisson[0],
     };
     let gel = PrintedGel::new(&gel, 0.15, sensor.taxels.pitch_mm).unwrap();
-    let unit = Arc::new(PrintedUnit::with_gel(&printed, &range, gel, &mut Random::new(77, 3)));
+    let unit = Arc::new(PrintedUnit::with_gel(
+        &printed,
+        &range,
+        gel,
+        &mut Random::new(77, 3),
+    ));
     let lens = calibrated_lens(&sensor, &unit);
     let mut forces = MarkerForces::for_sensor(&sensor, None).unwrap();
     let softness = range.modulus[0];
@@ -154,7 +162,10 @@ fn judge(name: &str, range: UnitRange) -> Judged {
         let press = BallPress {
             at_mm: [1.5 * far * angle.cos(), far * angle.sin()],
             normal_n,
-            shear_n: [0.3 * normal_n * (2.0 * angle).cos(), 0.3 * normal_n * (2.0 * angle).sin()],
+            shear_n: [
+                0.3 * normal_n * (2.0 * angle).cos(),
+                0.3 * normal_n * (2.0 * angle).sin(),
+            ],
             creep: 0.0,
         };
         let sample = ball.press(&press).unwrap();
@@ -196,7 +207,11 @@ fn judge(name: &str, range: UnitRange) -> Judged {
         after,
         held_out: fit.held_out_share(&truth),
     };
-    let percent = |shares: [f64; 2]| shares.map(|share| format!("{:.1} %", 100.0 * share)).join(" and ");
+    let percent = |shares: [f64; 2]| {
+        shares
+            .map(|share| format!("{:.1} %", 100.0 * share))
+            .join(" and ")
+    };
     println!(
         "{name}: F_N and F_T {} before, {} after; gains of normal and shear {:.3}, {:.3}; presses left out {:.1} %",
         percent(before),
@@ -215,8 +230,16 @@ fn a_gel_softer_by_half_is_right_to_a_tenth_after_its_calibration() {
         ..nominal()
     };
     let judged = judge("softer by half", softer);
-    assert!(judged.before[0] > 0.5, "a wrong modulus must show: {:?}", judged.before);
-    assert!(judged.after.iter().all(|error| *error <= 0.1), "{:?}", judged.after);
+    assert!(
+        judged.before[0] > 0.5,
+        "a wrong modulus must show: {:?}",
+        judged.before
+    );
+    assert!(
+        judged.after.iter().all(|error| *error <= 0.1),
+        "{:?}",
+        judged.after
+    );
     assert!(judged.held_out <= 0.1, "{}", judged.held_out);
 }
 
@@ -227,7 +250,11 @@ fn a_gel_thinner_by_a_fifth_is_right_to_a_tenth_after_its_calibration() {
         ..nominal()
     };
     let judged = judge("thinner by a fifth", thinner);
-    assert!(judged.after.iter().all(|error| *error <= 0.1), "{:?}", judged.after);
+    assert!(
+        judged.after.iter().all(|error| *error <= 0.1),
+        "{:?}",
+        judged.after
+    );
 }
 
 #[test]
@@ -239,5 +266,9 @@ fn another_lens_is_right_to_a_tenth_after_both_calibrations() {
         ..nominal()
     };
     let judged = judge("another lens", other);
-    assert!(judged.after.iter().all(|error| *error <= 0.1), "{:?}", judged.after);
+    assert!(
+        judged.after.iter().all(|error| *error <= 0.1),
+        "{:?}",
+        judged.after
+    );
 }

@@ -160,7 +160,9 @@ pub(crate) fn read_recording(
     let shape = contents.shape.filter(|_| contents.pictures == count);
     let pixels = contents.pixels;
     match shape.as_deref() {
-        Some([rows, columns]) => recording.set_item("pictures", shaped(py, pixels, [count, *rows, *columns])?)?,
+        Some([rows, columns]) => {
+            recording.set_item("pictures", shaped(py, pixels, [count, *rows, *columns])?)?
+        }
         Some([rows, columns, levels]) => {
             recording.set_item("pictures", shaped(py, pixels, [count, *rows, *columns, *levels])?)?;
         }

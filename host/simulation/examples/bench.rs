@@ -14,7 +14,10 @@ fn main() -> Result<(), Box<dyn Error>> {
     let folder = arguments.next().ok_or("expected a folder to write to")?;
     let named = arguments.next().unwrap_or_else(|| "gelsight-mini".to_owned());
     let sensor = Sensor::named(Path::new(&named))?;
-    let pitch_mm = sensor.markers.pitch_mm.ok_or("expected a sensor with printed markers")?;
+    let pitch_mm = sensor
+        .markers
+        .pitch_mm
+        .ok_or("expected a sensor with printed markers")?;
     let mut printed = sensor.clone();
     // What a ruler says of its dots.
     printed.markers.pitch_mm = Some([0.5 * (pitch_mm[0] + pitch_mm[1]); 2]);

@@ -56,7 +56,10 @@ fn shown([scale, turn, x0, y0, bend]: Unknowns, node: [i32; 2], pitch_mm: f64) -
 /// Says what was found and expected when there are too few dots, or they are no even grid.
 pub fn fit(dots: &[Dot], pitch_mm: f64, size_px: [usize; 2]) -> Result<CameraFit, String> {
     if dots.len() < DOTS_MIN {
-        return Err(format!("found {} dots in a grid, expected at least {DOTS_MIN}", dots.len()));
+        return Err(format!(
+            "found {} dots in a grid, expected at least {DOTS_MIN}",
+            dots.len()
+        ));
     }
     let middle = size_px.map(|side| 0.5 * side as f64);
     // Both y down: rows and pixels.
@@ -83,7 +86,10 @@ pub fn fit(dots: &[Dot], pitch_mm: f64, size_px: [usize; 2]) -> Result<CameraFit
                 let mut moved = unknowns;
                 moved[unknown] += step;
                 let there = residuals(moved);
-                now.iter().zip(&there).map(|(now, there)| (now - there) / step).collect()
+                now.iter()
+                    .zip(&there)
+                    .map(|(now, there)| (now - there) / step)
+                    .collect()
             })
             .collect();
         let mut right = [0.0; 5];
@@ -98,7 +104,7 @@ pub fn fit(dots: &[Dot], pitch_mm: f64, size_px: [usize; 2]) -> Result<CameraFit
     }
     let squares: f64 = residuals(unknowns).iter().map(|r| r * r).sum();
     let residual_px = (squares / dots.len() as f64).sqrt();
-    if !(residual_px <= RESIDUAL_MAX_PX) {
+    if residual_px.is_nan() || residual_px > RESIDUAL_MAX_PX {
         return Err(format!(
             "the dots lie {residual_px:.2} pixels from an even grid, expected at most {RESIDUAL_MAX_PX}: is the plate flat against \
              the gel, and are all dots equally far apart?"
@@ -192,7 +198,10 @@ mod tests {
     fn scale_and_bend_are_found_with_their_errors() {
         let truth = [15.3, 0.02, 0.4, -0.3, 6e-4];
         let found = fit(&dots(truth, 0.05), 1.9, [320, 240]).unwrap();
-        assert!((found.px_per_mm - 15.3).abs() < 0.02 && found.px_per_mm_error < 0.02, "{found:?}");
+        assert!(
+            (found.px_per_mm - 15.3).abs() < 0.02 && found.px_per_mm_error < 0.02,
+            "{found:?}"
+        );
         assert!((found.distortion_per_mm2 - 6e-4).abs() < 5e-5, "{found:?}");
         assert!(found.residual_px < 0.1);
     }
@@ -205,6 +214,10 @@ mod tests {
             dot.at_px[0] += 4.0 * ((at * 37 % 11) as f64 / 11.0 - 0.5);
         }
         assert!(fit(&wrong, 1.9, [320, 240]).unwrap_err().contains("even grid"));
-        assert!(fit(&wrong[..9], 1.9, [320, 240]).unwrap_err().contains("found 9 dots"));
+        assert!(
+            fit(&wrong[..9], 1.9, [320, 240])
+                .unwrap_err()
+                .contains("found 9 dots")
+        );
     }
 }

@@ -196,7 +196,10 @@ pub fn logged(presses: &[Press], log: &ForceLog, lag_s: f64) -> Result<(Vec<[f64
             .map(|(_, force)| force)
             .collect();
         if inside.is_empty() {
-            return Err(format!("press {}: the log has no line from {from:.2} to {to:.2} s", number + 1));
+            return Err(format!(
+                "press {}: the log has no line from {from:.2} to {to:.2} s",
+                number + 1
+            ));
         }
         let mean = |axis: usize| inside.iter().map(|force| force[axis]).sum::<f64>() / inside.len() as f64;
         forces.push([0, 1, 2].map(mean));
@@ -216,7 +219,11 @@ pub fn logged(presses: &[Press], log: &ForceLog, lag_s: f64) -> Result<(Vec<[f64
     let turn = across.atan2(along);
     let (sin, cos) = turn.sin_cos();
     for force in &mut forces {
-        *force = [cos * force[0] - sin * force[1], sin * force[0] + cos * force[1], force[2]];
+        *force = [
+            cos * force[0] - sin * force[1],
+            sin * force[0] + cos * force[1],
+            force[2],
+        ];
     }
     Ok((forces, turn))
 }
@@ -260,7 +267,10 @@ impl GelFit {
     /// Factors on shear and normal force, as a model takes them. Without measured shear it is taken for as soft as pressure.
     #[must_use]
     pub fn gains(&self) -> [f64; 2] {
-        [self.shear.map_or(self.normal.value, |shear| shear.value), self.normal.value]
+        [
+            self.shear.map_or(self.normal.value, |shear| shear.value),
+            self.normal.value,
+        ]
     }
 }
 
@@ -268,9 +278,17 @@ impl GelFit {
 ///
 /// # Errors
 /// Says what is wrong: too few presses, other presses than forces, or a gel that no gain explains.
-pub fn fit(presses: &[Press], truth: &[[f64; 3]], has_shear: bool, confidence: f64) -> Result<GelFit, String> {
+pub fn fit(
+    presses: &[Press],
+    truth: &[[f64; 3]],
+    has_shear: bool,
+    confidence: f64,
+) -> Result<GelFit, String> {
     if presses.len() != truth.len() {
-        let loads: Vec<String> = presses.iter().map(|press| format!("{:.2}", press.raw_n[2])).collect();
+        let loads: Vec<String> = presses
+            .iter()
+            .map(|press| format!("{:.2}", press.raw_n[2]))
+            .collect();
         return Err(format!(
             "found {} presses (before the calibration {} N), expected {}, one for each reading: each must be held for a second \
              and released; leave out readings of presses that are not there",
@@ -280,7 +298,10 @@ pub fn fit(presses: &[Press], truth: &[[f64; 3]], has_shear: bool, confidence: f
         ));
     }
     if presses.len() < PRESSES_MIN {
-        return Err(format!("found {} presses, expected at least {PRESSES_MIN}", presses.len()));
+        return Err(format!(
+            "found {} presses, expected at least {PRESSES_MIN}",
+            presses.len()
+        ));
     }
     let normal: Vec<(f64, f64)> = presses
         .iter()
@@ -314,7 +335,12 @@ pub fn fit(presses: &[Press], truth: &[[f64; 3]], has_shear: bool, confidence: f
     let days = presses.iter().map(|press| press.day).max().unwrap_or(0) + 1;
     let group = |at: usize| if days > 1 { presses[at].day } else { at };
     let without = |pairs: &[(usize, (f64, f64))], own: usize| {
-        slope(pairs.iter().filter(|(at, _)| group(*at) != own).map(|(_, pair)| *pair))
+        slope(
+            pairs
+                .iter()
+                .filter(|(at, _)| group(*at) != own)
+                .map(|(_, pair)| *pair),
+        )
     };
     let numbered: Vec<(usize, (f64, f64))> = normal.iter().copied().enumerate().collect();
     let numbered_shear: Vec<(usize, (f64, f64))> = (0..presses.len())
@@ -337,7 +363,10 @@ pub fn fit(presses: &[Press], truth: &[[f64; 3]], has_shear: bool, confidence: f
         normal: gain,
         shear,
         offset_n: offset(&normal, confidence),
-        creep: mean_of(presses.iter().filter_map(|press| press.creep).collect(), confidence),
+        creep: mean_of(
+            presses.iter().filter_map(|press| press.creep).collect(),
+            confidence,
+        ),
         confidence,
         held_out_n,
         held_out_shear_n,
@@ -434,7 +463,11 @@ mod tests {
         let mut t_s = 0.0;
         for press in 0..10 {
             let normal = 0.4 + 0.3 * f64::from(press);
-            let force = [0.3 * normal, if press % 2 == 0 { 0.1 } else { -0.1 } * normal, normal];
+            let force = [
+                0.3 * normal,
+                if press % 2 == 0 { 0.1 } else { -0.1 } * normal,
+                normal,
+            ];
             truth.push(force);
             let wrong = 1.0 + 0.02 * (f64::from(press) * 2.4).sin();
             for step in 0..60 {
@@ -464,16 +497,26 @@ mod tests {
         let fit = fit(&presses, &truth, true, 0.9).unwrap();
         for (found, expected) in [(fit.normal, 0.45), (fit.shear.unwrap(), 0.6)] {
             assert!((found.value / expected - 1.0).abs() < 0.02, "{found:?}");
-            assert!(found.interval[0] < expected && expected < found.interval[1], "{found:?}");
+            assert!(
+                found.interval[0] < expected && expected < found.interval[1],
+                "{found:?}"
+            );
         }
         assert!(fit.held_out_share(&truth) < 0.03);
-        assert!(fit.offset_n.interval[0] < 0.0 && fit.offset_n.interval[1] > 0.0, "{:?}", fit.offset_n);
+        assert!(
+            fit.offset_n.interval[0] < 0.0 && fit.offset_n.interval[1] > 0.0,
+            "{:?}",
+            fit.offset_n
+        );
     }
 
     #[test]
     fn creep_is_growth_under_a_load_that_stays() {
         let (moments, truth) = recording([1.0, 1.0], 0.05);
-        let creep = fit(&presses(&moments, 0), &truth, true, 0.9).unwrap().creep.unwrap();
+        let creep = fit(&presses(&moments, 0), &truth, true, 0.9)
+            .unwrap()
+            .creep
+            .unwrap();
         assert!((creep.value - 0.05).abs() < 0.02, "{creep:?}");
     }
 
@@ -485,7 +528,11 @@ mod tests {
             .iter()
             .enumerate()
             .map(|(at, moment)| {
-                let force = if moment.raw_n[2] > 0.0 { truth[at / 60] } else { [0.0; 3] };
+                let force = if moment.raw_n[2] > 0.0 {
+                    truth[at / 60]
+                } else {
+                    [0.0; 3]
+                };
                 (moment.t_s + 1.3, [force[1], force[0], -force[2]])
             })
             .collect();
@@ -494,10 +541,20 @@ mod tests {
         let presses = presses(&moments, 0);
         let (forces, _) = logged(&presses, &log, lag).unwrap();
         for (found, expected) in forces.iter().zip(&truth) {
-            assert!((0..3).all(|axis| (found[axis] - expected[axis]).abs() < 0.08), "{found:?} {expected:?}");
+            assert!(
+                (0..3).all(|axis| (found[axis] - expected[axis]).abs() < 0.08),
+                "{found:?} {expected:?}"
+            );
         }
-        let other: Vec<(f64, [f64; 3])> = log.iter().map(|(t, _)| (*t, [0.0, 0.0, (t * 7.0).sin()])).collect();
-        assert!(lag_s(&moments, &other).unwrap_err().contains("expected above 0.8"));
+        let other: Vec<(f64, [f64; 3])> = log
+            .iter()
+            .map(|(t, _)| (*t, [0.0, 0.0, (t * 7.0).sin()]))
+            .collect();
+        assert!(
+            lag_s(&moments, &other)
+                .unwrap_err()
+                .contains("expected above 0.8")
+        );
     }
 
     #[test]

@@ -218,8 +218,7 @@ fn solve(system: &mut [f32], right: &mut [f32]) -> Option<()> {
             row[before] = sum / other[before];
         }
         let square = row[at] - dot(&row[..at], &row[..at]);
-        // Not a number is not above zero either.
-        if !(square > 0.0) {
+        if square.is_nan() || square <= 0.0 {
             return None;
         }
         row[at] = square.sqrt();
@@ -328,7 +327,7 @@ mod tests {
             found
                 .iter()
                 .zip(touched)
-                .all(|(force, touched)| touched || *force == [0.0; 3])
+                .all(|(force, touched)| touched || force.iter().all(|part| part.abs() <= 0.0))
         );
         assert!(found.iter().all(|force| force[2] >= 0.0));
     }

@@ -15,7 +15,8 @@ use gripline_sensor::Sensor;
 
 pub use self::elastic_layer::{ElasticLayer, LayerSettings};
 pub use self::trained::{
-    FORCE_OUTPUTS, LEAK, MOTION_INPUTS, MOTION_NODES, MarkerNetwork, MarkerWeights, MotionGrid, mirrored,
+    FORCE_OUTPUTS, LEAK, MOTION_INPUTS, MOTION_NODES, MarkerNetwork, MarkerWeights, MotionGrid, PULL,
+    mirrored,
 };
 
 use crate::constants::TAXELS;

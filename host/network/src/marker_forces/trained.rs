@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 use super::MarkerMotion;
 use crate::constants::TAXELS;
 use crate::error::NetworkError;
-use crate::force_map::{Calibration, ForceMap};
+use crate::force_map::{Calibration, ForceMap, NO_FORCES};
 use crate::weights::{self, Tensor, WeightsFile, check_tensors};
 
 /// Columns and rows of the grid of motions.
@@ -22,6 +22,10 @@ pub const MOTION_INPUTS: usize = 3 * MOTION_NODES[0] * MOTION_NODES[1] + 1;
 pub const FORCE_OUTPUTS: usize = 3 * TAXELS;
 /// What is left of a number below zero between layers.
 pub const LEAK: f32 = 0.05;
+/// What counts of a taxel that pulls: next to nothing, but its sum with the others is what training compares.
+pub const PULL: f32 = 0.1;
+/// A taxel is empty below this share of the most loaded one's normal force: less is the network's noise.
+const EMPTY: f32 = 0.03;
 /// Reach of a marker (sigma), and where it ends, nodes.
 const REACH: f32 = 0.7;
 const END: f32 = 2.5;
@@ -43,7 +47,10 @@ fn tensors([first, second]: [usize; 2]) -> Vec<(String, Vec<usize>)> {
     (0..3)
         .flat_map(|layer| {
             [
-                (format!("dense{layer}.weight"), vec![sizes[layer + 1], sizes[layer]]),
+                (
+                    format!("dense{layer}.weight"),
+                    vec![sizes[layer + 1], sizes[layer]],
+                ),
                 (format!("dense{layer}.bias"), vec![sizes[layer + 1]]),
             ]
         })
@@ -286,12 +293,24 @@ impl MarkerNetwork {
         first.forward(self.input.as_slice(), one, Some(LEAK));
         second.forward(one, two, Some(LEAK));
         last.forward(two, &mut self.output, None);
-        for (taxel, force) in newtons.iter_mut().zip(self.output.as_chunks::<3>().0) {
-            *taxel = if force[2] > 0.0 {
-                force.map(|part| part * rms_mm)
-            } else {
-                [0.0; 3]
-            };
+        let outputs = self.output.as_chunks::<3>().0;
+        let most = outputs.iter().map(|force| force[2]).fold(0.0, f32::max);
+        let (mut all, mut kept) = ([0.0_f32; 3], [0.0_f32; 3]);
+        for (taxel, [x, y, z]) in newtons.iter_mut().zip(outputs) {
+            let force = [*x, *y, if *z < 0.0 { PULL * z } else { *z }];
+            all = [0, 1, 2].map(|axis| all[axis] + force[axis]);
+            *taxel = if *z > EMPTY * most { force } else { [0.0; 3] };
+            kept = [0, 1, 2].map(|axis| kept[axis] + taxel[axis]);
+        }
+        if kept[2] <= 0.0 || all[2] <= 0.0 {
+            *newtons = NO_FORCES;
+            return;
+        }
+        // What empty taxels had goes to the loaded ones, by their normal force: the sums stay.
+        let missing = [0, 1, 2].map(|axis| (all[axis] - kept[axis]) / kept[2]);
+        for taxel in newtons.iter_mut() {
+            let share = taxel[2];
+            *taxel = [0, 1, 2].map(|axis| rms_mm * (taxel[axis] + share * missing[axis]));
         }
     }
 }
@@ -340,7 +359,12 @@ mod tests {
 
     fn places() -> Vec<[f32; 2]> {
         (0..70)
-            .map(|index| [1.9 * ((index % 10) as f32 - 4.5), 1.9 * ((index / 10) as f32 - 3.0)])
+            .map(|index| {
+                [
+                    1.9 * ((index % 10) as f32 - 4.5),
+                    1.9 * ((index / 10) as f32 - 3.0),
+                ]
+            })
             .collect()
     }
 
@@ -361,7 +385,10 @@ mod tests {
         let mut damaged = bytes.clone();
         let last = damaged.len() - 1;
         damaged[last] ^= 1;
-        assert!(matches!(MarkerWeights::parse(&damaged), Err(NetworkError::Checksum { .. })));
+        assert!(matches!(
+            MarkerWeights::parse(&damaged),
+            Err(NetworkError::Checksum { .. })
+        ));
     }
 
     #[test]
@@ -372,7 +399,10 @@ mod tests {
         network.infer(&moved(0.0), &mut map);
         assert!(map.as_flattened().iter().all(|force| force.abs() < 0.01));
         network.infer(&moved(0.2), &mut map);
-        assert!(map.iter().all(|force| force[2] > 0.0 || *force == [0.0; 3]));
+        assert!(
+            map.iter()
+                .all(|force| force[2] > 0.0 || force.iter().all(|part| part.abs() <= 0.0))
+        );
         assert!(map.iter().any(|force| force[2] > 0.0));
     }
 

@@ -90,12 +90,14 @@ impl PressedBall {
             tilt_rad: [0.0; 2],
         };
         contact.go_to(drive, STEPS)?;
-        if press.shear_n != [0.0; 2] {
+        if press.shear_n.iter().any(|shear| shear.abs() > 0.0) {
             for step in 1..=PULLS {
                 let part = f64::from(step) / f64::from(PULLS) * newtons;
                 let [x, y] = press.shear_n.map(|shear| shear * part);
                 // A pull is given with the moment that a ball pressed straight down has: none.
-                let held = contact.truth().torsional_moment_nmm(contact.truth().footprint_mm());
+                let held = contact
+                    .truth()
+                    .torsional_moment_nmm(contact.truth().footprint_mm());
                 contact.pull(Press::Force(normal), [0.0; 2], [x, y, held])?;
             }
         }
@@ -183,7 +185,13 @@ impl PrintedBench {
                 creep: 0.0,
             };
             let sample = ball.press(&press)?;
-            let total = |axis: usize| sample.forces.iter().map(|force| f64::from(force[axis])).sum::<f64>();
+            let total = |axis: usize| {
+                sample
+                    .forces
+                    .iter()
+                    .map(|force| f64::from(force[axis]))
+                    .sum::<f64>()
+            };
             show(&mut ball, HELD, [total(0), total(1), total(2)]);
             ball.lift();
             show(&mut ball, BETWEEN, [0.0; 3]);
@@ -198,7 +206,9 @@ impl PrintedBench {
             .log
             .iter()
             .map(|(t, [x, y, z])| format!("{t:.3},{x:.4},{y:.4},{z:.4}\n"));
-        std::iter::once("time_s,fx_n,fy_n,fz_n\n".to_owned()).chain(lines).collect()
+        std::iter::once("time_s,fx_n,fy_n,fz_n\n".to_owned())
+            .chain(lines)
+            .collect()
     }
 }
 
@@ -230,7 +240,12 @@ mod tests {
             let sample = ball.press(&press).unwrap();
             let total = |component: usize| sample.forces.iter().map(|force| force[component]).sum::<f32>();
             assert!((total(2) - 1.0).abs() < 0.01, "{} N", total(2));
-            assert!((total(0) - 0.3).abs() < 0.03 && (total(1) - 0.1).abs() < 0.03, "{} {}", total(0), total(1));
+            assert!(
+                (total(0) - 0.3).abs() < 0.03 && (total(1) - 0.1).abs() < 0.03,
+                "{} {}",
+                total(0),
+                total(1)
+            );
             let moves = sample.rest_mm.iter().zip(&sample.now_mm);
             moves
                 .map(|(rest, (now, _))| libm::hypot(now[0] - rest[0], now[1] - rest[1]))

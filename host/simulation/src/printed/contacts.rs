@@ -95,12 +95,12 @@ impl PrintedContacts {
     /// Goes to the next state of a contact and computes its field.
     fn advance(&mut self) -> Result<(), SimulationError> {
         loop {
-            if let (Some(history), Some(gel)) = (&mut self.history, &self.gel) {
-                if let Some(truth) = history.advance(&mut self.random, &mut self.counts) {
-                    self.field.get_or_insert_with(|| gel.field()).load(truth);
-                    self.left = self.looks;
-                    return Ok(());
-                }
+            if let (Some(history), Some(gel)) = (&mut self.history, &self.gel)
+                && let Some(truth) = history.advance(&mut self.random, &mut self.counts)
+            {
+                self.field.get_or_insert_with(|| gel.field()).load(truth);
+                self.left = self.looks;
+                return Ok(());
             }
             if self.counts.histories.is_multiple_of(HISTORIES_PER_GEL) {
                 let [least, most] = self.range.zoom;
@@ -117,7 +117,11 @@ impl PrintedContacts {
             let (scale, scaled) = (gel.scale, gel.scaled_gel());
             let range = Range {
                 normal_n: NORMAL_N.map(|n| n * scale * scale),
-                half_mm: self.sensor.view.field_mm.map(|side| 0.5 * side * scale / self.zoom),
+                half_mm: self
+                    .sensor
+                    .view
+                    .field_mm
+                    .map(|side| 0.5 * side * scale / self.zoom),
             };
             self.history = History::draw(&mut self.random, self.split, &gel.surfaces, &scaled, range).ok();
         }
@@ -159,7 +163,11 @@ mod tests {
     fn a_stream_repeats_by_seed_and_its_markers_tell_of_the_load() {
         let sensor = Sensor::named(Path::new("gelsight-mini")).unwrap();
         let range = UnitRange::of(&sensor);
-        let take = |seed| PrintedContacts::new(&sensor, range, Split::Train, seed, 1).take(20).collect::<Vec<_>>();
+        let take = |seed| {
+            PrintedContacts::new(&sensor, range, Split::Train, seed, 1)
+                .take(20)
+                .collect::<Vec<_>>()
+        };
         let (first, again, other) = (take(1), take(1), take(2));
         for (a, b) in first.iter().zip(&again) {
             assert_eq!((&a.now_mm, a.forces), (&b.now_mm, b.forces));
@@ -173,7 +181,10 @@ mod tests {
             let farthest = moves
                 .map(|(rest, (now, _))| libm::hypot(now[0] - rest[0], now[1] - rest[1]))
                 .fold(0.0, f64::max);
-            assert!(farthest > 0.002 && farthest < 3.0, "{farthest} mm under {load_n} N");
+            assert!(
+                farthest > 0.002 && farthest < 3.0,
+                "{farthest} mm under {load_n} N"
+            );
         }
     }
 }

@@ -39,7 +39,12 @@ impl PrintedPicture {
 
     /// Red, green and blue of every pixel under a contact, or untouched.
     #[must_use]
-    pub fn draw(&self, unit: &PrintedUnit, field: Option<&DisplacementField>, random: &mut Random) -> Vec<u8> {
+    pub fn draw(
+        &self,
+        unit: &PrintedUnit,
+        field: Option<&DisplacementField>,
+        random: &mut Random,
+    ) -> Vec<u8> {
         let [width, height] = self.size_px;
         let px_per_mm = unit.px_per_mm();
         let to_px = |[x, y]: [f64; 2]| {
@@ -105,7 +110,11 @@ impl PrintedPicture {
                 // Lamps stand a third of a turn apart.
                 let sides = [[1.0, 0.0], [-0.5, 0.866], [-0.5, -0.866]];
                 let covered = ink[row * width + column];
-                let ink = if self.is_dark { 1.0 - INK * covered } else { 1.0 + INK * covered };
+                let ink = if self.is_dark {
+                    1.0 - INK * covered
+                } else {
+                    1.0 + INK * covered
+                };
                 for (light, side) in light.into_iter().zip(sides) {
                     let shaded = light + SHADE * (side[0] * slope[0] + side[1] * slope[1]);
                     let level = shaded.max(8.0) * ink + NOISE_LEVELS * normal(random);

@@ -50,7 +50,10 @@ impl UnitRange {
         let h = sensor.gel.thickness_mm;
         Self {
             thickness_mm: [h - 0.2, h + 0.2],
-            poisson: [(sensor.gel.poisson - 0.01).max(0.0), (sensor.gel.poisson + 0.005).min(0.499)],
+            poisson: [
+                (sensor.gel.poisson - 0.01).max(0.0),
+                (sensor.gel.poisson + 0.005).min(0.499),
+            ],
             modulus: [1.0; 2],
             distance_mm: [17.0, 27.0],
             scale_error: [-0.01, 0.01],
@@ -182,7 +185,10 @@ impl PrintedUnit {
     /// Where the markers show at rest, mm.
     #[must_use]
     pub fn rest_mm(&self) -> Vec<[f64; 2]> {
-        self.markers_mm.iter().map(|at| self.seen_mm(*at, [0.0; 3])).collect()
+        self.markers_mm
+            .iter()
+            .map(|at| self.seen_mm(*at, [0.0; 3]))
+            .collect()
     }
 
     /// Where the markers show under a contact and whether each is seen, mm.

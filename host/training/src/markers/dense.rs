@@ -41,7 +41,9 @@ impl Learned {
         let correct = [MOMENTUM, SECOND].map(|keep| 1.0 - keep.powi(step.number));
         let [first, second] = &mut self.moments;
         let moments = first.iter_mut().zip(second);
-        for ((value, gradient), (first, second)) in self.values.iter_mut().zip(&mut self.gradient).zip(moments) {
+        for ((value, gradient), (first, second)) in
+            self.values.iter_mut().zip(&mut self.gradient).zip(moments)
+        {
             let slope = std::mem::take(gradient) / step.batch;
             *first = MOMENTUM * *first + (1.0 - MOMENTUM) * slope;
             *second = SECOND * *second + (1.0 - SECOND) * slope * slope;
@@ -90,7 +92,9 @@ impl Dense {
         let gradients = self.weights.gradient.chunks_exact_mut(self.inputs);
         for (((row, gradient), slope), bias) in rows.zip(gradients).zip(slope).zip(&mut self.bias.gradient) {
             *bias += slope;
-            for (((gradient, weight), input), back) in gradient.iter_mut().zip(row).zip(input).zip(&mut *on_input) {
+            for (((gradient, weight), input), back) in
+                gradient.iter_mut().zip(row).zip(input).zip(&mut *on_input)
+            {
                 *gradient += slope * input;
                 *back += slope * weight;
             }

@@ -11,8 +11,8 @@ use std::time::{Duration, Instant};
 
 use clap::Subcommand;
 use gripline_network::marker_forces::{
-    ElasticLayer, FORCE_OUTPUTS, LEAK, LayerSettings, MOTION_INPUTS, MOTION_NODES, MarkerForces, MarkerNetwork,
-    MarkerWeights, mirrored,
+    ElasticLayer, FORCE_OUTPUTS, LEAK, LayerSettings, MOTION_INPUTS, MOTION_NODES, MarkerForces,
+    MarkerNetwork, MarkerWeights, PULL, mirrored,
 };
 use gripline_network::metrics::{Pair, Scores, calibrate};
 use gripline_network::{Calibration, ForceMap, NO_FORCES};
@@ -41,8 +41,6 @@ const ERROR_MAX: f32 = 0.5;
 /// Added to the normal force and to a map's square, N and N²: light touches weigh finitely.
 const FLOOR_N: f32 = 0.05;
 const FLOOR_N2: f32 = 1e-4;
-/// What counts of a taxel that pulls, in training: enough to push it back.
-const PULL: f32 = 0.1;
 /// Mean absolute errors in newtons are of loads up to this, N.
 const ABSOLUTE_UP_TO_N: f64 = 10.0;
 
@@ -113,7 +111,9 @@ pub(crate) fn run(command: &Command, data: &Path, seed: u32, held_out: u32) -> R
         } => {
             let sensor = Sensor::named(sensor).map_err(usage)?;
             let [first, second] = widths[..] else {
-                return Err(TrainingError::Usage(format!("--widths is {widths:?}, expected two such as 96,48")));
+                return Err(TrainingError::Usage(format!(
+                    "--widths is {widths:?}, expected two such as 96,48"
+                )));
             };
             let [train, calibration, test] = counts(*contacts, held_out)
                 .map(|(split, count)| Samples::load(data, &sensor, split, seed, count));
@@ -146,7 +146,11 @@ pub(crate) fn run(command: &Command, data: &Path, seed: u32, held_out: u32) -> R
             println!("{scores:#}\nwrote {}", out.display());
             Ok(())
         }
-        Command::Evaluate { sensor, weights, json } => {
+        Command::Evaluate {
+            sensor,
+            weights,
+            json,
+        } => {
             let folder = sensor.parent();
             let description = Sensor::named(sensor).map_err(usage)?;
             let mut trained = match weights {
@@ -285,7 +289,11 @@ fn slopes(output: &mut [f32], truth: &[f32], rms_mm: f32, slope: &mut [f32]) -> 
     let mut square = FLOOR_N2;
     for (at, (out, truth)) in output.iter_mut().zip(truth).enumerate() {
         let newtons = *out * rms_mm;
-        *out = if at % 3 == 2 && newtons < 0.0 { PULL * newtons } else { newtons };
+        *out = if at % 3 == 2 && newtons < 0.0 {
+            PULL * newtons
+        } else {
+            newtons
+        };
         sums[0][at % 3] += *out;
         sums[1][at % 3] += truth;
         square += truth * truth;
@@ -328,7 +336,11 @@ fn input_in(input: &[f32; MOTION_INPUTS], mirror: [bool; 2]) -> [f32; MOTION_INP
     let signs = mirror.map(|mirror| if mirror { -1.0 } else { 1.0 });
     for (node, out) in out.as_chunks_mut::<3>().0.iter_mut().enumerate() {
         let from = 3 * mirrored(node, MOTION_NODES, mirror);
-        *out = [signs[0] * input[from], signs[1] * input[from + 1], input[from + 2]];
+        *out = [
+            signs[0] * input[from],
+            signs[1] * input[from + 1],
+            input[from + 2],
+        ];
     }
     out
 }
@@ -426,8 +438,12 @@ mod tests {
 
     #[test]
     fn the_slope_is_that_of_the_loss() {
-        let truth: Vec<f32> = (0..FORCE_OUTPUTS).map(|at| if at % 7 == 0 { 0.02 } else { 0.0 }).collect();
-        let start: Vec<f32> = (0..FORCE_OUTPUTS).map(|at| 0.1 * ((at * 31 % 17) as f32 / 17.0 - 0.3)).collect();
+        let truth: Vec<f32> = (0..FORCE_OUTPUTS)
+            .map(|at| if at % 7 == 0 { 0.02 } else { 0.0 })
+            .collect();
+        let start: Vec<f32> = (0..FORCE_OUTPUTS)
+            .map(|at| 0.1 * ((at * 31 % 17) as f32 / 17.0 - 0.3))
+            .collect();
         let loss = |values: &[f32]| {
             let (mut values, mut slope) = (values.to_vec(), vec![0.0; FORCE_OUTPUTS]);
             let [sums, of_map] = slopes(&mut values, &truth, 0.05, &mut slope);
@@ -442,7 +458,11 @@ mod tests {
                 loss(&there).0
             };
             let found = (moved(step) - moved(-step)) / (2.0 * step);
-            assert!((found - slope[at]).abs() < 0.05 * slope[at].abs() + 2e-4, "{at}: {found} {}", slope[at]);
+            assert!(
+                (found - slope[at]).abs() < 0.05 * slope[at].abs() + 2e-4,
+                "{at}: {found} {}",
+                slope[at]
+            );
         }
     }
 }

@@ -186,8 +186,16 @@ fn bytes(sensor: &Sensor, samples: &[PrintedSample]) -> Vec<u8> {
     let zooms: Vec<f32> = samples.iter().map(zoom).collect();
     let forces = samples.iter().flat_map(|sample| sample.forces.as_flattened());
     let forces: Vec<f32> = forces.copied().collect();
-    let shapes: String = samples.iter().map(|sample| format!("{}\n", sample.shape)).collect();
-    let le = |values: &[f32]| values.iter().flat_map(|value| value.to_le_bytes()).collect::<Vec<u8>>();
+    let shapes: String = samples
+        .iter()
+        .map(|sample| format!("{}\n", sample.shape))
+        .collect();
+    let le = |values: &[f32]| {
+        values
+            .iter()
+            .flat_map(|value| value.to_le_bytes())
+            .collect::<Vec<u8>>()
+    };
     let columns = [
         ("markers", le(&markers)),
         ("counts", le(&counts)),

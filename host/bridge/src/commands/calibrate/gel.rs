@@ -29,7 +29,12 @@ pub(super) struct GelArgs {
     #[arg(value_name = "REC.mcap|MAPS.npy")]
     recordings: Vec<PathBuf>,
     /// What the scale read at each press, in order of time over all recordings.
-    #[arg(long, value_name = "F F ...", conflicts_with = "forces", allow_hyphen_values = true)]
+    #[arg(
+        long,
+        value_name = "F F ...",
+        conflicts_with = "forces",
+        allow_hyphen_values = true
+    )]
     readings: Option<Readings>,
     /// Unit of the readings.
     #[arg(long, value_enum, default_value_t = Unit::N)]
@@ -80,7 +85,11 @@ impl FromStr for Readings {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        let read = |word: &str| word.parse::<f64>().ok().filter(|value| *value > 0.0 && *value < 1e5);
+        let read = |word: &str| {
+            word.parse::<f64>()
+                .ok()
+                .filter(|value| *value > 0.0 && *value < 1e5)
+        };
         let all: Option<Vec<f64>> = text
             .split(|c: char| c.is_whitespace() || c == ',')
             .filter(|word| !word.is_empty())
@@ -135,8 +144,15 @@ pub(super) fn run(args: &GelArgs) -> Result<(), Failure> {
         )));
     }
     if let Some(Readings(readings)) = &args.readings {
-        let newtons = if args.unit == Unit::G { NEWTONS_PER_GRAM } else { 1.0 };
-        truth = readings.iter().map(|reading| [0.0, 0.0, reading * newtons]).collect();
+        let newtons = if args.unit == Unit::G {
+            NEWTONS_PER_GRAM
+        } else {
+            1.0
+        };
+        truth = readings
+            .iter()
+            .map(|reading| [0.0, 0.0, reading * newtons])
+            .collect();
     }
     let named = args.recordings[0].display();
     let has_shear = !args.forces.is_empty();
@@ -185,7 +201,10 @@ fn section(
         shear_interval: shear.interval.map(rounded),
         shear_was_measured: found.shear.is_some(),
         young_mpa: rounded(normal_gain * sensor.gel.young_mpa),
-        young_interval_mpa: found.normal.interval.map(|gain| rounded(gain * sensor.gel.young_mpa)),
+        young_interval_mpa: found
+            .normal
+            .interval
+            .map(|gain| rounded(gain * sensor.gel.young_mpa)),
         confidence: found.confidence,
         presses: truth.len(),
         held_out_share: rounded(found.held_out_share(truth)),
@@ -196,10 +215,19 @@ fn section(
 fn read_log(path: &Path) -> Result<Vec<(f64, [f64; 3])>, Failure> {
     const COLUMNS: [&str; 4] = ["time_s", "fx_n", "fy_n", "fz_n"];
     let text = std::fs::read_to_string(path).map_err(|error| {
-        Failure::usage(format!("{}: {error}, expected a CSV file with {}", path.display(), COLUMNS.join(", ")))
+        Failure::usage(format!(
+            "{}: {error}, expected a CSV file with {}",
+            path.display(),
+            COLUMNS.join(", ")
+        ))
     })?;
-    let mut lines = text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty());
-    let head: Vec<&str> = lines.next().map_or(Vec::new(), |(_, line)| line.split(',').map(str::trim).collect());
+    let mut lines = text
+        .lines()
+        .enumerate()
+        .filter(|(_, line)| !line.trim().is_empty());
+    let head: Vec<&str> = lines
+        .next()
+        .map_or(Vec::new(), |(_, line)| line.split(',').map(str::trim).collect());
     let mut places = [0; 4];
     for (place, name) in places.iter_mut().zip(COLUMNS) {
         *place = head.iter().position(|found| *found == name).ok_or_else(|| {
@@ -214,7 +242,11 @@ fn read_log(path: &Path) -> Result<Vec<(f64, [f64; 3])>, Failure> {
     lines
         .map(|(number, line)| {
             let words: Vec<&str> = line.split(',').collect();
-            let value = |at: usize| words.get(places[at]).and_then(|word| word.trim().parse::<f64>().ok());
+            let value = |at: usize| {
+                words
+                    .get(places[at])
+                    .and_then(|word| word.trim().parse::<f64>().ok())
+            };
             match [0, 1, 2, 3].map(value) {
                 [Some(t), Some(x), Some(y), Some(z)] => Ok((t, [x, y, z])),
                 _ => Err(Failure::usage(format!(
@@ -229,7 +261,11 @@ fn read_log(path: &Path) -> Result<Vec<(f64, [f64; 3])>, Failure> {
 }
 
 /// Errors of what was left out, median and largest, N, and the median's share.
-fn errors(found: &GelFit, truth: &[[f64; 3]], wanted: &dyn Fn(usize) -> bool) -> Option<(usize, f64, f64, f64)> {
+fn errors(
+    found: &GelFit,
+    truth: &[[f64; 3]],
+    wanted: &dyn Fn(usize) -> bool,
+) -> Option<(usize, f64, f64, f64)> {
     let mut chosen: Vec<(f64, f64)> = (0..truth.len())
         .filter(|at| wanted(*at))
         .map(|at| (found.held_out_n[at], found.held_out_n[at] / truth[at][2]))
@@ -250,18 +286,25 @@ fn groups(all: &[Press], truth: &[[f64; 3]]) -> Vec<(String, Vec<usize>)> {
     let among = |wanted: &dyn Fn(usize) -> bool| (0..all.len()).filter(|at| wanted(*at)).collect::<Vec<_>>();
     let off = |at: usize| all[at].place[0].hypot(all[at].place[1]);
     let mut groups = vec![
-        (format!("load below {third:.2} N"), among(&|at| truth[at][2] < third)),
+        (
+            format!("load below {third:.2} N"),
+            among(&|at| truth[at][2] < third),
+        ),
         (
             format!("load {third:.2} to {two_thirds:.2} N"),
             among(&|at| (third..two_thirds).contains(&truth[at][2])),
         ),
-        (format!("load from {two_thirds:.2} N"), among(&|at| truth[at][2] >= two_thirds)),
+        (
+            format!("load from {two_thirds:.2} N"),
+            among(&|at| truth[at][2] >= two_thirds),
+        ),
         ("place: inner half".to_owned(), among(&|at| off(at) < 4.0)),
         ("place: outer half".to_owned(), among(&|at| off(at) >= 4.0)),
     ];
     let days = all.iter().map(|press| press.day).max().unwrap_or(0) + 1;
     if days > 1 {
-        groups.extend((0..days).map(|day| (format!("recording {}", day + 1), among(&|at| all[at].day == day))));
+        groups
+            .extend((0..days).map(|day| (format!("recording {}", day + 1), among(&|at| all[at].day == day))));
     }
     groups.retain(|(_, members)| !members.is_empty());
     groups
@@ -297,16 +340,27 @@ fn print(
         return;
     }
     for (number, (lag, turn)) in turns.iter().enumerate() {
-        println!("log {}: {lag:+.2} s late, turned by {:.0}°", number + 1, turn.to_degrees());
+        println!(
+            "log {}: {lag:+.2} s late, turned by {:.0}°",
+            number + 1,
+            turn.to_degrees()
+        );
     }
     println!("   true N   maps N   left out, off by N");
     for ((press, truth), error) in all.iter().zip(truth).zip(&found.held_out_n) {
         println!("{:9.2}{:9.2}{error:12.3}", truth[2], press.raw_n[2]);
     }
     let of = |name: &str, Measured { value, interval }: &Measured, unit: &str| {
-        println!("{name:24}{value:8.3}{unit}   {:.3} to {:.3}", interval[0], interval[1]);
+        println!(
+            "{name:24}{value:8.3}{unit}   {:.3} to {:.3}",
+            interval[0], interval[1]
+        );
     };
-    println!("\n{:.0} % intervals, over {} presses:", 100.0 * found.confidence, truth.len());
+    println!(
+        "\n{:.0} % intervals, over {} presses:",
+        100.0 * found.confidence,
+        truth.len()
+    );
     of("gain of normal force", &found.normal, "");
     match &found.shear {
         Some(shear) => of("gain of shear", shear, ""),
@@ -365,7 +419,12 @@ mod tests {
     fn readings_are_parsed_and_other_text_is_refused() {
         assert_eq!("0.5, 1 2.25".parse(), Ok(Readings(vec![0.5, 1.0, 2.25])));
         for text in ["", "a", "1 -2", "0"] {
-            assert!(text.parse::<Readings>().unwrap_err().contains("expected positive numbers"), "{text}");
+            assert!(
+                text.parse::<Readings>()
+                    .unwrap_err()
+                    .contains("expected positive numbers"),
+                "{text}"
+            );
         }
     }
 }

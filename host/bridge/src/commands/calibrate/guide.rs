@@ -214,7 +214,13 @@ mod tests {
 
     #[test]
     fn every_step_fits_a_terminal_of_eighty_columns() {
-        for step in REST.iter().chain(&FRICTION).chain(&GEOMETRY).chain(&LINE).chain(&GEL) {
+        for step in REST
+            .iter()
+            .chain(&FRICTION)
+            .chain(&GEOMETRY)
+            .chain(&LINE)
+            .chain(&GEL)
+        {
             for line in step.drawing.lines().chain(wrapped(step.text).lines()) {
                 assert!(line.chars().count() <= 80, "{line}");
             }

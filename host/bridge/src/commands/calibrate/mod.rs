@@ -14,8 +14,8 @@ pub(super) mod rest;
 
 use clap::{Args, Subcommand};
 
-pub(super) use self::common::date;
 use self::camera::CameraArgs;
+pub(super) use self::common::date;
 use self::friction::FrictionArgs;
 use self::gel::GelArgs;
 use self::geometry::GeometryArgs;
