@@ -23,6 +23,7 @@ mod physics;
 mod process;
 mod programs;
 mod python;
+mod requests;
 mod ros2;
 mod screenshots;
 mod test;
@@ -90,6 +91,8 @@ cargo xtask COMMAND
   bench outside [--json] [--rounds N] [--seconds S]
                                     what readers cost the loop (ten HTTP streams, two of another DDS, some that stand still), and
                                     how long a request takes until it is confirmed; wants a quiet machine
+  bench requests [--json]           how long a request takes until the microcontroller confirms it, by its own clock: in process and
+                                    on the emulated board, over a cable that loses packets too
   bench gate [--json]               what skipping frames saves and costs, gate by gate, under drift, noise and light touch
   stress [--json] [--seed N] [--quick] [--docs]
                                     numerical stability of detector and controller: sweeps with exact arithmetic as the
