@@ -69,7 +69,7 @@ impl SlipEvidence {
         if sums.contact == 0 {
             *self = Self::new();
             // An object that slides off the skin leaves an empty map behind; whoever saw it go says so.
-            if motion.shows_motion() {
+            if of_motion(motion) > 0 {
                 self.joined = probability(SILENCE + of_motion(motion));
                 self.witnesses.motion = self.joined;
             }
@@ -270,7 +270,7 @@ mod tests {
             );
             evidence
         };
-        for silent in [Motion::UNKNOWN, Motion::new(0, 3), Motion::new(32, 3)] {
+        for silent in [Motion::UNKNOWN, Motion::new(0, 3), Motion::new(31, 3)] {
             assert_eq!(empty(silent), SlipEvidence::new());
         }
         let left = empty(Motion::new(63, 3));

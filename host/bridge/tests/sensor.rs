@@ -102,7 +102,8 @@ fn a_recorded_grasp_goes_all_the_way_to_line_and_recording_and_is_replayed_bit_b
     let recording = recording.to_str().unwrap();
     let output = run_clip(&clip, &["--rest", "12..20", "--hold", "--record", recording]);
     let errors = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.success(), "{errors}");
+    // The first picture is too dark: done with loss.
+    assert_eq!(output.status.code(), Some(3), "{errors}");
     let lines: Vec<serde_json::Value> = String::from_utf8_lossy(&output.stdout)
         .lines()
         .map(|line| serde_json::from_str(line).unwrap())
@@ -180,7 +181,9 @@ fn a_rest_with_contact_is_refused_and_without_a_rest_the_cost_is_told() {
     let bare = run_clip(&clip, &[]);
     let errors = String::from_utf8_lossy(&bare.stderr);
     assert!(
-        bare.status.success() && errors.contains("regular grid") && errors.contains("costs"),
+        [Some(0), Some(3)].contains(&bare.status.code())
+            && errors.contains("regular grid")
+            && errors.contains("costs"),
         "{errors}"
     );
 }

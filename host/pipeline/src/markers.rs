@@ -30,8 +30,9 @@ const TOUCHED_ENERGY: f32 = 16.0;
 const TOUCHED_SHARE: f32 = 0.05;
 /// So many untouched pictures after each other end a hold.
 const HOLD_ENDS: u32 = 25;
-/// Evidence of the imprint that means nothing either way: the threshold at which holds are told best (docs/evidence.md).
-const EVEN_EVIDENCE: f32 = 0.5;
+/// Evidence of the imprint, and what share of the head's evidence it becomes; straight lines between. Holds stay below the first and slips
+/// rise above the second in most recorded trials; the threshold that tells most of them right lies between (docs/evidence.md).
+const EVIDENCE: [[f32; 2]; 4] = [[0.0, 0.0], [0.3, 0.1], [0.7, 0.9], [1.0, 1.0]];
 /// Quality of evidence from which each step of the head's quality begins.
 const QUALITY_FROM: [f32; Motion::QUALITY_MAX as usize] = [0.15, 0.55, 0.8];
 /// At the first picture after rest pictures of other days so many markers must be where those show them.
@@ -404,14 +405,16 @@ const fn health_of(doubt: Doubt) -> Health {
     }
 }
 
-/// Evidence of the imprint in the map's head: straight lines from nothing over even to sure.
+/// Evidence of the imprint in the map's head.
 fn motion_of(evidence: &Evidence) -> Motion {
     let slip = evidence.slip.clamp(0.0, 1.0);
-    let share = if slip < EVEN_EVIDENCE {
-        0.5 * slip / EVEN_EVIDENCE
-    } else {
-        0.5 + 0.5 * (slip - EVEN_EVIDENCE) / (1.0 - EVEN_EVIDENCE)
-    };
+    let share = EVIDENCE
+        .windows(2)
+        .find(|pair| slip <= pair[1][0])
+        .map_or(1.0, |pair| {
+            let [[from, low], [to, high]] = [pair[0], pair[1]];
+            low + (high - low) * (slip - from) / (to - from)
+        });
     // The regular grid (0.5) never decides by itself, pictures of other days (0.7) and own ones do.
     let quality = QUALITY_FROM
         .iter()
@@ -457,4 +460,40 @@ pub fn fingerprint(forces: &MarkerForces) -> String {
         "{:08x}",
         crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC).checksum(&bytes)
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn evidence(slip: f32, quality: f32) -> Motion {
+        motion_of(&Evidence {
+            slip,
+            loss: 0.0,
+            energy: 100.0,
+            quality,
+        })
+    }
+
+    #[test]
+    fn a_held_imprint_shows_rest_a_lost_one_motion_and_half_of_one_neither() {
+        assert!(evidence(0.15, 1.0).shows_rest() && evidence(0.8, 1.0).shows_motion());
+        let half = evidence(0.5, 1.0);
+        assert!(!half.shows_rest() && !half.shows_motion());
+        let mut before = 0;
+        for step in 0..=100_u8 {
+            let now = evidence(f32::from(step) / 100.0, 1.0).evidence();
+            assert!(now >= before);
+            before = now;
+        }
+        assert_eq!(before, Motion::EVIDENCE_MAX);
+    }
+
+    #[test]
+    fn the_regular_grid_never_decides_and_an_empty_hand_says_nothing() {
+        assert_eq!(evidence(0.9, 0.5).quality(), 1);
+        assert_eq!(evidence(0.9, 0.7).quality(), 2);
+        assert_eq!(evidence(0.9, 0.95).quality(), 3);
+        assert_eq!(evidence(0.9, 0.1), Motion::UNKNOWN);
+    }
 }

@@ -27,7 +27,7 @@ use gripline_link::{EmbeddedLink, HotPlug};
 use gripline_pipeline::pipeline::Pipeline;
 use gripline_pipeline::settings_for;
 use gripline_recording::telemetry::{NO_DEVICE, NO_STATUS};
-use gripline_recording::{Metadata, Pace, Recorder};
+use gripline_recording::{Image, Metadata, Pace, Recorder};
 
 const FRAME_US: f64 = 1e6 / 60.0;
 /// Frames after a disturbance until the next one of a kind that must be counted by itself: everything is as it was.
@@ -361,6 +361,7 @@ fn memory_stays_flat_while_frames_are_recorded() {
     let mut run = Run::new(session, Clock::None, 60.0);
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("soak.mcap");
+    let rest = rest.into_iter().map(|crop| Image::grey(440, crop)).collect();
     let recorder = Recorder::start(&path, &Metadata::default(), &[rest], Pace::AsFastAsPossible);
     run.recorder = Some(recorder.unwrap());
     run.pictures = gripline_recording::Pictures::Off;

@@ -70,6 +70,8 @@ pub(in crate::real) struct WitnessFigures {
     pub(super) pooled_without_wrong_label: Option<f64>,
     /// Stratified, without it.
     pub(super) stratified_without_wrong_label: Option<f64>,
+    /// The threshold that tells most trials right, none left out.
+    pub(super) threshold: f64,
     /// Share of trials told right at the threshold that was best for other objects.
     pub(super) accuracy: Option<f64>,
     /// Share of slip trials with an alarm at the lowest threshold that gives all holds at most 0.3 alarms a minute.
@@ -185,6 +187,7 @@ fn witness_figures(witness: Witness, trials: &[Trial], objects: &[&str]) -> Witn
         stratified: stratified(witness, trials),
         pooled_without_wrong_label: pooled(witness, &right),
         stratified_without_wrong_label: stratified(witness, &right),
+        threshold: most_accurate(witness, &trials.iter().collect::<Vec<_>>()),
         accuracy: share(told, trials.len()),
         sensitivity: share(at_once.count(), slips),
         sensitivity_left_out: share(noticed, slips),
