@@ -135,9 +135,9 @@ fn straight(dots: &[Dot], seen: &[[f64; 2]], pitch_mm: f64) -> Unknowns {
     let [mu, mv] = [0, 1].map(|axis| mean(&|at| node(at, axis)));
     let [mx, my] = [0, 1].map(|axis| mean(&|at| seen[at][axis]));
     let (mut along, mut across, mut squares) = (0.0, 0.0, 0.0);
-    for at in 0..dots.len() {
+    for (at, seen) in seen.iter().enumerate() {
         let [u, v] = [node(at, 0) - mu, node(at, 1) - mv];
-        let [x, y] = [seen[at][0] - mx, seen[at][1] - my];
+        let [x, y] = [seen[0] - mx, seen[1] - my];
         along += u * x + v * y;
         across += u * y - v * x;
         squares += u * u + v * v;

@@ -364,7 +364,7 @@ pub fn fit(
         shear,
         offset_n: offset(&normal, confidence),
         creep: mean_of(
-            presses.iter().filter_map(|press| press.creep).collect(),
+            &presses.iter().filter_map(|press| press.creep).collect::<Vec<_>>(),
             confidence,
         ),
         confidence,
@@ -434,7 +434,7 @@ fn offset(pairs: &[(f64, f64)], confidence: f64) -> Measured {
     }
 }
 
-fn mean_of(values: Vec<f64>, confidence: f64) -> Option<Measured> {
+fn mean_of(values: &[f64], confidence: f64) -> Option<Measured> {
     let count = values.len() as f64;
     if values.len() < 3 {
         return None;

@@ -186,10 +186,8 @@ fn bytes(sensor: &Sensor, samples: &[PrintedSample]) -> Vec<u8> {
     let zooms: Vec<f32> = samples.iter().map(zoom).collect();
     let forces = samples.iter().flat_map(|sample| sample.forces.as_flattened());
     let forces: Vec<f32> = forces.copied().collect();
-    let shapes: String = samples
-        .iter()
-        .map(|sample| format!("{}\n", sample.shape))
-        .collect();
+    let shapes: Vec<&str> = samples.iter().map(|sample| sample.shape).collect();
+    let shapes = shapes.join("\n");
     let le = |values: &[f32]| {
         values
             .iter()
