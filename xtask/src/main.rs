@@ -15,6 +15,7 @@ mod firmware;
 mod flash;
 mod foxglove;
 mod fuzz;
+mod hot;
 mod modules;
 mod option_bytes;
 mod outside;
@@ -58,7 +59,7 @@ cargo xtask COMMAND
   fuzz [--minutes N] [--save] [TARGET...]
                                     run the parsers and the microcontroller's program against a fuzzer, 10 minutes
                                     each or N; --save keeps what reached new code in tests/fuzz/corpus
-  latency [--json | --bless]        from a map's last packet to the line on the emulated board, in instructions and in
+  latency [--short] [--json] | --bless  from a map's last packet to the line on the emulated board, in instructions and in
                                     Cortex-M4 cycles at most; fails when a number of the design does not hold;
                                     --bless renews the instruction counts that the tests hold
   modules                           fail when files of a crate import each other in a circle, and say through which names
