@@ -81,15 +81,15 @@ pub(crate) fn of(
         (None, _, Frames::Recording(recorded)) => {
             recorded_rest(recorded.metadata().rest.as_str(), recorded.rest())
         }
-        (None, _, Frames::Colour(playback)) => match playback.rest() {
-            Some(file) => pictures_of(file, sensor),
-            None => {
-                tracing::warn!(
-                    "no --rest: the regular grid of markers and an even light stand for it; {GRID_COST}"
-                );
-                Ok(MarkerRest::grid())
+        (None, _, Frames::Colour(playback)) => {
+            if let Some(file) = playback.rest() {
+                return pictures_of(file, sensor);
             }
-        },
+            tracing::warn!(
+                "no --rest: the regular grid of markers and an even light stand for it; {GRID_COST}"
+            );
+            Ok(MarkerRest::grid())
+        }
         (None, _, Frames::Camera(camera)) => Ok(MarkerRest {
             pictures: camera
                 .take_frames(REST_PICTURES.into())?

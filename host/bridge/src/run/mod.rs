@@ -128,7 +128,7 @@ pub fn run(args: &RunArgs) -> Result<Completion, Failure> {
     };
     let record = |path: &PathBuf| Recorder::start(path, &about, &rests, pace);
     let recorder = wanted.record.as_ref().map(record).transpose()?;
-    let drift: Vec<_> = opened.iter().filter_map(|open| open.particles()).collect();
+    let drift: Vec<_> = opened.iter().filter_map(Open::particles).collect();
     let mut fingertips = Fingertips::new(opened, &model, &wanted, TaxelRule::of(&settings))?;
 
     let stop = Arc::new(AtomicBool::new(false));
