@@ -8,8 +8,8 @@
 
 use gripline_sensor::Sensor;
 
-use super::MarkerMotion;
 use super::kernel::LayerKernel;
+use super::motion::MarkerMotion;
 use crate::constants::{MAP_SIDE, TAXELS};
 use crate::force_map::{Calibration, ForceMap};
 
@@ -327,7 +327,7 @@ mod tests {
             found
                 .iter()
                 .zip(touched)
-                .all(|(force, touched)| touched || force.iter().all(|part| part.abs() <= 0.0))
+                .all(|(force, touched)| touched || force.iter().all(|newtons| newtons.abs() < 1e-9))
         );
         assert!(found.iter().all(|force| force[2] >= 0.0));
     }

@@ -7,6 +7,7 @@
 
 mod elastic_layer;
 mod kernel;
+mod motion;
 mod trained;
 
 use std::path::Path;
@@ -14,6 +15,7 @@ use std::path::Path;
 use gripline_sensor::Sensor;
 
 pub use self::elastic_layer::{ElasticLayer, LayerSettings};
+pub use self::motion::MarkerMotion;
 pub use self::trained::{
     FORCE_OUTPUTS, LEAK, MOTION_INPUTS, MOTION_NODES, MarkerNetwork, MarkerWeights, MotionGrid, PULL,
     mirrored,
@@ -23,15 +25,6 @@ use crate::constants::TAXELS;
 use crate::error::NetworkError;
 use crate::force_map::{Calibration, ForceMap};
 use crate::weights::{self, PARTICLE_FINGERTIP};
-
-/// A marker in one picture.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct MarkerMotion {
-    /// How far it is from where it is at rest, mm.
-    pub moved_mm: [f32; 2],
-    /// Whether the picture shows it; else its neighbours' motion stands for its own.
-    pub is_seen: bool,
-}
 
 /// The weights that are built in, by the name that a description calls them.
 const SHIPPED: [(&str, &[u8]); 1] = [(

@@ -7,7 +7,7 @@
 
 use std::collections::BTreeMap;
 
-use super::MarkerMotion;
+use super::motion::MarkerMotion;
 use crate::constants::TAXELS;
 use crate::error::NetworkError;
 use crate::force_map::{Calibration, ForceMap, NO_FORCES};
