@@ -98,6 +98,9 @@ pub const SHORT_SHARE_MAX: i32 = 41;
 pub const SHORT_US: u32 = 150_000;
 /// Time without growth after which a load has settled for the slide witness, µs: five slots.
 pub const SETTLED_US: u32 = 80_000;
+/// Time without growth of the load over normal force after which a contact that has never slid may slide, µs: three slots. A contact that
+/// slides carries more only as its grip grows.
+pub const STALLED_US: u32 = 45_000;
 /// Rise of the normal force in a test from which the shear is asked whether it has followed, share in 1/1024: 20 %.
 pub const ASKED_SHARE: i32 = 205;
 /// Change of the normal force over four slots up to which it counts as constant, share in 1/1024: 2 %.
@@ -126,7 +129,8 @@ pub const HUSH_US: u32 = 80_000;
 pub const CALM_US: u32 = 160_000;
 /// The limit that a slide set to the friction is forgotten by 2⁻²⁵ a µs, 3 % a second.
 pub const FRICTION_FORGET_SHIFT: u32 = 25;
-/// Rise of the line with which a suspicion is tested, as a part of the line: a third.
+/// Rise of the line with which a suspicion is tested, as a part of the line: a third. A seventh finds slides too late: friction that falls
+/// from 0.8 to 0.3 slides for more than a second then.
 pub const TEST_RISE_PART: i32 = 3;
 /// The least rise of a test, 1/4096 N: 1 N, which a gripper that sticks still follows.
 pub const TEST_RISE_MIN: i32 = 4_096;

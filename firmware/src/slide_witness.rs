@@ -18,7 +18,7 @@ use crate::arithmetic::{divide, ratio};
 use crate::constants::{
     ASKED_SHARE, CALM_US, COME_BACK_US, DROP_SHARE, FADE_SHARE, FOLLOWED_SLOTS, FRICTION_FORGET_SHIFT,
     FRICTION_LOSS_MAX, HUSH_HELD_US, HUSH_US, NOISE_MAX, RISES_SHARE, SETTLED_US, SHEAR_ERROR_PART,
-    SHORT_SHARE_MAX, SHORT_SHARE_MIN, SHORT_US, SLIDING_FRICTION_MIN, SLIDING_RATIO_MIN, SLOT_US,
+    SHORT_SHARE_MAX, SHORT_SHARE_MIN, SHORT_US, SLIDING_FRICTION_MIN, SLIDING_RATIO_MIN, SLOT_US, STALLED_US,
     SUDDEN_DROP_SHARE, SWING_LOSS_MAX, TEST_MARGIN, TEST_US_MAX, UNPROVEN_US_MAX, WITNESSED_LOAD_MIN,
 };
 use crate::learning_settings::LearningSettings;
@@ -103,10 +103,13 @@ struct Test {
     limit: u16,
     /// Friction that the contact has proven, which such a slide would not take away without being confirmed.
     proven: u16,
-    /// It is about a load that had settled.
+    /// It is about a load that had settled; and the contact has never slid.
     is_first: bool,
+    is_new: bool,
     /// Slots in a row in which the shear has risen as much as the normal force.
     followed: u8,
+    /// Slots in a row in which the shear has hardly risen.
+    stayed: u8,
     /// It did so for long enough: the contact slides.
     is_confirmed: bool,
 }
@@ -147,6 +150,8 @@ pub(crate) struct SlideWitness {
     /// The highest load since the contact began, the time since it last grew, and the load at which that was last tested.
     peak: i32,
     settled_us: u32,
+    /// Time since the ratio last grew.
+    stalled_us: u32,
     tested: i32,
     /// What the host saw in the slot in progress, or in the last one.
     seen: Motion,
@@ -178,6 +183,7 @@ impl Default for SlideWitness {
             carried: 0,
             peak: 0,
             settled_us: 0,
+            stalled_us: 0,
             tested: 0,
             seen: Motion::UNKNOWN,
         }
@@ -258,6 +264,11 @@ impl SlideWitness {
         }
         self.peak = self.peak.max(shear);
         let now = ratio(shear, normal);
+        self.stalled_us = if now > self.carried + self.carried / 32 {
+            0
+        } else {
+            self.stalled_us.saturating_add(passed_us)
+        };
         self.carried = self.carried.max(now);
         if self.seen.shows_motion() && self.load >= WITNESSED_LOAD_MIN {
             return Suspicion::Seen;
@@ -292,7 +303,11 @@ impl SlideWitness {
         // All taxels of such a load stick by the detector's friction, also while they slide.
         // A load far below what the contact has carried, or below what a slide left of its friction, slides only after a fall; one
         // that stays while the grip sinks is held.
-        let is_low = self.settled_us > SETTLED_US
+        // What slides stays near the most that it carried.
+        let has_stalled = self.limit == UNLIMITED
+            && self.stalled_us > STALLED_US
+            && 8 * u32::from(now) > 7 * u32::from(self.carried);
+        let is_low = (self.settled_us > SETTLED_US || has_stalled)
             && 4 * shear > 5 * self.tested
             && now < detector
             && 5 * u32::from(now) > 3 * u32::from(self.carried)
@@ -371,7 +386,9 @@ impl SlideWitness {
             limit: self.limit,
             proven: friction,
             is_first: suspicion == Suspicion::Settled,
+            is_new: suspicion == Suspicion::Settled && self.limit == UNLIMITED,
             followed: 0,
+            stayed: 0,
             is_confirmed: suspicion == Suspicion::Seen,
         });
         if suspicion == Suspicion::Seen {
@@ -412,6 +429,8 @@ impl SlideWitness {
         } else if normal_rise > ASKED_SHARE {
             let follows = 5 * (shear_rise - normal_rise).abs() < 2 * normal_rise;
             test.followed = if follows { test.followed + 1 } else { 0 };
+            let stays = 3 * shear_rise < normal_rise;
+            test.stayed = if stays { test.stayed + 1 } else { 0 };
             test.is_confirmed =
                 test.followed >= FOLLOWED_SLOTS && ratio(test.shear, test.normal) >= self.least_friction();
             if test.is_confirmed {
@@ -419,13 +438,17 @@ impl SlideWitness {
                 // From now on: the gripper has yet to follow.
                 test.for_us = 0;
             }
-            is_over |= 3 * shear_rise < normal_rise || normal_rise > 2 * ASKED_SHARE && !follows;
+            // A shear that is small fluctuates more: one slot is no answer.
+            let has_stayed = test.stayed >= if test.is_new { 2 } else { 1 };
+            is_over |= has_stayed || normal_rise > 2 * ASKED_SHARE && !follows && !stays;
         } else {
             // A sliding contact cannot carry more for its normal force than when it was suspected.
             let carries = i64::from(shear) * i64::from(test.normal);
             let could = i64::from(self.load - part(self.load, 51)) * i64::from(normal);
-            is_over |=
-                test.for_us > 2 * SLOT_US && carries > could && test.shear < self.load - part(self.load, 92);
+            is_over |= !test.is_new
+                && test.for_us > 2 * SLOT_US
+                && carries > could
+                && test.shear < self.load - part(self.load, 92);
             is_over |= test.for_us > UNPROVEN_US_MAX;
         }
         if !is_over {

@@ -1,5 +1,5 @@
 //! The calibration of one fingertip and gripper: what `gripline calibrate` writes and `calibration.file` names. TOML with the
-//! sections rest, friction, line and geometry, each with its date, its device and its residual. Units in the names. The file
+//! sections rest, friction, line, geometry, camera and gel, each with its date, its device and its residual. Units in the names. The file
 //! names others (the rest pictures) relative to itself.
 
 use std::fs;
@@ -20,7 +20,7 @@ use crate::value::nearest;
 
 /// Most rest pictures in a file: 200 MB; a minute of them, 700 MB, is a mistake.
 const PICTURES_MAX: u64 = 1_024;
-const SECTIONS: [&str; 4] = ["rest", "friction", "line", "geometry"];
+const SECTIONS: [&str; 6] = ["rest", "friction", "line", "geometry", "camera", "gel"];
 
 /// The skin when nothing touches it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -121,6 +121,53 @@ impl Geometry {
     }
 }
 
+/// What the camera shows of a gel with printed markers.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Camera {
+    pub date: String,
+    pub device: String,
+    /// Identity of the sensor whose description it mends.
+    pub sensor: String,
+    /// Pixels of the crop per millimetre, in its middle.
+    pub px_per_mm: f64,
+    /// Standard error of it.
+    pub px_per_mm_error: f64,
+    /// What the whole crop shows.
+    pub field_mm: [f64; 2],
+    /// Bend of the lens, per mm² from the middle.
+    pub distortion_per_mm2: f64,
+    /// Dots that it was found from, and how far they lie from an even grid (root mean square).
+    pub dots: usize,
+    pub residual_px: f64,
+}
+
+/// How stiff the gel is, against its description.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Gel {
+    pub date: String,
+    pub device: String,
+    /// Identity of the sensor, and the force model whose maps were calibrated: its name and what tells its weights apart.
+    pub sensor: String,
+    pub model: String,
+    /// Factor on normal force, and its interval.
+    pub normal_gain: f64,
+    pub normal_interval: [f64; 2],
+    /// Factor on shear, and its interval; where shear was not measured, those of normal force.
+    pub shear_gain: f64,
+    pub shear_interval: [f64; 2],
+    pub shear_was_measured: bool,
+    /// Young's modulus that the normal gain means for a gel as thick as described, and its interval.
+    pub young_mpa: f64,
+    pub young_interval_mpa: [f64; 2],
+    /// Confidence of the intervals.
+    pub confidence: f64,
+    pub presses: usize,
+    /// Median error of presses that were left out, share of the force.
+    pub held_out_share: f64,
+}
+
 /// A fingertip's calibration, as much of it as was made.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
 pub(crate) struct Calibration {
@@ -135,6 +182,10 @@ pub(crate) struct Calibration {
     pub line: Option<Line>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub geometry: Option<Geometry>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub camera: Option<Camera>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub gel: Option<Gel>,
 }
 
 impl Calibration {
@@ -180,6 +231,8 @@ impl Calibration {
             friction: section(&mut table, "friction", &mut errors),
             line: section(&mut table, "line", &mut errors),
             geometry: section(&mut table, "geometry", &mut errors),
+            camera: section(&mut table, "camera", &mut errors),
+            gel: section(&mut table, "gel", &mut errors),
         };
         errors.extend(table.keys().map(|name| match nearest(name, SECTIONS) {
             Some(meant) => format!("{name}: no such section, did you mean {meant}?"),
@@ -221,6 +274,17 @@ impl Calibration {
                 number(&format!("geometry.centre_mm[{axis}]"), centre_mm, -32.0, 32.0);
             }
             number("geometry.quarter_turns", geometry.quarter_turns.into(), 0.0, 3.0);
+        }
+        if let Some(camera) = &self.camera {
+            number("camera.px_per_mm", camera.px_per_mm, 0.1, 1e4);
+            for (axis, field_mm) in camera.field_mm.into_iter().enumerate() {
+                number(&format!("camera.field_mm[{axis}]"), field_mm, 1.0, 200.0);
+            }
+            number("camera.distortion_per_mm2", camera.distortion_per_mm2, -0.1, 0.1);
+        }
+        if let Some(gel) = &self.gel {
+            number("gel.normal_gain", gel.normal_gain, 0.05, 20.0);
+            number("gel.shear_gain", gel.shear_gain, 0.05, 20.0);
         }
         if let Some(line) = &self.line {
             number(
@@ -383,6 +447,33 @@ mod tests {
                 residual_rms_mm: 0.1,
                 residual_max_mm: 0.2,
             }),
+            camera: Some(Camera {
+                date: text("2026-11-21T14:00:00Z"),
+                device: text("finger 3"),
+                sensor: text("gelsight-mini.1"),
+                px_per_mm: 17.1,
+                px_per_mm_error: 0.02,
+                field_mm: [18.7, 14.0],
+                distortion_per_mm2: 1e-4,
+                dots: 70,
+                residual_px: 0.1,
+            }),
+            gel: Some(Gel {
+                date: text("2026-11-21T14:00:00Z"),
+                device: text("finger 3"),
+                sensor: text("gelsight-mini.1"),
+                model: text("markers 1234abcd"),
+                normal_gain: 0.9,
+                normal_interval: [0.85, 0.95],
+                shear_gain: 0.9,
+                shear_interval: [0.85, 0.95],
+                shear_was_measured: false,
+                young_mpa: 0.39,
+                young_interval_mpa: [0.36, 0.41],
+                confidence: 0.9,
+                presses: 12,
+                held_out_share: 0.04,
+            }),
         }
     }
 
@@ -424,8 +515,8 @@ mod tests {
             ),
             (
                 "[friction]",
-                "[gel]",
-                "gel: no such section, expected one of rest, friction, line, geometry",
+                "[xyz]",
+                "xyz: no such section, expected one of rest, friction, line, geometry, camera, gel",
             ),
             (
                 "detector = 0.5",

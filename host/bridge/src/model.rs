@@ -14,6 +14,7 @@ use gripline_protocol::message::FingertipGeometry;
 use gripline_recording::{CROP_SIDE, Image, Metadata};
 use gripline_sensor::{MarkerKind, SHIPPED, Sensor};
 
+use crate::calibration;
 use crate::config::Settings;
 use crate::error::Failure;
 
@@ -49,7 +50,10 @@ impl Model {
     /// [`Failure`] when description or weights cannot be used, or do not belong together.
     pub(crate) fn of(wanted: &Settings) -> Result<Self, Failure> {
         let text = Sensor::text_of(&wanted.sensor)?;
-        let sensor = Sensor::from_toml(&wanted.sensor, &text)?;
+        let mut sensor = Sensor::from_toml(&wanted.sensor, &text)?;
+        if let Some(calibration) = &wanted.calibration {
+            mend(&mut sensor, calibration)?;
+        }
         let (reader, text) = match sensor.markers.kind {
             MarkerKind::Volume => {
                 known_particles(&sensor)?;
@@ -60,6 +64,7 @@ impl Model {
                     Some(file) => MarkerForces::from_file(file, &sensor)?,
                     None => MarkerForces::for_sensor(&sensor, wanted.sensor.parent())?,
                 };
+                let forces = calibrated(forces, &sensor, wanted.calibration.as_ref())?;
                 (Reader::Markers(Box::new(forces)), text)
             }
         };
@@ -220,6 +225,64 @@ impl AtRest {
             Self::Markers(rest) => Some(rest.kind),
         }
     }
+}
+
+/// A force model's name and what tells its weights apart.
+pub(crate) fn forces_named(forces: &MarkerForces) -> String {
+    format!("{} {}", forces.name(), markers::fingerprint(forces))
+}
+
+/// What a calibration of another sensor is told.
+fn of_another(
+    calibration: &calibration::Calibration,
+    section: &str,
+    found: &str,
+    sensor: &Sensor,
+) -> Failure {
+    Failure::usage(format!(
+        "{}: {section}.sensor: found {found}, expected {}: name this sensor's calibration, or the other description with --sensor",
+        calibration.path.display(),
+        sensor.identity()
+    ))
+}
+
+/// The description with the field and the lens that a calibration found.
+fn mend(sensor: &mut Sensor, calibration: &calibration::Calibration) -> Result<(), Failure> {
+    let Some(camera) = &calibration.camera else {
+        return Ok(());
+    };
+    if camera.sensor != sensor.identity() {
+        return Err(of_another(calibration, "camera", &camera.sensor, sensor));
+    }
+    sensor.view.field_mm = camera.field_mm;
+    sensor.view.distortion_per_mm2 = camera.distortion_per_mm2;
+    // The scale is known: nothing is guessed from the markers' distance.
+    sensor.view.zoom = [1.0; 2];
+    Ok(())
+}
+
+/// The model with the gains that a calibration of this gel found for it.
+fn calibrated(
+    forces: MarkerForces,
+    sensor: &Sensor,
+    calibration: Option<&calibration::Calibration>,
+) -> Result<MarkerForces, Failure> {
+    let Some((calibration, gel)) = calibration.and_then(|found| Some((found, found.gel.as_ref()?))) else {
+        return Ok(forces);
+    };
+    if gel.sensor != sensor.identity() {
+        return Err(of_another(calibration, "gel", &gel.sensor, sensor));
+    }
+    let named = forces_named(&forces);
+    if gel.model != named {
+        return Err(Failure::usage(format!(
+            "{}: gel.model: found {}, expected {named}: these gains are of other weights; run `gripline calibrate gel` again with \
+             maps of the ones in use",
+            calibration.path.display(),
+            gel.model
+        )));
+    }
+    Ok(forces.with_gain([gel.shear_gain as f32, gel.normal_gain as f32]))
 }
 
 /// The shipped weights know one fingertip with particles.

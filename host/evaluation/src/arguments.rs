@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 use gripline_network::Architecture;
+use gripline_simulation::grasp::ContactModel;
 
 use crate::grasps::policy::Policy;
 use crate::plan::Data;
@@ -53,6 +54,30 @@ pub enum World {
     Adverse,
 }
 
+/// How the contact of grasps is computed.
+#[derive(
+    Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum, serde::Serialize, serde::Deserialize,
+)]
+#[serde(rename_all = "snake_case")]
+pub enum GelModel {
+    /// The gel as an elastic layer.
+    #[default]
+    Layer,
+    /// The gel as springs, one a cell: rough, and many times faster.
+    Brush,
+}
+
+impl GelModel {
+    /// The simulation's name of it.
+    #[must_use]
+    pub const fn model(self) -> ContactModel {
+        match self {
+            Self::Layer => ContactModel::Layer,
+            Self::Brush => ContactModel::Brush,
+        }
+    }
+}
+
 /// The arguments of `gripline evaluate grasps`.
 #[derive(Debug, Clone, PartialEq, Args)]
 pub struct GraspsArgs {
@@ -62,6 +87,9 @@ pub struct GraspsArgs {
     /// The world that they happen in.
     #[arg(long, value_enum, default_value_t)]
     pub world: World,
+    /// How the contact is computed: `layer` as everywhere else, `brush` for many grasps in little time.
+    #[arg(long, value_enum, default_value_t)]
+    pub contact: GelModel,
     /// How many grasps.
     #[arg(long, value_name = "N", default_value_t = 1000, value_parser = clap::value_parser!(u64).range(1..=100_000))]
     pub grasps: u64,

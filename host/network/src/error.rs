@@ -123,7 +123,7 @@ pub enum NetworkError {
     },
     /// No model of forces from markers has this name.
     #[error(
-        "sensor {sensor}: forces.weights is `{found}`, expected `elastic-layer`: no other model reads printed markers"
+        "sensor {sensor}: forces.weights is `{found}`, expected `elastic-layer` or a weights file (*.safetensors) of `gripline-training markers train`"
     )]
     UnknownForces {
         /// The sensor's identity.

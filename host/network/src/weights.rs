@@ -74,7 +74,8 @@ pub(crate) fn check_tensors(
 /// # Panics
 /// When a tensor's values do not fill its shape.
 pub(crate) fn to_bytes(
-    architecture: Architecture,
+    architecture: &str,
+    sensor: Option<&str>,
     widths: &[usize],
     numbers: &[(&str, f32)],
     calibration: Calibration,
@@ -84,13 +85,14 @@ pub(crate) fn to_bytes(
     let widths: Vec<String> = widths.iter().map(ToString::to_string).collect();
     let mut metadata: HashMap<String, String> = [
         ("format", FORMAT.to_owned()),
-        ("architecture", architecture.name().to_owned()),
+        ("architecture", architecture.to_owned()),
         ("widths", widths.join(",")),
         ("contact_min_n", calibration.contact_min_n.to_string()),
         ("friction", calibration.friction.to_string()),
         ("manifest", manifest.to_owned()),
     ]
     .into_iter()
+    .chain(sensor.map(|sensor| ("sensor", sensor.to_owned())))
     .chain(numbers.iter().map(|&(key, value)| (key, value.to_string())))
     .map(|(key, value)| (key.to_owned(), value))
     .collect();
@@ -130,16 +132,9 @@ pub(crate) struct WeightsFile<'a> {
 
 impl<'a> WeightsFile<'a> {
     pub(crate) fn parse(bytes: &'a [u8], architecture: Architecture) -> Result<Self, NetworkError> {
-        let (header_bytes, header) = SafeTensors::read_metadata(bytes).map_err(not_safetensors)?;
-        let file = Self {
-            metadata: header.metadata().clone().unwrap_or_default(),
-            tensors: SafeTensors::deserialize(bytes).map_err(not_safetensors)?,
-        };
-        let metadata = file.metadata();
-        metadata.expect("format", FORMAT)?;
-        metadata.expect("architecture", architecture.name())?;
-        let of_sensor = metadata
-            .0
+        let file = Self::parse_named(bytes, architecture.name())?;
+        let of_sensor = file
+            .metadata
             .get("sensor")
             .map_or(PARTICLE_FINGERTIP, String::as_str);
         if of_sensor != PARTICLE_FINGERTIP {
@@ -148,6 +143,19 @@ impl<'a> WeightsFile<'a> {
                 expected: PARTICLE_FINGERTIP.to_owned(),
             });
         }
+        Ok(file)
+    }
+
+    /// The same for an architecture of this name and any sensor.
+    pub(crate) fn parse_named(bytes: &'a [u8], architecture: &str) -> Result<Self, NetworkError> {
+        let (header_bytes, header) = SafeTensors::read_metadata(bytes).map_err(not_safetensors)?;
+        let file = Self {
+            metadata: header.metadata().clone().unwrap_or_default(),
+            tensors: SafeTensors::deserialize(bytes).map_err(not_safetensors)?,
+        };
+        let metadata = file.metadata();
+        metadata.expect("format", FORMAT)?;
+        metadata.expect("architecture", architecture)?;
         let stated = metadata.text("crc32")?;
         let expected = u32::from_str_radix(stated, 16)
             .map_err(|_| NetworkError::metadata("crc32", stated, "eight hexadecimal digits"))?;
@@ -212,9 +220,8 @@ pub(crate) fn read(path: &Path) -> Result<Vec<u8>, NetworkError> {
 }
 
 /// The metadata of a weights file, unchecked but for its format.
-pub(crate) fn metadata_of(path: &Path) -> Result<HashMap<String, String>, NetworkError> {
-    let bytes = read(path)?;
-    let (_, header) = SafeTensors::read_metadata(&bytes).map_err(not_safetensors)?;
+pub(crate) fn metadata_of(bytes: &[u8]) -> Result<HashMap<String, String>, NetworkError> {
+    let (_, header) = SafeTensors::read_metadata(bytes).map_err(not_safetensors)?;
     let metadata = header.metadata().clone().unwrap_or_default();
     Metadata(&metadata).expect("format", FORMAT)?;
     Ok(metadata)
@@ -303,7 +310,11 @@ impl<'a> Metadata<'a> {
             .map(|width| width.parse().ok().filter(usable))
             .collect();
         let widths = widths.and_then(|widths| widths.try_into().ok());
-        let count = if N == 6 { "six" } else { "three" };
+        let count = match N {
+            6 => "six",
+            3 => "three",
+            _ => "two",
+        };
         widths.ok_or_else(|| {
             NetworkError::metadata(
                 key,

@@ -70,6 +70,28 @@ pub(crate) struct Seen {
     pub stages_us: [f64; 3],
 }
 
+/// From pixels of the crop to mm from its middle, y up.
+#[derive(Debug, Clone, Copy)]
+struct ToMm {
+    middle_px: [f32; 2],
+    mm_per_px: f32,
+    distortion_per_mm2: f32,
+}
+
+impl ToMm {
+    fn at(self, [x, y]: [f32; 2]) -> [f32; 2] {
+        let shown = [
+            (x - self.middle_px[0]) * self.mm_per_px,
+            (self.middle_px[1] - y) * self.mm_per_px,
+        ];
+        // Undoes the lens's bend; a third round would change less than a thousandth of the first.
+        (0..2).fold(shown, |[u, v], _| {
+            let stretch = 1.0 + self.distortion_per_mm2 * (u * u + v * v);
+            shown.map(|mm| mm / stretch)
+        })
+    }
+}
+
 /// The work on one fingertip's pictures.
 #[derive(Debug, Clone)]
 pub struct MarkerStage {
@@ -231,12 +253,17 @@ impl MarkerStage {
         (1.0 / (nominal * (found / nominal).clamp(least, most))) as f32
     }
 
-    fn in_mm(&self, [x, y]: [f32; 2]) -> [f32; 2] {
-        let [width, height] = self.finger.tracker().size_px().map(|side| side as f32);
-        [
-            (x - 0.5 * width) * self.mm_per_px,
-            (0.5 * height - y) * self.mm_per_px,
-        ]
+    /// From pixels of the crop to mm from its middle.
+    fn in_mm(&self, at_px: [f32; 2]) -> [f32; 2] {
+        self.to_mm().at(at_px)
+    }
+
+    fn to_mm(&self) -> ToMm {
+        ToMm {
+            middle_px: self.size_px().map(|side| 0.5 * side as f32),
+            mm_per_px: self.mm_per_px,
+            distortion_per_mm2: self.sensor.view.distortion_per_mm2 as f32,
+        }
     }
 
     /// Takes the next picture; forces go to `newtons` where the gate asks for them.
@@ -302,12 +329,13 @@ impl MarkerStage {
     }
 
     fn move_markers(&mut self) {
+        let to_mm = self.to_mm();
         let places = self.places_px.as_deref().unwrap_or_default();
         let markers = self.finger.tracker().markers();
         for ((motion, marker), place) in self.motions.iter_mut().zip(markers).zip(places) {
-            let [x, y] = [marker.at_px[0] - place[0], marker.at_px[1] - place[1]];
+            let [now, rest] = [marker.at_px, *place].map(|at| to_mm.at(at));
             *motion = MarkerMotion {
-                moved_mm: [x * self.mm_per_px, -y * self.mm_per_px],
+                moved_mm: [now[0] - rest[0], now[1] - rest[1]],
                 is_seen: marker.seen,
             };
         }

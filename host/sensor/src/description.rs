@@ -112,6 +112,9 @@ pub struct View {
     pub zoom: [f64; 2],
     /// The projection.
     pub lens: Lens,
+    /// How a flat lens bends: a place r mm from the middle shows 1 + this · r² times as far off. None in a description; a
+    /// calibration of the very camera sets it.
+    pub distortion_per_mm2: f64,
 }
 
 /// A projection.

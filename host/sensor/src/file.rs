@@ -119,6 +119,7 @@ fn read(head: &Section<'_>) -> Sensor {
             field_mm: view.numbers("field_mm", 1.0..=200.0),
             zoom: view.span("zoom", 1.0..=10.0),
             lens: view.choice("lens", &[("flat", Lens::Flat), ("fisheye", Lens::Fisheye)]),
+            distortion_per_mm2: 0.0,
         },
         gel: Gel {
             pad_mm: gel.numbers("pad_mm", 1.0..=200.0),

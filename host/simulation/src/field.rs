@@ -16,6 +16,8 @@ use crate::gel::Gel;
 type Spectrum = Complex<f32>;
 
 const CELLS: usize = FIELD_CELLS * FIELD_CELLS;
+/// Distance of the second level from a plane of markers, mm: fields come in pairs of levels.
+const PLANE_MM: f64 = 0.1;
 const ZERO: Spectrum = Complex { re: 0.0, im: 0.0 };
 
 /// What a layer answers to one wave length of traction at one depth, mm per MPa. With k̂ along the wave
@@ -128,10 +130,11 @@ struct LevelKernels {
     down_pressure: Vec<f32>,
 }
 
-/// Depth of level `level`, mm.
-fn level_depth_mm(level: usize) -> f64 {
-    let [top, bottom] = PARTICLE_DEPTH_MM;
-    top + (bottom - top) * level as f64 / (FIELD_LEVELS - 1) as f64
+/// So many depths from the first to the second, evenly, mm.
+fn depths_mm([top, bottom]: [f64; 2], levels: usize) -> Vec<f64> {
+    (0..levels)
+        .map(|level| top + (bottom - top) * level as f64 / (levels - 1) as f64)
+        .collect()
 }
 
 /// Undoes, along one axis, what a sum over a cell and the quadratic spline between nodes blur at
@@ -143,13 +146,23 @@ fn sharpening(wave_per_mm: f64) -> f64 {
 }
 
 impl LayerKernels {
-    /// The tables of `gel`; tens of milliseconds.
+    /// The tables of `gel` at the depths that hold particles; tens of milliseconds.
     #[must_use]
     pub fn new(gel: &Gel) -> Self {
-        let depths: Vec<f64> = (0..FIELD_LEVELS).map(level_depth_mm).collect();
+        Self::at(gel, &depths_mm(PARTICLE_DEPTH_MM, FIELD_LEVELS))
+    }
+
+    /// The tables of `gel` around one depth, for markers that lie in a plane.
+    #[must_use]
+    pub(crate) fn of_plane(gel: &Gel, depth_mm: f64) -> Self {
+        Self::at(gel, &[depth_mm, depth_mm + PLANE_MM])
+    }
+
+    fn at(gel: &Gel, depths: &[f64]) -> Self {
         let n = FIELD_CELLS;
         let table = || vec![0.0; CELLS];
-        let mut levels: Vec<LevelKernels> = (0..FIELD_LEVELS)
+        let mut levels: Vec<LevelKernels> = depths
+            .iter()
             .map(|_| LevelKernels {
                 transverse: table(),
                 along_shear: table(),
@@ -175,7 +188,7 @@ impl LayerKernels {
                     direction[cell] = Complex::new((kx / k) as f32, (ky / k) as f32);
                 }
                 let sharpen = scale * sharpening(kx) * sharpening(ky);
-                for (level, answer) in levels.iter_mut().zip(responses(k, gel, &depths)) {
+                for (level, answer) in levels.iter_mut().zip(responses(k, gel, depths)) {
                     let at = |value: f64| if open { 0.0 } else { (value * sharpen) as f32 };
                     level.transverse[cell] = at(answer.transverse);
                     level.along_shear[cell] = at(answer.along_shear);
@@ -210,6 +223,7 @@ impl DisplacementField {
     #[must_use]
     pub fn new(kernels: Arc<LayerKernels>) -> Self {
         let grid = || vec![ZERO; CELLS];
+        let levels = kernels.levels.len();
         Self {
             kernels,
             transform: SquareTransform::new(FIELD_CELLS),
@@ -218,8 +232,8 @@ impl DisplacementField {
             pressure: grid(),
             along: grid(),
             across: grid(),
-            tangential: (0..FIELD_LEVELS).map(|_| grid()).collect(),
-            normal: (0..FIELD_LEVELS.div_ceil(2)).map(|_| grid()).collect(),
+            tangential: (0..levels).map(|_| grid()).collect(),
+            normal: (0..levels.div_ceil(2)).map(|_| grid()).collect(),
         }
     }
 
@@ -315,7 +329,7 @@ impl std::fmt::Debug for DisplacementField {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("DisplacementField")
             .field("cells", &FIELD_CELLS)
-            .field("levels", &FIELD_LEVELS)
+            .field("levels", &self.tangential.len())
             .finish_non_exhaustive()
     }
 }
@@ -333,9 +347,19 @@ pub struct MaterialPoint {
 }
 
 impl MaterialPoint {
-    /// The place of the point at (x, y) mm and `depth_mm`; clamped into the grid.
+    /// The place of the point at (x, y) mm and `depth_mm`, for the fields of [`LayerKernels::new`]; clamped into the grid.
     #[must_use]
     pub fn new(at_mm: [f64; 2], depth_mm: f64) -> Self {
+        Self::within(at_mm, depth_mm, PARTICLE_DEPTH_MM, FIELD_LEVELS)
+    }
+
+    /// A point in the plane of [`LayerKernels::of_plane`].
+    #[must_use]
+    pub(crate) fn in_plane(at_mm: [f64; 2]) -> Self {
+        Self::within(at_mm, 0.0, [0.0, PLANE_MM], 2)
+    }
+
+    fn within(at_mm: [f64; 2], depth_mm: f64, [top, bottom]: [f64; 2], levels: usize) -> Self {
         // Nodes are the middles of cells.
         let nearest = |x: f64| {
             let place = x / FIELD_PITCH_MM + 0.5 * FIELD_CELLS as f64 - 0.5;
@@ -350,8 +374,7 @@ impl MaterialPoint {
                 ],
             )
         };
-        let [top, bottom] = PARTICLE_DEPTH_MM;
-        let last = (FIELD_LEVELS - 1) as f64;
+        let last = (levels - 1) as f64;
         let height = ((depth_mm - top) / (bottom - top) * last).clamp(0.0, last - 1e-6);
         let (column, weights_x) = nearest(at_mm[0]);
         let (row, weights_y) = nearest(at_mm[1]);

@@ -23,6 +23,7 @@ mod jpeg;
 mod lighting;
 mod particles;
 mod press_world;
+pub mod printed;
 mod random;
 mod sample;
 mod scene;

@@ -12,6 +12,7 @@ mod gate;
 mod golden;
 mod initial;
 mod loss;
+mod markers;
 mod model;
 mod rng;
 mod shard;
@@ -106,6 +107,11 @@ enum Command {
         #[arg(long, default_value = concat!(env!("CARGO_MANIFEST_DIR"), "/../network/weights"))]
         out: PathBuf,
     },
+    /// The network that makes forces of printed markers.
+    Markers {
+        #[command(subcommand)]
+        command: markers::Command,
+    },
     /// Score weights on samples never trained on.
     Evaluate {
         /// `unet` or `tracked`.
@@ -192,6 +198,7 @@ fn run(arguments: &Arguments) -> Result<(), TrainingError> {
             steps: *steps,
             out,
         }),
+        Command::Markers { command } => markers::run(command, data, *seed, *held_out),
         Command::Evaluate {
             network,
             weights,

@@ -15,6 +15,7 @@ mod output;
 pub(crate) mod realtime;
 mod report;
 mod requests;
+mod restart_loop;
 mod rezero;
 mod settings;
 mod stats;
@@ -43,6 +44,7 @@ use self::drift::DriftWatch;
 use self::fingertips::{Fingertips, Looked, Open};
 use self::output::{Output, Wish};
 use self::requests::Requests;
+use self::restart_loop::is_restart_loop;
 use self::settings::{
     about, as_many_fingertips, calibrated_fingertips, calibrated_friction, floor, tell_of_another_line,
     unasked,
@@ -127,7 +129,7 @@ pub fn run(args: &RunArgs) -> Result<Completion, Failure> {
         (Pace::RealTime, WhenFull::Drop)
     };
     let record = |path: &PathBuf| Recorder::start(path, &about, &rests, pace);
-    let recorder = wanted.record.as_ref().map(record).transpose()?;
+    let recorder = recording_file(&wanted).map(record).transpose()?;
     let drift: Vec<_> = opened.iter().filter_map(Open::particles).collect();
     let mut fingertips = Fingertips::new(opened, &model, &wanted, TaxelRule::of(&settings))?;
 
@@ -235,6 +237,20 @@ fn serve(wanted: &Settings, control: &Handle) -> Result<Option<Live>, Failure> {
         live.address()
     );
     Ok(Some(live))
+}
+
+/// The file to record into, unless systemd seems to start the program again and again.
+fn recording_file(wanted: &Settings) -> Option<&PathBuf> {
+    let file = wanted.record.as_ref()?;
+    if Supervisor::is_there() && is_restart_loop(file) {
+        tracing::warn!(
+            "{}: not recorded, because the last 20 recordings of this name lasted less than a minute each: find out why the \
+             program ends, and move them away",
+            file.display()
+        );
+        return None;
+    }
+    Some(file)
 }
 
 /// Small pictures are enough for one of the networks only.

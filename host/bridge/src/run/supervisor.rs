@@ -19,6 +19,11 @@ pub(super) struct Supervisor {
 }
 
 impl Supervisor {
+    /// Whether this process is a service.
+    pub(super) fn is_there() -> bool {
+        std::env::var_os("NOTIFY_SOCKET").is_some_and(|address| !address.is_empty())
+    }
+
     /// The one that this process's environment names. One that cannot be reached is told, and the run goes on without it.
     pub(super) fn of_environment() -> Self {
         let variable = |name| std::env::var(name).ok();

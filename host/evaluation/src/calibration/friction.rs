@@ -219,7 +219,7 @@ pub fn estimate(slides: &[Slide], confidence: f64, systematic: f64) -> Result<Es
 
 /// Quantile of Student's t, 0.5 < p < 1: the normal quantile with the Cornish–Fisher correction (Abramowitz and Stegun
 /// 26.7.5), within one percent from three degrees of freedom.
-fn student_t(p: f64, degrees: f64) -> f64 {
+pub(super) fn student_t(p: f64, degrees: f64) -> f64 {
     let z = normal_quantile(p);
     let powers: [f64; 5] = [1, 3, 5, 7, 9].map(|power| z.powi(power));
     let [z1, z3, z5, z7, z9] = powers;

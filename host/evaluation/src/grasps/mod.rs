@@ -33,7 +33,7 @@ use self::plan::GraspPlan;
 use self::play::{Outcome, play};
 use self::policy::{Policy, ceiling_n};
 use self::report::Report;
-pub use super::arguments::{GraspsArgs, World};
+pub use super::arguments::{GelModel, GraspsArgs, World};
 use super::chain::in_parallel;
 use super::document::write_section;
 use super::progress::Progress;
@@ -62,6 +62,8 @@ type Work<'a> = dyn Fn(&'static str, &[Job]) -> Result<Vec<Outcome>, Failure> + 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 struct Line {
     world: World,
+    #[serde(default)]
+    contact: GelModel,
     seed: u64,
     weights: String,
     fixed_n: f64,
@@ -84,6 +86,7 @@ struct Results {
     known: Vec<Line>,
     file: Option<Mutex<fs::File>>,
     world: World,
+    contact: GelModel,
     seed: u64,
     weights: String,
 }
@@ -109,7 +112,8 @@ pub fn run(args: &GraspsArgs) -> Result<Completion, Failure> {
         let progress = Progress::new(name, jobs.len());
         let outcomes = in_parallel(jobs, args.threads.into(), |job| {
             let outcome = results.get(job, || {
-                let plan = grasp(args.world, args.seed, job.grasp);
+                let mut plan = grasp(args.world, args.seed, job.grasp);
+                plan.scene.contact = args.contact.model();
                 play(&plan, job.policy, job.fixed_n, &network, &parts, job.rendered)
             });
             progress.step();
@@ -161,9 +165,18 @@ pub fn run(args: &GraspsArgs) -> Result<Completion, Failure> {
         picture::draw_drops(path, &report.points())?;
     }
     if let Some(path) = &args.out {
-        let (picture, section) = match args.world {
-            World::Nominal => ("grasps.png", "gripline evaluate grasps"),
-            World::Adverse => ("grasps-adverse.png", "gripline evaluate grasps --world adverse"),
+        let (picture, section) = match (args.world, args.contact) {
+            (World::Nominal, GelModel::Layer) => ("grasps.png", "gripline evaluate grasps"),
+            (World::Adverse, GelModel::Layer) => {
+                ("grasps-adverse.png", "gripline evaluate grasps --world adverse")
+            }
+            (World::Nominal, GelModel::Brush) => {
+                ("grasps-brush.png", "gripline evaluate grasps --contact brush")
+            }
+            (World::Adverse, GelModel::Brush) => (
+                "grasps-adverse-brush.png",
+                "gripline evaluate grasps --world adverse --contact brush",
+            ),
         };
         picture::draw(&path.with_file_name(picture), &outcomes, fixed_n)?;
         write_section(path, section, &report.markdown(Some(picture)))?;
@@ -245,11 +258,12 @@ impl Results {
             known: Vec::new(),
             file: None,
             world: args.world,
+            contact: args.contact,
             seed: args.seed,
             weights,
         };
         if let Some(path) = &args.results {
-            results.known = known(path, args.world, results.seed, &results.weights)?;
+            results.known = known(path, (args.world, args.contact), results.seed, &results.weights)?;
             let file = OpenOptions::new().create(true).append(true).open(path);
             results.file = Some(Mutex::new(
                 file.map_err(|error| unusable(path, &error.to_string()))?,
@@ -267,6 +281,7 @@ impl Results {
         if let Some(file) = &self.file {
             let line = Line {
                 world: self.world,
+                contact: self.contact,
                 seed: self.seed,
                 weights: self.weights.clone(),
                 fixed_n: job.fixed_n,
@@ -289,7 +304,12 @@ fn unusable(path: &Path, found: &str) -> Failure {
 }
 
 /// The outcomes of this world, this seed and these weights in the file; a last line that was cut off is made again.
-fn known(path: &Path, world: World, seed: u64, weights: &str) -> Result<Vec<Line>, Failure> {
+fn known(
+    path: &Path,
+    (world, contact): (World, GelModel),
+    seed: u64,
+    weights: &str,
+) -> Result<Vec<Line>, Failure> {
     let text = match fs::read_to_string(path) {
         Ok(text) => text,
         Err(error) if error.kind() == ErrorKind::NotFound => return Ok(Vec::new()),
@@ -303,7 +323,7 @@ fn known(path: &Path, world: World, seed: u64, weights: &str) -> Result<Vec<Line
     for (number, line) in text[..whole].lines().enumerate() {
         let line: Line = serde_json::from_str(line)
             .map_err(|error| unusable(path, &format!("line {} that is none ({error})", number + 1)))?;
-        if line.world == world && line.seed == seed && line.weights == weights {
+        if line.world == world && line.contact == contact && line.seed == seed && line.weights == weights {
             lines.push(line);
         }
     }
@@ -344,6 +364,7 @@ mod tests {
                 OpenOptions::new().create(true).append(true).open(&path).unwrap(),
             )),
             world: World::Nominal,
+            contact: GelModel::Layer,
             seed: 1,
             weights: "w".to_owned(),
         };
@@ -354,18 +375,26 @@ mod tests {
         }
         let text = fs::read_to_string(&path).unwrap();
         fs::write(&path, &text[..text.len() - 5]).unwrap();
-        let results = open(known(&path, World::Nominal, 1, "w").unwrap());
+        let results = open(known(&path, (World::Nominal, GelModel::Layer), 1, "w").unwrap());
         assert_eq!(results.known.len(), 1);
         let never = || panic!("it is known");
         assert_eq!(
             results.get(&job(0, Policy::Coulomb), never).unwrap(),
             outcome(0, Policy::Coulomb)
         );
-        assert!(known(&path, World::Adverse, 1, "w").unwrap().is_empty());
-        assert!(known(&path, World::Nominal, 2, "w").unwrap().is_empty());
+        assert!(
+            known(&path, (World::Adverse, GelModel::Layer), 1, "w")
+                .unwrap()
+                .is_empty()
+        );
+        assert!(
+            known(&path, (World::Nominal, GelModel::Layer), 2, "w")
+                .unwrap()
+                .is_empty()
+        );
         fs::write(&path, "{}\n").unwrap();
         assert!(
-            known(&path, World::Nominal, 1, "w")
+            known(&path, (World::Nominal, GelModel::Layer), 1, "w")
                 .unwrap_err()
                 .to_string()
                 .contains("line 1")

@@ -11,7 +11,7 @@ use super::super::metrics::quantile;
 use super::super::requirement::{Requirement, requirements_table};
 use super::play::Outcome;
 use super::policy::{FLOOR_N, Policy};
-use crate::arguments::{GraspsArgs, World};
+use crate::arguments::{GelModel, GraspsArgs, World};
 
 /// A policy's figures.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -44,6 +44,7 @@ pub struct Figures {
 #[derive(Debug, Serialize)]
 pub struct Report {
     world: World,
+    contact: GelModel,
     grasps: u64,
     seed: u64,
     network: String,
@@ -308,6 +309,10 @@ const ADVERSE_TEXT: &str = "an object of random mass (its weight alone needs 0.6
      repeated. The gripper lags by 100 ms, or by 40 ms and sticks 0.1 to 0.5 N short of its line. An object that slid 10 mm is \
      dropped.";
 
+const LAYER_TEXT: &str = "The contact world has the training grid (40 cells).";
+const BRUSH_TEXT: &str = "The gel is springs, one a cell on the training grid (40 cells), instead of an elastic layer: contacts of \
+     about the same size, the same friction as a whole, and a twentieth of the time.";
+
 const COLUMNS: [&str; 12] = [
     "policy",
     "drops",
@@ -353,6 +358,7 @@ impl Report {
         });
         Self {
             world: args.world,
+            contact: args.contact,
             bounds: requirements(args.world, &policies, held_at_ceiling),
             secure_drops_that_the_ceiling_holds: held_at_ceiling,
             grasps: args.grasps,
@@ -397,10 +403,13 @@ impl Report {
             World::Nominal => ("Closed loop: random grasps", "", NOMINAL_TEXT),
             World::Adverse => ("Closed loop: an adverse world", " --world adverse", ADVERSE_TEXT),
         };
+        let (more, contact) = match self.contact {
+            GelModel::Layer => ("", LAYER_TEXT),
+            GelModel::Brush => (" --contact brush", BRUSH_TEXT),
+        };
         let page = format!(
-            "## {title}\n\n`gripline evaluate grasps{option} --grasps {} --seed {}` (network {}): {text} The microcontroller's \
-             library runs behind its own protocol at 60 frames a second, 25 ms from picture to gripper. The contact world has \
-             the training grid (40 cells). Needed is the force at which friction holds the load of a moment, \
+            "## {title}\n\n`gripline evaluate grasps{option}{more} --grasps {} --seed {}` (network {}): {text} The microcontroller's \
+             library runs behind its own protocol at 60 frames a second, 25 ms from picture to gripper. {contact} Needed is the force at which friction holds the load of a moment, \
              (Q/μN)² + (M/(μN·2/3 a))² = 1, with sticking friction; margins are over it, or over the least force of {FLOOR_N} N \
              where it is less. {} runs had no solution and are left out.\n\n{}\n{}\n\
              Gripline has the default settings, which are the named setting `normal`, knows no object's friction, and keeps {kept} above \

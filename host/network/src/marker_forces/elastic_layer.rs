@@ -8,8 +8,8 @@
 
 use gripline_sensor::Sensor;
 
-use super::MarkerMotion;
 use super::kernel::LayerKernel;
+use super::motion::MarkerMotion;
 use crate::constants::{MAP_SIDE, TAXELS};
 use crate::force_map::{Calibration, ForceMap};
 
@@ -234,7 +234,7 @@ fn solve(system: &mut [f32], right: &mut [f32]) -> Option<()> {
     Some(())
 }
 
-fn dot(a: &[f32], b: &[f32]) -> f32 {
+pub(super) fn dot(a: &[f32], b: &[f32]) -> f32 {
     // Eight sums side by side: one would wait for each addition.
     let mut sums = [0.0f32; 8];
     let (a, b) = (a.as_chunks::<8>(), b.as_chunks::<8>());

@@ -2,58 +2,96 @@
 //! middle of the sensor's view; x runs to the right and y up, as seen from outside.
 //!
 //! [`MarkerForces::for_sensor`] makes the model that a sensor's description names. `elastic-layer` ([`ElasticLayer`]) inverts the
-//! gel's own elasticity and has learnt nothing. Units: mm, N, MPa.
+//! gel's own elasticity and has learnt nothing; a weights file holds a small network that the sensor's world has trained
+//! ([`MarkerNetwork`]). A calibration's gains come last. Units: mm, N, MPa.
 
 mod elastic_layer;
 mod kernel;
+mod motion;
+mod trained;
 
 use std::path::Path;
 
 use gripline_sensor::Sensor;
 
 pub use self::elastic_layer::{ElasticLayer, LayerSettings};
+pub use self::motion::MarkerMotion;
+pub use self::trained::{
+    FORCE_OUTPUTS, LEAK, MOTION_INPUTS, MOTION_NODES, MarkerNetwork, MarkerWeights, MotionGrid, PULL,
+    mirrored,
+};
 
 use crate::constants::TAXELS;
 use crate::error::NetworkError;
 use crate::force_map::{Calibration, ForceMap};
 use crate::weights::{self, PARTICLE_FINGERTIP};
 
-/// A marker in one picture.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct MarkerMotion {
-    /// How far it is from where it is at rest, mm.
-    pub moved_mm: [f32; 2],
-    /// Whether the picture shows it; else its neighbours' motion stands for its own.
-    pub is_seen: bool,
-}
+/// The weights that are built in, by the name that a description calls them.
+const SHIPPED: [(&str, &[u8]); 1] = [(
+    "gelsight-mini.safetensors",
+    include_bytes!("../../weights/gelsight-mini.safetensors"),
+)];
 
 /// What makes forces of markers.
 #[derive(Debug, Clone)]
-pub enum MarkerForces {
+pub struct MarkerForces {
+    model: Model,
+    /// Factors on shear and normal force, from a calibration of the very gel.
+    gain: [f32; 2],
+}
+
+#[derive(Debug, Clone)]
+enum Model {
     /// The inverse of the gel's elasticity.
     ElasticLayer(Box<ElasticLayer>),
+    /// A network that the sensor's world has trained.
+    Trained(Box<MarkerNetwork>),
+}
+
+impl From<ElasticLayer> for MarkerForces {
+    fn from(layer: ElasticLayer) -> Self {
+        Self {
+            model: Model::ElasticLayer(Box::new(layer)),
+            gain: [1.0; 2],
+        }
+    }
+}
+
+impl From<MarkerNetwork> for MarkerForces {
+    fn from(network: MarkerNetwork) -> Self {
+        Self {
+            model: Model::Trained(Box::new(network)),
+            gain: [1.0; 2],
+        }
+    }
 }
 
 impl MarkerForces {
-    /// The model that the sensor's description names; a weights file is looked for in `folder`, where the description lies.
+    /// The model that the sensor's description names; a weights file is looked for in `folder`, where the description lies, and
+    /// among the shipped ones.
     ///
     /// # Errors
     /// [`NetworkError`] when it names none that is known, or weights that cannot be used.
     pub fn for_sensor(sensor: &Sensor, folder: Option<&Path>) -> Result<Self, NetworkError> {
-        match sensor.forces.weights.as_str() {
-            ElasticLayer::NAME => Ok(Self::ElasticLayer(Box::new(ElasticLayer::new(
-                &LayerSettings::of(sensor),
-            )))),
-            file if Path::new(file)
-                .extension()
-                .is_some_and(|ending| ending == "safetensors") =>
-            {
-                Self::from_file(&folder.unwrap_or(Path::new("")).join(file), sensor)
-            }
-            other => Err(NetworkError::UnknownForces {
+        let named = sensor.forces.weights.as_str();
+        if named == ElasticLayer::NAME {
+            return Ok(ElasticLayer::new(&LayerSettings::of(sensor)).into());
+        }
+        if Path::new(named)
+            .extension()
+            .is_none_or(|ending| ending != "safetensors")
+        {
+            return Err(NetworkError::UnknownForces {
                 sensor: sensor.identity(),
-                found: other.to_owned(),
-            }),
+                found: named.to_owned(),
+            });
+        }
+        let file = folder.unwrap_or(Path::new("")).join(named);
+        match SHIPPED.iter().find(|(name, _)| *name == named) {
+            Some((name, bytes)) if !file.exists() => {
+                Self::from_bytes(bytes, sensor).map_err(|problem| problem.in_weights(name))
+            }
+            _ => Self::from_file(&file, sensor),
         }
     }
 
@@ -62,30 +100,36 @@ impl MarkerForces {
     /// # Errors
     /// [`NetworkError`] when it cannot be read, is of another sensor, or holds no model of markers.
     pub fn from_file(path: &Path, sensor: &Sensor) -> Result<Self, NetworkError> {
-        let described = |problem| NetworkError::Weights {
-            origin: path.display().to_string(),
-            problem: Box::new(problem),
-        };
-        let metadata = weights::metadata_of(path).map_err(described)?;
+        weights::read(path)
+            .and_then(|bytes| Self::from_bytes(&bytes, sensor))
+            .map_err(|problem| problem.in_weights(&path.display()))
+    }
+
+    fn from_bytes(bytes: &[u8], sensor: &Sensor) -> Result<Self, NetworkError> {
+        let metadata = weights::metadata_of(bytes)?;
         // Weights that name no sensor are the particle fingertip's.
         let found = metadata.get("sensor").map_or(PARTICLE_FINGERTIP, String::as_str);
         if found != sensor.identity() {
-            return Err(described(NetworkError::OtherSensor {
+            return Err(NetworkError::OtherSensor {
                 found: found.to_owned(),
                 expected: sensor.identity(),
-            }));
+            });
         }
-        Err(described(NetworkError::UnknownForces {
-            sensor: sensor.identity(),
-            found: metadata.get("architecture").cloned().unwrap_or_default(),
-        }))
+        Ok(MarkerNetwork::new(&MarkerWeights::parse(bytes)?)?.into())
+    }
+
+    /// The same with other factors on shear and normal force: a calibration's.
+    #[must_use]
+    pub fn with_gain(self, gain: [f32; 2]) -> Self {
+        Self { gain, ..self }
     }
 
     /// Sets where the markers are at rest, mm from the middle of the taxels: once, before [`Self::infer`], in the order of its
     /// motions.
     pub fn set_rest(&mut self, places_mm: &[[f32; 2]]) {
-        match self {
-            Self::ElasticLayer(layer) => layer.set_rest(places_mm),
+        match &mut self.model {
+            Model::ElasticLayer(layer) => layer.set_rest(places_mm),
+            Model::Trained(network) => network.set_rest(places_mm),
         }
     }
 
@@ -99,32 +143,40 @@ impl MarkerForces {
         touched: Option<&[bool; TAXELS]>,
         newtons: &mut ForceMap,
     ) {
-        match self {
-            Self::ElasticLayer(layer) => layer.infer(motions, touched, newtons),
+        match &mut self.model {
+            Model::ElasticLayer(layer) => layer.infer(motions, touched, newtons),
+            Model::Trained(network) => network.infer(motions, newtons),
+        }
+        let [shear, normal] = self.gain;
+        for force in newtons.iter_mut() {
+            *force = [force[0] * shear, force[1] * shear, force[2] * normal];
         }
     }
 
     /// How the detector should read the maps.
     #[must_use]
     pub const fn calibration(&self) -> Calibration {
-        match self {
-            Self::ElasticLayer(_) => ElasticLayer::CALIBRATION,
+        match &self.model {
+            Model::ElasticLayer(_) => ElasticLayer::CALIBRATION,
+            Model::Trained(network) => network.calibration(),
         }
     }
 
     /// Where the numbers come from, in one line.
     #[must_use]
     pub fn manifest(&self) -> String {
-        match self {
-            Self::ElasticLayer(layer) => layer.manifest(),
+        match &self.model {
+            Model::ElasticLayer(layer) => layer.manifest(),
+            Model::Trained(network) => network.manifest().to_owned(),
         }
     }
 
     /// The model's name.
     #[must_use]
     pub const fn name(&self) -> &'static str {
-        match self {
-            Self::ElasticLayer(_) => ElasticLayer::NAME,
+        match &self.model {
+            Model::ElasticLayer(_) => ElasticLayer::NAME,
+            Model::Trained(_) => trained::ARCHITECTURE,
         }
     }
 }

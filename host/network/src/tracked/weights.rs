@@ -106,7 +106,8 @@ impl TrackedWeights {
     pub fn to_bytes(&self) -> Vec<u8> {
         let (lens, scaling) = (self.lens, self.scaling);
         weights::to_bytes(
-            Architecture::Tracked,
+            Architecture::Tracked.name(),
+            None,
             &self.widths,
             &[
                 ("focal_px_per_rad", lens.focal_px_per_rad),

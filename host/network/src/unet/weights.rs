@@ -185,7 +185,8 @@ impl UnetWeights {
             decode20,
         } = self.widths;
         weights::to_bytes(
-            Architecture::Unet,
+            Architecture::Unet.name(),
+            None,
             &[encode44, encode22, encode20, middle10, bottom5, decode20],
             &[
                 ("difference_per_level", self.scaling.difference_per_level),

@@ -21,6 +21,7 @@ mod texture;
 mod truth;
 mod window;
 
+pub(crate) use convolution::Pair;
 pub use height_file::HeightFileError;
 pub use normal::Press;
 pub use shapes::{GridShape, HeightMap, Interpolation, Shape, TRAINING_SHAPES, UNSEEN_SHAPES, WALL_MM};

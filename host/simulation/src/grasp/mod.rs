@@ -5,11 +5,13 @@
 //! the sensing surface. A frame takes about 0.4 ms on a grid of 40 cells and 1.7 ms on 80 (one core at 3.6 GHz).
 //!
 //! `setting` is what happens, `object`, `gripper`, `friction`, `arm` and `course` its parts; `world` runs it, with `rigid_body` (the
-//! object's dynamics) and `solver` (both contacts and the object in one solve); `frame` is what comes out, `policy`
+//! object's dynamics) and `fingers` (both contacts and the object in one solve: `solver` with the layer, `brush` with springs); `frame` is what comes out, `policy`
 //! who decides.
 
 mod arm;
+mod brush;
 mod course;
+mod fingers;
 mod frame;
 mod friction;
 mod gripper;
@@ -27,5 +29,5 @@ pub use friction::FrictionLaw;
 pub use gripper::Gripper;
 pub use object::{OBJECTS, Object, Patch};
 pub use policy::{FixedForce, GraspView, GripPolicy, Oracle};
-pub use setting::{GraspScene, Phase, Pull, Table};
+pub use setting::{ContactModel, GraspScene, Phase, Pull, Table};
 pub use world::{GraspParts, GraspWorld};

@@ -81,6 +81,16 @@ pub struct Phase {
     pub from_us: u64,
 }
 
+/// How the gels are computed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum ContactModel {
+    /// As an elastic layer: every cell moves every other.
+    #[default]
+    Layer,
+    /// As springs, one a cell: rough, and much faster.
+    Brush,
+}
+
 /// A grasp, as it is set up.
 #[derive(Debug, Clone)]
 pub struct GraspScene {
@@ -115,6 +125,8 @@ pub struct GraspScene {
     pub phases: Vec<Phase>,
     /// The two fingertips; the first one's gel is that of both.
     pub fingertips: [FingertipParams; 2],
+    /// How the gels are computed.
+    pub contact: ContactModel,
     /// Cells along one side of the contact solver's grid; see `contact_world::production_cells`.
     pub cells: usize,
     /// Particles, light and noise of both fingertips follow from it.
@@ -142,6 +154,7 @@ impl GraspScene {
             drop_mm: GRASP_DROP_MM,
             phases: Vec::new(),
             fingertips: [FingertipParams::default(); 2],
+            contact: ContactModel::default(),
             cells: production_cells(GRIPPED_N),
             seed: 1,
         }

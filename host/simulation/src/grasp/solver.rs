@@ -58,7 +58,7 @@ pub(crate) enum Ending {
 /// Finger 1 looks at finger 0: its x points the other way and it turns the other way.
 const MIRROR: Triple = [-1.0, 1.0, -1.0];
 
-fn seen(finger: usize, v: Triple) -> Triple {
+pub(super) fn seen(finger: usize, v: Triple) -> Triple {
     if finger == 0 {
         v
     } else {
@@ -325,7 +325,7 @@ impl GraspSolver {
 }
 
 /// The object where nothing touches it.
-fn free(body: &RigidBody, actions: &Actions) -> Outcome {
+pub(super) fn free(body: &RigidBody, actions: &Actions) -> Outcome {
     let mut pose = body.pose;
     for _ in 0..20 {
         let (unbalanced, growth) = body.resistance(actions, pose);

@@ -4,13 +4,14 @@
 
 use std::sync::Arc;
 
+use super::fingers::Fingers;
 use super::frame::{FingerTruth, GraspFrame, ObjectState};
 use super::gripper::GripperState;
 use super::rigid_body::{Actions, RigidBody};
 use super::setting::GraspScene;
-use super::solver::{Ending, GraspSolver};
+use super::solver::Ending;
 use crate::constants::{GRAVITY_MM_PER_S2, SLIP_SPEED_MM_PER_S, TAXEL_COUNT};
-use crate::contact_world::{Contact, GelSurface, HeightMap, Mount, Triple, Truth};
+use crate::contact_world::{GelSurface, Triple, Truth};
 use crate::error::{SimulationError, checked};
 use crate::field::LayerKernels;
 use crate::fingertip::{Fingertip, FingertipParams};
@@ -53,16 +54,6 @@ impl GraspParts {
     }
 }
 
-/// The other finger's view of a patch.
-#[derive(Debug)]
-struct MirroredPatch(Arc<dyn HeightMap>);
-
-impl HeightMap for MirroredPatch {
-    fn height_mm(&self, [x, y]: [f64; 2]) -> f64 {
-        self.0.height_mm([-x, y])
-    }
-}
-
 /// A grasp at work. The same scene and the same lines give the same frames, bit for bit.
 #[derive(Debug)]
 pub struct GraspWorld {
@@ -71,7 +62,7 @@ pub struct GraspWorld {
     /// Made when first looked at.
     fingertips: [Option<Box<Fingertip>>; 2],
     gripper: GripperState,
-    solver: GraspSolver,
+    solver: Fingers,
     body: RigidBody,
     /// Load of the last step, to tell jumps.
     load: Triple,
@@ -99,10 +90,6 @@ impl GraspWorld {
     /// # Errors
     /// A number outside its range, named.
     pub fn with_parts(scene: &GraspScene, parts: &GraspParts) -> Result<Self, SimulationError> {
-        // One contact stands for both fingers if they are mirror images.
-        let [law, other] = &scene.friction_laws;
-        let twins = scene.object.friction[0].to_bits() == scene.object.friction[1].to_bits() && law == other;
-        let count = if twins { 1 } else { 2 };
         scene.check()?;
         checked(
             "cells of the parts' gel surface",
@@ -110,17 +97,9 @@ impl GraspWorld {
             "the scene's cells",
             |_| parts.surface.cells() == scene.cells,
         )?;
-        let patch = scene.object.patch.height_map();
-        let mirrored: Arc<dyn HeightMap> = Arc::new(MirroredPatch(Arc::clone(&patch)));
-        let mut contacts = Vec::with_capacity(2);
-        let sides = [patch, mirrored].into_iter().zip(scene.object.friction);
-        for ((patch, friction), law) in sides.zip(&scene.friction_laws).take(count) {
-            let contact = Contact::new(Arc::clone(&parts.surface), patch, friction, Mount::default())?;
-            contacts.push(contact.textured(law.texture));
-        }
+        let mut solver = Fingers::new(scene, &parts.surface)?;
         let [x, y] = scene.grip_point_mm;
         let pose = [x, y, scene.turn_rad];
-        let mut solver = GraspSolver::new(contacts, scene.object.patch_turn_rad);
         solver.open(pose);
         let mut body = RigidBody::new(
             &scene.object,
@@ -321,14 +300,13 @@ impl GraspWorld {
                     tally.balance = tally.balance.max(self.frame.balance);
                     let mut slides = self.touching;
                     for finger in 0..2 {
-                        let (contact, _) = self.solver.contact(finger);
+                        let (slid_mm, gross) = (self.solver.slid_mm(finger), self.solver.gross_slip(finger));
                         self.slide_mm_per_s[finger] = 0.0;
                         if self.touching {
-                            tally.slid_mm[finger] += contact.slid_mm();
-                            tally.gross[finger] |= contact.truth().gross_slip();
-                            self.slide_mm_per_s[finger] = contact.slid_mm() / step_s;
-                            slides &= contact.truth().gross_slip()
-                                && self.slide_mm_per_s[finger] > SLIP_SPEED_MM_PER_S;
+                            tally.slid_mm[finger] += slid_mm;
+                            tally.gross[finger] |= gross;
+                            self.slide_mm_per_s[finger] = slid_mm / step_s;
+                            slides &= gross && self.slide_mm_per_s[finger] > SLIP_SPEED_MM_PER_S;
                         }
                     }
                     if slides {
@@ -445,8 +423,7 @@ impl GraspWorld {
                 &self.truths[finger],
                 self.slip_mm[finger],
                 tally.slid_mm[finger] / dt_s,
-                friction_of(&self.scene, finger, self.time_s)
-                    .map(|all| all * self.solver.contact(finger).0.mean_share()),
+                friction_of(&self.scene, finger, self.time_s).map(|all| all * self.solver.mean_share(finger)),
             );
             truth.gross_slip = tally.gross[finger] && truth.slip_speed_mm_per_s > SLIP_SPEED_MM_PER_S;
             truth

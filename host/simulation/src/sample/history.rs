@@ -8,7 +8,7 @@ use std::sync::Arc;
 
 use super::shapes::Indenter;
 use super::split::Split;
-use crate::constants::LARGEST_INDENTATION;
+use crate::constants::{HALF_SURFACE_MM, LARGEST_INDENTATION};
 use crate::contact_world::{Contact, Drive, GelSurface, Mount, Press, Truth, production_cells};
 use crate::error::SimulationError;
 use crate::gel::Gel;
@@ -20,14 +20,10 @@ use crate::random::Random;
 pub const STRAIN_LIMIT: f64 = 0.35;
 /// Peak force below which training samples take the finer grid, N.
 const LIGHT_N: f64 = 1.5;
-/// Normal loads, log-uniform, N; the strain limit cuts them for slender shapes.
-const NORMAL_N: [f64; 2] = [0.1, 15.0];
 /// True friction.
 const FRICTION: [f64; 2] = [0.4, 1.0];
 /// Free gel kept between the contact and the surface's edge where it can be, mm.
 const MARGIN_MM: f64 = 1.0;
-/// Half of the sensing surface on which contacts are placed, mm.
-const HALF_MM: f64 = 16.0;
 /// Steps of a press; see [`Contact::go_to`].
 const PRESS_STEPS: u32 = 8;
 /// Depth grows with the load to two thirds, so these loads are even steps in depth.
@@ -62,6 +58,25 @@ impl std::ops::AddAssign for Counts {
     }
 }
 
+/// Where and how hard contacts are made.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Range {
+    /// Normal loads, log-uniform, N; the strain limit cuts them for slender shapes.
+    pub(crate) normal_n: [f64; 2],
+    /// Half of the surface on which contacts are placed, along x and y, mm.
+    pub(crate) half_mm: [f64; 2],
+}
+
+impl Default for Range {
+    /// The particle fingertip's whole sensing surface.
+    fn default() -> Self {
+        Self {
+            normal_n: [0.1, 15.0],
+            half_mm: [HALF_SURFACE_MM; 2],
+        }
+    }
+}
+
 /// Gels of all resolutions, shared by all streams of a thread: their spectra are made once.
 #[derive(Debug, Clone)]
 pub(crate) struct GelSurfaces(Vec<Arc<GelSurface>>);
@@ -71,6 +86,11 @@ impl GelSurfaces {
         let sides = [40, 80, 120, 160];
         let surfaces = sides.map(|cells| GelSurface::new(gel, cells).map(Arc::new));
         surfaces.into_iter().collect::<Result<_, _>>().map(Self)
+    }
+
+    /// The surface with the most cells.
+    pub(crate) fn finest(&self) -> Arc<GelSurface> {
+        Arc::clone(&self.0[self.0.len() - 1])
     }
 
     fn for_load(&self, split: Split, peak_n: f64) -> Arc<GelSurface> {
@@ -85,6 +105,7 @@ impl GelSurfaces {
 pub(crate) struct History {
     contact: Contact,
     gel: Gel,
+    range: Range,
     friction: f64,
     shape: &'static str,
     drive: Drive,
@@ -112,18 +133,22 @@ impl History {
         split: Split,
         surfaces: &GelSurfaces,
         gel: &Gel,
+        range: Range,
     ) -> Result<Self, SimulationError> {
         let indenter = Indenter::draw(random, split)?;
         let friction = random.uniform(FRICTION[0], FRICTION[1]);
-        let normal_n = random.log_uniform(NORMAL_N[0], NORMAL_N[1]);
+        let normal_n = random.log_uniform(range.normal_n[0], range.normal_n[1]);
         // Hertz on a ball of 10 mm tells about how deep and how wide.
         let deep_mm = libm::pow(
             0.75 * normal_n / (gel.contact_modulus_mpa() * 10.0_f64.sqrt()),
             2.0 / 3.0,
         )
         .min(STRAIN_LIMIT * gel.thickness_mm);
-        let room = (HALF_MM - MARGIN_MM - indenter.reach_mm(0.8 * deep_mm)).max(0.5);
-        let at_mm = [random.uniform(-room, room), random.uniform(-room, room)];
+        let reach_mm = indenter.reach_mm(0.8 * deep_mm);
+        let at_mm = range.half_mm.map(|half_mm| {
+            let room = (half_mm - MARGIN_MM - reach_mm).max(0.5);
+            random.uniform(-room, room)
+        });
         let turn_rad = random.uniform(0.0, TAU);
         let tilt_rad = if random.unit() < 0.5 {
             [0.0; 2]
@@ -145,6 +170,7 @@ impl History {
         let mut history = Self {
             contact,
             gel: *gel,
+            range,
             friction,
             shape: indenter.name,
             drive: touch,
@@ -284,7 +310,7 @@ impl History {
         } else {
             to.tilt_rad = random_tilt(random);
         }
-        to.press = Press::Force(load_n.min(NORMAL_N[1]));
+        to.press = Press::Force(load_n.min(self.range.normal_n[1]));
         let distance = libm::hypot(
             to.at_mm[0] - self.drive.at_mm[0],
             to.at_mm[1] - self.drive.at_mm[1],
@@ -411,7 +437,14 @@ mod tests {
         for seed in 0..histories {
             let mut random = Random::new(u64::from(seed), 77);
             let mut counts = Counts::default();
-            let mut history = History::draw(&mut random, Split::Train, surfaces, &Gel::default()).unwrap();
+            let drawn = History::draw(
+                &mut random,
+                Split::Train,
+                surfaces,
+                &Gel::default(),
+                Range::default(),
+            );
+            let mut history = drawn.unwrap();
             while let Some(truth) = history.advance(&mut random, &mut counts) {
                 maps.push(truth.force_map().to_vec());
             }

@@ -10,7 +10,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 pub use history::{Counts, STRAIN_LIMIT};
-use history::{GelSurfaces, History};
+pub(crate) use history::{GelSurfaces, History, Range};
 pub use split::Split;
 
 use crate::constants::{NETWORK_PX, REST_PICTURES, TAXEL_COUNT, TAXELS};
@@ -201,6 +201,7 @@ impl SampleGenerator {
                 self.split,
                 &self.world.surfaces,
                 &self.world.gel,
+                Range::default(),
             );
             // The ranges drawn from are the constants of this module: every one of them is a good parameter.
             self.history = drawn.ok();

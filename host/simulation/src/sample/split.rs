@@ -32,7 +32,7 @@ impl Split {
     }
 
     /// A number of a sensor or surface that is this split's own: its upper four bits. 0 there is left to scenes.
-    pub(super) fn own_number(self, random: &mut Random) -> u64 {
+    pub(crate) fn own_number(self, random: &mut Random) -> u64 {
         ((self as u64) << 60) | (random.bits() >> 4)
     }
 }

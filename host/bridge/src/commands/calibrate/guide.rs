@@ -108,6 +108,43 @@ pub(super) const GEOMETRY: [Step; 3] = [
     },
 ];
 
+pub(super) const GEL: [Step; 3] = [
+    Step {
+        drawing: r"
+                ╭───╮
+                │ o │   a ball of known radius, 4 to 10 mm
+                ╰───╯
+    ╭─────────────────╮
+    ╰─────────────────╯
+    ┌─────────────────┐
+    │  scale: 0.00 N  │
+    └─────────────────┘
+",
+        text: "Lay the sensor on a kitchen scale (or fix the ball to a force-torque sensor) and zero it.",
+    },
+    Step {
+        drawing: r"
+              ↓ ╭───╮
+                │ o │   0.5, 1, 2, 3 N ...
+                ╰───╯
+    ╭─────────────────╮
+    ╰─────────────────╯
+",
+        text: "Record (`gripline run --sensor gelsight-mini --record presses.mcap`). Press, hold still for two seconds, note what the \
+               scale reads, and lift it.",
+    },
+    Step {
+        drawing: r"
+          ╭───╮ ╭───╮ ╭───╮
+          │ o │ │ o │ │ o │   twelve times, everywhere
+          ╰───╯ ╰───╯ ╰───╯
+    ╭─────────────────────────╮
+    ╰─────────────────────────╯
+",
+        text: "Repeat at other places and loads. Then: `gripline calibrate gel presses.mcap --readings \"0.5 1.0 2.1 ...\"`.",
+    },
+];
+
 pub(super) const LINE: [Step; 2] = [
     Step {
         drawing: r"
@@ -177,7 +214,13 @@ mod tests {
 
     #[test]
     fn every_step_fits_a_terminal_of_eighty_columns() {
-        for step in REST.iter().chain(&FRICTION).chain(&GEOMETRY).chain(&LINE) {
+        for step in REST
+            .iter()
+            .chain(&FRICTION)
+            .chain(&GEOMETRY)
+            .chain(&LINE)
+            .chain(&GEL)
+        {
             for line in step.drawing.lines().chain(wrapped(step.text).lines()) {
                 assert!(line.chars().count() <= 80, "{line}");
             }

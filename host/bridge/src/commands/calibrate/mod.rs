@@ -1,9 +1,11 @@
-//! `gripline calibrate rest|geometry|friction|line`: explains the steps, measures, and writes one TOML file that the
+//! `gripline calibrate rest|geometry|friction|line|camera|gel`: explains the steps, measures, and writes one TOML file that the
 //! configuration names (`calibration.file`). Each command writes its own section and leaves the others. Without a terminal,
 //! or with `--yes`, it asks nothing.
 
+mod camera;
 mod common;
 mod friction;
+mod gel;
 mod geometry;
 mod guide;
 mod line;
@@ -12,8 +14,10 @@ pub(super) mod rest;
 
 use clap::{Args, Subcommand};
 
+use self::camera::CameraArgs;
 pub(super) use self::common::date;
 use self::friction::FrictionArgs;
+use self::gel::GelArgs;
 use self::geometry::GeometryArgs;
 pub(super) use self::guide::wrapped;
 use self::line::LineArgs;
@@ -37,6 +41,10 @@ enum Part {
     Friction(FrictionArgs),
     /// Fit the table of the grip-force line (DAC code to force), from forces that you measure.
     Line(LineArgs),
+    /// Find what the camera of a gel with printed markers shows (scale, distortion, field), from its own dots or a plate of dots.
+    Camera(CameraArgs),
+    /// Bring a gel's maps to newtons (modulus, gains of normal force and shear), from a ball pressed with known forces.
+    Gel(GelArgs),
 }
 
 /// Calibrates.
@@ -49,5 +57,7 @@ pub fn run(args: &CalibrateArgs) -> Result<(), Failure> {
         Part::Geometry(args) => geometry::run(args),
         Part::Friction(args) => friction::run(args),
         Part::Line(args) => line::run(args),
+        Part::Camera(args) => camera::run(args),
+        Part::Gel(args) => gel::run(args),
     }
 }

@@ -1,0 +1,430 @@
+//! `gripline calibrate gel`: a gel's maps to newtons, from a ball pressed with known forces.
+
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+
+use clap::{Args, ValueEnum};
+use gripline_evaluation::calibration::gel::{
+    GelFit, Measured, Moment, PRESSES_MIN, Press, fit, lag_s, logged, presses,
+};
+use gripline_sensor::Sensor;
+use serde_json::json;
+
+use super::common::{Common, date, wrote};
+use super::{guide, maps};
+use crate::calibration::{Calibration, Gel};
+use crate::error::Failure;
+use crate::value::number_in;
+
+/// Standard acceleration of gravity over 1,000: newtons of a gram on a scale.
+const NEWTONS_PER_GRAM: f64 = 9.806_65e-3;
+/// Deepest press that a model's world has, share of the gel's thickness.
+const DEEPEST: f64 = 0.35;
+
+/// Arguments of `gripline calibrate gel`.
+#[derive(Debug, Clone, Args)]
+pub(super) struct GelArgs {
+    /// Recordings of `gripline run --record` without a gel calibration, or force maps (T, 3, 20, 20); one a day. Without one the
+    /// command explains how to make it.
+    #[arg(value_name = "REC.mcap|MAPS.npy")]
+    recordings: Vec<PathBuf>,
+    /// What the scale read at each press, in order of time over all recordings.
+    #[arg(
+        long,
+        value_name = "F F ...",
+        conflicts_with = "forces",
+        allow_hyphen_values = true
+    )]
+    readings: Option<Readings>,
+    /// Unit of the readings.
+    #[arg(long, value_enum, default_value_t = Unit::N)]
+    unit: Unit,
+    /// A force-torque sensor's log of each recording, in the same order: CSV with the columns time_s, fx_n, fy_n, fz_n. Its clock and
+    /// its turn about z are found; its z may point into the gel or out of it.
+    #[arg(long, value_name = "LOG.csv")]
+    forces: Vec<PathBuf>,
+    /// How much later the logs' clock is, if it is known.
+    #[arg(long, value_name = "S", allow_hyphen_values = true)]
+    lag_s: Option<f64>,
+    /// Radius of the ball.
+    #[arg(long, value_name = "MM", default_value_t = 6.0, value_parser = number_in(1.0..=100.0))]
+    ball_mm: f64,
+    /// The sensor: a shipped description's name, or one's own file.
+    #[arg(long, value_name = "NAME|FILE.toml", default_value = "gelsight-mini")]
+    sensor: PathBuf,
+    /// Weights that made the maps, where those of the description did not.
+    #[arg(long, value_name = "W.safetensors")]
+    weights: Option<PathBuf>,
+    /// Maps per second of a MAPS.npy.
+    #[arg(long, value_name = "HZ", default_value_t = 25.0, value_parser = number_in(1.0..=1000.0))]
+    rate: f64,
+    /// Which fingertip of the recordings.
+    #[arg(long, value_name = "1|2", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=2))]
+    fingertip: u8,
+    /// Confidence of the intervals.
+    #[arg(long, value_name = "P", default_value_t = 0.9, value_parser = number_in(0.5..=0.999))]
+    confidence: f64,
+    #[command(flatten)]
+    common: Common,
+}
+
+/// Unit of a scale.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Unit {
+    /// Newtons.
+    N,
+    /// Grams.
+    G,
+}
+
+/// Forces as typed in.
+#[derive(Debug, Clone, PartialEq)]
+struct Readings(Vec<f64>);
+
+impl FromStr for Readings {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let read = |word: &str| {
+            word.parse::<f64>()
+                .ok()
+                .filter(|value| *value > 0.0 && *value < 1e5)
+        };
+        let all: Option<Vec<f64>> = text
+            .split(|c: char| c.is_whitespace() || c == ',')
+            .filter(|word| !word.is_empty())
+            .map(read)
+            .collect();
+        all.filter(|all| !all.is_empty())
+            .map(Self)
+            .ok_or_else(|| format!("found {text}, expected positive numbers such as \"0.5 1.0 2.0 3.0\""))
+    }
+}
+
+/// Reads, fits and writes.
+///
+/// # Errors
+/// [`Failure`] when a recording or log cannot be read, or presses and forces do not belong together.
+pub(super) fn run(args: &GelArgs) -> Result<(), Failure> {
+    if args.recordings.is_empty() || (args.readings.is_none() && args.forces.is_empty()) {
+        for (place, step) in guide::GEL.iter().enumerate() {
+            guide::show(place + 1, step);
+        }
+        return Err(Failure::usage(
+            "found no recording with --readings or --forces, expected presses as drawn above",
+        ));
+    }
+    let mut calibration = Calibration::load_or_new(&args.common.out)?;
+    let sensor = Sensor::named(&args.sensor)?;
+    let model = model_of(&sensor, args)?;
+    let (mut all, mut truth, mut turns) = (Vec::new(), Vec::new(), Vec::new());
+    let mut device = String::new();
+    for (day, path) in args.recordings.iter().enumerate() {
+        let (moments, made_by) = maps::read(path, args.rate, args.fingertip, Moment::of)?;
+        device = made_by;
+        let found = presses(&moments, day);
+        if let Some(log) = args.forces.get(day) {
+            let wrong = |error: String| Failure::failed(format!("{}: {error}", log.display()));
+            let forces = read_log(log)?;
+            let lag = match args.lag_s {
+                Some(lag) => lag,
+                None => lag_s(&moments, &forces).map_err(wrong)?,
+            };
+            let (forces, turn) = logged(&found, &forces, lag).map_err(wrong)?;
+            turns.push((lag, turn));
+            truth.extend(forces);
+        }
+        all.extend(found);
+    }
+    if !args.forces.is_empty() && args.forces.len() != args.recordings.len() {
+        return Err(Failure::usage(format!(
+            "--forces: found {} logs, expected {}, one for each recording",
+            args.forces.len(),
+            args.recordings.len()
+        )));
+    }
+    if let Some(Readings(readings)) = &args.readings {
+        let newtons = if args.unit == Unit::G {
+            NEWTONS_PER_GRAM
+        } else {
+            1.0
+        };
+        truth = readings
+            .iter()
+            .map(|reading| [0.0, 0.0, reading * newtons])
+            .collect();
+    }
+    let named = args.recordings[0].display();
+    let has_shear = !args.forces.is_empty();
+    let found = fit(&all, &truth, has_shear, args.confidence).map_err(|error| {
+        Failure::failed(format!(
+            "{named}: {error} (at least {PRESSES_MIN} presses are needed)"
+        ))
+    })?;
+    let section = section(args, &sensor, model, device, &found, &truth);
+    print(args, &sensor, (&all, &truth), (&found, &section), &turns);
+    calibration.gel = Some(section);
+    calibration.save()?;
+    wrote(&args.common);
+    Ok(())
+}
+
+/// What tells the force model apart whose maps these are.
+fn model_of(sensor: &Sensor, args: &GelArgs) -> Result<String, Failure> {
+    use gripline_network::marker_forces::MarkerForces;
+    let forces = match &args.weights {
+        Some(file) => MarkerForces::from_file(file, sensor)?,
+        None => MarkerForces::for_sensor(sensor, args.sensor.parent())?,
+    };
+    Ok(crate::model::forces_named(&forces))
+}
+
+fn section(
+    args: &GelArgs,
+    sensor: &Sensor,
+    model: String,
+    device: String,
+    found: &GelFit,
+    truth: &[[f64; 3]],
+) -> Gel {
+    let rounded = |value: f64| (value * 1e4).round() / 1e4;
+    let [shear_gain, normal_gain] = found.gains();
+    let shear = found.shear.unwrap_or(found.normal);
+    Gel {
+        date: date(),
+        device: args.common.device.clone().unwrap_or(device),
+        sensor: sensor.identity(),
+        model,
+        normal_gain: rounded(normal_gain),
+        normal_interval: found.normal.interval.map(rounded),
+        shear_gain: rounded(shear_gain),
+        shear_interval: shear.interval.map(rounded),
+        shear_was_measured: found.shear.is_some(),
+        young_mpa: rounded(normal_gain * sensor.gel.young_mpa),
+        young_interval_mpa: found
+            .normal
+            .interval
+            .map(|gain| rounded(gain * sensor.gel.young_mpa)),
+        confidence: found.confidence,
+        presses: truth.len(),
+        held_out_share: rounded(found.held_out_share(truth)),
+    }
+}
+
+/// A CSV with a line of names.
+fn read_log(path: &Path) -> Result<Vec<(f64, [f64; 3])>, Failure> {
+    const COLUMNS: [&str; 4] = ["time_s", "fx_n", "fy_n", "fz_n"];
+    let text = std::fs::read_to_string(path).map_err(|error| {
+        Failure::usage(format!(
+            "{}: {error}, expected a CSV file with {}",
+            path.display(),
+            COLUMNS.join(", ")
+        ))
+    })?;
+    let mut lines = text
+        .lines()
+        .enumerate()
+        .filter(|(_, line)| !line.trim().is_empty());
+    let head: Vec<&str> = lines
+        .next()
+        .map_or(Vec::new(), |(_, line)| line.split(',').map(str::trim).collect());
+    let mut places = [0; 4];
+    for (place, name) in places.iter_mut().zip(COLUMNS) {
+        *place = head.iter().position(|found| *found == name).ok_or_else(|| {
+            Failure::usage(format!(
+                "{}:1: found the columns {}, expected {}: rename them, newtons and seconds",
+                path.display(),
+                head.join(", "),
+                COLUMNS.join(", ")
+            ))
+        })?;
+    }
+    lines
+        .map(|(number, line)| {
+            let words: Vec<&str> = line.split(',').collect();
+            let value = |at: usize| {
+                words
+                    .get(places[at])
+                    .and_then(|word| word.trim().parse::<f64>().ok())
+            };
+            match [0, 1, 2, 3].map(value) {
+                [Some(t), Some(x), Some(y), Some(z)] => Ok((t, [x, y, z])),
+                _ => Err(Failure::usage(format!(
+                    "{}:{}: found {line}, expected a number in each of {}",
+                    path.display(),
+                    number + 1,
+                    COLUMNS.join(", ")
+                ))),
+            }
+        })
+        .collect()
+}
+
+/// Errors of what was left out, median and largest, N, and the median's share.
+fn errors(
+    found: &GelFit,
+    truth: &[[f64; 3]],
+    wanted: &dyn Fn(usize) -> bool,
+) -> Option<(usize, f64, f64, f64)> {
+    let mut chosen: Vec<(f64, f64)> = (0..truth.len())
+        .filter(|at| wanted(*at))
+        .map(|at| (found.held_out_n[at], found.held_out_n[at] / truth[at][2]))
+        .collect();
+    chosen.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let middle = chosen.len() / 2;
+    let largest = chosen.last()?.0;
+    let median = chosen[middle].0;
+    chosen.sort_by(|a, b| a.1.total_cmp(&b.1));
+    Some((chosen.len(), median, largest, chosen[middle].1))
+}
+
+/// Names of the groups that errors are told of, and who is in them.
+fn groups(all: &[Press], truth: &[[f64; 3]]) -> Vec<(String, Vec<usize>)> {
+    let mut loads: Vec<f64> = truth.iter().map(|force| force[2]).collect();
+    loads.sort_by(f64::total_cmp);
+    let [third, two_thirds] = [loads[loads.len() / 3], loads[2 * loads.len() / 3]];
+    let among = |wanted: &dyn Fn(usize) -> bool| (0..all.len()).filter(|at| wanted(*at)).collect::<Vec<_>>();
+    let off = |at: usize| all[at].place[0].hypot(all[at].place[1]);
+    let mut groups = vec![
+        (
+            format!("load below {third:.2} N"),
+            among(&|at| truth[at][2] < third),
+        ),
+        (
+            format!("load {third:.2} to {two_thirds:.2} N"),
+            among(&|at| (third..two_thirds).contains(&truth[at][2])),
+        ),
+        (
+            format!("load from {two_thirds:.2} N"),
+            among(&|at| truth[at][2] >= two_thirds),
+        ),
+        ("place: inner half".to_owned(), among(&|at| off(at) < 4.0)),
+        ("place: outer half".to_owned(), among(&|at| off(at) >= 4.0)),
+    ];
+    let days = all.iter().map(|press| press.day).max().unwrap_or(0) + 1;
+    if days > 1 {
+        groups
+            .extend((0..days).map(|day| (format!("recording {}", day + 1), among(&|at| all[at].day == day))));
+    }
+    groups.retain(|(_, members)| !members.is_empty());
+    groups
+}
+
+fn print(
+    args: &GelArgs,
+    sensor: &Sensor,
+    (all, truth): (&[Press], &[[f64; 3]]),
+    (found, section): (&GelFit, &Gel),
+    turns: &[(f64, f64)],
+) {
+    let groups = groups(all, truth);
+    let told = |members: &[usize]| errors(found, truth, &|at| members.contains(&at));
+    if args.common.json {
+        let measured = |measured: &Measured| json!({"value": measured.value, "interval": measured.interval});
+        let held_out: Vec<_> = groups
+            .iter()
+            .filter_map(|(name, members)| {
+                let (presses, median_n, largest_n, share) = told(members)?;
+                Some(json!({"of": name, "presses": presses, "median_n": median_n, "largest_n": largest_n, "median_share": share}))
+            })
+            .collect();
+        println!(
+            "{}",
+            json!({"sensor": section.sensor, "model": section.model, "normal_gain": measured(&found.normal),
+                   "shear_gain": found.shear.as_ref().map(measured), "young_mpa": section.young_mpa,
+                   "young_interval_mpa": section.young_interval_mpa, "offset_n": measured(&found.offset_n),
+                   "creep_per_decade": found.creep.as_ref().map(measured), "confidence": found.confidence,
+                   "presses": truth.len(), "held_out_share": section.held_out_share, "held_out": held_out,
+                   "logs": turns.iter().map(|(lag, turn)| json!({"lag_s": lag, "turn_deg": turn.to_degrees()})).collect::<Vec<_>>()})
+        );
+        return;
+    }
+    for (number, (lag, turn)) in turns.iter().enumerate() {
+        println!(
+            "log {}: {lag:+.2} s late, turned by {:.0}°",
+            number + 1,
+            turn.to_degrees()
+        );
+    }
+    println!("   true N   maps N   left out, off by N");
+    for ((press, truth), error) in all.iter().zip(truth).zip(&found.held_out_n) {
+        println!("{:9.2}{:9.2}{error:12.3}", truth[2], press.raw_n[2]);
+    }
+    let of = |name: &str, Measured { value, interval }: &Measured, unit: &str| {
+        println!(
+            "{name:24}{value:8.3}{unit}   {:.3} to {:.3}",
+            interval[0], interval[1]
+        );
+    };
+    println!(
+        "\n{:.0} % intervals, over {} presses:",
+        100.0 * found.confidence,
+        truth.len()
+    );
+    of("gain of normal force", &found.normal, "");
+    match &found.shear {
+        Some(shear) => of("gain of shear", shear, ""),
+        None => println!("gain of shear           not measured: taken for that of normal force"),
+    }
+    let young = Measured {
+        value: section.young_mpa,
+        interval: section.young_interval_mpa,
+    };
+    of("Young's modulus", &young, " MPa");
+    of("offset", &found.offset_n, " N");
+    if let Some(creep) = &found.creep {
+        of("creep, per decade", creep, "");
+    }
+    println!("\nerror of presses that the gains were not fitted to (normal force):");
+    for (name, members) in &groups {
+        if let Some((presses, median, largest, share)) = told(members) {
+            println!(
+                "{name:24}{presses:4} presses, median {median:.3} N ({:.1} %), largest {largest:.3} N",
+                100.0 * share
+            );
+        }
+    }
+    hints(args, sensor, found, truth, section);
+}
+
+/// What the figures say beyond themselves.
+fn hints(args: &GelArgs, sensor: &Sensor, found: &GelFit, truth: &[[f64; 3]], section: &Gel) {
+    if let Some(shear) = found.shear
+        && (shear.interval[1] < found.normal.interval[0] || shear.interval[0] > found.normal.interval[1])
+    {
+        println!(
+            "\nshear and normal force need different gains: the gel is not as thick as the description says ({} mm), or its \
+             markers lie deeper; both gains are used",
+            sensor.gel.thickness_mm
+        );
+    }
+    let most = truth.iter().map(|force| force[2]).fold(0.0, f64::max);
+    let modulus = section.young_mpa / (1.0 - sensor.gel.poisson.powi(2));
+    // Hertz; on a layer a ball goes less deep.
+    let depth = (9.0 * most * most / (16.0 * args.ball_mm * modulus * modulus)).cbrt();
+    if depth > DEEPEST * sensor.gel.thickness_mm {
+        println!(
+            "\nthe hardest press, {most:.1} N, goes some {depth:.1} mm deep, beyond {:.1} mm that the force model knows: take a larger \
+             ball, or press less",
+            DEEPEST * sensor.gel.thickness_mm
+        );
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn readings_are_parsed_and_other_text_is_refused() {
+        assert_eq!("0.5, 1 2.25".parse(), Ok(Readings(vec![0.5, 1.0, 2.25])));
+        for text in ["", "a", "1 -2", "0"] {
+            assert!(
+                text.parse::<Readings>()
+                    .unwrap_err()
+                    .contains("expected positive numbers"),
+                "{text}"
+            );
+        }
+    }
+}

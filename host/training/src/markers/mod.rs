@@ -1,0 +1,468 @@
+//! Trains and scores the network that makes forces of printed markers, in the simulated world of its sensor's file.
+//!
+//! The network is small and its input smaller, so three dense layers by hand take a minute where the framework of the other
+//! networks takes an hour; [`dense`] is all there is to it.
+
+mod dense;
+mod samples;
+
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use clap::Subcommand;
+use gripline_network::marker_forces::{
+    ElasticLayer, FORCE_OUTPUTS, LEAK, LayerSettings, MOTION_INPUTS, MOTION_NODES, MarkerForces,
+    MarkerNetwork, MarkerWeights, PULL, mirrored,
+};
+use gripline_network::metrics::{Pair, Scores, calibrate};
+use gripline_network::{Calibration, ForceMap, NO_FORCES};
+use gripline_sensor::Sensor;
+use gripline_simulation::Split;
+use indicatif::{ProgressBar, ProgressStyle};
+use serde_json::{Value, json};
+
+use self::dense::{Dense, Step};
+use self::samples::{Sample, Samples};
+use crate::constants::DETECTOR_FRICTION;
+use crate::error::{TrainingError, at};
+use crate::rng::Rng;
+
+/// Samples per gradient step.
+const BATCH: usize = 32;
+/// Peak of the learning rate, and the share of the steps in which it rises.
+const RATE: f32 = 2e-3;
+const WARM_UP: f32 = 0.1;
+/// Decoupled weight decay.
+const DECAY: f32 = 3e-3;
+/// Weight of the map's error, relative to its square, against that of the summed forces.
+const MAP_WEIGHT: f32 = 0.3;
+/// Largest relative error of a sum that counts in full; a heavier one pulls no harder.
+const ERROR_MAX: f32 = 0.5;
+/// Added to the normal force and to a map's square, N and N²: light touches weigh finitely.
+const FLOOR_N: f32 = 0.05;
+const FLOOR_N2: f32 = 1e-4;
+/// Mean absolute errors in newtons are of loads up to this, N.
+const ABSOLUTE_UP_TO_N: f64 = 10.0;
+
+/// The commands.
+#[derive(Debug, Subcommand)]
+pub(crate) enum Command {
+    /// Make samples (kept; an interrupted run goes on), train, calibrate, and write the weights.
+    Train {
+        /// The sensor: a shipped one's name, or its file.
+        #[arg(long, default_value = "gelsight-mini")]
+        sensor: PathBuf,
+        /// Contacts to train on; each is seen by three units, and each of those in four mirrors.
+        #[arg(long, default_value_t = 6000, value_parser = clap::value_parser!(u32).range(100..=1_000_000))]
+        contacts: u32,
+        /// Gradient steps of 32 samples.
+        #[arg(long, default_value_t = 60_000, value_parser = clap::value_parser!(u32).range(10..=10_000_000))]
+        steps: u32,
+        /// Finish the steps within this time, with fewer if need be.
+        #[arg(long, value_parser = clap::value_parser!(u32).range(1..=10_000))]
+        minutes: Option<u32>,
+        /// Numbers after the first and the second layer, multiples of 8.
+        #[arg(long, value_delimiter = ',', num_args = 1, default_values_t = [96, 48])]
+        widths: Vec<usize>,
+        /// Where the weights go; the sensor's file names them.
+        #[arg(long, default_value = concat!(env!("CARGO_MANIFEST_DIR"), "/../network/weights/gelsight-mini.safetensors"))]
+        out: PathBuf,
+    },
+    /// Only make the samples that are missing.
+    Generate {
+        /// The sensor: a shipped one's name, or its file.
+        #[arg(long, default_value = "gelsight-mini")]
+        sensor: PathBuf,
+        /// Contacts to train on.
+        #[arg(long, default_value_t = 6000, value_parser = clap::value_parser!(u32).range(100..=1_000_000))]
+        contacts: u32,
+    },
+    /// Score weights on shapes and units never trained on, beside the elastic layer's inverse.
+    Evaluate {
+        /// The sensor: a shipped one's name, or its file.
+        #[arg(long, default_value = "gelsight-mini")]
+        sensor: PathBuf,
+        /// The weights file; without it, the one that the sensor's file names.
+        #[arg(long)]
+        weights: Option<PathBuf>,
+        /// Print one JSON object.
+        #[arg(long)]
+        json: bool,
+    },
+}
+
+/// Runs a command; `held_out` contacts in each of the calibration and test sets.
+pub(crate) fn run(command: &Command, data: &Path, seed: u32, held_out: u32) -> Result<(), TrainingError> {
+    match command {
+        Command::Generate { sensor, contacts } => {
+            let sensor = Sensor::named(sensor).map_err(usage)?;
+            for (split, count) in counts(*contacts, held_out) {
+                Samples::load(data, &sensor, split, seed, count)?;
+            }
+            Ok(())
+        }
+        Command::Train {
+            sensor,
+            contacts,
+            steps,
+            minutes,
+            widths,
+            out,
+        } => {
+            let sensor = Sensor::named(sensor).map_err(usage)?;
+            let [first, second] = widths[..] else {
+                return Err(TrainingError::Usage(format!(
+                    "--widths is {widths:?}, expected two such as 96,48"
+                )));
+            };
+            let [train, calibration, test] = counts(*contacts, held_out)
+                .map(|(split, count)| Samples::load(data, &sensor, split, seed, count));
+            let plan = Plan {
+                steps: *steps,
+                budget: minutes.map(|minutes| Duration::from_secs(60 * u64::from(minutes))),
+                widths: [first, second],
+                seed,
+            };
+            let train = train?;
+            let mut weights = fit(&sensor, &train, &plan);
+            let mut engine = MarkerNetwork::new(&weights).map_err(TrainingError::Trained)?;
+            weights.calibration = calibrate(&predict(&calibration?, |sample, map| {
+                engine.set_rest(&sample.places_mm);
+                engine.infer(&sample.motions, map);
+            }));
+            let scores = score(&test?, weights.calibration, |sample, map| {
+                engine.set_rest(&sample.places_mm);
+                engine.infer(&sample.motions, map);
+            });
+            weights.manifest = json!({
+                "sensor": sensor.identity(), "seed": seed, "contacts": contacts, "samples": train.all.len(),
+                "steps": steps, "minutes": minutes, "test": scores,
+            })
+            .to_string();
+            if let Some(folder) = out.parent() {
+                std::fs::create_dir_all(folder).map_err(at(folder))?;
+            }
+            std::fs::write(out, weights.to_bytes()).map_err(at(out))?;
+            println!("{scores:#}\nwrote {}", out.display());
+            Ok(())
+        }
+        Command::Evaluate {
+            sensor,
+            weights,
+            json,
+        } => {
+            let folder = sensor.parent();
+            let description = Sensor::named(sensor).map_err(usage)?;
+            let mut trained = match weights {
+                Some(file) => MarkerForces::from_file(file, &description),
+                None => MarkerForces::for_sensor(&description, folder),
+            }?;
+            let test = Samples::load(data, &description, Split::Test, seed, held_out)?;
+            let mut layer = MarkerForces::from(ElasticLayer::new(&LayerSettings::of(&description)));
+            let of = |model: &mut MarkerForces| {
+                let calibration = model.calibration();
+                score(&test, calibration, |sample, map| {
+                    model.set_rest(&sample.places_mm);
+                    model.infer(&sample.motions, None, map);
+                })
+            };
+            let report = json!({
+                "sensor": description.identity(), "model": trained.name(),
+                "trained": of(&mut trained), "elastic_layer": of(&mut layer),
+            });
+            if *json {
+                println!("{report}");
+            } else {
+                println!("{report:#}");
+            }
+            Ok(())
+        }
+    }
+}
+
+fn usage(error: impl std::fmt::Display) -> TrainingError {
+    TrainingError::Usage(error.to_string())
+}
+
+fn counts(contacts: u32, held_out: u32) -> [(Split, u32); 3] {
+    [
+        (Split::Train, contacts),
+        (Split::Calibration, held_out),
+        (Split::Test, held_out),
+    ]
+}
+
+/// What to train.
+struct Plan {
+    steps: u32,
+    budget: Option<Duration>,
+    widths: [usize; 2],
+    seed: u32,
+}
+
+/// Gradient steps over mirrored samples.
+fn fit(sensor: &Sensor, train: &Samples, plan: &Plan) -> MarkerWeights {
+    let mut rng = Rng::new(u64::from(plan.seed));
+    let [first, second] = plan.widths;
+    let mut layers = [
+        Dense::new(MOTION_INPUTS, first, 1.0, &mut rng),
+        Dense::new(first, second, 1.0, &mut rng),
+        Dense::new(second, FORCE_OUTPUTS, 0.1, &mut rng),
+    ];
+    let [mut one, mut two] = plan.widths.map(|width| vec![0.0; width]);
+    let [mut back_one, mut back_two] = plan.widths.map(|width| vec![0.0; width]);
+    let (mut output, mut slope) = (vec![0.0; FORCE_OUTPUTS], vec![0.0; FORCE_OUTPUTS]);
+    let mut unused = vec![0.0; MOTION_INPUTS];
+    let bar = ProgressBar::new(plan.steps.into()).with_style(
+        ProgressStyle::with_template("training {bar:30} {pos}/{len} steps, {eta} left, {msg}")
+            .expect("the template is fixed"),
+    );
+    let start = Instant::now();
+    let mut errors = [0.0; 2];
+    for step in 1..=plan.steps {
+        let by_time = plan
+            .budget
+            .map_or(0.0, |budget| start.elapsed().as_secs_f32() / budget.as_secs_f32());
+        let progress = by_time.max(step as f32 / plan.steps as f32);
+        if progress >= 1.0 {
+            break;
+        }
+        for _ in 0..BATCH {
+            let sample = &train.all[rng.below(train.all.len())];
+            let mirror = [rng.below(2) == 1, rng.below(2) == 1];
+            let input = input_in(&sample.input, mirror);
+            let truth = map_in(&sample.forces, mirror);
+            let [dense0, dense1, dense2] = &mut layers;
+            dense0.forward(&input, &mut one, Some(LEAK));
+            dense1.forward(&one, &mut two, Some(LEAK));
+            dense2.forward(&two, &mut output, None);
+            let found = slopes(&mut output, &truth, sample.rms_mm, &mut slope);
+            errors = [0, 1].map(|k| 0.9995 * errors[k] + 0.0005 * found[k]);
+            dense2.backward(&two, &slope, &mut back_two);
+            leak(&two, &mut back_two);
+            dense1.backward(&one, &back_two, &mut back_one);
+            leak(&one, &mut back_one);
+            dense0.backward(&input, &back_one, &mut unused);
+        }
+        let update = Step {
+            rate: RATE * schedule(progress),
+            decay: DECAY,
+            number: step as i32,
+            batch: BATCH as f32,
+        };
+        for layer in &mut layers {
+            layer.step(&update);
+        }
+        if step % 500 == 0 {
+            bar.set_position(step.into());
+            bar.set_message(format!("sums {:.4}, map {:.3}", errors[0], errors[1]));
+        }
+    }
+    bar.finish_and_clear();
+    println!(
+        "trained for {:.1} min: mean squared relative error of the sums {:.4}, of the map {:.3}",
+        start.elapsed().as_secs_f32() / 60.0,
+        errors[0],
+        errors[1]
+    );
+    let tensors = layers
+        .iter()
+        .enumerate()
+        .flat_map(|(number, layer)| layer.tensors(number))
+        .collect();
+    MarkerWeights {
+        sensor: sensor.identity(),
+        node_mm: MarkerWeights::node_mm(sensor.view.field_mm),
+        widths: plan.widths,
+        calibration: Calibration {
+            contact_min_n: 0.01,
+            friction: DETECTOR_FRICTION,
+        },
+        manifest: String::new(),
+        tensors,
+    }
+}
+
+/// The loss's slope on every output. Returns the squared relative errors of the sums and of the map.
+fn slopes(output: &mut [f32], truth: &[f32], rms_mm: f32, slope: &mut [f32]) -> [f32; 2] {
+    let mut sums = [[0.0_f32; 3]; 2];
+    let mut square = FLOOR_N2;
+    for (at, (out, truth)) in output.iter_mut().zip(truth).enumerate() {
+        let newtons = *out * rms_mm;
+        *out = if at % 3 == 2 && newtons < 0.0 {
+            PULL * newtons
+        } else {
+            newtons
+        };
+        sums[0][at % 3] += *out;
+        sums[1][at % 3] += truth;
+        square += truth * truth;
+    }
+    let load = sums[1][2] + FLOOR_N;
+    let relative = [0, 1, 2].map(|axis| (sums[0][axis] - sums[1][axis]) / load);
+    let mut of_map = 0.0;
+    for (at, ((out, truth), slope)) in output.iter().zip(truth).zip(slope).enumerate() {
+        let error = out - truth;
+        of_map += error * error;
+        let by_newton = MAP_WEIGHT * error / square + relative[at % 3].clamp(-ERROR_MAX, ERROR_MAX) / load;
+        let pulls = at % 3 == 2 && *out < 0.0;
+        *slope = by_newton * rms_mm * if pulls { PULL } else { 1.0 };
+    }
+    [relative.iter().map(|error| error * error).sum(), of_map / square]
+}
+
+/// Through the leak after a layer.
+fn leak(output: &[f32], slope: &mut [f32]) {
+    for (slope, output) in slope.iter_mut().zip(output) {
+        if *output < 0.0 {
+            *slope *= LEAK;
+        }
+    }
+}
+
+/// A cosine up from nothing, and one down to a thousandth.
+fn schedule(progress: f32) -> f32 {
+    if progress < WARM_UP {
+        progress / WARM_UP
+    } else {
+        let part = (progress - WARM_UP) / (1.0 - WARM_UP);
+        0.5 * (1.0 + (std::f32::consts::PI * part).cos()) + 1e-3
+    }
+}
+
+/// The input of the mirrored world.
+fn input_in(input: &[f32; MOTION_INPUTS], mirror: [bool; 2]) -> [f32; MOTION_INPUTS] {
+    let mut out = *input;
+    let signs = mirror.map(|mirror| if mirror { -1.0 } else { 1.0 });
+    for (node, out) in out.as_chunks_mut::<3>().0.iter_mut().enumerate() {
+        let from = 3 * mirrored(node, MOTION_NODES, mirror);
+        *out = [
+            signs[0] * input[from],
+            signs[1] * input[from + 1],
+            input[from + 2],
+        ];
+    }
+    out
+}
+
+/// The map of the mirrored world.
+fn map_in(map: &ForceMap, mirror: [bool; 2]) -> Vec<f32> {
+    let signs = mirror.map(|mirror| if mirror { -1.0 } else { 1.0 });
+    (0..map.len())
+        .flat_map(|taxel| {
+            let [x, y, z] = map[mirrored(taxel, [20, 20], mirror)];
+            [signs[0] * x, signs[1] * y, z]
+        })
+        .collect()
+}
+
+fn predict(set: &Samples, mut infer: impl FnMut(&Sample, &mut ForceMap)) -> Vec<Pair> {
+    let pair = |sample: &Sample| {
+        let mut predicted = NO_FORCES;
+        infer(sample, &mut predicted);
+        Pair {
+            predicted,
+            truth: sample.forces,
+        }
+    };
+    set.all.iter().map(pair).collect()
+}
+
+/// Scores of the whole field and of closer crops apart, by shape too.
+fn score(set: &Samples, calibration: Calibration, infer: impl FnMut(&Sample, &mut ForceMap)) -> Value {
+    let pairs = predict(set, infer);
+    let of = |wanted: &dyn Fn(&Sample) -> bool| {
+        let chosen: Vec<Pair> = set
+            .all
+            .iter()
+            .zip(&pairs)
+            .filter(|(sample, _)| wanted(sample))
+            .map(|(_, pair)| pair.clone())
+            .collect();
+        chosen
+    };
+    let whole = of(&|sample| sample.zoom < 1.001);
+    let shapes: std::collections::BTreeMap<&str, Value> = set
+        .all
+        .iter()
+        .map(|sample| sample.shape.as_str())
+        .map(|shape| {
+            let pairs = of(&|sample| sample.shape == shape && sample.zoom < 1.001);
+            (shape, short(&pairs, calibration))
+        })
+        .collect();
+    json!({
+        "whole_field": Scores::new(&whole, calibration), "absolute": absolute(&whole),
+        "closer_crops": short(&of(&|sample| sample.zoom >= 1.001), calibration),
+        "shapes": shapes, "contact_min_n": calibration.contact_min_n, "friction": calibration.friction,
+    })
+}
+
+fn short(pairs: &[Pair], calibration: Calibration) -> Value {
+    let scores = Scores::new(pairs, calibration);
+    json!({
+        "samples": scores.samples, "total_normal_error_median": scores.total_normal_error_median,
+        "shear_error_median": scores.shear_error_median, "absolute": absolute(pairs),
+    })
+}
+
+/// Mean absolute errors of the summed normal force and of the summed shear, N.
+fn absolute(pairs: &[Pair]) -> Value {
+    let total = |map: &ForceMap, axis: usize| map.iter().map(|force| f64::from(force[axis])).sum::<f64>();
+    let mut sums = [0.0; 2];
+    let mut count = 0.0_f64;
+    for Pair { predicted, truth } in pairs {
+        if total(truth, 2) <= ABSOLUTE_UP_TO_N {
+            let error = |axis| total(predicted, axis) - total(truth, axis);
+            sums[0] += error(2).abs();
+            sums[1] += error(0).hypot(error(1));
+            count += 1.0;
+        }
+    }
+    json!({"normal_n": sums[0] / count.max(1.0), "shear_n": sums[1] / count.max(1.0)})
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn mirrored_samples_keep_their_sums_but_for_the_sign() {
+        let mut map = NO_FORCES;
+        map[37] = [0.3, -0.2, 1.0];
+        let there = map_in(&map, [true, false]);
+        let sum = |axis: usize| there.iter().skip(axis).step_by(3).sum::<f32>();
+        assert!((sum(0) + 0.3).abs() < 1e-6 && (sum(1) + 0.2).abs() < 1e-6 && (sum(2) - 1.0).abs() < 1e-6);
+        assert!((there[3 * (20 + 2) + 2] - 1.0).abs() < 1e-6);
+    }
+
+    #[test]
+    fn the_slope_is_that_of_the_loss() {
+        let truth: Vec<f32> = (0..FORCE_OUTPUTS)
+            .map(|at| if at % 7 == 0 { 0.02 } else { 0.0 })
+            .collect();
+        let start: Vec<f32> = (0..FORCE_OUTPUTS)
+            .map(|at| 0.1 * ((at * 31 % 17) as f32 / 17.0 - 0.3))
+            .collect();
+        let loss = |values: &[f32]| {
+            let (mut values, mut slope) = (values.to_vec(), vec![0.0; FORCE_OUTPUTS]);
+            let [sums, of_map] = slopes(&mut values, &truth, 0.05, &mut slope);
+            (0.5 * (sums + MAP_WEIGHT * of_map), slope)
+        };
+        let (_, slope) = loss(&start);
+        for at in [0, 5, 14, 601] {
+            let step = 0.02;
+            let moved = |by: f32| {
+                let mut there = start.clone();
+                there[at] += by;
+                loss(&there).0
+            };
+            let found = (moved(step) - moved(-step)) / (2.0 * step);
+            assert!(
+                (found - slope[at]).abs() < 0.05 * slope[at].abs() + 2e-4,
+                "{at}: {found} {}",
+                slope[at]
+            );
+        }
+    }
+}
