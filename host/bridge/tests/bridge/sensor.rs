@@ -207,7 +207,7 @@ fn weights_of_another_sensor_and_a_description_without_a_key_are_refused_by_name
     );
 
     let file = folder.path().join("mine.toml");
-    let shipped = include_str!("../../sensors/gelsight-mini.toml");
+    let shipped = include_str!("../../../sensors/gelsight-mini.toml");
     std::fs::write(&file, shipped.replace("thickness_mm = 4.25\n", "")).unwrap();
     let output = gripline(&[
         "run",
