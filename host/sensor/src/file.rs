@@ -274,7 +274,8 @@ mod tests {
     #[test]
     fn a_missing_section_is_one_problem_and_printed_markers_need_a_pitch_that_particles_have_not() {
         let text = shipped("gelsight-mini");
-        let without = text[..text.find("[health]").unwrap()].to_owned();
+        let [health, forces] = ["[health]", "[forces]"].map(|section| text.find(section).unwrap());
+        let without = format!("{}{}", &text[..health], &text[forces..]);
         assert_eq!(
             problems(&without),
             "1: health: found no such section, expected [health]: add it"
