@@ -11,6 +11,8 @@ pub const FLASH: u32 = 0x0800_0000;
 pub const SETTINGS: std::ops::Range<u32> = 0x0800_4000..0x0800_C000;
 /// Initial stack pointer and reset vector: without them no chip starts the image.
 pub const ENTRY_BYTES: usize = 8;
+/// Vectors and identity.
+const HEAD_BYTES: usize = IMAGE_IDENTITY_AT + IMAGE_IDENTITY_BYTES + WORD;
 /// An erased byte.
 pub const ERASED: u8 = 0xFF;
 /// Words of 32 bits are what the flash takes.
@@ -240,9 +242,10 @@ fn of_binary(file: &[u8]) -> Result<Vec<Part>, ImageError> {
         address,
         bytes: bytes.to_vec(),
     };
-    // A filler behind the head is none of the image either; the head keeps its length of whole words.
+    // Nor is a filler behind vectors and identity.
     let content = head.iter().rposition(|&byte| byte != 0 && byte != ERASED);
-    let head = &head[..content.map_or(0, |last| last + 1)];
+    let length = content.map_or(0, |last| (last + 1).max(HEAD_BYTES));
+    let head = &head[..head.len().min(length)];
     let parts = [part(FLASH, head), part(SETTINGS.end, program)];
     Ok(parts.into_iter().filter(|part| !part.bytes.is_empty()).collect())
 }

@@ -34,8 +34,8 @@ pub(crate) enum Trouble {
     EraseFails { number: usize },
     /// This block of data cannot be programmed.
     WriteFails { number: usize },
-    /// One bit of this block of data stays 1.
-    BitSticks { number: usize },
+    /// One bit of this block of data is programmed otherwise.
+    BitFlips { number: usize },
     /// It does nothing but be busy from this erasure on.
     Hangs { number: usize },
 }
@@ -165,8 +165,8 @@ impl Chip {
                     return;
                 }
                 self.program(address, &data);
-                if self.trouble == (Trouble::BitSticks { number }) {
-                    self.flash[(address - FLASH) as usize + data.len() / 2] |= 1;
+                if self.trouble == (Trouble::BitFlips { number }) {
+                    self.flash[(address - FLASH) as usize + data.len() / 2] ^= 1;
                 }
             }
         }

@@ -114,10 +114,11 @@ fn a_power_cut_at_any_request_leaves_the_old_image_or_none_that_starts_and_the_n
 #[test]
 fn a_chip_that_fails_to_erase_or_write_or_that_writes_something_else_is_found_out_and_does_not_start() {
     let new = image(0x33);
-    let blocks = |number| [Trouble::WriteFails { number }, Trouble::BitSticks { number }];
+    let blocks = |number| [Trouble::WriteFails { number }, Trouble::BitFlips { number }];
     let troubles: Vec<Trouble> = (0..2)
         .map(|number| Trouble::EraseFails { number })
         .chain((0..6).flat_map(blocks))
+        .chain([Trouble::WriteFails { number: 6 }])
         .collect();
     for trouble in troubles {
         let mut chip = in_use();
@@ -125,7 +126,7 @@ fn a_chip_that_fails_to_erase_or_write_or_that_writes_something_else_is_found_ou
         let (mut chip, result) = run(chip, &new);
         let error = result.unwrap_err();
         match trouble {
-            Trouble::BitSticks { .. } => {
+            Trouble::BitFlips { .. } => {
                 assert!(matches!(error, UpdateError::Differs { .. }), "{trouble:?}: {error}");
             }
             _ => assert!(

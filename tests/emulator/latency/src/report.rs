@@ -11,6 +11,7 @@ use crate::cycles::ENTRY;
 use crate::image::{Function, Image, read};
 use crate::measure::{Bench, DOUBTFUL, Way, When, map_of};
 use crate::source::Sources;
+use crate::stack::{FRAME_BYTES, Stack};
 use crate::tables::{KERNEL, LEFT_OUT, LOOPS, Left, RELEASED, WRITE_LINE};
 use crate::{Error, twin};
 
@@ -26,8 +27,6 @@ const FLASH_BYTES: u32 = 128 * 1024;
 const RAM_BYTES: u32 = 64 * 1024;
 /// The priority of the path's interrupt as the masks count it (`priority::PATH`).
 const PATH_PRIORITY: u32 = 2 << 4;
-/// Bytes that an exception puts on the stack, floating-point registers and a gap for alignment included.
-const FRAME_BYTES: u32 = 26 * 4 + 4;
 /// Cycles that the shortest last packet takes at least from when it is asked for: the host may be at its token's end, then
 /// come two bit times, SYNC, PID, eight bytes, CRC and EOP, 100 bits of 12 MHz (USB 2.0 sections 7.1.18 and 8.3).
 const LAST_PACKET_CYCLES: u64 = 100 * 14;
@@ -62,6 +61,10 @@ pub struct Report {
     pub stretches: Vec<Stretch>,
     /// Bytes of stack of the path, the frame of its exception included.
     pub stack_worst_bytes: u32,
+    /// The stack of all contexts, and what the run took of it.
+    pub stack: Stack,
+    /// Bytes of it that the run took.
+    pub stack_measured_bytes: u32,
     /// What the walks left out, and why.
     pub left: Vec<String>,
     /// What stands against the bound.
@@ -146,6 +149,8 @@ impl Report {
         disturb(&mut bench)?;
         sweep(&mut bench)?;
         findings.extend(bench.broken(&path.memories));
+        let stack = Stack::of(&image, &sources, &elf)?;
+        let stack_measured_bytes = bench.stack_used(stack.memory)?;
         findings.extend(in_flash(&image, &path));
         for (part, _, _) in LEFT_OUT {
             if image.functions_named(part).next().is_none() {
@@ -166,6 +171,8 @@ impl Report {
             stretches: gripping,
             interrupt_cycles: interrupt.cycles + u64::from(ENTRY),
             stack_worst_bytes: interrupt.stack + FRAME_BYTES,
+            stack,
+            stack_measured_bytes,
             left,
             findings,
             quiet,
@@ -265,6 +272,7 @@ impl Report {
             self.ram_bytes.to_string(),
             format!("at most {RAM_BYTES}"),
         );
+        failures.extend(self.stack.failures(self.stack_measured_bytes));
         failures.extend(
             self.findings
                 .iter()
@@ -281,7 +289,8 @@ impl Report {
              \"instructions_per_taxel\": {:.2}, \"dense_map_instructions\": {}, \"f32_dense_map_instructions\": {}, \
              \"flash_bytes\": {}, \"ram_bytes\": {}, \"stack_worst_bytes\": {}, \"path_cycles\": {}, \
              \"blocking_cycles\": {}, \"measured_quiet_cycles\": {}, \"section_worst_cycles\": {}, \
-             \"head_instructions\": {}, \"findings\": {:?}}}\n",
+             \"head_instructions\": {}, \"stack_bound_bytes\": {}, \"stack_room_bytes\": {}, \
+             \"stack_measured_bytes\": {}, \"findings\": {:?}}}\n",
             self.bound_cycles(),
             self.worst.cycles,
             self.blocking_worst,
@@ -297,6 +306,9 @@ impl Report {
             self.quiet.cycles,
             self.section_worst,
             self.head,
+            self.stack.bound,
+            self.stack.room(),
+            self.stack_measured_bytes,
             self.findings,
         )
     }
@@ -368,6 +380,22 @@ impl Report {
                 self.flash_bytes, self.ram_bytes, self.stack_worst_bytes
             ),
         );
+        line(
+            "stack, all contexts nested, bytes",
+            format!(
+                "{} of {}, measured {}",
+                self.stack.bound,
+                self.stack.room(),
+                self.stack_measured_bytes
+            ),
+        );
+        for context in &self.stack.contexts {
+            let priority = context.priority.map(|priority| format!(", priority {priority}"));
+            line(
+                "  of which",
+                format!("{} {}{}", context.bytes, context.name, priority.unwrap_or_default()),
+            );
+        }
         for left in &self.left {
             line("left out", left.clone());
         }
