@@ -137,7 +137,7 @@ pub const BLUR_REACH: u16 = 70;
 /// (`contact_geometry.rs`); maps lose a tenth of a moment.
 pub const SEEN_MOMENT: u64 = 22;
 /// How fast the grip closes on an object that it hardly feels, 1/4096 N per ms: 4 N/s.
-pub const SEEK_RATE: i64 = 16;
+pub const SEEK_RATE: i32 = 16;
 /// How far above the floor it closes there, 1/4096 N: 1 N, and at most the floor again.
 pub const SEEK_MAX: i32 = 4_096;
 /// Assumed time constant of the gripper's force behind its line, as a shift of µs: 66 ms.

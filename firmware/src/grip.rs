@@ -1,7 +1,10 @@
 //! From slip state to grip force: feed-forward F_T/μ·(1+margin), a reflex that grows while the stick ratio is below its
 //! target, slew limits, floor and ceiling. The line rises fast. It falls on command (`Release`), or relaxes at `relax_rate`
 //! once the contact has stuck for `relax_after_ms`; a fault forbids relaxing.
-//! Units: force 1/4096 N, time µs. Limits: force up to 125 N; steps of 1/1000 of the unit, so slow rates do not stall.
+//!
+//! A map that demands more force raises the line at once, before friction and load are looked at: [`GripController::anticipate`].
+//! Units: force 1/4096 N, time µs. Limits: force up to 125 N; steps of 1/1000 of the unit, so slow rates do not stall, and all of
+//! it fits 32 bits. The line may rise by a millisecond's worth at once; over any longer time it keeps its rate.
 
 use gripline_protocol::PER_UNIT;
 use gripline_protocol::configuration::FORCE_MAX;
@@ -92,6 +95,8 @@ struct Learnt {
     /// The shear to hold, 1/4096 N, and the proven or typical friction, 1/10000.
     shear: i32,
     friction: u16,
+    /// The force that both need, with the margin, 1/4096 N.
+    force: i32,
     /// Fastest fall of the line, 1/4096 N per second.
     fall_rate: u16,
     /// What the slide witnesses say; the line before their test and the least during it, 1/4096 N.
@@ -112,22 +117,30 @@ struct Learnt {
 pub struct GripController {
     mode: GripMode,
     /// The line and the reflex, in 1/1000 of 1/4096 N.
-    line_milli: i64,
-    reflex_milli: i64,
+    line_milli: i32,
+    reflex_milli: i32,
+    /// How far the line may rise at once, in 1/1000 of 1/4096 N.
+    rise_milli: i32,
     learnt: Learnt,
+    /// The force that maps need which were not learnt from yet, 1/4096 N; 0 when there are none.
+    anticipated: i32,
     evidence: Evidence,
     /// When the evidence came, µs.
     observed_us: u64,
     /// The least while settings hold that would loosen a running grip, in 1/1000 of 1/4096 N.
-    kept_milli: i64,
+    kept_milli: i32,
     /// How long the contact has stuck above the relaxing level, µs.
     stuck_us: u64,
     last_us: u64,
 }
 
-const MILLI: i64 = 1_000;
+const MILLI: i32 = 1_000;
+/// Time that the line may be late with a rise and catch up at once, µs: until the next tick it could not have moved either.
+const RISE_US: u64 = 1_000;
 /// Longest time that counts for one relaxing step, µs: a frame at 50 Hz; steps come every millisecond.
 const FALL_US_MAX: u64 = 20_000;
+/// More than any line, in 1/1000 of 1/4096 N; twice of it fits 32 bits.
+const MILLI_MAX: i32 = (1 << 30) - 1;
 
 impl GripController {
     /// Released and open, or holding the line from before a reset, limited to what any gripper has.
@@ -141,20 +154,23 @@ impl GripController {
         };
         Self {
             mode,
-            line_milli: line as i64 * MILLI,
+            line_milli: line * MILLI,
             reflex_milli: 0,
+            rise_milli: 0,
             learnt: Learnt {
                 shear: 0,
                 friction: 0,
+                force: 0,
                 fall_rate: 0,
                 witness: Verdict::NONE,
                 before_test: 0,
                 test_min: 0,
                 goes_back: false,
                 sought_milli: 0,
-                reached_milli: line * MILLI as i32,
+                reached_milli: line * MILLI,
                 at_us: now_us as u32,
             },
+            anticipated: 0,
             evidence: Evidence {
                 state: SlipState::NoContact,
                 stick_ratio: None,
@@ -195,13 +211,13 @@ impl GripController {
     /// What must be on the line.
     #[must_use]
     pub const fn line(&self) -> GripForce {
-        // 0 to 125 N by the checks of the settings, so the thousandths fit 32 bits.
-        GripForce::from_lsb((self.line_milli as u32 / MILLI as u32) as i32)
+        // 0 to 125 N by the checks of the settings.
+        GripForce::from_lsb((self.line_milli.cast_unsigned() / MILLI.cast_unsigned()) as i32)
     }
 
     /// The force that the gripper should have reached by now, in a controller that learns.
     pub(crate) const fn reached(&self) -> GripForce {
-        GripForce::from_lsb(self.learnt.reached_milli / MILLI as i32)
+        GripForce::from_lsb(self.learnt.reached_milli / MILLI)
     }
 
     /// Takes the newest maps. Evidence older than `stale_ms` no longer moves the reflex: a contact that slipped then may hold
@@ -221,6 +237,18 @@ impl GripController {
         self.evidence.shear = self.evidence.shear.max(shear);
     }
 
+    /// The feed-forward of a controller that learns, 1/4096 N.
+    pub(crate) const fn force(&self) -> i32 {
+        self.learnt.force
+    }
+
+    /// A map came that by its shear needs this force, 1/4096 N: a controller that learns does not wait until it has learnt from it.
+    pub(crate) fn anticipate(&mut self, needed: i32) {
+        let force = self.learnt.force;
+        let needed = force + followed(force, needed - force);
+        self.anticipated = self.anticipated.max(needed);
+    }
+
     /// Time passes in a controller that learns: the gripper follows its line. `load` is a new map's load, of the fingertip
     /// that needs the most grip, with its normal force.
     #[expect(clippy::inline_always, reason = "called once; a call of its own costs flash")]
@@ -235,9 +263,10 @@ impl GripController {
         let passed_us = (now_us as u32).wrapping_sub(self.learnt.at_us);
         self.learnt.at_us = now_us as u32;
         // Both at most 125 N, so what is between them fits.
-        let reached_milli = i64::from(self.learnt.reached_milli);
-        self.learnt.reached_milli += lagged(self.line_milli - reached_milli, passed_us.into()) as i32;
+        self.learnt.reached_milli += lagged(self.line_milli - self.learnt.reached_milli, passed_us);
         let Some((load, normal)) = load else {
+            // The margin may be another one.
+            self.learnt.force = force_for(self.learnt.shear, self.learnt.friction, settings);
             return;
         };
         let line = self.line().lsb();
@@ -263,45 +292,33 @@ impl GripController {
         } else {
             felt(&load, self.learnt.reached_milli)
         };
-        let more = wanted - self.learnt.shear;
-        // A small increase may be fluctuation: follow it slowly.
-        let is_little = more > 0 && more <= self.learnt.shear / 16;
-        self.learnt.shear = if is_little {
-            self.learnt.shear + more / 4
-        } else {
-            wanted
-        };
-        if !witness.may_fall || self.feed_forward(settings) > i64::from(line + line / 16) {
+        self.learnt.shear += followed(self.learnt.shear, wanted - self.learnt.shear);
+        self.learnt.force = force_for(self.learnt.shear, self.learnt.friction, settings);
+        self.anticipated = 0;
+        if !witness.may_fall || self.learnt.force > line + line / 16 {
             self.stuck_us = 0;
         }
         // A light touch may be too small to see, or to show its load.
         let half = settings.floor / 2;
-        let has_closed = 8 * i64::from(self.learnt.reached_milli) > 7 * self.line_milli;
+        let has_closed = 8 * i64::from(self.learnt.reached_milli) > 7 * i64::from(self.line_milli);
         if self.mode == GripMode::Released || normal > half + half / 4 {
             self.learnt.sought_milli = 0;
         } else if normal < half && has_closed {
-            let max = i64::from(settings.floor + settings.floor.min(SEEK_MAX)) * MILLI;
-            let step = SEEK_RATE * i64::from(load.since_us);
-            self.learnt.sought_milli = (self.line_milli + step)
-                .min(max)
-                .min(i64::from(settings.ceiling) * MILLI) as i32;
+            let max = (settings.floor + settings.floor.min(SEEK_MAX)).min(settings.ceiling) * MILLI;
+            let step = SEEK_RATE * i32::from(load.since_us);
+            self.learnt.sought_milli = (self.line_milli + step).min(max);
         }
         // 95 % a second, at most what is set.
         self.learnt.fall_rate = (line - line / 16).clamp(0, settings.relax_rate.into()) as u16;
     }
 
-    /// Feed-forward: the force that friction needs for the present shear, and the margin.
-    fn feed_forward(&self, settings: &Configuration) -> i64 {
-        let (shear, friction) = if settings.learns() {
-            (self.learnt.shear, self.learnt.friction)
+    /// Feed-forward: the force that friction needs for the present shear, and the margin, 1/4096 N.
+    fn feed_forward(&self, settings: &Configuration) -> i32 {
+        if settings.learns() {
+            self.learnt.force.max(self.anticipated)
         } else {
-            (self.evidence.shear, settings.friction)
-        };
-        let friction = u32::from(friction).max(FEED_FORWARD_FRICTION_MIN);
-        let share = i64::from(PER_UNIT) + i64::from(settings.margin);
-        // At most 2²⁶ · 5·10⁴ / 500; shear is no less than 0.
-        let product = (i64::from(shear) * share).max(0).cast_unsigned();
-        divide_48(product, friction as u16).cast_signed()
+            force_for(self.evidence.shear, settings.friction, settings)
+        }
     }
 
     /// Moves the line to `now_us` and returns it.
@@ -309,17 +326,14 @@ impl GripController {
         // A gap of more than a second is a hang, not a reason to jump.
         let passed_us = now_us.saturating_sub(self.last_us).min(1_000_000);
         self.last_us = now_us;
-        // Rates are 1/4096 N per ms, so rate · µs is in 1/1000 of 1/4096 N.
-        let grown = |rate: u16| i64::from(rate) * passed_us as i64;
+        let rise = grown(settings.rise_rate, passed_us.max(RISE_US));
+        self.rise_milli = (self.rise_milli + grown(settings.rise_rate, passed_us)).min(rise);
         if self.mode == GripMode::Released {
-            self.line_milli = (self.line_milli - grown(settings.release_rate)).max(0);
+            self.line_milli = (self.line_milli - grown(settings.release_rate, passed_us)).max(0);
             return self.line();
         }
-        let (floor, ceiling) = (
-            i64::from(settings.floor) * MILLI,
-            i64::from(settings.ceiling) * MILLI,
-        );
-        let feed_forward = self.feed_forward(settings).min(i64::from(settings.ceiling)) * MILLI;
+        let (floor, ceiling) = (settings.floor * MILLI, settings.ceiling * MILLI);
+        let feed_forward = self.feed_forward(settings).min(settings.ceiling) * MILLI;
 
         let relaxing = self.update_reflex(passed_us, guard, settings);
         // Anti-windup: the reflex never asks for more than the ceiling leaves.
@@ -327,12 +341,12 @@ impl GripController {
         self.reflex_milli = self.reflex_milli.min(ceiling - feed_forward).max(0);
         let mut demand = (feed_forward + self.reflex_milli).max(floor).min(ceiling);
         if guard == Guard::FailSafe {
-            demand = demand.max(i64::from(settings.tighten) * MILLI);
+            demand = demand.max(settings.tighten * MILLI);
         }
         let mut relax_rate = settings.relax_rate;
         if settings.learns() {
             // At most twice the floor, and the ceiling of that time.
-            demand = demand.max(self.learnt.sought_milli.into());
+            demand = demand.max(self.learnt.sought_milli);
             relax_rate = self.learnt.fall_rate;
             if self.learnt.witness.tests() {
                 let least = match self.learnt.witness.urgency {
@@ -341,19 +355,20 @@ impl GripController {
                     Urgency::Short => demand + demand / 4,
                     Urgency::Tests | Urgency::None => 0,
                 };
-                let least = least.max(i64::from(self.learnt.test_min) * MILLI);
+                let least = least.max(self.learnt.test_min * MILLI);
                 demand = demand.max(least.min(ceiling));
             }
         }
         demand = demand.max(self.kept_milli);
-        let before_test = i64::from(self.learnt.before_test) * MILLI;
+        let before_test = self.learnt.before_test * MILLI;
         let goes_back = settings.learns() && guard == Guard::Free && self.learnt.goes_back;
         if demand > self.line_milli {
-            self.line_milli = demand.min(self.line_milli + grown(settings.rise_rate));
+            let rise = (demand - self.line_milli).min(self.rise_milli);
+            self.rise_milli -= rise;
+            self.line_milli += rise;
         } else if goes_back {
             // What a test added: all of it, or, after a slide, what the friction found does not need.
-            let passed_us = passed_us.min(FALL_US_MAX) as i64;
-            let step = i64::from(settings.release_rate) * passed_us;
+            let step = grown(settings.release_rate, passed_us.min(FALL_US_MAX));
             // The line may meanwhile have been released.
             let back = demand.max(before_test).min(self.line_milli);
             self.line_milli = back.max(self.line_milli - step);
@@ -363,7 +378,7 @@ impl GripController {
             let passed_us = passed_us.min(FALL_US_MAX) as u32;
             // The rate is per second.
             let step = u32::from(relax_rate) * passed_us / 1_000;
-            self.line_milli = demand.max(self.line_milli - i64::from(step));
+            self.line_milli = demand.max(self.line_milli - step.cast_signed());
         }
         self.line()
     }
@@ -383,7 +398,8 @@ impl GripController {
             let share = if slips { settings.reflex_target } else { missing };
             // At most 2¹⁶ · 10⁶ · 10⁴.
             let product = u64::from(settings.reflex_rate) * passed_us * u64::from(share);
-            self.reflex_milli += divide(product, settings.reflex_target.max(1)).cast_signed();
+            let step = divide(product, settings.reflex_target.max(1)).min(MILLI_MAX as u64);
+            self.reflex_milli += step as i32;
             return false;
         }
         // Between target and incipient threshold nothing moves: a dead band against limit cycles. With few taxels no stick
@@ -401,7 +417,7 @@ impl GripController {
         let relaxing = settings.relax_rate > 0 && self.stuck_us > u64::from(settings.relax_after_ms) * 1_000;
         if relaxing && self.reflex_milli > 0 {
             // The rate is per second.
-            let step = divide_48(u64::from(settings.relax_rate) * passed_us, 1_000).cast_signed();
+            let step = divide_48(u64::from(settings.relax_rate) * passed_us, 1_000) as i32;
             self.reflex_milli -= step.min(self.reflex_milli);
         }
         relaxing
@@ -427,8 +443,29 @@ pub(crate) const fn loosens(old: &Configuration, new: &Configuration) -> bool {
 }
 
 /// How far the gripper moves towards `distance` in that time.
-fn lagged(distance: i64, passed_us: u64) -> i64 {
-    (distance * passed_us.min(1 << GRIPPER_LAG_SHIFT) as i64) >> GRIPPER_LAG_SHIFT
+fn lagged(distance: i32, passed_us: u32) -> i32 {
+    let passed_us = passed_us.min(1 << GRIPPER_LAG_SHIFT);
+    ((i64::from(distance) * i64::from(passed_us)) >> GRIPPER_LAG_SHIFT) as i32
+}
+
+/// What a rate of 1/4096 N per ms makes in that time, in 1/1000 of 1/4096 N.
+fn grown(rate: u16, passed_us: u64) -> i32 {
+    (u64::from(rate) * passed_us).min(MILLI_MAX as u64) as i32
+}
+
+/// How much of an increase counts at once. A small one may be fluctuation: it is followed slowly.
+fn followed(before: i32, more: i32) -> i32 {
+    let is_little = more > 0 && more <= before / 16;
+    if is_little { more / 4 } else { more }
+}
+
+/// The force that friction needs for a shear, and the margin, 1/4096 N.
+pub(crate) fn force_for(shear: i32, friction: u16, settings: &Configuration) -> i32 {
+    let friction = u32::from(friction).max(FEED_FORWARD_FRICTION_MIN);
+    let share = PER_UNIT + u32::from(settings.margin);
+    // At most 2²⁶ · 5·10⁴ / 500.
+    let product = u64::from(shear.max(0).cast_unsigned()) * u64::from(share);
+    divide_48(product, friction as u16).min(i32::MAX as u64) as i32
 }
 
 /// The shear to hold. Maps miss part of a light touch, of shear and normal force alike. So scale the shear by the gripper's

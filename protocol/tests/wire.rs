@@ -3,8 +3,8 @@
 
 use gripline_protocol::cobs::{CobsDecoder, FRAME_MAX, Frame, encode_packet};
 use gripline_protocol::message::{
-    Bootloader, Command, Configuration, GripMode, Hello, MapSums, Message, MessageError, MessagePackets, OutOfRange,
-    Refusal, Report, Revision, SCHEMA_HASH, SCHEMA_VERSION, SlipState, Status, Witnesses,
+    Bootloader, Command, Configuration, GripMode, Hello, MapSums, Message, MessageError, MessagePackets,
+    OutOfRange, Refusal, Report, Revision, SCHEMA_HASH, SCHEMA_VERSION, SlipState, Status, Witnesses,
 };
 use gripline_protocol::{
     Event, ForceMap, Health, MapInfo, Motion, PACKET_MAX, PacketError, Parser, TAXELS, TaxelForce,
@@ -461,10 +461,7 @@ fn the_way_into_the_bootloader_is_laid_out_as_it_always_was_and_read_whatever_th
         (2, Bootloader::Holding),
     ] {
         let bytes = [&[0xFE, 0xCA, 3][..], b"BOOT", &[code]].concat();
-        assert_eq!(
-            Message::from_bytes(&bytes),
-            Ok(Message::Bootloader(expected))
-        );
+        assert_eq!(Message::from_bytes(&bytes), Ok(Message::Bootloader(expected)));
         let message = Message::Bootloader(expected);
         assert_eq!(through_the_wire(&message, 1), Ok(message));
     }

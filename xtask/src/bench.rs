@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use crate::error::Error;
-use crate::{outside, process};
+use crate::{outside, process, requests};
 
 /// The package that brings the shared library; the version that host/network's binding speaks.
 const ONNXRUNTIME: &str = "onnxruntime==1.31.1";
@@ -35,10 +35,11 @@ pub(crate) fn command(arguments: &[String]) -> Result<(), Error> {
                 .args(rest),
         ),
         Some((what, rest)) if what == "outside" => outside::command(rest),
+        Some((what, rest)) if what == "requests" => requests::command(rest),
         Some((what, _)) if !what.starts_with("--") => Err(Error::usage(
             "bench",
             what,
-            "`network`, `gate`, `outside`, or options alone",
+            "`network`, `gate`, `outside`, `requests`, or options alone",
         )),
         _ => chain(arguments),
     }

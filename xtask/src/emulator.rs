@@ -25,13 +25,17 @@ pub(crate) fn command() -> Result<(), Error> {
 const SNAPSHOT: &str = "tests/emulator/latency/tests/counts.txt";
 
 /// `cargo xtask latency`: the unmodified image, every instruction priced; fails when a number of the design does not hold.
-/// With `--bless`, writes the snapshot of instruction counts anew.
+/// With `--short` it runs less, as every test run does. With `--bless`, writes the snapshot of instruction counts anew.
 pub(crate) fn latency(arguments: &[String]) -> Result<(), Error> {
     if let Some(found) = arguments
         .iter()
-        .find(|argument| !["--json", "--bless"].contains(&argument.as_str()))
+        .find(|argument| !["--json", "--bless", "--short"].contains(&argument.as_str()))
     {
-        return Err(Error::usage("argument", found, "--json or --bless or none"));
+        return Err(Error::usage(
+            "argument",
+            found,
+            "--json, --short or --bless, or none",
+        ));
     }
     let (image, _) = firmware::build(BOARD)?;
     let mut command = cargo();

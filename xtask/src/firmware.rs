@@ -10,7 +10,7 @@ use std::process::Command;
 use object::{Object, ObjectSection};
 
 use crate::error::{Error, value_of};
-use crate::{process, toolchain};
+use crate::{hot, process, toolchain};
 
 /// The most that an image may take of the flash, in bytes (DESIGN.md, "Numbers to hold").
 const FLASH_MAX: u64 = 128 * 1024;
@@ -147,11 +147,12 @@ fn built(program: &str) -> PathBuf {
         .join(program)
 }
 
-/// Builds one board's image, keeps it with the other products, and measures it.
+/// Builds one board's image, keeps it with the other products, checks where the map-to-line path lies, and measures it.
 pub(crate) fn build(board: Board) -> Result<(PathBuf, Size), Error> {
     process::run(&mut cargo("build", IMAGE, board)?)?;
     let kept = process::products().join(format!("firmware-{}.elf", board.name()));
     process::install(&built(IMAGE), &kept)?;
+    hot::check(&kept)?;
     let size = Size::of(&kept)?;
     Ok((kept, size))
 }

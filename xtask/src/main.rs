@@ -15,6 +15,7 @@ mod firmware;
 mod flash;
 mod foxglove;
 mod fuzz;
+mod hot;
 mod modules;
 mod option_bytes;
 mod outside;
@@ -23,6 +24,7 @@ mod physics;
 mod process;
 mod programs;
 mod python;
+mod requests;
 mod ros2;
 mod screenshots;
 mod test;
@@ -57,7 +59,7 @@ cargo xtask COMMAND
   fuzz [--minutes N] [--save] [TARGET...]
                                     run the parsers and the microcontroller's program against a fuzzer, 10 minutes
                                     each or N; --save keeps what reached new code in tests/fuzz/corpus
-  latency [--json | --bless]        from a map's last packet to the line on the emulated board, in instructions and in
+  latency [--short] [--json] | --bless  from a map's last packet to the line on the emulated board, in instructions and in
                                     Cortex-M4 cycles at most; fails when a number of the design does not hold;
                                     --bless renews the instruction counts that the tests hold
   modules                           fail when files of a crate import each other in a circle, and say through which names
@@ -90,6 +92,8 @@ cargo xtask COMMAND
   bench outside [--json] [--rounds N] [--seconds S]
                                     what readers cost the loop (ten HTTP streams, two of another DDS, some that stand still), and
                                     how long a request takes until it is confirmed; wants a quiet machine
+  bench requests [--json]           how long a request takes until the microcontroller confirms it, by its own clock: in process and
+                                    on the emulated board, over a cable that loses packets too
   bench gate [--json]               what skipping frames saves and costs, gate by gate, under drift, noise and light touch
   stress [--json] [--seed N] [--quick] [--docs]
                                     numerical stability of detector and controller: sweeps with exact arithmetic as the

@@ -23,8 +23,9 @@ const STREAMS: usize = 10;
 const DDS_READERS: usize = 2;
 /// DDS domain of the two readers: one that nothing else here uses.
 const DOMAIN: &str = "83";
-/// Requests of each kind of microcontroller, twice: hold and release in turn. The emulator translates code when it first meets it,
-/// which takes up to 60 ms and no board does: so the second hundred counts, and the first is told.
+/// Requests of each kind of microcontroller, twice: hold and release in turn. The emulator translates code when it first meets it, and all
+/// anew when its memory for that is full, which takes up to 0.1 s and no board does: what it takes is told, and `bench requests`
+/// judges it by the board's own clock.
 const REQUESTS: u64 = 100;
 
 /// Who reads.
@@ -34,11 +35,11 @@ const KINDS: [bool; 2] = [false, true];
 
 /// How much the 99.9th percentile of frame to link may grow.
 const GROWTH_MAX: f64 = 1.1;
-/// Until a request is confirmed, in process and on the emulated board, ms.
-const CONFIRMED_MS_MAX: [(&str, f64); 2] = [("embedded", 20.0), ("emulator", 50.0)];
+/// Until a request is confirmed, in process and on the emulated board, ms, where the wall clock can judge it.
+const CONFIRMED_MS_MAX: [(&str, Option<f64>); 2] = [("embedded", Some(20.0)), ("emulator", None)];
 
-/// Growth and lateness of both kinds of run, and two kinds of microcontroller.
-const CHECKS: usize = 6;
+/// Growth and lateness of both kinds of run, and requests in process.
+const CHECKS: usize = 5;
 
 /// `cargo xtask bench outside [--rounds N] [--seconds S] [--json]`.
 pub(crate) fn command(arguments: &[String]) -> Result<(), Error> {
@@ -87,7 +88,11 @@ pub(crate) fn command(arguments: &[String]) -> Result<(), Error> {
         eprintln!("{REQUESTS} requests, {mcu} ...");
         let mut run = Command::new(&program);
         run.env("GRIPLINE_EMULATOR", &board).env("GRIPLINE_IMAGE", &image);
-        waits.push((mcu, max_ms, requests(run, &source, mcu)?));
+        waits.push(Wait {
+            mcu,
+            max_ms,
+            took_ms: requests(run, &source, mcu)?,
+        });
     }
     let report = Report { kinds, waits };
     if is_json {
@@ -351,8 +356,24 @@ struct Kind {
 
 struct Report {
     kinds: [Kind; 2],
-    /// The microcontroller, the most that is wanted, and the times of the first and the second hundred, all ms.
-    waits: Vec<(&'static str, f64, [Vec<f64>; 2])>,
+    waits: Vec<Wait>,
+}
+
+/// How long requests took, all ms.
+struct Wait {
+    mcu: &'static str,
+    /// The most that is wanted, where the wall clock can judge it.
+    max_ms: Option<f64>,
+    /// The first and the second hundred.
+    took_ms: [Vec<f64>; 2],
+}
+
+impl Wait {
+    fn spreads(&self) -> [[f64; 3]; 2] {
+        self.took_ms
+            .each_ref()
+            .map(|took_ms| spread(took_ms.iter().copied()))
+    }
 }
 
 /// Lowest, median and highest.
@@ -398,9 +419,7 @@ impl Kind {
 
 impl Report {
     fn misses(&self) -> usize {
-        let is_too_long = |(_, max_ms, [_, took_ms]): &&(_, f64, [Vec<f64>; 2])| {
-            spread(took_ms.iter().copied())[2] > *max_ms
-        };
+        let is_too_long = |wait: &&Wait| wait.max_ms.is_some_and(|max_ms| wait.spreads()[1][2] > max_ms);
         let grown = self.kinds.iter().filter(|kind| kind.growth() > GROWTH_MAX);
         let late = self.kinds.iter().filter(|kind| kind.late()[1] > 0);
         self.waits.iter().filter(is_too_long).count() + grown.count() + late.count()
@@ -428,13 +447,17 @@ impl Report {
                 kind.growth()
             );
         }
-        for (mcu, max_ms, took_ms) in &self.waits {
-            let [first, then] = took_ms.each_ref().map(|took_ms| spread(took_ms.iter().copied()));
+        for wait in &self.waits {
+            let [first, then] = wait.spreads();
+            let wanted = wait.max_ms.map_or_else(
+                || "by the wall clock; `bench requests` has the board's".to_owned(),
+                |max_ms| format!("at most {max_ms} wanted"),
+            );
             let _ = writeln!(
                 text,
-                "request until confirmed, {mcu}, ms: median {:.1}, longest {:.1} of {REQUESTS} (at most {max_ms} wanted); of the \
-                 {REQUESTS} before, {:.1} and {:.1}",
-                then[1], then[2], first[1], first[2],
+                "request until confirmed, {}, ms: median {:.1}, longest {:.1} of {REQUESTS} ({wanted}); of the {REQUESTS} before, \
+                 {:.1} and {:.1}",
+                wait.mcu, then[1], then[2], first[1], first[2],
             );
         }
         text
@@ -444,10 +467,10 @@ impl Report {
         let waits: serde_json::Map<String, Value> = self
             .waits
             .iter()
-            .map(|(mcu, _, took_ms)| {
-                let [first, then] = took_ms.each_ref().map(|took_ms| spread(took_ms.iter().copied()));
+            .map(|wait| {
+                let [first, then] = wait.spreads();
                 (
-                    (*mcu).to_owned(),
+                    wait.mcu.to_owned(),
                     json!({"median_ms": then[1], "longest_ms": then[2], "first_longest_ms": first[2]}),
                 )
             })

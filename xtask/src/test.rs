@@ -147,9 +147,10 @@ pub(crate) fn run(tier: Tier) -> Result<(), Error> {
         });
         return checks.summary();
     };
+    let short = ["--short".to_owned()];
     checks.check("tests of the emulator", || emulator::test(&image));
     checks.check("latency: static bound and measured worst case", || {
-        emulator::latency(&[])
+        emulator::latency(if all { &[] } else { &short })
     });
     checks.check("tests, the emulated board included", || {
         let mut tests = process::cargo();

@@ -15,7 +15,7 @@ use gripline_protocol::message::{Configuration, Message, Stage};
 
 use crate::dsp::Dsp;
 use crate::gripper_bus::BusLine;
-use crate::line::AnalogLine;
+use crate::line::{self, AnalogLine};
 use crate::outbox::{self, Outbox};
 use crate::priority::{block_path, block_usb};
 use crate::watchdog;
@@ -26,11 +26,6 @@ const QUIET_US: u64 = 200;
 
 /// The longest that messages wait for a free bus, microseconds. Of those that come up meanwhile only the newest is sent.
 const MESSAGE_WAIT_MAX_US: u64 = 25_000;
-
-/// From the request of an interrupt to its handler's first instruction, cycles: 12 for the integer registers, 17 more when those
-/// of the floating-point unit are moved, and a refill (ARM DDI 0439, section 3.9). Nothing in the chip stamps a request that must
-/// wait, so what `control` blocks the path for is not in the count; `cargo xtask latency` bounds it.
-const ENTRY_CYCLES: u32 = 35;
 
 /// Starts the counter that the stage times are read from.
 pub(crate) fn start_cycle_counter() {
@@ -56,6 +51,7 @@ pub(crate) fn start(program: &'static mut Program<Dsp>, line: AnalogLine) {
         reply_to: None,
         packet_us: 0,
         message_us: 0,
+        requested: 0,
     };
     // SAFETY: the only other user is blocked.
     block_path(|| unsafe { *CONTROL.0.get() = Some(control) });
@@ -107,15 +103,24 @@ pub(crate) struct Control {
     /// When the last packet came, and when messages were last sent, microseconds.
     packet_us: u64,
     message_us: u64,
+    /// Since when the packet under way may have waited, cycles.
+    requested: u32,
 }
 
 impl Control {
-    /// One packet of a map: decides, then writes the line.
+    /// One packet of a map that came to the task: decides, then writes the line.
     fn map_packet(&mut self, packet: &[u8], link: LinkId) {
         let started = cycles();
+        self.requested = started;
         self.heard(link);
         let action = self.program.map_packet(packet, link, self.packet_us);
         self.act(action, started);
+    }
+
+    /// The interrupt of the USB core has a packet, for which it may have been pending since then, cycles.
+    #[inline]
+    pub(crate) fn note_request(&mut self, requested: u32) {
+        self.requested = requested;
     }
 
     /// The last packet of a map, from the interrupt of the USB core; `entered` is the cycle count when it began. Each kind of
@@ -131,24 +136,24 @@ impl Control {
     #[inline]
     pub(crate) fn map_taxels(&mut self, packet: &[u8], entered: u32) {
         self.heard(LinkId::Usb);
-        let action = self.program.map_taxels(packet, LinkId::Usb, self.packet_us);
-        self.act(action, entered);
+        let _ = self.program.map_taxels(packet, LinkId::Usb, self.packet_us);
+        self.note_packet(entered);
     }
 
     /// The first packet of a map, from the interrupt of the USB core.
     #[inline]
     pub(crate) fn map_head(&mut self, packet: &[u8], entered: u32) {
         self.heard(LinkId::Usb);
-        let action = self.program.map_head(packet, LinkId::Usb, self.packet_us);
-        self.act(action, entered);
+        let _ = self.program.map_head(packet, LinkId::Usb, self.packet_us);
+        self.note_packet(entered);
     }
 
     /// A packet of no kind that we know, from the interrupt of the USB core.
     #[inline(never)]
     pub(crate) fn unknown_packet(&mut self, packet: &[u8], entered: u32) {
         self.heard(LinkId::Usb);
-        let action = self.program.unknown_packet(packet, LinkId::Usb, self.packet_us);
-        self.act(action, entered);
+        let _ = self.program.unknown_packet(packet, LinkId::Usb, self.packet_us);
+        self.note_packet(entered);
     }
 
     /// A packet came over a link.
@@ -261,6 +266,13 @@ impl Control {
         self.program.refuse_packet(LinkId::Uart);
     }
 
+    /// Notes the cycles that a packet took which ends no map, and so moves no line.
+    #[inline]
+    fn note_packet(&mut self, entered: u32) {
+        self.program
+            .note_cycles(Stage::Packet, cycles().wrapping_sub(entered));
+    }
+
     /// Writes the line, then notes the cycles that the decision and the write took. The deadline counts until the DAC has the
     /// value.
     #[inline]
@@ -280,6 +292,8 @@ impl Control {
     /// Notes the cycles that the write took since `decided`. Returns the count now.
     #[inline(never)]
     fn note_line(&mut self, decided: u32) -> u32 {
+        // Answered when the DAC has the value: its bus does one thing after the other.
+        line::wait_until_shown();
         let written = cycles();
         self.program
             .note_cycles(Stage::Line, written.wrapping_sub(decided));
@@ -290,8 +304,8 @@ impl Control {
     fn note_decision(&mut self, is_new_map: bool, started: u32, decided: u32, written: u32) {
         let stage = if is_new_map { Stage::Decide } else { Stage::Packet };
         if is_new_map {
-            let waited = written.wrapping_sub(started);
-            self.program.note_map_to_line(waited.wrapping_add(ENTRY_CYCLES));
+            let waited = written.wrapping_sub(self.requested);
+            self.program.note_map_to_line(waited);
         }
         self.program.note_cycles(stage, decided.wrapping_sub(started));
     }

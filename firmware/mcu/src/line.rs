@@ -51,6 +51,13 @@ fn write_code(code: u16) {
     pac::DAC1.dhr12r(0).write(|value| value.set_dhr(code));
 }
 
+/// Waits until the DAC shows what was written: reading its output comes after the write on the same bus, and without a trigger the
+/// value moves there one of that bus's clocks later (RM0090, section 14.3.4).
+#[inline]
+pub(crate) fn wait_until_shown() {
+    let _ = pac::DAC1.dor(0).read();
+}
+
 /// Makes the pin analog, so that its digital input no longer loads the DAC, which drives it since [`start`].
 pub(crate) fn route(pin: Peri<'static, peripherals::PA4>) {
     Flex::new(pin).set_as_analog();

@@ -24,7 +24,7 @@ use gripline_protocol::constants::TAXELS_PER_PACKET;
 use gripline_protocol::packet::Kind;
 
 use crate::control::{self, Control};
-use crate::priority::block_path;
+use crate::priority::{self, block_path};
 
 bind_interrupts!(pub(crate) struct Interrupts {
     OTG_FS => MapPackets;
@@ -73,13 +73,19 @@ impl Handler<typelevel::OTG_FS> for MapPackets {
     #[inline]
     unsafe fn on_interrupt() {
         let entered = control::cycles();
-        let Some(status) = next() else {
-            return defer(is_received());
+        let requested = priority::requested(entered);
+        // Read once: what lands after it interrupts again, and is not left to the HAL.
+        if !is_received() {
+            return defer(false);
+        }
+        let Some(status) = top() else {
+            return defer(true);
         };
         // SAFETY: this interrupt lies above all other users, who block it.
         let Some(control) = (unsafe { control::from_isr() }) else {
             return defer(true);
         };
+        control.note_request(requested);
         if status.pktstsd() == Pktstsd::OUT_DATA_RX {
             packet(status, control, entered);
         } else if IS_OPEN.load(Ordering::Relaxed) {
@@ -91,12 +97,9 @@ impl Handler<typelevel::OTG_FS> for MapPackets {
     }
 }
 
-/// The top of the receive FIFO, when it belongs to the bulk endpoint.
+/// The top of the receive FIFO, which is not empty, when it belongs to the bulk endpoint.
 #[inline]
-fn next() -> Option<Grxsts> {
-    if !is_received() {
-        return None;
-    }
+fn top() -> Option<Grxsts> {
     let status = REGISTERS.grxstsr().read();
     (usize::from(status.epnum()) == ENDPOINT).then_some(status)
 }
@@ -141,7 +144,7 @@ fn packet(status: Grxsts, control: &mut Control, entered: u32) {
 /// remains of the work then is part of the bound.
 #[inline]
 fn ask_for_next() {
-    if next().is_some_and(|next| next.pktstsd() != Pktstsd::OUT_DATA_RX) {
+    if is_received() && top().is_some_and(|next| next.pktstsd() != Pktstsd::OUT_DATA_RX) {
         end_of_packet();
     }
 }

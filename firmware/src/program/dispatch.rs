@@ -99,6 +99,8 @@ pub struct Program<K = Portable> {
     pub(super) receivers: [Receiver; LINKS],
     pub(super) fingertips: [Fingertip; SENSORS],
     newest: MapInfo,
+    /// The fingertip whose load the grip follows.
+    neediest: usize,
     pub(super) controller: GripController,
     pub(super) safety: Safety,
     pub(super) outbox: Outbox,
@@ -150,6 +152,7 @@ impl<K: Kernel> Program<K> {
                 ..Fingertip::default()
             }; SENSORS],
             newest: MapInfo::default(),
+            neediest: 0,
             controller: GripController::new(start.now_us, start.restored_line),
             safety,
             outbox: Outbox::default(),
@@ -204,12 +207,12 @@ impl<K: Kernel> Program<K> {
         self.action(decided)
     }
 
-    /// [`Self::map_packet`] of a [`Kind::MapTaxels`].
+    /// [`Self::map_packet`] of a [`Kind::MapTaxels`]. It moves no line: a map counts when it is whole, and time at the tick.
     #[inline]
     pub fn map_taxels(&mut self, packet: &[u8], link: LinkId, now_us: u64) -> Action {
         self.passed_to(now_us);
         self.taxels(packet, link);
-        self.action(false)
+        self.unchanged()
     }
 
     /// [`Self::map_packet`] of a [`Kind::MapHead`].
@@ -217,7 +220,7 @@ impl<K: Kernel> Program<K> {
     pub fn map_head(&mut self, packet: &[u8], link: LinkId, now_us: u64) -> Action {
         self.passed_to(now_us);
         self.head(packet, link);
-        self.action(false)
+        self.unchanged()
     }
 
     /// [`Self::map_packet`] of a packet without a readable header.
@@ -226,7 +229,7 @@ impl<K: Kernel> Program<K> {
         self.passed_to(now_us);
         let breakage = self.receivers[link as usize].unknown(packet);
         self.count_breakage(breakage, link);
-        self.action(false)
+        self.unchanged()
     }
 
     /// Counts what a refused packet broke towards a CRC storm of its link.
@@ -331,11 +334,9 @@ impl<K: Kernel> Program<K> {
         };
         let has_other = self.settings.sensors > 1;
         let other_is_worse = is_silent(one) || other.taught.load.exceeds(&one.taught.load);
-        let worst = if has_other && !is_silent(other) && other_is_worse {
-            other
-        } else {
-            one
-        };
+        let is_other = has_other && !is_silent(other) && other_is_worse;
+        let worst = if is_other { other } else { one };
+        self.neediest = usize::from(is_other);
         let witness = if has_other {
             one.taught.verdict.with(other.taught.verdict)
         } else {
@@ -476,6 +477,7 @@ impl<K: Kernel> Program<K> {
             tip.capture_us = info.capture_us;
             tip.decision = first_decision(tip.decision, &tip.sums, self.settings.slip_threshold);
         }
+        let reference = tip.taught.reference;
         self.newest = info;
         self.maps = self.maps.wrapping_add(1);
         self.safety.set(Fault::ReplayedMap, false);
@@ -497,6 +499,16 @@ impl<K: Kernel> Program<K> {
             self.controller.observe_doubtful(evidence.shear);
         } else {
             self.controller.observe(evidence, self.now_us);
+            let sensor = usize::from(info.sensor);
+            if sensor < sensors {
+                let before = if sensor == self.neediest {
+                    self.controller.force()
+                } else {
+                    reference.force()
+                };
+                self.controller
+                    .anticipate(before.saturating_add(reference.more(shear)));
+            }
         }
         self.send_status();
         true

@@ -3,13 +3,15 @@
 //! a newer map came meanwhile. What was learnt before lies with the worker and is never copied.
 
 use gripline_protocol::message::{MapSums, Witnesses};
-use gripline_protocol::{Motion, SENSORS};
+use gripline_protocol::{Motion, PER_UNIT, SENSORS};
 
+use crate::constants::FEED_FORWARD_FRICTION_MIN;
 use crate::friction_estimator::{FrictionEstimator, LoadEstimate};
 use crate::learning_settings::LearningSettings;
 use crate::slide_witness::Verdict;
 use crate::slip::{SlipDecision, SlipDetector, SlipSettings};
 use crate::slip_evidence::SlipEvidence;
+use crate::sums::total_shear;
 
 /// The newest map of a fingertip.
 #[derive(Debug, Clone, Copy)]
@@ -40,6 +42,7 @@ pub struct Learnt {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Taught {
     pub(super) load: LoadEstimate,
+    pub(super) reference: Reference,
     pub(super) verdict: Verdict,
     pub(super) slip_evidence: u16,
     pub(super) witnesses: Witnesses,
@@ -49,11 +52,55 @@ impl Default for Taught {
     fn default() -> Self {
         Self {
             load: LoadEstimate::default(),
+            reference: Reference::default(),
             verdict: Verdict::NONE,
             slip_evidence: 0,
             witnesses: Witnesses::default(),
         }
     }
+}
+
+/// What the next map is compared with before anything is learnt from it: a map that has more shear needs more force.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Reference {
+    /// The shear in the map, and the force that its load needs, 1/4096 N.
+    shear: i32,
+    force: i32,
+    /// Force for more shear, 2⁻¹⁶.
+    slope: u32,
+}
+
+impl Reference {
+    /// Of a map with this load. Divides, so that the map-to-line path need not.
+    fn of(sums: &MapSums, load: &LoadEstimate, settings: LearningSettings) -> Self {
+        let share = PER_UNIT + u32::from(settings.margin);
+        let friction = u32::from(load.friction).max(FEED_FORWARD_FRICTION_MIN);
+        // The margin is at most 4, so that the share fits 16 bits.
+        let slope = (share.min(u16::MAX.into()) << 16) / friction;
+        Self {
+            shear: total_shear(sums),
+            force: scaled(load.shear, slope),
+            slope,
+        }
+    }
+
+    /// The force that its load needs, 1/4096 N.
+    pub(super) const fn force(&self) -> i32 {
+        self.force
+    }
+
+    /// The force that a map of this shear needs beyond that, 1/4096 N; none for less shear.
+    #[inline]
+    pub(super) fn more(&self, shear: i32) -> i32 {
+        scaled(shear - self.shear, self.slope)
+    }
+}
+
+/// A shear, at most 2²⁶, times a slope.
+#[inline]
+fn scaled(shear: i32, slope: u32) -> i32 {
+    let product = u64::from(shear.max(0).cast_unsigned()) * u64::from(slope);
+    (product >> 16).min(i32::MAX as u64) as i32
 }
 
 /// Works on lessons, with the path free. Keeps what the maps before have taught.
@@ -81,6 +128,7 @@ impl Learner {
                 friction.ask_witness(sums.force[2], lesson.motion, settings);
             }
         }
+        let load = friction.estimate(settings);
         let verdict = friction.witness();
         evidence.observe(
             sums,
@@ -94,7 +142,8 @@ impl Learner {
             map: lesson.map,
             decision,
             taught: Taught {
-                load: friction.estimate(settings),
+                load,
+                reference: Reference::of(sums, &load, settings),
                 verdict,
                 slip_evidence: evidence.joined(),
                 witnesses: evidence.witnesses(),

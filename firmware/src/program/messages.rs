@@ -5,7 +5,9 @@
 //!
 //! [`Program::message`]: super::Program::message
 
-use gripline_protocol::message::{Bootloader, Command, Hello, LineSettings, Message, MessagePackets, OutOfRange};
+use gripline_protocol::message::{
+    Bootloader, Command, Hello, LineSettings, Message, MessagePackets, OutOfRange,
+};
 use gripline_protocol::{MessageParser, Packet};
 
 use crate::sums::TaxelRule;

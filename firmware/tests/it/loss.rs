@@ -54,8 +54,11 @@ fn holding(settings: Configuration) -> Bench {
 
 proptest! {
     #[test]
-    fn the_state_of_a_map_is_a_function_of_its_packets_alone(sent in proptest::collection::vec(any_sent(), 1..24)) {
-        let settings = Configuration { sensors: SENSORS as u8, ..Configuration::CAREFUL };
+    fn the_state_of_a_map_is_a_function_of_its_packets_alone(
+        sent in proptest::collection::vec(any_sent(), 1..24),
+        base in prop_oneof![Just(Configuration::CAREFUL), Just(Configuration::DEFAULT)],
+    ) {
+        let settings = Configuration { sensors: SENSORS as u8, ..base };
         let rule = TaxelRule::of(&settings);
         // One sees what a bad link leaves, the other only the maps that came whole.
         let (mut lossy, mut clean) = (holding(settings), holding(settings));

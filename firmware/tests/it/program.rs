@@ -309,6 +309,58 @@ fn a_contact_that_learns_is_held_by_the_friction_it_proved_and_one_that_may_not_
     }
 }
 
+#[test]
+fn with_the_shipped_settings_a_map_that_demands_more_raises_the_line_before_the_next_tick() {
+    for sensors in [1, 2] {
+        for sensor in 0..sensors {
+            let mut bench = Bench::holding();
+            bench.command(Command::Configure(Configuration {
+                sensors,
+                ..Configuration::DEFAULT
+            }));
+            // The last packet's part in the rise of the line.
+            let send = |bench: &mut Bench, sensor: u8, shear_n: f64| {
+                bench.sequence += 1;
+                let info = MapInfo {
+                    sensor,
+                    sequence: bench.sequence,
+                    capture_us: bench.now_us as u32,
+                    ..MapInfo::default()
+                };
+                let before = bench.device.program.line();
+                let actions = bench.map_with(info, &even_map(59, f64::from(newtons(shear_n)), 24_000.0));
+                let [.., full, last] = actions[..] else {
+                    panic!("a map of 59 taxels has seven packets");
+                };
+                assert_eq!(full.line, before, "only a whole map moves the line");
+                last.line.lsb() - before.lsb()
+            };
+            for _ in 0..60 {
+                for sensor in 0..sensors {
+                    // The other fingertip needs less.
+                    send(&mut bench, sensor, 2.0 - 0.5 * f64::from(sensor));
+                }
+                bench.wait_ms(16);
+            }
+            // No more than before, and what may be fluctuation, moves nothing, or hardly.
+            assert_eq!(send(&mut bench, sensor, 2.0 - 0.5 * f64::from(sensor)), 0);
+            bench.wait_ms(3);
+            bench.now_us += 300;
+            let rise = send(&mut bench, sensor, 3.4);
+            let most = i32::from(Configuration::DEFAULT.rise_rate);
+            assert!((most - 1..=most).contains(&rise), "{sensors} {sensor}: {rise}");
+            // A millisecond's worth is taken. Another one comes with time, and no sooner.
+            assert_eq!(send(&mut bench, sensor, 4.2), 0, "{sensors} {sensor}");
+            bench.now_us += 500;
+            let rise = send(&mut bench, sensor, 4.2);
+            assert!(
+                (most / 2 - 1..=most / 2).contains(&rise),
+                "{sensors} {sensor}: {rise}"
+            );
+        }
+    }
+}
+
 /// The grip that the default settings keep, over the one that is needed.
 fn kept() -> f64 {
     1.0 + f64::from(Configuration::DEFAULT.margin) / f64::from(gripline_protocol::PER_UNIT)

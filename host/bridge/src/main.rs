@@ -6,8 +6,8 @@ use std::process::ExitCode;
 use clap::CommandFactory as _;
 use gripline::commands::cli::{Cli, Command};
 use gripline::commands::{
-    calibrate, config, detect, doctor, evaluate, export, faults, flash, infer, plot, replay, sensor, setup, shell,
-    simulate,
+    calibrate, config, detect, doctor, evaluate, export, faults, flash, infer, plot, replay, sensor, setup,
+    shell, simulate,
 };
 use gripline::error::{Completion, Error};
 use gripline::{log, run};

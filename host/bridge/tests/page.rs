@@ -145,7 +145,7 @@ mod slow {
         let loads = [0; 3].map(|_| {
             browser.open(&run.address).unwrap();
             browser
-                .wait_for("return gripline.firstPictureMs", PATIENCE)
+                .wait_for("return window.gripline?.firstPictureMs", PATIENCE)
                 .unwrap()
                 .as_f64()
                 .unwrap()

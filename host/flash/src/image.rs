@@ -48,13 +48,17 @@ pub struct Image {
 #[derive(Debug, thiserror::Error, PartialEq, Eq)]
 pub enum ImageError {
     /// The ELF file is broken.
-    #[error("found an ELF file that cannot be read ({found}), expected one of `cargo xtask firmware`; build it again")]
+    #[error(
+        "found an ELF file that cannot be read ({found}), expected one of `cargo xtask firmware`; build it again"
+    )]
     Elf {
         /// What is wrong.
         found: String,
     },
     /// Nothing lies where the chip looks for its interrupt vectors.
-    #[error("found {found}, expected an image that begins at {FLASH:#010x}; build it with `cargo xtask firmware`")]
+    #[error(
+        "found {found}, expected an image that begins at {FLASH:#010x}; build it with `cargo xtask firmware`"
+    )]
     NoVectors {
         /// What is there.
         found: String,
@@ -67,7 +71,9 @@ pub enum ImageError {
     )]
     NoIdentity,
     /// The file ends too early.
-    #[error("found {found} bytes, expected at least the {expected} that the image was linked with; copy the file again")]
+    #[error(
+        "found {found} bytes, expected at least the {expected} that the image was linked with; copy the file again"
+    )]
     CutOff {
         /// Bytes of the file's image.
         found: u32,
@@ -85,7 +91,9 @@ pub enum ImageError {
         why: &'static str,
     },
     /// It is for another board.
-    #[error("found an image for {found}, expected one for {expected}; build it with `cargo xtask firmware --board {expected}`")]
+    #[error(
+        "found an image for {found}, expected one for {expected}; build it with `cargo xtask firmware --board {expected}`"
+    )]
     Board {
         /// The image's board.
         found: String,

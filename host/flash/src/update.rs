@@ -32,7 +32,9 @@ pub struct Progress {
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum UpdateError {
     /// The image does not fit the chip. Nothing was erased.
-    #[error("found {bytes} bytes of the image at {address:#010x}, expected flash there that may be written: is it the right board?")]
+    #[error(
+        "found {bytes} bytes of the image at {address:#010x}, expected flash there that may be written: is it the right board?"
+    )]
     NoRoom {
         /// Where.
         address: u32,
@@ -61,7 +63,10 @@ pub enum UpdateError {
         expected: u8,
     },
     /// Less came back than was asked for.
-    #[error("reading back at {address:#010x}: found {found} bytes, expected {expected}; {}", state(true))]
+    #[error(
+        "reading back at {address:#010x}: found {found} bytes, expected {expected}; {}",
+        state(true)
+    )]
     Short {
         /// Where.
         address: u32,

@@ -105,7 +105,9 @@ impl Attached {
             .descriptors()
             .map(|setting| (setting.alternate_setting(), name(setting.string_index())))
             .collect();
-        let flash = names.iter().find_map(|(setting, name)| Some((*setting, sectors(name)?)));
+        let flash = names
+            .iter()
+            .find_map(|(setting, name)| Some((*setting, sectors(name)?)));
         let Some((setting, sectors)) = flash else {
             let names: Vec<&str> = names.iter().map(|(_, name)| name.as_str()).collect();
             return Err(self.broken(format!("memories {names:?}"), INTERNAL_FLASH));
@@ -179,7 +181,10 @@ impl Wire for Usb {
             index: INTERFACE.into(),
             length,
         };
-        self.interface.control_in(request, PATIENCE).wait().map_err(failed)
+        self.interface
+            .control_in(request, PATIENCE)
+            .wait()
+            .map_err(failed)
     }
 
     fn wait(&mut self, ms: u32) {

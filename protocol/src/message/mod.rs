@@ -16,8 +16,8 @@ pub use bootloader::Bootloader;
 pub use command::Command;
 pub use envelope::{Message, MessageError};
 pub use handshake::{
-    BOARDS, Hello, IMAGE_IDENTITY_AT, IMAGE_IDENTITY_BYTES, IMAGE_MARK, Revision, SCHEMA_HASH, SCHEMA_VERSION,
-    SchemaMismatch,
+    BOARDS, Hello, IMAGE_IDENTITY_AT, IMAGE_IDENTITY_BYTES, IMAGE_MARK, Revision, SCHEMA_HASH,
+    SCHEMA_VERSION, SchemaMismatch,
 };
 pub use packets::MessagePackets;
 pub use report::{GripMode, MapSums, Refusal, Report, STAGES, SlipState, Stage, Status, Witnesses};

@@ -156,7 +156,11 @@ impl Board {
         let traced = traced.to_vec();
         let mut images = vec![image_of(elf)?];
         for (base, bytes) in beside {
-            images.push(Image::new(Path::new("beside the image"), bytes.to_vec(), Some(base))?);
+            images.push(Image::new(
+                Path::new("beside the image"),
+                bytes.to_vec(),
+                Some(base),
+            )?);
         }
         let symbols = Symbols::read(elf, rigless::cpu::armv7m::code_address).ok();
         let symbol = |name| symbols.as_ref().and_then(|symbols| symbols.get(name).ok());

@@ -16,7 +16,8 @@ const LONG_NS: u64 = 400 * MS;
 const WAITS: &[u16] = &[0x2000, 0x2000, 0x0009, 0x1FFF, 0xE7FE];
 /// The same, and a jump to the image as ST's makes it: `ldr r0, =0x08000000; ldr r1, [r0]; msr msp, r1; ldr r2, [r0, #4]; bx r2`.
 const HANDS_OVER: &[u16] = &[
-    0x2000, 0x2000, 0x0009, 0x1FFF, 0x4803, 0x6801, 0xF381, 0x8808, 0x6842, 0x4710, 0xBF00, 0xBF00, 0x0000, 0x0800,
+    0x2000, 0x2000, 0x0009, 0x1FFF, 0x4803, 0x6801, 0xF381, 0x8808, 0x6842, 0x4710, 0xBF00, 0xBF00, 0x0000,
+    0x0800,
 ];
 
 fn image() -> Vec<u8> {
@@ -49,7 +50,9 @@ impl Bench {
     }
 
     fn configured(&mut self, times: u64) {
-        let is_ready = self.board.run_until(|board| board.usb_enumerations() >= times, 600 * MS);
+        let is_ready = self
+            .board
+            .run_until(|board| board.usb_enumerations() >= times, 600 * MS);
         assert!(is_ready.unwrap(), "{:?}", self.board.usb_state());
     }
 
@@ -111,7 +114,10 @@ fn a_released_board_restarts_in_its_bootloader_and_stays_there_without_watchdog_
     assert_eq!(resets.len(), 1, "{resets:?}");
     assert_eq!(resets[0].cause, "software");
     assert!(bench.arrivals() > 0, "it never came to the bootloader");
-    assert_eq!((bench.board.dac_code(1), bench.board.fault_output()), (None, false));
+    assert_eq!(
+        (bench.board.dac_code(1), bench.board.fault_output()),
+        (None, false)
+    );
     println!("restarted {} ms after power-on", resets[0].at_ns / MS);
 }
 
@@ -145,7 +151,11 @@ fn a_bootloader_that_hands_over_starts_the_image_as_a_reset_leaves_the_chip() {
     bench.say(&Message::Bootloader(Bootloader::Enter));
     bench.configured(2);
     let causes: Vec<&str> = bench.board.resets().iter().map(|reset| reset.cause).collect();
-    assert_eq!(causes, ["software", "software"], "once there, once after the way back");
+    assert_eq!(
+        causes,
+        ["software", "software"],
+        "once there, once after the way back"
+    );
     assert_eq!(bench.arrivals(), 1);
     bench.messages.clear();
     bench.say(&Message::Hello(Hello::of_this_build(0, 8)));
@@ -163,7 +173,11 @@ fn a_bootloader_that_hands_over_starts_the_image_as_a_reset_leaves_the_chip() {
 #[test]
 #[ignore = "needs the image: cargo xtask test"]
 fn a_chip_without_a_bootloader_starts_its_image_again() {
-    for nothing in [&[0x0000_u16; 8][..], &[0xFFFF; 8], &[0x2000, 0x2000, 0x0009, 0x0800]] {
+    for nothing in [
+        &[0x0000_u16; 8][..],
+        &[0xFFFF; 8],
+        &[0x2000, 0x2000, 0x0009, 0x0800],
+    ] {
         let mut bench = Bench::new(nothing);
         bench.say(&Message::Bootloader(Bootloader::Enter));
         bench.configured(2);

@@ -44,7 +44,9 @@ pub struct FlashArgs {
 fn board_number(name: &str) -> Result<u8, String> {
     let boards = &BOARDS[1..];
     let place = boards.iter().position(|board| *board == name);
-    place.map(|place| place as u8 + 1).ok_or_else(|| format!("expected {}", boards.join(" or ")))
+    place
+        .map(|place| place as u8 + 1)
+        .ok_or_else(|| format!("expected {}", boards.join(" or ")))
 }
 
 /// What is plugged in and is to be flashed.
@@ -62,7 +64,12 @@ enum Plugged {
 /// [`Failure`] that says what was found, and whether the board still has its image.
 pub fn run(args: &FlashArgs) -> Result<(), Failure> {
     let image = read(&args.image)?;
-    println!("image {}: {}, {} bytes", args.image.display(), image.identity, image.length());
+    println!(
+        "image {}: {}, {} bytes",
+        args.image.display(),
+        image.identity,
+        image.length()
+    );
     let boards = attached().map_err(Failure::failed)?;
     let chips = bootloader::attached()?;
     let places: Vec<&str> = chips.iter().map(|chip| chip.place.as_str()).collect();
@@ -103,8 +110,8 @@ pub fn run(args: &FlashArgs) -> Result<(), Failure> {
 
 fn read(path: &Path) -> Result<Image, Failure> {
     let file = path.display();
-    let bytes =
-        std::fs::read(path).map_err(|error| Failure::failed(format!("{file}: {error}, expected an image")))?;
+    let bytes = std::fs::read(path)
+        .map_err(|error| Failure::failed(format!("{file}: {error}, expected an image")))?;
     Image::read(&bytes).map_err(|error| Failure::failed(format!("{file}: {error}")))
 }
 
@@ -222,7 +229,9 @@ fn write_with<W: Wire>(
 fn shake_hands(serial: Option<String>, image: &Image) -> Result<(), Failure> {
     let session = Session::connect(Target::Usb(serial).open()?)?;
     let Some(found) = session.firmware() else {
-        return Err(Failure::failed("the board does not say who it is, expected it to"));
+        return Err(Failure::failed(
+            "the board does not say who it is, expected it to",
+        ));
     };
     let known = |hello: &Hello| (hello.board, hello.build, hello.revision);
     if known(found) != known(&image.identity) {
@@ -251,9 +260,18 @@ mod tests {
         let two = [board("1"), board("2")];
         assert_eq!(plugged(&two[..1], None, &[], None).unwrap(), Plugged::Board(0));
         assert_eq!(plugged(&two, Some("2"), &[], None).unwrap(), Plugged::Board(1));
-        assert_eq!(plugged(&two[..1], None, &["1-9"], None).unwrap(), Plugged::Board(0));
-        assert_eq!(plugged(&two[..1], None, &["1-9"], Some(2)).unwrap(), Plugged::Bootloader(0, 2));
-        assert_eq!(plugged(&[], None, &["1-9"], Some(1)).unwrap(), Plugged::Bootloader(0, 1));
+        assert_eq!(
+            plugged(&two[..1], None, &["1-9"], None).unwrap(),
+            Plugged::Board(0)
+        );
+        assert_eq!(
+            plugged(&two[..1], None, &["1-9"], Some(2)).unwrap(),
+            Plugged::Bootloader(0, 2)
+        );
+        assert_eq!(
+            plugged(&[], None, &["1-9"], Some(1)).unwrap(),
+            Plugged::Bootloader(0, 1)
+        );
         for (boards, serial, chips, board, words) in [
             (&two[..], None, &[][..], None, "found 2"),
             (&[], None, &["1-9"], None, "stm32f405rg or stm32f427vi"),
@@ -269,9 +287,16 @@ mod tests {
 
     #[test]
     fn boards_have_names() {
-        assert_eq!((board_number("stm32f405rg"), board_number("stm32f427vi")), (Ok(1), Ok(2)));
+        assert_eq!(
+            (board_number("stm32f405rg"), board_number("stm32f427vi")),
+            (Ok(1), Ok(2))
+        );
         for wrong in ["host", "stm32", ""] {
-            assert!(board_number(wrong).unwrap_err().contains("stm32f405rg or stm32f427vi"));
+            assert!(
+                board_number(wrong)
+                    .unwrap_err()
+                    .contains("stm32f405rg or stm32f427vi")
+            );
         }
     }
 }

@@ -37,8 +37,18 @@ pub(crate) fn identity(board: u8) -> Hello {
 
 /// The same as an ELF file with a segment for each piece: (where it runs, where it is stored, bytes).
 fn elf(pieces: &[(u32, u32, &[u8])]) -> Vec<u8> {
-    let words = |values: &[u32]| values.iter().flat_map(|value| value.to_le_bytes()).collect::<Vec<u8>>();
-    let halves = |values: &[u16]| values.iter().flat_map(|value| value.to_le_bytes()).collect::<Vec<u8>>();
+    let words = |values: &[u32]| {
+        values
+            .iter()
+            .flat_map(|value| value.to_le_bytes())
+            .collect::<Vec<u8>>()
+    };
+    let halves = |values: &[u16]| {
+        values
+            .iter()
+            .flat_map(|value| value.to_le_bytes())
+            .collect::<Vec<u8>>()
+    };
     let mut file = b"\x7fELF\x01\x01\x01\0\0\0\0\0\0\0\0\0".to_vec();
     file.extend(halves(&[2, 40]));
     file.extend(words(&[1, FLASH + 9, 52, 0, 0x0500_0000]));
@@ -84,12 +94,19 @@ fn an_image_for_another_board_or_schema_is_refused_by_name() {
     let image = Image::read(&binary(identity(2), 1)).unwrap();
     image.check(2).unwrap();
     let text = image.check(1).unwrap_err().to_string();
-    assert!(text.contains("for stm32f427vi") && text.contains("--board stm32f405rg"), "{text}");
+    assert!(
+        text.contains("for stm32f427vi") && text.contains("--board stm32f405rg"),
+        "{text}"
+    );
     let other = Hello {
         schema_version: 99,
         ..identity(1)
     };
-    let text = Image::read(&binary(other, 1)).unwrap().check(1).unwrap_err().to_string();
+    let text = Image::read(&binary(other, 1))
+        .unwrap()
+        .check(1)
+        .unwrap_err()
+        .to_string();
     assert!(text.contains("schema 99"), "{text}");
     let forged = Hello {
         schema_hash: 7,
@@ -118,10 +135,22 @@ fn what_is_no_image_of_ours_is_refused_by_name() {
         (good[..program].to_vec(), "copy the file again"),
         (good[..0x210].to_vec(), "no identity"),
         (elf(&[(SETTINGS.end, SETTINGS.end, head)]), "at 0x0800c000"),
-        (elf(&[(FLASH, FLASH, head), (FLASH + 4, FLASH + 4, head)]), "two parts"),
-        (elf(&[(FLASH, FLASH, head), (0x0800_4000, 0x0800_4000, head)]), "stored settings"),
-        (elf(&[(0x2000_0000, 0x0700_0000, head)]), "the flash lies elsewhere"),
-        (elf(&[(FLASH, FLASH, head), (0, 0xFFFF_FFFE, head)]), "the flash lies elsewhere"),
+        (
+            elf(&[(FLASH, FLASH, head), (FLASH + 4, FLASH + 4, head)]),
+            "two parts",
+        ),
+        (
+            elf(&[(FLASH, FLASH, head), (0x0800_4000, 0x0800_4000, head)]),
+            "stored settings",
+        ),
+        (
+            elf(&[(0x2000_0000, 0x0700_0000, head)]),
+            "the flash lies elsewhere",
+        ),
+        (
+            elf(&[(FLASH, FLASH, head), (0, 0xFFFF_FFFE, head)]),
+            "the flash lies elsewhere",
+        ),
     ] {
         let text = Image::read(&file).unwrap_err().to_string();
         assert!(text.contains(words), "{words}: {text}");
@@ -148,6 +177,16 @@ fn the_linked_image_says_whom_it_is_for() {
     let path = std::env::var_os("GRIPLINE_IMAGE").expect("GRIPLINE_IMAGE names the image");
     let image = Image::read(&std::fs::read(path).unwrap()).unwrap();
     image.check(2).unwrap();
-    println!("{}, {} bytes in {} parts", image.identity, image.length(), image.parts.len());
-    assert!(image.parts.iter().all(|part| part.end() <= SETTINGS.start || part.address >= SETTINGS.end));
+    println!(
+        "{}, {} bytes in {} parts",
+        image.identity,
+        image.length(),
+        image.parts.len()
+    );
+    assert!(
+        image
+            .parts
+            .iter()
+            .all(|part| part.end() <= SETTINGS.start || part.address >= SETTINGS.end)
+    );
 }

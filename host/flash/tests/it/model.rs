@@ -29,15 +29,26 @@ const ERR_STALLED: u8 = 0x0F;
 pub(crate) enum Trouble {
     None,
     /// The power goes at this request; what it was to do is done to so many bytes.
-    PowerCut { at_request: usize, bytes: usize },
+    PowerCut {
+        at_request: usize,
+        bytes: usize,
+    },
     /// This erasure fails.
-    EraseFails { number: usize },
+    EraseFails {
+        number: usize,
+    },
     /// This block of data cannot be programmed.
-    WriteFails { number: usize },
+    WriteFails {
+        number: usize,
+    },
     /// One bit of this block of data is programmed otherwise.
-    BitFlips { number: usize },
+    BitFlips {
+        number: usize,
+    },
     /// It does nothing but be busy from this erasure on.
-    Hangs { number: usize },
+    Hangs {
+        number: usize,
+    },
 }
 
 /// What a command or block is to do once the host asks for the status.
@@ -133,7 +144,10 @@ impl Chip {
     }
 
     fn sector_of(&self, address: u32) -> Option<Sector> {
-        let found = self.sectors.iter().find(|one| (one.address..one.end()).contains(&address));
+        let found = self
+            .sectors
+            .iter()
+            .find(|one| (one.address..one.end()).contains(&address));
         found.copied()
     }
 
@@ -278,7 +292,8 @@ impl Wire for Chip {
                 Ok(vec![self.code, 50, 0, 0, self.state, 0])
             }
             (2, IDLE | UPLOAD_IDLE) if value >= 2 => {
-                let from = (self.address - FLASH) as usize + usize::from(value - 2) * usize::from(TRANSFER_BYTES);
+                let from =
+                    (self.address - FLASH) as usize + usize::from(value - 2) * usize::from(TRANSFER_BYTES);
                 let Some(data) = self.flash.get(from..from + usize::from(length)) else {
                     return Err(self.refuse(ERR_ADDRESS));
                 };

@@ -28,7 +28,9 @@ fn in_use() -> Chip {
 fn run(chip: Chip, image: &Image) -> (Chip, Result<Vec<Progress>, UpdateError>) {
     let mut dfu = Dfu::new(chip, TRANSFER_BYTES);
     let mut steps = Vec::new();
-    let result = update(&mut dfu, &sectors(LAYOUT).unwrap(), image, &mut |step| steps.push(step));
+    let result = update(&mut dfu, &sectors(LAYOUT).unwrap(), image, &mut |step| {
+        steps.push(step)
+    });
     (dfu.into_wire(), result.map(|()| steps))
 }
 
@@ -51,11 +53,18 @@ fn an_update_replaces_the_image_keeps_the_settings_and_starts() {
     let (chip, result) = run(in_use(), &new);
     let steps = result.unwrap();
     assert!(holds(&chip, &new) && settings_are_kept(&chip) && chip.starts());
-    assert_eq!(chip.erased, [FLASH, 0x0800_C000], "the vectors first, the settings never");
+    assert_eq!(
+        chip.erased,
+        [FLASH, 0x0800_C000],
+        "the vectors first, the settings never"
+    );
     assert_eq!(chip.started, None, "whoever updates says when it starts");
     for step in [Step::Erase, Step::Write, Step::Verify] {
         let of_step: Vec<_> = steps.iter().filter(|one| one.step == step).collect();
-        assert!(of_step.len() > 1 && of_step.is_sorted_by_key(|one| one.done), "{step:?}");
+        assert!(
+            of_step.len() > 1 && of_step.is_sorted_by_key(|one| one.done),
+            "{step:?}"
+        );
     }
     assert!(chip.waited_ms > 0, "it waits as long as the chip asks for");
     let mut dfu = Dfu::new(chip, TRANSFER_BYTES);
@@ -97,17 +106,27 @@ fn a_power_cut_at_any_request_leaves_the_old_image_or_none_that_starts_and_the_n
                     holds(&chip, &old) || holds(&chip, &new),
                     "{at_request}, {bytes}: a half image starts"
                 );
-                if holds(&chip, &old) { old_kept += 1 } else { done += 1 }
+                if holds(&chip, &old) {
+                    old_kept += 1
+                } else {
+                    done += 1
+                }
             } else {
                 dead += 1;
-                assert!(error.to_string().contains("until the update is repeated"), "{error}");
+                assert!(
+                    error.to_string().contains("until the update is repeated"),
+                    "{error}"
+                );
             }
             let (chip, again) = run(chip.power_cycled(), &new);
             again.unwrap();
             assert!(holds(&chip, &new) && chip.starts() && settings_are_kept(&chip));
         }
     }
-    println!("{} requests; {old_kept} cuts: old image, {dead}: none that starts, {done}: new image", whole.requests);
+    println!(
+        "{} requests; {old_kept} cuts: old image, {dead}: none that starts, {done}: new image",
+        whole.requests
+    );
     assert!(old_kept > 0 && dead > 0 && done > 0);
 }
 
@@ -127,7 +146,10 @@ fn a_chip_that_fails_to_erase_or_write_or_that_writes_something_else_is_found_ou
         let error = result.unwrap_err();
         match trouble {
             Trouble::BitFlips { .. } => {
-                assert!(matches!(error, UpdateError::Differs { .. }), "{trouble:?}: {error}");
+                assert!(
+                    matches!(error, UpdateError::Differs { .. }),
+                    "{trouble:?}: {error}"
+                );
             }
             _ => assert!(
                 matches!(
@@ -157,7 +179,10 @@ fn a_chip_that_is_busy_for_ever_is_given_up() {
     chip.trouble = Trouble::Hangs { number: 1 };
     let (chip, result) = run(chip, &image(0x33));
     let error = result.unwrap_err().to_string();
-    assert!(error.contains("erasing the sector at 0x0800c000") && error.contains("within 10 s"), "{error}");
+    assert!(
+        error.contains("erasing the sector at 0x0800c000") && error.contains("within 10 s"),
+        "{error}"
+    );
     assert!(chip.waited_ms < 20_000, "{}", chip.waited_ms);
 }
 
@@ -172,7 +197,10 @@ fn an_image_that_does_not_fit_the_chip_is_refused_before_anything_is_erased() {
     ] {
         let mut dfu = Dfu::new(in_use(), TRANSFER_BYTES);
         let result = update(&mut dfu, &sectors(layout).unwrap(), &new, &mut |_| {});
-        assert!(matches!(result, Err(UpdateError::NoRoom { .. })), "{layout}: {result:?}");
+        assert!(
+            matches!(result, Err(UpdateError::NoRoom { .. })),
+            "{layout}: {result:?}"
+        );
         let chip = dfu.into_wire();
         assert!(chip.erased.is_empty() && chip.requests == 0 && chip.starts());
     }

@@ -11,7 +11,7 @@ use crate::Error;
 use crate::cycles::{self, Fetch, Memory};
 use crate::image::{Flow, Function, Image, Instruction};
 use crate::source::{Place, Sources};
-use crate::tables::{CALLS, LEFT_OUT, LOOPS, Left, SKIPPED};
+use crate::tables::{CALLS, LEFT_OUT, LOOPS, Left, SKIPPED, TAIL_TAXELS};
 
 /// A loop of the image.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -48,16 +48,31 @@ pub struct Walk<'a> {
     pub known: BTreeMap<u32, Bound>,
     under_way: Vec<u32>,
     left_out: Left,
+    /// Taxels of the map's last packet.
+    tail_taxels: u32,
     /// The function with whose return the walk ends.
     end: Option<u32>,
     /// Loops that the walks met, by their first instruction.
     pub loops: BTreeMap<u32, Loop>,
     /// The memory that an instruction's access was priced with.
     pub memories: BTreeMap<u32, Memory>,
+    /// Of these, the ones whose address is not known: they count as accesses of data.
+    pub unknown: BTreeSet<u32>,
     /// Whatever stands against the bounds, each once.
     pub findings: BTreeSet<String>,
     /// Functions left out and why, each once.
     pub left: BTreeSet<String>,
+}
+
+/// What blocks the path.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Block {
+    /// The running code's priority.
+    Priority,
+    /// The mask of all interrupts.
+    All,
+    /// The mask of the path's own interrupt.
+    Own,
 }
 
 /// A stretch of code with the path blocked.
@@ -65,11 +80,20 @@ pub struct Walk<'a> {
 pub struct Stretch {
     /// Where, and what it calls.
     pub name: String,
+    /// The instruction that begins it.
+    pub at: u32,
+    /// What blocks the path.
+    pub block: Block,
     /// Cycles at most.
     pub cycles: u64,
 }
 
 type Graph = BTreeMap<u32, Vec<u32>>;
+
+/// The interrupt controller's words that mask and unmask the path's interrupt, number 67 (ARM DUI 0553, NVIC_ICER2 and NVIC_ISER2; RM0090,
+/// table 62).
+const NVIC_MASK: u32 = 0xE000_E188;
+const NVIC_UNMASK: u32 = 0xE000_E108;
 
 impl<'a> Walk<'a> {
     /// Of a path that never comes to what `left_out` names.
@@ -81,12 +105,21 @@ impl<'a> Walk<'a> {
             known: BTreeMap::new(),
             under_way: Vec::new(),
             left_out,
+            tail_taxels: TAIL_TAXELS,
             end: None,
             loops: BTreeMap::new(),
             memories: BTreeMap::new(),
+            unknown: BTreeSet::new(),
             findings: BTreeSet::new(),
             left: BTreeSet::new(),
         }
+    }
+
+    /// The same for a last packet of so many taxels.
+    #[must_use]
+    pub fn with_tail(mut self, taxels: u32) -> Self {
+        self.tail_taxels = taxels;
+        self
     }
 
     /// The same; what comes after a function's return does not count. A way that does not lead there counts whole.
@@ -102,17 +135,10 @@ impl<'a> Walk<'a> {
     /// A function without such a store.
     pub fn after_store(&mut self, function: &Function, address: u32) -> Result<u64, Error> {
         let body = self.body(function);
-        let known = self.constants_of_all(function, &body);
-        let places: Vec<u32> = body
-            .values()
-            .filter(|one| one.name.starts_with("str"))
-            .filter(|one| {
-                let base = one
-                    .base
-                    .and_then(|(base, offset)| Some((known.get(&one.address)?.get(&base)?, offset)));
-                matches!(base, Some((Value::Exact(base), offset)) if base.wrapping_add(offset) == address)
-            })
-            .map(Instruction::next)
+        let places: Vec<u32> = self
+            .stores(function, &body, address)
+            .into_iter()
+            .filter_map(|at| body.get(&at).map(Instruction::next))
             .collect();
         let ways: Vec<u64> = places
             .into_iter()
@@ -165,7 +191,7 @@ impl<'a> Walk<'a> {
         bound
     }
 
-    /// Every stretch of the image in which the path is blocked: by its priority, or by the mask of all interrupts.
+    /// Every stretch of the image in which the path is blocked: by its priority, by the mask of all interrupts, or by that of its own.
     pub fn blocking_stretches(&mut self, priority: u32) -> Vec<Stretch> {
         let functions: Vec<Function> = self.image.functions.values().cloned().collect();
         let mut stretches = Vec::new();
@@ -175,27 +201,55 @@ impl<'a> Walk<'a> {
                 continue;
             }
             let body = self.body(function);
+            let (masks, unmasks) = (
+                self.stores(function, &body, NVIC_MASK),
+                self.stores(function, &body, NVIC_UNMASK),
+            );
             for one in body.values() {
-                let is_masked = one.text.starts_with("cpsid");
-                let is_raised =
-                    one.text.starts_with("msr basepri_max") && Self::raised_to(&body, one) <= priority;
-                if !(is_masked || is_raised) {
+                let is_raised = |one: &Instruction| {
+                    one.text.starts_with("msr basepri_max") && Self::raised_to(&body, one) <= priority
+                };
+                let is_masked = |one: &Instruction| one.text.starts_with("cpsid");
+                let block = if is_masked(one) {
+                    Block::All
+                } else if is_raised(one) {
+                    Block::Priority
+                } else if masks.contains(&one.address) {
+                    Block::Own
+                } else {
+                    continue;
+                };
+                let is_end = |other: &Instruction| match block {
+                    Block::All => other.text.starts_with("cpsie") || other.text.starts_with("msr primask"),
+                    Block::Priority => other.text.starts_with("msr basepri,"),
+                    Block::Own => unmasks.contains(&other.address),
+                };
+                let inside = self.inside(function, &body, one.next(), is_end);
+                let is_over = |at: &u32| is_end(&body[at]) || body[at].flow == Flow::Return;
+                if !inside.iter().any(is_over) {
+                    self.left.insert(format!(
+                        "{} at {:#x}: ends in a reset",
+                        function.name, one.address
+                    ));
                     continue;
                 }
                 self.under_way.push(function.start);
-                let (cycles, _) = self.paths(function, &body, one.next(), |other| {
-                    if is_masked {
-                        other.text.starts_with("cpsie") || other.text.starts_with("msr primask")
-                    } else {
-                        other.text.starts_with("msr basepri,")
-                    }
-                });
+                let (cycles, _) = self.paths(function, &body, one.next(), is_end);
                 self.under_way.pop();
-                let calls: BTreeSet<&str> = body
-                    .values()
-                    .skip_while(|other| other.address < one.address)
-                    .take_while(|other| !other.text.starts_with("msr basepri,"))
-                    .filter_map(|other| match other.flow {
+                // A mask inside another one would end the stretch with its own end, too early.
+                let is_nested = inside.iter().any(|at| {
+                    let other = &body[at];
+                    is_masked(other) || other.text.starts_with("msr basepri_max") || masks.contains(at)
+                });
+                if is_nested {
+                    self.findings.insert(format!(
+                        "a mask inside another one in {} at {:#x}",
+                        function.name, one.address
+                    ));
+                }
+                let calls: BTreeSet<&str> = inside
+                    .iter()
+                    .filter_map(|at| match body[at].flow {
                         Flow::Call(target) | Flow::Jump(target) => self.image.function_at(target),
                         _ => None,
                     })
@@ -204,12 +258,63 @@ impl<'a> Walk<'a> {
                     .collect();
                 stretches.push(Stretch {
                     name: format!("{} {calls:?} at {:#x}", function.name, one.address),
+                    at: one.address,
+                    block,
                     cycles,
                 });
             }
         }
         stretches.sort_by_key(|stretch| std::cmp::Reverse(stretch.cycles));
         stretches
+    }
+
+    /// The instructions of a function that can be reached before `is_end`, that one included.
+    fn inside(
+        &mut self,
+        function: &Function,
+        body: &BTreeMap<u32, Instruction>,
+        start: u32,
+        is_end: impl Fn(&Instruction) -> bool,
+    ) -> BTreeSet<u32> {
+        let (mut seen, mut work) = (BTreeSet::new(), vec![start]);
+        while let Some(at) = work.pop() {
+            let Some(one) = body.get(&at).filter(|_| seen.insert(at)) else {
+                continue;
+            };
+            if !is_end(one) {
+                let next = self.successors(function, body, one);
+                work.extend(next.into_iter().filter(|target| body.contains_key(target)));
+            }
+        }
+        seen
+    }
+
+    /// The stores of a function to this address.
+    fn stores(&self, function: &Function, body: &BTreeMap<u32, Instruction>, address: u32) -> BTreeSet<u32> {
+        // An address in the same 64 KiB is a constant of the function.
+        let is_near = |one: &Instruction| match one.constant {
+            Some((_, value, true)) => value == address >> 16,
+            Some((_, value, false)) => value >> 16 == address >> 16,
+            None => one
+                .data
+                .literal
+                .and_then(|literal| self.image.word(literal))
+                .is_some_and(|value| value >> 16 == address >> 16),
+        };
+        if !body.values().any(is_near) {
+            return BTreeSet::new();
+        }
+        let known = self.constants_of_all(function, body);
+        body.values()
+            .filter(|one| one.name.starts_with("str"))
+            .filter(|one| {
+                let base = one
+                    .base
+                    .and_then(|(base, offset)| Some((known.get(&one.address)?.get(&base)?, offset)));
+                matches!(base, Some((Value::Exact(base), offset)) if base.wrapping_add(offset) == address)
+            })
+            .map(|one| one.address)
+            .collect()
     }
 
     /// The priority that an instruction raises the running code to: the constant last put into its register.
@@ -419,6 +524,9 @@ impl<'a> Walk<'a> {
         if one.data.transfers > 0 {
             let known = self.memories.entry(one.address).or_insert(memory);
             *known = (*known).max(memory);
+            if one.data.literal.is_none() && based.is_none() && !one.data.is_stack {
+                self.unknown.insert(one.address);
+            }
         }
         let mut cycles = u64::from(cycles::core(one, is_branch) + cycles::data(one, memory));
         if Memory::of(one.address) == Memory::Flash || is_branch {
@@ -644,18 +752,17 @@ impl<'a> Walk<'a> {
                 None => places.iter().any(|place| place.text.contains(pattern)),
             })
         };
-        let found =
-            LOOPS
-                .iter()
-                .find(|(pattern, ..)| fits(pattern))
-                .map(|(pattern, rounds, of_tail, why)| {
-                    let rounds = if self.left_out == Left::Tail {
-                        *of_tail
-                    } else {
-                        *rounds
-                    };
-                    (rounds, *pattern, *why)
-                });
+        let found = LOOPS
+            .iter()
+            .find(|(pattern, ..)| fits(pattern))
+            .map(|(pattern, rounds, why)| {
+                let rounds = if self.left_out == Left::Tail {
+                    (rounds.of_tail)(self.tail_taxels)
+                } else {
+                    rounds.most
+                };
+                (rounds, *pattern, *why)
+            });
         let Some((rounds, pattern, why)) = found else {
             self.findings.insert(format!(
                 "loop without a bound in {} at {header:#x}: {texts:?}",

@@ -10,6 +10,7 @@ pub mod report;
 pub mod snapshot;
 pub mod source;
 pub mod stack;
+pub mod sweep;
 pub mod tables;
 pub mod twin;
 pub mod walk;

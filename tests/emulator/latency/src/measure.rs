@@ -4,13 +4,15 @@ use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
 use gripline_emulator::Board;
 use gripline_emulator::usb::{Cable, UsbState};
+use gripline_protocol::cobs::{FRAME_MAX, encode_packet};
+use gripline_protocol::constants::{LSB_PER_NEWTON, TAXELS_PER_PACKET};
 use gripline_protocol::message::{Command, Hello, Message, MessagePackets};
 use gripline_protocol::{ForceMap, Health, MapInfo, TaxelForce, encode_map};
 
 use crate::Error;
 use crate::bound::Loop;
-use crate::cycles::Memory;
-use crate::image::Image;
+use crate::cycles::{ENTRY, Memory};
+use crate::image::{Flow, Image};
 use crate::walk::{Step, Walk};
 
 /// The path's priority as the masks count it.
@@ -18,13 +20,25 @@ const PATH_PRIORITY: u32 = 2 << 4;
 
 /// How long the board gets for a map, nanoseconds.
 const MAP_NS: u64 = 5_000_000;
+/// The same in a sweep: 59 taxels take 0.4 ms on the bus, then comes a tick.
+pub const SWEPT_MAP_NS: u64 = 2_000_000;
+/// The tick, nanoseconds.
+pub const TICK_NS: u64 = 1_000_000;
+/// A byte of the UART, ten bits of 921,600 a second.
+const UART_BYTE_NS: u64 = 10_851;
+/// Time for the first packets of a map, and until messages find the bus free; also that for a last packet.
+const PAUSE_NS: u64 = 900_000;
+/// From a map's last packet to a write that belongs to it, nanoseconds.
+const WRITE_NS: u64 = 40_000;
+/// The DAC's holding register of the line (RM0090, DAC_DHR12R1).
+const DAC: u32 = 0x4000_7408;
+/// The task's interrupt: the tick, and all that the task works on.
+const TASK: &str = "UART5";
 
-/// The functions of which every packet runs one.
-const PACKETS: [&str; 4] = ["Program<K>::head", "Program<K>::taxels", TAIL, MESSAGE];
+/// The functions of which every packet of a map runs one.
+const PACKETS: [&str; 3] = ["Program<K>::head", "Program<K>::taxels", TAIL];
 /// The one of a map's last packet.
 const TAIL: &str = "Program<K>::tail";
-/// The one of messages, which do not go to the line.
-const MESSAGE: &str = "Control::message_packet";
 
 /// One packet's way from the FIFO to the line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -33,6 +47,25 @@ pub struct Way {
     pub instructions: u64,
     /// Cycles at most, interruptions counted.
     pub cycles: u64,
+    /// Of these, until the path's interrupt was entered: the way into it, and what blocked it.
+    pub waited: u64,
+    /// The instruction that blocked the path as the packet landed; 0 when nothing did.
+    pub blocked_at: u32,
+    /// The task `control` was at work as the packet landed.
+    pub meets_task: bool,
+    /// It wrote the DAC.
+    pub writes: bool,
+    /// The line is higher than before it.
+    pub raises: bool,
+}
+
+/// A stretch with the path blocked, as runs met it.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Met {
+    /// Its longest time, cycles.
+    pub cycles: u64,
+    /// The longest that a map's last packet waited for it, cycles.
+    pub waited: u64,
 }
 
 /// A board that runs the image under measurement.
@@ -54,12 +87,22 @@ pub struct Bench<'a> {
     is_tail: bool,
     ways: Vec<Way>,
     masked: u64,
-    /// Priorities that the running code was raised to, and when, the outermost first.
-    held: Vec<(u32, u64)>,
+    /// Priorities that the running code was raised to, when, and by which instruction, the outermost first.
+    held: Vec<(u32, u64, u32)>,
+    /// The stretches that blocked the path, by the instruction that they begin with.
+    pub met: BTreeMap<u32, Met>,
+    /// The newest packet's: whether the path was blocked as it landed, and whether the task ran.
+    landed: VecDeque<(u32, bool)>,
+    task: u32,
+    entered: u64,
+    /// Virtual time since power-on, nanoseconds.
+    now_ns: u64,
     priorities: BTreeMap<u32, u32>,
-    /// Where `write_line` lies, and whether it runs.
+    /// Where `write_line` lies, and whether the last instruction was its return.
     act: (u32, u32),
-    in_act: bool,
+    is_written: bool,
+    /// The last instruction was the path's interrupt's.
+    in_path: bool,
     alarm: Option<u64>,
     /// Longest stretch with the path blocked, cycles.
     pub blocking_worst: u64,
@@ -69,15 +112,18 @@ pub struct Bench<'a> {
     pub tick: (u64, u64),
     /// The longest way of any packet that ended a map.
     pub worst: Way,
+    /// The longest ways by the number of taxels in the last packet.
+    pub worst_by_tail: [Way; TAXELS_PER_PACKET],
     /// Instructions of the path by function, since [`Bench::counted`].
     functions: BTreeMap<u32, u64>,
     /// Loops that are watched, by function.
     loops: BTreeMap<u32, Vec<Watched>>,
     /// The slowest peripheral that an instruction accessed.
     accesses: BTreeMap<u32, Memory>,
+    /// Instructions that ran.
+    has_run: BTreeSet<u32>,
     /// Cycles by function since a packet landed while none was under way.
     spent: BTreeMap<u32, u64>,
-    last_spent: BTreeMap<u32, u64>,
     /// Where the worst way's cycles went.
     pub worst_spent: BTreeMap<u32, u64>,
 }
@@ -127,19 +173,29 @@ impl<'a> Bench<'a> {
             ways: Vec::new(),
             masked: 0,
             held: Vec::new(),
+            met: BTreeMap::new(),
+            landed: VecDeque::new(),
+            task: image
+                .functions_named(TASK)
+                .find(|one| one.name == TASK)
+                .map_or(0, |one| one.start),
+            entered: 0,
+            now_ns: 0,
             priorities: BTreeMap::new(),
             act,
-            in_act: false,
+            is_written: false,
+            in_path: false,
             alarm: None,
             blocking_worst: 0,
             section_worst: 0,
             tick: (u64::MAX, 0),
             worst: Way::default(),
+            worst_by_tail: Default::default(),
             functions: BTreeMap::new(),
             loops: BTreeMap::new(),
             accesses: BTreeMap::new(),
+            has_run: BTreeSet::new(),
             spent: BTreeMap::new(),
-            last_spent: BTreeMap::new(),
             worst_spent: BTreeMap::new(),
         };
         bench.board.usb_cable(Cable::In);
@@ -169,6 +225,7 @@ impl<'a> Bench<'a> {
     /// The board's.
     pub fn run(&mut self, ns: u64) -> Result<(), Error> {
         self.board.run_for(ns)?;
+        self.now_ns += ns;
         let trace = self.board.take_trace();
         let mut steps: Vec<Step<'a>> = Vec::new();
         self.walk.take(&trace, |step| steps.push(step));
@@ -190,24 +247,61 @@ impl<'a> Bench<'a> {
     }
 
     fn step(&mut self, step: &Step<'a>) {
-        if step.deliveries > 0 && self.waiting.is_empty() && self.open.is_none() {
-            self.spent.clear();
-        }
-        for _ in 0..step.deliveries {
-            self.waiting.push_back(self.total);
-        }
+        let address = step.instruction.address;
+        self.note_landed(step);
         self.total.instructions += 1;
         self.total.cycles += u64::from(step.cycles);
         if step.exception != Some(self.path) {
             self.below += u64::from(step.cycles);
+        } else if address == self.path {
+            self.entered = self.total.cycles - u64::from(step.cycles);
         }
-        let address = step.instruction.address;
+        if step.instruction.data.transfers > 0 {
+            self.has_run.insert(address);
+        }
         if let Some(access) = step.access {
             let slowest = self.accesses.entry(address).or_insert(Memory::Coupled);
             *slowest = (*slowest).max(Memory::of(access));
         }
-        let is_blocked = self.held.iter().any(|(priority, _)| *priority <= PATH_PRIORITY);
-        let is_tail = self.is_tail;
+        self.count(step);
+        self.note_way(step);
+        self.note_masks(step);
+    }
+
+    /// Packets landed in the FIFO.
+    fn note_landed(&mut self, step: &Step<'a>) {
+        let address = step.instruction.address;
+        if step.deliveries > 0 && self.waiting.is_empty() && self.open.is_none() {
+            self.spent.clear();
+        }
+        // The interrupt is left, or entered again: what it was entered for and no function took is a message, which waits for the task.
+        if self.in_path && (step.exception != Some(self.path) || address == self.path) {
+            let entered = self.entered;
+            while self.waiting.front().is_some_and(|from| from.cycles <= entered) {
+                self.waiting.pop_front();
+                self.landed.pop_front();
+            }
+        }
+        self.in_path = step.exception == Some(self.path);
+        for _ in 0..step.deliveries {
+            // A core that slept entered the interrupt with the packet: that belongs to its way.
+            let entry = if address == self.path { u64::from(ENTRY) } else { 0 };
+            self.waiting.push_back(Way {
+                cycles: self.total.cycles - entry,
+                ..self.total
+            });
+            let blocked_at = self.held.iter().find(|(priority, ..)| *priority <= PATH_PRIORITY);
+            self.landed.push_back((
+                blocked_at.map_or(0, |(.., at)| *at),
+                step.exception == Some(self.task),
+            ));
+        }
+    }
+
+    /// Counts by function, and rounds of loops.
+    fn count(&mut self, step: &Step<'a>) {
+        let is_blocked = self.held.iter().any(|(priority, ..)| *priority <= PATH_PRIORITY);
+        let (address, is_tail) = (step.instruction.address, self.is_tail);
         if let Some(function) = self.image.function_at(address) {
             if step.exception == Some(self.path) {
                 *self.functions.entry(function.start).or_default() += 1;
@@ -229,39 +323,73 @@ impl<'a> Bench<'a> {
                 self.alarm = Some(self.total.cycles);
             }
         }
+    }
+
+    /// A packet of a map begins its way, or ends it.
+    fn note_way(&mut self, step: &Step<'a>) {
+        let address = step.instruction.address;
         if self.packets.contains(&address) {
             let from = self.waiting.pop_front();
-            let is_message = self.image.functions[&address].name.contains(MESSAGE);
-            self.open = from.filter(|_| !is_message);
+            let (blocked_at, meets_task) = self.landed.pop_front().unwrap_or_default();
             self.is_tail = self.image.functions[&address].name.contains(TAIL);
+            self.open = from.filter(|_| self.is_tail).map(|from| Way {
+                blocked_at,
+                meets_task,
+                waited: self.entered.saturating_sub(from.cycles),
+                ..from
+            });
+        }
+        if step.access == Some(DAC)
+            && let Some(open) = &mut self.open
+        {
+            open.writes = true;
         }
         // The line is written, or found to show what it must, in `write_line`.
-        let is_act = (self.act.0..self.act.1).contains(&address);
-        if self.in_act && !is_act {
+        if std::mem::take(&mut self.is_written) {
             self.is_tail = false;
             if let Some(from) = self.open.take() {
-                self.last_spent = std::mem::take(&mut self.spent);
-                self.ways.push(Way {
+                let spent = std::mem::take(&mut self.spent);
+                let way = Way {
                     instructions: self.total.instructions - from.instructions,
                     cycles: self.total.cycles - from.cycles,
-                });
+                    ..from
+                };
+                if way.cycles > self.worst.cycles {
+                    (self.worst, self.worst_spent) = (way, spent);
+                }
+                if from.blocked_at != 0 {
+                    let met = self.met.entry(from.blocked_at).or_default();
+                    met.waited = met.waited.max(from.waited);
+                }
+                self.ways.push(way);
             } else if let Some(from) = self.alarm.take() {
                 let took = self.total.cycles - from;
                 self.tick = (self.tick.0.min(took), self.tick.1.max(took));
             }
         }
-        self.in_act = is_act;
+        let is_act = (self.act.0..self.act.1).contains(&address);
+        self.is_written = is_act && step.instruction.flow == Flow::Return;
+    }
+
+    /// Who blocks the path, and for how long.
+    fn note_masks(&mut self, step: &Step<'a>) {
         // Both masks are raised and lowered in pairs, one inside the other.
-        let text = step.instruction.text.as_str();
+        let (text, address) = (step.instruction.text.as_str(), step.instruction.address);
         if text.starts_with("msr basepri_max") {
             let priority = self.raised_to(address);
-            self.held.push((priority, self.below));
-        } else if text.starts_with("msr basepri,") {
-            self.held.pop();
+            self.held.push((priority, self.below, address));
+        } else if text.starts_with("msr basepri,")
+            && let Some((priority, from, at)) = self.held.pop()
+            && priority <= PATH_PRIORITY
+        {
+            // The way into an interrupt that waited belongs to that.
+            let entry = if step.enters { u64::from(ENTRY) } else { 0 };
+            let met = self.met.entry(at).or_default();
+            met.cycles = met.cycles.max(self.below - from - entry);
         }
         let since = |is_it: &dyn Fn(u32) -> bool| {
-            let first = self.held.iter().find(|(priority, _)| is_it(*priority));
-            first.map_or(0, |(_, from)| self.below - from)
+            let first = self.held.iter().find(|(priority, ..)| is_it(*priority));
+            first.map_or(0, |(_, from, _)| self.below - from)
         };
         let (blocked, section) = (since(&|priority| priority <= PATH_PRIORITY), since(&|_| true));
         self.masked = if step.is_masked {
@@ -301,7 +429,30 @@ impl<'a> Bench<'a> {
     /// # Errors
     /// The board's; a map that does not reach the line.
     pub fn map(&mut self, map: &ForceMap) -> Result<Way, Error> {
-        self.changed(map, |_| {}, |_| {})
+        self.changed(map, MAP_NS, |_| {}, |_| {})
+    }
+
+    /// Sends a map so many nanoseconds after a tick's millisecond began.
+    ///
+    /// # Errors
+    /// As [`Bench::map`].
+    pub fn map_at(
+        &mut self,
+        phase_ns: u64,
+        map: &ForceMap,
+        change: impl FnOnce(&mut MapInfo),
+    ) -> Result<Way, Error> {
+        self.run_to(phase_ns)?;
+        self.changed(map, SWEPT_MAP_NS, change, |_| {})
+    }
+
+    /// Lets time pass until so many nanoseconds after a tick's millisecond began.
+    ///
+    /// # Errors
+    /// The board's.
+    pub fn run_to(&mut self, phase_ns: u64) -> Result<(), Error> {
+        let phase_ns = phase_ns % TICK_NS;
+        self.run((TICK_NS + phase_ns - self.now_ns % TICK_NS) % TICK_NS)
     }
 
     /// Sends a map whose head says something else than the truth.
@@ -309,7 +460,7 @@ impl<'a> Bench<'a> {
     /// # Errors
     /// As [`Bench::map`].
     pub fn map_as(&mut self, map: &ForceMap, change: impl FnOnce(&mut MapInfo)) -> Result<Way, Error> {
-        self.changed(map, change, |_| {})
+        self.changed(map, MAP_NS, change, |_| {})
     }
 
     /// Sends a map whose packets are damaged.
@@ -317,15 +468,153 @@ impl<'a> Bench<'a> {
     /// # Errors
     /// As [`Bench::map`].
     pub fn damaged(&mut self, map: &ForceMap, damage: impl FnOnce(&mut Vec<Vec<u8>>)) -> Result<Way, Error> {
-        self.changed(map, |_| {}, damage)
+        self.changed(map, MAP_NS, |_| {}, damage)
+    }
+
+    /// Sends maps of these sensors back to back, as fast as the bus takes them. Returns their ways.
+    ///
+    /// # Errors
+    /// The board's.
+    pub fn stream(&mut self, map: &ForceMap, sensors: impl Iterator<Item = u8>) -> Result<Vec<Way>, Error> {
+        self.ways.clear();
+        for sensor in sensors {
+            let packets = self.packets(map, |info| info.sensor = sensor);
+            for packet in &packets {
+                self.board.usb_send(packet);
+            }
+        }
+        while self.board.usb_waiting() > 0 {
+            self.run(TICK_NS / 4)?;
+        }
+        self.run(TICK_NS)?;
+        let ways = std::mem::take(&mut self.ways);
+        for way in &ways {
+            self.note(map, *way);
+        }
+        Ok(ways)
     }
 
     fn changed(
         &mut self,
         map: &ForceMap,
+        ns: u64,
         change: impl FnOnce(&mut MapInfo),
         damage: impl FnOnce(&mut Vec<Vec<u8>>),
     ) -> Result<Way, Error> {
+        let mut packets = self.packets(map, change);
+        damage(&mut packets);
+        let way = self.delivered(&packets, ns)?;
+        self.note(map, way);
+        Ok(way)
+    }
+
+    /// A map whose host pauses before the last packet, which it sends so many nanoseconds after a tick's millisecond began.
+    ///
+    /// # Errors
+    /// As [`Bench::map`].
+    pub fn last_packet_at(
+        &mut self,
+        phase_ns: u64,
+        map: &ForceMap,
+        change: impl FnOnce(&mut MapInfo),
+    ) -> Result<Way, Error> {
+        let packets = self.packets(map, change);
+        self.send_but_last(&packets)?;
+        self.run_to(phase_ns)?;
+        let way = self.send_last(&packets)?;
+        self.note(map, way);
+        Ok(way)
+    }
+
+    /// Sends all packets of a map but the last one, and waits until messages find the bus free.
+    ///
+    /// # Errors
+    /// The board's.
+    pub fn send_but_last(&mut self, packets: &[Vec<u8>]) -> Result<(), Error> {
+        for packet in packets.iter().rev().skip(1).rev() {
+            self.board.usb_send(packet);
+        }
+        self.run(PAUSE_NS)
+    }
+
+    /// Sends the last one.
+    ///
+    /// # Errors
+    /// As [`Bench::map`].
+    pub fn send_last(&mut self, packets: &[Vec<u8>]) -> Result<Way, Error> {
+        let last = packets.last().map(std::slice::from_ref);
+        self.delivered(last.unwrap_or_default(), PAUSE_NS)
+    }
+
+    /// Sends packets, of which the last one ends a map. Returns its way.
+    fn delivered(&mut self, packets: &[Vec<u8>], ns: u64) -> Result<Way, Error> {
+        self.ways.clear();
+        let (before, written) = (self.board.dac_code(1), self.board.dac_writes().len());
+        for packet in packets {
+            self.board.usb_send(packet);
+        }
+        self.run(ns)?;
+        let mut way = self.ways.last().copied().ok_or_else(|| Error::Unexpected {
+            expected: "a write to the line for every map".to_owned(),
+            found: format!(
+                "none; {} packets wait at the host, {} landed, {} starts",
+                self.board.usb_waiting(),
+                self.board.usb_deliveries_ns().len(),
+                self.board.resets().len()
+            ),
+        })?;
+        // What the DAC showed right after the last packet.
+        let landed_ns = self.board.usb_deliveries_ns().last().copied().unwrap_or_default();
+        let shown = self.board.dac_writes()[written..]
+            .iter()
+            .rfind(|write| write.at_ns <= landed_ns + WRITE_NS)
+            .map(|write| write.code);
+        way.raises = way.writes && shown > before;
+        Ok(way)
+    }
+
+    /// As [`Bench::map`], with a question on the control endpoint so many nanoseconds after its first packet.
+    ///
+    /// # Errors
+    /// As [`Bench::map`].
+    pub fn map_asking_after(&mut self, ns: u64, map: &ForceMap) -> Result<Way, Error> {
+        self.ways.clear();
+        for packet in self.packets(map, |_| {}) {
+            self.board.usb_send(&packet);
+        }
+        self.run(ns)?;
+        self.ask();
+        self.run(SWEPT_MAP_NS)?;
+        Ok(self.ways.last().copied().unwrap_or_default())
+    }
+
+    /// Measures what counts for nothing else; returns its worst way.
+    ///
+    /// # Errors
+    /// Those of `work`.
+    pub fn measure_apart(&mut self, work: impl FnOnce(&mut Self) -> Result<(), Error>) -> Result<Way, Error> {
+        let kept = (self.worst, self.worst_spent.clone(), self.worst_by_tail);
+        self.worst = Way::default();
+        work(self)?;
+        let worst = self.worst;
+        (self.worst, self.worst_spent, self.worst_by_tail) = kept;
+        Ok(worst)
+    }
+
+    /// When bulk packets landed in the FIFO, nanoseconds since power-on.
+    #[must_use]
+    pub fn deliveries_ns(&self) -> &[u64] {
+        self.board.usb_deliveries_ns()
+    }
+
+    /// Whether a run met an access of this instruction.
+    #[must_use]
+    pub fn has_accessed(&self, at: u32) -> bool {
+        self.has_run.contains(&at)
+    }
+
+    /// The packets of a new map.
+    pub fn packets(&mut self, map: &ForceMap, change: impl FnOnce(&mut MapInfo)) -> Vec<Vec<u8>> {
         self.sequence += 1;
         let mut info = MapInfo {
             sequence: self.sequence,
@@ -335,21 +624,27 @@ impl<'a> Bench<'a> {
         change(&mut info);
         let mut packets = Vec::new();
         encode_map(&info, map, |packet| packets.push(packet.to_vec()));
-        damage(&mut packets);
-        self.ways.clear();
-        for packet in &packets {
-            self.board.usb_send(packet);
+        packets
+    }
+
+    /// Keeps the worst way of a map with such a last packet.
+    fn note(&mut self, map: &ForceMap, way: Way) {
+        let of_tail = &mut self.worst_by_tail[usize::from(map.active().count()) % TAXELS_PER_PACKET];
+        if way.cycles > of_tail.cycles {
+            *of_tail = way;
         }
-        self.run(MAP_NS)?;
-        let way = self.ways.last().copied().ok_or_else(|| Error::Unexpected {
-            expected: "a write to the line for every packet".to_owned(),
-            found: "none".to_owned(),
-        })?;
-        if way.cycles > self.worst.cycles {
-            self.worst = way;
-            self.worst_spent = self.last_spent.clone();
-        }
-        Ok(way)
+    }
+
+    /// A command over the UART.
+    pub fn send_over_uart(&mut self, command: Command) {
+        self.message += 1;
+        self.board.uart_send(&frames(command, self.message));
+    }
+
+    /// How long its bytes take, nanoseconds.
+    #[must_use]
+    pub fn uart_ns(&self, command: Command) -> u64 {
+        frames(command, 0).len() as u64 * UART_BYTE_NS
     }
 
     /// Leaves out so many maps.
@@ -460,6 +755,18 @@ struct Watched {
     most: u32,
 }
 
+/// A command's packets as frames of the UART.
+fn frames(command: Command, id: u8) -> Vec<u8> {
+    let packets = MessagePackets::new(&Message::Command(command), id);
+    let mut bytes = Vec::new();
+    for packet in packets.into_iter().flatten() {
+        let mut frame = [0; FRAME_MAX];
+        let length = encode_packet(&packet, &mut frame);
+        bytes.extend(&frame[..length]);
+    }
+    bytes
+}
+
 /// A map with so many taxels in contact of which so many slip.
 #[must_use]
 pub fn slipping(contacts: usize, slipping: usize) -> ForceMap {
@@ -471,6 +778,19 @@ pub fn slipping(contacts: usize, slipping: usize) -> ForceMap {
             z: 1_000,
         };
     }
+    map
+}
+
+/// A map with so many taxels in contact that share this shear, newtons, and five times as much normal force.
+#[must_use]
+pub fn even(contacts: usize, shear_n: f64) -> ForceMap {
+    let mut map = ForceMap::EMPTY;
+    let shear = shear_n * f64::from(LSB_PER_NEWTON) / contacts as f64;
+    map.taxels[..contacts].fill(TaxelForce {
+        x: shear.round() as i16,
+        y: 0,
+        z: (5.0 * shear).round() as i16,
+    });
     map
 }
 

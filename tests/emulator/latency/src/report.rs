@@ -1,18 +1,17 @@
 //! Everything that `cargo xtask latency` prints, and what of it the design bounds.
 
+use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::Path;
 
-use gripline_protocol::Health;
-use gripline_protocol::message::{Command, Configuration};
-
-use crate::bound::{Stretch, Walk, short};
+use crate::bound::{Block, Loop, Stretch, Walk, short};
 use crate::cycles::ENTRY;
 use crate::image::{Function, Image, read};
-use crate::measure::{Bench, DOUBTFUL, Way, When, map_of};
+use crate::measure::{Bench, Met, Way, When, map_of};
 use crate::source::Sources;
 use crate::stack::{FRAME_BYTES, Stack};
-use crate::tables::{KERNEL, LEFT_OUT, LOOPS, Left, RELEASED, WRITE_LINE};
+use crate::sweep::{self, Length, Raises, Rates};
+use crate::tables::{BOTH_LINKS, KERNEL, LEFT_OUT, LOOPS, Left, RELEASED, TAIL_TAXELS, WRITE_LINE};
 use crate::{Error, twin};
 
 /// Cycles from a map's last packet to the line (DESIGN.md: 25 µs at 168 MHz).
@@ -37,12 +36,10 @@ const FLASH_START: u32 = 0x0800_0000;
 const RAM_START: u32 = 0x1000_0000;
 /// Parts that cost less are not told.
 const PART_CYCLES: u64 = 100;
-/// Maps between all kinds of interruption.
-const DISTURBED: u64 = 400;
-
-/// Phases of the tick at which a map's last packet lands, and the tick, nanoseconds.
-const SWEPT: u64 = 250;
-const TICK_NS: u64 = 1_000_000;
+/// The bound over the measured worst case, in hundredths: a looser one proves little.
+const RATIO_PERCENT: u64 = 140;
+/// Maps a second that the bus must bring and the board must take: dense, of 150 contacts, and of 150 contacts from two fingertips.
+const RATES: [(usize, u8, f64); 3] = [(400, 1, 450.0), (150, 1, 1_000.0), (150, 2, 1_000.0)];
 
 /// The figures.
 #[derive(Debug)]
@@ -79,6 +76,22 @@ pub struct Report {
     pub section_worst: u64,
     /// Timer to tick, least and most.
     pub tick: (u64, u64),
+    /// For each number of taxels in a map's last packet: the path's bound and the worst way measured.
+    pub tails: Vec<(u64, Way)>,
+    /// How runs met the stretches that block the path.
+    pub met: BTreeMap<u32, Met>,
+    /// Maps that demanded more force, with the settings that ship.
+    pub raises: Raises,
+    /// Where the worst way's cycles went, the most first.
+    pub worst_spent: Vec<(String, u64)>,
+    /// The longest that a map over the UART blocks one over USB, cycles.
+    pub both_links: u64,
+    /// The worst way behind a packet of the control endpoint.
+    pub behind_control: Way,
+    /// Maps a second that the board took.
+    pub rates: Rates,
+    /// Accesses whose address the walks do not know: priced as data, and how many of them runs have met.
+    pub unknown: (usize, usize),
     /// Instructions of the kernel over a dense map, and of the head packet's.
     pub dense: u64,
     /// Instructions for the head of a dense map: its places.
@@ -96,7 +109,7 @@ impl Report {
     ///
     /// # Errors
     /// Files that cannot be read, a board that does not run.
-    pub fn make(image_path: &Path, twin_path: &Path) -> Result<Self, Error> {
+    pub fn make(image_path: &Path, twin_path: &Path, length: Length) -> Result<Self, Error> {
         let elf = read(image_path)?;
         let image = Image::read(&elf)?;
         let sources = Sources::read(image_path)?;
@@ -110,30 +123,38 @@ impl Report {
         let taxels_cycles = full.after_store(&start, NEXT_PACKET)?;
         let mut blocked = Walk::new(&image, &sources, Left::Blocked);
         let mut stretches = blocked.blocking_stretches(PATH_PRIORITY);
-        // What can block the path to a line that grips.
+        // What can block the path to a line that grips, from one link.
         let (released, gripping): (Vec<Stretch>, Vec<Stretch>) = stretches
             .drain(..)
             .partition(|stretch| RELEASED.iter().any(|(part, _)| stretch.name.contains(part)));
+        let (both, gripping): (Vec<Stretch>, Vec<Stretch>) = gripping
+            .into_iter()
+            .partition(|stretch| stretch.block == Block::Own);
         let blocking = gripping.first().cloned().ok_or_else(|| Error::Unexpected {
             expected: "a stretch that blocks the path".to_owned(),
             found: "none".to_owned(),
         })?;
+        let of_tail = |taxels| {
+            Walk::new(&image, &sources, Left::Tail)
+                .ending_with(&write)
+                .with_tail(taxels)
+        };
+        let mut paths: Vec<Walk<'_>> = (0..=TAIL_TAXELS).map(of_tail).collect();
+        let tails: Vec<u64> = paths
+            .iter_mut()
+            .map(|walk| walk.function(&start).cycles + u64::from(ENTRY))
+            .collect();
 
         let mut findings: Vec<String> = [&path, &whole, &full, &blocked]
             .iter()
             .flat_map(|walk| &walk.findings)
             .cloned()
             .collect();
-        let mut left: Vec<String> = path.left.iter().chain(&blocked.left).cloned().collect();
-        left.extend(released.iter().filter_map(|stretch| {
-            let (_, why) = RELEASED.iter().find(|(part, _)| stretch.name.contains(part))?;
-            Some(format!("{}: {} cycles, {why}", stretch.name, stretch.cycles))
-        }));
-        left.sort();
-        left.dedup();
+        let left = left_out(&path, &blocked, &released, &both);
 
         let mut bench = Bench::new(&image, &elf)?;
-        bench.watch(path.loops.values(), When::Tail);
+        // Last packets of every size.
+        bench.watch(most_rounds(&paths).values(), When::Tail);
         bench.watch(blocked.loops.values(), When::Blocked);
         bench.map(&map_of(400, 1))?;
         drop(bench.counted());
@@ -145,24 +166,23 @@ impl Report {
             bench.map(&map_of(contacts, contacts as u32))?;
         }
         let quiet = bench.worst;
-        branches(&mut bench)?;
-        disturb(&mut bench)?;
-        sweep(&mut bench)?;
-        findings.extend(bench.broken(&path.memories));
+        sweep::branches(&mut bench)?;
+        sweep::disturb(&mut bench)?;
+        sweep::phases(&mut bench, length)?;
+        let raises = sweep::raises(&mut bench, length)?;
+        let rates = sweep::rates(
+            &mut bench,
+            RATES.map(|(contacts, sensors, _)| (contacts, sensors)),
+        )?;
+        let behind_control = sweep::behind_control(&mut bench)?;
+        for walk in [&path, &full, &blocked] {
+            findings.extend(bench.broken(&walk.memories));
+        }
         let stack = Stack::of(&image, &sources, &elf)?;
         let stack_measured_bytes = bench.stack_used(stack.memory)?;
         findings.extend(in_flash(&image, &path));
-        for (part, _, _) in LEFT_OUT {
-            if image.functions_named(part).next().is_none() {
-                findings.push(format!("the tables leave out {part}, which is not in the image"));
-            }
-        }
-        for (pattern, ..) in LOOPS.iter().filter(|(pattern, ..)| !pattern.contains(" @ ")) {
-            let is_met = |walk: &Walk<'_>| walk.loops.values().any(|one| one.pattern == *pattern);
-            if !is_met(&path) && !is_met(&blocked) {
-                findings.push(format!("the tables bound a loop `{pattern}`, which no walk met"));
-            }
-        }
+        findings.extend(not_in_image(&image, &path, &blocked));
+        let unknown = &path.unknown | &blocked.unknown;
         Ok(Self {
             taxels_cycles,
             parts: [&path, &blocked].map(|walk| parts(&image, walk)),
@@ -180,6 +200,17 @@ impl Report {
             blocking_worst: bench.blocking_worst,
             section_worst: bench.section_worst,
             tick: bench.tick,
+            tails: tails.into_iter().zip(bench.worst_by_tail).collect(),
+            met: bench.met.clone(),
+            raises,
+            worst_spent: by_function(&image, &bench.worst_spent),
+            both_links: both.first().map_or(0, |stretch| stretch.cycles),
+            behind_control,
+            rates,
+            unknown: (
+                unknown.len(),
+                unknown.iter().filter(|at| bench.has_accessed(**at)).count(),
+            ),
             dense,
             head,
             twin: twin::instructions(twin_path)?,
@@ -198,6 +229,12 @@ impl Report {
     fn blocking_cycles(&self) -> u64 {
         let rest = self.taxels_cycles.saturating_sub(LAST_PACKET_CYCLES);
         self.blocking.cycles.max(rest)
+    }
+
+    /// The static bound over the measured worst case.
+    #[must_use]
+    pub fn ratio(&self) -> f64 {
+        self.bound_cycles() as f64 / self.worst.cycles.max(1) as f64
     }
 
     fn per_taxel(&self) -> f64 {
@@ -237,6 +274,12 @@ impl Report {
             format!("at most {PATH_CYCLES}"),
         );
         check(
+            100 * self.bound_cycles() <= RATIO_PERCENT * worst,
+            "static bound over the measured worst case",
+            format!("{:.2}", self.ratio()),
+            format!("at most {:.2}", RATIO_PERCENT as f64 / 100.0),
+        );
+        check(
             self.blocking_cycles() <= BLOCKING_CYCLES,
             "longest stretch that blocks the path, cycles",
             self.blocking_cycles().to_string(),
@@ -273,11 +316,55 @@ impl Report {
             format!("at most {RAM_BYTES}"),
         );
         failures.extend(self.stack.failures(self.stack_measured_bytes));
+        failures.extend(self.failures_of_runs());
         failures.extend(
             self.findings
                 .iter()
                 .map(|finding| format!("against the static bound: {finding}")),
         );
+        failures
+    }
+
+    /// What the runs showed that the walks exclude, or the design.
+    fn failures_of_runs(&self) -> Vec<String> {
+        let mut failures: Vec<String> = Vec::new();
+        let mut check = |holds: bool, what: &str, found: String, bound: String| {
+            if !holds {
+                failures.push(format!("{what}: found {found}, expected {bound}"));
+            }
+        };
+        for stretch in &self.stretches {
+            let met = self.met.get(&stretch.at).copied().unwrap_or_default();
+            check(
+                met.cycles <= stretch.cycles,
+                &format!("{}, cycles", stretch.name),
+                met.cycles.to_string(),
+                format!("at most its static bound of {}", stretch.cycles),
+            );
+        }
+        check(
+            self.raises.raise_all(),
+            "maps that demand more force, of which the line rose before the bound",
+            format!("{} of {}", self.raises.raised, self.raises.asked),
+            "all".to_owned(),
+        );
+        for (taxels, (bound, way)) in self.tails.iter().enumerate() {
+            let bound = bound + self.blocking_cycles();
+            check(
+                way.cycles <= bound,
+                &format!("packet to line, last packet of {taxels} taxels, cycles"),
+                way.cycles.to_string(),
+                format!("at most its static bound of {bound}"),
+            );
+        }
+        for ((contacts, sensors, least), found) in RATES.into_iter().zip(self.rates) {
+            check(
+                found >= least,
+                &format!("maps a second of {contacts} contacts from {sensors} fingertip(s)"),
+                format!("{found:.0}"),
+                format!("at least {least:.0}"),
+            );
+        }
         failures
     }
 
@@ -289,8 +376,10 @@ impl Report {
              \"instructions_per_taxel\": {:.2}, \"dense_map_instructions\": {}, \"f32_dense_map_instructions\": {}, \
              \"flash_bytes\": {}, \"ram_bytes\": {}, \"stack_worst_bytes\": {}, \"path_cycles\": {}, \
              \"blocking_cycles\": {}, \"measured_quiet_cycles\": {}, \"section_worst_cycles\": {}, \
-             \"head_instructions\": {}, \"stack_bound_bytes\": {}, \"stack_room_bytes\": {}, \
-             \"stack_measured_bytes\": {}, \"findings\": {:?}}}\n",
+             \"head_instructions\": {}, \"held_off_cycles\": {}, \"raises_line\": {}, \"raises\": {}, \"raise_worst_cycles\": {}, \
+             \"bound_over_measured\": {:.2}, \"tail_bound_cycles\": {:?}, \"tail_measured_cycles\": {:?}, \
+             \"worst_waited_cycles\": {}, \"worst_composition\": {:?}, \"both_links_cycles\": {}, \"behind_control_cycles\": {}, \"maps_per_second_dense\": {:.0}, \
+             \"maps_per_second_150\": {:.0}, \"maps_per_second_150_two_fingertips\": {:.0}, \"stack_bound_bytes\": {}, \"stack_room_bytes\": {}, \"stack_measured_bytes\": {}, \"findings\": {:?}}}\n",
             self.bound_cycles(),
             self.worst.cycles,
             self.blocking_worst,
@@ -306,11 +395,101 @@ impl Report {
             self.quiet.cycles,
             self.section_worst,
             self.head,
+            self.blocking_cycles(),
+            self.raises.raise_all(),
+            self.raises.asked,
+            self.raises.worst.cycles,
+            self.ratio(),
+            self.tails
+                .iter()
+                .map(|(bound, _)| bound + self.blocking_cycles())
+                .collect::<Vec<_>>(),
+            self.tails.iter().map(|(_, way)| way.cycles).collect::<Vec<_>>(),
+            self.worst.waited,
+            self.worst_spent
+                .iter()
+                .take(10)
+                .map(|(name, cycles)| format!("{name} {cycles}"))
+                .collect::<Vec<_>>()
+                .join(", "),
+            self.both_links,
+            self.behind_control.cycles,
+            self.rates[0],
+            self.rates[1],
+            self.rates[2],
             self.stack.bound,
             self.stack.room(),
             self.stack_measured_bytes,
             self.findings,
         )
+    }
+
+    /// What the measured worst case is made of, each last packet's bound, and how packets met what blocks the path.
+    fn composition(&self) -> String {
+        let mut text = String::new();
+        let mut line = |name: &str, value: String| {
+            let _ = writeln!(text, "{name:<58} {value}");
+        };
+        line(
+            "the worst case measured",
+            format!(
+                "{} cycles: {} until its interrupt began, {} in it",
+                self.worst.cycles,
+                self.worst.waited,
+                self.worst.cycles - self.worst.waited
+            ),
+        );
+        for (name, cycles) in self.worst_spent.iter().take(16) {
+            line("  of which in", format!("{cycles} {name}"));
+        }
+        line(
+            "maps that demand more force",
+            format!(
+                "{} of {} raised the line, {} cycles at most",
+                self.raises.raised, self.raises.asked, self.raises.worst.cycles
+            ),
+        );
+        for (taxels, (bound, way)) in self.tails.iter().enumerate() {
+            line(
+                &format!("  a last packet of {taxels} taxels"),
+                format!(
+                    "bound {} (path {bound}), measured {}",
+                    bound + self.blocking_cycles(),
+                    way.cycles
+                ),
+            );
+        }
+        line(
+            "what blocks the path: static, measured, longest wait",
+            String::new(),
+        );
+        for stretch in &self.stretches {
+            let met = self.met.get(&stretch.at).copied().unwrap_or_default();
+            line(
+                "",
+                format!(
+                    "{:>5} {:>5} {:>5} {}",
+                    stretch.cycles, met.cycles, met.waited, stretch.name
+                ),
+            );
+        }
+        line(
+            "a map over the UART at the same time blocks it for",
+            self.both_links.to_string(),
+        );
+        line(
+            "behind a packet of the control endpoint, measured",
+            self.behind_control.cycles.to_string(),
+        );
+        line(
+            "accesses of an address that the walks do not know",
+            format!("{}, of which runs met {}", self.unknown.0, self.unknown.1),
+        );
+        line(
+            "maps a second: dense, 150 contacts, of two fingertips",
+            format!("{:.0}, {:.0}, {:.0}", self.rates[0], self.rates[1], self.rates[2]),
+        );
+        text
     }
 
     /// For people.
@@ -346,9 +525,14 @@ impl Report {
                 self.taxels_cycles.saturating_sub(LAST_PACKET_CYCLES)
             ),
         );
-        for stretch in self.stretches.iter().skip(1).take(3) {
-            line("      next", format!("{} {}", stretch.cycles, stretch.name));
-        }
+        line(
+            "  static bound over the measured worst case",
+            format!("{:.2}", self.ratio()),
+        );
+        text.push_str(&self.composition());
+        let mut line = |name: &str, value: String| {
+            let _ = writeln!(text, "{name:<58} {value}");
+        };
         for (whose, parts) in ["of the path", "of what blocks it"].into_iter().zip(&self.parts) {
             for (name, cycles) in parts {
                 line(whose, format!("{cycles} {name}, with what it calls"));
@@ -393,7 +577,12 @@ impl Report {
             let priority = context.priority.map(|priority| format!(", priority {priority}"));
             line(
                 "  of which",
-                format!("{} {}{}", context.bytes, context.name, priority.unwrap_or_default()),
+                format!(
+                    "{} {}{}",
+                    context.bytes,
+                    context.name,
+                    priority.unwrap_or_default()
+                ),
             );
         }
         for left in &self.left {
@@ -432,6 +621,56 @@ fn in_flash(image: &Image, path: &Walk<'_>) -> Vec<String> {
         .collect()
 }
 
+/// What the walks left out, and why.
+fn left_out(path: &Walk<'_>, blocked: &Walk<'_>, released: &[Stretch], both: &[Stretch]) -> Vec<String> {
+    let told = |stretch: &Stretch, why: &str| format!("{}: {} cycles, {why}", stretch.name, stretch.cycles);
+    let mut left: Vec<String> = path.left.iter().chain(&blocked.left).cloned().collect();
+    left.extend(released.iter().filter_map(|stretch| {
+        let (_, why) = RELEASED.iter().find(|(part, _)| stretch.name.contains(part))?;
+        Some(told(stretch, why))
+    }));
+    left.extend(both.iter().map(|stretch| told(stretch, BOTH_LINKS)));
+    left.sort();
+    left.dedup();
+    left
+}
+
+/// Lines of the tables that name nothing.
+fn not_in_image(image: &Image, path: &Walk<'_>, blocked: &Walk<'_>) -> Vec<String> {
+    let functions = LEFT_OUT
+        .iter()
+        .filter(|(part, ..)| image.functions_named(part).next().is_none())
+        .map(|(part, ..)| format!("the tables leave out {part}, which is not in the image"));
+    let is_met = |walk: &Walk<'_>, pattern: &str| walk.loops.values().any(|one| one.pattern == pattern);
+    let loops = LOOPS
+        .iter()
+        .filter(|(pattern, ..)| {
+            !pattern.contains(" @ ") && !is_met(path, pattern) && !is_met(blocked, pattern)
+        })
+        .map(|(pattern, ..)| format!("the tables bound a loop `{pattern}`, which no walk met"));
+    functions.chain(loops).collect()
+}
+
+/// The loops of all these walks, each with the most rounds of any.
+fn most_rounds(walks: &[Walk<'_>]) -> BTreeMap<u32, Loop> {
+    let mut loops: BTreeMap<u32, Loop> = BTreeMap::new();
+    for one in walks.iter().flat_map(|walk| walk.loops.values()) {
+        let known = loops.entry(one.header).or_insert_with(|| one.clone());
+        known.rounds = known.rounds.max(one.rounds);
+    }
+    loops
+}
+
+/// Cycles by the name of the function, the most first.
+fn by_function(image: &Image, spent: &BTreeMap<u32, u64>) -> Vec<(String, u64)> {
+    let mut found: Vec<(String, u64)> = spent
+        .iter()
+        .filter_map(|(at, cycles)| Some((short(&image.functions.get(at)?.name).to_owned(), *cycles)))
+        .collect();
+    found.sort_by_key(|(_, cycles)| std::cmp::Reverse(*cycles));
+    found
+}
+
 /// The functions of a walk that cost most, with all that they call.
 fn parts(image: &Image, walk: &Walk<'_>) -> Vec<(String, u64)> {
     let mut parts: Vec<(String, u64)> = walk
@@ -442,84 +681,4 @@ fn parts(image: &Image, walk: &Walk<'_>) -> Vec<(String, u64)> {
         .collect();
     parts.sort_by_key(|(_, cycles)| std::cmp::Reverse(*cycles));
     parts
-}
-
-/// Every branch of a map's end: doubtful, saturated, replayed, from the future, of a finger that is not expected, of two
-/// fingers, with a hole before it, damaged; stick, incipient slip, slip, no contact; held, released.
-fn branches(bench: &mut Bench<'_>) -> Result<(), Error> {
-    for contacts in [0, 9, 59, 400] {
-        let map = map_of(contacts, 7);
-        bench.map_as(&map, |info| info.health = DOUBTFUL)?;
-        bench.map_as(&map, |info| info.health = Health::SATURATED)?;
-        bench.map_as(&map, |info| info.sequence = 1)?;
-        bench.map_as(&map, |info| {
-            info.capture_us = info.capture_us.wrapping_add(60_000_000);
-        })?;
-        bench.skip(5);
-        bench.damaged(&map, |packets| {
-            if let Some(byte) = packets.last_mut().and_then(|packet| packet.last_mut()) {
-                *byte ^= 1;
-            }
-        })?;
-        bench.damaged(&map, |packets| drop(packets.remove(0)))?;
-    }
-    let both = Configuration {
-        sensors: 2,
-        ..Configuration::DEFAULT
-    };
-    bench.command(Command::Configure(both))?;
-    for round in 0..40 {
-        bench.map_as(&map_of(59, round), |info| info.sensor = (round % 2) as u8)?;
-    }
-    bench.command(Command::Configure(Configuration::DEFAULT))?;
-    // A contact that slips ever more: the trend, the reflex, every state.
-    for slipping in (0..=59).chain((0..59).rev()) {
-        bench.map(&crate::measure::slipping(59, slipping))?;
-    }
-    bench.command(Command::Acknowledge { faults: u32::MAX })?;
-    bench.command(Command::Release)?;
-    for round in 0..10 {
-        bench.map(&map_of(59, round))?;
-    }
-    bench.command(Command::Hold)
-}
-
-/// The map with the longest tail at every phase of the tick, of what maps teach in it, and of its statuses; one fingertip, then both.
-fn sweep(bench: &mut Bench<'_>) -> Result<(), Error> {
-    for sensors in [1, 2] {
-        bench.command(Command::Configure(Configuration {
-            sensors,
-            ..Configuration::DEFAULT
-        }))?;
-        for step in 0..SWEPT {
-            // The map before has ended milliseconds ago; each begins a little later in the millisecond than that.
-            bench.run(TICK_NS + TICK_NS / SWEPT)?;
-            bench.map_as(&map_of(59, step as u32), |info| {
-                info.sensor = step as u8 % sensors;
-            })?;
-        }
-    }
-    bench.command(Command::Configure(Configuration::DEFAULT))
-}
-
-/// Statuses, commands, requests on the control endpoint, ticks, log and watchdog at every phase between the packets.
-fn disturb(bench: &mut Bench<'_>) -> Result<(), Error> {
-    let commands = [
-        Command::ReadStatus,
-        Command::ReadConfiguration,
-        Command::Configure(Configuration::DEFAULT),
-        Command::Hold,
-    ];
-    for round in 0..DISTURBED {
-        if round % 2 == 0 {
-            bench.ask();
-        }
-        if round % 3 == 0 {
-            bench.send_command(commands[(round / 3) as usize % commands.len()]);
-        }
-        // Steps that are no part of a millisecond meet the tick at every phase.
-        bench.run(round * 37_700 % 1_000_000)?;
-        bench.map(&map_of([59, 9, 19, 8][round as usize % 4], round as u32))?;
-    }
-    Ok(())
 }

@@ -218,7 +218,9 @@ impl Walk<'_> {
         let mut chain = Vec::new();
         let mut at = Some(function.start);
         while let Some(start) = at {
-            let Some(deepest) = self.known.get(&start) else { break };
+            let Some(deepest) = self.known.get(&start) else {
+                break;
+            };
             let name = self.image.functions.get(&start).map(|one| one.name.clone());
             chain.push((name.unwrap_or_default(), deepest.own));
             at = deepest.next;
@@ -258,8 +260,10 @@ impl Walk<'_> {
         let (mut most, mut next) = (0, None);
         for callee in self.callees(function, &body) {
             let Some(callee) = self.image.function_at(callee).cloned() else {
-                self.findings
-                    .insert(format!("{} calls {callee:#x}, where no function is", function.name));
+                self.findings.insert(format!(
+                    "{} calls {callee:#x}, where no function is",
+                    function.name
+                ));
                 continue;
             };
             let bytes = self.function(&callee);
@@ -285,8 +289,7 @@ impl Walk<'_> {
             own += one.stack.max(0) as u32;
             let is_repeated = |other: &&&Instruction| match other.flow {
                 Flow::Branch(target) | Flow::Jump(target) => {
-                    other.address >= one.address
-                        && (function.start..=one.address).contains(&target)
+                    other.address >= one.address && (function.start..=one.address).contains(&target)
                 }
                 _ => false,
             };
@@ -340,9 +343,8 @@ impl Walk<'_> {
         let Some((_, module)) = executor else {
             return self.taken.iter().copied().collect();
         };
-        let is_of = |modules: &BTreeSet<String>, module: &str| {
-            modules.iter().any(|name| name.contains(module))
-        };
+        let is_of =
+            |modules: &BTreeSet<String>, module: &str| modules.iter().any(|name| name.contains(module));
         let others: Vec<&str> = EXECUTORS.iter().filter_map(|(_, module)| *module).collect();
         self.tasks
             .iter()

@@ -59,7 +59,11 @@ fn the_interrupts_have_the_priorities_that_the_bound_counts_with() {
     let mut board = Board::boot(&elf).expect("it boots");
     board.run_for(20_000_000).expect("it runs");
     for (name, priority) in PRIORITIES {
-        let handler = image.functions.values().find(|one| one.name == *name).expect(name);
+        let handler = image
+            .functions
+            .values()
+            .find(|one| one.name == *name)
+            .expect(name);
         let number = (16..107)
             .find(|number| image.word(0x0800_0000 + 4 * number) == Some(handler.start | 1))
             .expect(name);

@@ -266,7 +266,10 @@ pub(super) fn bootloader(places: &[&str]) -> Option<Finding> {
         Finding::new(
             "bootloader",
             Level::Warn,
-            format!("a chip in its bootloader (DFU, 0483:df11) at {}", places.join(", ")),
+            format!(
+                "a chip in its bootloader (DFU, 0483:df11) at {}",
+                places.join(", ")
+            ),
             "boards that run their firmware",
             "`gripline flash --usb IMAGE --board BOARD` gives it one; or set BOOT0 low and reset it",
         )

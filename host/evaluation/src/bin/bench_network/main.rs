@@ -1,5 +1,5 @@
-//! `cargo xtask bench network`: speed and error of the force networks. Speed: by instruction set, against onnxruntime and
-//! tract with the same weights on one thread, against the processor's peak, with skipping, and with the gate. Error: on
+//! `cargo xtask bench network`: speed and error of the force networks. Speed: by instruction set, against onnxruntime,
+//! tract and rten with the same weights on one thread, against the processor's peak, with skipping, and with the gate. Error: on
 //! shapes and sensors of the test world never trained on.
 //!
 //! All contestants take turns, a few frames each, so that other load on the machine affects all of them alike.
@@ -33,7 +33,7 @@ use accuracy::Quantised;
 use failure::Failure;
 use models::Model;
 use onnx::Precision;
-use peers::{OnnxRuntime, Tract};
+use peers::{OnnxRuntime, Rten, Tract};
 use pictures::Film;
 use preprocessing::{NetworkInput, Preprocessor, small};
 use report::{CHANGED, Report};
@@ -166,6 +166,7 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
         let engines = Engines {
             onnxruntime: OnnxRuntime::new(&environment, &graph, shape)?,
             tract: Tract::new(&graph, shape)?,
+            rten: Rten::new(graph, shape)?,
             int8: Arc::clone(&quantised[model].engine),
         };
         contestants.extend(engines.contestants(&models[model].name, &input, &ours)?);
@@ -247,6 +248,7 @@ fn tracked(
 struct Engines {
     onnxruntime: OnnxRuntime,
     tract: Tract,
+    rten: Rten,
     int8: Arc<Mutex<OnnxRuntime>>,
 }
 
@@ -261,11 +263,13 @@ impl Engines {
         let Self {
             mut onnxruntime,
             tract,
+            rten,
             int8,
         } = self;
         same("onnxruntime", ours, &onnxruntime.run(input)?)?;
         same("tract", ours, &tract.run(input)?)?;
-        let [float, quantised, other] = [(); 3].map(|()| input.clone());
+        same("rten", ours, &rten.run(input)?)?;
+        let [float, quantised, for_tract, for_rten] = [(); 4].map(|()| input.clone());
         Ok(vec![
             Contestant::new(&report::engine(name, "onnxruntime"), move || {
                 black_box(onnxruntime.run(black_box(&float)).is_ok());
@@ -275,7 +279,10 @@ impl Engines {
                 black_box(int8.run(black_box(&quantised)).is_ok());
             }),
             Contestant::new(&report::engine(name, "tract"), move || {
-                black_box(tract.run(black_box(&other)).is_ok());
+                black_box(tract.run(black_box(&for_tract)).is_ok());
+            }),
+            Contestant::new(&report::engine(name, "rten"), move || {
+                black_box(rten.run(black_box(&for_rten)).is_ok());
             }),
         ])
     }

@@ -9,6 +9,7 @@ use ort::environment::Environment;
 use ort::session::Session;
 use ort::session::builder::GraphOptimizationLevel;
 use ort::value::TensorRef;
+use rten::{Model, RunOptions, ThreadPool, ValueView};
 use tract_onnx::prelude::*;
 
 use crate::failure::Failure;
@@ -115,6 +116,32 @@ impl Tract {
         let outputs = self.model.run(tvec!(tensor.into()))?;
         let values = outputs[0].to_plain_array_view::<f32>()?;
         let values = values.as_slice().ok_or("tract's output is not contiguous")?;
+        Ok(input.forces_n(values))
+    }
+}
+
+/// rten, f32: the pure Rust engine with vector instructions of its own.
+pub(crate) struct Rten {
+    model: Model,
+    options: RunOptions,
+    shape: [usize; 4],
+}
+
+impl Rten {
+    /// `shape` is the input's.
+    pub(crate) fn new(model: Vec<u8>, shape: [usize; 4]) -> Result<Self, Failure> {
+        Ok(Self {
+            model: Model::load(model)?,
+            options: RunOptions::default().with_thread_pool(Some(Arc::new(ThreadPool::with_num_threads(1)))),
+            shape,
+        })
+    }
+
+    pub(crate) fn run(&self, input: &NetworkInput) -> Result<ForceMap, Failure> {
+        let tensor = ValueView::from_shape(&self.shape, &*input.values)?;
+        let output = self.model.run_one(tensor.into(), Some(self.options.clone()))?;
+        let values = output.as_tensor_view::<f32>().ok_or("rten's output is not f32")?;
+        let values = values.data().ok_or("rten's output is not contiguous")?;
         Ok(input.forces_n(values))
     }
 }

@@ -141,6 +141,12 @@ impl Report {
                 0.9,
             ),
             (
+                "tracked_vs_rten",
+                tracked / self.median_us(&engine(TRACKED, "rten")),
+                "<=",
+                0.6,
+            ),
+            (
                 "unet_vs_onnxruntime",
                 dense / self.median_us(&engine(UNET, "onnxruntime")),
                 "<=",
@@ -223,7 +229,7 @@ impl Report {
                 ),
                 ("frame_ms_median", 1e-3 * frame, None, "<=", 1.5),
                 ("skip_10pct_vs_full", share(CHANGED[0].1), None, "<=", 0.4),
-                ("skip_30pct_vs_full", share(CHANGED[1].1), None, "<=", 0.7),
+                ("skip_30pct_vs_full", share(CHANGED[1].1), None, "<=", 0.6),
                 // A full frame passes the gate too.
                 ("gated_vs_full", gated / (gated + frame), None, "<=", 0.02),
             ])
@@ -406,6 +412,7 @@ impl Report {
             for (of, accuracy, kind) in [
                 ("onnxruntime", model, Kind::Peer),
                 ("tract", model, Kind::Peer),
+                ("rten", model, Kind::Peer),
                 (INT8, self.models.len() + place, Kind::Int8),
             ] {
                 points.push(Point {
