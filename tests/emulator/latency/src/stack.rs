@@ -17,8 +17,8 @@ use crate::source::Sources;
 
 /// Bytes that an exception puts on the stack, floating-point registers and a gap for alignment included.
 pub const FRAME_BYTES: u32 = 26 * 4 + 4;
-/// The priorities of the interrupts (`firmware/mcu/src/priority.rs`): the same for some that never interrupt each other. A run
-/// compares them with the interrupt controller's.
+/// The priorities of the interrupts (`firmware/mcu/src/priority.rs`): the same for some that never interrupt each other. Limits:
+/// they stand here a second time; the emulated board does not let the interrupt controller be read.
 pub const PRIORITIES: &[(&str, u8)] = &[
     ("OTG_FS", 2),
     ("UART4", 3),

@@ -1,6 +1,5 @@
 //! The stack of the unmodified image: bounded over the linked code, compared with what the link leaves and with a run.
 
-use gripline_emulator::Board;
 use gripline_latency::image::Image;
 use gripline_latency::source::Sources;
 use gripline_latency::stack::{PRIORITIES, Stack};
@@ -47,27 +46,4 @@ fn a_stack_that_is_too_small_or_a_bound_that_is_wrong_fails_the_check() {
     };
     assert!(tight.failures(0)[0].contains(&format!("expected at most {}", stack.bound - 1)));
     assert!(stack.failures(stack.bound + 1)[0].contains("stack of a run"));
-}
-
-/// What the bound takes for granted of the interrupts is what the running image sets.
-#[test]
-#[ignore = "needs the image: cargo xtask test"]
-fn the_interrupts_have_the_priorities_that_the_bound_counts_with() {
-    const NVIC_IPR: u32 = 0xE000_E400;
-    let elf = std::fs::read(image()).expect("the image is there");
-    let image = Image::read(&elf).expect("the image is one");
-    let mut board = Board::boot(&elf).expect("it boots");
-    board.run_for(20_000_000).expect("it runs");
-    for (name, priority) in PRIORITIES {
-        let handler = image
-            .functions
-            .values()
-            .find(|one| one.name == *name)
-            .expect(name);
-        let number = (16..107)
-            .find(|number| image.word(0x0800_0000 + 4 * number) == Some(handler.start | 1))
-            .expect(name);
-        let found = board.read_memory(NVIC_IPR + number - 16, 1).expect("it runs");
-        assert_eq!(found, [priority << 4], "{name}");
-    }
 }
