@@ -1,4 +1,4 @@
-//! Tells the linker where the repository's memory.x lies, adds hot.x to the image, and puts the commit that the image is
+//! Tells the linker where the repository's memory.x lies, adds hot.x and identity.x to the image, and puts the commit that the image is
 //! built from into its environment.
 
 use std::path::Path;
@@ -17,6 +17,7 @@ const SOURCES: [&str; 6] = [
 fn main() {
     println!("cargo:rerun-if-changed=../../memory.x");
     println!("cargo:rerun-if-changed=hot.x");
+    println!("cargo:rerun-if-changed=identity.x");
     println!("cargo:rerun-if-changed=build.rs");
     if std::env::var_os("CARGO_FEATURE_SILICON").is_none() {
         return;
@@ -29,6 +30,7 @@ fn main() {
     println!("cargo:rustc-link-search={}", repository.display());
     // First come, first served: what hot.x places must not be link.x's any more.
     println!("cargo:rustc-link-arg-bin=gripline-mcu=-T{here}/hot.x");
+    println!("cargo:rustc-link-arg-bin=gripline-mcu=-T{here}/identity.x");
     println!("cargo:rustc-link-arg-bins=-Tlink.x");
     println!("cargo:rustc-link-arg-bins=-Tdefmt.x");
 

@@ -3,8 +3,8 @@
 
 use gripline_protocol::cobs::{CobsDecoder, FRAME_MAX, Frame, encode_packet};
 use gripline_protocol::message::{
-    Command, Configuration, GripMode, Hello, MapSums, Message, MessageError, MessagePackets, OutOfRange,
-    Refusal, Report, Revision, SCHEMA_HASH, SCHEMA_VERSION, SlipState, Status, Witnesses,
+    Bootloader, Command, Configuration, GripMode, Hello, MapSums, Message, MessageError, MessagePackets,
+    OutOfRange, Refusal, Report, Revision, SCHEMA_HASH, SCHEMA_VERSION, SlipState, Status, Witnesses,
 };
 use gripline_protocol::{
     Event, ForceMap, Health, MapInfo, Motion, PACKET_MAX, PacketError, Parser, TAXELS, TaxelForce,
@@ -450,6 +450,48 @@ fn the_handshake_is_laid_out_as_it_always_was_and_tells_its_commit_behind_that()
             "{length}"
         );
     }
+}
+
+/// Whatever changes, these bytes stay where they are: any host can update firmware of any schema.
+#[test]
+fn the_way_into_the_bootloader_is_laid_out_as_it_always_was_and_read_whatever_the_schema() {
+    for (code, expected) in [
+        (0, Bootloader::Enter),
+        (1, Bootloader::Entering),
+        (2, Bootloader::Holding),
+    ] {
+        let bytes = [&[0xFE, 0xCA, 3][..], b"BOOT", &[code]].concat();
+        assert_eq!(Message::from_bytes(&bytes), Ok(Message::Bootloader(expected)));
+        let message = Message::Bootloader(expected);
+        assert_eq!(through_the_wire(&message, 1), Ok(message));
+    }
+    for broken in [&b"BOOT"[..], b"BOOT\x03", b"BOOS\x00", b""] {
+        let bytes = [&[0, 0, 3], broken].concat();
+        assert_eq!(Message::from_bytes(&bytes), Err(MessageError::Body), "{broken:?}");
+    }
+}
+
+/// Whatever changes, a host can read which board and schema an image is for.
+#[test]
+fn the_identity_of_an_image_is_a_mark_and_the_handshake() {
+    let hello = Hello {
+        revision: Some(Revision {
+            commit: 0x1a2b_3c4d,
+            dirty: false,
+        }),
+        ..Hello::of_this_build(2, 0)
+    };
+    let block = hello.to_image();
+    assert_eq!((&block[..8], block.len()), (&b"GRIPLINE"[..], 28));
+    assert_eq!(block[8..10], SCHEMA_VERSION.to_le_bytes());
+    assert_eq!(block[10..14], SCHEMA_HASH.to_le_bytes());
+    assert_eq!(block[17], 2);
+    assert_eq!(block[24..28], [0x4d, 0x3c, 0x2b, 0x1a]);
+    assert_eq!(Hello::from_image(&block), Some(hello));
+    assert_eq!(Hello::from_image(&block[1..]), None);
+    assert_eq!(Hello::from_image(&[0xFF; 28]), None);
+    let unknown = Hello::of_this_build(1, 0);
+    assert_eq!(Hello::from_image(&unknown.to_image()), Some(unknown));
 }
 
 #[test]

@@ -11,7 +11,7 @@ use embassy_stm32::rcc::{
     mux,
 };
 use embassy_stm32::time::Hertz;
-use gripline_protocol::message::{BOARDS, Revision};
+use gripline_protocol::message::{BOARDS, Hello, IMAGE_IDENTITY_BYTES, Revision};
 
 use crate::priority;
 
@@ -28,6 +28,15 @@ pub(crate) const REVISION: Option<Revision> = match u32::from_str_radix(env!("GR
     }),
     Err(_) => None,
 };
+
+/// The identity block of this image, which hosts read before they flash it (identity.x).
+#[used]
+#[unsafe(link_section = ".gripline_identity")]
+static IDENTITY: [u8; IMAGE_IDENTITY_BYTES] = Hello {
+    revision: REVISION,
+    ..Hello::of_this_build(BOARD, 0)
+}
+.to_image();
 
 /// The crystal of both boards, hertz.
 const CRYSTAL: Hertz = Hertz(8_000_000);

@@ -250,6 +250,12 @@ impl Control {
         *settings = self.program.take_store();
     }
 
+    /// Whether the chip restarts in its bootloader now.
+    #[inline(never)]
+    pub(crate) fn take_bootloader(&mut self) -> bool {
+        self.program.take_bootloader()
+    }
+
     /// The settings were written to flash so many times, or could not be.
     pub(crate) fn stored(&mut self, writes: Option<u32>) {
         self.program.stored(writes);

@@ -1,4 +1,5 @@
-//! The task `control`: the safety tick, messages, packets that did not come by the USB interrupt, settings to flash.
+//! The task `control`: the safety tick, messages, packets that did not come by the USB interrupt, settings to flash, the restart in
+//! the bootloader.
 //!
 //! Units: microseconds.
 
@@ -20,7 +21,7 @@ use crate::outbox::Outbox;
 use crate::readback::ReadBack;
 use crate::robot::Robot;
 use crate::usb::HostToMcu;
-use crate::{fault_log, supply, usb_interrupt, watchdog};
+use crate::{bootloader, fault_log, supply, usb_interrupt, watchdog};
 
 /// Time between two safety ticks.
 const TICK: Duration = Duration::from_millis(1);
@@ -148,6 +149,10 @@ pub(crate) async fn control(
             from_task(|control| control.settings_to_store(&mut settings));
             if let Some(settings) = settings {
                 store(&mut flash, &settings);
+            }
+            if from_task(Control::take_bootloader) == Some(true) {
+                defmt::warn!("restarting in the bootloader");
+                bootloader::restart();
             }
         }
         // Dropping one of these futures loses nothing: each takes bytes only when it completes.

@@ -16,6 +16,7 @@ compile_error!("name the board: --features stm32f405rg or --features stm32f427vi
 compile_error!("name one board, not two: an image runs on one chip");
 
 mod board;
+mod bootloader;
 mod control;
 mod control_task;
 mod dsp;
@@ -30,6 +31,7 @@ mod priority;
 mod readback;
 mod reset;
 mod robot;
+mod stack;
 mod supply;
 mod time_driver;
 mod uart;
@@ -72,6 +74,7 @@ unsafe fn UART5() {
 fn main() -> ! {
     // The line first: the reset switched the DAC off, and an object may be in the gripper.
     let reset = reset::read();
+    stack::guard();
     // The line's calibration is among the settings: two short records, a quarter of a millisecond.
     let flash = SettingsSectors::new();
     let stored = storage::load(&flash);
@@ -125,12 +128,16 @@ fn main() -> ! {
         reset.cause,
         restored
     );
-    if let Some([place, caller]) = reset.panic {
-        defmt::error!(
+    match reset.panic {
+        Some([stack::OVERFLOW, lowest]) => {
+            defmt::error!("the stack overflowed, down to {=u32:#010x}", lowest);
+        }
+        Some([place, caller]) => defmt::error!(
             "the program panicked at {=u32:#010x}, called from {=u32:#010x}",
             place,
             caller
-        );
+        ),
+        None => {}
     }
     TASK_EXECUTOR.init(Executor::new()).run(|spawner| {
         spawner.spawn(uart::transmit(uart_out).expect("one UART task"));

@@ -3,13 +3,15 @@
 //!
 //! Two code addresses survive the reset, and the next start logs them: `addr2line` finds the source lines.
 
+use core::arch::naked_asm;
 use core::panic::PanicInfo;
 
 use cortex_m::peripheral::SCB;
 use cortex_m::register::msp;
-use cortex_m_rt::{ExceptionFrame, exception};
+use cortex_m_rt::exception;
 
 use crate::reset::{self, PANIC_ADDRESSES};
+use crate::stack;
 
 /// Odd words in these ranges count as return addresses: Thumb code in flash and in SRAM.
 const CODE: [core::ops::Range<u32>; 2] = [0x0800_0000..0x0810_0000, 0x2000_0000..0x2002_0000];
@@ -46,10 +48,36 @@ fn return_addresses(stack: u32) -> [u32; PANIC_ADDRESSES] {
     addresses
 }
 
-/// A hard fault: the address of the instruction, and of its caller.
-#[exception]
-unsafe fn HardFault(frame: &ExceptionFrame) -> ! {
-    restart([frame.pc(), frame.lr()])
+/// A hard fault, the stack's overflow among them: keeps the address of the instruction and of its caller, and gives the rest a
+/// stack, because an overflow leaves none.
+#[unsafe(naked)]
+#[unsafe(no_mangle)]
+#[unsafe(link_section = ".HardFault.user")]
+#[allow(non_snake_case, reason = "the name that the vector table looks for")]
+unsafe extern "C" fn HardFault() -> ! {
+    naked_asm!(
+        "mrs r2, msp",
+        "ldr r3, =_stack_end",
+        "cmp r2, r3",
+        "bhs 1f",
+        "ldr r0, ={overflow}",
+        "mov r1, r2",
+        "b 2f",
+        "1:",
+        // Return address and link register of the frame that the exception left (ARM DDI 0403, B1.5.6).
+        "ldr r0, [r2, #24]",
+        "ldr r1, [r2, #20]",
+        "2:",
+        "ldr r3, =_stack_start",
+        "mov sp, r3",
+        "b {restart}",
+        overflow = const stack::OVERFLOW,
+        restart = sym restart_after_fault,
+    )
+}
+
+extern "C" fn restart_after_fault(address: u32, caller: u32) -> ! {
+    restart([address, caller])
 }
 
 /// An interrupt without a handler; nothing enables one.

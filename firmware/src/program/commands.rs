@@ -39,6 +39,7 @@ impl<K: Kernel> Program<K> {
         self.safety.set(Fault::UnreadableMessage, false);
         match request {
             Request::Hello { hello, known } => self.hello(hello, *known),
+            Request::Bootloader => self.ask_for_bootloader(),
             // No host sends a report.
             Request::Report | Request::Unreadable => self.refuse(Refusal::Unreadable),
             _ if self.host_session.is_none() => self.refuse(Refusal::NoHandshake),
@@ -53,6 +54,9 @@ impl<K: Kernel> Program<K> {
 
     /// The next message for the host.
     pub fn poll_message(&mut self) -> Option<Message> {
+        if let Some(answer) = self.bootloader.answer.take() {
+            return Some(Message::Bootloader(answer));
+        }
         Some(match self.outbox.next()? {
             Due::Hello => Message::Hello(Hello {
                 revision: self.start.revision,
@@ -100,7 +104,7 @@ impl<K: Kernel> Program<K> {
                 self.outbox.configuration = true;
             }
             Command::ReadConfiguration => self.outbox.configuration = true,
-            Command::Store if self.may_store() => self.store = true,
+            Command::Store if self.is_empty_handed() => self.store = true,
             Command::Store => self.refuse(Refusal::Holding),
             // Said again it changes nothing: it must not make old maps look new.
             Command::Hold if self.controller.mode() == GripMode::Hold => {}

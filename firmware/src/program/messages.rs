@@ -5,7 +5,9 @@
 //!
 //! [`Program::message`]: super::Program::message
 
-use gripline_protocol::message::{Command, Hello, LineSettings, Message, MessagePackets, OutOfRange};
+use gripline_protocol::message::{
+    Bootloader, Command, Hello, LineSettings, Message, MessagePackets, OutOfRange,
+};
 use gripline_protocol::{MessageParser, Packet};
 
 use crate::sums::TaxelRule;
@@ -16,7 +18,7 @@ use crate::sums::TaxelRule;
 pub enum Request {
     /// No message of ours.
     Unreadable,
-    /// A report, which no host sends.
+    /// A report or an answer, which no host sends.
     Report,
     /// The handshake.
     Hello {
@@ -25,6 +27,8 @@ pub enum Request {
         /// It speaks our schema.
         known: bool,
     },
+    /// The request for the bootloader.
+    Bootloader,
     /// Settings of which one is out of range: none of them is taken.
     OutOfRange(OutOfRange),
     /// Any other command.
@@ -41,7 +45,8 @@ impl Request {
     fn read(message: &[u8], in_force: &LineSettings) -> Self {
         match Message::from_bytes(message) {
             Err(_) => Self::Unreadable,
-            Ok(Message::Report(_)) => Self::Report,
+            Ok(Message::Bootloader(Bootloader::Enter)) => Self::Bootloader,
+            Ok(Message::Report(_) | Message::Bootloader(_)) => Self::Report,
             Ok(Message::Hello(hello)) => Self::Hello {
                 hello,
                 known: hello.check().is_ok(),

@@ -5,6 +5,7 @@
 //! [`Program::poll_message`] to answer. [`Device`] does the same on hosts.
 
 mod board;
+mod bootloader;
 mod commands;
 mod device;
 mod dispatch;

@@ -7,8 +7,8 @@ use crate::grip::GripForce;
 use crate::sums::Kernel;
 
 impl<K: Kernel> Program<K> {
-    /// Whether nothing can be in the gripper: writing the flash stops the processor.
-    pub(super) fn may_store(&self) -> bool {
+    /// Whether nothing can be in the gripper: writing the flash stops the processor, the bootloader drives no line.
+    pub(super) fn is_empty_handed(&self) -> bool {
         self.controller.mode() == GripMode::Released && self.line() == GripForce::ZERO
     }
 
@@ -18,7 +18,7 @@ impl<K: Kernel> Program<K> {
         if !core::mem::take(&mut self.store) {
             return None;
         }
-        if !self.may_store() {
+        if !self.is_empty_handed() {
             self.refuse(Refusal::Holding);
             return None;
         }

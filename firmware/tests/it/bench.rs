@@ -56,6 +56,7 @@ impl Bench {
                 match Message::from_bytes(bytes).expect("the program sends readable messages") {
                     Message::Hello(hello) => self.hellos.push(hello),
                     Message::Report(report) => self.reports.push(report),
+                    Message::Bootloader(_) => {}
                     Message::Command(command) => panic!("the program sent a command: {command:?}"),
                 }
             }

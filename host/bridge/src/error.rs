@@ -25,6 +25,12 @@ pub enum Error {
     /// The link to the device.
     #[error(transparent)]
     Link(#[from] gripline_link::LinkError),
+    /// The microcontroller does not go to its bootloader.
+    #[error(transparent)]
+    Bootloader(#[from] gripline_link::bootloader::BootloaderError),
+    /// A chip in its bootloader.
+    #[error(transparent)]
+    Chip(#[from] gripline_flash::usb::UsbError),
     /// The server of live values.
     #[error(transparent)]
     Live(#[from] gripline_live::LiveError),

@@ -6,8 +6,8 @@ use std::process::ExitCode;
 use clap::CommandFactory as _;
 use gripline::commands::cli::{Cli, Command};
 use gripline::commands::{
-    calibrate, config, detect, doctor, evaluate, export, faults, infer, plot, replay, sensor, setup, shell,
-    simulate,
+    calibrate, config, detect, doctor, evaluate, export, faults, flash, infer, plot, replay, sensor, setup,
+    shell, simulate,
 };
 use gripline::error::{Completion, Error};
 use gripline::{log, run};
@@ -55,6 +55,7 @@ fn run_command(command: Command) -> Result<Completion, Error> {
         Command::Config(args) => config::run(&args)?,
         Command::Calibrate(args) => calibrate::run(&args)?,
         Command::Faults(args) => faults::run(&args)?,
+        Command::Flash(args) => flash::run(&args)?,
         Command::Sensor(args) => sensor::run(&args)?,
         Command::Completions(args) => shell::completions(&args, &mut Cli::command())?,
         Command::Man(args) => shell::man(&args, Cli::command())?,

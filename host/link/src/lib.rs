@@ -3,6 +3,7 @@
 //! was opened. A real device may go away and come back ([`hot_plug`]).
 #![forbid(unsafe_code)]
 
+pub mod bootloader;
 mod clock_sync;
 mod embedded;
 pub mod emulator;

@@ -4,6 +4,7 @@ use core::fmt;
 
 use serde::Deserialize;
 
+use super::bootloader::Bootloader;
 use super::command::Command;
 use super::handshake::{Hello, SCHEMA_VERSION};
 use super::report::Report;
@@ -19,6 +20,8 @@ pub enum Message {
     Command(Command),
     /// Microcontroller to host.
     Report(Report),
+    /// The way into the chip's bootloader, either way.
+    Bootloader(Bootloader),
 }
 
 /// Why a message that arrived whole could not be read.
@@ -32,7 +35,7 @@ pub enum MessageError {
     },
     /// Not a class of this schema.
     Class {
-        /// The class byte found; 0 to 2 were expected.
+        /// The class byte found; 0 to 3 were expected.
         found: u8,
     },
     /// The body is not what its class demands.
@@ -48,7 +51,7 @@ impl fmt::Display for MessageError {
                 f,
                 "message of schema {found}, expected schema {SCHEMA_VERSION}: flash the firmware of this host's version"
             ),
-            Self::Class { found } => write!(f, "message class {found}, expected 0 to 2"),
+            Self::Class { found } => write!(f, "message class {found}, expected 0 to 3"),
             Self::Body => f.write_str("message body cannot be read"),
             Self::TooLong => write!(f, "message longer than {MESSAGE_MAX} bytes"),
         }
@@ -60,6 +63,7 @@ impl core::error::Error for MessageError {}
 const CLASS_HELLO: u8 = 0;
 const CLASS_COMMAND: u8 = 1;
 const CLASS_REPORT: u8 = 2;
+const CLASS_BOOTLOADER: u8 = 3;
 const ENVELOPE: usize = 3;
 
 impl Message {
@@ -71,8 +75,13 @@ impl Message {
         let Some((&[v0, v1, class], body)) = bytes.split_first_chunk::<ENVELOPE>() else {
             return Err(MessageError::Body);
         };
-        if class == CLASS_HELLO {
-            return Hello::read(body).map(Self::Hello).ok_or(MessageError::Body);
+        match class {
+            CLASS_HELLO => return Hello::read(body).map(Self::Hello).ok_or(MessageError::Body),
+            CLASS_BOOTLOADER => {
+                let read = Bootloader::read(body).map(Self::Bootloader);
+                return read.ok_or(MessageError::Body);
+            }
+            _ => {}
         }
         let found = u16::from_le_bytes([v0, v1]);
         if found != SCHEMA_VERSION {
@@ -91,6 +100,7 @@ impl Message {
         envelope[..2].copy_from_slice(&SCHEMA_VERSION.to_le_bytes());
         let (class, length) = match self {
             Self::Hello(hello) => (CLASS_HELLO, Ok(hello.write(body))),
+            Self::Bootloader(bootloader) => (CLASS_BOOTLOADER, Ok(bootloader.write(body))),
             Self::Command(command) => (
                 CLASS_COMMAND,
                 postcard::to_slice(command, body).map(|used| used.len()),

@@ -63,6 +63,13 @@ const HELLO_BYTES_MAX: usize = HELLO_BYTES + 4;
 const HAS_COMMIT: u8 = 1;
 const IS_DIRTY: u8 = 1 << 1;
 
+/// What the identity block of a firmware image starts with.
+pub const IMAGE_MARK: [u8; 8] = *b"GRIPLINE";
+/// Length of that block, bytes.
+pub const IMAGE_IDENTITY_BYTES: usize = IMAGE_MARK.len() + HELLO_BYTES_MAX;
+/// Where it lies, seen from the start of the flash: behind the interrupt vectors.
+pub const IMAGE_IDENTITY_AT: usize = 0x200;
+
 /// Names of the boards, by the number that [`Hello::board`] gives.
 pub const BOARDS: [&str; 3] = ["host", "stm32f405rg", "stm32f427vi"];
 
@@ -95,19 +102,51 @@ impl Hello {
         }
     }
 
+    /// The identity block of a firmware image that is built from this: [`IMAGE_MARK`], then the layout of the handshake with a
+    /// commit. The linker puts the image's length in bytes (`u32`) behind it.
+    #[must_use]
+    pub const fn to_image(self) -> [u8; IMAGE_IDENTITY_BYTES] {
+        let (mut block, body, mut at) = ([0; IMAGE_IDENTITY_BYTES], self.layout(), 0);
+        while at < IMAGE_IDENTITY_BYTES {
+            block[at] = if at < IMAGE_MARK.len() {
+                IMAGE_MARK[at]
+            } else {
+                body[at - IMAGE_MARK.len()]
+            };
+            at += 1;
+        }
+        block
+    }
+
+    /// Reads an identity block; `None` when it is none.
+    #[must_use]
+    pub fn from_image(block: &[u8]) -> Option<Self> {
+        Self::read(block.strip_prefix(&IMAGE_MARK)?)
+    }
+
+    const fn layout(self) -> [u8; HELLO_BYTES_MAX] {
+        let [v0, v1] = self.schema_version.to_le_bytes();
+        let [h0, h1, h2, h3] = self.schema_hash.to_le_bytes();
+        let [major, minor, patch] = self.build;
+        let [s0, s1, s2, s3] = self.session.to_le_bytes();
+        let (flags, commit) = match self.revision {
+            None => (0, 0),
+            Some(Revision { commit, dirty }) => (HAS_COMMIT | if dirty { IS_DIRTY } else { 0 }, commit),
+        };
+        let [c0, c1, c2, c3] = commit.to_le_bytes();
+        [
+            v0, v1, h0, h1, h2, h3, major, minor, patch, self.board, s0, s1, s2, s3, flags, 0, c0, c1, c2, c3,
+        ]
+    }
+
     /// Writes it into at least 20 bytes and returns its length.
     pub(super) fn write(self, bytes: &mut [u8]) -> usize {
-        bytes[0..2].copy_from_slice(&self.schema_version.to_le_bytes());
-        bytes[2..6].copy_from_slice(&self.schema_hash.to_le_bytes());
-        bytes[6..9].copy_from_slice(&self.build);
-        bytes[9] = self.board;
-        bytes[10..14].copy_from_slice(&self.session.to_le_bytes());
-        let Some(Revision { commit, dirty }) = self.revision else {
-            return HELLO_BYTES;
-        };
-        bytes[14] = HAS_COMMIT | if dirty { IS_DIRTY } else { 0 };
-        bytes[HELLO_BYTES..HELLO_BYTES_MAX].copy_from_slice(&commit.to_le_bytes());
-        HELLO_BYTES_MAX
+        bytes[..HELLO_BYTES_MAX].copy_from_slice(&self.layout());
+        if self.revision.is_some() {
+            HELLO_BYTES_MAX
+        } else {
+            HELLO_BYTES
+        }
     }
 
     /// Reads it; `None` when it is too short.

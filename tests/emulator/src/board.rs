@@ -19,7 +19,7 @@ use rigless::time::VirtualNanos;
 
 use crate::constants::{
     BUS_DRIVER_PIN, DAC_BASE, DAC_BYTES, FLASH_BASE, FLASH_CR, GPIOA_BSRR, GPIOA_ODR, LOG_PERIOD_NS,
-    PREDICATE_STEP_NS, RAM, SETTINGS_BASE,
+    PREDICATE_STEP_NS, RAM, SETTINGS_BASE, SYSTEM_MEMORY_BASE,
 };
 use crate::dac::{CHANNELS, DacWrite};
 use crate::flash::FlashArray;
@@ -107,6 +107,7 @@ pub struct Board {
     log: Vec<u8>,
     gaps: Vec<String>,
     trace: Vec<Event>,
+    memory: Vec<u8>,
 }
 
 impl Board {
@@ -116,7 +117,7 @@ impl Board {
     /// An image that is no ELF file, has nothing at the start of FLASH, is built for another machine or does not
     /// fit the part's memory.
     pub fn boot(elf: &[u8]) -> Result<Self, EmulatorError> {
-        Self::boot_as(elf, &[], &[])
+        Self::boot_as(elf, Vec::new(), &[])
     }
 
     /// The same with these bytes where the firmware keeps its settings, as [`Self::take_settings`] gave them before the
@@ -125,7 +126,20 @@ impl Board {
     /// # Errors
     /// As [`Self::boot`].
     pub fn boot_with_settings(elf: &[u8], settings: &[u8]) -> Result<Self, EmulatorError> {
-        Self::boot_as(elf, settings, &[])
+        let settings = (!settings.is_empty()).then_some((SETTINGS_BASE, settings));
+        Self::boot_as(elf, settings.into_iter().collect(), &[])
+    }
+
+    /// The same as [`Self::boot_traced`] with this program in the system memory, in place of the chip's own bootloader.
+    ///
+    /// # Errors
+    /// As [`Self::boot`].
+    pub fn boot_with_bootloader(
+        elf: &[u8],
+        bootloader: &[u8],
+        addresses: &[u32],
+    ) -> Result<Self, EmulatorError> {
+        Self::boot_as(elf, vec![(SYSTEM_MEMORY_BASE, bootloader)], addresses)
     }
 
     /// The same for a board that records every arrival at an instruction at one of `addresses`, and in between what
@@ -134,15 +148,19 @@ impl Board {
     /// # Errors
     /// As [`Board::boot`].
     pub fn boot_traced(elf: &[u8], addresses: &[u32]) -> Result<Self, EmulatorError> {
-        Self::boot_as(elf, &[], addresses)
+        Self::boot_as(elf, Vec::new(), addresses)
     }
 
-    fn boot_as(elf: &[u8], settings: &[u8], traced: &[u32]) -> Result<Self, EmulatorError> {
+    /// `beside`: addresses and bytes of what lies in the memory beside the image.
+    fn boot_as(elf: &[u8], beside: Vec<(u64, &[u8])>, traced: &[u32]) -> Result<Self, EmulatorError> {
         let traced = traced.to_vec();
         let mut images = vec![image_of(elf)?];
-        if !settings.is_empty() {
-            let path = Path::new("settings");
-            images.push(Image::new(path, settings.to_vec(), Some(SETTINGS_BASE))?);
+        for (base, bytes) in beside {
+            images.push(Image::new(
+                Path::new("beside the image"),
+                bytes.to_vec(),
+                Some(base),
+            )?);
         }
         let symbols = Symbols::read(elf, rigless::cpu::armv7m::code_address).ok();
         let symbol = |name| symbols.as_ref().and_then(|symbols| symbols.get(name).ok());
@@ -187,6 +205,7 @@ impl Board {
             log: Vec::new(),
             gaps: Vec::new(),
             trace: Vec::new(),
+            memory: Vec::new(),
         };
         board.take_report()?;
         Ok(board)
@@ -355,7 +374,29 @@ impl Board {
             usb: std::mem::take(&mut self.usb_commands),
             fault: self.fault.take(),
             disturbances: std::mem::take(&mut self.disturbances),
+            read: None,
         };
+        self.command(command)
+    }
+
+    /// What lies in the memory now, as a debug probe reads it; a register may change by being read.
+    ///
+    /// # Errors
+    /// As [`Board::run_for`].
+    pub fn read_memory(&mut self, address: u32, bytes: u32) -> Result<Vec<u8>, EmulatorError> {
+        self.command(Command {
+            until_ns: self.now_ns,
+            uart: Vec::new(),
+            bus: Vec::new(),
+            usb: Vec::new(),
+            fault: None,
+            disturbances: Vec::new(),
+            read: Some((address, bytes)),
+        })?;
+        Ok(std::mem::take(&mut self.memory))
+    }
+
+    fn command(&mut self, command: Command) -> Result<(), EmulatorError> {
         // A thread that is gone takes no command; why it went is what its last report says.
         let _ = self.commands.as_ref().map(|commands| commands.send(command));
         self.take_report()
@@ -454,6 +495,7 @@ impl Board {
         self.log.extend(report.log);
         self.gaps.extend(report.gaps);
         self.trace.extend(report.trace);
+        self.memory = report.memory;
         Ok(())
     }
 }
@@ -511,6 +553,8 @@ struct Command {
     usb: Vec<usb::Command>,
     fault: Option<(FaultInjection, u32)>,
     disturbances: Vec<Disturbance>,
+    /// Address and length of memory that the next report shows.
+    read: Option<(u32, u32)>,
 }
 
 /// The USB port as it stands.
@@ -542,6 +586,7 @@ struct Report {
     log: Vec<u8>,
     gaps: Vec<String>,
     trace: Vec<Event>,
+    memory: Vec<u8>,
 }
 
 /// Runs `images` until nobody commands any more.
@@ -569,6 +614,7 @@ fn run(
         resets_told: 0,
         gaps_told: Vec::new(),
         tracer: trace::Tracer::new(traced),
+        read: None,
     };
     emulator::run(session, &Start::new(images), puppet)?;
     Ok(())
@@ -586,6 +632,7 @@ struct Puppet {
     resets_told: usize,
     gaps_told: Vec<String>,
     tracer: trace::Tracer,
+    read: Option<(u32, u32)>,
 }
 
 impl Puppet {
@@ -624,6 +671,11 @@ impl Puppet {
             log: std::mem::take(&mut self.log),
             gaps,
             trace: self.tracer.take(),
+            memory: self.read.take().map_or_else(Vec::new, |(address, bytes)| {
+                (address..address + bytes)
+                    .map(|at| host.read(at.into(), Width::W8).unwrap_or_default() as u8)
+                    .collect()
+            }),
         }
     }
 }
@@ -709,6 +761,7 @@ impl Driver<Hardware> for Puppet {
         let report = self.report(session, stop, host);
         self.reports.send(Ok(report)).ok()?;
         let command = self.commands.recv().ok()?;
+        self.read = command.read;
         session.board_mut().far_end().send(&command.uart);
         session.board_mut().bus_end().send(&command.bus);
         if let Some((fault, address)) = command.fault {

@@ -12,6 +12,8 @@ pub const FLASH_CR: u64 = 0x4002_3C10;
 pub const SETTINGS_BASE: u64 = 0x0800_4000;
 /// Bytes of that.
 pub const SETTINGS_BYTES: u64 = 0x8000;
+/// First address of the system memory, where the chip's own bootloader lies (RM0090 section 2.4).
+pub const SYSTEM_MEMORY_BASE: u64 = 0x1FFF_0000;
 /// First address of the DAC's registers (RM0090 table 1).
 pub const DAC_BASE: u64 = 0x4000_7400;
 /// Bytes of address space the DAC takes (RM0090 table 1).

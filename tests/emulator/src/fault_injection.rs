@@ -12,6 +12,8 @@ pub(crate) const PANIC: &str = "gripline_panic";
 const BRANCH_TO_ITSELF: u16 = 0xE7FE;
 /// `udf #0` (A7.7.194, encoding T1).
 const UNDEFINED: u16 = 0xDE00;
+/// `push {r0-r7, lr}` (A7.7.99, encoding T1) and a branch back to it.
+const PUSH_FOR_EVER: [u16; 2] = [0xB5FF, 0xE7FD];
 /// `bx r12` (A7.7.20).
 const BRANCH_BY_REGISTER: u16 = 0x4760;
 /// `movw r12, #…` and `movt r12, #…` without the number (A7.7.76, encoding T3; A7.7.79), and the place of the register.
@@ -55,6 +57,7 @@ impl Injector {
         self.asked = None;
         let code = match (fault, self.panics_at) {
             (FaultInjection::Hang, _) => vec![BRANCH_TO_ITSELF],
+            (FaultInjection::StackOverflow, _) => PUSH_FOR_EVER.to_vec(),
             // An image that does not say where its panics go has none that differ from a fault.
             (FaultInjection::UndefinedInstruction, _) | (FaultInjection::Panic, None) => vec![UNDEFINED],
             (FaultInjection::Panic, Some(target)) => jump(target),

@@ -326,8 +326,8 @@ fn a_line_at_its_ceiling_is_told() {
     assert_eq!(status.latched, 0);
 }
 
-/// A task, the idle loop and an interrupt that spin (the watchdog ends it), run into a fault of the core, or panic (the
-/// chip restarts at once): the line is back before anything else is, and the host meets the microcontroller anew.
+/// A task, the idle loop and an interrupt that spin (the watchdog ends it), run into a fault of the core, panic, or overflow the
+/// stack (the chip restarts at once): the line is back before anything else is, and the host meets the microcontroller anew.
 #[test]
 #[ignore = "needs the emulator and the image: cargo xtask test"]
 fn whatever_hangs_or_crashes_while_holding_is_reset_and_the_line_is_back_within_two_milliseconds() {
@@ -336,6 +336,7 @@ fn whatever_hangs_or_crashes_while_holding_is_reset_and_the_line_is_back_within_
             (FaultInjection::Hang, WATCHDOG_NS),
             (FaultInjection::UndefinedInstruction, CRASHED_NS),
             (FaultInjection::Panic, CRASHED_NS),
+            (FaultInjection::StackOverflow, CRASHED_NS),
         ] {
             // The jump of a panic takes ten bytes, which would spoil the code around a store that is reached by branches.
             if fault == FaultInjection::Panic && number == 0 {

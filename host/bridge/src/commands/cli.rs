@@ -12,6 +12,7 @@ use crate::commands::detect::DetectArgs;
 use crate::commands::doctor::DoctorArgs;
 use crate::commands::evaluate::EvaluateArgs;
 use crate::commands::faults::FaultsArgs;
+use crate::commands::flash::FlashArgs;
 use crate::commands::infer::InferArgs;
 use crate::commands::plot::PlotArgs;
 use crate::commands::replay::ReplayArgs;
@@ -69,6 +70,8 @@ pub enum Command {
     Sensor(SensorArgs),
     /// Show the microcontroller's faults and what to do about each; acknowledge the latched ones.
     Faults(FaultsArgs),
+    /// Put a firmware image on the microcontroller over USB, without a probe.
+    Flash(FlashArgs),
     /// Print completions for a shell.
     Completions(CompletionsArgs),
     /// Write the manual pages.

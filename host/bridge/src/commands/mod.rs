@@ -10,6 +10,7 @@ pub mod evaluate;
 pub mod export;
 pub mod faults;
 pub(crate) mod files;
+pub mod flash;
 pub mod infer;
 pub mod plot;
 pub mod replay;

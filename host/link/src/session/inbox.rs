@@ -65,7 +65,8 @@ impl Inbox {
                 self.is_stranger |= refusal == Refusal::NoHandshake;
                 self.settings_refused |= matches!(refusal, Refusal::OutOfRange(_));
             }
-            Ok(Message::Command(_)) | Err(_) => self.unreadable += 1,
+            // Nobody in a session asks for the bootloader.
+            Ok(Message::Command(_) | Message::Bootloader(_)) | Err(_) => self.unreadable += 1,
         }
     }
 }

@@ -262,6 +262,16 @@ impl Image {
         Some(u32::from_le_bytes(bytes.try_into().ok()?))
     }
 
+    /// Every loaded word, with its address.
+    pub fn words(&self) -> impl Iterator<Item = (u32, u32)> {
+        self.sections.iter().flat_map(|(base, bytes)| {
+            let words = bytes.as_chunks::<4>().0.iter();
+            (*base..)
+                .step_by(4)
+                .zip(words.map(|word| u32::from_le_bytes(*word)))
+        })
+    }
+
     /// Loaded bytes.
     #[must_use]
     pub fn bytes(&self, address: u32, length: usize) -> Option<&[u8]> {

@@ -9,6 +9,7 @@ pub mod measure;
 pub mod report;
 pub mod snapshot;
 pub mod source;
+pub mod stack;
 pub mod sweep;
 pub mod tables;
 pub mod twin;

@@ -235,6 +235,17 @@ impl<'a> Bench<'a> {
         Ok(())
     }
 
+    /// Bytes of the stack that were used so far. Its memory lies between these addresses, the higher one first; a board that powers on
+    /// has zeros there.
+    ///
+    /// # Errors
+    /// As [`Bench::run`].
+    pub fn stack_used(&mut self, (start, end): (u32, u32)) -> Result<u32, Error> {
+        let memory = self.board.read_memory(end, start - end)?;
+        let untouched = memory.iter().take_while(|byte| **byte == 0).count();
+        Ok(start - end - untouched as u32)
+    }
+
     fn step(&mut self, step: &Step<'a>) {
         let address = step.instruction.address;
         self.note_landed(step);

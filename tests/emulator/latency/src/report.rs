@@ -9,6 +9,7 @@ use crate::cycles::ENTRY;
 use crate::image::{Function, Image, read};
 use crate::measure::{Bench, Met, Way, When, map_of};
 use crate::source::Sources;
+use crate::stack::{FRAME_BYTES, Stack};
 use crate::sweep::{self, Length, Raises, Rates};
 use crate::tables::{BOTH_LINKS, KERNEL, LEFT_OUT, LOOPS, Left, RELEASED, TAIL_TAXELS, WRITE_LINE};
 use crate::{Error, twin};
@@ -25,8 +26,6 @@ const FLASH_BYTES: u32 = 128 * 1024;
 const RAM_BYTES: u32 = 64 * 1024;
 /// The priority of the path's interrupt as the masks count it (`priority::PATH`).
 const PATH_PRIORITY: u32 = 2 << 4;
-/// Bytes that an exception puts on the stack, floating-point registers and a gap for alignment included.
-const FRAME_BYTES: u32 = 26 * 4 + 4;
 /// Cycles that the shortest last packet takes at least from when it is asked for: the host may be at its token's end, then
 /// come two bit times, SYNC, PID, eight bytes, CRC and EOP, 100 bits of 12 MHz (USB 2.0 sections 7.1.18 and 8.3).
 const LAST_PACKET_CYCLES: u64 = 100 * 14;
@@ -59,6 +58,10 @@ pub struct Report {
     pub stretches: Vec<Stretch>,
     /// Bytes of stack of the path, the frame of its exception included.
     pub stack_worst_bytes: u32,
+    /// The stack of all contexts, and what the run took of it.
+    pub stack: Stack,
+    /// Bytes of it that the run took.
+    pub stack_measured_bytes: u32,
     /// What the walks left out, and why.
     pub left: Vec<String>,
     /// What stands against the bound.
@@ -175,6 +178,8 @@ impl Report {
         for walk in [&path, &full, &blocked] {
             findings.extend(bench.broken(&walk.memories));
         }
+        let stack = Stack::of(&image, &sources, &elf)?;
+        let stack_measured_bytes = bench.stack_used(stack.memory)?;
         findings.extend(in_flash(&image, &path));
         findings.extend(not_in_image(&image, &path, &blocked));
         let unknown = &path.unknown | &blocked.unknown;
@@ -186,6 +191,8 @@ impl Report {
             stretches: gripping,
             interrupt_cycles: interrupt.cycles + u64::from(ENTRY),
             stack_worst_bytes: interrupt.stack + FRAME_BYTES,
+            stack,
+            stack_measured_bytes,
             left,
             findings,
             quiet,
@@ -308,6 +315,7 @@ impl Report {
             self.ram_bytes.to_string(),
             format!("at most {RAM_BYTES}"),
         );
+        failures.extend(self.stack.failures(self.stack_measured_bytes));
         failures.extend(self.failures_of_runs());
         failures.extend(
             self.findings
@@ -371,7 +379,7 @@ impl Report {
              \"head_instructions\": {}, \"held_off_cycles\": {}, \"raises_line\": {}, \"raises\": {}, \"raise_worst_cycles\": {}, \
              \"bound_over_measured\": {:.2}, \"tail_bound_cycles\": {:?}, \"tail_measured_cycles\": {:?}, \
              \"worst_waited_cycles\": {}, \"worst_composition\": {:?}, \"both_links_cycles\": {}, \"behind_control_cycles\": {}, \"maps_per_second_dense\": {:.0}, \
-             \"maps_per_second_150\": {:.0}, \"maps_per_second_150_two_fingertips\": {:.0}, \"findings\": {:?}}}\n",
+             \"maps_per_second_150\": {:.0}, \"maps_per_second_150_two_fingertips\": {:.0}, \"stack_bound_bytes\": {}, \"stack_room_bytes\": {}, \"stack_measured_bytes\": {}, \"findings\": {:?}}}\n",
             self.bound_cycles(),
             self.worst.cycles,
             self.blocking_worst,
@@ -409,6 +417,9 @@ impl Report {
             self.rates[0],
             self.rates[1],
             self.rates[2],
+            self.stack.bound,
+            self.stack.room(),
+            self.stack_measured_bytes,
             self.findings,
         )
     }
@@ -553,6 +564,27 @@ impl Report {
                 self.flash_bytes, self.ram_bytes, self.stack_worst_bytes
             ),
         );
+        line(
+            "stack, all contexts nested, bytes",
+            format!(
+                "{} of {}, measured {}",
+                self.stack.bound,
+                self.stack.room(),
+                self.stack_measured_bytes
+            ),
+        );
+        for context in &self.stack.contexts {
+            let priority = context.priority.map(|priority| format!(", priority {priority}"));
+            line(
+                "  of which",
+                format!(
+                    "{} {}{}",
+                    context.bytes,
+                    context.name,
+                    priority.unwrap_or_default()
+                ),
+            );
+        }
         for left in &self.left {
             line("left out", left.clone());
         }

@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 /// What the greeting starts with; the version follows as a little-endian `u32`.
 pub const MAGIC: [u8; 8] = *b"GRIPEMU\0";
 /// The version of these types.
-pub const VERSION: u32 = 6;
+pub const VERSION: u32 = 7;
 /// The longest advance that one request may ask for, nanoseconds: a minute, seconds of real time when busy.
 pub const MAX_ADVANCE_NS: u64 = 60_000_000_000;
 /// The most USB packets, and the most control transfers, that one request may carry.
@@ -90,6 +90,8 @@ pub enum FaultInjection {
     UndefinedInstruction,
     /// It goes where its panics go: the image's symbol `gripline_panic`.
     Panic,
+    /// It pushes registers without end, so that the stack overflows.
+    StackOverflow,
 }
 
 /// Where the analog line fails between the DAC's pin and the gripper.
@@ -493,7 +495,7 @@ mod tests {
     fn a_greeting_of_another_program_or_version_is_refused() {
         let other = read_greeting(&mut b"GRIPLINE\x01\0\0\0".as_slice());
         assert!(matches!(other, Err(WireError::Magic(_))), "{other:?}");
-        let newer = read_greeting(&mut b"GRIPEMU\0\x07\0\0\0".as_slice());
-        assert!(matches!(newer, Err(WireError::Version(7))), "{newer:?}");
+        let newer = read_greeting(&mut b"GRIPEMU\0\x08\0\0\0".as_slice());
+        assert!(matches!(newer, Err(WireError::Version(8))), "{newer:?}");
     }
 }

@@ -279,6 +279,22 @@ pub(super) fn usb(attached: &[Attached], serial: Option<&str>) -> Finding {
     }
 }
 
+/// Chips in ST's bootloader, by their places; nothing to say when there are none.
+pub(super) fn bootloader(places: &[&str]) -> Option<Finding> {
+    (!places.is_empty()).then(|| {
+        Finding::new(
+            "bootloader",
+            Level::Warn,
+            format!(
+                "a chip in its bootloader (DFU, 0483:df11) at {}",
+                places.join(", ")
+            ),
+            "boards that run their firmware",
+            "`gripline flash --usb IMAGE --board BOARD` gives it one; or set BOOT0 low and reset it",
+        )
+    })
+}
+
 /// What answered the handshake; `build` is ours: `[major, minor, patch]`.
 pub(super) fn firmware(hello: &Hello, build: [u8; 3]) -> Finding {
     let dotted = |[a, b, c]: [u8; 3]| format!("{a}.{b}.{c}");

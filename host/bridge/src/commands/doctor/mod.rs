@@ -25,6 +25,7 @@ use crate::source::{AtRest, SimulatedSource, Source, SourceSettings};
 use gripline_capture::clip::ffmpeg_version;
 use gripline_control::names as fault_names;
 use gripline_evaluation::calibration::surface::{Change, Figures, mean};
+use gripline_flash::usb as bootloader;
 use gripline_link::Target;
 use gripline_link::session::Session;
 use gripline_link::usb::attached;
@@ -190,6 +191,11 @@ impl Doctor {
 
     /// USB device, handshake, faults, line table.
     fn link(&mut self, settings: &Settings) {
+        let chips = bootloader::attached().unwrap_or_default();
+        let places: Vec<&str> = chips.iter().map(|chip| chip.place.as_str()).collect();
+        if let Some(finding) = judge::bootloader(&places) {
+            self.report(finding);
+        }
         if let Target::Usb(serial) = &settings.mcu {
             match attached() {
                 Ok(found) => self.report(judge::usb(&found, serial.as_deref())),

@@ -177,6 +177,13 @@ fn firmware_of_another_version_is_reported() {
 }
 
 #[test]
+fn a_chip_in_its_bootloader_is_told_with_the_way_out() {
+    assert_eq!(bootloader(&[]), None);
+    let finding = bootloader(&["1-2", "3-1.4"]).unwrap();
+    assert_finding(&finding, Warn, "at 1-2, 3-1.4", "gripline flash --usb");
+}
+
+#[test]
 fn a_device_that_is_not_there_or_not_the_only_one_is_reported() {
     let device = |serial: &str, place: &str| Attached {
         serial: Some(serial.to_owned()),

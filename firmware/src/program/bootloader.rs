@@ -1,0 +1,55 @@
+//! The restart into the chip's own bootloader, for a firmware update: the board restarts, the program says when.
+//! Units: µs.
+
+use gripline_protocol::message::Bootloader;
+
+use super::dispatch::Program;
+use crate::sums::Kernel;
+
+/// How long the answer may take to the host before the restart.
+const ANSWER_US: u64 = 100_000;
+
+/// A request under way.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Request {
+    /// What the host is to be told.
+    pub(super) answer: Option<Bootloader>,
+    /// When to restart.
+    due_us: Option<u64>,
+}
+
+impl<K: Kernel> Program<K> {
+    /// The host asks for the bootloader, where nothing drives the line.
+    pub(super) fn ask_for_bootloader(&mut self) {
+        if self.is_empty_handed() {
+            self.bootloader.due_us = Some(self.now_us + ANSWER_US);
+            self.answer_bootloader(Bootloader::Entering);
+        } else {
+            self.answer_bootloader(Bootloader::Holding);
+        }
+    }
+
+    /// Whether to restart in the bootloader now: once per request, when its answer is out and still nothing can be in the gripper.
+    /// Ask between two ticks, outside the map-to-line path.
+    pub fn take_bootloader(&mut self) -> bool {
+        let Some(due_us) = self.bootloader.due_us else {
+            return false;
+        };
+        if !self.is_empty_handed() {
+            self.bootloader.due_us = None;
+            self.answer_bootloader(Bootloader::Holding);
+            return false;
+        }
+        if self.now_us < due_us {
+            return false;
+        }
+        self.bootloader.due_us = None;
+        true
+    }
+
+    fn answer_bootloader(&mut self, answer: Bootloader) {
+        self.bootloader.answer = Some(answer);
+        // A status goes out behind it, so that there is something to say.
+        self.send_status();
+    }
+}
