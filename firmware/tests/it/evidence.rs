@@ -159,7 +159,11 @@ fn motion_at_one_fingertip_counts_for_both_and_a_doubtful_map_says_nothing() {
 fn an_object_that_is_gone_leaves_no_evidence_to_the_next() {
     let mut bench = quiet_hold(1);
     bench.seen_map(0, &carries(5.0, 1.6), MOVES);
+    // Whoever sees the object go says so on the empty map that it leaves behind, and on no other.
     bench.seen_map(0, &ForceMap::EMPTY, MOVES);
+    assert!(bench.now().slip_evidence > 9_000, "{:?}", bench.now());
+    bench.wait_ms(16);
+    bench.seen_map(0, &ForceMap::EMPTY, Motion::UNKNOWN);
     assert_eq!(bench.now().slip_evidence, 0);
     bench.wait_ms(16);
     bench.seen_map(0, &carries(2.0, 0.1), Motion::UNKNOWN);
