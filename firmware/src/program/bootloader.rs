@@ -9,15 +9,6 @@ use crate::sums::Kernel;
 /// How long the answer may take to the host before the restart.
 const ANSWER_US: u64 = 100_000;
 
-/// A request under way.
-#[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Request {
-    /// What the host is to be told.
-    pub(super) answer: Option<Bootloader>,
-    /// When to restart.
-    due_us: Option<u64>,
-}
-
 impl<K: Kernel> Program<K> {
     /// The host asks for the bootloader, where nothing drives the line.
     pub(super) fn ask_for_bootloader(&mut self) {

@@ -13,7 +13,7 @@ use gripline_protocol::packet::Kind;
 use gripline_protocol::sequence::{Order, SequenceTracker};
 use gripline_protocol::{Health, MapInfo, Motion, SENSORS};
 
-use super::bootloader;
+use super::bootloader_request::BootloaderRequest;
 use super::learner::Taught;
 use super::object::Object;
 use super::outbox::Outbox;
@@ -109,7 +109,7 @@ pub struct Program<K = Portable> {
     pub(super) is_release_inhibited: bool,
     /// `Store` was requested and is not done yet.
     pub(super) store: bool,
-    pub(super) bootloader: bootloader::Request,
+    pub(super) bootloader: BootloaderRequest,
     /// The session of the host that shook hands and speaks our schema.
     pub(super) host_session: Option<u32>,
     pub(super) now_us: u64,
@@ -159,7 +159,7 @@ impl<K: Kernel> Program<K> {
             object: Object::default(),
             is_release_inhibited: false,
             store: false,
-            bootloader: bootloader::Request::default(),
+            bootloader: BootloaderRequest::default(),
             host_session: None,
             now_us: start.now_us,
             last_packet_us: start.now_us,

@@ -6,6 +6,7 @@
 
 mod board;
 mod bootloader;
+mod bootloader_request;
 mod commands;
 mod device;
 mod dispatch;

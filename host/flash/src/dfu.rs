@@ -205,7 +205,7 @@ impl<W: Wire> Dfu<W> {
     pub fn read(&mut self, address: u32, bytes: usize) -> Result<Vec<u8>, DfuError> {
         let operation = format!("reading {bytes} bytes at {address:#010x}");
         self.command(command::SET_ADDRESS, address, &operation)?;
-        self.to_idle(&operation)?;
+        self.make_idle(&operation)?;
         let mut read = Vec::with_capacity(bytes);
         let mut block = DATA_BLOCK;
         while read.len() < bytes {
@@ -224,7 +224,7 @@ impl<W: Wire> Dfu<W> {
             read.extend_from_slice(&data);
             block += 1;
         }
-        self.to_idle(&operation)?;
+        self.make_idle(&operation)?;
         Ok(read)
     }
 
@@ -244,7 +244,7 @@ impl<W: Wire> Dfu<W> {
     }
 
     fn command(&mut self, command: u8, address: u32, operation: &str) -> Result<(), DfuError> {
-        self.to_idle(operation)?;
+        self.make_idle(operation)?;
         let [a0, a1, a2, a3] = address.to_le_bytes();
         self.wire
             .send(request::DOWNLOAD, COMMAND_BLOCK, &[command, a0, a1, a2, a3])
@@ -276,7 +276,7 @@ impl<W: Wire> Dfu<W> {
     }
 
     /// Ends whatever the device has begun.
-    fn to_idle(&mut self, operation: &str) -> Result<(), DfuError> {
+    fn make_idle(&mut self, operation: &str) -> Result<(), DfuError> {
         let mut state = State::Idle;
         for _ in 0..STEPS {
             let status = self.status(operation)?;

@@ -161,7 +161,7 @@ pub(crate) fn read_recording(
     let pixels = contents.pixels;
     match shape.as_deref() {
         Some([rows, columns]) => {
-            recording.set_item("pictures", shaped(py, pixels, [count, *rows, *columns])?)?
+            recording.set_item("pictures", shaped(py, pixels, [count, *rows, *columns])?)?;
         }
         Some([rows, columns, levels]) => {
             recording.set_item("pictures", shaped(py, pixels, [count, *rows, *columns, *levels])?)?;
