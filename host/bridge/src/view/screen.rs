@@ -4,6 +4,8 @@
 //! kills the process outright leaves it as it is (`reset` brings it back).
 
 use std::io::{self, BufWriter, IsTerminal, Stdout, Write};
+#[cfg(target_os = "linux")]
+use std::os::fd::AsFd as _;
 use std::sync::Once;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
@@ -15,6 +17,8 @@ use crossterm::terminal::{
     disable_raw_mode, enable_raw_mode,
 };
 use crossterm::{execute, queue};
+#[cfg(target_os = "linux")]
+use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use ratatui::Terminal;
 use ratatui::backend::CrosstermBackend;
 
@@ -112,19 +116,39 @@ impl Screen {
         execute!(self.terminal.backend_mut(), EndSynchronizedUpdate)
     }
 
-    /// What was pressed since the last call: q, Esc or Ctrl-C quit, a acknowledges. Never waits.
+    /// What was pressed since the last call: q, Esc or Ctrl-C quit, a acknowledges. A window that was closed quits too. Never waits.
     ///
     /// # Errors
     /// Reading the keys failed.
     pub fn pressed() -> Result<Vec<Key>, io::Error> {
         let mut keys = Vec::new();
-        while event::poll(Duration::ZERO)? {
+        // crossterm 0.29 reads a closed terminal for ever (`try_read` in its event/source/unix/mio.rs goes on at the end of the file).
+        while !is_closed()? {
+            if !event::poll(Duration::ZERO)? {
+                return Ok(keys);
+            }
             if let Event::Key(key) = event::read()? {
                 keys.extend(meaning(key));
             }
         }
+        keys.push(Key::Quit);
         Ok(keys)
     }
+}
+
+/// Whether the terminal's other end is gone: a window that was closed, a connection that broke.
+#[cfg(target_os = "linux")]
+fn is_closed() -> Result<bool, io::Error> {
+    let output = io::stdout();
+    // A hang-up is told whether asked for or not.
+    let mut terminal = [PollFd::new(output.as_fd(), PollFlags::empty())];
+    poll(&mut terminal, PollTimeout::ZERO)?;
+    Ok(terminal[0].any().unwrap_or(true))
+}
+
+#[cfg(not(target_os = "linux"))]
+fn is_closed() -> Result<bool, io::Error> {
+    Ok(false)
 }
 
 impl Screen {

@@ -25,4 +25,6 @@ mod session;
 mod setup;
 mod simulate;
 mod source;
+#[cfg(target_os = "linux")]
+mod terminal;
 mod two_fingertips;

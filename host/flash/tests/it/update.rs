@@ -29,7 +29,7 @@ fn run(chip: Chip, image: &Image) -> (Chip, Result<Vec<Progress>, UpdateError>) 
     let mut dfu = Dfu::new(chip, TRANSFER_BYTES);
     let mut steps = Vec::new();
     let result = update(&mut dfu, &sectors(LAYOUT).unwrap(), image, &mut |step| {
-        steps.push(step)
+        steps.push(step);
     });
     (dfu.into_wire(), result.map(|()| steps))
 }
@@ -107,9 +107,9 @@ fn a_power_cut_at_any_request_leaves_the_old_image_or_none_that_starts_and_the_n
                     "{at_request}, {bytes}: a half image starts"
                 );
                 if holds(&chip, &old) {
-                    old_kept += 1
+                    old_kept += 1;
                 } else {
-                    done += 1
+                    done += 1;
                 }
             } else {
                 dead += 1;
