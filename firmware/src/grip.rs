@@ -2,7 +2,7 @@
 //! target, slew limits, floor and ceiling. The line rises fast. It falls on command (`Release`), or relaxes at `relax_rate`
 //! once the contact has stuck for `relax_after_ms`; a fault forbids relaxing.
 //!
-//! A map that demands more force raises the line at once, before friction and load are looked at: [`GripController::anticipate`].
+//! A map that demands more force raises the line at once, before friction and load are looked at: `GripController::anticipate`.
 //! Units: force 1/4096 N, time µs. Limits: force up to 125 N; steps of 1/1000 of the unit, so slow rates do not stall, and all of
 //! it fits 32 bits. The line may rise by a millisecond's worth at once; over any longer time it keeps its rate.
 

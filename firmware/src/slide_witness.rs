@@ -264,7 +264,7 @@ impl SlideWitness {
         }
         self.peak = self.peak.max(shear);
         let now = ratio(shear, normal);
-        self.stalled_us = if now > self.carried + self.carried / 32 {
+        self.stalled_us = if now > self.carried.saturating_add(self.carried / 32) {
             0
         } else {
             self.stalled_us.saturating_add(passed_us)

@@ -126,7 +126,8 @@ impl<S: Subscriber> Layer<S> for Lines {
         };
         let mut collected = collected();
         match &mut *collected {
-            None => eprintln!("{text}"),
+            // A standard error that is gone (a window that was closed) cannot be told so.
+            None => drop(writeln!(io::stderr(), "{text}")),
             Some(all) => {
                 if let Some(out) = &mut all.out {
                     out.offer(text);

@@ -398,7 +398,9 @@ impl Board {
 
     fn command(&mut self, command: Command) -> Result<(), EmulatorError> {
         // A thread that is gone takes no command; why it went is what its last report says.
-        let _ = self.commands.as_ref().map(|commands| commands.send(command));
+        if let Some(commands) = &self.commands {
+            let _ = commands.send(command);
+        }
         self.take_report()
     }
 

@@ -14,6 +14,8 @@ const BRANCH_TO_ITSELF: u16 = 0xE7FE;
 const UNDEFINED: u16 = 0xDE00;
 /// `push {r0-r7, lr}` (A7.7.99, encoding T1) and a branch back to it.
 const PUSH_FOR_EVER: [u16; 2] = [0xB5FF, 0xE7FD];
+/// Where the jump to the panic stands: the end of the memory for code in RAM, which no image fills.
+const ISLAND: u64 = 0x2001_FFF0;
 /// `bx r12` (A7.7.20).
 const BRANCH_BY_REGISTER: u16 = 0x4760;
 /// `movw r12, #…` and `movt r12, #…` without the number (A7.7.76, encoding T3; A7.7.79), and the place of the register.
@@ -60,7 +62,13 @@ impl Injector {
             (FaultInjection::StackOverflow, _) => PUSH_FOR_EVER.to_vec(),
             // An image that does not say where its panics go has none that differ from a fault.
             (FaultInjection::UndefinedInstruction, _) | (FaultInjection::Panic, None) => vec![UNDEFINED],
-            (FaultInjection::Panic, Some(target)) => jump(target),
+            // Four bytes at the place itself; whatever is reached by a branch behind it stays what it was.
+            (FaultInjection::Panic, Some(target)) => branch(at, target.into()).unwrap_or_else(|| {
+                for (place, half_word) in (ISLAND..).step_by(2).zip(jump(target)) {
+                    put(host, place, half_word.into());
+                }
+                branch(at, ISLAND).unwrap_or_else(|| jump(target))
+            }),
         };
         for (at, half_word) in (at..).step_by(2).zip(code) {
             if let Ok(before) = host.read(at, Width::W16) {
@@ -79,6 +87,20 @@ impl Injector {
             }
         }
     }
+}
+
+/// `b.w` (A7.7.12, encoding T4), if the target is within 16 MiB.
+fn branch(at: u64, target: u64) -> Option<Vec<u16>> {
+    let offset = target.cast_signed() - (at.cast_signed() + 4);
+    if !(-(1 << 24)..1 << 24).contains(&offset) {
+        return None;
+    }
+    let bit = |place: u32| (offset >> place & 1) as u16;
+    let sign = bit(24);
+    let [first, second] = [bit(23), bit(22)].map(|bit| !(bit ^ sign) & 1);
+    let high = 0xF000 | sign << 10 | (offset >> 12 & 0x3FF) as u16;
+    let low = 0x9000 | first << 13 | second << 11 | (offset >> 1 & 0x7FF) as u16;
+    Some(vec![high, low])
 }
 
 /// The half-words of a jump to anywhere: `movw r12`, `movt r12`, `bx r12`.
@@ -110,6 +132,14 @@ fn put(host: &mut dyn Host, at: u64, half_word: u64) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// As an assembler writes `b.w .+0x1000` and `b.w .-0x1000`.
+    #[test]
+    fn a_branch_is_what_an_assembler_writes() {
+        assert_eq!(branch(0x2000_0000, 0x2000_1000), Some(vec![0xF000, 0xBFFE]));
+        assert_eq!(branch(0x2000_1000, 0x2000_0000), Some(vec![0xF7FE, 0xBFFE]));
+        assert_eq!(branch(0x2000_0000, 0x0800_0000), None);
+    }
 
     /// As an assembler writes `movw r12, #0xABCD; movt r12, #0x1234; bx r12`.
     #[test]

@@ -16,7 +16,7 @@ use crate::weights::{self, Tensor, WeightsFile, check_tensors};
 /// Columns and rows of the grid of motions.
 pub const MOTION_NODES: [usize; 2] = [12, 9];
 /// Values of a grid: motion x and y over the root mean square, and how much is known, for each node; then the logarithm of the root
-/// mean square over [`USUAL_MM`].
+/// mean square over `USUAL_MM`.
 pub const MOTION_INPUTS: usize = 3 * MOTION_NODES[0] * MOTION_NODES[1] + 1;
 /// Outputs: x, y and z of every taxel, over the root mean square.
 pub const FORCE_OUTPUTS: usize = 3 * TAXELS;

@@ -150,7 +150,7 @@ impl GraspWorld {
     }
 
     /// The same with pressure straight down whatever the patch's slope, as closed forms have it:
-    /// [`Contact::vertical_pressure`].
+    /// `Contact::vertical_pressure`.
     #[must_use]
     pub fn vertical_pressure(mut self) -> Self {
         self.solver = self.solver.vertical_pressure();

@@ -442,7 +442,7 @@ mod tests {
             .map(|at| if at % 7 == 0 { 0.02 } else { 0.0 })
             .collect();
         let start: Vec<f32> = (0..FORCE_OUTPUTS)
-            .map(|at| 0.1 * ((at * 31 % 17) as f32 / 17.0 - 0.3))
+            .map(|at| 0.2 * ((at * 31 % 17) as f32 / 17.0 - 0.185))
             .collect();
         let loss = |values: &[f32]| {
             let (mut values, mut slope) = (values.to_vec(), vec![0.0; FORCE_OUTPUTS]);

@@ -12,6 +12,7 @@ use gripline_firmware::sums::TaxelRule;
 use gripline_network::scene::{GateDecision, GateKind};
 use gripline_network::{InstructionSet, Network};
 use gripline_protocol::message::{Command, Hello};
+use gripline_sensor::{MarkerKind, Sensor};
 use gripline_simulation::constants::REST_PICTURES;
 use serde_json::json;
 
@@ -71,30 +72,41 @@ pub(super) fn check(settings: &Settings, json: bool) -> Result<Completion, Failu
         is_second: false,
         findings: Vec::new(),
     };
-    let model = Model::of(settings)?;
+    let model = Model::of(settings)
+        .map_err(|failure| {
+            doctor.report(Finding::fail(
+                "network",
+                failure,
+                "weights and a description that can be read",
+                "leave network.weights out, or name a file that the trainer wrote for this sensor",
+            ));
+        })
+        .ok();
+    let fingertips = [Some(&settings.source), settings.second_source.as_ref()];
+    let calibrations = [&settings.calibration, &settings.second_calibration];
     let mut rest = Vec::new();
-    if model.has_markers() {
-        doctor.markers(settings, &model, 0, &settings.source);
-    } else {
-        let calibration = settings.calibration.as_ref();
-        rest = doctor.camera(&settings.source, &settings.source_settings(0), calibration);
-    }
-    if let Some(second) = &settings.second_source {
-        doctor.is_second = true;
-        if model.has_markers() {
-            doctor.markers(settings, &model, 1, second);
-        } else {
-            let second_settings = settings.source_settings(1);
-            doctor.camera(second, &second_settings, settings.second_calibration.as_ref());
+    for (fingertip, (source, calibration)) in fingertips.iter().zip(calibrations).enumerate() {
+        let Some(source) = *source else { continue };
+        doctor.is_second = fingertip == 1;
+        match &model {
+            Some(model) if model.has_markers() => doctor.markers(settings, model, fingertip, source),
+            // Pictures of particles can be looked at without weights.
+            None if !has_particles(settings) => {}
+            _ => {
+                let pictures =
+                    doctor.camera(source, &settings.source_settings(fingertip), calibration.as_ref());
+                if fingertip == 0 {
+                    rest = pictures;
+                }
+            }
         }
-        doctor.is_second = false;
     }
-    let sources = [Some(&settings.source), settings.second_source.as_ref()];
-    let is_clip = |source: &&Source| matches!(source, Source::Clip(_));
-    let is_needed = sources.iter().flatten().any(is_clip);
+    doctor.is_second = false;
+    let is_clip = |source: &Source| matches!(source, Source::Clip(_));
+    let is_needed = fingertips.into_iter().flatten().any(is_clip);
     doctor.report(judge::ffmpeg(ffmpeg_version(), is_needed));
     doctor.link(settings);
-    doctor.machine(settings, &model, &rest);
+    doctor.machine(settings, model.as_ref(), &rest);
     let findings = &doctor.findings;
     let worst = findings
         .iter()
@@ -121,6 +133,13 @@ struct Doctor {
     /// Findings are now about the second fingertip.
     is_second: bool,
     findings: Vec<Finding>,
+}
+
+/// Whether the sensor is described as one with particles in its gel.
+fn has_particles(settings: &Settings) -> bool {
+    let sensor =
+        Sensor::text_of(&settings.sensor).and_then(|text| Sensor::from_toml(&settings.sensor, &text));
+    sensor.is_ok_and(|sensor| sensor.markers.kind == MarkerKind::Volume)
 }
 
 impl Doctor {
@@ -249,11 +268,11 @@ impl Doctor {
     }
 
     /// Processor, network, latency and real-time rights; the rights last, because locked memory stays locked.
-    fn machine(&mut self, settings: &Settings, model: &Model, rest: &[Vec<u8>]) {
+    fn machine(&mut self, settings: &Settings, model: Option<&Model>, rest: &[Vec<u8>]) {
         let widest = InstructionSet::widest();
         self.report(judge::processor(settings.instructions.unwrap_or(widest), widest));
         // Of markers the pictures themselves were timed.
-        if let Some(network) = model.network() {
+        if let Some(network) = model.and_then(Model::network) {
             let network = network.clone();
             let calibration = network.calibration();
             let found = format!(
