@@ -204,7 +204,7 @@ impl Bench {
         assert!(line >= 0, "no force below none");
         // Over any time: the slew limit, and once the millisecond until the next tick.
         let rise_rate = settings.rise_rate.max(rise_rate_before);
-        self.ahead = (self.ahead - i64::from(rise_rate) * passed_ms as i64).max(0) + change.max(0);
+        self.ahead = (self.ahead + change.max(0) - i64::from(rise_rate) * passed_ms as i64).max(0);
         assert!(
             self.ahead <= i64::from(rise_rate) + 2,
             "rises by {change} in {passed_ms} ms, {} ahead of the slew limit",
