@@ -201,4 +201,7 @@ rest_level = [15.0, 120.0]
 overexposed_level = 190.0
 overexposed_share = 0.2
 lost_share = 0.3
+
+[forces]
+weights = "tracked"
 """

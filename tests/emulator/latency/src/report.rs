@@ -134,16 +134,7 @@ impl Report {
             expected: "a stretch that blocks the path".to_owned(),
             found: "none".to_owned(),
         })?;
-        let of_tail = |taxels| {
-            Walk::new(&image, &sources, Left::Tail)
-                .ending_with(&write)
-                .with_tail(taxels)
-        };
-        let mut paths: Vec<Walk<'_>> = (0..=TAIL_TAXELS).map(of_tail).collect();
-        let tails: Vec<u64> = paths
-            .iter_mut()
-            .map(|walk| walk.function(&start).cycles + u64::from(ENTRY))
-            .collect();
+        let (paths, tails) = tails(&image, &sources, &start, &write);
 
         let mut findings: Vec<String> = [&path, &whole, &full, &blocked]
             .iter()
@@ -593,6 +584,24 @@ impl Report {
         }
         text
     }
+}
+
+/// The path for each size of last packet, and its cycles.
+fn tails<'a>(
+    image: &'a Image,
+    sources: &'a Sources,
+    start: &Function,
+    write: &Function,
+) -> (Vec<Walk<'a>>, Vec<u64>) {
+    (0..=TAIL_TAXELS)
+        .map(|taxels| {
+            let mut walk = Walk::new(image, sources, Left::Tail)
+                .ending_with(write)
+                .with_tail(taxels);
+            let cycles = walk.function(start).cycles + u64::from(ENTRY);
+            (walk, cycles)
+        })
+        .unzip()
 }
 
 /// The function whose name ends so.

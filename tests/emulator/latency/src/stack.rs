@@ -400,7 +400,7 @@ fn constants(image: &Image, body: &[&Instruction], register: &str) -> BTreeSet<u
         let is_constant = is_first(one) && (one.constant.is_some() || one.data.literal.is_some());
         id.is_some_and(|id| one.writes.contains(&id)) && !is_constant && !is_epilogue
     };
-    if body.iter().any(|one| is_other(one)) {
+    if body.iter().any(is_other) {
         return BTreeSet::new();
     }
     found.retain(|address| image.function_at(address & !1).is_some());

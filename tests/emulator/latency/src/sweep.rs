@@ -232,7 +232,7 @@ pub fn raises(bench: &mut Bench<'_>, length: Length) -> Result<Raises, Error> {
         let met = hunt(bench, TICK_NS, |bench, phase_ns| {
             number = (number + 1) % sensors;
             bench.map_at(phase_ns, &even(LONGEST_TAIL, FIRST_N), |info| {
-                info.sensor = number
+                info.sensor = number;
             })
         })?;
         let everywhere = (0..TICK_NS).step_by(47_000);
