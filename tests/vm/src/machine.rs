@@ -63,9 +63,9 @@ pub(crate) fn mount_at(kind: &str, what: &str, at: &str, options: &str, flags: M
         .map_err(|error| io::Error::other(format!("{kind} at {at}: {error}")))
 }
 
-/// A disk of 6 MB.
+/// A disk of 8 MB.
 pub(crate) fn mount_small_disk() -> io::Result<()> {
-    mount_at("tmpfs", "small", SMALL_DISK, "size=6m", MsFlags::empty())
+    mount_at("tmpfs", "small", SMALL_DISK, "size=8m", MsFlags::empty())
 }
 
 /// A disk that takes 200 ms for every block that it is given, and keeps nothing back in memory.

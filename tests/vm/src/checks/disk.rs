@@ -61,7 +61,7 @@ pub(super) fn killed() -> Result<String, String> {
 pub(super) fn full() -> Result<String, String> {
     machine::mount_small_disk().map_err(|error| error.to_string())?;
     let file = format!("{}/full.mcap", machine::SMALL_DISK);
-    // 6 MB are some 30 whole pictures.
+    // 8 MB are some 40 whole pictures, 16 of them at rest; the chunk that no longer fits is lost.
     let mut running = start(&mut recorded(&file)).map_err(|error| error.to_string())?;
     running.until_it_says(&["No space left"], PATIENCE)?;
     let then = running.told();
