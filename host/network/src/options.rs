@@ -48,14 +48,18 @@ impl FromStr for Architecture {
     }
 }
 
-/// How much of a frame is computed. The forces are the same, bit by bit.
+/// How much of a frame is computed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Evaluation {
     /// Everything, always.
     Dense,
-    /// Only what can differ from the frame before: the pixels of each layer that see a changed pixel.
-    #[default]
+    /// Only what can differ from the frame before: the pixels of each layer that see a changed pixel. The forces are the same, bit by
+    /// bit.
     Skip,
+    /// Of `tracked`, only what differs by more than the camera's noise from when it was last looked at; `unet` works as with
+    /// [`Self::Skip`]. Noise is another in the parts that are kept, and nothing else.
+    #[default]
+    SkipNoise,
 }
 
 /// The numbers that the `tracked` network computes with.

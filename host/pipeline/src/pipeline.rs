@@ -95,6 +95,7 @@ impl Pipeline {
             })
             .collect();
         network.set_rest(&crop);
+        network.learn_noise(rest);
         let mean = small(&crop);
         let contact_min_n = network.calibration().contact_min_n;
         let stage = ParticleStage {
@@ -205,6 +206,9 @@ impl Pipeline {
         let accepting = Instant::now();
         match gate {
             GateDecision::NoContact => {
+                if let Stage::Particles(stage) = &mut self.stage {
+                    stage.network.look_closely();
+                }
                 *self.map = ForceMap::EMPTY;
                 *self.newtons = [[0.0; 3]; TAXELS];
                 self.saturated = Saturated(0);
@@ -248,7 +252,10 @@ impl Pipeline {
     /// The next picture goes through the network, whatever it is compared with.
     fn look_afresh(&mut self) {
         match &mut self.stage {
-            Stage::Particles(stage) => stage.scene.force_inference(),
+            Stage::Particles(stage) => {
+                stage.scene.force_inference();
+                stage.network.look_closely();
+            }
             // Markers are looked at in every picture.
             Stage::Markers(_) => {}
         }

@@ -28,6 +28,8 @@ pub struct TrackedNetwork {
     instructions: InstructionSet,
     precision: Precision,
     evaluation: Evaluation,
+    /// Whether every difference of the next frame counts.
+    looks_closely: bool,
     forces_n: Box<ForceMap>,
 }
 
@@ -69,6 +71,7 @@ impl TrackedNetwork {
             tracker: Tracker::new(),
             interpolator: GridInterpolator::default(),
             evaluation: Evaluation::default(),
+            looks_closely: false,
             forces_n: Box::new(NO_FORCES),
         }
     }
@@ -94,7 +97,7 @@ impl TrackedNetwork {
         self
     }
 
-    /// Chooses how much of a frame is computed. The forces are the same, bit by bit.
+    /// Chooses how much of a frame is computed.
     #[must_use]
     pub fn with_evaluation(mut self, evaluation: Evaluation) -> Self {
         self.evaluation = evaluation;
@@ -111,6 +114,20 @@ impl TrackedNetwork {
         self.interpolator = GridInterpolator::new(&self.weights.lens, self.tracker.particles());
     }
 
+    /// Learns the camera's noise from 440×440 pictures at rest, in the order of capture; call it after [`Self::set_rest`]. With fewer
+    /// than two it is learnt from the frames.
+    ///
+    /// # Panics
+    /// When one is not 440×440 bytes.
+    pub fn learn_noise(&mut self, rest: &[Vec<u8>]) {
+        self.tracker.learn_noise(rest);
+    }
+
+    /// The next frame is computed as with [`Evaluation::Skip`]: every difference counts.
+    pub const fn look_closely(&mut self) {
+        self.looks_closely = true;
+    }
+
     /// Forces for the 440×440 image `now`, newtons per taxel. Writes every taxel of `out`; no allocation.
     ///
     /// # Panics
@@ -120,7 +137,13 @@ impl TrackedNetwork {
         if self.evaluation == Evaluation::Dense {
             self.tracker.invalidate();
         }
-        if self.tracker.track(now) {
+        let looks_closely = std::mem::take(&mut self.looks_closely);
+        let changed = if self.evaluation == Evaluation::SkipNoise && !looks_closely {
+            self.tracker.track_beyond_noise(now)
+        } else {
+            self.tracker.track(now)
+        };
+        if changed {
             let grid = self
                 .interpolator
                 .update(self.tracker.particles(), self.tracker.tracks());
