@@ -94,7 +94,6 @@ cargo xtask COMMAND
                                     how long a request takes until it is confirmed; wants a quiet machine
   bench requests [--json]           how long a request takes until the microcontroller confirms it, by its own clock: in process and
                                     on the emulated board, over a cable that loses packets too
-  bench gate [--json]               what skipping frames saves and costs, gate by gate, under drift, noise and light touch
   stress [--json] [--seed N] [--quick] [--docs]
                                     numerical stability of detector and controller: sweeps with exact arithmetic as the
                                     judge, a table and a verdict each; --docs writes docs/stress.md and its pictures;

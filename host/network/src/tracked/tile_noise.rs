@@ -14,6 +14,8 @@ const TILE_FACTOR: f32 = 1.4;
 const GROUP_FACTOR: f32 = 1.09;
 /// A tile's noise is at most this multiple of the quiet quarter of the tiles: more is motion.
 const UNEVEN_MAX: f32 = 1.25;
+/// A window is quieter than the quietest from this share of its noise on.
+const QUIETER: f32 = 0.95;
 /// Smallest noise, grey levels per pixel: the rounding of a camera without noise.
 const NOISE_MIN: f32 = 0.06;
 
@@ -76,7 +78,8 @@ impl TileNoise {
                     .max(NOISE_MIN * (TILE * TILE) as f32)
             };
             let total = self.window.as_flattened().iter().map(|sum| noise(*sum)).sum();
-            if total < self.total {
+            // The least of many estimates is too low.
+            if total < QUIETER * self.total {
                 self.total = total;
                 for (row, sums) in self.window.iter().enumerate() {
                     for (column, sum) in sums.iter().enumerate() {
