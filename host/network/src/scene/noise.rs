@@ -17,12 +17,10 @@ const NOISE_MIN: f32 = 0.06;
 const WINDOW: usize = 16;
 /// A block's noise is at most this multiple of the quiet quarter of the blocks: more is motion.
 const UNEVEN_MAX: f32 = 1.5;
-/// Noise of the mean of a window's pictures, and of one more, over that of a pair: (1 + 1/16)/2.
-const OF_MEAN: f32 = 0.531_25;
-/// A mean picture whose motion energy is below this multiple of noise in every block, and below the other one on average, shows the
-/// untouched sensor: of noise, a block exceeds it once in 12,000, and the average of all blocks is four deviations below.
-const UNTOUCHED_BLOCK: f32 = 9.4;
-const UNTOUCHED_MEAN: f32 = 1.36;
+/// The mean of a window shows the untouched sensor when its motion energy since rest is at most this multiple of a pair's noise, on
+/// average and in every block. Untouched ones come to 0.9 to 1.15 and 4 to 13.
+const UNTOUCHED_MEAN: f32 = 1.3;
+const UNTOUCHED_BLOCK: f32 = 16.0;
 /// A window is quieter than the quietest from this share of its noise on.
 const QUIETER: f32 = 0.9;
 /// Lower quartile over mean of motion energy that is noise, which has two degrees of freedom: −ln(3/4).
@@ -164,7 +162,7 @@ impl NoiseSearch {
         if !self.rest_is_mean
             && let Some(mean) = self.mean.add(now)
             && let Some(of_pairs) = &self.of_pairs.best
-            && is_untouched(&mean, &comparison.rest, of_pairs.motion * OF_MEAN)
+            && is_untouched(&mean, &comparison.rest, of_pairs.motion)
         {
             *comparison.rest = Reference::new(&mean);
             self.rest_is_mean = true;
@@ -181,7 +179,7 @@ impl NoiseSearch {
     }
 }
 
-/// Whether a mean picture differs from the picture at rest by noise of this motion energy alone.
+/// Whether a mean picture differs from the picture at rest by noise alone, when pairs of pictures differ by this motion energy.
 fn is_untouched(mean: &Image88, rest: &Reference, noise: f32) -> bool {
     let mut sums = BlockSums::ZERO;
     sums.compute(InstructionSet::widest(), mean, [&rest.pattern, &rest.pattern]);
