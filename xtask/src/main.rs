@@ -80,7 +80,7 @@ cargo xtask COMMAND
                                     against a virtual camera and virtual microcontrollers on USB: formats, controls,
                                     plugs pulled, programs hung and killed, disks full and slow; fetches qemu and the
                                     kernel; --only runs the checks that have WORD in their name
-  bench [--json] [--frames N] [--rounds N] [--seed N] [--plot FILE]
+  bench [--json] [--frames N] [--rounds N] [--seed N] [--instructions SET] [--plot FILE]
                                     run time against error for the whole chain and each of its stages, a NumPy detector
                                     beside ours, what skipping saves by kind of scene and what it changes; tables and a
                                     plot; needs Python with pip

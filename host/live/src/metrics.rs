@@ -30,7 +30,13 @@ pub struct Values {
     pub pictures_lost: [u64; 3],
     /// [`QUANTILES`] of every stage, µs.
     pub stages_us: [[f64; 3]; STAGES.len()],
+    /// [`QUANTILES`] of every part of [`WAY`], µs; 0 without a camera.
+    pub way_us: [[f64; 3]; WAY.len()],
 }
+
+/// Parts of the way of a camera's picture beside the stages: from the driver's time stamp to its bytes, from decoding to the loop, and
+/// all from the time stamp to the link.
+pub const WAY: [&str; 3] = ["driver", "hand_over", "capture_to_link"];
 
 /// Names of the gate's verdicts.
 const GATES: [&str; 4] = ["no_contact", "unchanged", "network", "unhealthy"];
@@ -110,6 +116,21 @@ impl Values {
                 })
             })
             .collect();
+        let way: Vec<_> = WAY
+            .iter()
+            .zip(self.way_us)
+            .flat_map(|(part, times_us)| {
+                QUANTILES.into_iter().zip(times_us).map(move |(quantile, us)| {
+                    (format!("{{part=\"{part}\",quantile=\"{quantile}\"}}"), us / 1e6)
+                })
+            })
+            .collect();
+        page.labelled(
+            "capture_seconds",
+            "gauge",
+            "From the camera's time stamp on: to the picture's bytes, from decoding to the loop, and the whole way to the link.",
+            &way,
+        );
         page.labelled(
             "stage_seconds",
             "gauge",
@@ -223,6 +244,7 @@ mod tests {
         let values = Values {
             frames: 7,
             gate: [1, 2, 3, 4],
+            way_us: [[0.0; 3], [0.0; 3], [9_000.0; 3]],
             ..Values::default()
         };
         let text = values.text();
@@ -238,6 +260,10 @@ mod tests {
             );
         }
         assert!(text.contains("\ngripline_frames_total 7\n"), "{text}");
+        assert!(
+            text.contains("gripline_capture_seconds{part=\"capture_to_link\",quantile=\"0.5\"} 0.009\n"),
+            "{text}"
+        );
         assert!(
             text.contains("gripline_gate_total{verdict=\"network\"} 3\n"),
             "{text}"

@@ -12,7 +12,6 @@ mod fingertips;
 #[cfg(test)]
 mod late;
 mod output;
-pub(crate) mod realtime;
 mod report;
 mod requests;
 mod restart_loop;
@@ -27,6 +26,8 @@ mod terminal;
 mod two_fingertips;
 mod under_way;
 mod usage;
+mod way;
+mod way;
 
 use std::ops::Add as _;
 use std::path::PathBuf;
@@ -161,7 +162,7 @@ pub fn run(args: &RunArgs) -> Result<Completion, Failure> {
     run.drift = DriftWatch::of_cameras(clock == Clock::Pictures, drift);
     // After the other threads have started: they keep their ordinary priority.
     if wanted.realtime {
-        let lacks = realtime::enter(wanted.realtime_core);
+        let lacks = crate::realtime::enter(wanted.realtime_core);
         for lack in &lacks {
             tracing::warn!("{lack}");
         }

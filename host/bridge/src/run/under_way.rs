@@ -18,6 +18,7 @@ use crate::live::foxglove::Foxglove;
 use crate::live::ros2::Ros2;
 use crate::live::{Live, Look, QUANTILES, Values};
 use crate::run::stats::Times;
+use crate::run::way::Way;
 use crate::source::Picture;
 use gripline_capture::Counts;
 use gripline_link::session::Session;
@@ -75,6 +76,7 @@ pub(super) struct Run {
     pub(super) late: [u64; STAGES.len()],
     pub(super) frame_to_link: Times,
     pub(super) network_frame_to_link: Times,
+    pub(super) way: Way,
     /// Pictures that never came, were overtaken and were damaged so far.
     pub(super) pictures_lost: [u64; 3],
     /// How often the device had gone away, and whether it is away, when that was last told.
@@ -111,6 +113,7 @@ impl Run {
             late: [0; STAGES.len()],
             frame_to_link: Times::default(),
             network_frame_to_link: Times::default(),
+            way: Way::default(),
             pictures_lost: [0; 3],
             presence: (0, false),
             drift: Vec::new(),
@@ -176,6 +179,11 @@ impl Run {
             .frame(pipeline, &picture.crop, lateness, request)
             .map_err(|error| self.told_of_markers(error, sensor))?;
         self.count(&outcome);
+        if self.clock == Clock::Pictures && outcome.late.is_none() {
+            let driver = picture.came.saturating_duration_since(picture.taken);
+            self.way
+                .push(driver, waited, picture.decode_us, outcome.latency_us);
+        }
         self.look_after_the_link();
         self.settle_requests()?;
         let is_untouched = outcome.gate == GateDecision::NoContact && outcome.late.is_none();
@@ -382,6 +390,7 @@ impl Run {
                 for (times_us, stage) in values.stages_us.iter_mut().zip(&self.stages) {
                     *times_us = QUANTILES.map(|quantile| stage.quantile_us(quantile));
                 }
+                values.way_us = self.way.quantiles_us(QUANTILES);
             }
         };
         live.publish(report, fill, look);
