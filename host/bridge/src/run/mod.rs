@@ -27,7 +27,6 @@ mod two_fingertips;
 mod under_way;
 mod usage;
 mod way;
-mod way;
 
 use std::ops::Add as _;
 use std::path::PathBuf;

@@ -15,7 +15,7 @@ const GROUP_FACTOR: f32 = 1.09;
 /// A tile's noise is at most this multiple of the quiet quarter of the tiles: more is motion.
 const UNEVEN_MAX: f32 = 1.25;
 /// A window is quieter than the quietest from this share of its noise on.
-const QUIETER: f32 = 0.95;
+const QUIETER: f32 = 0.98;
 /// Smallest noise, grey levels per pixel: the rounding of a camera without noise.
 const NOISE_MIN: f32 = 0.06;
 
