@@ -55,10 +55,10 @@ pub enum Evaluation {
     Dense,
     /// Only what can differ from the frame before: the pixels of each layer that see a changed pixel. The forces are the same, bit by
     /// bit.
+    #[default]
     Skip,
     /// Of `tracked`, only what differs by more than the camera's noise from when it was last looked at; `unet` works as with
     /// [`Self::Skip`]. Noise is another in the parts that are kept, and nothing else.
-    #[default]
     SkipNoise,
 }
 

@@ -6,8 +6,7 @@
 use std::borrow::Cow;
 use std::time::Instant;
 
-use gripline_firmware::Friction;
-use gripline_firmware::sums::{TaxelRule, stick_ratio_below, sums_of};
+use gripline_firmware::sums::{TaxelRule, stick_ratio_below};
 use gripline_link::shadow::Judgement;
 use gripline_network::image::Image88;
 use gripline_network::scene::{self, GateDecision, GateKind, Scene};
@@ -20,15 +19,9 @@ use crate::markers::MarkerStage;
 /// Pixels of the 440×440 crop.
 pub const CROP_PIXELS: usize = 440 * 440;
 
-/// A contact is sure to hold when it would keep this stick ratio, 1/10000, with so much less friction: INCIPIENT begins at 6,500 as
-/// shipped, and what counts as unchanged may move the shear by a few per cent. Every picture of another one is computed in full
-/// (`gripline evaluate skip`).
+/// Below this stick ratio, 1/10000, every picture goes through the network, whatever the gate says: INCIPIENT begins at
+/// 6,500 as shipped, and what the gate takes for unchanged moves the ratio by up to 1,900 (`gripline evaluate skip`).
 const SURE_STICK_RATIO: u16 = 8_500;
-const SURE_FRICTION: f32 = 0.8;
-/// Of fewer taxels each one decides too much.
-const SURE_TAXELS: u16 = 6;
-/// A force that changes by more than this share from picture to picture: the contact is under way.
-const STEADY_SHARE: f32 = 0.02;
 
 /// A picture's force map.
 #[derive(Debug, Clone, Copy)]
@@ -102,7 +95,6 @@ impl Pipeline {
             })
             .collect();
         network.set_rest(&crop);
-        network.learn_noise(rest);
         let mean = small(&crop);
         let contact_min_n = network.calibration().contact_min_n;
         let stage = ParticleStage {
@@ -213,9 +205,6 @@ impl Pipeline {
         let accepting = Instant::now();
         match gate {
             GateDecision::NoContact => {
-                if let Stage::Particles(stage) = &mut self.stage {
-                    stage.network.look_closely();
-                }
                 *self.map = ForceMap::EMPTY;
                 *self.newtons = [[0.0; 3]; TAXELS];
                 self.saturated = Saturated(0);
@@ -249,40 +238,17 @@ impl Pipeline {
         let quantised = ForceMap::quantise(&self.output).inspect_err(|_| self.look_afresh())?;
         (*self.map, self.saturated) = quantised;
         *self.newtons = *self.output;
-        let before = self.judgement;
-        self.judgement = Judgement::of(&self.map, before.rule);
-        if !self.is_sure(&before) {
+        self.judgement = Judgement::of(&self.map, self.judgement.rule);
+        if stick_ratio_below(&self.judgement.sums, SURE_STICK_RATIO) {
             self.look_afresh();
         }
         Ok(())
     }
 
-    /// Whether nothing that skipping may overlook could change what is decided about the map.
-    fn is_sure(&self, before: &Judgement) -> bool {
-        let TaxelRule {
-            friction,
-            contact_min,
-        } = self.judgement.rule;
-        let less = TaxelRule {
-            friction: Friction::clamped((f32::from(friction.per_unit()) * SURE_FRICTION) as u16),
-            contact_min,
-        };
-        let [now, before] =
-            [&self.judgement, before].map(|judgement| judgement.sums.force.map(|sum| sum as f32));
-        let change = now.iter().zip(before).map(|(now, before)| (now - before).powi(2));
-        let is_steady = change.sum::<f32>().sqrt() <= STEADY_SHARE * now[2];
-        is_steady
-            && self.judgement.sums.contact >= SURE_TAXELS
-            && !stick_ratio_below(&sums_of(&self.map, less), SURE_STICK_RATIO)
-    }
-
     /// The next picture goes through the network, whatever it is compared with.
     fn look_afresh(&mut self) {
         match &mut self.stage {
-            Stage::Particles(stage) => {
-                stage.scene.force_inference();
-                stage.network.look_closely();
-            }
+            Stage::Particles(stage) => stage.scene.force_inference(),
             // Markers are looked at in every picture.
             Stage::Markers(_) => {}
         }

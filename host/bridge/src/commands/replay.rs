@@ -196,9 +196,9 @@ fn replay(reader: &mut Reader, args: &ReplayArgs) -> Result<Replayed, Failure> {
             picture => {
                 if let Some(crop) = picture {
                     let found = pipeline.process(&crop)?.gate;
-                    // Both saw nothing: from here on the references are the same. What the network keeps of pictures before
-                    // is forgotten then.
-                    *known = found == verdict && found == GateDecision::NoContact;
+                    // Both looked afresh, or both saw nothing: from here on the references are the same.
+                    *known =
+                        found == verdict && [GateDecision::Infer, GateDecision::NoContact].contains(&found);
                 }
                 if late.is_some() {
                     control.skip(request)?

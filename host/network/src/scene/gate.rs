@@ -104,8 +104,7 @@ pub struct Scene {
 
 impl Scene {
     /// `frames` are pictures at rest in the order of capture; `rest` is their mean. With one of them the noise is found in the
-    /// pictures of the run: the network processes the first sixteen, and nothing is skipped among them. Their mean then is the picture at
-    /// rest, if it differs from the one that was given by noise alone.
+    /// pictures of the run: the network processes the first sixteen, and nothing is skipped among them.
     #[must_use]
     pub fn new(kind: GateKind, rest: &Image88, frames: &[Image88]) -> Self {
         // The mean contains these frames, so they differ from it by (n − 1)/n of the noise; later ones by (n + 1)/n.
@@ -159,7 +158,7 @@ impl Scene {
             return (GateDecision::Infer, health);
         }
         if let Some(search) = &mut self.search {
-            if let Some([from_rest, of_pairs]) = search.add(&mut self.comparison, now) {
+            if let Some([from_rest, of_pairs]) = search.add(&self.comparison) {
                 self.difference = DifferenceGate::new(&from_rest.plain, &of_pairs.plain);
                 self.learned = LearnedGate::new(from_rest.motion, of_pairs.motion);
             }

@@ -7,7 +7,7 @@ use super::block_sums::{BlockSums, PerBlock};
 use super::difference;
 use super::learned;
 use super::reference::{Comparison, Reference};
-use crate::constants::{BLOCK_PIXELS, BLOCKS, IMAGE_PIXELS};
+use crate::constants::{BLOCK_PIXELS, BLOCKS};
 use crate::image::Image88;
 use crate::instruction_set::InstructionSet;
 
@@ -17,12 +17,6 @@ const NOISE_MIN: f32 = 0.06;
 const WINDOW: usize = 16;
 /// A block's noise is at most this multiple of the quiet quarter of the blocks: more is motion.
 const UNEVEN_MAX: f32 = 1.5;
-/// The mean of a window shows the untouched sensor when its motion energy since rest is at most this multiple of a pair's noise, on
-/// average and in every block. Untouched ones come to 0.9 to 1.15 and 4 to 13.
-const UNTOUCHED_MEAN: f32 = 1.3;
-const UNTOUCHED_BLOCK: f32 = 16.0;
-/// A window is quieter than the quietest from this share of its noise on.
-const QUIETER: f32 = 0.9;
 /// Lower quartile over mean of motion energy that is noise, which has two degrees of freedom: −ln(3/4).
 const QUARTILE_OF_MEAN: f32 = 0.287_682;
 
@@ -108,47 +102,12 @@ impl NoiseLevels {
 pub(super) struct NoiseSearch {
     from_rest: Quietest,
     of_pairs: Quietest,
-    mean: MeanPicture,
-    /// Whether the picture at rest is the mean of a window.
-    rest_is_mean: bool,
-}
-
-/// The mean of a window's pictures.
-#[derive(Debug, Clone)]
-struct MeanPicture {
-    sums: Box<[u16; IMAGE_PIXELS]>,
-    count: u16,
-}
-
-impl Default for MeanPicture {
-    fn default() -> Self {
-        Self {
-            sums: Box::new([0; IMAGE_PIXELS]),
-            count: 0,
-        }
-    }
-}
-
-impl MeanPicture {
-    /// The mean, when a window is full.
-    fn add(&mut self, now: &Image88) -> Option<Image88> {
-        for (sum, &level) in self.sums.iter_mut().zip(now) {
-            *sum += u16::from(level);
-        }
-        self.count += 1;
-        if usize::from(self.count) < WINDOW {
-            return None;
-        }
-        let mean = std::array::from_fn(|pixel| ((self.sums[pixel] + self.count / 2) / self.count) as u8);
-        *self = Self::default();
-        Some(mean)
-    }
 }
 
 impl NoiseSearch {
     /// Takes a picture, compared with both references. Returns the noise of differences from rest and of pairs, when there is a
-    /// new estimate. Once, a window's mean becomes the picture at rest.
-    pub(super) fn add(&mut self, comparison: &mut Comparison, now: &Image88) -> Option<[NoiseLevels; 2]> {
+    /// new estimate.
+    pub(super) fn add(&mut self, comparison: &Comparison) -> Option<[NoiseLevels; 2]> {
         let sums = &comparison.sums;
         let references = [&comparison.rest, &comparison.processed];
         let searches = [&mut self.from_rest, &mut self.of_pairs];
@@ -159,15 +118,6 @@ impl NoiseSearch {
             let motion = learned::motions(products, reference);
             is_new |= search.add(&plain.map(|energy| energy as f32), &motion);
         }
-        if !self.rest_is_mean
-            && let Some(mean) = self.mean.add(now)
-            && let Some(of_pairs) = &self.of_pairs.best
-            && is_untouched(&mean, &comparison.rest, of_pairs.motion)
-        {
-            *comparison.rest = Reference::new(&mean);
-            self.rest_is_mean = true;
-            self.from_rest = Quietest::default();
-        }
         let (from_rest, of_pairs) = (self.from_rest.best.as_ref()?, self.of_pairs.best.as_ref()?);
         // A touch that never ends looks like noise since rest, but not from picture to picture.
         is_new.then(|| [from_rest.min(of_pairs), of_pairs.clone()])
@@ -175,17 +125,8 @@ impl NoiseSearch {
 
     /// Whether there is no estimate yet.
     pub(super) const fn is_open(&self) -> bool {
-        self.of_pairs.best.is_none() || self.from_rest.best.is_none()
+        self.of_pairs.best.is_none()
     }
-}
-
-/// Whether a mean picture differs from the picture at rest by noise alone, when pairs of pictures differ by this motion energy.
-fn is_untouched(mean: &Image88, rest: &Reference, noise: f32) -> bool {
-    let mut sums = BlockSums::ZERO;
-    sums.compute(InstructionSet::widest(), mean, [&rest.pattern, &rest.pattern]);
-    let motions = learned::motions(&sums.products[0], rest);
-    let average = motions.iter().sum::<f32>() / BLOCKS as f32;
-    average <= UNTOUCHED_MEAN * noise && motions.iter().all(|motion| *motion <= UNTOUCHED_BLOCK * noise)
 }
 
 /// The quietest window of differences from one kind of reference.
@@ -204,11 +145,7 @@ impl Quietest {
         }
         let found = self.levels().at_least_rounding();
         self.window.clear();
-        // The least of many estimates is too low.
-        let is_better = self
-            .best
-            .as_ref()
-            .is_none_or(|best| found.total() < QUIETER * best.total());
+        let is_better = self.best.as_ref().is_none_or(|best| found.total() < best.total());
         if is_better {
             self.best = Some(found);
         }
