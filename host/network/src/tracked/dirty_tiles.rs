@@ -7,12 +7,14 @@
 use std::ops::Range;
 
 use super::level::Level;
-use super::tile_noise::PerTile;
 use crate::constants::CROP_SIDE;
 
 /// Side of a tile, pixels, and tiles per side of the image.
 pub(super) const TILE: usize = 8;
 pub(super) const TILES: usize = CROP_SIDE / TILE;
+
+/// A number for every tile.
+pub(super) type PerTile<T> = [[T; TILES]; TILES];
 
 /// A rectangle of tiles: its first column and row, and one past its last.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -87,16 +89,16 @@ pub(super) fn differences(known: &Level<CROP_SIDE>, now: &[u8]) -> PerTile<u16> 
 
 impl DirtyTiles {
     pub(super) fn all() -> Self {
-        Self::of([[true; TILES]; TILES])
+        Self::of(&[[true; TILES]; TILES])
     }
 
     /// Whatever differs from the picture that is known.
     #[inline(always)]
     pub(super) fn between(known: &Level<CROP_SIDE>, now: &[u8]) -> Self {
-        Self::of(differences(known, now).map(|tiles| tiles.map(|difference| difference > 0)))
+        Self::of(&differences(known, now).map(|tiles| tiles.map(|difference| difference > 0)))
     }
 
-    pub(super) fn of(tiles: PerTile<bool>) -> Self {
+    pub(super) fn of(tiles: &PerTile<bool>) -> Self {
         let mut above_left = [[0; TILES + 1]; TILES + 1];
         for (row, tiles) in tiles.iter().enumerate() {
             let mut left = 0;
@@ -105,7 +107,10 @@ impl DirtyTiles {
                 above_left[row + 1][column + 1] = above_left[row][column + 1] + left;
             }
         }
-        Self { above_left, tiles }
+        Self {
+            above_left,
+            tiles: *tiles,
+        }
     }
 
     /// Runs of changed tiles: the row, and the range of columns.

@@ -3,7 +3,7 @@
 //! Units: sums of absolute differences, grey levels, over tiles of 8×8 pixels.
 //! Limits: noise is assumed to stay as it was in the quietest window; where it grows, more is computed, and nothing is missed.
 
-use super::dirty_tiles::{TILE, TILES};
+use super::dirty_tiles::{PerTile, TILE, TILES};
 
 /// Pairs of pictures that one estimate is made from.
 const WINDOW: u32 = 16;
@@ -22,9 +22,6 @@ const NOISE_MIN: f32 = 0.06;
 /// Tiles along a side of a group, and groups along a side of the picture.
 const GROUP: usize = 5;
 const GROUPS: usize = TILES / GROUP;
-
-/// A number for every tile.
-pub(super) type PerTile<T> = [[T; TILES]; TILES];
 
 /// The noise of each tile, as far as it is known.
 #[derive(Debug, Clone)]
@@ -175,7 +172,9 @@ mod tests {
             let mut differences = noise(&mut state);
             // A fifth of the picture moves.
             for tiles in &mut differences[..TILES / 5] {
-                tiles.iter_mut().for_each(|difference| *difference += 150);
+                for difference in tiles {
+                    *difference += 150;
+                }
             }
             known.learn(&differences);
         }
@@ -204,7 +203,9 @@ mod tests {
         }
         let mut differences = noise(&mut state);
         for tiles in &mut differences[10..15] {
-            tiles[20..25].iter_mut().for_each(|difference| *difference += 30);
+            for difference in &mut tiles[20..25] {
+                *difference += 30;
+            }
         }
         let changed = known.changed(&differences);
         assert!(

@@ -165,7 +165,9 @@ impl Tracker {
         let mut noise = TileNoise::unknown();
         let mut level = Level::new();
         for pair in rest.windows(2) {
-            pair.iter().for_each(|picture| check_crop(picture));
+            for picture in pair {
+                check_crop(picture);
+            }
             for row in 0..CROP_SIDE {
                 level
                     .row_mut(row)
@@ -229,7 +231,7 @@ impl Tracker {
             Changes::Any => DirtyTiles::between(&self.now.full, now),
             Changes::BeyondNoise => {
                 let differences = dirty_tiles::differences(&self.now.full, now);
-                let dirty = DirtyTiles::of(self.noise.changed(&differences));
+                let dirty = DirtyTiles::of(&self.noise.changed(&differences));
                 // A picture that is shown twice says nothing.
                 if self.learns_noise && (!dirty.is_empty() || self.noise.is_known()) {
                     self.noise.learn(&differences);
