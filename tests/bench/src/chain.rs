@@ -207,7 +207,7 @@ pub(crate) fn measure(
             // In turns, so that what else the machine does falls on all of them.
             for (place, (pipeline, settings, detector)) in pipelines.iter_mut().enumerate() {
                 if let Some(last) = seen[place].last().copied()
-                    && number as usize % ways[place].every > 0
+                    && !(number as usize).is_multiple_of(ways[place].every)
                 {
                     // What was decided stands.
                     seen[place].push(Seen {

@@ -99,7 +99,7 @@ fn run(arguments: &Arguments) -> Result<bool, Failure> {
     eprintln!("{} frames each of six played scenes ...", arguments.frames);
     let scenes = scenes::play(arguments.frames, arguments.seed)?;
     let chain = chain::measure(&scenes, arguments.instructions, |scene| {
-        eprintln!("whole chain: {scene} ...")
+        eprintln!("whole chain: {scene} ...");
     })?;
 
     // The detector's maps: the true forces of the scenes with contact, then the same with all 400 taxels in contact.

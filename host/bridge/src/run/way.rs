@@ -19,6 +19,7 @@ pub(super) struct Way([Times; WAY.len()]);
 
 /// Quantiles of a part.
 #[derive(Debug, Clone, Copy, Serialize)]
+#[expect(clippy::struct_field_names, reason = "units in names")]
 pub(super) struct Part {
     pub median_us: f64,
     pub p99_us: f64,
