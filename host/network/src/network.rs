@@ -127,14 +127,6 @@ impl Network {
         }
     }
 
-    /// Every difference of the next frame from the one before counts, those that may be noise too.
-    pub fn look_closely(&mut self) {
-        match &mut self.0 {
-            Kind::Unet { .. } => {}
-            Kind::Tracked(network) => network.look_closely(),
-        }
-    }
-
     /// Forces for the 440×440 image `now`, newtons per taxel. Writes every taxel of `out`; no allocation.
     ///
     /// # Panics

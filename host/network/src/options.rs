@@ -58,7 +58,7 @@ pub enum Evaluation {
     #[default]
     Skip,
     /// Of `tracked`, only what differs by more than the camera's noise from when it was last looked at; `unet` works as with
-    /// [`Self::Skip`]. Noise is another in the parts that are kept, and nothing else.
+    /// [`Self::Skip`]. Parts that are not computed keep the noise of the picture that they were last computed from; decisions can differ.
     SkipNoise,
 }
 

@@ -88,10 +88,13 @@ pub(crate) fn ways(instructions: InstructionSet) -> Vec<Way> {
         ways.push(way(network, GateKind::Off, Evaluation::Dense));
         if [Variant::Tracked, Variant::Unet].contains(&network) {
             ways.push(way(network, GateKind::Off, Evaluation::Skip));
-            ways.push(way(network, GateKind::Off, Evaluation::SkipNoise));
-            ways.push(way(network, GateKind::Difference, Evaluation::SkipNoise));
+            ways.push(way(network, GateKind::Difference, Evaluation::Skip));
         }
-        ways.push(way(network, GateKind::Network, Evaluation::SkipNoise));
+        ways.push(way(network, GateKind::Network, Evaluation::Skip));
+    }
+    // `unet` knows no noise.
+    for gate in [GateKind::Off, GateKind::Difference, GateKind::Network] {
+        ways.push(way(Variant::Tracked, gate, Evaluation::SkipNoise));
     }
     let default = way(Variant::Tracked, GateKind::default(), Evaluation::default());
     ways.push(Way { every: 2, ..default });
@@ -116,6 +119,9 @@ impl Way {
             GateKind::Off => format!("{}, {skip}", self.network.name()),
             gate => format!("{}, gate {}", self.network.name(), gate.name()),
         };
+        if self.gate != GateKind::Off && self.evaluation == Evaluation::SkipNoise {
+            name += ", noise skipped";
+        }
         if self.every > 1 {
             name += ", every second picture";
         }

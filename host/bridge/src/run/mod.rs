@@ -4,6 +4,7 @@
 //! The loop is a straight line: a picture is taken at frame k, its map goes out at once, the link works until frame
 //! k+1, and the line it then holds is what the (simulated) gripper feels next. Paced by the wall clock.
 
+mod capture_to_line;
 mod desk;
 mod drift;
 #[cfg(test)]
@@ -26,7 +27,6 @@ mod terminal;
 mod two_fingertips;
 mod under_way;
 mod usage;
-mod way;
 
 use std::ops::Add as _;
 use std::path::PathBuf;

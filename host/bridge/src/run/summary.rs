@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use gripline_protocol::message::Hello;
 use serde::Serialize;
 
-use super::way::WaySummary;
+use super::capture_to_line::CaptureToLineSummary;
 
 use crate::source::Source;
 use gripline_capture::Counts;
@@ -36,7 +36,7 @@ pub(super) struct Summary {
     pub gate_unhealthy: u64,
     pub stages: Vec<StageSummary>,
     /// From a camera's time stamp to the grip-force line; `None` where no camera says when pictures were taken.
-    pub capture_to_line: Option<WaySummary>,
+    pub capture_to_line: Option<CaptureToLineSummary>,
     /// From a picture's bytes to the last of its map's with the link, decoding included.
     pub frame_to_link_us_median: f64,
     pub frame_to_link_us_p99: f64,

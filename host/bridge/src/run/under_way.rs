@@ -17,8 +17,8 @@ use crate::live::fleet::Fleet;
 use crate::live::foxglove::Foxglove;
 use crate::live::ros2::Ros2;
 use crate::live::{Live, Look, QUANTILES, Values};
+use crate::run::capture_to_line::CaptureToLine;
 use crate::run::stats::Times;
-use crate::run::way::Way;
 use crate::source::Picture;
 use gripline_capture::Counts;
 use gripline_link::session::Session;
@@ -76,7 +76,7 @@ pub(super) struct Run {
     pub(super) late: [u64; STAGES.len()],
     pub(super) frame_to_link: Times,
     pub(super) network_frame_to_link: Times,
-    pub(super) way: Way,
+    pub(super) capture_to_line: CaptureToLine,
     /// Pictures that never came, were overtaken and were damaged so far.
     pub(super) pictures_lost: [u64; 3],
     /// How often the device had gone away, and whether it is away, when that was last told.
@@ -113,7 +113,7 @@ impl Run {
             late: [0; STAGES.len()],
             frame_to_link: Times::default(),
             network_frame_to_link: Times::default(),
-            way: Way::default(),
+            capture_to_line: CaptureToLine::default(),
             pictures_lost: [0; 3],
             presence: (0, false),
             drift: Vec::new(),
@@ -181,7 +181,7 @@ impl Run {
         self.count(&outcome);
         if self.clock == Clock::Pictures && outcome.late.is_none() {
             let driver = picture.came.saturating_duration_since(picture.taken);
-            self.way
+            self.capture_to_line
                 .push(driver, waited, picture.decode_us, outcome.latency_us);
         }
         self.look_after_the_link();
@@ -390,7 +390,7 @@ impl Run {
                 for (times_us, stage) in values.stages_us.iter_mut().zip(&self.stages) {
                     *times_us = QUANTILES.map(|quantile| stage.quantile_us(quantile));
                 }
-                values.way_us = self.way.quantiles_us(QUANTILES);
+                values.capture_us = self.capture_to_line.quantiles_us(QUANTILES);
             }
         };
         live.publish(report, fill, look);

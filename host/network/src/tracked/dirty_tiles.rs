@@ -62,26 +62,41 @@ pub(super) struct DirtyTiles {
     tiles: PerTile<bool>,
 }
 
-/// Sums of absolute differences of a picture and the one that is known, tile by tile.
+/// Sums of absolute differences of a picture and the one that is known, grey levels, tile by tile.
 #[inline(always)]
 pub(super) fn differences(known: &Level<CROP_SIDE>, now: &[u8]) -> PerTile<u16> {
-    let mut tiles = [[0; TILES]; TILES];
+    // Per column at most 8 times 255, per tile at most 64 times.
+    per_tile(
+        known,
+        now,
+        |sum: u16, known, now| sum + u16::from(known.abs_diff(now)),
+        |[a, b, c, d, e, f, g, h]| ((a + b) + (c + d)) + ((e + f) + (g + h)),
+    )
+}
+
+/// Compares a picture with the one that is known: `add` takes the pixels of each column of a tile, `tile` what its eight columns came to.
+#[inline(always)]
+fn per_tile<A: Copy + Default, T: Copy + Default>(
+    known: &Level<CROP_SIDE>,
+    now: &[u8],
+    add: impl Fn(A, u8, u8) -> A,
+    tile: impl Fn([A; TILE]) -> T,
+) -> PerTile<T> {
+    let mut tiles = [[T::default(); TILES]; TILES];
     for (row, (tiles, lines)) in tiles
         .iter_mut()
         .zip(now.chunks_exact(TILE * CROP_SIDE))
         .enumerate()
     {
-        // Per column: at most eight times 255.
-        let mut sums = [0_u16; CROP_SIDE];
+        let mut columns = [A::default(); CROP_SIDE];
         for (row, line) in (TILE * row..).zip(lines.as_chunks::<CROP_SIDE>().0) {
             let known = known.row(row);
             for k in 0..CROP_SIDE {
-                sums[k] += u16::from(known[k].abs_diff(line[k]));
+                columns[k] = add(columns[k], known[k], line[k]);
             }
         }
-        for (tile, sums) in tiles.iter_mut().zip(sums.as_chunks::<TILE>().0) {
-            let [a, b, c, d, e, f, g, h] = *sums;
-            *tile = ((a + b) + (c + d)) + ((e + f) + (g + h));
+        for (found, columns) in tiles.iter_mut().zip(columns.as_chunks::<TILE>().0) {
+            *found = tile(*columns);
         }
     }
     tiles
@@ -95,7 +110,13 @@ impl DirtyTiles {
     /// Whatever differs from the picture that is known.
     #[inline(always)]
     pub(super) fn between(known: &Level<CROP_SIDE>, now: &[u8]) -> Self {
-        Self::of(&differences(known, now).map(|tiles| tiles.map(|difference| difference > 0)))
+        // Bits that differ take half the time of sums.
+        Self::of(&per_tile(
+            known,
+            now,
+            |differ: u8, known, now| differ | (known ^ now),
+            |differ| u64::from_ne_bytes(differ) != 0,
+        ))
     }
 
     pub(super) fn of(tiles: &PerTile<bool>) -> Self {

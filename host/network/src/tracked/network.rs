@@ -28,8 +28,6 @@ pub struct TrackedNetwork {
     instructions: InstructionSet,
     precision: Precision,
     evaluation: Evaluation,
-    /// Whether every difference of the next frame counts.
-    looks_closely: bool,
     forces_n: Box<ForceMap>,
 }
 
@@ -71,7 +69,6 @@ impl TrackedNetwork {
             tracker: Tracker::new(),
             interpolator: GridInterpolator::default(),
             evaluation: Evaluation::default(),
-            looks_closely: false,
             forces_n: Box::new(NO_FORCES),
         }
     }
@@ -123,11 +120,6 @@ impl TrackedNetwork {
         self.tracker.learn_noise(rest);
     }
 
-    /// The next frame is computed as with [`Evaluation::Skip`]: every difference counts.
-    pub const fn look_closely(&mut self) {
-        self.looks_closely = true;
-    }
-
     /// Forces for the 440×440 image `now`, newtons per taxel. Writes every taxel of `out`; no allocation.
     ///
     /// # Panics
@@ -137,8 +129,7 @@ impl TrackedNetwork {
         if self.evaluation == Evaluation::Dense {
             self.tracker.invalidate();
         }
-        let looks_closely = std::mem::take(&mut self.looks_closely);
-        let changed = if self.evaluation == Evaluation::SkipNoise && !looks_closely {
+        let changed = if self.evaluation == Evaluation::SkipNoise {
             self.tracker.track_beyond_noise(now)
         } else {
             self.tracker.track(now)

@@ -4,7 +4,7 @@
 
 use std::time::Duration;
 
-use gripline_live::WAY;
+use gripline_live::CAPTURE_PARTS;
 use gripline_protocol::message::Stage;
 use serde::Serialize;
 
@@ -13,9 +13,9 @@ use super::stats::Times;
 /// Core cycles of the microcontroller in a microsecond.
 const CYCLES_PER_US: f64 = 168.0;
 
-/// Distributions of [`WAY`].
+/// Distributions of [`CAPTURE_PARTS`].
 #[derive(Debug, Clone, Default)]
-pub(super) struct Way([Times; WAY.len()]);
+pub(super) struct CaptureToLine([Times; CAPTURE_PARTS.len()]);
 
 /// Quantiles of a part.
 #[derive(Debug, Clone, Copy, Serialize)]
@@ -28,7 +28,7 @@ pub(super) struct Part {
 
 /// The whole, for the summary.
 #[derive(Debug, Serialize)]
-pub(super) struct WaySummary {
+pub(super) struct CaptureToLineSummary {
     /// Pictures whose maps were sent.
     pub pictures: u64,
     /// From the driver's time stamp until the picture's bytes are here.
@@ -43,7 +43,7 @@ pub(super) struct WaySummary {
     pub to_line: Part,
 }
 
-impl Way {
+impl CaptureToLine {
     /// Adds a picture: from the time stamp to its bytes, from those to the loop, of that decoding, and from the bytes to the link.
     pub(super) fn push(&mut self, driver: Duration, waited: Duration, decode_us: f64, latency_us: f64) {
         let [driver_us, waited_us] = [driver, waited].map(|time| time.as_secs_f64() * 1e6);
@@ -58,17 +58,17 @@ impl Way {
     }
 
     /// `quantiles` of every part.
-    pub(super) fn quantiles_us(&self, quantiles: [f64; 3]) -> [[f64; 3]; WAY.len()] {
+    pub(super) fn quantiles_us(&self, quantiles: [f64; 3]) -> [[f64; 3]; CAPTURE_PARTS.len()] {
         std::array::from_fn(|part| quantiles.map(|quantile| self.0[part].quantile_us(quantile)))
     }
 
     /// `None` without a camera's picture. `worst_cycles` are those of the microcontroller's newest status.
-    pub(super) fn summary(&self, worst_cycles: [u32; 4]) -> Option<WaySummary> {
+    pub(super) fn summary(&self, worst_cycles: [u32; 4]) -> Option<CaptureToLineSummary> {
         let pictures = self.0[0].count();
         let [driver, hand_over, to_link] = self.quantiles_us([0.5, 0.99, 0.999]).map(Part::of);
         let cycles = worst_cycles[Stage::Decide as usize] + worst_cycles[Stage::Line as usize];
         let worst_us = f64::from(cycles) / CYCLES_PER_US;
-        (pictures > 0).then_some(WaySummary {
+        (pictures > 0).then_some(CaptureToLineSummary {
             pictures,
             driver,
             hand_over,
@@ -107,14 +107,14 @@ mod tests {
 
     #[test]
     fn the_parts_of_a_picture_add_up_to_the_line() {
-        let mut way = Way::default();
-        assert!(way.summary([0; 4]).is_none());
+        let mut times = CaptureToLine::default();
+        assert!(times.summary([0; 4]).is_none());
         let us = Duration::from_micros;
         for _ in 0..10 {
             // Stamped 3 ms before its bytes came, decoded in 0.4 of the 0.5 ms that it waited, sent 2 ms after it came.
-            way.push(us(3_000), us(500), 400.0, 2_000.0);
+            times.push(us(3_000), us(500), 400.0, 2_000.0);
         }
-        let summary = way.summary([9, 3_360, 840, 9]).unwrap();
+        let summary = times.summary([9, 3_360, 840, 9]).unwrap();
         let near =
             |found: f64, wanted: f64| assert!((found - wanted).abs() < 0.01 * wanted, "{found} for {wanted}");
         near(summary.driver.median_us, 3_000.0);
