@@ -1,50 +1,77 @@
 //! Interrupt priorities, critical sections, and how a task blocks the map-to-line path.
 //!
-//! The map-to-line path ([`PATH`]) interrupts even critical sections of the HAL and of the log: it shares nothing with them.
+//! The map-to-line path ([`PATH_LEVEL`]) interrupts even critical sections of the HAL and of the log: it shares nothing with them.
 //! It shares the program with the task `control`, which blocks it with [`block_path`].
 //! Limits: no other interrupt may lie above [`CEILING`]; [`set`] puts all of them at or below it.
 
 use core::sync::atomic::{AtomicU32, Ordering, compiler_fence};
 
-use cortex_m::asm;
 use cortex_m::peripheral::{DWT, NVIC};
 use cortex_m::register::{basepri, basepri_max};
 use critical_section::RawRestoreState;
 use embassy_stm32::interrupt::{self, InterruptExt, Priority};
 
-/// The map-to-line path: the USB core's interrupt (`usb_interrupt`).
-const PATH: Priority = Priority::P2;
-/// What critical sections block, with everything below: the host's UART, whose bytes must be read within one byte time
-/// (10.9 µs), and the rest of USB.
+/// The map-to-line path: the interrupts of the USB core (`usb_interrupt`) and of the host's UART (`uart`). Neither interrupts the other.
+const PATH_LEVEL: Priority = Priority::P2;
+/// What critical sections block, with everything below: the rest of USB.
 const CEILING: Priority = Priority::P3;
 /// The safety tick and what wakes it.
 const TICK: Priority = Priority::P4;
 /// All others. A byte from the gripper may wait 87 µs, longer than any blocking time.
 pub(crate) const OTHERS: Priority = Priority::P5;
 
-/// Since when the path may have waited for who blocked it last, cycles; 0 when it did not.
-static WAITS_SINCE: AtomicU32 = AtomicU32::new(0);
+/// An interrupt of the map-to-line path.
+#[derive(Clone, Copy)]
+pub(crate) enum Path {
+    /// The USB core's.
+    Usb,
+    /// The host's UART's.
+    Uart,
+}
+
+impl Path {
+    #[inline]
+    const fn interrupt(self) -> interrupt::Interrupt {
+        match self {
+            Self::Usb => interrupt::OTG_FS,
+            Self::Uart => interrupt::USART1,
+        }
+    }
+
+    /// Since when it may have waited for who blocked it last, cycles; 0 when it did not.
+    #[inline]
+    const fn waits_since(self) -> &'static AtomicU32 {
+        static USB: AtomicU32 = AtomicU32::new(0);
+        static UART: AtomicU32 = AtomicU32::new(0);
+        match self {
+            Self::Usb => &USB,
+            Self::Uart => &UART,
+        }
+    }
+}
 
 /// From the request of an interrupt to its handler's first instruction, cycles: 12 for the integer registers, 17 more when those
 /// of the floating-point unit are moved, and a refill (ARM DDI 0439, section 3.9).
 const ENTRY_CYCLES: u32 = 35;
 
-/// Notes that the path is pending, before it is let run: since [`DWT::cycle_count`] said this, at the latest. The chip stamps no request;
-/// what came while nobody blocked it is entered at once.
+/// Notes whether an interrupt of the path is pending, before it is let run: since [`DWT::cycle_count`] said this, at the latest. The chip stamps no
+/// request; what came while nobody blocked it is entered at once.
 #[inline]
-fn note_waiting(since: u32) {
-    if NVIC::is_pending(interrupt::OTG_FS) {
-        WAITS_SINCE.store(since | 1, Ordering::Relaxed);
+pub(crate) fn note_waiting(path: Path, since: u32) {
+    let waits_since = path.waits_since();
+    if NVIC::is_pending(path.interrupt()) && waits_since.load(Ordering::Relaxed) == 0 {
+        waits_since.store(since | 1, Ordering::Relaxed);
     }
 }
 
-/// For the path, when it is `entered`: since when it may have been pending, cycles.
+/// For an interrupt of the path, when it is `entered`: since when it may have been pending, cycles.
 #[inline]
-pub(crate) fn requested(entered: u32) -> u32 {
-    match WAITS_SINCE.load(Ordering::Relaxed) {
+pub(crate) fn requested(path: Path, entered: u32) -> u32 {
+    let waits_since = path.waits_since();
+    match waits_since.load(Ordering::Relaxed) {
         0 => entered.wrapping_sub(ENTRY_CYCLES),
         since => {
-            WAITS_SINCE.store(0, Ordering::Relaxed);
+            waits_since.store(0, Ordering::Relaxed);
             since
         }
     }
@@ -58,9 +85,9 @@ pub(crate) fn set() {
         // SAFETY: any value is a priority.
         unsafe { priority.write(OTHERS as u8) };
     }
-    interrupt::OTG_FS.set_priority(PATH);
+    interrupt::OTG_FS.set_priority(PATH_LEVEL);
     interrupt::UART4.set_priority(CEILING);
-    interrupt::USART1.set_priority(CEILING);
+    interrupt::USART1.set_priority(PATH_LEVEL);
     interrupt::UART5.set_priority(TICK);
     interrupt::TIM5.set_priority(TICK);
 }
@@ -70,30 +97,15 @@ pub(crate) fn set() {
 #[inline]
 pub(crate) fn block_path<T>(work: impl FnOnce() -> T) -> T {
     let before = basepri::read();
-    basepri_max::write(PATH as u8);
+    basepri_max::write(PATH_LEVEL as u8);
     let since = DWT::cycle_count();
     compiler_fence(Ordering::SeqCst);
     let done = work();
     compiler_fence(Ordering::SeqCst);
-    note_waiting(since);
+    note_waiting(Path::Usb, since);
+    note_waiting(Path::Uart, since);
     // SAFETY: the value from before.
     unsafe { basepri::write(before) };
-    done
-}
-
-/// Runs `work` with only the USB core's interrupt blocked: for a packet from the UART, whose next bytes must be read
-/// meanwhile. A host that sends maps over both links at once makes one wait for the other; this project's hosts use one.
-#[inline]
-pub(crate) fn block_usb<T>(work: impl FnOnce() -> T) -> T {
-    NVIC::mask(interrupt::OTG_FS);
-    asm::dsb();
-    asm::isb();
-    let since = DWT::cycle_count();
-    let done = work();
-    compiler_fence(Ordering::SeqCst);
-    note_waiting(since);
-    // SAFETY: no critical section relies on this mask.
-    unsafe { NVIC::unmask(interrupt::OTG_FS) };
     done
 }
 

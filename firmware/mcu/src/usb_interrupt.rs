@@ -19,12 +19,14 @@ use embassy_stm32::usb::InterruptHandler;
 use embassy_stm32::{bind_interrupts, interrupt, peripherals};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
+use gripline_firmware::LinkId;
 use gripline_protocol::PACKET_MAX;
 use gripline_protocol::constants::TAXELS_PER_PACKET;
 use gripline_protocol::packet::Kind;
 
 use crate::control::{self, Control};
-use crate::priority::{self, block_path};
+use crate::priority::{self, Path, block_path};
+use crate::uart;
 
 bind_interrupts!(pub(crate) struct Interrupts {
     OTG_FS => MapPackets;
@@ -73,27 +75,34 @@ impl Handler<typelevel::OTG_FS> for MapPackets {
     #[inline]
     unsafe fn on_interrupt() {
         let entered = control::cycles();
-        let requested = priority::requested(entered);
-        // Read once: what lands after it interrupts again, and is not left to the HAL.
-        if !is_received() {
-            return defer(false);
-        }
-        let Some(status) = top() else {
-            return defer(true);
-        };
-        // SAFETY: this interrupt lies above all other users, who block it.
-        let Some(control) = (unsafe { control::from_isr() }) else {
-            return defer(true);
-        };
-        control.note_request(requested);
-        if status.pktstsd() == Pktstsd::OUT_DATA_RX {
-            packet(status, control, entered);
-        } else if IS_OPEN.load(Ordering::Relaxed) {
-            end_of_packet();
-        } else {
-            // It belongs to a packet that the HAL is reading.
-            defer(true);
-        }
+        take(entered);
+        priority::note_waiting(Path::Uart, entered);
+    }
+}
+
+/// Takes one entry out of the FIFO, or leaves what is there to the HAL. `entered` is when the interrupt began.
+#[inline]
+fn take(entered: u32) {
+    let requested = priority::requested(Path::Usb, entered);
+    // Read once: what lands after it interrupts again, and is not left to the HAL.
+    if !is_received() {
+        return defer(false);
+    }
+    let Some(status) = top() else {
+        return defer(true);
+    };
+    // SAFETY: this interrupt lies above all other users, who block it, but for that of the UART, which does not interrupt it.
+    let Some(control) = (unsafe { control::from_isr() }) else {
+        return defer(true);
+    };
+    control.note_request(requested);
+    if status.pktstsd() == Pktstsd::OUT_DATA_RX {
+        packet(status, control, entered);
+    } else if IS_OPEN.load(Ordering::Relaxed) {
+        end_of_packet();
+    } else {
+        // It belongs to a packet that the HAL is reading.
+        defer(true);
     }
 }
 
@@ -120,23 +129,23 @@ fn packet(status: Grxsts, control: &mut Control, entered: u32) {
     read_words(words, length.div_ceil(4));
     let bytes = bytemuck::bytes_of(words).get(..length).unwrap_or_default();
     match Kind::of(bytes) {
-        Some(Kind::MapTail) => control.map_tail(bytes, entered),
+        Some(Kind::MapTail) => control.map_tail(bytes, LinkId::Usb, entered),
         Some(Kind::MapTaxels) => {
             ask_for_next();
-            control.map_taxels(bytes, entered);
+            control.map_taxels(bytes, LinkId::Usb, entered);
         }
         Some(Kind::MapHead) => {
             if words[3] & 0x1FF >= ANOTHER {
                 ask_for_next();
             }
-            control.map_head(bytes, entered);
+            control.map_head(bytes, LinkId::Usb, entered);
         }
         Some(Kind::Message) => {
             PACKET.length.store(length, Ordering::Relaxed);
             IS_HELD.store(true, Ordering::Relaxed);
             NVIC::pend(interrupt::UART4);
         }
-        None => control.unknown_packet(bytes, entered),
+        None => control.unknown_packet(bytes, LinkId::Usb, entered),
     }
 }
 
@@ -213,7 +222,7 @@ fn deferred_mask(mask: Gintmsk, is_received: bool) -> Gintmsk {
     deferred
 }
 
-/// Runs the HAL's driver, and wakes the task `control` for a message.
+/// Runs the HAL's driver, and wakes the task `control` for a message of either link.
 ///
 /// Deadline: 11 µs, the least that a map's packet behind one of the control endpoint takes on the bus. Budget: that. Miss: the
 /// map's packet is handled so much later.
@@ -233,6 +242,7 @@ impl Handler<typelevel::UART4> for HalDriver {
         if IS_HELD.load(Ordering::Relaxed) {
             MESSAGE.signal(());
         }
+        uart::wake();
     }
 }
 

@@ -15,6 +15,7 @@ use gripline_protocol::{Health, MapInfo, Motion, SENSORS};
 
 use super::bootloader_request::BootloaderRequest;
 use super::learner::Taught;
+use super::map_source::MapSource;
 use super::object::Object;
 use super::outbox::Outbox;
 use super::receiver::{Breakage, Receiver};
@@ -98,6 +99,7 @@ pub struct Program<K = Portable> {
     pub(super) rule: TaxelRule,
     pub(super) receivers: [Receiver; LINKS],
     pub(super) fingertips: [Fingertip; SENSORS],
+    map_source: MapSource,
     newest: MapInfo,
     /// The fingertip whose load the grip follows.
     neediest: usize,
@@ -116,7 +118,7 @@ pub struct Program<K = Portable> {
     pub(super) last_packet_us: u64,
     pub(super) last_status_us: u64,
     maps: u32,
-    /// Maps whose packets were right but that were old or from the future.
+    /// Maps that were old, from the future, or of the link whose maps do not count.
     maps_refused: u32,
     worst_cycles: [u32; STAGES],
 }
@@ -151,6 +153,7 @@ impl<K: Kernel> Program<K> {
                 arrived_us: start.now_us,
                 ..Fingertip::default()
             }; SENSORS],
+            map_source: MapSource::new(),
             newest: MapInfo::default(),
             neediest: 0,
             controller: GripController::new(start.now_us, start.restored_line),
@@ -199,27 +202,36 @@ impl<K: Kernel> Program<K> {
         }
     }
 
-    /// [`Self::map_packet`] of a [`Kind::MapTail`].
+    /// [`Self::map_packet`] of a [`Kind::MapTail`]. It moves the line when it ends a map that counts.
     #[inline]
     pub fn map_tail(&mut self, packet: &[u8], link: LinkId, now_us: u64) -> Action {
         self.passed_to(now_us);
-        let decided = self.tail(packet, link);
-        self.action(decided)
+        if self.map_source.is(link) && self.tail(packet, link) {
+            self.action(true)
+        } else {
+            self.unchanged()
+        }
     }
 
     /// [`Self::map_packet`] of a [`Kind::MapTaxels`]. It moves no line: a map counts when it is whole, and time at the tick.
     #[inline]
     pub fn map_taxels(&mut self, packet: &[u8], link: LinkId, now_us: u64) -> Action {
         self.passed_to(now_us);
-        self.taxels(packet, link);
+        if self.map_source.is(link) {
+            self.taxels(packet, link);
+        }
         self.unchanged()
     }
 
     /// [`Self::map_packet`] of a [`Kind::MapHead`].
     #[inline]
     pub fn map_head(&mut self, packet: &[u8], link: LinkId, now_us: u64) -> Action {
-        self.passed_to(now_us);
-        self.head(packet, link);
+        let now_us = self.passed_to(now_us);
+        if self.map_source.takes(link, now_us, self.settings.stale_ms) {
+            self.head(packet, link);
+        } else {
+            self.maps_refused = self.maps_refused.wrapping_add(1);
+        }
         self.unchanged()
     }
 
@@ -459,6 +471,7 @@ impl<K: Kernel> Program<K> {
             return self.refuse_map(Fault::FutureMap);
         };
         tip.sequence.accept(info.sequence);
+        self.map_source.keep(self.now_us, self.settings.stale_ms);
         tip.sums = self.receivers[link as usize].partial().finish();
         let shear = total_shear(&tip.sums);
         tip.fresh_us = self.now_us.saturating_sub(late_us.into());
