@@ -77,7 +77,6 @@ pub(crate) fn from_task<T>(work: impl FnOnce(&mut Control) -> T) -> Option<T> {
 }
 
 /// One packet of a map over USB that came to the task `control` by the HAL's driver, because it lay behind one of the control endpoint.
-#[inline(never)]
 pub(crate) fn map_packet_from_task(packet: &[u8]) {
     from_task(|control| control.map_packet(packet));
 }
@@ -106,6 +105,7 @@ pub(crate) struct Control {
 
 impl Control {
     /// One packet of a map that came to the task.
+    #[inline(never)]
     fn map_packet(&mut self, packet: &[u8]) {
         let started = cycles();
         self.requested = started;
@@ -150,6 +150,20 @@ impl Control {
         self.heard(link);
         let _ = self.program.map_head(packet, link, self.packet_us);
         self.note_packet(entered);
+    }
+
+    /// As [`Self::map_head`], for a link that brings byte by byte.
+    #[inline]
+    pub(crate) fn map_begins(&mut self, packet: &[u8], link: LinkId, entered: u32) {
+        self.heard(link);
+        let _ = self.program.map_begins(packet, link, self.packet_us);
+        self.note_packet(entered);
+    }
+
+    /// What [`Self::map_begins`] has left: with each of the next bytes.
+    #[inline]
+    pub(crate) fn list_places(&mut self, link: LinkId) {
+        self.program.list_places(link);
     }
 
     /// A packet of no kind that we know.

@@ -126,11 +126,12 @@ fn received(byte: u8, is_damaged: bool, control: &mut Control, entered: u32) {
         frame.spoil();
     }
     match frame.push(byte) {
-        None => {}
+        // A map's head takes longer than the receiver can wait, so the bytes behind it work on it.
+        None => control.list_places(LinkId::Uart),
         Some(Frame::Packet(packet)) => match Kind::of(packet) {
             Some(Kind::MapTail) => control.map_tail(packet, LinkId::Uart, entered),
             Some(Kind::MapTaxels) => control.map_taxels(packet, LinkId::Uart, entered),
-            Some(Kind::MapHead) => control.map_head(packet, LinkId::Uart, entered),
+            Some(Kind::MapHead) => control.map_begins(packet, LinkId::Uart, entered),
             Some(Kind::Message) => hold(ended),
             None => control.unknown_packet(packet, LinkId::Uart, entered),
         },

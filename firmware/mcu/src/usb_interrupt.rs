@@ -23,6 +23,7 @@ use gripline_firmware::LinkId;
 use gripline_protocol::PACKET_MAX;
 use gripline_protocol::constants::TAXELS_PER_PACKET;
 use gripline_protocol::packet::Kind;
+use gripline_protocol::rounds::at_most;
 
 use crate::control::{self, Control};
 use crate::priority::{self, Path, block_path};
@@ -163,7 +164,7 @@ fn ask_for_next() {
 fn read_words(words: &mut [u32; PACKET_MAX / 4], count: usize) {
     let fifo = REGISTERS.fifo(0).as_ptr();
     let (blocks, rest) = words[..count.min(PACKET_MAX / 4)].as_chunks_mut::<4>();
-    for block in blocks {
+    for block in at_most::<{ PACKET_MAX / 16 }, _>(blocks) {
         // SAFETY: the window is 4 KiB; nothing interrupts this handler, so no word is taken twice; `block` has four.
         unsafe {
             asm!(
@@ -176,7 +177,7 @@ fn read_words(words: &mut [u32; PACKET_MAX / 4], count: usize) {
             );
         }
     }
-    for word in rest {
+    for word in at_most::<3, _>(rest) {
         *word = REGISTERS.fifo(0).read().data();
     }
 }

@@ -10,6 +10,7 @@ use gripline_protocol::message::{
     Configuration, GripMode, MapSums, STAGES, SlipState, Stage, Status, Witnesses,
 };
 use gripline_protocol::packet::Kind;
+use gripline_protocol::rounds::at_most;
 use gripline_protocol::sequence::{Order, SequenceTracker};
 use gripline_protocol::{Health, MapInfo, Motion, SENSORS};
 
@@ -235,6 +236,28 @@ impl<K: Kernel> Program<K> {
         self.unchanged()
     }
 
+    /// As [`Self::map_head`], for a link that brings byte by byte: [`Self::list_places`] has to be called with each of the next bytes.
+    #[inline]
+    pub fn map_begins(&mut self, packet: &[u8], link: LinkId, now_us: u64) -> Action {
+        let now_us = self.passed_to(now_us);
+        if self.map_source.takes(link, now_us, self.settings.stale_ms) {
+            let begun = self.receivers[link as usize].begin(packet, self.rule);
+            self.begun(begun, link);
+        } else {
+            self.maps_refused = self.maps_refused.wrapping_add(1);
+        }
+        self.unchanged()
+    }
+
+    /// A part of what [`Self::map_begins`] has left.
+    #[inline]
+    pub fn list_places(&mut self, link: LinkId) {
+        let receiver = &mut self.receivers[link as usize];
+        if self.map_source.is(link) && receiver.has_places_to_list() {
+            receiver.list_places();
+        }
+    }
+
     /// [`Self::map_packet`] of a packet without a readable header.
     #[inline]
     pub fn unknown_packet(&mut self, packet: &[u8], link: LinkId, now_us: u64) -> Action {
@@ -263,7 +286,13 @@ impl<K: Kernel> Program<K> {
 
     #[inline(never)]
     fn head(&mut self, packet: &[u8], link: LinkId) {
-        match self.receivers[link as usize].head(packet, self.rule) {
+        let begun = self.receivers[link as usize].head(packet, self.rule);
+        self.begun(begun, link);
+    }
+
+    #[inline]
+    fn begun(&mut self, begun: Result<bool, Breakage>, link: LinkId) {
+        match begun {
             Ok(cuts_off) => {
                 self.last_packet_us = self.now_us;
                 if cuts_off {
@@ -314,10 +343,7 @@ impl<K: Kernel> Program<K> {
         let older =
             |since_us: u64, limit_ms: u16| now_us.saturating_sub(since_us) > u64::from(limit_ms) * 1_000;
         let sensors = usize::from(self.settings.sensors);
-        let stale = self
-            .fingertips
-            .iter()
-            .take(sensors)
+        let stale = at_most::<SENSORS, _>(self.fingertips.iter().take(sensors))
             .any(|tip| older(tip.fresh_us, self.settings.stale_ms));
         self.safety.set(Fault::StaleMaps, holding && stale);
         self.safety.set(
@@ -333,7 +359,7 @@ impl<K: Kernel> Program<K> {
     #[inline(never)]
     pub fn teach_grip(&mut self) {
         let mut is_new = false;
-        for tip in &mut self.fingertips {
+        for tip in at_most::<SENSORS, _>(&mut self.fingertips) {
             is_new |= core::mem::take(&mut tip.is_news);
         }
         if !self.settings.learns() {
@@ -497,10 +523,7 @@ impl<K: Kernel> Program<K> {
         self.safety.set(Fault::FutureMap, false);
         self.safety.set(Fault::MapsLost, lost > 0);
         let sensors = usize::from(self.settings.sensors);
-        let health = self
-            .fingertips
-            .iter()
-            .take(sensors)
+        let health = at_most::<SENSORS, _>(self.fingertips.iter().take(sensors))
             .fold(Health::GOOD, |all, tip| all.with(tip.health));
         self.safety
             .set(Fault::SaturatedMap, health.has(Health::SATURATED));
