@@ -221,8 +221,9 @@ impl ActiveSet {
     /// The same for the next `BYTES` of the bitmap, each of eight taxels.
     #[inline]
     pub(crate) fn list<const BYTES: usize>(&self, listed: &mut Listed, out: &mut [Place; TAXELS]) {
-        let from = usize::from(listed.bytes).min(BITMAP_BYTES);
-        let bytes = &self.bytes[from..(from + BYTES).min(BITMAP_BYTES)];
+        let from = usize::from(listed.bytes);
+        let rest = self.bytes.get(from..).unwrap_or_default();
+        let bytes = rest.get(..BYTES).unwrap_or(rest);
         let (mut count, mut first) = (listed.count, listed.first);
         for &byte in at_most::<BYTES, _>(bytes) {
             for nibble in at_most::<2, _>([byte & 0xF, byte >> 4]) {

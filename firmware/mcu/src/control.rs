@@ -18,7 +18,7 @@ use crate::dsp::Dsp;
 use crate::gripper_bus::BusLine;
 use crate::line::{self, AnalogLine};
 use crate::outbox::{self, Outbox};
-use crate::priority::block_path;
+use crate::priority::{self, block_path};
 use crate::watchdog;
 
 /// The bus counts as free for messages to the host when no packet came for so long, microseconds: at full speed a packet of
@@ -149,6 +149,7 @@ impl Control {
     pub(crate) fn map_head(&mut self, packet: &[u8], link: LinkId, entered: u32) {
         self.heard(link);
         let _ = self.program.map_head(packet, link, self.packet_us);
+        priority::let_uart(self.program.counts_maps_of(LinkId::Uart));
         self.note_packet(entered);
     }
 
@@ -157,6 +158,7 @@ impl Control {
     pub(crate) fn map_begins(&mut self, packet: &[u8], link: LinkId, entered: u32) {
         self.heard(link);
         let _ = self.program.map_begins(packet, link, self.packet_us);
+        priority::let_uart(self.program.counts_maps_of(LinkId::Uart));
         self.note_packet(entered);
     }
 
@@ -208,8 +210,8 @@ impl Control {
 
     /// The first part of the safety tick.
     #[inline(never)]
-    pub(crate) fn age(&mut self) {
-        self.program.age(now_us());
+    pub(crate) fn age(&mut self, now_us: u64) {
+        self.program.age(now_us);
     }
 
     /// The second part.
@@ -227,24 +229,28 @@ impl Control {
 
     /// The fourth part: the line moves on. It is written in the last part, so that a packet waits for one of the two only.
     #[inline(never)]
-    pub(crate) fn advance(&mut self) {
-        let started = cycles();
-        let _ = self.program.advance(now_us());
-        let took = cycles().wrapping_sub(started);
-        self.program.note_cycles(Stage::Tick, took);
+    pub(crate) fn advance(&mut self, now_us: u64) {
+        let _ = self.program.advance(now_us);
     }
 
     /// The last part: writes the program's newest line, which may be that of a map that came since [`Self::advance`]. Tells the
-    /// active faults, and whether the robot must know of one; returns where messages go, when there are some and the bus is free
+    /// active faults, and whether the robot must know of one; `started` is when the tick moved the line, cycles. Returns where messages go, when there are some and the bus is free
     /// for them.
     #[inline(never)]
-    pub(crate) fn tick(&mut self, faults: &mut FaultSet, is_at_fault: &mut bool) -> Option<&'static Outbox> {
-        let now_us = now_us();
+    pub(crate) fn tick(
+        &mut self,
+        now_us: u64,
+        started: u32,
+        faults: &mut FaultSet,
+        is_at_fault: &mut bool,
+    ) -> Option<&'static Outbox> {
         *faults = self.program.faults();
         *is_at_fault = self.program.is_at_fault();
         let decided = cycles();
         self.write_line(self.program.line());
         self.note_line(decided);
+        self.program
+            .note_cycles(Stage::Tick, decided.wrapping_sub(started));
         watchdog::count_tick();
         let is_quiet = now_us.saturating_sub(self.packet_us) >= QUIET_US;
         let is_late = now_us.saturating_sub(self.message_us) >= MESSAGE_WAIT_MAX_US;
@@ -332,6 +338,7 @@ pub(crate) fn cycles() -> u32 {
     DWT::cycle_count()
 }
 
-fn now_us() -> u64 {
+/// Time now, microseconds.
+pub(crate) fn now_us() -> u64 {
     Instant::now().as_micros()
 }

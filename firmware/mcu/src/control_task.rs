@@ -141,12 +141,15 @@ pub(crate) async fn control(
             watch.look(&mut known);
             // In parts, so that a packet waits for one of them only.
             study(&mut learner);
-            from_task(Control::age);
+            let now_us = control::now_us();
+            from_task(|control| control.age(now_us));
             from_task(Control::teach_grip);
             from_task(Control::watch_object);
-            from_task(Control::advance);
+            let (started, now_us) = (control::cycles(), control::now_us());
+            from_task(|control| control.advance(now_us));
             let (mut faults, mut is_at_fault) = (logged, true);
-            let outbox = from_task(|control| control.tick(&mut faults, &mut is_at_fault)).flatten();
+            let tick = |control: &mut Control| control.tick(now_us, started, &mut faults, &mut is_at_fault);
+            let outbox = from_task(tick).flatten();
             watch.robot.tell(is_at_fault);
             if let Some(outbox) = outbox {
                 fill(outbox, &mut writer);

@@ -6,14 +6,15 @@
 
 use core::sync::atomic::{AtomicU32, Ordering, compiler_fence};
 
-use cortex_m::peripheral::{DWT, NVIC};
+use cortex_m::peripheral::DWT;
 use cortex_m::register::{basepri, basepri_max};
 use critical_section::RawRestoreState;
 use embassy_stm32::interrupt::{self, InterruptExt, Priority};
 
-/// The map-to-line path: the interrupts of the USB core (`usb_interrupt`) and of the host's UART (`uart`). Neither interrupts the other.
+/// The map-to-line path: the interrupts of the USB core (`usb_interrupt`) and, while its maps count, of the host's UART (`uart`). Neither interrupts
+/// the other.
 const PATH_LEVEL: Priority = Priority::P2;
-/// What critical sections block, with everything below: the rest of USB.
+/// What critical sections block, with everything below: the rest of USB, and the host's UART while maps over USB count.
 const CEILING: Priority = Priority::P3;
 /// The safety tick and what wakes it.
 const TICK: Priority = Priority::P4;
@@ -24,56 +25,52 @@ pub(crate) const OTHERS: Priority = Priority::P5;
 #[derive(Clone, Copy)]
 pub(crate) enum Path {
     /// The USB core's.
-    Usb,
+    Usb = 0,
     /// The host's UART's.
-    Uart,
+    Uart = 1,
 }
 
-impl Path {
-    #[inline]
-    const fn interrupt(self) -> interrupt::Interrupt {
-        match self {
-            Self::Usb => interrupt::OTG_FS,
-            Self::Uart => interrupt::USART1,
-        }
-    }
+/// When something blocked an interrupt of the path last, cycles.
+struct Blocked {
+    since: AtomicU32,
+    until: AtomicU32,
+}
 
-    /// Since when it may have waited for who blocked it last, cycles; 0 when it did not.
-    #[inline]
-    const fn waits_since(self) -> &'static AtomicU32 {
-        static USB: AtomicU32 = AtomicU32::new(0);
-        static UART: AtomicU32 = AtomicU32::new(0);
-        match self {
-            Self::Usb => &USB,
-            Self::Uart => &UART,
+impl Blocked {
+    const fn never() -> Self {
+        Self {
+            since: AtomicU32::new(0),
+            until: AtomicU32::new(0),
         }
     }
 }
+
+/// By [`Path`].
+static BLOCKED: [Blocked; 2] = [Blocked::never(), Blocked::never()];
 
 /// From the request of an interrupt to its handler's first instruction, cycles: 12 for the integer registers, 17 more when those
 /// of the floating-point unit are moved, and a refill (ARM DDI 0439, section 3.9).
 const ENTRY_CYCLES: u32 = 35;
+/// From the last look at the counter with the path blocked to the first in its handler, cycles at most.
+const LET_RUN_CYCLES: u32 = ENTRY_CYCLES + 40;
 
-/// Notes whether an interrupt of the path is pending, before it is let run: since [`DWT::cycle_count`] said this, at the latest. The chip stamps no
-/// request; what came while nobody blocked it is entered at once.
+/// Notes that an interrupt of the path was blocked since the counter said `since`, until now.
 #[inline]
-pub(crate) fn note_waiting(path: Path, since: u32) {
-    let waits_since = path.waits_since();
-    if NVIC::is_pending(path.interrupt()) && waits_since.load(Ordering::Relaxed) == 0 {
-        waits_since.store(since | 1, Ordering::Relaxed);
-    }
+pub(crate) fn note_blocked(path: Path, since: u32) {
+    let blocked = &BLOCKED[path as usize];
+    blocked.since.store(since, Ordering::Relaxed);
+    blocked.until.store(DWT::cycle_count(), Ordering::Relaxed);
 }
 
-/// For an interrupt of the path, when it is `entered`: since when it may have been pending, cycles.
+/// For an interrupt of the path, when it is `entered`: since when it may have been pending, at the earliest, cycles. The chip stamps no request; what
+/// comes while nobody blocks it is entered at once, and what is entered as soon as it was let run may have come when the blocking began.
 #[inline]
 pub(crate) fn requested(path: Path, entered: u32) -> u32 {
-    let waits_since = path.waits_since();
-    match waits_since.load(Ordering::Relaxed) {
-        0 => entered.wrapping_sub(ENTRY_CYCLES),
-        since => {
-            waits_since.store(0, Ordering::Relaxed);
-            since
-        }
+    let blocked = &BLOCKED[path as usize];
+    if entered.wrapping_sub(blocked.until.load(Ordering::Relaxed)) <= LET_RUN_CYCLES {
+        blocked.since.load(Ordering::Relaxed)
+    } else {
+        entered.wrapping_sub(ENTRY_CYCLES)
     }
 }
 
@@ -87,9 +84,15 @@ pub(crate) fn set() {
     }
     interrupt::OTG_FS.set_priority(PATH_LEVEL);
     interrupt::UART4.set_priority(CEILING);
-    interrupt::USART1.set_priority(PATH_LEVEL);
+    interrupt::USART1.set_priority(CEILING);
     interrupt::UART5.set_priority(TICK);
     interrupt::TIM5.set_priority(TICK);
+}
+
+/// Puts the host's UART on the path's level while its maps count, and below it while those over USB do: what does not count holds nothing up.
+#[inline]
+pub(crate) fn let_uart(counts: bool) {
+    interrupt::USART1.set_priority(if counts { PATH_LEVEL } else { CEILING });
 }
 
 /// Runs `work` with the map-to-line path blocked. Its blocking time is part of the path's worst-case bound:
@@ -102,8 +105,8 @@ pub(crate) fn block_path<T>(work: impl FnOnce() -> T) -> T {
     compiler_fence(Ordering::SeqCst);
     let done = work();
     compiler_fence(Ordering::SeqCst);
-    note_waiting(Path::Usb, since);
-    note_waiting(Path::Uart, since);
+    note_blocked(Path::Usb, since);
+    note_blocked(Path::Uart, since);
     // SAFETY: the value from before.
     unsafe { basepri::write(before) };
     done

@@ -1,8 +1,8 @@
 //! The second transport: USART1 on PA9 (out) and PA10 (in), 921,600 baud, 8N1, packets framed with COBS.
 //!
-//! Its interrupt lies on the level of the USB core's: neither interrupts the other, and of two that wait this one comes first. It decodes byte by
-//! byte, so that a map's last byte leads to the line as a map's last packet over USB does ([`Control::map_tail`]). A message's frame
-//! waits for the task `control`. Why not the HAL's buffered driver: it hands bytes to a task, which a tick holds up.
+//! While its maps count, its interrupt lies on the level of the USB core's: neither interrupts the other, and of two that wait this one comes first;
+//! while those over USB do, it lies below (`priority::let_uart`). It decodes byte by byte, so that a map's last byte leads to the line as a map's
+//! last packet over USB does ([`Control::map_tail`]). A message's frame waits for the task `control`. Why not the HAL's buffered driver: it hands bytes to a task, which a tick holds up.
 //! A byte takes 10.9 µs, a packet of 64 bytes 720 µs; a dense map takes about 30 ms.
 //! Limits: no flow control. A byte is lost when maps over USB block the receiver for longer than a byte time, or when the task leaves
 //! [`FRAMES`] frames unread. The CRC then refuses what it belonged to.
@@ -104,16 +104,17 @@ unsafe fn USART1() {
         // Reading it clears the errors as well.
         let byte = REGISTERS.dr().read().dr() as u8;
         let is_damaged = status.ore() || status.fe() || status.ne();
-        // SAFETY: this interrupt lies above all other users, who block it, but for that of the USB core, which does not interrupt it.
-        if let Some(control) = unsafe { control::from_isr() } {
-            control.note_request(requested);
-            received(byte, is_damaged, control, entered);
-        }
+        block_path(|| {
+            // SAFETY: the interrupt of the USB core is blocked, and all other users lie below.
+            if let Some(control) = unsafe { control::from_isr() } {
+                control.note_request(requested);
+                received(byte, is_damaged, control, entered);
+            }
+        });
     }
     if status.txe() {
         send_next();
     }
-    priority::note_waiting(Path::Usb, entered);
 }
 
 /// Takes a byte; `entered` is when its interrupt began.

@@ -76,15 +76,16 @@ impl Handler<typelevel::OTG_FS> for MapPackets {
     #[inline]
     unsafe fn on_interrupt() {
         let entered = control::cycles();
-        take(entered);
-        priority::note_waiting(Path::Uart, entered);
+        let requested = priority::requested(Path::Usb, entered);
+        take(entered, requested);
+        priority::note_blocked(Path::Uart, requested);
     }
 }
 
-/// Takes one entry out of the FIFO, or leaves what is there to the HAL. `entered` is when the interrupt began.
+/// Takes one entry out of the FIFO, or leaves what is there to the HAL. `entered` is when the interrupt began, `requested` since
+/// when it may have been pending.
 #[inline]
-fn take(entered: u32) {
-    let requested = priority::requested(Path::Usb, entered);
+fn take(entered: u32, requested: u32) {
     // Read once: what lands after it interrupts again, and is not left to the HAL.
     if !is_received() {
         return defer(false);

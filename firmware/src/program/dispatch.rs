@@ -241,12 +241,18 @@ impl<K: Kernel> Program<K> {
     pub fn map_begins(&mut self, packet: &[u8], link: LinkId, now_us: u64) -> Action {
         let now_us = self.passed_to(now_us);
         if self.map_source.takes(link, now_us, self.settings.stale_ms) {
-            let begun = self.receivers[link as usize].begin(packet, self.rule);
-            self.begun(begun, link);
+            self.begin(packet, link);
         } else {
             self.maps_refused = self.maps_refused.wrapping_add(1);
         }
         self.unchanged()
+    }
+
+    /// Whether the maps of this link count, and not those of the other.
+    #[inline]
+    #[must_use]
+    pub fn counts_maps_of(&self, link: LinkId) -> bool {
+        self.map_source.is(link)
     }
 
     /// A part of what [`Self::map_begins`] has left.
@@ -287,6 +293,12 @@ impl<K: Kernel> Program<K> {
     #[inline(never)]
     fn head(&mut self, packet: &[u8], link: LinkId) {
         let begun = self.receivers[link as usize].head(packet, self.rule);
+        self.begun(begun, link);
+    }
+
+    #[inline(never)]
+    fn begin(&mut self, packet: &[u8], link: LinkId) {
+        let begun = self.receivers[link as usize].begin(packet, self.rule);
         self.begun(begun, link);
     }
 
@@ -523,8 +535,13 @@ impl<K: Kernel> Program<K> {
         self.safety.set(Fault::FutureMap, false);
         self.safety.set(Fault::MapsLost, lost > 0);
         let sensors = usize::from(self.settings.sensors);
-        let health = at_most::<SENSORS, _>(self.fingertips.iter().take(sensors))
-            .fold(Health::GOOD, |all, tip| all.with(tip.health));
+        // No loop: this is the path to the line.
+        let [one, other] = &self.fingertips;
+        let health = if sensors > 1 {
+            one.health.with(other.health)
+        } else {
+            one.health
+        };
         self.safety
             .set(Fault::SaturatedMap, health.has(Health::SATURATED));
         self.safety

@@ -752,6 +752,8 @@ impl<'a> Walk<'a> {
             .collect();
         let own: BTreeSet<u32> = body.difference(&inside).copied().collect();
         let found = self.rounds_of(function, &own);
+        let is_tested_first = Self::is_tested_first(header, &body, next);
+        let found = found.map(|(rounds, says_so, why)| (rounds + u32::from(says_so && is_tested_first), why));
         let Some((rounds, why)) = found else {
             let places: Vec<Place> = own.iter().flat_map(|at| self.sources.places(*at)).collect();
             let texts: BTreeSet<&str> = places
@@ -777,8 +779,21 @@ impl<'a> Walk<'a> {
         way * u64::from(rounds)
     }
 
-    /// How often a loop of these instructions runs at most, those of loops inside it left out, and why.
-    fn rounds_of(&self, function: &Function, own: &BTreeSet<u32>) -> Option<(u32, &'static str)> {
+    /// Whether a loop may be left by the first branch behind its first instruction, which then runs once more than the rest.
+    fn is_tested_first(header: u32, body: &BTreeSet<u32>, next: &Graph) -> bool {
+        let mut at = header;
+        while let [only] = next[&at].as_slice() {
+            if *only == header || !body.contains(only) {
+                return false;
+            }
+            at = *only;
+        }
+        let targets = &next[&at];
+        targets.iter().any(|target| !body.contains(target)) && !targets.contains(&header)
+    }
+
+    /// How often a loop of these instructions runs at most, those of loops inside it left out; whether it says so itself, and why.
+    fn rounds_of(&self, function: &Function, own: &BTreeSet<u32>) -> Option<(u32, bool, &'static str)> {
         let is_tail = self.left_out == Left::Tail;
         if let Some(most) = own.iter().filter_map(|at| self.sources.rounds(*at)).max() {
             let stands_in = |part: &str| {
@@ -789,8 +804,8 @@ impl<'a> Walk<'a> {
                 .iter()
                 .find(|(part, number, ..)| is_tail && *number == most && stands_in(part));
             return Some(match fewer {
-                Some((_, _, rounds, why)) => (rounds(self.tail_taxels), why),
-                None => (most, "the loop says so"),
+                Some((_, _, rounds, why)) => (rounds(self.tail_taxels), true, why),
+                None => (most, true, "the loop says so"),
             });
         }
         let fits = |one: &&MachineLoop| {
@@ -803,7 +818,7 @@ impl<'a> Walk<'a> {
             } else {
                 one.most
             };
-            (rounds, one.why)
+            (rounds, false, one.why)
         })
     }
 }

@@ -234,14 +234,14 @@ impl Report {
         self.bounds().into_iter().max().unwrap_or_default()
     }
 
-    /// Cycles at most that the interrupts of the path wait. That of the USB core waits for the longest stretch that blocks it or for the rest of a full
-    /// packet, and then for that of the UART, which comes first when both wait; that one waits for a stretch, or for what the USB core
-    /// is served for.
+    /// Cycles at most that the interrupts of the path wait, each while its maps count: for the longest stretch that blocks it, for what the other
+    /// link's interrupt does, or, over USB, for the rest of a full packet. For one of them only: who waits comes before what else wants to run,
+    /// that of the USB core because that of the UART lies below it then, that of the UART because it comes first of two.
     fn waits(&self) -> [u64; 2] {
         let rest = self.taxels_cycles.saturating_sub(LAST_PACKET_CYCLES);
         let [of_usb, of_uart] = self.foreign_cycles;
         [
-            self.blocking.cycles.max(rest) + of_uart,
+            self.blocking.cycles.max(rest).max(of_uart),
             self.blocking.cycles.max(of_usb),
         ]
     }

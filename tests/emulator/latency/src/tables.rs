@@ -143,7 +143,19 @@ pub const LEFT_OUT: &[(&str, Left, &str)] = &[
     ),
     ("Program<K>::head", Left::Taxels, "a full packet is no first one"),
     ("Program<K>::tail", Left::Taxels, "a full packet is no last one"),
+    (
+        "Program<K>::begin",
+        Left::Tail,
+        "a map's first packet is never its last",
+    ),
+    (
+        "Receiver::list_places",
+        Left::Tail,
+        "a map's last byte ends a frame, and has no places to list",
+    ),
     ("Program<K>::head", Left::Foreign, FOREIGN),
+    ("Program<K>::begin", Left::Foreign, FOREIGN),
+    ("Receiver::list_places", Left::Foreign, FOREIGN),
     ("Program<K>::taxels", Left::Foreign, FOREIGN),
     ("Program<K>::tail", Left::Foreign, FOREIGN),
     (
@@ -166,6 +178,10 @@ pub const EXCEPTED: &[(&str, &str)] = &[
     (
         "Control::settings_to_store",
         "settings go to flash only when released, with the line at zero",
+    ),
+    (
+        "USART1",
+        "while maps over the UART count, none over USB does; otherwise it takes what its interrupt does for the other link",
     ),
     (
         "Control::map_packet",
