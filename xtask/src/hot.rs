@@ -31,7 +31,8 @@ pub(crate) fn check(elf: &Path) -> Result<(), Error> {
     let file = object::File::parse(&*bytes).map_err(|error| product(error.to_string(), "an ELF file"))?;
     let code = Code::of(&file);
     let (mut seen, mut in_flash) = (BTreeSet::new(), BTreeSet::new());
-    let is_root = |name: &str| ROOTS[..2].contains(&name) || name.contains(ROOTS[2]) && !name.starts_with(THUNK);
+    let is_root =
+        |name: &str| ROOTS[..2].contains(&name) || name.contains(ROOTS[2]) && !name.starts_with(THUNK);
     let mut work: Vec<u32> = code
         .functions
         .iter()

@@ -326,7 +326,8 @@ impl Control {
 
     #[inline(never)]
     fn note_decision(&mut self, started: u32, decided: u32, written: u32) {
-        self.program.note_map_to_line(written.wrapping_sub(self.requested));
+        self.program
+            .note_map_to_line(written.wrapping_sub(self.requested));
         self.program
             .note_cycles(Stage::Decide, decided.wrapping_sub(started));
     }

@@ -118,9 +118,7 @@ fn main() -> ! {
 
     control::start(program, line);
     let tick_spawner = TICK_EXECUTOR.start(interrupt::UART5);
-    tick_spawner.spawn(
-        control_task::control(settings.line, flash, watch, usb_in).expect("one control task"),
-    );
+    tick_spawner.spawn(control_task::control(settings.line, flash, watch, usb_in).expect("one control task"));
     // Writing the log masks interrupts for some microseconds: only at task level, never on the path from map to line.
     defmt::info!(
         "{=str} started: {}, line restored: {}",

@@ -24,8 +24,8 @@ use gripline_protocol::cobs::{CobsDecoder, FRAME_MAX, Frame, encode_packet};
 use gripline_protocol::packet::Kind;
 
 use crate::control::{self, Control};
-use crate::priority::{self, Path, block_path};
 use crate::outbox;
+use crate::priority::{self, Path, block_path};
 
 /// Symbols a second: what common USB adapters and the chip both make exactly enough (84 MHz / 91.125, error 0.02 %).
 const BAUD: u32 = 921_600;
@@ -187,8 +187,7 @@ fn send_next() {
 /// Wakes who waits for the UART. Called from an interrupt that critical sections block, unlike the UART's own.
 #[inline]
 pub(crate) fn wake() {
-    let is_waiting =
-        RECEIVED.ended.load(Ordering::Relaxed) != RECEIVED.read.load(Ordering::Relaxed);
+    let is_waiting = RECEIVED.ended.load(Ordering::Relaxed) != RECEIVED.read.load(Ordering::Relaxed);
     if is_waiting || RECEIVED.is_broken.load(Ordering::Relaxed) {
         MESSAGE.signal(());
     }

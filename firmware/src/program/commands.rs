@@ -1,7 +1,7 @@
 //! What messages do to the program: handshake and commands.
 
-use gripline_protocol::message::{Command, GripMode, Hello, Message, Refusal, Report};
 use gripline_protocol::SENSORS;
+use gripline_protocol::message::{Command, GripMode, Hello, Message, Refusal, Report};
 use gripline_protocol::rounds::at_most;
 use gripline_protocol::sequence::SequenceTracker;
 

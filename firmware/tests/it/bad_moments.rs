@@ -176,7 +176,9 @@ fn maps_of_one_link_count_at_a_time_and_the_other_link_takes_over_when_they_are_
     let mut bench = quiet_hold(&Configuration::DEFAULT);
     let over = |bench: &mut Bench, link: LinkId, shear_n: f64| {
         let packets = bench.packets(&held(shear_n));
-        let actions = packets.iter().map(|packet| bench.device.packet_from(link, packet, bench.now_us));
+        let actions = packets
+            .iter()
+            .map(|packet| bench.device.packet_from(link, packet, bench.now_us));
         actions.filter(|action| action.decided).count()
     };
     let (line, refused) = (bench.line(), bench.device.program.status().maps_refused);
@@ -184,7 +186,12 @@ fn maps_of_one_link_count_at_a_time_and_the_other_link_takes_over_when_they_are_
     let (first, second) = (bench.packets(&held(1.6)), bench.packets(&held(6.0)));
     let mut decided = 0;
     for (one, other) in first.iter().zip(second.iter().cycle()) {
-        decided += u32::from(bench.device.packet_from(LinkId::Uart, other, bench.now_us).decided);
+        decided += u32::from(
+            bench
+                .device
+                .packet_from(LinkId::Uart, other, bench.now_us)
+                .decided,
+        );
         decided += u32::from(bench.device.packet(one, bench.now_us).decided);
     }
     assert_eq!(decided, 1);

@@ -230,7 +230,11 @@ impl MapParser {
         };
         let expected = map.next_index;
         let same_map = header.owner == map.info.sensor && header.sequence == map.info.sequence as u8;
-        if !same_map || found != expected || !map.listed.is_done() || usize::from(map.count - map.received) < taxels {
+        if !same_map
+            || found != expected
+            || !map.listed.is_done()
+            || usize::from(map.count - map.received) < taxels
+        {
             return Err(PacketError::Order { found, expected });
         }
         Ok(map)

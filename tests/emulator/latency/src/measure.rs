@@ -519,7 +519,11 @@ impl<'a> Bench<'a> {
     ///
     /// # Errors
     /// The board's.
-    pub fn map_as(&mut self, map: &ForceMap, change: impl FnOnce(&mut MapInfo)) -> Result<Option<Way>, Error> {
+    pub fn map_as(
+        &mut self,
+        map: &ForceMap,
+        change: impl FnOnce(&mut MapInfo),
+    ) -> Result<Option<Way>, Error> {
         self.changed(map, MAP_NS, change, |_| {})
     }
 
@@ -527,7 +531,11 @@ impl<'a> Bench<'a> {
     ///
     /// # Errors
     /// The board's.
-    pub fn damaged(&mut self, map: &ForceMap, damage: impl FnOnce(&mut Vec<Vec<u8>>)) -> Result<Option<Way>, Error> {
+    pub fn damaged(
+        &mut self,
+        map: &ForceMap,
+        damage: impl FnOnce(&mut Vec<Vec<u8>>),
+    ) -> Result<Option<Way>, Error> {
         self.changed(map, MAP_NS, |_| {}, damage)
     }
 
@@ -585,7 +593,9 @@ impl<'a> Bench<'a> {
         self.send_but_last(&packets)?;
         let lasts_ns = match self.link {
             Link::Usb => 0,
-            Link::Uart => packets.last().map_or(0, |packet| line_ns(std::slice::from_ref(packet))),
+            Link::Uart => packets
+                .last()
+                .map_or(0, |packet| line_ns(std::slice::from_ref(packet))),
         };
         self.run_to(phase_ns + TICK_NS - lasts_ns % TICK_NS)?;
         let way = self.send_last(&packets)?;
@@ -740,7 +750,9 @@ impl<'a> Bench<'a> {
     ) -> Result<Way, Error> {
         let packets = self.packets(map, |_| {});
         self.send_but_last(&packets)?;
-        let lasts_ns = packets.last().map_or(0, |packet| line_ns(std::slice::from_ref(packet)));
+        let lasts_ns = packets
+            .last()
+            .map_or(0, |packet| line_ns(std::slice::from_ref(packet)));
         self.run_to(phase_ns)?;
         self.ways.clear();
         let last = packets.last().map(std::slice::from_ref).unwrap_or_default();
@@ -878,7 +890,11 @@ fn whole(way: Option<Way>) -> Result<Way, Error> {
 /// A command's bytes on the UART's line.
 fn frames(command: Command, id: u8) -> Vec<u8> {
     let packets = MessagePackets::new(&Message::Command(command), id);
-    let packets: Vec<Vec<u8>> = packets.into_iter().flatten().map(|packet| packet.to_vec()).collect();
+    let packets: Vec<Vec<u8>> = packets
+        .into_iter()
+        .flatten()
+        .map(|packet| packet.to_vec())
+        .collect();
     framed(&packets)
 }
 

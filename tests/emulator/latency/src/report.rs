@@ -205,7 +205,10 @@ impl Report {
             },
             met: bench.met.clone(),
             raises,
-            worst_spent: bench.worst_spent.each_ref().map(|spent| by_function(&image, spent)),
+            worst_spent: bench
+                .worst_spent
+                .each_ref()
+                .map(|spent| by_function(&image, spent)),
             behind_control,
             rates,
             unknown: (
@@ -493,11 +496,7 @@ impl Report {
             for (taxels, (path, way)) in tails.iter().enumerate() {
                 line(
                     &format!("  a last packet of {taxels} taxels over {link}"),
-                    format!(
-                        "bound {} (path {path}), measured {}",
-                        path + waits,
-                        way.cycles
-                    ),
+                    format!("bound {} (path {path}), measured {}", path + waits, way.cycles),
                 );
             }
         }

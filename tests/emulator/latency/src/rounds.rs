@@ -25,7 +25,9 @@ impl Marks {
     pub fn read(elf: &[u8]) -> Result<Self, Error> {
         let file = object::File::parse(elf).map_err(|error| Error::Image(error.to_string()))?;
         let section = |id: gimli::SectionId| -> Result<Slice<'_>, gimli::Error> {
-            let data = file.section_by_name(id.name()).and_then(|section| section.data().ok());
+            let data = file
+                .section_by_name(id.name())
+                .and_then(|section| section.data().ok());
             Ok(EndianSlice::new(data.unwrap_or_default(), LittleEndian))
         };
         let dwarf = Dwarf::load(section).map_err(told)?;
@@ -102,5 +104,7 @@ fn name_of(
     let Some(name) = entry.attr_value(gimli::DW_AT_name) else {
         return Ok(None);
     };
-    Ok(Some(dwarf.attr_string(unit, name)?.to_string_lossy().into_owned()))
+    Ok(Some(
+        dwarf.attr_string(unit, name)?.to_string_lossy().into_owned(),
+    ))
 }

@@ -236,7 +236,11 @@ pub fn over_uart(bench: &mut Bench<'_>, length: Length) -> Result<(), Error> {
             })?;
         }
         // The last byte at every phase of packets over USB: maps, which are refused, and a command.
-        let step_ns = if length == Length::Short { 20 * SHORT_NS } else { SHORT_NS };
+        let step_ns = if length == Length::Short {
+            20 * SHORT_NS
+        } else {
+            SHORT_NS
+        };
         for phase_ns in (0..2 * PACKET_NS).step_by(step_ns as usize) {
             for is_map in [true, false] {
                 bench.last_packet_meets(CALM_NS, phase_ns, &map_of(SHORT_MAP, 1), |bench| {

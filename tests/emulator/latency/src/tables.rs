@@ -1,9 +1,7 @@
 //! What the walk cannot see in the image: how often loops of machine instructions run, where calls through registers lead, what a path never comes
 //! to; each with its reason. Runs check the loops (`measure`), and an entry that names nothing in the image is a finding.
 
-use gripline_protocol::constants::{
-    CRC_BYTES, PACKET_HEADER, PACKET_MAX, TAXEL_BYTES, TAXELS_PER_PACKET,
-};
+use gripline_protocol::constants::{CRC_BYTES, PACKET_HEADER, PACKET_MAX, TAXEL_BYTES, TAXELS_PER_PACKET};
 use gripline_protocol::message::Message;
 
 /// Words of the longest packet.
@@ -93,8 +91,20 @@ pub const MACHINE_LOOPS: &[MachineLoop] = &[
         |taxels| taxels / 2,
         "pairs of taxels in a packet",
     ),
-    machine("mem", "ldrb", 4, |_| 0, "bytes before and behind words, four a round"),
-    machine("mem", "ldr", COPIED, |_| 0, "words of the largest thing that is copied"),
+    machine(
+        "mem",
+        "ldrb",
+        4,
+        |_| 0,
+        "bytes before and behind words, four a round",
+    ),
+    machine(
+        "mem",
+        "ldr",
+        COPIED,
+        |_| 0,
+        "words of the largest thing that is copied",
+    ),
     machine(
         "mem",
         "str",
