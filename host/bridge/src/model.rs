@@ -10,8 +10,9 @@ use gripline_network::scene::GateKind;
 use gripline_network::{Calibration, Network};
 use gripline_pipeline::markers::{self, MarkerRest, MarkerStage};
 use gripline_pipeline::pipeline::{self, Pipeline};
+use gripline_protocol::SENSORS;
 use gripline_protocol::message::FingertipGeometry;
-use gripline_recording::{CROP_SIDE, Image, Metadata};
+use gripline_recording::{CROP_SIDE, CalibratedView, Image, MarkerCalibration, Metadata};
 use gripline_sensor::{MarkerKind, SHIPPED, Sensor};
 
 use crate::calibration;
@@ -31,7 +32,18 @@ pub(crate) struct Model {
 #[derive(Debug, Clone)]
 enum Reader {
     Particles(Box<Network>),
-    Markers(Box<MarkerForces>),
+    /// One a fingertip: each has a gel and a camera of its own.
+    Markers(Box<[MarkerReader; SENSORS]>),
+}
+
+/// What makes forces of one fingertip's markers.
+#[derive(Debug, Clone)]
+struct MarkerReader {
+    /// The description with the field and the lens that this camera's calibration found.
+    sensor: Sensor,
+    /// With this gel's gains.
+    forces: MarkerForces,
+    calibration: MarkerCalibration,
 }
 
 /// A fingertip's pictures while nothing touches it.
@@ -50,22 +62,34 @@ impl Model {
     /// [`Failure`] when description or weights cannot be used, or do not belong together.
     pub(crate) fn of(wanted: &Settings) -> Result<Self, Failure> {
         let text = Sensor::text_of(&wanted.sensor)?;
-        let mut sensor = Sensor::from_toml(&wanted.sensor, &text)?;
-        if let Some(calibration) = &wanted.calibration {
-            mend(&mut sensor, calibration)?;
-        }
+        let sensor = Sensor::from_toml(&wanted.sensor, &text)?;
         let (reader, text) = match sensor.markers.kind {
             MarkerKind::Volume => {
                 known_particles(&sensor)?;
                 (Reader::Particles(Box::new(wanted.network()?)), String::new())
             }
             MarkerKind::Plane => {
-                let forces = match &wanted.weights {
-                    Some(file) => MarkerForces::from_file(file, &sensor)?,
-                    None => MarkerForces::for_sensor(&sensor, wanted.sensor.parent())?,
+                let of = |calibration: &Option<calibration::Calibration>| {
+                    let (view, gel) = match calibration {
+                        None => (None, None),
+                        Some(found) => (view_of(&sensor, found)?, gel_of(&sensor, found)?),
+                    };
+                    let folder = wanted.sensor.parent();
+                    let reader = MarkerReader::new(&sensor, wanted.weights.as_deref(), folder, view)?;
+                    match gel {
+                        None => Ok(reader),
+                        Some((file, gel)) => reader.calibrated(file, gel),
+                    }
                 };
-                let forces = calibrated(forces, &sensor, wanted.calibration.as_ref())?;
-                (Reader::Markers(Box::new(forces)), text)
+                let readers = [of(&wanted.calibration)?, of(&wanted.second_calibration)?];
+                let is_one_known = readers[0].calibration.gain != readers[1].calibration.gain;
+                if wanted.second_source.is_some() && is_one_known {
+                    tracing::warn!(
+                        "one fingertip's gel is calibrated and the other's is not, expected both: the other's forces are those of a \
+                         gel as described; name its calibration with --calibration or --second-calibration"
+                    );
+                }
+                (Reader::Markers(Box::new(readers)), text)
             }
         };
         Ok(Self { sensor, text, reader })
@@ -80,14 +104,14 @@ impl Model {
             return Ok(None);
         }
         let sensor = Sensor::from_toml(Path::new(&metadata.sensor), &metadata.sensor_file)?;
-        let forces = match weights {
-            Some(file) => MarkerForces::from_file(file, &sensor)?,
-            None => MarkerForces::for_sensor(&sensor, None)?,
-        };
+        let [first, second] = metadata.marker_calibrations().map(|calibration| {
+            let reader = MarkerReader::new(&sensor, weights, None, calibration.view)?;
+            Ok::<_, Failure>(reader.with_gain(calibration.gain))
+        });
         Ok(Some(Self {
-            sensor,
             text: metadata.sensor_file.clone(),
-            reader: Reader::Markers(Box::new(forces)),
+            reader: Reader::Markers(Box::new([first?, second?])),
+            sensor,
         }))
     }
 
@@ -108,7 +132,7 @@ impl Model {
     pub(crate) fn calibration(&self) -> Calibration {
         match &self.reader {
             Reader::Particles(network) => network.calibration(),
-            Reader::Markers(forces) => forces.calibration(),
+            Reader::Markers(readers) => readers[0].forces.calibration(),
         }
     }
 
@@ -120,12 +144,13 @@ impl Model {
         }
     }
 
-    /// What makes maps of one fingertip's pictures.
+    /// What makes maps of a fingertip's pictures, 0 for the first.
     ///
     /// # Errors
     /// [`Failure`] when the rest shows no markers, or a touch.
     pub(crate) fn pipeline(
         &self,
+        fingertip: usize,
         rest: &AtRest,
         gate: GateKind,
         rule: TaxelRule,
@@ -134,8 +159,9 @@ impl Model {
             (Reader::Particles(network), AtRest::Particles(crops)) => {
                 Ok(Pipeline::new((**network).clone(), crops, gate, rule))
             }
-            (Reader::Markers(forces), AtRest::Markers(rest)) => {
-                let stage = MarkerStage::new(&self.sensor, (**forces).clone(), rest, gate)?;
+            (Reader::Markers(readers), AtRest::Markers(rest)) => {
+                let MarkerReader { sensor, forces, .. } = &readers[fingertip % SENSORS];
+                let stage = MarkerStage::new(sensor, forces.clone(), rest, gate)?;
                 let touched = stage.touched_at_rest().len();
                 if touched > 0 {
                     tracing::warn!(
@@ -168,11 +194,23 @@ impl Model {
                 network.manifest().to_owned(),
                 String::new(),
             ],
-            (Reader::Markers(forces), _) => [
-                forces.name().to_owned(),
-                forces.manifest(),
-                markers::fingerprint(forces),
-            ],
+            // Without gains, which stand beside it.
+            (Reader::Markers(readers), _) => {
+                let forces = readers[0].forces.clone().with_gain([1.0; 2]);
+                [
+                    forces.name().to_owned(),
+                    forces.manifest(),
+                    markers::fingerprint(&forces),
+                ]
+            }
+        }
+    }
+
+    /// What calibrations changed of each fingertip, for recordings.
+    pub(crate) fn calibrations(&self) -> [MarkerCalibration; SENSORS] {
+        match &self.reader {
+            Reader::Particles(_) => [MarkerCalibration::NONE; SENSORS],
+            Reader::Markers(readers) => readers.each_ref().map(|reader| reader.calibration),
         }
     }
 
@@ -254,43 +292,82 @@ fn of_another(
     ))
 }
 
-/// The description with the field and the lens that a calibration found.
-fn mend(sensor: &mut Sensor, calibration: &calibration::Calibration) -> Result<(), Failure> {
+impl MarkerReader {
+    /// For a camera that shows `view`, where it was calibrated; weights as named, else those of the description.
+    fn new(
+        sensor: &Sensor,
+        weights: Option<&Path>,
+        folder: Option<&Path>,
+        view: Option<CalibratedView>,
+    ) -> Result<Self, Failure> {
+        let mut sensor = sensor.clone();
+        if let Some(view) = view {
+            sensor.see_as(view.field_mm, view.distortion_per_mm2);
+        }
+        let forces = match weights {
+            Some(file) => MarkerForces::from_file(file, &sensor)?,
+            None => MarkerForces::for_sensor(&sensor, folder)?,
+        };
+        Ok(Self {
+            sensor,
+            forces,
+            calibration: MarkerCalibration {
+                view,
+                ..MarkerCalibration::NONE
+            },
+        })
+    }
+
+    /// With these factors on shear and normal force.
+    fn with_gain(mut self, gain: [f32; 2]) -> Self {
+        self.calibration.gain = gain;
+        self.forces = self.forces.with_gain(gain);
+        self
+    }
+
+    /// With the gains that a calibration of this gel found for these weights.
+    fn calibrated(self, file: &Path, gel: &calibration::Gel) -> Result<Self, Failure> {
+        let named = forces_named(&self.forces);
+        if gel.model != named {
+            return Err(Failure::usage(format!(
+                "{}: gel.model: found {}, expected {named}: these gains are of other weights; run `gripline calibrate gel` again with \
+                 maps of the ones in use",
+                file.display(),
+                gel.model
+            )));
+        }
+        Ok(self.with_gain([gel.shear_gain as f32, gel.normal_gain as f32]))
+    }
+}
+
+/// What a calibration says that this sensor's camera shows.
+fn view_of(
+    sensor: &Sensor,
+    calibration: &calibration::Calibration,
+) -> Result<Option<CalibratedView>, Failure> {
     let Some(camera) = &calibration.camera else {
-        return Ok(());
+        return Ok(None);
     };
     if camera.sensor != sensor.identity() {
         return Err(of_another(calibration, "camera", &camera.sensor, sensor));
     }
-    sensor.view.field_mm = camera.field_mm;
-    sensor.view.distortion_per_mm2 = camera.distortion_per_mm2;
-    // The scale is known: nothing is guessed from the markers' distance.
-    sensor.view.zoom = [1.0; 2];
-    Ok(())
+    Ok(Some(CalibratedView {
+        field_mm: camera.field_mm,
+        distortion_per_mm2: camera.distortion_per_mm2,
+    }))
 }
 
-/// The model with the gains that a calibration of this gel found for it.
-fn calibrated(
-    forces: MarkerForces,
+/// What it says of this sensor's gel, and the file that does.
+fn gel_of<'a>(
     sensor: &Sensor,
-    calibration: Option<&calibration::Calibration>,
-) -> Result<MarkerForces, Failure> {
-    let Some((calibration, gel)) = calibration.and_then(|found| Some((found, found.gel.as_ref()?))) else {
-        return Ok(forces);
-    };
-    if gel.sensor != sensor.identity() {
-        return Err(of_another(calibration, "gel", &gel.sensor, sensor));
+    calibration: &'a calibration::Calibration,
+) -> Result<Option<(&'a Path, &'a calibration::Gel)>, Failure> {
+    match &calibration.gel {
+        Some(gel) if gel.sensor != sensor.identity() => {
+            Err(of_another(calibration, "gel", &gel.sensor, sensor))
+        }
+        gel => Ok(gel.as_ref().map(|gel| (calibration.path.as_path(), gel))),
     }
-    let named = forces_named(&forces);
-    if gel.model != named {
-        return Err(Failure::usage(format!(
-            "{}: gel.model: found {}, expected {named}: these gains are of other weights; run `gripline calibrate gel` again with \
-             maps of the ones in use",
-            calibration.path.display(),
-            gel.model
-        )));
-    }
-    Ok(forces.with_gain([gel.shear_gain as f32, gel.normal_gain as f32]))
 }
 
 /// The shipped weights know one fingertip with particles.

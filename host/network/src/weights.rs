@@ -293,6 +293,17 @@ impl<'a> Metadata<'a> {
         }
     }
 
+    /// As [`Self::number`]; `None` where there is none.
+    pub(crate) fn optional(
+        &self,
+        key: &'static str,
+        above: f32,
+        max: f32,
+    ) -> Result<Option<f32>, NetworkError> {
+        let is_there = self.0.contains_key(key);
+        is_there.then(|| self.number(key, above, max)).transpose()
+    }
+
     pub(crate) fn calibration(&self) -> Result<Calibration, NetworkError> {
         Ok(Calibration {
             contact_min_n: self.number("contact_min_n", 0.0, 1.0)?,

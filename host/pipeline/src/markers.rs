@@ -192,6 +192,19 @@ impl MarkerStage {
         self.evidence
     }
 
+    /// How far each marker has moved from its place at rest, in the order of [`Self::places_mm`].
+    #[must_use]
+    pub fn motions(&self) -> &[MarkerMotion] {
+        &self.motions
+    }
+
+    /// Where the markers are at rest, mm from the middle of the crop; none before the first picture without rest pictures.
+    #[must_use]
+    pub fn places_mm(&self) -> Vec<[f32; 2]> {
+        let places = self.places_px.as_deref().unwrap_or_default();
+        places.iter().map(|place| self.in_mm(*place)).collect()
+    }
+
     /// Numbers of the rest pictures that show a contact and were left out.
     #[must_use]
     pub fn touched_at_rest(&self) -> &[usize] {
@@ -434,8 +447,9 @@ impl MarkerStage {
         (!has_picture || energy < UNTOUCHED_ENERGY) && middle < limits[0] && most < limits[1]
     }
 
-    /// The taxels in which the imprint shows contact; `None` without a picture at rest.
-    fn touched(&self) -> Option<[bool; TAXELS]> {
+    /// The taxels in which the newest imprint shows contact; `None` without a picture at rest.
+    #[must_use]
+    pub fn touched(&self) -> Option<[bool; TAXELS]> {
         if self.rest.kind() == RestKind::Grid {
             return None;
         }

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use gripline_protocol::SENSORS;
 use serde::{Deserialize, Serialize};
 
 /// What holds for a whole recording.
@@ -36,11 +37,57 @@ pub struct Metadata {
     /// What stood for the untouched gel of printed markers: own pictures, other pictures, the regular grid.
     #[serde(default)]
     pub rest: String,
+    /// What calibrations changed of each fingertip with printed markers, JSON; empty where nothing was calibrated.
+    #[serde(default)]
+    pub calibration: String,
     /// The microcontroller's settings, as `gripline config mcu` prints them.
     pub settings: String,
 }
 
+/// What a calibration changed of a fingertip with printed markers.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct MarkerCalibration {
+    /// What the camera shows; `None` as described.
+    pub view: Option<CalibratedView>,
+    /// Factors on shear and normal force.
+    pub gain: [f32; 2],
+}
+
+/// What a camera shows.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct CalibratedView {
+    /// Width and height of the whole crop, mm.
+    pub field_mm: [f64; 2],
+    /// Bend of the lens, per mm² from the middle.
+    pub distortion_per_mm2: f64,
+}
+
+impl MarkerCalibration {
+    /// Nothing was calibrated.
+    pub const NONE: Self = Self {
+        view: None,
+        gain: [1.0; 2],
+    };
+}
+
 impl Metadata {
+    /// Sets what calibrations changed of each fingertip.
+    pub fn set_marker_calibrations(&mut self, of: [MarkerCalibration; SENSORS]) {
+        let is_any = of
+            .iter()
+            .any(|calibration| *calibration != MarkerCalibration::NONE);
+        self.calibration = if is_any {
+            serde_json::to_string(&of).unwrap_or_default()
+        } else {
+            String::new()
+        };
+    }
+
+    /// What calibrations changed of each fingertip.
+    pub fn marker_calibrations(&self) -> [MarkerCalibration; SENSORS] {
+        serde_json::from_str(&self.calibration).unwrap_or([MarkerCalibration::NONE; SENSORS])
+    }
+
     /// As a channel's metadata.
     pub fn to_map(&self) -> BTreeMap<String, String> {
         let value = serde_json::to_value(self).and_then(serde_json::from_value);
@@ -56,6 +103,26 @@ impl Metadata {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn calibrations_of_both_fingertips_read_back_and_old_recordings_have_none() {
+        let mut metadata = Metadata::default();
+        assert_eq!(metadata.marker_calibrations(), [MarkerCalibration::NONE; SENSORS]);
+        metadata.set_marker_calibrations([MarkerCalibration::NONE; SENSORS]);
+        assert_eq!(metadata.calibration, "");
+        let of = [
+            MarkerCalibration {
+                view: Some(CalibratedView {
+                    field_mm: [18.1, 13.9],
+                    distortion_per_mm2: 1e-4,
+                }),
+                gain: [0.61, 0.58],
+            },
+            MarkerCalibration::NONE,
+        ];
+        metadata.set_marker_calibrations(of);
+        assert_eq!(metadata.marker_calibrations(), of);
+    }
 
     #[test]
     fn metadata_reads_back_from_a_channel() {

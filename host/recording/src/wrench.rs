@@ -1,5 +1,5 @@
-//! A force-torque sensor's log in an MCAP file, as rosbag2 and others record it: `geometry_msgs/WrenchStamped` or `Wrench`, in CDR or
-//! JSON. Reads the forces; torques are passed over. Newtons.
+//! A force-torque sensor's log: CSV, or an MCAP file as rosbag2 and others record it, with `geometry_msgs/WrenchStamped` or `Wrench` in
+//! CDR or JSON. Reads the forces; torques are passed over. Newtons, seconds.
 
 use std::collections::BTreeSet;
 use std::fs::File;
@@ -122,6 +122,72 @@ impl WrenchLog {
         log.forces.sort_by_key(|(ns, _)| *ns);
         Ok(log)
     }
+}
+
+impl WrenchLog {
+    /// The forces with their times from `start_ns` on, else from the first of them on, s.
+    #[must_use]
+    pub fn since(&self, start_ns: Option<u64>) -> Vec<(f64, [f64; 3])> {
+        let start_ns = start_ns.or_else(|| self.forces.first().map(|(ns, _)| *ns));
+        let start_ns = i128::from(start_ns.unwrap_or_default());
+        let seconds = |ns: u64| (i128::from(ns) - start_ns) as f64 * 1e-9;
+        self.forces
+            .iter()
+            .map(|(ns, force)| (seconds(*ns), *force))
+            .collect()
+    }
+}
+
+/// Columns of a CSV log.
+const COLUMNS: [&str; 4] = ["time_s", "fx_n", "fy_n", "fz_n"];
+
+/// A log of forces, s and N along x, y, z, in order of time: an MCAP file by its ending (`topic` names one of several), else a CSV file
+/// with a line of names. Times of an MCAP file count from `start_ns` (since 1970) on, where it is known; those of a CSV file stand as
+/// they are.
+///
+/// # Errors
+/// [`RecordingError`] that names the file, and the line of a CSV file.
+pub fn force_log(
+    path: &Path,
+    topic: Option<&str>,
+    start_ns: Option<u64>,
+) -> Result<Vec<(f64, [f64; 3])>, RecordingError> {
+    if path.extension().is_some_and(|extension| extension == "mcap") {
+        return Ok(WrenchLog::open(path, topic)?.since(start_ns));
+    }
+    let text = std::fs::read_to_string(path).map_err(|error| RecordingError::Read {
+        path: path.to_owned(),
+        expected: "a CSV file with time_s, fx_n, fy_n, fz_n",
+        error,
+    })?;
+    from_csv(&text).map_err(|(line, found)| RecordingError::Content {
+        path: path.to_owned(),
+        found: format!("{found} in line {line}"),
+        expected: "numbers in the columns time_s, fx_n, fy_n, fz_n (seconds, newtons): rename or convert them",
+    })
+}
+
+/// The lines of a CSV file; else the number of the wrong one, and what it has.
+fn from_csv(text: &str) -> Result<Vec<(f64, [f64; 3])>, (usize, String)> {
+    let mut lines = text.lines().zip(1..).filter(|(line, _)| !line.trim().is_empty());
+    let (head, number) = lines.next().unwrap_or(("", 1));
+    let names: Vec<&str> = head.split(',').map(str::trim).collect();
+    let mut places = [0; 4];
+    for (place, name) in places.iter_mut().zip(COLUMNS) {
+        *place = names
+            .iter()
+            .position(|found| *found == name)
+            .ok_or_else(|| (number, format!("the columns {}", names.join(", "))))?;
+    }
+    let read = |(line, number): (&str, usize)| {
+        let words: Vec<&str> = line.split(',').collect();
+        let value = |at: usize| words.get(places[at])?.trim().parse::<f64>().ok();
+        match [0, 1, 2, 3].map(value) {
+            [Some(t), Some(x), Some(y), Some(z)] => Ok((t, [x, y, z])),
+            _ => Err((number, line.to_owned())),
+        }
+    };
+    lines.map(read).collect()
 }
 
 /// ROS 2 calls it geometry_msgs/msg/WrenchStamped, ROS 1 geometry_msgs/WrenchStamped.
@@ -301,6 +367,20 @@ mod tests {
             read.forces,
             [(5, [1.5, 2.5, -3.5]), (3_000_000_007, [1.0, 2.0, 3.0])]
         );
+    }
+
+    #[test]
+    fn a_csv_is_read_by_its_names_and_a_wrong_line_is_told_by_its_number() {
+        let file = tempfile::NamedTempFile::new().unwrap();
+        let read = |text: &str| {
+            std::fs::write(file.path(), text).unwrap();
+            force_log(file.path(), None, Some(7))
+        };
+        let log = read("fz_n,time_s, fx_n,fy_n\n3,0.5,1,-2\n\n4,0.6,0,0\n").unwrap();
+        assert_eq!(log, [(0.5, [1.0, -2.0, 3.0]), (0.6, [0.0, 0.0, 4.0])]);
+        let said = |text: &str| read(text).unwrap_err().to_string();
+        assert!(said("t,fx\n").contains("the columns t, fx in line 1"));
+        assert!(said("time_s,fx_n,fy_n,fz_n\n0,0,0,0\n1,0,x,0\n").contains("1,0,x,0 in line 3"));
     }
 
     #[test]

@@ -32,6 +32,14 @@ impl Sensor {
         format!("{}.{}", self.name, self.revision)
     }
 
+    /// The same with what a calibration of the very camera found: the field of the whole crop, mm, and the lens's bend. Then nothing is
+    /// guessed from the markers' distance any more.
+    pub fn see_as(&mut self, field_mm: [f64; 2], distortion_per_mm2: f64) {
+        self.view.field_mm = field_mm;
+        self.view.distortion_per_mm2 = distortion_per_mm2;
+        self.view.zoom = [1.0; 2];
+    }
+
     /// Pixels of the crop per millimetre along x and y, where nothing is zoomed.
     #[must_use]
     pub fn px_per_mm(&self) -> [f64; 2] {

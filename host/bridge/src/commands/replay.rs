@@ -308,7 +308,8 @@ fn marker_pipelines_of(
     }
     let pipelines = rests
         .iter()
-        .map(|rest| model.pipeline(rest, gate, TaxelRule::of(&settings)));
+        .enumerate()
+        .map(|(fingertip, rest)| model.pipeline(fingertip, rest, gate, TaxelRule::of(&settings)));
     Ok((pipelines.collect::<Result<_, _>>()?, settings))
 }
 

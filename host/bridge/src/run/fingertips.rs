@@ -188,16 +188,20 @@ impl Fingertips {
         wanted: &Settings,
         rule: TaxelRule,
     ) -> Result<Self, Failure> {
-        let at_work = |open: Open| {
+        let at_work = |(place, open): (usize, Open)| {
             Ok::<_, Failure>(Fingertip {
-                pipeline: model.pipeline(&open.rest, wanted.gate, rule)?,
+                pipeline: model.pipeline(place, &open.rest, wanted.gate, rule)?,
                 rest: Arc::new(open.particles().map_or_else(Vec::new, |crops| mean(&crops))),
                 source: open.source,
                 store: open.store,
             })
         };
         Ok(Self {
-            all: opened.into_iter().map(at_work).collect::<Result<_, _>>()?,
+            all: opened
+                .into_iter()
+                .enumerate()
+                .map(at_work)
+                .collect::<Result<_, _>>()?,
             next: 0,
             model: model.clone(),
             gate: wanted.gate,

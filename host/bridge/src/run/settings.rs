@@ -104,7 +104,7 @@ pub(super) fn about(
 ) -> Metadata {
     let [network, weights, fingerprint] = model.named(rest);
     let [sensor, sensor_file] = model.described();
-    Metadata {
+    let mut about = Metadata {
         gripline: env!("CARGO_PKG_VERSION").to_owned(),
         mcu: session.link_name(),
         firmware: session.firmware().map_or(String::new(), ToString::to_string),
@@ -125,7 +125,10 @@ pub(super) fn about(
         sensor_file,
         rest: rest.kind().map_or_else(String::new, |kind| kind.to_string()),
         settings: settings_text(session.settings()),
-    }
+        calibration: String::new(),
+    };
+    about.set_marker_calibrations(model.calibrations());
+    about
 }
 
 #[cfg(test)]

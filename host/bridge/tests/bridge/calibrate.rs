@@ -470,6 +470,134 @@ fn how_a_turned_fingertip_sits_is_found_from_presses_at_marks_and_a_run_starts_f
 }
 
 /// Only `cargo xtask test --all` runs these.
+/// A dozen presses at other places, as maps at 25 a second, and what truly pressed: 0.8 times the maps' normal force, 0.6 times
+/// their shear.
+fn presses() -> (Vec<[[f32; 3]; 400]>, Vec<[f64; 3]>) {
+    let (mut maps, mut truth) = (Vec::new(), Vec::new());
+    for press in 0..12_u8 {
+        let normal = 0.5 + 0.2 * f32::from(press * 7 % 12);
+        let shear = normal * [0.3, -0.2][usize::from(press % 2)];
+        let place = 100 + 15 * usize::from(press);
+        for step in 0..30 {
+            let is_on = (6..24).contains(&step);
+            let mut map = [[0.0; 3]; 400];
+            if is_on {
+                for taxel in [place, place + 1, place + 20, place + 21] {
+                    map[taxel] = [0.25 * shear, 0.05 * normal, 0.25 * normal];
+                }
+            }
+            maps.push(map);
+            let true_n = [0.6 * shear, 0.6 * 0.2 * normal, 0.8 * normal].map(f64::from);
+            truth.push(if is_on { true_n } else { [0.0; 3] });
+        }
+    }
+    (maps, truth)
+}
+
+#[test]
+fn a_bag_of_a_force_torque_sensor_on_its_side_brings_maps_to_newtons() {
+    use gripline_recording::ros2::{Header, Time, Vector3, Wrench, WrenchStamped, to_cdr};
+    let folder = tempfile::tempdir().unwrap();
+    let (maps, truth) = presses();
+    maps_file(&folder.path().join("maps.npy"), &maps);
+    let file = std::fs::File::create(folder.path().join("log.mcap")).unwrap();
+    let mut writer = mcap::WriteOptions::new()
+        .compression(None)
+        .create(std::io::BufWriter::new(file))
+        .unwrap();
+    let schema = writer
+        .add_schema("geometry_msgs/msg/WrenchStamped", "ros2msg", b"")
+        .unwrap();
+    let channel = writer
+        .add_channel(schema, "/ft", "cdr", &std::collections::BTreeMap::new())
+        .unwrap();
+    for (number, [x, y, z]) in truth.iter().enumerate() {
+        let ns = 1_700_000_000_000_000_000 + 40_000_000 * number as u64;
+        // Its x looks out of the gel, and it carries 3 N of a mount.
+        let force = Vector3 {
+            x: 3.0 - z,
+            y: *x,
+            z: -y,
+        };
+        let message = WrenchStamped {
+            header: Header {
+                stamp: Time::from_ns(ns),
+                frame_id: "ft".to_owned(),
+            },
+            wrench: Wrench {
+                force,
+                torque: Vector3::default(),
+            },
+        };
+        let header = mcap::records::MessageHeader {
+            channel_id: channel,
+            sequence: number as u32,
+            log_time: ns,
+            publish_time: ns,
+        };
+        let bytes = to_cdr(&message).unwrap();
+        writer.write_to_known_channel(&header, &bytes).unwrap();
+    }
+    writer.finish().unwrap();
+    let arguments = [
+        "gel", "maps.npy", "--rate", "25", "--forces", "log.mcap", "--json",
+    ];
+    let output = calibrate(folder.path(), &arguments, "");
+    assert!(output.status.success(), "{}", said(&output));
+    let found: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let value = |key: &str| found[key]["value"].as_f64().unwrap();
+    assert!((value("normal_gain") - 0.8).abs() < 0.01, "{found}");
+    assert!((value("shear_gain") - 0.6).abs() < 0.01, "{found}");
+    assert_eq!(found["logs"][0]["normal_axis"], "x");
+    assert_eq!(found["presses"], 12);
+
+    // A calibration that does not fit its own presses is refused by those who use it.
+    let file = folder.path().join("calibration.toml");
+    let text = std::fs::read_to_string(&file).unwrap();
+    let wrong: String = text
+        .lines()
+        .map(|line| {
+            if line.starts_with("held_out_share") {
+                "held_out_share = 0.42"
+            } else {
+                line
+            }
+        })
+        .flat_map(|line| [line, "\n"])
+        .collect();
+    std::fs::write(&file, wrong).unwrap();
+    let refused = Command::new(env!("CARGO_BIN_EXE_gripline"))
+        .args([
+            "run",
+            "--sensor",
+            "gelsight-mini",
+            "--source",
+            "file:none.avi",
+            "--calibration",
+            "calibration.toml",
+        ])
+        .current_dir(folder.path())
+        .output()
+        .unwrap();
+    assert!(
+        !refused.status.success()
+            && said(&refused).contains("gel.held_out_share")
+            && said(&refused).contains("0.42"),
+        "{}",
+        said(&refused)
+    );
+    let other = calibrate(
+        folder.path(),
+        &["gel", "maps.npy", "--forces", "log.mcap", "--forces-topic", "/up"],
+        "",
+    );
+    assert!(
+        said(&other).contains("no forces on /up, but on /ft"),
+        "{}",
+        said(&other)
+    );
+}
+
 mod slow {
     use super::*;
 

@@ -134,41 +134,47 @@ pub struct Alignment {
     pub tare_n: [f64; 3],
 }
 
-/// Finds how a log stands to the maps: where one of its forces rises and falls with their normal force. `lag_s` is its clock, where
-/// that is known.
+/// Finds how a log stands to the maps: the gel's normal is the axis along which its force changes most, and its clock is where that
+/// force rises and falls with the maps' normal force. `lag_s` is the clock, where it is known.
 ///
 /// # Errors
-/// Says so when no axis does anywhere.
+/// Says so when it does nowhere.
 pub fn align(moments: &[Moment], log: &ForceLog, lag_s: Option<f64>) -> Result<Alignment, String> {
     let (Some(first), Some(last)) = (moments.first(), moments.last()) else {
         return Err("found no maps".to_owned());
     };
     let span = last.t_s - first.t_s;
+    // A pull along the gel is less than the press that holds it.
+    let spread = |axis: usize| {
+        let mean = log.iter().map(|(_, force)| force[axis]).sum::<f64>() / log.len().max(1) as f64;
+        log.iter()
+            .map(|(_, force)| (force[axis] - mean).powi(2))
+            .sum::<f64>()
+    };
+    let normal = (0..3)
+        .max_by(|a, b| spread(*a).total_cmp(&spread(*b)))
+        .unwrap_or_default();
     let likeness = |lag: f64| {
         let steps = (span / LAG_STEP_S).ceil().clamp(1.0, 20_000.0) as usize;
-        let mut sums = [[0.0; 6]; 3];
+        let mut sums = [0.0; 6];
         for step in 0..steps {
             let t = first.t_s + span * step as f64 / steps as f64;
             let (a, Some(force)) = (at(moments, t), force_at(log, t + lag)) else {
                 continue;
             };
-            for (sums, b) in sums.iter_mut().zip(force) {
-                for (sum, value) in sums.iter_mut().zip([1.0, a, b, a * a, b * b, a * b]) {
-                    *sum += value;
-                }
+            let b = force[normal];
+            for (sum, value) in sums.iter_mut().zip([1.0, a, b, a * a, b * b, a * b]) {
+                *sum += value;
             }
         }
-        // Correlation, and the variance of the log's force.
-        sums.map(|[n, a, b, aa, bb, ab]| {
-            let own = bb - b * b / n;
-            let spread = ((aa - a * a / n) * own).sqrt();
-            let is_told = n * LAG_STEP_S >= 0.5 * span && spread > 0.0;
-            if is_told {
-                (((ab - a * b / n) / spread).abs(), own / n)
-            } else {
-                (0.0, 0.0)
-            }
-        })
+        let [n, a, b, aa, bb, ab] = sums;
+        let spread = ((aa - a * a / n) * (bb - b * b / n)).sqrt();
+        let is_told = n * LAG_STEP_S >= 0.5 * span && spread > 0.0;
+        if is_told {
+            ((ab - a * b / n) / spread).abs()
+        } else {
+            0.0
+        }
     };
     // Clocks may begin anywhere: first brought to the same start.
     let start = log.first().map_or(0.0, |(t, _)| *t) - first.t_s;
@@ -177,31 +183,18 @@ pub fn align(moments: &[Moment], log: &ForceLog, lag_s: Option<f64>) -> Result<A
     let lags: Vec<f64> = lag_s.map_or_else(|| around(start).chain(around(0.0)).collect(), |lag| vec![lag]);
     let best = lags
         .into_iter()
-        .map(|lag| {
-            (
-                likeness(lag)
-                    .map(|(found, _)| found)
-                    .into_iter()
-                    .fold(0.0, f64::max),
-                lag,
-            )
-        })
+        .map(|lag| (likeness(lag), lag))
         .max_by(|a, b| a.0.total_cmp(&b.0));
-    let (found, lag_s) = best.unwrap_or_default();
-    // A pull along the gel rises and falls with the press; the press is the larger one.
-    let followers = likeness(lag_s).into_iter().enumerate();
-    let normal = followers
-        .filter(|(_, (found, _))| *found > LIKENESS_MIN)
-        .max_by(|(_, a), (_, b)| a.1.total_cmp(&b.1));
-    match normal {
-        Some((normal, _)) => Ok(Alignment {
+    match best {
+        Some((found, lag_s)) if found > LIKENESS_MIN => Ok(Alignment {
             lag_s,
             normal,
             tare_n: tare(moments, log, lag_s),
         }),
-        None => Err(format!(
-            "no force of the log follows the maps' normal force: a correlation of {found:.2} at best, expected above {LIKENESS_MIN}: is it \
-             of this recording, and newtons along x, y and z?"
+        found => Err(format!(
+            "no force of the log follows the maps' normal force: a correlation of {:.2} at best, expected above {LIKENESS_MIN}: is it \
+             of this recording, and newtons along x, y and z?",
+            found.map_or(0.0, |(found, _)| found)
         )),
     }
 }
@@ -444,6 +437,75 @@ pub fn fit(
         ));
     }
     Ok(fit)
+}
+
+/// Errors of presses that nothing was fitted to.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct HeldOut {
+    /// Median, N.
+    pub median_n: f64,
+    /// Largest, N.
+    pub largest_n: f64,
+    /// Median of the errors over the normal forces.
+    pub median_share: f64,
+}
+
+impl HeldOut {
+    /// Of some presses' errors, N.
+    #[must_use]
+    pub fn of(errors_n: &[f64], truth: &[[f64; 3]], presses: &[usize]) -> Self {
+        let errors = || presses.iter().map(|at| errors_n[*at]);
+        Self {
+            median_n: median(errors().collect()),
+            largest_n: errors().fold(0.0, f64::max),
+            median_share: median(presses.iter().map(|at| errors_n[*at] / truth[*at][2]).collect()),
+        }
+    }
+}
+
+/// Places nearer to the middle than this are its inner half, taxels.
+const INNER: f64 = 4.0;
+
+/// Names of the groups that errors are told of, by load, place and recording, and the presses in each; none is empty.
+#[must_use]
+pub fn groups(presses: &[Press], truth: &[[f64; 3]]) -> Vec<(String, Vec<usize>)> {
+    let mut loads: Vec<f64> = truth.iter().map(|force| force[2]).collect();
+    loads.sort_by(f64::total_cmp);
+    let Some(third) = loads.get(loads.len() / 3) else {
+        return Vec::new();
+    };
+    let two_thirds = loads[2 * loads.len() / 3];
+    let among =
+        |wanted: &dyn Fn(usize) -> bool| (0..presses.len()).filter(|at| wanted(*at)).collect::<Vec<_>>();
+    let off = |at: usize| presses[at].place[0].hypot(presses[at].place[1]);
+    let mut groups = vec![
+        (
+            format!("load below {third:.2} N"),
+            among(&|at| truth[at][2] < *third),
+        ),
+        (
+            format!("load {third:.2} to {two_thirds:.2} N"),
+            among(&|at| (*third..two_thirds).contains(&truth[at][2])),
+        ),
+        (
+            format!("load from {two_thirds:.2} N"),
+            among(&|at| truth[at][2] >= two_thirds),
+        ),
+        ("place: inner half".to_owned(), among(&|at| off(at) < INNER)),
+        ("place: outer half".to_owned(), among(&|at| off(at) >= INNER)),
+    ];
+    let days = presses.iter().map(|press| press.day).max().unwrap_or(0) + 1;
+    if days > 1 {
+        let of = |day: usize| {
+            (
+                format!("recording {}", day + 1),
+                among(&|at| presses[at].day == day),
+            )
+        };
+        groups.extend((0..days).map(of));
+    }
+    groups.retain(|(_, members)| !members.is_empty());
+    groups
 }
 
 /// The slope through the origin that makes relative errors small.

@@ -17,8 +17,8 @@ use gripline_sensor::Sensor;
 pub use self::elastic_layer::{ElasticLayer, LayerSettings};
 pub use self::motion::MarkerMotion;
 pub use self::trained::{
-    FORCE_OUTPUTS, LEAK, MOTION_INPUTS, MOTION_NODES, MarkerNetwork, MarkerWeights, MotionGrid, PULL,
-    mirrored,
+    FORCE_OUTPUTS, HELD_OUT_MAX, LEAK, MOTION_INPUTS, MOTION_NODES, MarkerNetwork, MarkerWeights, MotionGrid,
+    PULL, mirrored,
 };
 
 use crate::constants::TAXELS;

@@ -38,6 +38,11 @@ const USUAL_MM: f32 = 0.05;
 /// Smallest one to divide by, mm: the noise.
 const NOISE_MM: f32 = 0.0005;
 
+/// Largest median error of presses that tuning was not fitted to, share of the force.
+pub const HELD_OUT_MAX: f32 = 0.3;
+/// Its key in a weights file.
+const HELD_OUT: &str = "held_out_share";
+
 /// The name in a weights file.
 pub(super) const ARCHITECTURE: &str = "markers";
 
@@ -70,6 +75,9 @@ pub struct MarkerWeights {
     pub calibration: Calibration,
     /// How the weights were trained, one line.
     pub manifest: String,
+    /// Of weights that were tuned on a real gel: median error of presses that were left out, share of the force. Above
+    /// [`HELD_OUT_MAX`] they do not fit that gel and are refused.
+    pub held_out_share: Option<f32>,
     /// `dense0.weight` and so on, as [`Self::check`] wants them.
     pub tensors: BTreeMap<String, Tensor>,
 }
@@ -97,6 +105,7 @@ impl MarkerWeights {
             widths,
             calibration: metadata.calibration()?,
             manifest: metadata.text("manifest")?.to_owned(),
+            held_out_share: metadata.optional(HELD_OUT, 0.0, HELD_OUT_MAX)?,
             tensors: file.tensors(&tensors(widths))?,
         };
         weights.check()?;
@@ -117,11 +126,13 @@ impl MarkerWeights {
     /// When a tensor's values do not fill its shape.
     #[must_use]
     pub fn to_bytes(&self) -> Vec<u8> {
+        let mut numbers = vec![("node_mm", self.node_mm)];
+        numbers.extend(self.held_out_share.map(|share| (HELD_OUT, share)));
         weights::to_bytes(
             ARCHITECTURE,
             Some(&self.sensor),
             &self.widths,
-            &[("node_mm", self.node_mm)],
+            &numbers,
             self.calibration,
             &self.manifest,
             &self.tensors,
@@ -353,6 +364,7 @@ mod tests {
                 friction: 0.45,
             },
             manifest: "{}".to_owned(),
+            held_out_share: None,
             tensors,
         }
     }
@@ -389,6 +401,24 @@ mod tests {
             MarkerWeights::parse(&damaged),
             Err(NetworkError::Checksum { .. })
         ));
+    }
+
+    #[test]
+    fn tuned_weights_carry_their_error_and_those_that_do_not_fit_their_gel_are_refused() {
+        let tuned = |share| MarkerWeights {
+            held_out_share: Some(share),
+            ..weights()
+        };
+        assert_eq!(
+            MarkerWeights::parse(&tuned(0.06).to_bytes()).unwrap(),
+            tuned(0.06)
+        );
+        let refused = MarkerWeights::parse(&tuned(0.42).to_bytes())
+            .unwrap_err()
+            .to_string();
+        for part in ["held_out_share", "0.42", "at most 0.3"] {
+            assert!(refused.contains(part), "{part}: {refused}");
+        }
     }
 
     #[test]

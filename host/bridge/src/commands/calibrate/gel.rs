@@ -1,13 +1,13 @@
 //! `gripline calibrate gel`: a gel's maps to newtons, from a ball pressed with known forces.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::str::FromStr;
 
 use clap::{Args, ValueEnum};
 use gripline_evaluation::calibration::gel::{
-    Alignment, GelFit, Measured, Moment, PRESSES_MIN, Press, align, fit, logged, presses,
+    Alignment, GelFit, HeldOut, Measured, Moment, PRESSES_MIN, Press, align, fit, groups, logged, presses,
 };
-use gripline_recording::WrenchLog;
+use gripline_recording::force_log;
 use gripline_sensor::Sensor;
 use serde_json::json;
 
@@ -27,7 +27,7 @@ const DEEPEST: f64 = 0.35;
 /// Arguments of `gripline calibrate gel`.
 #[derive(Debug, Clone, Args)]
 pub(super) struct GelArgs {
-    /// Recordings of `gripline run --record` without a gel calibration, or force maps (T, 3, 20, 20); one a day. Without one the
+    /// Recordings of `gripline run --record`, or force maps (T, 3, 20, 20); one a day. Without one the
     /// command explains how to make it.
     #[arg(value_name = "REC.mcap|MAPS.npy")]
     recordings: Vec<PathBuf>,
@@ -128,15 +128,21 @@ pub(super) fn run(args: &GelArgs) -> Result<(), Failure> {
     let mut device = String::new();
     for (day, path) in args.recordings.iter().enumerate() {
         let maps::Maps {
-            all: moments,
+            all: mut moments,
             device: made_by,
             start_ns,
+            gain: [shear, normal],
         } = maps::read(path, args.rate, args.fingertip, Moment::of)?;
         device = made_by;
+        // The gains that these maps already have are taken back.
+        for moment in &mut moments {
+            let [x, y, z] = moment.raw_n;
+            moment.raw_n = [x / f64::from(shear), y / f64::from(shear), z / f64::from(normal)];
+        }
         let found = presses(&moments, day);
         if let Some(log) = args.forces.get(day) {
             let wrong = |error: String| Failure::failed(format!("{}: {error}", log.display()));
-            let forces = read_log(log, args.forces_topic.as_deref(), start_ns)?;
+            let forces = force_log(log, args.forces_topic.as_deref(), start_ns)?;
             let alignment = align(&moments, &forces, args.lag_s).map_err(wrong)?;
             let (forces, turn) = logged(&found, &forces, &alignment).map_err(wrong)?;
             turns.push((alignment, turn));
@@ -219,135 +225,6 @@ fn section(
     }
 }
 
-/// A log of forces, s and N. Times of an MCAP file count from `start_ns`, where the maps' recording has it.
-fn read_log(
-    path: &Path,
-    topic: Option<&str>,
-    start_ns: Option<u64>,
-) -> Result<Vec<(f64, [f64; 3])>, Failure> {
-    if path.extension().is_none_or(|extension| extension != "mcap") {
-        return read_csv(path);
-    }
-    let log = WrenchLog::open(path, topic)?;
-    tracing::info!(
-        "{}: {} forces on {}{}",
-        path.display(),
-        log.forces.len(),
-        log.topic,
-        if log.frame.is_empty() {
-            String::new()
-        } else {
-            format!(", frame {}", log.frame)
-        }
-    );
-    let start_ns = start_ns.or_else(|| log.forces.first().map(|(ns, _)| *ns));
-    let since = |ns: u64| (i128::from(ns) - i128::from(start_ns.unwrap_or_default())) as f64 * 1e-9;
-    Ok(log
-        .forces
-        .iter()
-        .map(|(ns, force)| (since(*ns), *force))
-        .collect())
-}
-
-/// A CSV with a line of names.
-fn read_csv(path: &Path) -> Result<Vec<(f64, [f64; 3])>, Failure> {
-    const COLUMNS: [&str; 4] = ["time_s", "fx_n", "fy_n", "fz_n"];
-    let text = std::fs::read_to_string(path).map_err(|error| {
-        Failure::usage(format!(
-            "{}: {error}, expected a CSV file with {}",
-            path.display(),
-            COLUMNS.join(", ")
-        ))
-    })?;
-    let mut lines = text
-        .lines()
-        .enumerate()
-        .filter(|(_, line)| !line.trim().is_empty());
-    let head: Vec<&str> = lines
-        .next()
-        .map_or(Vec::new(), |(_, line)| line.split(',').map(str::trim).collect());
-    let mut places = [0; 4];
-    for (place, name) in places.iter_mut().zip(COLUMNS) {
-        *place = head.iter().position(|found| *found == name).ok_or_else(|| {
-            Failure::usage(format!(
-                "{}:1: found the columns {}, expected {}: rename them, newtons and seconds",
-                path.display(),
-                head.join(", "),
-                COLUMNS.join(", ")
-            ))
-        })?;
-    }
-    lines
-        .map(|(number, line)| {
-            let words: Vec<&str> = line.split(',').collect();
-            let value = |at: usize| {
-                words
-                    .get(places[at])
-                    .and_then(|word| word.trim().parse::<f64>().ok())
-            };
-            match [0, 1, 2, 3].map(value) {
-                [Some(t), Some(x), Some(y), Some(z)] => Ok((t, [x, y, z])),
-                _ => Err(Failure::usage(format!(
-                    "{}:{}: found {line}, expected a number in each of {}",
-                    path.display(),
-                    number + 1,
-                    COLUMNS.join(", ")
-                ))),
-            }
-        })
-        .collect()
-}
-
-/// Errors of what was left out, median and largest, N, and the median's share.
-fn errors(
-    found: &GelFit,
-    truth: &[[f64; 3]],
-    wanted: &dyn Fn(usize) -> bool,
-) -> Option<(usize, f64, f64, f64)> {
-    let mut chosen: Vec<(f64, f64)> = (0..truth.len())
-        .filter(|at| wanted(*at))
-        .map(|at| (found.held_out_n[at], found.held_out_n[at] / truth[at][2]))
-        .collect();
-    chosen.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let middle = chosen.len() / 2;
-    let largest = chosen.last()?.0;
-    let median = chosen[middle].0;
-    chosen.sort_by(|a, b| a.1.total_cmp(&b.1));
-    Some((chosen.len(), median, largest, chosen[middle].1))
-}
-
-/// Names of the groups that errors are told of, and who is in them.
-fn groups(all: &[Press], truth: &[[f64; 3]]) -> Vec<(String, Vec<usize>)> {
-    let mut loads: Vec<f64> = truth.iter().map(|force| force[2]).collect();
-    loads.sort_by(f64::total_cmp);
-    let [third, two_thirds] = [loads[loads.len() / 3], loads[2 * loads.len() / 3]];
-    let among = |wanted: &dyn Fn(usize) -> bool| (0..all.len()).filter(|at| wanted(*at)).collect::<Vec<_>>();
-    let off = |at: usize| all[at].place[0].hypot(all[at].place[1]);
-    let mut groups = vec![
-        (
-            format!("load below {third:.2} N"),
-            among(&|at| truth[at][2] < third),
-        ),
-        (
-            format!("load {third:.2} to {two_thirds:.2} N"),
-            among(&|at| (third..two_thirds).contains(&truth[at][2])),
-        ),
-        (
-            format!("load from {two_thirds:.2} N"),
-            among(&|at| truth[at][2] >= two_thirds),
-        ),
-        ("place: inner half".to_owned(), among(&|at| off(at) < 4.0)),
-        ("place: outer half".to_owned(), among(&|at| off(at) >= 4.0)),
-    ];
-    let days = all.iter().map(|press| press.day).max().unwrap_or(0) + 1;
-    if days > 1 {
-        groups
-            .extend((0..days).map(|day| (format!("recording {}", day + 1), among(&|at| all[at].day == day))));
-    }
-    groups.retain(|(_, members)| !members.is_empty());
-    groups
-}
-
 fn print(
     args: &GelArgs,
     sensor: &Sensor,
@@ -356,14 +233,14 @@ fn print(
     turns: &[(Alignment, f64)],
 ) {
     let groups = groups(all, truth);
-    let told = |members: &[usize]| errors(found, truth, &|at| members.contains(&at));
+    let told = |members: &[usize]| HeldOut::of(&found.held_out_n, truth, members);
     if args.common.json {
         let measured = |measured: &Measured| json!({"value": measured.value, "interval": measured.interval});
         let held_out: Vec<_> = groups
             .iter()
-            .filter_map(|(name, members)| {
-                let (presses, median_n, largest_n, share) = told(members)?;
-                Some(json!({"of": name, "presses": presses, "median_n": median_n, "largest_n": largest_n, "median_share": share}))
+            .map(|(name, members)| {
+                let HeldOut { median_n, largest_n, median_share } = told(members);
+                json!({"of": name, "presses": members.len(), "median_n": median_n, "largest_n": largest_n, "median_share": median_share})
             })
             .collect();
         println!(
@@ -419,12 +296,16 @@ fn print(
     }
     println!("\nerror of presses that the gains were not fitted to (normal force):");
     for (name, members) in &groups {
-        if let Some((presses, median, largest, share)) = told(members) {
-            println!(
-                "{name:24}{presses:4} presses, median {median:.3} N ({:.1} %), largest {largest:.3} N",
-                100.0 * share
-            );
-        }
+        let HeldOut {
+            median_n,
+            largest_n,
+            median_share,
+        } = told(members);
+        println!(
+            "{name:24}{:4} presses, median {median_n:.3} N ({:.1} %), largest {largest_n:.3} N",
+            members.len(),
+            100.0 * median_share
+        );
     }
     hints(args, sensor, found, truth, section);
 }

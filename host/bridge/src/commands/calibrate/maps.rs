@@ -16,6 +16,8 @@ pub(super) struct Maps<T> {
     pub device: String,
     /// When a recording's time is zero, nanoseconds since 1970.
     pub start_ns: Option<u64>,
+    /// Factors on shear and normal force that a calibration gave the maps.
+    pub gain: [f32; 2],
 }
 
 /// `of` applied to every map (time in seconds, newtons per taxel). `fingertip`, 1 or 2, selects maps of a recording.
@@ -58,6 +60,7 @@ pub(super) fn read<T>(
             all,
             device,
             start_ns,
+            gain: reader.metadata.marker_calibrations()[usize::from(fingertip - 1)].gain,
         });
     }
     let mut maps = MapsFile::open(path)?;
@@ -69,5 +72,6 @@ pub(super) fn read<T>(
         all,
         device: path.display().to_string(),
         start_ns,
+        gain: [1.0; 2],
     })
 }

@@ -63,7 +63,7 @@ impl Doctor {
                 return self.report(Finding::fail("markers", failure, "a square grid of markers", fix));
             }
         }
-        match times_ms(model, &rest, &pictures) {
+        match times_ms(model, fingertip, &rest, &pictures) {
             Ok(mut times) => self.report(judge::marker_latency(&mut times)),
             Err(failure) => {
                 let fix = "take the rest anew, with nothing on the gel";
@@ -128,9 +128,14 @@ fn look(sensor: &Sensor, pictures: &[Vec<u8>], size_px: Option<[usize; 2]>) -> R
 }
 
 /// How long each picture takes to become a map and evidence, the first ones left out.
-fn times_ms(model: &Model, rest: &AtRest, pictures: &[Vec<u8>]) -> Result<Vec<f64>, Failure> {
+fn times_ms(
+    model: &Model,
+    fingertip: usize,
+    rest: &AtRest,
+    pictures: &[Vec<u8>],
+) -> Result<Vec<f64>, Failure> {
     let rule = TaxelRule::of(&settings_of(model.calibration()));
-    let mut pipeline = model.pipeline(rest, GateKind::Off, rule)?;
+    let mut pipeline = model.pipeline(fingertip, rest, GateKind::Off, rule)?;
     let mut times = Vec::with_capacity(pictures.len());
     for picture in pictures {
         let start = Instant::now();
