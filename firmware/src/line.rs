@@ -8,6 +8,7 @@
 use embedded_hal::pwm::SetDutyCycle;
 pub use gripline_protocol::line::DAC_CODE_MAX;
 use gripline_protocol::line::{LINE_POINTS, LinePoint, LineSettings};
+use gripline_protocol::rounds::at_most;
 
 use crate::grip::GripForce;
 
@@ -89,9 +90,8 @@ impl LineCalibration {
 
     /// The code for a force, rounded up: never less grip than was decided. Forces above full scale give the last point's code.
     #[must_use]
-    pub const fn code(&self, force: GripForce) -> u16 {
-        let mut place = 1;
-        while place < LINE_POINTS {
+    pub fn code(&self, force: GripForce) -> u16 {
+        for place in at_most::<{ LINE_POINTS - 1 }, _>(1..LINE_POINTS) {
             let (low, high) = (self.points[place - 1], self.points[place]);
             if force.lsb() < high.force {
                 // Forces are below 2¹⁹ and codes below 2¹², so the product fits u32.
@@ -106,7 +106,6 @@ impl LineCalibration {
                     DAC_CODE_MAX
                 };
             }
-            place += 1;
         }
         let full = self.points[LINE_POINTS - 1].code;
         if full < DAC_CODE_MAX { full } else { DAC_CODE_MAX }

@@ -26,14 +26,22 @@ pub enum Frame<'a> {
     Malformed,
 }
 
-/// Finds packets in a byte stream.
+/// Finds packets in a byte stream. Every byte is decoded as it comes, with constant work, so that a packet is there as soon as its frame ends.
 #[derive(Debug)]
+#[repr(C, align(4))]
 pub struct CobsDecoder {
-    frame: heapless::Vec<u8, { FRAME_MAX - 1 }>,
-    /// The frame is longer than any valid one: drop everything up to the next zero.
-    overlong: bool,
-    /// The frame has ended; the next byte starts another one.
-    is_complete: bool,
+    /// The packet, first in the struct: aligned to words, as the fast ways of CRC and sums want it.
+    packet: [u8; PACKET_MAX],
+    /// Bytes of the packet so far.
+    length: u8,
+    /// Bytes of the block that are still to come.
+    rest: u8,
+    /// A zero follows the block, if another block does.
+    owes_zero: bool,
+    /// A byte came since the last end of a frame.
+    has_begun: bool,
+    /// The packet is longer than any valid one: drop everything up to the next zero.
+    is_overlong: bool,
 }
 
 impl Default for CobsDecoder {
@@ -43,36 +51,80 @@ impl Default for CobsDecoder {
 }
 
 impl CobsDecoder {
+    /// The code of a block of 254 bytes, behind which no zero was left out.
+    const LONGEST: u8 = 0xFF;
+
     /// An empty decoder.
     #[must_use]
     pub const fn new() -> Self {
         Self {
-            frame: heapless::Vec::new(),
-            overlong: false,
-            is_complete: false,
+            packet: [0; PACKET_MAX],
+            length: 0,
+            rest: 0,
+            owes_zero: false,
+            has_begun: false,
+            is_overlong: false,
         }
     }
 
     /// Takes one byte. `None` inside a frame, and for the zeros between frames.
+    #[inline]
     pub fn push(&mut self, byte: u8) -> Option<Frame<'_>> {
-        if self.is_complete {
-            self.frame.clear();
-            self.is_complete = false;
+        if byte == 0 {
+            return self.end();
         }
-        if byte != 0 {
-            self.overlong |= self.frame.push(byte).is_err();
+        if !self.has_begun {
+            self.has_begun = true;
+            self.length = 0;
+        } else if self.rest > 0 {
+            self.rest -= 1;
+            self.put(byte);
             return None;
+        } else if self.owes_zero {
+            self.put(0);
         }
-        self.is_complete = true;
-        if core::mem::take(&mut self.overlong) {
-            return Some(Frame::Malformed);
+        // The byte begins a block.
+        self.rest = byte - 1;
+        self.owes_zero = byte != Self::LONGEST;
+        None
+    }
+
+    /// The packet that ended with the last zero, until the next byte is taken.
+    #[inline]
+    #[must_use]
+    pub fn packet(&self) -> &[u8] {
+        self.packet.get(..usize::from(self.length)).unwrap_or_default()
+    }
+
+    /// Drops the frame under way up to its end, because a byte of it was lost.
+    #[inline]
+    pub fn spoil(&mut self) {
+        self.has_begun = true;
+        self.is_overlong = true;
+    }
+
+    #[inline]
+    fn put(&mut self, byte: u8) {
+        match self.packet.get_mut(usize::from(self.length)) {
+            Some(place) => {
+                *place = byte;
+                self.length += 1;
+            }
+            None => self.is_overlong = true,
         }
-        if self.frame.is_empty() {
-            return None;
-        }
-        match ::cobs::decode_in_place(&mut self.frame) {
-            Ok(decoded) => Some(Frame::Packet(&self.frame[..decoded])),
-            Err(_) => Some(Frame::Malformed),
+    }
+
+    #[inline]
+    fn end(&mut self) -> Option<Frame<'_>> {
+        let is_empty = !core::mem::take(&mut self.has_begun);
+        let is_whole = core::mem::take(&mut self.rest) == 0;
+        let is_overlong = core::mem::take(&mut self.is_overlong);
+        if is_empty {
+            None
+        } else if is_whole && !is_overlong {
+            Some(Frame::Packet(self.packet()))
+        } else {
+            Some(Frame::Malformed)
         }
     }
 }

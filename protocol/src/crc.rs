@@ -2,6 +2,9 @@
 //!
 //! Units: bytes. Limits: four bytes a step where the bytes are aligned to words, else one byte a step.
 
+use crate::constants::PACKET_MAX;
+use crate::rounds::at_most;
+
 /// The reflected polynomial of CRC-32/ISO-HDLC.
 const POLYNOMIAL: u32 = 0xEDB8_8320;
 
@@ -44,7 +47,7 @@ impl RunningCrc {
         Self(u32::MAX)
     }
 
-    /// Adds bytes; four at a time when they are aligned to words.
+    /// Adds the bytes of a packet; four at a time when they are aligned to words.
     #[inline]
     pub(crate) fn update(&mut self, bytes: &[u8]) {
         let (start, rest) = bytes.split_at(bytes.len() & !3);
@@ -53,16 +56,16 @@ impl RunningCrc {
         };
         let (blocks, words) = words.as_chunks::<WORDS_AT_ONCE>();
         // Unrolled by hand: the compiler keeps a loop.
-        for &[first, second, third, fourth] in blocks {
+        for &[first, second, third, fourth] in at_most::<{ PACKET_MAX / 4 / WORDS_AT_ONCE }, _>(blocks) {
             self.update_word(first);
             self.update_word(second);
             self.update_word(third);
             self.update_word(fourth);
         }
-        for &word in words {
+        for &word in at_most::<{ WORDS_AT_ONCE - 1 }, _>(words) {
             self.update_word(word);
         }
-        for &byte in rest {
+        for &byte in at_most::<3, _>(rest) {
             self.update_byte(byte);
         }
     }

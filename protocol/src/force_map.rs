@@ -5,6 +5,7 @@
 use core::fmt;
 
 use crate::constants::{BITMAP_BYTES, LSB_PER_NEWTON, SIDE, TAXEL_BYTES, TAXELS};
+use crate::rounds::at_most;
 
 /// The force on one taxel, each component in units of 1/4096 N.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -210,10 +211,22 @@ impl ActiveSet {
     ///
     /// The receiver does this once per map, so later packets need no bit search. The work is the same for every set: each
     /// step writes four places and keeps those whose bits are set.
+    #[inline]
     pub fn places(&self, out: &mut [Place; TAXELS]) -> u16 {
-        let (mut count, mut first) = (0_usize, Place::new(0, 0));
-        for &byte in &self.bytes {
-            for nibble in [byte & 0xF, byte >> 4] {
+        let mut listed = Listed::default();
+        self.list::<BITMAP_BYTES>(&mut listed, out);
+        listed.count as u16
+    }
+
+    /// The same for the next `BYTES` of the bitmap, each of eight taxels.
+    #[inline]
+    pub(crate) fn list<const BYTES: usize>(&self, listed: &mut Listed, out: &mut [Place; TAXELS]) {
+        let from = usize::from(listed.bytes);
+        let rest = self.bytes.get(from..).unwrap_or_default();
+        let bytes = rest.get(..BYTES).unwrap_or(rest);
+        let (mut count, mut first) = (listed.count, listed.first);
+        for &byte in at_most::<BYTES, _>(bytes) {
+            for nibble in at_most::<2, _>([byte & 0xF, byte >> 4]) {
                 let ([a, b, c, d], more) = NIBBLES[usize::from(nibble & 0xF)];
                 // Four more than the bits before always fit.
                 if let Some([w, x, y, z]) = out.get_mut(count..count + NIBBLE) {
@@ -230,7 +243,29 @@ impl ActiveSet {
                 }
             }
         }
-        count as u16
+        *listed = Listed {
+            bytes: (from + bytes.len()) as u8,
+            count,
+            first,
+        };
+    }
+}
+
+/// How far the list of places has come.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Listed {
+    /// Bytes of the bitmap.
+    bytes: u8,
+    /// Taxels in them.
+    pub(crate) count: usize,
+    /// The first taxel of the next byte.
+    first: Place,
+}
+
+impl Listed {
+    #[inline]
+    pub(crate) const fn is_done(&self) -> bool {
+        self.bytes as usize >= BITMAP_BYTES
     }
 }
 

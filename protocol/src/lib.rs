@@ -6,7 +6,7 @@
 //! - [`message`]: commands, status, handshake.
 //! - [`configuration`]: all settings and their ranges; [`mod@line`]: those of the grip-force line.
 //! - [`parser`]: bytes in, events out; one parser for USB, UART and the in-process link.
-//! - [`cobs`]: packets in a byte stream.
+//! - [`cobs`]: packets in a byte stream. [`rounds`]: loops that say how often they run at most.
 //!
 //! No allocation, no IO, and no input makes it panic.
 #![no_std]
@@ -26,6 +26,7 @@ pub mod message;
 pub mod motion;
 pub mod packet;
 pub mod parser;
+pub mod rounds;
 pub mod sequence;
 
 pub use constants::{LSB_PER_NEWTON, PACKET_MAX, PER_UNIT, SENSORS, SIDE, TAXELS};

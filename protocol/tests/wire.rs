@@ -125,6 +125,33 @@ proptest! {
         prop_assert_eq!(receiver.maps, vec![(info, map)]);
     }
 
+    /// Blocks of any length, short ones and zeros often: what `cobs` decodes at once, this decodes byte by byte.
+    #[test]
+    fn frames_are_decoded_as_by_another_implementation(
+        bytes in proptest::collection::vec(prop_oneof![0..4_u8, 60..70_u8, any::<u8>()], 0..400),
+    ) {
+        let mut decoder = CobsDecoder::new();
+        let mut frame = Vec::new();
+        for byte in bytes {
+            let found = decoder.push(byte);
+            if byte != 0 {
+                frame.push(byte);
+                prop_assert_eq!(found, None);
+                continue;
+            }
+            let mut whole = [0; 400];
+            match cobs::decode(&frame, &mut whole) {
+                _ if frame.is_empty() => prop_assert_eq!(found, None),
+                Ok(length) if length <= PACKET_MAX => {
+                    prop_assert_eq!(found, Some(Frame::Packet(&whole[..length])));
+                    prop_assert_eq!(decoder.packet(), &whole[..length]);
+                }
+                _ => prop_assert_eq!(found, Some(Frame::Malformed)),
+            }
+            frame.clear();
+        }
+    }
+
     #[test]
     fn any_bytes_are_parsed_without_panic(inputs in proptest::collection::vec(proptest::collection::vec(any::<u8>(), 0..80), 0..40)) {
         let mut receiver = Receiver::default();

@@ -1,4 +1,4 @@
-//! `cargo xtask bench`, `bench network` and `bench gate`: build the measurement and run it; `cargo xtask gate` trains the scene gate.
+//! `cargo xtask bench` and `bench network`: build the measurement and run it; `cargo xtask gate` trains the scene gate.
 //! onnxruntime and LiteRT come from Python packages, each in a folder of its own beside the other products; they are
 //! installed on first use.
 
@@ -21,25 +21,12 @@ const LITERT: [&str; 2] = ["ai-edge-litert==2.3.0", "numpy"];
 pub(crate) fn command(arguments: &[String]) -> Result<(), Error> {
     match arguments.split_first() {
         Some((what, rest)) if what == "network" => network(rest),
-        Some((what, rest)) if what == "gate" => process::run(
-            process::cargo()
-                .args([
-                    "run",
-                    "--release",
-                    "--package",
-                    "gripline-evaluation",
-                    "--bin",
-                    "bench-gate",
-                    "--",
-                ])
-                .args(rest),
-        ),
         Some((what, rest)) if what == "outside" => outside::command(rest),
         Some((what, rest)) if what == "requests" => requests::command(rest),
         Some((what, _)) if !what.starts_with("--") => Err(Error::usage(
             "bench",
             what,
-            "`network`, `gate`, `outside`, `requests`, or options alone",
+            "`network`, `outside`, `requests`, or options alone",
         )),
         _ => chain(arguments),
     }

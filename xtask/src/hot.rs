@@ -11,8 +11,8 @@ use object::{Object, ObjectSection, ObjectSymbol, SymbolKind};
 
 use crate::error::Error;
 
-/// Parts of the names of the functions that it begins with: the USB interrupt, and who blocks it.
-const ROOTS: [&str; 2] = ["OTG_FS", "7control9from_task"];
+/// The functions that it begins with: the interrupts of USB and UART, and by a part of its name who blocks them.
+const ROOTS: [&str; 3] = ["OTG_FS", "USART1", "7control9from_task"];
 /// Parts of the names of functions that end in a reset.
 const PANICS: [&str; 4] = ["panic", "_fail", "unwrap_failed", "expect_failed"];
 /// What the linker puts before the name of a callee that a branch does not reach.
@@ -31,7 +31,8 @@ pub(crate) fn check(elf: &Path) -> Result<(), Error> {
     let file = object::File::parse(&*bytes).map_err(|error| product(error.to_string(), "an ELF file"))?;
     let code = Code::of(&file);
     let (mut seen, mut in_flash) = (BTreeSet::new(), BTreeSet::new());
-    let is_root = |name: &str| name == ROOTS[0] || name.contains(ROOTS[1]) && !name.starts_with(THUNK);
+    let is_root =
+        |name: &str| ROOTS[..2].contains(&name) || name.contains(ROOTS[2]) && !name.starts_with(THUNK);
     let mut work: Vec<u32> = code
         .functions
         .iter()

@@ -80,7 +80,7 @@ cargo xtask COMMAND
                                     against a virtual camera and virtual microcontrollers on USB: formats, controls,
                                     plugs pulled, programs hung and killed, disks full and slow; fetches qemu and the
                                     kernel; --only runs the checks that have WORD in their name
-  bench [--json] [--frames N] [--rounds N] [--seed N] [--plot FILE]
+  bench [--json] [--frames N] [--rounds N] [--seed N] [--instructions SET] [--plot FILE]
                                     run time against error for the whole chain and each of its stages, a NumPy detector
                                     beside ours, what skipping saves by kind of scene and what it changes; tables and a
                                     plot; needs Python with pip
@@ -94,7 +94,6 @@ cargo xtask COMMAND
                                     how long a request takes until it is confirmed; wants a quiet machine
   bench requests [--json]           how long a request takes until the microcontroller confirms it, by its own clock: in process and
                                     on the emulated board, over a cable that loses packets too
-  bench gate [--json]               what skipping frames saves and costs, gate by gate, under drift, noise and light touch
   stress [--json] [--seed N] [--quick] [--docs]
                                     numerical stability of detector and controller: sweeps with exact arithmetic as the
                                     judge, a table and a verdict each; --docs writes docs/stress.md and its pictures;

@@ -1,13 +1,8 @@
 //! `cargo xtask test`: every check that has to pass, in order, each announced and timed, and a summary at the end.
 //!
 //! A check that cannot run has failed. Later checks still run when an earlier one fails, unless they need its product,
-//! so that one run shows everything that is wrong. Builds that leave a processor free, and what comes over the network, run
-//! beside each other; whatever looks at times runs alone.
+//! so that one run shows everything that is wrong.
 
-use std::path::PathBuf;
-use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Mutex, PoisonError};
-use std::thread;
 use std::time::{Duration, Instant};
 
 use crate::error::Error;
@@ -17,32 +12,21 @@ use crate::{arm, emulator, foxglove, modules, physics, process, python, ros2, to
 
 /// What one check came to.
 struct Outcome {
-    number: usize,
     name: String,
     took: Duration,
     result: Result<(), String>,
 }
 
 /// Runs checks and remembers what they came to.
+#[derive(Default)]
 struct Checks {
-    begun: Instant,
-    started: AtomicUsize,
-    outcomes: Mutex<Vec<Outcome>>,
+    outcomes: Vec<Outcome>,
 }
 
 impl Checks {
-    fn new() -> Self {
-        Self {
-            begun: Instant::now(),
-            started: AtomicUsize::new(0),
-            outcomes: Mutex::default(),
-        }
-    }
-
     /// Runs one check; `None` when it failed.
-    fn check<T>(&self, name: &str, run: impl FnOnce() -> Result<T, Error>) -> Option<T> {
-        let number = self.started.fetch_add(1, Ordering::Relaxed) + 1;
-        eprintln!("\n== {number}. {name}");
+    fn check<T>(&mut self, name: &str, run: impl FnOnce() -> Result<T, Error>) -> Option<T> {
+        eprintln!("\n== {}. {name}", self.outcomes.len() + 1);
         let started = Instant::now();
         let (value, result) = match run() {
             Ok(value) => (Some(value), Ok(())),
@@ -50,12 +34,10 @@ impl Checks {
         };
         let took = started.elapsed();
         match &result {
-            Ok(()) => eprintln!("== {number}. ok in {:.1} s", took.as_secs_f64()),
-            Err(why) => eprintln!("== {number}. FAILED after {:.1} s: {why}", took.as_secs_f64()),
+            Ok(()) => eprintln!("== ok in {:.1} s", took.as_secs_f64()),
+            Err(why) => eprintln!("== FAILED after {:.1} s: {why}", took.as_secs_f64()),
         }
-        let mut outcomes = self.outcomes.lock().unwrap_or_else(PoisonError::into_inner);
-        outcomes.push(Outcome {
-            number,
+        self.outcomes.push(Outcome {
             name: name.to_owned(),
             took,
             result,
@@ -64,26 +46,28 @@ impl Checks {
     }
 
     /// Prints the table; fails when one check failed.
-    fn summary(self) -> Result<(), Error> {
-        let mut outcomes = self.outcomes.into_inner().unwrap_or_else(PoisonError::into_inner);
-        outcomes.sort_by_key(|outcome| outcome.number);
+    fn summary(&self) -> Result<(), Error> {
         eprintln!("\n== summary");
-        for outcome in &outcomes {
-            let word = if outcome.result.is_ok() { "ok" } else { "FAILED" };
-            let (number, took) = (outcome.number, outcome.took.as_secs_f64());
-            eprintln!("{number:>3}. {word:<6} {took:>7.1} s  {}", outcome.name);
+        for (number, Outcome { name, took, result }) in (1..).zip(&self.outcomes) {
+            let word = if result.is_ok() { "ok" } else { "FAILED" };
+            eprintln!("{number:>3}. {word:<6} {:>7.1} s  {name}", took.as_secs_f64());
         }
-        for Outcome { name, result, .. } in &outcomes {
+        for Outcome { name, result, .. } in &self.outcomes {
             if let Err(why) = result {
                 eprintln!("FAILED {name}: {why}");
             }
         }
-        let of = outcomes.len();
-        let failed = outcomes.iter().filter(|outcome| outcome.result.is_err()).count();
+        let of = self.outcomes.len();
+        let failed = self
+            .outcomes
+            .iter()
+            .filter(|outcome| outcome.result.is_err())
+            .count();
+        let took: Duration = self.outcomes.iter().map(|outcome| outcome.took).sum();
         eprintln!(
             "{} of {of} checks passed in {:.0} s",
             of - failed,
-            self.begun.elapsed().as_secs_f64()
+            took.as_secs_f64()
         );
         if failed == 0 {
             Ok(())
@@ -141,32 +125,46 @@ pub(crate) fn run(tier: Tier) -> Result<(), Error> {
     } else {
         SLOW_CRATES.iter().flat_map(|name| ["--exclude", name]).collect()
     };
-    let checks = Checks::new();
+    let mut checks = Checks::default();
     checks.check("format", || {
         process::run(process::cargo().args(["fmt", "--all", "--check"]))?;
         emulator::format()
     });
     checks.check("imports between files", modules::run);
+    checks.check("lints", || {
+        process::run(
+            process::cargo()
+                .args(["clippy", "--workspace", "--all-targets", "--keep-going"])
+                .args(&without)
+                .args(["--", "-D", "warnings"]),
+        )
+    });
     checks.check("core library for the microcontroller", || {
         toolchain::ensure(&toolchain::MCU, false)
     });
-    // Each builds into a folder of its own.
-    let ((image, emulator), python) = thread::scope(|scope| {
-        let board = scope.spawn(|| board(&checks, all));
-        let fetched = scope.spawn(|| fetch(&checks, all));
-        checks.check("lints", || {
-            process::run(
-                process::cargo()
-                    .args(["clippy", "--workspace", "--all-targets", "--keep-going"])
-                    .args(&without)
-                    .args(["--", "-D", "warnings"]),
-            )
+    checks.check("ffmpeg for clips", || FFMPEG.ensure());
+    let python = if all {
+        checks.check("Chromium for the live page", || CHROMIUM.ensure());
+        checks.check("Python with another DDS", ros2::ensure)
+    } else {
+        None
+    };
+    let mut image = None;
+    for board in Board::ALL
+        .into_iter()
+        .filter(|board| all || *board == emulator::BOARD)
+    {
+        let built = checks.check(&format!("image and its size, {}", board.name()), || {
+            let (elf, size) = firmware::build(board)?;
+            println!("{}: {size}", board.name());
+            size.check(board)?;
+            Ok(elf)
         });
-        (
-            board.join().unwrap_or((None, None)),
-            fetched.join().unwrap_or_default(),
-        )
-    });
+        if board == emulator::BOARD {
+            image = built;
+        }
+    }
+    let emulator = checks.check("emulator", emulator::build);
     let (Some(emulator), Some(image)) = (emulator, image) else {
         checks.check("tests", || {
             Err::<(), _>(Error::Product {
@@ -201,43 +199,13 @@ pub(crate) fn run(tier: Tier) -> Result<(), Error> {
         process::run(&mut tests)
     });
     if all {
-        slow(&checks);
+        slow(&mut checks);
     }
     checks.summary()
 }
 
-/// The firmware's images, and the emulated board; gives the image for it and the emulator, as far as they could be built.
-fn board(checks: &Checks, all: bool) -> (Option<PathBuf>, Option<PathBuf>) {
-    let mut image = None;
-    for board in Board::ALL
-        .into_iter()
-        .filter(|board| all || *board == emulator::BOARD)
-    {
-        let built = checks.check(&format!("image and its size, {}", board.name()), || {
-            let (elf, size) = firmware::build(board)?;
-            println!("{}: {size}", board.name());
-            size.check(board)?;
-            Ok(elf)
-        });
-        if board == emulator::BOARD {
-            image = built;
-        }
-    }
-    (image, checks.check("emulator", emulator::build))
-}
-
-/// Programs of others that tests start; gives the Python with another DDS.
-fn fetch(checks: &Checks, all: bool) -> Option<PathBuf> {
-    checks.check("ffmpeg for clips", || FFMPEG.ensure());
-    if !all {
-        return None;
-    }
-    checks.check("Chromium for the live page", || CHROMIUM.ensure());
-    checks.check("Python with another DDS", ros2::ensure)
-}
-
 /// What only the slow tier checks.
-fn slow(checks: &Checks) {
+fn slow(checks: &mut Checks) {
     checks.check("documentation", || {
         process::run(
             process::cargo()
@@ -261,19 +229,19 @@ fn slow(checks: &Checks) {
 
 /// The Python package.
 pub(crate) fn python() -> Result<(), Error> {
-    let checks = Checks::new();
-    python_package(&checks);
+    let mut checks = Checks::default();
+    python_package(&mut checks);
     checks.summary()
 }
 
-fn python_package(checks: &Checks) {
+fn python_package(checks: &mut Checks) {
     checks.check("Python package", python::check);
 }
 
 /// The bridge's feature `zenoh`: its lints and its tests.
 pub(crate) fn zenoh() -> Result<(), Error> {
     let bridge = ["--package", "gripline", "--features", "zenoh"];
-    let checks = Checks::new();
+    let mut checks = Checks::default();
     checks.check("lints with zenoh", || {
         process::run(
             process::cargo()
@@ -295,14 +263,14 @@ pub(crate) fn zenoh() -> Result<(), Error> {
 
 /// The bridge's feature `foxglove`: its lints and its tests.
 pub(crate) fn foxglove() -> Result<(), Error> {
-    let checks = Checks::new();
-    features_of_the_bridge(&checks, &["foxglove"]);
+    let mut checks = Checks::default();
+    features_of_the_bridge(&mut checks, &["foxglove"]);
     checks.summary()
 }
 
 /// The bridge's feature `ros2` and the crate behind it: lints and tests.
 pub(crate) fn ros2() -> Result<(), Error> {
-    let checks = Checks::new();
+    let mut checks = Checks::default();
     checks.check("lints of gripline-ros2", || {
         process::run(process::cargo().args([
             "clippy",
@@ -322,13 +290,13 @@ pub(crate) fn ros2() -> Result<(), Error> {
                 .env(ros2::VARIABLE, python),
         )
     });
-    features_of_the_bridge(&checks, &["ros2"]);
+    features_of_the_bridge(&mut checks, &["ros2"]);
     checks.summary()
 }
 
 /// Lints and tests of what these features add to the bridge, built once with all of them, and with the other features of
 /// `cargo test --workspace`: most of what was built for that serves again.
-fn features_of_the_bridge(checks: &Checks, features: &[&str]) {
+fn features_of_the_bridge(checks: &mut Checks, features: &[&str]) {
     let names = features.join(", ");
     checks.check(&format!("lints with {names}"), || {
         process::run(

@@ -1,7 +1,7 @@
-//! The program and the line it drives: what the USB interrupt and the task `control` share.
+//! The program and the line it drives: what the interrupts of USB and UART and the task `control` share.
 //!
-//! The interrupt of the USB core (`usb_interrupt`) takes it by [`from_isr`] for packets of maps. The task (`control_task`)
-//! takes it by [`from_task`], which blocks that interrupt, for less than a tick's work at a time.
+//! The interrupts of the USB core (`usb_interrupt`) and the host's UART (`uart`) take it by [`from_isr`] for packets of maps. The task
+//! (`control_task`) takes it by [`from_task`], which blocks these interrupts, for less than a tick's work at a time.
 //! Units: microseconds, cycles of 168 MHz.
 
 use core::cell::UnsafeCell;
@@ -12,12 +12,13 @@ use gripline_firmware::line::GripLine;
 use gripline_firmware::program::{Learnt, Lesson, MessageEvent};
 use gripline_firmware::{Action, FaultSet, GripForce, LinkId, Program};
 use gripline_protocol::message::{Configuration, Message, Stage};
+use gripline_protocol::packet::Kind;
 
 use crate::dsp::Dsp;
 use crate::gripper_bus::BusLine;
 use crate::line::{self, AnalogLine};
 use crate::outbox::{self, Outbox};
-use crate::priority::{block_path, block_usb};
+use crate::priority::{self, block_path};
 use crate::watchdog;
 
 /// The bus counts as free for messages to the host when no packet came for so long, microseconds: at full speed a packet of
@@ -38,12 +39,12 @@ pub(crate) fn start_cycle_counter() {
 /// The program, once it runs.
 struct Shared(UnsafeCell<Option<Control>>);
 
-// SAFETY: reached by the USB interrupt and, with that interrupt blocked, by the task `control`: never by both at once.
+// SAFETY: reached by two interrupts of one level and, with these blocked, by the task `control`: never by two at once.
 unsafe impl Sync for Shared {}
 
 static CONTROL: Shared = Shared(UnsafeCell::new(None));
 
-/// Starts the program: from now on the USB interrupt and the task `control` find it.
+/// Starts the program: from now on the interrupts and the task `control` find it.
 pub(crate) fn start(program: &'static mut Program<Dsp>, line: AnalogLine) {
     let control = Control {
         program,
@@ -53,36 +54,31 @@ pub(crate) fn start(program: &'static mut Program<Dsp>, line: AnalogLine) {
         message_us: 0,
         requested: 0,
     };
-    // SAFETY: the only other user is blocked.
+    // SAFETY: all other users are blocked.
     block_path(|| unsafe { *CONTROL.0.get() = Some(control) });
 }
 
-/// The program for the USB interrupt; none before it runs.
+/// The program for the interrupts of the USB core and the UART; none before it runs.
 ///
 /// # Safety
-/// Called by the USB interrupt, which must not keep it.
+/// Called by these two, which do not interrupt each other and must not keep it.
 #[inline]
 pub(crate) unsafe fn from_isr() -> Option<&'static mut Control> {
-    // SAFETY: this interrupt is the highest of the users of `CONTROL` and does not interrupt itself.
+    // SAFETY: these interrupts are the highest of the users of `CONTROL`, on one level.
     unsafe { &mut *CONTROL.0.get() }.as_mut()
 }
 
-/// Works on the program from the task `control`, with the USB interrupt blocked, and all interrupts below it. The time that
+/// Works on the program from the task `control`, with the path's interrupts blocked, and all interrupts below it. The time that
 /// `work` takes is part of the path's worst-case bound; this function lies in SRAM with it, unlike the task.
 #[inline(never)]
 pub(crate) fn from_task<T>(work: impl FnOnce(&mut Control) -> T) -> Option<T> {
-    // SAFETY: the USB interrupt is blocked, no other task calls this, and `work` does not.
+    // SAFETY: the interrupts are blocked, no other task calls this, and `work` does not.
     block_path(|| unsafe { &mut *CONTROL.0.get() }.as_mut().map(work))
 }
 
-/// One packet of a map that came to the task `control`, with only the USB interrupt blocked: the UART's goes on.
-pub(crate) fn map_packet_from_task(packet: &[u8], link: LinkId) {
-    block_usb(|| {
-        // SAFETY: the USB interrupt is blocked, and no other task calls this.
-        if let Some(control) = unsafe { &mut *CONTROL.0.get() } {
-            control.map_packet(packet, link);
-        }
-    });
+/// One packet of a map over USB that came to the task `control` by the HAL's driver, because it lay behind one of the control endpoint.
+pub(crate) fn map_packet_from_task(packet: &[u8]) {
+    from_task(|control| control.map_packet(packet));
 }
 
 /// What the board watches beside maps and messages.
@@ -108,51 +104,75 @@ pub(crate) struct Control {
 }
 
 impl Control {
-    /// One packet of a map that came to the task: decides, then writes the line.
-    fn map_packet(&mut self, packet: &[u8], link: LinkId) {
+    /// One packet of a map that came to the task.
+    #[inline(never)]
+    fn map_packet(&mut self, packet: &[u8]) {
         let started = cycles();
         self.requested = started;
-        self.heard(link);
-        let action = self.program.map_packet(packet, link, self.packet_us);
-        self.act(action, started);
+        match Kind::of(packet) {
+            Some(Kind::MapTail) => self.map_tail(packet, LinkId::Usb, started),
+            Some(Kind::MapTaxels) => self.map_taxels(packet, LinkId::Usb, started),
+            Some(Kind::MapHead) => self.map_head(packet, LinkId::Usb, started),
+            Some(Kind::Message) | None => self.unknown_packet(packet, LinkId::Usb, started),
+        }
     }
 
-    /// The interrupt of the USB core has a packet, for which it may have been pending since then, cycles.
+    /// An interrupt of the path has begun, and may have been pending since then, cycles.
     #[inline]
     pub(crate) fn note_request(&mut self, requested: u32) {
         self.requested = requested;
     }
 
-    /// The last packet of a map, from the interrupt of the USB core; `entered` is the cycle count when it began. Each kind of
-    /// packet has a function, so that the interrupt looks at the kind once.
+    /// The last packet of a map; `entered` is the cycle count when its interrupt began. Each kind of packet has a function, so that the
+    /// interrupt looks at the kind once.
     #[inline]
-    pub(crate) fn map_tail(&mut self, packet: &[u8], entered: u32) {
-        self.heard(LinkId::Usb);
-        let action = self.program.map_tail(packet, LinkId::Usb, self.packet_us);
-        self.act(action, entered);
+    pub(crate) fn map_tail(&mut self, packet: &[u8], link: LinkId, entered: u32) {
+        self.heard(link);
+        let action = self.program.map_tail(packet, link, self.packet_us);
+        if action.decided {
+            self.act(action, entered);
+        } else {
+            self.note_packet(entered);
+        }
     }
 
-    /// A packet in the middle of a map, from the interrupt of the USB core.
+    /// A packet in the middle of a map.
     #[inline]
-    pub(crate) fn map_taxels(&mut self, packet: &[u8], entered: u32) {
-        self.heard(LinkId::Usb);
-        let _ = self.program.map_taxels(packet, LinkId::Usb, self.packet_us);
+    pub(crate) fn map_taxels(&mut self, packet: &[u8], link: LinkId, entered: u32) {
+        self.heard(link);
+        let _ = self.program.map_taxels(packet, link, self.packet_us);
         self.note_packet(entered);
     }
 
-    /// The first packet of a map, from the interrupt of the USB core.
+    /// The first packet of a map.
     #[inline]
-    pub(crate) fn map_head(&mut self, packet: &[u8], entered: u32) {
-        self.heard(LinkId::Usb);
-        let _ = self.program.map_head(packet, LinkId::Usb, self.packet_us);
+    pub(crate) fn map_head(&mut self, packet: &[u8], link: LinkId, entered: u32) {
+        self.heard(link);
+        let _ = self.program.map_head(packet, link, self.packet_us);
+        priority::let_uart(self.program.counts_maps_of(LinkId::Uart));
         self.note_packet(entered);
     }
 
-    /// A packet of no kind that we know, from the interrupt of the USB core.
+    /// As [`Self::map_head`], for a link that brings byte by byte.
+    #[inline]
+    pub(crate) fn map_begins(&mut self, packet: &[u8], link: LinkId, entered: u32) {
+        self.heard(link);
+        let _ = self.program.map_begins(packet, link, self.packet_us);
+        priority::let_uart(self.program.counts_maps_of(LinkId::Uart));
+        self.note_packet(entered);
+    }
+
+    /// What [`Self::map_begins`] has left: with each of the next bytes.
+    #[inline]
+    pub(crate) fn list_places(&mut self, link: LinkId) {
+        self.program.list_places(link);
+    }
+
+    /// A packet of no kind that we know.
     #[inline(never)]
-    pub(crate) fn unknown_packet(&mut self, packet: &[u8], entered: u32) {
-        self.heard(LinkId::Usb);
-        let _ = self.program.unknown_packet(packet, LinkId::Usb, self.packet_us);
+    pub(crate) fn unknown_packet(&mut self, packet: &[u8], link: LinkId, entered: u32) {
+        self.heard(link);
+        let _ = self.program.unknown_packet(packet, link, self.packet_us);
         self.note_packet(entered);
     }
 
@@ -190,8 +210,8 @@ impl Control {
 
     /// The first part of the safety tick.
     #[inline(never)]
-    pub(crate) fn age(&mut self) {
-        self.program.age(now_us());
+    pub(crate) fn age(&mut self, now_us: u64) {
+        self.program.age(now_us);
     }
 
     /// The second part.
@@ -209,24 +229,28 @@ impl Control {
 
     /// The fourth part: the line moves on. It is written in the last part, so that a packet waits for one of the two only.
     #[inline(never)]
-    pub(crate) fn advance(&mut self) {
-        let started = cycles();
-        let _ = self.program.advance(now_us());
-        let took = cycles().wrapping_sub(started);
-        self.program.note_cycles(Stage::Tick, took);
+    pub(crate) fn advance(&mut self, now_us: u64) {
+        let _ = self.program.advance(now_us);
     }
 
     /// The last part: writes the program's newest line, which may be that of a map that came since [`Self::advance`]. Tells the
-    /// active faults, and whether the robot must know of one; returns where messages go, when there are some and the bus is free
+    /// active faults, and whether the robot must know of one; `started` is when the tick moved the line, cycles. Returns where messages go, when there are some and the bus is free
     /// for them.
     #[inline(never)]
-    pub(crate) fn tick(&mut self, faults: &mut FaultSet, is_at_fault: &mut bool) -> Option<&'static Outbox> {
-        let now_us = now_us();
+    pub(crate) fn tick(
+        &mut self,
+        now_us: u64,
+        started: u32,
+        faults: &mut FaultSet,
+        is_at_fault: &mut bool,
+    ) -> Option<&'static Outbox> {
         *faults = self.program.faults();
         *is_at_fault = self.program.is_at_fault();
         let decided = cycles();
         self.write_line(self.program.line());
         self.note_line(decided);
+        self.program
+            .note_cycles(Stage::Tick, decided.wrapping_sub(started));
         watchdog::count_tick();
         let is_quiet = now_us.saturating_sub(self.packet_us) >= QUIET_US;
         let is_late = now_us.saturating_sub(self.message_us) >= MESSAGE_WAIT_MAX_US;
@@ -280,7 +304,7 @@ impl Control {
         let decided = cycles();
         self.write_line(action.line);
         let written = self.note_line(decided);
-        self.note_decision(action.decided, started, decided, written);
+        self.note_decision(started, decided, written);
     }
 
     /// Puts a force on the line. The path's bound and its measurement end with the return of this function.
@@ -301,13 +325,11 @@ impl Control {
     }
 
     #[inline(never)]
-    fn note_decision(&mut self, is_new_map: bool, started: u32, decided: u32, written: u32) {
-        let stage = if is_new_map { Stage::Decide } else { Stage::Packet };
-        if is_new_map {
-            let waited = written.wrapping_sub(self.requested);
-            self.program.note_map_to_line(waited);
-        }
-        self.program.note_cycles(stage, decided.wrapping_sub(started));
+    fn note_decision(&mut self, started: u32, decided: u32, written: u32) {
+        self.program
+            .note_map_to_line(written.wrapping_sub(self.requested));
+        self.program
+            .note_cycles(Stage::Decide, decided.wrapping_sub(started));
     }
 }
 
@@ -317,6 +339,7 @@ pub(crate) fn cycles() -> u32 {
     DWT::cycle_count()
 }
 
-fn now_us() -> u64 {
+/// Time now, microseconds.
+pub(crate) fn now_us() -> u64 {
     Instant::now().as_micros()
 }

@@ -4,13 +4,10 @@
 //! Units: microseconds.
 
 use embassy_futures::select::{Either4, select4};
-use embassy_stm32::usart::BufferedUartRx;
 use embassy_time::{Duration, Instant, Timer};
 use embassy_usb::driver::{Endpoint, EndpointError, EndpointOut};
-use embedded_io_async::Read;
 use gripline_firmware::program::{Learner, MessageReader, MessageWriter};
 use gripline_firmware::{Fault, FaultSet, LinkId, storage};
-use gripline_protocol::cobs::{CobsDecoder, Frame};
 use gripline_protocol::message::{Configuration, LineSettings, Message, Report};
 use gripline_protocol::packet::Kind;
 use gripline_protocol::{PACKET_MAX, SENSORS};
@@ -21,7 +18,7 @@ use crate::outbox::Outbox;
 use crate::readback::ReadBack;
 use crate::robot::Robot;
 use crate::usb::HostToMcu;
-use crate::{bootloader, fault_log, supply, usb_interrupt, watchdog};
+use crate::{bootloader, fault_log, supply, uart, usb_interrupt, watchdog};
 
 /// Time between two safety ticks.
 const TICK: Duration = Duration::from_millis(1);
@@ -58,13 +55,29 @@ fn study(learner: &mut Learner) {
     }
 }
 
-/// Takes a packet that did not come by the USB interrupt. Messages are assembled and read with the path free.
-fn received(messages: &mut MessageReader, packet: &[u8], link: LinkId) {
-    if Kind::of(packet) != Some(Kind::Message) {
-        return control::map_packet_from_task(packet, link);
+/// Takes a packet over USB. Messages are assembled and read with the path free.
+fn received(messages: &mut MessageReader, packet: &[u8]) {
+    if Kind::of(packet) == Some(Kind::Message) {
+        message_packet(messages, packet, LinkId::Usb);
+    } else {
+        control::map_packet_from_task(packet);
     }
+}
+
+fn message_packet(messages: &mut MessageReader, packet: &[u8], link: LinkId) {
     let event = messages.read(packet);
     from_task(|control| control.message_packet(&event, link));
+}
+
+/// Takes the packets of messages over the UART that wait.
+fn received_over_uart(messages: &mut MessageReader) {
+    if uart::take_broken() {
+        messages.drop_message();
+    }
+    while let Some(packet) = uart::message() {
+        message_packet(messages, packet, LinkId::Uart);
+        uart::next_message();
+    }
 }
 
 /// Writes the settings to flash. The processor stalls for up to a second: the gripper holds nothing then, and commands wait.
@@ -111,7 +124,6 @@ pub(crate) async fn control(
     line: LineSettings,
     mut flash: SettingsSectors,
     mut watch: Watch,
-    mut uart: BufferedUartRx<'static>,
     mut usb: HostToMcu,
 ) {
     let mut writer = MessageWriter::default();
@@ -121,9 +133,7 @@ pub(crate) async fn control(
     // Each link has its own: what one brings broken costs the other nothing.
     let mut from_usb_messages = MessageReader::new(line);
     let mut from_uart_messages = MessageReader::new(line);
-    let mut frames = CobsDecoder::new();
     let mut tick_at = Instant::now() + TICK;
-    let mut from_uart = [0; PACKET_MAX];
     let mut from_usb = Aligned([0; PACKET_MAX]);
     loop {
         if Instant::now() >= tick_at {
@@ -131,12 +141,15 @@ pub(crate) async fn control(
             watch.look(&mut known);
             // In parts, so that a packet waits for one of them only.
             study(&mut learner);
-            from_task(Control::age);
+            let now_us = control::now_us();
+            from_task(|control| control.age(now_us));
             from_task(Control::teach_grip);
             from_task(Control::watch_object);
-            from_task(Control::advance);
+            let (started, now_us) = (control::cycles(), control::now_us());
+            from_task(|control| control.advance(now_us));
             let (mut faults, mut is_at_fault) = (logged, true);
-            let outbox = from_task(|control| control.tick(&mut faults, &mut is_at_fault)).flatten();
+            let tick = |control: &mut Control| control.tick(now_us, started, &mut faults, &mut is_at_fault);
+            let outbox = from_task(tick).flatten();
             watch.robot.tell(is_at_fault);
             if let Some(outbox) = outbox {
                 fill(outbox, &mut writer);
@@ -159,38 +172,24 @@ pub(crate) async fn control(
         match select4(
             next_transfer(&mut usb, &mut from_usb.0),
             Timer::at(tick_at),
-            uart.read(&mut from_uart),
+            uart::MESSAGE.wait(),
             usb_interrupt::MESSAGE.wait(),
         )
         .await
         {
             Either4::First(Ok(length)) => {
                 let packet = from_usb.0.get(..length).unwrap_or_default();
-                received(&mut from_usb_messages, packet, LinkId::Usb);
+                received(&mut from_usb_messages, packet);
             }
             Either4::Fourth(()) => {
                 if let Some(packet) = usb_interrupt::message() {
-                    received(&mut from_usb_messages, packet, LinkId::Usb);
+                    received(&mut from_usb_messages, packet);
                     usb_interrupt::next_packet();
                 }
             }
-            Either4::Third(Ok(length)) => {
-                for &byte in &from_uart[..length] {
-                    match frames.push(byte) {
-                        Some(Frame::Packet(packet)) => {
-                            received(&mut from_uart_messages, packet, LinkId::Uart);
-                        }
-                        Some(Frame::Malformed) => {
-                            from_uart_messages.drop_message();
-                            from_task(Control::malformed_frame);
-                        }
-                        None => {}
-                    }
-                }
-            }
-            // The tick runs above. A pulled cable or noise on the UART: the program itself notices that maps stop or do not
-            // decode.
-            Either4::First(Err(_)) | Either4::Second(()) | Either4::Third(Err(_)) => {}
+            Either4::Third(()) => received_over_uart(&mut from_uart_messages),
+            // The tick runs above. A pulled cable: the program itself notices that maps stop.
+            Either4::First(Err(_)) | Either4::Second(()) => {}
         }
     }
 }

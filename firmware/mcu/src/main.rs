@@ -1,7 +1,7 @@
 //! Gripline on the silicon: an STM32F4 that turns force maps into the grip-force line.
 //!
 //! The library decides; this binary has the pins, the clocks, the transports and the priorities.
-//! Interrupt priorities, most urgent first: 2 map to line (`usb_interrupt`); 3 a byte of the host's UART, the rest of USB;
+//! Interrupt priorities, most urgent first: 2 map to line (`usb_interrupt`, `uart`); 3 the rest of USB;
 //! 4 the time driver and the safety tick (`control_task`); 5 a byte of the gripper's UART. The other tasks run below all
 //! interrupts. Nothing waits for a host.
 //! Limits: only the host that spoke last gets answers.
@@ -100,7 +100,7 @@ fn main() -> ! {
         robot: Robot::new(p.PB1, p.PB0),
     };
     control::start_cycle_counter();
-    let (uart_in, uart_out) = uart::open(p.USART1, p.PA10, p.PA9);
+    uart::open(p.USART1, p.PA10, p.PA9);
     // SAFETY: its handler (`usb_interrupt`) does nothing before the first event.
     unsafe { interrupt::UART4.enable() };
     let (usb_device, usb_in, usb_out) = usb::open(p.USB_OTG_FS, p.PA12, p.PA11);
@@ -118,9 +118,7 @@ fn main() -> ! {
 
     control::start(program, line);
     let tick_spawner = TICK_EXECUTOR.start(interrupt::UART5);
-    tick_spawner.spawn(
-        control_task::control(settings.line, flash, watch, uart_in, usb_in).expect("one control task"),
-    );
+    tick_spawner.spawn(control_task::control(settings.line, flash, watch, usb_in).expect("one control task"));
     // Writing the log masks interrupts for some microseconds: only at task level, never on the path from map to line.
     defmt::info!(
         "{=str} started: {}, line restored: {}",
@@ -140,7 +138,7 @@ fn main() -> ! {
         None => {}
     }
     TASK_EXECUTOR.init(Executor::new()).run(|spawner| {
-        spawner.spawn(uart::transmit(uart_out).expect("one UART task"));
+        spawner.spawn(uart::transmit().expect("one UART task"));
         spawner.spawn(usb::transmit(usb_out).expect("one USB task"));
         spawner.spawn(usb::device(usb_device).expect("one USB device task"));
         if let Some(gripper) = gripper {

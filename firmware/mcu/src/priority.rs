@@ -1,52 +1,76 @@
 //! Interrupt priorities, critical sections, and how a task blocks the map-to-line path.
 //!
-//! The map-to-line path ([`PATH`]) interrupts even critical sections of the HAL and of the log: it shares nothing with them.
+//! The map-to-line path ([`PATH_LEVEL`]) interrupts even critical sections of the HAL and of the log: it shares nothing with them.
 //! It shares the program with the task `control`, which blocks it with [`block_path`].
 //! Limits: no other interrupt may lie above [`CEILING`]; [`set`] puts all of them at or below it.
 
 use core::sync::atomic::{AtomicU32, Ordering, compiler_fence};
 
-use cortex_m::asm;
-use cortex_m::peripheral::{DWT, NVIC};
+use cortex_m::peripheral::DWT;
 use cortex_m::register::{basepri, basepri_max};
 use critical_section::RawRestoreState;
 use embassy_stm32::interrupt::{self, InterruptExt, Priority};
 
-/// The map-to-line path: the USB core's interrupt (`usb_interrupt`).
-const PATH: Priority = Priority::P2;
-/// What critical sections block, with everything below: the host's UART, whose bytes must be read within one byte time
-/// (10.9 µs), and the rest of USB.
+/// The map-to-line path: the interrupts of the USB core (`usb_interrupt`) and, while its maps count, of the host's UART (`uart`). Neither interrupts
+/// the other.
+const PATH_LEVEL: Priority = Priority::P2;
+/// What critical sections block, with everything below: the rest of USB, and the host's UART while maps over USB count.
 const CEILING: Priority = Priority::P3;
 /// The safety tick and what wakes it.
 const TICK: Priority = Priority::P4;
 /// All others. A byte from the gripper may wait 87 µs, longer than any blocking time.
 pub(crate) const OTHERS: Priority = Priority::P5;
 
-/// Since when the path may have waited for who blocked it last, cycles; 0 when it did not.
-static WAITS_SINCE: AtomicU32 = AtomicU32::new(0);
+/// An interrupt of the map-to-line path.
+#[derive(Clone, Copy)]
+pub(crate) enum Path {
+    /// The USB core's.
+    Usb = 0,
+    /// The host's UART's.
+    Uart = 1,
+}
+
+/// When something blocked an interrupt of the path last, cycles.
+struct Blocked {
+    since: AtomicU32,
+    until: AtomicU32,
+}
+
+impl Blocked {
+    const fn never() -> Self {
+        Self {
+            since: AtomicU32::new(0),
+            until: AtomicU32::new(0),
+        }
+    }
+}
+
+/// By [`Path`].
+static BLOCKED: [Blocked; 2] = [Blocked::never(), Blocked::never()];
 
 /// From the request of an interrupt to its handler's first instruction, cycles: 12 for the integer registers, 17 more when those
 /// of the floating-point unit are moved, and a refill (ARM DDI 0439, section 3.9).
 const ENTRY_CYCLES: u32 = 35;
+/// From the last look at the counter with the path blocked to the first in its handler, cycles at most.
+const LET_RUN_CYCLES: u32 = ENTRY_CYCLES + 40;
 
-/// Notes that the path is pending, before it is let run: since [`DWT::cycle_count`] said this, at the latest. The chip stamps no request;
-/// what came while nobody blocked it is entered at once.
+/// Notes that an interrupt of the path was blocked since the counter said `since`, until now.
 #[inline]
-fn note_waiting(since: u32) {
-    if NVIC::is_pending(interrupt::OTG_FS) {
-        WAITS_SINCE.store(since | 1, Ordering::Relaxed);
-    }
+pub(crate) fn note_blocked(path: Path, since: u32) {
+    let blocked = &BLOCKED[path as usize];
+    blocked.since.store(since, Ordering::Relaxed);
+    blocked.until.store(DWT::cycle_count(), Ordering::Relaxed);
 }
 
-/// For the path, when it is `entered`: since when it may have been pending, cycles.
+/// For an interrupt of the path, when it is `entered`: since when it may have been pending, at the earliest, cycles. The chip stamps no request; what
+/// comes while nobody blocks it is entered at once, and what is entered as soon as it was let run may have come when the blocking began.
 #[inline]
-pub(crate) fn requested(entered: u32) -> u32 {
-    match WAITS_SINCE.load(Ordering::Relaxed) {
-        0 => entered.wrapping_sub(ENTRY_CYCLES),
-        since => {
-            WAITS_SINCE.store(0, Ordering::Relaxed);
-            since
-        }
+pub(crate) fn requested(path: Path, entered: u32) -> u32 {
+    let blocked = &BLOCKED[path as usize];
+    if entered.wrapping_sub(blocked.until.load(Ordering::Relaxed)) <= LET_RUN_CYCLES {
+        blocked.since.load(Ordering::Relaxed)
+    } else {
+        entered.wrapping_sub(ENTRY_CYCLES)
     }
 }
 
@@ -58,11 +82,17 @@ pub(crate) fn set() {
         // SAFETY: any value is a priority.
         unsafe { priority.write(OTHERS as u8) };
     }
-    interrupt::OTG_FS.set_priority(PATH);
+    interrupt::OTG_FS.set_priority(PATH_LEVEL);
     interrupt::UART4.set_priority(CEILING);
     interrupt::USART1.set_priority(CEILING);
     interrupt::UART5.set_priority(TICK);
     interrupt::TIM5.set_priority(TICK);
+}
+
+/// Puts the host's UART on the path's level while its maps count, and below it while those over USB do: what does not count holds nothing up.
+#[inline]
+pub(crate) fn let_uart(counts: bool) {
+    interrupt::USART1.set_priority(if counts { PATH_LEVEL } else { CEILING });
 }
 
 /// Runs `work` with the map-to-line path blocked. Its blocking time is part of the path's worst-case bound:
@@ -70,30 +100,15 @@ pub(crate) fn set() {
 #[inline]
 pub(crate) fn block_path<T>(work: impl FnOnce() -> T) -> T {
     let before = basepri::read();
-    basepri_max::write(PATH as u8);
+    basepri_max::write(PATH_LEVEL as u8);
     let since = DWT::cycle_count();
     compiler_fence(Ordering::SeqCst);
     let done = work();
     compiler_fence(Ordering::SeqCst);
-    note_waiting(since);
+    note_blocked(Path::Usb, since);
+    note_blocked(Path::Uart, since);
     // SAFETY: the value from before.
     unsafe { basepri::write(before) };
-    done
-}
-
-/// Runs `work` with only the USB core's interrupt blocked: for a packet from the UART, whose next bytes must be read
-/// meanwhile. A host that sends maps over both links at once makes one wait for the other; this project's hosts use one.
-#[inline]
-pub(crate) fn block_usb<T>(work: impl FnOnce() -> T) -> T {
-    NVIC::mask(interrupt::OTG_FS);
-    asm::dsb();
-    asm::isb();
-    let since = DWT::cycle_count();
-    let done = work();
-    compiler_fence(Ordering::SeqCst);
-    note_waiting(since);
-    // SAFETY: no critical section relies on this mask.
-    unsafe { NVIC::unmask(interrupt::OTG_FS) };
     done
 }
 

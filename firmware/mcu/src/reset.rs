@@ -9,6 +9,7 @@ use core::mem::MaybeUninit;
 
 use embassy_stm32::pac::RCC;
 use gripline_firmware::{GripForce, ResetCause};
+use gripline_protocol::rounds::at_most;
 
 /// What is known of the time before this start.
 #[derive(Clone, Copy)]
@@ -117,7 +118,7 @@ pub(crate) fn keep_line(force: GripForce) {
     let force = force.lsb().cast_unsigned();
     let copy = [force, check(force)];
     let copies = KEPT.0.get().cast::<Checked>();
-    for place in 0..2 {
+    for place in at_most::<2, _>(0..2) {
         // SAFETY: in bounds of two copies; nobody else holds a reference into `KEPT`.
         unsafe { copies.add(place).write_volatile(copy) };
     }

@@ -19,12 +19,15 @@ use embassy_stm32::usb::InterruptHandler;
 use embassy_stm32::{bind_interrupts, interrupt, peripherals};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
+use gripline_firmware::LinkId;
 use gripline_protocol::PACKET_MAX;
 use gripline_protocol::constants::TAXELS_PER_PACKET;
 use gripline_protocol::packet::Kind;
+use gripline_protocol::rounds::at_most;
 
 use crate::control::{self, Control};
-use crate::priority::{self, block_path};
+use crate::priority::{self, Path, block_path};
+use crate::uart;
 
 bind_interrupts!(pub(crate) struct Interrupts {
     OTG_FS => MapPackets;
@@ -73,27 +76,35 @@ impl Handler<typelevel::OTG_FS> for MapPackets {
     #[inline]
     unsafe fn on_interrupt() {
         let entered = control::cycles();
-        let requested = priority::requested(entered);
-        // Read once: what lands after it interrupts again, and is not left to the HAL.
-        if !is_received() {
-            return defer(false);
-        }
-        let Some(status) = top() else {
-            return defer(true);
-        };
-        // SAFETY: this interrupt lies above all other users, who block it.
-        let Some(control) = (unsafe { control::from_isr() }) else {
-            return defer(true);
-        };
-        control.note_request(requested);
-        if status.pktstsd() == Pktstsd::OUT_DATA_RX {
-            packet(status, control, entered);
-        } else if IS_OPEN.load(Ordering::Relaxed) {
-            end_of_packet();
-        } else {
-            // It belongs to a packet that the HAL is reading.
-            defer(true);
-        }
+        let requested = priority::requested(Path::Usb, entered);
+        take(entered, requested);
+        priority::note_blocked(Path::Uart, requested);
+    }
+}
+
+/// Takes one entry out of the FIFO, or leaves what is there to the HAL. `entered` is when the interrupt began, `requested` since
+/// when it may have been pending.
+#[inline]
+fn take(entered: u32, requested: u32) {
+    // Read once: what lands after it interrupts again, and is not left to the HAL.
+    if !is_received() {
+        return defer(false);
+    }
+    let Some(status) = top() else {
+        return defer(true);
+    };
+    // SAFETY: this interrupt lies above all other users, who block it, but for that of the UART, which does not interrupt it.
+    let Some(control) = (unsafe { control::from_isr() }) else {
+        return defer(true);
+    };
+    control.note_request(requested);
+    if status.pktstsd() == Pktstsd::OUT_DATA_RX {
+        packet(status, control, entered);
+    } else if IS_OPEN.load(Ordering::Relaxed) {
+        end_of_packet();
+    } else {
+        // It belongs to a packet that the HAL is reading.
+        defer(true);
     }
 }
 
@@ -120,23 +131,23 @@ fn packet(status: Grxsts, control: &mut Control, entered: u32) {
     read_words(words, length.div_ceil(4));
     let bytes = bytemuck::bytes_of(words).get(..length).unwrap_or_default();
     match Kind::of(bytes) {
-        Some(Kind::MapTail) => control.map_tail(bytes, entered),
+        Some(Kind::MapTail) => control.map_tail(bytes, LinkId::Usb, entered),
         Some(Kind::MapTaxels) => {
             ask_for_next();
-            control.map_taxels(bytes, entered);
+            control.map_taxels(bytes, LinkId::Usb, entered);
         }
         Some(Kind::MapHead) => {
             if words[3] & 0x1FF >= ANOTHER {
                 ask_for_next();
             }
-            control.map_head(bytes, entered);
+            control.map_head(bytes, LinkId::Usb, entered);
         }
         Some(Kind::Message) => {
             PACKET.length.store(length, Ordering::Relaxed);
             IS_HELD.store(true, Ordering::Relaxed);
             NVIC::pend(interrupt::UART4);
         }
-        None => control.unknown_packet(bytes, entered),
+        None => control.unknown_packet(bytes, LinkId::Usb, entered),
     }
 }
 
@@ -154,7 +165,7 @@ fn ask_for_next() {
 fn read_words(words: &mut [u32; PACKET_MAX / 4], count: usize) {
     let fifo = REGISTERS.fifo(0).as_ptr();
     let (blocks, rest) = words[..count.min(PACKET_MAX / 4)].as_chunks_mut::<4>();
-    for block in blocks {
+    for block in at_most::<{ PACKET_MAX / 16 }, _>(blocks) {
         // SAFETY: the window is 4 KiB; nothing interrupts this handler, so no word is taken twice; `block` has four.
         unsafe {
             asm!(
@@ -167,7 +178,7 @@ fn read_words(words: &mut [u32; PACKET_MAX / 4], count: usize) {
             );
         }
     }
-    for word in rest {
+    for word in at_most::<3, _>(rest) {
         *word = REGISTERS.fifo(0).read().data();
     }
 }
@@ -213,7 +224,7 @@ fn deferred_mask(mask: Gintmsk, is_received: bool) -> Gintmsk {
     deferred
 }
 
-/// Runs the HAL's driver, and wakes the task `control` for a message.
+/// Runs the HAL's driver, and wakes the task `control` for a message of either link.
 ///
 /// Deadline: 11 µs, the least that a map's packet behind one of the control endpoint takes on the bus. Budget: that. Miss: the
 /// map's packet is handled so much later.
@@ -233,6 +244,7 @@ impl Handler<typelevel::UART4> for HalDriver {
         if IS_HELD.load(Ordering::Relaxed) {
             MESSAGE.signal(());
         }
+        uart::wake();
     }
 }
 

@@ -1,6 +1,8 @@
 //! What messages do to the program: handshake and commands.
 
+use gripline_protocol::SENSORS;
 use gripline_protocol::message::{Command, GripMode, Hello, Message, Refusal, Report};
+use gripline_protocol::rounds::at_most;
 use gripline_protocol::sequence::SequenceTracker;
 
 use super::dispatch::Program;
@@ -77,7 +79,7 @@ impl<K: Kernel> Program<K> {
         self.host_session = known.then_some(hello.session);
         if known && restarted {
             // A host that restarts counts its maps, and its time, from anywhere.
-            for tip in &mut self.fingertips {
+            for tip in at_most::<SENSORS, _>(&mut self.fingertips) {
                 tip.sequence = SequenceTracker::new();
                 tip.clock = ClockSync::new();
             }
@@ -110,7 +112,7 @@ impl<K: Kernel> Program<K> {
             Command::Hold if self.controller.mode() == GripMode::Hold => {}
             Command::Hold => {
                 self.controller.set_mode(GripMode::Hold);
-                for tip in &mut self.fingertips {
+                for tip in at_most::<SENSORS, _>(&mut self.fingertips) {
                     tip.fresh_us = self.now_us;
                 }
             }

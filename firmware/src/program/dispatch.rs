@@ -10,11 +10,13 @@ use gripline_protocol::message::{
     Configuration, GripMode, MapSums, STAGES, SlipState, Stage, Status, Witnesses,
 };
 use gripline_protocol::packet::Kind;
+use gripline_protocol::rounds::at_most;
 use gripline_protocol::sequence::{Order, SequenceTracker};
 use gripline_protocol::{Health, MapInfo, Motion, SENSORS};
 
 use super::bootloader_request::BootloaderRequest;
 use super::learner::Taught;
+use super::map_source::MapSource;
 use super::object::Object;
 use super::outbox::Outbox;
 use super::receiver::{Breakage, Receiver};
@@ -98,6 +100,7 @@ pub struct Program<K = Portable> {
     pub(super) rule: TaxelRule,
     pub(super) receivers: [Receiver; LINKS],
     pub(super) fingertips: [Fingertip; SENSORS],
+    map_source: MapSource,
     newest: MapInfo,
     /// The fingertip whose load the grip follows.
     neediest: usize,
@@ -116,7 +119,7 @@ pub struct Program<K = Portable> {
     pub(super) last_packet_us: u64,
     pub(super) last_status_us: u64,
     maps: u32,
-    /// Maps whose packets were right but that were old or from the future.
+    /// Maps that were old, from the future, or of the link whose maps do not count.
     maps_refused: u32,
     worst_cycles: [u32; STAGES],
 }
@@ -151,6 +154,7 @@ impl<K: Kernel> Program<K> {
                 arrived_us: start.now_us,
                 ..Fingertip::default()
             }; SENSORS],
+            map_source: MapSource::new(),
             newest: MapInfo::default(),
             neediest: 0,
             controller: GripController::new(start.now_us, start.restored_line),
@@ -199,28 +203,65 @@ impl<K: Kernel> Program<K> {
         }
     }
 
-    /// [`Self::map_packet`] of a [`Kind::MapTail`].
+    /// [`Self::map_packet`] of a [`Kind::MapTail`]. It moves the line when it ends a map that counts.
     #[inline]
     pub fn map_tail(&mut self, packet: &[u8], link: LinkId, now_us: u64) -> Action {
         self.passed_to(now_us);
-        let decided = self.tail(packet, link);
-        self.action(decided)
+        if self.map_source.is(link) && self.tail(packet, link) {
+            self.action(true)
+        } else {
+            self.unchanged()
+        }
     }
 
     /// [`Self::map_packet`] of a [`Kind::MapTaxels`]. It moves no line: a map counts when it is whole, and time at the tick.
     #[inline]
     pub fn map_taxels(&mut self, packet: &[u8], link: LinkId, now_us: u64) -> Action {
         self.passed_to(now_us);
-        self.taxels(packet, link);
+        if self.map_source.is(link) {
+            self.taxels(packet, link);
+        }
         self.unchanged()
     }
 
     /// [`Self::map_packet`] of a [`Kind::MapHead`].
     #[inline]
     pub fn map_head(&mut self, packet: &[u8], link: LinkId, now_us: u64) -> Action {
-        self.passed_to(now_us);
-        self.head(packet, link);
+        let now_us = self.passed_to(now_us);
+        if self.map_source.takes(link, now_us, self.settings.stale_ms) {
+            self.head(packet, link);
+        } else {
+            self.maps_refused = self.maps_refused.wrapping_add(1);
+        }
         self.unchanged()
+    }
+
+    /// As [`Self::map_head`], for a link that brings byte by byte: [`Self::list_places`] has to be called with each of the next bytes.
+    #[inline]
+    pub fn map_begins(&mut self, packet: &[u8], link: LinkId, now_us: u64) -> Action {
+        let now_us = self.passed_to(now_us);
+        if self.map_source.takes(link, now_us, self.settings.stale_ms) {
+            self.begin(packet, link);
+        } else {
+            self.maps_refused = self.maps_refused.wrapping_add(1);
+        }
+        self.unchanged()
+    }
+
+    /// Whether the maps of this link count, and not those of the other.
+    #[inline]
+    #[must_use]
+    pub fn counts_maps_of(&self, link: LinkId) -> bool {
+        self.map_source.is(link)
+    }
+
+    /// A part of what [`Self::map_begins`] has left.
+    #[inline]
+    pub fn list_places(&mut self, link: LinkId) {
+        let receiver = &mut self.receivers[link as usize];
+        if self.map_source.is(link) && receiver.has_places_to_list() {
+            receiver.list_places();
+        }
     }
 
     /// [`Self::map_packet`] of a packet without a readable header.
@@ -251,7 +292,19 @@ impl<K: Kernel> Program<K> {
 
     #[inline(never)]
     fn head(&mut self, packet: &[u8], link: LinkId) {
-        match self.receivers[link as usize].head(packet, self.rule) {
+        let begun = self.receivers[link as usize].head(packet, self.rule);
+        self.begun(begun, link);
+    }
+
+    #[inline(never)]
+    fn begin(&mut self, packet: &[u8], link: LinkId) {
+        let begun = self.receivers[link as usize].begin(packet, self.rule);
+        self.begun(begun, link);
+    }
+
+    #[inline]
+    fn begun(&mut self, begun: Result<bool, Breakage>, link: LinkId) {
+        match begun {
             Ok(cuts_off) => {
                 self.last_packet_us = self.now_us;
                 if cuts_off {
@@ -302,10 +355,7 @@ impl<K: Kernel> Program<K> {
         let older =
             |since_us: u64, limit_ms: u16| now_us.saturating_sub(since_us) > u64::from(limit_ms) * 1_000;
         let sensors = usize::from(self.settings.sensors);
-        let stale = self
-            .fingertips
-            .iter()
-            .take(sensors)
+        let stale = at_most::<SENSORS, _>(self.fingertips.iter().take(sensors))
             .any(|tip| older(tip.fresh_us, self.settings.stale_ms));
         self.safety.set(Fault::StaleMaps, holding && stale);
         self.safety.set(
@@ -321,7 +371,7 @@ impl<K: Kernel> Program<K> {
     #[inline(never)]
     pub fn teach_grip(&mut self) {
         let mut is_new = false;
-        for tip in &mut self.fingertips {
+        for tip in at_most::<SENSORS, _>(&mut self.fingertips) {
             is_new |= core::mem::take(&mut tip.is_news);
         }
         if !self.settings.learns() {
@@ -459,6 +509,7 @@ impl<K: Kernel> Program<K> {
             return self.refuse_map(Fault::FutureMap);
         };
         tip.sequence.accept(info.sequence);
+        self.map_source.keep(self.now_us, self.settings.stale_ms);
         tip.sums = self.receivers[link as usize].partial().finish();
         let shear = total_shear(&tip.sums);
         tip.fresh_us = self.now_us.saturating_sub(late_us.into());
@@ -484,11 +535,13 @@ impl<K: Kernel> Program<K> {
         self.safety.set(Fault::FutureMap, false);
         self.safety.set(Fault::MapsLost, lost > 0);
         let sensors = usize::from(self.settings.sensors);
-        let health = self
-            .fingertips
-            .iter()
-            .take(sensors)
-            .fold(Health::GOOD, |all, tip| all.with(tip.health));
+        // No loop: this is the path to the line.
+        let [one, other] = &self.fingertips;
+        let health = if sensors > 1 {
+            one.health.with(other.health)
+        } else {
+            one.health
+        };
         self.safety
             .set(Fault::SaturatedMap, health.has(Health::SATURATED));
         self.safety

@@ -12,6 +12,7 @@ mod device;
 mod dispatch;
 mod learner;
 mod lesson;
+mod map_source;
 mod messages;
 mod object;
 mod object_watch;

@@ -2,7 +2,7 @@
 
 use gripline_protocol::message::Configuration;
 use gripline_protocol::packet::{Header, Kind};
-use gripline_protocol::{MapInfo, MapParser};
+use gripline_protocol::{MapInfo, MapParser, PacketError};
 
 use crate::sums::{Accumulator, Kernel, TaxelRule};
 
@@ -54,7 +54,36 @@ impl Receiver {
     /// Takes the first packet of a map. `Ok` tells whether it cuts off a map that was not counted as broken yet.
     #[inline]
     pub(super) fn head(&mut self, packet: &[u8], rule: TaxelRule) -> Result<bool, Breakage> {
-        let Ok(abandoned) = self.maps.head(packet) else {
+        let begun = self.maps.head(packet);
+        self.begun(begun, packet, rule)
+    }
+
+    /// The same; [`Self::list_places`] does the rest.
+    #[inline]
+    pub(super) fn begin(&mut self, packet: &[u8], rule: TaxelRule) -> Result<bool, Breakage> {
+        let begun = self.maps.begin(packet);
+        self.begun(begun, packet, rule)
+    }
+
+    #[inline]
+    pub(super) fn has_places_to_list(&self) -> bool {
+        self.maps.has_places_to_list()
+    }
+
+    /// A part of what [`Self::begin`] has left.
+    #[inline(never)]
+    pub(super) fn list_places(&mut self) {
+        self.maps.list_places();
+    }
+
+    #[inline]
+    fn begun(
+        &mut self,
+        begun: Result<bool, PacketError>,
+        packet: &[u8],
+        rule: TaxelRule,
+    ) -> Result<bool, Breakage> {
+        let Ok(abandoned) = begun else {
             return Err(self.breakage(packet));
         };
         self.partial = Accumulator::new(rule);

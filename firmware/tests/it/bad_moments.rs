@@ -172,6 +172,50 @@ fn a_bad_byte_on_one_link_leaves_the_other_links_map_alone() {
 }
 
 #[test]
+fn maps_of_one_link_count_at_a_time_and_the_other_link_takes_over_when_they_are_stale() {
+    let mut bench = quiet_hold(&Configuration::DEFAULT);
+    let over = |bench: &mut Bench, link: LinkId, shear_n: f64| {
+        let packets = bench.packets(&held(shear_n));
+        let actions = packets
+            .iter()
+            .map(|packet| bench.device.packet_from(link, packet, bench.now_us));
+        actions.filter(|action| action.decided).count()
+    };
+    let (line, refused) = (bench.line(), bench.device.program.status().maps_refused);
+    // Every other packet is one of the other link: those of the first are taken as if they were alone.
+    let (first, second) = (bench.packets(&held(1.6)), bench.packets(&held(6.0)));
+    let mut decided = 0;
+    for (one, other) in first.iter().zip(second.iter().cycle()) {
+        decided += u32::from(
+            bench
+                .device
+                .packet_from(LinkId::Uart, other, bench.now_us)
+                .decided,
+        );
+        decided += u32::from(bench.device.packet(one, bench.now_us).decided);
+    }
+    assert_eq!(decided, 1);
+    assert!(bench.line() <= line + line / 50, "{line} became {}", bench.line());
+    assert!(bench.device.program.status().maps_refused > refused);
+    // The last map is as fresh as may be, then stale.
+    let stale_ms = u64::from(Configuration::DEFAULT.stale_ms);
+    bench.wait_ms(stale_ms - 1);
+    assert_eq!(over(&mut bench, LinkId::Uart, 1.6), 0);
+    bench.wait_ms(1);
+    // A beginning alone keeps the link for that long, but not for ever.
+    let head = bench.packets(&held(1.6)).remove(0);
+    let _ = bench.device.packet_from(LinkId::Uart, &head, bench.now_us);
+    assert_eq!(over(&mut bench, LinkId::Usb, 1.6), 0);
+    for _ in 0..stale_ms {
+        bench.wait_ms(1);
+        let head = bench.packets(&held(1.6)).remove(0);
+        let _ = bench.device.packet_from(LinkId::Uart, &head, bench.now_us);
+    }
+    assert_eq!(over(&mut bench, LinkId::Usb, 1.6), 1);
+    assert_eq!(over(&mut bench, LinkId::Uart, 1.6), 0);
+}
+
+#[test]
 fn holding_again_makes_no_old_map_new() {
     let mut bench = quiet_hold(&Configuration::DEFAULT);
     for _ in 0..20 {

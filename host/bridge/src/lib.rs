@@ -14,6 +14,7 @@ mod live;
 pub mod log;
 mod marker_rest;
 mod model;
+mod realtime;
 mod rest;
 pub mod run;
 pub mod source;

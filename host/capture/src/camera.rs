@@ -133,12 +133,28 @@ impl Camera {
     where
         <P::Driver as Driver>::Stream: Send,
     {
+        Self::start_with(port, settings, || {})
+    }
+
+    /// The same; `begin` runs first in the thread that takes and decodes pictures, which may ask for a priority.
+    ///
+    /// # Errors
+    /// [`CaptureError`] when the camera cannot be used now.
+    pub fn start_with<P: Port>(
+        port: P,
+        settings: CameraSettings,
+        begin: impl FnOnce() + Send + 'static,
+    ) -> Result<Self, CaptureError>
+    where
+        <P::Driver as Driver>::Stream: Send,
+    {
         let first = open(&port, &settings)?;
         let shared = Arc::new(Shared::default());
         let (description, rate) = (first.description.clone(), first.rate.unwrap_or(DEFAULT_RATE));
         let name = first.name.clone();
         let of_thread = Arc::clone(&shared);
         let thread = thread::spawn(move || {
+            begin();
             // What both threads share is whole whenever its lock is free.
             let ended = catch_unwind(AssertUnwindSafe(|| {
                 keep_open(&port, &settings, first, &of_thread);

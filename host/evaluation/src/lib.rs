@@ -2,7 +2,8 @@
 //!
 //! The paper's experiment ([`paper`]): [`plan`] says which runs, [`trial`] is one of them in the contact world, [`chain`]
 //! takes it from picture to map, [`detectors`] judge the maps, [`judged`] and [`metrics`] count, [`report`] tells.
-//! [`play`] plays a scene file frame by frame; [`grasps`] closes the loop; [`real`] does it with recorded trials. [`document`] keeps the sections of docs/evidence.md,
+//! [`play`] plays a scene file frame by frame; [`grasps`] closes the loop; [`real`] does it with recorded trials;
+//! [`skip`] says what skipping saves and changes. [`document`] keeps the sections of docs/evidence.md,
 //! [`requirement`] says what must hold.
 #![deny(unsafe_code)]
 
@@ -22,4 +23,5 @@ mod progress;
 pub mod real;
 pub mod report;
 pub mod requirement;
+pub mod skip;
 pub mod trial;

@@ -27,6 +27,6 @@ mod site;
 
 pub use event::Look;
 pub use live::{Live, LiveError};
-pub use metrics::{QUANTILES, Values};
+pub use metrics::{CAPTURE_PARTS, QUANTILES, Values};
 pub use routes::STREAMS;
 pub use server::CONNECTIONS;

@@ -30,7 +30,13 @@ pub struct Values {
     pub pictures_lost: [u64; 3],
     /// [`QUANTILES`] of every stage, µs.
     pub stages_us: [[f64; 3]; STAGES.len()],
+    /// [`QUANTILES`] of every part of [`CAPTURE_PARTS`], µs; 0 without a camera.
+    pub capture_us: [[f64; 3]; CAPTURE_PARTS.len()],
 }
+
+/// Parts of the way of a camera's picture beside the stages: from the driver's time stamp to its bytes, from decoding to the loop, and
+/// all from the time stamp to the link.
+pub const CAPTURE_PARTS: [&str; 3] = ["driver", "hand_over", "capture_to_link"];
 
 /// Names of the gate's verdicts.
 const GATES: [&str; 4] = ["no_contact", "unchanged", "network", "unhealthy"];
@@ -101,20 +107,17 @@ impl Values {
             "Pictures that never came, were overtaken by a newer one, or were damaged.",
             &lost,
         );
-        let times: Vec<_> = STAGES
-            .iter()
-            .zip(self.stages_us)
-            .flat_map(|(stage, times_us)| {
-                QUANTILES.into_iter().zip(times_us).map(move |(quantile, us)| {
-                    (format!("{{stage=\"{stage}\",quantile=\"{quantile}\"}}"), us / 1e6)
-                })
-            })
-            .collect();
+        page.labelled(
+            "capture_seconds",
+            "gauge",
+            "From the camera's time stamp on: to the picture's bytes, from decoding to the loop, and the whole way to the link.",
+            &seconds("part", &CAPTURE_PARTS, &self.capture_us),
+        );
         page.labelled(
             "stage_seconds",
             "gauge",
             "Time of each stage over the run.",
-            &times,
+            &seconds("stage", &STAGES, &self.stages_us),
         );
         let of_both: Vec<&FrameReport> = self.newest.iter().flatten().collect();
         // State, line and faults are the gripper's: the newest frame has them.
@@ -124,6 +127,17 @@ impl Values {
         }
         page.0
     }
+}
+
+/// Samples of [`QUANTILES`], s, of times in µs, each labelled with the name of what took them.
+fn seconds(key: &str, names: &[&str], times_us: &[[f64; 3]]) -> Vec<(String, f64)> {
+    let of = |(name, times_us): (&&str, &[f64; 3])| {
+        let samples = QUANTILES.iter().zip(times_us);
+        samples
+            .map(|(quantile, us)| (format!("{{{key}=\"{name}\",quantile=\"{quantile}\"}}"), us / 1e6))
+            .collect::<Vec<_>>()
+    };
+    names.iter().zip(times_us).flat_map(of).collect()
 }
 
 struct Page(String);
@@ -223,6 +237,7 @@ mod tests {
         let values = Values {
             frames: 7,
             gate: [1, 2, 3, 4],
+            capture_us: [[0.0; 3], [0.0; 3], [9_000.0; 3]],
             ..Values::default()
         };
         let text = values.text();
@@ -238,6 +253,10 @@ mod tests {
             );
         }
         assert!(text.contains("\ngripline_frames_total 7\n"), "{text}");
+        assert!(
+            text.contains("gripline_capture_seconds{part=\"capture_to_link\",quantile=\"0.5\"} 0.009\n"),
+            "{text}"
+        );
         assert!(
             text.contains("gripline_gate_total{verdict=\"network\"} 3\n"),
             "{text}"

@@ -92,7 +92,7 @@ impl Network {
         })
     }
 
-    /// Chooses how much of a frame is computed. The forces are the same, bit by bit.
+    /// Chooses how much of a frame is computed.
     #[must_use]
     pub fn with_evaluation(self, evaluation: Evaluation) -> Self {
         match self.0 {
@@ -112,6 +112,18 @@ impl Network {
                 network.set_rest(small);
             }
             Kind::Tracked(network) => network.set_rest(rest),
+        }
+    }
+
+    /// Learns the camera's noise from 440×440 pictures at rest, in the order of capture; call it after [`Self::set_rest`]. With fewer
+    /// than two it is learnt from the frames. `unet` does not need it.
+    ///
+    /// # Panics
+    /// When one is not 440×440 bytes.
+    pub fn learn_noise(&mut self, rest: &[Vec<u8>]) {
+        match &mut self.0 {
+            Kind::Unet { .. } => {}
+            Kind::Tracked(network) => network.learn_noise(rest),
         }
     }
 

@@ -48,14 +48,18 @@ impl FromStr for Architecture {
     }
 }
 
-/// How much of a frame is computed. The forces are the same, bit by bit.
+/// How much of a frame is computed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Evaluation {
     /// Everything, always.
     Dense,
-    /// Only what can differ from the frame before: the pixels of each layer that see a changed pixel.
+    /// Only what can differ from the frame before: the pixels of each layer that see a changed pixel. The forces are the same, bit by
+    /// bit.
     #[default]
     Skip,
+    /// Of `tracked`, only what differs by more than the camera's noise from when it was last looked at; `unet` works as with
+    /// [`Self::Skip`]. Parts that are not computed keep the noise of the picture that they were last computed from; decisions can differ.
+    SkipNoise,
 }
 
 /// The numbers that the `tracked` network computes with.

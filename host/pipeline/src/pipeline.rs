@@ -20,7 +20,7 @@ use crate::markers::MarkerStage;
 pub const CROP_PIXELS: usize = 440 * 440;
 
 /// Below this stick ratio, 1/10000, every picture goes through the network, whatever the gate says: INCIPIENT begins at
-/// 6,500 as shipped, and what the gate takes for unchanged moves the ratio by up to 1,900 (`cargo xtask bench gate`).
+/// 6,500 as shipped, and what the gate takes for unchanged moves the ratio by up to 1,900 (`gripline evaluate skip`).
 const SURE_STICK_RATIO: u16 = 8_500;
 
 /// A picture's force map.

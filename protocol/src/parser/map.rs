@@ -2,10 +2,10 @@
 
 use super::event::Forces;
 use crate::constants::{
-    CRC_BYTES, PACKET_HEADER, PACKET_MAX, SENSORS, TAXEL_BYTES, TAXELS, TAXELS_PER_PACKET,
+    BITMAP_BYTES, CRC_BYTES, PACKET_HEADER, PACKET_MAX, SENSORS, TAXEL_BYTES, TAXELS, TAXELS_PER_PACKET,
 };
 use crate::crc::RunningCrc;
-use crate::force_map::Place;
+use crate::force_map::{ActiveSet, Listed, Place};
 use crate::map_codec::{Head, MapInfo};
 use crate::packet::{Header, PacketError, wrong_length};
 
@@ -27,7 +27,14 @@ struct MapInProgress {
     received: u16,
     count: u16,
     crc: RunningCrc,
+    active: ActiveSet,
+    /// The taxels' places are written so far.
+    listed: Listed,
 }
+
+/// Bytes of a map's bitmap that [`MapParser::list_places`] works on: nine calls for all, as many as bytes come between a head and the end of the
+/// shortest last packet.
+const BYTES_AT_ONCE: usize = 6;
 
 impl Default for MapParser {
     fn default() -> Self {
@@ -92,7 +99,53 @@ impl MapParser {
     /// [`PacketError`] when this is not a head; the map in progress is dropped, as with every error here.
     #[inline]
     pub fn head(&mut self, packet: &[u8]) -> Result<bool, PacketError> {
+        let accepted = self.map_head(packet).and_then(|abandoned| {
+            self.list::<BITMAP_BYTES>()?;
+            Ok(abandoned)
+        });
+        self.accepted(accepted)
+    }
+
+    /// The same; the places of its taxels are left to [`Self::list_places`], which has to be done with them before the next packet ends. For
+    /// a link that brings byte by byte, and must not wait as long as they take.
+    ///
+    /// # Errors
+    /// As [`Self::head`]; a bitmap of another number of taxels than the head says is refused with the next packet.
+    #[inline]
+    pub fn begin(&mut self, packet: &[u8]) -> Result<bool, PacketError> {
         let accepted = self.map_head(packet);
+        self.accepted(accepted)
+    }
+
+    /// Whether [`Self::list_places`] has something to do.
+    #[inline]
+    #[must_use]
+    pub fn has_places_to_list(&self) -> bool {
+        self.map.as_ref().is_some_and(|map| !map.listed.is_done())
+    }
+
+    /// A ninth of what [`Self::begin`] has left.
+    #[inline]
+    pub fn list_places(&mut self) {
+        if self.list::<BYTES_AT_ONCE>().is_err() {
+            self.refuse();
+        }
+    }
+
+    /// Goes on with the list of places. Checks their number when it is done.
+    #[inline]
+    fn list<const BYTES: usize>(&mut self) -> Result<(), PacketError> {
+        let Some(map) = &mut self.map else { return Ok(()) };
+        map.active.list::<BYTES>(&mut map.listed, &mut self.places);
+        if map.listed.is_done() && map.listed.count != usize::from(map.count) {
+            self.map = None;
+            return Err(PacketError::Contents);
+        }
+        Ok(())
+    }
+
+    #[inline]
+    fn accepted(&mut self, accepted: Result<bool, PacketError>) -> Result<bool, PacketError> {
         match accepted {
             Ok(abandoned) => self.abandoned = self.abandoned.wrapping_add(u32::from(abandoned)),
             Err(_) => self.refuse(),
@@ -154,9 +207,6 @@ impl MapParser {
             });
         }
         let head = Head::from_payload(header, payload).ok_or(PacketError::Contents)?;
-        if head.active.places(&mut self.places) != head.count {
-            return Err(PacketError::Contents);
-        }
         let mut crc = RunningCrc::new();
         crc.update(packet);
         self.map = Some(MapInProgress {
@@ -165,6 +215,8 @@ impl MapParser {
             received: 0,
             count: head.count,
             crc,
+            active: head.active,
+            listed: Listed::default(),
         });
         Ok(abandoned)
     }
@@ -178,7 +230,11 @@ impl MapParser {
         };
         let expected = map.next_index;
         let same_map = header.owner == map.info.sensor && header.sequence == map.info.sequence as u8;
-        if !same_map || found != expected || usize::from(map.count - map.received) < taxels {
+        if !same_map
+            || found != expected
+            || !map.listed.is_done()
+            || usize::from(map.count - map.received) < taxels
+        {
             return Err(PacketError::Order { found, expected });
         }
         Ok(map)

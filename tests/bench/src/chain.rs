@@ -1,10 +1,13 @@
 //! The whole chain over played scenes: camera crop to decision, by network and gate. What each takes, how far it is from what is
 //! true of the contact, and what skipping changed. Units: N, ms, µs.
 
+use std::path::Path;
+
 use gripline_firmware::slip::SlipDetector;
 use gripline_firmware::sums::{TaxelRule, stick_ratio_below, sums_of};
 use gripline_network::scene::{GateDecision, GateKind};
-use gripline_network::{Architecture, Evaluation, Network};
+use gripline_network::tracked::TrackedNetwork;
+use gripline_network::{Architecture, Evaluation, InstructionSet, Network, Precision};
 use gripline_pipeline::pipeline::Pipeline;
 use gripline_pipeline::settings_for;
 use gripline_protocol::message::{MapSums, SlipState};
@@ -15,50 +18,133 @@ use crate::failure::Failure;
 use crate::rule::RULE;
 use crate::scenes::{FRAMES_PER_SECOND, Kind, Scene};
 
-/// A network with a gate.
+/// A network, or one of its variants.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Variant {
+    Tracked,
+    /// Half as wide.
+    TrackedHalf,
+    TrackedF32,
+    Unet,
+    UnetHalf,
+}
+
+impl Variant {
+    const ALL: [Self; 5] = [
+        Self::Tracked,
+        Self::TrackedHalf,
+        Self::TrackedF32,
+        Self::Unet,
+        Self::UnetHalf,
+    ];
+
+    const fn name(self) -> &'static str {
+        match self {
+            Self::Tracked => "tracked",
+            Self::TrackedHalf => "tracked-half",
+            Self::TrackedF32 => "tracked in f32",
+            Self::Unet => "unet",
+            Self::UnetHalf => "unet-half",
+        }
+    }
+
+    fn network(self) -> Result<Network, Failure> {
+        let half = |name: &str| {
+            let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/../../host/network/weights/bench");
+            Network::from_file(&Path::new(folder).join(name), None)
+        };
+        Ok(match self {
+            Self::Tracked => Network::embedded(Architecture::Tracked)?,
+            Self::TrackedHalf => half("tracked-half.safetensors")?,
+            Self::TrackedF32 => TrackedNetwork::embedded()?.with_precision(Precision::F32).into(),
+            Self::Unet => Network::embedded(Architecture::Unet)?,
+            Self::UnetHalf => half("unet-half.safetensors")?,
+        })
+    }
+}
+
+/// All that can be chosen.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Way {
-    pub(crate) network: Architecture,
+    pub(crate) network: Variant,
     pub(crate) gate: GateKind,
     pub(crate) evaluation: Evaluation,
+    pub(crate) instructions: InstructionSet,
+    /// Of so many pictures one is looked at.
+    pub(crate) every: usize,
 }
 
 /// All of them; the first of each network skips nothing and is what the others are compared with.
-pub(crate) fn ways() -> Vec<Way> {
-    [Architecture::Tracked, Architecture::Unet]
+pub(crate) fn ways(instructions: InstructionSet) -> Vec<Way> {
+    let way = |network, gate, evaluation| Way {
+        network,
+        gate,
+        evaluation,
+        instructions,
+        every: 1,
+    };
+    let mut ways = Vec::new();
+    for network in Variant::ALL {
+        ways.push(way(network, GateKind::Off, Evaluation::Dense));
+        if [Variant::Tracked, Variant::Unet].contains(&network) {
+            ways.push(way(network, GateKind::Off, Evaluation::Skip));
+            ways.push(way(network, GateKind::Difference, Evaluation::Skip));
+        }
+        ways.push(way(network, GateKind::Network, Evaluation::Skip));
+    }
+    // `unet` knows no noise.
+    for gate in [GateKind::Off, GateKind::Difference, GateKind::Network] {
+        ways.push(way(Variant::Tracked, gate, Evaluation::SkipNoise));
+    }
+    let default = way(Variant::Tracked, GateKind::default(), Evaluation::default());
+    ways.push(Way { every: 2, ..default });
+    let others = InstructionSet::ALL
         .into_iter()
-        .flat_map(|network| {
-            [
-                (GateKind::Off, Evaluation::Dense),
-                (GateKind::Off, Evaluation::Skip),
-                (GateKind::Difference, Evaluation::Skip),
-                (GateKind::Network, Evaluation::Skip),
-            ]
-            .map(|(gate, evaluation)| Way {
-                network,
-                gate,
-                evaluation,
-            })
-        })
-        .collect()
+        .filter(|set| set.is_available() && *set != instructions);
+    ways.extend(others.map(|instructions| Way {
+        instructions,
+        ..default
+    }));
+    ways
 }
 
 impl Way {
     pub(crate) fn name(self) -> String {
-        let skip = if self.evaluation == Evaluation::Dense {
-            "nothing skipped"
-        } else {
-            "regions skipped"
+        let skip = match self.evaluation {
+            Evaluation::Dense => "nothing skipped",
+            Evaluation::Skip => "regions skipped",
+            Evaluation::SkipNoise => "regions and noise skipped",
         };
-        match self.gate {
-            GateKind::Off => format!("{}, {skip}", self.network),
-            gate => format!("{}, gate {}", self.network, gate.name()),
+        let mut name = match self.gate {
+            GateKind::Off => format!("{}, {skip}", self.network.name()),
+            gate => format!("{}, gate {}", self.network.name(), gate.name()),
+        };
+        if self.gate != GateKind::Off && self.evaluation == Evaluation::SkipNoise {
+            name += ", noise skipped";
+        }
+        if self.every > 1 {
+            name += ", every second picture";
+        }
+        name
+    }
+
+    /// As [`Self::name`], with the instruction set.
+    pub(crate) fn label(self, usual: InstructionSet) -> String {
+        if self.instructions == usual {
+            self.name()
+        } else {
+            format!("{}, {}", self.name(), self.instructions)
         }
     }
 
     /// The way that skips nothing.
     pub(crate) fn is_measure(self) -> bool {
         self.evaluation == Evaluation::Dense
+    }
+
+    /// Whether it is to decide as the one that skips nothing: with the same instructions, at the same rate.
+    pub(crate) fn is_judged(self, usual: InstructionSet) -> bool {
+        !self.is_measure() && self.every == 1 && self.instructions == usual
     }
 }
 
@@ -103,14 +189,19 @@ pub(crate) struct Wire {
 }
 
 /// Every way over every scene. `told` hears the name of each scene.
-pub(crate) fn measure(scenes: &[Scene], mut told: impl FnMut(&str)) -> Result<Vec<Row>, Failure> {
+pub(crate) fn measure(
+    scenes: &[Scene],
+    instructions: InstructionSet,
+    mut told: impl FnMut(&str),
+) -> Result<Vec<Row>, Failure> {
     let mut rows = Vec::new();
     for scene in scenes {
         told(scene.kind.name());
-        let ways = ways();
+        let ways = ways(instructions);
         let mut pipelines = Vec::new();
         for way in &ways {
-            let network = Network::embedded(way.network)?.with_evaluation(way.evaluation);
+            let network = way.network.network()?.with_instructions(way.instructions)?;
+            let network = network.with_evaluation(way.evaluation);
             let settings = settings_for(&network);
             let rule = TaxelRule::of(&settings);
             let pipeline = Pipeline::new(network, &scene.rest, way.gate, rule);
@@ -121,6 +212,17 @@ pub(crate) fn measure(scenes: &[Scene], mut told: impl FnMut(&str)) -> Result<Ve
         for (number, frame) in (0_u32..).zip(&scene.frames) {
             // In turns, so that what else the machine does falls on all of them.
             for (place, (pipeline, settings, detector)) in pipelines.iter_mut().enumerate() {
+                if let Some(last) = seen[place].last().copied()
+                    && !(number as usize).is_multiple_of(ways[place].every)
+                {
+                    // What was decided stands.
+                    seen[place].push(Seen {
+                        us: 0.0,
+                        skipped: true,
+                        ..last
+                    });
+                    continue;
+                }
                 let processed = pipeline.process(&frame.crop)?;
                 let rule = TaxelRule::of(settings);
                 let sums = sums_of(processed.map, rule);

@@ -1,7 +1,7 @@
 //! `cargo xtask bench`: run time against error, for the whole chain and for each stage. Detector: f64, f32, fixed dense, sparse and
 //! packet by packet, NumPy beside them. Chain: networks, scene gates, wire. And what skipping saves and changes, scene by scene.
 //!
-//! `gripline-bench [--json] [--frames N] [--rounds N] [--seed N] [--plot FILE] [--numpy FOLDER]`; exit code 1 when a bound is
+//! `gripline-bench [--json] [--frames N] [--rounds N] [--seed N] [--instructions SET] [--plot FILE] [--numpy FOLDER]`; exit code 1 when a bound is
 //! missed, 2 for wrong usage. All contestants take turns, so that what else the machine does falls on all of them.
 #![forbid(unsafe_code)]
 
@@ -19,16 +19,20 @@ use std::process::ExitCode;
 
 use detectors::Maps;
 use failure::Failure;
+use gripline_network::InstructionSet;
 use numpy::Numpy;
 use report::Report;
 
-const USAGE: &str = "--json, --frames N (60 and more), --rounds N, --seed N, --plot FILE, --numpy FOLDER";
+const USAGE: &str =
+    "--json, --frames N (60 and more), --rounds N, --seed N, --instructions SET, --plot FILE, --numpy FOLDER";
 
 struct Arguments {
     json: bool,
     frames: usize,
     rounds: usize,
     seed: u64,
+    /// What the ways are computed with, but those that show the others.
+    instructions: InstructionSet,
     plot: Option<PathBuf>,
     /// Where the Python package lies.
     numpy: Option<PathBuf>,
@@ -58,6 +62,7 @@ fn arguments() -> Result<Arguments, String> {
         frames: 240,
         rounds: 31,
         seed: 1,
+        instructions: InstructionSet::widest(),
         plot: None,
         numpy: None,
     };
@@ -75,6 +80,12 @@ fn arguments() -> Result<Arguments, String> {
             "--frames" => found.frames = number(value()?, 60)? as usize,
             "--rounds" => found.rounds = number(value()?, 1)? as usize,
             "--seed" => found.seed = number(value()?, 0)?,
+            "--instructions" => {
+                let set = value()?
+                    .parse::<InstructionSet>()
+                    .and_then(InstructionSet::checked);
+                found.instructions = set.map_err(|error| error.to_string())?;
+            }
             "--plot" => found.plot = Some(value()?.into()),
             "--numpy" => found.numpy = Some(value()?.into()),
             unknown => return Err(format!("found `{unknown}`")),
@@ -87,7 +98,9 @@ fn arguments() -> Result<Arguments, String> {
 fn run(arguments: &Arguments) -> Result<bool, Failure> {
     eprintln!("{} frames each of six played scenes ...", arguments.frames);
     let scenes = scenes::play(arguments.frames, arguments.seed)?;
-    let chain = chain::measure(&scenes, |scene| eprintln!("whole chain: {scene} ..."))?;
+    let chain = chain::measure(&scenes, arguments.instructions, |scene| {
+        eprintln!("whole chain: {scene} ...");
+    })?;
 
     // The detector's maps: the true forces of the scenes with contact, then the same with all 400 taxels in contact.
     let (mut newtons, mut begins) = (Vec::new(), Vec::new());
@@ -119,7 +132,11 @@ fn run(arguments: &Arguments) -> Result<bool, Failure> {
             rows,
         });
     }
-    let report = Report { stages, chain };
+    let report = Report {
+        instructions: arguments.instructions,
+        stages,
+        chain,
+    };
     if arguments.json {
         println!("{}", report.json());
     } else {

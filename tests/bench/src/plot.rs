@@ -27,13 +27,13 @@ pub(crate) fn draw(path: &Path, detector: &[Point], chain: &[Point]) -> Result<(
     );
     let chain = panel(
         chain,
-        "Whole chain: time of a frame against stick ratio",
+        "Whole chain: time of a frame against wrong decisions",
         "camera crop to decision, ms (over all scenes)",
-        "stick ratio off by, mean",
+        "slip decided otherwise than on the true forces, a minute",
     );
     let figure = Figure {
-        width: 1_240,
-        rows: vec![(520, vec![Panel::Chart(detector), Panel::Chart(chain)])],
+        width: 1_500,
+        rows: vec![(640, vec![Panel::Chart(detector), Panel::Chart(chain)])],
     };
     figure.save(path)
 }

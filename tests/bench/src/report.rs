@@ -2,12 +2,13 @@
 
 use std::fmt::Write as _;
 
+use gripline_network::InstructionSet;
 use serde_json::{Value, json};
 
 use crate::chain::Row as ChainRow;
 use crate::detectors::{Row, Variant};
 use crate::plot::Point;
-use crate::scenes::Kind;
+use crate::scenes::{FRAMES_PER_SECOND, Kind};
 
 /// The detector over one set of maps.
 pub(crate) struct Stage {
@@ -19,6 +20,7 @@ pub(crate) struct Stage {
 }
 
 pub(crate) struct Report {
+    pub(crate) instructions: InstructionSet,
     pub(crate) stages: Vec<Stage>,
     pub(crate) chain: Vec<ChainRow>,
 }
@@ -208,7 +210,11 @@ impl Report {
     /// Decisions and states that each way of skipping changed, over all scenes.
     fn changed(&self) -> Vec<(String, [usize; 2])> {
         let mut sums: Vec<(String, [usize; 2])> = Vec::new();
-        for row in self.chain.iter().filter(|row| !row.way.is_measure()) {
+        for row in self
+            .chain
+            .iter()
+            .filter(|row| row.way.is_judged(self.instructions))
+        {
             let name = row.way.name();
             if let Some((_, sum)) = sums.iter_mut().find(|(other, _)| *other == name) {
                 *sum = [sum[0] + row.changed[0], sum[1] + row.changed[1]];
@@ -241,7 +247,8 @@ impl Report {
     fn chain_text(&self, text: &mut String) {
         let _ = writeln!(
             text,
-            "\n== whole chain: camera crop to decision, one core; errors against the contact's true forces"
+            "\n== whole chain: camera crop to decision, one core, {}; errors against the contact's true forces",
+            self.instructions
         );
         let _ = writeln!(
             text,
@@ -272,7 +279,7 @@ impl Report {
                 text,
                 "  {:<14} {:<27} {:>8.1} {:>8} {:>8} {:>5.0} % {:>7} {:>7} {:>6} {:>4}/{:<3} {:>8} {:>3}, {:<3} {:>8.0}",
                 row.kind.name(),
-                row.way.name(),
+                row.way.label(self.instructions),
                 row.frame_us(),
                 optional(quiet(&row.full_us), 1),
                 optional(quiet(&row.skipped_us), 1),
@@ -321,7 +328,7 @@ impl Report {
             .iter()
             .map(|row| {
                 json!({
-                    "scene": row.kind.name(), "way": row.way.name(), "frames": row.frames, "frame_us": row.frame_us(),
+                    "scene": row.kind.name(), "way": row.way.label(self.instructions), "frames": row.frames, "frame_us": row.frame_us(),
                     "full_us": quiet(&row.full_us), "skipped_us": quiet(&row.skipped_us), "skipped": row.skipped_us.len(),
                     "normal_force_median_error": median(&row.normal_off), "shear_force_median_error": median(&row.shear_off),
                     "stick_ratio_mean_error": mean(&row.ratio_off), "decision_flips": row.flips, "lead_ms": row.lead_ms,
@@ -355,17 +362,18 @@ impl Report {
         .collect()
     }
 
-    /// Chain: mean milliseconds a frame over all scenes against the mean error of the stick ratio.
+    /// Chain: mean milliseconds a frame over all scenes against wrong slip decisions a minute.
     pub(crate) fn chain_points(&self) -> Vec<Point> {
         let mut points: Vec<Point> = Vec::new();
-        for way in crate::chain::ways() {
+        for way in crate::chain::ways(self.instructions) {
             let rows: Vec<&ChainRow> = self.chain.iter().filter(|row| row.way == way).collect();
             let times: Vec<f64> = rows.iter().map(|row| row.frame_us()).collect();
-            let ratios: Vec<f64> = rows.iter().flat_map(|row| &row.ratio_off).copied().collect();
+            let [flips, frames] = [|row: &ChainRow| row.flips, |row: &ChainRow| row.frames]
+                .map(|count| rows.iter().map(|row| count(row)).sum::<usize>() as f64);
             points.push(Point {
-                label: way.name(),
+                label: way.label(self.instructions),
                 time: mean(&times) * 1e-3,
-                error: mean(&ratios),
+                error: flips / (frames / FRAMES_PER_SECOND / 60.0),
                 is_peer: false,
             });
         }

@@ -16,6 +16,8 @@ pub enum Event {
     Access(u32),
     /// A bulk packet from the host lies in the receive FIFO.
     Delivery,
+    /// A byte lies in the receiver of the UART.
+    UartByte,
 }
 
 /// Records the events of a board.
@@ -24,6 +26,7 @@ pub(crate) struct Tracer {
     addresses: Vec<u32>,
     is_watching: bool,
     deliveries: usize,
+    uart_bytes: usize,
     events: Vec<Event>,
 }
 
@@ -34,6 +37,7 @@ impl Tracer {
             addresses,
             is_watching: false,
             deliveries: 0,
+            uart_bytes: 0,
             events: Vec::new(),
         }
     }
@@ -54,6 +58,11 @@ impl Tracer {
             self.events.push(Event::Delivery);
         }
         self.deliveries = deliveries;
+        let uart_bytes = board.far_end().arrived();
+        for _ in self.uart_bytes..uart_bytes {
+            self.events.push(Event::UartByte);
+        }
+        self.uart_bytes = uart_bytes;
         match settled {
             Settled::Hit(hit) => self.events.push(Event::Instruction(hit.address as u32)),
             Settled::Access { access, .. } if access.program_counter.is_some() => {

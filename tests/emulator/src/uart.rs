@@ -23,6 +23,9 @@ pub struct UartByte {
 pub(crate) struct FarEnd {
     waiting: VecDeque<u8>,
     heard: Vec<UartByte>,
+    /// A byte is on its way to the firmware.
+    is_sending: bool,
+    arrived: usize,
 }
 
 impl FarEnd {
@@ -34,6 +37,11 @@ impl FarEnd {
     /// Takes what the firmware sent since the last call, oldest first.
     pub(crate) fn take_heard(&mut self) -> Vec<UartByte> {
         std::mem::take(&mut self.heard)
+    }
+
+    /// Bytes that have arrived in the firmware's receiver since power-on.
+    pub(crate) fn arrived(&self) -> usize {
+        self.arrived
     }
 }
 
@@ -47,7 +55,11 @@ impl Peer for FarEnd {
         });
     }
 
+    /// The receiver asks for a byte when the one before has arrived.
     fn transmit(&mut self, _: VirtualNanos) -> Option<u16> {
-        self.waiting.pop_front().map(u16::from)
+        self.arrived += usize::from(self.is_sending);
+        let next = self.waiting.pop_front();
+        self.is_sending = next.is_some();
+        next.map(u16::from)
     }
 }

@@ -6,6 +6,7 @@ use crate::error::{Completion, Failure};
 use gripline_evaluation::grasps::{self, GraspsArgs};
 use gripline_evaluation::paper::{self, PaperArgs};
 use gripline_evaluation::real::{self, RealArgs};
+use gripline_evaluation::skip::{self, SkipArgs};
 
 /// The arguments of `gripline evaluate`.
 #[derive(Debug, Clone, Args)]
@@ -24,6 +25,8 @@ pub enum What {
     Grasps(GraspsArgs),
     /// Recorded trials of real sensors (GelSight Mini, uSkin); the environment variable GRIPLINE_RECORDINGS names their folder.
     Real(RealArgs),
+    /// What looking only at what changes costs, and every decision that it changes.
+    Skip(SkipArgs),
 }
 
 /// Runs the command.
@@ -38,5 +41,6 @@ pub fn run(args: &EvaluateArgs) -> Result<Completion, Failure> {
             real::run(args)?;
             Ok(Completion::Whole)
         }
+        What::Skip(args) => Ok(skip::run(args)?),
     }
 }

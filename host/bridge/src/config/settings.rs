@@ -317,6 +317,7 @@ impl Settings {
             seed: self.seed,
             fingertip,
             colour: None,
+            realtime: self.realtime,
         }
     }
 

@@ -4,11 +4,11 @@
 //! The loop is a straight line: a picture is taken at frame k, its map goes out at once, the link works until frame
 //! k+1, and the line it then holds is what the (simulated) gripper feels next. Paced by the wall clock.
 
+mod capture_to_line;
 mod desk;
 mod drift;
 mod fingertips;
 mod output;
-pub(crate) mod realtime;
 mod report;
 mod requests;
 mod restart_loop;
@@ -155,7 +155,7 @@ pub fn run(args: &RunArgs) -> Result<Completion, Failure> {
     run.drift = DriftWatch::of_cameras(pacing == Pacing::Pictures, drift);
     // After the other threads have started: they keep their ordinary priority.
     if wanted.realtime {
-        let lacks = realtime::enter(wanted.realtime_core);
+        let lacks = crate::realtime::enter(wanted.realtime_core);
         for lack in &lacks {
             tracing::warn!("{lack}");
         }

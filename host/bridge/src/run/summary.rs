@@ -5,6 +5,8 @@ use std::fmt::Write as _;
 use gripline_protocol::message::Hello;
 use serde::Serialize;
 
+use super::capture_to_line::CaptureToLineSummary;
+
 use crate::source::Source;
 use gripline_capture::Counts;
 use gripline_recording::RecordingSummary;
@@ -41,6 +43,8 @@ pub struct Summary {
     pub gate_unhealthy: u64,
     /// Times of each stage.
     pub stages: Vec<StageSummary>,
+    /// From a camera's time stamp to the grip-force line; `None` where no camera says when pictures were taken.
+    pub capture_to_line: Option<CaptureToLineSummary>,
     /// From a picture's bytes to the last of its map's with the link, decoding included: median, µs.
     pub frame_to_link_us_median: f64,
     /// 99th percentile of the same, µs.
@@ -167,6 +171,7 @@ impl Summary {
             gate_network: 0,
             gate_unhealthy: 0,
             stages: Vec::new(),
+            capture_to_line: None,
             frame_to_link_us_median: 0.0,
             frame_to_link_us_p99: 0.0,
             frame_to_link_us_p999: 0.0,
@@ -313,6 +318,16 @@ pub(super) fn summary_text(summary: &Summary) -> String {
             "{:>12}  median {:7.1} µs  p99 {:7.1} µs  p99.9 {:7.1} µs  {} over {:.0} µs",
             stage.stage, stage.median_us, stage.p99_us, stage.p999_us, stage.late, stage.deadline_us
         );
+    }
+    if let Some(way) = &summary.capture_to_line {
+        for (part, name) in [
+            (way.driver, "driver"),
+            (way.hand_over, "hand-over"),
+            (way.to_link, "all to link"),
+            (way.to_line, "all to line"),
+        ] {
+            let _ = writeln!(text, "{}", part.text(name));
+        }
     }
     let _ = writeln!(
         text,

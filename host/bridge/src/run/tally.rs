@@ -112,6 +112,9 @@ impl Run {
                 .zip(self.cpu_s)
                 .map(|(now_s, then_s)| (now_s - then_s) / seconds.max(1e-9)),
             stages: stages.collect(),
+            capture_to_line: self
+                .capture_to_line
+                .summary(self.summary.microcontroller_worst_cycles),
             frame_to_link_us_median: self.frame_to_link.quantile_us(0.5),
             frame_to_link_us_p99: self.frame_to_link.quantile_us(0.99),
             frame_to_link_us_p999: self.frame_to_link.quantile_us(0.999),

@@ -17,6 +17,7 @@ use crate::live::fleet::Fleet;
 use crate::live::foxglove::Foxglove;
 use crate::live::ros2::Ros2;
 use crate::live::{Live, Look, QUANTILES, Values};
+use crate::run::capture_to_line::CaptureToLine;
 use crate::run::stats::Times;
 use crate::source::Picture;
 use gripline_capture::Counts;
@@ -79,6 +80,7 @@ pub struct Run {
     pub(super) late: [u64; STAGES.len()],
     pub(super) frame_to_link: Times,
     pub(super) network_frame_to_link: Times,
+    pub(super) capture_to_line: CaptureToLine,
     /// Pictures that never came, were overtaken and were damaged so far.
     pub(super) pictures_lost: [u64; 3],
     /// How often the device had gone away, and whether it is away, when that was last told.
@@ -117,6 +119,7 @@ impl Run {
             late: [0; STAGES.len()],
             frame_to_link: Times::default(),
             network_frame_to_link: Times::default(),
+            capture_to_line: CaptureToLine::default(),
             pictures_lost: [0; 3],
             presence: (0, false),
             drift: Vec::new(),
@@ -185,6 +188,11 @@ impl Run {
             .frame(pipeline, &picture.crop, lateness, request)
             .map_err(|error| self.told_of_markers(error, sensor))?;
         self.count(&outcome);
+        if self.clock == Clock::Pictures && outcome.late.is_none() {
+            let driver = picture.came.saturating_duration_since(picture.taken);
+            self.capture_to_line
+                .push(driver, waited, picture.decode_us, outcome.latency_us);
+        }
         self.look_after_the_link();
         self.settle_requests()?;
         let is_untouched = outcome.gate == GateDecision::NoContact && outcome.late.is_none();
@@ -391,6 +399,7 @@ impl Run {
                 for (times_us, stage) in values.stages_us.iter_mut().zip(&self.stages) {
                     *times_us = QUANTILES.map(|quantile| stage.quantile_us(quantile));
                 }
+                values.capture_us = self.capture_to_line.quantiles_us(QUANTILES);
             }
         };
         live.publish(report, fill, look);

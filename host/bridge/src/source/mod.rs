@@ -16,6 +16,8 @@ use gripline_simulation::{GripScene, SimulationError};
 
 use self::recorded::{RecordedFrames, RecordedPicture};
 use crate::error::Failure;
+#[cfg(target_os = "linux")]
+use crate::realtime;
 #[cfg(not(target_os = "linux"))]
 use gripline_capture::CaptureError;
 use gripline_capture::{Camera, ColourPlayback, Counts, DEFAULT_RATE, PixelFormat, Playback};
@@ -90,6 +92,8 @@ pub struct SourceSettings {
     pub fingertip: usize,
     /// What pictures of printed markers are like; `None`: grey ones of particles.
     pub colour: Option<gripline_sensor::Capture>,
+    /// Whether a camera's thread asks for real time.
+    pub realtime: bool,
 }
 
 /// A picture and what is known about it.
@@ -317,7 +321,13 @@ fn open_camera(device: &Path, wanted: &SourceSettings, rate: f64) -> Result<Came
         colour: wanted.colour,
     };
     let port = gripline_capture::v4l2::DevicePort(device.to_owned());
-    Ok(Camera::start(port, settings)?)
+    let realtime = wanted.realtime;
+    let begin = move || {
+        if let Some(lack) = realtime.then(realtime::enter_capture).flatten() {
+            tracing::warn!("{lack}");
+        }
+    };
+    Ok(Camera::start_with(port, settings, begin)?)
 }
 
 #[cfg(not(target_os = "linux"))]

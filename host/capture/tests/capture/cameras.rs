@@ -292,6 +292,16 @@ fn gaps_in_the_drivers_numbers_overtaken_buffers_and_damage_are_all_counted() {
 }
 
 #[test]
+fn what_is_to_begin_runs_in_the_cameras_own_thread_before_its_first_picture() {
+    let (sender, begun) = std::sync::mpsc::channel();
+    let begin = move || sender.send(std::thread::current().id()).unwrap();
+    let camera = FakeCamera::new(*b"GREY", vec![Action::Send(vec![1])]);
+    let camera = Camera::start_with(camera, settings(), begin).unwrap();
+    assert_eq!(until(&camera, 1), [1]);
+    assert_ne!(begun.try_recv().unwrap(), std::thread::current().id());
+}
+
+#[test]
 fn a_camera_that_goes_away_is_opened_again_logged_and_counted_and_its_numbers_start_over() {
     let actions = vec![
         Action::Send(vec![100]),

@@ -13,6 +13,9 @@ use crate::constants::CROP_SIDE;
 pub(super) const TILE: usize = 8;
 pub(super) const TILES: usize = CROP_SIDE / TILE;
 
+/// A number for every tile.
+pub(super) type PerTile<T> = [[T; TILES]; TILES];
+
 /// A rectangle of tiles: its first column and row, and one past its last.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct TileRect {
@@ -56,61 +59,92 @@ impl TileRect {
 #[derive(Debug)]
 pub(super) struct DirtyTiles {
     above_left: [[u16; TILES + 1]; TILES + 1],
-    /// Per row of tiles: the first changed one, and one past the last.
-    spans: [[u8; 2]; TILES],
+    tiles: PerTile<bool>,
+}
+
+/// Sums of absolute differences of a picture and the one that is known, grey levels, tile by tile.
+#[inline(always)]
+pub(super) fn differences(known: &Level<CROP_SIDE>, now: &[u8]) -> PerTile<u16> {
+    // Per column at most 8 times 255, per tile at most 64 times.
+    per_tile(
+        known,
+        now,
+        |sum: u16, known, now| sum + u16::from(known.abs_diff(now)),
+        |[a, b, c, d, e, f, g, h]| ((a + b) + (c + d)) + ((e + f) + (g + h)),
+    )
+}
+
+/// Compares a picture with the one that is known: `add` takes the pixels of each column of a tile, `tile` what its eight columns came to.
+#[inline(always)]
+fn per_tile<A: Copy + Default, T: Copy + Default>(
+    known: &Level<CROP_SIDE>,
+    now: &[u8],
+    add: impl Fn(A, u8, u8) -> A,
+    tile: impl Fn([A; TILE]) -> T,
+) -> PerTile<T> {
+    let mut tiles = [[T::default(); TILES]; TILES];
+    for (row, (tiles, lines)) in tiles
+        .iter_mut()
+        .zip(now.chunks_exact(TILE * CROP_SIDE))
+        .enumerate()
+    {
+        let mut columns = [A::default(); CROP_SIDE];
+        for (row, line) in (TILE * row..).zip(lines.as_chunks::<CROP_SIDE>().0) {
+            let known = known.row(row);
+            for k in 0..CROP_SIDE {
+                columns[k] = add(columns[k], known[k], line[k]);
+            }
+        }
+        for (found, columns) in tiles.iter_mut().zip(columns.as_chunks::<TILE>().0) {
+            *found = tile(*columns);
+        }
+    }
+    tiles
 }
 
 impl DirtyTiles {
     pub(super) fn all() -> Self {
-        Self::from(|_, _| true)
+        Self::of(&[[true; TILES]; TILES])
     }
 
+    /// Whatever differs from the picture that is known.
     #[inline(always)]
-    pub(super) fn between(before: &Level<CROP_SIDE>, now: &[u8]) -> Self {
-        let mut tiles = [[false; TILES]; TILES];
-        for (row, (tiles, lines)) in tiles
-            .iter_mut()
-            .zip(now.chunks_exact(TILE * CROP_SIDE))
-            .enumerate()
-        {
-            // The bits that differ, per column.
-            let mut differ = [0; CROP_SIDE];
-            for (row, line) in (TILE * row..).zip(lines.as_chunks::<CROP_SIDE>().0) {
-                let before = before.row(row);
-                for k in 0..CROP_SIDE {
-                    differ[k] |= before[k] ^ line[k];
-                }
-            }
-            for (tile, differ) in tiles.iter_mut().zip(differ.as_chunks::<TILE>().0) {
-                *tile = u64::from_ne_bytes(*differ) != 0;
-            }
-        }
-        Self::from(|row, column| tiles[row][column])
+    pub(super) fn between(known: &Level<CROP_SIDE>, now: &[u8]) -> Self {
+        // Bits that differ take half the time of sums.
+        Self::of(&per_tile(
+            known,
+            now,
+            |differ: u8, known, now| differ | (known ^ now),
+            |differ| u64::from_ne_bytes(differ) != 0,
+        ))
     }
 
-    fn from(tile: impl Fn(usize, usize) -> bool) -> Self {
+    pub(super) fn of(tiles: &PerTile<bool>) -> Self {
         let mut above_left = [[0; TILES + 1]; TILES + 1];
-        let mut spans = [[0; 2]; TILES];
-        for row in 0..TILES {
+        for (row, tiles) in tiles.iter().enumerate() {
             let mut left = 0;
-            for column in 0..TILES {
-                if tile(row, column) {
-                    if left == 0 {
-                        spans[row][0] = column as u8;
-                    }
-                    spans[row][1] = column as u8 + 1;
-                    left += 1;
-                }
+            for (column, tile) in tiles.iter().enumerate() {
+                left += u16::from(*tile);
                 above_left[row + 1][column + 1] = above_left[row][column + 1] + left;
             }
         }
-        Self { above_left, spans }
+        Self {
+            above_left,
+            tiles: *tiles,
+        }
     }
 
-    /// Rows with changed tiles, and the range of columns that holds them.
-    pub(super) fn rows(&self) -> impl Iterator<Item = (usize, Range<usize>)> {
-        let spans = self.spans.iter().map(|&[first, end]| first.into()..end.into());
-        spans.enumerate().filter(|(_, span)| !Range::is_empty(span))
+    /// Runs of changed tiles: the row, and the range of columns.
+    pub(super) fn runs(&self) -> impl Iterator<Item = (usize, Range<usize>)> {
+        self.tiles.iter().enumerate().flat_map(|(row, tiles)| {
+            let mut next = 0;
+            std::iter::from_fn(move || {
+                let start = next + tiles[next..].iter().position(|tile| *tile)?;
+                let length = tiles[start..].iter().position(|tile| !*tile);
+                next = length.map_or(TILES, |length| start + length);
+                Some((row, start..next))
+            })
+        })
     }
 
     pub(super) fn is_empty(&self) -> bool {

@@ -3,7 +3,8 @@
 //! 440×440 grey crops in, newtons per taxel out; one thread, no allocation per frame.
 //!
 //! A track depends only on the rest image and the image now. So [`Evaluation::Skip`](crate::Evaluation::Skip) tracks again
-//! only what changed, with the same bits.
+//! only what changed, with the same bits, and [`Evaluation::SkipNoise`](crate::Evaluation::SkipNoise) what changed by more than the camera's
+//! noise: the rest of the picture stays as it was last looked at.
 
 mod block_matching;
 mod dirty_tiles;
@@ -19,6 +20,7 @@ mod patch;
 mod pyramid;
 mod search;
 mod search_ray;
+mod tile_noise;
 mod tracker;
 mod weights;
 

@@ -94,7 +94,7 @@ impl TrackedNetwork {
         self
     }
 
-    /// Chooses how much of a frame is computed. The forces are the same, bit by bit.
+    /// Chooses how much of a frame is computed.
     #[must_use]
     pub fn with_evaluation(mut self, evaluation: Evaluation) -> Self {
         self.evaluation = evaluation;
@@ -111,6 +111,15 @@ impl TrackedNetwork {
         self.interpolator = GridInterpolator::new(&self.weights.lens, self.tracker.particles());
     }
 
+    /// Learns the camera's noise from 440×440 pictures at rest, in the order of capture; call it after [`Self::set_rest`]. With fewer
+    /// than two it is learnt from the frames.
+    ///
+    /// # Panics
+    /// When one is not 440×440 bytes.
+    pub fn learn_noise(&mut self, rest: &[Vec<u8>]) {
+        self.tracker.learn_noise(rest);
+    }
+
     /// Forces for the 440×440 image `now`, newtons per taxel. Writes every taxel of `out`; no allocation.
     ///
     /// # Panics
@@ -120,7 +129,12 @@ impl TrackedNetwork {
         if self.evaluation == Evaluation::Dense {
             self.tracker.invalidate();
         }
-        if self.tracker.track(now) {
+        let changed = if self.evaluation == Evaluation::SkipNoise {
+            self.tracker.track_beyond_noise(now)
+        } else {
+            self.tracker.track(now)
+        };
+        if changed {
             let grid = self
                 .interpolator
                 .update(self.tracker.particles(), self.tracker.tracks());

@@ -30,7 +30,7 @@ impl Pyramid {
     /// Updates the `dirty` tiles from a 440×440 image. No allocation.
     #[inline(always)]
     pub(super) fn update(&mut self, crop: &[u8], dirty: &DirtyTiles) {
-        for (row, tiles) in dirty.rows() {
+        for (row, tiles) in dirty.runs() {
             // A tile of eight pixels of the crop is one pixel of the eighth.
             let pixels = |of_tile: usize| {
                 (

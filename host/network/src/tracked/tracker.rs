@@ -1,19 +1,22 @@
 //! Tracks every particle of the rest image into the image now: coarse-to-fine block matching of its surroundings, a
 //! whole-pixel search along the resulting ray, Lucas–Kanade on its own 7×7 pixels, and a vote with its neighbours. The
-//! tracks depend on (rest, now) alone; what did not change since the last frame is kept.
+//! tracks depend on (rest, now) alone; what did not change since the last frame is kept, tiles that differ by no more than noise
+//! among it, when these are to count as unchanged.
 //! Pixels of the crop. No allocation after [`Tracker::set_rest`].
 #![expect(
     clippy::inline_always,
     reason = "code compiles for the instruction set of the function that it is inlined into"
 )]
 
-use super::dirty_tiles::{DirtyTiles, TileRect};
+use super::dirty_tiles::{self, DirtyTiles, TileRect};
 use super::flow::{Flow, NodePosition, NodeRect};
+use super::level::Level;
 use super::particles::{self, Particle};
 use super::patch::{PatchWeights, Template};
 use super::pyramid::Pyramid;
 use super::search::{Match, Search, Track, motion_ratio};
 use super::search_ray::length;
+use super::tile_noise::TileNoise;
 use crate::constants::CROP_SIDE;
 use crate::error::NetworkError;
 use crate::image::check_crop;
@@ -28,6 +31,15 @@ const CELLS: usize = CROP_SIDE / CELL;
 /// Smallest number of votes that counts in a cell, and the largest that are collected.
 const VOTES_MIN: usize = 5;
 const VOTES_MAX: usize = 32;
+
+/// What counts as a change of the picture.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Changes {
+    /// Every difference.
+    Any,
+    /// What the camera's noise does not explain, as far as the noise is known.
+    BeyondNoise,
+}
 
 /// A particle that can be tracked.
 #[derive(Debug, Clone)]
@@ -63,6 +75,9 @@ pub struct Tracker {
     cells: Vec<Cell>,
     tracks: Vec<Track>,
     weights: PatchWeights,
+    noise: TileNoise,
+    /// Whether noise is learnt from the frames.
+    learns_noise: bool,
     /// Whether `now` and the matches are those of the last frame.
     valid: bool,
     instructions: InstructionSet,
@@ -86,6 +101,8 @@ impl Tracker {
             cells: Vec::new(),
             tracks: Vec::new(),
             weights: PatchWeights::new(),
+            noise: TileNoise::unknown(),
+            learns_noise: true,
             valid: false,
             instructions: InstructionSet::widest(),
         }
@@ -134,7 +151,33 @@ impl Tracker {
         }
         self.cells.retain(|cell| !cell.particles.is_empty());
         self.tracks = vec![Track::default(); self.particles.len()];
+        self.noise = TileNoise::unknown();
+        self.learns_noise = true;
         self.valid = false;
+    }
+
+    /// Learns the camera's noise from pictures at rest, in the order of capture. Without it, or with fewer than two, the noise is
+    /// learnt from the frames that are tracked.
+    ///
+    /// # Panics
+    /// When one is not 440×440 bytes.
+    pub fn learn_noise(&mut self, rest: &[Vec<u8>]) {
+        let mut noise = TileNoise::unknown();
+        let mut level = Level::new();
+        for pair in rest.windows(2) {
+            for picture in pair {
+                check_crop(picture);
+            }
+            for row in 0..CROP_SIDE {
+                level
+                    .row_mut(row)
+                    .copy_from_slice(&pair[0][row * CROP_SIDE..][..CROP_SIDE]);
+            }
+            noise.learn(&dirty_tiles::differences(&level, &pair[1]));
+        }
+        noise.close_window();
+        self.learns_noise = !noise.is_known();
+        self.noise = noise;
     }
 
     /// The particles at rest.
@@ -159,16 +202,42 @@ impl Tracker {
     /// # Panics
     /// When `now` is not 440×440 bytes.
     pub fn track(&mut self, now: &[u8]) -> bool {
+        self.track_changes(now, Changes::Any)
+    }
+
+    /// The same, but what differs from the frame before by no more than the camera's noise counts as unchanged: there the tracks are
+    /// those of the picture that was tracked last.
+    ///
+    /// # Panics
+    /// When `now` is not 440×440 bytes.
+    pub fn track_beyond_noise(&mut self, now: &[u8]) -> bool {
+        self.track_changes(now, Changes::BeyondNoise)
+    }
+
+    fn track_changes(&mut self, now: &[u8], changes: Changes) -> bool {
         check_crop(now);
-        dispatch_256(self.instructions, TrackFrame { tracker: self, now })
+        let task = TrackFrame {
+            tracker: self,
+            now,
+            changes,
+        };
+        dispatch_256(task.tracker.instructions, task)
     }
 
     #[inline(always)]
-    fn track_with<S: Simd>(&mut self, now: &[u8]) -> bool {
-        let dirty = if self.valid {
-            DirtyTiles::between(&self.now.full, now)
-        } else {
-            DirtyTiles::all()
+    fn track_with<S: Simd>(&mut self, now: &[u8], changes: Changes) -> bool {
+        let dirty = match changes {
+            _ if !self.valid => DirtyTiles::all(),
+            Changes::Any => DirtyTiles::between(&self.now.full, now),
+            Changes::BeyondNoise => {
+                let differences = dirty_tiles::differences(&self.now.full, now);
+                let dirty = DirtyTiles::of(&self.noise.changed(&differences));
+                // A picture that is shown twice says nothing.
+                if self.learns_noise && (!dirty.is_empty() || self.noise.is_known()) {
+                    self.noise.learn(&differences);
+                }
+                dirty
+            }
         };
         if dirty.is_empty() {
             return false;
@@ -231,6 +300,7 @@ impl Tracker {
 struct TrackFrame<'a> {
     tracker: &'a mut Tracker,
     now: &'a [u8],
+    changes: Changes,
 }
 
 impl Dispatch for TrackFrame<'_> {
@@ -238,7 +308,7 @@ impl Dispatch for TrackFrame<'_> {
 
     #[inline(always)]
     fn run<S: Simd>(self) -> bool {
-        self.tracker.track_with::<S>(self.now)
+        self.tracker.track_with::<S>(self.now, self.changes)
     }
 }
 
@@ -308,4 +378,115 @@ fn median_of(votes: &mut [f32; VOTES_MAX], count: usize) -> f32 {
         }
     }
     f32::NAN
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SIDE: usize = CROP_SIDE;
+
+    /// Numbers below 1 without a pattern.
+    fn unit(state: &mut u64) -> f32 {
+        *state = state
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1_442_695_040_888_963_407);
+        (*state >> 40) as f32 / (1 << 24) as f32
+    }
+
+    /// Spots on a dark ground; those in a square of 120 pixels are moved by so many.
+    fn spots(moved_px: f32) -> Vec<f32> {
+        let mut levels = vec![20.0; SIDE * SIDE];
+        let mut state = 5;
+        for _ in 0..2_500 {
+            let [mut x, y] = [0, 1].map(|_| 8.0 + unit(&mut state) * (SIDE as f32 - 16.0));
+            let level = 90.0 + 80.0 * unit(&mut state);
+            if [x, y].iter().all(|at| (160.0..280.0).contains(at)) {
+                x += moved_px;
+            }
+            for row in y as usize - 5..y as usize + 6 {
+                for column in x as usize - 5..x as usize + 6 {
+                    let [dx, dy] = [column as f32 + 0.5 - x, row as f32 + 0.5 - y];
+                    let cover = (-(dx * dx + dy * dy) / (2.0 * 1.2 * 1.2)).exp();
+                    let pixel = &mut levels[row * SIDE + column];
+                    *pixel += cover * (level - *pixel).max(0.0);
+                }
+            }
+        }
+        levels
+    }
+
+    /// With noise of two levels.
+    fn taken(levels: &[f32], state: &mut u64) -> Vec<u8> {
+        let noise = |state: &mut u64| (0..12).map(|_| unit(state)).sum::<f32>() - 6.0;
+        levels
+            .iter()
+            .map(|level| (level + 2.0 * noise(state)).round() as u8)
+            .collect()
+    }
+
+    fn bits(tracker: &Tracker) -> Vec<[u32; 3]> {
+        let [x, y] = [0, 1].map(|k| {
+            tracker
+                .tracks()
+                .iter()
+                .map(move |track| track.motion_px[k].to_bits())
+        });
+        let confidence = tracker.tracks().iter().map(|track| track.confidence.to_bits());
+        x.zip(y)
+            .zip(confidence)
+            .map(|((x, y), confidence)| [x, y, confidence])
+            .collect()
+    }
+
+    #[test]
+    fn beyond_noise_tracks_are_those_of_the_picture_that_is_kept_and_keep_up_with_what_moves() {
+        let mut state = 1;
+        let still = spots(0.0);
+        let rest: Vec<Vec<u8>> = (0..16).map(|_| taken(&still, &mut state)).collect();
+        for pictures_at_rest in [16, 1] {
+            let [mut skip, mut dense] = [0, 1].map(|_| {
+                let mut tracker = Tracker::new();
+                tracker.set_rest(&rest[0]);
+                tracker
+            });
+            skip.learn_noise(&rest[..pictures_at_rest]);
+            let (mut changed_tiles, mut frames) = (0, 0);
+            for frame in 0..40 {
+                // Still for 24 frames, so that noise can be found in them; then a square moves by a tenth of a pixel a frame.
+                let moved_px = 0.1 * (frame as f32 - 23.0).max(0.0);
+                let now = taken(&spots(moved_px), &mut state);
+                let before = skip.now.full.pixels.clone();
+                skip.track_beyond_noise(&now);
+                let kept: Vec<u8> = (0..SIDE).flat_map(|row| *skip.now.full.row(row)).collect();
+                dense.invalidate();
+                dense.track(&kept);
+                assert!(bits(&skip) == bits(&dense), "frame {frame}");
+                if (18..24).contains(&frame) {
+                    let changed = before
+                        .iter()
+                        .zip(&skip.now.full.pixels)
+                        .filter(|(a, b)| a != b)
+                        .count();
+                    (changed_tiles, frames) = (changed_tiles + changed / 64, frames + 1);
+                }
+            }
+            assert!(changed_tiles < 10 * frames, "{changed_tiles} of {frames} frames");
+            dense.invalidate();
+            dense.track(&taken(&spots(1.6), &mut state));
+            let off: Vec<f32> = skip
+                .tracks()
+                .iter()
+                .zip(dense.tracks())
+                .filter(|(a, b)| a.confidence > 0.0 && b.confidence > 0.0)
+                .map(|(a, b)| length([0, 1].map(|k| a.motion_px[k] - b.motion_px[k])))
+                .collect();
+            let mean = off.iter().sum::<f32>() / off.len() as f32;
+            assert!(
+                off.len() > 1_500 && mean < 0.1,
+                "{} tracks, {mean} pixels",
+                off.len()
+            );
+        }
+    }
 }

@@ -104,7 +104,7 @@ impl UnetNetwork {
 
     /// Forces for the 88×88 image `now`, newtons per taxel. Writes every taxel of `out`; no allocation.
     pub fn infer(&mut self, now: &Image88, out: &mut ForceMap) {
-        let dirty = if self.last.known && self.evaluation == Evaluation::Skip {
+        let dirty = if self.last.known && self.evaluation != Evaluation::Dense {
             dirty_region(&self.last.image, now)
         } else {
             Region::whole(IMAGE_SIDE, IMAGE_SIDE)

@@ -1,6 +1,6 @@
 //! The longest path through a function and all it calls, from the linked image alone: no run, so nothing is left to luck.
 //!
-//! A loop counts as often as [`LOOPS`] says, with its longest way round; loops inside loops likewise. Where an access goes is
+//! A loop counts as often as it says itself ([`crate::rounds`]) or [`MACHINE_LOOPS`] does, with its longest way round; loops inside loops likewise. Where an access goes is
 //! known when its address is a constant; other addresses are of data, all of which lies in the core-coupled memory.
 //! Limits: a loop, a panic, a call through a register or a recursion without a line in the tables here is a finding, and
 //! with a finding there is no bound. [`crate::measure`] checks the tables against every run.
@@ -11,7 +11,7 @@ use crate::Error;
 use crate::cycles::{self, Fetch, Memory};
 use crate::image::{Flow, Function, Image, Instruction};
 use crate::source::{Place, Sources};
-use crate::tables::{CALLS, LEFT_OUT, LOOPS, Left, SKIPPED, TAIL_TAXELS};
+use crate::tables::{CALLS, LEFT_OUT, Left, MACHINE_LOOPS, MachineLoop, OF_TAIL, SKIPPED, TAIL_TAXELS};
 
 /// A loop of the image.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -22,8 +22,6 @@ pub struct Loop {
     pub body: BTreeSet<u32>,
     /// How often the first instruction runs at most.
     pub rounds: u32,
-    /// The line of the table that bounds it.
-    pub pattern: &'static str,
     /// The function it lies in, and why it has no more rounds.
     pub why: String,
 }
@@ -90,10 +88,10 @@ pub struct Stretch {
 
 type Graph = BTreeMap<u32, Vec<u32>>;
 
-/// The interrupt controller's words that mask and unmask the path's interrupt, number 67 (ARM DUI 0553, NVIC_ICER2 and NVIC_ISER2; RM0090,
-/// table 62).
-const NVIC_MASK: u32 = 0xE000_E188;
-const NVIC_UNMASK: u32 = 0xE000_E108;
+/// The interrupt controller's words that mask and unmask the path's interrupts, numbers 67 and 37 (ARM DUI 0553, NVIC_ICER and NVIC_ISER;
+/// RM0090, table 62).
+const NVIC_MASK: [u32; 2] = [0xE000_E188, 0xE000_E184];
+const NVIC_UNMASK: [u32; 2] = [0xE000_E108, 0xE000_E104];
 
 impl<'a> Walk<'a> {
     /// Of a path that never comes to what `left_out` names.
@@ -150,15 +148,24 @@ impl<'a> Walk<'a> {
         })
     }
 
+    /// Whether no way of this walk comes to a function.
+    fn is_left_out(&mut self, function: &Function) -> bool {
+        let left_out = self.left_out;
+        let found = LEFT_OUT.iter().find(|(name, left, _)| {
+            (*left == left_out || *left == Left::Always) && function.name.contains(name)
+        });
+        if let Some((name, _, why)) = found {
+            self.left.insert(format!("{name}: {why}"));
+        }
+        found.is_some()
+    }
+
     /// The bound of a function.
     pub fn function(&mut self, function: &Function) -> Bound {
         if let Some(known) = self.known.get(&function.start) {
             return known.clone();
         }
-        if let Some((name, _, why)) = LEFT_OUT.iter().find(|(name, left, _)| {
-            (*left == self.left_out || *left == Left::Always) && function.name.contains(name)
-        }) {
-            self.left.insert(format!("{name}: {why}"));
+        if self.is_left_out(function) {
             return Bound::default();
         }
         if ["panic", "_fail", "unwrap_failed", "expect_failed"]
@@ -201,10 +208,10 @@ impl<'a> Walk<'a> {
                 continue;
             }
             let body = self.body(function);
-            let (masks, unmasks) = (
-                self.stores(function, &body, NVIC_MASK),
-                self.stores(function, &body, NVIC_UNMASK),
-            );
+            let [masks, unmasks] = [NVIC_MASK, NVIC_UNMASK].map(|words| -> BTreeSet<u32> {
+                let stores = words.map(|word| self.stores(function, &body, word));
+                stores.into_iter().flatten().collect()
+            });
             for one in body.values() {
                 let is_raised = |one: &Instruction| {
                     one.text.starts_with("msr basepri_max") && Self::raised_to(&body, one) <= priority
@@ -418,7 +425,9 @@ impl<'a> Walk<'a> {
         match one.flow {
             Flow::Next | Flow::Call(_) | Flow::CallRegister => {
                 let is_last = match one.flow {
-                    Flow::Call(target) => self.is_noreturn(target) || self.is_end(target),
+                    Flow::Call(target) => {
+                        self.is_noreturn(target) || self.is_never_called(target) || self.is_end(target)
+                    }
                     _ => false,
                 };
                 if is_last { Vec::new() } else { vec![one.next()] }
@@ -440,6 +449,12 @@ impl<'a> Walk<'a> {
             Flow::Return if one.is_conditional => vec![one.next()],
             Flow::Return | Flow::Trap => Vec::new(),
         }
+    }
+
+    /// Whether no way of this walk leads on from such a call, because none comes to it.
+    fn is_never_called(&mut self, target: u32) -> bool {
+        let callee = self.image.function_at(target).cloned();
+        callee.is_some_and(|callee| self.is_left_out(&callee))
     }
 
     /// Whether the walk ends in what is called.
@@ -735,35 +750,17 @@ impl<'a> Walk<'a> {
             .filter(|group| group.len() > 1 || inner[&group[0]].contains(&group[0]))
             .flatten()
             .collect();
-        let mut texts: BTreeSet<String> = BTreeSet::new();
-        let mut own: Vec<(u32, Vec<Place>)> = Vec::new();
-        for at in body.difference(&inside) {
-            let places = self.sources.places(*at);
-            for place in places.iter().filter(|place| !place.file.contains("/library/")) {
-                texts.insert(place.text.clone());
-            }
-            own.push((*at, places));
-        }
-        let fits = |pattern: &str| {
-            own.iter().any(|(at, places)| match pattern.split_once(" @ ") {
-                Some((name, instruction)) => {
-                    function.name.contains(name) && self.image.instructions[at].text.starts_with(instruction)
-                }
-                None => places.iter().any(|place| place.text.contains(pattern)),
-            })
-        };
-        let found = LOOPS
-            .iter()
-            .find(|(pattern, ..)| fits(pattern))
-            .map(|(pattern, rounds, why)| {
-                let rounds = if self.left_out == Left::Tail {
-                    (rounds.of_tail)(self.tail_taxels)
-                } else {
-                    rounds.most
-                };
-                (rounds, *pattern, *why)
-            });
-        let Some((rounds, pattern, why)) = found else {
+        let own: BTreeSet<u32> = body.difference(&inside).copied().collect();
+        let found = self.rounds_of(function, &own);
+        let is_tested_first = Self::is_tested_first(header, &body, next);
+        let found = found.map(|(rounds, says_so, why)| (rounds + u32::from(says_so && is_tested_first), why));
+        let Some((rounds, why)) = found else {
+            let places: Vec<Place> = own.iter().flat_map(|at| self.sources.places(*at)).collect();
+            let texts: BTreeSet<&str> = places
+                .iter()
+                .filter(|place| !place.file.contains("/library/"))
+                .map(|place| place.text.as_str())
+                .collect();
             self.findings.insert(format!(
                 "loop without a bound in {} at {header:#x}: {texts:?}",
                 function.name
@@ -776,11 +773,53 @@ impl<'a> Walk<'a> {
                 header,
                 body,
                 rounds,
-                pattern,
                 why: format!("{}: {why}", short(&function.name)),
             },
         );
         way * u64::from(rounds)
+    }
+
+    /// Whether a loop may be left by the first branch behind its first instruction, which then runs once more than the rest.
+    fn is_tested_first(header: u32, body: &BTreeSet<u32>, next: &Graph) -> bool {
+        let mut at = header;
+        while let [only] = next[&at].as_slice() {
+            if *only == header || !body.contains(only) {
+                return false;
+            }
+            at = *only;
+        }
+        let targets = &next[&at];
+        targets.iter().any(|target| !body.contains(target)) && !targets.contains(&header)
+    }
+
+    /// How often a loop of these instructions runs at most, those of loops inside it left out; whether it says so itself, and why.
+    fn rounds_of(&self, function: &Function, own: &BTreeSet<u32>) -> Option<(u32, bool, &'static str)> {
+        let is_tail = self.left_out == Left::Tail;
+        if let Some(most) = own.iter().filter_map(|at| self.sources.rounds(*at)).max() {
+            let stands_in = |part: &str| {
+                let mut places = own.iter().flat_map(|at| self.sources.places(*at));
+                function.name.contains(part) || places.any(|place| place.function.contains(part))
+            };
+            let fewer = OF_TAIL
+                .iter()
+                .find(|(part, number, ..)| is_tail && *number == most && stands_in(part));
+            return Some(match fewer {
+                Some((_, _, rounds, why)) => (rounds(self.tail_taxels), true, why),
+                None => (most, true, "the loop says so"),
+            });
+        }
+        let fits = |one: &&MachineLoop| {
+            let starts = |at: &u32| self.image.instructions[at].text.starts_with(one.instruction);
+            function.name.contains(one.function) && own.iter().any(starts)
+        };
+        MACHINE_LOOPS.iter().find(fits).map(|one| {
+            let rounds = if is_tail {
+                (one.of_tail)(self.tail_taxels)
+            } else {
+                one.most
+            };
+            (rounds, false, one.why)
+        })
     }
 }
 

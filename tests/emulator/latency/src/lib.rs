@@ -7,6 +7,7 @@ pub mod cycles;
 pub mod image;
 pub mod measure;
 pub mod report;
+pub mod rounds;
 pub mod snapshot;
 pub mod source;
 pub mod stack;

@@ -57,6 +57,17 @@ pub struct Way {
     pub writes: bool,
     /// The line is higher than before it.
     pub raises: bool,
+    /// It came over the UART: a map's last byte.
+    pub is_uart: bool,
+}
+
+/// How maps go to the board.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Link {
+    /// USB.
+    Usb,
+    /// The UART.
+    Uart,
 }
 
 /// A stretch with the path blocked, as runs met it.
@@ -78,9 +89,15 @@ pub struct Bench<'a> {
     sequence: u32,
     message: u8,
     total: Way,
-    /// The path's handler, and the cycles of all but it.
+    /// The handlers of the USB core and of the UART, and the cycles of all but them.
     path: u32,
+    uart: u32,
     below: u64,
+    /// How maps go to the board.
+    pub link: Link,
+    /// The newest byte over the UART, and the one that its handler works on.
+    byte_landed: Option<(Way, u32, bool)>,
+    byte: Option<(Way, u32, bool)>,
     waiting: VecDeque<Way>,
     open: Option<Way>,
     /// From the function of a map's last packet to the line.
@@ -94,7 +111,9 @@ pub struct Bench<'a> {
     /// The newest packet's: whether the path was blocked as it landed, and whether the task ran.
     landed: VecDeque<(u32, bool)>,
     task: u32,
+    /// When each of the path's handlers was entered.
     entered: u64,
+    uart_entered: u64,
     /// Virtual time since power-on, nanoseconds.
     now_ns: u64,
     priorities: BTreeMap<u32, u32>,
@@ -110,10 +129,10 @@ pub struct Bench<'a> {
     pub section_worst: u64,
     /// Cycles from the timer's interrupt to the tick: least and most.
     pub tick: (u64, u64),
-    /// The longest way of any packet that ended a map.
-    pub worst: Way,
-    /// The longest ways by the number of taxels in the last packet.
-    pub worst_by_tail: [Way; TAXELS_PER_PACKET],
+    /// The longest way of any packet that ended a map, by link.
+    pub worst: [Way; 2],
+    /// The longest ways by the number of taxels in the last packet, by link.
+    pub worst_by_tail: [[Way; TAXELS_PER_PACKET]; 2],
     /// Instructions of the path by function, since [`Bench::counted`].
     functions: BTreeMap<u32, u64>,
     /// Loops that are watched, by function.
@@ -124,8 +143,8 @@ pub struct Bench<'a> {
     has_run: BTreeSet<u32>,
     /// Cycles by function since a packet landed while none was under way.
     spent: BTreeMap<u32, u64>,
-    /// Where the worst way's cycles went.
-    pub worst_spent: BTreeMap<u32, u64>,
+    /// Where the worst ways' cycles went.
+    pub worst_spent: [BTreeMap<u32, u64>; 2],
 }
 
 impl<'a> Bench<'a> {
@@ -166,7 +185,14 @@ impl<'a> Bench<'a> {
                 .functions_named("OTG_FS")
                 .find(|one| one.name == "OTG_FS")
                 .map_or(0, |one| one.start),
+            uart: image
+                .functions_named("USART1")
+                .find(|one| one.name == "USART1")
+                .map_or(0, |one| one.start),
             below: 0,
+            link: Link::Usb,
+            byte_landed: None,
+            byte: None,
             waiting: VecDeque::new(),
             open: None,
             is_tail: false,
@@ -180,6 +206,7 @@ impl<'a> Bench<'a> {
                 .find(|one| one.name == TASK)
                 .map_or(0, |one| one.start),
             entered: 0,
+            uart_entered: 0,
             now_ns: 0,
             priorities: BTreeMap::new(),
             act,
@@ -189,14 +216,14 @@ impl<'a> Bench<'a> {
             blocking_worst: 0,
             section_worst: 0,
             tick: (u64::MAX, 0),
-            worst: Way::default(),
+            worst: Default::default(),
             worst_by_tail: Default::default(),
             functions: BTreeMap::new(),
             loops: BTreeMap::new(),
             accesses: BTreeMap::new(),
             has_run: BTreeSet::new(),
             spent: BTreeMap::new(),
-            worst_spent: BTreeMap::new(),
+            worst_spent: Default::default(),
         };
         bench.board.usb_cable(Cable::In);
         for _ in 0..1_000 {
@@ -251,10 +278,13 @@ impl<'a> Bench<'a> {
         self.note_landed(step);
         self.total.instructions += 1;
         self.total.cycles += u64::from(step.cycles);
-        if step.exception != Some(self.path) {
+        if !self.is_path(step) {
             self.below += u64::from(step.cycles);
         } else if address == self.path {
             self.entered = self.total.cycles - u64::from(step.cycles);
+        } else if address == self.uart {
+            self.uart_entered = self.total.cycles - u64::from(step.cycles);
+            self.byte = self.byte_landed.take();
         }
         if step.instruction.data.transfers > 0 {
             self.has_run.insert(address);
@@ -268,7 +298,12 @@ impl<'a> Bench<'a> {
         self.note_masks(step);
     }
 
-    /// Packets landed in the FIFO.
+    /// Whether a handler of the path runs.
+    fn is_path(&self, step: &Step<'a>) -> bool {
+        step.exception == Some(self.path) || step.exception == Some(self.uart)
+    }
+
+    /// Packets landed in the FIFO, bytes in the receiver.
     fn note_landed(&mut self, step: &Step<'a>) {
         let address = step.instruction.address;
         if step.deliveries > 0 && self.waiting.is_empty() && self.open.is_none() {
@@ -283,6 +318,21 @@ impl<'a> Bench<'a> {
             }
         }
         self.in_path = step.exception == Some(self.path);
+        let blocked_at = self.held.iter().find(|(priority, ..)| *priority <= PATH_PRIORITY);
+        let blocked_at = blocked_at.map_or(0, |(.., at)| *at);
+        let meets_task = step.exception == Some(self.task);
+        if step.uart_bytes > 0 {
+            if self.waiting.is_empty() && self.open.is_none() {
+                self.spent.clear();
+            }
+            let entry = if address == self.uart { u64::from(ENTRY) } else { 0 };
+            let way = Way {
+                cycles: self.total.cycles - entry,
+                is_uart: true,
+                ..self.total
+            };
+            self.byte_landed = Some((way, blocked_at, meets_task));
+        }
         for _ in 0..step.deliveries {
             // A core that slept entered the interrupt with the packet: that belongs to its way.
             let entry = if address == self.path { u64::from(ENTRY) } else { 0 };
@@ -290,11 +340,7 @@ impl<'a> Bench<'a> {
                 cycles: self.total.cycles - entry,
                 ..self.total
             });
-            let blocked_at = self.held.iter().find(|(priority, ..)| *priority <= PATH_PRIORITY);
-            self.landed.push_back((
-                blocked_at.map_or(0, |(.., at)| *at),
-                step.exception == Some(self.task),
-            ));
+            self.landed.push_back((blocked_at, meets_task));
         }
     }
 
@@ -303,7 +349,7 @@ impl<'a> Bench<'a> {
         let is_blocked = self.held.iter().any(|(priority, ..)| *priority <= PATH_PRIORITY);
         let (address, is_tail) = (step.instruction.address, self.is_tail);
         if let Some(function) = self.image.function_at(address) {
-            if step.exception == Some(self.path) {
+            if self.is_path(step) {
                 *self.functions.entry(function.start).or_default() += 1;
             }
             for one in self.loops.get_mut(&function.start).into_iter().flatten() {
@@ -329,13 +375,19 @@ impl<'a> Bench<'a> {
     fn note_way(&mut self, step: &Step<'a>) {
         let address = step.instruction.address;
         if self.packets.contains(&address) {
-            let from = self.waiting.pop_front();
-            let (blocked_at, meets_task) = self.landed.pop_front().unwrap_or_default();
             self.is_tail = self.image.functions[&address].name.contains(TAIL);
-            self.open = from.filter(|_| self.is_tail).map(|from| Way {
+            let (from, entered) = if step.exception == Some(self.uart) {
+                (self.byte.take(), self.uart_entered)
+            } else {
+                let (blocked_at, meets_task) = self.landed.pop_front().unwrap_or_default();
+                let from = self.waiting.pop_front();
+                (from.map(|from| (from, blocked_at, meets_task)), self.entered)
+            };
+            let from = from.filter(|_| self.is_tail);
+            self.open = from.map(|(from, blocked_at, meets_task)| Way {
                 blocked_at,
                 meets_task,
-                waited: self.entered.saturating_sub(from.cycles),
+                waited: entered.saturating_sub(from.cycles),
                 ..from
             });
         }
@@ -354,8 +406,9 @@ impl<'a> Bench<'a> {
                     cycles: self.total.cycles - from.cycles,
                     ..from
                 };
-                if way.cycles > self.worst.cycles {
-                    (self.worst, self.worst_spent) = (way, spent);
+                let link = usize::from(way.is_uart);
+                if way.cycles > self.worst[link].cycles {
+                    (self.worst[link], self.worst_spent[link]) = (way, spent);
                 }
                 if from.blocked_at != 0 {
                     let met = self.met.entry(from.blocked_at).or_default();
@@ -366,6 +419,13 @@ impl<'a> Bench<'a> {
                 let took = self.total.cycles - from;
                 self.tick = (self.tick.0.min(took), self.tick.1.max(took));
             }
+        }
+        // A last packet that ends no map that counts writes no line.
+        if self.open.is_some_and(|open| open.is_uart) && step.exception != Some(self.uart)
+            || self.open.is_some_and(|open| !open.is_uart) && step.exception != Some(self.path)
+        {
+            self.open = None;
+            self.is_tail = false;
         }
         let is_act = (self.act.0..self.act.1).contains(&address);
         self.is_written = is_act && step.instruction.flow == Flow::Return;
@@ -429,7 +489,7 @@ impl<'a> Bench<'a> {
     /// # Errors
     /// The board's; a map that does not reach the line.
     pub fn map(&mut self, map: &ForceMap) -> Result<Way, Error> {
-        self.changed(map, MAP_NS, |_| {}, |_| {})
+        whole(self.changed(map, MAP_NS, |_| {}, |_| {})?)
     }
 
     /// Sends a map so many nanoseconds after a tick's millisecond began.
@@ -443,7 +503,7 @@ impl<'a> Bench<'a> {
         change: impl FnOnce(&mut MapInfo),
     ) -> Result<Way, Error> {
         self.run_to(phase_ns)?;
-        self.changed(map, SWEPT_MAP_NS, change, |_| {})
+        whole(self.changed(map, SWEPT_MAP_NS, change, |_| {})?)
     }
 
     /// Lets time pass until so many nanoseconds after a tick's millisecond began.
@@ -455,19 +515,27 @@ impl<'a> Bench<'a> {
         self.run((TICK_NS + phase_ns - self.now_ns % TICK_NS) % TICK_NS)
     }
 
-    /// Sends a map whose head says something else than the truth.
+    /// Sends a map whose head says something else than the truth. No way when it counts for nothing.
     ///
     /// # Errors
-    /// As [`Bench::map`].
-    pub fn map_as(&mut self, map: &ForceMap, change: impl FnOnce(&mut MapInfo)) -> Result<Way, Error> {
+    /// The board's.
+    pub fn map_as(
+        &mut self,
+        map: &ForceMap,
+        change: impl FnOnce(&mut MapInfo),
+    ) -> Result<Option<Way>, Error> {
         self.changed(map, MAP_NS, change, |_| {})
     }
 
-    /// Sends a map whose packets are damaged.
+    /// Sends a map whose packets are damaged. No way, because it counts for nothing.
     ///
     /// # Errors
-    /// As [`Bench::map`].
-    pub fn damaged(&mut self, map: &ForceMap, damage: impl FnOnce(&mut Vec<Vec<u8>>)) -> Result<Way, Error> {
+    /// The board's.
+    pub fn damaged(
+        &mut self,
+        map: &ForceMap,
+        damage: impl FnOnce(&mut Vec<Vec<u8>>),
+    ) -> Result<Option<Way>, Error> {
         self.changed(map, MAP_NS, |_| {}, damage)
     }
 
@@ -477,12 +545,12 @@ impl<'a> Bench<'a> {
     /// The board's.
     pub fn stream(&mut self, map: &ForceMap, sensors: impl Iterator<Item = u8>) -> Result<Vec<Way>, Error> {
         self.ways.clear();
+        let mut lasts_ns = 0;
         for sensor in sensors {
             let packets = self.packets(map, |info| info.sensor = sensor);
-            for packet in &packets {
-                self.board.usb_send(packet);
-            }
+            lasts_ns += self.send(&packets);
         }
+        self.run(lasts_ns)?;
         while self.board.usb_waiting() > 0 {
             self.run(TICK_NS / 4)?;
         }
@@ -500,15 +568,18 @@ impl<'a> Bench<'a> {
         ns: u64,
         change: impl FnOnce(&mut MapInfo),
         damage: impl FnOnce(&mut Vec<Vec<u8>>),
-    ) -> Result<Way, Error> {
+    ) -> Result<Option<Way>, Error> {
         let mut packets = self.packets(map, change);
         damage(&mut packets);
         let way = self.delivered(&packets, ns)?;
-        self.note(map, way);
+        if let Some(way) = way {
+            self.note(map, way);
+        }
         Ok(way)
     }
 
-    /// A map whose host pauses before the last packet, which it sends so many nanoseconds after a tick's millisecond began.
+    /// A map whose host pauses before the last packet, which it sends so many nanoseconds after a tick's millisecond began; over the UART,
+    /// its last byte lands then.
     ///
     /// # Errors
     /// As [`Bench::map`].
@@ -520,7 +591,13 @@ impl<'a> Bench<'a> {
     ) -> Result<Way, Error> {
         let packets = self.packets(map, change);
         self.send_but_last(&packets)?;
-        self.run_to(phase_ns)?;
+        let lasts_ns = match self.link {
+            Link::Usb => 0,
+            Link::Uart => packets
+                .last()
+                .map_or(0, |packet| line_ns(std::slice::from_ref(packet))),
+        };
+        self.run_to(phase_ns + TICK_NS - lasts_ns % TICK_NS)?;
         let way = self.send_last(&packets)?;
         self.note(map, way);
         Ok(way)
@@ -531,10 +608,9 @@ impl<'a> Bench<'a> {
     /// # Errors
     /// The board's.
     pub fn send_but_last(&mut self, packets: &[Vec<u8>]) -> Result<(), Error> {
-        for packet in packets.iter().rev().skip(1).rev() {
-            self.board.usb_send(packet);
-        }
-        self.run(PAUSE_NS)
+        let first = packets.split_last().map_or(packets, |(_, first)| first);
+        let lasts_ns = self.send(first);
+        self.run(PAUSE_NS + lasts_ns)
     }
 
     /// Sends the last one.
@@ -543,34 +619,46 @@ impl<'a> Bench<'a> {
     /// As [`Bench::map`].
     pub fn send_last(&mut self, packets: &[Vec<u8>]) -> Result<Way, Error> {
         let last = packets.last().map(std::slice::from_ref);
-        self.delivered(last.unwrap_or_default(), PAUSE_NS)
+        whole(self.delivered(last.unwrap_or_default(), PAUSE_NS)?)
     }
 
-    /// Sends packets, of which the last one ends a map. Returns its way.
-    fn delivered(&mut self, packets: &[Vec<u8>], ns: u64) -> Result<Way, Error> {
+    /// Puts packets on the link of maps. Returns how long they take on the UART's line.
+    fn send(&mut self, packets: &[Vec<u8>]) -> u64 {
+        match self.link {
+            Link::Usb => {
+                for packet in packets {
+                    self.board.usb_send(packet);
+                }
+                0
+            }
+            Link::Uart => {
+                self.board.uart_send(&framed(packets));
+                line_ns(packets)
+            }
+        }
+    }
+
+    /// Sends packets, of which the last one ends a map. Returns its way, if the map counts.
+    fn delivered(&mut self, packets: &[Vec<u8>], ns: u64) -> Result<Option<Way>, Error> {
         self.ways.clear();
         let (before, written) = (self.board.dac_code(1), self.board.dac_writes().len());
-        for packet in packets {
-            self.board.usb_send(packet);
-        }
-        self.run(ns)?;
-        let mut way = self.ways.last().copied().ok_or_else(|| Error::Unexpected {
-            expected: "a write to the line for every map".to_owned(),
-            found: format!(
-                "none; {} packets wait at the host, {} landed, {} starts",
-                self.board.usb_waiting(),
-                self.board.usb_deliveries_ns().len(),
-                self.board.resets().len()
-            ),
-        })?;
+        let lasts_ns = self.send(packets);
+        let landed_ns = self.now_ns + lasts_ns;
+        self.run(ns + lasts_ns)?;
+        let Some(mut way) = self.ways.last().copied() else {
+            return Ok(None);
+        };
         // What the DAC showed right after the last packet.
-        let landed_ns = self.board.usb_deliveries_ns().last().copied().unwrap_or_default();
+        let landed_ns = match self.link {
+            Link::Usb => self.board.usb_deliveries_ns().last().copied().unwrap_or_default(),
+            Link::Uart => landed_ns,
+        };
         let shown = self.board.dac_writes()[written..]
             .iter()
             .rfind(|write| write.at_ns <= landed_ns + WRITE_NS)
             .map(|write| write.code);
         way.raises = way.writes && shown > before;
-        Ok(way)
+        Ok(Some(way))
     }
 
     /// As [`Bench::map`], with a question on the control endpoint so many nanoseconds after its first packet.
@@ -594,9 +682,9 @@ impl<'a> Bench<'a> {
     /// Those of `work`.
     pub fn measure_apart(&mut self, work: impl FnOnce(&mut Self) -> Result<(), Error>) -> Result<Way, Error> {
         let kept = (self.worst, self.worst_spent.clone(), self.worst_by_tail);
-        self.worst = Way::default();
+        self.worst = Default::default();
         work(self)?;
-        let worst = self.worst;
+        let [worst, _] = self.worst;
         (self.worst, self.worst_spent, self.worst_by_tail) = kept;
         Ok(worst)
     }
@@ -629,7 +717,8 @@ impl<'a> Bench<'a> {
 
     /// Keeps the worst way of a map with such a last packet.
     fn note(&mut self, map: &ForceMap, way: Way) {
-        let of_tail = &mut self.worst_by_tail[usize::from(map.active().count()) % TAXELS_PER_PACKET];
+        let of_link = &mut self.worst_by_tail[usize::from(way.is_uart)];
+        let of_tail = &mut of_link[usize::from(map.active().count()) % TAXELS_PER_PACKET];
         if way.cycles > of_tail.cycles {
             *of_tail = way;
         }
@@ -639,6 +728,41 @@ impl<'a> Bench<'a> {
     pub fn send_over_uart(&mut self, command: Command) {
         self.message += 1;
         self.board.uart_send(&frames(command, self.message));
+    }
+
+    /// A map over USB on its way.
+    pub fn send_over_usb(&mut self, map: &ForceMap) {
+        for packet in self.packets(map, |_| {}) {
+            self.board.usb_send(&packet);
+        }
+    }
+
+    /// A map whose last packet comes so many nanoseconds after `meet`, which happens at that phase of a tick's millisecond.
+    ///
+    /// # Errors
+    /// As [`Bench::map`].
+    pub fn last_packet_meets(
+        &mut self,
+        phase_ns: u64,
+        after_ns: u64,
+        map: &ForceMap,
+        meet: impl FnOnce(&mut Self),
+    ) -> Result<Way, Error> {
+        let packets = self.packets(map, |_| {});
+        self.send_but_last(&packets)?;
+        let lasts_ns = packets
+            .last()
+            .map_or(0, |packet| line_ns(std::slice::from_ref(packet)));
+        self.run_to(phase_ns)?;
+        self.ways.clear();
+        let last = packets.last().map(std::slice::from_ref).unwrap_or_default();
+        let line_ns = self.send(last);
+        self.run(lasts_ns.saturating_sub(after_ns))?;
+        meet(self);
+        self.run(line_ns + PAUSE_NS)?;
+        let way = whole(self.ways.last().copied())?;
+        self.note(map, way);
+        Ok(way)
     }
 
     /// How long its bytes take, nanoseconds.
@@ -755,16 +879,39 @@ struct Watched {
     most: u32,
 }
 
-/// A command's packets as frames of the UART.
+/// The way of a map that has to count.
+fn whole(way: Option<Way>) -> Result<Way, Error> {
+    way.ok_or_else(|| Error::Unexpected {
+        expected: "a write to the line for every map".to_owned(),
+        found: "none".to_owned(),
+    })
+}
+
+/// A command's bytes on the UART's line.
 fn frames(command: Command, id: u8) -> Vec<u8> {
     let packets = MessagePackets::new(&Message::Command(command), id);
+    let packets: Vec<Vec<u8>> = packets
+        .into_iter()
+        .flatten()
+        .map(|packet| packet.to_vec())
+        .collect();
+    framed(&packets)
+}
+
+/// Packets as they are on the UART's line.
+fn framed(packets: &[Vec<u8>]) -> Vec<u8> {
     let mut bytes = Vec::new();
-    for packet in packets.into_iter().flatten() {
+    for packet in packets {
         let mut frame = [0; FRAME_MAX];
-        let length = encode_packet(&packet, &mut frame);
+        let length = encode_packet(packet, &mut frame);
         bytes.extend(&frame[..length]);
     }
     bytes
+}
+
+/// How long they take there, nanoseconds.
+fn line_ns(packets: &[Vec<u8>]) -> u64 {
+    framed(packets).len() as u64 * UART_BYTE_NS
 }
 
 /// A map with so many taxels in contact of which so many slip.

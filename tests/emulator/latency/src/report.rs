@@ -4,14 +4,14 @@ use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::Path;
 
-use crate::bound::{Block, Loop, Stretch, Walk, short};
-use crate::cycles::ENTRY;
+use crate::bound::{Loop, Stretch, Walk, short};
+use crate::cycles::{ENTRY, EXIT};
 use crate::image::{Function, Image, read};
 use crate::measure::{Bench, Met, Way, When, map_of};
 use crate::source::Sources;
 use crate::stack::{FRAME_BYTES, Stack};
 use crate::sweep::{self, Length, Raises, Rates};
-use crate::tables::{BOTH_LINKS, KERNEL, LEFT_OUT, LOOPS, Left, RELEASED, TAIL_TAXELS, WRITE_LINE};
+use crate::tables::{EXCEPTED, KERNEL, LEFT_OUT, Left, TAIL_TAXELS, WRITE_LINE};
 use crate::{Error, twin};
 
 /// Cycles from a map's last packet to the line (DESIGN.md: 25 µs at 168 MHz).
@@ -31,6 +31,8 @@ const PATH_PRIORITY: u32 = 2 << 4;
 const LAST_PACKET_CYCLES: u64 = 100 * 14;
 /// The register of the USB core (RM0090, OTG_FS_DOEPCTL1) whose write asks for the next packet.
 const NEXT_PACKET: u32 = 0x5000_0B20;
+/// The links that maps come over.
+const LINKS: [&str; 2] = ["USB", "the UART"];
 /// Where flash and SRAM begin.
 const FLASH_START: u32 = 0x0800_0000;
 const RAM_START: u32 = 0x1000_0000;
@@ -44,12 +46,14 @@ const RATES: [(usize, u8, f64); 3] = [(400, 1, 450.0), (150, 1, 1_000.0), (150, 
 /// The figures.
 #[derive(Debug)]
 pub struct Report {
-    /// Of the path alone, from its interrupt to the line.
-    pub path_cycles: u64,
+    /// Of the path alone, from its interrupt to the line, over USB and over the UART.
+    pub path_cycles: [u64; 2],
+    /// Of the other link's interrupt, whose maps do not count: that over USB, and that over the UART.
+    pub foreign_cycles: [u64; 2],
     /// What the path and what blocks it are made of: functions with all that they call, the longest first.
     pub parts: [Vec<(String, u64)>; 2],
     /// Of the path's interrupt to its return, what it does after the line included.
-    pub interrupt_cycles: u64,
+    pub interrupt_cycles: [u64; 2],
     /// Of a full packet's interrupt, from when it asks for the next one; a map's last packet may land before it is done with.
     pub taxels_cycles: u64,
     /// Of the longest stretch that blocks the path.
@@ -68,8 +72,8 @@ pub struct Report {
     pub findings: Vec<String>,
     /// The worst way while nothing else ran.
     pub quiet: Way,
-    /// The worst way of all.
-    pub worst: Way,
+    /// The worst way of all, over USB and over the UART.
+    pub worst: [Way; 2],
     /// Longest stretch with the path blocked, measured.
     pub blocking_worst: u64,
     /// Longest stretch with everything but the path blocked, measured.
@@ -77,15 +81,13 @@ pub struct Report {
     /// Timer to tick, least and most.
     pub tick: (u64, u64),
     /// For each number of taxels in a map's last packet: the path's bound and the worst way measured.
-    pub tails: Vec<(u64, Way)>,
+    pub tails: [Vec<(u64, Way)>; 2],
     /// How runs met the stretches that block the path.
     pub met: BTreeMap<u32, Met>,
     /// Maps that demanded more force, with the settings that ship.
     pub raises: Raises,
-    /// Where the worst way's cycles went, the most first.
-    pub worst_spent: Vec<(String, u64)>,
-    /// The longest that a map over the UART blocks one over USB, cycles.
-    pub both_links: u64,
+    /// Where the worst ways' cycles went, the most first.
+    pub worst_spent: [Vec<(String, u64)>; 2],
     /// The worst way behind a packet of the control endpoint.
     pub behind_control: Way,
     /// Maps a second that the board took.
@@ -114,38 +116,39 @@ impl Report {
         let image = Image::read(&elf)?;
         let sources = Sources::read(image_path)?;
         let start = function_of(&image, "OTG_FS")?;
+        let uart = function_of(&image, "USART1")?;
         let write = function_of(&image, WRITE_LINE)?;
         let mut path = Walk::new(&image, &sources, Left::Tail).ending_with(&write);
-        let bound = path.function(&start);
+        let path_cycles = [&start, &uart].map(|from| path.function(from).cycles + u64::from(ENTRY));
         let mut whole = Walk::new(&image, &sources, Left::Tail);
-        let interrupt = whole.function(&start);
+        let interrupts = [&start, &uart].map(|from| whole.function(from));
+        let mut foreign = Walk::new(&image, &sources, Left::Foreign);
+        let foreign_cycles =
+            [&start, &uart].map(|from| foreign.function(from).cycles + u64::from(ENTRY + EXIT));
         let mut full = Walk::new(&image, &sources, Left::Taxels);
         let taxels_cycles = full.after_store(&start, NEXT_PACKET)?;
         let mut blocked = Walk::new(&image, &sources, Left::Blocked);
         let mut stretches = blocked.blocking_stretches(PATH_PRIORITY);
-        // What can block the path to a line that grips, from one link.
-        let (released, gripping): (Vec<Stretch>, Vec<Stretch>) = stretches
+        let (excepted, gripping): (Vec<Stretch>, Vec<Stretch>) = stretches
             .drain(..)
-            .partition(|stretch| RELEASED.iter().any(|(part, _)| stretch.name.contains(part)));
-        let (both, gripping): (Vec<Stretch>, Vec<Stretch>) = gripping
-            .into_iter()
-            .partition(|stretch| stretch.block == Block::Own);
+            .partition(|stretch| EXCEPTED.iter().any(|(part, _)| stretch.name.contains(part)));
         let blocking = gripping.first().cloned().ok_or_else(|| Error::Unexpected {
             expected: "a stretch that blocks the path".to_owned(),
             found: "none".to_owned(),
         })?;
-        let (paths, tails) = tails(&image, &sources, &start, &write);
+        let (paths, of_usb) = tails(&image, &sources, &start, &write);
+        let (uart_paths, of_uart) = tails(&image, &sources, &uart, &write);
 
-        let mut findings: Vec<String> = [&path, &whole, &full, &blocked]
+        let mut findings: Vec<String> = [&path, &whole, &foreign, &full, &blocked]
             .iter()
             .flat_map(|walk| &walk.findings)
             .cloned()
             .collect();
-        let left = left_out(&path, &blocked, &released, &both);
+        let left = left_out(&[&path, &foreign, &blocked], &excepted);
 
         let mut bench = Bench::new(&image, &elf)?;
         // Last packets of every size.
-        bench.watch(most_rounds(&paths).values(), When::Tail);
+        bench.watch(most_rounds(paths.iter().chain(&uart_paths)).values(), When::Tail);
         bench.watch(blocked.loops.values(), When::Blocked);
         bench.map(&map_of(400, 1))?;
         drop(bench.counted());
@@ -156,32 +159,34 @@ impl Report {
         for contacts in 0..=400 {
             bench.map(&map_of(contacts, contacts as u32))?;
         }
-        let quiet = bench.worst;
+        let [quiet, _] = bench.worst;
         sweep::branches(&mut bench)?;
         sweep::disturb(&mut bench)?;
         sweep::phases(&mut bench, length)?;
         let raises = sweep::raises(&mut bench, length)?;
+        sweep::over_uart(&mut bench, length)?;
         let rates = sweep::rates(
             &mut bench,
             RATES.map(|(contacts, sensors, _)| (contacts, sensors)),
         )?;
         let behind_control = sweep::behind_control(&mut bench)?;
-        for walk in [&path, &full, &blocked] {
+        for walk in [&path, &foreign, &full, &blocked] {
             findings.extend(bench.broken(&walk.memories));
         }
         let stack = Stack::of(&image, &sources, &elf)?;
         let stack_measured_bytes = bench.stack_used(stack.memory)?;
         findings.extend(in_flash(&image, &path));
-        findings.extend(not_in_image(&image, &path, &blocked));
-        let unknown = &path.unknown | &blocked.unknown;
+        findings.extend(not_in_image(&image));
+        let unknown = &(&path.unknown | &foreign.unknown) | &blocked.unknown;
         Ok(Self {
             taxels_cycles,
             parts: [&path, &blocked].map(|walk| parts(&image, walk)),
-            path_cycles: bound.cycles + u64::from(ENTRY),
+            path_cycles,
+            foreign_cycles,
             blocking,
             stretches: gripping,
-            interrupt_cycles: interrupt.cycles + u64::from(ENTRY),
-            stack_worst_bytes: interrupt.stack + FRAME_BYTES,
+            interrupt_cycles: interrupts.each_ref().map(|one| one.cycles + u64::from(ENTRY)),
+            stack_worst_bytes: interrupts.iter().map(|one| one.stack).max().unwrap_or_default() + FRAME_BYTES,
             stack,
             stack_measured_bytes,
             left,
@@ -191,11 +196,19 @@ impl Report {
             blocking_worst: bench.blocking_worst,
             section_worst: bench.section_worst,
             tick: bench.tick,
-            tails: tails.into_iter().zip(bench.worst_by_tail).collect(),
+            tails: {
+                let [usb, uart] = bench.worst_by_tail;
+                [
+                    of_usb.into_iter().zip(usb).collect(),
+                    of_uart.into_iter().zip(uart).collect(),
+                ]
+            },
             met: bench.met.clone(),
             raises,
-            worst_spent: by_function(&image, &bench.worst_spent),
-            both_links: both.first().map_or(0, |stretch| stretch.cycles),
+            worst_spent: bench
+                .worst_spent
+                .each_ref()
+                .map(|spent| by_function(&image, spent)),
             behind_control,
             rates,
             unknown: (
@@ -210,22 +223,46 @@ impl Report {
         })
     }
 
-    /// Cycles at most from a map's last packet in the FIFO to the line.
+    /// Cycles at most from a map's last packet to the line, over USB and over the UART.
     #[must_use]
-    pub fn bound_cycles(&self) -> u64 {
-        self.path_cycles + self.blocking_cycles()
+    pub fn bounds(&self) -> [u64; 2] {
+        let [usb, uart] = self.path_cycles;
+        let [usb_waits, uart_waits] = self.waits();
+        [usb + usb_waits, uart + uart_waits]
     }
 
-    /// Cycles at most that the path waits: for the longest stretch that blocks it, or for the rest of a full packet.
-    fn blocking_cycles(&self) -> u64 {
+    /// The same over either.
+    #[must_use]
+    pub fn bound_cycles(&self) -> u64 {
+        self.bounds().into_iter().max().unwrap_or_default()
+    }
+
+    /// Cycles at most that the interrupts of the path wait, each while its maps count: for the longest stretch that blocks it, for what the other
+    /// link's interrupt does, or, over USB, for the rest of a full packet. For one of them only: who waits comes before what else wants to run,
+    /// that of the USB core because that of the UART lies below it then, that of the UART because it comes first of two.
+    fn waits(&self) -> [u64; 2] {
         let rest = self.taxels_cycles.saturating_sub(LAST_PACKET_CYCLES);
-        self.blocking.cycles.max(rest)
+        let [of_usb, of_uart] = self.foreign_cycles;
+        [
+            self.blocking.cycles.max(rest).max(of_uart),
+            self.blocking.cycles.max(of_usb),
+        ]
+    }
+
+    /// Cycles at most that the path waits.
+    fn blocking_cycles(&self) -> u64 {
+        self.waits().into_iter().max().unwrap_or_default()
+    }
+
+    /// The worst way measured.
+    fn worst_cycles(&self) -> u64 {
+        self.worst.iter().map(|way| way.cycles).max().unwrap_or_default()
     }
 
     /// The static bound over the measured worst case.
     #[must_use]
     pub fn ratio(&self) -> f64 {
-        self.bound_cycles() as f64 / self.worst.cycles.max(1) as f64
+        self.bound_cycles() as f64 / self.worst_cycles().max(1) as f64
     }
 
     fn per_taxel(&self) -> f64 {
@@ -245,19 +282,22 @@ impl Report {
                 failures.push(format!("{what}: found {found}, expected {bound}"));
             }
         };
-        let worst = self.worst.cycles;
-        check(
-            worst <= PATH_CYCLES,
-            "packet to line, cycles",
-            worst.to_string(),
-            format!("at most {PATH_CYCLES}"),
-        );
-        check(
-            worst <= self.bound_cycles(),
-            "packet to line, cycles",
-            worst.to_string(),
-            format!("at most the static bound of {}", self.bound_cycles()),
-        );
+        let worst = self.worst_cycles();
+        for ((link, way), bound) in LINKS.into_iter().zip(self.worst).zip(self.bounds()) {
+            let found = way.cycles;
+            check(
+                found <= PATH_CYCLES,
+                &format!("packet to line over {link}, cycles"),
+                found.to_string(),
+                format!("at most {PATH_CYCLES}"),
+            );
+            check(
+                0 < found && found <= bound,
+                &format!("packet to line over {link}, cycles"),
+                found.to_string(),
+                format!("at most the static bound of {bound}"),
+            );
+        }
         check(
             self.bound_cycles() <= PATH_CYCLES,
             "packet to line, static bound, cycles",
@@ -339,14 +379,16 @@ impl Report {
             format!("{} of {}", self.raises.raised, self.raises.asked),
             "all".to_owned(),
         );
-        for (taxels, (bound, way)) in self.tails.iter().enumerate() {
-            let bound = bound + self.blocking_cycles();
-            check(
-                way.cycles <= bound,
-                &format!("packet to line, last packet of {taxels} taxels, cycles"),
-                way.cycles.to_string(),
-                format!("at most its static bound of {bound}"),
-            );
+        for ((link, tails), waits) in LINKS.into_iter().zip(&self.tails).zip(self.waits()) {
+            for (taxels, (path, way)) in tails.iter().enumerate() {
+                let bound = path + waits;
+                check(
+                    way.cycles <= bound,
+                    &format!("packet to line over {link}, last packet of {taxels} taxels, cycles"),
+                    way.cycles.to_string(),
+                    format!("at most its static bound of {bound}"),
+                );
+            }
         }
         for ((contacts, sensors, least), found) in RATES.into_iter().zip(self.rates) {
             check(
@@ -362,6 +404,18 @@ impl Report {
     /// For programs.
     #[must_use]
     pub fn json(&self) -> String {
+        let waits = self.waits();
+        let tail_bounds = |link: usize| -> Vec<u64> {
+            let tails = self.tails[link].iter();
+            tails.map(|(path, _)| path + waits[link]).collect()
+        };
+        let tail_ways =
+            |link: usize| -> Vec<u64> { self.tails[link].iter().map(|(_, way)| way.cycles).collect() };
+        let spent = |link: usize| {
+            let parts = self.worst_spent[link].iter().take(10);
+            let parts: Vec<String> = parts.map(|(name, cycles)| format!("{name} {cycles}")).collect();
+            parts.join(", ")
+        };
         format!(
             "{{\"bound_cycles\": {}, \"measured_worst_cycles\": {}, \"masked_worst_cycles\": {}, \"jitter_cycles\": {}, \
              \"instructions_per_taxel\": {:.2}, \"dense_map_instructions\": {}, \"f32_dense_map_instructions\": {}, \
@@ -369,10 +423,10 @@ impl Report {
              \"blocking_cycles\": {}, \"measured_quiet_cycles\": {}, \"section_worst_cycles\": {}, \
              \"head_instructions\": {}, \"held_off_cycles\": {}, \"raises_line\": {}, \"raises\": {}, \"raise_worst_cycles\": {}, \
              \"bound_over_measured\": {:.2}, \"tail_bound_cycles\": {:?}, \"tail_measured_cycles\": {:?}, \
-             \"worst_waited_cycles\": {}, \"worst_composition\": {:?}, \"both_links_cycles\": {}, \"behind_control_cycles\": {}, \"maps_per_second_dense\": {:.0}, \
+             \"worst_waited_cycles\": {}, \"worst_composition\": {:?}, \"uart_bound_cycles\": {}, \"uart_measured_worst_cycles\": {}, \"uart_tail_bound_cycles\": {:?}, \"uart_tail_measured_cycles\": {:?}, \"uart_worst_composition\": {:?}, \"behind_control_cycles\": {}, \"maps_per_second_dense\": {:.0}, \
              \"maps_per_second_150\": {:.0}, \"maps_per_second_150_two_fingertips\": {:.0}, \"stack_bound_bytes\": {}, \"stack_room_bytes\": {}, \"stack_measured_bytes\": {}, \"findings\": {:?}}}\n",
             self.bound_cycles(),
-            self.worst.cycles,
+            self.worst_cycles(),
             self.blocking_worst,
             self.jitter(),
             self.per_taxel(),
@@ -381,7 +435,7 @@ impl Report {
             self.flash_bytes,
             self.ram_bytes,
             self.stack_worst_bytes,
-            self.path_cycles,
+            self.path_cycles[0],
             self.blocking_cycles(),
             self.quiet.cycles,
             self.section_worst,
@@ -391,19 +445,15 @@ impl Report {
             self.raises.asked,
             self.raises.worst.cycles,
             self.ratio(),
-            self.tails
-                .iter()
-                .map(|(bound, _)| bound + self.blocking_cycles())
-                .collect::<Vec<_>>(),
-            self.tails.iter().map(|(_, way)| way.cycles).collect::<Vec<_>>(),
-            self.worst.waited,
-            self.worst_spent
-                .iter()
-                .take(10)
-                .map(|(name, cycles)| format!("{name} {cycles}"))
-                .collect::<Vec<_>>()
-                .join(", "),
-            self.both_links,
+            tail_bounds(0),
+            tail_ways(0),
+            self.worst[0].waited,
+            spent(0),
+            self.bounds()[1],
+            self.worst[1].cycles,
+            tail_bounds(1),
+            tail_ways(1),
+            spent(1),
             self.behind_control.cycles,
             self.rates[0],
             self.rates[1],
@@ -421,17 +471,19 @@ impl Report {
         let mut line = |name: &str, value: String| {
             let _ = writeln!(text, "{name:<58} {value}");
         };
-        line(
-            "the worst case measured",
-            format!(
-                "{} cycles: {} until its interrupt began, {} in it",
-                self.worst.cycles,
-                self.worst.waited,
-                self.worst.cycles - self.worst.waited
-            ),
-        );
-        for (name, cycles) in self.worst_spent.iter().take(16) {
-            line("  of which in", format!("{cycles} {name}"));
+        for (link, way) in self.worst.iter().enumerate() {
+            line(
+                &format!("the worst case measured over {}", LINKS[link]),
+                format!(
+                    "{} cycles: {} until its interrupt began, {} in it",
+                    way.cycles,
+                    way.waited,
+                    way.cycles - way.waited
+                ),
+            );
+            for (name, cycles) in self.worst_spent[link].iter().take(16) {
+                line("  of which in", format!("{cycles} {name}"));
+            }
         }
         line(
             "maps that demand more force",
@@ -440,15 +492,13 @@ impl Report {
                 self.raises.raised, self.raises.asked, self.raises.worst.cycles
             ),
         );
-        for (taxels, (bound, way)) in self.tails.iter().enumerate() {
-            line(
-                &format!("  a last packet of {taxels} taxels"),
-                format!(
-                    "bound {} (path {bound}), measured {}",
-                    bound + self.blocking_cycles(),
-                    way.cycles
-                ),
-            );
+        for ((link, tails), waits) in LINKS.into_iter().zip(&self.tails).zip(self.waits()) {
+            for (taxels, (path, way)) in tails.iter().enumerate() {
+                line(
+                    &format!("  a last packet of {taxels} taxels over {link}"),
+                    format!("bound {} (path {path}), measured {}", path + waits, way.cycles),
+                );
+            }
         }
         line(
             "what blocks the path: static, measured, longest wait",
@@ -464,10 +514,6 @@ impl Report {
                 ),
             );
         }
-        line(
-            "a map over the UART at the same time blocks it for",
-            self.both_links.to_string(),
-        );
         line(
             "behind a packet of the control endpoint, measured",
             self.behind_control.cycles.to_string(),
@@ -497,14 +543,28 @@ impl Report {
         );
         line(
             "  measured, under every interruption found",
-            format!("{} (bound of the design {PATH_CYCLES})", self.worst.cycles),
+            format!("{} (bound of the design {PATH_CYCLES})", self.worst_cycles()),
         );
         line("  static bound", self.bound_cycles().to_string());
-        line("    of which the path itself", self.path_cycles.to_string());
-        line(
-            "      and the rest of its interrupt",
-            (self.interrupt_cycles - self.path_cycles).to_string(),
-        );
+        for (link, name) in LINKS.into_iter().enumerate() {
+            line(
+                &format!("  static bound over {name}"),
+                format!(
+                    "{}: the path {}, its wait {}",
+                    self.bounds()[link],
+                    self.path_cycles[link],
+                    self.waits()[link]
+                ),
+            );
+            line(
+                "      and the rest of its interrupt",
+                (self.interrupt_cycles[link] - self.path_cycles[link]).to_string(),
+            );
+            line(
+                "      its interrupt while maps of the other link count",
+                self.foreign_cycles[link].to_string(),
+            );
+        }
         line(
             "    of which blocked by",
             format!("{} {}", self.blocking.cycles, self.blocking.name),
@@ -631,39 +691,30 @@ fn in_flash(image: &Image, path: &Walk<'_>) -> Vec<String> {
 }
 
 /// What the walks left out, and why.
-fn left_out(path: &Walk<'_>, blocked: &Walk<'_>, released: &[Stretch], both: &[Stretch]) -> Vec<String> {
-    let told = |stretch: &Stretch, why: &str| format!("{}: {} cycles, {why}", stretch.name, stretch.cycles);
-    let mut left: Vec<String> = path.left.iter().chain(&blocked.left).cloned().collect();
-    left.extend(released.iter().filter_map(|stretch| {
-        let (_, why) = RELEASED.iter().find(|(part, _)| stretch.name.contains(part))?;
-        Some(told(stretch, why))
+fn left_out(walks: &[&Walk<'_>], excepted: &[Stretch]) -> Vec<String> {
+    let mut left: Vec<String> = walks.iter().flat_map(|walk| &walk.left).cloned().collect();
+    left.extend(excepted.iter().filter_map(|stretch| {
+        let (_, why) = EXCEPTED.iter().find(|(part, _)| stretch.name.contains(part))?;
+        Some(format!("{}: {} cycles, {why}", stretch.name, stretch.cycles))
     }));
-    left.extend(both.iter().map(|stretch| told(stretch, BOTH_LINKS)));
     left.sort();
     left.dedup();
     left
 }
 
 /// Lines of the tables that name nothing.
-fn not_in_image(image: &Image, path: &Walk<'_>, blocked: &Walk<'_>) -> Vec<String> {
+fn not_in_image(image: &Image) -> Vec<String> {
     let functions = LEFT_OUT
         .iter()
         .filter(|(part, ..)| image.functions_named(part).next().is_none())
         .map(|(part, ..)| format!("the tables leave out {part}, which is not in the image"));
-    let is_met = |walk: &Walk<'_>, pattern: &str| walk.loops.values().any(|one| one.pattern == pattern);
-    let loops = LOOPS
-        .iter()
-        .filter(|(pattern, ..)| {
-            !pattern.contains(" @ ") && !is_met(path, pattern) && !is_met(blocked, pattern)
-        })
-        .map(|(pattern, ..)| format!("the tables bound a loop `{pattern}`, which no walk met"));
-    functions.chain(loops).collect()
+    functions.collect()
 }
 
 /// The loops of all these walks, each with the most rounds of any.
-fn most_rounds(walks: &[Walk<'_>]) -> BTreeMap<u32, Loop> {
+fn most_rounds<'w, 'a: 'w>(walks: impl Iterator<Item = &'w Walk<'a>>) -> BTreeMap<u32, Loop> {
     let mut loops: BTreeMap<u32, Loop> = BTreeMap::new();
-    for one in walks.iter().flat_map(|walk| walk.loops.values()) {
+    for one in walks.flat_map(|walk| walk.loops.values()) {
         let known = loops.entry(one.header).or_insert_with(|| one.clone());
         known.rounds = known.rounds.max(one.rounds);
     }

@@ -7,6 +7,8 @@ use std::path::Path;
 use addr2line::Loader;
 
 use crate::Error;
+use crate::image::read;
+use crate::rounds::Marks;
 
 /// A function that an instruction belongs to, and where in it.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -22,6 +24,7 @@ pub struct Place {
 /// The image's line table.
 pub struct Sources {
     loader: Loader,
+    marks: Marks,
     files: RefCell<BTreeMap<String, Vec<String>>>,
 }
 
@@ -39,8 +42,15 @@ impl Sources {
     pub fn read(path: &Path) -> Result<Self, Error> {
         Ok(Self {
             loader: Loader::new(path).map_err(|error| Error::Image(error.to_string()))?,
+            marks: Marks::read(&read(path)?)?,
             files: RefCell::default(),
         })
+    }
+
+    /// How often the loop that an instruction belongs to says that it runs at most.
+    #[must_use]
+    pub fn rounds(&self, address: u32) -> Option<u32> {
+        self.marks.at(address)
     }
 
     /// The innermost function first.

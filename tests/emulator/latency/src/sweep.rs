@@ -9,7 +9,7 @@ use gripline_protocol::Health;
 use gripline_protocol::message::{Command, Configuration};
 
 use crate::Error;
-use crate::measure::{Bench, DOUBTFUL, TICK_NS, Way, even, map_of, slipping};
+use crate::measure::{Bench, DOUBTFUL, Link, TICK_NS, Way, even, map_of, slipping};
 
 /// How much is tried.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -36,6 +36,10 @@ const UART_BEHIND_NS: u64 = 45_000;
 const CALM_NS: u64 = 100_000;
 /// The time on the bus of a full packet.
 const PACKET_NS: u64 = 52_000;
+/// Taxels of a map with the longest last packet in few packets: over the UART each takes 0.7 ms.
+const SHORT_MAP: usize = 9;
+/// Longer than maps are fresh.
+const STALE_NS: u64 = 120 * TICK_NS;
 /// Maps of a stream.
 const STREAM: usize = 24;
 
@@ -146,6 +150,7 @@ enum Beside {
     Nothing,
     Log,
     Command,
+    Usb,
 }
 
 /// A map's last packet at every phase of the tick with all that it learns, answers and logs; of a command over the UART; and in
@@ -166,6 +171,8 @@ pub fn phases(bench: &mut Bench<'_>, length: Length) -> Result<(), Error> {
                     // A lost map is a fault that comes, and goes with the next map: a line in the log each time.
                     Beside::Log => bench.skip(1),
                     Beside::Command => bench.send_command(Command::ReadConfiguration),
+                    // Bytes of the UART at every phase: a map that does not count.
+                    Beside::Usb => {}
                 }
                 bench.last_packet_at(phase_ns, &map_of(LONGEST_TAIL, number), |info| {
                     info.sensor = number as u8 % sensors;
@@ -193,6 +200,64 @@ pub fn phases(bench: &mut Bench<'_>, length: Length) -> Result<(), Error> {
             bench.stream(&map_of(LONGEST_TAIL, phase_ns as u32), of)?;
         }
     }
+    bench.command(Command::Configure(Configuration::DEFAULT))
+}
+
+/// Maps over the UART: of every number of contacts up to a last packet of each size in the second packet; a last byte at every phase of the tick
+/// with all that it learns and logs, and of maps and messages over USB, which do not count meanwhile; maps without a gap.
+///
+/// # Errors
+/// The board's.
+pub fn over_uart(bench: &mut Bench<'_>, length: Length) -> Result<(), Error> {
+    // The maps over USB become stale first.
+    bench.run(STALE_NS)?;
+    bench.command(Command::Acknowledge { faults: u32::MAX })?;
+    bench.link = Link::Uart;
+    let most = if length == Length::Short { 20 } else { LONGEST_TAIL };
+    for contacts in (0..=most).chain([400]) {
+        bench.map(&map_of(contacts, contacts as u32))?;
+    }
+    let besides = [Beside::Nothing, Beside::Log, Beside::Command, Beside::Usb];
+    for sensors in [1, 2] {
+        bench.command(Command::Configure(shipped(sensors)))?;
+        for beside in &besides[..if length == Length::Short { 1 } else { besides.len() }] {
+            let mut number = 0;
+            hunt(bench, TICK_NS, |bench, phase_ns| {
+                number += 1;
+                match beside {
+                    Beside::Nothing => {}
+                    Beside::Log => bench.skip(1),
+                    Beside::Command => bench.send_command(Command::ReadConfiguration),
+                    Beside::Usb => bench.send_over_usb(&map_of(LONGEST_TAIL, number)),
+                }
+                bench.last_packet_at(phase_ns, &map_of(SHORT_MAP, number), |info| {
+                    info.sensor = number as u8 % sensors;
+                })
+            })?;
+        }
+        // The last byte at every phase of packets over USB: maps, which are refused, and a command.
+        let step_ns = if length == Length::Short {
+            20 * SHORT_NS
+        } else {
+            SHORT_NS
+        };
+        for phase_ns in (0..2 * PACKET_NS).step_by(step_ns as usize) {
+            for is_map in [true, false] {
+                bench.last_packet_meets(CALM_NS, phase_ns, &map_of(SHORT_MAP, 1), |bench| {
+                    if is_map {
+                        bench.send_over_usb(&map_of(LONGEST_TAIL, 1));
+                    } else {
+                        bench.send_command(Command::ReadConfiguration);
+                    }
+                })?;
+            }
+        }
+        let of = (0..STREAM / 4).map(|number| number as u8 % sensors);
+        bench.stream(&map_of(SHORT_MAP, 1), of)?;
+    }
+    bench.link = Link::Usb;
+    bench.run(STALE_NS)?;
+    bench.command(Command::Acknowledge { faults: u32::MAX })?;
     bench.command(Command::Configure(Configuration::DEFAULT))
 }
 

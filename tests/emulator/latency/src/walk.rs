@@ -22,8 +22,17 @@ pub struct Step<'a> {
     pub is_masked: bool,
     /// Bulk packets that landed in the FIFO just before it.
     pub deliveries: u32,
+    /// Bytes that landed in the UART's receiver just before it.
+    pub uart_bytes: u32,
     /// Whether it entered an exception behind this instruction.
     pub enters: bool,
+}
+
+/// What landed before an instruction: bulk packets and bytes of the UART.
+#[derive(Debug, Clone, Copy, Default)]
+struct Landed {
+    deliveries: u32,
+    uart_bytes: u32,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -40,8 +49,8 @@ pub struct Walk<'a> {
     frames: Vec<Frame>,
     is_masked: bool,
     fetch: Fetch,
-    pending: Option<(&'a Instruction, Option<u32>, u32)>,
-    deliveries: u32,
+    pending: Option<(&'a Instruction, Option<u32>, Landed)>,
+    landed: Landed,
 }
 
 impl<'a> Walk<'a> {
@@ -60,7 +69,7 @@ impl<'a> Walk<'a> {
             is_masked: false,
             fetch: Fetch::default(),
             pending: None,
-            deliveries: 0,
+            landed: Landed::default(),
         }
     }
 
@@ -71,7 +80,8 @@ impl<'a> Walk<'a> {
     pub fn take(&mut self, events: &[Event], mut see: impl FnMut(Step<'a>)) {
         for event in events {
             match *event {
-                Event::Delivery => self.deliveries += 1,
+                Event::Delivery => self.landed.deliveries += 1,
+                Event::UartByte => self.landed.uart_bytes += 1,
                 Event::Access(address) => {
                     if let Some((_, access, _)) = &mut self.pending {
                         *access = Some(address);
@@ -79,10 +89,10 @@ impl<'a> Walk<'a> {
                 }
                 Event::Instruction(address) => {
                     let instruction = self.image.instructions.get(&address).expect("it was asked for");
-                    if let Some((before, access, deliveries)) = self.pending.take() {
-                        see(self.step(before, access, deliveries, address));
+                    if let Some((before, access, landed)) = self.pending.take() {
+                        see(self.step(before, access, landed, address));
                     }
-                    self.pending = Some((instruction, None, std::mem::take(&mut self.deliveries)));
+                    self.pending = Some((instruction, None, std::mem::take(&mut self.landed)));
                 }
             }
         }
@@ -92,7 +102,7 @@ impl<'a> Walk<'a> {
         &mut self,
         instruction: &'a Instruction,
         access: Option<u32>,
-        deliveries: u32,
+        landed: Landed,
         next: u32,
     ) -> Step<'a> {
         let exception = self.frames.iter().rev().find_map(|frame| match frame {
@@ -126,7 +136,8 @@ impl<'a> Walk<'a> {
             cycles,
             exception,
             is_masked,
-            deliveries,
+            deliveries: landed.deliveries,
+            uart_bytes: landed.uart_bytes,
             enters,
         }
     }

@@ -21,7 +21,7 @@ use crate::calibration::{Calibration, with_points};
 use crate::config::{Overrides, Settings};
 use crate::error::{Completion, Failure};
 use crate::model::Model;
-use crate::run::realtime;
+use crate::realtime;
 use crate::source::{AtRest, SimulatedSource, Source, SourceSettings};
 use gripline_capture::clip::ffmpeg_version;
 use gripline_control::names as fault_names;

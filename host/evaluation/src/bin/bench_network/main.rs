@@ -36,7 +36,7 @@ use onnx::Precision;
 use peers::{OnnxRuntime, Rten, Tract};
 use pictures::Film;
 use preprocessing::{NetworkInput, Preprocessor, small};
-use report::{CHANGED, Report};
+use report::{CHANGED, Report, WITH_NOISE};
 use timing::Contestant;
 
 const UNET: &[u8] = include_bytes!("../../../../network/weights/unet.safetensors");
@@ -47,6 +47,9 @@ const SAME: f32 = 1e-4;
 
 /// Rounds of multiply-adds per measurement of the peak: 20 to 100 µs.
 const PEAK_ROUNDS: usize = 30_000;
+
+/// Pictures of a film with noise, after which it begins again: twice the film's own round.
+const NOISY_PICTURES: u64 = 36;
 
 /// Makes a network's graph for other engines.
 type Graph<'a> = &'a dyn Fn(Precision) -> Vec<u8>;
@@ -309,6 +312,27 @@ fn frames(model: &Model) -> Vec<Contestant> {
         let (mut skip, mut film) = (on(Evaluation::Skip), Film::new(share));
         contestants.push(Contestant::new(&report::part(name, part), move || {
             skip.infer(black_box(film.next()), black_box(&mut NO_FORCES.clone()));
+        }));
+    }
+    // Of a camera: the noise of its pictures at rest is known, and each picture of the film has another.
+    let rest = pictures::picture(0.0);
+    let rests: Vec<Vec<u8>> = (0..REST_PICTURES)
+        .map(|number| pictures::noisy(&rest, number.into()))
+        .collect();
+    for ((share, _), part) in CHANGED.into_iter().zip(WITH_NOISE) {
+        let mut skip = on(Evaluation::SkipNoise);
+        skip.learn_noise(&rests);
+        let mut film = Film::new(share);
+        let shown: Vec<Vec<u8>> = (0..NOISY_PICTURES)
+            .map(|number| pictures::noisy(film.next(), 1_000 + number))
+            .collect();
+        let mut index = 0;
+        contestants.push(Contestant::new(&report::part(name, part), move || {
+            skip.infer(
+                black_box(&shown[index % shown.len()]),
+                black_box(&mut NO_FORCES.clone()),
+            );
+            index += 1;
         }));
     }
     contestants

@@ -1,6 +1,7 @@
 //! Pictures to time with: dots drawn here, pushed as a touch pushes them, and squares of them that change.
 
 use gripline_network::constants::{CROP_SIDE, DOWNSAMPLING};
+use gripline_simulation::constants::SENSOR_NOISE_LEVELS;
 
 /// Particles in the middle of what sensors have.
 const DOTS: usize = 5_000;
@@ -40,12 +41,16 @@ pub(crate) fn picture(push_px: f32) -> Vec<u8> {
     levels.into_iter().map(|level| level as u8).collect()
 }
 
-/// The same picture with one level more in a quarter of its pixels: noise, another with every number.
+/// The same picture with a camera's noise, another with every number.
 pub(crate) fn noisy(picture: &[u8], number: u64) -> Vec<u8> {
     let mut state = number;
     picture
         .iter()
-        .map(|&level| level.saturating_add(u8::from(unit(&mut state) < 0.25)))
+        .map(|&level| {
+            // Nearly normal: twelve shares have the variance 1.
+            let normal = (0..12).map(|_| unit(&mut state)).sum::<f32>() - 6.0;
+            (f32::from(level) + SENSOR_NOISE_LEVELS as f32 * normal).round() as u8
+        })
         .collect()
 }
 

@@ -12,6 +12,9 @@ use crate::timing::Times;
 /// Shares of the image's area that change between frames in the measurement of skipping, and what they are called.
 pub(crate) const CHANGED: [(f64, &str); 2] = [(0.1, "10 %"), (0.3, "30 %")];
 
+/// What the same is called where the camera's noise changes all other pixels too.
+pub(crate) const WITH_NOISE: [&str; 2] = ["10 % and noise", "30 % and noise"];
+
 /// The architecture that the engines are held to.
 const UNET: &str = Architecture::Unet.name();
 const TRACKED: &str = Architecture::Tracked.name();
@@ -230,6 +233,8 @@ impl Report {
                 ("frame_ms_median", 1e-3 * frame, None, "<=", 1.5),
                 ("skip_10pct_vs_full", share(CHANGED[0].1), None, "<=", 0.4),
                 ("skip_30pct_vs_full", share(CHANGED[1].1), None, "<=", 0.6),
+                ("skip_10pct_noise_vs_full", share(WITH_NOISE[0]), None, "<=", 0.4),
+                ("skip_30pct_noise_vs_full", share(WITH_NOISE[1]), None, "<=", 0.6),
                 // A full frame passes the gate too.
                 ("gated_vs_full", gated / (gated + frame), None, "<=", 0.02),
             ])

@@ -1,0 +1,51 @@
+//! Which link's maps count. One host owns a gripper at a time, so maps come over one link at a time: while those of one link are fresh, those of
+//! the other are refused with constant work. So a map's last packet never waits for the sums of another link's map.
+//!
+//! Units: µs since start. Messages are taken from both links always.
+
+use crate::link::LinkId;
+
+/// The link whose maps count.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct MapSource {
+    link: LinkId,
+    /// The other link may not begin before this.
+    until_us: u64,
+}
+
+impl MapSource {
+    /// Whichever link brings the first map.
+    pub(super) const fn new() -> Self {
+        Self {
+            link: LinkId::Usb,
+            until_us: 0,
+        }
+    }
+
+    /// Whether a map of this link that has begun counts.
+    #[inline]
+    pub(super) fn is(&self, link: LinkId) -> bool {
+        self.link as u8 == link as u8
+    }
+
+    /// Whether a map of this link may begin. The other link may when no map of this one became whole for `stale_ms`; it then has as long for
+    /// its first map. Beginnings alone keep no link.
+    #[inline]
+    pub(super) fn takes(&mut self, link: LinkId, now_us: u64, stale_ms: u16) -> bool {
+        if self.is(link) {
+            return true;
+        }
+        if now_us < self.until_us {
+            return false;
+        }
+        self.link = link;
+        self.keep(now_us, stale_ms);
+        true
+    }
+
+    /// A map of the link became whole.
+    #[inline]
+    pub(super) fn keep(&mut self, now_us: u64, stale_ms: u16) {
+        self.until_us = now_us + u64::from(stale_ms) * 1_000;
+    }
+}
