@@ -34,6 +34,7 @@ use gripline_network::Architecture;
 use gripline_protocol::message::Configuration;
 use gripline_simulation::constants::SCENE_LOOP_S;
 
+pub use self::capture_to_line::{CaptureToLineSummary, PartQuantiles};
 use self::drift::DriftWatch;
 use self::fingertips::{Fingertips, Looked, Open};
 use self::output::{Output, Wish};

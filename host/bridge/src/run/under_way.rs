@@ -188,7 +188,7 @@ impl Run {
             .frame(pipeline, &picture.crop, lateness, request)
             .map_err(|error| self.told_of_markers(error, sensor))?;
         self.count(&outcome);
-        if self.clock == Clock::Pictures && outcome.late.is_none() {
+        if self.pacing == Pacing::Pictures && outcome.late.is_none() {
             let driver = picture.came.saturating_duration_since(picture.taken);
             self.capture_to_line
                 .push(driver, waited, picture.decode_us, outcome.latency_us);
