@@ -97,10 +97,10 @@ impl LineCalibration {
                 // Forces are below 2¹⁹ and codes below 2¹², so the product fits u32.
                 let share = force.lsb().wrapping_sub(low.force).cast_unsigned();
                 let span = high.force.wrapping_sub(low.force).cast_unsigned();
-                let rise = high.code.wrapping_sub(low.code) as u32;
+                let rise = u32::from(high.code.wrapping_sub(low.code));
                 let span = if span == 0 { 1 } else { span };
-                let code = low.code as u32 + share.wrapping_mul(rise).div_ceil(span);
-                return if code < DAC_CODE_MAX as u32 {
+                let code = u32::from(low.code) + share.wrapping_mul(rise).div_ceil(span);
+                return if code < u32::from(DAC_CODE_MAX) {
                     code as u16
                 } else {
                     DAC_CODE_MAX

@@ -22,21 +22,15 @@ pub enum Error {
     /// The camera, or files of pictures.
     #[error(transparent)]
     Camera(#[from] gripline_capture::CaptureError),
-    /// The link to the device.
+    /// The link to the device, and the session over it.
     #[error(transparent)]
     Link(#[from] gripline_link::LinkError),
-    /// The microcontroller does not go to its bootloader.
-    #[error(transparent)]
-    Bootloader(#[from] gripline_link::bootloader::BootloaderError),
     /// A chip in its bootloader.
     #[error(transparent)]
     Chip(#[from] gripline_flash::usb::UsbError),
     /// The server of live values.
     #[error(transparent)]
     Live(#[from] gripline_live::LiveError),
-    /// The conversation with the device.
-    #[error(transparent)]
-    Session(#[from] gripline_link::session::SessionError),
     /// A picture's way.
     #[error(transparent)]
     Pipeline(#[from] gripline_pipeline::PipelineError),

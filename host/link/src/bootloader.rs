@@ -4,46 +4,17 @@
 use gripline_protocol::message::{BOARDS, Bootloader, Hello, Message, MessagePackets, Refusal, Report};
 use gripline_protocol::{Event, Parser};
 
-use crate::handshake::HANDSHAKE_US;
-use crate::session::SessionError;
+use crate::patience::HANDSHAKE_US;
 use crate::{Link, LinkError};
 
 const RETRY_US: u64 = 200_000;
 const STEP_US: u64 = 5_000;
 
-/// Why it does not go to its bootloader.
-#[derive(Debug, thiserror::Error)]
-pub enum BootloaderError {
-    /// Nobody answers, or the link is gone.
-    #[error(transparent)]
-    Session(#[from] SessionError),
-    /// Something may be in the gripper.
-    #[error(
-        "{link}: refused, because the gripper holds or is not open yet; expected it released with the line at 0 N: release it \
-         (`gripline faults --acknowledge --release`) and try again"
-    )]
-    Holding {
-        /// Which link.
-        link: String,
-    },
-    /// Its firmware is older than this command.
-    #[error(
-        "{link}: its firmware does not know the way into the bootloader; flash it once with a probe (cargo xtask flash --board {board}), \
-         or set BOOT0 high, reset it, and try again"
-    )]
-    Unknown {
-        /// Which link.
-        link: String,
-        /// Its board.
-        board: String,
-    },
-}
-
 /// Who answers, whatever schema it speaks.
 ///
 /// # Errors
-/// [`SessionError`] when nobody does.
-pub fn identify(link: &mut dyn Link, session: u32) -> Result<Hello, SessionError> {
+/// [`LinkError`] when nobody does.
+pub fn identify(link: &mut dyn Link, session: u32) -> Result<Hello, LinkError> {
     let hello = Message::Hello(Hello::of_this_build(0, session));
     ask(link, &hello, "the handshake", |message| match message {
         Message::Hello(hello) => Some(hello),
@@ -54,8 +25,8 @@ pub fn identify(link: &mut dyn Link, session: u32) -> Result<Hello, SessionError
 /// Restarts it in its bootloader, which leaves this link. `who` is what [`identify`] found.
 ///
 /// # Errors
-/// [`BootloaderError`] when it refuses, or does not know how.
-pub fn enter(link: &mut dyn Link, who: &Hello) -> Result<(), BootloaderError> {
+/// [`LinkError`] when it refuses, or does not know how.
+pub fn enter(link: &mut dyn Link, who: &Hello) -> Result<(), LinkError> {
     let request = Message::Bootloader(Bootloader::Enter);
     let question = "the request for its bootloader";
     let answer = ask(link, &request, question, |message| match message {
@@ -66,17 +37,17 @@ pub fn enter(link: &mut dyn Link, who: &Hello) -> Result<(), BootloaderError> {
     let link = link.name();
     match answer {
         Ok(Some(Bootloader::Entering)) => Ok(()),
-        Ok(Some(Bootloader::Holding)) => Err(BootloaderError::Holding { link }),
+        Ok(Some(Bootloader::Holding)) => Err(LinkError::BootloaderHolding { link }),
         // Firmware of another schema refuses in words of its own.
         Ok(None | Some(Bootloader::Enter)) => Err(unknown(link, who)),
-        Err(SessionError::NoAnswer { .. }) if who.check().is_err() => Err(unknown(link, who)),
-        Err(error) => Err(error.into()),
+        Err(LinkError::NoAnswer { .. }) if who.check().is_err() => Err(unknown(link, who)),
+        Err(error) => Err(error),
     }
 }
 
-fn unknown(link: String, who: &Hello) -> BootloaderError {
+fn unknown(link: String, who: &Hello) -> LinkError {
     let board = BOARDS.get(usize::from(who.board)).copied().unwrap_or("BOARD");
-    BootloaderError::Unknown {
+    LinkError::BootloaderUnknown {
         link,
         board: board.to_owned(),
     }
@@ -88,7 +59,7 @@ fn ask<T>(
     message: &Message,
     question: &'static str,
     pick: impl Fn(Message) -> Option<T>,
-) -> Result<T, SessionError> {
+) -> Result<T, LinkError> {
     let until_us = link.now_us() + HANDSHAKE_US;
     let mut parser = Parser::new();
     let (mut answer, mut id) = (None, 0_u8);
@@ -98,7 +69,7 @@ fn ask<T>(
             match link.send(&packet) {
                 // It is asked again.
                 Ok(()) | Err(LinkError::NotTaken { .. }) => {}
-                Err(error) => return Err(error.into()),
+                Err(error) => return Err(error),
             }
         }
         let again_us = link.now_us() + RETRY_US;
@@ -116,7 +87,7 @@ fn ask<T>(
             }
         }
     }
-    Err(SessionError::NoAnswer {
+    Err(LinkError::NoAnswer {
         link: link.name(),
         question,
     })
@@ -146,7 +117,7 @@ mod tests {
             link.send(&packet).unwrap();
         }
         let error = enter(&mut link, &who).unwrap_err();
-        assert!(matches!(error, BootloaderError::Holding { .. }), "{error}");
+        assert!(matches!(error, LinkError::BootloaderHolding { .. }), "{error}");
         assert!(error.to_string().contains("release it"), "{error}");
     }
 
@@ -187,15 +158,12 @@ mod tests {
         let unreadable = Message::Report(Report::Refused(Refusal::Unreadable));
         let error = enter(&mut Parrot(vec![unreadable], 0, Vec::new()), &same).unwrap_err();
         assert!(
-            matches!(error, BootloaderError::Unknown { .. }) && error.to_string().contains("stm32f405rg"),
+            matches!(error, LinkError::BootloaderUnknown { .. }) && error.to_string().contains("stm32f405rg"),
             "{error}"
         );
         let error = enter(&mut Parrot(Vec::new(), 0, Vec::new()), &other).unwrap_err();
-        assert!(matches!(error, BootloaderError::Unknown { .. }), "{error}");
+        assert!(matches!(error, LinkError::BootloaderUnknown { .. }), "{error}");
         let error = enter(&mut Parrot(Vec::new(), 0, Vec::new()), &same).unwrap_err();
-        assert!(
-            matches!(error, BootloaderError::Session(SessionError::NoAnswer { .. })),
-            "{error}"
-        );
+        assert!(matches!(error, LinkError::NoAnswer { .. }), "{error}");
     }
 }

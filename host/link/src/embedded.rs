@@ -6,7 +6,8 @@ use std::collections::VecDeque;
 use gripline_firmware::{Device, Start};
 use gripline_protocol::Packet;
 
-use crate::link::{Link, LinkError};
+use crate::error::LinkError;
+use crate::link::Link;
 
 /// The microcontroller's safety tick.
 const TICK_US: u64 = 1_000;

@@ -8,9 +8,6 @@
 use gripline_firmware::Fault;
 use gripline_protocol::message::Status;
 
-/// How long a device may take to answer a handshake: it boots in well under that.
-pub(crate) const HANDSHAKE_US: u64 = 3_000_000;
-
 /// How long the microcontroller may be silent: it sends a status every 100 ms.
 const SILENCE_US: u64 = 500_000;
 /// How long an answer may take until the question is asked again.

@@ -6,7 +6,9 @@
 use std::thread;
 use std::time::{Duration, Instant};
 
-use crate::link::{Link, LinkError, Presence, READY_WITHIN};
+use crate::error::LinkError;
+use crate::link::{Link, Presence};
+use crate::patience::READY_WITHIN;
 
 /// A device that is away is looked for this often.
 const LOOK_EVERY_US: u64 = 100_000;

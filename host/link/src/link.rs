@@ -1,13 +1,6 @@
-//! The trait of every link, what it says of its device, and its errors.
+//! The trait of every link, and what it says of its device.
 
-use std::time::Duration;
-
-/// A real device that takes nothing for so long is stuck, and the next picture is due: a dense map takes 3 ms on full-speed
-/// USB.
-pub(crate) const SEND_WAIT: Duration = Duration::from_millis(10);
-
-/// A device that was just plugged in is usable within this time: a few hundred milliseconds, and more on a busy system.
-pub(crate) const READY_WITHIN: Duration = Duration::from_secs(2);
+pub(crate) use crate::error::LinkError;
 
 /// One way to a microcontroller.
 pub trait Link {
@@ -62,79 +55,4 @@ pub struct Presence {
     pub losses: u32,
     /// Packets that it did not take, away or busy.
     pub packets_lost: u64,
-}
-
-/// Why a link cannot be opened or has ended.
-#[derive(Debug, thiserror::Error)]
-pub enum LinkError {
-    /// No such port or device.
-    #[error("{link}: not found ({found}); {advice}")]
-    Missing {
-        /// Which link.
-        link: String,
-        /// What was found instead.
-        found: String,
-        /// What to do.
-        advice: String,
-    },
-    /// Several could be meant.
-    #[error("{link}: found {count}: {found}; expected one, name it with --mcu usb:SERIAL")]
-    Several {
-        /// Which link.
-        link: String,
-        /// How many.
-        count: usize,
-        /// What is there.
-        found: String,
-    },
-    /// Two devices that cannot be told apart.
-    #[error(
-        "{link}: found two devices with the serial number {serial}, at {} and {}, expected one; unplug one of them, or speak to it \
-         over its UART (--mcu serial:PORT)", places[0], places[1]
-    )]
-    Twins {
-        /// Which link.
-        link: String,
-        /// Their serial number.
-        serial: String,
-        /// Where they are.
-        places: [String; 2],
-    },
-    /// A packet is lost; the link mends itself.
-    #[error("{link}: a packet was not taken: {found}")]
-    NotTaken {
-        /// Which link.
-        link: String,
-        /// What happened.
-        found: String,
-    },
-    /// Another program has it.
-    #[error(
-        "{link}: busy, expected a port that no other program has open; close the other program ({found})"
-    )]
-    Busy {
-        /// Which link.
-        link: String,
-        /// What the system said.
-        found: String,
-    },
-    /// It is attached, and the system has not made it usable: it was plugged in this moment, or it was refused its power.
-    #[error(
-        "{link}: attached, but not ready ({found}), expected its interface within {} s; plug it in again, at another port or hub",
-        READY_WITHIN.as_secs()
-    )]
-    NotReady {
-        /// Which link.
-        link: String,
-        /// What the system said.
-        found: String,
-    },
-    /// It worked and then did not any more.
-    #[error("{link}: {found}")]
-    Broken {
-        /// Which link.
-        link: String,
-        /// What happened.
-        found: String,
-    },
 }

@@ -9,7 +9,8 @@ use gripline_protocol::cobs::{CobsDecoder, FRAME_MAX, Frame, encode_packet};
 use serialport::SerialPort;
 
 use super::hot_plug::{Device, DeviceError, Finder};
-use crate::link::{LinkError, SEND_WAIT};
+use crate::error::LinkError;
+use crate::patience::SEND_WAIT;
 
 /// The firmware's baud rate.
 const BAUD: u32 = 921_600;

@@ -5,8 +5,9 @@ use std::str::FromStr;
 
 use crate::embedded::EmbeddedLink;
 use crate::emulator::{EmulatorLink, Transport};
+use crate::error::LinkError;
 use crate::hot_plug::HotPlug;
-use crate::link::{Link, LinkError};
+use crate::link::Link;
 use crate::serial::SerialFinder;
 use crate::usb::{System, UsbFinder};
 

@@ -9,7 +9,8 @@ use nusb::transfer::{Buffer, Bulk, Direction, In, Out};
 use nusb::{DeviceInfo, Endpoint, ErrorKind, MaybeFuture};
 
 use super::hot_plug::{Device, DeviceError, Finder};
-use crate::link::{LinkError, SEND_WAIT};
+use crate::error::LinkError;
+use crate::patience::SEND_WAIT;
 
 /// The firmware's identity: the pid.codes test product, until the project has its own.
 const VENDOR: u16 = 0x1209;

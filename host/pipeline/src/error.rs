@@ -1,6 +1,6 @@
 //! What can end a picture's way.
 
-use gripline_link::session::SessionError;
+use gripline_link::LinkError;
 use gripline_markers::MarkerError;
 use gripline_protocol::NotFinite;
 
@@ -15,7 +15,7 @@ pub enum PipelineError {
     Markers(#[from] MarkerProblem),
     /// The device cannot be spoken to any more.
     #[error(transparent)]
-    Session(#[from] SessionError),
+    Link(#[from] LinkError),
 }
 
 /// Why printed markers cannot be used.

@@ -5,6 +5,7 @@
 //! Limits: no flash; like the chip, it sends nothing before a host has spoken.
 
 pub mod fake_usb;
+pub mod link;
 
 use std::collections::VecDeque;
 

@@ -19,28 +19,30 @@ pub(super) struct CaptureToLine([Times; CAPTURE_PARTS.len()]);
 
 /// Quantiles of a part.
 #[derive(Debug, Clone, Copy, Serialize)]
-#[expect(clippy::struct_field_names, reason = "units in names")]
-pub(super) struct Part {
+pub struct PartQuantiles {
+    /// Median, µs.
     pub median_us: f64,
+    /// 99th percentile, µs.
     pub p99_us: f64,
+    /// 99.9th percentile, µs.
     pub p999_us: f64,
 }
 
 /// The whole, for the summary.
 #[derive(Debug, Serialize)]
-pub(super) struct CaptureToLineSummary {
+pub struct CaptureToLineSummary {
     /// Pictures whose maps were sent.
     pub pictures: u64,
     /// From the driver's time stamp until the picture's bytes are here.
-    pub driver: Part,
+    pub driver: PartQuantiles,
     /// From the end of decoding until the loop takes the picture up.
-    pub hand_over: Part,
+    pub hand_over: PartQuantiles,
     /// From the time stamp until the map's last packet is with the link: both of these, decoding and the loop's stages.
-    pub to_link: Part,
-    /// The longest that the microcontroller took from a map's last packet to the line, by its own count.
+    pub to_link: PartQuantiles,
+    /// The longest that the microcontroller took from a map's last packet to the line, by its own count, µs.
     pub microcontroller_us_worst: f64,
     /// From the time stamp to the line: `to_link` and that.
-    pub to_line: Part,
+    pub to_line: PartQuantiles,
 }
 
 impl CaptureToLine {
@@ -65,7 +67,7 @@ impl CaptureToLine {
     /// `None` without a camera's picture. `worst_cycles` are those of the microcontroller's newest status.
     pub(super) fn summary(&self, worst_cycles: [u32; 4]) -> Option<CaptureToLineSummary> {
         let pictures = self.0[0].count();
-        let [driver, hand_over, to_link] = self.quantiles_us([0.5, 0.99, 0.999]).map(Part::of);
+        let [driver, hand_over, to_link] = self.quantiles_us([0.5, 0.99, 0.999]).map(PartQuantiles::of);
         let cycles = worst_cycles[Stage::Decide as usize] + worst_cycles[Stage::Line as usize];
         let worst_us = f64::from(cycles) / CYCLES_PER_US;
         (pictures > 0).then_some(CaptureToLineSummary {
@@ -74,7 +76,7 @@ impl CaptureToLine {
             hand_over,
             to_link,
             microcontroller_us_worst: worst_us,
-            to_line: Part {
+            to_line: PartQuantiles {
                 median_us: to_link.median_us + worst_us,
                 p99_us: to_link.p99_us + worst_us,
                 p999_us: to_link.p999_us + worst_us,
@@ -83,7 +85,7 @@ impl CaptureToLine {
     }
 }
 
-impl Part {
+impl PartQuantiles {
     fn of([median_us, p99_us, p999_us]: [f64; 3]) -> Self {
         Self {
             median_us,

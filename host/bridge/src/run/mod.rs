@@ -7,11 +7,7 @@
 mod capture_to_line;
 mod desk;
 mod drift;
-#[cfg(test)]
-mod faults;
 mod fingertips;
-#[cfg(test)]
-mod late;
 mod output;
 mod report;
 mod requests;
@@ -23,8 +19,6 @@ mod summary;
 mod supervisor;
 mod tally;
 mod terminal;
-#[cfg(test)]
-mod two_fingertips;
 mod under_way;
 mod usage;
 
@@ -40,6 +34,7 @@ use gripline_network::Architecture;
 use gripline_protocol::message::Configuration;
 use gripline_simulation::constants::SCENE_LOOP_S;
 
+pub use self::capture_to_line::{CaptureToLineSummary, PartQuantiles};
 use self::drift::DriftWatch;
 use self::fingertips::{Fingertips, Looked, Open};
 use self::output::{Output, Wish};
@@ -49,10 +44,10 @@ use self::settings::{
     about, as_many_fingertips, calibrated_fingertips, calibrated_friction, floor, tell_of_another_line,
     unasked,
 };
-use self::summary::FingertipSummary;
+pub use self::summary::{FingertipSummary, StageSummary, Summary};
 use self::supervisor::Supervisor;
 use self::terminal::Terminal;
-use self::under_way::{Clock, Run};
+pub use self::under_way::{Pacing, Run};
 use crate::config::{Overrides, Settings};
 use crate::error::{Completion, Failure};
 use crate::live::Live;
@@ -141,8 +136,8 @@ pub fn run(args: &RunArgs) -> Result<Completion, Failure> {
     let one_round = fingertips.are_simulated() && !output.is_live();
     let seconds = wanted.seconds.or(one_round.then_some(SCENE_LOOP_S));
 
-    let clock = Clock::of(fingertips.are_live(), wanted.unpaced);
-    let mut run = Run::new(session, clock, pictures_per_second);
+    let pacing = Pacing::of(fingertips.are_live(), wanted.unpaced);
+    let mut run = Run::new(session, pacing, pictures_per_second);
     let (control, inbox) = channel();
     let mut terminal = Terminal::new(control.clone())?;
     let unasked = unasked(&wanted);
@@ -158,7 +153,7 @@ pub fn run(args: &RunArgs) -> Result<Completion, Failure> {
     run.recorder = recorder;
     run.pictures = wanted.pictures;
     open_to_others(&mut run, &wanted, &control, (&about, &rests))?;
-    run.drift = DriftWatch::of_cameras(clock == Clock::Pictures, drift);
+    run.drift = DriftWatch::of_cameras(pacing == Pacing::Pictures, drift);
     // After the other threads have started: they keep their ordinary priority.
     if wanted.realtime {
         let lacks = crate::realtime::enter(wanted.realtime_core);

@@ -13,10 +13,11 @@ use gripline_recording::RecordingSummary;
 
 /// The last line of `--json`.
 #[derive(Debug, Serialize)]
-pub(super) struct Summary {
+pub struct Summary {
     /// Always true: tells this object from those of the frames.
     #[serde(rename = "summary")]
     pub last: bool,
+    /// Link to the device, as `--mcu` names it.
     pub mcu: String,
     /// What became of the pictures of cameras, or of files, all fingertips together.
     pub pictures: Option<Counts>,
@@ -24,45 +25,67 @@ pub(super) struct Summary {
     pub fingertips: Vec<FingertipSummary>,
     /// Version, commit and board, as the handshake told them.
     pub firmware: Option<String>,
+    /// Frames that had their turn, late ones included.
     pub frames: u64,
+    /// Seconds, on the run's clock.
     pub seconds: f64,
+    /// Frames a second.
     pub frames_per_second: f64,
     /// Processor time of the whole process over wall time: 1 is one core.
     pub cpu_share: Option<f64>,
+    /// Frames without contact: an empty map, without the network.
     pub gate_no_contact: u64,
+    /// Frames like the last one: its map again, without the network.
     pub gate_unchanged: u64,
+    /// Frames that the force network looked at.
     pub gate_network: u64,
     /// Frames whose picture could not be believed: each gave the last good map again, marked.
     pub gate_unhealthy: u64,
+    /// Times of each stage.
     pub stages: Vec<StageSummary>,
     /// From a camera's time stamp to the grip-force line; `None` where no camera says when pictures were taken.
     pub capture_to_line: Option<CaptureToLineSummary>,
-    /// From a picture's bytes to the last of its map's with the link, decoding included.
+    /// From a picture's bytes to the last of its map's with the link, decoding included: median, µs.
     pub frame_to_link_us_median: f64,
+    /// 99th percentile of the same, µs.
     pub frame_to_link_us_p99: f64,
+    /// 99.9th percentile of the same, µs.
     pub frame_to_link_us_p999: f64,
-    /// The same over the frames that the network looked at.
+    /// The same over the frames that the network looked at: median, µs.
     pub network_frame_to_link_us_median: f64,
+    /// 99.9th percentile of the same, µs.
     pub network_frame_to_link_us_p999: f64,
+    /// Bytes of force maps sent.
     pub wire_bytes: u64,
+    /// Answers compared with this host's own detector.
     pub answers_checked: u64,
+    /// Answers that differed from it.
     pub shadow_mismatches: u64,
+    /// Maps without an answer in their frame.
     pub maps_unanswered: u64,
     /// Those of them that the link did not take: away or busy.
     pub maps_not_taken: u64,
+    /// Commands that the device refused.
     pub commands_refused: u64,
+    /// Why it refused the last of them.
     pub last_refusal: Option<String>,
     /// Holds and releases that the microcontroller did not confirm.
     pub requests_unconfirmed: u64,
-    /// Pictures that were too old when their turn came, and maps that were too old to be sent: dropped.
+    /// Pictures that were too old when their turn came: dropped.
     pub pictures_late: u64,
+    /// Maps that were too old to be sent: dropped.
     pub maps_late: u64,
+    /// Frames whose stick ratio was below the threshold.
     pub slip_frames: u64,
     /// Frames in which the object slides as a whole while it is to be held: what is let go may slide.
     pub gross_slip_frames: u64,
+    /// How far the simulated object slid while it was to be held, mm.
     pub slip_mm: f64,
+    /// Lowest force on the line while the gripper held something, N.
     pub line_n_min_holding: f64,
+    /// Highest force on the line, N.
     pub line_n_max: f64,
+    /// Longest times of the device's stages, cycles.
     pub microcontroller_worst_cycles: [u32; 4],
     /// Restarts under way (watchdog, crash, power), after each of which it was met anew and given its settings.
     pub microcontroller_restarts: u32,
@@ -82,15 +105,18 @@ pub(super) struct Summary {
 
 /// What became of one fingertip's pictures.
 #[derive(Debug, Clone, Serialize)]
-pub(super) struct FingertipSummary {
+pub struct FingertipSummary {
     /// Where they came from, as it was set.
     pub source: String,
     /// Those of a camera, or of files.
     pub pictures: Option<Counts>,
     /// Those that had their turn.
     pub frames: u64,
+    /// Maps without an answer in their frame.
     pub maps_unanswered: u64,
+    /// Answers compared with this host's own detector.
     pub answers_checked: u64,
+    /// Answers that differed from it.
     pub shadow_mismatches: u64,
 }
 
@@ -108,12 +134,18 @@ impl FingertipSummary {
     }
 }
 
+/// Times of one stage of the pipeline.
 #[derive(Debug, Serialize)]
-pub(super) struct StageSummary {
+pub struct StageSummary {
+    /// Its name.
     pub stage: &'static str,
+    /// Frames in which it ran.
     pub frames: u64,
+    /// Median, µs.
     pub median_us: f64,
+    /// 99th percentile, µs.
     pub p99_us: f64,
+    /// 99.9th percentile, µs.
     pub p999_us: f64,
     /// What it may take.
     pub deadline_us: f64,
@@ -172,7 +204,8 @@ impl Summary {
     }
 
     /// What was lost, in words; nothing when nothing was.
-    pub(super) fn losses(&self) -> Vec<String> {
+    #[must_use]
+    pub fn losses(&self) -> Vec<String> {
         let mut losses = Vec::new();
         let mut lost = |count: u64, what: &str| {
             if count > 0 {

@@ -12,7 +12,8 @@ use gripline_recording::Recorder;
 use gripline_recording::telemetry::{DEADLINES_US, FrameReport, STAGES};
 
 impl Run {
-    pub(super) fn count(&mut self, outcome: &FrameOutcome) {
+    /// Counts a frame.
+    pub fn count(&mut self, outcome: &FrameOutcome) {
         let summary = &mut self.summary;
         if let Some(fingertip) = summary.fingertips.get_mut(usize::from(outcome.sensor)) {
             fingertip.frames += 1;
@@ -78,7 +79,9 @@ impl Run {
         summary.microcontroller_worst_cycles = status.worst_cycles;
     }
 
-    pub(super) fn summary(self) -> Summary {
+    /// Counts and times of the run so far, complete.
+    #[must_use]
+    pub fn summary(self) -> Summary {
         let seconds = self.started.elapsed().as_secs_f64();
         let stages = STAGES
             .into_iter()

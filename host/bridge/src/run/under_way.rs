@@ -33,7 +33,7 @@ use gripline_recording::{Frame, Pictures, Recorder};
 
 /// What a frame waits for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Clock {
+pub enum Pacing {
     /// The wall clock.
     Wall,
     /// Nothing: time is what the frames make of it.
@@ -42,7 +42,7 @@ pub(super) enum Clock {
     Pictures,
 }
 
-impl Clock {
+impl Pacing {
     pub(super) const fn of(is_live: bool, is_unpaced: bool) -> Self {
         match (is_live, is_unpaced) {
             (true, _) => Self::Pictures,
@@ -53,20 +53,24 @@ impl Clock {
 }
 
 /// A run under way.
-pub(super) struct Run {
-    pub(super) control: ControlLoop,
-    pub(super) frame: u64,
+pub struct Run {
+    /// The session with the device, and what it does a frame.
+    pub control: ControlLoop,
+    /// Number of the next frame.
+    pub frame: u64,
     /// Time of the newest picture, on the recording's clock.
     pub(super) t_s: f64,
     pub(super) started: Instant,
-    pub(super) clock: Clock,
+    /// What a frame waits for.
+    pub pacing: Pacing,
     /// Pictures a second, of all fingertips together.
     pub(super) frames_per_second: f64,
     /// Processor time of this process at the start.
     pub(super) cpu_s: Option<f64>,
-    pub(super) recorder: Option<Recorder>,
+    /// Where frames are recorded.
+    pub recorder: Option<Recorder>,
     /// What of the pictures is recorded.
-    pub(super) pictures: Pictures,
+    pub pictures: Pictures,
     pub(super) live: Option<Live>,
     pub(super) fleet: Option<Fleet>,
     pub(super) ros2: Option<Ros2>,
@@ -85,22 +89,24 @@ pub(super) struct Run {
     pub(super) drift: Vec<DriftWatch>,
     /// What is asked for from outside.
     pub(super) requests: Requests,
-    /// What a person should know now.
-    pub(super) summary: Summary,
+    /// Counts so far; [`Run::summary`] completes them.
+    pub summary: Summary,
 }
 
 /// What was asked for between two frames and is not confirmed is looked at so often.
 const WATCH_STEP: Duration = Duration::from_millis(1);
 
 impl Run {
-    pub(super) fn new(session: Session, clock: Clock, frames_per_second: f64) -> Self {
+    /// A run that nobody watches or records, with so many pictures a second of all fingertips together.
+    #[must_use]
+    pub fn new(session: Session, pacing: Pacing, frames_per_second: f64) -> Self {
         Self {
             summary: Summary::of_link(session.link_name(), session.firmware()),
             control: ControlLoop::new(session),
             frame: 0,
             t_s: 0.0,
             started: Instant::now(),
-            clock,
+            pacing,
             frames_per_second,
             cpu_s: usage::cpu_s(),
             recorder: None,
@@ -122,16 +128,19 @@ impl Run {
     }
 
     /// One frame: picture in, map out, answer in.
-    pub(super) fn frame(
+    ///
+    /// # Errors
+    /// [`Failure`] when the picture does not fit, or the link fails for good.
+    pub fn frame(
         &mut self,
         pipeline: &mut Pipeline,
         sensor: u8,
         picture: Picture,
     ) -> Result<FrameReport, Failure> {
         let frame_us = 1e6 / self.frames_per_second;
-        let (t_s, until_us, lateness) = match self.clock {
+        let (t_s, until_us, lateness) = match self.pacing {
             // Half a frame for the answer; then the next picture may be there.
-            Clock::Pictures => {
+            Pacing::Pictures => {
                 self.idle()?;
                 let came = picture.came.saturating_duration_since(self.started);
                 let until_us = self.elapsed_us() + (frame_us / 2.0) as u64;
@@ -139,10 +148,10 @@ impl Run {
             }
             // To the next frame. A world or a file that is slower than the clock waits for nobody: its pictures are taken when
             // they are there.
-            Clock::Wall | Clock::None => (
+            Pacing::Wall | Pacing::None => (
                 self.frame as f64 * frame_us / 1e6,
                 ((self.frame + 1) as f64 * frame_us) as u64,
-                if self.clock == Clock::Wall {
+                if self.pacing == Pacing::Wall {
                     Lateness::Since(picture.came)
                 } else {
                     Lateness::Never
@@ -150,8 +159,8 @@ impl Run {
             ),
         };
         let waited = picture.came.elapsed();
-        let (age_us, waited_us) = match self.clock {
-            Clock::Pictures => {
+        let (age_us, waited_us) = match self.pacing {
+            Pacing::Pictures => {
                 let age_us = picture.taken.elapsed().as_micros();
                 (
                     u32::try_from(age_us).unwrap_or(u32::MAX),
@@ -159,7 +168,7 @@ impl Run {
                 )
             }
             // Elsewhere pictures are of the moment at which they are asked for.
-            Clock::Wall | Clock::None => (0, picture.decode_us),
+            Pacing::Wall | Pacing::None => (0, picture.decode_us),
         };
         self.requests.scripted(picture.wish);
         self.look_after_requests()?;
@@ -179,7 +188,7 @@ impl Run {
             .frame(pipeline, &picture.crop, lateness, request)
             .map_err(|error| self.told_of_markers(error, sensor))?;
         self.count(&outcome);
-        if self.clock == Clock::Pictures && outcome.late.is_none() {
+        if self.pacing == Pacing::Pictures && outcome.late.is_none() {
             let driver = picture.came.saturating_duration_since(picture.taken);
             self.capture_to_line
                 .push(driver, waited, picture.decode_us, outcome.latency_us);
@@ -211,7 +220,7 @@ impl Run {
         self.publish_status(&report, &host_faults);
         self.publish_to_many(&report, pipeline.map(), picture.taken);
         self.keep(&report, &outcome, request, pipeline, picture.crop);
-        if self.clock == Clock::Wall {
+        if self.pacing == Pacing::Wall {
             self.wait_for_the_clock()?;
         }
         self.frame += 1;
@@ -354,9 +363,9 @@ impl Run {
 
     /// Whether it has lasted so long.
     pub(super) fn is_over(&self, seconds: f64) -> bool {
-        match self.clock {
-            Clock::Pictures => self.started.elapsed().as_secs_f64() >= seconds,
-            Clock::Wall | Clock::None => self.frame >= (seconds * self.frames_per_second).round() as u64,
+        match self.pacing {
+            Pacing::Pictures => self.started.elapsed().as_secs_f64() >= seconds,
+            Pacing::Wall | Pacing::None => self.frame >= (seconds * self.frames_per_second).round() as u64,
         }
     }
 

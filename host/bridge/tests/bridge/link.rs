@@ -4,7 +4,7 @@
 use std::rc::Rc;
 
 use gripline_firmware::Fault;
-use gripline_link::session::{Session, SessionError};
+use gripline_link::session::Session;
 use gripline_link::usb::{Attached, UsbFinder};
 use gripline_link::{HotPlug, LinkError};
 use gripline_protocol::message::{Command, Configuration, GripMode, Hello};
@@ -192,7 +192,10 @@ fn a_device_that_comes_back_with_other_firmware_ends_the_session_and_says_what_t
         host.session.run_until(until_us).err()
     });
     let error = error.expect("the session ends");
-    assert!(matches!(error, SessionError::Schema { .. }), "{error}");
+    assert!(
+        matches!(error, gripline_link::LinkError::Schema { .. }),
+        "{error}"
+    );
     assert_says(
         &error.to_string(),
         &[

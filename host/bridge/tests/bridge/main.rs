@@ -13,11 +13,13 @@ mod gate;
 mod health;
 mod infer;
 mod link;
+mod own_sensor;
 mod page;
 mod program;
 mod recording;
 mod ros2;
 mod run;
+mod run_loop;
 mod sensor;
 #[cfg(unix)]
 mod serial_board;

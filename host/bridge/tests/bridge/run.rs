@@ -271,7 +271,7 @@ fn a_serial_port_that_goes_away_and_comes_back_is_taken_up_again() {
         let is_over = || stopped.load(Ordering::Relaxed);
         // Pulled out in the middle of the run, when the host holds.
         board.serve(&mut line, |board| {
-            is_over() || board.device.program.status().maps >= 60
+            is_over() || board.board.program().status().maps >= 60
         });
         drop(line);
         let away = Instant::now();

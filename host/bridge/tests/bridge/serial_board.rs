@@ -1,12 +1,13 @@
-//! The firmware library at the far end of a serial line, in real time: what a board on a serial port is to a run.
+//! The board of all host tests at the far end of a serial line, in real time: what a board on a serial port is to a run.
 
 use std::io::{Read as _, Write as _};
 use std::os::fd::AsFd as _;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use gripline_firmware::{Device, Start};
+use gripline_firmware::Start;
 use gripline_protocol::cobs::{CobsDecoder, FRAME_MAX, Frame, encode_packet};
+use gripline_test_board::TestBoard;
 use nix::fcntl::OFlag;
 use nix::poll::{PollFd, PollFlags, poll};
 use nix::pty::{PtyMaster, grantpt, posix_openpt, ptsname_r, unlockpt};
@@ -60,11 +61,10 @@ impl Drop for Line {
     }
 }
 
-/// The firmware library at the far end of a serial line, with a clock that runs on.
+/// The board at the far end of a serial line, with a clock that runs on.
 pub(crate) struct SerialBoard {
-    pub(crate) device: Device,
+    pub(crate) board: TestBoard,
     start: Instant,
-    next_tick_us: u64,
     /// So many of a thousand packets are lost, either way.
     lost_per_mille: u64,
     seed: u64,
@@ -75,14 +75,9 @@ impl SerialBoard {
         Self {
             lost_per_mille,
             seed: 1,
-            device: Device::new(Start::default()),
+            board: TestBoard::new(Start::default()),
             start: Instant::now(),
-            next_tick_us: 0,
         }
-    }
-
-    fn now_us(&self) -> u64 {
-        self.start.elapsed().as_micros() as u64
     }
 
     pub(crate) fn serve(&mut self, line: &mut Line, is_over: impl Fn(&Self) -> bool) {
@@ -100,16 +95,17 @@ impl SerialBoard {
                 })
             };
             for &byte in &bytes[..length] {
-                if let Some(Frame::Packet(packet)) = frames.push(byte) {
-                    let now_us = self.now_us();
-                    if !is_lost(&mut self.seed, self.lost_per_mille) {
-                        let _ = self.device.packet(packet, now_us);
-                    }
+                if let Some(Frame::Packet(packet)) = frames.push(byte)
+                    && !is_lost(&mut self.seed, self.lost_per_mille)
+                {
+                    let now_us = self.start.elapsed().as_micros() as u64;
+                    self.board.pass_to(now_us, |_, _| {});
+                    let _ = self.board.packet(packet);
                 }
             }
             self.live();
             let mut frame = [0; FRAME_MAX];
-            while let Some(packet) = self.device.next_packet() {
+            while let Some(packet) = self.board.replies.pop_front() {
                 if is_lost(&mut self.seed, self.lost_per_mille) {
                     continue;
                 }
@@ -120,10 +116,8 @@ impl SerialBoard {
     }
 
     pub(crate) fn live(&mut self) {
-        while self.next_tick_us < self.now_us() {
-            let _ = self.device.tick(self.next_tick_us);
-            self.next_tick_us += 1_000;
-        }
+        let now_us = self.start.elapsed().as_micros() as u64;
+        self.board.pass_to(now_us, |_, _| {});
     }
 }
 

@@ -5,70 +5,16 @@ use std::cell::RefCell;
 use std::rc::Rc;
 
 use gripline_firmware::{Fault, ResetCause, Start};
-use gripline_link::session::{Session, SessionError};
-use gripline_link::{Link, LinkError};
+use gripline_link::session::Session;
 use gripline_protocol::message::{Command, Configuration, GripMode, Hello, Message, MessagePackets, Refusal};
-use gripline_protocol::{Event, ForceMap, MapInfo, Parser, TaxelForce};
-use gripline_test_board::TestBoard;
+use gripline_protocol::{ForceMap, MapInfo, TaxelForce};
+use gripline_test_board::link::{Bench, BenchLink};
 
 const SETTINGS: Configuration = Configuration {
     friction: 4_321,
     relax_rate: 0,
     ..Configuration::CAREFUL
 };
-
-/// The board, and what it was told.
-struct Bench {
-    board: TestBoard,
-    /// Every message of the host.
-    heard: Vec<Message>,
-    ear: Parser,
-}
-
-impl Bench {
-    fn new() -> Self {
-        Self {
-            board: TestBoard::new(Start {
-                session: 1,
-                ..Start::default()
-            }),
-            heard: Vec::new(),
-            ear: Parser::new(),
-        }
-    }
-}
-
-struct BenchLink(Rc<RefCell<Bench>>);
-
-impl Link for BenchLink {
-    fn send(&mut self, packet: &[u8]) -> Result<(), LinkError> {
-        let mut bench = self.0.borrow_mut();
-        if let Ok(Event::Message(bytes)) = bench.ear.push(packet)
-            && let Ok(message) = Message::from_bytes(bytes)
-        {
-            bench.heard.push(message);
-        }
-        let _ = bench.board.packet(packet);
-        Ok(())
-    }
-
-    fn run_until(&mut self, until_us: u64, received: &mut dyn FnMut(&[u8])) -> Result<(), LinkError> {
-        let mut bench = self.0.borrow_mut();
-        bench.board.pass_to(until_us, |_, _| {});
-        while let Some(packet) = bench.board.replies.pop_front() {
-            received(&packet);
-        }
-        Ok(())
-    }
-
-    fn now_us(&self) -> u64 {
-        self.0.borrow().board.now_us()
-    }
-
-    fn name(&self) -> String {
-        "bench".to_owned()
-    }
-}
 
 struct Host {
     session: Session,
@@ -79,7 +25,7 @@ struct Host {
 impl Host {
     /// Holding, with maps that stick, the host's own settings in force.
     fn holding() -> Self {
-        let bench = Rc::new(RefCell::new(Bench::new()));
+        let bench = Bench::shared();
         let session = Session::open(Box::new(BenchLink(Rc::clone(&bench))), SETTINGS).unwrap();
         let mut host = Self {
             session,
@@ -281,13 +227,16 @@ fn one_who_comes_back_with_another_schema_ends_the_session_by_name() {
     host.session.run_until(host.session.now_us() + 600_000).unwrap();
     host.bench.borrow_mut().board.replies.push_back(packet);
     let error = host.session.run_until(host.session.now_us() + 1_000).unwrap_err();
-    assert!(matches!(error, SessionError::Schema { .. }), "{error}");
+    assert!(
+        matches!(error, gripline_link::LinkError::Schema { .. }),
+        "{error}"
+    );
     assert!(error.to_string().contains("schema 99"), "{error}");
 }
 
 #[test]
 fn a_first_map_that_was_held_up_for_longer_than_is_forgiven_locks_the_others_out_for_half_a_second_only() {
-    let bench = Rc::new(RefCell::new(Bench::new()));
+    let bench = Bench::shared();
     let session = Session::open(Box::new(BenchLink(Rc::clone(&bench))), SETTINGS).unwrap();
     let mut host = Host {
         session,

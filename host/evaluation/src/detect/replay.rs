@@ -10,7 +10,8 @@ use gripline_protocol::{ForceMap, Health, MapInfo, PER_UNIT};
 
 use crate::detect::judge::{Settings, Verdict};
 use gripline_link::EmbeddedLink;
-use gripline_link::session::{Session, SessionError};
+use gripline_link::LinkError;
+use gripline_link::session::Session;
 
 /// Slowest and fastest rate of maps, per second.
 pub const RATE_HZ: RangeInclusive<f64> = 10.0..=1_000.0;
@@ -20,7 +21,7 @@ pub const RATE_HZ: RangeInclusive<f64> = 10.0..=1_000.0;
 pub enum ReplayError {
     /// The controller in this process did not take its settings or a packet.
     #[error(transparent)]
-    Session(#[from] SessionError),
+    Link(#[from] LinkError),
     /// The controller's answer to a map is missing or is not what the detector says of that map.
     #[error(
         "frame {frame}: the controller did not confirm the detector's sums, expected the same: report this defect"

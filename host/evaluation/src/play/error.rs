@@ -1,6 +1,6 @@
 //! Why a scene cannot be played.
 
-use gripline_link::session::SessionError;
+use gripline_link::LinkError;
 use gripline_network::NetworkError;
 use gripline_pipeline::PipelineError;
 use gripline_protocol::NotFinite;
@@ -38,5 +38,5 @@ pub enum PlayError {
     Pipeline(#[from] PipelineError),
     /// Its microcontroller.
     #[error(transparent)]
-    Session(#[from] SessionError),
+    Link(#[from] LinkError),
 }

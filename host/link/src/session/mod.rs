@@ -2,8 +2,8 @@
 //! against the shadow. A microcontroller that restarts under way is met anew and gets the settings it was given; no
 //! command is repeated to it. A device that goes away and comes back is greeted at once. Times in µs since the link was opened.
 
-mod error;
 mod inbox;
+mod refusal;
 mod told;
 
 use std::time::{Instant, SystemTime, UNIX_EPOCH};
@@ -13,11 +13,11 @@ use gripline_firmware::sums::TaxelRule;
 use gripline_protocol::message::{Command, Configuration, Hello, Message, MessagePackets};
 use gripline_protocol::{ForceMap, MapInfo, encode_map};
 
-pub use self::error::SessionError;
-use self::error::reason;
 use self::inbox::Inbox;
+use self::refusal::reason;
 use crate::clock_sync::ClockSync;
-use crate::handshake::{HANDSHAKE_US, Handshake, Next};
+use crate::handshake::{Handshake, Next};
+use crate::patience::HANDSHAKE_US;
 use crate::shadow::{Judgement, Shadow};
 use crate::{Link, LinkError};
 
@@ -74,8 +74,8 @@ impl Session {
     /// Shakes hands and hands over the settings.
     ///
     /// # Errors
-    /// [`SessionError`] when nobody answers, the schema differs or the settings are refused.
-    pub fn open(link: Box<dyn Link>, settings: Configuration) -> Result<Self, SessionError> {
+    /// [`LinkError`] when nobody answers, the schema differs or the settings are refused.
+    pub fn open(link: Box<dyn Link>, settings: Configuration) -> Result<Self, LinkError> {
         let mut session = Self::connect(link)?;
         session.configure(settings)?;
         Ok(session)
@@ -84,8 +84,8 @@ impl Session {
     /// Shakes hands and asks which settings are in force.
     ///
     /// # Errors
-    /// [`SessionError`] when nobody answers or the schema differs.
-    pub fn connect(link: Box<dyn Link>) -> Result<Self, SessionError> {
+    /// [`LinkError`] when nobody answers or the schema differs.
+    pub fn connect(link: Box<dyn Link>) -> Result<Self, LinkError> {
         let settings = Configuration::DEFAULT;
         // Any number that the last session is unlikely to have had.
         let number = SystemTime::now()
@@ -123,11 +123,11 @@ impl Session {
     }
 
     /// Takes the microcontroller's part of the handshake, once it is there.
-    fn meet(&mut self) -> Result<(), SessionError> {
+    fn meet(&mut self) -> Result<(), LinkError> {
         let Some(hello) = self.inbox.hello.take() else {
             return Ok(());
         };
-        hello.check().map_err(|mismatch| SessionError::Schema {
+        hello.check().map_err(|mismatch| LinkError::Schema {
             link: self.link.name(),
             firmware: hello,
             mismatch,
@@ -145,8 +145,8 @@ impl Session {
     /// Hands over settings, which are in force from then on.
     ///
     /// # Errors
-    /// [`SessionError`] when nobody answers or the settings are refused.
-    pub fn configure(&mut self, settings: Configuration) -> Result<(), SessionError> {
+    /// [`LinkError`] when nobody answers or the settings are refused.
+    pub fn configure(&mut self, settings: Configuration) -> Result<(), LinkError> {
         self.inbox.configuration = None;
         self.inbox.refusal = None;
         self.ask(
@@ -156,7 +156,7 @@ impl Session {
         )?;
         self.refused()?;
         if self.inbox.configuration != Some(settings) {
-            return Err(SessionError::Refused {
+            return Err(LinkError::Refused {
                 link: self.link.name(),
                 reason: "the microcontroller has others in force than were sent".to_owned(),
             });
@@ -169,8 +169,8 @@ impl Session {
     /// Offers settings without waiting for the answer, which [`Self::taken`] tells. Returns whether the link took them.
     ///
     /// # Errors
-    /// [`SessionError`] when the link is gone for good.
-    pub fn offer(&mut self, settings: Configuration) -> Result<bool, SessionError> {
+    /// [`LinkError`] when the link is gone for good.
+    pub fn offer(&mut self, settings: Configuration) -> Result<bool, LinkError> {
         self.inbox.configuration = None;
         self.inbox.settings_refused = false;
         self.command(Command::Configure(settings))
@@ -189,8 +189,8 @@ impl Session {
     /// Has the microcontroller keep the settings in force over a power cycle. Returns how often it has stored some.
     ///
     /// # Errors
-    /// [`SessionError`] when nobody answers, the gripper is not released, or the flash does not take them.
-    pub fn store(&mut self) -> Result<u32, SessionError> {
+    /// [`LinkError`] when nobody answers, the gripper is not released, or the flash does not take them.
+    pub fn store(&mut self) -> Result<u32, LinkError> {
         self.inbox.stored = None;
         self.inbox.refusal = None;
         // Once: every order is an erasure, during which nothing answers.
@@ -204,11 +204,11 @@ impl Session {
         Ok(self.inbox.stored.unwrap_or_default())
     }
 
-    fn refused(&mut self) -> Result<(), SessionError> {
+    fn refused(&mut self) -> Result<(), LinkError> {
         let Some(refusal) = self.inbox.refusal.take() else {
             return Ok(());
         };
-        Err(SessionError::Refused {
+        Err(LinkError::Refused {
             link: self.link.name(),
             reason: reason(refusal),
         })
@@ -228,7 +228,7 @@ impl Session {
         message: &Message,
         question: &'static str,
         answered: impl Fn(&Inbox) -> bool,
-    ) -> Result<(), SessionError> {
+    ) -> Result<(), LinkError> {
         let end_us = self.now_us() + HANDSHAKE_US;
         while self.now_us() < end_us {
             self.say(message)?;
@@ -240,7 +240,7 @@ impl Session {
     }
 
     /// Works for so long, or until `answered`.
-    fn wait_for(&mut self, us: u64, answered: &impl Fn(&Inbox) -> bool) -> Result<bool, SessionError> {
+    fn wait_for(&mut self, us: u64, answered: &impl Fn(&Inbox) -> bool) -> Result<bool, LinkError> {
         let end_us = self.now_us() + us;
         while self.now_us() < end_us {
             self.run_until(self.now_us() + HANDSHAKE_STEP_US)?;
@@ -251,14 +251,14 @@ impl Session {
         Ok(false)
     }
 
-    fn no_answer(&self, question: &'static str) -> SessionError {
-        SessionError::NoAnswer {
+    fn no_answer(&self, question: &'static str) -> LinkError {
+        LinkError::NoAnswer {
             link: self.link.name(),
             question,
         }
     }
 
-    fn send(&mut self, message: &Message) -> Result<(), SessionError> {
+    fn send(&mut self, message: &Message) -> Result<(), LinkError> {
         self.message_id = self.message_id.wrapping_add(1);
         for packet in MessagePackets::new(message, self.message_id)? {
             self.link.send(&packet)?;
@@ -267,7 +267,7 @@ impl Session {
     }
 
     /// Sends a message that is said again anyway when it is lost.
-    fn say(&mut self, message: &Message) -> Result<(), SessionError> {
+    fn say(&mut self, message: &Message) -> Result<(), LinkError> {
         match self.send(message) {
             Err(error) if error.is_passing() => Ok(()),
             said => said,
@@ -277,8 +277,8 @@ impl Session {
     /// Sends a command; answers come in while [`Self::run_until`] works. Returns whether the link took it.
     ///
     /// # Errors
-    /// [`SessionError`] when the link is gone for good.
-    pub fn command(&mut self, command: Command) -> Result<bool, SessionError> {
+    /// [`LinkError`] when the link is gone for good.
+    pub fn command(&mut self, command: Command) -> Result<bool, LinkError> {
         match self.send(&Message::Command(command)) {
             Err(error) if error.is_passing() => Ok(false),
             sent => sent.map(|()| true),
@@ -288,21 +288,21 @@ impl Session {
     /// Sends a map.
     ///
     /// # Errors
-    /// [`SessionError`] when the link is gone for good; the packets before that were sent.
-    pub fn send_map(&mut self, info: &MapInfo, map: &ForceMap) -> Result<SentMap, SessionError> {
+    /// [`LinkError`] when the link is gone for good; the packets before that were sent.
+    pub fn send_map(&mut self, info: &MapInfo, map: &ForceMap) -> Result<SentMap, LinkError> {
         self.send_judged(info, map, &Judgement::of(map, self.shadow.rule()))
     }
 
     /// Sends a map whose sums are known.
     ///
     /// # Errors
-    /// [`SessionError`] when the link is gone for good; the packets before that were sent.
+    /// [`LinkError`] when the link is gone for good; the packets before that were sent.
     pub fn send_judged(
         &mut self,
         info: &MapInfo,
         map: &ForceMap,
         judgement: &Judgement,
-    ) -> Result<SentMap, SessionError> {
+    ) -> Result<SentMap, LinkError> {
         let start = Instant::now();
         self.packets.clear();
         self.lengths.clear();
@@ -349,8 +349,8 @@ impl Session {
     /// passing: nothing waits for it.
     ///
     /// # Errors
-    /// [`SessionError`] when the link is gone for good, or who comes back speaks another schema.
-    pub fn run_until(&mut self, until_us: u64) -> Result<(), SessionError> {
+    /// [`LinkError`] when the link is gone for good, or who comes back speaks another schema.
+    pub fn run_until(&mut self, until_us: u64) -> Result<(), LinkError> {
         let Self { link, inbox, .. } = self;
         inbox.statuses.clear();
         let packets = inbox.packets;
@@ -385,7 +385,7 @@ impl Session {
     }
 
     /// Keeps the handshake: says what has to be said now, and takes what was answered.
-    fn renew(&mut self) -> Result<(), SessionError> {
+    fn renew(&mut self) -> Result<(), LinkError> {
         if std::mem::take(&mut self.inbox.is_stranger) {
             self.handshake.doubt();
         }
@@ -426,8 +426,8 @@ impl Session {
     /// Hands a packet to the link as it is, right or wrong: for tests of the other end.
     ///
     /// # Errors
-    /// [`SessionError`] when the link is gone.
-    pub fn send_raw(&mut self, packet: &[u8]) -> Result<(), SessionError> {
-        Ok(self.link.send(packet)?)
+    /// [`LinkError`] when the link is gone.
+    pub fn send_raw(&mut self, packet: &[u8]) -> Result<(), LinkError> {
+        self.link.send(packet)
     }
 }

@@ -5,8 +5,8 @@ use gripline_protocol::message::{Configuration, Hello, Refusal, Status};
 use gripline_protocol::parser::Counters;
 
 use super::Session;
-use super::error::flashing;
 use crate::Presence;
+use crate::error::flashing;
 use crate::shadow::Shadow;
 
 impl Session {

@@ -14,8 +14,8 @@ use gripline_network::scene::GateKind;
 use gripline_network::{Architecture, Network};
 use gripline_protocol::message::{Command, GripMode};
 
-use super::{Clock, Run};
-use crate::source::{Picture, SimulatedSource};
+use gripline::run::{Pacing, Run};
+use gripline::source::{Picture, SimulatedSource};
 use gripline_capture::JpegCrop;
 use gripline_link::session::Session;
 use gripline_link::usb::UsbFinder;
@@ -162,7 +162,7 @@ fn ten_thousand_frames_with_faults_at_random_go_on_and_count_every_loss() {
     let link = HotPlug::open_with(Box::new(finder), FakeClock(Rc::clone(&world))).unwrap();
     let session = Session::open(Box::new(link), settings).unwrap();
     let mut pipeline = Pipeline::new(network, &rest, GateKind::default(), TaxelRule::of(&settings));
-    let mut run = Run::new(session, Clock::None, 60.0);
+    let mut run = Run::new(session, Pacing::None, 60.0);
     // Gets full in the middle.
     run.recorder = Some(small_disk(40 << 20));
     run.pictures = gripline_recording::Pictures::Small;
@@ -355,7 +355,7 @@ fn memory_stays_flat_while_frames_are_recorded() {
     let settings = settings_for(&network);
     let session = Session::open(Box::new(EmbeddedLink::new()), settings).unwrap();
     let mut pipeline = Pipeline::new(network, &rest, GateKind::default(), TaxelRule::of(&settings));
-    let mut run = Run::new(session, Clock::None, 60.0);
+    let mut run = Run::new(session, Pacing::None, 60.0);
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("soak.mcap");
     let rest = rest.into_iter().map(|crop| Image::grey(440, crop)).collect();

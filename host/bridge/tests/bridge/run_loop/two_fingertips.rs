@@ -7,8 +7,8 @@ use gripline_network::{Architecture, Network};
 use gripline_protocol::message::{Command, Configuration};
 use gripline_protocol::{ForceMap, Health, LSB_PER_NEWTON, MapInfo, TaxelForce};
 
-use super::{Clock, Run};
-use crate::source::SimulatedSource;
+use gripline::run::{Pacing, Run};
+use gripline::source::SimulatedSource;
 use gripline_link::EmbeddedLink;
 use gripline_link::session::Session;
 use gripline_pipeline::pipeline::Pipeline;
@@ -40,7 +40,7 @@ impl Both {
             .map(|source| Pipeline::new(network.clone(), &source.rest(4), GateKind::default(), rule));
         let session = Session::open(Box::new(EmbeddedLink::new()), settings).unwrap();
         Self {
-            run: Run::new(session, Clock::None, RATE),
+            run: Run::new(session, Pacing::None, RATE),
             sources,
             pipelines,
             number: 0,

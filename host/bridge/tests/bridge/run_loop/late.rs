@@ -9,8 +9,8 @@ use gripline_network::{Architecture, Network};
 use gripline_protocol::Motion;
 use gripline_protocol::message::GripMode;
 
-use super::{Clock, Run};
-use crate::source::SimulatedSource;
+use gripline::run::{Pacing, Run};
+use gripline::source::SimulatedSource;
 use gripline_link::EmbeddedLink;
 use gripline_link::session::Session;
 use gripline_pipeline::control_loop::{FrameRequest, Late, Lateness};
@@ -32,7 +32,7 @@ impl Scene {
         let rule = TaxelRule::of(&settings);
         let pipeline = Pipeline::new(network, &source.rest(4), GateKind::Off, rule);
         let session = Session::open(Box::new(EmbeddedLink::new()), settings).unwrap();
-        let run = Run::new(session, Clock::None, 60.0);
+        let run = Run::new(session, Pacing::None, 60.0);
         Self {
             run,
             source,
@@ -41,10 +41,10 @@ impl Scene {
     }
 
     /// The next picture, taken so long ago where anybody looks at that.
-    fn frame(&mut self, clock: Clock, age: Duration) -> FrameReport {
+    fn frame(&mut self, pacing: Pacing, age: Duration) -> FrameReport {
         let mut picture = self.source.next(2.5).unwrap();
         picture.came = Instant::now().checked_sub(age).unwrap();
-        self.run.clock = clock;
+        self.run.pacing = pacing;
         self.run.frame(&mut self.pipeline, 0, picture).unwrap()
     }
 }
@@ -53,12 +53,12 @@ impl Scene {
 fn a_picture_that_is_too_old_when_its_turn_comes_is_dropped_counted_and_told() {
     let mut scene = Scene::new();
     for _ in 0..3 {
-        assert_eq!(scene.frame(Clock::None, Duration::ZERO).late, None);
+        assert_eq!(scene.frame(Pacing::None, Duration::ZERO).late, None);
     }
-    let late = scene.frame(Clock::Wall, Duration::from_millis(21));
+    let late = scene.frame(Pacing::Wall, Duration::from_millis(21));
     assert_eq!((late.late, late.wire_bytes), (Some("picture"), 0));
     assert!(late.faults.contains(&LATE), "{late:?}");
-    let next = scene.frame(Clock::None, Duration::ZERO);
+    let next = scene.frame(Pacing::None, Duration::ZERO);
     assert!(next.late.is_none() && next.faults.is_empty(), "{next:?}");
     let summary = scene.run.summary();
     assert_eq!(
@@ -79,7 +79,7 @@ fn a_picture_that_is_too_old_when_its_turn_comes_is_dropped_counted_and_told() {
 #[test]
 fn a_map_that_is_too_old_to_be_sent_is_dropped_and_the_next_one_takes_its_number() {
     let mut scene = Scene::new();
-    scene.frame(Clock::None, Duration::ZERO);
+    scene.frame(Pacing::None, Duration::ZERO);
     let crop = scene.source.next(2.5).unwrap().crop;
     let at = |until_us| FrameRequest {
         sensor: 0,

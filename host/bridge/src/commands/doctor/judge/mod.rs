@@ -458,5 +458,4 @@ pub(super) fn realtime(lacks: &[String], wanted: bool) -> Finding {
 }
 
 #[cfg(test)]
-#[path = "tests.rs"]
 mod tests;
