@@ -132,18 +132,8 @@ pub(crate) struct WeightsFile<'a> {
 
 impl<'a> WeightsFile<'a> {
     pub(crate) fn parse(bytes: &'a [u8], architecture: Architecture) -> Result<Self, NetworkError> {
-        let file = Self::parse_named(bytes, architecture.name())?;
-        let of_sensor = file
-            .metadata
-            .get("sensor")
-            .map_or(PARTICLE_FINGERTIP, String::as_str);
-        if of_sensor != PARTICLE_FINGERTIP {
-            return Err(NetworkError::OtherSensor {
-                found: of_sensor.to_owned(),
-                expected: PARTICLE_FINGERTIP.to_owned(),
-            });
-        }
-        Ok(file)
+        of_particles(&metadata_of(bytes)?)?;
+        Self::parse_named(bytes, architecture.name())
     }
 
     /// The same for an architecture of this name and any sensor.
@@ -227,12 +217,24 @@ pub(crate) fn metadata_of(bytes: &[u8]) -> Result<HashMap<String, String>, Netwo
     Ok(metadata)
 }
 
+/// Refuses weights of a sensor without particles, before anything else of them is looked at.
+fn of_particles(metadata: &HashMap<String, String>) -> Result<(), NetworkError> {
+    match metadata.get("sensor") {
+        Some(found) if found != PARTICLE_FINGERTIP => Err(NetworkError::OtherSensor {
+            found: found.clone(),
+            expected: PARTICLE_FINGERTIP.to_owned(),
+        }),
+        _ => Ok(()),
+    }
+}
+
 /// The architecture in a file's metadata.
 pub(crate) fn architecture(bytes: &[u8]) -> Result<Architecture, NetworkError> {
     let (_, header) = SafeTensors::read_metadata(bytes).map_err(not_safetensors)?;
     let metadata = header.metadata().clone().unwrap_or_default();
     let metadata = Metadata(&metadata);
     metadata.expect("format", FORMAT)?;
+    of_particles(metadata.0)?;
     let found = metadata.text("architecture")?;
     found
         .parse()

@@ -230,7 +230,10 @@ impl MarkerStage {
                 // Pictures of other days need not follow each other.
                 Finger::new(&self.sensor).and_then(|mut finger| finger.see(picture))
             };
-            filled.push(seen.map_err(|problem| unseen(number, problem))?.filled);
+            filled.push(
+                seen.map_err(|problem| unseen(rest.first + number, problem))?
+                    .filled,
+            );
         }
         if rest.kind == RestKind::Own {
             let untouched = self.finger.untouched(&filled);

@@ -245,6 +245,14 @@ fn weights_of_another_sensor_and_a_description_without_a_key_are_refused_by_name
             "expected gelsight-mini.1",
         ],
     );
+    let weights = concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/../network/weights/gelsight-mini.safetensors"
+    );
+    assert_refused(
+        &gripline(&["run", "--weights", weights, "--seconds", "1", "--json"]),
+        &["sensor gelsight-mini.1", "expected particle-fingertip.1"],
+    );
 
     let file = folder.path().join("mine.toml");
     let shipped = include_str!("../../../sensors/gelsight-mini.toml");
