@@ -494,6 +494,73 @@ fn presses() -> (Vec<[[f32; 3]; 400]>, Vec<[f64; 3]>) {
     (maps, truth)
 }
 
+/// Normal forces of each fingertip in a run of two recorded clips; `None` without the recordings.
+fn normal_forces(folder: &Path, more: &[&str]) -> Option<[Vec<f64>; 2]> {
+    let Some(recordings) = std::env::var_os("GRIPLINE_RECORDINGS") else {
+        println!("skipped: recordings not found, set GRIPLINE_RECORDINGS");
+        return None;
+    };
+    let trial = Path::new(&recordings).join("gelsight-mini/pattern_cotton_cloth__exp_num_1__fe5294");
+    let [first, second] =
+        ["camera_0.avi", "camera_2.avi"].map(|camera| format!("file:{}", trial.join(camera).display()));
+    let output = Command::new(env!("CARGO_BIN_EXE_gripline"))
+        .args([
+            "run",
+            "--sensor",
+            "gelsight-mini",
+            "--rest",
+            "12..20",
+            "--unpaced",
+            "--json",
+        ])
+        .args(["--source", &first, "--second-source", &second])
+        .args(more)
+        .current_dir(folder)
+        .output()
+        .unwrap();
+    let mut forces = [Vec::new(), Vec::new()];
+    for line in String::from_utf8_lossy(&output.stdout).lines() {
+        let frame: serde_json::Value = serde_json::from_str(line).unwrap();
+        if let Some(sensor) = frame["sensor"].as_u64() {
+            forces[sensor as usize].push(frame["fn"].as_f64().unwrap());
+        }
+    }
+    assert!(forces[1].len() > 30, "{}", said(&output));
+    Some(forces)
+}
+
+/// With `calibration.toml` in the folder, whose gain of normal force is 0.8.
+fn second_fingertip_has_a_gel_of_its_own(folder: &Path) {
+    let Some([first, second]) = normal_forces(folder, &[]) else {
+        return;
+    };
+    let more = ["--second-calibration", "calibration.toml", "--record", "two.mcap"];
+    let Some([same, gained]) = normal_forces(folder, &more) else {
+        return;
+    };
+    assert_eq!(first, same);
+    let pressed = second.iter().zip(&gained).filter(|(before, _)| **before > 1.0);
+    let mut ratios: Vec<f64> = pressed.map(|(before, after)| after / before).collect();
+    ratios.sort_by(f64::total_cmp);
+    // A little less than 0.8: light taxels fall below the contact threshold.
+    assert!(
+        ratios.len() > 5 && (0.74..0.81).contains(&ratios[ratios.len() / 2]),
+        "{ratios:?}"
+    );
+    // The recording knows what was calibrated.
+    let replayed = Command::new(env!("CARGO_BIN_EXE_gripline"))
+        .args(["replay", "two.mcap"])
+        .current_dir(folder)
+        .output()
+        .unwrap();
+    let told = String::from_utf8_lossy(&replayed.stdout);
+    assert!(
+        told.contains(", 0 decided otherwise"),
+        "{told} {}",
+        said(&replayed)
+    );
+}
+
 #[test]
 fn a_bag_of_a_force_torque_sensor_on_its_side_brings_maps_to_newtons() {
     use gripline_recording::ros2::{Header, Time, Vector3, Wrench, WrenchStamped, to_cdr};
@@ -550,6 +617,8 @@ fn a_bag_of_a_force_torque_sensor_on_its_side_brings_maps_to_newtons() {
     assert!((value("shear_gain") - 0.6).abs() < 0.01, "{found}");
     assert_eq!(found["logs"][0]["normal_axis"], "x");
     assert_eq!(found["presses"], 12);
+
+    second_fingertip_has_a_gel_of_its_own(folder.path());
 
     // A calibration that does not fit its own presses is refused by those who use it.
     let file = folder.path().join("calibration.toml");
