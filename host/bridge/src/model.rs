@@ -16,7 +16,7 @@ use gripline_sensor::{MarkerKind, SHIPPED, Sensor};
 
 use crate::calibration;
 use crate::config::Settings;
-use crate::error::Failure;
+use crate::error::Error;
 
 /// A sensor and what reads it.
 #[derive(Debug, Clone)]
@@ -47,8 +47,8 @@ impl Model {
     /// The one that the settings name.
     ///
     /// # Errors
-    /// [`Failure`] when description or weights cannot be used, or do not belong together.
-    pub(crate) fn of(wanted: &Settings) -> Result<Self, Failure> {
+    /// [`Error`] when description or weights cannot be used, or do not belong together.
+    pub(crate) fn of(wanted: &Settings) -> Result<Self, Error> {
         let text = Sensor::text_of(&wanted.sensor)?;
         let mut sensor = Sensor::from_toml(&wanted.sensor, &text)?;
         if let Some(calibration) = &wanted.calibration {
@@ -74,8 +74,8 @@ impl Model {
     /// The one of a recording of printed markers; `None` of one of particles.
     ///
     /// # Errors
-    /// [`Failure`] when the description in it cannot be used, or the weights are another sensor's.
-    pub(crate) fn recorded(metadata: &Metadata, weights: Option<&Path>) -> Result<Option<Self>, Failure> {
+    /// [`Error`] when the description in it cannot be used, or the weights are another sensor's.
+    pub(crate) fn recorded(metadata: &Metadata, weights: Option<&Path>) -> Result<Option<Self>, Error> {
         if metadata.sensor_file.is_empty() {
             return Ok(None);
         }
@@ -123,13 +123,8 @@ impl Model {
     /// What makes maps of one fingertip's pictures.
     ///
     /// # Errors
-    /// [`Failure`] when the rest shows no markers, or a touch.
-    pub(crate) fn pipeline(
-        &self,
-        rest: &AtRest,
-        gate: GateKind,
-        rule: TaxelRule,
-    ) -> Result<Pipeline, Failure> {
+    /// [`Error`] when the rest shows no markers, or a touch.
+    pub(crate) fn pipeline(&self, rest: &AtRest, gate: GateKind, rule: TaxelRule) -> Result<Pipeline, Error> {
         match (&self.reader, rest) {
             (Reader::Particles(network), AtRest::Particles(crops)) => {
                 Ok(Pipeline::new((**network).clone(), crops, gate, rule))
@@ -138,7 +133,7 @@ impl Model {
                 let stage = MarkerStage::new(&self.sensor, (**forces).clone(), rest, gate)?;
                 Ok(Pipeline::of_markers(stage, rule))
             }
-            _ => Err(Failure::failed(format!(
+            _ => Err(Error::failed(format!(
                 "sensor {}: found the rest pictures of another kind of sensor",
                 self.sensor.identity()
             ))),
@@ -189,8 +184,8 @@ impl Model {
     /// Refuses a recording of another sensor by name.
     ///
     /// # Errors
-    /// [`Failure`] that names both.
-    pub(crate) fn accepts(&self, metadata: &Metadata, file: &Path) -> Result<(), Failure> {
+    /// [`Error`] that names both.
+    pub(crate) fn accepts(&self, metadata: &Metadata, file: &Path) -> Result<(), Error> {
         // Older recordings name none, and are of the default one.
         let default = Sensor::default_one()?.identity();
         let recorded = if metadata.sensor.is_empty() {
@@ -201,7 +196,7 @@ impl Model {
         if *recorded == self.sensor.identity() {
             return Ok(());
         }
-        Err(Failure::failed(format!(
+        Err(Error::failed(format!(
             "{}: found a recording of sensor {recorded}, expected one of {}: name its description with --sensor",
             file.display(),
             self.sensor.identity()
@@ -233,13 +228,8 @@ pub(crate) fn forces_named(forces: &MarkerForces) -> String {
 }
 
 /// What a calibration of another sensor is told.
-fn of_another(
-    calibration: &calibration::Calibration,
-    section: &str,
-    found: &str,
-    sensor: &Sensor,
-) -> Failure {
-    Failure::usage(format!(
+fn of_another(calibration: &calibration::Calibration, section: &str, found: &str, sensor: &Sensor) -> Error {
+    Error::usage(format!(
         "{}: {section}.sensor: found {found}, expected {}: name this sensor's calibration, or the other description with --sensor",
         calibration.path.display(),
         sensor.identity()
@@ -247,7 +237,7 @@ fn of_another(
 }
 
 /// The description with the field and the lens that a calibration found.
-fn mend(sensor: &mut Sensor, calibration: &calibration::Calibration) -> Result<(), Failure> {
+fn mend(sensor: &mut Sensor, calibration: &calibration::Calibration) -> Result<(), Error> {
     let Some(camera) = &calibration.camera else {
         return Ok(());
     };
@@ -266,7 +256,7 @@ fn calibrated(
     forces: MarkerForces,
     sensor: &Sensor,
     calibration: Option<&calibration::Calibration>,
-) -> Result<MarkerForces, Failure> {
+) -> Result<MarkerForces, Error> {
     let Some((calibration, gel)) = calibration.and_then(|found| Some((found, found.gel.as_ref()?))) else {
         return Ok(forces);
     };
@@ -275,7 +265,7 @@ fn calibrated(
     }
     let named = forces_named(&forces);
     if gel.model != named {
-        return Err(Failure::usage(format!(
+        return Err(Error::usage(format!(
             "{}: gel.model: found {}, expected {named}: these gains are of other weights; run `gripline calibrate gel` again with \
              maps of the ones in use",
             calibration.path.display(),
@@ -286,11 +276,11 @@ fn calibrated(
 }
 
 /// The shipped weights know one fingertip with particles.
-fn known_particles(sensor: &Sensor) -> Result<(), Failure> {
+fn known_particles(sensor: &Sensor) -> Result<(), Error> {
     if *sensor == Sensor::default_one()? {
         return Ok(());
     }
-    Err(Failure::failed(format!(
+    Err(Error::failed(format!(
         "sensor {}: found other particles than those of {}, expected these: the force network knows no others; train one \
          (docs/own-sensor.md)",
         sensor.identity(),

@@ -46,9 +46,3 @@ pub enum MarkerProblem {
         expected: f32,
     },
 }
-
-impl From<PipelineError> for gripline_recording::error::Failure {
-    fn from(error: PipelineError) -> Self {
-        Self::failed(error)
-    }
-}

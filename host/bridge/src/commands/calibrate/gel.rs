@@ -13,7 +13,7 @@ use serde_json::json;
 use super::common::{Common, date, wrote};
 use super::{guide, maps};
 use crate::calibration::{Calibration, Gel};
-use crate::error::Failure;
+use crate::error::Error;
 use crate::value::number_in;
 
 /// Standard acceleration of gravity over 1,000: newtons of a gram on a scale.
@@ -104,13 +104,13 @@ impl FromStr for Readings {
 /// Reads, fits and writes.
 ///
 /// # Errors
-/// [`Failure`] when a recording or log cannot be read, or presses and forces do not belong together.
-pub(super) fn run(args: &GelArgs) -> Result<(), Failure> {
+/// [`Error`] when a recording or log cannot be read, or presses and forces do not belong together.
+pub(super) fn run(args: &GelArgs) -> Result<(), Error> {
     if args.recordings.is_empty() || (args.readings.is_none() && args.forces.is_empty()) {
         for (place, step) in guide::GEL.iter().enumerate() {
             guide::show(place + 1, step);
         }
-        return Err(Failure::usage(
+        return Err(Error::usage(
             "found no recording with --readings or --forces, expected presses as drawn above",
         ));
     }
@@ -124,7 +124,7 @@ pub(super) fn run(args: &GelArgs) -> Result<(), Failure> {
         device = made_by;
         let found = presses(&moments, day);
         if let Some(log) = args.forces.get(day) {
-            let wrong = |error: String| Failure::failed(format!("{}: {error}", log.display()));
+            let wrong = |error: String| Error::failed(format!("{}: {error}", log.display()));
             let forces = read_log(log)?;
             let lag = match args.lag_s {
                 Some(lag) => lag,
@@ -137,7 +137,7 @@ pub(super) fn run(args: &GelArgs) -> Result<(), Failure> {
         all.extend(found);
     }
     if !args.forces.is_empty() && args.forces.len() != args.recordings.len() {
-        return Err(Failure::usage(format!(
+        return Err(Error::usage(format!(
             "--forces: found {} logs, expected {}, one for each recording",
             args.forces.len(),
             args.recordings.len()
@@ -157,7 +157,7 @@ pub(super) fn run(args: &GelArgs) -> Result<(), Failure> {
     let named = args.recordings[0].display();
     let has_shear = !args.forces.is_empty();
     let found = fit(&all, &truth, has_shear, args.confidence).map_err(|error| {
-        Failure::failed(format!(
+        Error::failed(format!(
             "{named}: {error} (at least {PRESSES_MIN} presses are needed)"
         ))
     })?;
@@ -170,7 +170,7 @@ pub(super) fn run(args: &GelArgs) -> Result<(), Failure> {
 }
 
 /// What tells the force model apart whose maps these are.
-fn model_of(sensor: &Sensor, args: &GelArgs) -> Result<String, Failure> {
+fn model_of(sensor: &Sensor, args: &GelArgs) -> Result<String, Error> {
     use gripline_network::marker_forces::MarkerForces;
     let forces = match &args.weights {
         Some(file) => MarkerForces::from_file(file, sensor)?,
@@ -212,10 +212,10 @@ fn section(
 }
 
 /// A CSV with a line of names.
-fn read_log(path: &Path) -> Result<Vec<(f64, [f64; 3])>, Failure> {
+fn read_log(path: &Path) -> Result<Vec<(f64, [f64; 3])>, Error> {
     const COLUMNS: [&str; 4] = ["time_s", "fx_n", "fy_n", "fz_n"];
     let text = std::fs::read_to_string(path).map_err(|error| {
-        Failure::usage(format!(
+        Error::usage(format!(
             "{}: {error}, expected a CSV file with {}",
             path.display(),
             COLUMNS.join(", ")
@@ -231,7 +231,7 @@ fn read_log(path: &Path) -> Result<Vec<(f64, [f64; 3])>, Failure> {
     let mut places = [0; 4];
     for (place, name) in places.iter_mut().zip(COLUMNS) {
         *place = head.iter().position(|found| *found == name).ok_or_else(|| {
-            Failure::usage(format!(
+            Error::usage(format!(
                 "{}:1: found the columns {}, expected {}: rename them, newtons and seconds",
                 path.display(),
                 head.join(", "),
@@ -249,7 +249,7 @@ fn read_log(path: &Path) -> Result<Vec<(f64, [f64; 3])>, Failure> {
             };
             match [0, 1, 2, 3].map(value) {
                 [Some(t), Some(x), Some(y), Some(z)] => Ok((t, [x, y, z])),
-                _ => Err(Failure::usage(format!(
+                _ => Err(Error::usage(format!(
                     "{}:{}: found {line}, expected a number in each of {}",
                     path.display(),
                     number + 1,
