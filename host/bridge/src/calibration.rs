@@ -6,6 +6,7 @@ use std::fs;
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
 
+use gripline_evaluation::calibration::gel::{ERROR_MAX, PRESSES_MIN};
 use gripline_evaluation::calibration::line::Point;
 use gripline_network::constants::CROP_SIDE;
 use gripline_protocol::LSB_PER_NEWTON;
@@ -20,6 +21,8 @@ use crate::value::nearest;
 
 /// Most rest pictures in a file: 200 MB; a minute of them, 700 MB, is a mistake.
 const PICTURES_MAX: u64 = 1_024;
+/// A gel's gain is known when its interval reaches no further from it than this share.
+const GAIN_KNOWN: f64 = 0.5;
 const SECTIONS: [&str; 6] = ["rest", "friction", "line", "geometry", "camera", "gel"];
 
 /// The skin when nothing touches it.
@@ -285,6 +288,21 @@ impl Calibration {
         if let Some(gel) = &self.gel {
             number("gel.normal_gain", gel.normal_gain, 0.05, 20.0);
             number("gel.shear_gain", gel.shear_gain, 0.05, 20.0);
+            number("gel.presses", gel.presses as f64, PRESSES_MIN as f64, 1e6);
+            number(
+                "gel.held_out_share (error of presses that were left out)",
+                gel.held_out_share,
+                0.0,
+                ERROR_MAX,
+            );
+            for (name, gain, [low, high]) in [
+                ("gel.normal_interval", gel.normal_gain, gel.normal_interval),
+                ("gel.shear_interval", gel.shear_gain, gel.shear_interval),
+            ] {
+                // The lower end is no more than the gain, and neither end so far that the gain says nothing.
+                number(&format!("{name}[0]"), low, gain * (1.0 - GAIN_KNOWN), gain);
+                number(&format!("{name}[1]"), high, gain, gain * (1.0 + GAIN_KNOWN));
+            }
         }
         if let Some(line) = &self.line {
             number(

@@ -18,6 +18,9 @@ use crate::source::{Frames, Source};
 
 /// Pictures at rest that are enough: more make the start slow and the median no better.
 const PICTURES_MAX: usize = 64;
+/// Pictures of a clip that are looked at for an imprint that is gone, and how far into the clip they reach.
+const CLIP_PICTURES: usize = 48;
+const CLIP_REACH: usize = 2_000;
 /// What the regular grid costs (docs/evidence.md, imprint without a rest picture).
 const GRID_COST: &str = "on recorded grasps that costs evidence of slip 0.13 of its area under the ROC curve, and forces count from the grid";
 
@@ -98,6 +101,8 @@ pub(crate) fn of(
                 .collect(),
             kind: RestKind::Own,
             named: "the pictures of the start".to_owned(),
+            first: 0,
+            clip: Vec::new(),
         }),
         (None, ..) => Ok(MarkerRest::grid()),
     }
@@ -105,11 +110,19 @@ pub(crate) fn of(
 
 fn span_of(span: &Range<usize>, path: &Path, sensor: &Sensor, fingertip: usize) -> Result<MarkerRest, Error> {
     let mut frames = ColourPlayback::open(path, &sensor.capture, fingertip)?;
-    let (mut pictures, mut read) = (Vec::new(), 0);
-    while read < span.end
+    let (mut pictures, mut clip, mut every, mut read) = (Vec::new(), Vec::new(), 1, 0);
+    while read < span.end.max(CLIP_REACH)
         && let Some((picture, _)) = frames.next_picture()
     {
-        if read >= span.start {
+        // Evenly over the clip, whose length shows at its end: every other one goes whenever there are too many.
+        if read % every == 0 {
+            clip.push((read, picture.clone()));
+            if clip.len() > 2 * CLIP_PICTURES {
+                every *= 2;
+                clip.retain(|(number, _)| number % every == 0);
+            }
+        }
+        if span.contains(&read) {
             pictures.push(picture);
         }
         read += 1;
@@ -128,6 +141,8 @@ fn span_of(span: &Range<usize>, path: &Path, sensor: &Sensor, fingertip: usize) 
         pictures,
         kind: RestKind::Own,
         named: format!("{named} of {}", path.display()),
+        first: span.start + surplus,
+        clip,
     })
 }
 
@@ -159,6 +174,8 @@ fn pictures_of(path: &Path, sensor: &Sensor) -> Result<MarkerRest, Error> {
         pictures,
         kind: RestKind::Other,
         named: format!("--rest {}", path.display()),
+        first: 0,
+        clip: Vec::new(),
     })
 }
 
@@ -177,6 +194,8 @@ pub(crate) fn recorded_rest(kind: &str, pictures: &[Vec<u8>]) -> Result<MarkerRe
         pictures: pictures.to_vec(),
         kind,
         named: "the recording's rest".to_owned(),
+        first: 0,
+        clip: Vec::new(),
     })
 }
 

@@ -131,6 +131,14 @@ impl Model {
             }
             (Reader::Markers(forces), AtRest::Markers(rest)) => {
                 let stage = MarkerStage::new(&self.sensor, (**forces).clone(), rest, gate)?;
+                let touched = stage.touched_at_rest().len();
+                if touched > 0 {
+                    tracing::warn!(
+                        "{}: {touched} of {} pictures show a contact or a motion and are left out",
+                        rest.named,
+                        rest.pictures.len()
+                    );
+                }
                 Ok(Pipeline::of_markers(stage, rule))
             }
             _ => Err(Error::failed(format!(

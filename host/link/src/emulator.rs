@@ -14,8 +14,7 @@ pub use gripline_emulator_wire::{
 use gripline_emulator_wire::{Reply, Request, UsbState, WireError, read_greeting};
 use gripline_protocol::cobs::{CobsDecoder, FRAME_MAX, Frame, encode_packet};
 
-use crate::error::LinkError;
-use crate::link::Link;
+use crate::link::{Link, LinkError};
 
 const NAME: &str = "emulator";
 /// How long the emulated host may take to make the device ready, and how often that is looked at, µs: it waits 160 ms

@@ -1,6 +1,6 @@
 //! The trait of every link, and what it says of its device.
 
-use crate::error::LinkError;
+pub(crate) use crate::error::LinkError;
 
 /// One way to a microcontroller.
 pub trait Link {

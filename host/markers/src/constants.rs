@@ -35,6 +35,9 @@ pub const LAGS: [usize; 2] = [2, 5];
 /// Energy of an imprint that is noise, squared grey levels per pixel and finger, channels added: twice what the rest pictures of
 /// an untouched gel differ by.
 pub(crate) const NOISE_ENERGY: f32 = 4.0;
+/// Pictures of one rest that differ by more energy do not both show the untouched gel, squared grey levels per pixel; those of still
+/// recorded gels differ by 3 at most.
+pub(crate) const REST_AGREES: f32 = 8.0;
 /// Pictures whose median is the score.
 pub(crate) const SCORE_PICTURES: usize = 3;
 /// Pictures whose median is the imprint's energy.

@@ -5,7 +5,7 @@ use std::fmt;
 
 use gripline_sensor::{Health, Sensor};
 
-use crate::constants::{IMPRINT, LAGS};
+use crate::constants::{IMPRINT, LAGS, REST_AGREES};
 use crate::error::MarkerError;
 use crate::evidence::Comparison;
 use crate::imprint::{Filled, Filler};
@@ -166,6 +166,33 @@ impl Finger {
         rest.picture.as_ref()?;
         let imprint = self.imprint(filled, rest);
         Some(product(&imprint, &imprint))
+    }
+
+    /// Energy of what an even light does not explain in a picture, squared grey levels per pixel: the gel's own pattern, and a contact.
+    #[must_use]
+    pub fn unevenness(&self, filled: &Filled) -> f32 {
+        let uneven = self.imprint(filled, &Rest::GRID);
+        product(&uneven, &uneven)
+    }
+
+    /// Which of several pictures of one gel show it untouched: the least uneven one and those that agree with it. A contact that is
+    /// still throughout is not told.
+    #[must_use]
+    pub fn untouched(&self, pictures: &[Filled]) -> Vec<bool> {
+        let least = pictures
+            .iter()
+            .min_by(|a, b| self.unevenness(a).total_cmp(&self.unevenness(b)));
+        let Some(least) = least else {
+            return Vec::new();
+        };
+        let rest = Rest::of(std::slice::from_ref(least), RestKind::Own);
+        pictures
+            .iter()
+            .map(|picture| {
+                self.energy(picture, &rest)
+                    .is_some_and(|energy| energy <= REST_AGREES)
+            })
+            .collect()
     }
 
     /// Energy of the newest imprint in a square of the crop, squared grey levels per pixel; 0 outside and before there is one.

@@ -32,17 +32,32 @@ pub enum MarkerProblem {
         /// What is wrong with it.
         problem: MarkerError,
     },
-    /// Pictures at rest that differ.
+    /// More than a few pictures at rest show a contact.
     #[error(
-        "{rest}: found pictures that differ (energy {found:.0}), expected an untouched gel (at most {expected}): choose pictures in \
-         which nothing touches it"
+        "{rest}: found a contact or a motion in pictures {touched}, expected an untouched gel: nothing touches it in {untouched}, choose \
+         from these"
     )]
-    RestMoves {
+    RestTouched {
         /// What they are called.
         rest: String,
-        /// Largest energy of the difference, squared grey levels per pixel.
+        /// Which show it.
+        touched: String,
+        /// Which do not.
+        untouched: String,
+    },
+    /// An imprint at rest that is gone in other pictures of the clip.
+    #[error(
+        "{rest}: found an imprint (energy {found:.0}) that is gone in picture {picture} of the clip (energy {there:.0}), expected an \
+         untouched gel: something touches it at rest, choose pictures such as that one, or leave --rest out"
+    )]
+    RestGone {
+        /// What they are called.
+        rest: String,
+        /// Energy of what an even light does not explain, squared grey levels per pixel.
         found: f32,
-        /// The limit.
-        expected: f32,
+        /// A picture without it.
+        picture: usize,
+        /// Energy there.
+        there: f32,
     },
 }

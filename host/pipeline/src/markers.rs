@@ -17,8 +17,16 @@ use crate::error::{MarkerProblem, PipelineError};
 
 /// Columns of a map.
 const MAP_SIDE: usize = 20;
-/// Pictures of one rest that differ from their median by more energy show a touch, squared grey levels per pixel.
-const REST_ENERGY_MAX: f32 = 8.0;
+/// Share of the rest pictures that may show a contact: a hand that begins to close. They are left out; more are a wrong rest.
+const TOUCHED_AT_REST_SHARE: f64 = 0.25;
+/// An imprint at rest is a contact's when later pictures of the same clip lack this much of its energy, squared grey levels per pixel,
+/// and this share of it.
+const REST_GONE_ENERGY: f32 = 12.0;
+const REST_GONE_SHARE: f32 = 0.2;
+/// So many of the clip's pictures must lack it: one alone may be torn.
+const REST_GONE_PICTURES: usize = 2;
+/// Their light may differ from that at rest by this share: the first pictures of a camera are dark.
+const SAME_LIGHT_SHARE: f32 = 0.15;
 /// Below this energy an imprint is noise, and nothing touches; that of a finger whose object is surely gone (docs/evidence.md).
 const UNTOUCHED_ENERGY: f32 = 8.0;
 /// Markers within so much of their rest have not moved, pixels, in the median and at most: they return to 0.15 and differ by 0.02.
@@ -47,6 +55,10 @@ pub struct MarkerRest {
     pub kind: RestKind,
     /// What messages call them, such as `--rest 12..20`.
     pub named: String,
+    /// Number of the first of them in what they are taken from, for messages.
+    pub first: usize,
+    /// Some pictures of all of the same clip, where there is one, with their numbers: they show whether an imprint at rest is ever gone.
+    pub clip: Vec<(usize, Vec<u8>)>,
 }
 
 impl MarkerRest {
@@ -57,6 +69,8 @@ impl MarkerRest {
             pictures: Vec::new(),
             kind: RestKind::Grid,
             named: "the regular grid".to_owned(),
+            first: 0,
+            clip: Vec::new(),
         }
     }
 }
@@ -109,6 +123,7 @@ pub struct MarkerStage {
     motions: Vec<MarkerMotion>,
     mm_per_px: f32,
     evidence: Option<Evidence>,
+    touched_at_rest: Vec<usize>,
 }
 
 impl MarkerStage {
@@ -136,6 +151,7 @@ impl MarkerStage {
             motions: Vec::new(),
             mm_per_px: 0.0,
             evidence: None,
+            touched_at_rest: Vec::new(),
         };
         stage.take_rest(rest)?;
         Ok(stage)
@@ -176,7 +192,13 @@ impl MarkerStage {
         self.evidence
     }
 
-    fn take_rest(&mut self, rest: &MarkerRest) -> Result<(), PipelineError> {
+    /// Numbers of the rest pictures that show a contact and were left out.
+    #[must_use]
+    pub fn touched_at_rest(&self) -> &[usize] {
+        &self.touched_at_rest
+    }
+
+    fn take_rest(&mut self, rest: &MarkerRest) -> Result<(), MarkerProblem> {
         if rest.pictures.is_empty() {
             self.finger.set_rest(Rest::GRID);
             return Ok(());
@@ -197,19 +219,16 @@ impl MarkerStage {
             };
             filled.push(seen.map_err(|problem| unseen(number, problem))?.filled);
         }
-        self.rest = Rest::of(&filled, rest.kind);
-        let most = filled
-            .iter()
-            .filter_map(|picture| self.finger.energy(picture, &self.rest))
-            .fold(0.0, f32::max);
-        if rest.kind == RestKind::Own && most > REST_ENERGY_MAX {
-            return Err(MarkerProblem::RestMoves {
-                rest: rest.named.clone(),
-                found: most,
-                expected: REST_ENERGY_MAX,
-            }
-            .into());
+        if rest.kind == RestKind::Own {
+            let untouched = self.finger.untouched(&filled);
+            self.leave_out(rest, &untouched)?;
+            let mut keep = untouched.iter().copied();
+            filled.retain(|_| keep.next() == Some(true));
+            let mut keep = untouched.into_iter();
+            places.retain(|_| keep.next() == Some(true));
         }
+        self.rest = Rest::of(&filled, rest.kind);
+        self.compare_with_clip(rest, &filled)?;
         let count = places.first().map_or(0, Vec::len);
         let middle = |marker: usize, axis: usize| {
             let seen = places.iter().map(|places| places[marker]);
@@ -228,6 +247,56 @@ impl MarkerStage {
         self.finger.set_rest(self.rest.clone());
         self.begin(places);
         Ok(())
+    }
+
+    /// Notes which pictures show a contact; refuses a rest in which more than a few do.
+    fn leave_out(&mut self, rest: &MarkerRest, untouched: &[bool]) -> Result<(), MarkerProblem> {
+        let of = |wanted: bool| -> Vec<usize> {
+            let chosen = untouched.iter().enumerate().filter(|(_, is)| **is == wanted);
+            chosen.map(|(number, _)| rest.first + number).collect()
+        };
+        let (still, touched) = (of(true), of(false));
+        if touched.len() as f64 > TOUCHED_AT_REST_SHARE * untouched.len() as f64 {
+            return Err(MarkerProblem::RestTouched {
+                rest: rest.named.clone(),
+                touched: spans(&touched),
+                untouched: spans(&still),
+            });
+        }
+        self.touched_at_rest = touched;
+        Ok(())
+    }
+
+    /// Refuses a rest whose imprint other pictures of the clip do not have: it was a contact's.
+    fn compare_with_clip(&self, rest: &MarkerRest, filled: &[Filled]) -> Result<(), MarkerProblem> {
+        let Some(at_rest) = Filled::median(filled) else {
+            return Ok(());
+        };
+        let (found, level) = (self.finger.unevenness(&at_rest), at_rest.mean_level());
+        let limit = (found - REST_GONE_ENERGY).min((1.0 - REST_GONE_SHARE) * found);
+        let mut without: Vec<(f32, usize)> = rest
+            .clip
+            .iter()
+            .filter_map(|(number, picture)| {
+                let seen = Finger::new(&self.sensor)
+                    .and_then(|mut finger| finger.see(picture))
+                    .ok()?;
+                let light = seen.filled.mean_level() / level;
+                let is_alike = (light - 1.0).abs() <= SAME_LIGHT_SHARE;
+                let energy = self.finger.unevenness(&seen.filled) / (light * light);
+                (is_alike && energy < limit).then_some((energy, *number))
+            })
+            .collect();
+        without.sort_by(|a, b| a.0.total_cmp(&b.0));
+        match without.get(REST_GONE_PICTURES - 1) {
+            None => Ok(()),
+            Some((energy, picture)) => Err(MarkerProblem::RestGone {
+                rest: rest.named.clone(),
+                found,
+                picture: *picture,
+                there: *energy,
+            }),
+        }
     }
 
     /// From now on the markers are at rest here.
@@ -397,6 +466,15 @@ impl MarkerStage {
     }
 }
 
+/// Numbers in rising order as spans, the last of each not among them: 3..6, 9..10.
+fn spans(numbers: &[usize]) -> String {
+    let told: Vec<String> = numbers
+        .chunk_by(|before, after| before + 1 == *after)
+        .map(|span| format!("{}..{}", span[0], span[span.len() - 1] + 1))
+        .collect();
+    told.join(", ")
+}
+
 const fn health_of(doubt: Doubt) -> Health {
     match doubt {
         Doubt::TooDark => Health::TOO_DARK,
@@ -487,6 +565,12 @@ mod tests {
             before = now;
         }
         assert_eq!(before, Motion::EVIDENCE_MAX);
+    }
+
+    #[test]
+    fn numbers_are_told_as_the_spans_that_rest_takes() {
+        assert_eq!(spans(&[3, 4, 5, 9]), "3..6, 9..10");
+        assert_eq!(spans(&[]), "");
     }
 
     #[test]

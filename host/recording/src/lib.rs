@@ -21,6 +21,7 @@ mod status;
 pub mod telemetry;
 mod topics;
 pub mod units;
+mod wrench;
 mod writer;
 
 pub use self::channels::{Channel, Channels, Message};
@@ -30,3 +31,4 @@ pub use self::metadata::Metadata;
 pub use self::reader::{Completeness, Reader, RecordedFrame};
 pub use self::recorder::{Pace, Recorder, RecordingSummary};
 pub use self::status::{Frame, RecordedStatus, RecordedTruth};
+pub use self::wrench::WrenchLog;

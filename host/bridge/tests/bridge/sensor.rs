@@ -78,11 +78,16 @@ fn run_clip(clip: &Path, more: &[&str]) -> Output {
 
 /// A recorded grasp: an object that is held, and lost at the end; `None` without the recordings.
 fn recorded_grasp() -> Option<PathBuf> {
+    recorded("pattern_cotton_cloth__exp_num_1__fe5294/camera_0.avi")
+}
+
+/// A clip of the recordings; `None` without them.
+fn recorded(clip: &str) -> Option<PathBuf> {
     let Some(recordings) = std::env::var_os("GRIPLINE_RECORDINGS") else {
         println!("skipped: recordings not found, set GRIPLINE_RECORDINGS");
         return None;
     };
-    Some(Path::new(&recordings).join("gelsight-mini/pattern_cotton_cloth__exp_num_1__fe5294/camera_0.avi"))
+    Some(Path::new(&recordings).join("gelsight-mini").join(clip))
 }
 
 #[track_caller]
@@ -175,7 +180,15 @@ fn a_rest_with_contact_is_refused_and_without_a_rest_the_cost_is_told() {
     let Some(clip) = recorded_grasp() else { return };
     // The hand closes in these frames.
     let touched = run_clip(&clip, &["--rest", "20..50"]);
-    assert_refused(&touched, &["--rest 20..50", "untouched gel"]);
+    assert_refused(
+        &touched,
+        &[
+            "--rest 20..50",
+            "a contact or a motion in pictures",
+            "untouched gel",
+            "nothing touches it in 20..",
+        ],
+    );
     let beyond = run_clip(&clip, &["--rest", "70..90"]);
     assert_refused(&beyond, &["--rest 70..90", "found 74 frames"]);
     let bare = run_clip(&clip, &[]);
@@ -184,6 +197,33 @@ fn a_rest_with_contact_is_refused_and_without_a_rest_the_cost_is_told() {
         [Some(0), Some(3)].contains(&bare.status.code())
             && errors.contains("regular grid")
             && errors.contains("costs"),
+        "{errors}"
+    );
+}
+
+#[test]
+fn a_rest_that_is_one_still_contact_is_refused_by_the_pictures_without_it_and_a_hand_that_begins_to_close_is_left_out()
+ {
+    let Some(clip) = recorded("plier__exp_num_3__3a0007/camera_0.avi") else {
+        return;
+    };
+    // Held throughout, and still.
+    assert_refused(
+        &run_clip(&clip, &["--rest", "60..68"]),
+        &[
+            "--rest 60..68",
+            "found an imprint",
+            "gone in picture",
+            "untouched gel",
+        ],
+    );
+    let Some(clip) = recorded("tin_box__exp_num_3__c614f8/camera_0.avi") else {
+        return;
+    };
+    let closes = run_clip(&clip, &["--rest", "12..20"]);
+    let errors = String::from_utf8_lossy(&closes.stderr);
+    assert!(
+        closes.status.success() && errors.contains("2 of 8 pictures show a contact"),
         "{errors}"
     );
 }

@@ -28,6 +28,8 @@ const SHEAR_MIN: f64 = 0.1;
 /// Seconds by which a log of forces may be early or late, and the steps of the search.
 const LAG_MAX_S: f64 = 5.0;
 const LAG_STEP_S: f64 = 0.02;
+/// Least correlation of the log's normal force with the maps'.
+const LIKENESS_MIN: f64 = 0.8;
 /// Gains that no gel has.
 const GAIN: [f64; 2] = [0.1, 10.0];
 /// Largest error of held-out presses, median share: more means that readings and presses do not belong together.
@@ -121,52 +123,100 @@ pub fn presses(moments: &[Moment], day: usize) -> Vec<Press> {
 /// A force-torque sensor's log: when, and the force on the gel along its own x, y, z, N.
 pub type ForceLog = [(f64, [f64; 3])];
 
-/// How much later the log's clock is than the maps', s: where both normal forces rise and fall together.
+/// How a log stands to the maps.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Alignment {
+    /// How much later its clock is, s.
+    pub lag_s: f64,
+    /// Which of its axes (0 to 2 for x to z) is the gel's normal; it may point into the gel or out of it.
+    pub normal: usize,
+    /// What it shows while nothing presses, N: its own offset, and what the mount weighs.
+    pub tare_n: [f64; 3],
+}
+
+/// Finds how a log stands to the maps: where one of its forces rises and falls with their normal force. `lag_s` is its clock, where
+/// that is known.
 ///
 /// # Errors
-/// Says so when they do nowhere.
-pub fn lag_s(moments: &[Moment], log: &ForceLog) -> Result<f64, String> {
+/// Says so when no axis does anywhere.
+pub fn align(moments: &[Moment], log: &ForceLog, lag_s: Option<f64>) -> Result<Alignment, String> {
     let (Some(first), Some(last)) = (moments.first(), moments.last()) else {
         return Err("found no maps".to_owned());
     };
     let span = last.t_s - first.t_s;
     let likeness = |lag: f64| {
         let steps = (span / LAG_STEP_S).ceil().clamp(1.0, 20_000.0) as usize;
-        let mut sums = [0.0; 6];
+        let mut sums = [[0.0; 6]; 3];
         for step in 0..steps {
             let t = first.t_s + span * step as f64 / steps as f64;
-            let (a, Some(b)) = (at(moments, t), force_at(log, t + lag)) else {
+            let (a, Some(force)) = (at(moments, t), force_at(log, t + lag)) else {
                 continue;
             };
-            let b = b[2].abs();
-            for (sum, value) in sums.iter_mut().zip([1.0, a, b, a * a, b * b, a * b]) {
-                *sum += value;
+            for (sums, b) in sums.iter_mut().zip(force) {
+                for (sum, value) in sums.iter_mut().zip([1.0, a, b, a * a, b * b, a * b]) {
+                    *sum += value;
+                }
             }
         }
-        let [n, a, b, aa, bb, ab] = sums;
-        let spread = ((aa - a * a / n) * (bb - b * b / n)).sqrt();
-        if n * LAG_STEP_S < 0.5 * span || spread <= 0.0 {
-            0.0
-        } else {
-            (ab - a * b / n) / spread
-        }
+        // Correlation, and the variance of the log's force.
+        sums.map(|[n, a, b, aa, bb, ab]| {
+            let own = bb - b * b / n;
+            let spread = ((aa - a * a / n) * own).sqrt();
+            let is_told = n * LAG_STEP_S >= 0.5 * span && spread > 0.0;
+            if is_told {
+                (((ab - a * b / n) / spread).abs(), own / n)
+            } else {
+                (0.0, 0.0)
+            }
+        })
     };
     // Clocks may begin anywhere: first brought to the same start.
     let start = log.first().map_or(0.0, |(t, _)| *t) - first.t_s;
     let steps = (LAG_MAX_S / LAG_STEP_S) as i32;
-    let best = (-steps..=steps)
-        .map(|step| start + f64::from(step) * LAG_STEP_S)
-        .chain((-steps..=steps).map(|step| f64::from(step) * LAG_STEP_S))
-        .map(|lag| (likeness(lag), lag))
+    let around = |lag: f64| (-steps..=steps).map(move |step| lag + f64::from(step) * LAG_STEP_S);
+    let lags: Vec<f64> = lag_s.map_or_else(|| around(start).chain(around(0.0)).collect(), |lag| vec![lag]);
+    let best = lags
+        .into_iter()
+        .map(|lag| {
+            (
+                likeness(lag)
+                    .map(|(found, _)| found)
+                    .into_iter()
+                    .fold(0.0, f64::max),
+                lag,
+            )
+        })
         .max_by(|a, b| a.0.total_cmp(&b.0));
-    match best {
-        Some((found, lag)) if found > 0.8 => Ok(lag),
-        found => Err(format!(
-            "the log's normal force follows the maps' with a correlation of {:.2} at best, expected above 0.8: is it of this \
-             recording, and are its columns time_s, fx_n, fy_n, fz_n?",
-            found.map_or(0.0, |(found, _)| found)
+    let (found, lag_s) = best.unwrap_or_default();
+    // A pull along the gel rises and falls with the press; the press is the larger one.
+    let followers = likeness(lag_s).into_iter().enumerate();
+    let normal = followers
+        .filter(|(_, (found, _))| *found > LIKENESS_MIN)
+        .max_by(|(_, a), (_, b)| a.1.total_cmp(&b.1));
+    match normal {
+        Some((normal, _)) => Ok(Alignment {
+            lag_s,
+            normal,
+            tare_n: tare(moments, log, lag_s),
+        }),
+        None => Err(format!(
+            "no force of the log follows the maps' normal force: a correlation of {found:.2} at best, expected above {LIKENESS_MIN}: is it \
+             of this recording, and newtons along x, y and z?"
         )),
     }
+}
+
+/// Median of the log's forces while the maps show nothing, N.
+fn tare(moments: &[Moment], log: &ForceLog, lag_s: f64) -> [f64; 3] {
+    let empty: Vec<[f64; 3]> = moments
+        .iter()
+        .filter(|moment| moment.raw_n[2] < NORMAL_MIN_N)
+        .filter_map(|moment| force_at(log, moment.t_s + lag_s))
+        .collect();
+    if empty.is_empty() {
+        return [0.0; 3];
+    }
+    [0, 1, 2].map(|axis| median(empty.iter().map(|force| force[axis]).collect()))
 }
 
 fn at(moments: &[Moment], t: f64) -> f64 {
@@ -181,12 +231,21 @@ fn force_at(log: &ForceLog, t: f64) -> Option<[f64; 3]> {
     Some([0, 1, 2].map(|axis| a[axis] + part * (b[axis] - a[axis])))
 }
 
-/// What the log says of each press, in the maps' frame: its z turned into the gel, and turned about it so that shears agree.
-/// Returns the forces and the turn, rad.
+/// What the log says of each press, in the maps' frame: without its tare, its normal axis as z into the gel, and turned about it so
+/// that shears agree. Returns the forces and the turn, rad.
 ///
 /// # Errors
 /// Names a press that the log does not cover.
-pub fn logged(presses: &[Press], log: &ForceLog, lag_s: f64) -> Result<(Vec<[f64; 3]>, f64), String> {
+pub fn logged(
+    presses: &[Press],
+    log: &ForceLog,
+    alignment: &Alignment,
+) -> Result<(Vec<[f64; 3]>, f64), String> {
+    let Alignment {
+        lag_s,
+        normal,
+        tare_n,
+    } = *alignment;
     let mut forces = Vec::new();
     for (number, press) in presses.iter().enumerate() {
         let [from, to] = press.span_s.map(|t| t + lag_s);
@@ -202,7 +261,11 @@ pub fn logged(presses: &[Press], log: &ForceLog, lag_s: f64) -> Result<(Vec<[f64
             ));
         }
         let mean = |axis: usize| inside.iter().map(|force| force[axis]).sum::<f64>() / inside.len() as f64;
-        forces.push([0, 1, 2].map(mean));
+        // In the round, so that a right-handed frame stays one.
+        forces.push([1, 2, 3].map(|step| {
+            let axis = (normal + step) % 3;
+            mean(axis) - tare_n[axis]
+        }));
     }
     let down: f64 = forces.iter().map(|force| force[2]).sum();
     if down < 0.0 {
@@ -536,22 +599,35 @@ mod tests {
                 (moment.t_s + 1.3, [force[1], force[0], -force[2]])
             })
             .collect();
-        let lag = lag_s(&moments, &log).unwrap();
-        assert!((lag - 1.3).abs() < 0.05, "{lag}");
+        let alignment = align(&moments, &log, None).unwrap();
+        assert!((alignment.lag_s - 1.3).abs() < 0.05, "{alignment:?}");
+        assert_eq!(align(&moments, &log, Some(1.3)).unwrap().normal, 2);
         let presses = presses(&moments, 0);
-        let (forces, _) = logged(&presses, &log, lag).unwrap();
-        for (found, expected) in forces.iter().zip(&truth) {
-            assert!(
-                (0..3).all(|axis| (found[axis] - expected[axis]).abs() < 0.08),
-                "{found:?} {expected:?}"
-            );
-        }
+        let agrees = |log: &ForceLog, alignment: &Alignment| {
+            let (forces, _) = logged(&presses, log, alignment).unwrap();
+            for (found, expected) in forces.iter().zip(&truth) {
+                assert!(
+                    (0..3).all(|axis| (found[axis] - expected[axis]).abs() < 0.08),
+                    "{found:?} {expected:?}"
+                );
+            }
+        };
+        agrees(&log, &alignment);
+        // A sensor that lies on its side, and carries the weight of its mount.
+        let aside: Vec<(f64, [f64; 3])> = log
+            .iter()
+            .map(|(t, [x, y, z])| (*t, [z + 4.0, x - 1.5, y + 0.5]))
+            .collect();
+        let found = align(&moments, &aside, None).unwrap();
+        assert_eq!(found.normal, 0);
+        assert!((found.tare_n[0] - 4.0).abs() < 1e-6, "{found:?}");
+        agrees(&aside, &found);
         let other: Vec<(f64, [f64; 3])> = log
             .iter()
             .map(|(t, _)| (*t, [0.0, 0.0, (t * 7.0).sin()]))
             .collect();
         assert!(
-            lag_s(&moments, &other)
+            align(&moments, &other, None)
                 .unwrap_err()
                 .contains("expected above 0.8")
         );

@@ -232,6 +232,29 @@ fn pictures_without_markers_of_another_size_and_sensors_of_another_kind_are_refu
     );
 }
 
+#[test]
+fn pictures_of_a_rest_that_show_a_contact_are_told_from_the_untouched_ones() {
+    let rest = grid(31.7);
+    let mut random = seeded(8);
+    let mut finger = Finger::new(&sensor()).unwrap();
+    let edge = |x: f32, _: f32| if (120.0..150.0).contains(&x) { 30.0 } else { 0.0 };
+    let pictures: Vec<_> = (0..8)
+        .map(|number| {
+            // Most of them are touched.
+            let picture = if number < 3 {
+                draw(&rest, 14.0, none, &mut random)
+            } else {
+                draw(&rest, 14.0, edge, &mut random)
+            };
+            finger.see(&picture).unwrap().filled
+        })
+        .collect();
+    let expected: Vec<bool> = (0..8).map(|number| number < 3).collect();
+    assert_eq!(finger.untouched(&pictures), expected);
+    assert!(finger.unevenness(&pictures[5]) > 4.0 * finger.unevenness(&pictures[0]));
+    assert!(finger.untouched(&[]).is_empty());
+}
+
 /// Evidence of a contact whose markers and texture move by these pixels a picture, after ten still ones.
 fn evidence(markers_step: [f32; 2], texture_step: [f32; 2]) -> (f32, f32) {
     let rest = grid(31.7);

@@ -53,7 +53,9 @@ pub(super) fn run(args: &FrictionArgs) -> Result<(), Error> {
         ));
     };
     let mut calibration = Calibration::load_or_new(&args.common.out)?;
-    let (moments, device) = maps::read(path, args.rate, args.fingertip, Moment::of)?;
+    let maps::Maps {
+        all: moments, device, ..
+    } = maps::read(path, args.rate, args.fingertip, Moment::of)?;
     let slides = slides(&moments);
     let found = estimate(&slides, args.confidence, args.map_error)
         .map_err(|error| Error::failed(format!("{}: {error}", path.display())))?;

@@ -5,8 +5,9 @@ use std::str::FromStr;
 
 use clap::{Args, ValueEnum};
 use gripline_evaluation::calibration::gel::{
-    GelFit, Measured, Moment, PRESSES_MIN, Press, fit, lag_s, logged, presses,
+    Alignment, GelFit, Measured, Moment, PRESSES_MIN, Press, align, fit, logged, presses,
 };
+use gripline_recording::WrenchLog;
 use gripline_sensor::Sensor;
 use serde_json::json;
 
@@ -18,6 +19,8 @@ use crate::value::number_in;
 
 /// Standard acceleration of gravity over 1,000: newtons of a gram on a scale.
 const NEWTONS_PER_GRAM: f64 = 9.806_65e-3;
+/// Names of a log's axes.
+const AXES: [&str; 3] = ["x", "y", "z"];
 /// Deepest press that a model's world has, share of the gel's thickness.
 const DEEPEST: f64 = 0.35;
 
@@ -39,10 +42,14 @@ pub(super) struct GelArgs {
     /// Unit of the readings.
     #[arg(long, value_enum, default_value_t = Unit::N)]
     unit: Unit,
-    /// A force-torque sensor's log of each recording, in the same order: CSV with the columns time_s, fx_n, fy_n, fz_n. Its clock and
-    /// its turn about z are found; its z may point into the gel or out of it.
-    #[arg(long, value_name = "LOG.csv")]
+    /// A force-torque sensor's log of each recording, in the same order: CSV with the columns time_s, fx_n, fy_n, fz_n, or MCAP with
+    /// geometry_msgs/WrenchStamped. Its clock, the axis that is the gel's normal, its turn about that, and what it shows while nothing
+    /// presses are found.
+    #[arg(long, value_name = "LOG.csv|LOG.mcap")]
     forces: Vec<PathBuf>,
+    /// Topic of the forces in LOG.mcap, where it has several.
+    #[arg(long, value_name = "TOPIC", requires = "forces")]
+    forces_topic: Option<String>,
     /// How much later the logs' clock is, if it is known.
     #[arg(long, value_name = "S", allow_hyphen_values = true)]
     lag_s: Option<f64>,
@@ -120,18 +127,19 @@ pub(super) fn run(args: &GelArgs) -> Result<(), Error> {
     let (mut all, mut truth, mut turns) = (Vec::new(), Vec::new(), Vec::new());
     let mut device = String::new();
     for (day, path) in args.recordings.iter().enumerate() {
-        let (moments, made_by) = maps::read(path, args.rate, args.fingertip, Moment::of)?;
+        let maps::Maps {
+            all: moments,
+            device: made_by,
+            start_ns,
+        } = maps::read(path, args.rate, args.fingertip, Moment::of)?;
         device = made_by;
         let found = presses(&moments, day);
         if let Some(log) = args.forces.get(day) {
             let wrong = |error: String| Error::failed(format!("{}: {error}", log.display()));
-            let forces = read_log(log)?;
-            let lag = match args.lag_s {
-                Some(lag) => lag,
-                None => lag_s(&moments, &forces).map_err(wrong)?,
-            };
-            let (forces, turn) = logged(&found, &forces, lag).map_err(wrong)?;
-            turns.push((lag, turn));
+            let forces = read_log(log, args.forces_topic.as_deref(), start_ns)?;
+            let alignment = align(&moments, &forces, args.lag_s).map_err(wrong)?;
+            let (forces, turn) = logged(&found, &forces, &alignment).map_err(wrong)?;
+            turns.push((alignment, turn));
             truth.extend(forces);
         }
         all.extend(found);
@@ -211,8 +219,38 @@ fn section(
     }
 }
 
+/// A log of forces, s and N. Times of an MCAP file count from `start_ns`, where the maps' recording has it.
+fn read_log(
+    path: &Path,
+    topic: Option<&str>,
+    start_ns: Option<u64>,
+) -> Result<Vec<(f64, [f64; 3])>, Error> {
+    if path.extension().is_none_or(|extension| extension != "mcap") {
+        return read_csv(path);
+    }
+    let log = WrenchLog::open(path, topic)?;
+    tracing::info!(
+        "{}: {} forces on {}{}",
+        path.display(),
+        log.forces.len(),
+        log.topic,
+        if log.frame.is_empty() {
+            String::new()
+        } else {
+            format!(", frame {}", log.frame)
+        }
+    );
+    let start_ns = start_ns.or_else(|| log.forces.first().map(|(ns, _)| *ns));
+    let since = |ns: u64| (i128::from(ns) - i128::from(start_ns.unwrap_or_default())) as f64 * 1e-9;
+    Ok(log
+        .forces
+        .iter()
+        .map(|(ns, force)| (since(*ns), *force))
+        .collect())
+}
+
 /// A CSV with a line of names.
-fn read_log(path: &Path) -> Result<Vec<(f64, [f64; 3])>, Error> {
+fn read_csv(path: &Path) -> Result<Vec<(f64, [f64; 3])>, Error> {
     const COLUMNS: [&str; 4] = ["time_s", "fx_n", "fy_n", "fz_n"];
     let text = std::fs::read_to_string(path).map_err(|error| {
         Error::usage(format!(
@@ -315,7 +353,7 @@ fn print(
     sensor: &Sensor,
     (all, truth): (&[Press], &[[f64; 3]]),
     (found, section): (&GelFit, &Gel),
-    turns: &[(f64, f64)],
+    turns: &[(Alignment, f64)],
 ) {
     let groups = groups(all, truth);
     let told = |members: &[usize]| errors(found, truth, &|at| members.contains(&at));
@@ -335,14 +373,18 @@ fn print(
                    "young_interval_mpa": section.young_interval_mpa, "offset_n": measured(&found.offset_n),
                    "creep_per_decade": found.creep.as_ref().map(measured), "confidence": found.confidence,
                    "presses": truth.len(), "held_out_share": section.held_out_share, "held_out": held_out,
-                   "logs": turns.iter().map(|(lag, turn)| json!({"lag_s": lag, "turn_deg": turn.to_degrees()})).collect::<Vec<_>>()})
+                   "logs": turns.iter().map(|(log, turn)| json!({"lag_s": log.lag_s, "normal_axis": AXES[log.normal],
+                       "tare_n": log.tare_n, "turn_deg": turn.to_degrees()})).collect::<Vec<_>>()})
         );
         return;
     }
-    for (number, (lag, turn)) in turns.iter().enumerate() {
+    for (number, (log, turn)) in turns.iter().enumerate() {
+        let [x, y, z] = log.tare_n;
         println!(
-            "log {}: {lag:+.2} s late, turned by {:.0}°",
+            "log {}: {:+.2} s late, its {} is the gel's normal, turned about it by {:.0}°, at rest {x:.2}, {y:.2}, {z:.2} N",
             number + 1,
+            log.lag_s,
+            AXES[log.normal],
             turn.to_degrees()
         );
     }

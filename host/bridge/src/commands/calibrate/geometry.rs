@@ -77,7 +77,9 @@ pub(super) fn run(args: &GeometryArgs) -> Result<(), Error> {
         ));
     };
     let mut calibration = Calibration::load_or_new(&args.common.out)?;
-    let (touches, device) = maps::read(path, args.rate, args.fingertip, Touch::of)?;
+    let maps::Maps {
+        all: touches, device, ..
+    } = maps::read(path, args.rate, args.fingertip, Touch::of)?;
     let presses = presses(&touches);
     let places: Vec<_> = presses.iter().map(|press| press.place).collect();
     let found = fit(&args.marks.0, &places, args.fingertip == 2, args.pitch_mm)

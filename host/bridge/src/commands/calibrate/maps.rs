@@ -8,8 +8,17 @@ use crate::error::Error;
 use gripline_recording::maps_file::MapsFile;
 use gripline_recording::{Completeness, Reader};
 
-/// `of` applied to every map (time in seconds, newtons per taxel), and the device that made them. `fingertip`, 1 or 2, selects
-/// maps of a recording.
+/// What a calibration works on.
+pub(super) struct Maps<T> {
+    /// What was made of each map.
+    pub all: Vec<T>,
+    /// The device that made them.
+    pub device: String,
+    /// When a recording's time is zero, nanoseconds since 1970.
+    pub start_ns: Option<u64>,
+}
+
+/// `of` applied to every map (time in seconds, newtons per taxel). `fingertip`, 1 or 2, selects maps of a recording.
 ///
 /// # Errors
 /// [`Error`] when the file cannot be read, or has no map of the fingertip.
@@ -18,14 +27,16 @@ pub(super) fn read<T>(
     rate_hz: f64,
     fingertip: u8,
     of: impl Fn(f64, &[[f64; 3]; TAXELS]) -> T,
-) -> Result<(Vec<T>, String), Error> {
-    let mut all = Vec::new();
+) -> Result<Maps<T>, Error> {
+    let (mut all, mut start_ns) = (Vec::new(), None);
     if path.extension().is_some_and(|extension| extension == "mcap") {
         let mut reader = Reader::open(path)?;
         let mut frames = 0;
         while let Some(frame) = reader.next_frame()? {
             frames += 1;
             if frame.status.sensor + 1 == fingertip {
+                let since_ns = (frame.status.t_s.max(0.0) * 1e9) as u64;
+                start_ns.get_or_insert(frame.at_ns.saturating_sub(since_ns));
                 let newtons = frame.map.dequantise().map(|force| force.map(f64::from));
                 all.push(of(frame.status.t_s, &newtons));
             }
@@ -43,12 +54,20 @@ pub(super) fn read<T>(
             )));
         }
         let device = format!("{} ({})", reader.metadata.network, reader.metadata.mcu);
-        return Ok((all, device));
+        return Ok(Maps {
+            all,
+            device,
+            start_ns,
+        });
     }
     let mut maps = MapsFile::open(path)?;
     let mut forces = [[0.0; 3]; TAXELS];
     while maps.read_frame(&mut forces)? {
         all.push(of(all.len() as f64 / rate_hz, &forces));
     }
-    Ok((all, path.display().to_string()))
+    Ok(Maps {
+        all,
+        device: path.display().to_string(),
+        start_ns,
+    })
 }

@@ -401,6 +401,12 @@ fn finger(
                 still.push(places.clone());
             }
             if now + 1 == REST_FRAMES.end {
+                // Some hands close before that.
+                let untouched = finger.untouched(&at_rest);
+                let mut keep = untouched.iter();
+                at_rest.retain(|_| keep.next() == Some(&true));
+                let mut keep = untouched.iter();
+                still.retain(|_| keep.next() == Some(&true));
                 finger.set_rest(Rest::of(&at_rest, RestKind::Own));
             }
             if last.len() == RETURN_FRAMES {
