@@ -25,15 +25,9 @@ pub enum Error {
     /// The link to the device, and the session over it.
     #[error(transparent)]
     Link(#[from] gripline_link::LinkError),
-    /// A chip in its bootloader.
+    /// A firmware image, a chip in its bootloader, an update.
     #[error(transparent)]
-    Chip(#[from] gripline_flash::usb::UsbError),
-    /// What the bootloader is asked for.
-    #[error(transparent)]
-    Dfu(#[from] gripline_flash::dfu::DfuError),
-    /// A firmware update.
-    #[error(transparent)]
-    Update(#[from] gripline_flash::update::UpdateError),
+    Flash(#[from] gripline_flash::error::FlashError),
     /// The server of live values.
     #[error(transparent)]
     Live(#[from] gripline_live::LiveError),

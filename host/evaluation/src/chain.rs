@@ -1,7 +1,6 @@
 //! Trials through the whole chain: the contact world's picture of every frame with the sensor's noise and light, gate,
 //! force network, quantised map. Several at once, in any order; the result of a trial follows from its numbers alone.
 
-use crate::error::EvaluationError;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
@@ -15,6 +14,7 @@ use gripline_simulation::contact_world::{GelSurface, Truth, production_cells};
 use gripline_simulation::{Fingertip, FingertipParams, Gel, Image};
 
 use super::trial::{Experiment, Trial, TruthFrame};
+use crate::error::EvaluationError;
 use gripline_pipeline::pipeline::Pipeline;
 use gripline_pipeline::settings_for;
 

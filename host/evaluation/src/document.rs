@@ -1,11 +1,11 @@
 //! The document that evaluations write themselves into, each its own section between two marks; the rest stays as it is.
 
-use crate::error::EvaluationError;
 use std::fs;
 use std::io::ErrorKind;
 use std::path::Path;
 
 use super::metrics::Scores;
+use crate::error::EvaluationError;
 
 /// What a document starts with.
 const HEAD: &str = "# Evidence\n\nWritten by `gripline evaluate`; every section says which command made it. Do not edit: run the command again.\n";

@@ -1,6 +1,5 @@
 //! The command `gripline evaluate paper`: arguments, the runs, what is printed and written. Touches the world.
 
-use crate::error::EvaluationError;
 use std::io::{self, Write};
 
 use gripline_network::Network;
@@ -11,6 +10,7 @@ use super::document::write_section;
 use super::plan::{Amount, Planned, Purpose, plan};
 use super::progress::Progress;
 use super::report::{NOISE_LEVELS, Report};
+use crate::error::EvaluationError;
 use gripline_pipeline::settings_for;
 use gripline_recording::error::Completion;
 

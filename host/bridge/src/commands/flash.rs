@@ -8,6 +8,7 @@ use std::time::{Duration, Instant};
 
 use clap::Args;
 use gripline_flash::dfu::{Dfu, Wire};
+use gripline_flash::error::FlashError;
 use gripline_flash::image::{FLASH, Image, board_name};
 use gripline_flash::update::{Progress, Step, update};
 use gripline_flash::usb as bootloader;
@@ -188,7 +189,7 @@ fn write(chip: &bootloader::Attached, image: &Image) -> Result<Dfu<bootloader::U
     let since = Instant::now();
     let (mut dfu, sectors) = loop {
         match chip.open() {
-            Err(bootloader::UsbError::Forbidden { .. }) if since.elapsed() < Duration::from_secs(2) => {
+            Err(FlashError::Forbidden { .. }) if since.elapsed() < Duration::from_secs(2) => {
                 thread::sleep(LOOK_EVERY);
             }
             opened => break opened?,

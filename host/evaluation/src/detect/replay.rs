@@ -3,13 +3,13 @@
 //! Units: rate in maps per second. Limits: 10 to 1,000 maps a second, because slower maps are stale and faster ones
 //! do not fit the link.
 
-use crate::error::EvaluationError;
 use std::ops::RangeInclusive;
 
 use gripline_protocol::message::{Command, Configuration, SlipState};
 use gripline_protocol::{ForceMap, Health, MapInfo, PER_UNIT};
 
 use crate::detect::judge::{Settings, Verdict};
+use crate::error::EvaluationError;
 use gripline_link::EmbeddedLink;
 use gripline_link::session::Session;
 

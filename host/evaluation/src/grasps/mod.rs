@@ -20,7 +20,6 @@ pub mod report;
 mod sensor;
 mod slides;
 
-use crate::error::EvaluationError;
 use std::fs::{self, OpenOptions};
 use std::io::{self, ErrorKind, Write};
 use std::path::Path;
@@ -38,6 +37,7 @@ pub use super::arguments::{GelModel, GraspsArgs, World};
 use super::chain::in_parallel;
 use super::document::write_section;
 use super::progress::Progress;
+use crate::error::EvaluationError;
 use gripline_recording::error::Completion;
 
 /// Fixed forces lie on this ladder, N.

@@ -1,13 +1,13 @@
 //! The figures of `gripline evaluate grasps`: every grasp's mean force against its margin, a panel a policy; and drops
 //! against margin, a point a policy.
 
-use crate::error::EvaluationError;
 use std::path::Path;
 
 use gripline_chart::{Axis, BLUE, Chart, Colour, Figure, INK, Legend, Mark, Note, Panel, Series, VERMILION};
 
 use super::play::Outcome;
 use super::policy::Policy;
+use crate::error::EvaluationError;
 
 /// Margins beyond are drawn at the edge, percent.
 const MARGINS: [f64; 2] = [-60.0, 300.0];

@@ -1,6 +1,5 @@
 //! One grasp under one policy: the loop, and what came of it. Pure but for the world and the session.
 
-use crate::error::EvaluationError;
 use gripline_network::Network;
 use gripline_simulation::grasp::{GraspFrame, GraspParts, GraspWorld};
 use serde::{Deserialize, Serialize};
@@ -13,6 +12,7 @@ use super::plan::{DEAD_TIME_S, FRAMES_PER_SECOND, GraspPlan, LIFT_S, Times};
 use super::policy::{FLOOR_N, Policy, Worker};
 use super::sensor::{Model, Rendered, Sensor};
 use super::slides::{Moment, slides};
+use crate::error::EvaluationError;
 
 /// Lever of a contact's torsion over its radius, even pressure: M = μ N · 2/3 a.
 const LEVER: f64 = 2.0 / 3.0;

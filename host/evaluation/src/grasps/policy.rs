@@ -1,7 +1,6 @@
 //! Who sets the grip: the microcontroller's own library, or simpler rules, a particle filter and an oracle for comparison. All start with the
 //! same least force and, where they move, with the same rates. Units: N, s.
 
-use crate::error::EvaluationError;
 use gripline_firmware::Friction;
 use gripline_firmware::sums::{TaxelRule, stick_ratio_below, sums_of};
 use gripline_network::Network;
@@ -14,6 +13,7 @@ use super::follower::Follower;
 use super::oracle::{Oracle, Truth};
 use super::particle_filter::ParticleFilter;
 use super::pictures::Delivered;
+use crate::error::EvaluationError;
 use gripline_link::EmbeddedLink;
 use gripline_link::session::Session;
 use gripline_pipeline::{GripSetting, settings_for};

@@ -3,7 +3,6 @@
 //! [`BLUR_TAXELS`] and cut at the network's contact threshold have the chain's stick ratio to 0.05 and its decision
 //! SR < 0.5 in 98 % of frames; total forces differ by a gain per run and a fluctuation per frame.
 
-use crate::error::EvaluationError;
 use gripline_firmware::sums::TaxelRule;
 use gripline_network::Network;
 use gripline_network::scene::GateKind;
@@ -17,6 +16,7 @@ use gripline_pipeline::settings_for;
 
 use super::distortion::{Distorted, Distortion};
 use super::plan::FRAMES_PER_SECOND;
+use crate::error::EvaluationError;
 
 /// Purpose of the model's random numbers.
 const MODEL: u64 = 73;

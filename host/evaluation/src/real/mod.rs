@@ -3,7 +3,6 @@
 mod gelsight;
 mod uskin;
 
-use crate::error::EvaluationError;
 use std::ffi::OsString;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
@@ -12,6 +11,7 @@ use clap::Args;
 use serde::Serialize;
 
 use super::document::write_section;
+use crate::error::EvaluationError;
 
 /// Where the recordings lie: the folder that holds those of the sensors.
 const VARIABLE: &str = "GRIPLINE_RECORDINGS";

@@ -4,7 +4,6 @@
 
 mod scenes;
 
-use crate::error::EvaluationError;
 use std::fmt::Write as _;
 use std::io::{self, Write as _};
 
@@ -20,6 +19,7 @@ use gripline_recording::error::Completion;
 use serde::Serialize;
 
 use super::progress::Progress;
+use crate::error::EvaluationError;
 use scenes::{FRAMES_PER_SECOND, Kind, Scene};
 
 /// A touch of this normal force must not be taken for none, N.

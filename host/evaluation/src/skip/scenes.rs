@@ -1,12 +1,13 @@
 //! Scenes that tempt to skip too much, picture by picture, on sensors and shapes of no training set.
 //! Units: N, mm, s. Limits: the simulated camera, 60 pictures a second.
 
-use crate::error::EvaluationError;
 use std::sync::Arc;
 
 use gripline_simulation::constants::REST_PICTURES;
 use gripline_simulation::contact_world::{Contact, Drive, GelSurface, Mount, Press, UNSEEN_SHAPES};
 use gripline_simulation::{BrightnessMotion, Fingertip, FingertipParams, Gel, GripScene, Image};
+
+use crate::error::EvaluationError;
 
 /// Camera pictures a second.
 pub(super) const FRAMES_PER_SECOND: f64 = 60.0;

@@ -220,11 +220,7 @@ fn section(
 }
 
 /// A log of forces, s and N. Times of an MCAP file count from `start_ns`, where the maps' recording has it.
-fn read_log(
-    path: &Path,
-    topic: Option<&str>,
-    start_ns: Option<u64>,
-) -> Result<Vec<(f64, [f64; 3])>, Error> {
+fn read_log(path: &Path, topic: Option<&str>, start_ns: Option<u64>) -> Result<Vec<(f64, [f64; 3])>, Error> {
     if path.extension().is_none_or(|extension| extension != "mcap") {
         return read_csv(path);
     }

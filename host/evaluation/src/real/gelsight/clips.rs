@@ -3,7 +3,6 @@
 //! Two kinds of session, told apart by length. Long clips are in contact from the first picture, so their rest is the median of
 //! other objects' first pictures, those of the most similar gels. Short ones show the open hand before.
 
-use crate::error::EvaluationError;
 use std::collections::{BTreeMap, VecDeque};
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -15,6 +14,8 @@ use gripline_capture::clip::ColourClip;
 use gripline_markers::{Comparison, Filled, Finger, Hold, MarkerError, Rest, RestKind};
 use gripline_sensor::Sensor;
 use serde::Serialize;
+
+use crate::error::EvaluationError;
 
 /// The recordings' folder.
 pub(in crate::real) const FOLDER: &str = "gelsight-mini";

@@ -5,8 +5,9 @@ mod clips;
 mod judge;
 mod tell;
 
-use crate::error::EvaluationError;
 use std::path::Path;
+
+use crate::error::EvaluationError;
 
 pub(super) use clips::FOLDER;
 pub(super) use judge::Figures;

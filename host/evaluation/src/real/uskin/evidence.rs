@@ -4,7 +4,6 @@
 //! Units: counts, mm, alarms a minute. Limits: the zero of the trials without slip is not known. They are read as if their grip began as
 //! that of the other day.
 
-use crate::error::EvaluationError;
 use std::fs;
 use std::io::BufReader;
 use std::path::Path;
@@ -19,6 +18,7 @@ use super::{FINGERS, FRAMES_PER_SECOND, SCALE, TRIALS, coulomb_of, labels};
 use crate::detect::judge::{Settings, judge, quantise, sums};
 use crate::detect::replay::Replay;
 use crate::document::{number, table};
+use crate::error::EvaluationError;
 use crate::metrics::roc_area;
 use gripline_firmware::sums::TaxelRule;
 use gripline_recording::units::{ratio, stick_ratio};

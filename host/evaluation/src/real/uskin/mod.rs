@@ -4,7 +4,6 @@
 
 pub(super) mod evidence;
 
-use crate::error::EvaluationError;
 use std::fs;
 use std::io::BufReader;
 use std::path::Path;
@@ -18,6 +17,7 @@ use serde::Serialize;
 
 use crate::detect::judge::quantise;
 use crate::document::{number, table};
+use crate::error::EvaluationError;
 use crate::metrics::roc_area;
 use gripline_recording::maps_file::MapsFile;
 use gripline_recording::units::{force_n, shear_n};
