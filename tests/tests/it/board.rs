@@ -15,6 +15,8 @@ use gripline_protocol::{ForceMap, MapInfo, PER_UNIT, TaxelForce, encode_map};
 use rand::RngExt as _;
 use rand_pcg::Pcg64Mcg;
 
+/// The DAC's holding register of the line (RM0090, DAC_DHR12R1).
+pub(crate) const DAC: u32 = 0x4000_7408;
 /// 60 maps a second.
 pub(crate) const FRAME_US: u64 = 16_667;
 

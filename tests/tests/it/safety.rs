@@ -1,7 +1,7 @@
 //! Every fault raised on the unmodified image: what the line does, when the fault is told, what clears it. The table
 //! in `docs/safety.md` names the test of each. Times are emulated ones.
 
-use crate::board::{Board, FRAME_US, SETTINGS, assert_has, assert_has_not, code, feed_forward, map};
+use crate::board::{Board, DAC, FRAME_US, SETTINGS, assert_has, assert_has_not, code, feed_forward, map};
 use gripline_firmware::Fault;
 use gripline_link::emulator::{Cable, FaultInjection, LineWrite};
 use gripline_link::{EmulatorLink, Link, Transport};
@@ -14,7 +14,7 @@ use gripline_protocol::{Health, LSB_PER_NEWTON};
 /// Registers at whose next touch something happens: the DAC's value (the way from map to line), the watchdog's key (the idle loop),
 /// the USB core's interrupt status (an interrupt above them all).
 const PLACES_TO_FAIL: [(&str, u32); 3] = [
-    ("the map-to-line path", 0x4000_7408),
+    ("the map-to-line path", DAC),
     ("the idle loop", 0x4000_3000),
     ("the USB interrupt", 0x5000_0014),
 ];

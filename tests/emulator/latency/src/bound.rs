@@ -802,9 +802,9 @@ impl<'a> Walk<'a> {
             };
             let fewer = OF_TAIL
                 .iter()
-                .find(|(part, number, ..)| is_tail && *number == most && stands_in(part));
+                .find(|one| is_tail && one.says == most && stands_in(one.function));
             return Some(match fewer {
-                Some((_, _, rounds, why)) => (rounds(self.tail_taxels), true, why),
+                Some(one) => ((one.rounds)(self.tail_taxels), true, one.why),
                 None => (most, true, "the loop says so"),
             });
         }

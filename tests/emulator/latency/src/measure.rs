@@ -57,16 +57,17 @@ pub struct Way {
     pub writes: bool,
     /// The line is higher than before it.
     pub raises: bool,
-    /// It came over the UART: a map's last byte.
-    pub is_uart: bool,
+    /// What it came over.
+    pub link: Link,
 }
 
 /// How maps go to the board.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Link {
-    /// USB.
+    /// USB: the last word of a packet in the FIFO.
+    #[default]
     Usb,
-    /// The UART.
+    /// The UART: a map's last byte.
     Uart,
 }
 
@@ -328,7 +329,7 @@ impl<'a> Bench<'a> {
             let entry = if address == self.uart { u64::from(ENTRY) } else { 0 };
             let way = Way {
                 cycles: self.total.cycles - entry,
-                is_uart: true,
+                link: Link::Uart,
                 ..self.total
             };
             self.byte_landed = Some((way, blocked_at, meets_task));
@@ -377,7 +378,9 @@ impl<'a> Bench<'a> {
         if self.packets.contains(&address) {
             self.is_tail = self.image.functions[&address].name.contains(TAIL);
             let (from, entered) = if step.exception == Some(self.uart) {
-                (self.byte.take(), self.uart_entered)
+                // A byte may land in an interrupt that was entered to send one.
+                let byte = self.byte.take().or_else(|| self.byte_landed.take());
+                (byte, self.uart_entered)
             } else {
                 let (blocked_at, meets_task) = self.landed.pop_front().unwrap_or_default();
                 let from = self.waiting.pop_front();
@@ -406,7 +409,7 @@ impl<'a> Bench<'a> {
                     cycles: self.total.cycles - from.cycles,
                     ..from
                 };
-                let link = usize::from(way.is_uart);
+                let link = way.link as usize;
                 if way.cycles > self.worst[link].cycles {
                     (self.worst[link], self.worst_spent[link]) = (way, spent);
                 }
@@ -421,9 +424,11 @@ impl<'a> Bench<'a> {
             }
         }
         // A last packet that ends no map that counts writes no line.
-        if self.open.is_some_and(|open| open.is_uart) && step.exception != Some(self.uart)
-            || self.open.is_some_and(|open| !open.is_uart) && step.exception != Some(self.path)
-        {
+        let its_interrupt = self.open.map(|open| match open.link {
+            Link::Usb => self.path,
+            Link::Uart => self.uart,
+        });
+        if its_interrupt.is_some() && step.exception != its_interrupt {
             self.open = None;
             self.is_tail = false;
         }
@@ -598,7 +603,7 @@ impl<'a> Bench<'a> {
                 .map_or(0, |packet| line_ns(std::slice::from_ref(packet))),
         };
         self.run_to(phase_ns + TICK_NS - lasts_ns % TICK_NS)?;
-        let way = self.send_last(&packets)?;
+        let way = whole(self.send_last(&packets)?)?;
         self.note(map, way);
         Ok(way)
     }
@@ -613,13 +618,13 @@ impl<'a> Bench<'a> {
         self.run(PAUSE_NS + lasts_ns)
     }
 
-    /// Sends the last one.
+    /// Sends the last one. No way when the map counts for nothing.
     ///
     /// # Errors
-    /// As [`Bench::map`].
-    pub fn send_last(&mut self, packets: &[Vec<u8>]) -> Result<Way, Error> {
+    /// The board's.
+    pub fn send_last(&mut self, packets: &[Vec<u8>]) -> Result<Option<Way>, Error> {
         let last = packets.last().map(std::slice::from_ref);
-        whole(self.delivered(last.unwrap_or_default(), PAUSE_NS)?)
+        self.delivered(last.unwrap_or_default(), PAUSE_NS)
     }
 
     /// Puts packets on the link of maps. Returns how long they take on the UART's line.
@@ -717,7 +722,7 @@ impl<'a> Bench<'a> {
 
     /// Keeps the worst way of a map with such a last packet.
     fn note(&mut self, map: &ForceMap, way: Way) {
-        let of_link = &mut self.worst_by_tail[usize::from(way.is_uart)];
+        let of_link = &mut self.worst_by_tail[way.link as usize];
         let of_tail = &mut of_link[usize::from(map.active().count()) % TAXELS_PER_PACKET];
         if way.cycles > of_tail.cycles {
             *of_tail = way;
@@ -880,7 +885,10 @@ struct Watched {
 }
 
 /// The way of a map that has to count.
-fn whole(way: Option<Way>) -> Result<Way, Error> {
+///
+/// # Errors
+/// There is none.
+pub fn whole(way: Option<Way>) -> Result<Way, Error> {
     way.ok_or_else(|| Error::Unexpected {
         expected: "a write to the line for every map".to_owned(),
         found: "none".to_owned(),

@@ -84,8 +84,8 @@ pub struct Report {
     pub tails: [Vec<(u64, Way)>; 2],
     /// How runs met the stretches that block the path.
     pub met: BTreeMap<u32, Met>,
-    /// Maps that demanded more force, with the settings that ship.
-    pub raises: Raises,
+    /// Maps that demanded more force, with the settings that ship, over USB and over the UART.
+    pub raises: [Raises; 2],
     /// Where the worst ways' cycles went, the most first.
     pub worst_spent: [Vec<(String, u64)>; 2],
     /// The worst way behind a packet of the control endpoint.
@@ -104,6 +104,44 @@ pub struct Report {
     pub flash_bytes: u32,
     /// What the image takes.
     pub ram_bytes: u32,
+}
+
+/// What the board was given, and what is kept of it beside the bench's worst cases.
+struct Played {
+    quiet: Way,
+    raises: [Raises; 2],
+    behind_control: Way,
+    rates: Rates,
+    dense: u64,
+    head: u64,
+}
+
+impl Played {
+    /// Plays maps of every size with nothing else to do, then everything that may come in between.
+    fn of(bench: &mut Bench<'_>, length: Length) -> Result<Self, Error> {
+        bench.map(&map_of(400, 1))?;
+        drop(bench.counted());
+        bench.map(&map_of(400, 2))?;
+        let counted = bench.counted();
+        for contacts in 0..=400 {
+            bench.map(&map_of(contacts, contacts as u32))?;
+        }
+        let [quiet, _] = bench.worst;
+        sweep::branches(bench)?;
+        sweep::disturb(bench)?;
+        sweep::phases(bench, length)?;
+        let over_usb = sweep::raises(bench, sweep::LONGEST_TAIL, length)?;
+        let over_uart = sweep::over_uart(bench, length)?;
+        let rates = sweep::rates(bench, RATES.map(|(contacts, sensors, _)| (contacts, sensors)))?;
+        Ok(Self {
+            quiet,
+            raises: [over_usb, over_uart],
+            behind_control: sweep::behind_control(bench)?,
+            rates,
+            dense: counted.of(KERNEL),
+            head: counted.of(&["Program<K>::head"]),
+        })
+    }
 }
 
 impl Report {
@@ -150,26 +188,7 @@ impl Report {
         // Last packets of every size.
         bench.watch(most_rounds(paths.iter().chain(&uart_paths)).values(), When::Tail);
         bench.watch(blocked.loops.values(), When::Blocked);
-        bench.map(&map_of(400, 1))?;
-        drop(bench.counted());
-        bench.map(&map_of(400, 2))?;
-        let counted = bench.counted();
-        let dense = counted.of(KERNEL);
-        let head = counted.of(&["Program<K>::head"]);
-        for contacts in 0..=400 {
-            bench.map(&map_of(contacts, contacts as u32))?;
-        }
-        let [quiet, _] = bench.worst;
-        sweep::branches(&mut bench)?;
-        sweep::disturb(&mut bench)?;
-        sweep::phases(&mut bench, length)?;
-        let raises = sweep::raises(&mut bench, length)?;
-        sweep::over_uart(&mut bench, length)?;
-        let rates = sweep::rates(
-            &mut bench,
-            RATES.map(|(contacts, sensors, _)| (contacts, sensors)),
-        )?;
-        let behind_control = sweep::behind_control(&mut bench)?;
+        let played = Played::of(&mut bench, length)?;
         for walk in [&path, &foreign, &full, &blocked] {
             findings.extend(bench.broken(&walk.memories));
         }
@@ -191,7 +210,7 @@ impl Report {
             stack_measured_bytes,
             left,
             findings,
-            quiet,
+            quiet: played.quiet,
             worst: bench.worst,
             blocking_worst: bench.blocking_worst,
             section_worst: bench.section_worst,
@@ -204,19 +223,19 @@ impl Report {
                 ]
             },
             met: bench.met.clone(),
-            raises,
+            raises: played.raises,
             worst_spent: bench
                 .worst_spent
                 .each_ref()
                 .map(|spent| by_function(&image, spent)),
-            behind_control,
-            rates,
+            behind_control: played.behind_control,
+            rates: played.rates,
             unknown: (
                 unknown.len(),
                 unknown.iter().filter(|at| bench.has_accessed(**at)).count(),
             ),
-            dense,
-            head,
+            dense: played.dense,
+            head: played.head,
             twin: twin::instructions(twin_path)?,
             flash_bytes: image.flash_bytes,
             ram_bytes: image.ram_bytes,
@@ -373,12 +392,14 @@ impl Report {
                 format!("at most its static bound of {}", stretch.cycles),
             );
         }
-        check(
-            self.raises.raise_all(),
-            "maps that demand more force, of which the line rose before the bound",
-            format!("{} of {}", self.raises.raised, self.raises.asked),
-            "all".to_owned(),
-        );
+        for (link, raises) in LINKS.into_iter().zip(&self.raises) {
+            check(
+                raises.raise_all(),
+                &format!("maps over {link} that demand more force, of which the line rose before the bound"),
+                format!("{} of {}", raises.raised, raises.asked),
+                "all".to_owned(),
+            );
+        }
         for ((link, tails), waits) in LINKS.into_iter().zip(&self.tails).zip(self.waits()) {
             for (taxels, (path, way)) in tails.iter().enumerate() {
                 let bound = path + waits;
@@ -441,9 +462,13 @@ impl Report {
             self.section_worst,
             self.head,
             self.blocking_cycles(),
-            self.raises.raise_all(),
-            self.raises.asked,
-            self.raises.worst.cycles,
+            self.raises.iter().all(Raises::raise_all),
+            self.raises.iter().map(|raises| raises.asked).sum::<u32>(),
+            self.raises
+                .iter()
+                .map(|raises| raises.worst.cycles)
+                .max()
+                .unwrap_or_default(),
             self.ratio(),
             tail_bounds(0),
             tail_ways(0),
@@ -485,13 +510,15 @@ impl Report {
                 line("  of which in", format!("{cycles} {name}"));
             }
         }
-        line(
-            "maps that demand more force",
-            format!(
-                "{} of {} raised the line, {} cycles at most",
-                self.raises.raised, self.raises.asked, self.raises.worst.cycles
-            ),
-        );
+        for (link, raises) in LINKS.into_iter().zip(&self.raises) {
+            line(
+                &format!("maps over {link} that demand more force"),
+                format!(
+                    "{} of {} raised the line, {} cycles at most",
+                    raises.raised, raises.asked, raises.worst.cycles
+                ),
+            );
+        }
         for ((link, tails), waits) in LINKS.into_iter().zip(&self.tails).zip(self.waits()) {
             for (taxels, (path, way)) in tails.iter().enumerate() {
                 line(
@@ -526,6 +553,62 @@ impl Report {
             "maps a second: dense, 150 contacts, of two fingertips",
             format!("{:.0}, {:.0}, {:.0}", self.rates[0], self.rates[1], self.rates[2]),
         );
+        text
+    }
+
+    /// What is measured beside the path: the tick, the sums, the image, the stack.
+    fn beside(&self) -> String {
+        let mut text = String::new();
+        let mut line = |name: &str, value: String| {
+            let _ = writeln!(text, "{name:<58} {value}");
+        };
+        line("blocking time, measured, cycles", self.blocking_worst.to_string());
+        line(
+            "all but the path blocked, measured, cycles",
+            self.section_worst.to_string(),
+        );
+        line(
+            "timer to the tick's line, cycles",
+            format!("{} to {}, jitter {}", self.tick.0, self.tick.1, self.jitter()),
+        );
+        line(
+            "dense map, instructions",
+            format!(
+                "{} ({:.2} a taxel), f32 twin {}",
+                self.dense,
+                self.per_taxel(),
+                self.twin
+            ),
+        );
+        line("  and its head: header, CRC, places", self.head.to_string());
+        line(
+            "image, bytes",
+            format!(
+                "flash {} ram {} stack of the path {}",
+                self.flash_bytes, self.ram_bytes, self.stack_worst_bytes
+            ),
+        );
+        line(
+            "stack, all contexts nested, bytes",
+            format!(
+                "{} of {}, measured {}",
+                self.stack.bound,
+                self.stack.room(),
+                self.stack_measured_bytes
+            ),
+        );
+        for context in &self.stack.contexts {
+            let priority = context.priority.map(|priority| format!(", priority {priority}"));
+            line(
+                "  of which",
+                format!(
+                    "{} {}{}",
+                    context.bytes,
+                    context.name,
+                    priority.unwrap_or_default()
+                ),
+            );
+        }
         text
     }
 
@@ -589,53 +672,10 @@ impl Report {
                 line(whose, format!("{cycles} {name}, with what it calls"));
             }
         }
-        line("blocking time, measured, cycles", self.blocking_worst.to_string());
-        line(
-            "all but the path blocked, measured, cycles",
-            self.section_worst.to_string(),
-        );
-        line(
-            "timer to the tick's line, cycles",
-            format!("{} to {}, jitter {}", self.tick.0, self.tick.1, self.jitter()),
-        );
-        line(
-            "dense map, instructions",
-            format!(
-                "{} ({:.2} a taxel), f32 twin {}",
-                self.dense,
-                self.per_taxel(),
-                self.twin
-            ),
-        );
-        line("  and its head: header, CRC, places", self.head.to_string());
-        line(
-            "image, bytes",
-            format!(
-                "flash {} ram {} stack of the path {}",
-                self.flash_bytes, self.ram_bytes, self.stack_worst_bytes
-            ),
-        );
-        line(
-            "stack, all contexts nested, bytes",
-            format!(
-                "{} of {}, measured {}",
-                self.stack.bound,
-                self.stack.room(),
-                self.stack_measured_bytes
-            ),
-        );
-        for context in &self.stack.contexts {
-            let priority = context.priority.map(|priority| format!(", priority {priority}"));
-            line(
-                "  of which",
-                format!(
-                    "{} {}{}",
-                    context.bytes,
-                    context.name,
-                    priority.unwrap_or_default()
-                ),
-            );
-        }
+        text.push_str(&self.beside());
+        let mut line = |name: &str, value: String| {
+            let _ = writeln!(text, "{name:<58} {value}");
+        };
         for left in &self.left {
             line("left out", left.clone());
         }

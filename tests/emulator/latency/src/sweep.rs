@@ -9,7 +9,7 @@ use gripline_protocol::Health;
 use gripline_protocol::message::{Command, Configuration};
 
 use crate::Error;
-use crate::measure::{Bench, DOUBTFUL, Link, TICK_NS, Way, even, map_of, slipping};
+use crate::measure::{Bench, DOUBTFUL, Link, TICK_NS, Way, even, map_of, slipping, whole};
 
 /// How much is tried.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -28,7 +28,7 @@ const SHORT_NS: u64 = 150;
 /// Steps of a request on the control endpoint, which takes longer.
 const ASKED_NS: u64 = 1_000;
 /// Taxels of a map with the longest last packet, nine of them.
-const LONGEST_TAIL: usize = 59;
+pub const LONGEST_TAIL: usize = 59;
 /// From before the end of a command over the UART until it has been carried out.
 const UART_BEFORE_NS: u64 = 5_000;
 const UART_BEHIND_NS: u64 = 45_000;
@@ -167,12 +167,10 @@ pub fn phases(bench: &mut Bench<'_>, length: Length) -> Result<(), Error> {
             hunt(bench, TICK_NS, |bench, phase_ns| {
                 number += 1;
                 match beside {
-                    Beside::Nothing => {}
                     // A lost map is a fault that comes, and goes with the next map: a line in the log each time.
                     Beside::Log => bench.skip(1),
                     Beside::Command => bench.send_command(Command::ReadConfiguration),
-                    // Bytes of the UART at every phase: a map that does not count.
-                    Beside::Usb => {}
+                    Beside::Nothing | Beside::Usb => {}
                 }
                 bench.last_packet_at(phase_ns, &map_of(LONGEST_TAIL, number), |info| {
                     info.sensor = number as u8 % sensors;
@@ -182,17 +180,21 @@ pub fn phases(bench: &mut Bench<'_>, length: Length) -> Result<(), Error> {
         if length == Length::Short {
             continue;
         }
-        // Around the end of a command over the UART.
-        let command = Command::Configure(shipped(sensors));
-        let lasts_ns = bench.uart_ns(command);
-        let around = (lasts_ns - UART_BEFORE_NS..lasts_ns + UART_BEHIND_NS).step_by(SHORT_NS as usize);
-        for phase_ns in around {
-            bench.run_to(CALM_NS)?;
-            let packets = bench.packets(&map_of(LONGEST_TAIL, 1), |_| {});
-            bench.send_but_last(&packets)?;
-            bench.send_over_uart(command);
-            bench.run(phase_ns)?;
-            bench.send_last(&packets)?;
+        // Around the end of a command over the UART. New settings cut off a map whose sums were begun by the old ones.
+        for command in [Command::ReadConfiguration, Command::Configure(shipped(sensors))] {
+            let ends_ns = bench.uart_ns(command);
+            let from_ns = ends_ns.saturating_sub(PACKET_NS + UART_BEFORE_NS);
+            for phase_ns in (from_ns..ends_ns + UART_BEHIND_NS).step_by(SHORT_NS as usize) {
+                bench.run_to(CALM_NS)?;
+                let packets = bench.packets(&map_of(LONGEST_TAIL, 1), |_| {});
+                bench.send_but_last(&packets)?;
+                bench.send_over_uart(command);
+                bench.run(phase_ns)?;
+                let way = bench.send_last(&packets)?;
+                if !matches!(command, Command::Configure(_)) {
+                    whole(way)?;
+                }
+            }
         }
         for phase_ns in (0..PACKET_NS).step_by(LONG_NS as usize / 4) {
             bench.run_to(phase_ns)?;
@@ -204,11 +206,12 @@ pub fn phases(bench: &mut Bench<'_>, length: Length) -> Result<(), Error> {
 }
 
 /// Maps over the UART: of every number of contacts up to a last packet of each size in the second packet; a last byte at every phase of the tick
-/// with all that it learns and logs, and of maps and messages over USB, which do not count meanwhile; maps without a gap.
+/// with all that it learns and logs, and of maps and messages over USB, which do not count meanwhile; maps without a gap; maps that demand more
+/// force. Returns those.
 ///
 /// # Errors
 /// The board's.
-pub fn over_uart(bench: &mut Bench<'_>, length: Length) -> Result<(), Error> {
+pub fn over_uart(bench: &mut Bench<'_>, length: Length) -> Result<Raises, Error> {
     // The maps over USB become stale first.
     bench.run(STALE_NS)?;
     bench.command(Command::Acknowledge { faults: u32::MAX })?;
@@ -225,10 +228,10 @@ pub fn over_uart(bench: &mut Bench<'_>, length: Length) -> Result<(), Error> {
             hunt(bench, TICK_NS, |bench, phase_ns| {
                 number += 1;
                 match beside {
-                    Beside::Nothing => {}
                     Beside::Log => bench.skip(1),
                     Beside::Command => bench.send_command(Command::ReadConfiguration),
                     Beside::Usb => bench.send_over_usb(&map_of(LONGEST_TAIL, number)),
+                    Beside::Nothing => {}
                 }
                 bench.last_packet_at(phase_ns, &map_of(SHORT_MAP, number), |info| {
                     info.sensor = number as u8 % sensors;
@@ -255,10 +258,12 @@ pub fn over_uart(bench: &mut Bench<'_>, length: Length) -> Result<(), Error> {
         let of = (0..STREAM / 4).map(|number| number as u8 % sensors);
         bench.stream(&map_of(SHORT_MAP, 1), of)?;
     }
+    let raises = raises(bench, SHORT_MAP, length)?;
     bench.link = Link::Usb;
     bench.run(STALE_NS)?;
     bench.command(Command::Acknowledge { faults: u32::MAX })?;
-    bench.command(Command::Configure(Configuration::DEFAULT))
+    bench.command(Command::Configure(Configuration::DEFAULT))?;
+    Ok(raises)
 }
 
 /// Maps that demanded more force.
@@ -281,10 +286,11 @@ impl Raises {
 }
 
 /// Maps that demand more force, with the settings that ship, at phases all over the millisecond and, with short steps, where the task works.
+/// They have so many contacts, and go over the link of the bench.
 ///
 /// # Errors
 /// The board's.
-pub fn raises(bench: &mut Bench<'_>, length: Length) -> Result<Raises, Error> {
+pub fn raises(bench: &mut Bench<'_>, contacts: usize, length: Length) -> Result<Raises, Error> {
     /// The first load, newtons, times that it grows between two grasps, and how far: the line may stand a newton or a third above what the
     /// load needs, because a slide was tested for, and a map that needs less demands nothing.
     const FIRST_N: f64 = 1.6;
@@ -296,7 +302,7 @@ pub fn raises(bench: &mut Bench<'_>, length: Length) -> Result<Raises, Error> {
         let mut number = 0;
         let met = hunt(bench, TICK_NS, |bench, phase_ns| {
             number = (number + 1) % sensors;
-            bench.map_at(phase_ns, &even(LONGEST_TAIL, FIRST_N), |info| {
+            bench.map_at(phase_ns, &even(contacts, FIRST_N), |info| {
                 info.sensor = number;
             })
         })?;
@@ -304,23 +310,23 @@ pub fn raises(bench: &mut Bench<'_>, length: Length) -> Result<Raises, Error> {
         let samples = if length == Length::Short { 8 } else { 40 };
         let near = met.iter().step_by(met.len() / samples + 1).copied();
         // The first grasp ends what the maps of before have left.
-        grasp_anew(bench, sensors, FIRST_N)?;
+        grasp_anew(bench, sensors, contacts, FIRST_N)?;
         let (mut load_n, mut step) = (0.0, STEPS);
         for phase_ns in everywhere.chain(near) {
             if step == STEPS {
                 (load_n, step) = (FIRST_N, 0);
-                grasp_anew(bench, sensors, load_n)?;
+                grasp_anew(bench, sensors, contacts, load_n)?;
             }
             step += 1;
             load_n *= GROWTH;
             let sensor = step as u8 % sensors;
-            let way = bench.map_at(phase_ns, &even(LONGEST_TAIL, load_n), |info| info.sensor = sensor)?;
+            let way = bench.map_at(phase_ns, &even(contacts, load_n), |info| info.sensor = sensor)?;
             raises.asked += 1;
             raises.raised += u32::from(way.raises);
             if way.cycles > raises.worst.cycles {
                 raises.worst = way;
             }
-            settle(bench, sensors, load_n)?;
+            settle(bench, sensors, contacts, load_n)?;
         }
     }
     bench.command(Command::Configure(Configuration::DEFAULT))?;
@@ -328,7 +334,7 @@ pub fn raises(bench: &mut Bench<'_>, length: Length) -> Result<Raises, Error> {
 }
 
 /// Lets go of one object and takes the next one, whose load all fingertips feel.
-fn grasp_anew(bench: &mut Bench<'_>, sensors: u8, load_n: f64) -> Result<(), Error> {
+fn grasp_anew(bench: &mut Bench<'_>, sensors: u8, contacts: usize, load_n: f64) -> Result<(), Error> {
     let quick = Configuration {
         release_rate: u16::MAX,
         ..shipped(sensors)
@@ -346,16 +352,16 @@ fn grasp_anew(bench: &mut Bench<'_>, sensors: u8, load_n: f64) -> Result<(), Err
         bench.map_as(&map_of(0, 0), |info| info.sensor = sensor)?;
     }
     for _ in 0..3 {
-        settle(bench, sensors, load_n)?;
+        settle(bench, sensors, contacts, load_n)?;
     }
     bench.run(10 * TICK_NS)
 }
 
 /// Maps of this load from all fingertips, until the line is where they want it.
-fn settle(bench: &mut Bench<'_>, sensors: u8, load_n: f64) -> Result<(), Error> {
+fn settle(bench: &mut Bench<'_>, sensors: u8, contacts: usize, load_n: f64) -> Result<(), Error> {
     for _ in 0..2 {
         for sensor in 0..sensors {
-            bench.map_at(CALM_NS, &even(LONGEST_TAIL, load_n), |info| info.sensor = sensor)?;
+            bench.map_at(CALM_NS, &even(contacts, load_n), |info| info.sensor = sensor)?;
         }
     }
     bench.run(6 * TICK_NS)

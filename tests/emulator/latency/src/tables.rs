@@ -22,33 +22,45 @@ const fn tail_words(taxels: u32) -> u32 {
     (tail(taxels) + CRC_BYTES as u32).div_ceil(4)
 }
 
-/// A loop that says how often it runs at most (`gripline_protocol::rounds`), and runs less often on the path of a map's last packet: part of the name
-/// of the function it stands in, its number, the rounds there by taxels, why.
-pub const OF_TAIL: &[(&str, u32, fn(u32) -> u32, &str)] = &[
-    (
-        "usb_interrupt::read_words",
-        WORDS / 4,
-        |taxels| tail_words(taxels) / 4,
-        "four words a round",
-    ),
-    (
-        "usb_interrupt::read_words",
-        3,
-        |taxels| tail_words(taxels) % 4,
-        "what four words a round leave",
-    ),
-    (
-        "RunningCrc::update",
-        WORDS / 4,
-        |taxels| tail(taxels) / 16,
-        "four words a round",
-    ),
-    (
-        "RunningCrc::update",
-        3,
-        |taxels| (tail(taxels) / 4 % 4).max(tail(taxels) % 4),
-        "what four words a round leave, and what words leave; taxels are of six bytes",
-    ),
+/// A loop that says how often it runs at most (`gripline_protocol::rounds`), and runs less often on the path of a map's last packet.
+#[derive(Debug, Clone, Copy)]
+pub struct TailLoop {
+    /// Part of the name of the function it stands in.
+    pub function: &'static str,
+    /// The rounds that it says, which tell it from other loops of that function.
+    pub says: u32,
+    /// Its rounds for a last packet of so many taxels.
+    pub rounds: fn(u32) -> u32,
+    /// Why.
+    pub why: &'static str,
+}
+
+/// All of them.
+pub const OF_TAIL: &[TailLoop] = &[
+    TailLoop {
+        function: "usb_interrupt::read_words",
+        says: WORDS / 4,
+        rounds: |taxels| tail_words(taxels) / 4,
+        why: "four words a round",
+    },
+    TailLoop {
+        function: "usb_interrupt::read_words",
+        says: 3,
+        rounds: |taxels| tail_words(taxels) % 4,
+        why: "what four words a round leave",
+    },
+    TailLoop {
+        function: "RunningCrc::update",
+        says: WORDS / 4,
+        rounds: |taxels| tail(taxels) / 16,
+        why: "four words a round",
+    },
+    TailLoop {
+        function: "RunningCrc::update",
+        says: 3,
+        rounds: |taxels| (tail(taxels) / 4 % 4).max(tail(taxels) % 4),
+        why: "what four words a round leave, and what words leave; taxels are of six bytes",
+    },
 ];
 
 /// A loop in machine instructions, which cannot say so.
