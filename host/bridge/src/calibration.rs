@@ -16,7 +16,7 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use toml::Table;
 
-use crate::error::Failure;
+use crate::error::Error;
 use crate::value::nearest;
 
 /// Most rest pictures in a file: 200 MB; a minute of them, 700 MB, is a mistake.
@@ -195,16 +195,16 @@ impl Calibration {
     /// Reads and checks a file.
     ///
     /// # Errors
-    /// [`Failure`] of kind usage that lists everything that is wrong with it.
-    pub(crate) fn load(path: &Path) -> Result<Self, Failure> {
+    /// [`Error`] of kind usage that lists everything that is wrong with it.
+    pub(crate) fn load(path: &Path) -> Result<Self, Error> {
         let text = fs::read_to_string(path).map_err(|error| {
-            Failure::usage(format!(
+            Error::usage(format!(
                 "{}: {error}, expected a calibration that `gripline calibrate` wrote",
                 path.display()
             ))
         })?;
         let mut read = Self::parse(&text)
-            .map_err(|errors| Failure::usage(format!("{}: {}", path.display(), errors.join("; "))))?;
+            .map_err(|errors| Error::usage(format!("{}: {}", path.display(), errors.join("; "))))?;
         path.clone_into(&mut read.path);
         Ok(read)
     }
@@ -213,7 +213,7 @@ impl Calibration {
     ///
     /// # Errors
     /// As [`Self::load`].
-    pub(crate) fn load_or_new(path: &Path) -> Result<Self, Failure> {
+    pub(crate) fn load_or_new(path: &Path) -> Result<Self, Error> {
         if path.exists() {
             return Self::load(path);
         }
@@ -335,8 +335,8 @@ impl Calibration {
     /// Writes it where it is to lie, whole or not at all.
     ///
     /// # Errors
-    /// [`Failure`] that names the file.
-    pub(crate) fn save(&self) -> Result<(), Failure> {
+    /// [`Error`] that names the file.
+    pub(crate) fn save(&self) -> Result<(), Error> {
         let body = toml::to_string(self)?;
         let text = format!(
             "# Written by `gripline calibrate`; a configuration names it: calibration.file. Sections can be made again one by \
@@ -353,14 +353,14 @@ impl Calibration {
     /// The rest pictures, 440×440 each, when they were made.
     ///
     /// # Errors
-    /// [`Failure`] when their file is missing, damaged or of another shape.
-    pub(crate) fn rest_pictures(&self) -> Result<Option<Vec<Vec<u8>>>, Failure> {
+    /// [`Error`] when their file is missing, damaged or of another shape.
+    pub(crate) fn rest_pictures(&self) -> Result<Option<Vec<Vec<u8>>>, Error> {
         let Some(rest) = &self.rest else {
             return Ok(None);
         };
         let path = self.beside(&rest.pictures);
         let wrong = |found: String| {
-            Failure::failed(format!(
+            Error::failed(format!(
                 "{}: {found}, expected the {} rest pictures of {}: run `gripline calibrate rest` again",
                 path.display(),
                 rest.count,
@@ -384,14 +384,14 @@ impl Calibration {
 /// Writes a file whole or not at all.
 ///
 /// # Errors
-/// [`Failure`] that names it.
-pub(crate) fn write(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
+/// [`Error`] that names it.
+pub(crate) fn write(path: &Path, bytes: &[u8]) -> Result<(), Error> {
     let mut part = path.as_os_str().to_owned();
     part.push(".part");
     fs::write(&part, bytes)
         .and_then(|()| fs::rename(&part, path))
         .map_err(|error| {
-            Failure::failed(format!(
+            Error::failed(format!(
                 "{}: {error}, expected a file in a folder that exists and can be written",
                 path.display()
             ))

@@ -4,8 +4,8 @@
 use std::fmt::Display;
 use std::io;
 
+use gripline_evaluation::error::EvaluationError;
 pub use gripline_recording::error::Completion;
-use gripline_recording::error::Kind;
 
 /// Why a command did not end well: a line with what was found, what was expected and what to do.
 #[derive(Debug, thiserror::Error)]
@@ -16,18 +16,18 @@ pub enum Error {
     /// What was asked for could not be done.
     #[error("{0}")]
     Failed(String),
-    /// Pictures, recordings or experiments.
+    /// Experiments, fits of calibrations, detectors over maps and scenes.
     #[error(transparent)]
-    Part(#[from] gripline_recording::error::Failure),
+    Evaluation(#[from] Box<EvaluationError>),
     /// The camera, or files of pictures.
     #[error(transparent)]
     Camera(#[from] gripline_capture::CaptureError),
     /// The link to the device, and the session over it.
     #[error(transparent)]
     Link(#[from] gripline_link::LinkError),
-    /// A chip in its bootloader.
+    /// A firmware image, a chip in its bootloader, an update.
     #[error(transparent)]
-    Chip(#[from] gripline_flash::usb::UsbError),
+    Flash(#[from] gripline_flash::error::FlashError),
     /// The server of live values.
     #[error(transparent)]
     Live(#[from] gripline_live::LiveError),
@@ -49,18 +49,31 @@ pub enum Error {
     /// A figure.
     #[error(transparent)]
     Chart(#[from] gripline_chart::ChartError),
-    /// Detectors over maps.
-    #[error(transparent)]
-    Detection(#[from] gripline_evaluation::detect::replay::ReplayError),
     /// A recording or a file of force maps.
     #[error(transparent)]
     Recording(#[from] gripline_recording::error::RecordingError),
     /// A scene of the simulated world.
     #[error(transparent)]
     Scene(#[from] gripline_simulation::scene_file::SceneError),
-    /// A scene that is being played.
+    /// Printed markers.
     #[error(transparent)]
-    Play(Box<gripline_evaluation::play::PlayError>),
+    Markers(#[from] gripline_markers::MarkerError),
+    /// The name of a client that asks for something.
+    #[error(transparent)]
+    Client(#[from] gripline_control::BadClient),
+    /// A node of ROS 2.
+    #[cfg(feature = "ros2")]
+    #[error(transparent)]
+    Ros2(#[from] gripline_ros2::Ros2Error),
+    /// A PNG that is to be written.
+    #[error(transparent)]
+    Png(#[from] png::EncodingError),
+    /// A GIF that is to be written.
+    #[error(transparent)]
+    Gif(#[from] gif::EncodingError),
+    /// Signals that end the program.
+    #[error(transparent)]
+    Signal(#[from] ctrlc::Error),
     /// TOML that was read.
     #[error(transparent)]
     TomlRead(#[from] toml::de::Error),
@@ -75,14 +88,11 @@ pub enum Error {
     Io(#[from] io::Error),
 }
 
-impl From<gripline_evaluation::play::PlayError> for Error {
-    fn from(error: gripline_evaluation::play::PlayError) -> Self {
-        Self::Play(Box::new(error))
+impl From<EvaluationError> for Error {
+    fn from(error: EvaluationError) -> Self {
+        Self::Evaluation(Box::new(error))
     }
 }
-
-/// The short name in signatures.
-pub use self::Error as Failure;
 
 impl Error {
     /// Exit code of wrong usage.
@@ -103,7 +113,7 @@ impl Error {
     pub const fn exit_code(&self) -> u8 {
         match self {
             Self::Usage(_) => Self::USAGE,
-            Self::Part(failure) if matches!(failure.kind, Kind::Usage) => Self::USAGE,
+            Self::Evaluation(error) if matches!(**error, EvaluationError::Instructions(_)) => Self::USAGE,
             _ => 1,
         }
     }

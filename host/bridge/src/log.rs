@@ -12,7 +12,7 @@ use tracing::{Event, Level, Subscriber};
 use tracing_subscriber::Layer;
 use tracing_subscriber::layer::{Context, SubscriberExt as _};
 
-use crate::error::Failure;
+use crate::error::Error;
 use crate::writer::{WhenFull, Writer};
 
 /// The environment variable that sets the level.
@@ -23,13 +23,13 @@ const KEPT: usize = 1_000;
 /// Sends log lines to standard error from now on. `level` goes before the environment variable.
 ///
 /// # Errors
-/// [`Failure`] of kind usage when the variable names no level.
-pub fn start(level: Option<LevelFilter>) -> Result<(), Failure> {
+/// [`Error`] of kind usage when the variable names no level.
+pub fn start(level: Option<LevelFilter>) -> Result<(), Error> {
     let level = match (level, std::env::var(VARIABLE)) {
         (Some(level), _) => level,
         (None, Err(_)) => LevelFilter::INFO,
         (None, Ok(text)) => text.parse().map_err(|_| {
-            Failure::usage(format!(
+            Error::usage(format!(
                 "{VARIABLE}: found {text}, expected off, error, warn, info, debug or trace"
             ))
         })?,

@@ -13,7 +13,7 @@ use gripline_pipeline::markers::MarkerRest;
 use gripline_sensor::Sensor;
 use gripline_simulation::constants::REST_PICTURES;
 
-use crate::error::Failure;
+use crate::error::Error;
 use crate::source::{Frames, Source};
 
 /// Pictures at rest that are enough: more make the start slow and the median no better.
@@ -64,18 +64,18 @@ impl fmt::Display for RestSource {
 /// The rest of a source's fingertip. `wanted` is what was asked for; `opened` the source at work.
 ///
 /// # Errors
-/// [`Failure`] when it cannot be read, or a span is longer than what it is of.
+/// [`Error`] when it cannot be read, or a span is longer than what it is of.
 pub(crate) fn of(
     wanted: Option<&RestSource>,
     source: &Source,
     opened: &Frames,
     (sensor, fingertip): (&Sensor, usize),
-) -> Result<MarkerRest, Failure> {
+) -> Result<MarkerRest, Error> {
     match (wanted, source, opened) {
         (Some(RestSource::Span(span)), Source::Clip(path) | Source::Folder(path), _) => {
             span_of(span, path, sensor, fingertip)
         }
-        (Some(RestSource::Span(span)), other, _) => Err(Failure::usage(format!(
+        (Some(RestSource::Span(span)), other, _) => Err(Error::usage(format!(
             "sensor.rest (--rest): found {}..{} with camera.source {other}, expected file:CLIP or dir:FOLDER beside frames: name a \
              picture or a folder",
             span.start, span.end
@@ -108,12 +108,7 @@ pub(crate) fn of(
     }
 }
 
-fn span_of(
-    span: &Range<usize>,
-    path: &Path,
-    sensor: &Sensor,
-    fingertip: usize,
-) -> Result<MarkerRest, Failure> {
+fn span_of(span: &Range<usize>, path: &Path, sensor: &Sensor, fingertip: usize) -> Result<MarkerRest, Error> {
     let mut frames = ColourPlayback::open(path, &sensor.capture, fingertip)?;
     let (mut pictures, mut clip, mut every, mut read) = (Vec::new(), Vec::new(), 1, 0);
     while read < span.end.max(CLIP_REACH)
@@ -134,7 +129,7 @@ fn span_of(
     }
     let named = format!("--rest {}..{}", span.start, span.end);
     if read < span.end {
-        return Err(Failure::failed(format!(
+        return Err(Error::failed(format!(
             "{named}: found {read} frames in {}, expected at least {}: choose a span inside it",
             path.display(),
             span.end
@@ -151,7 +146,7 @@ fn span_of(
     })
 }
 
-fn pictures_of(path: &Path, sensor: &Sensor) -> Result<MarkerRest, Failure> {
+fn pictures_of(path: &Path, sensor: &Sensor) -> Result<MarkerRest, Error> {
     // What is named rest.png in a folder of rest pictures is one of them.
     let files = if path.is_dir() {
         gripline_capture::picture::list(path)?
@@ -169,7 +164,7 @@ fn pictures_of(path: &Path, sensor: &Sensor) -> Result<MarkerRest, Failure> {
     }
     let name = path.file_name().unwrap_or_else(|| OsStr::new("rest"));
     if pictures.is_empty() {
-        return Err(Failure::failed(format!(
+        return Err(Error::failed(format!(
             "--rest {}: found no pictures, expected some of the untouched gel",
             path.display()
         )));
@@ -187,11 +182,11 @@ fn pictures_of(path: &Path, sensor: &Sensor) -> Result<MarkerRest, Failure> {
 /// What a recording says stood for rest.
 ///
 /// # Errors
-/// [`Failure`] when it says nothing of it.
-pub(crate) fn recorded_rest(kind: &str, pictures: &[Vec<u8>]) -> Result<MarkerRest, Failure> {
+/// [`Error`] when it says nothing of it.
+pub(crate) fn recorded_rest(kind: &str, pictures: &[Vec<u8>]) -> Result<MarkerRest, Error> {
     let kinds = [RestKind::Own, RestKind::Other, RestKind::Grid];
     let kind = kinds.into_iter().find(|known| known.to_string() == kind).ok_or_else(|| {
-        Failure::failed(format!(
+        Error::failed(format!(
             "the recording's rest: found {kind:?}, expected own pictures, other pictures or regular grid: record it again"
         ))
     })?;

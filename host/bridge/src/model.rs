@@ -17,7 +17,7 @@ use gripline_sensor::{MarkerKind, SHIPPED, Sensor};
 
 use crate::calibration;
 use crate::config::Settings;
-use crate::error::Failure;
+use crate::error::Error;
 
 /// A sensor and what reads it.
 #[derive(Debug, Clone)]
@@ -59,8 +59,8 @@ impl Model {
     /// The one that the settings name.
     ///
     /// # Errors
-    /// [`Failure`] when description or weights cannot be used, or do not belong together.
-    pub(crate) fn of(wanted: &Settings) -> Result<Self, Failure> {
+    /// [`Error`] when description or weights cannot be used, or do not belong together.
+    pub(crate) fn of(wanted: &Settings) -> Result<Self, Error> {
         let text = Sensor::text_of(&wanted.sensor)?;
         let sensor = Sensor::from_toml(&wanted.sensor, &text)?;
         let (reader, text) = match sensor.markers.kind {
@@ -98,15 +98,15 @@ impl Model {
     /// The one of a recording of printed markers; `None` of one of particles.
     ///
     /// # Errors
-    /// [`Failure`] when the description in it cannot be used, or the weights are another sensor's.
-    pub(crate) fn recorded(metadata: &Metadata, weights: Option<&Path>) -> Result<Option<Self>, Failure> {
+    /// [`Error`] when the description in it cannot be used, or the weights are another sensor's.
+    pub(crate) fn recorded(metadata: &Metadata, weights: Option<&Path>) -> Result<Option<Self>, Error> {
         if metadata.sensor_file.is_empty() {
             return Ok(None);
         }
         let sensor = Sensor::from_toml(Path::new(&metadata.sensor), &metadata.sensor_file)?;
         let [first, second] = metadata.marker_calibrations().map(|calibration| {
             let reader = MarkerReader::new(&sensor, weights, None, calibration.view)?;
-            Ok::<_, Failure>(reader.with_gain(calibration.gain))
+            Ok::<_, Error>(reader.with_gain(calibration.gain))
         });
         Ok(Some(Self {
             text: metadata.sensor_file.clone(),
@@ -147,14 +147,14 @@ impl Model {
     /// What makes maps of a fingertip's pictures, 0 for the first.
     ///
     /// # Errors
-    /// [`Failure`] when the rest shows no markers, or a touch.
+    /// [`Error`] when the rest shows no markers, or a touch.
     pub(crate) fn pipeline(
         &self,
         fingertip: usize,
         rest: &AtRest,
         gate: GateKind,
         rule: TaxelRule,
-    ) -> Result<Pipeline, Failure> {
+    ) -> Result<Pipeline, Error> {
         match (&self.reader, rest) {
             (Reader::Particles(network), AtRest::Particles(crops)) => {
                 Ok(Pipeline::new((**network).clone(), crops, gate, rule))
@@ -172,7 +172,7 @@ impl Model {
                 }
                 Ok(Pipeline::of_markers(stage, rule))
             }
-            _ => Err(Failure::failed(format!(
+            _ => Err(Error::failed(format!(
                 "sensor {}: found the rest pictures of another kind of sensor",
                 self.sensor.identity()
             ))),
@@ -235,8 +235,8 @@ impl Model {
     /// Refuses a recording of another sensor by name.
     ///
     /// # Errors
-    /// [`Failure`] that names both.
-    pub(crate) fn accepts(&self, metadata: &Metadata, file: &Path) -> Result<(), Failure> {
+    /// [`Error`] that names both.
+    pub(crate) fn accepts(&self, metadata: &Metadata, file: &Path) -> Result<(), Error> {
         // Older recordings name none, and are of the default one.
         let default = Sensor::default_one()?.identity();
         let recorded = if metadata.sensor.is_empty() {
@@ -247,7 +247,7 @@ impl Model {
         if *recorded == self.sensor.identity() {
             return Ok(());
         }
-        Err(Failure::failed(format!(
+        Err(Error::failed(format!(
             "{}: found a recording of sensor {recorded}, expected one of {}: name its description with --sensor",
             file.display(),
             self.sensor.identity()
@@ -279,13 +279,8 @@ pub(crate) fn forces_named(forces: &MarkerForces) -> String {
 }
 
 /// What a calibration of another sensor is told.
-fn of_another(
-    calibration: &calibration::Calibration,
-    section: &str,
-    found: &str,
-    sensor: &Sensor,
-) -> Failure {
-    Failure::usage(format!(
+fn of_another(calibration: &calibration::Calibration, section: &str, found: &str, sensor: &Sensor) -> Error {
+    Error::usage(format!(
         "{}: {section}.sensor: found {found}, expected {}: name this sensor's calibration, or the other description with --sensor",
         calibration.path.display(),
         sensor.identity()
@@ -299,7 +294,7 @@ impl MarkerReader {
         weights: Option<&Path>,
         folder: Option<&Path>,
         view: Option<CalibratedView>,
-    ) -> Result<Self, Failure> {
+    ) -> Result<Self, Error> {
         let mut sensor = sensor.clone();
         if let Some(view) = view {
             sensor.see_as(view.field_mm, view.distortion_per_mm2);
@@ -326,10 +321,10 @@ impl MarkerReader {
     }
 
     /// With the gains that a calibration of this gel found for these weights.
-    fn calibrated(self, file: &Path, gel: &calibration::Gel) -> Result<Self, Failure> {
+    fn calibrated(self, file: &Path, gel: &calibration::Gel) -> Result<Self, Error> {
         let named = forces_named(&self.forces);
         if gel.model != named {
-            return Err(Failure::usage(format!(
+            return Err(Error::usage(format!(
                 "{}: gel.model: found {}, expected {named}: these gains are of other weights; run `gripline calibrate gel` again with \
                  maps of the ones in use",
                 file.display(),
@@ -341,10 +336,7 @@ impl MarkerReader {
 }
 
 /// What a calibration says that this sensor's camera shows.
-fn view_of(
-    sensor: &Sensor,
-    calibration: &calibration::Calibration,
-) -> Result<Option<CalibratedView>, Failure> {
+fn view_of(sensor: &Sensor, calibration: &calibration::Calibration) -> Result<Option<CalibratedView>, Error> {
     let Some(camera) = &calibration.camera else {
         return Ok(None);
     };
@@ -361,7 +353,7 @@ fn view_of(
 fn gel_of<'a>(
     sensor: &Sensor,
     calibration: &'a calibration::Calibration,
-) -> Result<Option<(&'a Path, &'a calibration::Gel)>, Failure> {
+) -> Result<Option<(&'a Path, &'a calibration::Gel)>, Error> {
     match &calibration.gel {
         Some(gel) if gel.sensor != sensor.identity() => {
             Err(of_another(calibration, "gel", &gel.sensor, sensor))
@@ -371,11 +363,11 @@ fn gel_of<'a>(
 }
 
 /// The shipped weights know one fingertip with particles.
-fn known_particles(sensor: &Sensor) -> Result<(), Failure> {
+fn known_particles(sensor: &Sensor) -> Result<(), Error> {
     if *sensor == Sensor::default_one()? {
         return Ok(());
     }
-    Err(Failure::failed(format!(
+    Err(Error::failed(format!(
         "sensor {}: found other particles than those of {}, expected these: the force network knows no others; train one \
          (docs/own-sensor.md)",
         sensor.identity(),

@@ -13,18 +13,18 @@ use npyz::WriterBuilder as _;
 
 use crate::calibration::{Calibration, Rest, write};
 use crate::commands::files::grey_png;
-use crate::error::Failure;
+use crate::error::Error;
 
 /// Measures the pictures and writes them beside `calibration`, whose section `[rest]` they become. `device` is what they are of.
 ///
 /// # Errors
-/// [`Failure`] that names the file which cannot be written.
+/// [`Error`] that names the file which cannot be written.
 pub(crate) fn save(
     calibration: &mut Calibration,
     pictures: &[Vec<u8>],
     figures: &Figures,
     device: String,
-) -> Result<Rest, Failure> {
+) -> Result<Rest, Error> {
     let stem = calibration.path.file_stem();
     let stem = stem.map_or("calibration".into(), |stem| stem.to_string_lossy().into_owned());
     let rest = Rest {
@@ -47,7 +47,7 @@ pub(crate) fn save(
     Ok(rest)
 }
 
-fn pictures_npy(pictures: &[Vec<u8>]) -> Result<Vec<u8>, Failure> {
+fn pictures_npy(pictures: &[Vec<u8>]) -> Result<Vec<u8>, Error> {
     let mut bytes = Vec::new();
     let side = CROP_SIDE as u64;
     let mut writer = npyz::WriteOptions::<u8>::new()
@@ -119,7 +119,7 @@ impl Store {
         let read = || {
             let calibration = Calibration::load(&self.path)?;
             let pictures = calibration.rest_pictures()?;
-            Ok::<_, Failure>(calibration.rest.zip(pictures))
+            Ok::<_, Error>(calibration.rest.zip(pictures))
         };
         match read() {
             Ok(Some((rest, pictures))) if rest.device == self.camera => Some(Kept {
@@ -152,7 +152,7 @@ impl Store {
             ..Calibration::default()
         };
         let kept = fs::create_dir_all(folder)
-            .map_err(Failure::from)
+            .map_err(Error::from)
             .and_then(|()| save(&mut calibration, pictures, figures, self.camera.clone()));
         if let Err(error) = kept {
             tracing::warn!("the rest pictures are not kept for the next start: {error}");
@@ -190,15 +190,15 @@ enum Choice {
 /// The rest pictures of a run that has just taken `new` ones of a camera. `is_holding`: the gripper holds, or nobody knows.
 ///
 /// # Errors
-/// [`Failure`] when the new ones may show a touch and there are no others.
+/// [`Error`] when the new ones may show a touch and there are no others.
 pub(crate) fn at_start(
     new: Vec<Vec<u8>>,
     store: Option<&Store>,
     is_holding: bool,
-) -> Result<Vec<Vec<u8>>, Failure> {
+) -> Result<Vec<Vec<u8>>, Error> {
     let kept = store.and_then(Store::load);
     let figures = Figures::of(&new);
-    match choose(&figures, kept.as_ref(), is_holding).map_err(Failure::failed)? {
+    match choose(&figures, kept.as_ref(), is_holding).map_err(Error::failed)? {
         Choice::New(note) => {
             if let Some(note) = note {
                 tracing::warn!("{note}");

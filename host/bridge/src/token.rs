@@ -5,7 +5,7 @@ use std::fs::{self, File, OpenOptions};
 use std::io::{ErrorKind, Read as _, Write as _};
 use std::path::{Path, PathBuf};
 
-use crate::error::Failure;
+use crate::error::Error;
 use crate::rest::state_folder;
 
 /// Random bytes of a token that is made here.
@@ -21,10 +21,10 @@ pub(crate) fn default_file() -> Option<PathBuf> {
 /// The token of this file, which is made when it is not there.
 ///
 /// # Errors
-/// [`Failure`] that names the file, when others can read it too, or it holds no token.
-pub(crate) fn of(file: &Path) -> Result<String, Failure> {
+/// [`Error`] that names the file, when others can read it too, or it holds no token.
+pub(crate) fn of(file: &Path) -> Result<String, Error> {
     let failed = |what: String| {
-        Failure::failed(format!(
+        Error::failed(format!(
             "serve.token_file {}: {what}, expected a file that only its owner can read, with a token of at least {LENGTH_MIN} \
              characters in one line; delete it and one is made",
             file.display()

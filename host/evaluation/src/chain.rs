@@ -14,9 +14,9 @@ use gripline_simulation::contact_world::{GelSurface, Truth, production_cells};
 use gripline_simulation::{Fingertip, FingertipParams, Gel, Image};
 
 use super::trial::{Experiment, Trial, TruthFrame};
+use crate::error::EvaluationError;
 use gripline_pipeline::pipeline::Pipeline;
 use gripline_pipeline::settings_for;
-use gripline_recording::error::Failure;
 
 /// Least grip of a trial, for the choice of the contact world's grid, N.
 const GRIPPED_N: f64 = 1.5;
@@ -62,10 +62,10 @@ struct Eye {
 }
 
 impl Eye {
-    fn new(network: &Network, trial: &Trial, noise_levels: Option<f64>) -> Result<Self, Failure> {
+    fn new(network: &Network, trial: &Trial, noise_levels: Option<f64>) -> Result<Self, EvaluationError> {
         let mut params = FingertipParams::of_sensor(trial.sensor);
         params.noise_levels = noise_levels.unwrap_or(params.noise_levels);
-        let mut fingertip = Fingertip::new(trial.sensor, params).map_err(Failure::failed)?;
+        let mut fingertip = Fingertip::new(trial.sensor, params)?;
         fingertip.restart_noise(trial.seed, 0);
         let rest: Vec<Vec<u8>> = (0..REST_PICTURES)
             .map(|_| fingertip.rest_image().pixels)
@@ -78,14 +78,11 @@ impl Eye {
         })
     }
 
-    fn look(&mut self, truth: TruthFrame, contact: &Truth) -> Result<Frame, Failure> {
+    fn look(&mut self, truth: TruthFrame, contact: &Truth) -> Result<Frame, EvaluationError> {
         self.fingertip.set_time(truth.time_s);
         self.fingertip.render(contact, &mut self.crop);
-        let processed = self
-            .pipeline
-            .process(&self.crop.pixels)
-            .map_err(Failure::failed)?;
-        let (exact, _) = ForceMap::quantise(&contact.force_map()).map_err(Failure::failed)?;
+        let processed = self.pipeline.process(&self.crop.pixels)?;
+        let (exact, _) = ForceMap::quantise(&contact.force_map())?;
         Ok(Frame {
             truth,
             seen: processed.map.clone(),
@@ -100,9 +97,9 @@ impl Chain {
     ///
     /// # Errors
     /// Never with the built-in gel.
-    pub fn new(network: Network, coarse: bool) -> Result<Self, Failure> {
+    pub fn new(network: Network, coarse: bool) -> Result<Self, EvaluationError> {
         let cells = if coarse { 40 } else { production_cells(GRIPPED_N) };
-        let skin = GelSurface::new(&Gel::default(), cells).map_err(Failure::failed)?;
+        let skin = GelSurface::new(&Gel::default(), cells)?;
         Ok(Self {
             network,
             skin: Arc::new(skin),
@@ -113,8 +110,12 @@ impl Chain {
     ///
     /// # Errors
     /// A trial that cannot begin, or forces that are no numbers.
-    pub fn play(&self, trial: &Trial, noise_levels: &[Option<f64>]) -> Result<Vec<Recorded>, Failure> {
-        let mut experiment = Experiment::new(trial, &self.skin).map_err(Failure::failed)?;
+    pub fn play(
+        &self,
+        trial: &Trial,
+        noise_levels: &[Option<f64>],
+    ) -> Result<Vec<Recorded>, EvaluationError> {
+        let mut experiment = Experiment::new(trial, &self.skin)?;
         let mut eyes = Vec::with_capacity(noise_levels.len());
         for &noise in noise_levels {
             eyes.push(Eye::new(&self.network, trial, noise)?);

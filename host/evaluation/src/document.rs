@@ -5,7 +5,7 @@ use std::io::ErrorKind;
 use std::path::Path;
 
 use super::metrics::Scores;
-use gripline_recording::error::Failure;
+use crate::error::EvaluationError;
 
 /// What a document starts with.
 const HEAD: &str = "# Evidence\n\nWritten by `gripline evaluate`; every section says which command made it. Do not edit: run the command again.\n";
@@ -14,22 +14,22 @@ const HEAD: &str = "# Evidence\n\nWritten by `gripline evaluate`; every section 
 ///
 /// # Errors
 /// A file that cannot be read or written.
-pub fn write_section(path: &Path, name: &str, body: &str) -> Result<(), Failure> {
+pub fn write_section(path: &Path, name: &str, body: &str) -> Result<(), EvaluationError> {
     let before = match fs::read_to_string(path) {
         Ok(text) => text,
         Err(error) if error.kind() == ErrorKind::NotFound => HEAD.to_owned(),
         Err(error) => {
-            return Err(Failure::failed(format!(
-                "{}: cannot be read ({error}), expected a document in UTF-8 or none: choose another file",
-                path.display()
-            )));
+            return Err(EvaluationError::File {
+                file: path.display().to_string(),
+                found: format!("cannot be read ({error})"),
+                expected: "a document in UTF-8 or none: choose another file",
+            });
         }
     };
-    fs::write(path, with_section(&before, name, body)).map_err(|error| {
-        Failure::failed(format!(
-            "{}: cannot be written ({error}), expected a file in a folder that exists: choose another place",
-            path.display()
-        ))
+    fs::write(path, with_section(&before, name, body)).map_err(|error| EvaluationError::File {
+        file: path.display().to_string(),
+        found: format!("cannot be written ({error})"),
+        expected: "a file in a folder that exists: choose another place",
     })
 }
 

@@ -13,6 +13,7 @@ pub mod chain;
 pub mod detect;
 pub mod detectors;
 pub mod document;
+pub mod error;
 pub mod grasps;
 pub mod judged;
 pub mod metrics;

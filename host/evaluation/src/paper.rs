@@ -10,23 +10,24 @@ use super::document::write_section;
 use super::plan::{Amount, Planned, Purpose, plan};
 use super::progress::Progress;
 use super::report::{NOISE_LEVELS, Report};
+use crate::error::EvaluationError;
 use gripline_pipeline::settings_for;
-use gripline_recording::error::{Completion, Failure};
+use gripline_recording::error::Completion;
 
 /// Runs the command.
 ///
 /// # Errors
-/// [`Failure`] when the network cannot be loaded or a file not be written.
-pub fn run(args: &PaperArgs) -> Result<Completion, Failure> {
+/// [`EvaluationError`] when the network cannot be loaded or a file not be written.
+pub fn run(args: &PaperArgs) -> Result<Completion, EvaluationError> {
     let report = measure(args)?;
     let mut text = Vec::new();
     if args.json {
-        serde_json::to_writer(&mut text, &report).map_err(Failure::failed)?;
+        serde_json::to_writer(&mut text, &report)?;
         text.push(b'\n');
     } else {
         text.extend_from_slice(report.markdown().as_bytes());
     }
-    io::stdout().write_all(&text).map_err(Failure::failed)?;
+    io::stdout().write_all(&text)?;
     if let Some(path) = &args.out {
         write_section(path, "gripline evaluate paper", &report.markdown())?;
     }
@@ -39,8 +40,8 @@ pub fn run(args: &PaperArgs) -> Result<Completion, Failure> {
     }
 }
 
-fn measure(args: &PaperArgs) -> Result<Report, Failure> {
-    let network = Network::embedded(args.network).map_err(Failure::failed)?;
+fn measure(args: &PaperArgs) -> Result<Report, EvaluationError> {
+    let network = Network::embedded(args.network)?;
     let ours = settings_for(&network);
     let chain = Chain::new(network, args.quick)?;
     let amount = if args.quick {
@@ -78,7 +79,7 @@ fn measure(args: &PaperArgs) -> Result<Report, Failure> {
 }
 
 /// A run as its sensor sees it; an object's first one also with more and less noise.
-fn play(chain: &Chain, planned: &Planned, quick: bool) -> Result<Vec<Recorded>, Failure> {
+fn play(chain: &Chain, planned: &Planned, quick: bool) -> Result<Vec<Recorded>, EvaluationError> {
     let mut noise = vec![None];
     if planned.purpose == Purpose::Sequence && planned.run == 0 && !quick {
         noise.extend(NOISE_LEVELS.map(Some));

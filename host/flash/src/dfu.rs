@@ -3,6 +3,9 @@
 //! A command goes out as a download of block 0. It begins with the next question for the status, and the device says how long it takes.
 //! Data of block n lies at the address that was set, plus (n − 2) transfers.
 
+use crate::dfu_status::{OPERATION_MS, State};
+use crate::error::FlashError;
+
 /// Requests (USB DFU 1.1, table 3.2).
 mod request {
     pub(super) const DOWNLOAD: u8 = 1;
@@ -21,8 +24,6 @@ mod command {
 /// Block number of a command, and of the first block of data.
 const COMMAND_BLOCK: u16 = 0;
 const DATA_BLOCK: u16 = 2;
-/// The longest that one operation may take: the erasure of 128 KiB takes up to 4 s at the lowest supply (data sheet).
-const OPERATION_MS: u32 = 10_000;
 /// The least between two questions for the status.
 const POLL_MS: u32 = 1;
 /// Steps to the idle state at most: an error, an upload or a download to end.
@@ -54,88 +55,6 @@ pub trait Wire {
 
     /// Lets so many milliseconds pass.
     fn wait(&mut self, ms: u32);
-}
-
-/// States of a device (DFU 1.1, section 6.1.2).
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum State {
-    /// Waits for requests.
-    Idle,
-    /// A block came; the next question for the status begins the work.
-    DownloadSync,
-    /// Works.
-    DownloadBusy,
-    /// Waits for the next block.
-    DownloadIdle,
-    /// Starts what was written.
-    Manifest,
-    /// Waits for the next question for data.
-    UploadIdle,
-    /// Refused something.
-    Error,
-    /// Any other.
-    Other(u8),
-}
-
-impl State {
-    const fn of(number: u8) -> Self {
-        match number {
-            2 => Self::Idle,
-            3 => Self::DownloadSync,
-            4 => Self::DownloadBusy,
-            5 => Self::DownloadIdle,
-            7 => Self::Manifest,
-            9 => Self::UploadIdle,
-            10 => Self::Error,
-            other => Self::Other(other),
-        }
-    }
-}
-
-/// What a status code says (DFU 1.1, section 6.1.2).
-fn meaning(code: u8) -> &'static str {
-    match code {
-        0x01 => "the file is not for this device",
-        0x02 => "the file fails a check of the device",
-        0x03 => "the memory cannot be written",
-        0x04 => "the memory cannot be erased",
-        0x05 => "the memory is not erased",
-        0x06 => "programming the memory failed",
-        0x07 => "what was programmed reads otherwise",
-        0x08 => "the address is out of range",
-        0x0B => "a failure that the vendor defines, such as read protection",
-        0x0F => "an unexpected request",
-        _ => "unknown",
-    }
-}
-
-/// Why an operation did not succeed.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-pub enum DfuError {
-    /// The device is gone.
-    #[error("{operation}: found the bootloader gone ({found}), expected it until the end; check the cable")]
-    Gone {
-        /// What was under way.
-        operation: String,
-        /// What the system said.
-        found: String,
-    },
-    /// The device refused, or failed.
-    #[error("{operation}: found status {code:#04x} ({}), expected success", meaning(*code))]
-    Failed {
-        /// What was under way.
-        operation: String,
-        /// The device's status code.
-        code: u8,
-    },
-    /// The device does not come to an end.
-    #[error("{operation}: found the bootloader in state {state:?}, expected it done within {} s", OPERATION_MS / 1_000)]
-    Stuck {
-        /// What was under way.
-        operation: String,
-        /// The state that it stays in.
-        state: State,
-    },
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -176,8 +95,8 @@ impl<W: Wire> Dfu<W> {
     /// Erases the sector that begins at `address`.
     ///
     /// # Errors
-    /// [`DfuError`].
-    pub fn erase(&mut self, address: u32) -> Result<(), DfuError> {
+    /// [`FlashError`].
+    pub fn erase(&mut self, address: u32) -> Result<(), FlashError> {
         self.command(
             command::ERASE,
             address,
@@ -188,8 +107,8 @@ impl<W: Wire> Dfu<W> {
     /// Writes at most one transfer to erased memory.
     ///
     /// # Errors
-    /// [`DfuError`].
-    pub fn write(&mut self, address: u32, data: &[u8]) -> Result<(), DfuError> {
+    /// [`FlashError`].
+    pub fn write(&mut self, address: u32, data: &[u8]) -> Result<(), FlashError> {
         let operation = format!("writing {} bytes at {address:#010x}", data.len());
         self.command(command::SET_ADDRESS, address, &operation)?;
         self.wire
@@ -201,8 +120,8 @@ impl<W: Wire> Dfu<W> {
     /// Reads memory.
     ///
     /// # Errors
-    /// [`DfuError`].
-    pub fn read(&mut self, address: u32, bytes: usize) -> Result<Vec<u8>, DfuError> {
+    /// [`FlashError`].
+    pub fn read(&mut self, address: u32, bytes: usize) -> Result<Vec<u8>, FlashError> {
         let operation = format!("reading {bytes} bytes at {address:#010x}");
         self.command(command::SET_ADDRESS, address, &operation)?;
         self.make_idle(&operation)?;
@@ -231,8 +150,8 @@ impl<W: Wire> Dfu<W> {
     /// Ends the bootloader and starts what lies at `address`. The device leaves the bus, so what it answers last does not count.
     ///
     /// # Errors
-    /// [`DfuError`] when it does not take the request.
-    pub fn start(&mut self, address: u32) -> Result<(), DfuError> {
+    /// [`FlashError`] when it does not take the request.
+    pub fn start(&mut self, address: u32) -> Result<(), FlashError> {
         let operation = format!("starting the image at {address:#010x}");
         self.command(command::SET_ADDRESS, address, &operation)?;
         self.wire
@@ -243,7 +162,7 @@ impl<W: Wire> Dfu<W> {
         Ok(())
     }
 
-    fn command(&mut self, command: u8, address: u32, operation: &str) -> Result<(), DfuError> {
+    fn command(&mut self, command: u8, address: u32, operation: &str) -> Result<(), FlashError> {
         self.make_idle(operation)?;
         let [a0, a1, a2, a3] = address.to_le_bytes();
         self.wire
@@ -253,7 +172,7 @@ impl<W: Wire> Dfu<W> {
     }
 
     /// Waits for the end of what was sent.
-    fn finish(&mut self, operation: &str) -> Result<(), DfuError> {
+    fn finish(&mut self, operation: &str) -> Result<(), FlashError> {
         let mut waited_ms = 0;
         loop {
             let status = self.status(operation)?;
@@ -266,7 +185,7 @@ impl<W: Wire> Dfu<W> {
                 }
                 State::Error => return self.fail(operation, status.code),
                 state => {
-                    return Err(DfuError::Stuck {
+                    return Err(FlashError::Stuck {
                         operation: operation.to_owned(),
                         state,
                     });
@@ -276,7 +195,7 @@ impl<W: Wire> Dfu<W> {
     }
 
     /// Ends whatever the device has begun.
-    fn make_idle(&mut self, operation: &str) -> Result<(), DfuError> {
+    fn make_idle(&mut self, operation: &str) -> Result<(), FlashError> {
         let mut state = State::Idle;
         for _ in 0..STEPS {
             let status = self.status(operation)?;
@@ -295,14 +214,14 @@ impl<W: Wire> Dfu<W> {
                 .send(end, 0, &[])
                 .or_else(|error| self.refused(error, operation))?;
         }
-        Err(DfuError::Stuck {
+        Err(FlashError::Stuck {
             operation: operation.to_owned(),
             state,
         })
     }
 
-    fn status(&mut self, operation: &str) -> Result<Status, DfuError> {
-        let gone = |found: String| DfuError::Gone {
+    fn status(&mut self, operation: &str) -> Result<Status, FlashError> {
+        let gone = |found: String| FlashError::Gone {
             operation: operation.to_owned(),
             found,
         };
@@ -324,9 +243,9 @@ impl<W: Wire> Dfu<W> {
     }
 
     /// A request was refused: the device's status says why.
-    fn refused(&mut self, error: WireError, operation: &str) -> Result<(), DfuError> {
+    fn refused(&mut self, error: WireError, operation: &str) -> Result<(), FlashError> {
         match error {
-            WireError::Gone(found) => Err(DfuError::Gone {
+            WireError::Gone(found) => Err(FlashError::Gone {
                 operation: operation.to_owned(),
                 found,
             }),
@@ -337,10 +256,10 @@ impl<W: Wire> Dfu<W> {
         }
     }
 
-    fn fail(&mut self, operation: &str, code: u8) -> Result<(), DfuError> {
+    fn fail(&mut self, operation: &str, code: u8) -> Result<(), FlashError> {
         // Best effort: the next one that asks finds it ready.
         let _ = self.wire.send(request::CLEAR_STATUS, 0, &[]);
-        Err(DfuError::Failed {
+        Err(FlashError::Failed {
             operation: operation.to_owned(),
             code,
         })

@@ -1,12 +1,13 @@
 //! A firmware image: the bytes that go to flash, and who it is. ELF as the linker leaves it, or a plain binary of the flash from its
 //! start.
 
-use gripline_protocol::message::{BOARDS, Hello, IMAGE_IDENTITY_AT, IMAGE_IDENTITY_BYTES, SchemaMismatch};
+use gripline_protocol::message::{BOARDS, Hello, IMAGE_IDENTITY_AT, IMAGE_IDENTITY_BYTES};
 use object::read::elf::{ElfFile32, ProgramHeader as _};
 use object::{Endianness, elf};
 
-/// First address of the flash.
-pub const FLASH: u32 = 0x0800_0000;
+use crate::error::FlashError;
+pub use crate::layout::FLASH;
+
 /// Where the firmware keeps its settings: sectors 1 and 2 of 16 KiB (memory.x). No update touches them.
 pub const SETTINGS: std::ops::Range<u32> = 0x0800_4000..0x0800_C000;
 /// Initial stack pointer and reset vector: without them no chip starts the image.
@@ -44,73 +45,12 @@ pub struct Image {
     pub parts: Vec<Part>,
 }
 
-/// Why a file is no image that may be flashed.
-#[derive(Debug, thiserror::Error, PartialEq, Eq)]
-pub enum ImageError {
-    /// The ELF file is broken.
-    #[error(
-        "found an ELF file that cannot be read ({found}), expected one of `cargo xtask firmware`; build it again"
-    )]
-    Elf {
-        /// What is wrong.
-        found: String,
-    },
-    /// Nothing lies where the chip looks for its interrupt vectors.
-    #[error(
-        "found {found}, expected an image that begins at {FLASH:#010x}; build it with `cargo xtask firmware`"
-    )]
-    NoVectors {
-        /// What is there.
-        found: String,
-    },
-    /// There is no identity block.
-    #[error(
-        "found no identity at {:#010x}, expected one of Gripline's firmware; build it with `cargo xtask firmware`, or flash older \
-         firmware with a probe",
-        FLASH + IMAGE_IDENTITY_AT as u32
-    )]
-    NoIdentity,
-    /// The file ends too early.
-    #[error(
-        "found {found} bytes, expected at least the {expected} that the image was linked with; copy the file again"
-    )]
-    CutOff {
-        /// Bytes of the file's image.
-        found: u32,
-        /// Bytes of the linked image.
-        expected: u32,
-    },
-    /// It lies where the settings are, or outside of the flash, or on itself.
-    #[error("found bytes from {from:#010x} to {to:#010x}, expected none there: {why}")]
-    Place {
-        /// First address.
-        from: u32,
-        /// The address behind the last byte.
-        to: u32,
-        /// Why not.
-        why: &'static str,
-    },
-    /// It is for another board.
-    #[error(
-        "found an image for {found}, expected one for {expected}; build it with `cargo xtask firmware --board {expected}`"
-    )]
-    Board {
-        /// The image's board.
-        found: String,
-        /// The board that is to be flashed.
-        expected: String,
-    },
-    /// It speaks another schema than this host.
-    #[error("found an image of another schema: {0}")]
-    Schema(SchemaMismatch),
-}
-
 impl Image {
     /// Reads an ELF file, or a binary that lies at the start of the flash.
     ///
     /// # Errors
-    /// [`ImageError`] that says what is wrong with the file.
-    pub fn read(file: &[u8]) -> Result<Self, ImageError> {
+    /// [`FlashError`] that says what is wrong with the file.
+    pub fn read(file: &[u8]) -> Result<Self, FlashError> {
         let mut parts = if file.starts_with(&elf::ELFMAG) {
             of_elf(file)?
         } else {
@@ -142,12 +82,12 @@ impl Image {
             let found = parts.first().map_or("nothing at all".to_owned(), |part| {
                 format!("{} bytes at {:#010x}", part.bytes.len(), part.address)
             });
-            return Err(ImageError::NoVectors { found });
+            return Err(FlashError::NoVectors { found });
         };
-        let (identity, linked) = identity(head).ok_or(ImageError::NoIdentity)?;
+        let (identity, linked) = identity(head).ok_or(FlashError::NoIdentity)?;
         let found = parts.last().map_or(0, |part| part.end() - FLASH);
         if found < linked {
-            return Err(ImageError::CutOff {
+            return Err(FlashError::CutOff {
                 found,
                 expected: linked,
             });
@@ -158,15 +98,15 @@ impl Image {
     /// Whether it is for this board, a place in [`BOARDS`], and speaks this host's schema.
     ///
     /// # Errors
-    /// [`ImageError`] that names both sides.
-    pub fn check(&self, board: u8) -> Result<(), ImageError> {
+    /// [`FlashError`] that names both sides.
+    pub fn check(&self, board: u8) -> Result<(), FlashError> {
         if self.identity.board != board {
-            return Err(ImageError::Board {
+            return Err(FlashError::Board {
                 found: board_name(self.identity.board),
                 expected: board_name(board),
             });
         }
-        self.identity.check().map_err(ImageError::Schema)
+        self.identity.check().map_err(FlashError::Schema)
     }
 
     /// Bytes that go to flash.
@@ -185,8 +125,8 @@ pub fn board_name(board: u8) -> String {
     }
 }
 
-fn place(part: &Part, why: &'static str) -> ImageError {
-    ImageError::Place {
+fn place(part: &Part, why: &'static str) -> FlashError {
+    FlashError::Place {
         from: part.address,
         to: part.end(),
         why,
@@ -202,8 +142,8 @@ fn identity(head: &Part) -> Option<(Hello, u32)> {
 }
 
 /// What an ELF file loads, by the addresses that it is stored at.
-fn of_elf(file: &[u8]) -> Result<Vec<Part>, ImageError> {
-    let broken = |found: String| ImageError::Elf { found };
+fn of_elf(file: &[u8]) -> Result<Vec<Part>, FlashError> {
+    let broken = |found: String| FlashError::Elf { found };
     let elf = ElfFile32::<Endianness>::parse(file).map_err(|error| broken(error.to_string()))?;
     let endian = elf.endian();
     let mut parts = Vec::new();
@@ -222,7 +162,7 @@ fn of_elf(file: &[u8]) -> Result<Vec<Part>, ImageError> {
             bytes: bytes.to_vec(),
         };
         if address < FLASH || address.checked_add(bytes.len() as u32 + WORD as u32).is_none() {
-            return Err(ImageError::Place {
+            return Err(FlashError::Place {
                 from: address,
                 to: address.saturating_add(bytes.len() as u32),
                 why: "the flash lies elsewhere",
@@ -234,13 +174,13 @@ fn of_elf(file: &[u8]) -> Result<Vec<Part>, ImageError> {
 }
 
 /// A binary of the flash: the vectors' sector, then the program; what fills the settings' sectors is no content.
-fn of_binary(file: &[u8]) -> Result<Vec<Part>, ImageError> {
+fn of_binary(file: &[u8]) -> Result<Vec<Part>, FlashError> {
     let settings = (SETTINGS.start - FLASH) as usize..(SETTINGS.end - FLASH) as usize;
     let (head, rest) = file.split_at(file.len().min(settings.start));
     let (filler, program) = rest.split_at(rest.len().min(settings.len()));
     if let Some(at) = filler.iter().position(|&byte| byte != 0 && byte != ERASED) {
         let from = SETTINGS.start + at as u32;
-        return Err(ImageError::Place {
+        return Err(FlashError::Place {
             from,
             to: from + 1,
             why: "the stored settings lie there",

@@ -1,6 +1,8 @@
 //! The sectors of a chip, as its bootloader names them in a string descriptor (UM0424, section 10.3.2):
 //! `@Internal Flash  /0x08000000/04*016Kg,01*064Kg,07*128Kg`.
 
+/// First address of the flash.
+pub const FLASH: u32 = 0x0800_0000;
 /// The name that the flash has there.
 pub const INTERNAL_FLASH: &str = "@Internal Flash";
 

@@ -6,6 +6,8 @@
 #![forbid(unsafe_code)]
 
 pub mod dfu;
+pub mod dfu_status;
+pub mod error;
 pub mod image;
 pub mod layout;
 pub mod update;

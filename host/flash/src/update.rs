@@ -2,7 +2,8 @@
 //! words of it (stack pointer and reset vector), without which the chip starts nothing, are written last, when all else has been read
 //! back. The sectors of the stored settings are left alone.
 
-use crate::dfu::{Dfu, DfuError, Wire};
+use crate::dfu::{Dfu, Wire};
+use crate::error::FlashError;
 use crate::image::{ENTRY_BYTES, ERASED, FLASH, Image, Part, SETTINGS};
 use crate::layout::Sector;
 
@@ -28,73 +29,16 @@ pub struct Progress {
     pub total: u32,
 }
 
-/// Why an update did not succeed.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-pub enum UpdateError {
-    /// The image does not fit the chip. Nothing was erased.
-    #[error(
-        "found {bytes} bytes of the image at {address:#010x}, expected flash there that may be written: is it the right board?"
-    )]
-    NoRoom {
-        /// Where.
-        address: u32,
-        /// How many.
-        bytes: u32,
-    },
-    /// The bootloader failed.
-    #[error("{error}; {}", state(*.has_begun))]
-    Dfu {
-        /// Its error.
-        error: DfuError,
-        /// Something was erased already.
-        has_begun: bool,
-    },
-    /// What was written reads otherwise.
-    #[error(
-        "reading back at {address:#010x}: found {found:#04x}, expected {expected:#04x}; {}",
-        state(true)
-    )]
-    Differs {
-        /// The first such address.
-        address: u32,
-        /// The byte that was read.
-        found: u8,
-        /// The byte that was written.
-        expected: u8,
-    },
-    /// Less came back than was asked for.
-    #[error(
-        "reading back at {address:#010x}: found {found} bytes, expected {expected}; {}",
-        state(true)
-    )]
-    Short {
-        /// Where.
-        address: u32,
-        /// How many came.
-        found: usize,
-        /// How many were asked for.
-        expected: usize,
-    },
-}
-
-const fn state(has_begun: bool) -> &'static str {
-    if has_begun {
-        "the board has no image that starts until the update is repeated (its settings are kept)"
-    } else {
-        "the board's image is as it was"
-    }
-}
-
 /// Puts `image` on a chip with these sectors. It does not start it.
 ///
 /// # Errors
-/// [`UpdateError`] that says whether the image from before is still there.
+/// [`FlashError`] that says whether the image from before is still there.
 pub fn update<W: Wire>(
     dfu: &mut Dfu<W>,
     sectors: &[Sector],
     image: &Image,
     progress: &mut dyn FnMut(Progress),
-) -> Result<(), UpdateError> {
+) -> Result<(), FlashError> {
     let erased = sectors_of(sectors, image)?;
     let total = erased.iter().map(|sector| sector.bytes).sum();
     let mut done = 0;
@@ -130,15 +74,15 @@ pub fn update<W: Wire>(
     verify(dfu, FLASH, &entry)
 }
 
-fn begun(error: DfuError) -> UpdateError {
-    UpdateError::Dfu {
-        error,
+fn begun(error: FlashError) -> FlashError {
+    FlashError::Dfu {
+        error: Box::new(error),
         has_begun: true,
     }
 }
 
 /// The sectors that the image lies in, that of the vectors first.
-fn sectors_of(sectors: &[Sector], image: &Image) -> Result<Vec<Sector>, UpdateError> {
+fn sectors_of(sectors: &[Sector], image: &Image) -> Result<Vec<Sector>, FlashError> {
     let mut used: Vec<Sector> = Vec::new();
     for part in &image.parts {
         let mut at = part.address;
@@ -149,7 +93,7 @@ fn sectors_of(sectors: &[Sector], image: &Image) -> Result<Vec<Sector>, UpdateEr
                     && (sector.end() <= SETTINGS.start || sector.address >= SETTINGS.end)
             });
             let Some(sector) = sector else {
-                return Err(UpdateError::NoRoom {
+                return Err(FlashError::NoRoom {
                     address: at,
                     bytes: part.end() - at,
                 });
@@ -177,10 +121,10 @@ fn without_entry(image: &Image) -> ([u8; ENTRY_BYTES], Vec<Part>) {
     (entry, rest)
 }
 
-fn verify<W: Wire>(dfu: &mut Dfu<W>, address: u32, expected: &[u8]) -> Result<(), UpdateError> {
+fn verify<W: Wire>(dfu: &mut Dfu<W>, address: u32, expected: &[u8]) -> Result<(), FlashError> {
     let read = dfu.read(address, expected.len()).map_err(begun)?;
     if read.len() != expected.len() {
-        return Err(UpdateError::Short {
+        return Err(FlashError::Short {
             address,
             found: read.len(),
             expected: expected.len(),
@@ -191,7 +135,7 @@ fn verify<W: Wire>(dfu: &mut Dfu<W>, address: u32, expected: &[u8]) -> Result<()
         .find(|(_, (found, expected))| found != expected);
     match differs {
         None => Ok(()),
-        Some((address, (&found, &expected))) => Err(UpdateError::Differs {
+        Some((address, (&found, &expected))) => Err(FlashError::Differs {
             address,
             found,
             expected,

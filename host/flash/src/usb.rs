@@ -8,6 +8,7 @@ use nusb::transfer::{ControlIn, ControlOut, ControlType, Recipient, TransferErro
 use nusb::{DeviceInfo, ErrorKind, MaybeFuture};
 
 use crate::dfu::{Dfu, Wire, WireError};
+use crate::error::FlashError;
 use crate::layout::{INTERNAL_FLASH, Sector, sectors};
 
 /// The identity of ST's bootloader (AN2606, section 3).
@@ -31,44 +32,12 @@ pub struct Attached {
     info: DeviceInfo,
 }
 
-/// Why a device cannot be used.
-#[derive(Debug, thiserror::Error)]
-pub enum UsbError {
-    /// The devices cannot be listed.
-    #[error("USB: found {found}, expected a list of devices; check that this system has USB")]
-    List {
-        /// What the system said.
-        found: String,
-    },
-    /// It is not allowed.
-    #[error(
-        "bootloader at {place}: found {found}, expected to be allowed to open it: install the udev rule (docs/70-gripline.rules), or \
-         join the group gripline"
-    )]
-    Forbidden {
-        /// Where it is.
-        place: String,
-        /// What the system said.
-        found: String,
-    },
-    /// It does not work.
-    #[error("bootloader at {place}: found {found}, expected {expected}; plug it in again")]
-    Broken {
-        /// Where it is.
-        place: String,
-        /// What happened.
-        found: String,
-        /// What should be.
-        expected: &'static str,
-    },
-}
-
 /// Every device in ST's bootloader.
 ///
 /// # Errors
-/// [`UsbError`] when they cannot be listed.
-pub fn attached() -> Result<Vec<Attached>, UsbError> {
-    let devices = nusb::list_devices().wait().map_err(|error| UsbError::List {
+/// [`FlashError`] when they cannot be listed.
+pub fn attached() -> Result<Vec<Attached>, FlashError> {
+    let devices = nusb::list_devices().wait().map_err(|error| FlashError::List {
         found: error.to_string(),
     })?;
     let is_one = |device: &DeviceInfo| (device.vendor_id(), device.product_id()) == (VENDOR, PRODUCT);
@@ -86,10 +55,10 @@ impl Attached {
     /// Opens it, with its flash chosen; tells its sectors too.
     ///
     /// # Errors
-    /// [`UsbError`] when it is not allowed, or is no such bootloader.
-    pub fn open(&self) -> Result<(Dfu<Usb>, Vec<Sector>), UsbError> {
+    /// [`FlashError`] when it is not allowed, or is no such bootloader.
+    pub fn open(&self) -> Result<(Dfu<Usb>, Vec<Sector>), FlashError> {
         let failed = |error: nusb::Error| match error.kind() {
-            ErrorKind::PermissionDenied => UsbError::Forbidden {
+            ErrorKind::PermissionDenied => FlashError::Forbidden {
                 place: self.place.clone(),
                 found: error.to_string(),
             },
@@ -123,8 +92,8 @@ impl Attached {
         Ok((Dfu::new(Usb { interface }, transfer_bytes), sectors))
     }
 
-    fn broken(&self, found: String, expected: &'static str) -> UsbError {
-        UsbError::Broken {
+    fn broken(&self, found: String, expected: &'static str) -> FlashError {
+        FlashError::Broken {
             place: self.place.clone(),
             found,
             expected,

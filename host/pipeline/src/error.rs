@@ -61,9 +61,3 @@ pub enum MarkerProblem {
         there: f32,
     },
 }
-
-impl From<PipelineError> for gripline_recording::error::Failure {
-    fn from(error: PipelineError) -> Self {
-        Self::failed(error)
-    }
-}

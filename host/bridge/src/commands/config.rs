@@ -10,7 +10,7 @@ use crate::commands::device::DeviceArgs;
 use crate::config::{
     Effective, Overrides, default_file, settings_from_text, settings_text, shown, shown_json,
 };
-use crate::error::Failure;
+use crate::error::Error;
 
 /// Arguments of `gripline config`.
 #[derive(Debug, Clone, Args)]
@@ -56,8 +56,8 @@ struct McuArgs {
 /// Does what the subcommand says.
 ///
 /// # Errors
-/// [`Failure`] when a file or a value is not what it should be, a link fails, or the microcontroller refuses.
-pub fn run(args: &ConfigArgs) -> Result<(), Failure> {
+/// [`Error`] when a file or a value is not what it should be, a link fails, or the microcontroller refuses.
+pub fn run(args: &ConfigArgs) -> Result<(), Error> {
     match &args.action {
         Action::Show(args) => {
             let effective = Effective::load(&args.overrides)?;
@@ -76,7 +76,7 @@ pub fn run(args: &ConfigArgs) -> Result<(), Failure> {
 }
 
 /// Reads, or sets and stores, and prints what is then in force.
-fn mcu_settings(args: &McuArgs) -> Result<(), Failure> {
+fn mcu_settings(args: &McuArgs) -> Result<(), Error> {
     let mut session = args.device.connect()?;
     if let Some(path) = &args.write {
         let settings = read(path, session.settings())?;
@@ -99,8 +99,8 @@ fn mcu_settings(args: &McuArgs) -> Result<(), Failure> {
 }
 
 /// The settings that `path` makes of `now`, checked.
-fn read(path: &Path, now: &Configuration) -> Result<Configuration, Failure> {
-    let named = |what: String| Failure::failed(format!("{}: {what}", path.display()));
+fn read(path: &Path, now: &Configuration) -> Result<Configuration, Error> {
+    let named = |what: String| Error::failed(format!("{}: {what}", path.display()));
     let text = std::fs::read_to_string(path)
         .map_err(|error| named(format!("{error}, expected a TOML file that can be read")))?;
     settings_from_text(&text, now).map_err(named)

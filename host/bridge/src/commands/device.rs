@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 
 use crate::config::{Overrides, Settings};
-use crate::error::Failure;
+use crate::error::Error;
 use gripline_link::Target;
 use gripline_link::session::Session;
 
@@ -23,8 +23,8 @@ impl DeviceArgs {
     /// Opens the link and does the handshake.
     ///
     /// # Errors
-    /// [`Failure`] when the configuration is wrong, or nobody answers.
-    pub(crate) fn connect(&self) -> Result<Session, Failure> {
+    /// [`Error`] when the configuration is wrong, or nobody answers.
+    pub(crate) fn connect(&self) -> Result<Session, Error> {
         let target = match &self.mcu {
             Some(target) => target.clone(),
             None => Settings::load(&Overrides::of_file(self.config.as_deref()))?.mcu,

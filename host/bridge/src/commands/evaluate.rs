@@ -2,7 +2,7 @@
 
 use clap::{Args, Subcommand};
 
-use crate::error::{Completion, Failure};
+use crate::error::{Completion, Error};
 use gripline_evaluation::grasps::{self, GraspsArgs};
 use gripline_evaluation::paper::{self, PaperArgs};
 use gripline_evaluation::real::{self, RealArgs};
@@ -32,8 +32,8 @@ pub enum What {
 /// Runs the command.
 ///
 /// # Errors
-/// [`Failure`] of the part that runs.
-pub fn run(args: &EvaluateArgs) -> Result<Completion, Failure> {
+/// [`Error`] of the part that runs.
+pub fn run(args: &EvaluateArgs) -> Result<Completion, Error> {
     match &args.what {
         What::Paper(args) => Ok(paper::run(args)?),
         What::Grasps(args) => Ok(grasps::run(args)?),

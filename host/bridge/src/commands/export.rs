@@ -12,7 +12,7 @@ use gripline_recording::{Completeness, Reader, copy_whole, export_arrays};
 
 use crate::commands::plot::report::report_of;
 use crate::config::settings_from_text;
-use crate::error::{Completion, Error, Failure};
+use crate::error::{Completion, Error};
 
 /// Arguments of `gripline export`.
 #[derive(Debug, Clone, Args)]
@@ -66,10 +66,10 @@ pub fn run(args: &ExportArgs) -> Result<Completion, Error> {
 }
 
 /// Writes a recording as a bag; returns the number of its messages.
-fn export_bag(recording: &Path, folder: &Path, namespace: &Namespace) -> Result<u64, Failure> {
+fn export_bag(recording: &Path, folder: &Path, namespace: &Namespace) -> Result<u64, Error> {
     let mut reader = Reader::open(recording)?;
     let settings = settings_from_text(&reader.metadata.settings, &Configuration::DEFAULT)
-        .map_err(|error| Failure::failed(format!("{}: {error}", recording.display())))?;
+        .map_err(|error| Error::failed(format!("{}: {error}", recording.display())))?;
     let mut bag = Bag::create(folder, namespace)?;
     while let Some(frame) = reader.next_frame()? {
         let fingertip = settings.fingertips[usize::from(frame.status.sensor) % SENSORS];

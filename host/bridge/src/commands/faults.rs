@@ -9,7 +9,7 @@ use gripline_protocol::message::{Command, GripMode, Refusal, Status};
 use serde::Serialize;
 
 use crate::commands::device::DeviceArgs;
-use crate::error::Failure;
+use crate::error::Error;
 use gripline_link::session::Session;
 use gripline_recording::units::newtons;
 
@@ -48,8 +48,8 @@ struct Report {
 /// Shows the faults; acknowledges and releases on request.
 ///
 /// # Errors
-/// [`Failure`] when the link fails, or a latched fault that was acknowledged is still there.
-pub fn run(args: &FaultsArgs) -> Result<(), Failure> {
+/// [`Error`] when the link fails, or a latched fault that was acknowledged is still there.
+pub fn run(args: &FaultsArgs) -> Result<(), Error> {
     let mut session = args.device.connect()?;
     let report = read_and_acknowledge(&mut session, args.acknowledge)?;
     if args.json {
@@ -60,7 +60,7 @@ pub fn run(args: &FaultsArgs) -> Result<(), Failure> {
     let left: Vec<_> = report.faults.iter().filter(|fault| fault.latched).collect();
     if args.acknowledge && !left.is_empty() {
         let names: Vec<_> = left.iter().map(|fault| fault.name).collect();
-        return Err(Failure::failed(format!(
+        return Err(Error::failed(format!(
             "{}: found {} still active after the acknowledgement, expected its cause removed first: {}",
             session.link_name(),
             names.join(", "),
@@ -74,7 +74,7 @@ pub fn run(args: &FaultsArgs) -> Result<(), Failure> {
 }
 
 /// Reads the faults, and acknowledges the latched ones on request.
-fn read_and_acknowledge(session: &mut Session, acknowledge: bool) -> Result<Report, Failure> {
+fn read_and_acknowledge(session: &mut Session, acknowledge: bool) -> Result<Report, Error> {
     // A lost link ends with the tick after this first message.
     status(session)?;
     let before = status(session)?;
@@ -89,7 +89,7 @@ fn read_and_acknowledge(session: &mut Session, acknowledge: bool) -> Result<Repo
 }
 
 /// A status that the microcontroller sends from now on.
-fn status(session: &mut Session) -> Result<Status, Failure> {
+fn status(session: &mut Session) -> Result<Status, Error> {
     session.command(Command::ReadStatus)?;
     let asked_us = session.now_us();
     while session.now_us() < asked_us + STATUS_US {
@@ -100,31 +100,31 @@ fn status(session: &mut Session) -> Result<Status, Failure> {
             return Ok(*status);
         }
     }
-    Err(Failure::failed(format!(
+    Err(Error::failed(format!(
         "{}: found no status within {} s, expected ten a second; check power and wiring",
         session.link_name(),
         STATUS_US / 1_000_000
     )))
 }
 
-fn release(session: &mut Session) -> Result<(), Failure> {
+fn release(session: &mut Session) -> Result<(), Error> {
     session.command(Command::Release)?;
     let status = status(session)?;
     match session.take_refusal() {
-        Some(Refusal::Latched) => Err(Failure::failed(format!(
+        Some(Refusal::Latched) => Err(Error::failed(format!(
             "{}: release refused, expected no latched fault: a new one came up",
             session.link_name()
         ))),
-        Some(Refusal::Inhibited) => Err(Failure::failed(format!(
+        Some(Refusal::Inhibited) => Err(Error::failed(format!(
             "{}: release refused, expected the release-inhibit input inactive: let the robot allow it",
             session.link_name()
         ))),
-        Some(other) => Err(Failure::failed(format!(
+        Some(other) => Err(Error::failed(format!(
             "{}: release refused: {other:?}",
             session.link_name()
         ))),
         None if status.mode == GripMode::Released => Ok(()),
-        None => Err(Failure::failed(format!(
+        None => Err(Error::failed(format!(
             "{}: the gripper still holds, expected it to release; try again",
             session.link_name()
         ))),

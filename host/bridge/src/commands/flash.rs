@@ -8,6 +8,7 @@ use std::time::{Duration, Instant};
 
 use clap::Args;
 use gripline_flash::dfu::{Dfu, Wire};
+use gripline_flash::error::FlashError;
 use gripline_flash::image::{FLASH, Image, board_name};
 use gripline_flash::update::{Progress, Step, update};
 use gripline_flash::usb as bootloader;
@@ -17,7 +18,7 @@ use gripline_link::{Target, bootloader as way};
 use gripline_protocol::message::{BOARDS, Hello};
 use indicatif::{ProgressBar, ProgressStyle};
 
-use crate::error::Failure;
+use crate::error::Error;
 
 /// How long the bootloader may take to show up on the bus.
 const BOOTLOADER_WITHIN: Duration = Duration::from_secs(15);
@@ -61,8 +62,8 @@ enum Plugged {
 /// Flashes the image.
 ///
 /// # Errors
-/// [`Failure`] that says what was found, and whether the board still has its image.
-pub fn run(args: &FlashArgs) -> Result<(), Failure> {
+/// [`Error`] that says what was found, and whether the board still has its image.
+pub fn run(args: &FlashArgs) -> Result<(), Error> {
     let image = read(&args.image)?;
     println!(
         "image {}: {}, {} bytes",
@@ -70,7 +71,7 @@ pub fn run(args: &FlashArgs) -> Result<(), Failure> {
         image.identity,
         image.length()
     );
-    let boards = attached().map_err(Failure::failed)?;
+    let boards = attached().map_err(Error::failed)?;
     let chips = bootloader::attached()?;
     let places: Vec<&str> = chips.iter().map(|chip| chip.place.as_str()).collect();
     match plugged(&boards, args.serial.as_deref(), &places, args.board)? {
@@ -97,10 +98,10 @@ pub fn run(args: &FlashArgs) -> Result<(), Failure> {
                 Ok(chips.into_iter().find(|chip| chip.place == board.place))
             })?;
             let mut dfu = write(&chip, &image)?;
-            dfu.start(FLASH).map_err(Failure::failed)?;
+            dfu.start(FLASH)?;
             drop(dfu);
             wait_for("the board", &board.place, BOARD_WITHIN, || {
-                let boards = attached().map_err(Failure::failed)?;
+                let boards = attached().map_err(Error::failed)?;
                 Ok(boards.into_iter().find(|found| found.place == board.place))
             })?;
             shake_hands(serial, &image)
@@ -108,18 +109,18 @@ pub fn run(args: &FlashArgs) -> Result<(), Failure> {
     }
 }
 
-fn read(path: &Path) -> Result<Image, Failure> {
+fn read(path: &Path) -> Result<Image, Error> {
     let file = path.display();
-    let bytes = std::fs::read(path)
-        .map_err(|error| Failure::failed(format!("{file}: {error}, expected an image")))?;
-    Image::read(&bytes).map_err(|error| Failure::failed(format!("{file}: {error}")))
+    let bytes =
+        std::fs::read(path).map_err(|error| Error::failed(format!("{file}: {error}, expected an image")))?;
+    Image::read(&bytes).map_err(|error| Error::failed(format!("{file}: {error}")))
 }
 
-fn check(args: &FlashArgs, image: &Image, board: u8) -> Result<(), Failure> {
+fn check(args: &FlashArgs, image: &Image, board: u8) -> Result<(), Error> {
     let file = args.image.display();
     image
         .check(board)
-        .map_err(|error| Failure::failed(format!("{file}: {error}; nothing was changed")))
+        .map_err(|error| Error::failed(format!("{file}: {error}; nothing was changed")))
 }
 
 /// Any number that the last session is unlikely to have had.
@@ -135,23 +136,23 @@ fn plugged(
     serial: Option<&str>,
     chips: &[&str],
     board: Option<u8>,
-) -> Result<Plugged, Failure> {
+) -> Result<Plugged, Error> {
     if serial.is_some() || board.is_none() && !boards.is_empty() {
         return Ok(Plugged::Board(choose("USB device", boards, serial)?));
     }
     match (chips, board) {
         ([_], Some(board)) => Ok(Plugged::Bootloader(0, board)),
-        ([place], None) => Err(Failure::usage(format!(
+        ([place], None) => Err(Error::usage(format!(
             "--board: found none, and a chip in its bootloader at {place}; expected the name of its board: {}",
             BOARDS[1..].join(" or ")
         ))),
-        ([], Some(board)) => Err(Failure::failed(format!(
+        ([], Some(board)) => Err(Error::failed(format!(
             "USB: found no chip in its bootloader, expected one of {}; leave --board out for a board that runs, or set BOOT0 high and \
              reset it",
             board_name(board)
         ))),
         ([], None) => Ok(Plugged::Board(choose("USB device", boards, serial)?)),
-        (several, _) => Err(Failure::failed(format!(
+        (several, _) => Err(Error::failed(format!(
             "USB: found {} chips in their bootloaders, at {}; expected one: unplug the others",
             several.len(),
             several.join(", ")
@@ -164,15 +165,15 @@ fn wait_for<T>(
     what: &str,
     place: &str,
     within: Duration,
-    mut look: impl FnMut() -> Result<Option<T>, Failure>,
-) -> Result<T, Failure> {
+    mut look: impl FnMut() -> Result<Option<T>, Error>,
+) -> Result<T, Error> {
     let since = Instant::now();
     loop {
         if let Some(found) = look()? {
             return Ok(found);
         }
         if since.elapsed() > within {
-            return Err(Failure::failed(format!(
+            return Err(Error::failed(format!(
                 "USB at {place}: {what} did not show up within {} s; reset the board, and if it stays away set BOOT0 high, reset it and \
                  run this again with --board",
                 within.as_secs()
@@ -183,12 +184,12 @@ fn wait_for<T>(
 }
 
 /// Erases, writes and verifies, with its progress on standard error.
-fn write(chip: &bootloader::Attached, image: &Image) -> Result<Dfu<bootloader::Usb>, Failure> {
+fn write(chip: &bootloader::Attached, image: &Image) -> Result<Dfu<bootloader::Usb>, Error> {
     // The system gives the file of a new device its rights a moment after the device is there.
     let since = Instant::now();
     let (mut dfu, sectors) = loop {
         match chip.open() {
-            Err(bootloader::UsbError::Forbidden { .. }) if since.elapsed() < Duration::from_secs(2) => {
+            Err(FlashError::Forbidden { .. }) if since.elapsed() < Duration::from_secs(2) => {
                 thread::sleep(LOOK_EVERY);
             }
             opened => break opened?,
@@ -202,7 +203,7 @@ fn write_with<W: Wire>(
     dfu: &mut Dfu<W>,
     sectors: &[gripline_flash::layout::Sector],
     image: &Image,
-) -> Result<(), Failure> {
+) -> Result<(), Error> {
     let bar = if std::io::stderr().is_terminal() {
         ProgressBar::new(0)
     } else {
@@ -222,20 +223,18 @@ fn write_with<W: Wire>(
         bar.set_position(done.into());
     });
     bar.finish_and_clear();
-    done.map_err(Failure::failed)
+    Ok(done?)
 }
 
 /// The new firmware must say that it is there.
-fn shake_hands(serial: Option<String>, image: &Image) -> Result<(), Failure> {
+fn shake_hands(serial: Option<String>, image: &Image) -> Result<(), Error> {
     let session = Session::connect(Target::Usb(serial).open()?)?;
     let Some(found) = session.firmware() else {
-        return Err(Failure::failed(
-            "the board does not say who it is, expected it to",
-        ));
+        return Err(Error::failed("the board does not say who it is, expected it to"));
     };
     let known = |hello: &Hello| (hello.board, hello.build, hello.revision);
     if known(found) != known(&image.identity) {
-        return Err(Failure::failed(format!(
+        return Err(Error::failed(format!(
             "the board runs {found}, expected {}; reset it and look again with `gripline doctor`",
             image.identity
         )));

@@ -14,7 +14,7 @@ use gripline_network::{Architecture, Evaluation, ForceMap, Inference, Instructio
 use serde_json::json;
 
 use crate::commands::files::maps_npy;
-use crate::error::{Completion, Failure};
+use crate::error::{Completion, Error};
 use gripline_capture::playback::PictureReader;
 use gripline_capture::{CaptureError, picture};
 
@@ -61,8 +61,8 @@ enum Engine {
 /// Runs the network over the pictures.
 ///
 /// # Errors
-/// [`Failure`] that names the file: weights or pictures that cannot be used, maps that cannot be written.
-pub fn run(args: &InferArgs) -> Result<Completion, Failure> {
+/// [`Error`] that names the file: weights or pictures that cannot be used, maps that cannot be written.
+pub fn run(args: &InferArgs) -> Result<Completion, Error> {
     let mut network = match &args.weights {
         Some(path) => Network::from_file(path, args.network),
         None => Network::embedded(args.network.unwrap_or_default()),
@@ -107,7 +107,7 @@ pub fn run(args: &InferArgs) -> Result<Completion, Failure> {
     let part = args.out.with_extension("part");
     fs::write(&part, maps_npy(maps.iter())?)
         .and_then(|()| fs::rename(&part, &args.out))
-        .map_err(|error| Failure::failed(format!("{}: {error}", args.out.display())))?;
+        .map_err(|error| Error::failed(format!("{}: {error}", args.out.display())))?;
 
     times_us.sort_by(f64::total_cmp);
     let median_us = times_us[times_us.len() / 2];

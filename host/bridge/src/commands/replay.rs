@@ -16,7 +16,7 @@ use gripline_protocol::{Health, Motion, SENSORS};
 use serde::Serialize;
 
 use crate::config::settings_from_text;
-use crate::error::{Completion, Failure};
+use crate::error::{Completion, Error};
 use crate::marker_rest::recorded_rest;
 use crate::model::{AtRest, Model};
 use gripline_link::session::Session;
@@ -66,8 +66,8 @@ struct Replayed {
 /// Replays.
 ///
 /// # Errors
-/// [`Failure`] when the recording cannot be used or was decided otherwise.
-pub fn run(args: &ReplayArgs) -> Result<Completion, Failure> {
+/// [`Error`] when the recording cannot be used or was decided otherwise.
+pub fn run(args: &ReplayArgs) -> Result<Completion, Error> {
     let mut reader = Reader::open(&args.recording)?;
     let shown = args.recording.display();
     let replayed = replay(&mut reader, args)?;
@@ -78,7 +78,7 @@ pub fn run(args: &ReplayArgs) -> Result<Completion, Failure> {
     };
     writeln!(std::io::stdout(), "{line}")?;
     if replayed.different > 0 {
-        return Err(Failure::failed(format!(
+        return Err(Error::failed(format!(
             "{shown}: {} of {} frames decided otherwise, expected none: {}",
             replayed.different,
             replayed.frames,
@@ -120,7 +120,7 @@ fn text(replayed: &Replayed) -> String {
 }
 
 /// Somebody set another floor from outside.
-fn follow_floor(control: &mut ControlLoop, floor_lsb: Option<i32>) -> Result<(), Failure> {
+fn follow_floor(control: &mut ControlLoop, floor_lsb: Option<i32>) -> Result<(), Error> {
     let settings = *control.session.settings();
     if let Some(floor) = floor_lsb.filter(|floor| *floor != settings.floor) {
         control.session.configure(Configuration { floor, ..settings })?;
@@ -128,7 +128,7 @@ fn follow_floor(control: &mut ControlLoop, floor_lsb: Option<i32>) -> Result<(),
     Ok(())
 }
 
-fn replay(reader: &mut Reader, args: &ReplayArgs) -> Result<Replayed, Failure> {
+fn replay(reader: &mut Reader, args: &ReplayArgs) -> Result<Replayed, Error> {
     let shown = args.recording.display();
     let (mut pipelines, settings) = pipelines_of(reader, args)?;
     let link = Box::new(EmbeddedLink::new());
@@ -148,7 +148,7 @@ fn replay(reader: &mut Reader, args: &ReplayArgs) -> Result<Replayed, Failure> {
     }) = reader.next_frame()?
     {
         let verdict = verdict_of(&status.gate).ok_or_else(|| {
-            Failure::failed(format!(
+            Error::failed(format!(
                 "{shown}: frame {}: found gate {}",
                 status.frame, status.gate
             ))
@@ -161,7 +161,7 @@ fn replay(reader: &mut Reader, args: &ReplayArgs) -> Result<Replayed, Failure> {
         let sensor = usize::from(status.sensor);
         let known = &mut all_known[sensor];
         let pipeline = pipelines.get_mut(sensor).ok_or_else(|| {
-            Failure::failed(format!(
+            Error::failed(format!(
                 "{shown}: frame {}: found a frame of the second fingertip, expected its pictures at rest before it",
                 status.frame
             ))
@@ -238,7 +238,7 @@ fn replay(reader: &mut Reader, args: &ReplayArgs) -> Result<Replayed, Failure> {
 }
 
 /// The run's pipelines, one a fingertip, and its settings again.
-fn pipelines_of(reader: &Reader, args: &ReplayArgs) -> Result<(Vec<Pipeline>, Configuration), Failure> {
+fn pipelines_of(reader: &Reader, args: &ReplayArgs) -> Result<(Vec<Pipeline>, Configuration), Error> {
     let Metadata {
         network,
         instructions,
@@ -246,7 +246,7 @@ fn pipelines_of(reader: &Reader, args: &ReplayArgs) -> Result<(Vec<Pipeline>, Co
         settings,
         ..
     } = &reader.metadata;
-    let wrong = |what: String| Failure::failed(format!("{}: {what}", args.recording.display()));
+    let wrong = |what: String| Error::failed(format!("{}: {what}", args.recording.display()));
     if let Some(model) = Model::recorded(&reader.metadata, args.weights.as_deref())? {
         return marker_pipelines_of(reader, &model, wrong);
     }
@@ -284,8 +284,8 @@ fn pipelines_of(reader: &Reader, args: &ReplayArgs) -> Result<(Vec<Pipeline>, Co
 fn marker_pipelines_of(
     reader: &Reader,
     model: &Model,
-    wrong: impl Fn(String) -> Failure,
-) -> Result<(Vec<Pipeline>, Configuration), Failure> {
+    wrong: impl Fn(String) -> Error,
+) -> Result<(Vec<Pipeline>, Configuration), Error> {
     let metadata = &reader.metadata;
     let gate: GateKind = metadata
         .gate
@@ -294,7 +294,7 @@ fn marker_pipelines_of(
     let settings = settings_from_text(&metadata.settings, &Configuration::DEFAULT).map_err(&wrong)?;
     let rests = reader.rest.iter().take(settings.sensors.into());
     let rests: Vec<AtRest> = rests
-        .map(|pictures| Ok::<_, Failure>(AtRest::Markers(recorded_rest(&metadata.rest, pictures)?)))
+        .map(|pictures| Ok::<_, Error>(AtRest::Markers(recorded_rest(&metadata.rest, pictures)?)))
         .collect::<Result<_, _>>()?;
     for rest in rests.iter().take(1) {
         let [name, manifest, fingerprint] = model.named(rest);

@@ -7,7 +7,7 @@ use gripline_chart::{Axis, BLUE, Chart, FAINT, Figure, GREY, INK, Legend, Mark, 
 use gripline_sensor::{Sensor, SensorError};
 use gripline_simulation::Random;
 
-use crate::error::Failure;
+use crate::error::Error;
 
 /// Arguments of `gripline sensor`.
 #[derive(Debug, Clone, Args)]
@@ -35,14 +35,14 @@ struct CheckArgs {
 /// Runs the command.
 ///
 /// # Errors
-/// [`Failure`] when the description cannot be read or used; its problems stand on standard error, one a line.
-pub fn run(args: &SensorArgs) -> Result<(), Failure> {
+/// [`Error`] when the description cannot be read or used; its problems stand on standard error, one a line.
+pub fn run(args: &SensorArgs) -> Result<(), Error> {
     let Action::Check(CheckArgs { file, draw }) = &args.action;
     match Sensor::named(file) {
         Ok(sensor) => {
             print!("{}", described(&sensor));
             if let Some(path) = draw {
-                drawing(&sensor).save(path).map_err(Failure::failed)?;
+                drawing(&sensor).save(path)?;
             }
             Ok(())
         }
@@ -51,7 +51,7 @@ pub fn run(args: &SensorArgs) -> Result<(), Failure> {
                 eprintln!("{}:{problem}", file.display());
             }
             let count = problems.len();
-            Err(Failure::failed(format!(
+            Err(Error::failed(format!(
                 "{}: found {count} problem{}, expected none: mend the lines above",
                 file.display(),
                 if count == 1 { "" } else { "s" }

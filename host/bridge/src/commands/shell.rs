@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use clap::{Args, Command};
 use clap_complete::Shell;
 
-use crate::error::Failure;
+use crate::error::Error;
 
 /// Arguments of `gripline completions`.
 #[derive(Debug, Clone, Args)]
@@ -26,25 +26,25 @@ pub struct ManArgs {
 /// Prints the completions of the program.
 ///
 /// # Errors
-/// [`Failure`] when standard output cannot be written.
-pub fn completions(args: &CompletionsArgs, program: &mut Command) -> Result<(), Failure> {
+/// [`Error`] when standard output cannot be written.
+pub fn completions(args: &CompletionsArgs, program: &mut Command) -> Result<(), Error> {
     let mut script = Vec::new();
     clap_complete::generate(args.shell, program, "gripline", &mut script);
     std::io::stdout()
         .write_all(&script)
-        .map_err(|error| Failure::failed(format!("standard output: {error}")))
+        .map_err(|error| Error::failed(format!("standard output: {error}")))
 }
 
 /// Writes the pages of the program.
 ///
 /// # Errors
-/// [`Failure`] that names the folder.
-pub fn man(args: &ManArgs, program: Command) -> Result<(), Failure> {
+/// [`Error`] that names the folder.
+pub fn man(args: &ManArgs, program: Command) -> Result<(), Error> {
     std::fs::create_dir_all(&args.out)
         .and_then(|()| clap_mangen::generate_to(program, &args.out))
         .map_err(|error| {
             let folder = args.out.display();
-            Failure::failed(format!(
+            Error::failed(format!(
                 "{folder}: {error}, expected a folder that can be written"
             ))
         })

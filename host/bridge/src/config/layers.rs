@@ -9,7 +9,7 @@ use super::device;
 use super::key::{Key, keys, parse, sections, variable};
 use super::overrides::Overrides;
 use super::settings::{MICROCONTROLLER, Settings};
-use crate::error::Failure;
+use crate::error::Error;
 use crate::value::nearest;
 
 /// The variable that names the file.
@@ -41,8 +41,8 @@ impl Settings {
     /// Reads file, environment and flags.
     ///
     /// # Errors
-    /// [`Failure`] of kind usage that lists everything that is wrong.
-    pub fn load(flags: &Overrides) -> Result<Self, Failure> {
+    /// [`Error`] of kind usage that lists everything that is wrong.
+    pub fn load(flags: &Overrides) -> Result<Self, Error> {
         Effective::load(flags)?.settings()
     }
 }
@@ -51,15 +51,15 @@ impl Effective {
     /// Joins flags, this process's environment and the file.
     ///
     /// # Errors
-    /// [`Failure`] of kind usage that lists everything that is wrong.
-    pub(crate) fn load(flags: &Overrides) -> Result<Self, Failure> {
+    /// [`Error`] of kind usage that lists everything that is wrong.
+    pub(crate) fn load(flags: &Overrides) -> Result<Self, Error> {
         let environment: Vec<(String, String)> = std::env::vars_os()
             .filter_map(|(name, value)| Some((name.into_string().ok()?, value.into_string().ok()?)))
             .collect();
         let file = find_file(flags.file.as_deref(), &environment);
         let text = file.as_deref().map(read).transpose()?;
         Self::join(flags, &environment, file.as_deref().zip(text.as_deref())).map_err(|errors| {
-            Failure::usage(match errors.as_slice() {
+            Error::usage(match errors.as_slice() {
                 [only] => only.clone(),
                 all => format!(
                     "{} errors in the configuration\n  {}",
@@ -176,8 +176,8 @@ impl Effective {
     /// The values as the rest of the program sees them.
     ///
     /// # Errors
-    /// [`Failure`] when values that are right one by one are wrong together, or a calibration cannot be read.
-    pub(crate) fn settings(&self) -> Result<Settings, Failure> {
+    /// [`Error`] when values that are right one by one are wrong together, or a calibration cannot be read.
+    pub(crate) fn settings(&self) -> Result<Settings, Error> {
         let flags = keys().zip(&self.entries).filter_map(|(key, entry)| {
             Some(match entry.value.as_ref()? {
                 Value::Boolean(is_on) => return is_on.then(|| format!("--{}", key.flag())),
@@ -186,7 +186,7 @@ impl Effective {
             })
         });
         parse(flags)
-            .map_err(Failure::usage)?
+            .map_err(Error::usage)?
             .complete(self.microcontroller())
     }
 
@@ -251,9 +251,9 @@ fn find_file(asked: Option<&Path>, environment: &[(String, String)]) -> Option<P
         .find(|path| path.is_file())
 }
 
-fn read(path: &Path) -> Result<String, Failure> {
+fn read(path: &Path) -> Result<String, Error> {
     std::fs::read_to_string(path).map_err(|error| {
-        Failure::usage(format!(
+        Error::usage(format!(
             "{}: {error}, expected a configuration file; `gripline config default` prints one",
             path.display()
         ))

@@ -15,7 +15,7 @@ use toml::Table;
 
 use super::device;
 use crate::calibration::Calibration;
-use crate::error::Failure;
+use crate::error::Error;
 use crate::live::fleet::{FleetSettings, check_endpoint, check_name};
 use crate::live::ros2::{Ros2Settings, check_domain};
 use crate::marker_rest::RestSource;
@@ -259,8 +259,8 @@ impl Settings {
     /// Reads the calibrations and checks what is right by itself and wrong together.
     ///
     /// # Errors
-    /// [`Failure`] of kind usage that names the keys, or what is wrong with a calibration.
-    pub(super) fn complete(mut self, microcontroller: Table) -> Result<Self, Failure> {
+    /// [`Error`] of kind usage that names the keys, or what is wrong with a calibration.
+    pub(super) fn complete(mut self, microcontroller: Table) -> Result<Self, Error> {
         self.microcontroller = microcontroller;
         let load = |file: &Option<PathBuf>| file.as_deref().map(Calibration::load).transpose();
         self.calibration = load(&self.calibration_file)?;
@@ -288,14 +288,14 @@ impl Settings {
         } else {
             return Ok(self);
         };
-        Err(Failure::usage(conflict))
+        Err(Error::usage(conflict))
     }
 
     /// The force network, with the weights and instructions that were asked for.
     ///
     /// # Errors
-    /// [`Failure`] when the weights cannot be read, or the processor lacks the instructions.
-    pub fn network(&self) -> Result<Network, Failure> {
+    /// [`Error`] when the weights cannot be read, or the processor lacks the instructions.
+    pub fn network(&self) -> Result<Network, Error> {
         let network = match &self.weights {
             Some(path) => Network::from_file(path, self.architecture)?,
             None => Network::embedded(self.architecture.unwrap_or_default())?,
@@ -344,10 +344,10 @@ impl Settings {
     /// The microcontroller's settings `now`, with what the configuration says of them.
     ///
     /// # Errors
-    /// [`Failure`] that names the setting which is out of its range.
-    pub fn microcontroller(&self, now: &Configuration) -> Result<Configuration, Failure> {
+    /// [`Error`] that names the setting which is out of its range.
+    pub fn microcontroller(&self, now: &Configuration) -> Result<Configuration, Error> {
         device::applied(&self.microcontroller, now)
-            .map_err(|error| Failure::usage(format!("{MICROCONTROLLER}.{error}")))
+            .map_err(|error| Error::usage(format!("{MICROCONTROLLER}.{error}")))
     }
 }
 

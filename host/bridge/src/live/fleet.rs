@@ -8,7 +8,7 @@
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 use std::thread::{self, JoinHandle};
 
-use crate::error::Failure;
+use crate::error::Error;
 use gripline_recording::telemetry::FrameReport;
 
 /// Frames that wait for the network.
@@ -41,8 +41,8 @@ impl Fleet {
     /// Joins the network. `about` is what the run is, as JSON.
     ///
     /// # Errors
-    /// [`Failure`] when an endpoint cannot be used, or this program was built without zenoh.
-    pub(crate) fn start(settings: &FleetSettings, about: String) -> Result<Self, Failure> {
+    /// [`Error`] when an endpoint cannot be used, or this program was built without zenoh.
+    pub(crate) fn start(settings: &FleetSettings, about: String) -> Result<Self, Error> {
         let put = open(settings)?;
         Ok(Self::with(&settings.name, about, put))
     }
@@ -123,15 +123,15 @@ pub(crate) fn check_endpoint(text: &str) -> Result<(), String> {
 }
 
 #[cfg(not(feature = "zenoh"))]
-fn open(_settings: &FleetSettings) -> Result<impl FnMut(&str, &str) + Send + 'static, Failure> {
-    Err::<fn(&str, &str), _>(Failure::usage(
+fn open(_settings: &FleetSettings) -> Result<impl FnMut(&str, &str) + Send + 'static, Error> {
+    Err::<fn(&str, &str), _>(Error::usage(
         "zenoh.name (--zenoh-name): this gripline was built without zenoh, expected one that has it: `cargo build --release \
          --features zenoh`",
     ))
 }
 
 #[cfg(feature = "zenoh")]
-fn open(settings: &FleetSettings) -> Result<impl FnMut(&str, &str) + Send + 'static, Failure> {
+fn open(settings: &FleetSettings) -> Result<impl FnMut(&str, &str) + Send + 'static, Error> {
     use zenoh::Wait as _;
     use zenoh::bytes::Encoding;
     use zenoh::qos::CongestionControl;
@@ -149,11 +149,11 @@ fn open(settings: &FleetSettings) -> Result<impl FnMut(&str, &str) + Send + 'sta
 
 /// A peer that waits for nobody. Without an endpoint it finds others of its network by multicast.
 #[cfg(feature = "zenoh")]
-fn session(settings: &FleetSettings) -> Result<zenoh::Session, Failure> {
+fn session(settings: &FleetSettings) -> Result<zenoh::Session, Error> {
     use zenoh::Wait as _;
 
     let failed = |error: zenoh::Error| {
-        Failure::failed(format!(
+        Error::failed(format!(
             "zenoh: {error}, expected endpoints of this machine (zenoh.listen) that no other program listens on"
         ))
     };

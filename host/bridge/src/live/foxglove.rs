@@ -10,7 +10,7 @@ use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 use std::thread::{self, JoinHandle};
 use std::time::{SystemTime, UNIX_EPOCH};
 
-use crate::error::Failure;
+use crate::error::Error;
 use gripline_recording::{Channels, Frame, Message, Metadata};
 
 /// Frames and lines that wait for the server.
@@ -37,12 +37,12 @@ impl Foxglove {
     /// Listens at this address, for a run with these pictures at rest, by fingertip.
     ///
     /// # Errors
-    /// [`Failure`] when the address cannot be used, or this program was built without Foxglove.
+    /// [`Error`] when the address cannot be used, or this program was built without Foxglove.
     pub(crate) fn start(
         address: SocketAddr,
         about: &Metadata,
         rest: &[Vec<gripline_recording::Image>],
-    ) -> Result<Self, Failure> {
+    ) -> Result<Self, Error> {
         let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
         let channels = Channels::new(rest.len(), about, now.as_nanos() as u64);
         let (put, is_watched) = open(address, &channels, rest)?;
@@ -113,8 +113,8 @@ fn open(
     _: SocketAddr,
     _: &Channels,
     _: &[Vec<gripline_recording::Image>],
-) -> Result<(impl FnMut(&Message) + Send + 'static, IsWatched), Failure> {
-    Err::<(fn(&Message), IsWatched), _>(Failure::usage(
+) -> Result<(impl FnMut(&Message) + Send + 'static, IsWatched), Error> {
+    Err::<(fn(&Message), IsWatched), _>(Error::usage(
         "foxglove.listen (--foxglove): this gripline was built without Foxglove, expected one that has it: `cargo build \
          --release --features foxglove`",
     ))
@@ -135,7 +135,7 @@ mod server {
     };
     use tokio::runtime::{Builder, Runtime};
 
-    use super::{Channels, Failure, IsWatched, Message, SocketAddr};
+    use super::{Channels, Error, IsWatched, Message, SocketAddr};
 
     /// Messages that wait for one viewer; the first are up to 32 pictures at rest.
     const BACKLOG: usize = 128;
@@ -190,9 +190,9 @@ mod server {
         address: SocketAddr,
         channels: &Channels,
         rest: &[Vec<gripline_recording::Image>],
-    ) -> Result<(impl FnMut(&Message) + Send + 'static, IsWatched), Failure> {
+    ) -> Result<(impl FnMut(&Message) + Send + 'static, IsWatched), Error> {
         let failed = |error: &dyn std::fmt::Display| {
-            Failure::failed(format!(
+            Error::failed(format!(
                 "foxglove.listen {address}: {error}, expected an address of this machine that no other program listens on"
             ))
         };

@@ -8,7 +8,7 @@ use gripline_protocol::ForceMap;
 use gripline_recording::ros2::{Namespace, Range, Rmw, Sample};
 use gripline_recording::telemetry::FrameReport;
 
-use crate::error::Failure;
+use crate::error::Error;
 
 /// The environment variables of ROS 2 that stand for keys which are not given.
 pub(crate) const ENVIRONMENT: [&str; 2] = ["ROS_DOMAIN_ID", "RMW_IMPLEMENTATION"];
@@ -37,12 +37,12 @@ impl Ros2 {
     /// Joins the domain, with this number of fingertips.
     ///
     /// # Errors
-    /// [`Failure`] when the environment is wrong, the domain cannot be joined, or this program was built without ROS 2.
-    pub(crate) fn start(settings: &Ros2Settings, fingertips: u8, handle: &Handle) -> Result<Self, Failure> {
+    /// [`Error`] when the environment is wrong, the domain cannot be joined, or this program was built without ROS 2.
+    pub(crate) fn start(settings: &Ros2Settings, fingertips: u8, handle: &Handle) -> Result<Self, Error> {
         let [domain, rmw] = ENVIRONMENT.map(|name| std::env::var(name).ok());
         let domain = match settings.domain {
             Some(domain) => domain,
-            None => domain_of(domain.as_deref()).map_err(Failure::usage)?,
+            None => domain_of(domain.as_deref()).map_err(Error::usage)?,
         };
         let rmw = settings.rmw.unwrap_or_else(|| rmw_of(rmw.as_deref()));
         let leave = open(settings, domain, rmw, fingertips, handle)?;
@@ -84,8 +84,8 @@ pub(crate) fn check_domain(text: &str) -> Result<u16, String> {
 }
 
 #[cfg(not(feature = "ros2"))]
-fn open(_: &Ros2Settings, _: u16, _: Rmw, _: u8, _: &Handle) -> Result<Box<dyn Fn(Sample)>, Failure> {
-    Err(Failure::usage(
+fn open(_: &Ros2Settings, _: u16, _: Rmw, _: u8, _: &Handle) -> Result<Box<dyn Fn(Sample)>, Error> {
+    Err(Error::usage(
         "ros2.name (--ros2-name): this gripline was built without ROS 2, expected one that has it: `cargo build --release \
          --features ros2`",
     ))
@@ -98,7 +98,7 @@ fn open(
     rmw: Rmw,
     fingertips: u8,
     handle: &Handle,
-) -> Result<Box<dyn Fn(Sample)>, Failure> {
+) -> Result<Box<dyn Fn(Sample)>, Error> {
     let node = gripline_ros2::Ros2Node::start(
         &gripline_ros2::Settings {
             namespace: settings.namespace.clone(),
@@ -110,7 +110,7 @@ fn open(
         },
         handle,
     );
-    let node = node.map_err(Failure::failed)?;
+    let node = node?;
     tracing::info!(
         "ROS 2: /{} in domain {domain}, range {}{}",
         settings.namespace,

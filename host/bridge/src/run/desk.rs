@@ -13,7 +13,7 @@ use super::fingertips::Fingertips;
 use super::requests::FloorRequest;
 use super::rezero::Rezero;
 use super::under_way::Run;
-use crate::error::Failure;
+use crate::error::Error;
 
 /// Settings that no answer confirms are offered again after this, µs.
 const OFFER_AGAIN_US: u64 = 10_000;
@@ -22,7 +22,7 @@ const GIVE_UP_US: u64 = 2_000_000;
 
 impl Run {
     /// Takes what was asked for meanwhile, and goes on with what is under way.
-    pub(super) fn look_after_requests(&mut self) -> Result<(), Failure> {
+    pub(super) fn look_after_requests(&mut self) -> Result<(), Error> {
         while let Some(asked) = self.requests.inbox.next() {
             self.begin(asked);
         }
@@ -31,7 +31,7 @@ impl Run {
     }
 
     /// Takes one request at once.
-    pub(super) fn take_request(&mut self, asked: Asked) -> Result<(), Failure> {
+    pub(super) fn take_request(&mut self, asked: Asked) -> Result<(), Error> {
         self.begin(asked);
         self.look_after_requests()
     }
@@ -111,7 +111,7 @@ impl Run {
     }
 
     /// Answers what has come to an end.
-    pub(super) fn settle_requests(&mut self) -> Result<(), Failure> {
+    pub(super) fn settle_requests(&mut self) -> Result<(), Error> {
         self.take_refusal();
         self.settle_mode()?;
         self.settle_acknowledgement()?;
@@ -139,7 +139,7 @@ impl Run {
         self.control.refused(refusal);
     }
 
-    fn settle_mode(&mut self) -> Result<(), Failure> {
+    fn settle_mode(&mut self) -> Result<(), Error> {
         let is_asked = self.requests.desk.waits_for(Step::Hold);
         if let Some(why) = self.control.take_unconfirmed() {
             self.summary.requests_unconfirmed += 1;
@@ -158,7 +158,7 @@ impl Run {
         Ok(())
     }
 
-    fn settle_acknowledgement(&mut self) -> Result<(), Failure> {
+    fn settle_acknowledgement(&mut self) -> Result<(), Error> {
         let Some(mut asked) = self.requests.acknowledging.take() else {
             return Ok(());
         };
@@ -195,7 +195,7 @@ impl Run {
         Ok(())
     }
 
-    fn settle_floor(&mut self) -> Result<(), Failure> {
+    fn settle_floor(&mut self) -> Result<(), Error> {
         let Some(mut asked) = self.requests.floor.take() else {
             return Ok(());
         };
@@ -256,7 +256,7 @@ impl Run {
 
 impl Run {
     /// Goes on with new rest pictures, where somebody asked for them.
-    pub(super) fn look_after_rezero(&mut self, fingertips: &mut Fingertips) -> Result<(), Failure> {
+    pub(super) fn look_after_rezero(&mut self, fingertips: &mut Fingertips) -> Result<(), Error> {
         let is_released = self
             .control
             .session

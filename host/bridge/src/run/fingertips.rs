@@ -11,7 +11,7 @@ use gripline_simulation::constants::REST_PICTURES;
 
 use crate::calibration::Calibration;
 use crate::config::Settings;
-use crate::error::Failure;
+use crate::error::Error;
 use crate::marker_rest;
 use crate::model::{AtRest, Model};
 use crate::rest::{self, Store};
@@ -46,8 +46,8 @@ impl Open {
 /// Opens the source of each fingertip.
 ///
 /// # Errors
-/// [`Failure`] that says what was found and what to do.
-pub(super) fn open(wanted: &Settings, model: &Model) -> Result<Vec<Opened>, Failure> {
+/// [`Error`] that says what was found and what to do.
+pub(super) fn open(wanted: &Settings, model: &Model) -> Result<Vec<Opened>, Error> {
     let settings = SourceSettings {
         colour: model.has_markers().then_some(model.sensor.capture),
         ..wanted.source_settings(0)
@@ -67,13 +67,13 @@ pub(super) fn open(wanted: &Settings, model: &Model) -> Result<Vec<Opened>, Fail
 /// The rest pictures of each fingertip: those of its calibration, else taken now.
 ///
 /// # Errors
-/// [`Failure`] when a camera sends nothing good, or its pictures may show a touch.
+/// [`Error`] when a camera sends nothing good, or its pictures may show a touch.
 pub(super) fn at_rest(
     opened: Vec<Opened>,
     wanted: &Settings,
     model: &Model,
     session: &mut Session,
-) -> Result<Vec<Open>, Failure> {
+) -> Result<Vec<Open>, Error> {
     if model.has_markers() {
         return markers_at_rest(opened, wanted, model, session);
     }
@@ -118,10 +118,10 @@ fn markers_at_rest(
     wanted: &Settings,
     model: &Model,
     session: &mut Session,
-) -> Result<Vec<Open>, Failure> {
+) -> Result<Vec<Open>, Error> {
     let are_live = opened.iter().any(|opened| opened.pictures.is_live());
     if are_live && wanted.rest.is_none() && is_holding(session)? {
-        return Err(Failure::failed(
+        return Err(Error::failed(
             "found a gripper that holds, expected a released one: what it holds would count as no contact. Let go (`gripline faults \
              --acknowledge --release`) and start again, or name pictures of the untouched gel with --rest",
         ));
@@ -142,7 +142,7 @@ fn markers_at_rest(
 }
 
 /// Whether the gripper holds, as far as the microcontroller says: one that says nothing may.
-fn is_holding(session: &mut Session) -> Result<bool, Failure> {
+fn is_holding(session: &mut Session) -> Result<bool, Error> {
     session.run_until(session.now_us() + STATUS_US)?;
     let status = session.status();
     Ok(status.is_none_or(|status| status.mode == GripMode::Hold && status.line > 0))
@@ -181,15 +181,15 @@ impl Fingertips {
     /// Each with the model, its own rest pictures, and a gate of its own.
     ///
     /// # Errors
-    /// [`Failure`] when a rest of printed markers shows none, or a touch.
+    /// [`Error`] when a rest of printed markers shows none, or a touch.
     pub(super) fn new(
         opened: Vec<Open>,
         model: &Model,
         wanted: &Settings,
         rule: TaxelRule,
-    ) -> Result<Self, Failure> {
+    ) -> Result<Self, Error> {
         let at_work = |(place, open): (usize, Open)| {
-            Ok::<_, Failure>(Fingertip {
+            Ok::<_, Error>(Fingertip {
                 pipeline: model.pipeline(place, &open.rest, wanted.gate, rule)?,
                 rest: Arc::new(open.particles().map_or_else(Vec::new, |crops| mean(&crops))),
                 source: open.source,
@@ -212,8 +212,8 @@ impl Fingertips {
     /// The next picture of any of them, in turn; one whose camera has nothing to give now is passed over.
     ///
     /// # Errors
-    /// [`Failure`] when there can be no more.
-    pub(super) fn next(&mut self, line_n: f64) -> Result<Looked, Failure> {
+    /// [`Error`] when there can be no more.
+    pub(super) fn next(&mut self, line_n: f64) -> Result<Looked, Error> {
         let count = self.all.len();
         for _ in 0..count {
             let place = self.next;

@@ -49,7 +49,7 @@ use self::supervisor::Supervisor;
 use self::terminal::Terminal;
 pub use self::under_way::{Pacing, Run};
 use crate::config::{Overrides, Settings};
-use crate::error::{Completion, Failure};
+use crate::error::{Completion, Error};
 use crate::live::Live;
 use crate::live::fleet::Fleet;
 use crate::live::foxglove::Foxglove;
@@ -78,8 +78,8 @@ pub struct RunArgs {
 /// Runs until the end, `q`, or Ctrl-C.
 ///
 /// # Errors
-/// [`Failure`] when weights, link or terminal fail.
-pub fn run(args: &RunArgs) -> Result<Completion, Failure> {
+/// [`Error`] when weights, link or terminal fail.
+pub fn run(args: &RunArgs) -> Result<Completion, Error> {
     let wanted = Settings::load(&args.overrides)?;
     let model = Model::of(&wanted)?;
     let of_model = settings_of(model.calibration());
@@ -130,7 +130,7 @@ pub fn run(args: &RunArgs) -> Result<Completion, Failure> {
 
     let stop = Arc::new(AtomicBool::new(false));
     let signalled = Arc::clone(&stop);
-    ctrlc::set_handler(move || signalled.store(true, Ordering::Relaxed)).map_err(Failure::failed)?;
+    ctrlc::set_handler(move || signalled.store(true, Ordering::Relaxed))?;
     let mut output = Output::open(args.json, Limits::of(&settings), when_full)?;
     let log = Collector::start(output.is_live());
     let one_round = fingertips.are_simulated() && !output.is_live();
@@ -180,7 +180,7 @@ fn open_to_others(
     wanted: &Settings,
     control: &Handle,
     (about, rests): (&Metadata, &[Vec<Image>]),
-) -> Result<(), Failure> {
+) -> Result<(), Error> {
     run.live = serve(wanted, control)?;
     if let Some(fleet) = &wanted.fleet() {
         let about = serde_json::to_string(about).unwrap_or_default();
@@ -197,7 +197,7 @@ fn open_to_others(
 }
 
 /// Finishes the recording and prints what the run came to.
-fn close(mut run: Run, fingertips: &Fingertips, output: Output) -> Result<Completion, Failure> {
+fn close(mut run: Run, fingertips: &Fingertips, output: Output) -> Result<Completion, Error> {
     let counts = fingertips.counts();
     run.summary.pictures = counts.iter().flatten().copied().reduce(Counts::add);
     for (summary, pictures) in run.summary.fingertips.iter_mut().zip(counts) {
@@ -216,12 +216,12 @@ fn close(mut run: Run, fingertips: &Fingertips, output: Output) -> Result<Comple
 }
 
 /// Serves live values and takes requests, where that is wanted.
-fn serve(wanted: &Settings, control: &Handle) -> Result<Option<Live>, Failure> {
+fn serve(wanted: &Settings, control: &Handle) -> Result<Option<Live>, Error> {
     let Some(address) = wanted.serve else {
         return Ok(None);
     };
     let file = wanted.token_file.clone().or_else(token::default_file).ok_or_else(|| {
-        Failure::usage(
+        Error::usage(
             "serve.token_file (--token-file): found none, and no state folder (XDG_STATE_HOME, HOME); expected a file",
         )
     })?;
@@ -249,7 +249,7 @@ fn recording_file(wanted: &Settings) -> Option<&PathBuf> {
 }
 
 /// Small pictures are enough for one of the networks only.
-fn may_be_recorded(wanted: &Settings, model: &Model) -> Result<(), Failure> {
+fn may_be_recorded(wanted: &Settings, model: &Model) -> Result<(), Error> {
     let is_enough = |model: &Model| {
         let network = model.network();
         network.is_some_and(|network| network.architecture() == Architecture::Unet)
@@ -259,7 +259,7 @@ fn may_be_recorded(wanted: &Settings, model: &Model) -> Result<(), Failure> {
             || format!("sensor {}", model.sensor.identity()),
             |network| format!("the network {}", network.architecture()),
         );
-        return Err(Failure::usage(format!(
+        return Err(Error::usage(format!(
             "record.pictures (--record-pictures): found small with {of}, expected full or off: it looks at the whole picture"
         )));
     }
@@ -274,7 +274,7 @@ fn play(
     log: &Collector,
     terminal: &mut Terminal,
     (seconds, is_wanted): (Option<f64>, &dyn Fn() -> bool),
-) -> Result<(), Failure> {
+) -> Result<(), Error> {
     let supervisor = Supervisor::of_environment();
     supervisor.ready();
     while is_wanted() && seconds.is_none_or(|seconds| !run.is_over(seconds)) {

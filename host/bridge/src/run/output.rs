@@ -4,7 +4,7 @@ use std::fmt;
 use std::io::{self, ErrorKind, IsTerminal, Write};
 
 use super::summary::{Summary, summary_text};
-use crate::error::Failure;
+use crate::error::Error;
 use crate::view::{Key, Screen, View};
 use crate::writer::{WhenFull, Writer};
 use gripline_recording::telemetry::{FrameReport, Limits};
@@ -42,7 +42,7 @@ pub(super) enum Shown {
 }
 
 impl Output {
-    pub(super) fn open(json: bool, limits: Limits, when_full: WhenFull) -> Result<Self, Failure> {
+    pub(super) fn open(json: bool, limits: Limits, when_full: WhenFull) -> Result<Self, Error> {
         let lines = || {
             Writer::start(LINES_WAITING, when_full, |line: Vec<u8>| {
                 let mut out = io::stdout().lock();
@@ -55,7 +55,7 @@ impl Output {
         }
         if io::stdout().is_terminal() {
             let mut screen = Screen::open().map_err(|error| {
-                Failure::failed(format!("terminal: {error}, expected one to draw on; try --json"))
+                Error::failed(format!("terminal: {error}, expected one to draw on; try --json"))
             })?;
             let mut view = View::new(limits);
             return Ok(Self::Live(Writer::start(
@@ -91,7 +91,7 @@ impl Output {
         matches!(self, Self::Live(_))
     }
 
-    pub(super) fn frame(&mut self, report: &FrameReport, map: &[[f32; 3]; 400]) -> Result<Wish, Failure> {
+    pub(super) fn frame(&mut self, report: &FrameReport, map: &[[f32; 3]; 400]) -> Result<Wish, Error> {
         match self {
             Self::Json(out) => {
                 let mut line = serde_json::to_vec(report)?;
@@ -115,7 +115,7 @@ impl Output {
     }
 
     /// There is no picture now.
-    pub(super) fn idle(&mut self) -> Result<Wish, Failure> {
+    pub(super) fn idle(&mut self) -> Result<Wish, Error> {
         match self {
             Self::Live(_) => pressed(),
             Self::Json(_) | Self::Lines { .. } => Ok(Wish::GoOn),
@@ -144,7 +144,7 @@ impl Output {
         }
     }
 
-    pub(super) fn close(self, summary: &Summary) -> Result<(), Failure> {
+    pub(super) fn close(self, summary: &Summary) -> Result<(), Error> {
         let text = || format!("{}\n", summary_text(summary)).into_bytes();
         match self {
             Self::Json(out) => {
@@ -174,7 +174,7 @@ const fn wanted(is_wanted: bool) -> Wish {
 }
 
 /// What was pressed: read here, so that a terminal that takes nothing can still be told to stop.
-fn pressed() -> Result<Wish, Failure> {
+fn pressed() -> Result<Wish, Error> {
     let keys = Screen::pressed().map_err(terminal_failed)?;
     Ok(if keys.contains(&Key::Quit) {
         Wish::Stop
@@ -186,17 +186,17 @@ fn pressed() -> Result<Wish, Failure> {
 }
 
 /// A reader that went away (`| head`) is no failure.
-fn still_wanted(written: io::Result<()>) -> Result<(), Failure> {
+fn still_wanted(written: io::Result<()>) -> Result<(), Error> {
     match written {
         Err(error) if error.kind() != ErrorKind::BrokenPipe => {
-            Err(Failure::failed(format!("standard output: {error}")))
+            Err(Error::failed(format!("standard output: {error}")))
         }
         _ => Ok(()),
     }
 }
 
-fn terminal_failed(error: impl fmt::Display) -> Failure {
-    Failure::failed(format!("terminal: {error}"))
+fn terminal_failed(error: impl fmt::Display) -> Error {
+    Error::failed(format!("terminal: {error}"))
 }
 
 fn progress_line(report: &FrameReport) -> String {

@@ -8,7 +8,7 @@ use gripline_protocol::{LSB_PER_NEWTON, PER_UNIT, SENSORS};
 use super::requests::Unasked;
 use crate::calibration::{Calibration, with_points};
 use crate::config::{Settings, settings_text};
-use crate::error::Failure;
+use crate::error::Error;
 use crate::model::{AtRest, Model};
 use crate::source::Source;
 use gripline_link::Target;
@@ -32,7 +32,7 @@ pub(super) fn as_many_fingertips(
     wanted: &Settings,
     settings: &Configuration,
     sources: usize,
-) -> Result<(), Failure> {
+) -> Result<(), Error> {
     if usize::from(settings.sensors) == sources {
         return Ok(());
     }
@@ -40,7 +40,7 @@ pub(super) fn as_many_fingertips(
         .second_source
         .as_ref()
         .map_or("none".to_owned(), Source::to_string);
-    Err(Failure::usage(format!(
+    Err(Error::usage(format!(
         "microcontroller.sensors: found {} with camera.second_source {second}, expected {sources}: leave it out, a run sets it to \
          the number of its sources",
         settings.sensors

@@ -4,7 +4,7 @@ use std::time::{SystemTime, UNIX_EPOCH};
 
 use gripline_control::{Action, Client, Handle, Request};
 
-use crate::error::Failure;
+use crate::error::Error;
 use crate::view::Key;
 
 /// By how much a key moves the least force, newtons.
@@ -19,12 +19,12 @@ pub(super) struct Terminal {
 
 impl Terminal {
     /// # Errors
-    /// [`Failure`] never: the name is a good one.
-    pub(super) fn new(control: Handle) -> Result<Self, Failure> {
+    /// [`Error`] never: the name is a good one.
+    pub(super) fn new(control: Handle) -> Result<Self, Error> {
         let started = SystemTime::now().duration_since(UNIX_EPOCH);
         Ok(Self {
             control,
-            client: "terminal".parse().map_err(Failure::failed)?,
+            client: "terminal".parse()?,
             number: started.map_or(0, |time| time.as_nanos() as u64),
         })
     }

@@ -12,7 +12,7 @@ use super::report::{faults_of, image, report_of};
 use super::requests::{Requests, Unasked};
 use super::summary::Summary;
 use super::usage;
-use crate::error::Failure;
+use crate::error::Error;
 use crate::live::fleet::Fleet;
 use crate::live::foxglove::Foxglove;
 use crate::live::ros2::Ros2;
@@ -130,13 +130,13 @@ impl Run {
     /// One frame: picture in, map out, answer in.
     ///
     /// # Errors
-    /// [`Failure`] when the picture does not fit, or the link fails for good.
+    /// [`Error`] when the picture does not fit, or the link fails for good.
     pub fn frame(
         &mut self,
         pipeline: &mut Pipeline,
         sensor: u8,
         picture: Picture,
-    ) -> Result<FrameReport, Failure> {
+    ) -> Result<FrameReport, Error> {
         let frame_us = 1e6 / self.frames_per_second;
         let (t_s, until_us, lateness) = match self.pacing {
             // Half a frame for the answer; then the next picture may be there.
@@ -229,10 +229,10 @@ impl Run {
     }
 
     /// A picture without markers is told with its source and number.
-    fn told_of_markers(&self, error: PipelineError, sensor: u8) -> Failure {
+    fn told_of_markers(&self, error: PipelineError, sensor: u8) -> Error {
         let source = self.summary.fingertips.get(usize::from(sensor));
         match error {
-            PipelineError::Markers(problem) => Failure::failed(format!(
+            PipelineError::Markers(problem) => Error::failed(format!(
                 "{}, frame {}: {problem}",
                 source.map_or("pictures", |source| &source.source),
                 self.frame
@@ -353,7 +353,7 @@ impl Run {
     }
 
     /// There is no picture: the link goes on living.
-    pub(super) fn idle(&mut self) -> Result<(), Failure> {
+    pub(super) fn idle(&mut self) -> Result<(), Error> {
         self.look_after_requests()?;
         let now_us = self.elapsed_us();
         self.control.idle(now_us)?;
@@ -411,7 +411,7 @@ impl Run {
     }
 
     /// Waits until the next frame is due; what is asked for meanwhile is done at once, and watched until it is confirmed.
-    fn wait_for_the_clock(&mut self) -> Result<(), Failure> {
+    fn wait_for_the_clock(&mut self) -> Result<(), Error> {
         let due = self.due(self.frame + 1);
         loop {
             let is_under_way = self.control.is_asking() || self.requests.is_under_way();

@@ -15,7 +15,7 @@ use gripline_protocol::message::GripMode;
 use gripline_simulation::{GripScene, SimulationError};
 
 use self::recorded::{RecordedFrames, RecordedPicture};
-use crate::error::Failure;
+use crate::error::Error;
 #[cfg(target_os = "linux")]
 use crate::realtime;
 #[cfg(not(target_os = "linux"))]
@@ -155,8 +155,8 @@ impl Source {
     /// Opens the source.
     ///
     /// # Errors
-    /// [`Failure`] that says what was found and what to do.
-    pub(crate) fn open(&self, wanted: &SourceSettings) -> Result<Opened, Failure> {
+    /// [`Error`] that says what was found and what to do.
+    pub(crate) fn open(&self, wanted: &SourceSettings) -> Result<Opened, Error> {
         let rate = wanted.frames_per_second.unwrap_or(DEFAULT_RATE);
         if let Some(capture) = &wanted.colour {
             return self.open_colour(wanted, capture);
@@ -202,7 +202,7 @@ impl Source {
         &self,
         wanted: &SourceSettings,
         capture: &gripline_sensor::Capture,
-    ) -> Result<Opened, Failure> {
+    ) -> Result<Opened, Error> {
         let (pictures, rate, told) = match self {
             Self::Folder(path) | Self::Clip(path) => {
                 let frames = ColourPlayback::open(path, capture, wanted.fingertip)?;
@@ -225,7 +225,7 @@ impl Source {
                 (Frames::Camera(camera), rate, told)
             }
             Self::Simulated => {
-                return Err(Failure::usage(format!(
+                return Err(Error::usage(format!(
                     "camera.source (--source): found {self} with a sensor that has printed markers, expected a camera, file:CLIP, \
                      dir:FOLDER or mcap:RECORDING: there is no simulated gripper with this gel"
                 )));
@@ -243,11 +243,11 @@ impl Source {
 /// look at in turn.
 ///
 /// # Errors
-/// [`Failure`] of kind usage when they are not of one kind, else as [`Source::open`].
+/// [`Error`] of kind usage when they are not of one kind, else as [`Source::open`].
 pub(crate) fn open_both(
     sources: [&Source; SENSORS],
     wanted: &SourceSettings,
-) -> Result<[Opened; SENSORS], Failure> {
+) -> Result<[Opened; SENSORS], Error> {
     let kind = |source: &Source| match source {
         Source::Simulated => "the simulated world",
         Source::Camera(_) => "a camera",
@@ -255,7 +255,7 @@ pub(crate) fn open_both(
     };
     let [first, second] = sources;
     if kind(first) != kind(second) {
-        return Err(Failure::usage(format!(
+        return Err(Error::usage(format!(
             "camera.second_source (--second-source): found {second} beside camera.source {first}, expected {} for both \
              fingertips: they share one clock",
             kind(first)
@@ -282,8 +282,8 @@ impl Opened {
     /// Looks at the untouched fingertip, `count` times where that can be: files have what they have.
     ///
     /// # Errors
-    /// [`Failure`] when the camera sends nothing good, or no file shows the fingertip at rest.
-    pub(crate) fn rest(&mut self, count: usize) -> Result<AtRest, Failure> {
+    /// [`Error`] when the camera sends nothing good, or no file shows the fingertip at rest.
+    pub(crate) fn rest(&mut self, count: usize) -> Result<AtRest, Error> {
         let crops = match &mut self.pictures {
             Frames::Simulated(source) => source.rest(count),
             Frames::Camera(camera) => {
@@ -309,7 +309,7 @@ impl Opened {
 }
 
 #[cfg(target_os = "linux")]
-fn open_camera(device: &Path, wanted: &SourceSettings, rate: f64) -> Result<Camera, Failure> {
+fn open_camera(device: &Path, wanted: &SourceSettings, rate: f64) -> Result<Camera, Error> {
     let settings = CameraSettings {
         mode: RequestedMode {
             format: wanted.format,
@@ -331,7 +331,7 @@ fn open_camera(device: &Path, wanted: &SourceSettings, rate: f64) -> Result<Came
 }
 
 #[cfg(not(target_os = "linux"))]
-fn open_camera(device: &Path, _: &SourceSettings, _: f64) -> Result<Camera, Failure> {
+fn open_camera(device: &Path, _: &SourceSettings, _: f64) -> Result<Camera, Error> {
     Err(CaptureError::NoVideo4Linux {
         camera: device.display().to_string(),
     }
@@ -352,8 +352,8 @@ impl Frames {
     /// The next picture, with the gripper at this grip-force line. A camera is waited for, for at most so long.
     ///
     /// # Errors
-    /// [`Failure`] when there can be no more.
-    pub(crate) fn next(&mut self, line_n: f64, patience: Duration) -> Result<Taken, Failure> {
+    /// [`Error`] when there can be no more.
+    pub(crate) fn next(&mut self, line_n: f64, patience: Duration) -> Result<Taken, Error> {
         let taken = |crop, [came, taken]: [Instant; 2], decode_us, wish| {
             Taken::Picture(Picture {
                 crop,

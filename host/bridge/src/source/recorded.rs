@@ -6,7 +6,7 @@ use gripline_capture::Counts;
 use gripline_protocol::message::GripMode;
 use gripline_recording::{Completeness, Image, Metadata, Reader};
 
-use crate::error::Failure;
+use crate::error::Error;
 
 /// The pictures of a recording.
 pub(crate) struct RecordedFrames {
@@ -27,14 +27,14 @@ impl RecordedFrames {
     /// Opens a recording that has pictures, for those of a fingertip; those of its only one where it has one.
     ///
     /// # Errors
-    /// [`Failure`] when it cannot be read, or was recorded without pictures.
-    pub(super) fn open(path: &Path, fingertip: usize) -> Result<Self, Failure> {
+    /// [`Error`] when it cannot be read, or was recorded without pictures.
+    pub(super) fn open(path: &Path, fingertip: usize) -> Result<Self, Error> {
         let reader = Reader::open(path)?;
         let is_there = reader.rest.get(fingertip).is_some_and(|rest| !rest.is_empty());
         let fingertip = if is_there { fingertip } else { 0 };
         // What stands for the rest of printed markers need not be a picture.
         if reader.rest[fingertip].is_empty() && reader.metadata.rest.is_empty() {
-            return Err(Failure::failed(format!(
+            return Err(Error::failed(format!(
                 "{}: found no picture at rest, expected some at the beginning of the recording",
                 path.display()
             )));
@@ -70,8 +70,8 @@ impl RecordedFrames {
     /// The next picture, and what the gripper was told with it.
     ///
     /// # Errors
-    /// [`Failure`] when the file cannot be read.
-    pub(super) fn next(&mut self) -> Result<Option<RecordedPicture>, Failure> {
+    /// [`Error`] when the file cannot be read.
+    pub(super) fn next(&mut self) -> Result<Option<RecordedPicture>, Error> {
         while let Some(frame) = self.reader.next_frame()? {
             if usize::from(frame.status.sensor) != self.fingertip {
                 continue;
@@ -86,7 +86,7 @@ impl RecordedFrames {
             self.counts.missed += 1;
         }
         if self.counts.missed == self.counts.received {
-            return Err(Failure::failed(format!(
+            return Err(Error::failed(format!(
                 "{}: found {} frames and not one picture, expected a recording with pictures (--record-pictures full)",
                 self.path.display(),
                 self.counts.received

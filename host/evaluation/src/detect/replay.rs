@@ -9,28 +9,12 @@ use gripline_protocol::message::{Command, Configuration, SlipState};
 use gripline_protocol::{ForceMap, Health, MapInfo, PER_UNIT};
 
 use crate::detect::judge::{Settings, Verdict};
+use crate::error::EvaluationError;
 use gripline_link::EmbeddedLink;
-use gripline_link::LinkError;
 use gripline_link::session::Session;
 
 /// Slowest and fastest rate of maps, per second.
 pub const RATE_HZ: RangeInclusive<f64> = 10.0..=1_000.0;
-
-/// Why a recording cannot be replayed.
-#[derive(Debug, thiserror::Error)]
-pub enum ReplayError {
-    /// The controller in this process did not take its settings or a packet.
-    #[error(transparent)]
-    Link(#[from] LinkError),
-    /// The controller's answer to a map is missing or is not what the detector says of that map.
-    #[error(
-        "frame {frame}: the controller did not confirm the detector's sums, expected the same: report this defect"
-    )]
-    Disagrees {
-        /// Frame, from 0.
-        frame: u64,
-    },
-}
 
 /// What the controller says after a map.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -77,8 +61,8 @@ impl Replay {
     /// Starts a controller with these settings and tells it to hold.
     ///
     /// # Errors
-    /// [`ReplayError`] when it refuses them.
-    pub fn new(settings: &Settings, rate_hz: f64) -> Result<Self, ReplayError> {
+    /// [`EvaluationError`] when it refuses them.
+    pub fn new(settings: &Settings, rate_hz: f64) -> Result<Self, EvaluationError> {
         let mut session = Session::open(Box::new(EmbeddedLink::new()), configuration(settings))?;
         session.command(Command::Hold)?;
         let start_us = session.now_us();
@@ -92,14 +76,14 @@ impl Replay {
     /// Shows the map of frame number `frame` and returns the controller's answer to it.
     ///
     /// # Errors
-    /// [`ReplayError`] when the controller does not confirm `verdict`.
+    /// [`EvaluationError`] when the controller does not confirm `verdict`.
     pub fn show(
         &mut self,
         frame: u64,
         map: &ForceMap,
         saturated: bool,
         verdict: &Verdict,
-    ) -> Result<Answer, ReplayError> {
+    ) -> Result<Answer, EvaluationError> {
         let now_us = self.start_us + (frame as f64 * 1e6 / self.rate_hz).round() as u64;
         self.session.run_until(now_us)?;
         let info = MapInfo {
@@ -121,7 +105,7 @@ impl Replay {
                 slip_evidence: status.slip_evidence,
                 line: status.line,
             }),
-            _ => Err(ReplayError::Disagrees { frame }),
+            _ => Err(EvaluationError::Disagrees { frame }),
         }
     }
 }

@@ -37,7 +37,8 @@ pub use super::arguments::{GelModel, GraspsArgs, World};
 use super::chain::in_parallel;
 use super::document::write_section;
 use super::progress::Progress;
-use gripline_recording::error::{Completion, Failure};
+use crate::error::EvaluationError;
+use gripline_recording::error::Completion;
 
 /// Fixed forces lie on this ladder, N.
 const FIXED_STEP_N: f64 = 0.25;
@@ -56,7 +57,7 @@ struct Job {
 }
 
 /// Plays jobs; the name is for the progress.
-type Work<'a> = dyn Fn(&'static str, &[Job]) -> Result<Vec<Outcome>, Failure> + 'a;
+type Work<'a> = dyn Fn(&'static str, &[Job]) -> Result<Vec<Outcome>, EvaluationError> + 'a;
 
 /// A line of the results.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -103,12 +104,12 @@ pub fn grasp(world: World, seed: u64, number: u64) -> GraspPlan {
 /// Runs the command.
 ///
 /// # Errors
-/// [`Failure`] when the network, a world or a file fails; of kind loss when grasps had no solution.
-pub fn run(args: &GraspsArgs) -> Result<Completion, Failure> {
-    let network = Network::embedded(args.network).map_err(Failure::failed)?;
-    let parts = GraspParts::new(&grasp(args.world, args.seed, 0).scene).map_err(Failure::failed)?;
+/// [`EvaluationError`] when the network, a world or a file fails; of kind loss when grasps had no solution.
+pub fn run(args: &GraspsArgs) -> Result<Completion, EvaluationError> {
+    let network = Network::embedded(args.network)?;
+    let parts = GraspParts::new(&grasp(args.world, args.seed, 0).scene)?;
     let results = Results::open(args, &network)?;
-    let work = |name: &'static str, jobs: &[Job]| -> Result<Vec<Outcome>, Failure> {
+    let work = |name: &'static str, jobs: &[Job]| -> Result<Vec<Outcome>, EvaluationError> {
         let progress = Progress::new(name, jobs.len());
         let outcomes = in_parallel(jobs, args.threads.into(), |job| {
             let outcome = results.get(job, || {
@@ -156,11 +157,11 @@ pub fn run(args: &GraspsArgs) -> Result<Completion, Failure> {
     let rendered = work("grasps with pictures", &pictured)?;
     let report = Report::new(args, fixed_n, &outcomes, &rendered, &at_ceiling);
     let text = if args.json {
-        serde_json::to_string(&report).map_err(Failure::failed)? + "\n"
+        serde_json::to_string(&report)? + "\n"
     } else {
         report.markdown(None)
     };
-    io::stdout().write_all(text.as_bytes()).map_err(Failure::failed)?;
+    io::stdout().write_all(text.as_bytes())?;
     if let Some(path) = &args.plot {
         picture::draw_drops(path, &report.points())?;
     }
@@ -207,7 +208,7 @@ fn fixed(grasp: u64, fixed_n: f64) -> Job {
 
 /// The lowest force of the ladder under which no more grasps are dropped than under Gripline. Only the hardest are tried,
 /// by what the oracle's runs needed: those hold to the end.
-fn fixed_force(outcomes: &[Outcome], work: &Work<'_>) -> Result<f64, Failure> {
+fn fixed_force(outcomes: &[Outcome], work: &Work<'_>) -> Result<f64, EvaluationError> {
     let of = |policy: Policy| {
         outcomes
             .iter()
@@ -249,7 +250,7 @@ fn fixed_force(outcomes: &[Outcome], work: &Work<'_>) -> Result<f64, Failure> {
 }
 
 impl Results {
-    fn open(args: &GraspsArgs, network: &Network) -> Result<Self, Failure> {
+    fn open(args: &GraspsArgs, network: &Network) -> Result<Self, EvaluationError> {
         let weights = format!(
             "{:016x}",
             crc::Crc::<u64>::new(&crc::CRC_64_XZ).checksum(network.manifest().as_bytes())
@@ -273,7 +274,11 @@ impl Results {
     }
 
     /// The outcome that is there, or a new one, which is kept.
-    fn get(&self, job: &Job, play: impl FnOnce() -> Result<Outcome, Failure>) -> Result<Outcome, Failure> {
+    fn get(
+        &self,
+        job: &Job,
+        play: impl FnOnce() -> Result<Outcome, EvaluationError>,
+    ) -> Result<Outcome, EvaluationError> {
         if let Some(line) = self.known.iter().find(|line| line.is_of(job)) {
             return Ok(line.outcome.clone());
         }
@@ -288,19 +293,20 @@ impl Results {
                 rendered: job.rendered,
                 outcome: outcome.clone(),
             };
-            let text = serde_json::to_string(&line).map_err(Failure::failed)? + "\n";
+            let text = serde_json::to_string(&line)? + "\n";
             let mut file = file.lock().unwrap_or_else(PoisonError::into_inner);
-            file.write_all(text.as_bytes()).map_err(Failure::failed)?;
+            file.write_all(text.as_bytes())?;
         }
         Ok(outcome)
     }
 }
 
-fn unusable(path: &Path, found: &str) -> Failure {
-    Failure::failed(format!(
-        "--results {}: found {found}, expected a file of outcomes or none: choose another file",
-        path.display()
-    ))
+fn unusable(path: &Path, found: &str) -> EvaluationError {
+    EvaluationError::File {
+        file: format!("--results {}", path.display()),
+        found: format!("found {found}"),
+        expected: "a file of outcomes or none: choose another file",
+    }
 }
 
 /// The outcomes of this world, this seed and these weights in the file; a last line that was cut off is made again.
@@ -309,7 +315,7 @@ fn known(
     (world, contact): (World, GelModel),
     seed: u64,
     weights: &str,
-) -> Result<Vec<Line>, Failure> {
+) -> Result<Vec<Line>, EvaluationError> {
     let text = match fs::read_to_string(path) {
         Ok(text) => text,
         Err(error) if error.kind() == ErrorKind::NotFound => return Ok(Vec::new()),

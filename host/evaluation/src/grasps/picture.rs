@@ -7,7 +7,7 @@ use gripline_chart::{Axis, BLUE, Chart, Colour, Figure, INK, Legend, Mark, Note,
 
 use super::play::Outcome;
 use super::policy::Policy;
-use gripline_recording::error::Failure;
+use crate::error::EvaluationError;
 
 /// Margins beyond are drawn at the edge, percent.
 const MARGINS: [f64; 2] = [-60.0, 300.0];
@@ -19,7 +19,7 @@ const HUMAN_COLOUR: Colour = Colour(225, 240, 225);
 ///
 /// # Errors
 /// A file that cannot be written.
-pub(super) fn draw(path: &Path, outcomes: &[Outcome], fixed_n: Option<f64>) -> Result<(), Failure> {
+pub(super) fn draw(path: &Path, outcomes: &[Outcome], fixed_n: Option<f64>) -> Result<(), EvaluationError> {
     let solved: Vec<&Outcome> = outcomes.iter().filter(|outcome| !outcome.unsolved).collect();
     let forces = solved.iter().map(|outcome| outcome.mean_force_n);
     let top_n = 1.05 * forces.fold(fixed_n.unwrap_or(1.0), f64::max);
@@ -32,7 +32,7 @@ pub(super) fn draw(path: &Path, outcomes: &[Outcome], fixed_n: Option<f64>) -> R
         width: 1_000,
         rows: panels.chunks(2).map(|row| (310, row.to_vec())).collect(),
     };
-    figure.save(path).map_err(Failure::failed)
+    Ok(figure.save(path)?)
 }
 
 fn panel(policy: Policy, solved: &[&Outcome], fixed_n: Option<f64>, top_n: f64) -> Chart {
@@ -93,7 +93,7 @@ pub(super) type Point = (Policy, f64, f64);
 ///
 /// # Errors
 /// A file that cannot be written.
-pub(super) fn draw_drops(path: &Path, points: &[Point]) -> Result<(), Failure> {
+pub(super) fn draw_drops(path: &Path, points: &[Point]) -> Result<(), EvaluationError> {
     let most = |value: fn(&Point) -> f64| points.iter().map(value).fold(1.0, f64::max);
     let ours = [Policy::Gripline, Policy::GriplineSparing, Policy::GriplineSecure];
     let of = |own: bool| points.iter().filter(move |point| ours.contains(&point.0) == own);
@@ -124,7 +124,7 @@ pub(super) fn draw_drops(path: &Path, points: &[Point]) -> Result<(), Failure> {
             .collect(),
     };
     let figure = Figure::single(900, 520, Panel::Chart(chart));
-    figure.save(path).map_err(Failure::failed)
+    Ok(figure.save(path)?)
 }
 
 #[cfg(test)]

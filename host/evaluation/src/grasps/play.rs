@@ -12,7 +12,7 @@ use super::plan::{DEAD_TIME_S, FRAMES_PER_SECOND, GraspPlan, LIFT_S, Times};
 use super::policy::{FLOOR_N, Policy, Worker};
 use super::sensor::{Model, Rendered, Sensor};
 use super::slides::{Moment, slides};
-use gripline_recording::error::Failure;
+use crate::error::EvaluationError;
 
 /// Lever of a contact's torsion over its radius, even pressure: M = μ N · 2/3 a.
 const LEVER: f64 = 2.0 / 3.0;
@@ -63,8 +63,8 @@ pub fn play(
     network: &Network,
     parts: &GraspParts,
     rendered: bool,
-) -> Result<Outcome, Failure> {
-    let mut world = GraspWorld::with_parts(&plan.scene, parts).map_err(Failure::failed)?;
+) -> Result<Outcome, EvaluationError> {
+    let mut world = GraspWorld::with_parts(&plan.scene, parts)?;
     let mut sensor = if rendered {
         Sensor::Rendered(Box::new(Rendered::new(network, &mut world)?))
     } else {

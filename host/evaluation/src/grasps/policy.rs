@@ -13,10 +13,10 @@ use super::follower::Follower;
 use super::oracle::{Oracle, Truth};
 use super::particle_filter::ParticleFilter;
 use super::pictures::Delivered;
+use crate::error::EvaluationError;
 use gripline_link::EmbeddedLink;
 use gripline_link::session::Session;
 use gripline_pipeline::{GripSetting, settings_for};
-use gripline_recording::error::Failure;
 
 /// Least grip of every policy that moves, N.
 pub const FLOOR_N: f64 = 1.0;
@@ -125,7 +125,12 @@ impl Worker {
     ///
     /// # Errors
     /// Settings that the microcontroller refuses.
-    pub(super) fn new(policy: Policy, network: &Network, fixed_n: f64, seed: u64) -> Result<Self, Failure> {
+    pub(super) fn new(
+        policy: Policy,
+        network: &Network,
+        fixed_n: f64,
+        seed: u64,
+    ) -> Result<Self, EvaluationError> {
         let defaults = Configuration {
             floor: (FLOOR_N * f64::from(LSB_PER_NEWTON)) as i32,
             ..settings_for(network)
@@ -154,8 +159,8 @@ impl Worker {
                 ..Configuration::CAREFUL
             },
         };
-        let mut session = Session::open(Box::new(EmbeddedLink::new()), settings).map_err(Failure::failed)?;
-        session.command(Command::Hold).map_err(Failure::failed)?;
+        let mut session = Session::open(Box::new(EmbeddedLink::new()), settings)?;
+        session.command(Command::Hold)?;
         Ok(Self::Microcontroller {
             session: Box::new(session),
             sequence: 0,
@@ -172,7 +177,7 @@ impl Worker {
         came: Option<&Delivered>,
         truth: Truth,
         frame_s: f64,
-    ) -> Result<f64, Failure> {
+    ) -> Result<f64, EvaluationError> {
         // Rules without a safety of their own leave doubtful pictures out.
         let good = came.filter(|came| came.health.is_good()).map(|came| &came.map);
         match self {
@@ -230,11 +235,11 @@ impl Worker {
                         health: *health,
                         motion: if *sees_motion { *motion } else { Motion::UNKNOWN },
                     };
-                    session.send_map(&info, map).map_err(Failure::failed)?;
+                    session.send_map(&info, map)?;
                     *sequence += 1;
                 }
                 let until_us = session.now_us() + (frame_s * 1e6).round() as u64;
-                session.run_until(until_us).map_err(Failure::failed)?;
+                session.run_until(until_us)?;
                 Ok(session.line_n())
             }
         }

@@ -13,10 +13,10 @@ use gripline_simulation::{Image, Random};
 
 use gripline_pipeline::pipeline::Pipeline;
 use gripline_pipeline::settings_for;
-use gripline_recording::error::Failure;
 
 use super::distortion::{Distorted, Distortion};
 use super::plan::FRAMES_PER_SECOND;
+use crate::error::EvaluationError;
 
 /// Purpose of the model's random numbers.
 const MODEL: u64 = 73;
@@ -44,7 +44,7 @@ impl Sensor {
     ///
     /// # Errors
     /// Forces that are no numbers.
-    pub(super) fn look(&mut self, world: &mut GraspWorld) -> Result<(ForceMap, Health), Failure> {
+    pub(super) fn look(&mut self, world: &mut GraspWorld) -> Result<(ForceMap, Health), EvaluationError> {
         match self {
             Self::Model(model) => Ok((model.look(&world.frame().fingers[0].forces)?, Health::GOOD)),
             Self::Rendered(rendered) => rendered.look(world),
@@ -78,7 +78,7 @@ impl Model {
         }
     }
 
-    fn look(&mut self, forces: &[[f32; 3]; SIDE * SIDE]) -> Result<ForceMap, Failure> {
+    fn look(&mut self, forces: &[[f32; 3]; SIDE * SIDE]) -> Result<ForceMap, EvaluationError> {
         let news = (1.0 - STAYS * STAYS).sqrt() * FLUCTUATION;
         self.fluctuation = STAYS * self.fluctuation + news * normal(&mut self.random);
         let shear = (self.shear_gain * self.normal_gain * (1.0 + self.fluctuation)) as f32;
@@ -93,7 +93,7 @@ impl Model {
                 *force = [0.0; 3];
             }
         }
-        Ok(ForceMap::quantise(&seen).map_err(Failure::failed)?.0)
+        Ok(ForceMap::quantise(&seen)?.0)
     }
 }
 
@@ -140,10 +140,10 @@ impl Rendered {
     ///
     /// # Errors
     /// A fingertip that cannot be made.
-    pub(super) fn new(network: &Network, world: &mut GraspWorld) -> Result<Self, Failure> {
+    pub(super) fn new(network: &Network, world: &mut GraspWorld) -> Result<Self, EvaluationError> {
         let mut rest = Vec::with_capacity(REST_PICTURES.into());
         for _ in 0..REST_PICTURES {
-            rest.push(world.rest_image(0).map_err(Failure::failed)?.pixels);
+            rest.push(world.rest_image(0)?.pixels);
         }
         let rule = TaxelRule::of(&settings_for(network));
         Ok(Self {
@@ -152,12 +152,9 @@ impl Rendered {
         })
     }
 
-    fn look(&mut self, world: &mut GraspWorld) -> Result<(ForceMap, Health), Failure> {
-        world.render(0, &mut self.crop).map_err(Failure::failed)?;
-        let processed = self
-            .pipeline
-            .process(&self.crop.pixels)
-            .map_err(Failure::failed)?;
+    fn look(&mut self, world: &mut GraspWorld) -> Result<(ForceMap, Health), EvaluationError> {
+        world.render(0, &mut self.crop)?;
+        let processed = self.pipeline.process(&self.crop.pixels)?;
         Ok((processed.map.clone(), processed.health))
     }
 }

@@ -12,8 +12,8 @@ use gripline_simulation::grasp::GraspWorld;
 use gripline_simulation::scene_file::{FrameSize, GraspFile, Policy, SceneFile};
 use gripline_simulation::{Image, SimulationError};
 
-use super::error::PlayError;
 use super::moment::{FingerMoment, Moment, Play, REST, Trouble};
+use crate::error::EvaluationError;
 use gripline_link::EmbeddedLink;
 use gripline_link::session::Session;
 use gripline_pipeline::pipeline::Pipeline;
@@ -47,7 +47,7 @@ pub(super) struct GraspPlay {
 }
 
 impl GraspPlay {
-    pub(super) fn new(file: &SceneFile, grasp: &GraspFile, seed: u64) -> Result<Self, PlayError> {
+    pub(super) fn new(file: &SceneFile, grasp: &GraspFile, seed: u64) -> Result<Self, EvaluationError> {
         let mut scene = grasp.scene.clone();
         scene.seed = file.sensor.unit.unwrap_or(seed);
         let world = GraspWorld::new(&scene).map_err(|error| {
@@ -78,7 +78,7 @@ impl GraspPlay {
     }
 
     /// The line for the frame that begins now.
-    fn line_n(&mut self) -> Result<f64, PlayError> {
+    fn line_n(&mut self) -> Result<f64, EvaluationError> {
         Ok(match &self.grasp.policy {
             Policy::Fixed(force) => *force,
             Policy::Schedule(course) => course.at(self.time_s),
@@ -172,13 +172,13 @@ impl Play for GraspPlay {
             self.frame += 1;
             return Err(unsolved(next_s, phase, why.clone()));
         }
-        let line_n = self.line_n().map_err(Trouble::Impossible)?;
+        let line_n = self.line_n()?;
         self.frame += 1;
         self.time_s = next_s;
         let frame = match self.world.step(frame_s, line_n) {
             Ok(frame) => frame.clone(),
             Err(SimulationError::OffSurface { x_mm, y_mm }) => {
-                return Err(Trouble::Impossible(PlayError::Scene(self.file.problem(
+                return Err(Trouble::from(EvaluationError::Scene(self.file.problem(
                     self.grasp.line,
                     &format!(
                         "an object whose contact reaches the edge of the sensor, at ({x_mm:.1}, {y_mm:.1}) mm after \
@@ -189,7 +189,7 @@ impl Play for GraspPlay {
                 ))));
             }
             Err(error @ SimulationError::OutOfRange { .. }) => {
-                return Err(Trouble::Impossible(PlayError::Step {
+                return Err(Trouble::from(EvaluationError::Step {
                     time_s: next_s,
                     error,
                 }));
@@ -258,7 +258,7 @@ struct Gripline {
 }
 
 impl Gripline {
-    fn new(rest: &[Vec<u8>], floor_n: f64) -> Result<Self, PlayError> {
+    fn new(rest: &[Vec<u8>], floor_n: f64) -> Result<Self, EvaluationError> {
         let network = Network::embedded(Architecture::default())?;
         let settings = Configuration {
             floor: (floor_n * f64::from(LSB_PER_NEWTON)) as i32,
@@ -274,7 +274,7 @@ impl Gripline {
     }
 
     /// The line after the microcontroller has had this picture for a frame's time.
-    fn line_n(&mut self, picture: &Image, frame: usize, frame_s: f64) -> Result<f64, PlayError> {
+    fn line_n(&mut self, picture: &Image, frame: usize, frame_s: f64) -> Result<f64, EvaluationError> {
         let processed = self.pipeline.process(&picture.pixels)?;
         let info = MapInfo {
             sensor: 0,

@@ -1,7 +1,6 @@
 //! The world of a scene, frame by frame, the same way for every kind of scene, for `gripline simulate` and the Python
 //! package. Touches nothing.
 
-mod error;
 mod grasp;
 mod moment;
 mod press;
@@ -9,14 +8,15 @@ pub mod truth;
 
 use gripline_simulation::scene_file::{Scene, SceneFile};
 
-pub use self::error::PlayError;
+use crate::error::EvaluationError;
+
 pub use self::moment::{FingerMoment, Moment, Play, Trouble};
 
 /// The scene at its start.
 ///
 /// # Errors
-/// [`PlayError`] when there can be no such scene.
-pub fn open(file: &SceneFile, seed: u64) -> Result<Box<dyn Play>, PlayError> {
+/// [`EvaluationError`] when there can be no such scene.
+pub fn open(file: &SceneFile, seed: u64) -> Result<Box<dyn Play>, EvaluationError> {
     match &file.scene {
         Scene::Press(scene) => Ok(Box::new(press::PressPlay::new(file, scene, seed)?)),
         Scene::Grasp(scene) => Ok(Box::new(grasp::GraspPlay::new(file, scene, seed)?)),

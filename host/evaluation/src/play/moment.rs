@@ -5,7 +5,7 @@ use gripline_simulation::contact_world::CellState;
 use gripline_simulation::scene_file::FrameSize;
 use gripline_simulation::{ForceMap, Image};
 
-use super::error::PlayError;
+use crate::error::EvaluationError;
 
 /// What is true of one finger at one frame.
 #[derive(Debug, Clone)]
@@ -77,7 +77,13 @@ pub enum Trouble {
         why: String,
     },
     /// The scene asks for what cannot be.
-    Impossible(PlayError),
+    Impossible(Box<EvaluationError>),
+}
+
+impl From<EvaluationError> for Trouble {
+    fn from(error: EvaluationError) -> Self {
+        Self::Impossible(Box::new(error))
+    }
 }
 
 /// A scene under way.

@@ -3,8 +3,8 @@
 use gripline_simulation::scene_file::{FrameSize, PressScene, SceneFile};
 use gripline_simulation::{Fingertip, FingertipParams, Image, PressWorld, SimulationError};
 
-use super::error::PlayError;
 use super::moment::{FingerMoment, Moment, Play, REST, Trouble};
+use crate::error::EvaluationError;
 
 /// Names of the columns that only a press has.
 const PRESS_COLUMNS: [&str; 7] = [
@@ -88,7 +88,7 @@ impl Play for PressPlay {
                         phase: problem.phase,
                     },
                     SimulationError::OffSurface { x_mm, y_mm } => {
-                        Trouble::Impossible(PlayError::Scene(self.file.problem(
+                        Trouble::from(EvaluationError::Scene(self.file.problem(
                             problem.line,
                             &format!(
                                 "an indenter whose contact reaches the edge of the sensor, at ({x_mm:.1}, \
@@ -99,7 +99,7 @@ impl Play for PressPlay {
                             "move the indenter inwards or press less in this step",
                         )))
                     }
-                    _ => Trouble::Impossible(problem.into()),
+                    _ => EvaluationError::from(problem).into(),
                 });
             }
         };

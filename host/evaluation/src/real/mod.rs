@@ -8,10 +8,10 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use gripline_recording::error::Failure;
 use serde::Serialize;
 
 use super::document::write_section;
+use crate::error::EvaluationError;
 
 /// Where the recordings lie: the folder that holds those of the sensors.
 const VARIABLE: &str = "GRIPLINE_RECORDINGS";
@@ -41,8 +41,8 @@ struct Report {
 /// Runs the command.
 ///
 /// # Errors
-/// [`Failure`] when a recording is damaged or a file cannot be written.
-pub fn run(args: &RealArgs) -> Result<(), Failure> {
+/// [`EvaluationError`] when a recording is damaged or a file cannot be written.
+pub fn run(args: &RealArgs) -> Result<(), EvaluationError> {
     let base = std::env::var_os(VARIABLE);
     let of = |folder, file| find(base.clone(), folder, file);
     let (pictures, counts) = (
@@ -64,11 +64,11 @@ pub fn run(args: &RealArgs) -> Result<(), Failure> {
     };
     let page = markdown(&report);
     let text = if args.json {
-        serde_json::to_string(&report).map_err(Failure::failed)? + "\n"
+        serde_json::to_string(&report)? + "\n"
     } else {
         page.clone()
     };
-    io::stdout().write_all(text.as_bytes()).map_err(Failure::failed)?;
+    io::stdout().write_all(text.as_bytes())?;
     match &args.out {
         Some(path) => write_section(path, "gripline evaluate real", &page),
         None => Ok(()),

@@ -15,10 +15,11 @@ use gripline_network::{Architecture, Evaluation, InstructionSet, Network};
 use gripline_pipeline::pipeline::Pipeline;
 use gripline_pipeline::settings_for;
 use gripline_protocol::message::{Configuration, SlipState};
-use gripline_recording::error::{Completion, Failure};
+use gripline_recording::error::Completion;
 use serde::Serialize;
 
 use super::progress::Progress;
+use crate::error::EvaluationError;
 use scenes::{FRAMES_PER_SECOND, Kind, Scene};
 
 /// A touch of this normal force must not be taken for none, N.
@@ -98,10 +99,9 @@ impl Way {
         gate: GateKind,
         evaluation: Evaluation,
         instructions: InstructionSet,
-    ) -> Result<Self, Failure> {
+    ) -> Result<Self, EvaluationError> {
         let network = Network::embedded(Architecture::default())
-            .and_then(|network| network.with_instructions(instructions))
-            .map_err(Failure::failed)?
+            .and_then(|network| network.with_instructions(instructions))?
             .with_evaluation(evaluation);
         let settings = settings_for(&network);
         Ok(Self {
@@ -112,8 +112,8 @@ impl Way {
         })
     }
 
-    fn look(&mut self, crop: &[u8], time_s: f64) -> Result<Seen, Failure> {
-        let processed = self.pipeline.process(crop).map_err(Failure::failed)?;
+    fn look(&mut self, crop: &[u8], time_s: f64) -> Result<Seen, EvaluationError> {
+        let processed = self.pipeline.process(crop)?;
         let sums = sums_of(processed.map, TaxelRule::of(&self.settings));
         // The detector's clock begins where no wait is open.
         let now_us = (time_s * 1e6) as u64;
@@ -135,10 +135,10 @@ impl Way {
 /// Runs the command.
 ///
 /// # Errors
-/// [`Failure`] when a scene has no solution or the network cannot be loaded.
-pub fn run(args: &SkipArgs) -> Result<Completion, Failure> {
+/// [`EvaluationError`] when a scene has no solution or the network cannot be loaded.
+pub fn run(args: &SkipArgs) -> Result<Completion, EvaluationError> {
     let instructions = match args.instructions {
-        Some(set) => set.checked().map_err(Failure::usage)?,
+        Some(set) => set.checked().map_err(EvaluationError::Instructions)?,
         None => InstructionSet::widest(),
     };
     let kinds: Vec<Kind> = Kind::ALL
@@ -166,7 +166,7 @@ pub fn run(args: &SkipArgs) -> Result<Completion, Failure> {
     } else {
         table(&rows)
     };
-    io::stdout().write_all(text.as_bytes()).map_err(Failure::failed)?;
+    io::stdout().write_all(text.as_bytes())?;
     Ok(Completion::Whole)
 }
 
@@ -176,7 +176,7 @@ fn play(
     scene: &mut Scene,
     args: &SkipArgs,
     instructions: InstructionSet,
-) -> Result<Vec<Row>, Failure> {
+) -> Result<Vec<Row>, EvaluationError> {
     let rests = [scene.rest.len(), 1];
     let mut ways = Vec::new();
     for count in rests {

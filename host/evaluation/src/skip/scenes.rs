@@ -3,10 +3,11 @@
 
 use std::sync::Arc;
 
-use gripline_recording::error::Failure;
 use gripline_simulation::constants::REST_PICTURES;
 use gripline_simulation::contact_world::{Contact, Drive, GelSurface, Mount, Press, UNSEEN_SHAPES};
 use gripline_simulation::{BrightnessMotion, Fingertip, FingertipParams, Gel, GripScene, Image};
+
+use crate::error::EvaluationError;
 
 /// Camera pictures a second.
 pub(super) const FRAMES_PER_SECOND: f64 = 60.0;
@@ -119,7 +120,7 @@ pub(super) struct Frame {
 }
 
 impl Scene {
-    pub(super) fn new(kind: Kind, skin: &Arc<GelSurface>, seed: u64) -> Result<Self, Failure> {
+    pub(super) fn new(kind: Kind, skin: &Arc<GelSurface>, seed: u64) -> Result<Self, EvaluationError> {
         let number = seed << 8 | kind as u64;
         let scene = |rest, world| Self {
             rest,
@@ -145,13 +146,13 @@ impl Scene {
             }
             _ => {}
         }
-        let mut at_rest = Fingertip::new(unit, rest_params).map_err(Failure::failed)?;
+        let mut at_rest = Fingertip::new(unit, rest_params)?;
         let rest = (0..REST_PICTURES).map(|_| at_rest.rest_image().pixels).collect();
         let touching = Touching {
             kind,
             number,
             skin: Arc::clone(skin),
-            fingertip: Fingertip::new(unit, params).map_err(Failure::failed)?,
+            fingertip: Fingertip::new(unit, params)?,
             contact: contact(skin, number, 0)?,
             drive: start(0),
             round: 0,
@@ -159,14 +160,12 @@ impl Scene {
         Ok(scene(rest, World::Contact(Box::new(touching))))
     }
 
-    pub(super) fn next(&mut self) -> Result<Frame, Failure> {
+    pub(super) fn next(&mut self) -> Result<Frame, EvaluationError> {
         self.frame += 1;
         match &mut self.world {
             World::Grasp(grasp) => {
                 // As the demo's gripper holds it, roughly.
-                let frame = grasp
-                    .step(1.0 / FRAMES_PER_SECOND, 5.0)
-                    .map_err(Failure::failed)?;
+                let frame = grasp.step(1.0 / FRAMES_PER_SECOND, 5.0)?;
                 Ok(Frame {
                     normal_n: frame.forces.iter().map(|force| force[2]).sum(),
                     crop: frame.image.pixels,
@@ -178,7 +177,7 @@ impl Scene {
 }
 
 impl Touching {
-    fn next(&mut self, time_s: f64) -> Result<Frame, Failure> {
+    fn next(&mut self, time_s: f64) -> Result<Frame, EvaluationError> {
         let round = (time_s / self.kind.round_s()) as usize;
         if round != self.round {
             self.round = round;
@@ -193,7 +192,7 @@ impl Touching {
         let (load_n, pull_mm_per_s) = self.kind.load(in_round_s, round);
         self.drive.press = Press::Force(load_n);
         self.drive.at_mm[0] += pull_mm_per_s / FRAMES_PER_SECOND;
-        self.contact.go_to(self.drive, 1).map_err(Failure::failed)?;
+        self.contact.go_to(self.drive, 1)?;
         self.fingertip.set_time(time_s);
         let mut crop = Image::crop();
         self.fingertip.render(self.contact.truth(), &mut crop);
@@ -204,9 +203,14 @@ impl Touching {
     }
 }
 
-fn contact(skin: &Arc<GelSurface>, number: u64, round: usize) -> Result<Contact, Failure> {
+fn contact(skin: &Arc<GelSurface>, number: u64, round: usize) -> Result<Contact, EvaluationError> {
     let shape = UNSEEN_SHAPES[(number as usize + round) % UNSEEN_SHAPES.len()];
-    Contact::new(Arc::clone(skin), Arc::new(shape), FRICTION, Mount::default()).map_err(Failure::failed)
+    Ok(Contact::new(
+        Arc::clone(skin),
+        Arc::new(shape),
+        FRICTION,
+        Mount::default(),
+    )?)
 }
 
 fn start(round: usize) -> Drive {
@@ -219,8 +223,6 @@ fn start(round: usize) -> Drive {
 }
 
 /// The gel that all scenes press.
-pub(super) fn skin() -> Result<Arc<GelSurface>, Failure> {
-    Ok(Arc::new(
-        GelSurface::new(&Gel::default(), 80).map_err(Failure::failed)?,
-    ))
+pub(super) fn skin() -> Result<Arc<GelSurface>, EvaluationError> {
+    Ok(Arc::new(GelSurface::new(&Gel::default(), 80)?))
 }

@@ -1,6 +1,7 @@
 //! What is an image, and for whom.
 
-use gripline_flash::image::{FLASH, Image, ImageError, SETTINGS};
+use gripline_flash::error::FlashError;
+use gripline_flash::image::{FLASH, Image, SETTINGS};
 use gripline_protocol::message::{Hello, IMAGE_IDENTITY_AT, Revision};
 use proptest::prelude::*;
 
@@ -113,7 +114,7 @@ fn an_image_for_another_board_or_schema_is_refused_by_name() {
         ..identity(1)
     };
     let refused = Image::read(&binary(forged, 1)).unwrap().check(1);
-    assert!(matches!(refused, Err(ImageError::Schema(_))), "{refused:?}");
+    assert!(matches!(refused, Err(FlashError::Schema(_))), "{refused:?}");
 }
 
 #[test]

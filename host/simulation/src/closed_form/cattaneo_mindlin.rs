@@ -86,15 +86,6 @@ impl CattaneoMindlin {
         Ok(scale * (1.0 - self.stick_ratio(pull_n)?))
     }
 
-    /// Inner radius of the reverse slip after a pull to `peak_n` taken back to `pull_n`,
-    /// b = a (1 − (Q* − Q)/2μP)^(1/3), mm.
-    ///
-    /// # Errors
-    /// A peak outside 0 to μP, or a pull outside −peak to +peak.
-    pub fn unloading_stick_radius_mm(&self, peak_n: f64, pull_n: f64) -> Result<f64, SimulationError> {
-        self.stick_radius_mm(self.taken_back(peak_n, pull_n)?)
-    }
-
     /// Tangential traction after a pull to `peak_n` taken back to `pull_n`, MPa: the first pull less twice
     /// that of half the way back.
     ///

@@ -4,7 +4,6 @@
 use super::frame::GraspFrame;
 use super::world::GraspWorld;
 use crate::error::SimulationError;
-use crate::force_map::ForceMap;
 use crate::image::Image;
 
 /// Something that sets the grip-force line once per frame.
@@ -66,15 +65,6 @@ impl GraspView<'_> {
     /// When `finger` is not 0 or 1.
     pub fn render(&mut self, finger: usize, out: &mut Image) -> Result<(), SimulationError> {
         self.world.render(finger, out)
-    }
-
-    /// The true force map of a finger, N per taxel.
-    ///
-    /// # Panics
-    /// When `finger` is not 0 or 1.
-    #[must_use]
-    pub fn true_forces(&self, finger: usize) -> &ForceMap {
-        &self.world.frame().fingers[finger].forces
     }
 
     /// All that is true.

@@ -102,7 +102,7 @@ pub(crate) enum Command {
 /// What to tune on.
 #[derive(Debug, Args)]
 pub(crate) struct TuneArgs {
-    /// Recordings of `gripline run --record --pictures every`, one a day.
+    /// Recordings of `gripline run --record` with their pictures, one a day.
     #[arg(value_name = "REC.mcap", required = true)]
     recordings: Vec<PathBuf>,
     /// A force-torque sensor's log of each, CSV or MCAP as `gripline calibrate gel` takes them, in the same order.

@@ -63,7 +63,7 @@ impl Presses {
                 continue;
             }
             let picture = frame.picture.ok_or_else(|| {
-                wrong(&"found a frame without its picture, expected all: record with --pictures every")
+                wrong(&"found a frame without its picture, expected all: leave record.pictures at full")
             })?;
             pipeline.process(&picture.pixels).map_err(|error| wrong(&error))?;
             let Some(stage) = pipeline.markers() else { continue };

@@ -11,7 +11,7 @@ use serde_json::json;
 
 use super::common::{Common, date, wrote};
 use crate::calibration::{Calibration, Camera};
-use crate::error::Failure;
+use crate::error::Error;
 use crate::value::number_in;
 
 /// Pictures of a clip or folder that are looked at.
@@ -39,12 +39,12 @@ pub(super) struct CameraArgs {
 /// Looks, fits and writes.
 ///
 /// # Errors
-/// [`Failure`] when the pictures cannot be read, or show no even grid of dots.
-pub(super) fn run(args: &CameraArgs) -> Result<(), Failure> {
+/// [`Error`] when the pictures cannot be read, or show no even grid of dots.
+pub(super) fn run(args: &CameraArgs) -> Result<(), Error> {
     let mut calibration = Calibration::load_or_new(&args.common.out)?;
     let sensor = Sensor::named(&args.sensor)?;
     let Some([least, most]) = sensor.markers.pitch_mm else {
-        return Err(Failure::usage(format!(
+        return Err(Error::usage(format!(
             "sensor {}: found particles, expected printed markers: their lens is calibrated by `gripline calibrate geometry`",
             sensor.identity()
         )));
@@ -60,7 +60,7 @@ pub(super) fn run(args: &CameraArgs) -> Result<(), Failure> {
     let (dots, count) = dots_of(&args.pictures, &sensor, pitch_mm)?;
     let [_, _, width, height] = sensor.capture.crop_px;
     let found = fit(&dots, pitch_mm, [width, height])
-        .map_err(|error| Failure::failed(format!("{}: {error}", args.pictures.display())))?;
+        .map_err(|error| Error::failed(format!("{}: {error}", args.pictures.display())))?;
     let rounded = |value: f64, places: i32| (value * 10_f64.powi(places)).round() / 10_f64.powi(places);
     let field_mm = [width, height].map(|side| rounded(side as f64 / found.px_per_mm, 3));
     print(args, &sensor, &found, field_mm, count);
@@ -81,12 +81,12 @@ pub(super) fn run(args: &CameraArgs) -> Result<(), Failure> {
 }
 
 /// The dots where they lie in the mean of the pictures, and how many pictures there are.
-fn dots_of(path: &std::path::Path, sensor: &Sensor, pitch_mm: f64) -> Result<(Vec<Dot>, usize), Failure> {
+fn dots_of(path: &std::path::Path, sensor: &Sensor, pitch_mm: f64) -> Result<(Vec<Dot>, usize), Error> {
     // Dots are looked for at the distance that they have, at any scale that lenses may have.
     let mut wider = sensor.clone();
     let [least, most] = sensor.markers.pitch_mm.unwrap_or([pitch_mm; 2]);
     wider.markers.pitch_mm = Some([least.min(pitch_mm) / 1.3, most.max(pitch_mm) * 1.3]);
-    let wrong = |error: MarkerError| Failure::failed(format!("{}: {error}", path.display()));
+    let wrong = |error: MarkerError| Error::failed(format!("{}: {error}", path.display()));
     let mut tracker = Tracker::new(&wider).map_err(wrong)?;
     let mut frames = ColourPlayback::open(path, &sensor.capture, 0)?;
     let mut sums: Vec<([f64; 2], usize)> = Vec::new();

@@ -8,7 +8,7 @@ use serde_json::json;
 use super::common::{Common, date, wrote};
 use super::{guide, maps};
 use crate::calibration::{Calibration, Friction};
-use crate::error::Failure;
+use crate::error::Error;
 use crate::value::number_in;
 use gripline_evaluation::calibration::friction::{Estimate, Moment, Slide, estimate, slides};
 
@@ -42,13 +42,13 @@ pub(super) struct FrictionArgs {
 /// Reads, estimates and writes.
 ///
 /// # Errors
-/// [`Failure`] when the recording cannot be read or has too few slides.
-pub(super) fn run(args: &FrictionArgs) -> Result<(), Failure> {
+/// [`Error`] when the recording cannot be read or has too few slides.
+pub(super) fn run(args: &FrictionArgs) -> Result<(), Error> {
     let Some(path) = &args.recording else {
         for (place, step) in guide::FRICTION.iter().enumerate() {
             guide::show(place + 1, step);
         }
-        return Err(Failure::usage(
+        return Err(Error::usage(
             "found no recording, expected one of slides as drawn above",
         ));
     };
@@ -58,9 +58,9 @@ pub(super) fn run(args: &FrictionArgs) -> Result<(), Failure> {
     } = maps::read(path, args.rate, args.fingertip, Moment::of)?;
     let slides = slides(&moments);
     let found = estimate(&slides, args.confidence, args.map_error)
-        .map_err(|error| Failure::failed(format!("{}: {error}", path.display())))?;
+        .map_err(|error| Error::failed(format!("{}: {error}", path.display())))?;
     if !(0.05..=2.0).contains(&found.friction) || found.detector < 0.01 {
-        return Err(Failure::failed(format!(
+        return Err(Error::failed(format!(
             "{}: found a friction of {:.3}, expected 0.05 to 2: are these maps in newtons?",
             path.display(),
             found.friction

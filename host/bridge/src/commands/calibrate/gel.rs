@@ -14,7 +14,7 @@ use serde_json::json;
 use super::common::{Common, date, wrote};
 use super::{guide, maps};
 use crate::calibration::{Calibration, Gel};
-use crate::error::Failure;
+use crate::error::Error;
 use crate::value::number_in;
 
 /// Standard acceleration of gravity over 1,000: newtons of a gram on a scale.
@@ -111,13 +111,13 @@ impl FromStr for Readings {
 /// Reads, fits and writes.
 ///
 /// # Errors
-/// [`Failure`] when a recording or log cannot be read, or presses and forces do not belong together.
-pub(super) fn run(args: &GelArgs) -> Result<(), Failure> {
+/// [`Error`] when a recording or log cannot be read, or presses and forces do not belong together.
+pub(super) fn run(args: &GelArgs) -> Result<(), Error> {
     if args.recordings.is_empty() || (args.readings.is_none() && args.forces.is_empty()) {
         for (place, step) in guide::GEL.iter().enumerate() {
             guide::show(place + 1, step);
         }
-        return Err(Failure::usage(
+        return Err(Error::usage(
             "found no recording with --readings or --forces, expected presses as drawn above",
         ));
     }
@@ -141,7 +141,7 @@ pub(super) fn run(args: &GelArgs) -> Result<(), Failure> {
         }
         let found = presses(&moments, day);
         if let Some(log) = args.forces.get(day) {
-            let wrong = |error: String| Failure::failed(format!("{}: {error}", log.display()));
+            let wrong = |error: String| Error::failed(format!("{}: {error}", log.display()));
             let forces = force_log(log, args.forces_topic.as_deref(), start_ns)?;
             let alignment = align(&moments, &forces, args.lag_s).map_err(wrong)?;
             let (forces, turn) = logged(&found, &forces, &alignment).map_err(wrong)?;
@@ -151,7 +151,7 @@ pub(super) fn run(args: &GelArgs) -> Result<(), Failure> {
         all.extend(found);
     }
     if !args.forces.is_empty() && args.forces.len() != args.recordings.len() {
-        return Err(Failure::usage(format!(
+        return Err(Error::usage(format!(
             "--forces: found {} logs, expected {}, one for each recording",
             args.forces.len(),
             args.recordings.len()
@@ -171,7 +171,7 @@ pub(super) fn run(args: &GelArgs) -> Result<(), Failure> {
     let named = args.recordings[0].display();
     let has_shear = !args.forces.is_empty();
     let found = fit(&all, &truth, has_shear, args.confidence).map_err(|error| {
-        Failure::failed(format!(
+        Error::failed(format!(
             "{named}: {error} (at least {PRESSES_MIN} presses are needed)"
         ))
     })?;
@@ -184,7 +184,7 @@ pub(super) fn run(args: &GelArgs) -> Result<(), Failure> {
 }
 
 /// What tells the force model apart whose maps these are.
-fn model_of(sensor: &Sensor, args: &GelArgs) -> Result<String, Failure> {
+fn model_of(sensor: &Sensor, args: &GelArgs) -> Result<String, Error> {
     use gripline_network::marker_forces::MarkerForces;
     let forces = match &args.weights {
         Some(file) => MarkerForces::from_file(file, sensor)?,

@@ -10,7 +10,7 @@ use serde_json::json;
 use super::common::{Common, date, wrote};
 use super::{guide, maps};
 use crate::calibration::{Calibration, Geometry};
-use crate::error::Failure;
+use crate::error::Error;
 use crate::value::number_in;
 use gripline_evaluation::calibration::geometry::{Fit, Press, Touch, fit, presses};
 
@@ -66,13 +66,13 @@ impl FromStr for Marks {
 /// Reads, fits and writes.
 ///
 /// # Errors
-/// [`Failure`] when the recording cannot be read, or its presses do not fit the marks.
-pub(super) fn run(args: &GeometryArgs) -> Result<(), Failure> {
+/// [`Error`] when the recording cannot be read, or its presses do not fit the marks.
+pub(super) fn run(args: &GeometryArgs) -> Result<(), Error> {
     let Some(path) = &args.recording else {
         for (place, step) in guide::GEOMETRY.iter().enumerate() {
             guide::show(place + 1, step);
         }
-        return Err(Failure::usage(
+        return Err(Error::usage(
             "found no recording, expected one of presses as drawn above",
         ));
     };
@@ -83,7 +83,7 @@ pub(super) fn run(args: &GeometryArgs) -> Result<(), Failure> {
     let presses = presses(&touches);
     let places: Vec<_> = presses.iter().map(|press| press.place).collect();
     let found = fit(&args.marks.0, &places, args.fingertip == 2, args.pitch_mm)
-        .map_err(|error| Failure::failed(format!("{}: {error}", path.display())))?;
+        .map_err(|error| Error::failed(format!("{}: {error}", path.display())))?;
     print(args, &presses, &found);
     let rounded = |value: f64| (value * 1e3).round() / 1e3;
     calibration.geometry = Some(Geometry {

@@ -2,7 +2,7 @@
 
 use std::io::{self, Write as _};
 
-use crate::error::Failure;
+use crate::error::Error;
 
 /// Letters in a line of text, behind its number.
 const WIDTH: usize = 74;
@@ -193,18 +193,18 @@ pub(in crate::commands) fn wrapped(text: &str) -> String {
 /// Shows a step and waits for Enter.
 ///
 /// # Errors
-/// [`Failure`] when standard input ends instead.
-pub(super) fn ask(number: usize, step: &Step) -> Result<(), Failure> {
+/// [`Error`] when standard input ends instead.
+pub(super) fn ask(number: usize, step: &Step) -> Result<(), Error> {
     show(number, step);
     eprint!("   Enter when done, Ctrl-C to stop: ");
     let _ = io::stderr().flush();
     let mut line = String::new();
     match io::stdin().read_line(&mut line) {
-        Ok(0) => Err(Failure::failed(
+        Ok(0) => Err(Error::failed(
             "standard input ended, expected Enter; nothing was written",
         )),
         Ok(_) => Ok(()),
-        Err(error) => Err(Failure::failed(format!("standard input: {error}"))),
+        Err(error) => Err(Error::failed(format!("standard input: {error}"))),
     }
 }
 

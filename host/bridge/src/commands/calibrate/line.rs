@@ -17,7 +17,7 @@ use super::common::{Common, date, wrote};
 use super::guide;
 use crate::calibration::{Calibration, Line, with_points};
 use crate::commands::device::DeviceArgs;
-use crate::error::Failure;
+use crate::error::Error;
 use crate::value::number_in;
 use gripline_evaluation::calibration::line::{Fit, MEASURED_MIN, Measured, Point, fit};
 use gripline_link::session::Session;
@@ -52,14 +52,14 @@ pub(super) struct LineArgs {
 /// Measures, fits and writes.
 ///
 /// # Errors
-/// [`Failure`] when the link fails, a force is not a number, or the forces make no table.
-pub(super) fn run(args: &LineArgs) -> Result<(), Failure> {
+/// [`Error`] when the link fails, a force is not a number, or the forces make no table.
+pub(super) fn run(args: &LineArgs) -> Result<(), Error> {
     let mut calibration = Calibration::load_or_new(&args.common.out)?;
     let (measured, device, session) = match &args.csv {
         Some(path) => (read(path)?, path.display().to_string(), None),
         None => measure(args)?,
     };
-    let named = |error: String| Failure::failed(format!("{device}: {error}; nothing was written"));
+    let named = |error: String| Error::failed(format!("{device}: {error}; nothing was written"));
     let found = fit(&measured).map_err(named)?;
     print(&args.common, &measured, &found);
     let rounded = |value: f64| (value * 1e4).round() / 1e4;
@@ -79,7 +79,7 @@ pub(super) fn run(args: &LineArgs) -> Result<(), Failure> {
     }
 }
 
-fn store(mut session: Session, points: &[Point]) -> Result<(), Failure> {
+fn store(mut session: Session, points: &[Point]) -> Result<(), Error> {
     let settings = with_points(session.settings(), points);
     // No force beyond the table's end.
     let max = settings.line.points.last().map_or(0, |point| point.force);
@@ -124,9 +124,9 @@ fn print(common: &Common, measured: &[Measured], found: &Fit) {
 }
 
 /// Reads `code,force_n`.
-fn read(path: &Path) -> Result<Vec<Measured>, Failure> {
+fn read(path: &Path) -> Result<Vec<Measured>, Error> {
     let wrong = |found: String, expected: &str| {
-        Failure::failed(format!("{}: found {found}, expected {expected}", path.display()))
+        Error::failed(format!("{}: found {found}, expected {expected}", path.display()))
     };
     let text = fs::read_to_string(path).map_err(|error| wrong(error.to_string(), "a CSV of code,force_n"))?;
     let mut lines = text.lines().enumerate();
@@ -155,7 +155,7 @@ fn read(path: &Path) -> Result<Vec<Measured>, Failure> {
 }
 
 /// Steps the line and asks for forces; releases the gripper at the end, after a failure too.
-fn measure(args: &LineArgs) -> Result<(Vec<Measured>, String, Option<Session>), Failure> {
+fn measure(args: &LineArgs) -> Result<(Vec<Measured>, String, Option<Session>), Error> {
     let session = args.device.connect()?;
     let device = session.link_name();
     if args.common.asks() {
@@ -174,7 +174,7 @@ fn measure(args: &LineArgs) -> Result<(Vec<Measured>, String, Option<Session>), 
         session,
         sequence: 0,
     };
-    let mut step_through = || -> Result<Vec<Measured>, Failure> {
+    let mut step_through = || -> Result<Vec<Measured>, Error> {
         stepper.session.command(Command::Hold)?;
         let last = args.steps - 1;
         (0..=last)
@@ -197,7 +197,7 @@ struct Stepper {
 
 impl Stepper {
     /// Raises the line to `force_n` by the table in force, and asks for the measured force.
-    fn step(&mut self, force_n: f64, number: u64, of: u64) -> Result<Measured, Failure> {
+    fn step(&mut self, force_n: f64, number: u64, of: u64) -> Result<Measured, Error> {
         let floor = (force_n * f64::from(LSB_PER_NEWTON)).round() as i32;
         let settings = Configuration {
             floor,
@@ -210,7 +210,7 @@ impl Stepper {
         while self.line() < floor {
             self.keep_alive()?;
             if self.session.now_us() > end_us {
-                return Err(Failure::failed(format!(
+                return Err(Error::failed(format!(
                     "found the line at {:.2} N after {} s, expected {force_n:.2} N: acknowledge the microcontroller's faults, \
                      check rise_rate_n_per_s",
                     newtons(self.line()),
@@ -237,7 +237,7 @@ impl Stepper {
     }
 
     /// Sends an empty map, and runs the session until the next.
-    fn keep_alive(&mut self) -> Result<(), Failure> {
+    fn keep_alive(&mut self) -> Result<(), Error> {
         let info = MapInfo {
             sensor: 0,
             sequence: self.sequence,
@@ -248,15 +248,15 @@ impl Stepper {
         self.sequence = self.sequence.wrapping_add(1);
         self.session.send_map(&info, &ForceMap::EMPTY)?;
         let until_us = self.session.now_us() + MAP_US;
-        self.session.run_until(until_us).map_err(Failure::failed)
+        Ok(self.session.run_until(until_us)?)
     }
 
-    fn wait_for_line(&mut self) -> Result<String, Failure> {
+    fn wait_for_line(&mut self) -> Result<String, Error> {
         loop {
             match self.input.try_recv() {
                 Ok(line) => return Ok(line),
                 Err(TryRecvError::Disconnected) => {
-                    return Err(Failure::failed(
+                    return Err(Error::failed(
                         "standard input ended, expected a measured force for every step; nothing was written",
                     ));
                 }
@@ -265,7 +265,7 @@ impl Stepper {
         }
     }
 
-    fn release(&mut self) -> Result<(), Failure> {
+    fn release(&mut self) -> Result<(), Error> {
         self.session.command(Command::Release)?;
         let end_us = self.session.now_us() + STEP_TIMEOUT_US;
         while self.line() > 0 && self.session.now_us() < end_us {

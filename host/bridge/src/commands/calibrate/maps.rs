@@ -4,7 +4,7 @@ use std::path::Path;
 
 use gripline_protocol::TAXELS;
 
-use crate::error::Failure;
+use crate::error::Error;
 use gripline_recording::maps_file::MapsFile;
 use gripline_recording::{Completeness, Reader};
 
@@ -23,13 +23,13 @@ pub(super) struct Maps<T> {
 /// `of` applied to every map (time in seconds, newtons per taxel). `fingertip`, 1 or 2, selects maps of a recording.
 ///
 /// # Errors
-/// [`Failure`] when the file cannot be read, or has no map of the fingertip.
+/// [`Error`] when the file cannot be read, or has no map of the fingertip.
 pub(super) fn read<T>(
     path: &Path,
     rate_hz: f64,
     fingertip: u8,
     of: impl Fn(f64, &[[f64; 3]; TAXELS]) -> T,
-) -> Result<Maps<T>, Failure> {
+) -> Result<Maps<T>, Error> {
     let (mut all, mut start_ns) = (Vec::new(), None);
     if path.extension().is_some_and(|extension| extension == "mcap") {
         let mut reader = Reader::open(path)?;
@@ -50,7 +50,7 @@ pub(super) fn read<T>(
             );
         }
         if all.is_empty() {
-            return Err(Failure::usage(format!(
+            return Err(Error::usage(format!(
                 "--fingertip {fingertip}: found no map of it in {}, expected one of those that the recording has",
                 path.display()
             )));

@@ -22,7 +22,7 @@ use self::geometry::GeometryArgs;
 pub(super) use self::guide::wrapped;
 use self::line::LineArgs;
 use self::rest::RestArgs;
-use crate::error::Failure;
+use crate::error::Error;
 
 /// Arguments of `gripline calibrate`.
 #[derive(Debug, Clone, Args)]
@@ -50,8 +50,8 @@ enum Part {
 /// Calibrates.
 ///
 /// # Errors
-/// [`Failure`] that says what was found, what was expected, and what to do; nothing is written then.
-pub fn run(args: &CalibrateArgs) -> Result<(), Failure> {
+/// [`Error`] that says what was found, what was expected, and what to do; nothing is written then.
+pub fn run(args: &CalibrateArgs) -> Result<(), Error> {
     match &args.part {
         Part::Rest(args) => rest::run(args),
         Part::Geometry(args) => geometry::run(args),

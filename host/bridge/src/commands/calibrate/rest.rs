@@ -9,7 +9,7 @@ use super::common::{Common, wrote};
 use super::guide;
 use crate::calibration::{Calibration, Rest};
 use crate::config::{Overrides, Settings};
-use crate::error::Failure;
+use crate::error::Error;
 use crate::rest::save;
 use crate::source::{Source, SourceSettings};
 use gripline_capture::picture;
@@ -43,8 +43,8 @@ pub(super) struct RestArgs {
 /// Takes, checks and writes.
 ///
 /// # Errors
-/// [`Failure`] that lists everything that is wrong with the pictures.
-pub(super) fn run(args: &RestArgs) -> Result<(), Failure> {
+/// [`Error`] that lists everything that is wrong with the pictures.
+pub(super) fn run(args: &RestArgs) -> Result<(), Error> {
     // A calibration that cannot be read is told before anybody is asked for anything.
     Calibration::load_or_new(&args.common.out)?;
     let (pictures, source) = pictures(args)?;
@@ -63,13 +63,13 @@ pub(super) fn run(args: &RestArgs) -> Result<(), Failure> {
 /// `anew`, they have to show what the earlier ones show.
 ///
 /// # Errors
-/// [`Failure`] that lists everything that is wrong with the pictures; nothing is written then.
+/// [`Error`] that lists everything that is wrong with the pictures; nothing is written then.
 pub(in crate::commands) fn keep(
     out: &Path,
     pictures: &[Vec<u8>],
     device: String,
     anew: bool,
-) -> Result<Rest, Failure> {
+) -> Result<Rest, Error> {
     let mut calibration = Calibration::load_or_new(out)?;
     let figures = Figures::of(pictures);
     let mut problems = wrong(&figures);
@@ -78,7 +78,7 @@ pub(in crate::commands) fn keep(
         problems.extend(changed(&change, &out.display().to_string()));
     }
     if !problems.is_empty() {
-        return Err(Failure::failed(format!(
+        return Err(Error::failed(format!(
             "nothing was written: {}",
             problems.join("; ")
         )));
@@ -103,13 +103,13 @@ pub(in crate::commands) fn told(rest: &Rest) -> String {
 }
 
 /// The pictures, and what they are of.
-fn pictures(args: &RestArgs) -> Result<(Vec<Vec<u8>>, String), Failure> {
+fn pictures(args: &RestArgs) -> Result<(Vec<Vec<u8>>, String), Error> {
     if let Some(path) = &args.frames {
         let files = picture::list(path)?;
         let pictures: Result<Vec<_>, _> = files.iter().map(|file| picture::crop(file, false)).collect();
         let pictures = pictures?;
         if pictures.len() < 2 {
-            return Err(Failure::failed(format!(
+            return Err(Error::failed(format!(
                 "{}: found {} picture, expected at least 2: one says nothing about noise",
                 path.display(),
                 pictures.len()
@@ -123,7 +123,7 @@ fn pictures(args: &RestArgs) -> Result<(Vec<Vec<u8>>, String), Failure> {
         _ => settings.second_source.as_ref(),
     };
     let source = args.source.as_ref().or(configured).ok_or_else(|| {
-        Failure::usage(
+        Error::usage(
             "--fingertip: found 2 without a camera.second_source, expected one in the configuration: name it there, or say \
              --source",
         )
@@ -136,13 +136,13 @@ fn pictures(args: &RestArgs) -> Result<(Vec<Vec<u8>>, String), Failure> {
 /// Looks at the untouched fingertip `count` times, 440×440 each; `asks`: a person is there, who is told what to do.
 ///
 /// # Errors
-/// [`Failure`] when the source gives none, or nobody answers.
+/// [`Error`] when the source gives none, or nobody answers.
 pub(in crate::commands) fn take(
     source: &Source,
     wanted: &SourceSettings,
     count: usize,
     asks: bool,
-) -> Result<Vec<Vec<u8>>, Failure> {
+) -> Result<Vec<Vec<u8>>, Error> {
     let mut camera = source.open(wanted)?;
     if !asks {
         return Ok(camera.rest(count)?.crops);

@@ -10,7 +10,7 @@ use clap::Args;
 use gripline_protocol::TAXELS;
 
 use self::output::Output;
-use crate::error::Failure;
+use crate::error::Error;
 use crate::value::number_in;
 use gripline_evaluation::detect::judge::{Settings, judge, quantise};
 use gripline_evaluation::detect::replay::{RATE_HZ, Replay};
@@ -87,14 +87,14 @@ struct Csv<'a> {
 }
 
 impl<'a> Csv<'a> {
-    fn create(path: &'a Path, maps: &Path, extra: Extra) -> Result<Self, Failure> {
+    fn create(path: &'a Path, maps: &Path, extra: Extra) -> Result<Self, Error> {
         let output = if path == Path::new("-") {
             Output::stdout()
         } else {
             let same =
                 fs::canonicalize(path).is_ok_and(|csv| fs::canonicalize(maps).is_ok_and(|maps| maps == csv));
             if same {
-                return Err(Failure::usage(format!(
+                return Err(Error::usage(format!(
                     "--csv {}: found the recording itself, expected another file: choose another name",
                     path.display()
                 )));
@@ -105,8 +105,8 @@ impl<'a> Csv<'a> {
     }
 }
 
-fn unwritable(path: &Path, error: &io::Error) -> Failure {
-    Failure::failed(format!(
+fn unwritable(path: &Path, error: &io::Error) -> Error {
+    Error::failed(format!(
         "{}: cannot be written ({error}), expected a file in a directory that exists and may be written: \
          create the directory or choose another place",
         path.display()
@@ -116,8 +116,8 @@ fn unwritable(path: &Path, error: &io::Error) -> Failure {
 /// Runs the command.
 ///
 /// # Errors
-/// [`Failure`] when the recording cannot be read or the CSV cannot be written.
-pub fn run(args: &DetectArgs) -> Result<(), Failure> {
+/// [`Error`] when the recording cannot be read or the CSV cannot be written.
+pub fn run(args: &DetectArgs) -> Result<(), Error> {
     let settings = args.settings();
     let mut maps = MapsFile::open(&args.maps)?;
     let extra = Extra {
@@ -149,7 +149,7 @@ pub fn run(args: &DetectArgs) -> Result<(), Failure> {
         }
     });
     match printed {
-        Err(error) if error.kind() != ErrorKind::BrokenPipe => Err(Failure::failed(format!(
+        Err(error) if error.kind() != ErrorKind::BrokenPipe => Err(Error::failed(format!(
             "the summary cannot be written ({error}), expected an open standard output"
         ))),
         _ => Ok(()),
@@ -162,7 +162,7 @@ fn judge_all(
     settings: &Settings,
     maps: &mut MapsFile,
     mut csv: Option<Csv>,
-) -> Result<Option<Summary>, Failure> {
+) -> Result<Option<Summary>, Error> {
     let mut replay = if csv.as_ref().is_some_and(|csv| csv.extra != Extra::default()) {
         Some(Replay::new(settings, args.rate)?)
     } else {

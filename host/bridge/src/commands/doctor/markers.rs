@@ -11,7 +11,7 @@ use gripline_sensor::Sensor;
 use super::judge::{self, Finding, Look};
 use super::{Doctor, TIMED, WARM_UP};
 use crate::config::Settings;
-use crate::error::Failure;
+use crate::error::Error;
 use crate::marker_rest;
 use crate::model::{AtRest, Model};
 use crate::source::{Frames, Opened, Source, SourceSettings, Taken};
@@ -83,7 +83,7 @@ impl Doctor {
 /// Pictures, when those of a camera came (s), and the size that the source has.
 type Pictures = (Vec<Vec<u8>>, Vec<f64>, Option<[usize; 2]>);
 
-fn take(mut opened: Opened) -> Result<Pictures, Failure> {
+fn take(mut opened: Opened) -> Result<Pictures, Error> {
     let size_px = match &opened.pictures {
         Frames::Colour(frames) => frames.size_px(),
         _ => None,
@@ -104,17 +104,17 @@ fn take(mut opened: Opened) -> Result<Pictures, Failure> {
         }
     }
     if pictures.is_empty() {
-        return Err(Failure::failed("no picture came"));
+        return Err(Error::failed("no picture came"));
     }
     Ok((pictures, came_s, size_px))
 }
 
-fn look(sensor: &Sensor, pictures: &[Vec<u8>], size_px: Option<[usize; 2]>) -> Result<Look, Failure> {
-    let mut finger = Finger::new(sensor).map_err(Failure::failed)?;
+fn look(sensor: &Sensor, pictures: &[Vec<u8>], size_px: Option<[usize; 2]>) -> Result<Look, Error> {
+    let mut finger = Finger::new(sensor)?;
     let mut lost_share = 0.0_f32;
     let mut level = None;
     for picture in pictures {
-        let seen = finger.see(picture).map_err(Failure::failed)?;
+        let seen = finger.see(picture)?;
         lost_share = lost_share.max(seen.lost_share);
         level.get_or_insert(f64::from(seen.filled.mean_level()));
     }
@@ -128,12 +128,7 @@ fn look(sensor: &Sensor, pictures: &[Vec<u8>], size_px: Option<[usize; 2]>) -> R
 }
 
 /// How long each picture takes to become a map and evidence, the first ones left out.
-fn times_ms(
-    model: &Model,
-    fingertip: usize,
-    rest: &AtRest,
-    pictures: &[Vec<u8>],
-) -> Result<Vec<f64>, Failure> {
+fn times_ms(model: &Model, fingertip: usize, rest: &AtRest, pictures: &[Vec<u8>]) -> Result<Vec<f64>, Error> {
     let rule = TaxelRule::of(&settings_of(model.calibration()));
     let mut pipeline = model.pipeline(fingertip, rest, GateKind::Off, rule)?;
     let mut times = Vec::with_capacity(pictures.len());

@@ -19,7 +19,7 @@ use serde_json::json;
 use self::judge::{Finding, Level};
 use crate::calibration::{Calibration, with_points};
 use crate::config::{Overrides, Settings};
-use crate::error::{Completion, Failure};
+use crate::error::{Completion, Error};
 use crate::model::Model;
 use crate::realtime;
 use crate::source::{AtRest, SimulatedSource, Source, SourceSettings};
@@ -57,8 +57,8 @@ pub struct DoctorArgs {
 /// Checks and reports.
 ///
 /// # Errors
-/// [`Failure`] of kind Loss when there are warnings, Failed when a check fails, Usage when the configuration is wrong.
-pub fn run(args: &DoctorArgs) -> Result<Completion, Failure> {
+/// [`Error`] of kind Loss when there are warnings, Failed when a check fails, Usage when the configuration is wrong.
+pub fn run(args: &DoctorArgs) -> Result<Completion, Error> {
     check(&Settings::load(&args.overrides)?, args.json)
 }
 
@@ -66,7 +66,7 @@ pub fn run(args: &DoctorArgs) -> Result<Completion, Failure> {
 ///
 /// # Errors
 /// As [`run`], but for the configuration.
-pub(super) fn check(settings: &Settings, json: bool) -> Result<Completion, Failure> {
+pub(super) fn check(settings: &Settings, json: bool) -> Result<Completion, Error> {
     let mut doctor = Doctor {
         json,
         is_second: false,
@@ -124,7 +124,7 @@ pub(super) fn check(settings: &Settings, json: bool) -> Result<Completion, Failu
     match worst {
         Level::Ok => Ok(Completion::Whole),
         Level::Warn => Ok(Completion::WithLoss(format!("warnings: {names}"))),
-        Level::Fail => Err(Failure::failed(format!("not fit: {names}"))),
+        Level::Fail => Err(Error::failed(format!("not fit: {names}"))),
     }
 }
 
@@ -299,7 +299,7 @@ impl Doctor {
 }
 
 /// How long a frame takes in the whole pipeline, network included: pictures of a simulated touch.
-fn frame_times_ms(settings: &Settings, network: Network, rest: &[Vec<u8>]) -> Result<Vec<f64>, Failure> {
+fn frame_times_ms(settings: &Settings, network: Network, rest: &[Vec<u8>]) -> Result<Vec<f64>, Error> {
     let rule = TaxelRule::of(&settings_for(&network));
     let mut source = SimulatedSource::new(settings.seed, TOUCH_FRAMES_PER_SECOND);
     // The touch is simulated: a real camera's rest pictures do not belong to it.

@@ -16,7 +16,7 @@ use gripline_protocol::message::Configuration;
 use self::report::report_of;
 use self::series::{ForceMapAt, Traces};
 use crate::config::settings_from_text;
-use crate::error::{Completion, Failure};
+use crate::error::{Completion, Error};
 use crate::view::View;
 use gripline_recording::telemetry::Limits;
 use gripline_recording::units::{newtons, ratio};
@@ -72,10 +72,10 @@ fn screen_size(text: &str) -> Result<(u16, u16), String> {
 /// Draws.
 ///
 /// # Errors
-/// [`Failure`] that names the file which cannot be read, written, or is neither .png nor .svg.
-pub fn run(args: &PlotArgs) -> Result<Completion, Failure> {
+/// [`Error`] that names the file which cannot be read, written, or is neither .png nor .svg.
+pub fn run(args: &PlotArgs) -> Result<Completion, Error> {
     let shown = args.out.display();
-    Format::of(&args.out).map_err(Failure::usage)?;
+    Format::of(&args.out).map_err(Error::usage)?;
     if let Some(t_s) = args.view {
         draw_view(args, t_s)?;
         return Ok(Completion::Whole);
@@ -98,10 +98,10 @@ pub fn run(args: &PlotArgs) -> Result<Completion, Failure> {
 }
 
 /// The screen of a run at `t_s`, with the traces that lead to it.
-fn draw_view(args: &PlotArgs, t_s: f64) -> Result<(), Failure> {
+fn draw_view(args: &PlotArgs, t_s: f64) -> Result<(), Error> {
     let mut reader = Reader::open(&args.recording)?;
     let settings = settings_from_text(&reader.metadata.settings, &Configuration::DEFAULT)
-        .map_err(|error| Failure::failed(format!("{}: {error}", args.recording.display())))?;
+        .map_err(|error| Error::failed(format!("{}: {error}", args.recording.display())))?;
     let mut view = View::new(Limits::of(&settings));
     let mut at_s = None;
     while let Some(frame) = reader.next_frame()? {
@@ -121,10 +121,10 @@ fn draw_view(args: &PlotArgs, t_s: f64) -> Result<(), Failure> {
 }
 
 /// Reads the numbers first, then the maps of the moments that they choose.
-fn read(args: &PlotArgs) -> Result<(Traces, Completeness), Failure> {
+fn read(args: &PlotArgs) -> Result<(Traces, Completeness), Error> {
     let mut reader = Reader::open(&args.recording)?;
     let settings = settings_from_text(&reader.metadata.settings, &Configuration::DEFAULT)
-        .map_err(|error| Failure::failed(format!("{}: {error}", args.recording.display())))?;
+        .map_err(|error| Error::failed(format!("{}: {error}", args.recording.display())))?;
     let mut traces = Traces {
         threshold: ratio(settings.slip_threshold),
         friction: ratio(settings.friction),
@@ -142,7 +142,7 @@ fn read(args: &PlotArgs) -> Result<(Traces, Completeness), Failure> {
     }
     let completeness = reader.completeness();
     if traces.moments.is_empty() {
-        return Err(Failure::usage(format!(
+        return Err(Error::usage(format!(
             "--fingertip {}: found no frame of it in {}, expected one of those that the recording has",
             args.fingertip,
             args.recording.display()

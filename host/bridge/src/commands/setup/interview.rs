@@ -9,7 +9,7 @@ use gripline_link::Target;
 use gripline_sensor::{MarkerKind, SHIPPED, Sensor};
 
 use super::question::{Answer, Choice, Question};
-use crate::error::Failure;
+use crate::error::Error;
 use crate::source::Source;
 
 /// What is attached to this machine.
@@ -74,8 +74,8 @@ pub(super) trait Person {
     /// Shows a screen and waits for a line.
     ///
     /// # Errors
-    /// [`Failure`] when there will be none.
-    fn ask(&mut self, screen: &str) -> Result<String, Failure>;
+    /// [`Error`] when there will be none.
+    fn ask(&mut self, screen: &str) -> Result<String, Error>;
     /// Says a line.
     fn tell(&mut self, line: &str);
 }
@@ -83,12 +83,12 @@ pub(super) trait Person {
 /// Asks what was not said. `look`: what is attached now; `person`: `None` where there is none to ask.
 ///
 /// # Errors
-/// [`Failure`] that says what was found, what was expected and what to do.
+/// [`Error`] that says what was found, what was expected and what to do.
 pub(super) fn interview<'a>(
     said: &Said,
     look: &'a mut dyn FnMut() -> Found,
     person: Option<&'a mut dyn Person>,
-) -> Result<Chosen, Failure> {
+) -> Result<Chosen, Error> {
     let mut asking = Asking {
         takes_defaults: said.yes,
         look,
@@ -135,16 +135,16 @@ impl Asking<'_> {
         said: Option<String>,
         question: &dyn Fn(&Found) -> Question,
         check: &dyn Fn(&str) -> Result<T, String>,
-    ) -> Result<T, Failure> {
+    ) -> Result<T, Error> {
         let question_now = |look: &mut dyn FnMut() -> Found| question(&look());
         if let Some(said) = said {
             let flag = question(&Found::default()).flag;
-            return check(&said).map_err(|error| Failure::usage(format!("{flag}: {error}")));
+            return check(&said).map_err(|error| Error::usage(format!("{flag}: {error}")));
         }
         let Some(person) = &mut self.person else {
             let question = question_now(self.look);
-            let taken = question.unasked(self.takes_defaults).map_err(Failure::usage)?;
-            return check(&taken).map_err(|error| Failure::usage(format!("{}: {error}", question.flag)));
+            let taken = question.unasked(self.takes_defaults).map_err(Error::usage)?;
+            return check(&taken).map_err(|error| Error::usage(format!("{}: {error}", question.flag)));
         };
         loop {
             let question = question_now(self.look);

@@ -20,7 +20,7 @@ use crate::calibration::{Calibration, write};
 use crate::commands::calibrate::{date, rest};
 use crate::commands::doctor;
 use crate::config::{Overrides, Settings, default_file};
-use crate::error::{Completion, Failure};
+use crate::error::{Completion, Error};
 use crate::source::Source;
 
 /// Rest pictures that are taken.
@@ -55,8 +55,8 @@ pub struct SetupArgs {
 /// Asks, calibrates, writes, checks.
 ///
 /// # Errors
-/// [`Failure`] that says what was found, what was expected and what to do; those of `gripline doctor` at the end.
-pub fn run(args: &SetupArgs) -> Result<Completion, Failure> {
+/// [`Error`] that says what was found, what was expected and what to do; those of `gripline doctor` at the end.
+pub fn run(args: &SetupArgs) -> Result<Completion, Error> {
     let out = args.out.clone().unwrap_or_else(default_place);
     let out = std::path::absolute(&out)?;
     let mut terminal = Terminal;
@@ -108,14 +108,14 @@ const fn is_root() -> bool {
 }
 
 /// Makes sure that `out` can be written, before anything is asked. Returns whether it replaces what somebody has written.
-fn may_write(out: &Path, force: bool, asks: bool) -> Result<bool, Failure> {
+fn may_write(out: &Path, force: bool, asks: bool) -> Result<bool, Error> {
     let folder = out.parent().unwrap_or(Path::new("/"));
     let probe = out.with_extension("toml.part");
     fs::create_dir_all(folder)
         .and_then(|()| fs::write(&probe, ""))
         .and_then(|()| fs::remove_file(&probe))
         .map_err(|error| {
-            Failure::failed(format!(
+            Error::failed(format!(
                 "{}: {error}, expected a folder that can be written: start it with sudo, or name another file with --out",
                 folder.display()
             ))
@@ -132,21 +132,21 @@ fn may_write(out: &Path, force: bool, asks: bool) -> Result<bool, Failure> {
         return Ok(true);
     }
     if !asks {
-        return Err(Failure::usage(format!(
+        return Err(Error::usage(format!(
             "{shown}: found a configuration, expected none: --force replaces it, --out names another file"
         )));
     }
     let answer = Terminal.ask(&format!("{shown} is there already. Replace it? y or n: "))?;
     match answer.trim() {
         "y" | "yes" => Ok(true),
-        _ => Err(Failure::failed(format!(
+        _ => Err(Error::failed(format!(
             "{shown} was left as it is; --out names another file"
         ))),
     }
 }
 
 /// The settings that the answers make, before anything depends on them.
-fn draft(chosen: &Chosen, out: &Path) -> Result<Settings, Failure> {
+fn draft(chosen: &Chosen, out: &Path) -> Result<Settings, Error> {
     let path = out.with_extension("toml.draft");
     write(&path, file::text(chosen, None, &date()).as_bytes())?;
     let settings = Settings::load(&Overrides::of_file(Some(&path)));
@@ -161,7 +161,7 @@ fn calibrated(
     out: &Path,
     asks: bool,
     anew: bool,
-) -> Result<Option<PathBuf>, Failure> {
+) -> Result<Option<PathBuf>, Error> {
     match &chosen.rest {
         Rest::Later => Ok(None),
         Rest::In(file) => {
@@ -194,16 +194,16 @@ fn next_step(out: &Path, is_fit: bool) -> String {
 struct Terminal;
 
 impl Person for Terminal {
-    fn ask(&mut self, screen: &str) -> Result<String, Failure> {
+    fn ask(&mut self, screen: &str) -> Result<String, Error> {
         eprint!("{screen}");
         let _ = io::stderr().flush();
         let mut line = String::new();
         match io::stdin().read_line(&mut line) {
-            Ok(0) => Err(Failure::failed(
+            Ok(0) => Err(Error::failed(
                 "standard input ended, expected an answer; no configuration was written",
             )),
             Ok(_) => Ok(line),
-            Err(error) => Err(Failure::failed(format!("standard input: {error}"))),
+            Err(error) => Err(Error::failed(format!("standard input: {error}"))),
         }
     }
 

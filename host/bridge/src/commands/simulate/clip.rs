@@ -6,7 +6,7 @@ use std::borrow::Cow;
 use std::collections::HashMap;
 
 use super::canvas::{Canvas, GROUND, Grey, LETTER, Rgb, TEXT, ramp};
-use crate::error::Failure;
+use crate::error::Error;
 use gripline_evaluation::play::FingerMoment;
 
 /// Pictures a second at most: what players keep up with.
@@ -40,7 +40,7 @@ pub(super) fn stride(frames_per_second: f64) -> usize {
 
 impl Clip {
     /// A clip of a recording of so many frames a second; `full` are the forces of full colour and longest line.
-    pub(super) fn new(frames_per_second: f64, full: [f64; 2]) -> Result<Self, Failure> {
+    pub(super) fn new(frames_per_second: f64, full: [f64; 2]) -> Result<Self, Error> {
         let mut palette: Vec<Rgb> = (0..GREYS)
             .map(|grey| [(grey * 255 / (GREYS - 1)) as u8; 3])
             .collect();
@@ -48,11 +48,8 @@ impl Clip {
         palette.extend([GROUND, TEXT, super::canvas::FREE]);
         palette.resize(256, GROUND);
         let width = (2 * SIDE) as u16;
-        let mut encoder = gif::Encoder::new(Vec::new(), width, (SIDE + HEAD) as u16, &palette.concat())
-            .map_err(Failure::failed)?;
-        encoder
-            .set_repeat(gif::Repeat::Infinite)
-            .map_err(Failure::failed)?;
+        let mut encoder = gif::Encoder::new(Vec::new(), width, (SIDE + HEAD) as u16, &palette.concat())?;
+        encoder.set_repeat(gif::Repeat::Infinite)?;
         let delay_cs = (100.0 * stride(frames_per_second) as f64 / frames_per_second)
             .round()
             .max(2.0) as u16;
@@ -65,12 +62,7 @@ impl Clip {
     }
 
     /// Adds a frame.
-    pub(super) fn push(
-        &mut self,
-        caption: &str,
-        picture: &Grey,
-        finger: &FingerMoment,
-    ) -> Result<(), Failure> {
+    pub(super) fn push(&mut self, caption: &str, picture: &Grey, finger: &FingerMoment) -> Result<(), Error> {
         let mut map = Canvas::new(2 * SIDE, SIDE + HEAD);
         map.text([4, 3], caption, TEXT);
         map.forces([SIDE, HEAD], SIDE, &finger.forces, self.full);
@@ -97,12 +89,12 @@ impl Clip {
             buffer: Cow::Owned(indices),
             ..gif::Frame::default()
         };
-        self.encoder.write_frame(&frame).map_err(Failure::failed)
+        Ok(self.encoder.write_frame(&frame)?)
     }
 
     /// The file's bytes.
-    pub(super) fn finish(self) -> Result<Vec<u8>, Failure> {
-        self.encoder.into_inner().map_err(Failure::failed)
+    pub(super) fn finish(self) -> Result<Vec<u8>, Error> {
+        Ok(self.encoder.into_inner()?)
     }
 
     /// Place of the nearest colour of the palette; colours of the map stand in it or close by.

@@ -19,7 +19,7 @@ use super::clip::{self, Clip};
 use super::folder::{Folder, Manifest, Unsolved, WORLD_VERSION, frame_name};
 use super::sheet::{self, Column, full_scale};
 use crate::commands::files::{decode_grey, encode_png, grey_png, maps_npy};
-use crate::error::{Completion, Failure};
+use crate::error::{Completion, Error};
 use gripline_capture::clip::{ClipWriter, ffmpeg_version};
 use gripline_capture::geometry;
 use gripline_evaluation::play::truth::{self, named};
@@ -86,8 +86,8 @@ struct Summary {
 /// Runs the command.
 ///
 /// # Errors
-/// [`Failure`]: wrong usage for a folder that holds something else; failed for a scene that cannot be read or played.
-pub fn run(args: &SimulateArgs) -> Result<Completion, Failure> {
+/// [`Error`]: wrong usage for a folder that holds something else; failed for a scene that cannot be read or played.
+pub fn run(args: &SimulateArgs) -> Result<Completion, Error> {
     let (file, crc) = read_scene(&args.scene)?;
     let size = match args.frames {
         Some(Size::Crop) => FrameSize::Crop,
@@ -127,7 +127,7 @@ fn simulate(
     size: FrameSize,
     frames_per_second: f64,
     mut manifest: Manifest,
-) -> Result<Completion, Failure> {
+) -> Result<Completion, Error> {
     let (folder, found) = Folder::open(&args.out, &manifest)?;
     let resumed = folder.finished(play.fingers());
     if found.is_none() {
@@ -141,7 +141,7 @@ fn simulate(
     };
     let recorded = recording.make(play, &mut manifest)?;
     if recorded.moments.is_empty() {
-        return Err(Failure::failed(format!(
+        return Err(Error::failed(format!(
             "{}: found no frame whose contact could be solved, expected at least one: take more frames_per_second, \
              gentler edges or less force ({})",
             args.scene.display(),
@@ -173,20 +173,20 @@ fn simulate(
 }
 
 /// The scene, and the checksum of all that makes it.
-fn read_scene(path: &Path) -> Result<(SceneFile, String), Failure> {
+fn read_scene(path: &Path) -> Result<(SceneFile, String), Error> {
     let text = fs::read(path).map_err(|error| {
         let found = match error.kind() {
             ErrorKind::NotFound => "no such file".to_owned(),
             ErrorKind::IsADirectory => "a folder".to_owned(),
             _ => format!("a file that cannot be read ({error})"),
         };
-        Failure::failed(format!(
+        Error::failed(format!(
             "{}: found {found}, expected a scene file: check the path",
             path.display()
         ))
     })?;
     let text = String::from_utf8(text).map_err(|_| {
-        Failure::failed(format!(
+        Error::failed(format!(
             "{}: found bytes that are no text, expected a scene in TOML: check the path",
             path.display()
         ))
@@ -227,7 +227,7 @@ struct Recorded {
 
 impl Recording<'_> {
     /// Plays the scene and writes its frames.
-    fn make(&self, play: &mut dyn Play, manifest: &mut Manifest) -> Result<Recorded, Failure> {
+    fn make(&self, play: &mut dyn Play, manifest: &mut Manifest) -> Result<Recorded, Error> {
         let fingers = play.fingers();
         let mut rests = Vec::with_capacity(fingers);
         for finger in 0..fingers {
@@ -271,7 +271,7 @@ impl Recording<'_> {
 
     /// Makes the pictures of a frame, unless they are there. The last that is there is made again and compared: another
     /// version of the world must not go on where this one stopped.
-    fn frame(&self, play: &mut dyn Play, number: usize) -> Result<(), Failure> {
+    fn frame(&self, play: &mut dyn Play, number: usize) -> Result<(), Error> {
         if number + 1 < self.resumed {
             return Ok(());
         }
@@ -281,7 +281,7 @@ impl Recording<'_> {
             if number + 1 > self.resumed {
                 self.folder.write(&name, &bytes)?;
             } else if self.folder.read(&name)? != bytes {
-                return Err(Failure::usage(format!(
+                return Err(Error::usage(format!(
                     "--out {}: found a {name} that differs from what this program makes, expected one of the same \
                      version: choose another folder",
                     self.folder.path().display()
@@ -298,7 +298,7 @@ fn write_results(
     play: &dyn Play,
     manifest: &Manifest,
     recorded: &Recorded,
-) -> Result<(), Failure> {
+) -> Result<(), Error> {
     let mut csv = truth::names(play.fingers(), play.extra_columns()).join(",") + "\n";
     for (number, moment) in recorded.moments.iter().enumerate() {
         let cells: Vec<String> = truth::row(number, moment)
@@ -334,7 +334,7 @@ fn write_clips(
     play: &dyn Play,
     frames_per_second: f64,
     moments: &[Moment],
-) -> Result<(), Failure> {
+) -> Result<(), Error> {
     for finger in 0..play.fingers() {
         let full = full_scale(moments.iter().map(|moment| &moment.fingers[finger]));
         let mut clip = Clip::new(frames_per_second, full)?;
@@ -359,12 +359,7 @@ fn write_clips(
 }
 
 /// A clip of each finger at the camera's resolution, as a camera would send it.
-fn write_videos(
-    folder: &Folder,
-    fingers: usize,
-    frames_per_second: f64,
-    frames: usize,
-) -> Result<(), Failure> {
+fn write_videos(folder: &Folder, fingers: usize, frames_per_second: f64, frames: usize) -> Result<(), Error> {
     for finger in 0..fingers {
         let path = folder.path().join(named("clip", finger) + ".avi");
         let mut clip: Option<ClipWriter> = None;
@@ -419,7 +414,7 @@ fn summary(
     }
 }
 
-fn print_summary(summary: &Summary, json: bool) -> Result<(), Failure> {
+fn print_summary(summary: &Summary, json: bool) -> Result<(), Error> {
     let text = if json {
         serde_json::to_string(summary)?
     } else {
@@ -454,7 +449,7 @@ fn print_summary(summary: &Summary, json: bool) -> Result<(), Failure> {
         ) + &deep
     };
     match writeln!(io::stdout(), "{text}") {
-        Err(error) if error.kind() != ErrorKind::BrokenPipe => Err(Failure::failed(format!(
+        Err(error) if error.kind() != ErrorKind::BrokenPipe => Err(Error::failed(format!(
             "the summary cannot be written ({error}), expected an open standard output"
         ))),
         _ => Ok(()),

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use crate::error::Failure;
+use crate::error::Error;
 use gripline_evaluation::play::truth::named;
 
 /// Counts up when the simulated world changes what a scene gives; results of another version are not mixed.
@@ -56,16 +56,16 @@ pub(super) struct Folder {
     path: PathBuf,
 }
 
-fn unwritable(path: &Path, error: &io::Error) -> Failure {
-    Failure::failed(format!(
+fn unwritable(path: &Path, error: &io::Error) -> Error {
+    Error::failed(format!(
         "{}: cannot be written ({error}), expected a folder that may be written on a disk with room: choose another \
          --out or make room",
         path.display()
     ))
 }
 
-fn unreadable(path: &Path, error: &io::Error) -> Failure {
-    Failure::failed(format!(
+fn unreadable(path: &Path, error: &io::Error) -> Error {
+    Error::failed(format!(
         "{}: cannot be read ({error}), expected a file of an earlier run: choose another --out",
         path.display()
     ))
@@ -76,7 +76,7 @@ impl Folder {
     ///
     /// # Errors
     /// Wrong usage when the folder holds something else.
-    pub(super) fn open(path: &Path, wanted: &Manifest) -> Result<(Self, Option<Manifest>), Failure> {
+    pub(super) fn open(path: &Path, wanted: &Manifest) -> Result<(Self, Option<Manifest>), Error> {
         let folder = Self {
             path: path.to_owned(),
         };
@@ -86,7 +86,7 @@ impl Folder {
             Ok(text) => {
                 let found: Manifest = toml::from_str(&text).map_err(|error| {
                     let why = error.message().split_whitespace().collect::<Vec<_>>().join(" ");
-                    Failure::usage(format!(
+                    Error::usage(format!(
                         "--out {shown}: found a {MANIFEST} of another program ({why}), expected one of this scene: \
                          choose another folder"
                     ))
@@ -98,7 +98,7 @@ impl Folder {
                 match fs::read_dir(path) {
                     Ok(mut entries) => {
                         if entries.next().is_some() {
-                            return Err(Failure::usage(format!(
+                            return Err(Error::usage(format!(
                                 "--out {shown}: found other files, expected an empty folder or results of this \
                                  scene: choose another folder"
                             )));
@@ -111,7 +111,7 @@ impl Folder {
             }
             Err(error) if path.is_dir() => return Err(unreadable(&manifest, &error)),
             Err(_) => {
-                return Err(Failure::usage(format!(
+                return Err(Error::usage(format!(
                     "--out {shown}: found a file, expected a folder: choose another name"
                 )));
             }
@@ -128,7 +128,7 @@ impl Folder {
     }
 
     /// Writes a file: it appears whole or not at all.
-    pub(super) fn write(&self, name: &str, bytes: &[u8]) -> Result<(), Failure> {
+    pub(super) fn write(&self, name: &str, bytes: &[u8]) -> Result<(), Error> {
         let target = self.path.join(name);
         let partial = target.with_added_extension("partial");
         fs::write(&partial, bytes)
@@ -136,7 +136,7 @@ impl Folder {
             .map_err(|error| unwritable(&target, &error))
     }
 
-    pub(super) fn read(&self, name: &str) -> Result<Vec<u8>, Failure> {
+    pub(super) fn read(&self, name: &str) -> Result<Vec<u8>, Error> {
         let path = self.path.join(name);
         fs::read(&path).map_err(|error| unreadable(&path, &error))
     }
@@ -145,7 +145,7 @@ impl Folder {
         self.path.join(name).is_file()
     }
 
-    pub(super) fn write_manifest(&self, manifest: &Manifest) -> Result<(), Failure> {
+    pub(super) fn write_manifest(&self, manifest: &Manifest) -> Result<(), Error> {
         let text = toml::to_string(manifest)?;
         let text = format!(
             "# What made this folder; gripline simulate goes on from here when it was interrupted.\n{text}"
@@ -170,7 +170,7 @@ pub(super) fn frame_name(number: usize, finger: usize) -> String {
 }
 
 /// A manifest's identity against the wanted one.
-fn belongs(path: &Path, found: &Manifest, wanted: &Manifest) -> Result<(), Failure> {
+fn belongs(path: &Path, found: &Manifest, wanted: &Manifest) -> Result<(), Error> {
     let pairs = [
         ("scene", &found.scene_crc64, &wanted.scene_crc64),
         ("seed", &found.seed.to_string(), &wanted.seed.to_string()),
@@ -188,7 +188,7 @@ fn belongs(path: &Path, found: &Manifest, wanted: &Manifest) -> Result<(), Failu
             } else {
                 found_value.clone()
             };
-            return Err(Failure::usage(format!(
+            return Err(Error::usage(format!(
                 "--out {}: found results with {what} {found_value}, expected {wanted_value}: choose another folder",
                 path.display()
             )));

@@ -12,9 +12,10 @@ use std::thread;
 
 use gripline_capture::clip::ColourClip;
 use gripline_markers::{Comparison, Filled, Finger, Hold, MarkerError, Rest, RestKind};
-use gripline_recording::error::Failure;
 use gripline_sensor::Sensor;
 use serde::Serialize;
+
+use crate::error::EvaluationError;
 
 /// The recordings' folder.
 pub(in crate::real) const FOLDER: &str = "gelsight-mini";
@@ -107,9 +108,9 @@ struct First {
 /// All trials in the folder.
 ///
 /// # Errors
-/// [`Failure`] that names the file.
-pub(super) fn read(folder: &Path) -> Result<Vec<Trial>, Failure> {
-    let sensor = Sensor::named(Path::new("gelsight-mini")).map_err(Failure::failed)?;
+/// [`EvaluationError`] that names the file.
+pub(super) fn read(folder: &Path) -> Result<Vec<Trial>, EvaluationError> {
+    let sensor = Sensor::named(Path::new("gelsight-mini"))?;
     let entries = entries(&folder.join(LIST))?;
     let firsts: BTreeMap<String, Vec<First>> = in_parallel(&entries, |entry| {
         let wanted = entry.session == Session::Long;
@@ -126,8 +127,8 @@ pub(super) fn read(folder: &Path) -> Result<Vec<Trial>, Failure> {
 /// Does the same with everything, on all cores; the results keep the order.
 fn in_parallel<T: Sync, R: Send>(
     items: &[T],
-    work: impl Fn(&T) -> Result<R, Failure> + Sync,
-) -> Result<Vec<R>, Failure> {
+    work: impl Fn(&T) -> Result<R, EvaluationError> + Sync,
+) -> Result<Vec<R>, EvaluationError> {
     let next = AtomicUsize::new(0);
     let results = Mutex::new(Vec::new());
     let threads = thread::available_parallelism().map_or(1, usize::from);
@@ -150,12 +151,11 @@ fn in_parallel<T: Sync, R: Send>(
     results.into_iter().map(|(_, result)| result).collect()
 }
 
-fn entries(path: &Path) -> Result<Vec<Entry>, Failure> {
-    let text = fs::read_to_string(path).map_err(|error| {
-        Failure::failed(format!(
-            "{}: {error}, expected a list of trials: copy it again",
-            path.display()
-        ))
+fn entries(path: &Path) -> Result<Vec<Entry>, EvaluationError> {
+    let text = fs::read_to_string(path).map_err(|error| EvaluationError::File {
+        file: path.display().to_string(),
+        found: error.to_string(),
+        expected: "a list of trials: copy it again",
     })?;
     let mut entries = Vec::new();
     for (line, row) in text.lines().enumerate().skip(1) {
@@ -180,12 +180,10 @@ fn entries(path: &Path) -> Result<Vec<Entry>, Failure> {
                 },
             })
         };
-        entries.push(parsed().ok_or_else(|| {
-            Failure::failed(format!(
-                "{}:{}: found {row:?}, expected trial,object,slip (0 or 1),frames: copy the list again",
-                path.display(),
-                line + 1
-            ))
+        entries.push(parsed().ok_or_else(|| EvaluationError::File {
+            file: format!("{}:{}", path.display(), line + 1),
+            found: format!("found {row:?}"),
+            expected: "trial,object,slip (0 or 1),frames: copy the list again",
         })?);
     }
     Ok(entries)
@@ -196,22 +194,22 @@ fn clip(
     entry: &Entry,
     camera: &str,
     sensor: &Sensor,
-) -> Result<(PathBuf, ColourClip), Failure> {
+) -> Result<(PathBuf, ColourClip), EvaluationError> {
     let path = folder.join(&entry.name).join(camera);
-    let clip = ColourClip::open(&path, &sensor.capture).map_err(Failure::failed)?;
+    let clip = ColourClip::open(&path, &sensor.capture)?;
     Ok((path, clip))
 }
 
-fn first_pictures(folder: &Path, entry: &Entry, sensor: &Sensor) -> Result<Vec<First>, Failure> {
+fn first_pictures(folder: &Path, entry: &Entry, sensor: &Sensor) -> Result<Vec<First>, EvaluationError> {
     let mut firsts = Vec::new();
     for camera in CAMERAS {
         let (path, mut clip) = clip(folder, entry, camera, sensor)?;
         let picture = std::iter::from_fn(|| clip.next_picture()).nth(FIRST_FRAME);
         let picture = picture.ok_or_else(|| short(&path, FIRST_FRAME))?;
-        let mut finger = Finger::new(sensor).map_err(Failure::failed)?;
+        let mut finger = Finger::new(sensor)?;
         let seen = finger
             .see(&picture)
-            .map_err(|error| named(&path, FIRST_FRAME, &error))?;
+            .map_err(|error| named(&path, FIRST_FRAME, error))?;
         firsts.push(First {
             places: finger
                 .tracker()
@@ -225,15 +223,20 @@ fn first_pictures(folder: &Path, entry: &Entry, sensor: &Sensor) -> Result<Vec<F
     Ok(firsts)
 }
 
-fn short(path: &Path, frames: usize) -> Failure {
-    Failure::failed(format!(
-        "{}: ends before frame {frames}, expected the whole clip: copy it again",
-        path.display()
-    ))
+fn short(path: &Path, frames: usize) -> EvaluationError {
+    EvaluationError::File {
+        file: path.display().to_string(),
+        found: format!("ends before frame {frames}"),
+        expected: "the whole clip: copy it again",
+    }
 }
 
-fn named(path: &Path, frame: usize, error: &MarkerError) -> Failure {
-    Failure::failed(format!("{}, frame {frame}: {error}", path.display()))
+fn named(path: &Path, frame: usize, error: MarkerError) -> EvaluationError {
+    EvaluationError::Frame {
+        path: path.to_owned(),
+        frame,
+        error,
+    }
 }
 
 /// How far apart two gels' markers are, pixels: the median distance to the other's nearest, both ways.
@@ -306,7 +309,7 @@ fn trial(
     entries: &[Entry],
     firsts: &BTreeMap<String, Vec<First>>,
     sensor: &Sensor,
-) -> Result<Trial, Failure> {
+) -> Result<Trial, EvaluationError> {
     let rests = match entry.session {
         Session::Long => foreign_rest(entry, entries, firsts),
         Session::Short => Vec::new(),
@@ -357,10 +360,10 @@ fn finger(
     camera: &str,
     rest: Option<&Rest>,
     sensor: &Sensor,
-) -> Result<(BTreeMap<usize, FingerFrame>, Gel), Failure> {
+) -> Result<(BTreeMap<usize, FingerFrame>, Gel), EvaluationError> {
     let (path, mut clip) = clip(folder, entry, camera, sensor)?;
-    let mut finger = Finger::new(sensor).map_err(Failure::failed)?;
-    let mut bare = Finger::new(sensor).map_err(Failure::failed)?;
+    let mut finger = Finger::new(sensor)?;
+    let mut bare = Finger::new(sensor)?;
     bare.set_rest(Rest::GRID);
     if let Some(rest) = rest {
         finger.set_rest(rest.clone());
@@ -374,7 +377,7 @@ fn finger(
     let mut frame = 0;
     loop {
         let Some(picture) = clip.next_picture() else {
-            clip.finish().map_err(Failure::failed)?;
+            clip.finish()?;
             break;
         };
         let now = frame;
@@ -390,7 +393,7 @@ fn finger(
         if entry.session == Session::Long && now >= END_FRAME {
             break;
         }
-        let seen = finger.see(&picture).map_err(|error| named(&path, now, &error))?;
+        let seen = finger.see(&picture).map_err(|error| named(&path, now, error))?;
         let markers = finger.tracker().markers();
         let places: Vec<[f32; 2]> = markers.iter().map(|marker| marker.at_px).collect();
         if entry.session == Session::Short {
@@ -412,7 +415,7 @@ fn finger(
             }
             last.push_back(markers_seen(finger.tracker().markers()));
         }
-        let without = bare.see(&picture).map_err(|error| named(&path, now, &error))?;
+        let without = bare.see(&picture).map_err(|error| named(&path, now, error))?;
         energies.extend(seen.comparison.map(|comparison| comparison.energy));
         if let (Some(with_rest), Some(without_rest)) = (seen.comparison, without.comparison) {
             let steps = places.iter().zip(&before);

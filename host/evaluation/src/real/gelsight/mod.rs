@@ -7,7 +7,7 @@ mod tell;
 
 use std::path::Path;
 
-use gripline_recording::error::Failure;
+use crate::error::EvaluationError;
 
 pub(super) use clips::FOLDER;
 pub(super) use judge::Figures;
@@ -16,7 +16,7 @@ pub(super) use tell::markdown;
 /// The figures of all trials in the folder.
 ///
 /// # Errors
-/// [`Failure`] when a clip or the list of trials cannot be read.
-pub(super) fn evaluate(folder: &Path) -> Result<Figures, Failure> {
+/// [`EvaluationError`] when a clip or the list of trials cannot be read.
+pub(super) fn evaluate(folder: &Path) -> Result<Figures, EvaluationError> {
     Ok(judge::figures(&clips::read(folder)?))
 }

@@ -11,7 +11,6 @@ use std::path::Path;
 use gripline_firmware::Friction;
 use gripline_protocol::message::Configuration;
 use gripline_protocol::{ForceMap, PER_UNIT, TAXELS};
-use gripline_recording::error::Failure;
 use gripline_recording::maps_file::{FrameForces, MapsFile};
 use serde::Serialize;
 
@@ -19,6 +18,7 @@ use super::{FINGERS, FRAMES_PER_SECOND, SCALE, TRIALS, coulomb_of, labels};
 use crate::detect::judge::{Settings, judge, quantise, sums};
 use crate::detect::replay::Replay;
 use crate::document::{number, table};
+use crate::error::EvaluationError;
 use crate::metrics::roc_area;
 use gripline_firmware::sums::TaxelRule;
 use gripline_recording::units::{ratio, stick_ratio};
@@ -77,15 +77,18 @@ struct Scored {
 /// The figures of both fingers. `quiet` is the folder of poses and of trials without slip, where it is there.
 ///
 /// # Errors
-/// [`Failure`] when a recording is damaged.
-pub(in crate::real) fn evaluate(slips: &Path, quiet: Option<&Path>) -> Result<Vec<Evidence>, Failure> {
+/// [`EvaluationError`] when a recording is damaged.
+pub(in crate::real) fn evaluate(
+    slips: &Path,
+    quiet: Option<&Path>,
+) -> Result<Vec<Evidence>, EvaluationError> {
     FINGERS
         .iter()
         .map(|&finger| of_finger(finger, slips, quiet))
         .collect()
 }
 
-fn of_finger(finger: usize, slips: &Path, quiet: Option<&Path>) -> Result<Evidence, Failure> {
+fn of_finger(finger: usize, slips: &Path, quiet: Option<&Path>) -> Result<Evidence, EvaluationError> {
     let mut trials = Vec::new();
     let mut grip = vec![[0.0; 3]; TAXELS];
     for trial in TRIALS {
@@ -140,11 +143,11 @@ fn of_finger(finger: usize, slips: &Path, quiet: Option<&Path>) -> Result<Eviden
 }
 
 /// All frames of a recording, counts.
-fn frames(path: &Path) -> Result<Vec<Box<FrameForces>>, Failure> {
-    let mut file = MapsFile::open(path).map_err(Failure::failed)?;
+fn frames(path: &Path) -> Result<Vec<Box<FrameForces>>, EvaluationError> {
+    let mut file = MapsFile::open(path)?;
     let mut frames = Vec::new();
     let mut frame = Box::new([[0.0; 3]; TAXELS]);
-    while file.read_frame(&mut frame).map_err(Failure::failed)? {
+    while file.read_frame(&mut frame)? {
         frames.push(frame.clone());
     }
     Ok(frames)
@@ -163,7 +166,7 @@ fn add_mean(sum: &mut [[f64; 3]], frames: &[Box<FrameForces>], share: f64) {
 }
 
 /// [`SCORES`] of every frame.
-fn scores(frames: &[Box<FrameForces>]) -> Result<Vec<[f64; SCORES.len()]>, Failure> {
+fn scores(frames: &[Box<FrameForces>]) -> Result<Vec<[f64; SCORES.len()]>, EvaluationError> {
     let shipped = Configuration::DEFAULT;
     let settings = Settings {
         friction: Friction::clamped(shipped.friction),
@@ -172,14 +175,12 @@ fn scores(frames: &[Box<FrameForces>]) -> Result<Vec<[f64; SCORES.len()]>, Failu
         scale: SCALE,
     };
     let rule = TaxelRule::of(&shipped);
-    let mut replay = Replay::new(&settings, FRAMES_PER_SECOND).map_err(Failure::failed)?;
+    let mut replay = Replay::new(&settings, FRAMES_PER_SECOND)?;
     let maps: Vec<ForceMap> = frames.iter().map(|frame| quantise(frame, SCALE).map).collect();
     let mut all = Vec::with_capacity(maps.len());
     for (number, map) in maps.iter().enumerate() {
         let verdict = judge(map, &settings);
-        let answer = replay
-            .show(number as u64, map, false, &verdict)
-            .map_err(Failure::failed)?;
+        let answer = replay.show(number as u64, map, false, &verdict)?;
         let before = &maps[number.saturating_sub(CHANGE_FRAMES)];
         let found = sums(map, rule);
         all.push([
@@ -202,13 +203,12 @@ fn change(map: &ForceMap, before: &ForceMap) -> f64 {
 }
 
 /// The object's positions in the gripper's camera while its marker was seen; what was not seen stays where it was.
-fn positions_mm(folder: &Path, trial: usize) -> Result<Vec<[f64; 3]>, Failure> {
+fn positions_mm(folder: &Path, trial: usize) -> Result<Vec<[f64; 3]>, EvaluationError> {
     let path = folder.join(format!("trial{trial}_marker.npy"));
-    let damaged = |found: String| {
-        Failure::failed(format!(
-            "{}: found {found}, expected an array of numbers of shape (frames, 7): copy it again",
-            path.display()
-        ))
+    let damaged = |found: String| EvaluationError::File {
+        file: path.display().to_string(),
+        found: format!("found {found}"),
+        expected: "an array of numbers of shape (frames, 7): copy it again",
     };
     let file = fs::File::open(&path).map_err(|error| damaged(error.to_string()))?;
     let array = npyz::NpyFile::new(BufReader::new(file)).map_err(|error| damaged(error.to_string()))?;

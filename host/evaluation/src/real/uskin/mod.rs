@@ -17,8 +17,8 @@ use serde::Serialize;
 
 use crate::detect::judge::quantise;
 use crate::document::{number, table};
+use crate::error::EvaluationError;
 use crate::metrics::roc_area;
-use gripline_recording::error::Failure;
 use gripline_recording::maps_file::MapsFile;
 use gripline_recording::units::{force_n, shear_n};
 
@@ -71,8 +71,8 @@ pub(in crate::real) struct Finger {
 /// The figures of both fingers.
 ///
 /// # Errors
-/// [`Failure`] when a recording is damaged.
-pub(in crate::real) fn evaluate(folder: &Path) -> Result<Vec<Finger>, Failure> {
+/// [`EvaluationError`] when a recording is damaged.
+pub(in crate::real) fn evaluate(folder: &Path) -> Result<Vec<Finger>, EvaluationError> {
     let mut fingers = Vec::new();
     for finger in FINGERS {
         let mut trials = Vec::new();
@@ -84,24 +84,22 @@ pub(in crate::real) fn evaluate(folder: &Path) -> Result<Vec<Finger>, Failure> {
     Ok(fingers)
 }
 
-fn read(folder: &Path, trial: usize, finger: usize) -> Result<Trial, Failure> {
+fn read(folder: &Path, trial: usize, finger: usize) -> Result<Trial, EvaluationError> {
     let path = folder.join(format!("trial{trial}_labels.npy"));
     let labels = labels(&path)?;
     let lost = labels.iter().position(|label| label[1] > 0);
-    let mut file =
-        MapsFile::open(&folder.join(format!("trial{trial}_finger{finger}.npy"))).map_err(Failure::failed)?;
+    let mut file = MapsFile::open(&folder.join(format!("trial{trial}_finger{finger}.npy")))?;
     if file.frames() != labels.len() as u64 {
-        return Err(Failure::failed(format!(
-            "{}: found labels of {} frames, expected {} as in the finger's recording: copy both again",
-            path.display(),
-            labels.len(),
-            file.frames()
-        )));
+        return Err(EvaluationError::Labels {
+            path,
+            found: labels.len(),
+            expected: file.frames(),
+        });
     }
     let frames = lost.unwrap_or(labels.len());
     let mut forces = Box::new([[0.0; 3]; TAXELS]);
     let mut maps = Vec::with_capacity(frames);
-    while maps.len() < frames && file.read_frame(&mut forces).map_err(Failure::failed)? {
+    while maps.len() < frames && file.read_frame(&mut forces)? {
         maps.push(quantise(&forces, SCALE).map);
     }
     Ok(Trial {
@@ -110,12 +108,11 @@ fn read(folder: &Path, trial: usize, finger: usize) -> Result<Trial, Failure> {
     })
 }
 
-fn labels(path: &Path) -> Result<Vec<[u8; 2]>, Failure> {
-    let damaged = |found: String| {
-        Failure::failed(format!(
-            "{}: found {found}, expected an array of unsigned bytes of shape (frames, 2): copy it again",
-            path.display()
-        ))
+fn labels(path: &Path) -> Result<Vec<[u8; 2]>, EvaluationError> {
+    let damaged = |found: String| EvaluationError::File {
+        file: path.display().to_string(),
+        found: format!("found {found}"),
+        expected: "an array of unsigned bytes of shape (frames, 2): copy it again",
     };
     let file = fs::File::open(path).map_err(|error| damaged(error.to_string()))?;
     let array = npyz::NpyFile::new(BufReader::new(file)).map_err(|error| damaged(error.to_string()))?;

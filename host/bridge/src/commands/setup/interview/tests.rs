@@ -9,10 +9,10 @@ struct Prepared<'a> {
 }
 
 impl Person for Prepared<'_> {
-    fn ask(&mut self, screen: &str) -> Result<String, Failure> {
+    fn ask(&mut self, screen: &str) -> Result<String, Error> {
         self.shown += screen;
         if self.answers.is_empty() {
-            return Err(Failure::failed("no more answers"));
+            return Err(Error::failed("no more answers"));
         }
         let answer = self.answers.remove(0);
         self.shown += answer;

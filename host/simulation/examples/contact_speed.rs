@@ -1,5 +1,5 @@
 //! How long the world's stages take on this machine: `cargo run --release -p gripline-simulation --example
-//! speed`. Milliseconds per call on one core, the fastest call.
+//! contact_speed`. Milliseconds per call on one core, the fastest call.
 
 use std::sync::Arc;
 use std::time::Instant;

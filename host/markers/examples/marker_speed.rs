@@ -1,5 +1,5 @@
 //! How long a picture takes from its bytes to evidence of slip, on one core: `cargo run --release -p gripline-markers --example
-//! speed CLIP`. Prints milliseconds: median, 99 %, longest.
+//! marker_speed CLIP`. Prints milliseconds: median, 99 %, longest.
 
 use std::hint::black_box;
 use std::path::PathBuf;
