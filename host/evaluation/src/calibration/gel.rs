@@ -169,11 +169,11 @@ pub fn align(moments: &[Moment], log: &ForceLog, lag_s: Option<f64>) -> Result<A
         }
         let [n, a, b, aa, bb, ab] = sums;
         let spread = ((aa - a * a / n) * (bb - b * b / n)).sqrt();
-        let is_told = n * LAG_STEP_S >= 0.5 * span && spread > 0.0;
-        if is_told {
-            ((ab - a * b / n) / spread).abs()
+        let common = n * LAG_STEP_S / span;
+        if common >= 0.5 && spread > 0.0 {
+            (((ab - a * b / n) / spread).abs(), common.min(1.0))
         } else {
-            0.0
+            (0.0, 0.0)
         }
     };
     // Clocks may begin anywhere: first brought to the same start.
@@ -181,10 +181,12 @@ pub fn align(moments: &[Moment], log: &ForceLog, lag_s: Option<f64>) -> Result<A
     let steps = (LAG_MAX_S / LAG_STEP_S) as i32;
     let around = |lag: f64| (-steps..=steps).map(move |step| lag + f64::from(step) * LAG_STEP_S);
     let lags: Vec<f64> = lag_s.map_or_else(|| around(start).chain(around(0.0)).collect(), |lag| vec![lag]);
+    // Presses follow each other evenly, so a few of them fit many lags: the more of the recording a lag explains, the better.
     let best = lags
         .into_iter()
         .map(|lag| (likeness(lag), lag))
-        .max_by(|a, b| a.0.total_cmp(&b.0));
+        .max_by(|(a, _), (b, _)| (a.0 * a.1).total_cmp(&(b.0 * b.1)))
+        .map(|((found, _), lag)| (found, lag));
     match best {
         Some((found, lag_s)) if found > LIKENESS_MIN => Ok(Alignment {
             lag_s,
@@ -684,6 +686,22 @@ mod tests {
         assert_eq!(found.normal, 0);
         assert!((found.tare_n[0] - 4.0).abs() < 1e-6, "{found:?}");
         agrees(&aside, &found);
+        // Presses alike but for the last: a log that is shifted by some of them fits half of the recording as well.
+        let even: Vec<Moment> = moments
+            .iter()
+            .map(|moment| Moment {
+                raw_n: moment
+                    .raw_n
+                    .map(|force| if moment.t_s < 24.0 { force.signum() } else { force }),
+                ..*moment
+            })
+            .collect();
+        let even_log: Vec<(f64, [f64; 3])> = even
+            .iter()
+            .map(|moment| (moment.t_s + 0.4, moment.raw_n))
+            .collect();
+        let found = align(&even, &even_log, None).unwrap();
+        assert!((found.lag_s - 0.4).abs() < 0.05, "{found:?}");
         let other: Vec<(f64, [f64; 3])> = log
             .iter()
             .map(|(t, _)| (*t, [0.0, 0.0, (t * 7.0).sin()]))
