@@ -290,7 +290,7 @@ impl Calibration {
             number("gel.shear_gain", gel.shear_gain, 0.05, 20.0);
             number("gel.presses", gel.presses as f64, PRESSES_MIN as f64, 1e6);
             number(
-                "gel.held_out_share (error of presses that were left out)",
+                "gel.held_out_share (error of presses that were left out; calibrate the gel again, --out a new file)",
                 gel.held_out_share,
                 0.0,
                 ERROR_MAX,

@@ -82,7 +82,10 @@ impl Model {
                     }
                 };
                 let readers = [of(&wanted.calibration)?, of(&wanted.second_calibration)?];
-                let is_one_known = readers[0].calibration.gain != readers[1].calibration.gain;
+                let has_gel = |calibration: &Option<calibration::Calibration>| {
+                    calibration.as_ref().is_some_and(|found| found.gel.is_some())
+                };
+                let is_one_known = has_gel(&wanted.calibration) != has_gel(&wanted.second_calibration);
                 if wanted.second_source.is_some() && is_one_known {
                     tracing::warn!(
                         "one fingertip's gel is calibrated and the other's is not, expected both: the other's forces are those of a \

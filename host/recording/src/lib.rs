@@ -31,4 +31,4 @@ pub use self::metadata::{CalibratedView, MarkerCalibration, Metadata};
 pub use self::reader::{Completeness, Reader, RecordedFrame};
 pub use self::recorder::{Pace, Recorder, RecordingSummary};
 pub use self::status::{Frame, RecordedStatus, RecordedTruth};
-pub use self::wrench::{WrenchLog, force_log};
+pub use self::wrench::{Forces, WrenchLog, force_log};

@@ -84,6 +84,7 @@ impl Metadata {
     }
 
     /// What calibrations changed of each fingertip.
+    #[must_use]
     pub fn marker_calibrations(&self) -> [MarkerCalibration; SENSORS] {
         serde_json::from_str(&self.calibration).unwrap_or([MarkerCalibration::NONE; SENSORS])
     }

@@ -127,7 +127,7 @@ impl WrenchLog {
 impl WrenchLog {
     /// The forces with their times from `start_ns` on, else from the first of them on, s.
     #[must_use]
-    pub fn since(&self, start_ns: Option<u64>) -> Vec<(f64, [f64; 3])> {
+    pub fn since(&self, start_ns: Option<u64>) -> Forces {
         let start_ns = start_ns.or_else(|| self.forces.first().map(|(ns, _)| *ns));
         let start_ns = i128::from(start_ns.unwrap_or_default());
         let seconds = |ns: u64| (i128::from(ns) - start_ns) as f64 * 1e-9;
@@ -138,6 +138,9 @@ impl WrenchLog {
     }
 }
 
+/// Times, s, and forces along x, y, z, N.
+pub type Forces = Vec<(f64, [f64; 3])>;
+
 /// Columns of a CSV log.
 const COLUMNS: [&str; 4] = ["time_s", "fx_n", "fy_n", "fz_n"];
 
@@ -147,11 +150,7 @@ const COLUMNS: [&str; 4] = ["time_s", "fx_n", "fy_n", "fz_n"];
 ///
 /// # Errors
 /// [`RecordingError`] that names the file, and the line of a CSV file.
-pub fn force_log(
-    path: &Path,
-    topic: Option<&str>,
-    start_ns: Option<u64>,
-) -> Result<Vec<(f64, [f64; 3])>, RecordingError> {
+pub fn force_log(path: &Path, topic: Option<&str>, start_ns: Option<u64>) -> Result<Forces, RecordingError> {
     if path.extension().is_some_and(|extension| extension == "mcap") {
         return Ok(WrenchLog::open(path, topic)?.since(start_ns));
     }
@@ -168,7 +167,7 @@ pub fn force_log(
 }
 
 /// The lines of a CSV file; else the number of the wrong one, and what it has.
-fn from_csv(text: &str) -> Result<Vec<(f64, [f64; 3])>, (usize, String)> {
+fn from_csv(text: &str) -> Result<Forces, (usize, String)> {
     let mut lines = text.lines().zip(1..).filter(|(line, _)| !line.trim().is_empty());
     let (head, number) = lines.next().unwrap_or(("", 1));
     let names: Vec<&str> = head.split(',').map(str::trim).collect();

@@ -657,7 +657,16 @@ fn a_bag_of_a_force_torque_sensor_on_its_side_brings_maps_to_newtons() {
     );
     let other = calibrate(
         folder.path(),
-        &["gel", "maps.npy", "--forces", "log.mcap", "--forces-topic", "/up"],
+        &[
+            "gel",
+            "maps.npy",
+            "--forces",
+            "log.mcap",
+            "--forces-topic",
+            "/up",
+            "--out",
+            "new.toml",
+        ],
         "",
     );
     assert!(
