@@ -561,13 +561,10 @@ fn second_fingertip_has_a_gel_of_its_own(folder: &Path) {
     );
 }
 
-#[test]
-fn a_bag_of_a_force_torque_sensor_on_its_side_brings_maps_to_newtons() {
+/// A bag of a force-torque sensor that lies on its side: `truth` at 25 a second.
+fn bag(path: &Path, truth: &[[f64; 3]]) {
     use gripline_recording::ros2::{Header, Time, Vector3, Wrench, WrenchStamped, to_cdr};
-    let folder = tempfile::tempdir().unwrap();
-    let (maps, truth) = presses();
-    maps_file(&folder.path().join("maps.npy"), &maps);
-    let file = std::fs::File::create(folder.path().join("log.mcap")).unwrap();
+    let file = std::fs::File::create(path).unwrap();
     let mut writer = mcap::WriteOptions::new()
         .compression(None)
         .create(std::io::BufWriter::new(file))
@@ -606,6 +603,14 @@ fn a_bag_of_a_force_torque_sensor_on_its_side_brings_maps_to_newtons() {
         writer.write_to_known_channel(&header, &bytes).unwrap();
     }
     writer.finish().unwrap();
+}
+
+#[test]
+fn a_bag_of_a_force_torque_sensor_on_its_side_brings_maps_to_newtons() {
+    let folder = tempfile::tempdir().unwrap();
+    let (maps, truth) = presses();
+    maps_file(&folder.path().join("maps.npy"), &maps);
+    bag(&folder.path().join("log.mcap"), &truth);
     let arguments = [
         "gel", "maps.npy", "--rate", "25", "--forces", "log.mcap", "--json",
     ];
