@@ -13,6 +13,7 @@
 
 use gripline_protocol::message::MapSums;
 
+use crate::clock::HostMicros;
 use crate::constants::{NEW_UNREST_SHIFT, UNREST_SAMPLE_US, UNREST_SHIFT, USUAL_UNREST, USUAL_UNREST_SHIFT};
 use crate::contact_geometry::reach_squared;
 
@@ -32,8 +33,8 @@ pub(crate) struct Unrest {
     reach: [u32; 2],
     normal: i32,
     filled: u8,
-    /// Capture time of the newest; wraps.
-    at_us: u32,
+    /// Capture time of the newest of them.
+    at: HostMicros,
     /// Mean second difference over the reach.
     now: u32,
     /// Logarithm of what is usual.
@@ -53,15 +54,15 @@ impl Unrest {
             reach: [0; 2],
             normal: 0,
             filled: 0,
-            at_us: 0,
+            at: HostMicros(0),
             now: 0,
             usual: USUAL_UNREST,
         }
     }
 
     /// Takes a map in contact.
-    pub(crate) fn observe(&mut self, sums: &MapSums, capture_us: u32) {
-        let passed_us = capture_us.wrapping_sub(self.at_us);
+    pub(crate) fn observe(&mut self, sums: &MapSums, capture: HostMicros) {
+        let passed_us = capture.since(self.at);
         let is_first = self.filled == 0;
         if !is_first && passed_us < UNREST_SAMPLE_US {
             return;
@@ -69,7 +70,7 @@ impl Unrest {
         let reach = reach_squared(sums, REACH_FRACTION).clamp(1, u64::from(u32::MAX >> 2)) as u32;
         let [last, before] = self.reach;
         let is_same = reach == last && sums.force[2] == self.normal;
-        self.at_us = capture_us;
+        self.at = capture;
         if is_same && !is_first {
             // The picture before, sent again: it says nothing of noise or motion.
             return;
@@ -145,7 +146,10 @@ mod tests {
         let mut unrest = Unrest::new();
         for map in 0..630 {
             let (normal, reach) = if map < 600 { before(map) } else { then(map) };
-            unrest.observe(&sums(normal, reach), (map * 16_667).wrapping_sub(1_000_000));
+            unrest.observe(
+                &sums(normal, reach),
+                HostMicros((map * 16_667).wrapping_sub(1_000_000)),
+            );
         }
         f64::from(unrest.above_usual().unwrap()) / 65_536.0
     }
@@ -212,7 +216,7 @@ mod tests {
             let mut unrest = Unrest::new();
             for (spread, pressure, normal, capture_us) in maps {
                 let force = [0, 0, normal >> 7];
-                unrest.observe(&MapSums { contact: 1, spread, pressure: pressure.map(|part| part >> 3), force, ..MapSums::default() }, capture_us);
+                unrest.observe(&MapSums { contact: 1, spread, pressure: pressure.map(|part| part >> 3), force, ..MapSums::default() }, HostMicros(capture_us));
                 unrest.above_usual();
             }
         }

@@ -4,7 +4,7 @@
 use crate::common::bus::{Bus, Trouble};
 use embedded_hal::pwm::{ErrorKind, ErrorType, SetDutyCycle};
 use gripline_firmware::GripForce;
-use gripline_firmware::line::{DAC_LIVE_ZERO, DacLine, DacOutput, GripLine, LineHealth, PwmLine};
+use gripline_firmware::line::{DAC_LIVE_ZERO, DacCode, DacLine, DacOutput, GripLine, LineHealth, PwmLine};
 use gripline_firmware::robotiq::force_register;
 use gripline_gripper::Gripper;
 use proptest::prelude::*;
@@ -43,7 +43,7 @@ struct Code {
 }
 
 impl DacOutput for &mut Code {
-    fn show(&mut self, code: u16) {
+    fn show(&mut self, DacCode(code): DacCode) {
         self.code = code;
     }
 
@@ -61,7 +61,7 @@ struct Steps {
 }
 
 impl DacOutput for &mut Steps {
-    fn show(&mut self, code: u16) {
+    fn show(&mut self, DacCode(code): DacCode) {
         self.code = code;
         self.seen.push((self.code, self.kept));
     }
@@ -83,7 +83,7 @@ fn a_reset_in_the_middle_of_a_write_brings_back_no_less_than_was_shown() {
     // The start, two operations for each of eight changes, and the one force that was there already.
     assert_eq!(steps.seen.len(), 2 + 2 * 8);
     for (code, kept) in steps.seen {
-        assert!(DAC_LIVE_ZERO.code(kept) >= code, "{code} shown, {kept:?} kept");
+        assert!(DAC_LIVE_ZERO.code(kept).0 >= code, "{code} shown, {kept:?} kept");
     }
     assert_eq!((steps.code, steps.kept), (819, GripForce::ZERO));
 }

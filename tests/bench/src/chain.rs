@@ -5,6 +5,7 @@ use std::path::Path;
 
 use gripline_firmware::slip::SlipDetector;
 use gripline_firmware::sums::{TaxelRule, stick_ratio_below, sums_of};
+use gripline_firmware::{DeviceMicros, HostMicros};
 use gripline_network::scene::{GateDecision, GateKind};
 use gripline_network::tracked::TrackedNetwork;
 use gripline_network::{Architecture, Evaluation, InstructionSet, Network, Precision};
@@ -227,7 +228,12 @@ pub(crate) fn measure(
                 let rule = TaxelRule::of(settings);
                 let sums = sums_of(processed.map, rule);
                 let now_us = (f64::from(number) * 1e6 / FRAMES_PER_SECOND) as u64;
-                let judgement = detector.update(&sums, now_us as u32, now_us + 1_000_000, settings);
+                let judgement = detector.update(
+                    &sums,
+                    HostMicros(now_us as u32),
+                    DeviceMicros(now_us + 1_000_000),
+                    settings,
+                );
                 detector.observe(&sums);
                 seen[place].push(Seen {
                     sums,

@@ -86,7 +86,7 @@ fn a_slipping_map_raises_the_line_up_to_the_ceiling() {
         "100 ms of slip raise the grip by more than a newton"
     );
     // The line went on rising after that status was written.
-    let told = DAC_LIVE_ZERO.code(GripForce::from_lsb(later.line));
+    let told = DAC_LIVE_ZERO.code(GripForce::from_lsb(later.line)).0;
     assert!(
         board.session.line_code() >= Some(told),
         "the DAC is behind the status"
@@ -299,13 +299,13 @@ fn a_cable_pulled_in_mid_map_tightens_the_grip_and_a_replugged_one_serves_again(
     board.session.run_until(board.session.now_us() + 300_000).unwrap();
     assert_eq!(
         board.session.line_code(),
-        Some(DAC_LIVE_ZERO.code(GripForce::from_lsb(held.line))),
+        Some(DAC_LIVE_ZERO.code(GripForce::from_lsb(held.line)).0),
         "STALE MAPS: the line holds"
     );
     board.session.run_until(board.session.now_us() + 700_000).unwrap();
     assert_eq!(
         board.session.line_code(),
-        Some(DAC_LIVE_ZERO.code(GripForce::from_lsb(SETTINGS.tighten))),
+        Some(DAC_LIVE_ZERO.code(GripForce::from_lsb(SETTINGS.tighten)).0),
         "LINK LOST: the line rises to the tightening force"
     );
     let codes: Vec<u16> = board.link().line_writes()[writes..]

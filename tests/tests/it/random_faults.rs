@@ -192,7 +192,7 @@ fn force_of(code: u16) -> i32 {
     let mut range = (0, 40 * 4_096);
     while range.0 < range.1 {
         let middle = (range.0 + range.1 + 1) / 2;
-        if DAC_LIVE_ZERO.code(GripForce::from_lsb(middle)) <= code {
+        if DAC_LIVE_ZERO.code(GripForce::from_lsb(middle)).0 <= code {
             range.0 = middle;
         } else {
             range.1 = middle - 1;

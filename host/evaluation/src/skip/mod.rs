@@ -10,6 +10,7 @@ use std::io::{self, Write as _};
 use clap::Args;
 use gripline_firmware::slip::SlipDetector;
 use gripline_firmware::sums::{TaxelRule, stick_ratio_below, sums_of};
+use gripline_firmware::{DeviceMicros, HostMicros};
 use gripline_network::scene::{GateDecision, GateKind};
 use gripline_network::{Architecture, Evaluation, InstructionSet, Network};
 use gripline_pipeline::pipeline::Pipeline;
@@ -117,9 +118,12 @@ impl Way {
         let sums = sums_of(processed.map, TaxelRule::of(&self.settings));
         // The detector's clock begins where no wait is open.
         let now_us = (time_s * 1e6) as u64;
-        let judgement = self
-            .detector
-            .update(&sums, now_us as u32, now_us + 1_000_000, &self.settings);
+        let judgement = self.detector.update(
+            &sums,
+            HostMicros(now_us as u32),
+            DeviceMicros(now_us + 1_000_000),
+            &self.settings,
+        );
         self.detector.observe(&sums);
         self.us.push(processed.stages_us.iter().sum());
         Ok(Seen {

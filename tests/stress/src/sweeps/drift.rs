@@ -4,6 +4,7 @@
 use gripline_firmware::GripForce;
 use gripline_firmware::clock_sync::{CaptureTime, ClockSync};
 use gripline_firmware::line::DAC_LIVE_ZERO;
+use gripline_firmware::{DeviceMicros, HostMicros};
 use gripline_protocol::message::Configuration;
 use gripline_protocol::{ForceMap, LSB_PER_NEWTON, TaxelForce};
 use rand::RngExt;
@@ -191,7 +192,7 @@ impl Span {
             json!(newtons(self.most)),
             json!(self.most - self.least),
             json!(self.last - self.first),
-            json!(code(self.most) - code(self.least)),
+            json!(code(self.most).0 - code(self.least).0),
             json!(null),
         ]
     }
@@ -289,8 +290,8 @@ fn clocks(effort: Effort, parts_per_million: i64, frames: usize) -> (u32, u64) {
         let jitter: u64 = random.random_range(0..5_000);
         let host = passed as i64 + passed as i64 * parts_per_million / 1_000_000;
         match clock.check(
-            (u32::MAX - 30_000_000).wrapping_add(host as u32),
-            start_us + passed + jitter,
+            HostMicros(u32::MAX - 30_000_000).later_by(host as u32),
+            DeviceMicros(start_us + passed + jitter),
         ) {
             CaptureTime::Late { us } => worst = worst.max(us.saturating_sub(5_000)),
             CaptureTime::Future => refused += 1,

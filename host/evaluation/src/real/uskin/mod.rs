@@ -11,6 +11,7 @@ use std::path::Path;
 use gripline_firmware::Friction;
 use gripline_firmware::slip::{SlipDetector, severity};
 use gripline_firmware::sums::{TaxelRule, stick_ratio, sums_of};
+use gripline_firmware::{DeviceMicros, HostMicros};
 use gripline_protocol::message::{Configuration, MapSums};
 use gripline_protocol::{ForceMap, PER_UNIT, TAXELS};
 use serde::Serialize;
@@ -178,7 +179,8 @@ fn states(trial: &Trial, friction: u16) -> Vec<f64> {
         .map(|(frame, (map, slipping))| {
             let now_us = (frame as f64 * 1e6 / FRAMES_PER_SECOND) as u64;
             let sums = sums_of(map, rule(friction));
-            let judgement = detector.update(&sums, now_us as u32, now_us, &settings);
+            let judgement =
+                detector.update(&sums, HostMicros(now_us as u32), DeviceMicros(now_us), &settings);
             detector.observe(&sums);
             f64::from(severity(judgement.state)) + slipping
         })
