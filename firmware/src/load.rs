@@ -41,7 +41,7 @@ pub(crate) struct Load {
 }
 
 impl Load {
-    /// The load of a map in contact. Moments count as 0 until the contact's reach is known.
+    /// The load of a map in contact. Moments count as 0 until the contact's RMS radius is known.
     pub(crate) fn of(sums: &MapSums, geometry: &ContactGeometry) -> Self {
         let [x, y, z] = sums.force;
         let normal = z.max(1).cast_unsigned();
@@ -164,7 +164,7 @@ mod tests {
         }
     }
 
-    /// A round contact of 20 taxels: its reach is 10 half pitches squared.
+    /// A round contact of 20 taxels: its mean square radius is 10 half pitches squared.
     fn round() -> ContactGeometry {
         let mut geometry = ContactGeometry::new();
         geometry.observe(&sums(0, 0, 10_000, 0), true);

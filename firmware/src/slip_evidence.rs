@@ -244,7 +244,7 @@ mod tests {
             time_to_slip_ms: None,
         };
         let mut look = |urgency: Urgency, map: u32| {
-            // The reach changes by less and less: the calmest map there is.
+            // The RMS radius changes by less and less: the calmest map there is.
             let sums = MapSums {
                 spread: 200_000 + 8_000 / (map as i32 + 1),
                 ..contact()

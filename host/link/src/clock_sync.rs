@@ -53,18 +53,18 @@ impl ClockSync {
         }
         let is_full = is_old(self.recent.front()) && self.recent.len() >= WINDOW_LEAST;
         let differences = self.recent.iter().map(|(_, difference)| *difference);
-        let least = differences.min().unwrap_or(difference);
+        let min = differences.min().unwrap_or(difference);
         let Some(reference) = self.reference else {
-            self.reference = is_full.then_some(least);
+            self.reference = is_full.then_some(min);
             return false;
         };
-        if difference < reference - JUMP_US || (is_full && least > reference + JUMP_US) {
+        if difference < reference - JUMP_US || (is_full && min > reference + JUMP_US) {
             self.forget();
             return true;
         }
         if is_full {
             // Clocks drift.
-            self.reference = Some(least);
+            self.reference = Some(min);
         }
         false
     }

@@ -11,7 +11,7 @@ use crate::link::{Link, Presence};
 use crate::patience::READY_WITHIN;
 
 /// A device that is away is looked for this often.
-const LOOK_EVERY_US: u64 = 100_000;
+const POLL_PERIOD_US: u64 = 100_000;
 
 /// What a device that is there can come to.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -86,7 +86,7 @@ pub struct HotPlug<C = WallClock> {
     clock: C,
     device: Option<Box<dyn Device>>,
     presence: Presence,
-    next_look_us: u64,
+    next_poll_us: u64,
 }
 
 impl HotPlug {
@@ -109,7 +109,7 @@ impl<C: Clock> HotPlug<C> {
         let device = loop {
             match finder.find() {
                 Err(LinkError::NotReady { .. }) if clock.now_us() < until_us => {
-                    clock.wait_until(clock.now_us() + LOOK_EVERY_US);
+                    clock.wait_until(clock.now_us() + POLL_PERIOD_US);
                 }
                 found => break found?,
             }
@@ -119,7 +119,7 @@ impl<C: Clock> HotPlug<C> {
             finder,
             clock,
             presence: Presence::default(),
-            next_look_us: 0,
+            next_poll_us: 0,
         })
     }
 
@@ -127,10 +127,10 @@ impl<C: Clock> HotPlug<C> {
         self.device = None;
         self.presence.losses += 1;
         self.presence.away = Some(why);
-        self.next_look_us = self.clock.now_us();
+        self.next_poll_us = self.clock.now_us();
     }
 
-    fn look(&mut self) {
+    fn poll(&mut self) {
         match self.finder.find() {
             Ok(device) => {
                 self.device = Some(device);
@@ -138,7 +138,7 @@ impl<C: Clock> HotPlug<C> {
             }
             Err(why) => {
                 self.presence.away = Some(why.to_string());
-                self.next_look_us = self.clock.now_us() + LOOK_EVERY_US;
+                self.next_poll_us = self.clock.now_us() + POLL_PERIOD_US;
             }
         }
     }
@@ -171,10 +171,10 @@ impl<C: Clock> Link for HotPlug<C> {
                     Err(DeviceError::Gone(why)) => self.lose(why),
                     Ok(()) | Err(DeviceError::Busy) => {}
                 }
-            } else if now_us >= self.next_look_us {
-                self.look();
+            } else if now_us >= self.next_poll_us {
+                self.poll();
             } else {
-                self.clock.wait_until(until_us.min(self.next_look_us));
+                self.clock.wait_until(until_us.min(self.next_poll_us));
             }
             if self.clock.now_us() >= until_us {
                 return Ok(());

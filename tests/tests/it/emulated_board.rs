@@ -250,13 +250,10 @@ fn the_firmwares_clock_keeps_to_the_boards() {
         let uptime_us = u64::from(board.answer(&map(step % 60)).uptime_ms) * 1_000;
         offsets_us.push((board.link().powered_ns() / 1_000).cast_signed() - uptime_us.cast_signed());
     }
-    let (least, most) = (offsets_us.iter().min().unwrap(), offsets_us.iter().max().unwrap());
-    println!("behind the board's power by {least} to {most} us");
+    let (min, max) = (offsets_us.iter().min().unwrap(), offsets_us.iter().max().unwrap());
+    println!("behind the board's power by {min} to {max} us");
     // The crystal starts first; then whole milliseconds are told, in steps of one.
-    assert!(
-        (0..3_000).contains(least) && most - least <= 3_000,
-        "{least} to {most}"
-    );
+    assert!((0..3_000).contains(min) && max - min <= 3_000, "{min} to {max}");
     assert!(board.session.status().unwrap().uptime_ms > 8_500);
 }
 

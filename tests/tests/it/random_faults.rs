@@ -423,10 +423,10 @@ impl Judge {
                 .is_some_and(|(us, _)| us + window_us < self.now_us)
                 && held_us + window_us < self.now_us
                 && !self.stale(held_us);
-            if let (true, Some(least)) = (whole, self.wanted.iter().map(|(_, force)| *force).min()) {
+            if let (true, Some(min)) = (whole, self.wanted.iter().map(|(_, force)| *force).min()) {
                 looked[4] = true;
-                if line < least.min(self.settings.ceiling) - tolerance {
-                    fail(4, least);
+                if line < min.min(self.settings.ceiling) - tolerance {
+                    fail(4, min);
                 }
             }
         }

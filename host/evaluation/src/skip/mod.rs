@@ -78,7 +78,7 @@ struct Row {
 }
 
 /// One way to the decision.
-struct Way {
+struct Variant {
     pipeline: Pipeline,
     settings: Configuration,
     detector: SlipDetector,
@@ -94,7 +94,7 @@ struct Seen {
     normal_n: f64,
 }
 
-impl Way {
+impl Variant {
     fn new(
         rest: &[Vec<u8>],
         gate: GateKind,
@@ -113,7 +113,7 @@ impl Way {
         })
     }
 
-    fn look(&mut self, crop: &[u8], time_s: f64) -> Result<Seen, EvaluationError> {
+    fn process(&mut self, crop: &[u8], time_s: f64) -> Result<Seen, EvaluationError> {
         let processed = self.pipeline.process(crop)?;
         let sums = sums_of(processed.map, TaxelRule::of(&self.settings));
         // The detector's clock begins where no wait is open.
@@ -182,12 +182,12 @@ fn play(
     instructions: InstructionSet,
 ) -> Result<Vec<Row>, EvaluationError> {
     let rests = [scene.rest.len(), 1];
-    let mut ways = Vec::new();
+    let mut variants = Vec::new();
     for count in rests {
         let rest = &scene.rest[..count];
-        ways.push([
-            Way::new(rest, GateKind::Off, Evaluation::Dense, instructions)?,
-            Way::new(rest, args.gate, Evaluation::default(), instructions)?,
+        variants.push([
+            Variant::new(rest, GateKind::Off, Evaluation::Dense, instructions)?,
+            Variant::new(rest, args.gate, Evaluation::default(), instructions)?,
         ]);
     }
     let frames = (f64::from(args.seconds) * FRAMES_PER_SECOND) as usize;
@@ -211,9 +211,9 @@ fn play(
     for number in 0..frames {
         let frame = scene.next()?;
         let time_s = number as f64 / FRAMES_PER_SECOND;
-        for ((ways, row), missed) in ways.iter_mut().zip(&mut rows).zip(&mut missed_in_a_row) {
-            let full = ways[0].look(&frame.crop, time_s)?;
-            let seen = ways[1].look(&frame.crop, time_s)?;
+        for ((variants, row), missed) in variants.iter_mut().zip(&mut rows).zip(&mut missed_in_a_row) {
+            let full = variants[0].process(&frame.crop, time_s)?;
+            let seen = variants[1].process(&frame.crop, time_s)?;
             row.no_contact += usize::from(seen.gate == GateDecision::NoContact);
             row.unchanged += usize::from(seen.gate == GateDecision::Unchanged);
             let is_missed = seen.gate == GateDecision::NoContact && frame.normal_n >= 0.99 * SEEN_N;
@@ -232,7 +232,7 @@ fn play(
             }
         }
     }
-    for ([full, skipping], row) in ways.iter_mut().zip(&mut rows) {
+    for ([full, skipping], row) in variants.iter_mut().zip(&mut rows) {
         let after = frames.min((QUIET_FROM_S * FRAMES_PER_SECOND) as usize);
         let sum = |times: &[f64]| times.iter().sum::<f64>();
         row.cost = sum(&skipping.us) / sum(&full.us);

@@ -4,7 +4,7 @@
 
 mod inbox;
 mod refusal;
-mod told;
+mod state;
 
 use std::time::{Instant, SystemTime, UNIX_EPOCH};
 

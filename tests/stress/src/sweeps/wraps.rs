@@ -28,7 +28,7 @@ fn map_at(frame: usize) -> ForceMap {
         friction: 0.6,
         share: 1.1 * (1.0 - (2.0 * at - 0.9).abs()),
         way_rad: 0.3,
-        twist: 0.2,
+        torsion_share: 0.2,
     };
     quantised(&contact.newtons()).0
 }

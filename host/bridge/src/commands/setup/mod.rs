@@ -1,9 +1,9 @@
 //! `gripline setup`: asks which sensor, camera and board, takes rest pictures, writes the configuration, and ends with
 //! `gripline doctor`. Each answer can be a flag; without a terminal nothing is asked. It moves nothing.
-//! This file does; `interview` asks, `file` says what is written, `found` looks at what is attached.
+//! This file does; `interview` asks, `file` says what is written, `hardware` looks at what is attached.
 
 mod file;
-mod found;
+mod hardware;
 mod interview;
 mod question;
 
@@ -70,7 +70,7 @@ pub fn run(args: &SetupArgs) -> Result<Completion, Error> {
         yes: args.yes,
     };
     let person = asks.then_some(&mut terminal as &mut dyn Person);
-    let chosen = interview(&said, &mut found::look, person)?;
+    let chosen = interview(&said, &mut hardware::detect, person)?;
     let draft = draft(&chosen, &out)?;
     let calibration = calibrated(&chosen, &draft, &out, asks, replaces)?;
     write(

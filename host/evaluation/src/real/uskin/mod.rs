@@ -201,10 +201,10 @@ fn best_friction(trials: &[&Trial]) -> u16 {
         .map(|step| step * FRICTION_STEP)
         .filter_map(|friction| Some((friction, area(trials, |trial| slipping(trial, friction))?)))
         .collect();
-    let most = areas.iter().map(|(_, area)| *area).fold(0.0, f64::max);
+    let max = areas.iter().map(|(_, area)| *area).fold(0.0, f64::max);
     let best: Vec<u16> = areas
         .iter()
-        .filter(|(_, area)| *area >= most - 1e-9)
+        .filter(|(_, area)| *area >= max - 1e-9)
         .map(|(friction, _)| *friction)
         .collect();
     best.get(best.len() / 2).copied().unwrap_or_default()

@@ -89,7 +89,7 @@ fn grasped(found: &mut Found, objects: usize) -> Result<(), Failure> {
         let swell = |from: f64| Course::linear(vec![[from, 0.0], [from + 0.4, 1.0], [from + 0.5, 0.0]]);
         scene.pulls = vec![
             Pull::force([0.3 * object.weight_n(), -0.2 * object.weight_n()], swell(1.3)),
-            Pull::twist(2.0 * object.weight_n(), swell(1.9)),
+            Pull::torsion(2.0 * object.weight_n(), swell(1.9)),
         ];
         let mut world = GraspWorld::new(&scene)?;
         while world.frame().time_s < SECONDS {
