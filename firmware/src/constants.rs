@@ -22,7 +22,7 @@ pub const CENTRE_AND_HALF_64THS: i32 = 66;
 /// one: that of spheres and ellipsoids grows as the force to two thirds, which makes 0.6, and 0.57 to 0.65 in maps; those of a
 /// line and of a flat end hardly grow, 0.72 to 0.93 in maps.
 pub const FLAT_64THS: u64 = 45;
-/// What it is for a contact whose beginning nobody saw: a round one's.
+/// What it is for a contact whose beginning was not seen: a round one's.
 pub const ROUND_64THS: u64 = 41;
 /// Square of the RMS radius over the contact's area, in 16ths of its unit a taxel, from which one that is not round is a line: in
 /// maps round ones have 8 to 9, flat ends 8 to 10, lines 10½ and more.
@@ -155,7 +155,7 @@ pub const STORM_PER_PACKET: u32 = 10;
 pub const STORM_LEVEL: u32 = 100;
 /// Highest storm level, so that a storm is over 200 ms after what last broke.
 pub const STORM_LEVEL_MAX: u32 = 200;
-/// How far ahead of the promptest map a capture time may be, µs: a late first map locks nobody out.
+/// How far ahead of the promptest map a capture time may be, µs: a late first map locks no host out.
 pub const FUTURE_MAX_US: i32 = 1_000_000;
 /// Tolerated drift between the host's clock and ours, as a shift: 2⁻¹², 244 parts per million, twice that of two crystals. What
 /// comes later by more than that, map after map, grows old.

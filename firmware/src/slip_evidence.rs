@@ -7,7 +7,7 @@
 //! | shear follows | the shear rises and falls with the grip ([`slide_witness`](crate::slide_witness)) | no |
 //! | motion | the camera sees the object move against the skin ([`Motion`]) | no |
 //!
-//! Each speaks in natural logarithms of odds, which add where witnesses are independent (Good 1950). Nobody speaking leaves odds of
+//! Each speaks in natural logarithms of odds, which add where witnesses are independent (Good 1950). Without a witness there are odds of
 //! −3. The weights follow from what each can know: one picture in which hardly a taxel sticks, or a test that found that the shear
 //! follows, or a clear picture of motion is enough; unrest alone hardly.
 //!

@@ -1,7 +1,6 @@
 //! A link to a device that may be pulled out and come back. While it is away, what is sent is lost and counted, never
-//! kept for later, and the device is looked for ten times a second: whoever listed the system's devices then finds it
-//! whatever became of events, names and permissions in between. Times in µs since the link was opened.
-//! The first opening waits for a device that is just being plugged in; who starts without a device is told so.
+//! kept for later. The link polls for the device at 10 Hz, so a missed hot-plug event does no harm. Times in µs since the
+//! link was opened. The first opening waits for a device that is just being plugged in; without a device it fails.
 
 use std::thread;
 use std::time::{Duration, Instant};
@@ -10,7 +9,7 @@ use crate::error::LinkError;
 use crate::link::{Link, Presence};
 use crate::patience::READY_WITHIN;
 
-/// A device that is away is looked for this often.
+/// How often the system is polled for a device that is away.
 const POLL_PERIOD_US: u64 = 100_000;
 
 /// What a device that is there can come to.
@@ -49,7 +48,7 @@ pub trait Finder {
     fn name(&self) -> String;
 }
 
-/// The clock that a device lives by.
+/// The clock of a link: the wall's, or a test's.
 pub trait Clock {
     /// Time since the link was opened, µs.
     fn now_us(&self) -> u64;

@@ -18,7 +18,7 @@ const POLL_PERIOD: Duration = Duration::from_millis(100);
 /// A status that stays the same is repeated, so that a page knows that it is still true.
 const REPEAT_EVERY: Duration = Duration::from_millis(500);
 
-/// A frame on its way to whoever reads.
+/// A frame on its way to the readers.
 pub(crate) struct Published {
     pub(crate) report: FrameReport,
     /// It goes to the readers of `/frames`.
@@ -105,7 +105,7 @@ impl LastSent {
     }
 }
 
-/// What changes with every frame is no news.
+/// The status without the values that change with every frame.
 fn without_counters(status: &StatusReport) -> StatusReport {
     StatusReport {
         frames: 0,

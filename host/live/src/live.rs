@@ -1,4 +1,4 @@
-//! The loop's end of it: what a run leaves behind for whoever looks.
+//! The loop's end of the server: a run hands over frames and pictures here.
 
 use std::cell::Cell;
 use std::io;
@@ -81,7 +81,7 @@ impl Live {
         self.address
     }
 
-    /// Leaves a frame for whoever wants it. `fill` brings the counters up to date; `view` is called only when a page wants this
+    /// Hands over a frame. `fill` brings the counters up to date; `view` is called only when a page wants this
     /// frame. Never waits.
     pub fn publish<'a>(
         &self,

@@ -62,7 +62,7 @@ impl Sensor {
         })
     }
 
-    /// The one that is meant where nobody names one.
+    /// The default sensor.
     ///
     /// # Errors
     /// Never, as long as the shipped description is whole: a test reads it.

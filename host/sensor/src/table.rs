@@ -65,7 +65,7 @@ impl<'a> Section<'a> {
         !self.problems.borrow().is_empty()
     }
 
-    /// Notes every key that nobody asked for.
+    /// Notes every key that was not read.
     pub(crate) fn finish(&self) {
         let known = self.known.borrow();
         for key in self.table.into_iter().flat_map(DeTable::keys) {

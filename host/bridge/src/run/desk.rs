@@ -255,7 +255,7 @@ impl Run {
 }
 
 impl Run {
-    /// Goes on with new rest pictures, where somebody asked for them.
+    /// Advances a re-zero that was requested.
     pub(super) fn advance_rezero(&mut self, fingertips: &mut Fingertips) -> Result<(), Error> {
         let is_released = self
             .control

@@ -1,6 +1,6 @@
 //! Whether the untouched fingertip still looks as it did when the run began: camera or gel may have moved, lamps dimmed, a dent may stay.
-//! Looked at once a minute while nothing touches, in a thread of its own; a run only warns: pictures at rest are taken anew
-//! when it starts, or when somebody asks for it. Times in seconds of the pictures' clock. Limit: what is so far off that the gate sees a touch is not looked at.
+//! Compared once a minute while nothing touches, in a thread of its own. A run only warns: new rest pictures are taken
+//! when it starts, or on request. Times in seconds of the pictures' clock. Limit: a drift so large that the gate sees a touch is not compared.
 
 use std::sync::Arc;
 use std::thread::{self, JoinHandle};

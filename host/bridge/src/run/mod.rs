@@ -266,7 +266,7 @@ fn may_be_recorded(wanted: &Settings, model: &Model) -> Result<(), Error> {
     Ok(())
 }
 
-/// Picture after picture, until the time is over or nobody wants more.
+/// Picture after picture, until the time is over or the user stops it.
 fn play(
     run: &mut Run,
     fingertips: &mut Fingertips,

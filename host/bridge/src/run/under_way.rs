@@ -97,7 +97,7 @@ pub struct Run {
 const WATCH_STEP: Duration = Duration::from_millis(1);
 
 impl Run {
-    /// A run that nobody watches or records, with so many pictures a second of all fingertips together.
+    /// A run without view, readers or recording, with so many pictures a second of all fingertips together.
     #[must_use]
     pub fn new(session: Session, pacing: Pacing, frames_per_second: f64) -> Self {
         Self {

@@ -369,7 +369,7 @@ impl<'a> Section<'a> {
             .collect()
     }
 
-    /// Ends reading: a key that nobody asked for belongs to another choice of `by`.
+    /// Ends reading: a key that was not read belongs to another choice of `by`.
     pub(super) fn finish(&self, by: &str) -> Result<(), SceneError> {
         let used = self.used.borrow();
         let mut left: Vec<_> = self

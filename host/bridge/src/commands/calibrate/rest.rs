@@ -136,7 +136,7 @@ fn pictures(args: &RestArgs) -> Result<(Vec<Vec<u8>>, String), Error> {
 /// Looks at the untouched fingertip `count` times, 440×440 each; `asks`: a person is there, who is told what to do.
 ///
 /// # Errors
-/// [`Error`] when the source gives none, or nobody answers.
+/// [`Error`] when the source gives none, or the device does not answer.
 pub(in crate::commands) fn take(
     source: &Source,
     wanted: &SourceSettings,

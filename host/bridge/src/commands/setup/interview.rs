@@ -18,7 +18,7 @@ pub(super) struct Hardware {
     pub cameras: Vec<Choice>,
     /// Microcontrollers of ours on USB.
     pub boards: Vec<Choice>,
-    /// Serial ports: what is behind them nobody knows.
+    /// Serial ports, whatever is behind them.
     pub ports: Vec<Choice>,
     /// Why USB cannot be looked at.
     pub no_usb: Option<String>,
@@ -69,7 +69,7 @@ pub(super) struct Chosen {
     pub rest: Rest,
 }
 
-/// Whoever answers.
+/// The person who answers.
 pub(super) trait Person {
     /// Shows a screen and waits for a line.
     ///

@@ -107,7 +107,7 @@ const fn is_root() -> bool {
     false
 }
 
-/// Makes sure that `out` can be written, before anything is asked. Returns whether it replaces what somebody has written.
+/// Makes sure that `out` can be written, before anything is asked. Returns whether it replaces an earlier file.
 fn may_write(out: &Path, force: bool, asks: bool) -> Result<bool, Error> {
     let folder = out.parent().unwrap_or(Path::new("/"));
     let probe = out.with_extension("toml.part");
