@@ -255,7 +255,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn reach_is_the_mean_square_about_the_centre_of_pressure(taxels in proptest::collection::vec((0..20_i32, 0..20_i32, 1..30_000_i32), 1..60)) {
+        fn the_mean_square_radius_is_about_the_centre_of_pressure(taxels in proptest::collection::vec((0..20_i32, 0..20_i32, 1..30_000_i32), 1..60)) {
             let mut sums = MapSums::default();
             for &(column, row, z) in &taxels {
                 let (x, y) = (2 * column - 19, 2 * row - 19);

@@ -172,7 +172,7 @@ fn calibrated(
             let file = out.with_file_name("calibration.toml");
             let pictures = rest::take(&chosen.camera, &draft.source_settings(0), PICTURES, asks)?;
             let written = rest::keep(&file, &pictures, chosen.camera.to_string(), anew)?;
-            println!("{}", rest::told(&written));
+            println!("{}", rest::summary(&written));
             Ok(Some(file))
         }
     }
