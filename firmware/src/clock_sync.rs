@@ -5,6 +5,7 @@
 //! Limits: a delay common to all maps stays invisible; clocks may drift apart by 244 parts per million; a step of the host's clock needs a
 //! new handshake.
 
+use crate::clock::{DeviceMicros, HostMicros};
 use crate::constants::{CLOCK_DRIFT_MAX_US, CLOCK_DRIFT_SHIFT, FUTURE_MAX_US};
 
 /// What a capture time means.
@@ -35,7 +36,8 @@ impl ClockSync {
     }
 
     /// Checks a map that arrived now. A map from the future changes nothing.
-    pub fn check(&mut self, capture_us: u32, now_us: u64) -> CaptureTime {
+    pub fn check(&mut self, capture: HostMicros, now: DeviceMicros) -> CaptureTime {
+        let (HostMicros(capture_us), DeviceMicros(now_us)) = (capture, now);
         let difference = capture_us.wrapping_sub(now_us as u32);
         let Some((promptest, since_us)) = self.promptest else {
             self.promptest = Some((difference, now_us));
@@ -68,9 +70,9 @@ mod tests {
     const START_US: u64 = 5_000_000_000;
 
     /// A host whose clock runs `parts_per_million` faster than ours and wraps soon.
-    fn host(now_us: u64, parts_per_million: i64) -> u32 {
+    fn host(now_us: u64, parts_per_million: i64) -> HostMicros {
         let passed = (now_us - START_US) as i64;
-        (u32::MAX - 20_000_000).wrapping_add((passed + passed * parts_per_million / 1_000_000) as u32)
+        HostMicros(u32::MAX - 20_000_000).later_by((passed + passed * parts_per_million / 1_000_000) as u32)
     }
 
     #[test]
@@ -79,14 +81,17 @@ mod tests {
         // The first map took 30 ms longer than it need: the next ones set that right.
         let mut now_us = START_US + 30_000;
         assert_eq!(
-            clock.check(host(START_US, 0), now_us),
+            clock.check(host(START_US, 0), DeviceMicros(now_us)),
             CaptureTime::Late { us: 0 }
         );
         for _ in 0..10_000 {
             now_us += 16_667;
-            assert_eq!(clock.check(host(now_us, 0), now_us), CaptureTime::Late { us: 0 });
+            assert_eq!(
+                clock.check(host(now_us, 0), DeviceMicros(now_us)),
+                CaptureTime::Late { us: 0 }
+            );
         }
-        let CaptureTime::Late { us } = clock.check(host(now_us, 0), now_us + 150_000) else {
+        let CaptureTime::Late { us } = clock.check(host(now_us, 0), DeviceMicros(now_us + 150_000)) else {
             panic!("a late map is not from the future");
         };
         assert!((149_000..=150_000).contains(&us), "{us}");
@@ -98,7 +103,7 @@ mod tests {
         let frozen = host(START_US, 0);
         let mut last = 0;
         for ms in 0..2_000 {
-            let CaptureTime::Late { us } = clock.check(frozen, START_US + ms * 1_000) else {
+            let CaptureTime::Late { us } = clock.check(frozen, DeviceMicros(START_US + ms * 1_000)) else {
                 panic!("a frozen picture is not from the future");
             };
             assert!(us >= last);
@@ -114,7 +119,9 @@ mod tests {
             // Two hours of 60 maps a second, across several wraps of the host's clock.
             for frame in 0..432_000_u64 {
                 let now_us = START_US + frame * 16_667;
-                let CaptureTime::Late { us } = clock.check(host(now_us, parts_per_million), now_us) else {
+                let CaptureTime::Late { us } =
+                    clock.check(host(now_us, parts_per_million), DeviceMicros(now_us))
+                else {
                     panic!("frame {frame} counted as from the future");
                 };
                 assert!(us < 1_000, "frame {frame} counted as {us} µs late");
@@ -130,16 +137,17 @@ mod tests {
                 .filter(|us| *us < 30 * 86_400_000_000_u64)
             {
                 let mut clock = ClockSync::new();
-                clock.check(host(START_US, 0), START_US);
+                clock.check(host(START_US, 0), DeviceMicros(START_US));
                 let now_us = START_US + silence_us;
-                let late = clock.check(host(now_us, parts_per_million), now_us);
+                let late = clock.check(host(now_us, parts_per_million), DeviceMicros(now_us));
                 assert_eq!(
                     late,
                     CaptureTime::Late { us: 0 },
                     "{silence_us} µs at {parts_per_million} ppm"
                 );
                 // The next one is late by what it is late.
-                let CaptureTime::Late { us } = clock.check(host(now_us, parts_per_million), now_us + 150_000)
+                let CaptureTime::Late { us } =
+                    clock.check(host(now_us, parts_per_million), DeviceMicros(now_us + 150_000))
                 else {
                     panic!("a late map is not from the future");
                 };
@@ -151,11 +159,14 @@ mod tests {
     #[test]
     fn a_map_from_the_future_is_told_and_changes_nothing() {
         let mut clock = ClockSync::new();
-        clock.check(host(START_US, 0), START_US);
+        clock.check(host(START_US, 0), DeviceMicros(START_US));
         let before = clock;
         for ahead_us in [1_100_000, 60_000_000, 1_900_000_000] {
-            let capture_us = host(START_US, 0).wrapping_add(ahead_us);
-            assert_eq!(clock.check(capture_us, START_US + 16_667), CaptureTime::Future);
+            let capture = host(START_US, 0).later_by(ahead_us);
+            assert_eq!(
+                clock.check(capture, DeviceMicros(START_US + 16_667)),
+                CaptureTime::Future
+            );
             assert_eq!(clock, before);
         }
     }

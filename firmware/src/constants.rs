@@ -18,13 +18,13 @@ pub const HALF_LINE_64THS: u8 = 49;
 pub const HALF_FLAT_64THS: u8 = 58;
 /// The centre over the load that slid and that distance together, in 64ths: what slid is 22/21 of the distance from its centre.
 pub const CENTRE_AND_HALF_64THS: i32 = 66;
-/// Mean reach of the pressure while the force grew, over its reach in the end and in 64ths, above which a contact is no round
+/// Mean RMS radius of the pressure while the force grew, over that in the end and in 64ths, above which a contact is no round
 /// one: that of spheres and ellipsoids grows as the force to two thirds, which makes 0.6, and 0.57 to 0.65 in maps; those of a
 /// line and of a flat end hardly grow, 0.72 to 0.93 in maps.
 pub const FLAT_64THS: u64 = 45;
-/// What it is for a contact whose beginning nobody saw: a round one's.
+/// What it is for a contact whose beginning was not seen: a round one's.
 pub const ROUND_64THS: u64 = 41;
-/// Square of the reach over the contact's area, in 16ths of its unit a taxel, from which one that is not round is a line: in
+/// Square of the RMS radius over the contact's area, in 16ths of its unit a taxel, from which one that is not round is a line: in
 /// maps round ones have 8 to 9, flat ends 8 to 10, lines 10½ and more.
 pub const LINE_16THS: u32 = 10;
 /// Friction below which the feed-forward stops growing, 1/10000: at 0.05 it already asks for 20 times the shear.
@@ -67,7 +67,7 @@ pub const UNREST_SHIFT: u32 = 18;
 pub const USUAL_UNREST_SHIFT: u32 = 20;
 /// The same in the first second of a contact: 0.5 s.
 pub const NEW_UNREST_SHIFT: u32 = 19;
-/// What is usual before a contact has shown it, as a logarithm to base 2 of 2⁻²⁴, in 2⁻¹⁶: 0.02 of the reach, which the shipped network's
+/// What is usual before a contact has shown it, as a logarithm to base 2 of 2⁻²⁴, in 2⁻¹⁶: 0.02 of the RMS radius, which the shipped network's
 /// noise makes.
 pub const USUAL_UNREST: i32 = 1_202_979;
 /// What unrest says by itself from which on the line no longer falls by plan, 1/10000: as likely as not.
@@ -136,8 +136,8 @@ pub const TEST_RISE_PART: i32 = 3;
 pub const TEST_RISE_MIN: i32 = 4_096;
 /// Square by which a map's blur widens a contact, 1/16 of half a pitch squared: 54 for a deviation of 0.65 taxels in both
 /// directions, and a third more for the edge that a light touch does not show.
-pub const BLUR_REACH: u16 = 70;
-/// Inverse square of a torsional moment's lever over the contact's reach, in 16ths. 18 would hold a contact
+pub const BLUR_MEAN_SQUARE: u16 = 70;
+/// Inverse square of a torsional moment's lever over the contact's RMS radius, in 16ths. 18 would hold a contact
 /// (`contact_geometry.rs`); maps lose a tenth of a moment.
 pub const SEEN_MOMENT: u64 = 22;
 /// How fast the grip closes on an object that it hardly feels, 1/4096 N per ms: 4 N/s.
@@ -155,7 +155,7 @@ pub const STORM_PER_PACKET: u32 = 10;
 pub const STORM_LEVEL: u32 = 100;
 /// Highest storm level, so that a storm is over 200 ms after what last broke.
 pub const STORM_LEVEL_MAX: u32 = 200;
-/// How far ahead of the promptest map a capture time may be, µs: a late first map locks nobody out.
+/// How far ahead of the promptest map a capture time may be, µs: a late first map locks no host out.
 pub const FUTURE_MAX_US: i32 = 1_000_000;
 /// Tolerated drift between the host's clock and ours, as a shift: 2⁻¹², 244 parts per million, twice that of two crystals. What
 /// comes later by more than that, map after map, grows old.

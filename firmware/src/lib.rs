@@ -14,6 +14,7 @@
 extern crate std;
 
 mod arithmetic;
+pub mod clock;
 pub mod clock_sync;
 pub mod constants;
 mod contact_geometry;
@@ -38,6 +39,7 @@ pub mod storage;
 pub mod sums;
 mod unrest;
 
+pub use clock::{DeviceMicros, HostMicros};
 pub use fault::{Fault, FaultSet};
 pub use friction::Friction;
 pub use grip::GripForce;

@@ -68,6 +68,16 @@ impl LineHealth {
     ];
 }
 
+/// A code of the 12-bit DAC behind an analog line: 0 to [`DAC_CODE_MAX`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct DacCode(pub u16);
+
+impl DacCode {
+    /// The largest.
+    pub const MAX: Self = Self(DAC_CODE_MAX);
+}
+
 /// Force to DAC code: linear between the points of a table, the first of which is 0 N.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -90,7 +100,7 @@ impl LineCalibration {
 
     /// The code for a force, rounded up: never less grip than was decided. Forces above full scale give the last point's code.
     #[must_use]
-    pub fn code(&self, force: GripForce) -> u16 {
+    pub fn code(&self, force: GripForce) -> DacCode {
         for place in at_most::<{ LINE_POINTS - 1 }, _>(1..LINE_POINTS) {
             let (low, high) = (self.points[place - 1], self.points[place]);
             if force.lsb() < high.force {
@@ -101,21 +111,20 @@ impl LineCalibration {
                 let span = if span == 0 { 1 } else { span };
                 let code = u32::from(low.code) + share.wrapping_mul(rise).div_ceil(span);
                 return if code < u32::from(DAC_CODE_MAX) {
-                    code as u16
+                    DacCode(code as u16)
                 } else {
-                    DAC_CODE_MAX
+                    DacCode::MAX
                 };
             }
         }
-        let full = self.points[LINE_POINTS - 1].code;
-        if full < DAC_CODE_MAX { full } else { DAC_CODE_MAX }
+        DacCode(self.points[LINE_POINTS - 1].code).min(DacCode::MAX)
     }
 }
 
 /// A DAC.
 pub trait DacOutput {
     /// Shows `code`.
-    fn show(&mut self, code: u16);
+    fn show(&mut self, code: DacCode);
 
     /// Keeps the force that the line must show again after a reset.
     fn keep(&mut self, force: GripForce);

@@ -14,6 +14,7 @@
 use gripline_protocol::message::MapSums;
 
 use crate::arithmetic::{divide, narrowed, square_root};
+use crate::clock::HostMicros;
 use crate::constants::{CENTRE_AND_HALF_64THS, FALL_PART, PEAK_SHIFT};
 use crate::contact_geometry::ContactGeometry;
 
@@ -40,7 +41,7 @@ pub(crate) struct Load {
 }
 
 impl Load {
-    /// The load of a map in contact. Moments count as 0 until the contact's reach is known.
+    /// The load of a map in contact. Moments count as 0 until the contact's RMS radius is known.
     pub(crate) fn of(sums: &MapSums, geometry: &ContactGeometry) -> Self {
         let [x, y, z] = sums.force;
         let normal = z.max(1).cast_unsigned();
@@ -87,8 +88,8 @@ fn square([x, y]: [i32; 2], moment: i32, geometry: &ContactGeometry) -> u64 {
 pub(crate) struct LoadHistory {
     /// Recent peak of the share, with fraction bits.
     peak: u32,
-    /// Capture time of the last map, µs, wraps.
-    at_us: u32,
+    /// Capture time of the last map.
+    at: HostMicros,
     /// The load at which half of the contact is furthest from slipping.
     centre: [i32; 2],
     centre_moment: i32,
@@ -101,7 +102,7 @@ impl LoadHistory {
     pub(crate) const fn new() -> Self {
         Self {
             peak: 0,
-            at_us: 0,
+            at: HostMicros(0),
             centre: [0; 2],
             centre_moment: 0,
             friction: 0,
@@ -109,10 +110,10 @@ impl LoadHistory {
     }
 
     /// Takes the load of a new map. Returns whether the load falls.
-    pub(crate) fn push(&mut self, load: &Load, capture_us: u32) -> bool {
+    pub(crate) fn push(&mut self, load: &Load, capture: HostMicros) -> bool {
         let share = u32::from(load.share) << PEAK_FRACTION;
-        let passed_us = capture_us.wrapping_sub(self.at_us).min(1 << PEAK_SHIFT);
-        self.at_us = capture_us;
+        let passed_us = capture.since(self.at).min(1 << PEAK_SHIFT);
+        self.at = capture;
         let above = self.peak.saturating_sub(share);
         let forgotten = (u64::from(above) * u64::from(passed_us)) >> PEAK_SHIFT;
         self.peak = (share + above) - forgotten as u32;
@@ -163,7 +164,7 @@ mod tests {
         }
     }
 
-    /// A round contact of 20 taxels: its reach is 10 half pitches squared.
+    /// A round contact of 20 taxels: its mean square radius is 10 half pitches squared.
     fn round() -> ContactGeometry {
         let mut geometry = ContactGeometry::new();
         geometry.observe(&sums(0, 0, 10_000, 0), true);
@@ -208,10 +209,10 @@ mod tests {
     #[test]
     fn a_load_that_only_fluctuates_does_not_fall_and_one_that_is_let_go_does() {
         let mut history = LoadHistory::new();
-        let mut capture_us = 4_294_900_000_u32;
+        let mut capture = HostMicros(4_294_900_000);
         let mut push = |share: i32| {
-            capture_us = capture_us.wrapping_add(16_667);
-            history.push(&load(share, 0, 10_000, 0), capture_us)
+            capture = capture.later_by(16_667);
+            history.push(&load(share, 0, 10_000, 0), capture)
         };
         for share in [1_000, 3_000, 5_000, 6_000, 5_800, 6_000, 5_700, 5_900] {
             assert!(!push(share), "{share}");
@@ -228,8 +229,8 @@ mod tests {
             let mut falling = 0;
             for map in 0..rate_hz {
                 let share = if map < rate_hz / 2 { 6_000 } else { 4_800 };
-                let capture_us = map as u32 * (1_000_000 / rate_hz as u32);
-                falling += i32::from(history.push(&load(share, 0, 10_000, 0), capture_us));
+                let capture = HostMicros(map as u32 * (1_000_000 / rate_hz as u32));
+                falling += i32::from(history.push(&load(share, 0, 10_000, 0), capture));
             }
             let falling_ms = falling * 1_000 / rate_hz;
             assert!((50..=110).contains(&falling_ms), "{rate_hz} Hz: {falling_ms} ms");
@@ -289,7 +290,7 @@ mod tests {
             };
             prop_assert!((f64::from(load.share) - exact).abs() <= 2.0 + exact * 1e-4 + 16_384.0 / f64::from(z.max(1)) || exact > 30_000.0, "{} {exact}", load.share);
             history.is_half_slipping(&back, &geometry);
-            prop_assert!(!history.push(&load, 7));
+            prop_assert!(!history.push(&load, HostMicros(7)));
         }
     }
 }

@@ -5,6 +5,8 @@
 //! Units: DAC codes of 12 bits at a supply of 3.3 V, 0.806 mV each at the pin. Limits: a line that changes all the time is
 //! checked against the lowest and the highest code of the last `SETTLING_TICKS` ticks.
 
+use crate::line::DacCode;
+
 /// The reference voltage over a supply of 3.3 V in codes when the chip does not tell its own: 1.21 V (data sheet, "Embedded
 /// internal reference voltage").
 pub const REFERENCE_TYPICAL: u16 = 1_502;
@@ -36,7 +38,7 @@ pub struct LineMonitor {
     /// The reference at a supply of 3.3 V.
     reference: u16,
     /// The codes of the last ticks.
-    written: [u16; SETTLING_TICKS],
+    written: [DacCode; SETTLING_TICKS],
     place: usize,
     /// Measurements in a row that say otherwise than `is_wrong`.
     other: u8,
@@ -47,7 +49,7 @@ impl LineMonitor {
     /// `calibrated` is the reference that the factory measured at 3.3 V and keeps in the chip; a value that cannot be right, like
     /// an erased one, is replaced by the typical one. `code` is what the DAC shows now.
     #[must_use]
-    pub const fn new(calibrated: u16, code: u16) -> Self {
+    pub const fn new(calibrated: u16, code: DacCode) -> Self {
         let reference = if calibrated.abs_diff(REFERENCE_TYPICAL) <= REFERENCE_SPREAD {
             calibrated
         } else {
@@ -64,7 +66,7 @@ impl LineMonitor {
 
     /// Takes the code that the DAC shows now and the newest measurement, if there is one; a converter that gives none counts as
     /// one that is wrong. Returns whether the line is not what was written.
-    pub fn observe(&mut self, code: u16, sample: Option<LineSample>) -> bool {
+    pub fn observe(&mut self, code: DacCode, sample: Option<LineSample>) -> bool {
         self.written[self.place] = code;
         self.place = (self.place + 1) % SETTLING_TICKS;
         let is_right = sample.is_some_and(|sample| self.agrees(sample));
@@ -90,9 +92,12 @@ impl LineMonitor {
     fn agrees(&self, sample: LineSample) -> bool {
         let measured = self.measured(sample);
         let tolerance = |code: u16| TOLERANCE + code / TOLERANCE_PART;
-        let (low, high) = self.written.iter().fold((u16::MAX, 0), |(low, high), &code| {
-            (code.min(low), code.max(high))
-        });
+        let (low, high) = self
+            .written
+            .iter()
+            .fold((u16::MAX, 0), |(low, high), &DacCode(code)| {
+                (code.min(low), code.max(high))
+            });
         measured.saturating_add(tolerance(low)) >= low && measured <= high.saturating_add(tolerance(high))
     }
 }
@@ -118,8 +123,8 @@ mod tests {
     /// After so many alike measurements.
     fn after(ticks: usize, code: u16, sample: impl Into<Option<LineSample>>) -> bool {
         let sample = sample.into();
-        let mut monitor = LineMonitor::new(0xFFFF, code);
-        (0..ticks).fold(false, |_, _| monitor.observe(code, sample))
+        let mut monitor = LineMonitor::new(0xFFFF, DacCode(code));
+        (0..ticks).fold(false, |_, _| monitor.observe(DacCode(code), sample))
     }
 
     #[test]
@@ -157,7 +162,7 @@ mod tests {
 
     #[test]
     fn a_line_that_moves_is_right_while_it_follows_within_its_settling_time() {
-        let mut monitor = LineMonitor::new(1_490, 819);
+        let mut monitor = LineMonitor::new(1_490, DacCode(819));
         let mut lagging = 819;
         for tick in 0..600_u16 {
             let code = if tick < 300 {
@@ -167,27 +172,27 @@ mod tests {
             };
             // What was measured is what was written two ticks ago.
             let of_then = sample(millivolts(lagging) * 1_502 / 1_490, 3_300);
-            assert!(!monitor.observe(code, Some(of_then)), "at tick {tick}");
+            assert!(!monitor.observe(DacCode(code), Some(of_then)), "at tick {tick}");
             lagging = code.saturating_sub(if tick < 300 { 20 } else { 0 }).max(819);
         }
     }
 
     #[test]
     fn one_wrong_measurement_is_no_fault_and_a_right_line_clears_it() {
-        let mut monitor = LineMonitor::new(0, 2_000);
+        let mut monitor = LineMonitor::new(0, DacCode(2_000));
         let (right, wrong) = (sample(millivolts(2_000), 3_300), sample(0, 3_300));
         for _ in 0..20 {
-            assert!(!monitor.observe(2_000, Some(right)));
-            assert!(!monitor.observe(2_000, Some(wrong)));
+            assert!(!monitor.observe(DacCode(2_000), Some(right)));
+            assert!(!monitor.observe(DacCode(2_000), Some(wrong)));
         }
         for _ in 0..5 {
-            monitor.observe(2_000, Some(wrong));
+            monitor.observe(DacCode(2_000), Some(wrong));
         }
-        assert!(monitor.observe(2_000, Some(wrong)));
+        assert!(monitor.observe(DacCode(2_000), Some(wrong)));
         for _ in 0..4 {
-            assert!(monitor.observe(2_000, Some(right)));
+            assert!(monitor.observe(DacCode(2_000), Some(right)));
         }
-        assert!(!monitor.observe(2_000, Some(right)));
+        assert!(!monitor.observe(DacCode(2_000), Some(right)));
     }
 
     #[test]

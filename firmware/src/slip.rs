@@ -9,6 +9,7 @@
 use gripline_protocol::message::{Configuration, MapSums, SlipState};
 
 use crate::arithmetic::divide;
+use crate::clock::{DeviceMicros, HostMicros};
 use crate::constants::{TIME_TO_SLIP_MAX_MS, TREND_MAPS};
 use crate::contact_geometry::ContactGeometry;
 use crate::load::{Load, LoadHistory};
@@ -96,23 +97,23 @@ impl SlipDetector {
         self.state
     }
 
-    /// Takes the sums of a new map. `capture_us` is the host's clock (wraps), `now_us` ours.
+    /// Takes the sums of a new map: when its picture was taken, and when it arrived.
     pub fn update(
         &mut self,
         sums: &MapSums,
-        capture_us: u32,
-        now_us: u64,
+        capture: HostMicros,
+        now: DeviceMicros,
         settings: &Configuration,
     ) -> SlipDecision {
-        self.decide(sums, capture_us, now_us, &SlipSettings::of(settings))
+        self.decide(sums, capture, now, &SlipSettings::of(settings))
     }
 
     /// The same with what of the settings it needs.
     pub(crate) fn decide(
         &mut self,
         sums: &MapSums,
-        capture_us: u32,
-        now_us: u64,
+        capture: HostMicros,
+        now: DeviceMicros,
         settings: &SlipSettings,
     ) -> SlipDecision {
         let Some(ratio) = stick_ratio(sums) else {
@@ -122,8 +123,8 @@ impl SlipDetector {
             self.geometry = ContactGeometry::new();
             return SlipDecision::default();
         };
-        let time_to_slip_ms = self.trend.push(ratio, capture_us, settings.threshold);
-        self.state = self.next_state(sums, time_to_slip_ms, capture_us, now_us, settings);
+        let time_to_slip_ms = self.trend.push(ratio, capture, settings.threshold);
+        self.state = self.next_state(sums, time_to_slip_ms, capture, now, settings);
         SlipDecision {
             state: self.state,
             stick_ratio: Some(ratio),
@@ -149,12 +150,12 @@ impl SlipDetector {
         &mut self,
         sums: &MapSums,
         time_to_slip_ms: Option<u16>,
-        capture_us: u32,
-        now_us: u64,
+        capture: HostMicros,
+        arrived: DeviceMicros,
         settings: &SlipSettings,
     ) -> SlipState {
         let load = Load::of(sums, &self.geometry);
-        if self.loads.push(&load, capture_us) {
+        if self.loads.push(&load, capture) {
             if self.state == SlipState::Slip {
                 self.loads.note_slid(&load, &self.geometry);
             }
@@ -178,7 +179,7 @@ impl SlipDetector {
             SlipState::Stick
         };
         // Wraps after 71 minutes, longer than any dwell.
-        let now_us = now_us as u32;
+        let now_us = arrived.0 as u32;
         let rested = now_us.wrapping_sub(self.last_bad_us) >= u32::from(settings.dwell_ms) * 1_000;
         if severity(now) >= severity(self.state) {
             self.last_bad_us = now_us;
@@ -218,7 +219,7 @@ pub(crate) const fn worse(one: SlipState, other: SlipState) -> SlipState {
 struct Trend {
     /// Stick ratios, and when each was captured; the oldest stands at `oldest`.
     ratios: [u16; TREND_MAPS],
-    at_us: [u32; TREND_MAPS],
+    at: [HostMicros; TREND_MAPS],
     filled: u8,
     oldest: u8,
 }
@@ -227,17 +228,17 @@ impl Trend {
     const fn new() -> Self {
         Self {
             ratios: [0; TREND_MAPS],
-            at_us: [0; TREND_MAPS],
+            at: [HostMicros(0); TREND_MAPS],
             filled: 0,
             oldest: 0,
         }
     }
 
     /// Time to the threshold in ms; `None` while the window fills or the ratio does not fall.
-    fn push(&mut self, ratio: u16, capture_us: u32, threshold: u16) -> Option<u16> {
+    fn push(&mut self, ratio: u16, capture: HostMicros, threshold: u16) -> Option<u16> {
         let at = usize::from(self.oldest) % TREND_MAPS;
         self.ratios[at] = ratio;
-        self.at_us[at] = capture_us;
+        self.at[at] = capture;
         self.oldest = (at as u8 + 1) % TREND_MAPS as u8;
         self.filled = (self.filled + 1).min(TREND_MAPS as u8);
         if usize::from(self.filled) < TREND_MAPS {
@@ -248,7 +249,7 @@ impl Trend {
             for place in 0..TREND_MAPS / 2 {
                 let map = (at + 1 + first + place) % TREND_MAPS;
                 ratios += u32::from(self.ratios[map]);
-                ages_us += u64::from(capture_us.wrapping_sub(self.at_us[map]));
+                ages_us += u64::from(capture.since(self.at[map]));
             }
             (ratios, ages_us)
         };

@@ -7,7 +7,7 @@
 //! | shear follows | the shear rises and falls with the grip ([`slide_witness`](crate::slide_witness)) | no |
 //! | motion | the camera sees the object move against the skin ([`Motion`]) | no |
 //!
-//! Each speaks in natural logarithms of odds, which add where witnesses are independent (Good 1950). Nobody speaking leaves odds of
+//! Each speaks in natural logarithms of odds, which add where witnesses are independent (Good 1950). Without a witness there are odds of
 //! −3. The weights follow from what each can know: one picture in which hardly a taxel sticks, or a test that found that the shear
 //! follows, or a clear picture of motion is enough; unrest alone hardly.
 //!
@@ -17,6 +17,7 @@ use gripline_protocol::Motion;
 use gripline_protocol::message::{MapSums, SlipState, Witnesses};
 
 use crate::arithmetic::divide;
+use crate::clock::HostMicros;
 use crate::slide_witness::Urgency;
 use crate::slip::{SlipDecision, severity};
 use crate::unrest::Unrest;
@@ -63,7 +64,7 @@ impl SlipEvidence {
         sums: &MapSums,
         decision: SlipDecision,
         (motion, urgency): (Motion, Urgency),
-        capture_us: u32,
+        capture: HostMicros,
         leave: u16,
     ) {
         if sums.contact == 0 {
@@ -75,7 +76,7 @@ impl SlipEvidence {
             }
             return;
         }
-        self.unrest.observe(sums, capture_us);
+        self.unrest.observe(sums, capture);
         let unrest = of_unrest(self.unrest.above_usual());
         // A slide without stick-slip is calm: where another witness sees a slide, calm says nothing against it.
         let is_seen = urgency == Urgency::Follows || motion.shows_motion();
@@ -191,7 +192,7 @@ mod tests {
             stick_ratio: Some(ratio),
             time_to_slip_ms: None,
         };
-        evidence.observe(&contact(), decision, (motion, urgency), 0, 6_000);
+        evidence.observe(&contact(), decision, (motion, urgency), HostMicros(0), 6_000);
         evidence
     }
 
@@ -243,12 +244,18 @@ mod tests {
             time_to_slip_ms: None,
         };
         let mut look = |urgency: Urgency, map: u32| {
-            // The reach changes by less and less: the calmest map there is.
+            // The RMS radius changes by less and less: the calmest map there is.
             let sums = MapSums {
                 spread: 200_000 + 8_000 / (map as i32 + 1),
                 ..contact()
             };
-            evidence.observe(&sums, sticks, (Motion::UNKNOWN, urgency), map * 16_667, 6_000);
+            evidence.observe(
+                &sums,
+                sticks,
+                (Motion::UNKNOWN, urgency),
+                HostMicros(map * 16_667),
+                6_000,
+            );
             evidence.joined()
         };
         let calm = (0..60).map(|map| look(Urgency::None, map)).last().unwrap();
@@ -265,7 +272,7 @@ mod tests {
                 &MapSums::default(),
                 SlipDecision::default(),
                 (motion, Urgency::None),
-                1,
+                HostMicros(1),
                 6_000,
             );
             evidence

@@ -1,23 +1,24 @@
 //! Whether a map changes although its load does not: a witness of slip that needs no friction.
 //!
 //! Where a contact slides it sticks and slips from place to place, and the pressure in it is rearranged from map to map. An arm that
-//! moves shakes the load: that changes forces, moments and the centre of pressure, but hardly the reach of the pressure about that
-//! centre. So the witness takes the reach, in second differences, so that steady growth under a rising grip does not count.
+//! moves shakes the load: that changes forces, moments and the centre of pressure, but hardly the RMS radius of the pressure about that
+//! centre. So the witness takes the RMS radius, in second differences, so that steady growth under a rising grip does not count.
 //! A sensor has its own noise. What counts is unrest over what was usual in this contact.
 //!
 //! On three trials of two uSkin fingers (`gripline evaluate real`) it tells slip better than change of the whole map, and needs no work
 //! per taxel.
 //!
-//! Units: shares of the reach 2⁻²⁴, logarithms to base 2 in 2⁻¹⁶, time µs. Limits: a slide without stick-slip shows nothing; at
+//! Units: shares of the RMS radius 2⁻²⁴, logarithms to base 2 in 2⁻¹⁶, time µs. Limits: a slide without stick-slip shows nothing; at
 //! more than 100 maps a second only some of the maps count.
 
 use gripline_protocol::message::MapSums;
 
+use crate::clock::HostMicros;
 use crate::constants::{NEW_UNREST_SHIFT, UNREST_SAMPLE_US, UNREST_SHIFT, USUAL_UNREST, USUAL_UNREST_SHIFT};
-use crate::contact_geometry::reach_squared;
+use crate::contact_geometry::mean_square_radius;
 
-/// Fraction bits of the reach.
-const REACH_FRACTION: u32 = 16;
+/// Fraction bits of the mean square radius.
+const MEAN_SQUARE_FRACTION: u32 = 16;
 /// Maps of a new contact.
 const NEW_MAPS: u8 = 60;
 /// Longest time between two maps of one course, µs.
@@ -28,13 +29,13 @@ const FILLED: u8 = 4;
 /// The witness of one fingertip.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Unrest {
-    /// Square of the reach in the last two maps that counted, newest first, and the newest's sums that it was computed from.
-    reach: [u32; 2],
+    /// Square of the RMS radius in the last two maps that counted, newest first, and the newest's sums that it was computed from.
+    mean_square: [u32; 2],
     normal: i32,
     filled: u8,
-    /// Capture time of the newest; wraps.
-    at_us: u32,
-    /// Mean second difference over the reach.
+    /// Capture time of the newest of them.
+    at: HostMicros,
+    /// Mean second difference over the mean square radius.
     now: u32,
     /// Logarithm of what is usual.
     usual: i32,
@@ -50,31 +51,32 @@ impl Unrest {
     /// Before the first map.
     pub(crate) const fn new() -> Self {
         Self {
-            reach: [0; 2],
+            mean_square: [0; 2],
             normal: 0,
             filled: 0,
-            at_us: 0,
+            at: HostMicros(0),
             now: 0,
             usual: USUAL_UNREST,
         }
     }
 
     /// Takes a map in contact.
-    pub(crate) fn observe(&mut self, sums: &MapSums, capture_us: u32) {
-        let passed_us = capture_us.wrapping_sub(self.at_us);
+    pub(crate) fn observe(&mut self, sums: &MapSums, capture: HostMicros) {
+        let passed_us = capture.since(self.at);
         let is_first = self.filled == 0;
         if !is_first && passed_us < UNREST_SAMPLE_US {
             return;
         }
-        let reach = reach_squared(sums, REACH_FRACTION).clamp(1, u64::from(u32::MAX >> 2)) as u32;
-        let [last, before] = self.reach;
-        let is_same = reach == last && sums.force[2] == self.normal;
-        self.at_us = capture_us;
+        let mean_square =
+            mean_square_radius(sums, MEAN_SQUARE_FRACTION).clamp(1, u64::from(u32::MAX >> 2)) as u32;
+        let [last, before] = self.mean_square;
+        let is_same = mean_square == last && sums.force[2] == self.normal;
+        self.at = capture;
         if is_same && !is_first {
             // The picture before, sent again: it says nothing of noise or motion.
             return;
         }
-        self.reach = [reach, last];
+        self.mean_square = [mean_square, last];
         self.normal = sums.force[2];
         self.filled = self.filled.saturating_add(1);
         if passed_us > GAP_US {
@@ -83,9 +85,9 @@ impl Unrest {
         if self.filled < FILLED {
             return;
         }
-        let (reach, last, before) = (i64::from(reach), i64::from(last), i64::from(before));
-        let difference = (reach - 2 * last + before).unsigned_abs() as u32;
-        let share = share(difference, reach as u32);
+        let (mean_square, last, before) = (i64::from(mean_square), i64::from(last), i64::from(before));
+        let difference = (mean_square - 2 * last + before).unsigned_abs() as u32;
+        let share = share(difference, mean_square as u32);
         let passed_us = i64::from(passed_us);
         let step = ((i64::from(share) - i64::from(self.now)) * passed_us) >> UNREST_SHIFT;
         self.now = (i64::from(self.now) + step) as u32;
@@ -105,12 +107,12 @@ impl Unrest {
     }
 }
 
-/// `difference` over `reach` in 2⁻²⁴, at most 1, to 8 places.
-fn share(difference: u32, reach: u32) -> u32 {
+/// `difference` over `mean_square` in 2⁻²⁴, at most 1, to 8 places.
+fn share(difference: u32, mean_square: u32) -> u32 {
     // The quotient of 32 bits keeps what the shorter of both has room for.
     let room = difference.max(1).leading_zeros().min(24);
     let lost = 24 - room;
-    ((difference << room) / (reach >> lost).max(1)).min(1 << 24)
+    ((difference << room) / (mean_square >> lost).max(1)).min(1 << 24)
 }
 
 /// Logarithm to base 2 in 2⁻¹⁶, the places after the point by a straight line (0.09 too little at most); −1 for 0.
@@ -129,13 +131,13 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// A contact of 1 N whose pressure has this reach, half taxel pitches squared.
-    fn sums(normal: i32, reach: f64) -> MapSums {
+    /// A contact of 1 N whose pressure has this mean square radius, half taxel pitches squared.
+    fn sums(normal: i32, mean_square: f64) -> MapSums {
         MapSums {
             contact: 20,
             stick: 20,
             force: [0, 0, normal],
-            spread: (reach * f64::from(normal) / 2.0).round() as i32,
+            spread: (mean_square * f64::from(normal) / 2.0).round() as i32,
             ..MapSums::default()
         }
     }
@@ -144,8 +146,11 @@ mod tests {
     fn after(before: impl Fn(u32) -> (i32, f64), then: impl Fn(u32) -> (i32, f64)) -> f64 {
         let mut unrest = Unrest::new();
         for map in 0..630 {
-            let (normal, reach) = if map < 600 { before(map) } else { then(map) };
-            unrest.observe(&sums(normal, reach), (map * 16_667).wrapping_sub(1_000_000));
+            let (normal, mean_square) = if map < 600 { before(map) } else { then(map) };
+            unrest.observe(
+                &sums(normal, mean_square),
+                HostMicros((map * 16_667).wrapping_sub(1_000_000)),
+            );
         }
         f64::from(unrest.above_usual().unwrap()) / 65_536.0
     }
@@ -174,13 +179,13 @@ mod tests {
     #[test]
     fn a_reach_that_grows_evenly_and_a_load_that_swings_are_no_unrest() {
         let grows = |map: u32| {
-            let (normal, reach) = noise(0.01)(map);
-            (normal, reach * (1.0 + f64::from(map - 600) / 30.0))
+            let (normal, mean_square) = noise(0.01)(map);
+            (normal, mean_square * (1.0 + f64::from(map - 600) / 30.0))
         };
         assert!(after(noise(0.01), grows) < 0.8);
         let swings = |map: u32| {
-            let (normal, reach) = noise(0.01)(map);
-            (normal + 100_000 * (i32::from(map.is_multiple_of(2))), reach)
+            let (normal, mean_square) = noise(0.01)(map);
+            (normal + 100_000 * (i32::from(map.is_multiple_of(2))), mean_square)
         };
         assert!(after(noise(0.01), swings) < 0.8);
     }
@@ -194,10 +199,10 @@ mod tests {
 
     proptest! {
         #[test]
-        fn the_share_is_the_quotient(difference in 0_u32..1 << 31, reach in 1_u32..1 << 30) {
-            let exact = (f64::from(difference) / f64::from(reach) * 16_777_216.0).min(16_777_216.0);
-            let found = f64::from(share(difference, reach));
-            // What is shifted out of a small reach only counts where the share is above 1 in any case.
+        fn the_share_is_the_quotient(difference in 0_u32..1 << 31, mean_square in 1_u32..1 << 30) {
+            let exact = (f64::from(difference) / f64::from(mean_square) * 16_777_216.0).min(16_777_216.0);
+            let found = f64::from(share(difference, mean_square));
+            // What is shifted out of a small mean square radius only counts where the share is above 1 in any case.
             prop_assert!((found - exact).abs() <= 2.0 + exact / 64.0, "{found} {exact}");
         }
 
@@ -212,7 +217,7 @@ mod tests {
             let mut unrest = Unrest::new();
             for (spread, pressure, normal, capture_us) in maps {
                 let force = [0, 0, normal >> 7];
-                unrest.observe(&MapSums { contact: 1, spread, pressure: pressure.map(|part| part >> 3), force, ..MapSums::default() }, capture_us);
+                unrest.observe(&MapSums { contact: 1, spread, pressure: pressure.map(|part| part >> 3), force, ..MapSums::default() }, HostMicros(capture_us));
                 unrest.above_usual();
             }
         }

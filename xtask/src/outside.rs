@@ -76,7 +76,7 @@ pub(crate) fn command(arguments: &[String]) -> Result<(), Error> {
             for (place, who) in READERS.into_iter().enumerate() {
                 let readers = (place == 1).then_some(python.as_path());
                 eprintln!("round {}: {}, {who}, {seconds} s ...", round + 1, kind.name());
-                let turn = one_turn(&program, &source, (seconds, kind.is_realtime), readers)?;
+                let turn = one_run(&program, &source, (seconds, kind.is_realtime), readers)?;
                 kind.turns[place].push(turn);
             }
         }
@@ -130,18 +130,18 @@ fn record(program: &Path, seconds: u64) -> Result<String, Error> {
 
 /// What one run said at its end.
 #[derive(Debug, Clone, Copy)]
-struct Turn {
+struct RunTimes {
     median_us: f64,
     p999_us: f64,
     late: u64,
 }
 
-fn one_turn(
+fn one_run(
     program: &Path,
     source: &str,
     (seconds, is_realtime): (u64, bool),
     python: Option<&Path>,
-) -> Result<Turn, Error> {
+) -> Result<RunTimes, Error> {
     let mut command = Command::new(program);
     command.args([
         "run",
@@ -189,7 +189,7 @@ fn one_turn(
     }
     let summary: Value = serde_json::from_str(&summary.unwrap_or_default()).unwrap_or_default();
     let number = |key: &str| summary[key].as_f64().ok_or_else(|| no_product(key, &summary));
-    Ok(Turn {
+    Ok(RunTimes {
         median_us: number("frame_to_link_us_median")?,
         p999_us: number("frame_to_link_us_p999")?,
         late: (number("maps_late")? + number("pictures_late")?) as u64,
@@ -351,7 +351,7 @@ impl Drop for Run {
 struct Kind {
     is_realtime: bool,
     /// Of each of [`READERS`].
-    turns: [Vec<Turn>; 2],
+    turns: [Vec<RunTimes>; 2],
 }
 
 struct Report {
@@ -399,7 +399,7 @@ impl Kind {
         if self.is_realtime { "realtime" } else { "ordinary" }
     }
 
-    fn spreads(&self, value: impl Fn(&Turn) -> f64) -> [[f64; 3]; 2] {
+    fn spreads(&self, value: impl Fn(&RunTimes) -> f64) -> [[f64; 3]; 2] {
         self.turns
             .each_ref()
             .map(|turns| spread(turns.iter().map(&value)))

@@ -9,7 +9,7 @@ use embassy_stm32::gpio::Flex;
 use embassy_stm32::pac;
 use embassy_stm32::{Peri, peripherals};
 use gripline_firmware::GripForce;
-use gripline_firmware::line::{DacLine, DacOutput, LineCalibration};
+use gripline_firmware::line::{DacCode, DacLine, DacOutput, LineCalibration};
 
 use crate::reset;
 
@@ -37,7 +37,7 @@ pub(crate) fn start(force: GripForce, calibration: LineCalibration) -> AnalogLin
 
 impl DacOutput for Dac {
     #[inline]
-    fn show(&mut self, code: u16) {
+    fn show(&mut self, code: DacCode) {
         write_code(code);
     }
 
@@ -47,8 +47,8 @@ impl DacOutput for Dac {
     }
 }
 
-fn write_code(code: u16) {
-    pac::DAC1.dhr12r(0).write(|value| value.set_dhr(code));
+fn write_code(code: DacCode) {
+    pac::DAC1.dhr12r(0).write(|value| value.set_dhr(code.0));
 }
 
 /// Waits until the DAC shows what was written: reading its output comes after the write on the same bus, and without a trigger the

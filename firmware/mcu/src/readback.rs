@@ -12,6 +12,7 @@ use embassy_stm32::pac::adc::vals::SampleTime;
 use embassy_stm32::pac::adccommon::vals::Adcpre;
 use embassy_stm32::pac::{ADC1, ADC123_COMMON, DAC1, RCC};
 use embassy_stm32::{Peri, peripherals};
+use gripline_firmware::line::DacCode;
 use gripline_firmware::readback::{LineMonitor, LineSample};
 
 /// The line on PA6, and the reference (reference manual, section 13.3.3).
@@ -67,6 +68,6 @@ impl ReadBack {
 }
 
 /// What the DAC shows.
-fn code() -> u16 {
-    DAC1.dor(0).read().dor()
+fn code() -> DacCode {
+    DacCode(DAC1.dor(0).read().dor())
 }

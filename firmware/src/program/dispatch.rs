@@ -22,6 +22,7 @@ use super::outbox::Outbox;
 use super::receiver::{Breakage, Receiver};
 use super::start::Start;
 use crate::arithmetic::divide;
+use crate::clock::{DeviceMicros, HostMicros};
 use crate::clock_sync::{CaptureTime, ClockSync};
 use crate::constants::{DECIDE_BUDGET_CYCLES, FALL_UNREST_MAX, STATUS_PERIOD_MS};
 use crate::fault::{Fault, FaultSet};
@@ -55,7 +56,7 @@ pub(super) struct Fingertip {
     shear: i32,
     pub(super) taught: Taught,
     pub(super) motion: Motion,
-    pub(super) capture_us: u32,
+    pub(super) capture: HostMicros,
     /// Good maps so far; wraps.
     pub(super) map: u32,
     /// `taught` does not know the newest map yet.
@@ -505,7 +506,10 @@ impl<K: Kernel> Program<K> {
         let Order::New { lost } = tip.sequence.check(info.sequence) else {
             return self.refuse_map(Fault::ReplayedMap);
         };
-        let CaptureTime::Late { us: late_us } = tip.clock.check(info.capture_us, self.now_us) else {
+        let CaptureTime::Late { us: late_us } = tip
+            .clock
+            .check(HostMicros(info.capture_us), DeviceMicros(self.now_us))
+        else {
             return self.refuse_map(Fault::FutureMap);
         };
         tip.sequence.accept(info.sequence);
@@ -525,7 +529,7 @@ impl<K: Kernel> Program<K> {
             tip.is_due = true;
             tip.map = tip.map.wrapping_add(1);
             tip.motion = info.motion;
-            tip.capture_us = info.capture_us;
+            tip.capture = HostMicros(info.capture_us);
             tip.decision = first_decision(tip.decision, &tip.sums, self.settings.slip_threshold);
         }
         let reference = tip.taught.reference;

@@ -5,6 +5,7 @@
 use gripline_protocol::message::{MapSums, Witnesses};
 use gripline_protocol::{Motion, PER_UNIT, SENSORS};
 
+use crate::clock::{DeviceMicros, HostMicros};
 use crate::constants::FEED_FORWARD_FRICTION_MIN;
 use crate::friction_estimator::{FrictionEstimator, LoadEstimate};
 use crate::learning_settings::LearningSettings;
@@ -20,7 +21,7 @@ pub struct Lesson {
     /// Number of the map.
     pub(super) map: u32,
     pub(super) arrived_us: u64,
-    pub(super) capture_us: u32,
+    pub(super) capture: HostMicros,
     pub(super) sums: MapSums,
     pub(super) motion: Motion,
     /// The force that the gripper should have reached.
@@ -120,7 +121,12 @@ impl Learner {
         let sensor = lesson.sensor % SENSORS;
         let (friction, evidence) = (&mut self.friction[sensor], &mut self.evidence[sensor]);
         let slip = &mut self.slip[sensor];
-        let decision = slip.decide(sums, lesson.capture_us, lesson.arrived_us, &lesson.slip_settings);
+        let decision = slip.decide(
+            sums,
+            lesson.capture,
+            DeviceMicros(lesson.arrived_us),
+            &lesson.slip_settings,
+        );
         slip.observe(sums);
         if settings.learns() {
             friction.observe(sums, slip.geometry(), lesson.reached, lesson.arrived_us, settings);
@@ -134,7 +140,7 @@ impl Learner {
             sums,
             decision,
             (lesson.motion, verdict.urgency),
-            lesson.capture_us,
+            lesson.capture,
             lesson.slip_settings.leave,
         );
         Learnt {

@@ -23,7 +23,7 @@ impl<K: Kernel> Program<K> {
             sensor,
             map: tip.map,
             arrived_us: tip.arrived_us,
-            capture_us: tip.capture_us,
+            capture: tip.capture,
             sums: tip.sums,
             motion: tip.motion,
             reached: self.controller.reached().lsb(),

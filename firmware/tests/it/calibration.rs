@@ -2,22 +2,22 @@
 
 use embedded_hal::pwm::{ErrorType, SetDutyCycle};
 use gripline_firmware::GripForce;
-use gripline_firmware::line::{DAC_LIVE_ZERO, GripLine, LineCalibration, PwmLine};
+use gripline_firmware::line::{DAC_LIVE_ZERO, DacCode, GripLine, LineCalibration, PwmLine};
 use gripline_protocol::line::{LinePoint, LineSettings};
 
 #[test]
 fn no_force_is_two_volts_and_full_scale_is_ten() {
-    assert_eq!(DAC_LIVE_ZERO.code(GripForce::ZERO), 819);
-    assert_eq!(DAC_LIVE_ZERO.code(GripForce::from_lsb(40 * 4096)), 4095);
-    assert_eq!(DAC_LIVE_ZERO.code(GripForce::from_lsb(i32::MAX)), 4095);
-    assert_eq!(DAC_LIVE_ZERO.code(GripForce::from_lsb(i32::MIN)), 819);
+    assert_eq!(DAC_LIVE_ZERO.code(GripForce::ZERO), DacCode(819));
+    assert_eq!(DAC_LIVE_ZERO.code(GripForce::from_lsb(40 * 4096)), DacCode::MAX);
+    assert_eq!(DAC_LIVE_ZERO.code(GripForce::from_lsb(i32::MAX)), DacCode::MAX);
+    assert_eq!(DAC_LIVE_ZERO.code(GripForce::from_lsb(i32::MIN)), DacCode(819));
 }
 
 #[test]
 fn more_force_is_never_a_lower_code_and_the_code_never_grips_less_than_decided() {
     let mut last = 0;
     for lsb in 0..=40 * 4096 {
-        let code = DAC_LIVE_ZERO.code(GripForce::from_lsb(lsb));
+        let DacCode(code) = DAC_LIVE_ZERO.code(GripForce::from_lsb(lsb));
         assert!(code >= last);
         let gripped = f64::from(code - 819) * f64::from(40 * 4096) / f64::from(4095 - 819);
         assert!(gripped >= f64::from(lsb) - 1e-6 && gripped < f64::from(lsb) + 51.0);
@@ -35,13 +35,16 @@ fn a_calibration_with_a_bend_goes_through_its_points_and_never_below_the_straigh
     settings.points[2].code = 2_500;
     let calibration = LineCalibration::of(&settings);
     for point in settings.points {
-        assert_eq!(calibration.code(GripForce::from_lsb(point.force)), point.code);
+        assert_eq!(
+            calibration.code(GripForce::from_lsb(point.force)),
+            DacCode(point.code)
+        );
     }
     for pair in settings.points.windows(2) {
         for lsb in pair[0].force..pair[1].force {
             let share = f64::from(lsb - pair[0].force) / f64::from(pair[1].force - pair[0].force);
             let straight = f64::from(pair[0].code) + share * f64::from(pair[1].code - pair[0].code);
-            let code = f64::from(calibration.code(GripForce::from_lsb(lsb)));
+            let code = f64::from(calibration.code(GripForce::from_lsb(lsb)).0);
             assert!(
                 code >= straight - 1e-6 && code < straight + 1.0,
                 "{lsb}: {code} for {straight}"

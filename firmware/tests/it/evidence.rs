@@ -116,20 +116,20 @@ fn motion_that_a_poor_picture_shows_is_told_and_moves_nothing() {
 
 #[test]
 fn rest_that_is_seen_spares_the_test_of_a_load_that_falls() {
-    let most = |motion: Motion| {
+    let max = |motion: Motion| {
         let mut bench = quiet_hold(1);
         let before = bench.line_n();
-        let mut most = before;
+        let mut max = before;
         for step in 0..60 {
             // The arm slows down: less load, the same grip.
             let shear = 1.6 - 0.5 * f64::from(step.min(20)) / 20.0;
             bench.seen_map(0, &carries(5.0, shear), motion);
             bench.wait_ms(16);
-            most = most.max(bench.line_n());
+            max = max.max(bench.line_n());
         }
-        most / before
+        max / before
     };
-    let (blind, seeing) = (most(Motion::UNKNOWN), most(RESTS));
+    let (blind, seeing) = (max(Motion::UNKNOWN), max(RESTS));
     assert!(blind > 1.2, "without a picture it is tested: {blind}");
     assert!(seeing < 1.02, "{seeing}");
 }

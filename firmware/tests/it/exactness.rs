@@ -102,9 +102,9 @@ fn shear_of_exactly_mu_times_normal_sticks_and_one_step_more_slips() {
         let (p, q) = reduced(per_unit);
         // (3, 4, 5) makes the shear's length whole with both components in use.
         for (fx, fy, fz) in [(p, 0, q), (0, p, q), (3 * p, 4 * p, 5 * q)] {
-            let most = 32_767 / fx.max(fy).max(fz);
-            for k in [1, 2, most / 2, most - 1, most] {
-                if k <= 0 || k > most {
+            let max = 32_767 / fx.max(fy).max(fz);
+            for k in [1, 2, max / 2, max - 1, max] {
+                if k <= 0 || k > max {
                     continue;
                 }
                 let force = TaxelForce {

@@ -46,7 +46,7 @@ impl Truth {
     /// A random grasp; an adverse one is drawn from wider ranges, and friction may fall in the middle of the hold.
     pub(crate) fn random(seed: u64, is_adverse: bool) -> Self {
         let mut rng = Pcg64Mcg::seed_from_u64(seed);
-        let mut within = |least: f64, most: f64| rng.random_range(least..most);
+        let mut within = |min: f64, max: f64| rng.random_range(min..max);
         let error = if is_adverse { 0.25 } else { 0.05 };
         let (friction, sliding) = if is_adverse {
             (within(0.2, 1.2), within(0.6, 1.0))

@@ -4,7 +4,7 @@
 use crate::common::bus::{Bus, Trouble};
 use embedded_hal::pwm::{ErrorKind, ErrorType, SetDutyCycle};
 use gripline_firmware::GripForce;
-use gripline_firmware::line::{DAC_LIVE_ZERO, DacLine, DacOutput, GripLine, LineHealth, PwmLine};
+use gripline_firmware::line::{DAC_LIVE_ZERO, DacCode, DacLine, DacOutput, GripLine, LineHealth, PwmLine};
 use gripline_firmware::robotiq::force_register;
 use gripline_gripper::Gripper;
 use proptest::prelude::*;
@@ -43,7 +43,7 @@ struct Code {
 }
 
 impl DacOutput for &mut Code {
-    fn show(&mut self, code: u16) {
+    fn show(&mut self, DacCode(code): DacCode) {
         self.code = code;
     }
 
@@ -61,7 +61,7 @@ struct Steps {
 }
 
 impl DacOutput for &mut Steps {
-    fn show(&mut self, code: u16) {
+    fn show(&mut self, DacCode(code): DacCode) {
         self.code = code;
         self.seen.push((self.code, self.kept));
     }
@@ -83,7 +83,7 @@ fn a_reset_in_the_middle_of_a_write_brings_back_no_less_than_was_shown() {
     // The start, two operations for each of eight changes, and the one force that was there already.
     assert_eq!(steps.seen.len(), 2 + 2 * 8);
     for (code, kept) in steps.seen {
-        assert!(DAC_LIVE_ZERO.code(kept) >= code, "{code} shown, {kept:?} kept");
+        assert!(DAC_LIVE_ZERO.code(kept).0 >= code, "{code} shown, {kept:?} kept");
     }
     assert_eq!((steps.code, steps.kept), (819, GripForce::ZERO));
 }
@@ -326,18 +326,18 @@ fn nothing_that_happens_shows_less_than_was_written<B: Bench>(steps: &[(i32, boo
     let mut bench = B::new();
     bench.write(15 * NEWTON);
     bench.settle();
-    let mut least = 15 * NEWTON;
+    let mut min = 15 * NEWTON;
     for &(lsb, trouble, ms) in steps {
-        least = least.min(lsb.min(B::FULL));
+        min = min.min(lsb.min(B::FULL));
         bench.write(lsb);
         bench.trouble(trouble);
         for _ in 0..ms {
             bench.pass(1_000);
-            assert!(bench.shown() >= least, "{} below {least}", bench.shown());
+            assert!(bench.shown() >= min, "{} below {min}", bench.shown());
         }
         if !trouble && u64::from(ms) * 1_000 > B::SETTLE_US {
             assert!(bench.shown() >= lsb.min(B::FULL), "{} below {lsb}", bench.shown());
-            least = lsb.min(B::FULL);
+            min = lsb.min(B::FULL);
         }
     }
 }
@@ -470,7 +470,7 @@ fn a_microcontroller_that_restarts_takes_over_a_gripper_that_holds() {
     bus.restart();
     bus.write(30 * NEWTON);
     bus.pass(500_000);
-    assert_eq!(bus.least_grip, held);
+    assert_eq!(bus.min_grip, held);
     bus.write(40 * NEWTON);
     bus.pass(500_000);
     assert!(bus.gripper.grip() >= i64::from(40 * NEWTON));
@@ -608,7 +608,7 @@ fn every_kind_of_silence_and_nonsense_counts_as_no_answer_and_ends_when_it_ends(
         assert_eq!(bus.line.health(), LineHealth::NoAnswer, "{kind}");
         bus.write(30 * NEWTON);
         bus.pass(2_000_000);
-        assert!(bus.least_grip >= held, "{kind}");
+        assert!(bus.min_grip >= held, "{kind}");
         bus.trouble = Trouble::default();
         bus.pass(500_000);
         assert_eq!(bus.line.health(), LineHealth::Good, "{kind}");
@@ -651,7 +651,7 @@ fn one_byte_in_a_hundred_lost_and_one_flipped_delays_but_never_loosens() {
         let held = bus.gripper.grip();
         bus.write((20 + n) * NEWTON);
         bus.pass(600_000);
-        assert!(bus.least_grip >= held, "rise {n}");
+        assert!(bus.min_grip >= held, "rise {n}");
         assert!(bus.gripper.grip() >= i64::from((20 + n) * NEWTON), "rise {n}");
     }
     assert_eq!((bus.gripper.activations, bus.gripper.dropped), (1, false));

@@ -68,9 +68,9 @@ impl Policy for Oracle {
     fn ask(&mut self, time: f64) -> f64 {
         let passed = time - self.at;
         self.at = time;
-        let most = self.line + 100.0 * passed;
-        let least = self.line - (3.0_f64).max(7.2 * (self.line - self.wanted)) * passed;
-        self.line = self.wanted.clamp(least.min(most), most);
+        let max = self.line + 100.0 * passed;
+        let min = self.line - (3.0_f64).max(7.2 * (self.line - self.wanted)) * passed;
+        self.line = self.wanted.clamp(min.min(max), max);
         self.line
     }
 }

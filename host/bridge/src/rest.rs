@@ -1,6 +1,6 @@
 //! Pictures of the untouched fingertip: written, kept from run to run, and chosen when a run starts.
 //! Where the pictures of the start may show a touch, those that an earlier run kept are taken, or the run is refused:
-//! a touch that is taken for rest is a force that nobody feels.
+//! a touch that is taken for rest is a force that is never measured.
 //! Limit: without kept pictures an object that lies still on a released fingertip is not noticed.
 
 use std::path::{Path, PathBuf};
@@ -187,7 +187,7 @@ enum Choice {
     Kept(String),
 }
 
-/// The rest pictures of a run that has just taken `new` ones of a camera. `is_holding`: the gripper holds, or nobody knows.
+/// The rest pictures of a run that has just taken `new` ones of a camera. `is_holding`: the gripper holds, or may hold.
 ///
 /// # Errors
 /// [`Error`] when the new ones may show a touch and there are no others.

@@ -95,7 +95,7 @@ impl<T: Send + 'static> Writer<T> {
     /// Waits until all is written.
     ///
     /// # Errors
-    /// What writing said; [`io::ErrorKind::TimedOut`] when nobody takes it.
+    /// What writing said; [`io::ErrorKind::TimedOut`] when its reader takes nothing.
     pub(crate) fn finish(self) -> io::Result<()> {
         drop(self.queue);
         let ended = match self.when_full {

@@ -120,11 +120,9 @@ impl OpenDevice {
             .flat_map(|interval| match &interval.interval {
                 FrameIntervalEnum::Discrete(interval) => vec![per_second(interval)],
                 FrameIntervalEnum::Stepwise(steps) => {
-                    let [least, most] = [&steps.max, &steps.min].map(per_second);
-                    let between = COMMON_RATES
-                        .into_iter()
-                        .filter(|rate| (least..most).contains(rate));
-                    between.chain([most]).collect()
+                    let [min, max] = [&steps.max, &steps.min].map(per_second);
+                    let between = COMMON_RATES.into_iter().filter(|rate| (min..max).contains(rate));
+                    between.chain([max]).collect()
                 }
             })
             .collect()

@@ -11,7 +11,7 @@ use crate::request::{Action, Request};
 /// Why a request was not carried out. Nothing moved because of it, but for what its doc says.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Why {
-    /// Somebody else owns the gripper.
+    /// Another client owns the gripper.
     WrongOwner(Client),
     /// Latched faults forbid a release: their names.
     Latched(Vec<&'static str>),
@@ -42,7 +42,7 @@ pub enum Why {
     Refused(String),
     /// A newer request took its place.
     Overtaken,
-    /// The pictures cannot be taken anew: files have what they have.
+    /// Pictures from files cannot be taken again.
     NoCamera,
     /// Too many requests wait.
     Busy,

@@ -1,5 +1,5 @@
 //! How requests reach the loop and answers come back: a queue that the loop reads between its frames, and a place for the newest status.
-//! Whoever asks waits for the answer; the loop waits for nobody.
+//! A client waits for its answer; the loop never waits.
 
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -43,7 +43,7 @@ pub fn channel() -> (Handle, Inbox) {
     (Handle { sender, status }, inbox)
 }
 
-/// The end of whoever asks; any number of them.
+/// The clients' end; it can be cloned.
 #[derive(Debug, Clone)]
 pub struct Handle {
     sender: SyncSender<Asked>,
@@ -126,7 +126,7 @@ impl Inbox {
         }
     }
 
-    /// Leaves the newest status where it can be read; not at all while somebody reads just now.
+    /// Publishes the newest status, unless a client is reading at this moment.
     pub fn publish(&self, fill: impl FnOnce(&mut StatusReport)) {
         if let Ok(mut status) = self.status.try_lock() {
             fill(&mut status);

@@ -1,4 +1,4 @@
-//! The name under which somebody asks.
+//! The name of a client.
 
 use std::fmt;
 use std::str::FromStr;

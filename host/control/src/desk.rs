@@ -61,7 +61,7 @@ pub struct Desk {
 }
 
 impl Desk {
-    /// Nobody owns the gripper.
+    /// No client owns the gripper.
     #[must_use]
     pub fn new() -> Self {
         Self::default()

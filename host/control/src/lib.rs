@@ -1,7 +1,7 @@
 //! Control of a running bridge from outside: requests with an identity and a number, each with an answer. The terminal, HTTP,
 //! ROS 2 and Python all speak through a [`Handle`]; the loop reads the [`Inbox`] between its frames and decides at the [`Desk`].
 //!
-//! One client owns the gripper at a time. Who asks first owns it; others read, and take over only by saying so.
+//! One client owns the gripper at a time. The first to ask owns it; others read, and take over only by an explicit request.
 #![forbid(unsafe_code)]
 
 mod answer;

@@ -15,7 +15,7 @@ pub enum Action {
     Hold,
     /// Open the gripper.
     Release,
-    /// Somebody has looked at the faults that are latched.
+    /// A person has looked at the latched faults.
     Acknowledge,
     /// Take new rest pictures; only while the gripper is released and nothing touches.
     Rezero,
@@ -24,7 +24,7 @@ pub enum Action {
         /// Newtons.
         newtons: f64,
     },
-    /// Own the gripper from now on, whoever owned it.
+    /// Take the ownership of the gripper from any other client.
     TakeOver,
     /// Own it no longer. The gripper stays as it is.
     Yield,
@@ -75,14 +75,14 @@ impl Serialize for Action {
 /// A request of a client.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Request {
-    /// Who asks.
+    /// The client.
     pub client: Client,
     /// The client's own number of the request, never used twice (begin with a clock's). One that is repeated under the same number
     /// within ten seconds is answered again and not carried out again.
     pub number: u64,
     /// What for.
     pub action: Action,
-    /// Take the gripper over where somebody else owns it.
+    /// Take the gripper over where another client owns it.
     pub take_over: bool,
 }
 

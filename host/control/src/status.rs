@@ -1,4 +1,4 @@
-//! What the gripper is doing now, for whoever asks. Anybody may read it.
+//! What the gripper is doing now. Every client may read it.
 
 use serde::Serialize;
 

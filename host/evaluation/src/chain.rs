@@ -78,7 +78,7 @@ impl Eye {
         })
     }
 
-    fn look(&mut self, truth: TruthFrame, contact: &Truth) -> Result<Frame, EvaluationError> {
+    fn observe(&mut self, truth: TruthFrame, contact: &Truth) -> Result<Frame, EvaluationError> {
         self.fingertip.set_time(truth.time_s);
         self.fingertip.render(contact, &mut self.crop);
         let processed = self.pipeline.process(&self.crop.pixels)?;
@@ -139,7 +139,7 @@ impl Chain {
                 }
             };
             for (eye, one) in eyes.iter_mut().zip(&mut recorded) {
-                one.frames.push(eye.look(truth, experiment.contact())?);
+                one.frames.push(eye.observe(truth, experiment.contact())?);
             }
         }
         Ok(recorded)

@@ -4,6 +4,7 @@
 use gripline_firmware::Friction;
 use gripline_firmware::slip::SlipDetector;
 use gripline_firmware::sums::{TaxelRule, stick_ratio_below, sums_of};
+use gripline_firmware::{DeviceMicros, HostMicros};
 use gripline_protocol::message::{Configuration, SlipState};
 use gripline_protocol::{ForceMap, PER_UNIT};
 use serde::Serialize;
@@ -126,7 +127,7 @@ pub fn states(recorded: &Recorded, sight: Sight, settings: &Configuration) -> Ve
         .map(|frame| {
             let now_us = (frame.truth.time_s * 1e6).round() as u64;
             let sums = sums_of(sight.of(frame), rule);
-            let judgement = detector.update(&sums, now_us as u32, now_us, settings);
+            let judgement = detector.update(&sums, HostMicros(now_us as u32), DeviceMicros(now_us), settings);
             detector.observe(&sums);
             judgement.state
         })

@@ -66,7 +66,7 @@ pub struct Scores {
     pub recall: Option<f64>,
 }
 
-/// Times that something was said anew: from no to yes, the first frame included.
+/// How often the value went from no to yes, the first frame included.
 #[must_use]
 pub fn alarms(said: impl IntoIterator<Item = bool>) -> u64 {
     let mut before = false;

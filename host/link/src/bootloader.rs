@@ -13,7 +13,7 @@ const STEP_US: u64 = 5_000;
 /// Who answers, whatever schema it speaks.
 ///
 /// # Errors
-/// [`LinkError`] when nobody does.
+/// [`LinkError`] when no device does.
 pub fn identify(link: &mut dyn Link, session: u32) -> Result<Hello, LinkError> {
     let hello = Message::Hello(Hello::of_this_build(0, session));
     ask(link, &hello, "the handshake", |message| match message {

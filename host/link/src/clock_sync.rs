@@ -31,13 +31,13 @@ pub(crate) struct ClockSync {
 }
 
 impl ClockSync {
-    /// One of the clocks starts anew.
+    /// One of the clocks starts again from zero.
     pub(crate) fn forget(&mut self) {
         *self = Self::default();
     }
 
     /// A status was read at `now_us`, sent when the microcontroller had run for `uptime_ms`. Answers whether this host's clock
-    /// has jumped; if so, everything begins anew.
+    /// has jumped; if so, the comparison starts again.
     pub(crate) fn jumped(&mut self, now_us: u64, uptime_ms: u32) -> bool {
         let uptime_ms = match self.uptime_ms {
             None => i64::from(uptime_ms),
@@ -53,24 +53,24 @@ impl ClockSync {
         }
         let is_full = is_old(self.recent.front()) && self.recent.len() >= WINDOW_LEAST;
         let differences = self.recent.iter().map(|(_, difference)| *difference);
-        let least = differences.min().unwrap_or(difference);
+        let min = differences.min().unwrap_or(difference);
         let Some(reference) = self.reference else {
-            self.reference = is_full.then_some(least);
+            self.reference = is_full.then_some(min);
             return false;
         };
-        if difference < reference - JUMP_US || (is_full && least > reference + JUMP_US) {
+        if difference < reference - JUMP_US || (is_full && min > reference + JUMP_US) {
             self.forget();
             return true;
         }
         if is_full {
             // Clocks drift.
-            self.reference = Some(least);
+            self.reference = Some(min);
         }
         false
     }
 
     /// What the same status says of maps: whether some are refused as from the future, and how many were taken so far. Answers
-    /// whether this goes on for ever; if so, everything begins anew.
+    /// whether this will not end by itself; if so, the comparison starts again.
     pub(crate) fn is_locked_out(&mut self, uptime_ms: u32, is_refusing: bool, maps: u32) -> bool {
         if !is_refusing {
             self.refusing = None;

@@ -78,7 +78,7 @@ pub enum LinkError {
         /// What happened.
         found: String,
     },
-    /// Nobody answers.
+    /// The device does not answer.
     #[error("{link}: no answer to {question} within {} s, expected one; check power, wiring and that the firmware is flashed", HANDSHAKE_US / 1_000_000)]
     NoAnswer {
         /// Which link.

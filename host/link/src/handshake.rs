@@ -1,7 +1,7 @@
 //! Whether the microcontroller still knows this host, and what to say when it does not: it may restart at any moment
 //! (watchdog, panic, power), and then knows neither host nor settings. No IO. Times in µs of the session's clock.
 //!
-//! A restart shows in a status (the time since start falls, WATCHDOG RESET is latched anew), in a refused command, or in
+//! A restart shows in a status (the time since start falls, WATCHDOG RESET is latched again), in a refused command, or in
 //! silence, or a link that was gone is back. All of these only make the host say hello again, which changes nothing for a microcontroller that still
 //! knows it; the number of the start in its answer decides.
 
@@ -50,7 +50,7 @@ pub(crate) struct Handshake {
 }
 
 impl Handshake {
-    /// Nobody has been met.
+    /// No device has answered yet.
     pub(crate) const fn new(number: u32) -> Self {
         Self {
             number,
@@ -125,7 +125,7 @@ impl Handshake {
         self.link_returned();
     }
 
-    /// The link was gone and is back: whoever is there now is asked at once.
+    /// The link was gone and is back: the device that is there now gets a handshake at once.
     pub(crate) const fn link_returned(&mut self) {
         self.doubt();
         self.asked_us = None;

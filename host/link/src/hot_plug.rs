@@ -1,7 +1,6 @@
 //! A link to a device that may be pulled out and come back. While it is away, what is sent is lost and counted, never
-//! kept for later, and the device is looked for ten times a second: whoever listed the system's devices then finds it
-//! whatever became of events, names and permissions in between. Times in µs since the link was opened.
-//! The first opening waits for a device that is just being plugged in; who starts without a device is told so.
+//! kept for later. The link polls for the device at 10 Hz, so a missed hot-plug event does no harm. Times in µs since the
+//! link was opened. The first opening waits for a device that is just being plugged in; without a device it fails.
 
 use std::thread;
 use std::time::{Duration, Instant};
@@ -10,8 +9,8 @@ use crate::error::LinkError;
 use crate::link::{Link, Presence};
 use crate::patience::READY_WITHIN;
 
-/// A device that is away is looked for this often.
-const LOOK_EVERY_US: u64 = 100_000;
+/// How often the system is polled for a device that is away.
+const POLL_PERIOD_US: u64 = 100_000;
 
 /// What a device that is there can come to.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -49,7 +48,7 @@ pub trait Finder {
     fn name(&self) -> String;
 }
 
-/// The clock that a device lives by.
+/// The clock of a link: the wall's, or a test's.
 pub trait Clock {
     /// Time since the link was opened, µs.
     fn now_us(&self) -> u64;
@@ -86,7 +85,7 @@ pub struct HotPlug<C = WallClock> {
     clock: C,
     device: Option<Box<dyn Device>>,
     presence: Presence,
-    next_look_us: u64,
+    next_poll_us: u64,
 }
 
 impl HotPlug {
@@ -109,7 +108,7 @@ impl<C: Clock> HotPlug<C> {
         let device = loop {
             match finder.find() {
                 Err(LinkError::NotReady { .. }) if clock.now_us() < until_us => {
-                    clock.wait_until(clock.now_us() + LOOK_EVERY_US);
+                    clock.wait_until(clock.now_us() + POLL_PERIOD_US);
                 }
                 found => break found?,
             }
@@ -119,7 +118,7 @@ impl<C: Clock> HotPlug<C> {
             finder,
             clock,
             presence: Presence::default(),
-            next_look_us: 0,
+            next_poll_us: 0,
         })
     }
 
@@ -127,10 +126,10 @@ impl<C: Clock> HotPlug<C> {
         self.device = None;
         self.presence.losses += 1;
         self.presence.away = Some(why);
-        self.next_look_us = self.clock.now_us();
+        self.next_poll_us = self.clock.now_us();
     }
 
-    fn look(&mut self) {
+    fn poll(&mut self) {
         match self.finder.find() {
             Ok(device) => {
                 self.device = Some(device);
@@ -138,7 +137,7 @@ impl<C: Clock> HotPlug<C> {
             }
             Err(why) => {
                 self.presence.away = Some(why.to_string());
-                self.next_look_us = self.clock.now_us() + LOOK_EVERY_US;
+                self.next_poll_us = self.clock.now_us() + POLL_PERIOD_US;
             }
         }
     }
@@ -171,10 +170,10 @@ impl<C: Clock> Link for HotPlug<C> {
                     Err(DeviceError::Gone(why)) => self.lose(why),
                     Ok(()) | Err(DeviceError::Busy) => {}
                 }
-            } else if now_us >= self.next_look_us {
-                self.look();
+            } else if now_us >= self.next_poll_us {
+                self.poll();
             } else {
-                self.clock.wait_until(until_us.min(self.next_look_us));
+                self.clock.wait_until(until_us.min(self.next_poll_us));
             }
             if self.clock.now_us() >= until_us {
                 return Ok(());

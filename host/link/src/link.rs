@@ -18,10 +18,10 @@ pub trait Link {
     /// [`LinkError`] when the other end is gone.
     fn run_until(&mut self, until_us: u64, received: &mut dyn FnMut(&[u8])) -> Result<(), LinkError>;
 
-    /// Time of the clock that the microcontroller on this link lives by: virtual for one in this process or emulated.
+    /// Time of the microcontroller's clock on this link: virtual for one in this process or emulated.
     fn now_us(&self) -> u64;
 
-    /// Whether time passes without [`Link::run_until`], as for a real device: nobody needs to wait in it.
+    /// Whether time passes without [`Link::run_until`], as for a real device: the caller need not wait in it.
     fn is_real_time(&self) -> bool {
         false
     }

@@ -8,7 +8,7 @@ use gripline_protocol::{ForceMap, SENSORS};
 
 const REMEMBERED: usize = 32;
 
-/// The detector's sums of a map, and the rule that they follow: computed once, handed to whoever needs them.
+/// The detector's sums of a map, and the rule that they follow: computed once and shared.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Judgement {
     /// The detector's rule.

@@ -18,7 +18,7 @@ pub(crate) fn control(body: &[u8], told: Option<&str>, token: &str, handle: &Han
     }
 }
 
-/// Whether it is the token. Takes as long for any wrong one of the same length, so that nobody can guess letter by letter.
+/// Whether it is the token. Takes as long for any wrong one of the same length, so that its timing gives no letter away.
 pub(crate) fn is_token(told: Option<&str>, token: &str) -> bool {
     let (told, token) = (told.unwrap_or_default().as_bytes(), token.as_bytes());
     let difference = told.iter().zip(token).fold(0, |difference, (one, other)| {

@@ -25,7 +25,7 @@ const SLIPS: u16 = 1 << 15;
 
 /// What a page shows beside a frame's report.
 #[derive(Debug, Clone, Copy)]
-pub struct Look<'a> {
+pub struct FrameView<'a> {
     /// The map, newtons per taxel, row by row from the lowest y.
     pub newtons: &'a [[f32; 3]; TAXELS],
     /// The picture, square with an even side, 8 bits grey, row by row from the top. It is sent at half its side.
@@ -34,7 +34,7 @@ pub struct Look<'a> {
     pub settings: &'a Configuration,
 }
 
-/// A copy of a [`Look`].
+/// A copy of a [`FrameView`].
 #[derive(Debug, Clone)]
 pub(crate) struct Details {
     newtons: Box<[[f32; 3]; TAXELS]>,
@@ -45,12 +45,12 @@ pub(crate) struct Details {
 }
 
 impl Details {
-    pub(crate) fn of(look: Look<'_>, with_picture: bool) -> Self {
+    pub(crate) fn of(view: FrameView<'_>, with_picture: bool) -> Self {
         Self {
-            newtons: Box::new(*look.newtons),
-            picture: with_picture.then(|| look.picture.to_vec()),
-            rule: TaxelRule::of(look.settings),
-            limits: Limits::of(look.settings),
+            newtons: Box::new(*view.newtons),
+            picture: with_picture.then(|| view.picture.to_vec()),
+            rule: TaxelRule::of(view.settings),
+            limits: Limits::of(view.settings),
             sent: SystemTime::now(),
         }
     }
@@ -187,13 +187,13 @@ mod tests {
     fn an_event_is_one_line_of_json_with_a_picture_where_it_is_due() {
         let newtons = [[0.0; 3]; TAXELS];
         let picture = [7_u8; 16];
-        let look = Look {
+        let view = FrameView {
             newtons: &newtons,
             picture: &picture,
             settings: &Configuration::DEFAULT,
         };
         for with_picture in [true, false] {
-            let text = frame(&sample::report(4), &Details::of(look, with_picture));
+            let text = frame(&sample::report(4), &Details::of(view, with_picture));
             let data = text
                 .strip_prefix("event: frame\ndata: ")
                 .and_then(|rest| rest.strip_suffix("\n\n"))

@@ -14,11 +14,11 @@ use crate::site::Site;
 /// Frames that wait for the hub.
 const WAITING: usize = 64;
 /// How often the status is looked at.
-const LOOK_EVERY: Duration = Duration::from_millis(100);
+const POLL_PERIOD: Duration = Duration::from_millis(100);
 /// A status that stays the same is repeated, so that a page knows that it is still true.
 const REPEAT_EVERY: Duration = Duration::from_millis(500);
 
-/// A frame on its way to whoever reads.
+/// A frame on its way to the readers.
 pub(crate) struct Published {
     pub(crate) report: FrameReport,
     /// It goes to the readers of `/frames`.
@@ -47,9 +47,9 @@ impl Hub {
 }
 
 fn work(site: &Site, frames: &Receiver<Published>) {
-    let mut told = Told::default();
+    let mut told = LastSent::default();
     loop {
-        match frames.recv_timeout(LOOK_EVERY) {
+        match frames.recv_timeout(POLL_PERIOD) {
             Ok(Published {
                 report,
                 as_line,
@@ -66,7 +66,7 @@ fn work(site: &Site, frames: &Receiver<Published>) {
             Err(RecvTimeoutError::Disconnected) => break,
         }
         let now = Instant::now();
-        if site.events.is_wanted() && told.is_time_to_look(now) {
+        if site.events.is_wanted() && told.is_time_to_poll(now) {
             let status = site.handle.status();
             if told.is_due(&status, now) {
                 site.events.send(&event::status(&status).into());
@@ -79,16 +79,16 @@ fn work(site: &Site, frames: &Receiver<Published>) {
 
 /// What the pages were last told.
 #[derive(Default)]
-struct Told {
-    looked: Option<Instant>,
+struct LastSent {
+    polled: Option<Instant>,
     status: Option<(StatusReport, Instant)>,
 }
 
-impl Told {
-    fn is_time_to_look(&mut self, now: Instant) -> bool {
-        let is_time = self.looked.is_none_or(|looked| now - looked >= LOOK_EVERY);
+impl LastSent {
+    fn is_time_to_poll(&mut self, now: Instant) -> bool {
+        let is_time = self.polled.is_none_or(|polled| now - polled >= POLL_PERIOD);
         if is_time {
-            self.looked = Some(now);
+            self.polled = Some(now);
         }
         is_time
     }
@@ -105,7 +105,7 @@ impl Told {
     }
 }
 
-/// What changes with every frame is no news.
+/// The status without the values that change with every frame.
 fn without_counters(status: &StatusReport) -> StatusReport {
     StatusReport {
         frames: 0,
@@ -122,7 +122,7 @@ mod tests {
 
     #[test]
     fn news_is_told_at_once_and_the_rest_twice_a_second() {
-        let (mut told, start) = (Told::default(), Instant::now());
+        let (mut told, start) = (LastSent::default(), Instant::now());
         let at = |ms: u64| start + Duration::from_millis(ms);
         let mut status = StatusReport::default();
         assert!(told.is_due(&status, at(0)));
@@ -134,7 +134,7 @@ mod tests {
         assert!(!told.is_due(&status, at(600)));
         assert!(told.is_due(&status, at(700)));
         assert!(
-            told.is_time_to_look(at(0)) && !told.is_time_to_look(at(50)) && told.is_time_to_look(at(100))
+            told.is_time_to_poll(at(0)) && !told.is_time_to_poll(at(50)) && told.is_time_to_poll(at(100))
         );
     }
 }

@@ -25,7 +25,7 @@ mod sample;
 mod server;
 mod site;
 
-pub use event::Look;
+pub use event::FrameView;
 pub use live::{Live, LiveError};
 pub use metrics::{CAPTURE_PARTS, QUANTILES, Values};
 pub use routes::STREAMS;

@@ -1,4 +1,4 @@
-//! The loop's end of it: what a run leaves behind for whoever looks.
+//! The loop's end of the server: a run hands over frames and pictures here.
 
 use std::cell::Cell;
 use std::io;
@@ -11,7 +11,7 @@ use gripline_control::Handle;
 use gripline_protocol::SENSORS;
 use gripline_recording::telemetry::FrameReport;
 
-use crate::event::{Details, Look};
+use crate::event::{Details, FrameView};
 use crate::hub::{Hub, Published};
 use crate::metrics::Values;
 use crate::pace::Pace;
@@ -81,13 +81,13 @@ impl Live {
         self.address
     }
 
-    /// Leaves a frame for whoever wants it. `fill` brings the counters up to date; `look` is called only when a page wants this
+    /// Hands over a frame. `fill` brings the counters up to date; `view` is called only when a page wants this
     /// frame. Never waits.
     pub fn publish<'a>(
         &self,
         report: &FrameReport,
         fill: impl FnOnce(&mut Values),
-        look: impl FnOnce() -> Look<'a>,
+        view: impl FnOnce() -> FrameView<'a>,
     ) {
         let sensor = usize::from(report.sensor) % SENSORS;
         // Where a reader is looking just now, the next frame comes in a moment.
@@ -102,7 +102,7 @@ impl Live {
             .is_wanted()
             .then(|| self.due(sensor))
             .flatten()
-            .map(|with_picture| Details::of(look(), with_picture));
+            .map(|with_picture| Details::of(view(), with_picture));
         if as_line || details.is_some() {
             self.hub.offer(Published {
                 report: report.clone(),

@@ -40,7 +40,7 @@ pub const CAPTURE_PARTS: [&str; 3] = ["driver", "hand_over", "capture_to_link"];
 
 /// Names of the gate's verdicts.
 const GATES: [&str; 4] = ["no_contact", "unchanged", "network", "unhealthy"];
-/// What becomes of pictures that nobody looks at.
+/// Pictures that no page wanted.
 const LOST: [&str; 3] = ["missed", "overtaken", "damaged"];
 /// Names of the slip states.
 const STATES: [&str; 4] = ["NO_CONTACT", "STICK", "INCIPIENT", "SLIP"];

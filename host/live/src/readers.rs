@@ -1,4 +1,4 @@
-//! Who reads a stream: each has a short queue of its own, and what finds it full is missed.
+//! The readers of a stream: each has a short queue, and misses what comes while it is full.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};

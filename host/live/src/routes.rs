@@ -23,7 +23,7 @@ const EVENTS_WAITING: usize = 4;
 /// A page that lost its connection comes back after this time, milliseconds.
 const RETRY: &str = "retry: 1000\n\n";
 
-/// Answers a request over its connection; a stream lasts as long as somebody reads it.
+/// Answers a request over its connection; a stream lasts as long as its client reads.
 pub(crate) fn answer(stream: &TcpStream, request: &Head, body: &[u8], site: &Site) -> io::Result<()> {
     match (request.method, request.path.as_str()) {
         (Method::Get, "/frames") => streamed(stream, site, |stream, site| {

@@ -9,7 +9,7 @@ use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
 use gripline_control::{Answer, Inbox, Outcome, channel};
-use gripline_live::{Live, Look, STREAMS};
+use gripline_live::{FrameView, Live, STREAMS};
 use gripline_protocol::TAXELS;
 use gripline_protocol::message::{Configuration, FingertipGeometry, MapSums};
 use gripline_recording::telemetry::{FrameReport, STAGES, WitnessReport};
@@ -65,7 +65,7 @@ fn publish(live: &Live, frame: u64, looks: &Cell<u64>) {
         |values| values.frames = frame + 1,
         || {
             looks.set(looks.get() + 1);
-            Look {
+            FrameView {
                 newtons: &newtons,
                 picture: &picture,
                 settings: &Configuration::DEFAULT,
@@ -263,13 +263,13 @@ fn no_more_than_thirty_frames_and_ten_pictures_a_second_are_sent() {
     // The end of the run ends the stream.
     drop(live);
     let (frames, pictures) = reader.join().unwrap();
-    let most = |per_second: f64| (per_second * seconds).ceil() as u32 + 1;
+    let max = |per_second: f64| (per_second * seconds).ceil() as u32 + 1;
     assert!(
-        (5..=most(30.0)).contains(&frames),
+        (5..=max(30.0)).contains(&frames),
         "{frames} frames in {seconds} s"
     );
     assert!(
-        (2..=most(10.0)).contains(&pictures),
+        (2..=max(10.0)).contains(&pictures),
         "{pictures} pictures in {seconds} s"
     );
 }

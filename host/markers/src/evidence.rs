@@ -73,8 +73,8 @@ impl Hold {
 }
 
 /// The median of the newest values, this one among them.
-fn newest(values: &mut VecDeque<f32>, value: f32, most: usize) -> f32 {
-    if values.len() == most {
+fn newest(values: &mut VecDeque<f32>, value: f32, max: usize) -> f32 {
+    if values.len() == max {
         values.pop_front();
     }
     values.push_back(value);

@@ -179,13 +179,13 @@ impl Finger {
     /// still throughout is not told.
     #[must_use]
     pub fn untouched(&self, pictures: &[Filled]) -> Vec<bool> {
-        let least = pictures
+        let min = pictures
             .iter()
             .min_by(|a, b| self.unevenness(a).total_cmp(&self.unevenness(b)));
-        let Some(least) = least else {
+        let Some(min) = min else {
             return Vec::new();
         };
-        let rest = Rest::of(std::slice::from_ref(least), RestKind::Own);
+        let rest = Rest::of(std::slice::from_ref(min), RestKind::Own);
         pictures
             .iter()
             .map(|picture| {
@@ -246,7 +246,7 @@ impl Finger {
     fn doubt(&self, filled: &Filled, lost_share: f32) -> Option<Doubt> {
         let level = f64::from(filled.mean_level());
         let at_rest = self.rest.as_ref().and_then(|rest| rest.picture.as_ref());
-        let [least, most] = at_rest.map_or(self.health.rest_level, |rest| {
+        let [min, max] = at_rest.map_or(self.health.rest_level, |rest| {
             self.health
                 .brightness
                 .map(|share| share * f64::from(rest.mean_level()))
@@ -259,9 +259,9 @@ impl Finger {
                 .filter(|value| f64::from(**value) > self.health.overexposed_level);
             (over + above.count(), all + plane.values.len())
         });
-        if level < least {
+        if level < min {
             Some(Doubt::TooDark)
-        } else if level > most || over as f64 > self.health.overexposed_share * all as f64 {
+        } else if level > max || over as f64 > self.health.overexposed_share * all as f64 {
             Some(Doubt::TooBright)
         } else if f64::from(lost_share) > self.health.lost_share {
             Some(Doubt::MarkersLost)

@@ -31,7 +31,7 @@ pub struct Tracker {
     pitch_px: [f64; 2],
     diameter_px: [f64; 2],
     fewest: usize,
-    grid: Option<Found>,
+    grid: Option<MarkerGrid>,
     /// Red, green and blue, and their mean; working pixels.
     pub(crate) channels: [Plane; CHANNELS],
     grey: Plane,
@@ -44,7 +44,7 @@ pub struct Tracker {
 
 /// What the first picture told.
 #[derive(Debug, Clone)]
-struct Found {
+struct MarkerGrid {
     pitch_px: f32,
     threshold: f32,
     markers: Vec<Marker>,
@@ -176,7 +176,7 @@ impl Tracker {
         Ok(())
     }
 
-    fn look(&mut self, pitch_px: f32, known: Option<f32>) -> f32 {
+    fn find_blobs(&mut self, pitch_px: f32, known: Option<f32>) -> f32 {
         // Odd, so that it has a middle.
         let side = (CLOSING_PITCHES * pitch_px / WORKING as f32) as usize | 1;
         darkness(
@@ -202,7 +202,7 @@ impl Tracker {
     }
 
     /// The first picture: pitch and grid.
-    fn find(&mut self) -> Result<Found, MarkerError> {
+    fn find(&mut self) -> Result<MarkerGrid, MarkerError> {
         let range = self.pitch_px.map(|value| value as f32);
         let grey = self.grey.clone();
         // The square of the widest grid first; then that of the grid that was found.
@@ -211,7 +211,7 @@ impl Tracker {
         let mut level = 0.0;
         for _ in 0..2 {
             self.grey.clone_from(&grey);
-            level = self.look(pitch_px, None);
+            level = self.find_blobs(pitch_px, None);
             self.blobs.retain(|blob| !blob.cut);
             let points: Vec<_> = self.blobs.iter().map(|blob| blob.centre).collect();
             if let Some(found) = Grid::find(&points, range)
@@ -242,7 +242,7 @@ impl Tracker {
             })
             .collect();
         markers.sort_by_key(|marker| (marker.node.row, marker.node.column));
-        Ok(Found {
+        Ok(MarkerGrid {
             pitch_px,
             threshold: level,
             markers,
@@ -250,8 +250,8 @@ impl Tracker {
     }
 
     /// A later picture: every marker goes to the blob that it and its neighbours agree on.
-    fn follow(&mut self, found: &mut Found) {
-        self.look(found.pitch_px, Some(found.threshold));
+    fn follow(&mut self, found: &mut MarkerGrid) {
+        self.find_blobs(found.pitch_px, Some(found.threshold));
         let reach = STEP_REACH * found.pitch_px;
         let before: Vec<_> = found.markers.iter().map(|marker| marker.at_px).collect();
         let mut steps = vec![[0.0; 2]; before.len()];

@@ -157,7 +157,7 @@ struct Processed {
 }
 
 impl Processed {
-    /// Nobody looked.
+    /// Not compared.
     const NOTHING: Self = Self {
         gate: GateDecision::Unchanged,
         health: Health::GOOD,
@@ -177,7 +177,7 @@ pub struct ControlLoop {
     pub session: Session,
     /// The mode that the device was last asked for.
     asked: Option<ModeRequest>,
-    /// Why it has no effect, until somebody takes it.
+    /// Why it has no effect, until it is read.
     unconfirmed: Option<Unconfirmed>,
     /// The number of each fingertip's next map.
     sequences: [u32; SENSORS],
@@ -318,7 +318,7 @@ impl ControlLoop {
         self.asked.is_some_and(|asked| asked.is_waiting())
     }
 
-    /// Lets the link work for so long between two frames; a real one takes what came, and nobody waits.
+    /// Lets the link work for so long between two frames; a real one takes what came and does not wait.
     ///
     /// # Errors
     /// [`PipelineError`] when the link is gone.
@@ -387,7 +387,7 @@ impl ControlLoop {
         Ok(self.session.run_until(until_us)?)
     }
 
-    /// Lets the link work until then. Where time passes by itself nobody waits for more than the answer to `map`, the fingertip and the
+    /// Lets the link work until then. Where time passes by itself this waits for the answer to `map` only, the fingertip and the
     /// number of the map that was sent last: who asks for something meanwhile is heard.
     fn work_until_answered(&mut self, map: Option<(u8, u32)>, until_us: u64) -> Result<(), PipelineError> {
         if !self.session.is_real_time() {

@@ -19,7 +19,7 @@ enum State {
     Waiting { sent_us: Option<u64> },
     /// A status shows the mode.
     Confirmed,
-    /// Nobody waits for that any more.
+    /// No request waits for that any more.
     GivenUp,
 }
 

@@ -211,7 +211,7 @@ impl Pipeline {
                 self.judgement = Judgement::of(&self.map, self.judgement.rule);
             }
             GateDecision::Infer if doubt.is_good() => self.accept_output()?,
-            GateDecision::Infer | GateDecision::Unhealthy => self.look_afresh(),
+            GateDecision::Infer | GateDecision::Unhealthy => self.compare_afresh(),
             GateDecision::Unchanged => {}
         }
         let [downsample_us, gate_us, mut network_us] = stages_us;
@@ -235,18 +235,18 @@ impl Pipeline {
     /// Makes the network's output the map.
     fn accept_output(&mut self) -> Result<(), NotFinite> {
         drop_untouched(&mut self.output, self.contact_min_n);
-        let quantised = ForceMap::quantise(&self.output).inspect_err(|_| self.look_afresh())?;
+        let quantised = ForceMap::quantise(&self.output).inspect_err(|_| self.compare_afresh())?;
         (*self.map, self.saturated) = quantised;
         *self.newtons = *self.output;
         self.judgement = Judgement::of(&self.map, self.judgement.rule);
         if stick_ratio_below(&self.judgement.sums, SURE_STICK_RATIO) {
-            self.look_afresh();
+            self.compare_afresh();
         }
         Ok(())
     }
 
     /// The next picture goes through the network, whatever it is compared with.
-    fn look_afresh(&mut self) {
+    fn compare_afresh(&mut self) {
         match &mut self.stage {
             Stage::Particles(stage) => stage.scene.force_inference(),
             // Markers are looked at in every picture.

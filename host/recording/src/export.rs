@@ -14,7 +14,7 @@ use crate::reader::{Completeness, Reader, RecordedFrame, messages_of};
 use crate::status::RecordedStatus;
 use crate::units;
 
-/// Columns of `frames.csv`; `stick_ratio` is empty when nothing touches, those of the truth when nobody knows it.
+/// Columns of `frames.csv`; `stick_ratio` is empty when nothing touches, those of the truth when it is unknown.
 const HEADER: &str = "frame,t_s,gate,health,fn,fx,fy,ft,mz,contact,stick,stick_ratio,coulomb_slip,state,line_n,latency_us,\
                       faults,truth_phase,truth_fn,truth_ft,truth_stick_ratio,truth_gross_slip,truth_slip_mm,sensor,\
                       slip_evidence";

@@ -2,7 +2,7 @@
 //! is dropped and counted, pictures first.
 //!
 //! A kill loses at most what is in the queue and in the chunk under way ([`FLUSH`]): under a second while the disk keeps up. A power cut loses up to [`SYNC`] more. A disk that fails ends the recording, not the run.
-//! Whoever drops the recorder waits for the end of its file; one without a frame is removed.
+//! Dropping the recorder waits for the end of its file; a file without a frame is removed.
 
 use std::fs::File;
 use std::io::{self, BufWriter, Write};

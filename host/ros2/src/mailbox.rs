@@ -1,4 +1,4 @@
-//! A place for the newest frame of each fingertip. Who leaves one waits for nobody; who takes them waits for news.
+//! A place for the newest frame of each fingertip. The writer never waits; the reader waits for the next frame.
 
 use std::sync::{Condvar, Mutex, PoisonError};
 use std::time::Duration;

@@ -30,7 +30,7 @@ pub struct Settings {
     pub range: Range,
     /// How services travel.
     pub rmw: Rmw,
-    /// Whether there are services: whoever reaches the domain may then ask the gripper to move.
+    /// Whether there are services: every participant of the domain may then ask the gripper to move.
     pub control: bool,
     /// Fingertips, 1 or 2.
     pub fingertips: u8,
@@ -106,7 +106,7 @@ impl Ros2Node {
         })
     }
 
-    /// Leaves a frame for the publisher; waits for nobody.
+    /// Leaves a frame for the publisher; never waits.
     pub fn publish(&self, sample: Sample) {
         self.mailbox.leave(sample);
     }

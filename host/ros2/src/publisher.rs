@@ -16,7 +16,7 @@ use crate::mailbox::Mailbox;
 /// Without a change the diagnostics are said so often.
 const DIAGNOSTICS_EVERY: Duration = Duration::from_secs(1);
 /// A change is looked for so often.
-const LOOK_EVERY: Duration = Duration::from_millis(50);
+const POLL_PERIOD: Duration = Duration::from_millis(50);
 
 /// Topics of a fingertip.
 pub(crate) struct FingertipTopics {
@@ -35,7 +35,7 @@ pub(crate) struct Publisher {
     health: [Option<DiagnosticStatus>; SENSORS],
     /// What was said last, and when.
     said: Option<(Instant, Vec<DiagnosticStatus>)>,
-    looked: Option<Instant>,
+    polled: Option<Instant>,
 }
 
 impl Publisher {
@@ -52,18 +52,18 @@ impl Publisher {
             handle,
             health: [None, None],
             said: None,
-            looked: None,
+            polled: None,
         }
     }
 
     /// Publishes until there is no more.
     pub(crate) fn run(mut self, mailbox: &Arc<Mailbox>) {
-        while let Some(frames) = mailbox.take(LOOK_EVERY) {
+        while let Some(frames) = mailbox.take(POLL_PERIOD) {
             for sample in frames.into_iter().flatten() {
                 self.frame(&sample);
             }
-            if self.looked.is_none_or(|at| at.elapsed() >= LOOK_EVERY) {
-                self.looked = Some(Instant::now());
+            if self.polled.is_none_or(|at| at.elapsed() >= POLL_PERIOD) {
+                self.polled = Some(Instant::now());
                 self.diagnose();
             }
         }

@@ -62,7 +62,7 @@ impl Sensor {
         })
     }
 
-    /// The one that is meant where nobody names one.
+    /// The default sensor.
     ///
     /// # Errors
     /// Never, as long as the shipped description is whole: a test reads it.
@@ -193,16 +193,16 @@ fn read_markers(markers: &Section<'_>) -> Markers {
         diameter_mm: markers.span("diameter_mm", 0.005..=20.0),
         depth_mm: markers.span("depth_mm", 0.0..=50.0),
         count: {
-            let [fewest, most] = markers.wholes("count", 1..=1_000_000);
-            if fewest > most {
+            let [fewest, max] = markers.wholes("count", 1..=1_000_000);
+            if fewest > max {
                 markers.note(
                     "count",
-                    &format!("[{fewest}, {most}]"),
+                    &format!("[{fewest}, {max}]"),
                     "fewest and most",
                     "swap the two",
                 );
             }
-            [fewest, most]
+            [fewest, max]
         },
     }
 }
@@ -235,8 +235,8 @@ mod tests {
         }
         let mini = Sensor::named(Path::new("gelsight-mini")).unwrap();
         // Recordings of this sensor have markers 31.7 and 44 pixels apart.
-        let [least, most] = mini.pitch_px().unwrap();
-        assert!(least < 31.7 && most > 44.0, "{least} {most}");
+        let [min, max] = mini.pitch_px().unwrap();
+        assert!(min < 31.7 && max > 44.0, "{min} {max}");
     }
 
     #[test]

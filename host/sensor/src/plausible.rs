@@ -35,11 +35,11 @@ pub(crate) fn check(sensor: &Sensor, sections: &[Section<'_>; 6]) {
         );
     }
     let [field_x, field_y] = sensor.view.field_mm;
-    if let (MarkerKind::Plane, Some([least, most])) = (sensor.markers.kind, sensor.markers.pitch_mm) {
-        if sensor.markers.diameter_mm[1] >= 0.8 * least {
+    if let (MarkerKind::Plane, Some([min, max])) = (sensor.markers.kind, sensor.markers.pitch_mm) {
+        if sensor.markers.diameter_mm[1] >= 0.8 * min {
             markers.note(
                 "diameter_mm",
-                &format!("up to {} at a pitch of {least}", sensor.markers.diameter_mm[1]),
+                &format!("up to {} at a pitch of {min}", sensor.markers.diameter_mm[1]),
                 "less than four fifths of the pitch, so that markers do not touch",
                 "measure both",
             );
@@ -54,8 +54,8 @@ pub(crate) fn check(sensor: &Sensor, sections: &[Section<'_>; 6]) {
         }
         let seen = |pitch: f64, zoom: f64| field_x * field_y / (pitch * zoom).powi(2);
         let possible = [
-            seen(most, sensor.view.zoom[1]) / COUNTS,
-            seen(least, sensor.view.zoom[0]) * COUNTS,
+            seen(max, sensor.view.zoom[1]) / COUNTS,
+            seen(min, sensor.view.zoom[0]) * COUNTS,
         ];
         let [fewest, largest] = sensor.markers.count.map(|count| count as f64);
         if largest < possible[0] || fewest > possible[1] {

@@ -65,7 +65,7 @@ impl<'a> Section<'a> {
         !self.problems.borrow().is_empty()
     }
 
-    /// Notes every key that nobody asked for.
+    /// Notes every key that was not read.
     pub(crate) fn finish(&self) {
         let known = self.known.borrow();
         for key in self.table.into_iter().flat_map(DeTable::keys) {
@@ -123,16 +123,11 @@ impl<'a> Section<'a> {
 
     /// Least and most, both in `range`.
     pub(crate) fn span(&self, key: &'static str, range: RangeInclusive<f64>) -> [f64; 2] {
-        let [least, most] = self.numbers(key, range);
-        if least > most {
-            self.note(
-                key,
-                &format!("[{least}, {most}]"),
-                "least and most",
-                "swap the two",
-            );
+        let [min, max] = self.numbers(key, range);
+        if min > max {
+            self.note(key, &format!("[{min}, {max}]"), "least and most", "swap the two");
         }
-        [least, most]
+        [min, max]
     }
 
     /// So many whole numbers in `range`.

@@ -109,7 +109,7 @@ fn scene(object: &Object) -> GraspScene {
             [0.6 * pull, -0.8 * pull],
             Course::smooth(vec![[3.0, 0.0], [3.4, 1.0], [3.6, 1.0], [3.8, 0.0]]),
         ),
-        Pull::twist(
+        Pull::torsion(
             3.0 * pull,
             Course::smooth(vec![[3.8, 0.0], [4.2, 1.0], [4.4, 0.0]]),
         ),

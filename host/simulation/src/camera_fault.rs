@@ -1,4 +1,4 @@
-//! What goes wrong with a camera, done to its 440 x 440 crops: for tests and calibration of whoever must notice.
+//! What goes wrong with a camera, done to its 440 x 440 crops: for tests and calibration of the checks that must notice.
 //! Units: gray levels, pixels, mm. Limits: every fault is whole and steady; nothing comes and goes.
 
 use crate::camera::Camera;

@@ -278,10 +278,10 @@ mod tests {
         let samples = 40_000;
         // 60 frames a second fold the flicker of 100 Hz to 20 Hz.
         let at = |seed: u64, i: usize| motion.at(seed, i as f64 / 60.0);
-        let (mut sum, mut most, mut step) = (0.0, 0.0_f64, 0.0_f64);
+        let (mut sum, mut max, mut step) = (0.0, 0.0_f64, 0.0_f64);
         for i in 0..samples {
             sum += at(7, i);
-            most = most.max((at(7, i) - 1.0).abs());
+            max = max.max((at(7, i) - 1.0).abs());
             step = step.max((at(7, i + 1) - at(7, i)).abs());
         }
         assert!(
@@ -289,7 +289,7 @@ mod tests {
             "mean {}",
             sum / samples as f64
         );
-        assert!(most <= 0.07 && most > 0.05, "{most}");
+        assert!(max <= 0.07 && max > 0.05, "{max}");
         assert!(step > 0.02, "no flicker: {step}");
         let bits = |seed: u64| at(seed, 100).to_bits();
         assert!(bits(7) == bits(7) && bits(7) != bits(8));

@@ -392,10 +392,10 @@ mod tests {
             );
         }
         assert!(frames[8].2 > frames[7].2 && (frames[11].2 - 0.7).abs() < 1e-9);
-        let (pose, pull, twist) = drag.unwrap();
+        let (pose, pull, torsion) = drag.unwrap();
         assert!((pose.at_mm[0] - 1.4).abs() < 1e-9 && (pose.turn_rad - 3.0_f64.to_radians()).abs() < 1e-9);
         // The gel is taken along: forces and moment in the direction of the motion.
-        assert!(pull > 0.1 && twist > 0.1, "{pull} N, {twist} N·mm");
+        assert!(pull > 0.1 && torsion > 0.1, "{pull} N, {torsion} N·mm");
         assert!(frames[20].1 < frames[19].1 && frames[23].1 == 0.0);
     }
 

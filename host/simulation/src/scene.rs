@@ -133,8 +133,8 @@ impl GripScene {
         fingertip.render(self.world.truth(finger), &mut image);
         let frame = self.world.frame();
         let half = if finger == 0 { 0.5 } else { -0.5 };
-        let [pull_x, pull_y, twist] = frame.load;
-        let [pull_x, pull_y, twist] = [half * pull_x, 0.5 * pull_y, half * twist];
+        let [pull_x, pull_y, torsion] = frame.load;
+        let [pull_x, pull_y, torsion] = [half * pull_x, 0.5 * pull_y, half * torsion];
         let finger = &frame.fingers[finger];
         Ok(SceneFrame {
             time_s: self.time_s,
@@ -143,7 +143,7 @@ impl GripScene {
             load: Load {
                 normal_n: frame.grip_n,
                 shear_n: [pull_x, pull_y],
-                torsional_moment_nmm: twist,
+                torsional_moment_nmm: torsion,
             },
             true_stick_ratio: finger.stick_ratio,
             gross_slip: finger.gross_slip,
@@ -228,7 +228,7 @@ fn next_grasp(places: &mut Random) -> GraspScene {
             SCENE_PULL_DIRECTION.map(|part| part * 2.0 * SCENE_PULL_N),
             course([3.5, 6.0, 6.5, 7.5]),
         ),
-        Pull::twist(2.0 * SCENE_TORSIONAL_MOMENT_NMM, course([7.5, 9.0, 9.4, 10.2])),
+        Pull::torsion(2.0 * SCENE_TORSIONAL_MOMENT_NMM, course([7.5, 9.0, 9.4, 10.2])),
     ];
     scene
 }

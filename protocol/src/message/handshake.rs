@@ -74,7 +74,7 @@ pub const IMAGE_IDENTITY_AT: usize = 0x200;
 pub const BOARDS: [&str; 3] = ["host", "stm32f405rg", "stm32f427vi"];
 
 impl Hello {
-    /// What this build says of itself; whoever knows its commit adds it.
+    /// What this build says of itself; the program that knows its commit adds it.
     #[must_use]
     pub const fn of_this_build(board: u8, session: u32) -> Self {
         Self {

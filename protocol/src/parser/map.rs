@@ -66,7 +66,7 @@ impl MapParser {
         self.abandoned
     }
 
-    /// Counts a packet that somebody else refused, and drops the map in progress.
+    /// Counts a packet that another receiver refused, and drops the map in progress.
     pub fn refuse(&mut self) {
         self.refused = self.refused.wrapping_add(1);
         self.map = None;

@@ -5,6 +5,7 @@ use std::path::Path;
 
 use gripline_firmware::slip::SlipDetector;
 use gripline_firmware::sums::{TaxelRule, stick_ratio_below, sums_of};
+use gripline_firmware::{DeviceMicros, HostMicros};
 use gripline_network::scene::{GateDecision, GateKind};
 use gripline_network::tracked::TrackedNetwork;
 use gripline_network::{Architecture, Evaluation, InstructionSet, Network, Precision};
@@ -65,7 +66,7 @@ impl Variant {
 
 /// All that can be chosen.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct Way {
+pub(crate) struct Choice {
     pub(crate) network: Variant,
     pub(crate) gate: GateKind,
     pub(crate) evaluation: Evaluation,
@@ -75,40 +76,40 @@ pub(crate) struct Way {
 }
 
 /// All of them; the first of each network skips nothing and is what the others are compared with.
-pub(crate) fn ways(instructions: InstructionSet) -> Vec<Way> {
-    let way = |network, gate, evaluation| Way {
+pub(crate) fn choices(instructions: InstructionSet) -> Vec<Choice> {
+    let choice = |network, gate, evaluation| Choice {
         network,
         gate,
         evaluation,
         instructions,
         every: 1,
     };
-    let mut ways = Vec::new();
+    let mut choices = Vec::new();
     for network in Variant::ALL {
-        ways.push(way(network, GateKind::Off, Evaluation::Dense));
+        choices.push(choice(network, GateKind::Off, Evaluation::Dense));
         if [Variant::Tracked, Variant::Unet].contains(&network) {
-            ways.push(way(network, GateKind::Off, Evaluation::Skip));
-            ways.push(way(network, GateKind::Difference, Evaluation::Skip));
+            choices.push(choice(network, GateKind::Off, Evaluation::Skip));
+            choices.push(choice(network, GateKind::Difference, Evaluation::Skip));
         }
-        ways.push(way(network, GateKind::Network, Evaluation::Skip));
+        choices.push(choice(network, GateKind::Network, Evaluation::Skip));
     }
     // `unet` knows no noise.
     for gate in [GateKind::Off, GateKind::Difference, GateKind::Network] {
-        ways.push(way(Variant::Tracked, gate, Evaluation::SkipNoise));
+        choices.push(choice(Variant::Tracked, gate, Evaluation::SkipNoise));
     }
-    let default = way(Variant::Tracked, GateKind::default(), Evaluation::default());
-    ways.push(Way { every: 2, ..default });
+    let default = choice(Variant::Tracked, GateKind::default(), Evaluation::default());
+    choices.push(Choice { every: 2, ..default });
     let others = InstructionSet::ALL
         .into_iter()
         .filter(|set| set.is_available() && *set != instructions);
-    ways.extend(others.map(|instructions| Way {
+    choices.extend(others.map(|instructions| Choice {
         instructions,
         ..default
     }));
-    ways
+    choices
 }
 
-impl Way {
+impl Choice {
     pub(crate) fn name(self) -> String {
         let skip = match self.evaluation {
             Evaluation::Dense => "nothing skipped",
@@ -161,7 +162,7 @@ struct Seen {
 /// One way over one scene.
 pub(crate) struct Row {
     pub(crate) kind: Kind,
-    pub(crate) way: Way,
+    pub(crate) choice: Choice,
     pub(crate) frames: usize,
     /// Downsampling, gate, network, rounding: of frames that the network saw, and of those that it did not.
     pub(crate) full_us: Vec<f64>,
@@ -197,23 +198,23 @@ pub(crate) fn measure(
     let mut rows = Vec::new();
     for scene in scenes {
         told(scene.kind.name());
-        let ways = ways(instructions);
+        let choices = choices(instructions);
         let mut pipelines = Vec::new();
-        for way in &ways {
-            let network = way.network.network()?.with_instructions(way.instructions)?;
-            let network = network.with_evaluation(way.evaluation);
+        for choice in &choices {
+            let network = choice.network.network()?.with_instructions(choice.instructions)?;
+            let network = network.with_evaluation(choice.evaluation);
             let settings = settings_for(&network);
             let rule = TaxelRule::of(&settings);
-            let pipeline = Pipeline::new(network, &scene.rest, way.gate, rule);
+            let pipeline = Pipeline::new(network, &scene.rest, choice.gate, rule);
             pipelines.push((pipeline, settings, SlipDetector::new()));
         }
-        let mut seen: Vec<Vec<Seen>> = vec![Vec::new(); ways.len()];
-        let mut wires = vec![Wire::default(); ways.len()];
+        let mut seen: Vec<Vec<Seen>> = vec![Vec::new(); choices.len()];
+        let mut wires = vec![Wire::default(); choices.len()];
         for (number, frame) in (0_u32..).zip(&scene.frames) {
             // In turns, so that what else the machine does falls on all of them.
             for (place, (pipeline, settings, detector)) in pipelines.iter_mut().enumerate() {
                 if let Some(last) = seen[place].last().copied()
-                    && !(number as usize).is_multiple_of(ways[place].every)
+                    && !(number as usize).is_multiple_of(choices[place].every)
                 {
                     // What was decided stands.
                     seen[place].push(Seen {
@@ -227,7 +228,12 @@ pub(crate) fn measure(
                 let rule = TaxelRule::of(settings);
                 let sums = sums_of(processed.map, rule);
                 let now_us = (f64::from(number) * 1e6 / FRAMES_PER_SECOND) as u64;
-                let judgement = detector.update(&sums, now_us as u32, now_us + 1_000_000, settings);
+                let judgement = detector.update(
+                    &sums,
+                    HostMicros(now_us as u32),
+                    DeviceMicros(now_us + 1_000_000),
+                    settings,
+                );
                 detector.observe(&sums);
                 seen[place].push(Seen {
                     sums,
@@ -239,12 +245,12 @@ pub(crate) fn measure(
                 wires[place].add(number, processed.map);
             }
         }
-        for (place, way) in ways.iter().enumerate() {
-            let measure = ways
+        for (place, choice) in choices.iter().enumerate() {
+            let measure = choices
                 .iter()
-                .position(|other| other.network == way.network && other.is_measure());
+                .position(|other| other.network == choice.network && other.is_measure());
             let plain = &seen[measure.unwrap_or(place)];
-            rows.push(row(scene, *way, &seen[place], plain, wires[place]));
+            rows.push(row(scene, *choice, &seen[place], plain, wires[place]));
         }
     }
     Ok(rows)
@@ -260,10 +266,10 @@ impl Wire {
     }
 }
 
-fn row(scene: &Scene, way: Way, seen: &[Seen], plain: &[Seen], wire: Wire) -> Row {
+fn row(scene: &Scene, choice: Choice, seen: &[Seen], plain: &[Seen], wire: Wire) -> Row {
     let mut row = Row {
         kind: scene.kind,
-        way,
+        choice,
         frames: seen.len(),
         full_us: seen
             .iter()

@@ -375,8 +375,8 @@ pub(crate) fn measure(maps: &Maps, rounds: usize, numpy: &mut Option<Numpy>) -> 
             };
             row.times_s.push(seconds.iter().sum::<f64>() / maps.len() as f64);
             row.blocks_s.resize(seconds.len(), f64::INFINITY);
-            for (least, seconds) in row.blocks_s.iter_mut().zip(seconds) {
-                *least = least.min(seconds);
+            for (min, seconds) in row.blocks_s.iter_mut().zip(seconds) {
+                *min = min.min(seconds);
             }
         }
     }

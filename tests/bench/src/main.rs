@@ -69,10 +69,10 @@ fn arguments() -> Result<Arguments, String> {
     let mut words = std::env::args().skip(1);
     while let Some(word) = words.next() {
         let mut value = || words.next().ok_or(format!("{word}: found nothing after it"));
-        let number = |text: String, least: u64| {
-            let number = text.parse().ok().filter(|number| *number >= least);
+        let number = |text: String, min: u64| {
+            let number = text.parse().ok().filter(|number| *number >= min);
             number.ok_or(format!(
-                "{word}: found `{text}` instead of a number from {least} on"
+                "{word}: found `{text}` instead of a number from {min} on"
             ))
         };
         match word.as_str() {

@@ -144,7 +144,7 @@ impl Report {
     /// What must hold.
     pub(crate) fn measures(&self) -> Vec<Measure> {
         let mut measures = Vec::new();
-        let mut most = |what: String, value: f64| {
+        let mut max = |what: String, value: f64| {
             measures.push(Measure {
                 what,
                 value,
@@ -160,7 +160,7 @@ impl Report {
                 Variant::Incremental,
             ] {
                 if let Some(errors) = stage.row(variant).and_then(|row| row.errors) {
-                    most(
+                    max(
                         format!(
                             "{}, {}: maps decided otherwise than by exact arithmetic",
                             stage.name,
@@ -172,16 +172,16 @@ impl Report {
             }
         }
         let differ: usize = self.chain.iter().map(|row| row.wire.differ).sum();
-        most(
+        max(
             "maps whose sums the sparse wire or the way packet by packet changed".to_owned(),
             differ as f64,
         );
         for (name, [decisions, states]) in self.changed() {
-            most(
+            max(
                 format!("{name}: slip decisions changed by skipping"),
                 decisions as f64,
             );
-            most(
+            max(
                 format!("{name}: states changed by skipping, INCIPIENT included"),
                 states as f64,
             );
@@ -213,9 +213,9 @@ impl Report {
         for row in self
             .chain
             .iter()
-            .filter(|row| row.way.is_judged(self.instructions))
+            .filter(|row| row.choice.is_judged(self.instructions))
         {
-            let name = row.way.name();
+            let name = row.choice.name();
             if let Some((_, sum)) = sums.iter_mut().find(|(other, _)| *other == name) {
                 *sum = [sum[0] + row.changed[0], sum[1] + row.changed[1]];
             } else {
@@ -279,7 +279,7 @@ impl Report {
                 text,
                 "  {:<14} {:<27} {:>8.1} {:>8} {:>8} {:>5.0} % {:>7} {:>7} {:>6} {:>4}/{:<3} {:>8} {:>3}, {:<3} {:>8.0}",
                 row.kind.name(),
-                row.way.label(self.instructions),
+                row.choice.label(self.instructions),
                 row.frame_us(),
                 optional(quiet(&row.full_us), 1),
                 optional(quiet(&row.skipped_us), 1),
@@ -310,10 +310,10 @@ impl Report {
             for row in &rows {
                 let plain = rows
                     .iter()
-                    .find(|other| other.way.network == row.way.network && other.way.is_measure());
-                if let Some(plain) = plain.filter(|_| !row.way.is_measure()) {
+                    .find(|other| other.choice.network == row.choice.network && other.choice.is_measure());
+                if let Some(plain) = plain.filter(|_| !row.choice.is_measure()) {
                     let share = row.frame_us() / plain.frame_us();
-                    let _ = write!(line, " {}: {:.2};", row.way.name(), share);
+                    let _ = write!(line, " {}: {:.2};", row.choice.name(), share);
                 }
             }
             let bytes: usize = rows.iter().map(|row| row.wire.bytes).sum();
@@ -328,7 +328,7 @@ impl Report {
             .iter()
             .map(|row| {
                 json!({
-                    "scene": row.kind.name(), "way": row.way.label(self.instructions), "frames": row.frames, "frame_us": row.frame_us(),
+                    "scene": row.kind.name(), "way": row.choice.label(self.instructions), "frames": row.frames, "frame_us": row.frame_us(),
                     "full_us": quiet(&row.full_us), "skipped_us": quiet(&row.skipped_us), "skipped": row.skipped_us.len(),
                     "normal_force_median_error": median(&row.normal_off), "shear_force_median_error": median(&row.shear_off),
                     "stick_ratio_mean_error": mean(&row.ratio_off), "decision_flips": row.flips, "lead_ms": row.lead_ms,
@@ -365,13 +365,13 @@ impl Report {
     /// Chain: mean milliseconds a frame over all scenes against wrong slip decisions a minute.
     pub(crate) fn chain_points(&self) -> Vec<Point> {
         let mut points: Vec<Point> = Vec::new();
-        for way in crate::chain::ways(self.instructions) {
-            let rows: Vec<&ChainRow> = self.chain.iter().filter(|row| row.way == way).collect();
+        for choice in crate::chain::choices(self.instructions) {
+            let rows: Vec<&ChainRow> = self.chain.iter().filter(|row| row.choice == choice).collect();
             let times: Vec<f64> = rows.iter().map(|row| row.frame_us()).collect();
             let [flips, frames] = [|row: &ChainRow| row.flips, |row: &ChainRow| row.frames]
                 .map(|count| rows.iter().map(|row| count(row)).sum::<usize>() as f64);
             points.push(Point {
-                label: way.label(self.instructions),
+                label: choice.label(self.instructions),
                 time: mean(&times) * 1e-3,
                 error: flips / (frames / FRAMES_PER_SECOND / 60.0),
                 is_peer: false,

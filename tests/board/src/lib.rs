@@ -20,7 +20,7 @@ pub const TICK_US: u64 = 1_000;
 pub struct TestBoard {
     /// The program with both ends of its messages.
     pub device: Device,
-    /// What it sent and nobody took yet.
+    /// What it sent and the host has not taken yet.
     pub replies: VecDeque<Packet>,
     now_us: u64,
     next_tick_us: u64,
@@ -110,7 +110,7 @@ impl TestBoard {
         );
     }
 
-    /// Starts anew with what `start` knows. It is back after `down_us`.
+    /// Restarts with what `start` knows. It is back after `down_us`.
     pub fn start_anew(&mut self, start: Start, down_us: u64) {
         self.device = Device::new(start);
         self.replies.clear();

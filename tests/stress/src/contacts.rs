@@ -25,7 +25,7 @@ pub(crate) struct Contact {
     /// Of the pull.
     pub(crate) way_rad: f64,
     /// 0 pulls, 1 twists.
-    pub(crate) twist: f64,
+    pub(crate) torsion_share: f64,
 }
 
 impl Contact {
@@ -43,7 +43,7 @@ impl Contact {
             friction: random.random_range(0.5..1.0),
             share: random.random_range(0.0..1.05),
             way_rad: random.random_range(0.0..TAU),
-            twist: if random.random_bool(0.5) {
+            torsion_share: if random.random_bool(0.5) {
                 0.0
             } else {
                 random.random_range(0.0..1.0)
@@ -72,12 +72,12 @@ impl Contact {
             let shear_n = self.friction * self.peak_n * (pressure - held);
             let round = y.atan2(x) + TAU / 4.0;
             let pull = [
-                (1.0 - self.twist) * self.way_rad.cos(),
-                (1.0 - self.twist) * self.way_rad.sin(),
+                (1.0 - self.torsion_share) * self.way_rad.cos(),
+                (1.0 - self.torsion_share) * self.way_rad.sin(),
             ];
             let way = [
-                pull[0] + self.twist * round.cos(),
-                pull[1] + self.twist * round.sin(),
+                pull[0] + self.torsion_share * round.cos(),
+                pull[1] + self.torsion_share * round.sin(),
             ];
             let length = way[0].hypot(way[1]).max(1e-12);
             *force = [

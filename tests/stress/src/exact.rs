@@ -109,8 +109,8 @@ fn parts(value: f64) -> (i64, i32) {
 /// Finite numbers as integers over one common power of two.
 fn aligned(values: [f64; 3]) -> [BigInt; 3] {
     let parts = values.map(parts);
-    let least = parts.iter().map(|(_, power)| *power).min().unwrap_or(0);
-    parts.map(|(mantissa, power)| BigInt::from(mantissa) << (power - least) as usize)
+    let min = parts.iter().map(|(_, power)| *power).min().unwrap_or(0);
+    parts.map(|(mantissa, power)| BigInt::from(mantissa) << (power - min) as usize)
 }
 
 /// Whether a force of any binary fractions sticks; for fz > 0.

@@ -33,14 +33,14 @@ pub struct Check {
     /// What was found.
     pub found: f64,
     /// The most it may be.
-    pub most: f64,
+    pub max: f64,
 }
 
 impl Check {
     /// The figure is within its bound (no NaN is).
     #[must_use]
     pub fn holds(&self) -> bool {
-        self.found <= self.most
+        self.found <= self.max
     }
 }
 
@@ -67,11 +67,11 @@ impl Sweep {
         self.rows.push(cells);
     }
 
-    pub(crate) fn check(&mut self, what: impl Into<String>, found: f64, most: f64) {
+    pub(crate) fn check(&mut self, what: impl Into<String>, found: f64, max: f64) {
         self.checks.push(Check {
             what: what.into(),
             found,
-            most,
+            max,
         });
     }
 
@@ -103,7 +103,7 @@ impl Sweep {
         let checks: Vec<Value> = self
             .checks
             .iter()
-            .map(|check| json!({"what": check.what, "found": check.found, "most": check.most, "holds": check.holds()}))
+            .map(|check| json!({"what": check.what, "found": check.found, "most": check.max, "holds": check.holds()}))
             .collect();
         json!({"name": self.name, "about": self.about, "holds": self.holds(), "rows": rows, "checks": checks, "notes": self.notes})
     }
@@ -175,7 +175,7 @@ impl Check {
             "{}: {}, at most {}: {}",
             self.what,
             number(self.found),
-            number(self.most),
+            number(self.max),
             if self.holds() { "held" } else { "MISSED" }
         )
     }

@@ -242,7 +242,7 @@ impl Board {
     /// The DAC shows the very force that the status tells, as the live-zero line demands.
     pub(crate) fn assert_line(&self, status: &Status, expected_lsb: i32, what: &str) {
         assert_eq!(status.line, expected_lsb, "{what}: the line in the status");
-        let code = DAC_LIVE_ZERO.code(GripForce::from_lsb(expected_lsb));
+        let code = code(expected_lsb);
         assert_eq!(
             self.session.line_code(),
             Some(code),
@@ -264,7 +264,7 @@ impl Board {
 }
 
 pub(crate) fn code(lsb: i32) -> u16 {
-    DAC_LIVE_ZERO.code(GripForce::from_lsb(lsb))
+    DAC_LIVE_ZERO.code(GripForce::from_lsb(lsb)).0
 }
 
 #[track_caller]

@@ -86,7 +86,7 @@ fn a_slipping_map_raises_the_line_up_to_the_ceiling() {
         "100 ms of slip raise the grip by more than a newton"
     );
     // The line went on rising after that status was written.
-    let told = DAC_LIVE_ZERO.code(GripForce::from_lsb(later.line));
+    let told = DAC_LIVE_ZERO.code(GripForce::from_lsb(later.line)).0;
     assert!(
         board.session.line_code() >= Some(told),
         "the DAC is behind the status"
@@ -250,13 +250,10 @@ fn the_firmwares_clock_keeps_to_the_boards() {
         let uptime_us = u64::from(board.answer(&map(step % 60)).uptime_ms) * 1_000;
         offsets_us.push((board.link().powered_ns() / 1_000).cast_signed() - uptime_us.cast_signed());
     }
-    let (least, most) = (offsets_us.iter().min().unwrap(), offsets_us.iter().max().unwrap());
-    println!("behind the board's power by {least} to {most} us");
+    let (min, max) = (offsets_us.iter().min().unwrap(), offsets_us.iter().max().unwrap());
+    println!("behind the board's power by {min} to {max} us");
     // The crystal starts first; then whole milliseconds are told, in steps of one.
-    assert!(
-        (0..3_000).contains(least) && most - least <= 3_000,
-        "{least} to {most}"
-    );
+    assert!((0..3_000).contains(min) && max - min <= 3_000, "{min} to {max}");
     assert!(board.session.status().unwrap().uptime_ms > 8_500);
 }
 
@@ -299,13 +296,13 @@ fn a_cable_pulled_in_mid_map_tightens_the_grip_and_a_replugged_one_serves_again(
     board.session.run_until(board.session.now_us() + 300_000).unwrap();
     assert_eq!(
         board.session.line_code(),
-        Some(DAC_LIVE_ZERO.code(GripForce::from_lsb(held.line))),
+        Some(DAC_LIVE_ZERO.code(GripForce::from_lsb(held.line)).0),
         "STALE MAPS: the line holds"
     );
     board.session.run_until(board.session.now_us() + 700_000).unwrap();
     assert_eq!(
         board.session.line_code(),
-        Some(DAC_LIVE_ZERO.code(GripForce::from_lsb(SETTINGS.tighten))),
+        Some(DAC_LIVE_ZERO.code(GripForce::from_lsb(SETTINGS.tighten)).0),
         "LINK LOST: the line rises to the tightening force"
     );
     let codes: Vec<u16> = board.link().line_writes()[writes..]

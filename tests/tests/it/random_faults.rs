@@ -192,7 +192,7 @@ fn force_of(code: u16) -> i32 {
     let mut range = (0, 40 * 4_096);
     while range.0 < range.1 {
         let middle = (range.0 + range.1 + 1) / 2;
-        if DAC_LIVE_ZERO.code(GripForce::from_lsb(middle)) <= code {
+        if DAC_LIVE_ZERO.code(GripForce::from_lsb(middle)).0 <= code {
             range.0 = middle;
         } else {
             range.1 = middle - 1;
@@ -423,10 +423,10 @@ impl Judge {
                 .is_some_and(|(us, _)| us + window_us < self.now_us)
                 && held_us + window_us < self.now_us
                 && !self.stale(held_us);
-            if let (true, Some(least)) = (whole, self.wanted.iter().map(|(_, force)| *force).min()) {
+            if let (true, Some(min)) = (whole, self.wanted.iter().map(|(_, force)| *force).min()) {
                 looked[4] = true;
-                if line < least.min(self.settings.ceiling) - tolerance {
-                    fail(4, least);
+                if line < min.min(self.settings.ceiling) - tolerance {
+                    fail(4, min);
                 }
             }
         }

@@ -14,7 +14,7 @@ const SENSORS: u64 = 3;
 
 /// What became of the spots that are particles.
 #[derive(Debug)]
-struct Found {
+struct Tracked {
     /// Share of the particles within the picture that have a spot.
     seen: f64,
     /// Share of the spots that were lost or doubted.
@@ -28,7 +28,7 @@ struct Found {
 }
 
 /// A sphere pressed with `load_n` and pulled by `pull_mm`.
-fn follow(load_n: f64, pull_mm: [f64; 2], jpeg_quality: Option<u8>) -> Found {
+fn follow(load_n: f64, pull_mm: [f64; 2], jpeg_quality: Option<u8>) -> Tracked {
     let skin = Arc::new(GelSurface::new(&Gel::default(), 40).unwrap());
     let sphere = Arc::new(Shape::Sphere { radius_mm: 10.0 });
     let mut contact = Contact::new(skin, sphere, 0.8, Mount::default()).unwrap();
@@ -86,7 +86,7 @@ fn follow(load_n: f64, pull_mm: [f64; 2], jpeg_quality: Option<u8>) -> Found {
     }
     errors.sort_by(f32::total_cmp);
     let share = |count: usize, of: usize| count as f64 / of as f64;
-    let found = Found {
+    let found = Tracked {
         seen: share(spots, particles),
         lost: share(lost, spots),
         wrong: share(wrong, spots),

@@ -63,7 +63,7 @@ fn seen() -> Vec<Seen> {
 #[test]
 fn the_committed_networks_find_total_forces_in_pictures_they_have_never_seen() {
     let seen = seen();
-    for (index, (architecture, most_normal, most_shear)) in [
+    for (index, (architecture, max_normal, max_shear)) in [
         (Architecture::Unet, 0.07, 0.16),
         (Architecture::Tracked, 0.04, 0.1),
     ]
@@ -93,12 +93,12 @@ fn the_committed_networks_find_total_forces_in_pictures_they_have_never_seen() {
             shear * 100.0
         );
         assert!(
-            normal < most_normal,
+            normal < max_normal,
             "{architecture}: normal force is off by {:.1} %",
             normal * 100.0
         );
         assert!(
-            shear < most_shear,
+            shear < max_shear,
             "{architecture}: shear is off by {:.1} %",
             shear * 100.0
         );

@@ -45,7 +45,7 @@ pub(crate) struct Bus {
     rng: Pcg64Mcg,
     slowest_us: u64,
     /// The least that the object felt since the last look.
-    pub(crate) least_grip: i64,
+    pub(crate) min_grip: i64,
 }
 
 impl Bus {
@@ -62,7 +62,7 @@ impl Bus {
             heard_us: 0,
             rng: Pcg64Mcg::seed_from_u64(485),
             slowest_us: 0,
-            least_grip: 0,
+            min_grip: 0,
         }
     }
 
@@ -88,11 +88,11 @@ impl Bus {
 
     pub(crate) fn pass(&mut self, us: u64) {
         let end_us = self.now_us + us;
-        self.least_grip = self.gripper.grip();
+        self.min_grip = self.gripper.grip();
         while self.now_us < end_us {
             self.now_us += STEP_US;
             self.step();
-            self.least_grip = self.least_grip.min(self.gripper.grip());
+            self.min_grip = self.min_grip.min(self.gripper.grip());
         }
     }
 

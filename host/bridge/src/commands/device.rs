@@ -23,7 +23,7 @@ impl DeviceArgs {
     /// Opens the link and does the handshake.
     ///
     /// # Errors
-    /// [`Error`] when the configuration is wrong, or nobody answers.
+    /// [`Error`] when the configuration is wrong, or the device does not answer.
     pub(crate) fn connect(&self) -> Result<Session, Error> {
         let target = match &self.mcu {
             Some(target) => target.clone(),

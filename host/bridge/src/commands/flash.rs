@@ -24,7 +24,7 @@ use crate::error::Error;
 const BOOTLOADER_WITHIN: Duration = Duration::from_secs(15);
 /// How long the board may take to come back.
 const BOARD_WITHIN: Duration = Duration::from_secs(15);
-const LOOK_EVERY: Duration = Duration::from_millis(100);
+const POLL_PERIOD: Duration = Duration::from_millis(100);
 
 /// Arguments of `gripline flash`.
 #[derive(Debug, Clone, Args)]
@@ -179,7 +179,7 @@ fn wait_for<T>(
                 within.as_secs()
             )));
         }
-        thread::sleep(LOOK_EVERY);
+        thread::sleep(POLL_PERIOD);
     }
 }
 
@@ -190,7 +190,7 @@ fn write(chip: &bootloader::Attached, image: &Image) -> Result<Dfu<bootloader::U
     let (mut dfu, sectors) = loop {
         match chip.open() {
             Err(FlashError::Forbidden { .. }) if since.elapsed() < Duration::from_secs(2) => {
-                thread::sleep(LOOK_EVERY);
+                thread::sleep(POLL_PERIOD);
             }
             opened => break opened?,
         }

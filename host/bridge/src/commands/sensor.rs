@@ -193,14 +193,14 @@ fn taxel_lines([columns, rows]: [usize; 2], pitch_mm: f64) -> Vec<(f64, f64)> {
 /// Where markers lie, from outside and in the section: the printed grid, or particles by chance.
 fn marker_places(sensor: &Sensor) -> [Vec<(f64, f64)>; 2] {
     let [half_x, half_y] = sensor.gel.pad_mm.map(|side| 0.5 * side);
-    let [least, most] = sensor.markers.depth_mm;
+    let [min, max] = sensor.markers.depth_mm;
     if let Some([closest, widest]) = sensor.markers.pitch_mm {
         let pitch = f64::midpoint(closest, widest);
         let along = |half: f64| {
             let count = (half / pitch).floor() as i32;
             (-count..=count).map(move |place| f64::from(place) * pitch)
         };
-        let depth = -f64::midpoint(least, most);
+        let depth = -f64::midpoint(min, max);
         let above = along(half_y)
             .flat_map(|y| along(half_x).map(move |x| (x, y)))
             .collect();
@@ -212,7 +212,7 @@ fn marker_places(sensor: &Sensor) -> [Vec<(f64, f64)>; 2] {
             [
                 random.uniform(-half_x, half_x),
                 random.uniform(-half_y, half_y),
-                -random.uniform(least, most),
+                -random.uniform(min, max),
             ]
         })
         .collect();
@@ -228,7 +228,7 @@ fn described(sensor: &Sensor) -> String {
     let [left, top, width, height] = sensor.capture.crop_px;
     let [field_x, field_y] = sensor.view.field_mm;
     let [scale_x, scale_y] = sensor.px_per_mm();
-    let span = |[least, most]: [f64; 2]| format!("{least:.1} to {most:.1}");
+    let span = |[min, max]: [f64; 2]| format!("{min:.1} to {max:.1}");
     let grid = sensor.pitch_px().map_or_else(
         || "particles in the volume".to_owned(),
         |pitch| format!("printed grid, {} pixels apart", span(pitch)),

@@ -89,7 +89,7 @@ impl Key {
         }
     }
 
-    /// The value when nobody says anything.
+    /// The default.
     pub(super) fn default(self) -> Option<Value> {
         let text = self.0.get_default_values().first().and_then(|text| text.to_str());
         match self.kind() {

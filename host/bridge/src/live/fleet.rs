@@ -147,7 +147,7 @@ fn open(settings: &FleetSettings) -> Result<impl FnMut(&str, &str) + Send + 'sta
     })
 }
 
-/// A peer that waits for nobody. Without an endpoint it finds others of its network by multicast.
+/// A peer that never waits. Without an endpoint it finds others of its network by multicast.
 #[cfg(feature = "zenoh")]
 fn session(settings: &FleetSettings) -> Result<zenoh::Session, Error> {
     use zenoh::Wait as _;

@@ -3,7 +3,7 @@
 //! build it.
 //!
 //! The loop never waits: it hands over what there is room for, and a thread of its own does the rest. What finds no room is
-//! dropped and counted. A picture is copied only while somebody looks at it.
+//! dropped and counted. A picture is copied only while a client shows it.
 
 use std::net::SocketAddr;
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
@@ -21,7 +21,7 @@ enum Item {
     Note(f64, String),
 }
 
-/// Whether somebody looks at the channel in this place of the list.
+/// Whether a client shows the channel in this place of the list.
 type IsWatched = Box<dyn Fn(usize) -> bool>;
 
 /// A server, as long as the run lives.
@@ -73,7 +73,7 @@ impl Foxglove {
         }
     }
 
-    /// Whether somebody looks at the pictures of this fingertip.
+    /// Whether a client shows the pictures of this fingertip.
     pub(crate) fn wants_picture(&self, sensor: u8) -> bool {
         (self.is_watched)(Channels::picture(sensor.into()))
     }
@@ -87,7 +87,7 @@ impl Foxglove {
         }
     }
 
-    /// Leaves a line of what happened beside the frames; when there is no room for it, nobody sees it.
+    /// Leaves a line of what happened beside the frames; it is dropped when there is no room for it.
     pub(crate) fn note(&self, t_s: f64, text: &str) {
         if let Some(sender) = &self.sender {
             let _ = sender.try_send(Item::Note(t_s, text.to_owned()));
@@ -162,7 +162,7 @@ mod server {
         }
     }
 
-    /// Shows the pictures at rest to whoever comes, whenever that is.
+    /// Sends the rest pictures to every client that subscribes.
     struct AtRest {
         channels: Vec<Arc<RawChannel>>,
         messages: Vec<Message>,

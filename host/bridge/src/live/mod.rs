@@ -5,4 +5,4 @@ pub(crate) mod fleet;
 pub(crate) mod foxglove;
 pub(crate) mod ros2;
 
-pub(crate) use gripline_live::{Live, Look, QUANTILES, Values};
+pub(crate) use gripline_live::{FrameView, Live, QUANTILES, Values};

@@ -49,7 +49,7 @@ impl Ros2 {
         Ok(Self { leave })
     }
 
-    /// Leaves a frame for ROS 2, of a picture that was taken then; waits for nobody.
+    /// Leaves a frame for ROS 2, of a picture that was taken then; never waits.
     pub(crate) fn publish(&self, report: &FrameReport, map: &ForceMap, pitch_mm: f64, taken: Instant) {
         let captured = SystemTime::now().checked_sub(taken.elapsed());
         let since_1970 = captured.and_then(|at| at.duration_since(SystemTime::UNIX_EPOCH).ok());

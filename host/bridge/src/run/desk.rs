@@ -22,7 +22,7 @@ const GIVE_UP_US: u64 = 2_000_000;
 
 impl Run {
     /// Takes what was asked for meanwhile, and goes on with what is under way.
-    pub(super) fn look_after_requests(&mut self) -> Result<(), Error> {
+    pub(super) fn handle_requests(&mut self) -> Result<(), Error> {
         while let Some(asked) = self.requests.inbox.next() {
             self.begin(asked);
         }
@@ -33,7 +33,7 @@ impl Run {
     /// Takes one request at once.
     pub(super) fn take_request(&mut self, asked: Asked) -> Result<(), Error> {
         self.begin(asked);
-        self.look_after_requests()
+        self.handle_requests()
     }
 
     /// Answers all who wait for such a step. They find what they asked for in the status, and need not wait for the next frame.
@@ -255,8 +255,8 @@ impl Run {
 }
 
 impl Run {
-    /// Goes on with new rest pictures, where somebody asked for them.
-    pub(super) fn look_after_rezero(&mut self, fingertips: &mut Fingertips) -> Result<(), Error> {
+    /// Advances a re-zero that was requested.
+    pub(super) fn advance_rezero(&mut self, fingertips: &mut Fingertips) -> Result<(), Error> {
         let is_released = self
             .control
             .session

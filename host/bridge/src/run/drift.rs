@@ -1,6 +1,6 @@
 //! Whether the untouched fingertip still looks as it did when the run began: camera or gel may have moved, lamps dimmed, a dent may stay.
-//! Looked at once a minute while nothing touches, in a thread of its own; a run only warns: pictures at rest are taken anew
-//! when it starts, or when somebody asks for it. Times in seconds of the pictures' clock. Limit: what is so far off that the gate sees a touch is not looked at.
+//! Compared once a minute while nothing touches, in a thread of its own. A run only warns: new rest pictures are taken
+//! when it starts, or on request. Times in seconds of the pictures' clock. Limit: a drift so large that the gate sees a touch is not compared.
 
 use std::sync::Arc;
 use std::thread::{self, JoinHandle};
@@ -10,7 +10,7 @@ use gripline_evaluation::calibration::surface::{Change, limit, mean};
 /// Nothing touched for so long before a look.
 const UNTOUCHED_S: f64 = 2.0;
 /// From one look to the next, and from one warning to the next.
-const LOOK_S: f64 = 60.0;
+const COMPARE_PERIOD_S: f64 = 60.0;
 const WARN_S: f64 = 600.0;
 /// Pictures of a look.
 const PICTURES: usize = 16;
@@ -20,7 +20,7 @@ const PICTURES: usize = 16;
 pub(super) struct DriftWatch {
     rest: Arc<Vec<u8>>,
     untouched_since_s: Option<f64>,
-    looked_s: f64,
+    compared_s: f64,
     warned_s: f64,
     seen: Vec<Vec<u8>>,
     at_work: Option<JoinHandle<Change>>,
@@ -38,7 +38,7 @@ impl DriftWatch {
         Self {
             rest: Arc::new(mean(rest)),
             untouched_since_s: None,
-            looked_s: 0.0,
+            compared_s: 0.0,
             warned_s: f64::NEG_INFINITY,
             seen: Vec::new(),
             at_work: None,
@@ -46,7 +46,7 @@ impl DriftWatch {
     }
 
     /// Takes the next picture, and whether nothing touches in it. Returns what to warn of.
-    pub(super) fn look(&mut self, t_s: f64, is_untouched: bool, crop: &[u8]) -> Option<String> {
+    pub(super) fn observe(&mut self, t_s: f64, is_untouched: bool, crop: &[u8]) -> Option<String> {
         if let Some(work) = self.at_work.take_if(|work| work.is_finished()) {
             // A thread that panicked has said so.
             let warning = work.join().ok().and_then(|change| warning(&change));
@@ -61,11 +61,11 @@ impl DriftWatch {
             return None;
         }
         let since_s = *self.untouched_since_s.get_or_insert(t_s);
-        let is_due = t_s - since_s >= UNTOUCHED_S && t_s - self.looked_s >= LOOK_S;
+        let is_due = t_s - since_s >= UNTOUCHED_S && t_s - self.compared_s >= COMPARE_PERIOD_S;
         if is_due && self.at_work.is_none() {
             self.seen.push(crop.to_vec());
             if self.seen.len() == PICTURES {
-                self.looked_s = t_s;
+                self.compared_s = t_s;
                 let (rest, seen) = (Arc::clone(&self.rest), std::mem::take(&mut self.seen));
                 self.at_work = Some(thread::spawn(move || Change::between(&rest, &mean(&seen))));
             }
@@ -136,7 +136,7 @@ mod tests {
         let mut all = Vec::new();
         for frame in 0..seconds as usize * 10 {
             let (is_untouched, crop) = picture(frame);
-            all.extend(watch.look(frame as f64 / 10.0, is_untouched, &crop));
+            all.extend(watch.observe(frame as f64 / 10.0, is_untouched, &crop));
             while watch.at_work.as_ref().is_some_and(|work| !work.is_finished()) {
                 thread::yield_now();
             }

@@ -266,7 +266,7 @@ fn may_be_recorded(wanted: &Settings, model: &Model) -> Result<(), Error> {
     Ok(())
 }
 
-/// Picture after picture, until the time is over or nobody wants more.
+/// Picture after picture, until the time is over or the user stops it.
 fn play(
     run: &mut Run,
     fingertips: &mut Fingertips,
@@ -291,11 +291,11 @@ fn play(
             }
             Looked::End => Wish::Stop,
         };
-        run.look_after_rezero(fingertips)?;
+        run.advance_rezero(fingertips)?;
         if run.settings_changed() {
             output.limits(Limits::of(run.control.session.settings()));
         }
-        run.look_after_the_pictures(&fingertips.counts());
+        run.check_pictures(&fingertips.counts());
         for line in log.take() {
             run.record_line(&line);
             output.show_line(&line);

@@ -136,7 +136,7 @@ impl Output {
         }
     }
 
-    /// Lines or pictures of the view that were left out because nobody took them in time.
+    /// Lines or pictures of the view that were left out because their reader was too slow.
     pub(super) const fn dropped(&self) -> u64 {
         match self {
             Self::Json(out) | Self::Lines { out, .. } => out.dropped(),

@@ -10,7 +10,7 @@ use super::rezero::Rezero;
 pub(super) struct Requests {
     pub(super) inbox: Inbox,
     pub(super) desk: Desk,
-    /// The mode that somebody asked for, from then on.
+    /// The mode that was requested, from then on.
     pub(super) asked: Option<GripMode>,
     /// What the pictures' script says, where it may move the gripper.
     pub(super) script: Option<GripMode>,
@@ -20,7 +20,7 @@ pub(super) struct Requests {
     pub(super) floor: Option<FloorRequest>,
     pub(super) acknowledging: Option<Acknowledgement>,
     pub(super) rezero: Option<Rezero>,
-    /// Fingertips whose pictures can be taken anew.
+    /// Fingertips that can take new rest pictures.
     pub(super) fingertips_to_rezero: usize,
     pub(super) has_other_settings: bool,
 }

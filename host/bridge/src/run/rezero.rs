@@ -35,7 +35,7 @@ impl Rezero {
     }
 
     /// Takes the next picture of a fingertip, where it wants one.
-    pub(super) fn look(&mut self, sensor: u8, crop: &[u8]) {
+    pub(super) fn observe(&mut self, sensor: u8, crop: &[u8]) {
         self.frames += 1;
         if let Some(taken) = self.taken.get_mut(usize::from(sensor))
             && taken.len() < usize::from(REST_PICTURES)

@@ -87,7 +87,7 @@ pub struct Summary {
     pub line_n_max: f64,
     /// Longest times of the device's stages, cycles.
     pub microcontroller_worst_cycles: [u32; 4],
-    /// Restarts under way (watchdog, crash, power), after each of which it was met anew and given its settings.
+    /// Restarts under way (watchdog, crash, power), after each of which it got a new handshake and its settings.
     pub microcontroller_restarts: u32,
     /// How often this host's clock jumped against the microcontroller's, or a first map that came too late locked the others out.
     pub clock_jumps: u64,
@@ -97,7 +97,7 @@ pub struct Summary {
     pub link_packets_lost: u64,
     /// What of real time the system did not allow; `None` when it was not asked for.
     pub realtime_lacks: Option<Vec<String>>,
-    /// Lines, or pictures of the view, that nobody took in time.
+    /// Lines, or pictures of the view, whose reader was too slow.
     pub output_dropped: u64,
     /// What was recorded, when anything was to be.
     pub recording: Option<RecordingSummary>,

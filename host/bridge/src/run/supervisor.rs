@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 /// How often the watchdog is fed within the time that systemd waits for it.
 const FEEDS: u32 = 4;
 
-/// Whoever started this program and watches it, if anybody does.
+/// The program that started this one and watches it, if there is one.
 pub(super) struct Supervisor {
     socket: Option<Socket>,
     /// Between two feeds of the watchdog; `None`: there is none.

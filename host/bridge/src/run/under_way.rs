@@ -16,7 +16,7 @@ use crate::error::Error;
 use crate::live::fleet::Fleet;
 use crate::live::foxglove::Foxglove;
 use crate::live::ros2::Ros2;
-use crate::live::{Live, Look, QUANTILES, Values};
+use crate::live::{FrameView, Live, QUANTILES, Values};
 use crate::run::capture_to_line::CaptureToLine;
 use crate::run::stats::Times;
 use crate::source::Picture;
@@ -97,7 +97,7 @@ pub struct Run {
 const WATCH_STEP: Duration = Duration::from_millis(1);
 
 impl Run {
-    /// A run that nobody watches or records, with so many pictures a second of all fingertips together.
+    /// A run without view, readers or recording, with so many pictures a second of all fingertips together.
     #[must_use]
     pub fn new(session: Session, pacing: Pacing, frames_per_second: f64) -> Self {
         Self {
@@ -171,7 +171,7 @@ impl Run {
             Pacing::Wall | Pacing::None => (0, picture.decode_us),
         };
         self.requests.scripted(picture.wish);
-        self.look_after_requests()?;
+        self.handle_requests()?;
         let mode = self.requests.mode();
         let request = FrameRequest {
             sensor,
@@ -186,22 +186,22 @@ impl Run {
         let outcome = self
             .control
             .frame(pipeline, &picture.crop, lateness, request)
-            .map_err(|error| self.told_of_markers(error, sensor))?;
+            .map_err(|error| self.with_picture_number(error, sensor))?;
         self.count(&outcome);
         if self.pacing == Pacing::Pictures && outcome.late.is_none() {
             let driver = picture.came.saturating_duration_since(picture.taken);
             self.capture_to_line
                 .push(driver, waited, picture.decode_us, outcome.latency_us);
         }
-        self.look_after_the_link();
+        self.check_link();
         self.settle_requests()?;
         let is_untouched = outcome.gate == GateDecision::NoContact && outcome.late.is_none();
         let watch = self.drift.get_mut(usize::from(sensor));
-        if let Some(warning) = watch.and_then(|watch| watch.look(t_s, is_untouched, &picture.crop)) {
+        if let Some(warning) = watch.and_then(|watch| watch.observe(t_s, is_untouched, &picture.crop)) {
             tracing::warn!("fingertip {}: {warning}", sensor + 1);
         }
         if let Some(rezero) = &mut self.requests.rezero {
-            rezero.look(sensor, &picture.crop);
+            rezero.observe(sensor, &picture.crop);
         }
         let fingertips = &self.control.session.settings().fingertips;
         let host_faults = faults_of(&self.control.session);
@@ -229,7 +229,7 @@ impl Run {
     }
 
     /// A picture without markers is told with its source and number.
-    fn told_of_markers(&self, error: PipelineError, sensor: u8) -> Error {
+    fn with_picture_number(&self, error: PipelineError, sensor: u8) -> Error {
         let source = self.summary.fingertips.get(usize::from(sensor));
         match error {
             PipelineError::Markers(problem) => Error::failed(format!(
@@ -299,7 +299,7 @@ impl Run {
     }
 
     /// Says when pictures are lost: the first one, and then whenever they have become twice as many.
-    pub(super) fn look_after_the_pictures(&mut self, counts: &[Option<Counts>]) {
+    pub(super) fn check_pictures(&mut self, counts: &[Option<Counts>]) {
         let all = counts
             .iter()
             .flatten()
@@ -318,7 +318,7 @@ impl Run {
     }
 
     /// Says when the device goes away and when it is back.
-    fn look_after_the_link(&mut self) {
+    fn check_link(&mut self) {
         let session = &self.control.session;
         let presence = session.presence();
         let now = (presence.losses, presence.away.is_some());
@@ -354,10 +354,10 @@ impl Run {
 
     /// There is no picture: the link goes on living.
     pub(super) fn idle(&mut self) -> Result<(), Error> {
-        self.look_after_requests()?;
+        self.handle_requests()?;
         let now_us = self.elapsed_us();
         self.control.idle(now_us)?;
-        self.look_after_the_link();
+        self.check_link();
         self.settle_requests()
     }
 
@@ -375,7 +375,7 @@ impl Run {
             return;
         };
         let square = std::cell::OnceCell::new();
-        let look = || Look {
+        let view = || FrameView {
             newtons: pipeline.newtons(),
             picture: square.get_or_init(|| pipeline.square(crop)),
             settings: self.control.session.settings(),
@@ -402,7 +402,7 @@ impl Run {
                 values.capture_us = self.capture_to_line.quantiles_us(QUANTILES);
             }
         };
-        live.publish(report, fill, look);
+        live.publish(report, fill, view);
     }
 
     /// When a frame's picture is taken, where the wall clock says it.
@@ -427,7 +427,7 @@ impl Run {
             } else {
                 // A virtual clock goes on with the one on the wall; the next frame begins when it was due all the same.
                 self.control.pass(WATCH_STEP)?;
-                self.look_after_requests()?;
+                self.handle_requests()?;
             }
         }
     }

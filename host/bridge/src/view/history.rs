@@ -133,8 +133,8 @@ fn quantiles(mut values_us: Vec<f64>) -> Option<Quantiles> {
 }
 
 /// The smallest of 1, 1.5, 2, 3, 5, 7 times a power of ten that is not below `value`, for scales that seldom change.
-pub(super) fn round_up(value: f64, least: f64) -> f64 {
-    let value = value.max(least);
+pub(super) fn round_up(value: f64, min: f64) -> f64 {
+    let value = value.max(min);
     let decade = 10_f64.powf(value.log10().floor());
     [1.0, 1.5, 2.0, 3.0, 5.0, 7.0]
         .into_iter()

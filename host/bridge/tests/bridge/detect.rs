@@ -306,7 +306,7 @@ fn a_taxel_is_in_contact_only_above_the_least_force_even_between_two_steps() {
         3,
     );
     // One step is 0.000244 N.
-    for (least, contact) in [
+    for (min, contact) in [
         ("0", "3"),
         ("0.0003", "2"),
         ("0.00048828125", "1"),
@@ -314,9 +314,9 @@ fn a_taxel_is_in_contact_only_above_the_least_force_even_between_two_steps() {
         ("8", "0"),
     ] {
         assert_eq!(
-            rows(&maps, &["--contact-min", least])[0]["contact"],
+            rows(&maps, &["--contact-min", min])[0]["contact"],
             contact,
-            "{least}"
+            "{min}"
         );
     }
 }

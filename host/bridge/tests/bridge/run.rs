@@ -471,17 +471,17 @@ mod slow {
         let line = |phase: &str, frame: &Value| {
             (frame["truth"]["phase"] == phase).then(|| frame["line_n"].as_f64().unwrap())
         };
-        let most = |phase: &str| {
+        let max = |phase: &str| {
             frames
                 .iter()
                 .filter_map(|frame| line(phase, frame))
                 .fold(0.0, f64::max)
         };
         assert!(
-            most("pull") > most("hold") + 1.0,
+            max("pull") > max("hold") + 1.0,
             "hold {} N, pull {} N",
-            most("hold"),
-            most("pull")
+            max("hold"),
+            max("pull")
         );
         // Skipping cost no touch: whatever presses with 0.2 N or more is looked at.
         for frame in &frames {

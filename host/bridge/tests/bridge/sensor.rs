@@ -143,13 +143,13 @@ fn a_recorded_grasp_goes_all_the_way_to_line_and_recording_and_is_replayed_bit_b
     assert!(held.count() > 10, "{summary}");
     assert!(frames[40..].iter().all(|frame| number(frame, "line_n") > 0.0));
     // Its evidence comes from the picture, through the microcontroller.
-    let most = |key: &str| {
+    let max = |key: &str| {
         frames
             .iter()
             .map(|frame| frame["witnesses"][key].as_f64().unwrap())
             .fold(0.0, f64::max)
     };
-    assert!(most("motion") > 0.5, "{}", most("motion"));
+    assert!(max("motion") > 0.5, "{}", max("motion"));
 
     let replayed = gripline(&["replay", recording]);
     let told = String::from_utf8_lossy(&replayed.stdout);

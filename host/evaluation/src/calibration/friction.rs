@@ -273,11 +273,11 @@ mod tests {
     }
 
     /// Repeats: press, pull until it slides and further, release.
-    fn recording(friction: f64, slides: usize, most: f64) -> Vec<Moment> {
+    fn recording(friction: f64, slides: usize, max: f64) -> Vec<Moment> {
         let mut moments = Vec::new();
         for _ in 0..slides {
             for frame in 0..40 {
-                let share = (f64::from(frame) / 20.0).min(most);
+                let share = (f64::from(frame) / 20.0).min(max);
                 let normal_n = if frame < 38 { 3.0 } else { 0.0 };
                 let t_s = moments.len() as f64 / 60.0;
                 moments.push(Moment::of(t_s, &contact(normal_n, friction, share)));

@@ -150,8 +150,8 @@ fn breadth(places: &[[f64; 2]]) -> f64 {
     let sum =
         |of: &dyn Fn(f64, f64) -> f64| places.iter().map(|[x, y]| of(x - mx, y - my)).sum::<f64>() / count;
     let (xx, yy, xy) = (sum(&|x, _| x * x), sum(&|_, y| y * y), sum(&|x, y| x * y));
-    let least = f64::midpoint(xx, yy) - (((xx - yy) / 2.0).powi(2) + xy * xy).sqrt();
-    least.max(0.0).sqrt()
+    let min = f64::midpoint(xx, yy) - (((xx - yy) / 2.0).powi(2) + xy * xy).sqrt();
+    min.max(0.0).sqrt()
 }
 
 /// The best fit over all quarter turns; `None` when the presses lie in one place.

@@ -47,12 +47,12 @@ pub struct Fit {
 pub fn fit(measured: &[Measured]) -> Result<Fit, String> {
     check(measured)?;
     let codes = measured.iter().map(|one| f64::from(one.code));
-    let (least, most) = codes.fold((f64::MAX, 0.0_f64), |(least, most), code| {
-        (least.min(code), most.max(code))
+    let (min_code, max_code) = codes.fold((f64::MAX, 0.0_f64), |(min_code, max_code), code| {
+        (min_code.min(code), max_code.max(code))
     });
-    let step = (most - least) / (LINE_POINTS - 1) as f64;
+    let step = (max_code - min_code) / (LINE_POINTS - 1) as f64;
     let hats = |code: f64| -> [f64; LINE_POINTS] {
-        std::array::from_fn(|place| (1.0 - ((code - least) / step - place as f64).abs()).max(0.0))
+        std::array::from_fn(|place| (1.0 - ((code - min_code) / step - place as f64).abs()).max(0.0))
     };
     let mut system = [[0.0; LINE_POINTS + 1]; LINE_POINTS];
     for one in measured {
@@ -65,10 +65,10 @@ pub fn fit(measured: &[Measured]) -> Result<Fit, String> {
         }
     }
     let forces = solve(system).ok_or_else(|| {
-        format!("found codes that leave a quarter of the way from {least} to {most} empty, expected them spread evenly")
+        format!("found codes that leave a quarter of the way from {min_code} to {max_code} empty, expected them spread evenly")
     })?;
     if let Some(place) = forces.windows(2).position(|pair| pair[1] <= pair[0]) {
-        let code = |place: usize| (least + step * place as f64).round();
+        let code = |place: usize| (min_code + step * place as f64).round();
         return Err(format!(
             "found {:.2} N at code {} and {:.2} N at code {}, expected the force to rise with the code: measure these again",
             forces[place],
@@ -87,12 +87,12 @@ pub fn fit(measured: &[Measured]) -> Result<Fit, String> {
     });
     let (squares, max_n) = residuals.fold((0.0, 0.0_f64), |(sum, max), r| (sum + r * r, max.max(r.abs())));
     // Extend the first piece to where the force is 0.
-    let zero = least - forces[0] * step / (forces[1] - forces[0]);
-    if !(f64::from(LIVE_ZERO_MIN)..least + step).contains(&zero) {
+    let zero = min_code - forces[0] * step / (forces[1] - forces[0]);
+    if !(f64::from(LIVE_ZERO_MIN)..min_code + step).contains(&zero) {
         return Err(format!(
             "found no force at code {zero:.0}, expected that from {LIVE_ZERO_MIN} (less cannot be told from a broken wire) to \
              {:.0}: measure nearer to 0 N, or change the gain or offset of the amplifier",
-            least + step
+            min_code + step
         ));
     }
     let points = std::array::from_fn(|place| {
@@ -102,7 +102,7 @@ pub fn fit(measured: &[Measured]) -> Result<Fit, String> {
                 code: zero.round() as u16,
             }
         } else {
-            let code = (least + step * place as f64).round() as u16;
+            let code = (min_code + step * place as f64).round() as u16;
             // The wire's steps are 1/4096 N; more digits mean nothing.
             Point {
                 force_n: (forces[place] * 1e4).round() / 1e4,

@@ -34,7 +34,7 @@ pub struct Replay {
     rate_hz: f64,
 }
 
-/// The controller's settings for a detector: the levels that hang on the threshold keep their distance from it.
+/// The controller's settings for a detector: the levels that depend on the threshold keep their distance from it.
 #[must_use]
 pub fn configuration(settings: &Settings) -> Configuration {
     Configuration {
@@ -44,7 +44,7 @@ pub fn configuration(settings: &Settings) -> Configuration {
     }
 }
 
-/// Settings with another threshold on the stick ratio, 1/10000, and the levels that hang on it at the same distance.
+/// Settings with another threshold on the stick ratio, 1/10000, and the levels that depend on it at the same distance.
 #[must_use]
 pub fn moved_to(settings: &Configuration, threshold: u16) -> Configuration {
     let moved = |level: u16| (threshold + (level - settings.slip_threshold)).min(PER_UNIT as u16);

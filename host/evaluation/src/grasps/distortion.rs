@@ -27,7 +27,7 @@ pub(super) struct Distorted {
     slow: Forces,
     /// What the hysteresis shows, and the largest force so far.
     shown: Forces,
-    most: Forces,
+    max: Forces,
 }
 
 impl Distorted {
@@ -37,7 +37,7 @@ impl Distorted {
             distortion,
             slow: nothing,
             shown: nothing,
-            most: nothing,
+            max: nothing,
         }
     }
 
@@ -60,9 +60,9 @@ impl Distorted {
                 let slow = &mut self.slow[taxel][k];
                 *slow += (force[k] - *slow) * follows;
                 let crept = force[k] + creep[k] * *slow;
-                let most = &mut self.most[taxel][k];
-                *most = most.max(crept.abs());
-                let half = hysteresis[k] * *most;
+                let max = &mut self.max[taxel][k];
+                *max = max.max(crept.abs());
+                let half = hysteresis[k] * *max;
                 let shown = &mut self.shown[taxel][k];
                 *shown = shown.clamp(crept - half, crept + half);
                 force[k] = gain[k] * *shown;

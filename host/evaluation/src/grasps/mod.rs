@@ -134,10 +134,10 @@ pub fn run(args: &GraspsArgs) -> Result<Completion, EvaluationError> {
         .into_iter()
         .all(chosen)
     {
-        let least_n = fixed_force(&outcomes, &work)?;
-        let under_fixed: Vec<Job> = (0..args.grasps).map(|grasp| fixed(grasp, least_n)).collect();
+        let min_n = fixed_force(&outcomes, &work)?;
+        let under_fixed: Vec<Job> = (0..args.grasps).map(|grasp| fixed(grasp, min_n)).collect();
         outcomes.extend(work("grasps with the fixed force", &under_fixed)?);
-        fixed_n = Some(least_n);
+        fixed_n = Some(min_n);
     }
     let lost: Vec<Job> = outcomes
         .iter()
@@ -222,9 +222,9 @@ fn fixed_force(outcomes: &[Outcome], work: &Work<'_>) -> Result<f64, EvaluationE
         .max(2 * allowed)
         .max(1);
     hardest.truncate(count);
-    let most_n = hardest.first().map_or(0.0, |outcome| outcome.peak_need_n);
+    let max_n = hardest.first().map_or(0.0, |outcome| outcome.peak_need_n);
     // What the hardest needs at its worst moment surely holds; below, a moment's slip may stop again.
-    let mut step = ((1.5 * most_n).min(ceiling_n()) / FIXED_STEP_N).ceil().max(1.0);
+    let mut step = ((1.5 * max_n).min(ceiling_n()) / FIXED_STEP_N).ceil().max(1.0);
     let mut ladder = Vec::new();
     while step >= 1.0 {
         ladder.push(step * FIXED_STEP_N);

@@ -94,7 +94,7 @@ pub fn grasp(seed: u64, number: u64) -> GraspPlan {
         }
         _ => {
             let torsional_moment_nmm = random.uniform(0.5, 2.0) * weight_n * x.signum();
-            scene.pulls.push(Pull::twist(torsional_moment_nmm, bump(1.0)));
+            scene.pulls.push(Pull::torsion(torsional_moment_nmm, bump(1.0)));
             "twist"
         }
     };

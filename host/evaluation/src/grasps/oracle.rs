@@ -33,8 +33,8 @@ impl Oracle {
         let load_n = rising(now.load_n, self.before_n, step_s);
         self.before_n = now.load_n;
         let wanted_n = (1.0 + MARGIN) * load_n / now.sliding;
-        let least_n = if now.slides { self.line.line_n() } else { 0.0 };
-        self.line.follow(wanted_n.max(least_n), step_s)
+        let min_n = if now.slides { self.line.line_n() } else { 0.0 };
+        self.line.follow(wanted_n.max(min_n), step_s)
     }
 }
 

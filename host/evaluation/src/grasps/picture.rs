@@ -94,7 +94,7 @@ pub(super) type Point = (Policy, f64, f64);
 /// # Errors
 /// A file that cannot be written.
 pub(super) fn draw_drops(path: &Path, points: &[Point]) -> Result<(), EvaluationError> {
-    let most = |value: fn(&Point) -> f64| points.iter().map(value).fold(1.0, f64::max);
+    let max = |value: fn(&Point) -> f64| points.iter().map(value).fold(1.0, f64::max);
     let ours = [Policy::Gripline, Policy::GriplineSparing, Policy::GriplineSecure];
     let of = |own: bool| points.iter().filter(move |point| ours.contains(&point.0) == own);
     let places = |own: bool| of(own).map(|(_, margin, drops)| (*margin, *drops)).collect();
@@ -104,9 +104,9 @@ pub(super) fn draw_drops(path: &Path, points: &[Point]) -> Result<(), Evaluation
         title: "Drops against margin".to_owned(),
         x: Axis::new(
             "median margin over the needed force, %",
-            [0.0, 1.15 * most(|point| point.1)],
+            [0.0, 1.15 * max(|point| point.1)],
         ),
-        y: Axis::new("dropped of 1,000", [0.0, 1.1 * most(|point| point.2)]),
+        y: Axis::new("dropped of 1,000", [0.0, 1.1 * max(|point| point.2)]),
         legend: Legend::None,
         series: vec![
             Series::new("", BLUE, Mark::Line(1), line),

@@ -127,19 +127,19 @@ fn requirements(
     let slid_most =
         of_oracle(|oracle| oracle.micro_slip_mm_p99_where_oracle_held).map(|slid| slid + bounds.slid_mm);
     let late_most = bounds.late_falls * thousands;
-    let at_most = |most: Option<f64>, digits: usize| format!("≤ {}", number(most, digits));
+    let at_most = |max: Option<f64>, digits: usize| format!("≤ {}", number(max, digits));
     let mut rows = vec![
         Requirement::new(
             "drops",
             at_most(drops_most, 0),
             gripline.drops.to_string(),
-            drops_most.is_some_and(|most| gripline.drops as f64 <= most),
+            drops_most.is_some_and(|max| gripline.drops as f64 <= max),
         ),
         Requirement::new(
             "slid where the oracle held, 99th percentile, mm",
             at_most(slid_most, 2),
             number(slid, 2),
-            slid.zip(slid_most).is_some_and(|(slid, most)| slid <= most),
+            slid.zip(slid_most).is_some_and(|(slid, max)| slid <= max),
         ),
         Requirement::new(
             "maps at which the line falls later than 42 ms after sliding began",
@@ -203,20 +203,20 @@ fn rises(bounds: &Bounds, figures: [Option<&Figures>; 2]) -> [Requirement; 2] {
 /// Rows on how much force is kept above what is needed.
 fn margins(bounds: &Bounds, figures: [Option<&Figures>; 2]) -> [Requirement; 2] {
     [0, 1].map(|way| {
-        let [least, most] = bounds.margin[way];
+        let [min, max] = bounds.margin[way];
         let (found, held) = match figures[way] {
             None => (NO_MOTION.to_owned(), false),
             Some(figures) => {
                 let margin = figures.median_margin;
                 (
                     number(margin.map(|share| 100.0 * share), 0),
-                    margin.is_some_and(|margin| (least..=most).contains(&margin)),
+                    margin.is_some_and(|margin| (min..=max).contains(&margin)),
                 )
             }
         };
         Requirement::new(
             &format!("median margin over the needed force, %, {}", SEEING[way]),
-            format!("{:.0} to {:.0}", 100.0 * least, 100.0 * most),
+            format!("{:.0} to {:.0}", 100.0 * min, 100.0 * max),
             found,
             held,
         )

@@ -25,9 +25,9 @@ pub fn open(file: &SceneFile, seed: u64) -> Result<Box<dyn Play>, EvaluationErro
 
 /// At most so many of a scene's highlights, the last one among them.
 #[must_use]
-pub fn highlights(play: &dyn Play, most: usize) -> Vec<usize> {
+pub fn highlights(play: &dyn Play, max: usize) -> Vec<usize> {
     let ends = play.highlights();
-    let take = ends.len().min(most);
+    let take = ends.len().min(max);
     let mut chosen: Vec<usize> = (0..take)
         .map(|k| ends[((k + 1) * ends.len()).div_ceil(take) - 1])
         .collect();

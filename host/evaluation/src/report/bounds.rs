@@ -71,8 +71,8 @@ fn of_object(name: &str, scores: &Scores) -> Requirement {
     )
 }
 
-fn at_least(figure: Option<f64>, least: f64) -> bool {
-    figure.is_some_and(|figure| figure >= least)
+fn at_least(figure: Option<f64>, min: f64) -> bool {
+    figure.is_some_and(|figure| figure >= min)
 }
 
 impl Report {

@@ -10,6 +10,7 @@ use std::io::{self, Write as _};
 use clap::Args;
 use gripline_firmware::slip::SlipDetector;
 use gripline_firmware::sums::{TaxelRule, stick_ratio_below, sums_of};
+use gripline_firmware::{DeviceMicros, HostMicros};
 use gripline_network::scene::{GateDecision, GateKind};
 use gripline_network::{Architecture, Evaluation, InstructionSet, Network};
 use gripline_pipeline::pipeline::Pipeline;
@@ -77,7 +78,7 @@ struct Row {
 }
 
 /// One way to the decision.
-struct Way {
+struct Variant {
     pipeline: Pipeline,
     settings: Configuration,
     detector: SlipDetector,
@@ -93,7 +94,7 @@ struct Seen {
     normal_n: f64,
 }
 
-impl Way {
+impl Variant {
     fn new(
         rest: &[Vec<u8>],
         gate: GateKind,
@@ -112,14 +113,17 @@ impl Way {
         })
     }
 
-    fn look(&mut self, crop: &[u8], time_s: f64) -> Result<Seen, EvaluationError> {
+    fn process(&mut self, crop: &[u8], time_s: f64) -> Result<Seen, EvaluationError> {
         let processed = self.pipeline.process(crop)?;
         let sums = sums_of(processed.map, TaxelRule::of(&self.settings));
         // The detector's clock begins where no wait is open.
         let now_us = (time_s * 1e6) as u64;
-        let judgement = self
-            .detector
-            .update(&sums, now_us as u32, now_us + 1_000_000, &self.settings);
+        let judgement = self.detector.update(
+            &sums,
+            HostMicros(now_us as u32),
+            DeviceMicros(now_us + 1_000_000),
+            &self.settings,
+        );
         self.detector.observe(&sums);
         self.us.push(processed.stages_us.iter().sum());
         Ok(Seen {
@@ -178,12 +182,12 @@ fn play(
     instructions: InstructionSet,
 ) -> Result<Vec<Row>, EvaluationError> {
     let rests = [scene.rest.len(), 1];
-    let mut ways = Vec::new();
+    let mut variants = Vec::new();
     for count in rests {
         let rest = &scene.rest[..count];
-        ways.push([
-            Way::new(rest, GateKind::Off, Evaluation::Dense, instructions)?,
-            Way::new(rest, args.gate, Evaluation::default(), instructions)?,
+        variants.push([
+            Variant::new(rest, GateKind::Off, Evaluation::Dense, instructions)?,
+            Variant::new(rest, args.gate, Evaluation::default(), instructions)?,
         ]);
     }
     let frames = (f64::from(args.seconds) * FRAMES_PER_SECOND) as usize;
@@ -207,9 +211,9 @@ fn play(
     for number in 0..frames {
         let frame = scene.next()?;
         let time_s = number as f64 / FRAMES_PER_SECOND;
-        for ((ways, row), missed) in ways.iter_mut().zip(&mut rows).zip(&mut missed_in_a_row) {
-            let full = ways[0].look(&frame.crop, time_s)?;
-            let seen = ways[1].look(&frame.crop, time_s)?;
+        for ((variants, row), missed) in variants.iter_mut().zip(&mut rows).zip(&mut missed_in_a_row) {
+            let full = variants[0].process(&frame.crop, time_s)?;
+            let seen = variants[1].process(&frame.crop, time_s)?;
             row.no_contact += usize::from(seen.gate == GateDecision::NoContact);
             row.unchanged += usize::from(seen.gate == GateDecision::Unchanged);
             let is_missed = seen.gate == GateDecision::NoContact && frame.normal_n >= 0.99 * SEEN_N;
@@ -228,7 +232,7 @@ fn play(
             }
         }
     }
-    for ([full, skipping], row) in ways.iter_mut().zip(&mut rows) {
+    for ([full, skipping], row) in variants.iter_mut().zip(&mut rows) {
         let after = frames.min((QUIET_FROM_S * FRAMES_PER_SECOND) as usize);
         let sum = |times: &[f64]| times.iter().sum::<f64>();
         row.cost = sum(&skipping.us) / sum(&full.us);

@@ -1,10 +1,10 @@
 //! The host's side of the protocol over any link: handshake, settings, maps out, statuses in, every answer checked
-//! against the shadow. A microcontroller that restarts under way is met anew and gets the settings it was given; no
+//! against the shadow. A microcontroller that restarts under way gets a new handshake and its settings again; no
 //! command is repeated to it. A device that goes away and comes back is greeted at once. Times in µs since the link was opened.
 
 mod inbox;
 mod refusal;
-mod told;
+mod state;
 
 use std::time::{Instant, SystemTime, UNIX_EPOCH};
 
@@ -74,7 +74,7 @@ impl Session {
     /// Shakes hands and hands over the settings.
     ///
     /// # Errors
-    /// [`LinkError`] when nobody answers, the schema differs or the settings are refused.
+    /// [`LinkError`] when the device does not answer, the schema differs or the settings are refused.
     pub fn open(link: Box<dyn Link>, settings: Configuration) -> Result<Self, LinkError> {
         let mut session = Self::connect(link)?;
         session.configure(settings)?;
@@ -84,7 +84,7 @@ impl Session {
     /// Shakes hands and asks which settings are in force.
     ///
     /// # Errors
-    /// [`LinkError`] when nobody answers or the schema differs.
+    /// [`LinkError`] when the device does not answer or the schema differs.
     pub fn connect(link: Box<dyn Link>) -> Result<Self, LinkError> {
         let settings = Configuration::DEFAULT;
         // Any number that the last session is unlikely to have had.
@@ -145,7 +145,7 @@ impl Session {
     /// Hands over settings, which are in force from then on.
     ///
     /// # Errors
-    /// [`LinkError`] when nobody answers or the settings are refused.
+    /// [`LinkError`] when the device does not answer or the settings are refused.
     pub fn configure(&mut self, settings: Configuration) -> Result<(), LinkError> {
         self.inbox.configuration = None;
         self.inbox.refusal = None;
@@ -189,7 +189,7 @@ impl Session {
     /// Has the microcontroller keep the settings in force over a power cycle. Returns how often it has stored some.
     ///
     /// # Errors
-    /// [`LinkError`] when nobody answers, the gripper is not released, or the flash does not take them.
+    /// [`LinkError`] when the device does not answer, the gripper is not released, or the flash does not take them.
     pub fn store(&mut self) -> Result<u32, LinkError> {
         self.inbox.stored = None;
         self.inbox.refusal = None;
@@ -345,7 +345,7 @@ impl Session {
         })
     }
 
-    /// Lets the link work until `until_us` and checks what came in. A microcontroller that restarted is met anew in
+    /// Lets the link work until `until_us` and checks what came in. A microcontroller that restarted gets a new handshake in
     /// passing: nothing waits for it.
     ///
     /// # Errors

@@ -265,7 +265,7 @@ fn evidence(markers_step: [f32; 2], texture_step: [f32; 2]) -> (f32, f32) {
         .collect();
     finger.set_rest(Rest::of(&pictures, RestKind::Own));
     let mut hold = Hold::default();
-    let (mut still, mut most) = (0.0f32, 0.0f32);
+    let (mut still, mut max) = (0.0f32, 0.0f32);
     for picture in 0..16 {
         let step = (picture - 9).max(0) as f32;
         let centres: Vec<_> = rest
@@ -285,10 +285,10 @@ fn evidence(markers_step: [f32; 2], texture_step: [f32; 2]) -> (f32, f32) {
         if picture < 10 {
             still = still.max(found.slip);
         } else {
-            most = most.max(found.slip);
+            max = max.max(found.slip);
         }
     }
-    (still, most)
+    (still, max)
 }
 
 #[test]

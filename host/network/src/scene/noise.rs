@@ -161,9 +161,9 @@ impl Quietest {
         });
         let mut sorted = plain;
         sorted.sort_by(f32::total_cmp);
-        let most = UNEVEN_MAX * sorted[BLOCKS / 4];
+        let max = UNEVEN_MAX * sorted[BLOCKS / 4];
         for energy in &mut plain {
-            *energy = energy.min(most);
+            *energy = energy.min(max);
         }
         let mut motion: Vec<f32> = self.window.iter().flat_map(|(_, motion)| *motion).collect();
         motion.sort_by(f32::total_cmp);

@@ -67,11 +67,11 @@ impl TileNoise {
         if self.pairs > 0 {
             let mut sorted = *self.window;
             let (_, quarter, _) = sorted.as_flattened_mut().select_nth_unstable(TILES * TILES / 4);
-            let most = UNEVEN_MAX * *quarter as f32 / self.pairs as f32;
+            let limit = UNEVEN_MAX * *quarter as f32 / self.pairs as f32;
             let pairs = self.pairs as f32;
             let noise = |sum: u32| {
                 (sum as f32 / pairs)
-                    .min(most)
+                    .min(limit)
                     .max(NOISE_MIN * (TILE * TILE) as f32)
             };
             let total = self.window.as_flattened().iter().map(|sum| noise(*sum)).sum();

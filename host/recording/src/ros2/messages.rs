@@ -119,7 +119,7 @@ pub enum Level {
     /// All is well.
     #[default]
     Ok,
-    /// Somebody should look at it.
+    /// A person should look at it.
     Warning,
     /// It does not work.
     Error,

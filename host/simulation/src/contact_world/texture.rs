@@ -51,10 +51,10 @@ mod tests {
             (0..steps * steps).map(|i| [i % steps, i / steps].map(|k| 4.0 * f64::from(k) / f64::from(steps)));
         let shares: Vec<f64> = places.map(|place| texture.at(place)).collect();
         let mean = shares.iter().sum::<f64>() / f64::from(steps * steps);
-        let most = shares.iter().copied().fold(0.0, f64::max);
+        let max = shares.iter().copied().fold(0.0, f64::max);
         assert!(
-            (mean - 1.0).abs() < 1e-12 && (most - 1.2).abs() < 1e-3,
-            "{mean} {most}"
+            (mean - 1.0).abs() < 1e-12 && (max - 1.2).abs() < 1e-3,
+            "{mean} {max}"
         );
     }
 }

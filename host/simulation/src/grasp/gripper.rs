@@ -88,12 +88,12 @@ impl GripperState {
         } else {
             1.0
         };
-        let most = self.gripper.rate_n_per_s * dt_s;
+        let max_step_n = self.gripper.rate_n_per_s * dt_s;
         let wanted = self.line_n.min(self.gripper.max_n);
         // Friction of its drive: it stops where it still lacks so much.
         let lacking = wanted - self.force_n;
         let lacking = lacking - lacking.clamp(-self.gripper.stick_n, self.gripper.stick_n);
-        self.force_n += (lacking * share).clamp(-most, most);
+        self.force_n += (lacking * share).clamp(-max_step_n, max_step_n);
     }
 
     /// What it presses with, N; 0 when the jaws are open.

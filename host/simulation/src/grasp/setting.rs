@@ -43,7 +43,7 @@ impl Pull {
 
     /// A pure moment.
     #[must_use]
-    pub fn twist(torsional_moment_nmm: f64, course: Course) -> Self {
+    pub fn torsion(torsional_moment_nmm: f64, course: Course) -> Self {
         Self {
             force_n: [0.0; 2],
             torsional_moment_nmm,

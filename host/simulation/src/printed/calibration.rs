@@ -151,7 +151,7 @@ impl PrintedBench {
         sensor: &Sensor,
         range: &UnitRange,
         presses: u32,
-        most_n: f64,
+        max_n: f64,
         [unit, seed]: [u64; 2],
     ) -> Result<Self, SimulationError> {
         let unit = Arc::new(PrintedUnit::draw(sensor, range, &mut Random::new(unit, 53))?);
@@ -176,7 +176,7 @@ impl PrintedBench {
             let (angle, far) = (2.4 * number + seed as f64, (number / f64::from(presses)).sqrt());
             let [half_x, half_y] = sensor.view.field_mm.map(|side| 0.28 * side);
             let share = (0.618 * (number + 1.0)).fract();
-            let normal_n = most_n * (0.3 + 0.7 * share);
+            let normal_n = max_n * (0.3 + 0.7 * share);
             let (sin, cos) = libm::sincos(2.0 * angle);
             let press = BallPress {
                 at_mm: [half_x * far * libm::cos(angle), half_y * far * libm::sin(angle)],

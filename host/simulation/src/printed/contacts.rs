@@ -103,11 +103,11 @@ impl PrintedContacts {
                 return Ok(());
             }
             if self.counts.histories.is_multiple_of(HISTORIES_PER_GEL) {
-                let [least, most] = self.range.zoom;
+                let [min, max] = self.range.zoom;
                 self.zoom = if self.random.unit() < 0.5 {
-                    least
+                    min
                 } else {
-                    self.random.uniform(least, most)
+                    self.random.uniform(min, max)
                 };
                 self.gel = Some(self.unit(None)?.gel().clone());
                 self.field = None;

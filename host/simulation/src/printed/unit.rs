@@ -87,7 +87,7 @@ impl PrintedUnit {
     /// # Errors
     /// A gel constant outside its range.
     pub fn draw(sensor: &Sensor, range: &UnitRange, random: &mut Random) -> Result<Self, SimulationError> {
-        let between = |random: &mut Random, [least, most]: [f64; 2]| random.uniform(least, most);
+        let between = |random: &mut Random, [min, max]: [f64; 2]| random.uniform(min, max);
         let gel = Gel {
             thickness_mm: between(random, range.thickness_mm),
             young_mpa: sensor.gel.young_mpa,
@@ -101,7 +101,7 @@ impl PrintedUnit {
     /// A unit on a gel that is there already; everything else is drawn from `range`.
     #[must_use]
     pub fn with_gel(sensor: &Sensor, range: &UnitRange, gel: PrintedGel, random: &mut Random) -> Self {
-        let mut between = |[least, most]: [f64; 2]| random.uniform(least, most);
+        let mut between = |[min, max]: [f64; 2]| random.uniform(min, max);
         let zoom = between(range.zoom);
         let field_mm = sensor.view.field_mm.map(|side| side / zoom);
         let px_per_mm = sensor.px_per_mm()[0] * zoom;

@@ -404,9 +404,9 @@ fn overstrained(truth: &Truth, gel: &Gel, deepest: f64) -> bool {
     let [x0, y0] = truth.footprint_mm();
     let [slope_x, slope_y] = pose.tilt_rad;
     let touching = truth.pressure_mpa().iter().enumerate().filter(|(_, p)| **p > 0.0);
-    let lowered = touching.fold(0.0_f64, |most, (cell, _)| {
+    let lowered = touching.fold(0.0_f64, |max, (cell, _)| {
         let [x, y] = truth.place_mm(cell);
-        most.max(slope_x * (x - x0) + slope_y * (y - y0))
+        max.max(slope_x * (x - x0) + slope_y * (y - y0))
     });
     let shift = libm::hypot(pose.at_mm[0] - x0, pose.at_mm[1] - y0);
     pose.depth_mm + lowered > deepest * gel.thickness_mm || shift > STRAIN_LIMIT * gel.thickness_mm

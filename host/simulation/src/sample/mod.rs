@@ -380,8 +380,8 @@ mod tests {
                 for (force, state) in sample.forces.iter().zip(&sample.states) {
                     let [x, y, z] = force.map(f64::from);
                     // Friction's share is at most μz; the pressure's is z times the slope, which counts up to 1 along x and y.
-                    let most = sample.friction.unwrap_or(0.0) + std::f64::consts::SQRT_2;
-                    assert!(z >= 0.0 && x.hypot(y) <= most * z * (1.0 + 1e-5) + 1e-9);
+                    let max = sample.friction.unwrap_or(0.0) + std::f64::consts::SQRT_2;
+                    assert!(z >= 0.0 && x.hypot(y) <= max * z * (1.0 + 1e-5) + 1e-9);
                     beyond +=
                         f64::from(x.hypot(y) > sample.friction.unwrap_or(0.0) * z * (1.0 + 1e-5) + 1e-9);
                     loaded += f64::from(z > 0.0);

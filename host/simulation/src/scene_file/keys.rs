@@ -313,17 +313,17 @@ impl Kind {
             }
         };
         match self {
-            Number(unit, least, most) => format!("a number{} from {least} to {most}", in_unit(unit)),
-            Numbers(count, unit, least, most) => {
-                format!("{count} numbers{} from {least} to {most}", in_unit(unit))
+            Number(unit, min, max) => format!("a number{} from {min} to {max}", in_unit(unit)),
+            Numbers(count, unit, min, max) => {
+                format!("{count} numbers{} from {min} to {max}", in_unit(unit))
             }
-            Course(unit, least, most) => format!(
-                "pairs [time in s, number{}] like [[0.0, {least}], [1.0, {most}]], times not falling, numbers from \
-                 {least} to {most}",
+            Course(unit, min, max) => format!(
+                "pairs [time in s, number{}] like [[0.0, {min}], [1.0, {max}]], times not falling, numbers from \
+                 {min} to {max}",
                 in_unit(unit)
             ),
-            Whole(least, WHOLE_MAX) => format!("a whole number from {least} to 2⁶³−1"),
-            Whole(least, most) => format!("a whole number from {least} to {most}"),
+            Whole(min, WHOLE_MAX) => format!("a whole number from {min} to 2⁶³−1"),
+            Whole(min, max) => format!("a whole number from {min} to {max}"),
             Text => "a text".to_owned(),
             Choice(names) => {
                 let quoted: Vec<_> = names.iter().map(|name| format!("\"{name}\"")).collect();

@@ -157,9 +157,9 @@ fn step(section: &Section, place: usize) -> Result<PathStep, SceneError> {
         section.number_if(&keys::MOMENT)?,
     ) {
         (None, None) => None,
-        (pull, twist) => {
+        (pull, torsion) => {
             let [x, y] = pull.unwrap_or_default();
-            Some([x, y, twist.unwrap_or_default()])
+            Some([x, y, torsion.unwrap_or_default()])
         }
     };
     for (key, given) in [

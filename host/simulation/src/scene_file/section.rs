@@ -193,10 +193,10 @@ impl<'a> Section<'a> {
         let Some(value) = self.value(key)? else {
             return Ok(None);
         };
-        let Kind::Number(_, least, most) = key.kind else {
+        let Kind::Number(_, min, max) = key.kind else {
             unreachable!("{} is no number", key.name)
         };
-        in_range(value.get_ref(), least, most)
+        in_range(value.get_ref(), min, max)
             .map(Some)
             .ok_or_else(|| self.wrong(key, value))
     }
@@ -218,7 +218,7 @@ impl<'a> Section<'a> {
         let Some(value) = self.value(key)? else {
             return Ok(None);
         };
-        let Kind::Numbers(count, _, least, most) = key.kind else {
+        let Kind::Numbers(count, _, min, max) = key.kind else {
             unreachable!("{} are no numbers", key.name)
         };
         debug_assert_eq!(count, N);
@@ -226,7 +226,7 @@ impl<'a> Section<'a> {
         let mut out = [0.0; N];
         for (place, out) in out.iter_mut().enumerate() {
             *out = numbers
-                .and_then(|array| in_range(array.get(place)?.get_ref(), least, most))
+                .and_then(|array| in_range(array.get(place)?.get_ref(), min, max))
                 .ok_or_else(|| self.wrong(key, value))?;
         }
         Ok(Some(out))
@@ -237,13 +237,13 @@ impl<'a> Section<'a> {
         let Some(value) = self.value(key)? else {
             return Ok(None);
         };
-        let Kind::Course(_, least, most) = key.kind else {
+        let Kind::Course(_, min, max) = key.kind else {
             unreachable!("{} is no course", key.name)
         };
         let pair = |pair: &DeValue<'_>| -> Option<[f64; 2]> {
             let pair = pair.as_array().filter(|pair| pair.len() == 2)?;
             let time_s = in_range(pair.first()?.get_ref(), 0.0, f64::MAX)?;
-            Some([time_s, in_range(pair.get(1)?.get_ref(), least, most)?])
+            Some([time_s, in_range(pair.get(1)?.get_ref(), min, max)?])
         };
         value
             .get_ref()
@@ -261,14 +261,14 @@ impl<'a> Section<'a> {
         let Some(value) = self.value(key)? else {
             return Ok(None);
         };
-        let Kind::Whole(least, most) = key.kind else {
+        let Kind::Whole(min, max) = key.kind else {
             unreachable!("{} is no whole number", key.name)
         };
         value
             .get_ref()
             .as_integer()
             .and_then(|number| u64::from_str_radix(number.as_str(), number.radix()).ok())
-            .filter(|number| (least..=most).contains(number))
+            .filter(|number| (min..=max).contains(number))
             .map(Some)
             .ok_or_else(|| self.wrong(key, value))
     }
@@ -369,7 +369,7 @@ impl<'a> Section<'a> {
             .collect()
     }
 
-    /// Ends reading: a key that nobody asked for belongs to another choice of `by`.
+    /// Ends reading: a key that was not read belongs to another choice of `by`.
     pub(super) fn finish(&self, by: &str) -> Result<(), SceneError> {
         let used = self.used.borrow();
         let mut left: Vec<_> = self
@@ -392,13 +392,13 @@ impl<'a> Section<'a> {
 }
 
 /// A finite number of the range; whole ones may be written without a point.
-fn in_range(value: &DeValue<'_>, least: f64, most: f64) -> Option<f64> {
+fn in_range(value: &DeValue<'_>, min: f64, max: f64) -> Option<f64> {
     let number: f64 = match value {
         DeValue::Float(float) => float.as_str().parse().ok()?,
         DeValue::Integer(integer) => i64::from_str_radix(integer.as_str(), integer.radix()).ok()? as f64,
         _ => return None,
     };
-    (least..=most).contains(&number).then_some(number)
+    (min..=max).contains(&number).then_some(number)
 }
 
 /// Levenshtein's distance.

@@ -215,8 +215,8 @@ fn an_object_spins_when_the_moment_is_more_than_the_pressure_can_hold() {
         })
         .sum();
     let ramp = [[0.7, 0.0], [2.7, 1.0]];
-    let twist = 1.3 * limit;
-    scene.pulls = vec![Pull::twist(twist, Course::linear(ramp.to_vec()))];
+    let torsion = 1.3 * limit;
+    scene.pulls = vec![Pull::torsion(torsion, Course::linear(ramp.to_vec()))];
     let (found, expected) = onset(&scene, ramp, 1.0 / 1.3);
     println!("twist: SLIP at {found:.3} s, the moment's limit {limit:.2} N·mm at {expected:.3} s");
     assert!(found > expected - FRAME_S && found < expected + 1.5 * FRAME_S);

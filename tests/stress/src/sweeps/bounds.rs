@@ -21,25 +21,25 @@ use crate::{Effort, Sweep, exact};
 /// Whole numbers from the least to the most; wide enough that this arithmetic itself cannot overflow.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Range {
-    least: i128,
-    most: i128,
+    min: i128,
+    max: i128,
 }
 
-const fn range(least: i128, most: i128) -> Range {
-    Range { least, most }
+const fn range(min: i128, max: i128) -> Range {
+    Range { min, max }
 }
 
 impl Add for Range {
     type Output = Self;
     fn add(self, other: Self) -> Self {
-        range(self.least + other.least, self.most + other.most)
+        range(self.min + other.min, self.max + other.max)
     }
 }
 
 impl Neg for Range {
     type Output = Self;
     fn neg(self) -> Self {
-        range(-self.most, -self.least)
+        range(-self.max, -self.min)
     }
 }
 
@@ -53,7 +53,7 @@ impl Sub for Range {
 impl Mul for Range {
     type Output = Self;
     fn mul(self, other: Self) -> Self {
-        let ends = [self.least, self.most].map(|a| [other.least, other.most].map(|b| a * b));
+        let ends = [self.min, self.max].map(|a| [other.min, other.max].map(|b| a * b));
         let all = ends.as_flattened();
         let fold = |pick: fn(i128, i128) -> i128| all.iter().copied().reduce(pick).unwrap_or(0);
         range(fold(i128::min), fold(i128::max))
@@ -63,13 +63,13 @@ impl Mul for Range {
 impl Range {
     /// A square is never negative.
     fn squared(self) -> Self {
-        let greatest = self.least.abs().max(self.most.abs());
+        let greatest = self.min.abs().max(self.max.abs());
         range(0, greatest * greatest)
     }
 
     /// Of a sum of any of so many terms, which may all be left out.
     fn any_of(self, count: i128) -> Self {
-        range(count * self.least.min(0), count * self.most.max(0))
+        range(count * self.min.min(0), count * self.max.max(0))
     }
 }
 
@@ -93,12 +93,12 @@ fn over_taxels(part: impl Fn(Range, Range) -> Range) -> Range {
 }
 
 /// Σ (x² + y²)/2 fz about the centre.
-fn spread() -> Range {
+fn second_moment() -> Range {
     let (two, last) = (range(2, 2), range(SIDE as i128 - 1, SIDE as i128 - 1));
     over_taxels(|column, row| {
         let [across, along] = [column, row].map(|place| two * place - last);
         let square = across * across + along * along;
-        range(square.least / 2, square.most / 2) * I16
+        range(square.min / 2, square.max / 2) * I16
     })
 }
 
@@ -141,7 +141,7 @@ fn detector() -> Vec<Step> {
             ("i32", I32),
         ),
         // Its sum about the corner wraps; this is what comes out.
-        ("map: Σ (x² + y²)/2 fz, any taxels", spread(), ("i32", I32)),
+        ("map: Σ (x² + y²)/2 fz, any taxels", second_moment(), ("i32", I32)),
         (
             "map: F_T², of which the root takes 52 bits",
             force.squared() + force.squared(),
@@ -184,12 +184,12 @@ fn loads() -> Vec<Step> {
     let moment = two * over_taxels(|column, row| column * I16 - row * I16) - last * force;
     let pressure = two * over_taxels(|column, _| column * I16) - last * force;
     let [across, along] = [pressure * force; 2];
-    // What the load keeps: a twist of at most 2²⁹, and of one that slid at most 22/64 of it; its square by the pressure's
-    // reach, of which all take 51 bits.
-    let twist = range(-(1 << 29), 1 << 29);
-    let turned = twist + range(twist.least * 22 / 64, twist.most * 22 / 64);
-    let reach = range(0, 16 * 2 * 19 * 19);
-    let normal = range(1, force.most);
+    // What the load keeps: a torsional moment of at most 2²⁹, and of one that slid at most 22/64 of it; its square by the pressure's
+    // mean square radius, of which all take 51 bits.
+    let torsional_moment = range(-(1 << 29), 1 << 29);
+    let turned = torsional_moment + range(torsional_moment.min * 22 / 64, torsional_moment.max * 22 / 64);
+    let mean_square = range(0, 16 * 2 * 19 * 19);
+    let normal = range(1, force.max);
     let share = range(0, u16::MAX.into());
     vec![
         ("load: px Fy − py Fx", across - along, ("i64", I64)),
@@ -204,18 +204,18 @@ fn loads() -> Vec<Step> {
             ("u64", U64),
         ),
         (
-            "form: 18 · twist², changes of it",
+            "contact geometry: 18 · torsional moment², changes of it",
             range(18, 18) * turned.squared(),
             ("u64", U64),
         ),
         (
-            "form: 2 spread · F_N − Σ x fz² − Σ y fz²",
-            two * spread() * normal - pressure.squared() - pressure.squared(),
+            "contact geometry: 2 second moment · F_N − Σ x fz² − Σ y fz²",
+            two * second_moment() * normal - pressure.squared() - pressure.squared(),
             ("i64", I64),
         ),
         (
-            "form: reach · growth of F_N, all of it, in 64",
-            range(0, reach.most * normal.most / 64),
+            "contact geometry: mean square radius · growth of F_N, all of it, in 64",
+            range(0, mean_square.max * normal.max / 64),
             ("u32", U32),
         ),
         (
@@ -246,60 +246,80 @@ fn learning() -> Vec<Step> {
     let force = I16.any_of(TAXELS as i128);
     let milli = range(1_000, 1_000);
     let unit = range(PER_UNIT.into(), PER_UNIT.into());
-    // A twist beyond 2²⁵ counts as that; of the square, 52 bits do, so the root has 26.
+    // A torsional moment beyond 2²⁵ counts as that; of the square, 52 bits do, so the root has 26.
     let turning = range(0, 1 << 25).squared() * range(SEEN_MOMENT.into(), SEEN_MOMENT.into());
     // Over a reach of at least 1.
     let square = force.squared() + force.squared() + turning;
     let [now, before] = [range(0, (1 << 26) - 1); 2];
     // 2/5 of the growth before and 3/5 of a map's: never beyond a map's.
-    let growth = range(-now.most, now.most);
+    let growth = range(-now.max, now.max);
     let news = range(3, 3) * (now - before - growth);
     // The longer of the two looks; what counts as no growth makes it less.
-    let lead = range(0, growth.most) * range(REST_LEAD_US.into(), REST_LEAD_US.into());
+    let lead = range(0, growth.max) * range(REST_LEAD_US.into(), REST_LEAD_US.into());
     let rests = growth * range(16, 16);
-    let sliding = range(0, now.most / 8) * range(0, 4);
+    let sliding = range(0, now.max / 8) * range(0, 4);
     // Maps count as at least a millisecond apart; of what comes out half the load does.
-    let more = range(0, lead.most / 1_000);
-    let ahead = now + range(0, now.most / 2);
-    let [felt, held] = [range(0, ahead.most + ahead.most / 2); 2];
+    let more = range(0, lead.max / 1_000);
+    let ahead = now + range(0, now.max / 2);
+    let [felt, held] = [range(0, ahead.max + ahead.max / 2); 2];
     let [line, reached] = [range(0, FORCE_MAX.into()) * milli; 2];
     let sought = line + range(SEEK_RATE.into(), SEEK_RATE.into()) * U16;
     vec![
-        ("carry: 22 · twist²", turning, ("u64", U64)),
-        ("carry: Fx² + Fy² + twist²", square, ("u64", U64)),
         (
-            "carry: 3 · (growth of a map less that before)",
+            "friction estimator: 22 · torsional moment²",
+            turning,
+            ("u64", U64),
+        ),
+        (
+            "friction estimator: Fx² + Fy² + torsional moment²",
+            square,
+            ("u64", U64),
+        ),
+        (
+            "friction estimator: 3 · (growth of a map less that before)",
             news,
             ("i32", I32),
         ),
         (
-            "carry: growth after a map",
-            growth + range(news.least / 5, news.most / 5),
+            "friction estimator: growth after a map",
+            growth + range(news.min / 5, news.max / 5),
             ("i32", I32),
         ),
-        ("carry: 16 · growth", rests, ("i32", I32)),
+        ("friction estimator: 16 · growth", rests, ("i32", I32)),
         (
-            "carry: growth less 3/128 of the load",
-            growth - range(0, 3 * (now.most / 128)),
+            "friction estimator: growth less 3/128 of the load",
+            growth - range(0, 3 * (now.max / 128)),
             ("i32", I32),
         ),
-        ("carry: growth · look-ahead in µs", lead, ("u64", U64)),
-        ("carry: what sliding adds", sliding, ("i32", I32)),
         (
-            "carry: what the look-ahead adds, before half the load",
+            "friction estimator: growth · look-ahead in µs",
+            lead,
+            ("u64", U64),
+        ),
+        ("friction estimator: what sliding adds", sliding, ("i32", I32)),
+        (
+            "friction estimator: what the look-ahead adds, before half the load",
             more,
             ("u64", U64),
         ),
-        ("carry: load ahead", ahead, ("i32", I32)),
-        ("carry: load ahead · 10000", ahead * unit, ("u64", U64)),
+        ("friction estimator: load ahead", ahead, ("i32", I32)),
         (
-            "carry: 17 · share of the normal force",
+            "friction estimator: load ahead · 10000",
+            ahead * unit,
+            ("u64", U64),
+        ),
+        (
+            "friction estimator: 17 · share of the normal force",
             range(0, 17) * U16,
             ("u32", U32),
         ),
-        ("carry: 2 · normal force", range(2, 2) * force, ("i32", I32)),
         (
-            "carry: load ahead · friction of the other",
+            "friction estimator: 2 · normal force",
+            range(2, 2) * force,
+            ("i32", I32),
+        ),
+        (
+            "friction estimator: load ahead · friction of the other",
             ahead * U16,
             ("i64", I64),
         ),
@@ -337,7 +357,7 @@ fn controller() -> Vec<Step> {
     let second_us = range(0, 1_000_000);
     let shear = range(0, i128::from(i32::MAX));
     let product = shear * range(10_000, 50_000);
-    let wanted = range(0, product.most / 500);
+    let wanted = range(0, product.max / 500);
     let reflex = U16 * second_us * range(0, 10_000);
     let rise = U16 * second_us;
     let line = force * milli;
@@ -352,7 +372,7 @@ fn controller() -> Vec<Step> {
         ("grip: rate · µs · share", reflex, ("u64", U64)),
         (
             "grip: reflex after a step",
-            line + range(0, rise.most),
+            line + range(0, rise.max),
             ("i64", I64),
         ),
         ("grip: line after a step of its rate", line + rise, ("i64", I64)),
@@ -395,7 +415,7 @@ pub(crate) fn sweep(effort: Effort) -> Sweep {
         .chain(learning())
         .chain(controller())
     {
-        too_large += u64::from(found.least < holds.least || found.most > holds.most);
+        too_large += u64::from(found.min < holds.min || found.max > holds.max);
         let room = |value: i128, limit: i128| {
             if value == 0 {
                 f64::INFINITY
@@ -403,11 +423,11 @@ pub(crate) fn sweep(effort: Effort) -> Sweep {
                 (limit.abs() as f64 / value.abs() as f64).log2()
             }
         };
-        let bits = room(found.most, holds.most).min(room(found.least, holds.least));
+        let bits = room(found.max, holds.max).min(room(found.min, holds.min));
         sweep.row(vec![
             json!(name),
-            json!(found.least.to_string()),
-            json!(found.most.to_string()),
+            json!(found.min.to_string()),
+            json!(found.max.to_string()),
             json!(kept),
             json!((bits * 10.0).floor() / 10.0),
         ]);
@@ -488,10 +508,10 @@ fn worst_maps(effort: Effort) -> (usize, u64, f64) {
         });
         maps.push(map);
     }
-    let force = I16.any_of(TAXELS as i128).least.abs();
+    let force = I16.any_of(TAXELS as i128).min.abs();
     let moment = over_taxels(|column, row| column * I16 - row * I16);
     // As `finish` gives it: about the centre, in half pitches.
-    let moment = (range(2, 2) * moment).most;
+    let moment = (range(2, 2) * moment).max;
     let (mut wrong, mut reached) = (0, 0.0_f64);
     for map in &maps {
         let right = exact::map(&map.taxels, FRICTION, 0);

@@ -32,9 +32,9 @@ const FAMILIES: [Family; 5] = [
     ("F_T = μ F_N to the last step", on_the_cone),
 ];
 
-fn contact(random: &mut Pcg64Mcg, twist: f64) -> ForceMap {
+fn contact(random: &mut Pcg64Mcg, torsion_share: f64) -> ForceMap {
     let contact = Contact {
-        twist,
+        torsion_share,
         ..Contact::random(random)
     };
     quantised(&contact.newtons()).0

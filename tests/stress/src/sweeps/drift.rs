@@ -4,6 +4,7 @@
 use gripline_firmware::GripForce;
 use gripline_firmware::clock_sync::{CaptureTime, ClockSync};
 use gripline_firmware::line::DAC_LIVE_ZERO;
+use gripline_firmware::{DeviceMicros, HostMicros};
 use gripline_protocol::message::Configuration;
 use gripline_protocol::{ForceMap, LSB_PER_NEWTON, TaxelForce};
 use rand::RngExt;
@@ -94,14 +95,14 @@ pub(crate) fn sweep(effort: Effort) -> Sweep {
         );
         let is_judged = !is_noisy;
         if is_judged {
-            worst = worst.max(span.most - span.least);
+            worst = worst.max(span.max - span.min);
         } else {
             // Twelve components of a step up or down, through the feed-forward's gain.
-            let most = 24.0 * 14_000.0 / 4_500.0 + 1.0;
+            let max = 24.0 * 14_000.0 / 4_500.0 + 1.0;
             sweep.check(
                 format!("{name}: moves of the line, 1/4096 N (gain times the noise)"),
-                f64::from(span.most - span.least),
-                most,
+                f64::from(span.max - span.min),
+                max,
             );
         }
         sweep.row(span.row(name));
@@ -116,8 +117,8 @@ pub(crate) fn sweep(effort: Effort) -> Sweep {
     for size in SIZES {
         let (span, curve) = closed_loop(size, effort.of(40_000, 5_000));
         sweep.row(span.row(&format!("closed loop, twist, {size} taxels")));
-        worst = worst.max(span.most - span.least);
-        if span.most - span.least > 1 {
+        worst = worst.max(span.max - span.min);
+        if span.max - span.min > 1 {
             cycling.push(size.to_string());
         }
         if [1, 4, 12, 100].contains(&size) {
@@ -174,8 +175,8 @@ fn both_clocks(effort: Effort, frames: usize, sweep: &mut Sweep) {
 /// Where the line was once settled.
 struct Span {
     frames: usize,
-    least: i32,
-    most: i32,
+    min: i32,
+    max: i32,
     first: i32,
     last: i32,
 }
@@ -187,11 +188,11 @@ impl Span {
         vec![
             json!(name),
             json!(self.frames),
-            json!(newtons(self.least)),
-            json!(newtons(self.most)),
-            json!(self.most - self.least),
+            json!(newtons(self.min)),
+            json!(newtons(self.max)),
+            json!(self.max - self.min),
             json!(self.last - self.first),
-            json!(code(self.most) - code(self.least)),
+            json!(code(self.max).0 - code(self.min).0),
             json!(null),
         ]
     }
@@ -199,17 +200,17 @@ impl Span {
     fn of(frames: usize, lines: impl Iterator<Item = i32>) -> Self {
         let mut span = Self {
             frames,
-            least: i32::MAX,
-            most: i32::MIN,
+            min: i32::MAX,
+            max: i32::MIN,
             first: 0,
             last: 0,
         };
         for line in lines {
-            if span.least > span.most {
+            if span.min > span.max {
                 span.first = line;
             }
-            span.least = span.least.min(line);
-            span.most = span.most.max(line);
+            span.min = span.min.min(line);
+            span.max = span.max.max(line);
             span.last = line;
         }
         span
@@ -289,8 +290,8 @@ fn clocks(effort: Effort, parts_per_million: i64, frames: usize) -> (u32, u64) {
         let jitter: u64 = random.random_range(0..5_000);
         let host = passed as i64 + passed as i64 * parts_per_million / 1_000_000;
         match clock.check(
-            (u32::MAX - 30_000_000).wrapping_add(host as u32),
-            start_us + passed + jitter,
+            HostMicros(u32::MAX - 30_000_000).later_by(host as u32),
+            DeviceMicros(start_us + passed + jitter),
         ) {
             CaptureTime::Late { us } => worst = worst.max(us.saturating_sub(5_000)),
             CaptureTime::Future => refused += 1,

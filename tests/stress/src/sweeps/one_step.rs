@@ -92,7 +92,7 @@ fn slips([contact, stick]: [i64; 2], threshold: u16) -> bool {
 
 /// What moving inputs did.
 #[derive(Default)]
-struct Found {
+struct MovedInputs {
     moved: u64,
     taxels: u64,
     frames: u64,
@@ -123,7 +123,7 @@ pub(crate) fn sweep(effort: Effort) -> Sweep {
     let (mut far, mut wrong, mut moved) = (0, Wrong::default(), 0);
     for (stream, (name, make)) in (100..).zip(FAMILIES) {
         let mut random = effort.random(stream);
-        let mut found = Found::default();
+        let mut found = MovedInputs::default();
         for _ in 0..count {
             one_map(&make(&mut random), &mut found);
         }
@@ -185,7 +185,7 @@ pub(crate) fn sweep(effort: Effort) -> Sweep {
 }
 
 /// Moves every input of a map.
-fn one_map(map: &ForceMap, found: &mut Found) {
+fn one_map(map: &ForceMap, found: &mut MovedInputs) {
     let before = counts(map, FRICTION, 0);
     let was_slip = slips(before, THRESHOLD);
     let distance = (before[1] * i64::from(PER_UNIT) - i64::from(THRESHOLD) * before[0]).abs();

@@ -44,7 +44,7 @@ fn pulled(share: f64, friction: f64) -> ForceMap {
         friction,
         share,
         way_rad: 0.5,
-        twist: 0.0,
+        torsion_share: 0.0,
     };
     quantised(&contact.newtons()).0
 }
@@ -169,12 +169,11 @@ pub(crate) fn sweep(effort: Effort) -> Sweep {
         curves,
     });
     let gain = gain(&settings, effort.of(200_000, 20_000) as i32);
-    let most =
-        (i64::from(PER_UNIT) + i64::from(settings.margin)).div_euclid(i64::from(settings.friction)) + 1;
+    let max = (i64::from(PER_UNIT) + i64::from(settings.margin)).div_euclid(i64::from(settings.friction)) + 1;
     sweep.check(
         "line, 1/4096 N, that one step of shear moves at most ((1 + margin) / μ rounded up)",
         f64::from(gain),
-        most as f64,
+        max as f64,
     );
     sweep
 }

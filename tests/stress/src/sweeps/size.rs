@@ -32,15 +32,15 @@ pub(crate) fn sweep(effort: Effort) -> Sweep {
             "taxels wrong",
         ],
     );
-    let mut least = 1;
+    let mut min = 1;
     let mut wrong = 0;
     let mut taxels_wrong = 0;
     let mut curve = Vec::new();
-    for most in SIZES {
-        let asked = (least..=most).fold(Asked::default(), Asked::every_ratio);
-        let (tried, turned, taxels) = touchy(effort, most, &mut curve, least);
+    for max in SIZES {
+        let asked = (min..=max).fold(Asked::default(), Asked::every_ratio);
+        let (tried, turned, taxels) = touchy(effort, max, &mut curve, min);
         sweep.row(vec![
-            json!(most),
+            json!(max),
             json!(asked.ratios),
             json!(asked.thresholds),
             json!(asked.wrong),
@@ -53,7 +53,7 @@ pub(crate) fn sweep(effort: Effort) -> Sweep {
         ]);
         wrong += asked.wrong;
         taxels_wrong += taxels;
-        least = most + 1;
+        min = max + 1;
     }
     sweep.none(
         "frame decisions that exact arithmetic makes otherwise, over all ratios and thresholds",
@@ -115,13 +115,13 @@ impl Asked {
 }
 
 /// Single steps over random contacts: (tried, frames turned, taxels wrong).
-fn touchy(effort: Effort, most: u16, curve: &mut Vec<(f64, f64)>, least: u16) -> (u64, u64, u64) {
-    let mut random = effort.random(400 + u64::from(most));
+fn touchy(effort: Effort, max: u16, curve: &mut Vec<(f64, f64)>, min: u16) -> (u64, u64, u64) {
+    let mut random = effort.random(400 + u64::from(max));
     let mut all = [0_u64; 3];
     let sizes: Vec<u16> = if effort.is_quick {
-        vec![most]
+        vec![max]
     } else {
-        (least..=most).step_by(usize::from(most / 25).max(1)).collect()
+        (min..=max).step_by(usize::from(max / 25).max(1)).collect()
     };
     for size in sizes {
         let (mut tried, mut turned) = (0_u64, 0_u64);

@@ -3,6 +3,7 @@
 use gripline_firmware::constants::{TIME_TO_SLIP_MAX_MS, TREND_MAPS};
 use gripline_firmware::slip::SlipDetector;
 use gripline_firmware::sums::stick_ratio;
+use gripline_firmware::{DeviceMicros, HostMicros};
 use gripline_protocol::message::{Configuration, MapSums};
 use num_bigint::BigInt;
 use rand::RngExt;
@@ -52,7 +53,7 @@ pub(crate) fn sweep(effort: Effort) -> Sweep {
                 };
                 seen.push((stick_ratio(&sums).unwrap_or(0), capture_us));
                 let told = detector
-                    .update(&sums, capture_us, 1_000_000, &settings)
+                    .update(&sums, HostMicros(capture_us), DeviceMicros(1_000_000), &settings)
                     .time_to_slip_ms;
                 let exact = exactly(&seen, settings.slip_threshold);
                 if told.is_none() && exact.is_none() {

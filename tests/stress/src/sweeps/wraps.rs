@@ -1,6 +1,7 @@
 //! Clocks and numbers that wrap, wherever in a scene that happens, and silences of any length.
 
 use gripline_firmware::clock_sync::{CaptureTime, ClockSync};
+use gripline_firmware::{DeviceMicros, HostMicros};
 use gripline_protocol::ForceMap;
 use gripline_protocol::message::{Configuration, SlipState};
 use serde_json::json;
@@ -27,7 +28,7 @@ fn map_at(frame: usize) -> ForceMap {
         friction: 0.6,
         share: 1.1 * (1.0 - (2.0 * at - 0.9).abs()),
         way_rad: 0.3,
-        twist: 0.2,
+        torsion_share: 0.2,
     };
     quantised(&contact.newtons()).0
 }
@@ -153,9 +154,12 @@ const SILENCES: [(&str, u64); 10] = [
 fn after_silence(silence_us: u64, parts_per_million: i64) -> Option<u32> {
     let mut clock = ClockSync::new();
     let start_us = 7_000_000;
-    clock.check(1_000, start_us);
+    clock.check(HostMicros(1_000), DeviceMicros(start_us));
     let passed = silence_us as i64 + silence_us as i64 * parts_per_million / 1_000_000;
-    match clock.check(1_000_u32.wrapping_add(passed as u32), start_us + silence_us) {
+    match clock.check(
+        HostMicros(1_000).later_by(passed as u32),
+        DeviceMicros(start_us + silence_us),
+    ) {
         CaptureTime::Late { us } => Some(us),
         CaptureTime::Future => None,
     }

@@ -43,18 +43,18 @@ pub(super) struct CameraArgs {
 pub(super) fn run(args: &CameraArgs) -> Result<(), Error> {
     let mut calibration = Calibration::load_or_new(&args.common.out)?;
     let sensor = Sensor::named(&args.sensor)?;
-    let Some([least, most]) = sensor.markers.pitch_mm else {
+    let Some([min, max]) = sensor.markers.pitch_mm else {
         return Err(Error::usage(format!(
             "sensor {}: found particles, expected printed markers: their lens is calibrated by `gripline calibrate geometry`",
             sensor.identity()
         )));
     };
-    let described = 0.5 * (least + most);
+    let described = 0.5 * (min + max);
     let pitch_mm = args.pitch_mm.unwrap_or(described);
-    if args.pitch_mm.is_none() && most - least > UNSURE * described {
+    if args.pitch_mm.is_none() && max - min > UNSURE * described {
         tracing::warn!(
-            "no --pitch-mm: the description says {least} to {most} mm, so the scale is known to {:.0} % only; measure over ten dots",
-            50.0 * (most - least) / described
+            "no --pitch-mm: the description says {min} to {max} mm, so the scale is known to {:.0} % only; measure over ten dots",
+            50.0 * (max - min) / described
         );
     }
     let (dots, count) = dots_of(&args.pictures, &sensor, pitch_mm)?;
@@ -84,8 +84,8 @@ pub(super) fn run(args: &CameraArgs) -> Result<(), Error> {
 fn dots_of(path: &std::path::Path, sensor: &Sensor, pitch_mm: f64) -> Result<(Vec<Dot>, usize), Error> {
     // Dots are looked for at the distance that they have, at any scale that lenses may have.
     let mut wider = sensor.clone();
-    let [least, most] = sensor.markers.pitch_mm.unwrap_or([pitch_mm; 2]);
-    wider.markers.pitch_mm = Some([least.min(pitch_mm) / 1.3, most.max(pitch_mm) * 1.3]);
+    let [min, max] = sensor.markers.pitch_mm.unwrap_or([pitch_mm; 2]);
+    wider.markers.pitch_mm = Some([min.min(pitch_mm) / 1.3, max.max(pitch_mm) * 1.3]);
     let wrong = |error: MarkerError| Error::failed(format!("{}: {error}", path.display()));
     let mut tracker = Tracker::new(&wider).map_err(wrong)?;
     let mut frames = ColourPlayback::open(path, &sensor.capture, 0)?;

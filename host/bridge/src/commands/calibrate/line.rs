@@ -8,7 +8,7 @@ use std::thread;
 
 use clap::Args;
 use gripline_firmware::GripForce;
-use gripline_firmware::line::LineCalibration;
+use gripline_firmware::line::{DacCode, LineCalibration};
 use gripline_protocol::message::{Command, Configuration};
 use gripline_protocol::{ForceMap, Health, LSB_PER_NEWTON, MapInfo};
 use serde_json::json;
@@ -218,7 +218,7 @@ impl Stepper {
                 )));
             }
         }
-        let code = self.table.code(GripForce::from_lsb(self.line()));
+        let DacCode(code) = self.table.code(GripForce::from_lsb(self.line()));
         loop {
             eprint!(
                 "step {number} of {of}, code {code} ({force_n:.2} N by the table in force); measured N: "

@@ -53,7 +53,7 @@ pub(super) fn run(args: &RestArgs) -> Result<(), Error> {
     if args.common.json {
         println!("{}", json!(rest));
     } else {
-        println!("{}", told(&rest));
+        println!("{}", summary(&rest));
     }
     wrote(&args.common);
     Ok(())
@@ -87,7 +87,7 @@ pub(in crate::commands) fn keep(
 }
 
 /// What was written, for people.
-pub(in crate::commands) fn told(rest: &Rest) -> String {
+pub(in crate::commands) fn summary(rest: &Rest) -> String {
     format!(
         "{} pictures of {}: mean level {:.1}, {:.2} % saturated, {} particles, sharpness {:.3}, noise {:.2} levels, moved \
          {:.3} px at most",
@@ -136,7 +136,7 @@ fn pictures(args: &RestArgs) -> Result<(Vec<Vec<u8>>, String), Error> {
 /// Looks at the untouched fingertip `count` times, 440×440 each; `asks`: a person is there, who is told what to do.
 ///
 /// # Errors
-/// [`Error`] when the source gives none, or nobody answers.
+/// [`Error`] when the source gives none, or the device does not answer.
 pub(in crate::commands) fn take(
     source: &Source,
     wanted: &SourceSettings,

@@ -15,7 +15,7 @@ pub(super) struct Moment {
     pub slip: bool,
     /// The baseline F_T > μ F_N.
     pub coulomb_slip: bool,
-    /// The world: the whole contact slides. `None` where nobody knows.
+    /// The world: the whole contact slides. `None` without ground truth.
     pub true_slip: Option<bool>,
     /// Total normal force.
     pub normal_n: f64,

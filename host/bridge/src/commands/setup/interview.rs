@@ -14,11 +14,11 @@ use crate::source::Source;
 
 /// What is attached to this machine.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Found {
+pub(super) struct Hardware {
     pub cameras: Vec<Choice>,
     /// Microcontrollers of ours on USB.
     pub boards: Vec<Choice>,
-    /// Serial ports: what is behind them nobody knows.
+    /// Serial ports, whatever is behind them.
     pub ports: Vec<Choice>,
     /// Why USB cannot be looked at.
     pub no_usb: Option<String>,
@@ -69,7 +69,7 @@ pub(super) struct Chosen {
     pub rest: Rest,
 }
 
-/// Whoever answers.
+/// The person who answers.
 pub(super) trait Person {
     /// Shows a screen and waits for a line.
     ///
@@ -80,18 +80,18 @@ pub(super) trait Person {
     fn tell(&mut self, line: &str);
 }
 
-/// Asks what was not said. `look`: what is attached now; `person`: `None` where there is none to ask.
+/// Asks what was not said. `detect`: what is attached now; `person`: `None` where there is none to ask.
 ///
 /// # Errors
 /// [`Error`] that says what was found, what was expected and what to do.
 pub(super) fn interview<'a>(
     said: &Said,
-    look: &'a mut dyn FnMut() -> Found,
+    detect: &'a mut dyn FnMut() -> Hardware,
     person: Option<&'a mut dyn Person>,
 ) -> Result<Chosen, Error> {
     let mut asking = Asking {
         takes_defaults: said.yes,
-        look,
+        detect,
         person,
     };
     let text = |value: &dyn fmt::Display| value.to_string();
@@ -107,7 +107,7 @@ pub(super) fn interview<'a>(
     )?;
     let mcu = asking.one(
         said.mcu.as_ref().map(|mcu| text(mcu)),
-        &|found| board_question(found, &camera),
+        &|hardware| board_question(hardware, &camera),
         &|text| board(text, &camera),
     )?;
     let rest = match &said.rest {
@@ -124,7 +124,7 @@ pub(super) fn interview<'a>(
 
 struct Asking<'a> {
     takes_defaults: bool,
-    look: &'a mut dyn FnMut() -> Found,
+    detect: &'a mut dyn FnMut() -> Hardware,
     person: Option<&'a mut dyn Person>,
 }
 
@@ -133,21 +133,21 @@ impl Asking<'_> {
     fn one<T>(
         &mut self,
         said: Option<String>,
-        question: &dyn Fn(&Found) -> Question,
+        question: &dyn Fn(&Hardware) -> Question,
         check: &dyn Fn(&str) -> Result<T, String>,
     ) -> Result<T, Error> {
-        let question_now = |look: &mut dyn FnMut() -> Found| question(&look());
+        let question_now = |detect: &mut dyn FnMut() -> Hardware| question(&detect());
         if let Some(said) = said {
-            let flag = question(&Found::default()).flag;
+            let flag = question(&Hardware::default()).flag;
             return check(&said).map_err(|error| Error::usage(format!("{flag}: {error}")));
         }
         let Some(person) = &mut self.person else {
-            let question = question_now(self.look);
+            let question = question_now(self.detect);
             let taken = question.unasked(self.takes_defaults).map_err(Error::usage)?;
             return check(&taken).map_err(|error| Error::usage(format!("{}: {error}", question.flag)));
         };
         loop {
-            let question = question_now(self.look);
+            let question = question_now(self.detect);
             let typed = person.ask(&question.screen())?;
             let checked = match question.answer(&typed) {
                 Ok(Answer::LookAgain) => continue,
@@ -198,10 +198,10 @@ fn sensor(name: &str) -> Result<String, String> {
     Ok(identity)
 }
 
-fn camera_question(found: &Found) -> Question {
-    let mut choices = found.cameras.clone();
+fn camera_question(hardware: &Hardware) -> Question {
+    let mut choices = hardware.cameras.clone();
     choices.push(Choice::new("sim", "no camera: a simulated fingertip"));
-    let default = match found.cameras.len() {
+    let default = match hardware.cameras.len() {
         1 => Ok(0),
         0 => Err("Found no camera, expected one: plug it in (`ls /dev/video*` shows it).".to_owned()),
         count => Err(format!("Found {count} cameras, expected one: choose.")),
@@ -216,22 +216,22 @@ fn camera_question(found: &Found) -> Question {
     }
 }
 
-fn board_question(found: &Found, camera: &Source) -> Question {
+fn board_question(hardware: &Hardware, camera: &Source) -> Question {
     let embedded = Choice::new("embedded", "no board: nothing moves");
     let (choices, default) = if matches!(camera, Source::Camera(_)) {
-        let default = match found.boards.len() {
+        let default = match hardware.boards.len() {
             1 => Ok(0),
             0 => Err(format!(
                 "Found no microcontroller on USB{}, expected one (1209:0001 in `lsusb`): plug it in and flash it \
                  (`cargo xtask flash`).",
-                found
+                hardware
                     .no_usb
                     .as_ref()
                     .map_or(String::new(), |why| format!(" ({why})"))
             )),
             count => Err(format!("Found {count} microcontrollers, expected one: choose.")),
         };
-        let all = [&found.boards[..], &found.ports, &[embedded]].concat();
+        let all = [&hardware.boards[..], &hardware.ports, &[embedded]].concat();
         (all, default)
     } else {
         (vec![embedded], Ok(0))

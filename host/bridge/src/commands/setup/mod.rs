@@ -1,9 +1,9 @@
 //! `gripline setup`: asks which sensor, camera and board, takes rest pictures, writes the configuration, and ends with
 //! `gripline doctor`. Each answer can be a flag; without a terminal nothing is asked. It moves nothing.
-//! This file does; `interview` asks, `file` says what is written, `found` looks at what is attached.
+//! This file does; `interview` asks, `file` says what is written, `hardware` looks at what is attached.
 
 mod file;
-mod found;
+mod hardware;
 mod interview;
 mod question;
 
@@ -70,7 +70,7 @@ pub fn run(args: &SetupArgs) -> Result<Completion, Error> {
         yes: args.yes,
     };
     let person = asks.then_some(&mut terminal as &mut dyn Person);
-    let chosen = interview(&said, &mut found::look, person)?;
+    let chosen = interview(&said, &mut hardware::detect, person)?;
     let draft = draft(&chosen, &out)?;
     let calibration = calibrated(&chosen, &draft, &out, asks, replaces)?;
     write(
@@ -107,7 +107,7 @@ const fn is_root() -> bool {
     false
 }
 
-/// Makes sure that `out` can be written, before anything is asked. Returns whether it replaces what somebody has written.
+/// Makes sure that `out` can be written, before anything is asked. Returns whether it replaces an earlier file.
 fn may_write(out: &Path, force: bool, asks: bool) -> Result<bool, Error> {
     let folder = out.parent().unwrap_or(Path::new("/"));
     let probe = out.with_extension("toml.part");
@@ -172,7 +172,7 @@ fn calibrated(
             let file = out.with_file_name("calibration.toml");
             let pictures = rest::take(&chosen.camera, &draft.source_settings(0), PICTURES, asks)?;
             let written = rest::keep(&file, &pictures, chosen.camera.to_string(), anew)?;
-            println!("{}", rest::told(&written));
+            println!("{}", rest::summary(&written));
             Ok(Some(file))
         }
     }

@@ -35,7 +35,7 @@ pub(super) struct Question {
     pub choices: Vec<Choice>,
     /// What else may be typed.
     pub other: &'static str,
-    /// The choice that is taken where nobody says anything; else why there is none: what was found, and what to do.
+    /// The default choice; else why there is none: what was found, and what to do.
     pub default: Result<usize, String>,
 }
 
@@ -93,7 +93,7 @@ impl Question {
             })
     }
 
-    /// The answer where nobody is asked.
+    /// The answer without a person to ask.
     ///
     /// # Errors
     /// What was found, expected, and which flag says it.

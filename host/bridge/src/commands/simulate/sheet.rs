@@ -49,8 +49,8 @@ pub(super) fn draw(title: &str, rest: &Grey, columns: &[Column], finger: usize) 
         canvas.fill([GAP + x, row(2) + 14], [1, 12], colour);
     }
     canvas.text([GAP, row(2) + 30], "0", TEXT);
-    let most = format!("{:.3} N", full[0]);
-    canvas.text([GAP + SIDE - most.len() * LETTER, row(2) + 30], &most, TEXT);
+    let max = format!("{:.3} N", full[0]);
+    canvas.text([GAP + SIDE - max.len() * LETTER, row(2) + 30], &max, TEXT);
     canvas.text([GAP, row(2) + 50], "lines: shear, longest", TEXT);
     canvas.text(
         [GAP, row(2) + 62],

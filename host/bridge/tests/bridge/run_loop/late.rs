@@ -1,4 +1,4 @@
-//! What is too old is dropped, counted and told, and leaves no gap behind. The pictures' ages are made up: no test hangs on
+//! What is too old is dropped, counted and told, and leaves no gap behind. The pictures' ages are made up: no test depends on
 //! how busy the machine is.
 
 use std::time::{Duration, Instant};

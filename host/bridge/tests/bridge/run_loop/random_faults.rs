@@ -382,14 +382,14 @@ fn memory_stays_flat_while_frames_are_recorded() {
     assert_eq!((recorded.frames, recorded.failed), (frames, None));
     // The first minute fills queues and buffers.
     let settled = &samples[6..];
-    let (least, most) = (settled.iter().min().unwrap(), settled.iter().max().unwrap());
+    let (min, max) = (settled.iter().min().unwrap(), settled.iter().max().unwrap());
     println!(
-        "{frames} frames, {} MB recorded: {least} to {most} KiB resident after the first minute, {} KiB apart; {} to {} KiB \
+        "{frames} frames, {} MB recorded: {min} to {max} KiB resident after the first minute, {} KiB apart; {} to {} KiB \
          from first to last",
         std::fs::metadata(&path).unwrap().len() / 1_000_000,
-        most - least,
+        max - min,
         settled[0],
         settled[settled.len() - 1]
     );
-    assert!(most - least <= 2_048, "{samples:?} KiB, expected ± 1 MiB");
+    assert!(max - min <= 2_048, "{samples:?} KiB, expected ± 1 MiB");
 }

@@ -154,10 +154,8 @@ impl Graph<'_> {
         let (mut steps, mut bytes, mut bias) = (Vec::new(), Vec::new(), Vec::<u8>::new());
         let of_channel = folded.weights.chunks_exact(folded.weights.len() / channels);
         for (weights, value) in of_channel.zip(&folded.bias) {
-            let most = weights
-                .iter()
-                .fold(1e-9_f32, |most, weight| most.max(weight.abs()));
-            let step = most / 127.0;
+            let max = weights.iter().fold(1e-9_f32, |max, weight| max.max(weight.abs()));
+            let step = max / 127.0;
             steps.push(step);
             bytes.extend(weights.iter().map(|weight| (weight / step).round() as i8 as u8));
             bias.extend(((value / (step * input_step)).round() as i32).to_le_bytes());

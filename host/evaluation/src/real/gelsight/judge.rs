@@ -51,7 +51,7 @@ impl Witness {
     }
 
     /// The largest score among frames.
-    fn most(self, frames: &[Scores]) -> f64 {
+    fn max(self, frames: &[Scores]) -> f64 {
         let scores = frames.iter().map(|frame| self.score(frame));
         scores.fold(f64::NEG_INFINITY, f64::max)
     }
@@ -161,10 +161,10 @@ fn witness_figures(witness: Witness, trials: &[Trial], objects: &[&str]) -> Witn
         let best = most_accurate(witness, &others);
         let quiet = quiet_enough(witness, &others);
         for trial in own {
-            let most = witness.most(&trial.frames);
-            told += usize::from((most > best) == trial.slip);
+            let max = witness.max(&trial.frames);
+            told += usize::from((max > best) == trial.slip);
             if trial.slip {
-                noticed += usize::from(most > quiet);
+                noticed += usize::from(max > quiet);
                 let first = trial.frames.iter().position(|frame| witness.score(frame) > quiet);
                 if let (Some(end), Some(first)) = (gone(trial), first) {
                     leads.push(end as f32 - first as f32);
@@ -180,7 +180,7 @@ fn witness_figures(witness: Witness, trials: &[Trial], objects: &[&str]) -> Witn
     let quiet = quiet_enough(witness, &trials.iter().collect::<Vec<_>>());
     let at_once = trials
         .iter()
-        .filter(|trial| trial.slip && witness.most(&trial.frames) > quiet);
+        .filter(|trial| trial.slip && witness.max(&trial.frames) > quiet);
     WitnessFigures {
         witness,
         pooled: pooled(witness, trials),
@@ -200,7 +200,7 @@ fn witness_figures(witness: Witness, trials: &[Trial], objects: &[&str]) -> Witn
 fn pooled(witness: Witness, trials: &[Trial]) -> Option<f64> {
     let scored: Vec<(f64, bool)> = trials
         .iter()
-        .map(|trial| (witness.most(&trial.frames), trial.slip))
+        .map(|trial| (witness.max(&trial.frames), trial.slip))
         .collect();
     roc_area(&scored)
 }
@@ -225,7 +225,7 @@ fn stratified(witness: Witness, trials: &[Trial]) -> Option<f64> {
 
 /// Thresholds between the trials' scores, from the lowest on.
 fn thresholds(witness: Witness, trials: &[&Trial]) -> Vec<f64> {
-    let mut scores: Vec<f64> = trials.iter().map(|trial| witness.most(&trial.frames)).collect();
+    let mut scores: Vec<f64> = trials.iter().map(|trial| witness.max(&trial.frames)).collect();
     scores.retain(|score| score.is_finite());
     scores.sort_by(f64::total_cmp);
     scores.dedup();
@@ -239,14 +239,14 @@ fn most_accurate(witness: Witness, trials: &[&Trial]) -> f64 {
         .map(|threshold| {
             let right = trials
                 .iter()
-                .filter(|trial| (witness.most(&trial.frames) > threshold) == trial.slip);
+                .filter(|trial| (witness.max(&trial.frames) > threshold) == trial.slip);
             (threshold, right.count())
         })
         .collect();
-    let most = scored.iter().map(|(_, right)| *right).max();
+    let max = scored.iter().map(|(_, right)| *right).max();
     let best: Vec<f64> = scored
         .iter()
-        .filter(|(_, right)| Some(*right) == most)
+        .filter(|(_, right)| Some(*right) == max)
         .map(|(threshold, _)| *threshold)
         .collect();
     best.get(best.len() / 2).copied().unwrap_or(f64::INFINITY)
@@ -302,9 +302,9 @@ fn early_warning(witness: Witness, trials: &[Trial]) -> Option<f64> {
     let (mut better, mut pairs) = (0.0, 0.0);
     for (trial, end) in trials.iter().filter_map(|trial| Some((trial, gone(trial)?))) {
         let frames = end - WARNING_FRAMES;
-        let score = witness.most(&trial.frames[..frames]);
+        let score = witness.max(&trial.frames[..frames]);
         for hold in trials.iter().filter(|trial| !trial.slip) {
-            let other = witness.most(&hold.frames[..frames.min(hold.frames.len())]);
+            let other = witness.max(&hold.frames[..frames.min(hold.frames.len())]);
             pairs += 1.0;
             better += if score > other {
                 1.0

@@ -69,7 +69,7 @@ pub(in crate::real) fn markdown(figures: &Figures) -> String {
         "lead, frames",
     ];
     let [trials, slips] = figures.trials;
-    let [fewest, most] = figures.markers;
+    let [fewest, max] = figures.markers;
     format!(
         "### GelSight Mini, 130 trials of a two-finger gripper\n\n{trials} trials of {} objects (amitparag/Incipient-Slip-Detection, \
          BSD 2-Clause), {slips} in which the object was lost at some time, and {:.1} minutes of hold. A trial's score is its largest \
@@ -79,7 +79,7 @@ pub(in crate::real) fn markdown(figures: &Figures) -> String {
          on the other objects. An alarm ends after a second below its threshold. \
          Early warning: the largest score up to 8 frames before less than 0.3 of the imprint's energy is left, against as many first frames of \
          each hold; {} trials were held at first and lost it.\n\n{}\n{}\n\
-         Markers: {fewest} to {most} a gel; still they deviate by {} pixels (median over gels; largest {}), after release they are {} \
+         Markers: {fewest} to {max} a gel; still they deviate by {} pixels (median over gels; largest {}), after release they are {} \
          pixels from rest (median; largest {}).\n\n\
          What is not proven: labels are of whole trials, so no frame is known to slip; there are no newtons, so no stick ratio stands \
          beside; the recordings have about 7 frames a second, so nothing is said of latency. One trial labelled 0 (pattern_cotton_cloth, \
@@ -103,7 +103,7 @@ fn bounds(figures: &Figures) -> String {
         .iter()
         .find(|found| found.witness == Witness::Imprint);
     let of = |value: fn(&super::judge::WitnessFigures) -> Option<f64>| imprint.and_then(value);
-    let least = [
+    let min = [
         ("AUC pooled", BOUNDS[0], of(|found| found.pooled)),
         (
             "AUC stratified by session",
@@ -117,7 +117,7 @@ fn bounds(figures: &Figures) -> String {
         ),
         ("early warning, AUC", BOUNDS[3], of(|found| found.early_warning)),
     ];
-    let most = [
+    let max = [
         (
             "still markers deviate, px",
             MARKER_BOUNDS_PX[0],
@@ -139,7 +139,7 @@ fn bounds(figures: &Figures) -> String {
         ]
         .to_vec()
     };
-    let rows: Vec<_> = least
+    let rows: Vec<_> = min
         .iter()
         .map(|(measure, bound, figure)| {
             row(
@@ -150,7 +150,7 @@ fn bounds(figures: &Figures) -> String {
                 figure.is_some_and(|figure| figure >= *bound),
             )
         })
-        .chain(most.iter().map(|(measure, bound, figure)| {
+        .chain(max.iter().map(|(measure, bound, figure)| {
             row(
                 measure,
                 "≤",

@@ -11,6 +11,7 @@ use std::path::Path;
 use gripline_firmware::Friction;
 use gripline_firmware::slip::{SlipDetector, severity};
 use gripline_firmware::sums::{TaxelRule, stick_ratio, sums_of};
+use gripline_firmware::{DeviceMicros, HostMicros};
 use gripline_protocol::message::{Configuration, MapSums};
 use gripline_protocol::{ForceMap, PER_UNIT, TAXELS};
 use serde::Serialize;
@@ -178,7 +179,8 @@ fn states(trial: &Trial, friction: u16) -> Vec<f64> {
         .map(|(frame, (map, slipping))| {
             let now_us = (frame as f64 * 1e6 / FRAMES_PER_SECOND) as u64;
             let sums = sums_of(map, rule(friction));
-            let judgement = detector.update(&sums, now_us as u32, now_us, &settings);
+            let judgement =
+                detector.update(&sums, HostMicros(now_us as u32), DeviceMicros(now_us), &settings);
             detector.observe(&sums);
             f64::from(severity(judgement.state)) + slipping
         })
@@ -199,10 +201,10 @@ fn best_friction(trials: &[&Trial]) -> u16 {
         .map(|step| step * FRICTION_STEP)
         .filter_map(|friction| Some((friction, area(trials, |trial| slipping(trial, friction))?)))
         .collect();
-    let most = areas.iter().map(|(_, area)| *area).fold(0.0, f64::max);
+    let max = areas.iter().map(|(_, area)| *area).fold(0.0, f64::max);
     let best: Vec<u16> = areas
         .iter()
-        .filter(|(_, area)| *area >= most - 1e-9)
+        .filter(|(_, area)| *area >= max - 1e-9)
         .map(|(friction, _)| *friction)
         .collect();
     best.get(best.len() / 2).copied().unwrap_or_default()

@@ -191,8 +191,8 @@ impl Chart<'_> {
 impl Panel {
     fn drawn(&self) -> Map {
         let bar = match self.scale {
-            Scale::Heat(most) => Some(gripline_chart::Scale::Heat(most)),
-            Scale::Signed(most) => Some(gripline_chart::Scale::Signed(most)),
+            Scale::Heat(max) => Some(gripline_chart::Scale::Heat(max)),
+            Scale::Signed(max) => Some(gripline_chart::Scale::Signed(max)),
             Scale::Slip | Scale::Grey => None,
         };
         let is_slip = self.scale == Scale::Slip;

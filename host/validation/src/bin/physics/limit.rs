@@ -68,7 +68,7 @@ fn power(friction: &Friction, [u, v, w]: [f64; 3]) -> f64 {
 }
 
 /// Least value over a simplex that walks downhill (Nelder and Mead 1965), from `from` with first steps `size`.
-fn least(f: impl Fn([f64; 2]) -> f64, from: [f64; 2], size: f64) -> f64 {
+fn min(f: impl Fn([f64; 2]) -> f64, from: [f64; 2], size: f64) -> f64 {
     let mut simplex = [from, [from[0] + size, from[1]], [from[0], from[1] + size]].map(|at| (f(at), at));
     for _ in 0..60 {
         simplex.sort_by(|a, b| a.0.total_cmp(&b.0));
@@ -104,7 +104,7 @@ fn try_shrunk(f: &impl Fn([f64; 2]) -> f64, best: [f64; 2], at: [f64; 2]) -> (f6
 
 /// Pure twist that friction holds at most, with no force left over.
 fn max_pure_moment(friction: &Friction) -> f64 {
-    least(
+    min(
         |[x0, y0]| {
             friction
                 .iter()
@@ -136,7 +136,7 @@ fn share(friction: &Friction, [fx, fy, m]: [f64; 3], length_mm: f64) -> f64 {
         -(fx * motion[0] + fy * motion[1] + m * motion[2]) / taken
     };
     let start = (m / length_mm).atan2(size);
-    -least(negative, [start, 0.0], 0.3).min(least(negative, [0.7 * start, 0.2], 0.2))
+    -min(negative, [start, 0.0], 0.3).min(min(negative, [0.7 * start, 0.2], 0.2))
 }
 
 /// Load of a contact: force and moment about the pressure's centre.
@@ -264,7 +264,7 @@ pub(crate) fn run(world: &World, report: &mut Report, pictures: &Pictures) -> Re
 fn shapes(world: &World, report: &mut Report) -> Result<(), Failure> {
     let gel = Gel::default();
     let (mut min_chord, mut chord_at) = (f64::INFINITY, String::new());
-    let (mut most, mut min_share) = (0.0_f64, (f64::INFINITY, String::new()));
+    let (mut max, mut min_share) = (0.0_f64, (f64::INFINITY, String::new()));
     for shape in TRAINING_SHAPES.into_iter().chain(UNSEEN_SHAPES) {
         let force_n = 3.0;
         let cells = production_cells(force_n);
@@ -287,15 +287,15 @@ fn shapes(world: &World, report: &mut Report) -> Result<(), Failure> {
                     continue;
                 }
                 let friction = friction(truth);
-                let (load, twist) = (load(truth), max_pure_moment(&friction));
+                let (load, torsion) = (load(truth), max_pure_moment(&friction));
                 let total: f64 = friction.iter().map(|f| f[2]).sum();
-                let found = f64::hypot(load[0], load[1]) / total + load[2].abs() / twist;
+                let found = f64::hypot(load[0], load[1]) / total + load[2].abs() / torsion;
                 let at = || format!("{}, pole at {pole} mm", shape.name());
                 if found < min_chord {
                     (min_chord, chord_at) = (found, at());
                 }
-                let share = share(&friction, load, twist / total);
-                most = most.max(share);
+                let share = share(&friction, load, torsion / total);
+                max = max.max(share);
                 if share < min_share.0 {
                     min_share = (share, at());
                 }
@@ -316,7 +316,7 @@ fn shapes(world: &World, report: &mut Report) -> Result<(), Failure> {
         "the same: largest share of the limit surface",
         "exact surface of their own pressure",
         Bound::AtMost(100.1),
-        (100.0 * most, "%"),
+        (100.0 * max, "%"),
         "",
     );
     report.row(

@@ -19,7 +19,7 @@ mod report;
 mod scenes;
 mod speed;
 mod tamaas;
-mod twist;
+mod torsion;
 mod world;
 
 use std::path::PathBuf;
@@ -153,7 +153,7 @@ fn measure(options: &Options) -> ExitCode {
         pull::run(&world, report, &pictures)
     });
     section("twist", "twisted contacts", &mut |report| {
-        twist::run(&world, report, &pictures)
+        torsion::run(&world, report, &pictures)
     });
     section("limit", "pull and twist together", &mut |report| {
         limit::run(&world, report, &pictures)

@@ -49,19 +49,19 @@ pub(crate) fn run(world: &World, pictures: &Pictures) -> Result<(), Failure> {
         contact.go(drive(force_n, [0.0; 2], 0.0), 8)?;
         let truth = contact.go(drive(force_n, [0.3, 0.1], 0.0), 4)?;
         let kpa = |cell: usize| 1e3 * truth.pressure_mpa()[cell];
-        let most = (0..cells * cells).map(kpa).fold(0.0, f64::max);
+        let max = (0..cells * cells).map(kpa).fold(0.0, f64::max);
         pressures.push(panel(
             truth,
             &format!("{}: pressure, kPa", shape.name()),
-            Scale::Heat(most),
+            Scale::Heat(max),
             kpa,
         ));
         let shear = |cell: usize| 1e3 * truth.shear_mpa(cell)[0];
-        let most = (0..cells * cells).map(|c| shear(c).abs()).fold(0.0, f64::max);
+        let max = (0..cells * cells).map(|c| shear(c).abs()).fold(0.0, f64::max);
         shears.push(panel(
             truth,
             &format!("{}: shear along x, kPa", shape.name()),
-            Scale::Signed(most),
+            Scale::Signed(max),
             shear,
         ));
     }

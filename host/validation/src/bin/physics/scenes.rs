@@ -28,7 +28,7 @@ fn sums(map: &ForceMap) -> [f64; 3] {
 
 /// Frames and worst figures.
 #[derive(Default)]
-struct Found {
+struct SceneLedger {
     frames: usize,
     left_out: usize,
     normal: Worst,
@@ -36,7 +36,7 @@ struct Found {
 }
 
 /// Plays the example files that press. Frames that do not converge are counted.
-fn pressed(found: &mut Found) -> Result<(), Failure> {
+fn pressed(found: &mut SceneLedger) -> Result<(), Failure> {
     for entry in std::fs::read_dir(FOLDER)? {
         let path = entry?.path();
         if path.extension().is_none_or(|end| end != "toml") {
@@ -77,7 +77,7 @@ fn pressed(found: &mut Found) -> Result<(), Failure> {
 }
 
 /// Plays a grasp of each of the first `objects` objects.
-fn grasped(found: &mut Found, objects: usize) -> Result<(), Failure> {
+fn grasped(found: &mut SceneLedger, objects: usize) -> Result<(), Failure> {
     for object in &OBJECTS[..objects] {
         let grip_n = GRIP_OF_NEED * object.weight_n() / (object.friction[0] + object.friction[1]);
         let mut scene = GraspScene::new(object.clone());
@@ -89,7 +89,7 @@ fn grasped(found: &mut Found, objects: usize) -> Result<(), Failure> {
         let swell = |from: f64| Course::linear(vec![[from, 0.0], [from + 0.4, 1.0], [from + 0.5, 0.0]]);
         scene.pulls = vec![
             Pull::force([0.3 * object.weight_n(), -0.2 * object.weight_n()], swell(1.3)),
-            Pull::twist(2.0 * object.weight_n(), swell(1.9)),
+            Pull::torsion(2.0 * object.weight_n(), swell(1.9)),
         ];
         let mut world = GraspWorld::new(&scene)?;
         while world.frame().time_s < SECONDS {
@@ -107,7 +107,7 @@ fn grasped(found: &mut Found, objects: usize) -> Result<(), Failure> {
 }
 
 pub(crate) fn run(world: &World, report: &mut Report) -> Result<(), Failure> {
-    let mut found = Found::default();
+    let mut found = SceneLedger::default();
     pressed(&mut found)?;
     let objects = if world.quick { 3 } else { 10 };
     grasped(&mut found, objects)?;

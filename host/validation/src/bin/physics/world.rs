@@ -263,12 +263,12 @@ fn balance(truth: &Truth, drive: &Drive, mount: Mount, friction: f64, ledger: &m
         ledger.force = ledger.force.max((sum[k] - applied[k]).abs() / normal);
     }
     let moment = truth.torsional_moment_nmm(about);
-    let most = max_moment_nmm(truth, friction, about);
+    let max = max_moment_nmm(truth, friction, about);
     if mount.turn_rad_per_nmm > 0.0 {
         let applied = (drive.turn_rad - pose.turn_rad) / mount.turn_rad_per_nmm;
-        ledger.moment = (moment - applied).abs() / most;
+        ledger.moment = (moment - applied).abs() / max;
     }
-    ledger.taxel_moment = (by_taxel - moment).abs() / most;
+    ledger.taxel_moment = (by_taxel - moment).abs() / max;
 }
 
 /// Moment about `about` that friction holds at most, μ Σ p r, N·mm.

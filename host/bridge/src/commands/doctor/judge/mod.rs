@@ -418,14 +418,14 @@ pub(super) fn markers(sensor: &Sensor, look: &Look) -> Vec<Finding> {
         format!("{dark} to {bright} (health.rest_level)"),
         "set lamps and exposure, or the description's limits",
     ));
-    let [fewest, most] = sensor.markers.count;
-    let [least_px, most_px] = sensor.pitch_px().unwrap_or_default();
-    let is_near = (0.9 * least_px..=1.1 * most_px).contains(&look.pitch_px);
+    let [fewest, max] = sensor.markers.count;
+    let [min_px, max_px] = sensor.pitch_px().unwrap_or_default();
+    let is_near = (0.9 * min_px..=1.1 * max_px).contains(&look.pitch_px);
     findings.push(Finding::new(
         "markers",
-        grade(look.markers > most || !is_near, look.markers < fewest),
+        grade(look.markers > max || !is_near, look.markers < fewest),
         format!("{} in a grid, {:.1} pixels apart", look.markers, look.pitch_px),
-        format!("{fewest} to {most}, {least_px:.0} to {most_px:.0} pixels apart"),
+        format!("{fewest} to {max}, {min_px:.0} to {max_px:.0} pixels apart"),
         "markers.count and pitch_mm, view.field_mm and zoom of the description; light and focus",
     ));
     findings.push(Finding::new(

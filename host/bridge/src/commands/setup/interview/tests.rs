@@ -33,8 +33,8 @@ fn webcam() -> Choice {
     )
 }
 
-fn one_of_each() -> Found {
-    Found {
+fn one_of_each() -> Hardware {
+    Hardware {
         cameras: vec![webcam()],
         boards: vec![Choice::new("usb:2A0041", "at 1-2")],
         ports: vec![Choice::new("serial:/dev/ttyUSB0", "FT232R USB UART")],
@@ -42,8 +42,8 @@ fn one_of_each() -> Found {
     }
 }
 
-fn unasked(said: &Said, found: &Found) -> Result<Chosen, String> {
-    interview(said, &mut || found.clone(), None).map_err(|error| error.to_string())
+fn unasked(said: &Said, hardware: &Hardware) -> Result<Chosen, String> {
+    interview(said, &mut || hardware.clone(), None).map_err(|error| error.to_string())
 }
 
 fn yes() -> Said {
@@ -81,11 +81,11 @@ fn with_one_camera_and_one_board_enter_is_enough_and_every_screen_fits_eighty_co
 #[test]
 fn what_is_plugged_in_after_the_question_is_found_by_looking_again() {
     let mut looks = 0;
-    let mut look = || {
+    let mut detect = || {
         looks += 1;
         // Sensor, then the camera twice.
         if looks < 3 {
-            Found::default()
+            Hardware::default()
         } else {
             one_of_each()
         }
@@ -94,7 +94,7 @@ fn what_is_plugged_in_after_the_question_is_found_by_looking_again() {
         answers: vec!["", "", "", "", "later"],
         shown: String::new(),
     };
-    let chosen = interview(&Said::default(), &mut look, Some(&mut person)).unwrap();
+    let chosen = interview(&Said::default(), &mut detect, Some(&mut person)).unwrap();
     assert_eq!(chosen.camera, Source::Camera(webcam().value.into()));
     assert!(person.shown.contains("Found no camera, expected one: plug it in"));
 }
@@ -122,7 +122,7 @@ fn a_wrong_answer_is_told_and_asked_again() {
 
 #[test]
 fn without_a_terminal_what_is_missing_or_several_is_an_error_with_what_to_do() {
-    let no_camera = unasked(&yes(), &Found::default()).unwrap_err();
+    let no_camera = unasked(&yes(), &Hardware::default()).unwrap_err();
     for part in [
         "--camera: Found no camera, expected one",
         "plug it in",
@@ -130,9 +130,9 @@ fn without_a_terminal_what_is_missing_or_several_is_an_error_with_what_to_do() {
     ] {
         assert!(no_camera.contains(part), "{part:?} is missing in: {no_camera}");
     }
-    let only_camera = Found {
+    let only_camera = Hardware {
         cameras: vec![webcam()],
-        ..Found::default()
+        ..Hardware::default()
     };
     let no_board = unasked(&yes(), &only_camera).unwrap_err();
     for part in [
@@ -142,7 +142,7 @@ fn without_a_terminal_what_is_missing_or_several_is_an_error_with_what_to_do() {
     ] {
         assert!(no_board.contains(part), "{part:?} is missing in: {no_board}");
     }
-    let two = Found {
+    let two = Hardware {
         cameras: vec![webcam(), Choice::new("/dev/video2", "Another")],
         ..one_of_each()
     };
@@ -167,7 +167,7 @@ fn every_answer_can_be_a_flag_and_a_wrong_one_is_named() {
         rest: Some(Rest::In("a.toml".into())),
         yes: false,
     };
-    let chosen = unasked(&said, &Found::default()).unwrap();
+    let chosen = unasked(&said, &Hardware::default()).unwrap();
     assert_eq!(
         (chosen.camera, chosen.rest),
         (Source::Simulated, Rest::In("a.toml".into()))

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use gripline_link::usb::{Attached, attached};
 
-use super::interview::Found;
+use super::interview::Hardware;
 use super::question::Choice;
 
 /// Names of cameras that stay the same whatever is plugged in first.
@@ -23,14 +23,14 @@ struct Device {
     index: u32,
 }
 
-/// Looks.
-pub(super) fn look() -> Found {
+/// Lists them.
+pub(super) fn detect() -> Hardware {
     let (boards, no_usb) = match attached() {
         Ok(boards) => (boards, None),
         Err(error) => (Vec::new(), Some(error)),
     };
     let ports = serialport::available_ports().unwrap_or_default();
-    Found {
+    Hardware {
         cameras: cameras(devices(), &links()),
         boards: boards.iter().map(board).collect(),
         ports: ports.iter().filter_map(port).collect(),

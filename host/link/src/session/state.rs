@@ -16,7 +16,7 @@ impl Session {
         self.link.now_us() as u32
     }
 
-    /// Time of the clock that the microcontroller on this link lives by, µs; the low 32 bits of it are capture times.
+    /// Time of the microcontroller's clock on this link, µs; capture times are its low 32 bits.
     #[must_use]
     pub fn now_us(&self) -> u64 {
         self.link.now_us()
@@ -47,7 +47,7 @@ impl Session {
     }
 
     /// How often this host's clock jumped against the microcontroller's, or the first map was so late that all others seemed to be
-    /// from the future; it was then greeted anew, as by another host.
+    /// from the future; it then got a new handshake, as from another host.
     #[must_use]
     pub const fn clock_jumps(&self) -> u64 {
         self.clock_jumps
@@ -66,7 +66,7 @@ impl Session {
     }
 
     /// The newest status as one about this fingertip's newest map: what is said of the map is from when the fingertip was
-    /// last spoken of, the rest is the present. `None` before anything was said of it.
+    /// in a status last, the rest is the present. `None` before the first such status.
     #[must_use]
     pub fn status_of(&self, sensor: u8) -> Option<Status> {
         let spoken = (*self.inbox.of_fingertips.get(usize::from(sensor))?)?;
