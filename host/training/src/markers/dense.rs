@@ -74,15 +74,6 @@ impl Dense {
         }
     }
 
-    /// Trained already: weights, row by row, and biases.
-    pub(super) fn of(weights: Vec<f32>, bias: Vec<f32>) -> Self {
-        Self {
-            inputs: weights.len() / bias.len(),
-            weights: Learned::new(weights),
-            bias: Learned::new(bias),
-        }
-    }
-
     pub(super) fn forward(&self, input: &[f32], output: &mut [f32], leak: Option<f32>) {
         let rows = self.weights.values.chunks_exact(self.inputs);
         for ((out, row), bias) in output.iter_mut().zip(rows).zip(&self.bias.values) {

@@ -4,15 +4,12 @@
 //! networks takes an hour; [`dense`] is all there is to it.
 
 mod dense;
-mod presses;
 mod samples;
-mod tune;
 
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use clap::{Args, Subcommand};
-use gripline_evaluation::calibration::gel::{self, HeldOut};
+use clap::Subcommand;
 use gripline_network::marker_forces::{
     ElasticLayer, FORCE_OUTPUTS, LEAK, LayerSettings, MOTION_INPUTS, MOTION_NODES, MarkerForces,
     MarkerNetwork, MarkerWeights, PULL, mirrored,
@@ -25,9 +22,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::{Value, json};
 
 use self::dense::{Dense, Step};
-use self::presses::Presses;
 use self::samples::{Sample, Samples};
-use self::tune::{Tuned, Tuning};
 use crate::constants::DETECTOR_FRICTION;
 use crate::error::{TrainingError, at};
 use crate::rng::Rng;
@@ -82,9 +77,6 @@ pub(crate) enum Command {
         #[arg(long, default_value_t = 6000, value_parser = clap::value_parser!(u32).range(100..=1_000_000))]
         contacts: u32,
     },
-    /// Fine-tune weights on recorded presses of one's own gel with a force-torque sensor's log, and print the error in newtons of presses
-    /// that were left out, beside that of gains alone. Writes nothing where gains are as good.
-    Tune(TuneArgs),
     /// Score weights on shapes and units never trained on, beside the elastic layer's inverse.
     Evaluate {
         /// The sensor: a shipped one's name, or its file.
@@ -97,35 +89,6 @@ pub(crate) enum Command {
         #[arg(long)]
         json: bool,
     },
-}
-
-/// What to tune on.
-#[derive(Debug, Args)]
-pub(crate) struct TuneArgs {
-    /// Recordings of `gripline run --record` with their pictures, one a day.
-    #[arg(value_name = "REC.mcap", required = true)]
-    recordings: Vec<PathBuf>,
-    /// A force-torque sensor's log of each, CSV or MCAP as `gripline calibrate gel` takes them, in the same order.
-    #[arg(long, value_name = "LOG", required = true)]
-    forces: Vec<PathBuf>,
-    /// Topic of the forces, where a log has several.
-    #[arg(long, value_name = "TOPIC")]
-    forces_topic: Option<String>,
-    /// The sensor: a shipped one's name, or its file.
-    #[arg(long, default_value = "gelsight-mini")]
-    sensor: PathBuf,
-    /// Weights to begin with; without it, those of the GelSight Mini.
-    #[arg(long)]
-    from: Option<PathBuf>,
-    /// Simulated contacts that keep what presses do not show.
-    #[arg(long, default_value_t = 600, value_parser = clap::value_parser!(u32).range(100..=100_000))]
-    contacts: u32,
-    /// Gradient steps.
-    #[arg(long, default_value_t = 2000, value_parser = clap::value_parser!(u32).range(10..=1_000_000))]
-    steps: u32,
-    /// Where the weights go.
-    #[arg(long, value_name = "W.safetensors")]
-    out: PathBuf,
 }
 
 /// Runs a command; `held_out` contacts in each of the calibration and test sets.
@@ -183,7 +146,6 @@ pub(crate) fn run(command: &Command, data: &Path, seed: u32, held_out: u32) -> R
             println!("{scores:#}\nwrote {}", out.display());
             Ok(())
         }
-        Command::Tune(args) => tune_on(args, data, seed),
         Command::Evaluate {
             sensor,
             weights,
@@ -216,120 +178,6 @@ pub(crate) fn run(command: &Command, data: &Path, seed: u32, held_out: u32) -> R
             Ok(())
         }
     }
-}
-
-/// Tunes, leaves presses out in turn, and writes what is better than gains alone.
-fn tune_on(args: &TuneArgs, data: &Path, seed: u32) -> Result<(), TrainingError> {
-    if args.forces.len() != args.recordings.len() {
-        return Err(TrainingError::Usage(format!(
-            "--forces: found {} logs, expected {}, one for each recording",
-            args.forces.len(),
-            args.recordings.len()
-        )));
-    }
-    let sensor = Sensor::named(&args.sensor).map_err(usage)?;
-    let bytes = match &args.from {
-        Some(file) => std::fs::read(file).map_err(at(file))?,
-        None => include_bytes!("../../../network/weights/gelsight-mini.safetensors").to_vec(),
-    };
-    let mut weights = MarkerWeights::parse(&bytes)?;
-    if weights.sensor != sensor.identity() {
-        return Err(TrainingError::Usage(format!(
-            "the weights are of sensor {}, expected {}: name this sensor's with --from",
-            weights.sensor,
-            sensor.identity()
-        )));
-    }
-    let mut all = Presses::default();
-    for (recording, log) in args.recordings.iter().zip(&args.forces) {
-        all.add(
-            recording,
-            (log, args.forces_topic.as_deref()),
-            (&sensor, &weights),
-        )?;
-    }
-    let confidence = 0.9;
-    let whole = gel::fit(&all.presses, &all.truth_n, true, confidence).map_err(TrainingError::Usage)?;
-    let simulated = Samples::load(data, &sensor, Split::Train, seed, args.contacts)?;
-    let tuning = Tuning {
-        simulated: &simulated.all,
-        pressed: &all.pressed,
-        truth_n: &all.truth_n,
-        has_shear: whole.shear.is_some(),
-        steps: args.steps,
-        seed,
-    };
-    let folds = tune::folds(&all.presses);
-    let parts = folds.iter().max().map_or(0, |most| most + 1);
-    let (mut gains_n, mut tuned_n) = (vec![0.0; folds.len()], vec![0.0; folds.len()]);
-    for part in 0..parts {
-        let is_kept = |press: usize| folds[press] != part;
-        let of = |press: &usize| is_kept(*press);
-        let kept: Vec<usize> = (0..folds.len()).filter(of).collect();
-        let chosen: Vec<_> = kept.iter().map(|press| all.presses[*press].clone()).collect();
-        let truth: Vec<_> = kept.iter().map(|press| all.truth_n[*press]).collect();
-        let gains = gel::fit(&chosen, &truth, true, confidence)
-            .map_err(TrainingError::Usage)?
-            .gains();
-        let mut plain = Tuned::new(&weights, gains);
-        let mut tuned = tune::tune(&weights, gains, &tuning, &is_kept);
-        for press in (0..folds.len()).filter(|press| folds[*press] == part) {
-            let error = |model: &mut Tuned| {
-                let own = all.pressed.iter().filter(|pressed| pressed.press == press);
-                let shown: Vec<f64> = own
-                    .map(|pressed| model.total_n(&pressed.input, pressed.rms_mm)[2])
-                    .collect();
-                let mean = shown.iter().sum::<f64>() / shown.len().max(1) as f64;
-                (mean - all.truth_n[press][2]).abs()
-            };
-            gains_n[press] = error(&mut plain);
-            tuned_n[press] = error(&mut tuned);
-        }
-    }
-    println!("error in newtons of presses that were left out (normal force), gains alone and tuned:");
-    for (name, members) in gel::groups(&all.presses, &all.truth_n) {
-        let [alone, tuned] = [&gains_n, &tuned_n].map(|errors| HeldOut::of(errors, &all.truth_n, &members));
-        println!(
-            "{name:24}{:4} presses, median {:.3} and {:.3} N ({:.1} and {:.1} %), largest {:.3} and {:.3} N",
-            members.len(),
-            alone.median_n,
-            tuned.median_n,
-            100.0 * alone.median_share,
-            100.0 * tuned.median_share,
-            alone.largest_n,
-            tuned.largest_n
-        );
-    }
-    let every: Vec<usize> = (0..folds.len()).collect();
-    let [alone, tuned] = [&gains_n, &tuned_n].map(|errors| HeldOut::of(errors, &all.truth_n, &every));
-    if tuned.median_share >= alone.median_share {
-        return Err(TrainingError::Usage(format!(
-            "presses that were left out are off by {:.1} % in the median after tuning, {:.1} % with gains alone, expected less: nothing \
-             is written; stay with `gripline calibrate gel`, or record more presses",
-            100.0 * tuned.median_share,
-            100.0 * alone.median_share
-        )));
-    }
-    let final_one = tune::tune(&weights, whole.gains(), &tuning, &|_| true);
-    weights.tensors = final_one.tensors();
-    weights.held_out_share = Some(tuned.median_share as f32);
-    weights.manifest = json!({
-        "sensor": sensor.identity(), "tuned_on": all.presses.len(), "recordings": args.recordings.len(), "gains": whole.gains(),
-        "held_out_share": tuned.median_share, "gains_alone": alone.median_share, "steps": args.steps, "seed": seed,
-    })
-    .to_string();
-    if let Some(folder) = args.out.parent() {
-        std::fs::create_dir_all(folder).map_err(at(folder))?;
-    }
-    std::fs::write(&args.out, weights.to_bytes()).map_err(at(&args.out))?;
-    println!(
-        "left out, {} presses: median {:.1} % with gains alone, {:.1} % tuned\nwrote {}",
-        folds.len(),
-        100.0 * alone.median_share,
-        100.0 * tuned.median_share,
-        args.out.display()
-    );
-    Ok(())
 }
 
 fn usage(error: impl std::fmt::Display) -> TrainingError {
