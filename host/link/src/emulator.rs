@@ -175,7 +175,7 @@ impl EmulatorLink {
     }
 
     /// From the next run on, injects a fault into the instruction that next touches `address`, and with it into whatever part of
-    /// the program that belongs to, until a reset or [`FaultInjection::End`].
+    /// the program that belongs to, until a reset.
     pub fn inject_fault(&mut self, fault: FaultInjection, address: u32) {
         self.next.fault = Some((fault, address));
     }

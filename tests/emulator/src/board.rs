@@ -336,7 +336,7 @@ impl Board {
     }
 
     /// From the next run on, `fault` befalls the instruction that next touches `address` when it comes again: a task, or
-    /// an interrupt, that fails. The next reset heals it, and [`FaultInjection::End`], wherever that points.
+    /// an interrupt, that fails. The next reset heals it.
     pub fn inject_fault(&mut self, fault: FaultInjection, address: u32) {
         self.fault = Some((fault, address));
     }
@@ -767,7 +767,7 @@ impl Driver<Hardware> for Puppet {
         session.board_mut().far_end().send(&command.uart);
         session.board_mut().bus_end().send(&command.bus);
         if let Some((fault, address)) = command.fault {
-            self.injector.ask(fault, address, host);
+            self.injector.ask(fault, address);
         }
         for command in command.usb {
             session.board_mut().usb().command(command);

@@ -43,14 +43,9 @@ impl Injector {
         }
     }
 
-    /// At the next touch of `address`; an end at once.
-    pub(crate) fn ask(&mut self, fault: FaultInjection, address: u32, host: &mut dyn Host) {
-        if fault == FaultInjection::End {
-            self.asked = None;
-            self.heal(host);
-        } else {
-            self.asked = Some((fault, address));
-        }
+    /// At the next touch of `address`.
+    pub(crate) fn ask(&mut self, fault: FaultInjection, address: u32) {
+        self.asked = Some((fault, address));
     }
 
     /// After every access that the core made.
@@ -63,7 +58,7 @@ impl Injector {
         }
         self.asked = None;
         let code = match (fault, self.panics_at) {
-            (FaultInjection::Hang | FaultInjection::End, _) => vec![BRANCH_TO_ITSELF],
+            (FaultInjection::Hang, _) => vec![BRANCH_TO_ITSELF],
             (FaultInjection::StackOverflow, _) => PUSH_FOR_EVER.to_vec(),
             // An image that does not say where its panics go has none that differ from a fault.
             (FaultInjection::UndefinedInstruction, _) | (FaultInjection::Panic, None) => vec![UNDEFINED],
@@ -87,13 +82,9 @@ impl Injector {
     pub(crate) fn restarted(&mut self, resets: usize, host: &mut dyn Host) {
         if resets != self.resets {
             self.resets = resets;
-            self.heal(host);
-        }
-    }
-
-    fn heal(&mut self, host: &mut dyn Host) {
-        for (at, before) in self.overwritten.drain(..) {
-            put(host, at, before);
+            for (at, before) in self.overwritten.drain(..) {
+                put(host, at, before);
+            }
         }
     }
 }

@@ -92,8 +92,6 @@ pub enum FaultInjection {
     Panic,
     /// It pushes registers without end, so that the stack overflows.
     StackOverflow,
-    /// What was injected ends, and the program goes on where it stood. A hang that ends is a core that a debugger halted, or that waited for its bus.
-    End,
 }
 
 /// Where the analog line fails between the DAC's pin and the gripper.
