@@ -7,7 +7,7 @@ use gripline_protocol::message::{
     OutOfRange, Refusal, Report, Revision, SCHEMA_HASH, SCHEMA_VERSION, SlipState, Status, Witnesses,
 };
 use gripline_protocol::{
-    Event, ForceMap, Health, MapInfo, Motion, PACKET_MAX, PacketError, Parser, TAXELS, TaxelForce,
+    Event, ForceMap, Health, MapInfo, MapParser, Motion, PACKET_MAX, PacketError, Parser, TAXELS, TaxelForce,
     encode_map, map_bytes,
 };
 use proptest::prelude::*;
@@ -123,6 +123,43 @@ proptest! {
             }
         }
         prop_assert_eq!(receiver.maps, vec![(info, map)]);
+    }
+
+    /// A head that is worked on in nine pieces leads to the same map as one that is worked on at once; one piece less, and the next packet is
+    /// refused.
+    #[test]
+    fn a_head_in_nine_pieces_is_as_good_as_one_at_once(info in any_info(), map in any_map()) {
+        let packets = packets(&info, &map);
+        let (head, rest) = packets.split_first().unwrap();
+        let (last, middle) = rest.split_last().unwrap();
+        let (mut whole, mut pieces, mut short) = (MapParser::new(), MapParser::new(), MapParser::new());
+        prop_assert_eq!(whole.head(head), Ok(false));
+        prop_assert_eq!(pieces.begin(head), Ok(false));
+        prop_assert_eq!(short.begin(head), Ok(false));
+        for piece in 0..9 {
+            prop_assert!(pieces.has_places_to_list());
+            pieces.list_places();
+            if piece < 8 {
+                short.list_places();
+            }
+        }
+        prop_assert!(!pieces.has_places_to_list());
+        for packet in middle {
+            let [of_whole, of_pieces] = [&mut whole, &mut pieces]
+                .map(|parser| parser.taxels(packet).unwrap().iter().collect::<Vec<_>>());
+            prop_assert_eq!(of_whole, of_pieces);
+        }
+        let [of_whole, of_pieces] = [&mut whole, &mut pieces].map(|parser| {
+            let (info, forces) = parser.tail(last).unwrap();
+            (info, forces.iter().collect::<Vec<_>>())
+        });
+        prop_assert_eq!(&of_whole, &of_pieces);
+        prop_assert_eq!(of_whole.0, info);
+        let refused = match middle.first() {
+            Some(packet) => short.taxels(packet).is_err(),
+            None => short.tail(last).is_err(),
+        };
+        prop_assert!(refused);
     }
 
     /// Blocks of any length, short ones and zeros often: what `cobs` decodes at once, this decodes byte by byte.

@@ -234,8 +234,8 @@ impl Control {
     }
 
     /// The last part: writes the program's newest line, which may be that of a map that came since [`Self::advance`]. Tells the
-    /// active faults, and whether the robot must know of one; `started` is when the tick moved the line, cycles. Returns where messages go, when there are some and the bus is free
-    /// for them.
+    /// active faults, and whether the robot must know of one; `started` is when the tick moved the line, cycles. Returns where messages
+    /// go, when there are some and the bus is free for them.
     #[inline(never)]
     pub(crate) fn tick(
         &mut self,

@@ -1,8 +1,8 @@
 //! Gripline on the silicon: an STM32F4 that turns force maps into the grip-force line.
 //!
 //! The library decides; this binary has the pins, the clocks, the transports and the priorities.
-//! Interrupt priorities, most urgent first: 2 map to line (`usb_interrupt`, `uart`); 3 the rest of USB;
-//! 4 the time driver and the safety tick (`control_task`); 5 a byte of the gripper's UART. The other tasks run below all
+//! Interrupt priorities, most urgent first: 2 map to line (`usb_interrupt`, and `uart` while its maps count);
+//! 3 a byte of the host's UART while maps over USB count, the rest of USB; 4 the time driver and the safety tick (`control_task`); 5 a byte of the gripper's UART. The other tasks run below all
 //! interrupts. Nothing waits for a host.
 //! Limits: only the host that spoke last gets answers.
 #![no_std]

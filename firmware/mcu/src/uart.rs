@@ -2,7 +2,8 @@
 //!
 //! While its maps count, its interrupt lies on the level of the USB core's: neither interrupts the other, and of two that wait this one comes first;
 //! while those over USB do, it lies below (`priority::let_uart`). It decodes byte by byte, so that a map's last byte leads to the line as a map's
-//! last packet over USB does ([`Control::map_tail`]). A message's frame waits for the task `control`. Why not the HAL's buffered driver: it hands bytes to a task, which a tick holds up.
+//! last packet over USB does ([`Control::map_tail`]). A message's frame waits for the task `control`. The HAL's buffered driver hands bytes to a
+//! task instead, which a tick holds up.
 //! A byte takes 10.9 µs, a packet of 64 bytes 720 µs; a dense map takes about 30 ms.
 //! Limits: no flow control. A byte is lost when maps over USB block the receiver for longer than a byte time, or when the task leaves
 //! [`FRAMES`] frames unread. The CRC then refuses what it belonged to.

@@ -107,7 +107,7 @@ impl Model {
             return Ok(None);
         }
         let sensor = Sensor::from_toml(Path::new(&metadata.sensor), &metadata.sensor_file)?;
-        let [first, second] = metadata.marker_calibrations().map(|calibration| {
+        let [first, second] = metadata.marker_calibrations()?.map(|calibration| {
             let reader = MarkerReader::new(&sensor, weights, None, calibration.view)?;
             Ok::<_, Error>(reader.with_gain(calibration.gain))
         });

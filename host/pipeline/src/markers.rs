@@ -192,19 +192,6 @@ impl MarkerStage {
         self.evidence
     }
 
-    /// How far each marker has moved from its place at rest, in the order of [`Self::places_mm`].
-    #[must_use]
-    pub fn motions(&self) -> &[MarkerMotion] {
-        &self.motions
-    }
-
-    /// Where the markers are at rest, mm from the middle of the crop; none before the first picture without rest pictures.
-    #[must_use]
-    pub fn places_mm(&self) -> Vec<[f32; 2]> {
-        let places = self.places_px.as_deref().unwrap_or_default();
-        places.iter().map(|place| self.in_mm(*place)).collect()
-    }
-
     /// Numbers of the rest pictures that show a contact and were left out.
     #[must_use]
     pub fn touched_at_rest(&self) -> &[usize] {
@@ -451,8 +438,7 @@ impl MarkerStage {
     }
 
     /// The taxels in which the newest imprint shows contact; `None` without a picture at rest.
-    #[must_use]
-    pub fn touched(&self) -> Option<[bool; TAXELS]> {
+    fn touched(&self) -> Option<[bool; TAXELS]> {
         if self.rest.kind() == RestKind::Grid {
             return None;
         }

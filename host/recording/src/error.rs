@@ -50,6 +50,14 @@ pub enum RecordingError {
         /// What should be there.
         expected: &'static str,
     },
+    /// What a recording says of its fingertips' calibration cannot be read.
+    #[error(
+        "the recording's calibration: {found}, expected gains and views of both fingertips: record it again"
+    )]
+    Calibration {
+        /// What is wrong with it.
+        found: String,
+    },
     /// A file of force maps cannot be used.
     #[error("{}: {problem}", path.display())]
     Maps {

@@ -5,6 +5,8 @@ use std::collections::BTreeMap;
 use gripline_protocol::SENSORS;
 use serde::{Deserialize, Serialize};
 
+use crate::error::RecordingError;
+
 /// What holds for a whole recording.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct Metadata {
@@ -83,10 +85,17 @@ impl Metadata {
         };
     }
 
-    /// What calibrations changed of each fingertip.
-    #[must_use]
-    pub fn marker_calibrations(&self) -> [MarkerCalibration; SENSORS] {
-        serde_json::from_str(&self.calibration).unwrap_or([MarkerCalibration::NONE; SENSORS])
+    /// What calibrations changed of each fingertip; nothing in recordings that say nothing of it.
+    ///
+    /// # Errors
+    /// [`RecordingError::Calibration`] when it cannot be read: without it the maps would be others.
+    pub fn marker_calibrations(&self) -> Result<[MarkerCalibration; SENSORS], RecordingError> {
+        if self.calibration.is_empty() {
+            return Ok([MarkerCalibration::NONE; SENSORS]);
+        }
+        serde_json::from_str(&self.calibration).map_err(|error| RecordingError::Calibration {
+            found: error.to_string(),
+        })
     }
 
     /// As a channel's metadata.
@@ -108,7 +117,10 @@ mod tests {
     #[test]
     fn calibrations_of_both_fingertips_read_back_and_old_recordings_have_none() {
         let mut metadata = Metadata::default();
-        assert_eq!(metadata.marker_calibrations(), [MarkerCalibration::NONE; SENSORS]);
+        assert_eq!(
+            metadata.marker_calibrations().unwrap(),
+            [MarkerCalibration::NONE; SENSORS]
+        );
         metadata.set_marker_calibrations([MarkerCalibration::NONE; SENSORS]);
         assert_eq!(metadata.calibration, "");
         let of = [
@@ -122,7 +134,11 @@ mod tests {
             MarkerCalibration::NONE,
         ];
         metadata.set_marker_calibrations(of);
-        assert_eq!(metadata.marker_calibrations(), of);
+        assert_eq!(metadata.marker_calibrations().unwrap(), of);
+        // Damaged, they are not taken for none.
+        metadata.calibration.pop();
+        let refused = metadata.marker_calibrations().unwrap_err().to_string();
+        assert!(refused.contains("record it again"), "{refused}");
     }
 
     #[test]

@@ -153,6 +153,34 @@ enum Beside {
     Usb,
 }
 
+/// The last packets of maps of so many contacts at every phase of the tick, beside each of these; beside the first only where little is tried.
+fn last_packets(
+    bench: &mut Bench<'_>,
+    besides: &[Beside],
+    contacts: usize,
+    sensors: u8,
+    length: Length,
+) -> Result<(), Error> {
+    let tried = if length == Length::Short { 1 } else { besides.len() };
+    for beside in &besides[..tried] {
+        let mut number = 0;
+        hunt(bench, TICK_NS, |bench, phase_ns| {
+            number += 1;
+            match beside {
+                Beside::Nothing => {}
+                // A lost map is a fault that comes, and goes with the next map: a line in the log each time.
+                Beside::Log => bench.skip(1),
+                Beside::Command => bench.send_command(Command::ReadConfiguration),
+                Beside::Usb => bench.send_over_usb(&map_of(LONGEST_TAIL, number)),
+            }
+            bench.last_packet_at(phase_ns, &map_of(contacts, number), |info| {
+                info.sensor = number as u8 % sensors;
+            })
+        })?;
+    }
+    Ok(())
+}
+
 /// A map's last packet at every phase of the tick with all that it learns, answers and logs; of a command over the UART; and in
 /// streams without a gap, from one fingertip and from two.
 ///
@@ -162,21 +190,7 @@ pub fn phases(bench: &mut Bench<'_>, length: Length) -> Result<(), Error> {
     let all = [Beside::Nothing, Beside::Log, Beside::Command];
     for sensors in [1, 2] {
         bench.command(Command::Configure(shipped(sensors)))?;
-        for beside in &all[..if length == Length::Short { 1 } else { all.len() }] {
-            let mut number = 0;
-            hunt(bench, TICK_NS, |bench, phase_ns| {
-                number += 1;
-                match beside {
-                    // A lost map is a fault that comes, and goes with the next map: a line in the log each time.
-                    Beside::Log => bench.skip(1),
-                    Beside::Command => bench.send_command(Command::ReadConfiguration),
-                    Beside::Nothing | Beside::Usb => {}
-                }
-                bench.last_packet_at(phase_ns, &map_of(LONGEST_TAIL, number), |info| {
-                    info.sensor = number as u8 % sensors;
-                })
-            })?;
-        }
+        last_packets(bench, &all, LONGEST_TAIL, sensors, length)?;
         if length == Length::Short {
             continue;
         }
@@ -223,21 +237,7 @@ pub fn over_uart(bench: &mut Bench<'_>, length: Length) -> Result<Raises, Error>
     let besides = [Beside::Nothing, Beside::Log, Beside::Command, Beside::Usb];
     for sensors in [1, 2] {
         bench.command(Command::Configure(shipped(sensors)))?;
-        for beside in &besides[..if length == Length::Short { 1 } else { besides.len() }] {
-            let mut number = 0;
-            hunt(bench, TICK_NS, |bench, phase_ns| {
-                number += 1;
-                match beside {
-                    Beside::Log => bench.skip(1),
-                    Beside::Command => bench.send_command(Command::ReadConfiguration),
-                    Beside::Usb => bench.send_over_usb(&map_of(LONGEST_TAIL, number)),
-                    Beside::Nothing => {}
-                }
-                bench.last_packet_at(phase_ns, &map_of(SHORT_MAP, number), |info| {
-                    info.sensor = number as u8 % sensors;
-                })
-            })?;
-        }
+        last_packets(bench, &besides, SHORT_MAP, sensors, length)?;
         // The last byte at every phase of packets over USB: maps, which are refused, and a command.
         let step_ns = if length == Length::Short {
             20 * SHORT_NS

@@ -60,7 +60,7 @@ pub(super) fn read<T>(
             all,
             device,
             start_ns,
-            gain: reader.metadata.marker_calibrations()[usize::from(fingertip - 1)].gain,
+            gain: reader.metadata.marker_calibrations()?[usize::from(fingertip - 1)].gain,
         });
     }
     let mut maps = MapsFile::open(path)?;
