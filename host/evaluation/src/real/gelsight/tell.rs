@@ -40,7 +40,7 @@ pub(in crate::real) fn markdown(figures: &Figures) -> String {
     // `evaluate real` does not run it: measured once, with OpenCV, on the windows and rest pictures of this report.
     for (name, area, without, warning) in [
         (
-            "prototype, on the same windows and rests",
+            "prototype, on the same windows and rests (run by hand, not by this command)",
             "0.957 / 0.945",
             "0.967 / 0.960",
             "",
