@@ -602,9 +602,8 @@ fn run(
 ) -> Result<(), EmulatorError> {
     let hardware = Hardware::new().map_err(emulator::Error::from)?;
     let mut session = Session::new(Box::new(hardware), 0, VirtualNanos(0))?;
-    if log_block.is_some() {
-        session.pause_at(Some(VirtualNanos(LOG_PERIOD_NS)));
-    }
+    let log_at = log_block.map(|_| VirtualNanos(LOG_PERIOD_NS));
+    session.pause_at(log_at);
     let puppet = Puppet {
         commands,
         reports,
@@ -612,6 +611,9 @@ fn run(
         flash: FlashArray::default(),
         injector: Injector::new(panics_at),
         log: Vec::new(),
+        log_at,
+        dac_wait_ns: 0,
+        held_until: None,
         bus_driver: Vec::new(),
         resets_told: 0,
         gaps_told: Vec::new(),
@@ -630,6 +632,12 @@ struct Puppet {
     flash: FlashArray,
     injector: Injector,
     log: Vec<u8>,
+    /// When the log is drained next.
+    log_at: Option<VirtualNanos>,
+    /// How much longer the core waits for every access to the DAC.
+    dac_wait_ns: u64,
+    /// Until when the core waits for the access that it made last.
+    held_until: Option<VirtualNanos>,
     bus_driver: Vec<(u64, bool)>,
     resets_told: usize,
     gaps_told: Vec<String>,
@@ -649,6 +657,15 @@ impl Puppet {
             .filter(|gap| !self.gaps_told.contains(gap))
             .collect();
         self.gaps_told.extend(gaps.iter().cloned());
+        let memory = self.read.take().map_or_else(Vec::new, |(address, bytes)| {
+            (address..address + bytes)
+                .map(|at| {
+                    let byte = host.read(at.into(), Width::W8).ok();
+                    let register = || session.mcu().read(stop.at, at.into(), Width::W8).ok();
+                    byte.or_else(register).unwrap_or_default() as u8
+                })
+                .collect()
+        });
         let hardware = session.board_mut();
         Report {
             now_ns: stop.at.0,
@@ -673,16 +690,32 @@ impl Puppet {
             log: std::mem::take(&mut self.log),
             gaps,
             trace: self.tracer.take(),
-            memory: self.read.take().map_or_else(Vec::new, |(address, bytes)| {
-                (address..address + bytes)
-                    .map(|at| host.read(at.into(), Width::W8).unwrap_or_default() as u8)
-                    .collect()
-            }),
+            memory,
         }
     }
 }
 
 impl Puppet {
+    /// Asks for the next pause: to drain the log, or to let the core go on.
+    fn pause(&self, session: &mut Session<Hardware>) {
+        session.pause_at(self.log_at.into_iter().chain(self.held_until).min());
+    }
+
+    /// Does what a pause was for. The models never hear of one, so draining changes nothing but the room in the firmware's log
+    /// buffer, and that at the same instants however the caller cuts the time.
+    fn paused(&mut self, session: &mut Session<Hardware>, stop: Stop, host: &mut dyn Host) {
+        let is_due = |at: Option<VirtualNanos>| at.is_some_and(|at| stop.at >= at);
+        if let Some(block) = self.log_block.filter(|_| is_due(self.log_at)) {
+            self.log.extend(rtt::drain(host, block));
+            self.log_at = Some(VirtualNanos((stop.at.0 / LOG_PERIOD_NS + 1) * LOG_PERIOD_NS));
+        }
+        if is_due(self.held_until) {
+            self.held_until = None;
+            host.hold(false);
+        }
+        self.pause(session);
+    }
+
     fn disturb(
         &mut self,
         disturbance: Disturbance,
@@ -707,6 +740,8 @@ impl Puppet {
             Disturbance::ReleaseInhibit(level) => session.board_mut().part().inhibit_release(stop.at, level),
             Disturbance::BrownOutLevel(level) => session.board_mut().part().set_brown_out_level(level),
             Disturbance::BusClockStops => session.board_mut().part().stop_bus_clock(stop.at),
+            Disturbance::SlowDac(ns) => self.dac_wait_ns = ns.into(),
+            Disturbance::UartOpen(is_open) => session.board_mut().part().open_link(is_open),
         }
     }
 }
@@ -734,23 +769,22 @@ impl Driver<Hardware> for Puppet {
             };
             self.flash.settled(&access, value, &mut control, host);
             self.injector.settled(&access, host);
-            if access.kind == AccessKind::Write && (DAC_BASE..DAC_BASE + DAC_BYTES).contains(&access.address)
-            {
-                session.board_mut().couple_line();
+            if (DAC_BASE..DAC_BASE + DAC_BYTES).contains(&access.address) {
+                if access.kind == AccessKind::Write {
+                    session.board_mut().couple_line();
+                }
+                if self.dac_wait_ns > 0 && access.program_counter.is_some() {
+                    self.held_until = Some(VirtualNanos(access.virtual_time.0 + self.dac_wait_ns));
+                    host.hold(true);
+                    self.pause(session);
+                }
             }
         } else {
             self.injector.restarted(session.resets().len(), host);
         }
         self.tracer.settled(session.board_mut(), host, settled);
-        // The models never hear of a pause, so draining changes nothing but the room in the firmware's log buffer,
-        // and that at the same instants however the caller cuts the time.
-        if let (Settled::Stop(stop), Some(block)) = (settled, self.log_block)
-            && session.pause().is_none()
-        {
-            self.log.extend(rtt::drain(host, block));
-            session.pause_at(Some(VirtualNanos(
-                (stop.at.0 / LOG_PERIOD_NS + 1) * LOG_PERIOD_NS,
-            )));
+        if let Settled::Stop(stop) = settled {
+            self.paused(session, stop, host);
         }
     }
 

@@ -88,6 +88,10 @@ pub const CORE_HZ: u64 = 168_000_000;
 
 /// Which of the part's serial ports carries the host link, by its place in rigless's list: 0 is USART1, PA9/PA10.
 pub const LINK_PORT: usize = 0;
+/// Port A in rigless's list of ports, and the link port's input in it: PA10.
+pub const LINK_PINS: usize = 0;
+/// See [`LINK_PINS`].
+pub const LINK_INPUT_PIN: u8 = 10;
 /// Which of them carries the gripper's bus: 1 is USART2, PA2/PA3.
 pub const BUS_PORT: usize = 1;
 /// Output data and bit set/reset registers of GPIOA (RM0090 table 1, section 8.4), and the pin in it that enables the

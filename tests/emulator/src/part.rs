@@ -18,7 +18,7 @@ use rigless::time::VirtualNanos;
 
 use crate::constants::{
     BORRSTF, BROWN_OUT_LEVEL_3, BUS_PORT, CONTROL_PORT, CRYSTAL_HZ, FAULT_PIN, INHIBIT_PIN, LINE_CHANNEL,
-    LINK_PORT, RCC_APB1ENR, SUPPLY_MV, USART2EN,
+    LINK_INPUT_PIN, LINK_PINS, LINK_PORT, RCC_APB1ENR, SUPPLY_MV, USART2EN,
 };
 use crate::uart::FarEnd;
 
@@ -142,6 +142,18 @@ impl Part {
         mode == 0b01 && self.stock.gpio[CONTROL_PORT].level(pin, registers) == Level::High
     }
 
+    /// Opens the wire to the link port's input, or closes it.
+    pub(crate) fn open_link(&mut self, is_open: bool) {
+        self.far_end(LINK_PORT).set_open(is_open);
+    }
+
+    /// The level on the link port's input while nothing outside drives it: what the pin's own resistor makes of it.
+    fn undriven_link_level(&self) -> Level {
+        let slot = self.slot(PORTS[LINK_PINS]);
+        let pin = gpio::Pin::new(LINK_INPUT_PIN).expect("a pin of the port");
+        self.stock.gpio[LINK_PINS].level(pin, self.bus.slots()[slot].registers())
+    }
+
     /// Stops the clock of the gripper's UART.
     pub(crate) fn stop_bus_clock(&mut self, now: VirtualNanos) {
         let enables = self
@@ -197,6 +209,8 @@ impl Mcu for Part {
 
     /// Only the ports with a far end have anything outside to look at.
     fn poll(&mut self, now: VirtualNanos) {
+        let is_low = self.undriven_link_level() == Level::Low;
+        self.far_end(LINK_PORT).set_undriven_level(is_low);
         for slot in self.wired_slots {
             let model = self
                 .stock

@@ -4,7 +4,7 @@
 mod common;
 
 use common::{FLASH, elf_at};
-use gripline_emulator::{Board, DacWrite, EmulatorError, Reset};
+use gripline_emulator::{Board, DacWrite, Disturbance, EmulatorError, Reset};
 
 /// One UART frame (start, eight data, stop bit) at the 1 Mbaud that [`ECHO`] sets.
 const FRAME_NS: u64 = 10_000;
@@ -127,6 +127,78 @@ fn bytes_cross_the_line_both_ways_at_its_baud_rate() {
             "byte {n}: {sent:?} after {answered_ns}"
         );
     }
+}
+
+/// A step of the ramp accesses the DAC once.
+#[test]
+fn a_slow_dac_keeps_the_core_waiting_for_every_access_until_it_is_fast_again() {
+    const WAIT_NS: u32 = 26_000;
+    let mut board = boot(RAMP);
+    board.run_for(1_000_000).unwrap();
+    let steps = |board: &Board, from: usize| -> Vec<u64> {
+        let times: Vec<u64> = board.dac_writes()[from..]
+            .iter()
+            .map(|write| write.at_ns)
+            .collect();
+        times.windows(2).map(|pair| pair[1] - pair[0]).collect()
+    };
+    let before = board.dac_writes().len();
+    let instructions = board.instructions();
+    board.disturb(Disturbance::SlowDac(WAIT_NS));
+    board.run_for(1_000_000).unwrap();
+    let slow = steps(&board, before);
+    let period_ns = 404 * 1000 / 168;
+    assert_eq!(
+        slow.len(),
+        (1_000_000 / (period_ns + u64::from(WAIT_NS))) as usize
+    );
+    for step in slow {
+        let waited = step - period_ns;
+        assert!(
+            waited.abs_diff(WAIT_NS.into()) <= 2,
+            "{step} ns from code to code"
+        );
+    }
+    assert!(
+        board.instructions() - instructions < 404 * 40,
+        "none while it waits"
+    );
+    board.disturb(Disturbance::SlowDac(0));
+    board.run_for(100_000).unwrap();
+    let before = board.dac_writes().len();
+    board.run_for(1_000_000).unwrap();
+    assert!(
+        steps(&board, before)
+            .iter()
+            .all(|step| step.abs_diff(period_ns) <= 1)
+    );
+}
+
+/// The echo leaves its input without a resistor: an undriven pin at zero, which reads as one byte of zeros after the other.
+#[test]
+fn an_open_uart_line_without_a_pull_up_reads_as_zeros() {
+    let mut board = boot(ECHO);
+    board.run_for(1_000_000).unwrap();
+    assert_eq!(
+        board.uart_take(),
+        [],
+        "a whole line that nobody speaks on is idle"
+    );
+    board.disturb(Disturbance::UartOpen(true));
+    board.uart_send(&[7]);
+    board.run_for(1_000_000).unwrap();
+    let heard = board.uart_take();
+    assert!(heard.len() > 90, "{} bytes", heard.len());
+    assert!(
+        heard.iter().all(|byte| *byte == 1),
+        "zero and one, of none that was sent"
+    );
+    board.disturb(Disturbance::UartOpen(false));
+    board.run_for(100_000).unwrap();
+    board.uart_take();
+    board.uart_send(&[7]);
+    board.run_for(1_000_000).unwrap();
+    assert_eq!(board.uart_take(), [8]);
 }
 
 #[test]
@@ -291,6 +363,23 @@ fn the_firmware_boots_drives_its_line_logs_and_feeds_its_watchdog() {
         board.dac_code(1)
     );
     assert_ne!(board.log(), [0_u8; 0]);
+}
+
+/// PA10 is its alternate function's, and pulled up (RM0090, sections 8.4.1 and 8.4.4).
+#[test]
+#[ignore = "needs GRIPLINE_IMAGE, which `cargo xtask test` sets"]
+fn the_firmware_pulls_the_input_of_its_uart_up() {
+    const GPIOA_MODER: u32 = 0x4002_0000;
+    const GPIOA_PUPDR: u32 = 0x4002_000C;
+    const PIN: u32 = 10;
+    let mut board = Board::boot(&real_image()).unwrap();
+    board.run_for(100_000_000).unwrap();
+    let field = |board: &mut Board, register| {
+        let bytes = board.read_memory(register, 4).unwrap();
+        u32::from_le_bytes(bytes.try_into().unwrap()) >> (2 * PIN) & 0b11
+    };
+    assert_eq!(field(&mut board, GPIOA_MODER), 0b10, "alternate function");
+    assert_eq!(field(&mut board, GPIOA_PUPDR), 0b01, "pull-up");
 }
 
 #[test]

@@ -86,7 +86,12 @@ impl Board {
 
     /// Holds with the settings as shipped: maps that stick, until the line rests above its floor.
     pub(crate) fn holding_as_shipped() -> (Self, Status) {
-        let mut board = Self::connected(Transport::Usb, None);
+        Self::holding_as_shipped_over(Transport::Usb)
+    }
+
+    /// The same over either link.
+    pub(crate) fn holding_as_shipped_over(transport: Transport) -> (Self, Status) {
+        let mut board = Self::connected(transport, None);
         assert_eq!(*board.session.settings(), SHIPPED);
         board.session.command(Command::Hold).unwrap();
         let held = board.maps(&map(0), 60);

@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 /// What the greeting starts with; the version follows as a little-endian `u32`.
 pub const MAGIC: [u8; 8] = *b"GRIPEMU\0";
 /// The version of these types.
-pub const VERSION: u32 = 7;
+pub const VERSION: u32 = 8;
 /// The longest advance that one request may ask for, nanoseconds: a minute, seconds of real time when busy.
 pub const MAX_ADVANCE_NS: u64 = 60_000_000_000;
 /// The most USB packets, and the most control transfers, that one request may carry.
@@ -126,6 +126,10 @@ pub enum Disturbance {
     BrownOutLevel(u8),
     /// The clock of the gripper's UART stops: nothing is sent and no interrupt comes.
     BusClockStops,
+    /// Every access to the DAC keeps the core waiting so much longer from now on, nanoseconds, as one behind a busy bus does.
+    SlowDac(u32),
+    /// The wire to the UART's input is open (true) or whole from now on. What is sent into an open one is lost.
+    UartOpen(bool),
 }
 
 /// How far the USB host has come with the device.
@@ -380,6 +384,8 @@ mod tests {
             disturbances: vec![
                 Disturbance::Line(LineWiring::Gain(3)),
                 Disturbance::BrownOut { forgets: true },
+                Disturbance::SlowDac(300),
+                Disturbance::UartOpen(true),
             ],
         }
     }
@@ -432,13 +438,13 @@ mod tests {
         let mut bytes = Vec::new();
         request().write(&mut bytes).unwrap();
         let expected: &[&[u8]] = &[
-            &[39, 0, 0, 0],
+            &[44, 0, 0, 0],
             &[0x82, 0x02, 2],
             &[3, 7, 8, 9],
             &[2, 2, 4, 5, 0],
             &[1, 8, 7, 6, 5, 4, 3, 2, 1, 1, 0xEE],
             &[1, 2, 0x88, 0xE8, 0x81, 0x80, 0x04],
-            &[2, 2, 3, 3, 1, 1],
+            &[4, 2, 3, 3, 1, 1, 6, 0xAC, 0x02, 7, 1],
         ];
         assert_eq!(bytes[4..], expected[1..].concat());
         assert_eq!(bytes[..4], ((bytes.len() - 4) as u32).to_le_bytes());
@@ -495,7 +501,7 @@ mod tests {
     fn a_greeting_of_another_program_or_version_is_refused() {
         let other = read_greeting(&mut b"GRIPLINE\x01\0\0\0".as_slice());
         assert!(matches!(other, Err(WireError::Magic(_))), "{other:?}");
-        let newer = read_greeting(&mut b"GRIPEMU\0\x08\0\0\0".as_slice());
-        assert!(matches!(newer, Err(WireError::Version(8))), "{newer:?}");
+        let newer = read_greeting(&mut b"GRIPEMU\0\x09\0\0\0".as_slice());
+        assert!(matches!(newer, Err(WireError::Version(9))), "{newer:?}");
     }
 }
