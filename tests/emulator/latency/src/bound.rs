@@ -11,7 +11,9 @@ use crate::Error;
 use crate::cycles::{self, Fetch, Memory};
 use crate::image::{Flow, Function, Image, Instruction};
 use crate::source::{Place, Sources};
-use crate::tables::{CALLS, LEFT_OUT, Left, MACHINE_LOOPS, MachineLoop, OF_TAIL, SKIPPED, TAIL_TAXELS};
+use crate::tables::{
+    CALLS, COPY, LEFT_OUT, Left, MACHINE_LOOPS, MachineLoop, OF_TAIL, SKIPPED, TAIL_TAXELS,
+};
 
 /// A loop of the image.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -44,6 +46,10 @@ pub struct Walk<'a> {
     sources: &'a Sources,
     /// Functions that were walked through.
     pub known: BTreeMap<u32, Bound>,
+    /// The same of functions that copy, by how many bytes they copy, where the caller has put a constant into the register for it.
+    pub copies: BTreeMap<(u32, u32), Bound>,
+    /// The bytes that are copied under way.
+    copied: Option<u32>,
     under_way: Vec<u32>,
     left_out: Left,
     /// Taxels of the map's last packet.
@@ -101,6 +107,8 @@ impl<'a> Walk<'a> {
             image,
             sources,
             known: BTreeMap::new(),
+            copies: BTreeMap::new(),
+            copied: None,
             under_way: Vec::new(),
             left_out,
             tail_taxels: TAIL_TAXELS,
@@ -162,7 +170,11 @@ impl<'a> Walk<'a> {
 
     /// The bound of a function.
     pub fn function(&mut self, function: &Function) -> Bound {
-        if let Some(known) = self.known.get(&function.start) {
+        let known = match self.copied {
+            Some(bytes) => self.copies.get(&(function.start, bytes)),
+            None => self.known.get(&function.start),
+        };
+        if let Some(known) = known {
             return known.clone();
         }
         if self.is_left_out(function) {
@@ -194,7 +206,24 @@ impl<'a> Walk<'a> {
             stack: own_stack as u32 + stack,
             is_end,
         };
-        self.known.insert(function.start, bound.clone());
+        match self.copied {
+            Some(bytes) => self.copies.insert((function.start, bytes), bound.clone()),
+            None => self.known.insert(function.start, bound.clone()),
+        };
+        bound
+    }
+
+    /// The bound of what is called with these constants in registers.
+    fn called(&mut self, address: u32, constants: Option<&Constants>) -> Bound {
+        let copies = |function: &Function| function.name.contains(COPY);
+        let is_copy = self.image.function_at(address).is_some_and(copies);
+        let length = constants.and_then(|known| known.get(&self.image.third_argument));
+        let outer = self.copied;
+        if let (true, None, Some(Value::Exact(bytes))) = (is_copy, outer, length) {
+            self.copied = Some(*bytes);
+        }
+        let bound = self.callee(address);
+        self.copied = outer;
         bound
     }
 
@@ -403,7 +432,7 @@ impl<'a> Walk<'a> {
                 }
                 let mut most = 0;
                 for callee in callees {
-                    let bound = self.callee(callee);
+                    let bound = self.called(callee, constants.get(at));
                     most = most.max(bound.cycles);
                     deepest = deepest.max(bound.stack);
                 }
@@ -767,15 +796,13 @@ impl<'a> Walk<'a> {
             ));
             return way;
         };
-        self.loops.insert(
+        let one = self.loops.entry(header).or_insert_with(|| Loop {
             header,
-            Loop {
-                header,
-                body,
-                rounds,
-                why: format!("{}: {why}", short(&function.name)),
-            },
-        );
+            body,
+            rounds,
+            why: format!("{}: {why}", short(&function.name)),
+        });
+        one.rounds = one.rounds.max(rounds);
         way * u64::from(rounds)
     }
 
@@ -813,10 +840,10 @@ impl<'a> Walk<'a> {
             function.name.contains(one.function) && own.iter().any(starts)
         };
         MACHINE_LOOPS.iter().find(fits).map(|one| {
-            let rounds = if is_tail {
-                (one.of_tail)(self.tail_taxels)
-            } else {
-                one.most
+            let rounds = match self.copied {
+                _ if is_tail => (one.of_tail)(self.tail_taxels),
+                Some(bytes) => (one.of_copy)(bytes),
+                _ => one.most,
             };
             (rounds, false, one.why)
         })

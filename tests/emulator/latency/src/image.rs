@@ -123,6 +123,8 @@ pub struct Image {
     pub ram_bytes: u32,
     /// Registers that a function leaves as they were (AAPCS: r4 to r11, sp).
     pub kept_by_callees: BTreeSet<u16>,
+    /// The register of a function's third argument (AAPCS: r2).
+    pub third_argument: u16,
 }
 
 impl Image {
@@ -139,6 +141,7 @@ impl Image {
             flash_bytes: 0,
             ram_bytes: 0,
             kept_by_callees: KEPT.into_iter().map(|register| register as u16).collect(),
+            third_argument: ArmReg::ARM_REG_R2 as u16,
         };
         for section in file.sections() {
             let SectionFlags::Elf { sh_flags } = section.flags() else {

@@ -717,7 +717,8 @@ fn function_of(image: &Image, name: &str) -> Result<Function, Error> {
 
 /// Functions of the path that run from flash, where wait states would move its time.
 fn in_flash(image: &Image, path: &Walk<'_>) -> Vec<String> {
-    let functions = path.known.keys().filter_map(|at| image.functions.get(at));
+    let copies = path.copies.keys().map(|(at, _)| at);
+    let functions = path.known.keys().chain(copies).filter_map(|at| image.functions.get(at));
     functions
         .filter(|function| function.start >= FLASH_START && function.start < RAM_START)
         .map(|function| {

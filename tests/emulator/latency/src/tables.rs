@@ -6,7 +6,9 @@ use gripline_protocol::message::Message;
 
 /// Words of the longest packet.
 const WORDS: u32 = PACKET_MAX as u32 / 4;
-/// Words of a message, the largest thing that is copied with the path blocked; four of them a round.
+/// Part of the names of the functions that copy; the third argument is how many bytes.
+pub const COPY: &str = "memcpy";
+/// Words of a message, the largest thing that is copied with the path blocked; four of them a round. Where the caller says how much, that counts.
 const COPIED: u32 = size_of::<Message>() as u32 / 4 / 4 + 1;
 
 /// Taxels of the longest last packet.
@@ -74,6 +76,8 @@ pub struct MachineLoop {
     pub most: u32,
     /// The same on the path of a map's last packet, by its taxels.
     pub of_tail: fn(u32) -> u32,
+    /// The same when it copies so many bytes; what is copied has words only from 16 bytes on.
+    pub of_copy: fn(u32) -> u32,
     /// Why no more.
     pub why: &'static str,
 }
@@ -83,6 +87,7 @@ const fn machine(
     instruction: &'static str,
     most: u32,
     of_tail: fn(u32) -> u32,
+    of_copy: fn(u32) -> u32,
     why: &'static str,
 ) -> MachineLoop {
     MachineLoop {
@@ -90,6 +95,7 @@ const fn machine(
         instruction,
         most,
         of_tail,
+        of_copy,
         why,
     }
 }
@@ -101,6 +107,7 @@ pub const MACHINE_LOOPS: &[MachineLoop] = &[
         "ldm",
         TAXELS_PER_PACKET as u32 / 2,
         |taxels| taxels / 2,
+        |_| 0,
         "pairs of taxels in a packet",
     ),
     machine(
@@ -108,6 +115,7 @@ pub const MACHINE_LOOPS: &[MachineLoop] = &[
         "ldrb",
         4,
         |_| 0,
+        |bytes| if bytes < 16 { bytes / 4 } else { 0 },
         "bytes before and behind words, four a round",
     ),
     machine(
@@ -115,6 +123,7 @@ pub const MACHINE_LOOPS: &[MachineLoop] = &[
         "ldr",
         COPIED,
         |_| 0,
+        |bytes| if bytes < 16 { 0 } else { bytes / 16 + 1 },
         "words of the largest thing that is copied",
     ),
     machine(
@@ -122,12 +131,14 @@ pub const MACHINE_LOOPS: &[MachineLoop] = &[
         "str",
         COPIED,
         |_| 0,
+        |_| 0,
         "words of the largest thing that is cleared; the path clears none",
     ),
     machine(
         "mem",
         "stm",
         COPIED,
+        |_| 0,
         |_| 0,
         "words of the largest thing that is cleared; the path clears none",
     ),
@@ -145,6 +156,10 @@ pub enum Left {
     Tail,
     /// For that of a full packet.
     Taxels,
+    /// For that of a map's first packet over the UART.
+    Head,
+    /// For that of a byte of the UART that ends no packet.
+    Byte,
     /// For an interrupt of the link whose maps do not count.
     Foreign,
     /// For what blocks the path.
@@ -175,6 +190,15 @@ pub const LEFT_OUT: &[(&str, Left, &str)] = &[
         Left::Tail,
         "a map's last byte ends a frame, and has no places to list",
     ),
+    ("Program<K>::begin", Left::Taxels, "a full packet is no first one"),
+    ("Receiver::list_places", Left::Taxels, ENDS),
+    ("Program<K>::taxels", Left::Head, "a first packet is no full one"),
+    ("Program<K>::tail", Left::Head, "a first packet is no last one"),
+    ("Receiver::list_places", Left::Head, ENDS),
+    ("Program<K>::taxels", Left::Byte, INSIDE),
+    ("Program<K>::tail", Left::Byte, INSIDE),
+    ("Program<K>::begin", Left::Byte, INSIDE),
+    ("Control::unknown_packet", Left::Byte, INSIDE),
     ("Program<K>::head", Left::Foreign, FOREIGN),
     ("Program<K>::begin", Left::Foreign, FOREIGN),
     ("Receiver::list_places", Left::Foreign, FOREIGN),
@@ -191,6 +215,11 @@ pub const LEFT_OUT: &[(&str, Left, &str)] = &[
         "packets lie at addresses that words may have",
     ),
 ];
+
+/// Why a packet's last byte lists no places.
+const ENDS: &str = "a byte that ends a frame has no places to list";
+/// Why a byte inside a packet does nothing with it.
+const INSIDE: &str = "only a packet's last byte leads into the program";
 
 /// Why one link's packets never meet those of the other in the program.
 const FOREIGN: &str = "maps of one link count at a time; those of the other are refused before their sums";
