@@ -169,6 +169,7 @@ pub(crate) struct Head {
 
 impl Head {
     /// Reads the payload of a head packet after its header.
+    #[inline]
     pub(crate) fn from_payload(header: Header, payload: &[u8; PACKET_MAX - PACKET_HEADER]) -> Option<Self> {
         let (&[low, high, highest, motion], rest) = payload.split_first_chunk::<4>()?;
         let (capture, rest) = rest.split_first_chunk::<4>()?;

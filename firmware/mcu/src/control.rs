@@ -110,7 +110,7 @@ impl Control {
         let started = cycles();
         self.requested = started;
         match Kind::of(packet) {
-            Some(Kind::MapTail) => self.map_tail(packet, LinkId::Usb, started),
+            Some(Kind::MapTail) => self.map_tail(packet, LinkId::Usb, started, || {}),
             Some(Kind::MapTaxels) => self.map_taxels(packet, LinkId::Usb, started),
             Some(Kind::MapHead) => self.map_head(packet, LinkId::Usb, started),
             Some(Kind::Message) | None => self.unknown_packet(packet, LinkId::Usb, started),
@@ -123,12 +123,14 @@ impl Control {
         self.requested = requested;
     }
 
-    /// The last packet of a map; `entered` is the cycle count when its interrupt began. Each kind of packet has a function, so that the
-    /// interrupt looks at the kind once.
+    /// The last packet of a map; `entered` is the cycle count when its interrupt began. Half-way through it does `meanwhile`. Each kind of
+    /// packet has a function, so that the interrupt looks at the kind once.
     #[inline]
-    pub(crate) fn map_tail(&mut self, packet: &[u8], link: LinkId, entered: u32) {
+    pub(crate) fn map_tail(&mut self, packet: &[u8], link: LinkId, entered: u32, meanwhile: impl FnOnce()) {
         self.heard(link);
-        let action = self.program.map_tail(packet, link, self.packet_us);
+        let is_new = self.program.end_map(packet, link, self.packet_us);
+        meanwhile();
+        let action = self.program.decide(is_new);
         if action.decided {
             self.act(action, entered);
         } else {

@@ -131,7 +131,7 @@ fn packet(status: Grxsts, control: &mut Control, entered: u32) {
     read_words(words, length.div_ceil(4));
     let bytes = bytemuck::bytes_of(words).get(..length).unwrap_or_default();
     match Kind::of(bytes) {
-        Some(Kind::MapTail) => control.map_tail(bytes, LinkId::Usb, entered),
+        Some(Kind::MapTail) => control.map_tail(bytes, LinkId::Usb, entered, || {}),
         Some(Kind::MapTaxels) => {
             ask_for_next();
             control.map_taxels(bytes, LinkId::Usb, entered);

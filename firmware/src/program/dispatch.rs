@@ -207,8 +207,21 @@ impl<K: Kernel> Program<K> {
     /// [`Self::map_packet`] of a [`Kind::MapTail`]. It moves the line when it ends a map that counts.
     #[inline]
     pub fn map_tail(&mut self, packet: &[u8], link: LinkId, now_us: u64) -> Action {
+        let is_new = self.end_map(packet, link, now_us);
+        self.decide(is_new)
+    }
+
+    /// The first part of [`Self::map_tail`]: takes the packet. Returns whether it ends a new map, for [`Self::decide`].
+    #[inline]
+    pub fn end_map(&mut self, packet: &[u8], link: LinkId, now_us: u64) -> bool {
         self.passed_to(now_us);
-        if self.map_source.is(link) && self.tail(packet, link) {
+        self.map_source.is(link) && self.tail(packet, link)
+    }
+
+    /// The second part of [`Self::map_tail`]: moves the line, if the map is new.
+    #[inline]
+    pub fn decide(&mut self, is_new: bool) -> Action {
+        if is_new {
             self.action(true)
         } else {
             self.unchanged()

@@ -11,9 +11,7 @@ use crate::Error;
 use crate::cycles::{self, Fetch, Memory};
 use crate::image::{Flow, Function, Image, Instruction};
 use crate::source::{Place, Sources};
-use crate::tables::{
-    CALLS, COPY, LEFT_OUT, Left, MACHINE_LOOPS, MachineLoop, OF_TAIL, SKIPPED, TAIL_TAXELS,
-};
+use crate::tables::{CALLS, COPY, LEFT_OUT, Left, MACHINE_LOOPS, MachineLoop, OF_TAIL, SKIPPED, TAIL_TAXELS};
 
 /// A loop of the image.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -140,20 +138,54 @@ impl<'a> Walk<'a> {
     /// # Errors
     /// A function without such a store.
     pub fn after_store(&mut self, function: &Function, address: u32) -> Result<u64, Error> {
+        let places = self.accesses(function, &self.body(function), "str", address);
+        self.after(function, &places, &format!("a store at {address:#x}"))
+    }
+
+    /// The same after a call.
+    ///
+    /// # Errors
+    /// A function without such a call.
+    pub fn after_call(&mut self, function: &Function, callee: &Function) -> Result<u64, Error> {
         let body = self.body(function);
-        let places: Vec<u32> = self
-            .stores(function, &body, address)
-            .into_iter()
-            .filter_map(|at| body.get(&at).map(Instruction::next))
+        let calls = body.values().filter(|one| one.flow == Flow::Call(callee.start));
+        let places = calls.map(|one| one.address).collect();
+        self.after(function, &places, &format!("a call of {}", callee.name))
+    }
+
+    fn after(&mut self, function: &Function, places: &BTreeSet<u32>, what: &str) -> Result<u64, Error> {
+        let body = self.body(function);
+        let behind = places.iter().filter_map(|at| body.get(at).map(Instruction::next));
+        let ways = behind.map(|at| self.paths(function, &body, at, |_| false).0);
+        ways.max().ok_or_else(|| missing(function, what))
+    }
+
+    /// From a function's first instruction to its load of a word at `address`, that one included.
+    ///
+    /// # Errors
+    /// A function without such a load.
+    pub fn until_load(&mut self, function: &Function, address: u32) -> Result<u64, Error> {
+        let body = self.body(function);
+        let loads = self.accesses(function, &body, "ldr", address);
+        if loads.is_empty() {
+            return Err(missing(function, &format!("a load at {address:#x}")));
+        }
+        let next: Graph = body
+            .values()
+            .map(|one| (one.address, self.successors(function, &body, one)))
             .collect();
-        let ways: Vec<u64> = places
-            .into_iter()
-            .map(|at| self.paths(function, &body, at, |_| false).0)
-            .collect();
-        ways.into_iter().max().ok_or_else(|| Error::Unexpected {
-            expected: format!("a store at {address:#x} in {}", function.name),
-            found: "none".to_owned(),
-        })
+        let mut leads = loads.clone();
+        loop {
+            let leads_on = |targets: &Vec<u32>| targets.iter().any(|at| leads.contains(at));
+            let more = next.iter().filter(|(_, targets)| leads_on(targets));
+            let all: BTreeSet<u32> = more.map(|(at, _)| *at).chain(loads.iter().copied()).collect();
+            if all == leads {
+                break;
+            }
+            leads = all;
+        }
+        let is_end = |one: &Instruction| loads.contains(&one.address) || !leads.contains(&one.address);
+        Ok(self.paths(function, &body, function.start, is_end).0)
     }
 
     /// Whether no way of this walk comes to a function.
@@ -238,7 +270,7 @@ impl<'a> Walk<'a> {
             }
             let body = self.body(function);
             let [masks, unmasks] = [NVIC_MASK, NVIC_UNMASK].map(|words| -> BTreeSet<u32> {
-                let stores = words.map(|word| self.stores(function, &body, word));
+                let stores = words.map(|word| self.accesses(function, &body, "str", word));
                 stores.into_iter().flatten().collect()
             });
             for one in body.values() {
@@ -325,8 +357,14 @@ impl<'a> Walk<'a> {
         seen
     }
 
-    /// The stores of a function to this address.
-    fn stores(&self, function: &Function, body: &BTreeMap<u32, Instruction>, address: u32) -> BTreeSet<u32> {
+    /// The instructions of a function with such a name, a load's or a store's, that access this address.
+    fn accesses(
+        &self,
+        function: &Function,
+        body: &BTreeMap<u32, Instruction>,
+        name: &str,
+        address: u32,
+    ) -> BTreeSet<u32> {
         // An address in the same 64 KiB is a constant of the function.
         let is_near = |one: &Instruction| match one.constant {
             Some((_, value, true)) => value == address >> 16,
@@ -342,7 +380,7 @@ impl<'a> Walk<'a> {
         }
         let known = self.constants_of_all(function, body);
         body.values()
-            .filter(|one| one.name.starts_with("str"))
+            .filter(|one| one.name.starts_with(name))
             .filter(|one| {
                 let base = one
                     .base
@@ -867,6 +905,13 @@ impl Value {
             Self::Exact(base) => Memory::of(base.wrapping_add(offset)),
             Self::In(memory) => memory,
         }
+    }
+}
+
+fn missing(function: &Function, what: &str) -> Error {
+    Error::Unexpected {
+        expected: format!("{what} in {}", function.name),
+        found: "none".to_owned(),
     }
 }
 

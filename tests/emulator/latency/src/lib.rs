@@ -6,6 +6,7 @@ pub mod bound;
 pub mod cycles;
 pub mod image;
 pub mod measure;
+pub mod receiver;
 pub mod report;
 pub mod rounds;
 pub mod snapshot;

@@ -694,6 +694,22 @@ impl<'a> Bench<'a> {
         Ok(worst)
     }
 
+    /// Cycles of a byte on the UART's line, as the firmware set the port up: ten bits of so many clocks of 84 MHz (RM0090, section 30.3.4).
+    ///
+    /// # Errors
+    /// The board's.
+    pub fn uart_byte_cycles(&mut self) -> Result<u64, Error> {
+        const USART1_BRR: u32 = 0x4001_1008;
+        const CYCLES_PER_CLOCK: u64 = 2;
+        const BITS: u64 = 10;
+        let bytes = self.board.read_memory(USART1_BRR, 2)?;
+        let clocks = bytes
+            .iter()
+            .rev()
+            .fold(0, |all, byte| all << 8 | u64::from(*byte));
+        Ok(BITS * clocks * CYCLES_PER_CLOCK)
+    }
+
     /// When bulk packets landed in the FIFO, nanoseconds since power-on.
     #[must_use]
     pub fn deliveries_ns(&self) -> &[u64] {

@@ -8,10 +8,11 @@ use crate::bound::{Loop, Stretch, Walk, short};
 use crate::cycles::{ENTRY, EXIT};
 use crate::image::{Function, Image, read};
 use crate::measure::{Bench, Met, Way, When, map_of};
+use crate::receiver::Receiver;
 use crate::source::Sources;
 use crate::stack::{FRAME_BYTES, Stack};
 use crate::sweep::{self, Length, Raises, Rates};
-use crate::tables::{EXCEPTED, KERNEL, LEFT_OUT, Left, TAIL_TAXELS, WRITE_LINE};
+use crate::tables::{EXCEPTED, KERNEL, LEFT_OUT, Left, TAIL_TAXELS, TAKE_AHEAD, WRITE_LINE};
 use crate::{Error, twin};
 
 /// Cycles from a map's last packet to the line (DESIGN.md: 25 µs at 168 MHz).
@@ -60,6 +61,8 @@ pub struct Report {
     pub blocking: Stretch,
     /// All such stretches, the longest first.
     pub stretches: Vec<Stretch>,
+    /// Whether the UART's receiver can lose a byte.
+    pub receiver: Receiver,
     /// Bytes of stack of the path, the frame of its exception included.
     pub stack_worst_bytes: u32,
     /// The stack of all contexts, and what the run took of it.
@@ -189,6 +192,16 @@ impl Report {
         bench.watch(most_rounds(paths.iter().chain(&uart_paths)).values(), When::Tail);
         bench.watch(blocked.loops.values(), When::Blocked);
         let played = Played::of(&mut bench, length)?;
+        let [of_usb_link, _] = foreign_cycles;
+        let (receiver, found) = Receiver::of(
+            &image,
+            &sources,
+            &uart,
+            &function_of(&image, TAKE_AHEAD)?,
+            blocking.cycles.max(of_usb_link),
+            bench.uart_byte_cycles()?,
+        )?;
+        findings.extend(found);
         for walk in [&path, &foreign, &full, &blocked] {
             findings.extend(bench.broken(&walk.memories));
         }
@@ -204,6 +217,7 @@ impl Report {
             foreign_cycles,
             blocking,
             stretches: gripping,
+            receiver,
             interrupt_cycles: interrupts.each_ref().map(|one| one.cycles + u64::from(ENTRY)),
             stack_worst_bytes: interrupts.iter().map(|one| one.stack).max().unwrap_or_default() + FRAME_BYTES,
             stack,
@@ -335,6 +349,14 @@ impl Report {
             self.blocking_cycles().to_string(),
             format!("at most {BLOCKING_CYCLES}"),
         );
+        for need in &self.receiver.needs {
+            check(
+                need.found <= need.allowed,
+                &format!("the UART's bytes: {}, cycles", need.what),
+                need.found.to_string(),
+                format!("at most {}, or a byte is lost", need.allowed),
+            );
+        }
         check(
             self.dense <= DENSE_INSTRUCTIONS,
             "dense map, instructions",
@@ -444,7 +466,7 @@ impl Report {
              \"blocking_cycles\": {}, \"measured_quiet_cycles\": {}, \"section_worst_cycles\": {}, \
              \"head_instructions\": {}, \"held_off_cycles\": {}, \"raises_line\": {}, \"raises\": {}, \"raise_worst_cycles\": {}, \
              \"bound_over_measured\": {:.2}, \"tail_bound_cycles\": {:?}, \"tail_measured_cycles\": {:?}, \
-             \"worst_waited_cycles\": {}, \"worst_composition\": {:?}, \"uart_bound_cycles\": {}, \"uart_measured_worst_cycles\": {}, \"uart_tail_bound_cycles\": {:?}, \"uart_tail_measured_cycles\": {:?}, \"uart_worst_composition\": {:?}, \"behind_control_cycles\": {}, \"maps_per_second_dense\": {:.0}, \
+             \"worst_waited_cycles\": {}, \"worst_composition\": {:?}, \"uart_bound_cycles\": {}, \"uart_measured_worst_cycles\": {}, \"uart_tail_bound_cycles\": {:?}, \"uart_tail_measured_cycles\": {:?}, \"uart_worst_composition\": {:?}, \"uart_byte_cycles\": {}, \"uart_room_cycles\": {}, \"behind_control_cycles\": {}, \"maps_per_second_dense\": {:.0}, \
              \"maps_per_second_150\": {:.0}, \"maps_per_second_150_two_fingertips\": {:.0}, \"stack_bound_bytes\": {}, \"stack_room_bytes\": {}, \"stack_measured_bytes\": {}, \"findings\": {:?}}}\n",
             self.bound_cycles(),
             self.worst_cycles(),
@@ -479,6 +501,8 @@ impl Report {
             tail_bounds(1),
             tail_ways(1),
             spent(1),
+            self.receiver.byte_cycles,
+            self.receiver.room(),
             self.behind_control.cycles,
             self.rates[0],
             self.rates[1],
@@ -539,6 +563,16 @@ impl Report {
                     "{:>5} {:>5} {:>5} {}",
                     stretch.cycles, met.cycles, met.waited, stretch.name
                 ),
+            );
+        }
+        line(
+            "a byte of the UART",
+            format!("{} cycles from the fastest sender", self.receiver.byte_cycles),
+        );
+        for need in &self.receiver.needs {
+            line(
+                "",
+                format!("{:>5} of {:>5} {}", need.found, need.allowed, need.what),
             );
         }
         line(
@@ -718,7 +752,11 @@ fn function_of(image: &Image, name: &str) -> Result<Function, Error> {
 /// Functions of the path that run from flash, where wait states would move its time.
 fn in_flash(image: &Image, path: &Walk<'_>) -> Vec<String> {
     let copies = path.copies.keys().map(|(at, _)| at);
-    let functions = path.known.keys().chain(copies).filter_map(|at| image.functions.get(at));
+    let functions = path
+        .known
+        .keys()
+        .chain(copies)
+        .filter_map(|at| image.functions.get(at));
     functions
         .filter(|function| function.start >= FLASH_START && function.start < RAM_START)
         .map(|function| {

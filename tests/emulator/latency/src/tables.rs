@@ -251,3 +251,6 @@ pub const KERNEL: &[&str] = &["dsp::add_pair", "kernel::Dsp"];
 
 /// The function that a map's way ends with, in the walk and in the measurement.
 pub const WRITE_LINE: &str = "control::Control::write_line";
+
+/// The function that takes a byte of the UART while the interrupt works on the one before.
+pub const TAKE_AHEAD: &str = "uart::take_ahead";
