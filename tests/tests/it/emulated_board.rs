@@ -10,7 +10,7 @@ use gripline_firmware::GripForce;
 use gripline_firmware::constants::DECIDE_BUDGET_CYCLES;
 use gripline_firmware::line::DAC_LIVE_ZERO;
 use gripline_firmware::sums::{TaxelRule, sums_of};
-use gripline_link::emulator::{Cable, ControlOutcome, LineWrite};
+use gripline_link::emulator::{Cable, ControlOutcome, Disturbance, LineWrite};
 use gripline_link::session::Session;
 use gripline_link::{EmulatorLink, Link, Transport};
 use gripline_protocol::message::{Command, GripMode, SlipState};
@@ -181,6 +181,25 @@ fn noise_on_the_line_before_a_map_does_not_cost_the_map() {
         session.status().unwrap().sums,
         sums_of(&map(3), TaxelRule::of(&SETTINGS))
     );
+}
+
+/// The receiver holds one byte. The way of a map's last byte to the line takes longer than a byte anyway, and here also longer than two.
+#[test]
+#[ignore = "needs the emulator and the image: cargo xtask test"]
+fn maps_without_a_gap_over_the_uart_lose_no_byte_where_the_way_to_the_line_is_long() {
+    const MAPS: u32 = 100;
+    /// Twice in a map's last byte, once in a tick; a byte takes 10.8 µs.
+    const SLOW_NS: u32 = 4_250;
+    let (mut board, _) = Board::holding_as_shipped_over(Transport::Uart);
+    board.link_mut().disturb(Disturbance::SlowDac(SLOW_NS));
+    let before = board.status();
+    for number in 0..MAPS {
+        board.send(&map(30 + number as usize % 30));
+    }
+    board.wait(u64::from(MAPS) * 8_000);
+    let after = board.status();
+    assert_eq!(after.packets_refused, before.packets_refused);
+    assert_eq!(after.maps - before.maps, MAPS);
 }
 
 /// First evidence for the bound of 25 µs (4,200 cycles at 168 MHz); the emulator counts an instruction as a cycle.
