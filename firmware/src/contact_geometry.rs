@@ -124,9 +124,9 @@ impl ContactGeometry {
 /// where tension outweighs it. Normal forces of 2¹⁶ and more count to 16 places.
 pub(crate) fn mean_square_radius(sums: &MapSums, fraction: u32) -> u64 {
     let normal = i64::from(sums.force[2].max(1));
-    let [across, along] = sums.pressure.map(|sum| i64::from(sum).pow(2));
+    let [across, along] = sums.first_moment.map(|sum| i64::from(sum).pow(2));
     // N² times it, exactly: at most 2 · 2³¹ · 2²⁴, and 2 · 2⁵⁶.
-    let about_centre = 2 * i64::from(sums.spread) * normal - across - along;
+    let about_centre = 2 * i64::from(sums.second_moment) * normal - across - along;
     let (divisor, shift) = narrowed(sums.force[2]);
     let once = divide(about_centre.max(0).cast_unsigned() >> shift, divisor);
     divide((once << fraction) >> shift, divisor)
@@ -146,7 +146,7 @@ mod tests {
             contact: area as u16,
             stick: area as u16,
             force: [0, 0, normal as i32],
-            spread: (mean_square * normal / 2.0) as i32,
+            second_moment: (mean_square * normal / 2.0) as i32,
             ..MapSums::default()
         }
     }
@@ -260,9 +260,9 @@ mod tests {
             for &(column, row, z) in &taxels {
                 let (x, y) = (2 * column - 19, 2 * row - 19);
                 sums.force[2] += z;
-                sums.pressure[0] += x * z;
-                sums.pressure[1] += y * z;
-                sums.spread += z * (x * x + y * y) / 2;
+                sums.first_moment[0] += x * z;
+                sums.first_moment[1] += y * z;
+                sums.second_moment += z * (x * x + y * y) / 2;
             }
             let normal: f64 = taxels.iter().map(|taxel| f64::from(taxel.2)).sum();
             let mean = |of: &dyn Fn(f64, f64) -> f64| {

@@ -118,7 +118,7 @@ impl FrictionEstimator {
         if normal >= PROOF_NORMAL_MIN && 2 * normal >= reached {
             // One of the two previous maps must agree: a single map proves nothing.
             let sure = ratio_now.min(older.max(old));
-            self.proven = self.proven.max(sure).min(settings.friction_most);
+            self.proven = self.proven.max(sure).min(settings.friction_max);
         }
     }
 
@@ -199,7 +199,7 @@ impl FrictionEstimator {
         let expected = if self.has_rested || self.has_slid {
             0
         } else {
-            EXPECTED_FRICTION.min(settings.friction_most)
+            EXPECTED_FRICTION.min(settings.friction_max)
         };
         self.proven
             .max(expected)

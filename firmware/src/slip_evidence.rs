@@ -180,7 +180,7 @@ mod tests {
             contact: 20,
             stick: 20,
             force: [0, 0, 40_000],
-            spread: 200_000,
+            second_moment: 200_000,
             ..MapSums::default()
         }
     }
@@ -246,7 +246,7 @@ mod tests {
         let mut look = |urgency: Urgency, map: u32| {
             // The RMS radius changes by less and less: the calmest map there is.
             let sums = MapSums {
-                spread: 200_000 + 8_000 / (map as i32 + 1),
+                second_moment: 200_000 + 8_000 / (map as i32 + 1),
                 ..contact()
             };
             evidence.observe(

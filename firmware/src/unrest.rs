@@ -137,7 +137,7 @@ mod tests {
             contact: 20,
             stick: 20,
             force: [0, 0, normal],
-            spread: (mean_square * f64::from(normal) / 2.0).round() as i32,
+            second_moment: (mean_square * f64::from(normal) / 2.0).round() as i32,
             ..MapSums::default()
         }
     }
@@ -215,9 +215,9 @@ mod tests {
         #[test]
         fn no_map_is_too_much(maps in proptest::collection::vec((any::<i32>(), any::<[i32; 2]>(), any::<i32>(), any::<u32>()), 8)) {
             let mut unrest = Unrest::new();
-            for (spread, pressure, normal, capture_us) in maps {
+            for (second_moment, first_moment, normal, capture_us) in maps {
                 let force = [0, 0, normal >> 7];
-                unrest.observe(&MapSums { contact: 1, spread, pressure: pressure.map(|part| part >> 3), force, ..MapSums::default() }, HostMicros(capture_us));
+                unrest.observe(&MapSums { contact: 1, second_moment, first_moment: first_moment.map(|part| part >> 3), force, ..MapSums::default() }, HostMicros(capture_us));
                 unrest.above_usual();
             }
         }

@@ -12,7 +12,7 @@ use gripline_protocol::message::{
 use gripline_protocol::packet::Kind;
 use gripline_protocol::rounds::at_most;
 use gripline_protocol::sequence::{Order, SequenceTracker};
-use gripline_protocol::{Health, MapInfo, Motion, SENSORS};
+use gripline_protocol::{Health, MapInfo, Motion, SENSORS, SensorId};
 
 use super::bootloader_request::BootloaderRequest;
 use super::learner::Taught;
@@ -104,7 +104,7 @@ pub struct Program<K = Portable> {
     map_source: MapSource,
     newest: MapInfo,
     /// The fingertip whose load the grip follows.
-    neediest: usize,
+    neediest: SensorId,
     pub(super) controller: GripController,
     pub(super) safety: Safety,
     pub(super) outbox: Outbox,
@@ -157,7 +157,7 @@ impl<K: Kernel> Program<K> {
             }; SENSORS],
             map_source: MapSource::new(),
             newest: MapInfo::default(),
-            neediest: 0,
+            neediest: SensorId::First,
             controller: GripController::new(start.now_us, start.restored_line),
             safety,
             outbox: Outbox::default(),
@@ -387,7 +387,11 @@ impl<K: Kernel> Program<K> {
         let other_is_worse = is_silent(one) || other.taught.load.exceeds(&one.taught.load);
         let is_other = has_other && !is_silent(other) && other_is_worse;
         let worst = if is_other { other } else { one };
-        self.neediest = usize::from(is_other);
+        self.neediest = if is_other {
+            SensorId::Second
+        } else {
+            SensorId::First
+        };
         let witness = if has_other {
             one.taught.verdict.with(other.taught.verdict)
         } else {
@@ -438,7 +442,7 @@ impl<K: Kernel> Program<K> {
     /// The state as it goes to the host.
     #[must_use]
     pub fn status(&self) -> Status {
-        let tip = &self.fingertips[usize::from(self.newest.sensor).min(SENSORS - 1)];
+        let tip = &self.fingertips[self.newest.sensor.index()];
         let (slip_evidence, witnesses) = self.slip_evidence();
         let [usb, uart] = &self.receivers;
         let [x, y, normal] = tip.sums.force;
@@ -499,10 +503,7 @@ impl<K: Kernel> Program<K> {
 
     /// A map arrived whole. Returns whether it was new.
     fn map(&mut self, info: MapInfo, link: LinkId) -> bool {
-        // The parser lets no other sensor through.
-        let Some(tip) = self.fingertips.get_mut(usize::from(info.sensor)) else {
-            return false;
-        };
+        let tip = &mut self.fingertips[info.sensor.index()];
         let Order::New { lost } = tip.sequence.check(info.sequence) else {
             return self.refuse_map(Fault::ReplayedMap);
         };
@@ -556,9 +557,8 @@ impl<K: Kernel> Program<K> {
             self.controller.observe_doubtful(evidence.shear);
         } else {
             self.controller.observe(evidence, self.now_us);
-            let sensor = usize::from(info.sensor);
-            if sensor < sensors {
-                let before = if sensor == self.neediest {
+            if info.sensor.index() < sensors {
+                let before = if info.sensor == self.neediest {
                     self.controller.force()
                 } else {
                     reference.force()

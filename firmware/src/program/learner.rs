@@ -3,7 +3,7 @@
 //! a newer map came meanwhile. What was learnt before lies with the worker and is never copied.
 
 use gripline_protocol::message::{MapSums, Witnesses};
-use gripline_protocol::{Motion, PER_UNIT, SENSORS};
+use gripline_protocol::{Motion, PER_UNIT, SENSORS, SensorId};
 
 use crate::clock::{DeviceMicros, HostMicros};
 use crate::constants::FEED_FORWARD_FRICTION_MIN;
@@ -17,7 +17,7 @@ use crate::sums::total_shear;
 /// The newest map of a fingertip.
 #[derive(Debug, Clone, Copy)]
 pub struct Lesson {
-    pub(super) sensor: usize,
+    pub(super) sensor: SensorId,
     /// Number of the map.
     pub(super) map: u32,
     pub(super) arrived_us: u64,
@@ -33,7 +33,7 @@ pub struct Lesson {
 /// What came of a lesson.
 #[derive(Debug, Clone, Copy)]
 pub struct Learnt {
-    pub(super) sensor: usize,
+    pub(super) sensor: SensorId,
     pub(super) map: u32,
     pub(super) decision: SlipDecision,
     pub(super) taught: Taught,
@@ -118,9 +118,9 @@ impl Learner {
     pub fn work(&mut self, lesson: &Lesson) -> Learnt {
         let Lesson { sums, settings, .. } = lesson;
         let settings = *settings;
-        let sensor = lesson.sensor % SENSORS;
-        let (friction, evidence) = (&mut self.friction[sensor], &mut self.evidence[sensor]);
-        let slip = &mut self.slip[sensor];
+        let at = lesson.sensor.index();
+        let (friction, evidence) = (&mut self.friction[at], &mut self.evidence[at]);
+        let slip = &mut self.slip[at];
         let decision = slip.decide(
             sums,
             lesson.capture,
@@ -144,7 +144,7 @@ impl Learner {
             lesson.slip_settings.leave,
         );
         Learnt {
-            sensor,
+            sensor: lesson.sensor,
             map: lesson.map,
             decision,
             taught: Taught {

@@ -1,6 +1,6 @@
 //! The newest map is copied out for the [`Learner`](super::Learner), and what it came to is copied back.
 
-use gripline_protocol::SENSORS;
+use gripline_protocol::SensorId;
 
 use super::dispatch::Program;
 use super::learner::{Learnt, Lesson};
@@ -14,7 +14,11 @@ impl<K: Kernel> Program<K> {
     #[inline(never)]
     pub fn lesson(&self, lesson: &mut Option<Lesson>) {
         let [one, other] = &self.fingertips;
-        let (sensor, tip) = if one.is_due { (0, one) } else { (1, other) };
+        let (sensor, tip) = if one.is_due {
+            (SensorId::First, one)
+        } else {
+            (SensorId::Second, other)
+        };
         if !tip.is_due {
             *lesson = None;
             return;
@@ -35,7 +39,7 @@ impl<K: Kernel> Program<K> {
     /// Takes what a lesson came to. One whose fingertip has sent a newer map meanwhile is left: that map teaches the same.
     #[inline(never)]
     pub fn learn(&mut self, learnt: &Learnt) {
-        let tip = &mut self.fingertips[learnt.sensor % SENSORS];
+        let tip = &mut self.fingertips[learnt.sensor.index()];
         if !tip.is_due || tip.map != learnt.map {
             return;
         }

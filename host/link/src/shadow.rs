@@ -4,7 +4,7 @@
 
 use gripline_firmware::sums::{TaxelRule, sums_of};
 use gripline_protocol::message::{MapSums, Status};
-use gripline_protocol::{ForceMap, SENSORS};
+use gripline_protocol::{ForceMap, SENSORS, SensorId};
 
 const REMEMBERED: usize = 32;
 
@@ -72,24 +72,21 @@ impl Shadow {
     }
 
     /// A map goes out, judged by the rule that counts now.
-    pub fn sent(&mut self, sensor: u8, sequence: u32, sums: MapSums) {
+    pub fn sent(&mut self, sensor: SensorId, sequence: u32, sums: MapSums) {
         let [x, y, normal] = sums.force;
         let coulomb_slip = self.rule.friction.exceeded_by([x, y], normal);
-        if let Some(maps) = self.expected.get_mut(usize::from(sensor)) {
-            maps[sequence as usize % REMEMBERED] = Some(Expected {
-                sequence,
-                sums,
-                coulomb_slip,
-            });
-        }
+        self.expected[sensor.index()][sequence as usize % REMEMBERED] = Some(Expected {
+            sequence,
+            sums,
+            coulomb_slip,
+        });
     }
 
     /// An answer came: `Some(true)` when it is right, `None` when it belongs to no map that is remembered.
     pub fn answered(&mut self, status: &Status) -> Option<bool> {
-        let sensor = usize::from(status.sensor);
-        let maps = self.expected.get(sensor)?;
-        let expected =
-            maps[status.sequence as usize % REMEMBERED].filter(|map| map.sequence == status.sequence)?;
+        let sensor = status.sensor.index();
+        let expected = self.expected[sensor][status.sequence as usize % REMEMBERED]
+            .filter(|map| map.sequence == status.sequence)?;
         let right = (expected.sums, expected.coulomb_slip) == (status.sums, status.coulomb_slip);
         self.checked[sensor] += 1;
         self.mismatches[sensor] += u64::from(!right);
@@ -108,13 +105,10 @@ impl Shadow {
         self.mismatches.iter().sum()
     }
 
-    /// Answers about fingertip `sensor`'s maps that were compared, and those of them that were wrong.
-    ///
-    /// # Panics
-    /// When there is no such fingertip.
+    /// Answers about fingertip `sensor`'s maps that were compared, and how many of them were wrong.
     #[must_use]
-    pub const fn of(&self, sensor: usize) -> [u64; 2] {
-        [self.checked[sensor], self.mismatches[sensor]]
+    pub const fn of(&self, sensor: SensorId) -> [u64; 2] {
+        [self.checked[sensor.index()], self.mismatches[sensor.index()]]
     }
 }
 
@@ -133,7 +127,7 @@ mod tests {
         let mut map = ForceMap::EMPTY;
         map.taxels[7] = TaxelForce { x: 9, y: 0, z: 20 };
         let mut shadow = Shadow::new(rule);
-        shadow.sent(0, 5, sums_of(&map, rule));
+        shadow.sent(SensorId::First, 5, sums_of(&map, rule));
         let right = Status {
             sequence: 5,
             sums: sums_of(&map, rule),

@@ -89,7 +89,7 @@ impl Live {
         fill: impl FnOnce(&mut Values),
         view: impl FnOnce() -> FrameView<'a>,
     ) {
-        let sensor = usize::from(report.sensor) % SENSORS;
+        let sensor = report.sensor.index();
         // Where a reader is looking just now, the next frame comes in a moment.
         if let Ok(mut values) = self.site.values.try_lock() {
             fill(&mut values);

@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use gripline_protocol::SENSORS;
+use gripline_protocol::{SENSORS, SensorId};
 
 use gripline_recording::telemetry::{FrameReport, STAGES};
 
@@ -195,7 +195,7 @@ impl Page {
         for (name, help, of) in values {
             let label = |frame: &FrameReport| match frames.len() {
                 1 => String::new(),
-                _ => format!("{{fingertip=\"{}\"}}", frame.sensor + 1),
+                _ => format!("{{fingertip=\"{}\"}}", frame.sensor.number() + 1),
             };
             let there: Vec<_> = frames
                 .iter()
@@ -274,7 +274,7 @@ mod tests {
         values.newest[0] = Some(report(0));
         assert!(values.text().contains("\ngripline_normal_force_newtons 0\n"));
         values.newest[1] = Some(FrameReport {
-            sensor: 1,
+            sensor: SensorId::Second,
             normal_n: 2.5,
             line_n: 7.0,
             ..report(1)

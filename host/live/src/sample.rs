@@ -1,5 +1,6 @@
 //! A frame for the tests.
 
+use gripline_protocol::SensorId;
 use gripline_protocol::message::{FingertipGeometry, MapSums};
 use gripline_recording::telemetry::{FrameReport, STAGES, WitnessReport};
 use gripline_recording::units::Load;
@@ -8,7 +9,7 @@ use gripline_recording::units::Load;
 pub(crate) fn report(frame: u64) -> FrameReport {
     FrameReport {
         frame,
-        sensor: 0,
+        sensor: SensorId::First,
         t_s: frame as f64 / 50.0,
         gate: "no_contact",
         health: Vec::new(),

@@ -10,8 +10,8 @@ use std::time::{Duration, Instant};
 
 use gripline_control::{Answer, Inbox, Outcome, channel};
 use gripline_live::{FrameView, Live, STREAMS};
-use gripline_protocol::TAXELS;
 use gripline_protocol::message::{Configuration, FingertipGeometry, MapSums};
+use gripline_protocol::{SensorId, TAXELS};
 use gripline_recording::telemetry::{FrameReport, STAGES, WitnessReport};
 use gripline_recording::units::Load;
 
@@ -27,7 +27,7 @@ fn started() -> (Live, Inbox) {
 fn report(frame: u64) -> FrameReport {
     FrameReport {
         frame,
-        sensor: 0,
+        sensor: SensorId::First,
         t_s: frame as f64 / 60.0,
         gate: "network",
         health: Vec::new(),

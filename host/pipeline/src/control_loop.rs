@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use gripline_link::session::{SentMap, Session};
 use gripline_network::scene::GateDecision;
 use gripline_protocol::message::{Command, GripMode, MapSums, Refusal, Status};
-use gripline_protocol::{ForceMap, Health, MapInfo, Motion, SENSORS};
+use gripline_protocol::{ForceMap, Health, MapInfo, Motion, SENSORS, SensorId};
 use gripline_recording::telemetry::STAGES;
 
 use crate::PipelineError;
@@ -90,8 +90,8 @@ impl Lateness {
 /// Which frame it is, and how long it may work.
 #[derive(Debug, Clone, Copy)]
 pub struct FrameRequest {
-    /// The fingertip, from 0.
-    pub sensor: u8,
+    /// The fingertip.
+    pub sensor: SensorId,
     /// The requested mode of the gripper; `None`: nothing is requested, it stays as it is.
     pub mode: Option<GripMode>,
     /// How long ago the picture was taken, by the link's clock.
@@ -109,8 +109,8 @@ pub struct FrameRequest {
 /// What one frame came to.
 #[derive(Debug, Clone, Copy)]
 pub struct FrameOutcome {
-    /// The fingertip, from 0.
-    pub sensor: u8,
+    /// The fingertip.
+    pub sensor: SensorId,
     /// Number of the map.
     pub sequence: u32,
     /// When the picture was taken, on the link's clock.
@@ -202,8 +202,8 @@ impl ControlLoop {
     }
 
     /// The fingertip's next map has this number: the maps before it are missing.
-    pub fn resume_at(&mut self, sensor: u8, sequence: u32) {
-        self.sequences[usize::from(sensor)] = sequence;
+    pub fn resume_at(&mut self, sensor: SensorId, sequence: u32) {
+        self.sequences[sensor.index()] = sequence;
     }
 
     /// A picture's way: gate, network and quantisation, then the link; dropped where it is too old.
@@ -389,7 +389,11 @@ impl ControlLoop {
 
     /// Lets the link work until then. Where time passes by itself this waits for the answer to `map` only, the fingertip and the
     /// number of the map that was sent last: who asks for something meanwhile is heard.
-    fn work_until_answered(&mut self, map: Option<(u8, u32)>, until_us: u64) -> Result<(), PipelineError> {
+    fn work_until_answered(
+        &mut self,
+        map: Option<(SensorId, u32)>,
+        until_us: u64,
+    ) -> Result<(), PipelineError> {
         if !self.session.is_real_time() {
             return self.work_until(until_us);
         }
@@ -401,7 +405,7 @@ impl ControlLoop {
         Ok(())
     }
 
-    fn is_answered(&self, (sensor, sequence): (u8, u32)) -> bool {
+    fn is_answered(&self, (sensor, sequence): (SensorId, u32)) -> bool {
         self.session
             .status_of(sensor)
             .is_some_and(|status| status.sequence == sequence && status.maps > 0)
@@ -416,7 +420,7 @@ impl ControlLoop {
             start_us: begun_us,
             info: MapInfo {
                 sensor: request.sensor,
-                sequence: self.sequences[usize::from(request.sensor)],
+                sequence: self.sequences[request.sensor.index()],
                 capture_us: begun_us.wrapping_sub(request.age_us),
                 health: Health::GOOD,
                 motion: request.motion,
@@ -448,7 +452,7 @@ impl ControlLoop {
             ..
         } = begun.info;
         // A map that was never sent leaves no gap.
-        self.sequences[usize::from(sensor)] = sequence.wrapping_add(u32::from(late.is_none()));
+        self.sequences[sensor.index()] = sequence.wrapping_add(u32::from(late.is_none()));
         let newest = self.session.status_of(sensor);
         let [downsample_us, gate_us, network_us] = processed.stages_us;
         Ok(FrameOutcome {

@@ -319,10 +319,10 @@ impl MarkerStage {
             .sensor
             .markers
             .pitch_mm
-            .map_or(1.0, |[least, most]| 0.5 * (least + most));
+            .map_or(1.0, |[min, max]| 0.5 * (min + max));
         let found = self.finger.tracker().pitch_px().map_or(nominal, f64::from) / pitch_mm;
-        let [least, most] = self.sensor.view.zoom;
-        (1.0 / (nominal * (found / nominal).clamp(least, most))) as f32
+        let [min, max] = self.sensor.view.zoom;
+        (1.0 / (nominal * (found / nominal).clamp(min, max))) as f32
     }
 
     /// From pixels of the crop to mm from its middle.
@@ -430,11 +430,11 @@ impl MarkerStage {
         far_px.sort_by(f32::total_cmp);
         let middle = far_px.get(far_px.len() / 2).copied().unwrap_or_default();
         // One marker beside a damage may be anywhere.
-        let most = far_px
+        let max_px = far_px
             .get(far_px.len().saturating_sub(3))
             .copied()
             .unwrap_or_default();
-        (!has_picture || energy < UNTOUCHED_ENERGY) && middle < limits[0] && most < limits[1]
+        (!has_picture || energy < UNTOUCHED_ENERGY) && middle < limits[0] && max_px < limits[1]
     }
 
     /// The taxels in which the newest imprint shows contact; `None` without a picture at rest.
@@ -457,8 +457,8 @@ impl MarkerStage {
             ];
             self.finger.energy_around(centre, 0.5 * pitch_px)
         });
-        let most = energies.iter().copied().fold(0.0, f32::max);
-        let limit = TOUCHED_ENERGY.max(TOUCHED_SHARE * most);
+        let max = energies.iter().copied().fold(0.0, f32::max);
+        let limit = TOUCHED_ENERGY.max(TOUCHED_SHARE * max);
         let is_strong = |taxel: usize| energies[taxel] >= limit;
         // A flat face shows only at its edge, so what lies beside a touched taxel counts too.
         Some(std::array::from_fn(|taxel| {

@@ -57,7 +57,7 @@ impl GripSetting {
     pub fn apply(self, settings: Configuration) -> Configuration {
         let normal = Configuration {
             margin: Configuration::DEFAULT.margin,
-            friction_most: Configuration::DEFAULT.friction_most,
+            friction_max: Configuration::DEFAULT.friction_max,
             relax_rate: Configuration::DEFAULT.relax_rate,
             ..settings
         };
@@ -70,7 +70,7 @@ impl GripSetting {
             Self::Secure => Configuration {
                 // 1 / 0.3, for a drop to a half whose sliding friction is 0.6 of the sticking one.
                 margin: 23_000,
-                friction_most: 8_000,
+                friction_max: 8_000,
                 relax_rate: 3 * LSB_PER_NEWTON as u16,
                 ..normal
             },

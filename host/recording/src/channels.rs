@@ -125,7 +125,7 @@ impl Channels {
     /// serde_json's, which a report without infinities does not meet.
     pub fn frame(&mut self, frame: &Frame) -> Result<Vec<Message>, serde_json::Error> {
         let time_ns = self.time_ns(frame.report.t_s);
-        let sensor = usize::from(frame.report.sensor);
+        let sensor = frame.report.sensor.index();
         let message = |channel, bytes| Message {
             channel,
             sequence: frame.sequence,

@@ -2,6 +2,7 @@
 
 use foxglove::messages::Log;
 use foxglove::messages::log::Level;
+use gripline_protocol::SensorId;
 
 use crate::telemetry::FrameReport;
 use crate::topics::{encoded, timestamp};
@@ -67,7 +68,7 @@ pub(crate) fn events_between(
         new.map(|name| Event::warning(format!("{what} {name}"))).collect()
     };
     events.extend(appeared(&now.faults, faults, "fault"));
-    let picture = if now.sensor == 0 {
+    let picture = if now.sensor == SensorId::First {
         "picture"
     } else {
         "second fingertip's picture"

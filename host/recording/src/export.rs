@@ -40,7 +40,7 @@ pub fn export_arrays(recording: &Path, folder: Option<&Path>) -> Result<Exported
     let mut reader = Reader::open(recording)?;
     let mut contents: [Contents; SENSORS] = Default::default();
     while let Some(frame) = reader.next_frame()? {
-        let contents = &mut contents[usize::from(frame.status.sensor)];
+        let contents = &mut contents[frame.status.sensor.index()];
         contents.frames += 1;
         if let Some(picture) = frame.picture {
             contents.pictures += 1;
@@ -157,7 +157,7 @@ fn write_folder(
     let mut reader = Reader::open(recording)?;
     while let Some(frame) = reader.next_frame()? {
         writeln!(csv, "{}", row(&frame.status)).map_err(failed(&csv_path))?;
-        if let Some(arrays) = &mut arrays[usize::from(frame.status.sensor)] {
+        if let Some(arrays) = &mut arrays[frame.status.sensor.index()] {
             arrays.push(frame)?;
         }
     }

@@ -178,9 +178,6 @@ impl<R: Read> Reader<R> {
                 STATUS => {
                     let status: RecordedStatus =
                         serde_json::from_slice(&message.data).map_err(|_| wrong(STATUS))?;
-                    if usize::from(status.sensor) >= SENSORS {
-                        return Err(wrong(STATUS));
-                    }
                     let map = map.ok_or_else(|| wrong(STATUS))?;
                     if self.metadata == Metadata::default() {
                         let metadata = Metadata::from_map(&message.channel.metadata);

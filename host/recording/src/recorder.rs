@@ -4,6 +4,7 @@
 //! A kill loses at most what is in the queue and in the chunk under way ([`FLUSH`]): under a second while the disk keeps up. A power cut loses up to [`SYNC`] more. A disk that fails ends the recording, not the run.
 //! Dropping the recorder waits for the end of its file; a file without a frame is removed.
 
+use gripline_protocol::SensorId;
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
@@ -339,7 +340,7 @@ mod tests {
     fn frame(number: u64) -> Frame {
         let report = FrameReport {
             frame: number,
-            sensor: 0,
+            sensor: SensorId::First,
             t_s: number as f64 / 60.0,
             gate: "network",
             health: Vec::new(),

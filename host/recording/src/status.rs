@@ -1,7 +1,7 @@
 //! A frame's report and the device's status, as the JSON messages of `/status` and back. Pure.
 
-use gripline_protocol::ForceMap;
 use gripline_protocol::message::{GripMode, Status};
+use gripline_protocol::{ForceMap, SensorId};
 use serde::{Deserialize, Serialize};
 
 use crate::image::Image;
@@ -57,9 +57,9 @@ struct StatusOut<'a> {
 pub struct RecordedStatus {
     /// Number of the frame, from 0.
     pub frame: u64,
-    /// Fingertip, from 0; recordings older than the second fingertip have none.
+    /// Fingertip; recordings older than the second fingertip have none.
     #[serde(default)]
-    pub sensor: u8,
+    pub sensor: SensorId,
     /// Time of the picture since start.
     pub t_s: f64,
     /// What the scene gate decided.

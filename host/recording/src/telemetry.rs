@@ -4,8 +4,8 @@
 
 use std::borrow::Cow;
 
-use gripline_protocol::Health;
 use gripline_protocol::message::{Configuration, Witnesses};
+use gripline_protocol::{Health, SensorId};
 use serde::Serialize;
 
 use crate::units::{Load, newtons, ratio};
@@ -32,8 +32,8 @@ pub const STATUS_OLD_US: u64 = 250_000;
 pub struct FrameReport {
     /// Number of the frame, from 0; with two fingertips a frame is a picture of either.
     pub frame: u64,
-    /// The fingertip that the picture is of, from 0. State, line and faults are the gripper's.
-    pub sensor: u8,
+    /// The fingertip that the picture is of. State, line and faults are the gripper's.
+    pub sensor: SensorId,
     /// Time of the picture since start.
     pub t_s: f64,
     /// What the scene gate decided, in snake case.

@@ -4,7 +4,7 @@
 use gripline_protocol::message::{FingertipGeometry, MapSums};
 use serde::Serialize;
 
-use gripline_protocol::{LSB_PER_NEWTON, PER_UNIT};
+use gripline_protocol::{LSB_PER_NEWTON, PER_UNIT, SensorId};
 
 /// 1/4096 N to newtons, exact.
 #[must_use]
@@ -42,7 +42,7 @@ pub fn moment_nmm(sums: &MapSums, pitch_mm: f64) -> f64 {
 pub fn centre_of_pressure_mm(sums: &MapSums, pitch_mm: f64) -> Option<[f64; 2]> {
     let normal = f64::from(sums.force[2]);
     (normal > 0.0).then(|| {
-        sums.pressure
+        sums.first_moment
             .map(|moment| f64::from(moment) / normal * (pitch_mm / 2.0))
     })
 }
@@ -67,13 +67,16 @@ pub struct Load {
 impl Load {
     /// What the sums of fingertip `sensor`'s map mean with this geometry.
     #[must_use]
-    pub fn of(sums: &MapSums, sensor: u8, geometry: &FingertipGeometry) -> Self {
+    pub fn of(sums: &MapSums, sensor: SensorId, geometry: &FingertipGeometry) -> Self {
+        // The second fingertip faces the first: what is right for one is left for the other.
+        let side = match sensor {
+            SensorId::First => 1.0,
+            SensorId::Second => -1.0,
+        };
         let turned = |vector: [f64; 2]| {
             let [x, y] = (0..geometry.quarter_turns % 4).fold(vector, |[x, y], _| [-y, x]);
-            // The second fingertip faces the first: what is right for one is left for the other.
-            if sensor == 0 { [x, y] } else { [-x, y] }
+            [side * x, y]
         };
-        let side = if sensor == 0 { 1.0 } else { -1.0 };
         let pitch_mm = millimetres(geometry.pitch_um);
         let [cx, cy] = geometry.centre_um.map(millimetres);
         let [x, y, z] = force_n(sums);

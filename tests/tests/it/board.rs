@@ -91,7 +91,7 @@ impl Board {
         board.session.command(Command::Hold).unwrap();
         let held = board.maps(&map(0), 60);
         assert_eq!((held.faults, held.latched), (0, 0));
-        assert!(held.line > SHIPPED.floor && held.line < SHIPPED.tighten);
+        assert!(held.line > SHIPPED.floor && held.line < SHIPPED.fail_safe);
         (board, held)
     }
 

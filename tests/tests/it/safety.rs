@@ -35,7 +35,7 @@ fn holding() -> (Board, Status) {
     let mut board = Board::holding();
     let held = board.maps(&map(0), 40);
     assert_eq!((held.faults, held.latched), (0, 0));
-    assert!(held.line > SETTINGS.floor && held.line < SETTINGS.tighten);
+    assert!(held.line > SETTINGS.floor && held.line < SETTINGS.fail_safe);
     (board, held)
 }
 
@@ -67,7 +67,7 @@ fn a_host_that_falls_silent_is_stale_and_then_lost_and_a_person_must_acknowledge
     let since_us = board.session.now_us() - silent_us;
     assert!(since_us < 610_000);
     let end = board.wait(200_000);
-    board.assert_line(&end, SETTINGS.tighten, "tightened");
+    board.assert_line(&end, SETTINGS.fail_safe, "tightened");
     assert!(
         board.codes_since(writes).is_sorted(),
         "the line fell on its way up"
@@ -76,7 +76,7 @@ fn a_host_that_falls_silent_is_stale_and_then_lost_and_a_person_must_acknowledge
     let back = board.maps(&map(0), 60);
     assert_eq!(
         (back.faults, back.latched, back.line),
-        (0, Fault::LinkLost.bit(), SETTINGS.tighten)
+        (0, Fault::LinkLost.bit(), SETTINGS.fail_safe)
     );
     assert_eq!(board.refusal(Command::Release), Some(Refusal::Latched));
     board.acknowledge_all();
@@ -533,7 +533,7 @@ fn a_gripper_on_the_bus_that_does_not_answer_is_told_once_something_is_to_be_hel
     let mut robotiq = SETTINGS;
     robotiq.line.kind = LineKind::Robotiq2f140;
     robotiq.floor = 12 * LSB_PER_NEWTON;
-    robotiq.tighten = 12 * LSB_PER_NEWTON;
+    robotiq.fail_safe = 12 * LSB_PER_NEWTON;
     let strong = Configuration {
         ceiling: 100 * LSB_PER_NEWTON,
         ..robotiq

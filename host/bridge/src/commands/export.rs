@@ -4,7 +4,6 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use gripline_protocol::SENSORS;
 use gripline_protocol::message::Configuration;
 use gripline_recording::ros2::{Bag, Namespace, Sample};
 use gripline_recording::units::millimetres;
@@ -72,7 +71,7 @@ fn export_bag(recording: &Path, folder: &Path, namespace: &Namespace) -> Result<
         .map_err(|error| Error::failed(format!("{}: {error}", recording.display())))?;
     let mut bag = Bag::create(folder, namespace)?;
     while let Some(frame) = reader.next_frame()? {
-        let fingertip = settings.fingertips[usize::from(frame.status.sensor) % SENSORS];
+        let fingertip = settings.fingertips[frame.status.sensor.index()];
         let sample = Sample {
             captured_ns: frame.at_ns,
             report: report_of(&frame.status, &settings),

@@ -158,7 +158,7 @@ fn replay(reader: &mut Reader, args: &ReplayArgs) -> Result<Replayed, Error> {
             replayed.missing += status.frame.saturating_sub(next);
             (lost, all_known) = ([true; SENSORS], [false; SENSORS]);
         }
-        let sensor = usize::from(status.sensor);
+        let sensor = status.sensor.index();
         let known = &mut all_known[sensor];
         let pipeline = pipelines.get_mut(sensor).ok_or_else(|| {
             Error::failed(format!(

@@ -22,7 +22,7 @@ const KEYS: [(&str, f64); CONFIGURATION_VALUES] = {
     [
         ("sensors", 1.0),
         ("friction", ONE),
-        ("friction_most", ONE),
+        ("friction_max", ONE),
         ("contact_min_n", N),
         ("slip_threshold", ONE),
         ("slip_leave", ONE),
@@ -32,7 +32,7 @@ const KEYS: [(&str, f64); CONFIGURATION_VALUES] = {
         ("margin", ONE),
         ("floor_n", N),
         ("ceiling_n", N),
-        ("tighten_n", N),
+        ("fail_safe_n", N),
         ("reflex_target", ONE),
         ("reflex_rate_n_per_s", N_PER_S),
         ("rise_rate_n_per_s", N_PER_S),
@@ -62,6 +62,9 @@ const KEYS: [(&str, f64); CONFIGURATION_VALUES] = {
         ("fingertips[1].quarter_turns", 1.0),
     ]
 };
+
+/// Names of before, which files and recordings may still use, and those of today.
+const FORMER: [(&str, &str); 2] = [("friction_most", "friction_max"), ("tighten_n", "fail_safe_n")];
 
 /// One name for margin, friction's caution and the plan's fall: a [`GripSetting`].
 const GRIP: &str = "grip";
@@ -230,7 +233,7 @@ fn set(name: &str, value: &Value, values: &mut Values, errors: &mut Vec<String>)
                 set(&format!("{name}[{place}]"), value, values, errors);
             }
         }
-        _ => match KEYS.iter().position(|(key, _)| *key == name) {
+        _ => match KEYS.iter().position(|(key, _)| *key == current(name)) {
             Some(place) => match number(name, value, KEYS[place].1) {
                 Ok(wire) => values[place] = wire,
                 Err(error) => errors.push(format!("{name}: {error}")),
@@ -241,6 +244,14 @@ fn set(name: &str, value: &Value, values: &mut Values, errors: &mut Vec<String>)
             }),
         },
     }
+}
+
+/// The setting's name of today.
+fn current(name: &str) -> &str {
+    FORMER
+        .iter()
+        .find(|(former, _)| *former == name)
+        .map_or(name, |(_, current)| current)
 }
 
 /// The wire's number for a value.
@@ -269,9 +280,9 @@ fn number(name: &str, value: &Value, scale: f64) -> Result<i32, String> {
 /// A refusal in the file's own names and units.
 fn explained(error: &OutOfRange) -> String {
     let (name, scale) = KEYS[usize::from(error.field).min(CONFIGURATION_VALUES - 1)];
-    let [found, least, most] =
-        [error.found, error.least, error.most].map(|wire| shown(f64::from(wire) / scale, scale));
-    format!("{name}: found {found}, expected {least} to {most}")
+    let [found, min, max] =
+        [error.found, error.min, error.max].map(|wire| shown(f64::from(wire) / scale, scale));
+    format!("{name}: found {found}, expected {min} to {max}")
 }
 
 #[cfg(test)]
@@ -285,7 +296,7 @@ mod tests {
             friction: 4_321,
             contact_min: 61,
             floor: 41_003,
-            tighten: 51_337,
+            fail_safe: 51_337,
             reflex_rate: 163,
             ..Configuration::DEFAULT
         };
@@ -329,6 +340,17 @@ mod tests {
                 "{text}"
             );
         }
+    }
+
+    #[test]
+    fn former_names_are_still_read() {
+        let settings = settings_from_text("friction_most = 0.8\ntighten_n = 5.0", &odd()).unwrap();
+        let expected = Configuration {
+            friction_max: 8_000,
+            fail_safe: 5 * LSB_PER_NEWTON,
+            ..odd()
+        };
+        assert_eq!(settings, expected);
     }
 
     #[test]

@@ -5,6 +5,7 @@
 //! The loop never waits: it hands over what there is room for, and a thread of its own does the rest. What finds no room is
 //! dropped and counted. A picture is copied only while a client shows it.
 
+use gripline_protocol::SensorId;
 use std::net::SocketAddr;
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 use std::thread::{self, JoinHandle};
@@ -74,8 +75,8 @@ impl Foxglove {
     }
 
     /// Whether a client shows the pictures of this fingertip.
-    pub(crate) fn wants_picture(&self, sensor: u8) -> bool {
-        (self.is_watched)(Channels::picture(sensor.into()))
+    pub(crate) fn wants_picture(&self, sensor: SensorId) -> bool {
+        (self.is_watched)(Channels::picture(sensor.index()))
     }
 
     /// Leaves a frame for viewers, if there is room.

@@ -4,8 +4,8 @@
 use gripline_control::{Asked, Outcome, StatusReport, Step, Why, names, reported};
 use gripline_link::session::Session;
 use gripline_pipeline::{Acknowledgement, Acknowledging, Unconfirmed};
-use gripline_protocol::LSB_PER_NEWTON;
 use gripline_protocol::message::{Command, Configuration, GripMode, Refusal};
+use gripline_protocol::{LSB_PER_NEWTON, SensorId};
 use gripline_recording::telemetry::FrameReport;
 
 use super::drift::DriftWatch;
@@ -78,7 +78,7 @@ impl Run {
             },
             Step::SetFloor(newtons) => {
                 let now = session.settings();
-                let max_n = f64::from(now.ceiling.min(now.tighten)) / f64::from(LSB_PER_NEWTON);
+                let max_n = f64::from(now.ceiling.min(now.fail_safe)) / f64::from(LSB_PER_NEWTON);
                 if (0.0..=max_n).contains(&newtons) {
                     let floor = (newtons * f64::from(LSB_PER_NEWTON)).round() as i32;
                     self.requests.floor = Some(FloorRequest {
@@ -270,8 +270,8 @@ impl Run {
                 None => return Ok(()),
                 Some(Err(why)) => Outcome::Refused(why),
                 Some(Ok(believed)) => {
-                    for (sensor, new) in (0..).zip(believed) {
-                        if let Some(watch) = self.drift.get_mut(usize::from(sensor)) {
+                    for (sensor, new) in SensorId::ALL.into_iter().zip(believed) {
+                        if let Some(watch) = self.drift.get_mut(sensor.index()) {
                             *watch = DriftWatch::new(&new.pictures);
                         }
                         fingertips.rest_anew(sensor, &new.pictures, &new.figures);

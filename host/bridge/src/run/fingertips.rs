@@ -5,7 +5,7 @@ use std::sync::Arc;
 use gripline_evaluation::calibration::surface::{Figures, mean};
 use gripline_firmware::sums::TaxelRule;
 use gripline_network::scene::GateKind;
-use gripline_protocol::SENSORS;
+use gripline_protocol::SensorId;
 use gripline_protocol::message::GripMode;
 use gripline_simulation::constants::REST_PICTURES;
 
@@ -170,7 +170,7 @@ pub(super) struct Fingertips {
 /// What the fingertips have to give.
 pub(super) enum Looked {
     /// A picture of this one.
-    Picture(u8, Picture),
+    Picture(SensorId, Picture),
     /// None yet.
     NotYet,
     /// One of them has no more.
@@ -219,7 +219,7 @@ impl Fingertips {
             let place = self.next;
             self.next = (place + 1) % count;
             match self.all[place].source.next(line_n, POLL / count as u32)? {
-                Taken::Picture(picture) => return Ok(Looked::Picture(place as u8, picture)),
+                Taken::Picture(picture) => return Ok(Looked::Picture(SensorId::ALL[place], picture)),
                 Taken::NotYet => {}
                 Taken::End => return Ok(Looked::End),
             }
@@ -228,8 +228,8 @@ impl Fingertips {
     }
 
     /// What makes maps of this fingertip's pictures.
-    pub(super) fn pipeline(&mut self, sensor: u8) -> &mut Pipeline {
-        &mut self.all[usize::from(sensor) % SENSORS].pipeline
+    pub(super) fn pipeline(&mut self, sensor: SensorId) -> &mut Pipeline {
+        &mut self.all[sensor.index()].pipeline
     }
 
     /// Mean of each one's rest pictures.
@@ -238,11 +238,11 @@ impl Fingertips {
     }
 
     /// This fingertip at rest looks like this from now on; a camera's pictures are kept for the next start.
-    pub(super) fn rest_anew(&mut self, sensor: u8, rest: &[Vec<u8>], figures: &Figures) {
+    pub(super) fn rest_anew(&mut self, sensor: SensorId, rest: &[Vec<u8>], figures: &Figures) {
         let Some(network) = self.model.network() else {
             return;
         };
-        let tip = &mut self.all[usize::from(sensor) % SENSORS];
+        let tip = &mut self.all[sensor.index()];
         tip.pipeline = Pipeline::new(network.clone(), rest, self.gate, self.rule);
         tip.rest = Arc::new(mean(rest));
         if let Some(store) = &tip.store {

@@ -54,7 +54,7 @@ pub(super) fn report_of(
 ) -> FrameReport {
     let status = &outcome.status;
     let sums = &status.sums;
-    let fingertip = &fingertips[usize::from(status.sensor).min(SENSORS - 1)];
+    let fingertip = &fingertips[status.sensor.index()];
     let pitch_mm = millimetres(fingertip.pitch_um);
     let [x, y, z] = force_n(sums);
     let faults = status.faults | status.latched;

@@ -1,6 +1,7 @@
 //! New pictures at rest while a run goes on: taken while the gripper is released, compared with the old ones in a thread of their own,
 //! and refused where they may show a touch.
 
+use gripline_protocol::SensorId;
 use std::sync::Arc;
 use std::thread::{self, JoinHandle};
 
@@ -35,9 +36,9 @@ impl Rezero {
     }
 
     /// Takes the next picture of a fingertip, where it wants one.
-    pub(super) fn observe(&mut self, sensor: u8, crop: &[u8]) {
+    pub(super) fn observe(&mut self, sensor: SensorId, crop: &[u8]) {
         self.frames += 1;
-        if let Some(taken) = self.taken.get_mut(usize::from(sensor))
+        if let Some(taken) = self.taken.get_mut(sensor.index())
             && taken.len() < usize::from(REST_PICTURES)
             && self.compared.is_none()
         {

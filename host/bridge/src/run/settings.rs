@@ -52,8 +52,8 @@ pub(super) fn as_many_fingertips(
 pub(super) fn calibrated_friction(wanted: &Settings) -> Option<u16> {
     let of = |calibration: &Option<Calibration>| Some(calibration.as_ref()?.friction.as_ref()?.detector);
     let both = [&wanted.calibration, &wanted.second_calibration];
-    let least = both.into_iter().filter_map(of).min_by(f64::total_cmp)?;
-    Some((least * f64::from(PER_UNIT)).floor() as u16)
+    let min = both.into_iter().filter_map(of).min_by(f64::total_cmp)?;
+    Some((min * f64::from(PER_UNIT)).floor() as u16)
 }
 
 /// How the fingertips sit, as the calibrations say, else as the microcontroller has it.
@@ -74,7 +74,7 @@ pub(super) fn floor(source: &Source, now: &Configuration) -> i32 {
     let is_scene = matches!(source, Source::Simulated);
     if is_scene && now.floor == Configuration::DEFAULT.floor {
         let scene = (SCENE_INITIAL_GRIP_N * f64::from(LSB_PER_NEWTON)) as i32;
-        return scene.min(now.tighten);
+        return scene.min(now.fail_safe);
     }
     now.floor
 }

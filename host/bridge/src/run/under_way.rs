@@ -3,7 +3,7 @@
 use std::ops::Add as _;
 use std::time::{Duration, Instant};
 
-use gripline_protocol::{ForceMap, Motion, SENSORS};
+use gripline_protocol::{ForceMap, Motion, SensorId};
 
 use gripline_control::channel;
 
@@ -134,7 +134,7 @@ impl Run {
     pub fn frame(
         &mut self,
         pipeline: &mut Pipeline,
-        sensor: u8,
+        sensor: SensorId,
         picture: Picture,
     ) -> Result<FrameReport, Error> {
         let frame_us = 1e6 / self.frames_per_second;
@@ -196,9 +196,9 @@ impl Run {
         self.check_link();
         self.settle_requests()?;
         let is_untouched = outcome.gate == GateDecision::NoContact && outcome.late.is_none();
-        let watch = self.drift.get_mut(usize::from(sensor));
+        let watch = self.drift.get_mut(sensor.index());
         if let Some(warning) = watch.and_then(|watch| watch.observe(t_s, is_untouched, &picture.crop)) {
-            tracing::warn!("fingertip {}: {warning}", sensor + 1);
+            tracing::warn!("fingertip {}: {warning}", sensor.number() + 1);
         }
         if let Some(rezero) = &mut self.requests.rezero {
             rezero.observe(sensor, &picture.crop);
@@ -229,8 +229,8 @@ impl Run {
     }
 
     /// A picture without markers is told with its source and number.
-    fn with_picture_number(&self, error: PipelineError, sensor: u8) -> Error {
-        let source = self.summary.fingertips.get(usize::from(sensor));
+    fn with_picture_number(&self, error: PipelineError, sensor: SensorId) -> Error {
+        let source = self.summary.fingertips.get(sensor.index());
         match error {
             PipelineError::Markers(problem) => Error::failed(format!(
                 "{}, frame {}: {problem}",
@@ -293,7 +293,7 @@ impl Run {
         }
         if let Some(ros2) = &self.ros2 {
             let fingertips = &self.control.session.settings().fingertips;
-            let pitch_um = fingertips[usize::from(report.sensor) % SENSORS].pitch_um;
+            let pitch_um = fingertips[report.sensor.index()].pitch_um;
             ros2.publish(report, map, millimetres(pitch_um), taken);
         }
     }

@@ -73,7 +73,7 @@ impl RecordedFrames {
     /// [`Error`] when the file cannot be read.
     pub(super) fn next(&mut self) -> Result<Option<RecordedPicture>, Error> {
         while let Some(frame) = self.reader.next_frame()? {
-            if usize::from(frame.status.sensor) != self.fingertip {
+            if frame.status.sensor.index() != self.fingertip {
                 continue;
             }
             self.counts.received += 1;

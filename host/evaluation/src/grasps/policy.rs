@@ -5,7 +5,7 @@ use gripline_firmware::Friction;
 use gripline_firmware::sums::{TaxelRule, stick_ratio_below, sums_of};
 use gripline_network::Network;
 use gripline_protocol::message::{Command, Configuration};
-use gripline_protocol::{LSB_PER_NEWTON, MapInfo, Motion, PER_UNIT};
+use gripline_protocol::{LSB_PER_NEWTON, MapInfo, Motion, PER_UNIT, SensorId};
 use serde::{Deserialize, Serialize};
 
 use super::super::detectors::{PAPER_FRICTION, PAPER_THRESHOLD};
@@ -229,7 +229,7 @@ impl Worker {
                 {
                     let age_us = (f64::from(*age) * frame_s * 1e6).round() as u32;
                     let info = MapInfo {
-                        sensor: 0,
+                        sensor: SensorId::First,
                         sequence: *sequence,
                         capture_us: session.capture_us().wrapping_sub(age_us),
                         health: *health,

@@ -4,9 +4,9 @@
 use gripline_firmware::sums::TaxelRule;
 use gripline_network::scene::GateKind;
 use gripline_network::{Architecture, Network};
-use gripline_protocol::LSB_PER_NEWTON;
 use gripline_protocol::MapInfo;
 use gripline_protocol::message::{Command, Configuration};
+use gripline_protocol::{LSB_PER_NEWTON, SensorId};
 use gripline_simulation::constants::REST_PICTURES;
 use gripline_simulation::grasp::GraspWorld;
 use gripline_simulation::scene_file::{FrameSize, GraspFile, Policy, SceneFile};
@@ -277,7 +277,7 @@ impl Gripline {
     fn line_n(&mut self, picture: &Image, frame: usize, frame_s: f64) -> Result<f64, EvaluationError> {
         let processed = self.pipeline.process(&picture.pixels)?;
         let info = MapInfo {
-            sensor: 0,
+            sensor: SensorId::First,
             sequence: frame as u32,
             capture_us: self.session.capture_us(),
             health: processed.health,

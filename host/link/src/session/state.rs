@@ -1,8 +1,8 @@
 //! What a session knows: of the microcontroller, its settings, its newest status and line, and of the link.
 
-use gripline_protocol::LSB_PER_NEWTON;
 use gripline_protocol::message::{Configuration, Hello, Refusal, Status};
 use gripline_protocol::parser::Counters;
+use gripline_protocol::{LSB_PER_NEWTON, SensorId};
 
 use super::Session;
 use crate::Presence;
@@ -68,8 +68,8 @@ impl Session {
     /// The newest status as one about this fingertip's newest map: what is said of the map is from when the fingertip was
     /// in a status last, the rest is the present. `None` before the first such status.
     #[must_use]
-    pub fn status_of(&self, sensor: u8) -> Option<Status> {
-        let spoken = (*self.inbox.of_fingertips.get(usize::from(sensor))?)?;
+    pub fn status_of(&self, sensor: SensorId) -> Option<Status> {
+        let spoken = self.inbox.of_fingertips[sensor.index()]?;
         let newest = self.status()?;
         Some(Status {
             sensor,

@@ -122,8 +122,7 @@ impl Bag {
     /// What the gripper has against itself, when it changes and once a second.
     fn diagnostics(&mut self, sample: &Sample) -> Result<(), RecordingError> {
         let ns = sample.captured_ns;
-        self.health[usize::from(sample.report.sensor).min(SENSORS - 1)] =
-            Some(sample.health(&self.namespace));
+        self.health[sample.report.sensor.index()] = Some(sample.health(&self.namespace));
         let faults: Vec<_> = sample
             .report
             .faults

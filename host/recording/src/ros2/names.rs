@@ -1,5 +1,6 @@
 //! Names in ROS 2: a namespace, its topics and its frames. Pure.
 
+use gripline_protocol::SensorId;
 use std::fmt;
 use std::str::FromStr;
 
@@ -28,13 +29,13 @@ impl Namespace {
 
     /// The name of a fingertip's topic.
     #[must_use]
-    pub fn fingertip_topic(&self, fingertip: u8, name: &str) -> String {
+    pub fn fingertip_topic(&self, fingertip: SensorId, name: &str) -> String {
         format!("/{}/fingertip_{fingertip}/{name}", self.0)
     }
 
     /// The coordinate frame of a fingertip, as tf2 has it: without a slash at its beginning.
     #[must_use]
-    pub fn frame_id(&self, fingertip: u8) -> String {
+    pub fn frame_id(&self, fingertip: SensorId) -> String {
         format!("{}/fingertip_{fingertip}", self.0)
     }
 }

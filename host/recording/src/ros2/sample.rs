@@ -1,7 +1,7 @@
 //! A frame of the loop as the messages of a fingertip. Pure.
 
 use gripline_protocol::constants::SIDE;
-use gripline_protocol::{ForceMap, LSB_PER_NEWTON};
+use gripline_protocol::{ForceMap, LSB_PER_NEWTON, SensorId};
 
 use super::messages::{
     DiagnosticStatus, Header, Image, Level, SLIP_STATES, Slip, Time, Vector3, Wrench, WrenchStamped,
@@ -74,7 +74,7 @@ impl Sample {
         let owned = |names: &[&str]| names.iter().map(|name| (*name).to_owned()).collect();
         Slip {
             header: self.header(namespace),
-            fingertip: report.sensor,
+            fingertip: report.sensor.number(),
             frame: report.frame,
             state: state.unwrap_or_default() as u8,
             slip_evidence: report.slip_evidence,
@@ -174,7 +174,7 @@ pub(super) mod tests {
             pitch_mm: 1.6,
             report: FrameReport {
                 frame: 7,
-                sensor: 1,
+                sensor: SensorId::Second,
                 t_s: 0.25,
                 gate: "network",
                 health: vec!["too_dark"],

@@ -152,8 +152,8 @@ fn one_map(map: &ForceMap, worst: &mut Worst) {
     let found = sums_of(map, rule(FRICTION, 0));
     let same = found.force.map(BigInt::from) == right.force
         && right.moment == found.moment.into()
-        && found.pressure.map(BigInt::from) == right.pressure
-        && right.spread == found.spread.into()
+        && found.first_moment.map(BigInt::from) == right.first_moment
+        && right.second_moment == found.second_moment.into()
         && (found.contact, found.stick) == (right.contact, right.stick);
     worst.sums += u64::from(!same);
     let says = exact::coulomb(&right.force, FRICTION);

@@ -321,13 +321,13 @@ fn hints(args: &GelArgs, sensor: &Sensor, found: &GelFit, truth: &[[f64; 3]], se
             sensor.gel.thickness_mm
         );
     }
-    let most = truth.iter().map(|force| force[2]).fold(0.0, f64::max);
+    let max_n = truth.iter().map(|force| force[2]).fold(0.0, f64::max);
     let modulus = section.young_mpa / (1.0 - sensor.gel.poisson.powi(2));
     // Hertz; on a layer a ball goes less deep.
-    let depth = (9.0 * most * most / (16.0 * args.ball_mm * modulus * modulus)).cbrt();
+    let depth = (9.0 * max_n * max_n / (16.0 * args.ball_mm * modulus * modulus)).cbrt();
     if depth > DEEPEST * sensor.gel.thickness_mm {
         println!(
-            "\nthe hardest press, {most:.1} N, goes some {depth:.1} mm deep, beyond {:.1} mm that the force model knows: take a larger \
+            "\nthe hardest press, {max_n:.1} N, goes some {depth:.1} mm deep, beyond {:.1} mm that the force model knows: take a larger \
              ball, or press less",
             DEEPEST * sensor.gel.thickness_mm
         );

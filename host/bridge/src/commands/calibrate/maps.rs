@@ -36,7 +36,7 @@ pub(super) fn read<T>(
         let mut frames = 0;
         while let Some(frame) = reader.next_frame()? {
             frames += 1;
-            if frame.status.sensor + 1 == fingertip {
+            if frame.status.sensor.number() + 1 == fingertip {
                 let since_ns = (frame.status.t_s.max(0.0) * 1e9) as u64;
                 start_ns.get_or_insert(frame.at_ns.saturating_sub(since_ns));
                 let newtons = frame.map.dequantise().map(|force| force.map(f64::from));

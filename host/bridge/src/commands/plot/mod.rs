@@ -132,7 +132,7 @@ fn read(args: &PlotArgs) -> Result<(Traces, Completeness), Error> {
         moments: Vec::new(),
         maps: Vec::new(),
     };
-    let is_its = |frame: &RecordedFrame| frame.status.sensor + 1 == args.fingertip;
+    let is_its = |frame: &RecordedFrame| frame.status.sensor.number() + 1 == args.fingertip;
     while let Some(frame) = reader.next_frame()? {
         if is_its(&frame) {
             traces
