@@ -398,7 +398,7 @@ fn what_a_contact_proved_ends_with_it() {
 }
 
 #[test]
-fn a_twist_counts_as_the_shear_that_slides_as_soon() {
+fn a_torsional_moment_counts_as_the_shear_that_slides_as_soon() {
     // 64 taxels in a square that push crosswise: no shear in sum.
     let turned = |pull: i16| {
         let mut map = ForceMap::EMPTY;

@@ -231,6 +231,7 @@ impl Page {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use gripline_protocol::SensorId;
 
     #[test]
     fn every_line_is_a_comment_or_a_metric_with_a_number() {

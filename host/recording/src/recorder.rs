@@ -336,6 +336,7 @@ mod tests {
     use crate::status::{status_bytes, status_schema};
     use crate::telemetry::{FrameReport, STAGES, WitnessReport};
     use crate::units::Load;
+    use gripline_protocol::SensorId;
 
     fn frame(number: u64) -> Frame {
         let report = FrameReport {

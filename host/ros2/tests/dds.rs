@@ -8,7 +8,7 @@ use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
 use gripline_control::{Action, Answer, Client, Inbox, Outcome, Request, Why, channel};
-use gripline_protocol::{ForceMap, TaxelForce};
+use gripline_protocol::{ForceMap, SensorId, TaxelForce};
 use gripline_recording::ros2::{Namespace, Range, Rmw, Sample};
 use gripline_recording::telemetry::{FrameReport, STAGES, WitnessReport};
 use gripline_recording::units::Load;
@@ -48,7 +48,7 @@ fn settings(namespace: &Namespace, domain: u16) -> Settings {
     }
 }
 
-fn sample(fingertip: u8, frame: u64) -> Sample {
+fn sample(fingertip: SensorId, frame: u64) -> Sample {
     let mut map = Box::new(ForceMap::EMPTY);
     map.taxels[3 * 20 + 12] = TaxelForce {
         x: 4_096,
@@ -118,7 +118,7 @@ impl Loop {
             let owner: Client = "somebody".parse().unwrap();
             let mut frame = 0;
             while !its_over.load(Ordering::Relaxed) {
-                for fingertip in 0..2 {
+                for fingertip in SensorId::ALL {
                     node.publish(sample(fingertip, frame));
                 }
                 frame += 1;

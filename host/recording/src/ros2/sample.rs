@@ -159,6 +159,7 @@ pub(super) mod tests {
     use super::*;
     use crate::telemetry::{STAGES, WitnessReport};
     use crate::units::Load;
+    use gripline_protocol::SensorId;
 
     pub(in crate::ros2) fn sample() -> Sample {
         let mut map = Box::new(ForceMap::EMPTY);
