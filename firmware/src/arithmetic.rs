@@ -124,7 +124,7 @@ mod tests {
 
     #[test]
     fn newtons_steps_are_right_wherever_they_start() {
-        // Every upper half that there is, but for the stride.
+        // Every upper half that there is, except for the stride.
         for upper in (1_u64 << 24..1 << 26).step_by(3) {
             let square = upper << 26;
             assert_eq!(u64::from(square_root(square)), square.isqrt(), "{square}");

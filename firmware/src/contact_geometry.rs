@@ -63,7 +63,7 @@ impl ContactGeometry {
     /// changes, and a contact that slid is at another place.
     pub(crate) fn observe(&mut self, sums: &MapSums, sticks: bool) {
         let normal = sums.force[2].max(1).cast_unsigned();
-        // On so many taxels a disc has the smallest RMS radius.
+        // On this many taxels a disc has the smallest RMS radius.
         let min = 8 * u64::from(sums.contact);
         let mean_square = mean_square_radius(sums, MEAN_SQUARE_FRACTION)
             .max(min)
@@ -120,7 +120,7 @@ impl ContactGeometry {
     }
 }
 
-/// Mean square distance of the pressure from its centre, half taxel pitches squared with so many fraction bits, at most 28; 0
+/// Mean square distance of the pressure from its centre, half taxel pitches squared with this many fraction bits, at most 28; 0
 /// where tension outweighs it. Normal forces of 2¹⁶ and more count to 16 places.
 pub(crate) fn mean_square_radius(sums: &MapSums, fraction: u32) -> u64 {
     let normal = i64::from(sums.force[2].max(1));
@@ -139,7 +139,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// A contact in the middle: so many taxels, pressure of so many N, its mean square radius in half pitches squared.
+    /// A contact in the middle: so many taxels, pressure of this many N, its mean square radius in half pitches squared.
     fn pressed(area: f64, normal_n: f64, mean_square: f64) -> MapSums {
         let normal = 4_096.0 * normal_n;
         MapSums {

@@ -40,7 +40,7 @@ pub struct LineMonitor {
     /// The codes of the last ticks.
     written: [DacCode; SETTLING_TICKS],
     place: usize,
-    /// Measurements in a row that say otherwise than `is_wrong`.
+    /// Measurements in a row that say differently than `is_wrong`.
     other: u8,
     is_wrong: bool,
 }
@@ -120,7 +120,7 @@ mod tests {
         u32::from(code) * 3_300 / 4_095
     }
 
-    /// After so many alike measurements.
+    /// After this many alike measurements.
     fn after(ticks: usize, code: u16, sample: impl Into<Option<LineSample>>) -> bool {
         let sample = sample.into();
         let mut monitor = LineMonitor::new(0xFFFF, DacCode(code));

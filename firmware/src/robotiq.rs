@@ -349,7 +349,7 @@ impl Robotiq {
         })
     }
 
-    /// No answer, a damaged one or a refusal. A write may have arrived all the same: the next status shows it.
+    /// No answer, a damaged one or a refusal. A write may have arrived anyway: the next status shows it.
     fn failed(&mut self) {
         self.asked = None;
         self.is_fresh = false;

@@ -588,7 +588,7 @@ fn nothing_is_commanded_before_the_handshake() {
     bench.command(Command::Hold);
     assert_eq!(bench.reports, [Report::Refused(Refusal::NoHandshake)]);
     assert_eq!(bench.wait_ms(200), GripForce::ZERO);
-    // Maps are judged all the same, so that a listener sees what the fingertip feels.
+    // Maps are judged anyway, so that a listener sees what the fingertip feels.
     assert_eq!(bench.map(&contact_map(100, 10)).state, SlipState::Slip);
 }
 

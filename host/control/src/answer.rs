@@ -8,7 +8,7 @@ use serde::{Serialize, Serializer};
 use crate::client::Client;
 use crate::request::{Action, Request};
 
-/// Why a request was not carried out. Nothing moved because of it, but for what its doc says.
+/// Why a request was not carried out. Nothing moved because of it, except for what its doc says.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Why {
     /// Another client owns the gripper.

@@ -146,7 +146,7 @@ impl Chain {
     }
 }
 
-/// `work` on every item, on so many threads; the results in the items' order.
+/// `work` on every item, on this many threads; the results in the items' order.
 pub fn in_parallel<T: Sync, R: Send>(items: &[T], threads: usize, work: impl Fn(&T) -> R + Sync) -> Vec<R> {
     let next = AtomicUsize::new(0);
     let results: Mutex<Vec<(usize, R)>> = Mutex::new(Vec::with_capacity(items.len()));

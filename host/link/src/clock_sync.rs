@@ -7,7 +7,7 @@
 
 use std::collections::VecDeque;
 
-/// A jump ahead must last for so long, ms of the microcontroller's clock, and for so many statuses: ten a second come when
+/// A jump ahead must last for so long, ms of the microcontroller's clock, and for this many statuses: ten a second come when
 /// maps are refused.
 const WINDOW_MS: i64 = 1_000;
 const WINDOW_LEAST: usize = 8;

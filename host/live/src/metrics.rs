@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use gripline_protocol::{SENSORS, SensorId};
+use gripline_protocol::SENSORS;
 
 use gripline_recording::telemetry::{FrameReport, STAGES};
 

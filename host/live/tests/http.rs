@@ -37,7 +37,7 @@ fn report(frame: u64) -> FrameReport {
         shear_n: 0.5,
         moment_nmm: 0.0,
         centre_of_pressure_mm: None,
-        load: Load::of(&MapSums::default(), 0, &FingertipGeometry::DEFAULT),
+        load: Load::of(&MapSums::default(), SensorId::First, &FingertipGeometry::DEFAULT),
         contact: 0,
         stick: 0,
         stick_ratio: None,

@@ -476,7 +476,7 @@ impl ControlLoop {
             is_lost: sent.is_lost,
             late,
             answered: late.is_none() && self.is_answered((sensor, sequence)),
-            // No status of this fingertip yet: what holds for the whole device is known all the same.
+            // No status of this fingertip yet: what holds for the whole device is known anyway.
             status: newest.unwrap_or_else(|| Status {
                 sensor,
                 sequence: 0,

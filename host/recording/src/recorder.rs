@@ -4,7 +4,6 @@
 //! A kill loses at most what is in the queue and in the chunk under way ([`FLUSH`]): under a second while the disk keeps up. A power cut loses up to [`SYNC`] more. A disk that fails ends the recording, not the run.
 //! Dropping the recorder waits for the end of its file; a file without a frame is removed.
 
-use gripline_protocol::SensorId;
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
@@ -328,15 +327,14 @@ fn record<W: Write>(
 mod tests {
     use std::sync::Mutex;
 
-    use gripline_protocol::ForceMap;
     use gripline_protocol::message::{FingertipGeometry, GripMode, Status};
+    use gripline_protocol::{ForceMap, SensorId};
 
     use super::*;
     use crate::reader::{Completeness, Reader};
     use crate::status::{status_bytes, status_schema};
     use crate::telemetry::{FrameReport, STAGES, WitnessReport};
     use crate::units::Load;
-    use gripline_protocol::SensorId;
 
     fn frame(number: u64) -> Frame {
         let report = FrameReport {
@@ -351,7 +349,11 @@ mod tests {
             shear_n: 0.0,
             moment_nmm: 0.0,
             centre_of_pressure_mm: None,
-            load: Load::of(&Status::default().sums, 0, &FingertipGeometry::DEFAULT),
+            load: Load::of(
+                &Status::default().sums,
+                SensorId::First,
+                &FingertipGeometry::DEFAULT,
+            ),
             contact: 0,
             stick: 0,
             stick_ratio: None,
@@ -471,7 +473,7 @@ mod tests {
         assert_eq!(reader.completeness(), Completeness::Whole);
     }
 
-    /// A disk with so many bytes left.
+    /// A disk with this many bytes left.
     struct Small(usize);
 
     impl Write for Small {

@@ -1,6 +1,6 @@
 //! What the pipeline says about every frame, for the view, for `--json` and for the summary.
 //! Units in the names; forces in newtons, moments in newton-millimetres about the map's centre, both in the map's
-//! frame but for `load`.
+//! frame except for `load`.
 
 use std::borrow::Cow;
 

@@ -159,7 +159,10 @@ mod tests {
             moment_nmm: moment_nmm(&sums, TAXEL_PITCH_MM),
             centre_of_pressure_mm: centre_of_pressure_mm(&sums, TAXEL_PITCH_MM),
         };
-        assert_eq!(Load::of(&sums, 0, &FingertipGeometry::DEFAULT), expected);
+        assert_eq!(
+            Load::of(&sums, SensorId::First, &FingertipGeometry::DEFAULT),
+            expected
+        );
     }
 
     #[test]
@@ -170,7 +173,7 @@ mod tests {
             quarter_turns: 1,
             ..FingertipGeometry::DEFAULT
         };
-        let [x, y, z] = Load::of(&sums(&map), 0, &turned).force_n;
+        let [x, y, z] = Load::of(&sums(&map), SensorId::First, &turned).force_n;
         assert!(x.abs() < 1e-12 && (y - 1.0).abs() < 1e-12 && z.abs() < 1e-12);
     }
 
@@ -179,7 +182,7 @@ mod tests {
         /// tell the same of it: force, moment about the axis and place, against the definition r × f.
         #[test]
         fn whatever_its_geometry_a_fingertip_tells_the_load_that_is_there(
-            sensor in 0_u8..2,
+            is_second: bool,
             column in 0..SIDE,
             row in 0..SIDE,
             force in prop::array::uniform3(-5_000_i16..5_000),
@@ -191,10 +194,11 @@ mod tests {
             let mut map = ForceMap::EMPTY;
             let [x, y, z] = force.map(|part| part.max(1));
             map.taxels[row * SIDE + column] = TaxelForce { x, y, z };
+            let sensor = SensorId::ALL[usize::from(is_second)];
             let load = Load::of(&sums(&map), sensor, &geometry);
             // The axes of the map in the gripper's frame, by their angles.
             let angle = f64::from(quarter_turns) * std::f64::consts::FRAC_PI_2;
-            let mirror = if sensor == 0 { 1.0 } else { -1.0 };
+            let mirror = if is_second { -1.0 } else { 1.0 };
             let axes = [
                 [mirror * angle.cos(), angle.sin()],
                 [-mirror * angle.sin(), angle.cos()],

@@ -214,7 +214,7 @@ impl Board {
         *self.session.status().expect("a status came")
     }
 
-    /// Sends a map 60 times a second for so many maps; returns the status after the last.
+    /// Sends a map 60 times a second for this many maps; returns the status after the last.
     pub(crate) fn maps(&mut self, map: &ForceMap, count: u32) -> Status {
         for _ in 0..count {
             self.send(map);

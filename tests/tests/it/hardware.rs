@@ -304,7 +304,7 @@ const RAISED: [(Fault, Raise); 17] = [
         board.wait_for(1_500, "the restart", |board| {
             board.link().resets() == 1 && board.link().is_configured()
         });
-        // The session meets it anew.
+        // The session meets it again.
         board.maps(&map(0), 30);
     }),
     (Fault::LineAtCeiling, |board| {

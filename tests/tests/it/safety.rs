@@ -39,7 +39,7 @@ fn holding() -> (Board, Status) {
     (board, held)
 }
 
-/// The packets of a message, each changed before its CRC is made anew.
+/// The packets of a message, each changed before its CRC is made again.
 fn message_packets(message: &Message, change: impl Fn(&mut [u8])) -> Vec<Vec<u8>> {
     let packets = MessagePackets::new(message, 9).unwrap();
     let mut all: Vec<_> = packets.map(|packet| packet.to_vec()).collect();
@@ -327,7 +327,7 @@ fn a_line_at_its_ceiling_is_told() {
 }
 
 /// A task, the idle loop and an interrupt that spin (the watchdog ends it), run into a fault of the core, panic, or overflow the
-/// stack (the chip restarts at once): the line is back before anything else is, and the host meets the microcontroller anew.
+/// stack (the chip restarts at once): the line is back before anything else is, and the host meets the microcontroller again.
 #[test]
 #[ignore = "needs the emulator and the image: cargo xtask test"]
 fn whatever_hangs_or_crashes_while_holding_is_reset_and_the_line_is_back_within_two_milliseconds() {
@@ -386,7 +386,7 @@ fn fails_while_holding(what: &str, fault: FaultInjection, address: u32, limit_ns
         after.iter().all(|write| write.code >= before.code),
         "{what}: below the hold value after the reset"
     );
-    // The session meets it anew by itself, and gives it its settings; a person must acknowledge.
+    // The session meets it again by itself, and gives it its settings; a person must acknowledge.
     board.wait_for(1_500, "the device is back", |board| board.link().is_configured());
     let status = board.maps(&map(0), 30);
     assert_eq!(

@@ -75,7 +75,7 @@ impl Bus {
         bus
     }
 
-    /// A microcontroller that starts anew beside a gripper that goes on.
+    /// A microcontroller that starts again beside a gripper that goes on.
     pub(crate) fn restart(&mut self) {
         self.line = Robotiq::new(self.now_us);
         self.to_gripper.clear();

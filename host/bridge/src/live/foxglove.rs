@@ -312,7 +312,10 @@ mod tests {
             |_| {},
             Box::new(|channel| channels().list()[channel].topic == "/second/picture"),
         );
-        assert_eq!([0, 1].map(|sensor| foxglove.wants_picture(sensor)), [false, true]);
+        assert_eq!(
+            SensorId::ALL.map(|sensor| foxglove.wants_picture(sensor)),
+            [false, true]
+        );
     }
 
     /// Every text in the layout that can name a topic.

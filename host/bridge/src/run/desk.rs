@@ -182,7 +182,7 @@ impl Run {
                 return Ok(());
             }
             Acknowledging::Done => {
-                // Of what was refused meanwhile, a release, the gripper is told anew.
+                // Of what was refused meanwhile, a release, the gripper is told again.
                 self.control.request_again();
                 tracing::info!("acknowledged: {}", names(asked.faults()).join(", "));
                 Outcome::Done

@@ -127,7 +127,7 @@ mod tests {
         moved
     }
 
-    /// All warnings of so many seconds at 10 pictures a second.
+    /// All warnings of this many seconds at 10 pictures a second.
     fn warnings(
         watch: &mut DriftWatch,
         seconds: u32,

@@ -250,7 +250,7 @@ impl Fingertips {
         }
     }
 
-    /// How many there are whose pictures can be taken anew: all or none.
+    /// How many there are whose pictures can be taken again: all or none.
     pub(super) fn to_rezero(&self) -> usize {
         if !self.model.has_markers() && (self.are_live() || self.are_simulated()) {
             self.all.len()

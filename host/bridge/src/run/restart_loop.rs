@@ -55,7 +55,7 @@ mod tests {
 
     use super::*;
 
-    /// Recordings a minute apart, the newest last, that lasted so many seconds.
+    /// Recordings a minute apart, the newest last, that lasted this many seconds.
     fn folder(lasted_s: impl Iterator<Item = u64>) -> (tempfile::TempDir, std::path::PathBuf) {
         let folder = tempfile::tempdir().unwrap();
         let name = |number: u64| {

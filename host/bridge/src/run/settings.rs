@@ -16,7 +16,7 @@ use gripline_link::session::Session;
 use gripline_pipeline::SCENE_INITIAL_GRIP_N;
 use gripline_recording::Metadata;
 
-/// What may move the gripper without being asked for from outside: nothing, but for a script where no real gripper can move, and what
+/// What may move the gripper without being asked for from outside: nothing, except for a script where no real gripper can move, and what
 /// `--hold` says.
 pub(super) const fn unasked(wanted: &Settings) -> Unasked {
     let is_real = matches!(wanted.mcu, Target::Serial(_) | Target::Usb(_));

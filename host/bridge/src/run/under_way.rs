@@ -97,7 +97,7 @@ pub struct Run {
 const WATCH_STEP: Duration = Duration::from_millis(1);
 
 impl Run {
-    /// A run without view, readers or recording, with so many pictures a second of all fingertips together.
+    /// A run without view, readers or recording, with this many pictures a second of all fingertips together.
     #[must_use]
     pub fn new(session: Session, pacing: Pacing, frames_per_second: f64) -> Self {
         Self {
@@ -425,7 +425,7 @@ impl Run {
             } else if until == due {
                 return Ok(());
             } else {
-                // A virtual clock goes on with the one on the wall; the next frame begins when it was due all the same.
+                // A virtual clock goes on with the one on the wall; the next frame begins when it was due anyway.
                 self.control.pass(WATCH_STEP)?;
                 self.handle_requests()?;
             }

@@ -47,7 +47,7 @@ impl Eye {
             return Motion::UNKNOWN;
         }
         if self.slid_mm.back().is_some_and(|last| slid_mm < *last) {
-            // The world counts anew from the lift on.
+            // The world counts again from the lift on.
             self.slid_mm.clear();
         }
         self.slid_mm.push_back(slid_mm);

@@ -1,4 +1,4 @@
-//! One grasp under one policy: the loop, and what came of it. Pure but for the world and the session.
+//! One grasp under one policy: the loop, and what came of it. Pure except for the world and the session.
 
 use gripline_network::Network;
 use gripline_simulation::grasp::{GraspFrame, GraspParts, GraspWorld};

@@ -37,7 +37,7 @@ const RELAX_AFTER_S: f64 = 0.5;
 #[serde(rename_all = "snake_case")]
 #[value(rename_all = "snake_case")]
 pub enum Policy {
-    /// Gripline as `gripline run` sets it, but for the least force.
+    /// Gripline as `gripline run` sets it, except for the least force.
     Gripline,
     /// The same with evidence of motion from the host.
     GriplineMotion,

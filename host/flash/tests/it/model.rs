@@ -28,7 +28,7 @@ const ERR_STALLED: u8 = 0x0F;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Trouble {
     None,
-    /// The power goes at this request; what it was to do is done to so many bytes.
+    /// The power goes at this request; what it was to do is done to this many bytes.
     PowerCut {
         at_request: usize,
         bytes: usize,
@@ -186,7 +186,7 @@ impl Chip {
         }
     }
 
-    /// At most so many bytes of the sector.
+    /// At most this many bytes of the sector.
     fn erase(&mut self, address: u32, bytes: usize) {
         let sector = self.sector_of(address).expect("it was checked");
         self.erased.push(sector.address);

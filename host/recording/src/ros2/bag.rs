@@ -246,7 +246,7 @@ impl Bag {
     }
 }
 
-/// Whether they say the same but for numbers that always change.
+/// Whether they say the same except for numbers that always change.
 fn is_the_same(one: &[DiagnosticStatus], other: &[DiagnosticStatus]) -> bool {
     let says = |status: &DiagnosticStatus| (status.level, status.name.clone(), status.message.clone());
     one.iter().map(says).eq(other.iter().map(says))

@@ -79,10 +79,10 @@ mod tests {
             assert_eq!(name.to_string(), plain);
             assert_eq!(name.topic("hold"), format!("/{plain}/hold"));
             assert_eq!(
-                name.fingertip_topic(1, "slip"),
+                name.fingertip_topic(SensorId::Second, "slip"),
                 format!("/{plain}/fingertip_1/slip")
             );
-            assert_eq!(name.frame_id(0), format!("{plain}/fingertip_0"));
+            assert_eq!(name.frame_id(SensorId::First), format!("{plain}/fingertip_0"));
         }
         let long = "a".repeat(201);
         for text in [

@@ -1,7 +1,7 @@
 //! A frame of the loop as the messages of a fingertip. Pure.
 
 use gripline_protocol::constants::SIDE;
-use gripline_protocol::{ForceMap, LSB_PER_NEWTON, SensorId};
+use gripline_protocol::{ForceMap, LSB_PER_NEWTON};
 
 use super::messages::{
     DiagnosticStatus, Header, Image, Level, SLIP_STATES, Slip, Time, Vector3, Wrench, WrenchStamped,

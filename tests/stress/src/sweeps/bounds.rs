@@ -67,7 +67,7 @@ impl Range {
         range(0, greatest * greatest)
     }
 
-    /// Of a sum of any of so many terms, which may all be left out.
+    /// Of a sum of any of this many terms, which may all be left out.
     fn any_of(self, count: i128) -> Self {
         range(count * self.min.min(0), count * self.max.max(0))
     }

@@ -45,7 +45,9 @@ impl Scene {
         let mut picture = self.source.next(2.5).unwrap();
         picture.came = Instant::now().checked_sub(age).unwrap();
         self.run.pacing = pacing;
-        self.run.frame(&mut self.pipeline, 0, picture).unwrap()
+        self.run
+            .frame(&mut self.pipeline, SensorId::First, picture)
+            .unwrap()
     }
 }
 

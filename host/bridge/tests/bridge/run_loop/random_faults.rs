@@ -12,6 +12,7 @@ use gripline_firmware::sums::TaxelRule;
 use gripline_firmware::{Fault, Program, ResetCause};
 use gripline_network::scene::GateKind;
 use gripline_network::{Architecture, Network};
+use gripline_protocol::SensorId;
 use gripline_protocol::message::{Command, GripMode};
 
 use gripline::run::{Pacing, Run};
@@ -30,13 +31,13 @@ const FRAME_US: f64 = 1e6 / 60.0;
 /// Frames after a disturbance until the next one of a kind that must be counted by itself: everything is as it was.
 const CALM: u64 = 180;
 
-/// A recording on a disk with so many bytes left.
+/// A recording on a disk with this many bytes left.
 fn small_disk(bytes: usize) -> Recorder {
     let (path, metadata) = (Path::new("full.mcap"), Metadata::default());
     Recorder::onto(path, Disk(bytes), &metadata, 1, Pace::AsFastAsPossible).unwrap()
 }
 
-/// A disk with so many bytes left.
+/// A disk with this many bytes left.
 struct Disk(usize);
 
 impl Write for Disk {
@@ -246,7 +247,7 @@ fn ten_thousand_frames_with_faults_at_random_go_on_and_count_every_loss() {
                 truth: None,
                 wish: shot.wish,
             };
-            let report = run.frame(&mut pipeline, 0, picture).unwrap();
+            let report = run.frame(&mut pipeline, SensorId::First, picture).unwrap();
             let is_told = report
                 .faults
                 .iter()
@@ -282,7 +283,7 @@ fn ten_thousand_frames_with_faults_at_random_go_on_and_count_every_loss() {
     let gated =
         summary.gate_no_contact + summary.gate_unchanged + summary.gate_network + summary.gate_unhealthy;
     assert_eq!((gated, summary.gate_unhealthy >= done.black), (frames, true));
-    // Answered in its frame, or counted; some answers come a frame too late and are checked all the same. Those of one who may
+    // Answered in its frame, or counted; some answers come a frame too late and are checked anyway. Those of one who may
     // have other settings are not.
     let (checked, unanswered) = (session.shadow().checked(), summary.maps_unanswered);
     assert!(
@@ -373,7 +374,7 @@ fn memory_stays_flat_while_frames_are_recorded() {
             truth: None,
             wish: shot.wish,
         };
-        run.frame(&mut pipeline, 0, picture).unwrap();
+        run.frame(&mut pipeline, SensorId::First, picture).unwrap();
         if number.is_multiple_of(600) {
             samples.push(resident_kib());
         }
