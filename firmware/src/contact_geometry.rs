@@ -32,11 +32,11 @@ enum Kind {
     Round,
     /// Long and narrow.
     Line,
-    /// As wide as long, and so from the start.
+    /// As wide as long, at full size from the start.
     Flat,
 }
 
-/// The geometry of a contact, as far as it was seen.
+/// The geometry of a contact, as observed so far.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(crate) struct ContactGeometry {
     /// The largest normal force so far.
@@ -92,8 +92,8 @@ impl ContactGeometry {
         }
     }
 
-    /// Square of the force that stands for a torsional moment. Every geometry holds a moment of about 0.93 of its RMS radius times
-    /// the force that it holds (a disc with even pressure 0.94, a sphere 0.93, a line 0.87).
+    /// Square of the force that is equivalent to a torsional moment. Every geometry holds a moment of about 0.93 of its RMS radius
+    /// times the force that it holds (a disc with even pressure 0.94, a sphere 0.93, a line 0.87).
     pub(crate) fn square_of_moment(&self, moment: i32) -> u64 {
         // At most 18 · (86/64 · 2²⁹)²: the difference of two loads, each up to 2²⁹.
         divide(18 * u64::from(moment.unsigned_abs()).pow(2), self.mean_square)
@@ -120,8 +120,8 @@ impl ContactGeometry {
     }
 }
 
-/// Mean square distance of the pressure from its centre, half taxel pitches squared with this many fraction bits, at most 28; 0
-/// where tension outweighs it. Normal forces of 2¹⁶ and more count to 16 places.
+/// Mean square distance of the pressure from its centre, half taxel pitches squared with this many fraction bits, at most 28; 0 if
+/// tension exceeds it. Normal forces of 2¹⁶ and more are reduced to 16 bits.
 pub(crate) fn mean_square_radius(sums: &MapSums, fraction: u32) -> u64 {
     let normal = i64::from(sums.force[2].max(1));
     let [across, along] = sums.first_moment.map(|sum| i64::from(sum).pow(2));

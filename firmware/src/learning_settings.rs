@@ -1,4 +1,4 @@
-//! What of the settings the estimators need: three numbers, copied while the map-to-line path is blocked.
+//! The three settings that the estimators need, copied while the map-to-line path is blocked.
 
 use gripline_protocol::message::Configuration;
 

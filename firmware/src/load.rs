@@ -1,5 +1,5 @@
-//! The tangential load on a contact from map to map: shear force and torsional moment together, over the normal force. It
-//! tells more than the ratios in one map.
+//! The tangential load on a contact from map to map: shear force and torsional moment together, over the normal force. It is more
+//! informative than the ratios in one map.
 //!
 //! When the load on a slipping contact falls or turns back, every taxel sticks at once (Cattaneo 1938, Mindlin and
 //! Deresiewicz 1953), while the ratios in the map stay near friction until the load is gone. From then on friction is known:
@@ -90,7 +90,7 @@ pub(crate) struct LoadHistory {
     peak: u32,
     /// Capture time of the last map.
     at: HostMicros,
-    /// The load at which half of the contact is furthest from slipping.
+    /// The load at which the contact is furthest from half slip.
     centre: [i32; 2],
     centre_moment: i32,
     /// Friction: share of the load that last slid, as it began to fall; 0 before the first slide.
