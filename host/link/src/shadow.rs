@@ -1,6 +1,5 @@
-//! The shadow check: the host computes, with the microcontroller's own code, what every map it sent must lead to,
-//! and compares the answers. A difference means a broken wire format, a broken build or broken silicon.
-//! Limits: remembers the last 32 maps of each fingertip.
+//! The shadow check: the host computes the expected answer to every map with the microcontroller's own code, and compares. A
+//! difference means a broken wire format, a broken build or broken hardware. Limits: remembers the last 32 maps of each fingertip.
 
 use gripline_firmware::sums::{TaxelRule, sums_of};
 use gripline_protocol::message::{MapSums, Status};
@@ -35,7 +34,7 @@ struct Expected {
     coulomb_slip: bool,
 }
 
-/// What the maps under way must lead to.
+/// The expected answers to maps in transit.
 #[derive(Debug)]
 pub struct Shadow {
     rule: TaxelRule,
@@ -45,7 +44,7 @@ pub struct Shadow {
 }
 
 impl Shadow {
-    /// `rule` is the one that the microcontroller was configured with.
+    /// `rule` is that of the microcontroller's configuration.
     #[must_use]
     pub fn new(rule: TaxelRule) -> Self {
         Self {
@@ -56,7 +55,7 @@ impl Shadow {
         }
     }
 
-    /// From now on `rule` counts; maps that are under way are forgotten, and what was counted stays.
+    /// Uses `rule` from now on; maps in transit are forgotten, counters stay.
     pub fn judge_by(&mut self, rule: TaxelRule) {
         *self = Self {
             checked: self.checked,
@@ -65,13 +64,13 @@ impl Shadow {
         };
     }
 
-    /// The rule that counts now.
+    /// The rule in use.
     #[must_use]
     pub const fn rule(&self) -> TaxelRule {
         self.rule
     }
 
-    /// A map goes out, judged by the rule that counts now.
+    /// A map is sent, judged by the rule in use.
     pub fn sent(&mut self, sensor: SensorId, sequence: u32, sums: MapSums) {
         let [x, y, normal] = sums.force;
         let coulomb_slip = self.rule.friction.exceeded_by([x, y], normal);

@@ -9,18 +9,18 @@ use gripline_recording::telemetry::{FrameReport, STAGES};
 /// Quantiles of the stage times.
 pub const QUANTILES: [f64; 3] = [0.5, 0.99, 0.999];
 
-/// What is told.
+/// The values.
 #[derive(Debug, Clone, Default)]
 pub struct Values {
     /// The newest frame of each fingertip.
     pub newest: [Option<FrameReport>; SENSORS],
     /// Frames so far.
     pub frames: u64,
-    /// Frames by what the gate said of them, without contact, unchanged, through the network, unhealthy.
+    /// Frames by gate decision: without contact, unchanged, through the network, unhealthy.
     pub gate: [u64; 4],
     /// Maps that got no answer.
     pub maps_unanswered: u64,
-    /// Answers that were not what the shadow expects.
+    /// Answers that differ from the shadow check.
     pub shadow_mismatches: u64,
     /// Frames that came more than a frame too late.
     pub frames_late: u64,
@@ -34,11 +34,11 @@ pub struct Values {
     pub capture_us: [[f64; 3]; CAPTURE_PARTS.len()],
 }
 
-/// Parts of the way of a camera's picture beside the stages: from the driver's time stamp to its bytes, from decoding to the loop, and
-/// all from the time stamp to the link.
+/// Parts of a camera picture's latency besides the stages: from the driver's time stamp to its bytes, from decoding to the loop,
+/// and all from the time stamp to the link.
 pub const CAPTURE_PARTS: [&str; 3] = ["driver", "hand_over", "capture_to_link"];
 
-/// Names of the gate's verdicts.
+/// Names of the gate's decisions.
 const GATES: [&str; 4] = ["no_contact", "unchanged", "network", "unhealthy"];
 /// Pictures that no page wanted.
 const LOST: [&str; 3] = ["missed", "overtaken", "damaged"];
@@ -162,7 +162,7 @@ impl Page {
         }
     }
 
-    /// What each fingertip says; labelled where there are two.
+    /// Values per fingertip, labelled if there are two.
     fn fingertips(&mut self, frames: &[&FrameReport]) {
         type Of = fn(&FrameReport) -> Option<f64>;
         let values: [(&str, &str, Of); 7] = [

@@ -1,4 +1,4 @@
-//! What came in from the microcontroller, sorted.
+//! Received messages of the microcontroller, by kind.
 
 use gripline_protocol::message::{Configuration, Hello, Message, Refusal, Report, Status};
 use gripline_protocol::{Event, Parser, SENSORS};
