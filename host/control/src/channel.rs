@@ -11,7 +11,7 @@ use crate::status::StatusReport;
 
 /// Requests that wait for the loop.
 const WAITING: usize = 32;
-/// How long an answer may take: the desk's maximum, and a second for a delayed loop.
+/// How long an answer may take: the arbiter's maximum, and a second for a delayed loop.
 const PATIENCE: Duration = Duration::from_secs(4);
 
 /// A request that waits for its answer.

@@ -1,5 +1,5 @@
-//! The requests, and how they are read from JSON: `{"client": "cell-3", "request": 7, "action": "set_floor", "floor_n": 4.0,
-//! "take_over": false}`.
+//! The requests, and how they are read from JSON:
+//! `{"client": "cell-3", "request": 7, "action": "set_floor", "floor_n": 4.0, "take_over": false}`.
 
 use std::fmt;
 

@@ -60,7 +60,7 @@ fn losing(to_lose: u32, is_mute: bool) -> ControlLoop {
     ControlLoop::new(session)
 }
 
-/// Frames with this wish until the device does it, or says why not; how many they were.
+/// Frames with this requested mode until the device does it, or says why not; how many they were.
 fn frames_until_answered(
     control: &mut ControlLoop,
     mode: GripMode,

@@ -20,7 +20,7 @@ pub struct Frame {
     pub begun_us: u32,
     /// The link worked until then, after frame 0.
     pub until_us: u64,
-    /// What was asked of the gripper; `None`: nothing.
+    /// The requested mode of the gripper; `None`: nothing was requested.
     pub requested_mode: Option<GripMode>,
     /// Least force while holding, 1/4096 N.
     pub floor_lsb: i32,
@@ -44,7 +44,6 @@ struct StatusOut<'a> {
     capture_us: u32,
     begun_us: u32,
     until_us: u64,
-    #[serde(rename = "wish")]
     requested_mode: Option<GripMode>,
     floor_lsb: i32,
     health_bits: u8,
@@ -117,8 +116,8 @@ pub struct RecordedStatus {
     pub begun_us: Option<u32>,
     /// Time up to which the link worked for this frame, after frame 0.
     pub until_us: u64,
-    /// What was asked of the gripper; `None`: nothing.
-    #[serde(rename = "wish")]
+    /// The requested mode of the gripper; `None`: nothing was requested.
+    #[serde(alias = "wish")] // recordings made before
     pub requested_mode: Option<GripMode>,
     /// Least force while holding, 1/4096 N; older recordings have none, theirs never changes.
     #[serde(default)]
@@ -183,7 +182,7 @@ const STATUS_KEYS: [(&str, &str); 37] = [
     ("capture_us", "integer"),
     ("begun_us", "integer"),
     ("until_us", "integer"),
-    ("wish", "string"),
+    ("requested_mode", "string"),
     ("floor_lsb", "integer"),
     ("health_bits", "integer"),
     ("motion_bits", "integer"),

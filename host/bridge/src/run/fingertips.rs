@@ -168,7 +168,7 @@ pub(super) struct Fingertips {
 }
 
 /// What the fingertips have to give.
-pub(super) enum Looked {
+pub(super) enum Polled {
     /// A picture of this one.
     Picture(SensorId, Picture),
     /// None yet.
@@ -213,18 +213,18 @@ impl Fingertips {
     ///
     /// # Errors
     /// [`Error`] when there can be no more.
-    pub(super) fn next(&mut self, line_n: f64) -> Result<Looked, Error> {
+    pub(super) fn next(&mut self, line_n: f64) -> Result<Polled, Error> {
         let count = self.all.len();
         for _ in 0..count {
             let place = self.next;
             self.next = (place + 1) % count;
             match self.all[place].source.next(line_n, POLL / count as u32)? {
-                Taken::Picture(picture) => return Ok(Looked::Picture(SensorId::ALL[place], picture)),
+                Taken::Picture(picture) => return Ok(Polled::Picture(SensorId::ALL[place], picture)),
                 Taken::NotYet => {}
-                Taken::End => return Ok(Looked::End),
+                Taken::End => return Ok(Polled::End),
             }
         }
-        Ok(Looked::NotYet)
+        Ok(Polled::NotYet)
     }
 
     /// What makes maps of this fingertip's pictures.

@@ -5,9 +5,9 @@
 //! k+1, and the line it then holds is what the (simulated) gripper feels next. Paced by the wall clock.
 
 mod capture_to_line;
-mod desk;
 mod drift;
 mod fingertips;
+mod handle_requests;
 mod output;
 mod report;
 mod requests;
@@ -36,8 +36,8 @@ use gripline_simulation::constants::SCENE_LOOP_S;
 
 pub use self::capture_to_line::{CaptureToLineSummary, PartQuantiles};
 use self::drift::DriftWatch;
-use self::fingertips::{Fingertips, Looked, Open};
-use self::output::{Output, Wish};
+use self::fingertips::{Fingertips, Open, Polled};
+use self::output::{Output, UserInput};
 use self::requests::Requests;
 use self::restart_loop::is_restart_loop;
 use self::settings::{
@@ -279,17 +279,17 @@ fn play(
     supervisor.ready();
     while is_wanted() && seconds.is_none_or(|seconds| !run.is_over(seconds)) {
         supervisor.turned();
-        let wish = match fingertips.next(run.control.session.line_n())? {
-            Looked::Picture(sensor, picture) => {
+        let input = match fingertips.next(run.control.session.line_n())? {
+            Polled::Picture(sensor, picture) => {
                 let pipeline = fingertips.pipeline(sensor);
                 let report = run.frame(pipeline, sensor, picture)?;
                 output.frame(&report, pipeline.newtons())?
             }
-            Looked::NotYet => {
+            Polled::NotYet => {
                 run.idle()?;
                 output.idle()?
             }
-            Looked::End => Wish::Stop,
+            Polled::End => UserInput::Stop,
         };
         run.advance_rezero(fingertips)?;
         if run.settings_changed() {
@@ -300,10 +300,10 @@ fn play(
             run.record_line(&line);
             output.show_line(&line);
         }
-        match wish {
-            Wish::GoOn => {}
-            Wish::Ask(keys) => keys.into_iter().for_each(|key| terminal.ask(key)),
-            Wish::Stop => break,
+        match input {
+            UserInput::Nothing => {}
+            UserInput::Keys(keys) => keys.into_iter().for_each(|key| terminal.ask(key)),
+            UserInput::Stop => break,
         }
     }
     supervisor.stopping();

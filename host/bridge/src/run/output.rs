@@ -9,12 +9,12 @@ use crate::view::{Key, Screen, View};
 use crate::writer::{WhenFull, Writer};
 use gripline_recording::telemetry::{FrameReport, Limits};
 
-/// What the person at the terminal wants.
+/// Input of the person at the terminal.
 #[derive(Debug, PartialEq, Eq)]
-pub(super) enum Wish {
-    GoOn,
-    /// What was asked for with keys.
-    Ask(Vec<Key>),
+pub(super) enum UserInput {
+    Nothing,
+    /// Keys with requests.
+    Keys(Vec<Key>),
     Stop,
 }
 
@@ -91,7 +91,7 @@ impl Output {
         matches!(self, Self::Live(_))
     }
 
-    pub(super) fn frame(&mut self, report: &FrameReport, map: &[[f32; 3]; 400]) -> Result<Wish, Error> {
+    pub(super) fn frame(&mut self, report: &FrameReport, map: &[[f32; 3]; 400]) -> Result<UserInput, Error> {
         match self {
             Self::Json(out) => {
                 let mut line = serde_json::to_vec(report)?;
@@ -100,7 +100,7 @@ impl Output {
             }
             Self::Live(out) => {
                 if !out.offer(Shown::Frame(Box::new((report.clone(), *map)))) {
-                    return Ok(Wish::Stop);
+                    return Ok(UserInput::Stop);
                 }
                 pressed()
             }
@@ -110,15 +110,15 @@ impl Output {
                     out.offer(format!("{}\n", progress_line(report)).into_bytes()),
                 ))
             }
-            Self::Lines { .. } => Ok(Wish::GoOn),
+            Self::Lines { .. } => Ok(UserInput::Nothing),
         }
     }
 
     /// There is no picture now.
-    pub(super) fn idle(&mut self) -> Result<Wish, Error> {
+    pub(super) fn idle(&mut self) -> Result<UserInput, Error> {
         match self {
             Self::Live(_) => pressed(),
-            Self::Json(_) | Self::Lines { .. } => Ok(Wish::GoOn),
+            Self::Json(_) | Self::Lines { .. } => Ok(UserInput::Nothing),
         }
     }
 
@@ -169,19 +169,23 @@ impl Output {
     }
 }
 
-const fn wanted(is_wanted: bool) -> Wish {
-    if is_wanted { Wish::GoOn } else { Wish::Stop }
+const fn wanted(is_wanted: bool) -> UserInput {
+    if is_wanted {
+        UserInput::Nothing
+    } else {
+        UserInput::Stop
+    }
 }
 
 /// What was pressed: read here, so that a terminal that takes nothing can still be told to stop.
-fn pressed() -> Result<Wish, Error> {
+fn pressed() -> Result<UserInput, Error> {
     let keys = Screen::pressed().map_err(terminal_failed)?;
     Ok(if keys.contains(&Key::Quit) {
-        Wish::Stop
+        UserInput::Stop
     } else if keys.is_empty() {
-        Wish::GoOn
+        UserInput::Nothing
     } else {
-        Wish::Ask(keys)
+        UserInput::Keys(keys)
     })
 }
 

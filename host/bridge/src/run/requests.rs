@@ -1,20 +1,20 @@
-//! What is asked of a run from outside and is under way, and which mode the gripper is to have by it.
+//! The pending requests to a run, and the mode of the gripper that follows from them.
 
-use gripline_control::{Asked, Desk, Inbox};
+use gripline_control::{Arbiter, Asked, Inbox};
 use gripline_pipeline::Acknowledgement;
 use gripline_protocol::message::{Configuration, GripMode};
 
 use super::rezero::Rezero;
 
-/// What was asked for and is under way.
+/// Pending requests.
 pub(super) struct Requests {
     pub(super) inbox: Inbox,
-    pub(super) desk: Desk,
+    pub(super) arbiter: Arbiter,
     /// The mode that was requested, from then on.
     pub(super) asked: Option<GripMode>,
-    /// What the pictures' script says, where it may move the gripper.
+    /// The mode in the pictures' script, if the script may move the gripper.
     pub(super) script: Option<GripMode>,
-    /// Said as long as neither says anything.
+    /// Used while neither of both gives a mode.
     pub(super) otherwise: Option<GripMode>,
     pub(super) follows_script: bool,
     pub(super) floor: Option<FloorRequest>,
@@ -53,7 +53,7 @@ impl Requests {
     pub(super) fn new(inbox: Inbox, unasked: Unasked, fingertips_to_rezero: usize) -> Self {
         Self {
             inbox,
-            desk: Desk::new(),
+            arbiter: Arbiter::new(),
             asked: None,
             script: None,
             otherwise: unasked.hold.then_some(GripMode::Hold),

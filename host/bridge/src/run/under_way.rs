@@ -170,7 +170,7 @@ impl Run {
             // Elsewhere pictures are of the moment at which they are asked for.
             Pacing::Wall | Pacing::None => (0, picture.decode_us),
         };
-        self.requests.scripted(picture.wish);
+        self.requests.scripted(picture.requested_mode);
         self.handle_requests()?;
         let mode = self.requests.mode();
         let request = FrameRequest {

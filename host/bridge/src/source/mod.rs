@@ -110,7 +110,7 @@ pub struct Picture {
     /// What the simulated world knows.
     pub truth: Option<Truth>,
     /// What is wanted of the gripper.
-    pub wish: Option<GripMode>,
+    pub requested_mode: Option<GripMode>,
 }
 
 /// What a source has to give.
@@ -354,14 +354,14 @@ impl Frames {
     /// # Errors
     /// [`Error`] when there can be no more.
     pub(crate) fn next(&mut self, line_n: f64, patience: Duration) -> Result<Taken, Error> {
-        let taken = |crop, [came, taken]: [Instant; 2], decode_us, wish| {
+        let taken = |crop, [came, taken]: [Instant; 2], decode_us, requested_mode| {
             Taken::Picture(Picture {
                 crop,
                 came,
                 taken,
                 decode_us,
                 truth: None,
-                wish,
+                requested_mode,
             })
         };
         Ok(match self {
@@ -383,7 +383,9 @@ impl Frames {
                 })
             }
             Self::Recording(frames) => match frames.next()? {
-                Some(RecordedPicture { crop, wish }) => taken(crop, [Instant::now(); 2], 0.0, wish),
+                Some(RecordedPicture { crop, requested_mode }) => {
+                    taken(crop, [Instant::now(); 2], 0.0, requested_mode)
+                }
                 None => Taken::End,
             },
         })
@@ -470,7 +472,7 @@ impl SimulatedSource {
                 gross_slip: frame.gross_slip,
                 slip_mm: frame.slip_mm,
             }),
-            wish: Some(if frame.phase == "release" {
+            requested_mode: Some(if frame.phase == "release" {
                 GripMode::Released
             } else {
                 GripMode::Hold

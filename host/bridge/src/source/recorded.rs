@@ -20,7 +20,7 @@ pub(crate) struct RecordedFrames {
 /// A picture, and what the gripper was told with it.
 pub(super) struct RecordedPicture {
     pub crop: Vec<u8>,
-    pub wish: Option<GripMode>,
+    pub requested_mode: Option<GripMode>,
 }
 
 impl RecordedFrames {
@@ -80,7 +80,7 @@ impl RecordedFrames {
             if let Some(picture) = frame.picture {
                 return Ok(Some(RecordedPicture {
                     crop: Image::into_crop(picture),
-                    wish: frame.status.requested_mode,
+                    requested_mode: frame.status.requested_mode,
                 }));
             }
             self.counts.missed += 1;

@@ -25,7 +25,7 @@ const POOR: f64 = 0.1;
 /// What watches one finger.
 pub(super) struct Eye {
     random: Random,
-    /// Way of the last pictures, oldest first.
+    /// Distance slid in the last pictures, oldest first.
     slid_mm: VecDeque<f64>,
 }
 

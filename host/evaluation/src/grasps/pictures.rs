@@ -39,15 +39,15 @@ pub(super) struct Delivered {
     pub(super) age: u32,
 }
 
-/// The way from camera to microcontroller.
-pub(super) struct Way<'a> {
+/// The delivery of pictures from camera to microcontroller.
+pub(super) struct Delivery<'a> {
     troubles: &'a [Trouble],
     /// The last good map and its picture.
     last: (ForceMap, u32),
     late: Option<ForceMap>,
 }
 
-impl<'a> Way<'a> {
+impl<'a> Delivery<'a> {
     pub(super) fn new(troubles: &'a [Trouble]) -> Self {
         Self {
             troubles,
@@ -56,7 +56,7 @@ impl<'a> Way<'a> {
         }
     }
 
-    /// What comes when picture number `number` would give `map`; nothing, maybe.
+    /// The delivered map when picture number `number` would give `map`; `None` if it is lost.
     pub(super) fn deliver(
         &mut self,
         number: u32,
@@ -132,10 +132,10 @@ mod tests {
             from: 2,
             count: 3,
         }];
-        let mut way = Way::new(&troubles);
+        let mut delivery = Delivery::new(&troubles);
         (0..6)
             .map(|number| {
-                let came = way.deliver(number, (map(number), Health::GOOD, Motion::UNKNOWN))?;
+                let came = delivery.deliver(number, (map(number), Health::GOOD, Motion::UNKNOWN))?;
                 Some((came.map.taxels[0].z, came.health.is_good(), came.age))
             })
             .collect()

@@ -16,7 +16,7 @@ pub struct FingerMoment {
     pub stick_ratio: Option<f64>,
     /// Whether the contact slides as a whole.
     pub gross_slip: bool,
-    /// Way slid over the skin, mm.
+    /// Distance slid over the skin, mm.
     pub slip_mm: f64,
     /// Depth of the indenter over the thickness of the gel.
     pub indentation: f64,

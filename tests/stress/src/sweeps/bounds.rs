@@ -63,8 +63,8 @@ impl Mul for Range {
 impl Range {
     /// A square is never negative.
     fn squared(self) -> Self {
-        let greatest = self.min.abs().max(self.max.abs());
-        range(0, greatest * greatest)
+        let max = self.min.abs().max(self.max.abs());
+        range(0, max * max)
     }
 
     /// Of a sum of any of this many terms, which may all be left out.

@@ -185,7 +185,7 @@ fn judge_all(
         let frame = summary.frames;
         let quantised = quantise(&forces, settings.scale);
         let verdict = judge(&quantised.map, settings);
-        summary.add(&verdict, quantised.saturated, quantised.greatest_n);
+        summary.add(&verdict, quantised.saturated, quantised.max_n);
         let answer = match &mut replay {
             Some(replay) => Some(replay.show(frame, &quantised.map, quantised.saturated > 0, &verdict)?),
             None => None,

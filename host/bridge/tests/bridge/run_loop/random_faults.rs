@@ -79,7 +79,7 @@ impl Dice {
 struct Shot {
     file: Vec<u8>,
     crop: Vec<u8>,
-    wish: Option<GripMode>,
+    requested_mode: Option<GripMode>,
 }
 
 /// One round of the simulated scene, twenty pictures a second.
@@ -87,12 +87,18 @@ fn shots() -> (Vec<Shot>, Vec<Vec<u8>>) {
     let mut source = SimulatedSource::new(1, 20.0);
     let rest = source.rest(4);
     let shots = (0..240).map(|_| {
-        let Picture { crop, wish, .. } = source.next(6.0).unwrap();
+        let Picture {
+            crop, requested_mode, ..
+        } = source.next(6.0).unwrap();
         let mut file = Vec::new();
         jpeg_encoder::Encoder::new(&mut file, 95)
             .encode(&crop, 440, 440, jpeg_encoder::ColorType::Luma)
             .unwrap();
-        Shot { file, crop, wish }
+        Shot {
+            file,
+            crop,
+            requested_mode,
+        }
     });
     (shots.collect(), rest)
 }
@@ -245,7 +251,7 @@ fn ten_thousand_frames_with_faults_at_random_go_on_and_count_every_loss() {
                 taken: Instant::now(),
                 decode_us: 0.0,
                 truth: None,
-                wish: shot.wish,
+                requested_mode: shot.requested_mode,
             };
             let report = run.frame(&mut pipeline, SensorId::First, picture).unwrap();
             let is_told = report
@@ -372,7 +378,7 @@ fn memory_stays_flat_while_frames_are_recorded() {
             taken: Instant::now(),
             decode_us: 0.0,
             truth: None,
-            wish: shot.wish,
+            requested_mode: shot.requested_mode,
         };
         run.frame(&mut pipeline, SensorId::First, picture).unwrap();
         if number.is_multiple_of(600) {

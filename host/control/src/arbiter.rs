@@ -14,7 +14,7 @@ const KEPT: usize = 64;
 /// How long answers are stored: a restarted client may begin with the same number, and must not get an old answer.
 const KEPT_FOR: Duration = Duration::from_secs(10);
 
-/// A step for the loop to execute; it reports the outcome with [`Desk::close`].
+/// A step for the loop to execute; it reports the outcome with [`Arbiter::close`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Step {
     /// Close and hold.
@@ -51,16 +51,16 @@ pub struct News {
     pub is_warning: bool,
 }
 
-/// The desk at which requests are taken and answered.
+/// Takes and answers requests, and decides which client owns the gripper.
 #[derive(Debug, Default)]
-pub struct Desk {
+pub struct Arbiter {
     owner: Option<Client>,
     under_way: Vec<(Step, Vec<Asked>)>,
     answered: VecDeque<(Instant, Answer)>,
     news: Vec<News>,
 }
 
-impl Desk {
+impl Arbiter {
     /// No client owns the gripper.
     #[must_use]
     pub fn new() -> Self {

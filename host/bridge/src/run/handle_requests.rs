@@ -1,4 +1,4 @@
-//! The desk of a run: requests are taken between frames, carried out, repeated until the microcontroller confirms, and answered. Nothing
+//! Requests to a run: taken between frames, executed, repeated until the microcontroller confirms, and answered. Nothing
 //! here waits.
 
 use gripline_control::{Asked, Outcome, StatusReport, Step, Why, names, reported};
@@ -39,20 +39,20 @@ impl Run {
     /// Answers all who wait for such a step. They find what they asked for in the status, and need not wait for the next frame.
     fn close(&mut self, step: Step, outcome: &Outcome) {
         self.requests.inbox.publish(|status| self.fill(status));
-        self.requests.desk.close(step, outcome);
+        self.requests.arbiter.close(step, outcome);
     }
 
     /// What requests change in a status: owner, modes, and the floor in newtons.
     fn fill(&self, status: &mut StatusReport) {
         let session = &self.control.session;
-        status.owner = self.requests.desk.owner().cloned();
+        status.owner = self.requests.arbiter.owner().cloned();
         status.requested = self.requests.mode().map(mode_name);
         status.mode = session.status().map(|status| mode_name(status.mode));
         status.floor_n = newtons(session.settings().floor);
     }
 
     fn begin(&mut self, asked: Asked) {
-        let Some(step) = self.requests.desk.take(asked) else {
+        let Some(step) = self.requests.arbiter.take(asked) else {
             // It was answered at once, and may have another owner.
             return self.requests.inbox.publish(|status| self.fill(status));
         };
@@ -116,7 +116,7 @@ impl Run {
         self.settle_mode()?;
         self.settle_acknowledgement()?;
         self.settle_floor()?;
-        for news in self.requests.desk.take_news() {
+        for news in self.requests.arbiter.take_news() {
             if news.is_warning {
                 tracing::warn!("{}", news.text);
             } else {
@@ -140,7 +140,7 @@ impl Run {
     }
 
     fn settle_mode(&mut self) -> Result<(), Error> {
-        let is_asked = self.requests.desk.waits_for(Step::Hold);
+        let is_asked = self.requests.arbiter.waits_for(Step::Hold);
         if let Some(why) = self.control.take_unconfirmed() {
             self.summary.requests_unconfirmed += 1;
             if is_asked {
