@@ -1,4 +1,4 @@
-//! The fingertips of a run, one or two: where the pictures of each come from and what makes maps of them. Who is asked next.
+//! The fingertips of a run, one or two: the source and the pipeline of each, and whose picture is next.
 
 use std::sync::Arc;
 
@@ -167,18 +167,18 @@ pub(super) struct Fingertips {
     rule: TaxelRule,
 }
 
-/// What the fingertips have to give.
+/// The result of polling the fingertips.
 pub(super) enum Polled {
     /// A picture of this one.
     Picture(SensorId, Picture),
     /// None yet.
     NotYet,
-    /// One of them has no more.
+    /// One source has ended.
     End,
 }
 
 impl Fingertips {
-    /// Each with the model, its own rest pictures, and a gate of its own.
+    /// Each with the model, its own rest pictures, and its own gate.
     ///
     /// # Errors
     /// [`Error`] when a rest of printed markers shows none, or a touch.
@@ -209,7 +209,7 @@ impl Fingertips {
         })
     }
 
-    /// The next picture of any of them, in turn; one whose camera has nothing to give now is passed over.
+    /// The next picture of any of them, in turn; a camera without a new picture is skipped.
     ///
     /// # Errors
     /// [`Error`] when there can be no more.
@@ -227,7 +227,7 @@ impl Fingertips {
         Ok(Polled::NotYet)
     }
 
-    /// What makes maps of this fingertip's pictures.
+    /// The pipeline of this fingertip.
     pub(super) fn pipeline(&mut self, sensor: SensorId) -> &mut Pipeline {
         &mut self.all[sensor.index()].pipeline
     }
@@ -237,7 +237,7 @@ impl Fingertips {
         self.all.iter().map(|tip| Arc::clone(&tip.rest)).collect()
     }
 
-    /// This fingertip at rest looks like this from now on; a camera's pictures are kept for the next start.
+    /// Sets new rest pictures of this fingertip; a camera's are stored for the next start.
     pub(super) fn rest_anew(&mut self, sensor: SensorId, rest: &[Vec<u8>], figures: &Figures) {
         let Some(network) = self.model.network() else {
             return;
@@ -250,7 +250,7 @@ impl Fingertips {
         }
     }
 
-    /// How many there are whose pictures can be taken again: all or none.
+    /// How many can take new rest pictures: all or none.
     pub(super) fn to_rezero(&self) -> usize {
         if !self.model.has_markers() && (self.are_live() || self.are_simulated()) {
             self.all.len()
@@ -259,17 +259,17 @@ impl Fingertips {
         }
     }
 
-    /// Whether the pictures come when they come.
+    /// Whether the pictures come from a camera, at its own rate.
     pub(super) fn are_live(&self) -> bool {
         self.all.iter().any(|tip| tip.source.is_live())
     }
 
-    /// Whether they are in a world of its own that never ends.
+    /// Whether they are simulated.
     pub(super) fn are_simulated(&self) -> bool {
         self.all.iter().any(|tip| tip.source.is_simulated())
     }
 
-    /// What became of each one's pictures so far.
+    /// Counts of each one's pictures so far.
     pub(super) fn counts(&self) -> Vec<Option<Counts>> {
         self.all.iter().map(|tip| tip.source.counts()).collect()
     }

@@ -15,13 +15,13 @@ use super::rezero::Rezero;
 use super::under_way::Run;
 use crate::error::Error;
 
-/// Settings that no answer confirms are offered again after this, µs.
+/// Unconfirmed settings are sent again after this, µs.
 const OFFER_AGAIN_US: u64 = 10_000;
-/// What is not confirmed after this is given up, µs.
+/// An unconfirmed request is given up after this, µs.
 const GIVE_UP_US: u64 = 2_000_000;
 
 impl Run {
-    /// Takes what was asked for meanwhile, and goes on with what is under way.
+    /// Takes new requests, and continues pending ones.
     pub(super) fn handle_requests(&mut self) -> Result<(), Error> {
         while let Some(asked) = self.requests.inbox.next() {
             self.begin(asked);
@@ -36,13 +36,13 @@ impl Run {
         self.handle_requests()
     }
 
-    /// Answers all who wait for such a step. They find what they asked for in the status, and need not wait for the next frame.
+    /// Answers all clients that wait for such a step. The status is updated first, so they need not wait for the next frame.
     fn close(&mut self, step: Step, outcome: &Outcome) {
         self.requests.inbox.publish(|status| self.fill(status));
         self.requests.arbiter.close(step, outcome);
     }
 
-    /// What requests change in a status: owner, modes, and the floor in newtons.
+    /// The fields of a status that requests change: owner, modes, and the floor in newtons.
     fn fill(&self, status: &mut StatusReport) {
         let session = &self.control.session;
         status.owner = self.requests.arbiter.owner().cloned();
@@ -110,7 +110,7 @@ impl Run {
         self.close(step, &Outcome::Refused(refused));
     }
 
-    /// Answers what has come to an end.
+    /// Answers completed requests.
     pub(super) fn settle_requests(&mut self) -> Result<(), Error> {
         self.take_refusal();
         self.settle_mode()?;
@@ -228,12 +228,12 @@ impl Run {
         Ok(())
     }
 
-    /// Whether other settings came into force since the last look.
+    /// Whether other settings came into force since the last call.
     pub(super) const fn settings_changed(&mut self) -> bool {
         std::mem::replace(&mut self.requests.has_other_settings, false)
     }
 
-    /// Leaves what the gripper does where it can be read.
+    /// Publishes the gripper's state.
     pub(super) fn publish_status(&self, report: &FrameReport, host_faults: &[&'static str]) {
         let session = &self.control.session;
         self.requests.inbox.publish(|status| {

@@ -1,4 +1,4 @@
-//! Where the reports of a run go: JSON lines, the live view, or a plain line a second.
+//! The output of a run: JSON lines, the live view, or one plain line per second.
 
 use std::fmt;
 use std::io::{self, ErrorKind, IsTerminal, Write};
@@ -23,7 +23,7 @@ const LINES_WAITING: usize = 512;
 /// Frames that wait for a slow terminal.
 const FRAMES_WAITING: usize = 8;
 
-/// Where the reports go. All of it is written by a thread of its own.
+/// The output. A separate thread writes it.
 pub(super) enum Output {
     Json(Writer<Vec<u8>>),
     Live(Writer<Shown>),
@@ -34,7 +34,7 @@ pub(super) enum Output {
     },
 }
 
-/// What the live view is given.
+/// An update of the live view.
 pub(super) enum Shown {
     Frame(Box<(FrameReport, [[f32; 3]; 400])>),
     Line(String),
@@ -122,14 +122,14 @@ impl Output {
         }
     }
 
-    /// Shows a log line where standard error cannot.
+    /// Shows a log line in the view.
     pub(super) fn show_line(&mut self, line: &str) {
         if let Self::Live(out) = self {
             out.offer(Shown::Line(line.to_owned()));
         }
     }
 
-    /// The settings are others from now on.
+    /// New settings.
     pub(super) fn limits(&mut self, limits: Limits) {
         if let Self::Live(out) = self {
             out.offer(Shown::Limits(limits));
@@ -177,7 +177,7 @@ const fn wanted(is_wanted: bool) -> UserInput {
     }
 }
 
-/// What was pressed: read here, so that a terminal that takes nothing can still be told to stop.
+/// The pressed keys: read here, so that a terminal that accepts no output can still stop the run.
 fn pressed() -> Result<UserInput, Error> {
     let keys = Screen::pressed().map_err(terminal_failed)?;
     Ok(if keys.contains(&Key::Quit) {
@@ -189,7 +189,7 @@ fn pressed() -> Result<UserInput, Error> {
     })
 }
 
-/// A reader that went away (`| head`) is no failure.
+/// A closed reader (`| head`) is not a failure.
 fn still_wanted(written: io::Result<()>) -> Result<(), Error> {
     match written {
         Err(error) if error.kind() != ErrorKind::BrokenPipe => {

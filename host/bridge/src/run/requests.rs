@@ -25,24 +25,24 @@ pub(super) struct Requests {
     pub(super) has_other_settings: bool,
 }
 
-/// Settings with another floor, offered until they are in force.
+/// Settings with another floor, sent until they are in force.
 pub(super) struct FloorRequest {
     pub settings: Configuration,
     pub begun_us: u64,
     pub sent_us: Option<u64>,
 }
 
-/// What may move the gripper without being asked for from outside.
+/// What may move the gripper without a request.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Unasked {
     /// Hold from the start (`--hold`).
     pub hold: bool,
-    /// The pictures' script: that of the simulated scene, or what was asked for in a recording.
+    /// The pictures' script: that of the simulated scene, or the requests in a recording.
     pub script: bool,
 }
 
 impl Unasked {
-    /// The script of the pictures, as where nothing but files and the simulated world is.
+    /// The script of the pictures, as with files and the simulated world.
     pub(super) const SCRIPT: Self = Self {
         hold: false,
         script: true,
@@ -71,12 +71,12 @@ impl Requests {
         self.script = script.filter(|_| self.follows_script);
     }
 
-    /// The mode that the gripper is to have now; `None`: it stays as it is.
+    /// The mode to request now; `None`: the gripper stays as it is.
     pub(super) fn mode(&self) -> Option<GripMode> {
         self.asked.or(self.script).or(self.otherwise)
     }
 
-    /// Whether something but a mode was asked for and is not confirmed.
+    /// Whether a request other than a mode is unconfirmed.
     pub(super) const fn is_under_way(&self) -> bool {
         self.floor.is_some() || self.acknowledging.is_some()
     }

@@ -1,4 +1,4 @@
-//! What a run comes to, frame by frame and at its end.
+//! Counts of a run, per frame and at its end.
 
 use gripline_firmware::sums::stick_ratio_below;
 use gripline_network::scene::GateDecision;
