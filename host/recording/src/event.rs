@@ -7,7 +7,7 @@ use gripline_protocol::SensorId;
 use crate::telemetry::FrameReport;
 use crate::topics::{encoded, timestamp};
 
-/// An event worth finding again.
+/// An event.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Event {
     /// How bad it is.
@@ -17,7 +17,7 @@ pub(crate) struct Event {
 }
 
 impl Event {
-    /// Something to know.
+    /// For information.
     pub(crate) fn info(message: impl Into<String>) -> Self {
         Self {
             level: Level::Info,
@@ -25,7 +25,7 @@ impl Event {
         }
     }
 
-    /// Something to look at.
+    /// Needs attention.
     pub(crate) fn warning(message: impl Into<String>) -> Self {
         Self {
             level: Level::Warning,

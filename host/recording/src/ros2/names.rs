@@ -12,7 +12,7 @@ const LENGTH_MAX: usize = 200;
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Namespace(String);
 
-/// A name that is none.
+/// An invalid name.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
     "found {0}, expected a ROS name such as cell_3/left: parts of letters, digits and single underscores that do not begin with a \

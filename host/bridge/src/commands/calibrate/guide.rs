@@ -1,4 +1,4 @@
-//! What a person has to do, in words and small drawings, on standard error; standard output is for results.
+//! Instructions for a person, as text and small drawings, on standard error; standard output is for results.
 
 use std::io::{self, Write as _};
 

@@ -1,4 +1,4 @@
-//! The force maps that a calibration works on, from a recording or a file.
+//! The force maps for a calibration, from a recording or a file.
 
 use std::path::Path;
 
@@ -8,9 +8,9 @@ use crate::error::Error;
 use gripline_recording::maps_file::MapsFile;
 use gripline_recording::{Completeness, Reader};
 
-/// What a calibration works on.
+/// Input of a calibration.
 pub(super) struct Maps<T> {
-    /// What was made of each map.
+    /// The value computed from each map.
     pub all: Vec<T>,
     /// The device that made them.
     pub device: String,
