@@ -10,7 +10,7 @@ use gripline_simulation::scene_file::{Scene, SceneFile};
 
 use crate::error::EvaluationError;
 
-pub use self::moment::{FingerMoment, Moment, Play, Trouble};
+pub use self::moment::{FingerMoment, Moment, Play, PlayError};
 
 /// The scene at its start.
 ///

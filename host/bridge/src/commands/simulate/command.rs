@@ -23,7 +23,7 @@ use crate::error::{Completion, Error};
 use gripline_capture::clip::{ClipWriter, ffmpeg_version};
 use gripline_capture::geometry;
 use gripline_evaluation::play::truth::{self, named};
-use gripline_evaluation::play::{self, Moment, Play, Trouble};
+use gripline_evaluation::play::{self, Moment, Play, PlayError};
 
 /// The arguments of `gripline simulate`.
 #[derive(Debug, Clone, PartialEq, Args)]
@@ -253,11 +253,11 @@ impl Recording<'_> {
                     }
                     moments.push(moment);
                 }
-                Err(Trouble::Unsolved { time_s, phase, why }) => {
+                Err(PlayError::Unsolved { time_s, phase, why }) => {
                     progress.note(&format!("frame at {time_s:.3} s left out: {why}"));
                     manifest.unsolved.push(Unsolved { time_s, phase, why });
                 }
-                Err(Trouble::Impossible(error)) => return Err(error.into()),
+                Err(PlayError::Impossible(error)) => return Err(error.into()),
             }
             progress.step();
         }
@@ -534,11 +534,11 @@ mod tests {
         fn highlights(&self) -> Vec<usize> {
             vec![0, 1, 3]
         }
-        fn advance(&mut self) -> Result<Option<Moment>, Trouble> {
+        fn advance(&mut self) -> Result<Option<Moment>, PlayError> {
             self.step += 1;
             let time_s = 0.1 * self.step as f64;
             if self.step == 2 {
-                return Err(Trouble::Unsolved {
+                return Err(PlayError::Unsolved {
                     time_s,
                     phase: "press".to_owned(),
                     why: "contact residual is 0.01".to_owned(),
