@@ -1,6 +1,6 @@
 //! The microcontroller's settings as TOML, in people's units (N, N/s, mm, ratios): for files and recordings. Pure.
 //!
-//! The wire has whole numbers only; a value is rounded to the nearest. What a file leaves out stays as it is.
+//! The wire has whole numbers only; a value is rounded to the nearest. Settings that a file leaves out stay as they are.
 
 use std::fmt::Write as _;
 
@@ -63,10 +63,10 @@ const KEYS: [(&str, f64); CONFIGURATION_VALUES] = {
     ]
 };
 
-/// Names of before, which files and recordings may still use, and those of today.
+/// Former names, which files and recordings may still use, and the current ones.
 const FORMER: [(&str, &str); 2] = [("friction_most", "friction_max"), ("tighten_n", "fail_safe_n")];
 
-/// One name for margin, friction's caution and the plan's fall: a [`GripSetting`].
+/// One name for margin, maximum friction and relaxation rate: a [`GripSetting`].
 const GRIP: &str = "grip";
 
 /// Names of the kinds of line.
@@ -75,7 +75,7 @@ const KINDS: [(&str, LineKind); 2] = [
     ("robotiq-2f-140", LineKind::Robotiq2f140),
 ];
 
-/// The settings as a file says them.
+/// The settings as a file's text.
 pub(crate) fn settings_text(settings: &Configuration) -> String {
     let values = settings.values();
     let value = |name: &str| {
@@ -127,7 +127,7 @@ fn shown(value: f64, scale: f64) -> String {
         .unwrap_or_else(|| format!("{value}"))
 }
 
-/// The settings that a file's text makes of `now`, checked.
+/// The settings `now` changed by a file's text, checked.
 ///
 /// # Errors
 /// What is wrong with it.
@@ -138,7 +138,7 @@ pub(crate) fn settings_from_text(text: &str, now: &Configuration) -> Result<Conf
     applied(&table, now)
 }
 
-/// The settings that a table makes of `now`, checked.
+/// The settings `now` changed by a table, checked.
 ///
 /// # Errors
 /// Everything that is wrong with names and types, or the first value out of its range.
@@ -246,7 +246,7 @@ fn set(name: &str, value: &Value, values: &mut Values, errors: &mut Vec<String>)
     }
 }
 
-/// The setting's name of today.
+/// The setting's current name.
 fn current(name: &str) -> &str {
     FORMER
         .iter()

@@ -11,20 +11,20 @@ use crate::error::Error;
 /// The pictures of a recording.
 pub(crate) struct RecordedFrames {
     reader: Reader,
-    /// Whose pictures are played.
+    /// The fingertip whose pictures are played.
     fingertip: usize,
     path: PathBuf,
     counts: Counts,
 }
 
-/// A picture, and what the gripper was told with it.
+/// A picture, and the mode requested with it.
 pub(super) struct RecordedPicture {
     pub crop: Vec<u8>,
     pub requested_mode: Option<GripMode>,
 }
 
 impl RecordedFrames {
-    /// Opens a recording that has pictures, for those of a fingertip; those of its only one where it has one.
+    /// Opens a recording with pictures of a fingertip; if it has only one, of that.
     ///
     /// # Errors
     /// [`Error`] when it cannot be read, or was recorded without pictures.
@@ -57,7 +57,7 @@ impl RecordedFrames {
         &self.path
     }
 
-    /// What holds for all of it.
+    /// Its metadata.
     pub(crate) const fn metadata(&self) -> &Metadata {
         &self.reader.metadata
     }
@@ -67,7 +67,7 @@ impl RecordedFrames {
         &self.reader.rest[self.fingertip]
     }
 
-    /// The next picture, and what the gripper was told with it.
+    /// The next picture, and the mode requested with it.
     ///
     /// # Errors
     /// [`Error`] when the file cannot be read.

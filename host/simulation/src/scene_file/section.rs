@@ -12,10 +12,10 @@ use super::keys::{Absent, KEYS, Key, Kind, SECTIONS};
 /// Characters of a value that a message shows.
 const SHOWN_MAX: usize = 40;
 
-/// Names of before, which scene files may still use, and those of today.
+/// Former names, which scene files may still use, and the current ones.
 const FORMER: [(&str, &str); 1] = [("twist_nmm", "moment_nmm")];
 
-/// The key's name of today.
+/// The key's current name.
 fn current(name: &str) -> &str {
     FORMER
         .iter()

@@ -1,6 +1,6 @@
-//! `gripline setup`: asks which sensor, camera and board, takes rest pictures, writes the configuration, and ends with
-//! `gripline doctor`. Each answer can be a flag; without a terminal nothing is asked. It moves nothing.
-//! This file does; `interview` asks, `file` says what is written, `hardware` looks at what is attached.
+//! `gripline setup`: asks which sensor, camera and board, takes rest pictures, writes the configuration, and ends with `gripline
+//! doctor`. Each answer can be a flag; without a terminal nothing is asked. It moves nothing. This file acts; `interview` asks,
+//! `file` makes the configuration's text, `hardware` lists the attached devices.
 
 mod file;
 mod hardware;
@@ -23,7 +23,7 @@ use crate::config::{Overrides, Settings, default_file};
 use crate::error::{Completion, Error};
 use crate::source::Source;
 
-/// Rest pictures that are taken.
+/// Number of rest pictures taken.
 const PICTURES: usize = 16;
 
 /// Arguments of `gripline setup`.
@@ -84,7 +84,7 @@ pub fn run(args: &SetupArgs) -> Result<Completion, Error> {
     judged
 }
 
-/// Where `gripline run` of this user looks.
+/// Where `gripline run` of this user finds its configuration.
 fn default_place() -> PathBuf {
     let variable = |name: &str| {
         env::var_os(name)
