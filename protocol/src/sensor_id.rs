@@ -82,3 +82,21 @@ impl fmt::Display for SensorId {
 impl Schema for SensorId {
     const SCHEMA: &'static NamedType = u8::SCHEMA;
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_sensor_is_one_byte_on_the_wire_and_an_unknown_one_is_refused() {
+        for (number, sensor) in (0_u8..).zip(SensorId::ALL) {
+            let mut bytes = [0xFF];
+            assert_eq!(postcard::to_slice(&sensor, &mut bytes), Ok(&mut [number][..]));
+            assert_eq!(postcard::from_bytes(&[number]), Ok(sensor));
+            assert_eq!((sensor.number(), sensor.index()), (number, number.into()));
+        }
+        assert!(postcard::from_bytes::<SensorId>(&[2]).is_err());
+        assert_eq!(SensorId::try_from(2), Err(UnknownSensor { found: 2 }));
+        assert_eq!(SensorId::SCHEMA, u8::SCHEMA);
+    }
+}
