@@ -7,34 +7,34 @@ use serde::{Deserialize, Serialize};
 
 use crate::constants::SENSORS;
 
-/// A fingertip of a microcontroller. On the wire and in recordings it is the number 0 or 1.
+/// A fingertip of a microcontroller: its number, 0 or 1, on the wire and in recordings too.
+// An enum would be a niche for the parser's options, which costs a map's head nine instructions for each byte of its bitmap.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[serde(into = "u8", try_from = "u8")]
-#[repr(u8)]
-pub enum SensorId {
-    /// The only fingertip, or the first of two.
-    #[default]
-    First = 0,
-    /// The second of two; it faces the first.
-    Second = 1,
-}
+pub struct SensorId(u8);
 
 impl SensorId {
+    /// The only fingertip, or the first of two.
+    pub const FIRST: Self = Self(0);
+    /// The second of two; it faces the first.
+    pub const SECOND: Self = Self(1);
     /// All of them, in the order of their numbers.
-    pub const ALL: [Self; SENSORS] = [Self::First, Self::Second];
+    pub const ALL: [Self; SENSORS] = [Self::FIRST, Self::SECOND];
 
     /// Its number, from 0.
+    #[inline]
     #[must_use]
     pub const fn number(self) -> u8 {
-        self as u8
+        self.0
     }
 
     /// Its place in an array of [`SENSORS`] entries.
     #[inline]
     #[must_use]
     pub const fn index(self) -> usize {
-        self as usize
+        // Never more than the number; it spares the check of the array's bounds.
+        (self.0 % SENSORS as u8) as usize
     }
 }
 
@@ -59,10 +59,10 @@ impl TryFrom<u8> for SensorId {
 
     #[inline]
     fn try_from(number: u8) -> Result<Self, UnknownSensor> {
-        match number {
-            0 => Ok(Self::First),
-            1 => Ok(Self::Second),
-            found => Err(UnknownSensor { found }),
+        if usize::from(number) < SENSORS {
+            Ok(Self(number))
+        } else {
+            Err(UnknownSensor { found: number })
         }
     }
 }

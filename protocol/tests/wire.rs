@@ -644,7 +644,7 @@ fn the_wire_format_is_what_the_golden_bytes_say() {
         z: i16::MAX,
     };
     let info = MapInfo {
-        sensor: SensorId::Second,
+        sensor: SensorId::SECOND,
         sequence: 0x0A0B_0C0D,
         capture_us: 0x1122_3344,
         health: Health::TOO_BRIGHT,

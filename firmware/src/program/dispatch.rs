@@ -157,7 +157,7 @@ impl<K: Kernel> Program<K> {
             }; SENSORS],
             map_source: MapSource::new(),
             newest: MapInfo::default(),
-            neediest: SensorId::First,
+            neediest: SensorId::FIRST,
             controller: GripController::new(start.now_us, start.restored_line),
             safety,
             outbox: Outbox::default(),
@@ -387,9 +387,9 @@ impl<K: Kernel> Program<K> {
         let is_other = has_other && !is_silent(other) && other_is_worse;
         let worst = if is_other { other } else { one };
         self.neediest = if is_other {
-            SensorId::Second
+            SensorId::SECOND
         } else {
-            SensorId::First
+            SensorId::FIRST
         };
         let witness = if has_other {
             one.taught.verdict.with(other.taught.verdict)

@@ -15,9 +15,9 @@ impl<K: Kernel> Program<K> {
     pub fn lesson(&self, lesson: &mut Option<Lesson>) {
         let [one, other] = &self.fingertips;
         let (sensor, tip) = if one.is_due {
-            (SensorId::First, one)
+            (SensorId::FIRST, one)
         } else {
-            (SensorId::Second, other)
+            (SensorId::SECOND, other)
         };
         if !tip.is_due {
             *lesson = None;

@@ -81,7 +81,7 @@ fn an_empty_doubtful_map_ends_no_contact_and_forgets_no_friction() {
     let mut bench = quiet_hold(&Configuration::DEFAULT);
     let (line, state) = (bench.line(), bench.device.program.state());
     for black in 0..300 {
-        bench.odd_map(SensorId::First, &ForceMap::EMPTY, Health::TOO_DARK, 0);
+        bench.odd_map(SensorId::FIRST, &ForceMap::EMPTY, Health::TOO_DARK, 0);
         bench.wait_ms(16);
         assert_ne!(state, SlipState::NoContact);
         assert_eq!(
@@ -108,7 +108,7 @@ fn a_doubtful_map_teaches_no_friction() {
     let line = bench.line();
     // It says that friction 0.96 is proven.
     for _ in 0..60 {
-        bench.odd_map(SensorId::First, &held(4.8), Health::UNLIKE_TRAINING, 0);
+        bench.odd_map(SensorId::FIRST, &held(4.8), Health::UNLIKE_TRAINING, 0);
         bench.wait_ms(16);
     }
     let after = bench.maps_for_ms(&held(1.6), 4_000).line;
@@ -122,7 +122,7 @@ fn maps_that_come_late_still_raise_the_line() {
         let line = bench.line();
         let late_us = 2_000 * u64::from(settings.stale_ms);
         for _ in 0..30 {
-            bench.odd_map(SensorId::First, &held(3.6), Health::GOOD, late_us);
+            bench.odd_map(SensorId::FIRST, &held(3.6), Health::GOOD, late_us);
             bench.wait_ms(16);
         }
         assert_ne!(bench.faults() & Fault::StaleMaps.bit(), 0);
@@ -267,7 +267,7 @@ fn settings_that_come_while_holding_never_lower_the_line() {
 fn lateness_that_grows_by_a_millisecond_a_second_becomes_stale() {
     let mut bench = quiet_hold(&Configuration::DEFAULT);
     for map in 0..8_000_u64 {
-        bench.odd_map(SensorId::First, &held(1.6), Health::GOOD, map / 60 * 1_000);
+        bench.odd_map(SensorId::FIRST, &held(1.6), Health::GOOD, map / 60 * 1_000);
         bench.wait_ms(16);
         bench.reports.clear();
     }
@@ -277,8 +277,8 @@ fn lateness_that_grows_by_a_millisecond_a_second_becomes_stale() {
 #[test]
 fn either_fingertip_may_fall_silent_and_the_other_goes_on() {
     for (silent, other) in [
-        (SensorId::First, SensorId::Second),
-        (SensorId::Second, SensorId::First),
+        (SensorId::FIRST, SensorId::SECOND),
+        (SensorId::SECOND, SensorId::FIRST),
     ] {
         let mut bench = quiet_hold(&Configuration {
             sensors: 2,
@@ -319,9 +319,9 @@ fn tests_of_a_slide_do_not_add_up_while_a_fault_forbids_the_way_back() {
     // Every other picture is doubtful, so the line must hold; the load halves and swings.
     for map in 0..400_u32 {
         let load = if map % 40 < 20 { 0.8 } else { 0.6 };
-        bench.odd_map(SensorId::First, &held(load), Health::GOOD, 0);
+        bench.odd_map(SensorId::FIRST, &held(load), Health::GOOD, 0);
         bench.wait_ms(8);
-        bench.odd_map(SensorId::First, &held(load), Health::TOO_DARK, 0);
+        bench.odd_map(SensorId::FIRST, &held(load), Health::TOO_DARK, 0);
         bench.wait_ms(8);
     }
     assert!(bench.line() >= line, "{line} became {}", bench.line());

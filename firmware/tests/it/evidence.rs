@@ -31,7 +31,7 @@ impl Bench {
     /// The same map at 60 a second.
     fn seen_maps_for_ms(&mut self, map: &ForceMap, motion: Motion, for_ms: u64) {
         for _ in 0..for_ms / 16 {
-            self.seen_map(SensorId::First, map, motion);
+            self.seen_map(SensorId::FIRST, map, motion);
             self.wait_ms(16);
         }
     }
@@ -123,7 +123,7 @@ fn rest_that_is_seen_spares_the_test_of_a_load_that_falls() {
         for step in 0..60 {
             // The arm slows down: less load, the same grip.
             let shear = 1.6 - 0.5 * f64::from(step.min(20)) / 20.0;
-            bench.seen_map(SensorId::First, &carries(5.0, shear), motion);
+            bench.seen_map(SensorId::FIRST, &carries(5.0, shear), motion);
             bench.wait_ms(16);
             max = max.max(bench.line_n());
         }
@@ -137,8 +137,8 @@ fn rest_that_is_seen_spares_the_test_of_a_load_that_falls() {
 #[test]
 fn motion_at_one_fingertip_counts_for_both_and_a_doubtful_map_says_nothing() {
     let mut bench = quiet_hold(2);
-    bench.seen_map(SensorId::Second, &carries(5.0, 1.6), MOVES);
-    bench.seen_map(SensorId::First, &carries(5.0, 1.6), RESTS);
+    bench.seen_map(SensorId::SECOND, &carries(5.0, 1.6), MOVES);
+    bench.seen_map(SensorId::FIRST, &carries(5.0, 1.6), RESTS);
     assert!(bench.now().slip_evidence > 8_000, "{:?}", bench.now());
 
     let mut bench = quiet_hold(1);
@@ -158,15 +158,15 @@ fn motion_at_one_fingertip_counts_for_both_and_a_doubtful_map_says_nothing() {
 #[test]
 fn an_object_that_is_gone_leaves_no_evidence_to_the_next() {
     let mut bench = quiet_hold(1);
-    bench.seen_map(SensorId::First, &carries(5.0, 1.6), MOVES);
+    bench.seen_map(SensorId::FIRST, &carries(5.0, 1.6), MOVES);
     // Whoever sees the object go says so on the empty map that it leaves behind, and on no other.
-    bench.seen_map(SensorId::First, &ForceMap::EMPTY, MOVES);
+    bench.seen_map(SensorId::FIRST, &ForceMap::EMPTY, MOVES);
     assert!(bench.now().slip_evidence > 9_000, "{:?}", bench.now());
     bench.wait_ms(16);
-    bench.seen_map(SensorId::First, &ForceMap::EMPTY, Motion::UNKNOWN);
+    bench.seen_map(SensorId::FIRST, &ForceMap::EMPTY, Motion::UNKNOWN);
     assert_eq!(bench.now().slip_evidence, 0);
     bench.wait_ms(16);
-    bench.seen_map(SensorId::First, &carries(2.0, 0.1), Motion::UNKNOWN);
+    bench.seen_map(SensorId::FIRST, &carries(2.0, 0.1), Motion::UNKNOWN);
     assert!(bench.now().slip_evidence < 1_000, "{:?}", bench.now());
 }
 
@@ -178,7 +178,7 @@ fn at_high_rates_motion_in_any_map_of_a_slot_counts() {
         let before = bench.line_n();
         for map in 0..24 {
             let motion = if map % 3 == phase { MOVES } else { Motion::UNKNOWN };
-            bench.seen_map(SensorId::First, &carries(5.0, 1.6), motion);
+            bench.seen_map(SensorId::FIRST, &carries(5.0, 1.6), motion);
             bench.wait_ms(5);
         }
         let after = bench.line_n();

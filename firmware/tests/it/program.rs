@@ -999,7 +999,7 @@ fn two_fingertips_are_judged_by_the_worse_one() {
     }));
     bench.map(&contact_map(100, 95));
     let info = MapInfo {
-        sensor: SensorId::Second,
+        sensor: SensorId::SECOND,
         sequence: 77,
         ..MapInfo::default()
     };
@@ -1007,7 +1007,7 @@ fn two_fingertips_are_judged_by_the_worse_one() {
     let status = bench.status();
     assert_eq!(
         (status.state, status.sensor, status.sums.contact),
-        (SlipState::Slip, SensorId::Second, 50)
+        (SlipState::Slip, SensorId::SECOND, 50)
     );
     // One of two that falls silent is stale, although the other speaks.
     bench.maps_for_ms(&contact_map(100, 95), 200);
@@ -1022,7 +1022,7 @@ fn a_fingertip_that_fell_silent_in_slip_squeezes_no_further_while_the_other_spea
         ..Configuration::CAREFUL
     }));
     let silent = MapInfo {
-        sensor: SensorId::Second,
+        sensor: SensorId::SECOND,
         sequence: 1,
         ..MapInfo::default()
     };

@@ -126,7 +126,7 @@ mod tests {
         let mut map = ForceMap::EMPTY;
         map.taxels[7] = TaxelForce { x: 9, y: 0, z: 20 };
         let mut shadow = Shadow::new(rule);
-        shadow.sent(SensorId::First, 5, sums_of(&map, rule));
+        shadow.sent(SensorId::FIRST, 5, sums_of(&map, rule));
         let right = Status {
             sequence: 5,
             sums: sums_of(&map, rule),

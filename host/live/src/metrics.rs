@@ -275,7 +275,7 @@ mod tests {
         values.newest[0] = Some(report(0));
         assert!(values.text().contains("\ngripline_normal_force_newtons 0\n"));
         values.newest[1] = Some(FrameReport {
-            sensor: SensorId::Second,
+            sensor: SensorId::SECOND,
             normal_n: 2.5,
             line_n: 7.0,
             ..report(1)

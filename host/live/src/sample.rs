@@ -9,7 +9,7 @@ use gripline_recording::units::Load;
 pub(crate) fn report(frame: u64) -> FrameReport {
     FrameReport {
         frame,
-        sensor: SensorId::First,
+        sensor: SensorId::FIRST,
         t_s: frame as f64 / 50.0,
         gate: "no_contact",
         health: Vec::new(),
@@ -19,7 +19,7 @@ pub(crate) fn report(frame: u64) -> FrameReport {
         shear_n: 0.0,
         moment_nmm: 0.0,
         centre_of_pressure_mm: None,
-        load: Load::of(&MapSums::default(), SensorId::First, &FingertipGeometry::DEFAULT),
+        load: Load::of(&MapSums::default(), SensorId::FIRST, &FingertipGeometry::DEFAULT),
         contact: 0,
         stick: 0,
         stick_ratio: None,

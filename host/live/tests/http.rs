@@ -27,7 +27,7 @@ fn started() -> (Live, Inbox) {
 fn report(frame: u64) -> FrameReport {
     FrameReport {
         frame,
-        sensor: SensorId::First,
+        sensor: SensorId::FIRST,
         t_s: frame as f64 / 60.0,
         gate: "network",
         health: Vec::new(),
@@ -37,7 +37,7 @@ fn report(frame: u64) -> FrameReport {
         shear_n: 0.5,
         moment_nmm: 0.0,
         centre_of_pressure_mm: None,
-        load: Load::of(&MapSums::default(), SensorId::First, &FingertipGeometry::DEFAULT),
+        load: Load::of(&MapSums::default(), SensorId::FIRST, &FingertipGeometry::DEFAULT),
         contact: 0,
         stick: 0,
         stick_ratio: None,

@@ -69,7 +69,7 @@ fn frames_until_answered(
     for frame in 1..=400 {
         *until_us += FRAME_US;
         let request = FrameRequest {
-            sensor: SensorId::First,
+            sensor: SensorId::FIRST,
             mode: Some(mode),
             age_us: 0,
             motion: Motion::UNKNOWN,
@@ -123,7 +123,7 @@ fn what_is_not_asked_for_does_not_move_and_a_request_that_is_withdrawn_is_not_sa
     let mut control = losing(0, false);
     let judged = (GateDecision::NoContact, Health::GOOD);
     let mut request = FrameRequest {
-        sensor: SensorId::First,
+        sensor: SensorId::FIRST,
         mode: None,
         age_us: 0,
         motion: Motion::UNKNOWN,

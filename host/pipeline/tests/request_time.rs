@@ -120,7 +120,7 @@ impl Cell {
         }
         self.frames += 1;
         let request = FrameRequest {
-            sensor: SensorId::First,
+            sensor: SensorId::FIRST,
             mode: self.mode,
             age_us: 0,
             motion: Motion::UNKNOWN,

@@ -68,7 +68,7 @@ pub(crate) fn events_between(
         new.map(|name| Event::warning(format!("{what} {name}"))).collect()
     };
     events.extend(appeared(&now.faults, faults, "fault"));
-    let picture = if now.sensor == SensorId::First {
+    let picture = if now.sensor == SensorId::FIRST {
         "picture"
     } else {
         "second fingertip's picture"

@@ -340,7 +340,7 @@ mod tests {
     fn frame(number: u64) -> Frame {
         let report = FrameReport {
             frame: number,
-            sensor: SensorId::First,
+            sensor: SensorId::FIRST,
             t_s: number as f64 / 60.0,
             gate: "network",
             health: Vec::new(),
@@ -352,7 +352,7 @@ mod tests {
             centre_of_pressure_mm: None,
             load: Load::of(
                 &Status::default().sums,
-                SensorId::First,
+                SensorId::FIRST,
                 &FingertipGeometry::DEFAULT,
             ),
             contact: 0,

@@ -69,10 +69,7 @@ impl Load {
     #[must_use]
     pub fn of(sums: &MapSums, sensor: SensorId, geometry: &FingertipGeometry) -> Self {
         // The second fingertip faces the first: what is right for one is left for the other.
-        let side = match sensor {
-            SensorId::First => 1.0,
-            SensorId::Second => -1.0,
-        };
+        let side = if sensor == SensorId::FIRST { 1.0 } else { -1.0 };
         let turned = |vector: [f64; 2]| {
             let [x, y] = (0..geometry.quarter_turns % 4).fold(vector, |[x, y], _| [-y, x]);
             [side * x, y]
@@ -160,7 +157,7 @@ mod tests {
             centre_of_pressure_mm: centre_of_pressure_mm(&sums, TAXEL_PITCH_MM),
         };
         assert_eq!(
-            Load::of(&sums, SensorId::First, &FingertipGeometry::DEFAULT),
+            Load::of(&sums, SensorId::FIRST, &FingertipGeometry::DEFAULT),
             expected
         );
     }
@@ -173,7 +170,7 @@ mod tests {
             quarter_turns: 1,
             ..FingertipGeometry::DEFAULT
         };
-        let [x, y, z] = Load::of(&sums(&map), SensorId::First, &turned).force_n;
+        let [x, y, z] = Load::of(&sums(&map), SensorId::FIRST, &turned).force_n;
         assert!(x.abs() < 1e-12 && (y - 1.0).abs() < 1e-12 && z.abs() < 1e-12);
     }
 

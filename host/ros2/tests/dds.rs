@@ -175,7 +175,7 @@ fn another_dds_reads_every_value_and_the_time_of_capture() {
     let name = namespace("one");
     let _running = started(&settings(&name, 61));
     let topics = ["wrench", "force_map", "slip"]
-        .map(|kind| json!([kind, name.fingertip_topic(SensorId::Second, kind)]));
+        .map(|kind| json!([kind, name.fingertip_topic(SensorId::SECOND, kind)]));
     let read = peer(&json!({"job": "read", "domain": 61, "topics": topics, "count": 5}));
     let [wrenches, maps, slips] = [0, 1, 2].map(|place| read["found"][place].as_array().unwrap().clone());
     // The topics were found one after the other: a frame of which all three came.
@@ -189,7 +189,7 @@ fn another_dds_reads_every_value_and_the_time_of_capture() {
         / 16_000_000;
     assert_eq!(
         wrench["header"]["frame_id"],
-        json!(name.frame_id(SensorId::Second))
+        json!(name.frame_id(SensorId::SECOND))
     );
     for (vector, expected) in [("force", [1.0, -0.5, -2.0]), ("torque", [0.0208, 0.008, 0.0084])] {
         for (axis, expected) in ["x", "y", "z"].into_iter().zip(expected) {
@@ -441,7 +441,7 @@ fn what_is_no_request_moves_nothing_and_stops_nothing() {
         let answers = peer(&json!({"job": "call", "domain": domain, "mapping": mapping, "calls": [call]}));
         assert_eq!(answers[0]["done"], json!(true));
         assert_eq!(running.asked().len(), 1);
-        let topics = json!([["slip", name.fingertip_topic(SensorId::First, "slip")]]);
+        let topics = json!([["slip", name.fingertip_topic(SensorId::FIRST, "slip")]]);
         peer(&json!({"job": "read", "domain": domain, "topics": topics, "count": 2}));
         println!("{rmw}: {sent} pieces of garbage in {seconds} s");
     }

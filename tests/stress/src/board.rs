@@ -92,7 +92,7 @@ impl Board {
 
     /// A map comes now.
     pub(crate) fn map(&mut self, map: &ForceMap) -> Status {
-        for packet in self.packets(SensorId::First, map, 0) {
+        for packet in self.packets(SensorId::FIRST, map, 0) {
             self.packet(&packet);
         }
         self.listen();

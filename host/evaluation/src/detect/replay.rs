@@ -87,7 +87,7 @@ impl Replay {
         let now_us = self.start_us + (frame as f64 * 1e6 / self.rate_hz).round() as u64;
         self.session.run_until(now_us)?;
         let info = MapInfo {
-            sensor: SensorId::First,
+            sensor: SensorId::FIRST,
             sequence: frame as u32,
             capture_us: now_us as u32,
             health: if saturated {

@@ -229,7 +229,7 @@ impl Worker {
                 {
                     let age_us = (f64::from(*age) * frame_s * 1e6).round() as u32;
                     let info = MapInfo {
-                        sensor: SensorId::First,
+                        sensor: SensorId::FIRST,
                         sequence: *sequence,
                         capture_us: session.capture_us().wrapping_sub(age_us),
                         health: *health,

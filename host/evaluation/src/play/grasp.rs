@@ -277,7 +277,7 @@ impl Gripline {
     fn line_n(&mut self, picture: &Image, frame: usize, frame_s: f64) -> Result<f64, EvaluationError> {
         let processed = self.pipeline.process(&picture.pixels)?;
         let info = MapInfo {
-            sensor: SensorId::First,
+            sensor: SensorId::FIRST,
             sequence: frame as u32,
             capture_us: self.session.capture_us(),
             health: processed.health,

@@ -79,10 +79,10 @@ mod tests {
             assert_eq!(name.to_string(), plain);
             assert_eq!(name.topic("hold"), format!("/{plain}/hold"));
             assert_eq!(
-                name.fingertip_topic(SensorId::Second, "slip"),
+                name.fingertip_topic(SensorId::SECOND, "slip"),
                 format!("/{plain}/fingertip_1/slip")
             );
-            assert_eq!(name.frame_id(SensorId::First), format!("{plain}/fingertip_0"));
+            assert_eq!(name.frame_id(SensorId::FIRST), format!("{plain}/fingertip_0"));
         }
         let long = "a".repeat(201);
         for text in [

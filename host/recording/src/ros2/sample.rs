@@ -175,7 +175,7 @@ pub(super) mod tests {
             pitch_mm: 1.6,
             report: FrameReport {
                 frame: 7,
-                sensor: SensorId::Second,
+                sensor: SensorId::SECOND,
                 t_s: 0.25,
                 gate: "network",
                 health: vec!["too_dark"],

@@ -173,7 +173,7 @@ fn disturbed(disturbance: Disturbance, random: &mut Pcg64Mcg) -> [u64; 4] {
     board.pass_us(5_000);
     let before = board.device.program.status();
     let map = any_map(random);
-    let packets = board.packets(SensorId::First, &map, 0);
+    let packets = board.packets(SensorId::FIRST, &map, 0);
     let mut sent = packets.clone();
     let at = random.random_range(0..sent.len());
     match disturbance {
@@ -186,7 +186,7 @@ fn disturbed(disturbance: Disturbance, random: &mut Pcg64Mcg) -> [u64; 4] {
             sent[at][byte] ^= 1 << random.random_range(0..8);
         }
         Disturbance::OtherFingertip => {
-            let other = board.packets(SensorId::Second, &ForceMap::EMPTY, 0);
+            let other = board.packets(SensorId::SECOND, &ForceMap::EMPTY, 0);
             sent.splice(at..at, other);
         }
         Disturbance::MessagesAndTicks => {}
@@ -201,7 +201,7 @@ fn disturbed(disturbance: Disturbance, random: &mut Pcg64Mcg) -> [u64; 4] {
     let rule = rule(settings.friction, settings.contact_min);
     let status = board.device.program.status();
     let accepted = status.sequence == before.sequence + 1
-        && status.sensor == SensorId::First
+        && status.sensor == SensorId::FIRST
         && status.maps > before.maps;
     let must = disturbance == Disturbance::MessagesAndTicks || sent == packets;
     // A doubled tail comes after the map was accepted; a doubled head starts the same map afresh.

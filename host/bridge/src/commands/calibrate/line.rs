@@ -239,7 +239,7 @@ impl Stepper {
     /// Sends an empty map, and runs the session until the next.
     fn keep_alive(&mut self) -> Result<(), Error> {
         let info = MapInfo {
-            sensor: SensorId::First,
+            sensor: SensorId::FIRST,
             sequence: self.sequence,
             capture_us: self.session.capture_us(),
             health: Health::GOOD,

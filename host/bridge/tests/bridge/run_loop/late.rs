@@ -46,7 +46,7 @@ impl Scene {
         picture.came = Instant::now().checked_sub(age).unwrap();
         self.run.pacing = pacing;
         self.run
-            .frame(&mut self.pipeline, SensorId::First, picture)
+            .frame(&mut self.pipeline, SensorId::FIRST, picture)
             .unwrap()
     }
 }
@@ -84,7 +84,7 @@ fn a_map_that_is_too_old_to_be_sent_is_dropped_and_the_next_one_takes_its_number
     scene.frame(Pacing::None, Duration::ZERO);
     let crop = scene.source.next(2.5).unwrap().crop;
     let at = |until_us| FrameRequest {
-        sensor: SensorId::First,
+        sensor: SensorId::FIRST,
         mode: Some(GripMode::Hold),
         age_us: 0,
         motion: Motion::UNKNOWN,

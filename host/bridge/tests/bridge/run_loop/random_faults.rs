@@ -253,7 +253,7 @@ fn ten_thousand_frames_with_faults_at_random_go_on_and_count_every_loss() {
                 truth: None,
                 requested_mode: shot.requested_mode,
             };
-            let report = run.frame(&mut pipeline, SensorId::First, picture).unwrap();
+            let report = run.frame(&mut pipeline, SensorId::FIRST, picture).unwrap();
             let is_told = report
                 .faults
                 .iter()
@@ -380,7 +380,7 @@ fn memory_stays_flat_while_frames_are_recorded() {
             truth: None,
             requested_mode: shot.requested_mode,
         };
-        run.frame(&mut pipeline, SensorId::First, picture).unwrap();
+        run.frame(&mut pipeline, SensorId::FIRST, picture).unwrap();
         if number.is_multiple_of(600) {
             samples.push(resident_kib());
         }

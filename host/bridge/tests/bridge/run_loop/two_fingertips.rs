@@ -102,10 +102,10 @@ fn a_fingertip_whose_camera_goes_away_holds_the_line_until_it_is_back() {
     let mut line_n = held_n;
     // Into the pull and out of it: alone, the first fingertip would let the line fall by plan.
     while both.number < (7.4 * RATE) as u64 {
-        let Some(report) = both.next(|sensor| sensor == SensorId::Second) else {
+        let Some(report) = both.next(|sensor| sensor == SensorId::SECOND) else {
             continue;
         };
-        assert_eq!(report.sensor, SensorId::First);
+        assert_eq!(report.sensor, SensorId::FIRST);
         // Until the fault is there, the line may fall by plan.
         let was_told = told_s.is_some();
         told_s = told_s.or(stale(&report).then_some(report.t_s));
