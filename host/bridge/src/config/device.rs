@@ -344,10 +344,10 @@ mod tests {
 
     #[test]
     fn former_names_are_still_read() {
-        let settings = settings_from_text("friction_most = 0.8\ntighten_n = 5.0", &odd()).unwrap();
+        let settings = settings_from_text("friction_most = 0.8\ntighten_n = 12.0", &odd()).unwrap();
         let expected = Configuration {
             friction_max: 8_000,
-            fail_safe: 5 * LSB_PER_NEWTON,
+            fail_safe: 12 * LSB_PER_NEWTON,
             ..odd()
         };
         assert_eq!(settings, expected);

@@ -72,7 +72,7 @@ pub fn branches(bench: &mut Bench<'_>) -> Result<(), Error> {
     bench.command(Command::Configure(both))?;
     for round in 0..40 {
         bench.map_as(&map_of(59, round), |info| {
-            info.sensor = SensorId::ALL[round as usize % 2]
+            info.sensor = SensorId::ALL[round as usize % 2];
         })?;
     }
     bench.command(Command::Configure(Configuration::DEFAULT))?;
@@ -214,7 +214,7 @@ pub fn phases(bench: &mut Bench<'_>, length: Length) -> Result<(), Error> {
         }
         for phase_ns in (0..PACKET_NS).step_by(LONG_NS as usize / 4) {
             bench.run_to(phase_ns)?;
-            let of = (0..STREAM).map(|number| SensorId::ALL[number as usize % usize::from(sensors)]);
+            let of = (0..STREAM).map(|number| SensorId::ALL[number % usize::from(sensors)]);
             bench.stream(&map_of(LONGEST_TAIL, phase_ns as u32), of)?;
         }
     }
@@ -257,7 +257,7 @@ pub fn over_uart(bench: &mut Bench<'_>, length: Length) -> Result<Raises, Error>
                 })?;
             }
         }
-        let of = (0..STREAM / 4).map(|number| SensorId::ALL[number as usize % usize::from(sensors)]);
+        let of = (0..STREAM / 4).map(|number| SensorId::ALL[number % usize::from(sensors)]);
         bench.stream(&map_of(SHORT_MAP, 1), of)?;
     }
     let raises = raises(bench, SHORT_MAP, length)?;
@@ -384,7 +384,7 @@ pub fn rates(bench: &mut Bench<'_>, of: [(usize, u8); 3]) -> Result<Rates, Error
         let from = bench.deliveries_ns().len();
         let ways = bench.stream(
             &map_of(contacts, 1),
-            (0..maps).map(|number| SensorId::ALL[number as usize % usize::from(sensors)]),
+            (0..maps).map(|number| SensorId::ALL[number % usize::from(sensors)]),
         )?;
         if ways.len() != maps {
             return Err(Error::Unexpected {
