@@ -81,9 +81,10 @@ pub(crate) fn of(
             span.start, span.end
         ))),
         (Some(RestSource::Path(path)), ..) => pictures_of(path, sensor),
-        (None, _, Frames::Recording(recorded)) => {
-            recorded_rest(recorded.metadata().rest.as_str(), recorded.rest())
-        }
+        (None, _, Frames::Recording(recorded)) => Ok(MarkerRest::recorded(
+            recorded.metadata().rest.as_str(),
+            recorded.rest(),
+        )?),
         (None, _, Frames::Colour(playback)) => {
             if let Some(file) = playback.rest() {
                 return pictures_of(file, sensor);
@@ -179,26 +180,6 @@ fn pictures_of(path: &Path, sensor: &Sensor) -> Result<MarkerRest, Error> {
     })
 }
 
-/// What a recording says stood for rest.
-///
-/// # Errors
-/// [`Error`] when it says nothing of it.
-pub(crate) fn recorded_rest(kind: &str, pictures: &[Vec<u8>]) -> Result<MarkerRest, Error> {
-    let kinds = [RestKind::Own, RestKind::Other, RestKind::Grid];
-    let kind = kinds.into_iter().find(|known| known.to_string() == kind).ok_or_else(|| {
-        Error::failed(format!(
-            "the recording's rest: found {kind:?}, expected own pictures, other pictures or regular grid: record it again"
-        ))
-    })?;
-    Ok(MarkerRest {
-        pictures: pictures.to_vec(),
-        kind,
-        named: "the recording's rest".to_owned(),
-        first: 0,
-        clip: Vec::new(),
-    })
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -212,13 +193,5 @@ mod tests {
             let told = wrong.parse::<RestSource>().unwrap_err();
             assert!(told.contains(wrong) && told.contains("12..20"), "{told}");
         }
-    }
-
-    #[test]
-    fn every_kind_of_rest_is_found_again_in_a_recording() {
-        for kind in [RestKind::Own, RestKind::Other, RestKind::Grid] {
-            assert_eq!(recorded_rest(&kind.to_string(), &[]).unwrap().kind, kind);
-        }
-        assert!(recorded_rest("", &[]).is_err());
     }
 }

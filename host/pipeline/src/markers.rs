@@ -73,6 +73,27 @@ impl MarkerRest {
             clip: Vec::new(),
         }
     }
+
+    /// What a recording says stood for rest: the name of its kind, and the fingertip's pictures.
+    ///
+    /// # Errors
+    /// [`MarkerProblem::RecordedRest`] when the kind is not one of those that recordings name.
+    pub fn recorded(kind: &str, pictures: &[Vec<u8>]) -> Result<Self, PipelineError> {
+        let kinds = [RestKind::Own, RestKind::Other, RestKind::Grid];
+        let kind = kinds
+            .into_iter()
+            .find(|known| known.to_string() == kind)
+            .ok_or_else(|| MarkerProblem::RecordedRest {
+                found: kind.to_owned(),
+            })?;
+        Ok(Self {
+            pictures: pictures.to_vec(),
+            kind,
+            named: "the recording's rest".to_owned(),
+            first: 0,
+            clip: Vec::new(),
+        })
+    }
 }
 
 /// What a picture came to.
@@ -190,6 +211,19 @@ impl MarkerStage {
     #[must_use]
     pub const fn evidence(&self) -> Option<Evidence> {
         self.evidence
+    }
+
+    /// How far each marker has moved from its place at rest, in the order of [`Self::places_mm`].
+    #[must_use]
+    pub fn motions(&self) -> &[MarkerMotion] {
+        &self.motions
+    }
+
+    /// Where the markers are at rest, mm from the middle of the crop; none before the first picture without rest pictures.
+    #[must_use]
+    pub fn places_mm(&self) -> Vec<[f32; 2]> {
+        let places = self.places_px.as_deref().unwrap_or_default();
+        places.iter().map(|place| self.in_mm(*place)).collect()
     }
 
     /// Numbers of the rest pictures that show a contact and were left out.
@@ -438,7 +472,8 @@ impl MarkerStage {
     }
 
     /// The taxels in which the newest imprint shows contact; `None` without a picture at rest.
-    fn touched(&self) -> Option<[bool; TAXELS]> {
+    #[must_use]
+    pub fn touched(&self) -> Option<[bool; TAXELS]> {
         if self.rest.kind() == RestKind::Grid {
             return None;
         }
@@ -568,6 +603,15 @@ mod tests {
             before = now;
         }
         assert_eq!(before, Motion::EVIDENCE_MAX);
+    }
+
+    #[test]
+    fn every_kind_of_rest_is_found_again_in_a_recording() {
+        for kind in [RestKind::Own, RestKind::Other, RestKind::Grid] {
+            assert_eq!(MarkerRest::recorded(&kind.to_string(), &[]).unwrap().kind, kind);
+        }
+        let refused = MarkerRest::recorded("", &[]).unwrap_err().to_string();
+        assert!(refused.contains("record it again"), "{refused}");
     }
 
     #[test]

@@ -638,6 +638,13 @@ mod tests {
     }
 
     #[test]
+    fn a_recording_alone_is_left_out_press_by_press_whatever_its_number() {
+        let (moments, truth) = recording([0.6, 0.45], 0.0);
+        let of = |day| fit(&presses(&moments, day), &truth, true, 0.9);
+        assert_eq!(of(1), of(0));
+    }
+
+    #[test]
     fn creep_is_growth_under_a_load_that_stays() {
         let (moments, truth) = recording([1.0, 1.0], 0.05);
         let creep = fit(&presses(&moments, 0), &truth, true, 0.9)
