@@ -17,10 +17,11 @@ use crate::error::Error;
 use crate::source::{Frames, Source};
 
 /// Pictures at rest that are enough: more make the start slow and the median no better.
-const PICTURES_MAX: usize = 64;
-/// Pictures of a clip that are looked at for an imprint that is gone, and how far into the clip they reach.
-const CLIP_PICTURES: usize = 48;
-const CLIP_REACH: usize = 2_000;
+const PICTURES_MAX: usize = 24;
+/// Pictures of a clip or a folder that are looked at for an imprint that is gone, and how far into a clip they reach: every picture
+/// before the last of them is decoded at the start.
+const CLIP_PICTURES: usize = 16;
+const CLIP_REACH: usize = 500;
 /// What the regular grid costs (docs/evidence.md, imprint without a rest picture).
 const GRID_COST: &str = "on recorded grasps that costs evidence of slip 0.13 of its area under the ROC curve, and forces count from the grid";
 
@@ -80,14 +81,14 @@ pub(crate) fn of(
              picture or a folder",
             span.start, span.end
         ))),
-        (Some(RestSource::Path(path)), ..) => pictures_of(path, sensor),
+        (Some(RestSource::Path(path)), ..) => pictures_beside(path, source, sensor, fingertip),
         (None, _, Frames::Recording(recorded)) => Ok(MarkerRest::recorded(
             recorded.metadata().rest.as_str(),
             recorded.rest(),
         )?),
         (None, _, Frames::Colour(playback)) => {
             if let Some(file) = playback.rest() {
-                return pictures_of(file, sensor);
+                return pictures_beside(file, source, sensor, fingertip);
             }
             tracing::warn!(
                 "no --rest: the regular grid of markers and an even light stand for it; {GRID_COST}"
@@ -109,25 +110,49 @@ pub(crate) fn of(
     }
 }
 
-fn span_of(span: &Range<usize>, path: &Path, sensor: &Sensor, fingertip: usize) -> Result<MarkerRest, Error> {
+/// Pictures with their numbers.
+type Numbered = Vec<(usize, Vec<u8>)>;
+
+/// The pictures of a span, some pictures of all of a clip or a folder, and the number of pictures that were passed.
+fn look_through(
+    path: &Path,
+    sensor: &Sensor,
+    fingertip: usize,
+    span: &Range<usize>,
+) -> Result<(Vec<Vec<u8>>, Numbered, usize), Error> {
     let mut frames = ColourPlayback::open(path, &sensor.capture, fingertip)?;
-    let (mut pictures, mut clip, mut every, mut read) = (Vec::new(), Vec::new(), 1, 0);
-    while read < span.end.max(CLIP_REACH)
-        && let Some((picture, _)) = frames.next_picture()
-    {
-        // Evenly over the clip, whose length shows at its end: every other one goes whenever there are too many.
-        if read % every == 0 {
-            clip.push((read, picture.clone()));
-            if clip.len() > 2 * CLIP_PICTURES {
-                every *= 2;
-                clip.retain(|(number, _)| number % every == 0);
+    let (mut pictures, mut clip, mut read) = (Vec::new(), Vec::new(), 0);
+    let (reach, mut every) = match frames.left() {
+        Some(left) => (left, left.div_ceil(CLIP_PICTURES).max(1)),
+        None => (CLIP_REACH, 1),
+    };
+    while read < span.end.max(reach) {
+        let is_sample = read < reach && read % every == 0;
+        if is_sample || span.contains(&read) {
+            let Some((picture, _)) = frames.next_picture() else {
+                break;
+            };
+            if is_sample {
+                clip.push((read, picture.clone()));
             }
+            if span.contains(&read) {
+                pictures.push(picture);
+            }
+        } else if !frames.pass() {
+            break;
         }
-        if span.contains(&read) {
-            pictures.push(picture);
+        // A clip's length shows at its end: every other one goes whenever there are too many.
+        if clip.len() > 2 * CLIP_PICTURES {
+            every *= 2;
+            clip.retain(|(number, _)| number % every == 0);
         }
         read += 1;
     }
+    Ok((pictures, clip, read))
+}
+
+fn span_of(span: &Range<usize>, path: &Path, sensor: &Sensor, fingertip: usize) -> Result<MarkerRest, Error> {
+    let (mut pictures, clip, read) = look_through(path, sensor, fingertip, span)?;
     let named = format!("--rest {}..{}", span.start, span.end);
     if read < span.end {
         return Err(Error::failed(format!(
@@ -147,6 +172,20 @@ fn span_of(span: &Range<usize>, path: &Path, sensor: &Sensor, fingertip: usize) 
     })
 }
 
+/// The pictures of a path, and some of the source that they are at rest for.
+fn pictures_beside(
+    path: &Path,
+    source: &Source,
+    sensor: &Sensor,
+    fingertip: usize,
+) -> Result<MarkerRest, Error> {
+    let mut rest = pictures_of(path, sensor)?;
+    if let Source::Clip(played) | Source::Folder(played) = source {
+        (_, rest.clip, _) = look_through(played, sensor, fingertip, &(0..0))?;
+    }
+    Ok(rest)
+}
+
 fn pictures_of(path: &Path, sensor: &Sensor) -> Result<MarkerRest, Error> {
     // What is named rest.png in a folder of rest pictures is one of them.
     let files = if path.is_dir() {
@@ -156,6 +195,9 @@ fn pictures_of(path: &Path, sensor: &Sensor) -> Result<MarkerRest, Error> {
     };
     let mut pictures = Vec::new();
     for file in files {
+        if pictures.len() == PICTURES_MAX {
+            break;
+        }
         let mut frames = ColourPlayback::open(&file, &sensor.capture, 0)?;
         while pictures.len() < PICTURES_MAX
             && let Some((picture, _)) = frames.next_picture()

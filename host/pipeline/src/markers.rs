@@ -243,24 +243,30 @@ impl MarkerStage {
         };
         let (mut filled, mut places): (Vec<Filled>, Vec<Vec<Marker>>) = (Vec::new(), Vec::new());
         for (number, picture) in rest.pictures.iter().enumerate() {
-            let seen = if rest.kind == RestKind::Own || number == 0 {
-                let seen = self.finger.see(picture);
-                places.push(self.markers().to_vec());
-                seen
-            } else {
+            if rest.kind == RestKind::Other {
                 // Pictures of other days need not follow each other.
-                Finger::new(&self.sensor).and_then(|mut finger| finger.see(picture))
-            };
+                self.finger = Finger::new(&self.sensor).map_err(MarkerProblem::Markers)?;
+            }
+            let seen = self.finger.see(picture);
             filled.push(
                 seen.map_err(|problem| unseen(rest.first + number, problem))?
                     .filled,
             );
+            places.push(self.markers().to_vec());
         }
-        if rest.kind == RestKind::Own {
-            let untouched = self.finger.untouched(&filled);
-            self.leave_out(rest, &untouched)?;
-            let mut keep = untouched.iter().copied();
-            filled.retain(|_| keep.next() == Some(true));
+        let untouched = self.finger.untouched(&filled);
+        self.leave_out(rest, &untouched)?;
+        let mut keep = untouched.iter().copied();
+        filled.retain(|_| keep.next() == Some(true));
+        if rest.kind == RestKind::Other {
+            // Each numbers its markers anew, so those of one picture stand for all.
+            let first = untouched.iter().position(|is| *is).unwrap_or_default();
+            self.finger = Finger::new(&self.sensor).map_err(MarkerProblem::Markers)?;
+            self.finger
+                .see(&rest.pictures[first])
+                .map_err(|problem| unseen(rest.first + first, problem))?;
+            places = vec![self.markers().to_vec()];
+        } else {
             let mut keep = untouched.into_iter();
             places.retain(|_| keep.next() == Some(true));
         }
@@ -315,9 +321,16 @@ impl MarkerStage {
             .clip
             .iter()
             .filter_map(|(number, picture)| {
-                let seen = Finger::new(&self.sensor)
-                    .and_then(|mut finger| finger.see(picture))
-                    .ok()?;
+                let seen = if rest.kind == RestKind::Other {
+                    // Another gel, or another zoom, has another pattern.
+                    let mut finger = self.finger.clone();
+                    let seen = finger.see(picture).ok()?;
+                    (seen.lost_share <= SAME_GEL_SHARE).then_some(seen)?
+                } else {
+                    Finger::new(&self.sensor)
+                        .and_then(|mut finger| finger.see(picture))
+                        .ok()?
+                };
                 let light = seen.filled.mean_level() / level;
                 let is_alike = (light - 1.0).abs() <= SAME_LIGHT_SHARE;
                 let energy = self.finger.unevenness(&seen.filled) / (light * light);

@@ -32,6 +32,8 @@ pub struct Frame {
     pub wire: Status,
     /// The map as it travelled.
     pub map: Box<ForceMap>,
+    /// Distance of the taxels, µm.
+    pub pitch_um: u16,
     /// The picture, as much of it as is to be recorded.
     pub picture: Option<Image>,
 }

@@ -390,8 +390,8 @@ pub fn fit(
     };
     let every = shears(&|_| true);
     let shear = (every.len() >= PRESSES_MIN).then(|| measured(&every, confidence));
-    let days = presses.iter().map(|press| press.day).max().unwrap_or(0) + 1;
-    let group = |at: usize| if days > 1 { presses[at].day } else { at };
+    let has_days = presses.iter().any(|press| press.day != presses[0].day);
+    let group = |at: usize| if has_days { presses[at].day } else { at };
     let without = |pairs: &[(usize, (f64, f64))], own: usize| {
         slope(
             pairs

@@ -327,11 +327,15 @@ mod tests {
         }
     }
 
-    /// What the weights make of something: a simulated contact that they are right about.
+    /// What the weights make of a pressed and sheared contact: a simulated one that they are right about.
     fn simulated(at_mm: [f32; 2]) -> Sample {
         let mut network = MarkerNetwork::new(&weights()).unwrap();
         network.set_rest(&places_mm());
-        let motions = motions(at_mm, 0.05);
+        let mut motions = motions(at_mm, 0.05);
+        for (motion, [x, y]) in motions.iter_mut().zip(places_mm()) {
+            let near = (-0.08 * ((x - at_mm[0]).powi(2) + (y - at_mm[1]).powi(2))).exp();
+            motion.moved_mm[0] += 0.15 * near;
+        }
         let mut forces = NO_FORCES;
         network.infer(&motions, &mut forces);
         let (input, rms_mm) = input_of(&motions);
@@ -357,12 +361,141 @@ mod tests {
         }
     }
 
+    fn total_of(forces: &[[f32; 3]]) -> [f64; 3] {
+        [0, 1, 2].map(|axis| forces.iter().map(|force| f64::from(force[axis])).sum())
+    }
+
     #[test]
-    fn look_at_it() {
+    fn trained_layers_sum_up_as_the_engine_does_and_gains_scale_their_sums() {
         let weights = weights();
-        let mut plain = Layers::trained(&weights, [1.0; 2]);
-        for at in 0..6 {
-            println!("{:?}", total_n(&mut plain, &picture(at)));
+        let contact = simulated([1.0, -0.5]);
+        let pressed = PressedPicture {
+            input: contact.input,
+            rms_mm: contact.rms_mm,
+            touched: [true; TAXELS],
+            press: 0,
+        };
+        let plain = total_n(&mut Layers::trained(&weights, [1.0; 2]), &pressed);
+        let scaled = total_n(&mut Layers::trained(&weights, [0.8, 0.5]), &pressed);
+        for (axis, engine) in total_of(&contact.forces).into_iter().enumerate() {
+            let gain = if axis == 2 { 0.5 } else { 0.8 };
+            assert!(
+                (plain[axis] - engine).abs() < 1e-4 * plain[2],
+                "{plain:?} {engine}"
+            );
+            assert!(
+                (scaled[axis] - gain * plain[axis]).abs() < 1e-4 * plain[2],
+                "{scaled:?} {plain:?}"
+            );
         }
+    }
+
+    #[test]
+    fn tuning_brings_presses_to_the_log_and_keeps_what_they_do_not_show() {
+        let weights = weights();
+        let pictures: Vec<PressedPicture> = (0..6).map(picture).collect();
+        let mut plain = Layers::trained(&weights, [1.0; 2]);
+        let shown: Vec<[f64; 3]> = pictures
+            .iter()
+            .map(|picture| total_n(&mut plain, picture))
+            .collect();
+        // What no gain explains: the harder, the less.
+        let truth_n: Vec<[f64; 3]> = shown
+            .iter()
+            .enumerate()
+            .map(|(at, [x, y, z])| [*x, *y, z * (1.2 - 0.08 * at as f64)])
+            .collect();
+        let presses: Vec<Press> = shown
+            .iter()
+            .enumerate()
+            .map(|(at, shown)| press(at, 0, *shown))
+            .collect();
+        let contacts: Vec<Sample> = [[0.0, 0.0], [3.0, 2.0], [-3.0, 0.0], [0.0, -2.0]]
+            .map(simulated)
+            .into();
+        let tuning = Tuning {
+            weights: &weights,
+            simulated: &contacts,
+            presses: &presses,
+            pictures: &pictures,
+            truth_n: &truth_n,
+            steps: 600,
+            seed: 1,
+        };
+        let (mut tuned, gains) = tune(&tuning, &|_| true).unwrap();
+        let off = |layers: &mut Layers| -> f64 {
+            (0..6)
+                .map(|at| (total_n(layers, &pictures[at])[2] / truth_n[at][2] - 1.0).abs())
+                .sum()
+        };
+        let [before, after] = [off(&mut Layers::trained(&weights, gains)), off(&mut tuned)];
+        assert!(after < 0.5 * before, "{before} {after}");
+
+        // A contact of the simulated kind, at a place that no sample has.
+        let kept = simulated([-1.5, 1.0]);
+        let mut network = MarkerNetwork::new(&MarkerWeights {
+            tensors: tuned.tensors(),
+            ..weights
+        })
+        .unwrap();
+        network.set_rest(&places_mm());
+        let mut found = NO_FORCES;
+        network.infer(&kept.motions, &mut found);
+        let (mut error, mut square) = (0.0, 0.0);
+        let pairs = found.as_flattened().iter().zip(kept.forces.as_flattened());
+        for (at, (found, force)) in pairs.enumerate() {
+            let expected = force * gains[usize::from(at % 3 == 2)] as f32;
+            error += (found - expected).powi(2);
+            square += expected * expected;
+        }
+        assert!(error < 0.05 * square, "{error} of {square}");
+    }
+
+    #[test]
+    fn the_slope_is_that_of_the_loss_near_the_label_and_far_from_it() {
+        let (touched, rms_mm) = (std::array::from_fn(|taxel| taxel % 3 == 0), 0.05);
+        // Outputs of either sign, touched or not.
+        let output: Vec<f32> = (0..FORCE_OUTPUTS)
+            .map(|at| 0.2 * ((at * 31 % 17) as f32 / 17.0 - 0.185))
+            .collect();
+        let mut sums = [0.0_f32; 3];
+        for (at, out) in output.iter().enumerate() {
+            sums[at % 3] += out * rms_mm * if at % 3 == 2 && *out < 0.0 { PULL } else { 1.0 };
+        }
+        for share in [0.9, 0.3, 4.0] {
+            let label = Label {
+                total_n: sums.map(|sum| share * sum),
+                has_shear: true,
+                touched,
+            };
+            let mut slope = vec![0.0; FORCE_OUTPUTS];
+            label.slopes(&output, rms_mm, &mut slope);
+            for at in [0, 1, 2, 5, 8, 11, 14, 600, 601, 602] {
+                let mut unused = vec![0.0; FORCE_OUTPUTS];
+                let mut moved = |by: f32| {
+                    let mut there = output.clone();
+                    there[at] += by;
+                    label.slopes(&there, rms_mm, &mut unused)
+                };
+                // A step that crosses nothing, where a pull begins to count otherwise.
+                let step = 0.5 * output[at].abs().min(0.02);
+                let found = (moved(step) - moved(-step)) / (2.0 * step);
+                assert!(
+                    (found - slope[at]).abs() < 0.02 * slope[at].abs() + 2e-4,
+                    "{share}, {at}: {found} {}",
+                    slope[at]
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn days_are_left_out_whole_and_one_day_in_parts() {
+        let of = |days: &[usize]| {
+            let presses: Vec<Press> = days.iter().map(|day| press(0, *day, [0.0, 0.0, 1.0])).collect();
+            folds(&presses)
+        };
+        assert_eq!(of(&[0, 0, 1]), [0, 0, 1]);
+        assert_eq!(of(&[1; 5]), [0, 1, 2, 3, 0]);
     }
 }
