@@ -16,8 +16,10 @@ use gripline_simulation::constants::REST_PICTURES;
 use crate::error::Error;
 use crate::source::{Frames, Source};
 
-/// Pictures at rest that are enough: more make the start slow and the median no better.
-const PICTURES_MAX: usize = 24;
+/// Pictures at rest that are enough, the last of a span and the first of a folder: more make the start slow and the median no
+/// better. Each of a folder is a file that ffmpeg opens.
+const SPAN_PICTURES_MAX: usize = 64;
+const FOLDER_PICTURES_MAX: usize = 24;
 /// Pictures of a clip or a folder that are looked at for an imprint that is gone, and how far into a clip they reach: every picture
 /// before the last of them is decoded at the start.
 const CLIP_PICTURES: usize = 16;
@@ -161,7 +163,7 @@ fn span_of(span: &Range<usize>, path: &Path, sensor: &Sensor, fingertip: usize) 
             span.end
         )));
     }
-    let surplus = pictures.len().saturating_sub(PICTURES_MAX);
+    let surplus = pictures.len().saturating_sub(SPAN_PICTURES_MAX);
     pictures.drain(..surplus);
     Ok(MarkerRest {
         pictures,
@@ -195,11 +197,11 @@ fn pictures_of(path: &Path, sensor: &Sensor) -> Result<MarkerRest, Error> {
     };
     let mut pictures = Vec::new();
     for file in files {
-        if pictures.len() == PICTURES_MAX {
+        if pictures.len() == FOLDER_PICTURES_MAX {
             break;
         }
         let mut frames = ColourPlayback::open(&file, &sensor.capture, 0)?;
-        while pictures.len() < PICTURES_MAX
+        while pictures.len() < FOLDER_PICTURES_MAX
             && let Some((picture, _)) = frames.next_picture()
         {
             pictures.push(picture);
@@ -235,5 +237,33 @@ mod tests {
             let told = wrong.parse::<RestSource>().unwrap_err();
             assert!(told.contains(wrong) && told.contains("12..20"), "{told}");
         }
+    }
+
+    #[test]
+    fn a_folder_is_looked_at_evenly_and_only_what_is_wanted_of_it_is_read() {
+        let folder = tempfile::tempdir().unwrap();
+        for number in 0..40_u8 {
+            let name = folder.path().join(format!("{number:04}.png"));
+            // The others are no pictures: reading one would be told, and shift what comes after it.
+            if number % 3 != 0 && !(12..14).contains(&number) {
+                std::fs::write(name, "none").unwrap();
+                continue;
+            }
+            let mut encoder = png::Encoder::new(std::fs::File::create(name).unwrap(), 320, 240);
+            encoder.set_color(png::ColorType::Rgb);
+            let mut writer = encoder.write_header().unwrap();
+            writer.write_image_data(&vec![5 * number; 3 * 320 * 240]).unwrap();
+        }
+        let sensor = Sensor::named(Path::new("gelsight-mini")).unwrap();
+        let (pictures, clip, read) = look_through(folder.path(), &sensor, 0, &(12..14)).unwrap();
+        assert_eq!(read, 40);
+        let level = |picture: &[u8]| usize::from(picture[0]) / 5;
+        assert_eq!(
+            pictures.iter().map(|picture| level(picture)).collect::<Vec<_>>(),
+            [12, 13]
+        );
+        let numbers: Vec<usize> = clip.iter().map(|(number, _)| *number).collect();
+        assert_eq!(numbers, (0..40).step_by(3).collect::<Vec<_>>());
+        assert!(clip.iter().all(|(number, picture)| level(picture) == *number));
     }
 }

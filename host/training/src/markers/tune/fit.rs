@@ -68,8 +68,17 @@ impl Errors {
         }
     }
 
-    /// Median of the normal forces' errors over the normal forces.
-    pub(super) fn share(&self, truth_n: &[[f64; 3]]) -> f64 {
+    /// Mean length of the errors over the normal forces: what training makes small. A median of a few presses is mostly chance.
+    pub(super) fn mean_share(&self, truth_n: &[[f64; 3]]) -> f64 {
+        let lengths = self.normal_n.iter().zip(&self.shear_n).zip(truth_n);
+        let sum: f64 = lengths
+            .map(|((normal, shear), truth)| normal.hypot(*shear) / truth[2])
+            .sum();
+        sum / truth_n.len() as f64
+    }
+
+    /// Median of the normal forces' errors over the normal forces, as a gel's calibration tells it.
+    pub(super) fn median_share(&self, truth_n: &[[f64; 3]]) -> f64 {
         let every: Vec<usize> = (0..truth_n.len()).collect();
         HeldOut::of(&self.normal_n, truth_n, &every).median_share
     }

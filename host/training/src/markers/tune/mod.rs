@@ -80,10 +80,10 @@ pub(super) fn run(args: &TuneArgs, data: &Path, seed: u32) -> Result<(), Trainin
     };
     let left_out = fit::leave_out(&tuning).map_err(TrainingError::Usage)?;
     print(&all.presses, &all.truth_n, &left_out);
-    let [alone, tuned] = [&left_out.gains, &left_out.tuned].map(|errors| errors.share(&all.truth_n));
+    let [alone, tuned] = [&left_out.gains, &left_out.tuned].map(|errors| errors.mean_share(&all.truth_n));
     if tuned >= alone {
         return Err(usage(format!(
-            "presses that were left out are off by {:.1} % in the median after tuning, {:.1} % with gains alone, expected less: nothing \
+            "presses that were left out are off by {:.1} % in the mean after tuning, {:.1} % with gains alone, expected less: nothing \
              is written; stay with `gripline calibrate gel`, or record more presses",
             100.0 * tuned,
             100.0 * alone
@@ -91,17 +91,23 @@ pub(super) fn run(args: &TuneArgs, data: &Path, seed: u32) -> Result<(), Trainin
     }
     let (layers, gains) = fit::tune(&tuning, &|_| true).map_err(TrainingError::Usage)?;
     weights.tensors = layers.tensors();
-    weights.held_out_share = Some(tuned as f32);
+    let held_out_share = left_out.tuned.median_share(&all.truth_n);
+    weights.held_out_share = Some(held_out_share as f32);
     weights.manifest = json!({
         "sensor": sensor.identity(), "tuned_on": all.presses.len(), "recordings": args.recordings.len(), "gains": gains,
-        "held_out_share": tuned, "gains_alone": alone, "steps": args.steps, "seed": seed,
+        "held_out_share": held_out_share, "mean_share": tuned, "mean_share_of_gains": alone, "steps": args.steps, "seed": seed,
     })
     .to_string();
     if let Some(folder) = args.out.parent() {
         std::fs::create_dir_all(folder).map_err(at(folder))?;
     }
     std::fs::write(&args.out, weights.to_bytes()).map_err(at(&args.out))?;
-    println!("wrote {}", args.out.display());
+    println!(
+        "the force is off by {:.1} % of the normal force in the mean with gains alone, {:.1} % tuned\nwrote {}",
+        100.0 * alone,
+        100.0 * tuned,
+        args.out.display()
+    );
     Ok(())
 }
 
@@ -135,5 +141,50 @@ fn print(presses: &[Press], truth_n: &[[f64; 3]], left_out: &LeftOut) {
             });
             println!("{name:24}{:7}   {}", members.len(), columns.join("   "));
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+
+    use super::*;
+
+    #[derive(Parser)]
+    struct Line {
+        #[command(flatten)]
+        tune: TuneArgs,
+    }
+
+    #[test]
+    fn logs_weights_and_recordings_that_cannot_be_used_are_refused_by_name() {
+        let folder = tempfile::tempdir().unwrap();
+        let out = folder.path().join("tuned.safetensors");
+        let refused = |words: &str, parts: &[&str]| {
+            let words = words.split(' ').chain(["--out", out.to_str().unwrap()]);
+            let line = Line::parse_from(std::iter::once("tune").chain(words));
+            let told = run(&line.tune, folder.path(), 1).unwrap_err().to_string();
+            for part in parts {
+                assert!(told.contains(part), "{part:?} is missing in: {told}");
+            }
+        };
+        refused(
+            "monday.mcap tuesday.mcap --forces monday.csv",
+            &["--forces: found 1 logs, expected 2"],
+        );
+        let other = concat!(
+            env!("CARGO_MANIFEST_DIR"),
+            "/../network/weights/tracked.safetensors"
+        );
+        refused(
+            &format!("none.mcap --forces none.csv --from {other}"),
+            &[
+                "tracked.safetensors",
+                "sensor particle-fingertip.1",
+                "expected gelsight-mini.1",
+            ],
+        );
+        refused("none.mcap --forces none.csv", &["none.mcap", "a recording"]);
+        assert!(!out.exists());
     }
 }
