@@ -111,6 +111,9 @@ pub(super) fn run(args: &TuneArgs, data: &Path, seed: u32) -> Result<(), Trainin
     Ok(())
 }
 
+/// One part of the errors.
+type Part = fn(&Errors) -> &[f64];
+
 /// Errors of presses that nothing was fitted to, by load, place and recording.
 fn print(presses: &[Press], truth_n: &[[f64; 3]], left_out: &LeftOut) {
     let LeftOut {
@@ -120,8 +123,7 @@ fn print(presses: &[Press], truth_n: &[[f64; 3]], left_out: &LeftOut) {
     } = left_out;
     let groups = gel::groups(presses, truth_n);
     let every = [("all".to_owned(), (0..presses.len()).collect())];
-    type Of = fn(&Errors) -> &[f64];
-    let parts: [(&str, Of); 2] = [
+    let parts: [(&str, Part); 2] = [
         ("normal force", |errors| &errors.normal_n),
         ("shear", |errors| &errors.shear_n),
     ];
