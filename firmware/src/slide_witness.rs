@@ -3,8 +3,7 @@
 //!
 //! The witness remembers the load. It suspects a slide when the shear falls below that, sinks while the grip sinks, or settles
 //! for the first time below the detector's friction. A suspicion is a test: the grip rises, and while the shear rises with
-//! it, the contact slides, and shear over normal force is its friction. Shear that stays is held: the test has passed. Until the first
-//! test of a contact that never carried more than the detector's friction, the line does not fall.
+//! it, the contact slides, and shear over normal force is its friction. Shear that stays is held: the test has passed.
 //!
 //! Where the host sees the object, no test is needed: motion is a slide at once, and rest ends every suspicion ([`Motion`]).
 //!
@@ -20,8 +19,7 @@ use crate::constants::{
     ASKED_SHARE, CALM_US, COME_BACK_US, DROP_SHARE, FADE_SHARE, FOLLOWED_SLOTS, FRICTION_FORGET_SHIFT,
     FRICTION_LOSS_MAX, HUSH_HELD_US, HUSH_US, NOISE_MAX, RISES_SHARE, SETTLED_US, SHEAR_ERROR_PART,
     SHORT_SHARE_MAX, SHORT_SHARE_MIN, SHORT_US, SLIDING_FRICTION_MIN, SLIDING_RATIO_MIN, SLOT_US, STALLED_US,
-    SUDDEN_DROP_SHARE, SWING_LOSS_MAX, TEST_MARGIN, TEST_US_MAX, UNPROVEN_US_MAX, UNTRIED_US,
-    WITNESSED_LOAD_MIN,
+    SUDDEN_DROP_SHARE, SWING_LOSS_MAX, TEST_MARGIN, TEST_US_MAX, UNPROVEN_US_MAX, WITNESSED_LOAD_MIN,
 };
 use crate::learning_settings::LearningSettings;
 
@@ -93,15 +91,6 @@ enum Suspicion {
     Seen,
 }
 
-/// Whether a test has tried what a contact carries.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Trial {
-    /// It carries nothing, or has carried more than the detector's friction: then the stick ratio shows a slide.
-    NotNeeded,
-    Missing,
-    Done,
-}
-
 /// A suspicion under test.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Test {
@@ -164,9 +153,6 @@ pub(crate) struct SlideWitness {
     /// Time since the ratio last grew.
     stalled_us: u32,
     tested: i32,
-    /// Whether a test has tried what the contact carries; and for how long not.
-    trial: Trial,
-    untried_us: u32,
     /// What the host saw in the slot in progress, or in the last one.
     seen: Motion,
 }
@@ -199,8 +185,6 @@ impl Default for SlideWitness {
             settled_us: 0,
             stalled_us: 0,
             tested: 0,
-            trial: Trial::NotNeeded,
-            untried_us: 0,
             seen: Motion::UNKNOWN,
         }
     }
@@ -286,17 +270,6 @@ impl SlideWitness {
             self.stalled_us.saturating_add(passed_us)
         };
         self.carried = self.carried.max(now);
-        if self.trial != Trial::Done {
-            let is_missing = self.load >= WITNESSED_LOAD_MIN && self.carried < detector;
-            self.trial = if is_missing {
-                Trial::Missing
-            } else {
-                Trial::NotNeeded
-            };
-            self.untried_us = self
-                .untried_us
-                .saturating_add(if is_missing { passed_us } else { 0 });
-        }
         if self.seen.shows_motion() && self.load >= WITNESSED_LOAD_MIN {
             return Suspicion::Seen;
         }
@@ -340,14 +313,12 @@ impl SlideWitness {
             && 5 * u32::from(now) > 3 * u32::from(self.carried)
             && (self.limit == UNLIMITED || 10 * u32::from(now) > 9 * u32::from(self.limit))
             && !self.stays_while_the_grip_sinks(shear, normal);
-        let is_untried =
-            self.trial == Trial::Missing && self.untried_us > UNTRIED_US && self.settled_us > SETTLED_US;
-        if is_low || is_untried {
+        if is_low {
             self.tested = shear;
         }
         if drops || sinks || fades || self.short_us >= SHORT_US {
             Suspicion::Falling
-        } else if is_low || is_untried {
+        } else if is_low {
             Suspicion::Settled
         } else {
             Suspicion::None
@@ -530,7 +501,6 @@ impl SlideWitness {
             (HUSH_US, 0)
         };
         self.short_us = 0;
-        self.trial = Trial::Done;
         self.test = None;
     }
 
@@ -586,10 +556,7 @@ impl SlideWitness {
         };
         Verdict {
             urgency,
-            may_fall: self.test.is_none()
-                && is_calm
-                && !self.seen.shows_motion()
-                && (self.seen.shows_rest() || self.trial != Trial::Missing),
+            may_fall: self.test.is_none() && is_calm && !self.seen.shows_motion(),
             has_slid: self.has_slid,
         }
     }
