@@ -3,7 +3,7 @@
 
 use gripline_protocol::PER_UNIT;
 
-/// `number / divisor`, exact; 0 for a divisor of 0. Four divisions of 32 bits. Not inlined: there is little room in SRAM.
+/// `number / divisor`, exact; 0 for a divisor of 0. Four divisions of 32 bits. Not inlined, to save SRAM.
 #[must_use]
 #[inline(never)]
 pub(crate) const fn divide(number: u64, divisor: u16) -> u64 {
@@ -45,9 +45,8 @@ pub(crate) fn narrowed(normal: i32) -> (u16, u32) {
     (((normal >> shift) as u16).max(1), shift)
 }
 
-/// floor(√square) for squares below 2⁵²: the upper half of the root by Newton's steps from a straight line, the lower by
-/// one division (Zimmermann, "Karatsuba square root"). Three divisions of 32 bits, no loop, none of 64 bits. Not inlined:
-/// there is little room in SRAM.
+/// floor(√square) for squares below 2⁵²: the upper half of the root by Newton's steps from a straight line, the lower by one
+/// division (Zimmermann, "Karatsuba square root"). Three divisions of 32 bits, none of 64 bits, no loop. Not inlined, to save SRAM.
 #[inline(never)]
 pub(crate) fn square_root(square: u64) -> u32 {
     const HALF: u32 = 13;
@@ -124,7 +123,7 @@ mod tests {
 
     #[test]
     fn newtons_steps_are_right_wherever_they_start() {
-        // Every upper half that there is, but for the stride.
+        // Every upper half that there is, except for the stride.
         for upper in (1_u64 << 24..1 << 26).step_by(3) {
             let square = upper << 26;
             assert_eq!(u64::from(square_root(square)), square.isqrt(), "{square}");

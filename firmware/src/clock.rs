@@ -13,7 +13,7 @@ impl HostMicros {
         self.0.wrapping_sub(earlier.0)
     }
 
-    /// So much later.
+    /// This time plus `us`.
     #[must_use]
     pub const fn later_by(self, us: u32) -> Self {
         Self(self.0.wrapping_add(us))

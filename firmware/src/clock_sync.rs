@@ -1,9 +1,8 @@
 //! Clock sync: whether a map's capture time is plausible, and how late the map arrived.
 //!
-//! The host's clock and ours share no zero. The promptest map since the handshake defines their difference. Every other map
-//! is later than that, and no map can be from the future. Units: µs; the host's clock wraps.
-//! Limits: a delay common to all maps stays invisible; clocks may drift apart by 244 parts per million; a step of the host's clock needs a
-//! new handshake.
+//! The host's clock and ours share no zero. The promptest map since the handshake defines their difference. Every other map is
+//! later than that, and no map can be from the future. Units: µs; the host's clock wraps. Limits: a delay common to all maps stays
+//! invisible; clocks may drift apart by 244 parts per million; a step of the host's clock requires a new handshake.
 
 use crate::clock::{DeviceMicros, HostMicros};
 use crate::constants::{CLOCK_DRIFT_MAX_US, CLOCK_DRIFT_SHIFT, FUTURE_MAX_US};

@@ -18,14 +18,14 @@ pub const HALF_LINE_64THS: u8 = 49;
 pub const HALF_FLAT_64THS: u8 = 58;
 /// The centre over the load that slid and that distance together, in 64ths: what slid is 22/21 of the distance from its centre.
 pub const CENTRE_AND_HALF_64THS: i32 = 66;
-/// Mean RMS radius of the pressure while the force grew, over that in the end and in 64ths, above which a contact is no round
-/// one: that of spheres and ellipsoids grows as the force to two thirds, which makes 0.6, and 0.57 to 0.65 in maps; those of a
-/// line and of a flat end hardly grow, 0.72 to 0.93 in maps.
+/// Mean RMS radius of the pressure while the force grew, over the final one, in 64ths, above which a contact is not round: for
+/// spheres and ellipsoids theory gives 0.6, and maps 0.57 to 0.65; those of a line and of a flat end hardly grow, 0.72 to 0.93 in
+/// maps.
 pub const FLAT_64THS: u64 = 45;
-/// What it is for a contact whose beginning was not seen: a round one's.
+/// The value for a contact whose beginning was not seen: that of a round one.
 pub const ROUND_64THS: u64 = 41;
-/// Square of the RMS radius over the contact's area, in 16ths of its unit a taxel, from which one that is not round is a line: in
-/// maps round ones have 8 to 9, flat ends 8 to 10, lines 10½ and more.
+/// Square of the RMS radius over the contact's area, in 16ths of its unit per taxel, from which a contact that is not round is a
+/// line: in maps round ones have 8 to 9, flat ends 8 to 10, lines 10½ and more.
 pub const LINE_16THS: u32 = 10;
 /// Friction below which the feed-forward stops growing, 1/10000: at 0.05 it already asks for 20 times the shear.
 pub const FEED_FORWARD_FRICTION_MIN: u32 = 500;
@@ -34,8 +34,8 @@ pub const FEED_FORWARD_FRICTION_MIN: u32 = 500;
 pub const LEAD_US: u64 = 20_000;
 /// The same once the load has settled and friction is proven, µs: about the gripper's lag.
 pub const REST_LEAD_US: u64 = 60_000;
-/// Typical friction, assumed until the load settles, 1/10000. Assuming less grips before the load proves much; assuming more
-/// lets contacts of lower friction slide far.
+/// Typical friction, assumed until the load settles, 1/10000. A lower value grips harder than needed before the load proves
+/// friction; a higher one lets contacts of lower friction slide far.
 pub const EXPECTED_FRICTION: u16 = 7_000;
 /// A load has settled after this many maps in a row in which it grew by less than a sixteenth.
 pub const REST_MAPS: u8 = 4;
@@ -54,8 +54,8 @@ pub const SLIDE_MAPS: u8 = 3;
 pub const STALL_STICK_RATIO: u16 = 6_000;
 /// Minimum load over normal force for that rule, 1/10000.
 pub const STALL_RATIO_MIN: u16 = 3_000;
-/// Share of the normal force up to which such maps are a slide without doubt, 1/10000, and two of them enough: the
-/// detector's friction is near. Above it hardly a taxel sticks by the detector's friction, whether the contact slides or not.
+/// Load over normal force up to which such maps surely show a slide, 1/10000, so that two of them are enough: it is near the
+/// detector's friction. Above it hardly a taxel sticks by the detector's friction, whether the contact slides or not.
 pub const SLIDE_RATIO_SURE: u16 = 6_000;
 /// Maps in a row that are a sure slide; see [`SLIDE_RATIO_SURE`].
 pub const SLIDE_SURE_MAPS: u8 = 2;
@@ -63,51 +63,51 @@ pub const SLIDE_SURE_MAPS: u8 = 2;
 pub const UNREST_SAMPLE_US: u32 = 10_000;
 /// Averaging time of the unrest, as a shift of µs: 0.26 s. This and the next two were chosen on the three uSkin trials with labels.
 pub const UNREST_SHIFT: u32 = 18;
-/// How fast what is usual follows the unrest, as a shift of µs: 1.0 s.
+/// Averaging time of the usual unrest, as a shift of µs: 1.0 s.
 pub const USUAL_UNREST_SHIFT: u32 = 20;
 /// The same in the first second of a contact: 0.5 s.
 pub const NEW_UNREST_SHIFT: u32 = 19;
-/// What is usual before a contact has shown it, as a logarithm to base 2 of 2⁻²⁴, in 2⁻¹⁶: 0.02 of the RMS radius, which the shipped network's
-/// noise makes.
+/// Assumed usual unrest at the start of a contact, as a logarithm to base 2 of 2⁻²⁴, in 2⁻¹⁶: 0.02 of the RMS radius, from the
+/// noise of the shipped network.
 pub const USUAL_UNREST: i32 = 1_202_979;
-/// What unrest says by itself from which on the line no longer falls by plan, 1/10000: as likely as not.
+/// Evidence of the unrest witness alone from which the line no longer relaxes, 1/10000: as likely as not.
 pub const FALL_UNREST_MAX: u16 = 5_000;
-/// Time of a slot, over which the slide witness takes the mean of maps, µs: a map at 60 maps a second.
+/// Length of a slot, over which the slide witness averages maps, µs: one map at 60 maps a second.
 pub const SLOT_US: u32 = 14_000;
-/// Load from which the slide witness says anything, 1/4096 N: 0.05 N.
+/// Minimum load for the slide witness, 1/4096 N: 0.05 N.
 pub const WITNESSED_LOAD_MIN: i32 = 200;
-/// Load over normal force below which the slide witness says nothing, 1/10000: sliding friction of 0.12, seen with gains that
-/// are wrong by a quarter on both axes.
+/// Minimum load over normal force for the slide witness, 1/10000: sliding friction of 0.12, seen with gains that are wrong by a
+/// quarter on both axes.
 pub const SLIDING_RATIO_MIN: u16 = 700;
-/// Load over normal force below which shear that follows the grip is no slide, 1/10000. What the network makes of a shear grows with the
+/// Load over normal force below which shear that follows the grip is no slide, 1/10000. The network's shear error grows with the
 /// normal force by up to 7 % of it, and follows the grip like a slide of that friction.
 pub const SLIDING_FRICTION_MIN: u16 = 1_200;
 /// Part of the normal force by which the shear of a map may err: a 64th; that of many maps by half of it.
 pub const SHEAR_ERROR_PART: i32 = 64;
-/// Fall of the shear below the remembered load that is suspect, share in 1/1024: 9 %, four times the noise of two maps.
+/// Suspect fall of the shear below the remembered load, share in 1/1024: 9 %, four times the noise of two maps.
 pub const DROP_SHARE: i32 = 92;
 /// The same in one slot: 14 %.
 pub const SUDDEN_DROP_SHARE: i32 = 143;
-/// Noise of a load above which it counts as its change, share in 1/1024: 8 %.
+/// Noise of a load above which it counts as a change, share in 1/1024: 8 %.
 pub const NOISE_MAX: i32 = 82;
-/// Share of the load by which the shear may fall short of it for long, in 1/1024: 1 % without noise, at most 4 %.
+/// Share by which the shear may stay below the load for long, in 1/1024: 1 % without noise, at most 4 %.
 pub const SHORT_SHARE_MIN: i32 = 12;
-/// The most of it; see [`SHORT_SHARE_MIN`].
+/// Its maximum; see [`SHORT_SHARE_MIN`].
 pub const SHORT_SHARE_MAX: i32 = 41;
-/// Time for which the shear falls short of the load until that is suspect, µs.
+/// Time below the load after which the shear is suspect, µs.
 pub const SHORT_US: u32 = 150_000;
 /// Time without growth after which a load has settled for the slide witness, µs: five slots.
 pub const SETTLED_US: u32 = 80_000;
 /// Time without growth of the load over normal force after which a contact that has never slid may slide, µs: three slots. A contact that
 /// slides carries more only as its grip grows.
 pub const STALLED_US: u32 = 45_000;
-/// Rise of the normal force in a test from which the shear is asked whether it has followed, share in 1/1024: 20 %.
+/// Rise of the normal force in a test after which the shear is evaluated, share in 1/1024: 20 %.
 pub const ASKED_SHARE: i32 = 205;
 /// Change of the normal force over four slots up to which it counts as constant, share in 1/1024: 2 %.
 pub const RISES_SHARE: i32 = 20;
-/// Share of the friction counted on that one slide may take away before the test has confirmed it, 1/10000.
+/// Share of the assumed friction that one slide may remove before the test has confirmed it, 1/10000.
 pub const FRICTION_LOSS_MAX: u16 = 6_000;
-/// Share of the proven friction that a load leaves which came back during a test, 1/10000: it may only have swung.
+/// Share of the proven friction that is kept when the load came back during a test, 1/10000: it may only have swung.
 pub const SWING_LOSS_MAX: u16 = 9_000;
 /// Slow fall of the normal force with which the shear must not have sunk, share in 1/1024: 3 %.
 pub const FADE_SHARE: i32 = 31;
@@ -115,24 +115,24 @@ pub const FADE_SHARE: i32 = 31;
 pub const COME_BACK_US: u32 = 3_000_000;
 /// Slots in a row in which the shear must rise with the normal force, to two fifths, until that is a slide.
 pub const FOLLOWED_SLOTS: u8 = 3;
-/// Longest test that finds nothing, µs: a gripper of 100 ms has risen by then.
+/// Longest test without a finding, µs: a gripper with a time constant of 100 ms has risen by then.
 pub const UNPROVEN_US_MAX: u32 = 500_000;
-/// What is held in a test before it has found anything, 1/10000 of the load: 1.1.
+/// Load that a test holds before it has a finding, 1/10000 of the load: 1.1.
 pub const TEST_MARGIN: u16 = 11_000;
 /// Longest test, µs.
 pub const TEST_US_MAX: u32 = 1_000_000;
-/// Time after a test that found the contact held, without another one at that normal force, µs.
+/// Time without another test at the same normal force after a test that found the contact held, µs.
 pub const HUSH_HELD_US: u32 = 400_000;
-/// Time after any other test without another one, µs.
+/// Time without another test after any other test, µs.
 pub const HUSH_US: u32 = 80_000;
 /// Time without any suspicion before the line may fall by plan, µs.
 pub const CALM_US: u32 = 160_000;
-/// The limit that a slide set to the friction is forgotten by 2⁻²⁵ a µs, 3 % a second.
+/// Rate at which the friction limit set by a slide is forgotten: 2⁻²⁵ per µs, 3 % a second.
 pub const FRICTION_FORGET_SHIFT: u32 = 25;
-/// Rise of the line with which a suspicion is tested, as a part of the line: a third. A seventh finds slides too late: friction that falls
-/// from 0.8 to 0.3 slides for more than a second then.
+/// Rise of the line in a test, as a part of the line: a third. With a seventh, slides are found too late: when friction falls from
+/// 0.8 to 0.3 the object slides for more than a second.
 pub const TEST_RISE_PART: i32 = 3;
-/// The least rise of a test, 1/4096 N: 1 N, which a gripper that sticks still follows.
+/// Minimum rise of a test, 1/4096 N: 1 N, which a gripper with internal friction still follows.
 pub const TEST_RISE_MIN: i32 = 4_096;
 /// Square by which a map's blur widens a contact, 1/16 of half a pitch squared: 54 for a deviation of 0.65 taxels in both
 /// directions, and a third more for the edge that a light touch does not show.
@@ -140,9 +140,9 @@ pub const BLUR_MEAN_SQUARE: u16 = 70;
 /// Inverse square of a torsional moment's lever over the contact's RMS radius, in 16ths. 18 would hold a contact
 /// (`contact_geometry.rs`); maps lose a tenth of a moment.
 pub const SEEN_MOMENT: u64 = 22;
-/// How fast the grip closes on an object that it hardly feels, 1/4096 N per ms: 4 N/s.
+/// How fast the grip closes on an object with hardly any contact force, 1/4096 N per ms: 4 N/s.
 pub const SEEK_RATE: i32 = 16;
-/// How far above the floor it closes there, 1/4096 N: 1 N, and at most the floor again.
+/// How far above the floor it closes then, 1/4096 N: 1 N, at most the floor.
 pub const SEEK_MAX: i32 = 4_096;
 /// Assumed time constant of the gripper's force behind its line, as a shift of µs: 66 ms.
 pub const GRIPPER_LAG_SHIFT: u32 = 16;
@@ -153,24 +153,24 @@ pub const STORM_PER_MAP: u32 = 36;
 pub const STORM_PER_PACKET: u32 = 10;
 /// Level that raises CRC STORM: three broken maps or ten other refused packets at once.
 pub const STORM_LEVEL: u32 = 100;
-/// Highest storm level, so that a storm is over 200 ms after what last broke.
+/// Maximum storm level, so that a storm is over 200 ms after the last broken packet.
 pub const STORM_LEVEL_MAX: u32 = 200;
-/// How far ahead of the promptest map a capture time may be, µs: a late first map locks no host out.
+/// How far ahead of the promptest map a capture time may be, µs: a late first map does not lock a host out.
 pub const FUTURE_MAX_US: i32 = 1_000_000;
-/// Tolerated drift between the host's clock and ours, as a shift: 2⁻¹², 244 parts per million, twice that of two crystals. What
-/// comes later by more than that, map after map, grows old.
+/// Tolerated drift between the host's clock and ours, as a shift: 2⁻¹², 244 parts per million, twice that of two crystals. Maps
+/// whose delay grows faster than that become stale.
 pub const CLOCK_DRIFT_SHIFT: u32 = 12;
-/// Maximum tolerated drift over a silence, µs: that of 305 hours; it fits the clocks' difference.
+/// Maximum tolerated drift over a silence, µs: that of 305 hours; it fits the type of the clocks' difference.
 pub const CLOCK_DRIFT_MAX_US: u64 = 1 << 28;
-/// How long maps show no contact until the object that is held counts as lost, µs: six maps at 60 a second; a touch that
-/// flickers comes back sooner.
+/// How long maps show no contact until a held object counts as lost, µs: six maps at 60 a second; a touch that flickers comes back
+/// sooner.
 pub const CONTACT_GONE_US: u64 = 100_000;
 /// Time between two statuses without a map, ms.
 pub const STATUS_PERIOD_MS: u32 = 100;
 /// Bound from the last packet in the FIFO to the line written, core cycles: 25 µs at 168 MHz.
 pub const DECIDE_BUDGET_CYCLES: u32 = 4_200;
 
-/// Symbols a second on the gripper's bus (2F-85 & 2F-140 manual, "Modbus RTU communication", connection setup).
+/// Baud rate of the gripper's bus (2F-85 & 2F-140 manual, "Modbus RTU communication", connection setup).
 pub const MODBUS_BAUD: u32 = 115_200;
 /// The gripper's address on the bus as delivered (same section).
 pub const MODBUS_UNIT: u8 = 9;
@@ -178,30 +178,30 @@ pub const MODBUS_UNIT: u8 = 9;
 pub const MODBUS_BYTE_US: u64 = 10 * 1_000_000 / MODBUS_BAUD as u64 + 1;
 /// Silence that ends a frame, µs: 1.75 ms above 19,200 baud (Modbus over serial line V1.02, section 2.5.1.1).
 pub const MODBUS_SILENCE_US: u64 = 1_750;
-/// Least time between the starts of two requests, µs: the gripper's registers change at 200 Hz (manual, note on
-/// function code 23: "minimum delay of 5 ms").
+/// Minimum time between the starts of two requests, µs: the gripper's registers change at 200 Hz (manual, note on function code 23:
+/// "minimum delay of 5 ms").
 pub const MODBUS_SLOT_US: u64 = 5_000;
 /// How long sending a request may take, µs: three times its bytes on the wire, and well before its answer counts as lost.
 pub const MODBUS_SEND_US: u64 = 5_000;
 /// How long an answer may take after the end of its request, µs: several turns of the gripper's own loop.
 pub const MODBUS_ANSWER_US: u64 = 25_000;
-/// Quiet after a lost or damaged answer, µs, so that what comes late is not taken for the next answer.
+/// Silence after a lost or damaged answer, µs, so that a late answer is not taken for the next one.
 pub const MODBUS_QUIET_US: u64 = 10_000;
 /// Requests in a row without a good answer after which the gripper counts as gone: about 0.1 s.
 pub const MODBUS_FAILURES_MAX: u8 = 3;
 
 /// First of the three registers that command the gripper (manual, table 4-1 and the examples of section 4.8).
 pub const ROBOTIQ_COMMAND: u16 = 0x03E8;
-/// First of the three registers that tell its state (same tables).
+/// First of the three registers with its state (same tables).
 pub const ROBOTIQ_STATUS: u16 = 0x07D0;
 /// Speed register while closing: about a quarter of the 30 to 250 mm/s, because what hits the object is the moving
 /// fingers' momentum as much as the motor's current.
 pub const ROBOTIQ_CLOSING_SPEED: u8 = 0x40;
 /// Speed register while opening.
 pub const ROBOTIQ_OPENING_SPEED: u8 = 0x40;
-/// How long the gripper may take to echo a new request, µs: two questions and one lost answer.
+/// How long the gripper may take to echo a new request, µs: two requests and one lost answer.
 pub const ROBOTIQ_ECHO_US: u64 = 100_000;
 /// Time between two attempts to activate, µs.
 pub const ROBOTIQ_ACTIVATION_PAUSE_US: u64 = 1_000_000;
-/// Longest activation, µs: the fingers open and close once, a few seconds; then it is tried again.
+/// Longest activation, µs: the fingers open and close once in a few seconds; after this it is tried again.
 pub const ROBOTIQ_ACTIVATION_MAX_US: u64 = 15_000_000;

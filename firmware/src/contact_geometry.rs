@@ -32,11 +32,11 @@ enum Kind {
     Round,
     /// Long and narrow.
     Line,
-    /// As wide as long, and so from the start.
+    /// As wide as long, at full size from the start.
     Flat,
 }
 
-/// The geometry of a contact, as far as it was seen.
+/// The geometry of a contact, as observed so far.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(crate) struct ContactGeometry {
     /// The largest normal force so far.
@@ -63,7 +63,7 @@ impl ContactGeometry {
     /// changes, and a contact that slid is at another place.
     pub(crate) fn observe(&mut self, sums: &MapSums, sticks: bool) {
         let normal = sums.force[2].max(1).cast_unsigned();
-        // On so many taxels a disc has the smallest RMS radius.
+        // On this many taxels a disc has the smallest RMS radius.
         let min = 8 * u64::from(sums.contact);
         let mean_square = mean_square_radius(sums, MEAN_SQUARE_FRACTION)
             .max(min)
@@ -92,8 +92,8 @@ impl ContactGeometry {
         }
     }
 
-    /// Square of the force that stands for a torsional moment. Every geometry holds a moment of about 0.93 of its RMS radius times
-    /// the force that it holds (a disc with even pressure 0.94, a sphere 0.93, a line 0.87).
+    /// Square of the force that is equivalent to a torsional moment. Every geometry holds a moment of about 0.93 of its RMS radius
+    /// times the force that it holds (a disc with even pressure 0.94, a sphere 0.93, a line 0.87).
     pub(crate) fn square_of_moment(&self, moment: i32) -> u64 {
         // At most 18 · (86/64 · 2²⁹)²: the difference of two loads, each up to 2²⁹.
         divide(18 * u64::from(moment.unsigned_abs()).pow(2), self.mean_square)
@@ -120,13 +120,13 @@ impl ContactGeometry {
     }
 }
 
-/// Mean square distance of the pressure from its centre, half taxel pitches squared with so many fraction bits, at most 28; 0
-/// where tension outweighs it. Normal forces of 2¹⁶ and more count to 16 places.
+/// Mean square distance of the pressure from its centre, half taxel pitches squared with this many fraction bits, at most 28; 0 if
+/// tension exceeds it. Normal forces of 2¹⁶ and more are reduced to 16 bits.
 pub(crate) fn mean_square_radius(sums: &MapSums, fraction: u32) -> u64 {
     let normal = i64::from(sums.force[2].max(1));
-    let [across, along] = sums.pressure.map(|sum| i64::from(sum).pow(2));
+    let [across, along] = sums.first_moment.map(|sum| i64::from(sum).pow(2));
     // N² times it, exactly: at most 2 · 2³¹ · 2²⁴, and 2 · 2⁵⁶.
-    let about_centre = 2 * i64::from(sums.spread) * normal - across - along;
+    let about_centre = 2 * i64::from(sums.second_moment) * normal - across - along;
     let (divisor, shift) = narrowed(sums.force[2]);
     let once = divide(about_centre.max(0).cast_unsigned() >> shift, divisor);
     divide((once << fraction) >> shift, divisor)
@@ -139,14 +139,14 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// A contact in the middle: so many taxels, pressure of so many N, its mean square radius in half pitches squared.
+    /// A contact in the middle: so many taxels, pressure of this many N, its mean square radius in half pitches squared.
     fn pressed(area: f64, normal_n: f64, mean_square: f64) -> MapSums {
         let normal = 4_096.0 * normal_n;
         MapSums {
             contact: area as u16,
             stick: area as u16,
             force: [0, 0, normal as i32],
-            spread: (mean_square * normal / 2.0) as i32,
+            second_moment: (mean_square * normal / 2.0) as i32,
             ..MapSums::default()
         }
     }
@@ -260,9 +260,9 @@ mod tests {
             for &(column, row, z) in &taxels {
                 let (x, y) = (2 * column - 19, 2 * row - 19);
                 sums.force[2] += z;
-                sums.pressure[0] += x * z;
-                sums.pressure[1] += y * z;
-                sums.spread += z * (x * x + y * y) / 2;
+                sums.first_moment[0] += x * z;
+                sums.first_moment[1] += y * z;
+                sums.second_moment += z * (x * x + y * y) / 2;
             }
             let normal: f64 = taxels.iter().map(|taxel| f64::from(taxel.2)).sum();
             let mean = |of: &dyn Fn(f64, f64) -> f64| {

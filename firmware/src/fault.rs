@@ -16,7 +16,7 @@ pub enum Fault {
     StaleMaps = 1,
     /// While holding, nothing was received for `link_lost_ms`.
     LinkLost = 2,
-    /// More refused packets than a link may have.
+    /// More refused packets than allowed on a link.
     CrcStorm = 3,
     /// A map came twice, or later than its successor.
     ReplayedMap = 4,
@@ -36,7 +36,7 @@ pub enum Fault {
     LineAtCeiling = 11,
     /// A map took longer than the bound from last packet to line.
     DeadlineMissed = 12,
-    /// Forces of a fingertip's newest map did not fit the wire: it feels more than the map says.
+    /// Forces of a fingertip's newest map did not fit the wire: the real force is higher than the map's.
     SaturatedMap = 13,
     /// A map's picture was taken after the map arrived: the host's clock cannot be right. The map is refused.
     FutureMap = 14,
@@ -46,9 +46,9 @@ pub enum Fault {
     LineFailed = 16,
     /// The supply is too low, or was so low that the chip restarted.
     Undervoltage = 17,
-    /// The option bytes do not hold the chip in reset below 2.8 V.
+    /// The option bytes do not keep the chip in reset below 2.8 V.
     BrownOutLevel = 18,
-    /// The analog line does not measure as it was written.
+    /// The measured analog line differs from the written one.
     LineMismatch = 19,
     /// While holding, the contact is gone, or the gripper reports that it holds no object any more.
     ObjectLost = 20,
@@ -219,13 +219,13 @@ impl FaultSet {
     /// No fault.
     pub const EMPTY: Self = Self(0);
 
-    /// The set of a status.
+    /// The set from a status.
     #[must_use]
     pub const fn from_bits(bits: u32) -> Self {
         Self(bits)
     }
 
-    /// The set as a status carries it.
+    /// The set for a status.
     #[must_use]
     pub const fn bits(self) -> u32 {
         self.0
@@ -248,7 +248,7 @@ impl FaultSet {
         Fault::ALL.into_iter().filter(move |fault| self.has(*fault))
     }
 
-    /// Adds the fault, or takes it out.
+    /// Adds or removes the fault.
     #[inline]
     pub const fn set(&mut self, fault: Fault, active: bool) {
         if active {

@@ -1,9 +1,9 @@
-//! The friction that a contact has proven by the load it carried. No contact carries more shear than friction times normal
-//! force, so the largest share so far is a lower limit of the friction. A growing load raises it, because the grip follows
-//! late. A grip for low friction would meet the load before the load proves much. So the estimator assumes typical friction
-//! until the load settles or the contact slides; from then on the proven friction counts.
+//! The friction that a contact has proven by the load it carried. No contact carries more shear than friction times normal force,
+//! so the largest share so far is a lower limit of the friction. A growing load raises it, because the grip follows late. A grip
+//! for low friction would grip so hard that the load proves little. So the estimator assumes typical friction until the load
+//! settles or the contact slides; from then on the proven friction counts.
 //!
-//! What is proven is proven for then: a [slide](crate::slide_witness) limits it, also below the detector's friction.
+//! Proven friction may become outdated: a [slide](crate::slide_witness) limits it, also below the detector's friction.
 //!
 //! Units: force 1/4096 N, ratios 1/10000, time µs.
 
@@ -21,7 +21,7 @@ use crate::load::torsional_moment;
 use crate::slide_witness::{SlideWitness, Verdict};
 use crate::sums::stick_ratio_below;
 
-/// What the grip of one fingertip has to hold.
+/// The load that the grip must hold at one fingertip.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(crate) struct LoadEstimate {
     /// The shear to hold, 1/4096 N, and the same over the normal force, 1/10000.
@@ -48,7 +48,7 @@ pub(crate) struct FrictionEstimator {
     now: i32,
     /// Growth of the load from map to map, smoothed.
     growth: i32,
-    /// Load expected [`LEAD_US`] or [`REST_LEAD_US`] ahead; more while the contact slides, and no less than it remembers.
+    /// Load expected [`LEAD_US`] or [`REST_LEAD_US`] ahead; more while the contact slides, and at least the remembered load.
     ahead: i32,
     /// `ahead` over the normal force; `before`: `now` over it in the last two maps.
     ratio: u16,
@@ -118,11 +118,12 @@ impl FrictionEstimator {
         if normal >= PROOF_NORMAL_MIN && 2 * normal >= reached {
             // One of the two previous maps must agree: a single map proves nothing.
             let sure = ratio_now.min(older.max(old));
-            self.proven = self.proven.max(sure).min(settings.friction_most);
+            self.proven = self.proven.max(sure).min(settings.friction_max);
         }
     }
 
-    /// Asks the slide witness about the map that [`FrictionEstimator::observe`] took. `seen` is what the host saw of motion in it.
+    /// Asks the slide witness about the map that [`FrictionEstimator::observe`] took. `seen` is the host's evidence of motion in
+    /// it.
     pub(crate) fn ask_witness(&mut self, normal: i32, seen: Motion, settings: LearningSettings) {
         let friction = self.proven.max(settings.friction);
         self.slide
@@ -161,8 +162,8 @@ impl FrictionEstimator {
         at_friction && stick_ratio_below(sums, stick_ratio)
     }
 
-    /// The load that a sliding contact hides: while it slides it carries no more than friction allows. Half of the visible
-    /// load when sliding is sure. Otherwise an eighth more per map, because high friction looks the same while it holds.
+    /// The hidden load of a sliding contact: while it slides it carries no more than friction allows. Half of the visible load when
+    /// sliding is sure. Otherwise an eighth more per map, because high friction looks the same while it holds.
     fn sliding(&self, ratio_now: u16) -> i32 {
         if self.slides >= SLIDE_SURE_MAPS && ratio_now <= SLIDE_RATIO_SURE {
             self.now / 2
@@ -178,12 +179,12 @@ impl FrictionEstimator {
             .clamp(1_000, u16::MAX.into()) as u16
     }
 
-    /// What its slide witness demands of the line.
+    /// The verdict of its slide witness.
     pub(crate) fn witness(&self) -> Verdict {
         self.slide.verdict()
     }
 
-    /// What the grip has to hold.
+    /// The load that the grip must hold.
     pub(crate) fn estimate(&self, settings: LearningSettings) -> LoadEstimate {
         LoadEstimate {
             shear: self.ahead,
@@ -194,12 +195,12 @@ impl FrictionEstimator {
     }
 
     /// Friction for the feed-forward, 1/10000: what was proven, at least the detector's, and typical friction until the load
-    /// settles; no more than a slide left.
+    /// settles; limited by the last slide.
     fn friction(&self, settings: LearningSettings) -> u16 {
         let expected = if self.has_rested || self.has_slid {
             0
         } else {
-            EXPECTED_FRICTION.min(settings.friction_most)
+            EXPECTED_FRICTION.min(settings.friction_max)
         };
         self.proven
             .max(expected)

@@ -341,7 +341,7 @@ impl GripController {
         self.reflex_milli = self.reflex_milli.min(ceiling - feed_forward).max(0);
         let mut demand = (feed_forward + self.reflex_milli).max(floor).min(ceiling);
         if guard == Guard::FailSafe {
-            demand = demand.max(settings.tighten * MILLI);
+            demand = demand.max(settings.fail_safe * MILLI);
         }
         let mut relax_rate = settings.relax_rate;
         if settings.learns() {
@@ -428,12 +428,12 @@ impl GripController {
 pub(crate) const fn loosens(old: &Configuration, new: &Configuration) -> bool {
     new.sensors < old.sensors
         || new.friction > old.friction
-        || new.friction_most > old.friction_most
+        || new.friction_max > old.friction_max
         || new.contact_min > old.contact_min
         || new.margin < old.margin
         || new.floor < old.floor
         || new.ceiling < old.ceiling
-        || new.tighten < old.tighten
+        || new.fail_safe < old.fail_safe
         || new.reflex_target < old.reflex_target
         || new.reflex_rate < old.reflex_rate
         || new.rise_rate < old.rise_rate

@@ -1,4 +1,4 @@
-//! What of the settings the estimators need: three numbers, copied while the map-to-line path is blocked.
+//! The three settings that the estimators need, copied while the map-to-line path is blocked.
 
 use gripline_protocol::message::Configuration;
 
@@ -6,7 +6,7 @@ use gripline_protocol::message::Configuration;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct LearningSettings {
     pub(crate) friction: u16,
-    pub(crate) friction_most: u16,
+    pub(crate) friction_max: u16,
     pub(crate) margin: u16,
 }
 
@@ -15,13 +15,13 @@ impl LearningSettings {
     pub(crate) const fn of(settings: &Configuration) -> Self {
         Self {
             friction: settings.friction,
-            friction_most: settings.friction_most,
+            friction_max: settings.friction_max,
             margin: settings.margin,
         }
     }
 
     /// As [`Configuration::learns`].
     pub(crate) const fn learns(self) -> bool {
-        self.friction_most > self.friction
+        self.friction_max > self.friction
     }
 }

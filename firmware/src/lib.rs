@@ -1,12 +1,11 @@
-//! The microcontroller's whole program without the silicon: packets in, grip force out.
+//! The microcontroller's whole program without hardware access: packets in, grip force out.
 //!
 //! Hosts run the same code: in tests, in the in-process device of `gripline run`, and as the shadow that checks every
 //! answer of the real one.
 //!
-//! [`friction`] decides about a taxel, [`sums`] about a map, [`slip`] about the contact, [`grip`] about the force,
-//! [`safety`] about [faults](fault); [`program`] joins them. [`mod@line`] turns force into volts, [`readback`] compares them with
-//! what arrives; [`robotiq`] speaks [`modbus`] to
-//! a gripper on a bus, through an [`rs485`] transceiver. [`storage`] keeps the settings over a power cycle.
+//! [`friction`] judges a taxel, [`sums`] a map, [`slip`] the contact; [`grip`] sets the force, [`safety`] handles [faults](fault);
+//! [`program`] combines them. [`mod@line`] turns force into volts, [`readback`] compares them with the measured line; [`robotiq`]
+//! speaks [`modbus`] to a gripper on a bus, through an [`rs485`] transceiver. [`storage`] keeps the settings over a power cycle.
 #![no_std]
 #![forbid(unsafe_code)]
 

@@ -1,5 +1,5 @@
-//! The grip-force line: from force to what the gripper's input sees, behind one trait with three lines: a DAC with a
-//! live zero, PWM, and a [gripper on a bus](crate::robotiq).
+//! The grip-force line: converts force to the gripper's input, behind one trait with three implementations: a DAC with a live zero,
+//! PWM, and a [gripper on a bus](crate::robotiq).
 //!
 //! With a live zero, 0 N is a voltage above 0 V, so a broken wire differs from "no force". Default wiring: the
 //! DAC's 0–3.3 V through an op-amp with gain 3.03 to 0–10 V, of which 2–10 V are used.
@@ -12,22 +12,22 @@ use gripline_protocol::rounds::at_most;
 
 use crate::grip::GripForce;
 
-/// Where the grip force goes.
+/// An output for the grip force.
 ///
-/// Every line has these properties, and one test suite (`tests/lines.rs`) checks them all. More force never shows as less.
-/// The line never shows less than was written, up to full scale. An unreachable line keeps its value, and takes the newest
-/// force when it is reachable again. A line that was never told to hold moves nothing.
+/// Every line has these properties, and one test suite (`tests/lines.rs`) checks them all. A higher force never gives a lower
+/// output. The output is never less than written, up to full scale. An unreachable line keeps its value, and takes the newest force
+/// when it is reachable again. A line that never got a force above zero moves nothing.
 pub trait GripLine {
     /// What can go wrong while writing.
     type Error;
 
-    /// Puts a force on the line.
+    /// Writes a force to the line.
     ///
     /// # Errors
-    /// As the hardware says; the line then keeps its last value.
+    /// The hardware's error; the line then keeps its last value.
     fn write(&mut self, force: GripForce) -> Result<(), Self::Error>;
 
-    /// Whether writes arrive. A plain voltage cannot know.
+    /// Whether writes arrive. A plain voltage gives no feedback.
     fn health(&self) -> LineHealth {
         LineHealth::Good
     }
@@ -38,12 +38,12 @@ pub trait GripLine {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[repr(u8)]
 pub enum LineHealth {
-    /// As far as can be known.
+    /// It works, as far as known.
     #[default]
     Good = 0,
     /// Just switched on, or during activation.
     Starting = 1,
-    /// No answer, or none that can be read.
+    /// No answer, or no readable one.
     NoAnswer = 2,
     /// It needs an activation, which opens its fingers: release first.
     NotActivated = 3,
@@ -89,8 +89,8 @@ pub struct LineCalibration {
 pub const DAC_LIVE_ZERO: LineCalibration = LineCalibration::of(&LineSettings::DEFAULT);
 
 impl LineCalibration {
-    /// The table of settings that `Configuration::check` passed. A table that does not rise gives wrong codes, but none above
-    /// the DAC's range.
+    /// The table of settings that passed `Configuration::check`. A table that does not rise gives wrong codes, but none above the
+    /// DAC's range.
     #[must_use]
     pub const fn of(settings: &LineSettings) -> Self {
         Self {
@@ -98,7 +98,7 @@ impl LineCalibration {
         }
     }
 
-    /// The code for a force, rounded up: never less grip than was decided. Forces above full scale give the last point's code.
+    /// The code for a force, rounded up: never less force than decided. Forces above full scale give the last point's code.
     #[must_use]
     pub fn code(&self, force: GripForce) -> DacCode {
         for place in at_most::<{ LINE_POINTS - 1 }, _>(1..LINE_POINTS) {
@@ -126,7 +126,7 @@ pub trait DacOutput {
     /// Shows `code`.
     fn show(&mut self, code: DacCode);
 
-    /// Keeps the force that the line must show again after a reset.
+    /// Keeps the force that the line must output again after a reset.
     fn keep(&mut self, force: GripForce);
 }
 

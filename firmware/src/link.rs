@@ -1,4 +1,4 @@
-//! The links over which hosts reach the program. Each has receivers of its own: what one brings broken costs the other nothing.
+//! The links over which hosts reach the program. Each has its own receivers: broken packets on one do not affect the other.
 
 /// Number of links.
 pub const LINKS: usize = 2;
@@ -8,7 +8,7 @@ pub const LINKS: usize = 2;
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[repr(u8)]
 pub enum LinkId {
-    /// USB bulk; also what stands in its place without a board.
+    /// USB bulk, or its replacement without a board.
     Usb = 0,
     /// The UART.
     Uart = 1,

@@ -1,5 +1,5 @@
-//! The tangential load on a contact from map to map: shear force and torsional moment together, over the normal force. It
-//! tells more than the ratios in one map.
+//! The tangential load on a contact from map to map: shear force and torsional moment together, over the normal force. It is more
+//! informative than the ratios in one map.
 //!
 //! When the load on a slipping contact falls or turns back, every taxel sticks at once (Cattaneo 1938, Mindlin and
 //! Deresiewicz 1953), while the ratios in the map stay near friction until the load is gone. From then on friction is known:
@@ -68,7 +68,7 @@ pub(crate) fn torsional_moment(sums: &MapSums) -> i32 {
     let [x, y, normal] = sums.force;
     let (divisor, shift) = narrowed(normal);
     // At most 2 · 2²⁸ · 2²⁴.
-    let [across, along] = sums.pressure.map(i64::from);
+    let [across, along] = sums.first_moment.map(i64::from);
     let lever = across * i64::from(y) - along * i64::from(x);
     let of_centre = divide(lever.unsigned_abs() >> shift, divisor).cast_signed() * lever.signum();
     (i64::from(sums.moment) - of_centre).clamp(-MOMENT_MAX, MOMENT_MAX) as i32
@@ -90,7 +90,7 @@ pub(crate) struct LoadHistory {
     peak: u32,
     /// Capture time of the last map.
     at: HostMicros,
-    /// The load at which half of the contact is furthest from slipping.
+    /// The load at which the contact is furthest from half slip.
     centre: [i32; 2],
     centre_moment: i32,
     /// Friction: share of the load that last slid, as it began to fall; 0 before the first slide.
@@ -194,7 +194,7 @@ mod tests {
                     stick: 20,
                     force: [3_000, -1_000, 70_000],
                     moment: column * -1_000 - row * 3_000,
-                    pressure: [column * 70_000, row * 70_000],
+                    first_moment: [column * 70_000, row * 70_000],
                     ..MapSums::default()
                 },
                 &round(),
@@ -275,8 +275,8 @@ mod tests {
     proptest! {
         #[test]
         fn no_map_is_too_much(contact in 1_u16..=400, x in -(400 << 15)..=400 << 15, y in -(400 << 15)..=400 << 15,
-                              z in -(400 << 15)..=400 << 15, moment: i32, spread: i32, pressure in [-(19 * 400) << 15..=(19 * 400) << 15, -(19 * 400) << 15..=(19 * 400) << 15]) {
-            let sums = MapSums { contact, stick: 0, force: [x, y, z], moment, pressure, spread };
+                              z in -(400 << 15)..=400 << 15, moment: i32, second_moment: i32, first_moment in [-(19 * 400) << 15..=(19 * 400) << 15, -(19 * 400) << 15..=(19 * 400) << 15]) {
+            let sums = MapSums { contact, stick: 0, force: [x, y, z], moment, first_moment, second_moment };
             let mut geometry = ContactGeometry::new();
             geometry.observe(&sums, true);
             let load = Load::of(&sums, &geometry);

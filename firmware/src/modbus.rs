@@ -1,5 +1,5 @@
-//! The three pieces of Modbus RTU that a gripper needs: write registers (function 16), read input registers
-//! (function 4), and telling a good answer from a bad one. Bytes in, bytes out, no clock.
+//! The three pieces of Modbus RTU that a gripper needs: write registers (function 16), read input registers (function 4), and
+//! checking answers. Bytes in, bytes out, no clock.
 //!
 //! Sources: Modbus application protocol V1.1b3 (sections 6.4, 6.12, 7), Modbus over serial line V1.02 (section 2.5.1).
 //! Limits: three registers a request. Length and CRC delimit frames, not silences: a task that shares its processor cannot
@@ -19,7 +19,7 @@ pub type RequestFrame = heapless::Vec<u8, REQUEST_MAX>;
 
 const READ_INPUTS: u8 = 4;
 const WRITE_MULTIPLE: u8 = 16;
-/// Set in the function code of an answer that refuses (section 7).
+/// Set in the function code of a refusal (section 7).
 const EXCEPTION: u8 = 0x80;
 const CRC_BYTES: usize = 2;
 
@@ -37,7 +37,7 @@ pub enum Request {
         /// Their values.
         values: [u16; REGISTERS],
     },
-    /// Function 4: read as many from `address` on.
+    /// Function 4: read the same number from `address` on.
     Read {
         /// First register.
         address: u16,
@@ -50,11 +50,11 @@ pub enum Request {
 pub enum Answer {
     /// The registers were written.
     Written,
-    /// The registers that were asked for.
+    /// The registers that were read.
     Registers([u16; REGISTERS]),
 }
 
-/// Why an answer is not good.
+/// Why an answer is bad.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum AnswerError {
@@ -62,7 +62,7 @@ pub enum AnswerError {
     Crc,
     /// The device refuses, with this exception code (1 function, 2 address, 3 value, 4 failure, 6 busy).
     Exception(u8),
-    /// The CRC is right but it answers another question: another unit, function, address or length.
+    /// The CRC is right but it answers another request: another unit, function, address or length.
     Other,
 }
 

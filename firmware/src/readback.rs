@@ -12,17 +12,17 @@ use crate::line::DacCode;
 pub const REFERENCE_TYPICAL: u16 = 1_502;
 /// The chip's own value may differ from that by this much: 1.18 to 1.24 V, and the error of the converter.
 const REFERENCE_SPREAD: u16 = 60;
-/// What the line may differ by: 2 % of full scale and 4 % of what was written. Resistors of 1 % at gain and divider, and a
-/// supply within 2 %, stay inside.
+/// Allowed deviation of the line: 2 % of full scale and 4 % of the written value. Resistors of 1 % at gain and divider, and a
+/// supply within 2 %, stay below it.
 const TOLERANCE: u16 = 82;
-/// See [`TOLERANCE`]: one part in this of what was written.
+/// See [`TOLERANCE`]: one part in this of the written value.
 const TOLERANCE_PART: u16 = 25;
 /// Ticks in which the line settles: 3 ms, twenty time constants of the filter at the DAC's pin.
 const SETTLING_TICKS: usize = 4;
 /// Measurements in a row, one a tick, that raise or clear the fault.
 const ALIKE: u8 = 5;
 
-/// The line and the reference as the converter measured them in one go, 12 bits each.
+/// The line and the reference, measured by the converter together, 12 bits each.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct LineSample {
@@ -32,7 +32,7 @@ pub struct LineSample {
     pub reference: u16,
 }
 
-/// Compares the line with what was written, once a tick.
+/// Compares the line with the written value, once per tick.
 #[derive(Debug, Clone, Copy)]
 pub struct LineMonitor {
     /// The reference at a supply of 3.3 V.
@@ -40,14 +40,14 @@ pub struct LineMonitor {
     /// The codes of the last ticks.
     written: [DacCode; SETTLING_TICKS],
     place: usize,
-    /// Measurements in a row that say otherwise than `is_wrong`.
+    /// Measurements in a row that contradict `is_wrong`.
     other: u8,
     is_wrong: bool,
 }
 
 impl LineMonitor {
-    /// `calibrated` is the reference that the factory measured at 3.3 V and keeps in the chip; a value that cannot be right, like
-    /// an erased one, is replaced by the typical one. `code` is what the DAC shows now.
+    /// `calibrated` is the reference that the factory measured at 3.3 V and stored in the chip; an impossible value, like an erased
+    /// one, is replaced by the typical one. `code` is the DAC's present code.
     #[must_use]
     pub const fn new(calibrated: u16, code: DacCode) -> Self {
         let reference = if calibrated.abs_diff(REFERENCE_TYPICAL) <= REFERENCE_SPREAD {
@@ -64,8 +64,8 @@ impl LineMonitor {
         }
     }
 
-    /// Takes the code that the DAC shows now and the newest measurement, if there is one; a converter that gives none counts as
-    /// one that is wrong. Returns whether the line is not what was written.
+    /// Takes the DAC's present code and the newest measurement; a missing measurement counts as a wrong one. Returns whether the
+    /// line differs from the written value.
     pub fn observe(&mut self, code: DacCode, sample: Option<LineSample>) -> bool {
         self.written[self.place] = code;
         self.place = (self.place + 1) % SETTLING_TICKS;
@@ -120,7 +120,7 @@ mod tests {
         u32::from(code) * 3_300 / 4_095
     }
 
-    /// After so many alike measurements.
+    /// After this many alike measurements.
     fn after(ticks: usize, code: u16, sample: impl Into<Option<LineSample>>) -> bool {
         let sample = sample.into();
         let mut monitor = LineMonitor::new(0xFFFF, DacCode(code));

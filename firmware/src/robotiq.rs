@@ -1,9 +1,9 @@
 //! A Robotiq 2F-140 as a grip-force line: a state machine with bytes and time in, bytes out. Time in µs.
 //!
-//! Source: "2F-85 & 2F-140 Instruction Manual" (Robotiq), sections 4.2 to 4.4 (registers), 4.8 (Modbus RTU), 6 (forces).
-//! Limits: rFR limits the motor's current while the fingers move; it is no closed-loop force. More force therefore
-//! needs a new position request, and less force does not loosen a grip: that takes opening. Below 10 N it grips with
-//! 10 N. Activation opens and closes the fingers, so it is never begun while something is to be held.
+//! Source: "2F-85 & 2F-140 Instruction Manual" (Robotiq), sections 4.2 to 4.4 (registers), 4.8 (Modbus RTU), 6 (forces). Limits:
+//! rFR limits the motor's current while the fingers move; it is no closed-loop force. More force therefore needs a new position
+//! request, and less force does not loosen a grip: only opening does. Below 10 N it grips with 10 N. Activation opens and closes
+//! the fingers, so it never starts while something is to be held.
 
 use gripline_protocol::LSB_PER_NEWTON;
 use gripline_protocol::line::ROBOTIQ_FORCE_N;
@@ -21,7 +21,7 @@ const MIN_LSB: u32 = (ROBOTIQ_FORCE_N[0] * LSB_PER_NEWTON) as u32;
 const MAX_LSB: u32 = (ROBOTIQ_FORCE_N[1] * LSB_PER_NEWTON) as u32;
 const REGISTER_MAX: u32 = 255;
 
-/// The force register rFR for a force, rounded up: never less grip than was decided, 10 N at least, 125 N at most.
+/// The force register rFR for a force, rounded up: never less force than decided, 10 N at least, 125 N at most.
 ///
 /// The manual gives the ends and no curve between them; a straight line is assumed.
 #[must_use]
@@ -46,7 +46,7 @@ struct MotionCommand {
     force: u8,
 }
 
-/// Two positions that mean "closed", so that every new grip can be a new request.
+/// Two positions that both mean "closed", so that every new grip can be a new request.
 const CLOSED: [u8; 2] = [255, 254];
 
 const ACTIVE: u8 = 1;
@@ -88,11 +88,11 @@ impl MotionCommand {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct GripperStatus {
-    /// gACT, gGTO, gSTA and gOBJ as they stand in the register.
+    /// gACT, gGTO, gSTA and gOBJ as in the register.
     pub bits: u8,
     /// gFLT: 0 none, 5 and 7 activate first, 8 too hot, 9 no request for a second, 10 and above reset needed.
     pub fault: u8,
-    /// gPR: the position request that it works on.
+    /// gPR: the position request that it executes.
     pub echo: u8,
     /// gPO: where the fingers are, 0 open to 255 closed.
     pub position: u8,
@@ -136,7 +136,7 @@ impl GripperStatus {
         matches!(self.bits >> 6, 1 | 2)
     }
 
-    /// gOBJ: the fingers are where they were sent, and nothing stopped them.
+    /// gOBJ: the fingers reached their target, and nothing stopped them.
     const fn has_none(self) -> bool {
         self.bits >> 6 == 3
     }
@@ -145,7 +145,7 @@ impl GripperStatus {
         self.fault >= FAULT_NEEDS_RESET
     }
 
-    /// Whether it follows commands. Our silence only sets a note.
+    /// Whether it follows commands. A pause of our requests sets only a minor fault.
     const fn is_well(self) -> bool {
         matches!(self.fault, 0 | FAULT_SILENCE)
     }
@@ -180,7 +180,7 @@ enum Phase {
 
 /// The line to one gripper.
 ///
-/// Reads and writes alternate. Each write follows from the last read, so a lost frame is never taken for delivered.
+/// Reads and writes alternate. Each write follows from the last read, so a lost frame never counts as delivered.
 #[derive(Debug)]
 pub struct Robotiq {
     requested: Requested,
@@ -194,7 +194,7 @@ pub struct Robotiq {
     applied: Option<u8>,
     /// Something stopped the fingers since the grip was requested.
     had_object: bool,
-    /// Since when the gripper has not echoed a grip.
+    /// Time since which the gripper has not echoed a grip.
     sent_us: Option<u64>,
     asked: Option<Asked>,
     answer: heapless::Vec<u8, ANSWER_MAX>,
@@ -206,7 +206,7 @@ pub struct Robotiq {
     now_us: u64,
 }
 
-/// A request on its way, and when it counts as lost.
+/// A request in transit, and when it counts as lost.
 #[derive(Debug, Clone, Copy)]
 struct Asked {
     request: Request,
@@ -243,7 +243,7 @@ impl Robotiq {
         self.status
     }
 
-    /// When [`Self::poll_transmit`] has to be called at the latest, µs.
+    /// Latest time for the next call of [`Self::poll_transmit`], µs.
     #[must_use]
     pub fn wake_us(&self) -> u64 {
         self.asked.map_or(self.next_us, |asked| asked.until_us)
@@ -313,7 +313,7 @@ impl Robotiq {
         }
     }
 
-    /// The command that the gripper needs; `None` while it does the right thing, or is not ready.
+    /// The command that the gripper needs; `None` while it already does so, or is not ready.
     fn command(&self, status: GripperStatus) -> Option<MotionCommand> {
         match (self.phase, self.requested) {
             // Finish an activation that has begun; begin none while something is to be held.
@@ -349,7 +349,7 @@ impl Robotiq {
         })
     }
 
-    /// No answer, a damaged one or a refusal. A write may have arrived all the same: the next status shows it.
+    /// No answer, a damaged one or a refusal. A write may have arrived anyway: the next status shows it.
     fn failed(&mut self) {
         self.asked = None;
         self.is_fresh = false;

@@ -1,7 +1,6 @@
 //! An RS-485 transceiver on any UART of embedded-io and any pin of embedded-hal.
 //!
-//! The pin enables the driver only while a request goes out, so that the other end can answer.
-//! Limits: half duplex.
+//! The pin enables the driver only while a request is sent, so that the other end can answer. Limits: half duplex.
 
 use embedded_hal::digital::OutputPin;
 use embedded_io_async::Write;

@@ -1,11 +1,11 @@
-//! Which faults are active or latched, and what they demand of the line together. Times are in ms of the 1 kHz tick.
+//! Which faults are active or latched, and their combined demand on the line. Times are in ms of the 1 kHz tick.
 
 use crate::constants::{STORM_LEVEL, STORM_LEVEL_MAX, STORM_PER_MAP, STORM_PER_PACKET};
 use crate::fault::{Fault, FaultSet};
 use crate::grip::Guard;
 use crate::link::{LINKS, LinkId};
 
-/// The faults that are active, and those that wait for a person.
+/// The active faults, and those that wait for a person.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Safety {

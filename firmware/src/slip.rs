@@ -1,8 +1,8 @@
-//! From stick ratios to a slip state: a threshold with a separate leave threshold, a minimum dwell time, and the trend,
-//! because a sudden fall of the stick ratio announces slip. A worse state counts at once, a better one only after the dwell
-//! time; but when the load falls, everything sticks at once (`load.rs`). After a slide friction is known, and the load tells
-//! more than one map: where half of the contact must slip under it, the state is INCIPIENT before the ratios show it; where
-//! half must stick, the state is STICK although they do not.
+//! From stick ratios to a slip state: a threshold with a separate leave threshold, a minimum dwell time, and the trend, because a
+//! sudden fall of the stick ratio announces slip. A worse state takes effect at once, a better one only after the dwell time; but
+//! when the load falls, everything sticks at once (`load.rs`). After a slide friction is known, and the load is more informative
+//! than one map: where half of the contact must slip under it, the state is INCIPIENT before the ratios show it; where half must
+//! stick, the state is STICK although they do not.
 //!
 //! Units: ratios 1/10000, times as named.
 
@@ -27,7 +27,7 @@ pub struct SlipDecision {
     pub time_to_slip_ms: Option<u16>,
 }
 
-/// What of the settings the state machine needs; units as in [`Configuration`].
+/// The settings of the state machine; units as in [`Configuration`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct SlipSettings {
     threshold: u16,
@@ -50,8 +50,8 @@ impl SlipSettings {
     }
 }
 
-/// What one map says of the state at once: a ratio below the threshold is SLIP; for anything better the state stays as it was until
-/// the load on the contact has been looked at ([`SlipDetector::update`]).
+/// The immediate state from one map: a ratio below the threshold is SLIP; otherwise the state stays the same until the load has
+/// been evaluated ([`SlipDetector::update`]).
 pub(crate) fn first_decision(before: SlipDecision, sums: &MapSums, threshold: u16) -> SlipDecision {
     let ratio = stick_ratio(sums);
     let state = match before.state {
@@ -108,7 +108,7 @@ impl SlipDetector {
         self.decide(sums, capture, now, &SlipSettings::of(settings))
     }
 
-    /// The same with what of the settings it needs.
+    /// The same with only the settings that it needs.
     pub(crate) fn decide(
         &mut self,
         sums: &MapSums,
@@ -141,7 +141,7 @@ impl SlipDetector {
         }
     }
 
-    /// Geometry of the contact, as far as it was seen.
+    /// Geometry of the contact, as observed so far.
     pub(crate) const fn geometry(&self) -> &ContactGeometry {
         &self.geometry
     }

@@ -1,4 +1,4 @@
-//! How sure the whole detector is that something slips: all witnesses joined to one number.
+//! The detector's confidence that something slips: all witnesses combined in one number.
 //!
 //! | witness | says slip when | knows friction |
 //! |---|---|---|
@@ -7,9 +7,9 @@
 //! | shear follows | the shear rises and falls with the grip ([`slide_witness`](crate::slide_witness)) | no |
 //! | motion | the camera sees the object move against the skin ([`Motion`]) | no |
 //!
-//! Each speaks in natural logarithms of odds, which add where witnesses are independent (Good 1950). Without a witness there are odds of
-//! −3. The weights follow from what each can know: one picture in which hardly a taxel sticks, or a test that found that the shear
-//! follows, or a clear picture of motion is enough; unrest alone hardly.
+//! Each gives natural logarithms of odds, which add up for independent witnesses (Good 1950). Without a witness the odds are −3.
+//! The weights follow from the reliability of each: one picture in which hardly a taxel sticks, a test in which the shear followed,
+//! or a clear picture of motion is enough; unrest alone is hardly enough.
 //!
 //! Units: odds in 1/256, evidence 1/10000.
 
@@ -24,11 +24,11 @@ use crate::unrest::Unrest;
 
 /// Odds of 1.
 const NAT: i32 = 256;
-/// When no witness speaks.
+/// Without any witness.
 const SILENCE: i32 = -3 * NAT;
 /// When nothing sticks at all.
 const NOTHING_STICKS: i32 = 7 * NAT;
-/// For each doubling of the unrest above twice the usual, and the most either way.
+/// For each doubling of the unrest above twice the usual, and its limit in either direction.
 const OCTAVE_OF_UNREST: i32 = 3 * NAT / 2;
 const UNREST_MAX: i32 = 4 * NAT;
 /// The shear follows the grip; a clear picture of motion, or of rest.
@@ -58,7 +58,7 @@ impl SlipEvidence {
         }
     }
 
-    /// Takes a new map and what was decided about it; `leave` is the stick ratio from which on nothing speaks for slip.
+    /// Takes a new map and its decision; from the stick ratio `leave` on, the ratio is no evidence of slip.
     pub(crate) fn observe(
         &mut self,
         sums: &MapSums,
@@ -97,18 +97,18 @@ impl SlipEvidence {
         self.joined = probability(SILENCE + odds.iter().sum::<i32>());
     }
 
-    /// How sure all witnesses are together.
+    /// The confidence of all witnesses together.
     pub(crate) const fn joined(&self) -> u16 {
         self.joined
     }
 
-    /// What they say by themselves.
+    /// The confidence of each by itself.
     pub(crate) const fn witnesses(&self) -> Witnesses {
         self.witnesses
     }
 }
 
-/// From 0 at `leave` to [`NOTHING_STICKS`] at 0. Where the load says that the contact holds, the ratios say nothing.
+/// From 0 at `leave` to [`NOTHING_STICKS`] at 0. If the load shows that the contact holds, the ratios do not count.
 fn of_stick_ratio(decision: SlipDecision, leave: u16) -> i32 {
     let Some(ratio) = decision.stick_ratio else {
         return 0;
@@ -180,7 +180,7 @@ mod tests {
             contact: 20,
             stick: 20,
             force: [0, 0, 40_000],
-            spread: 200_000,
+            second_moment: 200_000,
             ..MapSums::default()
         }
     }
@@ -246,7 +246,7 @@ mod tests {
         let mut look = |urgency: Urgency, map: u32| {
             // The RMS radius changes by less and less: the calmest map there is.
             let sums = MapSums {
-                spread: 200_000 + 8_000 / (map as i32 + 1),
+                second_moment: 200_000 + 8_000 / (map as i32 + 1),
                 ..contact()
             };
             evidence.observe(

@@ -1,9 +1,9 @@
-//! The settings in flash: two slots. A write touches only the older one, so a power cut at any point leaves the old settings
-//! or the new ones, whole.
+//! The settings in flash: two slots. A write touches only the older one, so a power cut at any point leaves either the old or the
+//! new settings, complete.
 //!
-//! A record is words: mark and layout version, number of the write, the settings' values, CRC-32 of all that (as
-//! little-endian bytes). The CRC comes last, so a half-written record is invalid.
-//! Limits: a slot is erased before every write; flash holds about 10,000 erasures a slot.
+//! A record is words: mark and layout version, number of the write, the settings' values, CRC-32 of all that (as little-endian
+//! bytes). The CRC comes last, so a half-written record is invalid. Limits: a slot is erased before every write; flash endures
+//! about 10,000 erasures per slot.
 //!
 //! Why not sequential-storage (8.0.2): under the power cuts of `tests/storage.rs`, 89,502 of them, it lost the settings 10 times,
 //! when an erasure of a full sector was torn, and refused every later write (`Corrupted`); this module loses none. Before the
@@ -20,7 +20,7 @@ const HEAD_WORDS: usize = 2;
 const CRC_WORD: usize = RECORD_WORDS - 1;
 /// "gs" in the upper half of a record's first word; the layout's version is the lower half.
 const MARK: u32 = 0x6773_0000;
-/// What erased flash reads.
+/// Value of erased flash.
 const ERASED: u32 = u32::MAX;
 
 /// Two erasable places of flash. Bits are programmed from 1 to 0; only erasing brings them back.
@@ -34,13 +34,13 @@ pub trait SettingsFlash {
     /// Sets every bit of a slot.
     ///
     /// # Errors
-    /// As the hardware says; the slot may then hold anything.
+    /// The hardware's error; the slot's content is then undefined.
     fn erase(&mut self, slot: usize) -> Result<(), Self::Error>;
 
     /// Programs one word of an erased slot.
     ///
     /// # Errors
-    /// As the hardware says; the word may then hold anything.
+    /// The hardware's error; the word is then undefined.
     fn program(&mut self, slot: usize, word: usize, value: u32) -> Result<(), Self::Error>;
 }
 
@@ -50,18 +50,18 @@ pub trait SettingsFlash {
 pub enum StoreError<E> {
     /// The flash refused.
     Flash(E),
-    /// The record does not read back as it was written.
+    /// The record reads back differently than written.
     ReadBack,
 }
 
-/// What flash holds.
+/// The content of the flash.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Stored {
-    /// The newest whole settings in range.
+    /// The newest complete settings in range.
     pub settings: Option<Configuration>,
     /// Something was stored but none of it is usable: worn or damaged flash, or another version's settings.
     pub lost: bool,
-    /// Number of the newest whole record; 0 when there is none.
+    /// Number of the newest complete record; 0 when there is none.
     pub writes: u32,
 }
 

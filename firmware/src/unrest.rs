@@ -1,12 +1,12 @@
 //! Whether a map changes although its load does not: a witness of slip that needs no friction.
 //!
-//! Where a contact slides it sticks and slips from place to place, and the pressure in it is rearranged from map to map. An arm that
-//! moves shakes the load: that changes forces, moments and the centre of pressure, but hardly the RMS radius of the pressure about that
-//! centre. So the witness takes the RMS radius, in second differences, so that steady growth under a rising grip does not count.
-//! A sensor has its own noise. What counts is unrest over what was usual in this contact.
+//! A sliding contact sticks and slips in places, which rearranges its pressure from map to map. A moving arm shakes the load: that
+//! changes forces, moments and the centre of pressure, but hardly the RMS radius of the pressure about that centre. So the witness
+//! uses second differences of the RMS radius; then steady growth under a rising grip does not count. Every sensor has its own
+//! noise, so the unrest is compared with the usual one of this contact.
 //!
-//! On three trials of two uSkin fingers (`gripline evaluate real`) it tells slip better than change of the whole map, and needs no work
-//! per taxel.
+//! On three trials of two uSkin fingers (`gripline evaluate real`) it detects slip better than the change of the whole map, and
+//! needs no work per taxel.
 //!
 //! Units: shares of the RMS radius 2⁻²⁴, logarithms to base 2 in 2⁻¹⁶, time µs. Limits: a slide without stick-slip shows nothing; at
 //! more than 100 maps a second only some of the maps count.
@@ -21,7 +21,7 @@ use crate::contact_geometry::mean_square_radius;
 const MEAN_SQUARE_FRACTION: u32 = 16;
 /// Maps of a new contact.
 const NEW_MAPS: u8 = 60;
-/// Longest time between two maps of one course, µs.
+/// Longest time between two maps of one series, µs.
 const GAP_US: u32 = 1 << 17;
 /// Maps before there is a second difference, and two more until a first touch is over.
 const FILLED: u8 = 4;
@@ -37,7 +37,7 @@ pub(crate) struct Unrest {
     at: HostMicros,
     /// Mean second difference over the mean square radius.
     now: u32,
-    /// Logarithm of what is usual.
+    /// Logarithm of the usual unrest.
     usual: i32,
 }
 
@@ -101,7 +101,7 @@ impl Unrest {
         self.usual += (more >> shift) as i32;
     }
 
-    /// Logarithm to base 2 of the unrest over what is usual, 2⁻¹⁶; `None` before anything is known.
+    /// Logarithm to base 2 of the unrest over the usual one, 2⁻¹⁶; `None` before there is any.
     pub(crate) fn above_usual(&self) -> Option<i32> {
         (self.filled >= FILLED).then(|| logarithm(self.now) - self.usual)
     }
@@ -137,7 +137,7 @@ mod tests {
             contact: 20,
             stick: 20,
             force: [0, 0, normal],
-            spread: (mean_square * f64::from(normal) / 2.0).round() as i32,
+            second_moment: (mean_square * f64::from(normal) / 2.0).round() as i32,
             ..MapSums::default()
         }
     }
@@ -215,9 +215,9 @@ mod tests {
         #[test]
         fn no_map_is_too_much(maps in proptest::collection::vec((any::<i32>(), any::<[i32; 2]>(), any::<i32>(), any::<u32>()), 8)) {
             let mut unrest = Unrest::new();
-            for (spread, pressure, normal, capture_us) in maps {
+            for (second_moment, first_moment, normal, capture_us) in maps {
                 let force = [0, 0, normal >> 7];
-                unrest.observe(&MapSums { contact: 1, spread, pressure: pressure.map(|part| part >> 3), force, ..MapSums::default() }, HostMicros(capture_us));
+                unrest.observe(&MapSums { contact: 1, second_moment, first_moment: first_moment.map(|part| part >> 3), force, ..MapSums::default() }, HostMicros(capture_us));
                 unrest.above_usual();
             }
         }

@@ -1,5 +1,5 @@
 //! Gives microflow's macro the scene gate's model by an absolute path: it reads relative to where rustc was started,
-//! which differs from one workspace to another. Cargo builds anew when the model changes.
+//! which differs from one workspace to another. Cargo rebuilds when the model changes.
 
 use std::path::Path;
 

@@ -3,7 +3,7 @@
 //! - [`force_map`]: the 20×20×3 map in 1/4096 N and its conversion from newtons.
 //! - [`packet`]: packets of at most 64 bytes, which every transport carries; [`crc`]: the check at the end.
 //! - [`map_codec`]: a map cut into packets, each of which can be processed as it arrives.
-//! - [`message`]: commands, status, handshake.
+//! - [`message`]: commands, status, handshake. [`SensorId`]: the number of a fingertip.
 //! - [`configuration`]: all settings and their ranges; [`mod@line`]: those of the grip-force line.
 //! - [`parser`]: bytes in, events out; one parser for USB, UART and the in-process link.
 //! - [`cobs`]: packets in a byte stream. [`rounds`]: loops that say how often they run at most.
@@ -27,6 +27,7 @@ pub mod motion;
 pub mod packet;
 pub mod parser;
 pub mod rounds;
+pub mod sensor_id;
 pub mod sequence;
 
 pub use constants::{LSB_PER_NEWTON, PACKET_MAX, PER_UNIT, SENSORS, SIDE, TAXELS};
@@ -35,3 +36,4 @@ pub use map_codec::{Health, MapInfo, encode_map, map_bytes};
 pub use motion::Motion;
 pub use packet::{Packet, PacketError};
 pub use parser::{Event, MapParser, MessageParser, Parser};
+pub use sensor_id::SensorId;

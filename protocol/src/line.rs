@@ -81,8 +81,8 @@ impl LineSettings {
         match self.kind {
             LineKind::Analog => [0, self.points[LINE_POINTS - 1].force],
             LineKind::Robotiq2f140 => {
-                let [least, most] = ROBOTIQ_FORCE_N;
-                [least * LSB_PER_NEWTON, most * LSB_PER_NEWTON]
+                let [min, max] = ROBOTIQ_FORCE_N;
+                [min * LSB_PER_NEWTON, max * LSB_PER_NEWTON]
             }
         }
     }
@@ -90,15 +90,15 @@ impl LineSettings {
     /// (found, min, max) of every setting. The table starts at 0 N with a live zero and rises from point to point, so more
     /// force is never a lower code.
     #[must_use]
-    pub fn ranges(&self, most_force: i32) -> [(i32, i32, i32); 2 * LINE_POINTS] {
+    pub fn ranges(&self, force_max: i32) -> [(i32, i32, i32); 2 * LINE_POINTS] {
         let code_max = i32::from(DAC_CODE_MAX);
         let mut ranges = [(0, 0, 0); 2 * LINE_POINTS];
-        let mut least = (0, i32::from(LIVE_ZERO_MIN));
+        let mut min = (0, i32::from(LIVE_ZERO_MIN));
         for (place, point) in ranges.chunks_exact_mut(2).zip(&self.points) {
-            let most = if least.0 == 0 { 0 } else { most_force };
-            place[0] = (point.force, least.0, most);
-            place[1] = (point.code.into(), least.1, code_max);
-            least = (point.force.saturating_add(1), i32::from(point.code) + 1);
+            let max = if min.0 == 0 { 0 } else { force_max };
+            place[0] = (point.force, min.0, max);
+            place[1] = (point.code.into(), min.1, code_max);
+            min = (point.force.saturating_add(1), i32::from(point.code) + 1);
         }
         ranges
     }
@@ -114,13 +114,13 @@ impl Default for LineSettings {
 mod tests {
     use super::*;
 
-    const MOST: i32 = 125 * LSB_PER_NEWTON;
+    const FORCE_MAX: i32 = 125 * LSB_PER_NEWTON;
 
     fn wrong(settings: &LineSettings) -> Option<&'static str> {
-        let ranges = settings.ranges(MOST);
+        let ranges = settings.ranges(FORCE_MAX);
         let place = ranges
             .iter()
-            .position(|(found, least, most)| found < least || found > most);
+            .position(|(found, min, max)| found < min || found > max);
         place.map(|place| LineSettings::FIELDS[place])
     }
 
@@ -137,7 +137,7 @@ mod tests {
         let mut line = LineSettings::DEFAULT;
         assert_eq!(line.force_range(), [0, 40 * LSB_PER_NEWTON]);
         line.kind = LineKind::Robotiq2f140;
-        assert_eq!(line.force_range(), [10 * LSB_PER_NEWTON, MOST]);
+        assert_eq!(line.force_range(), [10 * LSB_PER_NEWTON, FORCE_MAX]);
     }
 
     #[test]
@@ -168,7 +168,7 @@ mod tests {
             Some("line.points[4].code")
         );
         assert_eq!(
-            with(|line| line.points[4].force = MOST + 1),
+            with(|line| line.points[4].force = FORCE_MAX + 1),
             Some("line.points[4].force")
         );
         assert_eq!(

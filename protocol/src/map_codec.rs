@@ -12,6 +12,7 @@ use crate::crc::RunningCrc;
 use crate::force_map::{ActiveSet, ForceMap, TaxelForce};
 use crate::motion::Motion;
 use crate::packet::{Header, Kind, Packet};
+use crate::sensor_id::SensorId;
 
 /// Health of the picture behind a map. Any flag makes the map doubtful.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -74,8 +75,8 @@ impl Health {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct MapInfo {
-    /// Which fingertip, 0 or 1.
-    pub sensor: u8,
+    /// Which fingertip.
+    pub sensor: SensorId,
     /// Sequence number: one more than the previous map's; wraps.
     pub sequence: u32,
     /// When the picture was taken, microseconds of the host's clock; wraps after 71 minutes.
@@ -144,7 +145,7 @@ pub fn encode_map(info: &MapInfo, map: &ForceMap, mut send: impl FnMut(&[u8])) {
 fn packet_of(info: &MapInfo, kind: Kind, index: u8) -> Packet {
     let header = Header {
         kind,
-        owner: info.sensor,
+        owner: info.sensor.number(),
         sequence: info.sequence as u8,
         index,
     };
@@ -170,7 +171,10 @@ pub(crate) struct Head {
 impl Head {
     /// Reads the payload of a head packet after its header.
     #[inline]
-    pub(crate) fn from_payload(header: Header, payload: &[u8; PACKET_MAX - PACKET_HEADER]) -> Option<Self> {
+    pub(crate) fn from_payload(
+        (header, sensor): (Header, SensorId),
+        payload: &[u8; PACKET_MAX - PACKET_HEADER],
+    ) -> Option<Self> {
         let (&[low, high, highest, motion], rest) = payload.split_first_chunk::<4>()?;
         let (capture, rest) = rest.split_first_chunk::<4>()?;
         let (contents, rest) = rest.split_first_chunk::<2>()?;
@@ -179,7 +183,7 @@ impl Head {
         let active = ActiveSet::from_bytes(*bitmap);
         let count = contents & 0x1FF;
         let info = MapInfo {
-            sensor: header.owner,
+            sensor,
             sequence: u32::from_le_bytes([header.sequence, low, high, highest]),
             capture_us: u32::from_le_bytes(*capture),
             health: Health::from_bits((contents >> 9) as u8),

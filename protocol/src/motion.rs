@@ -6,17 +6,17 @@
 pub struct Motion(u8);
 
 impl Motion {
-    /// The host says nothing of motion.
+    /// No evidence from the host.
     pub const UNKNOWN: Self = Self(0);
-    /// The most of [`Motion::evidence`]: the object surely moves. 0: it surely does not.
+    /// Maximum of [`Motion::evidence`]: the object surely moves. 0: it surely does not.
     pub const EVIDENCE_MAX: u8 = 63;
-    /// The most of [`Motion::quality`]: the picture shows it clearly. 0: nothing is known.
+    /// Maximum of [`Motion::quality`]: the picture shows it clearly. 0: nothing is known.
     pub const QUALITY_MAX: u8 = 3;
 
-    /// Quality from which on a picture decides by itself.
+    /// Quality from which on a single picture is sufficient.
     const CLEAR: u8 = 2;
 
-    /// Both are limited to their most; quality 0 is [`Motion::UNKNOWN`].
+    /// Both are limited to their maximum; quality 0 is [`Motion::UNKNOWN`].
     #[must_use]
     pub const fn new(evidence: u8, quality: u8) -> Self {
         let evidence = if evidence > Self::EVIDENCE_MAX {
@@ -93,7 +93,7 @@ mod tests {
     }
 
     #[test]
-    fn too_much_is_the_most() {
+    fn too_much_is_limited_to_the_maximum() {
         assert_eq!(Motion::new(200, 9), Motion::new(63, 3));
         assert_eq!(Motion::new(200, 0), Motion::UNKNOWN);
     }

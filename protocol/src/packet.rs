@@ -9,7 +9,8 @@
 
 use core::fmt;
 
-use crate::constants::{PACKET_HEADER, PACKET_MAX, SENSORS, WIRE_VERSION};
+use crate::constants::{PACKET_HEADER, PACKET_MAX, WIRE_VERSION};
+use crate::sensor_id::UnknownSensor;
 
 /// One packet as it crosses the wire, at most 64 bytes.
 pub type Packet = heapless::Vec<u8, PACKET_MAX>;
@@ -121,10 +122,7 @@ pub enum PacketError {
         found: u8,
     },
     /// A sensor that does not exist.
-    Sensor {
-        /// The sensor's number; 0 and 1 exist.
-        found: u8,
-    },
+    Sensor(UnknownSensor),
     /// A head whose number of taxels and bitmap disagree.
     Contents,
     /// Not the packet that had to come next: lost, doubled or reordered.
@@ -147,7 +145,7 @@ impl fmt::Display for PacketError {
                 "packet starts with {found:#04x}: expected wire version {WIRE_VERSION} and a known kind; \
                  flash the firmware that belongs to this host"
             ),
-            Self::Sensor { found } => write!(f, "sensor {found}, expected 0 to {}", SENSORS - 1),
+            Self::Sensor(unknown) => unknown.fmt(f),
             Self::Contents => f.write_str("map head whose taxel count and bitmap disagree"),
             Self::Order { found, expected } => {
                 write!(f, "packet {found} of a map or message, expected {expected}")

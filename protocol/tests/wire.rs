@@ -6,9 +6,10 @@ use gripline_protocol::message::{
     Bootloader, Command, Configuration, GripMode, Hello, MapSums, Message, MessageError, MessagePackets,
     OutOfRange, Refusal, Report, Revision, SCHEMA_HASH, SCHEMA_VERSION, SlipState, Status, Witnesses,
 };
+use gripline_protocol::sensor_id::UnknownSensor;
 use gripline_protocol::{
-    Event, ForceMap, Health, MapInfo, MapParser, Motion, PACKET_MAX, PacketError, Parser, TAXELS, TaxelForce,
-    encode_map, map_bytes,
+    Event, ForceMap, Health, MapInfo, MapParser, Motion, PACKET_MAX, PacketError, Parser, SENSORS, SensorId,
+    TAXELS, TaxelForce, encode_map, map_bytes,
 };
 use proptest::prelude::*;
 
@@ -30,8 +31,12 @@ fn any_map() -> impl Strategy<Value = ForceMap> {
     })
 }
 
+fn any_sensor() -> impl Strategy<Value = SensorId> + Clone {
+    (0..SENSORS).prop_map(|place| SensorId::ALL[place])
+}
+
 fn any_info() -> impl Strategy<Value = MapInfo> {
-    (0..2_u8, any::<u32>(), any::<u32>(), 0..128_u8, any::<u8>()).prop_map(
+    (any_sensor(), any::<u32>(), any::<u32>(), 0..128_u8, any::<u8>()).prop_map(
         |(sensor, sequence, capture_us, health, motion)| MapInfo {
             sensor,
             sequence,
@@ -351,14 +356,16 @@ fn any_status() -> impl Strategy<Value = Status> {
         any::<[i32; 2]>(),
         any::<i32>(),
     )
-        .prop_map(|(contact, stick, force, moment, pressure, spread)| MapSums {
-            contact,
-            stick,
-            force,
-            moment,
-            pressure,
-            spread,
-        });
+        .prop_map(
+            |(contact, stick, force, moment, first_moment, second_moment)| MapSums {
+                contact,
+                stick,
+                force,
+                moment,
+                first_moment,
+                second_moment,
+            },
+        );
     let state = prop_oneof![
         Just(SlipState::NoContact),
         Just(SlipState::Stick),
@@ -374,7 +381,7 @@ fn any_status() -> impl Strategy<Value = Status> {
         any::<[u32; 7]>(),
         any::<i32>(),
         any::<[u32; 4]>(),
-        any::<(u8, bool, [u16; 5])>(),
+        (any_sensor(), any::<bool>(), any::<[u16; 5]>()),
     )
         .prop_map(
             |(
@@ -444,8 +451,8 @@ fn commands_answers_and_handshake_survive_the_round_trip() {
     let refusal = OutOfRange {
         field: 1,
         found: 20_001,
-        least: 0,
-        most: 20_000,
+        min: 0,
+        max: 20_000,
     };
     let built_from = |dirty| Hello {
         revision: Some(Revision {
@@ -618,7 +625,7 @@ fn a_sensor_that_does_not_exist_is_refused() {
     packet[1] = 2;
     assert_eq!(
         Parser::new().push(&packet).unwrap_err(),
-        PacketError::Sensor { found: 2 }
+        PacketError::Sensor(UnknownSensor { found: 2 })
     );
 }
 
@@ -637,7 +644,7 @@ fn the_wire_format_is_what_the_golden_bytes_say() {
         z: i16::MAX,
     };
     let info = MapInfo {
-        sensor: 1,
+        sensor: SensorId::SECOND,
         sequence: 0x0A0B_0C0D,
         capture_us: 0x1122_3344,
         health: Health::TOO_BRIGHT,

@@ -13,7 +13,7 @@ pub(crate) fn is_root() -> bool {
     process::output(Command::new("id").arg("-u")).is_ok_and(|id| id.trim() == "0")
 }
 
-/// Installs packages, which root may; reads the machine's package lists anew when they are out of date.
+/// Installs packages, which root may; reads the machine's package lists again when they are out of date.
 pub(crate) fn install(names: &[&str]) -> Result<(), Error> {
     let install = || {
         process::run(
@@ -108,7 +108,7 @@ impl Packages {
     }
 
     /// Downloads packages, with what the machine lacks of their dependencies if wanted; returns their files.
-    /// Reads the machine's package lists anew when they are out of date.
+    /// Reads the machine's package lists again when they are out of date.
     pub(crate) fn fetch(&self, names: &[&str], with_dependencies: bool) -> Result<Vec<PathBuf>, Error> {
         if let Err(first) = self.download(names, with_dependencies) {
             eprintln!("packages: {first}; reading the package lists anew");

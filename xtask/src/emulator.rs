@@ -25,7 +25,7 @@ pub(crate) fn command() -> Result<(), Error> {
 const SNAPSHOT: &str = "tests/emulator/latency/tests/counts.txt";
 
 /// `cargo xtask latency`: the unmodified image, every instruction priced; fails when a number of the design does not hold.
-/// With `--short` it runs less, as every test run does. With `--bless`, writes the snapshot of instruction counts anew.
+/// With `--short` it runs less, as every test run does. With `--bless`, writes the snapshot of instruction counts again.
 pub(crate) fn latency(arguments: &[String]) -> Result<(), Error> {
     if let Some(found) = arguments
         .iter()

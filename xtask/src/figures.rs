@@ -2,7 +2,7 @@
 //!
 //! `docs/figures.toml` says which command measures what, where each figure stands in the JSON that the command prints, and what
 //! is wanted. `docs/figures.json` keeps the values that were printed, each measurement with its date, commit and processor, so that
-//! one measurement can be made anew without the others. The page is written from both and from nothing else.
+//! one measurement can be made again without the others. The page is written from both and from nothing else.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;

@@ -24,7 +24,7 @@ const DDS_READERS: usize = 2;
 /// DDS domain of the two readers: one that nothing else here uses.
 const DOMAIN: &str = "83";
 /// Requests of each kind of microcontroller, twice: hold and release in turn. The emulator translates code when it first meets it, and all
-/// anew when its memory for that is full, which takes up to 0.1 s and no board does: what it takes is told, and `bench requests`
+/// again when its memory for that is full, which takes up to 0.1 s and no board does: what it takes is told, and `bench requests`
 /// judges it by the board's own clock.
 const REQUESTS: u64 = 100;
 
@@ -171,7 +171,7 @@ fn one_run(
     let mut dds = dds?;
     let out = run.out.take();
     if python.is_some() {
-        // It stands still for the whole run but for the end, which is where the figures are.
+        // It stands still for the whole run except for the end, which is where the figures are.
         thread::sleep(Duration::from_secs(seconds).saturating_sub(Duration::from_secs(1)));
     }
     let summary = out.and_then(|out| {

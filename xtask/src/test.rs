@@ -117,7 +117,7 @@ const TESTED_WITHOUT_FEATURES: [&str; 24] = [
     "gripline-validation",
 ];
 
-/// The checks of a tier. The order is that of cost, but for the tests, which need the image and the emulator.
+/// The checks of a tier. The order is that of cost, except for the tests, which need the image and the emulator.
 pub(crate) fn run(tier: Tier) -> Result<(), Error> {
     let all = tier == Tier::All;
     let without: Vec<&str> = if all {

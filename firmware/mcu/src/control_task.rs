@@ -44,7 +44,7 @@ fn fill(outbox: &'static Outbox, writer: &mut MessageWriter) {
     }
 }
 
-/// Works on what new maps have to teach, with the path free but for copying; one of each fingertip.
+/// Works on what new maps have to teach, with the path free except for copying; one of each fingertip.
 fn study(learner: &mut Learner) {
     for _ in 0..SENSORS {
         let mut lesson = None;

@@ -80,7 +80,7 @@ fn main() -> ! {
     let stored = storage::load(&flash);
     let settings = stored.settings.unwrap_or_default();
     // Never nothing after a brown-out: when it damaged what was kept, the fail-safe force.
-    let fail_safe = (reset.cause == ResetCause::BrownOut).then_some(GripForce::from_lsb(settings.tighten));
+    let fail_safe = (reset.cause == ResetCause::BrownOut).then_some(GripForce::from_lsb(settings.fail_safe));
     let restored = reset.line.or(fail_safe);
     let line = line::start(
         restored.unwrap_or(GripForce::ZERO),

@@ -93,7 +93,7 @@ fn take(entered: u32, requested: u32) {
     let Some(status) = top() else {
         return defer(true);
     };
-    // SAFETY: this interrupt lies above all other users, who block it, but for that of the UART, which does not interrupt it.
+    // SAFETY: this interrupt lies above all other users, who block it, except for that of the UART, which does not interrupt it.
     let Some(control) = (unsafe { control::from_isr() }) else {
         return defer(true);
     };

@@ -1,4 +1,4 @@
-//! What the board itself watches, beside maps and messages: its supply, its line, the inputs and outputs for the robot.
+//! What the board itself monitors, besides maps and messages: its supply, its line, the inputs and outputs for the robot.
 
 use gripline_protocol::message::GripMode;
 
@@ -7,7 +7,7 @@ use crate::fault::{Fault, FaultSet, Severity};
 use crate::grip::GripForce;
 use crate::sums::Kernel;
 
-/// The faults that the fault output tells: those of severity warning and error.
+/// The faults that set the fault output: those of severity warning and error.
 const TOLD: u32 = {
     let (mut faults, mut place) = (0, 0);
     while place < Fault::ALL.len() {
@@ -21,7 +21,7 @@ const TOLD: u32 = {
 };
 
 impl<K: Kernel> Program<K> {
-    /// Takes which of the board's faults are present; other faults in the set count for nothing.
+    /// Takes the board's present faults; other faults in the set are ignored.
     pub fn note_board(&mut self, present: FaultSet) {
         // No loop: this blocks the map-to-line path.
         let mut set = |fault| self.safety.set(fault, present.has(fault));
@@ -40,7 +40,7 @@ impl<K: Kernel> Program<K> {
         }
     }
 
-    /// Whether the fault output must say fault: the grip follows its load no more, or a person must look.
+    /// Whether the fault output must be low: the grip no longer follows its load, or a person must look.
     #[must_use]
     pub const fn is_at_fault(&self) -> bool {
         (self.safety.active().bits() | self.safety.latched().bits()) & TOLD != 0

@@ -1,5 +1,4 @@
-//! The restart into the chip's own bootloader, for a firmware update: the board restarts, the program says when.
-//! Units: µs.
+//! The restart into the chip's own bootloader, for a firmware update: the board restarts when the program says so. Units: µs.
 
 use gripline_protocol::message::Bootloader;
 
@@ -20,8 +19,8 @@ impl<K: Kernel> Program<K> {
         }
     }
 
-    /// Whether to restart in the bootloader now: once per request, when its answer is out and still nothing can be in the gripper.
-    /// Ask between two ticks, outside the map-to-line path.
+    /// Whether to restart in the bootloader now: once per request, when its answer was sent and the gripper is still empty. Call it
+    /// between two ticks, outside the map-to-line path.
     pub fn take_bootloader(&mut self) -> bool {
         let Some(due_us) = self.bootloader.due_us else {
             return false;

@@ -5,7 +5,7 @@ use gripline_protocol::message::Bootloader;
 /// A request under way.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct BootloaderRequest {
-    /// What the host is to be told.
+    /// The answer to the host.
     pub(super) answer: Option<Bootloader>,
     /// When to restart.
     pub(super) due_us: Option<u64>,

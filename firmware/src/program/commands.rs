@@ -1,4 +1,4 @@
-//! What messages do to the program: handshake and commands.
+//! Handles messages: handshake and commands.
 
 use gripline_protocol::SENSORS;
 use gripline_protocol::message::{Command, GripMode, Hello, Message, Refusal, Report};
@@ -16,8 +16,8 @@ use crate::link::LinkId;
 use crate::sums::{Kernel, TaxelRule};
 
 impl<K: Kernel> Program<K> {
-    /// Takes what [`MessageReader::read`](super::MessageReader::read) made of a packet. The line follows with the next
-    /// packet of a map or the next tick.
+    /// Takes a message from [`MessageReader::read`](super::MessageReader::read). The line changes with the next packet of a map or
+    /// the next tick.
     pub fn message(&mut self, event: &MessageEvent, link: LinkId, now_us: u64) {
         match event {
             MessageEvent::Fragment => self.last_packet_us = self.passed_to(now_us),
@@ -71,7 +71,7 @@ impl<K: Kernel> Program<K> {
         })
     }
 
-    /// Answers in any case, so that a host with another schema can name both versions.
+    /// Always answers, so that a host with another schema can report both versions.
     fn hello(&mut self, hello: &Hello, known: bool) {
         self.outbox.hello = true;
         self.safety.set(Fault::SchemaMismatch, !known);

@@ -1,7 +1,7 @@
 //! The program with both ends of its messages, for hosts: tests, the in-process link, simulators.
 //!
-//! It calls what a board's interrupt and tasks call, in the same order: what is tested is what runs on the chip.
-//! Units: µs since start.
+//! It makes the same calls as a board's interrupts and tasks, in the same order: the tests run the chip's code. Units: µs since
+//! start.
 
 use gripline_protocol::Packet;
 use gripline_protocol::packet::Kind;
@@ -12,7 +12,7 @@ use super::messages::{MessageReader, MessageWriter};
 use super::start::Start;
 use crate::link::{LINKS, LinkId};
 
-/// A microcontroller without the silicon.
+/// A microcontroller in software.
 #[derive(Debug)]
 pub struct Device {
     /// The program itself.
@@ -68,7 +68,7 @@ impl Device {
         self.program.advance(now_us)
     }
 
-    /// Works on what new maps have to teach.
+    /// Learns from new maps.
     fn study(&mut self) {
         let mut lesson = None;
         loop {

@@ -12,7 +12,7 @@ use gripline_protocol::message::{
 use gripline_protocol::packet::Kind;
 use gripline_protocol::rounds::at_most;
 use gripline_protocol::sequence::{Order, SequenceTracker};
-use gripline_protocol::{Health, MapInfo, Motion, SENSORS};
+use gripline_protocol::{Health, MapInfo, Motion, SENSORS, SensorId};
 
 use super::bootloader_request::BootloaderRequest;
 use super::learner::Taught;
@@ -39,7 +39,7 @@ use crate::sums::{Kernel, Portable, TaxelRule, stick_ratio_below, total_shear};
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[must_use = "the line must be written"]
 pub struct Action {
-    /// What must be on the line now.
+    /// The force that the line must show now.
     pub line: GripForce,
     /// [`Program::poll_message`] has something for the host.
     pub transmit: bool,
@@ -59,9 +59,9 @@ pub(super) struct Fingertip {
     pub(super) capture: HostMicros,
     /// Good maps so far; wraps.
     pub(super) map: u32,
-    /// `taught` does not know the newest map yet.
+    /// `taught` does not include the newest map yet.
     pub(super) is_due: bool,
-    /// The grip does not know yet what `taught` says.
+    /// The grip has not taken over `taught` yet.
     pub(super) is_news: bool,
     pub(super) clock: ClockSync,
     /// When its last map would have arrived without delay, or when holding began, µs.
@@ -72,7 +72,7 @@ pub(super) struct Fingertip {
 }
 
 impl Fingertip {
-    /// The host doubts its newest map. One that lost force only to the wire's limits is no doubt.
+    /// The host doubts its newest map. A map that was only clipped by the wire's limits is not doubtful.
     fn is_doubtful(&self) -> bool {
         !self.health.without(Health::SATURATED).is_good()
     }
@@ -104,7 +104,7 @@ pub struct Program<K = Portable> {
     map_source: MapSource,
     newest: MapInfo,
     /// The fingertip whose load the grip follows.
-    neediest: usize,
+    neediest: SensorId,
     pub(super) controller: GripController,
     pub(super) safety: Safety,
     pub(super) outbox: Outbox,
@@ -157,7 +157,7 @@ impl<K: Kernel> Program<K> {
             }; SENSORS],
             map_source: MapSource::new(),
             newest: MapInfo::default(),
-            neediest: 0,
+            neediest: SensorId::FIRST,
             controller: GripController::new(start.now_us, start.restored_line),
             safety,
             outbox: Outbox::default(),
@@ -181,7 +181,7 @@ impl<K: Kernel> Program<K> {
         self.controller.line()
     }
 
-    /// The faults that are active now: for a log of those that came and went.
+    /// The active faults, for a log of changes.
     #[must_use]
     pub const fn faults(&self) -> FaultSet {
         self.safety.active()
@@ -204,7 +204,7 @@ impl<K: Kernel> Program<K> {
         }
     }
 
-    /// [`Self::map_packet`] of a [`Kind::MapTail`]. It moves the line when it ends a map that counts.
+    /// [`Self::map_packet`] of a [`Kind::MapTail`]. It moves the line when it completes a map that counts.
     #[inline]
     pub fn map_tail(&mut self, packet: &[u8], link: LinkId, now_us: u64) -> Action {
         let is_new = self.end_map(packet, link, now_us);
@@ -228,7 +228,7 @@ impl<K: Kernel> Program<K> {
         }
     }
 
-    /// [`Self::map_packet`] of a [`Kind::MapTaxels`]. It moves no line: a map counts when it is whole, and time at the tick.
+    /// [`Self::map_packet`] of a [`Kind::MapTaxels`]. It does not move the line: only complete maps and the tick do.
     #[inline]
     pub fn map_taxels(&mut self, packet: &[u8], link: LinkId, now_us: u64) -> Action {
         self.passed_to(now_us);
@@ -250,7 +250,7 @@ impl<K: Kernel> Program<K> {
         self.unchanged()
     }
 
-    /// As [`Self::map_head`], for a link that brings byte by byte: [`Self::list_places`] has to be called with each of the next bytes.
+    /// As [`Self::map_head`], for a link that delivers byte by byte: call [`Self::list_places`] with each of the next bytes.
     #[inline]
     pub fn map_begins(&mut self, packet: &[u8], link: LinkId, now_us: u64) -> Action {
         let now_us = self.passed_to(now_us);
@@ -262,14 +262,14 @@ impl<K: Kernel> Program<K> {
         self.unchanged()
     }
 
-    /// Whether the maps of this link count, and not those of the other.
+    /// Whether the maps of this link count.
     #[inline]
     #[must_use]
     pub fn counts_maps_of(&self, link: LinkId) -> bool {
         self.map_source.is(link)
     }
 
-    /// A part of what [`Self::map_begins`] has left.
+    /// A part of the work that [`Self::map_begins`] left.
     #[inline]
     pub fn list_places(&mut self, link: LinkId) {
         let receiver = &mut self.receivers[link as usize];
@@ -287,7 +287,7 @@ impl<K: Kernel> Program<K> {
         self.unchanged()
     }
 
-    /// Counts what a refused packet broke towards a CRC storm of its link.
+    /// Counts a refused packet towards a CRC storm of its link.
     pub(super) fn count_breakage(&mut self, breakage: Breakage, link: LinkId) {
         match breakage {
             Breakage::Map => self.safety.map_broken(link),
@@ -296,8 +296,7 @@ impl<K: Kernel> Program<K> {
         }
     }
 
-    /// Time now. When the clock goes back for a moment, time stands still: the same time must not count twice as a fall of
-    /// the line or as age.
+    /// The present time. It never goes back: the same time must not count twice as a fall of the line or as age.
     #[inline]
     pub(super) fn passed_to(&mut self, now_us: u64) -> u64 {
         self.now_us = self.now_us.max(now_us);
@@ -353,15 +352,15 @@ impl<K: Kernel> Program<K> {
         }
     }
 
-    /// Last part of the 1 kHz tick: what must be on the line now. A board that lets the path run before it writes the line writes
-    /// [`Self::line`], because a map may have moved it meanwhile.
+    /// Last part of the 1 kHz tick: the force that the line must show now. A board that lets the path run before it writes the line
+    /// writes [`Self::line`], because a map may have moved it meanwhile.
     #[inline]
     pub fn advance(&mut self, now_us: u64) -> Action {
         self.passed_to(now_us);
         self.action(false)
     }
 
-    /// First part of the 1 kHz tick: what has become too old. In parts, so that a packet waits for one of them only.
+    /// First part of the 1 kHz tick: timeouts. In parts, so that a packet waits for one of them only.
     pub fn age(&mut self, now_us: u64) {
         let now_us = self.passed_to(now_us);
         self.safety.tick();
@@ -381,7 +380,7 @@ impl<K: Kernel> Program<K> {
         }
     }
 
-    /// Second part of the tick: the grip learns what new maps taught, and that time has passed.
+    /// Second part of the tick: the grip takes over what was learnt from new maps, and the elapsed time.
     #[inline(never)]
     pub fn teach_grip(&mut self) {
         let mut is_new = false;
@@ -400,7 +399,11 @@ impl<K: Kernel> Program<K> {
         let other_is_worse = is_silent(one) || other.taught.load.exceeds(&one.taught.load);
         let is_other = has_other && !is_silent(other) && other_is_worse;
         let worst = if is_other { other } else { one };
-        self.neediest = usize::from(is_other);
+        self.neediest = if is_other {
+            SensorId::SECOND
+        } else {
+            SensorId::FIRST
+        };
         let witness = if has_other {
             one.taught.verdict.with(other.taught.verdict)
         } else {
@@ -436,7 +439,7 @@ impl<K: Kernel> Program<K> {
         self.safety.set(Fault::LineFailed, failed);
     }
 
-    /// Takes the core cycles of a stage. The worst goes out in every status.
+    /// Takes the core cycles of a stage. Every status contains the maximum.
     pub fn note_cycles(&mut self, stage: Stage, cycles: u32) {
         let worst = &mut self.worst_cycles[stage as usize];
         *worst = cycles.max(*worst);
@@ -448,10 +451,10 @@ impl<K: Kernel> Program<K> {
             .set(Fault::DeadlineMissed, cycles > DECIDE_BUDGET_CYCLES);
     }
 
-    /// The state as it goes to the host.
+    /// The status for the host.
     #[must_use]
     pub fn status(&self) -> Status {
-        let tip = &self.fingertips[usize::from(self.newest.sensor).min(SENSORS - 1)];
+        let tip = &self.fingertips[self.newest.sensor.index()];
         let (slip_evidence, witnesses) = self.slip_evidence();
         let [usb, uart] = &self.receivers;
         let [x, y, normal] = tip.sums.force;
@@ -485,7 +488,7 @@ impl<K: Kernel> Program<K> {
         !self.outbox.is_empty()
     }
 
-    /// The line as it is, after what moves it no further.
+    /// The unchanged line.
     pub(super) const fn unchanged(&self) -> Action {
         Action {
             line: self.line(),
@@ -512,10 +515,7 @@ impl<K: Kernel> Program<K> {
 
     /// A map arrived whole. Returns whether it was new.
     fn map(&mut self, info: MapInfo, link: LinkId) -> bool {
-        // The parser lets no other sensor through.
-        let Some(tip) = self.fingertips.get_mut(usize::from(info.sensor)) else {
-            return false;
-        };
+        let tip = &mut self.fingertips[info.sensor.index()];
         let Order::New { lost } = tip.sequence.check(info.sequence) else {
             return self.refuse_map(Fault::ReplayedMap);
         };
@@ -569,9 +569,8 @@ impl<K: Kernel> Program<K> {
             self.controller.observe_doubtful(evidence.shear);
         } else {
             self.controller.observe(evidence, self.now_us);
-            let sensor = usize::from(info.sensor);
-            if sensor < sensors {
-                let before = if sensor == self.neediest {
+            if info.sensor.index() < sensors {
+                let before = if info.sensor == self.neediest {
                     self.controller.force()
                 } else {
                     reference.force()
@@ -584,7 +583,7 @@ impl<K: Kernel> Program<K> {
         true
     }
 
-    /// Refuses a map whose packets were right.
+    /// Refuses a map with correct packets.
     fn refuse_map(&mut self, fault: Fault) -> bool {
         self.maps_refused = self.maps_refused.wrapping_add(1);
         self.safety.set(fault, true);
@@ -607,8 +606,8 @@ impl<K: Kernel> Program<K> {
         worse(state(first), state(second))
     }
 
-    /// The fingertips in use whose last good map came within the last `age_us`. By arrival: what comes late says less about now, but a
-    /// load it shows must still raise the line.
+    /// The fingertips in use whose last good map came within the last `age_us`. By arrival: a late map says less about now, but its
+    /// load must still raise the line.
     fn recent(&self, age_us: u64) -> (Option<&Fingertip>, Option<&Fingertip>) {
         let [one, other] = &self.fingertips;
         let since_us = self.now_us.saturating_sub(age_us);
@@ -619,7 +618,7 @@ impl<K: Kernel> Program<K> {
         )
     }
 
-    /// How sure all fingertips' witnesses are together, and what each says by itself.
+    /// The confidence of all fingertips' witnesses together, and of each by itself.
     fn slip_evidence(&self) -> (u16, Witnesses) {
         let [one, other] = &self.fingertips;
         let (one, other) = (&one.taught, &other.taught);

@@ -1,9 +1,9 @@
-//! What a map teaches: slip state, contact geometry, load, friction, whether it slides, and the evidence of slip. It takes longer than the
-//! map-to-line path may be blocked. So the map's sums are copied out, worked on with the path free, and the result is copied back, unless
-//! a newer map came meanwhile. What was learnt before lies with the worker and is never copied.
+//! Learns from a map: slip state, contact geometry, load, friction, whether it slides, and the evidence of slip. This takes longer
+//! than the map-to-line path may be blocked. So the map's sums are copied out, processed while the path is free, and the result is
+//! copied back, unless a newer map came meanwhile. The learner keeps the state of earlier maps and never copies it.
 
 use gripline_protocol::message::{MapSums, Witnesses};
-use gripline_protocol::{Motion, PER_UNIT, SENSORS};
+use gripline_protocol::{Motion, PER_UNIT, SENSORS, SensorId};
 
 use crate::clock::{DeviceMicros, HostMicros};
 use crate::constants::FEED_FORWARD_FRICTION_MIN;
@@ -17,7 +17,7 @@ use crate::sums::total_shear;
 /// The newest map of a fingertip.
 #[derive(Debug, Clone, Copy)]
 pub struct Lesson {
-    pub(super) sensor: usize,
+    pub(super) sensor: SensorId,
     /// Number of the map.
     pub(super) map: u32,
     pub(super) arrived_us: u64,
@@ -30,16 +30,16 @@ pub struct Lesson {
     pub(super) slip_settings: SlipSettings,
 }
 
-/// What came of a lesson.
+/// The result of a lesson.
 #[derive(Debug, Clone, Copy)]
 pub struct Learnt {
-    pub(super) sensor: usize,
+    pub(super) sensor: SensorId,
     pub(super) map: u32,
     pub(super) decision: SlipDecision,
     pub(super) taught: Taught,
 }
 
-/// What the maps of a fingertip have taught, as far as grip and status need it.
+/// The results from a fingertip's maps that grip and status need.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Taught {
     pub(super) load: LoadEstimate,
@@ -61,7 +61,7 @@ impl Default for Taught {
     }
 }
 
-/// What the next map is compared with before anything is learnt from it: a map that has more shear needs more force.
+/// The reference for the next map before anything is learnt from it: more shear needs more force.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Reference {
     /// The shear in the map, and the force that its load needs, 1/4096 N.
@@ -72,7 +72,7 @@ pub(super) struct Reference {
 }
 
 impl Reference {
-    /// Of a map with this load. Divides, so that the map-to-line path need not.
+    /// From a map with this load. It divides here, so that the map-to-line path need not.
     fn of(sums: &MapSums, load: &LoadEstimate, settings: LearningSettings) -> Self {
         let share = PER_UNIT + u32::from(settings.margin);
         let friction = u32::from(load.friction).max(FEED_FORWARD_FRICTION_MIN);
@@ -90,7 +90,7 @@ impl Reference {
         self.force
     }
 
-    /// The force that a map of this shear needs beyond that, 1/4096 N; none for less shear.
+    /// The additional force for this shear, 1/4096 N; 0 for less shear.
     #[inline]
     pub(super) fn more(&self, shear: i32) -> i32 {
         scaled(shear - self.shear, self.slope)
@@ -104,7 +104,7 @@ fn scaled(shear: i32, slope: u32) -> i32 {
     (product >> 16).min(i32::MAX as u64) as i32
 }
 
-/// Works on lessons, with the path free. Keeps what the maps before have taught.
+/// Processes lessons while the path is free. Keeps the state of earlier maps.
 #[derive(Debug, Default)]
 pub struct Learner {
     slip: [SlipDetector; SENSORS],
@@ -113,14 +113,14 @@ pub struct Learner {
 }
 
 impl Learner {
-    /// Works on a lesson.
+    /// Processes a lesson.
     #[must_use]
     pub fn work(&mut self, lesson: &Lesson) -> Learnt {
         let Lesson { sums, settings, .. } = lesson;
         let settings = *settings;
-        let sensor = lesson.sensor % SENSORS;
-        let (friction, evidence) = (&mut self.friction[sensor], &mut self.evidence[sensor]);
-        let slip = &mut self.slip[sensor];
+        let at = lesson.sensor.index();
+        let (friction, evidence) = (&mut self.friction[at], &mut self.evidence[at]);
+        let slip = &mut self.slip[at];
         let decision = slip.decide(
             sums,
             lesson.capture,
@@ -144,7 +144,7 @@ impl Learner {
             lesson.slip_settings.leave,
         );
         Learnt {
-            sensor,
+            sensor: lesson.sensor,
             map: lesson.map,
             decision,
             taught: Taught {

@@ -1,6 +1,6 @@
-//! The newest map is copied out for the [`Learner`](super::Learner), and what it came to is copied back.
+//! Copies the newest map out for the [`Learner`](super::Learner), and the result back.
 
-use gripline_protocol::SENSORS;
+use gripline_protocol::SensorId;
 
 use super::dispatch::Program;
 use super::learner::{Learnt, Lesson};
@@ -9,12 +9,16 @@ use crate::slip::SlipSettings;
 use crate::sums::Kernel;
 
 impl<K: Kernel> Program<K> {
-    /// What the newest map of a fingertip has to teach; one fingertip at a time. To be asked for before every tick, and before a status
-    /// is to tell of the map. [`Program::learn`] takes what [`Learner::work`](super::Learner::work) makes of it.
+    /// The newest map of a fingertip to learn from; one fingertip at a time. Call it before every tick, and before a status about
+    /// the map. [`Program::learn`] takes the result of [`Learner::work`](super::Learner::work).
     #[inline(never)]
     pub fn lesson(&self, lesson: &mut Option<Lesson>) {
         let [one, other] = &self.fingertips;
-        let (sensor, tip) = if one.is_due { (0, one) } else { (1, other) };
+        let (sensor, tip) = if one.is_due {
+            (SensorId::FIRST, one)
+        } else {
+            (SensorId::SECOND, other)
+        };
         if !tip.is_due {
             *lesson = None;
             return;
@@ -32,10 +36,11 @@ impl<K: Kernel> Program<K> {
         });
     }
 
-    /// Takes what a lesson came to. One whose fingertip has sent a newer map meanwhile is left: that map teaches the same.
+    /// Takes the result of a lesson. It is dropped if the fingertip has sent a newer map meanwhile, which will be learnt from
+    /// instead.
     #[inline(never)]
     pub fn learn(&mut self, learnt: &Learnt) {
-        let tip = &mut self.fingertips[learnt.sensor % SENSORS];
+        let tip = &mut self.fingertips[learnt.sensor.index()];
         if !tip.is_due || tip.map != learnt.map {
             return;
         }

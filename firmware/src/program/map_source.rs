@@ -1,7 +1,7 @@
-//! Which link's maps count. One host owns a gripper at a time, so maps come over one link at a time: while those of one link are fresh, those of
-//! the other are refused with constant work. So a map's last packet never waits for the sums of another link's map.
+//! Which link's maps count. One host owns a gripper at a time, so maps come over one link at a time: while those of one link are
+//! fresh, those of the other are refused in constant time. So a map's last packet never waits for the sums of another link's map.
 //!
-//! Units: µs since start. Messages are taken from both links always.
+//! Units: µs since start. Messages are always accepted from both links.
 
 use crate::link::LinkId;
 
@@ -14,7 +14,7 @@ pub(super) struct MapSource {
 }
 
 impl MapSource {
-    /// Whichever link brings the first map.
+    /// The first map decides the link.
     pub(super) const fn new() -> Self {
         Self {
             link: LinkId::Usb,
@@ -28,8 +28,8 @@ impl MapSource {
         self.link as u8 == link as u8
     }
 
-    /// Whether a map of this link may begin. The other link may when no map of this one became whole for `stale_ms`; it then has as long for
-    /// its first map. Beginnings alone keep no link.
+    /// Whether a map of this link may begin. The other link may when no map of this one was completed for `stale_ms`; it then has
+    /// the same time for its first map. Incomplete maps do not keep a link.
     #[inline]
     pub(super) fn takes(&mut self, link: LinkId, now_us: u64, stale_ms: u16) -> bool {
         if self.is(link) {
@@ -43,7 +43,7 @@ impl MapSource {
         true
     }
 
-    /// A map of the link became whole.
+    /// A map of the link was completed.
     #[inline]
     pub(super) fn keep(&mut self, now_us: u64, stale_ms: u16) {
         self.until_us = now_us + u64::from(stale_ms) * 1_000;

@@ -1,7 +1,7 @@
 //! Both ends of the messages, outside the map-to-line path: packets to requests, and messages to packets.
 //!
-//! Reading a message takes long and needs nothing of the program. Doing what it asks for ([`Program::message`]) is short.
-//! So a board reads messages in a task while maps go to the line in an interrupt.
+//! Parsing a message takes long and needs no program state. Executing it ([`Program::message`]) is short. So a board reads messages
+//! in a task while maps go to the line in an interrupt.
 //!
 //! [`Program::message`]: super::Program::message
 
@@ -16,7 +16,7 @@ use crate::sums::TaxelRule;
 #[derive(Debug, Clone, Copy)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Request {
-    /// No message of ours.
+    /// Not a message of ours.
     Unreadable,
     /// A report or an answer, which no host sends.
     Report,
@@ -29,13 +29,13 @@ pub enum Request {
     },
     /// The request for the bootloader.
     Bootloader,
-    /// Settings of which one is out of range: none of them is taken.
+    /// Settings with one out of range: none of them is applied.
     OutOfRange(OutOfRange),
     /// Any other command.
     Command {
         /// The command.
         command: Command,
-        /// The rule per taxel that new settings lead to.
+        /// The rule per taxel from new settings.
         rule: Option<TaxelRule>,
     },
 }
@@ -65,7 +65,7 @@ impl Request {
     }
 }
 
-/// What a packet of a message led to.
+/// The result of a packet of a message.
 #[derive(Debug, Clone, Copy)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum MessageEvent {
@@ -77,7 +77,7 @@ pub enum MessageEvent {
     Refused,
 }
 
-/// Puts the packets of messages together and reads them.
+/// Assembles and parses messages.
 #[derive(Debug)]
 pub struct MessageReader {
     parser: MessageParser,
@@ -118,8 +118,8 @@ pub struct MessageWriter {
 }
 
 impl MessageWriter {
-    /// The next packet for the host. `poll` is [`Program::poll_message`](super::Program::poll_message): it is asked for one
-    /// message at a time, when the last one is sent.
+    /// The next packet for the host. `poll` is [`Program::poll_message`](super::Program::poll_message): it is called for one
+    /// message at a time, when the last one was sent.
     pub fn next_packet(&mut self, mut poll: impl FnMut() -> Option<Message>) -> Option<Packet> {
         loop {
             if let Some(packet) = self.sending.as_mut().and_then(Iterator::next) {

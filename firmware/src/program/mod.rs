@@ -1,8 +1,9 @@
 //! The microcontroller's program: packets and time in, the line's value and messages for the host out.
 //!
-//! A board calls [`Program::map_packet`] for every packet of a map [`MessageReader::read`] and [`Program::message`] for
-//! every other packet, [`Program::lesson`], [`Program::age`], [`Program::teach_grip`], [`Program::watch_object`] and [`Program::advance`] once a millisecond, and [`MessageWriter::next_packet`] with
-//! [`Program::poll_message`] to answer. [`Device`] does the same on hosts.
+//! A board calls [`Program::map_packet`] for every packet of a map, [`MessageReader::read`] and [`Program::message`] for every
+//! other packet, [`Program::lesson`], [`Program::age`], [`Program::teach_grip`], [`Program::watch_object`] and [`Program::advance`]
+//! once a millisecond, and [`MessageWriter::next_packet`] with [`Program::poll_message`] to answer. [`Device`] does the same on
+//! hosts.
 
 mod board;
 mod bootloader;

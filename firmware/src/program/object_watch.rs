@@ -1,5 +1,5 @@
-//! Whether what is held is still there: by the contact in the maps, and by the gripper's own object status.
-//! Units: µs. Limits: an object that never touched a fingertip, or that the gripper never reported, is not missed.
+//! Whether the held object is still there: by the contact in the maps, and by the gripper's own object status. Units: µs. Limits:
+//! an object that never touched a fingertip, or that the gripper never reported, is not missed.
 
 use gripline_protocol::message::{GripMode, SlipState};
 
@@ -12,7 +12,7 @@ use crate::sums::Kernel;
 const DOUBTFUL: u32 = Fault::StaleMaps.bit() | Fault::UnhealthyMap.bit() | Fault::SaturatedMap.bit();
 
 impl<K: Kernel> Program<K> {
-    /// Middle part of the 1 kHz tick: raises OBJECT LOST while something that was held is gone.
+    /// Middle part of the 1 kHz tick: raises OBJECT LOST while a held object is gone.
     pub fn watch_object(&mut self) {
         let is_lost = self.controller.mode() == GripMode::Hold && self.is_object_lost();
         self.safety.set(Fault::ObjectLost, is_lost);

@@ -1,4 +1,4 @@
-//! What waits to be sent: only the newest of each kind, because the host always wants the present.
+//! Messages to send: only the newest of each kind, because the host always wants the present state.
 
 use gripline_protocol::message::Refusal;
 
@@ -27,7 +27,7 @@ impl Outbox {
         !(self.hello || self.status || self.configuration) && self.stored.is_none() && self.refusal.is_none()
     }
 
-    /// Takes out what is most urgent.
+    /// Removes the most urgent one.
     pub(super) fn next(&mut self) -> Option<Due> {
         use core::mem::take;
         if take(&mut self.hello) {

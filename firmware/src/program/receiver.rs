@@ -6,14 +6,14 @@ use gripline_protocol::{MapInfo, MapParser, PacketError};
 
 use crate::sums::{Accumulator, Kernel, TaxelRule};
 
-/// What a packet that was refused means for the count of a CRC storm.
+/// What a refused packet means for the count of a CRC storm.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Breakage {
     /// A map that is broken now.
     Map,
     /// A packet that belongs to no map.
     Packet,
-    /// The rest of a map that was counted before.
+    /// The rest of a map that was already counted.
     Counted,
 }
 
@@ -22,7 +22,7 @@ pub(super) enum Breakage {
 enum Broken {
     #[default]
     None,
-    /// A frame without a readable header: the next map that turns out broken may be the one it belonged to.
+    /// A frame without a readable header: it may belong to the next broken map.
     Unknown,
     /// Sensor and the lowest byte of the sequence number.
     Map(u8, u8),
@@ -58,7 +58,7 @@ impl Receiver {
         self.begun(begun, packet, rule)
     }
 
-    /// The same; [`Self::list_places`] does the rest.
+    /// The same; [`Self::list_places`] completes the work.
     #[inline]
     pub(super) fn begin(&mut self, packet: &[u8], rule: TaxelRule) -> Result<bool, Breakage> {
         let begun = self.maps.begin(packet);
@@ -70,7 +70,7 @@ impl Receiver {
         self.maps.has_places_to_list()
     }
 
-    /// A part of what [`Self::begin`] has left.
+    /// A part of the work that [`Self::begin`] left.
     #[inline(never)]
     pub(super) fn list_places(&mut self) {
         self.maps.list_places();
@@ -129,13 +129,13 @@ impl Receiver {
         Breakage::Packet
     }
 
-    /// Drops the map in progress, which nobody sent wrong.
+    /// Drops the map in progress without counting it as broken.
     pub(super) fn drop_map(&mut self) {
         self.maps.drop_map();
         self.broken = Broken::Unknown;
     }
 
-    /// Maps that did not arrive whole; wraps.
+    /// Maps that did not arrive completely; wraps.
     pub(super) const fn maps_broken(&self) -> u32 {
         self.maps.refused().wrapping_add(self.maps.abandoned())
     }

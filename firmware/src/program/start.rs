@@ -10,7 +10,7 @@ use crate::storage::Stored;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum ResetCause {
-    /// Power came on, or somebody reset it: the reset pin, a debug probe.
+    /// Power-on, reset pin or debug probe.
     #[default]
     PowerOn,
     /// The program hung.
@@ -22,7 +22,7 @@ pub enum ResetCause {
 }
 
 impl ResetCause {
-    /// The fault that it is; none when somebody switched on or reset the chip.
+    /// Its fault; none after power-on, reset pin or debug probe.
     #[must_use]
     pub const fn fault(self) -> Option<Fault> {
         match self {
@@ -42,7 +42,7 @@ pub struct Start {
     pub reset: ResetCause,
     /// The line's value before a reset, from memory that survives it.
     pub restored_line: Option<GripForce>,
-    /// The settings that lay in flash.
+    /// The settings from flash.
     pub stored: Stored,
     /// Number of the board, for the handshake: its place in `BOARDS`.
     pub board: u8,
@@ -53,7 +53,7 @@ pub struct Start {
 }
 
 impl Start {
-    /// The line's settings in force: they are taken at the start and never change while the program runs.
+    /// The line's settings in force: they are read at the start and never change while the program runs.
     #[must_use]
     pub const fn line(&self) -> &LineSettings {
         match &self.stored.settings {

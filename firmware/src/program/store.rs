@@ -1,4 +1,4 @@
-//! Settings on their way to flash: the board writes them, the program says when.
+//! Storing settings: the board writes them to flash when the program says so.
 
 use gripline_protocol::message::{Configuration, GripMode, Refusal};
 
@@ -7,12 +7,12 @@ use crate::grip::GripForce;
 use crate::sums::Kernel;
 
 impl<K: Kernel> Program<K> {
-    /// Whether nothing can be in the gripper: writing the flash stops the processor, the bootloader drives no line.
+    /// Whether the gripper is surely empty: writing the flash stops the processor, and the bootloader does not drive the line.
     pub(super) fn is_empty_handed(&self) -> bool {
         self.controller.mode() == GripMode::Released && self.line() == GripForce::ZERO
     }
 
-    /// The settings to write to flash now, once per `Store`. Ask between two ticks, outside the map-to-line path, and report
+    /// The settings to write to flash now, once per `Store`. Call it between two ticks, outside the map-to-line path, and report
     /// the outcome with [`Self::stored`].
     pub fn take_store(&mut self) -> Option<Configuration> {
         if !core::mem::take(&mut self.store) {

@@ -49,9 +49,9 @@ pub struct Accumulator {
     /// Σ(column fy − row fx).
     pub moment: i32,
     /// First moment of pressure: Σ column fz, Σ row fz.
-    pub pressure: [i32; 2],
+    pub first_moment: [i32; 2],
     /// Second moment of pressure: Σ(column² + row²) fz. It wraps; the result of [`Accumulator::finish`] does not.
-    pub spread: i32,
+    pub second_moment: i32,
     /// Taxels that are not in contact.
     pub idle: u32,
     /// Taxels in contact that do not stick.
@@ -71,8 +71,8 @@ impl Accumulator {
         Self {
             force: [0; 3],
             moment: 0,
-            pressure: [0; 2],
-            spread: 0,
+            first_moment: [0; 2],
+            second_moment: 0,
             idle: 0,
             slips: 0,
             square: rule.friction.square(),
@@ -93,10 +93,13 @@ impl Accumulator {
             stick: contact.wrapping_sub(self.slips) as u16,
             force: self.force,
             moment: 2 * self.moment - LAST * y + LAST * x,
-            pressure: [2 * self.pressure[0] - LAST * z, 2 * self.pressure[1] - LAST * z],
+            first_moment: [
+                2 * self.first_moment[0] - LAST * z,
+                2 * self.first_moment[1] - LAST * z,
+            ],
             // ((2 column − 19)² + (2 row − 19)²)/2.
-            spread: (self.spread)
-                .wrapping_sub((self.pressure[0] + self.pressure[1]).wrapping_mul(LAST))
+            second_moment: (self.second_moment)
+                .wrapping_sub((self.first_moment[0] + self.first_moment[1]).wrapping_mul(LAST))
                 .wrapping_mul(2)
                 .wrapping_add(z.wrapping_mul(LAST * LAST)),
         }

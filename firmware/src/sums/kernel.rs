@@ -28,9 +28,9 @@ impl Kernel for Portable {
             sums.force[1] += y;
             sums.force[2] += z;
             sums.moment += column * y - row * x;
-            sums.pressure[0] += column * z;
-            sums.pressure[1] += row * z;
-            sums.spread = sums.spread.wrapping_add((column * column + row * row) * z);
+            sums.first_moment[0] += column * z;
+            sums.first_moment[1] += row * z;
+            sums.second_moment = sums.second_moment.wrapping_add((column * column + row * row) * z);
             // As `TaxelRule::decide`, word by word.
             let shear_square = (x * x).cast_unsigned() + (y * y).cast_unsigned();
             let normal_square = (z * z).cast_unsigned();

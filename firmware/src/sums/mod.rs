@@ -1,4 +1,4 @@
-//! What one force map says: contact, stick, total force, moment, first and second moment of pressure.
+//! The sums of one force map: contact, stick, total force, moment, first and second moment of pressure.
 //!
 //! Units: forces 1/4096 N; places in half taxel pitches, odd numbers from −19 to 19 from the map's centre.
 //! No branch on the forces, so the work depends on the number of taxels only. No sum can overflow: 400 taxels of 2¹⁵

@@ -33,7 +33,7 @@ pub fn sums_of(map: &ForceMap, rule: TaxelRule) -> MapSums {
         }
         // In local words, which vectors can hold.
         let (mut x_sum, mut y_sum, mut z_sum, mut moment) = (0, 0, 0, 0);
-        let (mut across, mut down, mut spread) = (0, 0, 0);
+        let (mut across, mut down, mut second_moment) = (0, 0, 0);
         let (mut contact, mut slipping) = (0, 0);
         for (&[column, row], force) in PLACES.iter().zip(forces) {
             let (x, y, z) = (i32::from(force.x), i32::from(force.y), i32::from(force.z));
@@ -43,7 +43,7 @@ pub fn sums_of(map: &ForceMap, rule: TaxelRule) -> MapSums {
             moment += column * y - row * x;
             across += column * z;
             down += row * z;
-            spread += (column * column + row * row) * z;
+            second_moment += (column * column + row * row) * z;
             // As `TaxelRule::decide`, word by word.
             let shear_square = (x * x).cast_unsigned() + (y * y).cast_unsigned();
             let normal_square = (z * z).cast_unsigned();
@@ -56,11 +56,11 @@ pub fn sums_of(map: &ForceMap, rule: TaxelRule) -> MapSums {
             *sum += of_rows;
         }
         sums.moment += moment - first_row * x_sum;
-        sums.pressure[0] += across;
-        sums.pressure[1] += down + first_row * z_sum;
+        sums.first_moment[0] += across;
+        sums.first_moment[1] += down + first_row * z_sum;
         // (row + first)² = row² + 2 first row + first².
-        spread += first_row * (2 * down + first_row * z_sum);
-        sums.spread = sums.spread.wrapping_add(spread);
+        second_moment += first_row * (2 * down + first_row * z_sum);
+        sums.second_moment = sums.second_moment.wrapping_add(second_moment);
         sums.slips += slipping;
         sums.idle += TOGETHER as u32 - contact;
     }

@@ -2,7 +2,7 @@
 
 use gripline_firmware::{Fault, LinkId};
 use gripline_protocol::message::{Command, Configuration, GripMode, Hello, Message, SlipState};
-use gripline_protocol::{ForceMap, Health, MapInfo, encode_map};
+use gripline_protocol::{ForceMap, Health, MapInfo, SensorId, encode_map};
 
 use crate::bench::Bench;
 use crate::grasp_world::contact_map;
@@ -28,7 +28,7 @@ fn held(shear: f64) -> ForceMap {
 
 impl Bench {
     /// A map with this health, captured `late_us` ago.
-    fn odd_map(&mut self, sensor: u8, map: &ForceMap, health: Health, late_us: u64) {
+    fn odd_map(&mut self, sensor: SensorId, map: &ForceMap, health: Health, late_us: u64) {
         self.sequence += 1;
         let info = MapInfo {
             sensor,
@@ -81,7 +81,7 @@ fn an_empty_doubtful_map_ends_no_contact_and_forgets_no_friction() {
     let mut bench = quiet_hold(&Configuration::DEFAULT);
     let (line, state) = (bench.line(), bench.device.program.state());
     for black in 0..300 {
-        bench.odd_map(0, &ForceMap::EMPTY, Health::TOO_DARK, 0);
+        bench.odd_map(SensorId::FIRST, &ForceMap::EMPTY, Health::TOO_DARK, 0);
         bench.wait_ms(16);
         assert_ne!(state, SlipState::NoContact);
         assert_eq!(
@@ -108,7 +108,7 @@ fn a_doubtful_map_teaches_no_friction() {
     let line = bench.line();
     // It says that friction 0.96 is proven.
     for _ in 0..60 {
-        bench.odd_map(0, &held(4.8), Health::UNLIKE_TRAINING, 0);
+        bench.odd_map(SensorId::FIRST, &held(4.8), Health::UNLIKE_TRAINING, 0);
         bench.wait_ms(16);
     }
     let after = bench.maps_for_ms(&held(1.6), 4_000).line;
@@ -122,7 +122,7 @@ fn maps_that_come_late_still_raise_the_line() {
         let line = bench.line();
         let late_us = 2_000 * u64::from(settings.stale_ms);
         for _ in 0..30 {
-            bench.odd_map(0, &held(3.6), Health::GOOD, late_us);
+            bench.odd_map(SensorId::FIRST, &held(3.6), Health::GOOD, late_us);
             bench.wait_ms(16);
         }
         assert_ne!(bench.faults() & Fault::StaleMaps.bit(), 0);
@@ -231,7 +231,7 @@ fn settings_that_come_while_holding_never_lower_the_line() {
     for loose in [
         Configuration {
             ceiling: shipped.floor + 1,
-            tighten: shipped.floor + 1,
+            fail_safe: shipped.floor + 1,
             ..shipped
         },
         Configuration {
@@ -267,7 +267,7 @@ fn settings_that_come_while_holding_never_lower_the_line() {
 fn lateness_that_grows_by_a_millisecond_a_second_becomes_stale() {
     let mut bench = quiet_hold(&Configuration::DEFAULT);
     for map in 0..8_000_u64 {
-        bench.odd_map(0, &held(1.6), Health::GOOD, map / 60 * 1_000);
+        bench.odd_map(SensorId::FIRST, &held(1.6), Health::GOOD, map / 60 * 1_000);
         bench.wait_ms(16);
         bench.reports.clear();
     }
@@ -276,14 +276,17 @@ fn lateness_that_grows_by_a_millisecond_a_second_becomes_stale() {
 
 #[test]
 fn either_fingertip_may_fall_silent_and_the_other_goes_on() {
-    for silent in [0, 1] {
+    for (silent, other) in [
+        (SensorId::FIRST, SensorId::SECOND),
+        (SensorId::SECOND, SensorId::FIRST),
+    ] {
         let mut bench = quiet_hold(&Configuration {
             sensors: 2,
             stale_ms: 60,
             ..Configuration::DEFAULT
         });
         // Both under load, then one falls silent under a heavier one.
-        for sensor in [0, 1] {
+        for sensor in SensorId::ALL {
             bench.odd_map(
                 sensor,
                 &held(if sensor == silent { 3.9 } else { 1.6 }),
@@ -294,7 +297,7 @@ fn either_fingertip_may_fall_silent_and_the_other_goes_on() {
         }
         let mut lines = Vec::new();
         for _ in 0..120 {
-            bench.odd_map(1 - silent, &held(1.6), Health::GOOD, 0);
+            bench.odd_map(other, &held(1.6), Health::GOOD, 0);
             bench.wait_ms(16);
             lines.push(bench.line());
         }
@@ -316,9 +319,9 @@ fn tests_of_a_slide_do_not_add_up_while_a_fault_forbids_the_way_back() {
     // Every other picture is doubtful, so the line must hold; the load halves and swings.
     for map in 0..400_u32 {
         let load = if map % 40 < 20 { 0.8 } else { 0.6 };
-        bench.odd_map(0, &held(load), Health::GOOD, 0);
+        bench.odd_map(SensorId::FIRST, &held(load), Health::GOOD, 0);
         bench.wait_ms(8);
-        bench.odd_map(0, &held(load), Health::TOO_DARK, 0);
+        bench.odd_map(SensorId::FIRST, &held(load), Health::TOO_DARK, 0);
         bench.wait_ms(8);
     }
     assert!(bench.line() >= line, "{line} became {}", bench.line());

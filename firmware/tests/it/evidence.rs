@@ -1,7 +1,7 @@
 //! The host's evidence of motion on its way from a map's head to the line and to the status, and the whole detector's evidence of slip.
 
 use gripline_protocol::message::{Command, Configuration, Hello, Message, Status};
-use gripline_protocol::{ForceMap, Health, MapInfo, Motion};
+use gripline_protocol::{ForceMap, Health, MapInfo, Motion, SensorId};
 
 use crate::bench::Bench;
 use crate::grasp_world::contact_map;
@@ -16,7 +16,7 @@ fn carries(normal: f64, shear: f64) -> ForceMap {
 }
 
 impl Bench {
-    fn seen_map(&mut self, sensor: u8, map: &ForceMap, motion: Motion) {
+    fn seen_map(&mut self, sensor: SensorId, map: &ForceMap, motion: Motion) {
         self.sequence += 1;
         let info = MapInfo {
             sensor,
@@ -31,7 +31,7 @@ impl Bench {
     /// The same map at 60 a second.
     fn seen_maps_for_ms(&mut self, map: &ForceMap, motion: Motion, for_ms: u64) {
         for _ in 0..for_ms / 16 {
-            self.seen_map(0, map, motion);
+            self.seen_map(SensorId::FIRST, map, motion);
             self.wait_ms(16);
         }
     }
@@ -55,7 +55,7 @@ fn quiet_hold(sensors: u8) -> Bench {
     }));
     bench.command(Command::Hold);
     for step in 0..60 {
-        for sensor in 0..sensors {
+        for sensor in SensorId::ALL.into_iter().take(sensors.into()) {
             bench.seen_map(
                 sensor,
                 &carries(5.0, 1.6 * f64::from(step) / 60.0),
@@ -65,7 +65,7 @@ fn quiet_hold(sensors: u8) -> Bench {
         bench.wait_ms(16);
     }
     for _ in 0..120 {
-        for sensor in 0..sensors {
+        for sensor in SensorId::ALL.into_iter().take(sensors.into()) {
             bench.seen_map(sensor, &carries(5.0, 1.6), Motion::UNKNOWN);
         }
         bench.wait_ms(16);
@@ -123,7 +123,7 @@ fn rest_that_is_seen_spares_the_test_of_a_load_that_falls() {
         for step in 0..60 {
             // The arm slows down: less load, the same grip.
             let shear = 1.6 - 0.5 * f64::from(step.min(20)) / 20.0;
-            bench.seen_map(0, &carries(5.0, shear), motion);
+            bench.seen_map(SensorId::FIRST, &carries(5.0, shear), motion);
             bench.wait_ms(16);
             max = max.max(bench.line_n());
         }
@@ -137,8 +137,8 @@ fn rest_that_is_seen_spares_the_test_of_a_load_that_falls() {
 #[test]
 fn motion_at_one_fingertip_counts_for_both_and_a_doubtful_map_says_nothing() {
     let mut bench = quiet_hold(2);
-    bench.seen_map(1, &carries(5.0, 1.6), MOVES);
-    bench.seen_map(0, &carries(5.0, 1.6), RESTS);
+    bench.seen_map(SensorId::SECOND, &carries(5.0, 1.6), MOVES);
+    bench.seen_map(SensorId::FIRST, &carries(5.0, 1.6), RESTS);
     assert!(bench.now().slip_evidence > 8_000, "{:?}", bench.now());
 
     let mut bench = quiet_hold(1);
@@ -158,15 +158,15 @@ fn motion_at_one_fingertip_counts_for_both_and_a_doubtful_map_says_nothing() {
 #[test]
 fn an_object_that_is_gone_leaves_no_evidence_to_the_next() {
     let mut bench = quiet_hold(1);
-    bench.seen_map(0, &carries(5.0, 1.6), MOVES);
+    bench.seen_map(SensorId::FIRST, &carries(5.0, 1.6), MOVES);
     // Whoever sees the object go says so on the empty map that it leaves behind, and on no other.
-    bench.seen_map(0, &ForceMap::EMPTY, MOVES);
+    bench.seen_map(SensorId::FIRST, &ForceMap::EMPTY, MOVES);
     assert!(bench.now().slip_evidence > 9_000, "{:?}", bench.now());
     bench.wait_ms(16);
-    bench.seen_map(0, &ForceMap::EMPTY, Motion::UNKNOWN);
+    bench.seen_map(SensorId::FIRST, &ForceMap::EMPTY, Motion::UNKNOWN);
     assert_eq!(bench.now().slip_evidence, 0);
     bench.wait_ms(16);
-    bench.seen_map(0, &carries(2.0, 0.1), Motion::UNKNOWN);
+    bench.seen_map(SensorId::FIRST, &carries(2.0, 0.1), Motion::UNKNOWN);
     assert!(bench.now().slip_evidence < 1_000, "{:?}", bench.now());
 }
 
@@ -178,7 +178,7 @@ fn at_high_rates_motion_in_any_map_of_a_slot_counts() {
         let before = bench.line_n();
         for map in 0..24 {
             let motion = if map % 3 == phase { MOVES } else { Motion::UNKNOWN };
-            bench.seen_map(0, &carries(5.0, 1.6), motion);
+            bench.seen_map(SensorId::FIRST, &carries(5.0, 1.6), motion);
             bench.wait_ms(5);
         }
         let after = bench.line_n();

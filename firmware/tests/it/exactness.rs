@@ -202,7 +202,7 @@ proptest! {
                 *sum += term;
             }
         }
-        let found = [sums.force[0], sums.force[1], sums.force[2], sums.moment, sums.pressure[0], sums.pressure[1], sums.spread];
+        let found = [sums.force[0], sums.force[1], sums.force[2], sums.moment, sums.first_moment[0], sums.first_moment[1], sums.second_moment];
         prop_assert_eq!(found.map(i64::from), wide);
         let contact: Vec<_> = map.taxels.iter().filter(|force| force.z > contact_min).collect();
         prop_assert_eq!(usize::from(sums.contact), contact.len());

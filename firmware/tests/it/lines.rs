@@ -1,7 +1,7 @@
 //! One suite of properties over every line, and what only the gripper on the bus can do wrong.
 //! What a line shows is what the gripper makes of it, in 1/4096 N.
 
-use crate::common::bus::{Bus, Trouble};
+use crate::common::bus::{Bus, BusFault};
 use embedded_hal::pwm::{ErrorKind, ErrorType, SetDutyCycle};
 use gripline_firmware::GripForce;
 use gripline_firmware::line::{DAC_LIVE_ZERO, DacCode, DacLine, DacOutput, GripLine, LineHealth, PwmLine};
@@ -30,7 +30,7 @@ trait Bench {
     fn pass(&mut self, us: u64);
     fn shown(&self) -> i32;
     /// The worst that can happen to it begins or ends.
-    fn trouble(&mut self, on: bool);
+    fn fault(&mut self, on: bool);
 
     fn settle(&mut self) {
         self.pass(Self::SETTLE_US);
@@ -88,7 +88,7 @@ fn a_reset_in_the_middle_of_a_write_brings_back_no_less_than_was_shown() {
     assert_eq!((steps.code, steps.kept), (819, GripForce::ZERO));
 }
 
-/// The DAC line; its trouble is a reset, over which the wiring's pull-up or the hold holds and RAM keeps the force.
+/// The DAC line; its fault is a reset, over which the wiring's pull-up or the hold holds and RAM keeps the force.
 struct DacBench {
     dac: Code,
     written: GripForce,
@@ -126,7 +126,7 @@ impl Bench for DacBench {
     fn shown(&self) -> i32 {
         (i32::from(self.dac.code) - 819) * Self::FULL / (4_095 - 819)
     }
-    fn trouble(&mut self, on: bool) {
+    fn fault(&mut self, on: bool) {
         self.down = on;
         if !on {
             self.write(self.written.lsb());
@@ -134,7 +134,7 @@ impl Bench for DacBench {
     }
 }
 
-/// A PWM output whose bus fails while there is trouble.
+/// A PWM output whose bus fails while there is a fault.
 #[derive(Default)]
 struct Pwm {
     duty: u16,
@@ -197,7 +197,7 @@ impl Bench for PwmBench {
     fn shown(&self) -> i32 {
         (i32::from(self.pwm.duty) - 2_000) * Self::FULL / 8_000
     }
-    fn trouble(&mut self, on: bool) {
+    fn fault(&mut self, on: bool) {
         self.pwm.broken = on;
         if !on {
             self.write(self.written);
@@ -225,8 +225,8 @@ impl Bench for Bus {
     fn shown(&self) -> i32 {
         self.gripper.grip() as i32
     }
-    fn trouble(&mut self, on: bool) {
-        self.trouble.cut = on;
+    fn fault(&mut self, on: bool) {
+        self.fault.cut = on;
     }
 }
 
@@ -266,7 +266,7 @@ fn trouble_never_loosens_the_grip_and_the_newest_force_shows_after_it<B: Bench>(
     let mut bench = B::new();
     bench.write(20 * NEWTON);
     bench.settle();
-    bench.trouble(true);
+    bench.fault(true);
     let held = bench.shown();
     for lsb in [25 * NEWTON, 22 * NEWTON, 30 * NEWTON] {
         bench.write(lsb);
@@ -275,7 +275,7 @@ fn trouble_never_loosens_the_grip_and_the_newest_force_shows_after_it<B: Bench>(
             assert_eq!(bench.shown(), held, "nothing gets through");
         }
     }
-    bench.trouble(false);
+    bench.fault(false);
     for _ in 0..100 {
         bench.pass(10_000);
         assert!(bench.shown() >= held);
@@ -321,21 +321,21 @@ fn a_ramp_is_followed_without_a_leap<B: Bench>() {
     }
 }
 
-/// Any forces, any trouble: what shows is never below the least that was written since it last settled.
+/// Any forces, any fault: the output is never below the minimum written since it last settled.
 fn nothing_that_happens_shows_less_than_was_written<B: Bench>(steps: &[(i32, bool, u16)]) {
     let mut bench = B::new();
     bench.write(15 * NEWTON);
     bench.settle();
     let mut min = 15 * NEWTON;
-    for &(lsb, trouble, ms) in steps {
+    for &(lsb, fault, ms) in steps {
         min = min.min(lsb.min(B::FULL));
         bench.write(lsb);
-        bench.trouble(trouble);
+        bench.fault(fault);
         for _ in 0..ms {
             bench.pass(1_000);
             assert!(bench.shown() >= min, "{} below {min}", bench.shown());
         }
-        if !trouble && u64::from(ms) * 1_000 > B::SETTLE_US {
+        if !fault && u64::from(ms) * 1_000 > B::SETTLE_US {
             assert!(bench.shown() >= lsb.min(B::FULL), "{} below {lsb}", bench.shown());
             min = lsb.min(B::FULL);
         }
@@ -557,59 +557,59 @@ fn every_kind_of_silence_and_nonsense_counts_as_no_answer_and_ends_when_it_ends(
     let kinds = [
         (
             "cut",
-            Trouble {
+            BusFault {
                 cut: true,
-                ..Trouble::default()
+                ..BusFault::default()
             },
         ),
         (
             "wrong CRC",
-            Trouble {
+            BusFault {
                 wrong_crc: true,
-                ..Trouble::default()
+                ..BusFault::default()
             },
         ),
         (
             "busy",
-            Trouble {
+            BusFault {
                 exception: Some(6),
-                ..Trouble::default()
+                ..BusFault::default()
             },
         ),
         (
             "illegal address",
-            Trouble {
+            BusFault {
                 exception: Some(2),
-                ..Trouble::default()
+                ..BusFault::default()
             },
         ),
         (
             "too slow",
-            Trouble {
+            BusFault {
                 slow_us: 60_000,
-                ..Trouble::default()
+                ..BusFault::default()
             },
         ),
         (
             "noise",
-            Trouble {
+            BusFault {
                 flipped: 500,
-                ..Trouble::default()
+                ..BusFault::default()
             },
         ),
     ];
-    for (kind, trouble) in kinds {
+    for (kind, fault) in kinds {
         let mut bus = Bus::ready();
         bus.write(20 * NEWTON);
         bus.pass(1_000_000);
         let held = bus.gripper.grip();
-        bus.trouble = trouble;
+        bus.fault = fault;
         bus.pass(200_000);
         assert_eq!(bus.line.health(), LineHealth::NoAnswer, "{kind}");
         bus.write(30 * NEWTON);
         bus.pass(2_000_000);
         assert!(bus.min_grip >= held, "{kind}");
-        bus.trouble = Trouble::default();
+        bus.fault = BusFault::default();
         bus.pass(500_000);
         assert_eq!(bus.line.health(), LineHealth::Good, "{kind}");
         assert!(bus.gripper.grip() >= i64::from(30 * NEWTON), "{kind}");
@@ -624,7 +624,7 @@ fn every_kind_of_silence_and_nonsense_counts_as_no_answer_and_ends_when_it_ends(
 #[test]
 fn a_slow_gripper_within_the_time_out_is_no_trouble() {
     let mut bus = Bus::new();
-    bus.trouble.slow_us = 18_000;
+    bus.fault.slow_us = 18_000;
     bus.write(0);
     bus.pass(5_000_000);
     bus.write(20 * NEWTON);
@@ -642,10 +642,10 @@ fn one_byte_in_a_hundred_lost_and_one_flipped_delays_but_never_loosens() {
     let mut bus = Bus::ready();
     bus.write(20 * NEWTON);
     bus.pass(1_000_000);
-    bus.trouble = Trouble {
+    bus.fault = BusFault {
         dropped: 10,
         flipped: 10,
-        ..Trouble::default()
+        ..BusFault::default()
     };
     for n in 1..100 {
         let held = bus.gripper.grip();

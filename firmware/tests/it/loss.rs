@@ -3,7 +3,7 @@
 
 use gripline_firmware::sums::{TaxelRule, sums_of};
 use gripline_protocol::message::{Command, Configuration, Hello, Message, Status};
-use gripline_protocol::{ForceMap, MapInfo, SENSORS, TAXELS, TaxelForce, encode_map};
+use gripline_protocol::{ForceMap, MapInfo, SENSORS, SensorId, TAXELS, TaxelForce, encode_map};
 use proptest::prelude::*;
 
 use crate::bench::Bench;
@@ -11,7 +11,7 @@ use crate::bench::Bench;
 /// A map on its way.
 #[derive(Debug, Clone)]
 struct Sent {
-    sensor: usize,
+    sensor: SensorId,
     map: ForceMap,
     /// A bit for each packet that is lost.
     lost: u64,
@@ -26,12 +26,16 @@ fn any_sent() -> impl Strategy<Value = Sent> {
         2 => (any::<u64>(), any::<u64>()).prop_map(|(one, other)| one & other),
         1 => Just(u64::MAX),
     ];
-    (0..SENSORS, taxels, lost).prop_map(|(sensor, taxels, lost)| {
+    (0..SENSORS, taxels, lost).prop_map(|(place, taxels, lost)| {
         let mut map = ForceMap::EMPTY;
         for (taxel, x, y, z) in taxels {
             map.taxels[taxel] = TaxelForce { x, y, z };
         }
-        Sent { sensor, map, lost }
+        Sent {
+            sensor: SensorId::ALL[place],
+            map,
+            lost,
+        }
     })
 }
 
@@ -66,7 +70,7 @@ proptest! {
             lossy.wait_ms(16);
             clean.wait_ms(16);
             let info = MapInfo {
-                sensor: *sensor as u8,
+                sensor: *sensor,
                 sequence,
                 capture_us: lossy.now_us as u32,
                 ..MapInfo::default()

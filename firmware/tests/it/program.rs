@@ -11,7 +11,9 @@ use gripline_protocol::message::{
     Command, Configuration, GripMode, Hello, Message, MessagePackets, OutOfRange, Refusal, Report, SlipState,
     Stage,
 };
-use gripline_protocol::{ForceMap, Health, LSB_PER_NEWTON, MapInfo, TAXELS, TaxelForce, encode_map};
+use gripline_protocol::{
+    ForceMap, Health, LSB_PER_NEWTON, MapInfo, SensorId, TAXELS, TaxelForce, encode_map,
+};
 use proptest::prelude::*;
 
 use crate::bench::Bench;
@@ -300,7 +302,7 @@ fn a_contact_that_learns_is_held_by_the_friction_it_proved_and_one_that_may_not_
         );
         let mut bench = Bench::holding();
         bench.command(Command::Configure(Configuration {
-            friction_most: 4_500,
+            friction_max: 4_500,
             ..Configuration::DEFAULT
         }));
         let (line, _) = loaded(&mut bench, friction, load_n);
@@ -312,14 +314,15 @@ fn a_contact_that_learns_is_held_by_the_friction_it_proved_and_one_that_may_not_
 #[test]
 fn with_the_shipped_settings_a_map_that_demands_more_raises_the_line_before_the_next_tick() {
     for sensors in [1, 2] {
-        for sensor in 0..sensors {
+        let used = || SensorId::ALL.into_iter().take(sensors.into());
+        for sensor in used() {
             let mut bench = Bench::holding();
             bench.command(Command::Configure(Configuration {
                 sensors,
                 ..Configuration::DEFAULT
             }));
             // The last packet's part in the rise of the line.
-            let send = |bench: &mut Bench, sensor: u8, shear_n: f64| {
+            let send = |bench: &mut Bench, sensor: SensorId, shear_n: f64| {
                 bench.sequence += 1;
                 let info = MapInfo {
                     sensor,
@@ -336,25 +339,31 @@ fn with_the_shipped_settings_a_map_that_demands_more_raises_the_line_before_the_
                 last.line.lsb() - before.lsb()
             };
             for _ in 0..60 {
-                for sensor in 0..sensors {
+                for sensor in used() {
                     // The other fingertip needs less.
-                    send(&mut bench, sensor, 2.0 - 0.5 * f64::from(sensor));
+                    send(&mut bench, sensor, 2.0 - 0.5 * f64::from(sensor.number()));
                 }
                 bench.wait_ms(16);
             }
             // No more than before, and what may be fluctuation, moves nothing, or hardly.
-            assert_eq!(send(&mut bench, sensor, 2.0 - 0.5 * f64::from(sensor)), 0);
+            assert_eq!(
+                send(&mut bench, sensor, 2.0 - 0.5 * f64::from(sensor.number())),
+                0
+            );
             bench.wait_ms(3);
             bench.now_us += 300;
             let rise = send(&mut bench, sensor, 3.4);
-            let most = i32::from(Configuration::DEFAULT.rise_rate);
-            assert!((most - 1..=most).contains(&rise), "{sensors} {sensor}: {rise}");
+            let max_rise = i32::from(Configuration::DEFAULT.rise_rate);
+            assert!(
+                (max_rise - 1..=max_rise).contains(&rise),
+                "{sensors} {sensor}: {rise}"
+            );
             // A millisecond's worth is taken. Another one comes with time, and no sooner.
             assert_eq!(send(&mut bench, sensor, 4.2), 0, "{sensors} {sensor}");
             bench.now_us += 500;
             let rise = send(&mut bench, sensor, 4.2);
             assert!(
-                (most / 2 - 1..=most / 2).contains(&rise),
+                (max_rise / 2 - 1..=max_rise / 2).contains(&rise),
                 "{sensors} {sensor}: {rise}"
             );
         }
@@ -389,7 +398,7 @@ fn what_a_contact_proved_ends_with_it() {
 }
 
 #[test]
-fn a_twist_counts_as_the_shear_that_slides_as_soon() {
+fn a_torsional_moment_counts_as_the_shear_that_slides_as_soon() {
     // 64 taxels in a square that push crosswise: no shear in sum.
     let turned = |pull: i16| {
         let mut map = ForceMap::EMPTY;
@@ -579,7 +588,7 @@ fn nothing_is_commanded_before_the_handshake() {
     bench.command(Command::Hold);
     assert_eq!(bench.reports, [Report::Refused(Refusal::NoHandshake)]);
     assert_eq!(bench.wait_ms(200), GripForce::ZERO);
-    // Maps are judged all the same, so that a listener sees what the fingertip feels.
+    // Maps are judged anyway, so that a listener sees what the fingertip feels.
     assert_eq!(bench.map(&contact_map(100, 10)).state, SlipState::Slip);
 }
 
@@ -608,8 +617,8 @@ fn a_setting_out_of_range_is_named_and_changes_nothing() {
     let refusal = OutOfRange {
         field: 4,
         found: 10_001,
-        least: 0,
-        most: 10_000,
+        min: 0,
+        max: 10_000,
     };
     assert_eq!(bench.reports, [Report::Refused(Refusal::OutOfRange(refusal))]);
     assert_eq!(*bench.device.program.settings(), before);
@@ -696,12 +705,12 @@ fn stale_maps_hold_the_line_and_a_lost_link_tightens_it_until_acknowledged() {
     assert_eq!(stale.lsb(), held);
     let tightened = bench.wait_ms(1_000);
     assert_ne!(bench.faults() & Fault::LinkLost.bit(), 0);
-    assert_eq!(tightened.lsb(), Configuration::CAREFUL.tighten);
+    assert_eq!(tightened.lsb(), Configuration::CAREFUL.fail_safe);
     // The host is back: maps are judged again, but the line stays up until a person has looked.
     let back = bench.maps_for_ms(&contact_map(100, 95), 3_000);
     assert_eq!(
         (back.faults, back.latched, back.line),
-        (0, Fault::LinkLost.bit(), Configuration::CAREFUL.tighten)
+        (0, Fault::LinkLost.bit(), Configuration::CAREFUL.fail_safe)
     );
     bench.command(Command::Release);
     assert_eq!(bench.reports.last(), Some(&Report::Refused(Refusal::Latched)));
@@ -709,7 +718,7 @@ fn stale_maps_hold_the_line_and_a_lost_link_tightens_it_until_acknowledged() {
         faults: Fault::LinkLost.bit(),
     });
     let relaxed = bench.maps_for_ms(&contact_map(100, 95), 3_000);
-    assert!(relaxed.line < Configuration::CAREFUL.tighten);
+    assert!(relaxed.line < Configuration::CAREFUL.fail_safe);
 }
 
 #[test]
@@ -990,7 +999,7 @@ fn two_fingertips_are_judged_by_the_worse_one() {
     }));
     bench.map(&contact_map(100, 95));
     let info = MapInfo {
-        sensor: 1,
+        sensor: SensorId::SECOND,
         sequence: 77,
         ..MapInfo::default()
     };
@@ -998,7 +1007,7 @@ fn two_fingertips_are_judged_by_the_worse_one() {
     let status = bench.status();
     assert_eq!(
         (status.state, status.sensor, status.sums.contact),
-        (SlipState::Slip, 1, 50)
+        (SlipState::Slip, SensorId::SECOND, 50)
     );
     // One of two that falls silent is stale, although the other speaks.
     bench.maps_for_ms(&contact_map(100, 95), 200);
@@ -1013,7 +1022,7 @@ fn a_fingertip_that_fell_silent_in_slip_squeezes_no_further_while_the_other_spea
         ..Configuration::CAREFUL
     }));
     let silent = MapInfo {
-        sensor: 1,
+        sensor: SensorId::SECOND,
         sequence: 1,
         ..MapInfo::default()
     };
@@ -1151,8 +1160,8 @@ fn a_clock_that_leaps_for_a_moment_lets_the_line_fall_by_no_more_than_a_frames_w
         };
         let line = bench.device.tick(told_us).line.lsb();
         // 4,096 a second, so 82 in 20 ms.
-        let most = if ms % 100 == 99 || ms % 100 == 0 { 83 } else { 5 };
-        assert!(before - line <= most, "{before} to {line} after {ms} ms");
+        let max_fall = if ms % 100 == 99 || ms % 100 == 0 { 83 } else { 5 };
+        assert!(before - line <= max_fall, "{before} to {line} after {ms} ms");
         falls += before - line;
         assert_eq!(bench.status().faults, 0, "after {ms} ms");
     }

@@ -3,7 +3,7 @@
 
 use gripline_firmware::{Fault, GripForce};
 use gripline_protocol::message::{Command, Configuration, Hello, Message};
-use gripline_protocol::{LSB_PER_NEWTON, MapInfo};
+use gripline_protocol::{LSB_PER_NEWTON, MapInfo, SensorId};
 
 use crate::bench::Bench;
 use crate::grasp_world::contact_map;
@@ -68,8 +68,8 @@ impl Hold {
             };
             self.slid += if slides { self.period_ms as f64 / 1e3 } else { 0.0 };
             self.line = line;
-            for sensor in 0..self.fingertips {
-                let mu = friction[usize::from(sensor)];
+            for sensor in SensorId::ALL.into_iter().take(self.fingertips.into()) {
+                let mu = friction[sensor.index()];
                 let shear = load.min(mu * self.normal);
                 let map = contact_map(self.normal, shear, self.normal, shear, mu, slides);
                 self.bench.sequence += 1;

@@ -107,7 +107,7 @@ fn settings(number: u16) -> Configuration {
     }
 }
 
-/// Flash after so many writes, the newest of them `settings(writes)`.
+/// Flash after this many writes, the newest of them `settings(writes)`.
 fn written(writes: u16) -> Flash {
     let mut flash = Flash::new();
     for number in 1..=writes {

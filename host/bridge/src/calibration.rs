@@ -44,11 +44,11 @@ pub(crate) struct Rest {
     pub sharpness: f64,
     /// Standard deviation of a pixel from picture to picture, grey levels.
     pub noise_levels: f64,
-    /// The most that a part of the skin moved while the pictures were taken, pixels.
+    /// Maximum motion of a part of the skin while the pictures were taken, pixels.
     pub residual_px: f64,
 }
 
-/// Friction of the skin on the objects that it is to hold.
+/// Friction of the skin on the objects to hold.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Friction {
@@ -58,16 +58,16 @@ pub(crate) struct Friction {
     pub estimate: f64,
     pub low: f64,
     pub high: f64,
-    /// Of the interval from low to high.
+    /// Confidence of the interval from low to high.
     pub confidence: f64,
     pub slides: usize,
     /// Standard deviation from slide to slide.
     pub residual: f64,
-    /// What the detector works with: below `low`, because slipping taxels sit at the true one.
+    /// The detector's friction: below `low`, because slipping taxels are at the true one.
     pub detector: f64,
 }
 
-/// What the grip-force line's codes make the gripper do.
+/// The gripper's forces for codes of the grip-force line.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Line {
@@ -104,9 +104,9 @@ pub(crate) struct Geometry {
     pub centre_mm: [f64; 2],
     /// As the microcontroller's setting of the fingertip.
     pub quarter_turns: u8,
-    /// How many presses it was found from.
+    /// Number of presses used.
     pub presses: usize,
-    /// What a free turn would add to the quarters.
+    /// Residual rotation beside the quarter turns.
     pub turned_deg: f64,
     pub residual_rms_mm: f64,
     pub residual_max_mm: f64,
@@ -124,40 +124,40 @@ impl Geometry {
     }
 }
 
-/// What the camera shows of a gel with printed markers.
+/// The camera's view of a gel with printed markers.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Camera {
     pub date: String,
     pub device: String,
-    /// Identity of the sensor whose description it mends.
+    /// Identity of the sensor whose description it corrects.
     pub sensor: String,
     /// Pixels of the crop per millimetre, in its middle.
     pub px_per_mm: f64,
     /// Standard error of it.
     pub px_per_mm_error: f64,
-    /// What the whole crop shows.
+    /// Field of the whole crop.
     pub field_mm: [f64; 2],
-    /// Bend of the lens, per mm² from the middle.
+    /// Distortion of the lens, per mm² from the middle.
     pub distortion_per_mm2: f64,
-    /// Dots that it was found from, and how far they lie from an even grid (root mean square).
+    /// Number of dots used, and their distance from a regular grid (root mean square).
     pub dots: usize,
     pub residual_px: f64,
 }
 
-/// How stiff the gel is, against its description.
+/// Stiffness of the gel relative to its description.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Gel {
     pub date: String,
     pub device: String,
-    /// Identity of the sensor, and the force model whose maps were calibrated: its name and what tells its weights apart.
+    /// Identity of the sensor, and the force model whose maps were calibrated: its name and fingerprint.
     pub sensor: String,
     pub model: String,
     /// Factor on normal force, and its interval.
     pub normal_gain: f64,
     pub normal_interval: [f64; 2],
-    /// Factor on shear, and its interval; where shear was not measured, those of normal force.
+    /// Factor on shear, and its interval; if shear was not measured, those of normal force.
     pub shear_gain: f64,
     pub shear_interval: [f64; 2],
     pub shear_was_measured: bool,
@@ -171,7 +171,7 @@ pub(crate) struct Gel {
     pub held_out_share: f64,
 }
 
-/// A fingertip's calibration, as much of it as was made.
+/// A fingertip's calibration, with the sections made so far.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
 pub(crate) struct Calibration {
     /// The file.
@@ -209,7 +209,7 @@ impl Calibration {
         Ok(read)
     }
 
-    /// The one in `path`, or an empty one that is to lie there.
+    /// The one in `path`, or an empty one for that path.
     ///
     /// # Errors
     /// As [`Self::load`].
@@ -245,7 +245,7 @@ impl Calibration {
         if errors.is_empty() { Ok(read) } else { Err(errors) }
     }
 
-    /// Numbers that no calibration has.
+    /// Checks for impossible numbers.
     fn out_of_range(&self) -> Vec<String> {
         let mut errors = Vec::new();
         let mut number = |name: &str, found: f64, min: f64, max: f64| {
@@ -332,7 +332,7 @@ impl Calibration {
         errors
     }
 
-    /// Writes it where it is to lie, whole or not at all.
+    /// Writes it to its path, completely or not at all.
     ///
     /// # Errors
     /// [`Error`] that names the file.
@@ -345,12 +345,12 @@ impl Calibration {
         write(&self.path, text.as_bytes())
     }
 
-    /// A file that it names, from where the program runs.
+    /// The path of a file that it names, relative to the working directory.
     pub(crate) fn beside(&self, name: &Path) -> PathBuf {
         self.path.parent().unwrap_or(Path::new("")).join(name)
     }
 
-    /// The rest pictures, 440×440 each, when they were made.
+    /// The rest pictures, 440×440 each, if there are any.
     ///
     /// # Errors
     /// [`Error`] when their file is missing, damaged or of another shape.
@@ -381,7 +381,7 @@ impl Calibration {
     }
 }
 
-/// Writes a file whole or not at all.
+/// Writes a file completely or not at all.
 ///
 /// # Errors
 /// [`Error`] that names it.
@@ -398,7 +398,7 @@ pub(crate) fn write(path: &Path, bytes: &[u8]) -> Result<(), Error> {
         })
 }
 
-/// Takes a section out of the file; what is wrong with it goes to `errors`.
+/// Reads a section of the file; its problems go to `errors`.
 fn section<T: DeserializeOwned>(table: &mut Table, name: &str, errors: &mut Vec<String>) -> Option<T> {
     let value = table.remove(name)?;
     if !value.is_table() {

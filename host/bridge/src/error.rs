@@ -7,13 +7,13 @@ use std::io;
 use gripline_evaluation::error::EvaluationError;
 pub use gripline_recording::error::Completion;
 
-/// Why a command did not end well: a line with what was found, what was expected and what to do.
+/// Why a command failed: a line with what was found, what was expected and what to do.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// The arguments make no sense.
     #[error("{0}")]
     Usage(String),
-    /// What was asked for could not be done.
+    /// The command failed.
     #[error("{0}")]
     Failed(String),
     /// Experiments, fits of calibrations, detectors over maps and scenes.
@@ -31,7 +31,7 @@ pub enum Error {
     /// The server of live values.
     #[error(transparent)]
     Live(#[from] gripline_live::LiveError),
-    /// A picture's way.
+    /// The pipeline.
     #[error(transparent)]
     Pipeline(#[from] gripline_pipeline::PipelineError),
     /// The network's weights, or instructions that the processor lacks.
@@ -58,7 +58,7 @@ pub enum Error {
     /// Printed markers.
     #[error(transparent)]
     Markers(#[from] gripline_markers::MarkerError),
-    /// The name of a client that asks for something.
+    /// The name of a client.
     #[error(transparent)]
     Client(#[from] gripline_control::BadClient),
     /// A node of ROS 2.

@@ -1,9 +1,9 @@
-//! The command line and the daemon of Gripline: camera frames in, force maps out to the microcontroller, and everything
-//! visible on the way.
+//! The command line and the daemon of Gripline: camera frames in, force maps out to the microcontroller, with everything visible to
+//! the user.
 //!
-//! [`run`] joins a [`source`] of pictures, the pipeline, the link and the [`view`]; [`commands`] holds the command line and
-//! the other commands. What a run is to do stands in one file, which [`config`] reads and checks. Networks, links,
-//! cameras, recordings and experiments are crates of their own.
+//! [`run`] connects a [`source`] of pictures, the pipeline, the link and the [`view`]; [`commands`] holds the command line and the
+//! other commands. One file configures a run; [`config`] reads and checks it. Networks, links, cameras, recordings and experiments
+//! are crates of their own.
 #![deny(unsafe_code)]
 
 mod calibration;

@@ -20,7 +20,7 @@ const VARIABLE: &str = "GRIPLINE_LOG";
 /// Lines that wait for a run; older ones are dropped.
 const KEPT: usize = 1_000;
 
-/// Sends log lines to standard error from now on. `level` goes before the environment variable.
+/// Sends log lines to standard error from now on. `level` overrides the environment variable.
 ///
 /// # Errors
 /// [`Error`] of kind usage when the variable names no level.
@@ -44,8 +44,8 @@ pub fn start(level: Option<LevelFilter>) -> Result<(), Error> {
 #[derive(Debug)]
 struct Collected {
     lines: VecDeque<String>,
-    /// Writes them to standard error for whoever logs, who may be in a hurry; `None` where the terminal shows a picture, which
-    /// lines would destroy.
+    /// Writes lines to standard error without blocking the logging thread; `None` while the terminal shows the view, which lines
+    /// would destroy.
     out: Option<Writer<String>>,
 }
 
@@ -143,7 +143,7 @@ impl<S: Subscriber> Layer<S> for Lines {
     }
 }
 
-/// The message of an event, and its fields behind it.
+/// The message of an event, followed by its fields.
 struct Line(String);
 
 impl Visit for Line {

@@ -1,5 +1,5 @@
-//! What makes forces of a fingertip's pictures: the force network for particles, or markers with a force model, as the sensor's
-//! description says. The same for a run and for the replay of a recording.
+//! The force model of a fingertip: the force network for particles, or a marker model, by the sensor's description. Used by runs
+//! and replays.
 
 use std::path::Path;
 
@@ -19,7 +19,7 @@ use crate::calibration;
 use crate::config::Settings;
 use crate::error::Error;
 
-/// A sensor and what reads it.
+/// A sensor and its force model.
 #[derive(Debug, Clone)]
 pub(crate) struct Model {
     /// The description.
@@ -32,14 +32,14 @@ pub(crate) struct Model {
 #[derive(Debug, Clone)]
 enum Reader {
     Particles(Box<Network>),
-    /// One a fingertip: each has a gel and a camera of its own.
+    /// One per fingertip: each has its own gel and camera.
     Markers(Box<[MarkerReader; SENSORS]>),
 }
 
-/// What makes forces of one fingertip's markers.
+/// The marker model of one fingertip.
 #[derive(Debug, Clone)]
 struct MarkerReader {
-    /// The description with the field and the lens that this camera's calibration found.
+    /// The description with the calibrated field and lens of this camera.
     sensor: Sensor,
     /// With this gel's gains.
     forces: MarkerForces,
@@ -51,12 +51,12 @@ struct MarkerReader {
 pub(crate) enum AtRest {
     /// 440×440 grey levels each, at least one.
     Particles(Vec<Vec<u8>>),
-    /// What stands for the untouched gel.
+    /// The reference for the untouched gel.
     Markers(MarkerRest),
 }
 
 impl Model {
-    /// The one that the settings name.
+    /// The model named by the settings.
     ///
     /// # Errors
     /// [`Error`] when description or weights cannot be used, or do not belong together.
@@ -98,7 +98,7 @@ impl Model {
         Ok(Self { sensor, text, reader })
     }
 
-    /// The one of a recording of printed markers; `None` of one of particles.
+    /// The model of a recording with printed markers; `None` for particles.
     ///
     /// # Errors
     /// [`Error`] when the description in it cannot be used, or the weights are another sensor's.
@@ -131,7 +131,7 @@ impl Model {
         matches!(self.reader, Reader::Markers(_))
     }
 
-    /// How the detector should read its maps.
+    /// The detector's calibration for its maps.
     pub(crate) fn calibration(&self) -> Calibration {
         match &self.reader {
             Reader::Particles(network) => network.calibration(),
@@ -147,7 +147,7 @@ impl Model {
         }
     }
 
-    /// What makes maps of a fingertip's pictures, 0 for the first.
+    /// The pipeline for a fingertip, 0 for the first.
     ///
     /// # Errors
     /// [`Error`] when the rest shows no markers, or a touch.
@@ -182,7 +182,7 @@ impl Model {
         }
     }
 
-    /// Model, origin of its numbers, and what tells its weights apart, for recordings.
+    /// Model, origin and fingerprint of its weights, for recordings.
     pub(crate) fn named(&self, rest: &AtRest) -> [String; 3] {
         match (&self.reader, rest) {
             (Reader::Particles(network), AtRest::Particles(crops)) => [
@@ -209,7 +209,7 @@ impl Model {
         }
     }
 
-    /// What calibrations changed of each fingertip, for recordings.
+    /// The calibrated values of each fingertip, for recordings.
     pub(crate) fn calibrations(&self) -> [MarkerCalibration; SENSORS] {
         match &self.reader {
             Reader::Particles(_) => [MarkerCalibration::NONE; SENSORS],
@@ -267,7 +267,7 @@ impl AtRest {
         }
     }
 
-    /// What it is, for recordings; empty for particles, whose rest are always pictures.
+    /// Its source, for recordings; empty for particles, whose rest is always pictures.
     pub(crate) fn kind(&self) -> Option<RestKind> {
         match self {
             Self::Particles(_) => None,
@@ -276,12 +276,12 @@ impl AtRest {
     }
 }
 
-/// A force model's name and what tells its weights apart.
+/// A force model's name and fingerprint.
 pub(crate) fn forces_named(forces: &MarkerForces) -> String {
     format!("{} {}", forces.name(), markers::fingerprint(forces))
 }
 
-/// What a calibration of another sensor is told.
+/// The error for a calibration of another sensor.
 fn of_another(calibration: &calibration::Calibration, section: &str, found: &str, sensor: &Sensor) -> Error {
     Error::usage(format!(
         "{}: {section}.sensor: found {found}, expected {}: name this sensor's calibration, or the other description with --sensor",
@@ -291,7 +291,7 @@ fn of_another(calibration: &calibration::Calibration, section: &str, found: &str
 }
 
 impl MarkerReader {
-    /// For a camera that shows `view`, where it was calibrated; weights as named, else those of the description.
+    /// For a camera with the calibrated `view`, if any; weights as named, else those of the description.
     fn new(
         sensor: &Sensor,
         weights: Option<&Path>,
@@ -338,7 +338,7 @@ impl MarkerReader {
     }
 }
 
-/// What a calibration says that this sensor's camera shows.
+/// The view of this sensor's camera in a calibration.
 fn view_of(sensor: &Sensor, calibration: &calibration::Calibration) -> Result<Option<CalibratedView>, Error> {
     let Some(camera) = &calibration.camera else {
         return Ok(None);
@@ -352,7 +352,7 @@ fn view_of(sensor: &Sensor, calibration: &calibration::Calibration) -> Result<Op
     }))
 }
 
-/// What it says of this sensor's gel, and the file that does.
+/// The calibration of this sensor's gel, and its file.
 fn gel_of<'a>(
     sensor: &Sensor,
     calibration: &'a calibration::Calibration,
@@ -365,7 +365,7 @@ fn gel_of<'a>(
     }
 }
 
-/// The shipped weights know one fingertip with particles.
+/// The shipped weights support one fingertip with particles.
 fn known_particles(sensor: &Sensor) -> Result<(), Error> {
     if *sensor == Sensor::default_one()? {
         return Ok(());

@@ -1,14 +1,14 @@
-//! Real time for the threads that call: SCHED_FIFO, memory that is never swapped, one core. Linux only.
-//! What the system does not allow is told, with what to do about it; nothing of it is needed to run.
+//! Real-time settings for the calling thread: SCHED_FIFO, memory that is never swapped, one core. Linux only. Reports what the
+//! system does not allow, with a remedy; a run works without it.
 
-/// Per cent of the way from the least to the greatest: above ordinary programs, below the kernel's interrupt threads (50).
+/// Percent of the range from minimum to maximum priority: above ordinary programs, below the kernel's interrupt threads (50).
 #[cfg(target_os = "linux")]
 const PRIORITY: u8 = 40;
-/// The same for what takes and decodes pictures: below the loop, which has work only when they have none.
+/// The same for the camera thread: below the loop, which has work only when the camera thread has none.
 #[cfg(target_os = "linux")]
 const CAPTURE_PRIORITY: u8 = 39;
 
-/// Asks for all of it and returns what could not be had, a line each. `core` counts from 0; `None` is the last one.
+/// Requests all of it and returns what was refused, one line each. `core` counts from 0; `None` is the last one.
 #[cfg(target_os = "linux")]
 pub(crate) fn enter(core: Option<usize>) -> Vec<String> {
     let cores = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
@@ -41,8 +41,7 @@ pub(crate) fn enter(core: Option<usize>) -> Vec<String> {
     .collect()
 }
 
-/// Asks for the priority alone, for the thread that takes and decodes a camera's pictures: it may use any core. Returns what could not be
-/// had.
+/// Requests only the priority, for the camera thread, which may use any core. Returns what was refused.
 #[cfg(target_os = "linux")]
 pub(crate) fn enter_capture() -> Option<String> {
     let why = scheduler(CAPTURE_PRIORITY).err()?;

@@ -1,7 +1,6 @@
-//! Pictures of the untouched fingertip: written, kept from run to run, and chosen when a run starts.
-//! Where the pictures of the start may show a touch, those that an earlier run kept are taken, or the run is refused:
-//! a touch that is taken for rest is a force that is never measured.
-//! Limit: without kept pictures an object that lies still on a released fingertip is not noticed.
+//! Pictures of the untouched fingertip: written, stored from run to run, and chosen when a run starts. If the pictures of the start
+//! may show a touch, those stored by an earlier run are used, or the run is refused: a touch taken for rest is a force that is
+//! never measured. Limit: without stored pictures an object that lies still on a released fingertip is not detected.
 
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
@@ -15,7 +14,7 @@ use crate::calibration::{Calibration, Rest, write};
 use crate::commands::files::grey_png;
 use crate::error::Error;
 
-/// Measures the pictures and writes them beside `calibration`, whose section `[rest]` they become. `device` is what they are of.
+/// Measures the pictures and writes them beside `calibration`, whose section `[rest]` they become. `device` names their device.
 ///
 /// # Errors
 /// [`Error`] that names the file which cannot be written.
@@ -72,15 +71,15 @@ fn rounded(value: f64) -> f64 {
     (value * 1e4).round() / 1e4
 }
 
-/// Where the pictures of one fingertip of one camera are kept.
+/// Where the pictures of one fingertip of one camera are stored.
 #[derive(Debug)]
 pub(crate) struct Store {
     path: PathBuf,
-    /// The camera: pictures of another one at the same place are worth nothing.
+    /// The camera: pictures of another one at the same place are useless.
     camera: String,
 }
 
-/// Pictures that an earlier run kept.
+/// Pictures that an earlier run stored.
 #[derive(Debug)]
 pub(crate) struct Kept {
     pictures: Vec<Vec<u8>>,
@@ -89,7 +88,7 @@ pub(crate) struct Kept {
 }
 
 impl Store {
-    /// For fingertip 0 or 1 seen by `camera`, which is plugged in at `source`; `None` where this system has no place for it.
+    /// For fingertip 0 or 1 seen by `camera`, which is plugged in at `source`; `None` if this system has no state folder.
     pub(crate) fn of(source: &str, camera: &str, fingertip: usize) -> Option<Self> {
         Some(Self::in_folder(&state_folder()?, source, camera, fingertip))
     }
@@ -111,7 +110,7 @@ impl Store {
         }
     }
 
-    /// What is there. Files that cannot be read are told and count as none.
+    /// The stored pictures. Unreadable files are reported and count as none.
     fn load(&self) -> Option<Kept> {
         if !self.path.exists() {
             return None;
@@ -144,7 +143,7 @@ impl Store {
         }
     }
 
-    /// Keeps the pictures for later runs. A failure is told: the run does not need it.
+    /// Stores the pictures for later runs. A failure is only reported: the run does not need it.
     pub(crate) fn keep(&self, pictures: &[Vec<u8>], figures: &Figures) {
         let folder = self.path.parent().unwrap_or(Path::new(""));
         let mut calibration = Calibration {
@@ -160,7 +159,7 @@ impl Store {
     }
 }
 
-/// The folder for what programs keep from run to run: systemd's, else the user's.
+/// The state folder: systemd's, else the user's.
 pub(crate) fn state_folder() -> Option<PathBuf> {
     let folder = |name: &str| {
         env::var_os(name)
@@ -181,9 +180,9 @@ pub(crate) fn state_folder() -> Option<PathBuf> {
 /// Which pictures a run starts with.
 #[derive(Debug, PartialEq)]
 enum Choice {
-    /// Those of the start; with what a person should know about them.
+    /// Those of the start, with a note for the user.
     New(Option<String>),
-    /// The kept ones, because of this.
+    /// The stored ones, with the reason.
     Kept(String),
 }
 
@@ -216,7 +215,7 @@ pub(crate) fn at_start(
     }
 }
 
-/// Whether the pictures of the start can be believed to show an untouched fingertip.
+/// Whether the pictures of the start plausibly show an untouched fingertip.
 fn choose(new: &Figures, kept: Option<&Kept>, is_holding: bool) -> Result<Choice, String> {
     const KEEP: &str =
         "or take rest pictures beforehand with `gripline calibrate rest` and name them in calibration.file";

@@ -1,4 +1,4 @@
-//! The token that requests over HTTP bear: a line in a file that only its owner can read.
+//! The token of HTTP requests: a line in a file that only its owner can read.
 
 use std::fmt::Write as _;
 use std::fs::{self, File, OpenOptions};
@@ -8,17 +8,17 @@ use std::path::{Path, PathBuf};
 use crate::error::Error;
 use crate::rest::state_folder;
 
-/// Random bytes of a token that is made here.
+/// Random bytes of a new token.
 const RANDOM_BYTES: usize = 32;
-/// The shortest token that is taken from a file.
+/// Minimum length of a token in a file.
 const LENGTH_MIN: usize = 16;
 
-/// Where the token is by default; `None` where this system has no place for it.
+/// Default path of the token; `None` if this system has no state folder.
 pub(crate) fn default_file() -> Option<PathBuf> {
     Some(state_folder()?.join("token"))
 }
 
-/// The token of this file, which is made when it is not there.
+/// The token of this file, which is created if it does not exist.
 ///
 /// # Errors
 /// [`Error`] that names the file, when others can read it too, or it holds no token.
@@ -65,7 +65,7 @@ fn create(file: &Path) -> std::io::Result<File> {
     options.open(file)
 }
 
-/// The file's mode, where others than its owner may read it.
+/// The file's mode, if others than its owner may read it.
 #[cfg(unix)]
 fn readable_by_others(file: &Path) -> std::io::Result<Option<u32>> {
     use std::os::unix::fs::PermissionsExt as _;

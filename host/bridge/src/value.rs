@@ -1,4 +1,4 @@
-//! What people type: numbers within a range, and the name that a misspelt one was probably meant to be.
+//! What people type: numbers within a range, and suggestions for misspelt names.
 
 use std::fmt::Display;
 use std::ops::RangeInclusive;
@@ -34,7 +34,7 @@ fn within<T: FromStr + PartialOrd + Display + Clone + Send + Sync>(
     }
 }
 
-/// The one of `names` that `found` was probably meant to be.
+/// The likely intended name for `found`.
 pub(crate) fn nearest<'a>(found: &str, names: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     /// A letter wrong, missing or swapped in a name of ordinary length.
     const SIMILAR: f64 = 0.7;

@@ -165,7 +165,7 @@ struct Pictures {
 }
 
 impl Pictures {
-    /// Starts ffmpeg with `filters` on its pictures, and reads the first, of so many `bytes`.
+    /// Starts ffmpeg with `filters` on its pictures, and reads the first, of this many `bytes`.
     fn start(
         path: &Path,
         announced: Option<u64>,

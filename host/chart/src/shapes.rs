@@ -1,4 +1,4 @@
-//! Plain shapes, and text on somebody else's pixels.
+//! Plain shapes, and text on another's pixels.
 
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};

@@ -1,4 +1,4 @@
-//! What a request came to.
+//! The outcome of a request.
 
 use std::fmt;
 
@@ -8,7 +8,7 @@ use serde::{Serialize, Serializer};
 use crate::client::Client;
 use crate::request::{Action, Request};
 
-/// Why a request was not carried out. Nothing moved because of it, but for what its doc says.
+/// Why a request was not executed. Nothing moved because of it, unless its doc says otherwise.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Why {
     /// Another client owns the gripper.
@@ -17,9 +17,9 @@ pub enum Why {
     Latched(Vec<&'static str>),
     /// The release-inhibit input forbids a release.
     Inhibited,
-    /// The device is away: its link says why. A hold or release that was asked for is sent when it is back, if it did not restart.
+    /// The device is not connected: the link's reason. A requested hold or release is sent when it is back, if it did not restart.
     LinkLost(String),
-    /// It was sent again and again, and no status showed it: what the status shows instead.
+    /// It was sent repeatedly, but no status confirmed it: what the status shows instead.
     NotConfirmed(String),
     /// The device restarted before it confirmed.
     Restarted,
@@ -29,13 +29,13 @@ pub enum Why {
     Touched(String),
     /// Faults are still latched because they are still there: their names.
     StillActive(Vec<&'static str>),
-    /// A force outside of what the device allows, newtons.
+    /// A force outside the allowed range, newtons.
     OutOfRange {
-        /// What was asked for.
+        /// The requested force.
         found_n: f64,
-        /// The least.
+        /// The minimum.
         min_n: f64,
-        /// The greatest.
+        /// The maximum.
         max_n: f64,
     },
     /// The device refused its settings, in its words.
@@ -123,7 +123,7 @@ impl fmt::Display for Why {
     }
 }
 
-/// Whether it was carried out.
+/// Whether it was executed.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Outcome {
     /// The device confirms it.
@@ -140,9 +140,9 @@ pub struct Answer {
     pub client: Client,
     /// The client's number of the request.
     pub number: u64,
-    /// What for.
+    /// The action.
     pub action: Action,
-    /// What came of it.
+    /// The outcome.
     pub outcome: Outcome,
     /// Who owns the gripper now.
     pub owner: Option<Client>,

@@ -11,7 +11,7 @@ use crate::status::StatusReport;
 
 /// Requests that wait for the loop.
 const WAITING: usize = 32;
-/// How long an answer may take: what the desk takes at most, and a second for a loop that is held up.
+/// How long an answer may take: the arbiter's maximum, and a second for a delayed loop.
 const PATIENCE: Duration = Duration::from_secs(4);
 
 /// A request that waits for its answer.
@@ -25,7 +25,7 @@ pub struct Asked {
 }
 
 impl Asked {
-    /// Hands the answer over. Who no longer waits misses it.
+    /// Delivers the answer. A client that no longer waits misses it.
     pub fn answer(&self, answer: Answer) {
         let _ = self.reply.try_send(answer);
     }
@@ -51,7 +51,7 @@ pub struct Handle {
 }
 
 impl Handle {
-    /// Asks, and waits for the answer; never longer than four seconds.
+    /// Sends a request and waits for the answer, at most four seconds.
     #[must_use]
     pub fn ask(&self, request: &Request) -> Answer {
         let at = Instant::now();
@@ -81,7 +81,7 @@ impl Handle {
         )
     }
 
-    /// Asks without waiting for the answer: what came of it is told to the log.
+    /// Sends a request without waiting for the answer, which is logged.
     pub fn tell(&self, request: &Request) {
         let (reply, _) = sync_channel(1);
         let _ = self.sender.try_send(Asked {
@@ -112,7 +112,7 @@ impl Inbox {
         self.receiver.try_recv().ok()
     }
 
-    /// The next request, waited for until then.
+    /// The next request; waits until then at most.
     #[must_use]
     pub fn next_until(&self, until: Instant) -> Option<Asked> {
         let patience = until.saturating_duration_since(Instant::now());

@@ -1,17 +1,17 @@
-//! The microcontroller's faults for people: number, name, whether they are there or latched, and what to do.
+//! The microcontroller's faults for people: number, name, whether they are active or latched, and what to do.
 
 use gripline_firmware::Fault;
 use gripline_protocol::message::Status;
 use serde::Serialize;
 
-/// A fault that is there or waits for a person.
+/// A fault that is active or waits for a person.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct ReportedFault {
     /// Its number.
     pub number: u8,
     /// Its name.
     pub name: &'static str,
-    /// It is there now.
+    /// It is active now.
     pub active: bool,
     /// It waits for a person to acknowledge it.
     pub latched: bool,

@@ -1,4 +1,4 @@
-//! What can be asked for, and how it is read from JSON:
+//! The requests, and how they are read from JSON:
 //! `{"client": "cell-3", "request": 7, "action": "set_floor", "floor_n": 4.0, "take_over": false}`.
 
 use std::fmt;
@@ -8,7 +8,7 @@ use serde_json::{Map, Value};
 
 use crate::client::{BadClient, Client};
 
-/// What is asked for.
+/// The requested action.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Action {
     /// Close the gripper and hold.
@@ -19,14 +19,14 @@ pub enum Action {
     Acknowledge,
     /// Take new rest pictures; only while the gripper is released and nothing touches.
     Rezero,
-    /// The least force while holding, newtons.
+    /// The minimum force while holding, newtons.
     SetFloor {
         /// Newtons.
         newtons: f64,
     },
     /// Take the ownership of the gripper from any other client.
     TakeOver,
-    /// Own it no longer. The gripper stays as it is.
+    /// Give up ownership. The gripper stays as it is.
     Yield,
 }
 
@@ -77,12 +77,12 @@ impl Serialize for Action {
 pub struct Request {
     /// The client.
     pub client: Client,
-    /// The client's own number of the request, never used twice (begin with a clock's). One that is repeated under the same number
-    /// within ten seconds is answered again and not carried out again.
+    /// The client's own number of the request, never used twice (begin with a clock's). A repeated number within ten seconds is
+    /// answered again but not executed again.
     pub number: u64,
-    /// What for.
+    /// The action.
     pub action: Action,
-    /// Take the gripper over where another client owns it.
+    /// Take the gripper over from another client.
     pub take_over: bool,
 }
 
@@ -104,12 +104,12 @@ pub enum BadRequest {
     Key {
         /// The key.
         key: String,
-        /// What there is.
+        /// What was found.
         found: String,
-        /// What there should be.
+        /// What was expected.
         expected: String,
     },
-    /// No name.
+    /// Not a name.
     #[error(transparent)]
     Client(#[from] BadClient),
 }
@@ -200,7 +200,7 @@ fn wrong(key: &str, found: Option<&Value>, expected: &str) -> BadRequest {
     }
 }
 
-/// What was sent may be long, and may move a terminal's cursor.
+/// Received text may be long, and may contain control characters.
 fn shortened(text: &str) -> String {
     let text: String = text.chars().take(64).collect();
     text.escape_default().to_string()

@@ -5,26 +5,26 @@ use serde::Serialize;
 use crate::client::Client;
 use crate::faults::ReportedFault;
 
-/// The newest known. Forces in newtons.
+/// The newest known state. Forces in newtons.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
 pub struct StatusReport {
     /// Who owns the gripper.
     pub owner: Option<Client>,
-    /// What it was last asked for over this bridge: `hold`, `released`, or nothing.
+    /// The last requested mode over this bridge: `hold`, `released`, or nothing.
     pub requested: Option<&'static str>,
-    /// What it does: `hold`, `released`, or nothing when no status came yet.
+    /// The present mode: `hold`, `released`, or nothing before the first status.
     pub mode: Option<&'static str>,
     /// Slip state of the newest frame: `NO_CONTACT`, `STICK`, `INCIPIENT`, `SLIP`.
     pub state: &'static str,
     /// Grip-force line, newtons.
     pub line_n: f64,
-    /// Least force while holding, newtons.
+    /// Minimum force while holding, newtons.
     pub floor_n: f64,
-    /// Greatest force, newtons.
+    /// Maximum force, newtons.
     pub ceiling_n: f64,
     /// Which microcontroller.
     pub link: String,
-    /// Whether it is there.
+    /// Whether it is connected.
     pub is_connected: bool,
     /// How old the newest status is, milliseconds.
     pub status_age_ms: f64,

@@ -1,6 +1,8 @@
 //! Requests from outside: reading, owning, repeating, answering.
 
-use gripline_control::{Action, Answer, Client, Desk, Handle, Inbox, Outcome, Request, Step, Why, channel};
+use gripline_control::{
+    Action, Answer, Arbiter, Client, Handle, Inbox, Outcome, Request, Step, Why, channel,
+};
 use proptest::prelude::*;
 
 fn request(client: &str, number: u64, action: Action) -> Request {
@@ -18,22 +20,22 @@ fn ask(handle: &Handle, request: Request) -> std::thread::JoinHandle<Answer> {
     std::thread::spawn(move || handle.ask(&request))
 }
 
-/// Takes the next request to the desk.
-fn next(inbox: &Inbox, desk: &mut Desk) -> Option<Step> {
+/// Takes the next request to the arbiter.
+fn next(inbox: &Inbox, arbiter: &mut Arbiter) -> Option<Step> {
     let until = std::time::Instant::now() + std::time::Duration::from_secs(2);
-    desk.take(inbox.next_until(until).expect("a request within two seconds"))
+    arbiter.take(inbox.next_until(until).expect("a request within two seconds"))
 }
 
 #[test]
 fn who_asks_first_owns_and_others_read_until_they_take_over() {
-    let ((handle, inbox), mut desk) = (channel(), Desk::new());
+    let ((handle, inbox), mut arbiter) = (channel(), Arbiter::new());
     let first = ask(&handle, request("first", 1, Action::Hold));
-    assert_eq!(next(&inbox, &mut desk), Some(Step::Hold));
-    desk.close(Step::Hold, &Outcome::Done);
+    assert_eq!(next(&inbox, &mut arbiter), Some(Step::Hold));
+    arbiter.close(Step::Hold, &Outcome::Done);
     assert!(first.join().unwrap().is_done());
 
     let second = ask(&handle, request("second", 1, Action::Release));
-    assert_eq!(next(&inbox, &mut desk), None, "nothing moves");
+    assert_eq!(next(&inbox, &mut arbiter), None, "nothing moves");
     let answer = second.join().unwrap();
     assert_eq!(answer.why(), Some(&Why::WrongOwner("first".parse().unwrap())));
     assert!(answer.to_string().contains("owned by first"), "{answer}");
@@ -46,51 +48,52 @@ fn who_asks_first_owns_and_others_read_until_they_take_over() {
         },
     );
     // The same number as the one that was not listened to.
-    assert_eq!(next(&inbox, &mut desk), Some(Step::Release));
-    desk.close(Step::Release, &Outcome::Done);
+    assert_eq!(next(&inbox, &mut arbiter), Some(Step::Release));
+    arbiter.close(Step::Release, &Outcome::Done);
     assert_eq!(taken.join().unwrap().owner, Some("second".parse().unwrap()));
     assert!(
-        desk.take_news()
+        arbiter
+            .take_news()
             .iter()
             .any(|news| news.text == "second took the gripper over from first")
     );
 
     let gone = ask(&handle, request("second", 2, Action::Yield));
-    assert_eq!(next(&inbox, &mut desk), None);
+    assert_eq!(next(&inbox, &mut arbiter), None);
     assert_eq!(gone.join().unwrap().owner, None);
 }
 
 #[test]
 fn a_repeated_request_is_answered_again_and_not_carried_out_again() {
-    let ((handle, inbox), mut desk) = (channel(), Desk::new());
+    let ((handle, inbox), mut arbiter) = (channel(), Arbiter::new());
     let asked = request("arm", 7, Action::Hold);
     let both = [ask(&handle, asked.clone()), ask(&handle, asked.clone())];
-    assert_eq!(next(&inbox, &mut desk), Some(Step::Hold));
-    assert_eq!(next(&inbox, &mut desk), None, "it is under way");
-    desk.close(Step::Hold, &Outcome::Done);
+    assert_eq!(next(&inbox, &mut arbiter), Some(Step::Hold));
+    assert_eq!(next(&inbox, &mut arbiter), None, "it is under way");
+    arbiter.close(Step::Hold, &Outcome::Done);
     assert!(both.into_iter().all(|asked| asked.join().unwrap().is_done()));
     let third = ask(&handle, asked);
-    assert_eq!(next(&inbox, &mut desk), None, "it was done");
+    assert_eq!(next(&inbox, &mut arbiter), None, "it was done");
     assert!(third.join().unwrap().is_done());
     let other = ask(&handle, request("arm", 8, Action::Hold));
-    assert_eq!(next(&inbox, &mut desk), Some(Step::Hold));
-    desk.close(Step::Hold, &Outcome::Refused(Why::Restarted));
+    assert_eq!(next(&inbox, &mut arbiter), Some(Step::Hold));
+    arbiter.close(Step::Hold, &Outcome::Refused(Why::Restarted));
     assert_eq!(other.join().unwrap().why(), Some(&Why::Restarted));
 }
 
 #[test]
 fn a_newer_request_overtakes_the_older_one_and_both_are_answered() {
-    let ((handle, inbox), mut desk) = (channel(), Desk::new());
+    let ((handle, inbox), mut arbiter) = (channel(), Arbiter::new());
     let release = ask(&handle, request("arm", 1, Action::Release));
-    assert_eq!(next(&inbox, &mut desk), Some(Step::Release));
+    assert_eq!(next(&inbox, &mut arbiter), Some(Step::Release));
     let hold = ask(&handle, request("arm", 2, Action::Hold));
-    assert_eq!(next(&inbox, &mut desk), Some(Step::Hold));
+    assert_eq!(next(&inbox, &mut arbiter), Some(Step::Hold));
     assert_eq!(release.join().unwrap().why(), Some(&Why::Overtaken));
     let floor = ask(&handle, request("arm", 3, Action::SetFloor { newtons: 4.0 }));
-    assert_eq!(next(&inbox, &mut desk), Some(Step::SetFloor(4.0)));
-    assert!(desk.waits_for(Step::Hold), "another kind overtakes nothing");
-    desk.close(Step::Hold, &Outcome::Done);
-    desk.close(Step::SetFloor(0.0), &Outcome::Done);
+    assert_eq!(next(&inbox, &mut arbiter), Some(Step::SetFloor(4.0)));
+    assert!(arbiter.waits_for(Step::Hold), "another kind overtakes nothing");
+    arbiter.close(Step::Hold, &Outcome::Done);
+    arbiter.close(Step::SetFloor(0.0), &Outcome::Done);
     assert!(hold.join().unwrap().is_done() && floor.join().unwrap().is_done());
 }
 

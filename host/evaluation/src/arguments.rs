@@ -21,7 +21,7 @@ pub struct PaperArgs {
     /// Runs of the sequence T-T-R-T-T per object.
     #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u64).range(1..=50))]
     pub runs: u64,
-    /// Only the first so many of the five objects: a look at it, no evidence.
+    /// Only the first N of the five objects: a quick look, no evidence.
     #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u8).range(1..=5))]
     pub objects: u8,
     /// One short run of each kind per object on the coarse grid: a look at it, no evidence.

@@ -55,13 +55,13 @@ pub struct Chain {
 }
 
 /// What looks at a trial: a fingertip with the chain behind it.
-struct Eye {
+struct FingertipCamera {
     fingertip: Fingertip,
     pipeline: Pipeline,
     crop: Image,
 }
 
-impl Eye {
+impl FingertipCamera {
     fn new(network: &Network, trial: &Trial, noise_levels: Option<f64>) -> Result<Self, EvaluationError> {
         let mut params = FingertipParams::of_sensor(trial.sensor);
         params.noise_levels = noise_levels.unwrap_or(params.noise_levels);
@@ -116,9 +116,9 @@ impl Chain {
         noise_levels: &[Option<f64>],
     ) -> Result<Vec<Recorded>, EvaluationError> {
         let mut experiment = Experiment::new(trial, &self.skin)?;
-        let mut eyes = Vec::with_capacity(noise_levels.len());
+        let mut cameras = Vec::with_capacity(noise_levels.len());
         for &noise in noise_levels {
-            eyes.push(Eye::new(&self.network, trial, noise)?);
+            cameras.push(FingertipCamera::new(&self.network, trial, noise)?);
         }
         let nothing = Recorded {
             friction: experiment.friction(),
@@ -126,7 +126,7 @@ impl Chain {
             frames: Vec::new(),
             unsolved: None,
         };
-        let mut recorded = vec![nothing; eyes.len()];
+        let mut recorded = vec![nothing; cameras.len()];
         loop {
             let truth = match experiment.advance() {
                 Ok(Some(truth)) => truth,
@@ -138,15 +138,15 @@ impl Chain {
                     break;
                 }
             };
-            for (eye, one) in eyes.iter_mut().zip(&mut recorded) {
-                one.frames.push(eye.observe(truth, experiment.contact())?);
+            for (camera, one) in cameras.iter_mut().zip(&mut recorded) {
+                one.frames.push(camera.observe(truth, experiment.contact())?);
             }
         }
         Ok(recorded)
     }
 }
 
-/// `work` on every item, on so many threads; the results in the items' order.
+/// `work` on every item, on this many threads; the results in the items' order.
 pub fn in_parallel<T: Sync, R: Send>(items: &[T], threads: usize, work: impl Fn(&T) -> R + Sync) -> Vec<R> {
     let next = AtomicUsize::new(0);
     let results: Mutex<Vec<(usize, R)>> = Mutex::new(Vec::with_capacity(items.len()));

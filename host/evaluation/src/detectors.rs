@@ -28,7 +28,7 @@ pub struct Each<T> {
 }
 
 impl<T> Each<T> {
-    /// The same for each, made anew.
+    /// The same for each, made again.
     pub fn map<R>(&self, mut f: impl FnMut(&T) -> R) -> Each<R> {
         Each {
             baseline: f(&self.baseline),

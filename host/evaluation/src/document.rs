@@ -67,7 +67,7 @@ pub fn scores_cell(scores: &Scores) -> String {
         .join(" / ")
 }
 
-/// A number with so many digits after the point; a dash for none.
+/// A number with this many digits after the point; a dash for none.
 #[must_use]
 pub fn number(value: Option<f64>, digits: usize) -> String {
     value.map_or_else(|| "–".to_owned(), |value| format!("{value:.digits$}"))

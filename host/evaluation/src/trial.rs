@@ -39,7 +39,7 @@ const RELEASE_S: [f64; 2] = [0.10, 0.15];
 /// Rest between slips; the hand's spring has settled after the first part of it.
 const REST_S: [f64; 2] = [0.6, 1.0];
 const SETTLE_S: f64 = 0.2;
-/// A pull that has not made it slide after so many planned ramps is over.
+/// A pull that has not made it slide after this many planned ramps is over.
 const PATIENCE: f64 = 4.0;
 /// No hand pulls straight: turn in a translation, rad, and shift in a rotation, mm, at breakaway.
 const STRAY_RAD: f64 = 0.02;
@@ -72,7 +72,7 @@ pub enum Kind {
 pub enum Script {
     /// Slips, one after the other.
     Slips(Vec<Kind>),
-    /// Holds still for so many seconds.
+    /// Holds still for this many seconds.
     Hold(f64),
 }
 

@@ -1,5 +1,5 @@
-//! The way into the microcontroller's bootloader, for a firmware update. It needs no common schema: what is said here is laid out as
-//! it always was. Times in µs of the link's clock.
+//! The way into the microcontroller's bootloader, for a firmware update. It needs no common schema: these messages have a frozen
+//! layout. Times in µs of the link's clock.
 
 use gripline_protocol::message::{BOARDS, Bootloader, Hello, Message, MessagePackets, Refusal, Report};
 use gripline_protocol::{Event, Parser};
@@ -10,7 +10,7 @@ use crate::{Link, LinkError};
 const RETRY_US: u64 = 200_000;
 const STEP_US: u64 = 5_000;
 
-/// Who answers, whatever schema it speaks.
+/// The device's handshake, whatever its schema.
 ///
 /// # Errors
 /// [`LinkError`] when no device does.
@@ -53,7 +53,7 @@ fn unknown(link: String, who: &Hello) -> LinkError {
     }
 }
 
-/// Asks until an answer comes that `pick` takes.
+/// Repeats the request until `pick` accepts an answer.
 fn ask<T>(
     link: &mut dyn Link,
     message: &Message,

@@ -1,20 +1,19 @@
-//! Whether this host's clock has jumped against the microcontroller's: after a suspended machine, a moved virtual one, a
-//! debugger. The microcontroller then takes every map for late or from the future, until the host is greeted as a new one.
-//! Pure; times in µs.
+//! Whether this host's clock has jumped against the microcontroller's: after a suspended machine, a moved virtual one, a debugger.
+//! The microcontroller then considers every map late or from the future, until a new handshake. Pure; times in µs.
 //!
-//! A status that is read late makes the host's clock look ahead for that status, never behind. So one status is enough to
-//! see a host that stood still, and a second of them to see one that jumped ahead.
+//! A status that is read late makes the host's clock look ahead for that status, never behind. So one status is enough to detect a
+//! host that stood still, and a second of statuses to detect a jump ahead.
 
 use std::collections::VecDeque;
 
-/// A jump ahead must last for so long, ms of the microcontroller's clock, and for so many statuses: ten a second come when
-/// maps are refused.
+/// A jump ahead must last this long, ms of the microcontroller's clock, and for this many statuses: ten a second come while maps
+/// are refused.
 const WINDOW_MS: i64 = 1_000;
 const WINDOW_LEAST: usize = 8;
-/// What may be a jitter or a drift over that time; the microcontroller allows more before it calls a map stale.
+/// Allowed jitter and drift over that time; the microcontroller allows more before a map is stale.
 const JUMP_US: i64 = 50_000;
-/// Maps that are refused for so long as from the future, with none taken meanwhile, ms, will be for ever: the first one was late by
-/// more than the microcontroller forgives, and it takes that one for prompt.
+/// If maps are refused as from the future for this long, ms, with none accepted meanwhile, all later ones will be refused too: the
+/// first one was later than the microcontroller tolerates, but counts as prompt.
 const LOCKED_OUT_MS: u32 = 500;
 
 /// The difference between the clocks, and its history.
@@ -22,11 +21,11 @@ const LOCKED_OUT_MS: u32 = 500;
 pub(crate) struct ClockSync {
     /// Host less microcontroller, the least of the last full window.
     reference: Option<i64>,
-    /// The newest uptime of the microcontroller, ms, counted on where its 32 bits wrap after seven weeks.
+    /// The newest uptime of the microcontroller, ms, extended beyond 32 bits, which wrap after seven weeks.
     uptime_ms: Option<i64>,
     /// When the microcontroller said it, ms, and the difference.
     recent: VecDeque<(i64, i64)>,
-    /// Since when it takes maps for from the future, ms, and how many maps it had taken by then.
+    /// Since when it refuses maps as from the future, ms, and how many maps it had accepted by then.
     refusing: Option<(u32, u32)>,
 }
 
@@ -36,8 +35,8 @@ impl ClockSync {
         *self = Self::default();
     }
 
-    /// A status was read at `now_us`, sent when the microcontroller had run for `uptime_ms`. Answers whether this host's clock
-    /// has jumped; if so, the comparison starts again.
+    /// A status was read at `now_us`, sent when the microcontroller had run for `uptime_ms`. Returns whether this host's clock has
+    /// jumped; if so, the comparison starts again.
     pub(crate) fn jumped(&mut self, now_us: u64, uptime_ms: u32) -> bool {
         let uptime_ms = match self.uptime_ms {
             None => i64::from(uptime_ms),
@@ -69,8 +68,8 @@ impl ClockSync {
         false
     }
 
-    /// What the same status says of maps: whether some are refused as from the future, and how many were taken so far. Answers
-    /// whether this will not end by itself; if so, the comparison starts again.
+    /// The same status about maps: whether some are refused as from the future, and how many were accepted so far. Returns whether
+    /// this will not end by itself; if so, the comparison starts again.
     pub(crate) fn is_locked_out(&mut self, uptime_ms: u32, is_refusing: bool, maps: u32) -> bool {
         if !is_refusing {
             self.refusing = None;

@@ -1,5 +1,5 @@
-//! The firmware library in this process, on a clock of its own: the same code as on the microcontroller, without the
-//! silicon. Deterministic: the same packets at the same times give the same line.
+//! The firmware library in this process, on a clock of its own: the same code as on the microcontroller. Deterministic: the same
+//! packets at the same times give the same line.
 
 use std::collections::VecDeque;
 

@@ -17,8 +17,8 @@ use gripline_protocol::cobs::{CobsDecoder, FRAME_MAX, Frame, encode_packet};
 use crate::link::{Link, LinkError};
 
 const NAME: &str = "emulator";
-/// How long the emulated host may take to make the device ready, and how often that is looked at, µs: it waits 160 ms
-/// for the plug and two resets alone.
+/// How long the emulated host may take to make the device ready, and how often this is checked, µs: plugging in and two resets take
+/// 160 ms.
 const ENUMERATION_US: u64 = 2_000_000;
 const ENUMERATION_STEP_US: u64 = 10_000;
 
@@ -29,7 +29,7 @@ const FOLDER: &str = "gripline";
 const PROGRAM: (&str, &str) = ("GRIPLINE_EMULATOR", "gripline-emulator");
 const IMAGE: (&str, &str) = ("GRIPLINE_IMAGE", "firmware-stm32f427vi.elf");
 
-/// Which of its two transports the emulated microcontroller is spoken to over.
+/// The transport to the emulated microcontroller.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Transport {
     /// Full-speed USB, behind a host of the emulator's own.
@@ -46,11 +46,11 @@ pub struct EmulatorLink {
     to: BufWriter<ChildStdin>,
     from: BufReader<ChildStdout>,
     transport: Transport,
-    /// What the next run carries.
+    /// The inputs of the next run.
     next: Request,
     decoder: CobsDecoder,
     now_us: u64,
-    /// What the last reply said of the present; its lists are emptied.
+    /// The last reply; its lists are emptied.
     now: Reply,
     line_writes: Vec<LineWrite>,
     transfers: Vec<ControlTransfer>,
@@ -67,7 +67,7 @@ impl EmulatorLink {
         Self::spawn_with_settings(transport, None)
     }
 
-    /// The same with a file that keeps the microcontroller's settings while the power is off; it need not be there yet.
+    /// The same with a file that keeps the microcontroller's settings while the power is off; it need not exist yet.
     ///
     /// # Errors
     /// As [`Self::spawn`].
@@ -132,7 +132,7 @@ impl EmulatorLink {
         self.next.usb_controls.push((setup, Vec::new()));
     }
 
-    /// Every control transfer that is over, those of the enumerations among them.
+    /// Every completed control transfer, including those of enumerations.
     #[must_use]
     pub fn transfers(&self) -> &[ControlTransfer] {
         &self.transfers
@@ -185,7 +185,7 @@ impl EmulatorLink {
         self.next.disturbances.push(disturbance);
     }
 
-    /// The level of the board's fault output: high (true) says that there is no fault.
+    /// The level of the board's fault output: high (true) means no fault.
     #[must_use]
     pub fn fault_output(&self) -> bool {
         self.now.fault_output

@@ -1,4 +1,4 @@
-//! Why a link or a session over it cannot begin or go on, and what to do.
+//! Why a link or its session cannot begin or continue, and what to do.
 
 use gripline_protocol::message::{BOARDS, Hello, MessageError, SchemaMismatch};
 
@@ -41,7 +41,7 @@ pub enum LinkError {
         /// Where they are.
         places: [String; 2],
     },
-    /// A packet is lost; the link mends itself.
+    /// A packet is lost; the link recovers by itself.
     #[error("{link}: a packet was not taken: {found}")]
     NotTaken {
         /// Which link.
@@ -59,7 +59,7 @@ pub enum LinkError {
         /// What the system said.
         found: String,
     },
-    /// It is attached, and the system has not made it usable: it was plugged in this moment, or it was refused its power.
+    /// It is attached, but not usable: it was just plugged in, or the system refused its power.
     #[error(
         "{link}: attached, but not ready ({found}), expected its interface within {} s; plug it in again, at another port or hub",
         READY_WITHIN.as_secs()
@@ -70,7 +70,7 @@ pub enum LinkError {
         /// What the system said.
         found: String,
     },
-    /// It worked and then did not any more.
+    /// It worked and then failed.
     #[error("{link}: {found}")]
     Broken {
         /// Which link.
@@ -130,7 +130,7 @@ pub enum LinkError {
 }
 
 impl LinkError {
-    /// Whether a packet was lost on a link that mends itself.
+    /// Whether a packet was lost on a link that recovers by itself.
     pub(crate) const fn is_passing(&self) -> bool {
         matches!(self, Self::NotTaken { .. })
     }

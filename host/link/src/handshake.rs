@@ -1,16 +1,16 @@
-//! Whether the microcontroller still knows this host, and what to say when it does not: it may restart at any moment
-//! (watchdog, panic, power), and then knows neither host nor settings. No IO. Times in µs of the session's clock.
+//! Whether the microcontroller still knows this host, and what to send when it does not: it may restart at any moment (watchdog,
+//! panic, power), and then knows neither host nor settings. No IO. Times in µs of the session's clock.
 //!
-//! A restart shows in a status (the time since start falls, WATCHDOG RESET is latched again), in a refused command, or in
-//! silence, or a link that was gone is back. All of these only make the host say hello again, which changes nothing for a microcontroller that still
-//! knows it; the number of the start in its answer decides.
+//! Signs of a restart: a status (the time since start falls, WATCHDOG RESET is latched again), a refused command, silence, or a
+//! link that is back. Each of them only makes the host repeat the handshake, which changes nothing for a microcontroller that still
+//! knows it; the session number in its answer decides.
 
 use gripline_firmware::Fault;
 use gripline_protocol::message::Status;
 
 /// How long the microcontroller may be silent: it sends a status every 100 ms.
 const SILENCE_US: u64 = 500_000;
-/// How long an answer may take until the question is asked again.
+/// How long an answer may take until the request is repeated.
 const RETRY_US: u64 = 200_000;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -19,22 +19,22 @@ enum State {
     New,
     /// Met, and the settings are known.
     Sound,
-    /// Something says that it restarted.
+    /// It may have restarted.
     Doubted,
-    /// It did, and its settings have to be made ours.
+    /// It restarted, and needs our settings.
     Unsettled,
 }
 
-/// What has to be said now.
+/// What to send now.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Next {
     /// The handshake.
     Hello,
-    /// The settings, or the question for them.
+    /// The settings, or the request for them.
     Settings,
 }
 
-/// What is known of the microcontroller.
+/// The known state of the microcontroller.
 #[derive(Debug)]
 pub(crate) struct Handshake {
     /// This host's own number.
@@ -84,7 +84,7 @@ impl Handshake {
         matches!(self.state, State::Unsettled)
     }
 
-    /// Its half of the handshake came, with the number of its start. Answers whether it restarted.
+    /// Its half of the handshake came, with its session number. Returns whether it restarted.
     pub(crate) fn met(&mut self, start: u32, now_us: u64) -> bool {
         self.heard(now_us);
         self.asked_us = None;
@@ -101,7 +101,7 @@ impl Handshake {
         restarted
     }
 
-    /// Its settings are known and as they should be.
+    /// Its settings are known and correct.
     pub(crate) const fn settled(&mut self) {
         self.state = State::Sound;
         self.asked_us = None;
@@ -112,26 +112,26 @@ impl Handshake {
         self.heard_us = now_us;
     }
 
-    /// Something says that it does not know this host any more.
+    /// It may no longer know this host.
     pub(crate) const fn doubt(&mut self) {
         if self.is_sound() {
             self.state = State::Doubted;
         }
     }
 
-    /// This host's clock jumped: it counts its time from elsewhere, as one that restarted.
+    /// This host's clock jumped: treat it like a restarted host.
     pub(crate) const fn renumber(&mut self) {
         self.number = self.number.wrapping_add(2);
         self.link_returned();
     }
 
-    /// The link was gone and is back: the device that is there now gets a handshake at once.
+    /// The link is back: the device gets a handshake at once.
     pub(crate) const fn link_returned(&mut self) {
         self.doubt();
         self.asked_us = None;
     }
 
-    /// Takes a status; whether it comes from one that knows this host and its settings.
+    /// Takes a status; returns whether its sender knows this host and its settings.
     pub(crate) fn is_sound_after(&mut self, status: &Status) -> bool {
         let anew = status.latched & !self.latched & Fault::WatchdogReset.bit() != 0;
         let fell = (status.uptime_ms.wrapping_sub(self.uptime_ms)).cast_signed() < 0;
@@ -142,7 +142,7 @@ impl Handshake {
         self.is_sound()
     }
 
-    /// What to say at `now_us`; counts as said.
+    /// What to send at `now_us`; counts as sent.
     pub(crate) fn next(&mut self, now_us: u64) -> Option<Next> {
         if now_us > self.heard_us + SILENCE_US {
             self.doubt();

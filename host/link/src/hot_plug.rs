@@ -1,6 +1,6 @@
-//! A link to a device that may be pulled out and come back. While it is away, what is sent is lost and counted, never
-//! kept for later. The link polls for the device at 10 Hz, so a missed hot-plug event does no harm. Times in µs since the
-//! link was opened. The first opening waits for a device that is just being plugged in; without a device it fails.
+//! A link to a device that may be pulled out and come back. While it is away, packets are lost and counted, never queued. The link
+//! polls for the device at 10 Hz, so a missed hot-plug event does no harm. Times in µs since the link was opened. The first opening
+//! waits for a device that is just being plugged in; without a device it fails.
 
 use std::thread;
 use std::time::{Duration, Instant};
@@ -9,27 +9,27 @@ use crate::error::LinkError;
 use crate::link::{Link, Presence};
 use crate::patience::READY_WITHIN;
 
-/// How often the system is polled for a device that is away.
+/// Polling interval for a device that is away.
 const POLL_PERIOD_US: u64 = 100_000;
 
-/// What a device that is there can come to.
+/// Errors of a connected device.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum DeviceError {
-    /// It takes nothing at the moment.
+    /// It accepts nothing at the moment.
     Busy,
     /// It is gone: why.
     Gone(String),
 }
 
-/// A device that is there, up to its first [`DeviceError::Gone`].
+/// A connected device, until its first [`DeviceError::Gone`].
 pub trait Device {
-    /// Hands over one packet of at most 64 bytes.
+    /// Sends one packet of at most 64 bytes.
     ///
     /// # Errors
-    /// [`DeviceError`] when it does not take the packet.
+    /// [`DeviceError`] when it does not accept the packet.
     fn send(&mut self, packet: &[u8]) -> Result<(), DeviceError>;
 
-    /// Hands what comes from it to `received`, for at most so long; it may come back earlier.
+    /// Passes received packets to `received`, at most for this time; it may return earlier.
     ///
     /// # Errors
     /// [`DeviceError`] when it is gone.
@@ -38,17 +38,17 @@ pub trait Device {
 
 /// Knows which device is meant, and opens it.
 pub trait Finder {
-    /// Opens it, where it is there.
+    /// Opens it, if it is connected.
     ///
     /// # Errors
-    /// [`LinkError`] that says why it cannot be had now.
+    /// [`LinkError`] with the reason.
     fn find(&mut self) -> Result<Box<dyn Device>, LinkError>;
 
     /// What it is, for people.
     fn name(&self) -> String;
 }
 
-/// The clock of a link: the wall's, or a test's.
+/// The clock of a link: the wall clock, or a test's.
 pub trait Clock {
     /// Time since the link was opened, µs.
     fn now_us(&self) -> u64;
@@ -92,14 +92,14 @@ impl HotPlug {
     /// Opens the device for the first time.
     ///
     /// # Errors
-    /// [`LinkError`] when it cannot be had now.
+    /// [`LinkError`] when it cannot be opened now.
     pub fn open(finder: Box<dyn Finder>) -> Result<Self, LinkError> {
         Self::open_with(finder, WallClock::starting_now())
     }
 }
 
 impl<C: Clock> HotPlug<C> {
-    /// The same by another clock.
+    /// The same with another clock.
     ///
     /// # Errors
     /// As [`HotPlug::open`].

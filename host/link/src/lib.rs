@@ -1,6 +1,6 @@
-//! Ways to a microcontroller, behind one trait: in this process, emulated, over a serial line, over USB.
-//! Packets of at most 64 bytes each way; what is in them is [`session`]'s matter. Times in µs since the link
-//! was opened. A real device may go away and come back ([`hot_plug`]).
+//! Ways to a microcontroller, behind one trait: in this process, emulated, over a serial line, over USB. Packets of at most 64
+//! bytes each way; [`session`] handles their content. Times in µs since the link was opened. A real device may go away and come
+//! back ([`hot_plug`]).
 #![forbid(unsafe_code)]
 
 pub mod bootloader;

@@ -1,18 +1,18 @@
-//! The trait of every link, and what it says of its device.
+//! The trait of every link, and the state of its device.
 
 pub(crate) use crate::error::LinkError;
 
-/// One way to a microcontroller.
+/// A connection to a microcontroller.
 pub trait Link {
-    /// Hands over one packet of at most 64 bytes.
+    /// Sends one packet of at most 64 bytes.
     ///
     /// # Errors
-    /// [`LinkError::NotTaken`] when the packet is lost and the link mends itself; another when the other end is gone for
+    /// [`LinkError::NotTaken`] when the packet is lost and the link recovers by itself; another when the other end is gone for
     /// good.
     fn send(&mut self, packet: &[u8]) -> Result<(), LinkError>;
 
-    /// Works until `until_us` and hands every packet that comes in to `received`. A link that owns the
-    /// microcontroller's clock moves it there at once; a real one waits for the wall clock.
+    /// Works until `until_us` and passes every received packet to `received`. A link that owns the microcontroller's clock moves it
+    /// there at once; a real one waits for the wall clock.
     ///
     /// # Errors
     /// [`LinkError`] when the other end is gone.
@@ -29,8 +29,8 @@ pub trait Link {
     /// What it is, for people.
     fn name(&self) -> String;
 
-    /// The grip-force line at this moment, 1/4096 N, where the link can see it (the microcontroller in this process): it
-    /// moves every millisecond, and a status tells only where it was when a map was answered.
+    /// The grip-force line at this moment, 1/4096 N, if the link knows it (the microcontroller in this process): it moves every
+    /// millisecond, and a status has only its value when a map was answered.
     fn line(&self) -> Option<i32> {
         None
     }
@@ -46,7 +46,7 @@ pub trait Link {
     }
 }
 
-/// What a link has to say of its device's being there.
+/// Whether a link's device is connected.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Presence {
     /// Why it is away; `None` while it is there.

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-/// A real device that takes nothing for so long is stuck, and the next picture is due: a dense map takes 3 ms on full-speed
+/// A real device that accepts nothing for this long is stuck, and the next picture is due: a dense map takes 3 ms on full-speed
 /// USB.
 pub(crate) const SEND_WAIT: Duration = Duration::from_millis(10);
 

@@ -1,10 +1,9 @@
-//! The shadow check: the host computes, with the microcontroller's own code, what every map it sent must lead to,
-//! and compares the answers. A difference means a broken wire format, a broken build or broken silicon.
-//! Limits: remembers the last 32 maps of each fingertip.
+//! The shadow check: the host computes the expected answer to every map with the microcontroller's own code, and compares. A
+//! difference means a broken wire format, a broken build or broken hardware. Limits: remembers the last 32 maps of each fingertip.
 
 use gripline_firmware::sums::{TaxelRule, sums_of};
 use gripline_protocol::message::{MapSums, Status};
-use gripline_protocol::{ForceMap, SENSORS};
+use gripline_protocol::{ForceMap, SENSORS, SensorId};
 
 const REMEMBERED: usize = 32;
 
@@ -35,7 +34,7 @@ struct Expected {
     coulomb_slip: bool,
 }
 
-/// What the maps under way must lead to.
+/// The expected answers to maps in transit.
 #[derive(Debug)]
 pub struct Shadow {
     rule: TaxelRule,
@@ -45,7 +44,7 @@ pub struct Shadow {
 }
 
 impl Shadow {
-    /// `rule` is the one that the microcontroller was configured with.
+    /// `rule` is that of the microcontroller's configuration.
     #[must_use]
     pub fn new(rule: TaxelRule) -> Self {
         Self {
@@ -56,7 +55,7 @@ impl Shadow {
         }
     }
 
-    /// From now on `rule` counts; maps that are under way are forgotten, and what was counted stays.
+    /// Uses `rule` from now on; maps in transit are forgotten, counters stay.
     pub fn judge_by(&mut self, rule: TaxelRule) {
         *self = Self {
             checked: self.checked,
@@ -65,31 +64,28 @@ impl Shadow {
         };
     }
 
-    /// The rule that counts now.
+    /// The rule in use.
     #[must_use]
     pub const fn rule(&self) -> TaxelRule {
         self.rule
     }
 
-    /// A map goes out, judged by the rule that counts now.
-    pub fn sent(&mut self, sensor: u8, sequence: u32, sums: MapSums) {
+    /// A map is sent, judged by the rule in use.
+    pub fn sent(&mut self, sensor: SensorId, sequence: u32, sums: MapSums) {
         let [x, y, normal] = sums.force;
         let coulomb_slip = self.rule.friction.exceeded_by([x, y], normal);
-        if let Some(maps) = self.expected.get_mut(usize::from(sensor)) {
-            maps[sequence as usize % REMEMBERED] = Some(Expected {
-                sequence,
-                sums,
-                coulomb_slip,
-            });
-        }
+        self.expected[sensor.index()][sequence as usize % REMEMBERED] = Some(Expected {
+            sequence,
+            sums,
+            coulomb_slip,
+        });
     }
 
     /// An answer came: `Some(true)` when it is right, `None` when it belongs to no map that is remembered.
     pub fn answered(&mut self, status: &Status) -> Option<bool> {
-        let sensor = usize::from(status.sensor);
-        let maps = self.expected.get(sensor)?;
-        let expected =
-            maps[status.sequence as usize % REMEMBERED].filter(|map| map.sequence == status.sequence)?;
+        let sensor = status.sensor.index();
+        let expected = self.expected[sensor][status.sequence as usize % REMEMBERED]
+            .filter(|map| map.sequence == status.sequence)?;
         let right = (expected.sums, expected.coulomb_slip) == (status.sums, status.coulomb_slip);
         self.checked[sensor] += 1;
         self.mismatches[sensor] += u64::from(!right);
@@ -108,13 +104,10 @@ impl Shadow {
         self.mismatches.iter().sum()
     }
 
-    /// Answers about fingertip `sensor`'s maps that were compared, and those of them that were wrong.
-    ///
-    /// # Panics
-    /// When there is no such fingertip.
+    /// Answers about fingertip `sensor`'s maps that were compared, and how many of them were wrong.
     #[must_use]
-    pub const fn of(&self, sensor: usize) -> [u64; 2] {
-        [self.checked[sensor], self.mismatches[sensor]]
+    pub const fn of(&self, sensor: SensorId) -> [u64; 2] {
+        [self.checked[sensor.index()], self.mismatches[sensor.index()]]
     }
 }
 
@@ -133,7 +126,7 @@ mod tests {
         let mut map = ForceMap::EMPTY;
         map.taxels[7] = TaxelForce { x: 9, y: 0, z: 20 };
         let mut shadow = Shadow::new(rule);
-        shadow.sent(0, 5, sums_of(&map, rule));
+        shadow.sent(SensorId::FIRST, 5, sums_of(&map, rule));
         let right = Status {
             sequence: 5,
             sums: sums_of(&map, rule),

@@ -1,5 +1,5 @@
-//! A real microcontroller on USB: vendor-class bulk endpoints, one packet per transfer, at full speed (the firmware's) or
-//! faster. Which of the devices that are attached is meant ([`choose`]) is pure; [`Bus`] is the system's part.
+//! A real microcontroller on USB: vendor-class bulk endpoints, one packet per transfer, at full speed (the firmware's) or faster.
+//! Choosing among the attached devices ([`choose`]) is pure; [`Bus`] is the system's part.
 
 use std::time::Duration;
 
@@ -47,7 +47,7 @@ pub trait Bus {
     fn open(&mut self, number: usize, link: &str) -> Result<Box<dyn Device>, LinkError>;
 }
 
-/// The device with this serial number, or the only one; once one was found, always that.
+/// The device with this serial number, or the only one; once found, always the same.
 pub struct UsbFinder<B> {
     bus: B,
     serial: Option<String>,
@@ -82,7 +82,7 @@ impl<B: Bus> Finder for UsbFinder<B> {
     }
 }
 
-/// Which of the devices is meant.
+/// Chooses the device.
 ///
 /// # Errors
 /// [`LinkError`] when it is not there, when several could be meant, or when two have the same serial number.
@@ -252,7 +252,7 @@ impl Usb {
         }
     }
 
-    /// Takes back a packet that went out, when one does within so long.
+    /// Takes back the buffer of a sent packet, if one completes within this time.
     fn gone_out(&mut self, patience: Duration) -> Result<bool, DeviceError> {
         if self.out.pending() == 0 {
             return Ok(false);

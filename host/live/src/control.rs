@@ -4,7 +4,7 @@ use gripline_control::{Answer, Handle, Request, Why};
 
 use crate::response::Response;
 
-/// Answers a request; waits for the loop's answer where it is asked.
+/// Answers a request; waits for the loop's answer if the loop must act.
 pub(crate) fn control(body: &[u8], told: Option<&str>, token: &str, handle: &Handle) -> Response {
     if !is_token(told, token) {
         return no_token(told);
@@ -18,7 +18,7 @@ pub(crate) fn control(body: &[u8], told: Option<&str>, token: &str, handle: &Han
     }
 }
 
-/// Whether it is the token. Takes as long for any wrong one of the same length, so that its timing gives no letter away.
+/// Whether it is the token. Takes the same time for any wrong one of the same length, so that the timing reveals nothing.
 pub(crate) fn is_token(told: Option<&str>, token: &str) -> bool {
     let (told, token) = (told.unwrap_or_default().as_bytes(), token.as_bytes());
     let difference = told.iter().zip(token).fold(0, |difference, (one, other)| {

@@ -1,10 +1,10 @@
-//! What the page is drawn from, as server-sent events. Pure.
+//! The data of the page, as server-sent events. Pure.
 //!
 //! `frame`: `report` (as in `/frames`), `limits`, `map` and, ten times a second, `picture` (square, 8 bits grey, row by row, base64);
 //! `sent_ms` is the wall clock at which the loop handed it over. `status`: as `/status`.
 //!
-//! `map` has eight bytes for each taxel with a force (base64, little-endian): the taxel's number with [`IN_CONTACT`] and
-//! [`SLIPS`], then fx, fy, fz in 1/4096 N. The flags are the microcontroller's own rule on the force as it travels.
+//! `map` has eight bytes for each taxel with a force (base64, little-endian): the taxel's number with [`IN_CONTACT`] and [`SLIPS`],
+//! then fx, fy, fz in 1/4096 N. The flags follow the microcontroller's rule, applied to the quantised force.
 
 use std::time::{SystemTime, UNIX_EPOCH};
 
@@ -23,7 +23,7 @@ const IN_CONTACT: u16 = 1 << 14;
 /// In a taxel's number: it is in contact and slips.
 const SLIPS: u16 = 1 << 15;
 
-/// What a page shows beside a frame's report.
+/// What a page shows besides a frame's report.
 #[derive(Debug, Clone, Copy)]
 pub struct FrameView<'a> {
     /// The map, newtons per taxel, row by row from the lowest y.
@@ -104,7 +104,7 @@ pub(crate) fn frame(report: &FrameReport, details: &Details) -> String {
     of("frame", &event)
 }
 
-/// The event of what the gripper does now.
+/// The event of the gripper's present state.
 pub(crate) fn status(status: &StatusReport) -> String {
     of("status", status)
 }

@@ -1,4 +1,4 @@
-//! The thread between the loop and the readers: encodes a frame once, for all who read it, and says what the gripper does.
+//! The thread between the loop and the readers: encodes a frame once for all readers, and reports the gripper's state.
 
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
@@ -13,9 +13,9 @@ use crate::site::Site;
 
 /// Frames that wait for the hub.
 const WAITING: usize = 64;
-/// How often the status is looked at.
+/// How often the status is checked.
 const POLL_PERIOD: Duration = Duration::from_millis(100);
-/// A status that stays the same is repeated, so that a page knows that it is still true.
+/// Interval at which an unchanged status is repeated, so that a page knows that it is still valid.
 const REPEAT_EVERY: Duration = Duration::from_millis(500);
 
 /// A frame on its way to the readers.
@@ -37,7 +37,7 @@ impl Hub {
         Self(sender)
     }
 
-    /// Hands a frame over if there is room: whether there was.
+    /// Queues a frame if there is room; returns whether there was.
     pub(crate) fn offer(&self, published: Published) -> bool {
         !matches!(
             self.0.try_send(published),
@@ -77,7 +77,7 @@ fn work(site: &Site, frames: &Receiver<Published>) {
     site.events.close();
 }
 
-/// What the pages were last told.
+/// The last status sent to the pages.
 #[derive(Default)]
 struct LastSent {
     polled: Option<Instant>,

@@ -1,11 +1,11 @@
-//! A run's live values and its control over HTTP, on an address of one's choice: `/` the page, `/events` what the page is drawn
-//! from (server-sent events), `/status`, `/control` (POST with the token), `/metrics` for Prometheus and `/frames` as newline JSON.
+//! A run's live values and its control over HTTP, at a chosen address: `/` the page, `/events` the page's data (server-sent
+//! events), `/status`, `/control` (POST with the token), `/metrics` for Prometheus and `/frames` as newline JSON.
 //!
-//! The loop never waits: it hands a frame over when somebody reads, and a thread of its own encodes it once for all readers. Who
-//! is too slow misses frames. Without readers nothing is copied but the newest report.
+//! The loop never waits: it queues a frame when there are readers, and a separate thread encodes it once for all of them. Slow
+//! readers miss frames. Without readers nothing is copied but the newest report.
 //!
-//! Limits: [`STREAMS`] streams and [`CONNECTIONS`] connections at a time, a request a connection, no encryption: keep it on the
-//! machine, or behind a proxy that encrypts.
+//! Limits: [`STREAMS`] streams and [`CONNECTIONS`] connections at a time, one request per connection, no encryption: keep it on the
+//! machine, or behind an encrypting proxy.
 #![forbid(unsafe_code)]
 
 mod control;

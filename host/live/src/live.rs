@@ -19,7 +19,7 @@ use crate::readers::Readers;
 use crate::server;
 use crate::site::Site;
 
-/// Frames a second that a page is sent, of all fingertips together.
+/// Frames per second sent to a page, of all fingertips together.
 const FRAMES_PER_SECOND: f64 = 30.0;
 /// Pictures a second among them.
 const PICTURES_PER_SECOND: f64 = 10.0;
@@ -46,10 +46,10 @@ pub struct Live {
 }
 
 impl Live {
-    /// Serves at `address` what is published and what `handle` answers; `token` is what a request must know.
+    /// Serves at `address` what is published and what `handle` answers; `token` is required for requests.
     ///
     /// # Errors
-    /// [`LiveError`] when the address cannot be had.
+    /// [`LiveError`] when the address is not available.
     pub fn start(address: SocketAddr, handle: Handle, token: String) -> Result<Self, LiveError> {
         let failed = |error| LiveError { address, error };
         let listener = TcpListener::bind(address).map_err(failed)?;
@@ -89,7 +89,7 @@ impl Live {
         fill: impl FnOnce(&mut Values),
         view: impl FnOnce() -> FrameView<'a>,
     ) {
-        let sensor = usize::from(report.sensor) % SENSORS;
+        let sensor = report.sensor.index();
         // Where a reader is looking just now, the next frame comes in a moment.
         if let Ok(mut values) = self.site.values.try_lock() {
             fill(&mut values);
@@ -112,7 +112,7 @@ impl Live {
         }
     }
 
-    /// Whether a page is sent this fingertip's frame now; if so, whether its picture too.
+    /// Whether to send this fingertip's frame to pages now; if so, whether with its picture.
     fn due(&self, sensor: usize) -> Option<bool> {
         self.fingertips.set(self.fingertips.get().max(sensor + 1));
         let mut paces = self.paces.get();

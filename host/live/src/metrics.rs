@@ -9,18 +9,18 @@ use gripline_recording::telemetry::{FrameReport, STAGES};
 /// Quantiles of the stage times.
 pub const QUANTILES: [f64; 3] = [0.5, 0.99, 0.999];
 
-/// What is told.
+/// The values.
 #[derive(Debug, Clone, Default)]
 pub struct Values {
     /// The newest frame of each fingertip.
     pub newest: [Option<FrameReport>; SENSORS],
     /// Frames so far.
     pub frames: u64,
-    /// Frames by what the gate said of them, without contact, unchanged, through the network, unhealthy.
+    /// Frames by gate decision: without contact, unchanged, through the network, unhealthy.
     pub gate: [u64; 4],
     /// Maps that got no answer.
     pub maps_unanswered: u64,
-    /// Answers that were not what the shadow expects.
+    /// Answers that differ from the shadow check.
     pub shadow_mismatches: u64,
     /// Frames that came more than a frame too late.
     pub frames_late: u64,
@@ -34,11 +34,11 @@ pub struct Values {
     pub capture_us: [[f64; 3]; CAPTURE_PARTS.len()],
 }
 
-/// Parts of the way of a camera's picture beside the stages: from the driver's time stamp to its bytes, from decoding to the loop, and
-/// all from the time stamp to the link.
+/// Parts of a camera picture's latency besides the stages: from the driver's time stamp to its bytes, from decoding to the loop,
+/// and all from the time stamp to the link.
 pub const CAPTURE_PARTS: [&str; 3] = ["driver", "hand_over", "capture_to_link"];
 
-/// Names of the gate's verdicts.
+/// Names of the gate's decisions.
 const GATES: [&str; 4] = ["no_contact", "unchanged", "network", "unhealthy"];
 /// Pictures that no page wanted.
 const LOST: [&str; 3] = ["missed", "overtaken", "damaged"];
@@ -162,7 +162,7 @@ impl Page {
         }
     }
 
-    /// What each fingertip says; labelled where there are two.
+    /// Values per fingertip, labelled if there are two.
     fn fingertips(&mut self, frames: &[&FrameReport]) {
         type Of = fn(&FrameReport) -> Option<f64>;
         let values: [(&str, &str, Of); 7] = [
@@ -195,7 +195,7 @@ impl Page {
         for (name, help, of) in values {
             let label = |frame: &FrameReport| match frames.len() {
                 1 => String::new(),
-                _ => format!("{{fingertip=\"{}\"}}", frame.sensor + 1),
+                _ => format!("{{fingertip=\"{}\"}}", frame.sensor.number() + 1),
             };
             let there: Vec<_> = frames
                 .iter()
@@ -231,6 +231,7 @@ impl Page {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use gripline_protocol::SensorId;
 
     #[test]
     fn every_line_is_a_comment_or_a_metric_with_a_number() {
@@ -274,7 +275,7 @@ mod tests {
         values.newest[0] = Some(report(0));
         assert!(values.text().contains("\ngripline_normal_force_newtons 0\n"));
         values.newest[1] = Some(FrameReport {
-            sensor: 1,
+            sensor: SensorId::SECOND,
             normal_n: 2.5,
             line_n: 7.0,
             ..report(1)

@@ -1,4 +1,4 @@
-//! So many a second and no more, from events that come when they come. Pure.
+//! Limits the rate of irregular events. Pure.
 
 use std::time::{Duration, Instant};
 
@@ -17,7 +17,7 @@ impl Pace {
         }
     }
 
-    /// Whether this one is let through; `shares` ways share the rate.
+    /// Whether this one passes; `shares` streams share the rate.
     pub(crate) fn lets(&mut self, now: Instant, shares: usize) -> bool {
         let period = Duration::from_secs_f64(shares.max(1) as f64 / self.per_second);
         match self.due {
@@ -34,7 +34,7 @@ impl Pace {
         }
     }
 
-    /// The next one is let through, whatever was.
+    /// The next one passes in any case.
     pub(crate) const fn reset(&mut self) {
         self.due = None;
     }

@@ -1,4 +1,4 @@
-//! The readers of a stream: each has a short queue, and misses what comes while it is full.
+//! The readers of a stream: each has a short queue, and misses data while it is full.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
@@ -18,12 +18,12 @@ struct State {
 }
 
 impl Readers {
-    /// Whether anybody reads: a look without a lock.
+    /// Whether there are readers; takes no lock.
     pub(crate) fn is_wanted(&self) -> bool {
         self.count.load(Ordering::Relaxed) > 0
     }
 
-    /// One more, for whom so many wait; `None` once the run is over.
+    /// Adds a reader with a queue of this length; `None` once the run is over.
     pub(crate) fn join(&self, waiting: usize) -> Option<Receiver<Arc<str>>> {
         let mut state = self.state();
         if state.is_over {
@@ -35,7 +35,7 @@ impl Readers {
         Some(receiver)
     }
 
-    /// Hands it to all who have room.
+    /// Sends it to all readers with room.
     pub(crate) fn send(&self, text: &Arc<str>) {
         let mut state = self.state();
         state.senders.retain(|sender| {

@@ -7,7 +7,7 @@ pub const BODY_MAX: usize = 4_096;
 /// The most header lines.
 const HEADERS_MAX: usize = 64;
 
-/// What is asked of a path.
+/// The method.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Method {
     /// Read it.
@@ -18,16 +18,16 @@ pub enum Method {
     Other,
 }
 
-/// What a request's head says.
+/// A request's head.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Head {
-    /// What is asked.
+    /// The method.
     pub method: Method,
-    /// Of which path, without what follows `?`.
+    /// The path, without the query.
     pub path: String,
-    /// Under which name the client knows this machine, with the port.
+    /// The `Host` header, with the port.
     pub host: Option<String>,
-    /// What stands behind `Bearer`.
+    /// The token after `Bearer`.
     pub token: Option<String>,
     /// Bytes of the body, at most [`BODY_MAX`].
     pub body_bytes: usize,
@@ -35,7 +35,7 @@ pub struct Head {
     pub expects_continue: bool,
 }
 
-/// A head that is not served.
+/// An invalid head.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum BadHead {
     /// It is not HTTP.
@@ -44,14 +44,14 @@ pub enum BadHead {
     /// It does not end.
     #[error("request: found a head of more than {HEAD_MAX} bytes, expected a shorter one")]
     TooLong,
-    /// A header says something that cannot be.
+    /// An invalid header.
     #[error("{header}: found {found}, expected {expected}")]
     Header {
         /// Its name.
         header: &'static str,
-        /// What it says.
+        /// What was found.
         found: String,
-        /// What it should say.
+        /// What was expected.
         expected: &'static str,
     },
     /// The body is too long.
@@ -59,7 +59,7 @@ pub enum BadHead {
     BodyTooLong(u64),
 }
 
-/// Reads a head; `None` while it has not come whole. Also returns how many bytes it takes: the body follows.
+/// Reads a head; `None` while it is incomplete. Also returns its length in bytes: the body follows.
 ///
 /// # Errors
 /// [`BadHead`], with what was found and expected.
@@ -102,7 +102,7 @@ pub fn parse(bytes: &[u8]) -> Result<Option<(Head, usize)>, BadHead> {
     Ok(Some((head, head_bytes)))
 }
 
-/// A header that may stand once.
+/// A header that may appear only once.
 fn only(headers: &[httparse::Header<'_>], name: &'static str) -> Result<Option<String>, BadHead> {
     let mut of_name = headers
         .iter()
@@ -140,7 +140,7 @@ fn bearer(value: &str) -> Option<String> {
         .then(|| token.trim().to_owned())
 }
 
-/// What was sent may be long, and may move a terminal's cursor.
+/// Received text may be long, and may contain control characters.
 fn shortened(text: &str) -> String {
     let text: String = text.chars().take(64).collect();
     text.escape_default().to_string()

@@ -1,4 +1,4 @@
-//! What is answered: a status, a kind and a body, and how they are written.
+//! Responses: status, content type and body, and how they are written.
 
 use std::io::{self, Write};
 
@@ -43,7 +43,7 @@ impl Response {
         Self::json(status, &serde_json::json!({ "message": message.to_string() }))
     }
 
-    /// Writes it whole.
+    /// Writes the whole response.
     pub(crate) fn write(&self, mut to: impl Write) -> io::Result<()> {
         let head = head(self.status, self.kind, Some(self.body.len()));
         to.write_all(&[head.as_bytes(), self.body.as_bytes()].concat())

@@ -1,4 +1,4 @@
-//! Which path is answered by what.
+//! Paths and their handlers.
 
 use std::io::{self, Write};
 use std::net::TcpStream;
@@ -18,9 +18,9 @@ use crate::site::Site;
 pub const STREAMS: usize = 16;
 /// Lines that wait for a reader of `/frames`: a second's.
 const LINES_WAITING: usize = 64;
-/// Events that wait for a page: what is older is of no use to it.
+/// Events that wait for a page: older ones are useless to it.
 const EVENTS_WAITING: usize = 4;
-/// A page that lost its connection comes back after this time, milliseconds.
+/// A page that lost its connection reconnects after this time, milliseconds.
 const RETRY: &str = "retry: 1000\n\n";
 
 /// Answers a request over its connection; a stream lasts as long as its client reads.
@@ -44,7 +44,7 @@ pub(crate) fn answer(stream: &TcpStream, request: &Head, body: &[u8], site: &Sit
     }
 }
 
-/// The answer to whatever is no stream.
+/// The answer to any path that is not a stream.
 fn response(request: &Head, body: &[u8], site: &Site) -> Response {
     let path = request.path.as_str();
     if path != "/metrics" && !may_ask(request, site) {
@@ -79,7 +79,7 @@ fn response(request: &Head, body: &[u8], site: &Site) -> Response {
     }
 }
 
-/// A run that only its own machine can reach is asked under its own names only; who knows the token may ask under any.
+/// A run on a loopback address accepts only its own host names; a client with the token may use any.
 fn may_ask(request: &Head, site: &Site) -> bool {
     !site.is_loopback
         || request.host.as_deref().is_none_or(is_local)

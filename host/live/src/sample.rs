@@ -1,5 +1,6 @@
 //! A frame for the tests.
 
+use gripline_protocol::SensorId;
 use gripline_protocol::message::{FingertipGeometry, MapSums};
 use gripline_recording::telemetry::{FrameReport, STAGES, WitnessReport};
 use gripline_recording::units::Load;
@@ -8,7 +9,7 @@ use gripline_recording::units::Load;
 pub(crate) fn report(frame: u64) -> FrameReport {
     FrameReport {
         frame,
-        sensor: 0,
+        sensor: SensorId::FIRST,
         t_s: frame as f64 / 50.0,
         gate: "no_contact",
         health: Vec::new(),
@@ -18,7 +19,7 @@ pub(crate) fn report(frame: u64) -> FrameReport {
         shear_n: 0.0,
         moment_nmm: 0.0,
         centre_of_pressure_mm: None,
-        load: Load::of(&MapSums::default(), 0, &FingertipGeometry::DEFAULT),
+        load: Load::of(&MapSums::default(), SensorId::FIRST, &FingertipGeometry::DEFAULT),
         contact: 0,
         stick: 0,
         stick_ratio: None,

@@ -16,11 +16,11 @@ use crate::site::Site;
 
 /// Connections at a time, streams among them.
 pub const CONNECTIONS: usize = 48;
-/// How long a client may take to send its request, and a reader to take what it is sent.
+/// How long a client may take to send its request, and a reader to accept data.
 const PATIENCE: Duration = Duration::from_secs(5);
-/// Bytes that wait in the kernel for a reader, about: two pictures. With more, a slow page would show the past.
+/// Bytes buffered in the kernel for a reader, about two pictures. With more, a slow page would show old data.
 const SEND_BYTES: usize = 131_072;
-/// How long, and for how many bytes, a client that was refused is listened to, so that it reads why.
+/// How long, and how many bytes, are still read from a refused client, so that it can read the reason.
 const PARTING: (Duration, usize) = (Duration::from_millis(500), 65_536);
 
 /// Serves every connection until the process ends.
@@ -116,7 +116,7 @@ impl From<io::Error> for Unread {
     }
 }
 
-/// The whole request, head and body, until then.
+/// Reads the whole request, head and body, until then.
 fn read(mut stream: &TcpStream, until: Instant) -> Result<(Head, Vec<u8>), Unread> {
     let mut bytes = Vec::new();
     let (head, head_bytes) = loop {
@@ -153,7 +153,7 @@ fn read_more(mut stream: &TcpStream, bytes: &mut Vec<u8>, until: Instant) -> Res
     }
 }
 
-/// Takes what a refused client still sends: closing before would take the answer from it.
+/// Reads the rest from a refused client: closing earlier would discard the answer.
 fn part(stream: &TcpStream) -> io::Result<()> {
     stream.shutdown(Shutdown::Write)?;
     let (patience, bytes_max) = PARTING;

@@ -10,8 +10,8 @@ use std::time::{Duration, Instant};
 
 use gripline_control::{Answer, Inbox, Outcome, channel};
 use gripline_live::{FrameView, Live, STREAMS};
-use gripline_protocol::TAXELS;
 use gripline_protocol::message::{Configuration, FingertipGeometry, MapSums};
+use gripline_protocol::{SensorId, TAXELS};
 use gripline_recording::telemetry::{FrameReport, STAGES, WitnessReport};
 use gripline_recording::units::Load;
 
@@ -27,7 +27,7 @@ fn started() -> (Live, Inbox) {
 fn report(frame: u64) -> FrameReport {
     FrameReport {
         frame,
-        sensor: 0,
+        sensor: SensorId::FIRST,
         t_s: frame as f64 / 60.0,
         gate: "network",
         health: Vec::new(),
@@ -37,7 +37,7 @@ fn report(frame: u64) -> FrameReport {
         shear_n: 0.5,
         moment_nmm: 0.0,
         centre_of_pressure_mm: None,
-        load: Load::of(&MapSums::default(), 0, &FingertipGeometry::DEFAULT),
+        load: Load::of(&MapSums::default(), SensorId::FIRST, &FingertipGeometry::DEFAULT),
         contact: 0,
         stick: 0,
         stick_ratio: None,

@@ -30,7 +30,7 @@ pub(crate) const NEIGHBOURHOOD: f32 = 1.6;
 
 /// Reach (sigma) of a marker's motion over the gel, pitches.
 pub(crate) const MOTION_SIGMA: f32 = 0.8;
-/// Imprints are compared with those of so many pictures ago: the short lag sees a jerk, the long one a creep.
+/// Imprints are compared with those of this many pictures ago: the short lag sees a jerk, the long one a creep.
 pub const LAGS: [usize; 2] = [2, 5];
 /// Energy of an imprint that is noise, squared grey levels per pixel and finger, channels added: twice what the rest pictures of
 /// an untouched gel differ by.

@@ -148,7 +148,7 @@ impl Finger {
         &self.tracker
     }
 
-    /// Sets what imprints are seen against. Comparisons begin anew.
+    /// Sets what imprints are seen against. Comparisons begin again.
     pub fn set_rest(&mut self, rest: Rest) {
         self.rest = Some(rest);
         self.past.clear();

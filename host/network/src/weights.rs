@@ -209,7 +209,7 @@ pub(crate) fn read(path: &Path) -> Result<Vec<u8>, NetworkError> {
     Ok(std::fs::read(path)?)
 }
 
-/// The metadata of a weights file, unchecked but for its format.
+/// The metadata of a weights file, unchecked except for its format.
 pub(crate) fn metadata_of(bytes: &[u8]) -> Result<HashMap<String, String>, NetworkError> {
     let (_, header) = SafeTensors::read_metadata(bytes).map_err(not_safetensors)?;
     let metadata = header.metadata().clone().unwrap_or_default();

@@ -1,5 +1,5 @@
-//! Latched faults that a person has looked at: said again until the device's status shows them gone, and answered why not after a bounded
-//! time. Pure. Times in µs of the session's clock.
+//! Acknowledging latched faults: repeated until the device's status shows them gone; after a bounded time the reason is returned.
+//! Pure. Times in µs of the session's clock.
 
 use gripline_protocol::message::Status;
 
@@ -20,9 +20,9 @@ pub enum Acknowledging {
     Send,
     /// Wait for a status.
     Wait,
-    /// A status shows that none of them is latched any more.
+    /// A status shows that none of them is latched.
     Done,
-    /// Given up: these are still latched; those of them that the second holds are still active, which is why.
+    /// Given up: the first set is still latched, because the second set is still active.
     StillLatched(u32, u32),
     /// Given up: no status came.
     NoStatus,
@@ -45,7 +45,7 @@ impl Acknowledgement {
         self.faults
     }
 
-    /// Takes the newest status, which came so long ago.
+    /// Takes the newest status and its age.
     #[must_use]
     pub fn step(&self, now_us: u64, (status, age_us): (Option<&Status>, u64)) -> Acknowledging {
         let is_over = now_us.saturating_sub(self.begun_us) >= GIVE_UP_US;
@@ -63,7 +63,7 @@ impl Acknowledgement {
         }
     }
 
-    /// It was handed to the link, which took it or not.
+    /// It was sent; the link accepted it or not.
     pub const fn sent(&mut self, now_us: u64, was_taken: bool) {
         if was_taken {
             self.sent_us = Some(now_us);

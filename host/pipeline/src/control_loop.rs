@@ -1,26 +1,25 @@
-//! One frame of the control loop: picture in, map out, answer in. The same for a run and for the replay of a recording, so
-//! that the replay decides what the run decided. Times in µs of the link's clock.
+//! One frame of the control loop: picture in, map out, answer in. The same code for a run and for the replay of a recording, so
+//! that both decide the same. Times in µs of the link's clock.
 
 use std::time::{Duration, Instant};
 
 use gripline_link::session::{SentMap, Session};
 use gripline_network::scene::GateDecision;
 use gripline_protocol::message::{Command, GripMode, MapSums, Refusal, Status};
-use gripline_protocol::{ForceMap, Health, MapInfo, Motion, SENSORS};
+use gripline_protocol::{ForceMap, Health, MapInfo, Motion, SENSORS, SensorId};
 use gripline_recording::telemetry::STAGES;
 
 use crate::PipelineError;
 use crate::mode_request::{ModeRequest, REPEAT_US, Unconfirmed};
 use crate::pipeline::Pipeline;
 
-/// A picture older than this when its turn comes, µs, is dropped: one frame at 60 Hz, plus what a busy system may hold a
-/// thread up.
+/// A picture older than this when it would be processed, µs, is dropped: one frame at 60 Hz, plus the delay of a thread on a busy
+/// system.
 pub const PICTURE_OLD_US: u64 = 20_000;
-/// A map whose picture is older than this when it could be sent, µs, is dropped: half of what the device by default calls
-/// stale.
+/// A map whose picture is older than this when it could be sent, µs, is dropped: half of the device's default `stale_ms`.
 pub const MAP_OLD_US: u64 = 50_000;
 
-/// The answer to a map is looked for so often, µs.
+/// Polling interval for the answer to a map, µs.
 const ANSWER_STEP_US: u64 = 1_000;
 
 /// The gate decision's name, for programs.
@@ -34,7 +33,7 @@ pub const fn gate_name(decision: GateDecision) -> &'static str {
     }
 }
 
-/// Where a frame was dropped because it was too old by then. Nothing is done late: the next picture is fresher.
+/// Where a frame was dropped because it was too old. Late work is never done: the next picture is fresher.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Late {
     /// Before the gate saw it.
@@ -67,7 +66,7 @@ impl Late {
 pub enum Lateness {
     /// Nothing: the world waits.
     Never,
-    /// What is too old, for a picture that was taken then.
+    /// Late by the age of a picture taken at this time.
     Since(Instant),
     /// What was late when it was recorded.
     Recorded(Option<Late>),
@@ -87,16 +86,16 @@ impl Lateness {
     }
 }
 
-/// Which frame it is, and how long it may work.
+/// A frame, and how long it may work.
 #[derive(Debug, Clone, Copy)]
 pub struct FrameRequest {
-    /// The fingertip, from 0.
-    pub sensor: u8,
+    /// The fingertip.
+    pub sensor: SensorId,
     /// The requested mode of the gripper; `None`: nothing is requested, it stays as it is.
     pub mode: Option<GripMode>,
     /// How long ago the picture was taken, by the link's clock.
     pub age_us: u32,
-    /// Whether the object moves, where that is known beside the picture: what a sensor shows by itself replaces it.
+    /// Whether the object moves, if known from another source; evidence from the sensor's picture replaces it.
     pub motion: Motion,
     /// Time for decoding the picture.
     pub decode_us: f64,
@@ -106,11 +105,11 @@ pub struct FrameRequest {
     pub until_us: u64,
 }
 
-/// What one frame came to.
+/// The outcome of one frame.
 #[derive(Debug, Clone, Copy)]
 pub struct FrameOutcome {
-    /// The fingertip, from 0.
-    pub sensor: u8,
+    /// The fingertip.
+    pub sensor: SensorId,
     /// Number of the map.
     pub sequence: u32,
     /// When the picture was taken, on the link's clock.
@@ -121,7 +120,7 @@ pub struct FrameOutcome {
     pub gate: GateDecision,
     /// Doubts about the picture.
     pub health: Health,
-    /// What travelled with the map of the object's motion.
+    /// The evidence of motion sent with the map.
     pub motion: Motion,
     /// Time of each of [`STAGES`]; 0 where the gate skipped it.
     pub stages_us: [f64; STAGES.len()],
@@ -148,7 +147,7 @@ struct Begun {
     info: MapInfo,
 }
 
-/// What gate and network made of a picture.
+/// The result of gate and network for a picture.
 #[derive(Clone, Copy)]
 struct Processed {
     gate: GateDecision,
@@ -173,9 +172,9 @@ enum Ended {
 
 /// The loop around one session.
 pub struct ControlLoop {
-    /// The conversation with the device.
+    /// The session with the device.
     pub session: Session,
-    /// The mode that the device was last asked for.
+    /// The last requested mode.
     asked: Option<ModeRequest>,
     /// Why it has no effect, until it is read.
     unconfirmed: Option<Unconfirmed>,
@@ -202,11 +201,11 @@ impl ControlLoop {
     }
 
     /// The fingertip's next map has this number: the maps before it are missing.
-    pub fn resume_at(&mut self, sensor: u8, sequence: u32) {
-        self.sequences[usize::from(sensor)] = sequence;
+    pub fn resume_at(&mut self, sensor: SensorId, sequence: u32) {
+        self.sequences[sensor.index()] = sequence;
     }
 
-    /// A picture's way: gate, network and quantisation, then the link; dropped where it is too old.
+    /// Processes a picture: gate, network and quantisation, then the link; drops it if it is too old.
     ///
     /// # Errors
     /// [`PipelineError`] when the network's output is no number or the link is gone.
@@ -277,7 +276,7 @@ impl ControlLoop {
         self.work_until(self.start_us + until_us)
     }
 
-    /// Works until the link's clock, of which these are the low 32 bits, shows this time; not at all when it is past.
+    /// Works until the link's clock reaches this time (its low 32 bits); returns at once if it is past.
     ///
     /// # Errors
     /// [`PipelineError`] when the link is gone.
@@ -318,7 +317,7 @@ impl ControlLoop {
         self.asked.is_some_and(|asked| asked.is_waiting())
     }
 
-    /// Lets the link work for so long between two frames; a real one takes what came and does not wait.
+    /// Lets the link work for this time between two frames; a real one only takes what has arrived and does not wait.
     ///
     /// # Errors
     /// [`PipelineError`] when the link is gone.
@@ -332,7 +331,7 @@ impl ControlLoop {
         Ok(self.session.run_until(now_us + passed_us)?)
     }
 
-    /// Asks for the mode, again and again until a status shows it; for none, what was asked for before is withdrawn.
+    /// Requests the mode repeatedly until a status shows it; `None` withdraws the previous request.
     ///
     /// # Errors
     /// [`PipelineError`] when the link is gone.
@@ -375,7 +374,7 @@ impl ControlLoop {
         is_due
     }
 
-    /// Lets the link work until then; what is asked for is said again meanwhile.
+    /// Lets the link work until then; repeats the request meanwhile.
     fn work_until(&mut self, until_us: u64) -> Result<(), PipelineError> {
         while let Some(asked) = self.asked
             && asked.is_waiting()
@@ -387,9 +386,13 @@ impl ControlLoop {
         Ok(self.session.run_until(until_us)?)
     }
 
-    /// Lets the link work until then. Where time passes by itself this waits for the answer to `map` only, the fingertip and the
-    /// number of the map that was sent last: who asks for something meanwhile is heard.
-    fn work_until_answered(&mut self, map: Option<(u8, u32)>, until_us: u64) -> Result<(), PipelineError> {
+    /// Lets the link work until then. In real time this waits only for the answer to `map` (fingertip and number of the last map),
+    /// so that requests are handled soon.
+    fn work_until_answered(
+        &mut self,
+        map: Option<(SensorId, u32)>,
+        until_us: u64,
+    ) -> Result<(), PipelineError> {
         if !self.session.is_real_time() {
             return self.work_until(until_us);
         }
@@ -401,7 +404,7 @@ impl ControlLoop {
         Ok(())
     }
 
-    fn is_answered(&self, (sensor, sequence): (u8, u32)) -> bool {
+    fn is_answered(&self, (sensor, sequence): (SensorId, u32)) -> bool {
         self.session
             .status_of(sensor)
             .is_some_and(|status| status.sequence == sequence && status.maps > 0)
@@ -416,7 +419,7 @@ impl ControlLoop {
             start_us: begun_us,
             info: MapInfo {
                 sensor: request.sensor,
-                sequence: self.sequences[usize::from(request.sensor)],
+                sequence: self.sequences[request.sensor.index()],
                 capture_us: begun_us.wrapping_sub(request.age_us),
                 health: Health::GOOD,
                 motion: request.motion,
@@ -424,7 +427,7 @@ impl ControlLoop {
         })
     }
 
-    /// Lets the link work until the frame is over, and says what it came to.
+    /// Lets the link work until the frame is over, and returns the outcome.
     fn finish(
         &mut self,
         begun: Begun,
@@ -448,7 +451,7 @@ impl ControlLoop {
             ..
         } = begun.info;
         // A map that was never sent leaves no gap.
-        self.sequences[usize::from(sensor)] = sequence.wrapping_add(u32::from(late.is_none()));
+        self.sequences[sensor.index()] = sequence.wrapping_add(u32::from(late.is_none()));
         let newest = self.session.status_of(sensor);
         let [downsample_us, gate_us, network_us] = processed.stages_us;
         Ok(FrameOutcome {
@@ -472,7 +475,7 @@ impl ControlLoop {
             is_lost: sent.is_lost,
             late,
             answered: late.is_none() && self.is_answered((sensor, sequence)),
-            // No status of this fingertip yet: what holds for the whole device is known all the same.
+            // No status of this fingertip yet: what holds for the whole device is known anyway.
             status: newest.unwrap_or_else(|| Status {
                 sensor,
                 sequence: 0,
@@ -484,8 +487,8 @@ impl ControlLoop {
         })
     }
 
-    /// A command may have been lost with the link. A device that came back as it was is asked again; one that restarted is
-    /// not: nothing must move by itself because power came back.
+    /// A command may have been lost with the link. It is repeated to a device that came back without a restart, but not to a
+    /// restarted one: nothing may move by itself because power came back.
     fn after_absence(&mut self) {
         if !self.session.is_sound() {
             return;

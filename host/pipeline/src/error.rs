@@ -1,19 +1,19 @@
-//! What can end a picture's way.
+//! Errors of the pipeline.
 
 use gripline_link::LinkError;
 use gripline_markers::MarkerError;
 use gripline_protocol::NotFinite;
 
-/// Why a picture did not get through.
+/// Why a picture could not be processed.
 #[derive(Debug, thiserror::Error)]
 pub enum PipelineError {
     /// The network's output is no number.
     #[error(transparent)]
     NotFinite(#[from] NotFinite),
-    /// Printed markers, or their rest, cannot be used.
+    /// Printed markers, or their rest pictures, cannot be used.
     #[error(transparent)]
     Markers(#[from] MarkerProblem),
-    /// The device cannot be spoken to any more.
+    /// The connection to the device is lost.
     #[error(transparent)]
     Link(#[from] LinkError),
 }

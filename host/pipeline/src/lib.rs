@@ -1,5 +1,5 @@
-//! A picture's way through the host: scene gate and network give newtons ([`pipeline`]), quantised they go to the device,
-//! whose answer comes back ([`control_loop`]). The same for a run, for the replay of a recording and for the evaluation.
+//! Processing of a picture on the host: scene gate and network give newtons ([`pipeline`]), which are quantised and sent to the
+//! device, whose answer comes back ([`control_loop`]). Runs, replays and the evaluation share this code.
 #![forbid(unsafe_code)]
 
 mod acknowledgement;

@@ -1,8 +1,9 @@
 //! A fingertip with printed markers: from a colour picture to forces and evidence of motion. Pure.
 //! Units: pixels of the crop from its upper left corner, mm from its middle with y up, newtons.
 //!
-//! The markers' displacement gives forces ([`MarkerForces`]); the imprint between them, carried along with the gel, shows whether the
-//! object moves ([`Hold`]): that travels in the map's head. Markers are followed in every picture, whatever the gate says.
+//! The markers' displacement gives forces ([`MarkerForces`]); the imprint between them, shifted along with the gel, shows whether
+//! the object moves ([`Hold`]): this evidence is sent in the map's head. Markers are tracked in every picture, independent of the
+//! gate.
 
 use std::time::Instant;
 
@@ -17,47 +18,49 @@ use crate::error::{MarkerProblem, PipelineError};
 
 /// Columns of a map.
 const MAP_SIDE: usize = 20;
-/// Share of the rest pictures that may show a contact: a hand that begins to close. They are left out; more are a wrong rest.
+/// Share of the rest pictures that may show a contact: a hand that begins to close. They are left out; more make the rest invalid.
 const TOUCHED_AT_REST_SHARE: f64 = 0.25;
 /// An imprint at rest is a contact's when later pictures of the same clip lack this much of its energy, squared grey levels per pixel,
 /// and this share of it.
 const REST_GONE_ENERGY: f32 = 12.0;
 const REST_GONE_SHARE: f32 = 0.2;
-/// So many of the clip's pictures must lack it: one alone may be torn.
+/// This many of the clip's pictures must lack it: a single one may be torn.
 const REST_GONE_PICTURES: usize = 2;
-/// Their light may differ from that at rest by this share: the first pictures of a camera are dark.
+/// Their brightness may differ from that at rest by this share: the first pictures of a camera are dark.
 const SAME_LIGHT_SHARE: f32 = 0.15;
 /// Below this energy an imprint is noise, and nothing touches; that of a finger whose object is surely gone (docs/evidence.md).
 const UNTOUCHED_ENERGY: f32 = 8.0;
-/// Markers within so much of their rest have not moved, pixels, in the median and at most: they return to 0.15 and differ by 0.02.
+/// Markers closer to rest than this have not moved, pixels, in the median and at most: they return to 0.15 and differ by 0.02.
 const UNMOVED_PX: [f32; 2] = [0.4, 1.5];
-/// The same where the regular grid stands for rest: printed dots deviate from it.
+/// The same if the regular grid replaces the rest: printed dots deviate from it.
 const UNMOVED_FROM_GRID_PX: [f32; 2] = [1.0, 3.0];
 /// A taxel is touched from this energy on, and from this share of the most touched one's.
 const TOUCHED_ENERGY: f32 = 16.0;
 const TOUCHED_SHARE: f32 = 0.05;
-/// So many untouched pictures after each other end a hold.
+/// This many consecutive untouched pictures end a hold.
 const HOLD_ENDS: u32 = 25;
-/// Evidence of the imprint, and what share of the head's evidence it becomes; straight lines between. Even at the threshold that tells most
-/// recorded trials right (0.71; `gripline evaluate real --json`); holds stay below 0.4 in most of them, and an emptied hand is near 0.72.
+/// Evidence of the imprint, and what share of the head's evidence it becomes; straight lines between. Even at the threshold that
+/// classifies most recorded trials correctly (0.71; `gripline evaluate real --json`); holds stay below 0.4 in most of them, and an
+/// emptied hand is near 0.72.
 const EVIDENCE: [[f32; 2]; 5] = [[0.0, 0.0], [0.4, 0.1], [0.7, 0.5], [0.85, 0.9], [1.0, 1.0]];
-/// Quality of evidence from which each step of the head's quality begins.
+/// Quality of evidence at which each level of the head's quality begins.
 const QUALITY_FROM: [f32; Motion::QUALITY_MAX as usize] = [0.15, 0.55, 0.8];
-/// At the first picture after rest pictures of other days so many markers must be where those show them.
+/// In the first picture after stored rest pictures this many markers must be at their stored places.
 const SAME_GEL_SHARE: f32 = 0.5;
 
-/// What stands for the untouched gel.
+/// The reference for the untouched gel.
 #[derive(Debug, Clone)]
 pub struct MarkerRest {
-    /// Crops in colour; none where the regular grid stands for it.
+    /// Colour crops; none if the regular grid replaces them.
     pub pictures: Vec<Vec<u8>>,
     /// Where they come from.
     pub kind: RestKind,
-    /// What messages call them, such as `--rest 12..20`.
+    /// Their name in messages, such as `--rest 12..20`.
     pub named: String,
     /// Number of the first of them in what they are taken from, for messages.
     pub first: usize,
-    /// Some pictures of all of the same clip, where there is one, with their numbers: they show whether an imprint at rest is ever gone.
+    /// Some pictures from the whole clip, if there is one, with their numbers: they show whether an imprint at rest is ever
+    /// missing.
     pub clip: Vec<(usize, Vec<u8>)>,
 }
 
@@ -75,7 +78,7 @@ impl MarkerRest {
     }
 }
 
-/// What a picture came to.
+/// The result of a picture.
 pub(crate) struct Seen {
     pub gate: GateDecision,
     pub health: Health,
@@ -106,7 +109,7 @@ impl ToMm {
     }
 }
 
-/// The work on one fingertip's pictures.
+/// The stage for one fingertip's pictures.
 #[derive(Debug, Clone)]
 pub struct MarkerStage {
     sensor: Sensor,
@@ -117,7 +120,7 @@ pub struct MarkerStage {
     forces: MarkerForces,
     gate: GateKind,
     hold: Hold,
-    /// Untouched pictures after each other.
+    /// Consecutive untouched pictures.
     untouched: u32,
     is_first: bool,
     motions: Vec<MarkerMotion>,
@@ -127,7 +130,7 @@ pub struct MarkerStage {
 }
 
 impl MarkerStage {
-    /// For the pictures of a sensor, seen against `rest`.
+    /// For the pictures of a sensor, compared with `rest`.
     ///
     /// # Errors
     /// [`PipelineError::Markers`] when the sensor has no printed markers, or the rest shows none, or a touch.
@@ -172,7 +175,7 @@ impl MarkerStage {
         self.finger.tracker().markers()
     }
 
-    /// What the newest picture shows.
+    /// The result of the newest picture.
     #[must_use]
     pub fn report(&self) -> MarkersReport {
         let markers = self.markers();
@@ -186,7 +189,7 @@ impl MarkerStage {
         }
     }
 
-    /// What the imprints said of the newest picture; `None` until there is an earlier one.
+    /// The evidence of the imprints in the newest picture; `None` for the first.
     #[must_use]
     pub const fn evidence(&self) -> Option<Evidence> {
         self.evidence
@@ -252,7 +255,7 @@ impl MarkerStage {
         Ok(())
     }
 
-    /// Notes which pictures show a contact; refuses a rest in which more than a few do.
+    /// Notes which pictures show a contact; refuses a rest with more than a few of them.
     fn leave_out(&mut self, rest: &MarkerRest, untouched: &[bool]) -> Result<(), MarkerProblem> {
         let of = |wanted: bool| -> Vec<usize> {
             let chosen = untouched.iter().enumerate().filter(|(_, is)| **is == wanted);
@@ -270,7 +273,7 @@ impl MarkerStage {
         Ok(())
     }
 
-    /// Refuses a rest whose imprint other pictures of the clip do not have: it was a contact's.
+    /// Refuses a rest whose imprint is missing in other pictures of the clip: it is that of a contact.
     fn compare_with_clip(&self, rest: &MarkerRest, filled: &[Filled]) -> Result<(), MarkerProblem> {
         let Some(at_rest) = Filled::median(filled) else {
             return Ok(());
@@ -311,7 +314,7 @@ impl MarkerStage {
         self.places_px = Some(places_px);
     }
 
-    /// mm per pixel: the field's, closer by as much as the markers are farther apart than the description says, within its zoom.
+    /// mm per pixel: the description's, scaled by the measured distance of the markers, within its zoom range.
     fn scale(&self) -> f32 {
         let [x, y] = self.sensor.px_per_mm();
         let nominal = 0.5 * (x + y);
@@ -319,10 +322,10 @@ impl MarkerStage {
             .sensor
             .markers
             .pitch_mm
-            .map_or(1.0, |[least, most]| 0.5 * (least + most));
+            .map_or(1.0, |[min, max]| 0.5 * (min + max));
         let found = self.finger.tracker().pitch_px().map_or(nominal, f64::from) / pitch_mm;
-        let [least, most] = self.sensor.view.zoom;
-        (1.0 / (nominal * (found / nominal).clamp(least, most))) as f32
+        let [min, max] = self.sensor.view.zoom;
+        (1.0 / (nominal * (found / nominal).clamp(min, max))) as f32
     }
 
     /// From pixels of the crop to mm from its middle.
@@ -338,7 +341,7 @@ impl MarkerStage {
         }
     }
 
-    /// Takes the next picture; forces go to `newtons` where the gate asks for them.
+    /// Takes the next picture; writes forces to `newtons` if the gate needs them.
     pub(crate) fn process(
         &mut self,
         crop: &[u8],
@@ -430,11 +433,11 @@ impl MarkerStage {
         far_px.sort_by(f32::total_cmp);
         let middle = far_px.get(far_px.len() / 2).copied().unwrap_or_default();
         // One marker beside a damage may be anywhere.
-        let most = far_px
+        let max_px = far_px
             .get(far_px.len().saturating_sub(3))
             .copied()
             .unwrap_or_default();
-        (!has_picture || energy < UNTOUCHED_ENERGY) && middle < limits[0] && most < limits[1]
+        (!has_picture || energy < UNTOUCHED_ENERGY) && middle < limits[0] && max_px < limits[1]
     }
 
     /// The taxels in which the newest imprint shows contact; `None` without a picture at rest.
@@ -457,8 +460,8 @@ impl MarkerStage {
             ];
             self.finger.energy_around(centre, 0.5 * pitch_px)
         });
-        let most = energies.iter().copied().fold(0.0, f32::max);
-        let limit = TOUCHED_ENERGY.max(TOUCHED_SHARE * most);
+        let max = energies.iter().copied().fold(0.0, f32::max);
+        let limit = TOUCHED_ENERGY.max(TOUCHED_SHARE * max);
         let is_strong = |taxel: usize| energies[taxel] >= limit;
         // A flat face shows only at its edge, so what lies beside a touched taxel counts too.
         Some(std::array::from_fn(|taxel| {
@@ -507,7 +510,7 @@ fn motion_of(evidence: &Evidence) -> Motion {
     )
 }
 
-/// What a model makes of made-up motions, as a text: another one with other weights, or for another gel.
+/// Fingerprint of a model: its output for synthetic motions, as text. It differs with other weights or another gel.
 #[must_use]
 pub fn fingerprint(forces: &MarkerForces) -> String {
     let mut forces = forces.clone();

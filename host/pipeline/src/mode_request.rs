@@ -1,34 +1,33 @@
-//! A request for a mode of the gripper: said again until the device's status shows it, and answered why not after a bounded time.
-//! Pure. Times in µs of the session's clock.
-//! Limit: a status that was under way when the request was sent counts as its answer.
+//! A request for a mode of the gripper: repeated until the device's status shows it; after a bounded time the reason is returned.
+//! Pure. Times in µs of the session's clock. Limit: a status in transit when the request is sent counts as its answer.
 
 use std::fmt;
 
 use gripline_protocol::message::{GripMode, Refusal, Status};
 
-/// A request that no status confirms is said again after this: with every request goes the question for a status, which a USB device
-/// answers within two milliseconds.
+/// An unconfirmed request is repeated after this time: every request also asks for a status, which a USB device sends within two
+/// milliseconds.
 pub(crate) const REPEAT_US: u64 = 5_000;
-/// After this it is given up and told.
+/// After this it is given up and reported.
 pub(crate) const GIVE_UP_US: u64 = 2_000_000;
 
-/// How a request stands.
+/// State of a request.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum State {
-    /// Sent at this time, if the link took it.
+    /// Sent at this time, if the link accepted it.
     Waiting { sent_us: Option<u64> },
     /// A status shows the mode.
     Confirmed,
-    /// No request waits for that any more.
+    /// No longer waiting.
     GivenUp,
 }
 
-/// A mode that the device is asked for.
+/// A requested mode.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct ModeRequest {
     mode: GripMode,
     begun_us: u64,
-    /// Restarts of the device when it was asked: one that restarts is not asked again, or something would move by itself.
+    /// Restarts of the device at the request: after a restart it is not repeated, or something would move by itself.
     restarts: u32,
     state: State,
     is_told: bool,
@@ -39,7 +38,7 @@ pub(crate) struct ModeRequest {
 pub enum Unconfirmed {
     /// The device refused it.
     Refused(GripMode, Refusal),
-    /// The link takes nothing; it is still tried.
+    /// The link accepts nothing; it is still tried.
     NotTaken(GripMode),
     /// No status came since.
     NoStatus(GripMode),
@@ -109,12 +108,12 @@ impl ModeRequest {
         self.state == State::Confirmed
     }
 
-    /// Whether it still waits for that.
+    /// Whether it still waits for confirmation.
     pub(crate) const fn is_waiting(&self) -> bool {
         matches!(self.state, State::Waiting { .. })
     }
 
-    /// Takes the newest status, which came so long ago, and says whether the request is to be sent now; and what to tell, once.
+    /// Takes the newest status and its age; returns whether to send the request now, and a problem to report, once.
     pub(crate) fn step(
         &mut self,
         now_us: u64,
@@ -150,7 +149,7 @@ impl ModeRequest {
         (now_us >= sent_us + REPEAT_US, None)
     }
 
-    /// It was handed to the link at this time, which took it or not.
+    /// It was sent at this time; the link accepted it or not.
     pub(crate) const fn sent(&mut self, now_us: u64, was_taken: bool) {
         if was_taken {
             self.state = State::Waiting {
@@ -159,7 +158,7 @@ impl ModeRequest {
         }
     }
 
-    /// The device refused something: this request, where it waits for an answer and the refusal can be one.
+    /// The device refused something: this request, if it waits for an answer and the refusal fits.
     pub(crate) fn refused(&mut self, refusal: Refusal) -> Option<Unconfirmed> {
         let is_answer = matches!(refusal, Refusal::Latched | Refusal::Inhibited);
         if !is_answer || self.mode != GripMode::Released || !matches!(self.state, State::Waiting { .. }) {

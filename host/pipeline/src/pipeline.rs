@@ -1,6 +1,5 @@
-//! From a picture to a force map in the wire's units: downsample, gate and health, network, contact threshold, quantise. Of printed
-//! markers, what [`markers`](crate::markers) does stands for all but the last two.
-//! Pure: no camera, no link, no allocation per frame.
+//! From a picture to a force map in the wire's units: downsample, gate and health, network, contact threshold, quantise. For
+//! printed markers, [`markers`](crate::markers) replaces all but the last two. Pure: no camera, no link, no allocation per frame.
 //! Units: newtons per taxel in, 1/4096 N out; stage times in microseconds.
 
 use std::borrow::Cow;
@@ -19,22 +18,22 @@ use crate::markers::MarkerStage;
 /// Pixels of the 440×440 crop.
 pub const CROP_PIXELS: usize = 440 * 440;
 
-/// Below this stick ratio, 1/10000, every picture goes through the network, whatever the gate says: INCIPIENT begins at
-/// 6,500 as shipped, and what the gate takes for unchanged moves the ratio by up to 1,900 (`gripline evaluate skip`).
+/// Below this stick ratio, 1/10000, every picture goes through the network, independent of the gate: INCIPIENT begins at 6,500 by
+/// default, and the ratio of a picture that the gate considers unchanged may differ by up to 1,900 (`gripline evaluate skip`).
 const SURE_STICK_RATIO: u16 = 8_500;
 
 /// A picture's force map.
 #[derive(Debug, Clone, Copy)]
 pub struct Processed<'a> {
-    /// The map as it travels.
+    /// The map in the wire's units.
     pub map: &'a ForceMap,
     /// The detector's sums of the map.
     pub judgement: Judgement,
     /// What the scene gate decided.
     pub gate: GateDecision,
-    /// What is known against this map.
+    /// Doubts about this map.
     pub health: Health,
-    /// Whether the object moves, where the sensor can show it.
+    /// Whether the object moves, if the sensor can show it.
     pub motion: Option<Motion>,
     /// Time for downsampling, gate, and network with quantisation (0 when the gate skipped it).
     pub stages_us: [f64; 3],
@@ -46,15 +45,15 @@ pub struct Pipeline {
     stage: Stage,
     contact_min_n: f32,
     judgement: Judgement,
-    /// Output of the network, believed or not.
+    /// Output of the network, plausible or not.
     output: Box<[[f32; 3]; TAXELS]>,
-    /// Of the last picture that could be believed: forces, and the map that they make.
+    /// From the last plausible picture: forces, and their map.
     newtons: Box<[[f32; 3]; TAXELS]>,
     map: Box<ForceMap>,
     saturated: Saturated,
 }
 
-/// What looks at the pictures.
+/// The stage that processes the pictures.
 #[derive(Debug)]
 enum Stage {
     Particles(Box<ParticleStage>),
@@ -78,8 +77,7 @@ const _: () = assert!(
 );
 
 impl Pipeline {
-    /// `rest` are crops without contact, at least one; their mean is what the network compares with. `rule` is the
-    /// detector's.
+    /// `rest` are crops without contact, at least one; their mean is the network's reference. `rule` is the detector's.
     ///
     /// # Panics
     /// When `rest` is empty or a crop is not 440×440: the sources of pictures see to both.
@@ -130,13 +128,13 @@ impl Pipeline {
         &self.newtons
     }
 
-    /// The last map as it travels.
+    /// The last map in the wire's units.
     #[must_use]
     pub fn map(&self) -> &ForceMap {
         &self.map
     }
 
-    /// The last picture at 88×88; `None` of a sensor with printed markers.
+    /// The last picture at 88×88; `None` for a sensor with printed markers.
     #[must_use]
     pub fn small(&self) -> Option<&Image88> {
         match &self.stage {
@@ -145,7 +143,7 @@ impl Pipeline {
         }
     }
 
-    /// The work on printed markers, where the sensor has them.
+    /// The stage for printed markers, if the sensor has them.
     #[must_use]
     pub fn markers(&self) -> Option<&MarkerStage> {
         match &self.stage {
@@ -163,7 +161,7 @@ impl Pipeline {
         }
     }
 
-    /// A crop as a square of grey levels, for the page: printed markers' with black above and below.
+    /// A crop as a square of grey levels, for the page: that of printed markers gets black bars above and below.
     #[must_use]
     pub fn square<'a>(&self, crop: &'a [u8]) -> Cow<'a, [u8]> {
         let [width, height] = self.crop_px();
@@ -186,8 +184,8 @@ impl Pipeline {
     /// Turns a crop into a force map: 440×440 grey levels of particles, the sensor's crop in colour of printed markers.
     ///
     /// A doubtful picture, or a doubtful output of the network, gives the last good map again, marked by its health: forces from
-    /// such a picture would look real, and an empty map would look like a lost contact. The next contact picture then goes
-    /// through the network, whatever the gate compares it with.
+    /// such a picture would look real, and an empty map would look like a lost contact. The next contact picture then goes through
+    /// the network, independent of the gate.
     ///
     /// # Errors
     /// [`PipelineError`] when the network's output is not a number (the last good map is kept), or the first picture shows no markers.
@@ -232,7 +230,7 @@ impl Pipeline {
         })
     }
 
-    /// Makes the network's output the map.
+    /// Converts the network's output to the map.
     fn accept_output(&mut self) -> Result<(), NotFinite> {
         drop_untouched(&mut self.output, self.contact_min_n);
         let quantised = ForceMap::quantise(&self.output).inspect_err(|_| self.compare_afresh())?;
@@ -245,7 +243,7 @@ impl Pipeline {
         Ok(())
     }
 
-    /// The next picture goes through the network, whatever it is compared with.
+    /// Forces inference on the next picture.
     fn compare_afresh(&mut self) {
         match &mut self.stage {
             Stage::Particles(stage) => stage.scene.force_inference(),
@@ -256,7 +254,7 @@ impl Pipeline {
 }
 
 impl ParticleStage {
-    /// What the gate decides, what is doubtful, and the times of downsampling, gate and network (0 when the gate skipped it).
+    /// The gate's decision, the doubts, and the times of downsampling, gate and network (0 when the gate skipped it).
     fn process(
         &mut self,
         crop: &[u8],
@@ -282,7 +280,7 @@ impl ParticleStage {
     }
 }
 
-/// What a network makes of a made-up picture, as a text: another one with other weights. `rest` is a 440×440 crop.
+/// Fingerprint of a network: its output for a synthetic picture, as text. It differs with other weights. `rest` is a 440×440 crop.
 #[must_use]
 pub fn fingerprint(network: &Network, rest: &[u8]) -> String {
     let mut network = network.clone();
@@ -311,8 +309,8 @@ fn small(crop: &[u8]) -> Image88 {
     out
 }
 
-/// Takes the force from taxels that the network does not believe to be in contact: a smooth prediction has small
-/// values everywhere, which would count as contact and would have to be sent.
+/// Removes the force from taxels below the contact threshold: a smooth prediction has small values everywhere, which would count as
+/// contact and would have to be sent.
 fn drop_untouched(newtons: &mut [[f32; 3]; TAXELS], contact_min_n: f32) {
     for force in newtons.iter_mut().filter(|force| force[2] <= contact_min_n) {
         *force = [0.0; 3];

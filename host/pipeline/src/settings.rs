@@ -7,7 +7,7 @@ use gripline_protocol::{LSB_PER_NEWTON, PER_UNIT};
 /// The grip with which the scripted scene's object is held, newtons.
 pub const SCENE_INITIAL_GRIP_N: f64 = 2.5;
 
-/// The default settings with what the network was calibrated for, and the grip with which the scene's object is held.
+/// The default settings with the network's calibration, and the grip for the scene's object.
 #[must_use]
 pub fn settings_for(network: &Network) -> Configuration {
     settings_of(network.calibration())
@@ -24,16 +24,16 @@ pub fn settings_of(calibration: Calibration) -> Configuration {
     }
 }
 
-/// A named setting of the grip: how much force is kept for what may come. Drops and force trade against each other, since
-/// friction that falls to half can only be survived by force that is there before.
+/// A named setting of the grip: the force reserve. It trades drops against force: only a reserve survives friction that falls to
+/// half.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum GripSetting {
-    /// Little force: 15 % above what is needed, for things that break and stay dry.
+    /// Little force: 15 % above the needed one, for fragile, dry objects.
     Sparing,
     /// The default settings.
     #[default]
     Normal,
-    /// Much force: what holds when friction falls to 0.3 of what was proven, and slow to let go.
+    /// High force: holds when friction falls to 0.3 of the proven one, and relaxes slowly.
     Secure,
 }
 
@@ -57,7 +57,7 @@ impl GripSetting {
     pub fn apply(self, settings: Configuration) -> Configuration {
         let normal = Configuration {
             margin: Configuration::DEFAULT.margin,
-            friction_most: Configuration::DEFAULT.friction_most,
+            friction_max: Configuration::DEFAULT.friction_max,
             relax_rate: Configuration::DEFAULT.relax_rate,
             ..settings
         };
@@ -70,7 +70,7 @@ impl GripSetting {
             Self::Secure => Configuration {
                 // 1 / 0.3, for a drop to a half whose sliding friction is 0.6 of the sticking one.
                 margin: 23_000,
-                friction_most: 8_000,
+                friction_max: 8_000,
                 relax_rate: 3 * LSB_PER_NEWTON as u16,
                 ..normal
             },

@@ -6,7 +6,7 @@ use gripline_network::scene::GateDecision;
 use gripline_pipeline::Unconfirmed;
 use gripline_pipeline::control_loop::{ControlLoop, FrameRequest};
 use gripline_protocol::message::{Command, Configuration, GripMode, Message};
-use gripline_protocol::{Event, ForceMap, Health, Motion, Parser};
+use gripline_protocol::{Event, ForceMap, Health, Motion, Parser, SensorId};
 
 const FRAME_US: u64 = 16_667;
 
@@ -60,7 +60,7 @@ fn losing(to_lose: u32, is_mute: bool) -> ControlLoop {
     ControlLoop::new(session)
 }
 
-/// Frames with this wish until the device does it, or says why not; how many they were.
+/// Frames with this requested mode until the device does it, or says why not; how many they were.
 fn frames_until_answered(
     control: &mut ControlLoop,
     mode: GripMode,
@@ -69,7 +69,7 @@ fn frames_until_answered(
     for frame in 1..=400 {
         *until_us += FRAME_US;
         let request = FrameRequest {
-            sensor: 0,
+            sensor: SensorId::FIRST,
             mode: Some(mode),
             age_us: 0,
             motion: Motion::UNKNOWN,
@@ -123,7 +123,7 @@ fn what_is_not_asked_for_does_not_move_and_a_request_that_is_withdrawn_is_not_sa
     let mut control = losing(0, false);
     let judged = (GateDecision::NoContact, Health::GOOD);
     let mut request = FrameRequest {
-        sensor: 0,
+        sensor: SensorId::FIRST,
         mode: None,
         age_us: 0,
         motion: Motion::UNKNOWN,

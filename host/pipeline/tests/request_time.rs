@@ -8,7 +8,7 @@ use gripline_link::{EmbeddedLink, EmulatorLink, Link, LinkError, Transport};
 use gripline_network::scene::GateDecision;
 use gripline_pipeline::control_loop::{ControlLoop, FrameRequest};
 use gripline_protocol::message::{Configuration, GripMode};
-use gripline_protocol::{ForceMap, Health, Motion, TaxelForce};
+use gripline_protocol::{ForceMap, Health, Motion, SensorId, TaxelForce};
 
 const FRAME_US: u64 = 16_667;
 /// For so long of a frame the host works on a picture and hears nobody: what a frame from picture to link may take.
@@ -120,7 +120,7 @@ impl Cell {
         }
         self.frames += 1;
         let request = FrameRequest {
-            sensor: 0,
+            sensor: SensorId::FIRST,
             mode: self.mode,
             age_us: 0,
             motion: Motion::UNKNOWN,

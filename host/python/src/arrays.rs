@@ -17,7 +17,7 @@ pub(crate) fn require_numpy(py: Python<'_>) -> PyResult<()> {
     py.import("numpy").map(drop)
 }
 
-/// `object` as an array of so many dimensions that can be read in place. `expected` is its shape and unit in words.
+/// `object` as an array of this many dimensions that can be read in place. `expected` is its shape and unit in words.
 pub(crate) fn array_of<'a, 'py>(
     name: &str,
     object: &'a Bound<'py, PyAny>,
@@ -74,7 +74,7 @@ pub(crate) fn shape_text(shape: &[usize]) -> String {
     }
 }
 
-/// Room for so many numbers, or Python's `MemoryError`.
+/// Room for this many numbers, or Python's `MemoryError`.
 pub(crate) fn room<T>(count: usize) -> PyResult<Vec<T>> {
     let mut room = Vec::new();
     room.try_reserve_exact(count)

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use gripline_protocol::SENSORS;
+use gripline_protocol::SensorId;
 use gripline_recording::{Completeness, Metadata, Reader, RecordedStatus, units};
 use numpy::PyArray1;
 use pyo3::exceptions::PyValueError;
@@ -28,7 +28,7 @@ struct Contents {
 
 impl Contents {
     /// Goes through the file once; stops where the user wants it.
-    fn read(path: &Path, sensor: u8, pictures: bool) -> PyResult<Self> {
+    fn read(path: &Path, sensor: SensorId, pictures: bool) -> PyResult<Self> {
         let mut contents = Self::default();
         let mut reader = Reader::open(path).map_err(failed)?;
         let mut read = 0_u32;
@@ -59,7 +59,7 @@ impl Contents {
         if let Completeness::Truncated(why) = reader.completeness() {
             contents.truncated = Some(why);
         }
-        contents.rest = std::mem::take(&mut reader.rest[usize::from(sensor)]);
+        contents.rest = std::mem::take(&mut reader.rest[sensor.index()]);
         contents.metadata = std::mem::take(&mut reader.metadata);
         Ok(contents)
     }
@@ -147,11 +147,8 @@ pub(crate) fn read_recording(
     pictures: bool,
 ) -> PyResult<Bound<'_, PyDict>> {
     require_numpy(py)?;
-    if usize::from(sensor) >= SENSORS {
-        return Err(PyValueError::new_err(format!(
-            "sensor: found {sensor}, expected 0 or 1"
-        )));
-    }
+    let sensor = SensorId::try_from(sensor)
+        .map_err(|_| PyValueError::new_err(format!("sensor: found {sensor}, expected 0 or 1")))?;
     let contents = py.detach(move || Contents::read(&path, sensor, pictures))?;
     let count = contents.frames.len();
     let recording = PyDict::new(py);

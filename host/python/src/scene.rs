@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use gripline_evaluation::play::truth::{self, Cell};
-use gripline_evaluation::play::{self, Moment, Play, Trouble};
+use gripline_evaluation::play::{self, Moment, Play, PlayError};
 use gripline_simulation::Image;
 use gripline_simulation::scene_file::{FrameSize, SceneFile};
 use pyo3::exceptions::PyValueError;
@@ -90,8 +90,8 @@ impl Playing {
                         pictures,
                     }));
                 }
-                Err(Trouble::Unsolved { time_s, phase, why }) => self.unsolved.push((time_s, phase, why)),
-                Err(Trouble::Impossible(error)) => return Err(failed(error)),
+                Err(PlayError::Unsolved { time_s, phase, why }) => self.unsolved.push((time_s, phase, why)),
+                Err(PlayError::Impossible(error)) => return Err(failed(error)),
             }
         }
     }

@@ -47,7 +47,7 @@ pub(crate) struct Verdicts {
 }
 
 impl Verdicts {
-    /// Room for so many frames.
+    /// Room for this many frames.
     pub(crate) fn with_room(frames: usize) -> PyResult<Self> {
         Ok(Self {
             normal: room(frames)?,

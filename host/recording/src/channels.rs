@@ -1,4 +1,4 @@
-//! The channels of a run, and what each frame says on them: the same in a recording and for who watches live. Pure.
+//! The channels of a run, and the messages of a frame: the same in a recording and for live viewers. Pure.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -18,7 +18,7 @@ use crate::topics::{EVENTS, FORCE_MAP, PICTURE, REST, STATUS, topic_of};
 /// Channels of each fingertip; those of the gripper come after them.
 const OF_A_FINGERTIP: [&str; 3] = [REST, PICTURE, FORCE_MAP];
 
-/// What a channel is called and how its messages are to be read.
+/// A channel's topic, encoding and schema.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Channel {
     /// Its topic.
@@ -27,7 +27,7 @@ pub struct Channel {
     pub message_encoding: &'static str,
     /// Their schema.
     pub schema: Option<Schema>,
-    /// What holds for the whole run.
+    /// Metadata of the whole run.
     pub metadata: BTreeMap<String, String>,
 }
 
@@ -44,7 +44,7 @@ pub struct Message {
     pub bytes: Vec<u8>,
 }
 
-/// The channels of a run, which turn its frames into messages.
+/// Converts the frames of a run to messages.
 #[derive(Debug)]
 pub struct Channels {
     list: Vec<Channel>,
@@ -55,7 +55,7 @@ pub struct Channels {
 }
 
 impl Channels {
-    /// Those of a run with this number of fingertips; `start_ns` is the time of frame 0 since 1970.
+    /// For a run with this number of fingertips; `start_ns` is the time of frame 0 since 1970.
     #[must_use]
     pub fn new(fingertips: usize, metadata: &Metadata, start_ns: u64) -> Self {
         let mut list = Vec::new();
@@ -122,10 +122,10 @@ impl Channels {
     /// Picture, map, events, and the status last: without it the frame does not count.
     ///
     /// # Errors
-    /// serde_json's, which a report without infinities does not meet.
+    /// serde_json's error, which cannot occur without infinities.
     pub fn frame(&mut self, frame: &Frame) -> Result<Vec<Message>, serde_json::Error> {
         let time_ns = self.time_ns(frame.report.t_s);
-        let sensor = usize::from(frame.report.sensor);
+        let sensor = frame.report.sensor.index();
         let message = |channel, bytes| Message {
             channel,
             sequence: frame.sequence,
@@ -158,7 +158,7 @@ impl Channels {
         }
     }
 
-    /// A line of what happened beside the frames.
+    /// A log line between the frames.
     #[must_use]
     pub fn note(&self, t_s: f64, text: &str) -> Message {
         self.event(t_s, &Event::warning(text))

@@ -1,4 +1,4 @@
-//! What can go wrong with recordings and files of force maps, and how a command that was done ended.
+//! Errors of recordings and files of force maps, and the outcome of completed commands.
 
 use std::io;
 use std::path::PathBuf;
@@ -24,13 +24,13 @@ pub enum RecordingError {
         /// The system's or the library's error.
         error: io::Error,
     },
-    /// The recording's name is taken.
+    /// The file of the recording exists already.
     #[error(
         "{}: found a file, expected a name that is free; move it away or choose another --record",
         .0.display()
     )]
     Exists(PathBuf),
-    /// A recording cannot be begun or continued.
+    /// A recording cannot be started or continued.
     #[error("{}: recording failed: {}; {advice}", path.display(), cause(error))]
     Record {
         /// The recording.
@@ -40,17 +40,17 @@ pub enum RecordingError {
         /// What to do.
         advice: &'static str,
     },
-    /// A file is no recording of this program.
+    /// A file is not a recording of this program.
     #[error("{}: found {found}, expected {expected}", path.display())]
     Content {
         /// The file.
         path: PathBuf,
-        /// What is there.
+        /// What was found.
         found: String,
-        /// What should be there.
+        /// What was expected.
         expected: &'static str,
     },
-    /// What a recording says of its fingertips' calibration cannot be read.
+    /// The fingertips' calibration in a recording cannot be read.
     #[error(
         "the recording's calibration: {found}, expected gains and views of both fingertips: record it again"
     )]
@@ -74,7 +74,7 @@ pub enum MapsProblem {
     /// Nothing has that name.
     #[error("no such file, expected a NumPy file of force maps: check the path")]
     Missing,
-    /// The system does not let us read.
+    /// Reading is not permitted.
     #[error("cannot be read ({0}), expected a readable NumPy file: check its rights and its disk")]
     Unreadable(#[from] io::Error),
     /// A directory, a pipe or a device.
@@ -149,7 +149,7 @@ pub enum MapsProblem {
     },
 }
 
-/// How a command that was done ended.
+/// Outcome of a completed command.
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[must_use]
 pub enum Completion {
@@ -170,7 +170,7 @@ impl Completion {
     }
 }
 
-/// The system's own words where the library only says that reading or writing failed.
+/// The system's message where the library only says that reading or writing failed.
 fn cause(error: &mcap::McapError) -> String {
     match error {
         mcap::McapError::Io(error) => error.to_string(),

@@ -2,11 +2,12 @@
 
 use foxglove::messages::Log;
 use foxglove::messages::log::Level;
+use gripline_protocol::SensorId;
 
 use crate::telemetry::FrameReport;
 use crate::topics::{encoded, timestamp};
 
-/// An event worth finding again.
+/// An event.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Event {
     /// How bad it is.
@@ -16,7 +17,7 @@ pub(crate) struct Event {
 }
 
 impl Event {
-    /// Something to know.
+    /// For information.
     pub(crate) fn info(message: impl Into<String>) -> Self {
         Self {
             level: Level::Info,
@@ -24,7 +25,7 @@ impl Event {
         }
     }
 
-    /// Something to look at.
+    /// Needs attention.
     pub(crate) fn warning(message: impl Into<String>) -> Self {
         Self {
             level: Level::Warning,
@@ -67,7 +68,7 @@ pub(crate) fn events_between(
         new.map(|name| Event::warning(format!("{what} {name}"))).collect()
     };
     events.extend(appeared(&now.faults, faults, "fault"));
-    let picture = if now.sensor == 0 {
+    let picture = if now.sensor == SensorId::FIRST {
         "picture"
     } else {
         "second fingertip's picture"

@@ -1,6 +1,6 @@
-//! A recording as files that NumPy and spreadsheets read. `maps.npy` (T, 3, 20, 20) float32 newtons as `gripline detect`
-//! reads them, `pictures.npy` (T, side, side) uint8 where every frame has a picture, `frames.csv` with a row a frame; of a
-//! second fingertip `maps_1.npy` and `pictures_1.npy`. Also a whole file from one that was cut short.
+//! A recording as files that NumPy and spreadsheets read. `maps.npy` (T, 3, 20, 20) float32 newtons as `gripline detect` reads
+//! them, `pictures.npy` (T, side, side) uint8 where every frame has a picture, `frames.csv` with a row a frame; of a second
+//! fingertip `maps_1.npy` and `pictures_1.npy`. Also repairs a truncated file.
 
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
@@ -19,14 +19,14 @@ const HEADER: &str = "frame,t_s,gate,health,fn,fx,fy,ft,mz,contact,stick,stick_r
                       faults,truth_phase,truth_fn,truth_ft,truth_stick_ratio,truth_gross_slip,truth_slip_mm,sensor,\
                       slip_evidence";
 
-/// What an export found in the recording.
+/// Contents of the exported recording.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Exported {
     /// Frames of all fingertips.
     pub frames: u64,
     /// Frames without a picture.
     pub without_picture: u64,
-    /// Whether the recording was cut short.
+    /// Whether the recording was truncated.
     pub completeness: Completeness,
 }
 
@@ -40,7 +40,7 @@ pub fn export_arrays(recording: &Path, folder: Option<&Path>) -> Result<Exported
     let mut reader = Reader::open(recording)?;
     let mut contents: [Contents; SENSORS] = Default::default();
     while let Some(frame) = reader.next_frame()? {
-        let contents = &mut contents[usize::from(frame.status.sensor)];
+        let contents = &mut contents[frame.status.sensor.index()];
         contents.frames += 1;
         if let Some(picture) = frame.picture {
             contents.pictures += 1;
@@ -69,18 +69,18 @@ struct Contents {
     shape: Vec<usize>,
 }
 
-/// An array under way, and its file.
+/// An array being written, and its file.
 type Array<T> = (PathBuf, npyz::NpyWriter<T, BufWriter<File>>);
 
 /// The files of a fingertip.
 struct Arrays {
     maps: Array<f32>,
-    /// Where every frame has a picture.
+    /// If every frame has a picture.
     pictures: Option<Array<u8>>,
 }
 
 impl Arrays {
-    /// Begins those of fingertip `sensor`; `None` where there is nothing of it.
+    /// Creates those of fingertip `sensor`; `None` without frames of it.
     fn begin(folder: &Path, sensor: usize, contents: &Contents) -> Result<Option<Self>, RecordingError> {
         if contents.frames == 0 {
             return Ok(None);
@@ -157,7 +157,7 @@ fn write_folder(
     let mut reader = Reader::open(recording)?;
     while let Some(frame) = reader.next_frame()? {
         writeln!(csv, "{}", row(&frame.status)).map_err(failed(&csv_path))?;
-        if let Some(arrays) = &mut arrays[usize::from(frame.status.sensor)] {
+        if let Some(arrays) = &mut arrays[frame.status.sensor.index()] {
             arrays.push(frame)?;
         }
     }
@@ -206,7 +206,7 @@ fn row(status: &RecordedStatus) -> String {
     cells.join(",")
 }
 
-/// Copies every message that can be read into a whole recording with index and summary, and returns their number.
+/// Copies every readable message into a complete recording with index and summary, and returns their number.
 ///
 /// # Errors
 /// [`RecordingError`] that names the file which cannot be read or written; `to` must not be there yet.

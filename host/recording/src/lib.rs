@@ -1,9 +1,9 @@
-//! Recordings of runs: MCAP files with Foxglove's messages, written beside the control loop, read back by `replay` and
+//! Recordings of runs: MCAP files with Foxglove's messages, written in parallel to the control loop, read back by `replay` and
 //! `export`; and files of force maps (npy).
 //!
-//! Topics: `/rest` and `/picture` (foxglove.RawImage), `/force_map` (foxglove.Grid, newtons per taxel), `/status` (JSON:
-//! the frame's report and the device's status in the wire's units), `/events` (foxglove.Log). The metadata of `/status` hold
-//! for the whole recording. Topics of the second fingertip begin with `/second`.
+//! Topics: `/rest` and `/picture` (foxglove.RawImage), `/force_map` (foxglove.Grid, newtons per taxel), `/status` (JSON: the
+//! frame's report and the device's status in the wire's units), `/events` (foxglove.Log). The metadata of `/status` apply to the
+//! whole recording. Topics of the second fingertip begin with `/second`.
 #![forbid(unsafe_code)]
 
 mod channels;

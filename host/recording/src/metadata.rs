@@ -1,4 +1,4 @@
-//! What holds for a whole recording: the metadata of the channel `/status`.
+//! Metadata of a whole recording, stored in the channel `/status`.
 
 use std::collections::BTreeMap;
 
@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::RecordingError;
 
-/// What holds for a whole recording.
+/// Metadata of a whole recording.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct Metadata {
     /// Version of this program.
@@ -20,7 +20,7 @@ pub struct Metadata {
     pub network: String,
     /// Origin of its weights.
     pub weights: String,
-    /// Checksum of its output for a test picture, which tells weights apart.
+    /// Checksum of its output for a test picture: a fingerprint of the weights.
     pub fingerprint: String,
     /// Weights file, empty for the built-in ones.
     pub weights_file: String,
@@ -30,37 +30,37 @@ pub struct Metadata {
     pub gate: String,
     /// Frames a second.
     pub frames_per_second: String,
-    /// Identity of the fingertip's description; older recordings have none, and are of the one that is the default.
+    /// Identity of the fingertip's description; older recordings have none and are of the default one.
     #[serde(default)]
     pub sensor: String,
-    /// The description itself, where it is not the default.
+    /// The description itself, if it is not the default.
     #[serde(default)]
     pub sensor_file: String,
-    /// What stood for the untouched gel of printed markers: own pictures, other pictures, the regular grid.
+    /// The reference for the untouched gel with printed markers: own pictures, other pictures, the regular grid.
     #[serde(default)]
     pub rest: String,
-    /// What calibrations changed of each fingertip with printed markers, JSON; empty where nothing was calibrated.
+    /// Calibrated values of each fingertip with printed markers, JSON; empty without calibration.
     #[serde(default)]
     pub calibration: String,
     /// The microcontroller's settings, as `gripline config mcu` prints them.
     pub settings: String,
 }
 
-/// What a calibration changed of a fingertip with printed markers.
+/// The calibrated values of a fingertip with printed markers.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct MarkerCalibration {
-    /// What the camera shows; `None` as described.
+    /// The camera's view; `None`: as described.
     pub view: Option<CalibratedView>,
     /// Factors on shear and normal force.
     pub gain: [f32; 2],
 }
 
-/// What a camera shows.
+/// A camera's view.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct CalibratedView {
     /// Width and height of the whole crop, mm.
     pub field_mm: [f64; 2],
-    /// Bend of the lens, per mm² from the middle.
+    /// Distortion of the lens, per mm² from the middle.
     pub distortion_per_mm2: f64,
 }
 
@@ -73,7 +73,7 @@ impl MarkerCalibration {
 }
 
 impl Metadata {
-    /// Sets what calibrations changed of each fingertip.
+    /// Sets the calibrated values of each fingertip.
     pub fn set_marker_calibrations(&mut self, of: [MarkerCalibration; SENSORS]) {
         let is_any = of
             .iter()
@@ -85,10 +85,10 @@ impl Metadata {
         };
     }
 
-    /// What calibrations changed of each fingertip; nothing in recordings that say nothing of it.
+    /// The calibrated values of each fingertip; empty in recordings without them.
     ///
     /// # Errors
-    /// [`RecordingError::Calibration`] when it cannot be read: without it the maps would be others.
+    /// [`RecordingError::Calibration`] when it cannot be read: without it the maps would differ.
     pub fn marker_calibrations(&self) -> Result<[MarkerCalibration; SENSORS], RecordingError> {
         if self.calibration.is_empty() {
             return Ok([MarkerCalibration::NONE; SENSORS]);

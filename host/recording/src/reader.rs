@@ -1,5 +1,5 @@
-//! Reads a recording, frame by frame, in memory that does not grow with the file. One that was cut short is read to its
-//! last whole frame.
+//! Reads a recording, frame by frame, in memory that does not grow with the file. A truncated one is read to its last complete
+//! frame.
 
 use std::fs::File;
 use std::io::{BufReader, ErrorKind, Read};
@@ -17,7 +17,7 @@ use crate::metadata::Metadata;
 use crate::status::RecordedStatus;
 use crate::topics::{FORCE_MAP, PICTURE, REST, STATUS, fingertip_of};
 
-/// Largest record that is believed, bytes: ours are under 0.2 MB, and a chunk closes at 2 MB.
+/// Maximum size of a record, bytes: ours are under 0.2 MB, and a chunk closes at 2 MB.
 const RECORD_MAX: u64 = 64 << 20;
 
 /// A frame of a recording.
@@ -27,7 +27,7 @@ pub struct RecordedFrame {
     pub at_ns: u64,
     /// Its status.
     pub status: RecordedStatus,
-    /// The map as it travelled.
+    /// The map in the wire's units.
     pub map: Box<ForceMap>,
     /// The picture, when it was recorded.
     pub picture: Option<Image>,
@@ -38,7 +38,7 @@ pub struct RecordedFrame {
 pub enum Completeness {
     /// Its writer closed it.
     Whole,
-    /// Cut short, by a kill or a full disk.
+    /// Truncated by a killed process or a full disk.
     Truncated(String),
 }
 
@@ -46,9 +46,9 @@ pub enum Completeness {
 pub struct Reader<R = BufReader<File>> {
     path: PathBuf,
     messages: MessageReader<R>,
-    /// What holds for all of it.
+    /// Its metadata.
     pub metadata: Metadata,
-    /// Pictures without contact of each fingertip; none of the second where there is only one.
+    /// Pictures without contact of each fingertip; none of the second if there is only one.
     pub rest: [Vec<Vec<u8>>; SENSORS],
     /// Already read to find the beginning.
     first: Option<RecordedFrame>,
@@ -59,7 +59,7 @@ impl Reader {
     /// Opens a recording and reads up to its first frame.
     ///
     /// # Errors
-    /// [`RecordingError`] when the file cannot be read, is no MCAP, is of another program, or has not one frame.
+    /// [`RecordingError`] when the file cannot be read, is not MCAP, is of another program, or has no frame.
     pub fn open(path: &Path) -> Result<Self, RecordingError> {
         let file = File::open(path).map_err(|error| RecordingError::Read {
             path: path.to_owned(),
@@ -178,9 +178,6 @@ impl<R: Read> Reader<R> {
                 STATUS => {
                     let status: RecordedStatus =
                         serde_json::from_slice(&message.data).map_err(|_| wrong(STATUS))?;
-                    if usize::from(status.sensor) >= SENSORS {
-                        return Err(wrong(STATUS));
-                    }
                     let map = map.ok_or_else(|| wrong(STATUS))?;
                     if self.metadata == Metadata::default() {
                         let metadata = Metadata::from_map(&message.channel.metadata);

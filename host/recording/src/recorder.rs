@@ -1,8 +1,9 @@
-//! Writes a recording in a thread of its own. The loop hands frames to a bounded queue and never waits: what does not fit
-//! is dropped and counted, pictures first.
+//! Writes a recording in a thread of its own. The loop puts frames into a bounded queue and never waits: when it is full, pictures
+//! are dropped first, then frames; both are counted.
 //!
-//! A kill loses at most what is in the queue and in the chunk under way ([`FLUSH`]): under a second while the disk keeps up. A power cut loses up to [`SYNC`] more. A disk that fails ends the recording, not the run.
-//! Dropping the recorder waits for the end of its file; a file without a frame is removed.
+//! A killed process loses at most the queue and the current chunk ([`FLUSH`]): under a second while the disk keeps up. A power cut
+//! loses up to [`SYNC`] more. A disk that fails ends the recording, not the run. Dropping the recorder waits for the end of its
+//! file; a file without a frame is removed.
 
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
@@ -25,14 +26,14 @@ use crate::writer::RecordingWriter;
 
 /// Frames that wait for the disk.
 const QUEUE_FRAMES: usize = 40;
-/// Those of them that may have a picture.
+/// How many of them may have a picture.
 const QUEUE_PICTURES: usize = 30;
-/// A chunk is closed and handed to the system this often.
+/// A chunk is closed and passed to the system this often.
 const FLUSH: Duration = Duration::from_millis(500);
-/// The system is asked to bring it to the disk this often.
+/// The file is synced to the disk this often.
 const SYNC: Duration = Duration::from_secs(1);
 
-/// What is in the recording, and what is not.
+/// What was recorded, and what was dropped.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize)]
 pub struct RecordingSummary {
     /// Frames in the file, with or without a picture.
@@ -50,7 +51,7 @@ enum Item {
     Event(f64, Event),
 }
 
-/// A recording under way.
+/// A recording in progress.
 pub struct Recorder {
     path: PathBuf,
     /// There is a file at `path`, not a pipe or a device.
@@ -59,7 +60,7 @@ pub struct Recorder {
     pictures_waiting: Arc<AtomicUsize>,
     thread: Option<JoinHandle<Outcome>>,
     pace: Pace,
-    /// Frames that were handed over, recorded or not.
+    /// Frames passed in, recorded or not.
     offered: u64,
     summary: RecordingSummary,
 }
@@ -69,7 +70,7 @@ pub struct Recorder {
 pub enum Pace {
     /// The loop must not wait: frames are dropped.
     RealTime,
-    /// The loop has all the time there is, and waits.
+    /// The loop may wait.
     AsFastAsPossible,
 }
 
@@ -156,7 +157,7 @@ impl Recorder {
         }
     }
 
-    /// Hands over a frame; in real time it never waits.
+    /// Queues a frame; in real time it never waits.
     pub fn offer(&mut self, mut frame: Frame) {
         self.offered += 1;
         if self.queue.is_none() {
@@ -203,12 +204,12 @@ impl Recorder {
         }
     }
 
-    /// Leaves a line of what happened beside the frames; when there is no room for it, it is not in the recording.
+    /// Queues a log line; it is dropped when there is no room.
     pub fn note(&self, t_s: f64, text: &str) {
         let _ = self.hand_over(Item::Event(t_s, Event::warning(text)));
     }
 
-    /// An event now and then, not for every picture.
+    /// Logs an event occasionally, not for every picture.
     fn note_drops(&self, t_s: f64) {
         let count = self.summary.pictures_dropped;
         if count.is_power_of_two() {
@@ -224,7 +225,7 @@ impl Recorder {
         [self.summary.pictures_dropped, self.summary.frames_dropped]
     }
 
-    /// Writes what waits and closes the file.
+    /// Writes the queue and closes the file.
     #[must_use]
     pub fn finish(mut self) -> RecordingSummary {
         self.end();
@@ -260,7 +261,7 @@ impl Drop for Recorder {
     }
 }
 
-/// Creates a file that was not there, so that no recording is overwritten. Devices and pipes are there already.
+/// Creates a file that was not there, so that no recording is overwritten. Devices and pipes exist already.
 fn create(path: &Path) -> Result<File, RecordingError> {
     if path.is_file() {
         return Err(RecordingError::Exists(path.to_owned()));
@@ -286,7 +287,7 @@ fn wall_ns() -> u64 {
     since.map_or(0, |since| since.as_nanos() as u64)
 }
 
-/// Brings what was handed to the system to the disk, once every [`SYNC`] and at the end.
+/// Syncs the file to the disk, once every [`SYNC`] and at the end.
 fn sync_until(stopped: &Receiver<()>, file: &File) {
     // What cannot be synced (a pipe, a device) is no worse for it; writing tells of full disks.
     while stopped.recv_timeout(SYNC) == Err(RecvTimeoutError::Timeout) {
@@ -295,7 +296,7 @@ fn sync_until(stopped: &Receiver<()>, file: &File) {
     let _ = file.sync_data();
 }
 
-/// Until the queue's other end is gone; then the file is finished.
+/// Runs until the queue's other end is gone; then finishes the file.
 fn record<W: Write>(
     writer: &mut RecordingWriter<W>,
     queue: &Receiver<Item>,
@@ -327,8 +328,8 @@ fn record<W: Write>(
 mod tests {
     use std::sync::Mutex;
 
-    use gripline_protocol::ForceMap;
     use gripline_protocol::message::{FingertipGeometry, GripMode, Status};
+    use gripline_protocol::{ForceMap, SensorId};
 
     use super::*;
     use crate::reader::{Completeness, Reader};
@@ -339,7 +340,7 @@ mod tests {
     fn frame(number: u64) -> Frame {
         let report = FrameReport {
             frame: number,
-            sensor: 0,
+            sensor: SensorId::FIRST,
             t_s: number as f64 / 60.0,
             gate: "network",
             health: Vec::new(),
@@ -349,7 +350,11 @@ mod tests {
             shear_n: 0.0,
             moment_nmm: 0.0,
             centre_of_pressure_mm: None,
-            load: Load::of(&Status::default().sums, 0, &FingertipGeometry::DEFAULT),
+            load: Load::of(
+                &Status::default().sums,
+                SensorId::FIRST,
+                &FingertipGeometry::DEFAULT,
+            ),
             contact: 0,
             stick: 0,
             stick_ratio: None,
@@ -469,7 +474,7 @@ mod tests {
         assert_eq!(reader.completeness(), Completeness::Whole);
     }
 
-    /// A disk with so many bytes left.
+    /// A disk with this many bytes left.
     struct Small(usize);
 
     impl Write for Small {

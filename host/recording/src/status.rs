@@ -1,28 +1,28 @@
 //! A frame's report and the device's status, as the JSON messages of `/status` and back. Pure.
 
-use gripline_protocol::ForceMap;
 use gripline_protocol::message::{GripMode, Status};
+use gripline_protocol::{ForceMap, SensorId};
 use serde::{Deserialize, Serialize};
 
 use crate::image::Image;
 use crate::telemetry::FrameReport;
 
-/// One frame, as it is handed to the recorder.
+/// One frame for the recorder.
 #[derive(Debug, Clone)]
 pub struct Frame {
-    /// What the view and `--json` got.
+    /// The report of the view and `--json`.
     pub report: FrameReport,
     /// Number of the map.
     pub sequence: u32,
-    /// Capture time that travelled with the map.
+    /// Capture time sent with the map.
     pub capture_us: u32,
-    /// When the turn began, on the link's clock.
+    /// When the frame began, on the link's clock.
     pub begun_us: u32,
     /// The link worked until then, after frame 0.
     pub until_us: u64,
-    /// What was asked of the gripper; `None`: nothing.
+    /// The requested mode of the gripper; `None`: nothing was requested.
     pub requested_mode: Option<GripMode>,
-    /// Least force while holding, 1/4096 N.
+    /// Minimum force while holding, 1/4096 N.
     pub floor_lsb: i32,
     /// [`gripline_protocol::Health`] of the map.
     pub health_bits: u8,
@@ -30,9 +30,9 @@ pub struct Frame {
     pub motion_bits: u8,
     /// The microcontroller's newest status.
     pub wire: Status,
-    /// The map as it travelled.
+    /// The map in the wire's units.
     pub map: Box<ForceMap>,
-    /// The picture, as much of it as is to be recorded.
+    /// The picture in the recorded size.
     pub picture: Option<Image>,
 }
 
@@ -44,7 +44,6 @@ struct StatusOut<'a> {
     capture_us: u32,
     begun_us: u32,
     until_us: u64,
-    #[serde(rename = "wish")]
     requested_mode: Option<GripMode>,
     floor_lsb: i32,
     health_bits: u8,
@@ -57,14 +56,14 @@ struct StatusOut<'a> {
 pub struct RecordedStatus {
     /// Number of the frame, from 0.
     pub frame: u64,
-    /// Fingertip, from 0; recordings older than the second fingertip have none.
+    /// Fingertip; recordings older than the second fingertip have none.
     #[serde(default)]
-    pub sensor: u8,
+    pub sensor: SensorId,
     /// Time of the picture since start.
     pub t_s: f64,
     /// What the scene gate decided.
     pub gate: String,
-    /// What is known against the picture.
+    /// Doubts about the picture.
     pub health: Vec<String>,
     /// F_N.
     #[serde(rename = "fn")]
@@ -106,21 +105,21 @@ pub struct RecordedStatus {
     /// Where the frame was dropped as late; older recordings have none.
     #[serde(default)]
     pub late: Option<String>,
-    /// What the simulated world knew.
+    /// The simulated world's truth.
     pub truth: Option<RecordedTruth>,
     /// Number of the map.
     pub sequence: u32,
     /// When the picture was taken, on the link's clock.
     pub capture_us: u32,
-    /// When the turn began; older recordings have none, and their pictures count as captured then.
+    /// When the frame began; older recordings have none, and their pictures count as captured then.
     #[serde(default)]
     pub begun_us: Option<u32>,
     /// Time up to which the link worked for this frame, after frame 0.
     pub until_us: u64,
-    /// What was asked of the gripper; `None`: nothing.
-    #[serde(rename = "wish")]
+    /// The requested mode of the gripper; `None`: nothing was requested.
+    #[serde(alias = "wish")] // recordings made before
     pub requested_mode: Option<GripMode>,
-    /// Least force while holding, 1/4096 N; older recordings have none, theirs never changes.
+    /// Minimum force while holding, 1/4096 N; older recordings have none, theirs never changes.
     #[serde(default)]
     pub floor_lsb: Option<i32>,
     /// [`gripline_protocol::Health`] of the map, as bits.
@@ -183,7 +182,7 @@ const STATUS_KEYS: [(&str, &str); 37] = [
     ("capture_us", "integer"),
     ("begun_us", "integer"),
     ("until_us", "integer"),
-    ("wish", "string"),
+    ("requested_mode", "string"),
     ("floor_lsb", "integer"),
     ("health_bits", "integer"),
     ("motion_bits", "integer"),

@@ -1,11 +1,10 @@
-//! What the pipeline says about every frame, for the view, for `--json` and for the summary.
-//! Units in the names; forces in newtons, moments in newton-millimetres about the map's centre, both in the map's
-//! frame but for `load`.
+//! The pipeline's report of every frame, for the view, for `--json` and for the summary. Units in the names; forces in newtons,
+//! moments in newton-millimetres about the map's centre, both in the map's frame except for `load`.
 
 use std::borrow::Cow;
 
-use gripline_protocol::Health;
 use gripline_protocol::message::{Configuration, Witnesses};
+use gripline_protocol::{Health, SensorId};
 use serde::Serialize;
 
 use crate::units::{Load, newtons, ratio};
@@ -13,32 +12,32 @@ use crate::units::{Load, newtons, ratio};
 /// Names of the stages in the order in which a frame passes them.
 pub const STAGES: [&str; 6] = ["decode", "downsample", "gate", "network", "encode", "link"];
 
-/// What each of [`STAGES`] may take, µs; a stage that takes longer is counted as late. Decoding is that of a noisy MJPEG frame of
+/// Deadline of each of [`STAGES`], µs; a stage that takes longer is counted as late. Decoding is that of a noisy MJPEG frame of
 /// quality 95, in the camera's own thread. The others are the loop's: together 3.1 ms of the 4 ms that it has.
 pub const DEADLINES_US: [f64; STAGES.len()] = [2_000.0, 150.0, 150.0, 2_400.0, 100.0, 300.0];
 
 /// The host's own fault that this frame was late and dropped.
 pub const LATE: &str = "LATE FRAME";
 
-/// The host's own faults, beside those of the microcontroller: its device is away.
+/// The host's own faults, besides those of the microcontroller: the device is not connected.
 pub const NO_DEVICE: &str = "NO DEVICE";
-/// It is there or not, but what it last said is old: state and line are not known.
+/// The last status is old: state and line are unknown.
 pub const NO_STATUS: &str = "NO STATUS";
 /// Older than this, µs: ten statuses a second come, whatever happens.
 pub const STATUS_OLD_US: u64 = 250_000;
 
-/// One frame, as far as the microcontroller has answered it.
+/// One frame, with the microcontroller's newest answer.
 #[derive(Debug, Clone, Serialize)]
 pub struct FrameReport {
     /// Number of the frame, from 0; with two fingertips a frame is a picture of either.
     pub frame: u64,
-    /// The fingertip that the picture is of, from 0. State, line and faults are the gripper's.
-    pub sensor: u8,
+    /// The fingertip that the picture is of. State, line and faults are the gripper's.
+    pub sensor: SensorId,
     /// Time of the picture since start.
     pub t_s: f64,
     /// What the scene gate decided, in snake case.
     pub gate: &'static str,
-    /// What is known against the picture; empty when nothing is.
+    /// Doubts about the picture; empty if there are none.
     pub health: Vec<&'static str>,
     /// Total normal force, as summed by the microcontroller.
     #[serde(rename = "fn")]

@@ -4,7 +4,7 @@
 use gripline_protocol::message::{FingertipGeometry, MapSums};
 use serde::Serialize;
 
-use gripline_protocol::{LSB_PER_NEWTON, PER_UNIT};
+use gripline_protocol::{LSB_PER_NEWTON, PER_UNIT, SensorId};
 
 /// 1/4096 N to newtons, exact.
 #[must_use]
@@ -42,7 +42,7 @@ pub fn moment_nmm(sums: &MapSums, pitch_mm: f64) -> f64 {
 pub fn centre_of_pressure_mm(sums: &MapSums, pitch_mm: f64) -> Option<[f64; 2]> {
     let normal = f64::from(sums.force[2]);
     (normal > 0.0).then(|| {
-        sums.pressure
+        sums.first_moment
             .map(|moment| f64::from(moment) / normal * (pitch_mm / 2.0))
     })
 }
@@ -67,13 +67,13 @@ pub struct Load {
 impl Load {
     /// What the sums of fingertip `sensor`'s map mean with this geometry.
     #[must_use]
-    pub fn of(sums: &MapSums, sensor: u8, geometry: &FingertipGeometry) -> Self {
+    pub fn of(sums: &MapSums, sensor: SensorId, geometry: &FingertipGeometry) -> Self {
+        // The second fingertip faces the first: what is right for one is left for the other.
+        let side = if sensor == SensorId::FIRST { 1.0 } else { -1.0 };
         let turned = |vector: [f64; 2]| {
             let [x, y] = (0..geometry.quarter_turns % 4).fold(vector, |[x, y], _| [-y, x]);
-            // The second fingertip faces the first: what is right for one is left for the other.
-            if sensor == 0 { [x, y] } else { [-x, y] }
+            [side * x, y]
         };
-        let side = if sensor == 0 { 1.0 } else { -1.0 };
         let pitch_mm = millimetres(geometry.pitch_um);
         let [cx, cy] = geometry.centre_um.map(millimetres);
         let [x, y, z] = force_n(sums);
@@ -156,7 +156,10 @@ mod tests {
             moment_nmm: moment_nmm(&sums, TAXEL_PITCH_MM),
             centre_of_pressure_mm: centre_of_pressure_mm(&sums, TAXEL_PITCH_MM),
         };
-        assert_eq!(Load::of(&sums, 0, &FingertipGeometry::DEFAULT), expected);
+        assert_eq!(
+            Load::of(&sums, SensorId::FIRST, &FingertipGeometry::DEFAULT),
+            expected
+        );
     }
 
     #[test]
@@ -167,7 +170,7 @@ mod tests {
             quarter_turns: 1,
             ..FingertipGeometry::DEFAULT
         };
-        let [x, y, z] = Load::of(&sums(&map), 0, &turned).force_n;
+        let [x, y, z] = Load::of(&sums(&map), SensorId::FIRST, &turned).force_n;
         assert!(x.abs() < 1e-12 && (y - 1.0).abs() < 1e-12 && z.abs() < 1e-12);
     }
 
@@ -176,7 +179,7 @@ mod tests {
         /// tell the same of it: force, moment about the axis and place, against the definition r × f.
         #[test]
         fn whatever_its_geometry_a_fingertip_tells_the_load_that_is_there(
-            sensor in 0_u8..2,
+            is_second: bool,
             column in 0..SIDE,
             row in 0..SIDE,
             force in prop::array::uniform3(-5_000_i16..5_000),
@@ -188,10 +191,11 @@ mod tests {
             let mut map = ForceMap::EMPTY;
             let [x, y, z] = force.map(|part| part.max(1));
             map.taxels[row * SIDE + column] = TaxelForce { x, y, z };
+            let sensor = SensorId::ALL[usize::from(is_second)];
             let load = Load::of(&sums(&map), sensor, &geometry);
             // The axes of the map in the gripper's frame, by their angles.
             let angle = f64::from(quarter_turns) * std::f64::consts::FRAC_PI_2;
-            let mirror = if sensor == 0 { 1.0 } else { -1.0 };
+            let mirror = if is_second { -1.0 } else { 1.0 };
             let axes = [
                 [mirror * angle.cos(), angle.sin()],
                 [-mirror * angle.sin(), angle.cos()],

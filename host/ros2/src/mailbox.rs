@@ -27,7 +27,7 @@ impl Mailbox {
         let Ok(mut waiting) = self.waiting.try_lock() else {
             return;
         };
-        let place = usize::from(sample.report.sensor) % SENSORS;
+        let place = sample.report.sensor.index();
         let older = waiting.newest[place].replace(sample);
         drop(waiting);
         self.news.notify_one();

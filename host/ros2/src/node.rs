@@ -1,5 +1,6 @@
 //! The node: joins a domain, offers topics and services, and hands frames to the publishing thread.
 
+use gripline_protocol::SensorId;
 use std::net::Ipv4Addr;
 use std::sync::Arc;
 use std::thread::{self, JoinHandle};
@@ -69,20 +70,23 @@ impl Ros2Node {
         let mut node = context
             .new_node(name, options)
             .map_err(Ros2Error::of("node", NODE))?;
-        let fingertips = (0..settings.fingertips).map(|fingertip| {
-            let name = |topic: &str| namespace.fingertip_topic(fingertip, topic);
-            let sensor = sensor_data();
-            Ok(FingertipTopics {
-                wrench: topic(
-                    &mut node,
-                    &name("wrench"),
-                    ("geometry_msgs", "WrenchStamped"),
-                    &sensor,
-                )?,
-                force_map: topic(&mut node, &name("force_map"), ("sensor_msgs", "Image"), &sensor)?,
-                slip: topic(&mut node, &name("slip"), ("gripline_msgs", "Slip"), &sensor)?,
-            })
-        });
+        let fingertips = SensorId::ALL
+            .into_iter()
+            .take(settings.fingertips.into())
+            .map(|fingertip| {
+                let name = |topic: &str| namespace.fingertip_topic(fingertip, topic);
+                let sensor = sensor_data();
+                Ok(FingertipTopics {
+                    wrench: topic(
+                        &mut node,
+                        &name("wrench"),
+                        ("geometry_msgs", "WrenchStamped"),
+                        &sensor,
+                    )?,
+                    force_map: topic(&mut node, &name("force_map"), ("sensor_msgs", "Image"), &sensor)?,
+                    slip: topic(&mut node, &name("slip"), ("gripline_msgs", "Slip"), &sensor)?,
+                })
+            });
         let fingertips = fingertips.collect::<Result<Vec<_>, Ros2Error>>()?;
         let array = ("diagnostic_msgs", "DiagnosticArray");
         let diagnostics = topic(&mut node, "/diagnostics", array, &state())?;

@@ -71,7 +71,7 @@ impl Publisher {
 
     /// Sensor data: who misses one gets the next.
     fn frame(&mut self, sample: &Sample) {
-        let place = usize::from(sample.report.sensor);
+        let place = sample.report.sensor.index();
         let Some(topics) = self.fingertips.get(place) else {
             return;
         };

@@ -8,7 +8,7 @@ use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
 use gripline_control::{Action, Answer, Client, Inbox, Outcome, Request, Why, channel};
-use gripline_protocol::{ForceMap, TaxelForce};
+use gripline_protocol::{ForceMap, SensorId, TaxelForce};
 use gripline_recording::ros2::{Namespace, Range, Rmw, Sample};
 use gripline_recording::telemetry::{FrameReport, STAGES, WitnessReport};
 use gripline_recording::units::Load;
@@ -48,7 +48,7 @@ fn settings(namespace: &Namespace, domain: u16) -> Settings {
     }
 }
 
-fn sample(fingertip: u8, frame: u64) -> Sample {
+fn sample(fingertip: SensorId, frame: u64) -> Sample {
     let mut map = Box::new(ForceMap::EMPTY);
     map.taxels[3 * 20 + 12] = TaxelForce {
         x: 4_096,
@@ -89,7 +89,7 @@ fn sample(fingertip: u8, frame: u64) -> Sample {
                 motion: 0.0625,
             },
             time_to_slip_ms: Some(120),
-            line_n: 6.5 + f64::from(fingertip),
+            line_n: 6.5 + f64::from(fingertip.number()),
             latency_us: 900.0,
             stages_us: [0.0; STAGES.len()],
             faults: vec!["LINE AT CEILING", "MAPS LOST"],
@@ -118,7 +118,7 @@ impl Loop {
             let owner: Client = "somebody".parse().unwrap();
             let mut frame = 0;
             while !its_over.load(Ordering::Relaxed) {
-                for fingertip in 0..2 {
+                for fingertip in SensorId::ALL {
                     node.publish(sample(fingertip, frame));
                 }
                 frame += 1;
@@ -174,7 +174,8 @@ fn started(settings: &Settings) -> Loop {
 fn another_dds_reads_every_value_and_the_time_of_capture() {
     let name = namespace("one");
     let _running = started(&settings(&name, 61));
-    let topics = ["wrench", "force_map", "slip"].map(|kind| json!([kind, name.fingertip_topic(1, kind)]));
+    let topics = ["wrench", "force_map", "slip"]
+        .map(|kind| json!([kind, name.fingertip_topic(SensorId::SECOND, kind)]));
     let read = peer(&json!({"job": "read", "domain": 61, "topics": topics, "count": 5}));
     let [wrenches, maps, slips] = [0, 1, 2].map(|place| read["found"][place].as_array().unwrap().clone());
     // The topics were found one after the other: a frame of which all three came.
@@ -186,7 +187,10 @@ fn another_dds_reads_every_value_and_the_time_of_capture() {
     let frame = (wrench["header"]["stamp"]["nanosec"].as_u64().unwrap()
         + 1_000_000_000 * (wrench["header"]["stamp"]["sec"].as_u64().unwrap() - 1_700_000_000))
         / 16_000_000;
-    assert_eq!(wrench["header"]["frame_id"], json!(name.frame_id(1)));
+    assert_eq!(
+        wrench["header"]["frame_id"],
+        json!(name.frame_id(SensorId::SECOND))
+    );
     for (vector, expected) in [("force", [1.0, -0.5, -2.0]), ("torque", [0.0208, 0.008, 0.0084])] {
         for (axis, expected) in ["x", "y", "z"].into_iter().zip(expected) {
             let found = wrench["wrench"][vector][axis].as_f64().unwrap();
@@ -299,17 +303,19 @@ fn two_grippers_in_two_namespaces_keep_their_topics_apart() {
     let _running = names.each_ref().map(|name| started(&settings(name, 63)));
     let topics: Vec<_> = names
         .iter()
-        .flat_map(|name| [0, 1].map(|fingertip| json!(["slip", name.fingertip_topic(fingertip, "slip")])))
+        .flat_map(|name| {
+            SensorId::ALL.map(|fingertip| json!(["slip", name.fingertip_topic(fingertip, "slip")]))
+        })
         .collect();
     let read = peer(&json!({"job": "read", "domain": 63, "topics": topics, "count": 3}));
     for (place, (name, fingertip)) in names
         .iter()
-        .flat_map(|name| [(name, 0_u8), (name, 1)])
+        .flat_map(|name| SensorId::ALL.map(|fingertip| (name, fingertip)))
         .enumerate()
     {
         for slip in read["found"][place].as_array().unwrap() {
             assert_eq!(slip["header"]["frame_id"], json!(name.frame_id(fingertip)));
-            assert_eq!(slip["line"], json!(6.5 + f64::from(fingertip)));
+            assert_eq!(slip["line"], json!(6.5 + f64::from(fingertip.number())));
         }
     }
 }
@@ -435,7 +441,7 @@ fn what_is_no_request_moves_nothing_and_stops_nothing() {
         let answers = peer(&json!({"job": "call", "domain": domain, "mapping": mapping, "calls": [call]}));
         assert_eq!(answers[0]["done"], json!(true));
         assert_eq!(running.asked().len(), 1);
-        let topics = json!([["slip", name.fingertip_topic(0, "slip")]]);
+        let topics = json!([["slip", name.fingertip_topic(SensorId::FIRST, "slip")]]);
         peer(&json!({"job": "read", "domain": domain, "topics": topics, "count": 2}));
         println!("{rmw}: {sent} pieces of garbage in {seconds} s");
     }

@@ -57,17 +57,17 @@ impl Sensor {
         Some(self.in_pixels(pitch_mm))
     }
 
-    /// Least and most diameter of a marker in the crop, pixels, over all zooms.
+    /// Minimum and maximum diameter of a marker in the crop, pixels, over all zooms.
     #[must_use]
     pub fn diameter_px(&self) -> [f64; 2] {
         self.in_pixels(self.markers.diameter_mm)
     }
 
-    fn in_pixels(&self, [least_mm, most_mm]: [f64; 2]) -> [f64; 2] {
+    fn in_pixels(&self, [min_mm, max_mm]: [f64; 2]) -> [f64; 2] {
         let [x, y] = self.px_per_mm();
         [
-            least_mm * x.min(y) * self.view.zoom[0],
-            most_mm * x.max(y) * self.view.zoom[1],
+            min_mm * x.min(y) * self.view.zoom[0],
+            max_mm * x.max(y) * self.view.zoom[1],
         ]
     }
 }
@@ -156,7 +156,7 @@ pub struct Markers {
     pub polarity: Polarity,
     /// Least and most distance of neighbours in the printed grid, mm; `None` for particles.
     pub pitch_mm: Option<[f64; 2]>,
-    /// Least and most diameter, mm.
+    /// Minimum and maximum diameter, mm.
     pub diameter_mm: [f64; 2],
     /// Least and most depth under the surface, mm.
     pub depth_mm: [f64; 2],

@@ -324,7 +324,7 @@ mod tests {
     fn a_step_by_load_ends_with_that_load_and_one_beyond_friction_is_refused() {
         let mut world = world(
             "[[path]]\nname = \"press\"\nseconds = 0.2\npress_n = 2.0\n\
-             [[path]]\nname = \"pull\"\nseconds = 0.4\npull_n = [0.5, -0.3]\ntwist_nmm = 0.4\n\
+             [[path]]\nname = \"pull\"\nseconds = 0.4\npull_n = [0.5, -0.3]\nmoment_nmm = 0.4\n\
              [[path]]\nname = \"let go\"\nseconds = 0.2\npull_n = [0, 0]\n\
              [[path]]\nname = \"too much\"\nseconds = 0.2\npull_n = [3, 0]\n",
         );

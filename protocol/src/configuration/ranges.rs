@@ -17,10 +17,10 @@ pub struct OutOfRange {
     pub field: u8,
     /// The value found, in the field's unit.
     pub found: i32,
-    /// Least value allowed.
-    pub least: i32,
-    /// Greatest value allowed.
-    pub most: i32,
+    /// Minimum value allowed.
+    pub min: i32,
+    /// Maximum value allowed.
+    pub max: i32,
 }
 
 impl fmt::Display for OutOfRange {
@@ -32,7 +32,7 @@ impl fmt::Display for OutOfRange {
         write!(
             f,
             "{name}: found {}, expected {} to {}",
-            self.found, self.least, self.most
+            self.found, self.min, self.max
         )
     }
 }
@@ -47,7 +47,7 @@ mod at {
     pub(super) const INCIPIENT_THRESHOLD: usize = 6;
     pub(super) const FLOOR: usize = 10;
     pub(super) const CEILING: usize = 11;
-    pub(super) const TIGHTEN: usize = 12;
+    pub(super) const FAIL_SAFE: usize = 12;
     pub(super) const REFLEX_TARGET: usize = 13;
     pub(super) const REFLEX_RATE: usize = 14;
     pub(super) const LINK_LOST_MS: usize = 20;
@@ -63,7 +63,7 @@ const PART: (i32, i32) = (0, PER_UNIT as i32);
 /// Limits of a fingertip: a taxel is 0.1 to 10 mm wide, the centre lies anywhere, four quarter turns are none.
 const FINGERTIP: [(i32, i32); FINGERTIP_VALUES] = [(100, 10_000), I16, I16, (0, 3)];
 
-/// (least, most) of every value by itself.
+/// (min, max) of every value by itself.
 static LIMITS: [(i32, i32); CONFIGURATION_VALUES] = {
     let mut limits = [(0, 0); CONFIGURATION_VALUES];
     let control: [(i32, i32); CONTROL_VALUES] = [
@@ -109,7 +109,7 @@ impl Configuration {
         let control: [&str; CONTROL_VALUES] = [
             "sensors",
             "friction",
-            "friction_most",
+            "friction_max",
             "contact_min",
             "slip_threshold",
             "slip_leave",
@@ -119,7 +119,7 @@ impl Configuration {
             "margin",
             "floor",
             "ceiling",
-            "tighten",
+            "fail_safe",
             "reflex_target",
             "reflex_rate",
             "rise_rate",
@@ -176,18 +176,18 @@ impl Configuration {
         limits[at::SLIP_LEAVE].0 = threshold;
         limits[at::INCIPIENT_THRESHOLD].0 = threshold;
         limits[at::REFLEX_TARGET].0 = threshold;
-        let [least, most] = self.line.force_range();
+        let [line_min, line_max] = self.line.force_range();
         // A gripper that cannot grip as gently as the floor would squeeze more than was decided, and one that cannot
         // reach the ceiling less.
-        limits[at::FLOOR] = (least, self.ceiling);
-        limits[at::CEILING].1 = most.min(in_force.force_range()[1]).clamp(1, FORCE_MAX);
-        limits[at::TIGHTEN] = (self.floor, self.ceiling);
+        limits[at::FLOOR] = (line_min, self.ceiling);
+        limits[at::CEILING].1 = line_max.min(in_force.force_range()[1]).clamp(1, FORCE_MAX);
+        limits[at::FAIL_SAFE] = (self.floor, self.ceiling);
         // A reflex faster than the line may rise would run ahead of it.
         limits[at::REFLEX_RATE].1 = self.rise_rate.into();
-        // Who is lost has been silent for longer than stale.
+        // A lost link has been silent for longer than stale maps.
         limits[at::LINK_LOST_MS].0 = self.stale_ms.into();
-        for (limit, (_, least, most)) in limits[at::LINE..].iter_mut().zip(self.line.ranges(FORCE_MAX)) {
-            *limit = (least, most);
+        for (limit, (_, min, max)) in limits[at::LINE..].iter_mut().zip(self.line.ranges(FORCE_MAX)) {
+            *limit = (min, max);
         }
         if usize::from(self.sensors) == SENSORS {
             let [one, other] = &self.fingertips;
@@ -199,13 +199,13 @@ impl Configuration {
                 *limit = ((centre - reach).max(limit.0), (centre + reach).min(limit.1));
             }
         }
-        for (field, (found, (least, most))) in self.values().into_iter().zip(limits).enumerate() {
-            if found < least || found > most {
+        for (field, (found, (min, max))) in self.values().into_iter().zip(limits).enumerate() {
+            if found < min || found > max {
                 return Err(OutOfRange {
                     field: field as u8,
                     found,
-                    least,
-                    most,
+                    min,
+                    max,
                 });
             }
         }
@@ -264,7 +264,7 @@ mod tests {
         let mut settings = Configuration::DEFAULT;
         settings.sensors = 2;
         settings.contact_min = -7;
-        settings.tighten = i32::MIN;
+        settings.fail_safe = i32::MIN;
         settings.link_lost_ms = u16::MAX;
         settings.line.kind = LineKind::Robotiq2f140;
         settings.line.points[2].code = 1_777;
@@ -277,7 +277,7 @@ mod tests {
         for (place, name) in Configuration::FIELDS.iter().enumerate() {
             let mut values = settings.values();
             values[place] = 1 << 20;
-            let fits = name.contains("force") || ["floor", "ceiling", "tighten"].contains(name);
+            let fits = name.contains("force") || ["floor", "ceiling", "fail_safe"].contains(name);
             assert_eq!(Configuration::from_values(&values).is_some(), fits, "{name}");
         }
     }
@@ -343,8 +343,8 @@ mod tests {
                 "fingertips[1].centre_um[1]: found -24000, expected -23999 to 23999",
             ),
             (
-                refusal(|s| s.tighten = s.floor - 1),
-                "tighten: found 4095, expected 4096 to 122880",
+                refusal(|s| s.fail_safe = s.floor - 1),
+                "fail_safe: found 4095, expected 4096 to 122880",
             ),
             (
                 refusal(|s| s.reflex_rate = s.rise_rate + 1),

@@ -51,7 +51,7 @@ pub struct Configuration {
     pub friction: u16,
     /// Upper limit of the friction that the estimator may learn from a contact, 1/10000. The grip follows the learnt
     /// friction instead of the detector's. At or below `friction` nothing is learnt.
-    pub friction_most: u16,
+    pub friction_max: u16,
     /// A taxel is in contact when its normal force exceeds this, 1/4096 N.
     pub contact_min: i16,
     /// Stick ratio below which the state is SLIP, 1/10000.
@@ -71,7 +71,7 @@ pub struct Configuration {
     /// Maximum grip force, 1/4096 N.
     pub ceiling: i32,
     /// Fail-safe force: grip force after a lost host, unless it is higher already, 1/4096 N.
-    pub tighten: i32,
+    pub fail_safe: i32,
     /// The reflex keeps the stick ratio above this, 1/10000.
     pub reflex_target: u16,
     /// How fast the reflex adds grip when nothing sticks, 1/4096 N per ms; 0: no reflex.
@@ -105,7 +105,7 @@ pub const FORCE_MAX: i32 = newtons(125);
 impl Configuration {
     /// The paper's detector (μ 0.45, threshold 0.5), and a grip that learns the object's friction from what it carries.
     pub const DEFAULT: Self = Self {
-        friction_most: 10_000,
+        friction_max: 10_000,
         margin: 3_000,
         reflex_rate: 0,
         relax_rate: 12 * 4_096, // 12 N/s
@@ -117,7 +117,7 @@ impl Configuration {
     pub const CAREFUL: Self = Self {
         sensors: 1,
         friction: 4_500,
-        friction_most: 0,
+        friction_max: 0,
         contact_min: 0,
         slip_threshold: 5_000,
         slip_leave: 6_000,
@@ -127,7 +127,7 @@ impl Configuration {
         margin: 4_000,
         floor: newtons(1),
         ceiling: newtons(30),
-        tighten: newtons(10),
+        fail_safe: newtons(10),
         reflex_target: 5_500,
         reflex_rate: 164,  // 40 N/s
         rise_rate: 410,    // 100 N/s
@@ -146,7 +146,7 @@ impl Configuration {
         let Self {
             sensors,
             friction,
-            friction_most,
+            friction_max,
             contact_min,
             slip_threshold,
             slip_leave,
@@ -156,7 +156,7 @@ impl Configuration {
             margin,
             floor,
             ceiling,
-            tighten,
+            fail_safe,
             reflex_target,
             reflex_rate,
             rise_rate,
@@ -170,7 +170,7 @@ impl Configuration {
         } = other;
         self.sensors = *sensors;
         self.friction = *friction;
-        self.friction_most = *friction_most;
+        self.friction_max = *friction_max;
         self.contact_min = *contact_min;
         self.slip_threshold = *slip_threshold;
         self.slip_leave = *slip_leave;
@@ -180,7 +180,7 @@ impl Configuration {
         self.margin = *margin;
         self.floor = *floor;
         self.ceiling = *ceiling;
-        self.tighten = *tighten;
+        self.fail_safe = *fail_safe;
         self.reflex_target = *reflex_target;
         self.reflex_rate = *reflex_rate;
         self.rise_rate = *rise_rate;
@@ -196,7 +196,7 @@ impl Configuration {
     /// Whether the grip follows the friction that a contact has proven.
     #[must_use]
     pub const fn learns(&self) -> bool {
-        self.friction_most > self.friction
+        self.friction_max > self.friction
     }
 }
 

@@ -4,6 +4,7 @@ use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
 use crate::configuration::{Configuration, OutOfRange};
+use crate::sensor_id::SensorId;
 
 /// A message of the microcontroller.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
@@ -132,9 +133,11 @@ pub struct MapSums {
     /// Moment about z at the map's centre, Σ(x fy − y fx), in 1/4096 N × half a taxel pitch.
     pub moment: i32,
     /// First moment of pressure: Σ x fz and Σ y fz, in 1/4096 N × half a taxel pitch. Over Σ fz it is the centre of pressure.
-    pub pressure: [i32; 2],
+    #[serde(alias = "pressure")] // recordings made before
+    pub first_moment: [i32; 2],
     /// Second moment of pressure: Σ (x² + y²)/2 fz about the map's centre, in 1/4096 N × half a taxel pitch squared.
-    pub spread: i32,
+    #[serde(alias = "spread")] // recordings made before
+    pub second_moment: i32,
 }
 
 /// Places in [`Status::worst_cycles`].
@@ -161,7 +164,7 @@ pub struct Status {
     /// Milliseconds since start; wraps after 49 days.
     pub uptime_ms: u32,
     /// Sensor of the last accepted map.
-    pub sensor: u8,
+    pub sensor: SensorId,
     /// Sequence number of the last accepted map.
     pub sequence: u32,
     /// The sums of that map.

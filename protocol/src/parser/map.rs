@@ -2,12 +2,13 @@
 
 use super::event::Forces;
 use crate::constants::{
-    BITMAP_BYTES, CRC_BYTES, PACKET_HEADER, PACKET_MAX, SENSORS, TAXEL_BYTES, TAXELS, TAXELS_PER_PACKET,
+    BITMAP_BYTES, CRC_BYTES, PACKET_HEADER, PACKET_MAX, TAXEL_BYTES, TAXELS, TAXELS_PER_PACKET,
 };
 use crate::crc::RunningCrc;
 use crate::force_map::{ActiveSet, Listed, Place};
 use crate::map_codec::{Head, MapInfo};
 use crate::packet::{Header, PacketError, wrong_length};
+use crate::sensor_id::SensorId;
 
 /// The receiving end of one link for maps alone.
 #[derive(Debug)]
@@ -197,16 +198,14 @@ impl MapParser {
         let (header, payload) = Header::split(packet)?;
         let payload = payload.try_into().map_err(|_| wrong_length(packet, PACKET_MAX))?;
         let abandoned = self.map.take().is_some();
-        if usize::from(header.owner) >= SENSORS {
-            return Err(PacketError::Sensor { found: header.owner });
-        }
+        let sensor = SensorId::try_from(header.owner).map_err(PacketError::Sensor)?;
         if header.index != 0 {
             return Err(PacketError::Order {
                 found: header.index,
                 expected: 0,
             });
         }
-        let head = Head::from_payload(header, payload).ok_or(PacketError::Contents)?;
+        let head = Head::from_payload((header, sensor), payload).ok_or(PacketError::Contents)?;
         let mut crc = RunningCrc::new();
         crc.update(packet);
         self.map = Some(MapInProgress {
@@ -229,7 +228,7 @@ impl MapParser {
             return Err(PacketError::Order { found, expected: 0 });
         };
         let expected = map.next_index;
-        let same_map = header.owner == map.info.sensor && header.sequence == map.info.sequence as u8;
+        let same_map = header.owner == map.info.sensor.number() && header.sequence == map.info.sequence as u8;
         if !same_map
             || found != expected
             || !map.listed.is_done()

@@ -175,7 +175,7 @@ pub(crate) struct Row {
     pub(crate) flips: usize,
     /// From the chain's first SLIP to the object's first sliding as a whole, ms; none where one of them never came.
     pub(crate) lead_ms: Option<f64>,
-    /// Frames decided otherwise than without any skipping: decision, state.
+    /// Frames decided differently than without any skipping: decision, state.
     pub(crate) changed: [usize; 2],
     pub(crate) wire: Wire,
 }

@@ -13,7 +13,7 @@ pub(crate) struct Point {
     pub(crate) label: String,
     pub(crate) time: f64,
     pub(crate) error: f64,
-    /// Somebody else's.
+    /// another's.
     pub(crate) is_peer: bool,
 }
 

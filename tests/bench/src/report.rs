@@ -29,14 +29,14 @@ pub(crate) struct Report {
 pub(crate) struct Measure {
     pub(crate) what: String,
     pub(crate) value: f64,
-    /// At most, or at least.
-    pub(crate) is_most: bool,
+    /// The bound is a maximum, else a minimum.
+    pub(crate) is_upper_bound: bool,
     pub(crate) bound: f64,
 }
 
 impl Measure {
     pub(crate) fn held(&self) -> bool {
-        if self.is_most {
+        if self.is_upper_bound {
             self.value <= self.bound
         } else {
             self.value >= self.bound
@@ -148,7 +148,7 @@ impl Report {
             measures.push(Measure {
                 what,
                 value,
-                is_most: true,
+                is_upper_bound: true,
                 bound: 0.0,
             });
         };
@@ -198,7 +198,7 @@ impl Report {
                             stage.name
                         ),
                         value: ratio,
-                        is_most: false,
+                        is_upper_bound: false,
                         bound: 50.0,
                     });
                 }
@@ -233,7 +233,11 @@ impl Report {
         self.chain_text(&mut text);
         let _ = writeln!(text, "\n== bounds");
         for measure in self.measures() {
-            let sense = if measure.is_most { "at most" } else { "at least" };
+            let sense = if measure.is_upper_bound {
+                "at most"
+            } else {
+                "at least"
+            };
             let held = if measure.held() { "held" } else { "MISSED" };
             let _ = writeln!(
                 text,
@@ -340,7 +344,7 @@ impl Report {
         let measures: Vec<Value> = self
             .measures()
             .iter()
-            .map(|one| json!({"what": one.what, "value": one.value, "sense": if one.is_most { "<=" } else { ">=" }, "bound": one.bound, "held": one.held()}))
+            .map(|one| json!({"what": one.what, "value": one.value, "sense": if one.is_upper_bound { "<=" } else { ">=" }, "bound": one.bound, "held": one.held()}))
             .collect();
         let stages: Vec<Value> = self.stages.iter().map(Stage::json).collect();
         json!({"detector": stages, "chain": chain, "measures": measures})

@@ -28,7 +28,7 @@ fn image() -> Vec<u8> {
 fn settings(floor_n: i32) -> Configuration {
     Configuration {
         floor: floor_n * NEWTON,
-        tighten: floor_n * NEWTON,
+        fail_safe: floor_n * NEWTON,
         ceiling: 38 * NEWTON,
         relax_rate: 0,
         line: LineSettings {
@@ -279,7 +279,7 @@ fn a_gripper_on_the_bus_is_activated_grips_rises_survives_a_cut_cable_and_opens(
 fn shipped() -> Configuration {
     Configuration {
         floor: 12 * NEWTON,
-        tighten: 12 * NEWTON,
+        fail_safe: 12 * NEWTON,
         line: LineSettings {
             kind: LineKind::Robotiq2f140,
             ..LineSettings::DEFAULT

@@ -5,7 +5,7 @@ use gripline_firmware::grip::Guard;
 use gripline_firmware::{Device, Fault, GripForce, LinkId, ResetCause, Start};
 use gripline_protocol::configuration::{CONFIGURATION_VALUES, Configuration};
 use gripline_protocol::message::{Command, GripMode, Hello, Message, MessagePackets, Report, Stage, Status};
-use gripline_protocol::{Event, ForceMap, Health, MapInfo, Parser, TaxelForce, encode_map};
+use gripline_protocol::{Event, ForceMap, Health, MapInfo, Parser, SensorId, TaxelForce, encode_map};
 
 /// Steps of one input, and milliseconds that it may let pass.
 const STEPS_MAX: u32 = 60;
@@ -141,7 +141,7 @@ impl Bench {
             _ => input.word(),
         });
         let info = MapInfo {
-            sensor: kind >> 2 & 1,
+            sensor: SensorId::ALL[usize::from(kind >> 2 & 1)],
             sequence: self.sequence,
             capture_us: (self.now_us as u32).wrapping_sub(u32::from(input.byte()) << (kind >> 6 << 3)),
             health: Health::from_bits(if kind & 8 != 0 { input.byte() } else { 0 }),

@@ -2,7 +2,7 @@
 
 use gripline_firmware::{Device, Start};
 use gripline_protocol::message::{Command, Configuration, Hello, Message, MessagePackets, Status};
-use gripline_protocol::{ForceMap, MapInfo, encode_map};
+use gripline_protocol::{ForceMap, MapInfo, SensorId, encode_map};
 
 /// Where its clocks and numbers begin: before a wrap or far from one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -72,8 +72,8 @@ impl Board {
     }
 
     /// What the next map's packets are.
-    pub(crate) fn packets(&mut self, sensor: u8, map: &ForceMap, late_us: u32) -> Vec<Vec<u8>> {
-        let number = &mut self.sequence[usize::from(sensor)];
+    pub(crate) fn packets(&mut self, sensor: SensorId, map: &ForceMap, late_us: u32) -> Vec<Vec<u8>> {
+        let number = &mut self.sequence[sensor.index()];
         let info = MapInfo {
             sensor,
             sequence: *number,
@@ -92,7 +92,7 @@ impl Board {
 
     /// A map comes now.
     pub(crate) fn map(&mut self, map: &ForceMap) -> Status {
-        for packet in self.packets(0, map, 0) {
+        for packet in self.packets(SensorId::FIRST, map, 0) {
             self.packet(&packet);
         }
         self.listen();

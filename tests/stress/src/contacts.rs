@@ -1,5 +1,5 @@
-//! Contacts in closed form: Hertz's pressure with Cattaneo and Mindlin's shear under a pull, and the like under a twist.
-//! Units: newtons, millimetres, radians. Limits: pull and twist are mixed by direction only; as test loads that is enough.
+//! Contacts in closed form: Hertz's pressure with Cattaneo and Mindlin's shear under a pull, and the like under a torsional moment.
+//! Units: newtons, millimetres, radians. Limits: pull and torsional moment are mixed by direction only; as test loads that is enough.
 
 use std::f64::consts::TAU;
 
@@ -24,7 +24,7 @@ pub(crate) struct Contact {
     pub(crate) share: f64,
     /// Of the pull.
     pub(crate) way_rad: f64,
-    /// 0 pulls, 1 twists.
+    /// 0: a pull, 1: a torsional moment.
     pub(crate) torsion_share: f64,
 }
 

@@ -17,9 +17,9 @@ pub struct Sums {
     /// Σ(x fy − y fx).
     pub moment: BigInt,
     /// Σ x fz, Σ y fz.
-    pub pressure: [BigInt; 2],
+    pub first_moment: [BigInt; 2],
     /// Σ (x² + y²)/2 fz.
-    pub spread: BigInt,
+    pub second_moment: BigInt,
 }
 
 fn square(value: impl Into<BigInt>) -> BigInt {
@@ -51,8 +51,8 @@ pub fn map(taxels: &[TaxelForce; TAXELS], friction: u16, contact_min: i16) -> Su
         stick: 0,
         force: [0, 0, 0].map(BigInt::from),
         moment: BigInt::from(0),
-        pressure: [0, 0].map(BigInt::from),
-        spread: BigInt::from(0),
+        first_moment: [0, 0].map(BigInt::from),
+        second_moment: BigInt::from(0),
     };
     for (number, force) in taxels.iter().enumerate() {
         let (contact, stick) = taxel(*force, friction, contact_min);
@@ -61,9 +61,9 @@ pub fn map(taxels: &[TaxelForce; TAXELS], friction: u16, contact_min: i16) -> Su
         let [px, py] = place(number).map(BigInt::from);
         let [x, y, z] = [force.x, force.y, force.z].map(BigInt::from);
         sums.moment += &px * &y - &py * &x;
-        sums.pressure[0] += &px * &z;
-        sums.pressure[1] += &py * &z;
-        sums.spread += (square(px) + square(py)) / 2 * &z;
+        sums.first_moment[0] += &px * &z;
+        sums.first_moment[1] += &py * &z;
+        sums.second_moment += (square(px) + square(py)) / 2 * &z;
         for (sum, part) in sums.force.iter_mut().zip([x, y, z]) {
             *sum += part;
         }

@@ -96,7 +96,7 @@ impl Board {
         board.session.command(Command::Hold).unwrap();
         let held = board.maps(&map(0), 60);
         assert_eq!((held.faults, held.latched), (0, 0));
-        assert!(held.line > SHIPPED.floor && held.line < SHIPPED.tighten);
+        assert!(held.line > SHIPPED.floor && held.line < SHIPPED.fail_safe);
         (board, held)
     }
 
@@ -219,7 +219,7 @@ impl Board {
         *self.session.status().expect("a status came")
     }
 
-    /// Sends a map 60 times a second for so many maps; returns the status after the last.
+    /// Sends a map 60 times a second for this many maps; returns the status after the last.
     pub(crate) fn maps(&mut self, map: &ForceMap, count: u32) -> Status {
         for _ in 0..count {
             self.send(map);

@@ -305,7 +305,10 @@ fn maps_of_150_contacts_are_taken_at_1000_a_second_or_more() {
 fn a_cable_pulled_in_mid_map_tightens_the_grip_and_a_replugged_one_serves_again() {
     let mut board = Board::holding();
     let held = board.maps(&map(0), 40);
-    assert!(held.line < SETTINGS.tighten, "the test would not see it tighten");
+    assert!(
+        held.line < SETTINGS.fail_safe,
+        "the test would not see it tighten"
+    );
     // A dense map takes 2.2 ms on the bus; the cable goes after one.
     board.send(&Mixture::new().map(400));
     board.session.run_until(board.session.now_us() + 1_000).unwrap();
@@ -321,8 +324,8 @@ fn a_cable_pulled_in_mid_map_tightens_the_grip_and_a_replugged_one_serves_again(
     board.session.run_until(board.session.now_us() + 700_000).unwrap();
     assert_eq!(
         board.session.line_code(),
-        Some(DAC_LIVE_ZERO.code(GripForce::from_lsb(SETTINGS.tighten)).0),
-        "LINK LOST: the line rises to the tightening force"
+        Some(DAC_LIVE_ZERO.code(GripForce::from_lsb(SETTINGS.fail_safe)).0),
+        "LINK LOST: the line rises to the fail-safe force"
     );
     let codes: Vec<u16> = board.link().line_writes()[writes..]
         .iter()
@@ -341,7 +344,7 @@ fn a_cable_pulled_in_mid_map_tightens_the_grip_and_a_replugged_one_serves_again(
     assert_eq!(back.faults & (Fault::LinkLost.bit() | Fault::StaleMaps.bit()), 0);
     assert_ne!(back.latched & Fault::LinkLost.bit(), 0, "a person must know");
     assert_eq!(
-        back.line, SETTINGS.tighten,
+        back.line, SETTINGS.fail_safe,
         "and acknowledge before the line may fall"
     );
     assert_eq!(

@@ -55,7 +55,7 @@ fn a_brown_out_while_holding_brings_the_line_back_and_a_person_must_acknowledge(
 #[ignore = "needs the emulator and the image: cargo xtask test"]
 fn a_brown_out_that_damages_the_kept_line_brings_the_fail_safe_force() {
     let (_, _, first) = brown_out(true);
-    assert_eq!(first.code, code(SHIPPED.tighten));
+    assert_eq!(first.code, code(SHIPPED.fail_safe));
 }
 
 #[test]
@@ -364,7 +364,7 @@ const RAISED: [(Fault, Raise); 18] = [
         board.wait_for(1_500, "the restart", |board| {
             board.link().resets() == 1 && board.link().is_configured()
         });
-        // The session meets it anew.
+        // The session meets it again.
         board.maps(&map(0), 30);
     }),
     (Fault::LineAtCeiling, |board| {
@@ -448,7 +448,7 @@ fn every_fault_with_the_settings_as_shipped_does_what_the_table_says() {
             }
             Guard::FailSafe => {
                 let end = board.wait(300_000);
-                assert!(end.line >= SHIPPED.tighten, "{name}: not tightened");
+                assert!(end.line >= SHIPPED.fail_safe, "{name}: not tightened");
                 assert!(board.codes_since(writes).is_sorted(), "{name}: the line fell");
             }
         }

@@ -303,7 +303,7 @@ struct Judge {
 const DEMANDS: [&str; 6] = [
     "never above the ceiling",
     "a fault that holds: no fall",
-    "a lost link: at least the tightening force",
+    "a lost link: at least the fail-safe force",
     "holding: at least the floor",
     "holding: what friction needs for the maps of the last third of a second",
     "falling: no faster than the plan or a release allow",
@@ -403,11 +403,11 @@ impl Judge {
                 }
             }
             if let Some(us) = self.link_latched_us
-                && self.since(us, self.rise_us(self.settings.tighten))
+                && self.since(us, self.rise_us(self.settings.fail_safe))
             {
                 looked[2] = true;
-                if line < self.settings.tighten - tolerance {
-                    fail(2, self.settings.tighten);
+                if line < self.settings.fail_safe - tolerance {
+                    fail(2, self.settings.fail_safe);
                 }
             }
             if self.since(held_us, self.rise_us(self.settings.floor)) {
@@ -599,7 +599,7 @@ impl<W: World> Host<W> {
         let force = if settings.learns() {
             // No friction beyond the most is ever learnt. A load that is a sixteenth more than what is held is a
             // fluctuation, and followed slowly.
-            shear * 16 / 17 * share / i64::from(settings.friction_most)
+            shear * 16 / 17 * share / i64::from(settings.friction_max)
         } else {
             shear * share / i64::from(settings.friction)
         };
@@ -721,7 +721,7 @@ impl<W: World> Host<W> {
             14 => {
                 let wrong = Configuration {
                     floor: 0,
-                    tighten: 0,
+                    fail_safe: 0,
                     ceiling: i32::MAX,
                     ..self.judge.settings
                 };

@@ -35,11 +35,11 @@ fn holding() -> (Board, Status) {
     let mut board = Board::holding();
     let held = board.maps(&map(0), 40);
     assert_eq!((held.faults, held.latched), (0, 0));
-    assert!(held.line > SETTINGS.floor && held.line < SETTINGS.tighten);
+    assert!(held.line > SETTINGS.floor && held.line < SETTINGS.fail_safe);
     (board, held)
 }
 
-/// The packets of a message, each changed before its CRC is made anew.
+/// The packets of a message, each changed before its CRC is made again.
 fn message_packets(message: &Message, change: impl Fn(&mut [u8])) -> Vec<Vec<u8>> {
     let packets = MessagePackets::new(message, 9).unwrap();
     let mut all: Vec<_> = packets.map(|packet| packet.to_vec()).collect();
@@ -67,7 +67,7 @@ fn a_host_that_falls_silent_is_stale_and_then_lost_and_a_person_must_acknowledge
     let since_us = board.session.now_us() - silent_us;
     assert!(since_us < 610_000);
     let end = board.wait(200_000);
-    board.assert_line(&end, SETTINGS.tighten, "tightened");
+    board.assert_line(&end, SETTINGS.fail_safe, "tightened");
     assert!(
         board.codes_since(writes).is_sorted(),
         "the line fell on its way up"
@@ -76,7 +76,7 @@ fn a_host_that_falls_silent_is_stale_and_then_lost_and_a_person_must_acknowledge
     let back = board.maps(&map(0), 60);
     assert_eq!(
         (back.faults, back.latched, back.line),
-        (0, Fault::LinkLost.bit(), SETTINGS.tighten)
+        (0, Fault::LinkLost.bit(), SETTINGS.fail_safe)
     );
     assert_eq!(board.refusal(Command::Release), Some(Refusal::Latched));
     board.acknowledge_all();
@@ -327,7 +327,7 @@ fn a_line_at_its_ceiling_is_told() {
 }
 
 /// A task, the idle loop and an interrupt that spin (the watchdog ends it), run into a fault of the core, panic, or overflow the
-/// stack (the chip restarts at once): the line is back before anything else is, and the host meets the microcontroller anew.
+/// stack (the chip restarts at once): the line is back before anything else is, and the host meets the microcontroller again.
 #[test]
 #[ignore = "needs the emulator and the image: cargo xtask test"]
 fn whatever_hangs_or_crashes_while_holding_is_reset_and_the_line_is_back_within_two_milliseconds() {
@@ -386,7 +386,7 @@ fn fails_while_holding(what: &str, fault: FaultInjection, address: u32, limit_ns
         after.iter().all(|write| write.code >= before.code),
         "{what}: below the hold value after the reset"
     );
-    // The session meets it anew by itself, and gives it its settings; a person must acknowledge.
+    // The session meets it again by itself, and gives it its settings; a person must acknowledge.
     board.wait_for(1_500, "the device is back", |board| board.link().is_configured());
     let status = board.maps(&map(0), 30);
     assert_eq!(
@@ -533,7 +533,7 @@ fn a_gripper_on_the_bus_that_does_not_answer_is_told_once_something_is_to_be_hel
     let mut robotiq = SETTINGS;
     robotiq.line.kind = LineKind::Robotiq2f140;
     robotiq.floor = 12 * LSB_PER_NEWTON;
-    robotiq.tighten = 12 * LSB_PER_NEWTON;
+    robotiq.fail_safe = 12 * LSB_PER_NEWTON;
     let strong = Configuration {
         ceiling: 100 * LSB_PER_NEWTON,
         ..robotiq

@@ -76,7 +76,7 @@ pub(crate) fn mount_slow_disk() -> io::Result<()> {
         ("memory_backed", "1"),
         // MB.
         ("size", "16"),
-        // Completes by a timer, after so many nanoseconds.
+        // Completes by a timer, after this many nanoseconds.
         ("irqmode", "2"),
         ("completion_nsec", "200000000"),
         ("power", "1"),

@@ -191,7 +191,7 @@ pub(super) fn copyright(mit: &str, crates: &[String]) -> String {
     )
 }
 
-/// The crates of a `cargo tree` with lines `NAME vVERSION (PLACE) | LICENCE`, but for the repository's own, sorted, each once.
+/// The crates of a `cargo tree` with lines `NAME vVERSION (PLACE) | LICENCE`, except for the repository's own, sorted, each once.
 pub(super) fn foreign_crates(tree: &str) -> Vec<String> {
     let mut crates: Vec<String> = tree
         .lines()

@@ -16,7 +16,7 @@ const STEP_US: u64 = 50;
 
 /// What is wrong with the bus.
 #[derive(Debug, Clone, Copy, Default)]
-pub(crate) struct Trouble {
+pub(crate) struct BusFault {
     /// Nothing passes either way.
     pub(crate) cut: bool,
     /// Bytes in a thousand that vanish on their way, in both directions.
@@ -34,7 +34,7 @@ pub(crate) struct Trouble {
 pub(crate) struct Bus {
     pub(crate) line: Robotiq,
     pub(crate) gripper: Gripper,
-    pub(crate) trouble: Trouble,
+    pub(crate) fault: BusFault,
     pub(crate) now_us: u64,
     /// Starts of all requests.
     pub(crate) requests_us: Vec<u64>,
@@ -53,7 +53,7 @@ impl Bus {
         Self {
             line: Robotiq::new(0),
             gripper: Gripper::new(),
-            trouble: Trouble::default(),
+            fault: BusFault::default(),
             now_us: 0,
             requests_us: Vec::new(),
             to_gripper: VecDeque::new(),
@@ -75,7 +75,7 @@ impl Bus {
         bus
     }
 
-    /// A microcontroller that starts anew beside a gripper that goes on.
+    /// A microcontroller that starts again beside a gripper that goes on.
     pub(crate) fn restart(&mut self) {
         self.line = Robotiq::new(self.now_us);
         self.to_gripper.clear();
@@ -106,8 +106,8 @@ impl Bus {
             let frame = std::mem::take(&mut self.frame);
             if let Some(answer) = self.gripper.answer(&frame) {
                 let answer = self.spoilt(answer);
-                self.slowest_us = self.slowest_us.max(self.trouble.slow_us);
-                let start_us = self.now_us + self.trouble.slow_us;
+                self.slowest_us = self.slowest_us.max(self.fault.slow_us);
+                let start_us = self.now_us + self.fault.slow_us;
                 self.put(&answer, start_us, false);
             }
         }
@@ -132,7 +132,7 @@ impl Bus {
     }
 
     fn spoilt(&self, mut answer: Vec<u8>) -> Vec<u8> {
-        if let Some(code) = self.trouble.exception {
+        if let Some(code) = self.fault.exception {
             answer = vec![answer[0], answer[1] | 0x80, code];
             // Bitwise, for a check of its own (Modbus over serial line V1.02, section 6.2.2).
             let mut crc = 0xFFFF_u16;
@@ -144,19 +144,19 @@ impl Bus {
             }
             answer.extend(crc.to_le_bytes());
         }
-        if self.trouble.wrong_crc {
+        if self.fault.wrong_crc {
             *answer.last_mut().unwrap() ^= 0x10;
         }
         answer
     }
 
     fn put(&mut self, bytes: &[u8], start_us: u64, to_gripper: bool) {
-        let trouble = self.trouble;
+        let fault = self.fault;
         let mut at_us = start_us;
         for &byte in bytes {
             at_us += MODBUS_BYTE_US;
             let mut hit = |per_mille: u32| self.rng.random_range(0..1_000) < per_mille;
-            let (dropped, flipped) = (trouble.cut || hit(trouble.dropped), hit(trouble.flipped));
+            let (dropped, flipped) = (fault.cut || hit(fault.dropped), hit(fault.flipped));
             let byte = if flipped {
                 byte ^ 1 << self.rng.random_range(0..8)
             } else {

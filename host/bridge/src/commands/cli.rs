@@ -27,7 +27,7 @@ use crate::run::RunArgs;
 #[derive(Debug, Parser)]
 #[command(name = "gripline", version, about, max_term_width = 100)]
 pub struct Cli {
-    /// Log more: every detail that is known.
+    /// Log more: every detail.
     #[arg(short, long, global = true)]
     verbose: bool,
     /// Log errors only.
@@ -48,7 +48,8 @@ pub enum Command {
     Infer(InferArgs),
     /// Run the microcontroller's detector over recorded force maps.
     Detect(DetectArgs),
-    /// Show the configuration in force and why, print a documented default file, read and set the microcontroller's settings.
+    /// Show the configuration in force and its origin, print a documented default file, read and set the microcontroller's
+    /// settings.
     Config(ConfigArgs),
     /// Simulate a scene: write its frames, true force maps and slip labels.
     Simulate(SimulateArgs),
@@ -62,7 +63,7 @@ pub enum Command {
     Plot(PlotArgs),
     /// Calibrate a fingertip and its gripper, step by step.
     Calibrate(CalibrateArgs),
-    /// Ask which sensor, camera and board there are, take rest pictures, write the configuration, and check everything.
+    /// Ask for sensor, camera and board, take rest pictures, write the configuration, and check everything.
     Setup(SetupArgs),
     /// Check everything that a run needs, and say how to fix what is wrong.
     Doctor(DoctorArgs),
@@ -70,7 +71,7 @@ pub enum Command {
     Sensor(SensorArgs),
     /// Show the microcontroller's faults and what to do about each; acknowledge the latched ones.
     Faults(FaultsArgs),
-    /// Put a firmware image on the microcontroller over USB, without a probe.
+    /// Flash a firmware image over USB, without a debug probe.
     Flash(FlashArgs),
     /// Print completions for a shell.
     Completions(CompletionsArgs),

@@ -42,7 +42,7 @@ struct ShowArgs {
 struct McuArgs {
     #[command(flatten)]
     device: DeviceArgs,
-    /// Set what this TOML file says; the gripper must be released, because storing stops the microcontroller.
+    /// Apply the settings of this TOML file; the gripper must be released, because storing stops the microcontroller.
     #[arg(long, value_name = "FILE")]
     write: Option<PathBuf>,
     /// Do not store the settings in flash: the next reset undoes them.
@@ -53,10 +53,10 @@ struct McuArgs {
     json: bool,
 }
 
-/// Does what the subcommand says.
+/// Runs the subcommand.
 ///
 /// # Errors
-/// [`Error`] when a file or a value is not what it should be, a link fails, or the microcontroller refuses.
+/// [`Error`] when a file or a value is invalid, a link fails, or the microcontroller refuses.
 pub fn run(args: &ConfigArgs) -> Result<(), Error> {
     match &args.action {
         Action::Show(args) => {

@@ -25,7 +25,7 @@ pub enum What {
     Grasps(GraspsArgs),
     /// Recorded trials of real sensors (GelSight Mini, uSkin); the environment variable GRIPLINE_RECORDINGS names their folder.
     Real(RealArgs),
-    /// What looking only at what changes costs, and every decision that it changes.
+    /// The cost of inferring only what changed, and every decision that it changes.
     Skip(SkipArgs),
 }
 

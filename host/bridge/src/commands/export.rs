@@ -4,7 +4,6 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use gripline_protocol::SENSORS;
 use gripline_protocol::message::Configuration;
 use gripline_recording::ros2::{Bag, Namespace, Sample};
 use gripline_recording::units::millimetres;
@@ -20,13 +19,13 @@ pub struct ExportArgs {
     /// The recording.
     #[arg(value_name = "REC.mcap")]
     recording: PathBuf,
-    /// Folder for maps.npy, pictures.npy and frames.csv; made when it is not there.
+    /// Folder for maps.npy, pictures.npy and frames.csv; created when it does not exist.
     #[arg(long, value_name = "DIR", required_unless_present_any = ["mcap", "ros2"])]
     out: Option<PathBuf>,
-    /// Copy what can be read into a whole recording, with index and summary, for programs that want one.
+    /// Copy the readable part into a complete recording, with index and summary, for programs that need them.
     #[arg(long, value_name = "FILE.mcap")]
     mcap: Option<PathBuf>,
-    /// Folder for a bag of ROS 2 (rosbag2, MCAP, CDR), which must not be there yet.
+    /// Folder for a ROS 2 bag (rosbag2, MCAP, CDR), which must not exist yet.
     #[arg(long, value_name = "DIR")]
     ros2: Option<PathBuf>,
     /// Namespace of the bag's topics.
@@ -37,7 +36,7 @@ pub struct ExportArgs {
 /// Exports.
 ///
 /// # Errors
-/// [`Error`] that names the file which cannot be read or written. A recording that was cut short is a [`Completion`] with loss.
+/// [`Error`] that names the file that cannot be read or written. A truncated recording is a [`Completion`] with loss.
 pub fn run(args: &ExportArgs) -> Result<Completion, Error> {
     let exported = export_arrays(&args.recording, args.out.as_deref())?;
     let frames = exported.frames;
@@ -72,7 +71,7 @@ fn export_bag(recording: &Path, folder: &Path, namespace: &Namespace) -> Result<
         .map_err(|error| Error::failed(format!("{}: {error}", recording.display())))?;
     let mut bag = Bag::create(folder, namespace)?;
     while let Some(frame) = reader.next_frame()? {
-        let fingertip = settings.fingertips[usize::from(frame.status.sensor) % SENSORS];
+        let fingertip = settings.fingertips[frame.status.sensor.index()];
         let sample = Sample {
             captured_ns: frame.at_ns,
             report: report_of(&frame.status, &settings),

@@ -1,5 +1,5 @@
-//! `gripline faults`: the microcontroller's faults, what to do about each, and the acknowledgement that latched ones wait for
-//! (docs/safety.md). It acknowledges only faults that it has shown.
+//! `gripline faults`: the microcontroller's faults, what to do about each, and acknowledging the latched ones (docs/safety.md). It
+//! acknowledges only faults that it has shown.
 
 use std::fmt::Write as _;
 
@@ -25,7 +25,7 @@ pub struct FaultsArgs {
     /// key a of `gripline run` does the same; a holding gripper loses its link again when this command ends.
     #[arg(long)]
     acknowledge: bool,
-    /// Then release the gripper, which latched faults forbid: what it holds falls.
+    /// Then release the gripper, which latched faults forbid: the held object falls.
     #[arg(long, requires = "acknowledge")]
     release: bool,
     #[command(flatten)]
@@ -174,7 +174,7 @@ mod tests {
     use super::*;
     use gripline_link::EmbeddedLink;
 
-    /// A gripper that held when the host fell silent for longer than `link_lost_ms`.
+    /// A gripper that was holding when the host fell silent for longer than `link_lost_ms`.
     fn lost() -> Session {
         let mut session = Session::open(Box::new(EmbeddedLink::new()), Configuration::DEFAULT).unwrap();
         session.command(Command::Hold).unwrap();

@@ -20,7 +20,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 
 use crate::error::Error;
 
-/// How long the bootloader may take to show up on the bus.
+/// How long the bootloader may take to appear on the bus.
 const BOOTLOADER_WITHIN: Duration = Duration::from_secs(15);
 /// How long the board may take to come back.
 const BOARD_WITHIN: Duration = Duration::from_secs(15);
@@ -37,7 +37,7 @@ pub struct FlashArgs {
     /// Which board, when several are plugged in.
     #[arg(long, value_name = "SERIAL")]
     serial: Option<String>,
-    /// The board that waits in its bootloader already, after BOOT0 or a failed update: it cannot say itself which one it is.
+    /// The board that is already in its bootloader, after BOOT0 or a failed update: the bootloader does not know its board.
     #[arg(long, value_name = "BOARD", value_parser = board_number)]
     board: Option<u8>,
 }
@@ -50,10 +50,10 @@ fn board_number(name: &str) -> Result<u8, String> {
         .ok_or_else(|| format!("expected {}", boards.join(" or ")))
 }
 
-/// What is plugged in and is to be flashed.
+/// The device to flash.
 #[derive(Debug, PartialEq, Eq)]
 enum Plugged {
-    /// A board that runs, a place in the list.
+    /// A running board, a place in the list.
     Board(usize),
     /// A chip in its bootloader, a place in the list, and which board it is.
     Bootloader(usize, u8),
@@ -123,14 +123,14 @@ fn check(args: &FlashArgs, image: &Image, board: u8) -> Result<(), Error> {
         .map_err(|error| Error::failed(format!("{file}: {error}; nothing was changed")))
 }
 
-/// Any number that the last session is unlikely to have had.
+/// A number that the last session is unlikely to have had.
 fn session() -> u32 {
     std::time::SystemTime::now()
         .duration_since(std::time::UNIX_EPOCH)
         .map_or(1, |time| time.subsec_nanos() | 1)
 }
 
-/// Which of what is plugged in is meant: a board that runs before one in its bootloader.
+/// Chooses among the connected devices: a running board before one in its bootloader.
 fn plugged(
     boards: &[Attached],
     serial: Option<&str>,
@@ -160,7 +160,7 @@ fn plugged(
     }
 }
 
-/// Looks until it is there.
+/// Waits until it appears.
 fn wait_for<T>(
     what: &str,
     place: &str,
@@ -226,7 +226,7 @@ fn write_with<W: Wire>(
     Ok(done?)
 }
 
-/// The new firmware must say that it is there.
+/// The new firmware must answer.
 fn shake_hands(serial: Option<String>, image: &Image) -> Result<(), Error> {
     let session = Session::connect(Target::Usb(serial).open()?)?;
     let Some(found) = session.firmware() else {

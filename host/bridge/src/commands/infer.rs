@@ -18,7 +18,7 @@ use crate::error::{Completion, Error};
 use gripline_capture::playback::PictureReader;
 use gripline_capture::{CaptureError, picture};
 
-/// Pictures that cannot be believed are named one by one up to so many.
+/// Up to this number, implausible pictures are listed one by one.
 const NAMED: usize = 5;
 
 /// Arguments of `gripline infer`.
@@ -37,13 +37,13 @@ pub struct InferArgs {
     /// Weights of the force network instead of the built-in ones (safetensors).
     #[arg(long, value_name = "W.safetensors")]
     weights: Option<PathBuf>,
-    /// Force network: `tracked` follows particles at full resolution (the default), `unet` looks at small images.
+    /// Force network: `tracked` follows particles at full resolution (the default), `unet` uses small images.
     #[arg(long, value_name = "NETWORK")]
     network: Option<Architecture>,
-    /// Compute every frame as a whole, or only what can differ from the frame before; the maps are the same.
+    /// Compute every frame completely, or only the parts that can differ from the frame before; the maps are the same.
     #[arg(long, value_enum, default_value_t = Engine::Skip)]
     engine: Engine,
-    /// Vector instructions: portable, avx2, avx512 or neon. By default the widest there are.
+    /// Vector instructions: portable, avx2, avx512 or neon. By default the widest that the processor has.
     #[arg(long, value_name = "SET")]
     instructions: Option<InstructionSet>,
     /// Print the summary as one JSON object.
@@ -51,7 +51,7 @@ pub struct InferArgs {
     json: bool,
 }
 
-/// What of a frame is computed.
+/// Which part of a frame is computed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Engine {
     Dense,
@@ -144,7 +144,7 @@ pub fn run(args: &InferArgs) -> Result<Completion, Error> {
     }
 }
 
-/// What the maps lack, in words.
+/// What the maps lack, as text.
 fn loss(damaged_clip: Option<String>, names: &[String], unhealthy: &[(usize, Health)]) -> Option<String> {
     let count = names.len();
     if let Some(damaged) = damaged_clip {

@@ -2,7 +2,7 @@
 //! one: gate, health, map, the microcontroller's sums, slip state, line and faults. Bit by bit.
 //!
 //! The microcontroller is the firmware's library in this process. Where a real one answered, its own clock is not in the
-//! recording: then its state and line, which hang on milliseconds, are compared too but only counted.
+//! recording: then its state and line, which depend on milliseconds, are compared too but only counted.
 
 use std::io::Write as _;
 use std::path::PathBuf;
@@ -26,7 +26,7 @@ use gripline_pipeline::control_loop::{ControlLoop, FrameOutcome, FrameRequest, L
 use gripline_pipeline::pipeline::{Pipeline, fingerprint};
 use gripline_recording::{Completeness, Image, Metadata, Reader, RecordedFrame, RecordedStatus};
 
-/// Frames that differ are named one by one up to so many.
+/// Up to this number, differing frames are listed one by one.
 const NAMED: usize = 5;
 
 /// Arguments of `gripline replay`.
@@ -35,7 +35,7 @@ pub struct ReplayArgs {
     /// The recording.
     #[arg(value_name = "REC.mcap")]
     recording: PathBuf,
-    /// Weights that the run had, where it did not use the built-in ones.
+    /// Weights of the run, if it did not use the built-in ones.
     #[arg(long, value_name = "FILE")]
     weights: Option<PathBuf>,
     /// Print the summary as one JSON object.
@@ -43,15 +43,15 @@ pub struct ReplayArgs {
     json: bool,
 }
 
-/// What a replay came to.
+/// The result of a replay.
 #[derive(Debug, Default, Serialize)]
 struct Replayed {
     frames: u64,
     /// Frames without a picture, whose maps were taken from the recording.
     without_picture: u64,
-    /// Frames after such a gap that hang on a picture which is missing.
+    /// Frames after such a gap that depend on a missing picture.
     not_comparable: u64,
-    /// Frames that were decided otherwise than in the run.
+    /// Frames decided differently than in the run.
     different: u64,
     /// Frames in which a real microcontroller's state or line differed from the library's.
     state_or_line_different: u64,
@@ -66,7 +66,7 @@ struct Replayed {
 /// Replays.
 ///
 /// # Errors
-/// [`Error`] when the recording cannot be used or was decided otherwise.
+/// [`Error`] when the recording cannot be used or a decision differs.
 pub fn run(args: &ReplayArgs) -> Result<Completion, Error> {
     let mut reader = Reader::open(&args.recording)?;
     let shown = args.recording.display();
@@ -119,7 +119,7 @@ fn text(replayed: &Replayed) -> String {
     parts.join("; ")
 }
 
-/// Somebody set another floor from outside.
+/// A client set another floor.
 fn follow_floor(control: &mut ControlLoop, floor_lsb: Option<i32>) -> Result<(), Error> {
     let settings = *control.session.settings();
     if let Some(floor) = floor_lsb.filter(|floor| *floor != settings.floor) {
@@ -158,7 +158,7 @@ fn replay(reader: &mut Reader, args: &ReplayArgs) -> Result<Replayed, Error> {
             replayed.missing += status.frame.saturating_sub(next);
             (lost, all_known) = ([true; SENSORS], [false; SENSORS]);
         }
-        let sensor = usize::from(status.sensor);
+        let sensor = status.sensor.index();
         let known = &mut all_known[sensor];
         let pipeline = pipelines.get_mut(sensor).ok_or_else(|| {
             Error::failed(format!(
@@ -237,7 +237,7 @@ fn replay(reader: &mut Reader, args: &ReplayArgs) -> Result<Replayed, Error> {
     Ok(replayed)
 }
 
-/// The run's pipelines, one a fingertip, and its settings again.
+/// The run's pipelines, one per fingertip, and its settings, restored.
 fn pipelines_of(reader: &Reader, args: &ReplayArgs) -> Result<(Vec<Pipeline>, Configuration), Error> {
     let Metadata {
         network,
@@ -320,7 +320,7 @@ fn verdict_of(name: &str) -> Option<GateDecision> {
         .find(|verdict| gate_name(*verdict) == name)
 }
 
-/// Whether the microcontroller said the same of this map; a map that it had not answered yet says nothing.
+/// Whether the microcontroller decided the same for this map; a map without an answer is not compared.
 fn same_sums(outcome: &FrameOutcome, recorded: &RecordedStatus) -> bool {
     let (now, then) = (&outcome.status, &recorded.wire);
     then.sequence != recorded.sequence
@@ -329,7 +329,7 @@ fn same_sums(outcome: &FrameOutcome, recorded: &RecordedStatus) -> bool {
         || (outcome.answered && (now.sums, now.coulomb_slip) == (then.sums, then.coulomb_slip))
 }
 
-/// What hangs on the microcontroller's clock.
+/// What depends on the microcontroller's clock.
 fn same_state_and_line(now: &Status, then: &Status) -> bool {
     (now.state, now.time_to_slip_ms, now.mode, now.line)
         == (then.state, then.time_to_slip_ms, then.mode, then.line)

@@ -18,7 +18,7 @@ pub struct SensorArgs {
 
 #[derive(Debug, Clone, Subcommand)]
 enum Action {
-    /// Say what is missing or implausible in a sensor's description, every key with its line.
+    /// List what is missing or implausible in a sensor's description, every key with its line.
     Check(CheckArgs),
 }
 
@@ -27,7 +27,7 @@ struct CheckArgs {
     /// The description: a TOML file, or the name of a shipped one (particle-fingertip, gelsight-mini).
     #[arg(value_name = "FILE")]
     file: PathBuf,
-    /// Draw what it describes, to scale: .png or .svg
+    /// Draw the sensor to scale: .png or .svg
     #[arg(long, value_name = "PICTURE")]
     draw: Option<PathBuf>,
 }
@@ -35,7 +35,7 @@ struct CheckArgs {
 /// Runs the command.
 ///
 /// # Errors
-/// [`Error`] when the description cannot be read or used; its problems stand on standard error, one a line.
+/// [`Error`] when the description cannot be read or used; its problems are on standard error, one per line.
 pub fn run(args: &SensorArgs) -> Result<(), Error> {
     let Action::Check(CheckArgs { file, draw }) = &args.action;
     match Sensor::named(file) {
@@ -61,14 +61,14 @@ pub fn run(args: &SensorArgs) -> Result<(), Error> {
     }
 }
 
-/// Pixels of a millimetre, and room beside the view from above.
+/// Pixels per millimetre, and the space beside the view from above.
 const PX_PER_MM: f64 = 18.0;
 const EDGE_MM: f64 = 2.0;
-/// Particles that are drawn of so many that there are; more would be one grey.
+/// Maximum number of particles drawn; more would merge into grey.
 const PARTICLES_DRAWN: usize = 600;
 /// Purpose of their random numbers.
 const PARTICLES: u64 = 81;
-/// Least half width, mm: the legend needs it.
+/// Minimum half width, mm: the legend needs it.
 const HALF_WIDTH_MIN_MM: f64 = 16.0;
 
 /// The fingertip from outside, and a section through its gel, both to one scale.
@@ -222,7 +222,7 @@ fn marker_places(sensor: &Sensor) -> [Vec<(f64, f64)>; 2] {
     ]
 }
 
-/// What a description means, in pixels and numbers that a person can compare with a picture.
+/// The description in pixels and numbers that a person can compare with a picture.
 fn described(sensor: &Sensor) -> String {
     let [columns, rows] = sensor.capture.size_px;
     let [left, top, width, height] = sensor.capture.crop_px;

@@ -1,6 +1,6 @@
 //! The microcontroller's settings as TOML, in people's units (N, N/s, mm, ratios): for files and recordings. Pure.
 //!
-//! The wire has whole numbers only; a value is rounded to the nearest. What a file leaves out stays as it is.
+//! The wire has whole numbers only; a value is rounded to the nearest. Settings that a file leaves out stay as they are.
 
 use std::fmt::Write as _;
 
@@ -22,7 +22,7 @@ const KEYS: [(&str, f64); CONFIGURATION_VALUES] = {
     [
         ("sensors", 1.0),
         ("friction", ONE),
-        ("friction_most", ONE),
+        ("friction_max", ONE),
         ("contact_min_n", N),
         ("slip_threshold", ONE),
         ("slip_leave", ONE),
@@ -32,7 +32,7 @@ const KEYS: [(&str, f64); CONFIGURATION_VALUES] = {
         ("margin", ONE),
         ("floor_n", N),
         ("ceiling_n", N),
-        ("tighten_n", N),
+        ("fail_safe_n", N),
         ("reflex_target", ONE),
         ("reflex_rate_n_per_s", N_PER_S),
         ("rise_rate_n_per_s", N_PER_S),
@@ -63,7 +63,10 @@ const KEYS: [(&str, f64); CONFIGURATION_VALUES] = {
     ]
 };
 
-/// One name for margin, friction's caution and the plan's fall: a [`GripSetting`].
+/// Former names, which files and recordings may still use, and the current ones.
+const FORMER: [(&str, &str); 2] = [("friction_most", "friction_max"), ("tighten_n", "fail_safe_n")];
+
+/// One name for margin, maximum friction and relaxation rate: a [`GripSetting`].
 const GRIP: &str = "grip";
 
 /// Names of the kinds of line.
@@ -72,7 +75,7 @@ const KINDS: [(&str, LineKind); 2] = [
     ("robotiq-2f-140", LineKind::Robotiq2f140),
 ];
 
-/// The settings as a file says them.
+/// The settings as a file's text.
 pub(crate) fn settings_text(settings: &Configuration) -> String {
     let values = settings.values();
     let value = |name: &str| {
@@ -124,7 +127,7 @@ fn shown(value: f64, scale: f64) -> String {
         .unwrap_or_else(|| format!("{value}"))
 }
 
-/// The settings that a file's text makes of `now`, checked.
+/// The settings `now` changed by a file's text, checked.
 ///
 /// # Errors
 /// What is wrong with it.
@@ -135,7 +138,7 @@ pub(crate) fn settings_from_text(text: &str, now: &Configuration) -> Result<Conf
     applied(&table, now)
 }
 
-/// The settings that a table makes of `now`, checked.
+/// The settings `now` changed by a table, checked.
 ///
 /// # Errors
 /// Everything that is wrong with names and types, or the first value out of its range.
@@ -230,7 +233,7 @@ fn set(name: &str, value: &Value, values: &mut Values, errors: &mut Vec<String>)
                 set(&format!("{name}[{place}]"), value, values, errors);
             }
         }
-        _ => match KEYS.iter().position(|(key, _)| *key == name) {
+        _ => match KEYS.iter().position(|(key, _)| *key == current(name)) {
             Some(place) => match number(name, value, KEYS[place].1) {
                 Ok(wire) => values[place] = wire,
                 Err(error) => errors.push(format!("{name}: {error}")),
@@ -241,6 +244,14 @@ fn set(name: &str, value: &Value, values: &mut Values, errors: &mut Vec<String>)
             }),
         },
     }
+}
+
+/// The setting's current name.
+fn current(name: &str) -> &str {
+    FORMER
+        .iter()
+        .find(|(former, _)| *former == name)
+        .map_or(name, |(_, current)| current)
 }
 
 /// The wire's number for a value.
@@ -269,9 +280,9 @@ fn number(name: &str, value: &Value, scale: f64) -> Result<i32, String> {
 /// A refusal in the file's own names and units.
 fn explained(error: &OutOfRange) -> String {
     let (name, scale) = KEYS[usize::from(error.field).min(CONFIGURATION_VALUES - 1)];
-    let [found, least, most] =
-        [error.found, error.least, error.most].map(|wire| shown(f64::from(wire) / scale, scale));
-    format!("{name}: found {found}, expected {least} to {most}")
+    let [found, min, max] =
+        [error.found, error.min, error.max].map(|wire| shown(f64::from(wire) / scale, scale));
+    format!("{name}: found {found}, expected {min} to {max}")
 }
 
 #[cfg(test)]
@@ -285,7 +296,7 @@ mod tests {
             friction: 4_321,
             contact_min: 61,
             floor: 41_003,
-            tighten: 51_337,
+            fail_safe: 51_337,
             reflex_rate: 163,
             ..Configuration::DEFAULT
         };
@@ -329,6 +340,17 @@ mod tests {
                 "{text}"
             );
         }
+    }
+
+    #[test]
+    fn former_names_are_still_read() {
+        let settings = settings_from_text("friction_most = 0.8\ntighten_n = 12.0", &odd()).unwrap();
+        let expected = Configuration {
+            friction_max: 8_000,
+            fail_safe: 12 * LSB_PER_NEWTON,
+            ..odd()
+        };
+        assert_eq!(settings, expected);
     }
 
     #[test]

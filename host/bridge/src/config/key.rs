@@ -1,6 +1,6 @@
 //! The keys of the configuration as clap describes the fields of [`Settings`]: names, defaults, help, checks.
 //!
-//! A value of the file or the environment is read by the parser of its flag, so there is one check a key.
+//! A value of the file or the environment is read by the parser of its flag, so there is one check per key.
 
 use std::any::TypeId;
 use std::error::Error as _;
@@ -28,7 +28,7 @@ pub(super) fn sections() -> impl Iterator<Item = &'static str> {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Key(&'static Arg);
 
-/// How a key's value stands in the file.
+/// Type of a key's value in the file.
 #[derive(PartialEq)]
 enum Kind {
     Text,
@@ -80,7 +80,7 @@ impl Key {
         }
     }
 
-    /// What it is for, and an example in TOML when it has no default.
+    /// Its help, and an example in TOML when it has no default.
     pub(super) fn help(self) -> (String, Option<String>) {
         let help = self.0.get_help().map(ToString::to_string).unwrap_or_default();
         match help.split_once(" Example: ") {
@@ -126,7 +126,7 @@ impl Key {
         value.unwrap_or_else(|| Value::String(text.to_owned()))
     }
 
-    /// Whether a flag or a variable may say this.
+    /// Checks a value from a flag or a variable.
     ///
     /// # Errors
     /// What was found and what was expected.
@@ -146,7 +146,7 @@ impl Key {
         })
     }
 
-    /// Whether the file may say this.
+    /// Checks a value from the file.
     ///
     /// # Errors
     /// What was found and what was expected.
@@ -165,10 +165,10 @@ pub(super) fn variable(section: &str, name: &str) -> String {
     format!("GRIPLINE_{section}_{name}").to_uppercase()
 }
 
-/// The settings that flags with checked values make.
+/// The settings from flags with checked values.
 ///
 /// # Errors
-/// clap's, for values that were not checked.
+/// clap's error, for unchecked values.
 pub(super) fn parse(flags: impl Iterator<Item = String>) -> Result<Settings, clap::Error> {
     let matches = COMMAND.clone().try_get_matches_from(flags)?;
     Settings::from_arg_matches(&matches)

@@ -48,7 +48,7 @@ impl Settings {
 }
 
 impl Effective {
-    /// Joins flags, this process's environment and the file.
+    /// Combines flags, this process's environment and the file.
     ///
     /// # Errors
     /// [`Error`] of kind usage that lists everything that is wrong.
@@ -176,7 +176,7 @@ impl Effective {
     /// The values as the rest of the program sees them.
     ///
     /// # Errors
-    /// [`Error`] when values that are right one by one are wrong together, or a calibration cannot be read.
+    /// [`Error`] when valid values contradict each other, or a calibration cannot be read.
     pub(crate) fn settings(&self) -> Result<Settings, Error> {
         let flags = keys().zip(&self.entries).filter_map(|(key, entry)| {
             Some(match entry.value.as_ref()? {
@@ -190,7 +190,7 @@ impl Effective {
             .complete(self.microcontroller())
     }
 
-    /// What is said of the microcontroller's settings.
+    /// The configured microcontroller's settings.
     fn microcontroller(&self) -> Table {
         let setting = |entry: &Entry| {
             let (section, name) = entry.name.split_once('.')?;
@@ -230,7 +230,7 @@ fn unreadable(text: &str, error: &toml::de::Error) -> String {
     format!("{place}{}, expected TOML", error.message().replace('\n', ", "))
 }
 
-/// The file that was asked for, or the first that exists.
+/// The requested file, or the first that exists.
 fn find_file(asked: Option<&Path>, environment: &[(String, String)]) -> Option<PathBuf> {
     let variable = |name: &str| {
         let value = environment.iter().find(|(known, _)| known == name);

@@ -1,7 +1,8 @@
-//! What a run does: one TOML file, environment variables and flags over it, and the microcontroller's own settings as TOML.
+//! The configuration of a run: one TOML file, overridden by environment variables and flags, and the microcontroller's own settings
+//! as TOML.
 //!
-//! [`Settings`] is the table of keys, and what the rest of the program sees. `key` reads it, `layers` joins file, environment
-//! and flags by it, `device` translates the microcontroller's settings, `show` prints both.
+//! [`Settings`] is the table of keys, and what the rest of the program sees. `key` reads it, `layers` combines file, environment
+//! and flags with it, `device` translates the microcontroller's settings, `show` prints both.
 
 mod device;
 mod key;

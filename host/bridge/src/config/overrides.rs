@@ -1,4 +1,4 @@
-//! The configuration's flags: one a key, and `--config`.
+//! The configuration's flags: one per key, and `--config`.
 
 use std::path::{Path, PathBuf};
 

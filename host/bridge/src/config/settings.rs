@@ -52,13 +52,12 @@ pub struct Settings {
     #[arg(id = "camera.second_source", long = "second-source", value_name = "SOURCE")]
     pub second_source: Option<Source>,
 
-    /// Pixel format of the camera, 640×480. By default the one that reaches the wanted rate with the least decoding.
-    /// Example: "mjpeg"
+    /// Pixel format of the camera, 640×480. By default the one that reaches the wanted rate with the least decoding time. Example:
+    /// "mjpeg"
     #[arg(id = "camera.format", long = "camera-format", value_name = "mjpeg|yuyv|grey")]
     pub format: Option<PixelFormat>,
 
-    /// Pictures a second. By default 60, or those of the recording. A camera takes the nearest rate that it has.
-    /// Example: 120.0
+    /// Pictures per second. By default 60, or the recording's rate. A camera uses the nearest rate that it supports. Example: 120.0
     #[arg(id = "camera.frames_per_second", long = "frames-per-second", value_name = "RATE", value_parser = number_in(1.0..=1_000.0))]
     pub frames_per_second: Option<f64>,
 
@@ -71,13 +70,13 @@ pub struct Settings {
     #[arg(id = "camera.gain", long = "gain", value_name = "GAIN", value_parser = whole_in(0..=65_535_i64))]
     pub gain: Option<i64>,
 
-    /// What `gripline calibrate` wrote. Its rest pictures replace those of the start, its friction that of the weights, its
-    /// geometry the microcontroller's; its line table is compared with the microcontroller's. Without it the rest pictures
-    /// are taken at the start, and nothing may touch the sensor surface then. Example: "calibration.toml"
+    /// The file that `gripline calibrate` wrote. Its rest pictures replace those taken at the start, its friction that of the
+    /// weights, its geometry the microcontroller's; its line table is compared with the microcontroller's. Without it the rest
+    /// pictures are taken at the start, while nothing may touch the sensor surface. Example: "calibration.toml"
     #[arg(id = "calibration.file", long = "calibration", value_name = "FILE.toml")]
     pub calibration_file: Option<PathBuf>,
 
-    /// The same for the second fingertip. Of two friction coefficients the lower one counts. Example: "second.toml"
+    /// The same for the second fingertip. The lower one of two friction coefficients is used. Example: "second.toml"
     #[arg(
         id = "calibration.second_file",
         long = "second-calibration",
@@ -85,7 +84,7 @@ pub struct Settings {
     )]
     pub second_calibration_file: Option<PathBuf>,
 
-    /// The fingertip: the name of a shipped description (particle-fingertip, gelsight-mini) or a file of one's own (docs/own-sensor.md).
+    /// The fingertip: the name of a shipped description (particle-fingertip, gelsight-mini) or your own file (docs/own-sensor.md).
     #[arg(
         id = "sensor.file",
         long = "sensor",
@@ -95,12 +94,13 @@ pub struct Settings {
     pub sensor: PathBuf,
 
     /// Printed markers at rest: frames of the clip or folder (12..20), a picture, or a folder of pictures. By default the rest.png
-    /// beside the pictures, and without one the regular grid of the markers, which costs evidence of slip. Example: "12..20"
+    /// beside the pictures, or without one the regular grid of the markers, which makes the evidence of slip less accurate.
+    /// Example: "12..20"
     #[arg(id = "sensor.rest", long = "rest", value_name = "FROM..TO|PATH")]
     pub rest: Option<RestSource>,
 
-    /// Force network: tracked follows particles at full resolution, unet looks at small images. By default what the weights
-    /// are for, and tracked with the built-in ones. Example: "unet"
+    /// Force network: tracked follows particles at full resolution, unet uses small images. By default that of the weights file;
+    /// with the built-in weights tracked. Example: "unet"
     #[arg(id = "network.architecture", long = "network", value_name = "NETWORK")]
     pub architecture: Option<Architecture>,
 
@@ -108,13 +108,13 @@ pub struct Settings {
     #[arg(id = "network.weights", long = "weights", value_name = "FILE")]
     pub weights: Option<PathBuf>,
 
-    /// Vector instructions that the force network uses: portable, avx2, avx512 or neon. By default the widest there are.
-    /// Example: "avx2"
+    /// Vector instructions that the force network uses: portable, avx2, avx512 or neon. By default the widest that the processor
+    /// has. Example: "avx2"
     #[arg(id = "network.instructions", long = "instructions", value_name = "SET")]
     pub instructions: Option<InstructionSet>,
 
-    /// Scene gate: network (small, int8) and difference (thresholds) skip the force network where nothing touches or
-    /// changes, off never skips it.
+    /// Scene gate: network (small, int8) and difference (thresholds) skip the force network when nothing touches or changes; off
+    /// never skips it.
     #[arg(
         id = "network.gate",
         long = "gate",
@@ -128,8 +128,8 @@ pub struct Settings {
     #[arg(id = "link.mcu", long = "mcu", value_name = "MCU", default_value = "embedded")]
     pub mcu: Target,
 
-    /// Close the gripper and hold from the start. By default nothing moves until somebody asks for it: a key, HTTP, or another way
-    /// of docs/control.md. The simulated scene and recordings play what their script asks for, unless a real gripper could move.
+    /// Close the gripper and hold from the start. By default nothing moves until a request comes by key, HTTP, or another way of
+    /// docs/control.md. The simulated scene and recordings follow their script, unless a real gripper could move.
     #[arg(id = "run.hold", long = "hold")]
     pub hold: bool,
 
@@ -147,8 +147,8 @@ pub struct Settings {
     #[arg(id = "record.file", long = "record", value_name = "FILE.mcap")]
     pub record: Option<PathBuf>,
 
-    /// Which pictures are recorded: full (440×440, 12 MB a second), small (88×88, all that unet looks at, 0.5 MB a second) or
-    /// off (replay then starts from the maps).
+    /// Which pictures are recorded: full (440×440, 12 MB a second), small (88×88, all that unet needs, 0.5 MB a second) or off
+    /// (replay then starts from the maps).
     #[arg(
         id = "record.pictures",
         long = "record-pictures",
@@ -162,13 +162,13 @@ pub struct Settings {
     #[arg(id = "serve.listen", long = "serve", value_name = "ADDRESS:PORT", value_parser = address)]
     pub serve: Option<SocketAddr>,
 
-    /// The file with the token that requests over HTTP bear. By default gripline/token in the state folder; it is made when it is not
-    /// there. Example: "/etc/gripline/token"
+    /// The file with the token that HTTP requests must contain. By default gripline/token in the state folder; it is created when
+    /// it does not exist. Example: "/etc/gripline/token"
     #[arg(id = "serve.token_file", long = "token-file", value_name = "FILE")]
     pub token_file: Option<PathBuf>,
 
-    /// Publish every frame over zenoh under gripline/NAME, so that many grippers report to one place (docs/zenoh.md; needs a
-    /// gripline built with --features zenoh). By default nothing is published. Example: "cell-3/left"
+    /// Publish every frame over zenoh under gripline/NAME, so that many grippers report to one place (docs/zenoh.md; needs a build
+    /// with --features zenoh). By default nothing is published. Example: "cell-3/left"
     #[arg(id = "zenoh.name", long = "zenoh-name", value_name = "NAME", value_parser = |text: &str| check_name(text).map(|()| text.to_owned()))]
     pub zenoh_name: Option<String>,
 
@@ -186,11 +186,11 @@ pub struct Settings {
     #[arg(id = "ros2.name", long = "ros2-name", value_name = "NAME")]
     pub ros2_name: Option<Namespace>,
 
-    /// DDS domain, 0 to 232. By default what the environment variable ROS_DOMAIN_ID says, else 0. Example: 7
+    /// DDS domain, 0 to 232. By default the environment variable ROS_DOMAIN_ID, else 0. Example: 7
     #[arg(id = "ros2.domain", long = "ros2-domain", value_name = "DOMAIN", value_parser = check_domain)]
     pub ros2_domain: Option<u16>,
 
-    /// How far ROS 2 reaches: localhost sends nothing to other machines, subnet finds them by multicast.
+    /// Range of ROS 2: localhost sends nothing to other machines, subnet finds them by multicast.
     #[arg(
         id = "ros2.range",
         long = "ros2-range",
@@ -199,18 +199,18 @@ pub struct Settings {
     )]
     pub ros2_range: Range,
 
-    /// How services travel, which implementations of ROS 2 do not agree on: fastrtps or cyclonedds. By default as the environment
-    /// variable RMW_IMPLEMENTATION says, else fastrtps. Example: "cyclonedds"
+    /// How services are mapped to DDS, in which ROS 2 implementations differ: fastrtps or cyclonedds. By default the environment
+    /// variable RMW_IMPLEMENTATION, else fastrtps. Example: "cyclonedds"
     #[arg(id = "ros2.rmw", long = "ros2-rmw", value_name = "fastrtps|cyclonedds")]
     pub ros2_rmw: Option<Rmw>,
 
-    /// Offer the services that move the gripper: hold, release, and the others. DDS knows no passwords: whoever reaches the domain
+    /// Offer the services that move the gripper: hold, release, and the others. DDS has no passwords: every program in the domain
     /// may call them.
     #[arg(id = "ros2.control", long = "ros2-control")]
     pub ros2_control: bool,
 
-    /// Serve what a recording holds, live, to the Foxglove app at this address (docs/foxglove.md; needs a gripline built with
-    /// --features foxglove). Pictures are those of record.pictures. By default nothing is served. Example: "127.0.0.1:8765"
+    /// Serve the content of a recording live to the Foxglove app at this address (docs/foxglove.md; needs a gripline built with
+    /// --features foxglove). The pictures are chosen by record.pictures. By default nothing is served. Example: "127.0.0.1:8765"
     #[arg(id = "foxglove.listen", long = "foxglove", value_name = "ADDRESS:PORT", value_parser = address)]
     pub foxglove: Option<SocketAddr>,
 
@@ -219,7 +219,7 @@ pub struct Settings {
     #[arg(id = "realtime.enabled", long = "realtime")]
     pub realtime: bool,
 
-    /// The core that the loop stays on, from 0. By default the last one. Example: 3
+    /// The core that the loop runs on, from 0. By default the last one. Example: 3
     #[arg(id = "realtime.core", long = "realtime-core", value_name = "CORE", value_parser = whole_in(0..=1_023_usize))]
     pub realtime_core: Option<usize>,
 
@@ -240,12 +240,12 @@ pub struct Settings {
     pub(super) microcontroller: Table,
 }
 
-/// The longest run that can be asked for, seconds: 30 years.
+/// The longest run that can be requested, seconds: 30 years.
 const LONGEST_RUN_S: f64 = 1e9;
 /// TOML's whole numbers end here.
 const SEED_MAX: u64 = i64::MAX as u64;
 
-/// The standard library's error does not say what was found.
+/// The standard library's error does not contain the text found.
 fn address(text: &str) -> Result<SocketAddr, String> {
     text.parse()
         .map_err(|_| format!("found {text}, expected an address and a port such as 127.0.0.1:9617"))
@@ -256,7 +256,7 @@ fn endpoint(text: &str) -> Result<String, String> {
 }
 
 impl Settings {
-    /// Reads the calibrations and checks what is right by itself and wrong together.
+    /// Reads the calibrations and checks for settings that contradict each other.
     ///
     /// # Errors
     /// [`Error`] of kind usage that names the keys, or what is wrong with a calibration.
@@ -291,7 +291,7 @@ impl Settings {
         Err(Error::usage(conflict))
     }
 
-    /// The force network, with the weights and instructions that were asked for.
+    /// The force network, with the configured weights and instructions.
     ///
     /// # Errors
     /// [`Error`] when the weights cannot be read, or the processor lacks the instructions.
@@ -306,7 +306,7 @@ impl Settings {
         }
     }
 
-    /// What is asked of the source of fingertip 0 or 1, beside which source it is.
+    /// The settings of the source of fingertip 0 or 1.
     #[must_use]
     pub fn source_settings(&self, fingertip: usize) -> SourceSettings {
         SourceSettings {
@@ -341,10 +341,10 @@ impl Settings {
         })
     }
 
-    /// The microcontroller's settings `now`, with what the configuration says of them.
+    /// The microcontroller's settings `now`, changed by the configuration.
     ///
     /// # Errors
-    /// [`Error`] that names the setting which is out of its range.
+    /// [`Error`] that names the setting that is out of range.
     pub fn microcontroller(&self, now: &Configuration) -> Result<Configuration, Error> {
         device::applied(&self.microcontroller, now)
             .map_err(|error| Error::usage(format!("{MICROCONTROLLER}.{error}")))

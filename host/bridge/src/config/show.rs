@@ -34,7 +34,7 @@ pub(crate) fn shown(effective: &Effective) -> String {
     text
 }
 
-/// The same for programs: an object a key.
+/// The same for programs: one object per key.
 pub(crate) fn shown_json(effective: &Effective) -> serde_json::Value {
     let keys = effective.entries.iter().map(|entry| {
         let what = json!({ "value": entry.value, "from": entry.origin });
@@ -76,7 +76,7 @@ pub(crate) fn default_file() -> String {
     text
 }
 
-/// Words as comment lines.
+/// Text as comment lines.
 fn comment(words: &str) -> String {
     let mut lines = vec!["#".to_owned()];
     for word in words.split_whitespace() {

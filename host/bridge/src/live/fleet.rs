@@ -1,9 +1,8 @@
-//! Frames of many grippers in one place, over zenoh: every frame's report as JSON under `gripline/NAME/frame`, what the run
-//! is under `gripline/NAME/about`, once a second. docs/zenoh.md has keys and payloads. The feature `zenoh` brings the engine;
-//! without it the keys of the configuration are known, and using them says how to build it.
+//! Frames of many grippers in one place, over zenoh: every frame's report as JSON under `gripline/NAME/frame`, what the run is
+//! under `gripline/NAME/about`, once a second. docs/zenoh.md has keys and payloads. The feature `zenoh` adds the library; without
+//! it the configuration keys exist, and using them is an error that explains how to build it.
 //!
-//! The loop never waits: it hands over what there is room for, and a thread of its own does the rest. What finds no room is
-//! dropped and counted.
+//! The loop never waits: it queues frames for a separate thread, and drops and counts them when the queue is full.
 
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 use std::thread::{self, JoinHandle};
@@ -15,10 +14,10 @@ use gripline_recording::telemetry::FrameReport;
 const WAITING: usize = 64;
 /// Frames from one `about` to the next: a second's.
 const ABOUT_EVERY: u64 = 60;
-/// Before every gripper's name.
+/// Prefix of every gripper's name.
 const PREFIX: &str = "gripline";
 
-/// What the configuration says of it.
+/// Its configuration.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct FleetSettings {
     /// The gripper's name, part of every key.
@@ -33,7 +32,7 @@ pub(crate) struct FleetSettings {
 pub(crate) struct Fleet {
     sender: Option<SyncSender<FrameReport>>,
     worker: Option<JoinHandle<()>>,
-    /// Frames that found no room.
+    /// Frames dropped because the queue was full.
     dropped: u64,
 }
 
@@ -47,7 +46,7 @@ impl Fleet {
         Ok(Self::with(&settings.name, about, put))
     }
 
-    /// The same with any way to put bytes under a key.
+    /// The same with any function that puts bytes under a key.
     fn with(name: &str, about: String, mut put: impl FnMut(&str, &str) + Send + 'static) -> Self {
         let (sender, frames): (_, Receiver<FrameReport>) = sync_channel(WAITING);
         let [about_key, frame_key] = ["about", "frame"].map(|part| format!("{PREFIX}/{name}/{part}"));

@@ -1,10 +1,10 @@
-//! Live values in Foxglove: its WebSocket, with the channels of a recording (docs/foxglove.md). Who connects can read and nothing
-//! else. The feature `foxglove` brings the server; without it the key of the configuration is known, and using it says how to
-//! build it.
+//! Live values in Foxglove: its WebSocket, with the channels of a recording (docs/foxglove.md). Clients can only read. The feature
+//! `foxglove` adds the server; without it the configuration key exists, and using it is an error that explains how to build it.
 //!
-//! The loop never waits: it hands over what there is room for, and a thread of its own does the rest. What finds no room is
-//! dropped and counted. A picture is copied only while a client shows it.
+//! The loop never waits: it queues frames for a separate thread, and drops and counts them when the queue is full. A picture is
+//! copied only while a client shows it.
 
+use gripline_protocol::SensorId;
 use std::net::SocketAddr;
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 use std::thread::{self, JoinHandle};
@@ -29,7 +29,7 @@ pub(crate) struct Foxglove {
     sender: Option<SyncSender<Item>>,
     worker: Option<JoinHandle<()>>,
     is_watched: IsWatched,
-    /// Frames that found no room.
+    /// Frames dropped because the queue was full.
     dropped: u64,
 }
 
@@ -49,7 +49,7 @@ impl Foxglove {
         Ok(Self::with(channels, put, is_watched))
     }
 
-    /// The same with any way to put a message.
+    /// The same with any function that sends a message.
     fn with(
         mut channels: Channels,
         mut put: impl FnMut(&Message) + Send + 'static,
@@ -74,11 +74,11 @@ impl Foxglove {
     }
 
     /// Whether a client shows the pictures of this fingertip.
-    pub(crate) fn wants_picture(&self, sensor: u8) -> bool {
-        (self.is_watched)(Channels::picture(sensor.into()))
+    pub(crate) fn wants_picture(&self, sensor: SensorId) -> bool {
+        (self.is_watched)(Channels::picture(sensor.index()))
     }
 
-    /// Leaves a frame for viewers, if there is room.
+    /// Queues a frame for viewers, if there is room.
     pub(crate) fn publish(&mut self, frame: Frame) {
         if let Some(sender) = &self.sender
             && let Err(TrySendError::Full(_)) = sender.try_send(Item::Frame(Box::new(frame)))
@@ -87,7 +87,7 @@ impl Foxglove {
         }
     }
 
-    /// Leaves a line of what happened beside the frames; it is dropped when there is no room for it.
+    /// Queues an event line; it is dropped when there is no room.
     pub(crate) fn note(&self, t_s: f64, text: &str) {
         if let Some(sender) = &self.sender {
             let _ = sender.try_send(Item::Note(t_s, text.to_owned()));
@@ -139,10 +139,10 @@ mod server {
 
     /// Messages that wait for one viewer; the first are up to 32 pictures at rest.
     const BACKLOG: usize = 128;
-    /// How long viewers may take to hear that the run is over.
+    /// How long viewers may take to receive the end of the run.
     const GOODBYE: Duration = Duration::from_millis(500);
 
-    /// The server and what it lives on.
+    /// The server and its resources.
     struct Server {
         /// Taken when it ends.
         parts: Option<(WebSocketServerHandle, Runtime)>,
@@ -311,7 +311,10 @@ mod tests {
             |_| {},
             Box::new(|channel| channels().list()[channel].topic == "/second/picture"),
         );
-        assert_eq!([0, 1].map(|sensor| foxglove.wants_picture(sensor)), [false, true]);
+        assert_eq!(
+            SensorId::ALL.map(|sensor| foxglove.wants_picture(sensor)),
+            [false, true]
+        );
     }
 
     /// Every text in the layout that can name a topic.

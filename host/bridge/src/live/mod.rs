@@ -1,5 +1,5 @@
-//! Live values for other programs: over HTTP (the crate `gripline-live`, which also serves the page and takes requests), and of
-//! many grippers in one place over zenoh, in ROS 2, and in Foxglove. The loop waits for none of them.
+//! Live values for other programs: over HTTP (the crate `gripline-live`, which also serves the page and takes requests), and over
+//! zenoh (many grippers in one place), ROS 2, and Foxglove. The loop waits for none of them.
 
 pub(crate) mod fleet;
 pub(crate) mod foxglove;

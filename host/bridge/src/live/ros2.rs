@@ -1,5 +1,5 @@
-//! The run in ROS 2: topics, diagnostics and services (docs/ros2.md). The feature `ros2` brings DDS, in the crate `gripline-ros2`;
-//! without it the keys of the configuration are known, and using them says how to build it.
+//! The run in ROS 2: topics, diagnostics and services (docs/ros2.md). The feature `ros2` adds DDS, in the crate `gripline-ros2`;
+//! without it the configuration keys exist, and using them is an error that explains how to build it.
 
 use std::time::{Instant, SystemTime};
 
@@ -10,10 +10,10 @@ use gripline_recording::telemetry::FrameReport;
 
 use crate::error::Error;
 
-/// The environment variables of ROS 2 that stand for keys which are not given.
+/// The environment variables of ROS 2 that replace missing keys.
 pub(crate) const ENVIRONMENT: [&str; 2] = ["ROS_DOMAIN_ID", "RMW_IMPLEMENTATION"];
 
-/// What the configuration says of it.
+/// Its configuration.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Ros2Settings {
     /// Namespace of topics, services and frames.
@@ -22,7 +22,7 @@ pub(crate) struct Ros2Settings {
     pub domain: Option<u16>,
     /// How far it reaches.
     pub range: Range,
-    /// How services travel; `None`: as [`ENVIRONMENT`] says.
+    /// How services are mapped to DDS; `None`: by [`ENVIRONMENT`].
     pub rmw: Option<Rmw>,
     /// Whether there are services.
     pub control: bool,
@@ -49,7 +49,7 @@ impl Ros2 {
         Ok(Self { leave })
     }
 
-    /// Leaves a frame for ROS 2, of a picture that was taken then; never waits.
+    /// Publishes a frame whose picture was taken at this time; never waits.
     pub(crate) fn publish(&self, report: &FrameReport, map: &ForceMap, pitch_mm: f64, taken: Instant) {
         let captured = SystemTime::now().checked_sub(taken.elapsed());
         let since_1970 = captured.and_then(|at| at.duration_since(SystemTime::UNIX_EPOCH).ok());
@@ -69,7 +69,7 @@ fn domain_of(text: Option<&str>) -> Result<u16, String> {
     })
 }
 
-/// The mapping of services that goes with what `RMW_IMPLEMENTATION` names.
+/// The mapping of services for `RMW_IMPLEMENTATION`.
 fn rmw_of(text: Option<&str>) -> Rmw {
     match text {
         Some("rmw_cyclonedds_cpp") => Rmw::CycloneDds,

@@ -1,6 +1,6 @@
-//! From the driver's time stamp of a camera's picture to the grip-force line, part by part. Only cameras say when a picture was taken.
-//! Units: microseconds. Limits: what a camera does before its driver stamps the picture (exposure, and transfer where the driver stamps
-//! afterwards) is not seen.
+//! From the driver's time stamp of a camera's picture to the grip-force line, part by part. Only cameras give the time of a
+//! picture. Units: microseconds. Limits: what a camera does before its driver stamps the picture (exposure, and transfer where the
+//! driver stamps afterwards) is not included.
 
 use std::time::Duration;
 
@@ -33,13 +33,13 @@ pub struct PartQuantiles {
 pub struct CaptureToLineSummary {
     /// Pictures whose maps were sent.
     pub pictures: u64,
-    /// From the driver's time stamp until the picture's bytes are here.
+    /// From the driver's time stamp until the picture's bytes arrived.
     pub driver: PartQuantiles,
-    /// From the end of decoding until the loop takes the picture up.
+    /// From the end of decoding until the loop takes the picture.
     pub hand_over: PartQuantiles,
-    /// From the time stamp until the map's last packet is with the link: both of these, decoding and the loop's stages.
+    /// From the time stamp until the link has the map's last packet: both of these, decoding and the loop's stages.
     pub to_link: PartQuantiles,
-    /// The longest that the microcontroller took from a map's last packet to the line, by its own count, µs.
+    /// Longest time from a map's last packet to the line, measured by the microcontroller, µs.
     pub microcontroller_us_worst: f64,
     /// From the time stamp to the line: `to_link` and that.
     pub to_line: PartQuantiles,
@@ -94,7 +94,7 @@ impl PartQuantiles {
         }
     }
 
-    /// As a line for people.
+    /// One line for people.
     pub(super) fn text(&self, name: &str) -> String {
         format!(
             "{name:>12}  median {:7.1} µs  p99 {:7.1} µs  p99.9 {:7.1} µs",

@@ -1,21 +1,22 @@
-//! Whether the untouched fingertip still looks as it did when the run began: camera or gel may have moved, lamps dimmed, a dent may stay.
-//! Compared once a minute while nothing touches, in a thread of its own. A run only warns: new rest pictures are taken
-//! when it starts, or on request. Times in seconds of the pictures' clock. Limit: a drift so large that the gate sees a touch is not compared.
+//! Whether the untouched fingertip still looks as at the start: camera or gel may have moved, lamps dimmed, a dent may remain.
+//! Compared once a minute while nothing touches, in a thread of its own. A run only warns: new rest pictures are taken when it
+//! starts, or on request. Times in seconds of the pictures' clock. Limit: a drift so large that the gate sees a touch is not
+//! compared.
 
 use std::sync::Arc;
 use std::thread::{self, JoinHandle};
 
 use gripline_evaluation::calibration::surface::{Change, limit, mean};
 
-/// Nothing touched for so long before a look.
+/// Untouched time before a check.
 const UNTOUCHED_S: f64 = 2.0;
-/// From one look to the next, and from one warning to the next.
+/// Time between checks, and between warnings.
 const COMPARE_PERIOD_S: f64 = 60.0;
 const WARN_S: f64 = 600.0;
-/// Pictures of a look.
+/// Pictures of a check.
 const PICTURES: usize = 16;
 
-/// What watches one fingertip.
+/// Monitors one fingertip.
 #[derive(Debug)]
 pub(super) struct DriftWatch {
     rest: Arc<Vec<u8>>,
@@ -27,13 +28,13 @@ pub(super) struct DriftWatch {
 }
 
 impl DriftWatch {
-    /// One for each fingertip's pictures at rest, where they are a camera's.
+    /// One per fingertip, if its pictures are a camera's.
     pub(super) fn of_cameras(are_live: bool, rests: Vec<Vec<Vec<u8>>>) -> Vec<Self> {
         let live = rests.into_iter().filter(|_| are_live);
         live.map(|rest| Self::new(&rest)).collect()
     }
 
-    /// Of a fingertip that looked like this at rest.
+    /// For a fingertip with these rest pictures.
     pub(super) fn new(rest: &[Vec<u8>]) -> Self {
         Self {
             rest: Arc::new(mean(rest)),
@@ -45,7 +46,7 @@ impl DriftWatch {
         }
     }
 
-    /// Takes the next picture, and whether nothing touches in it. Returns what to warn of.
+    /// Takes the next picture, and whether it is untouched. Returns a warning.
     pub(super) fn observe(&mut self, t_s: f64, is_untouched: bool, crop: &[u8]) -> Option<String> {
         if let Some(work) = self.at_work.take_if(|work| work.is_finished()) {
             // A thread that panicked has said so.
@@ -74,7 +75,7 @@ impl DriftWatch {
     }
 }
 
-/// What a change means for the maps; `None` where they bear it.
+/// The effect of a change on the maps; `None` if it is harmless.
 fn warning(change: &Change) -> Option<String> {
     let light = change.light - 1.0;
     let found = if change.lost > limit::LOST {
@@ -127,7 +128,7 @@ mod tests {
         moved
     }
 
-    /// All warnings of so many seconds at 10 pictures a second.
+    /// All warnings of this many seconds at 10 pictures a second.
     fn warnings(
         watch: &mut DriftWatch,
         seconds: u32,

@@ -1,11 +1,11 @@
-//! The fingertips of a run, one or two: where the pictures of each come from and what makes maps of them. Who is asked next.
+//! The fingertips of a run, one or two: the source and the pipeline of each, and whose picture is next.
 
 use std::sync::Arc;
 
 use gripline_evaluation::calibration::surface::{Figures, mean};
 use gripline_firmware::sums::TaxelRule;
 use gripline_network::scene::GateKind;
-use gripline_protocol::SENSORS;
+use gripline_protocol::SensorId;
 use gripline_protocol::message::GripMode;
 use gripline_simulation::constants::REST_PICTURES;
 
@@ -167,18 +167,18 @@ pub(super) struct Fingertips {
     rule: TaxelRule,
 }
 
-/// What the fingertips have to give.
-pub(super) enum Looked {
+/// The result of polling the fingertips.
+pub(super) enum Polled {
     /// A picture of this one.
-    Picture(u8, Picture),
+    Picture(SensorId, Picture),
     /// None yet.
     NotYet,
-    /// One of them has no more.
+    /// One source has ended.
     End,
 }
 
 impl Fingertips {
-    /// Each with the model, its own rest pictures, and a gate of its own.
+    /// Each with the model, its own rest pictures, and its own gate.
     ///
     /// # Errors
     /// [`Error`] when a rest of printed markers shows none, or a touch.
@@ -209,27 +209,27 @@ impl Fingertips {
         })
     }
 
-    /// The next picture of any of them, in turn; one whose camera has nothing to give now is passed over.
+    /// The next picture of any of them, in turn; a camera without a new picture is skipped.
     ///
     /// # Errors
     /// [`Error`] when there can be no more.
-    pub(super) fn next(&mut self, line_n: f64) -> Result<Looked, Error> {
+    pub(super) fn next(&mut self, line_n: f64) -> Result<Polled, Error> {
         let count = self.all.len();
         for _ in 0..count {
             let place = self.next;
             self.next = (place + 1) % count;
             match self.all[place].source.next(line_n, POLL / count as u32)? {
-                Taken::Picture(picture) => return Ok(Looked::Picture(place as u8, picture)),
+                Taken::Picture(picture) => return Ok(Polled::Picture(SensorId::ALL[place], picture)),
                 Taken::NotYet => {}
-                Taken::End => return Ok(Looked::End),
+                Taken::End => return Ok(Polled::End),
             }
         }
-        Ok(Looked::NotYet)
+        Ok(Polled::NotYet)
     }
 
-    /// What makes maps of this fingertip's pictures.
-    pub(super) fn pipeline(&mut self, sensor: u8) -> &mut Pipeline {
-        &mut self.all[usize::from(sensor) % SENSORS].pipeline
+    /// The pipeline of this fingertip.
+    pub(super) fn pipeline(&mut self, sensor: SensorId) -> &mut Pipeline {
+        &mut self.all[sensor.index()].pipeline
     }
 
     /// Mean of each one's rest pictures.
@@ -237,12 +237,12 @@ impl Fingertips {
         self.all.iter().map(|tip| Arc::clone(&tip.rest)).collect()
     }
 
-    /// This fingertip at rest looks like this from now on; a camera's pictures are kept for the next start.
-    pub(super) fn rest_anew(&mut self, sensor: u8, rest: &[Vec<u8>], figures: &Figures) {
+    /// Sets new rest pictures of this fingertip; a camera's are stored for the next start.
+    pub(super) fn rest_anew(&mut self, sensor: SensorId, rest: &[Vec<u8>], figures: &Figures) {
         let Some(network) = self.model.network() else {
             return;
         };
-        let tip = &mut self.all[usize::from(sensor) % SENSORS];
+        let tip = &mut self.all[sensor.index()];
         tip.pipeline = Pipeline::new(network.clone(), rest, self.gate, self.rule);
         tip.rest = Arc::new(mean(rest));
         if let Some(store) = &tip.store {
@@ -250,7 +250,7 @@ impl Fingertips {
         }
     }
 
-    /// How many there are whose pictures can be taken anew: all or none.
+    /// How many can take new rest pictures: all or none.
     pub(super) fn to_rezero(&self) -> usize {
         if !self.model.has_markers() && (self.are_live() || self.are_simulated()) {
             self.all.len()
@@ -259,17 +259,17 @@ impl Fingertips {
         }
     }
 
-    /// Whether the pictures come when they come.
+    /// Whether the pictures come from a camera, at its own rate.
     pub(super) fn are_live(&self) -> bool {
         self.all.iter().any(|tip| tip.source.is_live())
     }
 
-    /// Whether they are in a world of its own that never ends.
+    /// Whether they are simulated.
     pub(super) fn are_simulated(&self) -> bool {
         self.all.iter().any(|tip| tip.source.is_simulated())
     }
 
-    /// What became of each one's pictures so far.
+    /// Counts of each one's pictures so far.
     pub(super) fn counts(&self) -> Vec<Option<Counts>> {
         self.all.iter().map(|tip| tip.source.counts()).collect()
     }

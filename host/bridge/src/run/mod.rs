@@ -1,13 +1,13 @@
-//! `gripline run`: source → pipeline → session → line, frame by frame, with the view, plain lines or JSON.
-//! With two fingertips a frame is a picture of either, as they come, and each has its turn.
+//! `gripline run`: source → pipeline → session → line, frame by frame, with the view, plain lines or JSON. With two fingertips a
+//! frame is a picture of either, in turn.
 //!
-//! The loop is a straight line: a picture is taken at frame k, its map goes out at once, the link works until frame
-//! k+1, and the line it then holds is what the (simulated) gripper feels next. Paced by the wall clock.
+//! The loop is sequential: it takes a picture at frame k, sends its map at once, and lets the link work until frame k+1; the
+//! resulting line drives the (simulated) gripper in the next frame. Paced by the wall clock.
 
 mod capture_to_line;
-mod desk;
 mod drift;
 mod fingertips;
+mod handle_requests;
 mod output;
 mod report;
 mod requests;
@@ -36,8 +36,8 @@ use gripline_simulation::constants::SCENE_LOOP_S;
 
 pub use self::capture_to_line::{CaptureToLineSummary, PartQuantiles};
 use self::drift::DriftWatch;
-use self::fingertips::{Fingertips, Looked, Open};
-use self::output::{Output, Wish};
+use self::fingertips::{Fingertips, Open, Polled};
+use self::output::{Output, UserInput};
 use self::requests::Requests;
 use self::restart_loop::is_restart_loop;
 use self::settings::{
@@ -70,7 +70,7 @@ use gripline_recording::{Image, Metadata, Pace, Pictures, Recorder};
 pub struct RunArgs {
     #[command(flatten)]
     overrides: Overrides,
-    /// One JSON object a frame, and a summary object last, on standard output.
+    /// Print one JSON object per frame and a summary object last on standard output.
     #[arg(long)]
     json: bool,
 }
@@ -174,7 +174,7 @@ pub fn run(args: &RunArgs) -> Result<Completion, Error> {
     close(run, &fingertips, output)
 }
 
-/// Values and requests for other programs, as far as they are asked for.
+/// Values and requests for other programs, as configured.
 fn open_to_others(
     run: &mut Run,
     wanted: &Settings,
@@ -215,7 +215,7 @@ fn close(mut run: Run, fingertips: &Fingertips, output: Output) -> Result<Comple
     }
 }
 
-/// Serves live values and takes requests, where that is wanted.
+/// Serves live values and takes requests, if configured.
 fn serve(wanted: &Settings, control: &Handle) -> Result<Option<Live>, Error> {
     let Some(address) = wanted.serve else {
         return Ok(None);
@@ -234,7 +234,7 @@ fn serve(wanted: &Settings, control: &Handle) -> Result<Option<Live>, Error> {
     Ok(Some(live))
 }
 
-/// The file to record into, unless systemd seems to start the program again and again.
+/// The file to record into, unless systemd seems to restart the program in a loop.
 fn recording_file(wanted: &Settings) -> Option<&PathBuf> {
     let file = wanted.record.as_ref()?;
     if Supervisor::is_there() && is_restart_loop(file) {
@@ -248,7 +248,7 @@ fn recording_file(wanted: &Settings) -> Option<&PathBuf> {
     Some(file)
 }
 
-/// Small pictures are enough for one of the networks only.
+/// Only one of the networks works with small pictures.
 fn may_be_recorded(wanted: &Settings, model: &Model) -> Result<(), Error> {
     let is_enough = |model: &Model| {
         let network = model.network();
@@ -266,7 +266,7 @@ fn may_be_recorded(wanted: &Settings, model: &Model) -> Result<(), Error> {
     Ok(())
 }
 
-/// Picture after picture, until the time is over or the user stops it.
+/// Processes pictures until the time is over or the user stops it.
 fn play(
     run: &mut Run,
     fingertips: &mut Fingertips,
@@ -279,17 +279,17 @@ fn play(
     supervisor.ready();
     while is_wanted() && seconds.is_none_or(|seconds| !run.is_over(seconds)) {
         supervisor.turned();
-        let wish = match fingertips.next(run.control.session.line_n())? {
-            Looked::Picture(sensor, picture) => {
+        let input = match fingertips.next(run.control.session.line_n())? {
+            Polled::Picture(sensor, picture) => {
                 let pipeline = fingertips.pipeline(sensor);
                 let report = run.frame(pipeline, sensor, picture)?;
                 output.frame(&report, pipeline.newtons())?
             }
-            Looked::NotYet => {
+            Polled::NotYet => {
                 run.idle()?;
                 output.idle()?
             }
-            Looked::End => Wish::Stop,
+            Polled::End => UserInput::Stop,
         };
         run.advance_rezero(fingertips)?;
         if run.settings_changed() {
@@ -300,10 +300,10 @@ fn play(
             run.record_line(&line);
             output.show_line(&line);
         }
-        match wish {
-            Wish::GoOn => {}
-            Wish::Ask(keys) => keys.into_iter().for_each(|key| terminal.ask(key)),
-            Wish::Stop => break,
+        match input {
+            UserInput::Nothing => {}
+            UserInput::Keys(keys) => keys.into_iter().for_each(|key| terminal.ask(key)),
+            UserInput::Stop => break,
         }
     }
     supervisor.stopping();

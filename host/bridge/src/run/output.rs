@@ -1,4 +1,4 @@
-//! Where the reports of a run go: JSON lines, the live view, or a plain line a second.
+//! The output of a run: JSON lines, the live view, or one plain line per second.
 
 use std::fmt;
 use std::io::{self, ErrorKind, IsTerminal, Write};
@@ -9,12 +9,12 @@ use crate::view::{Key, Screen, View};
 use crate::writer::{WhenFull, Writer};
 use gripline_recording::telemetry::{FrameReport, Limits};
 
-/// What the person at the terminal wants.
+/// Input of the person at the terminal.
 #[derive(Debug, PartialEq, Eq)]
-pub(super) enum Wish {
-    GoOn,
-    /// What was asked for with keys.
-    Ask(Vec<Key>),
+pub(super) enum UserInput {
+    Nothing,
+    /// Keys with requests.
+    Keys(Vec<Key>),
     Stop,
 }
 
@@ -23,7 +23,7 @@ const LINES_WAITING: usize = 512;
 /// Frames that wait for a slow terminal.
 const FRAMES_WAITING: usize = 8;
 
-/// Where the reports go. All of it is written by a thread of its own.
+/// The output. A separate thread writes it.
 pub(super) enum Output {
     Json(Writer<Vec<u8>>),
     Live(Writer<Shown>),
@@ -34,7 +34,7 @@ pub(super) enum Output {
     },
 }
 
-/// What the live view is given.
+/// An update of the live view.
 pub(super) enum Shown {
     Frame(Box<(FrameReport, [[f32; 3]; 400])>),
     Line(String),
@@ -91,7 +91,7 @@ impl Output {
         matches!(self, Self::Live(_))
     }
 
-    pub(super) fn frame(&mut self, report: &FrameReport, map: &[[f32; 3]; 400]) -> Result<Wish, Error> {
+    pub(super) fn frame(&mut self, report: &FrameReport, map: &[[f32; 3]; 400]) -> Result<UserInput, Error> {
         match self {
             Self::Json(out) => {
                 let mut line = serde_json::to_vec(report)?;
@@ -100,7 +100,7 @@ impl Output {
             }
             Self::Live(out) => {
                 if !out.offer(Shown::Frame(Box::new((report.clone(), *map)))) {
-                    return Ok(Wish::Stop);
+                    return Ok(UserInput::Stop);
                 }
                 pressed()
             }
@@ -110,26 +110,26 @@ impl Output {
                     out.offer(format!("{}\n", progress_line(report)).into_bytes()),
                 ))
             }
-            Self::Lines { .. } => Ok(Wish::GoOn),
+            Self::Lines { .. } => Ok(UserInput::Nothing),
         }
     }
 
     /// There is no picture now.
-    pub(super) fn idle(&mut self) -> Result<Wish, Error> {
+    pub(super) fn idle(&mut self) -> Result<UserInput, Error> {
         match self {
             Self::Live(_) => pressed(),
-            Self::Json(_) | Self::Lines { .. } => Ok(Wish::GoOn),
+            Self::Json(_) | Self::Lines { .. } => Ok(UserInput::Nothing),
         }
     }
 
-    /// Shows a log line where standard error cannot.
+    /// Shows a log line in the view.
     pub(super) fn show_line(&mut self, line: &str) {
         if let Self::Live(out) = self {
             out.offer(Shown::Line(line.to_owned()));
         }
     }
 
-    /// The settings are others from now on.
+    /// New settings.
     pub(super) fn limits(&mut self, limits: Limits) {
         if let Self::Live(out) = self {
             out.offer(Shown::Limits(limits));
@@ -169,23 +169,27 @@ impl Output {
     }
 }
 
-const fn wanted(is_wanted: bool) -> Wish {
-    if is_wanted { Wish::GoOn } else { Wish::Stop }
+const fn wanted(is_wanted: bool) -> UserInput {
+    if is_wanted {
+        UserInput::Nothing
+    } else {
+        UserInput::Stop
+    }
 }
 
-/// What was pressed: read here, so that a terminal that takes nothing can still be told to stop.
-fn pressed() -> Result<Wish, Error> {
+/// The pressed keys: read here, so that a terminal that accepts no output can still stop the run.
+fn pressed() -> Result<UserInput, Error> {
     let keys = Screen::pressed().map_err(terminal_failed)?;
     Ok(if keys.contains(&Key::Quit) {
-        Wish::Stop
+        UserInput::Stop
     } else if keys.is_empty() {
-        Wish::GoOn
+        UserInput::Nothing
     } else {
-        Wish::Ask(keys)
+        UserInput::Keys(keys)
     })
 }
 
-/// A reader that went away (`| head`) is no failure.
+/// A closed reader (`| head`) is not a failure.
 fn still_wanted(written: io::Result<()>) -> Result<(), Error> {
     match written {
         Err(error) if error.kind() != ErrorKind::BrokenPipe => {

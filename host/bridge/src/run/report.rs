@@ -1,4 +1,4 @@
-//! What a frame of the loop says to view, programs and recording. Pure.
+//! The report of a frame for view, programs and recording. Pure.
 
 use gripline_firmware::Fault;
 use gripline_network::constants::IMAGE_SIDE;
@@ -16,7 +16,7 @@ use gripline_recording::units::{
 };
 use gripline_recording::{Image, Pictures};
 
-/// What of a picture is recorded.
+/// Which size of pictures is recorded.
 pub(super) fn image(wanted: Pictures, crop: impl Into<Vec<u8>>, pipeline: &Pipeline) -> Option<Image> {
     match wanted {
         Pictures::Full => {
@@ -34,7 +34,7 @@ pub(super) fn image(wanted: Pictures, crop: impl Into<Vec<u8>>, pipeline: &Pipel
     }
 }
 
-/// What the host itself has against the microcontroller's part.
+/// The host's own faults.
 pub(super) fn faults_of(session: &Session) -> Vec<&'static str> {
     let faults = [
         (session.presence().away.is_some(), NO_DEVICE),
@@ -54,7 +54,7 @@ pub(super) fn report_of(
 ) -> FrameReport {
     let status = &outcome.status;
     let sums = &status.sums;
-    let fingertip = &fingertips[usize::from(status.sensor).min(SENSORS - 1)];
+    let fingertip = &fingertips[status.sensor.index()];
     let pitch_mm = millimetres(fingertip.pitch_um);
     let [x, y, z] = force_n(sums);
     let faults = status.faults | status.latched;

@@ -1,20 +1,20 @@
-//! What is asked of a run from outside and is under way, and which mode the gripper is to have by it.
+//! The pending requests to a run, and the mode of the gripper that follows from them.
 
-use gripline_control::{Asked, Desk, Inbox};
+use gripline_control::{Arbiter, Asked, Inbox};
 use gripline_pipeline::Acknowledgement;
 use gripline_protocol::message::{Configuration, GripMode};
 
 use super::rezero::Rezero;
 
-/// What was asked for and is under way.
+/// Pending requests.
 pub(super) struct Requests {
     pub(super) inbox: Inbox,
-    pub(super) desk: Desk,
+    pub(super) arbiter: Arbiter,
     /// The mode that was requested, from then on.
     pub(super) asked: Option<GripMode>,
-    /// What the pictures' script says, where it may move the gripper.
+    /// The mode in the pictures' script, if the script may move the gripper.
     pub(super) script: Option<GripMode>,
-    /// Said as long as neither says anything.
+    /// Used while neither of both gives a mode.
     pub(super) otherwise: Option<GripMode>,
     pub(super) follows_script: bool,
     pub(super) floor: Option<FloorRequest>,
@@ -25,24 +25,24 @@ pub(super) struct Requests {
     pub(super) has_other_settings: bool,
 }
 
-/// Settings with another floor, offered until they are in force.
+/// Settings with another floor, sent until they are in force.
 pub(super) struct FloorRequest {
     pub settings: Configuration,
     pub begun_us: u64,
     pub sent_us: Option<u64>,
 }
 
-/// What may move the gripper without being asked for from outside.
+/// What may move the gripper without a request.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Unasked {
     /// Hold from the start (`--hold`).
     pub hold: bool,
-    /// The pictures' script: that of the simulated scene, or what was asked for in a recording.
+    /// The pictures' script: that of the simulated scene, or the requests in a recording.
     pub script: bool,
 }
 
 impl Unasked {
-    /// The script of the pictures, as where nothing but files and the simulated world is.
+    /// The script of the pictures, as with files and the simulated world.
     pub(super) const SCRIPT: Self = Self {
         hold: false,
         script: true,
@@ -53,7 +53,7 @@ impl Requests {
     pub(super) fn new(inbox: Inbox, unasked: Unasked, fingertips_to_rezero: usize) -> Self {
         Self {
             inbox,
-            desk: Desk::new(),
+            arbiter: Arbiter::new(),
             asked: None,
             script: None,
             otherwise: unasked.hold.then_some(GripMode::Hold),
@@ -71,12 +71,12 @@ impl Requests {
         self.script = script.filter(|_| self.follows_script);
     }
 
-    /// The mode that the gripper is to have now; `None`: it stays as it is.
+    /// The mode to request now; `None`: the gripper stays as it is.
     pub(super) fn mode(&self) -> Option<GripMode> {
         self.asked.or(self.script).or(self.otherwise)
     }
 
-    /// Whether something but a mode was asked for and is not confirmed.
+    /// Whether a request other than a mode is unconfirmed.
     pub(super) const fn is_under_way(&self) -> bool {
         self.floor.is_some() || self.acknowledging.is_some()
     }

@@ -1,10 +1,10 @@
-//! A program that is started again and again must not fill the disk. Recordings named after the time of their start tell how long each
-//! of them lasted: when the newest [`MOST`] of them were all short, there is no further one. Nothing is ever deleted.
+//! A program in a restart loop must not fill the disk. Recordings named after the time of their start show how long each of them
+//! lasted: when the newest [`MOST`] of them were all short, no further one is made. Nothing is ever deleted.
 
 use std::path::Path;
 use std::time::{Duration, SystemTime};
 
-/// So many short recordings in a row are a restart loop.
+/// This many short recordings in a row are a restart loop.
 const MOST: usize = 20;
 /// A recording below this is short.
 const SHORT: Duration = Duration::from_mins(1);
@@ -55,7 +55,7 @@ mod tests {
 
     use super::*;
 
-    /// Recordings a minute apart, the newest last, that lasted so many seconds.
+    /// Recordings a minute apart, the newest last, that lasted this many seconds.
     fn folder(lasted_s: impl Iterator<Item = u64>) -> (tempfile::TempDir, std::path::PathBuf) {
         let folder = tempfile::tempdir().unwrap();
         let name = |number: u64| {

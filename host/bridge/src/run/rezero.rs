@@ -1,6 +1,7 @@
 //! New pictures at rest while a run goes on: taken while the gripper is released, compared with the old ones in a thread of their own,
 //! and refused where they may show a touch.
 
+use gripline_protocol::SensorId;
 use std::sync::Arc;
 use std::thread::{self, JoinHandle};
 
@@ -8,7 +9,7 @@ use gripline_control::Why;
 use gripline_evaluation::calibration::surface::{Change, Figures, limit};
 use gripline_simulation::constants::REST_PICTURES;
 
-/// New pictures that do not come within so many frames are given up.
+/// A re-zero without its pictures after this many frames is given up.
 const FRAMES_MAX: u32 = 600;
 
 /// New pictures at rest of every fingertip.
@@ -34,10 +35,10 @@ impl Rezero {
         }
     }
 
-    /// Takes the next picture of a fingertip, where it wants one.
-    pub(super) fn observe(&mut self, sensor: u8, crop: &[u8]) {
+    /// Takes the next picture of a fingertip, if more are needed.
+    pub(super) fn observe(&mut self, sensor: SensorId, crop: &[u8]) {
         self.frames += 1;
-        if let Some(taken) = self.taken.get_mut(usize::from(sensor))
+        if let Some(taken) = self.taken.get_mut(sensor.index())
             && taken.len() < usize::from(REST_PICTURES)
             && self.compared.is_none()
         {
@@ -45,7 +46,7 @@ impl Rezero {
         }
     }
 
-    /// Goes on; says what came of it once it is known, with `old` the mean rest picture of each fingertip.
+    /// Continues; returns the result once it is known. `old` is the mean rest picture of each fingertip.
     pub(super) fn step(
         &mut self,
         old: impl FnOnce() -> Vec<Arc<Vec<u8>>>,
@@ -76,7 +77,7 @@ impl Rezero {
     }
 }
 
-/// Why the new pictures are not taken for rest.
+/// Why the new pictures are refused.
 fn doubt(figures: &Figures, change: &Change) -> Option<String> {
     if figures.moved_px > limit::STILL_PX {
         return Some(format!(
@@ -95,7 +96,7 @@ fn doubt(figures: &Figures, change: &Change) -> Option<String> {
     })
 }
 
-/// The pictures, where none may show a touch.
+/// The pictures, if none may show a touch.
 fn believed(compared: Vec<Compared>) -> Result<Vec<Compared>, Why> {
     let doubts = compared
         .iter()

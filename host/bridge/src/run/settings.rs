@@ -1,5 +1,5 @@
-//! What a run is set to: its network, the microcontroller's settings after network and calibrations, and what a recording has
-//! to say of it all.
+//! The settings of a run: its network, the microcontroller's settings after network and calibrations, and the metadata of a
+//! recording.
 
 use gripline_network::InstructionSet;
 use gripline_protocol::message::{Configuration, FingertipGeometry};
@@ -16,8 +16,7 @@ use gripline_link::session::Session;
 use gripline_pipeline::SCENE_INITIAL_GRIP_N;
 use gripline_recording::Metadata;
 
-/// What may move the gripper without being asked for from outside: nothing, but for a script where no real gripper can move, and what
-/// `--hold` says.
+/// What may move the gripper without a request: only `--hold`, and a script if no real gripper can move.
 pub(super) const fn unasked(wanted: &Settings) -> Unasked {
     let is_real = matches!(wanted.mcu, Target::Serial(_) | Target::Usb(_));
     let has_script = matches!(wanted.source, Source::Simulated | Source::Recording(_));
@@ -47,16 +46,15 @@ pub(super) fn as_many_fingertips(
     )))
 }
 
-/// The friction that the calibration says the detector should work with; of two fingertips the lower one, so that neither
-/// is believed to hold more than it does.
+/// The detector's friction from the calibrations; the lower one of two fingertips, so that neither is overestimated.
 pub(super) fn calibrated_friction(wanted: &Settings) -> Option<u16> {
     let of = |calibration: &Option<Calibration>| Some(calibration.as_ref()?.friction.as_ref()?.detector);
     let both = [&wanted.calibration, &wanted.second_calibration];
-    let least = both.into_iter().filter_map(of).min_by(f64::total_cmp)?;
-    Some((least * f64::from(PER_UNIT)).floor() as u16)
+    let min = both.into_iter().filter_map(of).min_by(f64::total_cmp)?;
+    Some((min * f64::from(PER_UNIT)).floor() as u16)
 }
 
-/// How the fingertips sit, as the calibrations say, else as the microcontroller has it.
+/// The geometry of the fingertips from the calibrations, else the microcontroller's.
 pub(super) fn calibrated_fingertips(wanted: &Settings, now: &Configuration) -> [FingertipGeometry; SENSORS] {
     let mut fingertips = now.fingertips;
     let both = [&wanted.calibration, &wanted.second_calibration];
@@ -68,18 +66,18 @@ pub(super) fn calibrated_fingertips(wanted: &Settings, now: &Configuration) -> [
     fingertips
 }
 
-/// The least force while holding, 1/4096 N: the microcontroller's own. Only the object of the simulated scene needs another, and
-/// only where nobody has chosen one.
+/// The minimum force while holding, 1/4096 N: the microcontroller's own. Only the object of the simulated scene needs another,
+/// unless the user has chosen one.
 pub(super) fn floor(source: &Source, now: &Configuration) -> i32 {
     let is_scene = matches!(source, Source::Simulated);
     if is_scene && now.floor == Configuration::DEFAULT.floor {
         let scene = (SCENE_INITIAL_GRIP_N * f64::from(LSB_PER_NEWTON)) as i32;
-        return scene.min(now.tighten);
+        return scene.min(now.fail_safe);
     }
     now.floor
 }
 
-/// Says so when the microcontroller's table of the line is not the calibrated one: only a stored one counts.
+/// Warns when the microcontroller's table of the line is not the calibrated one: only a stored one is used.
 pub(super) fn tell_of_another_line(wanted: &Settings, settings: &Configuration) {
     let Some(calibration) = &wanted.calibration else {
         return;
@@ -95,7 +93,7 @@ pub(super) fn tell_of_another_line(wanted: &Settings, settings: &Configuration) 
     }
 }
 
-/// What a recording has to say of the run as a whole.
+/// The metadata of a recording.
 pub(super) fn about(
     wanted: &Settings,
     model: &Model,

@@ -1,4 +1,4 @@
-//! What a run comes to: the last line of `--json`, and the text for people.
+//! The summary of a run: the last line of `--json`, and the text for people.
 
 use std::fmt::Write as _;
 
@@ -14,18 +14,18 @@ use gripline_recording::RecordingSummary;
 /// The last line of `--json`.
 #[derive(Debug, Serialize)]
 pub struct Summary {
-    /// Always true: tells this object from those of the frames.
+    /// Always true: distinguishes this object from those of the frames.
     #[serde(rename = "summary")]
     pub last: bool,
     /// Link to the device, as `--mcu` names it.
     pub mcu: String,
-    /// What became of the pictures of cameras, or of files, all fingertips together.
+    /// Counts of the pictures of cameras, or of files, all fingertips together.
     pub pictures: Option<Counts>,
     /// One or two.
     pub fingertips: Vec<FingertipSummary>,
-    /// Version, commit and board, as the handshake told them.
+    /// Version, commit and board from the handshake.
     pub firmware: Option<String>,
-    /// Frames that had their turn, late ones included.
+    /// Processed frames, including late ones.
     pub frames: u64,
     /// Seconds, on the run's clock.
     pub seconds: f64,
@@ -37,21 +37,21 @@ pub struct Summary {
     pub gate_no_contact: u64,
     /// Frames like the last one: its map again, without the network.
     pub gate_unchanged: u64,
-    /// Frames that the force network looked at.
+    /// Frames with inference.
     pub gate_network: u64,
-    /// Frames whose picture could not be believed: each gave the last good map again, marked.
+    /// Frames with an implausible picture: each repeated the last good map, marked.
     pub gate_unhealthy: u64,
     /// Times of each stage.
     pub stages: Vec<StageSummary>,
-    /// From a camera's time stamp to the grip-force line; `None` where no camera says when pictures were taken.
+    /// From a camera's time stamp to the grip-force line; `None` without a camera.
     pub capture_to_line: Option<CaptureToLineSummary>,
-    /// From a picture's bytes to the last of its map's with the link, decoding included: median, µs.
+    /// From a picture's bytes until the link has its map's last packet, decoding included: median, µs.
     pub frame_to_link_us_median: f64,
     /// 99th percentile of the same, µs.
     pub frame_to_link_us_p99: f64,
     /// 99.9th percentile of the same, µs.
     pub frame_to_link_us_p999: f64,
-    /// The same over the frames that the network looked at: median, µs.
+    /// The same over the frames with inference: median, µs.
     pub network_frame_to_link_us_median: f64,
     /// 99.9th percentile of the same, µs.
     pub network_frame_to_link_us_p999: f64,
@@ -63,7 +63,7 @@ pub struct Summary {
     pub shadow_mismatches: u64,
     /// Maps without an answer in their frame.
     pub maps_unanswered: u64,
-    /// Those of them that the link did not take: away or busy.
+    /// How many of them the link did not accept: away or busy.
     pub maps_not_taken: u64,
     /// Commands that the device refused.
     pub commands_refused: u64,
@@ -71,13 +71,13 @@ pub struct Summary {
     pub last_refusal: Option<String>,
     /// Holds and releases that the microcontroller did not confirm.
     pub requests_unconfirmed: u64,
-    /// Pictures that were too old when their turn came: dropped.
+    /// Pictures dropped because they were too old.
     pub pictures_late: u64,
-    /// Maps that were too old to be sent: dropped.
+    /// Maps dropped because they were too old.
     pub maps_late: u64,
     /// Frames whose stick ratio was below the threshold.
     pub slip_frames: u64,
-    /// Frames in which the object slides as a whole while it is to be held: what is let go may slide.
+    /// Frames in which the whole object slides while it is to be held.
     pub gross_slip_frames: u64,
     /// How far the simulated object slid while it was to be held, mm.
     pub slip_mm: f64,
@@ -87,30 +87,30 @@ pub struct Summary {
     pub line_n_max: f64,
     /// Longest times of the device's stages, cycles.
     pub microcontroller_worst_cycles: [u32; 4],
-    /// Restarts under way (watchdog, crash, power), after each of which it got a new handshake and its settings.
+    /// Restarts of the microcontroller (watchdog, crash, power), each followed by a new handshake and its settings.
     pub microcontroller_restarts: u32,
-    /// How often this host's clock jumped against the microcontroller's, or a first map that came too late locked the others out.
+    /// How often this host's clock jumped against the microcontroller's, or a late first map locked the others out.
     pub clock_jumps: u64,
-    /// How often the microcontroller's device went away; it was taken up again when it came back.
+    /// How often the microcontroller's device went away; the run reconnected when it came back.
     pub link_losses: u32,
-    /// Packets that it did not take, away or busy.
+    /// Packets that it did not accept, away or busy.
     pub link_packets_lost: u64,
-    /// What of real time the system did not allow; `None` when it was not asked for.
+    /// Real-time settings that the system refused; `None` when not requested.
     pub realtime_lacks: Option<Vec<String>>,
     /// Lines, or pictures of the view, whose reader was too slow.
     pub output_dropped: u64,
-    /// What was recorded, when anything was to be.
+    /// The recording, if there was one.
     pub recording: Option<RecordingSummary>,
 }
 
-/// What became of one fingertip's pictures.
+/// Counts of one fingertip's pictures.
 #[derive(Debug, Clone, Serialize)]
 pub struct FingertipSummary {
-    /// Where they came from, as it was set.
+    /// The configured source.
     pub source: String,
     /// Those of a camera, or of files.
     pub pictures: Option<Counts>,
-    /// Those that had their turn.
+    /// Processed pictures.
     pub frames: u64,
     /// Maps without an answer in their frame.
     pub maps_unanswered: u64,
@@ -147,14 +147,14 @@ pub struct StageSummary {
     pub p99_us: f64,
     /// 99.9th percentile, µs.
     pub p999_us: f64,
-    /// What it may take.
+    /// Its deadline.
     pub deadline_us: f64,
     /// Frames in which it took longer.
     pub late: u64,
 }
 
 impl Summary {
-    /// Of a run that has not begun.
+    /// For a run that has not begun.
     pub(super) fn of_link(mcu: String, firmware: Option<&Hello>) -> Self {
         Self {
             last: true,
@@ -203,7 +203,7 @@ impl Summary {
         }
     }
 
-    /// What was lost, in words; nothing when nothing was.
+    /// The losses, as text; empty if there were none.
     #[must_use]
     pub fn losses(&self) -> Vec<String> {
         let mut losses = Vec::new();
@@ -269,7 +269,7 @@ impl Summary {
     }
 }
 
-/// What became of pictures that were not looked at.
+/// The unused pictures, as text.
 fn losses_of(pictures: &Counts) -> Vec<String> {
     let absence_s = pictures.longest_absence_s;
     [

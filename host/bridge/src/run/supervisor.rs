@@ -1,6 +1,6 @@
-//! What systemd is told of a run: that it is ready, that its loop turns, that it stops (sd_notify(3): a datagram a message).
-//! The watchdog is fed from the loop itself and from nowhere else: when the loop stands still, systemd starts the program
-//! again, and meanwhile the microcontroller holds the line. Without `NOTIFY_SOCKET` nothing is told. Linux only.
+//! Notifications to systemd: the run is ready, its loop runs, it stops (sd_notify(3): a datagram a message). The watchdog is fed
+//! from the loop itself and from nowhere else: when the loop hangs, systemd restarts the program, and the microcontroller holds the
+//! line meanwhile. Without `NOTIFY_SOCKET` nothing is sent. Linux only.
 
 use std::cell::Cell;
 use std::ffi::OsStr;
@@ -24,7 +24,7 @@ impl Supervisor {
         std::env::var_os("NOTIFY_SOCKET").is_some_and(|address| !address.is_empty())
     }
 
-    /// The one that this process's environment names. One that cannot be reached is told, and the run goes on without it.
+    /// The one named by this process's environment. If it cannot be reached, this is reported, and the run continues without it.
     pub(super) fn of_environment() -> Self {
         let variable = |name| std::env::var(name).ok();
         let interval = interval(
@@ -50,12 +50,12 @@ impl Supervisor {
         }
     }
 
-    /// The loop is about to turn.
+    /// The loop is about to start.
     pub(super) fn ready(&self) {
         self.tell("READY=1");
     }
 
-    /// The loop has turned once more: the watchdog is fed, when it is time.
+    /// One iteration of the loop is done: feeds the watchdog when it is due.
     pub(super) fn turned(&self) {
         let (Some(interval), now) = (self.interval, Instant::now()) else {
             return;
@@ -71,7 +71,7 @@ impl Supervisor {
         self.tell("STOPPING=1");
     }
 
-    /// A message that cannot be delivered at once is lost: nothing that watches delays the loop, and the next one comes soon.
+    /// A message that cannot be delivered at once is lost: it must not delay the loop, and the next one comes soon.
     fn tell(&self, message: &str) {
         if let Some(socket) = &self.socket {
             let _ = socket.send(message);

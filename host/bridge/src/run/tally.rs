@@ -1,7 +1,8 @@
-//! What a run comes to, frame by frame and at its end.
+//! Counts of a run, per frame and at its end.
 
 use gripline_firmware::sums::stick_ratio_below;
 use gripline_network::scene::GateDecision;
+use gripline_protocol::SensorId;
 use gripline_protocol::message::{GripMode, Status};
 
 use super::summary::{StageSummary, Summary};
@@ -15,7 +16,7 @@ impl Run {
     /// Counts a frame.
     pub fn count(&mut self, outcome: &FrameOutcome) {
         let summary = &mut self.summary;
-        if let Some(fingertip) = summary.fingertips.get_mut(usize::from(outcome.sensor)) {
+        if let Some(fingertip) = summary.fingertips.get_mut(outcome.sensor.index()) {
             fingertip.frames += 1;
             fingertip.maps_unanswered += u64::from(!outcome.answered && outcome.late.is_none());
         }
@@ -99,7 +100,7 @@ impl Run {
         let line_n_min_holding = self.summary.line_n_min_holding;
         let shadow = self.control.session.shadow();
         let mut fingertips = self.summary.fingertips.clone();
-        for (sensor, fingertip) in fingertips.iter_mut().enumerate() {
+        for (sensor, fingertip) in SensorId::ALL.into_iter().zip(fingertips.iter_mut()) {
             [fingertip.answers_checked, fingertip.shadow_mismatches] = shadow.of(sensor);
         }
         Summary {

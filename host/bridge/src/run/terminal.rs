@@ -1,4 +1,4 @@
-//! Requests from the keys of the terminal view: one client among others, which takes the gripper over with a key of its own.
+//! Requests from the keys of the terminal view: one client among others, with a key to take the gripper over.
 
 use std::time::{SystemTime, UNIX_EPOCH};
 
@@ -7,7 +7,7 @@ use gripline_control::{Action, Client, Handle, Request};
 use crate::error::Error;
 use crate::view::Key;
 
-/// By how much a key moves the least force, newtons.
+/// Step of the minimum force per key, newtons.
 const FLOOR_STEP_N: f64 = 0.5;
 
 /// The person at the terminal.
@@ -29,7 +29,7 @@ impl Terminal {
         })
     }
 
-    /// Asks for what a key stands for. The answer goes to the log, which the view shows.
+    /// Sends the request of a key. The answer goes to the log, which the view shows.
     pub(super) fn ask(&mut self, key: Key) {
         let floor = |step_n: f64| Action::SetFloor {
             newtons: (self.control.status().floor_n + step_n).max(0.0),

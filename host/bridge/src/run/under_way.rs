@@ -1,9 +1,9 @@
-//! A run under way: what one frame is, what goes on between frames, and what a person is told.
+//! A run in progress: the work of one frame, the work between frames, and the reports to the user.
 
 use std::ops::Add as _;
 use std::time::{Duration, Instant};
 
-use gripline_protocol::{ForceMap, Motion, SENSORS};
+use gripline_protocol::{ForceMap, Motion, SensorId};
 
 use gripline_control::channel;
 
@@ -36,9 +36,9 @@ use gripline_recording::{Frame, Pictures, Recorder};
 pub enum Pacing {
     /// The wall clock.
     Wall,
-    /// Nothing: time is what the frames make of it.
+    /// Nothing: frames follow each other at once.
     None,
-    /// The camera, whose pictures come when they come.
+    /// The camera, which delivers at its own rate.
     Pictures,
 }
 
@@ -52,9 +52,9 @@ impl Pacing {
     }
 }
 
-/// A run under way.
+/// A run in progress.
 pub struct Run {
-    /// The session with the device, and what it does a frame.
+    /// The session with the device, and its frames.
     pub control: ControlLoop,
     /// Number of the next frame.
     pub frame: u64,
@@ -69,7 +69,7 @@ pub struct Run {
     pub(super) cpu_s: Option<f64>,
     /// Where frames are recorded.
     pub recorder: Option<Recorder>,
-    /// What of the pictures is recorded.
+    /// Which size of pictures is recorded.
     pub pictures: Pictures,
     pub(super) live: Option<Live>,
     pub(super) fleet: Option<Fleet>,
@@ -81,23 +81,23 @@ pub struct Run {
     pub(super) frame_to_link: Times,
     pub(super) network_frame_to_link: Times,
     pub(super) capture_to_line: CaptureToLine,
-    /// Pictures that never came, were overtaken and were damaged so far.
+    /// Pictures lost, overtaken and damaged so far.
     pub(super) pictures_lost: [u64; 3],
-    /// How often the device had gone away, and whether it is away, when that was last told.
+    /// How often the device had gone away, and whether it was away, at the last report.
     pub(super) presence: (u32, bool),
-    /// What watches the untouched fingertips of cameras.
+    /// Monitors of the untouched fingertips of cameras.
     pub(super) drift: Vec<DriftWatch>,
-    /// What is asked for from outside.
+    /// The requests of clients.
     pub(super) requests: Requests,
     /// Counts so far; [`Run::summary`] completes them.
     pub summary: Summary,
 }
 
-/// What was asked for between two frames and is not confirmed is looked at so often.
+/// Polling interval for unconfirmed requests between two frames.
 const WATCH_STEP: Duration = Duration::from_millis(1);
 
 impl Run {
-    /// A run without view, readers or recording, with so many pictures a second of all fingertips together.
+    /// A run without view, readers or recording, with this many pictures a second of all fingertips together.
     #[must_use]
     pub fn new(session: Session, pacing: Pacing, frames_per_second: f64) -> Self {
         Self {
@@ -134,7 +134,7 @@ impl Run {
     pub fn frame(
         &mut self,
         pipeline: &mut Pipeline,
-        sensor: u8,
+        sensor: SensorId,
         picture: Picture,
     ) -> Result<FrameReport, Error> {
         let frame_us = 1e6 / self.frames_per_second;
@@ -170,7 +170,7 @@ impl Run {
             // Elsewhere pictures are of the moment at which they are asked for.
             Pacing::Wall | Pacing::None => (0, picture.decode_us),
         };
-        self.requests.scripted(picture.wish);
+        self.requests.scripted(picture.requested_mode);
         self.handle_requests()?;
         let mode = self.requests.mode();
         let request = FrameRequest {
@@ -196,9 +196,9 @@ impl Run {
         self.check_link();
         self.settle_requests()?;
         let is_untouched = outcome.gate == GateDecision::NoContact && outcome.late.is_none();
-        let watch = self.drift.get_mut(usize::from(sensor));
+        let watch = self.drift.get_mut(sensor.index());
         if let Some(warning) = watch.and_then(|watch| watch.observe(t_s, is_untouched, &picture.crop)) {
-            tracing::warn!("fingertip {}: {warning}", sensor + 1);
+            tracing::warn!("fingertip {}: {warning}", sensor.number() + 1);
         }
         if let Some(rezero) = &mut self.requests.rezero {
             rezero.observe(sensor, &picture.crop);
@@ -228,9 +228,9 @@ impl Run {
         Ok(report)
     }
 
-    /// A picture without markers is told with its source and number.
-    fn with_picture_number(&self, error: PipelineError, sensor: u8) -> Error {
-        let source = self.summary.fingertips.get(usize::from(sensor));
+    /// Adds source and number to the error of a picture without markers.
+    fn with_picture_number(&self, error: PipelineError, sensor: SensorId) -> Error {
+        let source = self.summary.fingertips.get(sensor.index());
         match error {
             PipelineError::Markers(problem) => Error::failed(format!(
                 "{}, frame {}: {problem}",
@@ -241,7 +241,7 @@ impl Run {
         }
     }
 
-    /// Leaves a frame for Foxglove and for the recording.
+    /// Queues a frame for Foxglove and for the recording.
     fn keep(
         &mut self,
         report: &FrameReport,
@@ -286,19 +286,19 @@ impl Run {
         }
     }
 
-    /// Leaves a frame of a picture that was taken then for zenoh and ROS 2.
+    /// Queues a frame for zenoh and ROS 2; its picture was taken at this time.
     fn publish_to_many(&mut self, report: &FrameReport, map: &ForceMap, taken: Instant) {
         if let Some(fleet) = &mut self.fleet {
             fleet.publish(report);
         }
         if let Some(ros2) = &self.ros2 {
             let fingertips = &self.control.session.settings().fingertips;
-            let pitch_um = fingertips[usize::from(report.sensor) % SENSORS].pitch_um;
+            let pitch_um = fingertips[report.sensor.index()].pitch_um;
             ros2.publish(report, map, millimetres(pitch_um), taken);
         }
     }
 
-    /// Says when pictures are lost: the first one, and then whenever they have become twice as many.
+    /// Reports lost pictures: the first one, and then whenever their number has doubled.
     pub(super) fn check_pictures(&mut self, counts: &[Option<Counts>]) {
         let all = counts
             .iter()
@@ -317,7 +317,7 @@ impl Run {
         self.pictures_lost = lost;
     }
 
-    /// Says when the device goes away and when it is back.
+    /// Reports when the device goes away and when it is back.
     fn check_link(&mut self) {
         let session = &self.control.session;
         let presence = session.presence();
@@ -338,7 +338,7 @@ impl Run {
         self.presence = now;
     }
 
-    /// The recording keeps a log line, and Foxglove shows it.
+    /// Passes a log line to the recording and to Foxglove.
     pub(super) fn record_line(&self, line: &str) {
         if let Some(foxglove) = &self.foxglove {
             foxglove.note(self.t_s, line);
@@ -352,7 +352,7 @@ impl Run {
         self.started.elapsed().as_micros() as u64
     }
 
-    /// There is no picture: the link goes on living.
+    /// Without a picture: keeps the link working.
     pub(super) fn idle(&mut self) -> Result<(), Error> {
         self.handle_requests()?;
         let now_us = self.elapsed_us();
@@ -361,7 +361,7 @@ impl Run {
         self.settle_requests()
     }
 
-    /// Whether it has lasted so long.
+    /// Whether it has lasted this long.
     pub(super) fn is_over(&self, seconds: f64) -> bool {
         match self.pacing {
             Pacing::Pictures => self.started.elapsed().as_secs_f64() >= seconds,
@@ -369,7 +369,7 @@ impl Run {
         }
     }
 
-    /// Leaves the frame for programs that look at live values.
+    /// Publishes the frame as live values.
     fn publish(&self, report: &FrameReport, pipeline: &Pipeline, crop: &[u8]) {
         let Some(live) = &self.live else {
             return;
@@ -405,12 +405,12 @@ impl Run {
         live.publish(report, fill, view);
     }
 
-    /// When a frame's picture is taken, where the wall clock says it.
+    /// When a frame's picture is due, if paced by the wall clock.
     fn due(&self, frame: u64) -> Instant {
         self.started + Duration::from_secs_f64(frame as f64 / self.frames_per_second)
     }
 
-    /// Waits until the next frame is due; what is asked for meanwhile is done at once, and watched until it is confirmed.
+    /// Waits until the next frame is due; requests are executed at once meanwhile, and polled until confirmed.
     fn wait_for_the_clock(&mut self) -> Result<(), Error> {
         let due = self.due(self.frame + 1);
         loop {
@@ -425,7 +425,7 @@ impl Run {
             } else if until == due {
                 return Ok(());
             } else {
-                // A virtual clock goes on with the one on the wall; the next frame begins when it was due all the same.
+                // A virtual clock goes on with the one on the wall; the next frame begins when it was due anyway.
                 self.control.pass(WATCH_STEP)?;
                 self.handle_requests()?;
             }

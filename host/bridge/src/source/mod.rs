@@ -1,5 +1,5 @@
-//! Where pictures come from: the simulated fingertip in a simulated gripper, which also knows the truth; a camera; or
-//! pictures that were taken before. Frames are 440×440 grey crops, or colour crops as a sensor with printed markers describes them.
+//! Sources of pictures: the simulated fingertip in a simulated gripper, which also knows the truth; a camera; or earlier pictures.
+//! Frames are 440×440 grey crops, or the colour crops of a sensor with printed markers.
 
 mod recorded;
 
@@ -75,10 +75,10 @@ impl fmt::Display for Source {
     }
 }
 
-/// What is asked of a source, beside which it is.
+/// The settings of a source.
 #[derive(Debug, Clone, Default)]
 pub struct SourceSettings {
-    /// The camera's pixels; `None`: what needs the least decoding at the wanted rate.
+    /// The camera's pixel format; `None`: the one with the least decoding time at the wanted rate.
     pub format: Option<PixelFormat>,
     /// Frames a second; `None`: 60, or those of the recording.
     pub frames_per_second: Option<f64>,
@@ -88,11 +88,11 @@ pub struct SourceSettings {
     pub gain: Option<i64>,
     /// Seed of the simulated world.
     pub seed: u64,
-    /// Which fingertip, from 0, where the source has both: the simulated world, a recording.
+    /// Which fingertip, from 0, if the source has both: the simulated world, a recording.
     pub fingertip: usize,
-    /// What pictures of printed markers are like; `None`: grey ones of particles.
+    /// The format of pictures of printed markers; `None`: grey ones of particles.
     pub colour: Option<gripline_sensor::Capture>,
-    /// Whether a camera's thread asks for real time.
+    /// Whether a camera's thread requests real-time priority.
     pub realtime: bool,
 }
 
@@ -103,17 +103,17 @@ pub struct Picture {
     pub crop: Vec<u8>,
     /// When its bytes arrived.
     pub came: Instant,
-    /// When it was taken: a camera's, by the driver's time stamp; of others, when they were asked for.
+    /// When it was taken: a camera's by the driver's time stamp, others when they were requested.
     pub taken: Instant,
-    /// What it took to make the crop of them, µs.
+    /// Time to make the crop, µs.
     pub decode_us: f64,
-    /// What the simulated world knows.
+    /// The simulated world's truth.
     pub truth: Option<Truth>,
-    /// What is wanted of the gripper.
-    pub wish: Option<GripMode>,
+    /// The requested mode of the gripper.
+    pub requested_mode: Option<GripMode>,
 }
 
-/// What a source has to give.
+/// The result of polling a source.
 #[derive(Debug)]
 pub(crate) enum Taken {
     /// A picture.
@@ -124,7 +124,7 @@ pub(crate) enum Taken {
     End,
 }
 
-/// A source of pictures at work.
+/// An open source of pictures.
 pub(crate) enum Frames {
     Simulated(SimulatedSource),
     Camera(Camera),
@@ -142,7 +142,7 @@ pub(crate) struct Opened {
     pub told: String,
 }
 
-/// The untouched fingertip, in the order in which it was looked at.
+/// The untouched fingertip, in the order of capture.
 #[derive(Debug)]
 pub(crate) struct AtRest {
     /// 440×440 grey levels each.
@@ -239,11 +239,11 @@ impl Source {
     }
 }
 
-/// Opens the sources of two fingertips of one gripper: two cameras, files of both, or the simulated world, which both
-/// look at in turn.
+/// Opens the sources of two fingertips of one gripper: two cameras, files of both, or the simulated world, whose fingertips see it
+/// in turn.
 ///
 /// # Errors
-/// [`Error`] of kind usage when they are not of one kind, else as [`Source::open`].
+/// [`Error`] of kind usage when they are of different kinds, else as [`Source::open`].
 pub(crate) fn open_both(
     sources: [&Source; SENSORS],
     wanted: &SourceSettings,
@@ -279,10 +279,10 @@ pub(crate) fn open_both(
 }
 
 impl Opened {
-    /// Looks at the untouched fingertip, `count` times where that can be: files have what they have.
+    /// Takes `count` pictures of the untouched fingertip; files return what they have.
     ///
     /// # Errors
-    /// [`Error`] when the camera sends nothing good, or no file shows the fingertip at rest.
+    /// [`Error`] when the camera sends no good picture, or no file shows the fingertip at rest.
     pub(crate) fn rest(&mut self, count: usize) -> Result<AtRest, Error> {
         let crops = match &mut self.pictures {
             Frames::Simulated(source) => source.rest(count),
@@ -339,29 +339,29 @@ fn open_camera(device: &Path, _: &SourceSettings, _: f64) -> Result<Camera, Erro
 }
 
 impl Frames {
-    /// Whether it keeps its own time: it is to be asked again and again, and what it gives is now.
+    /// Whether it delivers in real time and must be polled.
     pub(crate) const fn is_live(&self) -> bool {
         matches!(self, Self::Camera(_))
     }
 
-    /// Whether it is a world of its own that answers to the gripper and never ends.
+    /// Whether it is the simulated world, which reacts to the gripper and never ends.
     pub(crate) const fn is_simulated(&self) -> bool {
         matches!(self, Self::Simulated(_))
     }
 
-    /// The next picture, with the gripper at this grip-force line. A camera is waited for, for at most so long.
+    /// The next picture, with the gripper at this grip-force line. Waits for a camera at most this long.
     ///
     /// # Errors
     /// [`Error`] when there can be no more.
     pub(crate) fn next(&mut self, line_n: f64, patience: Duration) -> Result<Taken, Error> {
-        let taken = |crop, [came, taken]: [Instant; 2], decode_us, wish| {
+        let taken = |crop, [came, taken]: [Instant; 2], decode_us, requested_mode| {
             Taken::Picture(Picture {
                 crop,
                 came,
                 taken,
                 decode_us,
                 truth: None,
-                wish,
+                requested_mode,
             })
         };
         Ok(match self {
@@ -383,13 +383,15 @@ impl Frames {
                 })
             }
             Self::Recording(frames) => match frames.next()? {
-                Some(RecordedPicture { crop, wish }) => taken(crop, [Instant::now(); 2], 0.0, wish),
+                Some(RecordedPicture { crop, requested_mode }) => {
+                    taken(crop, [Instant::now(); 2], 0.0, requested_mode)
+                }
                 None => Taken::End,
             },
         })
     }
 
-    /// What became of the pictures so far; `None` where none can be lost.
+    /// Counts of the pictures so far; `None` if none can be lost.
     pub(crate) fn counts(&self) -> Option<Counts> {
         match self {
             Self::Simulated(_) => None,
@@ -407,12 +409,12 @@ pub struct SimulatedSource {
     /// The world, which two fingertips share.
     scene: Rc<RefCell<GripScene>>,
     finger: usize,
-    /// From the last picture of either fingertip to the next one.
+    /// Time from a picture of either fingertip to the next one.
     step_s: f64,
 }
 
 impl SimulatedSource {
-    /// A scene whose gel, particles and noise follow from `seed`, at so many frames a second.
+    /// A scene whose gel, particles and noise follow from `seed`, at this frame rate.
     #[must_use]
     pub fn new(seed: u64, frames_per_second: f64) -> Self {
         Self::of(0, seed, frames_per_second)
@@ -428,8 +430,7 @@ impl SimulatedSource {
         }
     }
 
-    /// Both fingertips of one gripper, each at so many frames a second. They look in turn, half a frame apart, the first
-    /// one first.
+    /// Both fingertips of one gripper, each at this frame rate. They alternate, half a frame apart, beginning with the first.
     #[must_use]
     pub fn pair(seed: u64, frames_per_second: f64) -> [Self; SENSORS] {
         let scene = Rc::new(RefCell::new(GripScene::new(seed)));
@@ -440,7 +441,7 @@ impl SimulatedSource {
         })
     }
 
-    /// Frames at rest, each with noise of its own.
+    /// Frames at rest, each with its own noise.
     pub fn rest(&mut self, count: usize) -> Vec<Vec<u8>> {
         let mut scene = self.scene.borrow_mut();
         (0..count)
@@ -470,7 +471,7 @@ impl SimulatedSource {
                 gross_slip: frame.gross_slip,
                 slip_mm: frame.slip_mm,
             }),
-            wish: Some(if frame.phase == "release" {
+            requested_mode: Some(if frame.phase == "release" {
                 GripMode::Released
             } else {
                 GripMode::Hold

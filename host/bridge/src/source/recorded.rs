@@ -11,20 +11,20 @@ use crate::error::Error;
 /// The pictures of a recording.
 pub(crate) struct RecordedFrames {
     reader: Reader,
-    /// Whose pictures are played.
+    /// The fingertip whose pictures are played.
     fingertip: usize,
     path: PathBuf,
     counts: Counts,
 }
 
-/// A picture, and what the gripper was told with it.
+/// A picture, and the mode requested with it.
 pub(super) struct RecordedPicture {
     pub crop: Vec<u8>,
-    pub wish: Option<GripMode>,
+    pub requested_mode: Option<GripMode>,
 }
 
 impl RecordedFrames {
-    /// Opens a recording that has pictures, for those of a fingertip; those of its only one where it has one.
+    /// Opens a recording with pictures of a fingertip; if it has only one, of that.
     ///
     /// # Errors
     /// [`Error`] when it cannot be read, or was recorded without pictures.
@@ -57,7 +57,7 @@ impl RecordedFrames {
         &self.path
     }
 
-    /// What holds for all of it.
+    /// Its metadata.
     pub(crate) const fn metadata(&self) -> &Metadata {
         &self.reader.metadata
     }
@@ -67,20 +67,20 @@ impl RecordedFrames {
         &self.reader.rest[self.fingertip]
     }
 
-    /// The next picture, and what the gripper was told with it.
+    /// The next picture, and the mode requested with it.
     ///
     /// # Errors
     /// [`Error`] when the file cannot be read.
     pub(super) fn next(&mut self) -> Result<Option<RecordedPicture>, Error> {
         while let Some(frame) = self.reader.next_frame()? {
-            if usize::from(frame.status.sensor) != self.fingertip {
+            if frame.status.sensor.index() != self.fingertip {
                 continue;
             }
             self.counts.received += 1;
             if let Some(picture) = frame.picture {
                 return Ok(Some(RecordedPicture {
                     crop: Image::into_crop(picture),
-                    wish: frame.status.requested_mode,
+                    requested_mode: frame.status.requested_mode,
                 }));
             }
             self.counts.missed += 1;

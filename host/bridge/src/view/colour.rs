@@ -1,4 +1,4 @@
-//! Every colour of the view, and what becomes of them on a terminal that knows only 256.
+//! Every colour of the view, and its replacement on a terminal with 256 colours.
 //!
 //! The view draws in true colour on its own dark ground, so that it looks the same on any theme.
 
@@ -39,7 +39,7 @@ pub(super) fn ramp(stops: &[Rgb; 4], level: f32) -> Rgb {
     mix(stops[below], stops[below + 1], place - below as f32)
 }
 
-/// The colour that lies `share` (0 to 1) of the way from one to the other.
+/// The colour at `share` (0 to 1) between the two.
 pub(super) fn mix(from: Rgb, to: Rgb, share: f32) -> Rgb {
     let channel =
         |from: u8, to: u8| (f32::from(from) + (f32::from(to) - f32::from(from)) * share).round() as u8;

@@ -1,7 +1,7 @@
 //! The skin, 20 x 20 taxels: normal force as brightness, shear as an arrow, slipping taxels warm and sticking ones cold.
 //!
-//! Row 0 of the map (lowest y) is the lowest line on the screen. Newtons. Whether a taxel sticks is asked of the
-//! microcontroller's own rule on the force as quantised for the wire, so the picture cannot disagree with its counts.
+//! Row 0 of the map (lowest y) is the lowest line on the screen. Newtons. The microcontroller's rule, applied to the quantised
+//! force, decides whether a taxel sticks, so the view cannot disagree with its counts.
 
 use gripline_firmware::Friction;
 use gripline_firmware::sums::TaxelRule;
@@ -28,7 +28,7 @@ const BAR_COLUMNS: u16 = 8;
 /// Shear below this share of what friction can hold at full scale is a dot instead of an arrow.
 const SHEAR_VISIBLE: f32 = 0.02;
 
-/// What a taxel does.
+/// State of a taxel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Taxel {
     Free,

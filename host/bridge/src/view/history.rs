@@ -1,4 +1,4 @@
-//! The last ten seconds of a run: what the traces, the scales and the latencies are drawn from.
+//! The last ten seconds of a run: the data of the traces, the scales and the latencies.
 //!
 //! Times in seconds of the pictures' clock. At most [`SAMPLES_MAX`] frames are kept, so above 1,000 frames a second the
 //! traces reach less far back.
@@ -16,7 +16,7 @@ const RAN_MIN_US: f64 = 0.5;
 /// The frame rate is the mean over this time.
 const RATE_SPAN_S: f64 = 2.0;
 
-/// What is kept of one frame.
+/// The stored values of one frame.
 #[derive(Debug, Clone)]
 pub(super) struct Sample {
     pub(super) t_s: f64,
@@ -26,7 +26,7 @@ pub(super) struct Sample {
     pub(super) slip_evidence: Option<f64>,
     pub(super) line_n: f64,
     pub(super) normal_n: f64,
-    /// Greatest normal force of a taxel.
+    /// Maximum normal force of a taxel.
     pub(super) peak_n: f64,
     latency_us: f64,
     stages_us: [f64; STAGES.len()],
@@ -84,7 +84,7 @@ impl History {
         self.samples.back().map_or(0.0, |sample| sample.t_s)
     }
 
-    /// Greatest finite value of a quantity that is never negative.
+    /// Maximum finite value of a quantity that is never negative.
     pub(super) fn greatest(&self, value: impl Fn(&Sample) -> f64) -> f64 {
         self.samples()
             .map(value)

@@ -67,7 +67,7 @@ impl View {
 
     /// Takes one frame: its report and the map that was sent, newtons, 400 taxels row-major, `[fx, fy, fz]`.
     pub fn push(&mut self, report: &FrameReport, map: &[[f32; 3]; 400]) {
-        let sensor = usize::from(report.sensor) % SENSORS;
+        let sensor = report.sensor.index();
         self.newest[sensor] = Some((report.clone(), Box::new(*map)));
         if let Some((shown, map)) = self.shown() {
             let peak_n = map.iter().map(|&[.., fz]| fz).fold(0.0, f32::max);
@@ -101,7 +101,7 @@ impl View {
         };
         let apart_s = (first.0.t_s - second.0.t_s).abs();
         let silent = if apart_s > SILENT_S { ", other silent" } else { "" };
-        format!("fingertip {} of 2{silent}", shown.sensor + 1)
+        format!("fingertip {} of 2{silent}", shown.sensor.number() + 1)
     }
 
     /// Takes a line of what happened beside the frames; it stays until the next one.

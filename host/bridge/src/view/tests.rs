@@ -7,6 +7,7 @@ use ratatui::backend::TestBackend;
 use ratatui::buffer::{Buffer, Cell};
 
 use super::View;
+use gripline_protocol::SensorId;
 use gripline_protocol::message::{FingertipGeometry, MapSums};
 use gripline_recording::telemetry::{FrameReport, Limits, STAGES, Truth, WitnessReport};
 use gripline_recording::units::Load;
@@ -23,7 +24,7 @@ pub(super) const LIMITS: Limits = Limits {
 pub(crate) fn report(frame: u64) -> FrameReport {
     FrameReport {
         frame,
-        sensor: 0,
+        sensor: SensorId::FIRST,
         t_s: frame as f64 / 50.0,
         gate: "no_contact",
         health: Vec::new(),
@@ -33,7 +34,7 @@ pub(crate) fn report(frame: u64) -> FrameReport {
         shear_n: 0.0,
         moment_nmm: 0.0,
         centre_of_pressure_mm: None,
-        load: Load::of(&MapSums::default(), 0, &FingertipGeometry::DEFAULT),
+        load: Load::of(&MapSums::default(), SensorId::FIRST, &FingertipGeometry::DEFAULT),
         contact: 0,
         stick: 0,
         stick_ratio: None,
@@ -116,7 +117,7 @@ fn of_two_fingertips_the_one_that_sticks_less_is_drawn_and_marked_and_a_silent_o
     view.push(&report_of(0, &map, contacts, sticks), &map);
     assert!(!text(&view).contains("fingertip"), "there is only one");
     let second = |frame: u64, sticks: u16| FrameReport {
-        sensor: 1,
+        sensor: SensorId::SECOND,
         ..report_of(frame, &map, contacts, sticks)
     };
     view.push(&second(1, sticks - 40), &map);

@@ -229,14 +229,14 @@ fn slid(number: u64, network: &mut Network) -> Slid {
         (mixed ^ (mixed >> 29)).wrapping_mul(0xBF58_476D_1CE4_E5B9) >> 11
     };
     let uniform =
-        |key: u64, least: f64, most: f64| least + (most - least) * random(key) as f64 / (1_u64 << 53) as f64;
+        |key: u64, min: f64, max: f64| min + (max - min) * random(key) as f64 / (1_u64 << 53) as f64;
     let friction = uniform(0, 0.4, 0.9);
     let mut text = format!(
         "kind = \"press\"\n[indenter]\nshape = \"sphere\"\nradius_mm = {}\nfriction = {friction}\n",
         uniform(1, 8.0, 20.0)
     );
     for slide in 0..5 {
-        let of = |key: u64, least, most| uniform(10 * (slide + 1) + key, least, most);
+        let of = |key: u64, min, max| uniform(10 * (slide + 1) + key, min, max);
         let [x, y] = [of(0, -4.0, 4.0), of(1, -4.0, 4.0)];
         let way = of(2, 0.0, std::f64::consts::TAU);
         let force = of(3, 1.5, 4.0);

@@ -181,7 +181,7 @@ fn random_frames(random: &mut Random, count: usize, taxels: usize) -> Vec<Frame>
                         return [0.0; 3];
                     }
                     // Odd steps and less than half a step beside them: with μ = 0.45, 400 (fx² + fy²) = 81 fz² has no
-                    // solution with odd fz, so no decision hangs on the last bit of an f64.
+                    // solution with odd fz, so no decision depends on the last bit of an f64.
                     let odd = ((press * (0.8 + random.unit()) * 2048.0).round() * 2.0 + 1.0) / 4096.0;
                     let z = odd + 0.4 * random.unit() / 4096.0;
                     [z * shear * random.unit(), z * shear * random.unit(), z]
@@ -525,7 +525,7 @@ fn assert_refused(test: &str, cases: &[BadFile]) {
     }
 }
 
-/// A file of float32 zeros but for one number.
+/// A file of float32 zeros except for one number.
 fn with_number(shape: &str, numbers: usize, index: usize, value: f32) -> Vec<u8> {
     let mut values = vec![0.0; numbers];
     values[index] = value;

@@ -35,16 +35,16 @@ impl Chain {
         &mut self,
         sequence: u32,
         crop: &[u8],
-        wish: GripMode,
+        requested_mode: GripMode,
     ) -> (GateDecision, Option<f64>, bool, f64) {
-        if self.mode != Some(wish) {
-            let command = if wish == GripMode::Hold {
+        if self.mode != Some(requested_mode) {
+            let command = if requested_mode == GripMode::Hold {
                 Command::Hold
             } else {
                 Command::Release
             };
             self.session.command(command).unwrap();
-            self.mode = Some(wish);
+            self.mode = Some(requested_mode);
         }
         let processed = self.pipeline.process(crop).unwrap();
         let info = MapInfo {
@@ -91,8 +91,8 @@ fn skipping_saves_frames_and_changes_hardly_a_decision(kind: GateKind, rest_pict
                 .map(|status| status.line);
             let line_n = line.map_or(2.5, |line| f64::from(line) / f64::from(LSB_PER_NEWTON));
             let picture = source.next(line_n).unwrap();
-            let full = every.frame(sequence, &picture.crop, picture.wish.unwrap());
-            let gate = gated.frame(sequence, &picture.crop, picture.wish.unwrap());
+            let full = every.frame(sequence, &picture.crop, picture.requested_mode.unwrap());
+            let gate = gated.frame(sequence, &picture.crop, picture.requested_mode.unwrap());
             frames += 1;
             skipped += u32::from(gate.0 != GateDecision::Infer);
             missed += u32::from(

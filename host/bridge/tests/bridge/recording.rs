@@ -17,7 +17,7 @@ fn text(path: &Path) -> &str {
     path.to_str().expect("paths of tests are UTF-8")
 }
 
-/// A recording of so many seconds in a folder of its own.
+/// A recording of this many seconds in a folder of its own.
 fn recorded(seconds: &str, more: &[&str]) -> (tempfile::TempDir, PathBuf) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("run.mcap");

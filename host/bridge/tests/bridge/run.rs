@@ -336,7 +336,7 @@ fn the_emulated_board_closes_the_loop_through_the_whole_scene() {
     assert!(summary["answers_checked"].as_u64() >= Some(700), "{summary}");
 }
 
-/// What a program over there answers to a request, up to so many bytes.
+/// What a program over there answers to a request, up to this many bytes.
 fn asked(address: &str, path: &str, bytes: u64) -> String {
     let mut stream = std::net::TcpStream::connect(address).expect("somebody listens");
     stream.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
@@ -414,7 +414,7 @@ fn live_values_are_served_to_prometheus_and_as_newline_json() {
 
 #[test]
 fn real_time_tells_what_it_lacks_and_the_run_goes_on() {
-    // No machine has this core; whether the rest is allowed hangs on the machine.
+    // No machine has this core; whether the rest is allowed depends on the machine.
     let output = gripline(&[
         "run",
         "--seconds",

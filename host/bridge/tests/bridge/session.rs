@@ -1,4 +1,4 @@
-//! A microcontroller that restarts, falls silent or is replaced while a session is under way: the host meets it anew,
+//! A microcontroller that restarts, falls silent or is replaced while a session is under way: the host meets it again,
 //! gives it its settings and repeats no command. The firmware library on a clock of its own; times in µs.
 
 use std::cell::RefCell;
@@ -165,7 +165,7 @@ fn a_silence_without_a_restart_is_met_with_a_greeting_and_counts_as_none() {
         "{hellos} greetings in half a second of doubt"
     );
     assert_eq!(host.session.shadow().mismatches(), 0);
-    // A greeting by the same host starts no count anew: the maps go on where they were.
+    // A greeting by the same host starts no count again: the maps go on where they were.
     assert_eq!(host.session.status().unwrap().sequence, host.sequence);
 }
 

@@ -13,7 +13,7 @@ use crate::{greatest_difference, middle, smooth_frame};
 /// Grey levels that an encoder with the best quality may lose.
 const ENCODER_LOSS: u8 = 2;
 
-/// The smooth frame with noise of so many levels up and down.
+/// The smooth frame with noise of this many levels up and down.
 fn noisy_frame(noise: u8, seed: u64) -> Vec<u8> {
     let mut state = seed | 1;
     let mut random = || {

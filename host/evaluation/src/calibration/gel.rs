@@ -686,7 +686,7 @@ mod tests {
         assert_eq!(found.normal, 0);
         assert!((found.tare_n[0] - 4.0).abs() < 1e-6, "{found:?}");
         agrees(&aside, &found);
-        // Presses alike but for the last: a log that is shifted by some of them fits half of the recording as well.
+        // Presses alike except for the last: a log that is shifted by some of them fits half of the recording as well.
         let even: Vec<Moment> = moments
             .iter()
             .map(|moment| Moment {

@@ -47,7 +47,7 @@ pub struct Quantised {
     /// Components that did not fit ±8 N.
     pub saturated: u16,
     /// Greatest magnitude of a component before clipping, newtons.
-    pub greatest_n: f64,
+    pub max_n: f64,
 }
 
 /// Finite forces of a recording to wire units, rounded to nearest (ties away from zero).
@@ -56,14 +56,14 @@ pub fn quantise(forces: &FrameForces, scale: f64) -> Quantised {
     let mut quantised = Quantised {
         map: ForceMap::EMPTY,
         saturated: 0,
-        greatest_n: 0.0,
+        max_n: 0.0,
     };
     for (force, out) in forces.iter().zip(&mut quantised.map.taxels) {
         let [x, y, z] = force.map(|component| {
             let newton = component * scale;
             let (steps, clipped) = quantise_component(newton);
             quantised.saturated += u16::from(clipped);
-            quantised.greatest_n = quantised.greatest_n.max(newton.abs());
+            quantised.max_n = quantised.max_n.max(newton.abs());
             steps
         });
         *out = TaxelForce { x, y, z };

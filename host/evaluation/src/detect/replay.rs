@@ -6,7 +6,7 @@
 use std::ops::RangeInclusive;
 
 use gripline_protocol::message::{Command, Configuration, SlipState};
-use gripline_protocol::{ForceMap, Health, MapInfo, PER_UNIT};
+use gripline_protocol::{ForceMap, Health, MapInfo, PER_UNIT, SensorId};
 
 use crate::detect::judge::{Settings, Verdict};
 use crate::error::EvaluationError;
@@ -87,7 +87,7 @@ impl Replay {
         let now_us = self.start_us + (frame as f64 * 1e6 / self.rate_hz).round() as u64;
         self.session.run_until(now_us)?;
         let info = MapInfo {
-            sensor: 0,
+            sensor: SensorId::FIRST,
             sequence: frame as u32,
             capture_us: now_us as u32,
             health: if saturated {

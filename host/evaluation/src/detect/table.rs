@@ -105,7 +105,7 @@ pub struct Summary {
     /// Frames with at least one of those.
     pub saturated_frames: u64,
     /// Greatest magnitude of a component before clipping.
-    pub greatest_component_n: f64,
+    pub max_component_n: f64,
 }
 
 impl Summary {
@@ -126,19 +126,19 @@ impl Summary {
             coulomb_slip_frames: 0,
             saturated_components: 0,
             saturated_frames: 0,
-            greatest_component_n: 0.0,
+            max_component_n: 0.0,
         }
     }
 
     /// Counts a frame.
-    pub fn add(&mut self, verdict: &Verdict, saturated: u16, greatest_n: f64) {
+    pub fn add(&mut self, verdict: &Verdict, saturated: u16, max_n: f64) {
         self.frames += 1;
         self.contact_frames += u64::from(verdict.sums.contact > 0);
         self.slip_frames += u64::from(verdict.slip);
         self.coulomb_slip_frames += u64::from(verdict.coulomb_slip);
         self.saturated_components += u64::from(saturated);
         self.saturated_frames += u64::from(saturated > 0);
-        self.greatest_component_n = self.greatest_component_n.max(greatest_n);
+        self.max_component_n = self.max_component_n.max(max_n);
     }
 
     /// A few lines for people.
@@ -175,7 +175,7 @@ impl Summary {
                  give --scale (at most {:.1e} here)",
                 self.saturated_frames,
                 self.saturated_components,
-                self.greatest_component_n,
+                self.max_component_n,
                 self.largest_scale(),
             )?;
         }
@@ -184,6 +184,6 @@ impl Summary {
 
     /// A scale at which nothing is clipped, with room for rounding it to two digits.
     fn largest_scale(&self) -> f64 {
-        7.6 * self.scale / self.greatest_component_n
+        7.6 * self.scale / self.max_component_n
     }
 }

@@ -10,7 +10,7 @@ use gripline_simulation::grasp::{
 use gripline_simulation::{FingertipParams, Random};
 
 use super::distortion::Distortion;
-use super::pictures::{Kind, Trouble};
+use super::pictures::{Kind, PictureFault};
 use super::plan::{
     CELLS, DEAD_TIME_S, FIRST_SENSOR, FRAMES_PER_SECOND, GraspPlan, LIFT_S, LOADING_MM, LOADING_S,
     NEWTONS_PER_GRAM, Times, shape,
@@ -49,12 +49,12 @@ const HYSTERESIS: [f64; 2] = [0.0, 0.05];
 /// Time constant of the slow gripper, and how far the sticking one stays behind, N.
 const SLOW_S: f64 = 0.1;
 const STICK_N: [f64; 2] = [0.1, 0.5];
-/// Longest trouble with pictures, and most troubles of a grasp.
-const TROUBLE_PICTURES: usize = 6;
-const TROUBLES: usize = 4;
+/// Maximum pictures of a picture fault, and maximum number of faults per grasp.
+const FAULT_PICTURES_MAX: usize = 6;
+const PICTURE_FAULTS_MAX: usize = 4;
 /// An object that slid this far has left the grip: it then reaches the edge of the sensing surface.
 const LOST_MM: f64 = 10.0;
-/// Longest way in a step of the solver, so that sliding is noticed within some milliseconds.
+/// Longest distance in a step of the solver, so that sliding is noticed within some milliseconds.
 const REACH_MM: f64 = 0.1;
 /// When the hold begins, and when the arm puts the object down.
 const UP_S: f64 = 1.7;
@@ -125,7 +125,7 @@ pub fn grasp(seed: u64, number: u64) -> GraspPlan {
         disturbance: happens.join(", "),
         sensor,
         distortion: Some(distortion),
-        troubles: troubles(&mut random),
+        picture_faults: picture_faults(&mut random),
     }
 }
 
@@ -225,8 +225,8 @@ fn load(scene: &mut GraspScene, random: &mut Random, happens: &mut Vec<&'static 
     scene.arm = ArmMotion { strokes };
 }
 
-/// Pictures in trouble, from when something is held.
-fn troubles(random: &mut Random) -> Vec<Trouble> {
+/// Faults of pictures while something is held.
+fn picture_faults(random: &mut Random) -> Vec<PictureFault> {
     let kinds = [
         Kind::Black,
         Kind::Missing,
@@ -234,15 +234,15 @@ fn troubles(random: &mut Random) -> Vec<Trouble> {
         Kind::Repeated,
         Kind::Frozen,
     ];
-    let mut all: Vec<Trouble> = (0..random.below(TROUBLES + 1))
-        .map(|_| Trouble {
+    let mut all: Vec<PictureFault> = (0..random.below(PICTURE_FAULTS_MAX + 1))
+        .map(|_| PictureFault {
             kind: kinds[random.below(kinds.len())],
             from: (random.uniform(LIFT_S, DOWN_S) * FRAMES_PER_SECOND) as u32,
-            count: 1 + random.below(TROUBLE_PICTURES) as u32,
+            count: 1 + random.below(FAULT_PICTURES_MAX) as u32,
         })
         .collect();
     // One at a time.
-    all.sort_by_key(|trouble| trouble.from);
+    all.sort_by_key(|fault| fault.from);
     all.dedup_by(|next, before| next.from < before.from + before.count);
     all
 }
@@ -260,7 +260,7 @@ mod tests {
                 plan.scene.object.mass_g.to_bits(),
                 again.scene.object.mass_g.to_bits()
             );
-            assert_eq!(plan.troubles, again.troubles);
+            assert_eq!(plan.picture_faults, again.picture_faults);
             assert_eq!(plan.disturbance, again.disturbance);
             let scene = &plan.scene;
             for friction in scene.object.friction {
@@ -301,7 +301,7 @@ mod tests {
             assert!(
                 plans
                     .iter()
-                    .any(|plan| plan.troubles.iter().any(|trouble| trouble.kind == kind))
+                    .any(|plan| plan.picture_faults.iter().any(|fault| fault.kind == kind))
             );
         }
         let below = plans

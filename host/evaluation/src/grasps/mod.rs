@@ -44,7 +44,7 @@ use gripline_recording::error::Completion;
 const FIXED_STEP_N: f64 = 0.25;
 /// The hardest grasps decide how low a fixed force may be: of those that need most, this share is tried.
 const HARDEST: f64 = 0.05;
-/// The model of the chain is compared with pictures on every so many-th grasp.
+/// The model of the chain is compared with pictures on every n-th grasp.
 const RENDERED_EVERY: usize = 25;
 
 /// What is played: a grasp under a policy, by the model or with pictures.
@@ -145,7 +145,7 @@ pub fn run(args: &GraspsArgs) -> Result<Completion, EvaluationError> {
         .map(|outcome| fixed(outcome.grasp, ceiling_n()))
         .collect();
     let at_ceiling = work("grasps at the ceiling", &lost)?;
-    // Distortions and troubles are added to the model only.
+    // Distortions and picture faults are added to the model only.
     let pictures = args.world == World::Nominal && chosen(Policy::Gripline);
     let pictured: Vec<Job> = (0..if pictures { args.grasps } else { 0 })
         .step_by(RENDERED_EVERY)

@@ -23,13 +23,13 @@ const SLOPE_MM: f64 = 0.015;
 const POOR: f64 = 0.1;
 
 /// What watches one finger.
-pub(super) struct Eye {
+pub(super) struct MotionCamera {
     random: Random,
-    /// Way of the last pictures, oldest first.
+    /// Distance slid in the last pictures, oldest first.
     slid_mm: VecDeque<f64>,
 }
 
-impl Eye {
+impl MotionCamera {
     /// Of the sensor number `unit`.
     pub(super) fn new(unit: u64) -> Self {
         Self {
@@ -47,7 +47,7 @@ impl Eye {
             return Motion::UNKNOWN;
         }
         if self.slid_mm.back().is_some_and(|last| slid_mm < *last) {
-            // The world counts anew from the lift on.
+            // The world counts again from the lift on.
             self.slid_mm.clear();
         }
         self.slid_mm.push_back(slid_mm);
@@ -71,9 +71,9 @@ mod tests {
     #[test]
     fn rest_is_seldom_taken_for_motion_and_a_fast_slide_always_seen() {
         let seen = |mm_per_picture: f64| {
-            let mut eye = Eye::new(1);
+            let mut camera = MotionCamera::new(1);
             let looks: Vec<Motion> = (0..2_000)
-                .map(|picture| eye.look(f64::from(picture) * mm_per_picture, true))
+                .map(|picture| camera.look(f64::from(picture) * mm_per_picture, true))
                 .collect();
             let share = |is: fn(Motion) -> bool| {
                 looks[PICTURES..].iter().filter(|look| is(**look)).count() as f64 / 1_996.0
@@ -88,10 +88,10 @@ mod tests {
 
     #[test]
     fn without_an_imprint_nothing_is_known() {
-        let mut eye = Eye::new(1);
+        let mut camera = MotionCamera::new(1);
         for picture in 0..10 {
-            assert_eq!(eye.look(f64::from(picture), false), Motion::UNKNOWN);
+            assert_eq!(camera.look(f64::from(picture), false), Motion::UNKNOWN);
         }
-        assert_eq!(eye.look(0.0, true), Motion::UNKNOWN);
+        assert_eq!(camera.look(0.0, true), Motion::UNKNOWN);
     }
 }

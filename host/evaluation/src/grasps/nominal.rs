@@ -110,7 +110,7 @@ pub fn grasp(seed: u64, number: u64) -> GraspPlan {
         disturbance: disturbance.to_owned(),
         sensor,
         distortion: None,
-        troubles: Vec::new(),
+        picture_faults: Vec::new(),
     }
 }
 

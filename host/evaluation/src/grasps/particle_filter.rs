@@ -12,13 +12,13 @@ const FILTER: u64 = 75;
 const PARTICLES: usize = 256;
 /// Frictions that are possible before anything is known.
 const PRIOR: [f64; 2] = [0.15, 1.2];
-/// From map to map a friction wanders by this share, and this share of the particles begins anew.
+/// From map to map a friction wanders by this share, and this share of the particles begins again.
 const WANDERS: f64 = 0.01;
 const ANEW: f64 = 0.005;
 /// How sharp "at least F_T/F_N" and "about F_T/F_N" are, shares of the friction.
 const STICK_SPREAD: f64 = 0.05;
 const SLIDE_SPREAD: f64 = 0.12;
-/// What speaks for the contrary all the same.
+/// Probability of the contrary.
 const DOUBT: f64 = 0.02;
 /// Σ|map − map three maps ago| / F_N, less the change of the whole forces, from which a contact is said to slide.
 const CHANGE: f64 = 0.12;
@@ -117,7 +117,7 @@ impl ParticleFilter {
         (sum as f64 / f64::from(LSB_PER_NEWTON) - whole) / normal_n.max(TOUCH_N)
     }
 
-    /// Weighs the particles by what a contact with this ratio does, and draws them anew where few are left.
+    /// Weighs the particles by what a contact with this ratio does, and draws them again where few are left.
     fn learn(&mut self, ratio: f64, slides: bool) {
         for (friction, weight) in self.particles.iter_mut().zip(&mut self.weights) {
             if self.random.unit() < ANEW {

@@ -10,7 +10,7 @@ pub enum Kind {
     Black,
     /// None comes.
     Missing,
-    /// The first of the trouble comes at its end; those between are never seen.
+    /// The first picture of the fault is delivered at its end; the others are lost.
     Late,
     /// The last good one again, with the capture time that it had.
     Repeated,
@@ -20,7 +20,7 @@ pub enum Kind {
 
 /// Pictures that are not as they should be.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Trouble {
+pub struct PictureFault {
     /// What is wrong.
     pub kind: Kind,
     /// The first picture, counted from the start.
@@ -39,34 +39,34 @@ pub(super) struct Delivered {
     pub(super) age: u32,
 }
 
-/// The way from camera to microcontroller.
-pub(super) struct Way<'a> {
-    troubles: &'a [Trouble],
+/// The delivery of pictures from camera to microcontroller.
+pub(super) struct Delivery<'a> {
+    picture_faults: &'a [PictureFault],
     /// The last good map and its picture.
     last: (ForceMap, u32),
     late: Option<ForceMap>,
 }
 
-impl<'a> Way<'a> {
-    pub(super) fn new(troubles: &'a [Trouble]) -> Self {
+impl<'a> Delivery<'a> {
+    pub(super) fn new(picture_faults: &'a [PictureFault]) -> Self {
         Self {
-            troubles,
+            picture_faults,
             last: (ForceMap::EMPTY, 0),
             late: None,
         }
     }
 
-    /// What comes when picture number `number` would give `map`; nothing, maybe.
+    /// The delivered map when picture number `number` would give `map`; `None` if it is lost.
     pub(super) fn deliver(
         &mut self,
         number: u32,
         (map, health, motion): (ForceMap, Health, Motion),
     ) -> Option<Delivered> {
-        let trouble = self
-            .troubles
+        let fault = self
+            .picture_faults
             .iter()
-            .find(|trouble| (trouble.from..trouble.from + trouble.count).contains(&number));
-        let Some(trouble) = trouble else {
+            .find(|fault| (fault.from..fault.from + fault.count).contains(&number));
+        let Some(fault) = fault else {
             if health.is_good() {
                 self.last = (map.clone(), number);
             }
@@ -86,23 +86,23 @@ impl<'a> Way<'a> {
                 age,
             })
         };
-        match trouble.kind {
+        match fault.kind {
             Kind::Missing => None,
             Kind::Black => again(Health::TOO_DARK, 0),
             Kind::Frozen => again(Health::GOOD, 0),
             Kind::Repeated => again(Health::GOOD, number - taken),
             Kind::Late => {
                 let map = self.late.take().unwrap_or(map);
-                if number + 1 < trouble.from + trouble.count {
+                if number + 1 < fault.from + fault.count {
                     self.late = Some(map);
                     return None;
                 }
-                self.last = (map.clone(), trouble.from);
+                self.last = (map.clone(), fault.from);
                 Some(Delivered {
                     map,
                     health,
                     motion: Motion::UNKNOWN,
-                    age: trouble.count - 1,
+                    age: fault.count - 1,
                 })
             }
         }
@@ -125,17 +125,17 @@ mod tests {
         map
     }
 
-    /// (map, good, age) of eight pictures of which two, three and four are in trouble.
+    /// (map, good, age) of eight pictures of which two, three and four are faulty.
     fn seen(kind: Kind) -> Vec<Option<(i16, bool, u32)>> {
-        let troubles = [Trouble {
+        let picture_faults = [PictureFault {
             kind,
             from: 2,
             count: 3,
         }];
-        let mut way = Way::new(&troubles);
+        let mut delivery = Delivery::new(&picture_faults);
         (0..6)
             .map(|number| {
-                let came = way.deliver(number, (map(number), Health::GOOD, Motion::UNKNOWN))?;
+                let came = delivery.deliver(number, (map(number), Health::GOOD, Motion::UNKNOWN))?;
                 Some((came.map.taxels[0].z, came.health.is_good(), came.age))
             })
             .collect()

@@ -6,7 +6,7 @@ use gripline_simulation::contact_world::Shape;
 use gripline_simulation::grasp::GraspScene;
 
 use super::distortion::Distortion;
-use super::pictures::Trouble;
+use super::pictures::PictureFault;
 
 /// Frames a second.
 pub const FRAMES_PER_SECOND: f64 = 60.0;
@@ -54,7 +54,7 @@ pub struct GraspPlan {
     /// How its forces are off beyond the model of the chain.
     pub distortion: Option<Distortion>,
     /// What goes wrong with its pictures.
-    pub troubles: Vec<Trouble>,
+    pub picture_faults: Vec<PictureFault>,
 }
 
 /// A rounded patch.

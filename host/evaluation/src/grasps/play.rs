@@ -1,13 +1,13 @@
-//! One grasp under one policy: the loop, and what came of it. Pure but for the world and the session.
+//! One grasp under one policy: the loop, and what came of it. Pure except for the world and the session.
 
 use gripline_network::Network;
 use gripline_simulation::grasp::{GraspFrame, GraspParts, GraspWorld};
 use serde::{Deserialize, Serialize};
 
 use super::super::metrics::quantile;
-use super::motion::Eye;
+use super::motion::MotionCamera;
 use super::oracle::Truth;
-use super::pictures::Way;
+use super::pictures::Delivery;
 use super::plan::{DEAD_TIME_S, FRAMES_PER_SECOND, GraspPlan, LIFT_S, Times};
 use super::policy::{FLOOR_N, Policy, Worker};
 use super::sensor::{Model, Rendered, Sensor};
@@ -30,7 +30,7 @@ pub struct Outcome {
     pub dropped: bool,
     /// The contact world found no solution: no evidence.
     pub unsolved: bool,
-    /// Way slid over either skin from the lift on, mm.
+    /// Distance slid over either skin from the lift on, mm.
     pub micro_slip_mm: f64,
     /// Mean and largest force of a finger from the lift to where it stands again, N.
     pub mean_force_n: f64,
@@ -70,8 +70,8 @@ pub fn play(
     } else {
         Sensor::Model(Box::new(Model::new(network, plan.sensor, plan.distortion)))
     };
-    let mut eye = Eye::new(plan.sensor);
-    let mut way = Way::new(&plan.troubles);
+    let mut camera = MotionCamera::new(plan.sensor);
+    let mut delivery = Delivery::new(&plan.picture_faults);
     let mut worker = Worker::new(policy, network, fixed_n, plan.sensor)?;
     let looks = !matches!(worker, Worker::Fixed(_) | Worker::Oracle(_));
     let frame_s = 1.0 / FRAMES_PER_SECOND;
@@ -83,7 +83,7 @@ pub fn play(
             let (map, health) = sensor.look(&mut world)?;
             let [finger, _] = &world.frame().fingers;
             let touches = finger.forces.iter().any(|force| force[2] > 0.0);
-            way.deliver(number, (map, health, eye.look(finger.slip_mm, touches)))
+            delivery.deliver(number, (map, health, camera.look(finger.slip_mm, touches)))
         } else {
             None
         };

@@ -5,7 +5,7 @@ use gripline_firmware::Friction;
 use gripline_firmware::sums::{TaxelRule, stick_ratio_below, sums_of};
 use gripline_network::Network;
 use gripline_protocol::message::{Command, Configuration};
-use gripline_protocol::{LSB_PER_NEWTON, MapInfo, Motion, PER_UNIT};
+use gripline_protocol::{LSB_PER_NEWTON, MapInfo, Motion, PER_UNIT, SensorId};
 use serde::{Deserialize, Serialize};
 
 use super::super::detectors::{PAPER_FRICTION, PAPER_THRESHOLD};
@@ -37,7 +37,7 @@ const RELAX_AFTER_S: f64 = 0.5;
 #[serde(rename_all = "snake_case")]
 #[value(rename_all = "snake_case")]
 pub enum Policy {
-    /// Gripline as `gripline run` sets it, but for the least force.
+    /// Gripline as `gripline run` sets it, except for the least force.
     Gripline,
     /// The same with evidence of motion from the host.
     GriplineMotion,
@@ -229,7 +229,7 @@ impl Worker {
                 {
                     let age_us = (f64::from(*age) * frame_s * 1e6).round() as u32;
                     let info = MapInfo {
-                        sensor: 0,
+                        sensor: SensorId::FIRST,
                         sequence: *sequence,
                         capture_us: session.capture_us().wrapping_sub(age_us),
                         health: *health,

@@ -94,7 +94,7 @@ const ADVERSE: Bounds = Bounds {
     margin: [[0.0, 0.85], [0.0, 0.95]],
 };
 
-/// Largest mean force over the least fixed force that drops as few.
+/// Largest mean force over the minimum fixed force that drops as few.
 const FORCE_SHARE: f64 = 0.4;
 /// What is said of a figure whose policy was not played.
 const NO_MOTION: &str = "not played: the policy gripline_motion";
@@ -121,31 +121,31 @@ fn requirements(
             Some(0.0)
         }
     };
-    let drops_most =
+    let drops_max =
         of_oracle(|oracle| Some(oracle.drops as f64)).map(|drops| drops + bounds.drops * thousands);
     let slid = gripline.micro_slip_mm_p99_where_oracle_held;
-    let slid_most =
+    let slid_max =
         of_oracle(|oracle| oracle.micro_slip_mm_p99_where_oracle_held).map(|slid| slid + bounds.slid_mm);
-    let late_most = bounds.late_falls * thousands;
+    let late_max = bounds.late_falls * thousands;
     let at_most = |max: Option<f64>, digits: usize| format!("≤ {}", number(max, digits));
     let mut rows = vec![
         Requirement::new(
             "drops",
-            at_most(drops_most, 0),
+            at_most(drops_max, 0),
             gripline.drops.to_string(),
-            drops_most.is_some_and(|max| gripline.drops as f64 <= max),
+            drops_max.is_some_and(|max| gripline.drops as f64 <= max),
         ),
         Requirement::new(
             "slid where the oracle held, 99th percentile, mm",
-            at_most(slid_most, 2),
+            at_most(slid_max, 2),
             number(slid, 2),
-            slid.zip(slid_most).is_some_and(|(slid, max)| slid <= max),
+            slid.zip(slid_max).is_some_and(|(slid, max)| slid <= max),
         ),
         Requirement::new(
             "maps at which the line falls later than 42 ms after sliding began",
-            at_most(Some(late_most), 0),
+            at_most(Some(late_max), 0),
             gripline.late_falls.to_string(),
-            f64::from(gripline.late_falls) <= late_most,
+            f64::from(gripline.late_falls) <= late_max,
         ),
     ];
     let seeing = policies.get(&Policy::GriplineMotion);
@@ -155,7 +155,7 @@ fn requirements(
         .get(&Policy::Fixed)
         .map(|fixed| gripline.mean_force_n / fixed.mean_force_n.max(1e-9));
     rows.push(Requirement::new(
-        "mean force, % of the least fixed force that drops as few",
+        "mean force, % of the minimum fixed force that drops as few",
         format!("≤ {:.0}", 100.0 * FORCE_SHARE),
         number(share.map(|share| 100.0 * share), 0),
         share.is_some_and(|share| share <= FORCE_SHARE),
@@ -176,24 +176,24 @@ const SEEING: [&str; 2] = ["with the host's evidence of motion", "from forces al
 
 /// Rows on how long the line takes to rise.
 fn rises(bounds: &Bounds, figures: [Option<&Figures>; 2]) -> [Requirement; 2] {
-    [0, 1].map(|way| {
-        let [median_most, p99_most] = bounds.rise_ms[way];
-        let (found, held) = match figures[way] {
+    [0, 1].map(|kind| {
+        let [median_max, p99_max] = bounds.rise_ms[kind];
+        let (found, held) = match figures[kind] {
             None => (NO_MOTION.to_owned(), false),
             Some(figures) => {
                 let (median, p99) = (figures.rise_ms_median, figures.rise_ms_p99);
                 // Where no slide had to be answered, none was answered late.
-                let held = median.is_none_or(|found| found <= median_most)
-                    && p99.is_none_or(|found| found <= p99_most);
+                let held = median.is_none_or(|found| found <= median_max)
+                    && p99.is_none_or(|found| found <= p99_max);
                 (format!("{} / {}", number(median, 0), number(p99, 0)), held)
             }
         };
         Requirement::new(
             &format!(
                 "start of sliding to a rising line, median / 99th percentile, ms, {}",
-                SEEING[way]
+                SEEING[kind]
             ),
-            format!("≤ {median_most} / {p99_most}"),
+            format!("≤ {median_max} / {p99_max}"),
             found,
             held,
         )
@@ -202,9 +202,9 @@ fn rises(bounds: &Bounds, figures: [Option<&Figures>; 2]) -> [Requirement; 2] {
 
 /// Rows on how much force is kept above what is needed.
 fn margins(bounds: &Bounds, figures: [Option<&Figures>; 2]) -> [Requirement; 2] {
-    [0, 1].map(|way| {
-        let [min, max] = bounds.margin[way];
-        let (found, held) = match figures[way] {
+    [0, 1].map(|kind| {
+        let [min, max] = bounds.margin[kind];
+        let (found, held) = match figures[kind] {
             None => (NO_MOTION.to_owned(), false),
             Some(figures) => {
                 let margin = figures.median_margin;
@@ -215,7 +215,7 @@ fn margins(bounds: &Bounds, figures: [Option<&Figures>; 2]) -> [Requirement; 2] 
             }
         };
         Requirement::new(
-            &format!("median margin over the needed force, %, {}", SEEING[way]),
+            &format!("median margin over the needed force, %, {}", SEEING[kind]),
             format!("{:.0} to {:.0}", 100.0 * min, 100.0 * max),
             found,
             held,

@@ -8,7 +8,7 @@ pub(super) struct Moment {
     pub(super) line_n: f64,
     /// First beginning and last end of sliding in the frame.
     pub(super) slid_s: Option<[f64; 2]>,
-    /// Way slid since the start, at the frame's end.
+    /// Distance slid since the start, at the frame's end.
     pub(super) slip_mm: f64,
 }
 

@@ -4,15 +4,15 @@
 use gripline_firmware::sums::TaxelRule;
 use gripline_network::scene::GateKind;
 use gripline_network::{Architecture, Network};
-use gripline_protocol::LSB_PER_NEWTON;
 use gripline_protocol::MapInfo;
 use gripline_protocol::message::{Command, Configuration};
+use gripline_protocol::{LSB_PER_NEWTON, SensorId};
 use gripline_simulation::constants::REST_PICTURES;
 use gripline_simulation::grasp::GraspWorld;
 use gripline_simulation::scene_file::{FrameSize, GraspFile, Policy, SceneFile};
 use gripline_simulation::{Image, SimulationError};
 
-use super::moment::{FingerMoment, Moment, Play, REST, Trouble};
+use super::moment::{FingerMoment, Moment, Play, PlayError, REST};
 use crate::error::EvaluationError;
 use gripline_link::EmbeddedLink;
 use gripline_link::session::Session;
@@ -160,12 +160,12 @@ impl Play for GraspPlay {
         chosen
     }
 
-    fn advance(&mut self) -> Result<Option<Moment>, Trouble> {
+    fn advance(&mut self) -> Result<Option<Moment>, PlayError> {
         if self.frame == self.frames() {
             return Ok(None);
         }
         let frame_s = 1.0 / self.file.frames_per_second;
-        let unsolved = |time_s: f64, phase: String, why: String| Trouble::Unsolved { time_s, phase, why };
+        let unsolved = |time_s: f64, phase: String, why: String| PlayError::Unsolved { time_s, phase, why };
         let next_s = (self.frame + 1) as f64 * frame_s;
         let phase = self.grasp.scene.phase(next_s).into_owned();
         if let Some(why) = &self.lost {
@@ -178,7 +178,7 @@ impl Play for GraspPlay {
         let frame = match self.world.step(frame_s, line_n) {
             Ok(frame) => frame.clone(),
             Err(SimulationError::OffSurface { x_mm, y_mm }) => {
-                return Err(Trouble::from(EvaluationError::Scene(self.file.problem(
+                return Err(PlayError::from(EvaluationError::Scene(self.file.problem(
                     self.grasp.line,
                     &format!(
                         "an object whose contact reaches the edge of the sensor, at ({x_mm:.1}, {y_mm:.1}) mm after \
@@ -189,7 +189,7 @@ impl Play for GraspPlay {
                 ))));
             }
             Err(error @ SimulationError::OutOfRange { .. }) => {
-                return Err(Trouble::from(EvaluationError::Step {
+                return Err(PlayError::from(EvaluationError::Step {
                     time_s: next_s,
                     error,
                 }));
@@ -277,7 +277,7 @@ impl Gripline {
     fn line_n(&mut self, picture: &Image, frame: usize, frame_s: f64) -> Result<f64, EvaluationError> {
         let processed = self.pipeline.process(&picture.pixels)?;
         let info = MapInfo {
-            sensor: 0,
+            sensor: SensorId::FIRST,
             sequence: frame as u32,
             capture_us: self.session.capture_us(),
             health: processed.health,

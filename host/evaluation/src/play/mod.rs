@@ -10,7 +10,7 @@ use gripline_simulation::scene_file::{Scene, SceneFile};
 
 use crate::error::EvaluationError;
 
-pub use self::moment::{FingerMoment, Moment, Play, Trouble};
+pub use self::moment::{FingerMoment, Moment, Play, PlayError};
 
 /// The scene at its start.
 ///
@@ -23,7 +23,7 @@ pub fn open(file: &SceneFile, seed: u64) -> Result<Box<dyn Play>, EvaluationErro
     }
 }
 
-/// At most so many of a scene's highlights, the last one among them.
+/// At most this many of a scene's highlights, the last one among them.
 #[must_use]
 pub fn highlights(play: &dyn Play, max: usize) -> Vec<usize> {
     let ends = play.highlights();

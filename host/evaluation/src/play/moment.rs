@@ -16,7 +16,7 @@ pub struct FingerMoment {
     pub stick_ratio: Option<f64>,
     /// Whether the contact slides as a whole.
     pub gross_slip: bool,
-    /// Way slid over the skin, mm.
+    /// Distance slid over the skin, mm.
     pub slip_mm: f64,
     /// Depth of the indenter over the thickness of the gel.
     pub indentation: f64,
@@ -66,7 +66,7 @@ pub struct Moment {
 
 /// A frame without result.
 #[derive(Debug)]
-pub enum Trouble {
+pub enum PlayError {
     /// The contact could not be solved: the frame is left out and the scene goes on.
     Unsolved {
         /// Time since the scene began.
@@ -80,7 +80,7 @@ pub enum Trouble {
     Impossible(Box<EvaluationError>),
 }
 
-impl From<EvaluationError> for Trouble {
+impl From<EvaluationError> for PlayError {
     fn from(error: EvaluationError) -> Self {
         Self::Impossible(Box::new(error))
     }
@@ -101,8 +101,8 @@ pub trait Play {
     /// Goes to the next frame; none after the last.
     ///
     /// # Errors
-    /// [`Trouble`]: a frame without result, or the end of a scene that cannot be.
-    fn advance(&mut self) -> Result<Option<Moment>, Trouble>;
+    /// [`PlayError`]: a frame without result, or the end of a scene that cannot be.
+    fn advance(&mut self) -> Result<Option<Moment>, PlayError>;
     /// A finger's picture now; the noise follows from the scene's seed and `number` alone.
     fn render(&mut self, finger: usize, number: usize, size: FrameSize) -> Image;
     /// A finger's picture before anything touches.

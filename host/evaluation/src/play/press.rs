@@ -3,7 +3,7 @@
 use gripline_simulation::scene_file::{FrameSize, PressScene, SceneFile};
 use gripline_simulation::{Fingertip, FingertipParams, Image, PressWorld, SimulationError};
 
-use super::moment::{FingerMoment, Moment, Play, REST, Trouble};
+use super::moment::{FingerMoment, Moment, Play, PlayError, REST};
 use crate::error::EvaluationError;
 
 /// Names of the columns that only a press has.
@@ -76,19 +76,19 @@ impl Play for PressPlay {
         ends
     }
 
-    fn advance(&mut self) -> Result<Option<Moment>, Trouble> {
+    fn advance(&mut self) -> Result<Option<Moment>, PlayError> {
         let frame = match self.world.advance() {
             Ok(Some(frame)) => frame,
             Ok(None) => return Ok(None),
             Err(problem) => {
                 return Err(match problem.error {
-                    SimulationError::ContactUnsolved { .. } => Trouble::Unsolved {
+                    SimulationError::ContactUnsolved { .. } => PlayError::Unsolved {
                         time_s: problem.time_s,
                         why: problem.error.to_string(),
                         phase: problem.phase,
                     },
                     SimulationError::OffSurface { x_mm, y_mm } => {
-                        Trouble::from(EvaluationError::Scene(self.file.problem(
+                        PlayError::from(EvaluationError::Scene(self.file.problem(
                             problem.line,
                             &format!(
                                 "an indenter whose contact reaches the edge of the sensor, at ({x_mm:.1}, \

@@ -1,5 +1,6 @@
 use clap::Parser;
 use gripline_network::{Architecture, Network};
+use gripline_protocol::SensorId;
 use serde_json::Value;
 
 use super::*;
@@ -94,7 +95,7 @@ fn the_detector_that_is_evaluated_says_what_the_whole_microcontroller_says() {
         let now_us = start_us + (frame.truth.time_s * 1e6).round() as u64;
         session.run_until(now_us).unwrap();
         let info = MapInfo {
-            sensor: 0,
+            sensor: SensorId::FIRST,
             sequence: number as u32,
             capture_us: now_us as u32,
             health: Health::GOOD,

@@ -51,7 +51,7 @@ pub struct SkipArgs {
     pub json: bool,
 }
 
-/// A scene with so many pictures at rest.
+/// A scene with this many pictures at rest.
 #[derive(Debug, Clone, Serialize)]
 struct Row {
     scene: &'static str,

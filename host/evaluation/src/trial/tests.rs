@@ -45,7 +45,7 @@ fn every_slip_of_the_script_slides_in_its_pull_and_nowhere_else() {
     );
     let share = |frame: &TruthFrame| frame.force_n[0].hypot(frame.force_n[1]) / frame.force_n[2];
     let max = frames.iter().map(share).fold(0.0, f64::max);
-    // The pressure's own share along the slope comes on top of friction, but for a few percent.
+    // The pressure's own share along the slope comes on top of friction, except for a few percent.
     assert!((max / experiment.friction() - 1.0).abs() < 0.05, "{max}");
 }
 

@@ -26,9 +26,9 @@ const ERR_STALLED: u8 = 0x0F;
 
 /// What goes wrong.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Trouble {
+pub(crate) enum InjectedFault {
     None,
-    /// The power goes at this request; what it was to do is done to so many bytes.
+    /// The power goes at this request; what it was to do is done to this many bytes.
     PowerCut {
         at_request: usize,
         bytes: usize,
@@ -68,7 +68,7 @@ pub(crate) struct Chip {
     address: u32,
     work: Work,
     busy_polls: u32,
-    pub(crate) trouble: Trouble,
+    pub(crate) fault: InjectedFault,
     pub(crate) requests: usize,
     erasures: usize,
     blocks: usize,
@@ -91,7 +91,7 @@ impl Chip {
             address: FLASH,
             work: Work::Nothing,
             busy_polls: 0,
-            trouble: Trouble::None,
+            fault: InjectedFault::None,
             requests: 0,
             erasures: 0,
             blocks: 0,
@@ -137,7 +137,8 @@ impl Chip {
         if self.is_gone {
             return Err(WireError::Gone("no such device".to_owned()));
         }
-        let cut = matches!(self.trouble, Trouble::PowerCut { at_request, .. } if at_request == self.requests);
+        let cut =
+            matches!(self.fault, InjectedFault::PowerCut { at_request, .. } if at_request == self.requests);
         self.requests += 1;
         self.is_gone = cut;
         Ok(!cut)
@@ -159,10 +160,10 @@ impl Chip {
             Work::Erase(address) => {
                 let number = self.erasures;
                 self.erasures += 1;
-                if matches!(self.trouble, Trouble::Hangs { number: at } if at <= number) {
+                if matches!(self.fault, InjectedFault::Hangs { number: at } if at <= number) {
                     self.busy_polls = u32::MAX;
                 }
-                if self.trouble == (Trouble::EraseFails { number }) {
+                if self.fault == (InjectedFault::EraseFails { number }) {
                     self.state = ERROR;
                     self.code = ERR_ERASE;
                     return;
@@ -172,21 +173,21 @@ impl Chip {
             Work::Program(address, data) => {
                 let number = self.blocks;
                 self.blocks += 1;
-                if self.trouble == (Trouble::WriteFails { number }) {
+                if self.fault == (InjectedFault::WriteFails { number }) {
                     self.program(address, &data[..data.len() / 2]);
                     self.state = ERROR;
                     self.code = ERR_PROGRAM;
                     return;
                 }
                 self.program(address, &data);
-                if self.trouble == (Trouble::BitFlips { number }) {
+                if self.fault == (InjectedFault::BitFlips { number }) {
                     self.flash[(address - FLASH) as usize + data.len() / 2] ^= 1;
                 }
             }
         }
     }
 
-    /// At most so many bytes of the sector.
+    /// At most this many bytes of the sector.
     fn erase(&mut self, address: u32, bytes: usize) {
         let sector = self.sector_of(address).expect("it was checked");
         self.erased.push(sector.address);
@@ -261,7 +262,7 @@ impl Wire for Chip {
     fn ask(&mut self, request: u8, value: u16, length: u16) -> Result<Vec<u8>, WireError> {
         if !self.is_there()? {
             // The work that this question begins is cut off.
-            let Trouble::PowerCut { bytes, .. } = self.trouble else {
+            let InjectedFault::PowerCut { bytes, .. } = self.fault else {
                 unreachable!("nothing else takes it away")
             };
             if self.state == DOWNLOAD_SYNC {

@@ -7,7 +7,7 @@ use gripline_flash::layout::sectors;
 use gripline_flash::update::{Progress, Step, update};
 
 use crate::image::{binary, identity};
-use crate::model::{Chip, LAYOUT, TRANSFER_BYTES, Trouble};
+use crate::model::{Chip, InjectedFault, LAYOUT, TRANSFER_BYTES};
 
 fn image(fill: u8) -> Image {
     Image::read(&binary(identity(1), fill)).unwrap()
@@ -91,7 +91,7 @@ fn a_power_cut_at_any_request_leaves_the_old_image_or_none_that_starts_and_the_n
     for at_request in 0..whole.requests {
         for bytes in [0, 4, 5, 1_000, usize::MAX] {
             let mut chip = in_use();
-            chip.trouble = Trouble::PowerCut { at_request, bytes };
+            chip.fault = InjectedFault::PowerCut { at_request, bytes };
             let (chip, result) = run(chip, &new);
             let error = result.unwrap_err();
             assert!(
@@ -131,36 +131,38 @@ fn a_power_cut_at_any_request_leaves_the_old_image_or_none_that_starts_and_the_n
 #[test]
 fn a_chip_that_fails_to_erase_or_write_or_that_writes_something_else_is_found_out_and_does_not_start() {
     let new = image(0x33);
-    let blocks = |number| [Trouble::WriteFails { number }, Trouble::BitFlips { number }];
-    let troubles: Vec<Trouble> = (0..2)
-        .map(|number| Trouble::EraseFails { number })
+    let blocks = |number| {
+        [
+            InjectedFault::WriteFails { number },
+            InjectedFault::BitFlips { number },
+        ]
+    };
+    let faults: Vec<InjectedFault> = (0..2)
+        .map(|number| InjectedFault::EraseFails { number })
         .chain((0..6).flat_map(blocks))
-        .chain([Trouble::WriteFails { number: 6 }])
+        .chain([InjectedFault::WriteFails { number: 6 }])
         .collect();
-    for trouble in troubles {
+    for fault in faults {
         let mut chip = in_use();
-        chip.trouble = trouble;
+        chip.fault = fault;
         let (mut chip, result) = run(chip, &new);
         let error = result.unwrap_err();
-        match trouble {
-            Trouble::BitFlips { .. } => {
-                assert!(
-                    matches!(error, FlashError::Differs { .. }),
-                    "{trouble:?}: {error}"
-                );
+        match fault {
+            InjectedFault::BitFlips { .. } => {
+                assert!(matches!(error, FlashError::Differs { .. }), "{fault:?}: {error}");
             }
             _ => assert!(
                 matches!(&error, FlashError::Dfu { error, .. } if matches!(**error, FlashError::Failed { .. })),
-                "{trouble:?}: {error}"
+                "{fault:?}: {error}"
             ),
         }
         // The chip's first erasure failed before it did anything; every later failure finds the vectors gone.
-        let is_untouched = trouble == (Trouble::EraseFails { number: 0 });
-        assert_eq!(chip.starts(), is_untouched, "{trouble:?}");
+        let is_untouched = fault == (InjectedFault::EraseFails { number: 0 });
+        assert_eq!(chip.starts(), is_untouched, "{fault:?}");
         assert!(settings_are_kept(&chip));
-        chip.trouble = Trouble::None;
+        chip.fault = InjectedFault::None;
         let (chip, again) = run(chip, &new);
-        again.unwrap_or_else(|error| panic!("{trouble:?}: {error}"));
+        again.unwrap_or_else(|error| panic!("{fault:?}: {error}"));
         assert!(holds(&chip, &new) && chip.starts());
     }
 }
@@ -168,7 +170,7 @@ fn a_chip_that_fails_to_erase_or_write_or_that_writes_something_else_is_found_ou
 #[test]
 fn a_chip_that_is_busy_for_ever_is_given_up() {
     let mut chip = in_use();
-    chip.trouble = Trouble::Hangs { number: 1 };
+    chip.fault = InjectedFault::Hangs { number: 1 };
     let (chip, result) = run(chip, &image(0x33));
     let error = result.unwrap_err().to_string();
     assert!(

@@ -1,4 +1,4 @@
-//! What came in from the microcontroller, sorted.
+//! Received messages of the microcontroller, by kind.
 
 use gripline_protocol::message::{Configuration, Hello, Message, Refusal, Report, Status};
 use gripline_protocol::{Event, Parser, SENSORS};
@@ -54,9 +54,7 @@ impl Inbox {
             Ok(Message::Report(Report::Status(status))) => {
                 self.statuses.push(status);
                 self.latest = Some(status);
-                if let Some(newest) = self.of_fingertips.get_mut(usize::from(status.sensor)) {
-                    *newest = Some(status);
-                }
+                self.of_fingertips[status.sensor.index()] = Some(status);
             }
             Ok(Message::Report(Report::Configuration(settings))) => self.configuration = Some(settings),
             Ok(Message::Report(Report::Stored { writes })) => self.stored = Some(writes),

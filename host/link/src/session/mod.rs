@@ -1,6 +1,6 @@
-//! The host's side of the protocol over any link: handshake, settings, maps out, statuses in, every answer checked
-//! against the shadow. A microcontroller that restarts under way gets a new handshake and its settings again; no
-//! command is repeated to it. A device that goes away and comes back is greeted at once. Times in µs since the link was opened.
+//! The host's side of the protocol over any link: handshake, settings, maps out, statuses in, every answer checked against the
+//! shadow. A microcontroller that restarts gets a new handshake and its settings again, but no repeated command. A device that
+//! comes back gets a handshake at once. Times in µs since the link was opened.
 
 mod inbox;
 mod refusal;
@@ -28,26 +28,26 @@ const HANDSHAKE_STEP_US: u64 = 2_000;
 pub struct Session {
     link: Box<dyn Link>,
     inbox: Inbox,
-    /// What the microcontroller said of itself when it was last met.
+    /// The microcontroller's last handshake.
     firmware: Option<Hello>,
     handshake: Handshake,
     settings: Configuration,
-    /// The settings are this host's, to be handed over again after a restart.
+    /// The settings are this host's, to be sent again after a restart.
     are_ours: bool,
     shadow: Shadow,
     /// When the newest status came.
     status_us: u64,
     clocks: ClockSync,
     clock_jumps: u64,
-    /// How often the device had gone away when it was last greeted.
+    /// How often the device had gone away at the last handshake.
     losses: u32,
     message_id: u8,
-    /// The packets of the map under way, one after the other, and their lengths.
+    /// The packets of the current map, concatenated, and their lengths.
     packets: Vec<u8>,
     lengths: Vec<usize>,
 }
 
-/// A map that was handed over to the link.
+/// A map that was sent to the link.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SentMap {
     /// Bytes on the wire, packet headers included.
@@ -71,7 +71,7 @@ impl SentMap {
 }
 
 impl Session {
-    /// Shakes hands and hands over the settings.
+    /// Does the handshake and sends the settings.
     ///
     /// # Errors
     /// [`LinkError`] when the device does not answer, the schema differs or the settings are refused.
@@ -81,7 +81,7 @@ impl Session {
         Ok(session)
     }
 
-    /// Shakes hands and asks which settings are in force.
+    /// Does the handshake and reads the settings in force.
     ///
     /// # Errors
     /// [`LinkError`] when the device does not answer or the schema differs.
@@ -122,7 +122,7 @@ impl Session {
         Message::Hello(Hello::of_this_build(0, self.handshake.number()))
     }
 
-    /// Takes the microcontroller's part of the handshake, once it is there.
+    /// Takes the microcontroller's half of the handshake, once it came.
     fn meet(&mut self) -> Result<(), LinkError> {
         let Some(hello) = self.inbox.hello.take() else {
             return Ok(());
@@ -142,7 +142,7 @@ impl Session {
         Ok(())
     }
 
-    /// Hands over settings, which are in force from then on.
+    /// Sends settings, which are then in force.
     ///
     /// # Errors
     /// [`LinkError`] when the device does not answer or the settings are refused.
@@ -166,7 +166,7 @@ impl Session {
         Ok(())
     }
 
-    /// Offers settings without waiting for the answer, which [`Self::taken`] tells. Returns whether the link took them.
+    /// Sends settings without waiting for the answer, which [`Self::taken`] returns. Returns whether the link accepted them.
     ///
     /// # Errors
     /// [`LinkError`] when the link is gone for good.
@@ -176,7 +176,7 @@ impl Session {
         self.command(Command::Configure(settings))
     }
 
-    /// Whether the microcontroller took the settings that were offered; `None` as long as it says nothing.
+    /// Whether the microcontroller accepted the settings; `None` before its answer.
     pub fn taken(&mut self, settings: &Configuration) -> Option<bool> {
         if self.inbox.configuration == Some(*settings) {
             self.take_settings();
@@ -186,10 +186,10 @@ impl Session {
         self.inbox.settings_refused.then_some(false)
     }
 
-    /// Has the microcontroller keep the settings in force over a power cycle. Returns how often it has stored some.
+    /// Makes the microcontroller store the settings in force in flash. Returns how often it has stored settings.
     ///
     /// # Errors
-    /// [`LinkError`] when the device does not answer, the gripper is not released, or the flash does not take them.
+    /// [`LinkError`] when the device does not answer, the gripper is not released, or the flash fails.
     pub fn store(&mut self) -> Result<u32, LinkError> {
         self.inbox.stored = None;
         self.inbox.refusal = None;
@@ -214,7 +214,7 @@ impl Session {
         })
     }
 
-    /// The settings in force, as the microcontroller told them.
+    /// The settings in force, as reported by the microcontroller.
     fn take_settings(&mut self) {
         if let Some(settings) = self.inbox.configuration {
             self.settings = settings;
@@ -222,7 +222,7 @@ impl Session {
         }
     }
 
-    /// Sends a message until `answered`; a microcontroller that still boots does not hear the first.
+    /// Repeats a message until `answered`; a booting microcontroller misses the first.
     fn ask(
         &mut self,
         message: &Message,
@@ -239,7 +239,7 @@ impl Session {
         Err(self.no_answer(question))
     }
 
-    /// Works for so long, or until `answered`.
+    /// Works for this time, or until `answered`.
     fn wait_for(&mut self, us: u64, answered: &impl Fn(&Inbox) -> bool) -> Result<bool, LinkError> {
         let end_us = self.now_us() + us;
         while self.now_us() < end_us {
@@ -274,7 +274,7 @@ impl Session {
         }
     }
 
-    /// Sends a command; answers come in while [`Self::run_until`] works. Returns whether the link took it.
+    /// Sends a command; answers are received in [`Self::run_until`]. Returns whether the link accepted it.
     ///
     /// # Errors
     /// [`LinkError`] when the link is gone for good.
@@ -345,11 +345,11 @@ impl Session {
         })
     }
 
-    /// Lets the link work until `until_us` and checks what came in. A microcontroller that restarted gets a new handshake in
-    /// passing: nothing waits for it.
+    /// Lets the link work until `until_us` and checks what came in. A restarted microcontroller gets a new handshake meanwhile:
+    /// nothing waits for it.
     ///
     /// # Errors
-    /// [`LinkError`] when the link is gone for good, or who comes back speaks another schema.
+    /// [`LinkError`] when the link is gone for good, or the returning device speaks another schema.
     pub fn run_until(&mut self, until_us: u64) -> Result<(), LinkError> {
         let Self { link, inbox, .. } = self;
         inbox.statuses.clear();
@@ -384,7 +384,7 @@ impl Session {
         self.renew()
     }
 
-    /// Keeps the handshake: says what has to be said now, and takes what was answered.
+    /// Maintains the handshake: sends what is due, and takes the answers.
     fn renew(&mut self) -> Result<(), LinkError> {
         if std::mem::take(&mut self.inbox.is_stranger) {
             self.handshake.doubt();
@@ -423,7 +423,7 @@ impl Session {
         }
     }
 
-    /// Hands a packet to the link as it is, right or wrong: for tests of the other end.
+    /// Sends a packet unchanged, right or wrong: for tests of the other end.
     ///
     /// # Errors
     /// [`LinkError`] when the link is gone.

@@ -1,8 +1,8 @@
-//! What a session knows: of the microcontroller, its settings, its newest status and line, and of the link.
+//! The state of a session: microcontroller, settings, newest status and line, link.
 
-use gripline_protocol::LSB_PER_NEWTON;
 use gripline_protocol::message::{Configuration, Hello, Refusal, Status};
 use gripline_protocol::parser::Counters;
+use gripline_protocol::{LSB_PER_NEWTON, SensorId};
 
 use super::Session;
 use crate::Presence;
@@ -10,7 +10,7 @@ use crate::error::flashing;
 use crate::shadow::Shadow;
 
 impl Session {
-    /// The time now on the clock that capture times are of.
+    /// The present time on the clock of capture times.
     #[must_use]
     pub fn capture_us(&self) -> u32 {
         self.link.now_us() as u32
@@ -34,20 +34,20 @@ impl Session {
         &self.settings
     }
 
-    /// What the microcontroller said of itself in the handshake.
+    /// The microcontroller's handshake.
     #[must_use]
     pub const fn firmware(&self) -> Option<&Hello> {
         self.firmware.as_ref()
     }
 
-    /// How often the microcontroller restarted since the session began and was met again.
+    /// How often the microcontroller restarted since the session began.
     #[must_use]
     pub const fn restarts(&self) -> u32 {
         self.handshake.restarts()
     }
 
     /// How often this host's clock jumped against the microcontroller's, or the first map was so late that all others seemed to be
-    /// from the future; it then got a new handshake, as from another host.
+    /// from the future; it then got a new handshake.
     #[must_use]
     pub const fn clock_jumps(&self) -> u64 {
         self.clock_jumps
@@ -65,11 +65,11 @@ impl Session {
         self.inbox.latest.as_ref()
     }
 
-    /// The newest status as one about this fingertip's newest map: what is said of the map is from when the fingertip was
-    /// in a status last, the rest is the present. `None` before the first such status.
+    /// The newest status as one about this fingertip's newest map: the fields about the map are from this fingertip's last status,
+    /// the rest is current. `None` before the first such status.
     #[must_use]
-    pub fn status_of(&self, sensor: u8) -> Option<Status> {
-        let spoken = (*self.inbox.of_fingertips.get(usize::from(sensor))?)?;
+    pub fn status_of(&self, sensor: SensorId) -> Option<Status> {
+        let spoken = self.inbox.of_fingertips[sensor.index()]?;
         let newest = self.status()?;
         Some(Status {
             sensor,
@@ -87,13 +87,13 @@ impl Session {
         self.now_us().saturating_sub(self.status_us)
     }
 
-    /// Whether the device is there, and what was lost.
+    /// Whether the device is connected, and what was lost.
     #[must_use]
     pub fn presence(&self) -> Presence {
         self.link.presence()
     }
 
-    /// What to say of a firmware that speaks our messages but is not of this host's version; `None` when it is.
+    /// A warning for firmware of another version than this host's that speaks the same messages; `None` for the same version.
     #[must_use]
     pub fn other_version(&self) -> Option<String> {
         let firmware = self.firmware.as_ref()?;
@@ -116,26 +116,26 @@ impl Session {
         self.inbox.refusal.take()
     }
 
-    /// What the comparison of the microcontroller's answers with our own says.
+    /// The comparison of the microcontroller's answers with our own.
     #[must_use]
     pub const fn shadow(&self) -> &Shadow {
         &self.shadow
     }
 
-    /// What the link's receiving end has seen.
+    /// Counters of the link's receiving end.
     #[must_use]
     pub const fn counters(&self) -> Counters {
         self.inbox.parser.counters()
     }
 
-    /// The grip-force line, N: at this moment where the link can see it, else as the microcontroller last told it.
+    /// The grip-force line, N: at this moment if the link knows it, else from the last status.
     #[must_use]
     pub fn line_n(&self) -> f64 {
         let told = || self.status().map_or(0, |status| status.line);
         newtons(self.link.line().unwrap_or_else(told))
     }
 
-    /// The code on the DAC of the grip-force line, where the link can see it.
+    /// The code on the DAC of the grip-force line, if the link knows it.
     #[must_use]
     pub fn line_code(&self) -> Option<u16> {
         self.link.line_code()

@@ -15,7 +15,7 @@ const GONE_ENERGY: f32 = 8.0;
 /// Every so many trials one is looked at.
 const STRIDE: usize = 3;
 
-/// The folder, and the trials of the list with so many frames at most.
+/// The folder, and the trials of the list with this many frames at most.
 fn trials(frames_max: usize) -> Option<(PathBuf, Vec<String>)> {
     let Some(base) = std::env::var_os("GRIPLINE_RECORDINGS") else {
         println!("skipped: recordings not found, set GRIPLINE_RECORDINGS");

@@ -305,12 +305,12 @@ impl MarkerNetwork {
         second.forward(one, two, Some(LEAK));
         last.forward(two, &mut self.output, None);
         let outputs = self.output.as_chunks::<3>().0;
-        let most = outputs.iter().map(|force| force[2]).fold(0.0, f32::max);
+        let max_n = outputs.iter().map(|force| force[2]).fold(0.0, f32::max);
         let (mut all, mut kept) = ([0.0_f32; 3], [0.0_f32; 3]);
         for (taxel, [x, y, z]) in newtons.iter_mut().zip(outputs) {
             let force = [*x, *y, if *z < 0.0 { PULL * z } else { *z }];
             all = [0, 1, 2].map(|axis| all[axis] + force[axis]);
-            *taxel = if *z > EMPTY * most { force } else { [0.0; 3] };
+            *taxel = if *z > EMPTY * max_n { force } else { [0.0; 3] };
             kept = [0, 1, 2].map(|axis| kept[axis] + taxel[axis]);
         }
         if kept[2] <= 0.0 || all[2] <= 0.0 {

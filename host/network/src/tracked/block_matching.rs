@@ -185,7 +185,7 @@ mod tests {
             let pixels: Vec<u8> = (0..440 * 440_usize)
                 .map(|at| {
                     let [x, y] = [at % 440 + shift[0], at / 440 + shift[1]];
-                    // Coarse, and in places all the same.
+                    // Coarse, and uniform in places.
                     if y % 160 < 40 {
                         90
                     } else {

@@ -381,7 +381,7 @@ mod tests {
         dispatch_256(InstructionSet::Portable, Update(flow, rest, now, dirty));
     }
 
-    /// A pattern without repetition, shifted by so many pixels.
+    /// A pattern without repetition, shifted by this many pixels.
     fn picture(shift: [usize; 2]) -> Vec<u8> {
         (0..CROP_SIDE * CROP_SIDE)
             .map(|i| {

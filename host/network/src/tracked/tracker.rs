@@ -394,7 +394,7 @@ mod tests {
         (*state >> 40) as f32 / (1 << 24) as f32
     }
 
-    /// Spots on a dark ground; those in a square of 120 pixels are moved by so many.
+    /// Spots on a dark ground; those in a square of 120 pixels are moved by this many.
     fn spots(moved_px: f32) -> Vec<f32> {
         let mut levels = vec![20.0; SIDE * SIDE];
         let mut state = 5;

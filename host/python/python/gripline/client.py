@@ -25,7 +25,7 @@ _NAME = re.compile(r"[A-Za-z0-9._:/@-]{1,64}")
 
 
 class ControlError(GriplineError):
-    """A request was not carried out.
+    """A request was not executed.
 
     ``why`` is the reason's name, ``answer`` the bridge's whole answer or None, ``owner`` who owns the gripper or None.
     Each reason of the bridge has a class of its own here.
@@ -42,7 +42,7 @@ class ControlError(GriplineError):
 
 
 class Unreachable(ControlError):
-    """There is no bridge at the address, or it did not answer in time. What was asked may have been done: see status()."""
+    """There is no bridge at the address, or it did not answer in time. The request may have been executed: see status()."""
 
     why = "unreachable"
 
@@ -66,7 +66,7 @@ class BadRequest(ControlError):
 
 
 class WrongOwner(ControlError):
-    """Somebody else owns the gripper: wait until they yield, or take it over by name."""
+    """Another client owns the gripper: wait until it yields, or take it over."""
 
     why = "wrong_owner"
 
@@ -84,13 +84,13 @@ class Inhibited(ControlError):
 
 
 class LinkLost(ControlError):
-    """The microcontroller is away. A hold or release is sent when it is back, if it did not restart."""
+    """The microcontroller is not connected. A hold or release is sent when it is back, if it did not restart."""
 
     why = "link_lost"
 
 
 class NotConfirmed(ControlError):
-    """It was sent again and again, and no status of the microcontroller showed it."""
+    """It was sent repeatedly, but no status of the microcontroller confirmed it."""
 
     why = "not_confirmed"
 
@@ -120,7 +120,7 @@ class StillActive(ControlError):
 
 
 class OutOfRange(ControlError):
-    """A force outside of what the microcontroller allows."""
+    """A force outside the allowed range."""
 
     why = "out_of_range"
 
@@ -138,7 +138,7 @@ class Overtaken(ControlError):
 
 
 class NoCamera(ControlError):
-    """There is no camera whose pictures could be taken anew."""
+    """There is no camera to take new pictures."""
 
     why = "no_camera"
 
@@ -160,7 +160,7 @@ _BY_STATUS = {400: BadRequest, 401: BadToken, 413: BadRequest}
 
 
 def token_path() -> Path:
-    """Where a bridge of this user keeps its token, unless its configuration says otherwise."""
+    """Default path of this user's token."""
     state = os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state"
     return Path(state) / "gripline" / "token"
 
@@ -206,7 +206,7 @@ class Client:
         return f"Client('{self._host}:{self._port}', client='{self._client}')"
 
     def status(self) -> dict[str, Any]:
-        """What the gripper does now.
+        """The gripper's present state.
 
         owner, requested and mode ('hold', 'released' or None), state, line_n, floor_n and ceiling_n (newtons), link,
         is_connected, status_age_ms, faults (number, name, active, latched, what_to_do), host_faults and frames.
@@ -249,23 +249,23 @@ class Client:
         return self._act("release", take_over)
 
     def acknowledge(self, *, take_over: bool = False) -> dict[str, Any]:
-        """Acknowledges the latched faults: somebody has looked at them."""
+        """Acknowledges the latched faults: a person has looked at them."""
         return self._act("acknowledge", take_over)
 
     def rezero(self, *, take_over: bool = False) -> dict[str, Any]:
-        """Takes the pictures of the untouched fingertip anew. Refused while it holds or is touched."""
+        """Takes new pictures of the untouched fingertip. Refused while the gripper holds or something touches."""
         return self._act("rezero", take_over)
 
     def set_floor(self, floor_n: float, *, take_over: bool = False) -> dict[str, Any]:
-        """Sets the least grip force, newtons."""
+        """Sets the minimum grip force, newtons."""
         return self._act("set_floor", take_over, floor_n=float(floor_n))
 
     def take_over(self) -> dict[str, Any]:
-        """Takes the gripper over from whoever owns it. Nothing moves."""
+        """Takes the gripper over from its owner. Nothing moves."""
         return self._act("take_over", False)
 
     def yield_(self) -> dict[str, Any]:
-        """Gives the gripper back, so that others may own it. Nothing moves."""
+        """Gives up ownership, so that others may own it. Nothing moves."""
         return self._act("yield", False)
 
     def _act(self, action: str, take_over: bool, **more: float) -> dict[str, Any]:

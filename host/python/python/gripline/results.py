@@ -1,4 +1,4 @@
-"""The types of results, for whoever checks types. Shapes: T frames, F fingers, N samples, S pixels a side."""
+"""The types of results, for type checkers. Shapes: T frames, F fingers, N samples, S pixels a side."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ if TYPE_CHECKING:
 
 
 class Judged(TypedDict):
-    """What Detector says: arrays (T,).
+    """Results of Detector: arrays (T,).
 
     fn, fx, fy and ft are newtons, mz N mm about the middle of the map, contact and stick taxels, stick_ratio NaN where nothing
     touches, saturated components beyond 8 N that were clipped.
@@ -31,7 +31,7 @@ class Judged(TypedDict):
 
 
 class Controlled(Judged):
-    """What Controller says: the same and three more arrays (T,).
+    """Results of Controller: the same and three more arrays (T,).
 
     state is 'NO_CONTACT', 'STICK', 'INCIPIENT' or 'SLIP', slip_evidence 0 to 1, line_n the grip-force line in newtons.
     """
@@ -42,7 +42,7 @@ class Controlled(Judged):
 
 
 class Inferred(TypedDict):
-    """What ForceNetwork infers.
+    """Results of ForceNetwork.
 
     maps (T, 3, 20, 20) are newtons per taxel, health (T,) is 'good' or what is known against the picture.
     """

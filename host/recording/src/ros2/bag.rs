@@ -21,9 +21,9 @@ use crate::image;
 
 /// Where diagnostics of all programs go.
 const DIAGNOSTICS: &str = "/diagnostics";
-/// Without a change they are said so often, nanoseconds.
+/// Interval of unchanged diagnostics, nanoseconds.
 const DIAGNOSTICS_EVERY_NS: u64 = 1_000_000_000;
-/// The QoS that a player offers: what is played is to arrive.
+/// The QoS that a player offers: reliable.
 const QOS: &str = "- history: 1\n  depth: 10\n  reliability: 1\n  durability: 2\n  deadline:\n    sec: 2147483647\n    nsec: \
                    4294967295\n  lifespan:\n    sec: 2147483647\n    nsec: 4294967295\n  liveliness: 1\n  \
                    liveliness_lease_duration:\n    sec: 2147483647\n    nsec: 4294967295\n  \
@@ -37,7 +37,7 @@ struct Topic {
     messages: u64,
 }
 
-/// A bag under way.
+/// A bag being written.
 pub struct Bag {
     folder: PathBuf,
     file_name: String,
@@ -46,7 +46,7 @@ pub struct Bag {
     topics: Vec<Topic>,
     /// Time of the first message and of the last one, nanoseconds since 1970.
     span_ns: Option<(u64, u64)>,
-    /// The diagnostics that were said last, and when.
+    /// The last diagnostics, and when they were written.
     said: Option<(u64, Vec<DiagnosticStatus>)>,
     /// The newest of each fingertip.
     health: [Option<DiagnosticStatus>; SENSORS],
@@ -119,11 +119,10 @@ impl Bag {
         self.diagnostics(sample)
     }
 
-    /// What the gripper has against itself, when it changes and once a second.
+    /// The gripper's diagnostics, on change and once a second.
     fn diagnostics(&mut self, sample: &Sample) -> Result<(), RecordingError> {
         let ns = sample.captured_ns;
-        self.health[usize::from(sample.report.sensor).min(SENSORS - 1)] =
-            Some(sample.health(&self.namespace));
+        self.health[sample.report.sensor.index()] = Some(sample.health(&self.namespace));
         let faults: Vec<_> = sample
             .report
             .faults
@@ -195,7 +194,7 @@ impl Bag {
         Ok(self.topics.len() - 1)
     }
 
-    /// Closes the file and writes what rosbag2 wants to know of it; returns the number of messages.
+    /// Closes the file and writes rosbag2's metadata; returns the number of messages.
     ///
     /// # Errors
     /// [`RecordingError`] that names the file which cannot be written.
@@ -247,7 +246,7 @@ impl Bag {
     }
 }
 
-/// Whether they say the same but for numbers that always change.
+/// Whether they are equal except for numbers that always change.
 fn is_the_same(one: &[DiagnosticStatus], other: &[DiagnosticStatus]) -> bool {
     let says = |status: &DiagnosticStatus| (status.level, status.name.clone(), status.message.clone());
     one.iter().map(says).eq(other.iter().map(says))

@@ -10,7 +10,7 @@ use serde::ser::{
 /// Before the body: plain CDR, little-endian.
 const HEADER: [u8; 4] = [0, 1, 0, 0];
 
-/// A value that CDR does not know.
+/// A value without a CDR encoding.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("found {0}, expected numbers, strings, sequences or structures of them")]
 pub struct CdrError(String);
@@ -38,7 +38,7 @@ struct Cdr {
 }
 
 impl Cdr {
-    /// A number, behind as many zeros as put it at a multiple of its size.
+    /// A number, padded to a multiple of its size.
     fn number<const SIZE: usize>(&mut self, number: [u8; SIZE]) {
         let body = self.bytes.len() - HEADER.len();
         let at = HEADER.len() + body.next_multiple_of(SIZE);

@@ -1,4 +1,4 @@
-//! Types by name and definition, as a bag stores them: each message with those that it consists of. Pure.
+//! Types by name and definition, as a bag stores them: each message with the types that it contains. Pure.
 
 /// A message's type.
 pub(super) struct Definition {
@@ -6,7 +6,7 @@ pub(super) struct Definition {
     pub name: &'static str,
     /// Its fields.
     fields: &'static str,
-    /// What it consists of.
+    /// The types that it contains.
     parts: &'static [Part],
 }
 
@@ -42,13 +42,13 @@ pub(super) const IMAGE: Definition = Definition {
     fields: "std_msgs/Header header\nuint32 height\nuint32 width\nstring encoding\nuint8 is_bigendian\nuint32 step\nuint8[] data\n",
     parts: &[HEADER, TIME],
 };
-/// What a fingertip says of slip.
+/// Slip state of a fingertip.
 pub(super) const SLIP: Definition = Definition {
     name: "gripline_msgs/msg/Slip",
     fields: include_str!("../../../ros2/gripline_msgs/msg/Slip.msg"),
     parts: &[HEADER, TIME],
 };
-/// How the gripper is.
+/// State of the gripper.
 pub(super) const DIAGNOSTIC_ARRAY: Definition = Definition {
     name: "diagnostic_msgs/msg/DiagnosticArray",
     fields: "std_msgs/Header header\ndiagnostic_msgs/DiagnosticStatus[] status\n",

@@ -12,7 +12,7 @@ pub struct Time {
 }
 
 impl Time {
-    /// From nanoseconds since 1970; after 2038 there is no time in ROS 2, and the last one that is stands.
+    /// From nanoseconds since 1970; ROS 2 has no time after 2038; the last possible one is used.
     #[must_use]
     pub fn from_ns(ns: u64) -> Self {
         Self {
@@ -56,7 +56,7 @@ pub struct Wrench {
 pub struct WrenchStamped {
     /// Capture time and fingertip.
     pub header: Header,
-    /// What the object does to the fingertip.
+    /// Force and torque of the object on the fingertip.
     pub wrench: Wrench,
 }
 
@@ -69,7 +69,7 @@ pub struct Image {
     pub height: u32,
     /// Columns.
     pub width: u32,
-    /// What a pixel is.
+    /// Encoding of a pixel.
     pub encoding: &'static str,
     /// Byte order of its numbers: 0 is little-endian.
     pub is_bigendian: u8,
@@ -123,7 +123,7 @@ pub enum Level {
     Warning,
     /// It does not work.
     Error,
-    /// Nothing new was heard of it.
+    /// No recent news of it.
     Stale,
 }
 
@@ -138,7 +138,7 @@ impl Serialize for Level {
 pub struct DiagnosticStatus {
     /// How bad it is.
     pub level: Level,
-    /// What it is about: gripper and part.
+    /// Gripper and part.
     pub name: String,
     /// How it is.
     pub message: String,

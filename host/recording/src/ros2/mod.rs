@@ -1,5 +1,5 @@
-//! ROS 2 without ROS: the messages of a fingertip, how they are written (CDR), and a recording as a bag. The live side is the
-//! crate `gripline-ros2`; both send what stands here.
+//! ROS 2 without ROS: the messages of a fingertip, how they are written (CDR), and a recording as a bag. The live side is the crate
+//! `gripline-ros2`; both use these messages.
 //!
 //! The frame of a fingertip: origin at the centre of the map on the skin, x to the right and y up as seen from outside, z out of
 //! the skin, so that it is right-handed. A contact that presses has a negative z force.

@@ -1,5 +1,6 @@
 //! Names in ROS 2: a namespace, its topics and its frames. Pure.
 
+use gripline_protocol::SensorId;
 use std::fmt;
 use std::str::FromStr;
 
@@ -11,7 +12,7 @@ const LENGTH_MAX: usize = 200;
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Namespace(String);
 
-/// A name that is none.
+/// An invalid name.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
     "found {0}, expected a ROS name such as cell_3/left: parts of letters, digits and single underscores that do not begin with a \
@@ -28,13 +29,13 @@ impl Namespace {
 
     /// The name of a fingertip's topic.
     #[must_use]
-    pub fn fingertip_topic(&self, fingertip: u8, name: &str) -> String {
+    pub fn fingertip_topic(&self, fingertip: SensorId, name: &str) -> String {
         format!("/{}/fingertip_{fingertip}/{name}", self.0)
     }
 
     /// The coordinate frame of a fingertip, as tf2 has it: without a slash at its beginning.
     #[must_use]
-    pub fn frame_id(&self, fingertip: u8) -> String {
+    pub fn frame_id(&self, fingertip: SensorId) -> String {
         format!("{}/fingertip_{fingertip}", self.0)
     }
 }
@@ -78,10 +79,10 @@ mod tests {
             assert_eq!(name.to_string(), plain);
             assert_eq!(name.topic("hold"), format!("/{plain}/hold"));
             assert_eq!(
-                name.fingertip_topic(1, "slip"),
+                name.fingertip_topic(SensorId::SECOND, "slip"),
                 format!("/{plain}/fingertip_1/slip")
             );
-            assert_eq!(name.frame_id(0), format!("{plain}/fingertip_0"));
+            assert_eq!(name.frame_id(SensorId::FIRST), format!("{plain}/fingertip_0"));
         }
         let long = "a".repeat(201);
         for text in [

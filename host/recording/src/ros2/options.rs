@@ -6,14 +6,14 @@ use std::str::FromStr;
 /// How far discovery and data go.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Range {
-    /// This machine: nothing is sent to another address than 127.0.0.1.
+    /// This machine: packets are sent to 127.0.0.1 only.
     #[default]
     Localhost,
     /// Every network that this machine is in, found by multicast.
     Subnet,
 }
 
-/// How services travel: the implementations of ROS 2 do not agree.
+/// How services are mapped to DDS, in which ROS 2 implementations differ.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Rmw {
     /// As `rmw_fastrtps_cpp`, and the others that follow the standard.

@@ -12,14 +12,14 @@ use crate::telemetry::FrameReport;
 /// Three f32 a taxel.
 const TAXEL_BYTES: usize = 12;
 
-/// A frame: what it says, of which map, when.
+/// A frame: report, map and time.
 #[derive(Debug, Clone)]
 pub struct Sample {
     /// When the picture was taken, nanoseconds since 1970.
     pub captured_ns: u64,
-    /// What the pipeline says of it.
+    /// The pipeline's report.
     pub report: FrameReport,
-    /// The map as it travelled.
+    /// The map in the wire's units.
     pub map: Box<ForceMap>,
     /// Distance between taxel centres, millimetres.
     pub pitch_mm: f64,
@@ -35,8 +35,8 @@ impl Sample {
         }
     }
 
-    /// Force and torque about the map's centre, as the sum over the map; `None` where the frame came too late and the map is of an
-    /// older one.
+    /// Force and torque about the map's centre, as the sum over the map; `None` if the frame was late and the map is of an older
+    /// one.
     #[must_use]
     pub fn wrench(&self, namespace: &Namespace) -> Option<WrenchStamped> {
         self.report.late.is_none().then(|| WrenchStamped {
@@ -66,7 +66,7 @@ impl Sample {
         })
     }
 
-    /// What it says of slip.
+    /// The slip message.
     #[must_use]
     pub fn slip(&self, namespace: &Namespace) -> Slip {
         let report = &self.report;
@@ -74,7 +74,7 @@ impl Sample {
         let owned = |names: &[&str]| names.iter().map(|name| (*name).to_owned()).collect();
         Slip {
             header: self.header(namespace),
-            fingertip: report.sensor,
+            fingertip: report.sensor.number(),
             frame: report.frame,
             state: state.unwrap_or_default() as u8,
             slip_evidence: report.slip_evidence,
@@ -94,7 +94,7 @@ impl Sample {
         }
     }
 
-    /// How its picture is.
+    /// The health of its picture.
     #[must_use]
     pub fn health(&self, namespace: &Namespace) -> DiagnosticStatus {
         let report = &self.report;
@@ -109,7 +109,7 @@ impl Sample {
     }
 }
 
-/// The faults of a gripper: each with what to do, where that is known.
+/// The faults of a gripper: each with what to do, if known.
 #[must_use]
 pub fn faults_status(namespace: &Namespace, faults: &[(&str, String)]) -> DiagnosticStatus {
     let names: Vec<_> = faults.iter().map(|(name, _)| *name).collect();
@@ -159,6 +159,7 @@ pub(super) mod tests {
     use super::*;
     use crate::telemetry::{STAGES, WitnessReport};
     use crate::units::Load;
+    use gripline_protocol::SensorId;
 
     pub(in crate::ros2) fn sample() -> Sample {
         let mut map = Box::new(ForceMap::EMPTY);
@@ -174,7 +175,7 @@ pub(super) mod tests {
             pitch_mm: 1.6,
             report: FrameReport {
                 frame: 7,
-                sensor: 1,
+                sensor: SensorId::SECOND,
                 t_s: 0.25,
                 gate: "network",
                 health: vec!["too_dark"],

@@ -451,7 +451,7 @@ impl Contact {
         high
     }
 
-    /// One quasi-static step where the indenter's motion is known but for what the mount gives.
+    /// One quasi-static step where the indenter's motion is known except for what the mount gives.
     fn solve(&mut self, mut step: Step, drive: &Drive) -> Result<(), SimulationError> {
         let pose = self.truth.pose;
         let shift = [0, 1].map(|k| drive.at_mm[k] - pose.at_mm[k]);
@@ -715,7 +715,7 @@ impl Contact {
     }
 
     /// Whether the settled step's box holds all that may touch, and the indenter stands on the gel where the step
-    /// took it to be when it ends at `at_mm` and `turn_rad`. If not the step has been laid anew and must be solved
+    /// took it to be when it ends at `at_mm` and `turn_rad`. If not the step has been laid again and must be solved
     /// again.
     ///
     /// # Errors

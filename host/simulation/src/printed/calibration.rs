@@ -143,7 +143,7 @@ const LATE_S: f64 = 0.4;
 
 impl PrintedBench {
     /// Unit number `unit` of `sensor`, drawn from `range`, pressed `presses` times by a ball of 6 mm at other places and loads up to
-    /// `most_n`; `seed` decides noise and the first place, so that another day differs.
+    /// `max_n`; `seed` decides noise and the first place, so that another day differs.
     ///
     /// # Errors
     /// A gel constant outside its range, or a contact that does not converge.

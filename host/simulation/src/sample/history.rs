@@ -1,4 +1,4 @@
-//! Random load histories in the contact world: press, then pull, twist, reverse, unload, grip anew and roll, in
+//! Random load histories in the contact world: press, then pull, twist, reverse, unload, grip again and roll, in
 //! small steps, with some of the states on the way shown as samples. Units: mm, N, N·mm, rad. Limits: states in
 //! which the gel is strained beyond [`STRAIN_LIMIT`] of its thickness are never shown; they are counted.
 

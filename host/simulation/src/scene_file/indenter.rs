@@ -44,7 +44,7 @@ pub(super) fn read(section: &Section, load: &mut Load) -> Result<Indenter, Scene
     })
 }
 
-/// The shape at its usual size, but for the measures that are given.
+/// The shape at its usual size, except for the measures that are given.
 fn built_in(usual: Shape, section: &Section) -> Result<Shape, SceneError> {
     let set = |value: &mut f64, key| -> Result<(), SceneError> {
         if let Some(given) = section.number_if(key)? {

@@ -25,13 +25,13 @@ pub struct Key {
 /// What a key takes.
 #[derive(Debug, PartialEq)]
 pub enum Kind {
-    /// A number in `unit` (empty: a plain number) from least to most.
+    /// A number in `unit` (empty: a plain number) from min to max.
     Number(&'static str, f64, f64),
     /// An array of that many such numbers.
     Numbers(usize, &'static str, f64, f64),
-    /// A whole number from least to most.
+    /// A whole number from min to max.
     Whole(u64, u64),
-    /// A course: an array of [time in s, value in the unit], the values from least to most, times not falling.
+    /// A course: an array of [time in s, value in the unit], the values from min to max, times not falling.
     Course(&'static str, f64, f64),
     /// A text.
     Text,
@@ -166,9 +166,9 @@ keys! {
     TURN = "path" "turn_deg", Number("degrees", -720.0, 720.0), Optional,
         "turn of the indenter about z, from x to y; without it it stays; the first step starts there";
     PULL = "path" "pull_n", Numbers(2, "N", -20.0, 20.0), Optional,
-        "force along x and y that pulls the indenter at the end of the step, instead of `at_mm` and `turn_deg`: it goes where the gel carries it; without it and `twist_nmm` it goes by place";
-    MOMENT = "path" "twist_nmm", Number("N·mm", -200.0, 200.0), Optional,
-        "moment about z that twists the indenter at the end of the step, like `pull_n`; of the two, the one that is left out is 0";
+        "force along x and y that pulls the indenter at the end of the step, instead of `at_mm` and `turn_deg`: it goes where the gel carries it; without it and `moment_nmm` it goes by place";
+    MOMENT = "path" "moment_nmm", Number("N·mm", -200.0, 200.0), Optional,
+        "moment about z that turns the indenter at the end of the step, like `pull_n`; of the two, the one that is left out is 0";
     TILT = "path" "tilt_deg", Numbers(2, "degrees", -15.0, 15.0), Optional,
         "slope of the indenter along x and y; above 0 the +x (+y) side presses deeper; without it it stays; the first step starts there";
 
@@ -207,9 +207,9 @@ keys! {
     RATE = "gripper" "rate_n_per_s", Number("N/s", 1.0, 10_000.0), Absent::Number(SCENE_GRIPPER_RATE_N_PER_S),
         "fastest change of its force";
     MIN_FORCE = "gripper" "min_n", Number("N", 0.0, 20.0), Absent::Number(SCENE_GRIPPER_OPEN_N),
-        "least force; below it the jaws are open";
+        "minimum force; below it the jaws are open";
     MAX_FORCE = "gripper" "max_n", Number("N", 0.1, 40.0), Absent::Number(SCENE_GRIPPER_MAX_N),
-        "largest force";
+        "maximum force";
 
     STROKE = "arm" "stroke", Choice(&["move", "dash", "shake"]), Required,
         "move: from rest to rest; dash: gathers speed and stops hard; shake: to and fro; strokes add up";
@@ -226,12 +226,12 @@ keys! {
 
     PULL_FORCE = "pull" "force_n", Numbers(2, "N", -40.0, 40.0), Optional,
         "force on the object, in the plane of the first finger; without it none";
-    PULL_MOMENT = "pull" "twist_nmm", Number("N·mm", -1000.0, 1000.0), Absent::Number(0.0),
+    PULL_MOMENT = "pull" "moment_nmm", Number("N·mm", -1000.0, 1000.0), Absent::Number(0.0),
         "moment on the object, from x to y";
     PULL_AT = "pull" "at_mm", Numbers(2, "mm", -500.0, 500.0), Optional,
         "where the force acts, from the grip point; without it there";
     PULL_COURSE = "pull" "course", Course("", -10.0, 10.0), Required,
-        "share of force and twist over time; smooth between the pairs";
+        "share of force and moment over time; smooth between the pairs";
 
     PHASE_NAME = "phase" "name", Text, Required,
         "what truth.csv calls the scene from here on: letters, digits, spaces, `-` and `_`";
@@ -242,7 +242,7 @@ keys! {
         "who sets the grip-force line: one force, forces over time, or Gripline itself: force network on the first finger's \
          pictures, detector and controller of the microcontroller";
     POLICY_FORCE = "policy" "force_n", Number("N", 0.0, 40.0), Optional,
-        "the line of a fixed policy, or the least grip of gripline; required with either";
+        "the line of a fixed policy, or the minimum grip of gripline; required with either";
     POLICY_COURSE = "policy" "course", Course("N", 0.0, 40.0), Optional,
         "the line over time of a schedule, straight between the pairs; required with one";
 

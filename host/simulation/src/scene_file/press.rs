@@ -169,7 +169,7 @@ fn step(section: &Section, place: usize) -> Result<PathStep, SceneError> {
         if given && load.is_some() {
             return Err(section.problem(
                 key,
-                "a place beside a pull or twist",
+                "a place beside a pull or moment",
                 "a step that goes by place or by load",
                 "remove one of them",
             ));

@@ -12,6 +12,17 @@ use super::keys::{Absent, KEYS, Key, Kind, SECTIONS};
 /// Characters of a value that a message shows.
 const SHOWN_MAX: usize = 40;
 
+/// Former names, which scene files may still use, and the current ones.
+const FORMER: [(&str, &str); 1] = [("twist_nmm", "moment_nmm")];
+
+/// The key's current name.
+fn current(name: &str) -> &str {
+    FORMER
+        .iter()
+        .find(|(former, _)| *former == name)
+        .map_or(name, |(_, current)| current)
+}
+
 /// The text of a scene file.
 #[derive(Debug)]
 pub(super) struct Source<'a> {
@@ -60,7 +71,7 @@ impl<'a> Section<'a> {
         };
         let mut unknown: Vec<_> = table
             .keys()
-            .filter(|name| !section.names().any(|known| known == name.get_ref()))
+            .filter(|name| !section.names().any(|known| known == current(name.get_ref())))
             .collect();
         unknown.sort_by_key(|name| name.span().start);
         match unknown.first() {
@@ -162,7 +173,11 @@ impl<'a> Section<'a> {
     fn value(&self, key: &'static Key) -> Result<Option<&'a toml::Spanned<DeValue<'a>>>, SceneError> {
         debug_assert_eq!(key.section, self.id, "{}", key.name);
         self.used.borrow_mut().insert(key.name);
-        match (self.table.get(key.name), &key.absent) {
+        let value = self.table.get(key.name).or_else(|| {
+            let mut given = self.table.iter();
+            given.find_map(|(name, value)| (current(name.get_ref()) == key.name).then_some(value))
+        });
+        match (value, &key.absent) {
             (None, Absent::Required) => Err(self.missing(key, "")),
             (value, _) => Ok(value),
         }
@@ -375,7 +390,7 @@ impl<'a> Section<'a> {
         let mut left: Vec<_> = self
             .table
             .keys()
-            .filter(|name| !used.contains(name.get_ref().as_ref()))
+            .filter(|name| !used.contains(current(name.get_ref())))
             .collect();
         left.sort_by_key(|name| name.span().start);
         let Some(name) = left.first() else {

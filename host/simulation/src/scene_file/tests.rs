@@ -195,8 +195,8 @@ const MISTAKES: &[(&str, &str, &str)] = &[
     ),
     (
         "press_n = 2.5",
-        "press_n = 2.5\ntwist_nmm = 2",
-        "scene.toml:19: path[1].at_mm: found a place beside a pull or twist, expected a step that goes by place or \
+        "press_n = 2.5\nmoment_nmm = 2",
+        "scene.toml:19: path[1].at_mm: found a place beside a pull or moment, expected a step that goes by place or \
              by load: remove one of them",
     ),
     (
@@ -234,7 +234,7 @@ const MISTAKES: &[(&str, &str, &str)] = &[
         "seconds = 1.5",
         "path = 3\nseconds = 1.5",
         "scene.toml:21: path[2].path: found a key that is not known here, expected one of name, seconds, \
-             press_n, depth_mm, at_mm, turn_deg, pull_n, twist_nmm, tilt_deg: remove it",
+             press_n, depth_mm, at_mm, turn_deg, pull_n, moment_nmm, tilt_deg: remove it",
     ),
     (
         "[[path]]\nname = \"press\"",
@@ -384,6 +384,15 @@ fn a_grasp_is_read_with_its_defaults() {
         panic!("{:?}", grasp.policy)
     };
     assert!((course.at(0.5) - 3.0).abs() < 1e-12);
+}
+
+#[test]
+fn the_former_name_of_a_moment_is_still_read() {
+    let former = GRASP.replace("force_n = [0.5, 0.0]", "twist_nmm = 12.0");
+    let Scene::Grasp(grasp) = parse(&former).unwrap().scene else {
+        panic!("no grasp")
+    };
+    assert!((grasp.scene.pulls[0].torsional_moment_nmm - 12.0).abs() < 1e-12);
 }
 
 /// Changes to the good grasp, and the line that each gives.

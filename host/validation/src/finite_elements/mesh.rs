@@ -84,7 +84,7 @@ impl Mesh {
         }
     }
 
-    /// Nodes of the surface: the first so many.
+    /// Number of nodes on the surface; they come first.
     pub(super) fn surface_count(&self) -> usize {
         self.across_mm.len() * self.across_mm.len()
     }

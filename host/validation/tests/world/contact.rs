@@ -257,7 +257,7 @@ fn a_growing_twist_is_lubkins_and_ends_at_three_pi_over_sixteen() {
 
 #[test]
 fn full_slip_of_a_flat_face_is_two_thirds_of_force_times_radius() {
-    // (2/3) μPa needs even pressure, which a face far wider than the layer is thick has, but for its edge.
+    // (2/3) μPa needs even pressure, which a face far wider than the layer is thick has, except for its edge.
     // What holds for any pressure: full spin carries μ Σ p r.
     let mut contact = contact(
         &Gel::default(),
@@ -365,7 +365,7 @@ fn a_long_drag_slides_at_the_friction_limit_and_the_footprint_goes_along() {
     );
     assert!((fx / (FRICTION * fz) - 1.0).abs() < 1e-3 && fy.abs() < 1e-3);
     assert!(onset > 0.2 && truth.stick_ratio() == Some(0.0));
-    // All motion past the elastic shift is slip. Counted point by point it is the footprint's way but for the strain
+    // All motion past the elastic shift is slip. Counted point by point it is the footprint's way except for the strain
     // of the gel that passes under.
     let slid = truth.slip_distance_mm();
     assert!(slid > 4.0 - onset - 0.2 && slid < 4.0 && (truth.footprint_mm()[0] / slid - 1.0).abs() < 0.03);

@@ -7,7 +7,7 @@ use gripline_emulator::usb::{Cable, UsbState};
 use gripline_protocol::cobs::{FRAME_MAX, encode_packet};
 use gripline_protocol::constants::{LSB_PER_NEWTON, TAXELS_PER_PACKET};
 use gripline_protocol::message::{Command, Hello, Message, MessagePackets};
-use gripline_protocol::{ForceMap, Health, MapInfo, TaxelForce, encode_map};
+use gripline_protocol::{ForceMap, Health, MapInfo, SensorId, TaxelForce, encode_map};
 
 use crate::Error;
 use crate::bound::Loop;
@@ -548,7 +548,11 @@ impl<'a> Bench<'a> {
     ///
     /// # Errors
     /// The board's.
-    pub fn stream(&mut self, map: &ForceMap, sensors: impl Iterator<Item = u8>) -> Result<Vec<Way>, Error> {
+    pub fn stream(
+        &mut self,
+        map: &ForceMap,
+        sensors: impl Iterator<Item = SensorId>,
+    ) -> Result<Vec<Way>, Error> {
         self.ways.clear();
         let mut lasts_ns = 0;
         for sensor in sensors {

@@ -5,8 +5,8 @@
 //! over those places with steps of 0.15 µs, about 25 cycles. The host pauses before the last packet, so that it meets all that waits for a free bus.
 //! Units: nanoseconds of virtual time, cycles.
 
-use gripline_protocol::Health;
 use gripline_protocol::message::{Command, Configuration};
+use gripline_protocol::{Health, SensorId};
 
 use crate::Error;
 use crate::measure::{Bench, DOUBTFUL, Link, TICK_NS, Way, even, map_of, slipping, whole};
@@ -71,7 +71,9 @@ pub fn branches(bench: &mut Bench<'_>) -> Result<(), Error> {
     };
     bench.command(Command::Configure(both))?;
     for round in 0..40 {
-        bench.map_as(&map_of(59, round), |info| info.sensor = (round % 2) as u8)?;
+        bench.map_as(&map_of(59, round), |info| {
+            info.sensor = SensorId::ALL[round as usize % 2];
+        })?;
     }
     bench.command(Command::Configure(Configuration::DEFAULT))?;
     // A contact that slips ever more: the trend, the reflex, every state.
@@ -174,7 +176,7 @@ fn last_packets(
                 Beside::Usb => bench.send_over_usb(&map_of(LONGEST_TAIL, number)),
             }
             bench.last_packet_at(phase_ns, &map_of(contacts, number), |info| {
-                info.sensor = number as u8 % sensors;
+                info.sensor = SensorId::ALL[number as usize % usize::from(sensors)];
             })
         })?;
     }
@@ -212,7 +214,7 @@ pub fn phases(bench: &mut Bench<'_>, length: Length) -> Result<(), Error> {
         }
         for phase_ns in (0..PACKET_NS).step_by(LONG_NS as usize / 4) {
             bench.run_to(phase_ns)?;
-            let of = (0..STREAM).map(|number| number as u8 % sensors);
+            let of = (0..STREAM).map(|number| SensorId::ALL[number % usize::from(sensors)]);
             bench.stream(&map_of(LONGEST_TAIL, phase_ns as u32), of)?;
         }
     }
@@ -255,7 +257,7 @@ pub fn over_uart(bench: &mut Bench<'_>, length: Length) -> Result<Raises, Error>
                 })?;
             }
         }
-        let of = (0..STREAM / 4).map(|number| number as u8 % sensors);
+        let of = (0..STREAM / 4).map(|number| SensorId::ALL[number % usize::from(sensors)]);
         bench.stream(&map_of(SHORT_MAP, 1), of)?;
     }
     let raises = raises(bench, SHORT_MAP, length)?;
@@ -303,7 +305,7 @@ pub fn raises(bench: &mut Bench<'_>, contacts: usize, length: Length) -> Result<
         let met = hunt(bench, TICK_NS, |bench, phase_ns| {
             number = (number + 1) % sensors;
             bench.map_at(phase_ns, &even(contacts, FIRST_N), |info| {
-                info.sensor = number;
+                info.sensor = SensorId::ALL[usize::from(number)];
             })
         })?;
         let everywhere = (0..TICK_NS).step_by(47_000);
@@ -319,7 +321,7 @@ pub fn raises(bench: &mut Bench<'_>, contacts: usize, length: Length) -> Result<
             }
             step += 1;
             load_n *= GROWTH;
-            let sensor = step as u8 % sensors;
+            let sensor = SensorId::ALL[step as usize % usize::from(sensors)];
             let way = bench.map_at(phase_ns, &even(contacts, load_n), |info| info.sensor = sensor)?;
             raises.asked += 1;
             raises.raised += u32::from(way.raises);
@@ -348,7 +350,7 @@ fn grasp_anew(bench: &mut Bench<'_>, sensors: u8, contacts: usize, load_n: f64) 
     ] {
         bench.command(command)?;
     }
-    for sensor in 0..sensors {
+    for sensor in SensorId::ALL.into_iter().take(sensors.into()) {
         bench.map_as(&map_of(0, 0), |info| info.sensor = sensor)?;
     }
     for _ in 0..3 {
@@ -360,7 +362,7 @@ fn grasp_anew(bench: &mut Bench<'_>, sensors: u8, contacts: usize, load_n: f64) 
 /// Maps of this load from all fingertips, until the line is where they want it.
 fn settle(bench: &mut Bench<'_>, sensors: u8, contacts: usize, load_n: f64) -> Result<(), Error> {
     for _ in 0..2 {
-        for sensor in 0..sensors {
+        for sensor in SensorId::ALL.into_iter().take(sensors.into()) {
             bench.map_at(CALM_NS, &even(contacts, load_n), |info| info.sensor = sensor)?;
         }
     }
@@ -382,7 +384,7 @@ pub fn rates(bench: &mut Bench<'_>, of: [(usize, u8); 3]) -> Result<Rates, Error
         let from = bench.deliveries_ns().len();
         let ways = bench.stream(
             &map_of(contacts, 1),
-            (0..maps).map(|number| number as u8 % sensors),
+            (0..maps).map(|number| SensorId::ALL[number % usize::from(sensors)]),
         )?;
         if ways.len() != maps {
             return Err(Error::Unexpected {

@@ -63,11 +63,11 @@ impl Mul for Range {
 impl Range {
     /// A square is never negative.
     fn squared(self) -> Self {
-        let greatest = self.min.abs().max(self.max.abs());
-        range(0, greatest * greatest)
+        let max = self.min.abs().max(self.max.abs());
+        range(0, max * max)
     }
 
-    /// Of a sum of any of so many terms, which may all be left out.
+    /// Of a sum of any of this many terms, which may all be left out.
     fn any_of(self, count: i128) -> Self {
         range(count * self.min.min(0), count * self.max.max(0))
     }
@@ -136,7 +136,7 @@ fn detector() -> Vec<Step> {
             ("i32", I32),
         ),
         (
-            "map: 2 pressure − 19 Σfz",
+            "map: 2 first moment − 19 Σfz",
             two * pressure - last * force,
             ("i32", I32),
         ),
@@ -518,8 +518,8 @@ fn worst_maps(effort: Effort) -> (usize, u64, f64) {
         let found = sums_of(map, rule(FRICTION, 0));
         let same = found.force.map(BigInt::from) == right.force
             && right.moment == found.moment.into()
-            && found.pressure.map(BigInt::from) == right.pressure
-            && right.spread == found.spread.into();
+            && found.first_moment.map(BigInt::from) == right.first_moment
+            && right.second_moment == found.second_moment.into();
         wrong += u64::from(!same);
         let _ = total_shear(&found);
         for sum in found.force {

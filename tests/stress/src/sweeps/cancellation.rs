@@ -1,4 +1,4 @@
-//! Sums whose terms cancel: shear under a twist, moments of couples, a residue of one step among forces of 8 N.
+//! Sums whose terms cancel: shear under a torsional moment, moments of couples, a residue of one step among forces of 8 N.
 
 use gripline_firmware::Friction;
 use gripline_firmware::sums::{sums_of, total_shear};
@@ -18,7 +18,7 @@ type Family = (&'static str, fn(&mut Pcg64Mcg) -> ForceMap);
 
 const FAMILIES: [Family; 5] = [
     ("pull", |random| contact(random, 0.0)),
-    ("twist alone", |random| contact(random, 1.0)),
+    ("torsional moment alone", |random| contact(random, 1.0)),
     ("8 N against 8 N, one step left", against),
     ("every component at random", |random| {
         let mut map = ForceMap::EMPTY;
@@ -152,8 +152,8 @@ fn one_map(map: &ForceMap, worst: &mut Worst) {
     let found = sums_of(map, rule(FRICTION, 0));
     let same = found.force.map(BigInt::from) == right.force
         && right.moment == found.moment.into()
-        && found.pressure.map(BigInt::from) == right.pressure
-        && right.spread == found.spread.into()
+        && found.first_moment.map(BigInt::from) == right.first_moment
+        && right.second_moment == found.second_moment.into()
         && (found.contact, found.stick) == (right.contact, right.stick);
     worst.sums += u64::from(!same);
     let says = exact::coulomb(&right.force, FRICTION);

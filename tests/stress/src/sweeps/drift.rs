@@ -25,7 +25,7 @@ fn map_of(contact: usize, stick: usize, shear: i16) -> ForceMap {
     let mut map = ForceMap::EMPTY;
     for (n, taxel) in map.taxels.iter_mut().skip(180).take(contact).enumerate() {
         let z = 1_000;
-        // Slipping taxels pull against each other: a twist.
+        // Slipping taxels pull against each other: a torsional moment.
         let x = if n < stick {
             shear
         } else if n % 2 == 0 {
@@ -58,7 +58,7 @@ pub(crate) fn sweep(effort: Effort) -> Sweep {
     let mut sweep = Sweep::new(
         "a million frames",
         "The whole program at 60 maps a second. Constant maps: from 40 s on the line must not move by more than one step of \
-         1/4096 N. Closed loop: a twist that needs 4 N, of a contact whose stick ratio follows the grip force as in a \
+         1/4096 N. Closed loop: a torsional moment that needs 4 N, of a contact whose stick ratio follows the grip force as in a \
          Hertzian contact, quantised to its number of taxels. Clocks: 100 ppm apart, frames late by up to 5 ms.",
         &[
             "what",
@@ -116,7 +116,7 @@ pub(crate) fn sweep(effort: Effort) -> Sweep {
     let mut worst = 0;
     for size in SIZES {
         let (span, curve) = closed_loop(size, effort.of(40_000, 5_000));
-        sweep.row(span.row(&format!("closed loop, twist, {size} taxels")));
+        sweep.row(span.row(&format!("closed loop, torsional moment, {size} taxels")));
         worst = worst.max(span.max - span.min);
         if span.max - span.min > 1 {
             cycling.push(size.to_string());
@@ -138,7 +138,7 @@ pub(crate) fn sweep(effort: Effort) -> Sweep {
     }
     sweep.pictures.push(Picture {
         file: "stress-loop.png",
-        caption: "Closed loop under a twist that needs 4 N: the line after the load came, by the number of taxels in contact".to_owned(),
+        caption: "Closed loop under a torsional moment that needs 4 N: the line after the load came, by the number of taxels in contact".to_owned(),
         axes: ["time, s", "grip-force line, N"],
         is_log: [false; 2],
         curves,
@@ -250,7 +250,7 @@ fn closed_loop(taxels: usize, frames: usize) -> (Span, Vec<(f64, f64)>) {
         let stick = (ratio * taxels as f64).round() as usize;
         let mut map = ForceMap::EMPTY;
         for (n, taxel) in map.taxels.iter_mut().take(taxels).enumerate() {
-            // A twist: no total shear, so nothing but the stick ratio tells.
+            // A torsional moment: no total shear, so nothing but the stick ratio tells.
             let x = if n < stick {
                 0
             } else if n % 2 == 0 {

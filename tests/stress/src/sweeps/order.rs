@@ -3,7 +3,7 @@
 use gripline_firmware::sums::{Accumulator, Kernel as _, Portable, sums_of};
 use gripline_protocol::constants::TAXELS_PER_PACKET;
 use gripline_protocol::message::{Command, Configuration};
-use gripline_protocol::{ForceMap, Place, SIDE, TAXELS, TaxelForce};
+use gripline_protocol::{ForceMap, Place, SIDE, SensorId, TAXELS, TaxelForce};
 use rand::RngExt;
 use rand::seq::SliceRandom;
 use rand_pcg::Pcg64Mcg;
@@ -173,7 +173,7 @@ fn disturbed(disturbance: Disturbance, random: &mut Pcg64Mcg) -> [u64; 4] {
     board.pass_us(5_000);
     let before = board.device.program.status();
     let map = any_map(random);
-    let packets = board.packets(0, &map, 0);
+    let packets = board.packets(SensorId::FIRST, &map, 0);
     let mut sent = packets.clone();
     let at = random.random_range(0..sent.len());
     match disturbance {
@@ -186,7 +186,7 @@ fn disturbed(disturbance: Disturbance, random: &mut Pcg64Mcg) -> [u64; 4] {
             sent[at][byte] ^= 1 << random.random_range(0..8);
         }
         Disturbance::OtherFingertip => {
-            let other = board.packets(1, &ForceMap::EMPTY, 0);
+            let other = board.packets(SensorId::SECOND, &ForceMap::EMPTY, 0);
             sent.splice(at..at, other);
         }
         Disturbance::MessagesAndTicks => {}
@@ -200,7 +200,9 @@ fn disturbed(disturbance: Disturbance, random: &mut Pcg64Mcg) -> [u64; 4] {
     }
     let rule = rule(settings.friction, settings.contact_min);
     let status = board.device.program.status();
-    let accepted = status.sequence == before.sequence + 1 && status.sensor == 0 && status.maps > before.maps;
+    let accepted = status.sequence == before.sequence + 1
+        && status.sensor == SensorId::FIRST
+        && status.maps > before.maps;
     let must = disturbance == Disturbance::MessagesAndTicks || sent == packets;
     // A doubled tail comes after the map was accepted; a doubled head starts the same map afresh.
     let may = must

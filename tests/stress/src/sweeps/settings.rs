@@ -85,7 +85,7 @@ pub(crate) fn sweep(effort: Effort) -> Sweep {
         worst[0],
     );
     sweep.none(
-        "lines outside 0 to 125 N, or above ceiling and tightening force",
+        "lines outside 0 to 125 N, or above ceiling and fail-safe force",
         worst[1],
     );
     sweep.none("lines that fell while a fault asked to hold", worst[2]);
@@ -132,9 +132,9 @@ fn ties(stride: usize) -> (Wrong, u64) {
         }
         let (p, q) = (i32::from(friction) / a, 10_000 / a);
         for (x, y, z) in [(p, 0, q), (3 * p, 4 * p, 5 * q)] {
-            let most = 32_766 / x.max(y).max(z);
-            for k in [1, 3, most / 2, most - 1, most] {
-                if k <= 0 || k > most {
+            let max = 32_766 / x.max(y).max(z);
+            for k in [1, 3, max / 2, max - 1, max] {
+                if k <= 0 || k > max {
                     continue;
                 }
                 let [x, y, z] = [x * k, y * k, z * k].map(|steps| steps as i16);
@@ -176,9 +176,9 @@ pub(super) fn extreme(random: &mut Pcg64Mcg) -> Configuration {
                 return settings;
             };
             values[usize::from(wrong.field)] = if random.random_bool(0.5) {
-                wrong.least
+                wrong.min
             } else {
-                wrong.most
+                wrong.max
             };
         }
     }
@@ -219,8 +219,8 @@ fn whole_programs(effort: Effort) -> (usize, usize, [u64; 3]) {
                 && status.sums.stick == right.stick
                 && status.sums.force.map(BigInt::from) == right.force
                 && right.moment == status.sums.moment.into()
-                && status.sums.pressure.map(BigInt::from) == right.pressure
-                && right.spread == status.sums.spread.into()
+                && status.sums.first_moment.map(BigInt::from) == right.first_moment
+                && right.second_moment == status.sums.second_moment.into()
                 && status.coulomb_slip == exact::coulomb(&right.force, settings.friction);
             worst[0] += u64::from(!same);
             for _ in 0..random.random_range(1..4) {
@@ -231,8 +231,8 @@ fn whole_programs(effort: Effort) -> (usize, usize, [u64; 3]) {
                     board.pass_us(passed_us);
                     left_us -= passed_us;
                     let line = board.device.program.line().lsb();
-                    let most = settings.ceiling.max(settings.tighten);
-                    worst[1] += u64::from(!(0..=FORCE_MAX).contains(&line) || line > most);
+                    let line_max = settings.ceiling.max(settings.fail_safe);
+                    worst[1] += u64::from(!(0..=FORCE_MAX).contains(&line) || line > line_max);
                     worst[2] += u64::from(holds(&board) && line < before);
                     before = line;
                 }

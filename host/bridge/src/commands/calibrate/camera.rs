@@ -1,4 +1,4 @@
-//! `gripline calibrate camera`: scale, distortion and field of a camera, from dots whose distance is known.
+//! `gripline calibrate camera`: scale, distortion and field of a camera, from dots at a known distance.
 
 use std::path::PathBuf;
 
@@ -14,7 +14,7 @@ use crate::calibration::{Calibration, Camera};
 use crate::error::Error;
 use crate::value::number_in;
 
-/// Pictures of a clip or folder that are looked at.
+/// Number of pictures used of a clip or folder.
 const PICTURES: usize = 16;
 /// A distance of dots that is not given is known to this share at best.
 const UNSURE: f64 = 0.02;
@@ -25,11 +25,10 @@ pub(super) struct CameraArgs {
     /// Pictures of the untouched gel, or of a plate of dots pressed flat on it: a picture, a clip, or a folder.
     #[arg(value_name = "PICTURE|CLIP|FOLDER")]
     pictures: PathBuf,
-    /// The sensor: a shipped description's name, or one's own file.
+    /// The sensor: the name of a shipped description, or your own file.
     #[arg(long, value_name = "NAME|FILE.toml", default_value = "gelsight-mini")]
     sensor: PathBuf,
-    /// Distance of neighbouring dots, measured: of the gel's own, or of the plate's. Without it the middle of what the
-    /// description says.
+    /// Measured distance of neighbouring dots: the gel's own, or the plate's. Without it the middle of the description's range.
     #[arg(long, value_name = "MM", value_parser = number_in(0.1..=20.0))]
     pitch_mm: Option<f64>,
     #[command(flatten)]
@@ -39,7 +38,7 @@ pub(super) struct CameraArgs {
 /// Looks, fits and writes.
 ///
 /// # Errors
-/// [`Error`] when the pictures cannot be read, or show no even grid of dots.
+/// [`Error`] when the pictures cannot be read, or show no regular grid of dots.
 pub(super) fn run(args: &CameraArgs) -> Result<(), Error> {
     let mut calibration = Calibration::load_or_new(&args.common.out)?;
     let sensor = Sensor::named(&args.sensor)?;

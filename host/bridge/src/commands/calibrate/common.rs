@@ -8,10 +8,10 @@ use clap::Args;
 /// Arguments of every calibration.
 #[derive(Debug, Clone, Args)]
 pub(super) struct Common {
-    /// Calibration file; its other sections stay.
+    /// Calibration file; its other sections are kept.
     #[arg(long, value_name = "FILE.toml", default_value = "calibration.toml")]
     pub out: PathBuf,
-    /// Name or serial number of what was calibrated, for the file.
+    /// Name or serial number of the calibrated device, for the file.
     #[arg(long, value_name = "NAME")]
     pub device: Option<String>,
     /// Ask nothing.
@@ -23,14 +23,14 @@ pub(super) struct Common {
 }
 
 impl Common {
-    /// Whether a person is there to ask.
+    /// Whether questions can be asked.
     pub(super) fn asks(&self) -> bool {
         use std::io::IsTerminal as _;
         !self.yes && !self.json && std::io::stdin().is_terminal()
     }
 }
 
-/// The time now, as the file holds it.
+/// The present time in the file's format.
 pub(in crate::commands) fn date() -> String {
     humantime::format_rfc3339_seconds(SystemTime::now()).to_string()
 }

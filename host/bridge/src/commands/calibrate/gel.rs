@@ -1,4 +1,4 @@
-//! `gripline calibrate gel`: a gel's maps to newtons, from a ball pressed with known forces.
+//! `gripline calibrate gel`: calibrates a gel's maps in newtons, from a ball pressed with known forces.
 
 use std::path::PathBuf;
 use std::str::FromStr;
@@ -21,7 +21,7 @@ use crate::value::number_in;
 const NEWTONS_PER_GRAM: f64 = 9.806_65e-3;
 /// Names of a log's axes.
 const AXES: [&str; 3] = ["x", "y", "z"];
-/// Deepest press that a model's world has, share of the gel's thickness.
+/// Deepest press in a model's training, share of the gel's thickness.
 const DEEPEST: f64 = 0.35;
 
 /// Arguments of `gripline calibrate gel`.
@@ -31,7 +31,7 @@ pub(super) struct GelArgs {
     /// command explains how to make it.
     #[arg(value_name = "REC.mcap|MAPS.npy")]
     recordings: Vec<PathBuf>,
-    /// What the scale read at each press, in order of time over all recordings.
+    /// Readings of the scale, one per press, in order of time over all recordings.
     #[arg(
         long,
         value_name = "F F ...",
@@ -42,12 +42,12 @@ pub(super) struct GelArgs {
     /// Unit of the readings.
     #[arg(long, value_enum, default_value_t = Unit::N)]
     unit: Unit,
-    /// A force-torque sensor's log of each recording, in the same order: CSV with the columns time_s, fx_n, fy_n, fz_n, or MCAP with
-    /// geometry_msgs/WrenchStamped. Its clock, the axis that is the gel's normal, its turn about that, and what it shows while nothing
-    /// presses are found.
+    /// A force-torque sensor's log of each recording, in the same order: CSV with the columns time_s, fx_n, fy_n, fz_n, or MCAP
+    /// with geometry_msgs/WrenchStamped. Its clock offset, the axis of the gel's normal, the rotation about it, and the offset
+    /// without load are found automatically.
     #[arg(long, value_name = "LOG.csv|LOG.mcap")]
     forces: Vec<PathBuf>,
-    /// Topic of the forces in LOG.mcap, where it has several.
+    /// Topic of the forces in LOG.mcap, if it has several.
     #[arg(long, value_name = "TOPIC", requires = "forces")]
     forces_topic: Option<String>,
     /// How much later the logs' clock is, if it is known.
@@ -56,10 +56,10 @@ pub(super) struct GelArgs {
     /// Radius of the ball.
     #[arg(long, value_name = "MM", default_value_t = 6.0, value_parser = number_in(1.0..=100.0))]
     ball_mm: f64,
-    /// The sensor: a shipped description's name, or one's own file.
+    /// The sensor: the name of a shipped description, or your own file.
     #[arg(long, value_name = "NAME|FILE.toml", default_value = "gelsight-mini")]
     sensor: PathBuf,
-    /// Weights that made the maps, where those of the description did not.
+    /// Weights used for the maps, if not those of the description.
     #[arg(long, value_name = "W.safetensors")]
     weights: Option<PathBuf>,
     /// Maps per second of a MAPS.npy.
@@ -111,7 +111,7 @@ impl FromStr for Readings {
 /// Reads, fits and writes.
 ///
 /// # Errors
-/// [`Error`] when a recording or log cannot be read, or presses and forces do not belong together.
+/// [`Error`] when a recording or log cannot be read, or presses and forces do not match.
 pub(super) fn run(args: &GelArgs) -> Result<(), Error> {
     if args.recordings.is_empty() || (args.readings.is_none() && args.forces.is_empty()) {
         for (place, step) in guide::GEL.iter().enumerate() {
@@ -183,7 +183,7 @@ pub(super) fn run(args: &GelArgs) -> Result<(), Error> {
     Ok(())
 }
 
-/// What tells the force model apart whose maps these are.
+/// The fingerprint of the force model of these maps.
 fn model_of(sensor: &Sensor, args: &GelArgs) -> Result<String, Error> {
     use gripline_network::marker_forces::MarkerForces;
     let forces = match &args.weights {
@@ -310,7 +310,7 @@ fn print(
     hints(args, sensor, found, truth, section);
 }
 
-/// What the figures say beyond themselves.
+/// Hints that follow from the figures.
 fn hints(args: &GelArgs, sensor: &Sensor, found: &GelFit, truth: &[[f64; 3]], section: &Gel) {
     if let Some(shear) = found.shear
         && (shear.interval[1] < found.normal.interval[0] || shear.interval[0] > found.normal.interval[1])
@@ -321,13 +321,13 @@ fn hints(args: &GelArgs, sensor: &Sensor, found: &GelFit, truth: &[[f64; 3]], se
             sensor.gel.thickness_mm
         );
     }
-    let most = truth.iter().map(|force| force[2]).fold(0.0, f64::max);
+    let max_n = truth.iter().map(|force| force[2]).fold(0.0, f64::max);
     let modulus = section.young_mpa / (1.0 - sensor.gel.poisson.powi(2));
     // Hertz; on a layer a ball goes less deep.
-    let depth = (9.0 * most * most / (16.0 * args.ball_mm * modulus * modulus)).cbrt();
+    let depth = (9.0 * max_n * max_n / (16.0 * args.ball_mm * modulus * modulus)).cbrt();
     if depth > DEEPEST * sensor.gel.thickness_mm {
         println!(
-            "\nthe hardest press, {most:.1} N, goes some {depth:.1} mm deep, beyond {:.1} mm that the force model knows: take a larger \
+            "\nthe hardest press, {max_n:.1} N, goes some {depth:.1} mm deep, beyond {:.1} mm that the force model knows: take a larger \
              ball, or press less",
             DEEPEST * sensor.gel.thickness_mm
         );

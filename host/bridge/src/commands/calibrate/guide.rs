@@ -1,4 +1,4 @@
-//! What a person has to do, in words and small drawings, on standard error; standard output is for results.
+//! Instructions for a person, as text and small drawings, on standard error; standard output is for results.
 
 use std::io::{self, Write as _};
 
@@ -172,7 +172,7 @@ pub(super) fn show(number: usize, step: &Step) {
     eprintln!("\n{number}. {}{}", wrapped(step.text), step.drawing);
 }
 
-/// Lines of at most [`WIDTH`] letters, indented under the number but for the first.
+/// Lines of at most [`WIDTH`] letters, indented under the number except for the first.
 pub(in crate::commands) fn wrapped(text: &str) -> String {
     let mut lines = vec![String::new()];
     for word in text.split_whitespace() {

@@ -10,7 +10,7 @@ use clap::Args;
 use gripline_firmware::GripForce;
 use gripline_firmware::line::{DacCode, LineCalibration};
 use gripline_protocol::message::{Command, Configuration};
-use gripline_protocol::{ForceMap, Health, LSB_PER_NEWTON, MapInfo};
+use gripline_protocol::{ForceMap, Health, LSB_PER_NEWTON, MapInfo, SensorId};
 use serde_json::json;
 
 use super::common::{Common, date, wrote};
@@ -85,7 +85,7 @@ fn store(mut session: Session, points: &[Point]) -> Result<(), Error> {
     let max = settings.line.points.last().map_or(0, |point| point.force);
     let settings = Configuration {
         ceiling: settings.ceiling.min(max),
-        tighten: settings.tighten.min(max),
+        fail_safe: settings.fail_safe.min(max),
         floor: settings.floor.min(max),
         ..settings
     };
@@ -202,7 +202,7 @@ impl Stepper {
         let settings = Configuration {
             floor,
             // At least the floor.
-            tighten: self.session.settings().tighten.max(floor),
+            fail_safe: self.session.settings().fail_safe.max(floor),
             ..*self.session.settings()
         };
         self.session.configure(settings)?;
@@ -239,7 +239,7 @@ impl Stepper {
     /// Sends an empty map, and runs the session until the next.
     fn keep_alive(&mut self) -> Result<(), Error> {
         let info = MapInfo {
-            sensor: 0,
+            sensor: SensorId::FIRST,
             sequence: self.sequence,
             capture_us: self.session.capture_us(),
             health: Health::GOOD,

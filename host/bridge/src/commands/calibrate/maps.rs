@@ -1,4 +1,4 @@
-//! The force maps that a calibration works on, from a recording or a file.
+//! The force maps for a calibration, from a recording or a file.
 
 use std::path::Path;
 
@@ -8,9 +8,9 @@ use crate::error::Error;
 use gripline_recording::maps_file::MapsFile;
 use gripline_recording::{Completeness, Reader};
 
-/// What a calibration works on.
+/// Input of a calibration.
 pub(super) struct Maps<T> {
-    /// What was made of each map.
+    /// The value computed from each map.
     pub all: Vec<T>,
     /// The device that made them.
     pub device: String,
@@ -36,7 +36,7 @@ pub(super) fn read<T>(
         let mut frames = 0;
         while let Some(frame) = reader.next_frame()? {
             frames += 1;
-            if frame.status.sensor + 1 == fingertip {
+            if frame.status.sensor.number() + 1 == fingertip {
                 let since_ns = (frame.status.t_s.max(0.0) * 1e9) as u64;
                 start_ns.get_or_insert(frame.at_ns.saturating_sub(since_ns));
                 let newtons = frame.map.dequantise().map(|force| force.map(f64::from));

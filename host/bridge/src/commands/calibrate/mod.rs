@@ -33,7 +33,7 @@ pub struct CalibrateArgs {
 
 #[derive(Debug, Clone, Subcommand)]
 enum Part {
-    /// Take pictures of the untouched sensor surface, which later ones are compared with, and measure their noise.
+    /// Take reference pictures of the untouched sensor surface, and measure their noise.
     Rest(RestArgs),
     /// Find how the sensor surface sits in the gripper (position, rotation, scale), from a recording of presses at marks.
     Geometry(GeometryArgs),
@@ -41,9 +41,9 @@ enum Part {
     Friction(FrictionArgs),
     /// Fit the table of the grip-force line (DAC code to force), from forces that you measure.
     Line(LineArgs),
-    /// Find what the camera of a gel with printed markers shows (scale, distortion, field), from its own dots or a plate of dots.
+    /// Find scale, distortion and field of the camera of a gel with printed markers, from its own dots or a plate of dots.
     Camera(CameraArgs),
-    /// Bring a gel's maps to newtons (modulus, gains of normal force and shear), from a ball pressed with known forces.
+    /// Calibrate a gel's maps in newtons (modulus, gains of normal force and shear), from a ball pressed with known forces.
     Gel(GelArgs),
 }
 

@@ -59,8 +59,8 @@ pub(super) fn run(args: &RestArgs) -> Result<(), Error> {
     Ok(())
 }
 
-/// Checks pictures, 440×440 each, and writes them beside the calibration `out`, whose section `[rest]` they become. Unless they are
-/// `anew`, they have to show what the earlier ones show.
+/// Checks pictures, 440×440 each, and writes them beside the calibration `out`, whose section `[rest]` they become. Unless `anew`,
+/// they must agree with the earlier ones.
 ///
 /// # Errors
 /// [`Error`] that lists everything that is wrong with the pictures; nothing is written then.
@@ -102,7 +102,7 @@ pub(in crate::commands) fn summary(rest: &Rest) -> String {
     )
 }
 
-/// The pictures, and what they are of.
+/// The pictures and their device.
 fn pictures(args: &RestArgs) -> Result<(Vec<Vec<u8>>, String), Error> {
     if let Some(path) = &args.frames {
         let files = picture::list(path)?;
@@ -133,7 +133,7 @@ fn pictures(args: &RestArgs) -> Result<(Vec<Vec<u8>>, String), Error> {
     Ok((pictures, source.to_string()))
 }
 
-/// Looks at the untouched fingertip `count` times, 440×440 each; `asks`: a person is there, who is told what to do.
+/// Looks at the untouched fingertip `count` times, 440×440 each; `asks`: a person is present and gets instructions.
 ///
 /// # Errors
 /// [`Error`] when the source gives none, or the device does not answer.
@@ -154,7 +154,7 @@ pub(in crate::commands) fn take(
     Ok(pictures)
 }
 
-/// What is wrong with the pictures by themselves.
+/// Problems of the pictures themselves.
 fn wrong(figures: &Figures) -> Vec<String> {
     let mut problems = Vec::new();
     let [dark, bright] = limit::LEVEL;
@@ -201,7 +201,7 @@ fn wrong(figures: &Figures) -> Vec<String> {
     problems
 }
 
-/// What is wrong against the earlier pictures in `file`.
+/// Differences from the earlier pictures in `file`.
 fn changed(change: &Change, file: &str) -> Option<String> {
     if change.lost > limit::LOST {
         return Some(format!(

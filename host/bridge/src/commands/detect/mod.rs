@@ -38,13 +38,13 @@ pub struct DetectArgs {
     /// Newtons per unit of the file.
     #[arg(long, default_value_t = 1.0, value_parser = positive)]
     pub scale: f64,
-    /// Write one row a frame to this file; `-` is standard output, and the summary then goes to standard error.
+    /// Write one row per frame to this file; `-` is standard output, and the summary then goes to standard error.
     #[arg(long, value_name = "OUT.csv")]
     pub csv: Option<PathBuf>,
     /// Add the slip state machine's column `state` to the CSV.
     #[arg(long, requires = "csv")]
     pub state: bool,
-    /// Add the grip controller's column `line_n` to the CSV, newtons: a controller that holds from before the first map.
+    /// Add the grip controller's column `line_n` to the CSV, newtons: a controller that already holds before the first map.
     #[arg(long, requires = "csv")]
     pub line: bool,
     /// Maps per second of the recording, for --state and --line.
@@ -62,7 +62,7 @@ fn positive(text: &str) -> Result<f64, String> {
     }
 }
 
-/// Says on standard error when a value is not one of the detector's steps.
+/// Reports on standard error when a value is not a multiple of the detector's step.
 fn warn_when_rounded(name: &str, value: f64, taken: f64) {
     if (taken - value).abs() > 0.0 {
         tracing::warn!("--{name} {value} is taken as {taken}: the detector works in steps of 0.0001");
@@ -79,7 +79,7 @@ impl DetectArgs {
     }
 }
 
-/// Where the CSV goes, for the messages too.
+/// Where the CSV goes, also named in messages.
 struct Csv<'a> {
     path: &'a Path,
     output: Output,
@@ -185,7 +185,7 @@ fn judge_all(
         let frame = summary.frames;
         let quantised = quantise(&forces, settings.scale);
         let verdict = judge(&quantised.map, settings);
-        summary.add(&verdict, quantised.saturated, quantised.greatest_n);
+        summary.add(&verdict, quantised.saturated, quantised.max_n);
         let answer = match &mut replay {
             Some(replay) => Some(replay.show(frame, &quantised.map, quantised.saturated > 0, &verdict)?),
             None => None,

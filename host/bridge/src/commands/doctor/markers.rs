@@ -1,4 +1,5 @@
-//! What `gripline doctor` looks at of a fingertip with printed markers: its pictures beside its description. Touches the source.
+//! The checks of `gripline doctor` for a fingertip with printed markers: compares its pictures with its description. Touches the
+//! source.
 
 use std::time::Instant;
 
@@ -16,9 +17,9 @@ use crate::marker_rest;
 use crate::model::{AtRest, Model};
 use crate::source::{Frames, Opened, Source, SourceSettings, Taken};
 
-/// Pictures that a source is looked at for: until it has shown them, or has no more.
+/// Maximum number of pictures taken from a source.
 const LOOKED: usize = TIMED + WARM_UP;
-/// How often a camera may have nothing.
+/// How often a camera may deliver nothing.
 const PATIENCE: usize = 40;
 
 impl Doctor {
@@ -80,7 +81,7 @@ impl Doctor {
     }
 }
 
-/// Pictures, when those of a camera came (s), and the size that the source has.
+/// Pictures, arrival times of a camera's (s), and the source's size.
 type Pictures = (Vec<Vec<u8>>, Vec<f64>, Option<[usize; 2]>);
 
 fn take(mut opened: Opened) -> Result<Pictures, Error> {

@@ -65,7 +65,7 @@ pub fn run(args: &DoctorArgs) -> Result<Completion, Error> {
 /// The same for settings that were read.
 ///
 /// # Errors
-/// As [`run`], but for the configuration.
+/// As [`run`], except for the configuration.
 pub(super) fn check(settings: &Settings, json: bool) -> Result<Completion, Error> {
     let mut doctor = Doctor {
         json,
@@ -130,7 +130,7 @@ pub(super) fn check(settings: &Settings, json: bool) -> Result<Completion, Error
 
 struct Doctor {
     json: bool,
-    /// Findings are now about the second fingertip.
+    /// From now on findings are about the second fingertip.
     is_second: bool,
     findings: Vec<Finding>,
 }
@@ -267,7 +267,7 @@ impl Doctor {
         }
     }
 
-    /// Processor, network, latency and real-time rights; the rights last, because locked memory stays locked.
+    /// Processor, network, latency and real-time rights; the rights come last, because locked memory stays locked.
     fn machine(&mut self, settings: &Settings, model: Option<&Model>, rest: &[Vec<u8>]) {
         let widest = InstructionSet::widest();
         self.report(judge::processor(settings.instructions.unwrap_or(widest), widest));

@@ -34,13 +34,13 @@ pub struct PlotArgs {
     /// The picture: .png or .svg.
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
-    /// Whose stick ratio, forces and maps, where the recording has two fingertips.
+    /// The fingertip to draw, if the recording has two.
     #[arg(long, value_name = "1|2", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=2), conflicts_with = "view")]
     fingertip: u8,
-    /// Times of the force maps, seconds. By default the moments of lowest stick ratio, spread over the contact.
+    /// Times of the force maps, seconds. By default those of lowest stick ratio, spread over the contact.
     #[arg(long, value_name = "S,S,...", value_delimiter = ',')]
     maps: Vec<f64>,
-    /// Draw the terminal view as it was at this time, seconds, instead.
+    /// Draw the terminal view at this time, seconds, instead.
     #[arg(
         long,
         value_name = "S",
@@ -120,7 +120,7 @@ fn draw_view(args: &PlotArgs, t_s: f64) -> Result<(), Error> {
     Ok(())
 }
 
-/// Reads the numbers first, then the maps of the moments that they choose.
+/// Reads the numbers first, then the maps at the times chosen from them.
 fn read(args: &PlotArgs) -> Result<(Traces, Completeness), Error> {
     let mut reader = Reader::open(&args.recording)?;
     let settings = settings_from_text(&reader.metadata.settings, &Configuration::DEFAULT)
@@ -132,7 +132,7 @@ fn read(args: &PlotArgs) -> Result<(Traces, Completeness), Error> {
         moments: Vec::new(),
         maps: Vec::new(),
     };
-    let is_its = |frame: &RecordedFrame| frame.status.sensor + 1 == args.fingertip;
+    let is_its = |frame: &RecordedFrame| frame.status.sensor.number() + 1 == args.fingertip;
     while let Some(frame) = reader.next_frame()? {
         if is_its(&frame) {
             traces

@@ -2,8 +2,8 @@
 
 use gripline_firmware::Fault;
 use gripline_network::scene::GateDecision;
+use gripline_protocol::Health;
 use gripline_protocol::message::Configuration;
-use gripline_protocol::{Health, SENSORS};
 
 use gripline_pipeline::control_loop::Late;
 use gripline_pipeline::control_loop::gate_name;
@@ -24,7 +24,7 @@ const VERDICTS: [GateDecision; 4] = [
 /// The report of a recorded frame, with the microcontroller's settings of that run.
 pub(in crate::commands) fn report_of(stored: &RecordedStatus, settings: &Configuration) -> FrameReport {
     let status = &stored.wire;
-    let fingertip = &settings.fingertips[usize::from(status.sensor).min(SENSORS - 1)];
+    let fingertip = &settings.fingertips[status.sensor.index()];
     let pitch_mm = millimetres(fingertip.pitch_um);
     let verdict = VERDICTS
         .into_iter()

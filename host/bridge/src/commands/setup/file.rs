@@ -7,11 +7,11 @@ use toml::Value;
 use super::interview::Chosen;
 use crate::source::Source;
 
-/// Where the service looks.
+/// The service's path.
 const OF_THE_SERVICE: &str = "/etc/gripline/gripline.toml";
 
-/// Where `gripline run` finds the configuration by itself: root's is the service's. `config_home`: the user's folder for
-/// configurations, where there is one.
+/// Where `gripline run` finds the configuration by itself: root's is the service's. `config_home`: the user's configuration folder,
+/// if there is one.
 pub(super) fn place(is_root: bool, config_home: Option<PathBuf>) -> PathBuf {
     match config_home {
         Some(folder) if !is_root => folder.join("gripline/gripline.toml"),
@@ -40,7 +40,7 @@ pub(super) fn text(chosen: &Chosen, calibration: Option<&Path>, date: &str) -> S
     )
 }
 
-/// The same source for a program that runs in another folder.
+/// The source with an absolute path.
 fn source_from_anywhere(source: &Source) -> Source {
     let whole = |path: &PathBuf| std::path::absolute(path).unwrap_or_else(|_| path.clone());
     match source {

@@ -8,7 +8,7 @@ use gripline_link::usb::{Attached, attached};
 use super::interview::Hardware;
 use super::question::Choice;
 
-/// Names of cameras that stay the same whatever is plugged in first.
+/// Stable names of cameras, independent of the order of plugging in.
 const BY_ID: &str = "/dev/v4l/by-id";
 /// Every device of Video4Linux, with its name.
 const DEVICES: &str = "/sys/class/video4linux";
@@ -19,7 +19,7 @@ struct Device {
     file: PathBuf,
     /// The driver's name of it.
     name: String,
-    /// A camera's first device takes pictures, its others tell about them.
+    /// A camera's first device takes pictures, its others carry metadata.
     index: u32,
 }
 
@@ -54,7 +54,7 @@ fn devices() -> Vec<Device> {
     devices
 }
 
-/// Names that stay, with the file that each is now.
+/// Stable names, with their present files.
 fn links() -> Vec<(PathBuf, PathBuf)> {
     let links = entries(Path::new(BY_ID)).into_iter();
     links
@@ -67,7 +67,7 @@ fn entries(folder: &Path) -> Vec<PathBuf> {
     listed.map(|entry| entry.path()).collect()
 }
 
-/// The devices that take pictures, by a name that stays where there is one.
+/// The devices that take pictures, by their stable name if there is one.
 fn cameras(devices: Vec<Device>, links: &[(PathBuf, PathBuf)]) -> Vec<Choice> {
     let pictures = devices.into_iter().filter(|device| device.index == 0);
     pictures
@@ -86,7 +86,7 @@ fn board(device: &Attached) -> Choice {
     }
 }
 
-/// Serial ports on USB; those on the mainboard are there whether something is behind them or not.
+/// Serial ports on USB; those on the mainboard exist whether anything is connected or not.
 fn port(port: &serialport::SerialPortInfo) -> Option<Choice> {
     let serialport::SerialPortType::UsbPort(about) = &port.port_type else {
         return None;

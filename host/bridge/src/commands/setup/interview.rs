@@ -1,5 +1,5 @@
-//! The questions of `gripline setup` in order: sensor, camera, board, rest pictures. Pure: what is attached and who answers come
-//! in as values and functions, so that tests play both.
+//! The questions of `gripline setup` in order: sensor, camera, board, rest pictures. Pure: the attached hardware and the answering
+//! person are passed in as values and functions, so that tests can replace both.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -18,9 +18,9 @@ pub(super) struct Hardware {
     pub cameras: Vec<Choice>,
     /// Microcontrollers of ours on USB.
     pub boards: Vec<Choice>,
-    /// Serial ports, whatever is behind them.
+    /// Serial ports, whatever is connected to them.
     pub ports: Vec<Choice>,
-    /// Why USB cannot be looked at.
+    /// Why USB cannot be listed.
     pub no_usb: Option<String>,
 }
 
@@ -48,14 +48,14 @@ impl FromStr for Rest {
     }
 }
 
-/// What was said already, by flags.
+/// Answers given by flags.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Said {
     pub sensor: Option<PathBuf>,
     pub camera: Option<Source>,
     pub mcu: Option<Target>,
     pub rest: Option<Rest>,
-    /// What is not said has its default.
+    /// Missing answers get their default.
     pub yes: bool,
 }
 
@@ -74,13 +74,13 @@ pub(super) trait Person {
     /// Shows a screen and waits for a line.
     ///
     /// # Errors
-    /// [`Error`] when there will be none.
+    /// [`Error`] when there is no more input.
     fn ask(&mut self, screen: &str) -> Result<String, Error>;
-    /// Says a line.
+    /// Prints a line.
     fn tell(&mut self, line: &str);
 }
 
-/// Asks what was not said. `detect`: what is attached now; `person`: `None` where there is none to ask.
+/// Asks for missing answers. `detect`: the attached hardware now; `person`: `None` without a terminal.
 ///
 /// # Errors
 /// [`Error`] that says what was found, what was expected and what to do.
@@ -129,7 +129,7 @@ struct Asking<'a> {
 }
 
 impl Asking<'_> {
-    /// One answer that `check` takes: what was said, else what the person says, else the default.
+    /// One answer that passes `check`: the flag's, else the person's, else the default.
     fn one<T>(
         &mut self,
         said: Option<String>,
@@ -246,7 +246,7 @@ fn board_question(hardware: &Hardware, camera: &Source) -> Question {
     }
 }
 
-/// A real gripper is moved by pictures of its own fingertip and by no others.
+/// Only pictures of its own fingertip may move a real gripper.
 fn board(text: &str, camera: &Source) -> Result<Target, String> {
     let target: Target = text.parse()?;
     match (&target, camera) {

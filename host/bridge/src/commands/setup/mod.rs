@@ -1,6 +1,6 @@
-//! `gripline setup`: asks which sensor, camera and board, takes rest pictures, writes the configuration, and ends with
-//! `gripline doctor`. Each answer can be a flag; without a terminal nothing is asked. It moves nothing.
-//! This file does; `interview` asks, `file` says what is written, `hardware` looks at what is attached.
+//! `gripline setup`: asks which sensor, camera and board, takes rest pictures, writes the configuration, and ends with `gripline
+//! doctor`. Each answer can be a flag; without a terminal nothing is asked. It moves nothing. This file acts; `interview` asks,
+//! `file` makes the configuration's text, `hardware` lists the attached devices.
 
 mod file;
 mod hardware;
@@ -23,7 +23,7 @@ use crate::config::{Overrides, Settings, default_file};
 use crate::error::{Completion, Error};
 use crate::source::Source;
 
-/// Rest pictures that are taken.
+/// Number of rest pictures taken.
 const PICTURES: usize = 16;
 
 /// Arguments of `gripline setup`.
@@ -32,7 +32,7 @@ pub struct SetupArgs {
     /// The fingertip: a shipped description (particle-fingertip) or a file.
     #[arg(long, value_name = "NAME|FILE.toml")]
     sensor: Option<PathBuf>,
-    /// Where its pictures come from, as `gripline run --source` takes it.
+    /// Source of its pictures, as for `gripline run --source`.
     #[arg(long, value_name = "SOURCE", visible_alias = "source")]
     camera: Option<Source>,
     /// Which microcontroller: usb, usb:SERIAL, serial:PORT or embedded.
@@ -44,10 +44,10 @@ pub struct SetupArgs {
     /// The configuration to write. By default /etc/gripline/gripline.toml as root, else the user's own.
     #[arg(long, value_name = "FILE.toml")]
     out: Option<PathBuf>,
-    /// Ask nothing: what no flag says has its default, where there is only one to choose.
+    /// Ask nothing: use the default of every answer that no flag gives, if there is only one choice.
     #[arg(long)]
     yes: bool,
-    /// Replace a configuration that is there.
+    /// Replace an existing configuration.
     #[arg(long)]
     force: bool,
 }
@@ -84,7 +84,7 @@ pub fn run(args: &SetupArgs) -> Result<Completion, Error> {
     judged
 }
 
-/// Where `gripline run` of this user looks.
+/// Where `gripline run` of this user finds its configuration.
 fn default_place() -> PathBuf {
     let variable = |name: &str| {
         env::var_os(name)
@@ -98,7 +98,7 @@ fn default_place() -> PathBuf {
 #[cfg(target_os = "linux")]
 fn is_root() -> bool {
     use std::os::unix::fs::MetadataExt as _;
-    // The process's own folder belongs to whoever it runs as.
+    // The process's own folder belongs to its user.
     fs::metadata("/proc/self").is_ok_and(|about| about.uid() == 0)
 }
 
@@ -145,7 +145,7 @@ fn may_write(out: &Path, force: bool, asks: bool) -> Result<bool, Error> {
     }
 }
 
-/// The settings that the answers make, before anything depends on them.
+/// The settings from the answers, before anything depends on them.
 fn draft(chosen: &Chosen, out: &Path) -> Result<Settings, Error> {
     let path = out.with_extension("toml.draft");
     write(&path, file::text(chosen, None, &date()).as_bytes())?;
@@ -154,7 +154,7 @@ fn draft(chosen: &Chosen, out: &Path) -> Result<Settings, Error> {
     settings
 }
 
-/// The calibration that the configuration is to name; made beside it when it is wanted now.
+/// The calibration that the configuration names; created beside it when it is wanted now.
 fn calibrated(
     chosen: &Chosen,
     draft: &Settings,

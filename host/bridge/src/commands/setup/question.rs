@@ -1,16 +1,16 @@
-//! A question with its choices: the screen that it is, and what an answer means. Pure.
+//! A question with its choices: its screen, and the meaning of an answer. Pure.
 
 use std::fmt::Write as _;
 
 use crate::commands::calibrate::wrapped;
 
-/// Letters that a value may take before what it is follows on a line of its own.
+/// Maximum letters of a value before its explanation goes on a separate line.
 const VALUE_WIDTH: usize = 28;
 
 /// One way to answer.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Choice {
-    /// As the flag takes it.
+    /// The value for the flag.
     pub value: String,
     /// For people.
     pub what: String,
@@ -25,15 +25,15 @@ impl Choice {
     }
 }
 
-/// What is asked.
+/// The question.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Question {
     pub number: usize,
-    /// What a flag and an error call it, as `--camera`.
+    /// Its name in flags and errors, such as `--camera`.
     pub flag: &'static str,
     pub text: &'static str,
     pub choices: Vec<Choice>,
-    /// What else may be typed.
+    /// Other input that is allowed.
     pub other: &'static str,
     /// The default choice; else why there is none: what was found, and what to do.
     pub default: Result<usize, String>,
@@ -44,7 +44,7 @@ pub(super) struct Question {
 pub(super) enum Answer {
     /// A value for the flag, not yet checked.
     Value(String),
-    /// Look again at what is there.
+    /// Look for hardware again.
     LookAgain,
 }
 

@@ -1,5 +1,5 @@
 //! clip.gif: the camera's picture beside the true force map. GIF, because every browser, mail program and office
-//! program plays it without a codec; for machines there are the frames themselves. Pure but for the encoder's bytes.
+//! program plays it without a codec; for machines there are the frames themselves. Pure except for the encoder's bytes.
 //! Limits: at most 25 pictures a second, 128 greys.
 
 use std::borrow::Cow;
@@ -39,7 +39,7 @@ pub(super) fn stride(frames_per_second: f64) -> usize {
 }
 
 impl Clip {
-    /// A clip of a recording of so many frames a second; `full` are the forces of full colour and longest line.
+    /// A clip of a recording of this many frames a second; `full` are the forces of full colour and longest line.
     pub(super) fn new(frames_per_second: f64, full: [f64; 2]) -> Result<Self, Error> {
         let mut palette: Vec<Rgb> = (0..GREYS)
             .map(|grey| [(grey * 255 / (GREYS - 1)) as u8; 3])

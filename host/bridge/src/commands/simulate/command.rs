@@ -23,7 +23,7 @@ use crate::error::{Completion, Error};
 use gripline_capture::clip::{ClipWriter, ffmpeg_version};
 use gripline_capture::geometry;
 use gripline_evaluation::play::truth::{self, named};
-use gripline_evaluation::play::{self, Moment, Play, Trouble};
+use gripline_evaluation::play::{self, Moment, Play, PlayError};
 
 /// The arguments of `gripline simulate`.
 #[derive(Debug, Clone, PartialEq, Args)]
@@ -31,14 +31,14 @@ pub struct SimulateArgs {
     /// The scene: TOML, see host/simulation/scenes/README.md.
     #[arg(value_name = "SCENE.toml")]
     pub scene: PathBuf,
-    /// Folder for frames, maps.npy, truth.csv, preview.png and manifest.toml. One that an interrupted run of the same
-    /// scene has left is completed.
+    /// Folder for frames, maps.npy, truth.csv, preview.png and manifest.toml. A folder left by an interrupted run of the same scene
+    /// is completed.
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
     /// Seed instead of the scene's.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(..=i64::MAX as u64))]
     pub seed: Option<u64>,
-    /// Whole 640×480 pictures or the middle 440×440, instead of what the scene says.
+    /// Full 640×480 pictures or the middle 440×440, instead of the scene's choice.
     #[arg(long, value_name = "SIZE")]
     pub frames: Option<Size>,
     /// Write clip.gif too: camera and force map side by side.
@@ -61,7 +61,7 @@ pub enum Size {
     Full,
 }
 
-/// What the command says at its end.
+/// The command's summary.
 #[derive(Debug, Serialize)]
 struct Summary {
     scene: String,
@@ -73,7 +73,7 @@ struct Summary {
     frames: usize,
     /// Frames left out because their contact did not converge.
     unsolved: usize,
-    /// Frames that an earlier run had made.
+    /// Frames made by an earlier run.
     resumed: usize,
     seconds: f64,
     slip_frames: usize,
@@ -172,7 +172,7 @@ fn simulate(
     Ok(Completion::Whole)
 }
 
-/// The scene, and the checksum of all that makes it.
+/// The scene, and the checksum of everything that determines it.
 fn read_scene(path: &Path) -> Result<(SceneFile, String), Error> {
     let text = fs::read(path).map_err(|error| {
         let found = match error.kind() {
@@ -203,7 +203,7 @@ fn read_scene(path: &Path) -> Result<(SceneFile, String), Error> {
     Ok((file, format!("{:016x}", digest.finalize())))
 }
 
-/// What a recording needs to know.
+/// What a recording needs.
 #[derive(Debug)]
 struct Recording<'a> {
     folder: &'a Folder,
@@ -214,10 +214,10 @@ struct Recording<'a> {
     highlights: Vec<usize>,
 }
 
-/// What a recording leaves in memory.
+/// What a recording keeps in memory.
 #[derive(Debug)]
 struct Recorded {
-    /// One a frame; what the cells do only of those in the preview.
+    /// One per frame; the cells' state only for those in the preview.
     moments: Vec<Moment>,
     /// Numbers of the frames in the preview.
     shown: Vec<usize>,
@@ -253,11 +253,11 @@ impl Recording<'_> {
                     }
                     moments.push(moment);
                 }
-                Err(Trouble::Unsolved { time_s, phase, why }) => {
+                Err(PlayError::Unsolved { time_s, phase, why }) => {
                     progress.note(&format!("frame at {time_s:.3} s left out: {why}"));
                     manifest.unsolved.push(Unsolved { time_s, phase, why });
                 }
-                Err(Trouble::Impossible(error)) => return Err(error.into()),
+                Err(PlayError::Impossible(error)) => return Err(error.into()),
             }
             progress.step();
         }
@@ -269,8 +269,8 @@ impl Recording<'_> {
         })
     }
 
-    /// Makes the pictures of a frame, unless they are there. The last that is there is made again and compared: another
-    /// version of the world must not go on where this one stopped.
+    /// Makes the pictures of a frame unless they exist. The last existing one is made again and compared: another version of the
+    /// world must not continue this run.
     fn frame(&self, play: &mut dyn Play, number: usize) -> Result<(), Error> {
         if number + 1 < self.resumed {
             return Ok(());
@@ -380,7 +380,7 @@ fn write_videos(folder: &Folder, fingers: usize, frames_per_second: f64, frames:
     Ok(())
 }
 
-/// Frames in which a finger is pressed deeper than the linear layer is right for.
+/// Frames in which a finger is pressed deeper than the linear layer is valid for.
 fn too_deep(moments: &[Moment]) -> usize {
     let deep = |moment: &&Moment| {
         let mut fingers = moment.fingers.iter();
@@ -456,7 +456,7 @@ fn print_summary(summary: &Summary, json: bool) -> Result<(), Error> {
     }
 }
 
-/// How far it is, on standard error: a bar on a terminal, ten lines elsewhere.
+/// Progress on standard error: a bar on a terminal, ten lines elsewhere.
 #[derive(Debug)]
 struct Progress {
     bar: Option<ProgressBar>,
@@ -534,11 +534,11 @@ mod tests {
         fn highlights(&self) -> Vec<usize> {
             vec![0, 1, 3]
         }
-        fn advance(&mut self) -> Result<Option<Moment>, Trouble> {
+        fn advance(&mut self) -> Result<Option<Moment>, PlayError> {
             self.step += 1;
             let time_s = 0.1 * self.step as f64;
             if self.step == 2 {
-                return Err(Trouble::Unsolved {
+                return Err(PlayError::Unsolved {
                     time_s,
                     phase: "press".to_owned(),
                     why: "contact residual is 0.01".to_owned(),

@@ -6,8 +6,8 @@ use std::time::{Duration, Instant};
 use gripline_firmware::sums::TaxelRule;
 use gripline_network::scene::GateKind;
 use gripline_network::{Architecture, Network};
-use gripline_protocol::Motion;
 use gripline_protocol::message::GripMode;
+use gripline_protocol::{Motion, SensorId};
 
 use gripline::run::{Pacing, Run};
 use gripline::source::SimulatedSource;
@@ -45,7 +45,9 @@ impl Scene {
         let mut picture = self.source.next(2.5).unwrap();
         picture.came = Instant::now().checked_sub(age).unwrap();
         self.run.pacing = pacing;
-        self.run.frame(&mut self.pipeline, 0, picture).unwrap()
+        self.run
+            .frame(&mut self.pipeline, SensorId::FIRST, picture)
+            .unwrap()
     }
 }
 
@@ -82,7 +84,7 @@ fn a_map_that_is_too_old_to_be_sent_is_dropped_and_the_next_one_takes_its_number
     scene.frame(Pacing::None, Duration::ZERO);
     let crop = scene.source.next(2.5).unwrap().crop;
     let at = |until_us| FrameRequest {
-        sensor: 0,
+        sensor: SensorId::FIRST,
         mode: Some(GripMode::Hold),
         age_us: 0,
         motion: Motion::UNKNOWN,

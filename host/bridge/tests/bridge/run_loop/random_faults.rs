@@ -12,6 +12,7 @@ use gripline_firmware::sums::TaxelRule;
 use gripline_firmware::{Fault, Program, ResetCause};
 use gripline_network::scene::GateKind;
 use gripline_network::{Architecture, Network};
+use gripline_protocol::SensorId;
 use gripline_protocol::message::{Command, GripMode};
 
 use gripline::run::{Pacing, Run};
@@ -30,13 +31,13 @@ const FRAME_US: f64 = 1e6 / 60.0;
 /// Frames after a disturbance until the next one of a kind that must be counted by itself: everything is as it was.
 const CALM: u64 = 180;
 
-/// A recording on a disk with so many bytes left.
+/// A recording on a disk with this many bytes left.
 fn small_disk(bytes: usize) -> Recorder {
     let (path, metadata) = (Path::new("full.mcap"), Metadata::default());
     Recorder::onto(path, Disk(bytes), &metadata, 1, Pace::AsFastAsPossible).unwrap()
 }
 
-/// A disk with so many bytes left.
+/// A disk with this many bytes left.
 struct Disk(usize);
 
 impl Write for Disk {
@@ -78,7 +79,7 @@ impl Dice {
 struct Shot {
     file: Vec<u8>,
     crop: Vec<u8>,
-    wish: Option<GripMode>,
+    requested_mode: Option<GripMode>,
 }
 
 /// One round of the simulated scene, twenty pictures a second.
@@ -86,12 +87,18 @@ fn shots() -> (Vec<Shot>, Vec<Vec<u8>>) {
     let mut source = SimulatedSource::new(1, 20.0);
     let rest = source.rest(4);
     let shots = (0..240).map(|_| {
-        let Picture { crop, wish, .. } = source.next(6.0).unwrap();
+        let Picture {
+            crop, requested_mode, ..
+        } = source.next(6.0).unwrap();
         let mut file = Vec::new();
         jpeg_encoder::Encoder::new(&mut file, 95)
             .encode(&crop, 440, 440, jpeg_encoder::ColorType::Luma)
             .unwrap();
-        Shot { file, crop, wish }
+        Shot {
+            file,
+            crop,
+            requested_mode,
+        }
     });
     (shots.collect(), rest)
 }
@@ -244,9 +251,9 @@ fn ten_thousand_frames_with_faults_at_random_go_on_and_count_every_loss() {
                 taken: Instant::now(),
                 decode_us: 0.0,
                 truth: None,
-                wish: shot.wish,
+                requested_mode: shot.requested_mode,
             };
-            let report = run.frame(&mut pipeline, 0, picture).unwrap();
+            let report = run.frame(&mut pipeline, SensorId::FIRST, picture).unwrap();
             let is_told = report
                 .faults
                 .iter()
@@ -282,7 +289,7 @@ fn ten_thousand_frames_with_faults_at_random_go_on_and_count_every_loss() {
     let gated =
         summary.gate_no_contact + summary.gate_unchanged + summary.gate_network + summary.gate_unhealthy;
     assert_eq!((gated, summary.gate_unhealthy >= done.black), (frames, true));
-    // Answered in its frame, or counted; some answers come a frame too late and are checked all the same. Those of one who may
+    // Answered in its frame, or counted; some answers come a frame too late and are checked anyway. Those of one who may
     // have other settings are not.
     let (checked, unanswered) = (session.shadow().checked(), summary.maps_unanswered);
     assert!(
@@ -371,9 +378,9 @@ fn memory_stays_flat_while_frames_are_recorded() {
             taken: Instant::now(),
             decode_us: 0.0,
             truth: None,
-            wish: shot.wish,
+            requested_mode: shot.requested_mode,
         };
-        run.frame(&mut pipeline, 0, picture).unwrap();
+        run.frame(&mut pipeline, SensorId::FIRST, picture).unwrap();
         if number.is_multiple_of(600) {
             samples.push(resident_kib());
         }

@@ -5,7 +5,7 @@ use gripline_firmware::sums::TaxelRule;
 use gripline_network::scene::GateKind;
 use gripline_network::{Architecture, Network};
 use gripline_protocol::message::{Command, Configuration};
-use gripline_protocol::{ForceMap, Health, LSB_PER_NEWTON, MapInfo, TaxelForce};
+use gripline_protocol::{ForceMap, Health, LSB_PER_NEWTON, MapInfo, SensorId, TaxelForce};
 
 use gripline::run::{Pacing, Run};
 use gripline::source::SimulatedSource;
@@ -48,11 +48,11 @@ impl Both {
     }
 
     /// The next picture of the one whose turn it is; `None` where its camera is away.
-    fn next(&mut self, is_away: impl Fn(u8) -> bool) -> Option<FrameReport> {
-        let sensor = (self.number % 2) as u8;
+    fn next(&mut self, is_away: impl Fn(SensorId) -> bool) -> Option<FrameReport> {
+        let sensor = SensorId::ALL[self.number as usize % 2];
         self.number += 1;
         let line_n = self.run.control.session.line_n();
-        let picture = self.sources[usize::from(sensor)].next(line_n).unwrap();
+        let picture = self.sources[sensor.index()].next(line_n).unwrap();
         if is_away(sensor) {
             self.run
                 .control
@@ -61,7 +61,7 @@ impl Both {
             self.run.frame += 1;
             return None;
         }
-        let pipeline = &mut self.pipelines[usize::from(sensor)];
+        let pipeline = &mut self.pipelines[sensor.index()];
         Some(self.run.frame(pipeline, sensor, picture).unwrap())
     }
 
@@ -78,14 +78,14 @@ impl Both {
 fn both_fingertips_are_answered_checked_and_told_apart() {
     let mut both = Both::new();
     let reports = both.until(3.4);
-    for sensor in 0..2 {
+    for sensor in SensorId::ALL {
         let its: Vec<_> = reports.iter().filter(|report| report.sensor == sensor).collect();
         assert_eq!(its.len(), 102);
         let held = its.last().unwrap();
         assert!(held.contact > 10 && held.normal_n > 1.0, "{held:?}");
         // What the object weighs hangs down on both.
         assert!(held.shear_y_n.abs() > 0.1, "{held:?}");
-        let [checked, wrong] = both.run.control.session.shadow().of(usize::from(sensor));
+        let [checked, wrong] = both.run.control.session.shadow().of(sensor);
         assert!(checked >= 102 && wrong == 0, "{checked} checked, {wrong} wrong");
     }
     assert!(reports.iter().all(|report| report.faults.is_empty()));
@@ -102,10 +102,10 @@ fn a_fingertip_whose_camera_goes_away_holds_the_line_until_it_is_back() {
     let mut line_n = held_n;
     // Into the pull and out of it: alone, the first fingertip would let the line fall by plan.
     while both.number < (7.4 * RATE) as u64 {
-        let Some(report) = both.next(|sensor| sensor == 1) else {
+        let Some(report) = both.next(|sensor| sensor == SensorId::SECOND) else {
             continue;
         };
-        assert_eq!(report.sensor, 0);
+        assert_eq!(report.sensor, SensorId::FIRST);
         // Until the fault is there, the line may fall by plan.
         let was_told = told_s.is_some();
         told_s = told_s.or(stale(&report).then_some(report.t_s));
@@ -139,7 +139,7 @@ fn line_n_with(slips: [bool; 2]) -> f64 {
     let mut session = Session::open(Box::new(EmbeddedLink::new()), settings).unwrap();
     assert!(session.command(Command::Hold).unwrap());
     for sequence in 1..=30 {
-        for (sensor, is_slipping) in (0..).zip(slips) {
+        for (sensor, is_slipping) in SensorId::ALL.into_iter().zip(slips) {
             let newton = LSB_PER_NEWTON as i16 / 4;
             let mut map = ForceMap::EMPTY;
             map.taxels[180..220].fill(TaxelForce {

@@ -57,7 +57,7 @@ pub(crate) enum Precision<'a> {
     Float,
     /// f32, and every tensor that can be rounded is an output.
     FloatShown,
-    /// Eight bits, but for up-convolutions and the last layer, whose outputs are the forces.
+    /// Eight bits, except for up-convolutions and the last layer, whose outputs are the forces.
     Int8(&'a Ranges),
 }
 

@@ -18,7 +18,7 @@ fn unit(state: &mut u64) -> f32 {
     (*state >> 44) as f32 / (1 << 20) as f32
 }
 
-/// Dots on a dark ground, pushed most in the middle by so many pixels.
+/// Dots on a dark ground, pushed most in the middle by this many pixels.
 pub(crate) fn picture(push_px: f32) -> Vec<u8> {
     const SIDE: usize = CROP_SIDE;
     let mut levels = vec![14.0_f32; SIDE * SIDE];

@@ -14,7 +14,7 @@ pub(crate) enum Kind {
     Full,
     /// The same with a part of the picture changed.
     Skipping,
-    /// The same weights in somebody else's engine.
+    /// The same weights in another's engine.
     Peer,
     /// In eight bits.
     Int8,

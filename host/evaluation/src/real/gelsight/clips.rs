@@ -22,7 +22,7 @@ pub(in crate::real) const FOLDER: &str = "gelsight-mini";
 /// The list of trials in it.
 const LIST: &str = "trials.csv";
 const CAMERAS: [&str; 2] = ["camera_0.avi", "camera_2.avi"];
-/// Clips of so many frames are in contact throughout.
+/// Clips of this many frames are in contact throughout.
 const LONG_FRAMES: usize = 450;
 /// Exposure settles in the frames before this one.
 const FIRST_FRAME: usize = 3;

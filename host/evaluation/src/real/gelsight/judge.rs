@@ -12,7 +12,7 @@ const FRAMES_PER_SECOND: f64 = 7.0;
 const ALARMS_PER_MINUTE: f64 = 0.3;
 /// Frames below the threshold that end an alarm: a second.
 const QUIET_FRAMES: usize = 7;
-/// Early warning looks at frames up to so many before the imprint is gone.
+/// Early warning looks at frames up to this many before the imprint is gone.
 const WARNING_FRAMES: usize = 8;
 /// An imprint is gone when less than this share of its energy is left ...
 const GONE: f32 = 0.3;

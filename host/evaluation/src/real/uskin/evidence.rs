@@ -26,10 +26,10 @@ use gripline_recording::units::{ratio, stick_ratio};
 /// The folder with the trials that never slip and with all poses.
 pub(in crate::real) const FOLDER: &str = "uskin-noslip";
 const QUIET_TRIALS: [usize; 4] = [4, 5, 6, 7];
-/// The object moves when it has gone this far in so many frames.
+/// The object moves when it has gone this far in this many frames.
 const MOVES_MM: f64 = 0.5;
 const MOVES_FRAMES: usize = 6;
-/// The map is compared with that of so many frames ago.
+/// The map is compared with that of this many frames ago.
 const CHANGE_FRAMES: usize = 3;
 /// The first frames of a trial, whose mean is its grip.
 const GRIP_FRAMES: usize = 15;

@@ -29,7 +29,7 @@ const TRIALS: [usize; 3] = [1, 2, 3];
 const FINGERS: [usize; 2] = [1, 2];
 /// Newtons that a count is taken for, so that the largest fits the wire; friction does not depend on it.
 const SCALE: f64 = 1e-3;
-/// A taxel is in contact above so many counts: the zero drifts by about as much.
+/// A taxel is in contact above this many counts: the zero drifts by about as much.
 const CONTACT_COUNTS: f64 = 30.0;
 /// Frames a second of the recordings.
 const FRAMES_PER_SECOND: f64 = 60.0;

@@ -159,7 +159,7 @@ pub(crate) fn run(world: &World, report: &mut Report, pictures: &Pictures) -> Re
     let (mut chord, mut outer, mut ellipse) = (f64::INFINITY, Worst::default(), Worst::default());
     let mut chord_at = String::new();
     let (mut dots, mut paths) = (Vec::new(), Vec::new());
-    // Turn by 1 and shift by so many radii, in steps of at most 0.4 cells.
+    // Turn by 1 and shift by this many radii, in steps of at most 0.4 cells.
     for pole in POLES.into_iter().step_by(if world.quick { 5 } else { 1 }) {
         let mut contact = world
             .contact(

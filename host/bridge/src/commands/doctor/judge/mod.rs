@@ -1,5 +1,5 @@
-//! How `gripline doctor` judges what it measured. Pure: every finding is a function of numbers, so that tests can show it faults
-//! that no test machine has. Pictures in grey levels and pixels, times in ms, rates in 1/s.
+//! The judgements of `gripline doctor`. Pure: every finding is a function of numbers, so that tests can simulate faults that no
+//! test machine has. Pictures in grey levels and pixels, times in ms, rates in 1/s.
 
 use std::borrow::Cow;
 use std::fmt;
@@ -14,13 +14,13 @@ use gripline_evaluation::calibration::surface::{Change, Figures, limit};
 use gripline_link::usb::{Attached, choose};
 use gripline_sensor::Sensor;
 
-/// Minimum share of the wanted frame rate that is good, and that works at all.
+/// Minimum share of the wanted frame rate for a good result, and for a usable one.
 const RATE: [f64; 2] = [0.95, 0.5];
 /// A picture this late counts as late or missing, in picture intervals.
 const GAP: f64 = 1.5;
 /// Budget from the camera's bytes to the microcontroller's, ms: median and maximum (DESIGN.md).
 const BUDGET_MS: [f64; 2] = [1.5, 4.0];
-/// The same of printed markers, which are followed in every picture, and what a frame at 25 a second bears.
+/// The same for printed markers, which are tracked in every picture, and the limit at 25 frames a second.
 const MARKERS_BUDGET_MS: f64 = 3.0;
 const MARKERS_MAX_MS: f64 = 20.0;
 /// Minimum sharpness as a share of the calibrated one.
@@ -28,10 +28,10 @@ const SHARPNESS_KEPT: f64 = 0.8;
 /// Maximum noise as a share of the calibrated one.
 const NOISE_GROWN: f64 = 1.5;
 
-/// What pictures of printed markers show.
+/// Measurements on pictures of printed markers.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Look {
-    /// Columns and rows that the source has; `None` where it does not say.
+    /// Columns and rows of the source; `None` if unknown.
     pub size_px: Option<[usize; 2]>,
     /// Mean level of the first picture, grey levels.
     pub level: f64,
@@ -244,7 +244,7 @@ pub(super) fn rest(change: Option<&Change>) -> Finding {
     )
 }
 
-/// ffmpeg, which only clips need.
+/// Checks ffmpeg, which only clips need.
 pub(super) fn ffmpeg(version: Result<String, CaptureError>, is_needed: bool) -> Finding {
     let expected = "ffmpeg, to read and write clips";
     match version {
@@ -295,7 +295,7 @@ pub(super) fn bootloader(places: &[&str]) -> Option<Finding> {
     })
 }
 
-/// What answered the handshake; `build` is ours: `[major, minor, patch]`.
+/// The firmware that answered the handshake; `build` is ours: `[major, minor, patch]`.
 pub(super) fn firmware(hello: &Hello, build: [u8; 3]) -> Finding {
     let dotted = |[a, b, c]: [u8; 3]| format!("{a}.{b}.{c}");
     let board = BOARDS
@@ -392,7 +392,7 @@ pub(super) fn marker_latency(times_ms: &mut [f64]) -> Finding {
     )
 }
 
-/// Printed markers beside their description: size of the pictures, light, number, distance, hidden ones.
+/// Compares printed markers with their description: size of the pictures, light, number, distance, hidden ones.
 pub(super) fn markers(sensor: &Sensor, look: &Look) -> Vec<Finding> {
     let mut findings = Vec::new();
     if let Some([width, height]) = look.size_px {
@@ -441,7 +441,7 @@ pub(super) fn markers(sensor: &Sensor, look: &Look) -> Vec<Finding> {
     findings
 }
 
-/// `lacks`: what the system did not allow.
+/// `lacks`: what the system refused.
 pub(super) fn realtime(lacks: &[String], wanted: bool) -> Finding {
     Finding::new(
         "real time",

@@ -1,5 +1,5 @@
-//! Who owns the gripper, what waits for an answer, and what was answered. Pure: the loop hands in requests and outcomes, and carries out
-//! what comes back.
+//! Who owns the gripper, what waits for an answer, and what was answered. Pure: the loop passes in requests and outcomes, and
+//! executes the returned steps.
 
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
@@ -9,28 +9,28 @@ use crate::channel::Asked;
 use crate::client::Client;
 use crate::request::{Action, Request};
 
-/// Answers that are kept, so that a repeated request is answered and not carried out again.
+/// Number of stored answers, so that a repeated request is answered but not executed again.
 const KEPT: usize = 64;
-/// For so long: a client that starts again may begin with the same number, and must not be told of what was done long ago.
+/// How long answers are stored: a restarted client may begin with the same number, and must not get an old answer.
 const KEPT_FOR: Duration = Duration::from_secs(10);
 
-/// What the loop carries out; it tells the outcome with [`Desk::close`].
+/// A step for the loop to execute; it reports the outcome with [`Arbiter::close`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Step {
     /// Close and hold.
     Hold,
     /// Open.
     Release,
-    /// Acknowledge what is latched.
+    /// Acknowledge the latched faults.
     Acknowledge,
     /// Take new rest pictures.
     Rezero,
-    /// The least force while holding, newtons.
+    /// The minimum force while holding, newtons.
     SetFloor(f64),
 }
 
 impl Step {
-    /// Whether a newer request for `other` takes its place: only one of a kind is under way.
+    /// Whether a newer request for `other` replaces it: only one of a kind is in progress.
     const fn is_of_kind(self, other: Self) -> bool {
         matches!(
             (self, other),
@@ -42,25 +42,25 @@ impl Step {
     }
 }
 
-/// What a person should know of.
+/// A note for people.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct News {
-    /// In words.
+    /// Its text.
     pub text: String,
     /// Something was not done.
     pub is_warning: bool,
 }
 
-/// The desk at which requests are taken and answered.
+/// Takes and answers requests, and decides which client owns the gripper.
 #[derive(Debug, Default)]
-pub struct Desk {
+pub struct Arbiter {
     owner: Option<Client>,
     under_way: Vec<(Step, Vec<Asked>)>,
     answered: VecDeque<(Instant, Answer)>,
     news: Vec<News>,
 }
 
-impl Desk {
+impl Arbiter {
     /// No client owns the gripper.
     #[must_use]
     pub fn new() -> Self {
@@ -73,12 +73,12 @@ impl Desk {
         self.owner.as_ref()
     }
 
-    /// What a person should know of since the last look: answers, and who took the gripper over.
+    /// The notes since the last call: answers, and take-overs.
     pub fn take_news(&mut self) -> Vec<News> {
         std::mem::take(&mut self.news)
     }
 
-    /// Takes a request. What can be answered is answered; else the loop is to carry out what comes back.
+    /// Takes a request. Answers it if possible; otherwise returns the step for the loop to execute.
     pub fn take(&mut self, asked: Asked) -> Option<Step> {
         let request = &asked.request;
         let is_same = |other: &Request| other.client == request.client && other.number == request.number;
@@ -125,7 +125,7 @@ impl Desk {
         Some(step)
     }
 
-    /// Whether this client's request is listened to; it owns the gripper from then on.
+    /// Whether this client's request is accepted; the client then owns the gripper.
     fn may_ask(&mut self, request: &Request) -> bool {
         let takes_over = request.take_over || request.action == Action::TakeOver;
         match &self.owner {
@@ -147,7 +147,7 @@ impl Desk {
         }
     }
 
-    /// What is under way of this kind gives way to a newer request.
+    /// Replaces a request of this kind in progress by a newer one.
     fn overtake(&mut self, step: Step) {
         let (same, others) = std::mem::take(&mut self.under_way)
             .into_iter()
@@ -158,18 +158,18 @@ impl Desk {
         }
     }
 
-    /// What is under way.
+    /// The request in progress.
     pub fn under_way(&self) -> impl Iterator<Item = Step> + '_ {
         self.under_way.iter().map(|(step, _)| *step)
     }
 
-    /// Whether such a step is under way.
+    /// Whether such a step is in progress.
     #[must_use]
     pub fn waits_for(&self, step: Step) -> bool {
         self.under_way().any(|other| other.is_of_kind(step))
     }
 
-    /// What is under way of this kind came to this: all who wait for it are answered.
+    /// Sets the outcome of the request of this kind in progress: all clients waiting for it are answered.
     pub fn close(&mut self, step: Step, outcome: &Outcome) {
         let (same, others) = std::mem::take(&mut self.under_way)
             .into_iter()

@@ -1,11 +1,11 @@
-//! The desk of a run: requests are taken between frames, carried out, repeated until the microcontroller confirms, and answered. Nothing
+//! Requests to a run: taken between frames, executed, repeated until the microcontroller confirms, and answered. Nothing
 //! here waits.
 
 use gripline_control::{Asked, Outcome, StatusReport, Step, Why, names, reported};
 use gripline_link::session::Session;
 use gripline_pipeline::{Acknowledgement, Acknowledging, Unconfirmed};
-use gripline_protocol::LSB_PER_NEWTON;
 use gripline_protocol::message::{Command, Configuration, GripMode, Refusal};
+use gripline_protocol::{LSB_PER_NEWTON, SensorId};
 use gripline_recording::telemetry::FrameReport;
 
 use super::drift::DriftWatch;
@@ -15,13 +15,13 @@ use super::rezero::Rezero;
 use super::under_way::Run;
 use crate::error::Error;
 
-/// Settings that no answer confirms are offered again after this, µs.
+/// Unconfirmed settings are sent again after this, µs.
 const OFFER_AGAIN_US: u64 = 10_000;
-/// What is not confirmed after this is given up, µs.
+/// An unconfirmed request is given up after this, µs.
 const GIVE_UP_US: u64 = 2_000_000;
 
 impl Run {
-    /// Takes what was asked for meanwhile, and goes on with what is under way.
+    /// Takes new requests, and continues pending ones.
     pub(super) fn handle_requests(&mut self) -> Result<(), Error> {
         while let Some(asked) = self.requests.inbox.next() {
             self.begin(asked);
@@ -36,23 +36,23 @@ impl Run {
         self.handle_requests()
     }
 
-    /// Answers all who wait for such a step. They find what they asked for in the status, and need not wait for the next frame.
+    /// Answers all clients that wait for such a step. The status is updated first, so they need not wait for the next frame.
     fn close(&mut self, step: Step, outcome: &Outcome) {
         self.requests.inbox.publish(|status| self.fill(status));
-        self.requests.desk.close(step, outcome);
+        self.requests.arbiter.close(step, outcome);
     }
 
-    /// What requests change in a status: owner, modes, and the floor in newtons.
+    /// The fields of a status that requests change: owner, modes, and the floor in newtons.
     fn fill(&self, status: &mut StatusReport) {
         let session = &self.control.session;
-        status.owner = self.requests.desk.owner().cloned();
+        status.owner = self.requests.arbiter.owner().cloned();
         status.requested = self.requests.mode().map(mode_name);
         status.mode = session.status().map(|status| mode_name(status.mode));
         status.floor_n = newtons(session.settings().floor);
     }
 
     fn begin(&mut self, asked: Asked) {
-        let Some(step) = self.requests.desk.take(asked) else {
+        let Some(step) = self.requests.arbiter.take(asked) else {
             // It was answered at once, and may have another owner.
             return self.requests.inbox.publish(|status| self.fill(status));
         };
@@ -78,7 +78,7 @@ impl Run {
             },
             Step::SetFloor(newtons) => {
                 let now = session.settings();
-                let max_n = f64::from(now.ceiling.min(now.tighten)) / f64::from(LSB_PER_NEWTON);
+                let max_n = f64::from(now.ceiling.min(now.fail_safe)) / f64::from(LSB_PER_NEWTON);
                 if (0.0..=max_n).contains(&newtons) {
                     let floor = (newtons * f64::from(LSB_PER_NEWTON)).round() as i32;
                     self.requests.floor = Some(FloorRequest {
@@ -110,13 +110,13 @@ impl Run {
         self.close(step, &Outcome::Refused(refused));
     }
 
-    /// Answers what has come to an end.
+    /// Answers completed requests.
     pub(super) fn settle_requests(&mut self) -> Result<(), Error> {
         self.take_refusal();
         self.settle_mode()?;
         self.settle_acknowledgement()?;
         self.settle_floor()?;
-        for news in self.requests.desk.take_news() {
+        for news in self.requests.arbiter.take_news() {
             if news.is_warning {
                 tracing::warn!("{}", news.text);
             } else {
@@ -140,7 +140,7 @@ impl Run {
     }
 
     fn settle_mode(&mut self) -> Result<(), Error> {
-        let is_asked = self.requests.desk.waits_for(Step::Hold);
+        let is_asked = self.requests.arbiter.waits_for(Step::Hold);
         if let Some(why) = self.control.take_unconfirmed() {
             self.summary.requests_unconfirmed += 1;
             if is_asked {
@@ -182,7 +182,7 @@ impl Run {
                 return Ok(());
             }
             Acknowledging::Done => {
-                // Of what was refused meanwhile, a release, the gripper is told anew.
+                // Of what was refused meanwhile, a release, the gripper is told again.
                 self.control.request_again();
                 tracing::info!("acknowledged: {}", names(asked.faults()).join(", "));
                 Outcome::Done
@@ -228,12 +228,12 @@ impl Run {
         Ok(())
     }
 
-    /// Whether other settings came into force since the last look.
+    /// Whether other settings came into force since the last call.
     pub(super) const fn settings_changed(&mut self) -> bool {
         std::mem::replace(&mut self.requests.has_other_settings, false)
     }
 
-    /// Leaves what the gripper does where it can be read.
+    /// Publishes the gripper's state.
     pub(super) fn publish_status(&self, report: &FrameReport, host_faults: &[&'static str]) {
         let session = &self.control.session;
         self.requests.inbox.publish(|status| {
@@ -270,8 +270,8 @@ impl Run {
                 None => return Ok(()),
                 Some(Err(why)) => Outcome::Refused(why),
                 Some(Ok(believed)) => {
-                    for (sensor, new) in (0..).zip(believed) {
-                        if let Some(watch) = self.drift.get_mut(usize::from(sensor)) {
+                    for (sensor, new) in SensorId::ALL.into_iter().zip(believed) {
+                        if let Some(watch) = self.drift.get_mut(sensor.index()) {
                             *watch = DriftWatch::new(&new.pictures);
                         }
                         fingertips.rest_anew(sensor, &new.pictures, &new.figures);
