@@ -27,6 +27,7 @@ pub mod motion;
 pub mod packet;
 pub mod parser;
 pub mod rounds;
+mod schema_names;
 pub mod sensor_id;
 pub mod sequence;
 

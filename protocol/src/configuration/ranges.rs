@@ -2,15 +2,13 @@
 
 use core::fmt;
 
-use postcard_schema::Schema;
-
 use super::settings::{Configuration, FORCE_MAX};
 use super::values::{CONFIGURATION_VALUES, CONTROL_VALUES, FINGERTIP_VALUES, LINE_VALUES};
 use crate::constants::{PER_UNIT, SENSORS, SIDE};
 use crate::line::LineSettings;
 
 /// A setting out of its range.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize, Schema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct OutOfRange {
     /// Index into [`Configuration::FIELDS`].

@@ -42,7 +42,7 @@ impl Default for FingertipGeometry {
 
 /// Everything that can be set on the microcontroller. On the wire and in flash it is the list of its
 /// [`values`](Self::values): a loop on the chip, where derived code takes kilobytes.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Schema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Configuration {
     /// Fingertips that must send maps: 1 or 2.

@@ -121,7 +121,7 @@ pub enum GripMode {
 }
 
 /// The sums of one map, in the wire's units.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, Schema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct MapSums {
     /// Taxels in contact: normal force above `contact_min`.
