@@ -170,6 +170,8 @@ pub(crate) struct Head {
 
 impl Head {
     /// Reads the payload of a head packet after its header.
+    // A call of its own hands the head over by copies of a length that the static bound cannot see: 5,243 instead of 3,157 cycles until the UART's
+    // next byte is read, where 3,530 are allowed. Inlined it takes 387 instructions more a map.
     #[inline]
     pub(crate) fn from_payload(
         (header, sensor): (Header, SensorId),
