@@ -32,6 +32,8 @@ const PAUSE_NS: u64 = 900_000;
 const WRITE_NS: u64 = 40_000;
 /// The DAC's holding register of the line (RM0090, DAC_DHR12R1).
 const DAC: u32 = 0x4000_7408;
+/// The data register of the UART (RM0090, USART1_DR).
+pub(crate) const UART_DATA: u32 = 0x4001_1004;
 /// The task's interrupt: the tick, and all that the task works on.
 const TASK: &str = "UART5";
 
@@ -96,7 +98,7 @@ pub struct Bench<'a> {
     below: u64,
     /// How maps go to the board.
     pub link: Link,
-    /// The newest byte over the UART, and the one that its handler works on.
+    /// The byte in the UART's receiver, and the one that was last read from there.
     byte_landed: Option<(Way, u32, bool)>,
     byte: Option<(Way, u32, bool)>,
     waiting: VecDeque<Way>,
@@ -274,6 +276,41 @@ impl<'a> Bench<'a> {
         Ok(start - end - untouched as u32)
     }
 
+    /// Adds what another board of the same image met. Its loops have to be the same.
+    pub fn join(&mut self, other: &Self) {
+        for link in [Link::Usb, Link::Uart].map(|link| link as usize) {
+            if other.worst[link].cycles > self.worst[link].cycles {
+                self.worst[link] = other.worst[link];
+                self.worst_spent[link].clone_from(&other.worst_spent[link]);
+            }
+            for (mine, its) in self.worst_by_tail[link]
+                .iter_mut()
+                .zip(&other.worst_by_tail[link])
+            {
+                if its.cycles > mine.cycles {
+                    *mine = *its;
+                }
+            }
+        }
+        for (at, its) in &other.met {
+            let mine = self.met.entry(*at).or_default();
+            mine.cycles = mine.cycles.max(its.cycles);
+            mine.waited = mine.waited.max(its.waited);
+        }
+        self.blocking_worst = self.blocking_worst.max(other.blocking_worst);
+        self.section_worst = self.section_worst.max(other.section_worst);
+        self.tick = (self.tick.0.min(other.tick.0), self.tick.1.max(other.tick.1));
+        for (at, its) in &other.accesses {
+            let mine = self.accesses.entry(*at).or_insert(*its);
+            *mine = (*mine).max(*its);
+        }
+        self.has_run.extend(&other.has_run);
+        let its = other.loops.values().flatten();
+        for (mine, its) in self.loops.values_mut().flatten().zip(its) {
+            mine.most = mine.most.max(its.most);
+        }
+    }
+
     fn step(&mut self, step: &Step<'a>) {
         let address = step.instruction.address;
         self.note_landed(step);
@@ -285,6 +322,9 @@ impl<'a> Bench<'a> {
             self.entered = self.total.cycles - u64::from(step.cycles);
         } else if address == self.uart {
             self.uart_entered = self.total.cycles - u64::from(step.cycles);
+        }
+        // Its handler may be entered to send a byte, and read one that lands meanwhile.
+        if step.access == Some(UART_DATA) && step.instruction.name == "ldr" {
             self.byte = self.byte_landed.take();
         }
         if step.instruction.data.transfers > 0 {
@@ -322,7 +362,7 @@ impl<'a> Bench<'a> {
         let blocked_at = self.held.iter().find(|(priority, ..)| *priority <= PATH_PRIORITY);
         let blocked_at = blocked_at.map_or(0, |(.., at)| *at);
         let meets_task = step.exception == Some(self.task);
-        if step.uart_bytes > 0 {
+        if step.uart_bytes > 0 && self.byte_landed.is_none() {
             if self.waiting.is_empty() && self.open.is_none() {
                 self.spent.clear();
             }
@@ -378,9 +418,7 @@ impl<'a> Bench<'a> {
         if self.packets.contains(&address) {
             self.is_tail = self.image.functions[&address].name.contains(TAIL);
             let (from, entered) = if step.exception == Some(self.uart) {
-                // A byte may land in an interrupt that was entered to send one.
-                let byte = self.byte.take().or_else(|| self.byte_landed.take());
-                (byte, self.uart_entered)
+                (self.byte.take(), self.uart_entered)
             } else {
                 let (blocked_at, meets_task) = self.landed.pop_front().unwrap_or_default();
                 let from = self.waiting.pop_front();

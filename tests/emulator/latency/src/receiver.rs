@@ -9,11 +9,10 @@ use crate::Error;
 use crate::bound::Walk;
 use crate::cycles::{ENTRY, EXIT};
 use crate::image::{Function, Image};
+use crate::measure::UART_DATA;
 use crate::source::Sources;
 use crate::tables::Left;
 
-/// The data register (RM0090, USART1_DR).
-const DATA: u32 = 0x4001_1004;
 /// By how much a sender may be faster than the receiver, hundredths (RM0090, section 30.3.5: what the receiver stands is a little more).
 const FASTER_PERCENT: u64 = 3;
 
@@ -66,7 +65,7 @@ impl Receiver {
             .function(uart)
             .cycles;
         let rest = Walk::new(image, sources, Left::Tail).after_call(uart, ahead)?;
-        let read = enter + Walk::new(image, sources, Left::Always).until_load(uart, DATA)?;
+        let read = enter + Walk::new(image, sources, Left::Always).until_load(uart, UART_DATA)?;
         let behind = |one: u64| waits + enter + one + leave + read;
         let need = |what, found, bytes: u64| Need {
             what,

@@ -120,8 +120,22 @@ struct Played {
 }
 
 impl Played {
-    /// Plays maps of every size with nothing else to do, then everything that may come in between.
-    fn of(bench: &mut Bench<'_>, length: Length) -> Result<Self, Error> {
+    /// Plays maps of every size with nothing else to do, then everything that may come in between: over USB on one board, over the UART on the
+    /// other, at the same time. The first one has then met what both met.
+    fn of<'a>(bench: &mut Bench<'a>, other: &mut Bench<'a>, length: Length) -> Result<Self, Error> {
+        std::thread::scope(|threads| {
+            let over_uart = threads.spawn(|| sweep::over_uart(other, length).map(|raises| (raises, other)));
+            let mut played = Self::over_usb(bench, length)?;
+            let (raises, other) = over_uart
+                .join()
+                .unwrap_or_else(|panic| std::panic::resume_unwind(panic))?;
+            bench.join(other);
+            played.raises[1] = raises;
+            Ok(played)
+        })
+    }
+
+    fn over_usb(bench: &mut Bench<'_>, length: Length) -> Result<Self, Error> {
         bench.map(&map_of(400, 1))?;
         drop(bench.counted());
         bench.map(&map_of(400, 2))?;
@@ -133,12 +147,11 @@ impl Played {
         sweep::branches(bench)?;
         sweep::disturb(bench)?;
         sweep::phases(bench, length)?;
-        let over_usb = sweep::raises(bench, sweep::LONGEST_TAIL, length)?;
-        let over_uart = sweep::over_uart(bench, length)?;
+        let raises = sweep::raises(bench, sweep::LONGEST_TAIL, length)?;
         let rates = sweep::rates(bench, RATES.map(|(contacts, sensors, _)| (contacts, sensors)))?;
         Ok(Self {
             quiet,
-            raises: [over_usb, over_uart],
+            raises: [raises, Raises::default()],
             behind_control: sweep::behind_control(bench)?,
             rates,
             dense: counted.of(KERNEL),
@@ -187,11 +200,14 @@ impl Report {
             .collect();
         let left = left_out(&[&path, &foreign, &blocked], &excepted);
 
-        let mut bench = Bench::new(&image, &elf)?;
-        // Last packets of every size.
-        bench.watch(most_rounds(paths.iter().chain(&uart_paths)).values(), When::Tail);
-        bench.watch(blocked.loops.values(), When::Blocked);
-        let played = Played::of(&mut bench, length)?;
+        let mut benches = [Bench::new(&image, &elf)?, Bench::new(&image, &elf)?];
+        for bench in &mut benches {
+            // Last packets of every size.
+            bench.watch(most_rounds(paths.iter().chain(&uart_paths)).values(), When::Tail);
+            bench.watch(blocked.loops.values(), When::Blocked);
+        }
+        let [mut bench, mut other] = benches;
+        let played = Played::of(&mut bench, &mut other, length)?;
         let [of_usb_link, _] = foreign_cycles;
         let (receiver, found) = Receiver::of(
             &image,
@@ -206,7 +222,9 @@ impl Report {
             findings.extend(bench.broken(&walk.memories));
         }
         let stack = Stack::of(&image, &sources, &elf)?;
-        let stack_measured_bytes = bench.stack_used(stack.memory)?;
+        let stack_measured_bytes = bench
+            .stack_used(stack.memory)?
+            .max(other.stack_used(stack.memory)?);
         findings.extend(in_flash(&image, &path));
         findings.extend(not_in_image(&image));
         let unknown = &(&path.unknown | &foreign.unknown) | &blocked.unknown;
