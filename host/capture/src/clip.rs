@@ -11,6 +11,7 @@ use gripline_sensor::Flip;
 
 use crate::error::{CaptureError, PictureError};
 use crate::geometry::{Cropping, Size};
+use crate::picture;
 
 const FFMPEG: &str = "ffmpeg";
 const FFPROBE: &str = "ffprobe";
@@ -299,17 +300,33 @@ impl ClipReader {
 /// A clip, or a single picture, of a described sensor: scaled, cropped and turned as its description says, in colour.
 #[derive(Debug)]
 pub struct ColourClip {
-    pictures: Pictures,
+    pictures: ColourPictures,
     rate: f64,
     size: Size,
 }
 
+#[derive(Debug)]
+enum ColourPictures {
+    Clip(Pictures),
+    /// Of a PNG file, until it is taken.
+    File(Option<Vec<u8>>),
+}
+
 impl ColourClip {
-    /// Opens a clip or a picture of any size and reads its first picture.
+    /// Opens a clip or a picture of any size and reads its first picture. A PNG needs no ffmpeg.
     ///
     /// # Errors
     /// [`CaptureError`] when ffmpeg is missing or the clip cannot be read.
     pub fn open(path: &Path, capture: &gripline_sensor::Capture) -> Result<Self, CaptureError> {
+        if picture::is_picture(path)
+            && let Some((size, picture)) = picture::colour_png(path, capture)?
+        {
+            return Ok(Self {
+                pictures: ColourPictures::File(Some(picture)),
+                rate: capture.rate_hz,
+                size,
+            });
+        }
         let description = describe(path)?;
         let [columns, rows] = capture.size_px;
         let [left, top, width, height] = capture.crop_px;
@@ -321,14 +338,15 @@ impl ColourClip {
             Flip::Both => ",hflip,vflip",
         };
         let bytes = 3 * width * height;
+        let pictures = Pictures::start(path, description.pictures, &["-vf", &filter], "rgb24", bytes)?;
         Ok(Self {
-            pictures: Pictures::start(path, description.pictures, &["-vf", &filter], "rgb24", bytes)?,
+            pictures: ColourPictures::Clip(pictures),
             rate: description.rate,
             size: description.size,
         })
     }
 
-    /// Frames a second.
+    /// Frames a second; of a single picture the sensor's.
     #[must_use]
     pub const fn rate(&self) -> f64 {
         self.rate
@@ -342,7 +360,10 @@ impl ColourClip {
 
     /// The next picture: red, green, blue of every pixel of the sensor's crop, rows from the top; `None` at the end.
     pub fn next_picture(&mut self) -> Option<Vec<u8>> {
-        self.pictures.next_picture()
+        match &mut self.pictures {
+            ColourPictures::Clip(pictures) => pictures.next_picture(),
+            ColourPictures::File(picture) => picture.take(),
+        }
     }
 
     /// What is missing, once [`Self::next_picture`] has returned `None`.
@@ -350,7 +371,10 @@ impl ColourClip {
     /// # Errors
     /// [`CaptureError::ClipDamaged`] when ffmpeg left pictures out, or the file ends early.
     pub fn finish(&mut self) -> Result<(), CaptureError> {
-        self.pictures.finish()
+        match &mut self.pictures {
+            ColourPictures::Clip(pictures) => pictures.finish(),
+            ColourPictures::File(_) => Ok(()),
+        }
     }
 }
 

@@ -1,6 +1,5 @@
-//! From a camera's bytes to the crop of a described sensor, in colour: decoded, brought to the sensor's size by the mean of the pixels
-//! that fall on each, cropped and turned. Pure. Limit: whole camera pixels fall on one pixel or its neighbour, which moves a marker by
-//! at most half a camera pixel, always by the same.
+//! From a camera's bytes to the crop of a described sensor, in colour: decoded, brought to the sensor's size by the mean over the area of
+//! each pixel, cropped and turned. Pure.
 
 use gripline_sensor::{Capture, Flip};
 
@@ -107,39 +106,52 @@ fn rgb_of([y, u, v]: [u8; 3]) -> [u8; 3] {
     .map(|level| level.round().clamp(0.0, 255.0) as u8)
 }
 
-/// Brings a frame to the sensor's size, and takes crop and turn.
-fn scale(rgb: &[u8], from: Size, capture: &Capture, crop: &mut Vec<u8>) {
+/// The pixels of a line that a pixel of the scaled line covers, with the share of each. The shares of one add up to `pixels`.
+fn covered(at: usize, of: usize, pixels: usize) -> impl Iterator<Item = (usize, u64)> {
+    let (start, end) = (at * pixels, (at + 1) * pixels);
+    (start / of..end.div_ceil(of)).map(move |pixel| {
+        let share = end.min((pixel + 1) * of) - start.max(pixel * of);
+        (pixel, share as u64)
+    })
+}
+
+/// Brings a picture (red, green, blue) to the sensor's size, and takes crop and turn.
+pub(crate) fn scale(rgb: &[u8], from: Size, capture: &Capture, crop: &mut Vec<u8>) {
     let [columns, rows] = capture.size_px;
     let [left, top, width, height] = capture.crop_px;
-    let span = |at: usize, of: usize, pixels: usize| {
-        let start = at * pixels / of;
-        start..(start + 1).max((at + 1) * pixels / of)
-    };
     let [turn_x, turn_y] = match capture.flip {
         Flip::None => [false, false],
         Flip::Horizontal => [true, false],
         Flip::Vertical => [false, true],
         Flip::Both => [true, true],
     };
+    let column = |x: usize| left + if turn_x { width - 1 - x } else { x };
+    let area = from.pixels() as u64;
+    let mut sums = vec![0_u64; 3 * from.width];
     crop.clear();
     crop.reserve(3 * width * height);
     for y in 0..height {
         let y = top + if turn_y { height - 1 - y } else { y };
-        let lines = span(y, rows, from.height);
+        if from == Size::new(columns, rows) {
+            let row = &rgb[3 * y * columns..3 * (y + 1) * columns];
+            crop.extend((0..width).flat_map(|x| &row[3 * column(x)..3 * column(x) + 3]));
+            continue;
+        }
+        sums.fill(0);
+        for (line, share) in covered(y, rows, from.height) {
+            let row = &rgb[3 * line * from.width..3 * (line + 1) * from.width];
+            for (sum, level) in sums.iter_mut().zip(row) {
+                *sum += share * u64::from(*level);
+            }
+        }
         for x in 0..width {
-            let x = left + if turn_x { width - 1 - x } else { x };
-            let pixels = span(x, columns, from.width);
-            let mut sums = [0_u32; 3];
-            for line in lines.clone() {
-                let row = &rgb[3 * (line * from.width + pixels.start)..3 * (line * from.width + pixels.end)];
-                for pixel in row.as_chunks::<3>().0 {
-                    for (sum, level) in sums.iter_mut().zip(pixel) {
-                        *sum += u32::from(*level);
-                    }
+            let mut pixel = [area / 2; 3];
+            for (at, share) in covered(column(x), columns, from.width) {
+                for (level, sum) in pixel.iter_mut().zip(&sums[3 * at..]) {
+                    *level += share * sum;
                 }
             }
-            let count = (lines.len() * pixels.len()) as u32;
-            crop.extend(sums.map(|sum| ((sum + count / 2) / count) as u8));
+            crop.extend(pixel.map(|level| (level / area) as u8));
         }
     }
 }
@@ -188,6 +200,27 @@ mod tests {
         let pixels: Vec<_> = crop.as_chunks::<3>().0.iter().rev().collect();
         let expected: Vec<_> = turned.as_chunks::<3>().0.iter().collect();
         assert_eq!(pixels, expected);
+    }
+
+    #[test]
+    fn a_size_that_is_no_multiple_becomes_the_means_over_the_areas() {
+        let capture = Capture {
+            size_px: [2, 1],
+            crop_px: [0, 0, 2, 1],
+            ..capture()
+        };
+        let mut crop = Vec::new();
+        let pixel = |red: u8| [red, 0, 255];
+        scale(
+            &[pixel(10), pixel(40), pixel(100)].concat(),
+            Size::new(3, 1),
+            &capture,
+            &mut crop,
+        );
+        // One and a half pixels each: (10 + 40 / 2) / 1.5 and (40 / 2 + 100) / 1.5.
+        assert_eq!(crop, [20, 0, 255, 80, 0, 255]);
+        scale(&pixel(9), Size::new(1, 1), &capture, &mut crop);
+        assert_eq!(crop, [9, 0, 255, 9, 0, 255]);
     }
 
     #[test]
