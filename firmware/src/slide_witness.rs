@@ -3,7 +3,8 @@
 //!
 //! The witness remembers the load. It suspects a slide when the shear falls below that, sinks while the grip sinks, or settles
 //! for the first time below the detector's friction. A suspicion is a test: the grip rises, and while the shear rises with
-//! it, the contact slides, and shear over normal force is its friction. Shear that stays is held: the test has passed.
+//! it, the contact slides, and shear over normal force is its friction. Shear that stays is held: the test has passed. Until the first
+//! test of a contact that never carried more than the detector's friction, the line does not fall.
 //!
 //! Where the host sees the object, no test is needed: motion is a slide at once, and rest ends every suspicion ([`Motion`]).
 //!
@@ -19,7 +20,8 @@ use crate::constants::{
     ASKED_SHARE, CALM_US, COME_BACK_US, DROP_SHARE, FADE_SHARE, FOLLOWED_SLOTS, FRICTION_FORGET_SHIFT,
     FRICTION_LOSS_MAX, HUSH_HELD_US, HUSH_US, NOISE_MAX, RISES_SHARE, SETTLED_US, SHEAR_ERROR_PART,
     SHORT_SHARE_MAX, SHORT_SHARE_MIN, SHORT_US, SLIDING_FRICTION_MIN, SLIDING_RATIO_MIN, SLOT_US, STALLED_US,
-    SUDDEN_DROP_SHARE, SWING_LOSS_MAX, TEST_MARGIN, TEST_US_MAX, UNPROVEN_US_MAX, WITNESSED_LOAD_MIN,
+    SUDDEN_DROP_SHARE, SWING_LOSS_MAX, TEST_MARGIN, TEST_US_MAX, UNPROVEN_US_MAX, UNTRIED_US,
+    WITNESSED_LOAD_MIN,
 };
 use crate::learning_settings::LearningSettings;
 
@@ -153,6 +155,10 @@ pub(crate) struct SlideWitness {
     /// Time since the ratio last grew.
     stalled_us: u32,
     tested: i32,
+    /// A test of this contact has ended. The contact carries a load without one, below the detector's friction; and for how long.
+    is_tried: bool,
+    is_untried: bool,
+    untried_us: u32,
     /// What the host saw in the slot in progress, or in the last one.
     seen: Motion,
 }
@@ -185,6 +191,9 @@ impl Default for SlideWitness {
             settled_us: 0,
             stalled_us: 0,
             tested: 0,
+            is_tried: false,
+            is_untried: false,
+            untried_us: 0,
             seen: Motion::UNKNOWN,
         }
     }
@@ -270,6 +279,10 @@ impl SlideWitness {
             self.stalled_us.saturating_add(passed_us)
         };
         self.carried = self.carried.max(now);
+        self.is_untried = self.load >= WITNESSED_LOAD_MIN && !self.is_tried && self.carried < detector;
+        if self.is_untried {
+            self.untried_us = self.untried_us.saturating_add(passed_us);
+        }
         if self.seen.shows_motion() && self.load >= WITNESSED_LOAD_MIN {
             return Suspicion::Seen;
         }
@@ -313,12 +326,13 @@ impl SlideWitness {
             && 5 * u32::from(now) > 3 * u32::from(self.carried)
             && (self.limit == UNLIMITED || 10 * u32::from(now) > 9 * u32::from(self.limit))
             && !self.stays_while_the_grip_sinks(shear, normal);
-        if is_low {
+        let is_untried = self.is_untried && self.untried_us > UNTRIED_US && self.settled_us > SETTLED_US;
+        if is_low || is_untried {
             self.tested = shear;
         }
         if drops || sinks || fades || self.short_us >= SHORT_US {
             Suspicion::Falling
-        } else if is_low {
+        } else if is_low || is_untried {
             Suspicion::Settled
         } else {
             Suspicion::None
@@ -501,6 +515,7 @@ impl SlideWitness {
             (HUSH_US, 0)
         };
         self.short_us = 0;
+        (self.is_tried, self.is_untried) = (true, false);
         self.test = None;
     }
 
@@ -556,7 +571,10 @@ impl SlideWitness {
         };
         Verdict {
             urgency,
-            may_fall: self.test.is_none() && is_calm && !self.seen.shows_motion(),
+            may_fall: self.test.is_none()
+                && is_calm
+                && !self.seen.shows_motion()
+                && (self.seen.shows_rest() || !self.is_untried),
             has_slid: self.has_slid,
         }
     }
