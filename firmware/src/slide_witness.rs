@@ -93,6 +93,15 @@ enum Suspicion {
     Seen,
 }
 
+/// Whether a test has tried what a contact carries.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Trial {
+    /// It carries nothing, or has carried more than the detector's friction: then the stick ratio shows a slide.
+    NotNeeded,
+    Missing,
+    Done,
+}
+
 /// A suspicion under test.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Test {
@@ -155,9 +164,8 @@ pub(crate) struct SlideWitness {
     /// Time since the ratio last grew.
     stalled_us: u32,
     tested: i32,
-    /// A test of this contact has ended. The contact carries a load without one, below the detector's friction; and for how long.
-    is_tried: bool,
-    is_untried: bool,
+    /// Whether a test has tried what the contact carries; and for how long not.
+    trial: Trial,
     untried_us: u32,
     /// What the host saw in the slot in progress, or in the last one.
     seen: Motion,
@@ -191,8 +199,7 @@ impl Default for SlideWitness {
             settled_us: 0,
             stalled_us: 0,
             tested: 0,
-            is_tried: false,
-            is_untried: false,
+            trial: Trial::NotNeeded,
             untried_us: 0,
             seen: Motion::UNKNOWN,
         }
@@ -279,9 +286,16 @@ impl SlideWitness {
             self.stalled_us.saturating_add(passed_us)
         };
         self.carried = self.carried.max(now);
-        self.is_untried = self.load >= WITNESSED_LOAD_MIN && !self.is_tried && self.carried < detector;
-        if self.is_untried {
-            self.untried_us = self.untried_us.saturating_add(passed_us);
+        if self.trial != Trial::Done {
+            let is_missing = self.load >= WITNESSED_LOAD_MIN && self.carried < detector;
+            self.trial = if is_missing {
+                Trial::Missing
+            } else {
+                Trial::NotNeeded
+            };
+            self.untried_us = self
+                .untried_us
+                .saturating_add(if is_missing { passed_us } else { 0 });
         }
         if self.seen.shows_motion() && self.load >= WITNESSED_LOAD_MIN {
             return Suspicion::Seen;
@@ -326,7 +340,8 @@ impl SlideWitness {
             && 5 * u32::from(now) > 3 * u32::from(self.carried)
             && (self.limit == UNLIMITED || 10 * u32::from(now) > 9 * u32::from(self.limit))
             && !self.stays_while_the_grip_sinks(shear, normal);
-        let is_untried = self.is_untried && self.untried_us > UNTRIED_US && self.settled_us > SETTLED_US;
+        let is_untried =
+            self.trial == Trial::Missing && self.untried_us > UNTRIED_US && self.settled_us > SETTLED_US;
         if is_low || is_untried {
             self.tested = shear;
         }
@@ -515,7 +530,7 @@ impl SlideWitness {
             (HUSH_US, 0)
         };
         self.short_us = 0;
-        (self.is_tried, self.is_untried) = (true, false);
+        self.trial = Trial::Done;
         self.test = None;
     }
 
@@ -574,7 +589,7 @@ impl SlideWitness {
             may_fall: self.test.is_none()
                 && is_calm
                 && !self.seen.shows_motion()
-                && (self.seen.shows_rest() || !self.is_untried),
+                && (self.seen.shows_rest() || self.trial != Trial::Missing),
             has_slid: self.has_slid,
         }
     }
