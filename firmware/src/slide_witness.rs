@@ -287,7 +287,9 @@ impl SlideWitness {
         };
         self.carried = self.carried.max(now);
         if self.trial != Trial::Done {
-            let is_missing = self.load >= WITNESSED_LOAD_MIN && self.carried < detector;
+            // A smaller share of the normal force cannot be tested. As the line falls, the share grows.
+            let is_missing =
+                self.load >= WITNESSED_LOAD_MIN && now >= SLIDING_RATIO_MIN && self.carried < detector;
             self.trial = if is_missing {
                 Trial::Missing
             } else {
