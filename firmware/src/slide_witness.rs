@@ -13,6 +13,7 @@
 //! One below [`SLIDING_FRICTION_MIN`] or a quarter of what the contact carried is never believed. A load that grows evenly with the
 //! grip of a test is taken for a slide, and held too firmly.
 
+use gripline_protocol::message::MapSums;
 use gripline_protocol::{Motion, PER_UNIT};
 
 use crate::arithmetic::{divide, ratio};
@@ -21,9 +22,10 @@ use crate::constants::{
     FRICTION_LOSS_MAX, HUSH_HELD_US, HUSH_US, NOISE_MAX, RISES_SHARE, SETTLED_US, SHEAR_ERROR_PART,
     SHORT_SHARE_MAX, SHORT_SHARE_MIN, SHORT_US, SLIDING_FRICTION_MIN, SLIDING_RATIO_MIN, SLOT_US, STALLED_US,
     SUDDEN_DROP_SHARE, SWING_LOSS_MAX, TEST_MARGIN, TEST_US_MAX, UNPROVEN_US_MAX, UNTRIED_US,
-    WITNESSED_LOAD_MIN,
+    WHOLE_STICK_RATIO, WITNESSED_LOAD_MIN,
 };
 use crate::learning_settings::LearningSettings;
+use crate::sums::stick_ratio_below;
 
 /// Means of the maps of the last six slots, newest first.
 const SLOTS: usize = 6;
@@ -167,6 +169,8 @@ pub(crate) struct SlideWitness {
     /// Whether a test has tried what the contact carries; and for how long not.
     trial: Trial,
     untried_us: u32,
+    /// By the detector's friction the contact sticks, in the newest map.
+    sticks: bool,
     /// What the host saw in the slot in progress, or in the last one.
     seen: Motion,
 }
@@ -201,17 +205,18 @@ impl Default for SlideWitness {
             tested: 0,
             trial: Trial::NotNeeded,
             untried_us: 0,
+            sticks: true,
             seen: Motion::UNKNOWN,
         }
     }
 }
 
 impl SlideWitness {
-    /// Takes a map's load and normal force, `since_us` after the map before. `friction` is the friction that the grip counts on.
+    /// Takes a map's load and sums, `since_us` after the map before. `friction` is the friction that the grip counts on.
     pub(crate) fn observe(
         &mut self,
         load: i32,
-        normal: i32,
+        sums: &MapSums,
         since_us: u16,
         seen: Motion,
         friction: u16,
@@ -222,7 +227,8 @@ impl SlideWitness {
         if self.maps == 0 || is_worse {
             self.seen = seen;
         }
-        self.sum = [self.sum[0] + load, self.sum[1] + normal];
+        self.sum = [self.sum[0] + load, self.sum[1] + sums.force[2]];
+        self.sticks = !stick_ratio_below(sums, WHOLE_STICK_RATIO);
         self.maps += 1;
         self.slot_us += u32::from(since_us);
         if self.slot_us < SLOT_US && self.maps < 16 {
@@ -339,6 +345,7 @@ impl SlideWitness {
         let is_low = (self.settled_us > SETTLED_US || has_stalled)
             && 4 * shear > 5 * self.tested
             && now < detector
+            && self.sticks
             && 5 * u32::from(now) > 3 * u32::from(self.carried)
             && (self.limit == UNLIMITED || 10 * u32::from(now) > 9 * u32::from(self.limit))
             && !self.stays_while_the_grip_sinks(shear, normal);

@@ -194,6 +194,32 @@ fn a_load_too_small_to_be_tested_does_not_hold_up_a_firm_grip() {
 }
 
 #[test]
+fn a_load_that_grows_in_steps_is_not_tested_where_the_stick_ratio_shows_higher_friction() {
+    let settings = Configuration::DEFAULT;
+    for friction in [0.8, 0.9, 1.1] {
+        let mut hold = Hold::new(1, 17);
+        let mut load = 0.5;
+        hold.go(3.0, |time| load * time.min(1.0), [friction; 2]);
+        for _ in 0..6 {
+            let grown = 1.35 * load;
+            hold.go(
+                0.7,
+                |time| load + (grown - load) * (time / 0.3).min(1.0),
+                [friction; 2],
+            );
+            load = grown;
+        }
+        // A test adds a third to this.
+        let needed = load * (1.0 + f64::from(settings.margin) / 1e4) / (f64::from(settings.friction) / 1e4);
+        assert!(
+            hold.line < 1.05 * needed,
+            "friction {friction}, {load} N: {} N instead of {needed} N",
+            hold.line
+        );
+    }
+}
+
+#[test]
 fn without_a_new_map_the_line_does_not_fall_by_plan() {
     let mut hold = Hold::new(1, 17);
     hold.go(2.0, |time| 3.0 * time.min(1.0), [0.8; 2]);
