@@ -101,6 +101,11 @@ pub const SETTLED_US: u32 = 80_000;
 /// Time without growth of the load over normal force after which a contact that has never slid may slide, µs: three slots. A contact that
 /// slides carries more only as its grip grows.
 pub const STALLED_US: u32 = 45_000;
+/// Time for which a new contact carries a load until that is tested, µs. Only then may the line fall.
+pub const UNTRIED_US: u32 = 300_000;
+/// Stick ratio below which a contact carries more than the detector's friction, 1/10000: one that slides at less sticks as a whole
+/// by that friction, apart from the noise of its edge. Chosen on `evaluate grasps`, where 0.63 and 0.85 do as well.
+pub const WHOLE_STICK_RATIO: u16 = 7_000;
 /// Rise of the normal force in a test after which the shear is evaluated, share in 1/1024: 20 %.
 pub const ASKED_SHARE: i32 = 205;
 /// Change of the normal force over four slots up to which it counts as constant, share in 1/1024: 2 %.

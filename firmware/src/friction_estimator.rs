@@ -124,12 +124,12 @@ impl FrictionEstimator {
 
     /// Asks the slide witness about the map that [`FrictionEstimator::observe`] took. `seen` is the host's evidence of motion in
     /// it.
-    pub(crate) fn ask_witness(&mut self, normal: i32, seen: Motion, settings: LearningSettings) {
+    pub(crate) fn ask_witness(&mut self, sums: &MapSums, seen: Motion, settings: LearningSettings) {
         let friction = self.proven.max(settings.friction);
         self.slide
-            .observe(self.now, normal, self.since_us, seen, friction, settings);
+            .observe(self.now, sums, self.since_us, seen, friction, settings);
         self.ahead = self.ahead.max(self.slide.hidden_load());
-        self.ratio = ratio(self.ahead, normal);
+        self.ratio = ratio(self.ahead, sums.force[2]);
     }
 
     /// Growth of the load until the gripper follows, at most half of the load. Once the load has settled, the first 3/128

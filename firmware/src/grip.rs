@@ -137,7 +137,8 @@ pub struct GripController {
 const MILLI: i32 = 1_000;
 /// Time that the line may be late with a rise and catch up at once, µs: until the next tick it could not have moved either.
 const RISE_US: u64 = 1_000;
-/// Longest time that counts for one relaxing step, µs: a frame at 50 Hz; steps come every millisecond.
+/// Longest time that counts for one relaxing step, and longest time without a map after which the line still falls by plan, µs: a frame
+/// at 50 Hz; steps come every millisecond.
 const FALL_US_MAX: u64 = 20_000;
 /// More than any line, in 1/1000 of 1/4096 N; twice of it fits 32 bits.
 const MILLI_MAX: i32 = (1 << 30) - 1;
@@ -414,7 +415,11 @@ impl GripController {
         } else {
             0
         };
-        let relaxing = settings.relax_rate > 0 && self.stuck_us > u64::from(settings.relax_after_ms) * 1_000;
+        // What no new map has seen may slide.
+        let is_recent = self.last_us.saturating_sub(self.observed_us) <= FALL_US_MAX;
+        let relaxing = settings.relax_rate > 0
+            && is_recent
+            && self.stuck_us > u64::from(settings.relax_after_ms) * 1_000;
         if relaxing && self.reflex_milli > 0 {
             // The rate is per second.
             let step = divide_48(u64::from(settings.relax_rate) * passed_us, 1_000) as i32;

@@ -3,7 +3,8 @@
 //!
 //! The witness remembers the load. It suspects a slide when the shear falls below that, sinks while the grip sinks, or settles
 //! for the first time below the detector's friction. A suspicion is a test: the grip rises, and while the shear rises with
-//! it, the contact slides, and shear over normal force is its friction. Shear that stays is held: the test has passed.
+//! it, the contact slides, and shear over normal force is its friction. Shear that stays is held: the test has passed. Until the first
+//! test of a contact that never carried more than the detector's friction, the line does not fall.
 //!
 //! Where the host sees the object, no test is needed: motion is a slide at once, and rest ends every suspicion ([`Motion`]).
 //!
@@ -12,6 +13,7 @@
 //! One below [`SLIDING_FRICTION_MIN`] or a quarter of what the contact carried is never believed. A load that grows evenly with the
 //! grip of a test is taken for a slide, and held too firmly.
 
+use gripline_protocol::message::MapSums;
 use gripline_protocol::{Motion, PER_UNIT};
 
 use crate::arithmetic::{divide, ratio};
@@ -19,9 +21,11 @@ use crate::constants::{
     ASKED_SHARE, CALM_US, COME_BACK_US, DROP_SHARE, FADE_SHARE, FOLLOWED_SLOTS, FRICTION_FORGET_SHIFT,
     FRICTION_LOSS_MAX, HUSH_HELD_US, HUSH_US, NOISE_MAX, RISES_SHARE, SETTLED_US, SHEAR_ERROR_PART,
     SHORT_SHARE_MAX, SHORT_SHARE_MIN, SHORT_US, SLIDING_FRICTION_MIN, SLIDING_RATIO_MIN, SLOT_US, STALLED_US,
-    SUDDEN_DROP_SHARE, SWING_LOSS_MAX, TEST_MARGIN, TEST_US_MAX, UNPROVEN_US_MAX, WITNESSED_LOAD_MIN,
+    SUDDEN_DROP_SHARE, SWING_LOSS_MAX, TEST_MARGIN, TEST_US_MAX, UNPROVEN_US_MAX, UNTRIED_US,
+    WHOLE_STICK_RATIO, WITNESSED_LOAD_MIN,
 };
 use crate::learning_settings::LearningSettings;
+use crate::sums::stick_ratio_below;
 
 /// Means of the maps of the last six slots, newest first.
 const SLOTS: usize = 6;
@@ -91,6 +95,15 @@ enum Suspicion {
     Seen,
 }
 
+/// Whether a test has tried what a contact carries.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Trial {
+    /// It carries nothing, or has carried more than the detector's friction: then the stick ratio shows a slide.
+    NotNeeded,
+    Missing,
+    Done,
+}
+
 /// A suspicion under test.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Test {
@@ -153,6 +166,11 @@ pub(crate) struct SlideWitness {
     /// Time since the ratio last grew.
     stalled_us: u32,
     tested: i32,
+    /// Whether a test has tried what the contact carries; and for how long not.
+    trial: Trial,
+    untried_us: u32,
+    /// By the detector's friction the contact sticks, in the newest map.
+    sticks: bool,
     /// What the host saw in the slot in progress, or in the last one.
     seen: Motion,
 }
@@ -185,17 +203,20 @@ impl Default for SlideWitness {
             settled_us: 0,
             stalled_us: 0,
             tested: 0,
+            trial: Trial::NotNeeded,
+            untried_us: 0,
+            sticks: true,
             seen: Motion::UNKNOWN,
         }
     }
 }
 
 impl SlideWitness {
-    /// Takes a map's load and normal force, `since_us` after the map before. `friction` is the friction that the grip counts on.
+    /// Takes a map's load and sums, `since_us` after the map before. `friction` is the friction that the grip counts on.
     pub(crate) fn observe(
         &mut self,
         load: i32,
-        normal: i32,
+        sums: &MapSums,
         since_us: u16,
         seen: Motion,
         friction: u16,
@@ -206,7 +227,8 @@ impl SlideWitness {
         if self.maps == 0 || is_worse {
             self.seen = seen;
         }
-        self.sum = [self.sum[0] + load, self.sum[1] + normal];
+        self.sum = [self.sum[0] + load, self.sum[1] + sums.force[2]];
+        self.sticks = !stick_ratio_below(sums, WHOLE_STICK_RATIO);
         self.maps += 1;
         self.slot_us += u32::from(since_us);
         if self.slot_us < SLOT_US && self.maps < 16 {
@@ -270,6 +292,19 @@ impl SlideWitness {
             self.stalled_us.saturating_add(passed_us)
         };
         self.carried = self.carried.max(now);
+        if self.trial != Trial::Done {
+            // A smaller share of the normal force cannot be tested. As the line falls, the share grows.
+            let is_missing =
+                self.load >= WITNESSED_LOAD_MIN && now >= SLIDING_RATIO_MIN && self.carried < detector;
+            self.trial = if is_missing {
+                Trial::Missing
+            } else {
+                Trial::NotNeeded
+            };
+            self.untried_us = self
+                .untried_us
+                .saturating_add(if is_missing { passed_us } else { 0 });
+        }
         if self.seen.shows_motion() && self.load >= WITNESSED_LOAD_MIN {
             return Suspicion::Seen;
         }
@@ -310,15 +345,18 @@ impl SlideWitness {
         let is_low = (self.settled_us > SETTLED_US || has_stalled)
             && 4 * shear > 5 * self.tested
             && now < detector
+            && self.sticks
             && 5 * u32::from(now) > 3 * u32::from(self.carried)
             && (self.limit == UNLIMITED || 10 * u32::from(now) > 9 * u32::from(self.limit))
             && !self.stays_while_the_grip_sinks(shear, normal);
-        if is_low {
+        let is_untried =
+            self.trial == Trial::Missing && self.untried_us > UNTRIED_US && self.settled_us > SETTLED_US;
+        if is_low || is_untried {
             self.tested = shear;
         }
         if drops || sinks || fades || self.short_us >= SHORT_US {
             Suspicion::Falling
-        } else if is_low {
+        } else if is_low || is_untried {
             Suspicion::Settled
         } else {
             Suspicion::None
@@ -501,6 +539,7 @@ impl SlideWitness {
             (HUSH_US, 0)
         };
         self.short_us = 0;
+        self.trial = Trial::Done;
         self.test = None;
     }
 
@@ -556,7 +595,10 @@ impl SlideWitness {
         };
         Verdict {
             urgency,
-            may_fall: self.test.is_none() && is_calm && !self.seen.shows_motion(),
+            may_fall: self.test.is_none()
+                && is_calm
+                && !self.seen.shows_motion()
+                && (self.seen.shows_rest() || self.trial != Trial::Missing),
             has_slid: self.has_slid,
         }
     }

@@ -131,7 +131,7 @@ impl Learner {
         if settings.learns() {
             friction.observe(sums, slip.geometry(), lesson.reached, lesson.arrived_us, settings);
             if sums.contact > 0 {
-                friction.ask_witness(sums.force[2], lesson.motion, settings);
+                friction.ask_witness(sums, lesson.motion, settings);
             }
         }
         let load = friction.estimate(settings);
