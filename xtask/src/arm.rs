@@ -27,18 +27,14 @@ const CRATES: [&str; 3] = ["gripline-network", "gripline-firmware", "gripline"];
 
 /// Tests that do not. Emulation is twenty times as slow, and these take minutes there: they simulate fingertips or draw
 /// every size of screen. What they check does not depend on the processor, and the kernels under it are tested here.
-const SLOW: [&str; 5] = [
-    "run::faults::ten_thousand_frames_with_faults_at_random_go_on_and_count_every_loss",
-    "run::two_fingertips::",
+const SLOW: [&str; 3] = [
     "rest::tests::",
     "view::tests::no_size_and_no_number_makes_it_panic",
     "commands::doctor::judge::tests::a_rest_picture_that_is_missing_moved_dented_dimmed_or_anothers_is_reported",
 ];
 
-/// Tests that start programs: this one again, which this machine cannot run without the emulator (and whose memory would be
-/// the emulator's), or ffmpeg from a program with threads, which qemu-user does not always survive.
-const STARTS_PROGRAMS: [&str; 2] = [
-    "run::faults::memory_stays_flat_while_frames_are_recorded",
+/// A test that starts ffmpeg from a program with threads, which qemu-user does not always survive.
+const STARTS_PROGRAMS: [&str; 1] = [
     "commands::simulate::command::tests::a_frame_without_solution_is_missing_everywhere_alike_counted_and_ends_with_loss",
 ];
 
