@@ -28,7 +28,7 @@ const PAGES: [(Screen, &str); 3] = [
     (desktop(false), "docs/page-dark.png"),
     (
         Screen {
-            size: (390, 1_400),
+            size: (390, 1_056),
             is_phone: true,
             is_light: false,
         },
@@ -38,7 +38,7 @@ const PAGES: [(Screen, &str); 3] = [
 
 const fn desktop(is_light: bool) -> Screen {
     Screen {
-        size: (1_280, 860),
+        size: (1_280, 884),
         is_phone: false,
         is_light,
     }
