@@ -20,15 +20,29 @@ const PICTURES: [(&[&str], &str); 2] = [
     (&[], "docs/plot.png"),
 ];
 
-/// The live page: a frame of the pull, and the largest file that belongs into the repository.
-const PAGE: &str = "docs/page.png";
+/// The live page: a frame of the pull, the largest file that belongs into the repository, and (screen, picture).
 const PAGE_FRAME: u32 = 370;
 const PAGE_BYTES_MAX: usize = 300_000;
-const PAGE_SCREEN: Screen = Screen {
-    size: (1_280, 860),
-    is_phone: false,
-    is_light: true,
-};
+const PAGES: [(Screen, &str); 3] = [
+    (desktop(true), "docs/page.png"),
+    (desktop(false), "docs/page-dark.png"),
+    (
+        Screen {
+            size: (390, 1_056),
+            is_phone: true,
+            is_light: false,
+        },
+        "docs/page-phone.png",
+    ),
+];
+
+const fn desktop(is_light: bool) -> Screen {
+    Screen {
+        size: (1_280, 884),
+        is_phone: false,
+        is_light,
+    }
+}
 
 /// Plays, records and draws.
 pub(crate) fn run() -> Result<(), Error> {
@@ -55,8 +69,10 @@ pub(crate) fn run() -> Result<(), Error> {
         gripline(&[&to, arguments].concat())?;
     }
     CHROMIUM.ensure()?;
-    page(&folder)?;
-    eprintln!("look at docs/view.png, docs/plot.png and {PAGE} before they are committed");
+    for (screen, picture) in PAGES {
+        page(&folder, screen, picture)?;
+    }
+    eprintln!("look at docs/view.png, docs/plot.png and docs/page*.png before they are committed");
     Ok(())
 }
 
@@ -69,20 +85,20 @@ fn gripline(arguments: &[&str]) -> Result<(), Error> {
 }
 
 /// The page over a run of its own.
-fn page(folder: &Path) -> Result<(), Error> {
+fn page(folder: &Path, screen: Screen, to: &str) -> Result<(), Error> {
     let run = Run::start(folder)?;
-    let picture = pictured(&run.address).map_err(|error| wrong(&error, "the page of a run"))?;
+    let picture = pictured(&run.address, screen).map_err(|error| wrong(to, &error, "the page of a run"))?;
     if picture.len() > PAGE_BYTES_MAX {
-        let expected = format!("at most {PAGE_BYTES_MAX} bytes of {PAGE}");
-        return Err(wrong(&format!("{} bytes", picture.len()), &expected));
+        let expected = format!("at most {PAGE_BYTES_MAX} bytes");
+        return Err(wrong(to, &format!("{} bytes", picture.len()), &expected));
     }
-    let to = process::root().join(PAGE);
+    let to = process::root().join(to);
     fs::write(&to, picture).map_err(|source| Error::file(&to, source))
 }
 
-fn pictured(address: &str) -> Result<Vec<u8>, BrowserError> {
+fn pictured(address: &str, screen: Screen) -> Result<Vec<u8>, BrowserError> {
     let browser = Browser::start()?;
-    browser.show_on(PAGE_SCREEN)?;
+    browser.show_on(screen)?;
     browser.open(address)?;
     let script = format!("return Number(document.getElementById('frame').textContent) >= {PAGE_FRAME}");
     browser.wait_for(&script, Duration::from_mins(1))?;
@@ -116,8 +132,13 @@ impl Run {
             child,
             address: String::new(),
         };
-        run.address =
-            address.ok_or_else(|| wrong(&"no address", "one on standard error of `gripline run --serve`"))?;
+        run.address = address.ok_or_else(|| {
+            wrong(
+                "the live page",
+                &"no address",
+                "one on standard error of `gripline run --serve`",
+            )
+        })?;
         Ok(run)
     }
 }
@@ -129,9 +150,9 @@ impl Drop for Run {
     }
 }
 
-fn wrong(found: &dyn std::fmt::Display, expected: &str) -> Error {
+fn wrong(what: &str, found: &dyn std::fmt::Display, expected: &str) -> Error {
     Error::Product {
-        what: PAGE.to_owned(),
+        what: what.to_owned(),
         found: found.to_string(),
         expected: expected.to_owned(),
     }

@@ -17,7 +17,7 @@ pub enum Why {
     Latched(Vec<&'static str>),
     /// The release-inhibit input forbids a release.
     Inhibited,
-    /// The device is not connected: the link's reason. A requested hold or release is sent when it is back, if it did not restart.
+    /// The device is not connected: the link's reason. Nothing is sent when it is back.
     LinkLost(String),
     /// It was sent repeatedly, but no status confirmed it: what the status shows instead.
     NotConfirmed(String),

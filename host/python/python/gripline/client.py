@@ -84,7 +84,7 @@ class Inhibited(ControlError):
 
 
 class LinkLost(ControlError):
-    """The microcontroller is not connected. A hold or release is sent when it is back, if it did not restart."""
+    """The microcontroller is not connected. Nothing is sent when it is back: ask again then."""
 
     why = "link_lost"
 
