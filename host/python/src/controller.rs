@@ -11,7 +11,7 @@ use pyo3::types::PyDict;
 use crate::arrays::{Maps, room, texts};
 use crate::error::failed;
 use crate::values::within;
-use crate::verdicts::{Verdicts, judge_frame, settings_of};
+use crate::verdicts::{Verdicts, judge_frame, pitch_of, settings_of};
 use crate::worker::Worker;
 
 /// Frames that are shown at once; in between the user may stop.
@@ -21,11 +21,12 @@ const STRIDE: usize = 256;
 ///
 /// It holds from before the first map, and a call goes on where the last one stopped.
 ///
-/// mu, threshold, contact_min, scale: as those of Detector.
+/// mu, threshold, contact_min, scale, pitch_mm: as those of Detector.
 /// rate_hz: maps per second, 10 to 1000; its clock is that of the maps.
 #[pyclass(frozen, module = "gripline")]
 pub(crate) struct Controller {
     settings: Settings,
+    pitch_mm: f64,
     shown: Worker<Shown>,
 }
 
@@ -53,7 +54,7 @@ impl Shown {
 #[pymethods]
 impl Controller {
     #[new]
-    #[pyo3(signature = (mu=0.45, threshold=0.5, contact_min=0.0, scale=1.0, rate_hz=60.0))]
+    #[pyo3(signature = (mu=0.45, threshold=0.5, contact_min=0.0, scale=1.0, rate_hz=60.0, pitch_mm=1.6))]
     fn new(
         py: Python<'_>,
         mu: f64,
@@ -61,15 +62,21 @@ impl Controller {
         contact_min: f64,
         scale: f64,
         rate_hz: f64,
+        pitch_mm: f64,
     ) -> PyResult<Self> {
         let settings = settings_of(mu, threshold, contact_min, scale)?;
         let rate_hz = within("rate_hz", rate_hz, &RATE_HZ)?;
+        let pitch_mm = pitch_of(pitch_mm)?;
         let make = move || {
             let replay = Replay::new(&settings, rate_hz).map_err(failed)?;
             Ok(Shown { replay, frames: 0 })
         };
         let shown = py.detach(|| Worker::start(make))?;
-        Ok(Self { settings, shown })
+        Ok(Self {
+            settings,
+            pitch_mm,
+            shown,
+        })
     }
 
     /// Shows maps of shape (T, 3, R, C), float32 or float64, newtons; R and C up to 20, channels x, y, z.
@@ -80,7 +87,7 @@ impl Controller {
     fn __call__<'py>(&self, py: Python<'py>, maps: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyDict>> {
         let maps = Maps::of(maps)?;
         let frames = maps.frames();
-        let mut verdicts = Verdicts::with_room(frames)?;
+        let mut verdicts = Verdicts::with_room(frames, self.pitch_mm)?;
         let mut answers: Vec<Answer> = room(frames)?;
         let mut first = None;
         if let Some(view) = maps.view() {

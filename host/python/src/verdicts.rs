@@ -1,7 +1,6 @@
 //! What the detector says of maps, column by column, named as the columns of `gripline detect`. Newtons and N·mm.
 
 use gripline_evaluation::detect::judge::{Quantised, Settings, Verdict, judge, quantise};
-use gripline_protocol::constants::TAXEL_PITCH_MM;
 use gripline_recording::units::{force_n, moment_nmm, shear_n, stick_ratio};
 use numpy::PyArray1;
 use pyo3::prelude::*;
@@ -20,6 +19,11 @@ pub(crate) fn settings_of(mu: f64, threshold: f64, contact_min: f64, scale: f64)
     ))
 }
 
+/// Distance of neighbouring taxels, mm, out of Python's number.
+pub(crate) fn pitch_of(pitch_mm: f64) -> PyResult<f64> {
+    within("pitch_mm", pitch_mm, &(0.1..=10.0))
+}
+
 /// One frame through the detector.
 pub(crate) fn judge_frame(
     maps: &MapsView<'_>,
@@ -33,6 +37,8 @@ pub(crate) fn judge_frame(
 
 /// One list a column.
 pub(crate) struct Verdicts {
+    /// Distance of neighbouring taxels, mm.
+    pitch_mm: f64,
     normal: Vec<f64>,
     x: Vec<f64>,
     y: Vec<f64>,
@@ -47,9 +53,10 @@ pub(crate) struct Verdicts {
 }
 
 impl Verdicts {
-    /// Room for this many frames.
-    pub(crate) fn with_room(frames: usize) -> PyResult<Self> {
+    /// Room for this many frames, whose taxels are `pitch_mm` apart.
+    pub(crate) fn with_room(frames: usize, pitch_mm: f64) -> PyResult<Self> {
         Ok(Self {
+            pitch_mm,
             normal: room(frames)?,
             x: room(frames)?,
             y: room(frames)?,
@@ -72,7 +79,7 @@ impl Verdicts {
         self.x.push(x);
         self.y.push(y);
         self.shear.push(shear_n(sums));
-        self.moment.push(moment_nmm(sums, TAXEL_PITCH_MM));
+        self.moment.push(moment_nmm(sums, self.pitch_mm));
         self.contact.push(sums.contact);
         self.stick.push(sums.stick);
         self.stick_ratio.push(or_nan(stick_ratio(sums)));

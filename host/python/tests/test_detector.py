@@ -20,7 +20,7 @@ def same(found, expected):
     [
         (contact_maps(60), {}),
         (contact_maps(60, seed=2, dtype=np.float64), {"mu": 0.8, "threshold": 0.7}),
-        (contact_maps(40, seed=3, side=5), {"contact_min": 0.01, "scale": 0.5}),
+        (contact_maps(40, seed=3, side=5), {"contact_min": 0.01, "scale": 0.5, "pitch_mm": 4.7}),
         (contact_maps(40, seed=4)[:, :, :3, :19], {"mu": 0.0}),
     ],
 )

@@ -54,6 +54,7 @@ def test_a_number_that_is_not_finite_is_named_by_frame_and_taxel(judge, number):
         (lambda: gripline.Detector(threshold=-0.1), "threshold: found -0.1, expected a number from 0 to 1"),
         (lambda: gripline.Detector(contact_min=9), "contact_min: found 9, expected a number from 0 to 8"),
         (lambda: gripline.Detector(scale=0), "scale: found 0, expected a positive number"),
+        (lambda: gripline.Detector(pitch_mm=0), "pitch_mm: found 0, expected a number from 0.1 to 10"),
         (lambda: gripline.Controller(rate_hz=5), "rate_hz: found 5, expected a number from 10 to 1000"),
         (lambda: gripline.TrainingSamples(1, split="all"), "split: found 'all', expected 'train' or"),
         (lambda: gripline.TrainingSamples(1).batch(0), "count: found 0"),

@@ -611,9 +611,7 @@ fn a_bag_of_a_force_torque_sensor_on_its_side_brings_maps_to_newtons() {
     let (maps, truth) = presses();
     maps_file(&folder.path().join("maps.npy"), &maps);
     bag(&folder.path().join("log.mcap"), &truth);
-    let arguments = [
-        "gel", "maps.npy", "--rate", "25", "--forces", "log.mcap", "--json",
-    ];
+    let arguments = ["gel", "maps.npy", "--forces", "log.mcap", "--json"];
     let output = calibrate(folder.path(), &arguments, "");
     assert!(output.status.success(), "{}", said(&output));
     let found: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
@@ -622,6 +620,26 @@ fn a_bag_of_a_force_torque_sensor_on_its_side_brings_maps_to_newtons() {
     assert!((value("shear_gain") - 0.6).abs() < 0.01, "{found}");
     assert_eq!(found["logs"][0]["normal_axis"], "x");
     assert_eq!(found["presses"], 12);
+
+    // Maps are as fast as the description says; of a faster sensor these are over before the log is.
+    let shipped = Path::new(env!("CARGO_MANIFEST_DIR")).join("../sensors/gelsight-mini.toml");
+    let fast = std::fs::read_to_string(shipped).unwrap();
+    let fast = fast.replace("rate_hz = 25.0", "rate_hz = 50.0");
+    std::fs::write(folder.path().join("fast.toml"), fast).unwrap();
+    let of_fast = |more: &[&str]| {
+        calibrate(
+            folder.path(),
+            &[&arguments[..], &["--sensor", "fast.toml"], more].concat(),
+            "",
+        )
+    };
+    let refused = said(&of_fast(&["--out", "fast-calibration.toml"]));
+    assert!(
+        refused.contains("no force of the log follows the maps"),
+        "{refused}"
+    );
+    let output = of_fast(&["--rate", "25", "--out", "fast-calibration.toml"]);
+    assert!(output.status.success(), "{}", said(&output));
 
     second_fingertip_has_a_gel_of_its_own(folder.path());
 

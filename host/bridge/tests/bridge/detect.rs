@@ -431,6 +431,30 @@ fn the_scale_turns_counts_into_newtons_before_anything_is_decided() {
 }
 
 #[test]
+fn moments_have_the_pitch_of_the_maps_sensor() {
+    let directory = directory("pitch");
+    let maps = directory.join("maps.npy");
+    // Half a newton up at the right edge and half a newton down at the left one, pressed everywhere.
+    let mut frame = vec![[0.0, 0.0, 0.02]; 400];
+    for row in 0..20 {
+        (frame[20 * row][1], frame[20 * row + 19][1]) = (-0.025, 0.025);
+    }
+    write_maps(&maps, &vec![frame; 60], 20, 20);
+    let [own, narrow] = ["1.6", "0.93"].map(|pitch| rows(&maps, &["--line", "--pitch-mm", pitch]));
+    assert_eq!(own, rows(&maps, &["--line"]));
+    let moment_n_pitches = (2.0 * 20.0 * 9.5) * (0.025_f64 * 4096.0).round() / 4096.0;
+    for (found, pitch_mm) in [(&own, 1.6), (&narrow, 0.93)] {
+        let moment_nmm = number(&found[59], "mz");
+        assert!(
+            (moment_nmm - moment_n_pitches * pitch_mm).abs() < 1e-9,
+            "{moment_nmm}"
+        );
+    }
+    // Friction's moment and the load's shrink alike, so the same grip holds it.
+    assert_eq!(narrow[59]["line_n"], own[59]["line_n"]);
+}
+
+#[test]
 fn the_state_column_has_the_memory_that_the_slip_column_lacks() {
     let directory = directory("state");
     let maps = directory.join("maps.npy");
@@ -691,6 +715,7 @@ fn settings_out_of_range_are_wrong_usage_and_name_found_and_expected() {
         ("--mu", "NaN", "from 0 to 2"),
         ("--mu", "much", "from 0 to 2"),
         ("--threshold", "1.01", "from 0 to 1"),
+        ("--pitch-mm", "0", "from 0.1 to 10"),
         ("--threshold", "-1", "from 0 to 1"),
         ("--threshold", "inf", "from 0 to 1"),
         ("--contact-min", "-0.001", "from 0 to 8"),

@@ -3,7 +3,6 @@
 
 use std::io::{self, Write};
 
-use gripline_protocol::constants::TAXEL_PITCH_MM;
 use serde::Serialize;
 
 use crate::detect::judge::{Settings, Verdict};
@@ -37,19 +36,20 @@ pub fn write_header(out: &mut impl Write, extra: Extra) -> io::Result<()> {
     out.write_all(b"\n")
 }
 
-/// Writes the line of one frame; the extra columns need the controller's `answer`.
+/// Writes the line of one frame, whose taxels are `pitch_mm` apart; the extra columns need the controller's `answer`.
 ///
 /// # Errors
 /// Those of `out`.
 pub fn write_row(
     out: &mut impl Write,
     extra: Extra,
+    pitch_mm: f64,
     frame: u64,
     verdict: &Verdict,
     answer: Option<Answer>,
 ) -> io::Result<()> {
     let [x, y, normal] = force_n(&verdict.sums);
-    let (shear, moment) = (shear_n(&verdict.sums), moment_nmm(&verdict.sums, TAXEL_PITCH_MM));
+    let (shear, moment) = (shear_n(&verdict.sums), moment_nmm(&verdict.sums, pitch_mm));
     let (contact, stick) = (verdict.sums.contact, verdict.sums.stick);
     write!(
         out,

@@ -34,10 +34,16 @@ class Detector:
     threshold: a frame slips when its stick ratio is below this, 0 to 1 in steps of 0.0001.
     contact_min: a taxel is in contact when its normal force exceeds this, newtons, 0 to 8.
     scale: newtons per unit of the maps.
+    pitch_mm: distance of neighbouring taxels, 0.1 to 10, for mz.
     """
 
     def __new__(
-        cls, mu: float = 0.45, threshold: float = 0.5, contact_min: float = 0.0, scale: float = 1.0
+        cls,
+        mu: float = 0.45,
+        threshold: float = 0.5,
+        contact_min: float = 0.0,
+        scale: float = 1.0,
+        pitch_mm: float = 1.6,
     ) -> Detector: ...
     def __call__(self, maps: NDArray[np.float32] | NDArray[np.float64]) -> Judged:
         """Judges maps of shape (T, 3, R, C) in newtons, R and C up to 20; a smaller grid sits in the corner of an empty map."""
@@ -47,7 +53,7 @@ class Controller:
     """The microcontroller's slip detector, slip state machine and grip controller, shown one map after the other.
 
     It holds from before the first map, and a call goes on where the last one stopped.
-    mu, threshold, contact_min, scale: as those of Detector.
+    mu, threshold, contact_min, scale, pitch_mm: as those of Detector.
     rate_hz: maps per second, 10 to 1000; its clock is that of the maps.
     """
 
@@ -58,6 +64,7 @@ class Controller:
         contact_min: float = 0.0,
         scale: float = 1.0,
         rate_hz: float = 60.0,
+        pitch_mm: float = 1.6,
     ) -> Controller: ...
     def __call__(self, maps: NDArray[np.float32] | NDArray[np.float64]) -> Controlled:
         """Shows maps of shape (T, 3, R, C) in newtons, R and C up to 20."""

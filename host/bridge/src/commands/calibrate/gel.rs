@@ -62,9 +62,9 @@ pub(super) struct GelArgs {
     /// Weights used for the maps, if not those of the description.
     #[arg(long, value_name = "W.safetensors")]
     weights: Option<PathBuf>,
-    /// Maps per second of a MAPS.npy.
-    #[arg(long, value_name = "HZ", default_value_t = 25.0, value_parser = number_in(1.0..=1000.0))]
-    rate: f64,
+    /// Maps per second of a MAPS.npy, if not those of the description.
+    #[arg(long, value_name = "HZ", value_parser = number_in(1.0..=1000.0))]
+    rate: Option<f64>,
     /// Which fingertip of the recordings.
     #[arg(long, value_name = "1|2", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=2))]
     fingertip: u8,
@@ -124,6 +124,7 @@ pub(super) fn run(args: &GelArgs) -> Result<(), Error> {
     let mut calibration = Calibration::load_or_new(&args.common.out)?;
     let sensor = Sensor::named(&args.sensor)?;
     let model = model_of(&sensor, args)?;
+    let rate_hz = args.rate.unwrap_or(sensor.capture.rate_hz);
     let (mut all, mut truth, mut turns) = (Vec::new(), Vec::new(), Vec::new());
     let mut device = String::new();
     for (day, path) in args.recordings.iter().enumerate() {
@@ -132,7 +133,7 @@ pub(super) fn run(args: &GelArgs) -> Result<(), Error> {
             device: made_by,
             start_ns,
             gain: [shear, normal],
-        } = maps::read(path, args.rate, args.fingertip, Moment::of)?;
+        } = maps::read(path, rate_hz, args.fingertip, Moment::of)?;
         device = made_by;
         // The gains that these maps already have are taken back.
         for moment in &mut moments {

@@ -8,6 +8,7 @@ use std::{fs, io::ErrorKind};
 
 use clap::Args;
 use gripline_protocol::TAXELS;
+use gripline_protocol::constants::TAXEL_PITCH_MM;
 
 use self::output::Output;
 use crate::error::Error;
@@ -38,6 +39,9 @@ pub struct DetectArgs {
     /// Newtons per unit of the file.
     #[arg(long, default_value_t = 1.0, value_parser = positive)]
     pub scale: f64,
+    /// Distance of neighbouring taxels, mm, for the column `mz`.
+    #[arg(long, value_name = "MM", default_value_t = TAXEL_PITCH_MM, value_parser = number_in(0.1..=10.0))]
+    pub pitch_mm: f64,
     /// Write one row per frame to this file; `-` is standard output, and the summary then goes to standard error.
     #[arg(long, value_name = "OUT.csv")]
     pub csv: Option<PathBuf>,
@@ -191,7 +195,7 @@ fn judge_all(
             None => None,
         };
         if let Some(csv) = &mut csv {
-            let result = write_row(&mut csv.output, csv.extra, frame, &verdict, answer);
+            let result = write_row(&mut csv.output, csv.extra, args.pitch_mm, frame, &verdict, answer);
             if !written(csv, result)? {
                 return Ok(None);
             }

@@ -65,7 +65,7 @@ impl Doctor {
             }
         }
         match times_ms(model, fingertip, &rest, &pictures) {
-            Ok(mut times) => self.report(judge::marker_latency(&mut times)),
+            Ok(mut times) => self.report(judge::marker_latency(&mut times, model.sensor.capture.rate_hz)),
             Err(failure) => {
                 let fix = "take the rest anew, with nothing on the gel";
                 self.report(Finding::fail("rest", failure, "an untouched gel", fix));

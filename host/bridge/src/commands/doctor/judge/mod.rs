@@ -20,9 +20,9 @@ const RATE: [f64; 2] = [0.95, 0.5];
 const GAP: f64 = 1.5;
 /// Budget from the camera's bytes to the microcontroller's, ms: median and maximum (DESIGN.md).
 const BUDGET_MS: [f64; 2] = [1.5, 4.0];
-/// The same for printed markers, which are tracked in every picture, and the limit at 25 frames a second.
+/// The same for printed markers, which are tracked in every picture, and the limit as a share of the time between two pictures.
 const MARKERS_BUDGET_MS: f64 = 3.0;
-const MARKERS_MAX_MS: f64 = 20.0;
+const MARKERS_SHARE_MAX: f64 = 0.5;
 /// Minimum sharpness as a share of the calibrated one.
 const SHARPNESS_KEPT: f64 = 0.8;
 /// Maximum noise as a share of the calibrated one.
@@ -375,14 +375,17 @@ pub(super) fn latency(times_ms: &mut [f64]) -> Finding {
     )
 }
 
-/// The same of printed markers, from the crop to map and evidence.
-pub(super) fn marker_latency(times_ms: &mut [f64]) -> Finding {
+/// The same of printed markers, from the crop to map and evidence, at the sensor's rate.
+pub(super) fn marker_latency(times_ms: &mut [f64], rate_hz: f64) -> Finding {
     times_ms.sort_by(f64::total_cmp);
     let median = times_ms.get(times_ms.len() / 2).copied().unwrap_or(f64::INFINITY);
     let longest = times_ms.last().copied().unwrap_or(f64::INFINITY);
     Finding::new(
         "latency",
-        grade(median > MARKERS_BUDGET_MS, median > MARKERS_MAX_MS),
+        grade(
+            median > MARKERS_BUDGET_MS,
+            median > 1e3 * MARKERS_SHARE_MAX / rate_hz,
+        ),
         format!(
             "median {median:.2} ms, longest of {} {longest:.2} ms",
             times_ms.len()

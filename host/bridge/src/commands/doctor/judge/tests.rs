@@ -237,6 +237,11 @@ fn a_machine_that_is_too_slow_is_reported() {
     assert_finding(&latency(&mut [2.0; 5]), Warn, "median 2.00 ms", "release build");
     assert_finding(&latency(&mut [6.0; 5]), Fail, "median 6.00 ms", "unet");
     assert_finding(&latency(&mut []), Fail, "inf", "");
+    let markers = |times_ms: f64, rate_hz| marker_latency(&mut [times_ms; 5], rate_hz);
+    assert_finding(&markers(2.9, 25.0), Ok, "median 2.90 ms", "");
+    assert_finding(&markers(12.0, 25.0), Warn, "median 12.00 ms", "release build");
+    // Before the next picture comes, of a camera that is faster.
+    assert_finding(&markers(12.0, 60.0), Fail, "median 12.00 ms", "release build");
 }
 
 #[test]
