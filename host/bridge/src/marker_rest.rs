@@ -16,11 +16,14 @@ use gripline_simulation::constants::REST_PICTURES;
 use crate::error::Error;
 use crate::source::{Frames, Source};
 
-/// Pictures at rest that are enough: more make the start slow and the median no better.
-const PICTURES_MAX: usize = 64;
-/// Pictures of a clip that are looked at for an imprint that is gone, and how far into the clip they reach.
-const CLIP_PICTURES: usize = 48;
-const CLIP_REACH: usize = 2_000;
+/// Pictures at rest that are enough, the last of a span and the first of a folder: more make the start slow and the median no
+/// better. Each of a folder is a file that ffmpeg opens.
+const SPAN_PICTURES_MAX: usize = 64;
+const FOLDER_PICTURES_MAX: usize = 24;
+/// Pictures of a clip or a folder that are looked at for an imprint that is gone, and how far into a clip they reach: every picture
+/// before the last of them is decoded at the start.
+const CLIP_PICTURES: usize = 16;
+const CLIP_REACH: usize = 500;
 /// What the regular grid costs (docs/evidence.md, imprint without a rest picture).
 const GRID_COST: &str = "on recorded grasps that costs evidence of slip 0.13 of its area under the ROC curve, and forces count from the grid";
 
@@ -80,13 +83,14 @@ pub(crate) fn of(
              picture or a folder",
             span.start, span.end
         ))),
-        (Some(RestSource::Path(path)), ..) => pictures_of(path, sensor),
-        (None, _, Frames::Recording(recorded)) => {
-            recorded_rest(recorded.metadata().rest.as_str(), recorded.rest())
-        }
+        (Some(RestSource::Path(path)), ..) => pictures_beside(path, source, sensor, fingertip),
+        (None, _, Frames::Recording(recorded)) => Ok(MarkerRest::recorded(
+            recorded.metadata().rest.as_str(),
+            recorded.rest(),
+        )?),
         (None, _, Frames::Colour(playback)) => {
             if let Some(file) = playback.rest() {
-                return pictures_of(file, sensor);
+                return pictures_beside(file, source, sensor, fingertip);
             }
             tracing::warn!(
                 "no --rest: the regular grid of markers and an even light stand for it; {GRID_COST}"
@@ -108,25 +112,49 @@ pub(crate) fn of(
     }
 }
 
-fn span_of(span: &Range<usize>, path: &Path, sensor: &Sensor, fingertip: usize) -> Result<MarkerRest, Error> {
+/// Pictures with their numbers.
+type Numbered = Vec<(usize, Vec<u8>)>;
+
+/// The pictures of a span, some pictures of all of a clip or a folder, and the number of pictures that were passed.
+fn look_through(
+    path: &Path,
+    sensor: &Sensor,
+    fingertip: usize,
+    span: &Range<usize>,
+) -> Result<(Vec<Vec<u8>>, Numbered, usize), Error> {
     let mut frames = ColourPlayback::open(path, &sensor.capture, fingertip)?;
-    let (mut pictures, mut clip, mut every, mut read) = (Vec::new(), Vec::new(), 1, 0);
-    while read < span.end.max(CLIP_REACH)
-        && let Some((picture, _)) = frames.next_picture()
-    {
-        // Evenly over the clip, whose length shows at its end: every other one goes whenever there are too many.
-        if read % every == 0 {
-            clip.push((read, picture.clone()));
-            if clip.len() > 2 * CLIP_PICTURES {
-                every *= 2;
-                clip.retain(|(number, _)| number % every == 0);
+    let (mut pictures, mut clip, mut read) = (Vec::new(), Vec::new(), 0);
+    let (reach, mut every) = match frames.left() {
+        Some(left) => (left, left.div_ceil(CLIP_PICTURES).max(1)),
+        None => (CLIP_REACH, 1),
+    };
+    while read < span.end.max(reach) {
+        let is_sample = read < reach && read % every == 0;
+        if is_sample || span.contains(&read) {
+            let Some((picture, _)) = frames.next_picture() else {
+                break;
+            };
+            if is_sample {
+                clip.push((read, picture.clone()));
             }
+            if span.contains(&read) {
+                pictures.push(picture);
+            }
+        } else if !frames.pass() {
+            break;
         }
-        if span.contains(&read) {
-            pictures.push(picture);
+        // A clip's length shows at its end: every other one goes whenever there are too many.
+        if clip.len() > 2 * CLIP_PICTURES {
+            every *= 2;
+            clip.retain(|(number, _)| number % every == 0);
         }
         read += 1;
     }
+    Ok((pictures, clip, read))
+}
+
+fn span_of(span: &Range<usize>, path: &Path, sensor: &Sensor, fingertip: usize) -> Result<MarkerRest, Error> {
+    let (mut pictures, clip, read) = look_through(path, sensor, fingertip, span)?;
     let named = format!("--rest {}..{}", span.start, span.end);
     if read < span.end {
         return Err(Error::failed(format!(
@@ -135,7 +163,7 @@ fn span_of(span: &Range<usize>, path: &Path, sensor: &Sensor, fingertip: usize) 
             span.end
         )));
     }
-    let surplus = pictures.len().saturating_sub(PICTURES_MAX);
+    let surplus = pictures.len().saturating_sub(SPAN_PICTURES_MAX);
     pictures.drain(..surplus);
     Ok(MarkerRest {
         pictures,
@@ -144,6 +172,20 @@ fn span_of(span: &Range<usize>, path: &Path, sensor: &Sensor, fingertip: usize) 
         first: span.start + surplus,
         clip,
     })
+}
+
+/// The pictures of a path, and some of the source that they are at rest for.
+fn pictures_beside(
+    path: &Path,
+    source: &Source,
+    sensor: &Sensor,
+    fingertip: usize,
+) -> Result<MarkerRest, Error> {
+    let mut rest = pictures_of(path, sensor)?;
+    if let Source::Clip(played) | Source::Folder(played) = source {
+        (_, rest.clip, _) = look_through(played, sensor, fingertip, &(0..0))?;
+    }
+    Ok(rest)
 }
 
 fn pictures_of(path: &Path, sensor: &Sensor) -> Result<MarkerRest, Error> {
@@ -155,8 +197,11 @@ fn pictures_of(path: &Path, sensor: &Sensor) -> Result<MarkerRest, Error> {
     };
     let mut pictures = Vec::new();
     for file in files {
+        if pictures.len() == FOLDER_PICTURES_MAX {
+            break;
+        }
         let mut frames = ColourPlayback::open(&file, &sensor.capture, 0)?;
-        while pictures.len() < PICTURES_MAX
+        while pictures.len() < FOLDER_PICTURES_MAX
             && let Some((picture, _)) = frames.next_picture()
         {
             pictures.push(picture);
@@ -179,26 +224,6 @@ fn pictures_of(path: &Path, sensor: &Sensor) -> Result<MarkerRest, Error> {
     })
 }
 
-/// What a recording says stood for rest.
-///
-/// # Errors
-/// [`Error`] when it says nothing of it.
-pub(crate) fn recorded_rest(kind: &str, pictures: &[Vec<u8>]) -> Result<MarkerRest, Error> {
-    let kinds = [RestKind::Own, RestKind::Other, RestKind::Grid];
-    let kind = kinds.into_iter().find(|known| known.to_string() == kind).ok_or_else(|| {
-        Error::failed(format!(
-            "the recording's rest: found {kind:?}, expected own pictures, other pictures or regular grid: record it again"
-        ))
-    })?;
-    Ok(MarkerRest {
-        pictures: pictures.to_vec(),
-        kind,
-        named: "the recording's rest".to_owned(),
-        first: 0,
-        clip: Vec::new(),
-    })
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -215,10 +240,30 @@ mod tests {
     }
 
     #[test]
-    fn every_kind_of_rest_is_found_again_in_a_recording() {
-        for kind in [RestKind::Own, RestKind::Other, RestKind::Grid] {
-            assert_eq!(recorded_rest(&kind.to_string(), &[]).unwrap().kind, kind);
+    fn a_folder_is_looked_at_evenly_and_only_what_is_wanted_of_it_is_read() {
+        let folder = tempfile::tempdir().unwrap();
+        for number in 0..40_u8 {
+            let name = folder.path().join(format!("{number:04}.png"));
+            // The others are no pictures: reading one would be told, and shift what comes after it.
+            if number % 3 != 0 && !(12..14).contains(&number) {
+                std::fs::write(name, "none").unwrap();
+                continue;
+            }
+            let mut encoder = png::Encoder::new(std::fs::File::create(name).unwrap(), 320, 240);
+            encoder.set_color(png::ColorType::Rgb);
+            let mut writer = encoder.write_header().unwrap();
+            writer.write_image_data(&vec![5 * number; 3 * 320 * 240]).unwrap();
         }
-        assert!(recorded_rest("", &[]).is_err());
+        let sensor = Sensor::named(Path::new("gelsight-mini")).unwrap();
+        let (pictures, clip, read) = look_through(folder.path(), &sensor, 0, &(12..14)).unwrap();
+        assert_eq!(read, 40);
+        let level = |picture: &[u8]| usize::from(picture[0]) / 5;
+        assert_eq!(
+            pictures.iter().map(|picture| level(picture)).collect::<Vec<_>>(),
+            [12, 13]
+        );
+        let numbers: Vec<usize> = clip.iter().map(|(number, _)| *number).collect();
+        assert_eq!(numbers, (0..40).step_by(3).collect::<Vec<_>>());
+        assert!(clip.iter().all(|(number, picture)| level(picture) == *number));
     }
 }

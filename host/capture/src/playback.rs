@@ -263,6 +263,22 @@ impl ColourPlayback {
         self.rest.as_deref()
     }
 
+    /// Number of pictures that are left in a folder; `None` of a clip, whose length shows at its end.
+    #[must_use]
+    pub fn left(&self) -> Option<usize> {
+        self.path
+            .is_dir()
+            .then(|| usize::from(self.clip.is_some()) + self.files.len())
+    }
+
+    /// Passes over a picture, without reading it where it is a file of a folder. `false` at the end.
+    pub fn pass(&mut self) -> bool {
+        if self.path.is_dir() {
+            return self.clip.take().is_some() || self.files.next().is_some();
+        }
+        self.next_picture().is_some()
+    }
+
     /// The next picture that can be read (red, green, blue of the sensor's crop), and how long that took, µs.
     pub fn next_picture(&mut self) -> Option<(Vec<u8>, f64)> {
         let started = Instant::now();

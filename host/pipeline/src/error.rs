@@ -32,6 +32,14 @@ pub enum MarkerProblem {
         /// What is wrong with it.
         problem: MarkerError,
     },
+    /// A recording does not say what stood for rest.
+    #[error(
+        "the recording's rest: found {found:?}, expected own pictures, other pictures or regular grid: record it again"
+    )]
+    RecordedRest {
+        /// What it says.
+        found: String,
+    },
     /// More than a few pictures at rest show a contact.
     #[error(
         "{rest}: found a contact or a motion in pictures {touched}, expected an untouched gel: nothing touches it in {untouched}, choose \

@@ -76,6 +76,27 @@ impl MarkerRest {
             clip: Vec::new(),
         }
     }
+
+    /// What a recording says stood for rest: the name of its kind, and the fingertip's pictures.
+    ///
+    /// # Errors
+    /// [`MarkerProblem::RecordedRest`] when the kind is not one of those that recordings name.
+    pub fn recorded(kind: &str, pictures: &[Vec<u8>]) -> Result<Self, PipelineError> {
+        let kinds = [RestKind::Own, RestKind::Other, RestKind::Grid];
+        let kind = kinds
+            .into_iter()
+            .find(|known| known.to_string() == kind)
+            .ok_or_else(|| MarkerProblem::RecordedRest {
+                found: kind.to_owned(),
+            })?;
+        Ok(Self {
+            pictures: pictures.to_vec(),
+            kind,
+            named: "the recording's rest".to_owned(),
+            first: 0,
+            clip: Vec::new(),
+        })
+    }
 }
 
 /// The result of a picture.
@@ -195,6 +216,19 @@ impl MarkerStage {
         self.evidence
     }
 
+    /// How far each marker has moved from its place at rest, in the order of [`Self::places_mm`].
+    #[must_use]
+    pub fn motions(&self) -> &[MarkerMotion] {
+        &self.motions
+    }
+
+    /// Where the markers are at rest, mm from the middle of the crop; none before the first picture without rest pictures.
+    #[must_use]
+    pub fn places_mm(&self) -> Vec<[f32; 2]> {
+        let places = self.places_px.as_deref().unwrap_or_default();
+        places.iter().map(|place| self.in_mm(*place)).collect()
+    }
+
     /// Numbers of the rest pictures that show a contact and were left out.
     #[must_use]
     pub fn touched_at_rest(&self) -> &[usize] {
@@ -212,24 +246,30 @@ impl MarkerStage {
         };
         let (mut filled, mut places): (Vec<Filled>, Vec<Vec<Marker>>) = (Vec::new(), Vec::new());
         for (number, picture) in rest.pictures.iter().enumerate() {
-            let seen = if rest.kind == RestKind::Own || number == 0 {
-                let seen = self.finger.see(picture);
-                places.push(self.markers().to_vec());
-                seen
-            } else {
+            if rest.kind == RestKind::Other {
                 // Pictures of other days need not follow each other.
-                Finger::new(&self.sensor).and_then(|mut finger| finger.see(picture))
-            };
+                self.finger = Finger::new(&self.sensor).map_err(MarkerProblem::Markers)?;
+            }
+            let seen = self.finger.see(picture);
             filled.push(
                 seen.map_err(|problem| unseen(rest.first + number, problem))?
                     .filled,
             );
+            places.push(self.markers().to_vec());
         }
-        if rest.kind == RestKind::Own {
-            let untouched = self.finger.untouched(&filled);
-            self.leave_out(rest, &untouched)?;
-            let mut keep = untouched.iter().copied();
-            filled.retain(|_| keep.next() == Some(true));
+        let untouched = self.finger.untouched(&filled);
+        self.leave_out(rest, &untouched)?;
+        let mut keep = untouched.iter().copied();
+        filled.retain(|_| keep.next() == Some(true));
+        if rest.kind == RestKind::Other {
+            // Each numbers its markers anew, so those of one picture stand for all.
+            let first = untouched.iter().position(|is| *is).unwrap_or_default();
+            self.finger = Finger::new(&self.sensor).map_err(MarkerProblem::Markers)?;
+            self.finger
+                .see(&rest.pictures[first])
+                .map_err(|problem| unseen(rest.first + first, problem))?;
+            places = vec![self.markers().to_vec()];
+        } else {
             let mut keep = untouched.into_iter();
             places.retain(|_| keep.next() == Some(true));
         }
@@ -284,9 +324,16 @@ impl MarkerStage {
             .clip
             .iter()
             .filter_map(|(number, picture)| {
-                let seen = Finger::new(&self.sensor)
-                    .and_then(|mut finger| finger.see(picture))
-                    .ok()?;
+                let seen = if rest.kind == RestKind::Other {
+                    // Another gel, or another zoom, has another pattern.
+                    let mut finger = self.finger.clone();
+                    let seen = finger.see(picture).ok()?;
+                    (seen.lost_share <= SAME_GEL_SHARE).then_some(seen)?
+                } else {
+                    Finger::new(&self.sensor)
+                        .and_then(|mut finger| finger.see(picture))
+                        .ok()?
+                };
                 let light = seen.filled.mean_level() / level;
                 let is_alike = (light - 1.0).abs() <= SAME_LIGHT_SHARE;
                 let energy = self.finger.unevenness(&seen.filled) / (light * light);
@@ -441,7 +488,8 @@ impl MarkerStage {
     }
 
     /// The taxels in which the newest imprint shows contact; `None` without a picture at rest.
-    fn touched(&self) -> Option<[bool; TAXELS]> {
+    #[must_use]
+    pub fn touched(&self) -> Option<[bool; TAXELS]> {
         if self.rest.kind() == RestKind::Grid {
             return None;
         }
@@ -571,6 +619,15 @@ mod tests {
             before = now;
         }
         assert_eq!(before, Motion::EVIDENCE_MAX);
+    }
+
+    #[test]
+    fn every_kind_of_rest_is_found_again_in_a_recording() {
+        for kind in [RestKind::Own, RestKind::Other, RestKind::Grid] {
+            assert_eq!(MarkerRest::recorded(&kind.to_string(), &[]).unwrap().kind, kind);
+        }
+        let refused = MarkerRest::recorded("", &[]).unwrap_err().to_string();
+        assert!(refused.contains("record it again"), "{refused}");
     }
 
     #[test]

@@ -137,7 +137,10 @@ impl Channels {
         if let Some(image) = &frame.picture {
             messages.push(message(picture, image_bytes(image, time_ns)));
         }
-        messages.push(message(picture + 1, map_bytes(&frame.map, time_ns)));
+        messages.push(message(
+            picture + 1,
+            map_bytes(&frame.map, frame.pitch_um, time_ns),
+        ));
         let last = (self.last.as_ref(), self.last_of[sensor].as_ref());
         let events = events_between(last, &frame.report);
         messages.extend(events.iter().map(|event| self.event(frame.report.t_s, event)));

@@ -4,7 +4,6 @@
 use foxglove::Decode;
 use foxglove::messages::packed_element_field::NumericType;
 use foxglove::messages::{Grid, PackedElementField, Pose, Quaternion, Vector2, Vector3};
-use gripline_protocol::constants::TAXEL_PITCH_MM;
 use gripline_protocol::{ForceMap, LSB_PER_NEWTON, SIDE, TAXELS, TaxelForce};
 
 use crate::topics::{FRAME_ID, encoded, timestamp};
@@ -12,14 +11,14 @@ use crate::topics::{FRAME_ID, encoded, timestamp};
 /// Three f32 a taxel.
 const CELL_BYTES: usize = 12;
 
-/// The body of a map's message.
-pub(crate) fn map_bytes(map: &ForceMap, ns: u64) -> Vec<u8> {
+/// The body of a map's message; its taxels lie `pitch_um` apart.
+pub(crate) fn map_bytes(map: &ForceMap, pitch_um: u16, ns: u64) -> Vec<u8> {
     let field = |(name, offset): (&str, u32)| PackedElementField {
         name: name.to_owned(),
         offset,
         r#type: NumericType::Float32 as i32,
     };
-    let pitch_m = TAXEL_PITCH_MM / 1e3;
+    let pitch_m = f64::from(pitch_um) / 1e6;
     let corner_m = -pitch_m * SIDE as f64 / 2.0;
     let newtons = map.dequantise();
     encoded(&Grid {
@@ -80,6 +79,20 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
+    #[test]
+    fn a_map_is_as_large_as_its_sensor() {
+        let grid = Grid::decode(map_bytes(&ForceMap::EMPTY, 930, 5).as_slice()).unwrap();
+        let (cell, corner) = (grid.cell_size.unwrap(), grid.pose.unwrap().position.unwrap());
+        for (found, expected) in [
+            (cell.x, 0.930e-3),
+            (cell.y, 0.930e-3),
+            (corner.x, -9.3e-3),
+            (corner.y, -9.3e-3),
+        ] {
+            assert!((found - expected).abs() < 1e-12, "{found} {expected}");
+        }
+    }
+
     proptest! {
         #[test]
         fn a_map_reads_back_bit_by_bit(values in proptest::collection::vec(any::<i16>(), 3 * TAXELS)) {
@@ -87,7 +100,7 @@ mod tests {
             for (taxel, value) in map.taxels.iter_mut().zip(values.chunks(3)) {
                 *taxel = TaxelForce { x: value[0], y: value[1], z: value[2] };
             }
-            prop_assert_eq!(*map_of(&map_bytes(&map, 5)).unwrap(), map);
+            prop_assert_eq!(*map_of(&map_bytes(&map, 1_600, 5)).unwrap(), map);
         }
     }
 }

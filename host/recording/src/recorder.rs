@@ -384,6 +384,7 @@ mod tests {
             motion_bits: 0,
             wire: Status::default(),
             map: Box::new(ForceMap::EMPTY),
+            pitch_um: 1600,
             picture: Some(Image::grey(88, vec![0; 88 * 88])),
         }
     }

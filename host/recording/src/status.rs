@@ -32,6 +32,8 @@ pub struct Frame {
     pub wire: Status,
     /// The map in the wire's units.
     pub map: Box<ForceMap>,
+    /// Distance of the taxels, µm.
+    pub pitch_um: u16,
     /// The picture in the recorded size.
     pub picture: Option<Image>,
 }

@@ -1,5 +1,6 @@
 //! A simulated stranger for [your own sensor](../../../docs/own-sensor.md): pictures of a unit of a sensor with printed markers whose
-//! gel and lens are not as described, at rest and under presses with a ball, and a force-torque sensor's log.
+//! gel is softer by half and thinner by a fifth than described and whose lens shows 12 % more and bends by 5 %, at rest and under
+//! presses with a ball, and a force-torque sensor's log.
 //! `cargo run --release -p gripline-simulation --example bench -- FOLDER [SENSOR.toml]`
 
 use std::error::Error;
@@ -22,15 +23,17 @@ fn main() -> Result<(), Box<dyn Error>> {
     // What a ruler says of its dots.
     printed.markers.pitch_mm = Some([0.5 * (pitch_mm[0] + pitch_mm[1]); 2]);
     let stranger = UnitRange {
-        modulus: [0.6; 2],
-        scale_error: [0.06; 2],
-        distortion: [0.02; 2],
+        thickness_mm: [0.8 * sensor.gel.thickness_mm; 2],
+        modulus: [0.5; 2],
+        distance_mm: [35.0; 2],
+        scale_error: [0.12; 2],
+        distortion: [0.05; 2],
         zoom: [1.0; 2],
         ..UnitRange::of(&sensor)
     };
     let [.., width, height] = sensor.capture.crop_px;
     for (name, seed) in [("monday", 1), ("tuesday", 2)] {
-        let bench = PrintedBench::play(&printed, &stranger, 10, 1.2, [7, seed])?;
+        let bench = PrintedBench::play(&printed, &stranger, 12, 1.0, [7, seed])?;
         for (kind, pictures) in [("rest", &bench.rest), ("presses", &bench.pictures)] {
             let to = Path::new(&folder).join(format!("{name}-{kind}"));
             fs::create_dir_all(&to)?;

@@ -17,12 +17,12 @@ use serde::Serialize;
 
 use crate::config::settings_from_text;
 use crate::error::{Completion, Error};
-use crate::marker_rest::recorded_rest;
 use crate::model::{AtRest, Model};
 use gripline_link::session::Session;
 use gripline_link::{EmbeddedLink, Link};
 use gripline_pipeline::control_loop::gate_name;
 use gripline_pipeline::control_loop::{ControlLoop, FrameOutcome, FrameRequest, Late, Lateness};
+use gripline_pipeline::markers::MarkerRest;
 use gripline_pipeline::pipeline::{Pipeline, fingerprint};
 use gripline_recording::{Completeness, Image, Metadata, Reader, RecordedFrame, RecordedStatus};
 
@@ -294,7 +294,7 @@ fn marker_pipelines_of(
     let settings = settings_from_text(&metadata.settings, &Configuration::DEFAULT).map_err(&wrong)?;
     let rests = reader.rest.iter().take(settings.sensors.into());
     let rests: Vec<AtRest> = rests
-        .map(|pictures| Ok::<_, Error>(AtRest::Markers(recorded_rest(&metadata.rest, pictures)?)))
+        .map(|pictures| Ok::<_, Error>(AtRest::Markers(MarkerRest::recorded(&metadata.rest, pictures)?)))
         .collect::<Result<_, _>>()?;
     for rest in rests.iter().take(1) {
         let [name, manifest, fingerprint] = model.named(rest);

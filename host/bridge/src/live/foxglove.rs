@@ -276,6 +276,7 @@ mod tests {
             motion_bits: 0,
             wire: Status::default(),
             map: Box::new(ForceMap::EMPTY),
+            pitch_um: 1600,
             picture: None,
         }
     }

@@ -265,6 +265,7 @@ impl Run {
             motion_bits: outcome.motion.bits(),
             wire: outcome.status,
             map: Box::new(pipeline.map().clone()),
+            pitch_um: self.pitch_um(report),
             picture: None,
         };
         let is_pictured = outcome.late != Some(Late::Picture);
@@ -286,15 +287,18 @@ impl Run {
         }
     }
 
+    /// Distance of the taxels of a frame's fingertip, µm.
+    fn pitch_um(&self, report: &FrameReport) -> u16 {
+        self.control.session.settings().fingertips[report.sensor.index()].pitch_um
+    }
+
     /// Queues a frame for zenoh and ROS 2; its picture was taken at this time.
     fn publish_to_many(&mut self, report: &FrameReport, map: &ForceMap, taken: Instant) {
         if let Some(fleet) = &mut self.fleet {
             fleet.publish(report);
         }
         if let Some(ros2) = &self.ros2 {
-            let fingertips = &self.control.session.settings().fingertips;
-            let pitch_um = fingertips[report.sensor.index()].pitch_um;
-            ros2.publish(report, map, millimetres(pitch_um), taken);
+            ros2.publish(report, map, millimetres(self.pitch_um(report)), taken);
         }
     }
 

@@ -42,6 +42,44 @@ fn pictures(folder: &Path, name: &str, pictures: &[Vec<u8>]) {
     }
 }
 
+/// A rest that something touches is refused, with these words.
+fn assert_touched(folder: &Path, rest: &str, parts: &[&str]) {
+    let refused = gripline(
+        folder,
+        &[
+            "run",
+            "--sensor",
+            "gelsight-mini",
+            "--source",
+            "dir:monday-presses",
+            "--rest",
+            rest,
+            "--unpaced",
+        ],
+    );
+    assert_eq!(refused.status.code(), Some(1), "{}", said(&refused));
+    for part in parts {
+        assert!(said(&refused).contains(part), "{part}: {}", said(&refused));
+    }
+}
+
+/// Pictures with contact do not stand for rest: beside each other, or beside those that are played.
+fn assert_contact_is_no_rest(folder: &Path) {
+    let parts = [
+        "--rest monday-presses",
+        "a contact or a motion in pictures 4..",
+        "nothing touches it in",
+    ];
+    assert_touched(folder, "monday-presses", &parts);
+    let parts = [
+        "--rest monday-presses/0010.png",
+        "found an imprint",
+        "gone in picture",
+        "untouched gel",
+    ];
+    assert_touched(folder, "monday-presses/0010.png", &parts);
+}
+
 /// Two days' pictures and logs.
 fn bench(folder: &Path) -> [PrintedBench; 2] {
     let mut sensor = Sensor::named(Path::new("gelsight-mini")).unwrap();
@@ -142,6 +180,8 @@ fn a_softer_gel_behind_another_lens_comes_to_newtons() {
         println!("{day}: normal force off by {:.1} % in the median", 100.0 * median);
         assert!(median <= 0.1, "{day}: {median}");
     }
+
+    assert_contact_is_no_rest(folder);
 
     // Another sensor's calibration, and gains of other weights.
     let file = folder.join("calibration.toml");

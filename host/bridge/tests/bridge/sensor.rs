@@ -268,6 +268,34 @@ fn weights_of_another_sensor_and_a_description_without_a_key_are_refused_by_name
 }
 
 #[test]
+fn weights_tuned_for_another_sensor_and_those_that_do_not_fit_their_own_presses_are_refused() {
+    use gripline_network::marker_forces::MarkerWeights;
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("tuned.safetensors");
+    let shipped = include_bytes!("../../../network/weights/gelsight-mini.safetensors");
+    let refused = |sensor: &str, held_out_share: f32, parts: &[&str]| {
+        let tuned = MarkerWeights {
+            sensor: sensor.to_owned(),
+            held_out_share: Some(held_out_share),
+            ..MarkerWeights::parse(shipped).unwrap()
+        };
+        std::fs::write(&file, tuned.to_bytes()).unwrap();
+        let clip = folder.path().join("none.avi");
+        assert_refused(&run_clip(&clip, &["--weights", file.to_str().unwrap()]), parts);
+    };
+    refused(
+        "mine.1",
+        0.05,
+        &["tuned.safetensors", "sensor mine.1", "expected gelsight-mini.1"],
+    );
+    refused(
+        "gelsight-mini.1",
+        0.42,
+        &["tuned.safetensors", "held_out_share", "0.42", "at most 0.3"],
+    );
+}
+
+#[test]
 fn a_clip_without_markers_is_refused_with_what_was_expected() {
     let folder = tempfile::tempdir().unwrap();
     let clip = folder.path().join("grey.avi");

@@ -390,8 +390,8 @@ pub fn fit(
     };
     let every = shears(&|_| true);
     let shear = (every.len() >= PRESSES_MIN).then(|| measured(&every, confidence));
-    let days = presses.iter().map(|press| press.day).max().unwrap_or(0) + 1;
-    let group = |at: usize| if days > 1 { presses[at].day } else { at };
+    let has_days = presses.iter().any(|press| press.day != presses[0].day);
+    let group = |at: usize| if has_days { presses[at].day } else { at };
     let without = |pairs: &[(usize, (f64, f64))], own: usize| {
         slope(
             pairs
@@ -635,6 +635,13 @@ mod tests {
             "{:?}",
             fit.offset_n
         );
+    }
+
+    #[test]
+    fn a_recording_alone_is_left_out_press_by_press_whatever_its_number() {
+        let (moments, truth) = recording([0.6, 0.45], 0.0);
+        let of = |day| fit(&presses(&moments, day), &truth, true, 0.9);
+        assert_eq!(of(1), of(0));
     }
 
     #[test]

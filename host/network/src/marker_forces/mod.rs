@@ -48,35 +48,13 @@ enum Model {
     Trained(Box<MarkerNetwork>),
 }
 
-impl From<ElasticLayer> for MarkerForces {
-    fn from(layer: ElasticLayer) -> Self {
-        Self {
-            model: Model::ElasticLayer(Box::new(layer)),
-            gain: [1.0; 2],
-        }
-    }
-}
-
-impl From<MarkerNetwork> for MarkerForces {
-    fn from(network: MarkerNetwork) -> Self {
-        Self {
-            model: Model::Trained(Box::new(network)),
-            gain: [1.0; 2],
-        }
-    }
-}
-
-impl MarkerForces {
-    /// The model that the sensor's description names; a weights file is looked for in `folder`, where the description lies, and
-    /// among the shipped ones.
+impl MarkerWeights {
+    /// Those that the sensor's description names: a file in `folder`, where the description lies, else a shipped one.
     ///
     /// # Errors
-    /// [`NetworkError`] when it names none that is known, or weights that cannot be used.
+    /// [`NetworkError`] when it names no weights file, or one that cannot be used.
     pub fn for_sensor(sensor: &Sensor, folder: Option<&Path>) -> Result<Self, NetworkError> {
         let named = sensor.forces.weights.as_str();
-        if named == ElasticLayer::NAME {
-            return Ok(ElasticLayer::new(&LayerSettings::of(sensor)).into());
-        }
         if Path::new(named)
             .extension()
             .is_none_or(|ending| ending != "safetensors")
@@ -115,7 +93,49 @@ impl MarkerForces {
                 expected: sensor.identity(),
             });
         }
-        Ok(MarkerNetwork::new(&MarkerWeights::parse(bytes)?)?.into())
+        Self::parse(bytes)
+    }
+}
+
+impl From<ElasticLayer> for MarkerForces {
+    fn from(layer: ElasticLayer) -> Self {
+        Self {
+            model: Model::ElasticLayer(Box::new(layer)),
+            gain: [1.0; 2],
+        }
+    }
+}
+
+impl From<MarkerNetwork> for MarkerForces {
+    fn from(network: MarkerNetwork) -> Self {
+        Self {
+            model: Model::Trained(Box::new(network)),
+            gain: [1.0; 2],
+        }
+    }
+}
+
+impl MarkerForces {
+    /// The model that the sensor's description names; a weights file is looked for in `folder`, where the description lies, and
+    /// among the shipped ones.
+    ///
+    /// # Errors
+    /// [`NetworkError`] when it names none that is known, or weights that cannot be used.
+    pub fn for_sensor(sensor: &Sensor, folder: Option<&Path>) -> Result<Self, NetworkError> {
+        if sensor.forces.weights == ElasticLayer::NAME {
+            return Ok(ElasticLayer::new(&LayerSettings::of(sensor)).into());
+        }
+        let weights = MarkerWeights::for_sensor(sensor, folder)?;
+        Ok(MarkerNetwork::new(&weights)?.into())
+    }
+
+    /// A weights file for this sensor.
+    ///
+    /// # Errors
+    /// [`NetworkError`] when it cannot be read, is of another sensor, or holds no model of markers.
+    pub fn from_file(path: &Path, sensor: &Sensor) -> Result<Self, NetworkError> {
+        let weights = MarkerWeights::from_file(path, sensor)?;
+        Ok(MarkerNetwork::new(&weights)?.into())
     }
 
     /// The same with other factors on shear and normal force: a calibration's.

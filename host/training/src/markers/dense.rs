@@ -1,8 +1,11 @@
-//! A dense layer with its gradients and Adam's moments. Everything is f32, row-major, one sample at a time.
+//! Dense layers with their gradients and Adam's moments, and the three of a marker network. Everything is f32, row-major, one sample
+//! at a time.
 
 use std::array;
+use std::collections::BTreeMap;
 
 use gripline_network::Tensor;
+use gripline_network::marker_forces::{FORCE_OUTPUTS, LEAK, MOTION_INPUTS, MarkerWeights};
 
 use crate::rng::Rng;
 
@@ -55,7 +58,7 @@ impl Learned {
 
 /// A layer.
 #[derive(Debug, Clone)]
-pub(super) struct Dense {
+struct Dense {
     inputs: usize,
     weights: Learned,
     bias: Learned,
@@ -63,7 +66,7 @@ pub(super) struct Dense {
 
 impl Dense {
     /// Random weights (He) times `scale`.
-    pub(super) fn new(inputs: usize, outputs: usize, scale: f32, rng: &mut Rng) -> Self {
+    fn random(inputs: usize, outputs: usize, scale: f32, rng: &mut Rng) -> Self {
         let sigma = scale * (2.0 / inputs as f32).sqrt();
         // The sum of twelve even numbers is nearly normal.
         let mut normal = || (0..12).map(|_| rng.between(0.0, 1.0)).sum::<f32>() - 6.0;
@@ -74,7 +77,16 @@ impl Dense {
         }
     }
 
-    pub(super) fn forward(&self, input: &[f32], output: &mut [f32], leak: Option<f32>) {
+    /// Trained weights, row by row, and biases.
+    fn trained(weights: Vec<f32>, bias: Vec<f32>) -> Self {
+        Self {
+            inputs: weights.len() / bias.len(),
+            weights: Learned::new(weights),
+            bias: Learned::new(bias),
+        }
+    }
+
+    fn forward(&self, input: &[f32], output: &mut [f32], leak: Option<f32>) {
         let rows = self.weights.values.chunks_exact(self.inputs);
         for ((out, row), bias) in output.iter_mut().zip(rows).zip(&self.bias.values) {
             let sum = bias + dot(row, input);
@@ -86,7 +98,7 @@ impl Dense {
     }
 
     /// Adds the gradients of a sample; writes the slope on its input.
-    pub(super) fn backward(&mut self, input: &[f32], slope: &[f32], on_input: &mut [f32]) {
+    fn backward(&mut self, input: &[f32], slope: &[f32], on_input: &mut [f32]) {
         on_input.fill(0.0);
         let rows = self.weights.values.chunks_exact(self.inputs);
         let gradients = self.weights.gradient.chunks_exact_mut(self.inputs);
@@ -101,13 +113,13 @@ impl Dense {
         }
     }
 
-    pub(super) fn step(&mut self, step: &Step) {
+    fn step(&mut self, step: &Step) {
         self.weights.step(step, step.decay);
         self.bias.step(step, 0.0);
     }
 
     /// As a weights file holds them.
-    pub(super) fn tensors(&self, number: usize) -> [(String, Tensor); 2] {
+    fn tensors(&self, number: usize) -> [(String, Tensor); 2] {
         let outputs = self.bias.values.len();
         [
             (
@@ -125,6 +137,103 @@ impl Dense {
                 },
             ),
         ]
+    }
+}
+
+/// The three layers of a marker network in training.
+#[derive(Debug, Clone)]
+pub(super) struct Layers {
+    dense: [Dense; 3],
+    /// After the first and the second layer.
+    hidden: [Vec<f32>; 2],
+    /// Slope of the loss on the input and on the hidden values.
+    back: [Vec<f32>; 3],
+    /// Of the input that was last taken forward.
+    pub(super) output: Vec<f32>,
+}
+
+impl Layers {
+    /// Random ones; `widths` are the numbers of hidden values.
+    pub(super) fn random(widths: [usize; 2], rng: &mut Rng) -> Self {
+        let [first, second] = widths;
+        Self::of([
+            Dense::random(MOTION_INPUTS, first, 1.0, rng),
+            Dense::random(first, second, 1.0, rng),
+            Dense::random(second, FORCE_OUTPUTS, 0.1, rng),
+        ])
+    }
+
+    /// Trained ones, whose outputs are scaled by the gains of shear and normal force.
+    pub(super) fn trained(weights: &MarkerWeights, [shear, normal]: [f64; 2]) -> Self {
+        let mut layers = [0, 1, 2].map(|number| {
+            let values = |part: &str| weights.tensors[&format!("dense{number}.{part}")].values.clone();
+            Dense::trained(values("weight"), values("bias"))
+        });
+        let Dense {
+            inputs,
+            weights,
+            bias,
+        } = &mut layers[2];
+        let rows = weights.values.chunks_exact_mut(*inputs).zip(&mut bias.values);
+        for (output, (row, bias)) in rows.enumerate() {
+            let gain = if output % 3 == 2 { normal } else { shear } as f32;
+            for weight in row.iter_mut() {
+                *weight *= gain;
+            }
+            *bias *= gain;
+        }
+        Self::of(layers)
+    }
+
+    fn of(layers: [Dense; 3]) -> Self {
+        let inputs = |layer: usize| vec![0.0; layers[layer].inputs];
+        Self {
+            hidden: [inputs(1), inputs(2)],
+            back: [inputs(0), inputs(1), inputs(2)],
+            output: vec![0.0; FORCE_OUTPUTS],
+            dense: layers,
+        }
+    }
+
+    /// Writes [`Self::output`].
+    pub(super) fn forward(&mut self, input: &[f32; MOTION_INPUTS]) {
+        let ([first, second, last], [one, two]) = (&self.dense, &mut self.hidden);
+        first.forward(input, one, Some(LEAK));
+        second.forward(one, two, Some(LEAK));
+        last.forward(two, &mut self.output, None);
+    }
+
+    /// Adds the gradients of the input that was last taken forward; `slope` is the loss's on the output.
+    pub(super) fn backward(&mut self, input: &[f32; MOTION_INPUTS], slope: &[f32]) {
+        let ([first, second, last], [one, two]) = (&mut self.dense, &self.hidden);
+        let [on_input, back_one, back_two] = &mut self.back;
+        last.backward(two, slope, back_two);
+        leak(two, back_two);
+        second.backward(one, back_two, back_one);
+        leak(one, back_one);
+        first.backward(input, back_one, on_input);
+    }
+
+    /// Changes the weights by the gradients since the last step.
+    pub(super) fn step(&mut self, step: &Step) {
+        for layer in &mut self.dense {
+            layer.step(step);
+        }
+    }
+
+    /// As a weights file holds them.
+    pub(super) fn tensors(&self) -> BTreeMap<String, Tensor> {
+        let layers = self.dense.iter().enumerate();
+        layers.flat_map(|(number, layer)| layer.tensors(number)).collect()
+    }
+}
+
+/// Through the leak after a layer.
+fn leak(output: &[f32], slope: &mut [f32]) {
+    for (slope, output) in slope.iter_mut().zip(output) {
+        if *output < 0.0 {
+            *slope *= LEAK;
+        }
     }
 }
 

@@ -5,14 +5,15 @@
 
 mod dense;
 mod samples;
+mod tune;
 
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use clap::Subcommand;
 use gripline_network::marker_forces::{
-    ElasticLayer, FORCE_OUTPUTS, LEAK, LayerSettings, MOTION_INPUTS, MOTION_NODES, MarkerForces,
-    MarkerNetwork, MarkerWeights, PULL, mirrored,
+    ElasticLayer, FORCE_OUTPUTS, LayerSettings, MOTION_INPUTS, MOTION_NODES, MarkerForces, MarkerNetwork,
+    MarkerWeights, PULL, mirrored,
 };
 use gripline_network::metrics::{Pair, Scores, calibrate};
 use gripline_network::{Calibration, ForceMap, NO_FORCES};
@@ -21,8 +22,9 @@ use gripline_simulation::Split;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::{Value, json};
 
-use self::dense::{Dense, Step};
+use self::dense::{Layers, Step};
 use self::samples::{Sample, Samples};
+use self::tune::TuneArgs;
 use crate::constants::DETECTOR_FRICTION;
 use crate::error::{TrainingError, at};
 use crate::rng::Rng;
@@ -77,6 +79,9 @@ pub(crate) enum Command {
         #[arg(long, default_value_t = 6000, value_parser = clap::value_parser!(u32).range(100..=1_000_000))]
         contacts: u32,
     },
+    /// Fine-tune weights on recorded presses of one's own gel with a force-torque sensor's log, and print the error in newtons of presses
+    /// that were left out, beside that of gains alone. Writes nothing where gains are as good.
+    Tune(TuneArgs),
     /// Score weights on shapes and units never trained on, beside the elastic layer's inverse.
     Evaluate {
         /// The sensor: a shipped one's name, or its file.
@@ -146,6 +151,7 @@ pub(crate) fn run(command: &Command, data: &Path, seed: u32, held_out: u32) -> R
             println!("{scores:#}\nwrote {}", out.display());
             Ok(())
         }
+        Command::Tune(args) => tune::run(args, data, seed),
         Command::Evaluate {
             sensor,
             weights,
@@ -203,16 +209,8 @@ struct Plan {
 /// Gradient steps over mirrored samples.
 fn fit(sensor: &Sensor, train: &Samples, plan: &Plan) -> MarkerWeights {
     let mut rng = Rng::new(u64::from(plan.seed));
-    let [first, second] = plan.widths;
-    let mut layers = [
-        Dense::new(MOTION_INPUTS, first, 1.0, &mut rng),
-        Dense::new(first, second, 1.0, &mut rng),
-        Dense::new(second, FORCE_OUTPUTS, 0.1, &mut rng),
-    ];
-    let [mut one, mut two] = plan.widths.map(|width| vec![0.0; width]);
-    let [mut back_one, mut back_two] = plan.widths.map(|width| vec![0.0; width]);
-    let (mut output, mut slope) = (vec![0.0; FORCE_OUTPUTS], vec![0.0; FORCE_OUTPUTS]);
-    let mut unused = vec![0.0; MOTION_INPUTS];
+    let mut layers = Layers::random(plan.widths, &mut rng);
+    let mut slope = vec![0.0; FORCE_OUTPUTS];
     let bar = ProgressBar::new(plan.steps.into()).with_style(
         ProgressStyle::with_template("training {bar:30} {pos}/{len} steps, {eta} left, {msg}")
             .expect("the template is fixed"),
@@ -232,17 +230,10 @@ fn fit(sensor: &Sensor, train: &Samples, plan: &Plan) -> MarkerWeights {
             let mirror = [rng.below(2) == 1, rng.below(2) == 1];
             let input = input_in(&sample.input, mirror);
             let truth = map_in(&sample.forces, mirror);
-            let [dense0, dense1, dense2] = &mut layers;
-            dense0.forward(&input, &mut one, Some(LEAK));
-            dense1.forward(&one, &mut two, Some(LEAK));
-            dense2.forward(&two, &mut output, None);
-            let found = slopes(&mut output, &truth, sample.rms_mm, &mut slope);
+            layers.forward(&input);
+            let found = slopes(&mut layers.output, &truth, sample.rms_mm, &mut slope);
             errors = [0, 1].map(|k| 0.9995 * errors[k] + 0.0005 * found[k]);
-            dense2.backward(&two, &slope, &mut back_two);
-            leak(&two, &mut back_two);
-            dense1.backward(&one, &back_two, &mut back_one);
-            leak(&one, &mut back_one);
-            dense0.backward(&input, &back_one, &mut unused);
+            layers.backward(&input, &slope);
         }
         let update = Step {
             rate: RATE * schedule(progress),
@@ -250,9 +241,7 @@ fn fit(sensor: &Sensor, train: &Samples, plan: &Plan) -> MarkerWeights {
             number: step as i32,
             batch: BATCH as f32,
         };
-        for layer in &mut layers {
-            layer.step(&update);
-        }
+        layers.step(&update);
         if step % 500 == 0 {
             bar.set_position(step.into());
             bar.set_message(format!("sums {:.4}, map {:.3}", errors[0], errors[1]));
@@ -265,11 +254,6 @@ fn fit(sensor: &Sensor, train: &Samples, plan: &Plan) -> MarkerWeights {
         errors[0],
         errors[1]
     );
-    let tensors = layers
-        .iter()
-        .enumerate()
-        .flat_map(|(number, layer)| layer.tensors(number))
-        .collect();
     MarkerWeights {
         sensor: sensor.identity(),
         node_mm: MarkerWeights::node_mm(sensor.view.field_mm),
@@ -280,7 +264,7 @@ fn fit(sensor: &Sensor, train: &Samples, plan: &Plan) -> MarkerWeights {
         },
         manifest: String::new(),
         held_out_share: None,
-        tensors,
+        tensors: layers.tensors(),
     }
 }
 
@@ -310,15 +294,6 @@ fn slopes(output: &mut [f32], truth: &[f32], rms_mm: f32, slope: &mut [f32]) -> 
         *slope = by_newton * rms_mm * if pulls { PULL } else { 1.0 };
     }
     [relative.iter().map(|error| error * error).sum(), of_map / square]
-}
-
-/// Through the leak after a layer.
-fn leak(output: &[f32], slope: &mut [f32]) {
-    for (slope, output) in slope.iter_mut().zip(output) {
-        if *output < 0.0 {
-            *slope *= LEAK;
-        }
-    }
 }
 
 /// A cosine up from nothing, and one down to a thousandth.
