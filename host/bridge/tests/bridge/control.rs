@@ -2,7 +2,7 @@
 #![cfg(unix)]
 
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
-use std::net::TcpStream;
+use std::net::{TcpListener, TcpStream};
 use std::path::PathBuf;
 use std::process::{Child, Command, Stdio};
 use std::sync::Arc;
@@ -17,47 +17,64 @@ use serde_json::{Value, json};
 const PATIENCE: Duration = Duration::from_secs(10);
 
 /// A run that serves.
-struct Serving {
+pub(crate) struct Serving {
     child: Child,
     address: String,
     token: String,
     number: AtomicU64,
-    _folder: tempfile::TempDir,
+    folder: tempfile::TempDir,
 }
 
 impl Serving {
     fn start(arguments: &[&str]) -> Self {
-        let folder = tempfile::tempdir().unwrap();
-        let token_file: PathBuf = folder.path().join("token");
-        let mut child = Command::new(env!("CARGO_BIN_EXE_gripline"))
-            .args([
-                "run",
-                "--seconds",
-                "120",
-                "--serve",
-                "127.0.0.1:0",
-                "--token-file",
-            ])
-            .arg(&token_file)
-            .args(arguments)
-            .stdout(Stdio::null())
-            .stderr(Stdio::piped())
-            .spawn()
-            .unwrap();
-        let mut said = BufReader::new(child.stderr.take().unwrap()).lines();
-        let address = said
+        let mut run = Self::spawned("127.0.0.1:0", arguments, Stdio::null(), Stdio::null());
+        let mut said = BufReader::new(run.child.stderr.take().unwrap()).lines();
+        run.address = said
             .by_ref()
             .map_while(Result::ok)
             .find_map(|line| Some(line.split_once("http://")?.1.split(['/', ' ']).next()?.to_owned()))
             .expect("the address is told");
         std::thread::spawn(move || said.for_each(drop));
+        run.with_token()
+    }
+
+    /// With this standard input and output. A run that draws shows its address in the view only: it is chosen here.
+    pub(crate) fn drawn(arguments: &[&str], input: Stdio, output: Stdio) -> Self {
+        let free = TcpListener::bind("127.0.0.1:0").and_then(|free| free.local_addr());
+        let address = free.expect("a free port").to_string();
+        let run = Self::spawned(&address, arguments, input, output);
+        let begun = Instant::now();
+        while TcpStream::connect(&run.address).is_err() {
+            assert!(begun.elapsed() < PATIENCE, "nothing serves at {address}");
+            std::thread::sleep(Duration::from_millis(20));
+        }
+        run.with_token()
+    }
+
+    fn spawned(address: &str, arguments: &[&str], input: Stdio, output: Stdio) -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let child = Command::new(env!("CARGO_BIN_EXE_gripline"))
+            .args(["run", "--seconds", "120", "--serve", address, "--token-file"])
+            .arg(folder.path().join("token"))
+            .args(arguments)
+            .stdin(input)
+            .stdout(output)
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
         Self {
             child,
-            address,
-            token: std::fs::read_to_string(token_file).unwrap().trim().to_owned(),
+            address: address.to_owned(),
+            token: String::new(),
             number: AtomicU64::new(1),
-            _folder: folder,
+            folder,
         }
+    }
+
+    fn with_token(mut self) -> Self {
+        let token = std::fs::read_to_string(self.folder.path().join("token")).unwrap();
+        token.trim().clone_into(&mut self.token);
+        self
     }
 
     fn http(&self, head: &str, body: &str) -> (u16, Value) {
@@ -77,12 +94,12 @@ impl Serving {
         (code, serde_json::from_str(body).unwrap_or_else(|_| json!(body)))
     }
 
-    fn status(&self) -> Value {
+    pub(crate) fn status(&self) -> Value {
         self.http("GET /status", "").1
     }
 
     /// Asks under a new number.
-    fn ask(&self, client: &str, action: &str) -> (u16, Value) {
+    pub(crate) fn ask(&self, client: &str, action: &str) -> (u16, Value) {
         self.ask_with(client, action, &json!({}))
     }
 
@@ -97,7 +114,7 @@ impl Serving {
 
     /// Waits until the status says so.
     #[track_caller]
-    fn wait_for(&self, what: &str, is_there: impl Fn(&Value) -> bool) -> Value {
+    pub(crate) fn wait_for(&self, what: &str, is_there: impl Fn(&Value) -> bool) -> Value {
         let begun = Instant::now();
         loop {
             let status = self.status();
@@ -249,12 +266,63 @@ fn a_release_waits_for_the_acknowledgement_of_a_latched_fault() {
     assert_eq!(run.ask("arm", "release").0, 200);
 }
 
+/// A board on a cable that is plugged in, pulled out and plugged in again. It remembers everything meanwhile.
+struct Cable {
+    port: PathBuf,
+    is_plugged: Arc<AtomicBool>,
+    is_over: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+    _folder: tempfile::TempDir,
+}
+
+impl Cable {
+    fn plugged() -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let port = folder.path().join("port");
+        let (is_plugged, is_over) = (Arc::new(AtomicBool::new(true)), Arc::new(AtomicBool::new(false)));
+        let (plugged, over, name) = (Arc::clone(&is_plugged), Arc::clone(&is_over), port.clone());
+        let mut line = Some(Line::plug(&port));
+        let thread = std::thread::spawn(move || {
+            let mut board = SerialBoard::new(0);
+            let is_in = || plugged.load(Ordering::Relaxed) && !over.load(Ordering::Relaxed);
+            while !over.load(Ordering::Relaxed) {
+                if is_in() {
+                    let line = line.get_or_insert_with(|| Line::plug(&name));
+                    board.serve(line, |_| !is_in());
+                }
+                line = None;
+                std::thread::sleep(Duration::from_millis(1));
+            }
+        });
+        Self {
+            port,
+            is_plugged,
+            is_over,
+            thread: Some(thread),
+            _folder: folder,
+        }
+    }
+
+    fn plug(&self, is_in: bool) {
+        self.is_plugged.store(is_in, Ordering::Relaxed);
+    }
+}
+
+impl Drop for Cable {
+    fn drop(&mut self) {
+        self.is_over.store(true, Ordering::Relaxed);
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}
+
 #[test]
 fn a_board_that_goes_away_is_a_named_answer_and_what_was_refused_is_not_done_when_it_is_back() {
-    let board = Board::start(0);
-    let run = Serving::start(&["--mcu", &board.path]);
+    let cable = Cable::plugged();
+    let run = Serving::start(&["--mcu", &format!("serial:{}", cable.port.display())]);
     run.wait_for("status", |status| status["mode"] == "released");
-    drop(board);
+    cable.plug(false);
     let (code, answer) = run.ask("arm", "hold");
     let why = answer["why"].as_str().unwrap();
     assert!(
@@ -264,6 +332,18 @@ fn a_board_that_goes_away_is_a_named_answer_and_what_was_refused_is_not_done_whe
     run.wait_for("request that is withdrawn", |status| {
         status["requested"] == Value::Null
     });
+    cable.plug(true);
+    run.wait_for("board that is back", |status| {
+        status["is_connected"] == true && status["status_age_ms"].as_f64() < Some(100.0)
+    });
+    std::thread::sleep(Duration::from_millis(300));
+    let status = run.status();
+    assert_eq!(
+        (&status["mode"], &status["line_n"]),
+        (&json!("released"), &json!(0.0)),
+        "{status}"
+    );
+    assert_eq!(run.ask("arm", "hold").0, 200);
 }
 
 #[test]

@@ -1,6 +1,7 @@
 //! The live view on a pseudo-terminal.
 
-use std::io::{Read as _, Write as _};
+use std::fs::File;
+use std::io::{self, Read as _, Write as _};
 use std::os::fd::OwnedFd;
 use std::process::{Child, Command, Stdio};
 use std::thread;
@@ -8,12 +9,15 @@ use std::time::{Duration, Instant};
 
 use nix::fcntl::{FcntlArg, FdFlag, fcntl};
 use nix::pty::{OpenptyResult, Winsize, openpty};
+use serde_json::{Value, json};
+
+use crate::control::Serving;
 
 /// How long the program may take to start, or to end.
 const PATIENCE: Duration = Duration::from_secs(30);
 
-/// A window of 120×40 characters and what runs in it.
-fn run_in_window() -> (OwnedFd, Child) {
+/// A window of 120×40 characters: its own end, and that of what runs in it.
+fn window() -> (OwnedFd, OwnedFd) {
     let size = Winsize {
         ws_row: 40,
         ws_col: 120,
@@ -23,7 +27,12 @@ fn run_in_window() -> (OwnedFd, Child) {
     let OpenptyResult { master, slave } = openpty(&size, None).expect("a pseudo-terminal");
     // No program holds its own window open.
     fcntl(&master, FcntlArg::F_SETFD(FdFlag::FD_CLOEXEC)).expect("it is ours");
-    let end = || Stdio::from(slave.try_clone().expect("its end"));
+    (master, slave)
+}
+
+fn run_in_window() -> (OwnedFd, Child) {
+    let (window, inside) = window();
+    let end = || Stdio::from(inside.try_clone().expect("its end"));
     let run = Command::new(env!("CARGO_BIN_EXE_gripline"))
         .args(["run", "--seconds", "600"])
         .stdin(end())
@@ -31,23 +40,27 @@ fn run_in_window() -> (OwnedFd, Child) {
         .stderr(end())
         .spawn()
         .expect("the program starts");
-    (master, run)
+    (window, run)
+}
+
+/// Reads what is drawn next; returns how many bytes. The view asks where the cursor is, and a terminal answers.
+fn read(screen: &mut File) -> io::Result<usize> {
+    let mut drawn = vec![0; 1 << 16];
+    let size = screen.read(&mut drawn)?;
+    if drawn[..size].windows(4).any(|part| part == b"\x1b[6n") {
+        screen.write_all(b"\x1b[1;1R")?;
+    }
+    Ok(size)
 }
 
 #[test]
 fn a_run_whose_window_is_closed_ends_instead_of_standing_still() {
     let (window, mut run) = run_in_window();
     // It draws, and somebody reads it.
-    let mut screen = std::fs::File::from(window.try_clone().expect("the window"));
-    let mut drawn = vec![0; 1 << 16];
+    let mut screen = File::from(window.try_clone().expect("the window"));
     let mut count = 0;
     while count < 1 << 16 {
-        let size = screen.read(&mut drawn).expect("a picture of the view");
-        // The view asks where the cursor is.
-        if drawn[..size].windows(4).any(|part| part == b"\x1b[6n") {
-            screen.write_all(b"\x1b[1;1R").expect("an answer");
-        }
-        count += size;
+        count += read(&mut screen).expect("a picture of the view");
     }
     drop((window, screen));
     let end = Instant::now() + PATIENCE;
@@ -63,4 +76,42 @@ fn a_run_whose_window_is_closed_ends_instead_of_standing_still() {
     };
     // The window takes no summary any more; that is told, not a panic.
     assert_eq!(ended.code(), Some(1));
+}
+
+#[test]
+fn the_keys_of_the_view_are_requests_of_one_client_among_others() {
+    let (window, inside) = window();
+    let end = || Stdio::from(inside.try_clone().expect("its end"));
+    let mut keys = File::from(window.try_clone().expect("the window"));
+    let mut screen = File::from(window);
+    let (input, output) = (end(), end());
+    thread::spawn(move || while read(&mut screen).is_ok_and(|size| size > 0) {});
+    let run = Serving::drawn(&["--source", "sim", "--mcu", "embedded"], input, output);
+    drop(inside);
+    run.wait_for("picture", |status| status["frames"].as_u64() > Some(0));
+    let mut press = |key: &str| keys.write_all(key.as_bytes()).expect("the window takes keys");
+
+    press("r");
+    let is = |owner: Value, mode: &'static str| {
+        move |status: &Value| {
+            (&status["owner"], &status["mode"], &status["requested"]) == (&owner, &json!(mode), &json!(mode))
+        }
+    };
+    run.wait_for("open gripper", is(json!("terminal"), "released"));
+    press("h");
+    let status = run.wait_for("grip", is(json!("terminal"), "hold"));
+    let (code, answer) = run.ask("arm", "release");
+    assert_eq!((code, &answer["why"]), (409, &json!("wrong_owner")), "{answer}");
+    let floor_n = status["floor_n"].as_f64().expect("a number");
+    press("+");
+    run.wait_for("higher floor", |status| status["floor_n"] == floor_n + 0.5);
+    press("-");
+    run.wait_for("lower floor", |status| status["floor_n"] == floor_n);
+    press("y");
+    run.wait_for("owner who yields", is(Value::Null, "hold"));
+    assert_eq!(run.ask("arm", "hold").0, 200);
+    press("t");
+    run.wait_for("owner who takes over", is(json!("terminal"), "hold"));
+    press("r");
+    run.wait_for("open gripper", is(json!("terminal"), "released"));
 }
