@@ -160,6 +160,21 @@ impl Played {
     }
 }
 
+/// Two boards whose loops are watched: those of last packets, and those that block the path.
+fn benches<'a>(
+    image: &'a Image,
+    elf: &[u8],
+    tails: &BTreeMap<u32, Loop>,
+    blocked: &Walk<'_>,
+) -> Result<[Bench<'a>; 2], Error> {
+    let mut benches = [Bench::new(image, elf)?, Bench::new(image, elf)?];
+    for bench in &mut benches {
+        bench.watch(tails.values(), When::Tail);
+        bench.watch(blocked.loops.values(), When::Blocked);
+    }
+    Ok(benches)
+}
+
 impl Report {
     /// Walks, runs, counts.
     ///
@@ -200,13 +215,9 @@ impl Report {
             .collect();
         let left = left_out(&[&path, &foreign, &blocked], &excepted);
 
-        let mut benches = [Bench::new(&image, &elf)?, Bench::new(&image, &elf)?];
-        for bench in &mut benches {
-            // Last packets of every size.
-            bench.watch(most_rounds(paths.iter().chain(&uart_paths)).values(), When::Tail);
-            bench.watch(blocked.loops.values(), When::Blocked);
-        }
-        let [mut bench, mut other] = benches;
+        // Last packets of every size.
+        let tails = most_rounds(paths.iter().chain(&uart_paths));
+        let [mut bench, mut other] = benches(&image, &elf, &tails, &blocked)?;
         let played = Played::of(&mut bench, &mut other, length)?;
         let [of_usb_link, _] = foreign_cycles;
         let (receiver, found) = Receiver::of(
