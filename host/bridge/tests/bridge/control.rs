@@ -303,8 +303,12 @@ impl Cable {
         }
     }
 
+    /// Returns when it is plugged in, or out.
     fn plug(&self, is_in: bool) {
         self.is_plugged.store(is_in, Ordering::Relaxed);
+        while self.port.is_symlink() != is_in {
+            std::thread::sleep(Duration::from_millis(1));
+        }
     }
 }
 
