@@ -1,5 +1,5 @@
 //! Whether the untouched fingertip still looks as at the start: camera or gel may have moved, lamps dimmed, a dent may remain.
-//! Compared once a minute while nothing touches, in a thread of its own. A run only warns: new rest pictures are taken when it
+//! Compared once a minute while the gripper is released and nothing touches, in a thread of its own. A run only warns: new rest pictures are taken when it
 //! starts, or on request. Times in seconds of the pictures' clock. Limit: a drift so large that the gate sees a touch is not
 //! compared.
 
@@ -7,6 +7,9 @@ use std::sync::Arc;
 use std::thread::{self, JoinHandle};
 
 use gripline_evaluation::calibration::surface::{Change, limit, mean};
+use gripline_network::scene::GateDecision;
+use gripline_pipeline::control_loop::Late;
+use gripline_protocol::message::GripMode;
 
 /// Untouched time before a check.
 const UNTOUCHED_S: f64 = 2.0;
@@ -73,6 +76,11 @@ impl DriftWatch {
         }
         None
     }
+}
+
+/// Whether a frame shows the fingertip at rest. `mode` is what the microcontroller said last.
+pub(super) fn is_at_rest(gate: GateDecision, late: Option<Late>, mode: Option<GripMode>) -> bool {
+    gate == GateDecision::NoContact && late.is_none() && mode == Some(GripMode::Released)
 }
 
 /// The effect of a change on the maps; `None` if it is harmless.
@@ -160,6 +168,21 @@ mod tests {
             found[0].contains("pixels from its place") && found[0].contains("fasten"),
             "{found:?}"
         );
+    }
+
+    #[test]
+    fn only_a_picture_in_time_that_shows_nothing_while_the_gripper_is_released_is_at_rest() {
+        let released = Some(GripMode::Released);
+        assert!(is_at_rest(GateDecision::NoContact, None, released));
+        // A light grip may be too faint for the gate.
+        assert!(!is_at_rest(GateDecision::NoContact, None, Some(GripMode::Hold)));
+        assert!(!is_at_rest(GateDecision::NoContact, None, None));
+        assert!(!is_at_rest(
+            GateDecision::NoContact,
+            Some(Late::Picture),
+            released
+        ));
+        assert!(!is_at_rest(GateDecision::Unchanged, None, released));
     }
 
     #[test]

@@ -95,13 +95,7 @@ impl Run {
                 }
             }
             Step::Rezero if self.requests.fingertips_to_rezero == 0 => Why::NoCamera,
-            Step::Rezero
-                if session
-                    .status()
-                    .is_none_or(|status| status.mode == GripMode::Hold) =>
-            {
-                Why::Holding
-            }
+            Step::Rezero if self.mode_in_force() != Some(GripMode::Released) => Why::Holding,
             Step::Rezero => {
                 self.requests.rezero = Some(Rezero::new(self.requests.fingertips_to_rezero));
                 return;
@@ -233,6 +227,14 @@ impl Run {
         std::mem::replace(&mut self.requests.has_other_settings, false)
     }
 
+    /// The gripper's mode: a requested hold counts at once, a release when the microcontroller confirms it.
+    pub(super) fn mode_in_force(&self) -> Option<GripMode> {
+        match self.requests.mode() {
+            Some(GripMode::Hold) => Some(GripMode::Hold),
+            Some(GripMode::Released) | None => self.control.session.status().map(|status| status.mode),
+        }
+    }
+
     /// Publishes the gripper's state.
     pub(super) fn publish_status(&self, report: &FrameReport, host_faults: &[&'static str]) {
         let session = &self.control.session;
@@ -257,11 +259,7 @@ impl Run {
 impl Run {
     /// Advances a re-zero that was requested.
     pub(super) fn advance_rezero(&mut self, fingertips: &mut Fingertips) -> Result<(), Error> {
-        let is_released = self
-            .control
-            .session
-            .status()
-            .is_some_and(|status| status.mode == GripMode::Released);
+        let is_released = self.mode_in_force() == Some(GripMode::Released);
         let Some(rezero) = &mut self.requests.rezero else {
             return Ok(());
         };

@@ -7,7 +7,7 @@ use gripline_protocol::{ForceMap, Motion, SensorId};
 
 use gripline_control::channel;
 
-use super::drift::DriftWatch;
+use super::drift::{DriftWatch, is_at_rest};
 use super::report::{faults_of, image, report_of};
 use super::requests::{Requests, Unasked};
 use super::summary::Summary;
@@ -22,7 +22,6 @@ use crate::run::stats::Times;
 use crate::source::Picture;
 use gripline_capture::Counts;
 use gripline_link::session::Session;
-use gripline_network::scene::GateDecision;
 use gripline_pipeline::PipelineError;
 use gripline_pipeline::control_loop::{ControlLoop, FrameOutcome, FrameRequest, Late, Lateness};
 use gripline_pipeline::markers::MarkerStage;
@@ -195,9 +194,9 @@ impl Run {
         }
         self.check_link();
         self.settle_requests()?;
-        let is_untouched = outcome.gate == GateDecision::NoContact && outcome.late.is_none();
+        let is_at_rest = is_at_rest(outcome.gate, outcome.late, self.mode_in_force());
         let watch = self.drift.get_mut(sensor.index());
-        if let Some(warning) = watch.and_then(|watch| watch.observe(t_s, is_untouched, &picture.crop)) {
+        if let Some(warning) = watch.and_then(|watch| watch.observe(t_s, is_at_rest, &picture.crop)) {
             tracing::warn!("fingertip {}: {warning}", sensor.number() + 1);
         }
         if let Some(rezero) = &mut self.requests.rezero {

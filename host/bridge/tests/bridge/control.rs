@@ -227,6 +227,44 @@ fn nothing_moves_until_somebody_asks_and_then_as_asked() {
 }
 
 #[test]
+fn a_rezero_is_refused_when_a_hold_begins_before_its_pictures_are_taken() {
+    let board = Board::start(0);
+    let run = Serving::start(&["--mcu", &board.path]);
+    run.wait_for("picture", |status| status["frames"].as_u64() > Some(60));
+    let begun = Instant::now();
+    // On a busy machine the pictures may be there before the hold.
+    loop {
+        let (code, answer) = std::thread::scope(|scope| {
+            let rezero = scope.spawn(|| run.ask("arm", "rezero"));
+            run.wait_for("owner", |status| status["owner"] == "arm");
+            assert_eq!(run.ask("arm", "hold").0, 200);
+            rezero.join().unwrap()
+        });
+        if answer["why"] == "holding" {
+            assert_eq!(code, 409, "{answer}");
+            assert!(
+                answer["message"]
+                    .as_str()
+                    .unwrap()
+                    .contains("expected it released"),
+                "{answer}"
+            );
+            break;
+        }
+        assert!(code == 200 || answer["why"] == "touched", "{code} {answer}");
+        assert!(begun.elapsed() < PATIENCE, "{answer}");
+        assert_eq!(run.ask("arm", "release").0, 200);
+        assert_eq!(run.ask("arm", "yield").0, 200);
+    }
+    // Released again, the next one is taken up anew.
+    assert_eq!(run.ask("arm", "release").0, 200);
+    let begun = Instant::now();
+    while run.ask("arm", "rezero").0 != 200 {
+        assert!(begun.elapsed() < PATIENCE);
+    }
+}
+
+#[test]
 fn a_release_waits_for_the_acknowledgement_of_a_latched_fault() {
     let board = Board::start(0);
     let run = Serving::start(&["--mcu", &board.path, "--hold"]);
