@@ -40,3 +40,8 @@ pub(crate) fn at(path: &std::path::Path) -> impl FnOnce(std::io::Error) -> Train
     let path = path.to_owned();
     move |source| TrainingError::File { path, source }
 }
+
+/// Wrong arguments.
+pub(crate) fn usage(error: impl std::fmt::Display) -> TrainingError {
+    TrainingError::Usage(error.to_string())
+}

@@ -12,8 +12,8 @@ use gripline_network::constants::{MAP_SIDE, TAXELS};
 use gripline_network::marker_forces::{FORCE_OUTPUTS, MOTION_INPUTS, MarkerWeights, PULL, mirrored};
 
 use super::super::dense::{Layers, Step};
+use super::super::descent::{BATCH, DECAY, ERROR_MAX, FLOOR_N, FLOOR_N2, input_in, map_in, schedule, slopes};
 use super::super::samples::Sample;
-use super::super::{BATCH, DECAY, ERROR_MAX, FLOOR_N, FLOOR_N2, input_in, map_in, schedule, slopes};
 use crate::rng::Rng;
 
 /// Peak of the learning rate: the network is good already.

@@ -16,8 +16,7 @@ use serde_json::json;
 use self::fit::{Errors, LeftOut, Tuning};
 use self::presses::PressSamples;
 use super::samples::Samples;
-use super::usage;
-use crate::error::{TrainingError, at};
+use crate::error::{TrainingError, at, usage};
 
 /// What to tune on.
 #[derive(Debug, Args)]

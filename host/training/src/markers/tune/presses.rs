@@ -14,9 +14,8 @@ use gripline_protocol::{SensorId, TAXELS};
 use gripline_recording::{Reader, force_log};
 use gripline_sensor::Sensor;
 
-use super::super::usage;
 use super::fit::PressedPicture;
-use crate::error::TrainingError;
+use crate::error::{TrainingError, usage};
 
 /// Pictures of a press that are used, evenly over it: more differ by noise alone.
 const PICTURES: usize = 6;
