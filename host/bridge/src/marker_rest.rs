@@ -17,7 +17,7 @@ use crate::error::Error;
 use crate::source::{Frames, Source};
 
 /// Pictures at rest that are enough, the last of a span and the first of a folder: more make the start slow and the median no
-/// better. Each of a folder is a file that ffmpeg opens.
+/// better. ffmpeg opens each file of a folder that is no PNG.
 const SPAN_PICTURES_MAX: usize = 64;
 const FOLDER_PICTURES_MAX: usize = 24;
 /// Pictures of a clip or a folder that are looked at for an imprint that is gone, and how far into a clip they reach: every picture

@@ -1,7 +1,7 @@
 //! Whether the untouched fingertip still looks as at the start: camera or gel may have moved, lamps dimmed, a dent may remain.
-//! Compared once a minute while the gripper is released and nothing touches, in a thread of its own. A run only warns: new rest pictures are taken when it
-//! starts, or on request. Times in seconds of the pictures' clock. Limit: a drift so large that the gate sees a touch is not
-//! compared.
+//! Compared once a minute while the gripper is released and nothing touches, in a thread of its own. A run only warns: new rest
+//! pictures are taken when it starts, or on request. Times in seconds of the pictures' clock. Limit: a drift so large that the gate
+//! sees a touch is not compared.
 
 use std::sync::Arc;
 use std::thread::{self, JoinHandle};

@@ -18,7 +18,7 @@ const PATIENCE: Duration = Duration::from_secs(10);
 
 /// A run that serves.
 pub(crate) struct Serving {
-    child: Child,
+    pub(crate) child: Child,
     address: String,
     token: String,
     number: AtomicU64,

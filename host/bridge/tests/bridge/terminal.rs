@@ -2,7 +2,6 @@
 
 use std::fs::File;
 use std::io::{self, Read as _, Write as _};
-use std::net::{SocketAddr, TcpListener, TcpStream};
 use std::os::fd::OwnedFd;
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::thread;
@@ -31,12 +30,11 @@ fn window() -> (OwnedFd, OwnedFd) {
     (master, slave)
 }
 
-fn run_in_window(arguments: &[&str]) -> (OwnedFd, Child) {
+fn run_in_window() -> (OwnedFd, Child) {
     let (window, inside) = window();
     let end = || Stdio::from(inside.try_clone().expect("its end"));
     let run = Command::new(env!("CARGO_BIN_EXE_gripline"))
         .args(["run", "--seconds", "600"])
-        .args(arguments)
         .stdin(end())
         .stdout(end())
         .stderr(end())
@@ -80,45 +78,24 @@ fn ended(run: &mut Child) -> ExitStatus {
     }
 }
 
-/// Pictures that the run has processed, by its status page.
-fn frames(address: SocketAddr) -> u64 {
-    let mut stream = TcpStream::connect(address).expect("its page");
-    stream
-        .write_all(b"GET /status HTTP/1.1\r\nHost: localhost\r\n\r\n")
-        .expect("a request");
-    let mut answer = String::new();
-    stream.read_to_string(&mut answer).expect("an answer");
-    let (_, body) = answer.split_once("\r\n\r\n").expect("a head and a body");
-    let status: serde_json::Value = serde_json::from_str(body).expect("a status");
-    status["frames"].as_u64().expect("a number of frames")
-}
-
 #[test]
 fn a_run_whose_window_is_open_but_stopped_goes_on_and_is_shown_again_when_somebody_reads() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let token = folder.path().join("token");
-    let address = TcpListener::bind("127.0.0.1:0")
-        .and_then(|free| free.local_addr())
-        .expect("a free port");
-    let (window, mut run) = run_in_window(&[
-        "--serve",
-        &address.to_string(),
-        "--token-file",
-        token.to_str().expect("a name"),
-    ]);
-    let _screen = watch(&window);
+    let (window, inside) = window();
+    let end = || Stdio::from(inside.try_clone().expect("its end"));
+    let (input, output) = (end(), end());
+    let mut run = thread::scope(|scope| {
+        let seen = scope.spawn(|| watch(&window));
+        let run = Serving::drawn(&[], input, output);
+        seen.join().expect("the view is drawn");
+        run
+    });
+    drop(inside);
     // From now on nobody reads. A window takes a few pictures of the view; after two seconds it is full.
-    let before = frames(address);
-    let end = Instant::now() + PATIENCE;
-    while frames(address) < before + 120 {
-        assert!(
-            Instant::now() < end,
-            "found {} frames, expected more than {}",
-            frames(address),
-            before + 120
-        );
-        thread::sleep(Duration::from_millis(20));
-    }
+    let before = run.status()["frames"].as_u64();
+    let before = before.expect("a number of frames");
+    run.wait_for("120 frames more", |status| {
+        status["frames"].as_u64() >= Some(before + 120)
+    });
     let mut screen = watch(&window);
     screen.write_all(b"q").expect("a key");
     let reader = thread::spawn(move || {
@@ -127,13 +104,13 @@ fn a_run_whose_window_is_open_but_stopped_goes_on_and_is_shown_again_when_somebo
         while screen.read(&mut drawn).is_ok_and(|size| size > 0) {}
     });
     // The pictures that nobody read were left out, which the summary counts.
-    assert_eq!(ended(&mut run).code(), Some(3));
+    assert_eq!(ended(&mut run.child).code(), Some(3));
     reader.join().expect("no panic");
 }
 
 #[test]
 fn a_run_whose_window_is_closed_ends_instead_of_standing_still() {
-    let (window, mut run) = run_in_window(&[]);
+    let (window, mut run) = run_in_window();
     let screen = watch(&window);
     drop((window, screen));
     let ended = ended(&mut run);

@@ -17,7 +17,9 @@ pub(super) const ERROR_MAX: f32 = 0.5;
 /// Added to the normal force and to a map's square, N and N²: light touches weigh finitely.
 pub(super) const FLOOR_N: f32 = 0.05;
 pub(super) const FLOOR_N2: f32 = 1e-4;
-/// The loss's slope on every output. Returns the squared relative errors of the sums and of the map.
+
+/// The loss's slope on every output (N, x, y, normal of each taxel); multiplies `output` by `rms_mm`, mm, so that it is newtons. Returns the
+/// squared relative errors of the sums and of the map.
 pub(super) fn slopes(output: &mut [f32], truth: &[f32], rms_mm: f32, slope: &mut [f32]) -> [f32; 2] {
     let mut sums = [[0.0_f32; 3]; 2];
     let mut square = FLOOR_N2;
@@ -45,7 +47,7 @@ pub(super) fn slopes(output: &mut [f32], truth: &[f32], rms_mm: f32, slope: &mut
     [relative.iter().map(|error| error * error).sum(), of_map / square]
 }
 
-/// A cosine up from nothing, and one down to a thousandth.
+/// The learning rate's factor at this share of the steps: straight up from nothing, and a cosine down to a thousandth.
 pub(super) fn schedule(progress: f32) -> f32 {
     if progress < WARM_UP {
         progress / WARM_UP
