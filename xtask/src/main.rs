@@ -105,7 +105,7 @@ cargo xtask COMMAND
                                     table, writes pictures to DIR; wants a quiet machine (it judges speed) and
                                     Python 3 with venv (it installs tamaas into the build folder)
   train [ARGUMENTS]                 run the trainer (host/training) with these arguments
-  wheel [--bench]                   build the Python package into target/wheels and print its size; --bench times import and
+  wheel [--bench [--json]]          build the Python package into target/wheels and print its size; --bench times import and
                                     detector beside `gripline detect`; needs Python 3 with venv and PyPI
 
 Exit code: 0 done, 1 failed, 2 wrong usage.

@@ -21,19 +21,28 @@ const PACKAGES: [&str; 5] = [
 /// Largest wheel, bytes, weights included.
 const WHEEL_MAX: u64 = 15 << 20;
 
-/// `cargo xtask wheel [--bench]`.
+/// `cargo xtask wheel [--bench [--json]]`.
 pub(crate) fn wheel(arguments: &[String]) -> Result<(), Error> {
-    let bench = match arguments {
-        [] => false,
-        [one] if one == "--bench" => true,
-        [other, ..] => return Err(Error::usage("wheel", other, "nothing or --bench")),
+    let words: Vec<&str> = arguments.iter().map(String::as_str).collect();
+    let bench = match words.as_slice() {
+        [] => None,
+        ["--bench"] => Some(None),
+        ["--bench", json @ "--json"] => Some(Some(json)),
+        [other, ..] => return Err(Error::usage("wheel", other, "nothing, --bench or --bench --json")),
     };
     let python = Environment::ensure()?;
     let wheel = python.build("release")?;
-    if bench {
+    if let Some(option) = bench {
         python.install(&wheel)?;
         let speed = package().join("checks/speed.py");
-        process::run(python.python().arg(speed).arg(command_line("release")?))?;
+        process::run(
+            python
+                .python()
+                .arg(speed)
+                .arg(command_line("release")?)
+                .arg(&wheel)
+                .args(option),
+        )?;
     }
     Ok(())
 }

@@ -11,6 +11,8 @@ pub struct Acknowledgement {
     faults: u32,
     begun_us: u64,
     sent_us: Option<u64>,
+    /// When it was sent the time before.
+    sent_before_us: Option<u64>,
 }
 
 /// What to do now.
@@ -36,6 +38,7 @@ impl Acknowledgement {
             faults,
             begun_us: now_us,
             sent_us: None,
+            sent_before_us: None,
         }
     }
 
@@ -50,14 +53,18 @@ impl Acknowledgement {
     pub fn step(&self, now_us: u64, (status, age_us): (Option<&Status>, u64)) -> Acknowledging {
         let is_over = now_us.saturating_sub(self.begun_us) >= GIVE_UP_US;
         let came_us = now_us.saturating_sub(age_us);
-        let since = status.filter(|_| self.sent_us.is_some_and(|sent_us| came_us >= sent_us));
-        match since {
+        let since =
+            |sent_us: Option<u64>| status.filter(|_| sent_us.is_some_and(|sent_us| came_us >= sent_us));
+        match since(self.sent_us) {
             Some(status) if status.latched & self.faults == 0 => Acknowledging::Done,
-            Some(status) if is_over => {
-                let latched = status.latched & self.faults;
-                Acknowledging::StillLatched(latched, latched & status.faults)
-            }
-            None if is_over => Acknowledging::NoStatus,
+            // The last one may have been sent just now: then the answer to the one before counts.
+            _ if is_over => match since(self.sent_before_us.or(self.sent_us)) {
+                Some(status) => {
+                    let latched = status.latched & self.faults;
+                    Acknowledging::StillLatched(latched, latched & status.faults)
+                }
+                None => Acknowledging::NoStatus,
+            },
             _ if self.sent_us.is_none_or(|sent_us| now_us >= sent_us + REPEAT_US) => Acknowledging::Send,
             _ => Acknowledging::Wait,
         }
@@ -66,6 +73,7 @@ impl Acknowledgement {
     /// It was sent; the link accepted it or not.
     pub const fn sent(&mut self, now_us: u64, was_taken: bool) {
         if was_taken {
+            self.sent_before_us = self.sent_us;
             self.sent_us = Some(now_us);
         }
     }
@@ -110,5 +118,22 @@ mod tests {
             Acknowledging::StillLatched(0b110, 0b100)
         );
         assert_eq!(asked.step(2_000_000, (None, 0)), Acknowledging::NoStatus);
+    }
+
+    #[test]
+    fn what_is_given_up_just_after_it_was_said_again_says_why_too() {
+        let mut asked = Acknowledgement::new(0b110, 0);
+        asked.sent(1_990_000, true);
+        asked.sent(1_999_000, true);
+        let still = status(0b110, 0b100);
+        assert_eq!(
+            asked.step(2_000_000, (Some(&still), 5_000)),
+            Acknowledging::StillLatched(0b110, 0b100)
+        );
+        // A status from before both is none.
+        assert_eq!(
+            asked.step(2_000_000, (Some(&still), 50_000)),
+            Acknowledging::NoStatus
+        );
     }
 }

@@ -3,7 +3,7 @@
 
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::net::{TcpListener, TcpStream};
-use std::path::PathBuf;
+use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -11,6 +11,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use crate::serial_board::{Line, SerialBoard};
+use gripline_firmware::{Fault, FaultSet, ResetCause};
 use serde_json::{Value, json};
 
 /// What an answer may take on a board that is a process of its own, beside tests that keep the machine busy.
@@ -134,33 +135,100 @@ impl Drop for Serving {
     }
 }
 
-/// A board in a thread of its own.
+/// A board in a thread of its own, and what its test does to it.
 struct Board {
     path: String,
-    stop: Arc<AtomicBool>,
+    world: Arc<World>,
     thread: Option<JoinHandle<()>>,
+}
+
+/// The board's surroundings.
+#[derive(Default)]
+struct World {
+    is_over: AtomicBool,
+    /// The plug is pulled: the board goes on without a host.
+    is_unplugged: AtomicBool,
+    /// The robot forbids a release.
+    inhibits_release: AtomicBool,
+    /// The supply is too low.
+    is_undervolted: AtomicBool,
+    /// Power cuts so far.
+    power_cuts: AtomicU64,
 }
 
 impl Board {
     fn start(lost_per_mille: u64) -> Self {
-        let mut line = Line::new();
-        let path = format!("serial:{}", line.name());
-        let stop = Arc::new(AtomicBool::new(false));
-        let stopped = Arc::clone(&stop);
+        let folder = tempfile::tempdir().unwrap();
+        let name = folder.path().join("port");
+        let path = format!("serial:{}", name.display());
+        let world = Arc::new(World::default());
+        let its_world = Arc::clone(&world);
+        let mut line = Line::plug(&name);
         let thread = std::thread::spawn(move || {
-            SerialBoard::new(lost_per_mille).serve(&mut line, |_| stopped.load(Ordering::Relaxed));
+            let _folder = folder;
+            let mut board = SerialBoard::new(lost_per_mille);
+            let mut power_cuts = 0;
+            while !its_world.is_over() {
+                let (inhibits, undervolted, cuts) = its_world.seen();
+                let program = &mut board.board.device.program;
+                program.inhibit_release(inhibits);
+                let mut faults = FaultSet::EMPTY;
+                faults.set(Fault::Undervoltage, undervolted);
+                program.note_board(faults);
+                if cuts != power_cuts {
+                    board.board.reset(ResetCause::PowerOn, 0);
+                    power_cuts = cuts;
+                }
+                if its_world.is_unplugged.load(Ordering::Relaxed) {
+                    drop(line);
+                    while its_world.is_unplugged.load(Ordering::Relaxed) && !its_world.is_over() {
+                        board.live();
+                        std::thread::sleep(Duration::from_millis(1));
+                    }
+                    line = Line::plug(&name);
+                }
+                board.serve(&mut line, |_| {
+                    its_world.is_over()
+                        || its_world.is_unplugged.load(Ordering::Relaxed)
+                        || its_world.seen() != (inhibits, undervolted, cuts)
+                });
+            }
         });
         Self {
             path,
-            stop,
+            world,
             thread: Some(thread),
         }
+    }
+
+    /// Returns when it is plugged in, or out.
+    fn plug(&self, is_in: bool) {
+        self.world.is_unplugged.store(!is_in, Ordering::Relaxed);
+        let port = Path::new(self.path.trim_start_matches("serial:"));
+        while port.is_symlink() != is_in {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+    }
+}
+
+impl World {
+    fn is_over(&self) -> bool {
+        self.is_over.load(Ordering::Relaxed)
+    }
+
+    /// What the board sees of it.
+    fn seen(&self) -> (bool, bool, u64) {
+        (
+            self.inhibits_release.load(Ordering::Relaxed),
+            self.is_undervolted.load(Ordering::Relaxed),
+            self.power_cuts.load(Ordering::Relaxed),
+        )
     }
 }
 
 impl Drop for Board {
     fn drop(&mut self) {
-        self.stop.store(true, Ordering::Relaxed);
+        self.world.is_over.store(true, Ordering::Relaxed);
         if let Some(thread) = self.thread.take() {
             let _ = thread.join();
         }
@@ -304,81 +372,67 @@ fn a_release_waits_for_the_acknowledgement_of_a_latched_fault() {
     assert_eq!(run.ask("arm", "release").0, 200);
 }
 
-/// A board on a cable that is plugged in, pulled out and plugged in again. It remembers everything meanwhile.
-struct Cable {
-    port: PathBuf,
-    is_plugged: Arc<AtomicBool>,
-    is_over: Arc<AtomicBool>,
-    thread: Option<JoinHandle<()>>,
-    _folder: tempfile::TempDir,
-}
-
-impl Cable {
-    fn plugged() -> Self {
-        let folder = tempfile::tempdir().unwrap();
-        let port = folder.path().join("port");
-        let (is_plugged, is_over) = (Arc::new(AtomicBool::new(true)), Arc::new(AtomicBool::new(false)));
-        let (plugged, over, name) = (Arc::clone(&is_plugged), Arc::clone(&is_over), port.clone());
-        let mut line = Some(Line::plug(&port));
-        let thread = std::thread::spawn(move || {
-            let mut board = SerialBoard::new(0);
-            let is_in = || plugged.load(Ordering::Relaxed) && !over.load(Ordering::Relaxed);
-            while !over.load(Ordering::Relaxed) {
-                if is_in() {
-                    let line = line.get_or_insert_with(|| Line::plug(&name));
-                    board.serve(line, |_| !is_in());
-                }
-                line = None;
-                std::thread::sleep(Duration::from_millis(1));
-            }
-        });
-        Self {
-            port,
-            is_plugged,
-            is_over,
-            thread: Some(thread),
-            _folder: folder,
-        }
-    }
-
-    /// Returns when it is plugged in, or out.
-    fn plug(&self, is_in: bool) {
-        self.is_plugged.store(is_in, Ordering::Relaxed);
-        while self.port.is_symlink() != is_in {
-            std::thread::sleep(Duration::from_millis(1));
-        }
-    }
-}
-
-impl Drop for Cable {
-    fn drop(&mut self) {
-        self.is_over.store(true, Ordering::Relaxed);
-        if let Some(thread) = self.thread.take() {
-            let _ = thread.join();
-        }
-    }
-}
-
 #[test]
-fn a_board_that_goes_away_is_a_named_answer_and_what_was_refused_is_not_done_when_it_is_back() {
-    let cable = Cable::plugged();
-    let run = Serving::start(&["--mcu", &format!("serial:{}", cable.port.display())]);
+fn what_is_asked_while_the_board_is_away_is_refused_and_not_done_when_it_is_back() {
+    let board = Board::start(0);
+    let run = Serving::start(&["--mcu", &board.path]);
     run.wait_for("status", |status| status["mode"] == "released");
-    cable.plug(false);
-    let (code, answer) = run.ask("arm", "hold");
+    assert_eq!(run.ask("arm", "hold").0, 200);
+    run.wait_for("grip", |status| status["line_n"].as_f64() > Some(0.5));
+
+    board.plug(false);
+    let (code, answer) = run.ask("arm", "release");
     let why = answer["why"].as_str().unwrap();
     assert!(
         matches!((code, why), (503, "link_lost") | (504, "not_confirmed")),
         "{code} {answer}"
     );
-    run.wait_for("request that is withdrawn", |status| {
-        status["requested"] == Value::Null
-    });
-    cable.plug(true);
+    assert!(
+        answer["message"].as_str().unwrap().contains("microcontroller"),
+        "{answer}"
+    );
+    run.wait_for("lost link", |status| status["is_connected"] == false);
+    let (code, answer) = run.ask("arm", "release");
+    assert_eq!((code, &answer["why"]), (503, &json!("link_lost")), "{answer}");
+
+    board.plug(true);
     run.wait_for("board that is back", |status| {
-        status["is_connected"] == true && status["status_age_ms"].as_f64() < Some(100.0)
+        status["is_connected"] == true && status["status_age_ms"].as_f64() < Some(200.0)
     });
-    std::thread::sleep(Duration::from_millis(300));
+    std::thread::sleep(Duration::from_millis(500));
+    let status = run.status();
+    assert_eq!(
+        (&status["mode"], status["line_n"].as_f64() > Some(0.5)),
+        (&json!("hold"), true),
+        "{status}"
+    );
+    // A new request opens it; where the host was away for long enough, after a person has looked.
+    let (code, answer) = run.ask("arm", "release");
+    if answer["why"] == "latched" {
+        assert_eq!(run.ask("arm", "acknowledge").0, 200);
+        assert_eq!(run.ask("arm", "release").0, 200);
+    } else {
+        assert_eq!(code, 200, "{answer}");
+    }
+    run.wait_for("open gripper", |status| status["line_n"].as_f64() == Some(0.0));
+}
+
+#[test]
+fn a_board_that_lost_its_power_stays_released_until_somebody_asks_again() {
+    let board = Board::start(0);
+    let run = Serving::start(&["--mcu", &board.path]);
+    run.wait_for("status", |status| status["mode"] == "released");
+    assert_eq!(run.ask("arm", "release").0, 200);
+    board.plug(false);
+    run.wait_for("lost link", |status| status["is_connected"] == false);
+    let (code, answer) = run.ask("arm", "hold");
+    assert_eq!((code, &answer["why"]), (503, &json!("link_lost")), "{answer}");
+    board.world.power_cuts.store(1, Ordering::Relaxed);
+    board.plug(true);
+    run.wait_for("board that is back", |status| {
+        status["is_connected"] == true && status["status_age_ms"].as_f64() < Some(200.0)
+    });
+    std::thread::sleep(Duration::from_millis(500));
     let status = run.status();
     assert_eq!(
         (&status["mode"], &status["line_n"]),
@@ -386,6 +440,45 @@ fn a_board_that_goes_away_is_a_named_answer_and_what_was_refused_is_not_done_whe
         "{status}"
     );
     assert_eq!(run.ask("arm", "hold").0, 200);
+}
+
+#[test]
+fn an_input_that_forbids_a_release_and_a_fault_that_lasts_are_named() {
+    let board = Board::start(0);
+    let run = Serving::start(&["--mcu", &board.path, "--hold"]);
+    run.wait_for("grip", |status| status["line_n"].as_f64() > Some(0.5));
+    board.world.inhibits_release.store(true, Ordering::Relaxed);
+    std::thread::sleep(Duration::from_millis(50));
+    let (code, answer) = run.ask("arm", "release");
+    assert_eq!((code, &answer["why"]), (409, &json!("inhibited")), "{answer}");
+    assert!(
+        answer["message"]
+            .as_str()
+            .unwrap()
+            .contains("release-inhibit input"),
+        "{answer}"
+    );
+    board.world.inhibits_release.store(false, Ordering::Relaxed);
+    std::thread::sleep(Duration::from_millis(300));
+    assert_eq!(run.status()["mode"], "hold", "what was refused is not done later");
+
+    board.world.is_undervolted.store(true, Ordering::Relaxed);
+    run.wait_for("latched fault", |status| {
+        let faults = status["faults"].as_array().unwrap();
+        faults.iter().any(|fault| fault["latched"] == true)
+    });
+    let (code, answer) = run.ask("arm", "acknowledge");
+    assert_eq!((code, &answer["why"]), (409, &json!("still_active")), "{answer}");
+    assert!(
+        answer["message"].as_str().unwrap().contains("UNDERVOLTAGE"),
+        "{answer}"
+    );
+    let (code, answer) = run.ask("arm", "release");
+    assert_eq!((code, &answer["why"]), (409, &json!("latched")), "{answer}");
+    board.world.is_undervolted.store(false, Ordering::Relaxed);
+    std::thread::sleep(Duration::from_millis(50));
+    assert_eq!(run.ask("arm", "acknowledge").0, 200);
+    assert_eq!(run.ask("arm", "release").0, 200);
 }
 
 #[test]

@@ -1,7 +1,8 @@
 //! The longest path through a function and all it calls, from the linked image alone: no run, so nothing is left to luck.
 //!
 //! A loop counts as often as it says itself ([`crate::rounds`]) or [`MACHINE_LOOPS`] does, with its longest way round; loops inside loops likewise. Where an access goes is
-//! known when its address is a constant; other addresses are of data, all of which lies in the core-coupled memory.
+//! known when its address is a constant; other addresses are of data, all of which lies in the core-coupled memory. Runs check that where
+//! they meet such an access, and one that no run met costs what the slowest memory does ([`Code::met`]).
 //! Limits: a loop, a panic, a call through a register or a recursion without a line in the tables here is a finding, and
 //! with a finding there is no bound. [`crate::measure`] checks the tables against every run.
 
@@ -37,11 +38,24 @@ pub struct Bound {
     pub is_end: bool,
 }
 
+/// What is walked over.
+#[derive(Debug, Clone, Copy)]
+pub struct Code<'a> {
+    /// The linked image.
+    pub image: &'a Image,
+    /// What stands in its source.
+    pub sources: &'a Sources,
+    /// Instructions whose accesses runs met, if there were runs. Any other one that accesses an address that is not known costs what the slowest
+    /// memory does.
+    pub met: Option<&'a BTreeSet<u32>>,
+}
+
 /// Walks over one image.
 #[derive(Debug)]
 pub struct Walk<'a> {
     image: &'a Image,
     sources: &'a Sources,
+    met: Option<&'a BTreeSet<u32>>,
     /// Functions that were walked through.
     pub known: BTreeMap<u32, Bound>,
     /// The same of functions that copy, by how many bytes they copy, where the caller has put a constant into the register for it.
@@ -58,7 +72,7 @@ pub struct Walk<'a> {
     pub loops: BTreeMap<u32, Loop>,
     /// The memory that an instruction's access was priced with.
     pub memories: BTreeMap<u32, Memory>,
-    /// Of these, the ones whose address is not known: they count as accesses of data.
+    /// Of these, the ones whose address is not known.
     pub unknown: BTreeSet<u32>,
     /// Whatever stands against the bounds, each once.
     pub findings: BTreeSet<String>,
@@ -100,10 +114,11 @@ const NVIC_UNMASK: [u32; 2] = [0xE000_E108, 0xE000_E104];
 impl<'a> Walk<'a> {
     /// Of a path that never comes to what `left_out` names.
     #[must_use]
-    pub fn new(image: &'a Image, sources: &'a Sources, left_out: Left) -> Self {
+    pub fn new(code: Code<'a>, left_out: Left) -> Self {
         Self {
-            image,
-            sources,
+            image: code.image,
+            sources: code.sources,
+            met: code.met,
             known: BTreeMap::new(),
             copies: BTreeMap::new(),
             copied: None,
@@ -601,7 +616,7 @@ impl<'a> Walk<'a> {
         });
         let memory = match one.data.literal {
             Some(address) => Memory::of(address),
-            None => based.unwrap_or(Memory::Coupled),
+            None => based.unwrap_or_else(|| self.of_unknown(one)),
         };
         if one.data.transfers > 0 {
             let known = self.memories.entry(one.address).or_insert(memory);
@@ -615,6 +630,16 @@ impl<'a> Walk<'a> {
             cycles += u64::from(fetch.cost(one));
         }
         cycles
+    }
+
+    /// The memory that an access to an unknown address is priced with. Stacks lie in the core-coupled memory (`memory.x`).
+    fn of_unknown(&self, one: &Instruction) -> Memory {
+        let is_met = self.met.is_none_or(|met| met.contains(&one.address));
+        if one.data.is_stack || is_met {
+            Memory::Coupled
+        } else {
+            Memory::SLOWEST
+        }
     }
 
     /// Constants in registers before every instruction of a function.

@@ -50,6 +50,9 @@ pub enum Memory {
 }
 
 impl Memory {
+    /// The one that takes longest.
+    pub const SLOWEST: Self = Self::Apb1;
+
     /// The memory at an address.
     #[must_use]
     pub fn of(address: u32) -> Self {

@@ -440,6 +440,7 @@ fn instruction(found: &Insn, detail: &InsnDetail, name: &str, size: u32, in_bloc
         ("movt", Some(register), Some(value)) => Some((register, value, true)),
         _ => None,
     };
+    let is_stack = arguments.contains(SP) || text.starts_with("push") || text.starts_with("pop");
     Instruction {
         address,
         size,
@@ -450,7 +451,7 @@ fn instruction(found: &Insn, detail: &InsnDetail, name: &str, size: u32, in_bloc
         data: Data {
             transfers,
             literal,
-            is_stack: arguments.contains(SP),
+            is_stack,
         },
         stack,
         constant,

@@ -6,6 +6,7 @@ pub mod bound;
 pub mod cycles;
 pub mod image;
 pub mod measure;
+pub mod misuse;
 pub mod receiver;
 pub mod report;
 pub mod rounds;
@@ -16,6 +17,7 @@ pub mod sweep;
 pub mod tables;
 pub mod twin;
 pub mod walk;
+pub mod walks;
 
 /// Why a figure cannot be had.
 #[derive(Debug, thiserror::Error)]

@@ -2,8 +2,8 @@
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
-use gripline_emulator::Board;
 use gripline_emulator::usb::{Cable, UsbState};
+use gripline_emulator::{Board, Disturbance};
 use gripline_protocol::cobs::{FRAME_MAX, encode_packet};
 use gripline_protocol::constants::{LSB_PER_NEWTON, TAXELS_PER_PACKET};
 use gripline_protocol::message::{Command, Hello, Message, MessagePackets};
@@ -582,6 +582,47 @@ impl<'a> Bench<'a> {
         self.changed(map, MAP_NS, |_| {}, damage)
     }
 
+    /// Sends packets that end no map that counts.
+    ///
+    /// # Errors
+    /// The board's.
+    pub fn raw(&mut self, packets: &[Vec<u8>]) -> Result<(), Error> {
+        self.delivered(packets, MAP_NS).map(drop)
+    }
+
+    /// Sends bytes over the UART that are no frames.
+    ///
+    /// # Errors
+    /// The board's.
+    pub fn raw_bytes_over_uart(&mut self, bytes: &[u8]) -> Result<(), Error> {
+        self.board.uart_send(bytes);
+        self.run(bytes.len() as u64 * UART_BYTE_NS + MAP_NS)
+    }
+
+    /// Says something over a link, whose packets are damaged.
+    ///
+    /// # Errors
+    /// The board's.
+    pub fn say_over(
+        &mut self,
+        link: Link,
+        message: &Message,
+        damage: impl FnOnce(&mut Vec<Vec<u8>>),
+    ) -> Result<(), Error> {
+        self.message += 1;
+        let mut packets: Vec<Vec<u8>> = packets_of(message, self.message);
+        damage(&mut packets);
+        let maps = std::mem::replace(&mut self.link, link);
+        let said = self.raw(&packets);
+        self.link = maps;
+        said
+    }
+
+    /// What happens to the board from the next run on.
+    pub fn disturb(&mut self, disturbance: Disturbance) {
+        self.board.disturb(disturbance);
+    }
+
     /// Sends maps of these sensors back to back, as fast as the bus takes them. Returns their ways.
     ///
     /// # Errors
@@ -729,10 +770,12 @@ impl<'a> Bench<'a> {
     /// Those of `work`.
     pub fn measure_apart(&mut self, work: impl FnOnce(&mut Self) -> Result<(), Error>) -> Result<Way, Error> {
         let kept = (self.worst, self.worst_spent.clone(), self.worst_by_tail);
+        let times = (self.blocking_worst, self.section_worst, self.tick);
         self.worst = Default::default();
         work(self)?;
         let [worst, _] = self.worst;
         (self.worst, self.worst_spent, self.worst_by_tail) = kept;
+        (self.blocking_worst, self.section_worst, self.tick) = times;
         Ok(worst)
     }
 
@@ -758,10 +801,10 @@ impl<'a> Bench<'a> {
         self.board.usb_deliveries_ns()
     }
 
-    /// Whether a run met an access of this instruction.
+    /// Instructions whose accesses a run met.
     #[must_use]
-    pub fn has_accessed(&self, at: u32) -> bool {
-        self.has_run.contains(&at)
+    pub fn accessed(&self) -> &BTreeSet<u32> {
+        &self.has_run
     }
 
     /// The packets of a new map.
@@ -955,13 +998,12 @@ pub fn whole(way: Option<Way>) -> Result<Way, Error> {
 
 /// A command's bytes on the UART's line.
 fn frames(command: Command, id: u8) -> Vec<u8> {
-    let packets = MessagePackets::new(&Message::Command(command), id);
-    let packets: Vec<Vec<u8>> = packets
-        .into_iter()
-        .flatten()
-        .map(|packet| packet.to_vec())
-        .collect();
-    framed(&packets)
+    framed(&packets_of(&Message::Command(command), id))
+}
+
+fn packets_of(message: &Message, id: u8) -> Vec<Vec<u8>> {
+    let packets = MessagePackets::new(message, id).into_iter().flatten();
+    packets.map(|packet| packet.to_vec()).collect()
 }
 
 /// Packets as they are on the UART's line.

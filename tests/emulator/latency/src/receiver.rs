@@ -6,11 +6,10 @@
 //! Limits: while maps over USB count, a byte may wait for those; settings go to flash only when released.
 
 use crate::Error;
-use crate::bound::Walk;
+use crate::bound::{Code, Walk};
 use crate::cycles::{ENTRY, EXIT};
-use crate::image::{Function, Image};
+use crate::image::Function;
 use crate::measure::UART_DATA;
-use crate::source::Sources;
 use crate::tables::Left;
 
 /// By how much a sender may be faster than the receiver, hundredths (RM0090, section 30.3.5: what the receiver stands is a little more).
@@ -42,8 +41,7 @@ impl Receiver {
     /// # Errors
     /// An image without the functions that this stands on.
     pub fn of(
-        image: &Image,
-        sources: &Sources,
+        code: Code<'_>,
         uart: &Function,
         ahead: &Function,
         waits: u64,
@@ -53,19 +51,19 @@ impl Receiver {
         let (enter, leave) = (u64::from(ENTRY), u64::from(EXIT));
         let mut findings = Vec::new();
         let mut whole = |left: Left| {
-            let mut walk = Walk::new(image, sources, left);
+            let mut walk = Walk::new(code, left);
             let cycles = walk.function(uart).cycles;
             findings.extend(walk.findings);
             cycles
         };
         let [head, taxels, tail, inside, other] =
             [Left::Head, Left::Taxels, Left::Tail, Left::Byte, Left::Foreign].map(&mut whole);
-        let look = Walk::new(image, sources, Left::Tail)
+        let look = Walk::new(code, Left::Tail)
             .ending_with(ahead)
             .function(uart)
             .cycles;
-        let rest = Walk::new(image, sources, Left::Tail).after_call(uart, ahead)?;
-        let read = enter + Walk::new(image, sources, Left::Always).until_load(uart, UART_DATA)?;
+        let rest = Walk::new(code, Left::Tail).after_call(uart, ahead)?;
+        let read = enter + Walk::new(code, Left::Always).until_load(uart, UART_DATA)?;
         let behind = |one: u64| waits + enter + one + leave + read;
         let need = |what, found, bytes: u64| Need {
             what,

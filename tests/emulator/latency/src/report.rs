@@ -4,15 +4,17 @@ use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::Path;
 
-use crate::bound::{Loop, Stretch, Walk, short};
-use crate::cycles::{ENTRY, EXIT};
-use crate::image::{Function, Image, read};
+use crate::bound::{Code, Stretch, Walk, short};
+use crate::cycles::ENTRY;
+use crate::image::{Image, read};
 use crate::measure::{Bench, Met, Way, When, map_of};
+use crate::misuse::misuse;
 use crate::receiver::Receiver;
 use crate::source::Sources;
 use crate::stack::{FRAME_BYTES, Stack};
 use crate::sweep::{self, Length, Raises, Rates};
-use crate::tables::{EXCEPTED, KERNEL, LEFT_OUT, Left, TAIL_TAXELS, TAKE_AHEAD, WRITE_LINE};
+use crate::tables::{KERNEL, LEFT_OUT, TAKE_AHEAD};
+use crate::walks::{Walks, function_of};
 use crate::{Error, twin};
 
 /// Cycles from a map's last packet to the line (DESIGN.md: 25 µs at 168 MHz).
@@ -25,13 +27,9 @@ const TAXEL_INSTRUCTIONS: f64 = 24.0;
 /// Bytes of flash and of RAM.
 const FLASH_BYTES: u32 = 128 * 1024;
 const RAM_BYTES: u32 = 64 * 1024;
-/// The priority of the path's interrupt as the masks count it (`priority::PATH`).
-const PATH_PRIORITY: u32 = 2 << 4;
 /// Cycles that the shortest last packet takes at least from when it is asked for: the host may be at its token's end, then
 /// come two bit times, SYNC, PID, eight bytes, CRC and EOP, 100 bits of 12 MHz (USB 2.0 sections 7.1.18 and 8.3).
 const LAST_PACKET_CYCLES: u64 = 100 * 14;
-/// The register of the USB core (RM0090, OTG_FS_DOEPCTL1) whose write asks for the next packet.
-const NEXT_PACKET: u32 = 0x5000_0B20;
 /// The links that maps come over.
 const LINKS: [&str; 2] = ["USB", "the UART"];
 /// Where flash and SRAM begin.
@@ -95,7 +93,7 @@ pub struct Report {
     pub behind_control: Way,
     /// Maps a second that the board took.
     pub rates: Rates,
-    /// Accesses whose address the walks do not know: priced as data, and how many of them runs have met.
+    /// Accesses whose address the walks do not know, and how many of them runs have met; the others count as accesses to the slowest memory.
     pub unknown: (usize, usize),
     /// Instructions of the kernel over a dense map, and of the head packet's.
     pub dense: u64,
@@ -149,10 +147,12 @@ impl Played {
         sweep::phases(bench, length)?;
         let raises = sweep::raises(bench, sweep::LONGEST_TAIL, length)?;
         let rates = sweep::rates(bench, RATES.map(|(contacts, sensors, _)| (contacts, sensors)))?;
+        let behind_control = sweep::behind_control(bench)?;
+        misuse(bench)?;
         Ok(Self {
             quiet,
             raises: [raises, Raises::default()],
-            behind_control: sweep::behind_control(bench)?,
+            behind_control,
             rates,
             dense: counted.of(KERNEL),
             head: counted.of(&["Program<K>::head"]),
@@ -161,16 +161,12 @@ impl Played {
 }
 
 /// Two boards whose loops are watched: those of last packets, and those that block the path.
-fn benches<'a>(
-    image: &'a Image,
-    elf: &[u8],
-    tails: &BTreeMap<u32, Loop>,
-    blocked: &Walk<'_>,
-) -> Result<[Bench<'a>; 2], Error> {
+fn benches<'a>(image: &'a Image, elf: &[u8], walks: &Walks<'_>) -> Result<[Bench<'a>; 2], Error> {
+    let tails = walks.tail_loops();
     let mut benches = [Bench::new(image, elf)?, Bench::new(image, elf)?];
     for bench in &mut benches {
         bench.watch(tails.values(), When::Tail);
-        bench.watch(blocked.loops.values(), When::Blocked);
+        bench.watch(walks.blocked.loops.values(), When::Blocked);
     }
     Ok(benches)
 }
@@ -184,74 +180,56 @@ impl Report {
         let elf = read(image_path)?;
         let image = Image::read(&elf)?;
         let sources = Sources::read(image_path)?;
-        let start = function_of(&image, "OTG_FS")?;
-        let uart = function_of(&image, "USART1")?;
-        let write = function_of(&image, WRITE_LINE)?;
-        let mut path = Walk::new(&image, &sources, Left::Tail).ending_with(&write);
-        let path_cycles = [&start, &uart].map(|from| path.function(from).cycles + u64::from(ENTRY));
-        let mut whole = Walk::new(&image, &sources, Left::Tail);
-        let interrupts = [&start, &uart].map(|from| whole.function(from));
-        let mut foreign = Walk::new(&image, &sources, Left::Foreign);
-        let foreign_cycles =
-            [&start, &uart].map(|from| foreign.function(from).cycles + u64::from(ENTRY + EXIT));
-        let mut full = Walk::new(&image, &sources, Left::Taxels);
-        let taxels_cycles = full.after_store(&start, NEXT_PACKET)?;
-        let mut blocked = Walk::new(&image, &sources, Left::Blocked);
-        let mut stretches = blocked.blocking_stretches(PATH_PRIORITY);
-        let (excepted, gripping): (Vec<Stretch>, Vec<Stretch>) = stretches
-            .drain(..)
-            .partition(|stretch| EXCEPTED.iter().any(|(part, _)| stretch.name.contains(part)));
-        let blocking = gripping.first().cloned().ok_or_else(|| Error::Unexpected {
-            expected: "a stretch that blocks the path".to_owned(),
-            found: "none".to_owned(),
+        let before = Walks::over(Code {
+            image: &image,
+            sources: &sources,
+            met: None,
         })?;
-        let (paths, of_usb) = tails(&image, &sources, &start, &write);
-        let (uart_paths, of_uart) = tails(&image, &sources, &uart, &write);
-
-        let mut findings: Vec<String> = [&path, &whole, &foreign, &full, &blocked]
-            .iter()
-            .flat_map(|walk| &walk.findings)
-            .cloned()
-            .collect();
-        let left = left_out(&[&path, &foreign, &blocked], &excepted);
-
-        // Last packets of every size.
-        let tails = most_rounds(paths.iter().chain(&uart_paths));
-        let [mut bench, mut other] = benches(&image, &elf, &tails, &blocked)?;
+        let [mut bench, mut other] = benches(&image, &elf, &before)?;
         let played = Played::of(&mut bench, &mut other, length)?;
-        let [of_usb_link, _] = foreign_cycles;
+
+        // Once more, now that it is known what the runs met.
+        let met = bench.accessed().clone();
+        let code = Code {
+            met: Some(&met),
+            ..before.code
+        };
+        let walks = Walks::over(code)?;
+        let mut findings = walks.findings();
+        let blocking = walks.blocking()?;
+        let [of_usb_link, _] = walks.foreign_cycles;
         let (receiver, found) = Receiver::of(
-            &image,
-            &sources,
-            &uart,
+            code,
+            &walks.uart,
             &function_of(&image, TAKE_AHEAD)?,
             blocking.cycles.max(of_usb_link),
             bench.uart_byte_cycles()?,
         )?;
         findings.extend(found);
-        for walk in [&path, &foreign, &full, &blocked] {
-            findings.extend(bench.broken(&walk.memories));
+        for memories in walks.memories() {
+            findings.extend(bench.broken(memories));
         }
         let stack = Stack::of(&image, &sources, &elf)?;
         let stack_measured_bytes = bench
             .stack_used(stack.memory)?
             .max(other.stack_used(stack.memory)?);
-        findings.extend(in_flash(&image, &path));
+        findings.extend(in_flash(&image, &walks.path));
         findings.extend(not_in_image(&image));
-        let unknown = &(&path.unknown | &foreign.unknown) | &blocked.unknown;
+        let unknown = walks.unknown();
+        let interrupts = &walks.interrupts;
         Ok(Self {
-            taxels_cycles,
-            parts: [&path, &blocked].map(|walk| parts(&image, walk)),
-            path_cycles,
-            foreign_cycles,
+            taxels_cycles: walks.taxels_cycles,
+            parts: [&walks.path, &walks.blocked].map(|walk| parts(&image, walk)),
+            path_cycles: walks.path_cycles,
+            foreign_cycles: walks.foreign_cycles,
             blocking,
-            stretches: gripping,
+            left: walks.left(),
+            stretches: walks.stretches.clone(),
             receiver,
             interrupt_cycles: interrupts.each_ref().map(|one| one.cycles + u64::from(ENTRY)),
             stack_worst_bytes: interrupts.iter().map(|one| one.stack).max().unwrap_or_default() + FRAME_BYTES,
             stack,
             stack_measured_bytes,
-            left,
             findings,
             quiet: played.quiet,
             worst: bench.worst,
@@ -260,9 +238,10 @@ impl Report {
             tick: bench.tick,
             tails: {
                 let [usb, uart] = bench.worst_by_tail;
+                let [of_usb, of_uart] = walks.tail_cycles();
                 [
-                    of_usb.into_iter().zip(usb).collect(),
-                    of_uart.into_iter().zip(uart).collect(),
+                    of_usb.iter().copied().zip(usb).collect(),
+                    of_uart.iter().copied().zip(uart).collect(),
                 ]
             },
             met: bench.met.clone(),
@@ -273,10 +252,7 @@ impl Report {
                 .map(|spent| by_function(&image, spent)),
             behind_control: played.behind_control,
             rates: played.rates,
-            unknown: (
-                unknown.len(),
-                unknown.iter().filter(|at| bench.has_accessed(**at)).count(),
-            ),
+            unknown: (unknown.len(), unknown.intersection(&met).count()),
             dense: played.dense,
             head: played.head,
             twin: twin::instructions(twin_path)?,
@@ -610,7 +586,10 @@ impl Report {
         );
         line(
             "accesses of an address that the walks do not know",
-            format!("{}, of which runs met {}", self.unknown.0, self.unknown.1),
+            format!(
+                "{}, of which runs met {}; the others count as accesses to the slowest memory",
+                self.unknown.0, self.unknown.1
+            ),
         );
         line(
             "maps a second: dense, 150 contacts, of two fingertips",
@@ -749,35 +728,6 @@ impl Report {
     }
 }
 
-/// The path for each size of last packet, and its cycles.
-fn tails<'a>(
-    image: &'a Image,
-    sources: &'a Sources,
-    start: &Function,
-    write: &Function,
-) -> (Vec<Walk<'a>>, Vec<u64>) {
-    (0..=TAIL_TAXELS)
-        .map(|taxels| {
-            let mut walk = Walk::new(image, sources, Left::Tail)
-                .ending_with(write)
-                .with_tail(taxels);
-            let cycles = walk.function(start).cycles + u64::from(ENTRY);
-            (walk, cycles)
-        })
-        .unzip()
-}
-
-/// The function whose name ends so.
-fn function_of(image: &Image, name: &str) -> Result<Function, Error> {
-    let found = image
-        .functions_named(name)
-        .find(|function| function.name.ends_with(name) && !function.name.contains("Thunk"));
-    found.cloned().ok_or_else(|| Error::Unexpected {
-        expected: format!("the function {name}"),
-        found: "none".to_owned(),
-    })
-}
-
 /// Functions of the path that run from flash, where wait states would move its time.
 fn in_flash(image: &Image, path: &Walk<'_>) -> Vec<String> {
     let copies = path.copies.keys().map(|(at, _)| at);
@@ -798,18 +748,6 @@ fn in_flash(image: &Image, path: &Walk<'_>) -> Vec<String> {
         .collect()
 }
 
-/// What the walks left out, and why.
-fn left_out(walks: &[&Walk<'_>], excepted: &[Stretch]) -> Vec<String> {
-    let mut left: Vec<String> = walks.iter().flat_map(|walk| &walk.left).cloned().collect();
-    left.extend(excepted.iter().filter_map(|stretch| {
-        let (_, why) = EXCEPTED.iter().find(|(part, _)| stretch.name.contains(part))?;
-        Some(format!("{}: {} cycles, {why}", stretch.name, stretch.cycles))
-    }));
-    left.sort();
-    left.dedup();
-    left
-}
-
 /// Lines of the tables that name nothing.
 fn not_in_image(image: &Image) -> Vec<String> {
     let functions = LEFT_OUT
@@ -817,16 +755,6 @@ fn not_in_image(image: &Image) -> Vec<String> {
         .filter(|(part, ..)| image.functions_named(part).next().is_none())
         .map(|(part, ..)| format!("the tables leave out {part}, which is not in the image"));
     functions.collect()
-}
-
-/// The loops of all these walks, each with the most rounds of any.
-fn most_rounds<'w, 'a: 'w>(walks: impl Iterator<Item = &'w Walk<'a>>) -> BTreeMap<u32, Loop> {
-    let mut loops: BTreeMap<u32, Loop> = BTreeMap::new();
-    for one in walks.flat_map(|walk| walk.loops.values()) {
-        let known = loops.entry(one.header).or_insert_with(|| one.clone());
-        known.rounds = known.rounds.max(one.rounds);
-    }
-    loops
 }
 
 /// Cycles by the name of the function, the most first.

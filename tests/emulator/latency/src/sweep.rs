@@ -10,6 +10,7 @@ use gripline_protocol::{Health, SensorId};
 
 use crate::Error;
 use crate::measure::{Bench, DOUBTFUL, Link, TICK_NS, Way, even, map_of, slipping, whole};
+use crate::misuse::misuse;
 
 /// How much is tried.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -39,7 +40,7 @@ const PACKET_NS: u64 = 52_000;
 /// Taxels of a map with the longest last packet in few packets: over the UART each takes 0.7 ms.
 const SHORT_MAP: usize = 9;
 /// Longer than maps are fresh.
-const STALE_NS: u64 = 120 * TICK_NS;
+pub const STALE_NS: u64 = 120 * TICK_NS;
 /// Maps of a stream.
 const STREAM: usize = 24;
 
@@ -261,6 +262,7 @@ pub fn over_uart(bench: &mut Bench<'_>, length: Length) -> Result<Raises, Error>
         bench.stream(&map_of(SHORT_MAP, 1), of)?;
     }
     let raises = raises(bench, SHORT_MAP, length)?;
+    misuse(bench)?;
     bench.link = Link::Usb;
     bench.run(STALE_NS)?;
     bench.command(Command::Acknowledge { faults: u32::MAX })?;
