@@ -36,6 +36,8 @@ struct Report {
     fingers: Option<Vec<uskin::Finger>>,
     #[serde(skip_serializing_if = "Option::is_none")]
     uskin_evidence: Option<Vec<uskin::evidence::Evidence>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    uskin_alarms_per_minute: Option<uskin::evidence::AlarmsPerMinute>,
 }
 
 /// Runs the command.
@@ -54,13 +56,17 @@ pub fn run(args: &RealArgs) -> Result<(), EvaluationError> {
         return Ok(());
     }
     let quiet = of(uskin::evidence::FOLDER, "trial4_labels.npy");
+    let uskin_evidence = counts
+        .as_deref()
+        .map(|slips| uskin::evidence::evaluate(slips, quiet.as_deref()))
+        .transpose()?;
     let report = Report {
         gelsight_mini: pictures.as_deref().map(gelsight::evaluate).transpose()?,
         fingers: counts.as_deref().map(uskin::evaluate).transpose()?,
-        uskin_evidence: counts
+        uskin_alarms_per_minute: uskin_evidence
             .as_deref()
-            .map(|slips| uskin::evidence::evaluate(slips, quiet.as_deref()))
-            .transpose()?,
+            .and_then(uskin::evidence::alarms_per_minute),
+        uskin_evidence,
     };
     let page = markdown(&report);
     let text = if args.json {
