@@ -22,6 +22,10 @@ const PATH_PRIORITY: u32 = 2 << 4;
 const MAP_NS: u64 = 5_000_000;
 /// The same in a sweep: 59 taxels take 0.4 ms on the bus, then comes a tick.
 pub const SWEPT_MAP_NS: u64 = 2_000_000;
+/// Taxels of a map with the longest last packet, nine of them.
+pub const LONGEST_TAIL: usize = 59;
+/// Longer than maps are fresh.
+pub const STALE_NS: u64 = 120 * TICK_NS;
 /// The tick, nanoseconds.
 pub const TICK_NS: u64 = 1_000_000;
 /// A byte of the UART, ten bits of 921,600 a second.

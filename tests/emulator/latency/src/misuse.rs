@@ -7,8 +7,7 @@ use gripline_protocol::Health;
 use gripline_protocol::message::{Bootloader, Command, Configuration, Hello, Message};
 
 use crate::Error;
-use crate::measure::{Bench, Link, map_of, slipping};
-use crate::sweep::{LONGEST_TAIL, STALE_NS};
+use crate::measure::{Bench, LONGEST_TAIL, Link, STALE_NS, map_of, slipping};
 
 /// Taxels of a map of three packets.
 const CONTACTS: usize = 25;

@@ -7,7 +7,7 @@ use std::path::Path;
 use crate::bound::{Code, Stretch, Walk, short};
 use crate::cycles::ENTRY;
 use crate::image::{Image, read};
-use crate::measure::{Bench, Met, Way, When, map_of};
+use crate::measure::{Bench, LONGEST_TAIL, Met, Way, When, map_of};
 use crate::misuse::misuse;
 use crate::receiver::Receiver;
 use crate::source::Sources;
@@ -145,7 +145,7 @@ impl Played {
         sweep::branches(bench)?;
         sweep::disturb(bench)?;
         sweep::phases(bench, length)?;
-        let raises = sweep::raises(bench, sweep::LONGEST_TAIL, length)?;
+        let raises = sweep::raises(bench, LONGEST_TAIL, length)?;
         let rates = sweep::rates(bench, RATES.map(|(contacts, sensors, _)| (contacts, sensors)))?;
         let behind_control = sweep::behind_control(bench)?;
         misuse(bench)?;

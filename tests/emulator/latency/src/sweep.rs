@@ -9,7 +9,9 @@ use gripline_protocol::message::{Command, Configuration};
 use gripline_protocol::{Health, SensorId};
 
 use crate::Error;
-use crate::measure::{Bench, DOUBTFUL, Link, TICK_NS, Way, even, map_of, slipping, whole};
+use crate::measure::{
+    Bench, DOUBTFUL, LONGEST_TAIL, Link, STALE_NS, TICK_NS, Way, even, map_of, slipping, whole,
+};
 use crate::misuse::misuse;
 
 /// How much is tried.
@@ -28,8 +30,6 @@ const LONG_NS: u64 = 8_000;
 const SHORT_NS: u64 = 150;
 /// Steps of a request on the control endpoint, which takes longer.
 const ASKED_NS: u64 = 1_000;
-/// Taxels of a map with the longest last packet, nine of them.
-pub const LONGEST_TAIL: usize = 59;
 /// From before the end of a command over the UART until it has been carried out.
 const UART_BEFORE_NS: u64 = 5_000;
 const UART_BEHIND_NS: u64 = 45_000;
@@ -39,8 +39,6 @@ const CALM_NS: u64 = 100_000;
 const PACKET_NS: u64 = 52_000;
 /// Taxels of a map with the longest last packet in few packets: over the UART each takes 0.7 ms.
 const SHORT_MAP: usize = 9;
-/// Longer than maps are fresh.
-pub const STALE_NS: u64 = 120 * TICK_NS;
 /// Maps of a stream.
 const STREAM: usize = 24;
 

@@ -384,7 +384,7 @@ mod tests {
         evidence.extend(vec![0.1; 60]);
         evidence.push(0.6);
         assert_eq!(alarms(&evidence), [10, 75]);
-        assert_eq!(alarms(&[0.5; 100]), []);
+        assert!(alarms(&[0.5; 100]).is_empty());
     }
 
     #[test]
