@@ -53,18 +53,19 @@ impl Acknowledgement {
     pub fn step(&self, now_us: u64, (status, age_us): (Option<&Status>, u64)) -> Acknowledging {
         let is_over = now_us.saturating_sub(self.begun_us) >= GIVE_UP_US;
         let came_us = now_us.saturating_sub(age_us);
-        let since =
-            |sent_us: Option<u64>| status.filter(|_| sent_us.is_some_and(|sent_us| came_us >= sent_us));
-        match since(self.sent_us) {
+        // At the end the last one may have been sent just now: then an answer to the one before counts too.
+        let sent_us = if is_over {
+            self.sent_before_us.or(self.sent_us)
+        } else {
+            self.sent_us
+        };
+        match status.filter(|_| sent_us.is_some_and(|sent_us| came_us >= sent_us)) {
             Some(status) if status.latched & self.faults == 0 => Acknowledging::Done,
-            // The last one may have been sent just now: then the answer to the one before counts.
-            _ if is_over => match since(self.sent_before_us.or(self.sent_us)) {
-                Some(status) => {
-                    let latched = status.latched & self.faults;
-                    Acknowledging::StillLatched(latched, latched & status.faults)
-                }
-                None => Acknowledging::NoStatus,
-            },
+            Some(status) if is_over => {
+                let latched = status.latched & self.faults;
+                Acknowledging::StillLatched(latched, latched & status.faults)
+            }
+            None if is_over => Acknowledging::NoStatus,
             _ if self.sent_us.is_none_or(|sent_us| now_us >= sent_us + REPEAT_US) => Acknowledging::Send,
             _ => Acknowledging::Wait,
         }
@@ -129,6 +130,10 @@ mod tests {
         assert_eq!(
             asked.step(2_000_000, (Some(&still), 5_000)),
             Acknowledging::StillLatched(0b110, 0b100)
+        );
+        assert_eq!(
+            asked.step(2_000_000, (Some(&status(0, 0)), 5_000)),
+            Acknowledging::Done
         );
         // A status from before both is none.
         assert_eq!(

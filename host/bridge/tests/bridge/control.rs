@@ -3,10 +3,9 @@
 
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::net::{TcpListener, TcpStream};
-use std::path::Path;
 use std::process::{Child, Command, Stdio};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -135,104 +134,108 @@ impl Drop for Serving {
     }
 }
 
-/// A board in a thread of its own, and what its test does to it.
+/// A board in a thread of its own, in a world that its test changes.
 struct Board {
     path: String,
-    world: Arc<World>,
+    /// The world as the test wants it, and as the board lives in it.
+    worlds: Arc<Mutex<[World; 2]>>,
     thread: Option<JoinHandle<()>>,
 }
 
-/// The board's surroundings.
-#[derive(Default)]
+/// What surrounds a board.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 struct World {
-    is_over: AtomicBool,
+    is_over: bool,
     /// The plug is pulled: the board goes on without a host.
-    is_unplugged: AtomicBool,
+    is_unplugged: bool,
     /// The robot forbids a release.
-    inhibits_release: AtomicBool,
+    inhibits_release: bool,
     /// The supply is too low.
-    is_undervolted: AtomicBool,
+    is_undervolted: bool,
     /// Power cuts so far.
-    power_cuts: AtomicU64,
+    power_cuts: u32,
 }
 
 impl Board {
     fn start(lost_per_mille: u64) -> Self {
         let folder = tempfile::tempdir().unwrap();
-        let name = folder.path().join("port");
-        let path = format!("serial:{}", name.display());
-        let world = Arc::new(World::default());
-        let its_world = Arc::clone(&world);
-        let mut line = Line::plug(&name);
+        let port = folder.path().join("port");
+        let path = format!("serial:{}", port.display());
+        let worlds = Arc::new(Mutex::new([World::default(); 2]));
+        let its_worlds = Arc::clone(&worlds);
+        let mut line = Some(Line::plug(&port));
         let thread = std::thread::spawn(move || {
             let _folder = folder;
             let mut board = SerialBoard::new(lost_per_mille);
+            let wanted = || its_worlds.lock().unwrap()[0];
             let mut power_cuts = 0;
-            while !its_world.is_over() {
-                let (inhibits, undervolted, cuts) = its_world.seen();
-                let program = &mut board.board.device.program;
-                program.inhibit_release(inhibits);
-                let mut faults = FaultSet::EMPTY;
-                faults.set(Fault::Undervoltage, undervolted);
-                program.note_board(faults);
-                if cuts != power_cuts {
+            while !wanted().is_over {
+                let world = wanted();
+                if world.power_cuts != power_cuts {
                     board.board.reset(ResetCause::PowerOn, 0);
-                    power_cuts = cuts;
+                    power_cuts = world.power_cuts;
                 }
-                if its_world.is_unplugged.load(Ordering::Relaxed) {
-                    drop(line);
-                    while its_world.is_unplugged.load(Ordering::Relaxed) && !its_world.is_over() {
-                        board.live();
-                        std::thread::sleep(Duration::from_millis(1));
+                let program = &mut board.board.device.program;
+                program.inhibit_release(world.inhibits_release);
+                let mut faults = FaultSet::EMPTY;
+                faults.set(Fault::Undervoltage, world.is_undervolted);
+                program.note_board(faults);
+                if world.is_unplugged {
+                    line = None;
+                } else if line.is_none() {
+                    // What was said into an open line is lost.
+                    board.board.replies.clear();
+                    line = Some(Line::plug(&port));
+                }
+                its_worlds.lock().unwrap()[1] = world;
+                match &mut line {
+                    Some(line) => board.serve(line, |_| wanted() != world),
+                    None => {
+                        while wanted() == world {
+                            board.live();
+                            std::thread::sleep(Duration::from_millis(1));
+                        }
                     }
-                    line = Line::plug(&name);
                 }
-                board.serve(&mut line, |_| {
-                    its_world.is_over()
-                        || its_world.is_unplugged.load(Ordering::Relaxed)
-                        || its_world.seen() != (inhibits, undervolted, cuts)
-                });
             }
         });
         Self {
             path,
-            world,
+            worlds,
             thread: Some(thread),
         }
     }
 
-    /// Returns when it is plugged in, or out.
-    fn plug(&self, is_in: bool) {
-        self.world.is_unplugged.store(!is_in, Ordering::Relaxed);
-        let port = Path::new(self.path.trim_start_matches("serial:"));
-        while port.is_symlink() != is_in {
+    /// Changes its world; returns when the board lives in the new one.
+    fn change(&self, change: impl FnOnce(&mut World)) {
+        change(&mut self.worlds.lock().unwrap()[0]);
+        loop {
+            let [wanted, lived] = *self.worlds.lock().unwrap();
+            if wanted == lived {
+                return;
+            }
             std::thread::sleep(Duration::from_millis(1));
         }
     }
 }
 
-impl World {
-    fn is_over(&self) -> bool {
-        self.is_over.load(Ordering::Relaxed)
-    }
-
-    /// What the board sees of it.
-    fn seen(&self) -> (bool, bool, u64) {
-        (
-            self.inhibits_release.load(Ordering::Relaxed),
-            self.is_undervolted.load(Ordering::Relaxed),
-            self.power_cuts.load(Ordering::Relaxed),
-        )
-    }
-}
-
 impl Drop for Board {
     fn drop(&mut self) {
-        self.world.is_over.store(true, Ordering::Relaxed);
+        self.worlds.lock().unwrap()[0].is_over = true;
         if let Some(thread) = self.thread.take() {
             let _ = thread.join();
         }
     }
+}
+
+/// Released, with the line at 0 N.
+#[track_caller]
+fn assert_released(status: &Value) {
+    assert_eq!(
+        (&status["mode"], &status["line_n"]),
+        (&json!("released"), &json!(0.0)),
+        "{status}"
+    );
 }
 
 #[test]
@@ -240,11 +243,7 @@ fn nothing_moves_until_somebody_asks_and_then_as_asked() {
     let board = Board::start(0);
     let run = Serving::start(&["--mcu", &board.path]);
     let status = run.wait_for("picture", |status| status["frames"].as_u64() > Some(60));
-    assert_eq!(
-        (&status["mode"], &status["line_n"]),
-        (&json!("released"), &json!(0.0)),
-        "{status}"
-    );
+    assert_released(&status);
     assert_eq!(
         (&status["owner"], &status["requested"]),
         (&Value::Null, &Value::Null)
@@ -380,7 +379,7 @@ fn what_is_asked_while_the_board_is_away_is_refused_and_not_done_when_it_is_back
     assert_eq!(run.ask("arm", "hold").0, 200);
     run.wait_for("grip", |status| status["line_n"].as_f64() > Some(0.5));
 
-    board.plug(false);
+    board.change(|world| world.is_unplugged = true);
     let (code, answer) = run.ask("arm", "release");
     let why = answer["why"].as_str().unwrap();
     assert!(
@@ -395,7 +394,7 @@ fn what_is_asked_while_the_board_is_away_is_refused_and_not_done_when_it_is_back
     let (code, answer) = run.ask("arm", "release");
     assert_eq!((code, &answer["why"]), (503, &json!("link_lost")), "{answer}");
 
-    board.plug(true);
+    board.change(|world| world.is_unplugged = false);
     run.wait_for("board that is back", |status| {
         status["is_connected"] == true && status["status_age_ms"].as_f64() < Some(200.0)
     });
@@ -423,22 +422,18 @@ fn a_board_that_lost_its_power_stays_released_until_somebody_asks_again() {
     let run = Serving::start(&["--mcu", &board.path]);
     run.wait_for("status", |status| status["mode"] == "released");
     assert_eq!(run.ask("arm", "release").0, 200);
-    board.plug(false);
+    board.change(|world| world.is_unplugged = true);
     run.wait_for("lost link", |status| status["is_connected"] == false);
     let (code, answer) = run.ask("arm", "hold");
     assert_eq!((code, &answer["why"]), (503, &json!("link_lost")), "{answer}");
-    board.world.power_cuts.store(1, Ordering::Relaxed);
-    board.plug(true);
+    board.change(|world| world.power_cuts += 1);
+    board.change(|world| world.is_unplugged = false);
     run.wait_for("board that is back", |status| {
         status["is_connected"] == true && status["status_age_ms"].as_f64() < Some(200.0)
     });
     std::thread::sleep(Duration::from_millis(500));
     let status = run.status();
-    assert_eq!(
-        (&status["mode"], &status["line_n"]),
-        (&json!("released"), &json!(0.0)),
-        "{status}"
-    );
+    assert_released(&status);
     assert_eq!(run.ask("arm", "hold").0, 200);
 }
 
@@ -447,8 +442,7 @@ fn an_input_that_forbids_a_release_and_a_fault_that_lasts_are_named() {
     let board = Board::start(0);
     let run = Serving::start(&["--mcu", &board.path, "--hold"]);
     run.wait_for("grip", |status| status["line_n"].as_f64() > Some(0.5));
-    board.world.inhibits_release.store(true, Ordering::Relaxed);
-    std::thread::sleep(Duration::from_millis(50));
+    board.change(|world| world.inhibits_release = true);
     let (code, answer) = run.ask("arm", "release");
     assert_eq!((code, &answer["why"]), (409, &json!("inhibited")), "{answer}");
     assert!(
@@ -458,11 +452,11 @@ fn an_input_that_forbids_a_release_and_a_fault_that_lasts_are_named() {
             .contains("release-inhibit input"),
         "{answer}"
     );
-    board.world.inhibits_release.store(false, Ordering::Relaxed);
+    board.change(|world| world.inhibits_release = false);
     std::thread::sleep(Duration::from_millis(300));
     assert_eq!(run.status()["mode"], "hold", "what was refused is not done later");
 
-    board.world.is_undervolted.store(true, Ordering::Relaxed);
+    board.change(|world| world.is_undervolted = true);
     run.wait_for("latched fault", |status| {
         let faults = status["faults"].as_array().unwrap();
         faults.iter().any(|fault| fault["latched"] == true)
@@ -475,8 +469,7 @@ fn an_input_that_forbids_a_release_and_a_fault_that_lasts_are_named() {
     );
     let (code, answer) = run.ask("arm", "release");
     assert_eq!((code, &answer["why"]), (409, &json!("latched")), "{answer}");
-    board.world.is_undervolted.store(false, Ordering::Relaxed);
-    std::thread::sleep(Duration::from_millis(50));
+    board.change(|world| world.is_undervolted = false);
     assert_eq!(run.ask("arm", "acknowledge").0, 200);
     assert_eq!(run.ask("arm", "release").0, 200);
 }

@@ -37,7 +37,7 @@ struct Report {
     #[serde(skip_serializing_if = "Option::is_none")]
     uskin_evidence: Option<Vec<uskin::evidence::Evidence>>,
     #[serde(skip_serializing_if = "Option::is_none")]
-    uskin_alarms_per_minute: Option<uskin::evidence::AlarmsPerMinute>,
+    uskin_quiet: Option<uskin::evidence::QuietTotals>,
 }
 
 /// Runs the command.
@@ -63,9 +63,9 @@ pub fn run(args: &RealArgs) -> Result<(), EvaluationError> {
     let report = Report {
         gelsight_mini: pictures.as_deref().map(gelsight::evaluate).transpose()?,
         fingers: counts.as_deref().map(uskin::evaluate).transpose()?,
-        uskin_alarms_per_minute: uskin_evidence
+        uskin_quiet: uskin_evidence
             .as_deref()
-            .and_then(uskin::evidence::alarms_per_minute),
+            .and_then(uskin::evidence::QuietTotals::of),
         uskin_evidence,
     };
     let page = markdown(&report);

@@ -248,7 +248,7 @@ impl<'a> Bench<'a> {
 
     fn say(&mut self, message: &Message) {
         self.message += 1;
-        for packet in MessagePackets::new(message, self.message).into_iter().flatten() {
+        for packet in packets_of(message, self.message) {
             self.board.usb_send(&packet);
         }
     }
@@ -603,7 +603,7 @@ impl<'a> Bench<'a> {
         self.run(bytes.len() as u64 * UART_BYTE_NS + MAP_NS)
     }
 
-    /// Says something over a link, whose packets are damaged.
+    /// Says something over a link, in packets that `damage` has changed.
     ///
     /// # Errors
     /// The board's.
@@ -1005,6 +1005,7 @@ fn frames(command: Command, id: u8) -> Vec<u8> {
     framed(&packets_of(&Message::Command(command), id))
 }
 
+/// A message's packets.
 fn packets_of(message: &Message, id: u8) -> Vec<Vec<u8>> {
     let packets = MessagePackets::new(message, id).into_iter().flatten();
     packets.map(|packet| packet.to_vec()).collect()

@@ -472,7 +472,7 @@ impl Report {
              \"head_instructions\": {}, \"held_off_cycles\": {}, \"raises_line\": {}, \"raises\": {}, \"raise_worst_cycles\": {}, \
              \"bound_over_measured\": {:.2}, \"tail_bound_cycles\": {:?}, \"tail_measured_cycles\": {:?}, \
              \"worst_waited_cycles\": {}, \"worst_composition\": {:?}, \"uart_bound_cycles\": {}, \"uart_measured_worst_cycles\": {}, \"uart_tail_bound_cycles\": {:?}, \"uart_tail_measured_cycles\": {:?}, \"uart_worst_composition\": {:?}, \"uart_byte_cycles\": {}, \"uart_room_cycles\": {}, \"behind_control_cycles\": {}, \"maps_per_second_dense\": {:.0}, \
-             \"maps_per_second_150\": {:.0}, \"maps_per_second_150_two_fingertips\": {:.0}, \"stack_bound_bytes\": {}, \"stack_room_bytes\": {}, \"stack_measured_bytes\": {}, \"findings\": {:?}}}\n",
+             \"maps_per_second_150\": {:.0}, \"maps_per_second_150_two_fingertips\": {:.0}, \"stack_bound_bytes\": {}, \"stack_room_bytes\": {}, \"stack_measured_bytes\": {}, \"usb_measured_worst_cycles\": {}, \"unknown_accesses\": {}, \"unknown_accesses_met\": {}, \"findings\": {:?}}}\n",
             self.bound_cycles(),
             self.worst_cycles(),
             self.blocking_worst,
@@ -515,6 +515,9 @@ impl Report {
             self.stack.bound,
             self.stack.room(),
             self.stack_measured_bytes,
+            self.worst[0].cycles,
+            self.unknown.0,
+            self.unknown.1,
             self.findings,
         )
     }

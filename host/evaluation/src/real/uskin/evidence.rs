@@ -275,23 +275,34 @@ fn alarms(evidence: &[f64]) -> Vec<usize> {
     found
 }
 
-/// Alarms a minute of both fingers' trials without slip, and those of them at which the object rests by its pose.
-pub(in crate::real) fn alarms_per_minute(found: &[Evidence]) -> Option<AlarmsPerMinute> {
-    let trials = || found.iter().flat_map(|finger| &finger.quiet);
-    let minutes = trials().map(|trial| trial.seconds).sum::<f64>() / 60.0;
-    let [all, moving] = [|trial: &Quiet| trial.alarms, |trial: &Quiet| trial.alarms_moving]
-        .map(|of| trials().map(of).sum::<usize>());
-    (minutes > 0.0).then(|| AlarmsPerMinute {
-        all: all as f64 / minutes,
-        at_rest: (all - moving) as f64 / minutes,
-    })
+/// The trials without slip of both fingers together.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub(in crate::real) struct QuietTotals {
+    seconds: f64,
+    alarms: usize,
+    /// Of these, the ones at which the object moves by its pose.
+    alarms_moving: usize,
+    alarms_per_minute: f64,
+    /// Of alarms at which the object rests by its pose.
+    alarms_at_rest_per_minute: f64,
 }
 
-/// Alarms a minute of trials that never slip by their label.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub(in crate::real) struct AlarmsPerMinute {
-    all: f64,
-    at_rest: f64,
+impl QuietTotals {
+    /// `None` without such trials.
+    pub(in crate::real) fn of(found: &[Evidence]) -> Option<Self> {
+        let trials = || found.iter().flat_map(|finger| &finger.quiet);
+        let seconds: f64 = trials().map(|trial| trial.seconds).sum();
+        let alarms: usize = trials().map(|trial| trial.alarms).sum();
+        let alarms_moving: usize = trials().map(|trial| trial.alarms_moving).sum();
+        let per_minute = |alarms: usize| 60.0 * alarms as f64 / seconds;
+        (seconds > 0.0).then(|| Self {
+            seconds,
+            alarms,
+            alarms_moving,
+            alarms_per_minute: per_minute(alarms),
+            alarms_at_rest_per_minute: per_minute(alarms - alarms_moving),
+        })
+    }
 }
 
 /// The area of every score over all trials; `None` when a trial has no truth.
@@ -344,21 +355,21 @@ pub(in crate::real) fn markdown(found: &[Evidence]) -> String {
         }));
     }
     let columns: Vec<&str> = ["finger", "truth"].into_iter().chain(SCORES).collect();
-    let of_both = found.iter().flat_map(|finger| &finger.quiet);
-    let all_s: f64 = of_both.clone().map(|trial| trial.seconds).sum();
-    let alarms: usize = of_both.clone().map(|trial| trial.alarms).sum();
-    let alarms_moving: usize = of_both.map(|trial| trial.alarms_moving).sum();
+    let totals = QuietTotals::of(found).map_or_else(String::new, |totals| {
+        format!(
+            "{} in {:.0} s of both fingers together, {} of them as the object moves by its pose",
+            totals.alarms, totals.seconds, totals.alarms_moving
+        )
+    });
     format!(
         "### uSkin, the whole detector\n\nArea under the ROC curve over the three trials with slip, as `gripline detect --scale 1e-3 \
          --state` gives it: shipped settings, friction {:.2}. The weights of the witnesses and three time constants of one of them were \
          chosen on these trials, so the first column is no proof for other sensors. By the object's pose it moves when it has gone {MOVES_MM} \
          mm in {MOVES_FRAMES} frames; the label comes 100 to 200 ms later.\n\n{}\nTrials that never slip by their label, read as if the grip \
          began as on the other day, because their zero is not known. An alarm is evidence above {ALARM}, {ALARM_APART_S} s after the one \
-         before: {alarms} in {:.0} s of both fingers together, {alarms_moving} of them as the object moves by its pose, which is the better \
-         truth: the object of trial 7 ends 5 mm from where it was.\n\n{}",
+         before: {totals}.\n\n{}",
         f64::from(Configuration::DEFAULT.friction) / f64::from(PER_UNIT),
         table(&columns, &rows),
-        all_s,
         table(
             &[
                 "finger",
