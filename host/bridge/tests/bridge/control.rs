@@ -150,8 +150,8 @@ struct World {
     is_unplugged: bool,
     /// The robot forbids a release.
     inhibits_release: bool,
-    /// The supply is too low.
-    is_undervolted: bool,
+    /// What ails the board, as its pins tell.
+    faults: FaultSet,
     /// Power cuts so far.
     power_cuts: u32,
 }
@@ -177,9 +177,7 @@ impl Board {
                 }
                 let program = &mut board.board.device.program;
                 program.inhibit_release(world.inhibits_release);
-                let mut faults = FaultSet::EMPTY;
-                faults.set(Fault::Undervoltage, world.is_undervolted);
-                program.note_board(faults);
+                program.note_board(world.faults);
                 if world.is_unplugged {
                     line = None;
                 } else if line.is_none() {
@@ -456,7 +454,7 @@ fn an_input_that_forbids_a_release_and_a_fault_that_lasts_are_named() {
     std::thread::sleep(Duration::from_millis(300));
     assert_eq!(run.status()["mode"], "hold", "what was refused is not done later");
 
-    board.change(|world| world.is_undervolted = true);
+    board.change(|world| world.faults.set(Fault::Undervoltage, true));
     run.wait_for("latched fault", |status| {
         let faults = status["faults"].as_array().unwrap();
         faults.iter().any(|fault| fault["latched"] == true)
@@ -469,7 +467,7 @@ fn an_input_that_forbids_a_release_and_a_fault_that_lasts_are_named() {
     );
     let (code, answer) = run.ask("arm", "release");
     assert_eq!((code, &answer["why"]), (409, &json!("latched")), "{answer}");
-    board.change(|world| world.is_undervolted = false);
+    board.change(|world| world.faults = FaultSet::EMPTY);
     assert_eq!(run.ask("arm", "acknowledge").0, 200);
     assert_eq!(run.ask("arm", "release").0, 200);
 }
