@@ -168,7 +168,7 @@ fn one_run(
         readers.push(run.stream("/frames", false, &is_over)?);
     }
     let dds: Result<Vec<Child>, Error> = (0..DDS_READERS).filter_map(|_| python).map(dds_reader).collect();
-    let mut dds = dds?;
+    let dds = dds?;
     let out = run.out.take();
     if python.is_some() {
         // It stands still for the whole run except for the end, which is where the figures are.
@@ -179,16 +179,22 @@ fn one_run(
         lines.filter(|line| line.contains("\"summary\":true")).last()
     });
     is_over.store(true, Ordering::Relaxed);
-    for reader in &mut dds {
-        let _ = reader.kill();
-        let _ = reader.wait();
-    }
+    let dds: Result<Vec<u64>, Error> = dds.into_iter().map(messages_read).collect();
+    let dds = dds?;
     drop(run);
     for reader in readers {
         let _ = reader.join();
     }
     let summary: Value = serde_json::from_str(&summary.unwrap_or_default()).unwrap_or_default();
     let number = |key: &str| summary[key].as_f64().ok_or_else(|| no_product(key, &summary));
+    // Python needs a second or two until it reads.
+    let expected = number("frames")? / 2.0;
+    if dds.iter().any(|read| (*read as f64) < expected) {
+        return Err(no_product(
+            &format!("{expected} messages of each topic read"),
+            &json!(dds),
+        ));
+    }
     Ok(RunTimes {
         median_us: number("frame_to_link_us_median")?,
         p999_us: number("frame_to_link_us_p999")?,
@@ -204,23 +210,40 @@ fn no_product(expected: &str, found: &Value) -> Error {
     }
 }
 
-/// Reads forces, maps and slip until it is killed.
+/// Reads forces, maps and slip until its input ends.
 fn dds_reader(python: &Path) -> Result<Child, Error> {
     let topics: Vec<[String; 2]> = ["wrench", "force_map", "slip"]
         .map(|topic| [topic.to_owned(), format!("/bench/fingertip_0/{topic}")])
         .into();
     let domain: u16 = DOMAIN.parse().unwrap_or_default();
-    let job = json!({"job": "read", "domain": domain, "topics": topics, "count": u32::MAX});
+    let job = json!({"job": "follow", "domain": domain, "topics": topics});
     Command::new(python)
         .arg(process::root().join("host/ros2/tests/peer.py"))
         .arg(job.to_string())
-        .stdout(Stdio::null())
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
         .stderr(Stdio::null())
         .spawn()
         .map_err(|source| Error::Start {
             program: python.display().to_string(),
             source,
         })
+}
+
+/// Ends a reader; returns how many messages it read of the topic of which it read the fewest.
+fn messages_read(mut reader: Child) -> Result<u64, Error> {
+    drop(reader.stdin.take());
+    let output = reader.wait_with_output().map_err(|source| Error::Start {
+        program: "the DDS reader".to_owned(),
+        source,
+    })?;
+    let read: Vec<u64> = serde_json::from_slice(&output.stdout).unwrap_or_default();
+    read.into_iter().min().ok_or_else(|| {
+        no_product(
+            "numbers of messages",
+            &json!(String::from_utf8_lossy(&output.stdout)),
+        )
+    })
 }
 
 /// How long each request took until the microcontroller confirmed it, ms: the first hundred and the second.

@@ -7,6 +7,9 @@ const PRIORITY: u8 = 40;
 /// The same for the camera thread: below the loop, which has work only when the camera thread has none.
 #[cfg(target_os = "linux")]
 const CAPTURE_PRIORITY: u8 = 39;
+/// Of the threads that serve readers, of 99 from the least to the most: a niceness of 10.
+#[cfg(target_os = "linux")]
+const READERS_PRIORITY: u8 = 22;
 
 /// Requests all of it and returns what was refused, one line each. `core` counts from 0; `None` is the last one.
 #[cfg(target_os = "linux")]
@@ -41,6 +44,22 @@ pub(crate) fn enter(core: Option<usize>) -> Vec<String> {
     .collect()
 }
 
+/// Starts readers' threads: they, and those that they start, run behind the loop, with a niceness of 10 (a tenth of its share where
+/// there is not enough for all), not lower, because requests come through them.
+pub(crate) fn behind<T: Send>(start: impl FnOnce() -> T + Send) -> T {
+    let begin = || {
+        #[cfg(target_os = "linux")]
+        if let Err(why) = nice() {
+            tracing::warn!("readers keep the priority of the loop: {why}");
+        }
+        start()
+    };
+    std::thread::scope(|scope| {
+        let begun = scope.spawn(begin).join();
+        begun.unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+    })
+}
+
 /// Requests only the priority, for the camera thread, which may use any core. Returns what was refused.
 #[cfg(target_os = "linux")]
 pub(crate) fn enter_capture() -> Option<String> {
@@ -69,6 +88,27 @@ fn lack(what: &str, why: &str, expected: &str) -> String {
 }
 
 #[cfg(target_os = "linux")]
+fn nice() -> Result<(), String> {
+    use thread_priority::unix::{
+        NormalThreadSchedulePolicy, ThreadSchedulePolicy, set_thread_priority_and_policy, thread_native_id,
+    };
+    set_thread_priority_and_policy(
+        thread_native_id(),
+        thread_priority::ThreadPriority::Crossplatform(READERS_PRIORITY.try_into()?),
+        ThreadSchedulePolicy::Normal(NormalThreadSchedulePolicy::Other),
+    )
+    .map_err(reason)
+}
+
+#[cfg(target_os = "linux")]
+fn reason(error: thread_priority::Error) -> String {
+    match error {
+        thread_priority::Error::OS(number) => std::io::Error::from_raw_os_error(number).to_string(),
+        other => format!("{other:?}"),
+    }
+}
+
+#[cfg(target_os = "linux")]
 fn scheduler(priority: u8) -> Result<(), String> {
     use thread_priority::unix::{
         RealtimeThreadSchedulePolicy, ThreadSchedulePolicy, set_thread_priority_and_policy, thread_native_id,
@@ -79,10 +119,7 @@ fn scheduler(priority: u8) -> Result<(), String> {
         thread_priority::ThreadPriority::Crossplatform(priority),
         ThreadSchedulePolicy::Realtime(RealtimeThreadSchedulePolicy::Fifo),
     )
-    .map_err(|error| match error {
-        thread_priority::Error::OS(number) => std::io::Error::from_raw_os_error(number).to_string(),
-        other => format!("{other:?}"),
-    })
+    .map_err(reason)
 }
 
 #[cfg(target_os = "linux")]
@@ -99,4 +136,26 @@ fn pinned(core: usize) -> Result<(), String> {
         .set(core)
         .and_then(|()| nix::sched::sched_setaffinity(this_thread, &cores))
         .map_err(|error| error.desc().to_owned())
+}
+
+#[cfg(all(test, target_os = "linux"))]
+mod tests {
+    use super::*;
+
+    /// Niceness of the calling thread, from the system.
+    fn niceness() -> i64 {
+        let stat = std::fs::read_to_string("/proc/thread-self/stat").unwrap();
+        // After the name, which may contain anything: state, parent and so on; the niceness is the 19th of all.
+        let (_, fields) = stat.rsplit_once(") ").unwrap();
+        fields.split(' ').nth(16).unwrap().parse().unwrap()
+    }
+
+    #[test]
+    fn readers_and_what_they_start_run_behind_and_the_caller_as_before() {
+        let before = niceness();
+        let (of_readers, of_their_own) =
+            behind(|| (niceness(), std::thread::spawn(niceness).join().unwrap()));
+        assert_eq!((of_readers, of_their_own), (10, 10));
+        assert_eq!(niceness(), before);
+    }
 }

@@ -6,6 +6,7 @@ One argument, a job as JSON; one line of JSON on standard output.
 import json
 import os
 import random
+import select
 import socket
 import sys
 import time
@@ -18,7 +19,7 @@ os.environ["CYCLONEDDS_URI"] = """<CycloneDDS><Domain>
 <Discovery><ParticipantIndex>auto</ParticipantIndex><Peers><Peer address="127.0.0.1"/></Peers></Discovery>
 </Domain></CycloneDDS>"""
 
-from cyclonedds.core import Policy, Qos  # noqa: E402
+from cyclonedds.core import InstanceState, Policy, Qos, ReadCondition, SampleState, ViewState, WaitSet  # noqa: E402
 from cyclonedds.domain import DomainParticipant  # noqa: E402
 from cyclonedds.idl import IdlStruct  # noqa: E402
 from cyclonedds.idl.types import array, float64, int32, sequence, uint8, uint16, uint32, uint64  # noqa: E402
@@ -248,6 +249,21 @@ def read(job):
     return {"joined": joined, "found": found}
 
 
+def follow(job):
+    """Takes every message as it comes, as a node's callback does, until standard input ends; how many there were of each topic."""
+    participant = DomainParticipant(job["domain"])
+    readers = [reader(participant, kind, name) for kind, name in job["topics"]]
+    waiting = WaitSet(participant)
+    for topic in readers:
+        waiting.attach(ReadCondition(topic, ViewState.Any | InstanceState.Any | SampleState.Any))
+    taken = [0] * len(readers)
+    while not select.select([sys.stdin], [], [], 0)[0]:
+        waiting.wait(duration(milliseconds=200))
+        for place, topic in enumerate(readers):
+            taken[place] += sum(sample.sample_info.valid_data for sample in topic.take(N=50))
+    return taken
+
+
 class Service:
     """A client of one service, in either mapping."""
 
@@ -345,4 +361,4 @@ def garbage(job):
 
 if __name__ == "__main__":
     JOB = json.loads(sys.argv[1])
-    print(json.dumps(plain({"read": read, "call": call, "garbage": garbage}[JOB["job"]](JOB)), allow_nan=False))
+    print(json.dumps(plain({"read": read, "follow": follow, "call": call, "garbage": garbage}[JOB["job"]](JOB)), allow_nan=False))

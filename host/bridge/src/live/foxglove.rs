@@ -22,7 +22,7 @@ enum Item {
 }
 
 /// Whether a client shows the channel in this place of the list.
-type IsWatched = Box<dyn Fn(usize) -> bool>;
+type IsWatched = Box<dyn Fn(usize) -> bool + Send>;
 
 /// A server, as long as the run lives.
 pub(crate) struct Foxglove {

@@ -28,9 +28,12 @@ pub(crate) struct Ros2Settings {
     pub control: bool,
 }
 
+/// Leaves a frame for the node; never waits.
+type Leave = Box<dyn Fn(Sample) + Send>;
+
 /// A node, as long as the run lives.
 pub(crate) struct Ros2 {
-    leave: Box<dyn Fn(Sample)>,
+    leave: Leave,
 }
 
 impl Ros2 {
@@ -84,7 +87,7 @@ pub(crate) fn check_domain(text: &str) -> Result<u16, String> {
 }
 
 #[cfg(not(feature = "ros2"))]
-fn open(_: &Ros2Settings, _: u16, _: Rmw, _: u8, _: &Handle) -> Result<Box<dyn Fn(Sample)>, Error> {
+fn open(_: &Ros2Settings, _: u16, _: Rmw, _: u8, _: &Handle) -> Result<Leave, Error> {
     Err(Error::usage(
         "ros2.name (--ros2-name): this gripline was built without ROS 2, expected one that has it: `cargo build --release \
          --features ros2`",
@@ -98,7 +101,7 @@ fn open(
     rmw: Rmw,
     fingertips: u8,
     handle: &Handle,
-) -> Result<Box<dyn Fn(Sample)>, Error> {
+) -> Result<Leave, Error> {
     let node = gripline_ros2::Ros2Node::start(
         &gripline_ros2::Settings {
             namespace: settings.namespace.clone(),

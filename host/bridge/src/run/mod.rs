@@ -56,6 +56,7 @@ use crate::live::foxglove::Foxglove;
 use crate::live::ros2::Ros2;
 use crate::log::Collector;
 use crate::model::Model;
+use crate::realtime::{self, behind};
 use crate::source::Source;
 use crate::token;
 use crate::writer::WhenFull;
@@ -156,7 +157,7 @@ pub fn run(args: &RunArgs) -> Result<Completion, Error> {
     run.drift = DriftWatch::of_cameras(pacing == Pacing::Pictures, drift);
     // After the other threads have started: they keep their ordinary priority.
     if wanted.realtime {
-        let lacks = crate::realtime::enter(wanted.realtime_core);
+        let lacks = realtime::enter(wanted.realtime_core);
         for lack in &lacks {
             tracing::warn!("{lack}");
         }
@@ -181,17 +182,17 @@ fn open_to_others(
     control: &Handle,
     (about, rests): (&Metadata, &[Vec<Image>]),
 ) -> Result<(), Error> {
-    run.live = serve(wanted, control)?;
+    run.live = behind(|| serve(wanted, control))?;
     if let Some(fleet) = &wanted.fleet() {
         let about = serde_json::to_string(about).unwrap_or_default();
-        run.fleet = Some(Fleet::start(fleet, about)?);
+        run.fleet = Some(behind(|| Fleet::start(fleet, about))?);
     }
     if let Some(ros2) = &wanted.ros2() {
         let sensors = run.control.session.settings().sensors;
-        run.ros2 = Some(Ros2::start(ros2, sensors, control)?);
+        run.ros2 = Some(behind(|| Ros2::start(ros2, sensors, control))?);
     }
     if let Some(address) = wanted.foxglove {
-        run.foxglove = Some(Foxglove::start(address, about, rests)?);
+        run.foxglove = Some(behind(|| Foxglove::start(address, about, rests))?);
     }
     Ok(())
 }
