@@ -1,7 +1,8 @@
 //! `cargo xtask bench outside`: what readers cost the loop, and how long a request takes until the microcontroller confirms it. The
 //! program runs as it is shipped, on a recording of the simulated fingertip (whose contact takes longer to solve than a frame where
 //! it shears), in turns alone and with everybody reading: ten HTTP streams, a stream that is never read, a standard output that
-//! stands still until the end, and two readers of another DDS. All of them share the processor with the run.
+//! stands still until the end, and two readers of another DDS, which take every message as a node's callback does. All of them share
+//! the processor with the run.
 
 use std::fmt::Write as _;
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
@@ -167,8 +168,10 @@ fn one_run(
         }
         readers.push(run.stream("/frames", false, &is_over)?);
     }
-    let dds: Result<Vec<Child>, Error> = (0..DDS_READERS).filter_map(|_| python).map(dds_reader).collect();
-    let dds = dds?;
+    let dds: Vec<Child> = (0..DDS_READERS)
+        .filter_map(|_| python)
+        .map(dds_reader)
+        .collect::<Result<_, _>>()?;
     let out = run.out.take();
     if python.is_some() {
         // It stands still for the whole run except for the end, which is where the figures are.
@@ -179,8 +182,7 @@ fn one_run(
         lines.filter(|line| line.contains("\"summary\":true")).last()
     });
     is_over.store(true, Ordering::Relaxed);
-    let dds: Result<Vec<u64>, Error> = dds.into_iter().map(messages_read).collect();
-    let dds = dds?;
+    let messages: Vec<u64> = dds.into_iter().map(messages_read).collect::<Result<_, _>>()?;
     drop(run);
     for reader in readers {
         let _ = reader.join();
@@ -189,10 +191,10 @@ fn one_run(
     let number = |key: &str| summary[key].as_f64().ok_or_else(|| no_product(key, &summary));
     // Python needs a second or two until it reads.
     let expected = number("frames")? / 2.0;
-    if dds.iter().any(|read| (*read as f64) < expected) {
+    if messages.iter().any(|read| (*read as f64) < expected) {
         return Err(no_product(
             &format!("{expected} messages of each topic read"),
-            &json!(dds),
+            &json!(messages),
         ));
     }
     Ok(RunTimes {

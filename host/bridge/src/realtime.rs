@@ -1,5 +1,6 @@
-//! Real-time settings for the calling thread: SCHED_FIFO, memory that is never swapped, one core. Linux only. Reports what the
-//! system does not allow, with a remedy; a run works without it.
+//! Priorities of a run's threads. On request, real-time settings for the calling thread: SCHED_FIFO, memory that is never swapped,
+//! one core. Readers' threads always run behind. Linux only. Reports what the system does not allow, with a remedy; a run works
+//! without it.
 
 /// Percent of the range from minimum to maximum priority: above ordinary programs, below the kernel's interrupt threads (50).
 #[cfg(target_os = "linux")]
@@ -7,7 +8,7 @@ const PRIORITY: u8 = 40;
 /// The same for the camera thread: below the loop, which has work only when the camera thread has none.
 #[cfg(target_os = "linux")]
 const CAPTURE_PRIORITY: u8 = 39;
-/// Of the threads that serve readers, of 99 from the least to the most: a niceness of 10.
+/// The same for the threads that serve readers, at ordinary priority: a niceness of 10.
 #[cfg(target_os = "linux")]
 const READERS_PRIORITY: u8 = 22;
 
@@ -44,8 +45,11 @@ pub(crate) fn enter(core: Option<usize>) -> Vec<String> {
     .collect()
 }
 
-/// Starts readers' threads: they, and those that they start, run behind the loop, with a niceness of 10 (a tenth of its share where
-/// there is not enough for all), not lower, because requests come through them.
+/// Calls `start` so that the threads that it starts, and theirs, run behind the loop: with a niceness of 10, a tenth of the
+/// loop's share of a busy core. Not less, because requests come through them. Elsewhere than on Linux it only calls.
+///
+/// # Panics
+/// When `start` does.
 pub(crate) fn behind<T: Send>(start: impl FnOnce() -> T + Send) -> T {
     let begin = || {
         #[cfg(target_os = "linux")]

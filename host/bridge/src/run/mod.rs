@@ -155,7 +155,7 @@ pub fn run(args: &RunArgs) -> Result<Completion, Error> {
     run.pictures = wanted.pictures;
     open_to_others(&mut run, &wanted, &control, (&about, &rests))?;
     run.drift = DriftWatch::of_cameras(pacing == Pacing::Pictures, drift);
-    // After the other threads have started: they keep their ordinary priority.
+    // After the other threads have started, which would inherit it.
     if wanted.realtime {
         let lacks = realtime::enter(wanted.realtime_core);
         for lack in &lacks {
@@ -182,7 +182,7 @@ fn open_to_others(
     control: &Handle,
     (about, rests): (&Metadata, &[Vec<Image>]),
 ) -> Result<(), Error> {
-    run.live = behind(|| serve(wanted, control))?;
+    run.live = serve(wanted, control)?;
     if let Some(fleet) = &wanted.fleet() {
         let about = serde_json::to_string(about).unwrap_or_default();
         run.fleet = Some(behind(|| Fleet::start(fleet, about))?);
@@ -226,7 +226,8 @@ fn serve(wanted: &Settings, control: &Handle) -> Result<Option<Live>, Error> {
             "serve.token_file (--token-file): found none, and no state folder (XDG_STATE_HOME, HOME); expected a file",
         )
     })?;
-    let live = Live::start(address, control.clone(), token::of(&file)?)?;
+    let token = token::of(&file)?;
+    let live = behind(|| Live::start(address, control.clone(), token))?;
     tracing::info!(
         "requests bear the token in {}; page, /status, /metrics and /frames at http://{}",
         file.display(),

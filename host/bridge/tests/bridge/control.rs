@@ -150,7 +150,7 @@ struct World {
     is_unplugged: bool,
     /// The robot forbids a release.
     inhibits_release: bool,
-    /// What ails the board, as its pins tell.
+    /// Faults that the board's pins report.
     faults: FaultSet,
     /// Power cuts so far.
     power_cuts: u32,
