@@ -61,9 +61,18 @@ pub(crate) fn build() -> Result<PathBuf, Error> {
     let built = build_dir()
         .join("release")
         .join(format!("gripline-emulator{}", std::env::consts::EXE_SUFFIX));
-    let kept = process::products().join(format!("gripline-emulator{}", std::env::consts::EXE_SUFFIX));
+    let kept = kept();
     process::install(&built, &kept)?;
     Ok(kept)
+}
+
+/// The emulator that [`build`] kept.
+pub(crate) fn product() -> Result<PathBuf, Error> {
+    process::product(kept(), "the emulator")
+}
+
+fn kept() -> PathBuf {
+    process::products().join(format!("gripline-emulator{}", std::env::consts::EXE_SUFFIX))
 }
 
 /// The emulator's formatting.

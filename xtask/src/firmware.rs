@@ -150,11 +150,20 @@ fn built(program: &str) -> PathBuf {
 /// Builds one board's image, keeps it with the other products, checks where the map-to-line path lies, and measures it.
 pub(crate) fn build(board: Board) -> Result<(PathBuf, Size), Error> {
     process::run(&mut cargo("build", IMAGE, board)?)?;
-    let kept = process::products().join(format!("firmware-{}.elf", board.name()));
+    let kept = kept(board);
     process::install(&built(IMAGE), &kept)?;
     hot::check(&kept)?;
     let size = Size::of(&kept)?;
     Ok((kept, size))
+}
+
+/// The image that [`build`] kept.
+pub(crate) fn product(board: Board) -> Result<PathBuf, Error> {
+    process::product(kept(board), "the image")
+}
+
+fn kept(board: Board) -> PathBuf {
+    process::products().join(format!("firmware-{}.elf", board.name()))
 }
 
 /// The binaries' lints, which the workspace's do not reach.

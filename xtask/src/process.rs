@@ -20,6 +20,18 @@ pub(crate) fn products() -> PathBuf {
     root().join("target").join("gripline")
 }
 
+/// A product that an earlier step made.
+pub(crate) fn product(path: PathBuf, what: &str) -> Result<PathBuf, Error> {
+    if path.is_file() {
+        return Ok(path);
+    }
+    Err(Error::Product {
+        what: what.to_owned(),
+        found: format!("no {}", path.display()),
+        expected: "the one that an earlier check builds (it failed above)".to_owned(),
+    })
+}
+
 /// Cargo's own build folder.
 pub(crate) fn build_dir() -> PathBuf {
     std::env::var_os("CARGO_TARGET_DIR")

@@ -1,14 +1,19 @@
 //! `cargo xtask test`: every check that has to pass, in order, each announced and timed, and a summary at the end.
 //!
 //! A check that cannot run has failed. Later checks still run when an earlier one fails, unless they need its product,
-//! so that one run shows everything that is wrong.
+//! so that one run shows everything that is wrong. What computes on one core for minutes runs beside what compiles; tests that
+//! wait for a clock run alone.
 
+use std::fs::{self, File};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
 use crate::error::Error;
 use crate::firmware::{self, Board};
 use crate::programs::{CHROMIUM, FFMPEG};
-use crate::{arm, emulator, foxglove, modules, physics, process, python, ros2, toolchain, vm};
+use crate::{emulator, foxglove, modules, physics, process, python, ros2, toolchain, vm};
 
 /// What one check came to.
 struct Outcome {
@@ -18,12 +23,90 @@ struct Outcome {
 }
 
 /// Runs checks and remembers what they came to.
-#[derive(Default)]
 struct Checks {
+    started: Instant,
     outcomes: Vec<Outcome>,
 }
 
+/// A command of this program that runs beside the checks, as a process of its own.
+struct Beside {
+    name: String,
+    /// What it printed.
+    log: PathBuf,
+    ended: JoinHandle<(Duration, Result<(), String>)>,
+}
+
+impl Beside {
+    fn start(name: &str, arguments: &[&str]) -> Result<Self, Error> {
+        let program = std::env::current_exe().map_err(|source| Error::file(Path::new("xtask"), source))?;
+        let mut command = Command::new(program);
+        let line = format!("cargo xtask {}", arguments.join(" "));
+        let folder = process::products();
+        let log = folder.join(format!("{}.log", arguments.join("")));
+        let file = |source| Error::file(&log, source);
+        fs::create_dir_all(&folder).map_err(file)?;
+        let output = File::create(&log).map_err(file)?;
+        command
+            .args(arguments)
+            .stdin(Stdio::null())
+            .stdout(output.try_clone().map_err(file)?)
+            .stderr(output);
+        eprintln!("\n== beside what follows: {name} ({line})");
+        let started = Instant::now();
+        let mut child = command.spawn().map_err(|source| Error::Start {
+            program: line.clone(),
+            source,
+        })?;
+        let ended = thread::spawn(move || {
+            let result = match child.wait() {
+                Ok(status) if status.success() => Ok(()),
+                Ok(status) => Err(format!("`{line}`: {status}; what it said stands above")),
+                Err(error) => Err(format!("`{line}`: {error}")),
+            };
+            (started.elapsed(), result)
+        });
+        Ok(Self {
+            name: name.to_owned(),
+            log,
+            ended,
+        })
+    }
+}
+
 impl Checks {
+    fn new() -> Self {
+        Self {
+            started: Instant::now(),
+            outcomes: Vec::new(),
+        }
+    }
+
+    /// Starts a command of this program beside the checks that follow.
+    fn beside(&mut self, name: &str, arguments: &[&str]) -> Option<Beside> {
+        Beside::start(name, arguments)
+            .map_err(|error| self.note(name, Duration::ZERO, Err(error.to_string())))
+            .ok()
+    }
+
+    /// Waits for such a command and shows what it said; whether it passed.
+    fn join(&mut self, beside: Option<Beside>) -> bool {
+        let Some(Beside { name, log, ended }) = beside else {
+            return false;
+        };
+        eprintln!("\n== {}. {name}, which ran beside", self.outcomes.len() + 1);
+        let (took, result) = ended.join().unwrap_or_else(|_| {
+            let died = "the thread that waits for it ended early".to_owned();
+            (Duration::ZERO, Err(died))
+        });
+        match fs::read(&log) {
+            Ok(said) => eprint!("{}", String::from_utf8_lossy(&said)),
+            Err(error) => eprintln!("{}: {error}", log.display()),
+        }
+        let passed = result.is_ok();
+        self.note(&name, took, result);
+        passed
+    }
+
     /// Runs one check; `None` when it failed.
     fn check<T>(&mut self, name: &str, run: impl FnOnce() -> Result<T, Error>) -> Option<T> {
         eprintln!("\n== {}. {name}", self.outcomes.len() + 1);
@@ -32,7 +115,12 @@ impl Checks {
             Ok(value) => (Some(value), Ok(())),
             Err(error) => (None, Err(error.to_string())),
         };
-        let took = started.elapsed();
+        self.note(name, started.elapsed(), result);
+        value
+    }
+
+    /// Says and remembers what a check came to.
+    fn note(&mut self, name: &str, took: Duration, result: Result<(), String>) {
         match &result {
             Ok(()) => eprintln!("== ok in {:.1} s", took.as_secs_f64()),
             Err(why) => eprintln!("== FAILED after {:.1} s: {why}", took.as_secs_f64()),
@@ -42,7 +130,6 @@ impl Checks {
             took,
             result,
         });
-        value
     }
 
     /// Prints the table; fails when one check failed.
@@ -63,11 +150,10 @@ impl Checks {
             .iter()
             .filter(|outcome| outcome.result.is_err())
             .count();
-        let took: Duration = self.outcomes.iter().map(|outcome| outcome.took).sum();
         eprintln!(
             "{} of {of} checks passed in {:.0} s",
             of - failed,
-            took.as_secs_f64()
+            self.started.elapsed().as_secs_f64()
         );
         if failed == 0 {
             Ok(())
@@ -117,7 +203,7 @@ const TESTED_WITHOUT_FEATURES: [&str; 24] = [
     "gripline-validation",
 ];
 
-/// The checks of a tier. The order is that of cost, except for the tests, which need the image and the emulator.
+/// The checks of a tier.
 pub(crate) fn run(tier: Tier) -> Result<(), Error> {
     let all = tier == Tier::All;
     let without: Vec<&str> = if all {
@@ -125,20 +211,12 @@ pub(crate) fn run(tier: Tier) -> Result<(), Error> {
     } else {
         SLOW_CRATES.iter().flat_map(|name| ["--exclude", name]).collect()
     };
-    let mut checks = Checks::default();
+    let mut checks = Checks::new();
     checks.check("format", || {
         process::run(process::cargo().args(["fmt", "--all", "--check"]))?;
         emulator::format()
     });
     checks.check("imports between files", modules::run);
-    checks.check("lints", || {
-        process::run(
-            process::cargo()
-                .args(["clippy", "--workspace", "--all-targets", "--keep-going"])
-                .args(&without)
-                .args(["--", "-D", "warnings"]),
-        )
-    });
     checks.check("core library for the microcontroller", || {
         toolchain::ensure(&toolchain::MCU, false)
     });
@@ -149,46 +227,50 @@ pub(crate) fn run(tier: Tier) -> Result<(), Error> {
     } else {
         None
     };
-    let mut image = None;
-    for board in Board::ALL
-        .into_iter()
-        .filter(|board| all || *board == emulator::BOARD)
-    {
-        let built = checks.check(&format!("image and its size, {}", board.name()), || {
-            let (elf, size) = firmware::build(board)?;
-            println!("{}: {size}", board.name());
-            size.check(board)?;
-            Ok(elf)
-        });
-        if board == emulator::BOARD {
-            image = built;
-        }
-    }
-    let emulator = checks.check("emulator", emulator::build);
-    let (Some(emulator), Some(image)) = (emulator, image) else {
-        checks.check("tests", || {
-            Err::<(), _>(Error::Product {
-                what: "emulator and image".to_owned(),
-                found: "not both (a build failed above)".to_owned(),
-                expected: "both, for the tests that run on the emulated board".to_owned(),
-            })
-        });
-        return checks.summary();
+    let board: &[&str] = if all {
+        &["test", "--board", "--all"]
+    } else {
+        &["test", "--board"]
     };
-    let short = ["--short".to_owned()];
-    checks.check("tests of the emulator", || emulator::test(&image));
-    checks.check("latency: static bound and measured worst case", || {
-        emulator::latency(if all { &[] } else { &short })
+    let board = checks.beside("images, emulator and its tests, latency", board);
+    checks.check("lints", || {
+        process::run(
+            process::cargo()
+                .args(["clippy", "--workspace", "--all-targets", "--keep-going"])
+                .args(&without)
+                .args(["--", "-D", "warnings"]),
+        )
     });
-    checks.check("tests, the emulated board included", || {
+    let tests = || {
         let mut tests = process::cargo();
         tests
             .args(["test", "--workspace", "--no-fail-fast"])
-            .args(&without)
+            .args(&without);
+        tests
+    };
+    checks.check("build of the tests", || process::run(tests().arg("--no-run")));
+    if all {
+        checks.check("documentation", || {
+            process::run(
+                process::cargo()
+                    .args(["doc", "--workspace", "--no-deps", "--keep-going"])
+                    .env("RUSTDOCFLAGS", "-D warnings"),
+            )
+        });
+        lints_of_features(&mut checks, &FEATURES);
+        checks.check("build of the tests of features", || {
+            process::run(tests_of_features(&FEATURES).arg("--no-run"))
+        });
+    }
+    checks.join(board);
+    checks.check("tests, the emulated board included", || {
+        let (emulator, image) = (emulator::product()?, firmware::product(emulator::BOARD)?);
+        let mut tests = tests();
+        tests
             // Ignored by plain `cargo test` are those that need the emulator and the image, or fetch a Python package.
             .args(["--", "--include-ignored"])
-            .env("GRIPLINE_EMULATOR", &emulator)
-            .env("GRIPLINE_IMAGE", &image);
+            .env("GRIPLINE_EMULATOR", emulator)
+            .env("GRIPLINE_IMAGE", image);
         if let Some(python) = &python {
             tests.env(ros2::VARIABLE, python);
         }
@@ -204,22 +286,55 @@ pub(crate) fn run(tier: Tier) -> Result<(), Error> {
     checks.summary()
 }
 
-/// What only the slow tier checks.
-fn slow(checks: &mut Checks) {
-    checks.check("documentation", || {
-        process::run(
-            process::cargo()
-                .args(["doc", "--workspace", "--no-deps", "--keep-going"])
-                .env("RUSTDOCFLAGS", "-D warnings"),
-        )
+/// What is checked of the images and on the emulated board without the bridge.
+pub(crate) fn board(tier: Tier) -> Result<(), Error> {
+    let all = tier == Tier::All;
+    let mut checks = Checks::new();
+    let mut image = None;
+    for board in Board::ALL
+        .into_iter()
+        .filter(|board| all || *board == emulator::BOARD)
+    {
+        let built = checks.check(&format!("image and its size, {}", board.name()), || {
+            let (elf, size) = firmware::build(board)?;
+            println!("{}: {size}", board.name());
+            size.check(board)?;
+            Ok(elf)
+        });
+        if board == emulator::BOARD {
+            image = built;
+        }
+    }
+    checks.check("emulator", emulator::build);
+    checks.check("tests of the emulator", || {
+        let image = image.as_ref().ok_or_else(|| Error::Product {
+            what: "image".to_owned(),
+            found: "none (its build failed above)".to_owned(),
+            expected: "one, for the tests that run it".to_owned(),
+        })?;
+        emulator::test(image)
     });
-    checks.check("lints of the firmware binary", || firmware::lint(emulator::BOARD));
-    checks.check("lints of the emulator", emulator::lint);
-    features_of_the_bridge(checks, &["foxglove", "ros2"]);
+    let short = ["--short".to_owned()];
+    checks.check("latency: static bound and measured worst case", || {
+        emulator::latency(if all { &[] } else { &short })
+    });
+    if all {
+        checks.check("lints of the firmware binary", || firmware::lint(emulator::BOARD));
+        checks.check("lints of the emulator", emulator::lint);
+    }
+    checks.summary()
+}
+
+/// What only the slow tier checks, after the tests.
+fn slow(checks: &mut Checks) {
+    checks.check(&format!("tests with {}", FEATURES.join(", ")), || {
+        run_tests_of_features(&FEATURES)
+    });
+    let arm = checks.beside("64-bit ARM: builds, tests, bits, instructions", &["arm"]);
     python_package(checks);
     // Speed is for a quiet machine and a command of its own.
     checks.check("physics", || physics::run(&["--without".into(), "speed".into()]));
-    checks.check("64-bit ARM: builds, tests, bits, instructions", arm::check);
+    checks.join(arm);
     // With the programs that the tests were just built with.
     checks.check("virtual machine: camera, USB, disks", || vm::run("dev", None));
     checks.check("Debian package in the virtual machine", || {
@@ -229,7 +344,7 @@ fn slow(checks: &mut Checks) {
 
 /// The Python package.
 pub(crate) fn python() -> Result<(), Error> {
-    let mut checks = Checks::default();
+    let mut checks = Checks::new();
     python_package(&mut checks);
     checks.summary()
 }
@@ -241,7 +356,7 @@ fn python_package(checks: &mut Checks) {
 /// The bridge's feature `zenoh`: its lints and its tests.
 pub(crate) fn zenoh() -> Result<(), Error> {
     let bridge = ["--package", "gripline", "--features", "zenoh"];
-    let mut checks = Checks::default();
+    let mut checks = Checks::new();
     checks.check("lints with zenoh", || {
         process::run(
             process::cargo()
@@ -263,14 +378,14 @@ pub(crate) fn zenoh() -> Result<(), Error> {
 
 /// The bridge's feature `foxglove`: its lints and its tests.
 pub(crate) fn foxglove() -> Result<(), Error> {
-    let mut checks = Checks::default();
+    let mut checks = Checks::new();
     features_of_the_bridge(&mut checks, &["foxglove"]);
     checks.summary()
 }
 
 /// The bridge's feature `ros2` and the crate behind it: lints and tests.
 pub(crate) fn ros2() -> Result<(), Error> {
-    let mut checks = Checks::default();
+    let mut checks = Checks::new();
     checks.check("lints of gripline-ros2", || {
         process::run(process::cargo().args([
             "clippy",
@@ -294,11 +409,19 @@ pub(crate) fn ros2() -> Result<(), Error> {
     checks.summary()
 }
 
-/// Lints and tests of what these features add to the bridge, built once with all of them, and with the other features of
-/// `cargo test --workspace`: most of what was built for that serves again.
+/// Features of the bridge that the slow tier checks.
+const FEATURES: [&str; 2] = ["foxglove", "ros2"];
+
+/// Lints and tests of what these features add to the bridge.
 fn features_of_the_bridge(checks: &mut Checks, features: &[&str]) {
-    let names = features.join(", ");
-    checks.check(&format!("lints with {names}"), || {
+    lints_of_features(checks, features);
+    checks.check(&format!("tests with {}", features.join(", ")), || {
+        run_tests_of_features(features)
+    });
+}
+
+fn lints_of_features(checks: &mut Checks, features: &[&str]) {
+    checks.check(&format!("lints with {}", features.join(", ")), || {
         process::run(
             process::cargo()
                 .args([
@@ -311,22 +434,31 @@ fn features_of_the_bridge(checks: &mut Checks, features: &[&str]) {
                 .args(["--lib", "--bins", "--test", "bridge", "--", "-D", "warnings"]),
         )
     });
-    checks.check(&format!("tests with {names}"), || {
-        let features_of_the_workspace: Vec<String> =
-            features.iter().map(|name| format!("gripline/{name}")).collect();
-        process::run(
-            process::cargo()
-                .args(["test", "--workspace", "--lib", "--test", "bridge"])
-                .args(["--features", &features_of_the_workspace.join(",")])
-                .args(
-                    TESTED_WITHOUT_FEATURES
-                        .iter()
-                        .flat_map(|name| ["--exclude", name]),
-                )
-                .args(["--", "--include-ignored"])
-                .args(features.iter().map(|name| format!("{name}::")))
-                .env(foxglove::VARIABLE, foxglove::ensure()?)
-                .env(ros2::VARIABLE, ros2::ensure()?),
-        )
-    });
+}
+
+/// The tests of these features, built once with all of them, and with the other features of `cargo test --workspace`: most of
+/// what was built for that serves again.
+fn tests_of_features(features: &[&str]) -> Command {
+    let features_of_the_workspace: Vec<String> =
+        features.iter().map(|name| format!("gripline/{name}")).collect();
+    let mut command = process::cargo();
+    command
+        .args(["test", "--workspace", "--lib", "--test", "bridge"])
+        .args(["--features", &features_of_the_workspace.join(",")])
+        .args(
+            TESTED_WITHOUT_FEATURES
+                .iter()
+                .flat_map(|name| ["--exclude", name]),
+        );
+    command
+}
+
+fn run_tests_of_features(features: &[&str]) -> Result<(), Error> {
+    process::run(
+        tests_of_features(features)
+            .args(["--", "--include-ignored"])
+            .args(features.iter().map(|name| format!("{name}::")))
+            .env(foxglove::VARIABLE, foxglove::ensure()?)
+            .env(ros2::VARIABLE, ros2::ensure()?),
+    )
 }
