@@ -162,7 +162,7 @@ impl<T: Number> Task<'_, T> {
         let first = panel.first;
         let lanes = N * V::Out::LANES;
         let per_output = phase.tap_count * in_channels;
-        let mut weights = &phase.weights[first * per_output..][..panel.channels * per_output];
+        let mut weights = &phase.weights.numbers()[first * per_output..][..panel.channels * per_output];
         let step = phase.in_stride * in_channels;
         let mut sums = [[V::zero(); N]; P];
         for taps in &phase.rows {

@@ -116,6 +116,12 @@ impl Int16Pair {
         #[cfg(not(target_arch = "x86_64"))]
         false
     }
+
+    /// Whether this processor multiplies and adds int16 by one instruction of 256 bits.
+    #[cfg(target_arch = "x86_64")]
+    pub(crate) fn has_avx_vnni() -> bool {
+        is_x86_feature_detected!("avxvnni")
+    }
 }
 
 /// Eight f32. Every instruction set rounds alike, so all give the same bits.
