@@ -339,7 +339,8 @@ fn panels<T: Number>(instructions: InstructionSet, [out_channels, in_channels]: 
     panels
 }
 
-fn pack<T: Number>(
+/// Packs weights, a function of output channel, input channel, tap row, tap column, in the order in which they are used.
+pub(super) fn pack<T: Number>(
     instructions: InstructionSet,
     channels: [usize; 2],
     taps: &[(usize, usize)],

@@ -17,11 +17,11 @@ use std::arch::x86_64::{
     _mm256_permute2x128_si256, _mm256_permute4x64_epi64, _mm256_permute4x64_pd, _mm256_round_ps,
     _mm256_set1_epi16, _mm256_set1_epi32, _mm256_set1_epi64x, _mm256_set1_pd, _mm256_set1_ps,
     _mm256_setr_epi32, _mm256_setzero_ps, _mm256_setzero_si256, _mm256_storeu_ps, _mm256_storeu_si256,
-    _mm256_sub_ps,
+    _mm256_sub_epi32, _mm256_sub_ps,
 };
 
 use super::traits::{
-    Accumulator, BELOW_HALF, Dispatch, F32x8, Int16Pair, Int16x16, Simd, TABLE, Table, Vector,
+    Accumulator, BELOW_HALF, Dispatch, F32x8, Int16Pair, Int16x16, IntegerSums, Simd, TABLE, Table, Vector,
 };
 
 /// Runs a kernel.
@@ -39,7 +39,7 @@ pub(super) fn run_vnni<K: Dispatch>(kernel: K) -> K::Output {
 /// With pairs of int16 that are multiplied and added by two instructions, or by one.
 struct Avx2<P>(std::marker::PhantomData<P>);
 
-impl<P: Accumulator<Number = Int16Pair>> Simd for Avx2<P> {
+impl<P: IntegerSums> Simd for Avx2<P> {
     type F32 = F32;
     type Int16 = P;
     type F32x8 = F32;
@@ -247,6 +247,20 @@ impl Accumulator for Pairs {
     }
 }
 
+impl IntegerSums for Pairs {
+    #[inline(always)]
+    fn plus(self, other: Self) -> Self {
+        // SAFETY: see the module.
+        Self(unsafe { _mm256_add_epi32(self.0, other.0) })
+    }
+
+    #[inline(always)]
+    fn minus(self, other: Self) -> Self {
+        // SAFETY: see the module.
+        Self(unsafe { _mm256_sub_epi32(self.0, other.0) })
+    }
+}
+
 /// The same where the processor has AVX-VNNI.
 #[derive(Clone, Copy)]
 struct VnniPairs(Pairs);
@@ -289,6 +303,18 @@ impl Accumulator for VnniPairs {
     #[inline(always)]
     fn scale(self, factors: &[f32]) -> F32 {
         self.0.scale(factors)
+    }
+}
+
+impl IntegerSums for VnniPairs {
+    #[inline(always)]
+    fn plus(self, other: Self) -> Self {
+        Self(self.0.plus(other.0))
+    }
+
+    #[inline(always)]
+    fn minus(self, other: Self) -> Self {
+        Self(self.0.minus(other.0))
     }
 }
 
