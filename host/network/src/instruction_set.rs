@@ -11,7 +11,7 @@ use crate::error::NetworkError;
 pub enum InstructionSet {
     /// What every processor of the target has; 8 numbers at a time.
     Portable,
-    /// AVX2 and FMA: 8 numbers at a time.
+    /// AVX2 and FMA, for int16 AVX-VNNI where the processor has it: 8 numbers at a time.
     Avx2,
     /// AVX-512F: 16 numbers at a time.
     Avx512,

@@ -5,7 +5,7 @@ use std::ops::Range;
 
 use super::region::Region;
 use crate::instruction_set::InstructionSet;
-use crate::simd::{LANES_MAX, Number};
+use crate::simd::{LANES_MAX, Lines, Number};
 
 /// A convolution with its weights packed for one instruction set. `T` is the number that is multiplied.
 #[derive(Debug, Clone)]
@@ -42,7 +42,7 @@ pub(super) struct Phase<T> {
     pub(super) out_start: (usize, usize),
     /// Ordered by panel, tap, group of `split` input channels, output channel of the panel, input channel of the group.
     /// Output channels that pad the last panel have zero weights.
-    pub(super) weights: Vec<T>,
+    pub(super) weights: Lines<T>,
 }
 
 /// Output channels that a kernel computes together.
@@ -339,12 +339,13 @@ fn panels<T: Number>(instructions: InstructionSet, [out_channels, in_channels]: 
     panels
 }
 
-fn pack<T: Number>(
+/// Packs weights, a function of output channel, input channel, tap row, tap column, in the order in which they are used.
+pub(super) fn pack<T: Number>(
     instructions: InstructionSet,
     channels: [usize; 2],
     taps: &[(usize, usize)],
     weight: impl Fn(usize, usize, usize, usize) -> T,
-) -> Vec<T> {
+) -> Lines<T> {
     let [out_channels, in_channels] = channels;
     let mut packed = Vec::new();
     for panel in panels::<T>(instructions, channels) {
@@ -362,5 +363,5 @@ fn pack<T: Number>(
             }
         }
     }
-    packed
+    Lines::new(&packed)
 }

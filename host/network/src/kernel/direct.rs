@@ -162,7 +162,7 @@ impl<T: Number> Task<'_, T> {
         let first = panel.first;
         let lanes = N * V::Out::LANES;
         let per_output = phase.tap_count * in_channels;
-        let mut weights = &phase.weights[first * per_output..][..panel.channels * per_output];
+        let mut weights = &phase.weights.numbers()[first * per_output..][..panel.channels * per_output];
         let step = phase.in_stride * in_channels;
         let mut sums = [[V::zero(); N]; P];
         for taps in &phase.rows {
@@ -190,21 +190,35 @@ impl<T: Number> Task<'_, T> {
         let channels = self.output.channels();
         let used = panel.channels.min(out_channels - first);
         let line = self.output.row_mut(at.out.0);
-        for (p, mut sums) in sums.into_iter().enumerate() {
-            if S > 1 {
-                sums[0] = sums[0].pairwise_sums(sums[N - 1]);
-            }
-            if S > 2 {
-                sums[0] = sums[0].pairwise_sums(sums[0]);
-            }
+        for (p, sums) in sums.into_iter().enumerate() {
             let pixel = (at.out.1 + p * phase.out_stride) * channels + self.channel + first;
-            for (n, sum) in sums.into_iter().take(vectors).enumerate() {
-                let from = n * V::Out::LANES;
-                let start = V::Out::load(&start[p * start_stride + from..]);
-                let sum = sum.scale(&scales[from..]).add(start);
-                let sum = if relu { sum.relu() } else { sum };
-                sum.store(&mut line[pixel + from.min(used)..pixel + used.min(from + V::Out::LANES)]);
-            }
+            let out = &mut line[pixel..pixel + used];
+            finish::<V, N, S>(sums, scales, &start[p * start_stride..], relu, out);
         }
+    }
+}
+
+/// Writes a panel's channels of a pixel: its lanes' sums, scaled, added to `start`.
+#[inline(always)]
+pub(super) fn finish<V: Accumulator, const N: usize, const S: usize>(
+    mut sums: [V; N],
+    scales: &[f32],
+    start: &[f32],
+    relu: bool,
+    out: &mut [f32],
+) {
+    let vectors = if S == 1 { N } else { 1 };
+    if S > 1 {
+        sums[0] = sums[0].pairwise_sums(sums[N - 1]);
+    }
+    if S > 2 {
+        sums[0] = sums[0].pairwise_sums(sums[0]);
+    }
+    let used = out.len();
+    for (n, sum) in sums.into_iter().take(vectors).enumerate() {
+        let from = n * V::Out::LANES;
+        let sum = sum.scale(&scales[from..]).add(V::Out::load(&start[from..]));
+        let sum = if relu { sum.relu() } else { sum };
+        sum.store(&mut out[from.min(used)..used.min(from + V::Out::LANES)]);
     }
 }

@@ -1,12 +1,13 @@
 //! Convolutions in int16 with int32 sums, for planes that change as a whole. Weights are quantised once per output
-//! channel; activations are quantised in every run, relative to the largest one. Nothing needs calibration and no sum
-//! can overflow; a layer's error is about 0.05 % of its outputs. Sums are integers, so every instruction set gives the
-//! same bits. NaN or infinity anywhere in the input makes every output NaN.
+//! channel; activations are quantised in every run, relative to the largest one. Nothing needs calibration and no layer's
+//! sum can overflow; a layer's error is about 0.05 % of its outputs. Sums are integers, so every instruction set gives the
+//! same bits, and so does [`Winograd`], which computes most 3×3 layers. NaN or infinity anywhere in the input makes every output NaN.
 
-use super::convolution::{Convolution, Shape};
+use super::convolution::{Convolution, Kernel, Shape};
 use super::direct::convolve;
 use super::plane::Plane;
 use super::region::Region;
+use super::winograd::Winograd;
 use crate::instruction_set::InstructionSet;
 use crate::simd::{Dispatch, Int16Pair, Simd, dispatch_256};
 
@@ -27,6 +28,8 @@ pub(crate) struct Int16Convolution {
     /// Largest quantised activation.
     activation_max: f32,
     input: Plane<Int16Pair>,
+    /// How it is computed, unless directly.
+    winograd: Option<Box<Winograd>>,
 }
 
 impl Int16Convolution {
@@ -46,7 +49,13 @@ impl Int16Convolution {
             shape.kernel.size * shape.kernel.size,
         );
         assert_eq!(weights.len(), channels[0] * channels[1] * taps, "weights");
-        let quantised = QuantisedWeights::new(channels, taps, |out, channel, tap| {
+        let three_by_three = Kernel {
+            size: 3,
+            stride: 1,
+            padding: 1,
+        };
+        let in_pairs = shape.kernel == three_by_three && size.1.is_multiple_of(2);
+        let quantised = QuantisedWeights::new(channels, taps, in_pairs, |out, channel, tap| {
             weights[(out * channels[1] + channel) * taps + tap]
         });
         let shape = Shape {
@@ -55,7 +64,11 @@ impl Int16Convolution {
         };
         let weight = |out, pair, ky, kx| quantised.pair(out, pair, ky * shape.kernel.size + kx);
         let convolution = Convolution::forward_with(available(instructions), shape, bias, true, weight);
-        Self::new(convolution, quantised, size)
+        let winograd = in_pairs.then(|| Box::new(Winograd::new(&convolution, size, weight)));
+        Self {
+            winograd,
+            ..Self::new(convolution, quantised, size)
+        }
     }
 
     /// As [`Convolution::transposed`], for inputs of this height and width.
@@ -70,7 +83,7 @@ impl Int16Convolution {
         bias: &[f32],
     ) -> Self {
         assert_eq!(weights.len(), channels[0] * channels[1] * 9, "weights");
-        let quantised = QuantisedWeights::new(channels, 9, |out, channel, tap| {
+        let quantised = QuantisedWeights::new(channels, 9, false, |out, channel, tap| {
             weights[(channel * channels[0] + out) * 9 + tap]
         });
         let weight = |out, pair, ky, kx| quantised.pair(out, pair, 3 * ky + kx);
@@ -89,6 +102,7 @@ impl Int16Convolution {
             convolution,
             weight_scales: quantised.scales,
             activation_max: quantised.activation_max,
+            winograd: None,
         }
     }
 
@@ -108,6 +122,10 @@ impl Int16Convolution {
             "channels of the input"
         );
         dispatch_256(self.convolution.instructions(), Quantise(self, input));
+        if let Some(winograd) = &self.winograd {
+            winograd.convolve(&self.convolution, output, channel);
+            return;
+        }
         let all = Region::whole(output.height(), output.width());
         convolve(&self.convolution, None, &self.input, output, channel, &all);
     }
@@ -151,6 +169,9 @@ impl Dispatch for Quantise<'_> {
                 *pair = Int16Pair([rounded(a * per_scale), rounded(b * per_scale)]);
             }
         }
+        if let Some(winograd) = &mut convolution.winograd {
+            winograd.take(&convolution.input);
+        }
     }
 }
 
@@ -174,6 +195,17 @@ fn rounded(value: f32) -> i16 {
     (value + ROUNDING).to_bits() as i16
 }
 
+/// Rounds three numbers to integers with an even sum, which takes at most 1.5 in all.
+fn rounded_even(row: [f64; 3]) -> [i16; 3] {
+    let mut rounded = row.map(|weight| weight.round() as i16);
+    if rounded.iter().map(|weight| i32::from(*weight)).sum::<i32>() % 2 != 0 {
+        let off = |k: usize| row[k] - f64::from(rounded[k]);
+        let farthest = (1..3).fold(0, |far, k| if off(k).abs() > off(far).abs() { k } else { far });
+        rounded[farthest] += if off(farthest) < 0.0 { -1 } else { 1 };
+    }
+    rounded
+}
+
 struct QuantisedWeights {
     /// Ordered by output channel, input channel, tap.
     weights: Vec<i16>,
@@ -186,15 +218,18 @@ struct QuantisedWeights {
 }
 
 impl QuantisedWeights {
+    /// `in_pairs`: for [`Winograd`], which needs rows of three weights with an even sum and some room.
     fn new(
         [out_channels, in_channels]: [usize; 2],
         taps: usize,
+        in_pairs: bool,
         weight: impl Fn(usize, usize, usize) -> f32,
     ) -> Self {
         assert!(in_channels % 2 == 0, "{in_channels} channels in pairs");
         let (mut weights, mut scales) = (Vec::new(), Vec::new());
         let summed = (in_channels * taps) as f64;
-        let max = (ACTIVATION_MAX / summed.sqrt()).min(i16::MAX.into()).floor();
+        let activation_max = f64::from(if in_pairs { i16::MAX / 2 } else { i16::MAX });
+        let max = (ACTIVATION_MAX / summed.sqrt()).min(activation_max).floor();
         for out in 0..out_channels {
             let of_channel = (0..in_channels).flat_map(|channel| (0..taps).map(move |tap| (channel, tap)));
             let of_channel: Vec<f64> = of_channel
@@ -203,11 +238,21 @@ impl QuantisedWeights {
             let (sum, largest) = of_channel.iter().fold((0.0, 0.0_f64), |(sum, largest), weight| {
                 (sum + weight.abs(), largest.max(weight.abs()))
             });
+            // Half the sum of a row of weights has to fit too.
+            let of_row = |row: &[f64]| 0.5 * row.iter().map(|weight| weight.abs()).sum::<f64>();
+            let margin = if in_pairs { 2.0 } else { 0.0 };
+            let rows = of_channel.chunks_exact(3).filter(|_| in_pairs).map(of_row);
+            let largest = rows.fold(largest, f64::max);
             // The sum of all products with the largest activations, each weight quantised up, fits 32 bits.
             let room = f64::from(i32::MAX) / max - 0.5 * summed;
-            let per_step = (room / sum).min(f64::from(i16::MAX) / largest);
+            let per_step = (room / sum).min((f64::from(i16::MAX) - margin) / largest);
             let per_step = if per_step.is_finite() { per_step } else { 1.0 };
-            weights.extend(of_channel.iter().map(|weight| (weight * per_step).round() as i16));
+            let steps: Vec<f64> = of_channel.iter().map(|weight| weight * per_step).collect();
+            if in_pairs {
+                weights.extend(steps.as_chunks::<3>().0.iter().flat_map(|row| rounded_even(*row)));
+            } else {
+                weights.extend(steps.iter().map(|weight| weight.round() as i16));
+            }
             scales.push((1.0 / per_step) as f32);
         }
         Self {
@@ -227,7 +272,6 @@ impl QuantisedWeights {
 
 #[cfg(test)]
 mod tests {
-    use super::super::convolution::Kernel;
     use super::*;
 
     /// Numbers in ±1 without a pattern (an LCG's upper bits).
@@ -352,20 +396,74 @@ mod tests {
     }
 
     #[test]
+    fn two_pixels_at_once_have_the_bits_of_one_by_one() {
+        let mut noise = Noise(7);
+        for case in 0..40 {
+            let channels = [1 + noise.below(50), 2 * (1 + noise.below(50))];
+            let size = (1 + noise.below(9), 2 * (1 + noise.below(14)));
+            // Some rows of weights have nothing but one large weight.
+            let weights: Vec<f32> = noise.values(channels[0] * channels[1] * 9);
+            let weights: Vec<f32> = weights.iter().map(|weight| weight.powi(1 + case % 5)).collect();
+            let bias = noise.values(channels[0]);
+            let input = plane(size, channels[1], || noise.value());
+            for set in sets() {
+                let (at_once, single) = layers(set, Some(1), channels, size, [&weights, &bias]);
+                assert!(at_once.winograd.is_some());
+                let one_by_one = Int16Convolution {
+                    winograd: None,
+                    ..at_once.clone()
+                };
+                let [ours, _] = run((at_once, single.clone()), &input);
+                let [expected, _] = run((one_by_one, single), &input);
+                let bits =
+                    |outputs: &[f32]| -> Vec<u32> { outputs.iter().map(|out| out.to_bits()).collect() };
+                assert!(
+                    bits(&ours) == bits(&expected),
+                    "{set}, case {case}: {channels:?}, {size:?}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn three_weights_round_to_an_even_sum() {
+        for row in [
+            [0.4, 0.4, 0.3],
+            [1.0, -2.0, 4.0],
+            [-0.6, 0.1, 0.0],
+            [7.5, -7.5, 2.49],
+        ] {
+            let rounded = rounded_even(row);
+            let sum: i32 = rounded.iter().map(|weight| i32::from(*weight)).sum();
+            let off: f64 = row
+                .iter()
+                .zip(rounded)
+                .map(|(row, rounded)| (row - f64::from(rounded)).abs())
+                .sum();
+            assert!(sum % 2 == 0 && off <= 1.5, "{row:?} to {rounded:?}");
+        }
+        assert_eq!(rounded_even([0.4, 0.45, 0.3]), [0, 0, 0]);
+        assert_eq!(rounded_even([0.4, -0.45, 1.0]), [0, -1, 1]);
+    }
+
+    #[test]
     fn the_largest_sums_there_can_be_do_not_wrap() {
         for (channels, sign) in [([24, 10], 1.0), ([48, 96], 1.0), ([64, 64], -1.0), ([3, 2], 1.0)] {
             let weights = vec![sign * 0.7; channels[0] * channels[1] * 9];
             let bias = vec![0.0; channels[0]];
-            let input = plane((4, 5), channels[1], || sign * 3.0);
-            for set in sets() {
-                let [ours, single] = run(layers(set, Some(1), channels, (4, 5), [&weights, &bias]), &input);
-                for (ours, single) in ours.iter().zip(&single) {
-                    assert!(
-                        (ours - single).abs() <= 1e-3 * single,
-                        "{ours} for {single}, {set}"
-                    );
+            // One by one, and two pixels at once.
+            for size in [(4, 5), (4, 6)] {
+                let input = plane(size, channels[1], || sign * 3.0);
+                for set in sets() {
+                    let [ours, single] = run(layers(set, Some(1), channels, size, [&weights, &bias]), &input);
+                    for (ours, single) in ours.iter().zip(&single) {
+                        assert!(
+                            (ours - single).abs() <= 1e-3 * single,
+                            "{ours} for {single}, {set}"
+                        );
+                    }
+                    assert!(single.iter().all(|&sum| sum > 0.0));
                 }
-                assert!(single.iter().all(|&sum| sum > 0.0));
             }
         }
     }

@@ -13,6 +13,7 @@ mod pool;
 mod region;
 #[cfg(test)]
 mod tests;
+mod winograd;
 
 pub(crate) use convolution::{Convolution, Kernel, Shape};
 pub(crate) use int16::Int16Convolution;

@@ -1,7 +1,7 @@
-//! AVX2 with FMA: 8 f32 or 16 int16 at a time.
+//! AVX2 with FMA, for int16 with AVX-VNNI where the processor has it: 8 f32 or 16 int16 at a time.
 //!
-//! SAFETY of every block here: the types are private to `simd` and reach kernels through [`run`] (or AVX-512's), which
-//! `dispatch` calls only where the processor has the instructions. Blocks that read or write memory say their bounds.
+//! SAFETY of every block here: the types are private to `simd` and reach kernels through [`run`] and [`run_vnni`] (or
+//! AVX-512's), which are called only where the processor has the instructions. Blocks that read or write memory say their bounds.
 
 use std::arch::x86_64::{
     __m128i, __m256, __m256i, _CMP_LT_OQ, _MM_FROUND_NO_EXC, _MM_FROUND_TO_ZERO, _mm_add_epi16, _mm_add_ps,
@@ -11,29 +11,37 @@ use std::arch::x86_64::{
     _mm256_blendv_ps, _mm256_broadcast_ps, _mm256_broadcastsi128_si256, _mm256_castpd_ps, _mm256_castps_pd,
     _mm256_castps256_ps128, _mm256_castsi256_si128, _mm256_cmp_ps, _mm256_cmpgt_epi32, _mm256_cvtepi8_epi16,
     _mm256_cvtepi32_ps, _mm256_cvtepu8_epi16, _mm256_cvtepu8_epi32, _mm256_cvttps_epi32,
-    _mm256_extractf128_ps, _mm256_extracti128_si256, _mm256_fmadd_ps, _mm256_hadd_epi32, _mm256_hadd_ps,
-    _mm256_i32gather_epi32, _mm256_loadu_ps, _mm256_loadu_si256, _mm256_madd_epi16, _mm256_maskstore_ps,
-    _mm256_max_ps, _mm256_mpsadbw_epu8, _mm256_mul_ps, _mm256_or_ps, _mm256_permute2x128_si256,
-    _mm256_permute4x64_epi64, _mm256_permute4x64_pd, _mm256_round_ps, _mm256_set1_epi16, _mm256_set1_epi32,
-    _mm256_set1_epi64x, _mm256_set1_pd, _mm256_set1_ps, _mm256_setr_epi32, _mm256_setzero_ps,
-    _mm256_setzero_si256, _mm256_storeu_ps, _mm256_storeu_si256, _mm256_sub_ps,
+    _mm256_dpwssd_avx_epi32, _mm256_extractf128_ps, _mm256_extracti128_si256, _mm256_fmadd_ps,
+    _mm256_hadd_epi32, _mm256_hadd_ps, _mm256_i32gather_epi32, _mm256_loadu_ps, _mm256_loadu_si256,
+    _mm256_madd_epi16, _mm256_maskstore_ps, _mm256_max_ps, _mm256_mpsadbw_epu8, _mm256_mul_ps, _mm256_or_ps,
+    _mm256_permute2x128_si256, _mm256_permute4x64_epi64, _mm256_permute4x64_pd, _mm256_round_ps,
+    _mm256_set1_epi16, _mm256_set1_epi32, _mm256_set1_epi64x, _mm256_set1_pd, _mm256_set1_ps,
+    _mm256_setr_epi32, _mm256_setzero_ps, _mm256_setzero_si256, _mm256_storeu_ps, _mm256_storeu_si256,
+    _mm256_sub_epi32, _mm256_sub_ps,
 };
 
 use super::traits::{
-    Accumulator, BELOW_HALF, Dispatch, F32x8, Int16Pair, Int16x16, Simd, TABLE, Table, Vector,
+    Accumulator, BELOW_HALF, Dispatch, F32x8, Int16Pair, Int16x16, IntegerSums, Simd, TABLE, Table, Vector,
 };
 
 /// Runs a kernel.
 #[target_feature(enable = "avx2,fma")]
 pub(super) fn run<K: Dispatch>(kernel: K) -> K::Output {
-    kernel.run::<Avx2>()
+    kernel.run::<Avx2<Pairs>>()
 }
 
-struct Avx2;
+/// Runs a kernel with AVX-VNNI.
+#[target_feature(enable = "avx2,fma,avxvnni")]
+pub(super) fn run_vnni<K: Dispatch>(kernel: K) -> K::Output {
+    kernel.run::<Avx2<VnniPairs>>()
+}
 
-impl Simd for Avx2 {
+/// With pairs of int16 that are multiplied and added by two instructions, or by one.
+struct Avx2<P>(std::marker::PhantomData<P>);
+
+impl<P: IntegerSums> Simd for Avx2<P> {
     type F32 = F32;
-    type Int16 = Pairs;
+    type Int16 = P;
     type F32x8 = F32;
     type Int16x16 = Words;
 
@@ -236,6 +244,77 @@ impl Accumulator for Pairs {
         let factors = <F32 as Vector>::load(factors);
         // SAFETY: see the module.
         F32(unsafe { _mm256_mul_ps(_mm256_cvtepi32_ps(self.0), factors.0) })
+    }
+}
+
+impl IntegerSums for Pairs {
+    #[inline(always)]
+    fn plus(self, other: Self) -> Self {
+        // SAFETY: see the module.
+        Self(unsafe { _mm256_add_epi32(self.0, other.0) })
+    }
+
+    #[inline(always)]
+    fn minus(self, other: Self) -> Self {
+        // SAFETY: see the module.
+        Self(unsafe { _mm256_sub_epi32(self.0, other.0) })
+    }
+}
+
+/// The same where the processor has AVX-VNNI.
+#[derive(Clone, Copy)]
+struct VnniPairs(Pairs);
+
+impl Accumulator for VnniPairs {
+    type Number = Int16Pair;
+    type Out = F32;
+    const PIXELS_MAX: [usize; 2] = F32::PIXELS_MAX;
+
+    #[inline(always)]
+    fn zero() -> Self {
+        Self(Pairs::zero())
+    }
+
+    #[inline(always)]
+    unsafe fn broadcast<const S: usize>(from: *const Int16Pair) -> Self {
+        // SAFETY: the same promise.
+        Self(unsafe { Pairs::broadcast::<S>(from) })
+    }
+
+    #[inline(always)]
+    unsafe fn load_unchecked(from: *const Int16Pair) -> Self {
+        // SAFETY: the same promise.
+        Self(unsafe { Pairs::load_unchecked(from) })
+    }
+
+    #[inline(always)]
+    fn pairwise_sums(self, other: Self) -> Self {
+        Self(self.0.pairwise_sums(other.0))
+    }
+
+    #[inline(always)]
+    fn multiply_add(self, weight: Self, sum: Self) -> Self {
+        // SAFETY: see the module; AVX-VNNI is there.
+        Self(Pairs(unsafe {
+            _mm256_dpwssd_avx_epi32(sum.0.0, self.0.0, weight.0.0)
+        }))
+    }
+
+    #[inline(always)]
+    fn scale(self, factors: &[f32]) -> F32 {
+        self.0.scale(factors)
+    }
+}
+
+impl IntegerSums for VnniPairs {
+    #[inline(always)]
+    fn plus(self, other: Self) -> Self {
+        Self(self.0.plus(other.0))
+    }
+
+    #[inline(always)]
+    fn minus(self, other: Self) -> Self {
+        Self(self.0.minus(other.0))
     }
 }
 

@@ -9,10 +9,11 @@ use std::arch::x86_64::{
     _mm512_loadu_ps, _mm512_loadu_si512, _mm512_mask_storeu_ps, _mm512_max_ps, _mm512_mul_ps,
     _mm512_permutex2var_epi32, _mm512_permutex2var_ps, _mm512_set1_epi32, _mm512_set1_epi64, _mm512_set1_pd,
     _mm512_set1_ps, _mm512_setr_epi32, _mm512_setzero_ps, _mm512_setzero_si512, _mm512_storeu_ps,
+    _mm512_sub_epi32,
 };
 
 use super::avx2;
-use super::traits::{Accumulator, Dispatch, Int16Pair, Simd, Vector};
+use super::traits::{Accumulator, Dispatch, Int16Pair, IntegerSums, Simd, Vector};
 
 /// Runs a kernel.
 #[target_feature(enable = "avx512f")]
@@ -29,7 +30,7 @@ pub(super) fn run_vnni<K: Dispatch>(kernel: K) -> K::Output {
 /// With AVX2's pairs of int16, or VNNI's.
 struct Avx512<P>(std::marker::PhantomData<P>);
 
-impl<P: Accumulator<Number = Int16Pair>> Simd for Avx512<P> {
+impl<P: IntegerSums> Simd for Avx512<P> {
     type F32 = F32;
     type Int16 = P;
     type F32x8 = avx2::F32;
@@ -203,5 +204,19 @@ impl Accumulator for Pairs {
         let factors = F32::load(factors);
         // SAFETY: see the module.
         F32(unsafe { _mm512_mul_ps(_mm512_cvtepi32_ps(self.0), factors.0) })
+    }
+}
+
+impl IntegerSums for Pairs {
+    #[inline(always)]
+    fn plus(self, other: Self) -> Self {
+        // SAFETY: see the module.
+        Self(unsafe { _mm512_add_epi32(self.0, other.0) })
+    }
+
+    #[inline(always)]
+    fn minus(self, other: Self) -> Self {
+        // SAFETY: see the module.
+        Self(unsafe { _mm512_sub_epi32(self.0, other.0) })
     }
 }

@@ -14,6 +14,7 @@
 mod avx2;
 #[cfg(target_arch = "x86_64")]
 mod avx512;
+mod lines;
 #[cfg(target_arch = "aarch64")]
 mod neon;
 mod number;
@@ -22,6 +23,7 @@ mod portable;
 mod tests;
 mod traits;
 
+pub(crate) use lines::Lines;
 pub(crate) use number::Number;
 pub(crate) use traits::*;
 

@@ -7,20 +7,20 @@
 
 use std::arch::aarch64::{
     float32x4_t, int16x8_t, int32x4_t, uint16x8_t, vabal_high_u8, vabal_u8, vabsq_f32, vadd_f32, vaddq_f32,
-    vbicq_u32, vbslq_f32, vcltq_f32, vcltzq_f32, vcombine_u8, vcreate_u8, vcvtq_f32_s32, vcvtq_f32_u32,
-    vcvtq_s32_f32, vdupq_n_f32, vdupq_n_s16, vdupq_n_s32, vdupq_n_u16, vdupq_n_u32, vdupq_n_u64, vfmaq_f32,
-    vfmaq_laneq_f32, vget_high_f32, vget_low_f32, vget_low_s8, vget_low_s16, vget_low_u8, vget_low_u16,
-    vld1q_f32, vld1q_s8, vld1q_s16, vld1q_u8, vld1q_u16, vld2q_s16, vminq_u32, vminvq_u32,
-    vmlal_high_laneq_s16, vmlal_high_s16, vmlal_laneq_s16, vmlal_s16, vmovl_high_s8, vmovl_high_u8,
-    vmovl_high_u16, vmovl_s8, vmovl_u8, vmovl_u16, vmulq_f32, vpaddq_f32, vpaddq_s32, vpaddq_u16, vpadds_f32,
-    vqaddq_u16, vqtbl1q_u8, vreinterpretq_f32_u32, vreinterpretq_f32_u64, vreinterpretq_s16_s32,
-    vreinterpretq_s16_u16, vreinterpretq_s16_u32, vreinterpretq_s16_u64, vreinterpretq_s32_s16,
-    vreinterpretq_u32_f32, vreinterpretq_u32_u16, vrndq_f32, vst1q_f32, vst1q_s32, vst1q_u16, vsubq_f32,
-    vuzp1q_s16, vuzp2q_s16, vzip1q_u16, vzip2q_u16,
+    vaddq_s32, vbicq_u32, vbslq_f32, vcltq_f32, vcltzq_f32, vcombine_u8, vcreate_u8, vcvtq_f32_s32,
+    vcvtq_f32_u32, vcvtq_s32_f32, vdupq_n_f32, vdupq_n_s16, vdupq_n_s32, vdupq_n_u16, vdupq_n_u32,
+    vdupq_n_u64, vfmaq_f32, vfmaq_laneq_f32, vget_high_f32, vget_low_f32, vget_low_s8, vget_low_s16,
+    vget_low_u8, vget_low_u16, vld1q_f32, vld1q_s8, vld1q_s16, vld1q_u8, vld1q_u16, vld2q_s16, vminq_u32,
+    vminvq_u32, vmlal_high_laneq_s16, vmlal_high_s16, vmlal_laneq_s16, vmlal_s16, vmovl_high_s8,
+    vmovl_high_u8, vmovl_high_u16, vmovl_s8, vmovl_u8, vmovl_u16, vmulq_f32, vpaddq_f32, vpaddq_s32,
+    vpaddq_u16, vpadds_f32, vqaddq_u16, vqtbl1q_u8, vreinterpretq_f32_u32, vreinterpretq_f32_u64,
+    vreinterpretq_s16_s32, vreinterpretq_s16_u16, vreinterpretq_s16_u32, vreinterpretq_s16_u64,
+    vreinterpretq_s32_s16, vreinterpretq_u32_f32, vreinterpretq_u32_u16, vrndq_f32, vst1q_f32, vst1q_s32,
+    vst1q_u16, vsubq_f32, vsubq_s32, vuzp1q_s16, vuzp2q_s16, vzip1q_u16, vzip2q_u16,
 };
 
 use super::traits::{
-    Accumulator, BELOW_HALF, Dispatch, F32x8, Int16Pair, Int16x16, Simd, TABLE, Table, Vector,
+    Accumulator, BELOW_HALF, Dispatch, F32x8, Int16Pair, Int16x16, IntegerSums, Simd, TABLE, Table, Vector,
 };
 
 /// Runs a kernel.
@@ -324,6 +324,18 @@ impl Accumulator for Pairs {
     #[inline(always)]
     fn scale(self, factors: &[f32]) -> F32 {
         F32(both!(vcvtq_f32_s32(self.0))).multiply(<F32 as Vector>::load(factors))
+    }
+}
+
+impl IntegerSums for Pairs {
+    #[inline(always)]
+    fn plus(self, other: Self) -> Self {
+        Self(both!(vaddq_s32(self.0, other.0)))
+    }
+
+    #[inline(always)]
+    fn minus(self, other: Self) -> Self {
+        Self(both!(vsubq_s32(self.0, other.0)))
     }
 }
 

@@ -1,8 +1,8 @@
 //! Numbers that convolutions multiply, each with the instruction sets that it runs on.
 
-#[cfg(target_arch = "x86_64")]
-use super::avx512;
 use super::traits::{Accumulator, Dispatch, Int16Pair, Simd};
+#[cfg(target_arch = "x86_64")]
+use super::{avx2, avx512};
 use super::{dispatch, dispatch_256};
 use crate::instruction_set::InstructionSet;
 
@@ -32,9 +32,10 @@ impl Number for f32 {
 impl Number for Int16Pair {
     type Accumulator<S: Simd> = S::Int16;
 
-    /// Sums of int16 are exact in any order, and NEON takes an input from any lane.
+    /// Sums of int16 are exact in any order, so only speed decides: sixteen lanes are more than the last channels need, and
+    /// NEON takes an input from any lane.
     fn splits(instructions: InstructionSet) -> bool {
-        !matches!(instructions, InstructionSet::Portable | InstructionSet::Neon)
+        instructions == InstructionSet::Avx512
     }
 
     fn dispatch<K: Dispatch>(instructions: InstructionSet, kernel: K) -> K::Output {
@@ -43,6 +44,11 @@ impl Number for Int16Pair {
             assert!(Self::has_avx512(), "this processor has no avx512vnni");
             // SAFETY: the processor has AVX-512F and VNNI, see above.
             return unsafe { avx512::run_vnni(kernel) };
+        }
+        #[cfg(target_arch = "x86_64")]
+        if instructions == InstructionSet::Avx2 && instructions.is_available() && Self::has_avx_vnni() {
+            // SAFETY: the processor has AVX2, FMA and AVX-VNNI, see above.
+            return unsafe { avx2::run_vnni(kernel) };
         }
         dispatch_256(instructions, kernel)
     }

@@ -1,6 +1,8 @@
 //! Plain arrays, which the compiler puts into whatever vectors the target has.
 
-use super::traits::{Accumulator, F32x8, Int16Pair, Int16x16, Simd, TABLE, Table, Vector, round};
+use super::traits::{
+    Accumulator, F32x8, Int16Pair, Int16x16, IntegerSums, Simd, TABLE, Table, Vector, round,
+};
 
 pub(super) struct Portable;
 
@@ -164,6 +166,22 @@ impl Accumulator for Pairs {
     fn scale(self, factors: &[f32]) -> [f32; 8] {
         let factors = <[f32; 8] as Vector>::load(factors);
         std::array::from_fn(|lane| self.0[lane] as f32 * factors[lane])
+    }
+}
+
+impl IntegerSums for Pairs {
+    #[inline(always)]
+    fn plus(self, other: Self) -> Self {
+        Self(std::array::from_fn(|lane| {
+            self.0[lane].wrapping_add(other.0[lane])
+        }))
+    }
+
+    #[inline(always)]
+    fn minus(self, other: Self) -> Self {
+        Self(std::array::from_fn(|lane| {
+            self.0[lane].wrapping_sub(other.0[lane])
+        }))
     }
 }
 

@@ -149,3 +149,68 @@ fn the_smallest_sum_is_the_first_of_equal_ones_and_saturates() {
         assert_eq!(of(set, [u16::MAX; 8], [9; 8]).0, u16::MAX, "{set}");
     }
 }
+
+/// Three pixels' sums of sixteen inputs each, two vectors of them.
+struct Products<'a> {
+    weights: &'a [Int16Pair],
+    inputs: &'a [Int16Pair],
+}
+
+impl Dispatch for Products<'_> {
+    type Output = Vec<f32>;
+
+    #[inline(always)]
+    fn run<S: Simd>(self) -> Vec<f32> {
+        let lanes = <<S::Int16 as Accumulator>::Out as Vector>::LANES;
+        let mut sums = [[S::Int16::zero(); 2]; 3];
+        accumulate::<S::Int16, 3, 2, 1>(&mut sums, &self.weights[..2 * lanes * 16], self.inputs, 16, 16);
+        let mut out = vec![0.0; 6 * lanes];
+        for (out, sum) in out.chunks_exact_mut(lanes).zip(sums.as_flattened()) {
+            sum.scale(&[1.0; LANES_MAX]).store(out);
+        }
+        out
+    }
+}
+
+#[test]
+fn products_of_int16_are_exact_with_one_instruction_and_with_two() {
+    let mut state = 1_u64;
+    let mut pair = || {
+        Int16Pair([0; 2].map(|_| {
+            state = state
+                .wrapping_mul(6_364_136_223_846_793_005)
+                .wrapping_add(1_442_695_040_888_963_407);
+            // Sums stay below 2²⁴, which f32 holds exactly, but for a few large products.
+            (state >> 56) as i16 - 128
+        }))
+    };
+    let weights: Vec<Int16Pair> = (0..2 * LANES_MAX * 16).map(|_| pair()).collect();
+    let mut inputs: Vec<Int16Pair> = (0..3 * 16).map(|_| pair()).collect();
+    inputs[0] = Int16Pair([i16::MAX, i16::MIN]);
+    let products = || Products {
+        weights: &weights,
+        inputs: &inputs,
+    };
+    let expected = |lanes: usize| -> Vec<f32> {
+        (0..3)
+            .flat_map(|pixel| (0..2 * lanes).map(move |lane| (pixel, lane)))
+            .map(|(pixel, lane)| {
+                let sum: i32 = (0..16)
+                    .map(|k| {
+                        let ([a, b], [c, d]) = (inputs[16 * pixel + k].0, weights[2 * lanes * k + lane].0);
+                        i32::from(a) * i32::from(c) + i32::from(b) * i32::from(d)
+                    })
+                    .sum();
+                sum as f32
+            })
+            .collect()
+    };
+    for set in sets() {
+        let with_two = dispatch(set, products());
+        assert_eq!(with_two, expected(with_two.len() / 6), "{set}");
+        if set != InstructionSet::Avx512 || Int16Pair::has_avx512() {
+            let as_layers_do = Int16Pair::dispatch(set, products());
+            assert_eq!(as_layers_do, expected(as_layers_do.len() / 6), "{set}");
+        }
+    }
+}

@@ -19,7 +19,7 @@ pub(crate) trait Simd {
     /// f32 vectors, as wide as the set has them.
     type F32: Accumulator<Number = f32, Out = Self::F32> + Vector;
     /// Products of int16, summed in int32, as wide as the set has them.
-    type Int16: Accumulator<Number = Int16Pair>;
+    type Int16: IntegerSums;
     /// Eight f32.
     type F32x8: F32x8;
     /// Sixteen int16.
@@ -103,6 +103,13 @@ pub(crate) trait Accumulator: Copy {
     fn scale(self, factors: &[f32]) -> Self::Out;
 }
 
+/// Sums in int32. They wrap.
+pub(crate) trait IntegerSums: Accumulator<Number = Int16Pair> {
+    fn plus(self, other: Self) -> Self;
+
+    fn minus(self, other: Self) -> Self;
+}
+
 /// Two neighbouring channels of a pixel, or their weights.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[repr(transparent)]
@@ -115,6 +122,24 @@ impl Int16Pair {
         return is_x86_feature_detected!("avx512f") && is_x86_feature_detected!("avx512vnni");
         #[cfg(not(target_arch = "x86_64"))]
         false
+    }
+
+    #[inline(always)]
+    pub(crate) fn plus(self, other: Self) -> Self {
+        let ([a, b], [c, d]) = (self.0, other.0);
+        Self([a.wrapping_add(c), b.wrapping_add(d)])
+    }
+
+    #[inline(always)]
+    pub(crate) fn minus(self, other: Self) -> Self {
+        let ([a, b], [c, d]) = (self.0, other.0);
+        Self([a.wrapping_sub(c), b.wrapping_sub(d)])
+    }
+
+    /// Whether this processor multiplies and adds int16 by one instruction of 256 bits.
+    #[cfg(target_arch = "x86_64")]
+    pub(crate) fn has_avx_vnni() -> bool {
+        is_x86_feature_detected!("avxvnni")
     }
 }
 

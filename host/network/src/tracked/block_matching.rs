@@ -33,7 +33,10 @@ impl Block {
     /// Sum of absolute differences at a motion.
     #[inline(always)]
     pub(super) fn sad<const SIDE: usize>(&self, now: &Level<SIDE>, [dx, dy]: [i32; 2]) -> u32 {
-        sad(&self.pixels, &now.rows(self.corner[0] + dx, self.corner[1] + dy))
+        sad(
+            self.pixels.each_ref(),
+            &now.rows(self.corner[0] + dx, self.corner[1] + dy),
+        )
     }
 
     /// The best motion within `range` of `guess`, to a fraction of a pixel. Of equal matches, the one nearest to `guess`.
@@ -125,11 +128,11 @@ fn subpixel_offset(low: u32, here: u32, high: u32) -> f32 {
 /// The sum of absolute differences of a block and the first place of these rows.
 #[inline(always)]
 pub(super) fn sad<const SIDE: usize, const ROWS: usize>(
-    block: &[[u8; 8]; ROWS],
+    block: [&[u8; 8]; ROWS],
     rows: &Rows<'_, SIDE, ROWS>,
 ) -> u32 {
     let mut sum = 0;
-    for (down, a) in block.iter().enumerate() {
+    for (down, a) in block.into_iter().enumerate() {
         // So simple that the compiler finds the one instruction for it.
         let b: &[u8; 8] = rows.at(down, 0);
         for k in 0..8 {

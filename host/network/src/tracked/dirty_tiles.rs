@@ -6,6 +6,7 @@
 
 use std::ops::Range;
 
+use super::block_matching::sad;
 use super::level::Level;
 use crate::constants::CROP_SIDE;
 
@@ -62,41 +63,23 @@ pub(super) struct DirtyTiles {
     tiles: PerTile<bool>,
 }
 
-/// Sums of absolute differences of a picture and the one that is known, grey levels, tile by tile.
+/// Sums of absolute differences of a picture and the one that is known, grey levels, tile by tile: at most 64 times 255.
 #[inline(always)]
 pub(super) fn differences(known: &Level<CROP_SIDE>, now: &[u8]) -> PerTile<u16> {
-    // Per column at most 8 times 255, per tile at most 64 times.
-    per_tile(
-        known,
-        now,
-        |sum: u16, known, now| sum + u16::from(known.abs_diff(now)),
-        |[a, b, c, d, e, f, g, h]| ((a + b) + (c + d)) + ((e + f) + (g + h)),
-    )
-}
-
-/// Compares a picture with the one that is known: `add` takes the pixels of each column of a tile, `tile` what its eight columns came to.
-#[inline(always)]
-fn per_tile<A: Copy + Default, T: Copy + Default>(
-    known: &Level<CROP_SIDE>,
-    now: &[u8],
-    add: impl Fn(A, u8, u8) -> A,
-    tile: impl Fn([A; TILE]) -> T,
-) -> PerTile<T> {
-    let mut tiles = [[T::default(); TILES]; TILES];
+    let mut tiles = [[0; TILES]; TILES];
     for (row, (tiles, lines)) in tiles
         .iter_mut()
         .zip(now.chunks_exact(TILE * CROP_SIDE))
         .enumerate()
     {
-        let mut columns = [A::default(); CROP_SIDE];
-        for (row, line) in (TILE * row..).zip(lines.as_chunks::<CROP_SIDE>().0) {
-            let known = known.row(row);
-            for k in 0..CROP_SIDE {
-                columns[k] = add(columns[k], known[k], line[k]);
-            }
-        }
-        for (found, columns) in tiles.iter_mut().zip(columns.as_chunks::<TILE>().0) {
-            *found = tile(*columns);
+        for (column, tile) in tiles.iter_mut().enumerate() {
+            let [x, y] = [TILE * column, TILE * row];
+            let block: [&[u8; TILE]; TILE] = std::array::from_fn(|line| {
+                lines[line * CROP_SIDE + x..]
+                    .first_chunk()
+                    .expect("inside the picture")
+            });
+            *tile = sad(block, &known.rows(x as i32, y as i32)) as u16;
         }
     }
     tiles
@@ -110,13 +93,24 @@ impl DirtyTiles {
     /// Whatever differs from the picture that is known.
     #[inline(always)]
     pub(super) fn between(known: &Level<CROP_SIDE>, now: &[u8]) -> Self {
-        // Bits that differ take half the time of sums.
-        Self::of(&per_tile(
-            known,
-            now,
-            |differ: u8, known, now| differ | (known ^ now),
-            |differ| u64::from_ne_bytes(differ) != 0,
-        ))
+        let mut tiles = [[false; TILES]; TILES];
+        for (row, (tiles, lines)) in tiles
+            .iter_mut()
+            .zip(now.chunks_exact(TILE * CROP_SIDE))
+            .enumerate()
+        {
+            let mut differ = [0; CROP_SIDE];
+            for (row, line) in (TILE * row..).zip(lines.as_chunks::<CROP_SIDE>().0) {
+                let known = known.row(row);
+                for k in 0..CROP_SIDE {
+                    differ[k] |= known[k] ^ line[k];
+                }
+            }
+            for (tile, differ) in tiles.iter_mut().zip(differ.as_chunks::<TILE>().0) {
+                *tile = u64::from_ne_bytes(*differ) != 0;
+            }
+        }
+        Self::of(&tiles)
     }
 
     pub(super) fn of(tiles: &PerTile<bool>) -> Self {

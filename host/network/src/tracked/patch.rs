@@ -119,6 +119,9 @@ impl Template {
     }
 }
 
+/// Room for the pixels that a [`Patch`] reads. To clear it for every patch would take a thirtieth of the tracker's time.
+pub(super) type PatchPixels = [[f32; 16]; PATCH + 3];
+
 /// The difference of a template and the image at a moved place.
 pub(super) struct Patch<'a, L> {
     now: &'a Level<CROP_SIDE>,
@@ -127,7 +130,7 @@ pub(super) struct Patch<'a, L> {
     /// The whole-pixel motion at which `pixels` was read.
     whole: Option<[i32; 2]>,
     /// The image from one pixel left and above the patch to two right and below.
-    pixels: [[f32; 16]; PATCH + 3],
+    pixels: &'a mut PatchPixels,
     /// Image minus template.
     difference: [L; PATCH],
 }
@@ -138,13 +141,18 @@ pub(super) struct Patch<'a, L> {
 )]
 impl<'a, L: F32x8> Patch<'a, L> {
     #[inline(always)]
-    pub(super) fn new(template: &'a Template, now: &'a Level<CROP_SIDE>, corner: [i32; 2]) -> Self {
+    pub(super) fn new(
+        template: &'a Template,
+        now: &'a Level<CROP_SIDE>,
+        corner: [i32; 2],
+        pixels: &'a mut PatchPixels,
+    ) -> Self {
         Self {
             now,
             corner,
             template: &template.pixels,
             whole: None,
-            pixels: [[0.0; 16]; PATCH + 3],
+            pixels,
             difference: [L::splat(0.0); PATCH],
         }
     }

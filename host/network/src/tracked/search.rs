@@ -8,7 +8,7 @@
 use super::dirty_tiles::{DirtyTiles, TileRect, same_bits};
 use super::level::Level;
 use super::particles::Particle;
-use super::patch::{HALF, PATCH, Patch, PatchWeights, Template};
+use super::patch::{HALF, PATCH, Patch, PatchPixels, PatchWeights, Template};
 use super::search_ray::{MotionRect, SearchRay, TABLE_SIDE};
 use crate::constants::CROP_SIDE;
 use crate::simd::{F32x8, Simd, TABLE, Table};
@@ -68,6 +68,11 @@ impl Match {
         }
     }
 
+    /// Whether it was searched since it was made or made to start over.
+    pub(super) fn is_searched(&self) -> bool {
+        !self.surface_px[0].is_nan()
+    }
+
     /// Makes the next search start over.
     pub(super) fn invalidate(&mut self) {
         self.surface_px = [f32::NAN; 2];
@@ -102,7 +107,7 @@ pub(super) struct Search<'a> {
 
 impl Search<'_> {
     /// Updates the match of a particle, given about how far the surface above it moved. Repeats each of the two parts only
-    /// if its inputs changed.
+    /// if its inputs changed. Returns whether the track or the tiles that it depends on can have changed.
     #[inline(always)]
     pub(super) fn update<S: Simd>(
         &self,
@@ -111,7 +116,9 @@ impl Search<'_> {
         particle: &Particle,
         surface_px: [f32; 2],
         dirty: &DirtyTiles,
-    ) {
+        pixels: &mut PatchPixels,
+    ) -> bool {
+        let search_tiles = matched.search_tiles;
         let moved = !same_bits(surface_px, matched.surface_px);
         let mut start = matched.start;
         if moved || dirty.any_in(matched.search_tiles) {
@@ -128,7 +135,7 @@ impl Search<'_> {
             });
         }
         if start == matched.start && !dirty.any_in(matched.refined_tiles) {
-            return;
+            return matched.search_tiles != search_tiles;
         }
         matched.start = start;
         let motion = start.map_or([0; 2], |start| start.motion);
@@ -139,9 +146,10 @@ impl Search<'_> {
         );
         // A closure would compile for another instruction set.
         matched.track = match start {
-            Some(start) => self.refine::<S>(template, particle, start),
+            Some(start) => self.refine::<S>(template, particle, start, pixels),
             None => Track::default(),
         };
+        true
     }
 
     /// The whole-pixel motion with the smallest cost: its SAD plus its distance from the motion that the particle's depth
@@ -231,8 +239,14 @@ impl Search<'_> {
 
     /// Refines a whole-pixel motion: inverse compositional Lucas–Kanade (Gauss–Newton), cubic interpolation.
     #[inline(always)]
-    fn refine<S: Simd>(&self, template: &Template, particle: &Particle, start: Start) -> Track {
-        let mut patch = Patch::<S::F32x8>::new(template, self.now, particle.corner());
+    fn refine<S: Simd>(
+        &self,
+        template: &Template,
+        particle: &Particle,
+        start: Start,
+        pixels: &mut PatchPixels,
+    ) -> Track {
+        let mut patch = Patch::<S::F32x8>::new(template, self.now, particle.corner(), pixels);
         let start_px = [start.motion[0] as f32, start.motion[1] as f32];
         let mut at = start_px;
         let mut residual = f32::INFINITY;
@@ -302,7 +316,7 @@ mod tests {
                 let at = [0, 1].map(|k| i32::from(particle.pixel[k]) + motion[k]);
                 if at.iter().all(|at| (2..CROP_SIDE as i32 - 2).contains(at)) {
                     let rows = search.now.rows(x0 + motion[0], y0 + motion[1]);
-                    let cost = sad(&template.pixels, &rows) as f32
+                    let cost = sad(template.pixels.each_ref(), &rows) as f32
                         + PRIOR[0] * (along - expected).abs()
                         + PRIOR[1] * across * across;
                     if cost < best.0 {

@@ -12,7 +12,7 @@ use super::dirty_tiles::{self, DirtyTiles, TileRect};
 use super::flow::{Flow, NodePosition, NodeRect};
 use super::level::Level;
 use super::particles::{self, Particle};
-use super::patch::{PatchWeights, Template};
+use super::patch::{PATCH, PatchWeights, Template};
 use super::pyramid::Pyramid;
 use super::search::{Match, Search, Track, motion_ratio};
 use super::search_ray::length;
@@ -41,7 +41,7 @@ enum Changes {
     BeyondNoise,
 }
 
-/// A particle that can be tracked.
+/// A particle that can be tracked. Its template, which is large, lies apart: it is read only when the particle is searched.
 #[derive(Debug, Clone)]
 struct TrackedParticle {
     /// Its index among all particles.
@@ -49,7 +49,6 @@ struct TrackedParticle {
     particle: Particle,
     /// Where the coarse flow gives the motion of its surroundings.
     flow_position: NodePosition,
-    template: Template,
     /// Searched with the motion of its surroundings.
     first: Match,
     /// Searched with the motion that its cell voted for, when the first match contradicts it.
@@ -60,6 +59,8 @@ struct TrackedParticle {
 #[derive(Debug, Clone)]
 struct Cell {
     particles: Vec<TrackedParticle>,
+    /// Theirs, in the same order.
+    templates: Vec<Template>,
     /// The tiles and the flow nodes that the matches depend on.
     tiles: TileRect,
     nodes: NodeRect,
@@ -131,6 +132,7 @@ impl Tracker {
                 let corner = [cell % CELLS, cell / CELLS].map(|at| (at * CELL) as f32);
                 Cell {
                     particles: Vec::new(),
+                    templates: Vec::new(),
                     tiles: TileRect::ALL,
                     nodes: Flow::nodes_between(corner, corner.map(|at| at + CELL as f32)),
                 }
@@ -139,11 +141,12 @@ impl Tracker {
         for (index, particle) in self.particles.iter().enumerate() {
             let [column, row] = particle.pixel.map(|at| usize::from(at) / CELL);
             if let Some(template) = Template::new(image, particle, &self.weights) {
-                self.cells[row * CELLS + column].particles.push(TrackedParticle {
+                let cell = &mut self.cells[row * CELLS + column];
+                cell.templates.push(template);
+                cell.particles.push(TrackedParticle {
                     index,
                     particle: *particle,
                     flow_position: Flow::position(particle.at_px),
-                    template,
                     first: Match::none(),
                     second: Match::none(),
                 });
@@ -251,34 +254,46 @@ impl Tracker {
             now: &self.now.full,
         };
         let mean_ratio = motion_ratio(MEAN_DEPTH_MM);
+        let mut pixels = [[0.0; 16]; PATCH + 3];
         for cell in &mut self.cells {
-            if !self.flow.changed_in(cell.nodes) && !dirty.any_in(cell.tiles) {
+            let moved = self.flow.changed_in(cell.nodes);
+            if !moved && !dirty.any_in(cell.tiles) {
                 continue;
             }
-            let mut votes = Votes::new();
-            for tracked in &mut cell.particles {
+            let mut changed = false;
+            for (tracked, template) in cell.particles.iter_mut().zip(&cell.templates) {
                 let surface_px = self.flow.at(tracked.flow_position).map(|v| v / mean_ratio);
-                search.update::<S>(
+                changed |= search.update::<S>(
                     &mut tracked.first,
-                    &tracked.template,
+                    template,
                     &tracked.particle,
                     surface_px,
                     dirty,
+                    &mut pixels,
                 );
+                changed |= tracked.second.is_searched() && dirty.any_in(tracked.second.tiles());
+            }
+            if !changed {
+                // All that the vote and the second matches depend on is as it was.
+                continue;
+            }
+            let mut votes = Votes::new();
+            for tracked in &cell.particles {
                 votes.cast(&tracked.particle, &tracked.first.track);
             }
             let voted_px = votes.median();
             cell.tiles = TileRect::NONE;
-            for tracked in &mut cell.particles {
+            for (tracked, template) in cell.particles.iter_mut().zip(&cell.templates) {
                 let mut track = tracked.first.track;
                 cell.tiles = cell.tiles.union(tracked.first.tiles());
                 if contradicts(&track, voted_px) {
                     search.update::<S>(
                         &mut tracked.second,
-                        &tracked.template,
+                        template,
                         &tracked.particle,
                         voted_px,
                         dirty,
+                        &mut pixels,
                     );
                     cell.tiles = cell.tiles.union(tracked.second.tiles());
                     track = tracked.second.track;

@@ -138,7 +138,7 @@ impl Rten {
     }
 
     pub(crate) fn run(&self, input: &NetworkInput) -> Result<ForceMap, Failure> {
-        let tensor = ValueView::from_shape(&self.shape, &*input.values)?;
+        let tensor = ValueView::from_shape(&self.shape, &input.values)?;
         let output = self.model.run_one(tensor.into(), Some(self.options.clone()))?;
         let values = output.as_tensor_view::<f32>().ok_or("rten's output is not f32")?;
         let values = values.data().ok_or("rten's output is not contiguous")?;

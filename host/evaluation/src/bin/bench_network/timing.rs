@@ -8,13 +8,21 @@ const CALLS: usize = 10;
 /// Something to time.
 pub(crate) struct Contestant {
     name: String,
+    /// Comes before each call, and is not timed.
+    before: Box<dyn FnMut()>,
     call: Box<dyn FnMut()>,
 }
 
 impl Contestant {
     pub(crate) fn new(name: &str, call: impl FnMut() + 'static) -> Self {
+        Self::after(name, || (), call)
+    }
+
+    /// With something that is not timed before each call.
+    pub(crate) fn after(name: &str, before: impl FnMut() + 'static, call: impl FnMut() + 'static) -> Self {
         Self {
             name: name.to_owned(),
+            before: Box::new(before),
             call: Box::new(call),
         }
     }
@@ -42,8 +50,10 @@ pub(crate) fn take_turns(contestants: &mut [Contestant], rounds: usize) -> Vec<T
     let mut times: Vec<Vec<f64>> = vec![Vec::with_capacity(rounds * CALLS); contestants.len()];
     for _ in 0..rounds {
         for (contestant, times) in contestants.iter_mut().zip(&mut times) {
+            (contestant.before)();
             (contestant.call)();
             for _ in 0..CALLS {
+                (contestant.before)();
                 let start = Instant::now();
                 (contestant.call)();
                 times.push(start.elapsed().as_secs_f64() * 1e6);
