@@ -391,7 +391,7 @@ impl SlideWitness {
     }
 
     /// No contact slides at less: friction falls to half by water, and sliding takes two fifths of that.
-    fn least_friction(&self) -> u16 {
+    fn min_friction(&self) -> u16 {
         SLIDING_FRICTION_MIN.max(self.carried / 4)
     }
 
@@ -470,7 +470,7 @@ impl SlideWitness {
             let stays = 3 * shear_rise < normal_rise;
             test.stayed = if stays { test.stayed + 1 } else { 0 };
             test.is_confirmed =
-                test.followed >= FOLLOWED_SLOTS && ratio(test.shear, test.normal) >= self.least_friction();
+                test.followed >= FOLLOWED_SLOTS && ratio(test.shear, test.normal) >= self.min_friction();
             if test.is_confirmed {
                 self.limit = self.limit.min(ratio(test.shear, test.normal)).max(1);
                 // From now on: the gripper has yet to follow.

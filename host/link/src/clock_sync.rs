@@ -9,7 +9,7 @@ use std::collections::VecDeque;
 /// A jump ahead must last this long, ms of the microcontroller's clock, and for this many statuses: ten a second come while maps
 /// are refused.
 const WINDOW_MS: i64 = 1_000;
-const WINDOW_LEAST: usize = 8;
+const WINDOW_MIN: usize = 8;
 /// Allowed jitter and drift over that time; the microcontroller allows more before a map is stale.
 const JUMP_US: i64 = 50_000;
 /// If maps are refused as from the future for this long, ms, with none accepted meanwhile, all later ones will be refused too: the
@@ -50,7 +50,7 @@ impl ClockSync {
         while is_old(self.recent.get(1)) {
             self.recent.pop_front();
         }
-        let is_full = is_old(self.recent.front()) && self.recent.len() >= WINDOW_LEAST;
+        let is_full = is_old(self.recent.front()) && self.recent.len() >= WINDOW_MIN;
         let differences = self.recent.iter().map(|(_, difference)| *difference);
         let min = differences.min().unwrap_or(difference);
         let Some(reference) = self.reference else {

@@ -77,7 +77,7 @@ struct Bench {
     frames: CobsDecoder,
     parser: Parser,
     status: Option<Status>,
-    least_grip: i64,
+    min_grip: i64,
 }
 
 impl Bench {
@@ -94,7 +94,7 @@ impl Bench {
             frames: CobsDecoder::new(),
             parser: Parser::new(),
             status: None,
-            least_grip: 0,
+            min_grip: 0,
         };
         // It must listen before it is spoken to.
         for _ in 0..100_000_000 / STEP_NS {
@@ -124,13 +124,13 @@ impl Bench {
 
     /// Time passes; a host that asks for the status ten times a second is never lost.
     fn pass(&mut self, ms: u64) -> Status {
-        self.least_grip = self.gripper.grip();
+        self.min_grip = self.gripper.grip();
         for step in 0..ms * 1_000_000 / STEP_NS {
             if step % 400 == 0 {
                 self.command(Command::ReadStatus);
             }
             self.step();
-            self.least_grip = self.least_grip.min(self.gripper.grip());
+            self.min_grip = self.min_grip.min(self.gripper.grip());
         }
         self.status.expect("a status came")
     }
@@ -223,10 +223,10 @@ fn a_gripper_on_the_bus_is_activated_grips_rises_survives_a_cut_cable_and_opens(
 
     bench.cut = true;
     let status = bench.pass(500);
-    assert_eq!((status.faults & failed, bench.least_grip), (failed, grip));
+    assert_eq!((status.faults & failed, bench.min_grip), (failed, grip));
     bench.cut = false;
     let status = bench.pass(500);
-    assert_eq!((status.faults & failed, bench.least_grip), (0, grip));
+    assert_eq!((status.faults & failed, bench.min_grip), (0, grip));
 
     bench.command(Command::Release);
     bench.pass(3_000);
@@ -325,7 +325,7 @@ fn a_request_that_never_goes_out_is_given_up_and_told_with_the_driver_off() {
     bench.board.disturb(Disturbance::BusClockStops);
     let status = bench.pass(500);
     assert_ne!(status.faults & Fault::LineFailed.bit(), 0, "{status:?}");
-    assert_eq!((status.line, bench.least_grip), (12 * NEWTON, grip));
+    assert_eq!((status.line, bench.min_grip), (12 * NEWTON, grip));
     let on_for_ns = bench.driver_on().iter().map(|span| span.1 - span.0).max();
     assert!(on_for_ns.is_some_and(|ns| ns <= 6_000_000), "{on_for_ns:?} ns");
     assert!(bench.board.bus_driver().last().is_some_and(|(at_ns, _)| {

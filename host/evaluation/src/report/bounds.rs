@@ -7,13 +7,13 @@ use crate::detectors::Each;
 use crate::metrics::Scores;
 
 /// Least accuracy, precision and recall of Gripline, object by object.
-const OBJECT_LEAST: [f64; 3] = [95.0, 90.0, 95.0];
+const OBJECT_MIN: [f64; 3] = [95.0, 90.0, 95.0];
 /// Least recall of Gripline on rotation.
-const ROTATION_RECALL_LEAST: f64 = 95.0;
+const ROTATION_RECALL_MIN: f64 = 95.0;
 /// By how many points the stick ratio's recall on rotation is above the baseline's at least.
-const STICK_RATIO_GAIN_LEAST: f64 = 20.0;
+const STICK_RATIO_GAIN_MIN: f64 = 20.0;
 /// Least median lead before gross slip, ms.
-const LEAD_MS_LEAST: f64 = 50.0;
+const LEAD_MS_MIN: f64 = 50.0;
 /// Most alarms a minute in steady holds.
 const ALARMS_MOST: f64 = 1.0;
 
@@ -27,9 +27,9 @@ pub(super) fn bounds(tables: &Tables, lead_ms: Option<f64>, alarms_per_minute: f
     let recall = tables.rotation.gripline.recall;
     all.push(Requirement::new(
         "rotation only: recall, %",
-        format!("≥ {ROTATION_RECALL_LEAST}"),
+        format!("≥ {ROTATION_RECALL_MIN}"),
         number(recall, 1),
-        at_least(recall, ROTATION_RECALL_LEAST),
+        at_least(recall, ROTATION_RECALL_MIN),
     ));
     let gain = |scores: &Each<Scores>| {
         let (ours, other) = (scores.stick_ratio.recall, scores.baseline.recall);
@@ -38,15 +38,15 @@ pub(super) fn bounds(tables: &Tables, lead_ms: Option<f64>, alarms_per_minute: f
     let rotation = gain(&tables.rotation);
     all.push(Requirement::new(
         "stick ratio as in the paper against the Coulomb baseline: recall on rotation, points better (on translation: as it is)",
-        format!("≥ {STICK_RATIO_GAIN_LEAST}"),
+        format!("≥ {STICK_RATIO_GAIN_MIN}"),
         format!("{} ({})", number(rotation, 1), number(gain(&tables.translation), 1)),
-        at_least(rotation, STICK_RATIO_GAIN_LEAST),
+        at_least(rotation, STICK_RATIO_GAIN_MIN),
     ));
     all.push(Requirement::new(
         "median lead before gross slip, ms",
-        format!("≥ {LEAD_MS_LEAST}"),
+        format!("≥ {LEAD_MS_MIN}"),
         number(lead_ms, 0),
-        at_least(lead_ms, LEAD_MS_LEAST),
+        at_least(lead_ms, LEAD_MS_MIN),
     ));
     all.push(Requirement::new(
         "alarms a minute in steady holds",
@@ -58,7 +58,7 @@ pub(super) fn bounds(tables: &Tables, lead_ms: Option<f64>, alarms_per_minute: f
 }
 
 fn of_object(name: &str, scores: &Scores) -> Requirement {
-    let [accuracy, precision, recall] = OBJECT_LEAST;
+    let [accuracy, precision, recall] = OBJECT_MIN;
     let held = at_least(scores.accuracy, accuracy)
         && at_least(scores.precision, precision)
         && at_least(scores.recall, recall);
