@@ -100,7 +100,7 @@ fn skipping_saves_frames_and_changes_hardly_a_decision(rest_pictures: usize) {
             let full = every.frame(sequence, &picture.crop, mode);
             for (chain, found) in gated.iter_mut().zip(&mut compared) {
                 let gate = chain.frame(sequence, &picture.crop, mode);
-                let touched = picture.truth.is_some_and(|truth| truth.normal_n >= 0.2);
+                let touched = picture.truth.as_ref().is_some_and(|truth| truth.normal_n >= 0.2);
                 found.frames += 1;
                 found.skipped += u32::from(gate.0 != GateDecision::Infer);
                 found.missed += u32::from(gate.0 == GateDecision::NoContact && touched);
