@@ -71,6 +71,11 @@ pub(crate) fn product() -> Result<PathBuf, Error> {
     process::product(kept(), "the emulator")
 }
 
+/// Forgets the emulator that an earlier run kept.
+pub(crate) fn discard() {
+    let _ = std::fs::remove_file(kept());
+}
+
 fn kept() -> PathBuf {
     process::products().join(format!("gripline-emulator{}", std::env::consts::EXE_SUFFIX))
 }

@@ -162,6 +162,11 @@ pub(crate) fn product(board: Board) -> Result<PathBuf, Error> {
     process::product(kept(board), "the image")
 }
 
+/// Forgets the image that an earlier run kept.
+pub(crate) fn discard(board: Board) {
+    let _ = fs::remove_file(kept(board));
+}
+
 fn kept(board: Board) -> PathBuf {
     process::products().join(format!("firmware-{}.elf", board.name()))
 }

@@ -88,10 +88,10 @@ impl Checks {
             .ok()
     }
 
-    /// Waits for such a command and shows what it said; whether it passed.
-    fn join(&mut self, beside: Option<Beside>) -> bool {
+    /// Waits for such a command and shows what it said. One that could not start has been noted.
+    fn join(&mut self, beside: Option<Beside>) {
         let Some(Beside { name, log, ended }) = beside else {
-            return false;
+            return;
         };
         eprintln!("\n== {}. {name}, which ran beside", self.outcomes.len() + 1);
         let (took, result) = ended.join().unwrap_or_else(|_| {
@@ -102,9 +102,7 @@ impl Checks {
             Ok(said) => eprint!("{}", String::from_utf8_lossy(&said)),
             Err(error) => eprintln!("{}: {error}", log.display()),
         }
-        let passed = result.is_ok();
         self.note(&name, took, result);
-        passed
     }
 
     /// Runs one check; `None` when it failed.
@@ -227,6 +225,9 @@ pub(crate) fn run(tier: Tier) -> Result<(), Error> {
     } else {
         None
     };
+    // So that no test takes those of an earlier run for what could not be built.
+    emulator::discard();
+    firmware::discard(emulator::BOARD);
     let board: &[&str] = if all {
         &["test", "--board", "--all"]
     } else {
