@@ -47,8 +47,10 @@ pub(super) struct Flow {
 /// The nodes of one level. Motions in pixels of the level.
 #[derive(Debug, Clone)]
 struct Nodes<const SIDE: usize> {
-    /// Per node: the coarser level's motions around it, and the tiles that its search read.
-    inputs: Vec<([[f32; 2]; 5], TileRect)>,
+    /// Search range around a guess, pixels of the level.
+    range: i32,
+    /// Per node: the guesses of its search, and the tiles that it read.
+    inputs: Vec<([[i32; 2]; 5], TileRect)>,
     /// As matched.
     matched: Vec<[f32; 2]>,
     /// The rows in which a match changed.
@@ -66,8 +68,8 @@ struct Nodes<const SIDE: usize> {
 impl Flow {
     pub(super) fn new() -> Self {
         Self {
-            eighth: Nodes::new(),
-            quarter: Nodes::new(),
+            eighth: Nodes::new(RANGE[0]),
+            quarter: Nodes::new(RANGE[1]),
             coarser: Nodes::<{ CROP_SIDE / 4 }>::centres()
                 .map(|centre| Nodes::<{ CROP_SIDE / 8 }>::position(centre.map(|c| 0.5 * (c as f32 + 0.5))))
                 .collect(),
@@ -79,10 +81,10 @@ impl Flow {
     pub(super) fn update<S: Simd>(&mut self, rest: &Pyramid, now: &Pyramid, dirty: &DirtyTiles) {
         let nothing: Option<(&Nodes<{ CROP_SIDE / 8 }>, _)> = None;
         self.eighth
-            .update::<S, _>(nothing, &rest.eighth, &now.eighth, RANGE[0], dirty);
+            .update::<S, _>(nothing, &rest.eighth, &now.eighth, dirty);
         let coarser = Some((&self.eighth, &*self.coarser));
         self.quarter
-            .update::<S, _>(coarser, &rest.quarter, &now.quarter, RANGE[1], dirty);
+            .update::<S, _>(coarser, &rest.quarter, &now.quarter, dirty);
     }
 
     /// The position of a place of the crop, pixels.
@@ -123,12 +125,16 @@ impl<const SIDE: usize> Nodes<SIDE> {
     /// Pixels of the crop in one of the level's, along a side.
     const SCALE: usize = CROP_SIDE / SIDE;
 
-    fn new() -> Self {
+    fn new(range: i32) -> Self {
         let still = vec![[0.0; 2]; Self::PER_SIDE * Self::PER_SIDE];
+        let guesses = [[0; 2]; 5];
         Self {
+            range,
             changed_rows: vec![true; Self::PER_SIDE],
             median: still.clone(),
-            inputs: vec![([[0.0; 2]; 5], TileRect::ALL); Self::PER_SIDE * Self::PER_SIDE],
+            inputs: Self::centres()
+                .map(|centre| (guesses, Self::search_tiles(centre, guesses, range)))
+                .collect(),
             changed: vec![true; still.len()],
             matched: still.clone(),
             before: still.clone(),
@@ -142,23 +148,27 @@ impl<const SIDE: usize> Nodes<SIDE> {
         coarser: Option<(&Nodes<COARSER>, &[NodePosition])>,
         rest: &Level<SIDE>,
         now: &Level<SIDE>,
-        range: i32,
         dirty: &DirtyTiles,
     ) {
+        let range = self.range;
         self.changed_rows.fill(false);
         for (node, centre) in Self::centres().enumerate() {
-            let (inputs, tiles) = &mut self.inputs[node];
-            let around = coarser.filter(|(nodes, positions)| nodes.changed_around(positions[node]));
-            if around.is_none() && !dirty.any_in(*tiles) {
+            let (known, tiles) = &mut self.inputs[node];
+            let mut guesses = *known;
+            if let Some((nodes, positions)) = coarser
+                && nodes.changed_around(positions[node])
+            {
+                let motions = nodes.around(positions[node]);
+                for (guess, motion) in guesses.as_flattened_mut().iter_mut().zip(motions.as_flattened()) {
+                    *guess = whole_pixels(2.0 * motion);
+                }
+            }
+            if guesses != *known {
+                *known = guesses;
+                *tiles = Self::search_tiles(centre, guesses, range);
+            } else if !dirty.any_in(*tiles) {
                 continue;
             }
-            let motions = around.map_or(*inputs, |(nodes, positions)| nodes.around(positions[node]));
-            *inputs = motions;
-            let mut guesses = [[0; 2]; 5];
-            for (guess, motion) in guesses.as_flattened_mut().iter_mut().zip(motions.as_flattened()) {
-                *guess = whole_pixels(2.0 * motion);
-            }
-            *tiles = Self::search_tiles(centre, guesses, range);
             let block = Block::new(rest, centre);
             let mut guess = [0; 2];
             if coarser.is_some() {
@@ -403,7 +413,7 @@ mod tests {
     fn medians_are_the_upper_ones_of_the_existing_neighbours() {
         fn check<const SIDE: usize>() {
             let n = Nodes::<SIDE>::PER_SIDE;
-            let mut nodes = Nodes::<SIDE>::new();
+            let mut nodes = Nodes::<SIDE>::new(RANGE[0]);
             for (node, matched) in nodes.matched.iter_mut().enumerate() {
                 *matched = [node * 7919 % 101, node * 104_729 % 97].map(|at| at as f32 - 50.0);
             }

@@ -5,17 +5,20 @@
     reason = "code compiles for the instruction set of the function that it is inlined into"
 )]
 
-use super::dirty_tiles::{DirtyTiles, TileRect, same_bits};
+use super::dirty_tiles::{DirtyTiles, TileRect};
 use super::level::Level;
 use super::particles::Particle;
 use super::patch::{HALF, PATCH, Patch, PatchPixels, PatchWeights, Template};
 use super::search_ray::{MotionRect, SearchRay, TABLE_SIDE};
 use crate::constants::CROP_SIDE;
-use crate::simd::{F32x8, Simd, TABLE, Table};
+use crate::simd::{F32x8, Simd, TABLE, Table, round};
 
 /// Largest number of Gauss–Newton steps, and the step at which they have converged, pixels.
 const STEPS_MAX: usize = 5;
 const CONVERGED_STEP: f32 = 0.01;
+/// Steps a pixel of the surface motion that a search is given. A finer motion finds the same places, but differs with every change
+/// of the flow, so that what did not change would be searched again.
+const SURFACE_STEPS: f32 = 4.0;
 /// Largest distance of the refined motion from its whole-pixel start, pixels.
 const REFINEMENT_MAX: f32 = 2.0;
 /// Cost per pixel off the expected motion along the ray, and per squared pixel across it, in SAD grey levels.
@@ -39,8 +42,8 @@ pub struct Track {
 /// The match of a particle, and what it depends on.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Match {
-    /// The motion of the surface that the search was given.
-    surface_px: [f32; 2],
+    /// The motion of the surface that the search was given, [`SURFACE_STEPS`] a pixel; none before the first search.
+    surface: Option<[i32; 2]>,
     /// Tiles that the whole-pixel search read.
     search_tiles: TileRect,
     start: Option<Start>,
@@ -60,7 +63,7 @@ impl Match {
     /// Not searched yet.
     pub(super) fn none() -> Self {
         Self {
-            surface_px: [f32::NAN; 2],
+            surface: None,
             search_tiles: TileRect::ALL,
             start: None,
             refined_tiles: TileRect::ALL,
@@ -70,12 +73,12 @@ impl Match {
 
     /// Whether it was searched since it was made or made to start over.
     pub(super) fn is_searched(&self) -> bool {
-        !self.surface_px[0].is_nan()
+        self.surface.is_some()
     }
 
     /// Makes the next search start over.
     pub(super) fn invalidate(&mut self) {
-        self.surface_px = [f32::NAN; 2];
+        self.surface = None;
         self.refined_tiles = TileRect::ALL;
     }
 
@@ -119,12 +122,13 @@ impl Search<'_> {
         pixels: &mut PatchPixels,
     ) -> bool {
         let search_tiles = matched.search_tiles;
-        let moved = !same_bits(surface_px, matched.surface_px);
+        let surface = surface_px.map(|v| round(SURFACE_STEPS * v));
+        let moved = matched.surface != Some(surface);
         let mut start = matched.start;
         if moved || dirty.any_in(matched.search_tiles) {
-            let ray = SearchRay::new(surface_px);
+            let ray = SearchRay::new(surface.map(|steps| steps as f32 / SURFACE_STEPS));
             if moved {
-                matched.surface_px = surface_px;
+                matched.surface = Some(surface);
                 let MotionRect { first, last } = ray.bounds(ray.ends);
                 matched.search_tiles = patch_tiles(particle, first, last);
             }
