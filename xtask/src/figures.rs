@@ -32,11 +32,22 @@ struct Measurement {
     title: String,
     /// As a reader types it.
     command: String,
+    /// The command before it, where it needs a file, and that file: it is made anew.
+    #[serde(default)]
+    makes: Option<Made>,
     #[serde(default)]
     figure: Vec<Figure>,
     /// Lists of bounds that the command judges itself.
     #[serde(default)]
     table: Vec<Table>,
+}
+
+/// What a command makes for the next.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Made {
+    file: String,
+    command: String,
 }
 
 /// A list in the JSON, an object a row.
@@ -115,6 +126,9 @@ pub(crate) fn command(arguments: &[String]) -> Result<(), Error> {
             .iter()
             .any(|name| *name == "all" || *name == measurement.name)
         {
+            if let Some(made) = &measurement.makes {
+                make(made)?;
+            }
             let printed = measure(&measurement.command)?;
             let values = measurement.values(&printed)?;
             let measured = Measured {
@@ -154,19 +168,31 @@ fn wrong(what: &str, found: &str) -> Error {
     }
 }
 
-/// Runs a command; the last JSON value that it prints.
-fn measure(line: &str) -> Result<Value, Error> {
-    eprintln!("$ {line}");
+/// A command as it stands in the plan.
+fn parse(line: &str) -> Result<Command, Error> {
     let mut words = line.split_whitespace();
     let mut command = match words.next() {
         Some("cargo") => process::cargo(),
         Some(program) => Command::new(program),
         None => return Err(wrong("command", "nothing")),
     };
+    command.current_dir(process::root()).args(words);
+    Ok(command)
+}
+
+fn make(made: &Made) -> Result<(), Error> {
+    let file = path(&made.file);
+    if file.exists() {
+        fs::remove_file(&file).map_err(|source| Error::file(&file, source))?;
+    }
+    process::run(&mut parse(&made.command)?)
+}
+
+/// Runs a command; the last JSON value that it prints.
+fn measure(line: &str) -> Result<Value, Error> {
+    eprintln!("$ {line}");
     // A missed bound ends some commands with code 1, and is what the page is for.
-    let output = command
-        .current_dir(process::root())
-        .args(words)
+    let output = parse(line)?
         .stderr(std::process::Stdio::inherit())
         .output()
         .map_err(|source| Error::Start {
@@ -320,8 +346,14 @@ fn page(plan: &Plan, kept: &Kept) -> Result<String, Error> {
         let values = values.map_or(&none, |measured| &measured.values);
         write!(
             text,
-            "\n## {}\n\n`{}` (`{}`; {made})\n\n| what | figure | wanted | |\n|---|---|---|---|\n",
-            measurement.title, measurement.command, measurement.name
+            "\n## {}\n\n{}`{}` (`{}`; {made})\n\n| what | figure | wanted | |\n|---|---|---|---|\n",
+            measurement.title,
+            measurement
+                .makes
+                .as_ref()
+                .map_or(String::new(), |made| format!("`{}`, then ", made.command)),
+            measurement.command,
+            measurement.name
         )
         .map_err(|error| wrong(PAGE, &error.to_string()))?;
         for figure in &measurement.figure {
@@ -396,6 +428,7 @@ mod tests {
             name: "m".to_owned(),
             title: "M".to_owned(),
             command: "c".to_owned(),
+            makes: None,
             figure: vec![figure("{/a/0*100:1} % of {/b}, {/a/0}")],
             table: Vec::new(),
         };

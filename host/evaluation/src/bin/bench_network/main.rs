@@ -2,6 +2,7 @@
 //! tract and rten with the same weights on one thread, against the processor's peak, with skipping, and with the gate. Error: on
 //! shapes and sensors of the test world never trained on.
 //!
+//! With `--instructions avx2` the other engines too see a processor with AVX2 and nothing wider, where it lets itself be limited.
 //! All contestants take turns, a few frames each, so that other load on the machine affects all of them alike.
 
 mod accuracy;
@@ -12,6 +13,7 @@ mod peers;
 mod pictures;
 mod plot;
 mod preprocessing;
+mod processor;
 mod report;
 mod timing;
 
@@ -58,8 +60,10 @@ type Graph<'a> = &'a dyn Fn(Precision) -> Vec<u8>;
 
 struct Arguments {
     onnxruntime: PathBuf,
-    /// What our engine uses; the others choose for themselves.
+    /// What our engine uses.
     instructions: InstructionSet,
+    /// Whether the other engines can have found nothing wider than AVX2.
+    limited: bool,
     weights: Vec<PathBuf>,
     plot: Option<PathBuf>,
     json: bool,
@@ -80,13 +84,15 @@ fn main() -> ExitCode {
 fn arguments() -> Result<Arguments, Failure> {
     let mut arguments = Arguments {
         onnxruntime: PathBuf::new(),
-        instructions: InstructionSet::widest(),
+        instructions: InstructionSet::Portable,
+        limited: false,
         weights: Vec::new(),
         plot: None,
         json: false,
         rounds: 150,
         samples: 1500,
     };
+    let mut instructions = None;
     let mut words = std::env::args().skip(1);
     while let Some(word) = words.next() {
         let mut value = || words.next().ok_or(format!("{word}: expected a value after it"));
@@ -96,9 +102,7 @@ fn arguments() -> Result<Arguments, Failure> {
         };
         match word.as_str() {
             "--onnxruntime" => arguments.onnxruntime = value()?.into(),
-            "--instructions" => {
-                arguments.instructions = value()?.parse::<InstructionSet>()?.checked()?;
-            }
+            "--instructions" => instructions = Some(value()?.parse::<InstructionSet>()?),
             "--weights" => arguments.weights.push(value()?.into()),
             "--plot" => arguments.plot = Some(value()?.into()),
             "--rounds" => arguments.rounds = number(value()?, 1)?,
@@ -112,6 +116,11 @@ fn arguments() -> Result<Arguments, Failure> {
             }
         }
     }
+    // Before anything asks what the processor can do.
+    if instructions == Some(InstructionSet::Avx2) {
+        arguments.limited = processor::show_no_more_than_avx2();
+    }
+    arguments.instructions = instructions.map_or(Ok(InstructionSet::widest()), InstructionSet::checked)?;
     Ok(arguments)
 }
 
@@ -184,6 +193,7 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
 
     let report = Report {
         instructions,
+        limited: arguments.limited,
         sets,
         multiply_adds: UnetNetwork::from_weights(&unet_weights)?.multiply_adds(),
         limit_multiply_adds: peak_multiply_adds(instructions, PEAK_ROUNDS),

@@ -44,6 +44,8 @@ pub(crate) fn part(model: &str, part: &str) -> String {
 pub(crate) struct Report {
     /// What our engine used.
     pub(crate) instructions: InstructionSet,
+    /// Whether the other engines can have found nothing wider than AVX2; otherwise they chose for themselves.
+    pub(crate) limited: bool,
     pub(crate) sets: Vec<InstructionSet>,
     /// Of a frame of the unet.
     pub(crate) multiply_adds: usize,
@@ -310,6 +312,7 @@ impl Report {
             ),
             ("times_us", Value::Object(times)),
             ("instructions", json!(self.instructions.to_string())),
+            ("peers_limited_to_avx2", json!(self.limited)),
             ("multiply_adds", json!(self.multiply_adds)),
             ("gmac_per_s", json!(self.gmac_per_s())),
             ("limit_gmac_per_s", json!(self.limit_gmac_per_s())),
@@ -332,6 +335,14 @@ impl Report {
                 .collect::<Vec<_>>()
                 .join(", "),
             self.load.trim()
+        ));
+        line(format!(
+            "the other engines {}",
+            if self.limited {
+                "found AVX2 and nothing wider, as ours"
+            } else {
+                "chose the widest instructions that they know"
+            }
         ));
         line(format!(
             "{:<28} {:>9} {:>9} {:>9} {:>9}",
