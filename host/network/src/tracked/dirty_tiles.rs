@@ -141,8 +141,13 @@ impl DirtyTiles {
         })
     }
 
+    /// How many changed.
+    pub(super) fn count(&self) -> u16 {
+        self.above_left[TILES][TILES]
+    }
+
     pub(super) fn is_empty(&self) -> bool {
-        self.above_left[TILES][TILES] == 0
+        self.count() == 0
     }
 
     /// Whether one of these tiles changed.

@@ -8,7 +8,7 @@
     reason = "code compiles for the instruction set of the function that it is inlined into"
 )]
 
-use super::dirty_tiles::{self, DirtyTiles, TileRect};
+use super::dirty_tiles::{self, DirtyTiles, TILES, TileRect};
 use super::flow::{Flow, NodePosition, NodeRect};
 use super::level::Level;
 use super::particles::{self, Particle};
@@ -28,6 +28,11 @@ const MEAN_DEPTH_MM: f32 = 3.2;
 /// Side of the cells in which tracks must agree, pixels, and cells per side.
 const CELL: usize = 40;
 const CELLS: usize = CROP_SIDE / CELL;
+/// Below the noise a motion of up to a tenth of a pixel can hide. It stays hidden no longer than this many pictures, a third of a second
+/// at 60 a second: then everything is tracked again.
+const REFRESH: u32 = 20;
+/// The same when a motion has ended, which leaves the most: in the first picture in which no more than these tiles changed.
+const MOVING_TILES: u16 = (TILES * TILES / 32) as u16;
 /// Smallest number of votes that counts in a cell, and the largest that are collected.
 const VOTES_MIN: usize = 5;
 const VOTES_MAX: usize = 32;
@@ -81,6 +86,9 @@ pub struct Tracker {
     learns_noise: bool,
     /// Whether `now` and the matches are those of the last frame.
     valid: bool,
+    /// Pictures since everything was tracked, and whether a motion was seen since.
+    since_refresh: u32,
+    moving: bool,
     instructions: InstructionSet,
 }
 
@@ -105,6 +113,8 @@ impl Tracker {
             noise: TileNoise::unknown(),
             learns_noise: true,
             valid: false,
+            since_refresh: 0,
+            moving: false,
             instructions: InstructionSet::widest(),
         }
     }
@@ -239,7 +249,15 @@ impl Tracker {
                 if self.learns_noise && (!dirty.is_empty() || self.noise.is_known()) {
                     self.noise.learn(&differences);
                 }
-                dirty
+                self.since_refresh += 1;
+                let moves = dirty.count() > MOVING_TILES;
+                let ended = std::mem::replace(&mut self.moving, moves) && !moves;
+                if ended || self.since_refresh >= REFRESH {
+                    self.since_refresh = 0;
+                    DirtyTiles::between(&self.now.full, now)
+                } else {
+                    dirty
+                }
             }
         };
         if dirty.is_empty() {
@@ -477,7 +495,7 @@ mod tests {
                 dense.invalidate();
                 dense.track(&kept);
                 assert!(bits(&skip) == bits(&dense), "frame {frame}");
-                if (18..24).contains(&frame) {
+                if (18..24).contains(&frame) && skip.since_refresh > 0 {
                     let changed = before
                         .iter()
                         .zip(&skip.now.full.pixels)
@@ -486,7 +504,10 @@ mod tests {
                     (changed_tiles, frames) = (changed_tiles + changed / 64, frames + 1);
                 }
             }
-            assert!(changed_tiles < 10 * frames, "{changed_tiles} of {frames} frames");
+            assert!(
+                frames >= 5 && changed_tiles < 10 * frames,
+                "{changed_tiles} of {frames} frames"
+            );
             dense.invalidate();
             dense.track(&taken(&spots(1.6), &mut state));
             let off: Vec<f32> = skip
@@ -503,5 +524,41 @@ mod tests {
                 off.len()
             );
         }
+    }
+
+    /// Follows a square that moves by this many pixels in each picture; true for every picture that is tracked as a whole.
+    fn tracked_as_a_whole(moves_px: impl IntoIterator<Item = f32>) -> Vec<bool> {
+        let mut state = 1;
+        let still = spots(0.0);
+        let rest: Vec<Vec<u8>> = (0..16).map(|_| taken(&still, &mut state)).collect();
+        let mut tracker = Tracker::new();
+        tracker.set_rest(&rest[0]);
+        tracker.learn_noise(&rest);
+        let mut moved_px = 0.0;
+        moves_px
+            .into_iter()
+            .map(|move_px| {
+                moved_px += move_px;
+                let now = taken(&spots(moved_px), &mut state);
+                tracker.track_beyond_noise(&now);
+                (0..SIDE).all(|row| tracker.now.full.row(row)[..] == now[row * SIDE..][..SIDE])
+            })
+            .collect()
+    }
+
+    #[test]
+    fn a_motion_below_the_noise_stays_hidden_for_a_third_of_a_second_at_most() {
+        // The first picture is tracked whatever it shows.
+        let moves = (0..50).map(|picture| if picture == 3 { 0.02 } else { 0.0 });
+        let whole = tracked_as_a_whole(moves);
+        let found: Vec<usize> = (0..whole.len()).filter(|&picture| whole[picture]).collect();
+        assert_eq!(found, [0, REFRESH as usize, 2 * REFRESH as usize]);
+    }
+
+    #[test]
+    fn the_picture_after_a_motion_is_tracked_as_a_whole() {
+        let moves = (0..12).map(|picture| if (4..8).contains(&picture) { 0.8 } else { 0.0 });
+        let whole = tracked_as_a_whole(moves);
+        assert!(whole[8] && !whole[9..].contains(&true), "{whole:?}");
     }
 }
