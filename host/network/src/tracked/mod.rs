@@ -4,7 +4,7 @@
 //!
 //! A track depends only on the rest image and the image now. So [`Evaluation::Skip`](crate::Evaluation::Skip) tracks again
 //! only what changed, with the same bits, and [`Evaluation::SkipNoise`](crate::Evaluation::SkipNoise) what changed by more than the camera's
-//! noise: the rest of the picture stays as it was last looked at.
+//! noise: the rest of the picture stays as it was last looked at, for 20 pictures at most and not when a motion has just ended.
 
 mod block_matching;
 mod dirty_tiles;
