@@ -456,6 +456,12 @@ impl SlideWitness {
                 self.limit -= (self.limit - now.min(self.limit)) / 5 * 2;
             }
             is_over |= test.for_us > 6 * SLOT_US && (of_normal <= RISES_SHARE || !follows);
+            // What the shear has confirmed it ends sooner: it stays for two slots in which the grip rises.
+            let of_shear = change(self.shear[0], self.shear[2]);
+            let of_normal = change(self.normal[0], self.normal[2]);
+            let stays = of_normal > 2 * RISES_SHARE && 3 * of_shear < of_normal;
+            test.stayed = if stays { test.stayed + 1 } else { 0 };
+            is_over |= test.stayed >= 2 && test.followed >= FOLLOWED_SLOTS;
             is_over = self.seen.shows_rest() || is_over && !self.seen.shows_motion();
         } else if self.seen.shows_motion() {
             test.is_confirmed = true;
@@ -465,8 +471,15 @@ impl SlideWitness {
         } else if self.seen.shows_rest() {
             is_over = true;
         } else if normal_rise > ASKED_SHARE {
-            let follows = 5 * (shear_rise - normal_rise).abs() < 2 * normal_rise;
-            test.followed = if follows { test.followed + 1 } else { 0 };
+            let apart = (shear_rise - normal_rise).abs();
+            let follows = 5 * apart < 2 * normal_rise;
+            // A slide that a fast gripper stops has no third slot: one in which both rise alike to an eighth counts twice.
+            let alike = 8 * apart < normal_rise;
+            test.followed = if follows {
+                test.followed + 1 + u8::from(alike)
+            } else {
+                0
+            };
             let stays = 3 * shear_rise < normal_rise;
             test.stayed = if stays { test.stayed + 1 } else { 0 };
             test.is_confirmed =
@@ -474,7 +487,7 @@ impl SlideWitness {
             if test.is_confirmed {
                 self.limit = self.limit.min(ratio(test.shear, test.normal)).max(1);
                 // From now on: the gripper has yet to follow.
-                test.for_us = 0;
+                (test.for_us, test.stayed) = (0, 0);
             }
             // A shear that is small fluctuates more: one slot is no answer.
             let has_stayed = test.stayed >= if test.is_new { 2 } else { 1 };

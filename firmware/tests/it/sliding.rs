@@ -21,6 +21,11 @@ struct Hold {
     late_falls: u32,
     slides_for: f64,
     line: f64,
+    /// With one fingertip: the object has the mass of its load, which a slide sets in motion. Its speed, m/s, and how often it began to
+    /// slide.
+    has_mass: bool,
+    speed: f64,
+    slides: u32,
 }
 
 impl Hold {
@@ -42,6 +47,9 @@ impl Hold {
             late_falls: 0,
             slides_for: 0.0,
             line: 0.0,
+            has_mass: false,
+            speed: 0.0,
+            slides: 0,
         }
     }
 
@@ -55,14 +63,23 @@ impl Hold {
                 let _ = self.bench.device.tick(self.bench.now_us);
                 let line: GripForce = self.bench.device.program.line();
                 self.normal += (f64::from(line.lsb()) / f64::from(LSB_PER_NEWTON) - self.normal) / 60.0;
+                let excess = load - friction[0] * self.normal;
+                if self.has_mass && (self.speed > 0.0 || excess > 0.0) {
+                    self.speed = (self.speed + 1e-3 * 9.81 * excess / load).max(0.0);
+                }
             }
             self.bench.listen();
             let line = f64::from(self.bench.device.program.line().lsb()) / f64::from(LSB_PER_NEWTON);
             // Two fingertips share the object: while both slide it slides. Less than a percent is less than a map shows.
-            let slides = friction
-                .iter()
-                .take(self.fingertips.into())
-                .all(|mu| mu * self.normal < 0.99 * load);
+            let slides = if self.has_mass {
+                self.speed > 0.0
+            } else {
+                friction
+                    .iter()
+                    .take(self.fingertips.into())
+                    .all(|mu| mu * self.normal < 0.99 * load)
+            };
+            self.slides += u32::from(slides && self.slides_for == 0.0);
             self.late_falls += u32::from(self.slides_for > 0.042 && line < self.line - 1e-3);
             self.slides_for = if slides {
                 self.slides_for + self.period_ms as f64 / 1e3
@@ -73,7 +90,12 @@ impl Hold {
             self.line = line;
             for sensor in SensorId::ALL.into_iter().take(self.fingertips.into()) {
                 let mu = friction[sensor.index()];
-                let shear = load.min(mu * self.normal);
+                // What still moves is braked by more than its load.
+                let shear = if self.speed > 0.0 {
+                    mu * self.normal
+                } else {
+                    load.min(mu * self.normal)
+                };
                 let [normal, shear] = [self.normal, shear].map(|force| self.seen * force);
                 let map = contact_map(normal, shear, normal, shear, mu, slides);
                 self.bench.sequence += 1;
@@ -114,6 +136,34 @@ fn friction_that_falls_in_a_hold_raises_the_line_until_it_holds() {
                     );
                 }
             }
+        }
+    }
+}
+
+#[test]
+fn a_slide_that_the_grip_has_stopped_is_remembered() {
+    for period_ms in [7, 17] {
+        for (before, load, share) in [
+            (0.8, 3.0, 0.87),
+            (0.8, 3.0, 0.85),
+            (0.8, 1.0, 0.85),
+            (0.9, 2.0, 0.85),
+        ] {
+            let mut hold = Hold::new(1, period_ms);
+            hold.has_mass = true;
+            hold.go(4.0, |time| load * time.min(1.0), [before; 2]);
+            // To this share of what the grip needs.
+            let after = share * load / hold.normal;
+            hold.slides = 0;
+            let mut highest = 0.0_f64;
+            for _ in 0..80 {
+                hold.go(0.05, |_| load, [after; 2]);
+                highest = highest.max(hold.line);
+            }
+            let case = format!("{period_ms} ms, {before} to {after:.2}, {load} N");
+            assert_eq!(hold.slides, 1, "{case}: slides; {} N at last", hold.line);
+            // While the shear hides the load, the grip rises to twice what that needs, with its margin.
+            assert!(highest < 3.0 * load / after, "{case}: up to {highest} N");
         }
     }
 }
