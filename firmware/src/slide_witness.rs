@@ -390,6 +390,39 @@ impl SlideWitness {
         of_normal < -RISES_SHARE && 2 * of_shear > of_normal
     }
 
+    /// Goes on with a test that found a slide: lowers the limit to what the contact carries now. Whether the slide has stopped; changes of
+    /// shear and normal force over the last slots, shares.
+    fn has_stopped(
+        &mut self,
+        test: &mut Test,
+        is_late: bool,
+        [of_shear, of_normal]: [i32; 2],
+        now: u16,
+    ) -> bool {
+        let follows = 20 * of_shear > 7 * of_normal;
+        // Shear that stays a little behind comes near to what holds the load, and says less than friction.
+        if 5 * of_shear > 4 * of_normal || self.seen.shows_motion() {
+            self.limit -= (self.limit - now.min(self.limit)) / 5 * 2;
+        }
+        // What the shear has confirmed it ends sooner: it stays for two slots in which the grip rises.
+        // Motion that the host sees may go on for longer than a test.
+        test.stayed = if self.stays_while_the_grip_rises() {
+            test.stayed.saturating_add(1)
+        } else {
+            0
+        };
+        let has_stayed = test.stayed >= 2 && test.followed >= FOLLOWED_SLOTS;
+        let has_settled = test.for_us > 6 * SLOT_US && (of_normal <= RISES_SHARE || !follows);
+        self.seen.shows_rest() || (is_late || has_stayed || has_settled) && !self.seen.shows_motion()
+    }
+
+    /// Whether the shear has risen by less than a third as much as the normal force over the last two slots.
+    fn stays_while_the_grip_rises(&self) -> bool {
+        let of_shear = change(self.shear[0], self.shear[2]);
+        let of_normal = change(self.normal[0], self.normal[2]);
+        of_normal > 2 * RISES_SHARE && 3 * of_shear < of_normal
+    }
+
     /// No contact slides at less: friction falls to half by water, and sliding takes two fifths of that.
     fn min_friction(&self) -> u16 {
         SLIDING_FRICTION_MIN.max(self.carried / 4)
@@ -450,19 +483,7 @@ impl SlideWitness {
         let now = ratio(shear, normal);
         let mut is_over = test.for_us > TEST_US_MAX;
         if test.is_confirmed {
-            let follows = 20 * of_shear > 7 * of_normal;
-            // Shear that stays a little behind comes near to what holds the load, and says less than friction.
-            if 5 * of_shear > 4 * of_normal || self.seen.shows_motion() {
-                self.limit -= (self.limit - now.min(self.limit)) / 5 * 2;
-            }
-            is_over |= test.for_us > 6 * SLOT_US && (of_normal <= RISES_SHARE || !follows);
-            // What the shear has confirmed it ends sooner: it stays for two slots in which the grip rises.
-            let of_shear = change(self.shear[0], self.shear[2]);
-            let of_normal = change(self.normal[0], self.normal[2]);
-            let stays = of_normal > 2 * RISES_SHARE && 3 * of_shear < of_normal;
-            test.stayed = if stays { test.stayed + 1 } else { 0 };
-            is_over |= test.stayed >= 2 && test.followed >= FOLLOWED_SLOTS;
-            is_over = self.seen.shows_rest() || is_over && !self.seen.shows_motion();
+            is_over = self.has_stopped(&mut test, is_over, [of_shear, of_normal], now);
         } else if self.seen.shows_motion() {
             test.is_confirmed = true;
             test.for_us = 0;
@@ -475,11 +496,8 @@ impl SlideWitness {
             let follows = 5 * apart < 2 * normal_rise;
             // A slide that a fast gripper stops has no third slot: one in which both rise alike to an eighth counts twice.
             let alike = 8 * apart < normal_rise;
-            test.followed = if follows {
-                test.followed + 1 + u8::from(alike)
-            } else {
-                0
-            };
+            let more = test.followed.saturating_add(1 + u8::from(alike));
+            test.followed = if follows { more } else { 0 };
             let stays = 3 * shear_rise < normal_rise;
             test.stayed = if stays { test.stayed + 1 } else { 0 };
             test.is_confirmed =

@@ -87,7 +87,8 @@ cargo xtask COMMAND
                                     plot; needs Python with pip
   bench network [--json] [--instructions SET] [--rounds N] [--samples N] [--weights FILE]... [--plot FILE]
                                     time the force networks against onnxruntime and tract and against this processor's
-                                    limit; --instructions forces ours to portable, avx2, avx512 or neon; errors on N samples of the test world (1,500, made in memory in a minute);
+                                    limit; --instructions forces ours to portable, avx2, avx512 or neon, and with avx2 hides from the
+                                    others what is wider; errors on N samples of the test world (1,500, made in memory in a minute);
                                     table, and a plot of time against error; --weights adds networks; needs Python
                                     with pip
   bench outside [--json] [--rounds N] [--seconds S]
