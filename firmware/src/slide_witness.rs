@@ -390,9 +390,9 @@ impl SlideWitness {
         of_normal < -RISES_SHARE && 2 * of_shear > of_normal
     }
 
-    /// Goes on with a test that found a slide: lowers the limit to what the contact carries now. Whether the slide has stopped; changes of
-    /// shear and normal force over the last slots, shares.
-    fn has_stopped(
+    /// Goes on with a test that found a slide: lowers the limit towards what the contact carries `now`, 1/10000. Returns whether the test
+    /// is over. `is_late`: it has lasted too long; then the changes of shear and normal force over the last slots, 1/1024.
+    fn continue_slide(
         &mut self,
         test: &mut Test,
         is_late: bool,
@@ -483,7 +483,7 @@ impl SlideWitness {
         let now = ratio(shear, normal);
         let mut is_over = test.for_us > TEST_US_MAX;
         if test.is_confirmed {
-            is_over = self.has_stopped(&mut test, is_over, [of_shear, of_normal], now);
+            is_over = self.continue_slide(&mut test, is_over, [of_shear, of_normal], now);
         } else if self.seen.shows_motion() {
             test.is_confirmed = true;
             test.for_us = 0;

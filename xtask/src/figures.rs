@@ -180,11 +180,15 @@ fn parse(line: &str) -> Result<Command, Error> {
     Ok(command)
 }
 
+/// Makes the file anew.
 fn make(made: &Made) -> Result<(), Error> {
     let file = path(&made.file);
-    if file.exists() {
-        fs::remove_file(&file).map_err(|source| Error::file(&file, source))?;
-    }
+    let prepared = if file.exists() {
+        fs::remove_file(&file)
+    } else {
+        fs::create_dir_all(file.with_file_name(""))
+    };
+    prepared.map_err(|source| Error::file(&file, source))?;
     process::run(&mut parse(&made.command)?)
 }
 

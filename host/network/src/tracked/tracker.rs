@@ -86,7 +86,7 @@ pub struct Tracker {
     learns_noise: bool,
     /// Whether `now` and the matches are those of the last frame.
     valid: bool,
-    /// Pictures since everything was tracked, and whether a motion was seen since.
+    /// Pictures since everything was tracked, and whether in the last one more than [`MOVING_TILES`] changed.
     since_refresh: u32,
     moving: bool,
     instructions: InstructionSet,
@@ -240,7 +240,10 @@ impl Tracker {
     #[inline(always)]
     fn track_with<S: Simd>(&mut self, now: &[u8], changes: Changes) -> bool {
         let dirty = match changes {
-            _ if !self.valid => DirtyTiles::all(),
+            _ if !self.valid => {
+                (self.since_refresh, self.moving) = (0, false);
+                DirtyTiles::all()
+            }
             Changes::Any => DirtyTiles::between(&self.now.full, now),
             Changes::BeyondNoise => {
                 let differences = dirty_tiles::differences(&self.now.full, now);
@@ -254,7 +257,7 @@ impl Tracker {
                 let ended = std::mem::replace(&mut self.moving, moves) && !moves;
                 if ended || self.since_refresh >= REFRESH {
                     self.since_refresh = 0;
-                    DirtyTiles::between(&self.now.full, now)
+                    DirtyTiles::of(&differences.map(|row| row.map(|difference| difference > 0)))
                 } else {
                     dirty
                 }

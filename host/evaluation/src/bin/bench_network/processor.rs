@@ -6,7 +6,8 @@
 /// kernels for AVX2 use it too. Call it before anything asks. Returns whether nothing wider is to be seen: where it never was, too.
 #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
 pub(crate) fn show_no_more_than_avx2() -> bool {
-    trap::install() && !is_x86_feature_detected!("avx512f")
+    trap::install();
+    !is_x86_feature_detected!("avx512f")
 }
 
 /// On other processors there is nothing to hide.
@@ -59,8 +60,8 @@ mod trap {
         sum
     }
 
-    /// Traps CPUID from now on. Returns false where that cannot be.
-    pub(super) fn install() -> bool {
+    /// Traps CPUID from now on, where that can be.
+    pub(super) fn install() {
         // SAFETY: the handler calls nothing that allocates or locks; all other fields of the structure may be zero.
         let installed = unsafe {
             let mut action: libc::sigaction = zeroed();
@@ -68,12 +69,15 @@ mod trap {
             action.sa_flags = libc::SA_SIGINFO | libc::SA_NODEFER | libc::SA_ONSTACK;
             libc::sigaction(libc::SIGSEGV, &raw const action, null_mut())
         };
-        installed == 0 && set(true)
+        if installed == 0 {
+            set(true);
+        }
     }
 
-    fn set(trapped: bool) -> bool {
+    /// Without effect on a processor or in a virtual machine that cannot trap.
+    fn set(trapped: bool) {
         // SAFETY: it changes what CPUID does, and CPUID then ends in `answer`.
-        unsafe { libc::syscall(libc::SYS_arch_prctl, ARCH_SET_CPUID, c_long::from(!trapped)) == 0 }
+        unsafe { libc::syscall(libc::SYS_arch_prctl, ARCH_SET_CPUID, c_long::from(!trapped)) };
     }
 
     /// Answers a trapped CPUID. Any other SIGSEGV ends the program when its instruction is repeated.
