@@ -127,6 +127,15 @@ impl Network {
         }
     }
 
+    /// Takes nothing for noise in the next picture, whatever the [`Evaluation`]: the decision is close to its threshold.
+    /// `unet` never takes anything for noise.
+    pub fn refresh_next(&mut self) {
+        match &mut self.0 {
+            Kind::Unet { .. } => {}
+            Kind::Tracked(network) => network.refresh_next(),
+        }
+    }
+
     /// Forces for the 440×440 image `now`, newtons per taxel. Writes every taxel of `out`; no allocation.
     ///
     /// # Panics

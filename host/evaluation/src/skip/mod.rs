@@ -297,3 +297,55 @@ fn table(rows: &[Row]) -> String {
     }
     text
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Ten seconds of a scene with sixteen pictures at rest, then with one.
+    fn played(kind: Kind) -> Vec<Row> {
+        let args = SkipArgs {
+            seconds: 10,
+            seed: 1,
+            only: String::new(),
+            gate: GateKind::default(),
+            instructions: None,
+            json: false,
+        };
+        let mut scene = Scene::new(kind, &scenes::skin().unwrap(), args.seed.into()).unwrap();
+        play(kind, &mut scene, &args, InstructionSet::widest()).unwrap()
+    }
+
+    #[test]
+    fn a_picture_that_may_be_decided_otherwise_is_not_skipped_and_one_that_may_not_is() {
+        for row in played(Kind::LightTouches) {
+            let changed = (row.slip_decisions_changed, row.states_changed);
+            assert!(changed.0 == 0 && changed.1 <= 1, "{:#?}", row.differences);
+            assert!(row.no_contact + row.unchanged > row.frames / 2, "{row:?}");
+        }
+        for row in played(Kind::QuietHold) {
+            assert_eq!(
+                (row.slip_decisions_changed, row.states_changed),
+                (0, 0),
+                "{:#?}",
+                row.differences
+            );
+            assert!(row.unchanged > row.frames * 9 / 10, "{row:?}");
+        }
+    }
+
+    /// Only `cargo xtask test --all` runs these.
+    mod slow {
+        use super::*;
+
+        #[test]
+        fn a_motion_below_the_noise_does_not_hide_a_slide() {
+            for kind in [Kind::Slide, Kind::SlowCreep] {
+                for row in played(kind) {
+                    assert_eq!(row.slip_decisions_changed, 0, "{:#?}", row.differences);
+                    assert!(row.states_changed <= 4, "{}: {:#?}", row.scene, row.differences);
+                }
+            }
+        }
+    }
+}

@@ -184,7 +184,7 @@ impl Scene {
         (GateDecision::Infer, health)
     }
 
-    /// Forces inference on the next contact frame: the decision is close to its threshold.
+    /// Forces inference on the next contact frame, as if it were the first: what came of the processed one is not used.
     pub const fn force_inference(&mut self) {
         self.processed = false;
     }

@@ -120,6 +120,11 @@ impl TrackedNetwork {
         self.tracker.learn_noise(rest);
     }
 
+    /// Takes nothing for noise in the next picture, whatever the [`Evaluation`].
+    pub fn refresh_next(&mut self) {
+        self.tracker.refresh_next();
+    }
+
     /// Forces for the 440×440 image `now`, newtons per taxel. Writes every taxel of `out`; no allocation.
     ///
     /// # Panics

@@ -210,6 +210,11 @@ impl Tracker {
         self.valid = false;
     }
 
+    /// [`Self::track_beyond_noise`] takes nothing for noise in the next picture.
+    pub fn refresh_next(&mut self) {
+        self.since_refresh = REFRESH;
+    }
+
     /// Tracks the particles into a 440×440 image. Returns whether any track can have changed.
     ///
     /// # Panics
