@@ -10,6 +10,7 @@ mod error;
 mod evaluate;
 mod gate;
 mod golden;
+mod histories;
 mod initial;
 mod loss;
 mod markers;
@@ -124,6 +125,13 @@ enum Command {
         #[arg(long)]
         json: bool,
     },
+    /// What the errors of the built-in `tracked` network depend on along load histories never trained on: camera noise, fingertip,
+    /// or state.
+    Histories {
+        /// Load histories, of six to seven states each.
+        #[arg(long, default_value_t = 200, value_parser = clap::value_parser!(u32).range(10..=100_000))]
+        histories: u32,
+    },
 }
 
 fn main() -> ExitCode {
@@ -198,6 +206,7 @@ fn run(arguments: &Arguments) -> Result<(), TrainingError> {
             steps: *steps,
             out,
         }),
+        Command::Histories { histories } => histories::measure(*seed, *histories as usize),
         Command::Markers { command } => markers::run(command, data, *seed, *held_out),
         Command::Evaluate {
             network,
