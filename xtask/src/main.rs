@@ -63,6 +63,7 @@ cargo xtask COMMAND
   latency [--short] [--json] | --bless  from a map's last packet to the line on the emulated board, in instructions and in
                                     Cortex-M4 cycles at most; fails when a number of the design does not hold;
                                     --bless renews the instruction counts that the tests hold
+  lint                              format, imports and lints of the workspace; `test --all` checks them too
   modules                           fail when files of a crate import each other in a circle, and say through which names
   package [--target TARGET] [--profile PROFILE] | --check
                                     build a Debian package of the bridge in target/gripline: program, man pages,
@@ -148,6 +149,7 @@ fn dispatch(arguments: &[String]) -> Result<(), Error> {
         "figures" => figures::command(rest),
         "fuzz" => fuzz::command(rest),
         "emulator" => no_more(rest).and_then(|()| emulator::command()),
+        "lint" => no_more(rest).and_then(|()| test::lint()),
         "modules" => no_more(rest).and_then(|()| modules::run()),
         "latency" => emulator::latency(rest),
         "arm" => arm::command(rest),

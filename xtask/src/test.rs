@@ -210,11 +210,7 @@ pub(crate) fn run(tier: Tier) -> Result<(), Error> {
         SLOW_CRATES.iter().flat_map(|name| ["--exclude", name]).collect()
     };
     let mut checks = Checks::new();
-    checks.check("format", || {
-        process::run(process::cargo().args(["fmt", "--all", "--check"]))?;
-        emulator::format()
-    });
-    checks.check("imports between files", modules::run);
+    style(&mut checks);
     checks.check("core library for the microcontroller", || {
         toolchain::ensure(&toolchain::MCU, false)
     });
@@ -234,14 +230,9 @@ pub(crate) fn run(tier: Tier) -> Result<(), Error> {
         &["test", "--board"]
     };
     let board = checks.beside("images, emulator and its tests, latency", board);
-    checks.check("lints", || {
-        process::run(
-            process::cargo()
-                .args(["clippy", "--workspace", "--all-targets", "--keep-going"])
-                .args(&without)
-                .args(["--", "-D", "warnings"]),
-        )
-    });
+    if all {
+        lints_of_the_workspace(&mut checks);
+    }
     let tests = || {
         let mut tests = process::cargo();
         tests
@@ -285,6 +276,37 @@ pub(crate) fn run(tier: Tier) -> Result<(), Error> {
         slow(&mut checks);
     }
     checks.summary()
+}
+
+/// What is checked without running anything: format, imports, lints of the workspace.
+pub(crate) fn lint() -> Result<(), Error> {
+    let mut checks = Checks::new();
+    style(&mut checks);
+    lints_of_the_workspace(&mut checks);
+    checks.summary()
+}
+
+/// What takes seconds.
+fn style(checks: &mut Checks) {
+    checks.check("format", || {
+        process::run(process::cargo().args(["fmt", "--all", "--check"]))?;
+        emulator::format()
+    });
+    checks.check("imports between files", modules::run);
+}
+
+fn lints_of_the_workspace(checks: &mut Checks) {
+    checks.check("lints", || {
+        process::run(process::cargo().args([
+            "clippy",
+            "--workspace",
+            "--all-targets",
+            "--keep-going",
+            "--",
+            "-D",
+            "warnings",
+        ]))
+    });
 }
 
 /// What is checked of the images and on the emulated board without the bridge.
