@@ -4,7 +4,8 @@
 //!
 //! A track depends only on the rest image and the image now. So [`Evaluation::Skip`](crate::Evaluation::Skip) tracks again
 //! only what changed, with the same bits, and [`Evaluation::SkipNoise`](crate::Evaluation::SkipNoise) what changed by more than the camera's
-//! noise: the rest of the picture stays as it was last looked at, for 20 pictures at most and not when a motion has just ended.
+//! noise: the rest of the picture stays as it was last looked at, for 20 pictures at most, and neither when a motion has just ended nor when the
+//! caller asks for the whole picture ([`TrackedNetwork::refresh_next`]).
 
 mod block_matching;
 mod dirty_tiles;
