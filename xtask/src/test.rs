@@ -164,7 +164,7 @@ impl Checks {
 /// How much is checked.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Tier {
-    /// What every change has to pass: 15 minutes are wanted in a fresh clone on two cores.
+    /// What every change has to pass beside the lints: 15 minutes are wanted in a fresh clone on two cores.
     Quick,
     /// The same and all that is slow: 45 minutes are wanted.
     All,

@@ -257,7 +257,9 @@ impl Scores {
     }
 }
 
-fn total(map: &ForceMap) -> [f64; 3] {
+/// The sum of a map's forces along x, y, z, N.
+#[must_use]
+pub fn total(map: &ForceMap) -> [f64; 3] {
     [0, 1, 2].map(|component| map.iter().map(|force| f64::from(force[component])).sum())
 }
 
@@ -279,8 +281,9 @@ fn mean(values: impl ExactSizeIterator<Item = f64>) -> f64 {
     values.sum::<f64>() / count
 }
 
-/// The value below which the share `q` lies (nearest rank); NaN for nothing.
-fn percentile(mut values: Vec<f64>, q: f64) -> f64 {
+/// The value below which the share `q`, 0 to 1, lies (nearest rank); NaN for nothing.
+#[must_use]
+pub fn percentile(mut values: Vec<f64>, q: f64) -> f64 {
     if values.is_empty() {
         return f64::NAN;
     }

@@ -27,12 +27,13 @@ const SURE_STICK_RATIO: u16 = 9_000;
 /// pictures that the gate considers unchanged.
 const UNSURE_CONTACT: RangeInclusive<f32> = 0.4..=4.0;
 
-/// While it is unsure, the network takes nothing for noise when the gate sees a change, and in every fifth picture otherwise: 83 ms at
-/// 60 frames a second, a fifth of the cost of a whole frame.
-const UNSURE_REFRESH: u32 = 5;
-
-/// Below this stick ratio, 1/10000, it takes nothing for noise in any picture: what the noise hides moves the ratio by up to 600.
+/// Below this stick ratio, 1/10000, the network takes nothing for noise in any picture: one taxel of a contact of seventeen above
+/// the 6,500 at which INCIPIENT begins.
 const CLOSE_STICK_RATIO: u16 = 7_100;
+
+/// From there to [`SURE_STICK_RATIO`], and at an unsure contact, it takes nothing for noise when the gate sees a change, and in every
+/// fifth picture otherwise: after 83 ms at 60 frames a second, at a fifth of the cost of a whole frame.
+const UNSURE_REFRESH: u32 = 5;
 
 /// A picture's force map.
 #[derive(Debug, Clone, Copy)]
@@ -78,7 +79,8 @@ struct ParticleStage {
     network: Network,
     scene: Scene,
     now: Box<Image88>,
-    /// If a picture that the gate takes for unchanged may be decided otherwise: in how many of them the network takes nothing for noise.
+    /// Set while a picture that the gate takes for unchanged may be decided otherwise. The network then sees all pictures, and takes
+    /// nothing for noise in one of so many of them.
     unsure: Option<u32>,
     /// Pictures since the network last took nothing for noise.
     since_refresh: u32,

@@ -1,7 +1,7 @@
 //! What errors along load histories depend on, on shapes and sensors never trained on: whether more pictures of the same state, other
 //! fingertips on the same state, or the states before could remove them. Units: N; errors as shares.
 
-use gripline_network::metrics::{Pair, Scores, stick_ratio};
+use gripline_network::metrics::{Pair, Scores, percentile, stick_ratio, total};
 use gripline_network::{Architecture, ForceMap, NO_FORCES, Network};
 use gripline_simulation::constants::REST_PICTURES;
 use gripline_simulation::contact_world::Truth;
@@ -16,7 +16,7 @@ const FINGERTIPS: usize = 6;
 const PICTURES: usize = 8;
 /// Normal load from which errors along a history count, N.
 const SCORED_N: f64 = 0.5;
-/// Steps between states whose errors are correlated.
+/// States between those whose errors are correlated.
 const LAGS: [usize; 3] = [1, 2, 4];
 
 /// Errors of one state: stick ratio, normal force over the true one, shear along x over the true normal force.
@@ -38,11 +38,14 @@ pub(crate) fn measure(seed: u32, histories: usize) -> Result<(), TrainingError> 
     let mut along: Vec<Vec<Errors>> = Vec::new();
     let mut gains: Vec<Vec<f64>> = vec![Vec::new(); FINGERTIPS];
     let mut begun = stream.counts().histories;
-    while along.len() < histories {
+    loop {
         let Some(state) = stream.next_contact().cloned() else {
             continue;
         };
-        if stream.counts().histories != begun || along.is_empty() {
+        if stream.counts().histories != begun {
+            if along.len() == histories {
+                break;
+            }
             begun = stream.counts().histories;
             along.push(Vec::new());
         }
@@ -87,7 +90,7 @@ pub(crate) fn measure(seed: u32, histories: usize) -> Result<(), TrainingError> 
     for (error, name) in ERRORS.into_iter().enumerate() {
         let steady = Steadiness::of(&along, error);
         println!(
-            "error of {name}: RMS {:.3}, correlation with that {} steps before {}, its history's mean explains {:.0} %",
+            "error of {name}: RMS {:.3}, correlation with that {} states before {}, its history's mean explains {:.0} %",
             steady.rms,
             LAGS.map(|lag| lag.to_string()).join(", "),
             steady.correlations.map(|value| format!("{value:.2}")).join(", "),
@@ -96,17 +99,18 @@ pub(crate) fn measure(seed: u32, histories: usize) -> Result<(), TrainingError> 
     }
     for (number, gains) in gains.into_iter().enumerate() {
         let gain = gains.iter().sum::<f64>() / gains.len() as f64;
+        let left = gains.iter().map(|off| ((1.0 + off) / (1.0 + gain) - 1.0).abs());
         println!(
             "fingertip {number}: F_N off by {:+.1} % on average; median error {:.1} %, without that gain {:.1} %",
             100.0 * gain,
-            100.0 * median(gains.iter().map(|off| off.abs())),
-            100.0 * median(gains.iter().map(|off| ((1.0 + off) / (1.0 + gain) - 1.0).abs())),
+            100.0 * percentile(gains.iter().map(|off| off.abs()).collect(), 0.5),
+            100.0 * percentile(left.collect(), 0.5),
         );
     }
     Ok(())
 }
 
-/// A fingertip with a network of its own.
+/// A virtual fingertip with a network of its own.
 struct Sensor {
     fingertip: Fingertip,
     network: Network,
@@ -125,6 +129,7 @@ impl Sensor {
         })
     }
 
+    /// The map of a new picture of this state, N per taxel.
     fn sees(&mut self, state: &Truth) -> ForceMap {
         self.fingertip.render(state, &mut self.crop);
         let mut map = NO_FORCES;
@@ -133,10 +138,13 @@ impl Sensor {
     }
 }
 
-/// How much of an error stays along a history.
+/// How much of an error stays along the histories of two states and more.
 struct Steadiness {
+    /// Root mean square, a share as the error itself.
     rms: f64,
+    /// With the error [`LAGS`] states before, over the mean square: 1 stays, 0 comes anew.
     correlations: [f64; LAGS.len()],
+    /// Share of the mean square that the means over the histories explain: 1 stays, one over the states of a history comes anew.
     share_of_mean: f64,
 }
 
@@ -144,6 +152,7 @@ impl Steadiness {
     fn of(along: &[Vec<Errors>], error: usize) -> Self {
         let histories: Vec<Vec<f64>> = along
             .iter()
+            .filter(|history| history.len() > 1)
             .map(|history| history.iter().map(|errors| errors[error]).collect())
             .collect();
         let count = histories.iter().map(Vec::len).sum::<usize>() as f64;
@@ -155,10 +164,8 @@ impl Steadiness {
                 .collect();
             products.iter().sum::<f64>() / products.len() as f64 / square
         });
-        // A history of one state says nothing of what stays.
         let of_means: f64 = histories
             .iter()
-            .filter(|history| history.len() > 1)
             .map(|history| history.iter().sum::<f64>().powi(2) / history.len() as f64)
             .sum();
         Self {
@@ -169,20 +176,11 @@ impl Steadiness {
     }
 }
 
-fn total(map: &ForceMap) -> [f64; 3] {
-    [0, 1, 2].map(|k| map.iter().map(|force| f64::from(force[k])).sum())
-}
-
+/// Taxel by taxel, N.
 fn mean(maps: &[ForceMap]) -> ForceMap {
     std::array::from_fn(|taxel| {
         [0, 1, 2].map(|k| maps.iter().map(|map| map[taxel][k]).sum::<f32>() / maps.len() as f32)
     })
-}
-
-fn median(values: impl Iterator<Item = f64>) -> f64 {
-    let mut values: Vec<f64> = values.collect();
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
 }
 
 #[cfg(test)]

@@ -128,7 +128,7 @@ enum Command {
     /// What the errors of the built-in `tracked` network depend on along load histories never trained on: camera noise, fingertip,
     /// or state.
     Histories {
-        /// Load histories, of six to seven states each.
+        /// Load histories, of five to six states each.
         #[arg(long, default_value_t = 200, value_parser = clap::value_parser!(u32).range(10..=100_000))]
         histories: u32,
     },
