@@ -82,12 +82,20 @@ pub const SLIDING_RATIO_MIN: u16 = 700;
 /// Load over normal force below which shear that follows the grip is no slide, 1/10000. The network's shear error grows with the
 /// normal force by up to 7 % of it, and follows the grip like a slide of that friction.
 pub const SLIDING_FRICTION_MIN: u16 = 1_200;
-/// Part of the normal force by which the shear of a map may err: a 64th; that of many maps by half of it.
-pub const SHEAR_ERROR_PART: i32 = 64;
-/// Suspect fall of the shear below the remembered load, share in 1/1024: 9 %, four times the noise of two maps.
-pub const DROP_SHARE: i32 = 92;
-/// The same in one slot: 14 %.
-pub const SUDDEN_DROP_SHARE: i32 = 143;
+/// Part of the normal force by which the shear of a map may err: a 128th, four times the shipped network's noise from picture to
+/// picture; that of many maps by half of it.
+pub const SHEAR_ERROR_PART: i32 = 128;
+/// Suspect fall of the shear below the remembered load, share in 1/1024: 6 %, four times the noise of two maps.
+pub const DROP_SHARE: i32 = 62;
+/// The same in one slot: 9 %.
+pub const SUDDEN_DROP_SHARE: i32 = 92;
+/// Least part of it that must have come within three slots, share in 1/1024: 5 %. A load that an arm takes off falls more slowly.
+pub const RECENT_FALL_SHARE: i32 = 51;
+/// Such a fall is sudden when it is so many times the shear's noise, and that noise at least, share in 1/1024: half of them are
+/// slides in `evaluate grasps --world adverse`.
+pub const SUDDEN_NOISES: i32 = 10;
+/// See [`SUDDEN_NOISES`]: 0.4 %.
+pub const SUDDEN_NOISE_MIN: i32 = 4;
 /// Noise of a load above which it counts as a change, share in 1/1024: 8 %.
 pub const NOISE_MAX: i32 = 82;
 /// Share by which the shear may stay below the load for long, in 1/1024: 1 % without noise, at most 4 %.
@@ -116,8 +124,6 @@ pub const FRICTION_LOSS_MAX: u16 = 6_000;
 pub const SWING_LOSS_MAX: u16 = 9_000;
 /// Slow fall of the normal force with which the shear must not have sunk, share in 1/1024: 3 %.
 pub const FADE_SHARE: i32 = 31;
-/// Time without any suspicion after which a load that came back is forgotten, µs.
-pub const COME_BACK_US: u32 = 3_000_000;
 /// Slots in a row in which the shear must rise with the normal force, to two fifths, until that is a slide.
 pub const FOLLOWED_SLOTS: u8 = 3;
 /// Longest test without a finding, µs: a gripper with a time constant of 100 ms has risen by then.
@@ -132,6 +138,14 @@ pub const HUSH_HELD_US: u32 = 400_000;
 pub const HUSH_US: u32 = 80_000;
 /// Time without any suspicion before the line may fall by plan, µs.
 pub const CALM_US: u32 = 160_000;
+/// Share of the friction found by a slide that the grip counts on while the host does not see the object, 1/10000: the slower it slid,
+/// the more friction falls at speed. In `evaluate grasps --world adverse` 0.75 drops hardly less, and 1 a third more.
+pub const FAST_SLIDE_SHARE: u16 = 8_500;
+/// How long the host's last clear view of the object counts, µs: thirty pictures.
+pub const WATCHED_US: u32 = 500_000;
+/// Part of the friction by which the grip counts on more while the host sees the object: a slide is then found within two pictures, and a
+/// margin of 30 % becomes one of 22 %.
+pub const WATCHED_PART: u16 = 16;
 /// Rate at which the friction limit set by a slide is forgotten: 2⁻²⁵ per µs, 3 % a second.
 pub const FRICTION_FORGET_SHIFT: u32 = 25;
 /// Rise of the line in a test, as a part of the line: a third. With a seventh, slides are found too late: when friction falls from

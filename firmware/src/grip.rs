@@ -280,7 +280,7 @@ impl GripController {
             self.learnt.test_min = self.learnt.before_test + rise;
         }
         if witness.tests() != self.learnt.witness.tests() {
-            self.learnt.goes_back = !witness.tests();
+            self.learnt.goes_back = !witness.tests() && witness.returns;
             if witness.has_slid {
                 self.learnt.before_test = 0;
             }

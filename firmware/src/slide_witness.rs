@@ -18,11 +18,11 @@ use gripline_protocol::{Motion, PER_UNIT};
 
 use crate::arithmetic::{divide, ratio};
 use crate::constants::{
-    ASKED_SHARE, CALM_US, COME_BACK_US, DROP_SHARE, FADE_SHARE, FOLLOWED_SLOTS, FRICTION_FORGET_SHIFT,
-    FRICTION_LOSS_MAX, HUSH_HELD_US, HUSH_US, NOISE_MAX, RISES_SHARE, SETTLED_US, SHEAR_ERROR_PART,
-    SHORT_SHARE_MAX, SHORT_SHARE_MIN, SHORT_US, SLIDING_FRICTION_MIN, SLIDING_RATIO_MIN, SLOT_US, STALLED_US,
-    SUDDEN_DROP_SHARE, SWING_LOSS_MAX, TEST_MARGIN, TEST_US_MAX, UNPROVEN_US_MAX, UNTRIED_US,
-    WHOLE_STICK_RATIO, WITNESSED_LOAD_MIN,
+    ASKED_SHARE, CALM_US, DROP_SHARE, FADE_SHARE, FAST_SLIDE_SHARE, FOLLOWED_SLOTS, FRICTION_FORGET_SHIFT,
+    FRICTION_LOSS_MAX, HUSH_HELD_US, HUSH_US, NOISE_MAX, RECENT_FALL_SHARE, RISES_SHARE, SETTLED_US,
+    SHEAR_ERROR_PART, SHORT_SHARE_MAX, SHORT_SHARE_MIN, SHORT_US, SLIDING_FRICTION_MIN, SLIDING_RATIO_MIN,
+    SLOT_US, STALLED_US, SUDDEN_DROP_SHARE, SUDDEN_NOISE_MIN, SUDDEN_NOISES, SWING_LOSS_MAX, TEST_MARGIN,
+    TEST_US_MAX, UNPROVEN_US_MAX, UNTRIED_US, WATCHED_US, WHOLE_STICK_RATIO, WITNESSED_LOAD_MIN,
 };
 use crate::learning_settings::LearningSettings;
 use crate::sums::stick_ratio_below;
@@ -56,6 +56,8 @@ pub struct Verdict {
     pub may_fall: bool,
     /// The last test found a slide, or a load that came back.
     pub has_slid: bool,
+    /// The line returns at once after the last test; otherwise it relaxes as it may.
+    pub returns: bool,
 }
 
 impl Verdict {
@@ -64,6 +66,7 @@ impl Verdict {
         urgency: Urgency::None,
         may_fall: true,
         has_slid: false,
+        returns: true,
     };
 
     /// Of two fingertips that hold the same object.
@@ -73,6 +76,7 @@ impl Verdict {
             urgency: self.urgency.max(other.urgency),
             may_fall: self.may_fall && other.may_fall,
             has_slid: self.has_slid || other.has_slid,
+            returns: self.returns && other.returns,
         }
     }
 
@@ -93,15 +97,6 @@ enum Suspicion {
     Settled,
     /// The host sees the object move.
     Seen,
-}
-
-/// Whether a test has tried what a contact carries.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Trial {
-    /// It carries nothing, or has carried more than the detector's friction: then the stick ratio shows a slide.
-    NotNeeded,
-    Missing,
-    Done,
 }
 
 /// A suspicion under test.
@@ -125,6 +120,16 @@ struct Test {
     stayed: u8,
     /// It did so for long enough: the contact slides.
     is_confirmed: bool,
+    /// The shear had fallen by far more than it fluctuates.
+    is_sudden: bool,
+}
+
+impl Test {
+    /// Shear that stays proves that the contact is held at the risen grip, not that it was held before: one that has never slid, or whose
+    /// shear fell suddenly, may slide again once the grip is back.
+    const fn leaves_doubt(&self) -> bool {
+        self.is_new || self.is_sudden
+    }
 }
 
 /// The witness of one fingertip.
@@ -151,10 +156,9 @@ pub(crate) struct SlideWitness {
     held_normal: i32,
     test: Option<Test>,
     has_slid: bool,
+    /// The last test found it held, and may be wrong.
+    is_doubtful: bool,
     is_short: bool,
-    /// The ratio at which the last test of late began whose load came back, 0 when there is none; and the normal force then.
-    came_back: u16,
-    came_back_normal: i32,
     /// Slow means of shear and normal force; what they were when one of them last rose.
     slow: [i32; 2],
     since: [i32; 2],
@@ -166,13 +170,17 @@ pub(crate) struct SlideWitness {
     /// Time since the ratio last grew.
     stalled_us: u32,
     tested: i32,
-    /// Whether a test has tried what the contact carries; and for how long not.
-    trial: Trial,
+    /// No test has tried what the contact carries; and for how long.
+    is_untried: bool,
     untried_us: u32,
     /// By the detector's friction the contact sticks, in the newest map.
     sticks: bool,
     /// What the host saw in the slot in progress, or in the last one.
     seen: Motion,
+    /// How long it still counts that the host has seen the object.
+    watched_us: u32,
+    /// The detector's friction.
+    detector: u16,
 }
 
 impl Default for SlideWitness {
@@ -193,9 +201,8 @@ impl Default for SlideWitness {
             held_normal: 0,
             test: None,
             has_slid: false,
+            is_doubtful: false,
             is_short: false,
-            came_back: 0,
-            came_back_normal: 0,
             slow: [0; 2],
             since: [0; 2],
             carried: 0,
@@ -203,10 +210,12 @@ impl Default for SlideWitness {
             settled_us: 0,
             stalled_us: 0,
             tested: 0,
-            trial: Trial::NotNeeded,
+            is_untried: false,
             untried_us: 0,
             sticks: true,
             seen: Motion::UNKNOWN,
+            watched_us: 0,
+            detector: 0,
         }
     }
 }
@@ -252,20 +261,27 @@ impl SlideWitness {
     fn step(&mut self, passed_us: u32, friction: u16, settings: LearningSettings) {
         let shear = i32::midpoint(self.shear[0], self.shear[1]);
         let normal = i32::midpoint(self.normal[0], self.normal[1]);
+        self.detector = settings.friction;
         self.hush_us = self.hush_us.saturating_sub(passed_us);
+        self.watched_us = if self.seen.shows_motion() || self.seen.shows_rest() {
+            WATCHED_US
+        } else {
+            self.watched_us.saturating_sub(passed_us)
+        };
         if let Some(test) = self.test {
             self.continue_test(test, shear, normal, passed_us);
         } else {
-            let suspicion = self.suspicion(shear, normal, passed_us, settings.friction);
+            let suspicion = self.suspicion(shear, normal, passed_us);
             let suspects = suspicion != Suspicion::None;
             self.calm_us = if suspects {
                 0
             } else {
                 self.calm_us.saturating_add(passed_us)
             };
-            // What a test found held is held at that normal force.
-            let is_hushed = suspicion != Suspicion::Seen && self.hush_us > 0 && normal >= self.held_normal;
-            if suspects && !is_hushed {
+            if suspects && !self.is_hushed(suspicion, normal) {
+                if suspicion == Suspicion::Settled {
+                    self.tested = shear;
+                }
                 self.begin_test(normal, friction, suspicion, settings);
             } else {
                 self.remember(shear, normal, passed_us);
@@ -277,8 +293,21 @@ impl SlideWitness {
         self.is_short = held < needed;
     }
 
+    /// Whether a suspicion is no news: what a test found held is held at that normal force. More load, and shear that falls far, are news.
+    fn is_hushed(&self, suspicion: Suspicion, normal: i32) -> bool {
+        suspicion == Suspicion::Falling
+            && !self.has_fallen_far(self.shear[0])
+            && self.hush_us > 0
+            && normal >= self.held_normal
+    }
+
+    /// Whether a shear is less than three quarters of the load.
+    const fn has_fallen_far(&self, shear: i32) -> bool {
+        shear < self.load - self.load / 4
+    }
+
     /// What speaks for a slide.
-    fn suspicion(&mut self, shear: i32, normal: i32, passed_us: u32, detector: u16) -> Suspicion {
+    fn suspicion(&mut self, shear: i32, normal: i32, passed_us: u32) -> Suspicion {
         if shear - self.peak > self.peak / 50 {
             self.settled_us = 0;
         } else {
@@ -292,19 +321,16 @@ impl SlideWitness {
             self.stalled_us.saturating_add(passed_us)
         };
         self.carried = self.carried.max(now);
-        if self.trial != Trial::Done {
-            // A smaller share of the normal force cannot be tested. As the line falls, the share grows.
-            let is_missing =
-                self.load >= WITNESSED_LOAD_MIN && now >= SLIDING_RATIO_MIN && self.carried < detector;
-            self.trial = if is_missing {
-                Trial::Missing
-            } else {
-                Trial::NotNeeded
-            };
-            self.untried_us = self
-                .untried_us
-                .saturating_add(if is_missing { passed_us } else { 0 });
-        }
+        // A smaller share of the normal force cannot be tested. As the line falls, the share grows.
+        self.is_untried = self.load >= WITNESSED_LOAD_MIN
+            && now >= SLIDING_RATIO_MIN
+            && self.carried < self.detector
+            && 5 * self.tested < 4 * self.load;
+        self.untried_us = if self.is_untried {
+            self.untried_us.saturating_add(passed_us)
+        } else {
+            0
+        };
         if self.seen.shows_motion() && self.load >= WITNESSED_LOAD_MIN {
             return Suspicion::Seen;
         }
@@ -316,12 +342,11 @@ impl SlideWitness {
             value < self.load - part(self.load, share).max(normal / error_part)
         };
         let noise = 3 * self.noise();
-        let drops = below(shear, DROP_SHARE.max(noise), SHEAR_ERROR_PART)
-            || below(
-                self.shear[0],
-                SUDDEN_DROP_SHARE.max(noise + noise / 2),
-                SHEAR_ERROR_PART,
-            );
+        let has_fallen = self.recent_fall() > RECENT_FALL_SHARE;
+        let sudden = SUDDEN_DROP_SHARE.max(noise + noise / 2);
+        let drops = has_fallen
+            && (below(shear, DROP_SHARE.max(noise), SHEAR_ERROR_PART)
+                || below(self.shear[0], sudden, SHEAR_ERROR_PART));
         self.short_us = if below(shear, self.short_share(), 2 * SHEAR_ERROR_PART) {
             self.short_us.saturating_add(passed_us)
         } else {
@@ -344,16 +369,12 @@ impl SlideWitness {
             && 8 * u32::from(now) > 7 * u32::from(self.carried);
         let is_low = (self.settled_us > SETTLED_US || has_stalled)
             && 4 * shear > 5 * self.tested
-            && now < detector
+            && now < self.detector
             && self.sticks
             && 5 * u32::from(now) > 3 * u32::from(self.carried)
             && (self.limit == UNLIMITED || 10 * u32::from(now) > 9 * u32::from(self.limit))
             && !self.stays_while_the_grip_sinks(shear, normal);
-        let is_untried =
-            self.trial == Trial::Missing && self.untried_us > UNTRIED_US && self.settled_us > SETTLED_US;
-        if is_low || is_untried {
-            self.tested = shear;
-        }
+        let is_untried = self.untried_us > UNTRIED_US && self.settled_us > SETTLED_US;
         if drops || sinks || fades || self.short_us >= SHORT_US {
             Suspicion::Falling
         } else if is_low || is_untried {
@@ -423,9 +444,22 @@ impl SlideWitness {
         of_normal > 2 * RISES_SHARE && 3 * of_shear < of_normal
     }
 
-    /// No contact slides at less: friction falls to half by water, and sliding takes two fifths of that.
+    /// No contact slides at less: friction falls to half by water, and sliding takes two fifths of that. A contact that has carried more
+    /// than what maps err by may slide at less.
     fn min_friction(&self) -> u16 {
-        SLIDING_FRICTION_MIN.max(self.carried / 4)
+        let least = if self.carried < SLIDING_FRICTION_MIN {
+            SLIDING_FRICTION_MIN
+        } else {
+            SLIDING_FRICTION_MIN / 3 * 2
+        };
+        least.max(self.carried / 4)
+    }
+
+    /// By how much the shear has fallen over the last slots, share of the load in 1/1024.
+    fn recent_fall(&self) -> i32 {
+        let [now, recent @ ..] = self.shear;
+        let before = recent[..3].iter().copied().max().unwrap_or(now);
+        change(before - now + self.load, self.load)
     }
 
     /// Mean change of the shear from slot to slot, share of the load.
@@ -461,6 +495,8 @@ impl SlideWitness {
             followed: 0,
             stayed: 0,
             is_confirmed: suspicion == Suspicion::Seen,
+            is_sudden: suspicion == Suspicion::Falling
+                && self.recent_fall() > SUDDEN_NOISES * self.noise().max(SUDDEN_NOISE_MIN),
         });
         if suspicion == Suspicion::Seen {
             self.limit = self.limit.min(now).max(1);
@@ -482,6 +518,7 @@ impl SlideWitness {
         let [of_shear, of_normal] = self.changes(shear, normal);
         let now = ratio(shear, normal);
         let mut is_over = test.for_us > TEST_US_MAX;
+        let mut has_grown = false;
         if test.is_confirmed {
             is_over = self.continue_slide(&mut test, is_over, [of_shear, of_normal], now);
         } else if self.seen.shows_motion() {
@@ -490,6 +527,10 @@ impl SlideWitness {
             self.limit = self.limit.min(now).max(1);
             is_over = false;
         } else if self.seen.shows_rest() {
+            is_over = true;
+        } else if test.is_first && shear_rise > 2 * normal_rise.max(ASKED_SHARE) {
+            // The load has grown: what it will be is yet to be tried.
+            has_grown = true;
             is_over = true;
         } else if normal_rise > ASKED_SHARE {
             let apart = (shear_rise - normal_rise).abs();
@@ -524,37 +565,36 @@ impl SlideWitness {
             self.test = Some(test);
             return;
         }
-        let mut stayed = !test.is_confirmed && (normal_rise > ASKED_SHARE || self.seen.shows_rest());
+        let mut stayed =
+            !test.is_confirmed && !has_grown && (normal_rise > ASKED_SHARE || self.seen.shows_rest());
         let mut has_slid = test.is_confirmed;
         if !test.is_confirmed {
             self.limit = test.limit;
             let latest = shear.max(self.shear[0]);
-            let share = self.short_share();
-            let has_come_back = !test.is_first
-                && test.shear < self.load - part(self.load, share)
-                && latest > self.load - part(self.load, share / 2)
-                && change(latest, test.shear) > share / 2
-                || test.is_first
-                    && change(latest, test.shear.max(self.load)) > ASKED_SHARE.max(3 * self.noise());
-            if has_come_back && normal_rise > ASKED_SHARE && !self.seen.shows_rest() {
+            let began_at = ratio(test.shear, test.normal);
+            let more = change(latest, test.shear.max(self.load));
+            let has_come_back = if test.is_first {
+                !has_grown && more > ASKED_SHARE.max(3 * self.noise())
+            } else {
+                self.has_fallen_far(test.shear) && latest > self.load - self.load / 16
+            };
+            let may_have_slid = normal_rise > ASKED_SHARE && began_at >= self.min_friction();
+            if has_come_back && may_have_slid && !self.seen.shows_rest() {
                 // It slid for a moment, or the load swung.
-                let began_at = ratio(test.shear, test.normal);
-                let least = divide(
-                    u64::from(test.proven) * u64::from(SWING_LOSS_MAX),
-                    PER_UNIT as u16,
-                ) as u16;
-                // A slide begins at the same ratio again, a swing hardly at another normal force.
-                let is_elsewhere = 20 * (test.normal - self.came_back_normal).abs() > test.normal;
-                let is_again =
-                    test.is_first || is_elsewhere && began_at.abs_diff(self.came_back) < began_at / 25;
-                let limit = if is_again { began_at } else { began_at.max(least) };
+                let least = u64::from(test.proven) * u64::from(SWING_LOSS_MAX);
+                let least = divide(least, PER_UNIT as u16) as u16;
+                let limit = if test.is_first {
+                    began_at
+                } else {
+                    began_at.max(least)
+                };
                 self.limit = self.limit.min(limit);
-                (self.came_back, self.came_back_normal) = (began_at, test.normal);
                 stayed = false;
                 has_slid = true;
             }
         }
         self.has_slid = has_slid;
+        self.is_doubtful = test.leaves_doubt() && !has_slid;
         if has_slid {
             self.carried = self.carried.min(self.limit);
         }
@@ -565,12 +605,16 @@ impl SlideWitness {
             shear.max(self.load - self.load / 10)
         };
         (self.hush_us, self.held_normal) = if stayed {
-            (HUSH_HELD_US, test.normal)
+            (
+                HUSH_HELD_US,
+                if test.leaves_doubt() { normal } else { test.normal },
+            )
         } else {
             (HUSH_US, 0)
         };
         self.short_us = 0;
-        self.trial = Trial::Done;
+        self.tested = self.tested.max(if has_grown { test.shear } else { shear });
+        self.is_untried = false;
         self.test = None;
     }
 
@@ -583,9 +627,6 @@ impl SlideWitness {
         let step = (self.shear[0] - self.shear[1]).abs();
         let step = change(self.load + step, self.load).clamp(0, NOISE_MAX);
         self.noise_16ths += 2 * step - self.noise_16ths / 8;
-        if self.calm_us > COME_BACK_US {
-            self.came_back = 0;
-        }
         if self.limit != UNLIMITED && self.calm_us > CALM_US {
             let more = (u64::from(self.limit) * u64::from(passed_us)) >> FRICTION_FORGET_SHIFT;
             // At least 1/10000 a slot.
@@ -595,8 +636,19 @@ impl SlideWitness {
     }
 
     /// The most that friction can be, since a slide; more than any friction when none was seen.
-    pub(crate) const fn limit(&self) -> u16 {
-        self.limit
+    pub(crate) fn limit(&self) -> u16 {
+        if self.limit == UNLIMITED || self.is_watched() || self.test.is_some_and(|test| !test.is_confirmed) {
+            return self.limit;
+        }
+        divide(
+            u64::from(self.limit) * u64::from(FAST_SLIDE_SHARE),
+            PER_UNIT as u16,
+        ) as u16
+    }
+
+    /// The host has seen the object of late, and will see it move.
+    pub(crate) const fn is_watched(&self) -> bool {
+        self.watched_us > 0
     }
 
     /// The load to hold while a slide may hide some of it; 0 otherwise.
@@ -611,6 +663,13 @@ impl SlideWitness {
     /// Whether the shear lies below the remembered load.
     fn is_below(&self) -> bool {
         self.shear[0] + self.shear[1] < 2 * (self.load - part(self.load, self.short_share()))
+    }
+
+    /// Whether what the contact carries is tried, or was never more than what cannot be.
+    fn is_tried(&self) -> bool {
+        !self.is_untried
+            && (self.carried >= self.detector
+                || self.peak >= WITNESSED_LOAD_MIN && self.settled_us > SETTLED_US)
     }
 
     /// What this witness demands of the line.
@@ -629,8 +688,9 @@ impl SlideWitness {
             may_fall: self.test.is_none()
                 && is_calm
                 && !self.seen.shows_motion()
-                && (self.seen.shows_rest() || self.trial != Trial::Missing),
+                && (self.seen.shows_rest() || self.is_tried()),
             has_slid: self.has_slid,
+            returns: !self.is_doubtful,
         }
     }
 }

@@ -21,15 +21,23 @@ use crate::error::EvaluationError;
 /// Purpose of the model's random numbers.
 const MODEL: u64 = 73;
 /// Standard deviation of the blur, taxels.
-const BLUR_TAXELS: f32 = 0.65;
+const BLUR_TAXELS: f32 = 0.35;
 /// Reach of the blur, taxels.
 const REACH: isize = 2;
-/// Mean and spread of a run's gain on normal force and shear.
-const NORMAL_GAIN: [f64; 2] = [0.96, 0.04];
-const SHEAR_GAIN: [f64; 2] = [0.98, 0.03];
-/// Fluctuation of the shear's gain from frame to frame, and how much of it stays to the next.
-const FLUCTUATION: f64 = 0.04;
-const STAYS: f64 = 0.8;
+/// Mean and spread of a fingertip's gain on all forces.
+const GAIN: [f64; 2] = [0.985, 0.025];
+/// Normal force that the edge of a contact loses, N.
+const LOST_N: f64 = 0.1;
+/// How much more shear there is over the normal force with each doubling of the normal force; at 1 N it is right.
+const SHEAR_PER_OCTAVE: f64 = 0.017;
+/// Spread of a taxel's errors, which belong to the state of the contact: of each shear over the taxel's normal force, and of that.
+const SHEAR_ERROR: f64 = 0.06;
+const NORMAL_ERROR: f64 = 0.12;
+/// Way between states whose errors have little in common: in total shear over total normal force and in the latter's logarithm.
+const WAY: f64 = 1.0;
+/// Noise of each picture of the same state, common to all taxels; in the same units.
+const SHEAR_NOISE: f64 = 0.001_8;
+const NORMAL_NOISE: f64 = 0.004_7;
 
 /// What looks at a finger.
 pub(super) enum Sensor {
@@ -56,9 +64,11 @@ impl Sensor {
 pub(super) struct Model {
     contact_min_n: f32,
     random: Random,
-    normal_gain: f64,
-    shear_gain: f64,
-    fluctuation: f64,
+    gain: f64,
+    /// Errors of the taxels in the present state, in units of their spread.
+    errors: Vec<[f64; 3]>,
+    /// Total shear over total normal force, and the logarithm of that.
+    state: [f64; 3],
     distorted: Option<Box<Distorted>>,
 }
 
@@ -66,34 +76,61 @@ impl Model {
     /// The sensor number `unit` with this network behind it, and this distortion.
     pub(super) fn new(network: &Network, unit: u64, distortion: Option<Distortion>) -> Self {
         let mut random = Random::new(unit, MODEL);
-        let [normal_gain, shear_gain] =
-            [NORMAL_GAIN, SHEAR_GAIN].map(|[mean, spread]| mean + spread * normal(&mut random));
+        let mut three = || [0; 3].map(|_| normal(&mut random));
+        let errors = (0..SIDE * SIDE).map(|_| three()).collect();
         Self {
             contact_min_n: network.calibration().contact_min_n,
+            gain: GAIN[0] + GAIN[1] * normal(&mut random),
+            errors,
             random,
-            normal_gain,
-            shear_gain,
-            fluctuation: 0.0,
+            state: [0.0; 3],
             distorted: distortion.map(|distortion| Box::new(Distorted::new(distortion))),
         }
     }
 
-    fn look(&mut self, forces: &[[f32; 3]; SIDE * SIDE]) -> Result<ForceMap, EvaluationError> {
-        let news = (1.0 - STAYS * STAYS).sqrt() * FLUCTUATION;
-        self.fluctuation = STAYS * self.fluctuation + news * normal(&mut self.random);
-        let shear = (self.shear_gain * self.normal_gain * (1.0 + self.fluctuation)) as f32;
-        let gains = [shear, shear, self.normal_gain as f32];
+    pub(super) fn look(&mut self, forces: &[[f32; 3]; SIDE * SIDE]) -> Result<ForceMap, EvaluationError> {
+        let total =
+            |forces: &[[f32; 3]], k: usize| -> f64 { forces.iter().map(|force| f64::from(force[k])).sum() };
+        let normal_n = total(forces, 2).max(1e-3);
+        self.go([
+            total(forces, 0) / normal_n,
+            total(forces, 1) / normal_n,
+            normal_n.ln(),
+        ]);
         let mut seen = blurred(forces);
         if let Some(distorted) = &mut self.distorted {
             distorted.apply(&mut seen, 1.0 / FRAMES_PER_SECOND);
         }
+        let whole_n = total(&seen, 2).max(1e-3);
         for force in &mut seen {
-            *force = [0, 1, 2].map(|k| force[k] * gains[k]);
             if force[2] <= self.contact_min_n {
                 *force = [0.0; 3];
             }
         }
+        let kept_n = total(&seen, 2).max(1e-3);
+        let gain = self.gain * (whole_n - LOST_N).max(0.5 * whole_n) / kept_n;
+        let shear = 1.0 + SHEAR_PER_OCTAVE * whole_n.max(0.1).log2();
+        let noise = [SHEAR_NOISE, SHEAR_NOISE, NORMAL_NOISE].map(|spread| spread * normal(&mut self.random));
+        for (force, errors) in seen.iter_mut().zip(&self.errors) {
+            let of = |k: usize, spread: f64| noise[k] + spread * errors[k];
+            let [x, y, z] = force.map(f64::from);
+            let z = z * gain * of(2, NORMAL_ERROR).exp();
+            let x = x * gain * shear + of(0, SHEAR_ERROR) * z;
+            let y = y * gain * shear + of(1, SHEAR_ERROR) * z;
+            *force = [x, y, z].map(|part| part as f32);
+        }
         Ok(ForceMap::quantise(&seen)?.0)
+    }
+
+    /// The contact is in another state: the longer the way there, the less its errors have in common with those before.
+    fn go(&mut self, state: [f64; 3]) {
+        let [x, y, normal_n] = [0, 1, 2].map(|k| state[k] - self.state[k]);
+        let stays = (-(x.hypot(y) + normal_n.abs()) / WAY).exp();
+        let news = (1.0 - stays * stays).sqrt();
+        for error in self.errors.iter_mut().flatten() {
+            *error = stays * *error + news * normal(&mut self.random);
+        }
+        self.state = state;
     }
 }
 
