@@ -124,6 +124,8 @@ pub const FRICTION_LOSS_MAX: u16 = 6_000;
 pub const SWING_LOSS_MAX: u16 = 9_000;
 /// Slow fall of the normal force with which the shear must not have sunk, share in 1/1024: 3 %.
 pub const FADE_SHARE: i32 = 31;
+/// Time without any suspicion after which a load that came back is forgotten, µs.
+pub const COME_BACK_US: u32 = 3_000_000;
 /// Slots in a row in which the shear must rise with the normal force, to two fifths, until that is a slide.
 pub const FOLLOWED_SLOTS: u8 = 3;
 /// Longest test without a finding, µs: a gripper with a time constant of 100 ms has risen by then.
@@ -143,9 +145,6 @@ pub const CALM_US: u32 = 160_000;
 pub const FAST_SLIDE_SHARE: u16 = 8_500;
 /// How long the host's last clear view of the object counts, µs: thirty pictures.
 pub const WATCHED_US: u32 = 500_000;
-/// Part of the friction by which the grip counts on more while the host sees the object: a slide is then found within two pictures, and a
-/// margin of 30 % becomes one of 22 %.
-pub const WATCHED_PART: u16 = 16;
 /// Rate at which the friction limit set by a slide is forgotten: 2⁻²⁵ per µs, 3 % a second.
 pub const FRICTION_FORGET_SHIFT: u32 = 25;
 /// Rise of the line in a test, as a part of the line: a third. With a seventh, slides are found too late: when friction falls from

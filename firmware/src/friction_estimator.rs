@@ -13,7 +13,7 @@ use gripline_protocol::message::MapSums;
 use crate::arithmetic::{divide, ratio, square_root};
 use crate::constants::{
     EXPECTED_FRICTION, LEAD_US, PROOF_NORMAL_MIN, REST_LEAD_US, REST_LOAD_MIN, REST_MAPS, SLIDE_MAPS,
-    SLIDE_RATIO_SURE, SLIDE_STICK_RATIO, SLIDE_SURE_MAPS, STALL_RATIO_MIN, STALL_STICK_RATIO, WATCHED_PART,
+    SLIDE_RATIO_SURE, SLIDE_STICK_RATIO, SLIDE_SURE_MAPS, STALL_RATIO_MIN, STALL_STICK_RATIO,
 };
 use crate::contact_geometry::ContactGeometry;
 use crate::learning_settings::LearningSettings;
@@ -195,23 +195,17 @@ impl FrictionEstimator {
     }
 
     /// Friction for the feed-forward, 1/10000: what was proven, at least the detector's, and typical friction until the load
-    /// settles; limited by the last slide. More while the host sees the object.
+    /// settles; limited by the last slide.
     fn friction(&self, settings: LearningSettings) -> u16 {
         let expected = if self.has_rested || self.has_slid {
             0
         } else {
             EXPECTED_FRICTION.min(settings.friction_max)
         };
-        let known = self
-            .proven
+        self.proven
             .max(expected)
             .max(settings.friction)
-            .min(self.slide.limit());
-        if self.has_rested && self.slide.is_watched() {
-            known.saturating_add(known / WATCHED_PART)
-        } else {
-            known
-        }
+            .min(self.slide.limit())
     }
 }
 

@@ -18,11 +18,12 @@ use gripline_protocol::{Motion, PER_UNIT};
 
 use crate::arithmetic::{divide, ratio};
 use crate::constants::{
-    ASKED_SHARE, CALM_US, DROP_SHARE, FADE_SHARE, FAST_SLIDE_SHARE, FOLLOWED_SLOTS, FRICTION_FORGET_SHIFT,
-    FRICTION_LOSS_MAX, HUSH_HELD_US, HUSH_US, NOISE_MAX, RECENT_FALL_SHARE, RISES_SHARE, SETTLED_US,
-    SHEAR_ERROR_PART, SHORT_SHARE_MAX, SHORT_SHARE_MIN, SHORT_US, SLIDING_FRICTION_MIN, SLIDING_RATIO_MIN,
-    SLOT_US, STALLED_US, SUDDEN_DROP_SHARE, SUDDEN_NOISE_MIN, SUDDEN_NOISES, SWING_LOSS_MAX, TEST_MARGIN,
-    TEST_US_MAX, UNPROVEN_US_MAX, UNTRIED_US, WATCHED_US, WHOLE_STICK_RATIO, WITNESSED_LOAD_MIN,
+    ASKED_SHARE, CALM_US, COME_BACK_US, DROP_SHARE, FADE_SHARE, FAST_SLIDE_SHARE, FOLLOWED_SLOTS,
+    FRICTION_FORGET_SHIFT, FRICTION_LOSS_MAX, HUSH_HELD_US, HUSH_US, NOISE_MAX, RECENT_FALL_SHARE,
+    RISES_SHARE, SETTLED_US, SHEAR_ERROR_PART, SHORT_SHARE_MAX, SHORT_SHARE_MIN, SHORT_US,
+    SLIDING_FRICTION_MIN, SLIDING_RATIO_MIN, SLOT_US, STALLED_US, SUDDEN_DROP_SHARE, SUDDEN_NOISE_MIN,
+    SUDDEN_NOISES, SWING_LOSS_MAX, TEST_MARGIN, TEST_US_MAX, UNPROVEN_US_MAX, UNTRIED_US, WATCHED_US,
+    WHOLE_STICK_RATIO, WITNESSED_LOAD_MIN,
 };
 use crate::learning_settings::LearningSettings;
 use crate::sums::stick_ratio_below;
@@ -159,6 +160,8 @@ pub(crate) struct SlideWitness {
     /// The last test found it held, and may be wrong.
     is_doubtful: bool,
     is_short: bool,
+    /// The ratio at which the last test of late began whose load came back, 0 when there is none.
+    came_back: u16,
     /// Slow means of shear and normal force; what they were when one of them last rose.
     slow: [i32; 2],
     since: [i32; 2],
@@ -203,6 +206,7 @@ impl Default for SlideWitness {
             has_slid: false,
             is_doubtful: false,
             is_short: false,
+            came_back: 0,
             slow: [0; 2],
             since: [0; 2],
             carried: 0,
@@ -573,24 +577,30 @@ impl SlideWitness {
             let latest = shear.max(self.shear[0]);
             let began_at = ratio(test.shear, test.normal);
             let more = change(latest, test.shear.max(self.load));
+            let share = self.short_share();
             let has_come_back = if test.is_first {
                 !has_grown && more > ASKED_SHARE.max(3 * self.noise())
             } else {
-                self.has_fallen_far(test.shear) && latest > self.load - self.load / 16
+                test.shear < self.load - part(self.load, share)
+                    && latest > self.load - part(self.load, share / 2)
+                    && change(latest, test.shear) > share / 2
             };
             let may_have_slid = normal_rise > ASKED_SHARE && began_at >= self.min_friction();
             if has_come_back && may_have_slid && !self.seen.shows_rest() {
-                // It slid for a moment, or the load swung.
-                let least = u64::from(test.proven) * u64::from(SWING_LOSS_MAX);
-                let least = divide(least, PER_UNIT as u16) as u16;
-                let limit = if test.is_first {
-                    began_at
-                } else {
-                    began_at.max(least)
-                };
-                self.limit = self.limit.min(limit);
-                stayed = false;
-                has_slid = true;
+                // It slid for a moment, or the load swung: a slide begins at the same ratio again.
+                let is_again = began_at.abs_diff(self.came_back) < began_at / 25;
+                if !test.is_first {
+                    self.came_back = began_at;
+                }
+                if test.is_first || is_again || self.has_fallen_far(test.shear) {
+                    let least = u64::from(test.proven) * u64::from(SWING_LOSS_MAX);
+                    let least = divide(least, PER_UNIT as u16) as u16;
+                    let is_sure = test.is_first || is_again;
+                    let limit = if is_sure { began_at } else { began_at.max(least) };
+                    self.limit = self.limit.min(limit);
+                    stayed = false;
+                    has_slid = true;
+                }
             }
         }
         self.has_slid = has_slid;
@@ -613,6 +623,9 @@ impl SlideWitness {
             (HUSH_US, 0)
         };
         self.short_us = 0;
+        // What sank before or in the test says nothing of what comes.
+        self.slow = [shear, normal];
+        self.since = self.slow;
         self.tested = self.tested.max(if has_grown { test.shear } else { shear });
         self.is_untried = false;
         self.test = None;
@@ -627,6 +640,9 @@ impl SlideWitness {
         let step = (self.shear[0] - self.shear[1]).abs();
         let step = change(self.load + step, self.load).clamp(0, NOISE_MAX);
         self.noise_16ths += 2 * step - self.noise_16ths / 8;
+        if self.calm_us > COME_BACK_US {
+            self.came_back = 0;
+        }
         if self.limit != UNLIMITED && self.calm_us > CALM_US {
             let more = (u64::from(self.limit) * u64::from(passed_us)) >> FRICTION_FORGET_SHIFT;
             // At least 1/10000 a slot.
@@ -647,7 +663,7 @@ impl SlideWitness {
     }
 
     /// The host has seen the object of late, and will see it move.
-    pub(crate) const fn is_watched(&self) -> bool {
+    const fn is_watched(&self) -> bool {
         self.watched_us > 0
     }
 
@@ -663,13 +679,6 @@ impl SlideWitness {
     /// Whether the shear lies below the remembered load.
     fn is_below(&self) -> bool {
         self.shear[0] + self.shear[1] < 2 * (self.load - part(self.load, self.short_share()))
-    }
-
-    /// Whether what the contact carries is tried, or was never more than what cannot be.
-    fn is_tried(&self) -> bool {
-        !self.is_untried
-            && (self.carried >= self.detector
-                || self.peak >= WITNESSED_LOAD_MIN && self.settled_us > SETTLED_US)
     }
 
     /// What this witness demands of the line.
@@ -688,7 +697,7 @@ impl SlideWitness {
             may_fall: self.test.is_none()
                 && is_calm
                 && !self.seen.shows_motion()
-                && (self.seen.shows_rest() || self.is_tried()),
+                && (self.seen.shows_rest() || !self.is_untried),
             has_slid: self.has_slid,
             returns: !self.is_doubtful,
         }
