@@ -85,14 +85,14 @@ pub const SLIDING_FRICTION_MIN: u16 = 1_200;
 /// Part of the normal force by which the shear of a map may err: a 128th, four times the shipped network's noise from picture to
 /// picture; that of many maps by half of it.
 pub const SHEAR_ERROR_PART: i32 = 128;
-/// Suspect fall of the shear below the remembered load, share in 1/1024: 6 %, four times the noise of two maps.
-pub const DROP_SHARE: i32 = 62;
-/// The same in one slot: 9 %.
-pub const SUDDEN_DROP_SHARE: i32 = 92;
+/// Suspect fall of the shear below the remembered load, share in 1/1024: 7 %.
+pub const DROP_SHARE: i32 = 72;
+/// The same in one slot: 11 %.
+pub const SUDDEN_DROP_SHARE: i32 = 112;
 /// Least part of it that must have come within three slots, share in 1/1024: 5 %. A load that an arm takes off falls more slowly.
 pub const RECENT_FALL_SHARE: i32 = 51;
-/// Such a fall is sudden when it is so many times the shear's noise, and that noise at least, share in 1/1024: half of them are
-/// slides in `evaluate grasps --world adverse`.
+/// Such a fall is sudden when it is so many times the shear's noise, and that noise at least, share in 1/1024: half of those in
+/// `evaluate grasps --world adverse` are slides.
 pub const SUDDEN_NOISES: i32 = 10;
 /// See [`SUDDEN_NOISES`]: 0.4 %.
 pub const SUDDEN_NOISE_MIN: i32 = 4;
@@ -141,7 +141,7 @@ pub const HUSH_US: u32 = 80_000;
 /// Time without any suspicion before the line may fall by plan, µs.
 pub const CALM_US: u32 = 160_000;
 /// Share of the friction found by a slide that the grip counts on while the host does not see the object, 1/10000: the slower it slid,
-/// the more friction falls at speed. In `evaluate grasps --world adverse` 0.75 drops hardly less, and 1 a third more.
+/// the more friction falls at speed. In `evaluate grasps --world adverse` 0.75 drops as many, and 1 a quarter more.
 pub const FAST_SLIDE_SHARE: u16 = 8_500;
 /// How long the host's last clear view of the object counts, µs: thirty pictures.
 pub const WATCHED_US: u32 = 500_000;

@@ -103,8 +103,6 @@ struct Learnt {
     witness: Verdict,
     before_test: i32,
     test_min: i32,
-    /// The line as the last test ended; 0 when it must not keep up another one.
-    after_test: i32,
     /// After a test the line goes back to where it was before, or, after a slide, to what the friction found needs.
     goes_back: bool,
     /// Line while the grip closes on an object that it hardly feels.
@@ -168,7 +166,6 @@ impl GripController {
                 witness: Verdict::NONE,
                 before_test: 0,
                 test_min: 0,
-                after_test: 0,
                 goes_back: false,
                 sought_milli: 0,
                 reached_milli: line * MILLI,
@@ -275,16 +272,15 @@ impl GripController {
         };
         let line = self.line().lsb();
         if witness.tests() && !self.learnt.witness.tests() {
-            // Where a fault forbids the way back, one test after the other must not add up.
-            if !self.learnt.goes_back && line != self.learnt.after_test {
+            if !self.learnt.goes_back {
                 self.learnt.before_test = line;
             }
+            // Where a fault forbids the way back, one test after the other must not add up.
             let rise = (self.learnt.before_test / TEST_RISE_PART).max(TEST_RISE_MIN);
             self.learnt.test_min = self.learnt.before_test + rise;
         }
         if witness.tests() != self.learnt.witness.tests() {
-            self.learnt.goes_back = !witness.tests() && witness.returns;
-            self.learnt.after_test = line;
+            self.learnt.goes_back = !witness.tests();
             if witness.has_slid {
                 self.learnt.before_test = 0;
             }

@@ -3,8 +3,8 @@
 //!
 //! The witness remembers the load. It suspects a slide when the shear falls below that, sinks while the grip sinks, or settles
 //! for the first time below the detector's friction. A suspicion is a test: the grip rises, and while the shear rises with
-//! it, the contact slides, and shear over normal force is its friction. Shear that stays is held: the test has passed. Until the first
-//! test of a contact that never carried more than the detector's friction, the line does not fall.
+//! it, the contact slides, and shear over normal force is its friction. Shear that stays is held: the test has passed. Until a test of a
+//! contact that never carried more than the detector's friction, and again when its load has grown by a quarter, the line does not fall.
 //!
 //! Where the host sees the object, no test is needed: motion is a slide at once, and rest ends every suspicion ([`Motion`]).
 //!
@@ -57,8 +57,6 @@ pub struct Verdict {
     pub may_fall: bool,
     /// The last test found a slide, or a load that came back.
     pub has_slid: bool,
-    /// The line returns at once after the last test; otherwise it relaxes as it may.
-    pub returns: bool,
 }
 
 impl Verdict {
@@ -67,7 +65,6 @@ impl Verdict {
         urgency: Urgency::None,
         may_fall: true,
         has_slid: false,
-        returns: true,
     };
 
     /// Of two fingertips that hold the same object.
@@ -77,7 +74,6 @@ impl Verdict {
             urgency: self.urgency.max(other.urgency),
             may_fall: self.may_fall && other.may_fall,
             has_slid: self.has_slid || other.has_slid,
-            returns: self.returns && other.returns,
         }
     }
 
@@ -157,8 +153,6 @@ pub(crate) struct SlideWitness {
     held_normal: i32,
     test: Option<Test>,
     has_slid: bool,
-    /// The last test found it held, and may be wrong.
-    is_doubtful: bool,
     is_short: bool,
     /// The ratio at which the last test of late began whose load came back, 0 when there is none.
     came_back: u16,
@@ -204,7 +198,6 @@ impl Default for SlideWitness {
             held_normal: 0,
             test: None,
             has_slid: false,
-            is_doubtful: false,
             is_short: false,
             came_back: 0,
             slow: [0; 2],
@@ -604,7 +597,6 @@ impl SlideWitness {
             }
         }
         self.has_slid = has_slid;
-        self.is_doubtful = test.leaves_doubt() && !has_slid;
         if has_slid {
             self.carried = self.carried.min(self.limit);
         }
@@ -699,7 +691,6 @@ impl SlideWitness {
                 && !self.seen.shows_motion()
                 && (self.seen.shows_rest() || !self.is_untried),
             has_slid: self.has_slid,
-            returns: !self.is_doubtful,
         }
     }
 }

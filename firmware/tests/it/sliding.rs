@@ -244,7 +244,7 @@ fn a_load_too_small_to_be_tested_does_not_hold_up_a_firm_grip() {
 }
 
 #[test]
-fn a_load_that_grows_in_steps_is_not_tested_where_the_stick_ratio_shows_higher_friction() {
+fn a_load_that_grows_in_steps_is_tried_and_then_held_by_what_it_needs() {
     let settings = Configuration::DEFAULT;
     for friction in [0.8, 0.9, 1.1] {
         let mut hold = Hold::new(1, 17);
@@ -259,7 +259,8 @@ fn a_load_that_grows_in_steps_is_not_tested_where_the_stick_ratio_shows_higher_f
             );
             load = grown;
         }
-        // A test adds a third to this.
+        // A test adds a third to this, while it lasts.
+        hold.go(0.5, |_| load, [friction; 2]);
         let needed = load * (1.0 + f64::from(settings.margin) / 1e4) / (f64::from(settings.friction) / 1e4);
         assert!(
             hold.line < 1.05 * needed,
@@ -267,6 +268,38 @@ fn a_load_that_grows_in_steps_is_not_tested_where_the_stick_ratio_shows_higher_f
             hold.line
         );
     }
+}
+
+#[test]
+fn a_first_load_that_grows_in_its_test_is_tried_again() {
+    for friction in [0.2, 0.3, 0.4] {
+        for pause_s in [0.15, 0.3, 0.5] {
+            let mut hold = Hold::new(1, 17);
+            // A load that seems to have settled is tested, and grows meanwhile; then it slides while all taxels stick by the detector.
+            hold.go(pause_s, |_| 0.15, [friction; 2]);
+            hold.go(0.1, |time| 0.15 + 8.5 * time, [friction; 2]);
+            hold.go(2.0, |_| 1.0, [friction; 2]);
+            let case = format!("friction {friction}, {pause_s} s");
+            assert!(
+                hold.slides_for == 0.0,
+                "{case}: still slides at {} N",
+                hold.normal
+            );
+            assert!(hold.slid < 0.6, "{case}: slid for {} s", hold.slid);
+        }
+    }
+}
+
+#[test]
+fn shear_that_falls_far_is_tested_also_right_after_a_test_that_found_it_held() {
+    let mut hold = Hold::new(1, 17);
+    hold.go(3.0, |time| 3.0 * time.min(1.0), [0.8; 2]);
+    // A dip of the load begins a test, which finds it held. Then friction falls.
+    hold.go(0.1, |_| 2.6, [0.8; 2]);
+    hold.go(0.15, |_| 3.0, [0.8; 2]);
+    hold.go(2.0, |_| 3.0, [0.3; 2]);
+    assert!(hold.slides_for == 0.0, "still slides at {} N", hold.normal);
+    assert!(hold.slid < 0.4, "slid for {} s", hold.slid);
 }
 
 #[test]
