@@ -108,9 +108,8 @@ struct Test {
     limit: u16,
     /// Friction that the contact has proven, which such a slide would not take away without being confirmed.
     proven: u16,
-    /// It is about a load that had settled; and the contact has never slid.
+    /// It is about a load that had settled.
     is_first: bool,
-    is_new: bool,
     /// Slots in a row in which the shear has risen as much as the normal force.
     followed: u8,
     /// Slots in a row in which the shear has hardly risen.
@@ -122,10 +121,15 @@ struct Test {
 }
 
 impl Test {
+    /// It is about a load that had settled on a contact that has never slid.
+    const fn is_new(&self) -> bool {
+        self.is_first && self.limit == UNLIMITED
+    }
+
     /// Shear that stays proves that the contact is held at the risen grip, not that it was held before: one that has never slid, or whose
     /// shear fell suddenly, may slide again once the grip is back.
     const fn leaves_doubt(&self) -> bool {
-        self.is_new || self.is_sudden
+        self.is_new() || self.is_sudden
     }
 }
 
@@ -167,8 +171,7 @@ pub(crate) struct SlideWitness {
     /// Time since the ratio last grew.
     stalled_us: u32,
     tested: i32,
-    /// No test has tried what the contact carries; and for how long.
-    is_untried: bool,
+    /// How long no test has tried what the contact carries.
     untried_us: u32,
     /// By the detector's friction the contact sticks, in the newest map.
     sticks: bool,
@@ -207,7 +210,6 @@ impl Default for SlideWitness {
             settled_us: 0,
             stalled_us: 0,
             tested: 0,
-            is_untried: false,
             untried_us: 0,
             sticks: true,
             seen: Motion::UNKNOWN,
@@ -319,11 +321,11 @@ impl SlideWitness {
         };
         self.carried = self.carried.max(now);
         // A smaller share of the normal force cannot be tested. As the line falls, the share grows.
-        self.is_untried = self.load >= WITNESSED_LOAD_MIN
+        let is_untried = self.load >= WITNESSED_LOAD_MIN
             && now >= SLIDING_RATIO_MIN
             && self.carried < self.detector
             && 5 * self.tested < 4 * self.load;
-        self.untried_us = if self.is_untried {
+        self.untried_us = if is_untried {
             self.untried_us.saturating_add(passed_us)
         } else {
             0
@@ -371,10 +373,10 @@ impl SlideWitness {
             && 5 * u32::from(now) > 3 * u32::from(self.carried)
             && (self.limit == UNLIMITED || 10 * u32::from(now) > 9 * u32::from(self.limit))
             && !self.stays_while_the_grip_sinks(shear, normal);
-        let is_untried = self.untried_us > UNTRIED_US && self.settled_us > SETTLED_US;
+        let is_overdue = self.untried_us > UNTRIED_US && self.settled_us > SETTLED_US;
         if drops || sinks || fades || self.short_us >= SHORT_US {
             Suspicion::Falling
-        } else if is_low || is_untried {
+        } else if is_low || is_overdue {
             Suspicion::Settled
         } else {
             Suspicion::None
@@ -488,7 +490,6 @@ impl SlideWitness {
             limit: self.limit,
             proven: friction,
             is_first: suspicion == Suspicion::Settled,
-            is_new: suspicion == Suspicion::Settled && self.limit == UNLIMITED,
             followed: 0,
             stayed: 0,
             is_confirmed: suspicion == Suspicion::Seen,
@@ -546,13 +547,13 @@ impl SlideWitness {
                 (test.for_us, test.stayed) = (0, 0);
             }
             // A shear that is small fluctuates more: one slot is no answer.
-            let has_stayed = test.stayed >= if test.is_new { 2 } else { 1 };
+            let has_stayed = test.stayed >= if test.is_new() { 2 } else { 1 };
             is_over |= has_stayed || normal_rise > 2 * ASKED_SHARE && !follows && !stays;
         } else {
             // A sliding contact cannot carry more for its normal force than when it was suspected.
             let carries = i64::from(shear) * i64::from(test.normal);
             let could = i64::from(self.load - part(self.load, 51)) * i64::from(normal);
-            is_over |= !test.is_new
+            is_over |= !test.is_new()
                 && test.for_us > 2 * SLOT_US
                 && carries > could
                 && test.shear < self.load - part(self.load, 92);
@@ -562,40 +563,20 @@ impl SlideWitness {
             self.test = Some(test);
             return;
         }
-        let mut stayed =
-            !test.is_confirmed && !has_grown && (normal_rise > ASKED_SHARE || self.seen.shows_rest());
+        self.end_test(&test, [shear, normal], normal_rise, has_grown);
+    }
+
+    /// A test is over; `has_grown`: because the load has grown, which says nothing.
+    fn end_test(&mut self, test: &Test, [shear, normal]: [i32; 2], normal_rise: i32, has_grown: bool) {
+        let has_risen = normal_rise > ASKED_SHARE;
         let mut has_slid = test.is_confirmed;
         if !test.is_confirmed {
             self.limit = test.limit;
-            let latest = shear.max(self.shear[0]);
-            let began_at = ratio(test.shear, test.normal);
-            let more = change(latest, test.shear.max(self.load));
-            let share = self.short_share();
-            let has_come_back = if test.is_first {
-                !has_grown && more > ASKED_SHARE.max(3 * self.noise())
-            } else {
-                test.shear < self.load - part(self.load, share)
-                    && latest > self.load - part(self.load, share / 2)
-                    && change(latest, test.shear) > share / 2
-            };
-            let may_have_slid = normal_rise > ASKED_SHARE && began_at >= self.min_friction();
-            if has_come_back && may_have_slid && !self.seen.shows_rest() {
-                // It slid for a moment, or the load swung: a slide begins at the same ratio again.
-                let is_again = began_at.abs_diff(self.came_back) < began_at / 25;
-                if !test.is_first {
-                    self.came_back = began_at;
-                }
-                if test.is_first || is_again || self.has_fallen_far(test.shear) {
-                    let least = u64::from(test.proven) * u64::from(SWING_LOSS_MAX);
-                    let least = divide(least, PER_UNIT as u16) as u16;
-                    let is_sure = test.is_first || is_again;
-                    let limit = if is_sure { began_at } else { began_at.max(least) };
-                    self.limit = self.limit.min(limit);
-                    stayed = false;
-                    has_slid = true;
-                }
+            if has_risen && !has_grown && !self.seen.shows_rest() {
+                has_slid = self.has_come_back(test, shear.max(self.shear[0]));
             }
         }
+        let stayed = !has_slid && !has_grown && (has_risen || self.seen.shows_rest());
         self.has_slid = has_slid;
         if has_slid {
             self.carried = self.carried.min(self.limit);
@@ -619,8 +600,42 @@ impl SlideWitness {
         self.slow = [shear, normal];
         self.since = self.slow;
         self.tested = self.tested.max(if has_grown { test.shear } else { shear });
-        self.is_untried = false;
+        self.untried_us = 0;
         self.test = None;
+    }
+
+    /// Whether a load that came back while the grip rose had slid for a moment; then it limits friction. Otherwise the load swung.
+    fn has_come_back(&mut self, test: &Test, latest: i32) -> bool {
+        let began_at = ratio(test.shear, test.normal);
+        if began_at < self.min_friction() {
+            return false;
+        }
+        if test.is_first {
+            let more = change(latest, test.shear.max(self.load));
+            let has_slid = more > ASKED_SHARE.max(3 * self.noise());
+            if has_slid {
+                self.limit = self.limit.min(began_at);
+            }
+            return has_slid;
+        }
+        let share = self.short_share();
+        let is_back = test.shear < self.load - part(self.load, share)
+            && latest > self.load - part(self.load, share / 2)
+            && change(latest, test.shear) > share / 2;
+        if !is_back {
+            return false;
+        }
+        // A slide begins at the same ratio again.
+        let is_again = began_at.abs_diff(self.came_back) < began_at / 25;
+        self.came_back = began_at;
+        let least = u64::from(test.proven) * u64::from(SWING_LOSS_MAX);
+        let least = divide(least, PER_UNIT as u16) as u16;
+        let limit = if is_again { began_at } else { began_at.max(least) };
+        let has_slid = is_again || self.has_fallen_far(test.shear);
+        if has_slid {
+            self.limit = self.limit.min(limit);
+        }
+        has_slid
     }
 
     /// Nothing slides: what is carried is the load, and slowly forgotten.
@@ -689,7 +704,7 @@ impl SlideWitness {
             may_fall: self.test.is_none()
                 && is_calm
                 && !self.seen.shows_motion()
-                && (self.seen.shows_rest() || !self.is_untried),
+                && (self.seen.shows_rest() || self.untried_us == 0),
             has_slid: self.has_slid,
         }
     }

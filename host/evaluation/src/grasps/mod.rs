@@ -145,8 +145,7 @@ pub fn run(args: &GraspsArgs) -> Result<Completion, EvaluationError> {
         .map(|outcome| fixed(outcome.grasp, ceiling_n()))
         .collect();
     let at_ceiling = work("grasps at the ceiling", &lost)?;
-    // Distortions and picture faults are added to the model only.
-    let pictures = args.world == World::Nominal && chosen(Policy::Gripline);
+    let pictures = chosen(Policy::Gripline);
     let pictured: Vec<Job> = (0..if pictures { args.grasps } else { 0 })
         .step_by(RENDERED_EVERY)
         .map(|grasp| Job {

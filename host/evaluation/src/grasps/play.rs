@@ -66,7 +66,7 @@ pub fn play(
 ) -> Result<Outcome, EvaluationError> {
     let mut world = GraspWorld::with_parts(&plan.scene, parts)?;
     let mut sensor = if rendered {
-        Sensor::Rendered(Box::new(Rendered::new(network, &mut world)?))
+        Sensor::Rendered(Box::new(Rendered::new(network, plan.distortion, &mut world)?))
     } else {
         Sensor::Model(Box::new(Model::new(network, plan.sensor, plan.distortion)))
     };

@@ -1,7 +1,8 @@
 //! What the microcontroller gets to see of a finger: the chain's map of a rendered picture, or a model of that map which
-//! costs a hundredth. The model was fitted to 25,000 frames of `evaluate paper --data tuning`: true maps blurred by
-//! [`BLUR_TAXELS`] and cut at the network's contact threshold have the chain's stick ratio to 0.05 and its decision
-//! SR < 0.5 in 98 % of frames; total forces differ by a gain per run and a fluctuation per frame.
+//! costs a hundredth. The model was fitted to the maps of 250 grasps with rendered pictures (seed 5 of both worlds) beside the true
+//! ones: the network's error belongs to the state of the contact and changes as that changes, and pictures of the same state
+//! differ by half a percent. A test compares both. Limits: above 12 N of normal force, where the network was not trained, its shear
+//! fluctuates more than the model's; its stick ratio lies 0.06 to 0.09 below the model's.
 
 use gripline_firmware::sums::TaxelRule;
 use gripline_network::Network;
@@ -88,7 +89,7 @@ impl Model {
         }
     }
 
-    pub(super) fn look(&mut self, forces: &[[f32; 3]; SIDE * SIDE]) -> Result<ForceMap, EvaluationError> {
+    fn look(&mut self, forces: &[[f32; 3]; SIDE * SIDE]) -> Result<ForceMap, EvaluationError> {
         let total =
             |forces: &[[f32; 3]], k: usize| -> f64 { forces.iter().map(|force| f64::from(force[k])).sum() };
         let normal_n = total(forces, 2).max(1e-3);
@@ -170,14 +171,19 @@ fn blurred(forces: &[[f32; 3]; SIDE * SIDE]) -> [[f32; 3]; SIDE * SIDE] {
 pub(super) struct Rendered {
     pipeline: Pipeline,
     crop: Image,
+    distorted: Option<Box<Distorted>>,
 }
 
 impl Rendered {
-    /// Looks at finger 0 of `world` before anything touches.
+    /// Looks at finger 0 of `world` before anything touches; its forces are then off by `distortion`.
     ///
     /// # Errors
     /// A fingertip that cannot be made.
-    pub(super) fn new(network: &Network, world: &mut GraspWorld) -> Result<Self, EvaluationError> {
+    pub(super) fn new(
+        network: &Network,
+        distortion: Option<Distortion>,
+        world: &mut GraspWorld,
+    ) -> Result<Self, EvaluationError> {
         let mut rest = Vec::with_capacity(REST_PICTURES.into());
         for _ in 0..REST_PICTURES {
             rest.push(world.rest_image(0)?.pixels);
@@ -186,19 +192,100 @@ impl Rendered {
         Ok(Self {
             pipeline: Pipeline::new(network.clone(), &rest, GateKind::default(), rule),
             crop: Image::crop(),
+            distorted: distortion.map(|distortion| Box::new(Distorted::new(distortion))),
         })
     }
 
     fn look(&mut self, world: &mut GraspWorld) -> Result<(ForceMap, Health), EvaluationError> {
         world.render(0, &mut self.crop)?;
         let processed = self.pipeline.process(&self.crop.pixels)?;
-        Ok((processed.map.clone(), processed.health))
+        let Some(distorted) = &mut self.distorted else {
+            return Ok((processed.map.clone(), processed.health));
+        };
+        let mut seen = processed.map.dequantise();
+        distorted.apply(&mut seen, 1.0 / FRAMES_PER_SECOND);
+        Ok((ForceMap::quantise(&seen)?.0, processed.health))
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use gripline_network::Architecture;
+    use gripline_simulation::grasp::GraspParts;
+
+    use super::super::nominal;
     use super::*;
+    use crate::grasps::GelModel;
+
+    /// Errors of a map's totals: both shears over the normal force, and the logarithm of the normal force.
+    fn errors(seen: &ForceMap, truth: &[[f32; 3]; SIDE * SIDE]) -> [f64; 3] {
+        let totals = |forces: &[[f32; 3]; SIDE * SIDE]| -> [f64; 3] {
+            [0, 1, 2].map(|k| forces.iter().map(|force| f64::from(force[k])).sum())
+        };
+        let ([x, y, z], [true_x, true_y, true_z]) = (totals(&seen.dequantise()), totals(truth));
+        [
+            x / z - true_x / true_z,
+            y / z - true_y / true_z,
+            (z / true_z).ln(),
+        ]
+    }
+
+    fn rms(values: &[f64]) -> f64 {
+        (values.iter().map(|value| value * value).sum::<f64>() / values.len().max(1) as f64).sqrt()
+    }
+
+    /// Grasps with rendered pictures and the model beside them: how the errors of shear and normal force change from one picture to the
+    /// next and over a quarter of a second, and how many taxels are in contact.
+    #[test]
+    fn the_model_errs_as_the_chain_does() {
+        let network = Network::embedded(Architecture::Tracked).unwrap();
+        // [of pictures, of the model], [shear, normal force].
+        let mut next = [[Vec::new(), Vec::new()], [Vec::new(), Vec::new()]];
+        let mut later = next.clone();
+        let mut contact = [0.0; 2];
+        for number in 0..6 {
+            let mut plan = nominal::grasp(11, number);
+            plan.scene.contact = GelModel::Brush.model();
+            let parts = GraspParts::new(&plan.scene).unwrap();
+            let mut world = GraspWorld::with_parts(&plan.scene, &parts).unwrap();
+            let mut pictures = Rendered::new(&network, None, &mut world).unwrap();
+            let mut model = Model::new(&network, plan.sensor, None);
+            let force_n = 1.6 * plan.scene.object.min_grip_n(plan.scene.object.weight_n());
+            let mut course = Vec::new();
+            for _ in 0..150 {
+                let (seen, _) = pictures.look(&mut world).unwrap();
+                let truth = world.frame().fingers[0].forces;
+                let modelled = model.look(&truth).unwrap();
+                let normal_n: f32 = truth.iter().map(|force| force[2]).sum();
+                if (0.8..12.0).contains(&normal_n) && seen.active().count() > 0 {
+                    course.push([errors(&seen, &truth), errors(&modelled, &truth)]);
+                    contact[0] += f64::from(seen.active().count());
+                    contact[1] += f64::from(modelled.active().count());
+                }
+                world.step(1.0 / FRAMES_PER_SECOND, force_n).unwrap();
+            }
+            for (lag, found) in [(1, &mut next), (16, &mut later)] {
+                for (now, before) in course.iter().skip(lag).zip(&course) {
+                    for (found, (now, before)) in found.iter_mut().zip(now.iter().zip(before)) {
+                        found[0].push(now[0] - before[0]);
+                        found[0].push(now[1] - before[1]);
+                        found[1].push(now[2] - before[2]);
+                    }
+                }
+            }
+        }
+        for (what, found) in [("next", &next), ("later", &later)] {
+            for axis in 0..2 {
+                let [chain, model] = [0, 1].map(|which| rms(&found[which][axis]));
+                assert!(
+                    (0.5..2.0).contains(&(model / chain)),
+                    "{what} picture, {}: {model} of the model, {chain} of the chain",
+                    ["shear over normal force", "normal force"][axis]
+                );
+            }
+        }
+        assert!((0.85..1.15).contains(&(contact[1] / contact[0])), "{contact:?}");
+    }
 
     #[test]
     fn the_blur_keeps_forces_and_spreads_them_evenly() {
