@@ -21,9 +21,8 @@ use crate::constants::{
     ASKED_SHARE, CALM_US, COME_BACK_US, DROP_SHARE, FADE_SHARE, FAST_SLIDE_SHARE, FOLLOWED_SLOTS,
     FRICTION_FORGET_SHIFT, FRICTION_LOSS_MAX, HUSH_HELD_US, HUSH_US, NOISE_MAX, RECENT_FALL_SHARE,
     RISES_SHARE, SETTLED_US, SHEAR_ERROR_PART, SHORT_SHARE_MAX, SHORT_SHARE_MIN, SHORT_US,
-    SLIDING_FRICTION_MIN, SLIDING_RATIO_MIN, SLOT_US, STALLED_US, SUDDEN_DROP_SHARE, SUDDEN_NOISE_MIN,
-    SUDDEN_NOISES, SWING_LOSS_MAX, TEST_MARGIN, TEST_US_MAX, UNPROVEN_US_MAX, UNTRIED_US, WATCHED_US,
-    WHOLE_STICK_RATIO, WITNESSED_LOAD_MIN,
+    SLIDING_FRICTION_MIN, SLIDING_RATIO_MIN, SLOT_US, STALLED_US, SUDDEN_DROP_SHARE, SWING_LOSS_MAX,
+    TEST_MARGIN, TEST_US_MAX, UNPROVEN_US_MAX, UNTRIED_US, WATCHED_US, WHOLE_STICK_RATIO, WITNESSED_LOAD_MIN,
 };
 use crate::learning_settings::LearningSettings;
 use crate::sums::stick_ratio_below;
@@ -116,20 +115,12 @@ struct Test {
     stayed: u8,
     /// It did so for long enough: the contact slides.
     is_confirmed: bool,
-    /// The shear had fallen by far more than it fluctuates.
-    is_sudden: bool,
 }
 
 impl Test {
     /// It is about a load that had settled on a contact that has never slid.
     const fn is_new(&self) -> bool {
         self.is_first && self.limit == UNLIMITED
-    }
-
-    /// Shear that stays proves that the contact is held at the risen grip, not that it was held before: one that has never slid, or whose
-    /// shear fell suddenly, may slide again once the grip is back.
-    const fn leaves_doubt(&self) -> bool {
-        self.is_new() || self.is_sudden
     }
 }
 
@@ -179,8 +170,6 @@ pub(crate) struct SlideWitness {
     seen: Motion,
     /// How long it still counts that the host has seen the object.
     watched_us: u32,
-    /// The detector's friction.
-    detector: u16,
 }
 
 impl Default for SlideWitness {
@@ -214,7 +203,6 @@ impl Default for SlideWitness {
             sticks: true,
             seen: Motion::UNKNOWN,
             watched_us: 0,
-            detector: 0,
         }
     }
 }
@@ -260,7 +248,6 @@ impl SlideWitness {
     fn step(&mut self, passed_us: u32, friction: u16, settings: LearningSettings) {
         let shear = i32::midpoint(self.shear[0], self.shear[1]);
         let normal = i32::midpoint(self.normal[0], self.normal[1]);
-        self.detector = settings.friction;
         self.hush_us = self.hush_us.saturating_sub(passed_us);
         self.watched_us = if self.seen.shows_motion() || self.seen.shows_rest() {
             WATCHED_US
@@ -270,7 +257,7 @@ impl SlideWitness {
         if let Some(test) = self.test {
             self.continue_test(test, shear, normal, passed_us);
         } else {
-            let suspicion = self.suspicion(shear, normal, passed_us);
+            let suspicion = self.suspicion(shear, normal, passed_us, settings.friction);
             let suspects = suspicion != Suspicion::None;
             self.calm_us = if suspects {
                 0
@@ -306,7 +293,7 @@ impl SlideWitness {
     }
 
     /// What speaks for a slide.
-    fn suspicion(&mut self, shear: i32, normal: i32, passed_us: u32) -> Suspicion {
+    fn suspicion(&mut self, shear: i32, normal: i32, passed_us: u32, detector: u16) -> Suspicion {
         if shear - self.peak > self.peak / 50 {
             self.settled_us = 0;
         } else {
@@ -320,11 +307,12 @@ impl SlideWitness {
             self.stalled_us.saturating_add(passed_us)
         };
         self.carried = self.carried.max(now);
-        // A smaller share of the normal force cannot be tested. As the line falls, the share grows.
+        // A smaller share of the normal force cannot be tested. As the line falls, the share grows. What has been tested once slides only
+        // while all taxels stick by the detector's friction.
         let is_untried = self.load >= WITNESSED_LOAD_MIN
             && now >= SLIDING_RATIO_MIN
-            && self.carried < self.detector
-            && 5 * self.tested < 4 * self.load;
+            && self.carried < detector
+            && (self.tested == 0 || self.sticks && 5 * self.tested < 4 * self.load);
         self.untried_us = if is_untried {
             self.untried_us.saturating_add(passed_us)
         } else {
@@ -368,7 +356,7 @@ impl SlideWitness {
             && 8 * u32::from(now) > 7 * u32::from(self.carried);
         let is_low = (self.settled_us > SETTLED_US || has_stalled)
             && 4 * shear > 5 * self.tested
-            && now < self.detector
+            && now < detector
             && self.sticks
             && 5 * u32::from(now) > 3 * u32::from(self.carried)
             && (self.limit == UNLIMITED || 10 * u32::from(now) > 9 * u32::from(self.limit))
@@ -493,8 +481,6 @@ impl SlideWitness {
             followed: 0,
             stayed: 0,
             is_confirmed: suspicion == Suspicion::Seen,
-            is_sudden: suspicion == Suspicion::Falling
-                && self.recent_fall() > SUDDEN_NOISES * self.noise().max(SUDDEN_NOISE_MIN),
         });
         if suspicion == Suspicion::Seen {
             self.limit = self.limit.min(now).max(1);
@@ -588,10 +574,9 @@ impl SlideWitness {
             shear.max(self.load - self.load / 10)
         };
         (self.hush_us, self.held_normal) = if stayed {
-            (
-                HUSH_HELD_US,
-                if test.leaves_doubt() { normal } else { test.normal },
-            )
+            // Shear that stays at the risen grip does not say that a new contact was held before.
+            let held_at = if test.is_new() { normal } else { test.normal };
+            (HUSH_HELD_US, held_at)
         } else {
             (HUSH_US, 0)
         };

@@ -422,10 +422,11 @@ impl Report {
              of a ladder that drops no more than Gripline. A time to a rising line counts from the beginning of a slide, with a \
              line that did not rise, to where the line's rise acts; 9,900 ms is a slide of more than 0.5 mm that no rise \
              answered. While the object is up, Gripline's are {} / {} ms.\n{shown}\n\
-             What the microcontroller sees comes from a model of pictures and network (true map, blurred and cut, \
-             with errors that belong to the state of the contact and noise, both as measured on rendered pictures of other seeds). What `sees motion` gets beside it is a model too, of a camera that \
-             sees the object's imprint as a GelSight Mini's does: the way since four pictures ago, measured to 0.015 mm, with even odds at \
-             0.06 mm, and one poor picture in ten. Nothing of it is measured on that sensor: no recording has the way as its truth.",
+             What the microcontroller sees comes from a model of pictures and network (true map, blurred and cut, with \
+             errors that belong to the state of the contact and noise, both as measured on rendered pictures of other seeds). What \
+             `sees motion` gets beside it is a model too, of a camera that sees the object's imprint as a GelSight Mini's does: the \
+             way since four pictures ago, measured to 0.015 mm, with even odds at 0.06 mm, and one poor picture in ten. Nothing of it \
+             is measured on that sensor: no recording has the way as its truth.",
             self.grasps,
             self.seed,
             self.network,

@@ -1,5 +1,5 @@
 //! What the microcontroller gets to see of a finger: the chain's map of a rendered picture, or a model of that map which
-//! costs a hundredth. The model was fitted to the maps of 250 grasps with rendered pictures (seed 5 of both worlds) beside the true
+//! costs a small part of it. The model was fitted to the maps of 250 grasps with rendered pictures (seed 5 of both worlds) beside the true
 //! ones: the network's error belongs to the state of the contact and changes as that changes, and pictures of the same state
 //! differ by half a percent. A test compares both. Limits: above 12 N of normal force, where the network was not trained, its shear
 //! fluctuates more than the model's; its stick ratio lies 0.06 to 0.09 below the model's.
