@@ -88,10 +88,12 @@ pub const SHEAR_ERROR_PART: i32 = 128;
 /// Suspect fall of the shear below the remembered load, share in 1/1024: 7 %. With 6 % a usual grasp is tested more often and held more
 /// firmly; with 9 % slides are found later (`evaluate grasps`, both worlds).
 pub const DROP_SHARE: i32 = 72;
+/// The same while the shear does not fluctuate: 3 %; three times its noise is added. Finds slow slides sooner, and costs nothing.
+pub const QUIET_DROP_SHARE: i32 = 30;
 /// The same in one slot: 11 %.
 pub const SUDDEN_DROP_SHARE: i32 = 112;
-/// Least part of it that must have come within three slots, share in 1/1024: 5 %. A load that an arm takes off falls more slowly.
-pub const RECENT_FALL_SHARE: i32 = 51;
+/// Least part of it that must have come within three slots, share in 1/1024: 2.4 %. A load that an arm takes off falls more slowly.
+pub const RECENT_FALL_SHARE: i32 = 25;
 /// Noise of a load above which it counts as a change, share in 1/1024: 8 %.
 pub const NOISE_MAX: i32 = 82;
 /// Share by which the shear may stay below the load for long, in 1/1024: 1 % without noise, at most 4 %.
@@ -130,6 +132,11 @@ pub const UNPROVEN_US_MAX: u32 = 500_000;
 pub const TEST_MARGIN: u16 = 11_000;
 /// Longest test, µs.
 pub const TEST_US_MAX: u32 = 1_000_000;
+/// How much more than before a test the grip keeps after one that found the contact held, beside what the shear rose by, share in
+/// 1/1024: 5 %. A slow slide shows no more.
+pub const HELD_SHARE: i32 = 51;
+/// How long the demand must lie a twentieth below the line before that falls, µs: a slide is found by then.
+pub const FALL_AFTER_US: u32 = 100_000;
 /// Time without another test at the same normal force after a test that found the contact held, µs.
 pub const HUSH_HELD_US: u32 = 400_000;
 /// Time without another test after any other test, µs.

@@ -12,10 +12,11 @@ use gripline_protocol::message::{Configuration, GripMode, SlipState};
 
 use crate::arithmetic::{divide, divide_48};
 use crate::constants::{
-    FEED_FORWARD_FRICTION_MIN, GRIPPER_LAG_SHIFT, SEEK_MAX, SEEK_RATE, TEST_RISE_MIN, TEST_RISE_PART,
+    FALL_AFTER_US, FEED_FORWARD_FRICTION_MIN, GRIPPER_LAG_SHIFT, SEEK_MAX, SEEK_RATE, TEST_RISE_MIN,
+    TEST_RISE_PART,
 };
 use crate::friction_estimator::LoadEstimate;
-use crate::slide_witness::{Urgency, Verdict};
+use crate::slide_witness::{Finding, Urgency, Verdict};
 use crate::slip::worse;
 
 /// A grip force, 1/4096 N; never negative.
@@ -103,8 +104,13 @@ struct Learnt {
     witness: Verdict,
     before_test: i32,
     test_min: i32,
-    /// After a test the line goes back to where it was before, or, after a slide, to what the friction found needs.
+    /// After a test that found the contact held the line goes back to about where it was before, after a slide to what the friction found
+    /// needs. After a test that found nothing sure it relaxes.
     goes_back: bool,
+    /// Since a fault last forbade it, the line could have relaxed: what tests add does not add up.
+    could_relax: bool,
+    /// How long the demand has been clearly less than the line, µs.
+    below_us: u32,
     /// Line while the grip closes on an object that it hardly feels.
     sought_milli: i32,
     /// The force that the gripper should have reached, and when that was computed; wraps.
@@ -167,6 +173,8 @@ impl GripController {
                 before_test: 0,
                 test_min: 0,
                 goes_back: false,
+                could_relax: true,
+                below_us: 0,
                 sought_milli: 0,
                 reached_milli: line * MILLI,
                 at_us: now_us as u32,
@@ -199,6 +207,7 @@ impl GripController {
         if mode == GripMode::Released {
             self.reflex_milli = 0;
             self.learnt.goes_back = false;
+            self.learnt.could_relax = true;
         }
     }
 
@@ -275,14 +284,13 @@ impl GripController {
             if !self.learnt.goes_back {
                 self.learnt.before_test = line;
             }
-            // Where a fault forbids the way back, one test after the other must not add up.
             let rise = (self.learnt.before_test / TEST_RISE_PART).max(TEST_RISE_MIN);
             self.learnt.test_min = self.learnt.before_test + rise;
         }
         if witness.tests() != self.learnt.witness.tests() {
             self.learnt.goes_back = !witness.tests();
-            if witness.has_slid {
-                self.learnt.before_test = 0;
+            if !witness.tests() {
+                self.learnt.before_test = self.after_test(witness.finding, line);
             }
         }
         self.learnt.witness = witness;
@@ -309,8 +317,20 @@ impl GripController {
             let step = SEEK_RATE * i32::from(load.since_us);
             self.learnt.sought_milli = (self.line_milli + step).min(max);
         }
-        // 95 % a second, at most what is set.
-        self.learnt.fall_rate = (line - line / 16).clamp(0, settings.relax_rate.into()) as u16;
+        // 150 % a second, at most what is set.
+        self.learnt.fall_rate = (line + line / 2).clamp(0, settings.relax_rate.into()) as u16;
+    }
+
+    /// The line to go back to after a test, 1/4096 N.
+    fn after_test(&self, finding: Finding, line: i32) -> i32 {
+        let before = self.learnt.before_test;
+        match finding {
+            Finding::Slid => 0,
+            // Where a fault forbids the line to fall, one test after the other must not add up.
+            _ if !self.learnt.could_relax => before,
+            Finding::Held { more } => before + (before / 64 * more / 16).min((line - before).max(0)),
+            Finding::Open => line,
+        }
     }
 
     /// Feed-forward: the force that friction needs for the present shear, and the margin, 1/4096 N.
@@ -336,7 +356,8 @@ impl GripController {
         let (floor, ceiling) = (settings.floor * MILLI, settings.ceiling * MILLI);
         let feed_forward = self.feed_forward(settings).min(settings.ceiling) * MILLI;
 
-        let relaxing = self.update_reflex(passed_us, guard, settings);
+        let mut relaxing = self.update_reflex(passed_us, guard, settings);
+        self.learnt.could_relax = guard == Guard::Free && (self.learnt.could_relax || relaxing);
         // Anti-windup: the reflex never asks for more than the ceiling leaves.
         // (`clamp` would panic on settings that cross, which `Configuration::check` refuses.)
         self.reflex_milli = self.reflex_milli.min(ceiling - feed_forward).max(0);
@@ -361,6 +382,9 @@ impl GripController {
             }
         }
         demand = demand.max(self.kept_milli);
+        if settings.learns() {
+            relaxing &= self.is_below_for_long(demand, relaxing, passed_us);
+        }
         let before_test = self.learnt.before_test * MILLI;
         let goes_back = settings.learns() && guard == Guard::Free && self.learnt.goes_back;
         if demand > self.line_milli {
@@ -382,6 +406,17 @@ impl GripController {
             self.line_milli = demand.max(self.line_milli - step.cast_signed());
         }
         self.line()
+    }
+
+    /// Whether the demand has been clearly less than the line for some time in which the line `could` fall. Where a slide begins, the demand
+    /// sinks with the shear before the witness is sure.
+    fn is_below_for_long(&mut self, demand_milli: i32, could: bool, passed_us: u64) -> bool {
+        if demand_milli >= self.line_milli - self.line_milli / 64 * 3 {
+            self.learnt.below_us = 0;
+        } else if could {
+            self.learnt.below_us = self.learnt.below_us.saturating_add(passed_us as u32);
+        }
+        self.learnt.below_us >= FALL_AFTER_US
     }
 
     /// Grows the reflex while the stick ratio is below its target, and shrinks it once the contact has stuck long enough.

@@ -19,8 +19,8 @@ use gripline_protocol::{Motion, PER_UNIT};
 use crate::arithmetic::{divide, ratio};
 use crate::constants::{
     ASKED_SHARE, CALM_US, COME_BACK_US, DROP_SHARE, FADE_SHARE, FAST_SLIDE_SHARE, FOLLOWED_SLOTS,
-    FRICTION_FORGET_SHIFT, FRICTION_LOSS_MAX, HUSH_HELD_US, HUSH_US, NOISE_MAX, RECENT_FALL_SHARE,
-    RISES_SHARE, SETTLED_US, SHEAR_ERROR_PART, SHORT_SHARE_MAX, SHORT_SHARE_MIN, SHORT_US,
+    FRICTION_FORGET_SHIFT, FRICTION_LOSS_MAX, HELD_SHARE, HUSH_HELD_US, HUSH_US, NOISE_MAX, QUIET_DROP_SHARE,
+    RECENT_FALL_SHARE, RISES_SHARE, SETTLED_US, SHEAR_ERROR_PART, SHORT_SHARE_MAX, SHORT_SHARE_MIN, SHORT_US,
     SLIDING_FRICTION_MIN, SLIDING_RATIO_MIN, SLOT_US, STALLED_US, SUDDEN_DROP_SHARE, SWING_LOSS_MAX,
     TEST_MARGIN, TEST_US_MAX, UNPROVEN_US_MAX, UNTRIED_US, WATCHED_US, WHOLE_STICK_RATIO, WITNESSED_LOAD_MIN,
 };
@@ -47,6 +47,20 @@ pub enum Urgency {
     Follows,
 }
 
+/// What the last test found; of two fingertips, the greater one counts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Finding {
+    /// The contact was held before the test, if the grip then comes back to so much more than it was, share in 1/1024.
+    Held {
+        /// That share.
+        more: i32,
+    },
+    /// Nothing that is sure: the load grew, neither stayed nor followed, or is the first that the contact carries.
+    Open,
+    /// A slide, or a load that came back.
+    Slid,
+}
+
 /// What the witnesses of all fingertips demand of the line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Verdict {
@@ -54,8 +68,8 @@ pub struct Verdict {
     pub urgency: Urgency,
     /// Nothing speaks against a fall of the line.
     pub may_fall: bool,
-    /// The last test found a slide, or a load that came back.
-    pub has_slid: bool,
+    /// What the last test found.
+    pub finding: Finding,
 }
 
 impl Verdict {
@@ -63,7 +77,7 @@ impl Verdict {
     pub(crate) const NONE: Self = Self {
         urgency: Urgency::None,
         may_fall: true,
-        has_slid: false,
+        finding: Finding::Held { more: 0 },
     };
 
     /// Of two fingertips that hold the same object.
@@ -72,7 +86,7 @@ impl Verdict {
         Self {
             urgency: self.urgency.max(other.urgency),
             may_fall: self.may_fall && other.may_fall,
-            has_slid: self.has_slid || other.has_slid,
+            finding: self.finding.max(other.finding),
         }
     }
 
@@ -147,7 +161,7 @@ pub(crate) struct SlideWitness {
     hush_us: u32,
     held_normal: i32,
     test: Option<Test>,
-    has_slid: bool,
+    finding: Finding,
     is_short: bool,
     /// The ratio at which the last test of late began whose load came back, 0 when there is none.
     came_back: u16,
@@ -189,7 +203,7 @@ impl Default for SlideWitness {
             hush_us: 0,
             held_normal: 0,
             test: None,
-            has_slid: false,
+            finding: Finding::Held { more: 0 },
             is_short: false,
             came_back: 0,
             slow: [0; 2],
@@ -331,8 +345,10 @@ impl SlideWitness {
         let noise = 3 * self.noise();
         let has_fallen = self.recent_fall() > RECENT_FALL_SHARE;
         let sudden = SUDDEN_DROP_SHARE.max(noise + noise / 2);
+        // In a quiet hold less of a fall is clear.
+        let quiet = (QUIET_DROP_SHARE + noise).min(DROP_SHARE);
         let drops = has_fallen
-            && (below(shear, DROP_SHARE.max(noise), SHEAR_ERROR_PART)
+            && (below(shear, quiet.max(noise), SHEAR_ERROR_PART)
                 || below(self.shear[0], sudden, SHEAR_ERROR_PART));
         self.short_us = if below(shear, self.short_share(), 2 * SHEAR_ERROR_PART) {
             self.short_us.saturating_add(passed_us)
@@ -563,7 +579,18 @@ impl SlideWitness {
             }
         }
         let stayed = !has_slid && !has_grown && (has_risen || self.seen.shows_rest());
-        self.has_slid = has_slid;
+        let shear_rise = change(shear, test.shear);
+        self.finding = if has_slid {
+            Finding::Slid
+        } else if self.seen.shows_rest() {
+            Finding::Held { more: 0 }
+        } else if stayed && !test.is_new() && 3 * shear_rise < normal_rise {
+            Finding::Held {
+                more: shear_rise.max(0) + HELD_SHARE,
+            }
+        } else {
+            Finding::Open
+        };
         if has_slid {
             self.carried = self.carried.min(self.limit);
         }
@@ -690,7 +717,7 @@ impl SlideWitness {
                 && is_calm
                 && !self.seen.shows_motion()
                 && (self.seen.shows_rest() || self.untried_us == 0),
-            has_slid: self.has_slid,
+            finding: self.finding,
         }
     }
 }
