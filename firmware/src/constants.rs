@@ -132,11 +132,6 @@ pub const UNPROVEN_US_MAX: u32 = 500_000;
 pub const TEST_MARGIN: u16 = 11_000;
 /// Longest test, µs.
 pub const TEST_US_MAX: u32 = 1_000_000;
-/// How much more than before a test the grip keeps after one that found the contact held, beside what the shear rose by, share in
-/// 1/1024: 5 %. A slow slide shows no more.
-pub const HELD_SHARE: i32 = 51;
-/// How long the demand must lie a twentieth below the line before that falls, µs: a slide is found by then.
-pub const FALL_AFTER_US: u32 = 100_000;
 /// Time without another test at the same normal force after a test that found the contact held, µs.
 pub const HUSH_HELD_US: u32 = 400_000;
 /// Time without another test after any other test, µs.

@@ -12,8 +12,7 @@ use gripline_protocol::message::{Configuration, GripMode, SlipState};
 
 use crate::arithmetic::{divide, divide_48};
 use crate::constants::{
-    FALL_AFTER_US, FEED_FORWARD_FRICTION_MIN, GRIPPER_LAG_SHIFT, SEEK_MAX, SEEK_RATE, TEST_RISE_MIN,
-    TEST_RISE_PART,
+    FEED_FORWARD_FRICTION_MIN, GRIPPER_LAG_SHIFT, SEEK_MAX, SEEK_RATE, TEST_RISE_MIN, TEST_RISE_PART,
 };
 use crate::friction_estimator::LoadEstimate;
 use crate::slide_witness::{Finding, Urgency, Verdict};
@@ -104,13 +103,11 @@ struct Learnt {
     witness: Verdict,
     before_test: i32,
     test_min: i32,
-    /// After a test that found the contact held the line goes back to about where it was before, after a slide to what the friction found
-    /// needs. After a test that found nothing sure it relaxes.
+    /// After a test the line goes back to where it was before, or, after a slide, to what the friction found needs. After one that a
+    /// growing load ended it relaxes.
     goes_back: bool,
     /// Since a fault last forbade it, the line could have relaxed: what tests add does not add up.
     could_relax: bool,
-    /// How long the demand has been clearly less than the line, µs.
-    below_us: u32,
     /// Line while the grip closes on an object that it hardly feels.
     sought_milli: i32,
     /// The force that the gripper should have reached, and when that was computed; wraps.
@@ -174,7 +171,6 @@ impl GripController {
                 test_min: 0,
                 goes_back: false,
                 could_relax: true,
-                below_us: 0,
                 sought_milli: 0,
                 reached_milli: line * MILLI,
                 at_us: now_us as u32,
@@ -317,8 +313,8 @@ impl GripController {
             let step = SEEK_RATE * i32::from(load.since_us);
             self.learnt.sought_milli = (self.line_milli + step).min(max);
         }
-        // 150 % a second, at most what is set.
-        self.learnt.fall_rate = (line + line / 2).clamp(0, settings.relax_rate.into()) as u16;
+        // 95 % a second, at most what is set.
+        self.learnt.fall_rate = (line - line / 16).clamp(0, settings.relax_rate.into()) as u16;
     }
 
     /// The line to go back to after a test, 1/4096 N.
@@ -327,9 +323,8 @@ impl GripController {
         match finding {
             Finding::Slid => 0,
             // Where a fault forbids the line to fall, one test after the other must not add up.
-            _ if !self.learnt.could_relax => before,
-            Finding::Held { more } => before + (before / 64 * more / 16).min((line - before).max(0)),
-            Finding::Open => line,
+            Finding::Open if self.learnt.could_relax => line,
+            Finding::Open | Finding::Held => before,
         }
     }
 
@@ -356,7 +351,7 @@ impl GripController {
         let (floor, ceiling) = (settings.floor * MILLI, settings.ceiling * MILLI);
         let feed_forward = self.feed_forward(settings).min(settings.ceiling) * MILLI;
 
-        let mut relaxing = self.update_reflex(passed_us, guard, settings);
+        let relaxing = self.update_reflex(passed_us, guard, settings);
         self.learnt.could_relax = guard == Guard::Free && (self.learnt.could_relax || relaxing);
         // Anti-windup: the reflex never asks for more than the ceiling leaves.
         // (`clamp` would panic on settings that cross, which `Configuration::check` refuses.)
@@ -382,9 +377,6 @@ impl GripController {
             }
         }
         demand = demand.max(self.kept_milli);
-        if settings.learns() {
-            relaxing &= self.is_below_for_long(demand, relaxing, passed_us);
-        }
         let before_test = self.learnt.before_test * MILLI;
         let goes_back = settings.learns() && guard == Guard::Free && self.learnt.goes_back;
         if demand > self.line_milli {
@@ -406,17 +398,6 @@ impl GripController {
             self.line_milli = demand.max(self.line_milli - step.cast_signed());
         }
         self.line()
-    }
-
-    /// Whether the demand has been clearly less than the line for some time in which the line `could` fall. Where a slide begins, the demand
-    /// sinks with the shear before the witness is sure.
-    fn is_below_for_long(&mut self, demand_milli: i32, could: bool, passed_us: u64) -> bool {
-        if demand_milli >= self.line_milli - self.line_milli / 64 * 3 {
-            self.learnt.below_us = 0;
-        } else if could {
-            self.learnt.below_us = self.learnt.below_us.saturating_add(passed_us as u32);
-        }
-        self.learnt.below_us >= FALL_AFTER_US
     }
 
     /// Grows the reflex while the stick ratio is below its target, and shrinks it once the contact has stuck long enough.
@@ -515,4 +496,61 @@ fn felt(load: &LoadEstimate, reached_milli: i32) -> i32 {
     let reached = reached_milli.max(0) as u32 / MILLI as u32;
     let felt = divide(u64::from(reached) * u64::from(load.ratio), PER_UNIT as u16);
     (felt.min(i32::MAX as u64) as i32).min(seen + seen / 2).max(seen)
+}
+
+#[cfg(test)]
+mod tests {
+    use gripline_protocol::LSB_PER_NEWTON;
+
+    use super::*;
+
+    /// The lines, in newtons, at the end of a test of a slide and 100 ms later: it found `finding`, under `guard`.
+    fn after_a_test(finding: Finding, guard: Guard) -> [f32; 2] {
+        let settings = Configuration::DEFAULT;
+        let mut grip = GripController::new(0, None);
+        grip.set_mode(GripMode::Hold);
+        let mut now_us = 0;
+        let mut wait = |grip: &mut GripController, slots: u32, urgency: Urgency, guard: Guard| {
+            let witness = Verdict {
+                urgency,
+                may_fall: urgency == Urgency::None,
+                finding,
+            };
+            let load = LoadEstimate {
+                shear: 200,
+                ratio: 1_000,
+                friction: 7_000,
+                since_us: 20_000,
+            };
+            for _ in 0..slots {
+                let evidence = Evidence {
+                    state: SlipState::Stick,
+                    stick_ratio: Some(10_000),
+                    shear: load.shear,
+                    has_spare: true,
+                };
+                grip.observe(evidence, now_us);
+                grip.learn(now_us, Some((load, 4_000)), witness, &settings);
+                for _ in 0..20 {
+                    now_us += 1_000;
+                    grip.advance(now_us, guard, &settings);
+                }
+            }
+            grip.line().lsb() as f32 / f32::from(LSB_PER_NEWTON as u16)
+        };
+        wait(&mut grip, 20, Urgency::None, Guard::Free);
+        let risen = wait(&mut grip, 10, Urgency::Tests, guard);
+        wait(&mut grip, 1, Urgency::None, Guard::Free);
+        [risen, wait(&mut grip, 4, Urgency::None, Guard::Free)]
+    }
+
+    #[test]
+    fn after_a_test_that_a_growing_load_ended_the_grip_stays_risen_unless_a_fault_forbade_to_relax() {
+        let [risen, later] = after_a_test(Finding::Held, Guard::Free);
+        assert!(risen > 1.9 && later < 1.1, "held: {risen} N, then {later} N");
+        let [risen, later] = after_a_test(Finding::Open, Guard::Free);
+        assert!(risen > 1.9 && later > 1.7, "open: {risen} N, then {later} N");
+        let [risen, later] = after_a_test(Finding::Open, Guard::Hold);
+        assert!(risen > 1.9 && later < 1.1, "fault: {risen} N, then {later} N");
+    }
 }

@@ -19,7 +19,7 @@ use gripline_protocol::{Motion, PER_UNIT};
 use crate::arithmetic::{divide, ratio};
 use crate::constants::{
     ASKED_SHARE, CALM_US, COME_BACK_US, DROP_SHARE, FADE_SHARE, FAST_SLIDE_SHARE, FOLLOWED_SLOTS,
-    FRICTION_FORGET_SHIFT, FRICTION_LOSS_MAX, HELD_SHARE, HUSH_HELD_US, HUSH_US, NOISE_MAX, QUIET_DROP_SHARE,
+    FRICTION_FORGET_SHIFT, FRICTION_LOSS_MAX, HUSH_HELD_US, HUSH_US, NOISE_MAX, QUIET_DROP_SHARE,
     RECENT_FALL_SHARE, RISES_SHARE, SETTLED_US, SHEAR_ERROR_PART, SHORT_SHARE_MAX, SHORT_SHARE_MIN, SHORT_US,
     SLIDING_FRICTION_MIN, SLIDING_RATIO_MIN, SLOT_US, STALLED_US, SUDDEN_DROP_SHARE, SWING_LOSS_MAX,
     TEST_MARGIN, TEST_US_MAX, UNPROVEN_US_MAX, UNTRIED_US, WATCHED_US, WHOLE_STICK_RATIO, WITNESSED_LOAD_MIN,
@@ -50,12 +50,9 @@ pub enum Urgency {
 /// What the last test found; of two fingertips, the greater one counts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Finding {
-    /// The contact was held before the test, if the grip then comes back to so much more than it was, share in 1/1024.
-    Held {
-        /// That share.
-        more: i32,
-    },
-    /// Nothing that is sure: the load grew, neither stayed nor followed, or is the first that the contact carries.
+    /// No slide.
+    Held,
+    /// Nothing: the load grew.
     Open,
     /// A slide, or a load that came back.
     Slid,
@@ -77,7 +74,7 @@ impl Verdict {
     pub(crate) const NONE: Self = Self {
         urgency: Urgency::None,
         may_fall: true,
-        finding: Finding::Held { more: 0 },
+        finding: Finding::Held,
     };
 
     /// Of two fingertips that hold the same object.
@@ -203,7 +200,7 @@ impl Default for SlideWitness {
             hush_us: 0,
             held_normal: 0,
             test: None,
-            finding: Finding::Held { more: 0 },
+            finding: Finding::Held,
             is_short: false,
             came_back: 0,
             slow: [0; 2],
@@ -579,17 +576,12 @@ impl SlideWitness {
             }
         }
         let stayed = !has_slid && !has_grown && (has_risen || self.seen.shows_rest());
-        let shear_rise = change(shear, test.shear);
         self.finding = if has_slid {
             Finding::Slid
-        } else if self.seen.shows_rest() {
-            Finding::Held { more: 0 }
-        } else if stayed && !test.is_new() && 3 * shear_rise < normal_rise {
-            Finding::Held {
-                more: shear_rise.max(0) + HELD_SHARE,
-            }
-        } else {
+        } else if has_grown {
             Finding::Open
+        } else {
+            Finding::Held
         };
         if has_slid {
             self.carried = self.carried.min(self.limit);

@@ -290,6 +290,18 @@ fn a_first_load_that_grows_in_its_test_is_tried_again() {
 }
 
 #[test]
+fn a_slide_that_takes_a_twentieth_of_the_shear_is_found_soon_in_a_quiet_hold() {
+    let mut hold = Hold::new(1, 17);
+    hold.go(4.0, |time| 3.0 * time.min(1.0), [0.8; 2]);
+    assert!(hold.slid < 0.1, "slid for {} s before", hold.slid);
+    let before_s = hold.slid;
+    let after = 0.95 * 3.0 / hold.normal;
+    hold.go(1.0, |_| 3.0, [after; 2]);
+    assert!(hold.slides_for == 0.0, "still slides at {} N", hold.normal);
+    assert!(hold.slid - before_s < 0.3, "slid for {} s", hold.slid - before_s);
+}
+
+#[test]
 fn shear_that_maps_err_by_and_that_follows_the_grip_is_no_friction() {
     for error in [0.06, 0.08, 0.1] {
         let mut hold = Hold::new(1, 17);
