@@ -139,8 +139,8 @@ pub const HUSH_US: u32 = 80_000;
 /// Time without any suspicion before the line may fall by plan, µs.
 pub const CALM_US: u32 = 160_000;
 /// Share of the friction found by a slide that the grip counts on while the host does not see the object, 1/10000: the slower it slid,
-/// the more friction falls at speed. Of 1,400 grasps of `evaluate grasps --world adverse` (seeds 2 and 3) 169 are dropped; with 1 it
-/// were 212 and 13 % less margin, with 0.75 159 and 10 % more.
+/// the more friction falls at speed. Of 1,400 grasps of `evaluate grasps --world adverse` (seeds 2 and 3) 169 were dropped when this was
+/// chosen; with 1 it were 212 and 13 % less margin, with 0.75 159 and 10 % more.
 pub const FAST_SLIDE_SHARE: u16 = 8_500;
 /// How long the host's last clear view of the object counts, µs: thirty pictures.
 pub const WATCHED_US: u32 = 500_000;
