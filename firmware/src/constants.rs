@@ -88,7 +88,8 @@ pub const SHEAR_ERROR_PART: i32 = 128;
 /// Suspect fall of the shear below the remembered load, share in 1/1024: 7 %. With 6 % a usual grasp is tested more often and held more
 /// firmly; with 9 % slides are found later (`evaluate grasps`, both worlds).
 pub const DROP_SHARE: i32 = 72;
-/// The same while the shear does not fluctuate: 3 %; three times its noise is added. Finds slow slides sooner, and costs nothing.
+/// The same while the shear does not fluctuate: 3 %; three times its noise is added. Finds slow slides sooner;
+/// nominal grasps are held no more firmly (`evaluate grasps`).
 pub const QUIET_DROP_SHARE: i32 = 30;
 /// The same in one slot: 11 %.
 pub const SUDDEN_DROP_SHARE: i32 = 112;

@@ -727,3 +727,64 @@ fn change(now: i32, before: i32) -> i32 {
     let (now, before) = (now >> shift, (before >> shift).max(1));
     ((now - before) * WHOLE / before).min(2 * WHOLE)
 }
+
+#[cfg(test)]
+mod tests {
+    use gripline_protocol::message::Configuration;
+
+    use super::*;
+
+    /// A witness that tests a load of 1,000 of 1/4096 N under 4,000, which all taxels hold.
+    fn in_its_first_test() -> SlideWitness {
+        let mut witness = SlideWitness::default();
+        for _ in 0..60 {
+            if witness.verdict().tests() {
+                return witness;
+            }
+            show(&mut witness, 1_000, 4_000);
+        }
+        panic!("a load that has settled was not tested");
+    }
+
+    fn show(witness: &mut SlideWitness, load: i32, normal: i32) {
+        let sums = MapSums {
+            contact: 30,
+            stick: 30,
+            force: [load, 0, normal],
+            ..MapSums::default()
+        };
+        let settings = LearningSettings::of(&Configuration::DEFAULT);
+        witness.observe(load, &sums, 16_000, Motion::UNKNOWN, 7_000, settings);
+    }
+
+    /// What the test finds while load and normal force change by these shares a map.
+    fn finding(load_share: f64, normal_share: f64) -> Finding {
+        let mut witness = in_its_first_test();
+        let (mut load, mut normal) = (1_000.0, 4_000.0);
+        for _ in 0..60 {
+            (load, normal) = (load * load_share, normal * normal_share);
+            show(&mut witness, load as i32, normal as i32);
+            if !witness.verdict().tests() {
+                return witness.verdict().finding;
+            }
+        }
+        panic!("the test did not end");
+    }
+
+    #[test]
+    fn a_first_load_that_stays_is_held_one_that_follows_slides_and_one_that_grows_says_nothing() {
+        assert_eq!(finding(1.0, 1.06), Finding::Held);
+        assert_eq!(finding(1.12, 1.0), Finding::Open);
+        // Until the grip has come to hold it.
+        let mut witness = in_its_first_test();
+        for map in 0..20 {
+            let share = 1.06_f64.powi(map);
+            show(
+                &mut witness,
+                (1_000.0 * share.min(1.6)) as i32,
+                (4_000.0 * share) as i32,
+            );
+        }
+        assert_eq!(witness.verdict().finding, Finding::Slid);
+    }
+}
