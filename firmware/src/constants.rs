@@ -54,6 +54,9 @@ pub const SLIDE_MAPS: u8 = 3;
 pub const STALL_STICK_RATIO: u16 = 6_000;
 /// Minimum load over normal force for that rule, 1/10000.
 pub const STALL_RATIO_MIN: u16 = 3_000;
+/// Before the load first settles: stick ratio below which the contact may slide although the load over the normal force still grows,
+/// 1/10000. Then the line does not fall by plan. Of 1,000 nominal grasps (`evaluate grasps`) five fell there while the object slid.
+pub const FIRST_LOAD_STICK_RATIO: u16 = 4_000;
 /// Load over normal force up to which such maps surely show a slide, 1/10000, so that two of them are enough: it is near the
 /// detector's friction. Above it hardly a taxel sticks by the detector's friction, whether the contact slides or not.
 pub const SLIDE_RATIO_SURE: u16 = 6_000;
@@ -113,6 +116,8 @@ pub const UNTRIED_US: u32 = 300_000;
 /// Stick ratio below which a contact carries more than the detector's friction, 1/10000: one that slides at less sticks as a whole
 /// by that friction, apart from the noise of its edge. Chosen on `evaluate grasps`, where 0.63 and 0.85 do as well.
 pub const WHOLE_STICK_RATIO: u16 = 7_000;
+/// Fall of the shear below the load that is news also right after a test that found the contact held, share in 1/1024: an eighth.
+pub const NEWS_SHARE: i32 = 128;
 /// Rise of the normal force in a test after which the shear is evaluated, share in 1/1024: 20 %.
 pub const ASKED_SHARE: i32 = 205;
 /// Change of the normal force over four slots up to which it counts as constant, share in 1/1024: 2 %.
@@ -158,6 +163,8 @@ pub const BLUR_MEAN_SQUARE: u16 = 70;
 /// Inverse square of a torsional moment's lever over the contact's RMS radius, in 16ths. 18 would hold a contact
 /// (`contact_geometry.rs`); maps lose a tenth of a moment.
 pub const SEEN_MOMENT: u64 = 22;
+/// Part of the shear that maps may show too much of, with the normal force: a fifth, which takes back a quarter too much.
+pub const SCALE_ERROR_PART: i32 = 5;
 /// How fast the grip closes on an object with hardly any contact force, 1/4096 N per ms: 4 N/s.
 pub const SEEK_RATE: i32 = 16;
 /// How far above the floor it closes then, 1/4096 N: 1 N, at most the floor.

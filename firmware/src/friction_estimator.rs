@@ -12,8 +12,9 @@ use gripline_protocol::message::MapSums;
 
 use crate::arithmetic::{divide, ratio, square_root};
 use crate::constants::{
-    EXPECTED_FRICTION, LEAD_US, PROOF_NORMAL_MIN, REST_LEAD_US, REST_LOAD_MIN, REST_MAPS, SLIDE_MAPS,
-    SLIDE_RATIO_SURE, SLIDE_STICK_RATIO, SLIDE_SURE_MAPS, STALL_RATIO_MIN, STALL_STICK_RATIO,
+    EXPECTED_FRICTION, FIRST_LOAD_STICK_RATIO, LEAD_US, PROOF_NORMAL_MIN, REST_LEAD_US, REST_LOAD_MIN,
+    REST_MAPS, SLIDE_MAPS, SLIDE_RATIO_SURE, SLIDE_STICK_RATIO, SLIDE_SURE_MAPS, STALL_RATIO_MIN,
+    STALL_STICK_RATIO,
 };
 use crate::contact_geometry::ContactGeometry;
 use crate::learning_settings::LearningSettings;
@@ -31,6 +32,8 @@ pub(crate) struct LoadEstimate {
     pub(crate) friction: u16,
     /// Time between the last two maps, µs, at most 65 ms.
     pub(crate) since_us: u16,
+    /// The host has seen the object of late, and will see it move.
+    pub(crate) is_watched: bool,
 }
 
 impl LoadEstimate {
@@ -62,6 +65,8 @@ pub(crate) struct FrictionEstimator {
     /// Since the contact began: the load has settled; the contact has slid.
     has_rested: bool,
     has_slid: bool,
+    /// The load has not settled, and few taxels stick.
+    may_slide: bool,
     /// Whether it slides, whatever the friction.
     slide: SlideWitness,
     /// When the last map came; wraps.
@@ -110,6 +115,9 @@ impl FrictionEstimator {
         };
         self.has_rested |= self.rests >= REST_MAPS;
         self.has_slid |= self.slides >= SLIDE_MAPS;
+        self.may_slide = !self.has_rested
+            && ratio_now > STALL_RATIO_MIN
+            && stick_ratio_below(sums, FIRST_LOAD_STICK_RATIO);
         self.ahead = now + self.growing(since_us).max(self.sliding(ratio_now));
         self.ratio = ratio(self.ahead, normal);
         let [older, old] = self.before;
@@ -179,9 +187,13 @@ impl FrictionEstimator {
             .clamp(1_000, u16::MAX.into()) as u16
     }
 
-    /// The verdict of its slide witness.
+    /// The verdict of its slide witness. A first load that slides looks like one that has stopped growing, so the line does not fall then.
     pub(crate) fn witness(&self) -> Verdict {
-        self.slide.verdict()
+        let verdict = self.slide.verdict();
+        Verdict {
+            may_fall: verdict.may_fall && !self.may_slide,
+            ..verdict
+        }
     }
 
     /// The load that the grip must hold.
@@ -191,6 +203,7 @@ impl FrictionEstimator {
             ratio: self.ratio,
             friction: self.friction(settings),
             since_us: self.since_us,
+            is_watched: self.slide.is_watched(),
         }
     }
 
@@ -214,4 +227,45 @@ fn load_of(sums: &MapSums, geometry: &ContactGeometry) -> i32 {
     let [x, y, _] = sums.force.map(i64::from);
     let square = (x * x + y * y).cast_unsigned() + geometry.square_of_seen_moment(torsional_moment(sums));
     square_root(square.min((1 << 52) - 1)) as i32
+}
+
+#[cfg(test)]
+mod tests {
+    use gripline_protocol::message::Configuration;
+
+    use super::*;
+
+    /// Whether the line may fall after maps of a first load: the share of the normal force that it is, map by map, and how many of ten
+    /// taxels stick.
+    fn may_fall(shares: &[f64], stick: u16) -> bool {
+        let settings = LearningSettings::of(&Configuration::DEFAULT);
+        let geometry = ContactGeometry::default();
+        let mut estimator = FrictionEstimator::default();
+        let normal = 4_096;
+        let mut now_us = 0;
+        // A touch without a load, for longer than any suspicion lasts.
+        for share in [0.0; 60].iter().chain(shares) {
+            let load = (share * f64::from(normal)) as i32;
+            let sums = MapSums {
+                contact: 10,
+                stick: if load > 0 { stick } else { 10 },
+                force: [load, 0, normal],
+                ..MapSums::default()
+            };
+            estimator.observe(&sums, &geometry, normal, now_us, settings);
+            estimator.ask_witness(&sums, Motion::UNKNOWN, settings);
+            now_us += 16_667;
+        }
+        estimator.witness().may_fall
+    }
+
+    #[test]
+    fn a_first_load_of_which_few_taxels_stick_lets_the_line_not_fall_before_it_has_settled() {
+        let grows = [0.2, 0.4, 0.55, 0.65, 0.73];
+        assert!(!may_fall(&grows, 3), "it may slide already");
+        assert!(may_fall(&grows, 6), "most of it sticks");
+        let mut settled = [0.73; 25];
+        settled[..5].copy_from_slice(&grows);
+        assert!(may_fall(&settled, 3), "it has settled");
+    }
 }

@@ -12,7 +12,8 @@ use gripline_protocol::message::{Configuration, GripMode, SlipState};
 
 use crate::arithmetic::{divide, divide_48};
 use crate::constants::{
-    FEED_FORWARD_FRICTION_MIN, GRIPPER_LAG_SHIFT, SEEK_MAX, SEEK_RATE, TEST_RISE_MIN, TEST_RISE_PART,
+    FEED_FORWARD_FRICTION_MIN, GRIPPER_LAG_SHIFT, SCALE_ERROR_PART, SEEK_MAX, SEEK_RATE, TEST_RISE_MIN,
+    TEST_RISE_PART,
 };
 use crate::friction_estimator::LoadEstimate;
 use crate::slide_witness::{Finding, Urgency, Verdict};
@@ -295,7 +296,7 @@ impl GripController {
             // The maps lag behind the gripper, which a test moves: what was felt before still holds.
             load.shear.max(self.learnt.shear)
         } else {
-            felt(&load, self.learnt.reached_milli)
+            felt(&load, self.learnt.reached_milli, self.line_milli)
         };
         self.learnt.shear += followed(self.learnt.shear, wanted - self.learnt.shear);
         self.learnt.force = force_for(self.learnt.shear, self.learnt.friction, settings);
@@ -490,12 +491,19 @@ pub(crate) fn force_for(shear: i32, friction: u16, settings: &Configuration) -> 
 }
 
 /// The shear to hold. Maps miss part of a light touch, of shear and normal force alike. So scale the shear by the gripper's
-/// force over the map's normal force, by at most one half.
-fn felt(load: &LoadEstimate, reached_milli: i32) -> i32 {
+/// force over the map's normal force, by at most one half more. Maps that show too much of both are scaled back while the gripper has
+/// reached its line and the host sees the object: should the gripper hold more than its line says, motion will show.
+fn felt(load: &LoadEstimate, reached_milli: i32, line_milli: i32) -> i32 {
     let seen = load.shear;
     let reached = reached_milli.max(0) as u32 / MILLI as u32;
     let felt = divide(u64::from(reached) * u64::from(load.ratio), PER_UNIT as u16);
-    (felt.min(i32::MAX as u64) as i32).min(seen + seen / 2).max(seen)
+    let has_reached = reached_milli > line_milli - line_milli / 32;
+    let least = if load.is_watched && has_reached {
+        seen - seen / SCALE_ERROR_PART
+    } else {
+        seen
+    };
+    (felt.min(i32::MAX as u64) as i32).min(seen + seen / 2).max(least)
 }
 
 #[cfg(test)]
@@ -521,6 +529,7 @@ mod tests {
                 ratio: 1_000,
                 friction: 7_000,
                 since_us: 20_000,
+                is_watched: false,
             };
             for _ in 0..slots {
                 let evidence = Evidence {

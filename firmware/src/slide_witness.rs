@@ -19,7 +19,7 @@ use gripline_protocol::{Motion, PER_UNIT};
 use crate::arithmetic::{divide, ratio};
 use crate::constants::{
     ASKED_SHARE, CALM_US, COME_BACK_US, DROP_SHARE, FADE_SHARE, FAST_SLIDE_SHARE, FOLLOWED_SLOTS,
-    FRICTION_FORGET_SHIFT, FRICTION_LOSS_MAX, HUSH_HELD_US, HUSH_US, NOISE_MAX, QUIET_DROP_SHARE,
+    FRICTION_FORGET_SHIFT, FRICTION_LOSS_MAX, HUSH_HELD_US, HUSH_US, NEWS_SHARE, NOISE_MAX, QUIET_DROP_SHARE,
     RECENT_FALL_SHARE, RISES_SHARE, SETTLED_US, SHEAR_ERROR_PART, SHORT_SHARE_MAX, SHORT_SHARE_MIN, SHORT_US,
     SLIDING_FRICTION_MIN, SLIDING_RATIO_MIN, SLOT_US, STALLED_US, SUDDEN_DROP_SHARE, SWING_LOSS_MAX,
     TEST_MARGIN, TEST_US_MAX, UNPROVEN_US_MAX, UNTRIED_US, WATCHED_US, WHOLE_STICK_RATIO, WITNESSED_LOAD_MIN,
@@ -293,7 +293,7 @@ impl SlideWitness {
     /// Whether a suspicion is no news: what a test found held is held at that normal force. More load, and shear that falls far, are news.
     fn is_hushed(&self, suspicion: Suspicion, normal: i32) -> bool {
         suspicion == Suspicion::Falling
-            && !self.has_fallen_far(self.shear[0])
+            && self.shear[0] >= self.load - part(self.load, NEWS_SHARE)
             && self.hush_us > 0
             && normal >= self.held_normal
     }
@@ -674,7 +674,7 @@ impl SlideWitness {
     }
 
     /// The host has seen the object of late, and will see it move.
-    const fn is_watched(&self) -> bool {
+    pub(crate) const fn is_watched(&self) -> bool {
         self.watched_us > 0
     }
 
