@@ -66,7 +66,7 @@ const KEYS: [(&str, f64); CONFIGURATION_VALUES] = {
 /// Former names, which files and recordings may still use, and the current ones.
 const FORMER: [(&str, &str); 2] = [("friction_most", "friction_max"), ("tighten_n", "fail_safe_n")];
 
-/// One name for margin, maximum friction and relaxation rate: a [`GripSetting`].
+/// One name for margin, maximum friction, relaxation rate and, of the secure one, the floor: a [`GripSetting`].
 const GRIP: &str = "grip";
 
 /// Names of the kinds of line.
@@ -160,19 +160,23 @@ pub(super) fn errors_in(table: &Table) -> Vec<String> {
 
 fn set_all(table: &Table, values: &mut Values) -> Vec<String> {
     let mut errors = Vec::new();
-    if let Some(value) = table.get(GRIP) {
-        match value.as_str().and_then(GripSetting::named) {
-            // What also stands by itself overrules the name's.
-            Some(setting) => {
-                if let Some(settings) = Configuration::from_values(values) {
-                    *values = setting.apply(settings).values();
-                }
-            }
-            None => errors.push(format!("{GRIP}: found {value}, expected {}", grip_names())),
+    let grip = table.get(GRIP).and_then(|value| {
+        let setting = value.as_str().and_then(GripSetting::named);
+        if setting.is_none() {
+            errors.push(format!("{GRIP}: found {value}, expected {}", grip_names()));
         }
-    }
-    for (name, value) in table.iter().filter(|(name, _)| *name != GRIP) {
-        set(name, value, values, &mut errors);
+        setting
+    });
+    let set_own = |values: &mut Values, errors: &mut Vec<String>| {
+        for (name, value) in table.iter().filter(|(name, _)| *name != GRIP) {
+            set(name, value, values, errors);
+        }
+    };
+    set_own(values, &mut errors);
+    if let (Some(setting), Some(settings)) = (grip, Configuration::from_values(values)) {
+        *values = setting.apply(settings).values();
+        // What stands by itself overrules the name's; its errors are known.
+        set_own(values, &mut Vec::new());
     }
     errors
 }
@@ -314,6 +318,9 @@ mod tests {
     fn one_name_chooses_the_grip_and_what_stands_by_itself_overrules_it() {
         let secure = settings_from_text("grip = \"secure\"", &odd()).unwrap();
         assert_eq!(secure, GripSetting::Secure.apply(odd()));
+        let gentle =
+            settings_from_text("grip = \"secure\"\nfail_safe_n = 5", &Configuration::DEFAULT).unwrap();
+        assert_eq!(gentle.floor, gentle.fail_safe, "the secure floor");
         let own = settings_from_text("grip = \"sparing\"\nmargin = 0.25", &odd()).unwrap();
         let sparing = GripSetting::Sparing.apply(odd());
         assert_eq!(
