@@ -65,7 +65,7 @@ pub(crate) struct FrictionEstimator {
     /// Since the contact began: the load has settled; the contact has slid.
     has_rested: bool,
     has_slid: bool,
-    /// The load has not settled, and few taxels stick.
+    /// The first load has not settled, and fewer taxels stick than [`FIRST_LOAD_STICK_RATIO`].
     may_slide: bool,
     /// Whether it slides, whatever the friction.
     slide: SlideWitness,
@@ -187,7 +187,7 @@ impl FrictionEstimator {
             .clamp(1_000, u16::MAX.into()) as u16
     }
 
-    /// The verdict of its slide witness. A first load that slides looks like one that has stopped growing, so the line does not fall then.
+    /// The verdict of its slide witness. A first load that slides looks like one that grows no more: the line does not fall while it may.
     pub(crate) fn witness(&self) -> Verdict {
         let verdict = self.slide.verdict();
         Verdict {

@@ -322,7 +322,7 @@ fn shear_that_maps_err_by_and_that_follows_the_grip_is_no_friction() {
 }
 
 /// A hold of 3 N, right after a test: a dip of the load began it, and it found the load held.
-fn held_in_a_test() -> Hold {
+fn held_after_a_test() -> Hold {
     let mut hold = Hold::new(1, 17);
     hold.go(3.0, |time| 3.0 * time.min(1.0), [0.8; 2]);
     hold.go(0.1, |_| 2.6, [0.8; 2]);
@@ -332,7 +332,7 @@ fn held_in_a_test() -> Hold {
 
 #[test]
 fn shear_that_falls_far_is_tested_also_right_after_a_test_that_found_it_held() {
-    let mut hold = held_in_a_test();
+    let mut hold = held_after_a_test();
     hold.go(2.0, |_| 3.0, [0.3; 2]);
     assert!(hold.slides_for == 0.0, "still slides at {} N", hold.normal);
     assert!(hold.slid < 0.4, "slid for {} s", hold.slid);
@@ -340,7 +340,7 @@ fn shear_that_falls_far_is_tested_also_right_after_a_test_that_found_it_held() {
 
 #[test]
 fn shear_that_falls_by_a_sixth_is_tested_also_right_after_a_test_that_found_it_held() {
-    let mut hold = held_in_a_test();
+    let mut hold = held_after_a_test();
     let before_s = hold.slid;
     let after = 5.0 / 6.0 * 3.0 / hold.normal;
     hold.go(2.0, |_| 3.0, [after; 2]);
