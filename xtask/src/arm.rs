@@ -22,6 +22,9 @@ const EMULATOR: &str = "qemu-aarch64";
 const BOUNDED: &str = "tracked-network-int16";
 const RATIO_MAX: f64 = 0.35;
 
+/// The crate that has code of its own for ARM. All its tests are in `tests/it`.
+const KERNELS: &str = "gripline-kernels";
+
 /// Crates whose library tests and `tests/it` run under emulation.
 const CRATES: [&str; 3] = ["gripline-network", "gripline-firmware", "gripline"];
 
@@ -132,7 +135,7 @@ impl Cross {
     fn lint(&self) -> Result<(), Error> {
         process::run(
             self.cargo("clippy")
-                .args(["--package", "gripline-network", "--", "-D", "warnings"]),
+                .args(["--package", KERNELS, "--", "-D", "warnings"]),
         )
     }
 
@@ -140,6 +143,7 @@ impl Cross {
     fn test(&self) -> Result<(), Error> {
         let packages = CRATES.iter().flat_map(|name| ["--package", name]);
         let left_out = SLOW.iter().chain(&STARTS_PROGRAMS);
+        process::run(self.cargo("test").args(["--package", KERNELS, "--test", "it"]))?;
         process::run(
             self.cargo("test")
                 .args(packages)

@@ -174,7 +174,7 @@ pub(crate) enum Tier {
 const SLOW_CRATES: [&str; 3] = ["gripline-ros2", "gripline-training", "gripline-validation"];
 
 /// Crates whose libraries have nothing that a feature of the bridge changes.
-const TESTED_WITHOUT_FEATURES: [&str; 24] = [
+const TESTED_WITHOUT_FEATURES: [&str; 25] = [
     "gripline-browser",
     "gripline-capture",
     "gripline-chart",
@@ -183,6 +183,7 @@ const TESTED_WITHOUT_FEATURES: [&str; 24] = [
     "gripline-firmware",
     "gripline-fuzz-bodies",
     "gripline-gripper",
+    "gripline-kernels",
     "gripline-link",
     "gripline-live",
     "gripline-markers",

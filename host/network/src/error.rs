@@ -99,22 +99,9 @@ pub enum NetworkError {
         /// What it may be.
         expected: &'static str,
     },
-    /// The processor lacks an instruction set.
-    #[error(
-        "instruction set `{wanted}` was asked for, but this processor has only {available}; choose one of these"
-    )]
-    MissingInstructionSet {
-        /// The one asked for.
-        wanted: String,
-        /// Those it has, comma-separated.
-        available: String,
-    },
-    /// No instruction set has this name.
-    #[error("instruction set `{found}` is unknown, expected `portable`, `avx2`, `avx512` or `neon`")]
-    UnknownInstructionSet {
-        /// The name.
-        found: String,
-    },
+    /// An instruction set that is not there or has no such name.
+    #[error(transparent)]
+    Kernel(#[from] gripline_kernels::KernelError),
     /// No network has this name.
     #[error("network `{found}` is unknown, expected `unet` or `tracked`")]
     UnknownNetwork {

@@ -2,8 +2,8 @@
 //! nearest grey level. Row-major; columns grow with +x, rows with +y, as in the force map.
 
 use crate::constants::{CROP_SIDE, DOWNSAMPLING, IMAGE_PIXELS, IMAGE_SIDE};
-use crate::instruction_set::InstructionSet;
-use crate::simd::{Dispatch, Simd, dispatch_256};
+use gripline_kernels::InstructionSet;
+use gripline_kernels::simd::{Dispatch, Simd, dispatch_256};
 
 /// An image of 88×88 pixels, row-major, 8-bit grayscale.
 pub type Image88 = [u8; IMAGE_PIXELS];

@@ -4,9 +4,9 @@
 use std::collections::BTreeMap;
 
 use crate::constants::NORM_EPSILON;
-use crate::instruction_set::InstructionSet;
-use crate::kernel::{Convolution, Int16Convolution, Kernel, Shape};
 use crate::weights::Tensor;
+use gripline_kernels::InstructionSet;
+use gripline_kernels::{Convolution, Int16Convolution, Kernel, Shape};
 
 /// End of the tensor name of a batch norm's running variance.
 pub(crate) const VARIANCE: &str = "norm.variance";

@@ -3,33 +3,29 @@
 //! [`scene`] decides which frames need inference and which pictures can be trusted. One thread, no allocation per frame.
 //!
 //! [`Network`] is all that a program needs. Taxels and images are row-major with the same orientation.
-// All `unsafe` code is in `simd`, which wraps the vector instructions.
-#![deny(unsafe_code)]
+// All `unsafe` code is in `gripline_kernels::simd`, which wraps the vector instructions.
+#![forbid(unsafe_code)]
 
 pub mod constants;
 mod error;
 mod force_map;
 pub mod image;
 mod inference;
-mod instruction_set;
-mod kernel;
 mod layer;
 pub mod marker_forces;
 pub mod metrics;
 mod network;
 mod options;
 pub mod scene;
-mod simd;
 pub mod tracked;
 pub mod unet;
 mod weights;
 
 pub use error::NetworkError;
 pub use force_map::{Calibration, ForceMap, NO_FORCES};
+pub use gripline_kernels::{InstructionSet, peak_multiply_adds};
 pub use image::{Frame, downsample_440_to_88};
 pub use inference::Inference;
-pub use instruction_set::InstructionSet;
-pub use kernel::peak_multiply_adds;
 pub use layer::{Folded, Layer, LayerKind, OUTPUT};
 pub use network::Network;
 pub use options::{Architecture, Evaluation, Precision};

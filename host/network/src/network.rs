@@ -6,12 +6,12 @@ use crate::constants::IMAGE_PIXELS;
 use crate::error::NetworkError;
 use crate::force_map::{Calibration, ForceMap};
 use crate::image::{Frame, Image88, downsample_440_to_88};
-use crate::instruction_set::InstructionSet;
 use crate::options::{Architecture, Evaluation};
 use crate::scene::Health;
 use crate::tracked::{TrackedNetwork, TrackedWeights};
 use crate::unet::{UnetNetwork, UnetWeights};
 use crate::weights;
+use gripline_kernels::InstructionSet;
 
 /// A force network of either architecture.
 #[derive(Debug, Clone)]

@@ -142,7 +142,9 @@ impl Variant {
 /// [`EvaluationError`] when a scene has no solution or the network cannot be loaded.
 pub fn run(args: &SkipArgs) -> Result<Completion, EvaluationError> {
     let instructions = match args.instructions {
-        Some(set) => set.checked().map_err(EvaluationError::Instructions)?,
+        Some(set) => set
+            .checked()
+            .map_err(|error| EvaluationError::Instructions(error.into()))?,
         None => InstructionSet::widest(),
     };
     let kinds: Vec<Kind> = Kind::ALL

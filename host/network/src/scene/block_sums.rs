@@ -3,8 +3,8 @@
 
 use crate::constants::{BLOCK_SIDE, BLOCKS, BLOCKS_PER_SIDE, IMAGE_PIXELS, IMAGE_SIDE};
 use crate::image::Image88;
-use crate::instruction_set::InstructionSet;
-use crate::simd::{Dispatch, Int16x16, Simd, dispatch_256};
+use gripline_kernels::InstructionSet;
+use gripline_kernels::simd::{Dispatch, Int16x16, Simd, dispatch_256};
 
 /// A number for every block, row-major.
 pub(crate) type PerBlock<T> = [T; BLOCKS];

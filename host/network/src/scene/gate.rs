@@ -13,7 +13,7 @@ use super::reference::Comparison;
 use crate::constants::IMAGE_PIXELS;
 use crate::error::NetworkError;
 use crate::image::Image88;
-use crate::instruction_set::InstructionSet;
+use gripline_kernels::InstructionSet;
 
 /// What the gate decides about a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]

@@ -9,7 +9,7 @@ use super::learned;
 use super::reference::{Comparison, Reference};
 use crate::constants::{BLOCK_PIXELS, BLOCKS};
 use crate::image::Image88;
-use crate::instruction_set::InstructionSet;
+use gripline_kernels::InstructionSet;
 
 /// Smallest noise energy, grey levels squared per pixel: the rounding of a camera without noise.
 const NOISE_MIN: f32 = 0.06;

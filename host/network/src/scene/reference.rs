@@ -4,7 +4,7 @@
 use super::block_sums::{BlockSums, Pattern, PerBlock};
 use crate::constants::{BLOCK_PIXELS, BLOCK_SIDE, BLOCKS, BLOCKS_PER_SIDE, IMAGE_SIDE};
 use crate::image::Image88;
-use crate::instruction_set::InstructionSet;
+use gripline_kernels::InstructionSet;
 
 /// Added to the mean square gradient, (levels per two pixels)²: blocks without structure say nothing about motion.
 const GRADIENT_FLOOR: f32 = 1.0;

@@ -6,7 +6,7 @@ use super::learned::run;
 use super::*;
 use crate::constants::{BLOCKS, IMAGE_PIXELS};
 use crate::image::Image88;
-use crate::instruction_set::InstructionSet;
+use gripline_kernels::InstructionSet;
 
 static MODEL: &[u8] = include_bytes!("../../weights/gate.tflite");
 static GOLDEN: &[u8] = include_bytes!("../../golden/gate.safetensors");

@@ -6,7 +6,7 @@
 )]
 
 use super::level::{Level, Rows};
-use crate::simd::Simd;
+use gripline_kernels::simd::Simd;
 
 /// Side of a block, pixels of its level.
 pub(super) const BLOCK: usize = 8;
@@ -147,8 +147,8 @@ mod tests {
     use super::super::dirty_tiles::DirtyTiles;
     use super::super::pyramid::Pyramid;
     use super::*;
-    use crate::instruction_set::InstructionSet;
-    use crate::simd::{Dispatch, dispatch_256};
+    use gripline_kernels::InstructionSet;
+    use gripline_kernels::simd::{Dispatch, dispatch_256};
 
     /// The definition: one motion after the other.
     fn one_by_one<const SIDE: usize>(

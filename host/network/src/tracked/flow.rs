@@ -11,7 +11,7 @@ use super::dirty_tiles::{DirtyTiles, TileRect, same_bits};
 use super::level::Level;
 use super::pyramid::Pyramid;
 use crate::constants::CROP_SIDE;
-use crate::simd::{Simd, round};
+use gripline_kernels::simd::{Simd, round};
 
 /// Distance of neighbouring nodes, pixels of their level.
 const STEP: usize = 5;
@@ -372,8 +372,8 @@ fn whole_pixels(motion: f32) -> i32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::instruction_set::InstructionSet;
-    use crate::simd::{Dispatch, dispatch_256};
+    use gripline_kernels::InstructionSet;
+    use gripline_kernels::simd::{Dispatch, dispatch_256};
 
     struct Update<'a>(&'a mut Flow, &'a Pyramid, &'a Pyramid, &'a DirtyTiles);
 

@@ -6,10 +6,10 @@ use super::layers::INPUT_CHANNELS;
 use super::weights::{TrackedScaling, TrackedWeights};
 use crate::constants::MAP_SIDE;
 use crate::force_map::ForceMap;
-use crate::instruction_set::InstructionSet;
-use crate::kernel::{Plan, PlaneId, Region};
 use crate::layer::Folded;
 use crate::options::Precision;
+use gripline_kernels::InstructionSet;
+use gripline_kernels::{Plan, PlaneId, Region};
 
 /// The network's input, and the RMS motion, mm, by which its outputs are multiplied.
 #[must_use]

@@ -11,9 +11,9 @@ use crate::constants::LOST_MAX;
 use crate::error::NetworkError;
 use crate::force_map::{Calibration, ForceMap, NO_FORCES};
 use crate::image::check_crop;
-use crate::instruction_set::InstructionSet;
 use crate::options::{Evaluation, Precision};
 use crate::scene::Health;
+use gripline_kernels::InstructionSet;
 
 /// The built-in weights.
 static EMBEDDED: &[u8] = include_bytes!("../../weights/tracked.safetensors");

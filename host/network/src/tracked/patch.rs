@@ -7,7 +7,7 @@
 use super::level::Level;
 use super::particles::Particle;
 use crate::constants::CROP_SIDE;
-use crate::simd::F32x8;
+use gripline_kernels::simd::F32x8;
 
 /// Half of a particle's patch, pixels.
 pub(super) const HALF: i32 = 3;

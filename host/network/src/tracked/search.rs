@@ -11,7 +11,7 @@ use super::particles::Particle;
 use super::patch::{HALF, PATCH, Patch, PatchPixels, PatchWeights, Template};
 use super::search_ray::{MotionRect, SearchRay, TABLE_SIDE};
 use crate::constants::CROP_SIDE;
-use crate::simd::{F32x8, Simd, TABLE, Table, round};
+use gripline_kernels::simd::{F32x8, Simd, TABLE, Table, round};
 
 /// Largest number of Gauss–Newton steps, and the step at which they have converged, pixels.
 const STEPS_MAX: usize = 5;
@@ -299,8 +299,8 @@ mod tests {
     use super::super::particles;
     use super::super::pyramid::Pyramid;
     use super::*;
-    use crate::instruction_set::InstructionSet;
-    use crate::simd::{Dispatch, dispatch_256};
+    use gripline_kernels::InstructionSet;
+    use gripline_kernels::simd::{Dispatch, dispatch_256};
 
     /// The definition: one motion after the other.
     fn one_by_one(

@@ -6,7 +6,7 @@
 
 use super::particles::Particle;
 use crate::constants::CROP_SIDE;
-use crate::simd::round;
+use gripline_kernels::simd::round;
 
 /// First and last pixel of an axis that a particle's centre may move to.
 const INSIDE: [i32; 2] = [2, CROP_SIDE as i32 - 3];

@@ -20,8 +20,8 @@ use super::tile_noise::TileNoise;
 use crate::constants::CROP_SIDE;
 use crate::error::NetworkError;
 use crate::image::check_crop;
-use crate::instruction_set::InstructionSet;
-use crate::simd::{Dispatch, Simd, dispatch_256};
+use gripline_kernels::InstructionSet;
+use gripline_kernels::simd::{Dispatch, Simd, dispatch_256};
 
 /// Depth of a particle that moves like the mean of its surroundings, mm.
 const MEAN_DEPTH_MM: f32 = 3.2;

@@ -9,10 +9,10 @@ use super::weights::{Scaling, UnetWeights, Widths};
 use crate::constants::{IMAGE_SIDE, MAP_SIDE};
 use crate::force_map::ForceMap;
 use crate::image::Image88;
-use crate::instruction_set::InstructionSet;
-use crate::kernel::{Convolution, Plan, PlaneId, Region, Shape};
 use crate::layer::{Folded, Layer};
-use crate::simd::LANES_MAX;
+use gripline_kernels::InstructionSet;
+use gripline_kernels::simd::LANES_MAX;
+use gripline_kernels::{Convolution, Plan, PlaneId, Region, Shape};
 
 /// The network with its buffers.
 #[derive(Debug, Clone)]

@@ -9,9 +9,9 @@ use crate::constants::{IMAGE_PIXELS, IMAGE_SIDE};
 use crate::error::NetworkError;
 use crate::force_map::{Calibration, ForceMap, NO_FORCES};
 use crate::image::Image88;
-use crate::instruction_set::InstructionSet;
-use crate::kernel::Region;
 use crate::options::Evaluation;
+use gripline_kernels::InstructionSet;
+use gripline_kernels::Region;
 
 /// The built-in weights.
 static EMBEDDED: &[u8] = include_bytes!("../../weights/unet.safetensors");

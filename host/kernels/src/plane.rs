@@ -5,7 +5,7 @@ use super::region::Region;
 
 /// One activation image with its border.
 #[derive(Debug, Clone, Default)]
-pub(crate) struct Plane<T = f32> {
+pub struct Plane<T = f32> {
     values: Vec<T>,
     height: usize,
     width: usize,
@@ -13,7 +13,9 @@ pub(crate) struct Plane<T = f32> {
 }
 
 impl<T: Copy + Default> Plane<T> {
-    pub(crate) fn new(height: usize, width: usize, channels: usize) -> Self {
+    /// Zeros.
+    #[must_use]
+    pub fn new(height: usize, width: usize, channels: usize) -> Self {
         Self {
             values: vec![T::default(); (height + 2) * (width + 2) * channels],
             height,
@@ -22,47 +24,57 @@ impl<T: Copy + Default> Plane<T> {
         }
     }
 
-    pub(crate) fn height(&self) -> usize {
+    /// Rows, without the border.
+    #[must_use]
+    pub fn height(&self) -> usize {
         self.height
     }
 
-    pub(crate) fn width(&self) -> usize {
+    /// Columns, without the border.
+    #[must_use]
+    pub fn width(&self) -> usize {
         self.width
     }
 
     /// Height and width.
-    pub(crate) fn size(&self) -> (usize, usize) {
+    #[must_use]
+    pub fn size(&self) -> (usize, usize) {
         (self.height, self.width)
     }
 
-    pub(crate) fn channels(&self) -> usize {
+    /// Channels of a pixel.
+    #[must_use]
+    pub fn channels(&self) -> usize {
         self.channels
     }
 
     /// All values, border included; row `r` of [`Self::stride`] values starts at `r * stride`.
-    pub(crate) fn values(&self) -> &[T] {
+    #[must_use]
+    pub fn values(&self) -> &[T] {
         &self.values
     }
 
     /// Values from one bordered row to the next.
-    pub(crate) fn stride(&self) -> usize {
+    #[must_use]
+    pub fn stride(&self) -> usize {
         (self.width + 2) * self.channels
     }
 
     /// The pixels of one row, without the border.
-    pub(crate) fn row(&self, row: usize) -> &[T] {
+    #[must_use]
+    pub fn row(&self, row: usize) -> &[T] {
         let start = (row + 1) * self.stride() + self.channels;
         &self.values[start..start + self.width * self.channels]
     }
 
     /// The pixels of one row, without the border.
-    pub(crate) fn row_mut(&mut self, row: usize) -> &mut [T] {
+    pub fn row_mut(&mut self, row: usize) -> &mut [T] {
         let start = (row + 1) * self.stride() + self.channels;
         &mut self.values[start..start + self.width * self.channels]
     }
 
     /// Copies the pixels of `region` from an image of the same size to the channels from `channel` on.
-    pub(crate) fn copy(&mut self, from: &Self, channel: usize, region: &Region) {
+    pub fn copy(&mut self, from: &Self, channel: usize, region: &Region) {
         let (wide, narrow) = (self.channels, from.channels);
         for row in region.rows.clone() {
             let pixels = from.row(row).chunks_exact(narrow);

@@ -4,30 +4,38 @@ use std::ops::Range;
 
 /// Rows and columns; empty when either is.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
-pub(crate) struct Region {
-    pub(crate) rows: Range<usize>,
-    pub(crate) columns: Range<usize>,
+pub struct Region {
+    /// The rows.
+    pub rows: Range<usize>,
+    /// The columns.
+    pub columns: Range<usize>,
 }
 
 impl Region {
-    pub(crate) const EMPTY: Self = Self {
+    /// No pixels.
+    pub const EMPTY: Self = Self {
         rows: 0..0,
         columns: 0..0,
     };
 
-    pub(crate) fn whole(height: usize, width: usize) -> Self {
+    /// All pixels of an image.
+    #[must_use]
+    pub fn whole(height: usize, width: usize) -> Self {
         Self {
             rows: 0..height,
             columns: 0..width,
         }
     }
 
-    pub(crate) fn is_empty(&self) -> bool {
+    /// Whether it has no pixel.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
         self.rows.is_empty() || self.columns.is_empty()
     }
 
     /// The smallest rectangle around both.
-    pub(crate) fn union(&self, other: &Self) -> Self {
+    #[must_use]
+    pub fn union(&self, other: &Self) -> Self {
         if self.is_empty() {
             return other.clone();
         }
@@ -42,7 +50,8 @@ impl Region {
     }
 
     /// Maps both sides' first and last pixel through `along`, cut to an image's size.
-    pub(crate) fn mapped(
+    #[must_use]
+    pub fn mapped(
         &self,
         (height, width): (usize, usize),
         along: impl Fn(usize, usize) -> (usize, usize),

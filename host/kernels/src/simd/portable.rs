@@ -68,7 +68,7 @@ impl Vector for [f32; 8] {
     }
 }
 
-impl Accumulator for [f32; 8] {
+unsafe impl Accumulator for [f32; 8] {
     type Number = f32;
     type Out = Self;
 
@@ -119,7 +119,7 @@ fn packed(Int16Pair([low, high]): Int16Pair) -> i32 {
     i32::from(high) << 16 | i32::from(low) & 0xFFFF
 }
 
-impl Accumulator for Pairs {
+unsafe impl Accumulator for Pairs {
     type Number = Int16Pair;
     type Out = [f32; 8];
     const PIXELS_MAX: [usize; 2] = [6, 3];

@@ -5,7 +5,7 @@ use super::region::Region;
 
 /// 2×2 maximum with stride 2, for the output pixels of `region`. Reads as many input channels as the output has, from
 /// `in_channel` on. NaN wins. A last odd row or column of the input is ignored.
-pub(crate) fn max_pool(input: &Plane, in_channel: usize, output: &mut Plane, region: &Region) {
+pub fn max_pool(input: &Plane, in_channel: usize, output: &mut Plane, region: &Region) {
     let (wide, channels) = (input.channels(), output.channels());
     for y in region.rows.clone() {
         let (top, bottom) = (input.row(2 * y), input.row(2 * y + 1));

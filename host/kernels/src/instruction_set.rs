@@ -4,7 +4,7 @@
 use std::fmt;
 use std::str::FromStr;
 
-use crate::error::NetworkError;
+use crate::error::KernelError;
 
 /// A set of vector instructions that the kernels are built for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -52,17 +52,21 @@ impl InstructionSet {
     ///
     /// # Errors
     /// When it does not; the error lists what it has.
-    pub fn checked(self) -> Result<Self, NetworkError> {
+    pub fn checked(self) -> Result<Self, KernelError> {
         let available: Vec<Self> = Self::ALL.into_iter().filter(|set| set.is_available()).collect();
         self.among(&available)
     }
 
-    fn among(self, available: &[Self]) -> Result<Self, NetworkError> {
+    /// Itself, when it is one of these.
+    ///
+    /// # Errors
+    /// When it is not; the error lists them.
+    pub fn among(self, available: &[Self]) -> Result<Self, KernelError> {
         if available.contains(&self) {
             return Ok(self);
         }
         let available: Vec<String> = available.iter().map(|set| format!("`{set}`")).collect();
-        Err(NetworkError::MissingInstructionSet {
+        Err(KernelError::MissingInstructionSet {
             wanted: self.to_string(),
             available: available.join(", "),
         })
@@ -81,44 +85,14 @@ impl fmt::Display for InstructionSet {
 }
 
 impl FromStr for InstructionSet {
-    type Err = NetworkError;
+    type Err = KernelError;
 
     fn from_str(name: &str) -> Result<Self, Self::Err> {
         Self::ALL
             .into_iter()
             .find(|set| set.to_string() == name)
-            .ok_or_else(|| NetworkError::UnknownInstructionSet {
+            .ok_or_else(|| KernelError::UnknownInstructionSet {
                 found: name.to_owned(),
             })
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn every_name_reads_back_and_an_unknown_one_is_named_in_the_error() {
-        for set in InstructionSet::ALL {
-            assert_eq!(set.to_string().parse::<InstructionSet>().unwrap(), set);
-        }
-        let error = "sve".parse::<InstructionSet>().unwrap_err().to_string();
-        assert!(error.contains("`sve`") && error.contains("`neon`"), "{error}");
-    }
-
-    #[test]
-    fn the_widest_set_is_there_and_a_missing_one_is_refused_by_name() {
-        assert!(InstructionSet::widest().checked().is_ok());
-        assert!(InstructionSet::Portable.is_available());
-        for set in InstructionSet::ALL {
-            assert_eq!(set.checked().is_ok(), set.is_available());
-        }
-        // As on a processor that has only these two.
-        let error = InstructionSet::Avx512.among(&[InstructionSet::Portable, InstructionSet::Avx2]);
-        let text = error.unwrap_err().to_string();
-        assert!(
-            text.contains("`avx512` was asked for") && text.contains("only `portable`, `avx2`;"),
-            "{text}"
-        );
     }
 }

@@ -18,7 +18,7 @@ use crate::simd::{Accumulator, Dispatch, Number, Simd, Vector, accumulate};
 ///
 /// # Panics
 /// When sizes do not fit.
-pub(crate) fn convolve<T: Number>(
+pub fn convolve<T: Number>(
     convolution: &Convolution<T>,
     start: Option<&Plane>,
     input: &Plane<T>,

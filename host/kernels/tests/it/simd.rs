@@ -1,10 +1,16 @@
 //! Every instruction set of this processor against plain loops.
+#![expect(
+    clippy::inline_always,
+    reason = "an operation compiles for the instruction set of the function that it is inlined into"
+)]
 
-use super::*;
+use gripline_kernels::InstructionSet;
+use gripline_kernels::simd::{
+    Accumulator, Dispatch, F32x8, Int16Pair, LANES_MAX, Number, Simd, TABLE, Vector, accumulate, dispatch,
+    round,
+};
 
-fn sets() -> impl Iterator<Item = InstructionSet> {
-    InstructionSet::ALL.into_iter().filter(|set| set.is_available())
-}
+use super::sets;
 
 const NUMBERS: [f32; 8] = [-2.5, 1.75, 0.5, -0.5, 3.0, 0.499_999_97, -1e3, 2.499_999_8];
 

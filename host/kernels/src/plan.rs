@@ -11,7 +11,7 @@ use super::region::Region;
 
 /// One of a plan's planes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct PlaneId(usize);
+pub struct PlaneId(usize);
 
 #[derive(Debug, Clone)]
 enum Step {
@@ -44,7 +44,7 @@ enum Step {
 
 /// A network: planes, steps in the order in which they run, and each plane's dirty region.
 #[derive(Debug, Clone, Default)]
-pub(crate) struct Plan {
+pub struct Plan {
     planes: Vec<Plane>,
     dirty: Vec<Region>,
     steps: Vec<Step>,
@@ -52,7 +52,7 @@ pub(crate) struct Plan {
 
 impl Plan {
     /// Adds a plane of zeros.
-    pub(crate) fn plane(&mut self, height: usize, width: usize, channels: usize) -> PlaneId {
+    pub fn plane(&mut self, height: usize, width: usize, channels: usize) -> PlaneId {
         self.planes.push(Plane::new(height, width, channels));
         // Nothing is computed yet.
         self.dirty.push(Region::whole(height, width));
@@ -60,7 +60,7 @@ impl Plan {
     }
 
     /// Adds a convolution that writes `to`'s channels from `channel` on.
-    pub(crate) fn convolve(&mut self, convolution: Convolution, from: PlaneId, to: PlaneId, channel: usize) {
+    pub fn convolve(&mut self, convolution: Convolution, from: PlaneId, to: PlaneId, channel: usize) {
         self.steps.push(Step::Convolve {
             convolution,
             start: None,
@@ -72,13 +72,7 @@ impl Plan {
 
     /// Adds a convolution whose sums start at the values of another plane of the output's size, with its channels rounded
     /// up to [`LANES_MAX`](crate::simd::LANES_MAX).
-    pub(crate) fn convolve_onto(
-        &mut self,
-        convolution: Convolution,
-        start: PlaneId,
-        from: PlaneId,
-        to: PlaneId,
-    ) {
+    pub fn convolve_onto(&mut self, convolution: Convolution, start: PlaneId, from: PlaneId, to: PlaneId) {
         self.steps.push(Step::Convolve {
             convolution,
             start: Some(start),
@@ -89,7 +83,7 @@ impl Plan {
     }
 
     /// Adds a convolution that writes a new plane.
-    pub(crate) fn convolved(&mut self, convolution: Convolution, from: PlaneId) -> PlaneId {
+    pub fn convolved(&mut self, convolution: Convolution, from: PlaneId) -> PlaneId {
         let (height, width) = convolution.out_size(self.planes[from.0].size());
         let to = self.plane(height, width, convolution.out_channels());
         self.convolve(convolution, from, to, 0);
@@ -98,7 +92,7 @@ impl Plan {
 
     /// Adds an int16 convolution that writes `to`'s channels from `channel` on. Its scale depends on its largest input, so
     /// it computes everything when anything changed.
-    pub(crate) fn convolve_int16(
+    pub fn convolve_int16(
         &mut self,
         convolution: Int16Convolution,
         from: PlaneId,
@@ -115,7 +109,7 @@ impl Plan {
     }
 
     /// The same to a new plane.
-    pub(crate) fn convolved_int16(&mut self, convolution: Int16Convolution, from: PlaneId) -> PlaneId {
+    pub fn convolved_int16(&mut self, convolution: Int16Convolution, from: PlaneId) -> PlaneId {
         let (height, width) = convolution.convolution().out_size(self.planes[from.0].size());
         let to = self.plane(height, width, convolution.convolution().out_channels());
         self.convolve_int16(convolution, from, to, 0);
@@ -123,7 +117,7 @@ impl Plan {
     }
 
     /// Adds a 2×2 maximum over some of a plane's channels.
-    pub(crate) fn pooled(&mut self, from: PlaneId, channel: usize, channels: usize) -> PlaneId {
+    pub fn pooled(&mut self, from: PlaneId, channel: usize, channels: usize) -> PlaneId {
         let (height, width) = self.planes[from.0].size();
         let to = self.plane(height / 2, width / 2, channels);
         self.steps.push(Step::Pool { from, channel, to });
@@ -131,27 +125,28 @@ impl Plan {
     }
 
     /// Copies a plane to `to`'s channels from `channel` on.
-    pub(crate) fn copy(&mut self, from: PlaneId, to: PlaneId, channel: usize) {
+    pub fn copy(&mut self, from: PlaneId, to: PlaneId, channel: usize) {
         self.steps.push(Step::Copy { from, to, channel });
     }
 
     /// A plane's values.
-    pub(crate) fn values(&self, plane: PlaneId) -> &Plane {
+    #[must_use]
+    pub fn values(&self, plane: PlaneId) -> &Plane {
         &self.planes[plane.0]
     }
 
     /// A plane to write an input to. Call [`Self::mark_dirty`] with the region that was written.
-    pub(crate) fn values_mut(&mut self, plane: PlaneId) -> &mut Plane {
+    pub fn values_mut(&mut self, plane: PlaneId) -> &mut Plane {
         &mut self.planes[plane.0]
     }
 
     /// Marks a region of an input plane as changed.
-    pub(crate) fn mark_dirty(&mut self, plane: PlaneId, region: &Region) {
+    pub fn mark_dirty(&mut self, plane: PlaneId, region: &Region) {
         self.dirty[plane.0] = self.dirty[plane.0].union(region);
     }
 
     /// Brings every plane up to date with the inputs. No allocation.
-    pub(crate) fn run(&mut self) {
+    pub fn run(&mut self) {
         for step in &mut self.steps {
             match *step {
                 Step::Convolve {
@@ -217,7 +212,8 @@ impl Plan {
     }
 
     /// Multiply-adds of a run in which all of `input` changed and nothing else did.
-    pub(crate) fn multiply_adds(&self, input: PlaneId) -> usize {
+    #[must_use]
+    pub fn multiply_adds(&self, input: PlaneId) -> usize {
         let mut reached = vec![false; self.planes.len()];
         reached[input.0] = true;
         let mut sum = 0;

@@ -19,13 +19,11 @@ mod lines;
 mod neon;
 mod number;
 mod portable;
-#[cfg(test)]
-mod tests;
 mod traits;
 
-pub(crate) use lines::Lines;
-pub(crate) use number::Number;
-pub(crate) use traits::*;
+pub use lines::Lines;
+pub use number::Number;
+pub use traits::*;
 
 use crate::instruction_set::InstructionSet;
 
@@ -33,7 +31,7 @@ use crate::instruction_set::InstructionSet;
 ///
 /// # Panics
 /// When the processor does not have it.
-pub(crate) fn dispatch<K: Dispatch>(instructions: InstructionSet, kernel: K) -> K::Output {
+pub fn dispatch<K: Dispatch>(instructions: InstructionSet, kernel: K) -> K::Output {
     assert_available(instructions);
     match instructions {
         #[cfg(target_arch = "x86_64")]
@@ -52,7 +50,7 @@ pub(crate) fn dispatch<K: Dispatch>(instructions: InstructionSet, kernel: K) -> 
 ///
 /// # Panics
 /// When the processor does not have the instruction set.
-pub(crate) fn dispatch_256<K: Dispatch>(instructions: InstructionSet, kernel: K) -> K::Output {
+pub fn dispatch_256<K: Dispatch>(instructions: InstructionSet, kernel: K) -> K::Output {
     assert_available(instructions);
     match instructions {
         #[cfg(target_arch = "x86_64")]

@@ -7,12 +7,13 @@ use super::{dispatch, dispatch_256};
 use crate::instruction_set::InstructionSet;
 
 /// A number that convolutions multiply.
-pub(crate) trait Number: Copy + Default {
+pub trait Number: Copy + Default {
     /// Its vectors in an instruction set.
     type Accumulator<S: Simd>: Accumulator<Number = Self>;
 
     /// Whether convolutions with few output channels spread the input channels over the lanes: each input that is read
     /// then serves two multiply-adds. For f32 all but the portable set do, so that they compute the same bits.
+    #[must_use]
     fn splits(instructions: InstructionSet) -> bool {
         instructions != InstructionSet::Portable
     }

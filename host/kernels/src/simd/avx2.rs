@@ -139,7 +139,7 @@ impl Vector for F32 {
     }
 }
 
-impl Accumulator for F32 {
+unsafe impl Accumulator for F32 {
     type Number = f32;
     type Out = Self;
 
@@ -195,7 +195,7 @@ impl Accumulator for F32 {
 #[derive(Clone, Copy)]
 pub(super) struct Pairs(__m256i);
 
-impl Accumulator for Pairs {
+unsafe impl Accumulator for Pairs {
     type Number = Int16Pair;
     type Out = F32;
 
@@ -265,7 +265,7 @@ impl IntegerSums for Pairs {
 #[derive(Clone, Copy)]
 struct VnniPairs(Pairs);
 
-impl Accumulator for VnniPairs {
+unsafe impl Accumulator for VnniPairs {
     type Number = Int16Pair;
     type Out = F32;
     const PIXELS_MAX: [usize; 2] = F32::PIXELS_MAX;

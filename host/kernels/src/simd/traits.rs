@@ -1,21 +1,24 @@
 //! What every instruction set offers to a kernel.
 
 /// Largest number of lanes of any vector.
-pub(crate) const LANES_MAX: usize = 16;
+pub const LANES_MAX: usize = 16;
 
 /// Entries of the table of [`F32x8::gather`], and two more that it may read.
-pub(crate) const TABLE: usize = 256;
-pub(crate) type Table = [u16; TABLE + 2];
+pub const TABLE: usize = 256;
+/// What [`F32x8::gather`] looks up.
+pub type Table = [u16; TABLE + 2];
 
 /// A computation, written once for all instruction sets. Implementations of `run` are `inline(always)`.
-pub(crate) trait Dispatch {
+pub trait Dispatch {
+    /// What it gives.
     type Output;
 
+    /// Computes it with an instruction set.
     fn run<S: Simd>(self) -> Self::Output;
 }
 
 /// An instruction set.
-pub(crate) trait Simd {
+pub trait Simd {
     /// f32 vectors, as wide as the set has them.
     type F32: Accumulator<Number = f32, Out = Self::F32> + Vector;
     /// Products of int16, summed in int32, as wide as the set has them.
@@ -34,7 +37,8 @@ pub(crate) trait Simd {
 }
 
 /// A vector of f32.
-pub(crate) trait Vector: Copy {
+pub trait Vector: Copy {
+    /// Numbers that it holds.
     const LANES: usize;
 
     /// The first `LANES` numbers.
@@ -43,14 +47,21 @@ pub(crate) trait Vector: Copy {
     /// Writes the first `out.len()` lanes, at most all.
     fn store(self, out: &mut [f32]);
 
+    /// The sums, lane by lane.
+    #[must_use]
     fn add(self, other: Self) -> Self;
 
     /// Lanes below zero become +0; NaN and −0 stay.
+    #[must_use]
     fn relu(self) -> Self;
 }
 
 /// A vector of factors, or of sums of products.
-pub(crate) trait Accumulator: Copy {
+///
+/// # Safety
+/// [`accumulate`] reads as far as these say: a vector has as many lanes as [`Self::Out`], `broadcast::<S>` reads `S` numbers,
+/// and `multiply_add_inputs` no more than [`Self::INPUTS`] inputs of each pixel and their weights.
+pub unsafe trait Accumulator: Copy {
     /// A factor.
     type Number;
 
@@ -63,6 +74,7 @@ pub(crate) trait Accumulator: Copy {
     /// Inputs that [`Self::multiply_add_inputs`] takes at once.
     const INPUTS: usize = 1;
 
+    /// No sums yet.
     fn zero() -> Self;
 
     /// The `S` (1, 2 or 4) numbers at `from`, repeated.
@@ -78,9 +90,11 @@ pub(crate) trait Accumulator: Copy {
     unsafe fn load_unchecked(from: *const Self::Number) -> Self;
 
     /// The sums of neighbouring lanes: first those of `self`, then those of `other`.
+    #[must_use]
     fn pairwise_sums(self, other: Self) -> Self;
 
     /// `self · weight + sum`.
+    #[must_use]
     fn multiply_add(self, weight: Self, sum: Self) -> Self;
 
     /// Adds to the sums of `P` pixels the products of [`Self::INPUTS`] inputs each, `step` apart between pixels, with the
@@ -104,70 +118,95 @@ pub(crate) trait Accumulator: Copy {
 }
 
 /// Sums in int32. They wrap.
-pub(crate) trait IntegerSums: Accumulator<Number = Int16Pair> {
+pub trait IntegerSums: Accumulator<Number = Int16Pair> {
+    /// The sums, lane by lane.
+    #[must_use]
     fn plus(self, other: Self) -> Self;
 
+    /// The differences, lane by lane.
+    #[must_use]
     fn minus(self, other: Self) -> Self;
 }
 
 /// Two neighbouring channels of a pixel, or their weights.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[repr(transparent)]
-pub(crate) struct Int16Pair(pub(crate) [i16; 2]);
+pub struct Int16Pair(pub [i16; 2]);
 
 impl Int16Pair {
     /// Whether this processor has what [`Avx512`](crate::InstructionSet::Avx512) takes for int16: VNNI.
-    pub(crate) fn has_avx512() -> bool {
+    #[must_use]
+    pub fn has_avx512() -> bool {
         #[cfg(target_arch = "x86_64")]
         return is_x86_feature_detected!("avx512f") && is_x86_feature_detected!("avx512vnni");
         #[cfg(not(target_arch = "x86_64"))]
         false
     }
 
+    /// The sums of both; they wrap.
+    #[must_use]
     #[inline(always)]
-    pub(crate) fn plus(self, other: Self) -> Self {
+    pub fn plus(self, other: Self) -> Self {
         let ([a, b], [c, d]) = (self.0, other.0);
         Self([a.wrapping_add(c), b.wrapping_add(d)])
     }
 
+    /// The differences of both; they wrap.
+    #[must_use]
     #[inline(always)]
-    pub(crate) fn minus(self, other: Self) -> Self {
+    pub fn minus(self, other: Self) -> Self {
         let ([a, b], [c, d]) = (self.0, other.0);
         Self([a.wrapping_sub(c), b.wrapping_sub(d)])
     }
 
     /// Whether this processor multiplies and adds int16 by one instruction of 256 bits.
     #[cfg(target_arch = "x86_64")]
-    pub(crate) fn has_avx_vnni() -> bool {
+    #[must_use]
+    pub fn has_avx_vnni() -> bool {
         is_x86_feature_detected!("avxvnni")
     }
 }
 
 /// Eight f32. Every instruction set rounds alike, so all give the same bits.
-pub(crate) trait F32x8: Copy {
+pub trait F32x8: Copy {
+    /// One number in all lanes.
     fn splat(value: f32) -> Self;
 
+    /// Eight numbers.
     fn load(from: &[f32; 8]) -> Self;
 
+    /// Eight bytes as numbers.
     fn from_u8(from: [u8; 8]) -> Self;
 
+    /// Writes the lanes.
     fn store(self, to: &mut [f32; 8]);
 
+    /// The sums, lane by lane.
+    #[must_use]
     fn add(self, other: Self) -> Self;
 
+    /// The differences, lane by lane.
+    #[must_use]
     fn subtract(self, other: Self) -> Self;
 
+    /// The products, lane by lane.
+    #[must_use]
     fn multiply(self, other: Self) -> Self;
 
+    /// The magnitudes.
+    #[must_use]
     fn abs(self) -> Self;
 
     /// As [`round`]; for magnitudes below 2²².
+    #[must_use]
     fn round(self) -> Self;
 
     /// Entries of a table, by whole numbers modulo [`TABLE`].
+    #[must_use]
     fn gather(self, table: &Table) -> Self;
 
     /// `yes` where `self < than`, elsewhere `no`.
+    #[must_use]
     fn select_less(self, than: Self, yes: Self, no: Self) -> Self;
 
     /// The sum of the lanes, in pairs: those four apart, then those two apart, then the rest.
@@ -175,16 +214,20 @@ pub(crate) trait F32x8: Copy {
 }
 
 /// Sixteen int16: eight pixels of one block, then eight of the block beside it.
-pub(crate) trait Int16x16: Copy {
+pub trait Int16x16: Copy {
     /// Eight int32, four for each block.
     type Sums: Copy;
 
+    /// One number in all lanes.
     fn splat(value: i16) -> Self;
 
+    /// Sixteen bytes as numbers.
     fn from_u8(from: &[u8; 16]) -> Self;
 
+    /// Sixteen signed bytes as numbers.
     fn from_i8(from: &[i8; 16]) -> Self;
 
+    /// No sums yet.
     fn zero_sums() -> Self::Sums;
 
     /// Adds the products to the sums of their block.
@@ -199,7 +242,8 @@ pub(super) const BELOW_HALF: f32 = 0.499_999_97;
 
 /// Rounds to the nearest whole number, halves away from zero.
 #[inline(always)]
-pub(crate) fn round(value: f32) -> i32 {
+#[must_use]
+pub fn round(value: f32) -> i32 {
     (value + BELOW_HALF.copysign(value)) as i32
 }
 
@@ -209,7 +253,7 @@ pub(crate) fn round(value: f32) -> i32 {
 /// # Panics
 /// When there are fewer inputs or weights.
 #[inline(always)]
-pub(crate) fn accumulate<A: Accumulator, const P: usize, const N: usize, const S: usize>(
+pub fn accumulate<A: Accumulator, const P: usize, const N: usize, const S: usize>(
     sums: &mut [[A; N]; P],
     weights: &[A::Number],
     inputs: &[A::Number],

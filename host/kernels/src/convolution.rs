@@ -9,7 +9,7 @@ use crate::simd::{LANES_MAX, Lines, Number};
 
 /// A convolution with its weights packed for one instruction set. `T` is the number that is multiplied.
 #[derive(Debug, Clone)]
-pub(crate) struct Convolution<T = f32> {
+pub struct Convolution<T = f32> {
     instructions: InstructionSet,
     kind: Kind,
     /// One for a convolution, four for a transposed one (one per parity of the output pixel).
@@ -91,19 +91,24 @@ enum Kind {
 
 /// Channels and kernel of a convolution.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Shape {
-    pub(crate) out_channels: usize,
-    pub(crate) in_channels: usize,
-    pub(crate) kernel: Kernel,
+pub struct Shape {
+    /// Channels it writes.
+    pub out_channels: usize,
+    /// Channels it reads.
+    pub in_channels: usize,
+    /// Taps, stride and padding.
+    pub kernel: Kernel,
 }
 
 /// A square kernel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct Kernel {
-    pub(crate) size: usize,
-    pub(crate) stride: usize,
+pub struct Kernel {
+    /// Taps along a side.
+    pub size: usize,
+    /// Input pixels between neighbouring output pixels.
+    pub stride: usize,
     /// Pixels of zeros around the input: 0 or 1, which is the border that every plane has.
-    pub(crate) padding: usize,
+    pub padding: usize,
 }
 
 impl Convolution {
@@ -111,7 +116,8 @@ impl Convolution {
     ///
     /// # Panics
     /// When the number of weights or biases does not fit the shape.
-    pub(crate) fn forward(
+    #[must_use]
+    pub fn forward(
         instructions: InstructionSet,
         shape: Shape,
         weights: &[f32],
@@ -135,7 +141,8 @@ impl Convolution {
     ///
     /// # Panics
     /// When the number of weights or biases does not fit the shape.
-    pub(crate) fn transposed(
+    #[must_use]
+    pub fn transposed(
         instructions: InstructionSet,
         in_channels: usize,
         out_channels: usize,
@@ -259,16 +266,19 @@ impl<T: Number> Convolution<T> {
         }
     }
 
-    pub(super) fn instructions(&self) -> InstructionSet {
+    pub(crate) fn instructions(&self) -> InstructionSet {
         self.instructions
     }
 
-    pub(crate) fn out_channels(&self) -> usize {
+    /// Channels of the output.
+    #[must_use]
+    pub fn out_channels(&self) -> usize {
         self.out_channels
     }
 
     /// Height and width of the output for an input of this height and width.
-    pub(crate) fn out_size(&self, (height, width): (usize, usize)) -> (usize, usize) {
+    #[must_use]
+    pub fn out_size(&self, (height, width): (usize, usize)) -> (usize, usize) {
         let side = |side: usize| match self.kind {
             Kind::Forward(Kernel {
                 size,
@@ -281,7 +291,8 @@ impl<T: Number> Convolution<T> {
     }
 
     /// The output pixels that see one of the input's `changed` pixels.
-    pub(crate) fn affected(&self, changed: &Region, out_size: (usize, usize)) -> Region {
+    #[must_use]
+    pub fn affected(&self, changed: &Region, out_size: (usize, usize)) -> Region {
         changed.mapped(out_size, |first, last| match self.kind {
             Kind::Forward(Kernel {
                 size,
@@ -296,7 +307,8 @@ impl<T: Number> Convolution<T> {
     }
 
     /// Multiply-adds for an output of this size, padded channels not counted.
-    pub(crate) fn multiply_adds(&self, (height, width): (usize, usize)) -> usize {
+    #[must_use]
+    pub fn multiply_adds(&self, (height, width): (usize, usize)) -> usize {
         let whole = Region::whole(height, width);
         let pixels =
             |phase: &Phase<T>| phase.rows_in(&whole).len() * phase.columns_in(&whole).len() * phase.tap_count;

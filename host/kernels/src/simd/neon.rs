@@ -151,7 +151,7 @@ impl Vector for F32 {
     }
 }
 
-impl Accumulator for F32 {
+unsafe impl Accumulator for F32 {
     type Number = f32;
     type Out = Self;
 
@@ -237,7 +237,7 @@ impl Pairs {
     }
 }
 
-impl Accumulator for Pairs {
+unsafe impl Accumulator for Pairs {
     type Number = Int16Pair;
     type Out = F32;
     const PIXELS_MAX: [usize; 2] = F32::PIXELS_MAX;

@@ -1,12 +1,12 @@
 //! The kernels against the definitions in f64, on every instruction set of this processor, over sizes and
 //! channels that fit no vector.
 
-use super::direct::convolve;
-use super::plane::Plane;
-use super::pool::max_pool;
-use super::*;
-use crate::instruction_set::InstructionSet;
-use crate::simd::LANES_MAX;
+use gripline_kernels::simd::LANES_MAX;
+use gripline_kernels::{
+    Convolution, InstructionSet, Kernel, Plan, Plane, PlaneId, Region, Shape, convolve, max_pool,
+};
+
+use super::sets;
 
 /// Numbers without a pattern that a convolution could hide behind (xorshift).
 struct Noise(u32);
@@ -55,10 +55,6 @@ impl Noise {
             columns: range(width),
         }
     }
-}
-
-fn sets() -> impl Iterator<Item = InstructionSet> {
-    InstructionSet::ALL.into_iter().filter(|set| set.is_available())
 }
 
 fn whole(plane: &Plane) -> Region {
