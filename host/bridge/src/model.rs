@@ -12,7 +12,7 @@ use gripline_pipeline::markers::{self, MarkerRest, MarkerStage};
 use gripline_pipeline::pipeline::{self, Pipeline};
 use gripline_protocol::SENSORS;
 use gripline_protocol::message::FingertipGeometry;
-use gripline_recording::{CROP_SIDE, CalibratedView, Image, MarkerCalibration, Metadata};
+use gripline_recording::{CROP_SIDE, CalibratedView, FingertipCalibration, Image, Metadata};
 use gripline_sensor::{MarkerKind, SHIPPED, Sensor};
 
 use crate::calibration;
@@ -31,7 +31,11 @@ pub(crate) struct Model {
 
 #[derive(Debug, Clone)]
 enum Reader {
-    Particles(Box<Network>),
+    Particles {
+        network: Box<Network>,
+        /// Of each fingertip.
+        calibrations: [FingertipCalibration; SENSORS],
+    },
     /// One per fingertip: each has its own gel and camera.
     Markers(Box<[MarkerReader; SENSORS]>),
 }
@@ -43,7 +47,7 @@ struct MarkerReader {
     sensor: Sensor,
     /// With this gel's gains.
     forces: MarkerForces,
-    calibration: MarkerCalibration,
+    calibration: FingertipCalibration,
 }
 
 /// A fingertip's pictures while nothing touches it.
@@ -66,35 +70,45 @@ impl Model {
         let (reader, text) = match sensor.markers.kind {
             MarkerKind::Volume => {
                 known_particles(&sensor)?;
-                (Reader::Particles(Box::new(wanted.network()?)), String::new())
+                let network = Box::new(wanted.network()?);
+                let of = |calibration: &Option<calibration::Calibration>| {
+                    gain_of(&sensor, calibration.as_ref(), &network_named(&network))
+                        .map(FingertipCalibration::of_gain)
+                };
+                let calibrations = [of(&wanted.calibration)?, of(&wanted.second_calibration)?];
+                (
+                    Reader::Particles {
+                        network,
+                        calibrations,
+                    },
+                    String::new(),
+                )
             }
             MarkerKind::Plane => {
                 let of = |calibration: &Option<calibration::Calibration>| {
-                    let (view, gel) = match calibration {
-                        None => (None, None),
-                        Some(found) => (view_of(&sensor, found)?, gel_of(&sensor, found)?),
+                    let view = match calibration {
+                        None => None,
+                        Some(found) => view_of(&sensor, found)?,
                     };
                     let folder = wanted.sensor.parent();
                     let reader = MarkerReader::new(&sensor, wanted.weights.as_deref(), folder, view)?;
-                    match gel {
-                        None => Ok(reader),
-                        Some((file, gel)) => reader.calibrated(file, gel),
-                    }
+                    let gain = gain_of(&sensor, calibration.as_ref(), &forces_named(&reader.forces))?;
+                    Ok::<_, Error>(reader.with_gain(gain))
                 };
                 let readers = [of(&wanted.calibration)?, of(&wanted.second_calibration)?];
-                let has_gel = |calibration: &Option<calibration::Calibration>| {
-                    calibration.as_ref().is_some_and(|found| found.gel.is_some())
-                };
-                let is_one_known = has_gel(&wanted.calibration) != has_gel(&wanted.second_calibration);
-                if wanted.second_source.is_some() && is_one_known {
-                    tracing::warn!(
-                        "one fingertip's gel is calibrated and the other's is not, expected both: the other's forces are those of a \
-                         gel as described; name its calibration with --calibration or --second-calibration"
-                    );
-                }
                 (Reader::Markers(Box::new(readers)), text)
             }
         };
+        let has_gel = |calibration: &Option<calibration::Calibration>| {
+            calibration.as_ref().is_some_and(|found| found.gel.is_some())
+        };
+        let is_one_known = has_gel(&wanted.calibration) != has_gel(&wanted.second_calibration);
+        if wanted.second_source.is_some() && is_one_known {
+            tracing::warn!(
+                "one fingertip's gel is calibrated and the other's is not, expected both: the other's forces are those of a \
+                 gel as described; name its calibration with --calibration or --second-calibration"
+            );
+        }
         Ok(Self { sensor, text, reader })
     }
 
@@ -107,7 +121,7 @@ impl Model {
             return Ok(None);
         }
         let sensor = Sensor::from_toml(Path::new(&metadata.sensor), &metadata.sensor_file)?;
-        let [first, second] = metadata.marker_calibrations()?.map(|calibration| {
+        let [first, second] = metadata.calibrations()?.map(|calibration| {
             let reader = MarkerReader::new(&sensor, weights, None, calibration.view)?;
             Ok::<_, Error>(reader.with_gain(calibration.gain))
         });
@@ -118,10 +132,10 @@ impl Model {
         }))
     }
 
-    /// The force network of a sensor with particles.
+    /// The force network of a sensor with particles, without the fingertips' gains.
     pub(crate) fn network(&self) -> Option<&Network> {
         match &self.reader {
-            Reader::Particles(network) => Some(network),
+            Reader::Particles { network, .. } => Some(network),
             Reader::Markers(_) => None,
         }
     }
@@ -134,7 +148,7 @@ impl Model {
     /// The detector's calibration for its maps.
     pub(crate) fn calibration(&self) -> Calibration {
         match &self.reader {
-            Reader::Particles(network) => network.calibration(),
+            Reader::Particles { network, .. } => network.calibration(),
             Reader::Markers(readers) => readers[0].forces.calibration(),
         }
     }
@@ -159,8 +173,16 @@ impl Model {
         rule: TaxelRule,
     ) -> Result<Pipeline, Error> {
         match (&self.reader, rest) {
-            (Reader::Particles(network), AtRest::Particles(crops)) => {
-                Ok(Pipeline::new((**network).clone(), crops, gate, rule))
+            (
+                Reader::Particles {
+                    network,
+                    calibrations,
+                },
+                AtRest::Particles(crops),
+            ) => {
+                let network = network.as_ref().clone();
+                let network = network.with_gain(calibrations[fingertip % SENSORS].gain);
+                Ok(Pipeline::new(network, crops, gate, rule))
             }
             (Reader::Markers(readers), AtRest::Markers(rest)) => {
                 let MarkerReader { sensor, forces, .. } = &readers[fingertip % SENSORS];
@@ -185,14 +207,14 @@ impl Model {
     /// Model, origin and fingerprint of its weights, for recordings.
     pub(crate) fn named(&self, rest: &AtRest) -> [String; 3] {
         match (&self.reader, rest) {
-            (Reader::Particles(network), AtRest::Particles(crops)) => [
+            (Reader::Particles { network, .. }, AtRest::Particles(crops)) => [
                 network.architecture().to_string(),
                 network.manifest().to_owned(),
                 crops
                     .first()
                     .map_or_else(String::new, |crop| pipeline::fingerprint(network, crop)),
             ],
-            (Reader::Particles(network), AtRest::Markers(_)) => [
+            (Reader::Particles { network, .. }, AtRest::Markers(_)) => [
                 network.architecture().to_string(),
                 network.manifest().to_owned(),
                 String::new(),
@@ -210,9 +232,9 @@ impl Model {
     }
 
     /// The calibrated values of each fingertip, for recordings.
-    pub(crate) fn calibrations(&self) -> [MarkerCalibration; SENSORS] {
+    pub(crate) fn calibrations(&self) -> [FingertipCalibration; SENSORS] {
         match &self.reader {
-            Reader::Particles(_) => [MarkerCalibration::NONE; SENSORS],
+            Reader::Particles { calibrations, .. } => *calibrations,
             Reader::Markers(readers) => readers.each_ref().map(|reader| reader.calibration),
         }
     }
@@ -240,22 +262,30 @@ impl Model {
     /// # Errors
     /// [`Error`] that names both.
     pub(crate) fn accepts(&self, metadata: &Metadata, file: &Path) -> Result<(), Error> {
-        // Older recordings name none, and are of the default one.
-        let default = Sensor::default_one()?.identity();
-        let recorded = if metadata.sensor.is_empty() {
-            &default
-        } else {
-            &metadata.sensor
-        };
-        if *recorded == self.sensor.identity() {
-            return Ok(());
-        }
-        Err(Error::failed(format!(
-            "{}: found a recording of sensor {recorded}, expected one of {}: name its description with --sensor",
-            file.display(),
-            self.sensor.identity()
-        )))
+        accepts(&self.sensor, metadata, file)
     }
+}
+
+/// Refuses a recording of another sensor than this one.
+///
+/// # Errors
+/// [`Error`] that names both.
+pub(crate) fn accepts(sensor: &Sensor, metadata: &Metadata, file: &Path) -> Result<(), Error> {
+    // Older recordings name none, and are of the default one.
+    let default = Sensor::default_one()?.identity();
+    let recorded = if metadata.sensor.is_empty() {
+        &default
+    } else {
+        &metadata.sensor
+    };
+    if *recorded == sensor.identity() {
+        return Ok(());
+    }
+    Err(Error::failed(format!(
+        "{}: found a recording of sensor {recorded}, expected one of {}: name its description with --sensor",
+        file.display(),
+        sensor.identity()
+    )))
 }
 
 impl AtRest {
@@ -274,6 +304,11 @@ impl AtRest {
             Self::Markers(rest) => Some(rest.kind),
         }
     }
+}
+
+/// A force network's name and the checksum of its weights.
+pub(crate) fn network_named(network: &Network) -> String {
+    format!("{} {}", network.architecture(), network.checksum())
 }
 
 /// A force model's name and fingerprint.
@@ -309,9 +344,9 @@ impl MarkerReader {
         Ok(Self {
             sensor,
             forces,
-            calibration: MarkerCalibration {
+            calibration: FingertipCalibration {
                 view,
-                ..MarkerCalibration::NONE
+                ..FingertipCalibration::NONE
             },
         })
     }
@@ -321,20 +356,6 @@ impl MarkerReader {
         self.calibration.gain = gain;
         self.forces = self.forces.with_gain(gain);
         self
-    }
-
-    /// With the gains that a calibration of this gel found for these weights.
-    fn calibrated(self, file: &Path, gel: &calibration::Gel) -> Result<Self, Error> {
-        let named = forces_named(&self.forces);
-        if gel.model != named {
-            return Err(Error::usage(format!(
-                "{}: gel.model: found {}, expected {named}: these gains are of other weights; run `gripline calibrate gel` again with \
-                 maps of the ones in use",
-                file.display(),
-                gel.model
-            )));
-        }
-        Ok(self.with_gain([gel.shear_gain as f32, gel.normal_gain as f32]))
     }
 }
 
@@ -352,17 +373,27 @@ fn view_of(sensor: &Sensor, calibration: &calibration::Calibration) -> Result<Op
     }))
 }
 
-/// The calibration of this sensor's gel, and its file.
-fn gel_of<'a>(
+/// The gains on shear and normal force that the calibration of this sensor's gel found for these weights; 1 without one.
+fn gain_of(
     sensor: &Sensor,
-    calibration: &'a calibration::Calibration,
-) -> Result<Option<(&'a Path, &'a calibration::Gel)>, Error> {
-    match &calibration.gel {
-        Some(gel) if gel.sensor != sensor.identity() => {
-            Err(of_another(calibration, "gel", &gel.sensor, sensor))
-        }
-        gel => Ok(gel.as_ref().map(|gel| (calibration.path.as_path(), gel))),
+    calibration: Option<&calibration::Calibration>,
+    named: &str,
+) -> Result<[f32; 2], Error> {
+    let Some((calibration, gel)) = calibration.and_then(|all| all.gel.as_ref().map(|gel| (all, gel))) else {
+        return Ok([1.0; 2]);
+    };
+    if gel.sensor != sensor.identity() {
+        return Err(of_another(calibration, "gel", &gel.sensor, sensor));
     }
+    if gel.model != named {
+        return Err(Error::usage(format!(
+            "{}: gel.model: found {}, expected {named}: these gains are of other weights; run `gripline calibrate gel` again with \
+             maps of the ones in use",
+            calibration.path.display(),
+            gel.model
+        )));
+    }
+    Ok([gel.shear_gain as f32, gel.normal_gain as f32])
 }
 
 /// The shipped weights support one fingertip with particles.

@@ -15,7 +15,11 @@ use gripline_kernels::InstructionSet;
 
 /// A force network of either architecture.
 #[derive(Debug, Clone)]
-pub struct Network(Kind);
+pub struct Network {
+    kind: Kind,
+    /// Factors on shear and normal force, from a calibration of the very fingertip.
+    gain: [f32; 2],
+}
 
 #[derive(Debug, Clone)]
 enum Kind {
@@ -28,7 +32,7 @@ enum Kind {
 
 impl From<UnetNetwork> for Network {
     fn from(network: UnetNetwork) -> Self {
-        Self(Kind::Unet {
+        Self::of(Kind::Unet {
             network: Box::new(network),
             small: Box::new([0; IMAGE_PIXELS]),
         })
@@ -37,11 +41,15 @@ impl From<UnetNetwork> for Network {
 
 impl From<TrackedNetwork> for Network {
     fn from(network: TrackedNetwork) -> Self {
-        Self(Kind::Tracked(Box::new(network)))
+        Self::of(Kind::Tracked(Box::new(network)))
     }
 }
 
 impl Network {
+    const fn of(kind: Kind) -> Self {
+        Self { kind, gain: [1.0; 2] }
+    }
+
     /// The network with the built-in weights.
     ///
     /// # Errors
@@ -75,7 +83,7 @@ impl Network {
     /// The network's architecture.
     #[must_use]
     pub fn architecture(&self) -> Architecture {
-        match self.0 {
+        match self.kind {
             Kind::Unet { .. } => Architecture::Unet,
             Kind::Tracked(_) => Architecture::Tracked,
         }
@@ -86,19 +94,27 @@ impl Network {
     /// # Errors
     /// When the processor does not have it.
     pub fn with_instructions(self, instructions: InstructionSet) -> Result<Self, NetworkError> {
-        Ok(match self.0 {
+        let changed: Self = match self.kind {
             Kind::Unet { network, .. } => network.with_instructions(instructions)?.into(),
             Kind::Tracked(network) => network.with_instructions(instructions)?.into(),
-        })
+        };
+        Ok(changed.with_gain(self.gain))
     }
 
     /// Chooses how much of a frame is computed.
     #[must_use]
     pub fn with_evaluation(self, evaluation: Evaluation) -> Self {
-        match self.0 {
+        let changed: Self = match self.kind {
             Kind::Unet { network, .. } => network.with_evaluation(evaluation).into(),
             Kind::Tracked(network) => network.with_evaluation(evaluation).into(),
-        }
+        };
+        changed.with_gain(self.gain)
+    }
+
+    /// Multiplies the forces by these factors on shear and normal force: a calibration's. 1 and 1 change no bit.
+    #[must_use]
+    pub fn with_gain(self, gain: [f32; 2]) -> Self {
+        Self { gain, ..self }
     }
 
     /// Sets the 440×440 image of the untouched sensor.
@@ -106,7 +122,7 @@ impl Network {
     /// # Panics
     /// When `rest` is not 440×440 bytes.
     pub fn set_rest(&mut self, rest: &[u8]) {
-        match &mut self.0 {
+        match &mut self.kind {
             Kind::Unet { network, small } => {
                 downsample_440_to_88(rest, small);
                 network.set_rest(small);
@@ -121,7 +137,7 @@ impl Network {
     /// # Panics
     /// When one is not 440×440 bytes.
     pub fn learn_noise(&mut self, rest: &[Vec<u8>]) {
-        match &mut self.0 {
+        match &mut self.kind {
             Kind::Unet { .. } => {}
             Kind::Tracked(network) => network.learn_noise(rest),
         }
@@ -130,7 +146,7 @@ impl Network {
     /// Takes nothing for noise in the next picture, whatever the [`Evaluation`]: the decision is close to its threshold.
     /// `unet` never takes anything for noise.
     pub fn refresh_next(&mut self) {
-        match &mut self.0 {
+        match &mut self.kind {
             Kind::Unet { .. } => {}
             Kind::Tracked(network) => network.refresh_next(),
         }
@@ -141,24 +157,33 @@ impl Network {
     /// # Panics
     /// When `now` is not 440×440 bytes.
     pub fn infer(&mut self, now: &[u8], out: &mut ForceMap) {
-        match &mut self.0 {
+        match &mut self.kind {
             Kind::Unet { network, small } => network.infer(Frame::new(now, small).small(), out),
             Kind::Tracked(network) => network.infer(now, out),
         }
+        self.calibrate(out);
     }
 
     /// The same for a frame that is downsampled already.
     pub fn infer_frame(&mut self, frame: Frame<'_>, out: &mut ForceMap) {
-        match &mut self.0 {
+        match &mut self.kind {
             Kind::Unet { network, .. } => network.infer(frame.small(), out),
             Kind::Tracked(network) => network.infer(frame.crop(), out),
+        }
+        self.calibrate(out);
+    }
+
+    fn calibrate(&self, out: &mut ForceMap) {
+        let [shear, normal] = self.gain;
+        for force in out {
+            *force = [force[0] * shear, force[1] * shear, force[2] * normal];
         }
     }
 
     /// How the slip detector should read the maps.
     #[must_use]
     pub fn calibration(&self) -> Calibration {
-        match &self.0 {
+        match &self.kind {
             Kind::Unet { network, .. } => network.calibration(),
             Kind::Tracked(network) => network.calibration(),
         }
@@ -167,17 +192,27 @@ impl Network {
     /// How the weights were trained, one line.
     #[must_use]
     pub fn manifest(&self) -> &str {
-        match &self.0 {
+        match &self.kind {
             Kind::Unet { network, .. } => network.manifest(),
             Kind::Tracked(network) => network.manifest(),
         }
+    }
+
+    /// The checksum of the weights file, in hexadecimal digits: what names the weights, whatever the instructions and the gain.
+    #[must_use]
+    pub fn checksum(&self) -> String {
+        let bytes = match &self.kind {
+            Kind::Unet { network, .. } => network.weights().to_bytes(),
+            Kind::Tracked(network) => network.weights().to_bytes(),
+        };
+        weights::checksum_of(&bytes)
     }
 
     /// Problems that the network found in the last image, beside those that [`Scene`](crate::scene::Scene) finds: too many
     /// particles lost. Only `tracked` checks particles.
     #[must_use]
     pub fn health(&self) -> Health {
-        match &self.0 {
+        match &self.kind {
             Kind::Unet { .. } => Health::GOOD,
             Kind::Tracked(network) => network.health(),
         }
@@ -187,7 +222,7 @@ impl Network {
     /// `unet`, which has no particles.
     #[must_use]
     pub fn particles(&self) -> Option<(usize, usize)> {
-        match &self.0 {
+        match &self.kind {
             Kind::Unet { .. } => None,
             Kind::Tracked(network) => Some(network.particles()),
         }

@@ -217,6 +217,14 @@ pub(crate) fn metadata_of(bytes: &[u8]) -> Result<HashMap<String, String>, Netwo
     Ok(metadata)
 }
 
+/// The checksum that a weights file of ours states.
+pub(crate) fn checksum_of(bytes: &[u8]) -> String {
+    metadata_of(bytes)
+        .ok()
+        .and_then(|mut metadata| metadata.remove("crc32"))
+        .unwrap_or_default()
+}
+
 /// Refuses weights of a sensor without particles, before anything else of them is looked at.
 fn of_particles(metadata: &HashMap<String, String>) -> Result<(), NetworkError> {
     match metadata.get("sensor") {

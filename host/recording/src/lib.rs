@@ -27,7 +27,7 @@ mod writer;
 pub use self::channels::{Channel, Channels, Message};
 pub use self::export::{Exported, copy_whole, export_arrays};
 pub use self::image::{CROP_SIDE, IMAGE_SIDE, Image, Pictures};
-pub use self::metadata::{CalibratedView, MarkerCalibration, Metadata};
+pub use self::metadata::{CalibratedView, FingertipCalibration, Metadata};
 pub use self::reader::{Completeness, Reader, RecordedFrame};
 pub use self::recorder::{Pace, Recorder, RecordingSummary};
 pub use self::status::{Frame, RecordedStatus, RecordedTruth};

@@ -39,17 +39,17 @@ pub struct Metadata {
     /// The reference for the untouched gel with printed markers: own pictures, other pictures, the regular grid.
     #[serde(default)]
     pub rest: String,
-    /// Calibrated values of each fingertip with printed markers, JSON; empty without calibration.
+    /// Calibrated values of each fingertip, JSON; empty without calibration.
     #[serde(default)]
     pub calibration: String,
     /// The microcontroller's settings, as `gripline config mcu` prints them.
     pub settings: String,
 }
 
-/// The calibrated values of a fingertip with printed markers.
+/// The calibrated values of a fingertip.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct MarkerCalibration {
-    /// The camera's view; `None`: as described.
+pub struct FingertipCalibration {
+    /// The camera's view; `None`: as described, and always with particles.
     pub view: Option<CalibratedView>,
     /// Factors on shear and normal force.
     pub gain: [f32; 2],
@@ -64,20 +64,26 @@ pub struct CalibratedView {
     pub distortion_per_mm2: f64,
 }
 
-impl MarkerCalibration {
+impl FingertipCalibration {
     /// Nothing was calibrated.
     pub const NONE: Self = Self {
         view: None,
         gain: [1.0; 2],
     };
+
+    /// Only gains.
+    #[must_use]
+    pub const fn of_gain(gain: [f32; 2]) -> Self {
+        Self { view: None, gain }
+    }
 }
 
 impl Metadata {
     /// Sets the calibrated values of each fingertip.
-    pub fn set_marker_calibrations(&mut self, of: [MarkerCalibration; SENSORS]) {
+    pub fn set_calibrations(&mut self, of: [FingertipCalibration; SENSORS]) {
         let is_any = of
             .iter()
-            .any(|calibration| *calibration != MarkerCalibration::NONE);
+            .any(|calibration| *calibration != FingertipCalibration::NONE);
         self.calibration = if is_any {
             serde_json::to_string(&of).unwrap_or_default()
         } else {
@@ -89,9 +95,9 @@ impl Metadata {
     ///
     /// # Errors
     /// [`RecordingError::Calibration`] when it cannot be read: without it the maps would differ.
-    pub fn marker_calibrations(&self) -> Result<[MarkerCalibration; SENSORS], RecordingError> {
+    pub fn calibrations(&self) -> Result<[FingertipCalibration; SENSORS], RecordingError> {
         if self.calibration.is_empty() {
-            return Ok([MarkerCalibration::NONE; SENSORS]);
+            return Ok([FingertipCalibration::NONE; SENSORS]);
         }
         serde_json::from_str(&self.calibration).map_err(|error| RecordingError::Calibration {
             found: error.to_string(),
@@ -118,26 +124,26 @@ mod tests {
     fn calibrations_of_both_fingertips_read_back_and_old_recordings_have_none() {
         let mut metadata = Metadata::default();
         assert_eq!(
-            metadata.marker_calibrations().unwrap(),
-            [MarkerCalibration::NONE; SENSORS]
+            metadata.calibrations().unwrap(),
+            [FingertipCalibration::NONE; SENSORS]
         );
-        metadata.set_marker_calibrations([MarkerCalibration::NONE; SENSORS]);
+        metadata.set_calibrations([FingertipCalibration::NONE; SENSORS]);
         assert_eq!(metadata.calibration, "");
         let of = [
-            MarkerCalibration {
+            FingertipCalibration {
                 view: Some(CalibratedView {
                     field_mm: [18.1, 13.9],
                     distortion_per_mm2: 1e-4,
                 }),
                 gain: [0.61, 0.58],
             },
-            MarkerCalibration::NONE,
+            FingertipCalibration::NONE,
         ];
-        metadata.set_marker_calibrations(of);
-        assert_eq!(metadata.marker_calibrations().unwrap(), of);
+        metadata.set_calibrations(of);
+        assert_eq!(metadata.calibrations().unwrap(), of);
         // Damaged, they are not taken for none.
         metadata.calibration.pop();
-        let refused = metadata.marker_calibrations().unwrap_err().to_string();
+        let refused = metadata.calibrations().unwrap_err().to_string();
         assert!(refused.contains("record it again"), "{refused}");
     }
 

@@ -275,8 +275,14 @@ fn pipelines_of(reader: &Reader, args: &ReplayArgs) -> Result<(Vec<Pipeline>, Co
             network.manifest()
         )));
     }
-    let rests = reader.rest.iter().filter(|rest| !rest.is_empty());
-    let pipelines = rests.map(|rest| Pipeline::new(network.clone(), rest, gate, TaxelRule::of(&settings)));
+    let calibrations = reader.metadata.calibrations()?;
+    let rests = reader.rest.iter().zip(calibrations);
+    let pipelines = rests
+        .filter(|(rest, _)| !rest.is_empty())
+        .map(|(rest, calibration)| {
+            let network = network.clone().with_gain(calibration.gain);
+            Pipeline::new(network, rest, gate, TaxelRule::of(&settings))
+        });
     Ok((pipelines.collect(), settings))
 }
 

@@ -125,7 +125,7 @@ pub(super) fn about(
         settings: settings_text(session.settings()),
         calibration: String::new(),
     };
-    about.set_marker_calibrations(model.calibrations());
+    about.set_calibrations(model.calibrations());
     about
 }
 

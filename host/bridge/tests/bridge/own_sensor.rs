@@ -245,3 +245,195 @@ fn what_a_bench_got_wrong_is_refused_with_what_to_do() {
         said(&particles)
     );
 }
+
+/// The scene of twelve presses of a ball on a simulated fingertip with particles, and their loads, N.
+fn presses(unit: u64) -> (String, Vec<f64>) {
+    let mut text = format!(
+        "kind = \"press\"\nframes_per_second = 30\nframes = \"crop\"\n[sensor]\nunit = {unit}\n[indenter]\nshape = \"sphere\"\n\
+         radius_mm = 6.0\n[[path]]\nseconds = 0.1\ndepth_mm = -1.0\nat_mm = [0.0, 0.0]\n"
+    );
+    let loads: Vec<f64> = (0..12)
+        .map(|press| 0.6 + 0.2 * f64::from(press * 5 % 12))
+        .collect();
+    for (press, load) in (0..).zip(&loads) {
+        let at_mm = [f64::from(press % 4) * 3.0 - 4.5, f64::from(press / 4) * 4.0 - 4.0];
+        for (seconds, press_n) in [(0.1, 0.0), (0.1, *load), (0.2, *load), (0.1, 0.0)] {
+            let step = format!("[[path]]\nseconds = {seconds}\npress_n = {press_n}\nat_mm = {at_mm:?}\n");
+            text += &step;
+        }
+    }
+    (text, loads)
+}
+
+/// Plays a folder of the particle fingertip; the pictures' normal forces.
+fn run_particles(folder: &Path, more: &[&str]) -> Vec<f64> {
+    let arguments = [
+        "run",
+        "--sensor",
+        "particle-fingertip",
+        "--source",
+        "dir:presses/frames",
+        "--unpaced",
+        "--json",
+    ];
+    let frames = json(&gripline(folder, &[&arguments, more].concat()));
+    frames.iter().filter_map(|frame| frame["fn"].as_f64()).collect()
+}
+
+/// The calibration with another gain, so that a test sees which fingertip has whose.
+fn with_gain(folder: &Path, name: &str, gain: f64) {
+    let text = std::fs::read_to_string(folder.join("calibration.toml")).unwrap();
+    let mut table: toml::Table = text.parse().unwrap();
+    let gel = table["gel"].as_table_mut().unwrap();
+    for axis in ["shear", "normal"] {
+        gel.insert(format!("{axis}_gain"), gain.into());
+        gel.insert(format!("{axis}_interval"), vec![0.9 * gain, 1.1 * gain].into());
+    }
+    std::fs::write(folder.join(name), table.to_string()).unwrap();
+}
+
+/// Each fingertip's normal forces in a run of two that see the same pictures.
+fn run_both(folder: &Path, first: &str, second: &str) -> [Vec<f64>; 2] {
+    let pictures = "dir:presses/frames";
+    let arguments = [
+        ["run", "--source", pictures, "--second-source", pictures],
+        [
+            "--calibration",
+            first,
+            "--second-calibration",
+            second,
+            "--unpaced",
+        ],
+    ];
+    let frames = json(&gripline(
+        folder,
+        &[arguments.as_flattened(), &["--json"]].concat(),
+    ));
+    let mut of: std::collections::BTreeMap<u64, Vec<f64>> = std::collections::BTreeMap::new();
+    for frame in &frames {
+        if let (Some(sensor), Some(force)) = (frame["sensor"].as_u64(), frame["fn"].as_f64()) {
+            of.entry(sensor).or_default().push(force);
+        }
+    }
+    let both: Vec<Vec<f64>> = of.into_values().collect();
+    both.try_into().unwrap()
+}
+
+#[test]
+fn a_particle_fingertip_comes_to_newtons_with_a_ball_and_a_scale() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let (scene, loads) = presses(1);
+    std::fs::write(folder.join("presses.toml"), scene).unwrap();
+    let played = gripline(folder, &["simulate", "presses.toml", "--out", "presses"]);
+    assert!(played.status.success(), "{}", said(&played));
+
+    let raw = run_particles(folder, &["--record", "raw.mcap"]);
+    let readings: Vec<String> = loads.iter().map(ToString::to_string).collect();
+    let readings = readings.join(" ");
+    let calibrate = |more: &[&str]| {
+        let arguments = ["calibrate", "gel", "raw.mcap", "--readings", &readings, "--json"];
+        gripline(folder, &[&arguments, more].concat())
+    };
+    let another = calibrate(&[]);
+    assert!(
+        said(&another).contains("found a recording of sensor particle-fingertip"),
+        "{}",
+        said(&another)
+    );
+    let gel = &json(&calibrate(&["--sensor", "particle-fingertip"]))[0];
+    assert!(gel["model"].as_str().unwrap().starts_with("tracked "), "{gel}");
+    let gain = gel["normal_gain"]["value"].as_f64().unwrap();
+    assert!((1.02..1.12).contains(&gain), "{gel}");
+    assert!(gel["held_out_share"].as_f64().unwrap() <= 0.05, "{gel}");
+
+    // With it the scale is right, in a replay too, which needs no file.
+    let calibrated = run_particles(
+        folder,
+        &["--calibration", "calibration.toml", "--record", "calibrated.mcap"],
+    );
+    assert_eq!(raw.len(), calibrated.len());
+    let truth = truth_of(&folder.join("presses/truth.csv"));
+    let off = |found: &[f64]| {
+        let pressed = found.iter().zip(&truth).filter(|(_, truth)| **truth > 0.5);
+        let mut errors: Vec<f64> = pressed
+            .map(|(found, truth)| (found / truth - 1.0).abs())
+            .collect();
+        errors.sort_by(f64::total_cmp);
+        errors[errors.len() / 2]
+    };
+    println!(
+        "normal force off by {:.3}, calibrated {:.3}",
+        off(&raw),
+        off(&calibrated)
+    );
+    assert!(
+        off(&calibrated) < 0.025 && off(&raw) > 0.04,
+        "{} {}",
+        off(&raw),
+        off(&calibrated)
+    );
+    let replayed = gripline(folder, &["replay", "calibrated.mcap"]);
+    assert!(replayed.status.success(), "{}", said(&replayed));
+    // Calibrating the calibrated maps finds the same gain, not the one that is left.
+    let again = gripline(
+        folder,
+        &[
+            "calibrate",
+            "gel",
+            "calibrated.mcap",
+            "--sensor",
+            "particle-fingertip",
+            "--readings",
+            &readings,
+            "--json",
+            "--out",
+            "again.toml",
+        ],
+    );
+    let again = json(&again)[0]["normal_gain"]["value"].as_f64().unwrap();
+    assert!((again / gain - 1.0).abs() < 0.01, "{again} after {gain}");
+
+    // Gains of other weights are refused.
+    let refused = gripline(
+        folder,
+        &[
+            "run",
+            "--source",
+            "dir:presses/frames",
+            "--network",
+            "unet",
+            "--calibration",
+            "calibration.toml",
+        ],
+    );
+    assert!(
+        said(&refused).contains("these gains are of other weights"),
+        "{}",
+        said(&refused)
+    );
+
+    // Each fingertip has its own.
+    with_gain(folder, "one.toml", 1.0);
+    with_gain(folder, "half.toml", 0.5);
+    let [one, half] = run_both(folder, "one.toml", "half.toml");
+    let peak = |forces: &[f64]| forces.iter().copied().fold(0.0, f64::max);
+    // Taxels below the contact threshold do not travel, so it is a little less than half.
+    let share = peak(&half) / peak(&one);
+    assert!((0.4..=0.505).contains(&share), "{share}");
+}
+
+/// The normal forces of a simulated scene, N.
+fn truth_of(file: &Path) -> Vec<f64> {
+    let text = std::fs::read_to_string(file).unwrap();
+    let mut lines = text.lines();
+    let column = lines
+        .next()
+        .unwrap()
+        .split(',')
+        .position(|name| name == "fn")
+        .unwrap();
+    lines
+        .map(|line| line.split(',').nth(column).unwrap().parse().unwrap())
+        .collect()
+}

@@ -186,4 +186,8 @@ impl TrackedNetwork {
     pub fn manifest(&self) -> &str {
         &self.weights.manifest
     }
+
+    pub(crate) fn weights(&self) -> &TrackedWeights {
+        &self.weights
+    }
 }

@@ -135,6 +135,10 @@ impl UnetNetwork {
     pub fn manifest(&self) -> &str {
         &self.weights.manifest
     }
+
+    pub(crate) fn weights(&self) -> &UnetWeights {
+        &self.weights
+    }
 }
 
 /// The last frame and its forces.

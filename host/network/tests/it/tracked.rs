@@ -6,7 +6,9 @@ use gripline_network::tracked::{
     GRID_CHANNELS, GRID_NODES, Lens, Track, TrackedNetwork, TrackedWeights, Tracker, empty_grid,
 };
 use gripline_network::unet::UnetWeights;
-use gripline_network::{Architecture, Evaluation, NO_FORCES, Network, NetworkError, Precision};
+use gripline_network::{
+    Architecture, Evaluation, InstructionSet, NO_FORCES, Network, NetworkError, Precision,
+};
 
 use crate::{
     Rng, TRACKED, TRACKED_GOLDEN, UNET, bits, golden_forces, golden_tensor, relative_difference, sets,
@@ -326,4 +328,29 @@ fn a_file_says_which_network_it_is_for_and_a_request_for_the_other_is_refused() 
         );
         assert_eq!(architecture.name().parse::<Architecture>().unwrap(), architecture);
     }
+}
+
+#[test]
+fn a_gain_scales_shear_and_normal_force_and_outlives_other_choices() {
+    let (rest, now) = (picture(1_200, [0.0; 2], 1), picture(1_200, [4.0, -2.0], 2));
+    for architecture in Architecture::ALL {
+        let mut plain = Network::embedded(architecture).unwrap();
+        let mut scaled = plain.clone().with_gain([2.0, 0.5]);
+        scaled = scaled.with_evaluation(Evaluation::default());
+        scaled = scaled.with_instructions(InstructionSet::widest()).unwrap();
+        assert_eq!(scaled.checksum(), plain.checksum());
+        let [mut of_plain, mut of_scaled] = [NO_FORCES; 2];
+        for (network, map) in [(&mut plain, &mut of_plain), (&mut scaled, &mut of_scaled)] {
+            network.set_rest(&rest);
+            network.infer(&now, map);
+            // A picture in which nothing changed: what is kept of the one before is not scaled twice.
+            network.infer(&now, map);
+        }
+        assert!(of_plain.iter().any(|force| force[2] > 0.0), "{architecture}");
+        let expected = of_plain.map(|[x, y, z]| [2.0 * x, 2.0 * y, 0.5 * z]);
+        assert_eq!(bits(&of_scaled), bits(&expected), "{architecture}");
+    }
+    let [unet, tracked] = Architecture::ALL.map(|of| Network::embedded(of).unwrap().checksum());
+    assert_ne!(unet, tracked);
+    assert_eq!(tracked.len(), 8);
 }

@@ -1,20 +1,23 @@
-//! `gripline calibrate gel`: calibrates a gel's maps in newtons, from a ball pressed with known forces.
+//! `gripline calibrate gel`: calibrates a fingertip's maps in newtons, from a ball pressed with known forces.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use clap::{Args, ValueEnum};
 use gripline_evaluation::calibration::gel::{
     Alignment, GelFit, HeldOut, Measured, Moment, PRESSES_MIN, Press, align, fit, groups, logged, presses,
 };
-use gripline_recording::force_log;
-use gripline_sensor::Sensor;
+use gripline_network::marker_forces::MarkerForces;
+use gripline_network::{Architecture, Network};
+use gripline_recording::{Metadata, force_log};
+use gripline_sensor::{MarkerKind, Sensor};
 use serde_json::json;
 
 use super::common::{Common, date, wrote};
 use super::{guide, maps};
 use crate::calibration::{Calibration, Gel};
 use crate::error::Error;
+use crate::model::{accepts, forces_named, network_named};
 use crate::value::number_in;
 
 /// Standard acceleration of gravity over 1,000: newtons of a gram on a scale.
@@ -123,18 +126,19 @@ pub(super) fn run(args: &GelArgs) -> Result<(), Error> {
     }
     let mut calibration = Calibration::load_or_new(&args.common.out)?;
     let sensor = Sensor::named(&args.sensor)?;
-    let model = model_of(&sensor, args)?;
     let rate_hz = args.rate.unwrap_or(sensor.capture.rate_hz);
     let (mut all, mut truth, mut turns) = (Vec::new(), Vec::new(), Vec::new());
-    let mut device = String::new();
+    let (mut device, mut model) = (String::new(), String::new());
     for (day, path) in args.recordings.iter().enumerate() {
         let maps::Maps {
             all: mut moments,
             device: made_by,
             start_ns,
             gain: [shear, normal],
+            metadata,
         } = maps::read(path, rate_hz, args.fingertip, Moment::of)?;
         device = made_by;
+        model = model_of(&sensor, args, path, metadata.as_ref())?;
         // The gains that these maps already have are taken back.
         for moment in &mut moments {
             let [x, y, z] = moment.raw_n;
@@ -184,14 +188,45 @@ pub(super) fn run(args: &GelArgs) -> Result<(), Error> {
     Ok(())
 }
 
-/// The fingerprint of the force model of these maps.
-fn model_of(sensor: &Sensor, args: &GelArgs) -> Result<String, Error> {
-    use gripline_network::marker_forces::MarkerForces;
-    let forces = match &args.weights {
-        Some(file) => MarkerForces::from_file(file, sensor)?,
-        None => MarkerForces::for_sensor(sensor, args.sensor.parent())?,
+/// The name and fingerprint of the force model of these maps. Refuses a recording of another sensor or other weights.
+fn model_of(
+    sensor: &Sensor,
+    args: &GelArgs,
+    path: &Path,
+    recorded: Option<&Metadata>,
+) -> Result<String, Error> {
+    if let Some(recorded) = recorded {
+        accepts(sensor, recorded, path)?;
+    }
+    let (named, manifest) = match sensor.markers.kind {
+        MarkerKind::Volume => {
+            let architecture = recorded
+                .map(|of| of.network.parse::<Architecture>())
+                .transpose()?;
+            let network = match &args.weights {
+                Some(file) => Network::from_file(file, architecture)?,
+                None => Network::embedded(architecture.unwrap_or_default())?,
+            };
+            (network_named(&network), network.manifest().to_owned())
+        }
+        MarkerKind::Plane => {
+            let forces = match &args.weights {
+                Some(file) => MarkerForces::from_file(file, sensor)?,
+                None => MarkerForces::for_sensor(sensor, args.sensor.parent())?,
+            };
+            (forces_named(&forces), forces.manifest())
+        }
     };
-    Ok(crate::model::forces_named(&forces))
+    match recorded {
+        Some(recorded) if recorded.weights != manifest => Err(Error::usage(format!(
+            "{}: recorded with other weights ({}; {}; {}), found {manifest}: name them with --weights",
+            path.display(),
+            recorded.network,
+            recorded.weights_file,
+            recorded.weights,
+        ))),
+        _ => Ok(named),
+    }
 }
 
 fn section(

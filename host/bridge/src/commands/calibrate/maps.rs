@@ -6,7 +6,7 @@ use gripline_protocol::TAXELS;
 
 use crate::error::Error;
 use gripline_recording::maps_file::MapsFile;
-use gripline_recording::{Completeness, Reader};
+use gripline_recording::{Completeness, Metadata, Reader};
 
 /// Input of a calibration.
 pub(super) struct Maps<T> {
@@ -18,6 +18,8 @@ pub(super) struct Maps<T> {
     pub start_ns: Option<u64>,
     /// Factors on shear and normal force that a calibration gave the maps.
     pub gain: [f32; 2],
+    /// What a recording says of itself.
+    pub metadata: Option<Metadata>,
 }
 
 /// `of` applied to every map (time in seconds, newtons per taxel). `fingertip`, 1 or 2, selects maps of a recording.
@@ -60,7 +62,8 @@ pub(super) fn read<T>(
             all,
             device,
             start_ns,
-            gain: reader.metadata.marker_calibrations()?[usize::from(fingertip - 1)].gain,
+            gain: reader.metadata.calibrations()?[usize::from(fingertip - 1)].gain,
+            metadata: Some(reader.metadata),
         });
     }
     let mut maps = MapsFile::open(path)?;
@@ -73,5 +76,6 @@ pub(super) fn read<T>(
         device: path.display().to_string(),
         start_ns,
         gain: [1.0; 2],
+        metadata: None,
     })
 }

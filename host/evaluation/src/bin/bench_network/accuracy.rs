@@ -5,10 +5,11 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
 
 use gripline_network::metrics::{Pair, Scores};
-use gripline_network::{Calibration, Evaluation, NO_FORCES};
+use gripline_network::{Architecture, Calibration, Evaluation, NO_FORCES};
 use gripline_simulation::{Sample, SampleGenerator, SampleWorld, Split};
 
 use crate::failure::Failure;
+use crate::load_cell;
 use crate::models::Model;
 use crate::peers::OnnxRuntime;
 use crate::preprocessing::Preprocessor;
@@ -72,7 +73,14 @@ pub(crate) struct Quantised {
     pub(crate) engine: Arc<Mutex<OnnxRuntime>>,
 }
 
-/// Scores of all models over at least so many samples, then of those in eight bits.
+/// Which of the models is the default one.
+pub(crate) fn default_of(models: &[Model]) -> usize {
+    let name = Architecture::default().name();
+    models.iter().position(|model| model.name == name).unwrap_or(0)
+}
+
+/// Scores of all models over at least so many samples, then of those in eight bits, then of the default one with each
+/// fingertip's gain from presses on a scale.
 pub(crate) fn measure(
     models: &[Model],
     quantised: &[Quantised],
@@ -108,6 +116,7 @@ pub(crate) fn measure(
     let calibrations = models.iter().map(|model| model.network.calibration());
     Ok(calibrations
         .chain(quantised.iter().map(|of| models[of.model].network.calibration()))
+        .chain([models[default_of(models)].network.calibration()])
         .enumerate()
         .map(|(model, calibration)| {
             let of_model: Vec<Vec<Pair>> = streams
@@ -131,13 +140,18 @@ fn of_stream(
         .map(|model| model.network.clone().with_evaluation(Evaluation::Dense))
         .collect();
     let mut preprocessors: Vec<Preprocessor> = quantised.iter().map(|of| of.preprocessor.clone()).collect();
-    let mut pairs: Vec<Vec<Pair>> = vec![Vec::with_capacity(STREAM); models.len() + quantised.len()];
+    let mut pairs: Vec<Vec<Pair>> = vec![Vec::with_capacity(STREAM); models.len() + quantised.len() + 1];
+    let default = default_of(models);
+    let mut gain = [1.0; 2];
     let samples = SampleGenerator::new(world, Split::Test, (SEED << 32) | stream).with_crops();
     let mut sensor = None;
     for sample in samples.take(STREAM) {
         let Sample { forces, crops, .. } = &sample;
         let crops = crops.as_ref().ok_or("a sample without its camera images")?;
         let fresh = sensor.replace(sample.sensor) != Some(sample.sensor);
+        if fresh {
+            gain = load_cell::gain(sample.sensor, &networks[default])?;
+        }
         for (network, pairs) in networks.iter_mut().zip(&mut pairs) {
             if fresh {
                 network.set_rest(&crops.rest.pixels);
@@ -162,6 +176,13 @@ fn of_stream(
                 predicted: lock(&of.engine).run(&input)?,
                 truth: *forces,
             });
+        }
+        let [shear, normal] = gain;
+        if let Some(mut calibrated) = pairs[default].last().cloned() {
+            for force in &mut calibrated.predicted {
+                *force = [force[0] * shear, force[1] * shear, force[2] * normal];
+            }
+            pairs[models.len() + quantised.len()].push(calibrated);
         }
     }
     Ok(pairs)

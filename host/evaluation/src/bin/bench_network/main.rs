@@ -7,6 +7,7 @@
 
 mod accuracy;
 mod failure;
+mod load_cell;
 mod models;
 mod onnx;
 mod peers;

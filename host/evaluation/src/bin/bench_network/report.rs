@@ -2,6 +2,7 @@
 
 use std::fmt::Write as _;
 
+use gripline_network::metrics::Scores;
 use gripline_network::{Architecture, InstructionSet};
 use serde_json::{Map, Value, json};
 
@@ -263,6 +264,11 @@ impl Report {
         self.models.iter().position(|model| model == name).unwrap_or(0)
     }
 
+    /// The default network with each fingertip's gain from presses on a scale.
+    fn calibrated(&self) -> &Accuracy {
+        &self.accuracies[self.accuracies.len() - 1]
+    }
+
     pub(crate) fn json(&self) -> Value {
         let mut object = Map::new();
         for measure in self
@@ -310,6 +316,7 @@ impl Report {
                 "tracked_int8_scores",
                 json!(self.accuracies[self.models.len() + 1].scores),
             ),
+            ("calibrated_scores", json!(self.calibrated().scores)),
             ("times_us", Value::Object(times)),
             ("instructions", json!(self.instructions.to_string())),
             ("peers_limited_to_avx2", json!(self.limited)),
@@ -382,6 +389,16 @@ impl Report {
                 line(measure.line());
             }
         }
+        let Scores {
+            total_normal_error_median: normal,
+            shear_error_median: shear,
+            ..
+        } = self.calibrated().scores;
+        line(format!(
+            "the default network with each fingertip's gain from presses on a scale: F_N off by {:.1} %, shear by {:.1} %",
+            100.0 * normal,
+            100.0 * shear
+        ));
         for (place, &model) in self.rounded.iter().enumerate() {
             let name = &self.models[model];
             let [float, int8] =

@@ -116,9 +116,7 @@ fn described(reader: &Reader, expected: &Sensor) -> Result<Sensor, String> {
     }
     let mut sensor = Sensor::from_toml(Path::new(&metadata.sensor), &metadata.sensor_file)
         .map_err(|error| error.to_string())?;
-    let [calibration, _] = metadata
-        .marker_calibrations()
-        .map_err(|error| error.to_string())?;
+    let [calibration, _] = metadata.calibrations().map_err(|error| error.to_string())?;
     if let Some(view) = calibration.view {
         sensor.see_as(view.field_mm, view.distortion_per_mm2);
     }
