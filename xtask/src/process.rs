@@ -72,6 +72,15 @@ pub(crate) fn build(profile: &str, programs: &[(&str, &str)]) -> Result<PathBuf,
     Ok(build_dir().join(profile_folder(profile)))
 }
 
+/// Builds an example as `cargo test --workspace` builds it; returns its path.
+pub(crate) fn example(name: &str) -> Result<PathBuf, Error> {
+    run(cargo().args(["build", "--workspace", "--test", "bridge", "--example", name]))?;
+    Ok(build_dir()
+        .join(profile_folder("dev"))
+        .join("examples")
+        .join(name))
+}
+
 /// The compiler that cargo uses, started in the repository.
 pub(crate) fn rustc() -> Command {
     let mut command = Command::new(std::env::var_os("RUSTC").unwrap_or_else(|| OsString::from("rustc")));

@@ -356,8 +356,7 @@ fn slow(checks: &mut Checks) {
     });
     let arm = checks.beside("64-bit ARM: builds, tests, bits, instructions", &["arm"]);
     python_package(checks);
-    // Speed is for a quiet machine and a command of its own.
-    checks.check("physics", || physics::run(&["--without".into(), "speed".into()]));
+    checks.check("physics", physics::check);
     checks.join(arm);
     // With the programs that the tests were just built with.
     checks.check("virtual machine: camera, USB, disks", || vm::run("dev", None));
