@@ -28,6 +28,7 @@ mod requests;
 mod ros2;
 mod screenshots;
 mod test;
+mod test_parts;
 mod toolchain;
 mod venv;
 mod vm;
@@ -143,6 +144,7 @@ fn dispatch(arguments: &[String]) -> Result<(), Error> {
         "test" if rest == ["--board", "--all"] => test::board(Tier::All),
         "test" if rest == ["--all"] => test::run(Tier::All),
         "test" => no_more(rest).and_then(|()| test::run(Tier::Quick)),
+        "test-part" => test_parts::command(rest),
         "screenshots" => no_more(rest).and_then(|()| screenshots::run()),
         "firmware" => firmware::command(rest),
         "flash" => flash::command(rest),

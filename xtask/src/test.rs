@@ -1,8 +1,8 @@
 //! `cargo xtask test`: every check that has to pass, in order, each announced and timed, and a summary at the end.
 //!
 //! A check that cannot run has failed. Later checks still run when an earlier one fails, unless they need its product,
-//! so that one run shows everything that is wrong. What computes on one core for minutes runs beside what compiles; tests that
-//! wait for a clock run alone.
+//! so that one run shows everything that is wrong. What computes on one core for minutes runs beside what compiles, and tests that
+//! only compute beside the board's checks; tests that wait for a clock run alone.
 
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
@@ -13,6 +13,7 @@ use std::time::{Duration, Instant};
 use crate::error::Error;
 use crate::firmware::{self, Board};
 use crate::programs::{CHROMIUM, FFMPEG};
+use crate::test_parts::{self, Part};
 use crate::{emulator, foxglove, modules, physics, process, python, ros2, toolchain, vm};
 
 /// What one check came to.
@@ -211,6 +212,7 @@ pub(crate) fn run(tier: Tier) -> Result<(), Error> {
         SLOW_CRATES.iter().flat_map(|name| ["--exclude", name]).collect()
     };
     let mut checks = Checks::new();
+    let xtask = test_parts::this_program()?;
     style(&mut checks);
     checks.check("core library for the microcontroller", || {
         toolchain::ensure(&toolchain::MCU, false)
@@ -255,21 +257,30 @@ pub(crate) fn run(tier: Tier) -> Result<(), Error> {
             process::run(tests_of_features(&FEATURES).arg("--no-run"))
         });
     }
+    let part = |part: Part| {
+        let mut tests = tests();
+        tests
+            .args(part.option(&xtask))
+            // Ignored by plain `cargo test` are those that need the emulator and the image, or fetch a Python package.
+            .args(["--", "--include-ignored"]);
+        if !all {
+            // Tests in modules of this name.
+            tests.args(["--skip", "slow::"]);
+        }
+        tests
+    };
+    checks.check("tests that only compute", || {
+        process::run(&mut part(Part::Computing))
+    });
     checks.join(board);
     checks.check("tests, the emulated board included", || {
         let (emulator, image) = (emulator::product()?, firmware::product(emulator::BOARD)?);
-        let mut tests = tests();
+        let mut tests = part(Part::Waiting);
         tests
-            // Ignored by plain `cargo test` are those that need the emulator and the image, or fetch a Python package.
-            .args(["--", "--include-ignored"])
             .env("GRIPLINE_EMULATOR", emulator)
             .env("GRIPLINE_IMAGE", image);
         if let Some(python) = &python {
             tests.env(ros2::VARIABLE, python);
-        }
-        if !all {
-            // Tests in modules of this name.
-            tests.args(["--skip", "slow::"]);
         }
         process::run(&mut tests)
     });
