@@ -56,14 +56,16 @@ pub(crate) fn cargo() -> Command {
     command
 }
 
-/// Builds programs of the workspace; returns their folder. With the profile `dev` they are built as `cargo test --workspace`
-/// builds them, with the same features in what they share, so that after the tests nothing is compiled again. (A test among the
-/// targets makes cargo count the features that tests ask for.)
+/// With these, cargo builds as `cargo test --workspace` does, with the same features in what is shared, so that after the tests
+/// nothing is compiled again. (A test among the targets makes cargo count the features that tests ask for.)
+const AS_TESTS: [&str; 3] = ["--workspace", "--test", "bridge"];
+
+/// Builds programs of the workspace; returns their folder. With the profile `dev` they are built as the tests are.
 pub(crate) fn build(profile: &str, programs: &[(&str, &str)]) -> Result<PathBuf, Error> {
     let mut command = cargo();
     command.args(["build", "--profile", profile]);
     if profile == "dev" {
-        command.args(["--workspace", "--test", "bridge"]);
+        command.args(AS_TESTS);
         command.args(programs.iter().flat_map(|(_, program)| ["--bin", program]));
     } else {
         command.args(programs.iter().flat_map(|(package, _)| ["--package", package]));
@@ -72,9 +74,9 @@ pub(crate) fn build(profile: &str, programs: &[(&str, &str)]) -> Result<PathBuf,
     Ok(build_dir().join(profile_folder(profile)))
 }
 
-/// Builds an example as `cargo test --workspace` builds it; returns its path.
+/// Builds an example as the tests are built; returns its path.
 pub(crate) fn example(name: &str) -> Result<PathBuf, Error> {
-    run(cargo().args(["build", "--workspace", "--test", "bridge", "--example", name]))?;
+    run(cargo().arg("build").args(AS_TESTS).args(["--example", name]))?;
     Ok(build_dir()
         .join(profile_folder("dev"))
         .join("examples")

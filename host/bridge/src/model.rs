@@ -72,7 +72,7 @@ impl Model {
                 known_particles(&sensor)?;
                 let network = Box::new(wanted.network()?);
                 let of = |calibration: &Option<calibration::Calibration>| {
-                    gain_of(&sensor, calibration.as_ref(), &network_named(&network))
+                    gain_of(&sensor, calibration.as_ref(), || network_named(&network))
                         .map(FingertipCalibration::of_gain)
                 };
                 let calibrations = [of(&wanted.calibration)?, of(&wanted.second_calibration)?];
@@ -92,7 +92,7 @@ impl Model {
                     };
                     let folder = wanted.sensor.parent();
                     let reader = MarkerReader::new(&sensor, wanted.weights.as_deref(), folder, view)?;
-                    let gain = gain_of(&sensor, calibration.as_ref(), &forces_named(&reader.forces))?;
+                    let gain = gain_of(&sensor, calibration.as_ref(), || forces_named(&reader.forces))?;
                     Ok::<_, Error>(reader.with_gain(gain))
                 };
                 let readers = [of(&wanted.calibration)?, of(&wanted.second_calibration)?];
@@ -173,17 +173,9 @@ impl Model {
         rule: TaxelRule,
     ) -> Result<Pipeline, Error> {
         match (&self.reader, rest) {
-            (
-                Reader::Particles {
-                    network,
-                    calibrations,
-                },
-                AtRest::Particles(crops),
-            ) => {
-                let network = network.as_ref().clone();
-                let network = network.with_gain(calibrations[fingertip % SENSORS].gain);
-                Ok(Pipeline::new(network, crops, gate, rule))
-            }
+            (Reader::Particles { .. }, AtRest::Particles(crops)) => self
+                .particle_pipeline(fingertip, crops, gate, rule)
+                .ok_or_else(|| self.of_another_kind()),
             (Reader::Markers(readers), AtRest::Markers(rest)) => {
                 let MarkerReader { sensor, forces, .. } = &readers[fingertip % SENSORS];
                 let stage = MarkerStage::new(sensor, forces.clone(), rest, gate)?;
@@ -197,11 +189,35 @@ impl Model {
                 }
                 Ok(Pipeline::of_markers(stage, rule))
             }
-            _ => Err(Error::failed(format!(
-                "sensor {}: found the rest pictures of another kind of sensor",
-                self.sensor.identity()
-            ))),
+            _ => Err(self.of_another_kind()),
         }
+    }
+
+    /// The pipeline for a fingertip with particles, from 440×440 grey levels at rest; `None` when the sensor has markers.
+    pub(crate) fn particle_pipeline(
+        &self,
+        fingertip: usize,
+        rest: &[Vec<u8>],
+        gate: GateKind,
+        rule: TaxelRule,
+    ) -> Option<Pipeline> {
+        let Reader::Particles {
+            network,
+            calibrations,
+        } = &self.reader
+        else {
+            return None;
+        };
+        let gain = calibrations[fingertip % SENSORS].gain;
+        let network = network.as_ref().clone().with_gain(gain);
+        Some(Pipeline::new(network, rest, gate, rule))
+    }
+
+    fn of_another_kind(&self) -> Error {
+        Error::failed(format!(
+            "sensor {}: found the rest pictures of another kind of sensor",
+            self.sensor.identity()
+        ))
     }
 
     /// Model, origin and fingerprint of its weights, for recordings.
@@ -377,7 +393,7 @@ fn view_of(sensor: &Sensor, calibration: &calibration::Calibration) -> Result<Op
 fn gain_of(
     sensor: &Sensor,
     calibration: Option<&calibration::Calibration>,
-    named: &str,
+    named: impl FnOnce() -> String,
 ) -> Result<[f32; 2], Error> {
     let Some((calibration, gel)) = calibration.and_then(|all| all.gel.as_ref().map(|gel| (all, gel))) else {
         return Ok([1.0; 2]);
@@ -385,6 +401,7 @@ fn gain_of(
     if gel.sensor != sensor.identity() {
         return Err(of_another(calibration, "gel", &gel.sensor, sensor));
     }
+    let named = named();
     if gel.model != named {
         return Err(Error::usage(format!(
             "{}: gel.model: found {}, expected {named}: these gains are of other weights; run `gripline calibrate gel` again with \

@@ -114,7 +114,7 @@ impl Int16Convolution {
         &self.convolution
     }
 
-    /// The largest quantised activation, in steps, and the largest step of a weight: how far outputs are from those in f32.
+    /// How far it rounds: steps from 0 to the largest activation, whatever that is, and the size of the largest step of a weight.
     #[must_use]
     pub fn rounding(&self) -> (f32, f32) {
         let weights = self.weight_scales.iter().copied().fold(0.0, f32::max);

@@ -17,3 +17,10 @@ pub struct Calibration {
     /// Friction coefficient for the detector. Below the sensor's own (0.45), because predicted maps are smooth.
     pub friction: f32,
 }
+
+/// Multiplies every taxel by factors on shear (x and y) and normal force (z), a calibration's. 1 and 1 change no bit.
+pub fn scale_forces(map: &mut ForceMap, [shear, normal]: [f32; 2]) {
+    for force in map {
+        *force = [force[0] * shear, force[1] * shear, force[2] * normal];
+    }
+}

@@ -1,9 +1,10 @@
 //! From the camera's crop, 440×440 pixels of 8-bit grayscale, to the 88×88 image: means of 5×5 blocks, rounded to the
 //! nearest grey level. Row-major; columns grow with +x, rows with +y, as in the force map.
 
-use crate::constants::{CROP_SIDE, DOWNSAMPLING, IMAGE_PIXELS, IMAGE_SIDE};
 use gripline_kernels::InstructionSet;
 use gripline_kernels::simd::{Dispatch, Simd, dispatch_256};
+
+use crate::constants::{CROP_SIDE, DOWNSAMPLING, IMAGE_PIXELS, IMAGE_SIDE};
 
 /// An image of 88×88 pixels, row-major, 8-bit grayscale.
 pub type Image88 = [u8; IMAGE_PIXELS];

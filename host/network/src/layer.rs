@@ -3,10 +3,10 @@
 
 use std::collections::BTreeMap;
 
+use gripline_kernels::{Convolution, InstructionSet, Int16Convolution, Kernel, Shape};
+
 use crate::constants::NORM_EPSILON;
 use crate::weights::Tensor;
-use gripline_kernels::InstructionSet;
-use gripline_kernels::{Convolution, Int16Convolution, Kernel, Shape};
 
 /// End of the tensor name of a batch norm's running variance.
 pub(crate) const VARIANCE: &str = "norm.variance";

@@ -22,7 +22,7 @@ pub mod unet;
 mod weights;
 
 pub use error::NetworkError;
-pub use force_map::{Calibration, ForceMap, NO_FORCES};
+pub use force_map::{Calibration, ForceMap, NO_FORCES, scale_forces};
 pub use gripline_kernels::{InstructionSet, peak_multiply_adds};
 pub use image::{Frame, downsample_440_to_88};
 pub use inference::Inference;

@@ -2,16 +2,17 @@
 
 use std::path::Path;
 
+use gripline_kernels::InstructionSet;
+
 use crate::constants::IMAGE_PIXELS;
 use crate::error::NetworkError;
-use crate::force_map::{Calibration, ForceMap};
+use crate::force_map::{Calibration, ForceMap, scale_forces};
 use crate::image::{Frame, Image88, downsample_440_to_88};
 use crate::options::{Architecture, Evaluation};
 use crate::scene::Health;
 use crate::tracked::{TrackedNetwork, TrackedWeights};
 use crate::unet::{UnetNetwork, UnetWeights};
 use crate::weights;
-use gripline_kernels::InstructionSet;
 
 /// A force network of either architecture.
 #[derive(Debug, Clone)]
@@ -161,7 +162,7 @@ impl Network {
             Kind::Unet { network, small } => network.infer(Frame::new(now, small).small(), out),
             Kind::Tracked(network) => network.infer(now, out),
         }
-        self.calibrate(out);
+        scale_forces(out, self.gain);
     }
 
     /// The same for a frame that is downsampled already.
@@ -170,14 +171,7 @@ impl Network {
             Kind::Unet { network, .. } => network.infer(frame.small(), out),
             Kind::Tracked(network) => network.infer(frame.crop(), out),
         }
-        self.calibrate(out);
-    }
-
-    fn calibrate(&self, out: &mut ForceMap) {
-        let [shear, normal] = self.gain;
-        for force in out {
-            *force = [force[0] * shear, force[1] * shear, force[2] * normal];
-        }
+        scale_forces(out, self.gain);
     }
 
     /// How the slip detector should read the maps.

@@ -239,14 +239,11 @@ impl Fingertips {
 
     /// Sets new rest pictures of this fingertip; a camera's are stored for the next start.
     pub(super) fn rest_anew(&mut self, sensor: SensorId, rest: &[Vec<u8>], figures: &Figures) {
-        let rest_of_particles = AtRest::Particles(rest.to_vec());
-        let Ok(pipeline) = self
-            .model
-            .pipeline(sensor.index(), &rest_of_particles, self.gate, self.rule)
-        else {
+        let index = sensor.index();
+        let Some(pipeline) = self.model.particle_pipeline(index, rest, self.gate, self.rule) else {
             return;
         };
-        let tip = &mut self.all[sensor.index()];
+        let tip = &mut self.all[index];
         tip.pipeline = pipeline;
         tip.rest = Arc::new(mean(rest));
         if let Some(store) = &tip.store {

@@ -332,7 +332,7 @@ fn a_particle_fingertip_comes_to_newtons_with_a_ball_and_a_scale() {
     let readings: Vec<String> = loads.iter().map(ToString::to_string).collect();
     let readings = readings.join(" ");
     let calibrate = |more: &[&str]| {
-        let arguments = ["calibrate", "gel", "raw.mcap", "--readings", &readings, "--json"];
+        let arguments = ["calibrate", "gel", "--readings", &readings, "--json", "raw.mcap"];
         gripline(folder, &[&arguments, more].concat())
     };
     let another = calibrate(&[]);
@@ -394,7 +394,14 @@ fn a_particle_fingertip_comes_to_newtons_with_a_ball_and_a_scale() {
     let again = json(&again)[0]["normal_gain"]["value"].as_f64().unwrap();
     assert!((again / gain - 1.0).abs() < 0.01, "{again} after {gain}");
 
-    // Gains of other weights are refused.
+    // Gains of other weights are refused, and maps of two networks together.
+    run_particles(folder, &["--network", "unet", "--record", "unet.mcap"]);
+    let refused = calibrate(&["unet.mcap", "--sensor", "particle-fingertip"]);
+    assert!(
+        said(&refused).contains("unet.mcap: recorded with the forces of unet"),
+        "{}",
+        said(&refused)
+    );
     let refused = gripline(
         folder,
         &[

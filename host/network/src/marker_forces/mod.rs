@@ -23,7 +23,7 @@ pub use self::trained::{
 
 use crate::constants::TAXELS;
 use crate::error::NetworkError;
-use crate::force_map::{Calibration, ForceMap};
+use crate::force_map::{Calibration, ForceMap, scale_forces};
 use crate::weights::{self, PARTICLE_FINGERTIP};
 
 /// The weights that are built in, by the name that a description calls them.
@@ -167,10 +167,7 @@ impl MarkerForces {
             Model::ElasticLayer(layer) => layer.infer(motions, touched, newtons),
             Model::Trained(network) => network.infer(motions, newtons),
         }
-        let [shear, normal] = self.gain;
-        for force in newtons.iter_mut() {
-            *force = [force[0] * shear, force[1] * shear, force[2] * normal];
-        }
+        scale_forces(newtons, self.gain);
     }
 
     /// How the detector should read the maps.

@@ -1,10 +1,11 @@
 //! Sums over blocks of 8×8 pixels of an 88×88 image: of its grey levels, of their squares, and of their products with
 //! two patterns (an image and its gradients). One pass in integers, so every instruction set gives the same bits.
 
-use crate::constants::{BLOCK_SIDE, BLOCKS, BLOCKS_PER_SIDE, IMAGE_PIXELS, IMAGE_SIDE};
-use crate::image::Image88;
 use gripline_kernels::InstructionSet;
 use gripline_kernels::simd::{Dispatch, Int16x16, Simd, dispatch_256};
+
+use crate::constants::{BLOCK_SIDE, BLOCKS, BLOCKS_PER_SIDE, IMAGE_PIXELS, IMAGE_SIDE};
+use crate::image::Image88;
 
 /// A number for every block, row-major.
 pub(crate) type PerBlock<T> = [T; BLOCKS];

@@ -5,6 +5,8 @@
 use std::fmt;
 use std::str::FromStr;
 
+use gripline_kernels::InstructionSet;
+
 use super::difference::DifferenceGate;
 use super::health::{self, Health, HealthMetrics, HealthMonitor};
 use super::learned::{GateInputs, LearnedGate};
@@ -13,7 +15,6 @@ use super::reference::Comparison;
 use crate::constants::IMAGE_PIXELS;
 use crate::error::NetworkError;
 use crate::image::Image88;
-use gripline_kernels::InstructionSet;
 
 /// What the gate decides about a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]

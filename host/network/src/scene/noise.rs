@@ -3,13 +3,14 @@
 //! Units: grey levels squared, summed over blocks of 8×8 pixels.
 //! Limit: noise that is uneven over the picture is underestimated in the run; the gate then skips less.
 
+use gripline_kernels::InstructionSet;
+
 use super::block_sums::{BlockSums, PerBlock};
 use super::difference;
 use super::learned;
 use super::reference::{Comparison, Reference};
 use crate::constants::{BLOCK_PIXELS, BLOCKS};
 use crate::image::Image88;
-use gripline_kernels::InstructionSet;
 
 /// Smallest noise energy, grey levels squared per pixel: the rounding of a camera without noise.
 const NOISE_MIN: f32 = 0.06;

@@ -1,10 +1,11 @@
 //! What a picture is compared with: the picture at rest and the last one that the force network processed.
 //! Units: grey levels. Blocks of 8×8 pixels, row-major.
 
+use gripline_kernels::InstructionSet;
+
 use super::block_sums::{BlockSums, Pattern, PerBlock};
 use crate::constants::{BLOCK_PIXELS, BLOCK_SIDE, BLOCKS, BLOCKS_PER_SIDE, IMAGE_SIDE};
 use crate::image::Image88;
-use gripline_kernels::InstructionSet;
 
 /// Added to the mean square gradient, (levels per two pixels)²: blocks without structure say nothing about motion.
 const GRADIENT_FLOOR: f32 = 1.0;

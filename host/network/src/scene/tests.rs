@@ -1,12 +1,12 @@
 //! Both gates on pictures made here, and the learned one against LiteRT's outputs.
 
+use gripline_kernels::InstructionSet;
 use safetensors::SafeTensors;
 
 use super::learned::run;
 use super::*;
 use crate::constants::{BLOCKS, IMAGE_PIXELS};
 use crate::image::Image88;
-use gripline_kernels::InstructionSet;
 
 static MODEL: &[u8] = include_bytes!("../../weights/gate.tflite");
 static GOLDEN: &[u8] = include_bytes!("../../golden/gate.safetensors");

@@ -5,8 +5,9 @@
     reason = "code compiles for the instruction set of the function that it is inlined into"
 )]
 
-use super::level::{Level, Rows};
 use gripline_kernels::simd::Simd;
+
+use super::level::{Level, Rows};
 
 /// Side of a block, pixels of its level.
 pub(super) const BLOCK: usize = 8;

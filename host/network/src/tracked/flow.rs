@@ -6,12 +6,13 @@
     reason = "code compiles for the instruction set of the function that it is inlined into"
 )]
 
+use gripline_kernels::simd::{Simd, round};
+
 use super::block_matching::{BLOCK, Block, RANGE_MAX};
 use super::dirty_tiles::{DirtyTiles, TileRect, same_bits};
 use super::level::Level;
 use super::pyramid::Pyramid;
 use crate::constants::CROP_SIDE;
-use gripline_kernels::simd::{Simd, round};
 
 /// Distance of neighbouring nodes, pixels of their level.
 const STEP: usize = 5;

@@ -1,6 +1,8 @@
 //! The network after the tracker: a small encoder–decoder from the 40×40 grid of motions to 20×20 forces. It is deep
 //! enough for every taxel to see the whole fingertip, because the elastic layer couples that far.
 
+use gripline_kernels::{InstructionSet, Plan, PlaneId, Region};
+
 use super::grid::{GRID_NODES, GRID_SIDE, Grid};
 use super::layers::INPUT_CHANNELS;
 use super::weights::{TrackedScaling, TrackedWeights};
@@ -8,8 +10,6 @@ use crate::constants::MAP_SIDE;
 use crate::force_map::ForceMap;
 use crate::layer::Folded;
 use crate::options::Precision;
-use gripline_kernels::InstructionSet;
-use gripline_kernels::{Plan, PlaneId, Region};
 
 /// The network's input, and the RMS motion, mm, by which its outputs are multiplied.
 #[must_use]

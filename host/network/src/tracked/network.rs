@@ -3,6 +3,8 @@
 use std::path::Path;
 use std::sync::Arc;
 
+use gripline_kernels::InstructionSet;
+
 use super::grid::{Grid, GridInterpolator};
 use super::grid_net::GridNet;
 use super::tracker::Tracker;
@@ -13,7 +15,6 @@ use crate::force_map::{Calibration, ForceMap, NO_FORCES};
 use crate::image::check_crop;
 use crate::options::{Evaluation, Precision};
 use crate::scene::Health;
-use gripline_kernels::InstructionSet;
 
 /// The built-in weights.
 static EMBEDDED: &[u8] = include_bytes!("../../weights/tracked.safetensors");

@@ -4,10 +4,11 @@
     reason = "code compiles for the instruction set of the function that it is inlined into"
 )]
 
+use gripline_kernels::simd::F32x8;
+
 use super::level::Level;
 use super::particles::Particle;
 use crate::constants::CROP_SIDE;
-use gripline_kernels::simd::F32x8;
 
 /// Half of a particle's patch, pixels.
 pub(super) const HALF: i32 = 3;

@@ -5,13 +5,14 @@
     reason = "code compiles for the instruction set of the function that it is inlined into"
 )]
 
+use gripline_kernels::simd::{F32x8, Simd, TABLE, Table, round};
+
 use super::dirty_tiles::{DirtyTiles, TileRect};
 use super::level::Level;
 use super::particles::Particle;
 use super::patch::{HALF, PATCH, Patch, PatchPixels, PatchWeights, Template};
 use super::search_ray::{MotionRect, SearchRay, TABLE_SIDE};
 use crate::constants::CROP_SIDE;
-use gripline_kernels::simd::{F32x8, Simd, TABLE, Table, round};
 
 /// Largest number of Gauss–Newton steps, and the step at which they have converged, pixels.
 const STEPS_MAX: usize = 5;

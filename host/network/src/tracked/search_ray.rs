@@ -4,9 +4,10 @@
     reason = "code compiles for the instruction set of the function that it is inlined into"
 )]
 
+use gripline_kernels::simd::round;
+
 use super::particles::Particle;
 use crate::constants::CROP_SIDE;
-use gripline_kernels::simd::round;
 
 /// First and last pixel of an axis that a particle's centre may move to.
 const INSIDE: [i32; 2] = [2, CROP_SIDE as i32 - 3];

@@ -8,6 +8,9 @@
     reason = "code compiles for the instruction set of the function that it is inlined into"
 )]
 
+use gripline_kernels::InstructionSet;
+use gripline_kernels::simd::{Dispatch, Simd, dispatch_256};
+
 use super::dirty_tiles::{self, DirtyTiles, TILES, TileRect};
 use super::flow::{Flow, NodePosition, NodeRect};
 use super::level::Level;
@@ -20,8 +23,6 @@ use super::tile_noise::TileNoise;
 use crate::constants::CROP_SIDE;
 use crate::error::NetworkError;
 use crate::image::check_crop;
-use gripline_kernels::InstructionSet;
-use gripline_kernels::simd::{Dispatch, Simd, dispatch_256};
 
 /// Depth of a particle that moves like the mean of its surroundings, mm.
 const MEAN_DEPTH_MM: f32 = 3.2;

@@ -5,14 +5,14 @@
 //! [`Scaling`] maps grey levels to the network's units and its outputs to newtons. What depends on the rest image alone is
 //! computed once per rest image.
 
+use gripline_kernels::simd::LANES_MAX;
+use gripline_kernels::{Convolution, InstructionSet, Plan, PlaneId, Region, Shape};
+
 use super::weights::{Scaling, UnetWeights, Widths};
 use crate::constants::{IMAGE_SIDE, MAP_SIDE};
 use crate::force_map::ForceMap;
 use crate::image::Image88;
 use crate::layer::{Folded, Layer};
-use gripline_kernels::InstructionSet;
-use gripline_kernels::simd::LANES_MAX;
-use gripline_kernels::{Convolution, Plan, PlaneId, Region, Shape};
 
 /// The network with its buffers.
 #[derive(Debug, Clone)]

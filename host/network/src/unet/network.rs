@@ -3,6 +3,8 @@
 use std::path::Path;
 use std::sync::Arc;
 
+use gripline_kernels::{InstructionSet, Region};
+
 use super::graph::UNet;
 use super::weights::UnetWeights;
 use crate::constants::{IMAGE_PIXELS, IMAGE_SIDE};
@@ -10,8 +12,6 @@ use crate::error::NetworkError;
 use crate::force_map::{Calibration, ForceMap, NO_FORCES};
 use crate::image::Image88;
 use crate::options::Evaluation;
-use gripline_kernels::InstructionSet;
-use gripline_kernels::Region;
 
 /// The built-in weights.
 static EMBEDDED: &[u8] = include_bytes!("../../weights/unet.safetensors");

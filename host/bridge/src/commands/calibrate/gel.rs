@@ -138,7 +138,15 @@ pub(super) fn run(args: &GelArgs) -> Result<(), Error> {
             metadata,
         } = maps::read(path, rate_hz, args.fingertip, Moment::of)?;
         device = made_by;
-        model = model_of(&sensor, args, path, metadata.as_ref())?;
+        let made_with = model_of(&sensor, args, path, metadata.as_ref())?;
+        if day > 0 && made_with != model {
+            return Err(Error::usage(format!(
+                "{}: recorded with the forces of {made_with}, expected {model} as in {}: a gain belongs to one force model",
+                path.display(),
+                args.recordings[0].display()
+            )));
+        }
+        model = made_with;
         // The gains that these maps already have are taken back.
         for moment in &mut moments {
             let [x, y, z] = moment.raw_n;

@@ -5,12 +5,12 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
 
 use gripline_network::metrics::{Pair, Scores};
-use gripline_network::{Architecture, Calibration, Evaluation, NO_FORCES};
+use gripline_network::{Calibration, Evaluation, NO_FORCES, scale_forces};
 use gripline_simulation::{Sample, SampleGenerator, SampleWorld, Split};
 
 use crate::failure::Failure;
 use crate::load_cell;
-use crate::models::Model;
+use crate::models::{Model, default_of, names};
 use crate::peers::OnnxRuntime;
 use crate::preprocessing::Preprocessor;
 
@@ -73,12 +73,6 @@ pub(crate) struct Quantised {
     pub(crate) engine: Arc<Mutex<OnnxRuntime>>,
 }
 
-/// Which of the models is the default one.
-pub(crate) fn default_of(models: &[Model]) -> usize {
-    let name = Architecture::default().name();
-    models.iter().position(|model| model.name == name).unwrap_or(0)
-}
-
 /// Scores of all models over at least so many samples, then of those in eight bits, then of the default one with each
 /// fingertip's gain from presses on a scale.
 pub(crate) fn measure(
@@ -116,7 +110,7 @@ pub(crate) fn measure(
     let calibrations = models.iter().map(|model| model.network.calibration());
     Ok(calibrations
         .chain(quantised.iter().map(|of| models[of.model].network.calibration()))
-        .chain([models[default_of(models)].network.calibration()])
+        .chain([models[default_of(names(models))].network.calibration()])
         .enumerate()
         .map(|(model, calibration)| {
             let of_model: Vec<Vec<Pair>> = streams
@@ -141,7 +135,7 @@ fn of_stream(
         .collect();
     let mut preprocessors: Vec<Preprocessor> = quantised.iter().map(|of| of.preprocessor.clone()).collect();
     let mut pairs: Vec<Vec<Pair>> = vec![Vec::with_capacity(STREAM); models.len() + quantised.len() + 1];
-    let default = default_of(models);
+    let default = default_of(names(models));
     let mut gain = [1.0; 2];
     let samples = SampleGenerator::new(world, Split::Test, (SEED << 32) | stream).with_crops();
     let mut sensor = None;
@@ -177,11 +171,8 @@ fn of_stream(
                 truth: *forces,
             });
         }
-        let [shear, normal] = gain;
         if let Some(mut calibrated) = pairs[default].last().cloned() {
-            for force in &mut calibrated.predicted {
-                *force = [force[0] * shear, force[1] * shear, force[2] * normal];
-            }
+            scale_forces(&mut calibrated.predicted, gain);
             pairs[models.len() + quantised.len()].push(calibrated);
         }
     }

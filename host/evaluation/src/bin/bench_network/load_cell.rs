@@ -16,7 +16,7 @@ const BALL_MM: f64 = 6.0;
 /// Loads, N, and how far from the middle, mm.
 const LOAD_N: [f64; 2] = [0.5, 3.0];
 const PLACE_MM: f64 = 5.0;
-/// Each press is one step down and one up; its picture is that at the end of the first.
+/// Pictures a second: one at the end of each of a press's three steps, which go over the place, press and lift; the second counts.
 const RATE_HZ: f64 = 10.0;
 const CONFIDENCE: f64 = 0.9;
 /// Of the random numbers, beside those that make the fingertip.

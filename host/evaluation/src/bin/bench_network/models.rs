@@ -53,6 +53,17 @@ pub(crate) fn all(files: &[PathBuf], instructions: InstructionSet) -> Result<Vec
     Ok(models)
 }
 
+/// What the models are called.
+pub(crate) fn names(models: &[Model]) -> impl Iterator<Item = &str> {
+    models.iter().map(|model| model.name.as_str())
+}
+
+/// Which of these models is the default one.
+pub(crate) fn default_of<'a>(mut names: impl Iterator<Item = &'a str>) -> usize {
+    let default = Architecture::default().name();
+    names.position(|name| name == default).unwrap_or(0)
+}
+
 fn committed() -> Result<Vec<PathBuf>, Failure> {
     let folder = Path::new(FOLDER);
     if !folder.is_dir() {

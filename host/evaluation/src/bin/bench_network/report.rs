@@ -7,6 +7,7 @@ use gripline_network::{Architecture, InstructionSet};
 use serde_json::{Map, Value, json};
 
 use crate::accuracy::Accuracy;
+use crate::models::default_of;
 use crate::plot::{Kind, Point};
 use crate::timing::Times;
 
@@ -260,8 +261,7 @@ impl Report {
     }
 
     fn default_model(&self) -> usize {
-        let name = Architecture::default().name();
-        self.models.iter().position(|model| model == name).unwrap_or(0)
+        default_of(self.models.iter().map(String::as_str))
     }
 
     /// The default network with each fingertip's gain from presses on a scale.
