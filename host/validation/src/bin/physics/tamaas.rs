@@ -3,7 +3,7 @@
 //! solves no layers. The script runs beside other sections.
 
 use std::io::Write;
-use std::path::PathBuf;
+use std::path::Path;
 use std::process::{Child, Command, Stdio};
 
 use gripline_simulation::Gel;
@@ -130,9 +130,7 @@ pub(crate) fn start(world: &World) -> Result<Running, Failure> {
         "cells": CELLS, "pitch_mm": 32.0 / CELLS as f64, "young_mpa": gel.young_mpa, "poisson": gel.poisson,
         "friction": FRICTION, "cases": cases,
     });
-    let folder = std::env::var_os("CARGO_MANIFEST_DIR")
-        .map_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")), PathBuf::from);
-    let script = folder.join("checks").join("force_maps.py");
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("checks/force_maps.py");
     let mut child = Command::new("python3")
         .arg(&script)
         .stdin(Stdio::piped())
