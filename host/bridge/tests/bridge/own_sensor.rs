@@ -38,6 +38,7 @@ fn pictures(folder: &Path, name: &str, pictures: &[Vec<u8>]) {
         let file = std::fs::File::create(to.join(format!("{number:04}.png"))).unwrap();
         let mut encoder = png::Encoder::new(file, 320, 240);
         encoder.set_color(png::ColorType::Rgb);
+        encoder.set_compression(png::Compression::Fast);
         encoder.write_header().unwrap().write_image_data(picture).unwrap();
     }
 }

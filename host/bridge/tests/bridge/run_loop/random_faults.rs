@@ -162,7 +162,7 @@ struct Done {
 fn ten_thousand_frames_with_faults_at_random_go_on_and_count_every_loss() {
     const FRAMES: u64 = 10_000;
     let (shots, rest) = shots();
-    let network = Network::embedded(Architecture::Unet).unwrap();
+    let network = Network::embedded(Architecture::default()).unwrap();
     let settings = settings_for(&network);
     let world = FakeUsb::with(vec![device("A1", "1-2"), device("B7", "1-3")]);
     let finder = UsbFinder::new(FakeBus(Rc::clone(&world)), Some("A1".to_owned()));
@@ -358,7 +358,7 @@ fn memory_stays_flat_while_frames_are_recorded() {
     }
     let frames: u64 = std::env::var("GRIPLINE_SOAK_FRAMES").map_or(3 * 60 * 60, |text| text.parse().unwrap());
     let (shots, rest) = shots();
-    let network = Network::embedded(Architecture::Unet).unwrap();
+    let network = Network::embedded(Architecture::default()).unwrap();
     let settings = settings_for(&network);
     let session = Session::open(Box::new(EmbeddedLink::new()), settings).unwrap();
     let mut pipeline = Pipeline::new(network, &rest, GateKind::default(), TaxelRule::of(&settings));
