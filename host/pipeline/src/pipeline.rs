@@ -6,11 +6,13 @@ use std::borrow::Cow;
 use std::ops::RangeInclusive;
 use std::time::Instant;
 
-use gripline_firmware::sums::{TaxelRule, stick_ratio_below};
+use gripline_firmware::constants::TREND_MAPS;
+use gripline_firmware::sums::{TaxelRule, stick_ratio, stick_ratio_below};
 use gripline_link::shadow::Judgement;
 use gripline_network::image::Image88;
 use gripline_network::scene::{self, GateDecision, GateKind, Scene};
 use gripline_network::{Frame, Network, downsample_440_to_88};
+use gripline_protocol::message::{Configuration, MapSums};
 use gripline_protocol::{ForceMap, Health, Motion, NotFinite, Saturated, TAXELS};
 
 use crate::PipelineError;
@@ -27,9 +29,20 @@ const SURE_STICK_RATIO: u16 = 9_000;
 /// pictures that the gate considers unchanged.
 const UNSURE_CONTACT: RangeInclusive<f32> = 0.4..=4.0;
 
+/// So many times, and the network takes nothing for noise in any picture: whether anything touches depends on a few percent.
+const CLOSE_CONTACT: RangeInclusive<f32> = 0.7..=1.5;
+
 /// Below this stick ratio, 1/10000, the network takes nothing for noise in any picture: one taxel of a contact of seventeen above
 /// the 6,500 at which INCIPIENT begins.
 const CLOSE_STICK_RATIO: u16 = 7_100;
+
+/// So it does while the stick ratio falls so fast that it would be at the threshold of SLIP within so many maps: the detector's
+/// window three times, and four times its horizon of 100 ms at 60 maps a second.
+const FALLING_MAPS: u32 = 3 * TREND_MAPS as u32;
+
+/// Taxels whose slip decision may differ between pictures that the gate considers unchanged, beside what the ratio says: in a contact
+/// of ten, two of them are all between sticking and [`SURE_STICK_RATIO`].
+const UNSURE_TAXELS: u16 = 2;
 
 /// From there to [`SURE_STICK_RATIO`], and at an unsure contact, it takes nothing for noise when the gate sees a change, and in every
 /// fifth picture otherwise: after 83 ms at 60 frames a second, at a fifth of the cost of a whole frame.
@@ -82,10 +95,42 @@ struct ParticleStage {
     /// Set while a picture that the gate takes for unchanged may be decided otherwise. The network then sees all pictures, and takes
     /// nothing for noise in one of so many of them.
     unsure: Option<u32>,
+    ratios: RecentRatios,
     /// Pictures since the network last took nothing for noise.
     since_refresh: u32,
     /// Whether the network has not seen the last picture.
     skipped: bool,
+}
+
+/// Stick ratios of the last maps, 1/10000, the newest last.
+#[derive(Debug, Default)]
+struct RecentRatios {
+    ratios: [u16; TREND_MAPS],
+    filled: usize,
+}
+
+impl RecentRatios {
+    /// `None` is a map without contact: what comes behind it is another contact.
+    fn push(&mut self, ratio: Option<u16>) {
+        let Some(ratio) = ratio else {
+            self.filled = 0;
+            return;
+        };
+        self.ratios.rotate_left(1);
+        self.ratios[TREND_MAPS - 1] = ratio;
+        self.filled = TREND_MAPS.min(self.filled + 1);
+    }
+
+    /// Whether the newer half lies so far below the older one that the ratio comes to the threshold of SLIP within [`FALLING_MAPS`].
+    fn are_falling(&self) -> bool {
+        const HALF: usize = TREND_MAPS / 2;
+        let sum = |ratios: &[u16]| ratios.iter().map(|ratio| u32::from(*ratio)).sum::<u32>();
+        let (older, newer) = self.ratios.split_at(HALF);
+        let (fall, now) = (sum(older).saturating_sub(sum(newer)), self.ratios[TREND_MAPS - 1]);
+        let left = u32::from(now.saturating_sub(Configuration::DEFAULT.slip_threshold));
+        // The means of the halves lie HALF maps apart, and each is a sum over HALF.
+        self.filled == TREND_MAPS && fall > 0 && left * (HALF * HALF) as u32 <= fall * FALLING_MAPS
+    }
 }
 
 // Both sides number the picture's flags alike.
@@ -120,6 +165,7 @@ impl Pipeline {
             scene: Scene::new(gate, &mean, &frames),
             now: Box::new(mean),
             unsure: None,
+            ratios: RecentRatios::default(),
             since_refresh: 0,
             skipped: false,
         };
@@ -233,7 +279,11 @@ impl Pipeline {
             }
             GateDecision::Infer if doubt.is_good() => self.accept_output()?,
             GateDecision::Infer | GateDecision::Unhealthy => self.compare_afresh(),
-            GateDecision::Unchanged => {}
+            GateDecision::Unchanged => {
+                if let Stage::Particles(stage) = &mut self.stage {
+                    stage.ratios.push(stick_ratio(&self.judgement.sums));
+                }
+            }
         }
         let [downsample_us, gate_us, mut network_us] = stages_us;
         if gate == GateDecision::Infer {
@@ -264,11 +314,18 @@ impl Pipeline {
         // Markers are looked at in every picture.
         if let Stage::Particles(stage) = &mut self.stage {
             let sums = &self.judgement.sums;
-            stage.unsure = if stick_ratio_below(sums, CLOSE_STICK_RATIO) {
+            stage.ratios.push(stick_ratio(sums));
+            let fewer_stick = MapSums {
+                stick: sums.stick.saturating_sub(UNSURE_TAXELS),
+                ..*sums
+            };
+            let contact = strongest_n / self.contact_min_n;
+            let is_close = CLOSE_CONTACT.contains(&contact)
+                || stick_ratio_below(sums, CLOSE_STICK_RATIO)
+                || stick_ratio_below(&fewer_stick, Configuration::DEFAULT.incipient_threshold);
+            stage.unsure = if is_close || stage.ratios.are_falling() {
                 Some(1)
-            } else if stick_ratio_below(sums, SURE_STICK_RATIO)
-                || UNSURE_CONTACT.contains(&(strongest_n / self.contact_min_n))
-            {
+            } else if stick_ratio_below(&fewer_stick, SURE_STICK_RATIO) || UNSURE_CONTACT.contains(&contact) {
                 Some(UNSURE_REFRESH)
             } else {
                 None
@@ -359,5 +416,53 @@ fn small(crop: &[u8]) -> Image88 {
 fn drop_untouched(newtons: &mut [[f32; 3]; TAXELS], contact_min_n: f32) {
     for force in newtons.iter_mut().filter(|force| force[2] <= contact_min_n) {
         *force = [0.0; 3];
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn are_falling(ratios: &[u16]) -> bool {
+        let mut recent = RecentRatios::default();
+        for ratio in ratios {
+            recent.push(Some(*ratio));
+        }
+        recent.are_falling()
+    }
+
+    #[test]
+    fn a_ratio_that_comes_to_slip_within_a_few_windows_falls() {
+        // 0.03 a map: SLIP after another 9 of them.
+        let steep: Vec<u16> = (0..8).map(|map| 10_000 - 300 * map).collect();
+        assert!(are_falling(&steep));
+        // 0.01 a map: after another 43.
+        let flat: Vec<u16> = (0..8).map(|map| 10_000 - 100 * map).collect();
+        assert!(!are_falling(&flat));
+        assert!(are_falling(
+            &flat.iter().map(|ratio| ratio - 2_500).collect::<Vec<_>>()
+        ));
+        // One taxel of 24 that flickers, a steady ratio, and one that rises.
+        assert!(!are_falling(&[
+            8_333, 7_917, 8_333, 7_917, 7_917, 8_333, 7_917, 7_917
+        ]));
+        assert!(!are_falling(&[5_000; 8]));
+        assert!(!are_falling(&steep.iter().rev().copied().collect::<Vec<_>>()));
+    }
+
+    #[test]
+    fn another_contact_begins_another_window() {
+        let mut recent = RecentRatios::default();
+        for map in 0..8 {
+            recent.push(Some(10_000 - 600 * map));
+        }
+        assert!(recent.are_falling());
+        recent.push(None);
+        for map in 0..7 {
+            recent.push(Some(9_000 - 500 * map));
+            assert!(!recent.are_falling(), "after {map} maps");
+        }
+        recent.push(Some(5_500));
+        assert!(recent.are_falling());
     }
 }
