@@ -7,13 +7,13 @@ use std::ops::RangeInclusive;
 use std::time::Instant;
 
 use gripline_firmware::constants::TREND_MAPS;
-use gripline_firmware::sums::{TaxelRule, stick_ratio, stick_ratio_below};
+use gripline_firmware::sums::{TaxelRule, stick_ratio, stick_ratio_below, total_shear};
 use gripline_link::shadow::Judgement;
 use gripline_network::image::Image88;
 use gripline_network::scene::{self, GateDecision, GateKind, Scene};
 use gripline_network::{Frame, Network, downsample_440_to_88};
 use gripline_protocol::message::{Configuration, MapSums};
-use gripline_protocol::{ForceMap, Health, Motion, NotFinite, Saturated, TAXELS};
+use gripline_protocol::{ForceMap, Health, Motion, NotFinite, PER_UNIT, Saturated, TAXELS};
 
 use crate::PipelineError;
 use crate::markers::MarkerStage;
@@ -40,8 +40,8 @@ const CLOSE_STICK_RATIO: u16 = 7_100;
 /// window three times, and four times its horizon of 100 ms at 60 maps a second.
 const FALLING_MAPS: u32 = 3 * TREND_MAPS as u32;
 
-/// Taxels whose slip decision may differ between pictures that the gate considers unchanged, beside what the ratio says: in a contact
-/// of ten, two of them are all between sticking and [`SURE_STICK_RATIO`].
+/// Taxels of a sheared contact whose slip decision may differ between pictures that the gate considers unchanged, beside what the ratio
+/// says: in a contact of ten, two of them are all between sticking and [`SURE_STICK_RATIO`].
 const UNSURE_TAXELS: u16 = 2;
 
 /// From there to [`SURE_STICK_RATIO`], and at an unsure contact, it takes nothing for noise when the gate sees a change, and in every
@@ -315,8 +315,13 @@ impl Pipeline {
         if let Stage::Particles(stage) = &mut self.stage {
             let sums = &self.judgement.sums;
             stage.ratios.push(stick_ratio(sums));
+            let unsure_taxels = if is_sheared(sums, self.judgement.rule) {
+                UNSURE_TAXELS
+            } else {
+                0
+            };
             let fewer_stick = MapSums {
-                stick: sums.stick.saturating_sub(UNSURE_TAXELS),
+                stick: sums.stick.saturating_sub(unsure_taxels),
                 ..*sums
             };
             let contact = strongest_n / self.contact_min_n;
@@ -380,6 +385,12 @@ impl ParticleStage {
             [us(start, downsampled), us(downsampled, gated), network_us],
         )
     }
+}
+
+/// Whether the whole contact carries a quarter of the shear at which all of it slips by the detector's friction, or more.
+fn is_sheared(sums: &MapSums, rule: TaxelRule) -> bool {
+    let limit = i64::from(sums.force[2]) * i64::from(rule.friction.per_unit()) / i64::from(PER_UNIT);
+    4 * i64::from(total_shear(sums)) >= limit
 }
 
 /// Fingerprint of a network: its output for a synthetic picture, as text. It differs with other weights. `rest` is a 440×440 crop.
