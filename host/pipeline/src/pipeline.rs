@@ -387,10 +387,10 @@ impl ParticleStage {
     }
 }
 
-/// Whether the whole contact carries a quarter of the shear at which all of it slips by the detector's friction, or more.
+/// Whether the whole contact carries a tenth of the shear at which all of it slips by the detector's friction, or more.
 fn is_sheared(sums: &MapSums, rule: TaxelRule) -> bool {
     let limit = i64::from(sums.force[2]) * i64::from(rule.friction.per_unit()) / i64::from(PER_UNIT);
-    4 * i64::from(total_shear(sums)) >= limit
+    10 * i64::from(total_shear(sums)) >= limit
 }
 
 /// Fingerprint of a network: its output for a synthetic picture, as text. It differs with other weights. `rest` is a 440×440 crop.
