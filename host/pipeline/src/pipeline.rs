@@ -7,13 +7,15 @@ use std::ops::RangeInclusive;
 use std::time::Instant;
 
 use gripline_firmware::constants::TREND_MAPS;
-use gripline_firmware::sums::{TaxelRule, stick_ratio, stick_ratio_below, total_shear};
+use gripline_firmware::slip::SlipDetector;
+use gripline_firmware::sums::{TaxelRule, stick_ratio_below};
+use gripline_firmware::{DeviceMicros, Friction, HostMicros};
 use gripline_link::shadow::Judgement;
 use gripline_network::image::Image88;
 use gripline_network::scene::{self, GateDecision, GateKind, Scene};
 use gripline_network::{Frame, Network, downsample_440_to_88};
 use gripline_protocol::message::{Configuration, MapSums};
-use gripline_protocol::{ForceMap, Health, Motion, NotFinite, PER_UNIT, Saturated, TAXELS};
+use gripline_protocol::{ForceMap, Health, Motion, NotFinite, Saturated, TAXELS};
 
 use crate::PipelineError;
 use crate::markers::MarkerStage;
@@ -36,17 +38,21 @@ const CLOSE_CONTACT: RangeInclusive<f32> = 0.7..=1.5;
 /// the 6,500 at which INCIPIENT begins.
 const CLOSE_STICK_RATIO: u16 = 7_100;
 
-/// So it does while the stick ratio falls so fast that it would be at the threshold of SLIP within so many maps: the detector's
-/// window three times, and four times its horizon of 100 ms at 60 maps a second.
-const FALLING_MAPS: u32 = 3 * TREND_MAPS as u32;
-
-/// Taxels of a sheared contact whose slip decision may differ between pictures that the gate considers unchanged, beside what the ratio
-/// says: in a contact of ten, two of them are all between sticking and [`SURE_STICK_RATIO`].
-const UNSURE_TAXELS: u16 = 2;
-
 /// From there to [`SURE_STICK_RATIO`], and at an unsure contact, it takes nothing for noise when the gate sees a change, and in every
 /// fifth picture otherwise: after 83 ms at 60 frames a second, at a fifth of the cost of a whole frame.
 const UNSURE_REFRESH: u32 = 5;
+
+/// While the stick ratio falls so fast that it would be at the threshold of SLIP within fewer maps, the network takes nothing for noise
+/// either: what it overlooked would make a slow fall a step, which the detector's trend takes for a fast one. Its window three times,
+/// and at 60 maps a second four times its horizon of 100 ms.
+const FALLING_MAPS: u16 = 3 * TREND_MAPS as u16;
+
+/// Taxels of a sheared contact whose slip decision may differ between pictures that the gate considers unchanged, whatever the ratio:
+/// in a contact of ten, two of them are all between sticking and [`SURE_STICK_RATIO`].
+const UNSURE_TAXELS: u16 = 2;
+
+/// A contact counts as sheared from one of so many parts of the shear at which all of it would slip by the detector's friction.
+const SHEARED_PART: u16 = 10;
 
 /// A picture's force map.
 #[derive(Debug, Clone, Copy)]
@@ -95,42 +101,15 @@ struct ParticleStage {
     /// Set while a picture that the gate takes for unchanged may be decided otherwise. The network then sees all pictures, and takes
     /// nothing for noise in one of so many of them.
     unsure: Option<u32>,
-    ratios: RecentRatios,
+    /// The detector with the settings that ship, for its trend: it is told of a map every millisecond, so its milliseconds are maps.
+    detector: SlipDetector,
+    maps: u32,
+    /// In how many maps SLIP would begin, while the stick ratio falls.
+    maps_to_slip: Option<u16>,
     /// Pictures since the network last took nothing for noise.
     since_refresh: u32,
     /// Whether the network has not seen the last picture.
     skipped: bool,
-}
-
-/// Stick ratios of the last maps, 1/10000, the newest last.
-#[derive(Debug, Default)]
-struct RecentRatios {
-    ratios: [u16; TREND_MAPS],
-    filled: usize,
-}
-
-impl RecentRatios {
-    /// `None` is a map without contact: what comes behind it is another contact.
-    fn push(&mut self, ratio: Option<u16>) {
-        let Some(ratio) = ratio else {
-            self.filled = 0;
-            return;
-        };
-        self.ratios.rotate_left(1);
-        self.ratios[TREND_MAPS - 1] = ratio;
-        self.filled = TREND_MAPS.min(self.filled + 1);
-    }
-
-    /// Whether the newer half lies so far below the older one that the ratio comes to the threshold of SLIP within [`FALLING_MAPS`].
-    fn are_falling(&self) -> bool {
-        const HALF: usize = TREND_MAPS / 2;
-        let sum = |ratios: &[u16]| ratios.iter().map(|ratio| u32::from(*ratio)).sum::<u32>();
-        let (older, newer) = self.ratios.split_at(HALF);
-        let (fall, now) = (sum(older).saturating_sub(sum(newer)), self.ratios[TREND_MAPS - 1]);
-        let left = u32::from(now.saturating_sub(Configuration::DEFAULT.slip_threshold));
-        // The means of the halves lie HALF maps apart, and each is a sum over HALF.
-        self.filled == TREND_MAPS && fall > 0 && left * (HALF * HALF) as u32 <= fall * FALLING_MAPS
-    }
 }
 
 // Both sides number the picture's flags alike.
@@ -165,7 +144,9 @@ impl Pipeline {
             scene: Scene::new(gate, &mean, &frames),
             now: Box::new(mean),
             unsure: None,
-            ratios: RecentRatios::default(),
+            detector: SlipDetector::new(),
+            maps: 0,
+            maps_to_slip: None,
             since_refresh: 0,
             skipped: false,
         };
@@ -276,14 +257,11 @@ impl Pipeline {
                 *self.newtons = [[0.0; 3]; TAXELS];
                 self.saturated = Saturated(0);
                 self.judgement = Judgement::of(&self.map, self.judgement.rule);
+                self.follow();
             }
             GateDecision::Infer if doubt.is_good() => self.accept_output()?,
             GateDecision::Infer | GateDecision::Unhealthy => self.compare_afresh(),
-            GateDecision::Unchanged => {
-                if let Stage::Particles(stage) = &mut self.stage {
-                    stage.ratios.push(stick_ratio(&self.judgement.sums));
-                }
-            }
+            GateDecision::Unchanged => self.follow(),
         }
         let [downsample_us, gate_us, mut network_us] = stages_us;
         if gate == GateDecision::Infer {
@@ -311,32 +289,27 @@ impl Pipeline {
         (*self.map, self.saturated) = quantised;
         *self.newtons = *self.output;
         self.judgement = Judgement::of(&self.map, self.judgement.rule);
+        self.follow();
         // Markers are looked at in every picture.
         if let Stage::Particles(stage) = &mut self.stage {
-            let sums = &self.judgement.sums;
-            stage.ratios.push(stick_ratio(sums));
-            let unsure_taxels = if is_sheared(sums, self.judgement.rule) {
-                UNSURE_TAXELS
-            } else {
-                0
-            };
-            let fewer_stick = MapSums {
-                stick: sums.stick.saturating_sub(unsure_taxels),
-                ..*sums
-            };
-            let contact = strongest_n / self.contact_min_n;
-            let is_close = CLOSE_CONTACT.contains(&contact)
-                || stick_ratio_below(sums, CLOSE_STICK_RATIO)
-                || stick_ratio_below(&fewer_stick, Configuration::DEFAULT.incipient_threshold);
-            stage.unsure = if is_close || stage.ratios.are_falling() {
-                Some(1)
-            } else if stick_ratio_below(&fewer_stick, SURE_STICK_RATIO) || UNSURE_CONTACT.contains(&contact) {
-                Some(UNSURE_REFRESH)
-            } else {
-                None
-            };
+            stage.unsure = stage.refresh_every(&self.judgement, strongest_n / self.contact_min_n);
         }
         Ok(())
+    }
+
+    /// Tells the detector of the map, as of every one that is sent and not doubtful.
+    fn follow(&mut self) {
+        if let Stage::Particles(stage) = &mut self.stage {
+            stage.maps = stage.maps.wrapping_add(1);
+            let at = u64::from(stage.maps) * 1_000;
+            let decision = stage.detector.update(
+                &self.judgement.sums,
+                HostMicros(at as u32),
+                DeviceMicros(at),
+                &Configuration::DEFAULT,
+            );
+            stage.maps_to_slip = decision.time_to_slip_ms;
+        }
     }
 
     /// Forces inference on the next contact picture, as if it were the first.
@@ -349,6 +322,31 @@ impl Pipeline {
 }
 
 impl ParticleStage {
+    /// Whether a picture that the gate takes for unchanged after this map may be decided otherwise ([`Self::unsure`]). `contact` is the
+    /// strongest taxel's normal force over the contact threshold.
+    fn refresh_every(&self, judgement: &Judgement, contact: f32) -> Option<u32> {
+        let Judgement { rule, sums } = judgement;
+        let [x, y, normal] = sums.force;
+        let part = Friction::clamped(rule.friction.per_unit() / SHEARED_PART);
+        let is_sheared = part.exceeded_by([x, y], normal);
+        let unsure_taxels = if is_sheared { UNSURE_TAXELS } else { 0 };
+        let fewer_stick = MapSums {
+            stick: sums.stick.saturating_sub(unsure_taxels),
+            ..*sums
+        };
+        let is_close = CLOSE_CONTACT.contains(&contact)
+            || stick_ratio_below(sums, CLOSE_STICK_RATIO)
+            || stick_ratio_below(&fewer_stick, Configuration::DEFAULT.incipient_threshold)
+            || self.maps_to_slip.is_some_and(|maps| maps < FALLING_MAPS);
+        if is_close {
+            Some(1)
+        } else if stick_ratio_below(&fewer_stick, SURE_STICK_RATIO) || UNSURE_CONTACT.contains(&contact) {
+            Some(UNSURE_REFRESH)
+        } else {
+            None
+        }
+    }
+
     /// The gate's decision, the doubts, and the times of downsampling, gate and network (0 when the gate skipped it).
     fn process(
         &mut self,
@@ -385,12 +383,6 @@ impl ParticleStage {
             [us(start, downsampled), us(downsampled, gated), network_us],
         )
     }
-}
-
-/// Whether the whole contact carries a tenth of the shear at which all of it slips by the detector's friction, or more.
-fn is_sheared(sums: &MapSums, rule: TaxelRule) -> bool {
-    let limit = i64::from(sums.force[2]) * i64::from(rule.friction.per_unit()) / i64::from(PER_UNIT);
-    10 * i64::from(total_shear(sums)) >= limit
 }
 
 /// Fingerprint of a network: its output for a synthetic picture, as text. It differs with other weights. `rest` is a 440×440 crop.
@@ -432,48 +424,103 @@ fn drop_untouched(newtons: &mut [[f32; 3]; TAXELS], contact_min_n: f32) {
 
 #[cfg(test)]
 mod tests {
+    use gripline_network::Architecture;
+    use gripline_simulation::{Fingertip, FingertipParams};
+
     use super::*;
+    use crate::settings_for;
 
-    fn are_falling(ratios: &[u16]) -> bool {
-        let mut recent = RecentRatios::default();
+    /// Pictures without contact, each with noise of its own.
+    fn rest(pictures: usize) -> Vec<Vec<u8>> {
+        let mut fingertip = Fingertip::new(1, FingertipParams::default()).unwrap();
+        (0..pictures).map(|_| fingertip.rest_image().pixels).collect()
+    }
+
+    fn pipeline() -> Pipeline {
+        let network = Network::embedded(Architecture::default()).unwrap();
+        let rule = TaxelRule::of(&settings_for(&network));
+        Pipeline::new(network, &rest(8), GateKind::default(), rule)
+    }
+
+    /// Taxels in contact, those that stick, and total shear and normal force, 1/4096 N.
+    fn judgement(contact: u16, stick: u16, shear: i32, normal: i32) -> Judgement {
+        let rule = TaxelRule::of(&Configuration::DEFAULT);
+        let sums = MapSums {
+            contact,
+            stick,
+            force: [shear, 0, normal],
+            ..MapSums::default()
+        };
+        Judgement { rule, sums }
+    }
+
+    fn stage(pipeline: &mut Pipeline) -> &mut ParticleStage {
+        match &mut pipeline.stage {
+            Stage::Particles(stage) => stage,
+            Stage::Markers(_) => panic!("a fingertip with particles"),
+        }
+    }
+
+    /// How often the network looks afresh after maps of these ratios, 1/100, of a contact of a hundred taxels.
+    fn after(ratios: &[u16]) -> Option<u32> {
+        let mut pipeline = pipeline();
         for ratio in ratios {
-            recent.push(Some(*ratio));
+            pipeline.judgement = judgement(100, *ratio, 0, 40_000);
+            pipeline.follow();
         }
-        recent.are_falling()
+        let judgement = pipeline.judgement;
+        stage(&mut pipeline).refresh_every(&judgement, 10.0)
     }
 
     #[test]
-    fn a_ratio_that_comes_to_slip_within_a_few_windows_falls() {
-        // 0.03 a map: SLIP after another 9 of them.
-        let steep: Vec<u16> = (0..8).map(|map| 10_000 - 300 * map).collect();
-        assert!(are_falling(&steep));
-        // 0.01 a map: after another 43.
-        let flat: Vec<u16> = (0..8).map(|map| 10_000 - 100 * map).collect();
-        assert!(!are_falling(&flat));
-        assert!(are_falling(
-            &flat.iter().map(|ratio| ratio - 2_500).collect::<Vec<_>>()
-        ));
-        // One taxel of 24 that flickers, a steady ratio, and one that rises.
-        assert!(!are_falling(&[
-            8_333, 7_917, 8_333, 7_917, 7_917, 8_333, 7_917, 7_917
-        ]));
-        assert!(!are_falling(&[5_000; 8]));
-        assert!(!are_falling(&steep.iter().rev().copied().collect::<Vec<_>>()));
+    fn while_the_stick_ratio_falls_nothing_is_noise() {
+        // SLIP after another nine maps; after another 43; after another 18.
+        assert_eq!(after(&[100, 97, 94, 91, 88, 85, 82, 79]), Some(1));
+        assert_eq!(after(&[100, 99, 98, 97, 96, 95, 94, 93]), None);
+        assert_eq!(after(&[80, 79, 78, 77, 76, 75, 74, 73]), Some(1));
+        // It flickers, stays, rises.
+        assert_eq!(after(&[92, 95, 92, 95, 95, 92, 95, 95]), None);
+        assert_eq!(after(&[80; 20]), Some(UNSURE_REFRESH));
+        assert_eq!(after(&[79, 82, 85, 88, 91, 94, 97, 100]), None);
     }
 
     #[test]
-    fn another_contact_begins_another_window() {
-        let mut recent = RecentRatios::default();
-        for map in 0..8 {
-            recent.push(Some(10_000 - 600 * map));
+    fn two_taxels_of_a_small_contact_decide_only_where_it_is_sheared() {
+        let mut pipeline = pipeline();
+        let mut of = |contact, stick, shear| {
+            stage(&mut pipeline).refresh_every(&judgement(contact, stick, shear, 4_096), 10.0)
+        };
+        assert_eq!([of(10, 10, 0), of(10, 10, 1_000)], [None, Some(UNSURE_REFRESH)]);
+        assert_eq!(
+            [of(14, 11, 0), of(14, 11, 1_000)],
+            [Some(UNSURE_REFRESH), Some(1)]
+        );
+        assert_eq!([of(40, 40, 0), of(40, 40, 1_000)], [None; 2]);
+        assert_eq!([of(2, 2, 0), of(2, 2, 1_000)], [None, Some(1)]);
+    }
+
+    #[test]
+    fn where_a_touch_begins_or_ends_nothing_is_noise() {
+        let mut pipeline = pipeline();
+        let mut of = |contact| stage(&mut pipeline).refresh_every(&judgement(0, 0, 0, 0), contact);
+        let every = Some(UNSURE_REFRESH);
+        assert_eq!([0.1, 0.5, 0.9, 1.2].map(&mut of), [None, every, Some(1), Some(1)]);
+        assert_eq!([2.0, 3.9, 4.1].map(&mut of), [every, every, None]);
+    }
+
+    #[test]
+    fn a_picture_without_contact_ends_the_trend() {
+        let mut pipeline = pipeline();
+        for ratio in [100, 97, 94, 91, 88, 85, 82, 79] {
+            pipeline.judgement = judgement(100, ratio, 0, 40_000);
+            pipeline.follow();
         }
-        assert!(recent.are_falling());
-        recent.push(None);
-        for map in 0..7 {
-            recent.push(Some(9_000 - 500 * map));
-            assert!(!recent.are_falling(), "after {map} maps");
-        }
-        recent.push(Some(5_500));
-        assert!(recent.are_falling());
+        assert!(stage(&mut pipeline).maps_to_slip.is_some());
+        let gate = pipeline.process(&rest(9)[8]).unwrap().gate;
+        assert_eq!(gate, GateDecision::NoContact);
+        assert_eq!(stage(&mut pipeline).maps_to_slip, None);
+        pipeline.judgement = judgement(100, 76, 0, 40_000);
+        pipeline.follow();
+        assert_eq!(stage(&mut pipeline).maps_to_slip, None, "another contact");
     }
 }
