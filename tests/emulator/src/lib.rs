@@ -21,5 +21,5 @@ pub mod usb;
 pub use board::{Board, EmulatorError, Reset};
 pub use dac::DacWrite;
 pub use gripline_emulator_wire::{self as wire, Disturbance, FaultInjection, LineWiring};
-pub use trace::Event;
+pub use trace::{Event, EventKind};
 pub use uart::UartByte;

@@ -1,4 +1,4 @@
-//! What the core did, instruction by instruction: for counting what the firmware's clock cannot see.
+//! What the core did, with the count of its instructions: for counting what the firmware's clock cannot see.
 //!
 //! Limits: the core's own registers (timers, interrupt controller) are no accesses here; an exception shows as an arrival
 //! at its handler.
@@ -9,10 +9,19 @@ use crate::hardware::Hardware;
 
 /// Something that a traced board recorded, oldest first.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Event {
-    /// The core is about to run the instruction at this address.
-    Instruction(u32),
-    /// The instruction before read or wrote this address of a peripheral.
+pub struct Event {
+    /// Instructions that the core had run since power-on; for an access, its own included.
+    pub retired: u64,
+    /// What it was.
+    pub kind: EventKind,
+}
+
+/// What a traced board records.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum EventKind {
+    /// The core is about to run the watched instruction at this address.
+    Arrival(u32),
+    /// An instruction read or wrote this address of a peripheral.
     Access(u32),
     /// A bulk packet from the host lies in the receive FIFO.
     Delivery,
@@ -31,7 +40,7 @@ pub(crate) struct Tracer {
 }
 
 impl Tracer {
-    /// A recorder of the instructions at `addresses`; of nothing when there are none.
+    /// A recorder that watches the instructions at `addresses`; of nothing when there are none.
     pub(crate) fn new(addresses: Vec<u32>) -> Self {
         Self {
             addresses,
@@ -52,21 +61,28 @@ impl Tracer {
                 host.watch(Watch::Instruction(address.into()));
             }
         }
+        let retired = match settled {
+            Settled::Hit(hit) => hit.instruction_count,
+            Settled::Access { access, .. } => access.instruction_count,
+            Settled::Stop(stop) => stop.instruction_count,
+            _ => return,
+        };
+        let mut record = |kind| self.events.push(Event { retired, kind });
         // The count starts anew whenever a report has taken the list.
         let deliveries = board.usb().deliveries();
         for _ in self.deliveries.min(deliveries)..deliveries {
-            self.events.push(Event::Delivery);
+            record(EventKind::Delivery);
         }
         self.deliveries = deliveries;
         let uart_bytes = board.far_end().arrived();
         for _ in self.uart_bytes..uart_bytes {
-            self.events.push(Event::UartByte);
+            record(EventKind::UartByte);
         }
         self.uart_bytes = uart_bytes;
         match settled {
-            Settled::Hit(hit) => self.events.push(Event::Instruction(hit.address as u32)),
+            Settled::Hit(hit) => record(EventKind::Arrival(hit.address as u32)),
             Settled::Access { access, .. } if access.program_counter.is_some() => {
-                self.events.push(Event::Access(access.address as u32));
+                record(EventKind::Access(access.address as u32));
             }
             _ => {}
         }

@@ -2,7 +2,7 @@
 //! in its place: they show that the chip comes there, and how it comes back. `GRIPLINE_IMAGE` names the image.
 
 use gripline_emulator::usb::Cable;
-use gripline_emulator::{Board, EmulatorError, Event};
+use gripline_emulator::{Board, EmulatorError, EventKind};
 use gripline_protocol::message::{Bootloader, Command, GripMode, Hello, Message, MessagePackets, Report};
 use gripline_protocol::{Event as Parsed, Parser};
 
@@ -96,7 +96,7 @@ impl Bench {
         let trace = self.board.take_trace();
         trace
             .iter()
-            .filter(|event| **event == Event::Instruction(ENTRY))
+            .filter(|event| event.kind == EventKind::Arrival(ENTRY))
             .count()
     }
 }

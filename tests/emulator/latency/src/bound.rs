@@ -10,7 +10,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use crate::Error;
 use crate::cycles::{self, Fetch, Memory};
-use crate::image::{Flow, Function, Image, Instruction};
+use crate::image::{Flow, Function, Image, Instruction, Masking};
 use crate::source::{Place, Sources};
 use crate::tables::{CALLS, COPY, LEFT_OUT, Left, MACHINE_LOOPS, MachineLoop, OF_TAIL, SKIPPED, TAIL_TAXELS};
 
@@ -290,9 +290,9 @@ impl<'a> Walk<'a> {
             });
             for one in body.values() {
                 let is_raised = |one: &Instruction| {
-                    one.text.starts_with("msr basepri_max") && Self::raised_to(&body, one) <= priority
+                    one.masking == Masking::Raises && Self::raised_to(&body, one) <= priority
                 };
-                let is_masked = |one: &Instruction| one.text.starts_with("cpsid");
+                let is_masked = |one: &Instruction| one.masking == Masking::DisablesAll;
                 let block = if is_masked(one) {
                     Block::All
                 } else if is_raised(one) {
@@ -303,8 +303,8 @@ impl<'a> Walk<'a> {
                     continue;
                 };
                 let is_end = |other: &Instruction| match block {
-                    Block::All => other.text.starts_with("cpsie") || other.text.starts_with("msr primask"),
-                    Block::Priority => other.text.starts_with("msr basepri,"),
+                    Block::All => other.masking == Masking::EnablesAll,
+                    Block::Priority => other.masking == Masking::Restores,
                     Block::Own => unmasks.contains(&other.address),
                 };
                 let inside = self.inside(function, &body, one.next(), is_end);
@@ -322,7 +322,7 @@ impl<'a> Walk<'a> {
                 // A mask inside another one would end the stretch with its own end, too early.
                 let is_nested = inside.iter().any(|at| {
                     let other = &body[at];
-                    is_masked(other) || other.text.starts_with("msr basepri_max") || masks.contains(at)
+                    is_masked(other) || other.masking == Masking::Raises || masks.contains(at)
                 });
                 if is_nested {
                     self.findings.insert(format!(
@@ -516,7 +516,7 @@ impl<'a> Walk<'a> {
             }
             Flow::Branch(target) => vec![one.next(), target],
             Flow::Jump(target) => vec![target],
-            Flow::Table => self.table(one).unwrap_or_else(|| {
+            Flow::Table => self.image.table(one).unwrap_or_else(|| {
                 self.findings.insert(format!("jump table in {}", function.name));
                 Vec::new()
             }),
@@ -625,7 +625,8 @@ impl<'a> Walk<'a> {
                 self.unknown.insert(one.address);
             }
         }
-        let mut cycles = u64::from(cycles::core(one, is_branch) + cycles::data(one, memory));
+        let refill = if is_branch { cycles::REFILL } else { 0 };
+        let mut cycles = u64::from(cycles::core(one) + refill + cycles::data(one, memory));
         if Memory::of(one.address) == Memory::Flash || is_branch {
             cycles += u64::from(fetch.cost(one));
         }
@@ -654,7 +655,7 @@ impl<'a> Walk<'a> {
                 Flow::Branch(target) => vec![one.next(), target],
                 Flow::Jump(target) => vec![target],
                 Flow::Return | Flow::Trap | Flow::JumpRegister if !one.is_conditional => Vec::new(),
-                Flow::Table => self.table(one).unwrap_or_default(),
+                Flow::Table => self.image.table(one).unwrap_or_default(),
                 _ => vec![one.next()],
             };
             targets.retain(|target| body.contains_key(target));
@@ -736,28 +737,6 @@ impl<'a> Walk<'a> {
         if let Some((register, value)) = value.filter(|_| !one.is_conditional) {
             known.insert(register, value);
         }
-    }
-
-    /// Where a table of offsets leads: as many entries as lead into the code behind it.
-    fn table(&self, one: &Instruction) -> Option<Vec<u32>> {
-        let base = one.address + 4;
-        let width = if one.name == "tbb" { 1 } else { 2 };
-        let (mut targets, mut at, mut first) = (Vec::new(), base, u32::MAX);
-        while at < first {
-            let offset = match self.image.bytes(at, width as usize)? {
-                [byte] => u32::from(*byte),
-                [low, high] => u32::from(*low) | u32::from(*high) << 8,
-                _ => return None,
-            };
-            let target = base + 2 * offset;
-            if target <= at {
-                break; // padding
-            }
-            first = first.min(target);
-            targets.push(target);
-            at += width;
-        }
-        Some(targets)
     }
 
     /// The longest way from `start` to anywhere in `nodes`, loops as often as they may run.

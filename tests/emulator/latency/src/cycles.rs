@@ -81,11 +81,11 @@ impl Memory {
     }
 }
 
-/// Cycles of the core alone, when every memory answers at once; `is_taken` for a branch that is.
+/// Cycles of the core alone, when every memory answers at once; a branch that is taken takes [`REFILL`] more.
 #[must_use]
-pub fn core(instruction: &Instruction, is_taken: bool) -> u32 {
+pub fn core(instruction: &Instruction) -> u32 {
     let moved = instruction.data.transfers;
-    let base = match instruction.name.as_str() {
+    match instruction.name.as_str() {
         "udiv" | "sdiv" => 12,
         "mla" | "mls" | "cps" | "cpsid" | "cpsie" | "mrs" | "msr" => 2,
         "dmb" | "dsb" | "isb" => BARRIER,
@@ -93,8 +93,7 @@ pub fn core(instruction: &Instruction, is_taken: bool) -> u32 {
         "vmla" | "vmls" | "vfma" | "vfms" | "vnmla" | "vnmls" | "vfnma" | "vfnms" => 4,
         name if name.starts_with('v') && moved == 0 => 2,
         _ => 1 + moved,
-    };
-    base + if is_taken { REFILL } else { 0 }
+    }
 }
 
 /// What fetching costs: knows which line or word was fetched last.

@@ -49,6 +49,34 @@ pub enum Flow {
     Trap,
 }
 
+/// How an instruction changes what may interrupt the running code.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Masking {
+    /// Not.
+    #[default]
+    Keeps,
+    /// Nothing may any more (`cpsid`).
+    DisablesAll,
+    /// What could before (`cpsie`, or PRIMASK written).
+    EnablesAll,
+    /// Only what has a higher priority than it says (BASEPRI_MAX written).
+    Raises,
+    /// What could before (BASEPRI written).
+    Restores,
+}
+
+impl Masking {
+    fn of(text: &str) -> Self {
+        match text {
+            _ if text.starts_with("cpsid") => Self::DisablesAll,
+            _ if text.starts_with("cpsie") || text.starts_with("msr primask") => Self::EnablesAll,
+            _ if text.starts_with("msr basepri_max") => Self::Raises,
+            _ if text.starts_with("msr basepri,") => Self::Restores,
+            _ => Self::Keeps,
+        }
+    }
+}
+
 /// What an instruction needs of the memory.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Data {
@@ -87,6 +115,12 @@ pub struct Instruction {
     pub base: Option<(u16, u32)>,
     /// Registers that it changes.
     pub writes: Vec<u16>,
+    /// What it does to the masks.
+    pub masking: Masking,
+    /// Its place among the image's instructions.
+    pub number: usize,
+    /// The place of its function among the image's functions, if it lies in one.
+    pub function: Option<usize>,
 }
 
 impl Instruction {
@@ -184,7 +218,43 @@ impl Image {
             }
         }
         image.decode(&marks)?;
+        image.number();
         Ok(image)
+    }
+
+    /// Code at this address, behind a vector table with these handlers; for tests.
+    #[cfg(test)]
+    pub(crate) fn of_code(handlers: &[u32], base: u32, code: &[u16]) -> Self {
+        let table = [0].iter().chain(handlers).flat_map(|word| word.to_le_bytes());
+        let mut image = Self {
+            instructions: BTreeMap::new(),
+            functions: BTreeMap::new(),
+            sections: vec![
+                (0x0800_0000, table.collect()),
+                (base, code.iter().flat_map(|half| half.to_le_bytes()).collect()),
+            ],
+            flash_bytes: 0,
+            ram_bytes: 0,
+            kept_by_callees: BTreeSet::new(),
+            third_argument: 0,
+        };
+        image.decode(&BTreeMap::from([(base, true)])).expect("Thumb code");
+        image.number();
+        image
+    }
+
+    fn number(&mut self) {
+        let mut functions = self.functions.values().enumerate().peekable();
+        for (number, one) in self.instructions.values_mut().enumerate() {
+            while functions
+                .next_if(|(_, function)| function.end <= one.address)
+                .is_some()
+            {}
+            let function = functions
+                .peek()
+                .filter(|(_, function)| function.start <= one.address);
+            (one.number, one.function) = (number, function.map(|(number, _)| *number));
+        }
     }
 
     fn decode(&mut self, marks: &BTreeMap<u32, bool>) -> Result<(), Error> {
@@ -242,6 +312,52 @@ impl Image {
             }
         }
         Ok(())
+    }
+
+    /// Where a table of offsets leads: as many entries as lead into the code behind it. None for a table that is not there.
+    #[must_use]
+    pub fn table(&self, one: &Instruction) -> Option<Vec<u32>> {
+        let base = one.address + 4;
+        let width = if one.name == "tbb" { 1 } else { 2 };
+        let (mut targets, mut at, mut first) = (Vec::new(), base, u32::MAX);
+        while at < first {
+            let offset = match self.bytes(at, width as usize)? {
+                [byte] => u32::from(*byte),
+                [low, high] => u32::from(*low) | u32::from(*high) << 8,
+                _ => return None,
+            };
+            let target = base + 2 * offset;
+            if target <= at {
+                break; // padding
+            }
+            first = first.min(target);
+            targets.push(target);
+            at += width;
+        }
+        Some(targets)
+    }
+
+    /// The instructions that are reached otherwise than from the one before them: where branches, calls and tables lead, what follows
+    /// those, and the first ones of functions. Whoever knows when the core came to these knows of every instruction.
+    #[must_use]
+    pub fn entries(&self) -> Vec<u32> {
+        let mut entries: BTreeSet<u32> = self.functions.keys().copied().collect();
+        let mut behind = None;
+        for one in self.instructions.values() {
+            if behind != Some(one.address) {
+                entries.insert(one.address);
+            }
+            behind = (one.flow == Flow::Next).then(|| one.next());
+            match one.flow {
+                Flow::Branch(target) | Flow::Jump(target) | Flow::Call(target) => {
+                    entries.insert(target);
+                }
+                Flow::Table => entries.extend(self.table(one).into_iter().flatten()),
+                _ => {}
+            }
+        }
+        entries.retain(|address| self.instructions.contains_key(address));
+        entries.into_iter().collect()
     }
 
     /// The function that `address` lies in.
@@ -440,6 +556,7 @@ fn instruction(found: &Insn, detail: &InsnDetail, name: &str, size: u32, in_bloc
         ("movt", Some(register), Some(value)) => Some((register, value, true)),
         _ => None,
     };
+    let masking = Masking::of(&text);
     let is_stack = arguments.contains(SP) || text.starts_with("push") || text.starts_with("pop");
     Instruction {
         address,
@@ -458,6 +575,10 @@ fn instruction(found: &Insn, detail: &InsnDetail, name: &str, size: u32, in_bloc
         offset,
         base,
         writes,
+        masking,
+        // Known once all are read.
+        number: 0,
+        function: None,
     }
 }
 

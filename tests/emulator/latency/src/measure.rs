@@ -12,7 +12,7 @@ use gripline_protocol::{ForceMap, Health, MapInfo, SensorId, TaxelForce, encode_
 use crate::Error;
 use crate::bound::Loop;
 use crate::cycles::{ENTRY, Memory};
-use crate::image::{Flow, Image};
+use crate::image::{Flow, Function, Image, Masking};
 use crate::walk::{Step, Walk};
 
 /// The path's priority as the masks count it.
@@ -129,6 +129,8 @@ pub struct Bench<'a> {
     is_written: bool,
     /// The last instruction was the path's interrupt's.
     in_path: bool,
+    /// The timer's interrupt, and when it was entered.
+    alarm_handler: u32,
     alarm: Option<u64>,
     /// Longest stretch with the path blocked, cycles.
     pub blocking_worst: u64,
@@ -140,18 +142,20 @@ pub struct Bench<'a> {
     pub worst: [Way; 2],
     /// The longest ways by the number of taxels in the last packet, by link.
     pub worst_by_tail: [[Way; TAXELS_PER_PACKET]; 2],
-    /// Instructions of the path by function, since [`Bench::counted`].
-    functions: BTreeMap<u32, u64>,
+    /// Instructions of the path by function (its place in the image), since [`Bench::counted`].
+    functions: Vec<u64>,
     /// Loops that are watched, by function.
-    loops: BTreeMap<u32, Vec<Watched>>,
+    loops: Vec<Vec<Watched>>,
     /// The slowest peripheral that an instruction accessed.
     accesses: BTreeMap<u32, Memory>,
-    /// Instructions that ran.
-    has_run: BTreeSet<u32>,
+    /// Whether an instruction that moves data ran, by its place in the image.
+    has_moved: Vec<bool>,
     /// Cycles by function since a packet landed while none was under way.
-    spent: BTreeMap<u32, u64>,
-    /// Where the worst ways' cycles went.
-    pub worst_spent: [BTreeMap<u32, u64>; 2],
+    spent: Vec<u64>,
+    /// Where the worst ways' cycles went, by function.
+    pub worst_spent: [Vec<u64>; 2],
+    /// The steps of a run, kept for their memory.
+    steps: Vec<Step<'a>>,
 }
 
 impl<'a> Bench<'a> {
@@ -160,7 +164,6 @@ impl<'a> Bench<'a> {
     /// # Errors
     /// A board that does not run, an image without the functions looked for.
     pub fn new(image: &'a Image, elf: &[u8]) -> Result<Self, Error> {
-        let addresses: Vec<u32> = image.instructions.keys().copied().collect();
         let packets: BTreeSet<u32> = PACKETS
             .iter()
             .filter_map(|name| {
@@ -182,7 +185,7 @@ impl<'a> Bench<'a> {
         let act = act.map_or((0, 0), |one| (one.start, one.end));
         let mut bench = Self {
             image,
-            board: Board::boot_traced(elf, &addresses)?,
+            board: Board::boot_traced(elf, &image.entries())?,
             walk: Walk::new(image),
             packets,
             sequence: 0,
@@ -219,18 +222,23 @@ impl<'a> Bench<'a> {
             act,
             is_written: false,
             in_path: false,
+            alarm_handler: image
+                .functions_named("TIM5")
+                .find(|one| one.name == "TIM5")
+                .map_or(0, |one| one.start),
             alarm: None,
             blocking_worst: 0,
             section_worst: 0,
             tick: (u64::MAX, 0),
             worst: Default::default(),
             worst_by_tail: Default::default(),
-            functions: BTreeMap::new(),
-            loops: BTreeMap::new(),
+            functions: vec![0; image.functions.len()],
+            loops: vec![Vec::new(); image.functions.len()],
             accesses: BTreeMap::new(),
-            has_run: BTreeSet::new(),
-            spent: BTreeMap::new(),
+            has_moved: vec![false; image.instructions.len()],
+            spent: vec![0; image.functions.len()],
             worst_spent: Default::default(),
+            steps: Vec::new(),
         };
         bench.board.usb_cable(Cable::In);
         for _ in 0..1_000 {
@@ -261,11 +269,13 @@ impl<'a> Bench<'a> {
         self.board.run_for(ns)?;
         self.now_ns += ns;
         let trace = self.board.take_trace();
-        let mut steps: Vec<Step<'a>> = Vec::new();
-        self.walk.take(&trace, |step| steps.push(step));
-        for step in steps {
-            self.step(&step);
+        let mut steps = std::mem::take(&mut self.steps);
+        steps.clear();
+        self.walk.take(&trace, |step| steps.push(step))?;
+        for step in &steps {
+            self.step(step);
         }
+        self.steps = steps;
         Ok(())
     }
 
@@ -308,9 +318,11 @@ impl<'a> Bench<'a> {
             let mine = self.accesses.entry(*at).or_insert(*its);
             *mine = (*mine).max(*its);
         }
-        self.has_run.extend(&other.has_run);
-        let its = other.loops.values().flatten();
-        for (mine, its) in self.loops.values_mut().flatten().zip(its) {
+        for (mine, its) in self.has_moved.iter_mut().zip(&other.has_moved) {
+            *mine |= *its;
+        }
+        let its = other.loops.iter().flatten();
+        for (mine, its) in self.loops.iter_mut().flatten().zip(its) {
             mine.most = mine.most.max(its.most);
         }
     }
@@ -332,7 +344,7 @@ impl<'a> Bench<'a> {
             self.byte = self.byte_landed.take();
         }
         if step.instruction.data.transfers > 0 {
-            self.has_run.insert(address);
+            self.has_moved[step.instruction.number] = true;
         }
         if let Some(access) = step.access {
             let slowest = self.accesses.entry(address).or_insert(Memory::Coupled);
@@ -352,7 +364,7 @@ impl<'a> Bench<'a> {
     fn note_landed(&mut self, step: &Step<'a>) {
         let address = step.instruction.address;
         if step.deliveries > 0 && self.waiting.is_empty() && self.open.is_none() {
-            self.spent.clear();
+            self.spent.fill(0);
         }
         // The interrupt is left, or entered again: what it was entered for and no function took is a message, which waits for the task.
         if self.in_path && (step.exception != Some(self.path) || address == self.path) {
@@ -368,7 +380,7 @@ impl<'a> Bench<'a> {
         let meets_task = step.exception == Some(self.task);
         if step.uart_bytes > 0 && self.byte_landed.is_none() {
             if self.waiting.is_empty() && self.open.is_none() {
-                self.spent.clear();
+                self.spent.fill(0);
             }
             let entry = if address == self.uart { u64::from(ENTRY) } else { 0 };
             let way = Way {
@@ -393,26 +405,27 @@ impl<'a> Bench<'a> {
     fn count(&mut self, step: &Step<'a>) {
         let is_blocked = self.held.iter().any(|(priority, ..)| *priority <= PATH_PRIORITY);
         let (address, is_tail) = (step.instruction.address, self.is_tail);
-        if let Some(function) = self.image.function_at(address) {
-            if self.is_path(step) {
-                *self.functions.entry(function.start).or_default() += 1;
+        let Some(function) = step.instruction.function else {
+            return;
+        };
+        if self.is_path(step) {
+            self.functions[function] += 1;
+        }
+        for one in &mut self.loops[function] {
+            let counts = match one.when {
+                When::Tail => is_tail,
+                When::Blocked => is_blocked,
+            };
+            if address == one.of.header && counts {
+                one.rounds += 1;
+                one.most = one.most.max(one.rounds);
+            } else if !one.of.body.contains(&address) {
+                one.rounds = 0;
             }
-            for one in self.loops.get_mut(&function.start).into_iter().flatten() {
-                let counts = match one.when {
-                    When::Tail => is_tail,
-                    When::Blocked => is_blocked,
-                };
-                if address == one.of.header && counts {
-                    one.rounds += 1;
-                    one.most = one.most.max(one.rounds);
-                } else if !one.of.body.contains(&address) {
-                    one.rounds = 0;
-                }
-            }
-            *self.spent.entry(function.start).or_default() += u64::from(step.cycles);
-            if function.start == address && function.name.contains("TIM5") {
-                self.alarm = Some(self.total.cycles);
-            }
+        }
+        self.spent[function] += u64::from(step.cycles);
+        if address == self.alarm_handler {
+            self.alarm = Some(self.total.cycles);
         }
     }
 
@@ -445,7 +458,6 @@ impl<'a> Bench<'a> {
         if std::mem::take(&mut self.is_written) {
             self.is_tail = false;
             if let Some(from) = self.open.take() {
-                let spent = std::mem::take(&mut self.spent);
                 let way = Way {
                     instructions: self.total.instructions - from.instructions,
                     cycles: self.total.cycles - from.cycles,
@@ -453,8 +465,10 @@ impl<'a> Bench<'a> {
                 };
                 let link = way.link as usize;
                 if way.cycles > self.worst[link].cycles {
-                    (self.worst[link], self.worst_spent[link]) = (way, spent);
+                    self.worst[link] = way;
+                    self.worst_spent[link].clone_from(&self.spent);
                 }
+                self.spent.fill(0);
                 if from.blocked_at != 0 {
                     let met = self.met.entry(from.blocked_at).or_default();
                     met.waited = met.waited.max(from.waited);
@@ -481,11 +495,11 @@ impl<'a> Bench<'a> {
     /// Who blocks the path, and for how long.
     fn note_masks(&mut self, step: &Step<'a>) {
         // Both masks are raised and lowered in pairs, one inside the other.
-        let (text, address) = (step.instruction.text.as_str(), step.instruction.address);
-        if text.starts_with("msr basepri_max") {
+        let (masking, address) = (step.instruction.masking, step.instruction.address);
+        if masking == Masking::Raises {
             let priority = self.raised_to(address);
             self.held.push((priority, self.below, address));
-        } else if text.starts_with("msr basepri,")
+        } else if masking == Masking::Restores
             && let Some((priority, from, at)) = self.held.pop()
             && priority <= PATH_PRIORITY
         {
@@ -807,8 +821,9 @@ impl<'a> Bench<'a> {
 
     /// Instructions whose accesses a run met.
     #[must_use]
-    pub fn accessed(&self) -> &BTreeSet<u32> {
-        &self.has_run
+    pub fn accessed(&self) -> BTreeSet<u32> {
+        let moved = self.image.instructions.keys().zip(&self.has_moved);
+        moved.filter(|(_, moved)| **moved).map(|(at, _)| *at).collect()
     }
 
     /// The packets of a new map.
@@ -895,7 +910,7 @@ impl<'a> Bench<'a> {
     pub fn counted(&mut self) -> Counted<'a> {
         Counted {
             image: self.image,
-            functions: std::mem::take(&mut self.functions),
+            functions: std::mem::replace(&mut self.functions, vec![0; self.image.functions.len()]),
         }
     }
 
@@ -916,10 +931,11 @@ impl<'a> Bench<'a> {
     /// Counts the rounds of these loops from now on, `when` they count.
     pub fn watch<'l>(&mut self, loops: impl Iterator<Item = &'l Loop>, when: When) {
         for one in loops {
-            let Some(function) = self.image.function_at(one.header) else {
+            let header = self.image.instructions.get(&one.header);
+            let Some(function) = header.and_then(|header| header.function) else {
                 continue;
             };
-            self.loops.entry(function.start).or_default().push(Watched {
+            self.loops[function].push(Watched {
                 of: one.clone(),
                 when,
                 rounds: 0,
@@ -931,11 +947,7 @@ impl<'a> Bench<'a> {
     /// What a run showed against the tables of the walk: loops with more rounds, accesses to slower memories.
     #[must_use]
     pub fn broken(&self, memories: &BTreeMap<u32, Memory>) -> Vec<String> {
-        let loops = self
-            .loops
-            .values()
-            .flatten()
-            .filter(|one| one.most > one.of.rounds);
+        let loops = self.loops.iter().flatten().filter(|one| one.most > one.of.rounds);
         let loops = loops.map(|one| {
             format!(
                 "{} rounds of a loop, {} allowed: {}",
@@ -954,17 +966,16 @@ impl<'a> Bench<'a> {
 #[derive(Debug)]
 pub struct Counted<'a> {
     image: &'a Image,
-    functions: BTreeMap<u32, u64>,
+    functions: Vec<u64>,
 }
 
 impl Counted<'_> {
     /// Those in functions whose names contain one of these.
     #[must_use]
     pub fn of(&self, names: &[&str]) -> u64 {
-        self.functions
-            .iter()
-            .filter(|(start, _)| {
-                let name = &self.image.functions[start].name;
+        let functions = self.image.functions.values().zip(&self.functions);
+        functions
+            .filter(|(Function { name, .. }, _)| {
                 names.iter().any(|part| name.contains(part)) && !name.contains("Thunk")
             })
             .map(|(_, count)| count)
@@ -981,7 +992,7 @@ pub enum When {
     Blocked,
 }
 
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 struct Watched {
     of: Loop,
     when: When,

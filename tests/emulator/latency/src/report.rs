@@ -189,7 +189,7 @@ impl Report {
         let played = Played::of(&mut bench, &mut other, length)?;
 
         // Once more, now that it is known what the runs met.
-        let met = bench.accessed().clone();
+        let met = bench.accessed();
         let code = Code {
             met: Some(&met),
             ..before.code
@@ -761,10 +761,11 @@ fn not_in_image(image: &Image) -> Vec<String> {
 }
 
 /// Cycles by the name of the function, the most first.
-fn by_function(image: &Image, spent: &BTreeMap<u32, u64>) -> Vec<(String, u64)> {
-    let mut found: Vec<(String, u64)> = spent
-        .iter()
-        .filter_map(|(at, cycles)| Some((short(&image.functions.get(at)?.name).to_owned(), *cycles)))
+fn by_function(image: &Image, spent: &[u64]) -> Vec<(String, u64)> {
+    let functions = image.functions.values().zip(spent);
+    let mut found: Vec<(String, u64)> = functions
+        .filter(|(_, cycles)| **cycles > 0)
+        .map(|(function, cycles)| (short(&function.name).to_owned(), *cycles))
         .collect();
     found.sort_by_key(|(_, cycles)| std::cmp::Reverse(*cycles));
     found

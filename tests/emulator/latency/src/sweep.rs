@@ -195,6 +195,8 @@ pub fn phases(bench: &mut Bench<'_>, length: Length) -> Result<(), Error> {
         if length == Length::Short {
             continue;
         }
+        // Maps of few packets meet other moments of the tick's work.
+        last_packets(bench, &all[..1], SHORT_MAP, sensors, length)?;
         // Around the end of a command over the UART. New settings cut off a map whose sums were begun by the old ones.
         for command in [Command::ReadConfiguration, Command::Configure(shipped(sensors))] {
             let ends_ns = bench.uart_ns(command);

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use gripline_emulator::{Board, Event};
+use gripline_emulator::{Board, EventKind};
 
 use crate::Error;
 use crate::image::{Image, read};
@@ -31,21 +31,17 @@ pub fn instructions(path: &Path) -> Result<u64, Error> {
     let [start, end] = starts[..] else {
         return Err(missing("not both in the image"));
     };
-    let addresses: Vec<u32> = image.instructions.keys().copied().collect();
-    let mut board = Board::boot_traced(&elf, &addresses)?;
+    let mut board = Board::boot_traced(&elf, &starts)?;
     board.run_for(TIME_NS)?;
-    let (mut count, mut is_counting, mut is_done) = (0, false, false);
-    for event in board.take_trace() {
-        let Event::Instruction(address) = event else {
-            continue;
-        };
-        is_counting |= address == start;
-        is_done |= address == end;
-        count += u64::from(is_counting && !is_done);
-    }
-    if is_done {
-        Ok(count)
-    } else {
-        Err(missing("no end"))
+    let trace = board.take_trace();
+    let first = |address| {
+        let arrival = trace
+            .iter()
+            .find(|event| event.kind == EventKind::Arrival(address));
+        arrival.map(|event| event.retired)
+    };
+    match (first(start), first(end)) {
+        (Some(from), Some(to)) => Ok(to - from),
+        _ => Err(missing("no end")),
     }
 }

@@ -2,10 +2,11 @@
 
 use std::collections::BTreeSet;
 
-use gripline_emulator::Event;
+use gripline_emulator::{Event, EventKind};
 
+use crate::Error;
 use crate::cycles::{self, Fetch, Memory};
-use crate::image::{Flow, Image, Instruction};
+use crate::image::{Flow, Image, Instruction, Masking};
 
 /// One instruction that ran.
 #[derive(Debug, Clone, Copy)]
@@ -37,18 +38,27 @@ struct Landed {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Frame {
+    /// Where it returns to.
     Call(u32),
-    Exception(u32),
+    /// The same of a call that its condition may have skipped, or that may be over: an exception came in between.
+    PerhapsCall(u32),
+    /// The handler, and the instruction that it returns to where nothing watches the core's arrival there.
+    Exception(u32, Option<u32>),
 }
 
 /// Goes along a record.
 #[derive(Debug)]
 pub struct Walk<'a> {
-    image: &'a Image,
+    /// The instructions in the order of their addresses, and the cycles of the core for each.
+    code: Vec<(&'a Instruction, u32)>,
     handlers: BTreeSet<u32>,
     frames: Vec<Frame>,
+    /// The handler of the innermost exception.
+    exception: Option<u32>,
     is_masked: bool,
     fetch: Fetch,
+    /// Instructions that the core had run when the pending one ended.
+    retired: u64,
     pending: Option<(&'a Instruction, Option<u32>, Landed)>,
     landed: Landed,
 }
@@ -63,38 +73,104 @@ impl<'a> Walk<'a> {
             .map(|address| address & !1)
             .collect();
         Self {
-            image,
+            code: image
+                .instructions
+                .values()
+                .map(|one| (one, cycles::core(one)))
+                .collect(),
             handlers,
             frames: Vec::new(),
+            exception: None,
             is_masked: false,
             fetch: Fetch::default(),
+            retired: 0,
             pending: None,
             landed: Landed::default(),
         }
     }
 
-    /// Hands every completed step of these events to `see`; the last instruction waits for the next call.
+    /// Hands every completed step of these events to `see`; the last instruction waits for the next call. The core's arrivals at
+    /// [`Image::entries`] were watched: what it ran in between follows from their counts.
     ///
-    /// # Panics
-    /// On an address that is not in the image; only those of the image are traced.
-    pub fn take(&mut self, events: &[Event], mut see: impl FnMut(Step<'a>)) {
+    /// # Errors
+    /// Events that do not fit the image: it runs what is not in it, or comes to an instruction that nothing leads to.
+    pub fn take(&mut self, events: &[Event], mut see: impl FnMut(Step<'a>)) -> Result<(), Error> {
         for event in events {
-            match *event {
-                Event::Delivery => self.landed.deliveries += 1,
-                Event::UartByte => self.landed.uart_bytes += 1,
-                Event::Access(address) => {
+            while self.pending.is_some() && self.retired < event.retired {
+                let next = self.unwatched().ok_or_else(|| self.lost(event))?;
+                self.begin(next, &mut see);
+            }
+            match event.kind {
+                EventKind::Delivery => self.landed.deliveries += 1,
+                EventKind::UartByte => self.landed.uart_bytes += 1,
+                EventKind::Access(address) => {
                     if let Some((_, access, _)) = &mut self.pending {
                         *access = Some(address);
                     }
                 }
-                Event::Instruction(address) => {
-                    let instruction = self.image.instructions.get(&address).expect("it was asked for");
-                    if let Some((before, access, landed)) = self.pending.take() {
-                        see(self.step(before, access, landed, address));
+                EventKind::Arrival(address) => {
+                    if self.pending.is_none() {
+                        self.retired = event.retired;
                     }
-                    self.pending = Some((instruction, None, std::mem::take(&mut self.landed)));
+                    if self.retired != event.retired || !self.leads_to(address) {
+                        return Err(self.lost(event));
+                    }
+                    let instruction = self.at(address).ok_or_else(|| self.lost(event))?;
+                    self.begin(instruction, &mut see);
                 }
             }
+        }
+        Ok(())
+    }
+
+    /// The pending instruction ends, this one begins.
+    fn begin(&mut self, instruction: &'a Instruction, see: &mut impl FnMut(Step<'a>)) {
+        if let Some((before, access, landed)) = self.pending.take() {
+            see(self.step(before, access, landed, instruction.address));
+        }
+        self.retired += 1;
+        self.pending = Some((instruction, None, std::mem::take(&mut self.landed)));
+    }
+
+    /// Whether the core may come to this address behind the pending instruction; where a jump leads is not asked.
+    fn leads_to(&self, address: u32) -> bool {
+        self.pending.is_none_or(|(before, ..)| {
+            before.flow != Flow::Next || before.next() == address || self.handlers.contains(&address)
+        })
+    }
+
+    /// What runs behind the pending instruction where nothing watches the core's arrival.
+    fn unwatched(&self) -> Option<&'a Instruction> {
+        let (before, ..) = self.pending?;
+        match before.flow {
+            Flow::Next => {
+                let (next, _) = self.code.get(before.number + 1)?;
+                (next.address == before.next()).then_some(next)
+            }
+            Flow::Return => {
+                let back = self.frames.iter().rev().find_map(|frame| match frame {
+                    Frame::Exception(_, back) => Some(*back),
+                    Frame::Call(_) => Some(None),
+                    Frame::PerhapsCall(_) => None,
+                });
+                self.at(back??)
+            }
+            _ => None,
+        }
+    }
+
+    fn at(&self, address: u32) -> Option<&'a Instruction> {
+        let place = self.code.binary_search_by_key(&address, |(one, _)| one.address);
+        place.ok().map(|place| self.code[place].0)
+    }
+
+    fn lost(&self, event: &Event) -> Error {
+        let before = self.pending.map_or("nothing".to_owned(), |(before, ..)| {
+            format!("{:#x} {}, number {}", before.address, before.text, self.retired)
+        });
+        Error::Unexpected {
+            expected: "an instruction of the image, behind the one before".to_owned(),
+            found: format!("{event:x?} after {before}"),
         }
     }
 
@@ -105,17 +181,12 @@ impl<'a> Walk<'a> {
         landed: Landed,
         next: u32,
     ) -> Step<'a> {
-        let exception = self.frames.iter().rev().find_map(|frame| match frame {
-            Frame::Exception(handler) => Some(*handler),
-            Frame::Call(_) => None,
-        });
+        let exception = self.exception;
         let is_masked = self.is_masked;
-        match (instruction.name.as_str(), instruction.text.as_str()) {
-            (_, text) if text.starts_with("cpsid") => self.is_masked = true,
+        match instruction.masking {
+            Masking::DisablesAll => self.is_masked = true,
             // A restored mask counts as lifted: sections inside sections end with the outermost one.
-            (_, text) if text.starts_with("cpsie") || text.starts_with("msr primask") => {
-                self.is_masked = false;
-            }
+            Masking::EnablesAll => self.is_masked = false,
             _ => {}
         }
         let mut cycles = self.fetch.cost(instruction);
@@ -125,11 +196,13 @@ impl<'a> Walk<'a> {
         );
         cycles += cycles::data(instruction, memory);
         let is_taken = next != instruction.next();
-        cycles += cycles::core(instruction, is_taken);
+        cycles += self.code[instruction.number].1;
         if is_taken {
+            cycles += cycles::REFILL;
             self.fetch.lose();
         }
-        let enters = self.follow(instruction, next, &mut cycles);
+        let enters =
+            (is_taken || instruction.flow != Flow::Next) && self.follow(instruction, next, &mut cycles);
         Step {
             instruction,
             access,
@@ -144,26 +217,46 @@ impl<'a> Walk<'a> {
 
     /// Keeps calls and exceptions in order; whether an exception was entered.
     fn follow(&mut self, instruction: &Instruction, next: u32, cycles: &mut u32) -> bool {
+        let enters = self.change_frames(instruction, next, cycles);
+        self.exception = self.frames.iter().rev().find_map(|frame| match frame {
+            Frame::Exception(handler, _) => Some(*handler),
+            Frame::Call(_) | Frame::PerhapsCall(_) => None,
+        });
+        enters
+    }
+
+    fn change_frames(&mut self, instruction: &Instruction, next: u32, cycles: &mut u32) -> bool {
+        let back = (instruction.flow == Flow::Next).then(|| instruction.next());
+        if instruction.is_conditional && next == instruction.next() {
+            return false;
+        }
         let is_handler = self.handlers.contains(&next);
         match instruction.flow {
+            Flow::Call(_) | Flow::CallRegister if instruction.is_conditional && is_handler => {
+                self.frames.push(Frame::PerhapsCall(instruction.next()));
+            }
             Flow::Call(_) | Flow::CallRegister => self.frames.push(Frame::Call(instruction.next())),
-            Flow::Return | Flow::JumpRegister => match self.frames.last() {
-                Some(Frame::Call(back)) if *back == next => {
+            Flow::Return | Flow::JumpRegister => match self.innermost(instruction.flow, next) {
+                Some(Frame::Call(back) | Frame::PerhapsCall(back)) if back == next => {
                     self.frames.pop();
                     return false;
                 }
-                Some(Frame::Exception(_)) if matches!(instruction.flow, Flow::Return) => {
+                Some(Frame::Exception(_, back)) if matches!(instruction.flow, Flow::Return) => {
                     self.frames.pop();
                     *cycles += cycles::EXIT;
                     self.fetch.lose();
                     if is_handler {
-                        self.enter(next, cycles);
+                        self.enter(next, back, cycles);
                     }
                     return is_handler;
                 }
-                Some(Frame::Call(_)) if is_handler => {
+                Some(Frame::Call(back)) if is_handler => {
                     self.frames.pop();
-                    self.enter(next, cycles);
+                    // A jump through a register mostly goes on to another function.
+                    if instruction.flow == Flow::JumpRegister {
+                        self.frames.push(Frame::PerhapsCall(back));
+                    }
+                    self.enter(next, None, cycles);
                     return true;
                 }
                 _ => {}
@@ -176,21 +269,158 @@ impl<'a> Walk<'a> {
             Flow::Next | Flow::Trap => false,
         } || (next == instruction.next() && !is_handler);
         if is_handler && !is_expected {
-            self.enter(next, cycles);
+            self.enter(next, back, cycles);
             return true;
         }
         false
     }
 
-    fn enter(&mut self, handler: u32, cycles: &mut u32) {
-        self.frames.push(Frame::Exception(handler));
+    /// The innermost frame when the core goes to `next`. Only a return tells that calls which may not be under way are not.
+    fn innermost(&mut self, flow: Flow, next: u32) -> Option<Frame> {
+        while flow == Flow::Return
+            && matches!(self.frames.last(), Some(Frame::PerhapsCall(back)) if *back != next)
+        {
+            self.frames.pop();
+        }
+        self.frames.last().copied()
+    }
+
+    fn enter(&mut self, handler: u32, back: Option<u32>, cycles: &mut u32) {
+        self.frames.push(Frame::Exception(handler, back));
         *cycles += cycles::ENTRY;
         self.fetch.lose();
     }
+}
 
-    /// The names of the functions under way, outermost first.
-    #[must_use]
-    pub fn depth(&self) -> usize {
-        self.frames.len()
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const BASE: u32 = 0x0800_0100;
+    const HANDLER: u32 = BASE + 0x20;
+    /// A task that may call what r3 says, and calls a function through a thunk; a handler that may call what r3 says.
+    const CODE: &[u16] = &[
+        0x2000, // 00 movs r0, #0
+        0x2101, // 02 movs r1, #1
+        0x2202, // 04 movs r2, #2
+        0xBF08, // 06 it eq
+        0x4798, // 08 blxeq r3
+        0x2303, // 0a movs r3, #3
+        0xF000, 0xF802, // 0c bl 14
+        0xE7FE, // 10 b 10
+        0xBF00, // 12 nop
+        0x4760, // 14 bx r12, the thunk
+        0xBF00, // 16 nop
+        0x2404, // 18 movs r4, #4, the function behind it
+        0x4770, // 1a bx lr
+        0xBF00, 0xBF00, // 1c
+        0xB580, // 20 push {r7, lr}, the handler
+        0x2505, // 22 movs r5, #5
+        0xBF08, // 24 it eq
+        0x4798, // 26 blxeq r3
+        0xBD80, // 28 pop {r7, pc}
+    ];
+
+    /// What ran, as offsets, with whether the handler did, of arrivals (offset, number of the instruction).
+    fn ran(arrivals: &[(u32, u64)]) -> Result<Vec<(u32, bool)>, Error> {
+        let image = Image::of_code(&[BASE | 1, HANDLER | 1], BASE, CODE);
+        let watched = image.entries();
+        let events: Vec<Event> = arrivals
+            .iter()
+            .map(|&(offset, retired)| Event {
+                retired,
+                kind: EventKind::Arrival(BASE + offset),
+            })
+            .collect();
+        for event in &events {
+            let EventKind::Arrival(address) = event.kind else {
+                unreachable!()
+            };
+            let is_function = [HANDLER, BASE, BASE + 0x18].contains(&address);
+            assert!(watched.contains(&address) || is_function, "{address:#x}");
+        }
+        let mut steps = Vec::new();
+        let mut walk = Walk::new(&image);
+        walk.take(&events, |step| {
+            steps.push((step.instruction.address - BASE, step.exception.is_some()));
+        })?;
+        Ok(steps)
+    }
+
+    fn of(steps: &[(u32, bool)], in_handler: bool) -> Vec<u32> {
+        let kept = steps.iter().filter(|step| step.1 == in_handler);
+        kept.map(|step| step.0).collect()
+    }
+
+    #[test]
+    fn what_runs_between_two_arrivals_follows_from_their_numbers() {
+        let steps = ran(&[(0, 0), (0xA, 5), (0x14, 7), (0x18, 8), (0x10, 10), (0x10, 11)]).unwrap();
+        let expected = [0, 2, 4, 6, 8, 0xA, 0xC, 0x14, 0x18, 0x1A, 0x10];
+        assert_eq!(of(&steps, false), expected);
+        assert_eq!(steps.len(), expected.len());
+    }
+
+    #[test]
+    fn an_exception_in_the_middle_of_a_block_comes_back_to_it() {
+        // Two instructions of the task, five of the handler, three of the task.
+        let steps = ran(&[(0, 0), (0x20, 2), (0x28, 6), (0xA, 10)]).unwrap();
+        assert_eq!(of(&steps, true), [0x20, 0x22, 0x24, 0x26, 0x28]);
+        assert_eq!(of(&steps, false), [0, 2, 4, 6, 8]);
+    }
+
+    #[test]
+    fn a_call_that_its_condition_skips_is_none() {
+        // The handler's call is skipped: its return is that of the exception. The task's is too: the next call returns behind itself.
+        let steps = ran(&[
+            (0, 0),
+            (0x20, 1),
+            (0x28, 5),
+            (0xA, 10),
+            (0x14, 12),
+            (0x18, 13),
+            (0x10, 15),
+            (0x10, 16),
+        ])
+        .unwrap();
+        assert_eq!(of(&steps, true), [0x20, 0x22, 0x24, 0x26, 0x28]);
+        assert_eq!(
+            of(&steps, false),
+            [0, 2, 4, 6, 8, 0xA, 0xC, 0x14, 0x18, 0x1A, 0x10]
+        );
+    }
+
+    #[test]
+    fn an_exception_between_a_call_and_what_it_calls_forgets_no_frame() {
+        for call in [
+            // Behind the call that a condition may skip, which is made: to the function, and back.
+            vec![(0, 0), (0x20, 5), (0x28, 9), (0x18, 10), (0xA, 12), (0x20, 13)],
+            // The same, which is skipped.
+            vec![(0, 0), (0x20, 5), (0x28, 9), (0xA, 10), (0x20, 11)],
+            // Behind the thunk, whose jump goes on to the function.
+            vec![
+                (0xA, 0),
+                (0x14, 2),
+                (0x20, 3),
+                (0x28, 7),
+                (0x18, 8),
+                (0x10, 10),
+                (0x20, 11),
+            ],
+        ] {
+            let steps = ran(&call).unwrap();
+            assert_eq!(of(&steps, true), [0x20, 0x22, 0x24, 0x26, 0x28], "{call:x?}");
+        }
+    }
+
+    #[test]
+    fn an_arrival_that_nothing_leads_to_is_an_error() {
+        // More instructions than lead on from the thunk, and fewer than lead to it.
+        for arrivals in [
+            [(0xA, 0), (0x14, 2), (0x10, 12)],
+            [(0xA, 0), (0x14, 1), (0x18, 2)],
+        ] {
+            let error = ran(&arrivals).unwrap_err().to_string();
+            assert!(error.contains("expected an instruction of the image"), "{error}");
+        }
     }
 }
