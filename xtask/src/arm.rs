@@ -17,6 +17,9 @@ const LIBRARIES: &str = "/usr/aarch64-linux-gnu";
 const LINKER: &str = "aarch64-linux-gnu-gcc";
 const EMULATOR: &str = "qemu-aarch64";
 
+/// The profile of the checks: our kernels, networks and detector are compiled as in a release.
+const PROFILE: &str = "arm";
+
 /// The case whose instructions are bounded: the shipped network without the tracker, and the most that NEON may take of
 /// the portable set's.
 const BOUNDED: &str = "tracked-network-int16";
@@ -133,15 +136,19 @@ impl Cross {
 
     /// Lints of what is compiled for ARM alone.
     fn lint(&self) -> Result<(), Error> {
-        process::run(
-            self.cargo("clippy")
-                .args(["--package", KERNELS, "--", "-D", "warnings"]),
-        )
+        process::run(self.cargo("clippy").args([
+            "--profile",
+            PROFILE,
+            "--package",
+            KERNELS,
+            "--",
+            "-D",
+            "warnings",
+        ]))
     }
 
-    /// Tests under emulation. What computes is tested as it ships: the kernels are there from [`Self::compare`], and without a
-    /// release's optimisation these tests take twice as long. The bridge's tests wait more than they compute; its program is
-    /// built with them.
+    /// Tests under emulation, of what computes as it ships ([`PROFILE`]): the kernels are there from [`Self::compare`], and without a
+    /// release's optimisation these tests take twice as long. The bridge's program is built with its tests.
     fn test(&self) -> Result<(), Error> {
         let packages = CRATES.iter().flat_map(|name| ["--package", name]);
         let left_out = || {
@@ -151,18 +158,19 @@ impl Cross {
         };
         process::run(
             self.cargo("test")
-                .args(["--release", "--package", KERNELS, "--test", "it"]),
+                .args(["--profile", PROFILE, "--package", KERNELS, "--test", "it"]),
         )?;
         process::run(
             self.cargo("test")
-                .arg("--release")
+                .args(["--profile", PROFILE])
                 .args(packages)
                 .args(["--lib", "--test", "it", "--"])
                 .args(left_out()),
         )?;
         process::run(
             self.cargo("test")
-                .args(["--package", "gripline", "--lib", "--bin", "gripline", "--"])
+                .args(["--profile", PROFILE, "--package", "gripline"])
+                .args(["--lib", "--bin", "gripline", "--"])
                 .args(left_out()),
         )
     }
@@ -173,7 +181,8 @@ impl Cross {
         // Bits do not depend on the profile: this one is there from the other tests.
         let native = process::example(example)?;
         process::run(self.cargo("build").args([
-            "--release",
+            "--profile",
+            PROFILE,
             "--package",
             "gripline-network",
             "--example",
@@ -181,7 +190,8 @@ impl Cross {
         ]))?;
         let arm = process::build_dir()
             .join(ARM.triple)
-            .join("release/examples")
+            .join(PROFILE)
+            .join("examples")
             .join(example);
         let counter = counter()?;
         let run = |set: &str| -> Result<Vec<Frame>, Error> { counted(&counter, &arm, set) };
