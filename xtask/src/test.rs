@@ -174,35 +174,6 @@ pub(crate) enum Tier {
 /// Crates that only the slow tier builds: their dependencies take minutes.
 const SLOW_CRATES: [&str; 3] = ["gripline-ros2", "gripline-training", "gripline-validation"];
 
-/// Crates whose libraries have nothing that a feature of the bridge changes.
-const TESTED_WITHOUT_FEATURES: [&str; 25] = [
-    "gripline-browser",
-    "gripline-capture",
-    "gripline-chart",
-    "gripline-control",
-    "gripline-evaluation",
-    "gripline-firmware",
-    "gripline-fuzz-bodies",
-    "gripline-gripper",
-    "gripline-kernels",
-    "gripline-link",
-    "gripline-live",
-    "gripline-markers",
-    "gripline-mcu",
-    "gripline-network",
-    "gripline-pipeline",
-    "gripline-protocol",
-    "gripline-python",
-    "gripline-recording",
-    "gripline-ros2",
-    "gripline-sensor",
-    "gripline-simulation",
-    "gripline-stress",
-    "gripline-test-board",
-    "gripline-tests",
-    "gripline-validation",
-];
-
 /// The checks of a tier.
 pub(crate) fn run(tier: Tier) -> Result<(), Error> {
     let all = tier == Tier::All;
@@ -254,7 +225,7 @@ pub(crate) fn run(tier: Tier) -> Result<(), Error> {
         });
         lints_of_features(&mut checks, &FEATURES);
         checks.check("build of the tests of features", || {
-            process::run(tests_of_features(&FEATURES).arg("--no-run"))
+            process::run(bridge_with("test", &FEATURES).arg("--no-run"))
         });
     }
     let part = |part: Part| {
@@ -454,42 +425,26 @@ fn features_of_the_bridge(checks: &mut Checks, features: &[&str]) {
     });
 }
 
-fn lints_of_features(checks: &mut Checks, features: &[&str]) {
-    checks.check(&format!("lints with {}", features.join(", ")), || {
-        process::run(
-            process::cargo()
-                .args([
-                    "clippy",
-                    "--package",
-                    "gripline",
-                    "--features",
-                    &features.join(","),
-                ])
-                .args(["--lib", "--bins", "--test", "bridge", "--", "-D", "warnings"]),
-        )
-    });
+/// The bridge with these features, in the workspace: cargo then gives its dependencies the features that they had for all other
+/// checks, and most of what was compiled for those serves again.
+fn bridge_with(command: &str, features: &[&str]) -> Command {
+    let features: Vec<String> = features.iter().map(|name| format!("gripline/{name}")).collect();
+    let mut cargo = process::cargo();
+    cargo
+        .args([command, "--workspace", "--features", &features.join(",")])
+        .args(["--test", "bridge"]);
+    cargo
 }
 
-/// The tests of these features, built once with all of them, and with the other features of `cargo test --workspace`: most of
-/// what was built for that serves again.
-fn tests_of_features(features: &[&str]) -> Command {
-    let features_of_the_workspace: Vec<String> =
-        features.iter().map(|name| format!("gripline/{name}")).collect();
-    let mut command = process::cargo();
-    command
-        .args(["test", "--workspace", "--lib", "--test", "bridge"])
-        .args(["--features", &features_of_the_workspace.join(",")])
-        .args(
-            TESTED_WITHOUT_FEATURES
-                .iter()
-                .flat_map(|name| ["--exclude", name]),
-        );
-    command
+fn lints_of_features(checks: &mut Checks, features: &[&str]) {
+    checks.check(&format!("lints with {}", features.join(", ")), || {
+        process::run(bridge_with("clippy", features).args(["--bin", "gripline", "--", "-D", "warnings"]))
+    });
 }
 
 fn run_tests_of_features(features: &[&str]) -> Result<(), Error> {
     process::run(
-        tests_of_features(features)
+        bridge_with("test", features)
             .args(["--", "--include-ignored"])
             .args(features.iter().map(|name| format!("{name}::")))
             .env(foxglove::VARIABLE, foxglove::ensure()?)
