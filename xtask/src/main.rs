@@ -41,10 +41,10 @@ use test::Tier;
 const HELP: &str = "\
 cargo xtask COMMAND
 
-  test [--all | --board [--all] | --python | --ros2 | --zenoh | --foxglove]
+  test [--all | --board [--all] | --python | --physics | --ros2 | --zenoh | --foxglove]
                                     every check that a change has to pass, in order, with a summary; --all: the slow ones
                                     too; --board: only those of images, emulator and latency; --python: only that of the Python
-                                    package; --ros2, --zenoh, --foxglove: only those of the bridge's feature of this name,
+                                    package; --physics: only that of the test world, with the tests' profile; --ros2, --zenoh, --foxglove: only those of the bridge's feature of this name,
                                     whose crates take minutes to build the first time;
                                     --ros2 and --foxglove need Python 3 with venv (they install the other end, a DDS and
                                     a WebSocket client, into the build folder)
@@ -140,6 +140,7 @@ fn dispatch(arguments: &[String]) -> Result<(), Error> {
         "test" if rest == ["--zenoh"] => test::zenoh(),
         "test" if rest == ["--foxglove"] => test::foxglove(),
         "test" if rest == ["--python"] => test::python(),
+        "test" if rest == ["--physics"] => test::physics(),
         "test" if rest == ["--board"] => test::board(Tier::Quick),
         "test" if rest == ["--board", "--all"] => test::board(Tier::All),
         "test" if rest == ["--all"] => test::run(Tier::All),

@@ -338,13 +338,15 @@ fn slow(checks: &mut Checks) {
     });
     let arm = checks.beside("64-bit ARM: builds, tests, bits, instructions", &["arm"]);
     python_package(checks);
-    checks.check("physics", physics::check);
     checks.join(arm);
+    // It computes on one core, the virtual machine on the other.
+    let physics = checks.beside("physics", &["test", "--physics"]);
     // With the programs that the tests were just built with.
     checks.check("virtual machine: camera, USB, disks", || vm::run("dev", None));
     checks.check("Debian package in the virtual machine", || {
         vm::package::run("dev")
     });
+    checks.join(physics);
 }
 
 /// The Python package.
@@ -356,6 +358,13 @@ pub(crate) fn python() -> Result<(), Error> {
 
 fn python_package(checks: &mut Checks) {
     checks.check("Python package", python::check);
+}
+
+/// The test world against closed forms and other programs.
+pub(crate) fn physics() -> Result<(), Error> {
+    let mut checks = Checks::new();
+    checks.check("physics", physics::check);
+    checks.summary()
 }
 
 /// The bridge's feature `zenoh`: its lints and its tests.

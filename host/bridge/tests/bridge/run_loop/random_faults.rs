@@ -154,249 +154,255 @@ struct Done {
     jumps: u64,
 }
 
-#[test]
-#[expect(
-    clippy::too_many_lines,
-    reason = "one story, in the order in which it happens"
-)]
-fn ten_thousand_frames_with_faults_at_random_go_on_and_count_every_loss() {
-    const FRAMES: u64 = 10_000;
-    let (shots, rest) = shots();
-    let network = Network::embedded(Architecture::default()).unwrap();
-    let settings = settings_for(&network);
-    let world = FakeUsb::with(vec![device("A1", "1-2"), device("B7", "1-3")]);
-    let finder = UsbFinder::new(FakeBus(Rc::clone(&world)), Some("A1".to_owned()));
-    let link = HotPlug::open_with(Box::new(finder), FakeClock(Rc::clone(&world))).unwrap();
-    let session = Session::open(Box::new(link), settings).unwrap();
-    let mut pipeline = Pipeline::new(network, &rest, GateKind::default(), TaxelRule::of(&settings));
-    let mut run = Run::new(session, Pacing::None, 60.0);
-    // Gets full in the middle.
-    run.recorder = Some(small_disk(40 << 20));
-    run.pictures = gripline_recording::Pictures::Small;
-    let watch = Rc::new(RefCell::new(Watch::default()));
-    let eye = Rc::clone(&watch);
-    *world.watch.borrow_mut() = Some(Box::new(move |program, now_us, told_us| {
-        eye.borrow_mut().look(program, now_us, told_us);
-    }));
+/// Only `cargo xtask test --all` runs these.
+mod slow {
+    use super::*;
 
-    let (mut dice, mut done, mut jpeg) = (Dice(7), Done::default(), JpegCrop::default());
-    let (mut attached, mut away_until, mut stuck_until, mut last) = (Vec::new(), 0, 0, 0);
-    let (mut shown, mut untold, mut unsound) = (0_u64, 0, 0);
-    for number in 0..FRAMES + CALM {
-        let may_break = number < FRAMES;
-        if number == away_until && !attached.is_empty() {
-            world.attached.replace(std::mem::take(&mut attached));
-        }
-        world.is_stuck.set(number < stuck_until);
-        let is_calm = number > last + CALM && run.control.session.is_sound();
-        if may_break && attached.is_empty() && dice.happens(6) {
-            attached = world.pull();
-            (away_until, last) = (number + 1 + dice.below(60), number + 60);
-            done.pulls += 1;
-        } else if may_break && is_calm && dice.happens(10) {
-            let causes = [ResetCause::Watchdog, ResetCause::Software, ResetCause::PowerOn];
-            world.reset(causes[dice.below(3) as usize], dice.below(300_000));
-            (done.resets, last) = (done.resets + 1, number);
-        } else if may_break && is_calm && dice.happens(12) {
-            // The host stands still, or its clock goes ahead.
-            let jump_us = 120_000 + dice.below(2_000_000);
-            if dice.happens(500) {
-                world.pass_to(world.now_us() + jump_us);
-                world
-                    .host_ahead_us
-                    .set(world.host_ahead_us.get() - jump_us as i64);
+    #[test]
+    #[expect(
+        clippy::too_many_lines,
+        reason = "one story, in the order in which it happens"
+    )]
+    fn ten_thousand_frames_with_faults_at_random_go_on_and_count_every_loss() {
+        const FRAMES: u64 = 10_000;
+        let (shots, rest) = shots();
+        let network = Network::embedded(Architecture::default()).unwrap();
+        let settings = settings_for(&network);
+        let world = FakeUsb::with(vec![device("A1", "1-2"), device("B7", "1-3")]);
+        let finder = UsbFinder::new(FakeBus(Rc::clone(&world)), Some("A1".to_owned()));
+        let link = HotPlug::open_with(Box::new(finder), FakeClock(Rc::clone(&world))).unwrap();
+        let session = Session::open(Box::new(link), settings).unwrap();
+        let mut pipeline = Pipeline::new(network, &rest, GateKind::default(), TaxelRule::of(&settings));
+        let mut run = Run::new(session, Pacing::None, 60.0);
+        // Gets full in the middle.
+        run.recorder = Some(small_disk(40 << 20));
+        run.pictures = gripline_recording::Pictures::Small;
+        let watch = Rc::new(RefCell::new(Watch::default()));
+        let eye = Rc::clone(&watch);
+        *world.watch.borrow_mut() = Some(Box::new(move |program, now_us, told_us| {
+            eye.borrow_mut().look(program, now_us, told_us);
+        }));
+
+        let (mut dice, mut done, mut jpeg) = (Dice(7), Done::default(), JpegCrop::default());
+        let (mut attached, mut away_until, mut stuck_until, mut last) = (Vec::new(), 0, 0, 0);
+        let (mut shown, mut untold, mut unsound) = (0_u64, 0, 0);
+        for number in 0..FRAMES + CALM {
+            let may_break = number < FRAMES;
+            if number == away_until && !attached.is_empty() {
+                world.attached.replace(std::mem::take(&mut attached));
+            }
+            world.is_stuck.set(number < stuck_until);
+            let is_calm = number > last + CALM && run.control.session.is_sound();
+            if may_break && attached.is_empty() && dice.happens(6) {
+                attached = world.pull();
+                (away_until, last) = (number + 1 + dice.below(60), number + 60);
+                done.pulls += 1;
+            } else if may_break && is_calm && dice.happens(10) {
+                let causes = [ResetCause::Watchdog, ResetCause::Software, ResetCause::PowerOn];
+                world.reset(causes[dice.below(3) as usize], dice.below(300_000));
+                (done.resets, last) = (done.resets + 1, number);
+            } else if may_break && is_calm && dice.happens(12) {
+                // The host stands still, or its clock goes ahead.
+                let jump_us = 120_000 + dice.below(2_000_000);
+                if dice.happens(500) {
+                    world.pass_to(world.now_us() + jump_us);
+                    world
+                        .host_ahead_us
+                        .set(world.host_ahead_us.get() - jump_us as i64);
+                } else {
+                    world
+                        .host_ahead_us
+                        .set(world.host_ahead_us.get() + jump_us as i64);
+                }
+                (done.jumps, last) = (done.jumps + 1, number + jump_us / FRAME_US as u64);
+            } else if may_break && dice.happens(3) {
+                stuck_until = number + 1 + dice.below(8);
+                last = number.max(last);
+                done.stuck += 1;
+            }
+            if number % 500 == 499 {
+                // A person looks, and acknowledges.
+                run.control
+                    .session
+                    .command(Command::Acknowledge { faults: u32::MAX })
+                    .unwrap();
+            }
+
+            let begun_us = world.now_us();
+            let shot = &shots[(number % shots.len() as u64) as usize];
+            let mut crop = shot.crop.clone();
+            let is_there = if may_break && dice.happens(30) {
+                done.missing += 1;
+                false
+            } else if may_break && dice.happens(20) {
+                let mut file = shot.file.clone();
+                file.truncate(dice.below(file.len() as u64) as usize);
+                assert!(jpeg.decode(&file, &mut crop).is_err(), "half a picture is none");
+                done.damaged += 1;
+                false
             } else {
-                world
-                    .host_ahead_us
-                    .set(world.host_ahead_us.get() + jump_us as i64);
+                if may_break && dice.happens(10) {
+                    crop.fill(0);
+                    done.black += 1;
+                }
+                true
+            };
+            let was_sound = run.control.session.is_sound();
+            if is_there {
+                let picture = Picture {
+                    crop,
+                    came: Instant::now(),
+                    taken: Instant::now(),
+                    decode_us: 0.0,
+                    truth: None,
+                    requested_mode: shot.requested_mode,
+                };
+                let report = run.frame(&mut pipeline, SensorId::FIRST, picture).unwrap();
+                let is_told = report
+                    .faults
+                    .iter()
+                    .any(|fault| [NO_DEVICE, NO_STATUS].contains(fault));
+                // What the microcontroller said a quarter of a second ago is never shown as the present without a word.
+                untold = if is_told || run.control.session.status_age_us() <= 250_000 {
+                    0
+                } else {
+                    untold + 1
+                };
+                assert_eq!(untold, 0, "frame {number}");
+                shown += u64::from(is_told);
+                unsound += u64::from(!was_sound || !run.control.session.is_sound());
+            } else {
+                // As a source does that has nothing to give: the frame's time passes.
+                run.control
+                    .idle(((run.frame + 1) as f64 * FRAME_US) as u64)
+                    .unwrap();
+                run.frame += 1;
             }
-            (done.jumps, last) = (done.jumps + 1, number + jump_us / FRAME_US as u64);
-        } else if may_break && dice.happens(3) {
-            stuck_until = number + 1 + dice.below(8);
-            last = number.max(last);
-            done.stuck += 1;
-        }
-        if number % 500 == 499 {
-            // A person looks, and acknowledges.
-            run.control
-                .session
-                .command(Command::Acknowledge { faults: u32::MAX })
-                .unwrap();
+            // Whatever the host's clock shows, the world goes on.
+            world.pass_to(begun_us + FRAME_US as u64);
         }
 
-        let begun_us = world.now_us();
-        let shot = &shots[(number % shots.len() as u64) as usize];
-        let mut crop = shot.crop.clone();
-        let is_there = if may_break && dice.happens(30) {
-            done.missing += 1;
-            false
-        } else if may_break && dice.happens(20) {
-            let mut file = shot.file.clone();
-            file.truncate(dice.below(file.len() as u64) as usize);
-            assert!(jpeg.decode(&file, &mut crop).is_err(), "half a picture is none");
-            done.damaged += 1;
-            false
-        } else {
-            if may_break && dice.happens(10) {
-                crop.fill(0);
-                done.black += 1;
-            }
-            true
-        };
-        let was_sound = run.control.session.is_sound();
-        if is_there {
+        let (session, summary) = (&run.control.session, &run.summary);
+        assert!(session.is_sound());
+        assert_eq!(session.presence().away, None);
+        assert_eq!(session.shadow().mismatches(), 0);
+        assert_eq!(session.presence().losses, done.pulls, "{done:?}");
+        assert_eq!(session.restarts(), done.resets, "{done:?}");
+        assert_eq!(session.clock_jumps(), done.jumps, "{done:?}");
+        let frames = FRAMES + CALM - done.missing - done.damaged;
+        let gated =
+            summary.gate_no_contact + summary.gate_unchanged + summary.gate_network + summary.gate_unhealthy;
+        assert_eq!((gated, summary.gate_unhealthy >= done.black), (frames, true));
+        // Answered in its frame, or counted; some answers come a frame too late and are checked anyway. Those of one who may
+        // have other settings are not.
+        let (checked, unanswered) = (session.shadow().checked(), summary.maps_unanswered);
+        assert!(
+            checked <= frames && frames - unanswered <= checked + unsound,
+            "{checked} of {frames} checked, {unanswered} unanswered, {unsound} while it was not known"
+        );
+        assert!(unanswered >= summary.maps_not_taken && summary.maps_not_taken > 0);
+        assert_eq!(
+            (summary.pictures_late, summary.maps_late),
+            (0, 0),
+            "the world waits"
+        );
+        let watch = watch.borrow();
+        assert!(
+            watch.holding > 50_000 && watch.stale > 1_000,
+            "{} ticks holding, {} of them stale",
+            watch.holding,
+            watch.stale
+        );
+        assert!(shown > 100, "{shown} frames without device or status");
+        let recorded = run.recorder.take().unwrap().finish();
+        assert!(recorded.failed.is_some() && recorded.frames > 0, "{recorded:?}");
+        assert_eq!(recorded.frames + recorded.frames_dropped, frames, "{recorded:?}");
+        println!(
+            "{frames} of {} frames: {done:?}; {unanswered} maps unanswered, {} of them not taken, {} of {} ms holding with old maps; \
+             recorded {} until the disk was full, {} not; {checked} answers checked, 0 wrong",
+            FRAMES + CALM,
+            summary.maps_not_taken,
+            watch.stale,
+            watch.holding,
+            recorded.frames,
+            recorded.frames_dropped
+        );
+    }
+
+    /// Memory of this process that lies in RAM, KiB.
+    #[cfg(target_os = "linux")]
+    fn resident_kib() -> u64 {
+        let status = std::fs::read_to_string("/proc/self/status").unwrap();
+        let line = status.lines().find(|line| line.starts_with("VmRSS:")).unwrap();
+        line.split_whitespace().nth(1).unwrap().parse().unwrap()
+    }
+
+    /// Unpaced, recorded without pictures: three minutes' worth of frames, or as many as `GRIPLINE_SOAK_FRAMES` says; half an hour
+    /// has 108,000, which take 0.7 GB of disk.
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn memory_stays_flat_while_frames_are_recorded() {
+        // In a process of its own: other tests have memory too.
+        const ALONE: &str = "GRIPLINE_SOAK_ALONE";
+        if std::env::var_os(ALONE).is_none() {
+            let name = concat!(module_path!(), "::memory_stays_flat_while_frames_are_recorded");
+            let output = std::process::Command::new(std::env::current_exe().unwrap())
+                .args(["--exact", name.split_once("::").unwrap().1, "--nocapture"])
+                .env(ALONE, "1")
+                .output()
+                .unwrap();
+            let said = String::from_utf8_lossy(&output.stdout);
+            println!("{said}");
+            assert!(
+                output.status.success() && said.contains("1 passed"),
+                "{said}{}",
+                String::from_utf8_lossy(&output.stderr)
+            );
+            return;
+        }
+        let frames: u64 =
+            std::env::var("GRIPLINE_SOAK_FRAMES").map_or(3 * 60 * 60, |text| text.parse().unwrap());
+        let (shots, rest) = shots();
+        let network = Network::embedded(Architecture::default()).unwrap();
+        let settings = settings_for(&network);
+        let session = Session::open(Box::new(EmbeddedLink::new()), settings).unwrap();
+        let mut pipeline = Pipeline::new(network, &rest, GateKind::default(), TaxelRule::of(&settings));
+        let mut run = Run::new(session, Pacing::None, 60.0);
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("soak.mcap");
+        let rest = rest.into_iter().map(|crop| Image::grey(440, crop)).collect();
+        let recorder = Recorder::start(&path, &Metadata::default(), &[rest], Pace::AsFastAsPossible);
+        run.recorder = Some(recorder.unwrap());
+        run.pictures = gripline_recording::Pictures::Off;
+        let mut samples = Vec::new();
+        for number in 0..frames {
+            let shot = &shots[(number % shots.len() as u64) as usize];
             let picture = Picture {
-                crop,
+                crop: shot.crop.clone(),
                 came: Instant::now(),
                 taken: Instant::now(),
                 decode_us: 0.0,
                 truth: None,
                 requested_mode: shot.requested_mode,
             };
-            let report = run.frame(&mut pipeline, SensorId::FIRST, picture).unwrap();
-            let is_told = report
-                .faults
-                .iter()
-                .any(|fault| [NO_DEVICE, NO_STATUS].contains(fault));
-            // What the microcontroller said a quarter of a second ago is never shown as the present without a word.
-            untold = if is_told || run.control.session.status_age_us() <= 250_000 {
-                0
-            } else {
-                untold + 1
-            };
-            assert_eq!(untold, 0, "frame {number}");
-            shown += u64::from(is_told);
-            unsound += u64::from(!was_sound || !run.control.session.is_sound());
-        } else {
-            // As a source does that has nothing to give: the frame's time passes.
-            run.control
-                .idle(((run.frame + 1) as f64 * FRAME_US) as u64)
-                .unwrap();
-            run.frame += 1;
+            run.frame(&mut pipeline, SensorId::FIRST, picture).unwrap();
+            if number.is_multiple_of(600) {
+                samples.push(resident_kib());
+            }
         }
-        // Whatever the host's clock shows, the world goes on.
-        world.pass_to(begun_us + FRAME_US as u64);
-    }
-
-    let (session, summary) = (&run.control.session, &run.summary);
-    assert!(session.is_sound());
-    assert_eq!(session.presence().away, None);
-    assert_eq!(session.shadow().mismatches(), 0);
-    assert_eq!(session.presence().losses, done.pulls, "{done:?}");
-    assert_eq!(session.restarts(), done.resets, "{done:?}");
-    assert_eq!(session.clock_jumps(), done.jumps, "{done:?}");
-    let frames = FRAMES + CALM - done.missing - done.damaged;
-    let gated =
-        summary.gate_no_contact + summary.gate_unchanged + summary.gate_network + summary.gate_unhealthy;
-    assert_eq!((gated, summary.gate_unhealthy >= done.black), (frames, true));
-    // Answered in its frame, or counted; some answers come a frame too late and are checked anyway. Those of one who may
-    // have other settings are not.
-    let (checked, unanswered) = (session.shadow().checked(), summary.maps_unanswered);
-    assert!(
-        checked <= frames && frames - unanswered <= checked + unsound,
-        "{checked} of {frames} checked, {unanswered} unanswered, {unsound} while it was not known"
-    );
-    assert!(unanswered >= summary.maps_not_taken && summary.maps_not_taken > 0);
-    assert_eq!(
-        (summary.pictures_late, summary.maps_late),
-        (0, 0),
-        "the world waits"
-    );
-    let watch = watch.borrow();
-    assert!(
-        watch.holding > 50_000 && watch.stale > 1_000,
-        "{} ticks holding, {} of them stale",
-        watch.holding,
-        watch.stale
-    );
-    assert!(shown > 100, "{shown} frames without device or status");
-    let recorded = run.recorder.take().unwrap().finish();
-    assert!(recorded.failed.is_some() && recorded.frames > 0, "{recorded:?}");
-    assert_eq!(recorded.frames + recorded.frames_dropped, frames, "{recorded:?}");
-    println!(
-        "{frames} of {} frames: {done:?}; {unanswered} maps unanswered, {} of them not taken, {} of {} ms holding with old maps; \
-         recorded {} until the disk was full, {} not; {checked} answers checked, 0 wrong",
-        FRAMES + CALM,
-        summary.maps_not_taken,
-        watch.stale,
-        watch.holding,
-        recorded.frames,
-        recorded.frames_dropped
-    );
-}
-
-/// Memory of this process that lies in RAM, KiB.
-#[cfg(target_os = "linux")]
-fn resident_kib() -> u64 {
-    let status = std::fs::read_to_string("/proc/self/status").unwrap();
-    let line = status.lines().find(|line| line.starts_with("VmRSS:")).unwrap();
-    line.split_whitespace().nth(1).unwrap().parse().unwrap()
-}
-
-/// Unpaced, recorded without pictures: three minutes' worth of frames, or as many as `GRIPLINE_SOAK_FRAMES` says; half an hour
-/// has 108,000, which take 0.7 GB of disk.
-#[cfg(target_os = "linux")]
-#[test]
-fn memory_stays_flat_while_frames_are_recorded() {
-    // In a process of its own: other tests have memory too.
-    const ALONE: &str = "GRIPLINE_SOAK_ALONE";
-    if std::env::var_os(ALONE).is_none() {
-        let name = concat!(module_path!(), "::memory_stays_flat_while_frames_are_recorded");
-        let output = std::process::Command::new(std::env::current_exe().unwrap())
-            .args(["--exact", name.split_once("::").unwrap().1, "--nocapture"])
-            .env(ALONE, "1")
-            .output()
-            .unwrap();
-        let said = String::from_utf8_lossy(&output.stdout);
-        println!("{said}");
-        assert!(
-            output.status.success() && said.contains("1 passed"),
-            "{said}{}",
-            String::from_utf8_lossy(&output.stderr)
+        let recorded = run.recorder.take().unwrap().finish();
+        assert_eq!((recorded.frames, recorded.failed), (frames, None));
+        // The first minute fills queues and buffers.
+        let settled = &samples[6..];
+        let (min, max) = (settled.iter().min().unwrap(), settled.iter().max().unwrap());
+        println!(
+            "{frames} frames, {} MB recorded: {min} to {max} KiB resident after the first minute, {} KiB apart; {} to {} KiB \
+             from first to last",
+            std::fs::metadata(&path).unwrap().len() / 1_000_000,
+            max - min,
+            settled[0],
+            settled[settled.len() - 1]
         );
-        return;
+        assert!(max - min <= 2_048, "{samples:?} KiB, expected ± 1 MiB");
     }
-    let frames: u64 = std::env::var("GRIPLINE_SOAK_FRAMES").map_or(3 * 60 * 60, |text| text.parse().unwrap());
-    let (shots, rest) = shots();
-    let network = Network::embedded(Architecture::default()).unwrap();
-    let settings = settings_for(&network);
-    let session = Session::open(Box::new(EmbeddedLink::new()), settings).unwrap();
-    let mut pipeline = Pipeline::new(network, &rest, GateKind::default(), TaxelRule::of(&settings));
-    let mut run = Run::new(session, Pacing::None, 60.0);
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("soak.mcap");
-    let rest = rest.into_iter().map(|crop| Image::grey(440, crop)).collect();
-    let recorder = Recorder::start(&path, &Metadata::default(), &[rest], Pace::AsFastAsPossible);
-    run.recorder = Some(recorder.unwrap());
-    run.pictures = gripline_recording::Pictures::Off;
-    let mut samples = Vec::new();
-    for number in 0..frames {
-        let shot = &shots[(number % shots.len() as u64) as usize];
-        let picture = Picture {
-            crop: shot.crop.clone(),
-            came: Instant::now(),
-            taken: Instant::now(),
-            decode_us: 0.0,
-            truth: None,
-            requested_mode: shot.requested_mode,
-        };
-        run.frame(&mut pipeline, SensorId::FIRST, picture).unwrap();
-        if number.is_multiple_of(600) {
-            samples.push(resident_kib());
-        }
-    }
-    let recorded = run.recorder.take().unwrap().finish();
-    assert_eq!((recorded.frames, recorded.failed), (frames, None));
-    // The first minute fills queues and buffers.
-    let settled = &samples[6..];
-    let (min, max) = (settled.iter().min().unwrap(), settled.iter().max().unwrap());
-    println!(
-        "{frames} frames, {} MB recorded: {min} to {max} KiB resident after the first minute, {} KiB apart; {} to {} KiB \
-         from first to last",
-        std::fs::metadata(&path).unwrap().len() / 1_000_000,
-        max - min,
-        settled[0],
-        settled[settled.len() - 1]
-    );
-    assert!(max - min <= 2_048, "{samples:?} KiB, expected ± 1 MiB");
 }
