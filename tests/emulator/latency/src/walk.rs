@@ -1,4 +1,6 @@
 //! A recorded run, step by step: which instruction ran, what it cost at most, in which exception, with which masks.
+//!
+//! Limits: a return that its condition may have skipped, with an exception right behind it, counts as a return.
 
 use std::collections::BTreeSet;
 
