@@ -300,6 +300,7 @@ mod tests {
 
     const BASE: u32 = 0x0800_0100;
     const HANDLER: u32 = BASE + 0x20;
+    const OTHER_HANDLER: u32 = BASE + 0x2A;
     /// A task that may call what r3 says, and calls a function through a thunk; a handler that may call what r3 says.
     const CODE: &[u16] = &[
         0x2000, // 00 movs r0, #0
@@ -321,11 +322,15 @@ mod tests {
         0xBF08, // 24 it eq
         0x4798, // 26 blxeq r3
         0xBD80, // 28 pop {r7, pc}
+        0xBF08, // 2a it eq, another handler
+        0x4770, // 2c bxeq lr
+        0x2606, // 2e movs r6, #6
+        0x4770, // 30 bx lr
     ];
 
     /// What ran, as offsets, with whether the handler did, of arrivals (offset, number of the instruction).
     fn ran(arrivals: &[(u32, u64)]) -> Result<Vec<(u32, bool)>, Error> {
-        let image = Image::of_code(&[BASE | 1, HANDLER | 1], BASE, CODE);
+        let image = Image::of_code(&[BASE | 1, HANDLER | 1, OTHER_HANDLER | 1], BASE, CODE);
         let watched = image.entries();
         let events: Vec<Event> = arrivals
             .iter()
@@ -338,7 +343,7 @@ mod tests {
             let EventKind::Arrival(address) = event.kind else {
                 unreachable!()
             };
-            let is_function = [HANDLER, BASE, BASE + 0x18].contains(&address);
+            let is_function = [HANDLER, OTHER_HANDLER, BASE, BASE + 0x18].contains(&address);
             assert!(watched.contains(&address) || is_function, "{address:#x}");
         }
         let mut steps = Vec::new();
@@ -389,6 +394,13 @@ mod tests {
             of(&steps, false),
             [0, 2, 4, 6, 8, 0xA, 0xC, 0x14, 0x18, 0x1A, 0x10]
         );
+    }
+
+    #[test]
+    fn a_return_that_its_condition_skips_is_none() {
+        let steps = ran(&[(0, 0), (0x2A, 1), (0x2E, 3), (0xA, 9)]).unwrap();
+        assert_eq!(of(&steps, true), [0x2A, 0x2C, 0x2E, 0x30]);
+        assert_eq!(of(&steps, false), [0, 2, 4, 6, 8]);
     }
 
     #[test]
