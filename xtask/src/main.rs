@@ -44,10 +44,10 @@ cargo xtask COMMAND
   test [--all | --board [--all] | --python | --physics | --ros2 | --zenoh | --foxglove]
                                     every check that a change has to pass, in order, with a summary; --all: the slow ones
                                     too; --board: only those of images, emulator and latency; --python: only that of the Python
-                                    package; --physics: only that of the test world, with the tests' profile; --ros2, --zenoh, --foxglove: only those of the bridge's feature of this name,
-                                    whose crates take minutes to build the first time;
-                                    --ros2 and --foxglove need Python 3 with venv (they install the other end, a DDS and
-                                    a WebSocket client, into the build folder)
+                                    package; --physics: only that of the test world, as the tests are built; --ros2, --zenoh,
+                                    --foxglove: only those of the bridge's feature of this name, whose crates take minutes to
+                                    build the first time; --ros2 and --foxglove need Python 3 with venv (they install the other
+                                    end, a DDS and a WebSocket client, into the build folder)
   screenshots                       play the scripted scene and draw the README's pictures of view, plot and live page anew;
                                     the page needs Chromium, which is installed
   figures [all | NAME...]           measure anew what is named in docs/figures.toml, and write docs/figures.md

@@ -143,8 +143,7 @@ impl Board {
     }
 
     /// The same for a board that records every arrival at an instruction at one of `addresses`, and in between what
-    /// [`Event`] lists. It changes nothing in the run but its speed: some millions of
-    /// arrivals a second.
+    /// [`Event`] lists. It changes nothing in the run but its speed.
     ///
     /// # Errors
     /// As [`Board::boot`].

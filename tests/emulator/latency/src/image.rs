@@ -143,7 +143,7 @@ pub struct Function {
 }
 
 /// The image.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct Image {
     /// Every instruction by address.
     pub instructions: BTreeMap<u32, Instruction>,
@@ -169,13 +169,9 @@ impl Image {
     pub fn read(elf: &[u8]) -> Result<Self, Error> {
         let file = object::File::parse(elf).map_err(|error| Error::Image(error.to_string()))?;
         let mut image = Self {
-            instructions: BTreeMap::new(),
-            functions: BTreeMap::new(),
-            sections: Vec::new(),
-            flash_bytes: 0,
-            ram_bytes: 0,
             kept_by_callees: KEPT.into_iter().map(|register| register as u16).collect(),
             third_argument: ArmReg::ARM_REG_R2 as u16,
+            ..Self::default()
         };
         for section in file.sections() {
             let SectionFlags::Elf { sh_flags } = section.flags() else {
@@ -227,33 +223,26 @@ impl Image {
     pub(crate) fn of_code(handlers: &[u32], base: u32, code: &[u16]) -> Self {
         let table = [0].iter().chain(handlers).flat_map(|word| word.to_le_bytes());
         let mut image = Self {
-            instructions: BTreeMap::new(),
-            functions: BTreeMap::new(),
             sections: vec![
                 (0x0800_0000, table.collect()),
                 (base, code.iter().flat_map(|half| half.to_le_bytes()).collect()),
             ],
-            flash_bytes: 0,
-            ram_bytes: 0,
-            kept_by_callees: BTreeSet::new(),
-            third_argument: 0,
+            ..Self::default()
         };
         image.decode(&BTreeMap::from([(base, true)])).expect("Thumb code");
         image.number();
         image
     }
 
+    /// Gives every instruction its place, and that of the function that [`Image::function_at`] finds.
     fn number(&mut self) {
-        let mut functions = self.functions.values().enumerate().peekable();
+        let functions: Vec<&Function> = self.functions.values().collect();
         for (number, one) in self.instructions.values_mut().enumerate() {
-            while functions
-                .next_if(|(_, function)| function.end <= one.address)
-                .is_some()
-            {}
-            let function = functions
-                .peek()
-                .filter(|(_, function)| function.start <= one.address);
-            (one.number, one.function) = (number, function.map(|(number, _)| *number));
+            let behind = functions.partition_point(|function| function.start <= one.address);
+            one.number = number;
+            one.function = behind
+                .checked_sub(1)
+                .filter(|&before| one.address < functions[before].end);
         }
     }
 
@@ -314,7 +303,7 @@ impl Image {
         Ok(())
     }
 
-    /// Where a table of offsets leads: as many entries as lead into the code behind it. None for a table that is not there.
+    /// Where a table of offsets leads: as many entries as lead into the code behind it; `None` where its bytes are not in the image.
     #[must_use]
     pub fn table(&self, one: &Instruction) -> Option<Vec<u32>> {
         let base = one.address + 4;

@@ -183,6 +183,13 @@ impl<'a> Bench<'a> {
             .functions_named(crate::tables::WRITE_LINE)
             .find(|one| !one.name.contains("Thunk"));
         let act = act.map_or((0, 0), |one| (one.start, one.end));
+        let start_of = |name: &str| {
+            let found = image.functions.values().find(|one| one.name == name);
+            found.map(|one| one.start).ok_or_else(|| Error::Unexpected {
+                expected: format!("the function {name}"),
+                found: "none".to_owned(),
+            })
+        };
         let mut bench = Self {
             image,
             board: Board::boot_traced(elf, &image.entries())?,
@@ -191,14 +198,8 @@ impl<'a> Bench<'a> {
             sequence: 0,
             message: 0,
             total: Way::default(),
-            path: image
-                .functions_named("OTG_FS")
-                .find(|one| one.name == "OTG_FS")
-                .map_or(0, |one| one.start),
-            uart: image
-                .functions_named("USART1")
-                .find(|one| one.name == "USART1")
-                .map_or(0, |one| one.start),
+            path: start_of("OTG_FS")?,
+            uart: start_of("USART1")?,
             below: 0,
             link: Link::Usb,
             byte_landed: None,
@@ -211,10 +212,7 @@ impl<'a> Bench<'a> {
             held: Vec::new(),
             met: BTreeMap::new(),
             landed: VecDeque::new(),
-            task: image
-                .functions_named(TASK)
-                .find(|one| one.name == TASK)
-                .map_or(0, |one| one.start),
+            task: start_of(TASK)?,
             entered: 0,
             uart_entered: 0,
             now_ns: 0,
@@ -222,10 +220,7 @@ impl<'a> Bench<'a> {
             act,
             is_written: false,
             in_path: false,
-            alarm_handler: image
-                .functions_named("TIM5")
-                .find(|one| one.name == "TIM5")
-                .map_or(0, |one| one.start),
+            alarm_handler: start_of("TIM5")?,
             alarm: None,
             blocking_worst: 0,
             section_worst: 0,

@@ -42,7 +42,7 @@ struct Landed {
 enum Frame {
     /// Where it returns to.
     Call(u32),
-    /// The same of a call that its condition may have skipped, or that may be over: an exception came in between.
+    /// The same of a call that its condition may have skipped, or that may be over. It lies right below an exception, whose end tells.
     PerhapsCall(u32),
     /// The handler, and the instruction that it returns to where nothing watches the core's arrival there.
     Exception(u32, Option<u32>),
@@ -149,14 +149,10 @@ impl<'a> Walk<'a> {
                 let (next, _) = self.code.get(before.number + 1)?;
                 (next.address == before.next()).then_some(next)
             }
-            Flow::Return => {
-                let back = self.frames.iter().rev().find_map(|frame| match frame {
-                    Frame::Exception(_, back) => Some(*back),
-                    Frame::Call(_) => Some(None),
-                    Frame::PerhapsCall(_) => None,
-                });
-                self.at(back??)
-            }
+            Flow::Return => match self.frames.last()? {
+                Frame::Exception(_, back) => self.at((*back)?),
+                Frame::Call(_) | Frame::PerhapsCall(_) => None,
+            },
             _ => None,
         }
     }
@@ -238,8 +234,8 @@ impl<'a> Walk<'a> {
                 self.frames.push(Frame::PerhapsCall(instruction.next()));
             }
             Flow::Call(_) | Flow::CallRegister => self.frames.push(Frame::Call(instruction.next())),
-            Flow::Return | Flow::JumpRegister => match self.innermost(instruction.flow, next) {
-                Some(Frame::Call(back) | Frame::PerhapsCall(back)) if back == next => {
+            Flow::Return | Flow::JumpRegister => match self.frames.last().copied() {
+                Some(Frame::Call(back)) if back == next => {
                     self.frames.pop();
                     return false;
                 }
@@ -249,12 +245,17 @@ impl<'a> Walk<'a> {
                     self.fetch.lose();
                     if is_handler {
                         self.enter(next, back, cycles);
+                    } else if let Some(Frame::PerhapsCall(back)) = self.frames.last().copied() {
+                        self.frames.pop();
+                        if next != back {
+                            self.frames.push(Frame::Call(back));
+                        }
                     }
                     return is_handler;
                 }
                 Some(Frame::Call(back)) if is_handler => {
                     self.frames.pop();
-                    // A jump through a register mostly goes on to another function.
+                    // A jump through a register returns, or goes on to another function.
                     if instruction.flow == Flow::JumpRegister {
                         self.frames.push(Frame::PerhapsCall(back));
                     }
@@ -275,16 +276,6 @@ impl<'a> Walk<'a> {
             return true;
         }
         false
-    }
-
-    /// The innermost frame when the core goes to `next`. Only a return tells that calls which may not be under way are not.
-    fn innermost(&mut self, flow: Flow, next: u32) -> Option<Frame> {
-        while flow == Flow::Return
-            && matches!(self.frames.last(), Some(Frame::PerhapsCall(back)) if *back != next)
-        {
-            self.frames.pop();
-        }
-        self.frames.last().copied()
     }
 
     fn enter(&mut self, handler: u32, back: Option<u32>, cycles: &mut u32) {
@@ -423,6 +414,37 @@ mod tests {
         ] {
             let steps = ran(&call).unwrap();
             assert_eq!(of(&steps, true), [0x20, 0x22, 0x24, 0x26, 0x28], "{call:x?}");
+        }
+    }
+
+    #[test]
+    fn an_exception_behind_the_return_of_such_a_call_ends_no_other_one() {
+        // The handler's call is made; exceptions come right behind it, and right behind the return of what it called.
+        let made = [
+            (0, 0),
+            (0x20, 1),
+            (0x2A, 5),
+            (0x2E, 7),
+            (0x18, 9),
+            (0x2A, 11),
+            (0x2E, 13),
+            (0x28, 15),
+            (0xA, 20),
+        ];
+        // It is skipped; the exception comes again as the handler returns.
+        let skipped = [
+            (0, 0),
+            (0x20, 1),
+            (0x2A, 5),
+            (0x2E, 7),
+            (0x28, 9),
+            (0x2A, 10),
+            (0x2E, 12),
+            (0xA, 18),
+        ];
+        for arrivals in [&made[..], &skipped] {
+            let steps = ran(arrivals).unwrap();
+            assert_eq!(of(&steps, false), [0, 2, 4, 6, 8], "{arrivals:x?}");
         }
     }
 
