@@ -386,17 +386,17 @@ impl GripController {
             self.line_milli += rise;
         } else if goes_back {
             // What a test added: all of it, or, after a slide, what the friction found does not need.
-            let step = grown(settings.release_rate, passed_us.min(FALL_US_MAX));
+            let passed_us = passed_us.min(FALL_US_MAX);
+            let relaxed = relaxed(settings.relax_rate, passed_us);
+            let step = grown(settings.release_rate, passed_us).min(2 * relaxed);
             // The line may meanwhile have been released.
             let back = demand.max(before_test).min(self.line_milli);
             self.line_milli = back.max(self.line_milli - step);
             self.learnt.goes_back = self.line_milli > back;
         } else if relaxing {
             // A clock that jumps for one reading must not make the line jump down.
-            let passed_us = passed_us.min(FALL_US_MAX) as u32;
-            // The rate is per second.
-            let step = u32::from(relax_rate) * passed_us / 1_000;
-            self.line_milli = demand.max(self.line_milli - step.cast_signed());
+            let step = relaxed(relax_rate, passed_us.min(FALL_US_MAX));
+            self.line_milli = demand.max(self.line_milli - step);
         }
         self.line()
     }
@@ -475,6 +475,11 @@ fn grown(rate: u16, passed_us: u64) -> i32 {
     (u64::from(rate) * passed_us).min(MILLI_MAX as u64) as i32
 }
 
+/// What a rate of 1/4096 N per second makes in that time, at most 20 ms, in 1/1000 of 1/4096 N.
+fn relaxed(rate: u16, passed_us: u64) -> i32 {
+    (u32::from(rate) * passed_us as u32 / 1_000).cast_signed()
+}
+
 /// How much of an increase counts at once. A small one may be fluctuation: it is followed slowly.
 fn followed(before: i32, more: i32) -> i32 {
     let is_little = more > 0 && more <= before / 16;
@@ -513,8 +518,7 @@ mod tests {
     use super::*;
 
     /// The lines, in newtons, at the end of a test of a slide and 100 ms later: it found `finding`, under `guard`.
-    fn after_a_test(finding: Finding, guard: Guard) -> [f32; 2] {
-        let settings = Configuration::DEFAULT;
+    fn after_a_test(finding: Finding, guard: Guard, settings: &Configuration) -> [f32; 2] {
         let mut grip = GripController::new(0, None);
         grip.set_mode(GripMode::Hold);
         let mut now_us = 0;
@@ -539,10 +543,10 @@ mod tests {
                     has_spare: true,
                 };
                 grip.observe(evidence, now_us);
-                grip.learn(now_us, Some((load, 4_000)), witness, &settings);
+                grip.learn(now_us, Some((load, 4_000)), witness, settings);
                 for _ in 0..20 {
                     now_us += 1_000;
-                    grip.advance(now_us, guard, &settings);
+                    grip.advance(now_us, guard, settings);
                 }
             }
             grip.line().lsb() as f32 / f32::from(LSB_PER_NEWTON as u16)
@@ -555,11 +559,24 @@ mod tests {
 
     #[test]
     fn after_a_test_that_a_growing_load_ended_the_grip_stays_risen_unless_a_fault_forbade_to_relax() {
-        let [risen, later] = after_a_test(Finding::Held, Guard::Free);
+        let settings = Configuration::DEFAULT;
+        let [risen, later] = after_a_test(Finding::Held, Guard::Free, &settings);
         assert!(risen > 1.9 && later < 1.1, "held: {risen} N, then {later} N");
-        let [risen, later] = after_a_test(Finding::Open, Guard::Free);
+        let [risen, later] = after_a_test(Finding::Open, Guard::Free, &settings);
         assert!(risen > 1.9 && later > 1.7, "open: {risen} N, then {later} N");
-        let [risen, later] = after_a_test(Finding::Open, Guard::Hold);
+        let [risen, later] = after_a_test(Finding::Open, Guard::Hold, &settings);
         assert!(risen > 1.9 && later < 1.1, "fault: {risen} N, then {later} N");
+    }
+
+    #[test]
+    fn a_grip_that_relaxes_slowly_goes_back_slowly_after_a_test() {
+        for (relax_rate, least) in [(410, 1.95), (0, 1.99)] {
+            let settings = Configuration {
+                relax_rate,
+                ..Configuration::DEFAULT
+            };
+            let [risen, later] = after_a_test(Finding::Held, Guard::Free, &settings);
+            assert!(risen > 1.99 && later > least, "{relax_rate}: {risen} N, then {later} N");
+        }
     }
 }

@@ -195,7 +195,7 @@ pub fn needed_n(load: [f64; 3], friction: f64, area_mm2: f64) -> f64 {
 mod tests {
     use gripline_network::Architecture;
 
-    use super::super::{adverse, nominal};
+    use super::super::{GelModel, adverse, nominal};
     use super::*;
 
     #[test]
@@ -223,6 +223,20 @@ mod tests {
         assert!(lost.dropped || lost.peak_need_n < 1e-9, "{lost:?}");
         let again = play(&plan, Policy::Gripline, 0.0, &network, &parts, false).unwrap();
         assert_eq!(held, again);
+    }
+
+    /// Grasps in which friction falls to below 0.13 after a test has found the object held.
+    #[test]
+    fn the_secure_grip_holds_when_friction_halves_below_the_detectors() {
+        let network = Network::embedded(Architecture::Tracked).unwrap();
+        for (seed, number) in [(1, 293), (2, 57), (3, 345)] {
+            let mut plan = adverse::grasp(seed, number);
+            plan.scene.contact = GelModel::Brush.model();
+            let parts = GraspParts::new(&plan.scene).unwrap();
+            let secure = play(&plan, Policy::GriplineSecure, 0.0, &network, &parts, false).unwrap();
+            assert!(!secure.dropped && !secure.unsolved, "{secure:?}");
+            assert!(secure.micro_slip_mm < 1.0 && secure.late_falls == 0, "{secure:?}");
+        }
     }
 
     #[test]
