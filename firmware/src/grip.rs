@@ -576,7 +576,10 @@ mod tests {
                 ..Configuration::DEFAULT
             };
             let [risen, later] = after_a_test(Finding::Held, Guard::Free, &settings);
-            assert!(risen > 1.99 && later > least, "{relax_rate}: {risen} N, then {later} N");
+            assert!(
+                risen > 1.99 && later > least,
+                "{relax_rate}: {risen} N, then {later} N"
+            );
         }
     }
 }
