@@ -386,17 +386,20 @@ impl GripController {
             self.line_milli += rise;
         } else if goes_back {
             // What a test added: all of it, or, after a slide, what the friction found does not need.
-            let passed_us = passed_us.min(FALL_US_MAX);
-            let relaxed = relaxed(settings.relax_rate, passed_us);
-            let step = grown(settings.release_rate, passed_us).min(2 * relaxed);
+            let passed_us = passed_us.min(FALL_US_MAX) as u32;
+            // The one rate is per millisecond, the other per second: a grip that relaxes slowly keeps for long what a test added.
+            let (release, relax) = (u32::from(settings.release_rate), u32::from(settings.relax_rate));
+            let step = (release * passed_us).min(relax * passed_us / 500).cast_signed();
             // The line may meanwhile have been released.
             let back = demand.max(before_test).min(self.line_milli);
             self.line_milli = back.max(self.line_milli - step);
             self.learnt.goes_back = self.line_milli > back;
         } else if relaxing {
             // A clock that jumps for one reading must not make the line jump down.
-            let step = relaxed(relax_rate, passed_us.min(FALL_US_MAX));
-            self.line_milli = demand.max(self.line_milli - step);
+            let passed_us = passed_us.min(FALL_US_MAX) as u32;
+            // The rate is per second.
+            let step = u32::from(relax_rate) * passed_us / 1_000;
+            self.line_milli = demand.max(self.line_milli - step.cast_signed());
         }
         self.line()
     }
@@ -473,11 +476,6 @@ fn lagged(distance: i32, passed_us: u32) -> i32 {
 /// What a rate of 1/4096 N per ms makes in that time, in 1/1000 of 1/4096 N.
 fn grown(rate: u16, passed_us: u64) -> i32 {
     (u64::from(rate) * passed_us).min(MILLI_MAX as u64) as i32
-}
-
-/// What a rate of 1/4096 N per second makes in that time, at most 20 ms, in 1/1000 of 1/4096 N.
-fn relaxed(rate: u16, passed_us: u64) -> i32 {
-    (u32::from(rate) * passed_us as u32 / 1_000).cast_signed()
 }
 
 /// How much of an increase counts at once. A small one may be fluctuation: it is followed slowly.
