@@ -515,8 +515,9 @@ mod tests {
 
     use super::*;
 
-    /// The lines, in newtons, at the end of a test of a slide and 100 ms later: it found `finding`, under `guard`.
-    fn after_a_test(finding: Finding, guard: Guard, settings: &Configuration) -> [f32; 2] {
+    /// The lines, in newtons, at the end of a test of a slide, 100 ms later, and at the end of another one after that: it found `finding`,
+    /// under `guard`.
+    fn after_a_test(finding: Finding, guard: Guard, settings: &Configuration) -> [f32; 3] {
         let mut grip = GripController::new(0, None);
         grip.set_mode(GripMode::Hold);
         let mut now_us = 0;
@@ -552,17 +553,18 @@ mod tests {
         wait(&mut grip, 20, Urgency::None, Guard::Free);
         let risen = wait(&mut grip, 10, Urgency::Tests, guard);
         wait(&mut grip, 1, Urgency::None, Guard::Free);
-        [risen, wait(&mut grip, 4, Urgency::None, Guard::Free)]
+        let later = wait(&mut grip, 4, Urgency::None, Guard::Free);
+        [risen, later, wait(&mut grip, 10, Urgency::Tests, guard)]
     }
 
     #[test]
     fn after_a_test_that_a_growing_load_ended_the_grip_stays_risen_unless_a_fault_forbade_to_relax() {
         let settings = Configuration::DEFAULT;
-        let [risen, later] = after_a_test(Finding::Held, Guard::Free, &settings);
+        let [risen, later, _] = after_a_test(Finding::Held, Guard::Free, &settings);
         assert!(risen > 1.9 && later < 1.1, "held: {risen} N, then {later} N");
-        let [risen, later] = after_a_test(Finding::Open, Guard::Free, &settings);
+        let [risen, later, _] = after_a_test(Finding::Open, Guard::Free, &settings);
         assert!(risen > 1.9 && later > 1.7, "open: {risen} N, then {later} N");
-        let [risen, later] = after_a_test(Finding::Open, Guard::Hold, &settings);
+        let [risen, later, _] = after_a_test(Finding::Open, Guard::Hold, &settings);
         assert!(risen > 1.9 && later < 1.1, "fault: {risen} N, then {later} N");
     }
 
@@ -573,11 +575,12 @@ mod tests {
                 relax_rate,
                 ..Configuration::DEFAULT
             };
-            let [risen, later] = after_a_test(Finding::Held, Guard::Free, &settings);
+            let [risen, later, again] = after_a_test(Finding::Held, Guard::Free, &settings);
             assert!(
                 risen > 1.99 && later > least,
                 "{relax_rate}: {risen} N, then {later} N"
             );
+            assert!(again <= risen, "{relax_rate}: two tests add up to {again} N");
         }
     }
 }
