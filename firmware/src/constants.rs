@@ -157,6 +157,9 @@ pub const FRICTION_FORGET_SHIFT: u32 = 25;
 pub const TEST_RISE_PART: i32 = 3;
 /// Minimum rise of a test, 1/4096 N: 1 N, which a gripper with internal friction still follows.
 pub const TEST_RISE_MIN: i32 = 4_096;
+/// Rate of relaxing below which a grip keeps what a test of a slide added, 1/4096 N per second: 1 N/s. Whoever lets the line fall so slowly
+/// wants the reserve.
+pub const SLOW_RELAX_RATE: u16 = 4_096;
 /// Square by which a map's blur widens a contact, 1/16 of half a pitch squared: 54 for a deviation of 0.65 taxels in both
 /// directions, and a third more for the edge that a light touch does not show.
 pub const BLUR_MEAN_SQUARE: u16 = 70;
