@@ -225,7 +225,7 @@ mod tests {
         assert_eq!(held, again);
     }
 
-    /// Grasps in which friction falls to below 0.13 after a test has found the object held.
+    /// Grasps whose sliding friction falls to between 0.08 and 0.12 in the hold.
     #[test]
     fn the_secure_grip_holds_when_friction_halves_below_the_detectors() {
         let network = Network::embedded(Architecture::Tracked).unwrap();
