@@ -1,11 +1,12 @@
 //! A convolution as the kernels take it: which taps each output pixel sees, and the weights packed in the order in which
 //! they are used.
 
+use std::marker::PhantomData;
 use std::ops::Range;
 
 use super::region::Region;
 use crate::instruction_set::InstructionSet;
-use crate::simd::{LANES_MAX, Lines, Number};
+use crate::simd::{Accumulator, Dispatch, LANES_MAX, Lines, Number, Simd, Vector};
 
 /// A convolution with its weights packed for one instruction set. `T` is the number that is multiplied.
 #[derive(Debug, Clone)]
@@ -316,13 +317,36 @@ impl<T: Number> Convolution<T> {
     }
 }
 
+/// What panels are made of in an instruction set.
+struct Vectors {
+    lanes: usize,
+    /// Of a full panel.
+    count: usize,
+    splits: bool,
+}
+
+/// Asks for the [`Vectors`] of `T`.
+struct VectorsOf<T>(PhantomData<T>);
+
+impl<T: Number> Dispatch for VectorsOf<T> {
+    type Output = Vectors;
+
+    #[expect(
+        clippy::inline_always,
+        reason = "compiles for the instruction set of its caller"
+    )]
+    #[inline(always)]
+    fn run<S: Simd>(self) -> Vectors {
+        Vectors {
+            lanes: <T::Accumulator<S> as Accumulator>::Out::LANES,
+            count: T::Accumulator::<S>::VECTORS,
+            splits: T::Accumulator::<S>::SPLITS,
+        }
+    }
+}
+
 fn panels<T: Number>(instructions: InstructionSet, [out_channels, in_channels]: [usize; 2]) -> Vec<Panel> {
-    let (vector, vectors) = match instructions {
-        InstructionSet::Portable => (8, 1),
-        InstructionSet::Avx2 | InstructionSet::Neon => (8, 2),
-        InstructionSet::Avx512 => (16, 2),
-    };
-    let splits = T::splits(instructions);
+    let Vectors { lanes, count, splits } = T::dispatch(instructions, VectorsOf::<T>(PhantomData));
     let mut panels = Vec::new();
     let mut first = 0;
     while first < out_channels {
@@ -336,9 +360,9 @@ fn panels<T: Number>(instructions: InstructionSet, [out_channels, in_channels]: 
         let (segment, split) = if splits && in_channels.is_multiple_of(split) {
             (segment, split)
         } else {
-            (segment.next_multiple_of(vector), 1)
+            (segment.next_multiple_of(lanes), 1)
         };
-        let channels = segment.min(vector * vectors / split);
+        let channels = segment.min(lanes * count / split);
         for part in 0..segment / channels {
             panels.push(Panel {
                 first: first + part * channels,

@@ -10,7 +10,7 @@
 use super::convolution::{Convolution, Panel, Phase};
 use super::plane::Plane;
 use super::region::Region;
-use crate::simd::{Accumulator, Dispatch, Number, Simd, Vector, accumulate};
+use crate::simd::{Accumulator, Dispatch, LANES_MAX, Number, Simd, Vector, accumulate};
 
 /// Runs a convolution over the output pixels of `region`; writes the output's channels from `channel` on.
 ///
@@ -18,7 +18,19 @@ use crate::simd::{Accumulator, Dispatch, Number, Simd, Vector, accumulate};
 ///
 /// # Panics
 /// When sizes do not fit.
-pub fn convolve<T: Number>(
+pub fn convolve(
+    convolution: &Convolution,
+    start: Option<&Plane>,
+    input: &Plane,
+    output: &mut Plane,
+    channel: usize,
+    region: &Region,
+) {
+    convolve_numbers(convolution, start, input, output, channel, region);
+}
+
+/// As [`convolve`], of any numbers. Not public, so that kernels are compiled with this crate only.
+pub(super) fn convolve_numbers<T: Number>(
     convolution: &Convolution<T>,
     start: Option<&Plane>,
     input: &Plane<T>,
@@ -99,11 +111,11 @@ impl<T: Number> Task<'_, T> {
         let convolution = self.convolution;
         for &panel in &convolution.panels {
             match (panel.channels * panel.split / V::Out::LANES, panel.split) {
-                (2, 1) => self.pixels::<V, 2, 1>(panel),
-                (2, 2) => self.pixels::<V, 2, 2>(panel),
-                (2, 4) => self.pixels::<V, 2, 4>(panel),
                 (1, 1) => self.pixels::<V, 1, 1>(panel),
-                (1, 4) => self.pixels::<V, 1, 4>(panel),
+                (1, 4) if V::SPLITS && V::Out::LANES == LANES_MAX => self.pixels::<V, 1, 4>(panel),
+                (2, 1) if V::VECTORS == 2 => self.pixels::<V, 2, 1>(panel),
+                (2, 2) if V::SPLITS => self.pixels::<V, 2, 2>(panel),
+                (2, 4) if V::SPLITS => self.pixels::<V, 2, 4>(panel),
                 shape => unreachable!("{shape:?} is no panel's shape"),
             }
         }
@@ -176,49 +188,74 @@ impl<T: Number> Task<'_, T> {
             accumulate::<V, P, N, S>(&mut sums, row_weights, inputs, step, run);
         }
 
-        // A sum for each of the panel's channels, `LANES` in a vector.
-        let vectors = if S == 1 { N } else { 1 };
-        let (start, start_stride) = match self.start {
+        // What is added to the sums, and how far apart that is for neighbouring pixels.
+        let (start, start_step) = match self.start {
             None => (&self.convolution.bias[first..], 0),
             Some(map) => (
                 &map.row(at.out.0)[at.out.1 * map.channels() + first..],
                 phase.out_stride * map.channels(),
             ),
         };
-        let start = &start[..(P - 1) * start_stride + vectors * V::Out::LANES];
-        let scales = &self.convolution.scales[first..][..vectors * V::Out::LANES];
         let channels = self.output.channels();
-        let used = panel.channels.min(out_channels - first);
-        let line = self.output.row_mut(at.out.0);
-        for (p, sums) in sums.into_iter().enumerate() {
-            let pixel = (at.out.1 + p * phase.out_stride) * channels + self.channel + first;
-            let out = &mut line[pixel..pixel + used];
-            finish::<V, N, S>(sums, scales, &start[p * start_stride..], relu, out);
+        // A copy, so that the sums themselves stay in registers.
+        let mut done = [[V::zero(); N]; P];
+        for p in 0..P {
+            for n in 0..N {
+                done[p][n] = sums[p][n];
+            }
         }
+        V::apart(Finish::<V, N, S> {
+            sums: &done,
+            scales: &self.convolution.scales[first..],
+            start,
+            start_step,
+            relu,
+            used: panel.channels.min(out_channels - first),
+            out: &mut self.output.row_mut(at.out.0)[at.out.1 * channels + self.channel + first..],
+            out_step: phase.out_stride * channels,
+        });
     }
 }
 
-/// Writes a panel's channels of a pixel: its lanes' sums, scaled, added to `start`.
-#[inline(always)]
-pub(super) fn finish<V: Accumulator, const N: usize, const S: usize>(
-    mut sums: [V; N],
-    scales: &[f32],
-    start: &[f32],
-    relu: bool,
-    out: &mut [f32],
-) {
-    let vectors = if S == 1 { N } else { 1 };
-    if S > 1 {
-        sums[0] = sums[0].pairwise_sums(sums[N - 1]);
-    }
-    if S > 2 {
-        sums[0] = sums[0].pairwise_sums(sums[0]);
-    }
-    let used = out.len();
-    for (n, sum) in sums.into_iter().take(vectors).enumerate() {
-        let from = n * V::Out::LANES;
-        let sum = sum.scale(&scales[from..]).add(V::Out::load(&start[from..]));
-        let sum = if relu { sum.relu() } else { sum };
-        sum.store(&mut out[from.min(used)..used.min(from + V::Out::LANES)]);
+/// Writes a panel's channels of pixels: their lanes' sums, scaled, added to `start`.
+pub(super) struct Finish<'a, V, const N: usize, const S: usize> {
+    /// `N` vectors for each pixel, split `S` ways.
+    pub(super) sums: &'a [[V; N]],
+    pub(super) scales: &'a [f32],
+    pub(super) start: &'a [f32],
+    /// Numbers between neighbouring pixels' starts.
+    pub(super) start_step: usize,
+    pub(super) relu: bool,
+    /// Channels that are written.
+    pub(super) used: usize,
+    pub(super) out: &'a mut [f32],
+    /// Numbers between neighbouring pixels in `out`.
+    pub(super) out_step: usize,
+}
+
+impl<V: Accumulator, const N: usize, const S: usize> Dispatch for Finish<'_, V, N, S> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<I: Simd>(self) {
+        // A sum for each of the panel's channels, `LANES` in a vector.
+        let vectors = if S == 1 { N } else { 1 };
+        for (p, &sums) in self.sums.iter().enumerate() {
+            let mut sums = sums;
+            if S > 1 {
+                sums[0] = sums[0].pairwise_sums(sums[N - 1]);
+            }
+            if S > 2 {
+                sums[0] = sums[0].pairwise_sums(sums[0]);
+            }
+            let start = &self.start[p * self.start_step..];
+            let out = &mut self.out[p * self.out_step..][..self.used];
+            for (n, sum) in sums.into_iter().take(vectors).enumerate() {
+                let from = n * V::Out::LANES;
+                let sum = sum.scale(&self.scales[from..]).add(V::Out::load(&start[from..]));
+                let sum = if self.relu { sum.relu() } else { sum };
+                sum.store(&mut out[from.min(self.used)..self.used.min(from + V::Out::LANES)]);
+            }
+        }
     }
 }

@@ -4,7 +4,7 @@
 //! same bits, and so does [`Winograd`], which computes most 3×3 layers. NaN or infinity anywhere in the input makes every output NaN.
 
 use super::convolution::{Convolution, Kernel, Shape};
-use super::direct::convolve;
+use super::direct::convolve_numbers;
 use super::plane::Plane;
 use super::region::Region;
 use super::winograd::Winograd;
@@ -153,7 +153,7 @@ impl Int16Convolution {
             return;
         }
         let all = Region::whole(output.height(), output.width());
-        convolve(&self.convolution, None, &self.input, output, channel, &all);
+        convolve_numbers(&self.convolution, None, &self.input, output, channel, &all);
     }
 }
 

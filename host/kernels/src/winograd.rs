@@ -12,9 +12,9 @@
 )]
 
 use super::convolution::{Convolution, Panel, pack};
-use super::direct::finish;
+use super::direct::Finish;
 use super::plane::Plane;
-use crate::simd::{Dispatch, Int16Pair, IntegerSums, Lines, Number, Simd, Vector, accumulate};
+use crate::simd::{Dispatch, Int16Pair, IntegerSums, LANES_MAX, Lines, Number, Simd, Vector, accumulate};
 
 /// Products of a row of taps, and its taps.
 const PRODUCTS: usize = 4;
@@ -172,11 +172,11 @@ impl Task<'_> {
         let convolution = self.convolution;
         for &panel in &convolution.panels {
             match (panel.channels * panel.split / V::Out::LANES, panel.split) {
-                (2, 1) => self.pairs::<V, 2, 1>(panel),
-                (2, 2) => self.pairs::<V, 2, 2>(panel),
-                (2, 4) => self.pairs::<V, 2, 4>(panel),
                 (1, 1) => self.pairs::<V, 1, 1>(panel),
-                (1, 4) => self.pairs::<V, 1, 4>(panel),
+                (1, 4) if V::SPLITS && V::Out::LANES == LANES_MAX => self.pairs::<V, 1, 4>(panel),
+                (2, 1) if V::VECTORS == 2 => self.pairs::<V, 2, 1>(panel),
+                (2, 2) if V::SPLITS => self.pairs::<V, 2, 2>(panel),
+                (2, 4) if V::SPLITS => self.pairs::<V, 2, 4>(panel),
                 shape => unreachable!("{shape:?} is no panel's shape"),
             }
         }
@@ -233,24 +233,27 @@ impl Task<'_> {
         let Convolution {
             out_channels, relu, ..
         } = *self.convolution;
-        let used = panel.channels.min(out_channels - panel.first);
-        let (bias, scales) = (
-            &self.convolution.bias[panel.first..],
-            &self.convolution.scales[panel.first..],
-        );
-        let channels = self.output.channels();
-        let line = self.output.row_mut(row);
         let [m0, m1, m2, m3] = products;
+        let (mut left, mut right) = (m1, m1);
         for p in 0..P {
-            let [mut left, mut right] = [m1[p]; 2];
             for n in 0..N {
-                left[n] = left[n].plus(m0[p][n]).plus(m2[p][n]);
-                right[n] = right[n].minus(m2[p][n]).minus(m3[p][n]);
+                left[p][n] = left[p][n].plus(m0[p][n]).plus(m2[p][n]);
+                right[p][n] = right[p][n].minus(m2[p][n]).minus(m3[p][n]);
             }
-            let at = 2 * (pair + p) * channels + self.channel + panel.first;
-            finish::<V, N, S>(left, scales, bias, relu, &mut line[at..at + used]);
-            let at = at + channels;
-            finish::<V, N, S>(right, scales, bias, relu, &mut line[at..at + used]);
+        }
+        let channels = self.output.channels();
+        for (parity, sums) in [&left, &right].into_iter().enumerate() {
+            let at = (2 * pair + parity) * channels + self.channel + panel.first;
+            V::apart(Finish::<V, N, S> {
+                sums,
+                scales: &self.convolution.scales[panel.first..],
+                start: &self.convolution.bias[panel.first..],
+                start_step: 0,
+                relu,
+                used: panel.channels.min(out_channels - panel.first),
+                out: &mut self.output.row_mut(row)[at..],
+                out_step: 2 * channels,
+            });
         }
     }
 }

@@ -26,12 +26,14 @@ use super::traits::{
 
 /// Runs a kernel.
 #[target_feature(enable = "avx2,fma")]
+#[inline(never)]
 pub(super) fn run<K: Dispatch>(kernel: K) -> K::Output {
     kernel.run::<Avx2<Pairs>>()
 }
 
 /// Runs a kernel with AVX-VNNI.
 #[target_feature(enable = "avx2,fma,avxvnni")]
+#[inline(never)]
 pub(super) fn run_vnni<K: Dispatch>(kernel: K) -> K::Output {
     kernel.run::<Avx2<VnniPairs>>()
 }
@@ -139,10 +141,13 @@ impl Vector for F32 {
     }
 }
 
+// SAFETY: eight lanes, as `Out` has; it reads what its methods say.
 unsafe impl Accumulator for F32 {
     type Number = f32;
     type Out = Self;
 
+    const VECTORS: usize = 2;
+    const SPLITS: bool = true;
     // Sixteen registers: sums, weights, one input.
     const PIXELS_MAX: [usize; 2] = [12, 6];
 
@@ -189,16 +194,25 @@ unsafe impl Accumulator for F32 {
     fn scale(self, _factors: &[f32]) -> Self {
         self
     }
+
+    fn apart<K: Dispatch>(kernel: K) -> K::Output {
+        // SAFETY: see the module.
+        unsafe { run(kernel) }
+    }
 }
 
 /// Eight pairs or sums.
 #[derive(Clone, Copy)]
 pub(super) struct Pairs(__m256i);
 
+// SAFETY: eight lanes, as `Out` has; it reads what its methods say.
 unsafe impl Accumulator for Pairs {
     type Number = Int16Pair;
     type Out = F32;
 
+    // Sums of int16 are exact in any order, so only speed decides.
+    const VECTORS: usize = 2;
+    const SPLITS: bool = false;
     // A register for the products, which are added by an instruction of their own.
     const PIXELS_MAX: [usize; 2] = [10, 5];
 
@@ -245,6 +259,11 @@ unsafe impl Accumulator for Pairs {
         // SAFETY: see the module.
         F32(unsafe { _mm256_mul_ps(_mm256_cvtepi32_ps(self.0), factors.0) })
     }
+
+    fn apart<K: Dispatch>(kernel: K) -> K::Output {
+        // SAFETY: see the module.
+        unsafe { run(kernel) }
+    }
 }
 
 impl IntegerSums for Pairs {
@@ -265,9 +284,12 @@ impl IntegerSums for Pairs {
 #[derive(Clone, Copy)]
 struct VnniPairs(Pairs);
 
+// SAFETY: eight lanes, as `Out` has; it reads what its methods say.
 unsafe impl Accumulator for VnniPairs {
     type Number = Int16Pair;
     type Out = F32;
+    const VECTORS: usize = 2;
+    const SPLITS: bool = false;
     const PIXELS_MAX: [usize; 2] = F32::PIXELS_MAX;
 
     #[inline(always)]
@@ -303,6 +325,11 @@ unsafe impl Accumulator for VnniPairs {
     #[inline(always)]
     fn scale(self, factors: &[f32]) -> F32 {
         self.0.scale(factors)
+    }
+
+    fn apart<K: Dispatch>(kernel: K) -> K::Output {
+        // SAFETY: see the module.
+        unsafe { run_vnni(kernel) }
     }
 }
 

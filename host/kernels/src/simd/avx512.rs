@@ -17,12 +17,14 @@ use super::traits::{Accumulator, Dispatch, Int16Pair, IntegerSums, Simd, Vector}
 
 /// Runs a kernel.
 #[target_feature(enable = "avx512f")]
+#[inline(never)]
 pub(super) fn run<K: Dispatch>(kernel: K) -> K::Output {
     kernel.run::<Avx512<avx2::Pairs>>()
 }
 
 /// Runs a kernel with VNNI.
 #[target_feature(enable = "avx512f,avx512vnni")]
+#[inline(never)]
 pub(super) fn run_vnni<K: Dispatch>(kernel: K) -> K::Output {
     kernel.run::<Avx512<Pairs>>()
 }
@@ -90,10 +92,13 @@ impl Vector for F32 {
     }
 }
 
+// SAFETY: sixteen lanes, as `Out` has; it reads what its methods say.
 unsafe impl Accumulator for F32 {
     type Number = f32;
     type Out = Self;
 
+    const VECTORS: usize = 2;
+    const SPLITS: bool = true;
     // Thirty-two registers would hold more sums, but the loop has no registers for more pixels' addresses:
     // eleven with two vectors each take a quarter longer per pixel.
     const PIXELS_MAX: [usize; 2] = [12, 10];
@@ -145,15 +150,24 @@ unsafe impl Accumulator for F32 {
     fn scale(self, _factors: &[f32]) -> Self {
         self
     }
+
+    fn apart<K: Dispatch>(kernel: K) -> K::Output {
+        // SAFETY: see the module.
+        unsafe { run(kernel) }
+    }
 }
 
 /// Sixteen pairs or sums.
 #[derive(Clone, Copy)]
 struct Pairs(__m512i);
 
+// SAFETY: sixteen lanes, as `Out` has; it reads what its methods say.
 unsafe impl Accumulator for Pairs {
     type Number = Int16Pair;
     type Out = F32;
+    const VECTORS: usize = 2;
+    // Sixteen lanes are more than the last channels need.
+    const SPLITS: bool = true;
     const PIXELS_MAX: [usize; 2] = F32::PIXELS_MAX;
 
     #[inline(always)]
@@ -204,6 +218,11 @@ unsafe impl Accumulator for Pairs {
         let factors = F32::load(factors);
         // SAFETY: see the module.
         F32(unsafe { _mm512_mul_ps(_mm512_cvtepi32_ps(self.0), factors.0) })
+    }
+
+    fn apart<K: Dispatch>(kernel: K) -> K::Output {
+        // SAFETY: see the module.
+        unsafe { run_vnni(kernel) }
     }
 }
 

@@ -42,7 +42,7 @@ pub fn dispatch<K: Dispatch>(instructions: InstructionSet, kernel: K) -> K::Outp
         InstructionSet::Avx512 => unsafe { avx512::run(kernel) },
         #[cfg(target_arch = "aarch64")]
         InstructionSet::Neon => neon::run(kernel),
-        _ => kernel.run::<portable::Portable>(),
+        _ => portable::run(kernel),
     }
 }
 
@@ -58,7 +58,7 @@ pub fn dispatch_256<K: Dispatch>(instructions: InstructionSet, kernel: K) -> K::
         InstructionSet::Avx2 | InstructionSet::Avx512 => unsafe { avx2::run(kernel) },
         #[cfg(target_arch = "aarch64")]
         InstructionSet::Neon => neon::run(kernel),
-        _ => kernel.run::<portable::Portable>(),
+        _ => portable::run(kernel),
     }
 }
 

@@ -24,6 +24,7 @@ use super::traits::{
 };
 
 /// Runs a kernel.
+#[inline(never)]
 pub(super) fn run<K: Dispatch>(kernel: K) -> K::Output {
     kernel.run::<Neon>()
 }
@@ -151,10 +152,13 @@ impl Vector for F32 {
     }
 }
 
+// SAFETY: eight lanes, as `Out` has; it reads what its methods say, four inputs at once.
 unsafe impl Accumulator for F32 {
     type Number = f32;
     type Out = Self;
 
+    const VECTORS: usize = 2;
+    const SPLITS: bool = true;
     // Of 32 registers: two for each vector of sums, one for a pixel's four inputs, two for each vector of weights.
     const PIXELS_MAX: [usize; 2] = [9, 5];
     const INPUTS: usize = 4;
@@ -224,6 +228,10 @@ unsafe impl Accumulator for F32 {
     fn scale(self, _factors: &[f32]) -> Self {
         self
     }
+
+    fn apart<K: Dispatch>(kernel: K) -> K::Output {
+        run(kernel)
+    }
 }
 
 /// Eight pairs, the first int16 of each in one register and the second in the other; or eight sums.
@@ -237,9 +245,13 @@ impl Pairs {
     }
 }
 
+// SAFETY: eight lanes, as `Out` has; it reads what its methods say, four inputs at once.
 unsafe impl Accumulator for Pairs {
     type Number = Int16Pair;
     type Out = F32;
+    const VECTORS: usize = 2;
+    // NEON takes an input from any lane.
+    const SPLITS: bool = false;
     const PIXELS_MAX: [usize; 2] = F32::PIXELS_MAX;
     const INPUTS: usize = 4;
 
@@ -324,6 +336,10 @@ unsafe impl Accumulator for Pairs {
     #[inline(always)]
     fn scale(self, factors: &[f32]) -> F32 {
         F32(both!(vcvtq_f32_s32(self.0))).multiply(<F32 as Vector>::load(factors))
+    }
+
+    fn apart<K: Dispatch>(kernel: K) -> K::Output {
+        run(kernel)
     }
 }
 

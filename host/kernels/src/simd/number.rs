@@ -11,13 +11,6 @@ pub trait Number: Copy + Default {
     /// Its vectors in an instruction set.
     type Accumulator<S: Simd>: Accumulator<Number = Self>;
 
-    /// Whether convolutions with few output channels spread the input channels over the lanes: each input that is read
-    /// then serves two multiply-adds. For f32 all but the portable set do, so that they compute the same bits.
-    #[must_use]
-    fn splits(instructions: InstructionSet) -> bool {
-        instructions != InstructionSet::Portable
-    }
-
     /// Runs a kernel on such numbers.
     fn dispatch<K: Dispatch>(instructions: InstructionSet, kernel: K) -> K::Output;
 }
@@ -32,12 +25,6 @@ impl Number for f32 {
 
 impl Number for Int16Pair {
     type Accumulator<S: Simd> = S::Int16;
-
-    /// Sums of int16 are exact in any order, so only speed decides: sixteen lanes are more than the last channels need, and
-    /// NEON takes an input from any lane.
-    fn splits(instructions: InstructionSet) -> bool {
-        instructions == InstructionSet::Avx512
-    }
 
     fn dispatch<K: Dispatch>(instructions: InstructionSet, kernel: K) -> K::Output {
         #[cfg(target_arch = "x86_64")]

@@ -1,8 +1,14 @@
 //! Plain arrays, which the compiler puts into whatever vectors the target has.
 
 use super::traits::{
-    Accumulator, F32x8, Int16Pair, Int16x16, IntegerSums, Simd, TABLE, Table, Vector, round,
+    Accumulator, Dispatch, F32x8, Int16Pair, Int16x16, IntegerSums, Simd, TABLE, Table, Vector, round,
 };
+
+/// Runs a kernel.
+#[inline(never)]
+pub(super) fn run<K: Dispatch>(kernel: K) -> K::Output {
+    kernel.run::<Portable>()
+}
 
 pub(super) struct Portable;
 
@@ -68,10 +74,13 @@ impl Vector for [f32; 8] {
     }
 }
 
+// SAFETY: eight lanes, as `Out` has; it reads what its methods say.
 unsafe impl Accumulator for [f32; 8] {
     type Number = f32;
     type Out = Self;
 
+    const VECTORS: usize = 1;
+    const SPLITS: bool = false;
     // Of SSE2's sixteen registers: two for each vector of sums, two for the weights, one for a product.
     const PIXELS_MAX: [usize; 2] = [6, 3];
 
@@ -108,6 +117,11 @@ unsafe impl Accumulator for [f32; 8] {
     fn scale(self, _factors: &[f32]) -> Self {
         self
     }
+
+    #[inline(always)]
+    fn apart<K: Dispatch>(kernel: K) -> K::Output {
+        kernel.run::<Portable>()
+    }
 }
 
 /// Eight pairs, the first int16 in the lower half, or eight sums.
@@ -119,9 +133,12 @@ fn packed(Int16Pair([low, high]): Int16Pair) -> i32 {
     i32::from(high) << 16 | i32::from(low) & 0xFFFF
 }
 
+// SAFETY: eight lanes, as `Out` has; it reads what its methods say.
 unsafe impl Accumulator for Pairs {
     type Number = Int16Pair;
     type Out = [f32; 8];
+    const VECTORS: usize = 1;
+    const SPLITS: bool = false;
     const PIXELS_MAX: [usize; 2] = [6, 3];
 
     #[inline(always)]
@@ -166,6 +183,11 @@ unsafe impl Accumulator for Pairs {
     fn scale(self, factors: &[f32]) -> [f32; 8] {
         let factors = <[f32; 8] as Vector>::load(factors);
         std::array::from_fn(|lane| self.0[lane] as f32 * factors[lane])
+    }
+
+    #[inline(always)]
+    fn apart<K: Dispatch>(kernel: K) -> K::Output {
+        kernel.run::<Portable>()
     }
 }
 

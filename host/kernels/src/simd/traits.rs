@@ -68,6 +68,13 @@ pub unsafe trait Accumulator: Copy {
     /// What sums are converted to, lane by lane.
     type Out: Vector;
 
+    /// Vectors of sums that a pixel of a full panel has.
+    const VECTORS: usize;
+
+    /// Whether convolutions with few output channels spread the input channels over the lanes: each input that is read then
+    /// serves two multiply-adds.
+    const SPLITS: bool;
+
     /// Output pixels whose sums fit the registers, with one vector of sums each and with two.
     const PIXELS_MAX: [usize; 2];
 
@@ -115,6 +122,9 @@ pub unsafe trait Accumulator: Copy {
 
     /// The sums as f32, times a factor for each lane; f32 sums ignore the factors.
     fn scale(self, factors: &[f32]) -> Self::Out;
+
+    /// Runs a kernel, as a function of its own where the set has many kernels: what they end with is then compiled once.
+    fn apart<K: Dispatch>(kernel: K) -> K::Output;
 }
 
 /// Sums in int32. They wrap.
