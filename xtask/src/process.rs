@@ -58,7 +58,11 @@ pub(crate) fn cargo() -> Command {
 
 /// With these, cargo builds as `cargo test --workspace` does, with the same features in what is shared, so that after the tests
 /// nothing is compiled again. (A test among the targets makes cargo count the features that tests ask for.)
-const AS_TESTS: [&str; 3] = ["--workspace", "--test", "bridge"];
+pub(crate) const AS_TESTS: [&str; 5] = ["--workspace", "--exclude", "xtask", "--test", "bridge"];
+
+/// The workspace without this program. It parses Rust, and what a program shares with procedural macros cargo compiles with other
+/// flags than for them alone: with it, lints, tests and ARM would each compile those macros, and all that uses them, again.
+pub(crate) const WORKSPACE: [&str; 3] = ["--workspace", "--exclude", "xtask"];
 
 /// Builds programs of the workspace; returns their folder. With the profile `dev` they are built as the tests are.
 pub(crate) fn build(profile: &str, programs: &[(&str, &str)]) -> Result<PathBuf, Error> {

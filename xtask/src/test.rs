@@ -210,10 +210,15 @@ pub(crate) fn run(tier: Tier) -> Result<(), Error> {
     let tests = || {
         let mut tests = process::cargo();
         tests
-            .args(["test", "--workspace", "--no-fail-fast"])
+            .arg("test")
+            .args(process::WORKSPACE)
+            .arg("--no-fail-fast")
             .args(&without);
         tests
     };
+    checks.check("tests of xtask", || {
+        process::run(process::cargo().args(["test", "--package", "xtask"]))
+    });
     checks.check("build of the tests", || process::run(tests().arg("--no-run")));
     if all {
         checks.check("documentation", || {
@@ -280,15 +285,18 @@ fn style(checks: &mut Checks) {
 
 fn lints_of_the_workspace(checks: &mut Checks) {
     checks.check("lints", || {
-        process::run(process::cargo().args([
-            "clippy",
-            "--workspace",
-            "--all-targets",
-            "--keep-going",
-            "--",
-            "-D",
-            "warnings",
-        ]))
+        let warnings = ["--all-targets", "--keep-going", "--", "-D", "warnings"];
+        process::run(
+            process::cargo()
+                .args(["clippy", "--package", "xtask"])
+                .args(warnings),
+        )?;
+        process::run(
+            process::cargo()
+                .arg("clippy")
+                .args(process::WORKSPACE)
+                .args(warnings),
+        )
     });
 }
 
@@ -440,8 +448,9 @@ fn bridge_with(command: &str, features: &[&str]) -> Command {
     let features: Vec<String> = features.iter().map(|name| format!("gripline/{name}")).collect();
     let mut cargo = process::cargo();
     cargo
-        .args([command, "--workspace", "--features", &features.join(",")])
-        .args(["--test", "bridge"]);
+        .arg(command)
+        .args(process::AS_TESTS)
+        .args(["--features", &features.join(",")]);
     cargo
 }
 
