@@ -32,16 +32,10 @@ const CRATES: [&str; 3] = ["gripline-network", "gripline-firmware", "gripline"];
 /// procedural macros and build scripts are there.
 const AS_RELEASED: [&str; 3] = [KERNELS, "gripline-network", "gripline-firmware"];
 
-/// Tests that do not. Emulation is twenty times as slow, and these take minutes there: they simulate fingertips or grasps, spoil
-/// weights one by one or draw every size of screen. What they check does not depend on the processor, and the kernels under it
-/// are tested here.
-const SLOW: [&str; 8] = [
+/// Tests that do not. Emulation is twenty times as slow, and these take minutes there: they simulate fingertips or draw
+/// every size of screen. What they check does not depend on the processor, and the kernels under it are tested here.
+const SLOW: [&str; 3] = [
     "rest::tests::",
-    "slipping_grasp::the_usual_world_loses_nothing",
-    "slipping_grasp::the_adverse_world_loses_hardly_more_than_to_one_who_knows_friction",
-    "golden::one_kernel_transposed_in_any_layer_breaks_that_bound",
-    "golden::one_weight_wrong_by_one_percent_breaks_that_bound",
-    "golden::running_statistics_and_output_bias_are_not_ignored",
     "view::tests::no_size_and_no_number_makes_it_panic",
     "commands::doctor::judge::tests::a_rest_picture_that_is_missing_moved_dented_dimmed_or_anothers_is_reported",
 ];

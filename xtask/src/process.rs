@@ -56,22 +56,27 @@ pub(crate) fn cargo() -> Command {
     command
 }
 
-/// With these, cargo builds as `cargo test --workspace` does, with the same features in what is shared, so that after the tests
-/// nothing is compiled again. (A test among the targets makes cargo count the features that tests ask for.)
-pub(crate) const AS_TESTS: [&str; 5] = ["--workspace", "--exclude", "xtask", "--test", "bridge"];
-
 /// The workspace without this program. It parses Rust, and what a program shares with procedural macros cargo compiles with other
 /// flags than for them alone: with it, lints, tests and ARM would each compile those macros, and all that uses them, again.
 pub(crate) const WORKSPACE: [&str; 3] = ["--workspace", "--exclude", "xtask"];
 
+/// Cargo that builds with the features and flags that the tests are built with, so that after them nothing is compiled again. (A
+/// test among the targets makes cargo count the features that tests ask for.) Its profile is `dev`, and targets are to be added.
+pub(crate) fn as_tests(command: &str) -> Command {
+    let mut cargo = cargo();
+    cargo.arg(command).args(WORKSPACE).args(["--test", "bridge"]);
+    cargo
+}
+
 /// Builds programs of the workspace; returns their folder. With the profile `dev` they are built as the tests are.
 pub(crate) fn build(profile: &str, programs: &[(&str, &str)]) -> Result<PathBuf, Error> {
-    let mut command = cargo();
-    command.args(["build", "--profile", profile]);
+    let mut command;
     if profile == "dev" {
-        command.args(AS_TESTS);
+        command = as_tests("build");
         command.args(programs.iter().flat_map(|(_, program)| ["--bin", program]));
     } else {
+        command = cargo();
+        command.args(["build", "--profile", profile]);
         command.args(programs.iter().flat_map(|(package, _)| ["--package", package]));
     }
     run(&mut command)?;
@@ -80,7 +85,7 @@ pub(crate) fn build(profile: &str, programs: &[(&str, &str)]) -> Result<PathBuf,
 
 /// Builds an example as the tests are built; returns its path.
 pub(crate) fn example(name: &str) -> Result<PathBuf, Error> {
-    run(cargo().arg("build").args(AS_TESTS).args(["--example", name]))?;
+    run(as_tests("build").args(["--example", name]))?;
     Ok(build_dir()
         .join(profile_folder("dev"))
         .join("examples")

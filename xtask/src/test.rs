@@ -284,20 +284,19 @@ fn style(checks: &mut Checks) {
 }
 
 fn lints_of_the_workspace(checks: &mut Checks) {
-    checks.check("lints", || {
-        let warnings = ["--all-targets", "--keep-going", "--", "-D", "warnings"];
-        process::run(
-            process::cargo()
-                .args(["clippy", "--package", "xtask"])
-                .args(warnings),
-        )?;
-        process::run(
-            process::cargo()
-                .arg("clippy")
-                .args(process::WORKSPACE)
-                .args(warnings),
-        )
-    });
+    let mut lints = |name: &str, packages: &[&str]| {
+        checks.check(name, || {
+            process::run(process::cargo().arg("clippy").args(packages).args([
+                "--all-targets",
+                "--keep-going",
+                "--",
+                "-D",
+                "warnings",
+            ]))
+        });
+    };
+    lints("lints of xtask", &["--package", "xtask"]);
+    lints("lints", &process::WORKSPACE);
 }
 
 /// What is checked of the images and on the emulated board without the bridge.
@@ -446,11 +445,8 @@ fn features_of_the_bridge(checks: &mut Checks, features: &[&str]) {
 /// checks, and most of what was compiled for those serves again.
 fn bridge_with(command: &str, features: &[&str]) -> Command {
     let features: Vec<String> = features.iter().map(|name| format!("gripline/{name}")).collect();
-    let mut cargo = process::cargo();
-    cargo
-        .arg(command)
-        .args(process::AS_TESTS)
-        .args(["--features", &features.join(",")]);
+    let mut cargo = process::as_tests(command);
+    cargo.args(["--features", &features.join(",")]);
     cargo
 }
 

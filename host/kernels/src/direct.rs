@@ -221,13 +221,17 @@ impl<T: Number> Task<'_, T> {
 pub(super) struct Finish<'a, V, const N: usize, const S: usize> {
     /// `N` vectors for each pixel, split `S` ways.
     pub(super) sums: &'a [[V; N]],
+    /// A factor for each of the panel's channels.
     pub(super) scales: &'a [f32],
+    /// From the first pixel's first channel on.
     pub(super) start: &'a [f32],
-    /// Numbers between neighbouring pixels' starts.
+    /// Numbers between neighbouring pixels in `start`.
     pub(super) start_step: usize,
+    /// Whether negative outputs become zero.
     pub(super) relu: bool,
     /// Channels that are written.
     pub(super) used: usize,
+    /// From the first pixel's first channel on.
     pub(super) out: &'a mut [f32],
     /// Numbers between neighbouring pixels in `out`.
     pub(super) out_step: usize,

@@ -210,7 +210,6 @@ unsafe impl Accumulator for Pairs {
     type Number = Int16Pair;
     type Out = F32;
 
-    // Sums of int16 are exact in any order, so only speed decides.
     const VECTORS: usize = 2;
     const SPLITS: bool = false;
     // A register for the products, which are added by an instruction of their own.

@@ -72,7 +72,8 @@ pub unsafe trait Accumulator: Copy {
     const VECTORS: usize;
 
     /// Whether convolutions with few output channels spread the input channels over the lanes: each input that is read then
-    /// serves two multiply-adds.
+    /// serves two multiply-adds. For f32 all but the portable set do, so that they compute the same bits; sums of int16 are exact in
+    /// any order, so only speed decides.
     const SPLITS: bool;
 
     /// Output pixels whose sums fit the registers, with one vector of sums each and with two.
