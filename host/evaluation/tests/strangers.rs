@@ -223,52 +223,57 @@ fn judge(name: &str, range: UnitRange) -> Judged {
     judged
 }
 
-#[test]
-fn a_gel_softer_by_half_is_right_to_a_tenth_after_its_calibration() {
-    let softer = UnitRange {
-        modulus: [0.5; 2],
-        ..nominal()
-    };
-    let judged = judge("softer by half", softer);
-    assert!(
-        judged.before[0] > 0.5,
-        "a wrong modulus must show: {:?}",
-        judged.before
-    );
-    assert!(
-        judged.after.iter().all(|error| *error <= 0.1),
-        "{:?}",
-        judged.after
-    );
-    assert!(judged.held_out <= 0.1, "{}", judged.held_out);
-}
+/// Only `cargo xtask test --all` runs these.
+mod slow {
+    use super::*;
 
-#[test]
-fn a_gel_thinner_by_a_fifth_is_right_to_a_tenth_after_its_calibration() {
-    let thinner = UnitRange {
-        thickness_mm: [0.8 * sensor().gel.thickness_mm; 2],
-        ..nominal()
-    };
-    let judged = judge("thinner by a fifth", thinner);
-    assert!(
-        judged.after.iter().all(|error| *error <= 0.1),
-        "{:?}",
-        judged.after
-    );
-}
+    #[test]
+    fn a_gel_softer_by_half_is_right_to_a_tenth_after_its_calibration() {
+        let softer = UnitRange {
+            modulus: [0.5; 2],
+            ..nominal()
+        };
+        let judged = judge("softer by half", softer);
+        assert!(
+            judged.before[0] > 0.5,
+            "a wrong modulus must show: {:?}",
+            judged.before
+        );
+        assert!(
+            judged.after.iter().all(|error| *error <= 0.1),
+            "{:?}",
+            judged.after
+        );
+        assert!(judged.held_out <= 0.1, "{}", judged.held_out);
+    }
 
-#[test]
-fn another_lens_is_right_to_a_tenth_after_both_calibrations() {
-    let other = UnitRange {
-        distance_mm: [35.0; 2],
-        scale_error: [0.12; 2],
-        distortion: [0.05; 2],
-        ..nominal()
-    };
-    let judged = judge("another lens", other);
-    assert!(
-        judged.after.iter().all(|error| *error <= 0.1),
-        "{:?}",
-        judged.after
-    );
+    #[test]
+    fn another_lens_is_right_to_a_tenth_after_both_calibrations() {
+        let other = UnitRange {
+            distance_mm: [35.0; 2],
+            scale_error: [0.12; 2],
+            distortion: [0.05; 2],
+            ..nominal()
+        };
+        let judged = judge("another lens", other);
+        assert!(
+            judged.after.iter().all(|error| *error <= 0.1),
+            "{:?}",
+            judged.after
+        );
+    }
+
+    #[test]
+    fn a_gel_thinner_by_a_fifth_is_right_to_a_tenth_after_its_calibration() {
+        let thinner = UnitRange {
+            thickness_mm: [0.8 * sensor().gel.thickness_mm; 2],
+            ..nominal()
+        };
+        let judged = judge("thinner by a fifth", thinner);
+        assert!(
+            judged.after.iter().all(|error| *error <= 0.1),
+            "{:?}",
+            judged.after
+        );
+    }
 }

@@ -147,14 +147,15 @@ fn skipping_saves_frames_and_changes_hardly_a_decision(rest_pictures: usize) {
     }
 }
 
-#[test]
-fn skipping_by_either_gate_saves_frames_and_changes_hardly_a_decision() {
-    skipping_saves_frames_and_changes_hardly_a_decision(16);
-}
-
-/// Only `cargo xtask test --all` runs these.
+/// Only `cargo xtask test --all` runs these: whole scenes, each through three pipelines. Of the quick tests, `skip::tests` in
+/// `gripline-evaluation` look at the decisions that skipping may change.
 mod slow {
     use super::*;
+
+    #[test]
+    fn skipping_by_either_gate_saves_frames_and_changes_hardly_a_decision() {
+        skipping_saves_frames_and_changes_hardly_a_decision(16);
+    }
 
     #[test]
     fn with_one_rest_picture_both_gates_find_the_noise_themselves_and_skip_as_well() {
