@@ -156,7 +156,7 @@ mod tests {
     }
 
     #[test]
-    fn a_map_from_the_future_is_told_and_changes_nothing() {
+    fn a_map_from_the_future_is_reported_and_changes_nothing() {
         let mut clock = ClockSync::new();
         clock.check(host(START_US, 0), DeviceMicros(START_US));
         let before = clock;

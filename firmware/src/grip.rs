@@ -367,14 +367,14 @@ impl GripController {
             demand = demand.max(self.learnt.sought_milli);
             relax_rate = self.learnt.fall_rate;
             if self.learnt.witness.tests() {
-                let least = match self.learnt.witness.urgency {
+                let lower = match self.learnt.witness.urgency {
                     // Ahead of the gripper's lag; more where the shear that follows hides the load.
                     Urgency::Follows => 2 * demand,
                     Urgency::Short => demand + demand / 4,
                     Urgency::Tests | Urgency::None => 0,
                 };
-                let least = least.max(self.learnt.test_min * MILLI);
-                demand = demand.max(least.min(ceiling));
+                let lower = lower.max(self.learnt.test_min * MILLI);
+                demand = demand.max(lower.min(ceiling));
             }
         }
         demand = demand.max(self.kept_milli);
@@ -498,12 +498,12 @@ fn felt(load: &LoadEstimate, reached_milli: i32, line_milli: i32) -> i32 {
     let reached = reached_milli.max(0) as u32 / MILLI as u32;
     let felt = divide(u64::from(reached) * u64::from(load.ratio), PER_UNIT as u16);
     let has_reached = reached_milli > line_milli - line_milli / 32;
-    let least = if load.is_watched && has_reached {
+    let lower = if load.is_watched && has_reached {
         seen - seen / SCALE_ERROR_PART
     } else {
         seen
     };
-    (felt.min(i32::MAX as u64) as i32).min(seen + seen / 2).max(least)
+    (felt.min(i32::MAX as u64) as i32).min(seen + seen / 2).max(lower)
 }
 
 #[cfg(test)]
@@ -567,14 +567,14 @@ mod tests {
 
     #[test]
     fn a_grip_that_relaxes_slowly_keeps_what_a_test_added() {
-        for (relax_rate, least) in [(410, 1.95), (0, 1.99)] {
+        for (relax_rate, lower) in [(410, 1.95), (0, 1.99)] {
             let settings = Configuration {
                 relax_rate,
                 ..Configuration::DEFAULT
             };
             let [risen, later, again] = after_a_test(Finding::Held, Guard::Free, &settings);
             assert!(
-                risen > 1.99 && later > least,
+                risen > 1.99 && later > lower,
                 "{relax_rate}: {risen} N, then {later} N"
             );
             // What it keeps does not hide the next test.

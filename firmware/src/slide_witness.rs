@@ -447,12 +447,12 @@ impl SlideWitness {
     /// No contact slides at less: friction falls to half by water, and sliding takes two fifths of that. A contact that has carried more
     /// than what maps err by may slide at less.
     fn min_friction(&self) -> u16 {
-        let least = if self.carried < SLIDING_FRICTION_MIN {
+        let lower = if self.carried < SLIDING_FRICTION_MIN {
             SLIDING_FRICTION_MIN
         } else {
             SLIDING_FRICTION_MIN / 3 * 2
         };
-        least.max(self.carried / 4)
+        lower.max(self.carried / 4)
     }
 
     /// By how much the shear has fallen over the last slots, share of the load in 1/1024.
@@ -483,7 +483,7 @@ impl SlideWitness {
     fn begin_test(&mut self, normal: i32, friction: u16, suspicion: Suspicion, settings: LearningSettings) {
         let now = ratio(self.shear[0], self.normal[0]);
         let counted_on = u64::from(friction.min(self.limit));
-        let least = divide(counted_on * u64::from(FRICTION_LOSS_MAX), PER_UNIT as u16) as u16;
+        let lower = divide(counted_on * u64::from(FRICTION_LOSS_MAX), PER_UNIT as u16) as u16;
         self.test = Some(Test {
             shear: self.shear[0],
             normal,
@@ -502,7 +502,7 @@ impl SlideWitness {
         // Raise first and ask later, with less margin until it is known.
         let with_margin = u64::from(now) * u64::from(PER_UNIT + u32::from(settings.margin));
         let unproven = divide(with_margin, TEST_MARGIN).min(UNLIMITED.into()) as u16;
-        self.limit = self.limit.min(unproven.max(least)).max(1);
+        self.limit = self.limit.min(unproven.max(lower)).max(1);
     }
 
     fn continue_test(&mut self, mut test: Test, shear: i32, normal: i32, passed_us: u32) {
@@ -632,9 +632,9 @@ impl SlideWitness {
         // A slide begins at the same ratio again.
         let is_again = began_at.abs_diff(self.came_back) < began_at / 25;
         self.came_back = began_at;
-        let least = u64::from(test.proven) * u64::from(SWING_LOSS_MAX);
-        let least = divide(least, PER_UNIT as u16) as u16;
-        let limit = if is_again { began_at } else { began_at.max(least) };
+        let lower = u64::from(test.proven) * u64::from(SWING_LOSS_MAX);
+        let lower = divide(lower, PER_UNIT as u16) as u16;
+        let limit = if is_again { began_at } else { began_at.max(lower) };
         let has_slid = is_again || self.has_fallen_far(test.shear);
         if has_slid {
             self.limit = self.limit.min(limit);

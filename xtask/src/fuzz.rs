@@ -114,11 +114,11 @@ fn build() -> Result<PathBuf, Error> {
 
 /// The machine's own target.
 fn host() -> Result<String, Error> {
-    let told = process::output(process::rustc().arg("-vV"))?;
-    let host = told.lines().find_map(|line| line.strip_prefix("host: "));
+    let version = process::output(process::rustc().arg("-vV"))?;
+    let host = version.lines().find_map(|line| line.strip_prefix("host: "));
     host.map(str::to_owned).ok_or_else(|| Error::Product {
         what: "`rustc -vV`".to_owned(),
-        found: told.clone(),
+        found: version.clone(),
         expected: "a line `host: TARGET`".to_owned(),
     })
 }

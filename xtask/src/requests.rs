@@ -29,23 +29,23 @@ pub(crate) fn command(arguments: &[String]) -> Result<(), Error> {
         .env("GRIPLINE_EMULATOR", &board)
         .env("GRIPLINE_IMAGE", &image)
         .stderr(Stdio::inherit());
-    let told = test.output().map_err(|source| Error::Start {
+    let output = test.output().map_err(|source| Error::Start {
         program: "cargo".to_owned(),
         source,
     })?;
-    let said = String::from_utf8_lossy(&told.stdout);
+    let said = String::from_utf8_lossy(&output.stdout);
     let lines: Vec<Value> = said.lines().filter_map(read).collect();
     if is_json {
         println!("{}", all(&lines));
     } else {
         print!("{}", text(&lines));
     }
-    if told.status.success() && lines.len() == LINES {
+    if output.status.success() && lines.len() == LINES {
         return Ok(());
     }
     Err(Error::Failed {
         command: process::shown(&test),
-        status: told.status.to_string(),
+        status: output.status.to_string(),
         said: said.into_owned(),
     })
 }

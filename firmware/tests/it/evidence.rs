@@ -100,7 +100,7 @@ fn motion_that_is_seen_raises_the_line_although_no_force_has_changed() {
 }
 
 #[test]
-fn motion_that_a_poor_picture_shows_is_told_and_moves_nothing() {
+fn motion_that_a_poor_picture_shows_is_reported_and_moves_nothing() {
     let mut bench = quiet_hold(1);
     let before = bench.line_n();
     bench.seen_maps_for_ms(&carries(5.0, 1.6), Motion::new(63, 1), 500);

@@ -503,10 +503,10 @@ fn a_contact_that_half_sticks_slides_when_its_load_stalls_and_one_that_sticks_do
         bench.maps_for_ms(&partly_sticking(sticks, 0.45, normal), 64);
         f64::from(bench.device.program.line().lsb())
     };
-    let [half, most] = [line_after(30), line_after(48)];
+    let [half, full] = [line_after(30), line_after(48)];
     assert!(
-        half > 1.25 * most,
-        "{half} where half stick, {most} where most do"
+        half > 1.25 * full,
+        "{half} where half stick, {full} where most do"
     );
 }
 
@@ -523,8 +523,8 @@ fn a_load_that_comes_slowly_after_a_rest_is_no_slide_though_only_half_sticks() {
         }
         f64::from(bench.device.program.line().lsb())
     };
-    let [half, most] = [line_after(30), line_after(48)];
-    assert!(half < 1.1 * most, "{half} where half stick, {most} where most do");
+    let [half, full] = [line_after(30), line_after(48)];
+    assert!(half < 1.1 * full, "{half} where half stick, {full} where most do");
 }
 
 #[test]
@@ -926,7 +926,7 @@ fn a_start_with_stored_settings_has_them_in_force_and_one_with_lost_settings_tel
 }
 
 #[test]
-fn a_map_that_takes_longer_than_its_bound_is_told_and_held_against_nothing() {
+fn a_map_that_takes_longer_than_its_bound_is_reported_and_held_against_nothing() {
     let mut bench = Bench::holding();
     let held = bench.maps_for_ms(&contact_map(100, 95), 300).line;
     bench.device.program.note_map_to_line(DECIDE_BUDGET_CYCLES);
@@ -1153,12 +1153,12 @@ fn a_clock_that_leaps_for_a_moment_lets_the_line_fall_by_no_more_than_a_frames_w
         }
         let before = bench.device.program.line().lsb();
         bench.now_us += 1_000;
-        let told_us = match ms % 200 {
+        let stamp_us = match ms % 200 {
             99 => bench.now_us - 65_536,
             199 => bench.now_us + 65_536,
             _ => bench.now_us,
         };
-        let line = bench.device.tick(told_us).line.lsb();
+        let line = bench.device.tick(stamp_us).line.lsb();
         // 4,096 a second, so 82 in 20 ms.
         let max_fall = if ms % 100 == 99 || ms % 100 == 0 { 83 } else { 5 };
         assert!(before - line <= max_fall, "{before} to {line} after {ms} ms");

@@ -234,8 +234,8 @@ mod tests {
         assert_eq!("rest.png".parse(), Ok(RestSource::Path("rest.png".into())));
         assert_eq!("../rest".parse(), Ok(RestSource::Path("../rest".into())));
         for wrong in ["20..12", "12..", "..7"] {
-            let told = wrong.parse::<RestSource>().unwrap_err();
-            assert!(told.contains(wrong) && told.contains("12..20"), "{told}");
+            let error = wrong.parse::<RestSource>().unwrap_err();
+            assert!(error.contains(wrong) && error.contains("12..20"), "{error}");
         }
     }
 

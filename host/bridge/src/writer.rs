@@ -146,14 +146,14 @@ mod tests {
     }
 
     #[test]
-    fn a_failed_write_is_told_at_the_end_and_nothing_more_is_wanted() {
+    fn a_failed_write_is_reported_at_the_end_and_nothing_more_is_wanted() {
         let mut writer = Writer::start(1, WhenFull::Wait, |_: u32| Err(io::ErrorKind::BrokenPipe.into()));
         while writer.offer(1) {}
         assert_eq!(writer.finish().unwrap_err().kind(), io::ErrorKind::BrokenPipe);
     }
 
     #[test]
-    fn an_end_that_nobody_reads_is_told_and_not_waited_for() {
+    fn an_end_that_nobody_reads_is_reported_and_not_waited_for() {
         let (stop, stopped) = sync_channel::<()>(0);
         let mut writer = Writer::start(1, WhenFull::Drop, move |(): ()| {
             let _ = stopped.recv();

@@ -5,9 +5,9 @@ use gripline_control::{Answer, Handle, Request, Why};
 use crate::response::Response;
 
 /// Answers a request; waits for the loop's answer if the loop must act.
-pub(crate) fn control(body: &[u8], told: Option<&str>, token: &str, handle: &Handle) -> Response {
-    if !is_token(told, token) {
-        return no_token(told);
+pub(crate) fn control(body: &[u8], given: Option<&str>, token: &str, handle: &Handle) -> Response {
+    if !is_token(given, token) {
+        return no_token(given);
     }
     match Request::from_json(body) {
         Ok(request) => {
@@ -19,17 +19,17 @@ pub(crate) fn control(body: &[u8], told: Option<&str>, token: &str, handle: &Han
 }
 
 /// Whether it is the token. Takes the same time for any wrong one of the same length, so that the timing reveals nothing.
-pub(crate) fn is_token(told: Option<&str>, token: &str) -> bool {
-    let (told, token) = (told.unwrap_or_default().as_bytes(), token.as_bytes());
-    let difference = told.iter().zip(token).fold(0, |difference, (one, other)| {
+pub(crate) fn is_token(given: Option<&str>, token: &str) -> bool {
+    let (given, token) = (given.unwrap_or_default().as_bytes(), token.as_bytes());
+    let difference = given.iter().zip(token).fold(0, |difference, (one, other)| {
         std::hint::black_box(difference | (one ^ other))
     });
     // An empty token is none.
-    !token.is_empty() && told.len() == token.len() && difference == 0
+    !token.is_empty() && given.len() == token.len() && difference == 0
 }
 
-fn no_token(told: Option<&str>) -> Response {
-    let found = if told.is_none() { "none" } else { "another one" };
+fn no_token(given: Option<&str>) -> Response {
+    let found = if given.is_none() { "none" } else { "another one" };
     Response::message(
         401,
         format_args!(

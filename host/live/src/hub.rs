@@ -47,7 +47,7 @@ impl Hub {
 }
 
 fn work(site: &Site, frames: &Receiver<Published>) {
-    let mut told = LastSent::default();
+    let mut last_sent = LastSent::default();
     loop {
         match frames.recv_timeout(POLL_PERIOD) {
             Ok(Published {
@@ -66,9 +66,9 @@ fn work(site: &Site, frames: &Receiver<Published>) {
             Err(RecvTimeoutError::Disconnected) => break,
         }
         let now = Instant::now();
-        if site.events.is_wanted() && told.is_time_to_poll(now) {
+        if site.events.is_wanted() && last_sent.is_time_to_poll(now) {
             let status = site.handle.status();
-            if told.is_due(&status, now) {
+            if last_sent.is_due(&status, now) {
                 site.events.send(&event::status(&status).into());
             }
         }
@@ -95,8 +95,8 @@ impl LastSent {
 
     /// Whether a status says something new, or the last one was long ago.
     fn is_due(&mut self, status: &StatusReport, now: Instant) -> bool {
-        let is_due = self.status.as_ref().is_none_or(|(told, at)| {
-            now - *at >= REPEAT_EVERY || without_counters(told) != without_counters(status)
+        let is_due = self.status.as_ref().is_none_or(|(last_sent, at)| {
+            now - *at >= REPEAT_EVERY || without_counters(last_sent) != without_counters(status)
         });
         if is_due {
             self.status = Some((status.clone(), now));
@@ -121,20 +121,22 @@ mod tests {
     use super::*;
 
     #[test]
-    fn news_is_told_at_once_and_the_rest_twice_a_second() {
-        let (mut told, start) = (LastSent::default(), Instant::now());
+    fn news_is_reported_at_once_and_the_rest_twice_a_second() {
+        let (mut last_sent, start) = (LastSent::default(), Instant::now());
         let at = |ms: u64| start + Duration::from_millis(ms);
         let mut status = StatusReport::default();
-        assert!(told.is_due(&status, at(0)));
+        assert!(last_sent.is_due(&status, at(0)));
         status.frames = 9;
         status.status_age_ms = 3.0;
-        assert!(!told.is_due(&status, at(100)));
+        assert!(!last_sent.is_due(&status, at(100)));
         status.is_connected = true;
-        assert!(told.is_due(&status, at(200)));
-        assert!(!told.is_due(&status, at(600)));
-        assert!(told.is_due(&status, at(700)));
+        assert!(last_sent.is_due(&status, at(200)));
+        assert!(!last_sent.is_due(&status, at(600)));
+        assert!(last_sent.is_due(&status, at(700)));
         assert!(
-            told.is_time_to_poll(at(0)) && !told.is_time_to_poll(at(50)) && told.is_time_to_poll(at(100))
+            last_sent.is_time_to_poll(at(0))
+                && !last_sent.is_time_to_poll(at(50))
+                && last_sent.is_time_to_poll(at(100))
         );
     }
 }

@@ -287,7 +287,7 @@ mod tests {
             "gripline_line_newtons 7",
         ] {
             assert!(
-                text.lines().any(|told| told == line),
+                text.lines().any(|found| found == line),
                 "{line} is missing in {text}"
             );
         }

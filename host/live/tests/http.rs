@@ -275,7 +275,7 @@ fn no_more_than_thirty_frames_and_ten_pictures_a_second_are_sent() {
 }
 
 #[test]
-fn one_stream_too_many_is_told() {
+fn one_stream_too_many_is_reported() {
     let (live, _inbox) = started();
     let pages: Vec<_> = (0..STREAMS)
         .map(|_| {

@@ -522,11 +522,11 @@ impl MarkerStage {
 
 /// Numbers in rising order as spans, the last of each not among them: 3..6, 9..10.
 fn spans(numbers: &[usize]) -> String {
-    let told: Vec<String> = numbers
+    let spans: Vec<String> = numbers
         .chunk_by(|before, after| before + 1 == *after)
         .map(|span| format!("{}..{}", span[0], span[span.len() - 1] + 1))
         .collect();
-    told.join(", ")
+    spans.join(", ")
 }
 
 const fn health_of(doubt: Doubt) -> Health {

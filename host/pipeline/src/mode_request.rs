@@ -30,7 +30,7 @@ pub(crate) struct ModeRequest {
     /// Restarts of the device at the request: after a restart it is not repeated, or something would move by itself.
     restarts: u32,
     state: State,
-    is_told: bool,
+    is_reported: bool,
 }
 
 /// Why a request has no effect.
@@ -95,7 +95,7 @@ impl ModeRequest {
             begun_us: now_us,
             restarts,
             state: State::Waiting { sent_us: None },
-            is_told: false,
+            is_reported: false,
         }
     }
 
@@ -125,8 +125,8 @@ impl ModeRequest {
         };
         let is_over = now_us.saturating_sub(self.begun_us) >= GIVE_UP_US;
         let Some(sent_us) = sent_us else {
-            let told = is_over && !std::mem::replace(&mut self.is_told, is_over);
-            return (true, told.then_some(Unconfirmed::NotTaken(self.mode)));
+            let reports = is_over && !std::mem::replace(&mut self.is_reported, is_over);
+            return (true, reports.then_some(Unconfirmed::NotTaken(self.mode)));
         };
         let since = status.filter(|_| now_us.saturating_sub(age_us) >= sent_us);
         if since.is_some_and(|status| status.mode == self.mode) {

@@ -283,7 +283,7 @@ impl Pipeline {
 
     /// Converts the network's output to the map.
     fn accept_output(&mut self) -> Result<(), NotFinite> {
-        let strongest_n = self.output.iter().fold(0.0_f32, |most, force| most.max(force[2]));
+        let strongest_n = self.output.iter().fold(0.0_f32, |max, force| max.max(force[2]));
         drop_untouched(&mut self.output, self.contact_min_n);
         let quantised = ForceMap::quantise(&self.output).inspect_err(|_| self.compare_afresh())?;
         (*self.map, self.saturated) = quantised;

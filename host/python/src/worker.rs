@@ -24,24 +24,24 @@ impl<T: 'static> Worker<T> {
     /// Those of `make`.
     pub(crate) fn start(make: impl FnOnce() -> PyResult<T> + Send + 'static) -> PyResult<Self> {
         let (jobs, todo) = channel::<Job<T>>();
-        let (tell, told) = channel();
+        let (reply, answer) = channel();
         let serve = move || match make() {
             Ok(mut value) => {
                 // Who started this may be gone: then there are no jobs either.
-                let _ = tell.send(Ok(()));
+                let _ = reply.send(Ok(()));
                 for job in todo {
                     job(&mut value);
                 }
             }
             Err(error) => {
-                let _ = tell.send(Err(error));
+                let _ = reply.send(Err(error));
             }
         };
         thread::Builder::new()
             .name("gripline".to_owned())
             .spawn(serve)
             .map_err(|error| failed(format!("no thread can be started: {error}, expected one")))?;
-        told.recv().map_err(|_| defect())??;
+        answer.recv().map_err(|_| defect())??;
         Ok(Self {
             jobs,
             process: std::process::id(),
@@ -62,13 +62,13 @@ impl<T: 'static> Worker<T> {
                  the new process",
             ));
         }
-        let (tell, told) = channel();
+        let (reply, answer) = channel();
         let job: Job<T> = Box::new(move |value| {
             // Nobody waits any more when the process is ending.
-            let _ = tell.send(job(value));
+            let _ = reply.send(job(value));
         });
         self.jobs.send(job).map_err(|_| defect())?;
-        told.recv().map_err(|_| defect())
+        answer.recv().map_err(|_| defect())
     }
 }
 

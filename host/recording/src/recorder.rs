@@ -534,7 +534,7 @@ mod tests {
     }
 
     #[test]
-    fn a_corrupt_length_is_told_by_name_and_allocates_nothing() {
+    fn a_corrupt_length_is_reported_by_name_and_allocates_nothing() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("good.mcap");
         let mut recorder =

@@ -369,7 +369,7 @@ mod tests {
     }
 
     #[test]
-    fn a_csv_is_read_by_its_names_and_a_wrong_line_is_told_by_its_number() {
+    fn a_csv_is_read_by_its_names_and_a_wrong_line_is_reported_by_its_number() {
         let file = tempfile::NamedTempFile::new().unwrap();
         let read = |text: &str| {
             std::fs::write(file.path(), text).unwrap();

@@ -351,12 +351,12 @@ mod tests {
         let text = shipped("gelsight-mini")
             .replace("rate_hz = 25.0\n", "")
             .replace("poisson = 0.49\n", "");
-        let told = Sensor::from_toml(Path::new("my.toml"), &text)
+        let error = Sensor::from_toml(Path::new("my.toml"), &text)
             .unwrap_err()
             .to_string();
         assert!(
-            told.starts_with("my.toml:") && told.ends_with("(1 more: gripline sensor check my.toml)"),
-            "{told}"
+            error.starts_with("my.toml:") && error.ends_with("(1 more: gripline sensor check my.toml)"),
+            "{error}"
         );
     }
 }

@@ -400,7 +400,7 @@ mod tests {
     }
 
     #[test]
-    fn what_leaves_the_sensor_on_the_way_is_told_with_time_and_line_and_the_contact_stays() {
+    fn what_leaves_the_sensor_on_the_way_is_reported_with_time_and_line_and_the_contact_stays() {
         let mut world = world(
             "[[path]]\nname = \"press\"\nseconds = 0.2\npress_n = 2\nat_mm = [9, 0]\n\
              [[path]]\nname = \"drag\"\nseconds = 1\nat_mm = [16, 0]\n",

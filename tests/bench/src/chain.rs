@@ -193,11 +193,11 @@ pub(crate) struct Wire {
 pub(crate) fn measure(
     scenes: &[Scene],
     instructions: InstructionSet,
-    mut told: impl FnMut(&str),
+    mut report: impl FnMut(&str),
 ) -> Result<Vec<Row>, Failure> {
     let mut rows = Vec::new();
     for scene in scenes {
-        told(scene.kind.name());
+        report(scene.kind.name());
         let choices = choices(instructions);
         let mut pipelines = Vec::new();
         for choice in &choices {

@@ -29,7 +29,7 @@ pub struct FakeUsb {
     /// Called after every packet and every tick.
     pub watch: RefCell<Option<Watcher>>,
     /// When a Hold last came: it counts as fresh for a moment.
-    told_us: Cell<u64>,
+    stamp_us: Cell<u64>,
     /// The device is there and takes nothing.
     pub is_stuck: Cell<bool>,
     /// Its answer to the handshake, instead of its own.
@@ -61,7 +61,7 @@ impl FakeUsb {
             })),
             host_ahead_us: Cell::new(0),
             watch: RefCell::new(None),
-            told_us: Cell::new(0),
+            stamp_us: Cell::new(0),
             is_stuck: Cell::new(false),
             stranger: Cell::new(None),
             opened: Cell::new(0),
@@ -80,7 +80,7 @@ impl FakeUsb {
         let mut watch = self.watch.borrow_mut();
         self.board.borrow_mut().pass_to(until_us, |program, now_us| {
             if let Some(watch) = watch.as_mut() {
-                watch(program, now_us, self.told_us.get());
+                watch(program, now_us, self.stamp_us.get());
             }
         });
     }
@@ -185,13 +185,13 @@ impl Device for FakeDevice {
             && let Ok(Message::Command(Command::Hold)) = Message::from_bytes(message)
             && usb.board.borrow().is_up()
         {
-            usb.told_us.set(now_us);
+            usb.stamp_us.set(now_us);
         }
         let mut board = usb.board.borrow_mut();
         if board.packet(packet).is_some()
             && let Some(watch) = usb.watch.borrow_mut().as_mut()
         {
-            watch(board.program(), now_us, usb.told_us.get());
+            watch(board.program(), now_us, usb.stamp_us.get());
         }
         Ok(())
     }

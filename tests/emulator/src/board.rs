@@ -851,8 +851,15 @@ fn gaps_of(session: &Session<Hardware>) -> Vec<String> {
             gap.instance, gap.register, gap.program_counter
         )
     });
-    let told = session
-        .told()
-        .map(|told| format!("{}.{}: {}", told.instance, told.register, told.reason));
-    unmapped.chain(refused).chain(unimplemented).chain(told).collect()
+    let complaints = session.told().map(|complaint| {
+        format!(
+            "{}.{}: {}",
+            complaint.instance, complaint.register, complaint.reason
+        )
+    });
+    unmapped
+        .chain(refused)
+        .chain(unimplemented)
+        .chain(complaints)
+        .collect()
 }

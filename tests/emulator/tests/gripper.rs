@@ -302,7 +302,7 @@ fn holding() -> Bench {
 
 #[test]
 #[ignore = "needs a firmware image"]
-fn an_object_that_the_gripper_holds_no_more_is_told_until_it_is_released() {
+fn an_object_that_the_gripper_holds_no_more_is_reported_until_it_is_released() {
     let lost = Fault::ObjectLost.bit();
     let mut bench = holding();
     bench.gripper.lose_object();

@@ -86,9 +86,9 @@ fn a_slipping_map_raises_the_line_up_to_the_ceiling() {
         "100 ms of slip raise the grip by more than a newton"
     );
     // The line went on rising after that status was written.
-    let told = DAC_LIVE_ZERO.code(GripForce::from_lsb(later.line)).0;
+    let reported = DAC_LIVE_ZERO.code(GripForce::from_lsb(later.line)).0;
     assert!(
-        board.session.line_code() >= Some(told),
+        board.session.line_code() >= Some(reported),
         "the DAC is behind the status"
     );
     let end = board.maps(&slipping, 120);

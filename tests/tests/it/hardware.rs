@@ -73,7 +73,7 @@ fn a_brown_out_while_nothing_is_held_closes_nothing() {
 
 #[test]
 #[ignore = "needs the emulator and the image: cargo xtask test"]
-fn a_supply_that_is_too_low_is_told_and_holds_the_line_until_a_person_has_looked() {
+fn a_supply_that_is_too_low_is_reported_and_holds_the_line_until_a_person_has_looked() {
     let (mut board, _) = Board::holding_as_shipped();
     board.maps(&loaded(), 30);
     board.link_mut().disturb(Disturbance::Supply(2_900));
@@ -95,13 +95,13 @@ fn a_supply_that_is_too_low_is_told_and_holds_the_line_until_a_person_has_looked
 
 #[test]
 #[ignore = "needs the emulator and the image: cargo xtask test"]
-fn a_chip_without_brown_out_level_3_is_told_and_works() {
+fn a_chip_without_brown_out_level_3_is_reported_and_works() {
     const OFF: u8 = 3;
     let (mut board, held) = Board::holding_as_shipped();
     board.link_mut().disturb(Disturbance::BrownOutLevel(OFF));
-    let told = board.maps(&map(0), 2);
-    assert_has(&told, Fault::BrownOutLevel);
-    assert_eq!((told.latched, told.maps), (0, held.maps + 2));
+    let status = board.maps(&map(0), 2);
+    assert_has(&status, Fault::BrownOutLevel);
+    assert_eq!((status.latched, status.maps), (0, held.maps + 2));
     assert_eq!(board.refusal(Command::Release), None);
     board.link_mut().disturb(Disturbance::BrownOutLevel(0));
     assert_has_not(&board.status(), Fault::BrownOutLevel);
@@ -164,7 +164,7 @@ fn the_fault_output_says_fault_while_one_is_there_and_while_the_chip_restarts() 
 /// Shorted, open before the op-amp, and off by its gain. Ten milliseconds to be told, ten to be over.
 #[test]
 #[ignore = "needs the emulator and the image: cargo xtask test"]
-fn a_line_that_does_not_measure_as_written_is_told_and_holds() {
+fn a_line_that_does_not_measure_as_written_is_reported_and_holds() {
     for wiring in [
         LineWiring::Shorted,
         LineWiring::Broken,
@@ -220,7 +220,7 @@ fn a_sound_line_is_never_told_as_a_wrong_one() {
 
 #[test]
 #[ignore = "needs the emulator and the image: cargo xtask test"]
-fn an_object_that_is_lost_while_held_is_told_until_it_is_back_or_released() {
+fn an_object_that_is_lost_while_held_is_reported_until_it_is_back_or_released() {
     let (mut board, _) = Board::holding_as_shipped();
     // A touch that flickers is none, nor is a picture that the host doubts.
     assert_has_not(&board.maps(&ForceMap::EMPTY, 3), Fault::ObjectLost);
@@ -252,7 +252,7 @@ const LATE_NS: u32 = 26_000;
 /// bytes are lost there.
 #[test]
 #[ignore = "needs the emulator and the image: cargo xtask test"]
-fn a_map_that_reaches_the_line_too_late_is_told_and_raises_it_all_the_same() {
+fn a_map_that_reaches_the_line_too_late_is_reported_and_raises_it_all_the_same() {
     assert_eq!(Fault::DeadlineMissed as u8, 12);
     let (mut board, _) = Board::holding_as_shipped();
     // A wait that the bound has room for.

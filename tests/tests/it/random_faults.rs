@@ -59,7 +59,7 @@ trait World {
     fn brown_out(&mut self);
     fn resets(&self) -> usize;
     /// Faults told or latched since the start, as bits.
-    fn told(&self) -> u32;
+    fn reported(&self) -> u32;
     /// How exactly the line can be read, 1/4096 N.
     fn resolution(&self) -> i32;
     /// How late a packet or a tick may take effect, µs.
@@ -73,7 +73,7 @@ struct LibraryWorld {
     reset_at_us: Option<u64>,
     reset_cause: ResetCause,
     resets: usize,
-    told: u32,
+    reported: u32,
     shown: Vec<i32>,
 }
 
@@ -85,7 +85,7 @@ impl LibraryWorld {
             reset_at_us: None,
             reset_cause: ResetCause::Watchdog,
             resets: 0,
-            told: 0,
+            reported: 0,
             shown: Vec::new(),
         }
     }
@@ -100,11 +100,11 @@ impl LibraryWorld {
             self.reset_at_us = None;
             self.resets += 1;
         }
-        let told = &mut self.told;
+        let reported = &mut self.reported;
         self.board.pass_to(from_us + STEP_US, |program, _| {
             shown(from_us, program.line().lsb());
             let status = program.status();
-            *told |= status.faults | status.latched;
+            *reported |= status.faults | status.latched;
         });
         self.board.replies.clear();
     }
@@ -152,8 +152,8 @@ impl World for LibraryWorld {
         self.resets
     }
 
-    fn told(&self) -> u32 {
-        self.told
+    fn reported(&self) -> u32 {
+        self.reported
     }
 
     fn resolution(&self) -> i32 {
@@ -170,7 +170,7 @@ struct BoardWorld {
     link: EmulatorLink,
     cable: Cable,
     replies: Parser,
-    told: u32,
+    reported: u32,
     writes: usize,
 }
 
@@ -181,7 +181,7 @@ impl BoardWorld {
             link,
             cable: Cable::In,
             replies: Parser::new(),
-            told: 0,
+            reported: 0,
             writes: 0,
         }
     }
@@ -213,12 +213,14 @@ impl World for BoardWorld {
     }
 
     fn step(&mut self, ms: u64, shown: &mut dyn FnMut(u64, i32)) {
-        let Self { replies, told, .. } = self;
+        let Self {
+            replies, reported, ..
+        } = self;
         let mut listen = |packet: &[u8]| {
             if let Ok(Event::Message(bytes)) = replies.push(packet)
                 && let Ok(Message::Report(Report::Status(status))) = Message::from_bytes(bytes)
             {
-                *told |= status.faults | status.latched;
+                *reported |= status.faults | status.latched;
             }
         };
         let until_us = self.link.now_us() + ms * STEP_US;
@@ -255,8 +257,8 @@ impl World for BoardWorld {
         self.link.resets() as usize
     }
 
-    fn told(&self) -> u32 {
-        self.told
+    fn reported(&self) -> u32 {
+        self.reported
     }
 
     fn resolution(&self) -> i32 {
@@ -832,7 +834,7 @@ impl<W: World> Host<W> {
         if seconds >= 600 {
             for fault in RAISED {
                 assert_ne!(
-                    self.world.told() & fault.bit(),
+                    self.world.reported() & fault.bit(),
                     0,
                     "never raised: {}",
                     fault.name()

@@ -318,7 +318,7 @@ fn doubtful_and_saturated_maps_hold_the_line_where_good_ones_would_let_it_fall()
 
 #[test]
 #[ignore = "needs the emulator and the image: cargo xtask test"]
-fn a_line_at_its_ceiling_is_told() {
+fn a_line_at_its_ceiling_is_reported() {
     let mut board = Board::holding();
     let status = board.maps(&map(60), 200);
     assert_has(&status, Fault::LineAtCeiling);
@@ -527,7 +527,7 @@ fn settings_that_cannot_be_read_are_told_and_the_default_ones_are_in_force() {
 /// The line's kind is taken at the start: with nobody on the bus, what is to be held is not.
 #[test]
 #[ignore = "needs the emulator and the image: cargo xtask test"]
-fn a_gripper_on_the_bus_that_does_not_answer_is_told_once_something_is_to_be_held() {
+fn a_gripper_on_the_bus_that_does_not_answer_is_reported_once_something_is_to_be_held() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("settings");
     let mut robotiq = SETTINGS;

@@ -28,7 +28,7 @@ fn rows() -> Vec<Vec<&'static str>> {
 
 #[test]
 fn the_table_has_every_fault_with_its_number_name_demand_and_latching() {
-    let told: Vec<_> = rows()
+    let documented: Vec<_> = rows()
         .into_iter()
         .map(|cells| {
             let [number, name, cause, after, line, latches, cleared, _] = cells[..] else {
@@ -53,7 +53,7 @@ fn the_table_has_every_fault_with_its_number_name_demand_and_latching() {
             ((fault as u8).to_string(), fault.name(), line, latches)
         })
         .collect();
-    assert_eq!(told, coded);
+    assert_eq!(documented, coded);
 }
 
 #[test]
@@ -73,10 +73,10 @@ fn every_fault_names_tests_that_exist() {
 #[test]
 fn the_times_in_the_table_are_those_of_the_default_settings() {
     let settings = gripline_protocol::message::Configuration::DEFAULT;
-    for told in [
+    for documented in [
         format!("`stale_ms` ({})", settings.stale_ms),
         format!("`link_lost_ms` ({})", settings.link_lost_ms),
     ] {
-        assert!(PAGE.contains(&told), "the page does not say {told}");
+        assert!(PAGE.contains(&documented), "the page does not say {documented}");
     }
 }

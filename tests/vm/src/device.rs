@@ -172,7 +172,7 @@ fn serve(folder: &Path, memory: &Path) -> io::Result<std::convert::Infallible> {
         let status = device.program.status();
         drop(device);
         shared.ring(action);
-        let told = Memory {
+        let current = Memory {
             starts,
             line: status.line,
             holds: status.mode == GripMode::Hold,
@@ -180,9 +180,9 @@ fn serve(folder: &Path, memory: &Path) -> io::Result<std::convert::Infallible> {
             latched: status.latched,
             maps: status.maps,
         };
-        if told != written {
-            told.write(memory)?;
-            written = told;
+        if current != written {
+            current.write(memory)?;
+            written = current;
         }
     }
 }

@@ -80,7 +80,7 @@ pub(crate) struct Running {
     news: Receiver<String>,
     said: String,
     /// Lines of standard output so far.
-    told: Arc<AtomicUsize>,
+    frames_seen: Arc<AtomicUsize>,
     output: thread::JoinHandle<Vec<Value>>,
 }
 
@@ -109,8 +109,8 @@ pub(crate) fn start(command: &mut Command) -> io::Result<Running> {
             }
         }
     });
-    let told = Arc::new(AtomicUsize::new(0));
-    let counter = Arc::clone(&told);
+    let frames_seen = Arc::new(AtomicUsize::new(0));
+    let counter = Arc::clone(&frames_seen);
     let output = thread::spawn(move || {
         // What was cut off by a kill is not there.
         BufReader::new(out)
@@ -126,7 +126,7 @@ pub(crate) fn start(command: &mut Command) -> io::Result<Running> {
         child,
         news,
         said: String::new(),
-        told,
+        frames_seen,
         output,
     })
 }
@@ -160,15 +160,15 @@ impl Running {
     pub(crate) fn until_frames(&mut self, frames: usize, patience: Duration) -> Result<(), String> {
         let start = Instant::now();
         loop {
-            let told = self.told();
-            if told >= frames {
+            let frames_seen = self.frames_seen();
+            if frames_seen >= frames {
                 return Ok(());
             }
             let status = self.child.0.try_wait().map_err(|error| error.to_string())?;
             if status.is_some() || start.elapsed() > patience {
                 let news: Vec<String> = self.news.try_iter().collect();
                 return Err(format!(
-                    "{told} frames after {:.1} s, expected {frames}; it ended with {status:?}; said: {}{}",
+                    "{frames_seen} frames after {:.1} s, expected {frames}; it ended with {status:?}; said: {}{}",
                     start.elapsed().as_secs_f64(),
                     self.said,
                     news.join(" | ")
@@ -179,8 +179,8 @@ impl Running {
     }
 
     /// Frames it has told so far.
-    pub(crate) fn told(&self) -> usize {
-        self.told.load(Ordering::Relaxed)
+    pub(crate) fn frames_seen(&self) -> usize {
+        self.frames_seen.load(Ordering::Relaxed)
     }
 
     /// Ends it at once, as `kill -9` does.

@@ -67,8 +67,8 @@ struct Machine {
 
 impl Machine {
     fn of(target: Option<&str>) -> Result<Self, Error> {
-        let told = process::output(process::rustc().arg("-vV"))?;
-        let here = told.lines().find_map(|line| line.strip_prefix("host: "));
+        let output = process::output(process::rustc().arg("-vV"))?;
+        let here = output.lines().find_map(|line| line.strip_prefix("host: "));
         let here = here.unwrap_or_default().to_owned();
         let triple = match target {
             // As people and Debian say it.
@@ -282,7 +282,7 @@ fn commit_time() -> Result<String, Error> {
 
 /// The crates that are linked into the program, a line each: name, version, licence.
 fn crates(triple: &str) -> Result<Vec<String>, Error> {
-    let told = process::output(process::cargo().args([
+    let output = process::output(process::cargo().args([
         "tree",
         "--package",
         "gripline",
@@ -295,7 +295,7 @@ fn crates(triple: &str) -> Result<Vec<String>, Error> {
         "--format",
         "{p} | {l}",
     ]))?;
-    Ok(contents::foreign_crates(&told))
+    Ok(contents::foreign_crates(&output))
 }
 
 #[cfg(test)]

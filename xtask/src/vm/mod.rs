@@ -115,8 +115,8 @@ impl Tools {
         }
         let kernel = || newest(&root.join("boot"), "vmlinuz-");
         if kernel().is_none() {
-            let told = process::word_of(Command::new("apt-cache").args(["depends", KERNEL]))?;
-            let name = told.lines().find_map(|line| {
+            let output = process::word_of(Command::new("apt-cache").args(["depends", KERNEL]))?;
+            let name = output.lines().find_map(|line| {
                 line.trim()
                     .strip_prefix("Depends: ")
                     .filter(|name| name.starts_with("linux-image-"))
@@ -248,9 +248,9 @@ fn stripped(built: &Path, name: &str, home: &Path) -> Result<Vec<u8>, Error> {
 fn libraries(programs: &[&Path]) -> Result<Vec<PathBuf>, Error> {
     let mut found = Vec::new();
     for program in programs {
-        let told = process::word_of(Command::new("ldd").arg(program))?;
+        let output = process::word_of(Command::new("ldd").arg(program))?;
         // `name => /path (address)` or `/path (address)`.
-        let paths = told
+        let paths = output
             .lines()
             .filter_map(|line| line.split_whitespace().find(|word| word.starts_with('/')));
         found.extend(paths.map(PathBuf::from));

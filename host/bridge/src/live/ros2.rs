@@ -68,7 +68,7 @@ impl Ros2 {
 /// The domain that `ROS_DOMAIN_ID` names.
 fn domain_of(text: Option<&str>) -> Result<u16, String> {
     text.map_or(Ok(0), |text| {
-        check_domain(text).map_err(|told| format!("ROS_DOMAIN_ID: {told}"))
+        check_domain(text).map_err(|error| format!("ROS_DOMAIN_ID: {error}"))
     })
 }
 
@@ -132,10 +132,10 @@ mod tests {
         assert_eq!(domain_of(None), Ok(0));
         assert_eq!(domain_of(Some("42")), Ok(42));
         for wrong in ["", "-1", "233", "a"] {
-            let told = domain_of(Some(wrong)).unwrap_err();
+            let error = domain_of(Some(wrong)).unwrap_err();
             assert!(
-                told.starts_with("ROS_DOMAIN_ID: found ") && told.contains("0 to 232"),
-                "{told}"
+                error.starts_with("ROS_DOMAIN_ID: found ") && error.contains("0 to 232"),
+                "{error}"
             );
         }
         for (text, rmw) in [

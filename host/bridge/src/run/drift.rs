@@ -154,7 +154,7 @@ mod tests {
     }
 
     #[test]
-    fn a_camera_that_moved_is_told_once_in_ten_minutes_and_one_that_did_not_never() {
+    fn a_camera_that_moved_is_reported_once_in_ten_minutes_and_one_that_did_not_never() {
         let rest = rest(1);
         let same = warnings(&mut DriftWatch::new(&rest), 130, |frame| {
             (true, rest[frame % PICTURES].clone())

@@ -88,7 +88,7 @@ pub fn run(args: &RunArgs) -> Result<Completion, Error> {
     let opened = fingertips::open(&wanted, &model)?;
     if !matches!(wanted.source, Source::Simulated) {
         for open in &opened {
-            tracing::info!("{}", open.told);
+            tracing::info!("{}", open.description);
         }
     }
     // Of one fingertip, and of all.

@@ -139,7 +139,7 @@ pub(crate) struct Opened {
     /// Frames a second.
     pub frames_per_second: f64,
     /// What it is, for people.
-    pub told: String,
+    pub description: String,
 }
 
 /// The untouched fingertip, in the order of capture.
@@ -161,7 +161,7 @@ impl Source {
         if let Some(capture) = &wanted.colour {
             return self.open_colour(wanted, capture);
         }
-        let (pictures, frames_per_second, told) = match self {
+        let (pictures, frames_per_second, description) = match self {
             Self::Simulated => (
                 Frames::Simulated(SimulatedSource::of(wanted.fingertip, wanted.seed, rate)),
                 rate,
@@ -169,8 +169,8 @@ impl Source {
             ),
             Self::Camera(device) => {
                 let camera = open_camera(device, wanted, rate)?;
-                let (rate, told) = (camera.rate(), camera.description().to_owned());
-                (Frames::Camera(camera), rate, told)
+                let (rate, description) = (camera.rate(), camera.description().to_owned());
+                (Frames::Camera(camera), rate, description)
             }
             Self::Folder(folder) => (
                 Frames::Files(Box::new(Playback::folder(folder, wanted.fingertip)?)),
@@ -180,20 +180,20 @@ impl Source {
             Self::Clip(file) => {
                 let frames = Playback::clip(file)?;
                 let rate = wanted.frames_per_second.or(frames.rate()).unwrap_or(DEFAULT_RATE);
-                let told = format!("pictures of {}, {rate:.1} a second", file.display());
-                (Frames::Files(Box::new(frames)), rate, told)
+                let description = format!("pictures of {}, {rate:.1} a second", file.display());
+                (Frames::Files(Box::new(frames)), rate, description)
             }
             Self::Recording(file) => {
                 let frames = RecordedFrames::open(file, wanted.fingertip)?;
                 let rate = wanted.frames_per_second.or(frames.rate()).unwrap_or(DEFAULT_RATE);
-                let told = format!("pictures of {}", file.display());
-                (Frames::Recording(Box::new(frames)), rate, told)
+                let description = format!("pictures of {}", file.display());
+                (Frames::Recording(Box::new(frames)), rate, description)
             }
         };
         Ok(Opened {
             pictures,
             frames_per_second,
-            told,
+            description,
         })
     }
 
@@ -203,11 +203,11 @@ impl Source {
         wanted: &SourceSettings,
         capture: &gripline_sensor::Capture,
     ) -> Result<Opened, Error> {
-        let (pictures, rate, told) = match self {
+        let (pictures, rate, description) = match self {
             Self::Folder(path) | Self::Clip(path) => {
                 let frames = ColourPlayback::open(path, capture, wanted.fingertip)?;
-                let (rate, told) = (frames.rate(), format!("pictures of {}", frames.path().display()));
-                (Frames::Colour(Box::new(frames)), rate, told)
+                let (rate, description) = (frames.rate(), format!("pictures of {}", frames.path().display()));
+                (Frames::Colour(Box::new(frames)), rate, description)
             }
             Self::Recording(file) => {
                 let frames = RecordedFrames::open(file, wanted.fingertip)?;
@@ -221,8 +221,8 @@ impl Source {
             Self::Camera(device) => {
                 let rate = wanted.frames_per_second.unwrap_or(capture.rate_hz);
                 let camera = open_camera(device, wanted, rate)?;
-                let (rate, told) = (camera.rate(), camera.description().to_owned());
-                (Frames::Camera(camera), rate, told)
+                let (rate, description) = (camera.rate(), camera.description().to_owned());
+                (Frames::Camera(camera), rate, description)
             }
             Self::Simulated => {
                 return Err(Error::usage(format!(
@@ -234,7 +234,7 @@ impl Source {
         Ok(Opened {
             pictures,
             frames_per_second: wanted.frames_per_second.unwrap_or(rate),
-            told,
+            description,
         })
     }
 }
@@ -266,7 +266,7 @@ pub(crate) fn open_both(
         return Ok(SimulatedSource::pair(wanted.seed, rate).map(|source| Opened {
             pictures: Frames::Simulated(source),
             frames_per_second: rate,
-            told: "the simulated fingertips".to_owned(),
+            description: "the simulated fingertips".to_owned(),
         }));
     }
     let open = |source: &Source, fingertip| {

@@ -553,10 +553,10 @@ fn second_fingertip_has_a_gel_of_its_own(folder: &Path) {
         .current_dir(folder)
         .output()
         .unwrap();
-    let told = String::from_utf8_lossy(&replayed.stdout);
+    let stdout = String::from_utf8_lossy(&replayed.stdout);
     assert!(
-        told.contains(", 0 decided otherwise"),
-        "{told} {}",
+        stdout.contains(", 0 decided otherwise"),
+        "{stdout} {}",
         said(&replayed)
     );
 }

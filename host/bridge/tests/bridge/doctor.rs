@@ -88,13 +88,13 @@ fn a_microcontroller_or_weights_that_are_not_there_fail_and_the_rest_is_still_lo
     assert_eq!(state_of(&found, "firmware"), "fail");
     assert_eq!(state_of(&found, "network"), "fail");
     state_of(&found, "real time");
-    let told = gripline(folder.path(), &["doctor", "--mcu", "serial:/dev/none"]);
-    let text = String::from_utf8_lossy(&told.stdout).into_owned();
+    let output = gripline(folder.path(), &["doctor", "--mcu", "serial:/dev/none"]);
+    let text = String::from_utf8_lossy(&output.stdout).into_owned();
     assert!(
         text.contains("FAIL firmware") && text.contains("udev rule"),
         "{text}"
     );
-    let end = String::from_utf8_lossy(&told.stderr).into_owned();
+    let end = String::from_utf8_lossy(&output.stderr).into_owned();
     assert!(end.contains("not fit: firmware"), "{end}");
     let blind = gripline(folder.path(), &["doctor", "--json", "--source", "dir:none"]);
     assert_eq!(state_of(&checks(&blind), "camera"), "fail");

@@ -4,7 +4,7 @@
 use crate::program::{ends, gripline};
 
 #[test]
-fn an_address_without_a_port_is_told() {
+fn an_address_without_a_port_is_reported() {
     let said = ends(
         &gripline(&["run", "--seconds", "0.1", "--foxglove", "localhost"]),
         2,
@@ -119,11 +119,11 @@ mod live {
         let summary = mcap::Summary::read(&bytes).unwrap().unwrap();
         let channels = summary.channels.values().map(|channel| {
             let schema = channel.schema.as_ref().unwrap();
-            let told = json!({
+            let described = json!({
                 "topic": channel.topic, "encoding": channel.message_encoding, "schema_name": schema.name,
                 "schema": schema.data,
             });
-            (channel.topic.clone(), told)
+            (channel.topic.clone(), described)
         });
         channels.collect()
     }
@@ -154,13 +154,13 @@ mod live {
 
         // It can be read, and nothing else.
         assert_eq!(seen["info"]["capabilities"], json!([]), "{}", seen["info"]);
-        let told: BTreeMap<_, _> = seen["channels"]
+        let described: BTreeMap<_, _> = seen["channels"]
             .as_array()
             .unwrap()
             .iter()
             .map(|channel| (channel["topic"].as_str().unwrap().to_owned(), channel.clone()))
             .collect();
-        assert_eq!(told, channels_of(&folder.path().join("run.mcap")));
+        assert_eq!(described, channels_of(&folder.path().join("run.mcap")));
         for (topic, schema) in [
             ("/rest", "foxglove.RawImage"),
             ("/picture", "foxglove.RawImage"),
@@ -168,7 +168,7 @@ mod live {
             ("/events", "foxglove.Log"),
             ("/status", "gripline.Status"),
         ] {
-            assert_eq!(told[topic]["schema_name"], schema);
+            assert_eq!(described[topic]["schema_name"], schema);
             let times: Vec<u64> = messages(&seen, topic).iter().map(|(time, _)| *time).collect();
             assert!(!times.is_empty() && times.is_sorted(), "{topic}: {times:?}");
         }
@@ -222,8 +222,11 @@ mod live {
                 continue;
             };
             for (axis, key) in ["fx", "fy", "fn"].into_iter().enumerate() {
-                let [sum, told] = [&map["sum"][axis], &status[key]].map(|value| value.as_f64().unwrap());
-                assert!((sum - told).abs() < 1e-6, "{key}: {sum} and {told} in {status}");
+                let [sum, described] = [&map["sum"][axis], &status[key]].map(|value| value.as_f64().unwrap());
+                assert!(
+                    (sum - described).abs() < 1e-6,
+                    "{key}: {sum} and {described} in {status}"
+                );
             }
             compared += usize::from(status["contact"].as_u64() > Some(0));
         }

@@ -66,7 +66,7 @@ fn every_camera_fault_is_noticed_under_a_touch_and_gives_the_last_good_map_marke
 }
 
 #[test]
-fn the_line_holds_while_the_camera_is_black_and_the_fault_is_told() {
+fn the_line_holds_while_the_camera_is_black_and_the_fault_is_reported() {
     let network = Network::embedded(Architecture::default()).unwrap();
     let settings = settings_for(&network);
     let mut session = Session::open(Box::new(EmbeddedLink::new()), settings).unwrap();
@@ -97,8 +97,8 @@ fn the_line_holds_while_the_camera_is_black_and_the_fault_is_told() {
         session.send_map(&info, processed.map).unwrap();
         session.run_until(session.now_us() + 16_667).unwrap();
         let status = session.status().unwrap();
-        let told = (status.faults | status.latched) & Fault::UnhealthyMap.bit() != 0;
-        assert_eq!(told, black, "frame {sequence}");
+        let outcome = (status.faults | status.latched) & Fault::UnhealthyMap.bit() != 0;
+        assert_eq!(outcome, black, "frame {sequence}");
         if black {
             assert!(
                 status.line >= line,
@@ -133,7 +133,7 @@ impl Chain {
     /// What the gate decided, whether the map is marked, and what the microcontroller answered.
     fn frame(&mut self, crop: &[u8]) -> (GateDecision, bool, Status) {
         let processed = self.pipeline.process(crop).unwrap();
-        let told = (processed.gate, !processed.health.is_good());
+        let outcome = (processed.gate, !processed.health.is_good());
         let info = MapInfo {
             sequence: self.sequence,
             capture_us: self.session.now_us() as u32,
@@ -143,7 +143,7 @@ impl Chain {
         self.session.send_map(&info, processed.map).unwrap();
         self.session.run_until(self.session.now_us() + 16_667).unwrap();
         self.sequence += 1;
-        (told.0, told.1, *self.session.status().unwrap())
+        (outcome.0, outcome.1, *self.session.status().unwrap())
     }
 
     /// A firm hold in which nothing moves: a picture that the network has looked at, and the answer once the gate calls it

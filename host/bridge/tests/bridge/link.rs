@@ -209,7 +209,7 @@ fn a_device_that_comes_back_with_other_firmware_ends_the_session_and_says_what_t
 }
 
 #[test]
-fn firmware_of_another_version_with_the_same_messages_goes_on_and_is_told() {
+fn firmware_of_another_version_with_the_same_messages_goes_on_and_is_reported() {
     let world = FakeUsb::with(vec![device("A1", "1-2")]);
     let link = plug(&world, None).unwrap();
     let session = Session::open(Box::new(link), Configuration::DEFAULT).unwrap();

@@ -272,7 +272,7 @@ fn what_is_no_recording_is_refused_by_name() {
 }
 
 #[test]
-fn nothing_is_overwritten_and_a_full_disk_is_told() {
+fn nothing_is_overwritten_and_a_full_disk_is_reported() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("old.mcap");
     fs::write(&path, b"a day's work").unwrap();

@@ -245,12 +245,12 @@ mod live {
         // The system's clock, not the run's.
         let stamp = slip["header"]["stamp"]["sec"].as_f64().unwrap();
         assert!((stamp - read["joined"].as_f64().unwrap()).abs() < 30.0, "{slip}");
-        let told = &read["found"][1].as_array().unwrap().last().unwrap()["status"][0];
+        let diagnostics = &read["found"][1].as_array().unwrap().last().unwrap()["status"][0];
         assert_eq!(
-            [&told["name"], &told["message"]],
+            [&diagnostics["name"], &diagnostics["message"]],
             [&json!(format!("{name}: gripper")), &json!("hold")]
         );
-        let owner = told["values"]
+        let owner = diagnostics["values"]
             .as_array()
             .unwrap()
             .iter()

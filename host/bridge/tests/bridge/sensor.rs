@@ -44,7 +44,7 @@ fn every_problem_of_a_users_file_is_named_with_file_line_and_key() {
 }
 
 #[test]
-fn a_name_that_is_neither_file_nor_sensor_is_told_with_those_that_are() {
+fn a_name_that_is_neither_file_nor_sensor_is_reported_with_those_that_are() {
     let output = check("gelsight-maxi");
     let errors = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(1), "{errors}");
@@ -152,10 +152,10 @@ fn a_recorded_grasp_goes_all_the_way_to_line_and_recording_and_is_replayed_bit_b
     assert!(max("motion") > 0.5, "{}", max("motion"));
 
     let replayed = gripline(&["replay", recording]);
-    let told = String::from_utf8_lossy(&replayed.stdout);
+    let stdout = String::from_utf8_lossy(&replayed.stdout);
     assert!(
-        replayed.status.success() && told.contains("74 of 74 frames compared, 0 decided otherwise"),
-        "{told} {}",
+        replayed.status.success() && stdout.contains("74 of 74 frames compared, 0 decided otherwise"),
+        "{stdout} {}",
         String::from_utf8_lossy(&replayed.stderr)
     );
     let other = gripline(&[
@@ -176,7 +176,7 @@ fn a_recorded_grasp_goes_all_the_way_to_line_and_recording_and_is_replayed_bit_b
 }
 
 #[test]
-fn a_rest_with_contact_is_refused_and_without_a_rest_the_cost_is_told() {
+fn a_rest_with_contact_is_refused_and_without_a_rest_the_cost_is_reported() {
     let Some(clip) = recorded_grasp() else { return };
     // The hand closes in these frames.
     let touched = run_clip(&clip, &["--rest", "20..50"]);

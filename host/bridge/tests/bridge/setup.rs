@@ -93,7 +93,7 @@ fn a_configuration_that_says_something_is_replaced_only_with_force() {
 }
 
 #[test]
-fn what_is_wrong_is_told_before_anything_is_written() {
+fn what_is_wrong_is_reported_before_anything_is_written() {
     let home = tempfile::tempdir().unwrap();
     let out = ["--out", "g.toml"];
     for (arguments, code, parts) in [

@@ -112,7 +112,7 @@ fn a_recordings_pictures_played_again_give_the_forces_of_the_run() {
 }
 
 #[test]
-fn what_is_wrong_with_a_source_is_told_with_what_to_do() {
+fn what_is_wrong_with_a_source_is_reported_with_what_to_do() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path().display().to_string();
     fs::write(folder.path().join("a.png"), [0; 20]).unwrap();
@@ -160,7 +160,7 @@ fn what_is_wrong_with_a_source_is_told_with_what_to_do() {
 
 #[cfg(target_os = "linux")]
 #[test]
-fn a_camera_that_is_not_there_is_told_with_those_that_are() {
+fn a_camera_that_is_not_there_is_reported_with_those_that_are() {
     let output = Command::new(env!("CARGO_BIN_EXE_gripline"))
         .args(["run", "--camera", "/dev/video-of-nobody"])
         .output()
@@ -193,7 +193,7 @@ at_mm = [2.0, -1.0]
 "#;
 
 #[test]
-fn a_clip_of_simulate_plays_as_its_pictures_do_and_a_cut_or_wrong_one_is_told() {
+fn a_clip_of_simulate_plays_as_its_pictures_do_and_a_cut_or_wrong_one_is_reported() {
     let folder = tempfile::tempdir().unwrap();
     let here = |name: &str| folder.path().join(name).display().to_string();
     fs::write(here("scene.toml"), SCENE).unwrap();
@@ -242,8 +242,8 @@ fn a_clip_of_simulate_plays_as_its_pictures_do_and_a_cut_or_wrong_one_is_told() 
         output
     };
     let output = infer(&here("out/clip.avi"), 0, &[]);
-    let told: Value = serde_json::from_slice(&output.stdout).unwrap();
-    assert_eq!(told["frames"], 24);
+    let summary: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(summary["frames"], 24);
 
     // Cut in its second half, where a picture ends no more.
     let bytes = fs::read(here("out/clip.avi")).unwrap();

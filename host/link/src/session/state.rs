@@ -131,8 +131,8 @@ impl Session {
     /// The grip-force line, N: at this moment if the link knows it, else from the last status.
     #[must_use]
     pub fn line_n(&self) -> f64 {
-        let told = || self.status().map_or(0, |status| status.line);
-        newtons(self.link.line().unwrap_or_else(told))
+        let reported = || self.status().map_or(0, |status| status.line);
+        newtons(self.link.line().unwrap_or_else(reported))
     }
 
     /// The code on the DAC of the grip-force line, if the link knows it.

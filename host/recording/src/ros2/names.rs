@@ -88,8 +88,8 @@ mod tests {
         for text in [
             "", "/", "//a", "a/", "a//b", "3a", "a-b", "a__b", "ä", "a b", "~a", "{a}", &long,
         ] {
-            let told = text.parse::<Namespace>().unwrap_err().to_string();
-            assert!(told.contains("cell_3/left"), "{told}");
+            let error = text.parse::<Namespace>().unwrap_err().to_string();
+            assert!(error.contains("cell_3/left"), "{error}");
         }
     }
 }

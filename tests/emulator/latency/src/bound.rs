@@ -171,8 +171,8 @@ impl<'a> Walk<'a> {
     fn after(&mut self, function: &Function, places: &BTreeSet<u32>, what: &str) -> Result<u64, Error> {
         let body = self.body(function);
         let behind = places.iter().filter_map(|at| body.get(at).map(Instruction::next));
-        let ways = behind.map(|at| self.paths(function, &body, at, |_| false).0);
-        ways.max().ok_or_else(|| missing(function, what))
+        let lengths = behind.map(|at| self.paths(function, &body, at, |_| false).0);
+        lengths.max().ok_or_else(|| missing(function, what))
     }
 
     /// From a function's first instruction to its load of a word at `address`, that one included.
@@ -483,13 +483,13 @@ impl<'a> Walk<'a> {
                     Flow::CallRegister => callees.extend(self.resolve(function, one)),
                     _ => {}
                 }
-                let mut most = 0;
+                let mut max = 0;
                 for callee in callees {
                     let bound = self.called(callee, constants.get(at));
-                    most = most.max(bound.cycles);
+                    max = max.max(bound.cycles);
                     deepest = deepest.max(bound.stack);
                 }
-                cycles += most;
+                cycles += max;
             }
             cost.insert(*at, cycles);
         }
@@ -864,17 +864,17 @@ impl<'a> Walk<'a> {
     /// How often a loop of these instructions runs at most, those of loops inside it left out; whether it says so itself, and why.
     fn rounds_of(&self, function: &Function, own: &BTreeSet<u32>) -> Option<(u32, bool, &'static str)> {
         let is_tail = self.left_out == Left::Tail;
-        if let Some(most) = own.iter().filter_map(|at| self.sources.rounds(*at)).max() {
+        if let Some(max) = own.iter().filter_map(|at| self.sources.rounds(*at)).max() {
             let stands_in = |part: &str| {
                 let mut places = own.iter().flat_map(|at| self.sources.places(*at));
                 function.name.contains(part) || places.any(|place| place.function.contains(part))
             };
             let fewer = OF_TAIL
                 .iter()
-                .find(|one| is_tail && one.says == most && stands_in(one.function));
+                .find(|one| is_tail && one.says == max && stands_in(one.function));
             return Some(match fewer {
                 Some(one) => ((one.rounds)(self.tail_taxels), true, one.why),
-                None => (most, true, "the loop says so"),
+                None => (max, true, "the loop says so"),
             });
         }
         let fits = |one: &&MachineLoop| {
@@ -960,8 +960,8 @@ fn groups(start: u32, next: &Graph) -> Vec<Vec<u32>> {
             if !index.contains_key(&target) && next.contains_key(&target) {
                 work.push((target, 0));
             } else if on_stack.contains(&target) {
-                let least = low[&at].min(index[&target]);
-                low.insert(at, least);
+                let lowest = low[&at].min(index[&target]);
+                low.insert(at, lowest);
             }
             continue;
         }
@@ -977,8 +977,8 @@ fn groups(start: u32, next: &Graph) -> Vec<Vec<u32>> {
             found.push(group);
         }
         if let Some((above, _)) = work.last() {
-            let least = low[above].min(low[&at]);
-            low.insert(*above, least);
+            let lowest = low[above].min(low[&at]);
+            low.insert(*above, lowest);
         }
     }
     found

@@ -48,7 +48,7 @@ const TAIL: &str = "Program<K>::tail";
 
 /// One packet's way from the FIFO to the line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Way {
+pub struct Transit {
     /// Instructions, interruptions counted.
     pub instructions: u64,
     /// Cycles at most, interruptions counted.
@@ -95,7 +95,7 @@ pub struct Bench<'a> {
     packets: BTreeSet<u32>,
     sequence: u32,
     message: u8,
-    total: Way,
+    total: Transit,
     /// The handlers of the USB core and of the UART, and the cycles of all but them.
     path: u32,
     uart: u32,
@@ -103,13 +103,13 @@ pub struct Bench<'a> {
     /// How maps go to the board.
     pub link: Link,
     /// The byte in the UART's receiver, and the one that was last read from there.
-    byte_landed: Option<(Way, u32, bool)>,
-    byte: Option<(Way, u32, bool)>,
-    waiting: VecDeque<Way>,
-    open: Option<Way>,
+    byte_landed: Option<(Transit, u32, bool)>,
+    byte: Option<(Transit, u32, bool)>,
+    waiting: VecDeque<Transit>,
+    open: Option<Transit>,
     /// From the function of a map's last packet to the line.
     is_tail: bool,
-    ways: Vec<Way>,
+    transits: Vec<Transit>,
     masked: u64,
     /// Priorities that the running code was raised to, when, and by which instruction, the outermost first.
     held: Vec<(u32, u64, u32)>,
@@ -139,9 +139,9 @@ pub struct Bench<'a> {
     /// Cycles from the timer's interrupt to the tick: least and most.
     pub tick: (u64, u64),
     /// The longest way of any packet that ended a map, by link.
-    pub worst: [Way; 2],
+    pub worst: [Transit; 2],
     /// The longest ways by the number of taxels in the last packet, by link.
-    pub worst_by_tail: [[Way; TAXELS_PER_PACKET]; 2],
+    pub worst_by_tail: [[Transit; TAXELS_PER_PACKET]; 2],
     /// Instructions of the path by function (its place in the image), since [`Bench::counted`].
     functions: Vec<u64>,
     /// Loops that are watched, by function.
@@ -197,7 +197,7 @@ impl<'a> Bench<'a> {
             packets,
             sequence: 0,
             message: 0,
-            total: Way::default(),
+            total: Transit::default(),
             path: start_of("OTG_FS")?,
             uart: start_of("USART1")?,
             below: 0,
@@ -207,7 +207,7 @@ impl<'a> Bench<'a> {
             waiting: VecDeque::new(),
             open: None,
             is_tail: false,
-            ways: Vec::new(),
+            transits: Vec::new(),
             masked: 0,
             held: Vec::new(),
             met: BTreeMap::new(),
@@ -378,17 +378,17 @@ impl<'a> Bench<'a> {
                 self.spent.fill(0);
             }
             let entry = if address == self.uart { u64::from(ENTRY) } else { 0 };
-            let way = Way {
+            let transit = Transit {
                 cycles: self.total.cycles - entry,
                 link: Link::Uart,
                 ..self.total
             };
-            self.byte_landed = Some((way, blocked_at, meets_task));
+            self.byte_landed = Some((transit, blocked_at, meets_task));
         }
         for _ in 0..step.deliveries {
             // A core that slept entered the interrupt with the packet: that belongs to its way.
             let entry = if address == self.path { u64::from(ENTRY) } else { 0 };
-            self.waiting.push_back(Way {
+            self.waiting.push_back(Transit {
                 cycles: self.total.cycles - entry,
                 ..self.total
             });
@@ -437,7 +437,7 @@ impl<'a> Bench<'a> {
                 (from.map(|from| (from, blocked_at, meets_task)), self.entered)
             };
             let from = from.filter(|_| self.is_tail);
-            self.open = from.map(|(from, blocked_at, meets_task)| Way {
+            self.open = from.map(|(from, blocked_at, meets_task)| Transit {
                 blocked_at,
                 meets_task,
                 waited: entered.saturating_sub(from.cycles),
@@ -453,14 +453,14 @@ impl<'a> Bench<'a> {
         if std::mem::take(&mut self.is_written) {
             self.is_tail = false;
             if let Some(from) = self.open.take() {
-                let way = Way {
+                let transit = Transit {
                     instructions: self.total.instructions - from.instructions,
                     cycles: self.total.cycles - from.cycles,
                     ..from
                 };
-                let link = way.link as usize;
-                if way.cycles > self.worst[link].cycles {
-                    self.worst[link] = way;
+                let link = transit.link as usize;
+                if transit.cycles > self.worst[link].cycles {
+                    self.worst[link] = transit;
                     self.worst_spent[link].clone_from(&self.spent);
                 }
                 self.spent.fill(0);
@@ -468,7 +468,7 @@ impl<'a> Bench<'a> {
                     let met = self.met.entry(from.blocked_at).or_default();
                     met.waited = met.waited.max(from.waited);
                 }
-                self.ways.push(way);
+                self.transits.push(transit);
             } else if let Some(from) = self.alarm.take() {
                 let took = self.total.cycles - from;
                 self.tick = (self.tick.0.min(took), self.tick.1.max(took));
@@ -544,7 +544,7 @@ impl<'a> Bench<'a> {
     ///
     /// # Errors
     /// The board's; a map that does not reach the line.
-    pub fn map(&mut self, map: &ForceMap) -> Result<Way, Error> {
+    pub fn map(&mut self, map: &ForceMap) -> Result<Transit, Error> {
         whole(self.changed(map, MAP_NS, |_| {}, |_| {})?)
     }
 
@@ -557,7 +557,7 @@ impl<'a> Bench<'a> {
         phase_ns: u64,
         map: &ForceMap,
         change: impl FnOnce(&mut MapInfo),
-    ) -> Result<Way, Error> {
+    ) -> Result<Transit, Error> {
         self.run_to(phase_ns)?;
         whole(self.changed(map, SWEPT_MAP_NS, change, |_| {})?)
     }
@@ -579,7 +579,7 @@ impl<'a> Bench<'a> {
         &mut self,
         map: &ForceMap,
         change: impl FnOnce(&mut MapInfo),
-    ) -> Result<Option<Way>, Error> {
+    ) -> Result<Option<Transit>, Error> {
         self.changed(map, MAP_NS, change, |_| {})
     }
 
@@ -591,7 +591,7 @@ impl<'a> Bench<'a> {
         &mut self,
         map: &ForceMap,
         damage: impl FnOnce(&mut Vec<Vec<u8>>),
-    ) -> Result<Option<Way>, Error> {
+    ) -> Result<Option<Transit>, Error> {
         self.changed(map, MAP_NS, |_| {}, damage)
     }
 
@@ -644,8 +644,8 @@ impl<'a> Bench<'a> {
         &mut self,
         map: &ForceMap,
         sensors: impl Iterator<Item = SensorId>,
-    ) -> Result<Vec<Way>, Error> {
-        self.ways.clear();
+    ) -> Result<Vec<Transit>, Error> {
+        self.transits.clear();
         let mut lasts_ns = 0;
         for sensor in sensors {
             let packets = self.packets(map, |info| info.sensor = sensor);
@@ -656,11 +656,11 @@ impl<'a> Bench<'a> {
             self.run(TICK_NS / 4)?;
         }
         self.run(TICK_NS)?;
-        let ways = std::mem::take(&mut self.ways);
-        for way in &ways {
-            self.note(map, *way);
+        let transits = std::mem::take(&mut self.transits);
+        for transit in &transits {
+            self.note(map, *transit);
         }
-        Ok(ways)
+        Ok(transits)
     }
 
     fn changed(
@@ -669,14 +669,14 @@ impl<'a> Bench<'a> {
         ns: u64,
         change: impl FnOnce(&mut MapInfo),
         damage: impl FnOnce(&mut Vec<Vec<u8>>),
-    ) -> Result<Option<Way>, Error> {
+    ) -> Result<Option<Transit>, Error> {
         let mut packets = self.packets(map, change);
         damage(&mut packets);
-        let way = self.delivered(&packets, ns)?;
-        if let Some(way) = way {
-            self.note(map, way);
+        let transit = self.delivered(&packets, ns)?;
+        if let Some(transit) = transit {
+            self.note(map, transit);
         }
-        Ok(way)
+        Ok(transit)
     }
 
     /// A map whose host pauses before the last packet, which it sends so many nanoseconds after a tick's millisecond began; over the UART,
@@ -689,7 +689,7 @@ impl<'a> Bench<'a> {
         phase_ns: u64,
         map: &ForceMap,
         change: impl FnOnce(&mut MapInfo),
-    ) -> Result<Way, Error> {
+    ) -> Result<Transit, Error> {
         let packets = self.packets(map, change);
         self.send_but_last(&packets)?;
         let lasts_ns = match self.link {
@@ -699,9 +699,9 @@ impl<'a> Bench<'a> {
                 .map_or(0, |packet| line_ns(std::slice::from_ref(packet))),
         };
         self.run_to(phase_ns + TICK_NS - lasts_ns % TICK_NS)?;
-        let way = whole(self.send_last(&packets)?)?;
-        self.note(map, way);
-        Ok(way)
+        let transit = whole(self.send_last(&packets)?)?;
+        self.note(map, transit);
+        Ok(transit)
     }
 
     /// Sends all packets of a map but the last one, and waits until messages find the bus free.
@@ -718,7 +718,7 @@ impl<'a> Bench<'a> {
     ///
     /// # Errors
     /// The board's.
-    pub fn send_last(&mut self, packets: &[Vec<u8>]) -> Result<Option<Way>, Error> {
+    pub fn send_last(&mut self, packets: &[Vec<u8>]) -> Result<Option<Transit>, Error> {
         let last = packets.last().map(std::slice::from_ref);
         self.delivered(last.unwrap_or_default(), PAUSE_NS)
     }
@@ -740,13 +740,13 @@ impl<'a> Bench<'a> {
     }
 
     /// Sends packets, of which the last one ends a map. Returns its way, if the map counts.
-    fn delivered(&mut self, packets: &[Vec<u8>], ns: u64) -> Result<Option<Way>, Error> {
-        self.ways.clear();
+    fn delivered(&mut self, packets: &[Vec<u8>], ns: u64) -> Result<Option<Transit>, Error> {
+        self.transits.clear();
         let (before, written) = (self.board.dac_code(1), self.board.dac_writes().len());
         let lasts_ns = self.send(packets);
         let landed_ns = self.now_ns + lasts_ns;
         self.run(ns + lasts_ns)?;
-        let Some(mut way) = self.ways.last().copied() else {
+        let Some(mut transit) = self.transits.last().copied() else {
             return Ok(None);
         };
         // What the DAC showed right after the last packet.
@@ -758,30 +758,33 @@ impl<'a> Bench<'a> {
             .iter()
             .rfind(|write| write.at_ns <= landed_ns + WRITE_NS)
             .map(|write| write.code);
-        way.raises = way.writes && shown > before;
-        Ok(Some(way))
+        transit.raises = transit.writes && shown > before;
+        Ok(Some(transit))
     }
 
     /// As [`Bench::map`], with a question on the control endpoint so many nanoseconds after its first packet.
     ///
     /// # Errors
     /// As [`Bench::map`].
-    pub fn map_asking_after(&mut self, ns: u64, map: &ForceMap) -> Result<Way, Error> {
-        self.ways.clear();
+    pub fn map_asking_after(&mut self, ns: u64, map: &ForceMap) -> Result<Transit, Error> {
+        self.transits.clear();
         for packet in self.packets(map, |_| {}) {
             self.board.usb_send(&packet);
         }
         self.run(ns)?;
         self.ask();
         self.run(SWEPT_MAP_NS)?;
-        Ok(self.ways.last().copied().unwrap_or_default())
+        Ok(self.transits.last().copied().unwrap_or_default())
     }
 
     /// Measures what counts for nothing else; returns its worst way.
     ///
     /// # Errors
     /// Those of `work`.
-    pub fn measure_apart(&mut self, work: impl FnOnce(&mut Self) -> Result<(), Error>) -> Result<Way, Error> {
+    pub fn measure_apart(
+        &mut self,
+        work: impl FnOnce(&mut Self) -> Result<(), Error>,
+    ) -> Result<Transit, Error> {
         let kept = (self.worst, self.worst_spent.clone(), self.worst_by_tail);
         let times = (self.blocking_worst, self.section_worst, self.tick);
         self.worst = Default::default();
@@ -836,11 +839,11 @@ impl<'a> Bench<'a> {
     }
 
     /// Keeps the worst way of a map with such a last packet.
-    fn note(&mut self, map: &ForceMap, way: Way) {
-        let of_link = &mut self.worst_by_tail[way.link as usize];
+    fn note(&mut self, map: &ForceMap, transit: Transit) {
+        let of_link = &mut self.worst_by_tail[transit.link as usize];
         let of_tail = &mut of_link[usize::from(map.active().count()) % TAXELS_PER_PACKET];
-        if way.cycles > of_tail.cycles {
-            *of_tail = way;
+        if transit.cycles > of_tail.cycles {
+            *of_tail = transit;
         }
     }
 
@@ -867,22 +870,22 @@ impl<'a> Bench<'a> {
         after_ns: u64,
         map: &ForceMap,
         meet: impl FnOnce(&mut Self),
-    ) -> Result<Way, Error> {
+    ) -> Result<Transit, Error> {
         let packets = self.packets(map, |_| {});
         self.send_but_last(&packets)?;
         let lasts_ns = packets
             .last()
             .map_or(0, |packet| line_ns(std::slice::from_ref(packet)));
         self.run_to(phase_ns)?;
-        self.ways.clear();
+        self.transits.clear();
         let last = packets.last().map(std::slice::from_ref).unwrap_or_default();
         let line_ns = self.send(last);
         self.run(lasts_ns.saturating_sub(after_ns))?;
         meet(self);
         self.run(line_ns + PAUSE_NS)?;
-        let way = whole(self.ways.last().copied())?;
-        self.note(map, way);
-        Ok(way)
+        let transit = whole(self.transits.last().copied())?;
+        self.note(map, transit);
+        Ok(transit)
     }
 
     /// How long its bytes take, nanoseconds.
@@ -999,8 +1002,8 @@ struct Watched {
 ///
 /// # Errors
 /// There is none.
-pub fn whole(way: Option<Way>) -> Result<Way, Error> {
-    way.ok_or_else(|| Error::Unexpected {
+pub fn whole(transit: Option<Transit>) -> Result<Transit, Error> {
+    transit.ok_or_else(|| Error::Unexpected {
         expected: "a write to the line for every map".to_owned(),
         found: "none".to_owned(),
     })

@@ -7,7 +7,7 @@ use std::path::Path;
 use crate::bound::{Code, Stretch, Walk, short};
 use crate::cycles::ENTRY;
 use crate::image::{Image, read};
-use crate::measure::{Bench, LONGEST_TAIL, Met, Way, When, map_of};
+use crate::measure::{Bench, LONGEST_TAIL, Met, Transit, When, map_of};
 use crate::misuse::misuse;
 use crate::receiver::Receiver;
 use crate::source::Sources;
@@ -72,9 +72,9 @@ pub struct Report {
     /// What stands against the bound.
     pub findings: Vec<String>,
     /// The worst way while nothing else ran.
-    pub quiet: Way,
+    pub quiet: Transit,
     /// The worst way of all, over USB and over the UART.
-    pub worst: [Way; 2],
+    pub worst: [Transit; 2],
     /// Longest stretch with the path blocked, measured.
     pub blocking_worst: u64,
     /// Longest stretch with everything but the path blocked, measured.
@@ -82,7 +82,7 @@ pub struct Report {
     /// Timer to tick, least and most.
     pub tick: (u64, u64),
     /// For each number of taxels in a map's last packet: the path's bound and the worst way measured.
-    pub tails: [Vec<(u64, Way)>; 2],
+    pub tails: [Vec<(u64, Transit)>; 2],
     /// How runs met the stretches that block the path.
     pub met: BTreeMap<u32, Met>,
     /// Maps that demanded more force, with the settings that ship, over USB and over the UART.
@@ -90,7 +90,7 @@ pub struct Report {
     /// Where the worst ways' cycles went, the most first.
     pub worst_spent: [Vec<(String, u64)>; 2],
     /// The worst way behind a packet of the control endpoint.
-    pub behind_control: Way,
+    pub behind_control: Transit,
     /// Maps a second that the board took.
     pub rates: Rates,
     /// Accesses whose address the walks do not know, and how many of them runs have met; the others count as accesses to the slowest memory.
@@ -109,9 +109,9 @@ pub struct Report {
 
 /// What the board was given, and what is kept of it beside the bench's worst cases.
 struct Played {
-    quiet: Way,
+    quiet: Transit,
     raises: [Raises; 2],
-    behind_control: Way,
+    behind_control: Transit,
     rates: Rates,
     dense: u64,
     head: u64,
@@ -294,7 +294,7 @@ impl Report {
 
     /// The worst way measured.
     fn worst_cycles(&self) -> u64 {
-        self.worst.iter().map(|way| way.cycles).max().unwrap_or_default()
+        self.worst.iter().map(|transit| transit.cycles).max().unwrap_or_default()
     }
 
     /// The static bound over the measured worst case.
@@ -321,8 +321,8 @@ impl Report {
             }
         };
         let worst = self.worst_cycles();
-        for ((link, way), bound) in LINKS.into_iter().zip(self.worst).zip(self.bounds()) {
-            let found = way.cycles;
+        for ((link, transit), bound) in LINKS.into_iter().zip(self.worst).zip(self.bounds()) {
+            let found = transit.cycles;
             check(
                 found <= PATH_CYCLES,
                 &format!("packet to line over {link}, cycles"),
@@ -428,12 +428,12 @@ impl Report {
             );
         }
         for ((link, tails), waits) in LINKS.into_iter().zip(&self.tails).zip(self.waits()) {
-            for (taxels, (path, way)) in tails.iter().enumerate() {
+            for (taxels, (path, transit)) in tails.iter().enumerate() {
                 let bound = path + waits;
                 check(
-                    way.cycles <= bound,
+                    transit.cycles <= bound,
                     &format!("packet to line over {link}, last packet of {taxels} taxels, cycles"),
-                    way.cycles.to_string(),
+                    transit.cycles.to_string(),
                     format!("at most its static bound of {bound}"),
                 );
             }
@@ -458,7 +458,7 @@ impl Report {
             tails.map(|(path, _)| path + waits[link]).collect()
         };
         let tail_ways =
-            |link: usize| -> Vec<u64> { self.tails[link].iter().map(|(_, way)| way.cycles).collect() };
+            |link: usize| -> Vec<u64> { self.tails[link].iter().map(|(_, transit)| transit.cycles).collect() };
         let spent = |link: usize| {
             let parts = self.worst_spent[link].iter().take(10);
             let parts: Vec<String> = parts.map(|(name, cycles)| format!("{name} {cycles}")).collect();
@@ -528,14 +528,14 @@ impl Report {
         let mut line = |name: &str, value: String| {
             let _ = writeln!(text, "{name:<58} {value}");
         };
-        for (link, way) in self.worst.iter().enumerate() {
+        for (link, transit) in self.worst.iter().enumerate() {
             line(
                 &format!("the worst case measured over {}", LINKS[link]),
                 format!(
                     "{} cycles: {} until its interrupt began, {} in it",
-                    way.cycles,
-                    way.waited,
-                    way.cycles - way.waited
+                    transit.cycles,
+                    transit.waited,
+                    transit.cycles - transit.waited
                 ),
             );
             for (name, cycles) in self.worst_spent[link].iter().take(16) {
@@ -552,10 +552,10 @@ impl Report {
             );
         }
         for ((link, tails), waits) in LINKS.into_iter().zip(&self.tails).zip(self.waits()) {
-            for (taxels, (path, way)) in tails.iter().enumerate() {
+            for (taxels, (path, transit)) in tails.iter().enumerate() {
                 line(
                     &format!("  a last packet of {taxels} taxels over {link}"),
-                    format!("bound {} (path {path}), measured {}", path + waits, way.cycles),
+                    format!("bound {} (path {path}), measured {}", path + waits, transit.cycles),
                 );
             }
         }

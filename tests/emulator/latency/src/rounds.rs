@@ -30,9 +30,9 @@ impl Marks {
                 .and_then(|section| section.data().ok());
             Ok(EndianSlice::new(data.unwrap_or_default(), LittleEndian))
         };
-        let dwarf = Dwarf::load(section).map_err(told)?;
+        let dwarf = Dwarf::load(section).map_err(dwarf_error)?;
         let mut marks = Vec::new();
-        collect(&dwarf, &mut marks).map_err(told)?;
+        collect(&dwarf, &mut marks).map_err(dwarf_error)?;
         Ok(Self(marks))
     }
 
@@ -44,7 +44,7 @@ impl Marks {
     }
 }
 
-fn told(error: gimli::Error) -> Error {
+fn dwarf_error(error: gimli::Error) -> Error {
     Error::Image(format!("debug information: {error}"))
 }
 

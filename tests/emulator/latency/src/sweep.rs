@@ -10,7 +10,7 @@ use gripline_protocol::{Health, SensorId};
 
 use crate::Error;
 use crate::measure::{
-    Bench, DOUBTFUL, LONGEST_TAIL, Link, STALE_NS, TICK_NS, Way, even, map_of, slipping, whole,
+    Bench, DOUBTFUL, LONGEST_TAIL, Link, STALE_NS, TICK_NS, Transit, even, map_of, slipping, whole,
 };
 use crate::misuse::misuse;
 
@@ -113,12 +113,12 @@ pub fn disturb(bench: &mut Bench<'_>) -> Result<(), Error> {
 fn hunt(
     bench: &mut Bench<'_>,
     range_ns: u64,
-    mut attempt: impl FnMut(&mut Bench<'_>, u64) -> Result<Way, Error>,
+    mut attempt: impl FnMut(&mut Bench<'_>, u64) -> Result<Transit, Error>,
 ) -> Result<Vec<u64>, Error> {
     let mut met = Vec::new();
     for phase_ns in (0..range_ns).step_by(LONG_NS as usize) {
-        let way = attempt(bench, phase_ns)?;
-        if way.meets_task || way.blocked_at != 0 {
+        let transit = attempt(bench, phase_ns)?;
+        if transit.meets_task || transit.blocked_at != 0 {
             met.push(phase_ns);
         }
     }
@@ -207,9 +207,9 @@ pub fn phases(bench: &mut Bench<'_>, length: Length) -> Result<(), Error> {
                 bench.send_but_last(&packets)?;
                 bench.send_over_uart(command);
                 bench.run(phase_ns)?;
-                let way = bench.send_last(&packets)?;
+                let transit = bench.send_last(&packets)?;
                 if !matches!(command, Command::Configure(_)) {
-                    whole(way)?;
+                    whole(transit)?;
                 }
             }
         }
@@ -278,7 +278,7 @@ pub struct Raises {
     /// Of these, whose last packet raised the line.
     pub raised: u32,
     /// The longest way of those.
-    pub worst: Way,
+    pub worst: Transit,
 }
 
 impl Raises {
@@ -324,11 +324,11 @@ pub fn raises(bench: &mut Bench<'_>, contacts: usize, length: Length) -> Result<
             step += 1;
             load_n *= GROWTH;
             let sensor = SensorId::ALL[step as usize % usize::from(sensors)];
-            let way = bench.map_at(phase_ns, &even(contacts, load_n), |info| info.sensor = sensor)?;
+            let transit = bench.map_at(phase_ns, &even(contacts, load_n), |info| info.sensor = sensor)?;
             raises.asked += 1;
-            raises.raised += u32::from(way.raises);
-            if way.cycles > raises.worst.cycles {
-                raises.worst = way;
+            raises.raised += u32::from(transit.raises);
+            if transit.cycles > raises.worst.cycles {
+                raises.worst = transit;
             }
             settle(bench, sensors, contacts, load_n)?;
         }
@@ -384,14 +384,14 @@ pub fn rates(bench: &mut Bench<'_>, of: [(usize, u8); 3]) -> Result<Rates, Error
         bench.command(Command::Configure(shipped(sensors)))?;
         let maps = 2 * STREAM;
         let from = bench.deliveries_ns().len();
-        let ways = bench.stream(
+        let transits = bench.stream(
             &map_of(contacts, 1),
             (0..maps).map(|number| SensorId::ALL[number % usize::from(sensors)]),
         )?;
-        if ways.len() != maps {
+        if transits.len() != maps {
             return Err(Error::Unexpected {
                 expected: format!("{maps} maps of {contacts} contacts at the line"),
-                found: ways.len().to_string(),
+                found: transits.len().to_string(),
             });
         }
         let landed = &bench.deliveries_ns()[from..];
@@ -407,7 +407,7 @@ pub fn rates(bench: &mut Bench<'_>, of: [(usize, u8); 3]) -> Result<Rates, Error
 ///
 /// # Errors
 /// The board's.
-pub fn behind_control(bench: &mut Bench<'_>) -> Result<Way, Error> {
+pub fn behind_control(bench: &mut Bench<'_>) -> Result<Transit, Error> {
     bench.measure_apart(|bench| {
         for phase_ns in (0..8 * PACKET_NS).step_by(ASKED_NS as usize) {
             bench.run_to(CALM_NS)?;

@@ -778,7 +778,7 @@ mod tests {
     }
 
     #[test]
-    fn clearing_nak_before_the_end_was_popped_is_told() {
+    fn clearing_nak_before_the_end_was_popped_is_reported() {
         let mut core = ready();
         core.out_data(1, false, &[1]);
         core.read(GRXSTSP);

@@ -98,7 +98,7 @@ pub(crate) struct Port {
     wake: Option<(u64, EventId)>,
     is_raised: bool,
     commands: VecDeque<Command>,
-    told: BTreeSet<core::Complaint>,
+    reported: BTreeSet<core::Complaint>,
     deliveries: Vec<u64>,
 }
 
@@ -119,7 +119,7 @@ impl Default for Port {
             wake: None,
             is_raised: false,
             commands: VecDeque::new(),
-            told: BTreeSet::new(),
+            reported: BTreeSet::new(),
             deliveries: Vec::new(),
         }
     }
@@ -428,7 +428,7 @@ impl Port {
             context.interrupt(0, if raised { Level::High } else { Level::Low });
         }
         for complaint in self.core.take_complaints() {
-            if self.told.insert(complaint) {
+            if self.reported.insert(complaint) {
                 context.tell(complaint.0, complaint.1);
             }
         }

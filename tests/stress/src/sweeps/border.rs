@@ -161,10 +161,10 @@ fn misnamed() -> u64 {
         for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
             let mut map = [[0.1; 3]; TAXELS];
             map[place / 3][place % 3] = bad;
-            let told = ForceMap::quantise(&map)
+            let found_at = ForceMap::quantise(&map)
                 .err()
                 .map(|error| (usize::from(error.taxel), usize::from(error.axis)));
-            wrong += u64::from(told != Some((place / 3, place % 3)));
+            wrong += u64::from(found_at != Some((place / 3, place % 3)));
         }
     }
     wrong

@@ -52,19 +52,19 @@ pub(crate) fn sweep(effort: Effort) -> Sweep {
                     ..MapSums::default()
                 };
                 seen.push((stick_ratio(&sums).unwrap_or(0), capture_us));
-                let told = detector
+                let fixed = detector
                     .update(&sums, HostMicros(capture_us), DeviceMicros(1_000_000), &settings)
                     .time_to_slip_ms;
                 let exact = exactly(&seen, settings.slip_threshold);
-                if told.is_none() && exact.is_none() {
+                if fixed.is_none() && exact.is_none() {
                     continue;
                 }
                 let soon = |ms: Option<u16>| ms.is_some_and(|ms| ms < settings.incipient_horizon_ms);
-                let off = told.zip(exact).map_or(1, |(one, other)| one.abs_diff(other));
+                let off = fixed.zip(exact).map_or(1, |(one, other)| one.abs_diff(other));
                 found[0] += 1;
-                found[1] += u64::from(told != exact);
+                found[1] += u64::from(fixed != exact);
                 found[2] = found[2].max(off.into());
-                found[3] += u64::from(soon(told) != soon(exact));
+                found[3] += u64::from(soon(fixed) != soon(exact));
             }
         }
         let mut row = vec![json!(rate_hz)];

@@ -111,13 +111,13 @@ pub(crate) fn sweep(effort: Effort) -> Sweep {
     }
     sweep.none("frames that a wrap decides otherwise", all);
     let mut refused = 0;
-    let mut told = Vec::new();
+    let mut failures = Vec::new();
     for (name, silence_us) in SILENCES {
         for parts_per_million in [-100, 0, 100] {
             let late_us = after_silence(silence_us, parts_per_million);
             refused += u64::from(late_us.is_none());
             if late_us.is_none() {
-                told.push(format!("{name} at {parts_per_million} ppm"));
+                failures.push(format!("{name} at {parts_per_million} ppm"));
             }
         }
     }
@@ -131,8 +131,10 @@ pub(crate) fn sweep(effort: Effort) -> Sweep {
         "maps that are refused as from the future because none came for long",
         refused,
     );
-    if !told.is_empty() {
-        sweep.notes.push(format!("refused after: {}", told.join(", ")));
+    if !failures.is_empty() {
+        sweep
+            .notes
+            .push(format!("refused after: {}", failures.join(", ")));
     }
     sweep
 }

@@ -44,9 +44,9 @@ pub(super) fn killed() -> Result<String, String> {
         .and_then(|line| line["frames"].as_f64())
         .unwrap_or(0.0);
     let different = replayed.lines.last().and_then(|line| line["different"].as_f64());
-    let told_s = |frame: usize| ended.lines.get(frame).and_then(|line| line["t_s"].as_f64());
-    let last_s = told_s(ended.lines.len().wrapping_sub(1)).ok_or("it never told a frame")?;
-    let lost_s = last_s - told_s((frames as usize).wrapping_sub(1)).unwrap_or(0.0);
+    let frame_s = |frame: usize| ended.lines.get(frame).and_then(|line| line["t_s"].as_f64());
+    let last_s = frame_s(ended.lines.len().wrapping_sub(1)).ok_or("it never told a frame")?;
+    let lost_s = last_s - frame_s((frames as usize).wrapping_sub(1)).unwrap_or(0.0);
     if different != Some(0.0) || lost_s > 1.0 {
         return Err(format!(
             "{lost_s:.2} s lost, {different:?} frames decided otherwise: {}",
@@ -64,7 +64,7 @@ pub(super) fn full() -> Result<String, String> {
     // 8 MB are some 40 whole pictures, 16 of them at rest; the chunk that no longer fits is lost.
     let mut running = start(&mut recorded(&file)).map_err(|error| error.to_string())?;
     running.until_it_says(&["No space left"], PATIENCE)?;
-    let then = running.told();
+    let then = running.frames_seen();
     running.until_frames(then + 10, PATIENCE)?;
     let ended = running.interrupt()?;
     ended.expect(WITH_LOSS, &["No space left"])?;

@@ -83,11 +83,11 @@ fn holding(more: &[&str]) -> Result<(Gadget, Running), String> {
 
 /// Waits until the run has the device again. Returns how long that took from when the system had it.
 fn back(gadget: &Gadget, running: &mut Running) -> Result<Duration, String> {
-    told(gadget.arrive())?;
+    device_result(gadget.arrive())?;
     running.until_it_says(&["is back"], PATIENCE)
 }
 
-fn told<T>(what: std::io::Result<T>) -> Result<T, String> {
+fn device_result<T>(what: std::io::Result<T>) -> Result<T, String> {
     what.map_err(|error| format!("the device: {error}"))
 }
 
@@ -145,7 +145,7 @@ pub(super) fn two_devices() -> Result<String, String> {
     let _other = plugged(1, OTHER, Speed::High)?;
     run(&scene("usb"))?.expect(1, &["found 2: ", SERIAL, OTHER, "--mcu usb:SERIAL"])?;
     let chosen = played(&run(&scene(&format!("usb:{OTHER}")))?)?;
-    if told(first.memory())?.maps > 0 {
+    if device_result(first.memory())?.maps > 0 {
         return Err("the other device was spoken to".to_owned());
     }
     Ok(format!(
@@ -159,7 +159,7 @@ pub(super) fn refused() -> Result<String, String> {
     let named = format!("usb:{SERIAL}");
     run(&scene(&named))?.expect(1, &["two devices with the serial number", SERIAL])?;
     drop(twin);
-    told(first.unconfigure())?;
+    device_result(first.unconfigure())?;
     run(&scene("usb"))?.expect(1, &["attached, but not ready"])?;
     drop(first);
     run(&scene("usb"))?.expect(1, &["no device 1209:0001"])?;
@@ -168,15 +168,15 @@ pub(super) fn refused() -> Result<String, String> {
 
 pub(super) fn replugged() -> Result<String, String> {
     let (mut gadget, mut running) = holding(&[])?;
-    let before = told(gadget.memory())?;
+    let before = device_result(gadget.memory())?;
     let mut returns = Vec::new();
     for _ in 0..2 {
-        told(gadget.unplug())?;
+        device_result(gadget.unplug())?;
         running.until_it_says(&["is gone"], PATIENCE)?;
         thread::sleep(Duration::from_millis(300));
-        told(gadget.plug())?;
+        device_result(gadget.plug())?;
         returns.push(back(&gadget, &mut running)?);
-        let maps = told(gadget.memory())?.maps;
+        let maps = device_result(gadget.memory())?.maps;
         wait_for(
             || {
                 gadget
@@ -186,7 +186,7 @@ pub(super) fn replugged() -> Result<String, String> {
             "maps after the return",
         )?;
     }
-    let after = told(gadget.memory())?;
+    let after = device_result(gadget.memory())?;
     if after.line < before.line {
         return Err(format!("the line fell: {before:?}, then {after:?}"));
     }
@@ -199,10 +199,10 @@ pub(super) fn replugged() -> Result<String, String> {
 
 pub(super) fn hangs() -> Result<String, String> {
     let (gadget, running) = holding(&[])?;
-    let before = told(gadget.memory())?;
-    told(gadget.hang())?;
+    let before = device_result(gadget.memory())?;
+    device_result(gadget.hang())?;
     thread::sleep(LONG_SILENCE);
-    told(gadget.wake())?;
+    device_result(gadget.wake())?;
     let awake = wait_for(
         || {
             gadget
@@ -211,7 +211,7 @@ pub(super) fn hangs() -> Result<String, String> {
         },
         "maps after it woke",
     );
-    let after = told(gadget.memory())?;
+    let after = device_result(gadget.memory())?;
     if let Err(why) = awake {
         let ended = running.interrupt()?;
         return Err(format!(
@@ -241,10 +241,10 @@ pub(super) fn hangs() -> Result<String, String> {
 
 pub(super) fn crashes() -> Result<String, String> {
     let (mut gadget, mut running) = holding(&[])?;
-    let before = told(gadget.memory())?;
-    told(gadget.crash())?;
+    let before = device_result(gadget.memory())?;
+    device_result(gadget.crash())?;
     running.until_it_says(&["is gone"], PATIENCE)?;
-    told(gadget.restart())?;
+    device_result(gadget.restart())?;
     let back = back(&gadget, &mut running)?;
     wait_for(
         || {
@@ -254,15 +254,15 @@ pub(super) fn crashes() -> Result<String, String> {
         },
         "maps after the restart",
     )?;
-    let after = told(gadget.memory())?;
+    let after = device_result(gadget.memory())?;
     if after.line < before.line || after.latched & Fault::WatchdogReset.bit() == 0 {
         return Err(format!("it held {before:?}, then {after:?}"));
     }
     let ended = running.interrupt()?;
     sound(&ended)?;
     met(&ended, 1.0, 1.0)?;
-    let told = back_in_time(&[back])?;
-    Ok(format!("{told}, met anew, the line kept"))
+    let device_result = back_in_time(&[back])?;
+    Ok(format!("{device_result}, met anew, the line kept"))
 }
 
 pub(super) fn host_killed() -> Result<String, String> {
@@ -270,9 +270,9 @@ pub(super) fn host_killed() -> Result<String, String> {
     let (gadget, running) = holding(&["--record", file])?;
     thread::sleep(LONG_SILENCE);
     let frames = running.kill()?.lines.len();
-    let before = told(gadget.memory())?;
+    let before = device_result(gadget.memory())?;
     thread::sleep(LONG_SILENCE);
-    let after = told(gadget.memory())?;
+    let after = device_result(gadget.memory())?;
     if after.line < before.line || after.latched & Fault::LinkLost.bit() == 0 {
         return Err(format!("it held {before:?}, then {after:?}"));
     }

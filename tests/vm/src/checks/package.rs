@@ -148,7 +148,7 @@ fn allowed(lab: &mut Lab) -> Result<String, String> {
     lab.gadget = Some(plugged.map_err(|error| format!("the device: {error}"))?);
     run("udevadm", &["settle"])?;
     let board = board().ok_or("the microcontroller has no file in /dev/bus/usb")?;
-    let mut told = Vec::new();
+    let mut lines = Vec::new();
     for (file, group) in [(board.as_path(), "gripline"), (Path::new(CAMERA), "video")] {
         let about = fs::metadata(file).map_err(|error| format!("{}: {error}", file.display()))?;
         let line = run("getent", &["group", &about.gid().to_string()])?;
@@ -156,9 +156,9 @@ fn allowed(lab: &mut Lab) -> Result<String, String> {
         expect(&file.display().to_string(), &found, group)?;
         let rights = about.permissions().mode() & 0o777;
         expect(&file.display().to_string(), &format!("{rights:o}"), "660")?;
-        told.push(format!("{} {group} {rights:o}", file.display()));
+        lines.push(format!("{} {group} {rights:o}", file.display()));
     }
-    Ok(told.join(", "))
+    Ok(lines.join(", "))
 }
 
 /// The microcontroller's file.

@@ -15,11 +15,11 @@ pub(super) const WITH_LOSS: i32 = 3;
 
 pub(super) fn back_in_time(returns: &[Duration]) -> Result<String, String> {
     let slowest = returns.iter().max().copied().unwrap_or_default();
-    let told = format!("back {:.2} s after the system had it", slowest.as_secs_f64());
+    let summary = format!("back {:.2} s after the system had it", slowest.as_secs_f64());
     if slowest > BACK_WITHIN {
-        Err(told)
+        Err(summary)
     } else {
-        Ok(told)
+        Ok(summary)
     }
 }
 

@@ -277,13 +277,13 @@ fn print(
     turns: &[(Alignment, f64)],
 ) {
     let groups = groups(all, truth);
-    let told = |members: &[usize]| HeldOut::of(&found.held_out_n, truth, members);
+    let held_out = |members: &[usize]| HeldOut::of(&found.held_out_n, truth, members);
     if args.common.json {
         let measured = |measured: &Measured| json!({"value": measured.value, "interval": measured.interval});
         let held_out: Vec<_> = groups
             .iter()
             .map(|(name, members)| {
-                let HeldOut { median_n, largest_n, median_share } = told(members);
+                let HeldOut { median_n, largest_n, median_share } = held_out(members);
                 json!({"of": name, "presses": members.len(), "median_n": median_n, "largest_n": largest_n, "median_share": median_share})
             })
             .collect();
@@ -344,7 +344,7 @@ fn print(
             median_n,
             largest_n,
             median_share,
-        } = told(members);
+        } = held_out(members);
         println!(
             "{name:24}{:4} presses, median {median_n:.3} N ({:.1} %), largest {largest_n:.3} N",
             members.len(),

@@ -36,7 +36,7 @@ impl Doctor {
                 return self.report(Finding::fail("camera", failure, "pictures", fix));
             }
         };
-        self.report(Finding::ok("camera", &opened.told, "pictures"));
+        self.report(Finding::ok("camera", &opened.description, "pictures"));
         let of = (&model.sensor, fingertip);
         let rest = match marker_rest::of(settings.rest.as_ref(), source, &opened.pictures, of) {
             Ok(rest) => AtRest::Markers(rest),

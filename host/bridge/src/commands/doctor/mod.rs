@@ -167,10 +167,10 @@ impl Doctor {
         let source = source.open(pictures_of);
         let opened = source.and_then(|mut source| {
             let rest = source.rest(REST_PICTURES.into())?;
-            Ok((source.told, source.frames_per_second, rest))
+            Ok((source.description, source.frames_per_second, rest))
         });
         let (
-            told,
+            description,
             frames_per_second,
             AtRest {
                 crops: pictures,
@@ -184,7 +184,7 @@ impl Doctor {
                 return Vec::new();
             }
         };
-        self.report(Finding::ok("camera", told, "pictures"));
+        self.report(Finding::ok("camera", description, "pictures"));
         self.report(judge::frame_rate(&at_s, frames_per_second));
         let figures = Figures::of(&pictures);
         let rest = calibrated.and_then(|calibration| calibration.rest.as_ref());

@@ -117,7 +117,7 @@ struct Watch {
 }
 
 impl Watch {
-    fn look(&mut self, program: &Program, now_us: u64, told_us: u64) {
+    fn look(&mut self, program: &Program, now_us: u64, stamp_us: u64) {
         let status = program.status();
         let is_anew = status.uptime_ms < self.uptime_ms;
         if status.maps != self.maps || status.mode != self.mode || is_anew {
@@ -127,7 +127,7 @@ impl Watch {
         self.holding += u64::from(is_holding);
         let stale = status.faults & Fault::StaleMaps.bit() != 0;
         let limit_us = u64::from(program.settings().stale_ms) * 1_000;
-        if is_holding && now_us - self.fresh_us.max(told_us) > limit_us + 2_000 {
+        if is_holding && now_us - self.fresh_us.max(stamp_us) > limit_us + 2_000 {
             self.stale += 1;
             assert!(stale, "{now_us} µs: maps of {} µs count as fresh", self.fresh_us);
         }
@@ -179,13 +179,13 @@ mod slow {
         run.pictures = gripline_recording::Pictures::Small;
         let watch = Rc::new(RefCell::new(Watch::default()));
         let eye = Rc::clone(&watch);
-        *world.watch.borrow_mut() = Some(Box::new(move |program, now_us, told_us| {
-            eye.borrow_mut().look(program, now_us, told_us);
+        *world.watch.borrow_mut() = Some(Box::new(move |program, now_us, stamp_us| {
+            eye.borrow_mut().look(program, now_us, stamp_us);
         }));
 
         let (mut dice, mut done, mut jpeg) = (Dice(7), Done::default(), JpegCrop::default());
         let (mut attached, mut away_until, mut stuck_until, mut last) = (Vec::new(), 0, 0, 0);
-        let (mut shown, mut untold, mut unsound) = (0_u64, 0, 0);
+        let (mut shown, mut unreported, mut unsound) = (0_u64, 0, 0);
         for number in 0..FRAMES + CALM {
             let may_break = number < FRAMES;
             if number == away_until && !attached.is_empty() {
@@ -258,18 +258,18 @@ mod slow {
                     requested_mode: shot.requested_mode,
                 };
                 let report = run.frame(&mut pipeline, SensorId::FIRST, picture).unwrap();
-                let is_told = report
+                let is_reported = report
                     .faults
                     .iter()
                     .any(|fault| [NO_DEVICE, NO_STATUS].contains(fault));
                 // What the microcontroller said a quarter of a second ago is never shown as the present without a word.
-                untold = if is_told || run.control.session.status_age_us() <= 250_000 {
+                unreported = if is_reported || run.control.session.status_age_us() <= 250_000 {
                     0
                 } else {
-                    untold + 1
+                    unreported + 1
                 };
-                assert_eq!(untold, 0, "frame {number}");
-                shown += u64::from(is_told);
+                assert_eq!(unreported, 0, "frame {number}");
+                shown += u64::from(is_reported);
                 unsound += u64::from(!was_sound || !run.control.session.is_sound());
             } else {
                 // As a source does that has nothing to give: the frame's time passes.

@@ -98,7 +98,7 @@ fn a_fingertip_whose_camera_goes_away_holds_the_line_until_it_is_back() {
     both.until(3.0);
     let held_n = both.run.control.session.line_n();
     let stale = |report: &FrameReport| report.faults.contains(&"STALE MAPS");
-    let mut told_s = None;
+    let mut reported_s = None;
     let mut line_n = held_n;
     // Into the pull and out of it: alone, the first fingertip would let the line fall by plan.
     while both.number < (7.4 * RATE) as u64 {
@@ -107,19 +107,19 @@ fn a_fingertip_whose_camera_goes_away_holds_the_line_until_it_is_back() {
         };
         assert_eq!(report.sensor, SensorId::FIRST);
         // Until the fault is there, the line may fall by plan.
-        let was_told = told_s.is_some();
-        told_s = told_s.or(stale(&report).then_some(report.t_s));
+        let was_reported = reported_s.is_some();
+        reported_s = reported_s.or(stale(&report).then_some(report.t_s));
         assert!(
-            report.line_n >= line_n || !was_told,
+            report.line_n >= line_n || !was_reported,
             "{} after {line_n} N at {} s",
             report.line_n,
             report.t_s
         );
         line_n = report.line_n;
     }
-    let told_s = told_s.expect("a fingertip is silent and nobody says so");
+    let reported_s = reported_s.expect("a fingertip is silent and nobody says so");
     // 100 ms, and a frame until it is told.
-    assert!((3.1..3.2).contains(&told_s), "{told_s} s");
+    assert!((3.1..3.2).contains(&reported_s), "{reported_s} s");
     assert!(
         line_n > held_n,
         "the one that is there goes on deciding: {line_n} N"

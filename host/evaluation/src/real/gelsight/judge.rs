@@ -154,7 +154,7 @@ fn witness_figures(witness: Witness, trials: &[Trial], objects: &[&str]) -> Witn
         .filter(|trial| !has_wrong_label(trial))
         .cloned()
         .collect();
-    let (mut told, mut noticed, mut alarms, mut leads) = (0, 0, 0, Vec::new());
+    let (mut correct, mut noticed, mut alarms, mut leads) = (0, 0, 0, Vec::new());
     for object in objects {
         let (own, others): (Vec<&Trial>, Vec<&Trial>) =
             trials.iter().partition(|trial| trial.object == *object);
@@ -162,7 +162,7 @@ fn witness_figures(witness: Witness, trials: &[Trial], objects: &[&str]) -> Witn
         let quiet = quiet_enough(witness, &others);
         for trial in own {
             let max = witness.max(&trial.frames);
-            told += usize::from((max > best) == trial.slip);
+            correct += usize::from((max > best) == trial.slip);
             if trial.slip {
                 noticed += usize::from(max > quiet);
                 let first = trial.frames.iter().position(|frame| witness.score(frame) > quiet);
@@ -188,7 +188,7 @@ fn witness_figures(witness: Witness, trials: &[Trial], objects: &[&str]) -> Witn
         pooled_without_wrong_label: pooled(witness, &right),
         stratified_without_wrong_label: stratified(witness, &right),
         threshold: most_accurate(witness, &trials.iter().collect::<Vec<_>>()),
-        accuracy: share(told, trials.len()),
+        accuracy: share(correct, trials.len()),
         sensitivity: share(at_once.count(), slips),
         sensitivity_left_out: share(noticed, slips),
         alarms_per_minute_left_out: (held > 0.0).then(|| alarms as f64 / held),

@@ -164,9 +164,9 @@ mod tests {
         let refused = |words: &str, parts: &[&str]| {
             let words = words.split(' ').chain(["--out", out.to_str().unwrap()]);
             let line = Line::parse_from(std::iter::once("tune").chain(words));
-            let told = run(&line.tune, folder.path(), 1).unwrap_err().to_string();
+            let error = run(&line.tune, folder.path(), 1).unwrap_err().to_string();
             for part in parts {
-                assert!(told.contains(part), "{part:?} is missing in: {told}");
+                assert!(error.contains(part), "{part:?} is missing in: {error}");
             }
         };
         refused(

@@ -177,7 +177,7 @@ fn firmware_of_another_version_is_reported() {
 }
 
 #[test]
-fn a_chip_in_its_bootloader_is_told_with_the_way_out() {
+fn a_chip_in_its_bootloader_is_reported_with_the_way_out() {
     assert_eq!(bootloader(&[]), None);
     let finding = bootloader(&["1-2", "3-1.4"]).unwrap();
     assert_finding(&finding, Warn, "at 1-2, 3-1.4", "gripline flash --usb");

@@ -100,7 +100,7 @@ fn what_is_plugged_in_after_the_question_is_found_by_looking_again() {
 }
 
 #[test]
-fn a_wrong_answer_is_told_and_asked_again() {
+fn a_wrong_answer_is_reported_and_asked_again() {
     let mut person = Prepared {
         answers: vec!["2", "1", "7", "webcam", "1", "3", "later"],
         shown: String::new(),
