@@ -4,7 +4,7 @@
 //! [`run`] connects a [`source`] of pictures, the pipeline, the link and the [`view`]; [`commands`] holds the command line and the
 //! other commands. One file configures a run; [`config`] reads and checks it. Networks, links, cameras, recordings and experiments
 //! are crates of their own.
-#![deny(unsafe_code)]
+#![forbid(unsafe_code)]
 
 mod calibration;
 pub mod commands;

@@ -1,5 +1,6 @@
 //! Figures as PNG or SVG: charts, maps and plain drawings, described as data and drawn by plotters.
 //! Sizes are in pixels. Fonts come with the program, so a figure looks the same on every machine.
+#![forbid(unsafe_code)]
 
 mod chart;
 mod labels;

@@ -3,6 +3,7 @@
 //!
 //! Units: µs of the test's clock; the program's own clock starts at 0 with every power-on, as on the chip.
 //! Limits: no flash; like the chip, it sends nothing before a host has spoken.
+#![forbid(unsafe_code)]
 
 pub mod fake_usb;
 pub mod link;

@@ -3,7 +3,7 @@
 //!
 //! The model holds on to what makes this gripper awkward: force counts only while the fingers move, so a new force
 //! needs a new position request, and less force never loosens a grip. Activation opens the fingers.
-
+#![forbid(unsafe_code)]
 #![allow(
     clippy::missing_panics_doc,
     clippy::new_without_default,
