@@ -19,10 +19,11 @@ use gripline_protocol::{Motion, PER_UNIT};
 use crate::arithmetic::{divide, ratio};
 use crate::constants::{
     ASKED_SHARE, CALM_US, COME_BACK_US, DROP_SHARE, FADE_SHARE, FAST_SLIDE_SHARE, FOLLOWED_SLOTS,
-    FRICTION_FORGET_SHIFT, FRICTION_LOSS_MAX, HUSH_HELD_US, HUSH_US, NEWS_SHARE, NOISE_MAX, QUIET_DROP_SHARE,
-    RECENT_FALL_SHARE, RISES_SHARE, SETTLED_US, SHEAR_ERROR_PART, SHORT_SHARE_MAX, SHORT_SHARE_MIN, SHORT_US,
-    SLIDING_FRICTION_MIN, SLIDING_RATIO_MIN, SLOT_US, STALLED_US, SUDDEN_DROP_SHARE, SWING_LOSS_MAX,
-    TEST_MARGIN, TEST_US_MAX, UNPROVEN_US_MAX, UNTRIED_US, WATCHED_US, WHOLE_STICK_RATIO, WITNESSED_LOAD_MIN,
+    FORGOTTEN_FRICTION_MAX, FRICTION_FORGET_SHIFT, FRICTION_LOSS_MAX, HUSH_HELD_US, HUSH_US, NEWS_SHARE,
+    NOISE_MAX, QUIET_DROP_SHARE, RECENT_FALL_SHARE, RISES_SHARE, SETTLED_US, SHEAR_ERROR_PART,
+    SHORT_SHARE_MAX, SHORT_SHARE_MIN, SHORT_US, SLIDING_FRICTION_MIN, SLIDING_RATIO_MIN, SLOT_US, STALLED_US,
+    SUDDEN_DROP_SHARE, SWING_LOSS_MAX, TEST_MARGIN, TEST_US_MAX, UNPROVEN_US_MAX, UNTRIED_US, WATCHED_US,
+    WHOLE_STICK_RATIO, WITNESSED_LOAD_MIN,
 };
 use crate::learning_settings::LearningSettings;
 use crate::sums::stick_ratio_below;
@@ -655,10 +656,13 @@ impl SlideWitness {
             self.came_back = 0;
         }
         if self.limit != UNLIMITED && self.calm_us > CALM_US {
-            let more = (u64::from(self.limit) * u64::from(passed_us)) >> FRICTION_FORGET_SHIFT;
-            // At least 1/10000 a slot.
-            let forgotten = self.limit.saturating_add((more as u16).max(1));
-            self.limit = forgotten.max(ratio(shear, normal)).min(UNLIMITED - 1);
+            let mut limit = self.limit;
+            if limit < FORGOTTEN_FRICTION_MAX {
+                let more = (u64::from(limit) * u64::from(passed_us)) >> FRICTION_FORGET_SHIFT;
+                // At least 1/10000 a slot.
+                limit += (more as u16).max(1);
+            }
+            self.limit = limit.max(ratio(shear, normal)).min(UNLIMITED - 1);
         }
     }
 

@@ -172,6 +172,25 @@ fn a_slide_that_the_grip_has_stopped_is_remembered() {
 }
 
 #[test]
+fn a_slide_is_remembered_for_as_long_as_the_contact_lasts() {
+    for friction in [0.3, 0.4] {
+        let mut hold = Hold::new(1, 17);
+        hold.has_mass = true;
+        hold.go(4.0, |time| 3.0 * time.min(1.0), [0.8; 2]);
+        hold.go(4.0, |_| 3.0, [friction; 2]);
+        hold.slides = 0;
+        let line = hold.line;
+        hold.go(120.0, |_| 3.0, [friction; 2]);
+        assert_eq!(hold.slides, 0, "{friction}: {line} N, then {} N", hold.line);
+        assert!(
+            hold.line > 0.9 * line,
+            "{friction}: {line} N, then {} N",
+            hold.line
+        );
+    }
+}
+
+#[test]
 fn a_contact_that_slides_from_the_first_load_on_is_found_below_the_detectors_friction() {
     for period_ms in [7, 17, 40] {
         for friction in [0.2, 0.3, 0.4] {
