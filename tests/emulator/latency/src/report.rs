@@ -294,7 +294,11 @@ impl Report {
 
     /// The worst way measured.
     fn worst_cycles(&self) -> u64 {
-        self.worst.iter().map(|transit| transit.cycles).max().unwrap_or_default()
+        self.worst
+            .iter()
+            .map(|transit| transit.cycles)
+            .max()
+            .unwrap_or_default()
     }
 
     /// The static bound over the measured worst case.
@@ -457,8 +461,12 @@ impl Report {
             let tails = self.tails[link].iter();
             tails.map(|(path, _)| path + waits[link]).collect()
         };
-        let tail_ways =
-            |link: usize| -> Vec<u64> { self.tails[link].iter().map(|(_, transit)| transit.cycles).collect() };
+        let tail_ways = |link: usize| -> Vec<u64> {
+            self.tails[link]
+                .iter()
+                .map(|(_, transit)| transit.cycles)
+                .collect()
+        };
         let spent = |link: usize| {
             let parts = self.worst_spent[link].iter().take(10);
             let parts: Vec<String> = parts.map(|(name, cycles)| format!("{name} {cycles}")).collect();
@@ -555,7 +563,11 @@ impl Report {
             for (taxels, (path, transit)) in tails.iter().enumerate() {
                 line(
                     &format!("  a last packet of {taxels} taxels over {link}"),
-                    format!("bound {} (path {path}), measured {}", path + waits, transit.cycles),
+                    format!(
+                        "bound {} (path {path}), measured {}",
+                        path + waits,
+                        transit.cycles
+                    ),
                 );
             }
         }
