@@ -151,10 +151,10 @@ pub const FAST_SLIDE_SHARE: u16 = 8_500;
 /// How long the host's last clear view of the object counts, µs: thirty pictures.
 pub const WATCHED_US: u32 = 500_000;
 /// Friction up to which the limit set by a slide is forgotten, 1/10000; a higher one lasts as long as the contact. So low a limit may come
-/// of false slides, which a light load shows under a firm grip. Chosen on two minutes of hold after 30 grasps of `evaluate grasps` in
-/// each world: when every limit was forgotten, 7 adverse ones were dropped and 2 with this; with 0.35 it were 2 to 4.
+/// of false slides, which a light load shows under a firm grip. Chosen on two minutes of hold behind 30 adverse grasps (docs/limits.md):
+/// 7 were dropped when every limit was forgotten, 2 with this, 2 to 4 with 0.35.
 pub const FORGOTTEN_FRICTION_MAX: u16 = 2_600;
-/// Rate at which it is forgotten: 2⁻²⁵ per µs, 3 % a second.
+/// Rate at which it is forgotten: 2⁻²⁵ per µs, 3 % a second; at least 1/10000 a slot, 0.006 a second.
 pub const FRICTION_FORGET_SHIFT: u32 = 25;
 /// Rise of the line in a test, as a part of the line: a third. With a seventh, slides are found too late: when friction falls from
 /// 0.8 to 0.3 the object slides for more than a second.

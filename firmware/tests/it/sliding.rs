@@ -191,6 +191,21 @@ fn a_slide_is_remembered_for_as_long_as_the_contact_lasts() {
 }
 
 #[test]
+fn a_slide_at_so_little_friction_that_it_may_be_none_is_forgotten() {
+    let mut hold = Hold::new(1, 17);
+    hold.has_mass = true;
+    hold.go(4.0, |time| 3.0 * time.min(1.0), [0.8; 2]);
+    hold.go(4.0, |_| 3.0, [0.2; 2]);
+    let line = hold.line;
+    hold.go(60.0, |_| 3.0, [0.8; 2]);
+    // To the friction up to which a slide is forgotten, less what it may have lost by speed, with the margin.
+    let firm = 1.3 * 3.0 / (0.85 * 0.26);
+    let case = format!("{line} N, then {} N", hold.line);
+    assert!(line > 1.15 * firm && hold.line < 1.05 * firm, "{case}");
+    assert!(hold.line > 0.95 * firm, "{case}");
+}
+
+#[test]
 fn a_contact_that_slides_from_the_first_load_on_is_found_below_the_detectors_friction() {
     for period_ms in [7, 17, 40] {
         for friction in [0.2, 0.3, 0.4] {

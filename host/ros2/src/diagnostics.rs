@@ -108,7 +108,7 @@ mod tests {
     #[test]
     fn each_part_says_how_it_is_and_a_fault_says_what_to_do() {
         let namespace = "a".parse().unwrap();
-        let message_of = |report: &StatusReport| {
+        let statuses_of = |report: &StatusReport| {
             statuses(&namespace, report)
                 .into_iter()
                 .map(|status| (status.name, status.level, status.message))
@@ -116,7 +116,7 @@ mod tests {
         };
         let line = |name: &str, level, message: &str| (format!("a: {name}"), level, message.to_owned());
         assert_eq!(
-            message_of(&report()),
+            statuses_of(&report()),
             [
                 line("gripper", Level::Ok, "hold"),
                 line("microcontroller", Level::Ok, "connected"),
@@ -137,7 +137,7 @@ mod tests {
             ..report()
         };
         assert_eq!(
-            message_of(&bad),
+            statuses_of(&bad),
             [
                 line("gripper", Level::Stale, "no status yet"),
                 line("microcontroller", Level::Error, "away"),

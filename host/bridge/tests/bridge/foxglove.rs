@@ -222,10 +222,10 @@ mod live {
                 continue;
             };
             for (axis, key) in ["fx", "fy", "fn"].into_iter().enumerate() {
-                let [sum, described] = [&map["sum"][axis], &status[key]].map(|value| value.as_f64().unwrap());
+                let [sum, reported] = [&map["sum"][axis], &status[key]].map(|value| value.as_f64().unwrap());
                 assert!(
-                    (sum - described).abs() < 1e-6,
-                    "{key}: {sum} and {described} in {status}"
+                    (sum - reported).abs() < 1e-6,
+                    "{key}: {sum} and {reported} in {status}"
                 );
             }
             compared += usize::from(status["contact"].as_u64() > Some(0));

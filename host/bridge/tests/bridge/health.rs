@@ -97,8 +97,8 @@ fn the_line_holds_while_the_camera_is_black_and_the_fault_is_reported() {
         session.send_map(&info, processed.map).unwrap();
         session.run_until(session.now_us() + 16_667).unwrap();
         let status = session.status().unwrap();
-        let outcome = (status.faults | status.latched) & Fault::UnhealthyMap.bit() != 0;
-        assert_eq!(outcome, black, "frame {sequence}");
+        let is_reported = (status.faults | status.latched) & Fault::UnhealthyMap.bit() != 0;
+        assert_eq!(is_reported, black, "frame {sequence}");
         if black {
             assert!(
                 status.line >= line,

@@ -461,7 +461,7 @@ impl Report {
             let tails = self.tails[link].iter();
             tails.map(|(path, _)| path + waits[link]).collect()
         };
-        let tail_ways = |link: usize| -> Vec<u64> {
+        let tail_cycles = |link: usize| -> Vec<u64> {
             self.tails[link]
                 .iter()
                 .map(|(_, transit)| transit.cycles)
@@ -506,13 +506,13 @@ impl Report {
                 .unwrap_or_default(),
             self.ratio(),
             tail_bounds(0),
-            tail_ways(0),
+            tail_cycles(0),
             self.worst[0].waited,
             spent(0),
             self.bounds()[1],
             self.worst[1].cycles,
             tail_bounds(1),
-            tail_ways(1),
+            tail_cycles(1),
             spent(1),
             self.receiver.byte_cycles,
             self.receiver.room(),

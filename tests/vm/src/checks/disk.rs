@@ -45,7 +45,7 @@ pub(super) fn killed() -> Result<String, String> {
         .unwrap_or(0.0);
     let different = replayed.lines.last().and_then(|line| line["different"].as_f64());
     let frame_s = |frame: usize| ended.lines.get(frame).and_then(|line| line["t_s"].as_f64());
-    let last_s = frame_s(ended.lines.len().wrapping_sub(1)).ok_or("it never told a frame")?;
+    let last_s = frame_s(ended.lines.len().wrapping_sub(1)).ok_or("it never reported a frame")?;
     let lost_s = last_s - frame_s((frames as usize).wrapping_sub(1)).unwrap_or(0.0);
     if different != Some(0.0) || lost_s > 1.0 {
         return Err(format!(

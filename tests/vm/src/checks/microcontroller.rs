@@ -261,8 +261,8 @@ pub(super) fn crashes() -> Result<String, String> {
     let ended = running.interrupt()?;
     sound(&ended)?;
     met(&ended, 1.0, 1.0)?;
-    let device_result = back_in_time(&[back])?;
-    Ok(format!("{device_result}, met anew, the line kept"))
+    let summary = back_in_time(&[back])?;
+    Ok(format!("{summary}, met anew, the line kept"))
 }
 
 pub(super) fn host_killed() -> Result<String, String> {
