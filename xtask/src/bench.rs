@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use crate::error::Error;
-use crate::{outside, process, requests};
+use crate::{live_page, outside, process, requests};
 
 /// The package that brings the shared library; the version that host/network's binding speaks.
 const ONNXRUNTIME: &str = "onnxruntime==1.31.1";
@@ -22,11 +22,12 @@ pub(crate) fn command(arguments: &[String]) -> Result<(), Error> {
     match arguments.split_first() {
         Some((what, rest)) if what == "network" => network(rest),
         Some((what, rest)) if what == "outside" => outside::command(rest),
+        Some((what, rest)) if what == "page" => live_page::command(rest),
         Some((what, rest)) if what == "requests" => requests::command(rest),
         Some((what, _)) if !what.starts_with("--") => Err(Error::usage(
             "bench",
             what,
-            "`network`, `outside`, `requests`, or options alone",
+            "`network`, `outside`, `page`, `requests`, or options alone",
         )),
         _ => chain(arguments),
     }

@@ -16,6 +16,7 @@ mod flash;
 mod foxglove;
 mod fuzz;
 mod hot;
+mod live_page;
 mod modules;
 mod option_bytes;
 mod outside;
@@ -96,6 +97,8 @@ cargo xtask COMMAND
   bench outside [--json] [--rounds N] [--seconds S]
                                     what readers cost the loop (ten HTTP streams, two of another DDS, some that stand still), and
                                     how long a request takes until it is confirmed; wants a quiet machine
+  bench page [--json]               how long a browser takes until the live page shows its first picture, and a frame that the loop
+                                    handed over; installs Chromium, wants a quiet machine
   bench requests [--json]           how long a request takes until the microcontroller confirms it, by its own clock: in process and
                                     on the emulated board, over a cable that loses packets too
   stress [--json] [--seed N] [--quick] [--docs]

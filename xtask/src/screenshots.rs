@@ -2,14 +2,13 @@
 //! and the view of a real GelSight Mini, from a shared recording.
 
 use std::fs;
-use std::io::{BufRead as _, BufReader};
 use std::path::Path;
-use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 
 use gripline_browser::{Browser, BrowserError, Screen};
 
 use crate::error::Error;
+use crate::live_page::Run;
 use crate::process;
 use crate::programs::CHROMIUM;
 
@@ -67,7 +66,7 @@ pub(crate) fn run() -> Result<(), Error> {
     }
     CHROMIUM.ensure()?;
     for (screen, picture) in PAGES {
-        page(&folder, screen, picture)?;
+        page(screen, picture)?;
     }
     eprintln!(
         "look at docs/view.png, docs/plot.png, {CLIP_PICTURE} and docs/page*.png before they are committed"
@@ -122,8 +121,8 @@ fn gripline(arguments: &[&str]) -> Result<(), Error> {
 }
 
 /// The page over a run of its own.
-fn page(folder: &Path, screen: Screen, to: &str) -> Result<(), Error> {
-    let run = Run::start(folder)?;
+fn page(screen: Screen, to: &str) -> Result<(), Error> {
+    let run = Run::start()?;
     let picture = pictured(&run.address, screen).map_err(|error| wrong(to, &error, "the page of a run"))?;
     if picture.len() > PAGE_BYTES_MAX {
         let expected = format!("at most {PAGE_BYTES_MAX} bytes");
@@ -140,51 +139,6 @@ fn pictured(address: &str, screen: Screen) -> Result<Vec<u8>, BrowserError> {
     let script = format!("return Number(document.getElementById('frame').textContent) >= {PAGE_FRAME}");
     browser.wait_for(&script, Duration::from_mins(1))?;
     browser.screenshot()
-}
-
-/// A run that serves its page until this is dropped.
-struct Run {
-    child: Child,
-    address: String,
-}
-
-impl Run {
-    /// The program that the other pictures were drawn with.
-    fn start(folder: &Path) -> Result<Self, Error> {
-        let program = process::build_dir().join(format!("release/gripline{}", std::env::consts::EXE_SUFFIX));
-        let mut child = Command::new(&program)
-            .args(["run", "--seconds", "60", "--serve", "127.0.0.1:0", "--token-file"])
-            .arg(folder.join("screenshots.token"))
-            .stdout(Stdio::null())
-            .stderr(Stdio::piped())
-            .spawn()
-            .map_err(|source| Error::file(&program, source))?;
-        let said = child.stderr.take().map(BufReader::new);
-        let mut lines = said
-            .into_iter()
-            .flat_map(|said| said.lines().map_while(Result::ok));
-        let address = lines.find_map(|line| Some(format!("http://{}", line.split_once("http://")?.1.trim())));
-        std::thread::spawn(move || lines.for_each(drop));
-        let mut run = Self {
-            child,
-            address: String::new(),
-        };
-        run.address = address.ok_or_else(|| {
-            wrong(
-                "the live page",
-                &"no address",
-                "one on standard error of `gripline run --serve`",
-            )
-        })?;
-        Ok(run)
-    }
-}
-
-impl Drop for Run {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-    }
 }
 
 fn wrong(what: &str, found: &dyn std::fmt::Display, expected: &str) -> Error {
