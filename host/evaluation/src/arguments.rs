@@ -99,6 +99,9 @@ pub struct GraspsArgs {
     /// Everything random follows from it.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..=99))]
     pub seed: u64,
+    /// Hold each object this long, s, after what disturbs it and before it is put down.
+    #[arg(long, value_name = "S", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=3_600), conflicts_with = "out")]
+    pub hold: u32,
     /// Force network instead of the default one: unet or tracked.
     #[arg(long, value_name = "NAME", default_value_t)]
     pub network: Architecture,

@@ -119,6 +119,7 @@ pub fn grasp(seed: u64, number: u64) -> GraspPlan {
         scene,
         times: Times {
             up_s: UP_S,
+            put_down_s: PUT_DOWN_S,
             down_s: DOWN_S,
             end_s: END_S,
         },

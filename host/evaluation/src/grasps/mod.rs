@@ -1,12 +1,13 @@
 //! The command `gripline evaluate grasps`: random grasps in closed loop, the microcontroller's library against
 //! simpler rules, a particle filter and an oracle. [`plan`] says what a grasp is, [`nominal`] and [`adverse`] draw them;
 //! `sensor`, `distortion`, `motion` and `pictures` say what is seen of it, [`policy`] who grips (`follower`, `oracle` and
-//! `particle_filter` are parts of it), [`mod@play`] what came of it, `slides` when it slid, [`report`] tells, `picture` draws. Touches files: `--results` keeps every outcome, so that an interrupted
+//! `particle_filter` are parts of it), [`mod@play`] what came of it, `slides` when it slid, [`hold`] what a long hold came to, [`report`] tells, `picture` draws. Touches files: `--results` keeps every outcome, so that an interrupted
 //! run goes on.
 
 pub mod adverse;
 mod distortion;
 mod follower;
+mod hold;
 mod motion;
 pub mod nominal;
 mod oracle;
@@ -69,6 +70,8 @@ struct Line {
     weights: String,
     fixed_n: f64,
     rendered: bool,
+    #[serde(default)]
+    hold_s: u32,
     outcome: Outcome,
 }
 
@@ -89,6 +92,7 @@ struct Results {
     world: World,
     contact: GelModel,
     seed: u64,
+    hold_s: u32,
     weights: String,
 }
 
@@ -113,7 +117,7 @@ pub fn run(args: &GraspsArgs) -> Result<Completion, EvaluationError> {
         let progress = Progress::new(name, jobs.len());
         let outcomes = in_parallel(jobs, args.threads.into(), |job| {
             let outcome = results.get(job, || {
-                let mut plan = grasp(args.world, args.seed, job.grasp);
+                let mut plan = grasp(args.world, args.seed, job.grasp).held_longer(args.hold.into());
                 plan.scene.contact = args.contact.model();
                 play(&plan, job.policy, job.fixed_n, &network, &parts, job.rendered)
             });
@@ -260,10 +264,12 @@ impl Results {
             world: args.world,
             contact: args.contact,
             seed: args.seed,
+            hold_s: args.hold,
             weights,
         };
         if let Some(path) = &args.results {
-            results.known = known(path, (args.world, args.contact), results.seed, &results.weights)?;
+            let all = known(path, (args.world, args.contact), results.seed, &results.weights)?;
+            results.known = all.into_iter().filter(|line| line.hold_s == args.hold).collect();
             let file = OpenOptions::new().create(true).append(true).open(path);
             results.file = Some(Mutex::new(
                 file.map_err(|error| unusable(path, &error.to_string()))?,
@@ -290,6 +296,7 @@ impl Results {
                 weights: self.weights.clone(),
                 fixed_n: job.fixed_n,
                 rendered: job.rendered,
+                hold_s: self.hold_s,
                 outcome: outcome.clone(),
             };
             let text = serde_json::to_string(&line)? + "\n";
@@ -356,6 +363,7 @@ mod tests {
             late_falls: 0,
             rises_ms: Vec::new(),
             rises_in_hold_ms: Vec::new(),
+            hold: None,
         }
     }
 
@@ -371,6 +379,7 @@ mod tests {
             world: World::Nominal,
             contact: GelModel::Layer,
             seed: 1,
+            hold_s: 0,
             weights: "w".to_owned(),
         };
         let results = open(Vec::new());

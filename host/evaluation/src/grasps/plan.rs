@@ -3,7 +3,7 @@
 
 use gripline_simulation::Random;
 use gripline_simulation::contact_world::Shape;
-use gripline_simulation::grasp::GraspScene;
+use gripline_simulation::grasp::{GraspScene, Stroke};
 
 use super::distortion::Distortion;
 use super::pictures::PictureFault;
@@ -32,6 +32,8 @@ pub const LIFT_S: f64 = 0.3;
 pub struct Times {
     /// The object is up: the hold begins.
     pub up_s: f64,
+    /// The hold ends: the arm puts the object down.
+    pub put_down_s: f64,
     /// The object stands again.
     pub down_s: f64,
     /// The end.
@@ -55,6 +57,25 @@ pub struct GraspPlan {
     pub distortion: Option<Distortion>,
     /// What goes wrong with its pictures.
     pub picture_faults: Vec<PictureFault>,
+}
+
+impl GraspPlan {
+    /// The same, but that the object is held for so much longer, s, in which nothing happens.
+    #[must_use]
+    pub fn held_longer(mut self, hold_s: f64) -> Self {
+        let put_down_s = self.times.put_down_s;
+        for stroke in &mut self.scene.arm.strokes {
+            if let Stroke::Move { from_s, .. } = stroke
+                && *from_s >= put_down_s
+            {
+                *from_s += hold_s;
+            }
+        }
+        self.times.put_down_s += hold_s;
+        self.times.down_s += hold_s;
+        self.times.end_s += hold_s;
+        self
+    }
 }
 
 /// A rounded patch.

@@ -5,6 +5,7 @@ use gripline_simulation::grasp::{GraspFrame, GraspParts, GraspWorld};
 use serde::{Deserialize, Serialize};
 
 use super::super::metrics::quantile;
+use super::hold::Hold;
 use super::motion::MotionCamera;
 use super::oracle::Truth;
 use super::pictures::Delivery;
@@ -50,6 +51,9 @@ pub struct Outcome {
     pub rises_ms: Vec<f64>,
     /// Those of slides that began while the object was up.
     pub rises_in_hold_ms: Vec<f64>,
+    /// What came of the hold, if the object was held to its end.
+    #[serde(default)]
+    pub hold: Option<Hold>,
 }
 
 /// Plays `plan` under `policy`; `rendered` with pictures instead of the model of the chain.
@@ -101,6 +105,7 @@ pub fn play(
             line_n,
             slid_s: world.frame().slid_s,
             slip_mm: tally.slip_mm,
+            needed_n: needed_n(world.frame().load, friction(world.frame(), false), area_mm2),
         });
         if world.frame().dropped {
             break;
@@ -129,6 +134,7 @@ pub fn play(
         late_falls: slides.late_falls,
         rises_ms: slides.rises_ms,
         rises_in_hold_ms: slides.rises_in_hold_ms,
+        hold: Hold::of(&moments, [plan.times.up_s, plan.times.put_down_s]),
     })
 }
 

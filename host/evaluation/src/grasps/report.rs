@@ -9,6 +9,7 @@ use serde::Serialize;
 use super::super::document::{number, table};
 use super::super::metrics::quantile;
 use super::super::requirement::{Requirement, requirements_table};
+use super::hold::Hold;
 use super::play::Outcome;
 use super::policy::{FLOOR_N, Policy};
 use crate::arguments::{GelModel, GraspsArgs, World};
@@ -38,6 +39,70 @@ pub struct Figures {
     /// Of the slides that began while the object was up.
     rise_in_hold_ms_median: Option<f64>,
     rise_in_hold_ms_p99: Option<f64>,
+    /// Of those that held to the end of the hold.
+    hold: HoldFigures,
+}
+
+/// What holds came to.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+struct HoldFigures {
+    /// The line of the last second, N.
+    line_n_mean: Option<f64>,
+    line_n_p50: Option<f64>,
+    line_n_p90: Option<f64>,
+    /// Over what is needed then, less one.
+    margin_p50: Option<f64>,
+    margin_p90: Option<f64>,
+    /// Highest line of all holds, N.
+    peak_line_n: Option<f64>,
+    /// Rises of the line by more than a tenth within a tenth of a second.
+    rises_per_minute_mean: Option<f64>,
+    rises_per_minute_p90: Option<f64>,
+    /// Distance slid in the hold, mm.
+    slip_mm_p99: Option<f64>,
+}
+
+impl HoldFigures {
+    fn of(outcomes: &[&Outcome]) -> Self {
+        let values = |value: fn(Hold) -> f64| -> Vec<f64> {
+            outcomes
+                .iter()
+                .filter_map(|outcome| outcome.hold.map(value))
+                .collect()
+        };
+        let mean =
+            |values: &[f64]| (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64);
+        let lines = values(|hold| hold.line_n);
+        let margins = values(|hold| hold.line_n / hold.needed_n - 1.0);
+        let rises = values(|hold| hold.rises_per_minute);
+        Self {
+            line_n_mean: mean(&lines),
+            line_n_p50: quantile(&lines, 0.5),
+            line_n_p90: quantile(&lines, 0.9),
+            margin_p50: quantile(&margins, 0.5),
+            margin_p90: quantile(&margins, 0.9),
+            peak_line_n: quantile(&values(|hold| hold.peak_line_n), 1.0),
+            rises_per_minute_mean: mean(&rises),
+            rises_per_minute_p90: quantile(&rises, 0.9),
+            slip_mm_p99: quantile(&values(|hold| hold.slip_mm), 0.99),
+        }
+    }
+
+    fn row(&self, name: &str) -> Vec<String> {
+        let percent = |share: Option<f64>| number(share.map(|share| 100.0 * share), 0);
+        vec![
+            name.to_owned(),
+            format!("{} / {}", number(self.line_n_p50, 2), number(self.line_n_p90, 2)),
+            format!("{} / {}", percent(self.margin_p50), percent(self.margin_p90)),
+            number(self.peak_line_n, 1),
+            format!(
+                "{} / {}",
+                number(self.rises_per_minute_mean, 1),
+                number(self.rises_per_minute_p90, 1)
+            ),
+            number(self.slip_mm_p99, 2),
+        ]
+    }
 }
 
 /// Everything.
@@ -47,6 +112,8 @@ pub struct Report {
     contact: GelModel,
     grasps: u64,
     seed: u64,
+    /// Quiet hold behind what disturbs, s.
+    hold_s: u32,
     network: String,
     fixed_force_n: Option<f64>,
     policies: BTreeMap<Policy, Figures>,
@@ -267,6 +334,7 @@ impl Figures {
             rise_ms_p99: rise(|outcome| &outcome.rises_ms, 0.99),
             rise_in_hold_ms_median: rise(|outcome| &outcome.rises_in_hold_ms, 0.5),
             rise_in_hold_ms_p99: rise(|outcome| &outcome.rises_in_hold_ms, 0.99),
+            hold: HoldFigures::of(&outcomes),
         }
     }
 
@@ -328,6 +396,15 @@ const COLUMNS: [&str; 12] = [
     "to a rising line, median / 99th percentile ms",
 ];
 
+const HOLD_COLUMNS: [&str; 6] = [
+    "policy",
+    "line at the end of the hold, median / 90th percentile N",
+    "margin there, median / 90th percentile %",
+    "highest line N",
+    "rises a minute, mean / 90th percentile",
+    "slid in the hold, 99th percentile mm",
+];
+
 impl Report {
     /// Of these outcomes; `rendered` are those of Gripline with pictures, `at_ceiling` those that the setting `secure`
     /// dropped, with a fixed force at the ceiling.
@@ -363,6 +440,7 @@ impl Report {
             secure_drops_that_the_ceiling_holds: held_at_ceiling,
             grasps: args.grasps,
             seed: args.seed,
+            hold_s: args.hold,
             network: args.network.to_string(),
             fixed_force_n,
             policies,
@@ -437,6 +515,20 @@ impl Report {
             number(gripline.and_then(|figures| figures.rise_in_hold_ms_median), 0),
             number(gripline.and_then(|figures| figures.rise_in_hold_ms_p99), 0),
         );
+        let page = if self.hold_s == 0 {
+            page
+        } else {
+            let rows: Vec<Vec<String>> = self
+                .policies
+                .iter()
+                .map(|(policy, figures)| figures.hold.row(policy.name()))
+                .collect();
+            format!(
+                "{page}\n\nEach object is held for {} s more, in which nothing happens, before it is put down:\n\n{}",
+                self.hold_s,
+                table(&HOLD_COLUMNS, &rows)
+            )
+        };
         if gripline.is_none() {
             return page;
         }
@@ -472,6 +564,7 @@ mod tests {
             late_falls: u32::from(dropped),
             rises_ms: vec![if dropped { 80.0 } else { 20.0 }],
             rises_in_hold_ms: Vec::new(),
+            hold: None,
         }
     }
 

@@ -10,6 +10,8 @@ pub(super) struct Moment {
     pub(super) slid_s: Option<[f64; 2]>,
     /// Distance slid since the start, at the frame's end.
     pub(super) slip_mm: f64,
+    /// The force that friction needs then, N.
+    pub(super) needed_n: f64,
 }
 
 /// What the line did while the object slid.
@@ -143,6 +145,7 @@ mod tests {
                 line_n,
                 slid_s: slides.then_some([time_s, time_s + FRAME_S]),
                 slip_mm,
+                needed_n: 1.0,
             }
         });
         each.collect()
