@@ -128,8 +128,10 @@ pub const FRICTION_LOSS_MAX: u16 = 6_000;
 pub const SWING_LOSS_MAX: u16 = 9_000;
 /// Slow fall of the normal force with which the shear must not have sunk, share in 1/1024: 3 %.
 pub const FADE_SHARE: i32 = 31;
-/// Time without any suspicion after which a load that came back is forgotten, µs.
-pub const COME_BACK_US: u32 = 3_000_000;
+/// Time without any suspicion after which a load that came back is forgotten, µs: what slides does so again as soon as the grip has come
+/// back. A held load that wavers does so at the same ratio, too, but later; with 3 s such loads were held ever more firmly
+/// (`evaluate grasps --hold 60`).
+pub const COME_BACK_US: u32 = 700_000;
 /// Slots in a row in which the shear must rise with the normal force, to two fifths, until that is a slide.
 pub const FOLLOWED_SLOTS: u8 = 3;
 /// Longest test without a finding, µs: a gripper with a time constant of 100 ms has risen by then.
@@ -150,12 +152,6 @@ pub const CALM_US: u32 = 160_000;
 pub const FAST_SLIDE_SHARE: u16 = 8_500;
 /// How long the host's last clear view of the object counts, µs: thirty pictures.
 pub const WATCHED_US: u32 = 500_000;
-/// Friction up to which the limit set by a slide is forgotten, 1/10000; a higher one lasts as long as the contact. So low a limit may come
-/// of false slides, which a light load shows under a firm grip. Chosen on two minutes of hold behind 30 adverse grasps (docs/limits.md):
-/// 7 were dropped when every limit was forgotten, 2 with this, 2 to 4 with 0.35.
-pub const FORGOTTEN_FRICTION_MAX: u16 = 2_600;
-/// Rate at which it is forgotten: 2⁻²⁵ per µs, 3 % a second; at least 1/10000 a slot, 0.006 a second.
-pub const FRICTION_FORGET_SHIFT: u32 = 25;
 /// Rise of the line in a test, as a part of the line: a third. With a seventh, slides are found too late: when friction falls from
 /// 0.8 to 0.3 the object slides for more than a second.
 pub const TEST_RISE_PART: i32 = 3;

@@ -19,11 +19,10 @@ use gripline_protocol::{Motion, PER_UNIT};
 use crate::arithmetic::{divide, ratio};
 use crate::constants::{
     ASKED_SHARE, CALM_US, COME_BACK_US, DROP_SHARE, FADE_SHARE, FAST_SLIDE_SHARE, FOLLOWED_SLOTS,
-    FORGOTTEN_FRICTION_MAX, FRICTION_FORGET_SHIFT, FRICTION_LOSS_MAX, HUSH_HELD_US, HUSH_US, NEWS_SHARE,
-    NOISE_MAX, QUIET_DROP_SHARE, RECENT_FALL_SHARE, RISES_SHARE, SETTLED_US, SHEAR_ERROR_PART,
-    SHORT_SHARE_MAX, SHORT_SHARE_MIN, SHORT_US, SLIDING_FRICTION_MIN, SLIDING_RATIO_MIN, SLOT_US, STALLED_US,
-    SUDDEN_DROP_SHARE, SWING_LOSS_MAX, TEST_MARGIN, TEST_US_MAX, UNPROVEN_US_MAX, UNTRIED_US, WATCHED_US,
-    WHOLE_STICK_RATIO, WITNESSED_LOAD_MIN,
+    FRICTION_LOSS_MAX, HUSH_HELD_US, HUSH_US, NEWS_SHARE, NOISE_MAX, QUIET_DROP_SHARE, RECENT_FALL_SHARE,
+    RISES_SHARE, SETTLED_US, SHEAR_ERROR_PART, SHORT_SHARE_MAX, SHORT_SHARE_MIN, SHORT_US,
+    SLIDING_FRICTION_MIN, SLIDING_RATIO_MIN, SLOT_US, STALLED_US, SUDDEN_DROP_SHARE, SWING_LOSS_MAX,
+    TEST_MARGIN, TEST_US_MAX, UNPROVEN_US_MAX, UNTRIED_US, WATCHED_US, WHOLE_STICK_RATIO, WITNESSED_LOAD_MIN,
 };
 use crate::learning_settings::LearningSettings;
 use crate::sums::stick_ratio_below;
@@ -282,7 +281,7 @@ impl SlideWitness {
                 }
                 self.begin_test(normal, friction, suspicion, settings);
             } else {
-                self.remember(shear, normal, passed_us);
+                self.remember(shear, normal);
             }
         }
         let needed =
@@ -445,15 +444,16 @@ impl SlideWitness {
         of_normal > 2 * RISES_SHARE && 3 * of_shear < of_normal
     }
 
-    /// No contact slides at less: friction falls to half by water, and sliding takes two fifths of that. A contact that has carried more
-    /// than what maps err by may slide at less.
+    /// No contact slides at less: friction falls to half by water, and sliding takes two fifths of that, a part of which a slide has already
+    /// shown. A contact that has carried more than what maps err by may slide at less.
     fn min_friction(&self) -> u16 {
         let lower = if self.carried < SLIDING_FRICTION_MIN {
             SLIDING_FRICTION_MIN
         } else {
             SLIDING_FRICTION_MIN / 3 * 2
         };
-        lower.max(self.carried / 4)
+        let limit_before = self.test.map_or(self.limit, |test| test.limit);
+        lower.max(self.carried / if limit_before == UNLIMITED { 4 } else { 3 })
     }
 
     /// By how much the shear has fallen over the last slots, share of the load in 1/1024.
@@ -630,7 +630,7 @@ impl SlideWitness {
         if !is_back {
             return false;
         }
-        // A slide begins at the same ratio again.
+        // A slide begins at the same ratio again, soon after the grip has come back.
         let is_again = began_at.abs_diff(self.came_back) < began_at / 25;
         self.came_back = began_at;
         let lower = u64::from(test.proven) * u64::from(SWING_LOSS_MAX);
@@ -644,7 +644,7 @@ impl SlideWitness {
     }
 
     /// Nothing slides: what is carried is the load, and slowly forgotten.
-    fn remember(&mut self, shear: i32, normal: i32, passed_us: u32) {
+    fn remember(&mut self, shear: i32, normal: i32) {
         let shift = if self.hush_us > 0 { 8 } else { 32 };
         let faded = self.load + (shear - self.load) / shift;
         // A load that swings is remembered by its peaks.
@@ -655,14 +655,9 @@ impl SlideWitness {
         if self.calm_us > COME_BACK_US {
             self.came_back = 0;
         }
+        // What a slide showed lasts as long as the contact, unless that carries more.
         if self.limit != UNLIMITED && self.calm_us > CALM_US {
-            let mut limit = self.limit;
-            if limit < FORGOTTEN_FRICTION_MAX {
-                let more = (u64::from(limit) * u64::from(passed_us)) >> FRICTION_FORGET_SHIFT;
-                // At least 1/10000 a slot.
-                limit += (more as u16).max(1);
-            }
-            self.limit = limit.max(ratio(shear, normal)).min(UNLIMITED - 1);
+            self.limit = self.limit.max(ratio(shear, normal)).min(UNLIMITED - 1);
         }
     }
 
@@ -790,5 +785,28 @@ mod tests {
             );
         }
         assert_eq!(witness.verdict().finding, Finding::Slid);
+    }
+
+    #[test]
+    fn a_contact_that_has_slid_is_not_believed_to_slide_at_less_than_a_third_of_that() {
+        let mut witness = SlideWitness {
+            carried: 6_000,
+            ..SlideWitness::default()
+        };
+        assert_eq!(witness.min_friction(), 1_500);
+        witness.limit = 6_000;
+        assert_eq!(witness.min_friction(), 2_000);
+        witness.test = Some(Test {
+            shear: 0,
+            normal: 1,
+            for_us: 0,
+            limit: UNLIMITED,
+            proven: 6_000,
+            is_first: false,
+            followed: 0,
+            stayed: 0,
+            is_confirmed: false,
+        });
+        assert_eq!(witness.min_friction(), 1_500, "what a test supposes is no slide");
     }
 }

@@ -173,7 +173,7 @@ fn a_slide_that_the_grip_has_stopped_is_remembered() {
 
 #[test]
 fn a_slide_is_remembered_for_as_long_as_the_contact_lasts() {
-    for friction in [0.3, 0.4] {
+    for friction in [0.2, 0.3, 0.4] {
         let mut hold = Hold::new(1, 17);
         hold.has_mass = true;
         hold.go(4.0, |time| 3.0 * time.min(1.0), [0.8; 2]);
@@ -190,19 +190,21 @@ fn a_slide_is_remembered_for_as_long_as_the_contact_lasts() {
     }
 }
 
+/// A load that is held all the time and that, by the maps, is a little less for a fifth of a second every two seconds.
+fn wavering(newtons: f64, share: f64) -> impl Fn(f64) -> f64 {
+    move |time| newtons * if time % 2.0 > 1.8 { 1.0 - share } else { 1.0 }
+}
+
 #[test]
-fn a_slide_at_so_little_friction_that_it_may_be_none_is_forgotten() {
-    let mut hold = Hold::new(1, 17);
-    hold.has_mass = true;
-    hold.go(4.0, |time| 3.0 * time.min(1.0), [0.8; 2]);
-    hold.go(4.0, |_| 3.0, [0.2; 2]);
-    let line = hold.line;
-    hold.go(60.0, |_| 3.0, [0.8; 2]);
-    // To the friction up to which a slide is forgotten, less what it may have lost by speed, with the margin.
-    let firm = 1.3 * 3.0 / (0.85 * 0.26);
-    let case = format!("{line} N, then {} N", hold.line);
-    assert!(line > 1.15 * firm && hold.line < 1.05 * firm, "{case}");
-    assert!(hold.line > 0.95 * firm, "{case}");
+fn a_held_load_that_wavers_at_the_same_grip_again_and_again_has_not_slid() {
+    for share in [0.02, 0.03, 0.05] {
+        let mut hold = Hold::new(1, 17);
+        hold.go(4.0, |time| 3.0 * time.min(1.0), [0.8; 2]);
+        let line = hold.line;
+        hold.go(61.0, wavering(3.0, share), [0.8; 2]);
+        let case = format!("{share}: {line} N, then {} N", hold.line);
+        assert!(hold.line < 1.05 * line, "{case}");
+    }
 }
 
 #[test]
