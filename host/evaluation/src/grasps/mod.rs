@@ -1,8 +1,8 @@
 //! The command `gripline evaluate grasps`: random grasps in closed loop, the microcontroller's library against
 //! simpler rules, a particle filter and an oracle. [`plan`] says what a grasp is, [`nominal`] and [`adverse`] draw them;
 //! `sensor`, `distortion`, `motion` and `pictures` say what is seen of it, [`policy`] who grips (`follower`, `oracle` and
-//! `particle_filter` are parts of it), [`mod@play`] what came of it, `slides` when it slid, [`hold`] what a long hold came to, [`report`] tells, `picture` draws. Touches files: `--results` keeps every outcome, so that an interrupted
-//! run goes on.
+//! `particle_filter` are parts of it), [`mod@play`] what came of it, `slides` when it slid, `hold` what a long hold came to,
+//! [`report`] tells, `picture` draws. Touches files: `--results` keeps every outcome, so that an interrupted run goes on.
 
 pub mod adverse;
 mod distortion;
