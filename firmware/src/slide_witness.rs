@@ -1,4 +1,4 @@
-//! Whether the contact of one fingertip slides, told without knowing its friction: a load that is held does not change when the
+//! Whether the contact of one fingertip slides, found without knowing its friction: a load that is held does not change when the
 //! grip changes, a load that slides changes with it.
 //!
 //! The witness remembers the load. It suspects a slide when the shear falls below that, sinks while the grip sinks, or settles

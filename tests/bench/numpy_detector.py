@@ -2,7 +2,7 @@
 
 numpy_detector.py MAPS.npy MU THRESHOLD CONTACT_MIN: (T, 3, 20, 20) float32 newtons, channels x, y, z. Reads words from standard
 input, one a line, and answers each with one line of JSON: `decide` (contact, stick, slip of every map), `batch` (seconds for all maps in one
-call), `frames N` (seconds for one call a map, told for every N of them). One thread.
+call), `frames N` (seconds for one call a map, printed for every N of them). One thread.
 """
 
 import json

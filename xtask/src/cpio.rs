@@ -56,7 +56,7 @@ impl Archive {
         self.entry(name, LINK, [0, 0], target.as_bytes());
     }
 
-    /// Everything that lies in a folder of this machine, as the image's own. What is not readable here is told.
+    /// Everything that lies in a folder of this machine, as the image's own. What is not readable here is reported.
     pub(crate) fn tree(&mut self, root: &Path) -> Result<(), Error> {
         self.tree_at(root, "")
     }

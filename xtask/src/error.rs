@@ -48,6 +48,15 @@ impl Error {
         }
     }
 
+    /// What was built, what it is, and what it has to be.
+    pub(crate) fn product(what: &str, found: &dyn fmt::Display, expected: &str) -> Self {
+        Self::Product {
+            what: what.to_owned(),
+            found: found.to_string(),
+            expected: expected.to_owned(),
+        }
+    }
+
     pub(crate) fn file(path: &Path, source: std::io::Error) -> Self {
         Self::File {
             path: path.to_owned(),

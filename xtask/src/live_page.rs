@@ -16,6 +16,7 @@ use crate::programs::CHROMIUM;
 /// Loads of the page, and the frames that are drawn after the last: the page keeps the delays of the newest 1,000.
 const LOADS: usize = 5;
 const FRAMES: u32 = 600;
+const PAGE: &str = "the live page";
 const PATIENCE: Duration = Duration::from_mins(2);
 const SCREEN: Screen = Screen {
     size: (1_280, 900),
@@ -33,7 +34,7 @@ pub(crate) fn command(arguments: &[String]) -> Result<(), Error> {
     CHROMIUM.ensure()?;
     process::run(process::cargo().args(["build", "--release", "--package", "gripline"]))?;
     let run = Run::start()?;
-    let times = measured(&run.address).map_err(|error| wrong(&error, "the page of a run"))?;
+    let times = measured(&run.address).map_err(|error| Error::product(PAGE, &error, "the page of a run"))?;
     if is_json {
         println!("{times}");
     } else {
@@ -51,6 +52,7 @@ pub(crate) fn command(arguments: &[String]) -> Result<(), Error> {
     Ok(())
 }
 
+/// Times until the first picture and until a frame is drawn, ms.
 fn measured(address: &str) -> Result<Value, BrowserError> {
     let browser = Browser::start()?;
     browser.show_on(SCREEN)?;
@@ -110,8 +112,13 @@ impl Run {
             child,
             address: String::new(),
         };
-        run.address =
-            address.ok_or_else(|| wrong(&"no address", "one on standard error of `gripline run --serve`"))?;
+        run.address = address.ok_or_else(|| {
+            Error::product(
+                PAGE,
+                &"no address",
+                "one on standard error of `gripline run --serve`",
+            )
+        })?;
         Ok(run)
     }
 }
@@ -120,13 +127,5 @@ impl Drop for Run {
     fn drop(&mut self) {
         let _ = self.child.kill();
         let _ = self.child.wait();
-    }
-}
-
-fn wrong(found: &dyn std::fmt::Display, expected: &str) -> Error {
-    Error::Product {
-        what: "the live page".to_owned(),
-        found: found.to_string(),
-        expected: expected.to_owned(),
     }
 }

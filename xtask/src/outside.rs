@@ -25,7 +25,7 @@ const DDS_READERS: usize = 2;
 /// DDS domain of the two readers: one that nothing else here uses.
 const DOMAIN: &str = "83";
 /// Requests of each kind of microcontroller, twice: hold and release in turn. The emulator translates code when it first meets it, and all
-/// again when its memory for that is full, which takes up to 0.1 s and no board does: what it takes is told, and `bench requests`
+/// again when its memory for that is full, which takes up to 0.1 s and no board does: what it takes is reported, and `bench requests`
 /// judges it by the board's own clock.
 const REQUESTS: u64 = 100;
 

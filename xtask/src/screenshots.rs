@@ -123,10 +123,11 @@ fn gripline(arguments: &[&str]) -> Result<(), Error> {
 /// The page over a run of its own.
 fn page(screen: Screen, to: &str) -> Result<(), Error> {
     let run = Run::start()?;
-    let picture = pictured(&run.address, screen).map_err(|error| wrong(to, &error, "the page of a run"))?;
+    let picture =
+        pictured(&run.address, screen).map_err(|error| Error::product(to, &error, "the page of a run"))?;
     if picture.len() > PAGE_BYTES_MAX {
         let expected = format!("at most {PAGE_BYTES_MAX} bytes");
-        return Err(wrong(to, &format!("{} bytes", picture.len()), &expected));
+        return Err(Error::product(to, &format!("{} bytes", picture.len()), &expected));
     }
     let to = process::root().join(to);
     fs::write(&to, picture).map_err(|source| Error::file(&to, source))
@@ -139,12 +140,4 @@ fn pictured(address: &str, screen: Screen) -> Result<Vec<u8>, BrowserError> {
     let script = format!("return Number(document.getElementById('frame').textContent) >= {PAGE_FRAME}");
     browser.wait_for(&script, Duration::from_mins(1))?;
     browser.screenshot()
-}
-
-fn wrong(what: &str, found: &dyn std::fmt::Display, expected: &str) -> Error {
-    Error::Product {
-        what: what.to_owned(),
-        found: found.to_string(),
-        expected: expected.to_owned(),
-    }
 }

@@ -1,6 +1,6 @@
 //! The 3.3 V supply: the voltage detector and the brown-out level.
 //!
-//! Two thresholds, so that a falling supply is told before it resets the chip. The detector (PVD, level 6) trips at 2.93 V
+//! Two thresholds, so that a falling supply is noticed before it resets the chip. The detector (PVD, level 6) trips at 2.93 V
 //! and clears at 3.03 V (data sheet, "Embedded reset and power control block characteristics"). Brown-out level 3 holds the chip
 //! in reset below 2.83 V, where the flash may be read at 168 MHz and the DAC and USB still work.
 //! The level lies in the option bytes. This program never writes them, because a supply that fails in the middle may lock the

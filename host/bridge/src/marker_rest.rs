@@ -244,7 +244,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         for number in 0..40_u8 {
             let name = folder.path().join(format!("{number:04}.png"));
-            // The others are no pictures: reading one would be told, and shift what comes after it.
+            // The others are no pictures: reading one would be reported, and shift what comes after it.
             if number % 3 != 0 && !(12..14).contains(&number) {
                 std::fs::write(name, "none").unwrap();
                 continue;

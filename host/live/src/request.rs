@@ -176,7 +176,7 @@ mod tests {
     }
 
     #[test]
-    fn lengths_that_cannot_be_are_told() {
+    fn lengths_that_cannot_be_are_refused() {
         let of = |lines: &str| head(&format!("POST / HTTP/1.1\r\n{lines}\r\n\r\n"));
         assert_eq!(of("Content-Length: 4096").unwrap().body_bytes, BODY_MAX);
         assert_eq!(of("Content-Length: 4097"), Err(BadHead::BodyTooLong(4_097)));

@@ -176,7 +176,7 @@ impl Finger {
     }
 
     /// Which of several pictures of one gel show it untouched: the least uneven one and those that agree with it. A contact that is
-    /// still throughout is not told.
+    /// still throughout is not reported.
     #[must_use]
     pub fn untouched(&self, pictures: &[Filled]) -> Vec<bool> {
         let min = pictures

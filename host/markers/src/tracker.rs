@@ -42,7 +42,7 @@ pub struct Tracker {
     blobs: Vec<Blob>,
 }
 
-/// What the first picture told.
+/// What the first picture showed.
 #[derive(Debug, Clone)]
 struct MarkerGrid {
     pitch_px: f32,

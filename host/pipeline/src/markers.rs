@@ -631,7 +631,7 @@ mod tests {
     }
 
     #[test]
-    fn numbers_are_told_as_the_spans_that_rest_takes() {
+    fn numbers_are_reported_as_the_spans_that_rest_takes() {
         assert_eq!(spans(&[3, 4, 5, 9]), "3..6, 9..10");
         assert_eq!(spans(&[]), "");
     }

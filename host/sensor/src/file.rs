@@ -327,7 +327,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_that_is_not_there_and_one_that_is_no_toml_are_told_by_name() {
+    fn a_file_that_is_not_there_and_one_that_is_no_toml_are_named() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("mine.toml");
         let missing = Sensor::named(&path).unwrap_err().to_string();

@@ -174,7 +174,7 @@ impl<'a> Section<'a> {
         take: impl Fn(&DeValue<'_>) -> Option<T>,
     ) -> T {
         self.known.borrow_mut().push(key);
-        // What a missing section should hold is told by its own message.
+        // What a missing section should hold is in a message of its own.
         let Some(table) = self.table else {
             return otherwise;
         };

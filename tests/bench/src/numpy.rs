@@ -90,7 +90,7 @@ impl Numpy {
         let answer = self.ask(&word)?;
         let seconds = answer["seconds"]
             .as_array()
-            .ok_or("the NumPy detector told no time")?;
+            .ok_or("the NumPy detector printed no time")?;
         Ok(seconds.iter().filter_map(Value::as_f64).collect())
     }
 

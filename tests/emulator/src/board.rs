@@ -615,8 +615,8 @@ fn run(
         dac_wait_ns: 0,
         held_until: None,
         bus_driver: Vec::new(),
-        resets_told: 0,
-        gaps_told: Vec::new(),
+        resets_reported: 0,
+        gaps_reported: Vec::new(),
         tracer: trace::Tracer::new(traced),
         read: None,
     };
@@ -639,24 +639,24 @@ struct Puppet {
     /// Until when the core waits for the access that it made last.
     held_until: Option<VirtualNanos>,
     bus_driver: Vec<(u64, bool)>,
-    resets_told: usize,
-    gaps_told: Vec<String>,
+    resets_reported: usize,
+    gaps_reported: Vec<String>,
     tracer: trace::Tracer,
     read: Option<(u32, u32)>,
 }
 
 impl Puppet {
     fn report(&mut self, session: &mut Session<Hardware>, stop: Stop, host: &mut dyn Host) -> Report {
-        let resets = session.resets()[self.resets_told..]
+        let resets = session.resets()[self.resets_reported..]
             .iter()
             .map(reset_of)
             .collect();
-        self.resets_told = session.resets().len();
+        self.resets_reported = session.resets().len();
         let gaps: Vec<String> = gaps_of(session)
             .into_iter()
-            .filter(|gap| !self.gaps_told.contains(gap))
+            .filter(|gap| !self.gaps_reported.contains(gap))
             .collect();
-        self.gaps_told.extend(gaps.iter().cloned());
+        self.gaps_reported.extend(gaps.iter().cloned());
         let memory = self.read.take().map_or_else(Vec::new, |(address, bytes)| {
             (address..address + bytes)
                 .map(|at| {

@@ -1,7 +1,7 @@
 //! The digital-to-analog converter of RM0090 chapter 14, recording every code that reaches an output pin.
 //! Units: 12-bit codes, virtual nanoseconds. A code moves from holding register to output at once (the part takes
 //! one APB1 cycle), or at the software trigger when the channel asks for one.
-//! Limits: no timer or pin triggers, no DMA, no wave generation; a firmware that asks for them is told so.
+//! Limits: no timer or pin triggers, no DMA, no wave generation; a firmware that asks for them gets a complaint.
 //! The reset bit in RCC_APB1RSTR does nothing; a reset of the whole part clears everything.
 
 use rigless::chip::parallel::Peer;

@@ -162,7 +162,7 @@ fn a_bootloader_that_hands_over_starts_the_image_as_a_reset_leaves_the_chip() {
     bench.run(50 * MS).unwrap();
     let is_hello = |message: &Message| matches!(message, Message::Hello(_));
     assert!(bench.messages.iter().any(is_hello), "{:?}", bench.messages);
-    // No fault is told: nothing crashed.
+    // No fault is reported: nothing crashed.
     let latched = bench.messages.iter().rev().find_map(|message| match message {
         Message::Report(Report::Status(status)) => Some(status.latched),
         _ => None,

@@ -319,7 +319,7 @@ fn an_object_that_the_gripper_holds_no_more_is_reported_until_it_is_released() {
 
 #[test]
 #[ignore = "needs a firmware image"]
-fn a_request_that_never_goes_out_is_given_up_and_told_with_the_driver_off() {
+fn a_request_that_never_goes_out_is_given_up_and_reported_with_the_driver_off() {
     let mut bench = holding();
     let grip = bench.gripper.grip();
     bench.board.disturb(Disturbance::BusClockStops);

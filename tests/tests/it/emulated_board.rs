@@ -271,7 +271,7 @@ fn the_firmwares_clock_keeps_to_the_boards() {
     }
     let (min, max) = (offsets_us.iter().min().unwrap(), offsets_us.iter().max().unwrap());
     println!("behind the board's power by {min} to {max} us");
-    // The crystal starts first; then whole milliseconds are told, in steps of one.
+    // The crystal starts first; then whole milliseconds are reported, in steps of one.
     assert!((0..3_000).contains(min) && max - min <= 3_000, "{min} to {max}");
     assert!(board.session.status().unwrap().uptime_ms > 8_500);
 }

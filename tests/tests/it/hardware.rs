@@ -161,7 +161,7 @@ fn the_fault_output_says_fault_while_one_is_there_and_while_the_chip_restarts() 
     assert!(board.link().fault_output());
 }
 
-/// Shorted, open before the op-amp, and off by its gain. Ten milliseconds to be told, ten to be over.
+/// Shorted, open before the op-amp, and off by its gain. Ten milliseconds to be reported, ten to be over.
 #[test]
 #[ignore = "needs the emulator and the image: cargo xtask test"]
 fn a_line_that_does_not_measure_as_written_is_reported_and_holds() {
@@ -192,7 +192,7 @@ fn a_line_that_does_not_measure_as_written_is_reported_and_holds() {
 /// Up to the ceiling at the full rate, down by plan, up to the fail-safe force, and open.
 #[test]
 #[ignore = "needs the emulator and the image: cargo xtask test"]
-fn a_sound_line_is_never_told_as_a_wrong_one() {
+fn a_sound_line_is_never_reported_as_a_wrong_one() {
     let (mut board, _) = Board::holding_as_shipped();
     let mut seen = 0;
     for _ in 0..3 {

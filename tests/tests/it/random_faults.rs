@@ -58,7 +58,7 @@ trait World {
     /// The supply dips below the brown-out level.
     fn brown_out(&mut self);
     fn resets(&self) -> usize;
-    /// Faults told or latched since the start, as bits.
+    /// Faults reported or latched since the start, as bits.
     fn reported(&self) -> u32;
     /// How exactly the line can be read, 1/4096 N.
     fn resolution(&self) -> i32;

@@ -1,4 +1,4 @@
-//! Every fault raised on the unmodified image: what the line does, when the fault is told, what clears it. The table
+//! Every fault raised on the unmodified image: what the line does, when the fault is reported, what clears it. The table
 //! in `docs/safety.md` names the test of each. Times are emulated ones.
 
 use crate::board::{Board, DAC, FRAME_US, SETTINGS, assert_has, assert_has_not, code, feed_forward, map};
@@ -179,7 +179,7 @@ fn replayed_maps_change_nothing() {
 
 #[test]
 #[ignore = "needs the emulator and the image: cargo xtask test"]
-fn lost_maps_are_told_and_change_nothing_else() {
+fn lost_maps_are_reported_and_change_nothing_else() {
     let (mut board, held) = holding();
     board.sequence += 3;
     let status = board.maps(&map(0), 1);
@@ -507,7 +507,7 @@ fn a_power_cut_while_the_flash_is_written_leaves_the_old_settings_or_the_new_one
 
 #[test]
 #[ignore = "needs the emulator and the image: cargo xtask test"]
-fn settings_that_cannot_be_read_are_told_and_the_default_ones_are_in_force() {
+fn settings_that_cannot_be_read_are_reported_and_the_default_ones_are_in_force() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("settings");
     std::fs::write(&file, vec![0x5A; 0x8000]).unwrap();

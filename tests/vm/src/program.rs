@@ -156,7 +156,7 @@ impl Running {
         }
     }
 
-    /// Waits until it has told so many frames, counted from its start.
+    /// Waits until it has reported so many frames, counted from its start.
     pub(crate) fn until_frames(&mut self, frames: usize, patience: Duration) -> Result<(), String> {
         let start = Instant::now();
         loop {
@@ -178,7 +178,7 @@ impl Running {
         }
     }
 
-    /// Frames it has told so far.
+    /// Frames it has reported so far.
     pub(crate) fn frames_seen(&self) -> usize {
         self.frames_seen.load(Ordering::Relaxed)
     }

@@ -225,7 +225,7 @@ mod tests {
     }
 
     #[test]
-    fn names_and_endpoints_that_cannot_be_used_are_told() {
+    fn names_and_endpoints_that_cannot_be_used_are_refused() {
         for name in ["left", "cell-3/left", "a.b_c/1"] {
             assert_eq!(check_name(name), Ok(()));
         }

@@ -140,7 +140,7 @@ impl Screen {
 #[cfg(target_os = "linux")]
 fn is_closed() -> Result<bool, io::Error> {
     let output = io::stdout();
-    // A hang-up is told whether asked for or not.
+    // A hang-up is reported whether asked for or not.
     let mut terminal = [PollFd::new(output.as_fd(), PollFlags::empty())];
     poll(&mut terminal, PollTimeout::ZERO)?;
     Ok(terminal[0].any().unwrap_or(true))

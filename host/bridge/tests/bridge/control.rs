@@ -33,7 +33,7 @@ impl Serving {
             .by_ref()
             .map_while(Result::ok)
             .find_map(|line| Some(line.split_once("http://")?.1.split(['/', ' ']).next()?.to_owned()))
-            .expect("the address is told");
+            .expect("the address is printed");
         std::thread::spawn(move || said.for_each(drop));
         run.with_token()
     }

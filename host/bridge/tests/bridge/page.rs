@@ -135,7 +135,7 @@ mod slow {
         let scene = browser.wait_for(SHOWS_SLIP, PATIENCE).unwrap();
         println!("shown while the world is at: {scene}");
 
-        // A wrong token is told, and moves nothing.
+        // A wrong token is refused, and moves nothing.
         browser.fill("#token", "not-the-token").unwrap();
         browser.click("[data-action=release]").unwrap();
         answered(&browser, "release: refused, wrong token");

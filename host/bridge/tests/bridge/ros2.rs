@@ -22,7 +22,7 @@ fn python(arguments: &[&str]) -> Value {
 }
 
 #[test]
-fn names_domains_and_values_that_ros_does_not_allow_are_told() {
+fn names_domains_and_values_that_ros_does_not_allow_are_refused() {
     for (arguments, words) in [
         (["--ros2-name", "cell-3/left"], "cell_3/left"),
         (["--ros2-domain", "233"], "0 to 232"),

@@ -114,7 +114,7 @@ fn a_run_whose_window_is_closed_ends_instead_of_standing_still() {
     let screen = watch(&window);
     drop((window, screen));
     let ended = ended(&mut run);
-    // The window takes no summary any more; that is told, not a panic.
+    // The window takes no summary any more; that is reported, not a panic.
     assert_eq!(ended.code(), Some(1));
 }
 

@@ -468,7 +468,7 @@ impl HeldOut {
 /// Places nearer to the middle than this are its inner half, taxels.
 const INNER: f64 = 4.0;
 
-/// Names of the groups that errors are told of, by load, place and recording, and the presses in each; none is empty.
+/// Names of the groups that errors are given for, by load, place and recording, and the presses in each; none is empty.
 #[must_use]
 pub fn groups(presses: &[Press], truth: &[[f64; 3]]) -> Vec<(String, Vec<usize>)> {
     let mut loads: Vec<f64> = truth.iter().map(|force| force[2]).collect();

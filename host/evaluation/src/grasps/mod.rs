@@ -268,14 +268,20 @@ impl Results {
             weights,
         };
         if let Some(path) = &args.results {
-            let all = known(path, (args.world, args.contact), results.seed, &results.weights)?;
-            results.known = all.into_iter().filter(|line| line.hold_s == args.hold).collect();
+            results.known = known(path, &results)?;
             let file = OpenOptions::new().create(true).append(true).open(path);
             results.file = Some(Mutex::new(
                 file.map_err(|error| unusable(path, &error.to_string()))?,
             ));
         }
         Ok(results)
+    }
+
+    /// Whether a line is of this world, gel, seed, hold and these weights.
+    fn takes(&self, line: &Line) -> bool {
+        (line.world, line.contact, line.seed, line.hold_s)
+            == (self.world, self.contact, self.seed, self.hold_s)
+            && line.weights == self.weights
     }
 
     /// The outcome that is there, or a new one, which is kept.
@@ -315,13 +321,8 @@ fn unusable(path: &Path, found: &str) -> EvaluationError {
     }
 }
 
-/// The outcomes of this world, this seed and these weights in the file; a last line that was cut off is made again.
-fn known(
-    path: &Path,
-    (world, contact): (World, GelModel),
-    seed: u64,
-    weights: &str,
-) -> Result<Vec<Line>, EvaluationError> {
+/// The outcomes in the file that are of this command; a last line that was cut off is made again.
+fn known(path: &Path, results: &Results) -> Result<Vec<Line>, EvaluationError> {
     let text = match fs::read_to_string(path) {
         Ok(text) => text,
         Err(error) if error.kind() == ErrorKind::NotFound => return Ok(Vec::new()),
@@ -335,7 +336,7 @@ fn known(
     for (number, line) in text[..whole].lines().enumerate() {
         let line: Line = serde_json::from_str(line)
             .map_err(|error| unusable(path, &format!("line {} that is none ({error})", number + 1)))?;
-        if line.world == world && line.contact == contact && line.seed == seed && line.weights == weights {
+        if results.takes(&line) {
             lines.push(line);
         }
     }
@@ -389,30 +390,32 @@ mod tests {
         }
         let text = fs::read_to_string(&path).unwrap();
         fs::write(&path, &text[..text.len() - 5]).unwrap();
-        let results = open(known(&path, (World::Nominal, GelModel::Layer), 1, "w").unwrap());
+        let results = open(known(&path, &results).unwrap());
         assert_eq!(results.known.len(), 1);
         let never = || panic!("it is known");
         assert_eq!(
             results.get(&job(0, Policy::Coulomb), never).unwrap(),
             outcome(0, Policy::Coulomb)
         );
-        assert!(
-            known(&path, (World::Adverse, GelModel::Layer), 1, "w")
-                .unwrap()
-                .is_empty()
-        );
-        assert!(
-            known(&path, (World::Nominal, GelModel::Layer), 2, "w")
-                .unwrap()
-                .is_empty()
-        );
+        for other in [
+            Results {
+                world: World::Adverse,
+                ..open(Vec::new())
+            },
+            Results {
+                seed: 2,
+                ..open(Vec::new())
+            },
+            Results {
+                hold_s: 60,
+                ..open(Vec::new())
+            },
+        ] {
+            assert!(known(&path, &other).unwrap().is_empty());
+        }
         fs::write(&path, "{}\n").unwrap();
-        assert!(
-            known(&path, (World::Nominal, GelModel::Layer), 1, "w")
-                .unwrap_err()
-                .to_string()
-                .contains("line 1")
-        );
+        let error = known(&path, &results).unwrap_err();
+        assert!(error.to_string().contains("line 1"));
     }
 
     #[test]

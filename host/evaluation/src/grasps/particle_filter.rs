@@ -1,6 +1,6 @@
 //! A rival: an online particle filter on friction. Ours, from the idea of arXiv 2602.02026; nothing of its code or figures is
 //! used. Particles are frictions; a contact that sticks says "at least F_T/F_N", one that slides says "about F_T/F_N"; the
-//! demand takes a low quantile. Whether it slides is told by the map's change at constant load. Units: N, s.
+//! demand takes a low quantile. Whether it slides follows from the map's change at constant load. Units: N, s.
 
 use gripline_protocol::{ForceMap, LSB_PER_NEWTON};
 use gripline_simulation::Random;

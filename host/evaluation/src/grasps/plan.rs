@@ -100,3 +100,38 @@ pub(super) fn shape(random: &mut Random) -> Shape {
         },
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::{adverse, nominal};
+
+    #[test]
+    fn a_longer_hold_puts_the_object_down_later_and_moves_nothing_before() {
+        for plan in [nominal::grasp(1, 0), adverse::grasp(1, 0)] {
+            let longer = plan.clone().held_longer(60.0);
+            let [before, after] = [&plan, &longer].map(|plan| plan.times);
+            assert!((after.up_s - before.up_s).abs() < 1e-9);
+            for (after_s, before_s) in [
+                (after.put_down_s, before.put_down_s),
+                (after.down_s, before.down_s),
+                (after.end_s, before.end_s),
+            ] {
+                assert!((after_s - before_s - 60.0).abs() < 1e-9);
+            }
+            // A shake may still go on when the object is put down.
+            let calm_s = before.put_down_s + 0.15;
+            let assert_same_place = |early_s: f64, late_s: f64| {
+                let [one, other] = [(&plan, early_s), (&longer, late_s)]
+                    .map(|(plan, time_s)| plan.scene.arm.place_mm(time_s));
+                assert!((one[0] - other[0]).hypot(one[1] - other[1]) < 1e-9, "{early_s} s");
+            };
+            for step in 0..100 {
+                let share = f64::from(step) / 100.0;
+                let early_s = share * before.put_down_s;
+                assert_same_place(early_s, early_s);
+                let late_s = calm_s + share * (before.end_s - calm_s);
+                assert_same_place(late_s, late_s + 60.0);
+            }
+        }
+    }
+}

@@ -99,13 +99,14 @@ pub fn play(
             break;
         }
         let area_mm2 = world.truth(0).area_mm2();
-        tally.add(world.frame(), area_mm2, plan.times);
+        let needed_n = needed_n(world.frame().load, friction(world.frame(), false), area_mm2);
+        tally.add(world.frame(), needed_n, plan.times);
         moments.push(Moment {
             time_s,
             line_n,
             slid_s: world.frame().slid_s,
             slip_mm: tally.slip_mm,
-            needed_n: needed_n(world.frame().load, friction(world.frame(), false), area_mm2),
+            needed_n,
         });
         if world.frame().dropped {
             break;
@@ -166,7 +167,7 @@ struct Tally {
 }
 
 impl Tally {
-    fn add(&mut self, frame: &GraspFrame, area_mm2: f64, times: Times) {
+    fn add(&mut self, frame: &GraspFrame, needed_n: f64, times: Times) {
         let slid = frame.fingers.each_ref().map(|finger| finger.slip_mm);
         if frame.time_s < LIFT_S {
             self.slip_before_mm = slid;
@@ -178,13 +179,12 @@ impl Tally {
         if frame.on_table || frame.time_s > times.down_s {
             return;
         }
-        let need_n = needed_n(frame.load, friction(frame, false), area_mm2);
         self.force_n += frame.grip_n;
         self.peak_force_n = self.peak_force_n.max(frame.grip_n);
-        self.need_n += need_n;
-        self.peak_need_n = self.peak_need_n.max(need_n);
+        self.need_n += needed_n;
+        self.peak_need_n = self.peak_need_n.max(needed_n);
         // Less than the gripper's least force cannot be asked for.
-        self.margins.push(frame.grip_n / need_n.max(FLOOR_N) - 1.0);
+        self.margins.push(frame.grip_n / needed_n.max(FLOOR_N) - 1.0);
     }
 }
 

@@ -47,7 +47,6 @@ pub struct Figures {
 #[derive(Debug, Clone, PartialEq, Serialize)]
 struct HoldFigures {
     /// The line of the last second, N.
-    line_n_mean: Option<f64>,
     line_n_p50: Option<f64>,
     line_n_p90: Option<f64>,
     /// Over what is needed then, less one.
@@ -70,19 +69,17 @@ impl HoldFigures {
                 .filter_map(|outcome| outcome.hold.map(value))
                 .collect()
         };
-        let mean =
-            |values: &[f64]| (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64);
         let lines = values(|hold| hold.line_n);
         let margins = values(|hold| hold.line_n / hold.needed_n - 1.0);
         let rises = values(|hold| hold.rises_per_minute);
         Self {
-            line_n_mean: mean(&lines),
             line_n_p50: quantile(&lines, 0.5),
             line_n_p90: quantile(&lines, 0.9),
             margin_p50: quantile(&margins, 0.5),
             margin_p90: quantile(&margins, 0.9),
             peak_line_n: quantile(&values(|hold| hold.peak_line_n), 1.0),
-            rises_per_minute_mean: mean(&rises),
+            rises_per_minute_mean: (!rises.is_empty())
+                .then(|| rises.iter().sum::<f64>() / rises.len() as f64),
             rises_per_minute_p90: quantile(&rises, 0.9),
             slip_mm_p99: quantile(&values(|hold| hold.slip_mm), 0.99),
         }

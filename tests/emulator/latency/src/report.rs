@@ -35,7 +35,7 @@ const LINKS: [&str; 2] = ["USB", "the UART"];
 /// Where flash and SRAM begin.
 const FLASH_START: u32 = 0x0800_0000;
 const RAM_START: u32 = 0x1000_0000;
-/// Parts that cost less are not told.
+/// Parts that cost less are not printed.
 const PART_CYCLES: u64 = 100;
 /// The bound over the measured worst case, in hundredths: a looser one proves little.
 const RATIO_PERCENT: u64 = 140;

@@ -870,7 +870,7 @@ mod tests {
     }
 
     #[test]
-    fn fifos_that_overlap_are_told() {
+    fn fifos_that_overlap_are_reported() {
         let mut core = ready();
         core.write(DIEPTXF1, area(16, 77));
         core.setup([0; 8]);

@@ -154,7 +154,7 @@ fn doubles(effort: Effort) -> (u64, u64, f64) {
     (count, wrong, worst)
 }
 
-/// Places at which a NaN or an infinity is not told as the first one.
+/// Places at which a NaN or an infinity is not reported as the first one.
 fn misnamed() -> u64 {
     let mut wrong = 0;
     for place in 0..3 * TAXELS {

@@ -1,4 +1,4 @@
-//! Forces beyond ±8 N: what clipping does to a taxel's decision, and whether it is always told.
+//! Forces beyond ±8 N: what clipping does to a taxel's decision, and whether it is always reported.
 
 use gripline_protocol::{ForceMap, TAXELS};
 use rand::RngExt;
@@ -30,7 +30,7 @@ pub(crate) fn sweep(effort: Effort) -> Sweep {
         ],
     );
     let maps = effort.of(600, 12);
-    let (mut untold, mut unsafe_below, mut signs) = (0, 0, 0);
+    let (mut misreported, mut unsafe_below, mut signs) = (0, 0, 0);
     for (stream, beyond) in (500..).zip(BEYOND) {
         let mut random = effort.random(stream);
         let mut counts = [0_u64; 8];
@@ -42,7 +42,7 @@ pub(crate) fn sweep(effort: Effort) -> Sweep {
             }
             // No NaN and no infinity, so it is not refused.
             let Ok((map, saturated)) = ForceMap::quantise(&newtons) else {
-                untold += 1;
+                misreported += 1;
                 continue;
             };
             let clipped = newtons
@@ -73,14 +73,17 @@ pub(crate) fn sweep(effort: Effort) -> Sweep {
                 }
             }
         }
-        untold += counts[2] - counts[3];
+        misreported += counts[2] - counts[3];
         unsafe_below += counts[5];
         signs += counts[7];
         let mut row = vec![json!(beyond)];
         row.extend(counts.iter().map(|count| json!(count)));
         sweep.row(row);
     }
-    sweep.none("maps whose number of clipped components is told wrongly", untold);
+    sweep.none(
+        "maps whose number of clipped components is reported wrongly",
+        misreported,
+    );
     sweep.none(
         "clipped taxels that slip and are taken for sticking, μ below 1",
         unsafe_below,

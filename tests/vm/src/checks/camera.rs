@@ -129,7 +129,7 @@ pub(super) fn missing() -> Result<String, String> {
     let running =
         start(command(&["run", "--camera", CAMERA]).uid(NOBODY)).map_err(|error| error.to_string())?;
     running.wait()?.expect(1, &["permission denied", "group video"])?;
-    Ok("both told".to_owned())
+    Ok("both reported".to_owned())
 }
 
 pub(super) fn replugged() -> Result<String, String> {

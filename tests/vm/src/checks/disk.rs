@@ -99,6 +99,6 @@ pub(super) fn slow() -> Result<String, String> {
     }
     ended.expect(WITH_LOSS, &["not in the recording"])?;
     Ok(format!(
-        "{frames} frames, {dropped} pictures and frames not recorded, all told"
+        "{frames} frames, {dropped} pictures and frames not recorded, all reported"
     ))
 }

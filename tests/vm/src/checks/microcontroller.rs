@@ -91,7 +91,7 @@ fn device_result<T>(what: std::io::Result<T>) -> Result<T, String> {
     what.map_err(|error| format!("the device: {error}"))
 }
 
-/// Every answer was right. An emulated processor may be too slow for some frames: these are told.
+/// Every answer was right. An emulated processor may be too slow for some frames: these are reported.
 fn sound(ended: &Ended) -> Result<f64, String> {
     if ended.code != Some(0) {
         ended.expect(WITH_LOSS, &[])?;
@@ -235,7 +235,7 @@ pub(super) fn hangs() -> Result<String, String> {
         return Err(format!("nobody noticed: {:?}", ended.summary()?));
     }
     Ok(format!(
-        "{silent} frames told that it is silent, {lost} packets not taken, the line held, then answered again"
+        "{silent} frames reported that it is silent, {lost} packets not taken, the line held, then answered again"
     ))
 }
 

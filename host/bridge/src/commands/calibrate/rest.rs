@@ -45,7 +45,7 @@ pub(super) struct RestArgs {
 /// # Errors
 /// [`Error`] that lists everything that is wrong with the pictures.
 pub(super) fn run(args: &RestArgs) -> Result<(), Error> {
-    // A calibration that cannot be read is told before anybody is asked for anything.
+    // A calibration that cannot be read is reported before anybody is asked for anything.
     Calibration::load_or_new(&args.common.out)?;
     let (pictures, source) = pictures(args)?;
     let device = args.common.device.clone().unwrap_or(source);

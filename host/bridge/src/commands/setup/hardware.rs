@@ -100,7 +100,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn cameras_are_told_once_each_by_the_name_that_stays() {
+    fn cameras_are_listed_once_each_by_the_name_that_stays() {
         let device = |file: &str, name: &str, index| Device {
             file: file.into(),
             name: name.to_owned(),

@@ -1,4 +1,4 @@
-//! What is too old is dropped, counted and told, and leaves no gap behind. The pictures' ages are made up: no test depends on
+//! What is too old is dropped, counted and reported, and leaves no gap behind. The pictures' ages are made up: no test depends on
 //! how busy the machine is.
 
 use std::time::{Duration, Instant};
@@ -52,7 +52,7 @@ impl Scene {
 }
 
 #[test]
-fn a_picture_that_is_too_old_when_its_turn_comes_is_dropped_counted_and_told() {
+fn a_picture_that_is_too_old_when_its_turn_comes_is_dropped_counted_and_reported() {
     let mut scene = Scene::new();
     for _ in 0..3 {
         assert_eq!(scene.frame(Pacing::None, Duration::ZERO).late, None);

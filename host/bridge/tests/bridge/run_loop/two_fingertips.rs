@@ -118,7 +118,7 @@ fn a_fingertip_whose_camera_goes_away_holds_the_line_until_it_is_back() {
         line_n = report.line_n;
     }
     let reported_s = reported_s.expect("a fingertip is silent and nobody says so");
-    // 100 ms, and a frame until it is told.
+    // 100 ms, and a frame until it is reported.
     assert!((3.1..3.2).contains(&reported_s), "{reported_s} s");
     assert!(
         line_n > held_n,

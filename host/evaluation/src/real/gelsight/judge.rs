@@ -72,7 +72,7 @@ pub(in crate::real) struct WitnessFigures {
     pub(super) stratified_without_wrong_label: Option<f64>,
     /// The threshold that tells most trials right, none left out.
     pub(super) threshold: f64,
-    /// Share of trials told right at the threshold that was best for other objects.
+    /// Share of trials judged right at the threshold that was best for other objects.
     pub(super) accuracy: Option<f64>,
     /// Share of slip trials with an alarm at the lowest threshold that gives all holds at most 0.3 alarms a minute.
     pub(super) sensitivity: Option<f64>,

@@ -143,7 +143,7 @@ fn a_rest_picture_that_is_missing_moved_dented_dimmed_or_anothers_is_reported() 
 }
 
 #[test]
-fn pictures_that_come_too_seldom_or_not_at_all_are_told() {
+fn pictures_that_come_too_seldom_or_not_at_all_are_reported() {
     let every = |step: f64| (0..60).map(|k| f64::from(k) * step).collect::<Vec<_>>();
     assert_finding(&frame_rate(&every(1.0 / 60.0), 60.0), Ok, "60.0/s, 0 late", "");
     assert_finding(
