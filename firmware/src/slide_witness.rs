@@ -120,6 +120,8 @@ struct Test {
     proven: u16,
     /// It is about a load that had settled.
     is_first: bool,
+    /// The most that the contact has carried since, shear over normal force.
+    highest: u16,
     /// Slots in a row in which the shear has risen as much as the normal force.
     followed: u8,
     /// Slots in a row in which the shear has hardly risen.
@@ -492,6 +494,7 @@ impl SlideWitness {
             limit: self.limit,
             proven: friction,
             is_first: suspicion == Suspicion::Settled,
+            highest: 0,
             followed: 0,
             stayed: 0,
             is_confirmed: suspicion == Suspicion::Seen,
@@ -515,6 +518,7 @@ impl SlideWitness {
         let [shear_rise, normal_rise] = [change(shear, test.shear), change(normal, test.normal)];
         let [of_shear, of_normal] = self.changes(shear, normal);
         let now = ratio(shear, normal);
+        test.highest = test.highest.max(now);
         let mut is_over = test.for_us > TEST_US_MAX;
         let mut has_grown = false;
         if test.is_confirmed {
@@ -539,8 +543,11 @@ impl SlideWitness {
             test.followed = if follows { more } else { 0 };
             let stays = 3 * shear_rise < normal_rise;
             test.stayed = if stays { test.stayed + 1 } else { 0 };
-            test.is_confirmed =
-                test.followed >= FOLLOWED_SLOTS && ratio(test.shear, test.normal) >= self.min_friction();
+            // What slides carries about the same share all the time; a load that swings back carries more, and less again.
+            let swings = 7 * u32::from(test.highest) > 8 * u32::from(now);
+            test.is_confirmed = test.followed >= FOLLOWED_SLOTS
+                && !swings
+                && ratio(test.shear, test.normal) >= self.min_friction();
             if test.is_confirmed {
                 self.limit = self.limit.min(ratio(test.shear, test.normal)).max(1);
                 // From now on: the gripper has yet to follow.
@@ -788,6 +795,23 @@ mod tests {
     }
 
     #[test]
+    fn a_load_that_swings_back_in_a_test_and_rises_with_the_grip_for_a_while_has_not_slid() {
+        let of = |first_rise: f64| {
+            let mut witness = in_its_first_test();
+            let test = witness.test.as_mut().expect("it tests");
+            (test.is_first, test.limit) = (false, 6_000);
+            for map in 1..20 {
+                let share = 1.04_f64.powi(map);
+                let load = 1_000.0 * share.clamp(first_rise, first_rise.max(1.5));
+                show(&mut witness, load as i32, (4_000.0 * share) as i32);
+            }
+            witness.verdict().finding
+        };
+        assert_eq!(of(1.0), Finding::Slid);
+        assert_eq!(of(1.5), Finding::Held);
+    }
+
+    #[test]
     fn a_contact_that_has_slid_is_not_believed_to_slide_at_less_than_a_third_of_that() {
         let mut witness = SlideWitness {
             carried: 6_000,
@@ -803,6 +827,7 @@ mod tests {
             limit: UNLIMITED,
             proven: 6_000,
             is_first: false,
+            highest: 0,
             followed: 0,
             stayed: 0,
             is_confirmed: false,
