@@ -22,7 +22,8 @@ use crate::constants::{
     FRICTION_LOSS_MAX, HUSH_HELD_US, HUSH_US, NEWS_SHARE, NOISE_MAX, QUIET_DROP_SHARE, RECENT_FALL_SHARE,
     RISES_SHARE, SETTLED_US, SHEAR_ERROR_PART, SHORT_SHARE_MAX, SHORT_SHARE_MIN, SHORT_US,
     SLIDING_FRICTION_MIN, SLIDING_RATIO_MIN, SLOT_US, STALLED_US, SUDDEN_DROP_SHARE, SWING_LOSS_MAX,
-    TEST_MARGIN, TEST_US_MAX, UNPROVEN_US_MAX, UNTRIED_US, WATCHED_US, WHOLE_STICK_RATIO, WITNESSED_LOAD_MIN,
+    SWUNG_8THS, TEST_MARGIN, TEST_US_MAX, UNPROVEN_US_MAX, UNTRIED_US, WATCHED_US, WHOLE_STICK_RATIO,
+    WITNESSED_LOAD_MIN,
 };
 use crate::learning_settings::LearningSettings;
 use crate::sums::stick_ratio_below;
@@ -120,7 +121,7 @@ struct Test {
     proven: u16,
     /// It is about a load that had settled.
     is_first: bool,
-    /// The most that the contact has carried since, shear over normal force.
+    /// The most that the contact has carried since, shear over normal force, 1/10000.
     highest: u16,
     /// Slots in a row in which the shear has risen as much as the normal force.
     followed: u8,
@@ -518,7 +519,10 @@ impl SlideWitness {
         let [shear_rise, normal_rise] = [change(shear, test.shear), change(normal, test.normal)];
         let [of_shear, of_normal] = self.changes(shear, normal);
         let now = ratio(shear, normal);
-        test.highest = test.highest.max(now);
+        if test.for_us > passed_us {
+            // The mean before reaches back to the slot in which the slide began.
+            test.highest = test.highest.max(now);
+        }
         let mut is_over = test.for_us > TEST_US_MAX;
         let mut has_grown = false;
         if test.is_confirmed {
@@ -544,7 +548,7 @@ impl SlideWitness {
             let stays = 3 * shear_rise < normal_rise;
             test.stayed = if stays { test.stayed + 1 } else { 0 };
             // What slides carries about the same share all the time; a load that swings back carries more, and less again.
-            let swings = 7 * u32::from(test.highest) > 8 * u32::from(now);
+            let swings = SWUNG_8THS * u32::from(test.highest) > 8 * u32::from(now);
             test.is_confirmed = test.followed >= FOLLOWED_SLOTS
                 && !swings
                 && ratio(test.shear, test.normal) >= self.min_friction();
@@ -796,19 +800,39 @@ mod tests {
 
     #[test]
     fn a_load_that_swings_back_in_a_test_and_rises_with_the_grip_for_a_while_has_not_slid() {
-        let of = |first_rise: f64| {
+        // The load swings back to so much at once, and rises with the grip up to 1.5.
+        let of = |swung: f64| {
             let mut witness = in_its_first_test();
             let test = witness.test.as_mut().expect("it tests");
             (test.is_first, test.limit) = (false, 6_000);
             for map in 1..20 {
                 let share = 1.04_f64.powi(map);
-                let load = 1_000.0 * share.clamp(first_rise, first_rise.max(1.5));
+                let load = 1_000.0 * share.clamp(swung, 1.5);
                 show(&mut witness, load as i32, (4_000.0 * share) as i32);
             }
             witness.verdict().finding
         };
         assert_eq!(of(1.0), Finding::Slid);
         assert_eq!(of(1.5), Finding::Held);
+    }
+
+    #[test]
+    fn a_slide_that_begins_in_the_middle_of_a_slot_is_found() {
+        for first in [0.95, 0.9, 0.85, 0.8, 0.75] {
+            let mut witness = SlideWitness::default();
+            for _ in 0..120 {
+                show(&mut witness, 6_000, 10_000);
+            }
+            assert!(!witness.verdict().tests(), "a held load is under test");
+            show(&mut witness, (6_000.0 * first) as i32, 10_000);
+            let mut has_slid = false;
+            for map in 0..20 {
+                let share = 1.05_f64.powi(map);
+                show(&mut witness, (3_600.0 * share) as i32, (10_000.0 * share) as i32);
+                has_slid |= witness.verdict().urgency == Urgency::Follows;
+            }
+            assert!(has_slid, "{first}");
+        }
     }
 
     #[test]
