@@ -10,10 +10,10 @@ use std::arch::aarch64::{
     vaddq_s32, vbicq_u32, vbslq_f32, vcltq_f32, vcltzq_f32, vcombine_u8, vcreate_u8, vcvtq_f32_s32,
     vcvtq_f32_u32, vcvtq_s32_f32, vdupq_n_f32, vdupq_n_s16, vdupq_n_s32, vdupq_n_u16, vdupq_n_u32,
     vdupq_n_u64, vfmaq_f32, vfmaq_laneq_f32, vget_high_f32, vget_low_f32, vget_low_s8, vget_low_s16,
-    vget_low_u8, vget_low_u16, vld1q_f32, vld1q_s8, vld1q_s16, vld1q_u8, vld1q_u16, vld2q_s16, vminq_u32,
-    vminvq_u32, vmlal_high_laneq_s16, vmlal_high_s16, vmlal_laneq_s16, vmlal_s16, vmovl_high_s8,
-    vmovl_high_u8, vmovl_high_u16, vmovl_s8, vmovl_u8, vmovl_u16, vmulq_f32, vpaddq_f32, vpaddq_s32,
-    vpaddq_u16, vpadds_f32, vqaddq_u16, vqtbl1q_u8, vreinterpretq_f32_u32, vreinterpretq_f32_u64,
+    vget_low_u8, vget_low_u16, vld1q_f32, vld1q_s8, vld1q_s16, vld1q_u8, vld1q_u16, vld2q_s16, vminq_f32,
+    vminq_u32, vminvq_f32, vminvq_u32, vmlal_high_laneq_s16, vmlal_high_s16, vmlal_laneq_s16, vmlal_s16,
+    vmovl_high_s8, vmovl_high_u8, vmovl_high_u16, vmovl_s8, vmovl_u8, vmovl_u16, vmulq_f32, vpaddq_f32,
+    vpaddq_s32, vpaddq_u16, vpadds_f32, vqaddq_u16, vqtbl1q_u8, vreinterpretq_f32_u32, vreinterpretq_f32_u64,
     vreinterpretq_s16_s32, vreinterpretq_s16_u16, vreinterpretq_s16_u32, vreinterpretq_s16_u64,
     vreinterpretq_s32_s16, vreinterpretq_u32_f32, vreinterpretq_u32_u16, vrndq_f32, vst1q_f32, vst1q_s32,
     vst1q_u16, vsubq_f32, vsubq_s32, vuzp1q_s16, vuzp2q_s16, vzip1q_u16, vzip2q_u16,
@@ -441,6 +441,12 @@ impl F32x8 for F32 {
             let four = vaddq_f32(self.0[0], self.0[1]);
             vpadds_f32(vadd_f32(vget_low_f32(four), vget_high_f32(four)))
         }
+    }
+
+    #[inline(always)]
+    fn min(self) -> f32 {
+        // SAFETY: see the module.
+        unsafe { vminvq_f32(vminq_f32(self.0[0], self.0[1])) }
     }
 }
 

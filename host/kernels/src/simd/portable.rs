@@ -268,6 +268,11 @@ impl F32x8 for [f32; 8] {
         let four: [f32; 4] = std::array::from_fn(|k| self[k] + self[k + 4]);
         (four[0] + four[2]) + (four[1] + four[3])
     }
+
+    #[inline(always)]
+    fn min(self) -> f32 {
+        self.into_iter().fold(f32::INFINITY, f32::min)
+    }
 }
 
 #[derive(Clone, Copy)]

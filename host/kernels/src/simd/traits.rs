@@ -222,6 +222,9 @@ pub trait F32x8: Copy {
 
     /// The sum of the lanes, in pairs: those four apart, then those two apart, then the rest.
     fn sum(self) -> f32;
+
+    /// The smallest lane, of which none is NaN.
+    fn min(self) -> f32;
 }
 
 /// Sixteen int16: eight pixels of one block, then eight of the block beside it.

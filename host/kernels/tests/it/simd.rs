@@ -68,6 +68,33 @@ fn eight_at_a_time_give_the_same_as_one_at_a_time() {
     }
 }
 
+/// The smallest of eight numbers, with the smallest in each place.
+struct Smallest;
+
+impl Dispatch for Smallest {
+    type Output = Vec<f32>;
+
+    #[inline(always)]
+    fn run<S: Simd>(self) -> Vec<f32> {
+        let mut smallest = Vec::new();
+        for place in 0..8 {
+            let mut numbers = [7.0, f32::INFINITY, -1.5, 3.0, 1e9, 0.0, -1.25, 2.0];
+            numbers[place] = -2.0 - place as f32;
+            smallest.push(S::F32x8::load(&numbers).min());
+        }
+        smallest.push(S::F32x8::splat(f32::INFINITY).min());
+        smallest
+    }
+}
+
+#[test]
+fn the_smallest_lane_is_found_in_every_place() {
+    for set in sets() {
+        let expected = [-2.0, -3.0, -4.0, -5.0, -6.0, -7.0, -8.0, -9.0, f32::INFINITY];
+        assert_eq!(dispatch(set, Smallest), expected, "{set}");
+    }
+}
+
 #[test]
 fn rounding_is_that_of_the_standard_library() {
     for sixteenth in -2_000_i16..=2_000 {

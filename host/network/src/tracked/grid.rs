@@ -16,6 +16,8 @@ pub const GRID_PITCH_MM: f32 = 0.8;
 
 /// Up to this depth a particle is near, from the second on it is far, mm below the surface; in between it is partly both.
 const NEAR_FAR_MM: [f32; 2] = [2.0, 4.4];
+/// The nodes of a row, a bit each.
+const ALL_COLUMNS: u64 = (1 << GRID_SIDE) - 1;
 /// Prior weight in the mean motion and in the confidence.
 const PRIOR: [f32; 2] = [0.1, 0.5];
 
@@ -42,13 +44,13 @@ pub struct GridInterpolator {
     starts: Vec<u32>,
     /// Particle, its weight as a near one, its weight as a far one.
     entries: Vec<(u32, f32, f32)>,
-    /// Nodes that a particle contributes to: first row and column, and one past the last.
-    support: Vec<[u8; 4]>,
+    /// Nodes that a particle contributes to: first row, one past the last, and columns, a bit each.
+    support: Vec<([u8; 2], u64)>,
     /// The tracks of the last grid, and their weighted motions and weights.
     tracks: Vec<Track>,
-    motions_mm: Vec<[f32; 3]>,
-    /// Nodes whose particles' tracks have changed.
-    dirty: Vec<bool>,
+    motions_mm: Vec<[f32; 4]>,
+    /// Nodes whose particles' tracks have changed, by row, a bit for each column.
+    dirty: [u64; GRID_SIDE],
     grid: Box<Grid>,
 }
 
@@ -63,7 +65,7 @@ impl Default for GridInterpolator {
             support: Vec::new(),
             tracks: Vec::new(),
             motions_mm: Vec::new(),
-            dirty: Vec::new(),
+            dirty: [0; GRID_SIDE],
             grid: empty_grid(),
         }
     }
@@ -89,7 +91,8 @@ impl GridInterpolator {
             let nearest = place.map(f32::round);
             let first = |k: usize| (nearest[k] - 1.0).clamp(0.0, GRID_SIDE as f32) as u8;
             let end = |k: usize| (nearest[k] + 2.0).clamp(0.0, GRID_SIDE as f32) as u8;
-            support.push([first(1), first(0), end(1), end(0)]);
+            let columns = (1_u64 << end(0)) - (1 << first(0));
+            support.push(([first(1), end(1)], columns));
             // Quadratic B-spline over three nodes.
             let weights = [0, 1].map(|k| {
                 let t = place[k] - nearest[k];
@@ -123,12 +126,12 @@ impl GridInterpolator {
         Self {
             lens: Some(*lens),
             tracks: vec![Track::default(); particles.len()],
-            motions_mm: vec![[0.0; 3]; particles.len()],
+            motions_mm: vec![[0.0; 4]; particles.len()],
             positions,
             starts,
             entries,
             support,
-            dirty: vec![true; GRID_NODES],
+            dirty: [ALL_COLUMNS; GRID_SIDE],
             grid: empty_grid(),
         }
     }
@@ -148,25 +151,26 @@ impl GridInterpolator {
                 continue;
             }
             *last = *track;
-            let [top, left, bottom, right] = support.map(usize::from);
-            for row in top..bottom {
-                self.dirty[row * GRID_SIDE + left..row * GRID_SIDE + right].fill(true);
+            let &([top, bottom], columns) = support;
+            for row in usize::from(top)..usize::from(bottom) {
+                self.dirty[row] |= columns;
             }
-            *motion = [0.0; 3];
+            *motion = [0.0; 4];
             if track.confidence > 0.0 {
                 let [x, y] = [0, 1].map(|k| particle.at_px[k] + track.motion_px[k]);
                 let now_mm = lens.on_plane([x, y], height_mm);
                 let weight = track_weight(track.confidence);
                 let [x, y] = [now_mm[0] - rest_mm[0], now_mm[1] - rest_mm[1]];
-                *motion = [weight * x, weight * y, weight];
+                *motion = [weight * x, weight * y, weight, 0.0];
             }
         }
-        for (node, (range, dirty)) in self.starts.windows(2).zip(&mut self.dirty).enumerate() {
-            if !std::mem::take(dirty) {
+        for (node, range) in self.starts.windows(2).enumerate() {
+            if self.dirty[node / GRID_SIDE] >> (node % GRID_SIDE) & 1 == 0 {
                 continue;
             }
             let entries = &self.entries[range[0] as usize..range[1] as usize];
-            let mut sums = [[0.0_f32; 3]; 2];
+            // Of four numbers, so that they fill a vector.
+            let mut sums = [[0.0_f32; 4]; 2];
             for &(particle, near, far) in entries {
                 let motion = self.motions_mm[particle as usize];
                 for (sums, weight) in sums.iter_mut().zip([near, far]) {
@@ -175,12 +179,13 @@ impl GridInterpolator {
                     }
                 }
             }
-            for (class, [x, y, known]) in sums.into_iter().enumerate() {
+            for (class, [x, y, known, _]) in sums.into_iter().enumerate() {
                 self.grid[3 * class][node] = x / (known + PRIOR[0]);
                 self.grid[3 * class + 1][node] = y / (known + PRIOR[0]);
                 self.grid[3 * class + 2][node] = known / (known + PRIOR[1]);
             }
         }
+        self.dirty = [0; GRID_SIDE];
         &self.grid
     }
 }

@@ -120,18 +120,11 @@ impl Template {
     }
 }
 
-/// Room for the pixels that a [`Patch`] reads. To clear it for every patch would take a thirtieth of the tracker's time.
-pub(super) type PatchPixels = [[f32; 16]; PATCH + 3];
-
 /// The difference of a template and the image at a moved place.
 pub(super) struct Patch<'a, L> {
     now: &'a Level<CROP_SIDE>,
     corner: [i32; 2],
     template: &'a [[u8; 8]; PATCH],
-    /// The whole-pixel motion at which `pixels` was read.
-    whole: Option<[i32; 2]>,
-    /// The image from one pixel left and above the patch to two right and below.
-    pixels: &'a mut PatchPixels,
     /// Image minus template.
     difference: [L; PATCH],
 }
@@ -142,18 +135,11 @@ pub(super) struct Patch<'a, L> {
 )]
 impl<'a, L: F32x8> Patch<'a, L> {
     #[inline(always)]
-    pub(super) fn new(
-        template: &'a Template,
-        now: &'a Level<CROP_SIDE>,
-        corner: [i32; 2],
-        pixels: &'a mut PatchPixels,
-    ) -> Self {
+    pub(super) fn new(template: &'a Template, now: &'a Level<CROP_SIDE>, corner: [i32; 2]) -> Self {
         Self {
             now,
             corner,
             template: &template.pixels,
-            whole: None,
-            pixels,
             difference: [L::splat(0.0); PATCH],
         }
     }
@@ -175,40 +161,26 @@ impl<'a, L: F32x8> Patch<'a, L> {
         let whole = [motion_px[0].floor(), motion_px[1].floor()];
         let across = cubic_weights(motion_px[0] - whole[0]);
         let down = cubic_weights(motion_px[1] - whole[1]);
-        self.read([whole[0] as i32, whole[1] as i32]);
+        // From one pixel left of the patch and above it to two right and below.
+        let rows = self.now.rows::<{ PATCH + 3 }>(
+            self.corner[0] + whole[0] as i32 - 1,
+            self.corner[1] + whole[1] as i32 - 1,
+        );
         let mut lines = [L::splat(0.0); PATCH + 3];
         for row in 0..PATCH + 3 {
-            let pixels = &self.pixels[row];
             lines[row] = weighted_sum(
                 across,
                 [
-                    eight(pixels, 0),
-                    eight(pixels, 1),
-                    eight(pixels, 2),
-                    eight(pixels, 3),
+                    L::from_u8(*rows.at(row, 0)),
+                    L::from_u8(*rows.at(row, 1)),
+                    L::from_u8(*rows.at(row, 2)),
+                    L::from_u8(*rows.at(row, 3)),
                 ],
             );
         }
         for row in 0..PATCH {
             let image = weighted_sum(down, [lines[row], lines[row + 1], lines[row + 2], lines[row + 3]]);
             self.difference[row] = image.subtract(L::from_u8(self.template[row]));
-        }
-    }
-
-    #[inline(always)]
-    fn read(&mut self, whole: [i32; 2]) {
-        if self.whole == Some(whole) {
-            return;
-        }
-        self.whole = Some(whole);
-        let rows = self
-            .now
-            .rows::<{ PATCH + 3 }>(self.corner[0] + whole[0] - 1, self.corner[1] + whole[1] - 1);
-        for row in 0..PATCH + 3 {
-            let halves = self.pixels[row].as_chunks_mut::<8>().0;
-            for half in 0..2 {
-                L::from_u8(*rows.at(row, 8 * half)).store(&mut halves[half]);
-            }
         }
     }
 
@@ -247,10 +219,4 @@ fn weighted_sum<L: F32x8>(weights: [f32; 4], of: [L; 4]) -> L {
         .multiply(c)
         .add(L::splat(weights[3]).multiply(d));
     first.add(last)
-}
-
-/// Eight pixels of a row.
-#[inline(always)]
-fn eight<L: F32x8>(row: &[f32; 16], first: usize) -> L {
-    L::load(row[first..].first_chunk().expect("within the row"))
 }

@@ -10,7 +10,7 @@ use gripline_kernels::simd::{F32x8, Simd, TABLE, Table, round};
 use super::dirty_tiles::{DirtyTiles, TileRect};
 use super::level::Level;
 use super::particles::Particle;
-use super::patch::{HALF, PATCH, Patch, PatchPixels, PatchWeights, Template};
+use super::patch::{HALF, PATCH, Patch, PatchWeights, Template};
 use super::search_ray::{MotionRect, SearchRay, TABLE_SIDE};
 use crate::constants::CROP_SIDE;
 
@@ -40,11 +40,14 @@ pub struct Track {
     pub confidence: f32,
 }
 
+/// The motion of the surface that a search is given, [`SURFACE_STEPS`] a pixel.
+type Surface = [i32; 2];
+
 /// The match of a particle, and what it depends on.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Match {
-    /// The motion of the surface that the search was given, [`SURFACE_STEPS`] a pixel; none before the first search.
-    surface: Option<[i32; 2]>,
+    /// What the search was given; none before the first one.
+    surface: Option<Surface>,
     /// Tiles that the whole-pixel search read.
     search_tiles: TileRect,
     start: Option<Start>,
@@ -105,35 +108,50 @@ fn patch_tiles(particle: &Particle, min: [i32; 2], max: [i32; 2]) -> TileRect {
 
 /// Matches templates in the image now.
 pub(super) struct Search<'a> {
-    pub(super) weights: &'a PatchWeights,
-    pub(super) now: &'a Level<CROP_SIDE>,
+    weights: &'a PatchWeights,
+    now: &'a Level<CROP_SIDE>,
+    /// The last ray, and the surface motion that it was made for: neighbours often share it.
+    ray: (Surface, SearchRay),
 }
 
-impl Search<'_> {
+impl<'a> Search<'a> {
+    #[inline]
+    pub(super) fn new(weights: &'a PatchWeights, now: &'a Level<CROP_SIDE>) -> Self {
+        Self {
+            weights,
+            now,
+            ray: ([0; 2], SearchRay::new([0.0; 2])),
+        }
+    }
+
     /// Updates the match of a particle, given about how far the surface above it moved. Repeats each of the two parts only
     /// if its inputs changed. Returns whether the track or the tiles that it depends on can have changed.
     #[inline(always)]
     pub(super) fn update<S: Simd>(
-        &self,
+        &mut self,
         matched: &mut Match,
         template: &Template,
         particle: &Particle,
         surface_px: [f32; 2],
         dirty: &DirtyTiles,
-        pixels: &mut PatchPixels,
     ) -> bool {
         let search_tiles = matched.search_tiles;
         let surface = surface_px.map(|v| round(SURFACE_STEPS * v));
         let moved = matched.surface != Some(surface);
         let mut start = matched.start;
         if moved || dirty.any_in(matched.search_tiles) {
-            let ray = SearchRay::new(surface.map(|steps| steps as f32 / SURFACE_STEPS));
+            if surface != self.ray.0 {
+                self.ray = (
+                    surface,
+                    SearchRay::new(surface.map(|steps| steps as f32 / SURFACE_STEPS)),
+                );
+            }
+            let ray = &self.ray.1;
             if moved {
                 matched.surface = Some(surface);
-                let MotionRect { first, last } = ray.bounds(ray.ends);
-                matched.search_tiles = patch_tiles(particle, first, last);
+                matched.search_tiles = patch_tiles(particle, ray.motions.first, ray.motions.last);
             }
-            let motion = self.whole_pixel::<S>(template, particle, &ray);
+            let motion = self.whole_pixel::<S>(template, particle, ray);
             start = motion.map(|motion| Start {
                 motion,
                 long: ray.length > LONG,
@@ -151,7 +169,7 @@ impl Search<'_> {
         );
         // A closure would compile for another instruction set.
         matched.track = match start {
-            Some(start) => self.refine::<S>(template, particle, start, pixels),
+            Some(start) => self.refine::<S>(template, particle, start),
             None => Track::default(),
         };
         true
@@ -175,7 +193,7 @@ impl Search<'_> {
         let (mut min_cost, mut best_along, mut best_across) = (never, never, never);
         let mut step = from;
         while step <= to {
-            let bounds = ray.bounds([step, (step + 7.0).min(to)]);
+            let bounds = ray.eight_steps(step);
             let within = bounds.clipped(particle);
             let along = S::F32x8::splat(step).add(S::F32x8::load(&[0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0]));
             step += 8.0;
@@ -215,17 +233,12 @@ impl Search<'_> {
                 offset += 1.0;
             }
         }
-        let [mut cost, mut along, mut across] = [[0.0; 8]; 3];
-        min_cost.store(&mut cost);
-        best_along.store(&mut along);
-        best_across.store(&mut across);
-        let mut best = 0;
-        for k in 1..8 {
-            if (cost[k], along[k]) < (cost[best], along[best]) {
-                best = k;
-            }
-        }
-        (cost[best] < f32::INFINITY).then(|| ray.motion(along[best], across[best]))
+        let least = min_cost.min();
+        // Of the lanes with that cost, the first along the ray; no two are as far along it.
+        let first_along = S::F32x8::splat(least).select_less(min_cost, never, best_along);
+        let along = first_along.min();
+        let across = S::F32x8::splat(along).select_less(first_along, never, best_across);
+        (least < f32::INFINITY).then(|| ray.motion(along, across.min()))
     }
 
     /// The SADs at these motions, in rows of [`TABLE_SIDE`].
@@ -244,14 +257,8 @@ impl Search<'_> {
 
     /// Refines a whole-pixel motion: inverse compositional Lucas–Kanade (Gauss–Newton), cubic interpolation.
     #[inline(always)]
-    fn refine<S: Simd>(
-        &self,
-        template: &Template,
-        particle: &Particle,
-        start: Start,
-        pixels: &mut PatchPixels,
-    ) -> Track {
-        let mut patch = Patch::<S::F32x8>::new(template, self.now, particle.corner(), pixels);
+    fn refine<S: Simd>(&self, template: &Template, particle: &Particle, start: Start) -> Track {
+        let mut patch = Patch::<S::F32x8>::new(template, self.now, particle.corner());
         let start_px = [start.motion[0] as f32, start.motion[1] as f32];
         let mut at = start_px;
         let mut residual = f32::INFINITY;
@@ -376,10 +383,7 @@ mod tests {
             .enumerate()
         {
             let now = spots(9 + apart % 5);
-            let search = Search {
-                weights: &weights,
-                now: &now.full,
-            };
+            let search = Search::new(&weights, &now.full);
             let angle = turn as f32 * std::f32::consts::PI / 6.0;
             let ray = SearchRay::new([length * angle.cos(), length * angle.sin()]);
             for particle in particles.iter().skip(apart).step_by(61) {

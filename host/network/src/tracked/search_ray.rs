@@ -22,13 +22,15 @@ pub(super) struct SearchRay {
     pub(super) ends: [f32; 2],
     /// Steps to either side, whole pixels.
     pub(super) half_width: f32,
+    /// The bounding box of all motions.
+    pub(super) motions: MotionRect,
 }
 
 impl SearchRay {
     #[inline(always)]
     pub(super) fn new(surface_px: [f32; 2]) -> Self {
         let length = length(surface_px);
-        Self {
+        let ray = Self {
             along: if length > 0.0 {
                 [surface_px[0] / length, surface_px[1] / length]
             } else {
@@ -37,6 +39,14 @@ impl SearchRay {
             length,
             ends: [(-0.15 * length - 1.5).floor(), (1.15 * length + 1.5).ceil()],
             half_width: (1.0 + 0.2 * length).min(4.0).floor(),
+            motions: MotionRect {
+                first: [0; 2],
+                last: [0; 2],
+            },
+        };
+        Self {
+            motions: ray.bounds(ray.ends),
+            ..ray
         }
     }
 
@@ -47,9 +57,20 @@ impl SearchRay {
         [round(along * x - across * y), round(along * y + across * x)]
     }
 
+    /// The bounding box of the motions of eight steps along, from this one on.
+    #[inline(always)]
+    pub(super) fn eight_steps(&self, step: f32) -> MotionRect {
+        let [from, to] = self.ends;
+        if step <= from && to <= from + 7.0 {
+            self.motions
+        } else {
+            self.bounds([step, (step + 7.0).min(to)])
+        }
+    }
+
     /// The bounding box of the motions between two steps along.
     #[inline(always)]
-    pub(super) fn bounds(&self, [from, to]: [f32; 2]) -> MotionRect {
+    fn bounds(&self, [from, to]: [f32; 2]) -> MotionRect {
         let [x, y] = self.along;
         let [mut first, mut last] = [[0; 2]; 2];
         for (k, (forward, sideways)) in [(x, y), (y, x)].into_iter().enumerate() {

@@ -15,7 +15,7 @@ use super::dirty_tiles::{self, DirtyTiles, TILES, TileRect};
 use super::flow::{Flow, NodePosition, NodeRect};
 use super::level::Level;
 use super::particles::{self, Particle};
-use super::patch::{PATCH, PatchWeights, Template};
+use super::patch::{PatchWeights, Template};
 use super::pyramid::Pyramid;
 use super::search::{Match, Search, Track, motion_ratio};
 use super::search_ray::length;
@@ -276,12 +276,8 @@ impl Tracker {
         let dirty = &dirty;
         self.now.update(now, dirty);
         self.flow.update::<S>(&self.rest, &self.now, dirty);
-        let search = Search {
-            weights: &self.weights,
-            now: &self.now.full,
-        };
+        let mut search = Search::new(&self.weights, &self.now.full);
         let mean_ratio = motion_ratio(MEAN_DEPTH_MM);
-        let mut pixels = [[0.0; 16]; PATCH + 3];
         for cell in &mut self.cells {
             let moved = self.flow.changed_in(cell.nodes);
             if !moved && !dirty.any_in(cell.tiles) {
@@ -290,14 +286,8 @@ impl Tracker {
             let mut changed = false;
             for (tracked, template) in cell.particles.iter_mut().zip(&cell.templates) {
                 let surface_px = self.flow.at(tracked.flow_position).map(|v| v / mean_ratio);
-                changed |= search.update::<S>(
-                    &mut tracked.first,
-                    template,
-                    &tracked.particle,
-                    surface_px,
-                    dirty,
-                    &mut pixels,
-                );
+                changed |=
+                    search.update::<S>(&mut tracked.first, template, &tracked.particle, surface_px, dirty);
                 changed |= tracked.second.is_searched() && dirty.any_in(tracked.second.tiles());
             }
             if !changed {
@@ -314,14 +304,7 @@ impl Tracker {
                 let mut track = tracked.first.track;
                 cell.tiles = cell.tiles.union(tracked.first.tiles());
                 if contradicts(&track, voted_px) {
-                    search.update::<S>(
-                        &mut tracked.second,
-                        template,
-                        &tracked.particle,
-                        voted_px,
-                        dirty,
-                        &mut pixels,
-                    );
+                    search.update::<S>(&mut tracked.second, template, &tracked.particle, voted_px, dirty);
                     cell.tiles = cell.tiles.union(tracked.second.tiles());
                     track = tracked.second.track;
                     if contradicts(&track, voted_px) {
@@ -400,7 +383,9 @@ impl Votes {
         if self.count < VOTES_MIN {
             return [f32::NAN; 2];
         }
-        [0, 1].map(|k| median_of(&mut self.motions_px[k], self.count))
+        // A closure would compile for another instruction set.
+        let [x, y] = &mut self.motions_px;
+        [median_of(x, self.count), median_of(y, self.count)]
     }
 }
 
