@@ -11,7 +11,7 @@ use super::dirty_tiles::{DirtyTiles, TileRect};
 use super::level::Level;
 use super::particles::Particle;
 use super::patch::{HALF, PATCH, Patch, PatchWeights, Template};
-use super::search_ray::{MotionRect, SearchRay, TABLE_SIDE};
+use super::search_ray::{LONG, MotionRect, SearchRay, TABLE_SIDE};
 use crate::constants::CROP_SIDE;
 
 /// Largest number of Gauss–Newton steps, and the step at which they have converged, pixels.
@@ -26,8 +26,6 @@ const REFINEMENT_MAX: f32 = 2.0;
 const PRIOR: [f32; 2] = [10.0, 10.0];
 /// Smallest accepted confidence: for short rays, and for long ones, where other particles look alike.
 const CONFIDENCE_MIN: [f32; 2] = [0.6, 0.85];
-/// A ray is long above this surface motion, pixels.
-const LONG: f32 = 4.0;
 /// Thickness of the elastic layer, mm: its base does not move.
 const THICKNESS_MM: f32 = 6.0;
 
@@ -146,7 +144,10 @@ impl<'a> Search<'a> {
                     SearchRay::new(surface.map(|steps| steps as f32 / SURFACE_STEPS)),
                 );
             }
-            let ray = &self.ray.1;
+            let ray = &self
+                .ray
+                .1
+                .around(motion_ratio(particle.depth_mm) * self.ray.1.length);
             if moved {
                 matched.surface = Some(surface);
                 matched.search_tiles = patch_tiles(particle, ray.motions.first, ray.motions.last);

@@ -9,11 +9,17 @@ use gripline_kernels::simd::round;
 use super::particles::Particle;
 use crate::constants::CROP_SIDE;
 
+/// A ray is long above this surface motion, pixels.
+pub(super) const LONG: f32 = 4.0;
+/// A depth from brightness is good to 0.8 mm of the layer's 6. Three times that, as a share of the surface's motion: with shares
+/// of 0.3 to 0.6 the forces have the same errors, with no limit greater ones, because more particles are mistaken for others.
+const DEPTH_ERROR: f32 = 0.4;
 /// First and last pixel of an axis that a particle's centre may move to.
 const INSIDE: [i32; 2] = [2, CROP_SIDE as i32 - 3];
 
 /// The motions to search for a particle: from none to the whole motion of the surface, a little more, and a little to the
 /// sides.
+#[derive(Debug, Clone, Copy)]
 pub(super) struct SearchRay {
     /// Direction of the surface's motion.
     pub(super) along: [f32; 2],
@@ -38,7 +44,7 @@ impl SearchRay {
             },
             length,
             ends: [(-0.15 * length - 1.5).floor(), (1.15 * length + 1.5).ceil()],
-            half_width: (1.0 + 0.2 * length).min(4.0).floor(),
+            half_width: (1.0 + 0.1 * length).min(3.0).floor(),
             motions: MotionRect {
                 first: [0; 2],
                 last: [0; 2],
@@ -47,6 +53,25 @@ impl SearchRay {
         Self {
             motions: ray.bounds(ray.ends),
             ..ray
+        }
+    }
+
+    /// A long ray without what is far from the motion along it that a particle's depth suggests.
+    #[inline(always)]
+    pub(super) fn around(self, expected: f32) -> Self {
+        if self.length <= LONG {
+            return self;
+        }
+        let reach = DEPTH_ERROR * self.length + 1.5;
+        let [from, to] = self.ends;
+        let ends = [
+            from.max((expected - reach).floor()),
+            to.min((expected + reach).ceil()),
+        ];
+        Self {
+            motions: self.bounds(ends),
+            ends,
+            ..self
         }
     }
 
@@ -117,4 +142,29 @@ impl MotionRect {
 pub(super) fn length([x, y]: [f32; 2]) -> f32 {
     let [x, y] = [f64::from(x), f64::from(y)];
     (x * x + y * y).sqrt() as f32
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_long_ray_reaches_as_far_as_the_error_of_a_depth_and_no_farther_than_without_it() {
+        for length in [0.0, 3.75, 4.25, 10.0, 40.0_f32] {
+            let ray = SearchRay::new([0.6 * length, 0.8 * length]);
+            for percent in 0..=100_u8 {
+                let expected = f32::from(percent) / 100.0 * length;
+                let [from, to] = ray.around(expected).ends;
+                assert!(
+                    ray.ends[0] <= from && from <= expected && expected <= to && to <= ray.ends[1],
+                    "{from} to {to} around {expected} of {length}"
+                );
+                let reaches = |end: f32, of_ray: f32| {
+                    (end - expected).abs() >= 0.4 * length || end.to_bits() == of_ray.to_bits()
+                };
+                assert!(reaches(from, ray.ends[0]) && reaches(to, ray.ends[1]));
+                assert!(length <= LONG || to - from <= 0.8 * length + 5.0);
+            }
+        }
+    }
 }

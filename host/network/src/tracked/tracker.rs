@@ -303,11 +303,11 @@ impl Tracker {
             for (tracked, template) in cell.particles.iter_mut().zip(&cell.templates) {
                 let mut track = tracked.first.track;
                 cell.tiles = cell.tiles.union(tracked.first.tiles());
-                if contradicts(&track, voted_px) {
+                if contradicts(&track, tracked.particle.depth_mm, voted_px) {
                     search.update::<S>(&mut tracked.second, template, &tracked.particle, voted_px, dirty);
                     cell.tiles = cell.tiles.union(tracked.second.tiles());
                     track = tracked.second.track;
-                    if contradicts(&track, voted_px) {
+                    if contradicts(&track, tracked.particle.depth_mm, voted_px) {
                         track.confidence = 0.0;
                     }
                 } else {
@@ -337,9 +337,9 @@ impl Dispatch for TrackFrame<'_> {
     }
 }
 
-/// Whether a track is lost, or impossible at any depth below a surface that moves like this. NaN (no vote) contradicts
-/// nothing.
-fn contradicts(track: &Track, [x, y]: [f32; 2]) -> bool {
+/// Whether a track is lost, or too far from what the particle's depth suggests below a surface that moves like this: by more than
+/// 4½ times the error of a depth from brightness, or to the sides. NaN (no vote) contradicts nothing.
+fn contradicts(track: &Track, depth_mm: f32, [x, y]: [f32; 2]) -> bool {
     if x.is_nan() {
         return false;
     }
@@ -348,8 +348,7 @@ fn contradicts(track: &Track, [x, y]: [f32; 2]) -> bool {
     let along = (u * x + v * y) / length;
     let across = (u * y - v * x) / length;
     track.confidence == 0.0
-        || along < -0.4 * length - 1.0
-        || along > 1.5 * length + 1.0
+        || (along - motion_ratio(depth_mm) * length).abs() > 0.6 * length + 1.0
         || across.abs() > 0.35 * length + 1.0
 }
 
@@ -412,6 +411,25 @@ mod tests {
     use super::*;
 
     const SIDE: usize = CROP_SIDE;
+
+    #[test]
+    fn a_track_contradicts_its_neighbours_when_it_is_far_from_what_its_depth_suggests() {
+        let track = |x: f32, y: f32| Track {
+            motion_px: [x, y],
+            confidence: 0.9,
+        };
+        // The surface has moved by 20 pixels, a particle in the middle by half of that.
+        let contradicts_at = |x, y, depth_mm| contradicts(&track(x, y), depth_mm, [20.0, 0.0]);
+        assert!(!contradicts_at(10.0, 0.0, 3.0));
+        assert!(!contradicts_at(22.5, 7.5, 3.0));
+        assert!(contradicts_at(23.5, 0.0, 3.0));
+        assert!(contradicts_at(-3.5, 0.0, 3.0));
+        assert!(contradicts_at(10.0, 8.5, 3.0));
+        assert!(contradicts_at(0.0, 0.0, 0.3), "near the surface it moves with it");
+        assert!(contradicts_at(15.0, 0.0, 5.7), "near the base it stays");
+        assert!(contradicts(&Track::default(), 3.0, [0.0; 2]), "lost");
+        assert!(!contradicts(&Track::default(), 3.0, [f32::NAN; 2]), "no vote");
+    }
 
     /// Numbers below 1 without a pattern.
     fn unit(state: &mut u64) -> f32 {
