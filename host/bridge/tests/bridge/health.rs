@@ -205,7 +205,7 @@ fn a_doubtful_picture_in_a_firm_quiet_hold_ends_no_contact_then_or_afterwards() 
 fn with_blocks_turned(crop: &[u8]) -> Vec<u8> {
     let source = |pixel: usize| {
         let [row, column] = [pixel / 440, pixel % 440];
-        if (row / 40 + column / 40).is_multiple_of(2) {
+        if !(row / 40 + column / 40).is_multiple_of(2) {
             return pixel;
         }
         let [row, column] = [row, column].map(|at| at / 40 * 40 + 39 - at % 40);
