@@ -201,7 +201,7 @@ fn a_doubtful_picture_in_a_firm_quiet_hold_ends_no_contact_then_or_afterwards() 
 }
 
 /// Turns every second of the gate's blocks, 40×40 pixels, upside down: its brightness and contrast stay, its particles are
-/// not found.
+/// not found. Which half is turned matters to the gate's own check, which must not see it in the picture of the test.
 fn with_blocks_turned(crop: &[u8]) -> Vec<u8> {
     let source = |pixel: usize| {
         let [row, column] = [pixel / 440, pixel % 440];

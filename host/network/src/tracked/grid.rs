@@ -48,7 +48,7 @@ pub struct GridInterpolator {
     support: Vec<([u8; 2], u64)>,
     /// The tracks of the last grid, and their weighted motions and weights.
     tracks: Vec<Track>,
-    motions_mm: Vec<[f32; 4]>,
+    motions_mm: Vec<[f32; 3]>,
     /// Nodes whose particles' tracks have changed, by row, a bit for each column.
     dirty: [u64; GRID_SIDE],
     grid: Box<Grid>,
@@ -126,7 +126,7 @@ impl GridInterpolator {
         Self {
             lens: Some(*lens),
             tracks: vec![Track::default(); particles.len()],
-            motions_mm: vec![[0.0; 4]; particles.len()],
+            motions_mm: vec![[0.0; 3]; particles.len()],
             positions,
             starts,
             entries,
@@ -155,13 +155,13 @@ impl GridInterpolator {
             for row in usize::from(top)..usize::from(bottom) {
                 self.dirty[row] |= columns;
             }
-            *motion = [0.0; 4];
+            *motion = [0.0; 3];
             if track.confidence > 0.0 {
                 let [x, y] = [0, 1].map(|k| particle.at_px[k] + track.motion_px[k]);
                 let now_mm = lens.on_plane([x, y], height_mm);
                 let weight = track_weight(track.confidence);
                 let [x, y] = [now_mm[0] - rest_mm[0], now_mm[1] - rest_mm[1]];
-                *motion = [weight * x, weight * y, weight, 0.0];
+                *motion = [weight * x, weight * y, weight];
             }
         }
         for (node, range) in self.starts.windows(2).enumerate() {
@@ -169,8 +169,7 @@ impl GridInterpolator {
                 continue;
             }
             let entries = &self.entries[range[0] as usize..range[1] as usize];
-            // Of four numbers, so that they fill a vector.
-            let mut sums = [[0.0_f32; 4]; 2];
+            let mut sums = [[0.0_f32; 3]; 2];
             for &(particle, near, far) in entries {
                 let motion = self.motions_mm[particle as usize];
                 for (sums, weight) in sums.iter_mut().zip([near, far]) {
@@ -179,7 +178,7 @@ impl GridInterpolator {
                     }
                 }
             }
-            for (class, [x, y, known, _]) in sums.into_iter().enumerate() {
+            for (class, [x, y, known]) in sums.into_iter().enumerate() {
                 self.grid[3 * class][node] = x / (known + PRIOR[0]);
                 self.grid[3 * class + 1][node] = y / (known + PRIOR[0]);
                 self.grid[3 * class + 2][node] = known / (known + PRIOR[1]);

@@ -108,8 +108,9 @@ fn patch_tiles(particle: &Particle, min: [i32; 2], max: [i32; 2]) -> TileRect {
 pub(super) struct Search<'a> {
     weights: &'a PatchWeights,
     now: &'a Level<CROP_SIDE>,
-    /// The last ray, and the surface motion that it was made for: neighbours often share it.
-    ray: (Surface, SearchRay),
+    /// The last surface motion and its ray: neighbours often share them.
+    surface: Surface,
+    ray: SearchRay,
 }
 
 impl<'a> Search<'a> {
@@ -118,7 +119,8 @@ impl<'a> Search<'a> {
         Self {
             weights,
             now,
-            ray: ([0; 2], SearchRay::new([0.0; 2])),
+            surface: [0; 2],
+            ray: SearchRay::new([0.0; 2]),
         }
     }
 
@@ -138,16 +140,12 @@ impl<'a> Search<'a> {
         let moved = matched.surface != Some(surface);
         let mut start = matched.start;
         if moved || dirty.any_in(matched.search_tiles) {
-            if surface != self.ray.0 {
-                self.ray = (
-                    surface,
-                    SearchRay::new(surface.map(|steps| steps as f32 / SURFACE_STEPS)),
-                );
+            if surface != self.surface {
+                self.surface = surface;
+                self.ray = SearchRay::new(surface.map(|steps| steps as f32 / SURFACE_STEPS));
             }
-            let ray = &self
-                .ray
-                .1
-                .around(motion_ratio(particle.depth_mm) * self.ray.1.length);
+            let expected = motion_ratio(particle.depth_mm) * self.ray.length;
+            let ray = &self.ray.around(expected);
             if moved {
                 matched.surface = Some(surface);
                 matched.search_tiles = patch_tiles(particle, ray.motions.first, ray.motions.last);

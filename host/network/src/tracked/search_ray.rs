@@ -11,9 +11,10 @@ use crate::constants::CROP_SIDE;
 
 /// A ray is long above this surface motion, pixels.
 pub(super) const LONG: f32 = 4.0;
-/// A depth from brightness is good to 0.8 mm of the layer's 6. Three times that, as a share of the surface's motion: with shares
-/// of 0.3 to 0.6 the forces have the same errors, with no limit greater ones, because more particles are mistaken for others.
-const DEPTH_ERROR: f32 = 0.4;
+/// How far from where its depth suggests a particle is searched along a long ray, as a share of the surface's motion: a depth from
+/// brightness is good to 0.8 mm of the layer's 6, three times that is 0.4. With shares of 0.3 to 0.6 the forces have about the same
+/// errors, with no limit greater ones, because more particles are mistaken for others.
+const DEPTH_REACH: f32 = 0.4;
 /// First and last pixel of an axis that a particle's centre may move to.
 const INSIDE: [i32; 2] = [2, CROP_SIDE as i32 - 3];
 
@@ -56,13 +57,13 @@ impl SearchRay {
         }
     }
 
-    /// A long ray without what is far from the motion along it that a particle's depth suggests.
+    /// A long ray without what is far from the motion along it that a particle's depth suggests, pixels.
     #[inline(always)]
     pub(super) fn around(self, expected: f32) -> Self {
         if self.length <= LONG {
             return self;
         }
-        let reach = DEPTH_ERROR * self.length + 1.5;
+        let reach = DEPTH_REACH * self.length + 1.5;
         let [from, to] = self.ends;
         let ends = [
             from.max((expected - reach).floor()),
