@@ -135,7 +135,7 @@ pub const COME_BACK_US: u32 = 700_000;
 /// Slots in a row in which the shear must rise with the normal force, to two fifths, until that is a slide.
 pub const FOLLOWED_SLOTS: u8 = 3;
 /// Share of the most that a contact has carried in a test, over normal force, that it must still carry where shear follows the grip, in
-/// 8ths. Less: the load has swung. With 7½ slides go unfound (`evaluate grasps --world adverse`: 13 more drops of 700), with 6½ shaken
+/// 8ths. Less: the load has swung. With 7½ slides go unfound (`evaluate grasps --world adverse`: 8 more drops of 700), with 6½ shaken
 /// objects are held as firmly as without.
 pub const SWUNG_8THS: u32 = 7;
 /// Longest test without a finding, µs: a gripper with a time constant of 100 ms has risen by then.
