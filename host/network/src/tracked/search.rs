@@ -14,9 +14,12 @@ use super::patch::{HALF, PATCH, Patch, PatchWeights, Template};
 use super::search_ray::{LONG, MotionRect, SearchRay, TABLE_SIDE};
 use crate::constants::CROP_SIDE;
 
-/// Largest number of Gauss–Newton steps, and the step at which they have converged, pixels.
+/// Largest surface motion with which no place is searched, pixels: a particle is then so near to where its depth suggests that the
+/// refinement finds it from there.
+const UNSEARCHED_MAX: f32 = 1.0;
+/// Largest number of Gauss–Newton steps, and the step that is the last one, pixels: each leaves a small share of itself.
 const STEPS_MAX: usize = 5;
-const CONVERGED_STEP: f32 = 0.01;
+const LAST_STEP: f32 = 0.1;
 /// Steps a pixel of the surface motion that a search is given. A finer motion finds the same places, but differs with every change
 /// of the flow, so that what did not change would be searched again.
 const SURFACE_STEPS: f32 = 4.0;
@@ -145,15 +148,19 @@ impl<'a> Search<'a> {
                 self.ray = SearchRay::new(surface.map(|steps| steps as f32 / SURFACE_STEPS));
             }
             let expected = motion_ratio(particle.depth_mm) * self.ray.length;
-            let ray = &self.ray.around(expected);
-            if moved {
-                matched.surface = Some(surface);
+            matched.surface = Some(surface);
+            let motion = if self.ray.length <= UNSEARCHED_MAX {
+                let motion = self.ray.motion(expected, 0.0);
+                matched.search_tiles = patch_tiles(particle, motion, motion);
+                Some(motion)
+            } else {
+                let ray = &self.ray.around(expected);
                 matched.search_tiles = patch_tiles(particle, ray.motions.first, ray.motions.last);
-            }
-            let motion = self.whole_pixel::<S>(template, particle, ray);
+                self.whole_pixel::<S>(template, particle, ray)
+            };
             start = motion.map(|motion| Start {
                 motion,
-                long: ray.length > LONG,
+                long: self.ray.length > LONG,
             });
         }
         if start == matched.start && !dirty.any_in(matched.refined_tiles) {
@@ -271,14 +278,14 @@ impl<'a> Search<'a> {
             let along_x = patch.dot(&template.gradients[0]);
             let along_y = patch.dot(&template.gradients[1]);
             let step = [xx * along_x + xy * along_y, xy * along_x + yy * along_y];
-            let done = step[0].abs() < CONVERGED_STEP && step[1].abs() < CONVERGED_STEP;
+            let done = step[0].abs() < LAST_STEP && step[1].abs() < LAST_STEP;
             if done || step_count == STEPS_MAX {
                 residual = patch.residual(self.weights);
             }
+            at = [at[0] - step[0], at[1] - step[1]];
             if done {
                 break;
             }
-            at = [at[0] - step[0], at[1] - step[1]];
             // Written so that NaN ends here, too.
             let near =
                 (at[0] - start_px[0]).abs() < REFINEMENT_MAX && (at[1] - start_px[1]).abs() < REFINEMENT_MAX;
@@ -305,6 +312,7 @@ mod tests {
     use super::super::block_matching::sad;
     use super::super::particles;
     use super::super::pyramid::Pyramid;
+    use super::super::search_ray::length;
     use super::*;
     use gripline_kernels::InstructionSet;
     use gripline_kernels::simd::{Dispatch, dispatch_256};
@@ -368,6 +376,71 @@ mod tests {
         let mut pyramid = Pyramid::new();
         pyramid.update(&picture, &DirtyTiles::all());
         pyramid
+    }
+
+    /// Spots of a Gaussian shape, moved by this much, on a ground that gets brighter.
+    fn moved_spots(by_px: [f32; 2]) -> Pyramid {
+        let apart = 17;
+        let picture: Vec<u8> = (0..CROP_SIDE * CROP_SIDE)
+            .map(|at| {
+                let place = [at % CROP_SIDE, at / CROP_SIDE];
+                let [x, y] = [0, 1].map(|k| {
+                    let from_first = place[k] as f32 - 8.3 - by_px[k];
+                    from_first - (from_first / apart as f32).round() * apart as f32
+                });
+                let ground = 30.0 + 0.02 * place[0] as f32;
+                (ground + 140.0 * (-(x * x + y * y) / (2.0 * 1.3 * 1.3)).exp()).round() as u8
+            })
+            .collect();
+        let mut pyramid = Pyramid::new();
+        pyramid.update(&picture, &DirtyTiles::all());
+        pyramid
+    }
+
+    #[test]
+    fn a_particle_below_a_surface_that_moved_little_is_found_without_a_search_and_to_a_fiftieth_of_a_pixel() {
+        struct Update<'a>(&'a mut Search<'a>, &'a Template, &'a Particle, [f32; 2]);
+
+        impl Dispatch for Update<'_> {
+            type Output = Match;
+
+            #[inline(always)]
+            fn run<S: Simd>(self) -> Match {
+                let Self(search, template, particle, surface_px) = self;
+                let mut matched = Match::none();
+                search.update::<S>(&mut matched, template, particle, surface_px, &DirtyTiles::all());
+                matched
+            }
+        }
+
+        let weights = PatchWeights::new();
+        let rest = moved_spots([0.0; 2]);
+        let particles = particles::detect(&rest.full);
+        let mut found = 0;
+        for turn in 0..16_u8 {
+            // The farther from where its depth suggests the particle is, the farther the refinement has to go.
+            for (surface, moved) in [(0.0, 0.3), (0.5, 0.0), (0.8, 0.8), (0.8, 1.4), (0.8, -0.4)] {
+                let (y, x) = (f32::from(turn) * std::f32::consts::PI / 8.0).sin_cos();
+                let now = moved_spots([moved * x, moved * y]);
+                for particle in particles.iter().skip(usize::from(turn)).step_by(37) {
+                    let template = Template::new(&rest.full, particle, &weights).expect("a spot");
+                    let mut search = Search::new(&weights, &now.full);
+                    let surface_px = [surface * x, surface * y];
+                    let matched = dispatch_256(
+                        InstructionSet::widest(),
+                        Update(&mut search, &template, particle, surface_px),
+                    );
+                    let start = matched.start.expect("the particle is inside").motion;
+                    assert!(start.into_iter().all(|part| part.abs() <= 1), "{start:?}");
+                    let [u, v] = matched.track.motion_px;
+                    assert!(matched.track.confidence > 0.9, "{surface}, {moved}: {matched:?}");
+                    let off = length([u - moved * x, v - moved * y]);
+                    assert!(off < 0.02, "{off} pixels: {surface}, {moved}, ({u}, {v})");
+                    found += 1;
+                }
+            }
+        }
+        assert!(found > 1_000, "{found}");
     }
 
     #[test]
