@@ -51,6 +51,9 @@ const FALLING_MAPS: u16 = 3 * TREND_MAPS as u16;
 /// for noise either: most of the picture moves, and what it overlooked would stay in the detector's trend, and in how the contact's reach
 /// and load grew, by which it tells contacts apart. At 60 maps a second that is a change of the whole in 1.7 s.
 const CHANGING_PART: i32 = 100;
+/// Smallest such change, in the wire's 1/4096 N: 10 mN, a third of what a taxel needs to count as contact. The map of a light touch differs
+/// by as much from picture to picture while nothing moves.
+const CHANGING_MIN: i32 = 41;
 
 /// Taxels of a sheared contact whose slip decision may differ between pictures that the gate considers unchanged, whatever the ratio:
 /// in a contact of ten, two of them are all between sticking and [`SURE_STICK_RATIO`].
@@ -320,7 +323,7 @@ impl Pipeline {
             );
             stage.maps_to_slip = decision.time_to_slip_ms;
             let force = self.judgement.sums.force;
-            let least = force[2] / CHANGING_PART;
+            let least = (force[2] / CHANGING_PART).max(CHANGING_MIN);
             let mut changes = stage
                 .force
                 .iter()
@@ -520,6 +523,9 @@ mod tests {
         assert_eq!(after(0, 40_300), Some(1), "let go");
         assert_eq!(after(-410, 40_300), Some(1), "pulled");
         assert_eq!(after(-410, 40_300), None);
+        after(0, 200);
+        assert_eq!([after(0, 241), after(0, 200)], [None; 2], "a light touch");
+        assert_eq!(after(0, 242), Some(1), "a light touch that is pressed");
     }
 
     #[test]
