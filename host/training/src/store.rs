@@ -210,22 +210,29 @@ impl SampleTracker {
     }
 }
 
-/// Fingerprint of the simulated world: CRC-32 of a few samples of a fixed stream.
+/// Fingerprint of what makes a shard, the simulated world and the tracker: CRC-32 of a few samples of a fixed stream.
 ///
 /// # Errors
 /// When the world cannot be made.
 pub(crate) fn world_fingerprint() -> Result<String, TrainingError> {
+    let world = SampleWorld::new()?;
+    let stream = SampleGenerator::new(&world, Split::Test, 0x0677_2069).with_crops();
+    let mut tracker = SampleTracker::new();
+    Ok(fingerprint(stream.take(8).map(|sample| tracker.track(sample))))
+}
+
+fn fingerprint(samples: impl Iterator<Item = TrackedSample>) -> String {
     let crc = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC);
     let mut digest = crc.digest();
-    let world = SampleWorld::new()?;
-    for sample in SampleGenerator::new(&world, Split::Test, 0x0677_2069).take(8) {
-        digest.update(&sample.rest);
-        digest.update(&sample.now);
-        for value in sample.forces.as_flattened() {
+    for tracked in samples {
+        digest.update(&tracked.sample.rest);
+        digest.update(&tracked.sample.now);
+        let forces = tracked.sample.forces.as_flattened();
+        for value in forces.iter().chain(tracked.grid.as_flattened()) {
             digest.update(&value.to_le_bytes());
         }
     }
-    Ok(format!("{:08x}", digest.finalize()))
+    format!("{:08x}", digest.finalize())
 }
 
 #[cfg(test)]
@@ -266,6 +273,29 @@ mod tests {
         std::fs::write(&second, &bytes[..bytes.len() / 2]).unwrap();
         let error = store.load(samples).unwrap_err().to_string();
         assert!(error.contains("00001.safetensors"), "{error}");
+    }
+
+    #[test]
+    fn a_fingerprint_tells_worlds_and_trackers_apart() {
+        let world = SampleWorld::new().unwrap();
+        let of = |change: fn(&mut TrackedSample)| {
+            let stream = SampleGenerator::new(&world, Split::Test, 7).with_crops();
+            let mut tracker = SampleTracker::new();
+            fingerprint(stream.take(2).map(|sample| {
+                let mut tracked = tracker.track(sample);
+                change(&mut tracked);
+                tracked
+            }))
+        };
+        let same = of(|_| ());
+        assert_eq!(of(|_| ()), same);
+        assert_ne!(of(|tracked| tracked.sample.now[0] ^= 1), same);
+        assert_ne!(of(|tracked| tracked.sample.forces[7][2] += 1.0), same);
+        assert_ne!(
+            of(|tracked| tracked.grid[0][500] += 0.001),
+            same,
+            "another tracker"
+        );
     }
 
     #[test]
