@@ -225,12 +225,7 @@ impl Columns {
         let value = |value: Option<f64>| value.map_or(f32::NAN, |value| value as f32).to_le_bytes();
         self.rest_of.extend((rest as u32).to_le_bytes());
         self.now.extend(sample.now);
-        // Saturates at 2 mm, a third of the elastic layer.
-        let stored = grid
-            .as_flattened()
-            .iter()
-            .map(|value| (value * GRID_STEPS).round() as i16);
-        self.grid.extend(stored.flat_map(i16::to_le_bytes));
+        self.grid.extend(stored_grid(grid));
         let forces = sample.forces.as_flattened();
         self.forces_n
             .extend(forces.iter().flat_map(|force| force.to_le_bytes()));
@@ -247,6 +242,12 @@ impl Columns {
             .push(shape.expect("the names are those of the samples") as u8);
         self.sensor.extend(sample.sensor.to_le_bytes());
     }
+}
+
+/// The bytes of a grid as a shard holds it, in steps of 1/[`GRID_STEPS`]; saturates at 2 mm, a third of the elastic layer.
+pub(crate) fn stored_grid(grid: &Grid) -> impl Iterator<Item = u8> {
+    let steps = |value: &f32| (value * GRID_STEPS).round() as i16;
+    grid.as_flattened().iter().map(steps).flat_map(i16::to_le_bytes)
 }
 
 /// Writes a file atomically: under another name first.

@@ -15,7 +15,7 @@ use serde_json::json;
 use crate::constants::{DATA_VERSION, SHARD_SAMPLES, lens};
 use crate::dataset::Dataset;
 use crate::error::{TrainingError, at};
-use crate::shard::{Shard, TrackedSample, replace};
+use crate::shard::{Shard, TrackedSample, replace, stored_grid};
 
 /// The shards of one split on disk.
 #[derive(Debug, Clone)]
@@ -227,10 +227,10 @@ fn fingerprint(samples: impl Iterator<Item = TrackedSample>) -> String {
     for tracked in samples {
         digest.update(&tracked.sample.rest);
         digest.update(&tracked.sample.now);
-        let forces = tracked.sample.forces.as_flattened();
-        for value in forces.iter().chain(tracked.grid.as_flattened()) {
+        for value in tracked.sample.forces.as_flattened() {
             digest.update(&value.to_le_bytes());
         }
+        digest.update(&stored_grid(&tracked.grid).collect::<Vec<u8>>());
     }
     format!("{:08x}", digest.finalize())
 }
