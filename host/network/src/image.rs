@@ -75,15 +75,17 @@ impl Dispatch for Downsample<'_> {
     )]
     #[inline(always)]
     fn run<S: Simd>(self) {
-        downsample(self.crop, self.out);
+        downsample::<S>(self.crop, self.out);
     }
 }
 
-/// Row by row, in loops that the compiler vectorises.
+/// Row by row: sums of eight blocks at a time, then means in a loop that the compiler vectorises.
 #[inline(always)]
-fn downsample(crop: &[u8], out: &mut Image88) {
+fn downsample<S: Simd>(crop: &[u8], out: &mut Image88) {
     /// 2¹⁷ / 25, rounded up: exact for all sums of 25 bytes.
     const INVERSE: u16 = 5243;
+    /// Columns of eight blocks.
+    const GROUP: usize = 8 * DOWNSAMPLING;
     let (crop_rows, _) = crop.as_chunks::<CROP_SIDE>();
     for (rows, line) in crop_rows
         .as_chunks::<DOWNSAMPLING>()
@@ -91,13 +93,10 @@ fn downsample(crop: &[u8], out: &mut Image88) {
         .iter()
         .zip(out.as_chunks_mut::<IMAGE_SIDE>().0)
     {
-        let mut columns = [0u16; CROP_SIDE];
-        for k in 0..CROP_SIDE {
-            columns[k] = rows.iter().map(|row| u16::from(row[k])).sum();
-        }
+        let groups = rows.each_ref().map(|row| row.as_chunks::<GROUP>().0);
         let mut sums = [0u16; IMAGE_SIDE];
-        for (sum, of_block) in sums.iter_mut().zip(columns.as_chunks::<DOWNSAMPLING>().0) {
-            *sum = of_block.iter().sum();
+        for (group, sums) in sums.as_chunks_mut().0.iter_mut().enumerate() {
+            *sums = S::sums_5x5_x8(groups.map(|groups| &groups[group]));
         }
         for (mean, &sum) in line.iter_mut().zip(&sums) {
             // At most 25 · 255 + 12, and 25 is odd, so no mean lies halfway between two levels.

@@ -7,17 +7,18 @@ use std::arch::x86_64::{
     __m128i, __m256, __m256i, _CMP_LT_OQ, _MM_FROUND_NO_EXC, _MM_FROUND_TO_ZERO, _mm_add_epi16, _mm_add_ps,
     _mm_add_ss, _mm_adds_epu16, _mm_cvtsi64_si128, _mm_cvtsi128_si32, _mm_cvtss_f32, _mm_loadu_ps,
     _mm_loadu_si128, _mm_min_ps, _mm_min_ss, _mm_minpos_epu16, _mm_movehdup_ps, _mm_movehl_ps,
-    _mm_set1_epi64x, _mm_storeu_si128, _mm256_add_epi16, _mm256_add_epi32, _mm256_add_ps, _mm256_and_ps,
-    _mm256_and_si256, _mm256_andnot_ps, _mm256_blendv_ps, _mm256_broadcast_ps, _mm256_broadcastsi128_si256,
-    _mm256_castpd_ps, _mm256_castps_pd, _mm256_castps256_ps128, _mm256_castsi256_si128, _mm256_cmp_ps,
-    _mm256_cmpgt_epi32, _mm256_cvtepi8_epi16, _mm256_cvtepi32_ps, _mm256_cvtepu8_epi16, _mm256_cvtepu8_epi32,
-    _mm256_cvttps_epi32, _mm256_dpwssd_avx_epi32, _mm256_extractf128_ps, _mm256_extracti128_si256,
-    _mm256_fmadd_ps, _mm256_hadd_epi32, _mm256_hadd_ps, _mm256_i32gather_epi32, _mm256_loadu_ps,
-    _mm256_loadu_si256, _mm256_madd_epi16, _mm256_maskstore_ps, _mm256_max_ps, _mm256_mpsadbw_epu8,
-    _mm256_mul_ps, _mm256_or_ps, _mm256_permute2x128_si256, _mm256_permute4x64_epi64, _mm256_permute4x64_pd,
-    _mm256_round_ps, _mm256_set1_epi16, _mm256_set1_epi32, _mm256_set1_epi64x, _mm256_set1_pd,
-    _mm256_set1_ps, _mm256_setr_epi32, _mm256_setzero_ps, _mm256_setzero_si256, _mm256_storeu_ps,
-    _mm256_storeu_si256, _mm256_sub_epi32, _mm256_sub_ps,
+    _mm_set1_epi64x, _mm_setr_epi8, _mm_storeu_si128, _mm256_add_epi16, _mm256_add_epi32, _mm256_add_epi64,
+    _mm256_add_ps, _mm256_and_ps, _mm256_and_si256, _mm256_andnot_ps, _mm256_blendv_ps, _mm256_broadcast_ps,
+    _mm256_broadcastsi128_si256, _mm256_castpd_ps, _mm256_castps_pd, _mm256_castps256_ps128,
+    _mm256_castsi256_si128, _mm256_cmp_ps, _mm256_cmpgt_epi32, _mm256_cvtepi8_epi16, _mm256_cvtepi32_ps,
+    _mm256_cvtepu8_epi16, _mm256_cvtepu8_epi32, _mm256_cvttps_epi32, _mm256_dpwssd_avx_epi32,
+    _mm256_extractf128_ps, _mm256_extracti128_si256, _mm256_fmadd_ps, _mm256_hadd_epi32, _mm256_hadd_ps,
+    _mm256_i32gather_epi32, _mm256_loadu_ps, _mm256_loadu_si256, _mm256_madd_epi16, _mm256_maskstore_ps,
+    _mm256_max_ps, _mm256_mpsadbw_epu8, _mm256_mul_ps, _mm256_or_ps, _mm256_packus_epi32,
+    _mm256_permute2x128_si256, _mm256_permute4x64_epi64, _mm256_permute4x64_pd, _mm256_round_ps,
+    _mm256_sad_epu8, _mm256_set_m128i, _mm256_set1_epi16, _mm256_set1_epi32, _mm256_set1_epi64x,
+    _mm256_set1_pd, _mm256_set1_ps, _mm256_setr_epi32, _mm256_setzero_ps, _mm256_setzero_si256,
+    _mm256_shuffle_epi8, _mm256_storeu_ps, _mm256_storeu_si256, _mm256_sub_epi32, _mm256_sub_ps,
 };
 
 use super::traits::{
@@ -58,6 +59,12 @@ impl<P: IntegerSums> Simd for Avx2<P> {
         // SAFETY: see the module; sixteen bytes each.
         unsafe { min_sum(a, b) }
     }
+
+    #[inline(always)]
+    fn sums_5x5_x8(rows: [&[u8; 40]; 5]) -> [u16; 8] {
+        // SAFETY: see the module.
+        unsafe { sums_5x5_x8(rows) }
+    }
 }
 
 #[target_feature(enable = "avx2")]
@@ -97,6 +104,37 @@ pub(super) fn min_sum(a: &[u16; 8], b: &[u16; 8]) -> (u16, usize) {
     };
     let min = _mm_cvtsi128_si32(_mm_minpos_epu16(_mm_adds_epu16(a, b)));
     (min as u16, (min >> 16) as usize)
+}
+
+#[target_feature(enable = "avx2")]
+#[inline]
+pub(super) fn sums_5x5_x8(rows: [&[u8; 40]; 5]) -> [u16; 8] {
+    /// Where the sixteen bytes of two neighbouring blocks begin. The last two end where a row ends, and have six before them.
+    const PAIRS: [usize; 4] = [0, 10, 20, 24];
+    const ZERO: i8 = -1;
+    // The instruction sums eight bytes: five of a block, and zeros.
+    let two = _mm_setr_epi8(0, 1, 2, 3, 4, ZERO, ZERO, ZERO, 5, 6, 7, 8, 9, ZERO, ZERO, ZERO);
+    let last_two = _mm_setr_epi8(
+        6, 7, 8, 9, 10, ZERO, ZERO, ZERO, 11, 12, 13, 14, 15, ZERO, ZERO, ZERO,
+    );
+    let places = [_mm256_set_m128i(two, two), _mm256_set_m128i(last_two, two)];
+    // Blocks 0, 1, 4, 5 and blocks 2, 3, 6, 7.
+    let mut sums = [_mm256_setzero_si256(); 2];
+    for row in rows {
+        // SAFETY: sixteen bytes each.
+        let pairs = PAIRS.map(|at| unsafe { _mm_loadu_si128(row[at..at + 16].as_ptr().cast()) });
+        for (k, sums) in sums.iter_mut().enumerate() {
+            let blocks = _mm256_shuffle_epi8(_mm256_set_m128i(pairs[k + 2], pairs[k]), places[k]);
+            *sums = _mm256_add_epi64(*sums, _mm256_sad_epu8(blocks, _mm256_setzero_si256()));
+        }
+    }
+    // Within each half, the instruction puts numbers of the first before numbers of the second.
+    let sums = _mm256_packus_epi32(sums[0], sums[1]);
+    let sums = _mm256_permute4x64_epi64::<0b11_01_10_00>(_mm256_packus_epi32(sums, sums));
+    let mut out = [0; 8];
+    // SAFETY: sixteen bytes.
+    unsafe { _mm_storeu_si128(out.as_mut_ptr().cast(), _mm256_castsi256_si128(sums)) };
+    out
 }
 
 /// Eight f32.

@@ -49,6 +49,12 @@ impl<P: IntegerSums> Simd for Avx512<P> {
         // SAFETY: see the module; AVX-512F implies AVX2.
         unsafe { avx2::min_sum(a, b) }
     }
+
+    #[inline(always)]
+    fn sums_5x5_x8(rows: [&[u8; 40]; 5]) -> [u16; 8] {
+        // SAFETY: see the module; AVX-512F implies AVX2.
+        unsafe { avx2::sums_5x5_x8(rows) }
+    }
 }
 
 /// Sixteen f32.

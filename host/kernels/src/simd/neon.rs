@@ -7,16 +7,17 @@
 
 use std::arch::aarch64::{
     float32x4_t, int16x8_t, int32x4_t, uint16x8_t, vabal_high_u8, vabal_u8, vabsq_f32, vadd_f32, vaddq_f32,
-    vaddq_s32, vbicq_u32, vbslq_f32, vcltq_f32, vcltzq_f32, vcombine_u8, vcreate_u8, vcvtq_f32_s32,
-    vcvtq_f32_u32, vcvtq_s32_f32, vdupq_n_f32, vdupq_n_s16, vdupq_n_s32, vdupq_n_u16, vdupq_n_u32,
-    vdupq_n_u64, vfmaq_f32, vfmaq_laneq_f32, vget_high_f32, vget_low_f32, vget_low_s8, vget_low_s16,
-    vget_low_u8, vget_low_u16, vld1q_f32, vld1q_s8, vld1q_s16, vld1q_u8, vld1q_u16, vld2q_s16, vminq_f32,
-    vminq_u32, vminvq_f32, vminvq_u32, vmlal_high_laneq_s16, vmlal_high_s16, vmlal_laneq_s16, vmlal_s16,
-    vmovl_high_s8, vmovl_high_u8, vmovl_high_u16, vmovl_s8, vmovl_u8, vmovl_u16, vmulq_f32, vpaddq_f32,
-    vpaddq_s32, vpaddq_u16, vpadds_f32, vqaddq_u16, vqtbl1q_u8, vreinterpretq_f32_u32, vreinterpretq_f32_u64,
-    vreinterpretq_s16_s32, vreinterpretq_s16_u16, vreinterpretq_s16_u32, vreinterpretq_s16_u64,
-    vreinterpretq_s32_s16, vreinterpretq_u32_f32, vreinterpretq_u32_u16, vrndq_f32, vst1q_f32, vst1q_s32,
-    vst1q_u16, vsubq_f32, vsubq_s32, vuzp1q_s16, vuzp2q_s16, vzip1q_u16, vzip2q_u16,
+    vaddq_s32, vaddq_u8, vbicq_u32, vbslq_f32, vcltq_f32, vcltzq_f32, vcombine_u8, vcreate_u8, vcvtq_f32_s32,
+    vcvtq_f32_u32, vcvtq_s32_f32, vdupq_n_f32, vdupq_n_s16, vdupq_n_s32, vdupq_n_u8, vdupq_n_u16,
+    vdupq_n_u32, vdupq_n_u64, vfmaq_f32, vfmaq_laneq_f32, vget_high_f32, vget_low_f32, vget_low_s8,
+    vget_low_s16, vget_low_u8, vget_low_u16, vld1q_f32, vld1q_s8, vld1q_s16, vld1q_u8, vld1q_u16, vld2q_s16,
+    vminq_f32, vminq_u32, vminvq_f32, vminvq_u32, vmlal_high_laneq_s16, vmlal_high_s16, vmlal_laneq_s16,
+    vmlal_s16, vmovl_high_s8, vmovl_high_u8, vmovl_high_u16, vmovl_s8, vmovl_u8, vmovl_u16, vmulq_f32,
+    vpadalq_u8, vpaddq_f32, vpaddq_s32, vpaddq_u16, vpadds_f32, vqaddq_u16, vqtbl1q_u8,
+    vreinterpretq_f32_u32, vreinterpretq_f32_u64, vreinterpretq_s16_s32, vreinterpretq_s16_u16,
+    vreinterpretq_s16_u32, vreinterpretq_s16_u64, vreinterpretq_s32_s16, vreinterpretq_u32_f32,
+    vreinterpretq_u32_u16, vrndq_f32, vst1q_f32, vst1q_s32, vst1q_u16, vsubq_f32, vsubq_s32, vuzp1q_s16,
+    vuzp2q_s16, vzip1q_u16, vzip2q_u16,
 };
 
 use super::traits::{
@@ -83,7 +84,41 @@ impl Simd for Neon {
         };
         ((min >> 16) as u16, min as usize & 7)
     }
+
+    #[inline(always)]
+    fn sums_5x5_x8(rows: [&[u8; 40]; 5]) -> [u16; 8] {
+        /// Where the sixteen bytes of two neighbouring blocks begin. The last two end where a row ends.
+        const PAIRS: [usize; 4] = [0, 10, 20, 24];
+        // SAFETY: sixteen bytes.
+        let two = unsafe { vld1q_u8(BLOCKS.as_ptr()) };
+        // The last two have six bytes before them; what is out of bounds stays so.
+        // SAFETY: see the module.
+        let places = unsafe { [two, two, two, vaddq_u8(two, vdupq_n_u8(6))] };
+        // Four sums of each block.
+        // SAFETY: see the module.
+        let mut sums = [unsafe { vdupq_n_u16(0) }; 4];
+        for row in rows {
+            for (k, at) in PAIRS.into_iter().enumerate() {
+                // SAFETY: sixteen bytes.
+                unsafe {
+                    let pixels = vld1q_u8(row[at..at + 16].as_ptr());
+                    sums[k] = vpadalq_u8(sums[k], vqtbl1q_u8(pixels, places[k]));
+                }
+            }
+        }
+        let [a, b, c, d] = sums;
+        let mut out = [0; 8];
+        // SAFETY: room for eight numbers.
+        unsafe { vst1q_u16(out.as_mut_ptr(), vpaddq_u16(vpaddq_u16(a, b), vpaddq_u16(c, d))) };
+        out
+    }
 }
+
+/// Two blocks of five bytes, each followed by three places out of bounds, which are zeros.
+const BLOCKS: [u8; 16] = {
+    const ZERO: u8 = 0x80;
+    [0, 1, 2, 3, 4, ZERO, ZERO, ZERO, 5, 6, 7, 8, 9, ZERO, ZERO, ZERO]
+};
 
 /// Which of sixteen pixels lie at a place: eight from there on and, in the upper half, eight from four places on.
 const PLACES: [[u8; 16]; 4] = {

@@ -45,6 +45,12 @@ impl Simd for Portable {
         }
         min
     }
+
+    #[inline(always)]
+    fn sums_5x5_x8(rows: [&[u8; 40]; 5]) -> [u16; 8] {
+        let columns: [u16; 40] = std::array::from_fn(|k| rows.iter().map(|row| u16::from(row[k])).sum());
+        std::array::from_fn(|block| columns[5 * block..][..5].iter().sum())
+    }
 }
 
 impl Vector for [f32; 8] {

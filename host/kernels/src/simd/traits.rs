@@ -37,6 +37,9 @@ pub trait Simd {
 
     /// The smallest sum `a[k] + b[k]` (saturating) and its `k`; the first of equal ones.
     fn min_sum(a: &[u16; 8], b: &[u16; 8]) -> (u16, usize);
+
+    /// Sums of eight blocks of 5×5 pixels, side by side.
+    fn sums_5x5_x8(rows: [&[u8; 40]; 5]) -> [u16; 8];
 }
 
 /// A vector of f32.

@@ -247,3 +247,33 @@ fn products_of_int16_are_exact_with_one_instruction_and_with_two() {
         }
     }
 }
+
+struct Blocks<'a>([&'a [u8; 40]; 5]);
+
+impl Dispatch for Blocks<'_> {
+    type Output = [u16; 8];
+
+    #[inline(always)]
+    fn run<S: Simd>(self) -> [u16; 8] {
+        S::sums_5x5_x8(self.0)
+    }
+}
+
+#[test]
+fn every_pixel_counts_once_and_in_its_own_block() {
+    for set in sets() {
+        let white = [255; 40];
+        assert_eq!(dispatch(set, Blocks([&white; 5])), [25 * 255; 8], "{set}");
+        for (row, column) in (0..5).flat_map(|row| (0..40).map(move |column| (row, column))) {
+            let mut pixels = [[0; 40]; 5];
+            pixels[row][column] = 201;
+            let mut expected = [0; 8];
+            expected[column / 5] = 201;
+            assert_eq!(
+                dispatch(set, Blocks(pixels.each_ref())),
+                expected,
+                "{set}, pixel ({row}, {column})"
+            );
+        }
+    }
+}
