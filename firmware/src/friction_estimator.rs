@@ -3,18 +3,20 @@
 //! for low friction would grip so hard that the load proves little. So the estimator assumes typical friction until the load
 //! settles or the contact slides; from then on the proven friction counts.
 //!
-//! Proven friction may become outdated: a [slide](crate::slide_witness) limits it, also below the detector's friction.
+//! Proven friction may become outdated: a [slide](crate::slide_witness) limits it, also below the detector's friction. Friction that falls slowly
+//! slides only when nothing is left of the margin, and then far. So what was proven is proven for then: after [`PROVEN_US`] a part of it is
+//! forgotten, and the grip becomes firmer, until the load proves it again.
 //!
 //! Units: force 1/4096 N, ratios 1/10000, time µs.
 
-use gripline_protocol::Motion;
 use gripline_protocol::message::MapSums;
+use gripline_protocol::{Motion, PER_UNIT};
 
 use crate::arithmetic::{divide, ratio, square_root};
 use crate::constants::{
-    EXPECTED_FRICTION, FIRST_LOAD_STICK_RATIO, LEAD_US, PROOF_NORMAL_MIN, REST_LEAD_US, REST_LOAD_MIN,
-    REST_MAPS, SLIDE_MAPS, SLIDE_RATIO_SURE, SLIDE_STICK_RATIO, SLIDE_SURE_MAPS, STALL_RATIO_MIN,
-    STALL_STICK_RATIO,
+    EXPECTED_FRICTION, FIRST_LOAD_STICK_RATIO, FORGETTING_US, FORGOTTEN_PART, LEAD_US, PROOF_NORMAL_MIN,
+    PROVEN_US, REMEMBERED_SHARE, REST_LEAD_US, REST_LOAD_MIN, REST_MAPS, SLIDE_MAPS, SLIDE_RATIO_SURE,
+    SLIDE_STICK_RATIO, SLIDE_SURE_MAPS, STALL_RATIO_MIN, STALL_STICK_RATIO,
 };
 use crate::contact_geometry::ContactGeometry;
 use crate::learning_settings::LearningSettings;
@@ -56,8 +58,10 @@ pub(crate) struct FrictionEstimator {
     /// `ahead` over the normal force; `before`: `now` over it in the last two maps.
     ratio: u16,
     before: [u16; 2],
-    /// Friction proven since the contact began.
+    /// Friction proven since the contact began: what of it is not forgotten, the most, and the time since it was proven.
     proven: u16,
+    most_proven: u16,
+    proven_for_us: u32,
     /// Maps in a row that looked like a slide.
     slides: u8,
     /// Maps in a row in which the load hardly grew.
@@ -126,7 +130,26 @@ impl FrictionEstimator {
         if normal >= PROOF_NORMAL_MIN && 2 * normal >= reached {
             // One of the two previous maps must agree: a single map proves nothing.
             let sure = ratio_now.min(older.max(old));
-            self.proven = self.proven.max(sure).min(settings.friction_max);
+            if sure >= self.proven {
+                (self.proven, self.proven_for_us) = (sure, 0);
+            }
+            self.most_proven = self.most_proven.max(sure).min(settings.friction_max);
+            self.proven = self.proven.min(settings.friction_max);
+        }
+        self.forget(since_us);
+    }
+
+    /// Forgets a part of the proven friction, which may have fallen since. Where the host sees the object, a slide shows at once.
+    fn forget(&mut self, since_us: u16) {
+        if self.slide.is_watched() {
+            return;
+        }
+        self.proven_for_us += u32::from(since_us);
+        if self.proven_for_us > PROVEN_US + FORGETTING_US {
+            self.proven_for_us -= FORGETTING_US;
+            let remembered = u64::from(self.most_proven) * u64::from(REMEMBERED_SHARE);
+            let remembered = divide(remembered, PER_UNIT as u16) as u16;
+            self.proven = remembered.max(self.proven - self.proven / FORGOTTEN_PART);
         }
     }
 
@@ -257,6 +280,59 @@ mod tests {
             now_us += 16_667;
         }
         estimator.witness().may_fall
+    }
+
+    /// The friction that a quiet contact counts on, each second, 1/10000: it carries 0.75 of its normal force for half a second, then `share`.
+    fn friction_by_second(share: f64, seen: Motion, maps_per_second: u64) -> [u16; 30] {
+        let settings = LearningSettings::of(&Configuration::DEFAULT);
+        let geometry = ContactGeometry::default();
+        let mut estimator = FrictionEstimator::default();
+        let normal = 8_192;
+        let mut frictions = [0; 30];
+        for map in 0..maps_per_second * 30 {
+            let now_us = map * 1_000_000 / maps_per_second;
+            let carried = if now_us < 500_000 { 0.75 } else { share };
+            let sums = MapSums {
+                contact: 20,
+                stick: 12,
+                force: [(carried * f64::from(normal)) as i32, 0, normal],
+                ..MapSums::default()
+            };
+            estimator.observe(&sums, &geometry, normal, now_us, settings);
+            estimator.ask_witness(&sums, seen, settings);
+            frictions[(map / maps_per_second) as usize] = estimator.estimate(settings).friction;
+        }
+        frictions
+    }
+
+    #[test]
+    fn proven_friction_counts_for_four_seconds_and_then_a_fifth_of_it_is_forgotten_at_two_percent_a_second() {
+        for maps_per_second in [20, 60, 1_000] {
+            let frictions = friction_by_second(0.58, Motion::UNKNOWN, maps_per_second);
+            assert_eq!(frictions[1..4], [7_500; 3], "{maps_per_second} Hz");
+            let at_10_s = 0.98_f64.powf(5.5) * 7_500.0;
+            assert!(
+                (f64::from(frictions[9]) - at_10_s).abs() < 60.0,
+                "{maps_per_second} Hz: {frictions:?}"
+            );
+            assert!(frictions[1..].is_sorted_by(|before, after| before >= after));
+            assert_eq!(frictions[29], 6_000, "{maps_per_second} Hz");
+        }
+    }
+
+    #[test]
+    fn friction_that_the_load_proves_again_and_again_is_not_forgotten() {
+        assert_eq!(friction_by_second(0.75, Motion::UNKNOWN, 60), [7_500; 30]);
+        // A load that grew since: that is what it proves.
+        assert_eq!(friction_by_second(0.7, Motion::UNKNOWN, 60)[29], 6_999);
+    }
+
+    #[test]
+    fn nothing_is_forgotten_while_the_host_sees_the_object() {
+        assert_eq!(
+            friction_by_second(0.58, Motion::new(0, Motion::QUALITY_MAX), 60),
+            [7_500; 30]
+        );
     }
 
     #[test]

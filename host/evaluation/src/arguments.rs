@@ -102,6 +102,9 @@ pub struct GraspsArgs {
     /// Hold each object this long, s, after what disturbs it and before it is put down.
     #[arg(long, value_name = "S", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=3_600), conflicts_with = "out")]
     pub hold: u32,
+    /// Friction falls evenly to this share of itself while the object is held longer, percent.
+    #[arg(long, value_name = "PERCENT", default_value_t = 100, value_parser = clap::value_parser!(u8).range(5..=100), requires = "hold")]
+    pub fade: u8,
     /// Force network instead of the default one: unet or tracked.
     #[arg(long, value_name = "NAME", default_value_t)]
     pub network: Architecture,

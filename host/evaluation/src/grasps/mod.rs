@@ -72,7 +72,14 @@ struct Line {
     rendered: bool,
     #[serde(default)]
     hold_s: u32,
+    #[serde(default = "whole")]
+    fade_percent: u8,
     outcome: Outcome,
+}
+
+/// Friction as it is.
+const fn whole() -> u8 {
+    100
 }
 
 impl Line {
@@ -93,6 +100,7 @@ struct Results {
     contact: GelModel,
     seed: u64,
     hold_s: u32,
+    fade_percent: u8,
     weights: String,
 }
 
@@ -117,7 +125,10 @@ pub fn run(args: &GraspsArgs) -> Result<Completion, EvaluationError> {
         let progress = Progress::new(name, jobs.len());
         let outcomes = in_parallel(jobs, args.threads.into(), |job| {
             let outcome = results.get(job, || {
-                let mut plan = grasp(args.world, args.seed, job.grasp).held_longer(args.hold.into());
+                let hold_s = args.hold.into();
+                let mut plan = grasp(args.world, args.seed, job.grasp)
+                    .held_longer(hold_s)
+                    .fading(hold_s, f64::from(args.fade) / 100.0);
                 plan.scene.contact = args.contact.model();
                 play(&plan, job.policy, job.fixed_n, &network, &parts, job.rendered)
             });
@@ -265,6 +276,7 @@ impl Results {
             contact: args.contact,
             seed: args.seed,
             hold_s: args.hold,
+            fade_percent: args.fade,
             weights,
         };
         if let Some(path) = &args.results {
@@ -277,10 +289,10 @@ impl Results {
         Ok(results)
     }
 
-    /// Whether a line is of this world, gel, seed, hold and these weights.
+    /// Whether a line is of this world, gel, seed, hold, friction and these weights.
     fn takes(&self, line: &Line) -> bool {
-        (line.world, line.contact, line.seed, line.hold_s)
-            == (self.world, self.contact, self.seed, self.hold_s)
+        (line.world, line.contact, line.seed) == (self.world, self.contact, self.seed)
+            && (line.hold_s, line.fade_percent) == (self.hold_s, self.fade_percent)
             && line.weights == self.weights
     }
 
@@ -303,6 +315,7 @@ impl Results {
                 fixed_n: job.fixed_n,
                 rendered: job.rendered,
                 hold_s: self.hold_s,
+                fade_percent: self.fade_percent,
                 outcome: outcome.clone(),
             };
             let text = serde_json::to_string(&line)? + "\n";
@@ -381,6 +394,7 @@ mod tests {
             contact: GelModel::Layer,
             seed: 1,
             hold_s: 0,
+            fade_percent: 100,
             weights: "w".to_owned(),
         };
         let results = open(Vec::new());
@@ -408,6 +422,10 @@ mod tests {
             },
             Results {
                 hold_s: 60,
+                ..open(Vec::new())
+            },
+            Results {
+                fade_percent: 65,
                 ..open(Vec::new())
             },
         ] {

@@ -76,6 +76,17 @@ impl GraspPlan {
         self.times.end_s += hold_s;
         self
     }
+
+    /// The same, but that friction falls evenly to `share` of itself in the last `hold_s` of the hold.
+    #[must_use]
+    pub fn fading(mut self, hold_s: f64, share: f64) -> Self {
+        let put_down_s = self.times.put_down_s;
+        for law in &mut self.scene.friction_laws {
+            let course = std::mem::take(&mut law.course);
+            law.course = course.fading([put_down_s - hold_s, put_down_s], share);
+        }
+        self
+    }
 }
 
 /// A rounded patch.
@@ -104,6 +115,22 @@ pub(super) fn shape(random: &mut Random) -> Shape {
 #[cfg(test)]
 mod tests {
     use super::super::{adverse, nominal};
+
+    #[test]
+    fn friction_that_fades_is_as_it_was_until_the_longer_hold_begins() {
+        for plan in [nominal::grasp(1, 0), adverse::grasp(1, 4)] {
+            let longer = plan.clone().held_longer(20.0).fading(20.0, 0.5);
+            let share = |plan: &super::GraspPlan, time_s: f64| plan.scene.friction_laws[0].course.at(time_s);
+            let last = share(&plan, 100.0);
+            for time_s in [0.0, 1.0, 2.0, plan.times.put_down_s] {
+                assert!(
+                    (share(&longer, time_s) - share(&plan, time_s)).abs() < 1e-12,
+                    "{time_s} s"
+                );
+            }
+            assert!((share(&longer, longer.times.put_down_s) - 0.5 * last).abs() < 1e-12);
+        }
+    }
 
     #[test]
     fn a_longer_hold_puts_the_object_down_later_and_moves_nothing_before() {

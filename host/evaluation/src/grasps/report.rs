@@ -111,6 +111,8 @@ pub struct Report {
     seed: u64,
     /// Quiet hold behind what disturbs, s.
     hold_s: u32,
+    /// What is left of friction at its end, percent.
+    fade_percent: u8,
     network: String,
     fixed_force_n: Option<f64>,
     policies: BTreeMap<Policy, Figures>,
@@ -438,6 +440,7 @@ impl Report {
             grasps: args.grasps,
             seed: args.seed,
             hold_s: args.hold,
+            fade_percent: args.fade,
             network: args.network.to_string(),
             fixed_force_n,
             policies,
@@ -520,8 +523,12 @@ impl Report {
                 .iter()
                 .map(|(policy, figures)| figures.hold.row(policy.name()))
                 .collect();
+            let happens = match self.fade_percent {
+                100 => "nothing happens".to_owned(),
+                left => format!("friction falls evenly to {left} % of itself"),
+            };
             format!(
-                "{page}\n\nEach object is held for {} s more, in which nothing happens, before it is put down:\n\n{}",
+                "{page}\n\nEach object is held for {} s more, in which {happens}, before it is put down:\n\n{}",
                 self.hold_s,
                 table(&HOLD_COLUMNS, &rows)
             )

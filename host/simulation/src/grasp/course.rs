@@ -29,6 +29,14 @@ impl Course {
         Self::linear(vec![[0.0, value]])
     }
 
+    /// The same until `from_s`, which is after its last knot; from there to `to_s` its value changes evenly to `share` of itself.
+    #[must_use]
+    pub fn fading(mut self, [from_s, to_s]: [f64; 2], share: f64) -> Self {
+        let before = self.at(from_s);
+        self.knots.extend([[from_s, before], [to_s, share * before]]);
+        self
+    }
+
     /// A triangular pulse from `from_s` on whose integral over time is 1, so that a force times it is an impulse.
     #[must_use]
     pub fn impulse(from_s: f64, duration_s: f64) -> Self {
@@ -147,6 +155,21 @@ mod tests {
         assert!((pulse.mean(0.0, 1.0) - 1.0).abs() < 1e-12);
         let halves = 0.301 * pulse.mean(0.0, 0.301) + 0.699 * pulse.mean(0.301, 1.0);
         assert!((halves - 1.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_fading_course_is_the_old_one_and_then_falls_evenly_to_its_share() {
+        let fading = Course::linear(vec![[0.0, 1.0], [2.0, 1.0], [2.0, 0.5]]).fading([3.0, 13.0], 0.6);
+        for (time_s, value) in [
+            (1.0, 1.0),
+            (2.5, 0.5),
+            (3.0, 0.5),
+            (8.0, 0.4),
+            (13.0, 0.3),
+            (20.0, 0.3),
+        ] {
+            assert!((fading.at(time_s) - value).abs() < 1e-12, "{time_s}");
+        }
     }
 
     #[test]
