@@ -178,7 +178,7 @@ impl FrictionEstimator {
     /// Whether a map looks like sliding. The load is near the one that proved the friction, and hardly a taxel sticks. Or, at
     /// the first load, few taxels stick and the load over the normal force has stopped growing.
     fn looks_like_slide(&self, sums: &MapSums, ratio_now: u16) -> bool {
-        let at_friction = 8 * u32::from(ratio_now) >= 7 * u32::from(self.proven);
+        let at_friction = 8 * u32::from(ratio_now) >= 7 * u32::from(self.most_proven);
         let [older, _] = self.before;
         // Only at the first load: later, a slow load that the grip follows looks the same.
         let stalls = !self.has_rested

@@ -203,7 +203,8 @@ fn a_held_load_that_wavers_at_the_same_grip_again_and_again_has_not_slid() {
         let line = hold.line;
         hold.go(61.0, wavering(3.0, share), [0.8; 2]);
         let case = format!("{share}: {line} N, then {} N", hold.line);
-        assert!(hold.line < 1.05 * line, "{case}");
+        // A fifth of the friction is forgotten.
+        assert!(hold.line < 1.05 * line / 0.8, "{case}");
     }
 }
 
@@ -456,14 +457,16 @@ fn a_hold_that_nothing_disturbs_is_not_tested_again_and_again() {
     for load in [0.3, 3.0] {
         let mut hold = Hold::new(1, 17);
         hold.go(4.0, |time| load * time.min(1.0), [0.8; 2]);
-        let settled = hold.line;
+        let (settled, mut before) = (hold.line, hold.line);
         for _ in 0..20 {
             hold.go(1.0, |_| load, [0.8; 2]);
+            // A test adds a third; what is forgotten, 2 % a second and a quarter at most.
             assert!(
-                hold.line <= settled * 1.001,
-                "from {settled} N to {} N",
+                hold.line <= 1.025 * before && hold.line <= settled * 1.001 / 0.8,
+                "from {settled} N, {before} N a second ago, to {} N",
                 hold.line
             );
+            before = hold.line;
         }
     }
 }
