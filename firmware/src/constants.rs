@@ -45,7 +45,7 @@ pub const FORGETTING_US: u32 = 250_000;
 pub const FORGOTTEN_PART: u16 = 200;
 /// Share of the most that a contact has proven that is not forgotten, 1/10000. Friction that falls to 65 % of itself in 20 s, a fifth less while
 /// it slides, dropped 23 of 40 objects without forgetting, and 1 with this share or with 0.7; in a quiet minute the median margin is 57, 95
-/// and 114 % (`evaluate grasps --contact brush --hold 60`).
+/// and 114 % (`evaluate grasps --contact brush --grasps 60 --hold 60`).
 pub const REMEMBERED_SHARE: u16 = 8_000;
 /// A load has settled after this many maps in a row in which it grew by less than a sixteenth.
 pub const REST_MAPS: u8 = 4;
