@@ -39,13 +39,13 @@ pub const REST_LEAD_US: u64 = 60_000;
 pub const EXPECTED_FRICTION: u16 = 7_000;
 /// How long proven friction counts in full, µs.
 pub const PROVEN_US: u32 = 4_000_000;
-/// From then on, one [`FORGOTTEN_PART`]th of it is forgotten in this time, µs: 2 % a second.
+/// From then on, a part in [`FORGOTTEN_PART`] of it is forgotten in this time, µs: 2 % a second.
 pub const FORGETTING_US: u32 = 250_000;
 /// See [`FORGETTING_US`].
 pub const FORGOTTEN_PART: u16 = 200;
-/// Share of the most that a contact has proven that is not forgotten, 1/10000. Friction that falls to 65 % of itself in 20 s, a fifth less while
-/// it slides, dropped 23 of 40 objects without forgetting, and 1 with this share or with 0.7; in a quiet minute the median margin is 57, 95
-/// and 114 % (`evaluate grasps --contact brush --grasps 60 --hold 60`).
+/// Share of the most that a contact has proven that is not forgotten, 1/10000. With 1, this share and 0.7, friction that falls to 65 % of itself
+/// in 20 s, and by a fifth where it slides, dropped 23, 1 and 1 of 40 objects (more of those of `friction_that_fades_slowly_drops_nothing`); in a
+/// quiet minute the median margin is 57, 95 and 114 % (`evaluate grasps --contact brush --grasps 60 --hold 60`).
 pub const REMEMBERED_SHARE: u16 = 8_000;
 /// A load has settled after this many maps in a row in which it grew by less than a sixteenth.
 pub const REST_MAPS: u8 = 4;

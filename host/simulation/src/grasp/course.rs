@@ -29,7 +29,8 @@ impl Course {
         Self::linear(vec![[0.0, value]])
     }
 
-    /// The same until `from_s`, which is after its last knot; from there to `to_s` its value changes evenly to `share` of itself.
+    /// The same until `from_s`, which is after its last knot; from there to `to_s` its value changes to `share` of itself, evenly if the course
+    /// is linear.
     #[must_use]
     pub fn fading(mut self, [from_s, to_s]: [f64; 2], share: f64) -> Self {
         let before = self.at(from_s);
