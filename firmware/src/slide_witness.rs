@@ -11,19 +11,20 @@
 //! Units: force 1/4096 N, ratios 1/10000, shares 1/1024, time µs. The laws follow an own study of a thousand simulated grasps.
 //! Limits: a slide that keeps the shear as it was (friction that falls by less than the margin) shows only when the grip falls.
 //! One below [`SLIDING_FRICTION_MIN`] or a quarter of what the contact carried is never believed. A load that grows evenly with the
-//! grip of a test is taken for a slide, and held too firmly.
+//! grip of a test is taken for a slide, and held too firmly, unless it soon falls as low again under more force. After a slide, friction
+//! that falls further is found only where the shear falls suddenly, or by what holds it: the limit and its margin.
 
 use gripline_protocol::message::MapSums;
 use gripline_protocol::{Motion, PER_UNIT};
 
 use crate::arithmetic::{divide, ratio};
 use crate::constants::{
-    ASKED_SHARE, CALM_US, COME_BACK_US, DROP_SHARE, FADE_SHARE, FAST_SLIDE_SHARE, FOLLOWED_SLOTS,
+    ASKED_SHARE, CALM_US, COME_BACK_US, DOUBTED_US, DROP_SHARE, FADE_SHARE, FAST_SLIDE_SHARE, FOLLOWED_SLOTS,
     FRICTION_LOSS_MAX, HUSH_HELD_US, HUSH_US, NEWS_SHARE, NOISE_MAX, QUIET_DROP_SHARE, RECENT_FALL_SHARE,
     RISES_SHARE, SETTLED_US, SHEAR_ERROR_PART, SHORT_SHARE_MAX, SHORT_SHARE_MIN, SHORT_US,
-    SLIDING_FRICTION_MIN, SLIDING_RATIO_MIN, SLOT_US, STALLED_US, SUDDEN_DROP_SHARE, SWING_LOSS_MAX,
-    SWUNG_8THS, TEST_MARGIN, TEST_US_MAX, UNPROVEN_US_MAX, UNTRIED_US, WATCHED_US, WHOLE_STICK_RATIO,
-    WITNESSED_LOAD_MIN,
+    SLIDING_FRICTION_MIN, SLIDING_RATIO_MIN, SLOT_US, STALLED_US, SUDDEN_DROP_SHARE, SUDDEN_SHARE,
+    SWING_LOSS_MAX, SWUNG_8THS, SWUNG_MIN_8THS, TEST_MARGIN, TEST_US_MAX, UNPROVEN_US_MAX, UNTRIED_US,
+    WATCHED_US, WHOLE_STICK_RATIO, WITNESSED_LOAD_MIN,
 };
 use crate::learning_settings::LearningSettings;
 use crate::sums::stick_ratio_below;
@@ -53,7 +54,7 @@ pub enum Urgency {
 pub enum Finding {
     /// No slide.
     Held,
-    /// Nothing: the load grew.
+    /// Nothing: the load grew, or the grip did not.
     Open,
     /// A slide, or a load that came back.
     Slid,
@@ -115,14 +116,18 @@ struct Test {
     normal: i32,
     /// Since it began.
     for_us: u32,
-    /// The limit before it.
+    /// The limit before it, and the highest ratio carried.
     limit: u16,
+    carried: u16,
     /// Friction that the contact has proven, which such a slide would not take away without being confirmed.
     proven: u16,
     /// It is about a load that had settled.
     is_first: bool,
-    /// The most that the contact has carried since, shear over normal force, 1/10000.
+    /// The least and the most that the contact has carried since, shear over normal force, 1/10000.
+    lowest: u16,
     highest: u16,
+    /// The shear had fallen suddenly when it began.
+    is_sudden: bool,
     /// Slots in a row in which the shear has risen as much as the normal force.
     followed: u8,
     /// Slots in a row in which the shear has hardly risen.
@@ -152,8 +157,9 @@ pub(crate) struct SlideWitness {
     load: i32,
     /// Mean change of the shear from slot to slot, share of the load in 16ths.
     noise_16ths: i32,
-    /// Friction is no more than this, since a slide.
+    /// Friction is no more than this, since a slide; a test has confirmed one.
     limit: u16,
+    has_slid: bool,
     /// Time since something last spoke for a slide, and since the shear fell short of the load.
     calm_us: u32,
     short_us: u32,
@@ -161,6 +167,8 @@ pub(crate) struct SlideWitness {
     hush_us: u32,
     held_normal: i32,
     test: Option<Test>,
+    /// The last test that found a slide by the shear, and since then: its time is that from its end.
+    found: Option<Test>,
     finding: Finding,
     is_short: bool,
     /// The ratio at which the last test of late began whose load came back, 0 when there is none.
@@ -198,11 +206,13 @@ impl Default for SlideWitness {
             load: 0,
             noise_16ths: 0,
             limit: UNLIMITED,
+            has_slid: false,
             calm_us: 0,
             short_us: 0,
             hush_us: 0,
             held_normal: 0,
             test: None,
+            found: None,
             finding: Finding::Held,
             is_short: false,
             came_back: 0,
@@ -268,6 +278,7 @@ impl SlideWitness {
         } else {
             self.watched_us.saturating_sub(passed_us)
         };
+        self.doubt_slide(normal, passed_us);
         if let Some(test) = self.test {
             self.continue_test(test, shear, normal, passed_us);
         } else {
@@ -466,6 +477,20 @@ impl SlideWitness {
         change(before - now + self.load, self.load)
     }
 
+    /// Whether at least half of what the shear has fallen by over the last slots was in one of them, and not just noise.
+    fn has_fallen_suddenly(&self) -> bool {
+        let fall = self.shear.iter().copied().max().unwrap_or(0) - self.shear[0];
+        let steps = self.shear.windows(2).map(|pair| pair[1] - pair[0]);
+        let step = steps.max().unwrap_or(0);
+        2 * step >= fall && step > part(self.load, SUDDEN_SHARE)
+    }
+
+    /// Whether a test may lower the limit. After a slide that a test has confirmed only a sudden fall shows that friction has fallen
+    /// again: a load that swings falls slowly, and again and again.
+    const fn may_find(&self, test: &Test) -> bool {
+        !self.has_slid || test.is_sudden
+    }
+
     /// Mean change of the shear from slot to slot, share of the load.
     const fn noise(&self) -> i32 {
         self.noise_16ths / 16
@@ -493,15 +518,22 @@ impl SlideWitness {
             normal,
             for_us: 0,
             limit: self.limit,
+            carried: self.carried,
             proven: friction,
             is_first: suspicion == Suspicion::Settled,
+            lowest: u16::MAX,
             highest: 0,
+            is_sudden: self.has_fallen_suddenly(),
             followed: 0,
             stayed: 0,
             is_confirmed: suspicion == Suspicion::Seen,
         });
         if suspicion == Suspicion::Seen {
             self.limit = self.limit.min(now).max(1);
+            return;
+        }
+        if self.test.is_some_and(|test| !self.may_find(&test)) {
+            // What has slid is held firmly already.
             return;
         }
         // Raise first and ask later, with less margin until it is known.
@@ -515,16 +547,20 @@ impl SlideWitness {
             // The slot before may have begun ahead of the slide.
             (test.shear, test.normal) = (self.shear[0], self.normal[0]);
         }
+        // Nor does a slide begin with a slot.
+        test.is_sudden |= test.for_us == 0 && self.has_fallen_suddenly();
         test.for_us = test.for_us.saturating_add(passed_us);
         let [shear_rise, normal_rise] = [change(shear, test.shear), change(normal, test.normal)];
         let [of_shear, of_normal] = self.changes(shear, normal);
         let now = ratio(shear, normal);
         if test.for_us > passed_us {
             // The mean before reaches back to the slot in which the slide began.
+            test.lowest = test.lowest.min(now);
             test.highest = test.highest.max(now);
         }
         let mut is_over = test.for_us > TEST_US_MAX;
-        let mut has_grown = false;
+        // The test says nothing: the load has grown, or the grip has not.
+        let mut is_open = false;
         if test.is_confirmed {
             is_over = self.continue_slide(&mut test, is_over, [of_shear, of_normal], now);
         } else if self.seen.shows_motion() {
@@ -536,7 +572,7 @@ impl SlideWitness {
             is_over = true;
         } else if test.is_first && shear_rise > 2 * normal_rise.max(ASKED_SHARE) {
             // The load has grown: what it will be is yet to be tried.
-            has_grown = true;
+            is_open = true;
             is_over = true;
         } else if normal_rise > ASKED_SHARE {
             let apart = (shear_rise - normal_rise).abs();
@@ -548,12 +584,16 @@ impl SlideWitness {
             let stays = 3 * shear_rise < normal_rise;
             test.stayed = if stays { test.stayed + 1 } else { 0 };
             // What slides carries about the same share all the time; a load that swings back carries more, and less again.
-            let swings = SWUNG_8THS * u32::from(test.highest) > 8 * u32::from(now);
+            let highest = u32::from(test.highest);
+            let swings = SWUNG_8THS * highest > 8 * u32::from(now)
+                || SWUNG_MIN_8THS * highest > 8 * u32::from(test.lowest);
             test.is_confirmed = test.followed >= FOLLOWED_SLOTS
+                && self.may_find(&test)
                 && !swings
                 && ratio(test.shear, test.normal) >= self.min_friction();
             if test.is_confirmed {
                 self.limit = self.limit.min(ratio(test.shear, test.normal)).max(1);
+                self.has_slid = true;
                 // From now on: the gripper has yet to follow.
                 (test.for_us, test.stayed) = (0, 0);
             }
@@ -568,35 +608,44 @@ impl SlideWitness {
                 && test.for_us > 2 * SLOT_US
                 && carries > could
                 && test.shear < self.load - part(self.load, 92);
-            is_over |= test.for_us > UNPROVEN_US_MAX;
+            let has_stopped = test.is_sudden && test.for_us > 8 * SLOT_US && of_normal <= RISES_SHARE;
+            if test.for_us > UNPROVEN_US_MAX || has_stopped {
+                // The grip has hardly risen, and what suddenly fell may slide: the next test raises it further.
+                is_open = test.is_sudden && self.shear[0] < self.load - part(self.load, NEWS_SHARE / 2);
+                is_over = true;
+            }
         }
         if !is_over {
             self.test = Some(test);
             return;
         }
-        self.end_test(&test, [shear, normal], normal_rise, has_grown);
+        self.end_test(&test, [shear, normal], normal_rise, is_open);
     }
 
-    /// A test is over; `has_grown`: because the load has grown, which says nothing.
-    fn end_test(&mut self, test: &Test, [shear, normal]: [i32; 2], normal_rise: i32, has_grown: bool) {
+    /// A test is over; `is_open`: it says nothing.
+    fn end_test(&mut self, test: &Test, [shear, normal]: [i32; 2], normal_rise: i32, is_open: bool) {
         let has_risen = normal_rise > ASKED_SHARE;
         let mut has_slid = test.is_confirmed;
         if !test.is_confirmed {
             self.limit = test.limit;
-            if has_risen && !has_grown && !self.seen.shows_rest() {
+            if has_risen && !is_open && !self.seen.shows_rest() && self.may_find(test) {
                 has_slid = self.has_come_back(test, shear.max(self.shear[0]));
             }
         }
-        let stayed = !has_slid && !has_grown && (has_risen || self.seen.shows_rest());
+        let stayed = !has_slid && !is_open && (has_risen || self.seen.shows_rest());
         self.finding = if has_slid {
             Finding::Slid
-        } else if has_grown {
+        } else if is_open {
             Finding::Open
         } else {
             Finding::Held
         };
         if has_slid {
             self.carried = self.carried.min(self.limit);
+        }
+        let is_clear = test.shear < self.load - self.load / 8;
+        if test.is_confirmed && is_clear && !self.is_watched() {
+            self.found = Some(Test { for_us: 0, ..*test });
         }
         // Shear that stayed while the grip rose is the whole load; otherwise some of it may be hidden.
         self.load = if stayed {
@@ -615,9 +664,30 @@ impl SlideWitness {
         // What sank before or in the test says nothing of what comes.
         self.slow = [shear, normal];
         self.since = self.slow;
-        self.tested = self.tested.max(if has_grown { test.shear } else { shear });
+        self.tested = self.tested.max(if is_open { test.shear } else { shear });
         self.untried_us = 0;
         self.test = None;
+    }
+
+    /// Takes back a slide that a test found if the shear soon falls as low again under more normal force: a slide would carry more. The
+    /// load swings.
+    fn doubt_slide(&mut self, normal: i32, passed_us: u32) {
+        let Some(mut found) = self.found else { return };
+        found.for_us += passed_us;
+        self.found = (found.for_us < DOUBTED_US).then_some(found);
+        let is_low_again = 16 * i64::from(self.shear[0]) < 17 * i64::from(found.shear)
+            && 4 * i64::from(normal) > 5 * i64::from(found.normal);
+        if !is_low_again || self.test.is_some_and(|test| test.is_confirmed) {
+            return;
+        }
+        self.found = None;
+        self.has_slid = found.limit != UNLIMITED;
+        self.carried = self.carried.max(found.carried);
+        if let Some(test) = &mut self.test {
+            test.limit = found.limit;
+        } else {
+            self.limit = found.limit;
+        }
     }
 
     /// Whether a load that came back while the grip rose had slid for a moment; then it limits friction. Otherwise the load swung.
@@ -804,7 +874,7 @@ mod tests {
         let of = |swung: f64| {
             let mut witness = in_its_first_test();
             let test = witness.test.as_mut().expect("it tests");
-            (test.is_first, test.limit) = (false, 6_000);
+            (test.is_first, test.limit) = (false, UNLIMITED);
             for map in 1..20 {
                 let share = 1.04_f64.powi(map);
                 let load = 1_000.0 * share.clamp(swung, 1.5);
@@ -814,6 +884,38 @@ mod tests {
         };
         assert_eq!(of(1.0), Finding::Slid);
         assert_eq!(of(1.5), Finding::Held);
+    }
+
+    /// A hold in which friction suddenly falls from 0.6 to 0.24, and the grip rises until the load is held.
+    fn after_a_slide() -> SlideWitness {
+        let mut witness = SlideWitness::default();
+        for _ in 0..120 {
+            show(&mut witness, 6_000, 10_000);
+        }
+        for map in 0..24 {
+            let share = 1.05_f64.powi(map).min(2.2);
+            show(&mut witness, (2_400.0 * share) as i32, (10_000.0 * share) as i32);
+        }
+        assert_eq!(witness.verdict().finding, Finding::Slid);
+        witness
+    }
+
+    #[test]
+    fn a_slide_is_taken_back_where_the_shear_falls_as_low_again_under_more_force() {
+        let mut witness = after_a_slide();
+        let limit = witness.limit();
+        show(&mut witness, 5_300, 22_000);
+        assert_eq!(witness.limit(), limit);
+        for _ in 0..3 {
+            show(&mut witness, 2_400, 22_000);
+        }
+        assert!(!witness.has_slid && witness.carried >= 5_900, "{witness:?}");
+        // What stays as it is has slid.
+        let mut witness = after_a_slide();
+        for _ in 0..120 {
+            show(&mut witness, 5_300, 22_000);
+        }
+        assert!(witness.has_slid && witness.limit < 2_500, "{witness:?}");
     }
 
     #[test]
@@ -849,9 +951,12 @@ mod tests {
             normal: 1,
             for_us: 0,
             limit: UNLIMITED,
+            carried: 0,
             proven: 6_000,
             is_first: false,
+            lowest: u16::MAX,
             highest: 0,
+            is_sudden: false,
             followed: 0,
             stayed: 0,
             is_confirmed: false,

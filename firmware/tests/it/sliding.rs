@@ -430,6 +430,37 @@ fn without_a_new_map_the_line_does_not_fall_by_plan() {
 }
 
 #[test]
+fn a_load_that_swings_is_not_held_ever_more_firmly() {
+    for (hertz, share, most) in [
+        (1.5, 0.4, 5.0),
+        (3.0, 0.3, 5.0),
+        (6.0, 0.2, 9.0),
+        (8.0, 0.2, 9.0),
+        (12.0, 0.2, 5.0),
+    ] {
+        for friction in [0.5, 0.7, 0.9] {
+            for load in [0.5, 1.0, 3.0] {
+                let mut hold = Hold::new(1, 17);
+                hold.go(4.0, |time| load * time.min(1.0), [friction; 2]);
+                let mut highest = 0.0_f64;
+                for second in 0..20 {
+                    let swung = |time: f64| {
+                        let turns = hertz * (f64::from(second) + time);
+                        load * (1.0 + share * (std::f64::consts::TAU * turns).sin())
+                    };
+                    hold.go(1.0, swung, [friction; 2]);
+                    highest = highest.max(hold.line);
+                }
+                let times = highest * friction / (load * (1.0 + share));
+                let case = format!("{hertz} Hz, {share}, friction {friction}, {load} N");
+                assert!(times < most, "{case}: {times:.1} times what is needed");
+                assert!(hold.slid == 0.0, "{case}: slid for {} s", hold.slid);
+            }
+        }
+    }
+}
+
+#[test]
 fn friction_that_falls_twice_and_a_load_that_grows_are_held() {
     let mut hold = Hold::new(1, 17);
     hold.go(3.0, |time| 2.0 * time.min(1.0), [0.9; 2]);
@@ -441,6 +472,21 @@ fn friction_that_falls_twice_and_a_load_that_grows_are_held() {
         "{} N",
         hold.normal
     );
+}
+
+#[test]
+fn friction_that_falls_again_soon_after_a_first_fall_is_held() {
+    for gap in [0.1, 0.2, 0.3, 0.4, 0.6] {
+        for frictions in [[0.8, 0.5, 0.3], [0.8, 0.4, 0.2], [0.6, 0.4, 0.25]] {
+            let mut hold = Hold::new(1, 17);
+            hold.go(3.0, |time| 2.0 * time.min(1.0), [frictions[0]; 2]);
+            hold.go(gap, |_| 2.0, [frictions[1]; 2]);
+            hold.go(3.0, |_| 2.0, [frictions[2]; 2]);
+            let case = format!("{frictions:?} after {gap} s: {} N", hold.normal);
+            assert!(hold.slides_for == 0.0, "{case}: still slides");
+            assert!(hold.slid < 1.0, "{case}: slid for {} s", hold.slid);
+        }
+    }
 }
 
 #[test]
