@@ -491,7 +491,7 @@ impl SlideWitness {
         !self.has_slid || test.is_sudden
     }
 
-    /// Mean change of the shear from slot to slot, share of the load.
+    /// Mean change of the shear from slot to slot beside its growth, share of the load in 1/1024.
     const fn noise(&self) -> i32 {
         self.noise_16ths / 16
     }
@@ -954,6 +954,7 @@ mod tests {
                 load -= step;
                 show(&mut witness, load, 26_000);
             }
+            assert!(witness.verdict().tests(), "{witness:?}");
             let mut lowest = witness.limit;
             // The shear rises with the grip.
             for map in 0..24 {
