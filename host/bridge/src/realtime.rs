@@ -1,5 +1,5 @@
 //! Priorities of a run's threads. On request, real-time settings for the calling thread: SCHED_FIFO, memory that is never swapped,
-//! one core. Readers' threads always run behind. Linux only. Reports what the system does not allow, with a remedy; a run works
+//! one core. Readers' threads always run behind, and helpers beside it. Linux only. Reports what the system does not allow, with a remedy; a run works
 //! without it.
 
 /// Percent of the range from minimum to maximum priority: above ordinary programs, below the kernel's interrupt threads (50).
@@ -87,6 +87,70 @@ pub(crate) fn enter(_core: Option<usize>) -> Vec<String> {
     vec![lack("everything", "this system is not Linux", "Linux")]
 }
 
+/// A thread, and the cores that it may use.
+#[cfg(target_os = "linux")]
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Thread {
+    id: nix::unistd::Pid,
+    cores: Option<nix::sched::CpuSet>,
+}
+
+#[cfg(target_os = "linux")]
+impl Thread {
+    /// The calling one.
+    pub(crate) fn current() -> Self {
+        let id = nix::unistd::gettid();
+        Self {
+            id,
+            cores: nix::sched::sched_getaffinity(id).ok(),
+        }
+    }
+
+    /// Lets it run on its cores without this one; on all of them when there is no other. Where the system does not allow it, nothing changes.
+    pub(crate) fn keep_off(&self, core: usize) {
+        let Some(all) = self.cores else {
+            return;
+        };
+        let mut others = all;
+        let is_empty = |cores: &nix::sched::CpuSet| {
+            (0..nix::sched::CpuSet::count()).all(|core| !cores.is_set(core).unwrap_or(false))
+        };
+        let cores = match others.unset(core) {
+            Ok(()) if !is_empty(&others) => others,
+            _ => all,
+        };
+        let _ = nix::sched::sched_setaffinity(self.id, &cores);
+    }
+}
+
+/// The core that the calling thread is on; `None` when the system does not say.
+#[cfg(target_os = "linux")]
+pub(crate) fn current_core() -> Option<usize> {
+    nix::sched::sched_getcpu().ok()
+}
+
+/// A thread, which no other system than Linux is asked to move.
+#[cfg(not(target_os = "linux"))]
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Thread;
+
+#[cfg(not(target_os = "linux"))]
+impl Thread {
+    /// The calling one.
+    pub(crate) fn current() -> Self {
+        Self
+    }
+
+    /// Nothing.
+    pub(crate) fn keep_off(&self, _core: usize) {}
+}
+
+/// Not known.
+#[cfg(not(target_os = "linux"))]
+pub(crate) fn current_core() -> Option<usize> {
+    None
+}
+
 fn lack(what: &str, why: &str, expected: &str) -> String {
     format!("no real time: {what}: {why}, expected {expected}; the run goes on without")
 }
@@ -161,5 +225,26 @@ mod tests {
             behind(|| (niceness(), std::thread::spawn(niceness).join().unwrap()));
         assert_eq!((of_readers, of_their_own), (10, 10));
         assert_eq!(niceness(), before);
+    }
+    #[test]
+    fn a_thread_is_kept_off_a_core_unless_it_has_no_other() {
+        let on_its_own_thread = || {
+            let thread = Thread::current();
+            let may = || {
+                let now = nix::sched::sched_getaffinity(thread.id).unwrap();
+                let all = 0..nix::sched::CpuSet::count();
+                all.filter(|&core| now.is_set(core).unwrap()).collect::<Vec<_>>()
+            };
+            let all = may();
+            for &core in &all {
+                thread.keep_off(core);
+                let others: Vec<_> = all.iter().copied().filter(|&other| other != core).collect();
+                assert_eq!(may(), if others.is_empty() { all.clone() } else { others });
+            }
+            pinned(all[0]).unwrap();
+            Thread::current().keep_off(all[0]);
+            assert_eq!(may(), all[..1]);
+        };
+        std::thread::spawn(on_its_own_thread).join().unwrap();
     }
 }

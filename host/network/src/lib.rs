@@ -1,6 +1,7 @@
 //! Inference of contact forces: camera images (at rest, now) in, a 20×20 map of forces in newtons per taxel out. Two
 //! architectures: [`unet`] (an encoder–decoder on 88×88 images) and [`tracked`] (particles tracked at 440×440 pixels).
-//! [`scene`] decides which frames need inference and which pictures can be trusted. One thread, no allocation per frame.
+//! [`scene`] decides which frames need inference and which pictures can be trusted. One thread, or those of the caller's pool; no
+//! allocation per frame.
 //!
 //! [`Network`] is all that a program needs. Taxels and images are row-major with the same orientation.
 // All `unsafe` code is in `gripline_kernels::simd`, which wraps the vector instructions.

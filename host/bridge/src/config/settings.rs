@@ -113,6 +113,16 @@ pub struct Settings {
     #[arg(id = "network.instructions", long = "instructions", value_name = "SET")]
     pub instructions: Option<InstructionSet>,
 
+    /// Threads that share a picture in tracked, the loop's among them; no more than there are cores. The forces do not depend on it.
+    #[arg(
+        id = "network.threads",
+        long = "threads",
+        value_name = "THREADS",
+        default_value = "2",
+        value_parser = whole_in(1..=64_usize)
+    )]
+    pub threads: usize,
+
     /// Scene gate: network (small, int8) and difference (thresholds) skip the force network when nothing touches or changes; off
     /// never skips it.
     #[arg(

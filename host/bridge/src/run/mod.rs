@@ -8,6 +8,7 @@ mod capture_to_line;
 mod drift;
 mod fingertips;
 mod handle_requests;
+mod helpers;
 mod output;
 mod report;
 mod requests;
@@ -37,6 +38,7 @@ use gripline_simulation::constants::SCENE_LOOP_S;
 pub use self::capture_to_line::{CaptureToLineSummary, PartQuantiles};
 use self::drift::DriftWatch;
 use self::fingertips::{Fingertips, Open, Polled};
+use self::helpers::Helpers;
 use self::output::{Output, UserInput};
 use self::requests::Requests;
 use self::restart_loop::is_restart_loop;
@@ -155,6 +157,7 @@ pub fn run(args: &RunArgs) -> Result<Completion, Error> {
     run.pictures = wanted.pictures;
     open_to_others(&mut run, &wanted, &control, (&about, &rests))?;
     run.drift = DriftWatch::of_cameras(pacing == Pacing::Pictures, drift);
+    run.helpers = Helpers::start(wanted.threads, wanted.realtime);
     // After the other threads have started, which would inherit it.
     if wanted.realtime {
         let lacks = realtime::enter(wanted.realtime_core);

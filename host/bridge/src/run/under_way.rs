@@ -8,6 +8,7 @@ use gripline_protocol::{ForceMap, Motion, SensorId};
 use gripline_control::channel;
 
 use super::drift::{DriftWatch, is_at_rest};
+use super::helpers::Helpers;
 use super::report::{faults_of, image, report_of};
 use super::requests::{Requests, Unasked};
 use super::summary::Summary;
@@ -88,6 +89,8 @@ pub struct Run {
     pub(super) drift: Vec<DriftWatch>,
     /// The requests of clients.
     pub(super) requests: Requests,
+    /// Threads that share a picture with the loop's.
+    pub(super) helpers: Helpers,
     /// Counts so far; [`Run::summary`] completes them.
     pub summary: Summary,
 }
@@ -123,6 +126,7 @@ impl Run {
             presence: (0, false),
             drift: Vec::new(),
             requests: Requests::new(channel().1, Unasked::SCRIPT, 0),
+            helpers: Helpers::default(),
         }
     }
 
@@ -182,6 +186,7 @@ impl Run {
             waited_us,
             until_us,
         };
+        self.helpers.leave_this_core();
         let outcome = self
             .control
             .frame(pipeline, &picture.crop, lateness, request)

@@ -146,6 +146,11 @@ impl DirtyTiles {
         self.above_left[TILES][TILES]
     }
 
+    /// Whether so few changed that other threads are woken too late to help.
+    pub(super) fn are_few(&self) -> bool {
+        usize::from(self.count()) < TILES * TILES / 8
+    }
+
     pub(super) fn is_empty(&self) -> bool {
         self.count() == 0
     }

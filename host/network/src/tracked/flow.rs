@@ -6,12 +6,14 @@
     reason = "code compiles for the instruction set of the function that it is inlined into"
 )]
 
-use gripline_kernels::simd::{Simd, round};
+use gripline_kernels::InstructionSet;
+use gripline_kernels::simd::{Dispatch, Simd, dispatch_256, round};
 
 use super::block_matching::{BLOCK, Block, RANGE_MAX};
 use super::dirty_tiles::{DirtyTiles, TileRect, same_bits};
 use super::level::Level;
 use super::pyramid::Pyramid;
+use super::share::share;
 use crate::constants::CROP_SIDE;
 
 /// Distance of neighbouring nodes, pixels of their level.
@@ -24,6 +26,9 @@ const MOTION_MAX: f32 = 15.0;
 const LINE: usize = 2 * (CROP_SIDE / 4 / STEP + 2);
 /// A node's motion differs from its neighbours' median from this distance on, pixels.
 const DIFFERENT: f32 = 0.75;
+
+/// Rows of nodes that a thread takes at a time: some 10 µs of work.
+const ROWS_AT_ONCE: usize = 3;
 
 /// A rectangle of nodes at a quarter: first and last [column, row].
 #[derive(Debug, Clone, Copy)]
@@ -48,14 +53,7 @@ pub(super) struct Flow {
 /// The nodes of one level. Motions in pixels of the level.
 #[derive(Debug, Clone)]
 struct Nodes<const SIDE: usize> {
-    /// Search range around a guess, pixels of the level.
-    range: i32,
-    /// Per node: the guesses of its search, and the tiles that it read.
-    inputs: Vec<([[i32; 2]; 5], TileRect)>,
-    /// As matched.
-    matched: Vec<[f32; 2]>,
-    /// The rows in which a match changed.
-    changed_rows: Vec<bool>,
+    rows: Vec<Row>,
     /// The median of each node and its neighbours, component by component.
     median: Vec<[f32; 2]>,
     /// Without outliers.
@@ -64,6 +62,19 @@ struct Nodes<const SIDE: usize> {
     before: Vec<[f32; 2]>,
     /// The nodes whose motion changed.
     changed: Vec<bool>,
+}
+
+/// A row of nodes.
+#[derive(Debug, Clone)]
+struct Row {
+    /// Its number.
+    index: usize,
+    /// Per node: the guesses of its search, and the tiles that it read.
+    inputs: Vec<([[i32; 2]; 5], TileRect)>,
+    /// As matched.
+    matched: Vec<[f32; 2]>,
+    /// Whether a match changed.
+    changed: bool,
 }
 
 impl Flow {
@@ -77,15 +88,33 @@ impl Flow {
         }
     }
 
-    /// Updates the flow from `rest` to `now`, of which the `dirty` tiles changed since the last frame. No allocation.
+    /// Updates the flow from `rest` to `now`, of which the `dirty` tiles changed since the last frame. The threads of the caller's pool
+    /// help, on the instruction set. No allocation.
     #[inline(always)]
-    pub(super) fn update<S: Simd>(&mut self, rest: &Pyramid, now: &Pyramid, dirty: &DirtyTiles) {
+    pub(super) fn update(
+        &mut self,
+        rest: &Pyramid,
+        now: &Pyramid,
+        dirty: &DirtyTiles,
+        instructions: InstructionSet,
+    ) {
         let nothing: Option<(&Nodes<{ CROP_SIDE / 8 }>, _)> = None;
-        self.eighth
-            .update::<S, _>(nothing, &rest.eighth, &now.eighth, dirty);
-        let coarser = Some((&self.eighth, &*self.coarser));
-        self.quarter
-            .update::<S, _>(coarser, &rest.quarter, &now.quarter, dirty);
+        self.eighth.update(NodeSearch {
+            coarser: nothing,
+            range: RANGE[0],
+            rest: &rest.eighth,
+            now: &now.eighth,
+            dirty,
+            instructions,
+        });
+        self.quarter.update(NodeSearch {
+            coarser: Some((&self.eighth, &*self.coarser)),
+            range: RANGE[1],
+            rest: &rest.quarter,
+            now: &now.quarter,
+            dirty,
+            instructions,
+        });
     }
 
     /// The position of a place of the crop, pixels.
@@ -129,66 +158,36 @@ impl<const SIDE: usize> Nodes<SIDE> {
     fn new(range: i32) -> Self {
         let still = vec![[0.0; 2]; Self::PER_SIDE * Self::PER_SIDE];
         let guesses = [[0; 2]; 5];
-        Self {
-            range,
-            changed_rows: vec![true; Self::PER_SIDE],
-            median: still.clone(),
-            inputs: Self::centres()
-                .map(|centre| (guesses, Self::search_tiles(centre, guesses, range)))
+        let row = |index| Row {
+            index,
+            inputs: (0..Self::PER_SIDE)
+                .map(|column| Self::search_tiles(Self::centre(column, index), guesses, range))
+                .map(|tiles| (guesses, tiles))
                 .collect(),
+            matched: vec![[0.0; 2]; Self::PER_SIDE],
+            changed: true,
+        };
+        Self {
+            rows: (0..Self::PER_SIDE).map(row).collect(),
+            median: still.clone(),
             changed: vec![true; still.len()],
-            matched: still.clone(),
             before: still.clone(),
             motion: still,
         }
     }
 
     #[inline(always)]
-    fn update<S: Simd, const COARSER: usize>(
-        &mut self,
-        coarser: Option<(&Nodes<COARSER>, &[NodePosition])>,
-        rest: &Level<SIDE>,
-        now: &Level<SIDE>,
-        dirty: &DirtyTiles,
-    ) {
-        let range = self.range;
-        self.changed_rows.fill(false);
-        for (node, centre) in Self::centres().enumerate() {
-            let (known, tiles) = &mut self.inputs[node];
-            let mut guesses = *known;
-            if let Some((nodes, positions)) = coarser
-                && nodes.changed_around(positions[node])
-            {
-                let motions = nodes.around(positions[node]);
-                for (guess, motion) in guesses.as_flattened_mut().iter_mut().zip(motions.as_flattened()) {
-                    *guess = whole_pixels(2.0 * motion);
-                }
-            }
-            if guesses != *known {
-                *known = guesses;
-                *tiles = Self::search_tiles(centre, guesses, range);
-            } else if !dirty.any_in(*tiles) {
-                continue;
-            }
-            let block = Block::new(rest, centre);
-            let mut guess = [0; 2];
-            if coarser.is_some() {
-                let mut min = u32::MAX;
-                for (k, motion) in guesses.into_iter().enumerate() {
-                    if guesses[..k].contains(&motion) {
-                        continue;
-                    }
-                    let sad = block.sad(now, motion);
-                    if sad < min {
-                        (min, guess) = (sad, motion);
-                    }
-                }
-            }
-            let best = block.best_match::<S, _>(now, guess, range);
-            self.changed_rows[node / Self::PER_SIDE] |= !same_bits(best, self.matched[node]);
-            self.matched[node] = best;
-        }
-        self.smooth(rest, now);
+    fn update<const COARSER: usize>(&mut self, search: NodeSearch<'_, SIDE, COARSER>) {
+        let at_once = if search.dirty.are_few() {
+            Self::PER_SIDE
+        } else {
+            ROWS_AT_ONCE
+        };
+        share(&mut self.rows, at_once, &|rows| {
+            let task = UpdateRows { search, rows };
+            dispatch_256(search.instructions, task);
+        });
+        self.smooth(search.rest, search.now);
     }
 
     /// The tiles that a node's search reads.
@@ -208,11 +207,16 @@ impl<const SIDE: usize> Nodes<SIDE> {
         TileRect::of_pixels(first, last)
     }
 
-    /// The pixel of each node: the middle of its cell.
+    /// The pixel of a node: the middle of its cell.
+    #[inline]
+    fn centre(column: usize, row: usize) -> [i32; 2] {
+        [column, row].map(|index| (index * STEP + STEP / 2) as i32)
+    }
+
+    /// Those of all nodes.
     fn centres() -> impl Iterator<Item = [i32; 2]> {
-        let middle = |index: usize| (index * STEP + STEP / 2) as i32;
-        let rows = (0..Self::PER_SIDE).map(middle);
-        rows.flat_map(move |y| (0..Self::PER_SIDE).map(move |x| [middle(x), y]))
+        let rows = 0..Self::PER_SIDE;
+        rows.flat_map(|row| (0..Self::PER_SIDE).map(move |column| Self::centre(column, row)))
     }
 
     /// The first of the four nodes around a place (pixels of the level), and the fraction of the way to the others.
@@ -269,7 +273,8 @@ impl<const SIDE: usize> Nodes<SIDE> {
     fn smooth(&mut self, rest: &Level<SIDE>, now: &Level<SIDE>) {
         std::mem::swap(&mut self.before, &mut self.motion);
         self.medians();
-        let nodes = self.motion.iter_mut().zip(self.matched.iter().zip(&self.median));
+        let matched = self.rows.iter().flat_map(|row| &row.matched);
+        let nodes = self.motion.iter_mut().zip(matched.zip(&self.median));
         for ((motion, (&own, &median)), centre) in nodes.zip(Self::centres()) {
             *motion = median;
             if (0..2).any(|k| (own[k] - median[k]).abs() >= DIFFERENT) {
@@ -293,10 +298,10 @@ impl<const SIDE: usize> Nodes<SIDE> {
         const LOW: f32 = f32::NEG_INFINITY;
         const HIGH: f32 = f32::INFINITY;
         let n = Self::PER_SIDE;
-        let matched = self.matched.as_flattened();
-        let line = |row: usize| &matched[2 * n * row..2 * n * (row + 1)];
+        let line = |row: usize| self.rows[row].matched.as_flattened();
         for (row, out) in self.median.as_flattened_mut().chunks_exact_mut(2 * n).enumerate() {
-            if !self.changed_rows[row.saturating_sub(1)..(row + 2).min(n)].contains(&true) {
+            let around = &self.rows[row.saturating_sub(1)..(row + 2).min(n)];
+            if !around.iter().any(|row| row.changed) {
                 continue;
             }
             // Neighbours are two numbers apart. Outside lie infinities, so that the median is that of the existing nodes:
@@ -326,6 +331,90 @@ impl<const SIDE: usize> Nodes<SIDE> {
                 }
                 out[first..first + 8].copy_from_slice(&medians_of_nine(nine));
             }
+        }
+    }
+}
+
+/// What the search of all nodes of a level shares.
+#[derive(Clone, Copy)]
+struct NodeSearch<'a, const SIDE: usize, const COARSER: usize> {
+    /// The level below in resolution, and where the nodes lie in it.
+    coarser: Option<(&'a Nodes<COARSER>, &'a [NodePosition])>,
+    /// Search range around a guess, pixels of the level.
+    range: i32,
+    rest: &'a Level<SIDE>,
+    now: &'a Level<SIDE>,
+    dirty: &'a DirtyTiles,
+    instructions: InstructionSet,
+}
+
+impl<const SIDE: usize, const COARSER: usize> NodeSearch<'_, SIDE, COARSER> {
+    /// Searches what changed in a row of nodes.
+    #[inline(always)]
+    fn update_row<S: Simd>(&self, row: &mut Row) {
+        let Self {
+            coarser,
+            range,
+            rest,
+            now,
+            dirty,
+            ..
+        } = *self;
+        let per_side = Nodes::<SIDE>::PER_SIDE;
+        row.changed = false;
+        for column in 0..per_side {
+            let centre = Nodes::<SIDE>::centre(column, row.index);
+            let (known, tiles) = &mut row.inputs[column];
+            let mut guesses = *known;
+            if let Some((nodes, positions)) = coarser {
+                let position = positions[row.index * per_side + column];
+                if nodes.changed_around(position) {
+                    let motions = nodes.around(position);
+                    for (guess, motion) in guesses.as_flattened_mut().iter_mut().zip(motions.as_flattened()) {
+                        *guess = whole_pixels(2.0 * motion);
+                    }
+                }
+            }
+            if guesses != *known {
+                *known = guesses;
+                *tiles = Nodes::<SIDE>::search_tiles(centre, guesses, range);
+            } else if !dirty.any_in(*tiles) {
+                continue;
+            }
+            let block = Block::new(rest, centre);
+            let mut guess = [0; 2];
+            if coarser.is_some() {
+                let mut min = u32::MAX;
+                for (k, motion) in guesses.into_iter().enumerate() {
+                    if guesses[..k].contains(&motion) {
+                        continue;
+                    }
+                    let sad = block.sad(now, motion);
+                    if sad < min {
+                        (min, guess) = (sad, motion);
+                    }
+                }
+            }
+            let best = block.best_match::<S, _>(now, guess, range);
+            row.changed |= !same_bits(best, row.matched[column]);
+            row.matched[column] = best;
+        }
+    }
+}
+
+/// Runs [`NodeSearch::update_row`] for some rows.
+struct UpdateRows<'a, const SIDE: usize, const COARSER: usize> {
+    search: NodeSearch<'a, SIDE, COARSER>,
+    rows: &'a mut [Row],
+}
+
+impl<const SIDE: usize, const COARSER: usize> Dispatch for UpdateRows<'_, SIDE, COARSER> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<S: Simd>(self) {
+        for row in self.rows {
+            self.search.update_row::<S>(row);
         }
     }
 }
@@ -373,8 +462,6 @@ fn whole_pixels(motion: f32) -> i32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use gripline_kernels::InstructionSet;
-    use gripline_kernels::simd::{Dispatch, dispatch_256};
 
     struct Update<'a>(&'a mut Flow, &'a Pyramid, &'a Pyramid, &'a DirtyTiles);
 
@@ -384,12 +471,16 @@ mod tests {
         #[inline(always)]
         fn run<S: Simd>(self) {
             let Self(flow, rest, now, dirty) = self;
-            flow.update::<S>(rest, now, dirty);
+            flow.update(rest, now, dirty, InstructionSet::Portable);
         }
     }
 
     fn update(flow: &mut Flow, rest: &Pyramid, now: &Pyramid, dirty: &DirtyTiles) {
         dispatch_256(InstructionSet::Portable, Update(flow, rest, now, dirty));
+    }
+
+    fn matched<const SIDE: usize>(nodes: &Nodes<SIDE>) -> Vec<[f32; 2]> {
+        nodes.rows.iter().flat_map(|row| row.matched.clone()).collect()
     }
 
     /// A pattern without repetition, shifted by this many pixels.
@@ -415,7 +506,8 @@ mod tests {
         fn check<const SIDE: usize>() {
             let n = Nodes::<SIDE>::PER_SIDE;
             let mut nodes = Nodes::<SIDE>::new(RANGE[0]);
-            for (node, matched) in nodes.matched.iter_mut().enumerate() {
+            let matched = nodes.rows.iter_mut().flat_map(|row| &mut row.matched);
+            for (node, matched) in matched.enumerate() {
                 *matched = [node * 7919 % 101, node * 104_729 % 97].map(|at| at as f32 - 50.0);
             }
             nodes.medians();
@@ -425,7 +517,7 @@ mod tests {
                     let rows = row.saturating_sub(1)..(row + 2).min(n);
                     let columns = column.saturating_sub(1)..(column + 2).min(n);
                     let around = rows.flat_map(|y| columns.clone().map(move |x| (y, x)));
-                    let mut values: Vec<f32> = around.map(|(y, x)| nodes.matched[y * n + x][k]).collect();
+                    let mut values: Vec<f32> = around.map(|(y, x)| nodes.rows[y].matched[x][k]).collect();
                     values.sort_by(f32::total_cmp);
                     assert_eq!(
                         median.to_bits(),
@@ -458,8 +550,8 @@ mod tests {
             now.update(&shown, &dirty);
             update(&mut skip, &rest, &now, &dirty);
             update(&mut dense, &rest, &now, &DirtyTiles::all());
-            assert_eq!(skip.eighth.matched, dense.eighth.matched, "spot {spot}");
-            assert_eq!(skip.quarter.matched, dense.quarter.matched, "spot {spot}");
+            assert_eq!(matched(&skip.eighth), matched(&dense.eighth), "spot {spot}");
+            assert_eq!(matched(&skip.quarter), matched(&dense.quarter), "spot {spot}");
             assert_eq!(skip.quarter.motion, dense.quarter.motion, "spot {spot}");
             moved += skip.quarter.changed.iter().filter(|&&changed| changed).count();
         }

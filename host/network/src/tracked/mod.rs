@@ -1,6 +1,7 @@
 //! The tracking network: finds the particles of the sensor surface at full resolution, tracks them to a fraction of a
 //! pixel, interpolates their motions onto a grid in millimetres, and turns the grid into forces with a small network.
-//! 440×440 grey crops in, newtons per taxel out; one thread, no allocation per frame.
+//! 440×440 grey crops in, newtons per taxel out; no allocation per frame. One thread, or those of the caller's pool (rayon): they share
+//! the particles and the nodes of the flow, with the same bits.
 //!
 //! A track depends only on the rest image and the image now. So [`Evaluation::Skip`](crate::Evaluation::Skip) tracks again
 //! only what changed, with the same bits, and [`Evaluation::SkipNoise`](crate::Evaluation::SkipNoise) what changed by more than the camera's
@@ -8,6 +9,7 @@
 //! caller asks for the whole picture ([`TrackedNetwork::refresh_next`]).
 
 mod block_matching;
+mod cells;
 mod dirty_tiles;
 mod flow;
 mod grid;
@@ -21,6 +23,7 @@ mod patch;
 mod pyramid;
 mod search;
 mod search_ray;
+mod share;
 mod tile_noise;
 mod tracker;
 mod weights;

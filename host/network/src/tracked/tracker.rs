@@ -11,33 +11,24 @@
 use gripline_kernels::InstructionSet;
 use gripline_kernels::simd::{Dispatch, Simd, dispatch_256};
 
-use super::dirty_tiles::{self, DirtyTiles, TILES, TileRect};
-use super::flow::{Flow, NodePosition, NodeRect};
+use super::cells::{Cell, CellSearch};
+use super::dirty_tiles::{self, DirtyTiles, TILES};
+use super::flow::Flow;
 use super::level::Level;
 use super::particles::{self, Particle};
-use super::patch::{PatchWeights, Template};
+use super::patch::PatchWeights;
 use super::pyramid::Pyramid;
-use super::search::{Match, Search, Track, motion_ratio};
-use super::search_ray::length;
+use super::search::Track;
 use super::tile_noise::TileNoise;
 use crate::constants::CROP_SIDE;
 use crate::error::NetworkError;
 use crate::image::check_crop;
 
-/// Depth of a particle that moves like the mean of its surroundings, mm.
-const MEAN_DEPTH_MM: f32 = 3.2;
-/// Side of the cells in which tracks must agree, pixels, and cells per side.
-const CELL: usize = 40;
-const CELLS: usize = CROP_SIDE / CELL;
 /// Below the noise a motion of up to a tenth of a pixel can hide. It stays hidden no longer than this many pictures, a third of a second
 /// at 60 a second: then everything is tracked again.
 const REFRESH: u32 = 20;
 /// The same when a motion has ended, which leaves the most: in the first picture in which no more than these tiles changed.
 const MOVING_TILES: u16 = (TILES * TILES / 32) as u16;
-/// Smallest number of votes that counts in a cell, and the largest that are collected.
-const VOTES_MIN: usize = 5;
-const VOTES_MAX: usize = 32;
-
 /// What counts as a change of the picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Changes {
@@ -45,31 +36,6 @@ enum Changes {
     Any,
     /// What the camera's noise does not explain, as far as the noise is known.
     BeyondNoise,
-}
-
-/// A particle that can be tracked. Its template, which is large, lies apart: it is read only when the particle is searched.
-#[derive(Debug, Clone)]
-struct TrackedParticle {
-    /// Its index among all particles.
-    index: usize,
-    particle: Particle,
-    /// Where the coarse flow gives the motion of its surroundings.
-    flow_position: NodePosition,
-    /// Searched with the motion of its surroundings.
-    first: Match,
-    /// Searched with the motion that its cell voted for, when the first match contradicts it.
-    second: Match,
-}
-
-/// The particles of a square of the image, which have to agree.
-#[derive(Debug, Clone)]
-struct Cell {
-    particles: Vec<TrackedParticle>,
-    /// Theirs, in the same order.
-    templates: Vec<Template>,
-    /// The tiles and the flow nodes that the matches depend on.
-    tiles: TileRect,
-    nodes: NodeRect,
 }
 
 /// The tracker with its images, particles and tracks.
@@ -138,32 +104,7 @@ impl Tracker {
         self.rest.update(rest, &DirtyTiles::all());
         let image = &self.rest.full;
         self.particles = particles::detect(image);
-        self.cells = (0..CELLS * CELLS)
-            .map(|cell| {
-                let corner = [cell % CELLS, cell / CELLS].map(|at| (at * CELL) as f32);
-                Cell {
-                    particles: Vec::new(),
-                    templates: Vec::new(),
-                    tiles: TileRect::ALL,
-                    nodes: Flow::nodes_between(corner, corner.map(|at| at + CELL as f32)),
-                }
-            })
-            .collect();
-        for (index, particle) in self.particles.iter().enumerate() {
-            let [column, row] = particle.pixel.map(|at| usize::from(at) / CELL);
-            if let Some(template) = Template::new(image, particle, &self.weights) {
-                let cell = &mut self.cells[row * CELLS + column];
-                cell.templates.push(template);
-                cell.particles.push(TrackedParticle {
-                    index,
-                    particle: *particle,
-                    flow_position: Flow::position(particle.at_px),
-                    first: Match::none(),
-                    second: Match::none(),
-                });
-            }
-        }
-        self.cells.retain(|cell| !cell.particles.is_empty());
+        self.cells = Cell::all(image, &self.particles, &self.weights);
         self.tracks = vec![Track::default(); self.particles.len()];
         self.noise = TileNoise::unknown();
         self.learns_noise = true;
@@ -244,7 +185,7 @@ impl Tracker {
     }
 
     #[inline(always)]
-    fn track_with<S: Simd>(&mut self, now: &[u8], changes: Changes) -> bool {
+    fn track_with(&mut self, now: &[u8], changes: Changes) -> bool {
         let dirty = match changes {
             _ if !self.valid => {
                 (self.since_refresh, self.moving) = (0, false);
@@ -275,47 +216,17 @@ impl Tracker {
         self.valid = true;
         let dirty = &dirty;
         self.now.update(now, dirty);
-        self.flow.update::<S>(&self.rest, &self.now, dirty);
-        let mut search = Search::new(&self.weights, &self.now.full);
-        let mean_ratio = motion_ratio(MEAN_DEPTH_MM);
-        for cell in &mut self.cells {
-            let moved = self.flow.changed_in(cell.nodes);
-            if !moved && !dirty.any_in(cell.tiles) {
-                continue;
-            }
-            let mut changed = false;
-            for (tracked, template) in cell.particles.iter_mut().zip(&cell.templates) {
-                let surface_px = self.flow.at(tracked.flow_position).map(|v| v / mean_ratio);
-                changed |=
-                    search.update::<S>(&mut tracked.first, template, &tracked.particle, surface_px, dirty);
-                changed |= tracked.second.is_searched() && dirty.any_in(tracked.second.tiles());
-            }
-            if !changed {
-                // All that the vote and the second matches depend on is as it was.
-                continue;
-            }
-            let mut votes = Votes::new();
-            for tracked in &cell.particles {
-                votes.cast(&tracked.particle, &tracked.first.track);
-            }
-            let voted_px = votes.median();
-            cell.tiles = TileRect::NONE;
-            for (tracked, template) in cell.particles.iter_mut().zip(&cell.templates) {
-                let mut track = tracked.first.track;
-                cell.tiles = cell.tiles.union(tracked.first.tiles());
-                if contradicts(&track, tracked.particle.depth_mm, voted_px) {
-                    search.update::<S>(&mut tracked.second, template, &tracked.particle, voted_px, dirty);
-                    cell.tiles = cell.tiles.union(tracked.second.tiles());
-                    track = tracked.second.track;
-                    if contradicts(&track, tracked.particle.depth_mm, voted_px) {
-                        track.confidence = 0.0;
-                    }
-                } else {
-                    // It misses what changes now.
-                    tracked.second.invalidate();
-                }
-                self.tracks[tracked.index] = track;
-            }
+        self.flow.update(&self.rest, &self.now, dirty, self.instructions);
+        let search = CellSearch {
+            flow: &self.flow,
+            now: &self.now.full,
+            weights: &self.weights,
+            dirty,
+            instructions: self.instructions,
+        };
+        search.update(&mut self.cells);
+        for (index, track) in self.cells.iter().flat_map(Cell::changed_tracks) {
+            self.tracks[index] = track;
         }
         true
     }
@@ -333,103 +244,16 @@ impl Dispatch for TrackFrame<'_> {
 
     #[inline(always)]
     fn run<S: Simd>(self) -> bool {
-        self.tracker.track_with::<S>(self.now, self.changes)
+        self.tracker.track_with(self.now, self.changes)
     }
-}
-
-/// Whether a track is lost, or too far from what the particle's depth suggests below a surface that moves like this: by more than
-/// 4½ times the error of a depth from brightness, or to the sides. NaN (no vote) contradicts nothing.
-fn contradicts(track: &Track, depth_mm: f32, [x, y]: [f32; 2]) -> bool {
-    if x.is_nan() {
-        return false;
-    }
-    let length = length([x, y]).max(1e-3);
-    let [u, v] = track.motion_px;
-    let along = (u * x + v * y) / length;
-    let across = (u * y - v * x) / length;
-    track.confidence == 0.0
-        || (along - motion_ratio(depth_mm) * length).abs() > 0.6 * length + 1.0
-        || across.abs() > 0.35 * length + 1.0
-}
-
-/// The motions of the surface that the tracks of a cell suggest.
-struct Votes {
-    motions_px: [[f32; VOTES_MAX]; 2],
-    count: usize,
-}
-
-impl Votes {
-    fn new() -> Self {
-        Self {
-            motions_px: [[0.0; VOTES_MAX]; 2],
-            count: 0,
-        }
-    }
-
-    fn cast(&mut self, particle: &Particle, track: &Track) {
-        if track.confidence > 0.0 && self.count < VOTES_MAX {
-            let ratio = motion_ratio(particle.depth_mm).max(0.3);
-            for k in 0..2 {
-                self.motions_px[k][self.count] = track.motion_px[k] / ratio;
-            }
-            self.count += 1;
-        }
-    }
-
-    /// The median; NaN if too few voted.
-    #[inline(always)]
-    fn median(&mut self) -> [f32; 2] {
-        if self.count < VOTES_MIN {
-            return [f32::NAN; 2];
-        }
-        // A closure would compile for another instruction set.
-        let [x, y] = &mut self.motions_px;
-        [median_of(x, self.count), median_of(y, self.count)]
-    }
-}
-
-/// The (upper) median of the first `count` votes.
-#[inline(always)]
-fn median_of(votes: &mut [f32; VOTES_MAX], count: usize) -> f32 {
-    votes[count..].fill(f32::INFINITY);
-    let wanted = (count / 2) as u32;
-    for &candidate in &votes[..count] {
-        let (mut below, mut up_to) = (0, 0);
-        for &vote in &*votes {
-            below += u32::from(vote < candidate);
-            up_to += u32::from(vote <= candidate);
-        }
-        if below <= wanted && wanted < up_to {
-            return candidate;
-        }
-    }
-    f32::NAN
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::search_ray::length;
     use super::*;
 
     const SIDE: usize = CROP_SIDE;
-
-    #[test]
-    fn a_track_contradicts_its_neighbours_when_it_is_far_from_what_its_depth_suggests() {
-        let track = |x: f32, y: f32| Track {
-            motion_px: [x, y],
-            confidence: 0.9,
-        };
-        // The surface has moved by 20 pixels, a particle in the middle by half of that.
-        let contradicts_at = |x, y, depth_mm| contradicts(&track(x, y), depth_mm, [20.0, 0.0]);
-        assert!(!contradicts_at(10.0, 0.0, 3.0));
-        assert!(!contradicts_at(22.5, 7.5, 3.0));
-        assert!(contradicts_at(23.5, 0.0, 3.0));
-        assert!(contradicts_at(-3.5, 0.0, 3.0));
-        assert!(contradicts_at(10.0, 8.5, 3.0));
-        assert!(contradicts_at(0.0, 0.0, 0.3), "near the surface it moves with it");
-        assert!(contradicts_at(15.0, 0.0, 5.7), "near the base it stays");
-        assert!(contradicts(&Track::default(), 3.0, [0.0; 2]), "lost");
-        assert!(!contradicts(&Track::default(), 3.0, [f32::NAN; 2]), "no vote");
-    }
 
     /// Numbers below 1 without a pattern.
     fn unit(state: &mut u64) -> f32 {

@@ -117,6 +117,37 @@ fn skipping_gives_the_same_bits_as_computing_everything_wherever_the_picture_cha
 }
 
 #[test]
+fn the_threads_of_a_pool_share_a_picture_and_find_the_same_bits() {
+    let rest = picture(2500, [0.0; 2], 1);
+    let small = {
+        let (mut changed, from) = (rest.clone(), picture(2500, [3.0, 1.0], 2));
+        changed[200 * SIDE..240 * SIDE].copy_from_slice(&from[200 * SIDE..240 * SIDE]);
+        changed
+    };
+    let shown = [
+        picture(2500, [3.0, 1.0], 2),
+        small,
+        picture(2500, [11.0, -6.0], 3),
+    ];
+    let forces = || {
+        let mut network = embedded();
+        network.set_rest(&rest);
+        let infer = |now: &Vec<u8>| {
+            let mut out = NO_FORCES;
+            network.infer(now, &mut out);
+            (bits(&out), network.particles())
+        };
+        shown.iter().map(infer).collect::<Vec<_>>()
+    };
+    let alone = forces();
+    assert!(alone[0] != alone[1] && alone[1] != alone[2]);
+    for threads in [1, 2, 5] {
+        let pool = rayon_core::ThreadPoolBuilder::new().num_threads(threads).build();
+        assert!(pool.unwrap().install(forces) == alone, "{threads} threads");
+    }
+}
+
+#[test]
 fn single_changed_pixels_anywhere_are_not_missed() {
     let rest = picture(2500, [0.0; 2], 1);
     let mut shown = picture(2500, [6.0, 2.0], 2);
