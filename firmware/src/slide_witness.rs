@@ -8,6 +8,9 @@
 //!
 //! Where the host sees the object, no test is needed: motion is a slide at once, and rest ends every suspicion ([`Motion`]).
 //!
+//! A load that suddenly falls in a quiet hold and stays there may have moved to another finger that nobody feels: it is still to be held, until
+//! it is felt again, and forgotten as slowly as proven friction.
+//!
 //! Units: force 1/4096 N, ratios 1/10000, shares 1/1024, time µs. The laws follow an own study of a thousand simulated grasps.
 //! Limits: a slide that keeps the shear as it was (friction that falls by less than the margin) shows only when the grip falls.
 //! One below [`SLIDING_FRICTION_MIN`] or a quarter of what the contact carried is never believed. A load that grows evenly with the
@@ -20,11 +23,11 @@ use gripline_protocol::{Motion, PER_UNIT};
 use crate::arithmetic::{divide, ratio};
 use crate::constants::{
     ASKED_SHARE, CALM_US, COME_BACK_US, DOUBTED_US, DROP_SHARE, FADE_SHARE, FAST_SLIDE_SHARE, FOLLOWED_SLOTS,
-    FRICTION_LOSS_MAX, HUSH_HELD_US, HUSH_US, NEWS_SHARE, NOISE_MAX, QUIET_DROP_SHARE, RECENT_FALL_SHARE,
-    RISES_SHARE, SETTLED_US, SHEAR_ERROR_PART, SHORT_SHARE_MAX, SHORT_SHARE_MIN, SHORT_US,
-    SLIDING_FRICTION_MIN, SLIDING_RATIO_MIN, SLOT_US, STALLED_US, SUDDEN_DROP_SHARE, SUDDEN_SHARE,
-    SWING_LOSS_MAX, SWUNG_8THS, TEST_MARGIN, TEST_US_MAX, UNPROVEN_US_MAX, UNTRIED_US, WATCHED_US,
-    WHOLE_STICK_RATIO, WITNESSED_LOAD_MIN,
+    FORGETTING_US, FORGOTTEN_PART, FRICTION_LOSS_MAX, HUSH_HELD_US, HUSH_US, NEWS_SHARE, NOISE_MAX,
+    PROVEN_US, QUIET_DROP_SHARE, RECENT_FALL_SHARE, RISES_SHARE, SETTLED_US, SHEAR_ERROR_PART,
+    SHORT_SHARE_MAX, SHORT_SHARE_MIN, SHORT_US, SLIDING_FRICTION_MIN, SLIDING_RATIO_MIN, SLOT_US, STALLED_US,
+    SUDDEN_DROP_SHARE, SUDDEN_SHARE, SWING_LOSS_MAX, SWUNG_8THS, TEST_MARGIN, TEST_US_MAX, UNPROVEN_US_MAX,
+    UNTRIED_US, WATCHED_US, WHOLE_STICK_RATIO, WITNESSED_LOAD_MIN,
 };
 use crate::learning_settings::LearningSettings;
 use crate::sums::stick_ratio_below;
@@ -127,6 +130,8 @@ struct Test {
     highest: u16,
     /// The shear had fallen suddenly when it began.
     is_sudden: bool,
+    /// The load if it had done so in a quiet hold, under a grip that had not risen, otherwise 0: another finger may have taken over a part.
+    fell_from: i32,
     /// Slots in a row in which the shear has risen as much as the normal force.
     followed: u8,
     /// Slots in a row in which the shear has hardly risen.
@@ -192,6 +197,9 @@ pub(crate) struct SlideWitness {
     seen: Motion,
     /// How long it still counts that the host has seen the object.
     watched_us: u32,
+    /// The load before it suddenly fell and stayed there, otherwise 0: another finger may carry the rest. And the time since then.
+    fell_from: i32,
+    fell_for_us: u32,
 }
 
 impl Default for SlideWitness {
@@ -227,6 +235,8 @@ impl Default for SlideWitness {
             sticks: true,
             seen: Motion::UNKNOWN,
             watched_us: 0,
+            fell_from: 0,
+            fell_for_us: 0,
         }
     }
 }
@@ -279,11 +289,13 @@ impl SlideWitness {
             self.watched_us.saturating_sub(passed_us)
         };
         self.doubt_slide(normal, passed_us);
+        self.forget_fall(shear, passed_us);
         if let Some(test) = self.test {
             self.continue_test(test, shear, normal, passed_us);
         } else {
             let suspicion = self.suspicion(shear, normal, passed_us, settings.friction);
             let suspects = suspicion != Suspicion::None;
+            let was_calm = self.calm_us > COME_BACK_US;
             self.calm_us = if suspects {
                 0
             } else {
@@ -293,7 +305,7 @@ impl SlideWitness {
                 if suspicion == Suspicion::Settled {
                     self.tested = shear;
                 }
-                self.begin_test(normal, friction, suspicion, settings);
+                self.begin_test(normal, friction, suspicion, was_calm, settings);
             } else {
                 self.remember(shear, normal);
             }
@@ -509,10 +521,19 @@ impl SlideWitness {
         ]
     }
 
-    fn begin_test(&mut self, normal: i32, friction: u16, suspicion: Suspicion, settings: LearningSettings) {
+    fn begin_test(
+        &mut self,
+        normal: i32,
+        friction: u16,
+        suspicion: Suspicion,
+        was_calm: bool,
+        settings: LearningSettings,
+    ) {
         let now = ratio(self.shear[0], self.normal[0]);
         let counted_on = u64::from(friction.min(self.limit));
         let lower = divide(counted_on * u64::from(FRICTION_LOSS_MAX), PER_UNIT as u16) as u16;
+        let is_sudden = self.has_fallen_suddenly();
+        let has_risen = change(self.normal[0], self.normal[2]) > 2 * RISES_SHARE;
         let test = Test {
             shear: self.shear[0],
             normal,
@@ -522,7 +543,12 @@ impl SlideWitness {
             proven: friction,
             is_first: suspicion == Suspicion::Settled,
             highest: 0,
-            is_sudden: self.has_fallen_suddenly(),
+            is_sudden,
+            fell_from: if is_sudden && !has_risen && was_calm {
+                self.load
+            } else {
+                0
+            },
             followed: 0,
             stayed: 0,
             is_confirmed: suspicion == Suspicion::Seen,
@@ -644,6 +670,11 @@ impl SlideWitness {
                 test.is_confirmed && !self.is_watched() && self.has_fallen_by(test.shear, NEWS_SHARE);
             self.found = may_swing.then_some(Test { for_us: 0, ..*test });
         }
+        // To less than a fifth no friction falls: such a load is gone.
+        let may_have_moved = test.fell_from > self.fell_from && 5 * shear > test.fell_from;
+        if stayed && may_have_moved && self.has_fallen_by(shear, NEWS_SHARE / 2) {
+            (self.fell_from, self.fell_for_us) = (test.fell_from, 0);
+        }
         // Shear that stayed while the grip rose is the whole load; otherwise some of it may be hidden.
         self.load = if stayed {
             shear
@@ -759,12 +790,31 @@ impl SlideWitness {
         self.watched_us > 0
     }
 
-    /// The load to hold while a slide may hide some of it; 0 otherwise.
+    /// The load to hold while a slide, or another finger, may hide some of it; 0 otherwise.
     pub(crate) fn hidden_load(&self) -> i32 {
-        if self.test.is_some() || self.is_below() && !self.seen.shows_rest() {
+        let of_slide = if self.test.is_some() || self.is_below() && !self.seen.shows_rest() {
             self.load
         } else {
             0
+        };
+        // If another finger has taken over a part, the contact has slid, and the grip that let it slide needs an eighth more.
+        let of_another = if self.is_watched() {
+            0
+        } else {
+            self.fell_from + self.fell_from / 8
+        };
+        of_slide.max(of_another)
+    }
+
+    /// What another finger may have taken over is forgotten as proven friction is, and once the load is felt again.
+    fn forget_fall(&mut self, shear: i32, passed_us: u32) {
+        self.fell_for_us = self.fell_for_us.saturating_add(passed_us);
+        if self.fell_for_us > PROVEN_US + FORGETTING_US {
+            self.fell_for_us -= FORGETTING_US;
+            self.fell_from -= self.fell_from / i32::from(FORGOTTEN_PART);
+        }
+        if self.test.is_none() && 16 * shear > 15 * self.fell_from {
+            self.fell_from = 0;
         }
     }
 
@@ -1037,6 +1087,7 @@ mod tests {
             is_first: false,
             highest: 0,
             is_sudden: false,
+            fell_from: 0,
             followed: 0,
             stayed: 0,
             is_confirmed: false,

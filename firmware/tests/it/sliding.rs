@@ -413,9 +413,9 @@ fn without_a_new_map_the_line_does_not_fall_by_plan() {
     hold.go(2.0, |time| 3.0 * time.min(1.0), [0.8; 2]);
     hold.go(1.5, |_| 3.0, [0.8; 2]);
     // The load goes, so the line falls by plan.
-    hold.go(1.5, |_| 0.8, [0.8; 2]);
+    hold.go(1.5, |_| 0.5, [0.8; 2]);
     let falling = hold.line;
-    hold.go(0.1, |_| 0.8, [0.8; 2]);
+    hold.go(0.1, |_| 0.5, [0.8; 2]);
     assert!(hold.line < falling - 0.05, "{falling} N to {} N", hold.line);
     let line_after = |bench: &mut Bench, passed_ms: u64| {
         for _ in 0..passed_ms {
@@ -496,6 +496,58 @@ fn one_wet_fingertip_is_found_beside_a_dry_one() {
     hold.go(3.0, |_| 2.0, [0.3, 0.8]);
     // The dry one may hold alone, but the wet one must not let the line fall.
     assert!(hold.normal * 0.3 > 2.0, "{} N", hold.normal);
+}
+
+/// What a wet fingertip with this friction still carries, beside a dry one that nobody feels and that takes over whatever slides.
+fn carry_beside_another(hold: &mut Hold, share: &mut f64, friction: f64, seconds: f64) -> f64 {
+    let mut lowest = hold.line;
+    for _ in 0..(seconds * 1e3) as u64 / hold.period_ms {
+        *share = share.min(friction * hold.normal);
+        let carried = *share;
+        hold.go(hold.period_ms as f64 / 1e3, |_| carried, [1.0; 2]);
+        lowest = lowest.min(hold.line);
+    }
+    lowest
+}
+
+#[test]
+fn what_a_wet_fingertip_no_longer_carries_beside_a_dry_one_is_still_held() {
+    for period_ms in [10, 17, 33] {
+        for (before, after) in [(0.8, 0.3), (0.9, 0.3), (0.6, 0.25)] {
+            let mut hold = Hold::new(1, period_ms);
+            hold.go(3.0, |time| 2.0 * time.min(1.0), [before; 2]);
+            let (held, mut share) = (hold.line, 2.0);
+            let lowest = carry_beside_another(&mut hold, &mut share, after, 4.0);
+            let case = format!("{period_ms} ms, {before} to {after}, carries {share} of 2 N");
+            assert!(share < 1.9, "{case}: did not slide");
+            assert!(lowest > 0.95 * held, "{case}: from {held} N to {lowest} N");
+            // Nobody may ever need it again.
+            let lowest = carry_beside_another(&mut hold, &mut share, after, 40.0);
+            assert!(lowest < 0.8 * held, "{case}: still at {lowest} N");
+        }
+    }
+}
+
+#[test]
+fn a_load_that_suddenly_falls_and_comes_back_is_held_no_more_firmly() {
+    let mut undisturbed = Hold::new(1, 17);
+    undisturbed.go(3.0, |time| 3.0 * time.min(1.0), [0.8; 2]);
+    undisturbed.go(4.0, |_| 3.0, [0.8; 2]);
+    let mut hold = Hold::new(1, 17);
+    hold.go(3.0, |time| 3.0 * time.min(1.0), [0.8; 2]);
+    hold.go(1.0, |_| 2.0, [0.8; 2]);
+    assert!(
+        hold.line > 0.98 * undisturbed.line,
+        "{} N while it is away",
+        hold.line
+    );
+    hold.go(3.0, |_| 3.0, [0.8; 2]);
+    assert!(
+        hold.line < 1.03 * undisturbed.line,
+        "{} N, undisturbed {} N",
+        hold.line,
+        undisturbed.line
+    );
 }
 
 #[test]
