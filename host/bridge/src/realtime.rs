@@ -1,6 +1,6 @@
 //! Priorities of a run's threads. On request, real-time settings for the calling thread: SCHED_FIFO, memory that is never swapped,
-//! one core. Readers' threads always run behind, and helpers beside it. Linux only. Reports what the system does not allow, with a remedy; a run works
-//! without it.
+//! one core. Readers' threads always run behind, and helpers on other cores. Linux only. Reports what the system does not allow, with a
+//! remedy; a run works without it.
 
 /// Percent of the range from minimum to maximum priority: above ordinary programs, below the kernel's interrupt threads (50).
 #[cfg(target_os = "linux")]
@@ -226,6 +226,7 @@ mod tests {
         assert_eq!((of_readers, of_their_own), (10, 10));
         assert_eq!(niceness(), before);
     }
+
     #[test]
     fn a_thread_is_kept_off_a_core_unless_it_has_no_other() {
         let on_its_own_thread = || {

@@ -89,7 +89,7 @@ impl Flow {
     }
 
     /// Updates the flow from `rest` to `now`, of which the `dirty` tiles changed since the last frame. The threads of the caller's pool
-    /// help, on the instruction set. No allocation.
+    /// help, with the same instruction set. No allocation.
     #[inline(always)]
     pub(super) fn update(
         &mut self,
