@@ -23,11 +23,11 @@ use gripline_protocol::{Motion, PER_UNIT};
 use crate::arithmetic::{divide, ratio};
 use crate::constants::{
     ASKED_SHARE, CALM_US, COME_BACK_US, DOUBTED_US, DROP_SHARE, FADE_SHARE, FAST_SLIDE_SHARE, FOLLOWED_SLOTS,
-    FORGETTING_US, FORGOTTEN_PART, FRICTION_LOSS_MAX, HUSH_HELD_US, HUSH_US, NEWS_SHARE, NOISE_MAX,
-    PROVEN_US, QUIET_DROP_SHARE, RECENT_FALL_SHARE, RISES_SHARE, SETTLED_US, SHEAR_ERROR_PART,
-    SHORT_SHARE_MAX, SHORT_SHARE_MIN, SHORT_US, SLIDING_FRICTION_MIN, SLIDING_RATIO_MIN, SLOT_US, STALLED_US,
-    SUDDEN_DROP_SHARE, SUDDEN_SHARE, SWING_LOSS_MAX, SWUNG_8THS, TEST_MARGIN, TEST_US_MAX, UNPROVEN_US_MAX,
-    UNTRIED_US, WATCHED_US, WHOLE_STICK_RATIO, WITNESSED_LOAD_MIN,
+    FORGETTING_US, FORGOTTEN_PART, FRICTION_LOSS_MAX, GONE_LOAD_PART, HUSH_HELD_US, HUSH_US, MOVED_LOAD_PART,
+    NEWS_SHARE, NOISE_MAX, PROVEN_US, QUIET_DROP_SHARE, RECENT_FALL_SHARE, RISES_SHARE, SETTLED_US,
+    SHEAR_ERROR_PART, SHORT_SHARE_MAX, SHORT_SHARE_MIN, SHORT_US, SLIDING_FRICTION_MIN, SLIDING_RATIO_MIN,
+    SLOT_US, STALLED_US, SUDDEN_DROP_SHARE, SUDDEN_SHARE, SWING_LOSS_MAX, SWUNG_8THS, TEST_MARGIN,
+    TEST_US_MAX, UNPROVEN_US_MAX, UNTRIED_US, WATCHED_US, WHOLE_STICK_RATIO, WITNESSED_LOAD_MIN,
 };
 use crate::learning_settings::LearningSettings;
 use crate::sums::stick_ratio_below;
@@ -670,8 +670,8 @@ impl SlideWitness {
                 test.is_confirmed && !self.is_watched() && self.has_fallen_by(test.shear, NEWS_SHARE);
             self.found = may_swing.then_some(Test { for_us: 0, ..*test });
         }
-        // To less than a fifth no friction falls: such a load is gone.
-        let may_have_moved = test.fell_from > self.fell_from && 5 * shear > test.fell_from;
+        let is_gone = GONE_LOAD_PART * shear <= test.fell_from;
+        let may_have_moved = test.fell_from > self.fell_from && !is_gone;
         if stayed && may_have_moved && self.has_fallen_by(shear, NEWS_SHARE / 2) {
             (self.fell_from, self.fell_for_us) = (test.fell_from, 0);
         }
@@ -797,11 +797,10 @@ impl SlideWitness {
         } else {
             0
         };
-        // If another finger has taken over a part, the contact has slid, and the grip that let it slide needs an eighth more.
         let of_another = if self.is_watched() {
             0
         } else {
-            self.fell_from + self.fell_from / 8
+            self.fell_from + self.fell_from / MOVED_LOAD_PART
         };
         of_slide.max(of_another)
     }

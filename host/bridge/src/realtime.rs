@@ -121,6 +121,14 @@ impl Thread {
         };
         let _ = nix::sched::sched_setaffinity(self.id, &cores);
     }
+
+    /// The cores that it may run on now, from 0.
+    #[cfg(test)]
+    pub(crate) fn runs_on(&self) -> Vec<usize> {
+        let now = nix::sched::sched_getaffinity(self.id).unwrap();
+        let all = 0..nix::sched::CpuSet::count();
+        all.filter(|&core| now.is_set(core).unwrap()).collect()
+    }
 }
 
 /// The core that the calling thread is on; `None` when the system does not say.
@@ -231,20 +239,18 @@ mod tests {
     fn a_thread_is_kept_off_a_core_unless_it_has_no_other() {
         let on_its_own_thread = || {
             let thread = Thread::current();
-            let may = || {
-                let now = nix::sched::sched_getaffinity(thread.id).unwrap();
-                let all = 0..nix::sched::CpuSet::count();
-                all.filter(|&core| now.is_set(core).unwrap()).collect::<Vec<_>>()
-            };
-            let all = may();
+            let all = thread.runs_on();
             for &core in &all {
                 thread.keep_off(core);
                 let others: Vec<_> = all.iter().copied().filter(|&other| other != core).collect();
-                assert_eq!(may(), if others.is_empty() { all.clone() } else { others });
+                assert_eq!(
+                    thread.runs_on(),
+                    if others.is_empty() { all.clone() } else { others }
+                );
             }
             pinned(all[0]).unwrap();
             Thread::current().keep_off(all[0]);
-            assert_eq!(may(), all[..1]);
+            assert_eq!(thread.runs_on(), all[..1]);
         };
         std::thread::spawn(on_its_own_thread).join().unwrap();
     }

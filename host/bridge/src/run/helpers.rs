@@ -78,4 +78,19 @@ mod tests {
             assert_eq!(started.join().unwrap(), expected, "{asked}");
         }
     }
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn helpers_leave_the_core_of_the_loop_and_no_other() {
+        let on_its_own_thread = || {
+            let mut helpers = Helpers::start(2, false);
+            let all = Thread::current().runs_on();
+            helpers.leave_this_core();
+            let core = helpers.core.unwrap();
+            for helper in &helpers.threads {
+                let others: Vec<_> = all.iter().copied().filter(|&other| other != core).collect();
+                assert_eq!(helper.runs_on(), others);
+            }
+        };
+        std::thread::spawn(on_its_own_thread).join().unwrap();
+    }
 }

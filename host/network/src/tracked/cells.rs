@@ -112,12 +112,7 @@ pub(super) struct CellSearch<'a> {
 impl CellSearch<'_> {
     /// Searches what changed in the cells. The threads of the caller's pool help; the tracks are the same.
     pub(super) fn update(self, cells: &mut [Cell]) {
-        let at_once = if self.dirty.are_few() {
-            CELLS * CELLS
-        } else {
-            CELLS_AT_ONCE
-        };
-        share(cells, at_once, &|cells| {
+        share(cells, CELLS_AT_ONCE, self.dirty, &|cells| {
             let task = UpdateCells { search: self, cells };
             dispatch_256(self.instructions, task);
         });

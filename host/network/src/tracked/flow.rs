@@ -26,7 +26,6 @@ const MOTION_MAX: f32 = 15.0;
 const LINE: usize = 2 * (CROP_SIDE / 4 / STEP + 2);
 /// A node's motion differs from its neighbours' median from this distance on, pixels.
 const DIFFERENT: f32 = 0.75;
-
 /// Rows of nodes that a thread takes at a time: some 10 µs of work.
 const ROWS_AT_ONCE: usize = 3;
 
@@ -53,6 +52,7 @@ pub(super) struct Flow {
 /// The nodes of one level. Motions in pixels of the level.
 #[derive(Debug, Clone)]
 struct Nodes<const SIDE: usize> {
+    /// Matched, from the top.
     rows: Vec<Row>,
     /// The median of each node and its neighbours, component by component.
     median: Vec<[f32; 2]>,
@@ -176,14 +176,10 @@ impl<const SIDE: usize> Nodes<SIDE> {
         }
     }
 
+    /// Searches what changed, and smooths all.
     #[inline(always)]
     fn update<const COARSER: usize>(&mut self, search: NodeSearch<'_, SIDE, COARSER>) {
-        let at_once = if search.dirty.are_few() {
-            Self::PER_SIDE
-        } else {
-            ROWS_AT_ONCE
-        };
-        share(&mut self.rows, at_once, &|rows| {
+        share(&mut self.rows, ROWS_AT_ONCE, search.dirty, &|rows| {
             let task = UpdateRows { search, rows };
             dispatch_256(search.instructions, task);
         });

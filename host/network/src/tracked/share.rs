@@ -1,12 +1,22 @@
 //! One picture's work, shared by the threads of the pool that the caller's thread belongs to, if it belongs to one.
 
-/// Calls `work` on all of `items`, in parts of at most `at_once` for which free threads of the pool are woken. Outside of a pool, or of
-/// one thread, on all at once.
-pub(super) fn share<T: Send>(items: &mut [T], at_once: usize, work: &(impl Fn(&mut [T]) + Sync)) {
+use super::dirty_tiles::DirtyTiles;
+
+/// Calls `work` on all of `items`, in parts of at most `at_once` for which free threads of the pool are woken. On all at once where few
+/// tiles of the picture are `dirty`, outside of a pool, and in one of a single thread.
+pub(super) fn share<T: Send>(
+    items: &mut [T],
+    at_once: usize,
+    dirty: &DirtyTiles,
+    work: &(impl Fn(&mut [T]) + Sync),
+) {
     let has_help = || rayon_core::current_thread_index().is_some() && rayon_core::current_num_threads() > 1;
-    if items.len() > at_once && has_help() {
+    if items.len() > at_once && !dirty.are_few() && has_help() {
         let (left, right) = items.split_at_mut(items.len() / 2);
-        rayon_core::join(|| share(left, at_once, work), || share(right, at_once, work));
+        rayon_core::join(
+            || share(left, at_once, dirty, work),
+            || share(right, at_once, dirty, work),
+        );
     } else {
         work(items);
     }
@@ -16,42 +26,57 @@ pub(super) fn share<T: Send>(items: &mut [T], at_once: usize, work: &(impl Fn(&m
 mod tests {
     use std::collections::BTreeSet;
     use std::sync::Mutex;
-    use std::time::Duration;
+    use std::time::{Duration, Instant};
 
+    use super::super::dirty_tiles::TILES;
     use super::*;
 
-    /// The sizes of the parts, and the threads that worked on them.
-    fn shared(count: usize, at_once: usize) -> (Vec<usize>, usize) {
-        let mut items = vec![0; count];
+    /// The sizes of the parts of 50 items, and how many of the pool's threads worked on them.
+    fn shared(at_once: usize, dirty: &DirtyTiles, threads: usize) -> (Vec<usize>, usize) {
+        let mut items = [0; 50];
         let parts = Mutex::new(Vec::new());
-        let threads = Mutex::new(BTreeSet::new());
-        share(&mut items, at_once, &|part: &mut [i32]| {
-            for item in &mut *part {
-                *item += 1;
-            }
-            parts.lock().unwrap().push(part.len());
-            threads.lock().unwrap().insert(rayon_core::current_thread_index());
-            std::thread::sleep(Duration::from_millis(20));
-        });
-        assert_eq!(items, vec![1; count]);
-        (parts.into_inner().unwrap(), threads.into_inner().unwrap().len())
+        let workers = Mutex::new(BTreeSet::new());
+        let count = || workers.lock().unwrap().len();
+        let begun = Instant::now();
+        let mut task = || {
+            share(&mut items, at_once, dirty, &|part: &mut [i32]| {
+                for item in &mut *part {
+                    *item += 1;
+                }
+                parts.lock().unwrap().push(part.len());
+                workers.lock().unwrap().insert(rayon_core::current_thread_index());
+                // The others have all the time that they need to come.
+                while part.len() < 50 && count() < threads && begun.elapsed() < Duration::from_secs(20) {
+                    std::thread::yield_now();
+                }
+            });
+        };
+        if threads == 0 {
+            task();
+        } else {
+            let pool = rayon_core::ThreadPoolBuilder::new().num_threads(threads).build();
+            pool.unwrap().install(task);
+        }
+        assert_eq!(items, [1; 50]);
+        (parts.into_inner().unwrap(), workers.into_inner().unwrap().len())
     }
 
     #[test]
-    fn alone_all_is_one_part_and_in_a_pool_its_threads_work_on_small_ones() {
-        let pool = |threads| {
-            rayon_core::ThreadPoolBuilder::new()
-                .num_threads(threads)
-                .build()
-                .unwrap()
-        };
-        assert_eq!(shared(50, 8), (vec![50], 1));
-        assert_eq!(pool(1).install(|| shared(50, 8)), (vec![50], 1));
-        let (parts, threads) = pool(3).install(|| shared(50, 8));
+    fn in_a_pool_all_threads_work_on_small_parts_and_elsewhere_all_is_one() {
+        let all = DirtyTiles::all();
+        let (parts, threads) = shared(8, &all, 3);
         assert!(parts.iter().all(|&part| (3..=8).contains(&part)), "{parts:?}");
-        // Parts that take this long are not all taken by one.
-        assert!(threads > 1, "{threads}");
-        assert_eq!(pool(3).install(|| shared(8, 8)), (vec![8], 1));
-        assert_eq!(pool(3).install(|| shared(0, 8)), (vec![0], 1));
+        assert_eq!(threads, 3);
+        let whole = (vec![50], 1);
+        assert_eq!(shared(8, &all, 0), whole, "no pool");
+        assert_eq!(shared(8, &all, 1), whole, "a pool of one");
+        assert_eq!(shared(50, &all, 3), whole, "one part");
+        let mut few = [[false; TILES]; TILES];
+        few[7][9] = true;
+        assert_eq!(
+            shared(8, &DirtyTiles::of(&few), 3),
+            whole,
+            "hardly anything changed"
+        );
     }
 }
