@@ -14,15 +14,12 @@ mod histories;
 mod initial;
 mod loss;
 mod markers;
-mod mirrored;
 mod model;
 mod rng;
 mod shard;
 mod store;
 mod symmetry;
-mod tracked_net;
 mod train;
-mod unet_net;
 mod weights;
 
 use std::path::PathBuf;
