@@ -413,6 +413,25 @@ fn gain_of(
     Ok([gel.shear_gain as f32, gel.normal_gain as f32])
 }
 
+/// The gains on shear and normal force that a calibration of the shipped fingertip with particles has for this network.
+///
+/// # Errors
+/// [`Error`] that names the file: no gel in it, or that of another sensor or of other weights.
+pub(crate) fn particle_gain(
+    calibration: &calibration::Calibration,
+    network: &Network,
+) -> Result<[f32; 2], Error> {
+    if calibration.gel.is_none() {
+        return Err(Error::usage(format!(
+            "{}: found no section gel, expected the gains that `gripline calibrate gel` writes",
+            calibration.path.display()
+        )));
+    }
+    gain_of(&Sensor::default_one()?, Some(calibration), || {
+        network_named(network)
+    })
+}
+
 /// The shipped weights support one fingertip with particles.
 fn known_particles(sensor: &Sensor) -> Result<(), Error> {
     if *sensor == Sensor::default_one()? {

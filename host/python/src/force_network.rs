@@ -1,5 +1,6 @@
 //! `gripline.ForceNetwork`: pictures of a fingertip to force maps, as `gripline infer`.
 
+use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
@@ -17,6 +18,8 @@ use crate::values::named;
 
 /// Pictures between two looks at whether the user wants to stop: some 100 ms.
 const STRIDE: usize = 64;
+/// Gains as calibration files may hold them.
+const GAINS: RangeInclusive<f32> = 0.05..=20.0;
 const GREY: &str = "uint8 grey levels: convert a colour picture to grey";
 
 /// The force network of a fingertip: pictures in, maps of contact forces out.
@@ -25,6 +28,7 @@ const GREY: &str = "uint8 grey levels: convert a colour picture to grey";
 /// network: 'tracked' follows particles at full resolution, 'unet' looks at small images.
 /// weights: a safetensors file instead of the built-in weights.
 /// sensor: a shipped sensor's name or a TOML file; says where in a picture the fingertip is.
+/// gain: factors on shear and normal force: gel.shear_gain and gel.normal_gain of a file that `gripline calibrate gel` wrote.
 /// engine: 'skip' computes only what can differ from the picture before, 'dense' all; the maps are the same.
 #[pyclass(frozen, module = "gripline")]
 pub(crate) struct ForceNetwork {
@@ -35,13 +39,14 @@ pub(crate) struct ForceNetwork {
 #[pymethods]
 impl ForceNetwork {
     #[new]
-    #[pyo3(signature = (rest, *, network="tracked", weights=None, sensor=None, engine="skip"))]
+    #[pyo3(signature = (rest, *, network="tracked", weights=None, sensor=None, gain=None, engine="skip"))]
     fn new(
         py: Python<'_>,
         rest: &Bound<'_, PyAny>,
         network: &str,
         weights: Option<PathBuf>,
         sensor: Option<PathBuf>,
+        gain: Option<(f32, f32)>,
         engine: &str,
     ) -> PyResult<Self> {
         let architectures = Architecture::ALL.map(|architecture| (architecture.name(), architecture));
@@ -51,6 +56,13 @@ impl ForceNetwork {
             engine,
             &[("skip", Evaluation::Skip), ("dense", Evaluation::Dense)],
         )?;
+        let gain = gain.map_or([1.0; 2], <[f32; 2]>::from);
+        if let Some(found) = gain.iter().find(|gain| !GAINS.contains(gain)) {
+            let (least, most) = (GAINS.start(), GAINS.end());
+            return Err(failed(format!(
+                "gain: found {found}, expected two numbers from {least} to {most}"
+            )));
+        }
         let sensor = sensor.unwrap_or_else(|| PathBuf::from("particle-fingertip"));
         let sensor = Sensor::named(Path::new(&sensor)).map_err(failed)?;
         let cropper = Cropper::of(&sensor, architecture == Architecture::Unet)?;
@@ -68,7 +80,8 @@ impl ForceNetwork {
                 None => Network::embedded(architecture),
             }
             .map_err(failed)?;
-            Ok::<_, PyErr>(Inference::new(network.with_evaluation(evaluation), &crop))
+            let network = network.with_evaluation(evaluation).with_gain(gain);
+            Ok::<_, PyErr>(Inference::new(network, &crop))
         })?;
         Ok(Self {
             inference: Mutex::new(inference),

@@ -88,6 +88,17 @@ def test_a_picture_that_cannot_be_believed_is_named_and_has_a_map_of_zeros(frame
     assert not found["maps"][1].any() and found["maps"][2].any()
 
 
+def test_a_fingertips_gains_scale_its_maps(frames):
+    scene, played = frames
+    picture = played[-1]["pictures"]
+    plain = gripline.ForceNetwork(scene.rest[0]).infer(picture)["maps"]
+    scaled = gripline.ForceNetwork(scene.rest[0], gain=(2.0, 0.5)).infer(picture)["maps"]
+    np.testing.assert_array_equal(scaled, plain * np.array([2.0, 2.0, 0.5], np.float32)[:, None, None])
+    for wrong in [(1.0, 0.0), (21.0, 1.0), (float("nan"), 1.0)]:
+        with pytest.raises(gripline.GriplineError, match=f"gain: found {wrong[wrong[0] == 1.0]:g}.*from 0.05 to 20".replace("nan", "NaN")):
+            gripline.ForceNetwork(scene.rest[0], gain=wrong)
+
+
 def test_a_sensor_file_says_where_the_fingertip_is(frames, tmp_path):
     scene, played = frames
     (tmp_path / "turned.toml").write_text(SENSOR.replace('flip = "none"', 'flip = "both"'))

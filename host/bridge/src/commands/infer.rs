@@ -13,8 +13,10 @@ use gripline_network::scene::Health;
 use gripline_network::{Architecture, Evaluation, ForceMap, Inference, InstructionSet, NO_FORCES, Network};
 use serde_json::json;
 
+use crate::calibration::Calibration;
 use crate::commands::files::maps_npy;
 use crate::error::{Completion, Error};
+use crate::model::particle_gain;
 use gripline_capture::playback::PictureReader;
 use gripline_capture::{CaptureError, picture};
 
@@ -37,6 +39,10 @@ pub struct InferArgs {
     /// Weights of the force network instead of the built-in ones (safetensors).
     #[arg(long, value_name = "W.safetensors")]
     weights: Option<PathBuf>,
+    /// The fingertip's calibration: its gains on shear and normal force (`gripline calibrate gel`) are applied, as `gripline run`
+    /// applies them.
+    #[arg(long, value_name = "FILE.toml")]
+    calibration: Option<PathBuf>,
     /// Force network: `tracked` follows particles at full resolution (the default), `unet` uses small images.
     #[arg(long, value_name = "NETWORK")]
     network: Option<Architecture>,
@@ -73,6 +79,10 @@ pub fn run(args: &InferArgs) -> Result<Completion, Error> {
     });
     if let Some(set) = args.instructions {
         network = network.with_instructions(set)?;
+    }
+    if let Some(path) = &args.calibration {
+        let gain = particle_gain(&Calibration::load(path)?, &network)?;
+        network = network.with_gain(gain);
     }
     let small = network.architecture() == Architecture::Unet;
     let rest = picture::crop(&args.rest, small)?;

@@ -170,6 +170,71 @@ fn what_cannot_be_used_is_an_error_that_names_the_file() {
     }
 }
 
+/// A calibration of the gel for weights of this name, as `gripline calibrate gel` writes it.
+fn gel_calibration(model: &str) -> String {
+    format!(
+        r#"
+[gel]
+date = "2026-11-21T14:00:00Z"
+device = "finger 3"
+sensor = "particle-fingertip.1"
+model = "{model}"
+normal_gain = 0.5
+normal_interval = [0.45, 0.55]
+shear_gain = 2.0
+shear_interval = [1.9, 2.1]
+shear_was_measured = true
+young_mpa = 0.1
+young_interval_mpa = [0.09, 0.11]
+confidence = 0.9
+presses = 12
+held_out_share = 0.04
+"#
+    )
+}
+
+#[test]
+fn the_fingertips_gains_scale_its_maps_as_in_a_run_and_those_of_other_weights_are_refused() {
+    let folder = folder("gain");
+    let network = gripline_network::Network::embedded(gripline_network::Architecture::Tracked).unwrap();
+    let named = format!("tracked {}", network.checksum());
+    fs::write(folder.join("tip.toml"), gel_calibration(&named)).unwrap();
+    fs::write(folder.join("other.toml"), gel_calibration("tracked 01234567")).unwrap();
+    fs::write(folder.join("none.toml"), "").unwrap();
+    let read = |more: &[&str]| {
+        let output = infer(&folder, "scene/frames", more);
+        assert!(
+            output.status.success(),
+            "{}",
+            String::from_utf8_lossy(&output.stderr)
+        );
+        let mut file = MapsFile::open(&folder.join("found.npy")).unwrap();
+        let (mut maps, mut frame) = (Vec::new(), [[0.0; 3]; 400]);
+        while file.read_frame(&mut frame).unwrap() {
+            maps.push(frame);
+        }
+        maps
+    };
+    let (plain, scaled) = (read(&[]), read(&["--calibration", "tip.toml"]));
+    assert!(plain.as_flattened().iter().any(|force| force[2] > 0.01));
+    for (plain, scaled) in plain.as_flattened().iter().zip(scaled.as_flattened()) {
+        let expected = [2.0 * plain[0], 2.0 * plain[1], 0.5 * plain[2]];
+        assert_eq!(scaled.map(f32::to_bits), expected.map(f32::to_bits));
+    }
+    for (file, expected) in [
+        (
+            "other.toml",
+            format!("gel.model: found tracked 01234567, expected {named}"),
+        ),
+        ("none.toml", "none.toml: found no section gel".to_owned()),
+        ("missing.toml", "missing.toml".to_owned()),
+    ] {
+        let output = infer(&folder, "scene/frames", &["--calibration", file]);
+        let said = String::from_utf8(output.stderr).unwrap();
+        assert!(!output.status.success() && said.contains(&expected), "{said}");
+    }
+}
+
 fn write_png(path: &Path, [width, height]: [u32; 2], colour: png::ColorType) {
     let mut encoder = png::Encoder::new(fs::File::create(path).unwrap(), width, height);
     encoder.set_color(colour);

@@ -77,6 +77,7 @@ class ForceNetwork:
     network: 'tracked' follows particles at full resolution, 'unet' looks at small images.
     weights: a safetensors file instead of the built-in weights.
     sensor: a shipped sensor's name or a TOML file; says where in a picture the fingertip is.
+    gain: factors on shear and normal force: gel.shear_gain and gel.normal_gain of a file that `gripline calibrate gel` wrote.
     engine: 'skip' computes only what can differ from the picture before, 'dense' all; the maps are the same.
     """
 
@@ -87,6 +88,7 @@ class ForceNetwork:
         network: Literal["tracked", "unet"] = "tracked",
         weights: str | os.PathLike[str] | None = None,
         sensor: str | os.PathLike[str] | None = None,
+        gain: tuple[float, float] | None = None,
         engine: Literal["skip", "dense"] = "skip",
     ) -> ForceNetwork: ...
     def infer(self, pictures: NDArray[np.uint8]) -> Inferred:
