@@ -219,7 +219,7 @@ fn the_fingertips_gains_scale_its_maps_as_in_a_run_and_those_of_other_weights_ar
     assert!(plain.as_flattened().iter().any(|force| force[2] > 0.01));
     for (plain, scaled) in plain.as_flattened().iter().zip(scaled.as_flattened()) {
         let expected = [2.0 * plain[0], 2.0 * plain[1], 0.5 * plain[2]];
-        assert_eq!(scaled.map(f32::to_bits), expected.map(f32::to_bits));
+        assert_eq!(scaled.map(f64::to_bits), expected.map(f64::to_bits));
     }
     for (file, expected) in [
         (
