@@ -40,7 +40,7 @@ pub struct InferArgs {
     #[arg(long, value_name = "W.safetensors")]
     weights: Option<PathBuf>,
     /// The fingertip's calibration: its gains on shear and normal force (`gripline calibrate gel`) are applied, as `gripline run`
-    /// applies them.
+    /// applies them. Leave it out for maps that `gripline calibrate gel` is to read.
     #[arg(long, value_name = "FILE.toml")]
     calibration: Option<PathBuf>,
     /// Force network: `tracked` follows particles at full resolution (the default), `unet` uses small images.
