@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 
 use gripline_evaluation::calibration::gel::{ERROR_MAX, PRESSES_MIN};
 use gripline_evaluation::calibration::line::Point;
-use gripline_network::constants::CROP_SIDE;
+use gripline_network::constants::{CROP_SIDE, GAINS};
 use gripline_protocol::LSB_PER_NEWTON;
 use gripline_protocol::line::{DAC_CODE_MAX, LINE_POINTS, LIVE_ZERO_MIN};
 use gripline_protocol::message::{Configuration, FingertipGeometry, LinePoint};
@@ -286,8 +286,8 @@ impl Calibration {
             number("camera.distortion_per_mm2", camera.distortion_per_mm2, -0.1, 0.1);
         }
         if let Some(gel) = &self.gel {
-            number("gel.normal_gain", gel.normal_gain, 0.05, 20.0);
-            number("gel.shear_gain", gel.shear_gain, 0.05, 20.0);
+            number("gel.normal_gain", gel.normal_gain, *GAINS.start(), *GAINS.end());
+            number("gel.shear_gain", gel.shear_gain, *GAINS.start(), *GAINS.end());
             number("gel.presses", gel.presses as f64, PRESSES_MIN as f64, 1e6);
             number(
                 "gel.held_out_share (error of presses that were left out; calibrate the gel again, --out a new file)",

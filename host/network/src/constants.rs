@@ -1,5 +1,7 @@
 //! Sizes and limits of the force network, each with unit and source.
 
+use std::ops::RangeInclusive;
+
 /// Rows and columns of the camera crop, pixels (the paper's 440×440 out of 640×480).
 pub const CROP_SIDE: usize = 440;
 
@@ -51,6 +53,9 @@ pub const CONTACT_MINS_N: [f32; 5] = [0.01, 0.015, 0.02, 0.025, 0.03];
 
 /// Fewest taxels in contact for which a stick ratio is scored (prototype).
 pub const SCORED_TAXELS: usize = 8;
+
+/// Factors on shear or normal force that a fingertip's calibration may have.
+pub const GAINS: RangeInclusive<f64> = 0.05..=20.0;
 
 /// Smallest total normal force for a relative error to be scored, newtons.
 pub const SCORED_NORMAL_N: f32 = 0.5;

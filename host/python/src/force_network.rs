@@ -1,9 +1,9 @@
 //! `gripline.ForceNetwork`: pictures of a fingertip to force maps, as `gripline infer`.
 
-use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
+use gripline_network::constants::GAINS;
 use gripline_network::{Architecture, Evaluation, Inference, NO_FORCES, Network};
 use gripline_sensor::Sensor;
 use numpy::ndarray::Axis;
@@ -18,8 +18,6 @@ use crate::values::named;
 
 /// Pictures between two looks at whether the user wants to stop: some 100 ms.
 const STRIDE: usize = 64;
-/// Gains as calibration files may hold them.
-const GAINS: RangeInclusive<f32> = 0.05..=20.0;
 const GREY: &str = "uint8 grey levels: convert a colour picture to grey";
 
 /// The force network of a fingertip: pictures in, maps of contact forces out.
@@ -46,7 +44,7 @@ impl ForceNetwork {
         network: &str,
         weights: Option<PathBuf>,
         sensor: Option<PathBuf>,
-        gain: Option<(f32, f32)>,
+        gain: Option<(f64, f64)>,
         engine: &str,
     ) -> PyResult<Self> {
         let architectures = Architecture::ALL.map(|architecture| (architecture.name(), architecture));
@@ -56,7 +54,7 @@ impl ForceNetwork {
             engine,
             &[("skip", Evaluation::Skip), ("dense", Evaluation::Dense)],
         )?;
-        let gain = gain.map_or([1.0; 2], <[f32; 2]>::from);
+        let gain = gain.map_or([1.0; 2], <[f64; 2]>::from);
         if let Some(found) = gain.iter().find(|gain| !GAINS.contains(gain)) {
             let (least, most) = (GAINS.start(), GAINS.end());
             return Err(failed(format!(
@@ -80,7 +78,9 @@ impl ForceNetwork {
                 None => Network::embedded(architecture),
             }
             .map_err(failed)?;
-            let network = network.with_evaluation(evaluation).with_gain(gain);
+            let network = network
+                .with_evaluation(evaluation)
+                .with_gain(gain.map(|gain| gain as f32));
             Ok::<_, PyErr>(Inference::new(network, &crop))
         })?;
         Ok(Self {

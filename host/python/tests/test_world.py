@@ -94,8 +94,8 @@ def test_a_fingertips_gains_scale_its_maps(frames):
     plain = gripline.ForceNetwork(scene.rest[0]).infer(picture)["maps"]
     scaled = gripline.ForceNetwork(scene.rest[0], gain=(2.0, 0.5)).infer(picture)["maps"]
     np.testing.assert_array_equal(scaled, plain * np.array([2.0, 2.0, 0.5], np.float32)[:, None, None])
-    for wrong in [(1.0, 0.0), (21.0, 1.0), (float("nan"), 1.0)]:
-        with pytest.raises(gripline.GriplineError, match=f"gain: found {wrong[wrong[0] == 1.0]:g}.*from 0.05 to 20".replace("nan", "NaN")):
+    for wrong, found in [((1.0, 0.0), "0"), ((21.0, 1.0), "21"), ((float("nan"), 1.0), "NaN")]:
+        with pytest.raises(gripline.GriplineError, match=f"gain: found {found}, expected two numbers from 0.05 to 20"):
             gripline.ForceNetwork(scene.rest[0], gain=wrong)
 
 

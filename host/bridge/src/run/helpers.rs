@@ -78,6 +78,7 @@ mod tests {
             assert_eq!(started.join().unwrap(), expected, "{asked}");
         }
     }
+
     #[cfg(target_os = "linux")]
     #[test]
     fn helpers_leave_the_core_of_the_loop_and_no_other() {

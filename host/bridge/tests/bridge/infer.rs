@@ -194,7 +194,7 @@ held_out_share = 0.04
 }
 
 #[test]
-fn the_fingertips_gains_scale_its_maps_as_in_a_run_and_those_of_other_weights_are_refused() {
+fn the_fingertips_gains_scale_its_maps_and_those_of_other_weights_are_refused() {
     let folder = folder("gain");
     let network = gripline_network::Network::embedded(gripline_network::Architecture::Tracked).unwrap();
     let named = format!("tracked {}", network.checksum());
