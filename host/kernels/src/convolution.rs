@@ -87,7 +87,8 @@ pub(super) struct TapRow {
 #[derive(Debug, Clone, Copy)]
 enum Kind {
     Forward(Kernel),
-    Transposed,
+    /// With this many taps along a side.
+    Transposed(usize),
 }
 
 /// Channels and kernel of a convolution.
@@ -137,11 +138,11 @@ impl Convolution {
         })
     }
 
-    /// A transposed convolution that doubles the size (3×3, stride 2, padding 1, output padding 1), followed by ReLU;
-    /// `weights[in][out][ky][kx]` flattened.
+    /// A transposed convolution that doubles the size (stride 2, padding 1; 4×4, or 3×3 with an output padding of 1),
+    /// followed by ReLU; `weights[in][out][ky][kx]` flattened.
     ///
     /// # Panics
-    /// When the number of weights or biases does not fit the shape.
+    /// When the number of weights or biases does not fit the channels.
     #[must_use]
     pub fn transposed(
         instructions: InstructionSet,
@@ -150,10 +151,10 @@ impl Convolution {
         weights: &[f32],
         bias: &[f32],
     ) -> Self {
-        assert_eq!(weights.len(), out_channels * in_channels * 9, "weights");
         let channels = [out_channels, in_channels];
-        Self::transposed_with(instructions, channels, bias, |out, channel, ky, kx| {
-            weights[((channel * out_channels + out) * 3 + ky) * 3 + kx]
+        let size = transposed_size(weights, channels);
+        Self::transposed_with(instructions, channels, size, bias, |out, channel, ky, kx| {
+            weights[((channel * out_channels + out) * size + ky) * size + kx]
         })
     }
 }
@@ -204,25 +205,33 @@ impl<T: Number> Convolution<T> {
         )
     }
 
-    /// As [`Convolution::transposed`], with the weight as a function of output channel, input channel, tap row, tap column.
+    /// As [`Convolution::transposed`], with `size` taps along a side (3 or 4) and the weight as a function of output
+    /// channel, input channel, tap row, tap column.
     ///
-    /// Output pixel 2i takes tap 1 of input i; output pixel 2i+1 takes tap 2 of input i and tap 0 of i+1.
+    /// Output pixel 2i takes tap 1 of input i, and tap 3 of i−1 if there is one; output pixel 2i+1 takes tap 2 of input i
+    /// and tap 0 of i+1.
     ///
     /// # Panics
     /// When the number of biases does not fit the channels.
     pub(super) fn transposed_with(
         instructions: InstructionSet,
         channels: [usize; 2],
+        size: usize,
         bias: &[f32],
         weight: impl Fn(usize, usize, usize, usize) -> T,
     ) -> Self {
-        let along = |parity: usize| if parity == 0 { vec![1] } else { vec![2, 0] };
+        // The first pixel of the bordered input, and the taps from there on.
+        let along = |parity: usize| match (parity, size) {
+            (0, 3) => (1, vec![1]),
+            (0, _) => (0, vec![3, 1]),
+            _ => (1, vec![2, 0]),
+        };
         let phase = |(py, px): (usize, usize)| {
-            let (kys, kxs) = (along(py), along(px));
+            let ((row, kys), (column, kxs)) = (along(py), along(px));
             let rows = (0..kys.len())
                 .map(|dy| TapRow {
-                    row: 1 + dy,
-                    column: 1,
+                    row: row + dy,
+                    column,
                     taps: kxs.len(),
                 })
                 .collect();
@@ -240,7 +249,7 @@ impl<T: Number> Convolution<T> {
             }
         };
         let phases = [(0, 0), (0, 1), (1, 0), (1, 1)].map(phase).into();
-        Self::new(instructions, Kind::Transposed, phases, channels, bias, true)
+        Self::new(instructions, Kind::Transposed(size), phases, channels, bias, true)
     }
 
     fn new(
@@ -286,7 +295,7 @@ impl<T: Number> Convolution<T> {
                 stride,
                 padding,
             }) => (side + 2 * padding + stride).saturating_sub(size) / stride,
-            Kind::Transposed => 2 * side,
+            Kind::Transposed(_) => 2 * side,
         };
         (side(height), side(width))
     }
@@ -303,7 +312,7 @@ impl<T: Number> Convolution<T> {
                 (first + padding + 1).saturating_sub(size).div_ceil(stride),
                 (last + padding) / stride,
             ),
-            Kind::Transposed => ((2 * first).saturating_sub(1), 2 * last + 1),
+            Kind::Transposed(size) => ((2 * first).saturating_sub(1), 2 * last + size - 2),
         })
     }
 
@@ -315,6 +324,22 @@ impl<T: Number> Convolution<T> {
             |phase: &Phase<T>| phase.rows_in(&whole).len() * phase.columns_in(&whole).len() * phase.tap_count;
         self.phases.iter().map(pixels).sum::<usize>() * self.in_channels * self.out_channels
     }
+}
+
+/// Taps along a side of a transposed convolution with these weights.
+///
+/// # Panics
+/// When they are neither 3 nor 4.
+pub(super) fn transposed_size(weights: &[f32], [out_channels, in_channels]: [usize; 2]) -> usize {
+    let size = [3, 4]
+        .into_iter()
+        .find(|size| out_channels * in_channels * size * size == weights.len());
+    size.unwrap_or_else(|| {
+        panic!(
+            "{} weights, expected 9 or 16 for each of {out_channels} x {in_channels}",
+            weights.len()
+        )
+    })
 }
 
 /// What panels are made of in an instruction set.

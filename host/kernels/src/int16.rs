@@ -3,7 +3,7 @@
 //! sum can overflow; a layer's error is about 0.05 % of its outputs. Sums are integers, so every instruction set gives the
 //! same bits, and so does [`Winograd`], which computes most 3×3 layers. NaN or infinity anywhere in the input makes every output NaN.
 
-use super::convolution::{Convolution, Kernel, Shape};
+use super::convolution::{Convolution, Kernel, Shape, transposed_size};
 use super::direct::convolve_numbers;
 use super::plane::Plane;
 use super::region::Region;
@@ -84,13 +84,14 @@ impl Int16Convolution {
         weights: &[f32],
         bias: &[f32],
     ) -> Self {
-        assert_eq!(weights.len(), channels[0] * channels[1] * 9, "weights");
-        let quantised = QuantisedWeights::new(channels, 9, false, |out, channel, tap| {
-            weights[(channel * channels[0] + out) * 9 + tap]
+        let side = transposed_size(weights, channels);
+        let taps = side * side;
+        let quantised = QuantisedWeights::new(channels, taps, false, |out, channel, tap| {
+            weights[(channel * channels[0] + out) * taps + tap]
         });
-        let weight = |out, pair, ky, kx| quantised.pair(out, pair, 3 * ky + kx);
+        let weight = |out, pair, ky, kx| quantised.pair(out, pair, side * ky + kx);
         let pairs = [channels[0], channels[1] / 2];
-        let convolution = Convolution::transposed_with(available(instructions), pairs, bias, weight);
+        let convolution = Convolution::transposed_with(available(instructions), pairs, side, bias, weight);
         Self::new(convolution, quantised, size)
     }
 

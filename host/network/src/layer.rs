@@ -14,15 +14,24 @@ pub(crate) const VARIANCE: &str = "norm.variance";
 /// What a layer does to the size of its image.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum LayerKind {
-    /// 3×3 convolution.
-    Convolution {
-        /// Input pixels between neighbouring outputs.
-        stride: usize,
-        /// Zeros around the input: 0 or 1.
-        padding: usize,
+    /// Square convolution.
+    Convolution(Kernel),
+    /// Transposed convolution that doubles the size: stride 2, padding 1.
+    Transposed {
+        /// Taps along a side: 4, or 3 with an output padding of 1.
+        size: usize,
     },
-    /// Transposed 3×3 convolution that doubles the size: stride 2, padding 1, output padding 1.
-    Transposed,
+}
+
+impl LayerKind {
+    /// Taps along a side.
+    #[must_use]
+    pub fn size(self) -> usize {
+        match self {
+            Self::Convolution(kernel) => kernel.size,
+            Self::Transposed { size } => size,
+        }
+    }
 }
 
 /// One layer with weights. Batch norm and ReLU follow every layer but the last, which has a bias instead.
@@ -43,7 +52,7 @@ pub const OUTPUT: &str = "output";
 
 /// Name and shape of every tensor of these layers.
 ///
-/// A layer has `NAME.weight`, `[out, in, 3, 3]` (transposed layers: `[in, out, 3, 3]`), and either `NAME.bias` or
+/// A layer has `NAME.weight`, `[out, in, size, size]` (transposed layers: `[in, out, size, size]`), and either `NAME.bias` or
 /// `NAME.norm.{gamma, beta, mean, variance}`, `[out]`.
 pub(crate) fn tensors_of(layers: &[Layer]) -> Vec<(String, Vec<usize>)> {
     let mut tensors = Vec::new();
@@ -54,13 +63,13 @@ pub(crate) fn tensors_of(layers: &[Layer]) -> Vec<(String, Vec<usize>)> {
         out_channels,
     } in layers
     {
-        let channels = match kind {
-            LayerKind::Convolution { .. } => [out_channels, in_channels],
-            LayerKind::Transposed => [in_channels, out_channels],
+        let [first, second] = match kind {
+            LayerKind::Convolution(_) => [out_channels, in_channels],
+            LayerKind::Transposed { .. } => [in_channels, out_channels],
         };
         tensors.push((
             format!("{name}.weight"),
-            [channels[0], channels[1], 3, 3].to_vec(),
+            vec![first, second, kind.size(), kind.size()],
         ));
         let vectors: &[&str] = if name == OUTPUT {
             &["bias"]
@@ -81,7 +90,7 @@ pub(crate) fn tensors_of(layers: &[Layer]) -> Vec<(String, Vec<usize>)> {
 pub struct Folded {
     /// The layer.
     pub layer: Layer,
-    /// `[out, in, 3, 3]`; transposed layers: `[in, out, 3, 3]`.
+    /// `[out, in, size, size]`; transposed layers: `[in, out, size, size]`.
     pub weights: Vec<f32>,
     /// `[out]`.
     pub bias: Vec<f32>,
@@ -109,9 +118,10 @@ impl Folded {
             .zip(variance)
             .map(|(&gamma, &variance)| f64::from(gamma) / (f64::from(variance) + NORM_EPSILON).sqrt())
             .collect();
+        let taps = layer.kind.size() * layer.kind.size();
         let out_channel = |index: usize| match layer.kind {
-            LayerKind::Convolution { .. } => index / (9 * layer.in_channels),
-            LayerKind::Transposed => index / 9 % layer.out_channels,
+            LayerKind::Convolution(_) => index / (taps * layer.in_channels),
+            LayerKind::Transposed { .. } => index / taps % layer.out_channels,
         };
         let weights = weights
             .iter()
@@ -124,15 +134,11 @@ impl Folded {
         Self { layer, weights, bias }
     }
 
-    pub(crate) fn shape(&self, stride: usize, padding: usize) -> Shape {
+    pub(crate) fn shape(&self, kernel: Kernel) -> Shape {
         Shape {
             out_channels: self.layer.out_channels,
             in_channels: self.layer.in_channels,
-            kernel: Kernel {
-                size: 3,
-                stride,
-                padding,
-            },
+            kernel,
         }
     }
 
@@ -145,11 +151,11 @@ impl Folded {
             out_channels,
         } = self.layer;
         match kind {
-            LayerKind::Convolution { stride, padding } => {
-                let shape = self.shape(stride, padding);
+            LayerKind::Convolution(kernel) => {
+                let shape = self.shape(kernel);
                 Convolution::forward(instructions, shape, &self.weights, &self.bias, name != OUTPUT)
             }
-            LayerKind::Transposed => {
+            LayerKind::Transposed { .. } => {
                 Convolution::transposed(instructions, in_channels, out_channels, &self.weights, &self.bias)
             }
         }
@@ -165,10 +171,10 @@ impl Folded {
         } = self.layer;
         let (weights, bias) = (&self.weights, &self.bias);
         match kind {
-            LayerKind::Convolution { stride, padding } => {
-                Int16Convolution::forward(instructions, self.shape(stride, padding), size, weights, bias)
+            LayerKind::Convolution(kernel) => {
+                Int16Convolution::forward(instructions, self.shape(kernel), size, weights, bias)
             }
-            LayerKind::Transposed => {
+            LayerKind::Transposed { .. } => {
                 let channels = [out_channels, in_channels];
                 Int16Convolution::transposed(instructions, channels, size, weights, bias)
             }

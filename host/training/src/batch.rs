@@ -1,5 +1,5 @@
-//! Samples to tensors: scaling to the networks' units and, for training, augmentation (a random symmetry of the
-//! square; for images salt and pepper, and brightness).
+//! Samples to tensors: scaling to the networks' units and, for training, augmentation of images (a random symmetry of the
+//! square, salt and pepper, brightness).
 
 use burn::tensor::{Device, Tensor, TensorData};
 use gripline_network::constants::{IMAGE_PIXELS, IMAGE_SIDE, MAP_SIDE, TAXELS};
@@ -58,7 +58,11 @@ fn assemble(
                 let symmetry = images(set, sample, weights.scaling, augmentation, &mut inputs);
                 (symmetry, weights.scaling.newtons_per_output / NEWTONS_PER_OUTPUT)
             }
-            AnyWeights::Tracked(weights) => grid(set, sample, &weights.scaling, augmentation, &mut inputs),
+            AnyWeights::Tracked(weights) => {
+                let rms_mm = grid(set, sample, &weights.scaling, &mut inputs);
+                let scale = rms_mm * weights.scaling.newtons_per_mm / NEWTONS_PER_OUTPUT;
+                (Symmetry::ALL[0], scale)
+            }
         };
         scales.push(scale);
         for (taxel, force) in symmetry.map(set.forces_n(sample)).iter().enumerate() {
@@ -123,21 +127,13 @@ fn images(
     symmetry
 }
 
-/// Adds a sample's grid, transformed by a random symmetry; returns the symmetry and the scale of the outputs.
-fn grid(
-    set: &Dataset,
-    sample: usize,
-    scaling: &TrackedScaling,
-    augmentation: Option<(&Ablation, &mut Rng)>,
-    inputs: &mut Vec<f32>,
-) -> (Symmetry, f32) {
-    let symmetry = augmentation.map_or(Symmetry::ALL[0], |(ablation, rng)| any_symmetry(ablation, rng));
-    let moved = symmetry.grid(&set.grid(sample));
-    let (nodes, rms_mm) = tracked::input(&moved, scaling);
+/// Adds a sample's grid; returns the RMS of its motions, mm. Nothing is augmented: the network computes the same in every mirror.
+fn grid(set: &Dataset, sample: usize, scaling: &TrackedScaling, inputs: &mut Vec<f32>) -> f32 {
+    let (nodes, rms_mm) = tracked::input(&set.grid(sample), scaling);
     for channel in 0..INPUT_CHANNELS {
         inputs.extend(nodes.iter().map(|values| values[channel]));
     }
-    (symmetry, rms_mm * scaling.newtons_per_mm / NEWTONS_PER_OUTPUT)
+    rms_mm
 }
 
 /// One of the eight, or the first alone where training does without them.

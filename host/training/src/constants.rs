@@ -72,7 +72,7 @@ pub(crate) const GRID_STEPS: f32 = 16_384.0;
 
 /// Channels of the tracking network at 20×20, 10×10 and 5×5: 18 M multiply-adds. With half the channels the stick ratio
 /// is off by 0.090 instead of 0.083 after as many samples; four times the multiply-adds learned no more.
-pub(crate) const TRACKED_WIDTHS: [usize; 3] = [24, 48, 64];
+pub(crate) const TRACKED_WIDTHS: [usize; 3] = [16, 48, 64];
 
 /// Scaling of the tracking network: the tracker's noise at rest is 2 µm, a usual load moves particles by 30 µm.
 pub(crate) const TRACKED_SCALING: TrackedScaling = TrackedScaling {

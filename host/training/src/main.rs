@@ -14,12 +14,15 @@ mod histories;
 mod initial;
 mod loss;
 mod markers;
+mod mirrored;
 mod model;
 mod rng;
 mod shard;
 mod store;
 mod symmetry;
+mod tracked_net;
 mod train;
+mod unet_net;
 mod weights;
 
 use std::path::PathBuf;
@@ -70,8 +73,8 @@ enum Command {
         /// Samples to train on; each stands for eight by symmetry.
         #[arg(long, default_value_t = 40_000, value_parser = clap::value_parser!(u32).range(32..=1_000_000))]
         samples: u32,
-        /// Gradient steps of 32 samples.
-        #[arg(long, default_value_t = 20_000, value_parser = clap::value_parser!(u32).range(1..=10_000_000))]
+        /// Gradient steps of 32 samples; none to calibrate and measure the weights as they are.
+        #[arg(long, default_value_t = 20_000, value_parser = clap::value_parser!(u32).range(0..=10_000_000))]
         steps: u32,
         /// Finish within this time, with fewer steps if need be.
         #[arg(long, value_parser = clap::value_parser!(u32).range(1..=10_000))]

@@ -4,6 +4,7 @@
 
 use gripline_network::ForceMap;
 use gripline_network::constants::{IMAGE_SIDE, MAP_SIDE};
+#[cfg(test)]
 use gripline_network::tracked::{GRID_CHANNELS, GRID_NODES, GRID_SIDE, Grid, empty_grid};
 
 /// One of the eight: first mirror x, then mirror y, then exchange x and y.
@@ -54,14 +55,29 @@ impl Symmetry {
             .map(move |i| image[self.source(IMAGE_SIDE, i / IMAGE_SIDE, i % IMAGE_SIDE)])
     }
 
+    /// The symmetry, by its index in [`Self::ALL`], that does what the one at `index` does and then this one.
+    pub(crate) fn after(self, index: usize) -> usize {
+        // Where two points go tells the eight apart.
+        let both = |first: Self, then: Self| {
+            [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]].map(|point| then.force(first.force(point)))
+        };
+        let wanted = both(Self::ALL[index], self);
+        let same = |symmetry: &Self| both(*symmetry, Self::ALL[0]) == wanted;
+        Self::ALL
+            .iter()
+            .position(same)
+            .expect("two symmetries of the square make a third")
+    }
+
     /// The force that the same contact exerts in the moved world.
-    fn force(self, [x, y, z]: [f32; 3]) -> [f32; 3] {
+    pub(crate) fn force(self, [x, y, z]: [f32; 3]) -> [f32; 3] {
         let x = if self.mirror_x { -x } else { x };
         let y = if self.mirror_y { -y } else { y };
         if self.exchange { [y, x, z] } else { [x, y, z] }
     }
 
     /// The moved grid: motions turn as shear does.
+    #[cfg(test)]
     pub(crate) fn grid(self, grid: &Grid) -> Box<Grid> {
         let mut moved = empty_grid();
         for node in 0..GRID_NODES {
@@ -151,6 +167,20 @@ mod tests {
                 .unwrap();
             let over = (spot / IMAGE_SIDE * 5 / 22, spot % IMAGE_SIDE * 5 / 22);
             assert_eq!(over, (taxel / MAP_SIDE, taxel % MAP_SIDE), "{symmetry:?}");
+        }
+    }
+
+    #[test]
+    fn one_symmetry_after_another_is_the_one_that_does_both() {
+        for symmetry in Symmetry::ALL {
+            for (index, first) in Symmetry::ALL.into_iter().enumerate() {
+                let both = Symmetry::ALL[symmetry.after(index)];
+                assert_eq!(
+                    both.map(&map()),
+                    symmetry.map(&first.map(&map())),
+                    "{symmetry:?} after {first:?}"
+                );
+            }
         }
     }
 

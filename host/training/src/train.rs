@@ -131,7 +131,9 @@ fn starting_weights(
     device: &Device,
 ) -> Result<AnyWeights, TrainingError> {
     if let Some(path) = paths.from {
-        return Ok(AnyWeights::from_file(plan.architecture, path)?);
+        let weights = AnyWeights::from_file(plan.architecture, path)?;
+        check_mirrors(&weights, path)?;
+        return Ok(weights);
     }
     if plan.samples < BATCH {
         return Err(TrainingError::Usage(format!(
@@ -140,6 +142,25 @@ fn starting_weights(
         )));
     }
     fresh_weights(plan.architecture, &plan.widths, train, device)
+}
+
+/// Checks that the network takes these weights as they are.
+fn check_mirrors(weights: &AnyWeights, path: &Path) -> Result<(), TrainingError> {
+    let taken = Model::loaded(weights, &Device::flex()).tensors();
+    for (name, tensor) in weights.tensors() {
+        let pairs = tensor.values.iter().zip(&taken[name].values);
+        let (off, largest) = pairs.fold((0.0_f32, 0.0_f32), |(off, largest), (value, taken)| {
+            (off.max((value - taken).abs()), largest.max(value.abs()))
+        });
+        if off > 1e-3 * largest {
+            return Err(TrainingError::Usage(format!(
+                "`{name}` of {} differs in the mirrors of the square, by {off} of {largest} at most; expected weights that \
+                 this program has trained",
+                path.display()
+            )));
+        }
+    }
+    Ok(())
 }
 
 /// Gradient steps until the plan is done; leaves the best weights in `weights` and hands each new best to
@@ -167,7 +188,8 @@ fn fit(
         let by_time = plan
             .budget
             .map_or(0.0, |budget| start.elapsed().as_secs_f64() / budget.as_secs_f64());
-        let progress = by_time.max(step as f64 / plan.steps as f64).min(1.0);
+        let by_steps = if step < plan.steps { step as f64 / plan.steps as f64 } else { 1.0 };
+        let progress = by_time.max(by_steps);
         let done = progress >= 1.0;
         if done || (progress * VALIDATIONS as f64) as usize > validated {
             validated += 1;
@@ -313,6 +335,20 @@ mod tests {
             let last = step();
             assert!(last < 0.5 * first, "{architecture:?}: {first} to {last}");
         }
+    }
+
+    #[test]
+    fn weights_that_differ_in_a_mirror_are_refused_by_name() {
+        let device = Device::flex();
+        device.seed(1);
+        let mut weights = fresh_weights(Architecture::Tracked, &[], &Dataset::noise(2), &device).unwrap();
+        let path = Path::new("some.safetensors");
+        check_mirrors(&weights, path).unwrap();
+        let mut tensors = weights.tensors().clone();
+        tensors.get_mut("decode10.weight").unwrap().values[7] += 0.01;
+        weights.set_tensors(tensors);
+        let error = check_mirrors(&weights, path).unwrap_err().to_string();
+        assert!(error.contains("`decode10.weight` of some.safetensors"), "{error}");
     }
 
     #[test]

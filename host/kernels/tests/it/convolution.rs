@@ -87,7 +87,7 @@ fn border_is_zero(plane: &Plane) -> bool {
 /// A convolution and everything that it needs.
 #[derive(Debug, Clone)]
 struct Case {
-    /// `None`: an up-convolution that doubles the size.
+    /// `None`: an up-convolution that doubles the size, with 9 or 16 taps.
     kernel: Option<Kernel>,
     size: (usize, usize),
     in_channels: usize,
@@ -116,10 +116,12 @@ impl Case {
             kernel(1, 1, 0),
             kernel(5, 1, 1),
             kernel(3, 3, 1),
+            kernel(4, 2, 1),
             None,
         ];
         let kernel = kernels[noise.pick(0, kernels.len() - 1)];
-        let taps = kernel.map_or(9, |kernel| kernel.size * kernel.size);
+        let up = noise.pick(3, 4);
+        let taps = kernel.map_or(up * up, |kernel| kernel.size * kernel.size);
         let (in_channels, out_channels) = (noise.pick(1, 19), noise.pick(1, 41));
         Self {
             kernel,
@@ -200,10 +202,12 @@ impl Case {
                 }
             } else {
                 // Input (y, x) adds to output (2y − 1 + ky, 2x − 1 + kx).
-                for tap in 0..9 {
-                    let (y, x) = (row + 1 - tap / 3, column + 1 - tap % 3);
+                let taps = self.weights.len() / (self.in_channels * self.out_channels);
+                for tap in 0..taps {
+                    let [ky, kx] = [tap / taps.isqrt(), tap % taps.isqrt()].map(|tap| tap as isize);
+                    let (y, x) = (row + 1 - ky, column + 1 - kx);
                     if y % 2 == 0 && x % 2 == 0 {
-                        let weight = self.weights[(channel * self.out_channels + out) * 9 + tap as usize];
+                        let weight = self.weights[(channel * self.out_channels + out) * taps + tap];
                         add(weight, pixel(input, y / 2, x / 2, channel));
                     }
                 }

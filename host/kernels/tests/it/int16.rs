@@ -30,7 +30,7 @@ impl Noise {
 /// `None`: an up-convolution that doubles the size.
 type Stride = Option<usize>;
 
-/// A layer in int16 and the same one in f32.
+/// A layer in int16 and the same one in f32, with as many taps as there are weights for.
 fn layers(
     set: InstructionSet,
     stride: Stride,
@@ -48,7 +48,7 @@ fn layers(
         out_channels: channels[0],
         in_channels: channels[1],
         kernel: Kernel {
-            size: 3,
+            size: (weights.len() / (channels[0] * channels[1])).isqrt(),
             stride,
             padding: 1,
         },
@@ -81,12 +81,12 @@ fn run((mut int16, single): (Int16Convolution, Convolution), input: &Plane) -> [
 fn layers_keep_to_those_in_f32_as_far_as_they_round_and_every_set_gives_the_same_bits() {
     let mut noise = Noise(1);
     for case in 0..60 {
-        let stride = [Some(1), Some(2), None][case % 3];
+        let (stride, taps) = [(Some(1), 9), (Some(2), 9), (None, 9), (Some(2), 16), (None, 16)][case % 5];
         let channels = [1 + noise.below(50), 2 * (1 + noise.below(50))];
-        let size = (1 + noise.below(12), 1 + noise.below(22));
+        let size = (2 + noise.below(12), 2 + noise.below(22));
         // Anywhere between small and large.
         let scale = 10.0_f32.powi(noise.below(13) as i32 - 6);
-        let weights = noise.values(channels[0] * channels[1] * 9);
+        let weights = noise.values(channels[0] * channels[1] * taps);
         let bias: Vec<f32> = noise.values(channels[0]).iter().map(|b| b * scale).collect();
         let input = plane(size, channels[1], || scale * noise.value().powi(3));
         let mut first: Option<Vec<f32>> = None;
@@ -95,7 +95,7 @@ fn layers_keep_to_those_in_f32_as_far_as_they_round_and_every_set_gives_the_same
             let (activation_max, weight_unit) = of.0.rounding();
             let unit = scale * 0.5 / activation_max;
             // Every activation and every weight may be off by half a unit, and all of them the same way.
-            let taps = (9 * channels[1]) as f32;
+            let taps = (taps * channels[1]) as f32;
             let bound = taps * (unit + 0.5 * weight_unit * scale) * 1.01 + 1e-5 * taps * scale;
             let [ours, single] = run(of, &input);
             let mut squares = [0.0_f64; 2];

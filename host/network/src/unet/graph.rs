@@ -12,7 +12,7 @@ use super::weights::{Scaling, UnetWeights, Widths};
 use crate::constants::{IMAGE_SIDE, MAP_SIDE};
 use crate::force_map::ForceMap;
 use crate::image::Image88;
-use crate::layer::{Folded, Layer};
+use crate::layer::{Folded, Layer, LayerKind};
 
 /// The network with its buffers.
 #[derive(Debug, Clone)]
@@ -131,14 +131,18 @@ impl UNet {
 /// image's, which has the bias. Their sum is the layer.
 fn per_channel(first: &Folded, instructions: InstructionSet) -> [Convolution; 2] {
     let Layer {
+        kind,
         in_channels,
         out_channels,
         ..
     } = first.layer;
+    let LayerKind::Convolution(kernel) = kind else {
+        unreachable!("the first layer halves the image")
+    };
     let one = |channel: usize, bias: &[f32], relu: bool| {
         let weights: Vec<f32> = first
             .weights
-            .chunks_exact(9)
+            .chunks_exact(kernel.size * kernel.size)
             .skip(channel)
             .step_by(in_channels)
             .flatten()
@@ -146,7 +150,7 @@ fn per_channel(first: &Folded, instructions: InstructionSet) -> [Convolution; 2]
             .collect();
         let shape = Shape {
             in_channels: 1,
-            ..first.shape(2, 1)
+            ..first.shape(kernel)
         };
         Convolution::forward(instructions, shape, &weights, bias, relu)
     };

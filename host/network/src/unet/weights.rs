@@ -3,6 +3,8 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
+use gripline_kernels::Kernel;
+
 use crate::error::NetworkError;
 use crate::force_map::Calibration;
 use crate::layer::{Folded, Layer, LayerKind, OUTPUT, tensors_of};
@@ -61,18 +63,10 @@ pub struct Scaling {
 /// The layers in the order in which they run. Concatenations put the decoder's channels first.
 #[must_use]
 pub fn layers(widths: Widths) -> [Layer; 15] {
-    const PLAIN: LayerKind = LayerKind::Convolution {
-        stride: 1,
-        padding: 1,
-    };
-    const STRIDED: LayerKind = LayerKind::Convolution {
-        stride: 2,
-        padding: 1,
-    };
-    const UNPADDED: LayerKind = LayerKind::Convolution {
-        stride: 1,
-        padding: 0,
-    };
+    const PLAIN: LayerKind = three_by_three(1, 1);
+    const STRIDED: LayerKind = three_by_three(2, 1);
+    const UNPADDED: LayerKind = three_by_three(1, 0);
+    const DOUBLING: LayerKind = LayerKind::Transposed { size: 3 };
     let Widths {
         encode44,
         encode22,
@@ -96,14 +90,22 @@ pub fn layers(widths: Widths) -> [Layer; 15] {
         layer("encode10b", PLAIN, middle10, middle10),
         layer("bottom5a", PLAIN, middle10, bottom5),
         layer("bottom5b", PLAIN, bottom5, bottom5),
-        layer("up10", LayerKind::Transposed, bottom5, middle10),
+        layer("up10", DOUBLING, bottom5, middle10),
         layer("decode10a", PLAIN, 2 * middle10, middle10),
         layer("decode10b", PLAIN, middle10, middle10),
-        layer("up20", LayerKind::Transposed, middle10, decode20),
+        layer("up20", DOUBLING, middle10, decode20),
         layer("decode20a", PLAIN, decode20 + encode20, decode20),
         layer("decode20b", PLAIN, decode20, decode20),
         layer(OUTPUT, PLAIN, decode20, 3),
     ]
+}
+
+const fn three_by_three(stride: usize, padding: usize) -> LayerKind {
+    LayerKind::Convolution(Kernel {
+        size: 3,
+        stride,
+        padding,
+    })
 }
 
 /// Name and shape of every tensor of a weights file.

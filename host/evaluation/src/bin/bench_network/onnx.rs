@@ -204,12 +204,14 @@ impl Graph<'_> {
         let name = layer.name;
         let (weight_name, bias_name) = (format!("{name}.weight"), format!("{name}.bias"));
         let (operator, channels, stride, padding) = match layer.kind {
-            LayerKind::Convolution { stride, padding } => {
-                ("Conv", [layer.out_channels, layer.in_channels], stride, padding)
+            LayerKind::Convolution(kernel) => {
+                let channels = [layer.out_channels, layer.in_channels];
+                ("Conv", channels, kernel.stride, kernel.padding)
             }
-            LayerKind::Transposed => ("ConvTranspose", [layer.in_channels, layer.out_channels], 2, 1),
+            LayerKind::Transposed { .. } => ("ConvTranspose", [layer.in_channels, layer.out_channels], 2, 1),
         };
-        let shape = [channels[0], channels[1], 3, 3];
+        let size = layer.kind.size();
+        let shape = [channels[0], channels[1], size, size];
         match self.steps.get(from) {
             Some(&input_step) if operator == "Conv" && name != OUTPUT => {
                 self.quantised_weights(folded, &shape, input_step);
@@ -219,10 +221,10 @@ impl Graph<'_> {
                 self.tensor(&bias_name, &[layer.out_channels], bias);
             }
         }
-        let (strides, pads) = ([stride; 2], [padding; 4]);
+        let (sizes, strides, pads) = ([size; 2], [stride; 2], [padding; 4]);
         let mut attributes: Vec<(&str, &[usize])> =
-            vec![("kernel_shape", &[3, 3]), ("strides", &strides), ("pads", &pads)];
-        if layer.kind == LayerKind::Transposed {
+            vec![("kernel_shape", &sizes), ("strides", &strides), ("pads", &pads)];
+        if layer.kind == (LayerKind::Transposed { size: 3 }) {
             attributes.push(("output_padding", &[1, 1]));
         }
         let inputs = [from, &weight_name, &bias_name];
