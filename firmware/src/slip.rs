@@ -10,7 +10,7 @@ use gripline_protocol::message::{Configuration, MapSums, SlipState};
 
 use crate::arithmetic::divide;
 use crate::clock::{DeviceMicros, HostMicros};
-use crate::constants::{TIME_TO_SLIP_MAX_MS, TREND_MAPS};
+use crate::constants::{CHANGED_PART, TIME_TO_SLIP_MAX_MS, TREND_MAPS};
 use crate::contact_geometry::ContactGeometry;
 use crate::load::{Load, LoadHistory};
 use crate::sums::{stick_ratio, stick_ratio_below};
@@ -165,10 +165,10 @@ impl SlipDetector {
         let slips = stick_ratio_below(sums, settings.threshold)
             || (self.state == SlipState::Slip && stick_ratio_below(sums, settings.leave));
         let by_load = self.loads.is_half_slipping(&load, &self.geometry);
-        // Lower ratios count in any case: friction may have changed since.
+        // Where hardly anything sticks by the ratios, friction has changed since.
         let is_held = severity(self.state) <= severity(SlipState::Stick)
             && by_load == Some(false)
-            && !stick_ratio_below(sums, settings.threshold / 4 * 3);
+            && !stick_ratio_below(sums, settings.threshold / CHANGED_PART);
         let now = if is_held {
             SlipState::Stick
         } else if slips {

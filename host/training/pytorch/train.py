@@ -14,9 +14,8 @@ from pathlib import Path
 import torch
 from mirrored import TrackedNet
 from safetensors.numpy import load_file, save
-from torch.nn import BatchNorm1d
 
-# As in `src/constants.rs`, but for the batch, the rate and the weight of the sum, which are twice, 4/3 and 15 times its own.
+# As in `src/constants.rs`, but for the batch and the rate, which are twice and 4/3 of what stands there.
 BATCH, RATE, WARM_UP, WEIGHT_DECAY = 64, 4e-3, 0.15, 1e-3
 LOSS_FLOOR, SHEAR_WEIGHT, CONE_WEIGHT, CONE_LOADED = 0.02, 2.0, 0.5, 0.2
 TOTAL_WEIGHT, TOTAL_FLOOR, SHEAR_FLOOR, DETECTOR_FRICTION = 3.0, 30.0, 1e-3, 0.45
@@ -136,15 +135,6 @@ def main():
             net.train()
             minutes = (time.monotonic() - start) / 60
             print(f"{minutes:6.1f} min {(step + 1) * BATCH:8} sample-steps, validation loss {sum(losses) / len(losses):.4f}", flush=True)
-
-    # Statistics of the final weights, instead of those that ran along.
-    for module in net.modules():
-        if isinstance(module, BatchNorm1d):
-            module.reset_running_stats()
-            module.momentum = None
-    with torch.no_grad():
-        for chosen in torch.randperm(len(train[0]))[:24_000].split(BATCH):
-            loss_of(train, chosen)
 
     minutes = round((time.monotonic() - start) / 60)
     manifest = {"framework": f"PyTorch {torch.__version__}", "sample_steps": options.steps * BATCH, "minutes": minutes}

@@ -188,7 +188,11 @@ fn fit(
         let by_time = plan
             .budget
             .map_or(0.0, |budget| start.elapsed().as_secs_f64() / budget.as_secs_f64());
-        let by_steps = if step < plan.steps { step as f64 / plan.steps as f64 } else { 1.0 };
+        let by_steps = if step < plan.steps {
+            step as f64 / plan.steps as f64
+        } else {
+            1.0
+        };
         let progress = by_time.max(by_steps);
         let done = progress >= 1.0;
         if done || (progress * VALIDATIONS as f64) as usize > validated {

@@ -68,7 +68,7 @@ impl Report {
              load is further than a part of what slid from the rest of it: about two thirds for a round contact, three \
              quarters for a line, nine tenths for a flat one, told apart by how the reach of the pressure grew while it was \
              pressed. Beyond is INCIPIENT before the ratios show it, within STICK although they do not, unless they are \
-             below three quarters of the threshold. That rule was found on `--data tuning`, which has other objects, seeds \
+             below a quarter of the threshold. That rule was found on `--data tuning`, which has other objects, seeds \
              and sensors (from 7000000 on); sensors here: {} to {}.\n",
             self.data,
             self.seed,
