@@ -1,4 +1,4 @@
-//! Convolutions in int16 with int32 sums, for planes that change as a whole. Weights are quantised once per output
+//! Convolutions in int16 with int32 sums, for planes that change as a whole and have no values below zero, as behind ReLU. Weights are quantised once per output
 //! channel; activations are quantised in every run, relative to the largest one. Nothing needs calibration and no layer's
 //! sum can overflow; a layer's error is about 0.05 % of its outputs. Sums are integers, so every instruction set gives the
 //! same bits, and so does [`Winograd`], which computes most 3×3 layers. NaN or infinity anywhere in the input makes every output NaN.
@@ -56,7 +56,7 @@ impl Int16Convolution {
             padding: 1,
         };
         let in_pairs = shape.kernel == three_by_three && size.1.is_multiple_of(2);
-        let quantised = QuantisedWeights::new(channels, taps, in_pairs, |out, channel, tap| {
+        let quantised = QuantisedWeights::new(channels, &vec![0; taps], in_pairs, |out, channel, tap| {
             weights[(out * channels[1] + channel) * taps + tap]
         });
         let shape = Shape {
@@ -86,7 +86,9 @@ impl Int16Convolution {
     ) -> Self {
         let side = transposed_size(weights, channels);
         let taps = side * side;
-        let quantised = QuantisedWeights::new(channels, taps, false, |out, channel, tap| {
+        // An output pixel sees every second tap, even or odd by its row and its column.
+        let phases: Vec<usize> = (0..taps).map(|tap| tap / side % 2 * 2 + tap % side % 2).collect();
+        let quantised = QuantisedWeights::new(channels, &phases, false, |out, channel, tap| {
             weights[(channel * channels[0] + out) * taps + tap]
         });
         let weight = |out, pair, ky, kx| quantised.pair(out, pair, side * ky + kx);
@@ -147,6 +149,13 @@ impl Int16Convolution {
             input.channels(),
             2 * self.input.channels(),
             "channels of the input"
+        );
+        debug_assert!(
+            (0..input.height()).all(|row| !input
+                .row(row)
+                .iter()
+                .any(|value| (f32::MIN..-INPUT_MIN).contains(value))),
+            "the input has values below zero"
         );
         dispatch_256(self.convolution.instructions(), Quantise(self, input));
         if let Some(winograd) = &self.winograd {
@@ -246,16 +255,22 @@ struct QuantisedWeights {
 }
 
 impl QuantisedWeights {
-    /// `in_pairs`: for [`Winograd`], which needs rows of three weights with an even sum and some room.
+    /// `phases`: of every tap, the number of the sums it is in, below four. `in_pairs`: for [`Winograd`], which needs rows of
+    /// three weights with an even sum and some room.
     fn new(
         [out_channels, in_channels]: [usize; 2],
-        taps: usize,
+        phases: &[usize],
         in_pairs: bool,
         weight: impl Fn(usize, usize, usize) -> f32,
     ) -> Self {
         assert!(in_channels % 2 == 0, "{in_channels} channels in pairs");
         let (mut weights, mut scales) = (Vec::new(), Vec::new());
-        let summed = (in_channels * taps) as f64;
+        let taps = phases.len();
+        let mut summed = [0.0; 4];
+        for &phase in phases {
+            summed[phase] += in_channels as f64;
+        }
+        let summed = summed.into_iter().fold(0.0, f64::max);
         let activation_max = f64::from(if in_pairs { i16::MAX / 2 } else { i16::MAX });
         let max = (ACTIVATION_MAX / summed.sqrt()).min(activation_max).floor();
         for out in 0..out_channels {
@@ -263,9 +278,15 @@ impl QuantisedWeights {
             let of_channel: Vec<f64> = of_channel
                 .map(|(channel, tap)| f64::from(weight(out, channel, tap)))
                 .collect();
-            let (sum, largest) = of_channel.iter().fold((0.0, 0.0_f64), |(sum, largest), weight| {
-                (sum + weight.abs(), largest.max(weight.abs()))
-            });
+            // Of a phase's positive and of its negative weights: no sum is larger, because no activation is negative.
+            let mut sums = [[0.0; 2]; 4];
+            for (weight, &phase) in of_channel.iter().zip(phases.iter().cycle()) {
+                sums[phase][usize::from(*weight < 0.0)] += weight.abs();
+            }
+            let sum = sums.into_iter().flatten().fold(0.0, f64::max);
+            let largest = of_channel
+                .iter()
+                .fold(0.0_f64, |largest, weight| largest.max(weight.abs()));
             // Half the sum of a row of weights has to fit too.
             let of_row = |row: &[f64]| 0.5 * row.iter().map(|weight| weight.abs()).sum::<f64>();
             let margin = if in_pairs { 2.0 } else { 0.0 };

@@ -88,7 +88,7 @@ fn layers_keep_to_those_in_f32_as_far_as_they_round_and_every_set_gives_the_same
         let scale = 10.0_f32.powi(noise.below(13) as i32 - 6);
         let weights = noise.values(channels[0] * channels[1] * taps);
         let bias: Vec<f32> = noise.values(channels[0]).iter().map(|b| b * scale).collect();
-        let input = plane(size, channels[1], || scale * noise.value().powi(3));
+        let input = plane(size, channels[1], || scale * noise.value().powi(3).max(0.0));
         let mut first: Option<Vec<f32>> = None;
         for set in sets() {
             let of = layers(set, stride, channels, size, [&weights, &bias]);
@@ -129,7 +129,7 @@ fn two_pixels_at_once_have_the_bits_of_one_by_one() {
         let weights: Vec<f32> = noise.values(channels[0] * channels[1] * 9);
         let weights: Vec<f32> = weights.iter().map(|weight| weight.powi(1 + case % 5)).collect();
         let bias = noise.values(channels[0]);
-        let input = plane(size, channels[1], || noise.value());
+        let input = plane(size, channels[1], || noise.value().abs());
         for set in sets() {
             let (at_once, single) = layers(set, Some(1), channels, size, [&weights, &bias]);
             assert!(at_once.is_in_pairs());
@@ -173,16 +173,56 @@ fn the_largest_sums_there_can_be_do_not_wrap() {
         let bias = vec![0.0; channels[0]];
         // One by one, and two pixels at once.
         for size in [(4, 5), (4, 6)] {
-            let input = plane(size, channels[1], || sign * 3.0);
+            let input = plane(size, channels[1], || 3.0);
             for set in sets() {
-                let [ours, single] = run(layers(set, Some(1), channels, size, [&weights, &bias]), &input);
+                let of = layers(set, Some(1), channels, size, [&weights, &bias]);
+                let [ours, single] = run(of, &input);
                 for (ours, single) in ours.iter().zip(&single) {
                     assert!(
                         (ours - single).abs() <= 1e-3 * single,
                         "{ours} for {single}, {set}"
                     );
                 }
-                assert!(single.iter().all(|&sum| sum > 0.0));
+                assert!(single.iter().all(|&sum| (sum > 0.0) == (sign > 0.0)));
+            }
+        }
+    }
+}
+
+#[test]
+fn the_largest_sums_of_inputs_that_are_not_negative_do_not_wrap() {
+    for (stride, taps) in [(Some(1), 9), (Some(2), 16), (None, 9), (None, 16)] {
+        for channels in [[24, 10], [48, 96], [3, 2]] {
+            // Half of the weights are below zero, so that the bound is half of the sum of their sizes.
+            let of_channel = |channel: usize| if channel % 2 == 0 { 0.7 } else { -0.7 };
+            let weight = |k: usize| match stride {
+                Some(_) => of_channel(k / taps % channels[1]),
+                None => of_channel(k / (taps * channels[0])),
+            };
+            let weights: Vec<f32> = (0..channels[0] * channels[1] * taps).map(weight).collect();
+            let bias = vec![0.0; channels[0]];
+            // Either only what counts up is there, or only what counts down.
+            for up in [true, false] {
+                let mut k = 0;
+                let input = plane((4, 6), channels[1], || {
+                    k += 1;
+                    if ((k - 1) % channels[1] % 2 == 0) == up {
+                        3.0
+                    } else {
+                        0.0
+                    }
+                });
+                for set in sets() {
+                    let of = layers(set, stride, channels, (4, 6), [&weights, &bias]);
+                    let [ours, single] = run(of, &input);
+                    assert!(single.iter().all(|&sum| (sum > 0.0) == up), "{stride:?}");
+                    for (ours, single) in ours.iter().zip(&single) {
+                        assert!(
+                            (ours - single).abs() <= 1e-3 * single,
+                            "{ours} for {single}, {set}, {stride:?}, {taps}"
+                        );
+                    }
+                }
             }
         }
     }

@@ -116,7 +116,8 @@ impl GridNet {
             folded: weights.folded(),
             instructions,
         };
-        let at20 = layers.next(input, precision);
+        // Values below zero, and an error that all others inherit.
+        let at20 = layers.plain(input);
         let encoded20 = layers.next(at20, precision);
         let at10 = layers.next(encoded20, precision);
         let encoded10 = layers.next(at10, precision);
