@@ -194,7 +194,7 @@ impl MirroredStage {
     /// Adds the tensors of an ordinary convolution with batch norm.
     pub(crate) fn export(&self, tensors: &mut Tensors) {
         let mut put = |part: &str, data: TensorData, repeat: usize| {
-            let values = values_of(data).into_iter();
+            let values = values_of(&data).into_iter();
             let values: Vec<f32> = values
                 .flat_map(|value| std::iter::repeat_n(value, repeat))
                 .collect();
@@ -276,11 +276,11 @@ impl MirroredOutput {
     pub(crate) fn export(&self, tensors: &mut Tensors) {
         let weight = engine::Tensor {
             shape: self.weights.orbits.shape.to_vec(),
-            values: values_of(self.weights.values().into_data()),
+            values: values_of(&self.weights.values().into_data()),
         };
         let bias = engine::Tensor {
             shape: vec![3],
-            values: vec![0.0, 0.0, values_of(self.bias.val().into_data())[0]],
+            values: vec![0.0, 0.0, values_of(&self.bias.val().into_data())[0]],
         };
         tensors.insert(format!("{}.weight", self.layer.name), weight);
         tensors.insert(format!("{}.bias", self.layer.name), bias);
@@ -313,6 +313,6 @@ fn convolved(layer: Layer, input: Tensor<4>, weights: Tensor<4>, bias: Option<Te
     }
 }
 
-fn values_of(data: TensorData) -> Vec<f32> {
+fn values_of(data: &TensorData) -> Vec<f32> {
     data.try_to_vec::<f32>().expect("weights are f32")
 }

@@ -194,7 +194,7 @@ fn the_largest_sums_of_inputs_that_are_not_negative_do_not_wrap() {
     for (stride, taps) in [(Some(1), 9), (Some(2), 16), (None, 9), (None, 16)] {
         for channels in [[24, 10], [48, 96], [3, 2]] {
             // Half of the weights are below zero, so that the bound is half of the sum of their sizes.
-            let of_channel = |channel: usize| if channel % 2 == 0 { 0.7 } else { -0.7 };
+            let of_channel = |channel: usize| if channel.is_multiple_of(2) { 0.7 } else { -0.7 };
             let weight = |k: usize| match stride {
                 Some(_) => of_channel(k / taps % channels[1]),
                 None => of_channel(k / (taps * channels[0])),
@@ -206,7 +206,7 @@ fn the_largest_sums_of_inputs_that_are_not_negative_do_not_wrap() {
                 let mut k = 0;
                 let input = plane((4, 6), channels[1], || {
                     k += 1;
-                    if ((k - 1) % channels[1] % 2 == 0) == up {
+                    if ((k - 1) % channels[1]).is_multiple_of(2) == up {
                         3.0
                     } else {
                         0.0
