@@ -83,6 +83,10 @@ pub(crate) fn train(plan: &Plan, paths: Paths<'_>) -> Result<(), TrainingError> 
     // Continued training adds to the earlier counts.
     let earlier: serde_json::Value = serde_json::from_str(weights.manifest()).unwrap_or_default();
     let before = |key: &str| earlier[key].as_f64().unwrap_or(0.0);
+    let framework = match outcome.steps {
+        0 => earlier["framework"].clone(),
+        _ => "burn 0.22.1 flex".into(),
+    };
     let manifest = json!({
         "world": sets.train.world(),
         "seed": plan.seed,
@@ -91,7 +95,7 @@ pub(crate) fn train(plan: &Plan, paths: Paths<'_>) -> Result<(), TrainingError> 
         "minutes": before("minutes") + (outcome.took.as_secs_f64() / 60.0).round(),
         "validation_loss": outcome.validation_loss,
         "without": plan.ablation.left_out(),
-        "framework": "burn 0.22.1 flex",
+        "framework": framework,
         "test": scores,
     });
     weights.set_manifest(manifest.to_string());
