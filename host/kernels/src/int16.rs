@@ -1,4 +1,4 @@
-//! Convolutions in int16 with int32 sums, for planes that change as a whole and have no values below zero, as behind ReLU. Weights are quantised once per output
+//! Convolutions in int16 with int32 sums, for planes that change as a whole and have no values below zero, as behind ReLU (of both signs before 4 × 4 taps). Weights are quantised once per output
 //! channel; activations are quantised in every run, relative to the largest one. Nothing needs calibration and no layer's
 //! sum can overflow; a layer's error is about 0.05 % of its outputs. Sums are integers, so every instruction set gives the
 //! same bits, and so does [`Winograd`], which computes most 3×3 layers. NaN or infinity anywhere in the input makes every output NaN.
@@ -55,10 +55,15 @@ impl Int16Convolution {
             stride: 1,
             padding: 1,
         };
+        // Only the halving layers of 4 × 4 taps are made for inputs of both signs.
+        let signed = shape.kernel.size == 4;
         let in_pairs = shape.kernel == three_by_three && size.1.is_multiple_of(2);
-        let quantised = QuantisedWeights::new(channels, &vec![0; taps], in_pairs, |out, channel, tap| {
-            weights[(out * channels[1] + channel) * taps + tap]
-        });
+        let quantised = QuantisedWeights::new(
+            channels,
+            &vec![0; taps],
+            [in_pairs, signed],
+            |out, channel, tap| weights[(out * channels[1] + channel) * taps + tap],
+        );
         let shape = Shape {
             in_channels: channels[1] / 2,
             ..shape
@@ -88,7 +93,7 @@ impl Int16Convolution {
         let taps = side * side;
         // An output pixel sees every second tap, even or odd by its row and its column.
         let phases: Vec<usize> = (0..taps).map(|tap| tap / side % 2 * 2 + tap % side % 2).collect();
-        let quantised = QuantisedWeights::new(channels, &phases, false, |out, channel, tap| {
+        let quantised = QuantisedWeights::new(channels, &phases, [false; 2], |out, channel, tap| {
             weights[(channel * channels[0] + out) * taps + tap]
         });
         let weight = |out, pair, ky, kx| quantised.pair(out, pair, side * ky + kx);
@@ -149,13 +154,6 @@ impl Int16Convolution {
             input.channels(),
             2 * self.input.channels(),
             "channels of the input"
-        );
-        debug_assert!(
-            (0..input.height()).all(|row| !input
-                .row(row)
-                .iter()
-                .any(|value| (f32::MIN..-INPUT_MIN).contains(value))),
-            "the input has values below zero"
         );
         dispatch_256(self.convolution.instructions(), Quantise(self, input));
         if let Some(winograd) = &self.winograd {
@@ -260,7 +258,7 @@ impl QuantisedWeights {
     fn new(
         [out_channels, in_channels]: [usize; 2],
         phases: &[usize],
-        in_pairs: bool,
+        [in_pairs, signed]: [bool; 2],
         weight: impl Fn(usize, usize, usize) -> f32,
     ) -> Self {
         assert!(in_channels % 2 == 0, "{in_channels} channels in pairs");
@@ -283,7 +281,10 @@ impl QuantisedWeights {
             for (weight, &phase) in of_channel.iter().zip(phases.iter().cycle()) {
                 sums[phase][usize::from(*weight < 0.0)] += weight.abs();
             }
-            let sum = sums.into_iter().flatten().fold(0.0, f64::max);
+            let sum = sums
+                .into_iter()
+                .map(|[up, down]| if signed { up + down } else { f64::max(up, down) });
+            let sum = sum.fold(0.0, f64::max);
             let largest = of_channel
                 .iter()
                 .fold(0.0_f64, |largest, weight| largest.max(weight.abs()));

@@ -116,8 +116,7 @@ impl GridNet {
             folded: weights.folded(),
             instructions,
         };
-        // Values below zero, and an error that all others inherit.
-        let at20 = layers.plain(input);
+        let at20 = layers.next(input, precision);
         let encoded20 = layers.next(at20, precision);
         let at10 = layers.next(encoded20, precision);
         let encoded10 = layers.next(at10, precision);
