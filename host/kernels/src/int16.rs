@@ -1,4 +1,4 @@
-//! Convolutions in int16 with int32 sums, for planes that change as a whole and have no values below zero, as behind ReLU (of both signs before 4 × 4 taps). Weights are quantised once per output
+//! Convolutions in int16 with int32 sums, for planes that change as a whole. Weights are quantised once per output
 //! channel; activations are quantised in every run, relative to the largest one. Nothing needs calibration and no layer's
 //! sum can overflow; a layer's error is about 0.05 % of its outputs. Sums are integers, so every instruction set gives the
 //! same bits, and so does [`Winograd`], which computes most 3×3 layers. NaN or infinity anywhere in the input makes every output NaN.
@@ -19,6 +19,15 @@ const INPUT_MIN: f32 = 1e-30;
 /// Adding this to a magnitude up to 2²² rounds it to the nearest integer (ties to even), which the lowest bits then hold.
 const ROUNDING: f32 = 12_582_912.0;
 
+/// The signs that the values of a layer's input can have.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum InputSign {
+    /// Both.
+    Any,
+    /// None is below zero, as behind ReLU. Then no sum exceeds that of the weights of one sign, so that their steps are finer.
+    NotNegative,
+}
+
 /// An int16 convolution with its quantised input.
 #[derive(Debug, Clone)]
 pub struct Int16Convolution {
@@ -27,13 +36,14 @@ pub struct Int16Convolution {
     weight_scales: Vec<f32>,
     /// Largest quantised activation.
     activation_max: f32,
+    sign: InputSign,
     input: Plane<Int16Pair>,
     /// How it is computed, unless directly.
     winograd: Option<Box<Winograd>>,
 }
 
 impl Int16Convolution {
-    /// As [`Convolution::forward`], for inputs of this height and width.
+    /// As [`Convolution::forward`], for inputs of this height and width, and these signs.
     ///
     /// # Panics
     /// As there, and when the number of input channels is odd.
@@ -42,6 +52,7 @@ impl Int16Convolution {
         instructions: InstructionSet,
         shape: Shape,
         size: (usize, usize),
+        sign: InputSign,
         weights: &[f32],
         bias: &[f32],
     ) -> Self {
@@ -55,15 +66,14 @@ impl Int16Convolution {
             stride: 1,
             padding: 1,
         };
-        // Only the halving layers of 4 × 4 taps are made for inputs of both signs.
-        let signed = shape.kernel.size == 4;
         let in_pairs = shape.kernel == three_by_three && size.1.is_multiple_of(2);
-        let quantised = QuantisedWeights::new(
-            channels,
-            &vec![0; taps],
-            [in_pairs, signed],
-            |out, channel, tap| weights[(out * channels[1] + channel) * taps + tap],
-        );
+        let sums = Sums {
+            of_tap: vec![0; taps],
+            sign,
+        };
+        let quantised = QuantisedWeights::new(channels, &sums, in_pairs, |out, channel, tap| {
+            weights[(out * channels[1] + channel) * taps + tap]
+        });
         let shape = Shape {
             in_channels: channels[1] / 2,
             ..shape
@@ -73,11 +83,11 @@ impl Int16Convolution {
         let winograd = in_pairs.then(|| Box::new(Winograd::new(&convolution, size, weight)));
         Self {
             winograd,
-            ..Self::new(convolution, quantised, size)
+            ..Self::new(convolution, quantised, size, sign)
         }
     }
 
-    /// As [`Convolution::transposed`], for inputs of this height and width.
+    /// As [`Convolution::transposed`], for inputs of this height and width, and these signs.
     ///
     /// # Panics
     /// As there, and when the number of input channels is odd.
@@ -86,28 +96,34 @@ impl Int16Convolution {
         instructions: InstructionSet,
         channels: [usize; 2],
         size: (usize, usize),
+        sign: InputSign,
         weights: &[f32],
         bias: &[f32],
     ) -> Self {
         let side = transposed_size(weights, channels);
         let taps = side * side;
         // An output pixel sees every second tap, even or odd by its row and its column.
-        let phases: Vec<usize> = (0..taps).map(|tap| tap / side % 2 * 2 + tap % side % 2).collect();
-        let quantised = QuantisedWeights::new(channels, &phases, [false; 2], |out, channel, tap| {
+        let sums = Sums {
+            of_tap: (0..taps).map(|tap| tap / side % 2 * 2 + tap % side % 2).collect(),
+            sign,
+        };
+        let quantised = QuantisedWeights::new(channels, &sums, false, |out, channel, tap| {
             weights[(channel * channels[0] + out) * taps + tap]
         });
         let weight = |out, pair, ky, kx| quantised.pair(out, pair, side * ky + kx);
         let pairs = [channels[0], channels[1] / 2];
         let convolution = Convolution::transposed_with(available(instructions), pairs, side, bias, weight);
-        Self::new(convolution, quantised, size)
+        Self::new(convolution, quantised, size, sign)
     }
 
     fn new(
         convolution: Convolution<Int16Pair>,
         quantised: QuantisedWeights,
         (height, width): (usize, usize),
+        sign: InputSign,
     ) -> Self {
         Self {
+            sign,
             input: Plane::new(height, width, convolution.in_channels),
             convolution,
             weight_scales: quantised.scales,
@@ -147,13 +163,17 @@ impl Int16Convolution {
     /// Runs it over the whole input; writes the output's channels from `channel` on. No allocation.
     ///
     /// # Panics
-    /// When sizes do not fit.
+    /// When sizes do not fit; with debug assertions also when values are below zero that must not be.
     pub fn run(&mut self, input: &Plane, output: &mut Plane, channel: usize) {
         assert_eq!(input.size(), self.input.size(), "size of the input");
         assert_eq!(
             input.channels(),
             2 * self.input.channels(),
             "channels of the input"
+        );
+        debug_assert!(
+            self.sign == InputSign::Any || !has_negative(input),
+            "an input below zero"
         );
         dispatch_256(self.convolution.instructions(), Quantise(self, input));
         if let Some(winograd) = &self.winograd {
@@ -163,6 +183,12 @@ impl Int16Convolution {
         let all = Region::whole(output.height(), output.width());
         convolve_numbers(&self.convolution, None, &self.input, output, channel, &all);
     }
+}
+
+/// Whether a value is below zero, those that count as zero and infinity left out.
+fn has_negative(input: &Plane) -> bool {
+    let negative = f32::MIN..-INPUT_MIN;
+    (0..input.height()).any(|row| input.row(row).iter().any(|value| negative.contains(value)))
 }
 
 /// Quantises the input of a convolution.
@@ -241,6 +267,34 @@ pub fn rounded_even(row: [f64; 3]) -> [i16; 3] {
     rounded
 }
 
+/// What is summed for an output.
+struct Sums {
+    /// Of every tap, which of the sums it is in: below four.
+    of_tap: Vec<usize>,
+    sign: InputSign,
+}
+
+impl Sums {
+    /// Products in the longest sum, of this many input channels.
+    fn longest(&self, in_channels: usize) -> usize {
+        let taps = |sum| self.of_tap.iter().filter(|of| **of == sum).count();
+        in_channels * (0..4).map(taps).max().unwrap_or(0)
+    }
+
+    /// Largest magnitude of a sum where no activation exceeds 1, given an output channel's weights by input channel and tap.
+    fn largest(&self, weights: &[f64]) -> f64 {
+        let mut sums = [[0.0; 2]; 4];
+        for (weight, &sum) in weights.iter().zip(self.of_tap.iter().cycle()) {
+            sums[sum][usize::from(*weight < 0.0)] += weight.abs();
+        }
+        let bounds = sums.map(|[positive, negative]| match self.sign {
+            InputSign::Any => positive + negative,
+            InputSign::NotNegative => f64::max(positive, negative),
+        });
+        bounds.into_iter().fold(0.0, f64::max)
+    }
+}
+
 struct QuantisedWeights {
     /// Ordered by output channel, input channel, tap.
     weights: Vec<i16>,
@@ -253,22 +307,17 @@ struct QuantisedWeights {
 }
 
 impl QuantisedWeights {
-    /// `phases`: of every tap, the number of the sums it is in, below four. `in_pairs`: for [`Winograd`], which needs rows of
-    /// three weights with an even sum and some room.
+    /// `in_pairs`: for [`Winograd`], which needs rows of three weights with an even sum and some room.
     fn new(
         [out_channels, in_channels]: [usize; 2],
-        phases: &[usize],
-        [in_pairs, signed]: [bool; 2],
+        sums: &Sums,
+        in_pairs: bool,
         weight: impl Fn(usize, usize, usize) -> f32,
     ) -> Self {
         assert!(in_channels % 2 == 0, "{in_channels} channels in pairs");
         let (mut weights, mut scales) = (Vec::new(), Vec::new());
-        let taps = phases.len();
-        let mut summed = [0.0; 4];
-        for &phase in phases {
-            summed[phase] += in_channels as f64;
-        }
-        let summed = summed.into_iter().fold(0.0, f64::max);
+        let taps = sums.of_tap.len();
+        let summed = sums.longest(in_channels) as f64;
         let activation_max = f64::from(if in_pairs { i16::MAX / 2 } else { i16::MAX });
         let max = (ACTIVATION_MAX / summed.sqrt()).min(activation_max).floor();
         for out in 0..out_channels {
@@ -276,15 +325,7 @@ impl QuantisedWeights {
             let of_channel: Vec<f64> = of_channel
                 .map(|(channel, tap)| f64::from(weight(out, channel, tap)))
                 .collect();
-            // Of a phase's positive and of its negative weights: no sum is larger, because no activation is negative.
-            let mut sums = [[0.0; 2]; 4];
-            for (weight, &phase) in of_channel.iter().zip(phases.iter().cycle()) {
-                sums[phase][usize::from(*weight < 0.0)] += weight.abs();
-            }
-            let sum = sums
-                .into_iter()
-                .map(|[up, down]| if signed { up + down } else { f64::max(up, down) });
-            let sum = sum.fold(0.0, f64::max);
+            let sum = sums.largest(&of_channel);
             let largest = of_channel
                 .iter()
                 .fold(0.0_f64, |largest, weight| largest.max(weight.abs()));

@@ -22,7 +22,7 @@ pub use convolution::{Convolution, Kernel, Shape};
 pub use direct::convolve;
 pub use error::KernelError;
 pub use instruction_set::InstructionSet;
-pub use int16::{Int16Convolution, rounded_even};
+pub use int16::{InputSign, Int16Convolution, rounded_even};
 pub use peak::peak_multiply_adds;
 pub use plan::{Plan, PlaneId};
 pub use plane::Plane;

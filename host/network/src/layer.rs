@@ -3,7 +3,7 @@
 
 use std::collections::BTreeMap;
 
-use gripline_kernels::{Convolution, InstructionSet, Int16Convolution, Kernel, Shape};
+use gripline_kernels::{Convolution, InputSign, InstructionSet, Int16Convolution, Kernel, Shape};
 
 use crate::constants::NORM_EPSILON;
 use crate::weights::Tensor;
@@ -161,8 +161,13 @@ impl Folded {
         }
     }
 
-    /// The same in int16, for inputs of this height and width. The layer has to end in ReLU.
-    pub(crate) fn pack_int16(&self, instructions: InstructionSet, size: (usize, usize)) -> Int16Convolution {
+    /// The same in int16, for inputs of this height and width, and these signs. The layer has to end in ReLU.
+    pub(crate) fn pack_int16(
+        &self,
+        instructions: InstructionSet,
+        size: (usize, usize),
+        sign: InputSign,
+    ) -> Int16Convolution {
         let Layer {
             kind,
             in_channels,
@@ -172,11 +177,11 @@ impl Folded {
         let (weights, bias) = (&self.weights, &self.bias);
         match kind {
             LayerKind::Convolution(kernel) => {
-                Int16Convolution::forward(instructions, self.shape(kernel), size, weights, bias)
+                Int16Convolution::forward(instructions, self.shape(kernel), size, sign, weights, bias)
             }
             LayerKind::Transposed { .. } => {
                 let channels = [out_channels, in_channels];
-                Int16Convolution::transposed(instructions, channels, size, weights, bias)
+                Int16Convolution::transposed(instructions, channels, size, sign, weights, bias)
             }
         }
     }

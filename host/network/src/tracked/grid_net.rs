@@ -1,7 +1,7 @@
 //! The network after the tracker: a small encoder–decoder from the 40×40 grid of motions to 20×20 forces. It is deep
 //! enough for every taxel to see the whole fingertip, because the elastic layer couples that far.
 
-use gripline_kernels::{InstructionSet, Plan, PlaneId, Region};
+use gripline_kernels::{InputSign, InstructionSet, Int16Convolution, Plan, PlaneId, Region};
 
 use super::grid::{GRID_NODES, GRID_SIDE, Grid};
 use super::layers::INPUT_CHANNELS;
@@ -66,11 +66,22 @@ struct Layers<I> {
     plan: Plan,
     folded: I,
     instructions: InstructionSet,
+    /// The plane of the network's input, the only one that is not behind a ReLU.
+    input: PlaneId,
 }
 
 impl<I: Iterator<Item = Folded>> Layers<I> {
     fn folded(&mut self) -> Folded {
         self.folded.next().expect("one layer per convolution")
+    }
+
+    fn int16(&self, folded: &Folded, from: PlaneId) -> Int16Convolution {
+        let sign = if from == self.input {
+            InputSign::Any
+        } else {
+            InputSign::NotNegative
+        };
+        folded.pack_int16(self.instructions, self.plan.values(from).size(), sign)
     }
 
     /// Adds the next layer in f32, with a new plane.
@@ -84,8 +95,8 @@ impl<I: Iterator<Item = Folded>> Layers<I> {
         let Precision::Int16 = precision else {
             return self.plain(from);
         };
-        let size = self.plan.values(from).size();
-        let layer = self.folded().pack_int16(self.instructions, size);
+        let folded = self.folded();
+        let layer = self.int16(&folded, from);
         self.plan.convolved_int16(layer, from)
     }
 
@@ -95,8 +106,7 @@ impl<I: Iterator<Item = Folded>> Layers<I> {
         match precision {
             Precision::F32 => self.plan.convolve(folded.pack(self.instructions), from, to, 0),
             Precision::Int16 => {
-                let size = self.plan.values(from).size();
-                let layer = folded.pack_int16(self.instructions, size);
+                let layer = self.int16(&folded, from);
                 self.plan.convolve_int16(layer, from, to, 0);
             }
         }
@@ -115,6 +125,7 @@ impl GridNet {
             plan,
             folded: weights.folded(),
             instructions,
+            input,
         };
         let at20 = layers.next(input, precision);
         let encoded20 = layers.next(at20, precision);
