@@ -14,8 +14,8 @@
 //! Units: force 1/4096 N, ratios 1/10000, shares 1/1024, time µs. The laws follow an own study of a thousand simulated grasps.
 //! Limits: a slide that keeps the shear as it was (friction that falls by less than the margin) shows only when the grip falls.
 //! One below [`SLIDING_FRICTION_MIN`] or a quarter of what the contact carried is never believed. A load that grows evenly with the
-//! grip of a test is taken for a slide, and held too firmly, unless it soon falls as low again under more force. After a slide, friction
-//! that falls further is found only where the shear falls suddenly, or by what holds it: the limit and its margin.
+//! grip of a test is taken for a slide, and held too firmly, unless it soon falls as low again under more force; one that grows while the grip
+//! stays is not. After a slide, friction that falls further is found only where the shear falls suddenly, or by what holds it: the limit and its margin.
 
 use gripline_protocol::message::MapSums;
 use gripline_protocol::{Motion, PER_UNIT};
@@ -23,11 +23,12 @@ use gripline_protocol::{Motion, PER_UNIT};
 use crate::arithmetic::{divide, ratio};
 use crate::constants::{
     ASKED_SHARE, CALM_US, COME_BACK_US, DOUBTED_US, DROP_SHARE, FADE_SHARE, FAST_SLIDE_SHARE, FOLLOWED_SLOTS,
-    FORGETTING_US, FORGOTTEN_PART, FRICTION_LOSS_MAX, GONE_LOAD_PART, HUSH_HELD_US, HUSH_US, MOVED_LOAD_PART,
-    NEWS_SHARE, NOISE_MAX, PROVEN_US, QUIET_DROP_SHARE, RECENT_FALL_SHARE, RISES_SHARE, SETTLED_US,
-    SHEAR_ERROR_PART, SHORT_SHARE_MAX, SHORT_SHARE_MIN, SHORT_US, SLIDING_FRICTION_MIN, SLIDING_RATIO_MIN,
-    SLOT_US, STALLED_US, SUDDEN_DROP_SHARE, SUDDEN_SHARE, SWING_LOSS_MAX, SWUNG_8THS, TEST_MARGIN,
-    TEST_US_MAX, UNPROVEN_US_MAX, UNTRIED_US, WATCHED_US, WHOLE_STICK_RATIO, WITNESSED_LOAD_MIN,
+    FORGETTING_US, FORGOTTEN_PART, FRICTION_LOSS_MAX, GONE_LOAD_PART, GROWN_SHARE, GROWN_US, HUSH_HELD_US,
+    HUSH_US, MOVED_LOAD_PART, NEWS_SHARE, NOISE_MAX, PROVEN_US, QUIET_DROP_SHARE, RECENT_FALL_SHARE,
+    RISES_SHARE, SETTLED_US, SHEAR_ERROR_PART, SHORT_SHARE_MAX, SHORT_SHARE_MIN, SHORT_US,
+    SLIDING_FRICTION_MIN, SLIDING_RATIO_MIN, SLOT_US, STALLED_US, SUDDEN_DROP_SHARE, SUDDEN_SHARE,
+    SWING_LOSS_MAX, SWUNG_8THS, TEST_MARGIN, TEST_US_MAX, UNPROVEN_US_MAX, UNTRIED_US, WATCHED_US,
+    WHOLE_STICK_RATIO, WITNESSED_LOAD_MIN,
 };
 use crate::learning_settings::LearningSettings;
 use crate::sums::stick_ratio_below;
@@ -130,6 +131,8 @@ struct Test {
     highest: u16,
     /// The shear had fallen suddenly when it began.
     is_sudden: bool,
+    /// It is about a load that had settled, and that had lately grown alone.
+    has_grown: bool,
     /// The load if it had done so in a quiet hold, under a grip that had not risen, otherwise 0: another finger may have taken over a part.
     fell_from: i32,
     /// Slots in a row in which the shear has risen as much as the normal force.
@@ -188,6 +191,8 @@ pub(crate) struct SlideWitness {
     settled_us: u32,
     /// Time since the ratio last grew.
     stalled_us: u32,
+    /// Time since the load last grew alone, while the grip stayed as it was.
+    alone_us: u32,
     tested: i32,
     /// How long no test has tried what the contact carries.
     untried_us: u32,
@@ -230,6 +235,7 @@ impl Default for SlideWitness {
             peak: 0,
             settled_us: 0,
             stalled_us: 0,
+            alone_us: u32::MAX,
             tested: 0,
             untried_us: 0,
             sticks: true,
@@ -290,6 +296,11 @@ impl SlideWitness {
         };
         self.doubt_slide(normal, passed_us);
         self.forget_fall(shear, passed_us);
+        self.alone_us = if self.grows_alone(shear, normal) {
+            0
+        } else {
+            self.alone_us.saturating_add(passed_us)
+        };
         if let Some(test) = self.test {
             self.continue_test(test, shear, normal, passed_us);
         } else {
@@ -389,7 +400,8 @@ impl SlideWitness {
         // All taxels of such a load stick by the detector's friction, also while they slide.
         // A load far below what the contact has carried, or below what a slide left of its friction, slides only after a fall; one
         // that stays while the grip sinks is held.
-        // What slides stays near the most that it carried. A load that has grown by an eighth since its test is then tested again.
+        // What slides stays near the most that it carried, and does not grow alone. A load that has grown by an eighth since its test is then
+        // tested again.
         let has_stalled = self.limit == UNLIMITED
             && self.stalled_us > STALLED_US
             && 8 * u32::from(now) > 7 * u32::from(self.carried);
@@ -399,7 +411,8 @@ impl SlideWitness {
             && self.sticks
             && 5 * u32::from(now) > 3 * u32::from(self.carried)
             && (self.limit == UNLIMITED || 10 * u32::from(now) > 9 * u32::from(self.limit))
-            && !self.stays_while_the_grip_sinks(shear, normal);
+            && !self.stays_while_the_grip_sinks(shear, normal)
+            && self.alone_us > 0;
         let is_overdue = self.untried_us > UNTRIED_US && self.settled_us > SETTLED_US;
         if drops || sinks || fades || self.short_us >= SHORT_US {
             Suspicion::Falling
@@ -435,6 +448,12 @@ impl SlideWitness {
     fn stays_while_the_grip_sinks(&self, shear: i32, normal: i32) -> bool {
         let [of_shear, of_normal] = self.changes(shear, normal);
         of_normal < -RISES_SHARE && 2 * of_shear > of_normal
+    }
+
+    /// Whether the shear has risen while the normal force stayed as it was. What slides carries no more for the same normal force.
+    fn grows_alone(&self, shear: i32, normal: i32) -> bool {
+        let [of_shear, of_normal] = self.changes(shear, normal);
+        of_normal <= RISES_SHARE && of_shear > GROWN_SHARE.max(3 * self.noise())
     }
 
     /// Goes on with a test that found a slide: lowers the limit towards what the contact carries `now`, 1/10000. Returns whether the test
@@ -544,6 +563,7 @@ impl SlideWitness {
             is_first: suspicion == Suspicion::Settled,
             highest: 0,
             is_sudden,
+            has_grown: suspicion == Suspicion::Settled && self.alone_us < GROWN_US,
             fell_from: if is_sudden && !has_risen && was_calm {
                 self.load
             } else {
@@ -593,17 +613,23 @@ impl SlideWitness {
             is_over = false;
         } else if self.seen.shows_rest() {
             is_over = true;
-        } else if test.is_first && shear_rise > 2 * normal_rise.max(ASKED_SHARE) {
-            // The load has grown: what it will be is yet to be tried.
-            is_open = true;
+        } else if self.alone_us == 0 || test.is_first && shear_rise > 2 * normal_rise.max(ASKED_SHARE) {
+            // The load has grown. What a first one will be is yet to be tried.
+            is_open = test.is_first;
             is_over = true;
         } else if normal_rise > ASKED_SHARE {
             let apart = (shear_rise - normal_rise).abs();
-            let follows = 5 * apart < 2 * normal_rise;
             // A slide that a fast gripper stops has no third slot: one in which both rise alike to an eighth counts twice.
             let alike = 8 * apart < normal_rise;
+            // A load that grows rises with the grip, too, by more or by less.
+            let follows = alike || !test.has_grown && 5 * apart < 2 * normal_rise;
             let more = test.followed.saturating_add(1 + u8::from(alike));
-            test.followed = if follows { more } else { 0 };
+            if !follows {
+                test.followed = 0;
+            } else if of_normal > RISES_SHARE {
+                // Only a grip that rises can be followed.
+                test.followed = more;
+            }
             let stays = 3 * shear_rise < normal_rise;
             test.stayed = if stays { test.stayed + 1 } else { 0 };
             // What slides carries about the same share all the time; a load that swings back carries more, and less again.
@@ -991,6 +1017,77 @@ mod tests {
     }
 
     #[test]
+    fn a_load_that_grows_in_a_test_while_the_grip_stays_has_not_slid() {
+        // The grip rises by 24 %, by which the test is undecided, and then stays; the load grows by 2 to 7 % a map.
+        for growth in [1.02, 1.03, 1.05, 1.07] {
+            let mut witness = in_its_first_test();
+            for map in 1..60 {
+                let normal = 4_000.0 * (1.0 + 0.06 * f64::from(map.min(4)));
+                let load = 1_000.0 * (1.0 + 0.027 * f64::from(map.min(4)));
+                show(
+                    &mut witness,
+                    (load * f64::powi(growth, (map - 20).max(0))) as i32,
+                    normal as i32,
+                );
+                if !witness.verdict().tests() {
+                    break;
+                }
+                assert!(
+                    witness.verdict().urgency < Urgency::Follows,
+                    "{growth}: {witness:?}"
+                );
+            }
+            assert_eq!(witness.verdict().finding, Finding::Open, "{growth}");
+            assert_eq!(witness.limit, UNLIMITED, "{growth}");
+        }
+    }
+
+    /// A held load that has begun to grow under a grip that stays, by 2.5 % a map.
+    fn while_its_load_grows() -> (SlideWitness, f64) {
+        let mut witness = in_its_first_test();
+        while witness.verdict().tests() {
+            let grip = witness.normal[0].min(6_000) * 21 / 20;
+            show(&mut witness, 1_000, grip);
+        }
+        let mut load = 1_000.0;
+        for _ in 0..20 {
+            load *= 1.025;
+            show(&mut witness, load as i32, 6_300);
+            assert!(!witness.verdict().tests(), "tested as it grew: {witness:?}");
+        }
+        (witness, load)
+    }
+
+    #[test]
+    fn a_load_that_grows_alone_is_tested_when_it_no_longer_does() {
+        let (mut witness, load) = while_its_load_grows();
+        for _ in 0..8 {
+            show(&mut witness, load as i32, 6_300);
+        }
+        assert!(witness.verdict().tests(), "{witness:?}");
+    }
+
+    #[test]
+    fn a_load_that_has_grown_alone_slides_only_where_it_rises_as_much_as_the_grip() {
+        for (share, finding) in [(0.7, Finding::Held), (1.0, Finding::Slid)] {
+            let (mut witness, load) = while_its_load_grows();
+            while !witness.verdict().tests() {
+                show(&mut witness, load as i32, 6_300);
+            }
+            for map in 1..70 {
+                // Up to the force that it needs.
+                let rise = (0.06 * f64::from(map)).min(0.27);
+                show(
+                    &mut witness,
+                    (load * (1.0 + share * rise)) as i32,
+                    (6_300.0 * (1.0 + rise)) as i32,
+                );
+            }
+            assert_eq!(witness.verdict().finding, finding, "{share}: {witness:?}");
+        }
+    }
+
+    #[test]
     fn after_a_slide_only_a_sudden_fall_limits_friction_further() {
         for (step, is_sudden) in [(133, false), (1_600, true)] {
             let mut witness = after_a_slide();
@@ -1086,6 +1183,7 @@ mod tests {
             is_first: false,
             highest: 0,
             is_sudden: false,
+            has_grown: false,
             fell_from: 0,
             followed: 0,
             stayed: 0,

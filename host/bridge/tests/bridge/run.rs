@@ -533,4 +533,31 @@ mod slow {
         let replayed: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
         assert_eq!(replayed["frames"], 660, "{replayed}");
     }
+
+    /// Of the first eight seeds six reached the ceiling of 30 N when a growing load was taken for a slide.
+    #[test]
+    fn a_pull_of_3_n_is_held_with_less_than_20_n_but_for_a_quarter_of_the_seeds() {
+        let peak_n = |seed: u32| {
+            let output = gripline(&[
+                "run",
+                "--seconds",
+                "12",
+                "--unpaced",
+                "--json",
+                "--seed",
+                &seed.to_string(),
+            ]);
+            let (frames, _) = reports(&output);
+            assert!(
+                frames.iter().all(|frame| frame["truth"]["gross_slip"] == false),
+                "seed {seed} lost the object"
+            );
+            let lines = frames.iter().filter_map(|frame| frame["line_n"].as_f64());
+            lines.fold(0.0, f64::max)
+        };
+        let peaks: Vec<f64> = (1..=8).map(peak_n).collect();
+        let firm = peaks.iter().filter(|peak| **peak > 20.0).count();
+        println!("highest line of each seed, N: {peaks:.1?}");
+        assert!(firm <= 2, "{firm} of 8 above 20 N: {peaks:.1?}");
+    }
 }
