@@ -131,8 +131,8 @@ struct Test {
     highest: u16,
     /// The shear had fallen suddenly when it began.
     is_sudden: bool,
-    /// It is about a load that had settled, and that had lately grown alone.
-    has_grown: bool,
+    /// When it began, the time since the load last grew alone.
+    alone_us: u32,
     /// The load if it had done so in a quiet hold, under a grip that had not risen, otherwise 0: another finger may have taken over a part.
     fell_from: i32,
     /// Slots in a row in which the shear has risen as much as the normal force.
@@ -563,7 +563,7 @@ impl SlideWitness {
             is_first: suspicion == Suspicion::Settled,
             highest: 0,
             is_sudden,
-            has_grown: suspicion == Suspicion::Settled && self.alone_us < GROWN_US,
+            alone_us: self.alone_us,
             fell_from: if is_sudden && !has_risen && was_calm {
                 self.load
             } else {
@@ -622,7 +622,8 @@ impl SlideWitness {
             // A slide that a fast gripper stops has no third slot: one in which both rise alike to an eighth counts twice.
             let alike = 8 * apart < normal_rise;
             // A load that grows rises with the grip, too, by more or by less.
-            let follows = alike || !test.has_grown && 5 * apart < 2 * normal_rise;
+            let has_grown = test.is_first && test.alone_us < GROWN_US;
+            let follows = alike || !has_grown && 5 * apart < 2 * normal_rise;
             let more = test.followed.saturating_add(1 + u8::from(alike));
             if !follows {
                 test.followed = 0;
@@ -1183,7 +1184,7 @@ mod tests {
             is_first: false,
             highest: 0,
             is_sudden: false,
-            has_grown: false,
+            alone_us: u32::MAX,
             fell_from: 0,
             followed: 0,
             stayed: 0,

@@ -1,4 +1,4 @@
-"""Trains the force network after the tracker as `gripline-training train --network tracked` does, eight times as fast.
+"""Trains the force network after the tracker as `gripline-training train --network tracked` does, several times as fast.
 
 The same samples, network, loss, optimiser and schedule; see README.md for what it needs and for what comes after it.
 """

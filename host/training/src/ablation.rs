@@ -13,7 +13,7 @@ pub(crate) enum Part {
     Cone,
     /// The error of the summed force.
     Total,
-    /// The eight symmetries of the square.
+    /// The eight symmetries of the square (`unet`; those of `tracked` are in its layers).
     Symmetries,
     /// Salt and pepper on the images (`unet`).
     SaltAndPepper,

@@ -43,7 +43,7 @@ pub(crate) const CONE_WEIGHT: f32 = 0.5;
 /// Normal force above which the cone loss counts a taxel, output units: 10 mN.
 pub(crate) const CONE_LOADED: f32 = 0.2;
 
-/// Weight of the loss on the summed force: with 0.2 it is a hundredth of the loss in the end, and F_N off by 2.5 instead of 2.2 %.
+/// Weight of the loss on the summed force: with 0.2 F_N is off by 2.5 instead of 2.2 %.
 pub(crate) const TOTAL_WEIGHT: f32 = 3.0;
 
 /// Squared output added to the square of the summed force: (5.5 units)², 0.27 N.
@@ -70,8 +70,8 @@ pub(crate) const SHARD_SAMPLES: usize = 250;
 /// Steps of a stored grid per millimetre, and per share: a sixteenth of a micrometre.
 pub(crate) const GRID_STEPS: f32 = 16_384.0;
 
-/// Channels of the tracking network at 20×20, 10×10 and 5×5: 16 M multiply-adds. With 24 at 20×20 (21 M) it learns no more; with 24 and 32
-/// below (7 M) F_T is off by 8.2 instead of 5.1 %.
+/// Channels of the tracking network at 20×20, 10×10 and 5×5: 16 M multiply-adds. With 24 and 32 at 10×10 and 5×5 (7 M) F_T is off by 8.2
+/// instead of 5.1 %.
 pub(crate) const TRACKED_WIDTHS: [usize; 3] = [16, 48, 64];
 
 /// Scaling of the tracking network: the tracker's noise at rest is 2 µm, a usual load moves particles by 30 µm.
@@ -90,5 +90,48 @@ pub(crate) fn lens() -> Lens {
         centre_px: [0, 1].map(|k| (camera.centre_px[k] - corner[k] as f64) as f32),
         base_mm: camera.to_base_mm as f32,
         thickness_mm: Gel::default().thickness_mm as f32,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::loss::SHEAR_FLOOR;
+
+    #[test]
+    fn training_with_pytorch_uses_the_same_numbers() {
+        let program = include_str!("../pytorch/train.py");
+        // From lines like `A, B = 1, 2`.
+        let in_program = |name: &str| -> f64 {
+            let value = program.lines().find_map(|line| {
+                let (names, values) = line.split_once(" = ")?;
+                let place = names.split(", ").position(|other| other == name)?;
+                values.split(", ").nth(place)?.parse().ok()
+            });
+            value.unwrap_or_else(|| panic!("train.py sets no {name}"))
+        };
+        for (name, ours) in [
+            ("WARM_UP", WARM_UP as f32),
+            ("WEIGHT_DECAY", WEIGHT_DECAY),
+            ("LOSS_FLOOR", LOSS_FLOOR),
+            ("SHEAR_WEIGHT", SHEAR_WEIGHT),
+            ("CONE_WEIGHT", CONE_WEIGHT),
+            ("CONE_LOADED", CONE_LOADED),
+            ("TOTAL_WEIGHT", TOTAL_WEIGHT),
+            ("TOTAL_FLOOR", TOTAL_FLOOR),
+            ("SHEAR_FLOOR", SHEAR_FLOOR),
+            ("DETECTOR_FRICTION", DETECTOR_FRICTION),
+            ("NEWTONS_PER_OUTPUT", NEWTONS_PER_OUTPUT),
+            ("GRID_STEPS", GRID_STEPS),
+            ("BATCH", 2.0 * BATCH as f32),
+            ("RATE", (LEARNING_RATE * 4.0 / 3.0) as f32),
+        ] {
+            assert_eq!(in_program(name) as f32, ours, "{name}");
+        }
+        let widths = TRACKED_WIDTHS.map(|width| width.to_string()).join(",");
+        assert!(
+            program.contains(&format!("\"--widths\", default=\"{widths}\"")),
+            "{widths}"
+        );
     }
 }

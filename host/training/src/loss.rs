@@ -12,7 +12,7 @@ use crate::constants::{
 };
 
 /// Squared shear added under the square root, so that its slope at zero shear is finite.
-const SHEAR_FLOOR: f32 = 1e-3;
+pub(crate) const SHEAR_FLOOR: f32 = 1e-3;
 
 /// The loss of a batch: predicted and true `[batch, 3, 20, 20]` to `[1]`.
 pub(crate) fn loss(predicted: Tensor<4>, truth: Tensor<4>, ablation: &Ablation) -> Tensor<1> {
