@@ -126,7 +126,7 @@ mod tests {
             ("BATCH", 2.0 * BATCH as f32),
             ("RATE", (LEARNING_RATE * 4.0 / 3.0) as f32),
         ] {
-            assert_eq!(in_program(name) as f32, ours, "{name}");
+            assert_eq!((in_program(name) as f32).to_bits(), ours.to_bits(), "{name}");
         }
         let widths = TRACKED_WIDTHS.map(|width| width.to_string()).join(",");
         assert!(
