@@ -14,8 +14,9 @@
 //! Units: force 1/4096 N, ratios 1/10000, shares 1/1024, time µs. The laws follow an own study of a thousand simulated grasps.
 //! Limits: a slide that keeps the shear as it was (friction that falls by less than the margin) shows only when the grip falls.
 //! One below [`SLIDING_FRICTION_MIN`] or a quarter of what the contact carried is never believed. A load that grows evenly with the
-//! grip of a test is taken for a slide, and held too firmly, unless it soon falls as low again under more force; one that grows while the grip
-//! stays is not. After a slide, friction that falls further is found only where the shear falls suddenly, or by what holds it: the limit and its margin.
+//! grip of a test is taken for a slide, and held too firmly, unless it soon falls as low again under more force; one that grows while the
+//! grip stays is not. After a slide, friction that falls further is found only where the shear falls suddenly, or by what holds it: the limit
+//! and its margin.
 
 use gripline_protocol::message::MapSums;
 use gripline_protocol::{Motion, PER_UNIT};
@@ -191,11 +192,11 @@ pub(crate) struct SlideWitness {
     settled_us: u32,
     /// Time since the ratio last grew.
     stalled_us: u32,
-    /// Time since the load last grew alone, while the grip stayed as it was.
-    alone_us: u32,
     tested: i32,
     /// How long no test has tried what the contact carries.
     untried_us: u32,
+    /// Time since the load last grew alone, while the grip stayed as it was.
+    alone_us: u32,
     /// By the detector's friction the contact sticks, in the newest map.
     sticks: bool,
     /// What the host saw in the slot in progress, or in the last one.
@@ -235,9 +236,9 @@ impl Default for SlideWitness {
             peak: 0,
             settled_us: 0,
             stalled_us: 0,
-            alone_us: u32::MAX,
             tested: 0,
             untried_us: 0,
+            alone_us: u32::MAX,
             sticks: true,
             seen: Motion::UNKNOWN,
             watched_us: 0,
@@ -296,15 +297,16 @@ impl SlideWitness {
         };
         self.doubt_slide(normal, passed_us);
         self.forget_fall(shear, passed_us);
-        self.alone_us = if self.grows_alone(shear, normal) {
+        let changes = self.changes(shear, normal);
+        self.alone_us = if self.grows_alone(changes) {
             0
         } else {
             self.alone_us.saturating_add(passed_us)
         };
         if let Some(test) = self.test {
-            self.continue_test(test, shear, normal, passed_us);
+            self.continue_test(test, [shear, normal], changes, passed_us);
         } else {
-            let suspicion = self.suspicion(shear, normal, passed_us, settings.friction);
+            let suspicion = self.suspicion([shear, normal], changes, passed_us, settings.friction);
             let suspects = suspicion != Suspicion::None;
             let was_calm = self.calm_us > COME_BACK_US;
             self.calm_us = if suspects {
@@ -341,7 +343,13 @@ impl SlideWitness {
     }
 
     /// What speaks for a slide.
-    fn suspicion(&mut self, shear: i32, normal: i32, passed_us: u32, detector: u16) -> Suspicion {
+    fn suspicion(
+        &mut self,
+        [shear, normal]: [i32; 2],
+        changes: [i32; 2],
+        passed_us: u32,
+        detector: u16,
+    ) -> Suspicion {
         if shear - self.peak > self.peak / 50 {
             self.settled_us = 0;
         } else {
@@ -390,7 +398,7 @@ impl SlideWitness {
             0
         };
         let sinks = self.filled == SLOTS as u8 && {
-            let [of_shear, of_normal] = self.changes(shear, normal);
+            let [of_shear, of_normal] = changes;
             of_normal < -61 && 10 * of_shear < 7 * of_normal && below(shear, noise / 2, 2 * SHEAR_ERROR_PART)
         };
         let fades = self.fades(shear, normal);
@@ -411,7 +419,7 @@ impl SlideWitness {
             && self.sticks
             && 5 * u32::from(now) > 3 * u32::from(self.carried)
             && (self.limit == UNLIMITED || 10 * u32::from(now) > 9 * u32::from(self.limit))
-            && !self.stays_while_the_grip_sinks(shear, normal)
+            && !stays_while_the_grip_sinks(changes)
             && self.alone_us > 0;
         let is_overdue = self.untried_us > UNTRIED_US && self.settled_us > SETTLED_US;
         if drops || sinks || fades || self.short_us >= SHORT_US {
@@ -444,15 +452,8 @@ impl SlideWitness {
         fades
     }
 
-    /// Whether the shear has sunk by less than half as much as the normal force.
-    fn stays_while_the_grip_sinks(&self, shear: i32, normal: i32) -> bool {
-        let [of_shear, of_normal] = self.changes(shear, normal);
-        of_normal < -RISES_SHARE && 2 * of_shear > of_normal
-    }
-
     /// Whether the shear has risen while the normal force stayed as it was. What slides carries no more for the same normal force.
-    fn grows_alone(&self, shear: i32, normal: i32) -> bool {
-        let [of_shear, of_normal] = self.changes(shear, normal);
+    fn grows_alone(&self, [of_shear, of_normal]: [i32; 2]) -> bool {
         of_normal <= RISES_SHARE && of_shear > GROWN_SHARE.max(3 * self.noise())
     }
 
@@ -532,7 +533,7 @@ impl SlideWitness {
         (SHORT_SHARE_MIN + self.noise()).min(SHORT_SHARE_MAX)
     }
 
-    /// Change of shear and normal force over the last slots, shares.
+    /// Change of shear and normal force over the last four slots, shares in 1/1024.
     fn changes(&self, shear: i32, normal: i32) -> [i32; 2] {
         [
             change(shear, i32::midpoint(self.shear[4], self.shear[5])),
@@ -588,14 +589,19 @@ impl SlideWitness {
         self.limit = self.limit.min(unproven.max(lower)).max(1);
     }
 
-    fn continue_test(&mut self, mut test: Test, shear: i32, normal: i32, passed_us: u32) {
+    fn continue_test(
+        &mut self,
+        mut test: Test,
+        [shear, normal]: [i32; 2],
+        [of_shear, of_normal]: [i32; 2],
+        passed_us: u32,
+    ) {
         if test.for_us == 0 && !test.is_confirmed && self.shear[0] < test.shear {
             // The slot before may have begun ahead of the slide.
             (test.shear, test.normal) = (self.shear[0], self.normal[0]);
         }
         test.for_us = test.for_us.saturating_add(passed_us);
         let [shear_rise, normal_rise] = [change(shear, test.shear), change(normal, test.normal)];
-        let [of_shear, of_normal] = self.changes(shear, normal);
         let now = ratio(shear, normal);
         if test.for_us > passed_us {
             // The mean before reaches back to the slot in which the slide began.
@@ -869,6 +875,11 @@ impl SlideWitness {
             finding: self.finding,
         }
     }
+}
+
+/// Whether the shear has sunk by less than half as much as the normal force.
+const fn stays_while_the_grip_sinks([of_shear, of_normal]: [i32; 2]) -> bool {
+    of_normal < -RISES_SHARE && 2 * of_shear > of_normal
 }
 
 /// `share`/1024 of a force.

@@ -538,16 +538,10 @@ mod slow {
     #[test]
     fn a_pull_of_3_n_is_held_with_less_than_20_n_but_for_a_quarter_of_the_seeds() {
         let peak_n = |seed: u32| {
-            let output = gripline(&[
-                "run",
-                "--seconds",
-                "12",
-                "--unpaced",
-                "--json",
-                "--seed",
-                &seed.to_string(),
-            ]);
+            let seed = seed.to_string();
+            let output = gripline(&["run", "--seconds", "12", "--unpaced", "--json", "--seed", &seed]);
             let (frames, _) = reports(&output);
+            assert_eq!(frames.len(), 720, "seed {seed}");
             assert!(
                 frames.iter().all(|frame| frame["truth"]["gross_slip"] == false),
                 "seed {seed} lost the object"

@@ -75,6 +75,7 @@ impl<I: Iterator<Item = Folded>> Layers<I> {
         self.folded.next().expect("one layer per convolution")
     }
 
+    /// A layer in int16 on that plane.
     fn int16(&self, folded: &Folded, from: PlaneId) -> Int16Convolution {
         let sign = if from == self.input {
             InputSign::Any
