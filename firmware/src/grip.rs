@@ -12,8 +12,8 @@ use gripline_protocol::message::{Configuration, GripMode, SlipState};
 
 use crate::arithmetic::{divide, divide_48};
 use crate::constants::{
-    FEED_FORWARD_FRICTION_MIN, GRIPPER_LAG_SHIFT, SCALE_ERROR_PART, SEEK_MAX, SEEK_RATE, SLOW_RELAX_RATE,
-    TEST_RISE_MIN, TEST_RISE_PART,
+    FEED_FORWARD_FRICTION_MIN, GRIPPER_LAG_SHIFT, SCALE_ERROR_PART, SEEK_MAX, SEEK_RATE, SHORT_RISE_8THS,
+    SLOW_RELAX_RATE, TEST_RISE_MIN, TEST_RISE_PART,
 };
 use crate::friction_estimator::LoadEstimate;
 use crate::slide_witness::{Finding, Urgency, Verdict};
@@ -100,10 +100,12 @@ struct Learnt {
     force: i32,
     /// Fastest fall of the line, 1/4096 N per second.
     fall_rate: u16,
-    /// What the slide witnesses say; the line before their test and the least during it, 1/4096 N.
+    /// What the slide witnesses say; the line before their test, the least during it, and how far a test of a shear that falls little by
+    /// little goes ahead of the gripper, 1/4096 N.
     witness: Verdict,
     before_test: i32,
     test_min: i32,
+    short_max: i32,
     /// After a test the line goes back to where it was before, or, after a slide, to what the friction found needs. After one that a
     /// growing load ended it relaxes.
     goes_back: bool,
@@ -170,6 +172,7 @@ impl GripController {
                 witness: Verdict::NONE,
                 before_test: 0,
                 test_min: 0,
+                short_max: 0,
                 goes_back: false,
                 could_relax: true,
                 sought_milli: 0,
@@ -283,6 +286,7 @@ impl GripController {
             }
             let rise = (self.learnt.before_test / TEST_RISE_PART).max(TEST_RISE_MIN);
             self.learnt.test_min = self.learnt.before_test + rise;
+            self.learnt.short_max = line + SHORT_RISE_8THS * line / 8;
         }
         if witness.tests() != self.learnt.witness.tests() {
             self.learnt.goes_back = !witness.tests();
@@ -370,7 +374,8 @@ impl GripController {
                 let lower = match self.learnt.witness.urgency {
                     // Ahead of the gripper's lag; more where the shear that follows hides the load.
                     Urgency::Follows => 2 * demand,
-                    Urgency::Short => demand + demand / 4,
+                    Urgency::SuddenlyShort => demand + demand / 4,
+                    Urgency::Short => (demand + demand / 4).min(self.learnt.short_max * MILLI),
                     Urgency::Tests | Urgency::None => 0,
                 };
                 let lower = lower.max(self.learnt.test_min * MILLI);

@@ -130,7 +130,7 @@ const fn of_test(urgency: Urgency) -> i32 {
     match urgency {
         Urgency::None => 0,
         Urgency::Tests => NAT / 2,
-        Urgency::Short => 3 * NAT / 2,
+        Urgency::Short | Urgency::SuddenlyShort => 3 * NAT / 2,
         Urgency::Follows => FOLLOWS,
     }
 }

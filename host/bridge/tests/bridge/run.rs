@@ -536,7 +536,7 @@ mod slow {
 
     /// Of the first eight seeds six reached the ceiling of 30 N when a growing load was taken for a slide.
     #[test]
-    fn a_pull_of_3_n_is_held_with_less_than_20_n_but_for_a_quarter_of_the_seeds() {
+    fn a_pull_of_3_n_and_a_twist_are_held_with_less_than_25_n_and_mostly_20_n() {
         let peak_n = |seed: u32| {
             let seed = seed.to_string();
             let output = gripline(&["run", "--seconds", "12", "--unpaced", "--json", "--seed", &seed]);
@@ -550,8 +550,9 @@ mod slow {
             lines.fold(0.0, f64::max)
         };
         let peaks: Vec<f64> = (1..=8).map(peak_n).collect();
-        let firm = peaks.iter().filter(|peak| **peak > 20.0).count();
         println!("highest line of each seed, N: {peaks:.1?}");
+        assert!(peaks.iter().all(|peak| *peak < 25.0), "{peaks:.1?}");
+        let firm = peaks.iter().filter(|peak| **peak > 20.0).count();
         assert!(firm <= 2, "{firm} of 8 above 20 N: {peaks:.1?}");
     }
 }
