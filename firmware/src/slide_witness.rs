@@ -761,7 +761,8 @@ impl SlideWitness {
         let is_back = self.has_fallen_by(test.shear, share)
             && latest > self.load - part(self.load, share / 2)
             && change(latest, test.shear) > share / 2;
-        // A map shows some of the normal force as shear, which falls and rises with the grip.
+        // A map shows some of the normal force as shear, which falls and rises with the grip. At more friction a slide that the grip has
+        // almost held falls by no more.
         let leak = part(self.normal[0] - test.normal, SHEAR_LEAK_SHARE);
         let leaks = began_at < 2 * SLIDING_FRICTION_MIN && self.load.min(latest) - test.shear <= leak;
         if !is_back || leaks {
