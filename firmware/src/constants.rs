@@ -48,7 +48,7 @@ pub const FORGETTING_US: u32 = 250_000;
 /// See [`FORGETTING_US`].
 pub const FORGOTTEN_PART: u16 = 200;
 /// Share of the most that a contact has proven that is not forgotten, 1/10000. With 1, this share and 0.7, friction that falls to 65 % of itself
-/// in 20 s, and by a fifth where it slides, dropped 23, 1 and 1 of 40 objects (more of those of `friction_that_fades_slowly_drops_nothing`); in a
+/// in 20 s, and by a fifth where it slides, dropped 23, 1 and 1 of 40 objects (more of those of `friction_that_fades_slowly_drops_hardly_anything`); in a
 /// quiet minute the median margin is 57, 95 and 114 % (`evaluate grasps --contact brush --grasps 60 --hold 60`).
 pub const REMEMBERED_SHARE: u16 = 8_000;
 /// A load has settled after this many maps in a row in which it grew by less than a sixteenth.
