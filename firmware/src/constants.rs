@@ -48,7 +48,7 @@ pub const FORGETTING_US: u32 = 250_000;
 /// See [`FORGETTING_US`].
 pub const FORGOTTEN_PART: u16 = 200;
 /// Share of the most that a contact has proven that is not forgotten, 1/10000. With 1, this share and 0.7, friction that falls to 65 % of itself
-/// in 20 s, and by a fifth where it slides, dropped 23, 1 and 1 of 40 objects (more of those of `friction_that_fades_slowly_drops_hardly_anything`); in a
+/// in 20 s, and by a fifth where it slides, dropped 23, 1 and 1 of 40 objects (more of those of `friction_that_fades_slowly_drops_nothing`); in a
 /// quiet minute the median margin is 57, 95 and 114 % (`evaluate grasps --contact brush --grasps 60 --hold 60`).
 pub const REMEMBERED_SHARE: u16 = 8_000;
 /// A load has settled after this many maps in a row in which it grew by less than a sixteenth.
@@ -184,12 +184,6 @@ pub const CALM_US: u32 = 160_000;
 /// the more friction falls at speed. Of 1,400 grasps of `evaluate grasps --world adverse` (seeds 2 and 3) 169 were dropped when this was
 /// chosen; with 1 it were 212 and 13 % less margin, with 0.75 159 and 10 % more.
 pub const FAST_SLIDE_SHARE: u16 = 8_500;
-/// Share of the friction that a load has proven that the grip counts on while the host does not see the object, in 1/1024: 90 %. Friction
-/// that suddenly falls by more than the margin slides until a test has found it; where the host sees it move the grip answers sooner. Of
-/// 3,000 grasps of `evaluate grasps --world adverse --contact brush` (seeds 1 to 3; the oracle drops 284) 341 were dropped with the whole of
-/// it, 265 with 91 % and 253 with 90 %; the median margin of nominal grasps was 72, 91 and 92 %. A first load proves less under more grip, so
-/// it counts in full until it has settled: with 90 % from the start the margin was 98 %, for 229 drops.
-pub const UNSEEN_SHARE: u32 = 922;
 /// How long the host's last clear view of the object counts, µs: thirty pictures.
 pub const WATCHED_US: u32 = 500_000;
 /// Rise of the line in a test, as a part of the line: a third. With a seventh, slides are found too late: when friction falls from

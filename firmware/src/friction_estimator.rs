@@ -16,7 +16,7 @@ use crate::arithmetic::{divide, ratio, square_root};
 use crate::constants::{
     EXPECTED_FRICTION, FIRST_LOAD_STICK_RATIO, FORGETTING_US, FORGOTTEN_PART, LEAD_US, PROOF_NORMAL_MIN,
     PROVEN_US, REMEMBERED_SHARE, REST_LEAD_US, REST_LOAD_MIN, REST_MAPS, SLIDE_MAPS, SLIDE_RATIO_SURE,
-    SLIDE_STICK_RATIO, SLIDE_SURE_MAPS, STALL_RATIO_MIN, STALL_STICK_RATIO, UNSEEN_SHARE,
+    SLIDE_STICK_RATIO, SLIDE_SURE_MAPS, STALL_RATIO_MIN, STALL_STICK_RATIO,
 };
 use crate::contact_geometry::ContactGeometry;
 use crate::learning_settings::LearningSettings;
@@ -231,28 +231,18 @@ impl FrictionEstimator {
     }
 
     /// Friction for the feed-forward, 1/10000: what was proven, at least the detector's, and typical friction until the load
-    /// settles; a little less of it while the host does not see the object; limited by the last slide.
+    /// settles; limited by the last slide.
     fn friction(&self, settings: LearningSettings) -> u16 {
-        let is_tried = self.has_rested || self.has_slid;
-        let expected = if is_tried {
+        let expected = if self.has_rested || self.has_slid {
             0
         } else {
             EXPECTED_FRICTION.min(settings.friction_max)
         };
-        let proven = if is_tried && !self.slide.is_watched() {
-            unseen(self.proven)
-        } else {
-            self.proven
-        };
-        let counted = proven.max(expected).max(settings.friction);
-        counted.min(self.slide.limit())
+        self.proven
+            .max(expected)
+            .max(settings.friction)
+            .min(self.slide.limit())
     }
-}
-
-/// What the grip counts on of a proven friction, 1/10000, while the host does not see the object.
-fn unseen(friction: u16) -> u16 {
-    // Less than the friction.
-    (u32::from(friction) * UNSEEN_SHARE / 1_024) as u16
 }
 
 /// Shear and torsional moment as one shear: the root of the sum of their squares, the moment over the contact's lever.
@@ -319,26 +309,26 @@ mod tests {
     fn proven_friction_counts_for_four_seconds_and_then_a_fifth_of_it_is_forgotten_at_two_percent_a_second() {
         for maps_per_second in [20, 60, 1_000] {
             let frictions = friction_by_second(0.58, Motion::UNKNOWN, maps_per_second);
-            assert_eq!(frictions[1..4], [unseen(7_500); 3], "{maps_per_second} Hz");
-            let at_10_s = 0.98_f64.powf(5.5) * f64::from(unseen(7_500));
+            assert_eq!(frictions[1..4], [7_500; 3], "{maps_per_second} Hz");
+            let at_10_s = 0.98_f64.powf(5.5) * 7_500.0;
             assert!(
                 (f64::from(frictions[9]) - at_10_s).abs() < 60.0,
                 "{maps_per_second} Hz: {frictions:?}"
             );
             assert!(frictions[1..].is_sorted_by(|before, after| before >= after));
-            assert_eq!(frictions[29], unseen(6_000), "{maps_per_second} Hz");
+            assert_eq!(frictions[29], 6_000, "{maps_per_second} Hz");
         }
     }
 
     #[test]
     fn friction_that_the_load_proves_again_and_again_is_not_forgotten() {
-        assert_eq!(friction_by_second(0.75, Motion::UNKNOWN, 60), [unseen(7_500); 30]);
+        assert_eq!(friction_by_second(0.75, Motion::UNKNOWN, 60), [7_500; 30]);
         // A load that grew since: that is what it proves.
-        assert_eq!(friction_by_second(0.7, Motion::UNKNOWN, 60)[29], unseen(6_999));
+        assert_eq!(friction_by_second(0.7, Motion::UNKNOWN, 60)[29], 6_999);
     }
 
     #[test]
-    fn nothing_is_forgotten_and_all_of_it_counts_while_the_host_sees_the_object() {
+    fn nothing_is_forgotten_while_the_host_sees_the_object() {
         assert_eq!(
             friction_by_second(0.58, Motion::new(0, Motion::QUALITY_MAX), 60),
             [7_500; 30]

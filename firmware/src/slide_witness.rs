@@ -754,8 +754,8 @@ impl SlideWitness {
             let has_slid = more > ASKED_SHARE.max(3 * self.noise());
             if has_slid {
                 self.limit = self.limit.min(began_at);
-                return true;
             }
+            return has_slid;
         }
         let share = self.short_share();
         let is_back = self.has_fallen_by(test.shear, share)

@@ -1,6 +1,6 @@
 //! The whole program through its packets: decisions, grip force, faults, handshake.
 
-use gripline_firmware::constants::{DECIDE_BUDGET_CYCLES, UNSEEN_SHARE};
+use gripline_firmware::constants::DECIDE_BUDGET_CYCLES;
 use gripline_firmware::grip::Guard;
 use gripline_firmware::line::LineHealth;
 use gripline_firmware::storage::Stored;
@@ -297,7 +297,7 @@ fn a_contact_that_learns_is_held_by_the_friction_it_proved_and_one_that_may_not_
         bench.command(Command::Configure(Configuration::DEFAULT));
         let (line, slid) = loaded(&mut bench, friction, load_n);
         assert!(
-            line > 1.1 * needed && line < 1.55 * needed / unseen(1.0) && slid < 20,
+            line > 1.1 * needed && line < 1.55 * needed && slid < 20,
             "friction {friction}: {line} where {needed} are needed, {slid} frames slid"
         );
         let mut bench = Bench::holding();
@@ -375,11 +375,6 @@ fn kept() -> f64 {
     1.0 + f64::from(Configuration::DEFAULT.margin) / f64::from(gripline_protocol::PER_UNIT)
 }
 
-/// Friction that a load has proven, as far as the grip counts on it while the host does not see the object.
-fn unseen(friction: f64) -> f64 {
-    friction * f64::from(UNSEEN_SHARE) / 1_024.0
-}
-
 #[test]
 fn what_a_contact_proved_ends_with_it() {
     let mut bench = Bench::holding();
@@ -393,7 +388,7 @@ fn what_a_contact_proved_ends_with_it() {
     let unproven = bench.maps_for_ms(&load, 3_000).line;
     let by = |friction: f64| 2.0 / friction * kept();
     assert!(
-        (newtons(by(unseen(0.8)) - 0.1)..newtons(by(unseen(0.8)) + 0.1)).contains(&proven),
+        (newtons(by(0.8) - 0.1)..newtons(by(0.8) + 0.1)).contains(&proven),
         "{proven}"
     );
     assert!(
@@ -463,7 +458,7 @@ fn what_maps_hardly_see_proves_no_friction() {
     let load = even_map(60, f64::from(newtons(3.0)), f64::from(newtons(9.0)));
     let by = |friction: f64| 3.0 / friction * kept();
     // A light touch says 0.9 while the gripper presses with 8 N; the same, seen whole, is believed.
-    for (light, friction) in [(1.5, 0.45), (6.0, unseen(0.9))] {
+    for (light, friction) in [(1.5, 0.45), (6.0, 0.9)] {
         let mut bench = Bench::holding();
         bench.command(Command::Configure(Configuration::DEFAULT));
         bench.maps_for_ms(&load, 1_000);

@@ -216,9 +216,9 @@ fn the_usual_world_loses_nothing() {
     assert_eq!((ours.lost, ours.far, ours.late_falls), (0, 0, 0), "{ours:?}");
     assert!(ours.slid_p99_mm < 1.0, "{ours:?}");
     assert!(ours.rise_ms[0] < 45.0 && ours.rise_ms[1] < 200.0, "{ours:?}");
-    // One who knows friction holds with 30 %. Proven friction counts in part only while nobody sees the object.
-    assert!(ours.margin < 0.9, "{ours:?}");
-    assert!(ours.mean_force < 1.55 * oracle.mean_force, "{ours:?} {oracle:?}");
+    // One who knows friction holds with 30 %.
+    assert!(ours.margin < 0.8, "{ours:?}");
+    assert!(ours.mean_force < 1.5 * oracle.mean_force, "{ours:?} {oracle:?}");
 }
 
 #[test]
@@ -226,5 +226,5 @@ fn the_adverse_world_loses_hardly_more_than_to_one_who_knows_friction() {
     let [ours, oracle] = play_all(true, 100);
     assert!(ours.lost <= oracle.lost + 5, "{ours:?} {oracle:?}");
     assert!(ours.rise_ms[1] < 300.0, "{ours:?}");
-    assert!(ours.margin < 1.0, "{ours:?}");
+    assert!(ours.margin < 0.95, "{ours:?}");
 }

@@ -247,30 +247,23 @@ mod tests {
 
     /// Friction falls to two thirds in twenty seconds, while sliding takes a fifth of it: a slide that shows it is hard to stop.
     #[test]
-    fn friction_that_fades_slowly_drops_hardly_anything() {
+    fn friction_that_fades_slowly_drops_nothing() {
         let network = Network::embedded(Architecture::Tracked).unwrap();
         let parts = GraspParts::new(&nominal::grasp(77, 0).scene).unwrap();
-        let mut dropped = Vec::new();
-        for number in 0..40 {
+        for number in 0..10 {
             let mut plan = nominal::grasp(77, number).held_longer(20.0).fading(20.0, 0.65);
             plan.scene.contact = GelModel::Brush.model();
             for law in &mut plan.scene.friction_laws {
                 law.sliding_share = 0.8;
             }
             let held = play(&plan, Policy::Gripline, 0.0, &network, &parts, false).unwrap();
-            assert!(!held.unsolved, "{held:?}");
-            if held.dropped {
-                dropped.push(number);
-                continue;
-            }
+            assert!(!held.dropped && !held.unsolved, "{held:?}");
             let slid_mm = held.hold.unwrap().slip_mm;
             // Below the detector's friction, which the grip always counts on, only a slide shows it.
             let ends_below = 0.65 * plan.scene.object.friction[0] < 0.45;
             let max_mm = if ends_below { 4.0 } else { 1.0 };
             assert!(slid_mm < max_mm, "grasp {number} slid {slid_mm} mm");
         }
-        // Without forgetting 23 were.
-        assert!(dropped.len() <= 2, "{dropped:?}");
     }
 
     #[test]

@@ -491,7 +491,7 @@ impl Report {
              (Q/μN)² + (M/(μN·2/3 a))² = 1, with sticking friction; margins are over it, or over the least force of {FLOOR_N} N \
              where it is less. {} runs had no solution and are left out.\n\n{}\n{}\n\
              Gripline has the default settings, which are the named setting `normal`, knows no object's friction, and keeps {kept} above \
-             what it believes is needed (of the friction proven it counts on 90 % once the first load has settled, on all of it with evidence of motion); `sparing` and `secure` are the other named settings. \
+             what it believes is needed; `sparing` and `secure` are the other named settings. \
              Nothing learnt: the detector's friction (the network's calibration) with a margin of {careful} and a reflex. The \
              bang-bang rules rise at 40 N/s while their detector (the paper's, at its settings) says slip, and fall by 1 N/s \
              after half a second without. The particle filter (ours, from the idea of arXiv 2602.02026) demands 1.3 times the shear \
