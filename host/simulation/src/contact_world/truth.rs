@@ -17,6 +17,9 @@ const GROSS_FOLLOW: f64 = 0.05;
 /// Share of sticking cells under which hardly one does. Gel that gives back while the load goes does not follow
 /// either, and sticks.
 const HARDLY_STICKS: f64 = 0.1;
+/// Share of sticking cells that ends a slide of the whole contact. Fewer do not: gel that comes in at the leading edge, without
+/// shear, sticks until it has been drawn along as far as friction's limit.
+const END_STICK_RATIO: f64 = 0.5;
 
 /// What one cell of the gel does.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -114,8 +117,8 @@ impl Truth {
         other
     }
 
-    /// Sorts the cells by what they do under the friction of each; `follow` is the share of the indenter's motion in this step that the
-    /// gel made too, none without motion.
+    /// Sorts the cells by what they do under the friction of each, and says whether they slide as a whole, which depends on whether they
+    /// did in the step before; `follow` is the share of the indenter's motion in this step that the gel made too, none without motion.
     pub(crate) fn classify(&mut self, friction: impl Fn(usize) -> f64, follow: Option<f64>) {
         let cells = self.states.iter_mut().zip(&self.pressure).zip(&self.shear);
         for (place, ((state, p), q)) in cells.enumerate() {
@@ -130,7 +133,9 @@ impl Truth {
         }
         let sticks_less = |share: f64| self.stick_ratio().is_some_and(|ratio| ratio < share);
         let runs_ahead = follow.is_some_and(|share| share < GROSS_FOLLOW);
-        self.gross_slip = sticks_less(GROSS_STICK_RATIO) || (runs_ahead && sticks_less(HARDLY_STICKS));
+        let begins = sticks_less(GROSS_STICK_RATIO) || (runs_ahead && sticks_less(HARDLY_STICKS));
+        let goes_on = self.gross_slip && follow.is_some() && sticks_less(END_STICK_RATIO);
+        self.gross_slip = begins || goes_on;
     }
 
     /// Whether anything touches.
@@ -184,7 +189,8 @@ impl Truth {
         (stick + slip > 0).then(|| stick as f64 / (stick + slip) as f64)
     }
 
-    /// Whether the contact slides as a whole: no cell sticks, or the gel does not follow the indenter.
+    /// Whether the contact slides as a whole: no cell sticks, or the gel does not follow the indenter, or it has slid since and
+    /// half of the contact does not stick yet.
     #[must_use]
     pub fn gross_slip(&self) -> bool {
         self.gross_slip

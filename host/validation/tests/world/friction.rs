@@ -1,8 +1,10 @@
 //! Friction that changes with time, speed and place, and mass that is poured in, against closed forms.
 
 use gripline_simulation::constants::GRAVITY_MM_PER_S2;
-use gripline_simulation::contact_world::Texture;
-use gripline_simulation::grasp::{Course, FrictionLaw, GraspFrame, GraspScene, GraspWorld, Pull};
+use gripline_simulation::contact_world::{Shape, Texture};
+use gripline_simulation::grasp::{
+    ContactModel, Course, FrictionLaw, GraspFrame, GraspScene, GraspWorld, Patch, Pull,
+};
 
 use crate::{FREE_S, frames};
 
@@ -129,6 +131,54 @@ fn an_object_whose_friction_halves_falls_six_millimetres_in_sixty_milliseconds_a
     assert!((fallen / expected - 1.0).abs() < 0.1, "{fallen} {expected}");
     assert!((time_s - 0.06).abs() < 1e-9 && (5.8..6.8).contains(&fallen));
     assert!((began - drop_s).abs() < 0.009, "{began}");
+}
+
+#[test]
+fn an_object_that_slides_out_of_the_grip_slides_in_every_frame_although_fresh_gel_sticks_at_its_leading_edge()
+{
+    let shapes = [
+        Shape::Sphere { radius_mm: 12.0 },
+        Shape::Disc {
+            radius_mm: 2.5,
+            edge_mm: 0.5,
+        },
+        Shape::Block {
+            sides_mm: [3.0, 5.0],
+            edge_mm: 0.5,
+        },
+    ];
+    let mut fresh: f64 = 0.0;
+    for contact in [ContactModel::Layer, ContactModel::Brush] {
+        for shape in shapes {
+            let mut scene = ball();
+            scene.contact = contact;
+            // Firm enough for gel to stick for a millimetre before friction's limit.
+            scene.object.mass_g = 1_000.0;
+            scene.object.patch = Patch::Shape(shape);
+            let grip_n = 0.8 * needed_n(&scene);
+            let frames = frames(&scene, grip_n, 5e-3, FREE_S + 0.06);
+            let began = frames.iter().position(|frame| frame.slid_s.is_some()).unwrap();
+            let (first, rest) = frames[began..].split_first().unwrap();
+            assert!(
+                first.time_s < FREE_S + 0.04,
+                "{shape:?} {contact:?}: {}",
+                first.time_s
+            );
+            for frame in rest {
+                assert!(!frame.dropped && frame.fingers[0].slip_speed_mm_per_s > 10.0);
+                let all = [frame.time_s - 5e-3, frame.time_s];
+                let slid_s = frame.slid_s.unwrap_or_default();
+                fresh = fresh.max(frame.fingers[0].stick_ratio.unwrap());
+                assert!(
+                    frame.slip && (0..2).all(|i| (slid_s[i] - all[i]).abs() < 1e-9),
+                    "{shape:?} {contact:?}, {} s: {frame:?}",
+                    frame.time_s
+                );
+            }
+        }
+    }
+    println!("up to {fresh:.3} of a sliding contact sticks");
+    assert!(fresh > 0.05, "{fresh}: nothing that it asks");
 }
 
 #[test]
