@@ -126,7 +126,7 @@ pub const GRAVITY_MM_PER_S2: f64 = 9_806.65;
 /// Label SLIP: no cell of a contact sticks (or one in a hundred) while the object moves over the gel faster
 /// than this, mm/s. A fiftieth of what a free object gathers in 5 ms; slow loads make less micro-slip.
 pub const SLIP_SPEED_MM_PER_S: f64 = 1.0;
-/// An object that slid this far over a gel has left the grip, mm (assumed: half a small patch's reach).
+/// An object that has slid this far from where a gel took it has left the grip, mm (assumed: half a small patch's reach).
 pub const GRASP_DROP_MM: f64 = 6.0;
 /// Stiffness of the table under the object, N/mm (assumed; 1 N sinks it 0.05 mm).
 pub const TABLE_STIFFNESS_N_PER_MM: f64 = 20.0;

@@ -80,7 +80,7 @@ pub struct Contact {
     footprint_turn_rad: f64,
     /// Part of the last step's motion that slid.
     sliding: f64,
-    slid_mm: f64,
+    slip_mm: Triple,
     stiffness: Stiffness,
     truth: Truth,
     convolution: Option<Convolution>,
@@ -158,7 +158,7 @@ impl Contact {
             },
             footprint_turn_rad: 0.0,
             sliding: 0.0,
-            slid_mm: 0.0,
+            slip_mm: [0.0; 3],
             stiffness: Stiffness::default(),
             truth,
             convolution: None,
@@ -355,7 +355,7 @@ impl Contact {
         );
         self.footprint_turn_rad = drive.turn_rad;
         self.sliding = 0.0;
-        self.slid_mm = 0.0;
+        self.slip_mm = [0.0; 3];
         self.drive = *drive;
     }
 
@@ -817,7 +817,7 @@ impl Contact {
             moved += p * asked(cell).norm_sqr();
         }
         let slip = Motion::of(&step.pressure, &step.arm, |cell| asked(cell) - made(cell));
-        self.slid_mm = libm::hypot(slip.shift.norm(), slip.turn_rad * slip.radius_mm);
+        self.slip_mm = [slip.shift.re, slip.shift.im, slip.turn_rad * slip.radius_mm];
         truth.footprint_mm = step.footprint_mm;
         self.footprint_turn_rad = step.footprint_turn_rad;
         truth.slip_distance_mm += slip.shift.norm();
@@ -838,10 +838,10 @@ impl Contact {
         };
     }
 
-    /// Distance that the indenter slid over the gel in the last step: pressure-weighted mean, with the spin at the
-    /// contact's radius of gyration, mm.
-    pub(crate) fn slid_mm(&self) -> f64 {
-        self.slid_mm
+    /// By how much the indenter slid over the gel in the last step, mm: pressure-weighted mean along x and y, and the spin at the
+    /// contact's radius of gyration.
+    pub(crate) fn slip_mm(&self) -> Triple {
+        self.slip_mm
     }
 
     /// Mean of the texture over the contact, weighted with the pressure; 1 when friction is even.

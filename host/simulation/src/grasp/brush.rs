@@ -35,7 +35,7 @@ struct Brush {
     friction: f64,
     mean_share: f64,
     turn_rad: f64,
-    slid_mm: f64,
+    slip_mm: Triple,
     truth: Truth,
 }
 
@@ -157,7 +157,7 @@ impl Brush {
         };
         self.truth = Truth::free(self.truth.cells(), pose);
         self.turn_rad = turn_rad;
-        self.slid_mm = 0.0;
+        self.slip_mm = [0.0; 3];
     }
 
     /// Takes a step over that ended at a pose after this motion.
@@ -195,7 +195,7 @@ impl Brush {
             inertia += cell.pressure * arm.norm_sqr();
         }
         let turned = if inertia > 0.0 { spin / inertia } else { 0.0 };
-        self.slid_mm = libm::hypot(slip.norm(), turned * (inertia / weight).sqrt());
+        self.slip_mm = [slip.re, slip.im, turned * (inertia / weight).sqrt()];
         self.mean_share = touched / weight;
         // The footprint's origin is the middle of the turn.
         let shift = slip - mean_arm.scale(turned);
@@ -256,7 +256,7 @@ impl BrushSolver {
             friction,
             mean_share: 1.0,
             turn_rad: 0.0,
-            slid_mm: 0.0,
+            slip_mm: [0.0; 3],
             truth: Truth::free(cells, Pose::default()),
         });
         Self {
@@ -270,8 +270,8 @@ impl BrushSolver {
         &self.brushes[finger].truth
     }
 
-    pub(crate) fn slid_mm(&self, finger: usize) -> f64 {
-        self.brushes[finger].slid_mm
+    pub(crate) fn slip_mm(&self, finger: usize) -> Triple {
+        self.brushes[finger].slip_mm
     }
 
     pub(crate) fn mean_share(&self, finger: usize) -> f64 {

@@ -72,11 +72,11 @@ impl Fingers {
         }
     }
 
-    /// Distance that the object slid over the gel in the last step, mm: see [`Contact::slid_mm`].
-    pub(crate) fn slid_mm(&self, finger: usize) -> f64 {
+    /// By how much the object slid over the gel in the last step, mm: see [`Contact::slip_mm`].
+    pub(crate) fn slip_mm(&self, finger: usize) -> Triple {
         match self {
-            Self::Layer(solver) => solver.contact(finger).0.slid_mm(),
-            Self::Brush(solver) => solver.slid_mm(finger),
+            Self::Layer(solver) => solver.contact(finger).0.slip_mm(),
+            Self::Brush(solver) => solver.slip_mm(finger),
         }
     }
 

@@ -70,7 +70,7 @@ pub struct GraspFrame {
     pub slid_s: Option<[f64; 2]>,
     /// Whether the table carries any of it.
     pub on_table: bool,
-    /// Whether it has left the grip unsupported; it stays so.
+    /// Whether it has left the grip: slid too far from where it was gripped, or let go with nothing under it. It stays so.
     pub dropped: bool,
     /// Largest error of the balance of forces in this frame's steps, as a share of the largest load or of a
     /// twentieth of what friction can hold, whichever is more.

@@ -119,7 +119,7 @@ pub struct GraspScene {
     /// Longest way that the object may go against the gripper in a step of the solver, mm; none is as far as the grid
     /// allows. Short ways tell the moment when it begins to slide.
     pub reach_mm: Option<f64>,
-    /// An object that slid this far over a gel has left the grip, mm.
+    /// An object that has slid this far from where a gel took it has left the grip, mm; what slid back has not.
     pub drop_mm: f64,
     /// Names over time, in order.
     pub phases: Vec<Phase>,

@@ -11,7 +11,7 @@ use super::rigid_body::{Actions, RigidBody};
 use super::setting::GraspScene;
 use super::solver::Ending;
 use crate::constants::{GRAVITY_MM_PER_S2, SLIP_SPEED_MM_PER_S, TAXEL_COUNT};
-use crate::contact_world::{GelSurface, Triple, Truth};
+use crate::contact_world::{GelSurface, Triple, Truth, add};
 use crate::error::{SimulationError, checked};
 use crate::field::LayerKernels;
 use crate::fingertip::{Fingertip, FingertipParams};
@@ -70,7 +70,9 @@ pub struct GraspWorld {
     touching: bool,
     /// Speed of the object over each gel in the last step.
     slide_mm_per_s: [f64; 2],
+    /// Distance that the object slid over each gel since it was touched, and how far it is from there.
     slip_mm: [f64; 2],
+    away_mm: [Triple; 2],
     dropped: bool,
     truths: [Truth; 2],
     frame: GraspFrame,
@@ -143,6 +145,7 @@ impl GraspWorld {
             touching: false,
             slide_mm_per_s: [0.0; 2],
             slip_mm: [0.0; 2],
+            away_mm: [[0.0; 3]; 2],
             dropped: false,
             truths,
             frame,
@@ -300,10 +303,12 @@ impl GraspWorld {
                     tally.balance = tally.balance.max(self.frame.balance);
                     let mut slides = self.touching;
                     for finger in 0..2 {
-                        let (slid_mm, gross) = (self.solver.slid_mm(finger), self.solver.gross_slip(finger));
+                        let (slip_mm, gross) = (self.solver.slip_mm(finger), self.solver.gross_slip(finger));
                         self.slide_mm_per_s[finger] = 0.0;
                         if self.touching {
+                            let slid_mm = size(slip_mm);
                             tally.slid_mm[finger] += slid_mm;
+                            self.away_mm[finger] = add(self.away_mm[finger], slip_mm);
                             tally.gross[finger] |= gross;
                             self.slide_mm_per_s[finger] = slid_mm / step_s;
                             slides &= gross && self.slide_mm_per_s[finger] > SLIP_SPEED_MM_PER_S;
@@ -389,6 +394,7 @@ impl GraspWorld {
         };
         if self.touching && !outcome.touching {
             self.slip_mm = [0.0; 2];
+            self.away_mm = [[0.0; 3]; 2];
         }
         self.touching = outcome.touching;
         self.body.go(actions, outcome.pose);
@@ -410,7 +416,7 @@ impl GraspWorld {
         for (slip, slid) in self.slip_mm.iter_mut().zip(tally.slid_mm) {
             *slip += slid;
         }
-        let slid_out = self.slip_mm.iter().any(|slip| *slip > self.scene.drop_mm);
+        let slid_out = self.away_mm.iter().any(|away| size(*away) > self.scene.drop_mm);
         let let_go = !self.touching && !self.body.on_table() && !self.is_held(self.time_s);
         if !self.dropped && (slid_out || let_go) {
             self.lose();
@@ -463,6 +469,11 @@ struct Tally {
     slid_mm: [f64; 2],
     gross: [bool; 2],
     slid_s: Option<[f64; 2]>,
+}
+
+/// Length of a slip whose spin is in mm.
+fn size([x, y, spin]: Triple) -> f64 {
+    libm::hypot(libm::hypot(x, y), spin)
 }
 
 /// Where things fall when gravity is turned by `turn_rad` from −y towards +x.

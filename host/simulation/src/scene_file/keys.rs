@@ -183,7 +183,7 @@ keys! {
     GRASP_TURN = "grasp" "turn_deg", Number("degrees", -180.0, 180.0), Absent::Number(0.0),
         "turn of the object at first, from x to y";
     DROP = "grasp" "drop_mm", Number("mm", 0.5, 16.0), Absent::Number(GRASP_DROP_MM),
-        "an object that slid this far has left the grip";
+        "an object that has slid this far from where it was gripped has left the grip";
     GRAVITY = "grasp" "gravity_deg", Course("degrees", -360.0, 360.0), Optional,
         "turn of gravity from −y towards +x over time, as a gripper that turns feels it; without it none";
 

@@ -3,7 +3,7 @@
 use gripline_simulation::constants::GRAVITY_MM_PER_S2;
 use gripline_simulation::contact_world::{Shape, Texture};
 use gripline_simulation::grasp::{
-    ContactModel, Course, FrictionLaw, GraspFrame, GraspScene, GraspWorld, Patch, Pull,
+    ContactModel, Course, FrictionLaw, GraspFrame, GraspScene, GraspWorld, Patch, Pull, Stroke,
 };
 
 use crate::{FREE_S, frames};
@@ -179,6 +179,32 @@ fn an_object_that_slides_out_of_the_grip_slides_in_every_frame_although_fresh_ge
     }
     println!("up to {fresh:.3} of a sliding contact sticks");
     assert!(fresh > 0.05, "{fresh}: nothing that it asks");
+}
+
+#[test]
+fn an_object_that_slides_to_and_fro_has_not_left_the_grip() {
+    let mut scene = ball();
+    scene.drop_mm = 6.0;
+    // It floats, and the arm shakes it by more than friction holds.
+    scene.pulls = vec![Pull::force([0.0, scene.object.weight_n()], Course::constant(1.0))];
+    scene.arm.strokes = vec![Stroke::Shake {
+        from_s: FREE_S,
+        duration_s: 2.0,
+        amplitude_mm: [3.0, 0.0],
+        frequency_hz: 6.0,
+    }];
+    let grip_n = 0.2 * needed_n(&scene);
+    let frames = frames(&scene, grip_n, FRAME_S, FREE_S + 2.0);
+    let last = frames.last().unwrap();
+    let slid_mm = last.fingers[0].slip_mm;
+    let from_mm = frames[0].object.at_mm[0];
+    let far_mm = frames
+        .iter()
+        .map(|frame| (frame.object.at_mm[0] - from_mm).abs())
+        .fold(0.0, f64::max);
+    println!("slid {slid_mm:.1} mm in all, never further than {far_mm:.1} mm from where it was");
+    assert!(slid_mm > 18.0 && far_mm < 6.0);
+    assert!(!last.dropped && last.fingers.iter().all(|finger| finger.touching));
 }
 
 #[test]
