@@ -373,8 +373,8 @@ const ADVERSE_TEXT: &str = "an object of random mass (its weight alone needs 0.6
      0.8 of the other); in every second, friction drops to 0.5 to 0.9 in the middle of the hold. The load is poured in (30 % of the \
      grasps), swung (40 %, 1 to 3 m/s²) and knocked (40 %, 20 to 100 mm/s). Forces are off by a gain of ±25 % on each axis, by \
      creep of up to 15 % and hysteresis of up to 5 %. Up to four times in a grasp, up to six pictures are black, missing, late or \
-     repeated. The gripper lags by 100 ms, or by 40 ms and sticks 0.1 to 0.5 N short of its line. An object that slid 10 mm is \
-     dropped.";
+     repeated. The gripper lags by 100 ms, or by 40 ms and sticks 0.1 to 0.5 N short of its line. An object 10 mm \
+     from where it was gripped is dropped.";
 
 const LAYER_TEXT: &str = "The contact world has the training grid (40 cells).";
 const BRUSH_TEXT: &str = "The gel is springs, one a cell on the training grid (40 cells), instead of an elastic layer: contacts of \
