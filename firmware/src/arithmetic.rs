@@ -3,6 +3,9 @@
 
 use gripline_protocol::PER_UNIT;
 
+/// The whole of which [`part`] and [`change`] count shares.
+pub(crate) const WHOLE: i32 = 1_024;
+
 /// `number / divisor`, exact; 0 for a divisor of 0. Four divisions of 32 bits. Not inlined, to save SRAM.
 #[must_use]
 #[inline(never)]
@@ -35,6 +38,20 @@ pub(crate) const fn divide_48(number: u64, divisor: u16) -> u64 {
     // The rest is less than the divisor, so it fits 16 bits.
     let lower = ((upper % divisor) << 16) | (number as u32 & 0xFFFF);
     (((upper / divisor) as u64) << 16) + (lower / divisor) as u64
+}
+
+/// `share`/[`WHOLE`] of a force.
+pub(crate) const fn part(force: i32, share: i32) -> i32 {
+    // At most 2²⁶ / 16 · 1024 / 64.
+    force / 64 * share / 16
+}
+
+/// By how much `now` lies above `before`, share of `before` in 1/[`WHOLE`], at most two wholes. To 20 bits, so that 32 bits do.
+pub(crate) fn change(now: i32, before: i32) -> i32 {
+    let (now, before) = (now.max(0), before.max(1));
+    let shift = 12_u32.saturating_sub((now | before).leading_zeros());
+    let (now, before) = (now >> shift, (before >> shift).max(1));
+    ((now - before) * WHOLE / before).min(2 * WHOLE)
 }
 
 /// A normal force as a 16-bit divisor, at least 1, and the right shift that made it so. Quotients are exact to 2⁻¹⁵.

@@ -150,6 +150,8 @@ pub const GROWN_SHARE: i32 = 61;
 pub const FRICTION_LOSS_MAX: u16 = 6_000;
 /// Share of the proven friction that is kept when the load came back during a test, 1/10000: it may only have swung.
 pub const SWING_LOSS_MAX: u16 = 9_000;
+/// Fall of the normal force over four slots with which the shear must not have sunk, share in 1/1024: 6 %.
+pub const SINK_SHARE: i32 = 61;
 /// Slow fall of the normal force with which the shear must not have sunk, share in 1/1024: 3 %.
 pub const FADE_SHARE: i32 = 31;
 /// Time without any suspicion after which a load that came back is forgotten, µs: what slides does so again as soon as the grip has come
