@@ -31,7 +31,8 @@ pub struct Outcome {
     pub dropped: bool,
     /// The contact world found no solution: no evidence.
     pub unsolved: bool,
-    /// Distance slid over either skin from the lift on, mm.
+    /// Distance slid over either skin from the lift to where it stands again, mm; what the table pushes it back into the grip says
+    /// nothing of the grip.
     pub micro_slip_mm: f64,
     /// Mean and largest force of a finger from the lift to where it stands again, N.
     pub mean_force_n: f64,
@@ -173,8 +174,10 @@ impl Tally {
             self.slip_before_mm = slid;
             return;
         }
-        for (slid, before) in slid.iter().zip(self.slip_before_mm) {
-            self.slip_mm = self.slip_mm.max(slid - before);
+        if !frame.on_table || frame.time_s < times.put_down_s {
+            for (slid, before) in slid.iter().zip(self.slip_before_mm) {
+                self.slip_mm = self.slip_mm.max(slid - before);
+            }
         }
         if frame.on_table || frame.time_s > times.down_s {
             return;
@@ -229,6 +232,29 @@ mod tests {
         assert!(lost.dropped || lost.peak_need_n < 1e-9, "{lost:?}");
         let again = play(&plan, Policy::Gripline, 0.0, &network, &parts, false).unwrap();
         assert_eq!(held, again);
+    }
+
+    #[test]
+    fn what_a_table_pushes_an_object_back_into_the_grip_is_no_slip_of_the_grip() {
+        let plan = adverse::grasp(1, 0);
+        let mut frame = GraspWorld::new(&plan.scene).unwrap().frame().clone();
+        let mut tally = Tally::default();
+        let mut see = |time_s: f64, on_table: bool, slip_mm: f64| {
+            (frame.time_s, frame.on_table) = (time_s, on_table);
+            frame.fingers[1].slip_mm = slip_mm;
+            tally.add(&frame, 1.0, plan.times);
+            tally.slip_mm
+        };
+        let put_down_s = plan.times.put_down_s;
+        let slid_mm = [
+            see(LIFT_S - 0.1, true, 0.5),
+            see(LIFT_S + 0.1, true, 0.75),
+            see(put_down_s + 0.1, false, 1.5),
+            see(put_down_s + 0.2, true, 4.0),
+        ];
+        for (slid_mm, expected_mm) in slid_mm.into_iter().zip([0.0, 0.25, 1.0, 1.0]) {
+            assert!((slid_mm - expected_mm).abs() < 1e-12, "{slid_mm} {expected_mm}");
+        }
     }
 
     /// Grasps whose sliding friction falls to between 0.08 and 0.12 in the hold.
