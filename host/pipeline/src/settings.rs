@@ -58,7 +58,7 @@ impl GripSetting {
     }
 
     /// `settings` with this grip: margin, what friction may be learnt, how fast the line falls by plan, and for [`Self::Secure`] a floor of
-    /// at least 8 N, as far as the fail-safe force allows.
+    /// at least 10 N, as far as the fail-safe force allows.
     #[must_use]
     pub fn apply(self, settings: Configuration) -> Configuration {
         let normal = Configuration {
