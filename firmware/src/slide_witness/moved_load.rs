@@ -37,3 +37,24 @@ impl MovedLoad {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_load_that_moved_is_held_until_it_is_felt_and_forgotten_slowly() {
+        let mut moved = MovedLoad::default();
+        moved.fell(8_000);
+        // Under test nothing is felt.
+        moved.forget(None, 16_000);
+        moved.forget(Some(7_400), 16_000);
+        assert!(moved.from() == 8_000 && moved.held() > 8_000);
+        for _ in 0..PROVEN_US / 16_000 + 100 {
+            moved.forget(Some(4_000), 16_000);
+        }
+        assert!((6_000..8_000).contains(&moved.from()), "{moved:?}");
+        moved.forget(Some(7_900), 16_000);
+        assert_eq!((moved.from(), moved.held()), (0, 0));
+    }
+}

@@ -105,3 +105,38 @@ impl Slots {
         if rise > 0 { rise - growth } else { rise }.abs()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_slot_is_the_mean_of_its_maps_and_lasts_as_long_as_they_do() {
+        let mut slots = Slots::default();
+        let mut ended = 0;
+        for map in 0..40 {
+            if let Some(passed_us) = slots.add(100 + map % 4, 1_000, 4_000) {
+                assert_eq!(passed_us, 16_000);
+                ended += 1;
+            }
+        }
+        // Ten slots of four maps, of which the first says nothing.
+        assert_eq!((ended, slots.newest()), (9, [101, 1_000]));
+        // Maps without a time between them do not wait for ever.
+        let ended = (0..SLOT_MAPS_MAX)
+            .filter(|_| slots.add(0, 0, 0).is_some())
+            .count();
+        assert_eq!((ended, slots.normal[0]), (1, 1));
+    }
+
+    #[test]
+    fn a_load_that_grows_evenly_does_not_fluctuate_and_what_it_grows_by_beyond_that_does() {
+        let mut slots = Slots::default();
+        let mut see = |shear: i32| {
+            slots.add(shear, 1_000, 16_000);
+            slots.fluctuation()
+        };
+        let even = (1..10).map(|slot| see(50 * slot)).last();
+        assert_eq!((even, see(450 + 80), see(450 + 60)), (Some(0), 30, 20));
+    }
+}

@@ -123,8 +123,8 @@ pub const SCENE_CONTACT_OFFSET_MM: f64 = 2.5;
 
 /// Standard acceleration of gravity, mm/s².
 pub const GRAVITY_MM_PER_S2: f64 = 9_806.65;
-/// Label SLIP: no cell of a contact sticks (or one in a hundred) while the object moves over the gel faster
-/// than this, mm/s. A fiftieth of what a free object gathers in 5 ms; slow loads make less micro-slip.
+/// Label SLIP: no cell of a contact sticks (or one in a hundred, and fresh gel that the slide reaches) while the object moves over the
+/// gel faster than this, mm/s. A fiftieth of what a free object gathers in 5 ms; slow loads make less micro-slip.
 pub const SLIP_SPEED_MM_PER_S: f64 = 1.0;
 /// An object that has slid this far from where a gel took it has left the grip, mm (assumed: half a small patch's reach).
 pub const GRASP_DROP_MM: f64 = 6.0;

@@ -62,10 +62,10 @@ pub struct GraspFrame {
     /// What weight, the arm's acceleration, pulls and table do to the object at the grip point: N, N, N·mm. The
     /// fingers hold it less what accelerates the object against them.
     pub load: [f64; 3],
-    /// The label SLIP: in this frame the object slid in the grip, with nothing that sticks on either gel and faster
+    /// The label SLIP: in this frame the object slid in the grip, over both gels as a whole and faster
     /// than `constants::SLIP_SPEED_MM_PER_S`. While one finger still holds, the other's slip is in its `gross_slip`.
     pub slip: bool,
-    /// When in this frame the object first began and last ceased to slide with nothing that sticks on either gel, faster
+    /// When in this frame the object first began and last ceased to slide over both gels as a whole, faster
     /// than `constants::SLIP_SPEED_MM_PER_S` in a step, s; none when it did not.
     pub slid_s: Option<[f64; 2]>,
     /// Whether the table carries any of it.
