@@ -1,4 +1,5 @@
 //! Friction that falls slowly under a line that falls: shear and normal force sink together, too slowly for the slots.
+//! Units: force 1/4096 N, shares 1/1024.
 
 use crate::arithmetic::change;
 use crate::constants::FADE_SHARE;

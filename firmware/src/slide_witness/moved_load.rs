@@ -1,4 +1,4 @@
-//! A load that another finger may have taken over: it suddenly fell in a quiet hold, and stayed there.
+//! A load that another finger may have taken over: it suddenly fell in a quiet hold, and stayed there. Units: force 1/4096 N, time µs.
 
 use crate::constants::{FORGETTING_US, FORGOTTEN_PART, MOVED_LOAD_PART, PROVEN_US};
 

@@ -1,4 +1,5 @@
 //! The test of a suspicion: the grip rises, and what shear and normal force do then says whether the contact slides.
+//! Units as in the folder's `mod`.
 
 use gripline_protocol::PER_UNIT;
 

@@ -1,5 +1,5 @@
 //! Shear and normal force of one fingertip over the last slots of time. A slot is the mean of its maps, so that what follows does not depend
-//! on how many maps come in a second.
+//! on how many maps come in a second. Units: force 1/4096 N, shares 1/1024, time µs.
 
 use crate::arithmetic::{change, part};
 use crate::constants::{RISES_SHARE, SLOT_US, SUDDEN_SHARE};

@@ -1,4 +1,5 @@
-//! What speaks for a slide, and what a test of it has seen so far.
+//! What speaks for a slide, and what a test of it has seen so far. Units: force 1/4096 N, ratios of shear to normal force and frictions
+//! 1/10000, time µs.
 
 /// No limit of the friction is known.
 pub(super) const UNLIMITED: u16 = u16::MAX;

@@ -70,8 +70,9 @@ pub struct GraspWorld {
     touching: bool,
     /// Speed of the object over each gel in the last step.
     slide_mm_per_s: [f64; 2],
-    /// Distance that the object slid over each gel since it was touched, and how far it is from there.
+    /// Distance that the object slid over each gel since it was touched.
     slip_mm: [f64; 2],
+    /// How far it is from where it was touched: along x and y of each gel, and the spin at the contact's radius of gyration.
     away_mm: [Triple; 2],
     dropped: bool,
     truths: [Truth; 2],
