@@ -2,7 +2,11 @@
 //!
 //! `docs/figures.toml` says which command measures what, where each figure stands in the JSON that the command prints, and what
 //! is wanted. `docs/figures.json` keeps the values that were printed, each measurement with its date, commit and processor, so that
-//! one measurement can be made again without the others. The page is written from both and from nothing else.
+//! one measurement can be made again without the others. The page is written from both and from nothing else. Other pages copy some
+//! figures; they fail where they say another value than the one that was measured last.
+
+mod copies;
+mod template;
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -14,6 +18,8 @@ use std::time::SystemTime;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
+use self::copies::Copied;
+use self::template::{Values, fields, filled};
 use crate::error::Error;
 use crate::process;
 
@@ -22,6 +28,9 @@ use crate::process;
 #[serde(deny_unknown_fields)]
 struct Plan {
     measurement: Vec<Measurement>,
+    /// Where other pages say what was measured.
+    #[serde(default)]
+    copy: Vec<Copied>,
 }
 
 /// One command and the figures that it prints.
@@ -68,7 +77,7 @@ struct Table {
 #[serde(deny_unknown_fields)]
 struct Figure {
     what: String,
-    /// Text with values in it: `{/pointer}` or `{/pointer:DECIMALS}`, `{/pointer*FACTOR:DECIMALS}`.
+    /// Text with values in it, see [`template`].
     shows: String,
     /// What is wanted, in words.
     #[serde(default)]
@@ -88,8 +97,7 @@ struct Measured {
     date: String,
     commit: String,
     processor: String,
-    /// Pointer to value.
-    values: BTreeMap<String, Value>,
+    values: Values,
 }
 
 type Kept = BTreeMap<String, Measured>;
@@ -98,14 +106,10 @@ const PLAN: &str = "docs/figures.toml";
 const KEPT: &str = "docs/figures.json";
 const PAGE: &str = "docs/figures.md";
 
-/// Measures what is named (`all`: everything), and writes the page. Without a name it only writes the page.
+/// Measures what is named (`all`: everything), and writes the page. Without a name it only writes the page. Fails when another page copies a
+/// figure that has changed.
 pub(crate) fn command(arguments: &[String]) -> Result<(), Error> {
-    let plan: Plan = toml::from_str(&read(PLAN)?).map_err(|error| wrong(PLAN, &error.to_string()))?;
-    let mut kept: Kept = if process::root().join(KEPT).exists() {
-        serde_json::from_str(&read(KEPT)?).map_err(|error| wrong(KEPT, &error.to_string()))?
-    } else {
-        Kept::new()
-    };
+    let (plan, mut kept) = plan_and_kept()?;
     let names: Vec<&str> = plan
         .measurement
         .iter()
@@ -145,7 +149,43 @@ pub(crate) fn command(arguments: &[String]) -> Result<(), Error> {
         }
     }
     kept.retain(|name, _| names.contains(&name.as_str()));
-    write(PAGE, &page(&plan, &kept)?)
+    write(PAGE, &page(&plan, &kept)?)?;
+    check_copies(&plan, &kept)
+}
+
+fn plan_and_kept() -> Result<(Plan, Kept), Error> {
+    let plan = toml::from_str(&read(PLAN)?).map_err(|error| wrong(PLAN, &error.to_string()))?;
+    let kept = if path(KEPT).exists() {
+        serde_json::from_str(&read(KEPT)?).map_err(|error| wrong(KEPT, &error.to_string()))?
+    } else {
+        Kept::new()
+    };
+    Ok((plan, kept))
+}
+
+/// Fails when a page does not say what was measured.
+fn check_copies(plan: &Plan, kept: &Kept) -> Result<(), Error> {
+    let of_all: Values = kept
+        .iter()
+        .flat_map(|(name, measured)| {
+            let values = measured.values.iter();
+            values.map(move |(pointer, value)| (format!("/{name}{pointer}"), value.clone()))
+        })
+        .collect();
+    let mut outdated = Vec::new();
+    for copied in &plan.copy {
+        if let Some(expected) = copied.missing_in(&read(&copied.page)?, &of_all) {
+            outdated.push(format!("{}: {expected}", copied.page));
+        }
+    }
+    if outdated.is_empty() {
+        return Ok(());
+    }
+    Err(Error::Product {
+        what: "pages that copy figures".to_owned(),
+        found: format!("{} that do not say what was measured", outdated.len()),
+        expected: outdated.join("\n"),
+    })
 }
 
 fn path(name: &str) -> PathBuf {
@@ -221,8 +261,8 @@ fn last_json(text: &str) -> Option<Value> {
 
 impl Measurement {
     /// Every value that its figures show or judge.
-    fn values(&self, printed: &Value) -> Result<BTreeMap<String, Value>, Error> {
-        let mut values = BTreeMap::new();
+    fn values(&self, printed: &Value) -> Result<Values, Error> {
+        let mut values = Values::new();
         for figure in &self.figure {
             let shown = fields(&figure.shows).into_iter().map(|field| field.pointer);
             for pointer in shown.chain(figure.judged.clone()) {
@@ -246,61 +286,9 @@ impl Measurement {
     }
 }
 
-/// A place for a value in a text.
-#[derive(Debug, PartialEq)]
-struct Field {
-    /// As it stands in the text, braces included.
-    text: String,
-    pointer: String,
-    factor: f64,
-    decimals: Option<usize>,
-}
-
-fn fields(text: &str) -> Vec<Field> {
-    let mut found = Vec::new();
-    let mut rest = text;
-    while let Some(start) = rest.find("{/") {
-        let Some(end) = rest[start..].find('}') else { break };
-        let inner = &rest[start + 1..start + end];
-        let (inner, decimals) = match inner.split_once(':') {
-            Some((inner, decimals)) => (inner, decimals.parse().ok()),
-            None => (inner, None),
-        };
-        let (pointer, factor) = match inner.split_once('*') {
-            Some((pointer, factor)) => (pointer, factor.parse().unwrap_or(1.0)),
-            None => (inner, 1.0),
-        };
-        found.push(Field {
-            text: rest[start..=start + end].to_owned(),
-            pointer: pointer.to_owned(),
-            factor,
-            decimals,
-        });
-        rest = &rest[start + end + 1..];
-    }
-    found
-}
-
 impl Figure {
-    fn shown(&self, values: &BTreeMap<String, Value>) -> String {
-        let mut text = self.shows.clone();
-        for field in fields(&self.shows) {
-            let value = match (values.get(&field.pointer), field.decimals) {
-                (Some(Value::Number(number)), decimals) => {
-                    let number = number.as_f64().unwrap_or(f64::NAN) * field.factor;
-                    decimals.map_or_else(|| number.to_string(), |decimals| format!("{number:.decimals$}"))
-                }
-                (Some(Value::String(text)), _) => text.clone(),
-                (Some(other), _) => other.to_string(),
-                (None, _) => "not measured".to_owned(),
-            };
-            text = text.replace(&field.text, &value);
-        }
-        text
-    }
-
     /// `held`, `missed`, or nothing where nothing is judged.
-    fn verdict(&self, values: &BTreeMap<String, Value>) -> &'static str {
+    fn verdict(&self, values: &Values) -> &'static str {
         let Some(value) = self
             .judged
             .as_ref()
@@ -346,7 +334,7 @@ fn page(plan: &Plan, kept: &Kept) -> Result<String, Error> {
                 )
             },
         );
-        let none = BTreeMap::new();
+        let none = Values::new();
         let values = values.map_or(&none, |measured| &measured.values);
         write!(
             text,
@@ -371,7 +359,7 @@ fn page(plan: &Plan, kept: &Kept) -> Result<String, Error> {
                 text,
                 "| {} | {} | {} | {note} |",
                 figure.what,
-                figure.shown(values),
+                filled(&figure.shows, values),
                 figure.wanted
             )
             .map_err(|error| wrong(PAGE, &error.to_string()))?;
@@ -440,7 +428,10 @@ mod tests {
         let values = measurement
             .values(&printed)
             .expect("every pointer leads somewhere");
-        assert_eq!(measurement.figure[0].shown(&values), "50.0 % of all, 0.5");
+        assert_eq!(
+            filled(&measurement.figure[0].shows, &values),
+            "50.0 % of all, 0.5"
+        );
         assert_eq!(measurement.figure[0].verdict(&values), "held");
         let missing = measurement.values(&serde_json::json!({"a": [3]}));
         assert!(missing.expect_err("b is missing").to_string().contains("/b"));
@@ -448,8 +439,15 @@ mod tests {
 
     #[test]
     fn a_value_beyond_its_bound_is_called_missed() {
-        let values = BTreeMap::from([("/a/0".to_owned(), serde_json::json!(2.5))]);
+        let values = Values::from([("/a/0".to_owned(), serde_json::json!(2.5))]);
         assert_eq!(figure("{/a/0:1}").verdict(&values), "**missed**");
+    }
+
+    #[test]
+    fn every_page_that_copies_figures_says_what_was_measured() {
+        let (plan, kept) = plan_and_kept().unwrap();
+        assert!(!plan.copy.is_empty());
+        check_copies(&plan, &kept).unwrap();
     }
 
     #[test]
