@@ -139,6 +139,11 @@ pub const NEWS_SHARE: i32 = 128;
 pub const MOVED_LOAD_PART: i32 = 8;
 /// A load that suddenly falls below one part in this is gone, not moved: water and sliding leave no less of a finger's friction.
 pub const GONE_LOAD_PART: i32 = 5;
+/// A load that had sunk by the second of these shares and comes within the first of what it was, before the grip has risen, is held: no slide
+/// carries more for the same normal force. In 1/1024: 5 and 9 %.
+pub const BACK_SHARE: i32 = 51;
+/// See [`BACK_SHARE`].
+pub const SUNK_SHARE: i32 = 92;
 /// Rise of the normal force in a test after which the shear is evaluated, share in 1/1024: 20 %.
 pub const ASKED_SHARE: i32 = 205;
 /// Change of the normal force over four slots up to which it counts as constant, share in 1/1024: 2 %.

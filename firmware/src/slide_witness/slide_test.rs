@@ -8,9 +8,9 @@ use super::suspicion::{Ending, Suspicion, Test, UNLIMITED};
 use super::verdict::Finding;
 use crate::arithmetic::{WHOLE, change, divide, part, ratio};
 use crate::constants::{
-    ASKED_SHARE, DOUBTED_US, FOLLOWED_SLOTS, FRICTION_LOSS_MAX, GONE_LOAD_PART, HUSH_HELD_US, HUSH_US,
-    NEWS_SHARE, RISES_SHARE, SHEAR_LEAK_SHARE, SLIDING_FRICTION_MIN, SLOT_US, SWING_LOSS_MAX, SWUNG_8THS,
-    TEST_MARGIN, TEST_US_MAX, UNPROVEN_US_MAX,
+    ASKED_SHARE, BACK_SHARE, DOUBTED_US, FOLLOWED_SLOTS, FRICTION_LOSS_MAX, GONE_LOAD_PART, HUSH_HELD_US,
+    HUSH_US, NEWS_SHARE, RISES_SHARE, SHEAR_LEAK_SHARE, SLIDING_FRICTION_MIN, SLOT_US, SUNK_SHARE,
+    SWING_LOSS_MAX, SWUNG_8THS, TEST_MARGIN, TEST_US_MAX, UNPROVEN_US_MAX,
 };
 use crate::learning_settings::LearningSettings;
 
@@ -166,11 +166,11 @@ impl SlideWitness {
         }
         // A sliding contact cannot carry more for its normal force than when it was suspected.
         let carries = i64::from(shear) * i64::from(test.normal);
-        let could = i64::from(self.load - part(self.load, 51)) * i64::from(normal);
+        let could = i64::from(self.load - part(self.load, BACK_SHARE)) * i64::from(normal);
         let is_held = !test.is_new()
             && test.for_us > 2 * SLOT_US
             && carries > could
-            && self.has_fallen_by(test.shear, 92);
+            && self.has_fallen_by(test.shear, SUNK_SHARE);
         is_held.then_some(Ending::Judged)
     }
 

@@ -25,6 +25,7 @@ use std::process::ExitCode;
 use std::rc::Rc;
 use std::sync::{Arc, Mutex, PoisonError};
 
+use clap::Parser;
 use gripline_network::image::Image88;
 use gripline_network::scene::{GateDecision, GateKind, Scene, mean_of};
 use gripline_network::tracked::{TrackedNetwork, TrackedWeights, empty_grid};
@@ -59,21 +60,42 @@ const NOISY_PICTURES: u64 = 36;
 /// Makes a network's graph for other engines.
 type Graph<'a> = &'a dyn Fn(Precision) -> Vec<u8>;
 
+/// Speed and error of the force networks, beside other inference engines
+#[derive(Parser)]
 struct Arguments {
+    /// The shared library of onnxruntime
+    #[arg(long, value_name = "LIBRARY")]
     onnxruntime: PathBuf,
-    /// What our engine uses.
-    instructions: InstructionSet,
-    /// Whether the other engines can have found nothing wider than AVX2.
-    limited: bool,
+    /// Use this instruction set; with avx2 the other engines find nothing wider where the processor lets itself be limited [default: the widest]
+    #[arg(long, value_name = "SET")]
+    instructions: Option<InstructionSet>,
+    /// Measure the network with these weights too; may be given several times
+    #[arg(long, value_name = "FILE")]
     weights: Vec<PathBuf>,
+    /// Plot run time against error into this file
+    #[arg(long, value_name = "FILE.png")]
     plot: Option<PathBuf>,
+    /// Print the figures as one JSON object
+    #[arg(long)]
     json: bool,
+    /// Turns that every contestant takes
+    #[arg(long, value_name = "N", default_value_t = 150, value_parser = at_least(1))]
     rounds: usize,
+    /// Samples of the test world that errors are measured on
+    #[arg(long, value_name = "N", default_value_t = 1_500, value_parser = at_least(500))]
     samples: usize,
 }
 
+/// Parses a number that is no less than this.
+fn at_least(min: usize) -> impl Fn(&str) -> Result<usize, String> + Clone {
+    move |text| {
+        let number = text.parse().ok().filter(|&number| number >= min);
+        number.ok_or_else(|| format!("expected a number from {min} on"))
+    }
+}
+
 fn main() -> ExitCode {
-    match arguments().and_then(|arguments| run(&arguments)) {
+    match run(&Arguments::parse()) {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
             eprintln!("bench-network: {failure}");
@@ -82,51 +104,13 @@ fn main() -> ExitCode {
     }
 }
 
-fn arguments() -> Result<Arguments, Failure> {
-    let mut arguments = Arguments {
-        onnxruntime: PathBuf::new(),
-        instructions: InstructionSet::Portable,
-        limited: false,
-        weights: Vec::new(),
-        plot: None,
-        json: false,
-        rounds: 150,
-        samples: 1500,
-    };
-    let mut instructions = None;
-    let mut words = std::env::args().skip(1);
-    while let Some(word) = words.next() {
-        let mut value = || words.next().ok_or(format!("{word}: expected a value after it"));
-        let number = |text: String, min: usize| -> Result<usize, Failure> {
-            let number = text.parse().ok().filter(|&number| number >= min);
-            Ok(number.ok_or(format!("{word}: found `{text}`, expected a number from {min} on"))?)
-        };
-        match word.as_str() {
-            "--onnxruntime" => arguments.onnxruntime = value()?.into(),
-            "--instructions" => instructions = Some(value()?.parse::<InstructionSet>()?),
-            "--weights" => arguments.weights.push(value()?.into()),
-            "--plot" => arguments.plot = Some(value()?.into()),
-            "--rounds" => arguments.rounds = number(value()?, 1)?,
-            "--samples" => arguments.samples = number(value()?, 500)?,
-            "--json" => arguments.json = true,
-            _ => {
-                return Err(format!(
-                    "argument `{word}` is unknown, expected --onnxruntime LIBRARY, --instructions SET, --weights FILE, --plot FILE, --rounds N, --samples N or --json"
-                )
-                .into());
-            }
-        }
-    }
-    // Before anything asks what the processor can do.
-    if instructions == Some(InstructionSet::Avx2) {
-        arguments.limited = processor::show_no_more_than_avx2();
-    }
-    arguments.instructions = instructions.map_or(Ok(InstructionSet::widest()), InstructionSet::checked)?;
-    Ok(arguments)
-}
-
 fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let models = models::all(&arguments.weights, arguments.instructions)?;
+    // Before anything asks what the processor can do.
+    let limited = arguments.instructions == Some(InstructionSet::Avx2) && processor::show_no_more_than_avx2();
+    let instructions = arguments
+        .instructions
+        .map_or(Ok(InstructionSet::widest()), InstructionSet::checked)?;
+    let models = models::all(&arguments.weights, instructions)?;
     let (unet_weights, tracked_weights) = (UnetWeights::parse(UNET)?, TrackedWeights::parse(TRACKED)?);
     let environment = peers::environment(&arguments.onnxruntime)?;
     // In the order of `models`, whose first two have these weights.
@@ -156,7 +140,6 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
     );
     let accuracies = accuracy::measure(&models, &quantised, arguments.samples)?;
 
-    let instructions = arguments.instructions;
     let sets: Vec<InstructionSet> = InstructionSet::ALL
         .into_iter()
         .filter(|set| set.is_available())
@@ -194,7 +177,7 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
 
     let report = Report {
         instructions,
-        limited: arguments.limited,
+        limited,
         sets,
         multiply_adds: UnetNetwork::from_weights(&unet_weights)?.multiply_adds(),
         limit_multiply_adds: peak_multiply_adds(instructions, PEAK_ROUNDS),
