@@ -3,7 +3,7 @@
 //! `docs/figures.toml` says which command measures what, where each figure stands in the JSON that the command prints, and what
 //! is wanted. `docs/figures.json` keeps the values that were printed, each measurement with its date, commit and processor, so that
 //! one measurement can be made again without the others. The page is written from both and from nothing else. Other pages copy some
-//! figures; they fail where they say another value than the one that was measured last.
+//! figures; a test and the command fail where one says another value than the one that was measured last.
 
 mod copies;
 mod template;
@@ -153,6 +153,7 @@ pub(crate) fn command(arguments: &[String]) -> Result<(), Error> {
     check_copies(&plan, &kept)
 }
 
+/// What there is to measure, and what was measured last: nothing where no file keeps it.
 fn plan_and_kept() -> Result<(Plan, Kept), Error> {
     let plan = toml::from_str(&read(PLAN)?).map_err(|error| wrong(PLAN, &error.to_string()))?;
     let kept = if path(KEPT).exists() {

@@ -9,7 +9,6 @@ use serde_json::Value;
 pub(super) type Values = BTreeMap<String, Value>;
 
 /// A place for a value in a text.
-#[derive(Debug, PartialEq)]
 pub(super) struct Field {
     /// As it stands in the text, braces included.
     text: String,
@@ -54,14 +53,12 @@ pub(super) fn filled(text: &str, values: &Values) -> String {
     filled
 }
 
+/// The value there, or in the list or object that stands on the way.
 fn value_at<'a>(values: &'a Values, pointer: &str) -> Option<&'a Value> {
-    values.get(pointer).or_else(|| {
-        let mut parents = values.iter().filter_map(|(parent, value)| {
-            let inner = pointer.strip_prefix(parent.as_str())?;
-            value.pointer(inner)
-        });
-        parents.next()
-    })
+    // An empty pointer leads to the value itself.
+    values
+        .iter()
+        .find_map(|(parent, value)| value.pointer(pointer.strip_prefix(parent.as_str())?))
 }
 
 impl Field {

@@ -26,6 +26,7 @@ use std::rc::Rc;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use clap::Parser;
+use clap::builder::RangedU64ValueParser;
 use gripline_network::image::Image88;
 use gripline_network::scene::{GateDecision, GateKind, Scene, mean_of};
 use gripline_network::tracked::{TrackedNetwork, TrackedWeights, empty_grid};
@@ -79,19 +80,11 @@ struct Arguments {
     #[arg(long)]
     json: bool,
     /// Turns that every contestant takes
-    #[arg(long, value_name = "N", default_value_t = 150, value_parser = at_least(1))]
+    #[arg(long, value_name = "N", default_value_t = 150, value_parser = RangedU64ValueParser::<usize>::new().range(1..))]
     rounds: usize,
     /// Samples of the test world that errors are measured on
-    #[arg(long, value_name = "N", default_value_t = 1_500, value_parser = at_least(500))]
+    #[arg(long, value_name = "N", default_value_t = 1_500, value_parser = RangedU64ValueParser::<usize>::new().range(500..))]
     samples: usize,
-}
-
-/// Parses a number that is no less than this.
-fn at_least(min: usize) -> impl Fn(&str) -> Result<usize, String> + Clone {
-    move |text| {
-        let number = text.parse().ok().filter(|&number| number >= min);
-        number.ok_or_else(|| format!("expected a number from {min} on"))
-    }
 }
 
 fn main() -> ExitCode {
