@@ -80,10 +80,10 @@ struct Arguments {
     #[arg(long)]
     json: bool,
     /// Turns that every contestant takes
-    #[arg(long, value_name = "N", default_value_t = 150, value_parser = RangedU64ValueParser::<usize>::new().range(1..))]
+    #[arg(long, value_name = "N", default_value_t = 150, value_parser = RangedU64ValueParser::<usize>::new().range(1..=100_000))]
     rounds: usize,
     /// Samples of the test world that errors are measured on
-    #[arg(long, value_name = "N", default_value_t = 1_500, value_parser = RangedU64ValueParser::<usize>::new().range(500..))]
+    #[arg(long, value_name = "N", default_value_t = 1_500, value_parser = RangedU64ValueParser::<usize>::new().range(500..=100_000))]
     samples: usize,
 }
 
