@@ -87,8 +87,8 @@ pub const NEW_UNREST_SHIFT: u32 = 19;
 /// Assumed usual unrest at the start of a contact, as a logarithm to base 2 of 2⁻²⁴, in 2⁻¹⁶: 0.02 of the RMS radius, from the
 /// noise of the shipped network.
 pub const USUAL_UNREST: i32 = 1_202_979;
-/// Evidence of the unrest witness alone from which the line no longer relaxes, 1/10000: as likely as not.
-pub const FALL_UNREST_MAX: u16 = 5_000;
+/// Evidence of unrest or motion alone from which the line no longer falls, 1/10000: as likely as not.
+pub const FALL_EVIDENCE_MAX: u16 = 5_000;
 /// Length of a slot, over which the slide witness averages maps, µs: one map at 60 maps a second.
 pub const SLOT_US: u32 = 14_000;
 /// Minimum load for the slide witness, 1/4096 N: 0.05 N.

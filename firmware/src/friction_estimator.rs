@@ -89,17 +89,18 @@ impl FrictionEstimator {
         now_us: u64,
         settings: LearningSettings,
     ) {
+        let passed_us = (now_us as u32).wrapping_sub(self.at_us);
+        let since_us = passed_us.clamp(1_000, u16::MAX.into()) as u16;
         if sums.contact == 0 {
-            let since_us = self.since(now_us);
             *self = Self {
                 at_us: now_us as u32,
                 since_us,
+                slide: self.slide.without_contact(),
                 ..Self::default()
             };
             return;
         }
         let now = load_of(sums, geometry);
-        let since_us = self.since(now_us);
         // Three fifths of the change: a map's shear fluctuates by some percent.
         self.growth += 3 * (now - self.now - self.growth) / 5;
         self.now = now;
@@ -136,15 +137,17 @@ impl FrictionEstimator {
             self.most_proven = self.most_proven.max(sure).min(settings.friction_max);
             self.proven = self.proven.min(settings.friction_max);
         }
-        self.forget(since_us);
+        self.slide.miss(passed_us - u32::from(since_us).min(passed_us));
+        self.forget(passed_us);
     }
 
     /// Forgets a part of the proven friction, which may have fallen since. Where the host sees the object, a slide shows at once.
-    fn forget(&mut self, since_us: u16) {
+    fn forget(&mut self, passed_us: u32) {
         if self.slide.is_watched() {
             return;
         }
-        self.proven_for_us += u32::from(since_us);
+        // After a time without maps it takes some maps until all of it is forgotten.
+        self.proven_for_us = self.proven_for_us.saturating_add(passed_us);
         if self.proven_for_us > PROVEN_US + FORGETTING_US {
             self.proven_for_us -= FORGETTING_US;
             let remembered = u64::from(self.most_proven) * u64::from(REMEMBERED_SHARE);
@@ -201,13 +204,6 @@ impl FrictionEstimator {
         } else {
             self.now / 8 * i32::from(self.slides.saturating_sub(SLIDE_MAPS).min(4))
         }
-    }
-
-    /// 1 to 65 ms.
-    fn since(&self, now_us: u64) -> u16 {
-        (now_us as u32)
-            .wrapping_sub(self.at_us)
-            .clamp(1_000, u16::MAX.into()) as u16
     }
 
     /// The verdict of its slide witness. A first load that slides looks like one that grows no more: the line does not fall while it may.
@@ -333,6 +329,35 @@ mod tests {
             friction_by_second(0.58, Motion::new(0, Motion::QUALITY_MAX), 60),
             [7_500; 30]
         );
+    }
+
+    #[test]
+    fn time_without_a_map_counts_for_forgetting() {
+        let settings = LearningSettings::of(&Configuration::DEFAULT);
+        let geometry = ContactGeometry::default();
+        let mut estimator = FrictionEstimator::default();
+        let normal = 8_192;
+        let mut see = |from_ms: u32, to_ms: u32, share: f64, seen: Motion| {
+            for ms in (from_ms..to_ms).step_by(16) {
+                let sums = MapSums {
+                    contact: 20,
+                    stick: 12,
+                    force: [(share * f64::from(normal)) as i32, 0, normal],
+                    ..MapSums::default()
+                };
+                estimator.observe(&sums, &geometry, normal, u64::from(ms) * 1_000, settings);
+                estimator.ask_witness(&sums, seen, settings);
+            }
+            (estimator.proven, estimator.slide.is_watched())
+        };
+        see(0, 500, 0.75, Motion::UNKNOWN);
+        assert_eq!(see(500, 1_000, 0.58, Motion::UNKNOWN), (7_500, false));
+        let (proven, _) = see(11_000, 11_500, 0.58, Motion::UNKNOWN);
+        assert!(proven < 7_000, "{proven}");
+        // So does the host's last view of the object.
+        assert_eq!(see(11_500, 11_600, 0.58, Motion::new(0, 3)), (proven, true));
+        let (_, is_watched) = see(13_000, 13_032, 0.58, Motion::UNKNOWN);
+        assert!(!is_watched);
     }
 
     #[test]

@@ -137,6 +137,8 @@ pub struct GripController {
     kept_milli: i32,
     /// How long the contact has stuck above the relaxing level, µs.
     stuck_us: u64,
+    /// A witness that needs no learning says that the contact may slide.
+    may_slide: bool,
     last_us: u64,
 }
 
@@ -189,6 +191,7 @@ impl GripController {
             observed_us: now_us,
             kept_milli: 0,
             stuck_us: 0,
+            may_slide: false,
             last_us: now_us,
         }
     }
@@ -215,6 +218,23 @@ impl GripController {
     pub(crate) fn keep_line(&mut self) {
         if self.mode == GripMode::Hold {
             self.kept_milli = self.kept_milli.max(self.line_milli);
+        }
+    }
+
+    /// No map has come for long while nothing is held: what to hold next is unknown.
+    pub(crate) const fn forget_load(&mut self) {
+        self.evidence = Evidence::NONE;
+        self.anticipated = 0;
+        self.learnt.shear = 0;
+        self.learnt.force = 0;
+        self.learnt.witness = Verdict::NONE;
+    }
+
+    /// Whether a witness says that the contact may slide: then the line does not fall.
+    pub(crate) const fn forbid_fall(&mut self, may_slide: bool) {
+        self.may_slide = may_slide;
+        if may_slide {
+            self.stuck_us = 0;
         }
     }
 
@@ -384,7 +404,7 @@ impl GripController {
         }
         demand = demand.max(self.kept_milli);
         let before_test = self.learnt.before_test * MILLI;
-        let goes_back = settings.learns() && guard == Guard::Free && self.learnt.goes_back;
+        let goes_back = settings.learns() && self.learnt.goes_back && self.may_fall(guard);
         if demand > self.line_milli {
             let rise = (demand - self.line_milli).min(self.rise_milli);
             self.rise_milli -= rise;
@@ -404,6 +424,14 @@ impl GripController {
             self.line_milli = demand.max(self.line_milli - step.cast_signed());
         }
         self.line()
+    }
+
+    /// Whether nothing forbids that the line falls by plan. What no new map has seen may slide, and so may what left the skin.
+    fn may_fall(&self, guard: Guard) -> bool {
+        guard == Guard::Free
+            && !self.may_slide
+            && self.evidence.stick_ratio.is_some()
+            && self.last_us.saturating_sub(self.observed_us) <= FALL_US_MAX
     }
 
     /// Grows the reflex while the stick ratio is below its target, and shrinks it once the contact has stuck long enough.
@@ -437,10 +465,9 @@ impl GripController {
         } else {
             0
         };
-        // What no new map has seen may slide.
-        let is_recent = self.last_us.saturating_sub(self.observed_us) <= FALL_US_MAX;
         let relaxing = settings.relax_rate > 0
-            && is_recent
+            && self.may_fall(guard)
+            && (!settings.learns() || self.learnt.witness.may_fall)
             && self.stuck_us > u64::from(settings.relax_after_ms) * 1_000;
         if relaxing && self.reflex_milli > 0 {
             // The rate is per second.
@@ -456,6 +483,8 @@ pub(crate) const fn loosens(old: &Configuration, new: &Configuration) -> bool {
     new.sensors < old.sensors
         || new.friction > old.friction
         || new.friction_max > old.friction_max
+        || old.learns() && !new.learns()
+        || new.incipient_threshold < old.incipient_threshold
         || new.contact_min > old.contact_min
         || new.margin < old.margin
         || new.floor < old.floor
@@ -588,5 +617,47 @@ mod tests {
                 "{relax_rate}: {risen} N, then {again} N in the next test"
             );
         }
+    }
+
+    #[test]
+    fn a_line_that_may_relax_at_once_does_not_fall_while_a_witness_forbids_it() {
+        let settings = Configuration {
+            relax_after_ms: 0,
+            ..Configuration::DEFAULT
+        };
+        let mut grip = GripController::new(0, None);
+        grip.set_mode(GripMode::Hold);
+        let mut now_us = 0;
+        let mut wait = |grip: &mut GripController, shear: i32, may_fall: bool| {
+            for _ in 0..10 {
+                let load = LoadEstimate {
+                    shear,
+                    ratio: 1_000,
+                    friction: 7_000,
+                    since_us: 20_000,
+                    is_watched: false,
+                };
+                let witness = Verdict {
+                    may_fall,
+                    ..Verdict::NONE
+                };
+                let evidence = Evidence {
+                    state: SlipState::Stick,
+                    stick_ratio: Some(10_000),
+                    shear,
+                    has_spare: true,
+                };
+                grip.observe(evidence, now_us);
+                grip.learn(now_us, Some((load, 4_000)), witness, &settings);
+                for _ in 0..20 {
+                    now_us += 1_000;
+                    grip.advance(now_us, Guard::Free, &settings);
+                }
+            }
+            grip.line().lsb()
+        };
+        let risen = wait(&mut grip, 4_000, true);
+        assert!(wait(&mut grip, 200, false) >= risen);
+        assert!(wait(&mut grip, 200, true) < risen);
     }
 }

@@ -1,7 +1,7 @@
 //! Handles messages: handshake and commands.
 
 use gripline_protocol::SENSORS;
-use gripline_protocol::message::{Command, GripMode, Hello, Message, Refusal, Report};
+use gripline_protocol::message::{Command, GripMode, Hello, Message, Refusal, Report, SlipState};
 use gripline_protocol::rounds::at_most;
 use gripline_protocol::sequence::SequenceTracker;
 
@@ -111,6 +111,9 @@ impl<K: Kernel> Program<K> {
             // Said again it changes nothing: it must not make old maps look new.
             Command::Hold if self.controller.mode() == GripMode::Hold => {}
             Command::Hold => {
+                if self.state_within(u64::from(self.settings.stale_ms) * 1_000) == SlipState::NoContact {
+                    self.controller.forget_load();
+                }
                 self.controller.set_mode(GripMode::Hold);
                 for tip in at_most::<SENSORS, _>(&mut self.fingertips) {
                     tip.fresh_us = self.now_us;

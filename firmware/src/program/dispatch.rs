@@ -24,13 +24,13 @@ use super::start::Start;
 use crate::arithmetic::divide;
 use crate::clock::{DeviceMicros, HostMicros};
 use crate::clock_sync::{CaptureTime, ClockSync};
-use crate::constants::{DECIDE_BUDGET_CYCLES, FALL_UNREST_MAX, STATUS_PERIOD_MS};
+use crate::constants::{DECIDE_BUDGET_CYCLES, FALL_EVIDENCE_MAX, STATUS_PERIOD_MS};
 use crate::fault::{Fault, FaultSet};
 use crate::grip::{Evidence, GripController, GripForce};
 use crate::line::LineHealth;
 use crate::link::{LINKS, LinkId};
 use crate::safety::Safety;
-use crate::slide_witness::Verdict;
+use crate::slide_witness::{JointTest, Verdict};
 use crate::slip::{SlipDecision, first_decision, worse};
 use crate::sums::{Kernel, Portable, TaxelRule, stick_ratio_below, total_shear};
 
@@ -105,6 +105,7 @@ pub struct Program<K = Portable> {
     newest: MapInfo,
     /// The fingertip whose load the grip follows.
     neediest: SensorId,
+    joint_test: JointTest,
     pub(super) controller: GripController,
     pub(super) safety: Safety,
     pub(super) outbox: Outbox,
@@ -158,6 +159,7 @@ impl<K: Kernel> Program<K> {
             map_source: MapSource::new(),
             newest: MapInfo::default(),
             neediest: SensorId::FIRST,
+            joint_test: JointTest::default(),
             controller: GripController::new(start.now_us, start.restored_line),
             safety,
             outbox: Outbox::default(),
@@ -387,6 +389,10 @@ impl<K: Kernel> Program<K> {
         for tip in at_most::<SENSORS, _>(&mut self.fingertips) {
             is_new |= core::mem::take(&mut tip.is_news);
         }
+        // The stick ratio is no reason: it is 0 in every firm grip on an object whose friction is well above the detector's.
+        let (_, witnesses) = self.slip_evidence();
+        self.controller
+            .forbid_fall(witnesses.unrest.max(witnesses.motion) >= FALL_EVIDENCE_MAX);
         if !self.settings.learns() {
             return;
         }
@@ -404,17 +410,19 @@ impl<K: Kernel> Program<K> {
         } else {
             SensorId::FIRST
         };
-        let witness = if has_other {
-            one.taught.verdict.with(other.taught.verdict)
+        // Without a new map it is not looked at.
+        let witness = if has_other && is_new {
+            let verdict = |tip: &Fingertip| {
+                if is_silent(tip) {
+                    Verdict::SILENT
+                } else {
+                    tip.taught.verdict
+                }
+            };
+            let verdicts = [verdict(one), verdict(other)];
+            self.joint_test.join(verdicts)
         } else {
             one.taught.verdict
-        };
-        // The verdict knows of motion and of shear that follows. The stick ratio is no reason: it is 0 in every firm grip on an object whose
-        // friction is well above the detector's.
-        let (_, witnesses) = self.slip_evidence();
-        let witness = Verdict {
-            may_fall: witness.may_fall && witnesses.unrest < FALL_UNREST_MAX,
-            ..witness
         };
         self.controller.learn(
             self.now_us,

@@ -42,6 +42,7 @@ use self::fading::{Fading, sink_together};
 use self::moved_load::MovedLoad;
 use self::slots::Slots;
 use self::suspicion::{Suspicion, Test, UNLIMITED};
+pub(crate) use self::verdict::JointTest;
 pub use self::verdict::{Finding, Urgency, Verdict};
 use crate::arithmetic::{change, divide, part, ratio};
 use crate::constants::{
@@ -150,6 +151,23 @@ impl SlideWitness {
         if let Some(passed_us) = self.slots.add(load, sums.force[2], since_us) {
             self.step(passed_us, friction, settings);
         }
+    }
+
+    /// After the contact has ended, which ends a test without a finding.
+    pub(crate) fn without_contact(&self) -> Self {
+        Self {
+            finding: if self.test.is_some() {
+                Finding::Open
+            } else {
+                Finding::Held
+            },
+            ..Self::default()
+        }
+    }
+
+    /// Time passed without a map.
+    pub(crate) fn miss(&mut self, passed_us: u32) {
+        self.watched_us = self.watched_us.saturating_sub(passed_us);
     }
 
     /// A slot has passed.

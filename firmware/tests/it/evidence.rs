@@ -185,3 +185,76 @@ fn at_high_rates_motion_in_any_map_of_a_slot_counts() {
         assert!(after > before + 1.0, "phase {phase}: {before} N became {after} N");
     }
 }
+
+#[test]
+fn a_grip_that_learns_nothing_does_not_relax_while_motion_is_seen() {
+    let fall_n = |motion: Motion| {
+        let mut bench = Bench::holding();
+        bench.seen_maps_for_ms(&carries(5.0, 1.6), Motion::UNKNOWN, 1_000);
+        let line = bench.line_n();
+        bench.seen_maps_for_ms(&carries(5.0, 0.8), motion, 2_000);
+        line - bench.line_n()
+    };
+    let blind = fall_n(Motion::UNKNOWN);
+    assert!(blind > 1.0, "it relaxes otherwise: {blind} N");
+    assert!(fall_n(MOVES) <= 0.0, "{} N", fall_n(MOVES));
+}
+
+#[test]
+fn a_fingertip_that_falls_silent_in_a_test_does_not_go_on_with_it() {
+    let mut bench = Bench::cold();
+    bench.message(Message::Hello(Hello::of_this_build(0, 1)));
+    bench.command(Command::Configure(Configuration {
+        sensors: 2,
+        ..Configuration::DEFAULT
+    }));
+    bench.command(Command::Hold);
+    let light = carries(2.0, 0.3);
+    for motion in [Motion::UNKNOWN; 120].into_iter().chain([MOVES; 3]) {
+        bench.seen_map(SensorId::FIRST, &light, motion);
+        bench.seen_map(SensorId::SECOND, &carries(5.0, 1.6), Motion::UNKNOWN);
+        bench.wait_ms(16);
+    }
+    assert!(bench.now().witnesses.shear_follows > 9_000, "{:?}", bench.now());
+    // The first one says no more; what the other one holds grows, but needs no more than 7 N.
+    let mut line_n = [0.0; 120];
+    for (step, line_n) in (0..).zip(&mut line_n) {
+        let shear = 1.6 + 0.8 * f64::from(step) / 120.0;
+        bench.seen_map(SensorId::SECOND, &carries(8.0, shear), Motion::UNKNOWN);
+        bench.wait_ms(16);
+        *line_n = bench.line_n();
+    }
+    let [before, after] = [line_n[10], line_n[119]];
+    // A test of its own adds a third.
+    assert!(before > 8.0 && after < 1.4 * before, "{before} N, then {after} N");
+}
+
+#[test]
+fn a_hold_without_a_map_closes_to_the_floor_and_not_with_the_load_before() {
+    let mut bench = quiet_hold(1);
+    bench.seen_maps_for_ms(&carries(8.0, 3.9), Motion::UNKNOWN, 500);
+    let loaded = bench.line_n();
+    // The camera is gone; the host is not.
+    let wait = |bench: &mut Bench, for_ms: u64| {
+        for _ in 0..for_ms / 90 {
+            bench.command(Command::ReadStatus);
+            bench.wait_ms(90);
+        }
+    };
+    wait(&mut bench, 180);
+    bench.command(Command::Release);
+    wait(&mut bench, 1_980);
+    assert!(
+        loaded > 8.0 && bench.line_n() == 0.0,
+        "{loaded} N, then {} N",
+        bench.line_n()
+    );
+    bench.command(Command::Hold);
+    wait(&mut bench, 360);
+    let floor = f64::from(Configuration::DEFAULT.floor) / 4_096.0;
+    assert!(
+        (bench.line_n() - floor).abs() < 0.01,
+        "{} N, the floor is {floor} N",
+        bench.line_n()
+    );
+}

@@ -3,7 +3,7 @@
 
 use gripline_firmware::{Fault, GripForce};
 use gripline_protocol::message::{Command, Configuration, Hello, Message};
-use gripline_protocol::{LSB_PER_NEWTON, MapInfo, Motion, SensorId};
+use gripline_protocol::{ForceMap, LSB_PER_NEWTON, MapInfo, Motion, SensorId};
 
 use crate::bench::Bench;
 use crate::grasp_world::contact_map;
@@ -618,5 +618,64 @@ fn a_release_in_a_test_of_a_slide_leaves_nothing_to_the_next_grasp() {
             "released after {taken_s} s: {} LSB",
             closed.lsb()
         );
+    }
+}
+
+#[test]
+fn an_object_that_leaves_the_skin_in_a_test_of_a_slide_does_not_let_the_line_fall() {
+    for fingertips in [1, 2] {
+        let mut hold = Hold::new(fingertips, 17);
+        hold.go(3.0, |time| 2.0 * time.min(1.0), [0.8; 2]);
+        let held = hold.line;
+        while hold.line < held + 1.0 {
+            hold.go(0.017, |_| 2.0, [0.3; 2]);
+        }
+        let risen = hold.bench.device.program.line();
+        // Of two fingertips one goes on to feel it.
+        for _ in 0..5 {
+            hold.bench.map(&ForceMap::EMPTY);
+            assert!(hold.bench.wait_ms(16) >= risen, "{fingertips} fingertips");
+        }
+    }
+}
+
+#[test]
+fn maps_that_stop_after_a_test_do_not_let_the_line_fall() {
+    let mut hold = Hold::new(1, 17);
+    hold.go(3.0, |time| 2.0 * time.min(1.0), [0.8; 2]);
+    let mut fell_n: f64 = 0.0;
+    // A load that swings is tested, and held; whenever the line falls fast, maps stop.
+    for step in 0..600 {
+        let before = hold.line;
+        hold.go(
+            0.017,
+            |_| 1.4 + 0.6 * f64::from(step).mul_add(0.04, 0.0).cos(),
+            [0.8; 2],
+        );
+        if hold.line < before - 0.2 {
+            let line = hold.bench.wait_ms(20).lsb();
+            let later = hold.bench.wait_ms(60).lsb();
+            fell_n = f64::from(line - later) / f64::from(LSB_PER_NEWTON);
+            break;
+        }
+    }
+    assert!(hold.line > 0.0 && fell_n <= 0.1, "{fell_n} N without a map");
+}
+
+#[test]
+fn settings_that_do_not_learn_leave_the_line_where_a_slide_raised_it() {
+    for settings in [
+        Configuration::CAREFUL,
+        Configuration {
+            friction_max: Configuration::DEFAULT.friction,
+            ..Configuration::DEFAULT
+        },
+    ] {
+        let mut hold = Hold::new(1, 17);
+        hold.go(4.0, |time| 2.0 * time.min(1.0), [0.2; 2]);
+        let line = hold.line;
+        hold.bench.command(Command::Configure(settings));
+        hold.go(15.0, |_| 2.0, [0.2; 2]);
+        assert!(hold.line >= line, "{line} N became {} N", hold.line);
     }
 }
