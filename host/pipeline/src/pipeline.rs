@@ -383,6 +383,7 @@ impl ParticleStage {
         let has_changed = gate == GateDecision::Infer;
         if gate == GateDecision::Unchanged && self.unsure.is_some() {
             gate = GateDecision::Infer;
+            self.scene.set_processed(frame.small());
         }
         let gated = Instant::now();
         let us = |from: Instant, to: Instant| (to - from).as_secs_f64() * 1e6;
@@ -566,5 +567,58 @@ mod tests {
         pipeline.judgement = judgement(100, 76, 0, 40_000);
         pipeline.follow();
         assert_eq!(stage(&mut pipeline).maps_to_slip, None, "another contact");
+    }
+
+    /// A picture at rest whose middle is moved by so many pixels along its rows, as under an indenter.
+    fn moved(rest: &[u8], shift_px: f32) -> Vec<u8> {
+        (0..CROP_PIXELS)
+            .map(|pixel| {
+                let [x, y] = [pixel % 440, pixel / 440].map(|at| at as f32);
+                let away = (x - 220.0).hypot(y - 220.0) / 60.0;
+                let from = (x - shift_px * (-away * away).exp()).clamp(0.0, 438.9);
+                let [left, part] = [from.floor(), from.fract()];
+                let at = pixel / 440 * 440 + left as usize;
+                let level = (1.0 - part) * f32::from(rest[at]) + part * f32::from(rest[at + 1]);
+                level.round() as u8
+            })
+            .collect()
+    }
+
+    #[test]
+    fn the_gate_compares_with_the_picture_that_the_map_came_from() {
+        let rest = rest(9);
+        let network = Network::embedded(Architecture::default()).unwrap();
+        let rule = TaxelRule::of(&settings_for(&network));
+        let new = || Pipeline::new(network.clone(), &rest[..8], GateKind::default(), rule);
+        let shown = |pipeline: &mut Pipeline, shift_px| {
+            let processed = pipeline.process(&moved(&rest[8], shift_px)).unwrap();
+            assert_eq!(processed.health, Health::GOOD, "{shift_px} pixels");
+            processed.gate
+        };
+        let touch_px = 4.0;
+        let mut pipeline = new();
+        let changes = |pipeline: &mut Pipeline, by_px: f32| {
+            pipeline.compare_afresh();
+            shown(pipeline, touch_px);
+            stage(pipeline).unsure = None;
+            shown(pipeline, touch_px + by_px) == GateDecision::Infer
+        };
+        let mut steps = (1..100_u8).map(|step| 0.02 * f32::from(step));
+        let least_px = steps.find(|by_px| changes(&mut pipeline, *by_px) && changes(&mut pipeline, -by_px));
+        let least_px = least_px.unwrap();
+        println!("{least_px} pixels are a change");
+
+        let mut pipeline = new();
+        assert_eq!(shown(&mut pipeline, touch_px), GateDecision::Infer);
+        stage(&mut pipeline).unsure = Some(1);
+        assert_eq!(
+            shown(&mut pipeline, touch_px + 0.8 * least_px),
+            GateDecision::Infer
+        );
+        stage(&mut pipeline).unsure = None;
+        assert_eq!(
+            shown(&mut pipeline, touch_px - 0.8 * least_px),
+            GateDecision::Infer
+        );
     }
 }

@@ -180,8 +180,7 @@ impl Scene {
         if self.processed && !changed {
             return (GateDecision::Unchanged, health);
         }
-        self.comparison.set_processed(now);
-        self.processed = true;
+        self.set_processed(now);
         (GateDecision::Infer, health)
     }
 
@@ -196,9 +195,9 @@ impl Scene {
         self.learned.inputs(&self.comparison)
     }
 
-    /// Makes a picture the processed one, whatever the gate would decide; for training and tests.
+    /// Makes a picture the processed one, whatever the gate decides: call it when the force network runs on a picture that
+    /// [`Self::decide`] took for unchanged.
     pub fn set_processed(&mut self, image: &Image88) {
-        self.comparison.compare(self.instructions, image);
         self.comparison.set_processed(image);
         self.processed = true;
     }
