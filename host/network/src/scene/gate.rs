@@ -105,7 +105,7 @@ pub struct Scene {
 
 impl Scene {
     /// `frames` are pictures at rest in the order of capture; `rest` is their mean. With one of them the noise is found in the
-    /// pictures of the run: the network processes the first sixteen, and nothing is skipped among them.
+    /// pictures of the run: the network processes every picture until sixteen have differed from the one before.
     #[must_use]
     pub fn new(kind: GateKind, rest: &Image88, frames: &[Image88]) -> Self {
         // The mean contains these frames, so they differ from it by (n − 1)/n of the noise; later ones by (n + 1)/n.
@@ -129,7 +129,7 @@ impl Scene {
             kind,
             instructions: InstructionSet::widest(),
             processed: false,
-            search: (frames.len() < 2).then(NoiseSearch::default),
+            search: (frames.len() < 2).then(|| NoiseSearch::new(&comparison.rest)),
             difference: DifferenceGate::new(&from_rest.plain, &of_pairs.plain),
             learned: LearnedGate::new(from_rest.motion, of_pairs.motion),
             health: HealthMonitor::new(&comparison.rest),
