@@ -20,6 +20,9 @@ use gripline_protocol::{ForceMap, Health, Motion, NotFinite, Saturated, TAXELS};
 use crate::PipelineError;
 use crate::markers::MarkerStage;
 
+// "Takes nothing for noise" below is about `Evaluation::SkipNoise`, which does not ship: nothing but the benches chooses it. What ships
+// (`Evaluation::Skip`) takes nothing for noise in any picture; with it these limits only decide which pictures go through the network.
+
 /// Pixels of the 440×440 crop.
 pub const CROP_PIXELS: usize = 440 * 440;
 
@@ -148,6 +151,7 @@ impl Pipeline {
             })
             .collect();
         network.set_rest(&crop);
+        network.learn_noise(rest);
         let mean = small(&crop);
         let contact_min_n = network.calibration().contact_min_n;
         let stage = ParticleStage {
