@@ -20,6 +20,9 @@ use gripline_protocol::{ForceMap, Health, Motion, NotFinite, Saturated, TAXELS};
 use crate::PipelineError;
 use crate::markers::MarkerStage;
 
+// "Takes nothing for noise" below is about `Evaluation::SkipNoise`, which does not ship: nothing but the benches chooses it. What ships
+// (`Evaluation::Skip`) takes nothing for noise in any picture; with it these limits only decide which pictures go through the network.
+
 /// Pixels of the 440×440 crop.
 pub const CROP_PIXELS: usize = 440 * 440;
 
@@ -148,6 +151,7 @@ impl Pipeline {
             })
             .collect();
         network.set_rest(&crop);
+        network.learn_noise(rest);
         let mean = small(&crop);
         let contact_min_n = network.calibration().contact_min_n;
         let stage = ParticleStage {
@@ -383,6 +387,7 @@ impl ParticleStage {
         let has_changed = gate == GateDecision::Infer;
         if gate == GateDecision::Unchanged && self.unsure.is_some() {
             gate = GateDecision::Infer;
+            self.scene.set_processed(frame.small());
         }
         let gated = Instant::now();
         let us = |from: Instant, to: Instant| (to - from).as_secs_f64() * 1e6;
@@ -566,5 +571,58 @@ mod tests {
         pipeline.judgement = judgement(100, 76, 0, 40_000);
         pipeline.follow();
         assert_eq!(stage(&mut pipeline).maps_to_slip, None, "another contact");
+    }
+
+    /// A picture at rest whose middle is moved by so many pixels along its rows, as under an indenter.
+    fn moved(rest: &[u8], shift_px: f32) -> Vec<u8> {
+        (0..CROP_PIXELS)
+            .map(|pixel| {
+                let [x, y] = [pixel % 440, pixel / 440].map(|at| at as f32);
+                let away = (x - 220.0).hypot(y - 220.0) / 60.0;
+                let from = (x - shift_px * (-away * away).exp()).clamp(0.0, 438.9);
+                let [left, part] = [from.floor(), from.fract()];
+                let at = pixel / 440 * 440 + left as usize;
+                let level = (1.0 - part) * f32::from(rest[at]) + part * f32::from(rest[at + 1]);
+                level.round() as u8
+            })
+            .collect()
+    }
+
+    #[test]
+    fn the_gate_compares_with_the_picture_that_the_map_came_from() {
+        let rest = rest(9);
+        let network = Network::embedded(Architecture::default()).unwrap();
+        let rule = TaxelRule::of(&settings_for(&network));
+        let new = || Pipeline::new(network.clone(), &rest[..8], GateKind::default(), rule);
+        let shown = |pipeline: &mut Pipeline, shift_px| {
+            let processed = pipeline.process(&moved(&rest[8], shift_px)).unwrap();
+            assert_eq!(processed.health, Health::GOOD, "{shift_px} pixels");
+            processed.gate
+        };
+        let touch_px = 4.0;
+        let mut pipeline = new();
+        let changes = |pipeline: &mut Pipeline, by_px: f32| {
+            pipeline.compare_afresh();
+            shown(pipeline, touch_px);
+            stage(pipeline).unsure = None;
+            shown(pipeline, touch_px + by_px) == GateDecision::Infer
+        };
+        let mut steps = (1..100_u8).map(|step| 0.02 * f32::from(step));
+        let least_px = steps.find(|by_px| changes(&mut pipeline, *by_px) && changes(&mut pipeline, -by_px));
+        let least_px = least_px.unwrap();
+        println!("{least_px} pixels are a change");
+
+        let mut pipeline = new();
+        assert_eq!(shown(&mut pipeline, touch_px), GateDecision::Infer);
+        stage(&mut pipeline).unsure = Some(1);
+        assert_eq!(
+            shown(&mut pipeline, touch_px + 0.8 * least_px),
+            GateDecision::Infer
+        );
+        stage(&mut pipeline).unsure = None;
+        assert_eq!(
+            shown(&mut pipeline, touch_px - 0.8 * least_px),
+            GateDecision::Infer
+        );
     }
 }

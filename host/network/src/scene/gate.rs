@@ -105,7 +105,7 @@ pub struct Scene {
 
 impl Scene {
     /// `frames` are pictures at rest in the order of capture; `rest` is their mean. With one of them the noise is found in the
-    /// pictures of the run: the network processes the first sixteen, and nothing is skipped among them.
+    /// pictures of the run: the network processes every picture until sixteen have differed from the one before.
     #[must_use]
     pub fn new(kind: GateKind, rest: &Image88, frames: &[Image88]) -> Self {
         // The mean contains these frames, so they differ from it by (n − 1)/n of the noise; later ones by (n + 1)/n.
@@ -129,7 +129,7 @@ impl Scene {
             kind,
             instructions: InstructionSet::widest(),
             processed: false,
-            search: (frames.len() < 2).then(NoiseSearch::default),
+            search: (frames.len() < 2).then(|| NoiseSearch::new(&comparison.rest)),
             difference: DifferenceGate::new(&from_rest.plain, &of_pairs.plain),
             learned: LearnedGate::new(from_rest.motion, of_pairs.motion),
             health: HealthMonitor::new(&comparison.rest),
@@ -180,8 +180,7 @@ impl Scene {
         if self.processed && !changed {
             return (GateDecision::Unchanged, health);
         }
-        self.comparison.set_processed(now);
-        self.processed = true;
+        self.set_processed(now);
         (GateDecision::Infer, health)
     }
 
@@ -196,9 +195,9 @@ impl Scene {
         self.learned.inputs(&self.comparison)
     }
 
-    /// Makes a picture the processed one, whatever the gate would decide; for training and tests.
+    /// Makes a picture the processed one, whatever the gate decides: call it when the force network runs on a picture that
+    /// [`Self::decide`] took for unchanged.
     pub fn set_processed(&mut self, image: &Image88) {
-        self.comparison.compare(self.instructions, image);
         self.comparison.set_processed(image);
         self.processed = true;
     }

@@ -99,17 +99,31 @@ impl NoiseLevels {
 }
 
 /// Finds the noise in the pictures of the run: of all windows the quietest counts.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 pub(super) struct NoiseSearch {
     from_rest: Quietest,
     of_pairs: Quietest,
+    /// Of the last picture, its squared grey levels: those of another picture differ in some block.
+    squares: PerBlock<i32>,
 }
 
 impl NoiseSearch {
+    pub(super) fn new(rest: &Reference) -> Self {
+        Self {
+            from_rest: Quietest::new(),
+            of_pairs: Quietest::new(),
+            squares: rest.squares,
+        }
+    }
+
     /// Takes a picture, compared with both references. Returns the noise of differences from rest and of pairs, when there is a
-    /// new estimate.
+    /// new estimate. A picture that is shown again says nothing.
     pub(super) fn add(&mut self, comparison: &Comparison) -> Option<[NoiseLevels; 2]> {
         let sums = &comparison.sums;
+        if sums.squares == self.squares {
+            return None;
+        }
+        self.squares = sums.squares;
         let references = [&comparison.rest, &comparison.processed];
         let searches = [&mut self.from_rest, &mut self.of_pairs];
         let mut is_new = false;
@@ -117,7 +131,7 @@ impl NoiseSearch {
             let products = &sums.products[number];
             let plain = difference::energies(&sums.squares, &products[0], &reference.squares);
             let motion = learned::motions(products, reference);
-            is_new |= search.add(&plain.map(|energy| energy as f32), &motion);
+            is_new |= search.add(&plain, &motion);
         }
         let (from_rest, of_pairs) = (self.from_rest.best.as_ref()?, self.of_pairs.best.as_ref()?);
         // A touch that never ends looks like noise since rest, but not from picture to picture.
@@ -131,21 +145,38 @@ impl NoiseSearch {
 }
 
 /// The quietest window of differences from one kind of reference.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 struct Quietest {
-    window: Vec<(PerBlock<f32>, PerBlock<f32>)>,
+    /// Energies of the window's pictures: of each block, and of all blocks in turn.
+    plain: Box<PerBlock<[f32; WINDOW]>>,
+    motion: Box<[PerBlock<f32>; WINDOW]>,
+    /// Pictures in the window.
+    pictures: usize,
     best: Option<NoiseLevels>,
 }
 
 impl Quietest {
+    fn new() -> Self {
+        Self {
+            plain: Box::new([[0.0; WINDOW]; BLOCKS]),
+            motion: Box::new([[0.0; BLOCKS]; WINDOW]),
+            pictures: 0,
+            best: None,
+        }
+    }
+
     /// Returns whether there is a new best.
-    fn add(&mut self, plain: &PerBlock<f32>, motion: &PerBlock<f32>) -> bool {
-        self.window.push((*plain, *motion));
-        if self.window.len() < WINDOW {
+    fn add(&mut self, plain: &PerBlock<i32>, motion: &PerBlock<f32>) -> bool {
+        for (energies, energy) in self.plain.iter_mut().zip(plain) {
+            energies[self.pictures] = *energy as f32;
+        }
+        self.motion[self.pictures] = *motion;
+        self.pictures += 1;
+        if self.pictures < WINDOW {
             return false;
         }
+        self.pictures = 0;
         let found = self.levels().at_least_rounding();
-        self.window.clear();
         let is_better = self.best.as_ref().is_none_or(|best| found.total() < best.total());
         if is_better {
             self.best = Some(found);
@@ -153,24 +184,26 @@ impl Quietest {
         is_better
     }
 
-    /// Medians over the window, and no block far above the quiet ones.
-    fn levels(&self) -> NoiseLevels {
-        let mut plain: PerBlock<f32> = std::array::from_fn(|block| {
-            let mut energies: [f32; WINDOW] = std::array::from_fn(|k| self.window[k].0[block]);
-            energies.sort_by(f32::total_cmp);
-            f32::midpoint(energies[WINDOW / 2 - 1], energies[WINDOW / 2])
-        });
+    /// Medians over the window, and no block far above the quiet ones. Reorders the window.
+    fn levels(&mut self) -> NoiseLevels {
+        let mut plain = [0.0; BLOCKS];
+        for (median, energies) in plain.iter_mut().zip(&mut *self.plain) {
+            let (lower, upper, _) = energies.select_nth_unstable_by(WINDOW / 2, f32::total_cmp);
+            *median = f32::midpoint(lower.iter().copied().fold(0.0, f32::max), *upper);
+        }
         let mut sorted = plain;
-        sorted.sort_by(f32::total_cmp);
-        let max = UNEVEN_MAX * sorted[BLOCKS / 4];
+        let max = UNEVEN_MAX * quartile(&mut sorted);
         for energy in &mut plain {
             *energy = energy.min(max);
         }
-        let mut motion: Vec<f32> = self.window.iter().flat_map(|(_, motion)| *motion).collect();
-        motion.sort_by(f32::total_cmp);
         NoiseLevels {
             plain,
-            motion: motion[motion.len() / 4] / QUARTILE_OF_MEAN,
+            motion: quartile(self.motion.as_flattened_mut()) / QUARTILE_OF_MEAN,
         }
     }
+}
+
+/// The lower quartile. Reorders the values.
+fn quartile(values: &mut [f32]) -> f32 {
+    *values.select_nth_unstable_by(values.len() / 4, f32::total_cmp).1
 }

@@ -220,6 +220,69 @@ fn a_camera_without_noise_is_gated_too() {
     }
 }
 
+/// With one picture at rest, so that the noise is found in the pictures of the run.
+fn scene_of_one(kind: GateKind) -> Scene {
+    let rest = at_rest(1);
+    Scene::new(kind, &rest, std::slice::from_ref(&rest))
+}
+
+#[test]
+fn the_noise_is_found_without_allocation() {
+    for kind in GATES {
+        let mut scene = scene_of_one(kind);
+        let pictures: Vec<Image88> = (1_000..1_040).map(at_rest).collect();
+        let counted = allocation_counter::measure(|| {
+            for picture in &pictures {
+                scene.decide(picture);
+            }
+        });
+        assert_eq!(counted.count_total, 0, "{kind}");
+    }
+}
+
+/// How many of 261 pictures are no contact, then unchanged in a touch, and again, with one picture at rest. The camera may stop before,
+/// between and after, and show the same picture again and again.
+fn skipped(kind: GateKind, stops: bool) -> [usize; 4] {
+    let mut scene = scene_of_one(kind);
+    let stop = |scene: &mut Scene, picture: Image88| {
+        for _ in 0..if stops { 48 } else { 0 } {
+            scene.decide(&picture);
+        }
+    };
+    stop(&mut scene, at_rest(2));
+    for seed in 1_100..1_139 {
+        scene.decide(&at_rest(seed));
+    }
+    std::array::from_fn(|round| {
+        let (picture, expected): (fn(u64) -> Image88, _) = if round % 2 == 0 {
+            (at_rest, GateDecision::NoContact)
+        } else {
+            (|seed| touched(seed, 0.5), GateDecision::Unchanged)
+        };
+        let count = (1_139..1_400)
+            .filter(|seed| scene.decide(&picture(*seed)).0 == expected)
+            .count();
+        stop(&mut scene, picture(3));
+        count
+    })
+}
+
+#[test]
+fn a_camera_that_stops_for_a_while_leaves_the_noise_as_it_was() {
+    for kind in GATES {
+        let [with, without] = [true, false].map(|stops| skipped(kind, stops));
+        println!("{kind}: {with:?} of 261, {without:?} without stops");
+        // The difference gate skips less where there is one picture at rest, with stops or without.
+        let least = if kind == GateKind::Network { 248 } else { 0 };
+        for (with, without) in with.into_iter().zip(without) {
+            assert!(
+                5 * with >= 4 * without && with >= least,
+                "{kind}: {with}, {without}"
+            );
+        }
+    }
+}
+
 #[test]
 fn every_instruction_set_sees_the_same() {
     let picture = touched(800, 0.3);

@@ -196,7 +196,7 @@ impl Tracker {
                 let differences = dirty_tiles::differences(&self.now.full, now);
                 let dirty = DirtyTiles::of(&self.noise.changed(&differences));
                 // A picture that is shown twice says nothing.
-                if self.learns_noise && (!dirty.is_empty() || self.noise.is_known()) {
+                if self.learns_noise && differences != [[0; TILES]; TILES] {
                     self.noise.learn(&differences);
                 }
                 self.since_refresh += 1;
@@ -360,6 +360,34 @@ mod tests {
                 off.len()
             );
         }
+    }
+
+    #[test]
+    fn a_camera_that_stops_for_a_while_leaves_the_noise_as_it_was() {
+        let mut state = 1;
+        let still = spots(0.0);
+        let mut tracker = Tracker::new();
+        tracker.set_rest(&taken(&still, &mut state));
+        let mut tiles = [0; 2];
+        for changed in &mut tiles {
+            for frame in 0..40 {
+                let now = taken(&still, &mut state);
+                let before = tracker.now.full.pixels.clone();
+                tracker.track_beyond_noise(&now);
+                if frame >= 18 && tracker.since_refresh > 0 {
+                    let pixels = before.iter().zip(&tracker.now.full.pixels);
+                    *changed += pixels.filter(|(a, b)| a != b).count() / 64;
+                }
+            }
+            let stopped = taken(&still, &mut state);
+            for _ in 0..2 * REFRESH + 16 {
+                tracker.track_beyond_noise(&stopped);
+            }
+        }
+        assert!(
+            tiles.iter().all(|tiles| *tiles < 400),
+            "{tiles:?} in 22 frames each"
+        );
     }
 
     /// Follows a square that moves by this many pixels in each picture; true for every picture that is tracked as a whole.
