@@ -257,6 +257,24 @@ mod tests {
         }
     }
 
+    /// Outcome of a grasp of the adverse world on springs, under Gripline.
+    fn on_springs(seed: u64, number: u64) -> Outcome {
+        let network = Network::embedded(Architecture::Tracked).unwrap();
+        let mut plan = adverse::grasp(seed, number);
+        plan.scene.contact = GelModel::Brush.model();
+        let parts = GraspParts::new(&plan.scene).unwrap();
+        play(&plan, Policy::Gripline, 0.0, &network, &parts, false).unwrap()
+    }
+
+    #[test]
+    fn a_large_contact_near_the_edge_is_dropped_no_sooner_than_a_small_one_in_the_middle() {
+        let outcome = on_springs(1, 146);
+        assert!(
+            !outcome.unsolved && (!outcome.dropped || outcome.micro_slip_mm > 9.9),
+            "{outcome:?}"
+        );
+    }
+
     /// Grasps whose sliding friction falls to between 0.08 and 0.12 in the hold.
     #[test]
     fn the_secure_grip_holds_when_friction_halves_below_the_detectors() {
