@@ -194,7 +194,8 @@ impl Tally {
         if frame.time_s < LIFT_S {
             return;
         }
-        if frame.on_table || frame.time_s > times.down_s {
+        // What has left the grip needs no force.
+        if frame.on_table || frame.dropped || frame.time_s > times.down_s {
             return;
         }
         self.force_n += frame.grip_n;
@@ -276,6 +277,21 @@ mod tests {
         for (slid_mm, expected_mm) in slid_mm.into_iter().zip([0.0, 0.25, 1.0, 1.0, 1.0, 1.5]) {
             assert!((slid_mm - expected_mm).abs() < 1e-12, "{slid_mm} {expected_mm}");
         }
+    }
+
+    #[test]
+    fn what_has_left_the_grip_needs_no_force() {
+        let plan = adverse::grasp(1, 0);
+        let mut frame = GraspWorld::new(&plan.scene).unwrap().frame().clone();
+        (frame.time_s, frame.on_table, frame.grip_n) = (plan.times.up_s, false, 5.0);
+        let mut tally = Tally::default();
+        tally.add(&frame, 2.0, plan.times);
+        frame.dropped = true;
+        tally.add(&frame, 90.0, plan.times);
+        assert!(
+            (tally.peak_need_n - 2.0).abs() < 1e-12 && tally.margins.len() == 1,
+            "{tally:?}"
+        );
     }
 
     /// Outcome of a grasp of the adverse world on springs, under Gripline.
