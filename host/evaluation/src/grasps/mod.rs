@@ -41,7 +41,7 @@ use super::progress::Progress;
 use crate::error::EvaluationError;
 use gripline_recording::error::Completion;
 
-/// Fixed forces lie on this ladder, N.
+/// Fixed forces are multiples of this, N.
 const FIXED_STEP_N: f64 = 0.25;
 /// The hardest grasps decide how low a fixed force may be: of those that need most, this share is tried.
 const HARDEST: f64 = 0.05;
@@ -220,7 +220,7 @@ fn fixed(grasp: u64, fixed_n: f64) -> Job {
     }
 }
 
-/// The lowest force of the ladder under which no more grasps are dropped than under Gripline. Only the hardest are tried,
+/// The lowest multiple of [`FIXED_STEP_N`] under which no more grasps are dropped than under Gripline. Only the hardest are tried,
 /// by what the oracle's runs needed: those hold to the end.
 fn fixed_force(outcomes: &[Outcome], work: &Work<'_>) -> Result<f64, EvaluationError> {
     let of = |policy: Policy| {
@@ -237,18 +237,12 @@ fn fixed_force(outcomes: &[Outcome], work: &Work<'_>) -> Result<f64, EvaluationE
         .max(1);
     hardest.truncate(count);
     let max_n = hardest.first().map_or(0.0, |outcome| outcome.peak_need_n);
-    // What the hardest needs at its worst moment surely holds; below, a moment's slip may stop again.
-    let mut step = ((1.5 * max_n).min(ceiling_n()) / FIXED_STEP_N).ceil().max(1.0);
-    let mut ladder = Vec::new();
-    while step >= 1.0 {
-        ladder.push(step * FIXED_STEP_N);
-        step -= (0.1 * step).ceil();
-    }
-    // The rungs go down: the last that holds lies at `holds` or after it, before `drops`.
-    let (mut holds, mut drops) = (0, ladder.len());
-    while drops - holds > 1 {
-        let middle = usize::midpoint(holds, drops);
-        let fixed_n = ladder[middle];
+    // What the hardest needs at its worst moment surely holds; below, a moment's slip may stop again. No force drops all.
+    let mut holds = ((1.5 * max_n).min(ceiling_n()) / FIXED_STEP_N).ceil().max(1.0) as u32;
+    let mut drops = 0;
+    while holds - drops > 1 {
+        let middle = u32::midpoint(holds, drops);
+        let fixed_n = f64::from(middle) * FIXED_STEP_N;
         let jobs: Vec<Job> = hardest
             .iter()
             .map(|outcome| fixed(outcome.grasp, fixed_n))
@@ -260,7 +254,7 @@ fn fixed_force(outcomes: &[Outcome], work: &Work<'_>) -> Result<f64, EvaluationE
             holds = middle;
         }
     }
-    Ok(ladder[holds])
+    Ok(f64::from(holds) * FIXED_STEP_N)
 }
 
 impl Results {
@@ -437,7 +431,7 @@ mod tests {
     }
 
     #[test]
-    fn the_fixed_force_is_the_lowest_of_its_ladder_that_drops_nothing() {
+    fn the_fixed_force_is_the_lowest_of_its_steps_that_drops_nothing() {
         let outcomes = vec![outcome(0, Policy::Gripline), outcome(0, Policy::Oracle)];
         let drops_below = |limit_n: f64| {
             move |_: &'static str, jobs: &[Job]| {
@@ -450,8 +444,13 @@ mod tests {
                     .collect())
             }
         };
-        // The ladder begins at 1.5 × 1.5 N, rounded up.
+        // The search begins at 1.5 × 1.5 N, rounded up.
         assert!((fixed_force(&outcomes, &drops_below(1.1)).unwrap() - 1.25).abs() < 1e-9);
         assert!((fixed_force(&outcomes, &drops_below(0.0)).unwrap() - 0.25).abs() < 1e-9);
+        let mut hard = outcomes;
+        for outcome in &mut hard {
+            outcome.peak_need_n = 10.0;
+        }
+        assert!((fixed_force(&hard, &drops_below(9.1)).unwrap() - 9.25).abs() < 1e-9);
     }
 }

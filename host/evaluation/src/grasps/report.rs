@@ -502,7 +502,7 @@ impl Report {
              after half a second without. The particle filter (ours, from the idea of arXiv 2602.02026) demands 1.3 times the shear \
              over the 10 % quantile of its frictions. The oracle knows load and sliding friction from the next picture on \
              and holds 1.3 times what they need, with the same delays and gripper. The fixed force of {} N is the lowest \
-             of a ladder that drops no more than Gripline. A time to a rising line counts from the beginning of a slide, with a \
+             multiple of 0.25 N that drops no more than Gripline. A time to a rising line counts from the beginning of a slide, with a \
              line that did not rise, to where the line's rise acts; 9,900 ms is a slide of more than 0.5 mm that no rise \
              answered. While the object is up, Gripline's are {} / {} ms.\n{shown}\n\
              What the microcontroller sees comes from a model of pictures and network (true map, blurred and cut, with \
