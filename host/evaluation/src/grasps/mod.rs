@@ -21,6 +21,7 @@ pub mod report;
 mod sensor;
 mod slides;
 
+use std::env;
 use std::fs::{self, OpenOptions};
 use std::io::{self, ErrorKind, Write};
 use std::path::Path;
@@ -68,6 +69,9 @@ struct Line {
     contact: GelModel,
     seed: u64,
     weights: String,
+    /// The program that played it: laws and physics are part of it.
+    #[serde(default)]
+    program: String,
     fixed_n: f64,
     rendered: bool,
     #[serde(default)]
@@ -102,6 +106,7 @@ struct Results {
     hold_s: u32,
     fade_percent: u8,
     weights: String,
+    program: String,
 }
 
 /// Grasp number `number` of a world.
@@ -118,6 +123,10 @@ pub fn grasp(world: World, seed: u64, number: u64) -> GraspPlan {
 /// # Errors
 /// [`EvaluationError`] when the network, a world or a file fails; of kind loss when grasps had no solution.
 pub fn run(args: &GraspsArgs) -> Result<Completion, EvaluationError> {
+    let chosen = |policy: Policy| args.policies.contains(&policy);
+    if chosen(Policy::Fixed) && !(chosen(Policy::Gripline) && chosen(Policy::Oracle)) {
+        return Err(EvaluationError::Policies);
+    }
     let network = Network::embedded(args.network)?;
     let parts = GraspParts::new(&grasp(args.world, args.seed, 0).scene)?;
     let results = Results::open(args, &network)?;
@@ -138,17 +147,13 @@ pub fn run(args: &GraspsArgs) -> Result<Completion, EvaluationError> {
         progress.finish();
         outcomes.into_iter().collect()
     };
-    let chosen = |policy: Policy| args.policies.contains(&policy);
     let jobs: Vec<Job> = (0..args.grasps)
         .flat_map(|grasp| Policy::LOOKING.map(|policy| job(grasp, policy)))
         .filter(|job| chosen(job.policy))
         .collect();
     let mut outcomes = work("grasps", &jobs)?;
     let mut fixed_n = None;
-    if [Policy::Fixed, Policy::Gripline, Policy::Oracle]
-        .into_iter()
-        .all(chosen)
-    {
+    if chosen(Policy::Fixed) {
         let min_n = fixed_force(&outcomes, &work)?;
         let under_fixed: Vec<Job> = (0..args.grasps).map(|grasp| fixed(grasp, min_n)).collect();
         outcomes.extend(work("grasps with the fixed force", &under_fixed)?);
@@ -259,10 +264,7 @@ fn fixed_force(outcomes: &[Outcome], work: &Work<'_>) -> Result<f64, EvaluationE
 
 impl Results {
     fn open(args: &GraspsArgs, network: &Network) -> Result<Self, EvaluationError> {
-        let weights = format!(
-            "{:016x}",
-            crc::Crc::<u64>::new(&crc::CRC_64_XZ).checksum(network.manifest().as_bytes())
-        );
+        let weights = fingerprint(network.manifest().as_bytes());
         let mut results = Self {
             known: Vec::new(),
             file: None,
@@ -272,8 +274,10 @@ impl Results {
             hold_s: args.hold,
             fade_percent: args.fade,
             weights,
+            program: String::new(),
         };
         if let Some(path) = &args.results {
+            results.program = fingerprint(&fs::read(env::current_exe()?)?);
             results.known = known(path, &results)?;
             let file = OpenOptions::new().create(true).append(true).open(path);
             results.file = Some(Mutex::new(
@@ -283,11 +287,11 @@ impl Results {
         Ok(results)
     }
 
-    /// Whether a line is of this world, gel, seed, hold, friction and these weights.
+    /// Whether a line is of this world, gel, seed, hold, friction, these weights and this program.
     fn takes(&self, line: &Line) -> bool {
         (line.world, line.contact, line.seed) == (self.world, self.contact, self.seed)
             && (line.hold_s, line.fade_percent) == (self.hold_s, self.fade_percent)
-            && line.weights == self.weights
+            && (&line.weights, &line.program) == (&self.weights, &self.program)
     }
 
     /// The outcome that is there, or a new one, which is kept.
@@ -306,6 +310,7 @@ impl Results {
                 contact: self.contact,
                 seed: self.seed,
                 weights: self.weights.clone(),
+                program: self.program.clone(),
                 fixed_n: job.fixed_n,
                 rendered: job.rendered,
                 hold_s: self.hold_s,
@@ -318,6 +323,10 @@ impl Results {
         }
         Ok(outcome)
     }
+}
+
+fn fingerprint(bytes: &[u8]) -> String {
+    format!("{:016x}", crc::Crc::<u64>::new(&crc::CRC_64_XZ).checksum(bytes))
 }
 
 fn unusable(path: &Path, found: &str) -> EvaluationError {
@@ -390,6 +399,7 @@ mod tests {
             hold_s: 0,
             fade_percent: 100,
             weights: "w".to_owned(),
+            program: "p".to_owned(),
         };
         let results = open(Vec::new());
         for grasp in 0..2 {
@@ -422,12 +432,31 @@ mod tests {
                 fade_percent: 65,
                 ..open(Vec::new())
             },
+            Results {
+                program: "another build".to_owned(),
+                ..open(Vec::new())
+            },
         ] {
             assert!(known(&path, &other).unwrap().is_empty());
         }
         fs::write(&path, "{}\n").unwrap();
         let error = known(&path, &results).unwrap_err();
         assert!(error.to_string().contains("line 1"));
+    }
+
+    #[test]
+    fn a_fixed_force_without_what_it_is_chosen_by_is_refused_by_name() {
+        use clap::Parser;
+        #[derive(Parser)]
+        struct Command {
+            #[command(flatten)]
+            args: GraspsArgs,
+        }
+        for policies in ["fixed", "gripline,fixed", "oracle,fixed"] {
+            let command = Command::parse_from(["grasps", "--grasps", "1", "--policies", policies]);
+            let error = run(&command.args).unwrap_err().to_string();
+            assert!(error.contains("--policies"), "{policies}: {error}");
+        }
     }
 
     #[test]
