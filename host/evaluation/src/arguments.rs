@@ -93,7 +93,8 @@ pub struct GraspsArgs {
     /// How many grasps.
     #[arg(long, value_name = "N", default_value_t = 1000, value_parser = clap::value_parser!(u64).range(1..=100_000))]
     pub grasps: u64,
-    /// Only these policies, with commas between; a bound that needs another is not judged.
+    /// Only these policies, with commas between; a bound that needs another is not judged. `fixed` needs gripline and oracle, by which
+    /// it is chosen.
     #[arg(long, value_enum, value_name = "NAMES", value_delimiter = ',', default_values_t = Policy::all(), hide_default_value = true)]
     pub policies: Vec<Policy>,
     /// Everything random follows from it.
@@ -114,7 +115,7 @@ pub struct GraspsArgs {
     /// Draw drops against margin, a point a policy.
     #[arg(long, value_name = "FILE.png")]
     pub plot: Option<PathBuf>,
-    /// Keep every outcome in this file, one JSON object a line, and go on where an interrupted run stopped.
+    /// Keep every outcome in this file, one JSON object a line, and go on where an interrupted run of the same program stopped.
     #[arg(long, value_name = "FILE.jsonl")]
     pub results: Option<PathBuf>,
     /// Write the figures as a section of this document, and grasps.png beside it.

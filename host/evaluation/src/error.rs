@@ -59,6 +59,12 @@ pub enum EvaluationError {
         /// Frame, from 0.
         frame: u64,
     },
+    /// A fixed force without the policies that it is chosen by: wrong usage.
+    #[error(
+        "--policies: found fixed without gripline and oracle, expected both: the fixed force is the lowest that drops no more than \
+         Gripline, of the grasps that are hardest for the oracle"
+    )]
+    Policies,
     /// A number that the simulated world refuses while a scene plays.
     #[error("at {time_s:.3} s: {error}")]
     Step {

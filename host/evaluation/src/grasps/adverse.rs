@@ -52,7 +52,8 @@ const STICK_N: [f64; 2] = [0.1, 0.5];
 /// Maximum pictures of a picture fault, and maximum number of faults per grasp.
 const FAULT_PICTURES_MAX: usize = 6;
 const PICTURE_FAULTS_MAX: usize = 4;
-/// An object that slid this far has left the grip: it then reaches the edge of the sensing surface.
+/// An object that slid this far from where it was gripped has left the grip (assumed: five eighths of the way from a pad's middle to
+/// its edge). A large contact hangs over the edge by then.
 const LOST_MM: f64 = 10.0;
 /// Longest distance in a step of the solver, so that sliding is noticed within some milliseconds.
 const REACH_MM: f64 = 0.1;

@@ -21,6 +21,7 @@ pub mod report;
 mod sensor;
 mod slides;
 
+use std::env;
 use std::fs::{self, OpenOptions};
 use std::io::{self, ErrorKind, Write};
 use std::path::Path;
@@ -41,7 +42,7 @@ use super::progress::Progress;
 use crate::error::EvaluationError;
 use gripline_recording::error::Completion;
 
-/// Fixed forces lie on this ladder, N.
+/// Fixed forces are multiples of this, N.
 const FIXED_STEP_N: f64 = 0.25;
 /// The hardest grasps decide how low a fixed force may be: of those that need most, this share is tried.
 const HARDEST: f64 = 0.05;
@@ -68,6 +69,9 @@ struct Line {
     contact: GelModel,
     seed: u64,
     weights: String,
+    /// The program that played it: laws and physics are part of it.
+    #[serde(default)]
+    program: String,
     fixed_n: f64,
     rendered: bool,
     #[serde(default)]
@@ -102,6 +106,7 @@ struct Results {
     hold_s: u32,
     fade_percent: u8,
     weights: String,
+    program: String,
 }
 
 /// Grasp number `number` of a world.
@@ -118,6 +123,10 @@ pub fn grasp(world: World, seed: u64, number: u64) -> GraspPlan {
 /// # Errors
 /// [`EvaluationError`] when the network, a world or a file fails; of kind loss when grasps had no solution.
 pub fn run(args: &GraspsArgs) -> Result<Completion, EvaluationError> {
+    let chosen = |policy: Policy| args.policies.contains(&policy);
+    if chosen(Policy::Fixed) && !(chosen(Policy::Gripline) && chosen(Policy::Oracle)) {
+        return Err(EvaluationError::Policies);
+    }
     let network = Network::embedded(args.network)?;
     let parts = GraspParts::new(&grasp(args.world, args.seed, 0).scene)?;
     let results = Results::open(args, &network)?;
@@ -138,17 +147,13 @@ pub fn run(args: &GraspsArgs) -> Result<Completion, EvaluationError> {
         progress.finish();
         outcomes.into_iter().collect()
     };
-    let chosen = |policy: Policy| args.policies.contains(&policy);
     let jobs: Vec<Job> = (0..args.grasps)
         .flat_map(|grasp| Policy::LOOKING.map(|policy| job(grasp, policy)))
         .filter(|job| chosen(job.policy))
         .collect();
     let mut outcomes = work("grasps", &jobs)?;
     let mut fixed_n = None;
-    if [Policy::Fixed, Policy::Gripline, Policy::Oracle]
-        .into_iter()
-        .all(chosen)
-    {
+    if chosen(Policy::Fixed) {
         let min_n = fixed_force(&outcomes, &work)?;
         let under_fixed: Vec<Job> = (0..args.grasps).map(|grasp| fixed(grasp, min_n)).collect();
         outcomes.extend(work("grasps with the fixed force", &under_fixed)?);
@@ -220,7 +225,7 @@ fn fixed(grasp: u64, fixed_n: f64) -> Job {
     }
 }
 
-/// The lowest force of the ladder under which no more grasps are dropped than under Gripline. Only the hardest are tried,
+/// The lowest multiple of [`FIXED_STEP_N`] under which no more grasps are dropped than under Gripline. Only the hardest are tried,
 /// by what the oracle's runs needed: those hold to the end.
 fn fixed_force(outcomes: &[Outcome], work: &Work<'_>) -> Result<f64, EvaluationError> {
     let of = |policy: Policy| {
@@ -237,18 +242,12 @@ fn fixed_force(outcomes: &[Outcome], work: &Work<'_>) -> Result<f64, EvaluationE
         .max(1);
     hardest.truncate(count);
     let max_n = hardest.first().map_or(0.0, |outcome| outcome.peak_need_n);
-    // What the hardest needs at its worst moment surely holds; below, a moment's slip may stop again.
-    let mut step = ((1.5 * max_n).min(ceiling_n()) / FIXED_STEP_N).ceil().max(1.0);
-    let mut ladder = Vec::new();
-    while step >= 1.0 {
-        ladder.push(step * FIXED_STEP_N);
-        step -= (0.1 * step).ceil();
-    }
-    // The rungs go down: the last that holds lies at `holds` or after it, before `drops`.
-    let (mut holds, mut drops) = (0, ladder.len());
-    while drops - holds > 1 {
-        let middle = usize::midpoint(holds, drops);
-        let fixed_n = ladder[middle];
+    // What the hardest needs at its worst moment surely holds; below, a moment's slip may stop again. No force drops all.
+    let mut holds = ((1.5 * max_n).min(ceiling_n()) / FIXED_STEP_N).ceil().max(1.0) as u32;
+    let mut drops = 0;
+    while holds - drops > 1 {
+        let middle = u32::midpoint(holds, drops);
+        let fixed_n = f64::from(middle) * FIXED_STEP_N;
         let jobs: Vec<Job> = hardest
             .iter()
             .map(|outcome| fixed(outcome.grasp, fixed_n))
@@ -260,15 +259,12 @@ fn fixed_force(outcomes: &[Outcome], work: &Work<'_>) -> Result<f64, EvaluationE
             holds = middle;
         }
     }
-    Ok(ladder[holds])
+    Ok(f64::from(holds) * FIXED_STEP_N)
 }
 
 impl Results {
     fn open(args: &GraspsArgs, network: &Network) -> Result<Self, EvaluationError> {
-        let weights = format!(
-            "{:016x}",
-            crc::Crc::<u64>::new(&crc::CRC_64_XZ).checksum(network.manifest().as_bytes())
-        );
+        let weights = fingerprint(network.manifest().as_bytes());
         let mut results = Self {
             known: Vec::new(),
             file: None,
@@ -278,8 +274,10 @@ impl Results {
             hold_s: args.hold,
             fade_percent: args.fade,
             weights,
+            program: String::new(),
         };
         if let Some(path) = &args.results {
+            results.program = fingerprint(&fs::read(env::current_exe()?)?);
             results.known = known(path, &results)?;
             let file = OpenOptions::new().create(true).append(true).open(path);
             results.file = Some(Mutex::new(
@@ -289,11 +287,11 @@ impl Results {
         Ok(results)
     }
 
-    /// Whether a line is of this world, gel, seed, hold, friction and these weights.
+    /// Whether a line is of this world, gel, seed, hold, friction, these weights and this program.
     fn takes(&self, line: &Line) -> bool {
         (line.world, line.contact, line.seed) == (self.world, self.contact, self.seed)
             && (line.hold_s, line.fade_percent) == (self.hold_s, self.fade_percent)
-            && line.weights == self.weights
+            && (&line.weights, &line.program) == (&self.weights, &self.program)
     }
 
     /// The outcome that is there, or a new one, which is kept.
@@ -312,6 +310,7 @@ impl Results {
                 contact: self.contact,
                 seed: self.seed,
                 weights: self.weights.clone(),
+                program: self.program.clone(),
                 fixed_n: job.fixed_n,
                 rendered: job.rendered,
                 hold_s: self.hold_s,
@@ -324,6 +323,10 @@ impl Results {
         }
         Ok(outcome)
     }
+}
+
+fn fingerprint(bytes: &[u8]) -> String {
+    format!("{:016x}", crc::Crc::<u64>::new(&crc::CRC_64_XZ).checksum(bytes))
 }
 
 fn unusable(path: &Path, found: &str) -> EvaluationError {
@@ -396,6 +399,7 @@ mod tests {
             hold_s: 0,
             fade_percent: 100,
             weights: "w".to_owned(),
+            program: "p".to_owned(),
         };
         let results = open(Vec::new());
         for grasp in 0..2 {
@@ -428,6 +432,10 @@ mod tests {
                 fade_percent: 65,
                 ..open(Vec::new())
             },
+            Results {
+                program: "another build".to_owned(),
+                ..open(Vec::new())
+            },
         ] {
             assert!(known(&path, &other).unwrap().is_empty());
         }
@@ -437,7 +445,22 @@ mod tests {
     }
 
     #[test]
-    fn the_fixed_force_is_the_lowest_of_its_ladder_that_drops_nothing() {
+    fn a_fixed_force_without_what_it_is_chosen_by_is_refused_by_name() {
+        use clap::Parser;
+        #[derive(Parser)]
+        struct Command {
+            #[command(flatten)]
+            args: GraspsArgs,
+        }
+        for policies in ["fixed", "gripline,fixed", "oracle,fixed"] {
+            let command = Command::parse_from(["grasps", "--grasps", "1", "--policies", policies]);
+            let error = run(&command.args).unwrap_err().to_string();
+            assert!(error.contains("--policies"), "{policies}: {error}");
+        }
+    }
+
+    #[test]
+    fn the_fixed_force_is_the_lowest_of_its_steps_that_drops_nothing() {
         let outcomes = vec![outcome(0, Policy::Gripline), outcome(0, Policy::Oracle)];
         let drops_below = |limit_n: f64| {
             move |_: &'static str, jobs: &[Job]| {
@@ -450,8 +473,13 @@ mod tests {
                     .collect())
             }
         };
-        // The ladder begins at 1.5 × 1.5 N, rounded up.
+        // The search begins at 1.5 × 1.5 N, rounded up.
         assert!((fixed_force(&outcomes, &drops_below(1.1)).unwrap() - 1.25).abs() < 1e-9);
         assert!((fixed_force(&outcomes, &drops_below(0.0)).unwrap() - 0.25).abs() < 1e-9);
+        let mut hard = outcomes;
+        for outcome in &mut hard {
+            outcome.peak_need_n = 10.0;
+        }
+        assert!((fixed_force(&hard, &drops_below(9.1)).unwrap() - 9.25).abs() < 1e-9);
     }
 }

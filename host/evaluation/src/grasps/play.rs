@@ -44,7 +44,7 @@ pub struct Outcome {
     pub peak_need_n: f64,
     /// Median over that time of force over need, less one.
     pub margin: Option<f64>,
-    /// Slides of the whole contact from the lift to where it stands again.
+    /// Slides of the whole contact from the lift to where the table takes it again.
     pub slides: u32,
     /// Maps at which the line fell later than 42 ms after the beginning of a slide that still went on.
     pub late_falls: u32,
@@ -105,7 +105,7 @@ pub fn play(
         moments.push(Moment {
             time_s,
             line_n,
-            slid_s: world.frame().slid_s,
+            slid_s: tally.slid_s(world.frame()),
             slip_mm: tally.slip_mm,
             needed_n,
         });
@@ -158,8 +158,13 @@ fn truth(frame: &GraspFrame, area_mm2: f64) -> Truth {
 /// What adds up from the lift to where it stands again.
 #[derive(Debug, Default)]
 struct Tally {
-    slip_before_mm: [f64; 2],
+    /// The world's distance slid at the last frame, of each finger.
+    before_mm: [f64; 2],
+    /// That of the grip, of each finger and the larger.
+    fingers_slip_mm: [f64; 2],
     slip_mm: f64,
+    /// The table has taken it again.
+    stands: bool,
     force_n: f64,
     peak_force_n: f64,
     need_n: f64,
@@ -168,18 +173,29 @@ struct Tally {
 }
 
 impl Tally {
+    /// When it slid in the grip in the frame that was added last; not once the table has taken it again.
+    fn slid_s(&self, frame: &GraspFrame) -> Option<[f64; 2]> {
+        frame.slid_s.filter(|_| !self.stands)
+    }
+
     fn add(&mut self, frame: &GraspFrame, needed_n: f64, times: Times) {
-        let slid = frame.fingers.each_ref().map(|finger| finger.slip_mm);
-        if frame.time_s < LIFT_S {
-            self.slip_before_mm = slid;
-            return;
-        }
-        if !frame.on_table || frame.time_s < times.put_down_s {
-            for (slid, before) in slid.iter().zip(self.slip_before_mm) {
-                self.slip_mm = self.slip_mm.max(slid - before);
+        let pushed = frame.on_table && frame.time_s >= times.put_down_s;
+        self.stands |= pushed;
+        for (finger, truth) in frame.fingers.iter().enumerate() {
+            // Let go and touched again, it counts from nothing.
+            let again = truth.slip_mm < self.before_mm[finger];
+            let more_mm = truth.slip_mm - if again { 0.0 } else { self.before_mm[finger] };
+            self.before_mm[finger] = truth.slip_mm;
+            if frame.time_s >= LIFT_S && !pushed {
+                self.fingers_slip_mm[finger] += more_mm;
+                self.slip_mm = self.slip_mm.max(self.fingers_slip_mm[finger]);
             }
         }
-        if frame.on_table || frame.time_s > times.down_s {
+        if frame.time_s < LIFT_S {
+            return;
+        }
+        // What has left the grip needs no force.
+        if frame.on_table || frame.dropped || frame.time_s > times.down_s {
             return;
         }
         self.force_n += frame.grip_n;
@@ -241,8 +257,11 @@ mod tests {
         let mut tally = Tally::default();
         let mut see = |time_s: f64, on_table: bool, slip_mm: f64| {
             (frame.time_s, frame.on_table) = (time_s, on_table);
+            frame.slid_s = Some([time_s - 0.01, time_s]);
             frame.fingers[1].slip_mm = slip_mm;
             tally.add(&frame, 1.0, plan.times);
+            let slides = tally.slid_s(&frame).is_some();
+            assert_eq!(slides, time_s < plan.times.put_down_s + 0.15, "{time_s} s");
             tally.slip_mm
         };
         let put_down_s = plan.times.put_down_s;
@@ -251,10 +270,46 @@ mod tests {
             see(LIFT_S + 0.1, true, 0.75),
             see(put_down_s + 0.1, false, 1.5),
             see(put_down_s + 0.2, true, 4.0),
+            // It bounces off and slides on.
+            see(put_down_s + 0.3, false, 4.0),
+            see(put_down_s + 0.4, false, 4.5),
         ];
-        for (slid_mm, expected_mm) in slid_mm.into_iter().zip([0.0, 0.25, 1.0, 1.0]) {
+        for (slid_mm, expected_mm) in slid_mm.into_iter().zip([0.0, 0.25, 1.0, 1.0, 1.0, 1.5]) {
             assert!((slid_mm - expected_mm).abs() < 1e-12, "{slid_mm} {expected_mm}");
         }
+    }
+
+    #[test]
+    fn what_has_left_the_grip_needs_no_force() {
+        let plan = adverse::grasp(1, 0);
+        let mut frame = GraspWorld::new(&plan.scene).unwrap().frame().clone();
+        (frame.time_s, frame.on_table, frame.grip_n) = (plan.times.up_s, false, 5.0);
+        let mut tally = Tally::default();
+        tally.add(&frame, 2.0, plan.times);
+        frame.dropped = true;
+        tally.add(&frame, 90.0, plan.times);
+        assert!(
+            (tally.peak_need_n - 2.0).abs() < 1e-12 && tally.margins.len() == 1,
+            "{tally:?}"
+        );
+    }
+
+    /// Outcome of a grasp of the adverse world on springs, under Gripline.
+    fn on_springs(seed: u64, number: u64) -> Outcome {
+        let network = Network::embedded(Architecture::Tracked).unwrap();
+        let mut plan = adverse::grasp(seed, number);
+        plan.scene.contact = GelModel::Brush.model();
+        let parts = GraspParts::new(&plan.scene).unwrap();
+        play(&plan, Policy::Gripline, 0.0, &network, &parts, false).unwrap()
+    }
+
+    #[test]
+    fn a_large_contact_near_the_edge_is_dropped_no_sooner_than_a_small_one_in_the_middle() {
+        let outcome = on_springs(1, 146);
+        assert!(
+            !outcome.unsolved && (!outcome.dropped || outcome.micro_slip_mm > 9.9),
+            "{outcome:?}"
+        );
     }
 
     /// Grasps whose sliding friction falls to between 0.08 and 0.12 in the hold.

@@ -292,7 +292,11 @@ fn margins(bounds: &Bounds, figures: [Option<&Figures>; 2]) -> [Requirement; 2] 
 impl Figures {
     fn of<'a>(outcomes: impl Iterator<Item = &'a Outcome>, oracle_held: &HashSet<u64>) -> Self {
         let outcomes: Vec<&Outcome> = outcomes.filter(|outcome| !outcome.unsolved).collect();
-        let count = outcomes.len().max(1) as f64;
+        // Without a margin it was lost before it was up: no force held it.
+        let up: Vec<&&Outcome> = outcomes
+            .iter()
+            .filter(|outcome| outcome.margin.is_some())
+            .collect();
         let held: Vec<&&Outcome> = outcomes.iter().filter(|outcome| !outcome.dropped).collect();
         let slips: Vec<f64> = held
             .iter()
@@ -300,8 +304,9 @@ impl Figures {
             .filter(|slip| slip.is_finite())
             .collect();
         let margins: Vec<f64> = held.iter().filter_map(|outcome| outcome.margin).collect();
-        let mean =
-            |value: fn(&Outcome) -> f64| outcomes.iter().map(|outcome| value(outcome)).sum::<f64>() / count;
+        let mean = |value: fn(&Outcome) -> f64| {
+            up.iter().map(|outcome| value(outcome)).sum::<f64>() / up.len().max(1) as f64
+        };
         let where_held: Vec<f64> = outcomes
             .iter()
             .filter(|outcome| oracle_held.contains(&outcome.grasp))
@@ -497,7 +502,7 @@ impl Report {
              after half a second without. The particle filter (ours, from the idea of arXiv 2602.02026) demands 1.3 times the shear \
              over the 10 % quantile of its frictions. The oracle knows load and sliding friction from the next picture on \
              and holds 1.3 times what they need, with the same delays and gripper. The fixed force of {} N is the lowest \
-             of a ladder that drops no more than Gripline. A time to a rising line counts from the beginning of a slide, with a \
+             multiple of 0.25 N that drops no more than Gripline. A time to a rising line counts from the beginning of a slide, with a \
              line that did not rise, to where the line's rise acts; 9,900 ms is a slide of more than 0.5 mm that no rise \
              answered. While the object is up, Gripline's are {} / {} ms.\n{shown}\n\
              What the microcontroller sees comes from a model of pictures and network (true map, blurred and cut, with \
@@ -597,6 +602,28 @@ mod tests {
             .find(|row| row.measure.contains(measure))
             .unwrap()
             .held
+    }
+
+    #[test]
+    fn what_was_lost_before_it_was_up_has_no_mean_force() {
+        let never_up = Outcome {
+            mean_force_n: 0.0,
+            peak_force_n: 0.0,
+            mean_need_n: 0.0,
+            peak_need_n: 0.0,
+            margin: None,
+            ..outcome(Policy::Fixed, 0, true, 10.0)
+        };
+        let held = outcome(Policy::Fixed, 1, false, 0.1);
+        let figures = Figures::of([never_up, held].iter(), &HashSet::new());
+        assert_eq!((figures.grasps, figures.drops), (2, 1));
+        for (found, expected) in [
+            (figures.mean_force_n, 3.0),
+            (figures.peak_force_n, 4.0),
+            (figures.mean_need_n, 2.0),
+        ] {
+            assert!((found - expected).abs() < 1e-12, "{found} {expected}");
+        }
     }
 
     #[test]

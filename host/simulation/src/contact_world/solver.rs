@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use super::convolution::{Convolution, Pair};
 use super::normal::{NormalSolver, Press};
-use super::shapes::HeightMap;
+use super::shapes::{HeightMap, WALL_MM};
 use super::stiffness::{Stiffness, Triple, add, dot, sub};
 use super::surface::GelSurface;
 use super::tangential::{TangentialProblem, TangentialSolver};
@@ -76,6 +76,8 @@ pub struct Contact {
     mount: Mount,
     /// Whether pressure acts along the indenter's normal.
     along_normal: bool,
+    /// Whether the gel ends with the grid.
+    ends: bool,
     drive: Drive,
     footprint_turn_rad: f64,
     /// Part of the last step's motion that slid.
@@ -150,6 +152,7 @@ impl Contact {
             mean_share: 1.0,
             mount,
             along_normal: true,
+            ends: false,
             drive: Drive {
                 press: Press::Force(0.0),
                 at_mm: [0.0; 2],
@@ -180,6 +183,13 @@ impl Contact {
     /// The same with friction that changes over the indenter's surface.
     pub(crate) fn textured(mut self, texture: Option<Texture>) -> Self {
         self.texture = texture;
+        self
+    }
+
+    /// The same on a gel that ends with the grid: what lies beyond its edge touches nothing, instead of an error. Its stiffness there
+    /// is still that of an endless layer.
+    pub(crate) fn ending_with_the_grid(mut self) -> Self {
+        self.ends = true;
         self
     }
 
@@ -719,7 +729,7 @@ impl Contact {
     /// again.
     ///
     /// # Errors
-    /// Contact at the edge of the sensing surface.
+    /// Contact at the edge of the sensing surface; on a gel that ends there, none.
     pub(crate) fn fits(
         &mut self,
         step: &mut Step,
@@ -732,7 +742,12 @@ impl Contact {
             touching.filter_map(|(place, p)| (*p > 0.0).then_some(*place)),
             cells,
         );
-        if contact.at_edge(cells) {
+        let refused = if self.ends {
+            step.heights[step.lowest] >= WALL_MM
+        } else {
+            contact.at_edge(cells)
+        };
+        if refused {
             return Err(SimulationError::OffSurface {
                 x_mm: step.footprint_mm[0],
                 y_mm: step.footprint_mm[1],

@@ -8,7 +8,9 @@ use std::sync::Arc;
 
 use super::rigid_body::{Actions, RigidBody};
 use super::solver::{Ending, Outcome, free, seen};
-use crate::contact_world::{HeightMap, Matrix, Pair, Pose, Texture, Triple, Truth, add, dot, solved, sub};
+use crate::contact_world::{
+    HeightMap, Matrix, Pair, Pose, Texture, Triple, Truth, WALL_MM, add, dot, solved, sub,
+};
 use crate::error::SimulationError;
 use crate::gel::Gel;
 
@@ -65,7 +67,10 @@ impl Brush {
         [place % cells, place / cells].map(|k| (k as f64 + 0.5 - half) * self.truth.pitch_mm())
     }
 
-    /// Presses where it stands; none when nothing touches.
+    /// Presses where it stands. The pad ends with the grid: what lies beyond its edge touches nothing.
+    ///
+    /// # Errors
+    /// None of the object lies over the pad.
     fn begin(&self, grip_n: f64, gel: &Gel) -> Result<BrushStep, SimulationError> {
         let cells = self.truth.cells();
         let cell_mm2 = self.truth.pitch_mm() * self.truth.pitch_mm();
@@ -81,6 +86,9 @@ impl Brush {
             .collect();
         let normal = 16.0 * gel.contact_modulus_mpa() / (3.0 * std::f64::consts::PI * TYPICAL_RADIUS_MM);
         let depth_mm = depth_of(grip_n / (normal * cell_mm2), &heights);
+        if depth_mm >= WALL_MM {
+            return Err(SimulationError::OffSurface { x_mm: x0, y_mm: y0 });
+        }
         let places = (0..cells * cells).filter(|&place| heights[place] < depth_mm);
         let mut step = BrushStep {
             depth_mm,
@@ -88,13 +96,6 @@ impl Brush {
             cells: Vec::new(),
         };
         for place in places {
-            if place % cells == 0
-                || place % cells + 1 == cells
-                || place < cells
-                || place >= cells * (cells - 1)
-            {
-                return Err(SimulationError::OffSurface { x_mm: x0, y_mm: y0 });
-            }
             let (at, arm) = of_indenter(place);
             let pressure = normal * (depth_mm - heights[place]);
             let share = self.texture.map_or(1.0, |texture| texture.at(at));
@@ -341,7 +342,7 @@ impl BrushSolver {
     /// The object stays at `pose` while the fingers press with `grip_n`.
     ///
     /// # Errors
-    /// Contact at the edge of the sensing surface.
+    /// None of the object lies over the pad.
     pub(crate) fn press(&mut self, grip_n: f64, pose: Triple) -> Result<Outcome, SimulationError> {
         let steps = self.begin(grip_n, pose)?;
         let touching = steps.is_some();
@@ -363,7 +364,7 @@ impl BrushSolver {
     /// As [`GraspSolver::advance`](super::solver::GraspSolver::advance).
     ///
     /// # Errors
-    /// Contact at the edge of the sensing surface, or no balance; nothing has changed then.
+    /// None of the object lies over the pad, or no balance; nothing has changed then.
     pub(crate) fn advance(
         &mut self,
         grip_n: f64,

@@ -41,7 +41,7 @@ impl Fingers {
                 let sides = [patch, mirrored].into_iter().zip(frictions);
                 for ((patch, friction), law) in sides.zip(laws).take(count) {
                     let contact = Contact::new(Arc::clone(surface), patch, friction, Mount::default())?;
-                    contacts.push(contact.textured(law.texture));
+                    contacts.push(contact.textured(law.texture).ending_with_the_grid());
                 }
                 Ok(Self::Layer(GraspSolver::new(contacts, turn_rad)))
             }

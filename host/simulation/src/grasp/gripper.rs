@@ -77,12 +77,22 @@ impl GripperState {
 
     /// Its force after `dt_s` more, from `time_s` on.
     pub(crate) fn advance(&mut self, time_s: f64, dt_s: f64) {
-        while let Some(&[from, line]) = self.lines.front()
-            && from <= time_s + 1e-9
+        let (mut now_s, end_s) = (time_s, time_s + dt_s);
+        while let Some(&[from_s, line_n]) = self.lines.front()
+            && from_s < end_s - 1e-9
         {
-            self.line_n = line;
+            if from_s > now_s + 1e-9 {
+                self.follow(from_s - now_s);
+                now_s = from_s;
+            }
+            self.line_n = line_n;
             self.lines.pop_front();
         }
+        self.follow(end_s - now_s);
+    }
+
+    /// Follows the line as it is for `dt_s`.
+    fn follow(&mut self, dt_s: f64) {
         let share = if self.gripper.lag_s > 0.0 {
             1.0 - libm::exp(-dt_s / self.gripper.lag_s)
         } else {
@@ -129,6 +139,26 @@ mod tests {
         assert!(after(gripper, 2.0, 0.02) == 0.0);
         let expected = 2.0 * (1.0 - libm::exp(-0.05 / gripper.lag_s));
         assert!((after(gripper, 2.0, 0.07) - expected).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_line_counts_from_its_dead_time_on_however_long_a_step_is() {
+        let gripper = Gripper {
+            dead_time_s: 0.025,
+            lag_s: 0.04,
+            ..Gripper::default()
+        };
+        let frame_s = 1.0 / 60.0;
+        let mut state = GripperState::new(gripper);
+        state.set_line(0.0, 1.0);
+        state.advance(0.0, frame_s);
+        state.advance(frame_s, frame_s);
+        let expected = 1.0 - libm::exp(-(2.0 * frame_s - 0.025) / 0.04);
+        assert!(
+            (state.force_n() - expected).abs() < 1e-9,
+            "{} {expected}",
+            state.force_n()
+        );
     }
 
     #[test]

@@ -322,10 +322,9 @@ impl GraspWorld {
                     return Ok(share);
                 }
                 Ok(None) => {}
-                Err(error @ SimulationError::OffSurface { .. }) if last => {
-                    // Slid over the edge of the finger.
+                Err(SimulationError::OffSurface { .. }) if last => {
+                    // None of it lies over the finger.
                     self.lose();
-                    let _ = error;
                     self.gripper = gripper;
                     return Ok(share);
                 }

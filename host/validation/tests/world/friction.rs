@@ -181,6 +181,29 @@ fn an_object_that_slides_out_of_the_grip_slides_in_every_frame_although_fresh_ge
     assert!(fresh > 0.05, "{fresh}: nothing that it asks");
 }
 
+/// A pad ends: what lies beyond hangs over its edge, and what is left of the contact carries the whole grip.
+#[test]
+fn a_firm_contact_beside_the_middle_leaves_the_grip_where_any_other_does() {
+    for contact in [ContactModel::Layer, ContactModel::Brush] {
+        let mut scene = ball();
+        scene.contact = contact;
+        scene.drop_mm = 10.0;
+        scene.grip_point_mm = [0.0, -3.0];
+        scene.object.mass_g = 2_000.0;
+        let grip_n = 0.8 * needed_n(&scene);
+        let frames = frames(&scene, grip_n, 2e-3, FREE_S + 0.3);
+        let (lost, held): (Vec<&GraspFrame>, Vec<&GraspFrame>) =
+            frames.iter().partition(|frame| frame.dropped);
+        let (first, last) = (lost.first().expect("it falls"), held.last().unwrap());
+        let slid_mm = [last, first].map(|frame| frame.fingers[0].slip_mm);
+        println!("{contact:?}, {grip_n:.1} N: slid {slid_mm:?} mm before and after it was lost");
+        assert!(slid_mm[0] > 9.0 && slid_mm[1] > 9.99, "{contact:?}: {slid_mm:?}");
+        let over = last.fingers[0].forces.iter().take(20).any(|force| force[2] > 0.0);
+        assert!(over, "{contact:?}: it does not reach the edge");
+        assert!((last.fingers[0].force_n[2] / last.grip_n - 1.0).abs() < 1e-6);
+    }
+}
+
 #[test]
 fn an_object_that_slides_to_and_fro_has_not_left_the_grip() {
     let mut scene = ball();
