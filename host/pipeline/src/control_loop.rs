@@ -182,8 +182,8 @@ pub struct ControlLoop {
     sequences: [u32; SENSORS],
     /// The link's time of frame 0.
     start_us: u64,
-    /// Losses of the link and restarts of the device when both were last sound.
-    sound_at: (u32, u32),
+    /// How often the device had gone away when it was last there and sound.
+    losses: u32,
 }
 
 impl ControlLoop {
@@ -192,11 +192,11 @@ impl ControlLoop {
     pub fn new(session: Session) -> Self {
         Self {
             start_us: session.now_us(),
+            losses: session.presence().losses,
             session,
             asked: None,
             unconfirmed: None,
             sequences: [0; SENSORS],
-            sound_at: (0, 0),
         }
     }
 
@@ -288,9 +288,18 @@ impl ControlLoop {
         Ok(())
     }
 
-    /// The next frame requests its mode again.
-    pub const fn request_again(&mut self) {
+    /// The mode that the next frame asks for is a new request.
+    pub const fn request_anew(&mut self) {
         self.asked = None;
+    }
+
+    /// The requested mode is sent again, but not to a device that restarted since: nothing may move by itself because power
+    /// came back.
+    pub fn request_again(&mut self) {
+        let (now_us, restarts) = (self.session.now_us(), self.session.restarts());
+        if let Some(asked) = &mut self.asked {
+            asked.again(now_us, restarts);
+        }
     }
 
     /// The device refused a command: a request that this answers is not repeated.
@@ -331,7 +340,8 @@ impl ControlLoop {
         Ok(self.session.run_until(now_us + passed_us)?)
     }
 
-    /// Requests the mode repeatedly until a status shows it; `None` withdraws the previous request.
+    /// Requests the mode repeatedly until a status shows it; `None` withdraws the previous request. A device that may have
+    /// restarted gets no command before it has answered the handshake: else a restarted one could move.
     ///
     /// # Errors
     /// [`PipelineError`] when the link is gone.
@@ -340,7 +350,12 @@ impl ControlLoop {
             self.asked = None;
             return Ok(());
         };
-        let (now_us, restarts) = (self.session.now_us(), self.session.restarts());
+        let now_us = self.session.now_us();
+        if !self.session.is_sound() {
+            // The answer to the handshake may be there already.
+            self.session.run_until(now_us)?;
+        }
+        let restarts = self.session.restarts();
         let asked = match self.asked {
             Some(asked) if asked.mode() == mode => asked,
             _ => ModeRequest::new(mode, now_us, restarts),
@@ -352,7 +367,9 @@ impl ControlLoop {
             GripMode::Hold => Command::Hold,
             GripMode::Released => Command::Release,
         };
-        let was_taken = self.session.command(command)? && self.session.command(Command::ReadStatus)?;
+        let is_withheld = !self.session.is_sound() && self.session.presence().away.is_none();
+        let was_taken =
+            is_withheld || self.session.command(command)? && self.session.command(Command::ReadStatus)?;
         if let Some(asked) = &mut self.asked {
             asked.sent(now_us, was_taken);
         }
@@ -487,16 +504,14 @@ impl ControlLoop {
         })
     }
 
-    /// A command may have been lost with the link. It is repeated to a device that came back without a restart, but not to a
-    /// restarted one: nothing may move by itself because power came back.
+    /// A command may have been lost with the link: it is sent again once the device is back and has answered the handshake.
     fn after_absence(&mut self) {
-        if !self.session.is_sound() {
+        let presence = self.session.presence();
+        if presence.away.is_some() || !self.session.is_sound() {
             return;
         }
-        let now = (self.session.presence().losses, self.session.restarts());
-        if now.0 != self.sound_at.0 && now.1 == self.sound_at.1 {
-            self.asked = None;
+        if std::mem::replace(&mut self.losses, presence.losses) != presence.losses {
+            self.request_again();
         }
-        self.sound_at = now;
     }
 }

@@ -23,6 +23,7 @@ const GIVE_UP_US: u64 = 2_000_000;
 impl Run {
     /// Takes new requests, and continues pending ones.
     pub(super) fn handle_requests(&mut self) -> Result<(), Error> {
+        self.withdraw_after_restart()?;
         while let Some(asked) = self.requests.inbox.next() {
             self.begin(asked);
         }
@@ -30,8 +31,31 @@ impl Run {
         self.settle_requests()
     }
 
+    /// What was requested before the microcontroller restarted is not requested again: nothing moves by itself because power
+    /// came back.
+    fn withdraw_after_restart(&mut self) -> Result<(), Error> {
+        let restarts = self.control.session.restarts();
+        if std::mem::replace(&mut self.restarts, restarts) == restarts {
+            return Ok(());
+        }
+        if self.requests.arbiter.waits_for(Step::Hold) {
+            // A status may show it already; otherwise it is refused.
+            self.control.ask_for(self.requests.mode())?;
+            self.settle_mode()?;
+        }
+        if let Some(mode) = self.requests.mode() {
+            tracing::warn!(
+                "the microcontroller restarted: {} is not requested again, so that nothing moves by itself",
+                mode_name(mode)
+            );
+        }
+        self.requests.withdraw();
+        Ok(())
+    }
+
     /// Takes one request at once.
     pub(super) fn take_request(&mut self, asked: Asked) -> Result<(), Error> {
+        self.withdraw_after_restart()?;
         self.begin(asked);
         self.handle_requests()
     }
@@ -66,13 +90,14 @@ impl Run {
                     GripMode::Released
                 };
                 self.requests.asked = Some(mode);
-                self.control.request_again();
+                self.control.request_anew();
                 return;
             }
             Step::Acknowledge => match session.status().map_or(0, |status| status.latched) {
                 0 => return self.close(step, &Outcome::Done),
                 latched => {
-                    self.requests.acknowledging = Some(Acknowledgement::new(latched, now_us));
+                    let restarts = session.restarts();
+                    self.requests.acknowledging = Some(Acknowledgement::new(latched, now_us, restarts));
                     return;
                 }
             },
@@ -126,10 +151,6 @@ impl Run {
         };
         self.summary.commands_refused += 1;
         self.summary.last_refusal = Some(format!("{refusal:?}"));
-        if refusal == Refusal::NoHandshake {
-            // It restarted and did not take up what is still wanted.
-            self.control.request_again();
-        }
         self.control.refused(refusal);
     }
 
@@ -140,7 +161,7 @@ impl Run {
             if is_asked {
                 // What was refused must not be done later.
                 self.requests.asked = None;
-                self.control.ask_for(self.requests.mode())?;
+                self.control.ask_for(None)?;
                 let why = why_not(why, &self.control.session);
                 self.close(Step::Hold, &Outcome::Refused(why));
             } else {
@@ -159,10 +180,12 @@ impl Run {
         let session = &mut self.control.session;
         let now_us = session.now_us();
         let step = |asked: &Acknowledgement, session: &Session| {
-            asked.step(now_us, (session.status(), session.status_age_us()))
+            let status = (session.status(), session.status_age_us());
+            asked.step(now_us, status, session.restarts())
         };
         let mut next = step(&asked, session);
-        if next == Acknowledging::Send {
+        // One that may have restarted must not take it: what came up with the restart was not looked at.
+        if next == Acknowledging::Send && session.is_sound() {
             let faults = asked.faults();
             let was_taken =
                 session.command(Command::Acknowledge { faults })? && session.command(Command::ReadStatus)?;
@@ -184,6 +207,7 @@ impl Run {
             Acknowledging::StillLatched(latched, 0) => Outcome::Refused(Why::StillActive(names(latched))),
             Acknowledging::StillLatched(_, active) => Outcome::Refused(Why::StillActive(names(active))),
             Acknowledging::NoStatus => Outcome::Refused(silent(session)),
+            Acknowledging::Restarted => Outcome::Refused(Why::Restarted),
         };
         self.close(Step::Acknowledge, &outcome);
         Ok(())

@@ -85,6 +85,8 @@ pub struct Run {
     pub(super) pictures_lost: [u64; 3],
     /// How often the device had gone away, and whether it was away, at the last report.
     pub(super) presence: (u32, bool),
+    /// How often the microcontroller had restarted when requests were last taken.
+    pub(super) restarts: u32,
     /// Monitors of the untouched fingertips of cameras.
     pub(super) drift: Vec<DriftWatch>,
     /// The requests of clients.
@@ -104,6 +106,7 @@ impl Run {
     pub fn new(session: Session, pacing: Pacing, frames_per_second: f64) -> Self {
         Self {
             summary: Summary::of_link(session.link_name(), session.firmware()),
+            restarts: session.restarts(),
             control: ControlLoop::new(session),
             frame: 0,
             t_s: 0.0,
