@@ -19,6 +19,9 @@ pub const PICTURE_OLD_US: u64 = 20_000;
 /// A map whose picture is older than this when it could be sent, µs, is dropped: half of the device's default `stale_ms`.
 pub const MAP_OLD_US: u64 = 50_000;
 
+/// How often the device hears from this host, with pictures or without, in the time after which it takes the link for lost.
+const SIGNS_OF_LIFE: u64 = 5;
+
 /// Polling interval for the answer to a map, µs.
 const ANSWER_STEP_US: u64 = 1_000;
 
@@ -283,7 +286,7 @@ impl ControlLoop {
     pub fn idle_until_begun(&mut self, begun_us: u32) -> Result<(), PipelineError> {
         let ahead = begun_us.wrapping_sub(self.session.capture_us());
         if ahead <= u32::MAX / 2 {
-            self.session.run_until(self.session.now_us() + u64::from(ahead))?;
+            self.run_until(self.session.now_us() + u64::from(ahead))?;
         }
         Ok(())
     }
@@ -337,7 +340,7 @@ impl ControlLoop {
         } else {
             time.as_micros() as u64
         };
-        Ok(self.session.run_until(now_us + passed_us)?)
+        self.run_until(now_us + passed_us)
     }
 
     /// Requests the mode repeatedly until a status shows it; `None` withdraws the previous request. A device that may have
@@ -397,10 +400,24 @@ impl ControlLoop {
             && asked.is_waiting()
             && self.session.now_us() + REPEAT_US < until_us
         {
-            self.session.run_until(self.session.now_us() + REPEAT_US)?;
+            self.run_until(self.session.now_us() + REPEAT_US)?;
             self.ask_for(Some(asked.mode()))?;
         }
-        Ok(self.session.run_until(until_us)?)
+        self.run_until(until_us)
+    }
+
+    /// Lets the link work until then. Where nothing else goes out it asks for a status: without pictures maps get stale, but the
+    /// link is not lost, as it is when this loop hangs.
+    fn run_until(&mut self, until_us: u64) -> Result<(), PipelineError> {
+        let silence_us = u64::from(self.session.settings().link_lost_ms) * 1_000 / SIGNS_OF_LIFE;
+        loop {
+            let due_us = self.session.sent_us() + silence_us.max(1);
+            self.session.run_until(until_us.min(due_us))?;
+            if due_us > until_us {
+                return Ok(());
+            }
+            self.session.command(Command::ReadStatus)?;
+        }
     }
 
     /// Lets the link work until then. In real time this waits only for the answer to `map` (fingertip and number of the last map),
