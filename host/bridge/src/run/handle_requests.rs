@@ -6,10 +6,11 @@ use gripline_link::session::Session;
 use gripline_pipeline::{Acknowledgement, Acknowledging, Unconfirmed};
 use gripline_protocol::message::{Command, Configuration, GripMode, Refusal};
 use gripline_protocol::{LSB_PER_NEWTON, SensorId};
-use gripline_recording::telemetry::FrameReport;
+use gripline_recording::units::newtons;
 
 use super::drift::DriftWatch;
 use super::fingertips::Fingertips;
+use super::report::{fault_names, faults_of};
 use super::requests::FloorRequest;
 use super::rezero::Rezero;
 use super::under_way::Run;
@@ -17,6 +18,8 @@ use crate::error::Error;
 
 /// Unconfirmed settings are sent again after this, µs.
 const OFFER_AGAIN_US: u64 = 10_000;
+/// Without a frame the gripper's state is published again after this, µs.
+const PUBLISH_AGAIN_US: u64 = 50_000;
 /// An unconfirmed request is given up after this, µs.
 const GIVE_UP_US: u64 = 2_000_000;
 
@@ -259,14 +262,16 @@ impl Run {
         }
     }
 
-    /// Publishes the gripper's state.
-    pub(super) fn publish_status(&self, report: &FrameReport, host_faults: &[&'static str]) {
+    /// Publishes the gripper's state after this many frames.
+    pub(super) fn publish_status(&mut self, frames: u64, host_faults: &[&'static str]) {
         let session = &self.control.session;
+        self.published_us = session.now_us();
         self.requests.inbox.publish(|status| {
             self.fill(status);
             let newest = session.status();
-            status.state = report.state;
-            status.line_n = report.line_n;
+            let known = newest.copied().unwrap_or_default();
+            status.state = known.state.name();
+            status.line_n = newtons(known.line);
             status.ceiling_n = newtons(session.settings().ceiling);
             if status.link.is_empty() {
                 status.link = session.link_name();
@@ -275,8 +280,25 @@ impl Run {
             status.status_age_ms = session.status_age_us() as f64 / 1e3;
             status.faults = newest.map_or_else(Vec::new, reported);
             status.host_faults = host_faults.to_vec();
-            status.frames = self.frame + 1;
+            status.frames = frames;
         });
+    }
+
+    /// Publishes the gripper's state where no frame has done so for a while: it goes on changing without pictures.
+    pub(super) fn publish_between_frames(&mut self, frames: u64) {
+        let session = &self.control.session;
+        if session.now_us() < self.published_us + PUBLISH_AGAIN_US {
+            return;
+        }
+        let host_faults = faults_of(session);
+        if let Some((live, status)) = self.live.as_ref().zip(session.status()) {
+            live.update(
+                status.state.name(),
+                newtons(status.line),
+                &fault_names(status, &host_faults),
+            );
+        }
+        self.publish_status(frames, &host_faults);
     }
 }
 
@@ -308,10 +330,6 @@ impl Run {
         self.close(Step::Rezero, &outcome);
         self.settle_requests()
     }
-}
-
-fn newtons(lsb: i32) -> f64 {
-    f64::from(lsb) / f64::from(LSB_PER_NEWTON)
 }
 
 const fn mode_name(mode: GripMode) -> &'static str {

@@ -1,9 +1,9 @@
-//! A run around a board on a made-up USB bus, on a clock of the test's own: what a restart takes back. Nothing touches the
-//! fingertip. Times in µs.
+//! A run around a board on a made-up USB bus, on a clock of the test's own: what a restart takes back, and what is published
+//! without pictures. Nothing touches the fingertip. Times in µs.
 
 use std::rc::Rc;
 
-use gripline_control::{Action, Handle, Request, channel};
+use gripline_control::{Action, Handle, Request, StatusReport, channel};
 use gripline_firmware::{Fault, FaultSet, ResetCause};
 use gripline_link::HotPlug;
 use gripline_link::session::Session;
@@ -12,6 +12,7 @@ use gripline_network::scene::GateDecision;
 use gripline_pipeline::control_loop::FrameRequest;
 use gripline_protocol::message::{Configuration, GripMode};
 use gripline_protocol::{ForceMap, Health, Motion, SensorId};
+use gripline_recording::telemetry::{NO_DEVICE, NO_STATUS};
 use gripline_test_board::fake_usb::{FakeBus, FakeClock, FakeUsb, device};
 
 use super::requests::{Requests, Unasked};
@@ -166,4 +167,33 @@ fn what_is_latched_by_a_restart_is_not_acknowledged_by_a_request_from_before_it(
     bench.ask(Action::Acknowledge);
     bench.frames(10, None);
     assert_eq!(bench.latched(), 0);
+}
+
+#[test]
+fn the_status_goes_on_while_no_pictures_come() {
+    let mut bench = Bench::new(Unasked::SCRIPT);
+    let idle = |bench: &mut Bench, ms: u64| {
+        for _ in 0..ms / 10 {
+            bench.world.pass_to(bench.world.now_us() + 10_000);
+            bench.run.idle().unwrap();
+        }
+        bench.handle.status()
+    };
+    bench.ask(Action::Hold);
+    bench.frames(10, None);
+    let silent = idle(&mut bench, 300);
+    assert_eq!((silent.is_connected, silent.mode), (true, Some("hold")));
+    assert!(silent.status_age_ms < 200.0 && silent.line_n > 0.0, "{silent:?}");
+    let names = |status: &StatusReport| status.faults.iter().map(|fault| fault.name).collect::<Vec<_>>();
+    assert_eq!((names(&silent), silent.host_faults), (vec!["STALE MAPS"], vec![]));
+
+    let attached = bench.world.pull();
+    let away = idle(&mut bench, 1_000);
+    assert!(!away.is_connected && away.status_age_ms > 800.0, "{away:?}");
+    assert_eq!(away.host_faults, [NO_DEVICE, NO_STATUS]);
+    bench.world.attached.replace(attached);
+    let back = idle(&mut bench, 500);
+    assert!(back.is_connected && back.host_faults.is_empty(), "{back:?}");
+    // The board was without a host for longer than it waits.
+    assert!(names(&back).contains(&"LINK LOST"), "{back:?}");
 }
