@@ -112,6 +112,16 @@ impl Live {
         }
     }
 
+    /// Brings state, line and faults of the newest frames up to date where no new frame comes. Never waits.
+    pub fn update(&self, state: &'static str, line_n: f64, faults: &[&'static str]) {
+        if let Ok(mut values) = self.site.values.try_lock() {
+            for newest in values.newest.iter_mut().flatten() {
+                (newest.state, newest.line_n) = (state, line_n);
+                newest.faults = faults.to_vec();
+            }
+        }
+    }
+
     /// Whether to send this fingertip's frame to pages now; if so, whether with its picture.
     fn due(&self, sensor: usize) -> Option<bool> {
         self.fingertips.set(self.fingertips.get().max(sensor + 1));

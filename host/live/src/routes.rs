@@ -1,10 +1,11 @@
 //! Paths and their handlers.
 
-use std::io::{self, Write};
+use std::io::{self, ErrorKind, Write};
 use std::net::TcpStream;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
-use std::sync::mpsc::Receiver;
+use std::sync::mpsc::{Receiver, RecvTimeoutError};
+use std::time::Duration;
 
 use crate::control::{control, is_token};
 use crate::event;
@@ -20,6 +21,8 @@ pub const STREAMS: usize = 16;
 const LINES_WAITING: usize = 64;
 /// Events that wait for a page: older ones are useless to it.
 const EVENTS_WAITING: usize = 4;
+/// While nothing is written, a stream looks this often whether its client is still there.
+const LOOK_EVERY: Duration = Duration::from_secs(1);
 /// A page that lost its connection reconnects after this time, milliseconds.
 const RETRY: &str = "retry: 1000\n\n";
 
@@ -107,8 +110,24 @@ fn streamed(
 
 fn stream_all(mut stream: &TcpStream, kind: &str, first: &str, texts: &Receiver<Arc<str>>) -> io::Result<()> {
     stream.write_all((head(200, kind, None) + first).as_bytes())?;
-    while let Ok(text) = texts.recv() {
-        stream.write_all(text.as_bytes())?;
+    loop {
+        match texts.recv_timeout(LOOK_EVERY) {
+            Ok(text) => stream.write_all(text.as_bytes())?,
+            Err(RecvTimeoutError::Timeout) if is_gone(stream)? => return Ok(()),
+            Err(RecvTimeoutError::Timeout) => {}
+            Err(RecvTimeoutError::Disconnected) => return Ok(()),
+        }
     }
-    Ok(())
+}
+
+/// Whether the client has closed the connection.
+fn is_gone(stream: &TcpStream) -> io::Result<bool> {
+    stream.set_nonblocking(true)?;
+    let seen = stream.peek(&mut [0]);
+    stream.set_nonblocking(false)?;
+    match seen {
+        Ok(count) => Ok(count == 0),
+        Err(error) if error.kind() == ErrorKind::WouldBlock => Ok(false),
+        Err(error) => Err(error),
+    }
 }

@@ -294,6 +294,28 @@ fn one_stream_too_many_is_reported() {
 }
 
 #[test]
+fn readers_that_are_gone_give_their_places_back_while_no_frames_come() {
+    for path in ["/frames", "/events"] {
+        let (live, _inbox) = started();
+        let read = |_| {
+            let mut reader = connected(live.address(), &format!("GET {path} HTTP/1.1\r\n\r\n"));
+            let mut head = [0; 12];
+            reader.read_exact(&mut head).unwrap();
+            (reader, head == *b"HTTP/1.1 200")
+        };
+        let readers: Vec<_> = (0..STREAMS).map(read).collect();
+        assert!(readers.iter().all(|(_, is_served)| *is_served), "{path}");
+        assert!(!read(STREAMS).1, "{path}");
+        drop(readers);
+        let begun = Instant::now();
+        while !read(0).1 {
+            assert!(begun.elapsed() < Duration::from_secs(10), "{path}");
+            thread::sleep(Duration::from_millis(100));
+        }
+    }
+}
+
+#[test]
 fn bytes_of_any_kind_do_no_harm() {
     let (live, _inbox) = started();
     for bytes in [

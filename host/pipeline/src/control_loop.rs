@@ -19,6 +19,9 @@ pub const PICTURE_OLD_US: u64 = 20_000;
 /// A map whose picture is older than this when it could be sent, µs, is dropped: half of the device's default `stale_ms`.
 pub const MAP_OLD_US: u64 = 50_000;
 
+/// How often the device hears from this host, with pictures or without, in the time after which it takes the link for lost.
+const SIGNS_OF_LIFE: u64 = 5;
+
 /// Polling interval for the answer to a map, µs.
 const ANSWER_STEP_US: u64 = 1_000;
 
@@ -182,8 +185,8 @@ pub struct ControlLoop {
     sequences: [u32; SENSORS],
     /// The link's time of frame 0.
     start_us: u64,
-    /// Losses of the link and restarts of the device when both were last sound.
-    sound_at: (u32, u32),
+    /// How often the device had gone away when it was last there and sound.
+    losses: u32,
 }
 
 impl ControlLoop {
@@ -192,11 +195,11 @@ impl ControlLoop {
     pub fn new(session: Session) -> Self {
         Self {
             start_us: session.now_us(),
+            losses: session.presence().losses,
             session,
             asked: None,
             unconfirmed: None,
             sequences: [0; SENSORS],
-            sound_at: (0, 0),
         }
     }
 
@@ -283,14 +286,23 @@ impl ControlLoop {
     pub fn idle_until_begun(&mut self, begun_us: u32) -> Result<(), PipelineError> {
         let ahead = begun_us.wrapping_sub(self.session.capture_us());
         if ahead <= u32::MAX / 2 {
-            self.session.run_until(self.session.now_us() + u64::from(ahead))?;
+            self.run_until(self.session.now_us() + u64::from(ahead))?;
         }
         Ok(())
     }
 
-    /// The next frame requests its mode again.
-    pub const fn request_again(&mut self) {
+    /// The mode that the next frame asks for is a new request.
+    pub const fn request_anew(&mut self) {
         self.asked = None;
+    }
+
+    /// The requested mode is sent again, but not to a device that restarted since: nothing may move by itself because power
+    /// came back.
+    pub fn request_again(&mut self) {
+        let (now_us, restarts) = (self.session.now_us(), self.session.restarts());
+        if let Some(asked) = &mut self.asked {
+            asked.again(now_us, restarts);
+        }
     }
 
     /// The device refused a command: a request that this answers is not repeated.
@@ -328,10 +340,11 @@ impl ControlLoop {
         } else {
             time.as_micros() as u64
         };
-        Ok(self.session.run_until(now_us + passed_us)?)
+        self.run_until(now_us + passed_us)
     }
 
-    /// Requests the mode repeatedly until a status shows it; `None` withdraws the previous request.
+    /// Requests the mode repeatedly until a status shows it; `None` withdraws the previous request. A device that may have
+    /// restarted gets no command before it has answered the handshake: else a restarted one could move.
     ///
     /// # Errors
     /// [`PipelineError`] when the link is gone.
@@ -340,7 +353,12 @@ impl ControlLoop {
             self.asked = None;
             return Ok(());
         };
-        let (now_us, restarts) = (self.session.now_us(), self.session.restarts());
+        let now_us = self.session.now_us();
+        if !self.session.is_sound() {
+            // The answer to the handshake may be there already.
+            self.session.run_until(now_us)?;
+        }
+        let restarts = self.session.restarts();
         let asked = match self.asked {
             Some(asked) if asked.mode() == mode => asked,
             _ => ModeRequest::new(mode, now_us, restarts),
@@ -352,7 +370,9 @@ impl ControlLoop {
             GripMode::Hold => Command::Hold,
             GripMode::Released => Command::Release,
         };
-        let was_taken = self.session.command(command)? && self.session.command(Command::ReadStatus)?;
+        let is_withheld = !self.session.is_sound() && self.session.presence().away.is_none();
+        let was_taken =
+            is_withheld || self.session.command(command)? && self.session.command(Command::ReadStatus)?;
         if let Some(asked) = &mut self.asked {
             asked.sent(now_us, was_taken);
         }
@@ -380,10 +400,24 @@ impl ControlLoop {
             && asked.is_waiting()
             && self.session.now_us() + REPEAT_US < until_us
         {
-            self.session.run_until(self.session.now_us() + REPEAT_US)?;
+            self.run_until(self.session.now_us() + REPEAT_US)?;
             self.ask_for(Some(asked.mode()))?;
         }
-        Ok(self.session.run_until(until_us)?)
+        self.run_until(until_us)
+    }
+
+    /// Lets the link work until then. Where nothing else goes out it asks for a status: without pictures maps get stale, but the
+    /// link is not lost, as it is when this loop hangs.
+    fn run_until(&mut self, until_us: u64) -> Result<(), PipelineError> {
+        let silence_us = u64::from(self.session.settings().link_lost_ms) * 1_000 / SIGNS_OF_LIFE;
+        loop {
+            let due_us = self.session.sent_us() + silence_us.max(1);
+            self.session.run_until(until_us.min(due_us))?;
+            if due_us > until_us {
+                return Ok(());
+            }
+            self.session.command(Command::ReadStatus)?;
+        }
     }
 
     /// Lets the link work until then. In real time this waits only for the answer to `map` (fingertip and number of the last map),
@@ -487,16 +521,14 @@ impl ControlLoop {
         })
     }
 
-    /// A command may have been lost with the link. It is repeated to a device that came back without a restart, but not to a
-    /// restarted one: nothing may move by itself because power came back.
+    /// A command may have been lost with the link: it is sent again once the device is back and has answered the handshake.
     fn after_absence(&mut self) {
-        if !self.session.is_sound() {
+        let presence = self.session.presence();
+        if presence.away.is_some() || !self.session.is_sound() {
             return;
         }
-        let now = (self.session.presence().losses, self.session.restarts());
-        if now.0 != self.sound_at.0 && now.1 == self.sound_at.1 {
-            self.asked = None;
+        if std::mem::replace(&mut self.losses, presence.losses) != presence.losses {
+            self.request_again();
         }
-        self.sound_at = now;
     }
 }

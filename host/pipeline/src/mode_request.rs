@@ -14,7 +14,7 @@ pub(crate) const GIVE_UP_US: u64 = 2_000_000;
 /// State of a request.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum State {
-    /// Sent at this time, if the link accepted it.
+    /// Sent or withheld at this time, if the link accepts anything.
     Waiting { sent_us: Option<u64> },
     /// A status shows the mode.
     Confirmed,
@@ -70,7 +70,7 @@ impl fmt::Display for Unconfirmed {
             ),
             Self::NoStatus(mode) => write!(
                 f,
-                "{} was sent for {seconds} s and no status came, expected one: check cable and power",
+                "{} was requested for {seconds} s and no status came, expected one: check cable and power",
                 name(mode)
             ),
             Self::NoEffect(mode) => write!(
@@ -81,7 +81,7 @@ impl fmt::Display for Unconfirmed {
             ),
             Self::Restarted(mode) => write!(
                 f,
-                "{} was sent and the microcontroller restarted before it confirmed: not repeated, so that nothing moves by itself",
+                "{} was requested and the microcontroller restarted before it confirmed: not repeated, so that nothing moves by itself",
                 name(mode)
             ),
         }
@@ -124,11 +124,8 @@ impl ModeRequest {
             return (false, None);
         };
         let is_over = now_us.saturating_sub(self.begun_us) >= GIVE_UP_US;
-        let Some(sent_us) = sent_us else {
-            let reports = is_over && !std::mem::replace(&mut self.is_reported, is_over);
-            return (true, reports.then_some(Unconfirmed::NotTaken(self.mode)));
-        };
-        let since = status.filter(|_| now_us.saturating_sub(age_us) >= sent_us);
+        let since =
+            status.filter(|_| sent_us.is_some_and(|sent_us| now_us.saturating_sub(age_us) >= sent_us));
         if since.is_some_and(|status| status.mode == self.mode) {
             self.state = State::Confirmed;
             return (false, None);
@@ -137,6 +134,10 @@ impl ModeRequest {
             self.state = State::GivenUp;
             return (false, Some(Unconfirmed::Restarted(self.mode)));
         }
+        let Some(sent_us) = sent_us else {
+            let reports = is_over && !std::mem::replace(&mut self.is_reported, is_over);
+            return (true, reports.then_some(Unconfirmed::NotTaken(self.mode)));
+        };
         if is_over {
             self.state = State::GivenUp;
             let why = if since.is_some() {
@@ -149,7 +150,14 @@ impl ModeRequest {
         (now_us >= sent_us + REPEAT_US, None)
     }
 
-    /// It was sent at this time; the link accepted it or not.
+    /// It is sent again, unless the device restarted since it was requested.
+    pub(crate) const fn again(&mut self, now_us: u64, restarts: u32) {
+        if restarts == self.restarts {
+            *self = Self::new(self.mode, now_us, restarts);
+        }
+    }
+
+    /// It was sent at this time, and the link accepted it or not; one that is withheld counts as accepted.
     pub(crate) const fn sent(&mut self, now_us: u64, was_taken: bool) {
         if was_taken {
             self.state = State::Waiting {

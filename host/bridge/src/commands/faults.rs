@@ -88,13 +88,13 @@ fn read_and_acknowledge(session: &mut Session, acknowledge: bool) -> Result<Repo
     Ok(report(&after, before.latched & !after.latched))
 }
 
-/// A status that the microcontroller sends from now on.
+/// A status that comes from now on.
 fn status(session: &mut Session) -> Result<Status, Error> {
-    session.command(Command::ReadStatus)?;
     let asked_us = session.now_us();
+    session.command(Command::ReadStatus)?;
     while session.now_us() < asked_us + STATUS_US {
         session.run_until(session.now_us() + STEP_US)?;
-        if session.status_age_us() == 0
+        if session.now_us() - session.status_age_us() > asked_us
             && let Some(status) = session.status()
         {
             return Ok(*status);
@@ -169,10 +169,16 @@ fn text(report: &Report) -> String {
 
 #[cfg(test)]
 mod tests {
+    use std::cell::Cell;
+    use std::rc::Rc;
+
+    use gripline_link::hot_plug::Clock;
+    use gripline_link::usb::UsbFinder;
+    use gripline_link::{EmbeddedLink, HotPlug};
     use gripline_protocol::message::Configuration;
+    use gripline_test_board::fake_usb::{FakeBus, FakeClock, FakeUsb, device};
 
     use super::*;
-    use gripline_link::EmbeddedLink;
 
     /// A gripper that was holding when the host fell silent for longer than `link_lost_ms`.
     fn lost() -> Session {
@@ -206,5 +212,40 @@ mod tests {
         let released = read_and_acknowledge(&mut session, false).unwrap();
         assert_eq!((released.mode, released.line_n), ("released", 0.0));
         assert!(text(&released).contains("no fault"), "{}", text(&released));
+    }
+
+    /// A clock that goes on by a microsecond whenever it is read, as one on the wall may.
+    struct Ticking {
+        inner: FakeClock,
+        read: Cell<u64>,
+    }
+
+    impl Clock for Ticking {
+        fn now_us(&self) -> u64 {
+            self.read.set(self.read.get() + 1);
+            self.inner.now_us() + self.read.get()
+        }
+
+        fn wait_until(&self, us: u64) {
+            self.inner.wait_until(us.saturating_sub(self.read.get()));
+        }
+    }
+
+    #[test]
+    fn a_status_is_read_on_a_clock_that_does_not_stand_still() {
+        let world = FakeUsb::with(vec![device("A1", "1-2")]);
+        let finder = UsbFinder::new(FakeBus(Rc::clone(&world)), None);
+        let clock = Ticking {
+            inner: FakeClock(Rc::clone(&world)),
+            read: Cell::new(0),
+        };
+        let link = HotPlug::open_with(Box::new(finder), clock).unwrap();
+        let mut session = Session::open(Box::new(link), Configuration::DEFAULT).unwrap();
+        session.command(Command::Hold).unwrap();
+        session.run_until(session.now_us() + 5_000).unwrap();
+        world.pass_to(world.now_us() + 900_000);
+        let report = read_and_acknowledge(&mut session, true).unwrap();
+        assert_eq!((report.mode, report.acknowledged), ("hold", vec!["LINK LOST"]));
+        release(&mut session).unwrap();
     }
 }

@@ -6,10 +6,11 @@ use gripline_link::session::Session;
 use gripline_pipeline::{Acknowledgement, Acknowledging, Unconfirmed};
 use gripline_protocol::message::{Command, Configuration, GripMode, Refusal};
 use gripline_protocol::{LSB_PER_NEWTON, SensorId};
-use gripline_recording::telemetry::FrameReport;
+use gripline_recording::units::newtons;
 
 use super::drift::DriftWatch;
 use super::fingertips::Fingertips;
+use super::report::{fault_names, faults_of};
 use super::requests::FloorRequest;
 use super::rezero::Rezero;
 use super::under_way::Run;
@@ -17,12 +18,15 @@ use crate::error::Error;
 
 /// Unconfirmed settings are sent again after this, µs.
 const OFFER_AGAIN_US: u64 = 10_000;
+/// Without a frame the gripper's state is published again after this, µs.
+const PUBLISH_AGAIN_US: u64 = 50_000;
 /// An unconfirmed request is given up after this, µs.
 const GIVE_UP_US: u64 = 2_000_000;
 
 impl Run {
     /// Takes new requests, and continues pending ones.
     pub(super) fn handle_requests(&mut self) -> Result<(), Error> {
+        self.withdraw_after_restart()?;
         while let Some(asked) = self.requests.inbox.next() {
             self.begin(asked);
         }
@@ -30,8 +34,31 @@ impl Run {
         self.settle_requests()
     }
 
+    /// What was requested before the microcontroller restarted is not requested again: nothing moves by itself because power
+    /// came back.
+    fn withdraw_after_restart(&mut self) -> Result<(), Error> {
+        let restarts = self.control.session.restarts();
+        if std::mem::replace(&mut self.restarts, restarts) == restarts {
+            return Ok(());
+        }
+        if self.requests.arbiter.waits_for(Step::Hold) {
+            // A status may show it already; otherwise it is refused.
+            self.control.ask_for(self.requests.mode())?;
+            self.settle_mode()?;
+        }
+        if let Some(mode) = self.requests.mode() {
+            tracing::warn!(
+                "the microcontroller restarted: {} is not requested again, so that nothing moves by itself",
+                mode_name(mode)
+            );
+        }
+        self.requests.withdraw();
+        Ok(())
+    }
+
     /// Takes one request at once.
     pub(super) fn take_request(&mut self, asked: Asked) -> Result<(), Error> {
+        self.withdraw_after_restart()?;
         self.begin(asked);
         self.handle_requests()
     }
@@ -66,13 +93,14 @@ impl Run {
                     GripMode::Released
                 };
                 self.requests.asked = Some(mode);
-                self.control.request_again();
+                self.control.request_anew();
                 return;
             }
             Step::Acknowledge => match session.status().map_or(0, |status| status.latched) {
                 0 => return self.close(step, &Outcome::Done),
                 latched => {
-                    self.requests.acknowledging = Some(Acknowledgement::new(latched, now_us));
+                    let restarts = session.restarts();
+                    self.requests.acknowledging = Some(Acknowledgement::new(latched, now_us, restarts));
                     return;
                 }
             },
@@ -126,10 +154,6 @@ impl Run {
         };
         self.summary.commands_refused += 1;
         self.summary.last_refusal = Some(format!("{refusal:?}"));
-        if refusal == Refusal::NoHandshake {
-            // It restarted and did not take up what is still wanted.
-            self.control.request_again();
-        }
         self.control.refused(refusal);
     }
 
@@ -140,7 +164,7 @@ impl Run {
             if is_asked {
                 // What was refused must not be done later.
                 self.requests.asked = None;
-                self.control.ask_for(self.requests.mode())?;
+                self.control.ask_for(None)?;
                 let why = why_not(why, &self.control.session);
                 self.close(Step::Hold, &Outcome::Refused(why));
             } else {
@@ -159,10 +183,12 @@ impl Run {
         let session = &mut self.control.session;
         let now_us = session.now_us();
         let step = |asked: &Acknowledgement, session: &Session| {
-            asked.step(now_us, (session.status(), session.status_age_us()))
+            let status = (session.status(), session.status_age_us());
+            asked.step(now_us, status, session.restarts())
         };
         let mut next = step(&asked, session);
-        if next == Acknowledging::Send {
+        // One that may have restarted must not take it: what came up with the restart was not looked at.
+        if next == Acknowledging::Send && session.is_sound() {
             let faults = asked.faults();
             let was_taken =
                 session.command(Command::Acknowledge { faults })? && session.command(Command::ReadStatus)?;
@@ -184,6 +210,7 @@ impl Run {
             Acknowledging::StillLatched(latched, 0) => Outcome::Refused(Why::StillActive(names(latched))),
             Acknowledging::StillLatched(_, active) => Outcome::Refused(Why::StillActive(names(active))),
             Acknowledging::NoStatus => Outcome::Refused(silent(session)),
+            Acknowledging::Restarted => Outcome::Refused(Why::Restarted),
         };
         self.close(Step::Acknowledge, &outcome);
         Ok(())
@@ -235,14 +262,16 @@ impl Run {
         }
     }
 
-    /// Publishes the gripper's state.
-    pub(super) fn publish_status(&self, report: &FrameReport, host_faults: &[&'static str]) {
+    /// Publishes the gripper's state after this many frames.
+    pub(super) fn publish_status(&mut self, frames: u64, host_faults: &[&'static str]) {
         let session = &self.control.session;
+        self.published_us = session.now_us();
         self.requests.inbox.publish(|status| {
             self.fill(status);
             let newest = session.status();
-            status.state = report.state;
-            status.line_n = report.line_n;
+            let known = newest.copied().unwrap_or_default();
+            status.state = known.state.name();
+            status.line_n = newtons(known.line);
             status.ceiling_n = newtons(session.settings().ceiling);
             if status.link.is_empty() {
                 status.link = session.link_name();
@@ -251,8 +280,25 @@ impl Run {
             status.status_age_ms = session.status_age_us() as f64 / 1e3;
             status.faults = newest.map_or_else(Vec::new, reported);
             status.host_faults = host_faults.to_vec();
-            status.frames = self.frame + 1;
+            status.frames = frames;
         });
+    }
+
+    /// Publishes the gripper's state where no frame has done so for a while: it goes on changing without pictures.
+    pub(super) fn publish_between_frames(&mut self, frames: u64) {
+        let session = &self.control.session;
+        if session.now_us() < self.published_us + PUBLISH_AGAIN_US {
+            return;
+        }
+        let host_faults = faults_of(session);
+        if let Some((live, status)) = self.live.as_ref().zip(session.status()) {
+            live.update(
+                status.state.name(),
+                newtons(status.line),
+                &fault_names(status, &host_faults),
+            );
+        }
+        self.publish_status(frames, &host_faults);
     }
 }
 
@@ -284,10 +330,6 @@ impl Run {
         self.close(Step::Rezero, &outcome);
         self.settle_requests()
     }
-}
-
-fn newtons(lsb: i32) -> f64 {
-    f64::from(lsb) / f64::from(LSB_PER_NEWTON)
 }
 
 const fn mode_name(mode: GripMode) -> &'static str {

@@ -20,6 +20,8 @@ mod summary;
 mod supervisor;
 mod tally;
 mod terminal;
+#[cfg(test)]
+mod tests;
 mod under_way;
 mod usage;
 

@@ -3,7 +3,7 @@
 use gripline_firmware::Fault;
 use gripline_network::constants::IMAGE_SIDE;
 use gripline_protocol::SENSORS;
-use gripline_protocol::message::FingertipGeometry;
+use gripline_protocol::message::{FingertipGeometry, Status};
 
 use gripline_link::session::Session;
 use gripline_pipeline::control_loop::{FrameOutcome, Late, gate_name};
@@ -44,6 +44,17 @@ pub(super) fn faults_of(session: &Session) -> Vec<&'static str> {
     there.map(|(_, name)| name).collect()
 }
 
+/// Names of the faults that are there or latched, and of the host's own.
+pub(super) fn fault_names(status: &Status, host_faults: &[&'static str]) -> Vec<&'static str> {
+    let faults = status.faults | status.latched;
+    Fault::ALL
+        .iter()
+        .filter(|fault| faults & fault.bit() != 0)
+        .map(|fault| fault.name())
+        .chain(host_faults.iter().copied())
+        .collect()
+}
+
 /// The report of frame number `frame` at `t_s`.
 pub(super) fn report_of(
     (frame, t_s): (u64, f64),
@@ -57,7 +68,6 @@ pub(super) fn report_of(
     let fingertip = &fingertips[status.sensor.index()];
     let pitch_mm = millimetres(fingertip.pitch_um);
     let [x, y, z] = force_n(sums);
-    let faults = status.faults | status.latched;
     FrameReport {
         frame,
         sensor: outcome.sensor,
@@ -82,11 +92,8 @@ pub(super) fn report_of(
         line_n: newtons(status.line),
         latency_us: outcome.latency_us,
         stages_us: outcome.stages_us,
-        faults: Fault::ALL
-            .iter()
-            .filter(|fault| faults & fault.bit() != 0)
-            .map(|fault| fault.name())
-            .chain(host_faults.iter().copied())
+        faults: fault_names(status, host_faults)
+            .into_iter()
             .chain(outcome.late.map(|_| LATE))
             .collect(),
         late: outcome.late.map(Late::name),

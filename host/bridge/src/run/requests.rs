@@ -14,6 +14,8 @@ pub(super) struct Requests {
     pub(super) asked: Option<GripMode>,
     /// The mode in the pictures' script, if the script may move the gripper.
     pub(super) script: Option<GripMode>,
+    /// What the script said when the microcontroller restarted: it does not count until it changes.
+    withdrawn: Option<GripMode>,
     /// Used while neither of both gives a mode.
     pub(super) otherwise: Option<GripMode>,
     pub(super) follows_script: bool,
@@ -56,6 +58,7 @@ impl Requests {
             arbiter: Arbiter::new(),
             asked: None,
             script: None,
+            withdrawn: None,
             otherwise: unasked.hold.then_some(GripMode::Hold),
             follows_script: unasked.script,
             floor: None,
@@ -68,7 +71,16 @@ impl Requests {
 
     /// The pictures' script says this.
     pub(super) fn scripted(&mut self, script: Option<GripMode>) {
-        self.script = script.filter(|_| self.follows_script);
+        if script != self.withdrawn {
+            self.withdrawn = None;
+        }
+        self.script = script.filter(|_| self.follows_script && self.withdrawn.is_none());
+    }
+
+    /// Whatever gives a mode counts no longer.
+    pub(super) fn withdraw(&mut self) {
+        self.withdrawn = self.script.or(self.withdrawn);
+        (self.asked, self.script, self.otherwise) = (None, None, None);
     }
 
     /// The mode to request now; `None`: the gripper stays as it is.

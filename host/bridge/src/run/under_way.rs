@@ -85,6 +85,10 @@ pub struct Run {
     pub(super) pictures_lost: [u64; 3],
     /// How often the device had gone away, and whether it was away, at the last report.
     pub(super) presence: (u32, bool),
+    /// How often the microcontroller had restarted when requests were last taken.
+    pub(super) restarts: u32,
+    /// When the gripper's state was last published, µs of the link's clock.
+    pub(super) published_us: u64,
     /// Monitors of the untouched fingertips of cameras.
     pub(super) drift: Vec<DriftWatch>,
     /// The requests of clients.
@@ -97,6 +101,8 @@ pub struct Run {
 
 /// Polling interval for unconfirmed requests between two frames.
 const WATCH_STEP: Duration = Duration::from_millis(1);
+/// The same without any: the microcontroller must hear of this host (`SIGNS_OF_LIFE` in its `link_lost_ms`).
+const LINK_STEP: Duration = Duration::from_millis(50);
 
 impl Run {
     /// A run without view, readers or recording, with this many pictures a second of all fingertips together.
@@ -104,6 +110,8 @@ impl Run {
     pub fn new(session: Session, pacing: Pacing, frames_per_second: f64) -> Self {
         Self {
             summary: Summary::of_link(session.link_name(), session.firmware()),
+            restarts: session.restarts(),
+            published_us: 0,
             control: ControlLoop::new(session),
             frame: 0,
             t_s: 0.0,
@@ -221,7 +229,7 @@ impl Run {
         };
         self.observe(&report, &outcome.status);
         self.publish(&report, pipeline, &picture.crop);
-        self.publish_status(&report, &host_faults);
+        self.publish_status(self.frame + 1, &host_faults);
         self.publish_to_many(&report, pipeline.map(), picture.taken);
         self.keep(&report, &outcome, request, pipeline, picture.crop);
         if self.pacing == Pacing::Wall {
@@ -360,13 +368,15 @@ impl Run {
         self.started.elapsed().as_micros() as u64
     }
 
-    /// Without a picture: keeps the link working.
+    /// Without a picture: keeps the link working, and publishes what changes.
     pub(super) fn idle(&mut self) -> Result<(), Error> {
         self.handle_requests()?;
         let now_us = self.elapsed_us();
         self.control.idle(now_us)?;
         self.check_link();
-        self.settle_requests()
+        self.settle_requests()?;
+        self.publish_between_frames(self.frame);
+        Ok(())
     }
 
     /// Whether it has lasted this long.
@@ -423,19 +433,21 @@ impl Run {
         let due = self.due(self.frame + 1);
         loop {
             let is_under_way = self.control.is_asking() || self.requests.is_under_way();
-            let until = if is_under_way {
-                due.min(Instant::now() + WATCH_STEP)
+            // A virtual clock goes on with the one on the wall while a request waits; the next frame begins when it was due anyway.
+            let (step, passed) = if is_under_way {
+                (WATCH_STEP, WATCH_STEP)
             } else {
-                due
+                (LINK_STEP, Duration::ZERO)
             };
+            let until = due.min(Instant::now() + step);
             if let Some(asked) = self.requests.next_until(until) {
                 self.take_request(asked)?;
             } else if until == due {
                 return Ok(());
             } else {
-                // A virtual clock goes on with the one on the wall; the next frame begins when it was due anyway.
-                self.control.pass(WATCH_STEP)?;
+                self.control.pass(passed)?;
                 self.handle_requests()?;
+                self.publish_between_frames(self.frame + 1);
             }
         }
     }

@@ -37,6 +37,8 @@ pub struct Session {
     shadow: Shadow,
     /// When the newest status came.
     status_us: u64,
+    /// When something was last sent.
+    sent_us: u64,
     clocks: ClockSync,
     clock_jumps: u64,
     /// How often the device had gone away at the last handshake.
@@ -100,6 +102,7 @@ impl Session {
             are_ours: false,
             shadow: Shadow::new(TaxelRule::of(&settings)),
             status_us: 0,
+            sent_us: 0,
             clocks: ClockSync::default(),
             clock_jumps: 0,
             losses: 0,
@@ -259,6 +262,7 @@ impl Session {
     }
 
     fn send(&mut self, message: &Message) -> Result<(), LinkError> {
+        self.sent_us = self.now_us();
         self.message_id = self.message_id.wrapping_add(1);
         for packet in MessagePackets::new(message, self.message_id)? {
             self.link.send(&packet)?;
@@ -304,6 +308,7 @@ impl Session {
         judgement: &Judgement,
     ) -> Result<SentMap, LinkError> {
         let start = Instant::now();
+        self.sent_us = self.now_us();
         self.packets.clear();
         self.lengths.clear();
         encode_map(info, map, |packet| {

@@ -87,6 +87,12 @@ impl Session {
         self.now_us().saturating_sub(self.status_us)
     }
 
+    /// When something was last sent, whether the link accepted it or not.
+    #[must_use]
+    pub const fn sent_us(&self) -> u64 {
+        self.sent_us
+    }
+
     /// Whether the device is connected, and what was lost.
     #[must_use]
     pub fn presence(&self) -> Presence {
