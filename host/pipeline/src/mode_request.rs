@@ -150,9 +150,9 @@ impl ModeRequest {
         (now_us >= sent_us + REPEAT_US, None)
     }
 
-    /// It is sent again, unless the device restarted since it was requested.
-    pub(crate) const fn again(&mut self, now_us: u64, restarts: u32) {
-        if restarts == self.restarts {
+    /// It is sent again, unless it was done or the device restarted since it was requested: nothing moves by itself.
+    pub(crate) fn again(&mut self, now_us: u64, restarts: u32) {
+        if restarts == self.restarts && !self.is_confirmed() {
             *self = Self::new(self.mode, now_us, restarts);
         }
     }

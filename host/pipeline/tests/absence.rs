@@ -11,7 +11,7 @@ use gripline_link::{HotPlug, Link, LinkError, Presence};
 use gripline_network::scene::GateDecision;
 use gripline_pipeline::Unconfirmed;
 use gripline_pipeline::control_loop::{ControlLoop, FrameRequest};
-use gripline_protocol::message::{Configuration, GripMode};
+use gripline_protocol::message::{Command, Configuration, GripMode};
 use gripline_protocol::{ForceMap, Health, Motion, SensorId};
 use gripline_test_board::fake_usb::{FakeBus, FakeClock, FakeUsb, device};
 
@@ -208,4 +208,24 @@ fn a_restart_that_is_not_known_yet_is_given_no_hold() {
         };
         assert_eq!(host.mode(), expected, "{hold_after} frames after the restart");
     }
+}
+
+#[test]
+fn a_release_that_was_done_is_not_said_again_when_the_gripper_holds_once_more() {
+    let mut host = Host::holding();
+    host.mode = Some(GripMode::Released);
+    host.frames(10);
+    assert!(host.control.is_confirmed());
+    // Something else closes it: the input that inhibits a release, or another host.
+    host.control.session.command(Command::Hold).unwrap();
+    host.frames(10);
+    assert_eq!(host.mode(), GripMode::Hold);
+    // As after an acknowledgement, and after a lost cable.
+    host.control.request_again();
+    host.frames(10);
+    let attached = host.world.pull();
+    host.frames(5);
+    host.world.attached.replace(attached);
+    host.frames(60);
+    assert_eq!(host.mode(), GripMode::Hold);
 }
