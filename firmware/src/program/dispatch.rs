@@ -241,11 +241,8 @@ impl<K: Kernel> Program<K> {
     /// [`Self::map_packet`] of a [`Kind::MapHead`].
     #[inline]
     pub fn map_head(&mut self, packet: &[u8], link: LinkId, now_us: u64) -> Action {
-        let now_us = self.passed_to(now_us);
-        if self.map_source.takes(link, now_us, self.settings.stale_ms) {
+        if self.may_begin(link, now_us) {
             self.head(packet, link);
-        } else {
-            self.maps_refused = self.maps_refused.wrapping_add(1);
         }
         self.unchanged()
     }
@@ -253,13 +250,37 @@ impl<K: Kernel> Program<K> {
     /// As [`Self::map_head`], for a link that delivers byte by byte: call [`Self::list_places`] with each of the next bytes.
     #[inline]
     pub fn map_begins(&mut self, packet: &[u8], link: LinkId, now_us: u64) -> Action {
-        let now_us = self.passed_to(now_us);
-        if self.map_source.takes(link, now_us, self.settings.stale_ms) {
+        if self.may_begin(link, now_us) {
             self.begin(packet, link);
+        }
+        self.unchanged()
+    }
+
+    /// Whether a map of this link may begin.
+    #[inline]
+    fn may_begin(&mut self, link: LinkId, now_us: u64) -> bool {
+        let now_us = self.passed_to(now_us);
+        if self.map_source.is(link) {
+            return true;
+        }
+        let takes_over = self.map_source.take_over(link, now_us, self.settings.stale_ms);
+        if takes_over {
+            self.expect_another_host();
         } else {
             self.maps_refused = self.maps_refused.wrapping_add(1);
         }
-        self.unchanged()
+        takes_over
+    }
+
+    /// Another host, or one that restarted, counts its maps, and its time, from anywhere.
+    #[cold]
+    pub(super) fn expect_another_host(&mut self) {
+        for tip in at_most::<SENSORS, _>(&mut self.fingertips) {
+            tip.sequence = SequenceTracker::new();
+            tip.clock = ClockSync::new();
+        }
+        self.safety.set(Fault::FutureMap, false);
+        self.safety.set(Fault::ReplayedMap, false);
     }
 
     /// Whether the maps of this link count.

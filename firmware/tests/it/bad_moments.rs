@@ -1,7 +1,9 @@
 //! Bad moments in the middle of a good hold: the picture after the black one, the map after the lost packet, the same command again.
 
 use gripline_firmware::{Fault, LinkId};
-use gripline_protocol::message::{Command, Configuration, GripMode, Hello, Message, SlipState};
+use gripline_protocol::message::{
+    Command, Configuration, GripMode, Hello, Message, MessagePackets, SlipState,
+};
 use gripline_protocol::{ForceMap, Health, MapInfo, SensorId, encode_map};
 
 use crate::bench::Bench;
@@ -213,6 +215,49 @@ fn maps_of_one_link_count_at_a_time_and_the_other_link_takes_over_when_they_are_
     }
     assert_eq!(over(&mut bench, LinkId::Usb, 1.6), 1);
     assert_eq!(over(&mut bench, LinkId::Uart, 1.6), 0);
+}
+
+/// A map of this shear over a link, as a host counts and dates it. Returns whether it counted.
+fn map_over(bench: &mut Bench, link: LinkId, shear_n: f64, sequence: u32, capture_us: u32) -> bool {
+    let info = MapInfo {
+        sequence,
+        capture_us,
+        ..MapInfo::default()
+    };
+    let mut decided = false;
+    encode_map(&info, &held(shear_n), |packet| {
+        decided |= bench.device.packet_from(link, packet, bench.now_us).decided;
+    });
+    decided
+}
+
+#[test]
+fn the_host_of_the_other_link_takes_over_with_its_own_numbers_and_clock() {
+    let doubts = Fault::StaleMaps.bit() | Fault::ReplayedMap.bit() | Fault::FutureMap.bit();
+    // Its numbers are behind and its clock is younger, then both ahead, by more than a map may be late or early.
+    for (sequence, ahead_us) in [(0, -5_000_000_i64), (2_000_000, -5_000_000), (0, 5_000_000)] {
+        let mut bench = quiet_hold(&Configuration::DEFAULT);
+        for packet in MessagePackets::new(&Message::Hello(Hello::of_this_build(0, 2)), 1).unwrap() {
+            let _ = bench.device.packet_from(LinkId::Uart, &packet, bench.now_us);
+        }
+        for map in 0..10 {
+            let now_us = bench.now_us as u32;
+            assert!(map_over(&mut bench, LinkId::Usb, 1.6, 1_000 + map, now_us));
+            bench.wait_ms(16);
+        }
+        let line = bench.line();
+        bench.wait_ms(150);
+        for map in 0..60 {
+            let capture_us = (bench.now_us as i64 + ahead_us) as u32;
+            assert!(
+                map_over(&mut bench, LinkId::Uart, 3.6, sequence + map, capture_us),
+                "map {map} from number {sequence} with a clock {ahead_us} us ahead"
+            );
+            bench.wait_ms(16);
+            assert_eq!(bench.faults() & doubts, 0, "after map {map}");
+        }
+        assert!(bench.line() > line + line / 4, "{line} became {}", bench.line());
+    }
 }
 
 #[test]
