@@ -113,6 +113,7 @@ impl<K: Kernel> Program<K> {
             Command::Release => {
                 self.controller.set_mode(GripMode::Released);
                 self.object = Object::default();
+                self.release = true;
             }
             Command::Acknowledge { faults } => self.safety.acknowledge(FaultSet::from_bits(*faults)),
             Command::ReadStatus => self.send_status(),

@@ -113,6 +113,8 @@ pub struct Program<K = Portable> {
     pub(super) is_release_inhibited: bool,
     /// `Store` was requested and is not done yet.
     pub(super) store: bool,
+    /// A `Release` was accepted and the line was not told yet.
+    pub(super) release: bool,
     pub(super) bootloader: BootloaderRequest,
     /// The session of the host that shook hands and speaks our schema.
     pub(super) host_session: Option<u32>,
@@ -164,6 +166,7 @@ impl<K: Kernel> Program<K> {
             object: Object::default(),
             is_release_inhibited: false,
             store: false,
+            release: false,
             bootloader: BootloaderRequest::default(),
             host_session: None,
             now_us: start.now_us,
@@ -443,6 +446,11 @@ impl<K: Kernel> Program<K> {
             witness,
             &self.settings,
         );
+    }
+
+    /// Whether a *release* was accepted since the last call: then call [`GripLine::release`](crate::line::GripLine::release).
+    pub fn take_release(&mut self) -> bool {
+        core::mem::take(&mut self.release)
     }
 
     /// Takes the health of the line. The fault does not latch: a gripper that lost its activation needs a `Release`, which

@@ -892,6 +892,19 @@ fn settings_are_stored_only_with_an_open_gripper() {
 }
 
 #[test]
+fn a_release_is_told_to_the_line_once_also_when_nothing_is_held_and_never_when_it_is_refused() {
+    let mut bench = Bench::cold();
+    bench.message(Message::Hello(Hello::of_this_build(0, 1)));
+    assert!(!bench.device.program.take_release(), "a start is no release");
+    bench.command(Command::Release);
+    assert!(bench.device.program.take_release());
+    assert!(!bench.device.program.take_release(), "once");
+    bench.device.program.inhibit_release(true);
+    bench.command(Command::Release);
+    assert!(!bench.device.program.take_release(), "the robot forbids it");
+}
+
+#[test]
 fn a_start_with_stored_settings_has_them_in_force_and_one_with_lost_settings_tells_it() {
     let stored = Stored {
         settings: Some(Configuration {
