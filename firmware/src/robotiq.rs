@@ -371,6 +371,10 @@ impl Robotiq {
             self.is_fresh = true;
             self.follow(status);
             self.compare_echo(status);
+            if self.phase == Phase::Ready && self.command(status).is_none() {
+                // A write that was lost is no longer wanted.
+                self.sent_us = None;
+            }
             let is_gripping = matches!(self.requested, Requested::Grip(_));
             self.had_object =
                 is_gripping && (self.had_object || self.applied.is_some() && status.has_object());
