@@ -8,8 +8,8 @@ use gripline_firmware::sums::{TaxelRule, sums_of};
 use gripline_firmware::{Fault, Friction, GripForce};
 use gripline_firmware::{ResetCause, Start};
 use gripline_protocol::message::{
-    Command, Configuration, GripMode, Hello, Message, MessagePackets, OutOfRange, Refusal, Report, SlipState,
-    Stage,
+    Command, Configuration, GripMode, Hello, LineSettings, Message, MessagePackets, OutOfRange, Refusal,
+    Report, SlipState, Stage,
 };
 use gripline_protocol::{
     ForceMap, Health, LSB_PER_NEWTON, MapInfo, SensorId, TAXELS, TaxelForce, encode_map,
@@ -902,6 +902,40 @@ fn a_release_is_told_to_the_line_once_also_when_nothing_is_held_and_never_when_i
     bench.device.program.inhibit_release(true);
     bench.command(Command::Release);
     assert!(!bench.device.program.take_release(), "the robot forbids it");
+}
+
+#[test]
+fn another_line_table_that_was_stored_comes_into_force_only_at_a_start_with_nothing_held() {
+    let before = LineSettings::DEFAULT;
+    let mut after = before;
+    after.points[4].code = 4_000;
+    let stored = Stored {
+        settings: Some(Configuration {
+            line: after,
+            ..Configuration::DEFAULT
+        }),
+        ..Stored::default()
+    };
+    let start = |restored_line, line_before| Start {
+        restored_line,
+        line_before,
+        stored,
+        ..Start::default()
+    };
+    let (held, open) = (GripForce::from_lsb(1), GripForce::ZERO);
+    assert_eq!(*start(Some(held), Some(before)).line(), before);
+    assert_eq!(*start(Some(open), Some(before)).line(), after);
+    assert_eq!(*start(None, Some(before)).line(), after);
+    assert_eq!(*start(Some(held), None).line(), after);
+    assert_eq!(
+        Bench::starting(start(Some(held), Some(before)))
+            .device
+            .program
+            .settings()
+            .line,
+        after,
+        "the next start has them"
+    );
 }
 
 #[test]
