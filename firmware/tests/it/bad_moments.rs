@@ -261,6 +261,66 @@ fn the_host_of_the_other_link_takes_over_with_its_own_numbers_and_clock() {
 }
 
 #[test]
+fn one_spoilt_frame_in_every_map_is_a_storm_and_one_in_every_fourth_is_none() {
+    let mut dense = held(1.6);
+    for taxel in &mut dense.taxels {
+        taxel.z = taxel.z.max(1);
+    }
+    for spoilt in [0, 1, 20, 39] {
+        for every in [1, 4] {
+            let mut bench = quiet_hold(&Configuration::DEFAULT);
+            for map in 0..24 {
+                let packets = bench.packets(&dense);
+                assert!(packets.len() > 39);
+                for (place, packet) in packets.iter().enumerate() {
+                    if map % every == 0 && place == spoilt {
+                        bench.device.malformed_frame(LinkId::Usb);
+                    } else {
+                        let _ = bench.device.packet(packet, bench.now_us);
+                    }
+                }
+                bench.wait_ms(16);
+            }
+            let storm = bench.device.program.status().latched & Fault::CrcStorm.bit();
+            assert_eq!(storm != 0, every == 1, "frame {spoilt} of every {every}th map");
+        }
+    }
+}
+
+#[test]
+fn many_spoilt_frames_of_one_map_are_one_broken_map_and_settings_in_mid_map_break_none() {
+    let mut bench = quiet_hold(&Configuration::DEFAULT);
+    let packets = bench.packets(&held(1.6));
+    assert!(packets.len() > 6);
+    for (place, packet) in packets.iter().enumerate() {
+        if [2, 4].contains(&place) {
+            bench.device.malformed_frame(LinkId::Usb);
+        } else {
+            let _ = bench.device.packet(packet, bench.now_us);
+        }
+    }
+    // One broken map and a frame: another broken map is no storm yet.
+    for packet in &bench.packets(&held(1.6))[1..] {
+        let _ = bench.device.packet(packet, bench.now_us);
+    }
+    assert_eq!(bench.faults() & Fault::CrcStorm.bit(), 0);
+    let mut bench = quiet_hold(&Configuration::DEFAULT);
+    for _ in 0..20 {
+        let packets = bench.packets(&held(1.6));
+        let (first, rest) = packets.split_at(3);
+        for packet in first {
+            let _ = bench.device.packet(packet, bench.now_us);
+        }
+        bench.command(Command::Configure(Configuration::DEFAULT));
+        for packet in rest {
+            let _ = bench.device.packet(packet, bench.now_us);
+        }
+        bench.wait_ms(1);
+    }
+    assert_eq!(bench.device.program.status().latched, 0);
+}
+
+#[test]
 fn holding_again_makes_no_old_map_new() {
     let mut bench = quiet_hold(&Configuration::DEFAULT);
     for _ in 0..20 {
