@@ -647,6 +647,12 @@ impl<K: Kernel> Program<K> {
         )
     }
 
+    /// Whether every fingertip in use brought a good map within the last `age_us`.
+    pub(super) fn has_maps_within(&self, age_us: u64) -> bool {
+        let (first, second) = self.recent(age_us);
+        first.is_some() && (second.is_some() || self.settings.sensors < 2)
+    }
+
     /// The confidence of all fingertips' witnesses together, and of each by itself.
     fn slip_evidence(&self) -> (u16, Witnesses) {
         let [one, other] = &self.fingertips;

@@ -321,6 +321,43 @@ fn many_spoilt_frames_of_one_map_are_one_broken_map_and_settings_in_mid_map_brea
 }
 
 #[test]
+fn only_good_maps_tell_that_the_object_is_lost() {
+    let settings = Configuration {
+        stale_ms: 400,
+        ..Configuration::DEFAULT
+    };
+    let lost = Fault::ObjectLost.bit();
+    // One empty map, then silence.
+    let mut bench = quiet_hold(&settings);
+    bench.map(&ForceMap::EMPTY);
+    for ms in 0..300 {
+        bench.wait_ms(1);
+        assert_eq!(bench.faults() & lost, 0, "{ms} ms after one empty map");
+    }
+    // One empty map, then doubtful ones.
+    let mut bench = quiet_hold(&settings);
+    bench.map(&ForceMap::EMPTY);
+    bench.wait_ms(1);
+    for map in 0..20 {
+        bench.odd_map(SensorId::FIRST, &ForceMap::EMPTY, Health::TOO_DARK, 0);
+        bench.wait_ms(16);
+        assert_eq!(bench.faults() & lost, 0, "after {map} doubtful maps");
+    }
+    // Good ones tell it after 100 ms, and silence does not take it back.
+    let mut bench = quiet_hold(&settings);
+    for map in 0..7 {
+        bench.map(&ForceMap::EMPTY);
+        bench.wait_ms(16);
+        assert_eq!(bench.faults() & lost != 0, map == 6, "after {map} empty maps");
+    }
+    bench.wait_ms(1_000);
+    assert_ne!(bench.faults() & lost, 0);
+    bench.map(&held(1.6));
+    bench.wait_ms(1);
+    assert_eq!(bench.faults() & lost, 0);
+}
+
+#[test]
 fn holding_again_makes_no_old_map_new() {
     let mut bench = quiet_hold(&Configuration::DEFAULT);
     for _ in 0..20 {
